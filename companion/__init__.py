@@ -1,0 +1,1 @@
+"""The flight program: MAVLink in, offset commands out."""

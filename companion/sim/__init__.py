@@ -1,0 +1,1 @@
+"""The built-in vehicle, its own process, real MAVLink over loopback UDP."""

@@ -1,0 +1,1 @@
+"""What the air does: data, training, surrogates, effects. Numerics only; no MAVLink."""

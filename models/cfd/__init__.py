@@ -1,0 +1,1 @@
+"""The CFD campaign of one ducted fan in the corner."""

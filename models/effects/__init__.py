@@ -1,0 +1,1 @@
+"""The catalogue: one missing effect a file."""

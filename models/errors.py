@@ -1,0 +1,30 @@
+"""Errors a user can cause. Each carries one line that names the file, key or message and says what to do."""
+
+
+class UserError(Exception):
+    """Base of every error that is reported as one line, without a traceback.
+
+    ``exit_code`` is the documented exit code of the command that meets it.
+    """
+
+    exit_code = 2
+
+
+class ConfigError(UserError):
+    """A vehicle file or an argument is wrong."""
+
+
+class ModelError(UserError):
+    """A data set or a model directory is wrong, or of another schema."""
+
+
+class LogError(UserError):
+    """A log cannot be read, or lacks the messages the task needs."""
+
+    exit_code = 3
+
+
+class LinkError(UserError):
+    """A link could not be opened."""
+
+    exit_code = 4

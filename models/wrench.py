@@ -1,0 +1,82 @@
+"""Frames and rotations of wrenches ``Fx Fy Fz Mx My Mz`` (N, N m). World NED, body FRD (contract, section 1)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+GRAVITY = 9.80665
+
+
+def corner_to_body(wrench: ArrayLike, wall_bearing_rad: ArrayLike) -> Array:
+    """Rotate a wrench of one fan from its corner frame to body axes, about the same point.
+
+    ``wrench`` shape (..., 6), corner frame: X towards the wall, Z up, Y = Z x X.
+    ``wall_bearing_rad`` shape (...), the wall seen from the nose, positive to the right; 0 where there is no wall.
+    Returns shape (..., 6), body FRD.
+    """
+    w = np.asarray(wrench, dtype=float)
+    c, s = np.cos(wall_bearing_rad), np.sin(wall_bearing_rad)
+    x, y, z = w[..., 0::3], w[..., 1::3], w[..., 2::3]
+    c, s = np.asarray(c)[..., None], np.asarray(s)[..., None]
+    out = np.empty(np.broadcast_shapes(w.shape, (*c.shape[:-1], 6)))
+    out[..., 0::3] = c * x + s * y
+    out[..., 1::3] = s * x - c * y
+    out[..., 2::3] = -z
+    return out
+
+
+def at_cg(wrench: ArrayLike, position_m: ArrayLike) -> Array:
+    """Move a body wrench (..., 6) that acts at ``position_m`` (..., 3) from the CG to the CG: M += r x F."""
+    w = np.array(wrench, dtype=float)
+    w[..., 3:] += np.cross(np.asarray(position_m, dtype=float), w[..., :3])
+    return w
+
+
+def rotation_from_quaternion(q: ArrayLike) -> Array:
+    """Rotation matrices (..., 3, 3), body FRD to world NED, of unit quaternions (..., 4), w first (MAVLink's order)."""
+    w, x, y, z = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+    """Unit quaternion (w, x, y, z), FRD to NED, of the aerospace 3-2-1 angles in rad."""
+    cr, sr = np.cos(roll / 2), np.sin(roll / 2)
+    cp, sp = np.cos(pitch / 2), np.sin(pitch / 2)
+    cy, sy = np.cos(yaw / 2), np.sin(yaw / 2)
+    return (
+        float(cr * cp * cy + sr * sp * sy),
+        float(sr * cp * cy - cr * sp * sy),
+        float(cr * sp * cy + sr * cp * sy),
+        float(cr * cp * sy - sr * sp * cy),
+    )
+
+
+def euler_from_quaternion(q: ArrayLike) -> tuple[Array, Array, Array]:
+    """Roll, pitch, yaw [rad], each of shape (...), of unit quaternions (..., 4)."""
+    w, x, y, z = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
+    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
+    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
+    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return roll, pitch, yaw
+
+
+def measured_wrench(
+    specific_force: ArrayLike, rates: ArrayLike, rate_derivatives: ArrayLike, mass_kg: float, inertia_kgm2: ArrayLike
+) -> Array:
+    """The wrench of the air on the body, from the IMU, about the CG.
+
+    Force = m f with f the specific force at the CG (gravity never enters); moment = I w' + w x (I w).
+    All inputs shape (..., 3), body FRD, m/s^2, rad/s, rad/s^2; returns shape (..., 6).
+    """
+    f, w, wd = (np.asarray(a, dtype=float) for a in (specific_force, rates, rate_derivatives))
+    inertia = np.asarray(inertia_kgm2, dtype=float)
+    moment = inertia * wd + np.cross(w, inertia * w)
+    return np.concatenate([mass_kg * f, moment], axis=-1)
