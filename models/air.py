@@ -1,4 +1,4 @@
-"""The whole modelled wrench of a vehicle: fans by rotor speed, surrogate, vanes, torque differences, adopted effects."""
+"""The modelled wrench of a whole vehicle: fans by rotor speed, surrogate, vanes, torque differences."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def disturbance_wrench(vehicle: Vehicle, model: FanModel, state: AirState) -> Ar
 
 
 def vane_wrench(vehicle: Vehicle, servo_us: ArrayLike, lift: ArrayLike) -> Array:
-    """Wrench (..., 6) of the vanes about the CG, body FRD, given servo outputs (..., 16) and fan lifts (..., fans) [N]."""
+    """Wrench (..., 6) of the vanes about the CG, body FRD; servo outputs (..., 16) [us], fan lifts (..., fans) [N]."""
     pwm, fan_lift = np.asarray(servo_us, dtype=float), np.asarray(lift, dtype=float)
     total = np.zeros((*fan_lift.shape[:-1], 6))
     for vane in vehicle.vanes:

@@ -50,7 +50,8 @@ class AirState:
     @property
     def velocity_frd(self) -> Array:
         """Ground velocity in body axes, shape (..., 3)."""
-        return np.einsum("...ji,...j->...i", self.rotation, self.velocity_ned)
+        out: Array = np.einsum("...ji,...j->...i", self.rotation, self.velocity_ned)
+        return out
 
 
 def blank_state(shape: tuple[int, ...], fans: int, rotors: int) -> AirState:
