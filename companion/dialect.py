@@ -1,0 +1,17 @@
+"""The MAVLink dialect, imported in this one place.
+
+pymavlink reads ``MAVLINK20`` at import and otherwise starts as MAVLink 1; its ``mavutil`` would load every dialect and
+flip them at run time. So the switch is set here and the dialect module is imported directly.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+os.environ["MAVLINK20"] = "1"
+
+from pymavlink.dialects.v20 import ardupilotmega
+
+mavlink: Any = ardupilotmega
+"""The ardupilotmega dialect, a superset of common and of what PX4 sends (but for ids 290 and 291: esc_status.py)."""

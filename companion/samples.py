@@ -1,0 +1,258 @@
+"""What messages become: frozen samples in SI, world NED, body FRD, quaternions w first.
+
+``t_s`` is seconds on the vehicle's boot axis (clock.py). Where a field may be NaN ("unknown") its docstring says so;
+every other number is finite.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+Vector3 = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+
+
+class RangeVerdict(Enum):
+    """What one range reading is worth. The first five are told by the message, the last two by the filter."""
+
+    OK = "ok"
+    BELOW_MIN = "below min"
+    ABOVE_MAX = "above max"
+    LOW_QUALITY = "low quality"
+    UNMAPPED = "unmapped"
+    STALE = "stale"
+    JUMP = "jump"
+
+
+@dataclass(frozen=True, slots=True)
+class _Sample:
+    t_s: float
+    system: int
+    component: int
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat(_Sample):
+    """HEARTBEAT. ``autopilot`` 8 is none (a ground station); ``custom_mode`` is the firmware's own number."""
+
+    armed: bool
+    custom_mode: int
+    base_mode: int
+    autopilot: int
+    vehicle_type: int
+    system_status: int
+
+
+@dataclass(frozen=True, slots=True)
+class Attitude(_Sample):
+    """ATTITUDE or ATTITUDE_QUATERNION: unit quaternion FRD -> NED and body rates [rad/s]."""
+
+    q_ned_frd: Quaternion
+    rates_frd: Vector3
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class LocalPosition(_Sample):
+    """LOCAL_POSITION_NED [m, m/s]."""
+
+    position_ned: Vector3
+    velocity_ned: Vector3
+
+
+@dataclass(frozen=True, slots=True)
+class Imu(_Sample):
+    """Specific force [m/s^2] (at rest about (0, 0, -9.81)) and rotation rate [rad/s]. NaN in an axis not measured."""
+
+    specific_force_frd: Vector3
+    gyro_frd: Vector3
+    source: str
+    """Message name, with the sensor's id where it is not 0: ``HIGHRES_IMU``, ``RAW_IMU:1``."""
+
+
+@dataclass(frozen=True, slots=True)
+class Range(_Sample):
+    """One reading of a rangefinder along its own beam (slant, not height)."""
+
+    direction_frd: Vector3 | None
+    """Unit vector of the beam; None where the orientation cannot be resolved. It is never assumed."""
+    orientation: int
+    sensor_id: int
+    distance_m: float
+    min_m: float
+    max_m: float
+    """NaN where the sensor gives no limits (RANGEFINDER, or both 0)."""
+    sigma_m: float | None
+    quality: int | None
+    """1 (worst) to 100, or None where not given."""
+    verdict: RangeVerdict
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class EscHealth(_Sample):
+    """What ESCs tell beside their speed. ESC ``first_esc + i`` (from 1) at place i; NaN where unknown."""
+
+    first_esc: int
+    temperature_c: tuple[float, ...]
+    voltage_v: tuple[float, ...]
+    current_a: tuple[float, ...]
+    online: tuple[bool, ...] | None = None
+    """From ESC_INFO only."""
+
+
+@dataclass(frozen=True, slots=True)
+class RotorSpeeds(_Sample):
+    """Rotor speeds [rpm] of the ESCs ``first_esc + i`` (from 1); negative in reverse, NaN where absurd or unknown.
+
+    A place of a message of four whose ESC does not exist reads 0, as does an ESC whose telemetry dropped out.
+    """
+
+    first_esc: int
+    rpm: tuple[float, ...]
+    source: str
+    count: tuple[int, ...] | None = None
+    """Telemetry packets so far, by ESC (ESC_TELEMETRY): unchanged means a repeated old value."""
+    health: EscHealth | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Battery(_Sample):
+    """Pack voltage [V] and current [A], positive in discharge; either may be NaN, never both."""
+
+    voltage_v: float
+    current_a: float
+    battery_id: int
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class Pressure(_Sample):
+    """Absolute pressure [Pa] and the sensor's temperature [deg C] (NaN where not given)."""
+
+    pressure_pa: float
+    temperature_c: float
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class ServoOutput(_Sample):
+    """Servo outputs [us] of channels ``16 port + 1 ...``, 16 of them; 0 is no pulse, NaN is not sent."""
+
+    pwm_us: tuple[float, ...]
+    port: int
+
+
+@dataclass(frozen=True, slots=True)
+class AttitudeTarget(_Sample):
+    """ATTITUDE_TARGET: what the autopilot's attitude controller follows. ``q_ned_frd`` may be NaN."""
+
+    q_ned_frd: Quaternion
+    thrust: float
+
+
+@dataclass(frozen=True, slots=True)
+class SetAttitudeTarget(_Sample):
+    """SET_ATTITUDE_TARGET, from an upstream controller or from us. What ``type_mask`` ignores may be NaN."""
+
+    type_mask: int
+    q_ned_frd: Quaternion
+    rates_frd: Vector3
+    thrust: float
+    target_system: int
+    target_component: int
+
+
+@dataclass(frozen=True, slots=True)
+class SetPositionTarget(_Sample):
+    """SET_POSITION_TARGET_LOCAL_NED in the axes of ``frame``. What ``type_mask`` ignores may be NaN."""
+
+    type_mask: int
+    frame: int
+    position: Vector3
+    velocity: Vector3
+    acceleration: Vector3
+    yaw: float
+    yaw_rate: float
+    target_system: int
+    target_component: int
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter(_Sample):
+    """PARAM_VALUE."""
+
+    name: str
+    value: float
+    index: int
+    count: int
+
+
+@dataclass(frozen=True, slots=True)
+class LandedState(_Sample):
+    """EXTENDED_SYS_STATE: MAV_LANDED_STATE (0 unknown, 1 on ground, 2 in air, 3 take-off, 4 landing)."""
+
+    landed_state: int
+
+    @property
+    def landed(self) -> bool | None:
+        """True on the ground, False off it, None where the autopilot does not know."""
+        return None if self.landed_state not in (1, 2, 3, 4) else self.landed_state == 1
+
+
+@dataclass(frozen=True, slots=True)
+class Wind(_Sample):
+    """WIND_COV or WIND as a velocity of the air [m/s], NED: where the wind blows to. Down may be NaN."""
+
+    velocity_ned: Vector3
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
+class CommandAck(_Sample):
+    """COMMAND_ACK."""
+
+    command: int
+    result: int
+    target_system: int
+    target_component: int
+
+
+@dataclass(frozen=True, slots=True)
+class Timesync(_Sample):
+    """TIMESYNC [ns]; a request has ``tc1_ns`` 0."""
+
+    tc1_ns: int
+    ts1_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Statustext(_Sample):
+    """STATUSTEXT; severity 0 emergency to 7 debug."""
+
+    severity: int
+    text: str
+
+
+Sample = (
+    Heartbeat
+    | Attitude
+    | LocalPosition
+    | Imu
+    | Range
+    | EscHealth
+    | RotorSpeeds
+    | Battery
+    | Pressure
+    | ServoOutput
+    | AttitudeTarget
+    | SetAttitudeTarget
+    | SetPositionTarget
+    | Parameter
+    | LandedState
+    | Wind
+    | CommandAck
+    | Timesync
+    | Statustext
+)
