@@ -119,7 +119,7 @@ class BootClock:
         stamp_us += last // _WRAP_MS_US * _WRAP_MS_US
         if stamp_us < last - _BACK_US and stamp_us + _WRAP_MS_US <= limit:
             stamp_us += _WRAP_MS_US
-        elif stamp_us > limit and stamp_us - _WRAP_MS_US >= last - _BACK_US:
+        elif stamp_us > limit and stamp_us - _WRAP_MS_US >= max(last - _BACK_US, 0):
             stamp_us -= _WRAP_MS_US
         if last - _BACK_US <= stamp_us <= limit:
             self._suspect_us = -1
