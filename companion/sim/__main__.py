@@ -1,0 +1,63 @@
+"""``python -m companion.sim``: the built-in vehicle as a process of its own."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
+
+from companion.sim.pilot import Hand
+from companion.sim.process import Options, run
+from companion.sim.scenario import NAMES
+from models.errors import UserError
+from models.vehicle import load_vehicle
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    p = argparse.ArgumentParser(prog="python -m companion.sim", description=__doc__)
+    p.add_argument("--scenario", choices=NAMES, default="corner")
+    p.add_argument("--port", type=int, default=14550, help="UDP port on 127.0.0.1 at which the companion listens")
+    p.add_argument("--seed", type=int, default=0, help="draws the air, the turbulence and every sensor's errors")
+    p.add_argument("--speed", type=float, default=1.0, help="simulated seconds per second")
+    p.add_argument("--air", choices=("corner", "free"), default="corner", help="free: obstacles without their air")
+    p.add_argument("--pilot", choices=[h.value for h in Hand], default=Hand.COMPANION.value, help="who gets the script")
+    p.add_argument("--truth", type=Path, help="write what truly happened as CSV; ends when the script ends")
+    p.add_argument("--duration", type=float, help="boot seconds after which to end")
+    p.add_argument("--vehicle", type=Path, help="vehicle file (default: the paper's tandem)")
+    p.add_argument("--px4", action="store_true", help="speak PX4's dialect: OFFBOARD, ESC_STATUS")
+    p.add_argument("--until-stdin-closes", action="store_true", help="end when the parent process ends")
+    return p
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the simulator; returns the exit code."""
+    a = parser().parse_args(argv)
+    path = a.vehicle or Path(str(resources.files("companion") / "vehicles" / "tandem.toml"))
+    try:
+        return run(
+            Options(
+                vehicle=load_vehicle(path),
+                scenario=a.scenario,
+                port=a.port,
+                seed=a.seed,
+                speed=a.speed,
+                air=a.air == "corner",
+                hand=Hand(a.pilot),
+                truth=a.truth,
+                duration_s=a.duration,
+                px4=a.px4,
+                until_stdin_closes=a.until_stdin_closes,
+            )
+        )
+    except UserError as error:
+        print(f"companion.sim: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        return 130
+
+
+if __name__ == "__main__":
+    sys.exit(main())

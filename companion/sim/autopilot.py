@@ -1,0 +1,426 @@
+"""The control laws of an ArduCopter-like autopilot: shaped targets, cascaded position control, attitude control.
+
+No MAVLink here. Structure and defaults follow ArduCopter's documented parameters; the code is our own, and
+docs/simulator.md compares its figures with those measured on the real one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import Enum, IntEnum
+
+from companion.sim.body import DT, GRAVITY, Vec
+from companion.sim.mixer import Mixer
+from companion.sim.sensors import Estimate
+from models.vehicle import Vehicle
+
+
+class Mode(IntEnum):
+    """ArduCopter's custom_mode numbers; PX4's flavour maps its own onto them."""
+
+    STABILIZE = 0
+    ALT_HOLD = 2
+    GUIDED = 4
+    LOITER = 5
+    LAND = 9
+    GUIDED_NOGPS = 20
+
+
+class Guided(Enum):
+    """What GUIDED is doing."""
+
+    HOLD = "hold"
+    TAKEOFF = "takeoff"
+    POSITION = "position"
+    ATTITUDE = "attitude"
+
+
+@dataclass
+class Gains:
+    """Position controller and attitude controller, named after ArduCopter's parameters."""
+
+    pos_xy: float = 1.0
+    vel_xy_p: float = 2.0
+    vel_xy_i: float = 1.0
+    vel_xy_d: float = 0.25
+    pos_z: float = 1.0
+    vel_z: float = 5.0
+    acc_z_p: float = 0.05  # throttle per m/s^2
+    acc_z_i: float = 0.10
+    accel_xy: float = 2.5
+    jerk_xy: float = 5.0
+    accel_z: float = 2.5
+    jerk_z: float = 5.0
+    input_tc: float = 0.15
+    angle: float = 4.5
+    rate_p: Vec = (20.0, 12.0, 6.0)
+    rate_i: Vec = (20.0, 12.0, 2.0)
+    rate_d: Vec = (0.0, 0.0, 0.0)
+    accel_max: Vec = (12.0, 8.0, 4.0)  # rad/s^2, attitude target shaping
+
+
+def square_root(error: float, p: float, limit: float) -> float:
+    """A proportional answer whose slope eases off so that its derivative never exceeds ``limit``."""
+    linear = limit / (p * p)
+    if abs(error) <= linear:
+        return p * error
+    return math.copysign(math.sqrt(2.0 * limit * (abs(error) - 0.5 * linear)), error)
+
+
+def towards(value: float, target: float, step: float) -> float:
+    """``value`` moved by at most ``step`` towards ``target``."""
+    return value + max(-step, min(step, target - value))
+
+
+def wrap(angle: float) -> float:
+    """An angle in -pi...pi."""
+    return (angle + math.pi) % (2.0 * math.pi) - math.pi
+
+
+@dataclass
+class Shaper:
+    """One axis of the target: position, velocity and acceleration that follow a demand within accel and jerk limits."""
+
+    accel_max: float
+    jerk_max: float
+    position: float = 0.0
+    velocity: float = 0.0
+    accel: float = 0.0
+
+    def reset(self, position: float, velocity: float) -> None:
+        """Start from a state, unaccelerated."""
+        self.position, self.velocity, self.accel = position, velocity, 0.0
+
+    def step(self, dt: float, target: float | None, velocity: float, accel: float = 0.0) -> None:
+        """Follow position ``target`` (None: velocity only) with feed-forward ``velocity`` and ``accel``."""
+        self.position += dt * (self.velocity + 0.5 * dt * self.accel)
+        self.velocity += dt * self.accel
+        wanted = velocity
+        if target is not None:
+            wanted += square_root(target - self.position, 0.5 * self.jerk_max / self.accel_max, 0.75 * self.accel_max)
+        demand = square_root(wanted - self.velocity, self.jerk_max / self.accel_max, self.jerk_max) + accel
+        demand = max(-self.accel_max, min(self.accel_max, demand))
+        self.accel = towards(self.accel, demand, self.jerk_max * dt)
+
+
+@dataclass
+class PositionTarget:
+    """A demand in SET_POSITION_TARGET_LOCAL_NED: what is not commanded is None."""
+
+    position: tuple[float | None, float | None, float | None] = (None, None, None)
+    velocity: Vec = (0.0, 0.0, 0.0)
+    accel: Vec = (0.0, 0.0, 0.0)
+    yaw: float | None = None
+    time_s: float = 0.0
+
+
+@dataclass
+class AttitudeTarget:
+    """A demand in SET_ATTITUDE_TARGET."""
+
+    roll: float = 0.0
+    pitch: float = 0.0
+    yaw: float = 0.0
+    rates: Vec | None = None
+    thrust: float = 0.0
+    thrust_is_climb_rate: bool = True
+    time_s: float = 0.0
+
+
+@dataclass
+class Autopilot:
+    """Estimates in, servo outputs out, once per physics step."""
+
+    vehicle: Vehicle
+    hover: float
+    """MOT_THST_HOVER: the throttle the position controller starts from. Never learnt, so it is off, as on the real one."""
+    px4: bool = False
+    """Acceleration feed-forward goes in behind the velocity controller, thrust is never a climb rate."""
+    gains: Gains = field(default_factory=Gains)
+    guid_timeout_s: float = 3.0
+    speed_up_m_s: float = 2.5
+    speed_down_m_s: float = 1.5
+    dt: float = DT
+    armed: bool = False
+    mode: Mode = Mode.STABILIZE
+    guided: Guided = Guided.HOLD
+    landed: bool = True
+    time_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.mixer = Mixer(self.vehicle, self.hover)
+        g = self.gains
+        self._north = Shaper(g.accel_xy, g.jerk_xy)
+        self._east = Shaper(g.accel_xy, g.jerk_xy)
+        self._down = Shaper(g.accel_z, g.jerk_z)
+        self.attitude = AttitudeTarget()
+        self.target = PositionTarget()
+        self.shaped = [0.0, 0.0, 0.0]  # roll, pitch, yaw that the attitude controller chases
+        self._shaped_rate = [0.0, 0.0, 0.0]
+        self._rate_i = [0.0, 0.0, 0.0]
+        self._rate_filtered = [0.0, 0.0, 0.0]
+        self._rate_error_old = [0.0, 0.0, 0.0]
+        self._rate_slope = [0.0, 0.0, 0.0]
+        self._vel_i = [0.0, 0.0]
+        self._vel_old = [0.0, 0.0]
+        self._vel_slope = [0.0, 0.0]
+        self._thr_i = 0.0
+        self._acc_filtered = 0.0
+        self.throttle = 0.0  # before angle boost, as ATTITUDE_TARGET.thrust reports it
+        self.command = (0.0, 0.0)
+        """Roll and pitch [rad] last demanded of the attitude controller, before shaping."""
+        self._spool = 0.0
+        self._grounded_s = 0.0
+
+    @property
+    def hand(self) -> str:
+        """Who gives the attitude: ``stream`` (SET_ATTITUDE_TARGET), ``position`` (its own controller) or ``none``."""
+        if not self.armed:
+            return "none"
+        streaming = self.guided is Guided.ATTITUDE and self.mode in (Mode.GUIDED, Mode.GUIDED_NOGPS)
+        return "stream" if streaming else "position"
+
+    @property
+    def shaped_rates(self) -> Vec:
+        """Rates [rad/s] of the shaped attitude target."""
+        r = self._shaped_rate
+        return (r[0], r[1], r[2])
+
+    @property
+    def shaped_axes(self) -> tuple[Shaper, Shaper, Shaper]:
+        """North, east and down of the shaped position target."""
+        return (self._north, self._east, self._down)
+
+    # -- commands ---------------------------------------------------------------------------------------------------
+
+    def arm(self, on: bool) -> bool:
+        """Arm or disarm; disarming in the air is refused."""
+        if not on and not self.landed:
+            return False
+        self.armed = on
+        self._spool = 0.0
+        return True
+
+    def set_mode(self, mode: Mode, now: Estimate) -> None:
+        """Change mode; a mode that holds position starts from where the vehicle is."""
+        if mode != self.mode:
+            self.mode = mode
+            self.hold_here(now)
+
+    def hold_here(self, now: Estimate) -> None:
+        """GUIDED initialised: stop and stay."""
+        if self.guided is Guided.ATTITUDE or not self.armed or self.mode is not Mode.GUIDED:
+            self._reset_position(now)
+        self.guided = Guided.HOLD
+        self.target = PositionTarget(position=now.position, yaw=self.shaped[2], time_s=self.time_s)
+
+    def take_off(self, height_m: float, now: Estimate) -> bool:
+        """Climb straight up to ``height_m`` above the origin."""
+        if not self.armed or not self.landed:
+            return False
+        self._reset_position(now)
+        self.guided = Guided.TAKEOFF
+        n, e, _ = now.position
+        self.target = PositionTarget(position=(n, e, -height_m), yaw=now.yaw, time_s=self.time_s)
+        return True
+
+    def fly_to(self, target: PositionTarget, now: Estimate) -> None:
+        """A position, velocity, acceleration target."""
+        if self.guided is Guided.ATTITUDE:
+            self._reset_position(now)
+        self.guided = Guided.POSITION
+        self.target = target
+
+    def fly_attitude(self, target: AttitudeTarget) -> None:
+        """An attitude and thrust target."""
+        self.guided = Guided.ATTITUDE
+        self.attitude = target
+
+    # -- the loop ---------------------------------------------------------------------------------------------------
+
+    def step(self, now: Estimate, touching: bool, time_s: float) -> list[float]:
+        """One control step; returns the servo outputs [us]."""
+        self.time_s = time_s
+        self._acc_filtered += (now.down_acceleration - self._acc_filtered) * 0.27  # 20 Hz
+        self._watch_ground(now, touching)
+        if not self.armed:
+            self.throttle = 0.0
+            self.mixer.stop()
+            self._relax(now)
+            return self.mixer.pwm
+        throttle = self._outer(now)
+        if self.landed and throttle <= 0.0:
+            self.throttle = 0.0
+            self.mixer.idle()
+            self._relax(now)
+            return self.mixer.pwm
+        self._spool = min(1.0, self._spool + self.dt / 0.5)
+        self.throttle = min(throttle, self._spool)
+        boost = max(0.5, math.cos(self.shaped[0]) * math.cos(self.shaped[1]))
+        roll, pitch, yaw = self._inner(now)
+        self.mixer.drive(self.throttle / boost, roll, pitch, yaw)
+        return self.mixer.pwm
+
+    def _watch_ground(self, now: Estimate, touching: bool) -> None:
+        if touching and self.throttle < 0.6 * self.hover and abs(now.velocity[2]) < 0.2:
+            self._grounded_s += self.dt
+        else:
+            self._grounded_s = 0.0
+        if self._grounded_s > 0.5:
+            self.landed = True
+            if self.mode is Mode.LAND:
+                self.armed = False
+        elif not touching:
+            self.landed = False
+
+    def _relax(self, now: Estimate) -> None:
+        """On the ground: no integrator winds up, every target starts where the vehicle is."""
+        self.shaped = [0.0, 0.0, now.yaw]
+        self._shaped_rate = [0.0, 0.0, 0.0]
+        self._rate_i = [0.0, 0.0, 0.0]
+        if self.guided is not Guided.TAKEOFF:
+            self._reset_position(now)
+
+    def _reset_position(self, now: Estimate) -> None:
+        """Hand-over to the position controller without a kick: the present lean and throttle become its integrators."""
+        self._north.reset(now.position[0], now.velocity[0])
+        self._east.reset(now.position[1], now.velocity[1])
+        self._down.reset(now.position[2], now.velocity[2])
+        c, s = math.cos(now.yaw), math.sin(now.yaw)
+        ahead, right = -GRAVITY * math.tan(self.shaped[1]), GRAVITY * math.tan(self.shaped[0])
+        self._vel_i = [c * ahead - s * right, s * ahead + c * right]
+        self._vel_old = [now.velocity[0], now.velocity[1]]
+        self._thr_i = (self.throttle - self.hover) if not self.landed else 0.0
+
+    def _outer(self, now: Estimate) -> float:
+        """Throttle demand; sets the attitude demand."""
+        if self.mode in (Mode.STABILIZE, Mode.ALT_HOLD):
+            self._demand_attitude(0.0, 0.0, self.shaped[2])
+            return self._climb(now, 0.0) if self.mode is Mode.ALT_HOLD and not self.landed else 0.0
+        if self.mode is Mode.LAND:
+            self.target.position = (self.target.position[0], self.target.position[1], None)
+            self.target.velocity = (0.0, 0.0, 0.3)
+            return self._position(now)
+        if self.guided is Guided.ATTITUDE and self.mode is not Mode.LOITER:
+            return self._attitude_command(now)
+        if self.mode is Mode.GUIDED_NOGPS:
+            self._demand_attitude(0.0, 0.0, self.shaped[2])
+            return self._climb(now, 0.0) if not self.landed else 0.0
+        if self.landed and self.guided is not Guided.TAKEOFF:
+            return 0.0
+        if self.guided is Guided.TAKEOFF and self.landed:
+            # Spool up on the ground, then let the position controller lift off.
+            self._thr_i = min(0.3, self._thr_i + 0.25 * self.dt)
+        stale = self.time_s - self.target.time_s > self.guid_timeout_s
+        if self.guided is Guided.POSITION and stale:
+            self.target.velocity = (0.0, 0.0, 0.0)
+            self.target.accel = (0.0, 0.0, 0.0)
+        return self._position(now)
+
+    def _attitude_command(self, now: Estimate) -> float:
+        a = self.attitude
+        if self.time_s - a.time_s > self.guid_timeout_s:
+            # Real behaviour after GUID_TIMEOUT: level, altitude held, position not.
+            self._demand_attitude(0.0, 0.0, self.shaped[2])
+            return self._climb(now, 0.0) if not self.landed else 0.0
+        if a.rates is not None:
+            self._demand_rates(a.rates)
+        else:
+            self._demand_attitude(a.roll, a.pitch, a.yaw)
+        if a.thrust_is_climb_rate:
+            rate = (a.thrust - 0.5) * 2.0
+            up = rate * (self.speed_up_m_s if rate > 0.0 else self.speed_down_m_s)
+            if self.landed and up <= 0.0:
+                return 0.0
+            return self._climb(now, up)
+        # The height controller, when it takes over, starts from here.
+        self._down.reset(now.position[2], now.velocity[2])
+        self._thr_i = a.thrust - self.hover
+        return a.thrust
+
+    def _climb(self, now: Estimate, up_m_s: float) -> float:
+        """Hold height, or climb at a rate."""
+        self._down.step(self.dt, None, -up_m_s)
+        return self._vertical(now, 0.0)
+
+    def _position(self, now: Estimate) -> float:
+        t, dt, g = self.target, self.dt, self.gains
+        ff = (0.0, 0.0, 0.0) if self.px4 else t.accel
+        self._north.step(dt, t.position[0], t.velocity[0], ff[0])
+        self._east.step(dt, t.position[1], t.velocity[1], ff[1])
+        self._down.step(dt, t.position[2], t.velocity[2], ff[2])
+        demand = [0.0, 0.0]
+        for i, axis in enumerate((self._north, self._east)):
+            wanted = axis.velocity + g.pos_xy * (axis.position - now.position[i])
+            error = wanted - now.velocity[i]
+            self._vel_i[i] = max(-4.0, min(4.0, self._vel_i[i] + g.vel_xy_i * error * dt))
+            slope = (error - self._vel_old[i]) / dt
+            self._vel_old[i] = error
+            self._vel_slope[i] += (slope - self._vel_slope[i]) * 0.075  # 5 Hz
+            demand[i] = axis.accel + g.vel_xy_p * error + self._vel_i[i] + g.vel_xy_d * self._vel_slope[i]
+            if self.px4:
+                demand[i] += t.accel[i]
+        c, s = math.cos(now.yaw), math.sin(now.yaw)
+        ahead, right = c * demand[0] + s * demand[1], -s * demand[0] + c * demand[1]
+        limit = math.radians(30.0)
+        pitch = max(-limit, min(limit, -math.atan(ahead / GRAVITY)))
+        roll = max(-limit, min(limit, math.atan(right * math.cos(pitch) / GRAVITY)))
+        self._demand_attitude(roll, pitch, self.shaped[2] if t.yaw is None else t.yaw)
+        return self._vertical(now, t.accel[2] if self.px4 else 0.0)
+
+    def _vertical(self, now: Estimate, extra_accel: float) -> float:
+        g, axis = self.gains, self._down
+        wanted = axis.velocity + g.pos_z * (axis.position - now.position[2])
+        accel = axis.accel + g.vel_z * (wanted - now.velocity[2]) + extra_accel
+        error = self._acc_filtered - accel  # positive: more throttle
+        if not self.landed:
+            self._thr_i = max(-self.hover, min(0.5, self._thr_i + g.acc_z_i * error * self.dt))
+        return max(0.0, min(1.0, self.hover + self._thr_i + g.acc_z_p * error))
+
+    # -- attitude ---------------------------------------------------------------------------------------------------
+
+    def _demand_attitude(self, roll: float, pitch: float, yaw: float) -> None:
+        """Move the shaped target towards a demand: first order with input_tc, within the acceleration limit."""
+        g, dt = self.gains, self.dt
+        self.command = (roll, pitch)
+        for i, demand in enumerate((roll, pitch, yaw)):
+            error = demand - self.shaped[i]
+            if i == 2:
+                error = wrap(error)
+            limit = g.accel_max[i]
+            rate = square_root(error, 1.0 / g.input_tc, limit)
+            if i == 2:
+                rate = max(-1.0, min(1.0, rate))
+            self._shaped_rate[i] = towards(self._shaped_rate[i], rate, limit * dt)
+            self.shaped[i] += self._shaped_rate[i] * dt
+        self.shaped[2] = wrap(self.shaped[2])
+
+    def _demand_rates(self, rates: Vec) -> None:
+        for i, rate in enumerate(rates):
+            self._shaped_rate[i] = towards(self._shaped_rate[i], rate, self.gains.accel_max[i] * self.dt)
+            self.shaped[i] += self._shaped_rate[i] * self.dt
+        self.shaped[2] = wrap(self.shaped[2])
+
+    def _inner(self, now: Estimate) -> Vec:
+        """Moments [N m] that bring the attitude to the shaped target."""
+        g, dt = self.gains, self.dt
+        sr, cr = math.sin(now.roll), math.cos(now.roll)
+        sp, cp = math.sin(now.pitch), math.cos(now.pitch)
+        er, ep, ey = self.shaped[0] - now.roll, self.shaped[1] - now.pitch, wrap(self.shaped[2] - now.yaw)
+        dr, dp, dy = self._shaped_rate
+        er, ep, ey = g.angle * er + dr, g.angle * ep + dp, g.angle * ey + dy
+        # Euler rates -> body rates
+        wanted = (er - sp * ey, cr * ep + sr * cp * ey, -sr * ep + cr * cp * ey)
+        out = [0.0, 0.0, 0.0]
+        for i in range(3):
+            self._rate_filtered[i] += (now.rates[i] - self._rate_filtered[i]) * 0.27  # 20 Hz
+            error = wanted[i] - self._rate_filtered[i]
+            if not self.mixer.saturated and not self.landed:
+                self._rate_i[i] = max(-8.0, min(8.0, self._rate_i[i] + g.rate_i[i] * error * dt))
+            slope = (error - self._rate_error_old[i]) / dt
+            self._rate_error_old[i] = error
+            self._rate_slope[i] += (slope - self._rate_slope[i]) * 0.27
+            out[i] = g.rate_p[i] * error + self._rate_i[i] + g.rate_d[i] * self._rate_slope[i]
+        ix, iy, iz = self.vehicle.inertia_kgm2
+        return (ix * out[0], iy * out[1], iz * out[2])

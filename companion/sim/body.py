@@ -1,0 +1,470 @@
+"""The rigid body: actuator outputs in, true state out, with every force and moment kept apart by cause.
+
+Plain floats throughout: one step costs tens of microseconds, so that flight runs faster than time.
+World NED with the origin on the ground, body FRD about the CG, SI units.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from companion.sim.air import (
+    NOMINAL,
+    PAPER_CQ,
+    PAPER_CT,
+    REYNOLDS_EXPONENT,
+    RPM_HOVER,
+    Increments,
+    LawConstants,
+    Unsteadiness,
+    increments,
+)
+from models.vehicle import RHO_SEA_LEVEL, Vehicle
+
+GRAVITY = 9.80665
+DT = 0.0025
+GEAR_M = 0.13
+"""The feet stand this far below the CG."""
+
+SPIN_MIN, SPIN_MAX, THRUST_EXPO = 0.15, 0.95, 0.65
+"""ArduPilot's defaults of MOT_SPIN_MIN, MOT_SPIN_MAX and MOT_THST_EXPO: where a motor idles, ends, and how it bends."""
+
+Vec = tuple[float, float, float]
+Wrench6 = tuple[float, float, float, float, float, float]
+ZERO6: Wrench6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Flat ground at height zero and one wall: a vertical plane, or a strip of it (a pylon).
+
+    ``wall_m`` is the distance of the plane from the origin along ``wall_azimuth_rad`` (from north, to the east);
+    ``wall_half_width_m`` its extent to both sides. ``air`` off keeps the obstacles solid and takes their air away.
+    """
+
+    wall_m: float = math.inf
+    wall_azimuth_rad: float = 0.5 * math.pi
+    wall_half_width_m: float = math.inf
+    air: bool = True
+
+    def wall_share(self, along_m: float, radius_m: float) -> float:
+        """How much of a whole wall a fan at ``along_m`` beside its middle feels: 1 inside, fading over a diameter."""
+        if math.isinf(self.wall_half_width_m):
+            return 1.0
+        outside = (abs(along_m) - self.wall_half_width_m) / (2.0 * radius_m)
+        return min(1.0, max(0.0, 0.5 - outside))
+
+
+@dataclass
+class Causes:
+    """The wrench of each cause about the CG, body FRD, at the last step."""
+
+    free: Wrench6 = ZERO6
+    corner: Wrench6 = ZERO6
+    unsteady: Wrench6 = ZERO6
+    drag: Wrench6 = ZERO6
+    vanes: Wrench6 = ZERO6
+    contact: Wrench6 = ZERO6
+
+
+@dataclass
+class Pack:
+    """A battery: open-circuit voltage falling with charge, behind a resistance."""
+
+    full_v: float = 25.0
+    empty_v: float = 21.0
+    capacity_ah: float = 16.0
+    resistance_ohm: float = 0.015
+    used_ah: float = 0.0
+    current_a: float = 0.0
+    voltage_v: float = 25.0
+
+    def draw(self, power_w: float, dt: float) -> None:
+        """Supply ``power_w`` for ``dt`` seconds."""
+        open_v = self.full_v - (self.full_v - self.empty_v) * min(1.0, self.used_ah / self.capacity_ah)
+        self.current_a += (power_w / self.voltage_v - self.current_a) * 0.2
+        self.voltage_v = open_v - self.resistance_ohm * self.current_a
+        self.used_ah += self.current_a * dt / 3600.0
+
+
+@dataclass(frozen=True)
+class _Fan:
+    """A fan prepared for the inner loop."""
+
+    x: float
+    y: float
+    z: float
+    lip: float
+    rotors: tuple[int, ...]
+    ct: float
+    cq_torque: tuple[float, ...]  # N m per rpm^2 and rotor, signed: the reaction on the body
+    net_torque: float  # N m per rpm^2 of a whole fan: scale of the law's unbalanced torque
+
+
+@dataclass(frozen=True)
+class _Vane:
+    channel: int
+    fan: int
+    position: Vec
+    axis: Vec
+    gain: float
+    neutral: float
+    per_us: float
+
+
+def thrust_share(actuator: float, expo: float = THRUST_EXPO) -> float:
+    """Thrust over full thrust of a motor at ``actuator`` 0...1."""
+    return (1.0 - expo) * actuator + expo * actuator * actuator
+
+
+def actuator_for(throttle: float, expo: float = THRUST_EXPO) -> float:
+    """ArduCopter's output for a throttle 0...1: its expo curve, squeezed between spin-min and spin-max."""
+    throttle = min(1.0, max(0.0, throttle))
+    x = ((expo - 1.0) + math.sqrt((1.0 - expo) ** 2 + 4.0 * expo * throttle)) / (2.0 * expo) if expo else throttle
+    return SPIN_MIN + (SPIN_MAX - SPIN_MIN) * x
+
+
+@dataclass
+class Body:
+    """A vehicle in its surroundings. ``seed`` draws the law of the air and what the vehicle file has slightly wrong."""
+
+    vehicle: Vehicle
+    surroundings: Surroundings
+    law: LawConstants = NOMINAL
+    seed: int = 0
+    dt: float = DT
+    position: list[float] = field(default_factory=lambda: [0.0, 0.0, -GEAR_M])
+    velocity: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    quaternion: list[float] = field(default_factory=lambda: [1.0, 0.0, 0.0, 0.0])
+    rates: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
+    specific_force: Vec = (0.0, 0.0, -GRAVITY)
+    causes: Causes = field(default_factory=Causes)
+    pack: Pack = field(default_factory=Pack)
+    contact: bool = False
+    time_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        v, rng = self.vehicle, random.Random(f"vehicle {self.seed}")
+        self.radius = v.rotor_radius_m
+        self._area = v.disc_area_m2
+        self.density = RHO_SEA_LEVEL
+        per_rpm2 = RHO_SEA_LEVEL * self._area * (2.0 * math.pi / 60.0 * self.radius) ** 2
+        self._per_rpm2 = per_rpm2
+        self._fans: list[_Fan] = []
+        first = 0
+        for fan in v.fans:
+            count = len(fan.rotors)
+            each = (fan.cq or 0.0) / count * per_rpm2 * self.radius
+            self._fans.append(
+                _Fan(
+                    *fan.position_m,
+                    lip=fan.lip_radius_m,
+                    rotors=tuple(range(first, first + count)),
+                    ct=(fan.ct or PAPER_CT) * rng.gauss(1.0, 0.01),
+                    cq_torque=tuple(-r.spin * each for r in fan.rotors),
+                    net_torque=(fan.cq or PAPER_CQ) * per_rpm2 * self.radius * (fan.ct is None),
+                )
+            )
+            first += count
+        self._vanes = [
+            _Vane(
+                n.servo - 1,
+                n.fan - 1,
+                n.position_m,
+                n.axis,
+                n.force_per_thrust_rad * rng.gauss(1.0, 0.03),
+                n.neutral_us,
+                n.rad_per_us,
+            )
+            for n in v.vanes
+        ]
+        self.rotor_channels = tuple((r.esc or r.servo or 1) - 1 for r in v.rotors)
+        self._rotor_gain = [rng.gauss(1.0, 0.01) for _ in v.rotors]
+        curve = v.throttle
+        self._pwm_low = curve.pwm_min_us if curve else 1000.0
+        self._pwm_span = (curve.pwm_max_us - curve.pwm_min_us) if curve else 1000.0
+        self._expo = curve.expo if curve else THRUST_EXPO
+        # Full thrust such that the file's hover throttle hovers, a few percent off: nobody weighs before each flight.
+        hover = v.hover_thrust * rng.gauss(1.0, 0.02)
+        weight_each = v.mass_kg * GRAVITY / len(v.fans)
+        full = weight_each / thrust_share(actuator_for(hover), self._expo)
+        if curve:
+            full = curve.max_thrust_n * len(v.fans[0].rotors)
+        self._rpm_full = math.sqrt(full / (per_rpm2 * self._fans[0].ct))
+        self._ducted = v.fans[0].lip_radius_m > 1.1 * self.radius
+        self._ram = 1.0 if self._ducted else 0.35  # an open rotor turns only part of its flow
+        ideal = math.sqrt((4.0 if self._ducted else 2.0) * RHO_SEA_LEVEL * self._area)
+        self._power_per_thrust15 = 1.0 / (ideal * 0.6)
+        hover_power = len(v.fans) * weight_each**1.5 * self._power_per_thrust15
+        self._hover_v = self.pack.full_v - self.pack.resistance_ohm * hover_power / self.pack.full_v
+        self.rpm = [0.0] * len(v.rotors)
+        self.deflection = [0.0] * len(v.vanes)
+        self._unsteady = Unsteadiness(f"unsteady {self.seed}", 6 * len(v.fans), self.dt)
+        self._spin_up = 1.0 - math.exp(-self.dt / 0.05)
+        self._spin_down = 1.0 - math.exp(-self.dt / 0.07)
+        self._servo = 1.0 - math.exp(-self.dt / 0.025)
+        reach_x = max(0.15, max(abs(f.x) for f in self._fans))
+        reach_y = max(0.15, max(abs(f.y) for f in self._fans))
+        self._feet = [(sx * reach_x, sy * reach_y, GEAR_M) for sx in (-1, 1) for sy in (-1, 1)]
+        self._spring = v.mass_kg * 50.0**2 / 4.0
+        self._damper = 2.0 * 0.7 * v.mass_kg * 50.0 / 4.0
+        self._wall_cos = math.cos(self.surroundings.wall_azimuth_rad)
+        self._wall_sin = math.sin(self.surroundings.wall_azimuth_rad)
+
+    @property
+    def lip_reach_m(self) -> float:
+        """How far the foremost lip stands out from the CG towards the wall."""
+        b = self.surroundings.wall_azimuth_rad - self.euler()[2]
+        return max(f.x * math.cos(b) + f.y * math.sin(b) + f.lip for f in self._fans)
+
+    def drag_per_speed(self) -> float:
+        """Momentum drag of all fans at hover thrust [N per m/s]."""
+        each = self.vehicle.mass_kg * GRAVITY / len(self._fans)
+        return len(self._fans) * math.sqrt(self.density * self._area * each) * self._ram
+
+    @property
+    def wall_gap_m(self) -> float:
+        """Distance of the CG from the wall plane."""
+        s = self.surroundings
+        return s.wall_m - self.position[0] * self._wall_cos - self.position[1] * self._wall_sin
+
+    def rotation(self) -> tuple[float, ...]:
+        """The nine elements, row by row, of the rotation FRD -> NED."""
+        w, x, y, z = self.quaternion
+        return (
+            1.0 - 2.0 * (y * y + z * z),
+            2.0 * (x * y - w * z),
+            2.0 * (x * z + w * y),
+            2.0 * (x * y + w * z),
+            1.0 - 2.0 * (x * x + z * z),
+            2.0 * (y * z - w * x),
+            2.0 * (x * z - w * y),
+            2.0 * (y * z + w * x),
+            1.0 - 2.0 * (x * x + y * y),
+        )
+
+    def euler(self) -> Vec:
+        """Roll, pitch, yaw [rad]."""
+        w, x, y, z = self.quaternion
+        return (
+            math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+            math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x)))),
+            math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+        )
+
+    def step(self, pwm: Sequence[float]) -> None:
+        """Advance by ``dt`` under servo outputs ``pwm`` [us], channel 1 first."""
+        self._spin_rotors(pwm)
+        rot = self.rotation()
+        self._air(pwm, rot)
+        self._contact(rot)
+        self._integrate(rot)
+        self.time_s += self.dt
+
+    def _spin_rotors(self, pwm: Sequence[float]) -> None:
+        sag = self.pack.voltage_v / self._hover_v
+        rpm = self.rpm
+        for k, channel in enumerate(self.rotor_channels):
+            a = min(1.0, max(0.0, (pwm[channel] - self._pwm_low) / self._pwm_span))
+            target = self._rpm_full * math.sqrt(thrust_share(a, self._expo)) * sag * self._rotor_gain[k]
+            error = target - rpm[k]
+            rpm[k] += error * (self._spin_up if error > 0.0 else self._spin_down)
+
+    def _air(self, pwm: Sequence[float], rot: tuple[float, ...]) -> None:
+        """Everything the air does, by cause."""
+        px, py, pz = self.position
+        vn, ve, vd = self.velocity
+        s, radius = self.surroundings, self.radius
+        # body velocity
+        u = rot[0] * vn + rot[3] * ve + rot[6] * vd
+        v = rot[1] * vn + rot[4] * ve + rot[7] * vd
+        w = rot[2] * vn + rot[5] * ve + rot[8] * vd
+        yaw = math.atan2(rot[3], rot[0])
+        bearing = s.wall_azimuth_rad - yaw
+        cb, sb = math.cos(bearing), math.sin(bearing)
+        cosa, sina = self._wall_cos, self._wall_sin
+        fz = mx = my = mz = 0.0
+        cx = cy = cz = cmx = cmy = cmz = 0.0
+        ux = uy = uz = umx = umy = umz = 0.0
+        dx = dy = dmx = dmy = dmz = 0.0
+        noise = self._unsteady.step()
+        lifts = []
+        power = 0.0
+        rpm = self.rpm
+        inflow = 1.0 + 0.062 * w  # climbing (w < 0) unloads a rotor, 6 % per m/s
+        for i, fan in enumerate(self._fans):
+            square = 0.0
+            for k in fan.rotors:
+                square += rpm[k] * rpm[k]
+            square /= len(fan.rotors)
+            speed = math.sqrt(square)
+            t0 = fan.ct * self._per_rpm2 * square * (max(speed, 1.0) / RPM_HOVER) ** REYNOLDS_EXPONENT * inflow
+            power += max(t0, 0.0) ** 1.5 * self._power_per_thrust15
+            if s.air:
+                n = px + rot[0] * fan.x + rot[1] * fan.y + rot[2] * fan.z
+                e = py + rot[3] * fan.x + rot[4] * fan.y + rot[5] * fan.z
+                h = -(pz + rot[6] * fan.x + rot[7] * fan.y + rot[8] * fan.z)
+                d = s.wall_m - n * cosa - e * sina - fan.lip
+                inc = self._increments(h / radius, d / radius, -n * sina + e * cosa)
+            else:
+                inc = Increments(rms=self.law.rms_free)
+            # the free fan
+            fz -= t0
+            mx -= fan.y * t0
+            my += fan.x * t0
+            for k, torque in zip(fan.rotors, fan.cq_torque, strict=True):
+                mz += torque * rpm[k] * rpm[k]
+            # what ground and wall add: corner frame -> body, then to the CG
+            a, b, c = t0 * inc.x, t0 * inc.y, t0 * inc.z
+            ma, mb = t0 * radius * inc.mx, t0 * radius * inc.my
+            bx, by, bz = cb * a + sb * b, sb * a - cb * b, -c
+            cx += bx
+            cy += by
+            cz += bz
+            cmx += cb * ma + sb * mb + fan.y * bz - fan.z * by
+            cmy += sb * ma - cb * mb + fan.z * bx - fan.x * bz
+            cmz += fan.x * by - fan.y * bx - fan.net_torque * square * inc.mz
+            # unsteadiness: thrust by the law's rms, side force and tilt a third of it
+            scale = t0 * inc.rms
+            j = 6 * i
+            bx, by, bz = 0.33 * scale * noise[j], 0.33 * scale * noise[j + 1], -scale * noise[j + 2]
+            third = 0.33 * scale * radius
+            ux += bx
+            uy += by
+            uz += bz
+            umx += third * noise[j + 3] + fan.y * bz - fan.z * by
+            umy += third * noise[j + 4] + fan.z * bx - fan.x * bz
+            umz += 0.3 * third * noise[j + 5] + fan.x * by - fan.y * bx
+            # momentum drag of the air taken in, acting three quarters of a radius above the fan
+            flow = math.sqrt(self.density * self._area * max(t0, 0.0)) * self._ram
+            bx, by, arm = -flow * u, -flow * v, fan.z - 0.75 * radius
+            dx += bx
+            dy += by
+            dmx -= arm * by
+            dmy += arm * bx
+            dmz += fan.x * by - fan.y * bx
+            lifts.append(t0 * (1.0 + inc.z + inc.rms * noise[j + 2]))
+        vane_wrench = self._vane_wrench(pwm, lifts)
+        causes = self.causes
+        causes.free = (0.0, 0.0, fz, mx, my, mz)
+        causes.corner = (cx, cy, cz, cmx, cmy, cmz)
+        causes.unsteady = (ux, uy, uz, umx, umy, umz)
+        causes.drag = (dx, dy, 0.0, dmx, dmy, dmz)
+        causes.vanes = vane_wrench
+        self.pack.draw(power + 15.0, self.dt)
+
+    def _increments(self, eta: float, delta: float, along_m: float) -> Increments:
+        share = self.surroundings.wall_share(along_m, self.radius)
+        if share == 1.0:
+            return increments(self.law, eta, delta)
+        ground = increments(self.law, eta, math.inf)
+        if share == 0.0:
+            return ground
+        wall = increments(self.law, eta, delta)
+        return Increments(
+            *(g + share * (b - g) for g, b in zip(_fields(ground), _fields(wall), strict=True)),
+        )
+
+    def _vane_wrench(self, pwm: Sequence[float], lifts: list[float]) -> Wrench6:
+        fx = fy = fz = mx = my = mz = 0.0
+        for k, vane in enumerate(self._vanes):
+            target = vane.per_us * (pwm[vane.channel] - vane.neutral)
+            self.deflection[k] += (max(-0.5, min(0.5, target)) - self.deflection[k]) * self._servo
+            side = vane.gain * self.deflection[k] * lifts[vane.fan]
+            bx, by, bz = side * vane.axis[0], side * vane.axis[1], side * vane.axis[2]
+            x, y, z = vane.position
+            fx += bx
+            fy += by
+            fz += bz
+            mx += y * bz - z * by
+            my += z * bx - x * bz
+            mz += x * by - y * bx
+        return (fx, fy, fz, mx, my, mz)
+
+    def _contact(self, rot: tuple[float, ...]) -> None:
+        """Feet on the ground and lips on the wall: spring, damper and friction."""
+        pz = self.position[2]
+        near_ground = pz > -(GEAR_M + 0.2)
+        near_wall = self.wall_gap_m < 1.0
+        self.contact = False
+        if not near_ground and not near_wall:
+            self.causes.contact = ZERO6
+            return
+        total = [0.0] * 6
+        if near_ground:
+            for point in self._feet:
+                depth = pz + rot[6] * point[0] + rot[7] * point[1] + rot[8] * point[2]
+                if depth > 0.0:
+                    self._push(total, rot, point, (0.0, 0.0, 1.0), depth)
+        if near_wall:
+            into = (self._wall_cos, self._wall_sin, 0.0)
+            bx, by = rot[0] * into[0] + rot[3] * into[1], rot[1] * into[0] + rot[4] * into[1]
+            size = math.hypot(bx, by)
+            for fan in self._fans:
+                lip = (fan.x + fan.lip * bx / size, fan.y + fan.lip * by / size, fan.z)
+                n = rot[0] * lip[0] + rot[1] * lip[1] + rot[2] * lip[2]
+                e = rot[3] * lip[0] + rot[4] * lip[1] + rot[5] * lip[2]
+                depth = n * into[0] + e * into[1] - self.wall_gap_m
+                beside = -(self.position[0] + n) * into[1] + (self.position[1] + e) * into[0]
+                if depth > 0.0 and abs(beside) < self.surroundings.wall_half_width_m:
+                    self._push(total, rot, lip, into, depth)
+        self.causes.contact = (total[0], total[1], total[2], total[3], total[4], total[5])
+
+    def _push(self, total: list[float], rot: tuple[float, ...], point: Vec, into: Vec, depth: float) -> None:
+        """Add the push of a surface whose inward normal (NED) is ``into`` on a body point ``depth`` inside it."""
+        self.contact = True
+        x, y, z = point
+        p, q, r = self.rates
+        # velocity of the point, NED
+        bx, by, bz = q * z - r * y, r * x - p * z, p * y - q * x
+        v = [self.velocity[i] + rot[3 * i] * bx + rot[3 * i + 1] * by + rot[3 * i + 2] * bz for i in range(3)]
+        inward = v[0] * into[0] + v[1] * into[1] + v[2] * into[2]
+        normal = max(0.0, self._spring * depth + self._damper * inward)
+        slide = [v[i] - inward * into[i] for i in range(3)]
+        size = math.hypot(*slide) + 0.02
+        f = [-normal * into[i] - 0.6 * normal * slide[i] / size for i in range(3)]
+        b = [rot[i] * f[0] + rot[3 + i] * f[1] + rot[6 + i] * f[2] for i in range(3)]
+        total[0] += b[0]
+        total[1] += b[1]
+        total[2] += b[2]
+        total[3] += y * b[2] - z * b[1]
+        total[4] += z * b[0] - x * b[2]
+        total[5] += x * b[1] - y * b[0]
+
+    def _integrate(self, rot: tuple[float, ...]) -> None:
+        c, dt = self.causes, self.dt
+        fx, fy, fz, mx, my, mz = (
+            a + b + d + e + f + g
+            for a, b, d, e, f, g in zip(c.free, c.corner, c.unsteady, c.drag, c.vanes, c.contact, strict=True)
+        )
+        m = self.vehicle.mass_kg
+        ix, iy, iz = self.vehicle.inertia_kgm2
+        ax, ay, az = fx / m, fy / m, fz / m
+        self.specific_force = (ax, ay, az)
+        p, q, r = self.rates
+        p += dt * (mx - (iz - iy) * q * r) / ix
+        q += dt * (my - (ix - iz) * r * p) / iy
+        r += dt * (mz - (iy - ix) * p * q) / iz
+        self.rates = [p, q, r]
+        v, x = self.velocity, self.position
+        v[0] += dt * (rot[0] * ax + rot[1] * ay + rot[2] * az)
+        v[1] += dt * (rot[3] * ax + rot[4] * ay + rot[5] * az)
+        v[2] += dt * (rot[6] * ax + rot[7] * ay + rot[8] * az + GRAVITY)
+        x[0] += dt * v[0]
+        x[1] += dt * v[1]
+        x[2] += dt * v[2]
+        qw, qx, qy, qz = self.quaternion
+        half = 0.5 * dt
+        nw = qw + half * (-qx * p - qy * q - qz * r)
+        nx = qx + half * (qw * p + qy * r - qz * q)
+        ny = qy + half * (qw * q - qx * r + qz * p)
+        nz = qz + half * (qw * r + qx * q - qy * p)
+        scale = 1.0 / math.sqrt(nw * nw + nx * nx + ny * ny + nz * nz)
+        self.quaternion = [nw * scale, nx * scale, ny * scale, nz * scale]
+
+
+def _fields(i: Increments) -> tuple[float, ...]:
+    return (i.x, i.y, i.z, i.mx, i.my, i.mz, i.rms)

@@ -1,0 +1,168 @@
+"""One simulated flight: body, sensors and autopilot on one clock, and the record of what truly happened."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TextIO
+
+from companion.sim.air import LawConstants, disturbed
+from companion.sim.autopilot import Autopilot
+from companion.sim.body import DT, GRAVITY, Body
+from companion.sim.scenario import Reference, Scenario
+from companion.sim.sensors import EscTelemetry, Estimate, Estimator, RangeSensor
+from models.vehicle import Vehicle
+
+HOVER_PARAM_SHARE = 0.89
+"""MOT_THST_HOVER over the true hover throttle: as far off as it was found on the real autopilot."""
+
+
+class Flight:
+    """Steps everything by ``DT``; the link and the pilot only talk to what is here."""
+
+    def __init__(
+        self, vehicle: Vehicle, scenario: Scenario, seed: int, *, px4: bool = False, law: LawConstants | None = None
+    ) -> None:
+        self.vehicle = vehicle
+        self.scenario = scenario
+        self.seed = seed
+        self.px4 = px4
+        self.body = Body(vehicle, scenario.surroundings, law or disturbed(seed), seed)
+        self.estimator = Estimator(self.body, seed)
+        self.autopilot = Autopilot(vehicle, HOVER_PARAM_SHARE * vehicle.hover_thrust, px4=px4)
+        self.ranges = [RangeSensor(r, f"range {seed} {i}") for i, r in enumerate(vehicle.rangefinders)]
+        self.esc = EscTelemetry(self.body, seed)
+        self.estimate: Estimate = self.estimator.step()
+        self.reference: Reference = scenario.reference(-1.0)
+        self.script_s = -1.0
+        """Time of the script, negative before it begins."""
+
+    @property
+    def time_s(self) -> float:
+        """Seconds since boot."""
+        return self.body.time_s
+
+    def step(self) -> None:
+        """One physics step, sensors and control included."""
+        body = self.body
+        self.estimate = self.estimator.step()
+        pwm = self.autopilot.step(self.estimate, body.contact, body.time_s)
+        body.step(pwm)
+        for sensor in self.ranges:
+            sensor.step(body)
+        self.esc.step(body)
+
+    def needed_tilt(self) -> tuple[float, float]:
+        """Roll and pitch [rad] that balance the true air at this instant, on the reference's straight line.
+
+        The side force of ground and wall, the side force of the vanes that hold the air's moment, and the momentum
+        drag at the reference velocity: what an all-knowing pilot would lean by.
+        """
+        body, c = self.body, self.body.causes
+        fx, fy = c.corner[0], c.corner[1]
+        if self.vehicle.vanes:
+            arm = self.vehicle.vanes[0].position_m[2]
+            axis = self.vehicle.vanes[0].axis
+            if abs(axis[1]) > 0.5 and arm:
+                fy += (c.corner[3]) / arm
+        yaw = body.euler()[2]
+        vn, ve, _ = self.reference.velocity
+        ahead, right = math.cos(yaw) * vn + math.sin(yaw) * ve, -math.sin(yaw) * vn + math.cos(yaw) * ve
+        drag = body.drag_per_speed()
+        weight = self.vehicle.mass_kg * GRAVITY
+        return -math.atan((fy - drag * right) / weight), math.atan((fx - drag * ahead) / weight)
+
+
+WRENCH = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
+COLUMNS = (
+    "time_s",
+    "script_s",
+    "phase",
+    "ref_n",
+    "ref_e",
+    "ref_d",
+    "ref_vn",
+    "ref_ve",
+    "ref_vd",
+    "n",
+    "e",
+    "d",
+    "vn",
+    "ve",
+    "vd",
+    "roll",
+    "pitch",
+    "yaw",
+    "p",
+    "q",
+    "r",
+    "est_n",
+    "est_e",
+    "est_d",
+    "target_roll",
+    "target_pitch",
+    "command_roll",
+    "command_pitch",
+    "need_roll",
+    "need_pitch",
+    "throttle",
+    "hand",
+    *(f"{cause}_{axis}" for cause in ("free", "corner", "unsteady", "drag", "vanes", "contact") for axis in WRENCH),
+    "contact",
+    "height_m",
+    "gap_m",
+    "voltage_v",
+    "current_a",
+)
+
+
+class TruthFile:
+    """The truth as CSV at 50 Hz: SI, radians, world NED, wrenches by cause about the CG in body FRD.
+
+    ``need_*`` is the lean that balances the true air, ``command_*`` the last attitude command taken (its own position
+    controller's where the autopilot flies), ``hand`` who flies, ``gap_m`` lip to wall.
+    """
+
+    def __init__(self, path: Path, flight: Flight) -> None:
+        self._file: TextIO = path.open("w", encoding="utf-8")
+        self._flight = flight
+        rotors = [f"rpm_{i + 1}" for i in range(len(flight.body.rpm))]
+        self._file.write(",".join((*COLUMNS, *rotors)) + "\n")
+        self._next_s = 0.0
+
+    def step(self) -> None:
+        """Write a row when due."""
+        f = self._flight
+        if f.time_s + 0.5 * DT < self._next_s:
+            return
+        self._next_s = round(f.time_s + 0.02, 4)
+        b, a, c = f.body, f.autopilot, f.body.causes
+        reach = f.scenario.surroundings.wall_m
+        values = (
+            *f.reference.position,
+            *f.reference.velocity,
+            *b.position,
+            *b.velocity,
+            *b.euler(),
+            *b.rates,
+            *f.estimate.position,
+            a.shaped[0],
+            a.shaped[1],
+            *a.command,
+            *f.needed_tilt(),
+            a.throttle,
+        )
+        causes = (*c.free, *c.corner, *c.unsteady, *c.drag, *c.vanes, *c.contact)
+        gap = b.wall_gap_m - b.lip_reach_m if math.isfinite(reach) else math.inf
+        tail = (float(b.contact), -b.position[2], gap, b.pack.voltage_v, b.pack.current_a, *b.rpm)
+        self._file.write(
+            f"{f.time_s:.4f},{f.script_s:.4f},{f.reference.phase},"
+            + ",".join(f"{v:.6g}" for v in values)
+            + f",{a.hand},"
+            + ",".join(f"{v:.6g}" for v in (*causes, *tail))
+            + "\n"
+        )
+
+    def close(self) -> None:
+        """Flush and close."""
+        self._file.close()

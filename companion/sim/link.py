@@ -1,0 +1,576 @@
+"""The MAVLink face of the simulated autopilot: what it sends, when, and what it does with what it hears."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from pymavlink.generator.mavcrc import x25crc
+
+from companion.sim.autopilot import AttitudeTarget, Mode, PositionTarget
+from companion.sim.body import GRAVITY, SPIN_MAX, SPIN_MIN, THRUST_EXPO
+from companion.sim.flight import Flight
+from companion.sim.sensors import RANGE_MAX_M, RANGE_MIN_M
+
+SYSTEM = 1
+COMPANION = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+PILOT_SYSTEM, PILOT_COMPONENT = 255, mavlink.MAV_COMP_ID_MISSIONPLANNER
+MESSAGES_PER_S = 1290.0
+"""What the link carries at most, as measured on the real one."""
+SHORTEST_INTERVAL_S = 0.003
+GUID_OPTION_THRUST = 8
+
+ESC_INFO, ESC_STATUS = 290, 291
+ESC_INFO_CRC, ESC_STATUS_CRC = 251, 10
+
+PX4_MODES = {Mode.GUIDED: (6, 0), Mode.LOITER: (4, 3), Mode.LAND: (4, 6), Mode.ALT_HOLD: (2, 0), Mode.STABILIZE: (7, 0)}
+"""PX4's (main, sub) mode of each of ours: OFFBOARD, AUTO_LOITER, AUTO_LAND, ALTCTL, STABILIZED."""
+OFFBOARD_LOSS_S = 0.5
+MAV_CMD_DO_SET_MODE = mavlink.MAV_CMD_DO_SET_MODE
+
+
+@dataclass
+class _Stream:
+    build: Callable[[], list[bytes]]
+    interval_s: float
+    due_s: float
+
+
+class VehicleLink:
+    """Encodes and decodes for one vehicle on one link with one peer. ``send`` takes whole frames."""
+
+    def __init__(self, flight: Flight, send: Callable[[bytes], None]) -> None:
+        self._flight = flight
+        self._send = send
+        self._mav = mavlink.MAVLink(None, srcSystem=SYSTEM, srcComponent=mavlink.MAV_COMP_ID_AUTOPILOT1)
+        self._pilot = mavlink.MAVLink(None, srcSystem=PILOT_SYSTEM, srcComponent=PILOT_COMPONENT)
+        self._parser = mavlink.MAVLink(None)
+        self._parser.robust_parsing = True
+        self._streams: dict[int, _Stream] = {}
+        self._turn = 0
+        self._tokens = 0.0
+        self._last_s = 0.0
+        self._heartbeat_s = 0.0
+        self._param_queue: list[str] = []
+        self._offboard_s = -math.inf
+        self._offboard_since_s = -math.inf
+        self.companion_heartbeat_s = -math.inf
+        """Boot time of the last heartbeat of component 191."""
+        self.attitude_stream_s = -math.inf
+        """Boot time of the last SET_ATTITUDE_TARGET that was taken."""
+        self.taken = 0
+        self.dropped = 0
+        self.params = self._parameters()
+        self._builders = self._message_table()
+
+    # -- out --------------------------------------------------------------------------------------------------------
+
+    def step(self) -> None:
+        """Send what is due. Call once per physics step or so."""
+        now = self._flight.time_s
+        self._tokens = min(20.0, self._tokens + (now - self._last_s) * MESSAGES_PER_S)
+        self._last_s = now
+        if now >= self._heartbeat_s:
+            self._heartbeat_s += 1.0
+            self._out(self._heartbeat())
+        if self._param_queue and self._tokens >= 1.0:
+            self._send_param(self._param_queue.pop(0))
+        if self._flight.px4:
+            self._watch_offboard()
+        # Round robin, so that a link asked for too much serves everyone less.
+        streams = list(self._streams.values())
+        for k in range(len(streams)):
+            stream = streams[(self._turn + k) % len(streams)]
+            if now + 1e-9 < stream.due_s:
+                continue
+            if self._tokens < 1.0:
+                self._turn = (self._turn + k) % len(streams)
+                return
+            stream.due_s = max(stream.due_s + stream.interval_s, now)
+            for frame in stream.build():
+                self._tokens -= 1.0
+                self._send(frame)
+
+    def route(self, message: Any) -> None:
+        """Forward a message of the pilot to the companion's link, as the autopilot's router does."""
+        self._send(message.pack(self._pilot))
+
+    def _out(self, message: Any) -> None:
+        self._tokens -= 1.0
+        self._send(message.pack(self._mav))
+
+    @property
+    def boot_ms(self) -> int:
+        """Milliseconds since boot."""
+        return int(self._flight.time_s * 1000.0 + 0.5)
+
+    @property
+    def boot_us(self) -> int:
+        """Microseconds since boot."""
+        return int(self._flight.time_s * 1e6 + 0.5)
+
+    def _heartbeat(self) -> Any:
+        f = self._flight
+        base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+        if f.autopilot.armed:
+            base |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+        if f.autopilot.mode in (Mode.GUIDED, Mode.GUIDED_NOGPS):
+            base |= mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
+        custom = int(f.autopilot.mode)
+        if f.px4:
+            main, sub = PX4_MODES.get(f.autopilot.mode, (7, 0))
+            custom = main << 16 | sub << 24
+        kind = (
+            mavlink.MAV_TYPE_COAXIAL if any(len(n.rotors) > 1 for n in f.vehicle.fans) else mavlink.MAV_TYPE_QUADROTOR
+        )
+        state = mavlink.MAV_STATE_STANDBY if f.autopilot.landed else mavlink.MAV_STATE_ACTIVE
+        firmware = mavlink.MAV_AUTOPILOT_PX4 if f.px4 else mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+        return mavlink.MAVLink_heartbeat_message(kind, firmware, base, custom, state, 3)
+
+    def _message_table(self) -> dict[int, Callable[[], list[bytes]]]:
+        table: dict[int, Callable[[], Any]] = {
+            mavlink.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
+            mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._attitude_quaternion,
+            mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: self._highres_imu,
+            mavlink.MAVLINK_MSG_ID_SCALED_IMU: self._scaled_imu,
+            mavlink.MAVLINK_MSG_ID_RAW_IMU: self._raw_imu,
+            mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
+            mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: self._servo_output,
+            mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: self._attitude_target,
+            mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: self._position_target,
+            mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: self._battery,
+            mavlink.MAVLINK_MSG_ID_SYS_STATUS: self._sys_status,
+            mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._extended_state,
+            mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: self._pressure,
+            mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: lambda: mavlink.MAVLink_system_time_message(0, self.boot_ms),
+            mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._version,
+            mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
+        }
+
+        def framed(build: Callable[[], Any]) -> Callable[[], list[bytes]]:
+            return lambda: [build().pack(self._mav)]
+
+        frames = {number: framed(build) for number, build in table.items()}
+        if self._flight.ranges:
+            frames[mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR] = self._distance_frames
+        if self._flight.vehicle.telemetered:
+            if self._flight.px4:
+                frames[ESC_STATUS] = self._esc_status_frames
+                frames[ESC_INFO] = self._esc_info_frames
+            else:
+                frames[mavlink.MAVLINK_MSG_ID_ESC_TELEMETRY_1_TO_4] = self._esc_telemetry_frames
+        return frames
+
+    def _attitude(self) -> Any:
+        e = self._flight.estimate
+        return mavlink.MAVLink_attitude_message(self.boot_ms, e.roll, e.pitch, e.yaw, *e.rates)
+
+    def _attitude_quaternion(self) -> Any:
+        e = self._flight.estimate
+        return mavlink.MAVLink_attitude_quaternion_message(self.boot_ms, *e.quaternion, *e.rates)
+
+    def _highres_imu(self) -> Any:
+        e = self._flight.estimate
+        return mavlink.MAVLink_highres_imu_message(
+            self.boot_us, *e.specific_force, *e.rates, 0.2, 0.0, 0.4, 1013.25, 0.0, 0.0, 25.0, 0x3F
+        )
+
+    def _milli(self) -> list[int]:
+        """Accelerations in mg and rates in mrad/s, quantised as the messages are."""
+        e = self._flight.estimate
+        values = [1000.0 * a / GRAVITY for a in e.specific_force] + [1000.0 * w for w in e.rates]
+        return [max(-32768, min(32767, round(v))) for v in values]
+
+    def _scaled_imu(self) -> Any:
+        return mavlink.MAVLink_scaled_imu_message(self.boot_ms, *self._milli(), 200, 0, 400, 2500)
+
+    def _raw_imu(self) -> Any:
+        return mavlink.MAVLink_raw_imu_message(self.boot_us, *self._milli(), 200, 0, 400, 0, 2500)
+
+    def _local_position(self) -> Any:
+        e = self._flight.estimate
+        return mavlink.MAVLink_local_position_ned_message(self.boot_ms, *e.position, *e.velocity)
+
+    def _servo_output(self) -> Any:
+        pwm = [int(v) for v in self._flight.autopilot.mixer.pwm]
+        return mavlink.MAVLink_servo_output_raw_message(self.boot_us & 0xFFFFFFFF, 0, *pwm)
+
+    def _attitude_target(self) -> Any:
+        a = self._flight.autopilot
+        return mavlink.MAVLink_attitude_target_message(
+            self.boot_ms, 0, quaternion(*a.shaped), *a.shaped_rates, max(0.0, min(1.0, a.throttle))
+        )
+
+    def _position_target(self) -> Any:
+        n, e, d = self._flight.autopilot.shaped_axes
+        return mavlink.MAVLink_position_target_local_ned_message(
+            self.boot_ms,
+            mavlink.MAV_FRAME_LOCAL_NED,
+            0,
+            *(n.position, e.position, d.position),
+            *(n.velocity, e.velocity, d.velocity),
+            *(n.accel, e.accel, d.accel),
+            0.0,
+            0.0,
+        )
+
+    def _battery(self) -> Any:
+        p = self._flight.body.pack
+        volts = [round(1000.0 * p.voltage_v)] + [65535] * 9
+        left = max(0, round(100.0 * (1.0 - p.used_ah / p.capacity_ah)))
+        return mavlink.MAVLink_battery_status_message(
+            0, 0, 1, 32767, volts, round(100.0 * p.current_a), round(1000.0 * p.used_ah), -1, left
+        )
+
+    def _sys_status(self) -> Any:
+        p = self._flight.body.pack
+        left = max(0, round(100.0 * (1.0 - p.used_ah / p.capacity_ah)))
+        return mavlink.MAVLink_sys_status_message(
+            0, 0, 0, 300, round(1000.0 * p.voltage_v), round(100.0 * p.current_a), left, 0, 0, 0, 0, 0, 0
+        )
+
+    def _extended_state(self) -> Any:
+        landed = (
+            mavlink.MAV_LANDED_STATE_ON_GROUND if self._flight.autopilot.landed else mavlink.MAV_LANDED_STATE_IN_AIR
+        )
+        return mavlink.MAVLink_extended_sys_state_message(0, landed)
+
+    def _pressure(self) -> Any:
+        hpa = 1013.25 + 0.12013 * self._flight.body.position[2]
+        return mavlink.MAVLink_scaled_pressure_message(self.boot_ms, hpa, 0.0, 1500)
+
+    def _version(self) -> Any:
+        caps = (
+            mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
+            | mavlink.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
+            | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+        )
+        blank = [0] * 8
+        return mavlink.MAVLink_autopilot_version_message(caps, 0x040603FF, 0, 0, 0, blank, blank, blank, 0, 0, 0)
+
+    def _distance_frames(self) -> list[bytes]:
+        return [
+            mavlink.MAVLink_distance_sensor_message(
+                self.boot_ms,
+                round(100.0 * RANGE_MIN_M),
+                round(100.0 * RANGE_MAX_M),
+                round(100.0 * sensor.reading_m),
+                mavlink.MAV_DISTANCE_SENSOR_LASER,
+                index,
+                sensor.sensor.orientation,
+                255 if not self._flight.px4 else 0,
+            ).pack(self._mav)
+            for index, sensor in enumerate(self._flight.ranges)
+        ]
+
+    def _esc_rpm(self) -> list[float]:
+        """Speeds by ESC number, from 1; zero where no ESC is fitted."""
+        rotors = self._flight.vehicle.rotors
+        out = [0.0] * (4 * math.ceil(max(r.esc or 0 for r in rotors) / 4))
+        for rotor, rpm in zip(rotors, self._flight.esc.rpm, strict=True):
+            if rotor.esc:
+                out[rotor.esc - 1] = rpm
+        return out
+
+    def _esc_telemetry_frames(self) -> list[bytes]:
+        f, rpm = self._flight, self._esc_rpm()
+        groups = (
+            mavlink.MAVLink_esc_telemetry_1_to_4_message,
+            mavlink.MAVLink_esc_telemetry_5_to_8_message,
+            mavlink.MAVLink_esc_telemetry_9_to_12_message,
+        )
+        temperature = [int(f.esc.temperature_c)] * 4
+        volts, amps = round(100.0 * f.body.pack.voltage_v), round(100.0 * f.body.pack.current_a / len(f.body.rpm))
+        return [
+            group(
+                temperature,
+                [volts] * 4,
+                [amps] * 4,
+                [0] * 4,
+                [round(v) for v in rpm[4 * i : 4 * i + 4]],
+                [f.esc.count & 0xFFFF] * 4,
+            ).pack(self._mav)
+            for i, group in enumerate(groups[: len(rpm) // 4])
+        ]
+
+    def _esc_status_frames(self) -> list[bytes]:
+        f, rpm = self._flight, self._esc_rpm()
+        volts, amps = f.body.pack.voltage_v, f.body.pack.current_a / len(f.body.rpm)
+        return [
+            self._raw_frame(
+                ESC_STATUS,
+                ESC_STATUS_CRC,
+                struct.pack(
+                    "<Q4i4f4fB", self.boot_us, *(round(v) for v in rpm[i : i + 4]), *[volts] * 4, *[amps] * 4, i
+                ),
+            )
+            for i in range(0, len(rpm), 4)
+        ]
+
+    def _esc_info_frames(self) -> list[bytes]:
+        f, rpm = self._flight, self._esc_rpm()
+        temperature = round(100.0 * f.esc.temperature_c)
+        count = len(f.body.rpm)
+        return [
+            self._raw_frame(
+                ESC_INFO,
+                ESC_INFO_CRC,
+                struct.pack(
+                    "<Q4IH4H4hBBBB",
+                    self.boot_us,
+                    *[0] * 4,
+                    f.esc.count & 0xFFFF,
+                    *[0] * 4,
+                    *[temperature] * 4,
+                    i,
+                    count,
+                    5,
+                    (1 << count) - 1 & 0xFF,
+                ),
+            )
+            for i in range(0, len(rpm), 4)
+        ]
+
+    def _raw_frame(self, number: int, extra: int, payload: bytes) -> bytes:
+        """A MAVLink 2 frame of a message that pymavlink lacks: trailing zeros cut, CRC with the message's extra."""
+        payload = payload.rstrip(b"\0") or payload[:1]
+        header = struct.pack(
+            "<BBBBBBB", len(payload), 0, 0, self._mav.seq, SYSTEM, mavlink.MAV_COMP_ID_AUTOPILOT1, number & 0xFF
+        ) + struct.pack("<H", number >> 8)
+        self._mav.seq = (self._mav.seq + 1) % 256
+        crc = x25crc(header + payload)
+        crc.accumulate(bytes([extra]))
+        return b"\xfd" + header + payload + struct.pack("<H", crc.crc)
+
+    # -- in ---------------------------------------------------------------------------------------------------------
+
+    def receive(self, data: bytes) -> None:
+        """Bytes from the peer."""
+        for message in self._parser.parse_buffer(data) or []:
+            if message.get_type() != "BAD_DATA":
+                self.hear(message, message.get_srcSystem(), message.get_srcComponent())
+
+    def hear(self, message: Any, system: int, component: int) -> None:
+        """One message from ``system``/``component``, addressed to us, to all, or to nobody in particular."""
+        kind = message.get_type()
+        target = getattr(message, "target_system", SYSTEM)
+        part = getattr(message, "target_component", 0)
+        if target not in (0, SYSTEM) or part not in (0, mavlink.MAV_COMP_ID_AUTOPILOT1):
+            return
+        if kind == "HEARTBEAT":
+            if system == SYSTEM and component == COMPANION:
+                self.companion_heartbeat_s = self._flight.time_s
+            return
+        handler = getattr(self, f"_on_{kind.lower()}", None)
+        if handler is not None:
+            handler(message)
+
+    def _on_set_attitude_target(self, m: Any) -> None:
+        pilot, f = self._flight.autopilot, self._flight
+        self._offboard_s = f.time_s
+        if pilot.mode not in (Mode.GUIDED, Mode.GUIDED_NOGPS):
+            return
+        mask = m.type_mask
+        rates_ignored = mask & 7
+        attitude_ignored = bool(mask & mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE)
+        if rates_ignored not in (0, 7):
+            # A partial mask stops the vehicle, at every message: so does the real one.
+            pilot.hold_here(f.estimate)
+            self.dropped += 1
+            return
+        norm = math.sqrt(sum(v * v for v in m.q))
+        if mask & mavlink.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE or (not attitude_ignored and abs(norm - 1.0) > 1e-3):
+            self.dropped += 1
+            return
+        if attitude_ignored and rates_ignored:
+            self.dropped += 1
+            return
+        roll, pitch, yaw = euler(m.q) if not attitude_ignored else (0.0, 0.0, 0.0)
+        climb = not f.px4 and not int(self.params["GUID_OPTIONS"]) & GUID_OPTION_THRUST
+        pilot.fly_attitude(
+            AttitudeTarget(
+                roll,
+                pitch,
+                yaw,
+                (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate) if attitude_ignored else None,
+                max(0.0, min(1.0, m.thrust)),
+                climb,
+                f.time_s,
+            )
+        )
+        self.attitude_stream_s = f.time_s
+        self.taken += 1
+
+    def _on_set_position_target_local_ned(self, m: Any) -> None:
+        pilot, f = self._flight.autopilot, self._flight
+        self._offboard_s = f.time_s
+        if pilot.mode is not Mode.GUIDED or pilot.landed or m.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED:
+            return
+        mask = m.type_mask
+        position, velocity, accel = not mask & 0x7, not mask & 0x38, not mask & 0x1C0
+        if mask & 0x200 or not (position or velocity or accel):
+            pilot.hold_here(f.estimate)
+            return
+        pilot.fly_to(
+            PositionTarget(
+                position=(m.x, m.y, m.z) if position else (None, None, None),
+                velocity=(m.vx, m.vy, m.vz) if velocity else (0.0, 0.0, 0.0),
+                accel=(m.afx, m.afy, m.afz) if accel else (0.0, 0.0, 0.0),
+                yaw=None if mask & 0x400 else m.yaw,
+                time_s=f.time_s,
+            ),
+            f.estimate,
+        )
+
+    def _on_timesync(self, m: Any) -> None:
+        if m.tc1 == 0:
+            self._out(mavlink.MAVLink_timesync_message(self.boot_us * 1000, m.ts1))
+
+    def _on_set_mode(self, m: Any) -> None:
+        self._set_mode(m.custom_mode)
+
+    def _on_command_long(self, m: Any) -> None:
+        result = self._command(m)
+        self._out(mavlink.MAVLink_command_ack_message(m.command, result))
+
+    def _command(self, m: Any) -> int:
+        pilot, f = self._flight.autopilot, self._flight
+        accepted, denied = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED
+        if m.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
+            return accepted if self.set_interval(int(m.param1), m.param2) else denied
+        if m.command == mavlink.MAV_CMD_REQUEST_MESSAGE:
+            build = self._builders.get(int(m.param1))
+            for frame in build() if build else []:
+                self._send(frame)
+            return accepted if build else mavlink.MAV_RESULT_FAILED
+        if m.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
+            return accepted if pilot.arm(m.param1 > 0.5) else mavlink.MAV_RESULT_FAILED
+        if m.command == MAV_CMD_DO_SET_MODE:
+            custom = int(m.param2) << 16 | int(m.param3) << 24 if f.px4 else int(m.param2)
+            return accepted if self._set_mode(custom) else mavlink.MAV_RESULT_FAILED
+        if m.command == mavlink.MAV_CMD_NAV_TAKEOFF:
+            if pilot.mode is not Mode.GUIDED:
+                return mavlink.MAV_RESULT_FAILED
+            return accepted if pilot.take_off(m.param7, f.estimate) else mavlink.MAV_RESULT_FAILED
+        return mavlink.MAV_RESULT_UNSUPPORTED
+
+    def set_interval(self, number: int, interval_us: float) -> bool:
+        """SET_MESSAGE_INTERVAL: whole milliseconds, no shorter than 3 ms, only messages that we have."""
+        build = self._builders.get(number)
+        if build is None:
+            return False
+        if interval_us < 0:
+            self._streams.pop(number, None)
+            return True
+        interval_s = round(interval_us / 1000.0) / 1000.0
+        if interval_us == 0 or interval_s < SHORTEST_INTERVAL_S:
+            return False
+        self._streams[number] = _Stream(build, interval_s, self._flight.time_s)
+        return True
+
+    def _set_mode(self, custom: int) -> bool:
+        pilot, f = self._flight.autopilot, self._flight
+        if f.px4:
+            wanted = (custom >> 16 & 0xFF, custom >> 24 & 0xFF)
+            match = [
+                mode for mode, code in PX4_MODES.items() if code == wanted or (code[1] == 0 and code[0] == wanted[0])
+            ]
+            if not match:
+                return False
+            # OFFBOARD is refused unless setpoints have been coming for a second.
+            if match[0] is Mode.GUIDED and not (
+                f.time_s - self._offboard_s < OFFBOARD_LOSS_S and f.time_s - self._offboard_since_s > 1.0
+            ):
+                return False
+            pilot.set_mode(match[0], f.estimate)
+            return True
+        try:
+            mode = Mode(custom)
+        except ValueError:
+            return False
+        pilot.set_mode(mode, f.estimate)
+        return True
+
+    def _watch_offboard(self) -> None:
+        """PX4 leaves OFFBOARD for a position hold when setpoints stop for longer than COM_OF_LOSS_T."""
+        now, pilot = self._flight.time_s, self._flight.autopilot
+        if now - self._offboard_s > OFFBOARD_LOSS_S:
+            self._offboard_since_s = now
+            if pilot.mode is Mode.GUIDED and pilot.armed and not pilot.landed:
+                pilot.set_mode(Mode.LOITER, self._flight.estimate)
+
+    # -- parameters -------------------------------------------------------------------------------------------------
+
+    def _parameters(self) -> dict[str, float]:
+        pilot = self._flight.autopilot
+        if self._flight.px4:
+            return {"MPC_THR_HOVER": pilot.hover, "THR_MDL_FAC": THRUST_EXPO, "COM_OF_LOSS_T": OFFBOARD_LOSS_S}
+        return {
+            "GUID_OPTIONS": float(GUID_OPTION_THRUST),
+            "GUID_TIMEOUT": pilot.guid_timeout_s,
+            "MOT_SPIN_ARM": 0.10,
+            "MOT_SPIN_MIN": SPIN_MIN,
+            "MOT_SPIN_MAX": SPIN_MAX,
+            "MOT_THST_EXPO": THRUST_EXPO,
+            "MOT_THST_HOVER": pilot.hover,
+            "MOT_BAT_VOLT_MAX": 0.0,
+            "MOT_BAT_VOLT_MIN": 0.0,
+            "MOT_HOVER_LEARN": 0.0,
+            "ATC_INPUT_TC": pilot.gains.input_tc,
+            "PILOT_SPEED_UP": 100.0 * pilot.speed_up_m_s,
+            "SYSID_THISMAV": float(SYSTEM),
+        }
+
+    def _send_param(self, name: str) -> None:
+        names = list(self.params)
+        self._out(
+            mavlink.MAVLink_param_value_message(
+                name.encode(), self.params[name], mavlink.MAV_PARAM_TYPE_REAL32, len(names), names.index(name)
+            )
+        )
+
+    def _on_param_request_read(self, m: Any) -> None:
+        names = list(self.params)
+        name = m.param_id if m.param_index < 0 else names[m.param_index] if m.param_index < len(names) else ""
+        if name in self.params:
+            self._param_queue.append(name)
+
+    def _on_param_request_list(self, m: Any) -> None:
+        self._param_queue.extend(self.params)
+
+    def _on_param_set(self, m: Any) -> None:
+        if m.param_id not in self.params:
+            return
+        self.params[m.param_id] = float(m.param_value)
+        if m.param_id == "GUID_TIMEOUT":
+            self._flight.autopilot.guid_timeout_s = float(m.param_value)
+        if m.param_id in ("MOT_THST_HOVER", "MPC_THR_HOVER"):
+            self._flight.autopilot.hover = float(m.param_value)
+        self._param_queue.append(m.param_id)
+
+
+def quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
+    """Unit quaternion (w, x, y, z) of 3-2-1 angles."""
+    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
+    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
+    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
+    return (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+
+
+def euler(q: Any) -> tuple[float, float, float]:
+    """Roll, pitch, yaw of a quaternion (w, x, y, z)."""
+    w, x, y, z = q
+    return (
+        math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+        math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x)))),
+        math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+    )

@@ -1,0 +1,85 @@
+"""Demanded lift and moments to servo outputs, from the vehicle file's own geometry."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from companion.sim.body import GRAVITY, SPIN_MIN, actuator_for
+from models.errors import ConfigError
+from models.vehicle import Vehicle
+
+SPIN_ARM = 0.10
+
+
+class Mixer:
+    """Least-effort allocation onto fans (throttle) and vanes (deflection).
+
+    The autopilot knows its nominal vehicle only: full throttle lifts weight / hover_thrust, and a vane works in the
+    stream of a hovering fan.
+    """
+
+    def __init__(self, vehicle: Vehicle, hover: float) -> None:
+        fans, vanes = vehicle.fans, vehicle.vanes
+        lift_each = vehicle.mass_kg * GRAVITY / len(fans)
+        columns = []
+        for fan in fans:
+            x, y, _ = fan.position_m
+            spin = sum(r.spin for r in fan.rotors) / len(fan.rotors)
+            torque = -spin * vehicle.rotor_radius_m * fan.cq / fan.ct if fan.cq and fan.ct else 0.0
+            columns.append((-y, x, torque))
+        scale = [lift_each] * len(fans)
+        for vane in vanes:
+            gain = vane.force_per_thrust_rad * lift_each * 0.5  # N at the end of travel, 0.5 rad
+            columns.append(tuple(np.cross(vane.position_m, vane.axis)))
+            scale.append(gain)
+        effect = np.array(columns).T  # moment per newton, (3, actuators)
+        lift = np.array([1.0] * len(fans) + [0.0] * len(vanes))
+        full = np.vstack([lift, effect]) * np.array(scale)
+        if np.linalg.matrix_rank(full, tol=1e-3) < 4:
+            raise ConfigError(
+                "vehicle file: fans and vanes cannot hold roll, pitch and yaw; "
+                "give each single-rotor 'fan' its 'ct' and 'cq', or add a 'vane'"
+            )
+        inverse = np.linalg.pinv(full)  # (actuators, 4): share of hover lift / of vane travel per N and N m
+        self._fan_rows = [tuple(float(v) for v in row[1:]) for row in inverse[: len(fans)]]
+        self._vane_rows = [tuple(float(v) for v in row[1:]) for row in inverse[len(fans) :]]
+        self._hover = hover
+        self._fans = [[(r.esc or r.servo or 1) - 1 for r in fan.rotors] for fan in fans]
+        self._vanes = [(v.servo - 1, v.neutral_us, (0.5 / v.rad_per_us) if v.rad_per_us else 0.0) for v in vanes]
+        curve = vehicle.throttle
+        self._low = curve.pwm_min_us if curve else 1000.0
+        self._span = (curve.pwm_max_us - curve.pwm_min_us) if curve else 1000.0
+        self.pwm = [0.0] * 16
+        self.saturated = False
+        self.stop()
+
+    def stop(self) -> None:
+        """Disarmed: motors off, vanes neutral."""
+        self._write_fans([0.0] * len(self._fans))
+        for channel, neutral, _ in self._vanes:
+            self.pwm[channel] = neutral
+
+    def idle(self) -> None:
+        """Armed on the ground without demand."""
+        self.stop()
+        self._write_fans([SPIN_ARM] * len(self._fans))
+
+    def drive(self, throttle: float, roll: float, pitch: float, yaw: float) -> None:
+        """Set the outputs for a mean throttle 0...1 and moments [N m]."""
+        parts = [self._hover * (a * roll + b * pitch + c * yaw) for a, b, c in self._fan_rows]
+        # Moments come first: the mean throttle gives way so that no fan leaves 0...1.
+        low, high = min(parts), max(parts)
+        throttle = min(max(throttle, -low), 1.0 - high) if high - low < 1.0 else 0.5
+        self._write_fans([max(SPIN_MIN, actuator_for(throttle + part)) for part in parts])
+        self.saturated = False
+        for (channel, neutral, travel), (a, b, c) in zip(self._vanes, self._vane_rows, strict=True):
+            share = a * roll + b * pitch + c * yaw
+            if abs(share) > 1.0:
+                self.saturated = True
+                share = max(-1.0, min(1.0, share))
+            self.pwm[channel] = round(neutral + share * travel)
+
+    def _write_fans(self, actuators: list[float]) -> None:
+        for channels, actuator in zip(self._fans, actuators, strict=True):
+            for channel in channels:
+                self.pwm[channel] = round(self._low + self._span * actuator)

@@ -1,0 +1,126 @@
+"""The scripted pilot: a ground station (system 255) that arms, takes off and flies a scenario's reference."""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.sim.autopilot import Mode
+from companion.sim.flight import Flight
+from companion.sim.link import (
+    COMPANION,
+    PILOT_COMPONENT,
+    PILOT_SYSTEM,
+    PX4_MODES,
+    SYSTEM,
+    VehicleLink,
+)
+
+POSITION_AND_VELOCITY = 0x1C0 | 0x800
+"""type_mask: position, velocity and yaw are commanded; acceleration and yaw rate are not."""
+PERIOD_S = 0.05
+TAKE_OFF_S = 2.0
+SCRIPT_S = 14.0
+"""Boot time at which the script begins, when the companion is ready by then."""
+PATIENCE_S = 120.0
+"""Boot time at which the script begins at the latest."""
+
+
+class Hand(Enum):
+    """To whom the pilot speaks while the script runs."""
+
+    AUTOPILOT = "autopilot"
+    COMPANION = "companion"
+    NONE = "none"
+
+
+class ScriptedPilot:
+    """Speaks real messages: to the autopilot directly, to the companion through the autopilot's router."""
+
+    def __init__(self, flight: Flight, link: VehicleLink, hand: Hand, *, endless: bool) -> None:
+        self._flight = flight
+        self._link = link
+        self._hand = hand
+        self._endless = endless
+        self._next_s = 0.0
+        self._heartbeat_s = 0.0
+        self._took_off = False
+        self._start_s = math.inf
+
+    def step(self) -> None:
+        """Act when due. Call once per physics step."""
+        now = self._flight.time_s
+        if self._hand is Hand.NONE or now < self._next_s:
+            return
+        self._next_s = now + PERIOD_S
+        if now >= self._heartbeat_s:
+            self._heartbeat_s += 1.0
+            self._link.route(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
+        pilot = self._flight.autopilot
+        if now < TAKE_OFF_S:
+            return
+        if not self._took_off:
+            self._take_off()
+            return
+        if math.isinf(self._start_s):
+            if (now >= SCRIPT_S and self._ready()) or now >= PATIENCE_S:
+                self._start_s = now
+            elif pilot.mode is Mode.GUIDED and self._hand is Hand.AUTOPILOT and now > TAKE_OFF_S + 6.0:
+                self._send_reference()
+            elif self._flight.px4:
+                self._send_reference()
+            return
+        self._flight.script_s = script = now - self._start_s
+        if self._endless and script > self._flight.scenario.duration_s:
+            self._start_s = now
+        self._flight.reference = self._flight.scenario.reference(self._flight.script_s)
+        self._send_reference()
+
+    def _ready(self) -> bool:
+        """The companion, where it is to fly, is flying."""
+        return self._hand is not Hand.COMPANION or self._flight.time_s - self._link.attitude_stream_s < 0.3
+
+    def _take_off(self) -> None:
+        flight, pilot = self._flight, self._flight.autopilot
+        if flight.px4:
+            # OFFBOARD needs a stream before it is accepted; the autopilot's own take-off is not modelled for PX4.
+            self._to_autopilot(self._position_message(mavlink.MAV_COMP_ID_AUTOPILOT1))
+        if pilot.mode is not Mode.GUIDED:
+            main, sub = PX4_MODES[Mode.GUIDED] if flight.px4 else (int(Mode.GUIDED), 0)
+            self._command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, float(main), float(sub))
+        elif not pilot.armed:
+            self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+        else:
+            height = -self._flight.scenario.reference(-1.0).position[2]
+            self._command(mavlink.MAV_CMD_NAV_TAKEOFF, p7=height)
+            self._took_off = True
+
+    def _command(self, number: int, p1: float = 0.0, p2: float = 0.0, p3: float = 0.0, p7: float = 0.0) -> None:
+        self._to_autopilot(mavlink.MAVLink_command_long_message(SYSTEM, 1, number, 0, p1, p2, p3, 0.0, 0.0, 0.0, p7))
+
+    def _send_reference(self) -> None:
+        if self._hand is Hand.COMPANION and math.isfinite(self._start_s):
+            self._link.route(self._position_message(COMPANION))
+        elif self._hand is Hand.AUTOPILOT or self._flight.px4:
+            self._to_autopilot(self._position_message(mavlink.MAV_COMP_ID_AUTOPILOT1))
+
+    def _position_message(self, component: int) -> Any:
+        r = self._flight.reference
+        return mavlink.MAVLink_set_position_target_local_ned_message(
+            self._link.boot_ms,
+            SYSTEM,
+            component,
+            mavlink.MAV_FRAME_LOCAL_NED,
+            POSITION_AND_VELOCITY,
+            *r.position,
+            *r.velocity,
+            *(0.0, 0.0, 0.0),
+            0.0,
+            0.0,
+        )
+
+    def _to_autopilot(self, message: Any) -> None:
+        self._link.hear(message, PILOT_SYSTEM, PILOT_COMPONENT)

@@ -1,0 +1,136 @@
+"""The simulator's process: pacing, the UDP socket, and the end."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import select
+import socket
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from companion.sim.air import surrogate_error
+from companion.sim.body import DT
+from companion.sim.flight import Flight, TruthFile
+from companion.sim.link import VehicleLink
+from companion.sim.pilot import Hand, ScriptedPilot
+from companion.sim.scenario import build
+from models.errors import LinkError
+from models.vehicle import Vehicle
+
+BEHIND_S = 0.05
+"""Wall-clock lag after which the simulation gives up the lost time instead of hurrying."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """Everything the command line decides."""
+
+    vehicle: Vehicle
+    scenario: str
+    port: int
+    seed: int = 0
+    speed: float = 1.0
+    air: bool = True
+    hand: Hand = Hand.COMPANION
+    truth: Path | None = None
+    duration_s: float | None = None
+    px4: bool = False
+    until_stdin_closes: bool = False
+
+
+def run(options: Options) -> int:
+    """Fly until the duration is over, the script has ended (with a truth file or a duration), or we are told to stop."""
+    flight = Flight(
+        options.vehicle, build(options.scenario, options.vehicle, air=options.air), options.seed, px4=options.px4
+    )
+    with contextlib.ExitStack() as stack:
+        sock = stack.enter_context(_socket(options.port))
+        peer = ("127.0.0.1", options.port)
+
+        def send(frame: bytes) -> None:
+            # Nobody listening yet is no error: a vehicle speaks whether heard or not.
+            with contextlib.suppress(OSError):
+                sock.sendto(frame, peer)
+
+        link = VehicleLink(flight, send)
+        pilot = ScriptedPilot(flight, link, options.hand, endless=options.truth is None and options.duration_s is None)
+        truth = stack.enter_context(contextlib.closing(TruthFile(options.truth, flight))) if options.truth else None
+        print(json.dumps(_announcement(options, flight)), flush=True)
+        _loop(options, flight, link, pilot, truth, sock)
+    return 0
+
+
+def _announcement(options: Options, flight: Flight) -> dict[str, object]:
+    """The line that says the vehicle is up; it also tells how wrong the undisturbed law is in this air."""
+    wrong = surrogate_error(flight.body.law)
+    return {
+        "endpoint": f"udpin:127.0.0.1:{options.port}",
+        "scenario": options.scenario,
+        "seed": options.seed,
+        "surrogate_error": {"lift": round(wrong.lift, 3), "pull": round(wrong.pull, 3), "tilt": round(wrong.tilt, 3)},
+    }
+
+
+def _socket(port: int) -> socket.socket:
+    try:
+        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        sock.bind(("127.0.0.1", 0))
+    except OSError as error:
+        raise LinkError(f"simulator: no UDP socket towards port {port}: {error.strerror}") from None
+    sock.setblocking(False)
+    return sock
+
+
+def _loop(
+    options: Options,
+    flight: Flight,
+    link: VehicleLink,
+    pilot: ScriptedPilot,
+    truth: TruthFile | None,
+    sock: socket.socket,
+) -> None:
+    wall_dt = DT / options.speed
+    clock = time.monotonic
+    watched: list[object] = [sys.stdin] if options.until_stdin_closes else []
+    end_s = _end_of(options, flight)
+    due = clock()
+    checked = due
+    while flight.time_s < end_s(flight):
+        now = clock()
+        if now < due:
+            # Wake for whatever the peer says, too: a command is taken at the next step.
+            time.sleep(due - now)
+        elif now - due > BEHIND_S:
+            due = now
+        due += wall_dt
+        while True:
+            try:
+                data = sock.recv(4096)
+            except OSError:
+                break
+            link.receive(data)
+        flight.step()
+        pilot.step()
+        link.step()
+        if truth is not None:
+            truth.step()
+        if watched and now - checked > 0.2:
+            checked = now
+            if select.select(watched, [], [], 0.0)[0] and not sys.stdin.buffer.read1(1024):
+                return
+
+
+def _end_of(options: Options, flight: Flight):  # type: ignore[no-untyped-def]
+    length = flight.scenario.duration_s
+
+    def end(f: Flight) -> float:
+        if options.duration_s is not None:
+            return options.duration_s
+        if options.truth is not None and f.script_s > length:
+            return f.time_s
+        return float("inf")
+
+    return end

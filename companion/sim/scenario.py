@@ -1,0 +1,162 @@
+"""Scenarios: where ground and wall stand, and the reference that the pilot flies."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass
+
+from companion.sim.body import Surroundings, Vec
+from companion.sim.sensors import BEAM_DIRECTIONS
+from models.errors import ConfigError
+from models.vehicle import Vehicle
+
+START_HEIGHT_M = 1.2
+START_GAP_M = 1.6
+"""Distance from lip to wall at the start: far outside the wall's air for every shipped vehicle."""
+
+
+@dataclass(frozen=True)
+class Knot:
+    """A corner of the reference: reached at ``time_s`` of the script; straight and steady in between."""
+
+    time_s: float
+    towards_m: float
+    """How far from the start towards the wall."""
+    height_m: float
+    along_m: float = 0.0
+    name: str = ""
+    """The phase that begins here."""
+
+
+@dataclass(frozen=True)
+class Reference:
+    """What the pilot asks for at one instant, NED."""
+
+    position: Vec
+    velocity: Vec
+    phase: str
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A named flight."""
+
+    name: str
+    surroundings: Surroundings
+    knots: tuple[Knot, ...]
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the script."""
+        return self.knots[-1].time_s
+
+    def reference(self, time_s: float) -> Reference:
+        """The reference at script time ``time_s``: the first knot before, the last one after."""
+        azimuth = self.surroundings.wall_azimuth_rad
+        c, s = math.cos(azimuth), math.sin(azimuth)
+        i = bisect_right([k.time_s for k in self.knots], time_s)
+        if i == 0 or i == len(self.knots):
+            k = self.knots[0 if i == 0 else -1]
+            towards, height, along, rates, phase = k.towards_m, k.height_m, k.along_m, (0.0, 0.0, 0.0), k.name
+        else:
+            a, b = self.knots[i - 1], self.knots[i]
+            span = b.time_s - a.time_s
+            share = (time_s - a.time_s) / span
+            deltas = (b.towards_m - a.towards_m, b.height_m - a.height_m, b.along_m - a.along_m)
+            towards, height, along = (
+                x + share * dx for x, dx in zip((a.towards_m, a.height_m, a.along_m), deltas, strict=True)
+            )
+            rates, phase = (deltas[0] / span, deltas[1] / span, deltas[2] / span), a.name
+        return Reference(
+            position=(towards * c - along * s, towards * s + along * c, -height),
+            velocity=(rates[0] * c - rates[2] * s, rates[0] * s + rates[2] * c, -rates[1]),
+            phase=phase,
+        )
+
+
+class _Script:
+    """Builds knots by saying where to go and how fast."""
+
+    def __init__(self) -> None:
+        self._t, self._x, self._z, self._y = 0.0, 0.0, START_HEIGHT_M, 0.0
+        self.knots: list[Knot] = []
+
+    def hold(self, seconds: float, name: str) -> _Script:
+        self.knots.append(Knot(self._t, self._x, self._z, self._y, name))
+        self._t += seconds
+        return self
+
+    def go(
+        self,
+        name: str,
+        towards: float | None = None,
+        height: float | None = None,
+        along: float | None = None,
+        speed: float = 0.3,
+    ) -> _Script:
+        x = self._x if towards is None else towards
+        z = self._z if height is None else height
+        y = self._y if along is None else along
+        self.knots.append(Knot(self._t, self._x, self._z, self._y, name))
+        self._t += max(0.1, math.dist((x, z, y), (self._x, self._z, self._y)) / speed)
+        self._x, self._z, self._y = x, z, y
+        return self
+
+    def end(self) -> tuple[Knot, ...]:
+        return (*self.knots, Knot(self._t, self._x, self._z, self._y, "end"))
+
+
+def wall_azimuth(vehicle: Vehicle) -> float:
+    """Where the wall stands for a vehicle that points north: where its wall rangefinder looks, else to the right."""
+    for sensor in vehicle.rangefinders_for("wall"):
+        x, y, _ = BEAM_DIRECTIONS.get(sensor.orientation, (0.0, 1.0, 0.0))
+        return math.atan2(y, x)
+    return 0.5 * math.pi
+
+
+def _lip_reach(vehicle: Vehicle, azimuth: float) -> float:
+    """How far the foremost lip stands out from the CG towards the wall [m]."""
+    c, s = math.cos(azimuth), math.sin(azimuth)
+    return max(f.position_m[0] * c + f.position_m[1] * s + f.lip_radius_m for f in vehicle.fans)
+
+
+def build(name: str, vehicle: Vehicle, *, air: bool = True) -> Scenario:
+    """The scenario ``name`` for a vehicle. ``air`` False: same obstacles, nothing of ground or wall in the air."""
+    r = vehicle.rotor_radius_m
+    azimuth = wall_azimuth(vehicle)
+    offset = max(0.0, -min(f.position_m[2] for f in vehicle.fans))  # fans above the CG: the CG flies lower
+    wall = START_GAP_M + _lip_reach(vehicle, azimuth)
+    low = 1.3 * r - offset if 1.3 * r - offset > 0.2 else 0.2
+    near = START_GAP_M - 0.45 * r
+    s = _Script()
+    half_width = math.inf
+    if name == "hover":
+        s.hold(60.0, "free")
+    elif name == "ground":
+        s.hold(6.0, "free").go("descend", height=low).hold(8.0, "ground").go("climb", height=START_HEIGHT_M)
+        s.hold(6.0, "free")
+    elif name == "wall":
+        s.hold(6.0, "free").go("approach", towards=near).hold(8.0, "wall").go("retreat", towards=0.0).hold(6.0, "free")
+    elif name in ("corner", "free"):
+        s.hold(6.0, "free").go("descend", height=low).hold(5.0, "ground").go("climb", height=START_HEIGHT_M)
+        s.hold(3.0, "free").go("approach", towards=near).hold(5.0, "wall")
+        s.go("descend at wall", height=low).hold(6.0, "corner").go("climb at wall", height=START_HEIGHT_M)
+        s.hold(3.0, "wall").go("retreat", towards=0.0).hold(5.0, "free")
+    elif name == "pylon":
+        half_width = 0.3
+        s.hold(6.0, "free").go("approach", towards=near - 0.4 * r, along=-1.5).hold(3.0, "beside")
+        s.go("pass", along=1.5).hold(3.0, "beside").go("pass back", along=-1.5).hold(3.0, "beside")
+        s.go("retreat", towards=0.0, along=0.0).hold(5.0, "free")
+    else:
+        raise ConfigError(f"scenario '{name}' is not known; choose one of {', '.join(NAMES)}")
+    surroundings = Surroundings(
+        wall_m=math.inf if name in ("hover", "ground", "free") else wall,
+        wall_azimuth_rad=azimuth,
+        wall_half_width_m=half_width,
+        air=air and name != "free",
+    )
+    return Scenario(name, surroundings, s.end())
+
+
+NAMES = ("corner", "hover", "ground", "wall", "pylon", "free")

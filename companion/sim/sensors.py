@@ -1,0 +1,173 @@
+"""What the vehicle knows of itself: noise, bias, delay and quantisation of real sensors, and an EKF-like estimate."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections import deque
+from dataclasses import dataclass
+
+from companion.sim.air import Unsteadiness
+from companion.sim.body import GRAVITY, Body, Vec
+from models.vehicle import Rangefinder
+
+OUT_OF_RANGE_M = 60.0
+RANGE_MIN_M, RANGE_MAX_M = 0.03, 40.0
+BEAM_DIRECTIONS: dict[int, Vec] = {
+    **{k: (math.cos(k * math.pi / 4), math.sin(k * math.pi / 4), 0.0) for k in range(8)},
+    12: (-1.0, 0.0, 0.0),
+    24: (0.0, 0.0, -1.0),
+    25: (0.0, 0.0, 1.0),
+}
+"""Beam directions, body FRD, of the orientations that a simulated rangefinder may have."""
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The autopilot's belief: attitude, rates [rad/s], NED position and velocity, specific force [m/s^2]."""
+
+    quaternion: tuple[float, float, float, float]
+    roll: float
+    pitch: float
+    yaw: float
+    rates: Vec
+    position: Vec
+    velocity: Vec
+    specific_force: Vec
+
+    @property
+    def down_acceleration(self) -> float:
+        """Acceleration towards the ground [m/s^2], from the accelerometers."""
+        cr, sr, cp, sp = math.cos(self.roll), math.sin(self.roll), math.cos(self.pitch), math.sin(self.pitch)
+        fx, fy, fz = self.specific_force
+        return -sp * fx + sr * cp * fy + cr * cp * fz + GRAVITY
+
+
+class Estimator:
+    """IMU and EKF. Errors: attitude 0.1 deg, position 6 mm (10 s), velocity 1 cm/s (1 s), each about a fixed bias.
+
+    Its random streams depend on the seed and on time alone, never on the flight: two flights with one seed are paired.
+    """
+
+    def __init__(self, body: Body, seed: int) -> None:
+        self._body = body
+        rng = random.Random(f"bias {seed}")
+        self._white = random.Random(f"imu {seed}")
+        self._slow = Unsteadiness(f"attitude {seed}", 3, body.dt, tau=20.0)
+        self._position = Unsteadiness(f"position {seed}", 3, body.dt, tau=10.0)
+        self._velocity = Unsteadiness(f"velocity {seed}", 3, body.dt, tau=1.0)
+        self._tilt_bias = [rng.gauss(0.0, math.radians(0.15)) for _ in range(3)]
+        self._position_bias = [rng.gauss(0.0, 0.02) for _ in range(3)]
+        self._accel_bias = [rng.gauss(0.0, 0.02) for _ in range(3)]
+        self._gyro_bias = [rng.gauss(0.0, 0.0005) for _ in range(3)]
+
+    def step(self) -> Estimate:
+        """Measure and estimate at the body's present instant."""
+        body, gauss = self._body, self._white.gauss
+        slow, where, speed = self._slow.step(), self._position.step(), self._velocity.step()
+        a = math.radians(0.1)
+        ex, ey, ez = (0.5 * (a * s + b) for s, b in zip(slow, self._tilt_bias, strict=True))
+        w, x, y, z = body.quaternion
+        q = (w - x * ex - y * ey - z * ez, x + w * ex - z * ey + y * ez, y + z * ex + w * ey - x * ez)
+        qz = z - y * ex + x * ey + w * ez
+        size = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + qz * qz)
+        w, x, y, z = q[0] / size, q[1] / size, q[2] / size, qz / size
+        p, f, r, v = body.position, body.specific_force, body.rates, body.velocity
+        return Estimate(
+            quaternion=(w, x, y, z),
+            roll=math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+            pitch=math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x)))),
+            yaw=math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+            rates=(
+                r[0] + self._gyro_bias[0] + gauss(0.0, 0.008),
+                r[1] + self._gyro_bias[1] + gauss(0.0, 0.008),
+                r[2] + self._gyro_bias[2] + gauss(0.0, 0.008),
+            ),
+            position=(
+                p[0] + self._position_bias[0] + 0.006 * where[0],
+                p[1] + self._position_bias[1] + 0.006 * where[1],
+                p[2] + self._position_bias[2] + 0.006 * where[2],
+            ),
+            velocity=(v[0] + 0.01 * speed[0], v[1] + 0.01 * speed[1], v[2] + 0.01 * speed[2]),
+            specific_force=(
+                f[0] + self._accel_bias[0] + gauss(0.0, 0.15),
+                f[1] + self._accel_bias[1] + gauss(0.0, 0.15),
+                f[2] + self._accel_bias[2] + gauss(0.0, 0.15),
+            ),
+        )
+
+
+class RangeSensor:
+    """One lidar: 50 Hz, 20 ms late, sd 8 mm, 1 cm steps, one sample in a hundred lost (reads out of range)."""
+
+    def __init__(self, sensor: Rangefinder, seed: str) -> None:
+        self.sensor = sensor
+        self.direction = BEAM_DIRECTIONS.get(sensor.orientation, (1.0, 0.0, 0.0))
+        self._rng = random.Random(seed)
+        self._late: deque[float] = deque(maxlen=2)
+        self._next_s = 0.0
+        self.reading_m = OUT_OF_RANGE_M
+
+    def step(self, body: Body) -> None:
+        """Sample when due; ``reading_m`` is what the driver then reports."""
+        if body.time_s < self._next_s:
+            return
+        self._next_s = body.time_s + 0.02
+        if len(self._late) == 2:
+            true = self._late[0]
+            if self._rng.random() < 0.01 or not RANGE_MIN_M <= true <= RANGE_MAX_M:
+                self.reading_m = OUT_OF_RANGE_M
+            else:
+                self.reading_m = round(max(RANGE_MIN_M, true + self._rng.gauss(0.0, 0.008)), 2)
+        self._late.append(true_range(body, self.sensor.position_m, self.direction))
+
+
+def true_range(body: Body, position: Vec, direction: Vec) -> float:
+    """Distance [m] along a body-fixed beam to the ground or the wall, inf where it meets neither."""
+    r = body.rotation()
+
+    def world(b: Vec) -> Vec:
+        return (
+            r[0] * b[0] + r[1] * b[1] + r[2] * b[2],
+            r[3] * b[0] + r[4] * b[1] + r[5] * b[2],
+            r[6] * b[0] + r[7] * b[1] + r[8] * b[2],
+        )
+
+    (on, oe, od), (dn, de, dd) = world(position), world(direction)
+    s = body.surroundings
+    best = math.inf
+    if dd > 1e-6:
+        best = max(0.0, -(body.position[2] + od) / dd)
+    c, sn = math.cos(s.wall_azimuth_rad), math.sin(s.wall_azimuth_rad)
+    towards = dn * c + de * sn
+    if towards > 1e-6 and math.isfinite(s.wall_m):
+        reach = max(0.0, (body.wall_gap_m - on * c - oe * sn) / towards)
+        n = body.position[0] + on + reach * dn
+        e = body.position[1] + oe + reach * de
+        if abs(-n * sn + e * c) < s.wall_half_width_m:
+            best = min(best, reach)
+    return best
+
+
+class EscTelemetry:
+    """Rotor speeds as ESCs report them: 50 Hz, 20 ms late, in steps of 100 electrical rpm over 7 pole pairs."""
+
+    def __init__(self, body: Body, seed: int) -> None:
+        self._rng = random.Random(f"esc {seed}")
+        self._next_s = 0.0
+        self._late: deque[list[float]] = deque(maxlen=2)
+        self.rpm = [0.0] * len(body.rpm)
+        self.count = 0
+        self.temperature_c = 25.0
+
+    def step(self, body: Body) -> None:
+        """Sample when due."""
+        if body.time_s < self._next_s:
+            return
+        self._next_s = body.time_s + 0.02
+        self._late.append(list(body.rpm))
+        quantum = 100.0 / 7.0
+        late = self._late[0]
+        self.rpm = [round(v * self._rng.gauss(1.0, 0.002) / quantum) * quantum if v > 1.0 else 0.0 for v in late]
+        self.count += 1
+        self.temperature_c += ((25.0 + 0.8 * body.pack.current_a) - self.temperature_c) * 0.02 / 40.0
