@@ -1,8 +1,8 @@
 """filterpy's Kalman equations without the rest of filterpy.
 
-``import filterpy.kalman`` runs the package's ``__init__``, which loads scipy.stats: 0.8 s and 60 MiB on a desktop, several
-seconds on the small computers this flies on. Only ``predict`` and ``update`` of ``filterpy/kalman/kalman_filter.py`` are
-needed, so that one file is loaded by itself, from the installed library, with its two helpers in place.
+``import filterpy.kalman`` runs the package's ``__init__``, which loads scipy.stats: 0.8 s and 60 MiB on a desktop, more
+on the small computers this flies on. Of all that, ``predict`` and ``update`` of ``kalman_filter.py`` are needed, so
+that one file is loaded by itself, from the installed library, with its two helpers in place.
 """
 
 from __future__ import annotations

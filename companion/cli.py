@@ -1,0 +1,157 @@
+"""``companion``: argument parsing and exit codes; nothing else."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from models.errors import ConfigError, UserError
+
+_INTERRUPTED = 130
+_EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable; 4 link could not be opened;
+130 interrupted. It never arms and never changes the mode."""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of ``companion``."""
+    p = argparse.ArgumentParser(
+        prog="companion",
+        description="Compensate the push of ground, wall and corner on a hovering vehicle, over MAVLink.",
+        epilog=_EPILOG,
+    )
+    p.add_argument(
+        "--connect", required=True, metavar="ENDPOINT",
+        help="udp:0.0.0.0:14550, udpin:…, udpout:…, tcp:HOST:PORT, /dev/ttyAMA0, or sim:corner (built-in vehicle)",
+    )  # fmt: skip
+    p.add_argument("--baud", type=int, default=115200, help="of a serial port (default 115200)")
+    p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: the paper's tandem)")
+    p.add_argument("--model", metavar="DIR", help="model directory (default: the shipped model)")
+    p.add_argument("--dry-run", action="store_true", help="compute and report, send no setpoint")
+    p.add_argument("--setpoint", default="hold", metavar="hold|ENDPOINT",
+                   help="hold: built-in hold where it engaged; or an endpoint on which an upstream controller sends "
+                   "SET_ATTITUDE_TARGET, forwarded with the offset added")  # fmt: skip
+    p.add_argument("--carrier", choices=("attitude", "acceleration"), default="attitude",
+                   help="how offsets travel; acceleration is for PX4")  # fmt: skip
+    p.add_argument("--record", type=Path, metavar="FILE.tlog", help="record both directions of the link")
+    p.add_argument("--duration", type=float, metavar="S", help="stop after this many seconds")
+    p.add_argument("--signing-key", type=Path, metavar="FILE", help="MAVLink 2 signing key: 32 bytes or 64 hex digits")
+    p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's system id (default: the first heard)")
+    p.add_argument("--no-offsets", action="store_true", help="fly the bare hold, for comparison")
+    p.add_argument("--compare", action="store_true",
+                   help="with sim:NAME: fly the approach three ways and print the errors")  # fmt: skip
+    p.add_argument("--seed", type=int, default=0, help="of the built-in vehicle")
+    p.add_argument("--json", metavar="FILE", help="write the report as JSON (- for stdout)")
+    p.add_argument("--quiet", action="store_true", help="no progress, no state changes on stderr")
+    return p
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit code."""
+    arguments = parser().parse_args(argv)
+    try:
+        return _compare(arguments) if arguments.compare else _fly(arguments)
+    except UserError as error:
+        print(f"companion: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        return _INTERRUPTED
+
+
+def _check(a: argparse.Namespace) -> None:
+    if a.duration is not None and not 0.0 < a.duration < float("inf"):
+        raise ConfigError(f"--duration {a.duration:g}: must be a positive number of seconds")
+    if a.target_system is not None and not 1 <= a.target_system <= 255:
+        raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
+    if a.carrier == "acceleration" and a.setpoint != "hold":
+        raise ConfigError(
+            "--carrier acceleration: works with --setpoint hold only"
+        )
+    if a.compare and not a.connect.startswith("sim:"):
+        raise ConfigError("--compare: needs --connect sim:NAME, the built-in vehicle")
+
+
+def _fly(a: argparse.Namespace) -> int:
+    _check(a)
+    # Imported here so that --help answers at once.
+    import models
+    from companion.config import Base, Carrier, PipelineConfig
+    from companion.flight import Flight, FlightOptions
+    from companion.link import Arrivals, Link, open_link, read_signing_key
+    from companion.recorder import Recorder
+    from companion.vehicles import default_vehicle
+    from models.vehicle import load_vehicle
+
+    config = PipelineConfig(
+        vehicle=default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle),
+        model=models.load(a.model),
+        base=Base.HOLD if a.setpoint == "hold" else Base.UPSTREAM,
+        carrier=Carrier(a.carrier),
+        dry_run=a.dry_run,
+        offsets=not a.no_offsets,
+    )
+    key = None if a.signing_key is None else read_signing_key(a.signing_key)
+    arrivals = Arrivals()
+    links: list[Link] = []
+    process: Any = None
+    recorder: Recorder | None = None
+    interrupted = False
+    try:
+        endpoint = a.connect
+        if endpoint.startswith("sim:"):
+            from companion.sim.launch import launch
+
+            process = launch(endpoint.removeprefix("sim:"), seed=a.seed, vehicle=a.vehicle, pilot="companion")
+            endpoint = process.endpoint
+        links.append(open_link(endpoint, arrivals, baud=a.baud, signing_key=key))
+        if config.base is Base.UPSTREAM:
+            links.append(open_link(a.setpoint, arrivals, baud=a.baud, number=1))
+        recorder = None if a.record is None else Recorder(a.record)
+        options = FlightOptions(a.duration, a.target_system, a.quiet)
+        flight = Flight(config, links[0], links[1] if len(links) > 1 else None, recorder, arrivals, options)
+
+        def interrupt(*_: object) -> None:
+            nonlocal interrupted
+            interrupted = True
+            flight.stop()
+
+        signal.signal(signal.SIGINT, interrupt)
+        signal.signal(signal.SIGTERM, interrupt)
+        flight.run()
+        _report(a, flight)
+    finally:
+        if recorder is not None:
+            recorder.__exit__(None, None, None)
+        for link in links:
+            link.close()
+        if process is not None:
+            process.stop()
+    return _INTERRUPTED if interrupted else 0
+
+
+def _report(a: argparse.Namespace, flight: Any) -> None:
+    if a.json is not None:
+        text = json.dumps(flight.as_json(), indent=2)
+        if a.json == "-":
+            print(text)
+        else:
+            try:
+                Path(a.json).write_text(text + os.linesep, encoding="utf-8")
+            except OSError as error:
+                raise ConfigError(f"--json {a.json}: cannot be written ({error.strerror})") from None
+    elif not a.quiet:
+        print(flight.summary.as_text())
+
+
+def _compare(a: argparse.Namespace) -> int:
+    _check(a)
+    from companion.sim.compare import main as compare
+
+    return compare(
+        a.connect.removeprefix("sim:"), seed=a.seed, vehicle=a.vehicle, model=a.model, json_path=a.json, quiet=a.quiet
+    )

@@ -1,0 +1,85 @@
+"""Decisions as MAVLink setpoints: a unit quaternion, all three rate bits together, throttle never ignored."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from models.vehicle import Vector3
+
+Quaternion = tuple[float, float, float, float]
+RATES_IGNORED = 7
+ATTITUDE_IGNORED = 128
+_POSITION_AND_ACCELERATION = 8 | 16 | 32 | 2048  # ignore velocity and yaw rate; bit 512 off: acceleration, not force
+_LOCAL_NED = 1
+
+
+@dataclass(frozen=True, slots=True)
+class AttitudeCommand:
+    """SET_ATTITUDE_TARGET: attitude FRD to NED, thrust 0...1, stamped with the sample's boot time."""
+
+    t_s: float
+    q_ned_frd: Quaternion
+    thrust: float
+    type_mask: int = RATES_IGNORED
+    rates_frd: Vector3 = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class AccelerationCommand:
+    """SET_POSITION_TARGET_LOCAL_NED: hold point and an acceleration added behind PX4's velocity controller."""
+
+    t_s: float
+    position_ned: Vector3
+    acceleration_ned: Vector3
+    yaw: float
+
+
+Command = AttitudeCommand | AccelerationCommand
+
+
+def tilt_by(q: Quaternion, roll: float, pitch: float) -> Quaternion:
+    """Turn an attitude by small roll and pitch angles [rad] about its own body axes; returns a unit quaternion."""
+    w, x, y, z = q
+    cr, sr, cp, sp = math.cos(roll / 2), math.sin(roll / 2), math.cos(pitch / 2), math.sin(pitch / 2)
+    ow, ox, oy, oz = cr * cp, sr * cp, cr * sp, sr * sp
+    out = (
+        w * ow - x * ox - y * oy - z * oz,
+        w * ox + x * ow + y * oz - z * oy,
+        w * oy - x * oz + y * ow + z * ox,
+        w * oz + x * oy - y * ox + z * ow,
+    )
+    size = math.sqrt(sum(c * c for c in out))
+    if not math.isfinite(size) or size < 1e-6:
+        return q
+    return (out[0] / size, out[1] / size, out[2] / size, out[3] / size)
+
+
+def whole_rate_mask(type_mask: int) -> int:
+    """A partial rate mask re-initialises ArduPilot's GUIDED at every message: ignore all rates or none."""
+    return type_mask | RATES_IGNORED if type_mask & RATES_IGNORED else type_mask
+
+
+def encode(mav: Any, command: Command, system: int, component: int = 1) -> Any:
+    """The pymavlink message of a command, addressed to the autopilot."""
+    boot_ms = int(max(command.t_s, 0.0) * 1000.0) & 0xFFFFFFFF
+    if isinstance(command, AttitudeCommand):
+        mask = whole_rate_mask(command.type_mask) & (RATES_IGNORED | ATTITUDE_IGNORED)
+        thrust = min(max(command.thrust, 0.0), 1.0)
+        return mav.set_attitude_target_encode(
+            boot_ms, system, component, mask, list(command.q_ned_frd), *command.rates_frd, thrust
+        )
+    return mav.set_position_target_local_ned_encode(
+        boot_ms, system, component, _LOCAL_NED, _POSITION_AND_ACCELERATION,
+        *command.position_ned, 0.0, 0.0, 0.0, *command.acceleration_ned, command.yaw, 0.0,
+    )  # fmt: skip
+
+
+def hand_back(mav: Any, t_s: float, position_ned: Vector3, yaw: float, system: int) -> Any:
+    """A position target at the hold point: on ArduPilot the smooth way out of an attitude stream (3 cm, measured)."""
+    ignore = 8 | 16 | 32 | 64 | 128 | 256 | 2048
+    return mav.set_position_target_local_ned_encode(
+        int(max(t_s, 0.0) * 1000.0) & 0xFFFFFFFF, system, 1, _LOCAL_NED, ignore,
+        *position_ned, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, yaw, 0.0,
+    )  # fmt: skip

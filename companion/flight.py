@@ -1,0 +1,245 @@
+"""The live loop: one thread that waits on the sockets, feeds ``step``, and sends what it decides."""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from companion.autopilot import Stack, needed_parameters, stack_of
+from companion.clock import BootClock
+from companion.commands import encode, hand_back
+from companion.config import Base, PipelineConfig
+from companion.link import Arrivals, Frame, Link, wait
+from companion.messages import decode
+from companion.pipeline import Decision, initial_state, step, stopped
+from companion.recorder import Recorder
+from companion.samples import Heartbeat
+from companion.status import StatusReporter
+from companion.streams import StreamKeeper, interval_request, wanted_streams
+from companion.summary import Summary
+
+_COMPONENT = 191
+_ONBOARD_CONTROLLER, _NO_AUTOPILOT, _ACTIVE = 18, 8, 4
+_AUTOPILOT_COMPONENT = 1
+_LOST_S = 3.0
+_STOP_S = 0.7
+_PARAMETER_RETRY_S = 1.0
+
+
+@dataclass(frozen=True)
+class FlightOptions:
+    """What the command line decided about a flight."""
+
+    duration_s: float | None = None
+    target_system: int | None = None
+    quiet: bool = False
+
+
+class Flight:
+    """One run of the companion on open links. ``stop`` may be called from a signal handler."""
+
+    def __init__(
+        self,
+        config: PipelineConfig,
+        link: Link,
+        upstream: Link | None,
+        recorder: Recorder | None,
+        arrivals: Arrivals,
+        options: FlightOptions,
+    ) -> None:
+        self.summary = Summary()
+        self.reboots = 0
+        self._config = config
+        self._link = link
+        self._upstream = upstream
+        self._recorder = recorder
+        self._arrivals = arrivals
+        self._options = options
+        self._system = options.target_system
+        self._clock = BootClock(self._system)
+        self._state = initial_state(config)
+        self._decision: Decision | None = None
+        self._status = StatusReporter()
+        self._streams: StreamKeeper | None = None
+        self._stack = Stack.OTHER
+        self._heard_s = -np.inf
+        self._beat_s = self._asked_s = self._flushed_s = -np.inf
+        self._stop_s: float | None = None
+        self._foreign: set[int] = set()
+        self._latencies_us: list[int] = []
+        link.identify(self._system or 1, _COMPONENT)
+
+    def stop(self) -> None:
+        """Fade the offsets out, hand back, end."""
+        if self._stop_s is None:
+            self._stop_s = time.monotonic()
+
+    def run(self) -> None:
+        """Fly until stopped or until the duration is over."""
+        links = [self._link] if self._upstream is None else [self._link, self._upstream]
+        start = time.monotonic()
+        while True:
+            now = time.monotonic()
+            if self._options.duration_s is not None and now - start >= self._options.duration_s:
+                self.stop()
+            if self._stop_s is not None:
+                if not self._state.stopping:
+                    self._state = stopped(self._state)
+                if self._faded() or now - self._stop_s > _STOP_S:
+                    break
+            wait(links, 0.02)
+            for frame in self._link.drain():
+                self._take(frame)
+            if self._upstream is not None:
+                for frame in self._upstream.drain():
+                    self._take_upstream(frame)
+            self._housekeeping(time.monotonic())
+        self._hand_back()
+
+    def _faded(self) -> bool:
+        return self._state.authority <= 0.0
+
+    def _take(self, frame: Frame) -> None:
+        message = frame.message
+        system = message.get_srcSystem()
+        if self._recorder is not None:
+            self._recorder.write(frame.arrival_us, frame.raw)
+        if self._upstream is not None and system == self._system:
+            self._upstream.forward(frame.raw)
+        if self._system is None and not self._adopt(message):
+            return
+        ours = system == self._system
+        if not ours and message.get_type() != "SET_POSITION_TARGET_LOCAL_NED":
+            self._notice_foreign(message, system)
+            return
+        self._feed(frame, ours)
+
+    def _take_upstream(self, frame: Frame) -> None:
+        if frame.message.get_type() != "SET_ATTITUDE_TARGET":
+            return
+        if self._recorder is not None:
+            self._recorder.write(frame.arrival_us, frame.raw)
+        self._feed(frame, ours=False)
+
+    def _feed(self, frame: Frame, ours: bool) -> None:
+        boot = self._clock.boot
+        sample = decode(frame.message, frame.arrival_us, self._clock)
+        if self._clock.boot != boot:
+            self._rebooted()
+        if sample is None:
+            return
+        if ours and isinstance(sample, Heartbeat) and sample.component == _AUTOPILOT_COMPONENT:
+            self._connected(sample)
+        if ours and self._streams is not None:
+            self._streams.heard(frame.message.get_msgId(), time.monotonic())
+        self._state, decision = step(self._state, sample, self._config)
+        if decision is None:
+            return
+        self._decision = decision
+        self.summary.add(decision)
+        if decision.command is not None and not self._config.dry_run:
+            self._send(encode(self._link.mav, decision.command, self._system or 1))
+            self._latencies_us.append(self._arrivals.stamp() - frame.arrival_us)
+        for message, text in self._status.messages(self._link.mav, self._state, decision):
+            self._send(message)
+            if text is not None:
+                self._say(text)
+
+    def _adopt(self, message: Any) -> bool:
+        """Take the first autopilot heard as the vehicle."""
+        if message.get_type() != "HEARTBEAT" or message.get_srcComponent() != _AUTOPILOT_COMPONENT:
+            return False
+        if message.autopilot == _NO_AUTOPILOT:
+            return False
+        self._system = int(message.get_srcSystem())
+        self._clock.system = self._system
+        self._link.identify(self._system, _COMPONENT)
+        return True
+
+    def _connected(self, heartbeat: Heartbeat) -> None:
+        self._heard_s = time.monotonic()
+        stack = stack_of(heartbeat)
+        if self._streams is None or stack is not self._stack:
+            self._stack = stack
+            self._streams = StreamKeeper(wanted_streams(self._config.vehicle, stack))
+            self._say(f"companion: connected to system {self._system} ({stack.name.lower()})")
+
+    def _rebooted(self) -> None:
+        self.reboots += 1
+        self._say("companion: the vehicle rebooted; starting over")
+        if self._streams is not None:
+            self._streams.forget()
+        self._asked_s = -np.inf
+
+    def _notice_foreign(self, message: Any, system: int) -> None:
+        if system not in self._foreign and message.get_type() == "HEARTBEAT" and message.autopilot != _NO_AUTOPILOT:
+            self._foreign.add(system)
+            self._say(f"companion: ignoring system {system}; flying with system {self._system}")
+
+    def _housekeeping(self, now_s: float) -> None:
+        if now_s - self._flushed_s > 0.5 and self._recorder is not None:
+            self._flushed_s = now_s
+            self._recorder.flush()
+        if now_s - self._beat_s >= 1.0:
+            self._beat_s = now_s
+            self._send(self._link.mav.heartbeat_encode(_ONBOARD_CONTROLLER, _NO_AUTOPILOT, 0, 0, _ACTIVE))
+        if self._streams is None or self._system is None:
+            return
+        if now_s - self._heard_s > _LOST_S:
+            self._streams.forget()
+            return
+        for wanted in self._streams.due(now_s):
+            self._send(interval_request(self._link.mav, wanted, self._system))
+        if now_s - self._asked_s >= _PARAMETER_RETRY_S:
+            self._asked_s = now_s
+            # GUID_OPTIONS is asked for again and again: a pilot may set it any time.
+            missing = [n for n in needed_parameters(self._stack) if n not in self._state.parameters]
+            again = ["GUID_OPTIONS"] if self._stack is Stack.ARDUPILOT and not missing and self._waits_for_bit() else []
+            for name in missing + again:
+                self._send(
+                    self._link.mav.param_request_read_encode(self._system, _AUTOPILOT_COMPONENT, name.encode(), -1)
+                )
+
+    def _waits_for_bit(self) -> bool:
+        return not int(self._state.parameters.get("GUID_OPTIONS", 0.0)) & 8
+
+    def _send(self, message: Any) -> None:
+        raw = self._link.send(message)
+        if self._recorder is not None:
+            self._recorder.write(self._arrivals.stamp(), raw)
+
+    def _hand_back(self) -> None:
+        """Leave an ArduPilot holding where it is rather than with the last attitude for all of GUID_TIMEOUT."""
+        hold = self._state.hold
+        if hold is None or self._config.dry_run or self._config.base is not Base.HOLD or self._system is None:
+            return
+        if self._stack is Stack.ARDUPILOT:
+            reference = hold.reference
+            north, east, down = map(float, reference.position)
+            self._send(hand_back(self._link.mav, self._state.t_s, (north, east, down), reference.yaw, self._system))
+
+    def _say(self, text: str) -> None:
+        if not self._options.quiet:
+            print(text, file=sys.stderr, flush=True)
+
+    def as_json(self) -> dict[str, Any]:
+        """The flight in numbers."""
+        latencies = np.array(self._latencies_us, dtype=float) / 1000.0
+        return {
+            "endpoint": self._link.endpoint,
+            "system": self._system,
+            "autopilot": self._stack.name.lower(),
+            "dry_run": self._config.dry_run,
+            "messages": {"received": self._link.received, "sent": self._link.sent, "bad": self._link.bad},
+            "reboots": self.reboots,
+            "ignored_systems": sorted(self._foreign),
+            "latency_ms": None
+            if not latencies.size
+            else {"p50": float(np.percentile(latencies, 50)), "p99": float(np.percentile(latencies, 99))},
+            "asked_again": {} if self._streams is None else dict(self._streams.asked_again),
+            **self.summary.as_json(),
+        }

@@ -1,0 +1,64 @@
+"""The last stop before sending: every refusal has a name, and offsets fade rather than switch."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+
+class Reason(Enum):
+    """Why offsets are not (or not fully) applied. The value is what the pilot reads."""
+
+    # Nothing is sent at all
+    NO_HEARTBEAT = "no heartbeat from the autopilot"
+    NOT_ARMED = "not armed"
+    WRONG_MODE = "not in GUIDED, GUIDED_NOGPS or OFFBOARD"
+    LANDED = "on the ground"
+    ATTITUDE_STALE = "attitude missing or old"
+    POSITION_STALE = "local position missing or old"
+    THRUST_UNKNOWN = "GUID_OPTIONS not read yet: the meaning of thrust is unknown"
+    THRUST_IS_CLIMB_RATE = "GUID_OPTIONS bit 3 (value 8) is not set: thrust would be read as a climb rate"
+    TYPE_IGNORED = "this MAV_TYPE ignores SET_ATTITUDE_TARGET.thrust on PX4"
+    STACK_UNKNOWN = "neither ArduPilot nor PX4"
+    UPSTREAM_STALE = "no setpoint from the upstream controller"
+    CARRIER_REFUSED = "--carrier acceleration cancels no disturbance on ArduPilot (measured)"
+    # The base is sent, offsets fade to zero
+    RANGE_MISSING = "a declared rangefinder was never heard"
+    RANGE_STALE = "range old or invalid"
+    RPM_MISSING = "rotor speeds missing or old"
+    SURFACE_STEP = "ground or wall jumped"
+    OUT_OF_DOMAIN = "outside the data of the model"
+    TILTED = "tilted beyond 25 degrees"
+    STOPPING = "stopping"
+    OFFSETS_OFF = "offsets switched off"
+
+
+HOLDS_BACK_EVERYTHING = frozenset(
+    {
+        Reason.NO_HEARTBEAT,
+        Reason.NOT_ARMED,
+        Reason.WRONG_MODE,
+        Reason.LANDED,
+        Reason.ATTITUDE_STALE,
+        Reason.POSITION_STALE,
+        Reason.THRUST_UNKNOWN,
+        Reason.THRUST_IS_CLIMB_RATE,
+        Reason.TYPE_IGNORED,
+        Reason.STACK_UNKNOWN,
+        Reason.UPSTREAM_STALE,
+        Reason.CARRIER_REFUSED,
+    }
+)
+
+
+def fade(authority: float, wanted: float, dt_s: float, in_s: float, out_s: float) -> float:
+    """Move the authority 0...1 towards ``wanted`` at most as fast as the fades allow."""
+    if wanted > authority:
+        return min(wanted, authority + dt_s / in_s)
+    return max(wanted, authority - dt_s / out_s)
+
+
+def slew(value: float, wanted: float, limit: float, rate_per_s: float, dt_s: float) -> float:
+    """Move ``value`` towards ``wanted`` clipped to +-``limit``, at most at ``rate_per_s``."""
+    target = min(max(wanted, -limit), limit)
+    step = rate_per_s * dt_s
+    return min(max(target, value - step), value + step)

@@ -1,0 +1,138 @@
+"""Cascaded position hold flown through attitude and thrust: the base that offsets are added to.
+
+SET_ATTITUDE_TARGET replaces the autopilot's position controller, so the hold is ours. Position P, velocity PI, thrust
+by the affine map. Gains as flown on a real ArduCopter (docs/autopilots.md): a careless outer loop is worse than none.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from companion.autopilot import ThrustMap
+from models.wrench import GRAVITY, Array
+
+
+@dataclass(frozen=True, slots=True)
+class HoldGains:
+    """Horizontal and vertical loops; 1/s, and 1/s^2 for the integrals."""
+
+    position: float = 1.6
+    velocity: float = 3.2
+    integral: float = 1.2
+    height: float = 3.0
+    climb: float = 6.0
+    climb_integral: float = 3.0
+    max_speed_m_s: float = 1.5
+    max_climb_m_s: float = 1.0
+    max_tilt_rad: float = math.radians(15.0)
+    max_climb_acceleration: float = 3.0
+    max_integral_m_s2: float = 2.5
+    target_age_s: float = 0.5
+    """A pilot's velocity target counts for this long after it was sent; its position stays."""
+    max_leap_m: float = 3.0
+    """A target further away than this is approached at max_speed."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """Where to be: NED position [m], velocity [m/s] fed forward, heading [rad]."""
+
+    position: Array
+    velocity: Array
+    yaw: float
+    set_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Hold:
+    """State of an engaged hold: its reference and integrals (NED, m/s^2)."""
+
+    reference: Reference
+    integral: Array
+    t_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class BaseSetpoint:
+    """Roll, pitch, yaw [rad] and thrust 0...1 that the base asks for, before any offset."""
+
+    roll: float
+    pitch: float
+    yaw: float
+    thrust: float
+    acceleration: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """What it stands for, NED m/s^2, beyond balancing gravity."""
+
+
+def engage(t_s: float, position: Array, yaw: float, roll: float, pitch: float, lift_excess: float) -> Hold:
+    """Hold here, bumplessly: the present lean and lift are what the integrals start with.
+
+    ``lift_excess`` is lift/weight - 1 that the present thrust command stands for.
+    """
+    north, east = _lean_to_acceleration(roll, pitch, yaw)
+    start = np.clip(np.array([north, east, -GRAVITY * lift_excess]), -1.5, 1.5)
+    reference = Reference(position.copy(), np.zeros(3), yaw, t_s)
+    return Hold(reference, start, t_s)
+
+
+def retarget(hold: Hold, t_s: float, position: Array | None, velocity: Array | None, yaw: float | None) -> Hold:
+    """A pilot's position, velocity or heading target; None leaves that part as it is."""
+    old = hold.reference
+    return replace(
+        hold,
+        reference=Reference(
+            old.position if position is None else position,
+            np.zeros(3) if velocity is None else velocity,
+            old.yaw if yaw is None else yaw,
+            t_s,
+        ),
+    )
+
+
+def fly(
+    hold: Hold, gains: HoldGains, t_s: float, position: Array, velocity: Array, thrust: ThrustMap
+) -> tuple[Hold, BaseSetpoint]:
+    """One step of the cascade. Position and velocity are NED; returns the new integrals and the setpoint."""
+    reference = hold.reference
+    dt = min(max(t_s - hold.t_s, 0.0), 0.1)
+    stale = t_s - reference.set_s > gains.target_age_s
+    feed_forward = np.zeros(3) if stale else reference.velocity
+    error = reference.position - position
+    demand = error * (gains.position, gains.position, gains.height)
+    speed = math.hypot(demand[0], demand[1])
+    if speed > gains.max_speed_m_s:
+        demand[:2] *= gains.max_speed_m_s / speed
+    demand[2] = min(max(demand[2], -gains.max_climb_m_s), gains.max_climb_m_s)
+    slip = demand + feed_forward - velocity
+    damping = np.array([gains.velocity, gains.velocity, gains.climb])
+    acceleration = slip * damping + hold.integral
+    limit = GRAVITY * math.tan(gains.max_tilt_rad)
+    level = math.hypot(acceleration[0], acceleration[1])
+    saturated = level > limit or abs(acceleration[2]) > gains.max_climb_acceleration
+    if level > limit:
+        acceleration[:2] *= limit / level
+    acceleration[2] = min(max(acceleration[2], -gains.max_climb_acceleration), gains.max_climb_acceleration)
+    integral = hold.integral
+    if not saturated:
+        rate = slip * (gains.integral, gains.integral, gains.climb_integral)
+        integral = np.clip(integral + rate * dt, -gains.max_integral_m_s2, gains.max_integral_m_s2)
+    roll, pitch = _acceleration_to_lean(acceleration[0], acceleration[1], reference.yaw)
+    command = thrust.hover + thrust.change(-float(acceleration[2]) / GRAVITY)
+    north, east, down = map(float, acceleration)
+    setpoint = BaseSetpoint(roll, pitch, reference.yaw, command, (north, east, down))
+    return replace(hold, integral=integral, t_s=t_s), setpoint
+
+
+def _acceleration_to_lean(north: float, east: float, yaw: float) -> tuple[float, float]:
+    c, s = math.cos(yaw), math.sin(yaw)
+    forward, right = c * north + s * east, -s * north + c * east
+    return math.atan2(right, GRAVITY), -math.atan2(forward, GRAVITY)
+
+
+def _lean_to_acceleration(roll: float, pitch: float, yaw: float) -> tuple[float, float]:
+    c, s = math.cos(yaw), math.sin(yaw)
+    forward, right = -GRAVITY * math.tan(pitch), GRAVITY * math.tan(roll)
+    return c * forward - s * right, s * forward + c * right

@@ -1,0 +1,18 @@
+"""Shared fixtures: where the reference data lie, a transparent fan model, and samples of a hovering vehicle."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+SHARED = Path(os.environ.get("CORNER_SHARED", Path(__file__).resolve().parents[2] / "shared"))
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """Recorded flights that are not part of the project."""
+    if not (SHARED / "data").is_dir():
+        pytest.skip(f"no recorded flights at {SHARED / 'data'} (set CORNER_SHARED to the folder that holds them)")
+    return SHARED / "data"
