@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum
 
-from models.air import FanModel
-
 from companion.track import TrackModel
+from models.air import FanModel
 from models.vehicle import Vehicle
 
 
@@ -81,4 +80,3 @@ class PipelineConfig:
     dry_run: bool = False
     offsets: bool = True
     """False flies the bare hold: for comparison only."""
-    component: int = 191

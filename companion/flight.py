@@ -10,24 +10,22 @@ from typing import Any
 import numpy as np
 
 from companion.autopilot import Stack, needed_parameters, stack_of
-from companion.clock import BootClock
 from companion.commands import encode, hand_back
 from companion.config import Base, PipelineConfig
+from companion.intake import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
 from companion.link import Arrivals, Frame, Link, wait
-from companion.messages import decode
-from companion.pipeline import Decision, initial_state, step, stopped
+from companion.pipeline import initial_state, step, stopped
 from companion.recorder import Recorder
 from companion.samples import Heartbeat
 from companion.status import StatusReporter
 from companion.streams import StreamKeeper, interval_request, wanted_streams
 from companion.summary import Summary
 
-_COMPONENT = 191
 _ONBOARD_CONTROLLER, _NO_AUTOPILOT, _ACTIVE = 18, 8, 4
-_AUTOPILOT_COMPONENT = 1
 _LOST_S = 3.0
 _STOP_S = 0.7
 _PARAMETER_RETRY_S = 1.0
+_PARAMETER_TRIES = 10
 
 
 @dataclass(frozen=True)
@@ -59,19 +57,17 @@ class Flight:
         self._recorder = recorder
         self._arrivals = arrivals
         self._options = options
-        self._system = options.target_system
-        self._clock = BootClock(self._system)
+        self._intake = Intake(options.target_system)
         self._state = initial_state(config)
-        self._decision: Decision | None = None
         self._status = StatusReporter()
         self._streams: StreamKeeper | None = None
         self._stack = Stack.OTHER
         self._heard_s = -np.inf
         self._beat_s = self._asked_s = self._flushed_s = -np.inf
+        self._asked = 0
         self._stop_s: float | None = None
-        self._foreign: set[int] = set()
         self._latencies_us: list[int] = []
-        link.identify(self._system or 1, _COMPONENT)
+        link.identify(self._system, OWN_COMPONENT)
 
     def stop(self) -> None:
         """Fade the offsets out, hand back, end."""
@@ -105,63 +101,53 @@ class Flight:
 
     def _take(self, frame: Frame) -> None:
         message = frame.message
-        system = message.get_srcSystem()
         if self._recorder is not None:
             self._recorder.write(frame.arrival_us, frame.raw)
-        if self._upstream is not None and system == self._system:
+        if self._upstream is not None and message.get_srcSystem() == self._intake.system:
             self._upstream.forward(frame.raw)
-        if self._system is None and not self._adopt(message):
-            return
-        ours = system == self._system
-        if not ours and message.get_type() != "SET_POSITION_TARGET_LOCAL_NED":
-            self._notice_foreign(message, system)
-            return
-        self._feed(frame, ours)
+        self._feed(frame)
 
     def _take_upstream(self, frame: Frame) -> None:
         if frame.message.get_type() != "SET_ATTITUDE_TARGET":
             return
         if self._recorder is not None:
             self._recorder.write(frame.arrival_us, frame.raw)
-        self._feed(frame, ours=False)
+        self._feed(frame)
 
-    def _feed(self, frame: Frame, ours: bool) -> None:
-        boot = self._clock.boot
-        sample = decode(frame.message, frame.arrival_us, self._clock)
-        if self._clock.boot != boot:
+    def _feed(self, frame: Frame) -> None:
+        intake, message = self._intake, frame.message
+        boot, ignored = intake.clock.boot, len(intake.others)
+        sample = intake.sample(message, frame.arrival_us)
+        if intake.clock.boot != boot:
             self._rebooted()
+        if len(intake.others) > ignored:
+            self._say(f"companion: ignoring system {message.get_srcSystem()}; flying with system {intake.system}")
         if sample is None:
             return
-        if ours and isinstance(sample, Heartbeat) and sample.component == _AUTOPILOT_COMPONENT:
+        if isinstance(sample, Heartbeat) and sample.component == AUTOPILOT_COMPONENT:
             self._connected(sample)
-        if ours and self._streams is not None:
-            self._streams.heard(frame.message.get_msgId(), time.monotonic())
+        if self._streams is not None:
+            self._streams.heard(message.get_msgId(), time.monotonic())
         self._state, decision = step(self._state, sample, self._config)
         if decision is None:
             return
-        self._decision = decision
         self.summary.add(decision)
         if decision.command is not None and not self._config.dry_run:
-            self._send(encode(self._link.mav, decision.command, self._system or 1))
+            self._send(encode(self._link.mav, decision.command, self._system))
             self._latencies_us.append(self._arrivals.stamp() - frame.arrival_us)
-        for message, text in self._status.messages(self._link.mav, self._state, decision):
-            self._send(message)
+        for outgoing, text in self._status.messages(self._link.mav, self._state, decision):
+            self._send(outgoing)
             if text is not None:
                 self._say(text)
 
-    def _adopt(self, message: Any) -> bool:
-        """Take the first autopilot heard as the vehicle."""
-        if message.get_type() != "HEARTBEAT" or message.get_srcComponent() != _AUTOPILOT_COMPONENT:
-            return False
-        if message.autopilot == _NO_AUTOPILOT:
-            return False
-        self._system = int(message.get_srcSystem())
-        self._clock.system = self._system
-        self._link.identify(self._system, _COMPONENT)
-        return True
+    @property
+    def _system(self) -> int:
+        """The vehicle's system id; 1 until one is heard."""
+        return self._intake.system or 1
 
     def _connected(self, heartbeat: Heartbeat) -> None:
         self._heard_s = time.monotonic()
+        self._link.identify(self._system, OWN_COMPONENT)
         stack = stack_of(heartbeat)
         if self._streams is None or stack is not self._stack:
             self._stack = stack
@@ -173,12 +159,7 @@ class Flight:
         self._say("companion: the vehicle rebooted; starting over")
         if self._streams is not None:
             self._streams.forget()
-        self._asked_s = -np.inf
-
-    def _notice_foreign(self, message: Any, system: int) -> None:
-        if system not in self._foreign and message.get_type() == "HEARTBEAT" and message.autopilot != _NO_AUTOPILOT:
-            self._foreign.add(system)
-            self._say(f"companion: ignoring system {system}; flying with system {self._system}")
+        self._asked_s, self._asked = -np.inf, 0
 
     def _housekeeping(self, now_s: float) -> None:
         if now_s - self._flushed_s > 0.5 and self._recorder is not None:
@@ -187,7 +168,7 @@ class Flight:
         if now_s - self._beat_s >= 1.0:
             self._beat_s = now_s
             self._send(self._link.mav.heartbeat_encode(_ONBOARD_CONTROLLER, _NO_AUTOPILOT, 0, 0, _ACTIVE))
-        if self._streams is None or self._system is None:
+        if self._streams is None:
             return
         if now_s - self._heard_s > _LOST_S:
             self._streams.forget()
@@ -196,16 +177,20 @@ class Flight:
             self._send(interval_request(self._link.mav, wanted, self._system))
         if now_s - self._asked_s >= _PARAMETER_RETRY_S:
             self._asked_s = now_s
-            # GUID_OPTIONS is asked for again and again: a pilot may set it any time.
-            missing = [n for n in needed_parameters(self._stack) if n not in self._state.parameters]
-            again = ["GUID_OPTIONS"] if self._stack is Stack.ARDUPILOT and not missing and self._waits_for_bit() else []
-            for name in missing + again:
+            for name in self._missing_parameters():
                 self._send(
-                    self._link.mav.param_request_read_encode(self._system, _AUTOPILOT_COMPONENT, name.encode(), -1)
+                    self._link.mav.param_request_read_encode(self._system, AUTOPILOT_COMPONENT, name.encode(), -1)
                 )
 
-    def _waits_for_bit(self) -> bool:
-        return not int(self._state.parameters.get("GUID_OPTIONS", 0.0)) & 8
+    def _missing_parameters(self) -> list[str]:
+        """What to ask for: what was not answered, a few times; GUID_OPTIONS until its bit is set, even if late."""
+        known = self._state.parameters
+        self._asked += 1
+        tries_left = self._asked <= _PARAMETER_TRIES
+        out = [name for name in needed_parameters(self._stack) if name not in known and tries_left]
+        if self._stack is Stack.ARDUPILOT and not int(known.get("GUID_OPTIONS", 0.0)) & 8 and "GUID_OPTIONS" not in out:
+            out.append("GUID_OPTIONS")
+        return out
 
     def _send(self, message: Any) -> None:
         raw = self._link.send(message)
@@ -215,7 +200,7 @@ class Flight:
     def _hand_back(self) -> None:
         """Leave an ArduPilot holding where it is rather than with the last attitude for all of GUID_TIMEOUT."""
         hold = self._state.hold
-        if hold is None or self._config.dry_run or self._config.base is not Base.HOLD or self._system is None:
+        if hold is None or self._config.dry_run or self._config.base is not Base.HOLD:
             return
         if self._stack is Stack.ARDUPILOT:
             reference = hold.reference
@@ -231,12 +216,12 @@ class Flight:
         latencies = np.array(self._latencies_us, dtype=float) / 1000.0
         return {
             "endpoint": self._link.endpoint,
-            "system": self._system,
+            "system": self._intake.system,
             "autopilot": self._stack.name.lower(),
             "dry_run": self._config.dry_run,
             "messages": {"received": self._link.received, "sent": self._link.sent, "bad": self._link.bad},
             "reboots": self.reboots,
-            "ignored_systems": sorted(self._foreign),
+            "ignored_systems": sorted(self._intake.others),
             "latency_ms": None
             if not latencies.size
             else {"p50": float(np.percentile(latencies, 50)), "p99": float(np.percentile(latencies, 99))},

@@ -19,6 +19,7 @@ from companion.config import Base, Carrier, PipelineConfig
 from companion.estimator import Estimates, Seen, blank_estimates
 from companion.gate import HOLDS_BACK_EVERYTHING, Reason, fade
 from companion.hold import BaseSetpoint, Hold, HoldGains, engage, fly, retarget
+from companion.intake import OWN_COMPONENT
 from companion.offsets import MomentWashout, Offset, Push, modelled_push, slewed, wanted_offset
 from companion.samples import (
     Attitude,
@@ -128,17 +129,17 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
             return replace(state, t_s=now, landed_state=sample.landed_state)
         case Parameter():
             return replace(state, parameters={**state.parameters, sample.name: sample.value})
-        case SetPositionTarget() if sample.target_component == config.component:
+        case SetPositionTarget() if sample.target_component == OWN_COMPONENT:
             hold = None if state.hold is None else _retarget(state.hold, sample)
             return replace(state, hold=hold, target=sample)
-        case SetAttitudeTarget() if config.base is Base.UPSTREAM and sample.component != config.component:
+        case SetAttitudeTarget() if config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT:
             return replace(state, upstream=sample)
     return state
 
 
 def _calls_for_decision(state: PipelineState, sample: Sample, config: PipelineConfig) -> bool:
     if config.base is Base.UPSTREAM:
-        return isinstance(sample, SetAttitudeTarget) and sample.component != config.component
+        return isinstance(sample, SetAttitudeTarget) and sample.component != OWN_COMPONENT
     too_soon = sample.t_s - state.decided_s < 1.0 / config.tuning.max_decision_rate_hz
     return isinstance(sample, Attitude) and not (sample.t_s - state.decided_s >= 0.0 and too_soon)
 

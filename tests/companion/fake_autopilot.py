@@ -1,0 +1,104 @@
+"""A scripted autopilot on loopback UDP: speaks real MAVLink, remembers what it was sent. No physics."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from typing import Any
+
+from companion.dialect import mavlink
+from models.wrench import quaternion_from_euler
+
+
+class FakeAutopilot:
+    """Sends a hovering vehicle's messages to ``port`` at 50 Hz from a thread; ``boot_s`` may be set back (a reboot)."""
+
+    def __init__(self, port: int, system: int = 1, parameters: dict[str, float] | None = None, rate_hz: float = 50.0):
+        self.system = system
+        self.parameters = {"GUID_OPTIONS": 8.0, "GUID_TIMEOUT": 0.5} if parameters is None else parameters
+        self.boot_s = 20.0
+        self.armed, self.mode = True, 4
+        self.height, self.wall = 0.3, 0.4
+        self.silent = False
+        self.received: list[Any] = []
+        self.raw = b""
+        self._rate = rate_hz
+        self._target = ("127.0.0.1", port)
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1", 0))
+        self._socket.setblocking(False)
+        self._mav = mavlink.MAVLink(None, srcSystem=system, srcComponent=1)
+        self._parser = mavlink.MAVLink(None)
+        self._parser.robust_parsing = True
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+
+    def __enter__(self) -> FakeAutopilot:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        self._thread.join(2.0)
+        self._socket.close()
+
+    def of_type(self, name: str) -> list[Any]:
+        return [m for m in list(self.received) if m.get_type() == name]
+
+    def wait_for(self, name: str, count: int = 1, timeout: float = 8.0) -> list[Any]:
+        end = time.monotonic() + timeout
+        while time.monotonic() < end:
+            found = self.of_type(name)
+            if len(found) >= count:
+                return found
+            time.sleep(0.02)
+        raise AssertionError(
+            f"no {name} (x{count}) within {timeout} s; got {sorted({m.get_type() for m in self.received})}"
+        )
+
+    def send(self, message: Any) -> None:
+        raw = message.pack(self._mav)
+        self._mav.seq = (self._mav.seq + 1) % 256
+        self._socket.sendto(raw, self._target)
+
+    def _run(self) -> None:
+        tick = 0
+        while not self._stop.is_set():
+            if not self.silent:
+                self._tick(tick)
+            self._receive()
+            tick += 1
+            self.boot_s += 1.0 / self._rate
+            time.sleep(1.0 / self._rate)
+
+    def _tick(self, tick: int) -> None:
+        m, ms = self._mav, int(self.boot_s * 1000)
+        if tick % 10 == 0:
+            self.send(m.heartbeat_encode(2, 3, 128 if self.armed else 0, self.mode, 4))
+            self.send(m.extended_sys_state_encode(0, 2))
+        self.send(m.local_position_ned_encode(ms, 0.0, 0.0, -self.height, 0.0, 0.0, 0.0))
+        for number, orientation, distance in ((0, 25, self.height - 0.05), (1, 2, self.wall)):
+            self.send(m.distance_sensor_encode(ms, 5, 4000, round(distance * 100), 0, number, orientation, 0))
+        self.send(m.esc_telemetry_1_to_4_encode([20] * 4, [0] * 4, [0] * 4, [0] * 4, [4000] * 4, [tick % 65536] * 4))
+        self.send(m.attitude_quaternion_encode(ms, *quaternion_from_euler(0.0, 0.0, 0.1), 0.0, 0.0, 0.0))
+
+    def _receive(self) -> None:
+        while True:
+            try:
+                data = self._socket.recv(65536)
+            except OSError:
+                return
+            for message in self._parser.parse_buffer(data) or ():
+                if message.get_type() == "BAD_DATA":
+                    continue
+                self.received.append(message)
+                if message.get_type() == "PARAM_REQUEST_READ" and message.param_id in self.parameters:
+                    value = self.parameters[message.param_id]
+                    self.send(self._mav.param_value_encode(message.param_id.encode(), value, 9, 2, 0))
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
