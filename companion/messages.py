@@ -45,6 +45,7 @@ from companion.samples import (
     Statustext,
     Timesync,
     Vector3,
+    Vibration,
     Wind,
 )
 from models.wrench import GRAVITY
@@ -52,7 +53,7 @@ from models.wrench import GRAVITY
 __all__ = [
     "LAYOUTS", "Attitude", "AttitudeTarget", "Battery", "CommandAck", "EscHealth", "Heartbeat", "Imu", "LandedState",
     "Layout", "LocalPosition", "Parameter", "Pressure", "Range", "RangeVerdict", "RotorSpeeds", "Sample", "ServoOutput",
-    "SetAttitudeTarget", "SetPositionTarget", "Statustext", "Timesync", "Wind", "beam_direction", "columns", "decode",
+    "SetAttitudeTarget", "SetPositionTarget", "Statustext", "Timesync", "Vibration", "Wind", "beam_direction", "columns", "decode",
     "orientation_direction", "parameter_value", "range_verdict", "wire_dtype",
 ]  # fmt: skip
 
@@ -327,6 +328,10 @@ def _statustext(head: Head, _: str, severity: int, text: str) -> Statustext:
     return Statustext(*head, severity, text)
 
 
+def _vibration(head: Head, _: str, level: Vector3, first: int, second: int, third: int) -> Vibration | None:
+    return Vibration(*head, level, (first, second, third)) if _finite(level) else None
+
+
 # --- Rangefinders -----------------------------------------------------------------------------------------------------
 
 DOWN = (0.0, 0.0, 1.0)
@@ -521,6 +526,11 @@ _TABLE = (
     _layout("WIND_COV", Stamp.US64, _wind_cov, _q("wind", "wind_x wind_y wind_z", "m/s", 200.0)),
     _layout(
         "WIND", None, _wind, _q("direction", "direction", "deg", 100.0), _q("speed", "speed speed_z", "m/s", 200.0)
+    ),
+    _layout(
+        "VIBRATION", Stamp.US64, _vibration,
+        _q("level", "vibration_x vibration_y vibration_z", "m/s/s", 1e6),
+        Raw("clipping_0"), Raw("clipping_1"), Raw("clipping_2"),
     ),
     _layout("COMMAND_ACK", None, _command_ack, Raw("command"), Raw("result"), *_TARGETS),
     _layout("TIMESYNC", None, _timesync, Raw("tc1"), Raw("ts1")),

@@ -235,6 +235,14 @@ class Statustext(_Sample):
     text: str
 
 
+@dataclass(frozen=True, slots=True)
+class Vibration(_Sample):
+    """VIBRATION: acceleration noise [m/s^2] per axis, and clipped samples so far of up to three accelerometers."""
+
+    level_m_s2: Vector3
+    clipped: tuple[int, int, int]
+
+
 Sample = (
     Heartbeat
     | Attitude
@@ -255,4 +263,5 @@ Sample = (
     | CommandAck
     | Timesync
     | Statustext
+    | Vibration
 )

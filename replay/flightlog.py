@@ -1,0 +1,309 @@
+"""A recorded flight as named columns: SI, world NED, body FRD, one boot axis; every quantity with its own stamps.
+
+``load(path)`` reads any format of ``formats.py`` and gives one ``FlightLog`` per boot of the vehicle. What the log does not
+hold is None or empty; what was dropped or repaired is in ``summary``. How to use it: docs/logs.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from companion.messages import RangeVerdict, orientation_direction
+from models.state import DIRECTIONS
+from models.wrench import Array
+
+_AXES = dict(zip(DIRECTIONS, (25, 24, 0, 2, 4, 6), strict=True))
+_SAME_DIRECTION = math.cos(math.radians(20.0))
+
+
+@dataclass(frozen=True)
+class Series:
+    """One quantity: ``values`` (n, k) at boot times ``t_s`` (n,), strictly increasing. NaN is unknown."""
+
+    t_s: Array
+    values: Array
+    source: str = ""
+    """Message (and field, where it matters) that it was read from."""
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    @property
+    def rate_hz(self) -> float:
+        """One over the median step; NaN below two samples."""
+        return float(1.0 / np.median(np.diff(self.t_s))) if len(self) > 1 else math.nan
+
+    def at(self, t_s: Array, max_gap_s: float = math.inf, *, hold: bool = False) -> Array:
+        """Values (m, k) at other times: linear, or the previous sample where ``hold``.
+
+        NaN outside the record, next to a NaN, and inside gaps longer than ``max_gap_s``.
+        """
+        out = np.full((len(t_s), self.values.shape[1]), np.nan)
+        if not len(self):
+            return out
+        right = np.clip(np.searchsorted(self.t_s, t_s, side="right"), 1, max(len(self) - 1, 1))
+        left = right - 1
+        right = np.minimum(right, len(self) - 1)
+        if hold:
+            latest = np.searchsorted(self.t_s, t_s, side="right") - 1
+            good = (latest >= 0) & (t_s - self.t_s[np.maximum(latest, 0)] <= max_gap_s)
+            out[good] = self.values[latest[good]]
+            return out
+        width = self.t_s[right] - self.t_s[left]
+        share = np.where(width > 0.0, (t_s - self.t_s[left]) / np.where(width > 0.0, width, 1.0), 0.0)
+        good = (t_s >= self.t_s[0]) & (t_s <= self.t_s[-1]) & (width <= max_gap_s)
+        blend = self.values[left] + share[:, None] * (self.values[right] - self.values[left])
+        out[good] = blend[good]
+        return out
+
+    def between(self, start_s: float, end_s: float) -> Series:
+        """The part with start <= t < end."""
+        i, j = np.searchsorted(self.t_s, (start_s, end_s))
+        return Series(self.t_s[i:j], self.values[i:j], self.source)
+
+
+@dataclass(frozen=True)
+class ImuRecord:
+    """One accelerometer and gyro: specific force [m/s^2] (n, 3) and rates [rad/s] (n, 3), body FRD, at the sensor."""
+
+    source: str
+    specific_force: Series
+    gyro: Series
+    force_step: float
+    """Smallest step of the specific force [m/s^2]: 1 mg in RAW_IMU and SCALED_IMU; 0 where it is finer than can be told."""
+    clipped: int
+    """Samples that the autopilot counted as clipped (VIBRATION), or that stand at the record's extreme three times or
+    more above 3 g. Above 0 the mean of the specific force is not to be trusted."""
+
+
+@dataclass(frozen=True)
+class Beam:
+    """One rangefinder: slant distance [m] along ``direction_frd``, with a verdict for every sample."""
+
+    direction_frd: tuple[float, float, float]
+    component: int
+    sensor_id: int
+    orientation: int
+    source: str
+    distance: Series
+    """(n, 1). All readings, good or not."""
+    verdicts: tuple[RangeVerdict, ...]
+    """One per reading."""
+    min_m: float
+    max_m: float
+    sigma_m: float
+    """Median of what the sensor says of itself; NaN where it says nothing."""
+    step_m: float
+    """Smallest step of the readings, 0 where finer than can be told."""
+
+    @property
+    def name(self) -> str:
+        """``down up forward right back left``, or ``other``."""
+        return direction_name(self.direction_frd)
+
+    @property
+    def good(self) -> Series:
+        """The readings with verdict OK."""
+        mask = np.array([v is RangeVerdict.OK for v in self.verdicts], bool)
+        return Series(self.distance.t_s[mask], self.distance.values[mask], self.distance.source)
+
+    @property
+    def share_good(self) -> float:
+        """Share of the readings with verdict OK."""
+        return len(self.good) / max(len(self.distance), 1)
+
+
+@dataclass(frozen=True)
+class EscRecord:
+    """One ESC, counted from 1: speed [rpm], and where telemetered temperature [deg C], voltage [V], current [A]."""
+
+    rpm: Series | None
+    temperature_c: Series | None = None
+    voltage_v: Series | None = None
+    current_a: Series | None = None
+
+
+@dataclass(frozen=True)
+class Interval:
+    """start <= t < end [s, boot axis], and what held then (a mode number, a landed state)."""
+
+    start_s: float
+    end_s: float
+    value: int = 1
+
+
+@dataclass(frozen=True)
+class MessageCount:
+    """How many messages of one kind a log holds, and their mean rate over the log."""
+
+    system: int
+    component: int
+    name: str
+    count: int
+    rate_hz: float
+
+
+@dataclass(frozen=True)
+class LogSummary:
+    """What a file held, for people."""
+
+    bytes: int
+    frames: int
+    messages: tuple[MessageCount, ...]
+    notes: tuple[str, ...]
+    """What was dropped, repaired or chosen, one sentence each."""
+
+
+@dataclass(frozen=True)
+class FlightLog:
+    """One boot of one vehicle."""
+
+    path: Path
+    system: int
+    boot: int
+    """0 for the first boot in the file."""
+    start_s: float
+    end_s: float
+    vehicle_type: int | None
+    autopilot: int | None
+    """MAV_AUTOPILOT: 3 ArduPilot, 12 PX4, 0 generic; None where no heartbeat was recorded."""
+
+    attitude: Series | None
+    """(n, 4) unit quaternions FRD -> NED, w first, without sign flips: ATTITUDE_QUATERNION or ATTITUDE, the faster."""
+    rates: Series | None
+    """(n, 3) rad/s, body FRD, from the same message (the autopilot's estimate; raw gyros are in ``imus``)."""
+    position: Series | None
+    """(n, 3) m NED."""
+    velocity: Series | None
+    """(n, 3) m/s NED."""
+    imus: tuple[ImuRecord, ...]
+    """Best first: float before quantised, fast before slow."""
+    beams: tuple[Beam, ...]
+    escs: Mapping[int, EscRecord]
+    """By ESC number, from 1; ESCs that never turned nor counted are left out."""
+    servo: Series | None
+    """(n, 16) us of port 0; 0 is no pulse."""
+    servo_ports: Mapping[int, Series]
+    """The same by port: PX4 sends its AUX outputs, ArduPilot outputs 17-32, as port 1."""
+    battery: Series | None
+    """(n, 2) V, A of battery 0; NaN where not measured."""
+    pressure: Series | None
+    """(n, 2) Pa, deg C."""
+    thrust_command: Series | None
+    """(n, 1) thrust of ATTITUDE_TARGET, 0...1 (as its firmware means it), before angle boost on ArduPilot."""
+    attitude_target: Series | None
+    """(n, 4) quaternion of ATTITUDE_TARGET."""
+    commands: Series | None
+    """(n, 5) quaternion and thrust of SET_ATTITUDE_TARGET sent to the vehicle, by whomever."""
+    wind: Series | None
+    """(n, 3) m/s NED, where the air moves to; the autopilot's estimate."""
+    vibration: Series | None
+    """(n, 3) m/s^2."""
+
+    armed: tuple[Interval, ...]
+    modes: tuple[Interval, ...]
+    """Value: custom_mode."""
+    landed: tuple[Interval, ...]
+    """Value: MAV_LANDED_STATE; empty where the autopilot does not tell."""
+    parameters: Mapping[str, float]
+    texts: tuple[tuple[float, int, str], ...]
+    """STATUSTEXT: time [s], severity, text."""
+    summary: LogSummary = field(repr=False)
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the boot in the log."""
+        return self.end_s - self.start_s
+
+    def beam(self, direction: str) -> Beam | None:
+        """The best rangefinder that looks ``down``, ``up``, ``forward``, ``right``, ``back`` or ``left``, or None.
+
+        DISTANCE_SENSOR before RANGEFINDER, unless both tell the same distance and RANGEFINDER is finer and no slower;
+        among equals the one with more good readings.
+        """
+        return best_beam([b for b in self.beams if b.name == direction])
+
+    def missing(self, *names: str) -> list[str]:
+        """Which of the named columns (``"attitude"``, ``"imus"`` ...) this log does not hold."""
+        return [name for name in names if not getattr(self, name)]
+
+
+def load(path: Path | str, target_system: int | None = None) -> list[FlightLog]:
+    """Every boot in a log, in order. Raises LogError in one line where it cannot be read. Formats: formats.py."""
+    from replay.formats import read_flightlogs
+
+    return read_flightlogs(Path(path), target_system)
+
+
+def direction_name(direction: tuple[float, float, float]) -> str:
+    """Name of the axis within 20 degrees of a beam, or ``other``."""
+    for name, orientation in _AXES.items():
+        axis = orientation_direction(orientation)
+        assert axis is not None
+        if float(np.dot(axis, direction)) >= _SAME_DIRECTION:
+            return name
+    return "other"
+
+
+def best_beam(beams: list[Beam]) -> Beam | None:
+    """See ``FlightLog.beam``."""
+    own = sorted((b for b in beams if b.source != "RANGEFINDER"), key=lambda b: -len(b.good))
+    old = next((b for b in beams if b.source == "RANGEFINDER"), None)
+    if not own:
+        return old
+    best = own[0]
+    if old is None or not len(best.good) or not len(old.good):
+        return best
+    finer = old.step_m < best.step_m and not old.good.rate_hz < best.good.rate_hz
+    difference = np.abs(old.good.at(best.good.t_s) - best.good.values)
+    same = bool(np.nanmedian(difference) <= best.step_m) if np.isfinite(difference).any() else False
+    return old if finer and same else best
+
+
+def tidy(t_s: Array, values: Array, source: str) -> Series | None:
+    """A Series sorted by time, repeats of a stamp and samples without a number dropped; None where nothing is left."""
+    values = values[:, None] if values.ndim == 1 else values
+    keep = np.isfinite(t_s) & ~np.isnan(values).all(axis=1)
+    t_s, values = t_s[keep], values[keep]
+    if t_s.size > 1 and not (np.diff(t_s) > 0.0).all():
+        t_s, first = np.unique(t_s, return_index=True)
+        values = values[first]
+    return Series(t_s, values, source) if t_s.size else None
+
+
+def smallest_step(values: Array) -> float:
+    """The grid that (n,) values stand on, 0 where there is none to be seen."""
+    distinct = np.unique(values[np.isfinite(values)][:20_000])
+    if distinct.size < 3:
+        return 0.0
+    steps = np.diff(distinct)
+    step = float(steps.min())
+    on_grid = np.abs(steps / step - np.rint(steps / step)) < 0.1
+    scale = float(np.abs(distinct).max())
+    return step if step > 1e-5 * max(scale, 1e-3) and on_grid.mean() > 0.98 else 0.0
+
+
+def runs(t_s: Array, values: Array, end_s: float) -> tuple[Interval, ...]:
+    """Intervals over which whole-number ``values`` (n,) stay the same; the last ends at ``end_s``."""
+    if not len(t_s):
+        return ()
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(values) != 0) + 1])
+    ends = np.append(t_s[starts[1:]], max(end_s, t_s[-1]))
+    return tuple(Interval(float(t_s[i]), float(e), int(values[i])) for i, e in zip(starts, ends, strict=True))
+
+
+def unflipped(q: Array) -> Array:
+    """Quaternions (n, 4) of length 1 without sign jumps from one to the next, so that they can be interpolated."""
+    norm = np.linalg.norm(q, axis=1, keepdims=True)
+    q = np.where((norm > 0.9) & (norm < 1.1), q / np.where(norm > 0.0, norm, 1.0), np.nan)
+    known = ~np.isnan(q[:, 0])
+    dots = np.einsum("ij,ij->i", q[known][1:], q[known][:-1])
+    signs = np.concatenate([[1.0], np.cumprod(np.where(dots < 0.0, -1.0, 1.0))]) if known.any() else np.empty(0)
+    out = q.copy()
+    out[known] *= signs[:, None]
+    return out
