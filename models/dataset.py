@@ -1,0 +1,185 @@
+"""The data set: one fan's total wrench over height, wall distance and rotor speed, read from a CSV and checked."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.errors import ModelError
+from models.wrench import AXES, Array
+
+COLUMNS = ("h_m", "d_m", "rpm", "Fx_N", "Fy_N", "Fz_N", "Mx_Nm", "My_Nm", "Mz_Nm")
+HEADER = ",".join(COLUMNS)
+MIN_ROWS = 30
+# Two rows at one point may differ by rounding in the file, not by more.
+DUPLICATE_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """Rows of one fan in its corner frame (contract, section 1).
+
+    ``h`` and ``d`` shape (n,) in m, ``inf`` where there is no ground or wall; ``rpm`` shape (n,), positive;
+    ``wrench`` shape (n, 6) in N and N m. ``notes`` says in words what was done to the file's rows.
+    """
+
+    h: Array
+    d: Array
+    rpm: Array
+    wrench: Array
+    source: str
+    sha256: str
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return int(self.h.shape[0])
+
+    def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> DataSet:
+        """The rows ``index`` (integers or mask)."""
+        return replace(self, h=self.h[index], d=self.d[index], rpm=self.rpm[index], wrench=self.wrench[index])
+
+    @property
+    def free_air(self) -> NDArray[np.bool_]:
+        """Rows with neither ground nor wall, shape (n,)."""
+        return np.isinf(self.h) & np.isinf(self.d)
+
+    @property
+    def locations(self) -> NDArray[np.intp]:
+        """One number per distinct (h, d), shape (n,): rows at several rotor speeds share it."""
+        pairs = np.stack([self.h, self.d], axis=1)
+        return np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
+
+
+def read(path: Path | str) -> DataSet:
+    """Read a data set in the contract's format.
+
+    Raises ModelError, naming the line, for: unreadable file, another header, a field that is no number, NaN, a negative
+    distance or speed, an infinite speed or wrench, duplicates that disagree, a wrench at rest, fewer than 30 rows.
+    Duplicates that agree are merged, rows at rest (rpm 0, zero wrench) dropped; ``notes`` says so.
+    """
+    path = Path(path)
+    try:
+        raw = path.read_bytes()
+        text = raw.decode("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise ModelError(f"data set {path}: cannot be read ({reason})") from None
+    lines = text.splitlines()
+    if not lines or lines[0].strip() != HEADER:
+        found = lines[0].strip()[:80] if lines else "an empty file"
+        raise ModelError(f"data set {path}: the header must be exactly '{HEADER}', not '{found}'")
+    number, values = _parse(path, lines)
+    _check_values(path, number, values)
+    notes: list[str] = []
+    number, values = _merge_duplicates(path, number, values, notes)
+    values = _drop_rest(path, number, values, notes)
+    if len(values) < MIN_ROWS:
+        raise ModelError(f"data set {path}: has {len(values)} usable rows; at least {MIN_ROWS} are needed")
+    return DataSet(
+        h=values[:, 0],
+        d=values[:, 1],
+        rpm=values[:, 2],
+        wrench=values[:, 3:],
+        source=path.name,
+        sha256=hashlib.sha256(raw).hexdigest(),
+        notes=tuple(notes),
+    )
+
+
+def write(path: Path | str, data: DataSet) -> None:
+    """Write a data set in the contract's format, eight digits."""
+    table = np.column_stack([data.h, data.d, data.rpm, data.wrench])
+    np.savetxt(path, table, fmt="%.8g", delimiter=",", header=HEADER, comments="")
+
+
+def holdout(data: DataSet, seed: int, share: float = 0.2) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Random train and test rows, 8:2 as in the paper; reproducible by ``seed``."""
+    order = np.random.default_rng(seed).permutation(len(data))
+    cut = len(data) - max(1, round(share * len(data)))
+    return np.sort(order[:cut]), np.sort(order[cut:])
+
+
+def _parse(path: Path, lines: list[str]) -> tuple[NDArray[np.intp], Array]:
+    """Line numbers (from 1, header included) and values (n, 9); blank lines are skipped."""
+    body = lines[1:]
+    number = np.array([i for i, line in enumerate(body, 2) if line.strip()], dtype=np.intp)
+    if number.size == 0:
+        raise ModelError(f"data set {path}: has 0 usable rows; at least {MIN_ROWS} are needed")
+    try:
+        values = np.loadtxt(body, delimiter=",", ndmin=2, comments=None)
+        if values.shape[1] != len(COLUMNS):
+            raise ValueError
+        return number, values
+    except ValueError:
+        pass
+    for n in number:
+        fields = lines[n - 1].split(",")
+        if len(fields) != len(COLUMNS):
+            raise ModelError(f"data set {path}: line {n} has {len(fields)} fields, not {len(COLUMNS)}")
+        for name, field in zip(COLUMNS, fields, strict=True):
+            try:
+                float(field)
+            except ValueError:
+                raise ModelError(f"data set {path}: line {n}, column {name}: '{field}' is not a number") from None
+    raise ModelError(f"data set {path}: cannot be parsed as numbers")
+
+
+def _check_values(path: Path, number: NDArray[np.intp], values: Array) -> None:
+    def refuse(bad: NDArray[np.bool_], problem: str) -> None:
+        rows, columns = np.nonzero(bad)
+        if rows.size:
+            row, column = rows[0], columns[0]
+            raise ModelError(
+                f"data set {path}: line {number[row]}, column {COLUMNS[column]}: {problem} ({values[row, column]:g})"
+            )
+
+    refuse(np.isnan(values), "is not a number; remove or repair the row")
+    inputs = np.zeros(values.shape, dtype=bool)
+    inputs[:, :3] = values[:, :3] < 0.0
+    refuse(inputs, "is negative")
+    finite = np.isinf(values)
+    finite[:, :2] = False
+    refuse(finite, "must be finite")
+
+
+def _merge_duplicates(
+    path: Path, number: NDArray[np.intp], values: Array, notes: list[str]
+) -> tuple[NDArray[np.intp], Array]:
+    order = np.lexsort((number, values[:, 2], values[:, 1], values[:, 0]))
+    ordered = values[order]
+    same = np.all(ordered[1:, :3] == ordered[:-1, :3], axis=1)
+    if not same.any():
+        return number, values
+    tolerance = DUPLICATE_TOLERANCE * np.maximum(np.abs(values[:, 3:]).max(axis=0), 1e-12)
+    differ = same & np.any(np.abs(ordered[1:, 3:] - ordered[:-1, 3:]) > tolerance, axis=1)
+    if differ.any():
+        k = int(np.argmax(differ))
+        axis = int(np.argmax(np.abs(ordered[k + 1, 3:] - ordered[k, 3:]) / tolerance))
+        raise ModelError(
+            f"data set {path}: lines {number[order[k]]} and {number[order[k + 1]]} are the same point but disagree in "
+            f"{COLUMNS[3 + axis]} ({ordered[k, 3 + axis]:g} and {ordered[k + 1, 3 + axis]:g}); keep one"
+        )
+    keep = np.sort(order[np.concatenate([[True], ~same])])
+    notes.append(f"{int(same.sum())} duplicate rows that agree were merged")
+    return number[keep], values[keep]
+
+
+def _drop_rest(path: Path, number: NDArray[np.intp], values: Array, notes: list[str]) -> Array:
+    rest = values[:, 2] == 0.0
+    if not rest.any():
+        return values
+    loaded = rest & np.any(np.abs(values[:, 3:]) > 1e-6 * np.abs(values[:, 3:]).max(axis=0), axis=1)
+    if loaded.any():
+        row = int(np.argmax(loaded))
+        axis = int(np.argmax(np.abs(values[row, 3:])))
+        raise ModelError(
+            f"data set {path}: line {number[row]} is at rest (rpm 0) but has {AXES[axis]} = {values[row, 3 + axis]:g}; "
+            "remove the sensor's offset"
+        )
+    notes.append(f"{int(rest.sum())} rows at rest (rpm 0) were dropped: a fan at rest has no wrench by definition")
+    kept: Array = values[~rest]
+    return kept

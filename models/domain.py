@@ -1,0 +1,118 @@
+"""Where the data are: a map of the distance to the nearest data, and bounds, turned into trust 0...1."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.wrench import Array
+
+NODES = 65
+# Trust is whole up to one typical gap of the data from the nearest row, and none at this many gaps.
+GAPS_TO_NOTHING = 3.0
+# Outside the rotor speeds of the data trust fades over this share of them; so below the nearest distances.
+SPEED_MARGIN = 0.25
+NEAR_MARGIN = 0.5
+
+
+@dataclass(frozen=True)
+class Domain:
+    """Trust by location: ``map`` (NODES, NODES) over the two distance coordinates in [-1, 1], bounds in m and rpm."""
+
+    map: Array
+    h_near: float
+    d_near: float
+    rpm_low: float
+    rpm_high: float
+
+    def trust(self, x: Array, h: Array, d: Array, rpm: Array) -> Array:
+        """Trust (n,) at coordinates x (n, >= 2) that belong to h, d, rpm (n,)."""
+        last = NODES - 2
+        with np.errstate(invalid="ignore"):
+            p = (x[:, :2] + 1.0) * ((NODES - 1) / 2.0)
+            known = ~np.isnan(p).any(axis=1)
+            cell = np.clip(np.nan_to_num(p), 0, last).astype(np.intp)
+            fx, fy = (p - cell).T
+        i, j = cell.T
+        m = self.map
+        inside = (1 - fx) * ((1 - fy) * m[i, j] + fy * m[i, j + 1]) + fx * (
+            (1 - fy) * m[i + 1, j] + fy * m[i + 1, j + 1]
+        )
+        out = inside * _near(h, self.h_near) * _near(d, self.d_near)
+        with np.errstate(invalid="ignore"):
+            low = (rpm / self.rpm_low - (1 - SPEED_MARGIN)) / SPEED_MARGIN
+            high = ((1 + SPEED_MARGIN) - rpm / self.rpm_high) / SPEED_MARGIN
+            out = out * np.clip(np.minimum(low, high), 0.0, 1.0)
+        result: Array = np.where(known & ~np.isnan(out), out, 0.0)
+        return result
+
+    def point(self, xh: float, xd: float, h: float, d: float, rpm: float) -> float:
+        """Trust at one point; the same as ``trust``."""
+        px, py = (xh + 1.0) * ((NODES - 1) / 2.0), (xd + 1.0) * ((NODES - 1) / 2.0)
+        i, j = min(int(px), NODES - 2), min(int(py), NODES - 2)
+        fx, fy = px - i, py - j
+        item = self.map.item
+        out = (1 - fx) * ((1 - fy) * item(i, j) + fy * item(i, j + 1)) + fx * (
+            (1 - fy) * item(i + 1, j) + fy * item(i + 1, j + 1)
+        )
+        if h < self.h_near:
+            out *= max(0.0, (h / self.h_near - NEAR_MARGIN) / (1 - NEAR_MARGIN))
+        if d < self.d_near:
+            out *= max(0.0, (d / self.d_near - NEAR_MARGIN) / (1 - NEAR_MARGIN))
+        low = (rpm / self.rpm_low - (1 - SPEED_MARGIN)) / SPEED_MARGIN
+        high = ((1 + SPEED_MARGIN) - rpm / self.rpm_high) / SPEED_MARGIN
+        return out * max(0.0, min(1.0, low, high))
+
+    def arrays(self) -> dict[str, Array]:
+        """What weights.npz holds."""
+        return {"domain_map": self.map}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, Array], bounds: Mapping[str, float]) -> Domain:
+        """Inverse of ``arrays``, with the bounds from model.json."""
+        return cls(map=np.asarray(arrays["domain_map"], dtype=float), **bounds)
+
+
+def fit(x: Array, h: Array, d: Array, rpm: Array) -> Domain:
+    """Map the domain of rows at coordinates x (n, >= 2).
+
+    The typical gap is the 95th percentile, over distinct locations, of the distance to the nearest other location.
+    """
+    places = np.unique(np.round(x[:, :2], 9), axis=0)
+    if len(places) > 4000:
+        places = places[np.random.default_rng(0).choice(len(places), 4000, replace=False)]
+    gap = float(np.quantile(_nearest(places, places, skip_self=True), 0.95)) if len(places) > 1 else 0.0
+    gap = max(gap, 2.0 / (NODES - 1))
+    axis = np.linspace(-1.0, 1.0, NODES)
+    grid = np.stack(np.meshgrid(axis, axis, indexing="ij"), -1).reshape(-1, 2)
+    distance = _nearest(grid, places, skip_self=False)
+    trust = np.clip((GAPS_TO_NOTHING - distance / gap) / (GAPS_TO_NOTHING - 1), 0.0, 1.0)
+    return Domain(
+        map=trust.reshape(NODES, NODES),
+        h_near=float(h[np.isfinite(h)].min(initial=np.inf)) if np.isfinite(h).any() else 0.0,
+        d_near=float(d[np.isfinite(d)].min(initial=np.inf)) if np.isfinite(d).any() else 0.0,
+        rpm_low=float(rpm.min()),
+        rpm_high=float(rpm.max()),
+    )
+
+
+def _near(value: Array, near: float) -> Array:
+    if near <= 0.0:
+        return np.ones_like(value)
+    with np.errstate(invalid="ignore"):
+        out: Array = np.clip((value / near - NEAR_MARGIN) / (1 - NEAR_MARGIN), 0.0, 1.0)
+    return out
+
+
+def _nearest(points: Array, places: Array, skip_self: bool) -> Array:
+    """Distance (m,) from each of points (m, 2) to the nearest of places (n, 2)."""
+    out = np.empty(len(points))
+    for start in range(0, len(points), 512):
+        block = points[start : start + 512]
+        squared = ((block[:, None, :] - places[None, :, :]) ** 2).sum(axis=-1)
+        if skip_self:
+            squared[np.arange(len(block)), start + np.arange(len(block))] = np.inf
+        out[start : start + 512] = np.sqrt(squared.min(axis=1))
+    return out

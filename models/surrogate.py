@@ -1,0 +1,201 @@
+"""The surrogate of one fan: free-air law, gated increments from a regressor, calibrated spread, trust."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models.coordinates import Coordinates
+from models.domain import Domain
+from models.ensemble import NetEnsemble
+from models.free_air import HORIZONTAL, FreeAir
+from models.wrench import Array
+
+CHUNK = 65536
+_NUMBERS = frozenset({float, int, np.float64})
+
+
+class Regressor(Protocol):
+    """What the increments over their gate are computed by: nets, kriging or a polynomial."""
+
+    kind: str
+
+    def predict(self, x: Array) -> tuple[Array, Array]:
+        """Mean and spread, each (n, 6), at inputs (n, 3)."""
+        ...
+
+    def arrays(self) -> dict[str, Array]:
+        """What weights.npz holds."""
+        ...
+
+
+class Answer(NamedTuple):
+    """One query: ``wrench`` and ``sigma`` (..., 6) in N and N m, corner frame; ``trust`` (...) in 0...1."""
+
+    wrench: Array
+    sigma: Array
+    trust: Any
+
+
+@dataclass(frozen=True)
+class AdoptedEffect:
+    """An effect that the diagnosis found missing and added: its catalogue name and fitted parameters, SI."""
+
+    name: str
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Turns the spread of the members into a standard deviation: sqrt((gain x spread)^2 + floor^2), each shape (6,).
+
+    Fitted on rows that a member had not seen. ``floor`` is in increments (wrench over free-air lift), ``size`` the RMS
+    of the increments of the data, against which the spread lowers trust.
+    """
+
+    gain: tuple[float, ...]
+    floor: tuple[float, ...]
+    size: tuple[float, ...]
+
+
+class FanSurrogate:
+    """One fan's wrench over (h, d, rpm), corner frame: lift(rpm) x (free-air share + gate(h, d) x increment(x)).
+
+    h, d in m (``inf``: no ground, no wall), rpm of the fan; all broadcast. Exactly the free-air wrench far from both,
+    exactly zero at rest; NaN or a negative speed or distance gives NaN with trust 0. Nearer than the data the nearest
+    data hold; outside their rotor speeds the coefficients do, under the lift law. Single floats take a fast path.
+    """
+
+    def __init__(
+        self,
+        free_air: FreeAir,
+        coordinates: Coordinates,
+        regressor: Regressor,
+        calibration: Calibration,
+        domain: Domain,
+        *,
+        effects: tuple[AdoptedEffect, ...] = (),
+        info: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.free_air_law = free_air
+        self.coordinates = coordinates
+        self.regressor = regressor
+        self.calibration = calibration
+        self.domain = domain
+        self.effects = effects
+        self.info: Mapping[str, Any] = dict(info or {})
+        """Everything else model.json says: method, data, metrics, fidelity."""
+        self._share = np.asarray(free_air.share)
+        self._gain = np.asarray(calibration.gain)
+        self._floor = np.maximum(np.asarray(calibration.floor), np.asarray(free_air.scatter))
+        self._floor2 = self._floor**2
+        self._inverse_size = 1.0 / np.maximum(np.asarray(calibration.size), 1e-12) / 6.0
+        # Gates of a point: [any surface, wall] @ rows.
+        wall = HORIZONTAL & coordinates.axisymmetric
+        self._gate_rows = np.stack([~wall, wall]).astype(float)
+        self._two = np.empty(2)
+        self._gate = np.empty(6)
+        self._buffer = np.empty(6)
+        self._nets = regressor if isinstance(regressor, NetEnsemble) else None
+
+    def with_effects(self, effects: tuple[AdoptedEffect, ...]) -> FanSurrogate:
+        """The same surrogate with these adopted effects."""
+        return FanSurrogate(
+            self.free_air_law,
+            self.coordinates,
+            self.regressor,
+            self.calibration,
+            self.domain,
+            effects=effects,
+            info=self.info,
+        )
+
+    def wrench(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
+        """Total wrench (..., 6) of the fan in N and N m, corner frame."""
+        return self.query(h, d, rpm).wrench
+
+    def sigma(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
+        """Standard deviation (..., 6) of ``wrench`` in N and N m."""
+        return self.query(h, d, rpm).sigma
+
+    def trust(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
+        """How far the answer is to be believed (...): 1 inside the data, 0 far outside them; lowered by the spread."""
+        return np.asarray(self.query(h, d, rpm).trust)
+
+    def free_air(self, rpm: ArrayLike) -> Array:
+        """Wrench (..., 6) with neither ground nor wall."""
+        return self.free_air_law.wrench(rpm)
+
+    def query(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Answer:
+        """Wrench, spread and trust at once: one pass through the regressor."""
+        if type(h) in _NUMBERS and type(d) in _NUMBERS and type(rpm) in _NUMBERS:
+            return self._point(h, d, rpm)  # type: ignore[arg-type]
+        arrays = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (h, d, rpm)))
+        shape, n = arrays[0].shape, arrays[0].size
+        h, d, rpm = (a.ravel() for a in arrays)
+        wrench, sigma, trust = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
+        for start in range(0, n, CHUNK):
+            part = slice(start, start + CHUNK)
+            wrench[part], sigma[part], trust[part] = self._batch(h[part], d[part], rpm[part])
+        return Answer(wrench.reshape(*shape, 6), sigma.reshape(*shape, 6), trust.reshape(shape))
+
+    def _batch(self, h: Array, d: Array, rpm: Array) -> tuple[Array, Array, Array]:
+        known = (h >= 0.0) & (d >= 0.0) & (rpm >= 0.0) & (rpm < np.inf)
+        h, d, rpm = np.where(known, h, np.inf), np.where(known, d, np.inf), np.where(known, rpm, 0.0)
+        x, gate = self.coordinates.inputs(h, d, rpm)
+        lift = self.free_air_law.lift(rpm)[:, None]
+        mean, spread = self.regressor.predict(x)
+        spread *= gate * self._gain
+        wrench = lift * (gate * mean + self._share)
+        sigma = lift * np.sqrt(spread * spread + self._floor2)
+        doubt = spread @ self._inverse_size
+        trust = self.domain.trust(x, h, d, rpm) / (1.0 + doubt * doubt)
+        wrench[~known] = np.nan
+        sigma[~known] = np.nan
+        return wrench, sigma, np.where(known, trust, 0.0)
+
+    def _point(self, h: float, d: float, rpm: float) -> Answer:
+        if not (h >= 0.0 and d >= 0.0 and 0.0 <= rpm < np.inf):
+            return Answer(np.full(6, np.nan), np.full(6, np.nan), 0.0)
+        nets = self._nets
+        if nets is None:
+            wrench, sigma, trust = self._batch(np.array([h]), np.array([d]), np.array([float(rpm)]))
+            return Answer(wrench[0], sigma[0], float(trust[0]))
+        c = self.coordinates
+        th = _unit(h, c.h_near, c.h_far)
+        td = _unit(d, c.d_near, c.d_far)
+        xr = 2.0 * _unit(rpm, c.rpm_low, c.rpm_high) - 1.0 if c.rpm_high > c.rpm_low else 0.0
+        xh, xd = 1.0 - 2.0 * (1.0 - th) ** 2, 1.0 - 2.0 * (1.0 - td) ** 2
+        law = self.free_air_law
+        lift = law.lift_n * (rpm / law.rpm_ref) ** (2.0 + law.exponent)
+        near_d = (1.0 - td * td) ** 3
+        self._two[0] = 1.0 - (1.0 - (1.0 - th * th) ** 3) * (1.0 - near_d)
+        self._two[1] = near_d
+        gate = np.dot(self._two, self._gate_rows, out=self._gate)
+        mean, spread = nets.point((xh, xd, xr))
+        wrench = gate * mean
+        wrench += self._share
+        wrench *= lift
+        np.multiply(gate, self._gain, out=self._buffer)
+        spread *= self._buffer
+        doubt = float(np.dot(spread, self._inverse_size))
+        sigma = spread * spread
+        sigma += self._floor2
+        np.sqrt(sigma, out=sigma)
+        sigma *= lift
+        return Answer(wrench, sigma, self.domain.point(xh, xd, h, d, rpm) / (1.0 + doubt * doubt))
+
+
+def _unit(value: float, low: float, high: float) -> float:
+    """``coordinates.unit`` of one number."""
+    if high <= low:
+        return 1.0 if value > high else 0.5
+    if value <= low:
+        return 0.0
+    if value >= high:
+        return 1.0
+    return (value - low) / (high - low)
