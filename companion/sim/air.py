@@ -18,7 +18,7 @@ REYNOLDS_EXPONENT = 0.04
 
 @dataclass(frozen=True)
 class LawConstants:
-    """Constants of the law: lengths in rotor radii, strengths as shares of free-air thrust (moments: thrust x radius)."""
+    """Constants of the law: lengths in rotor radii, strengths as shares of free-air thrust (moments: of T0 R)."""
 
     duct_share: float = 0.40
     rotor_gain: float = 0.60

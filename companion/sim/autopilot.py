@@ -40,8 +40,8 @@ class Guided(Enum):
 class Gains:
     """Position controller and attitude controller, named after ArduCopter's parameters."""
 
-    pos_xy: float = 1.0
-    vel_xy_p: float = 2.0
+    pos_xy: float = 1.2
+    vel_xy_p: float = 2.5
     vel_xy_i: float = 1.0
     vel_xy_d: float = 0.25
     pos_z: float = 1.0
@@ -49,15 +49,15 @@ class Gains:
     acc_z_p: float = 0.05  # throttle per m/s^2
     acc_z_i: float = 0.10
     accel_xy: float = 2.5
-    jerk_xy: float = 5.0
+    jerk_xy: float = 10.0
     accel_z: float = 2.5
-    jerk_z: float = 5.0
+    jerk_z: float = 10.0
     input_tc: float = 0.15
     angle: float = 4.5
-    rate_p: Vec = (20.0, 12.0, 6.0)
-    rate_i: Vec = (20.0, 12.0, 2.0)
-    rate_d: Vec = (0.0, 0.0, 0.0)
-    accel_max: Vec = (12.0, 8.0, 4.0)  # rad/s^2, attitude target shaping
+    rate_p: Vec = (14.0, 14.0, 8.0)
+    rate_i: Vec = (14.0, 14.0, 2.0)
+    rate_d: Vec = (0.4, 0.4, 0.3)
+    accel_max: Vec = (5.0, 5.0, 2.0)  # rad/s^2, attitude target shaping
 
 
 def square_root(error: float, p: float, limit: float) -> float:
@@ -134,7 +134,7 @@ class Autopilot:
 
     vehicle: Vehicle
     hover: float
-    """MOT_THST_HOVER: the throttle the position controller starts from. Never learnt, so it is off, as on the real one."""
+    """MOT_THST_HOVER: the throttle the position controller starts from. Never learnt, so it is off."""
     px4: bool = False
     """Acceleration feed-forward goes in behind the velocity controller, thrust is never a climb rate."""
     gains: Gains = field(default_factory=Gains)
@@ -172,6 +172,7 @@ class Autopilot:
         """Roll and pitch [rad] last demanded of the attitude controller, before shaping."""
         self._spool = 0.0
         self._grounded_s = 0.0
+        self._airborne_s = 0.0
 
     @property
     def hand(self) -> str:
@@ -271,7 +272,8 @@ class Autopilot:
             self.landed = True
             if self.mode is Mode.LAND:
                 self.armed = False
-        elif not touching:
+        self._airborne_s = 0.0 if touching else self._airborne_s + self.dt
+        if self._airborne_s > 0.1:
             self.landed = False
 
     def _relax(self, now: Estimate) -> None:
@@ -347,6 +349,9 @@ class Autopilot:
     def _position(self, now: Estimate) -> float:
         t, dt, g = self.target, self.dt, self.gains
         ff = (0.0, 0.0, 0.0) if self.px4 else t.accel
+        # Between two messages the demand moves on at its own velocity.
+        n, e, d = (None if x is None else x + v * dt for x, v in zip(t.position, t.velocity, strict=True))
+        t.position = (n, e, d)
         self._north.step(dt, t.position[0], t.velocity[0], ff[0])
         self._east.step(dt, t.position[1], t.velocity[1], ff[1])
         self._down.step(dt, t.position[2], t.velocity[2], ff[2])

@@ -28,6 +28,10 @@ GRAVITY = 9.80665
 DT = 0.0025
 GEAR_M = 0.13
 """The feet stand this far below the CG."""
+GROUND_FRICTION, WALL_FRICTION = 0.6, 0.15
+"""Rubber feet; a smooth bumper on the lip."""
+CONTACT_STIFFNESS = 50.0**2
+"""Stiffness of a contact over the vehicle's mass [1/s^2]: it settles by 4 mm under its weight."""
 
 SPIN_MIN, SPIN_MAX, THRUST_EXPO = 0.15, 0.95, 0.65
 """ArduPilot's defaults of MOT_SPIN_MIN, MOT_SPIN_MAX and MOT_THST_EXPO: where a motor idles, ends, and how it bends."""
@@ -136,7 +140,7 @@ class Body:
     law: LawConstants = NOMINAL
     seed: int = 0
     dt: float = DT
-    position: list[float] = field(default_factory=lambda: [0.0, 0.0, -GEAR_M])
+    position: list[float] = field(default_factory=lambda: [0.0, 0.0, GRAVITY / CONTACT_STIFFNESS - GEAR_M])
     velocity: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     quaternion: list[float] = field(default_factory=lambda: [1.0, 0.0, 0.0, 0.0])
     rates: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
@@ -203,13 +207,13 @@ class Body:
         self.rpm = [0.0] * len(v.rotors)
         self.deflection = [0.0] * len(v.vanes)
         self._unsteady = Unsteadiness(f"unsteady {self.seed}", 6 * len(v.fans), self.dt)
-        self._spin_up = 1.0 - math.exp(-self.dt / 0.05)
-        self._spin_down = 1.0 - math.exp(-self.dt / 0.07)
+        self._spin_up = 1.0 - math.exp(-self.dt / 0.04)
+        self._spin_down = 1.0 - math.exp(-self.dt / 0.05)
         self._servo = 1.0 - math.exp(-self.dt / 0.025)
         reach_x = max(0.15, max(abs(f.x) for f in self._fans))
         reach_y = max(0.15, max(abs(f.y) for f in self._fans))
         self._feet = [(sx * reach_x, sy * reach_y, GEAR_M) for sx in (-1, 1) for sy in (-1, 1)]
-        self._spring = v.mass_kg * 50.0**2 / 4.0
+        self._spring = v.mass_kg * CONTACT_STIFFNESS / 4.0
         self._damper = 2.0 * 0.7 * v.mass_kg * 50.0 / 4.0
         self._wall_cos = math.cos(self.surroundings.wall_azimuth_rad)
         self._wall_sin = math.sin(self.surroundings.wall_azimuth_rad)
@@ -398,7 +402,7 @@ class Body:
             for point in self._feet:
                 depth = pz + rot[6] * point[0] + rot[7] * point[1] + rot[8] * point[2]
                 if depth > 0.0:
-                    self._push(total, rot, point, (0.0, 0.0, 1.0), depth)
+                    self._push(total, rot, point, (0.0, 0.0, 1.0), depth, GROUND_FRICTION)
         if near_wall:
             into = (self._wall_cos, self._wall_sin, 0.0)
             bx, by = rot[0] * into[0] + rot[3] * into[1], rot[1] * into[0] + rot[4] * into[1]
@@ -410,10 +414,12 @@ class Body:
                 depth = n * into[0] + e * into[1] - self.wall_gap_m
                 beside = -(self.position[0] + n) * into[1] + (self.position[1] + e) * into[0]
                 if depth > 0.0 and abs(beside) < self.surroundings.wall_half_width_m:
-                    self._push(total, rot, lip, into, depth)
+                    self._push(total, rot, lip, into, depth, WALL_FRICTION)
         self.causes.contact = (total[0], total[1], total[2], total[3], total[4], total[5])
 
-    def _push(self, total: list[float], rot: tuple[float, ...], point: Vec, into: Vec, depth: float) -> None:
+    def _push(
+        self, total: list[float], rot: tuple[float, ...], point: Vec, into: Vec, depth: float, friction: float
+    ) -> None:
         """Add the push of a surface whose inward normal (NED) is ``into`` on a body point ``depth`` inside it."""
         self.contact = True
         x, y, z = point
@@ -425,7 +431,7 @@ class Body:
         normal = max(0.0, self._spring * depth + self._damper * inward)
         slide = [v[i] - inward * into[i] for i in range(3)]
         size = math.hypot(*slide) + 0.02
-        f = [-normal * into[i] - 0.6 * normal * slide[i] / size for i in range(3)]
+        f = [-normal * into[i] - friction * normal * slide[i] / size for i in range(3)]
         b = [rot[i] * f[0] + rot[3 + i] * f[1] + rot[6 + i] * f[2] for i in range(3)]
         total[0] += b[0]
         total[1] += b[1]

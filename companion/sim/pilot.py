@@ -23,7 +23,7 @@ POSITION_AND_VELOCITY = 0x1C0 | 0x800
 """type_mask: position, velocity and yaw are commanded; acceleration and yaw rate are not."""
 PERIOD_S = 0.05
 TAKE_OFF_S = 2.0
-SCRIPT_S = 14.0
+SCRIPT_S = 10.0
 """Boot time at which the script begins, when the companion is ready by then."""
 PATIENCE_S = 120.0
 """Boot time at which the script begins at the latest."""
@@ -68,7 +68,7 @@ class ScriptedPilot:
         if math.isinf(self._start_s):
             if (now >= SCRIPT_S and self._ready()) or now >= PATIENCE_S:
                 self._start_s = now
-            elif pilot.mode is Mode.GUIDED and self._hand is Hand.AUTOPILOT and now > TAKE_OFF_S + 6.0:
+            elif pilot.mode is Mode.GUIDED and self._hand is Hand.AUTOPILOT and now > TAKE_OFF_S + 5.0:
                 self._send_reference()
             elif self._flight.px4:
                 self._send_reference()

@@ -42,7 +42,7 @@ class Options:
 
 
 def run(options: Options) -> int:
-    """Fly until the duration is over, the script has ended (with a truth file or a duration), or we are told to stop."""
+    """Fly until the duration is over, the script has ended (with a truth file), or we are told to stop."""
     flight = Flight(
         options.vehicle, build(options.scenario, options.vehicle, air=options.air), options.seed, px4=options.px4
     )

@@ -15,6 +15,8 @@ START_HEIGHT_M = 1.2
 START_GAP_M = 1.6
 """Distance from lip to wall at the start: far outside the wall's air for every shipped vehicle."""
 
+CREEP_M_S = 0.1
+
 
 @dataclass(frozen=True)
 class Knot:
@@ -127,22 +129,26 @@ def build(name: str, vehicle: Vehicle, *, air: bool = True) -> Scenario:
     azimuth = wall_azimuth(vehicle)
     offset = max(0.0, -min(f.position_m[2] for f in vehicle.fans))  # fans above the CG: the CG flies lower
     wall = START_GAP_M + _lip_reach(vehicle, azimuth)
-    low = 1.3 * r - offset if 1.3 * r - offset > 0.2 else 0.2
-    near = START_GAP_M - 0.45 * r
+    # The last bit is flown slowly, as one does: 0.3 m/s stops short of every surface by more than it overshoots.
+    low = max(1.25 * r - offset, 0.2)
+    lowish = max(low, 1.7 * r - offset, 0.28)
+    near, nearish = START_GAP_M - 0.6 * r, START_GAP_M - max(1.6 * r, 0.24)
     s = _Script()
     half_width = math.inf
     if name == "hover":
         s.hold(60.0, "free")
     elif name == "ground":
-        s.hold(6.0, "free").go("descend", height=low).hold(8.0, "ground").go("climb", height=START_HEIGHT_M)
-        s.hold(6.0, "free")
+        s.hold(6.0, "free").go("descend", height=lowish).go("descend", height=low, speed=CREEP_M_S).hold(8.0, "ground")
+        s.go("climb", height=START_HEIGHT_M).hold(6.0, "free")
     elif name == "wall":
-        s.hold(6.0, "free").go("approach", towards=near).hold(8.0, "wall").go("retreat", towards=0.0).hold(6.0, "free")
+        s.hold(6.0, "free").go("approach", towards=nearish).go("approach", towards=near, speed=CREEP_M_S)
+        s.hold(8.0, "wall").go("retreat", towards=0.0).hold(6.0, "free")
     elif name in ("corner", "free"):
-        s.hold(6.0, "free").go("descend", height=low).hold(5.0, "ground").go("climb", height=START_HEIGHT_M)
-        s.hold(3.0, "free").go("approach", towards=near).hold(5.0, "wall")
-        s.go("descend at wall", height=low).hold(6.0, "corner").go("climb at wall", height=START_HEIGHT_M)
-        s.hold(3.0, "wall").go("retreat", towards=0.0).hold(5.0, "free")
+        s.hold(6.0, "free").go("descend", height=lowish).go("descend", height=low, speed=CREEP_M_S).hold(4.0, "ground")
+        s.go("climb", height=START_HEIGHT_M).hold(3.0, "free")
+        s.go("approach", towards=nearish).go("approach", towards=near, speed=CREEP_M_S).hold(4.0, "wall")
+        s.go("descend at wall", height=lowish).go("descend at wall", height=low, speed=CREEP_M_S).hold(5.0, "corner")
+        s.go("climb at wall", height=START_HEIGHT_M).hold(3.0, "wall").go("retreat", towards=0.0).hold(4.0, "free")
     elif name == "pylon":
         half_width = 0.3
         s.hold(6.0, "free").go("approach", towards=near - 0.4 * r, along=-1.5).hold(3.0, "beside")

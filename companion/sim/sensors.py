@@ -57,7 +57,7 @@ class Estimator:
         self._position = Unsteadiness(f"position {seed}", 3, body.dt, tau=10.0)
         self._velocity = Unsteadiness(f"velocity {seed}", 3, body.dt, tau=1.0)
         self._tilt_bias = [rng.gauss(0.0, math.radians(0.15)) for _ in range(3)]
-        self._position_bias = [rng.gauss(0.0, 0.02) for _ in range(3)]
+        self._position_bias = [rng.gauss(0.0, 0.008) for _ in range(3)]
         self._accel_bias = [rng.gauss(0.0, 0.02) for _ in range(3)]
         self._gyro_bias = [rng.gauss(0.0, 0.0005) for _ in range(3)]
 
