@@ -14,6 +14,7 @@ from companion.commands import encode, hand_back
 from companion.config import Base, PipelineConfig
 from companion.intake import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
 from companion.link import Arrivals, Frame, Link, wait
+from companion.messages import id_of, source_of
 from companion.pipeline import initial_state, step, stopped
 from companion.recorder import Recorder
 from companion.samples import Heartbeat
@@ -103,7 +104,7 @@ class Flight:
         message = frame.message
         if self._recorder is not None:
             self._recorder.write(frame.arrival_us, frame.raw)
-        if self._upstream is not None and message.get_srcSystem() == self._intake.system:
+        if self._upstream is not None and source_of(message)[0] == self._intake.system:
             self._upstream.forward(frame.raw)
         self._feed(frame)
 
@@ -121,13 +122,13 @@ class Flight:
         if intake.clock.boot != boot:
             self._rebooted()
         if len(intake.others) > ignored:
-            self._say(f"companion: ignoring system {message.get_srcSystem()}; flying with system {intake.system}")
+            self._say(f"companion: ignoring system {source_of(message)[0]}; flying with system {intake.system}")
         if sample is None:
             return
         if isinstance(sample, Heartbeat) and sample.component == AUTOPILOT_COMPONENT:
             self._connected(sample)
         if self._streams is not None:
-            self._streams.heard(message.get_msgId(), time.monotonic())
+            self._streams.heard(id_of(message), time.monotonic())
         self._state, decision = step(self._state, sample, self._config)
         if decision is None:
             return

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from companion.clock import BootClock
-from companion.messages import decode
+from companion.messages import decode, source_of
 from companion.samples import Sample
 
 AUTOPILOT_COMPONENT = 1
@@ -38,14 +38,14 @@ class Intake:
 
     def sample(self, message: Any, arrival_us: int) -> Sample | None:
         """The sample of one message, or None where it is not for ``step``."""
-        system = message.get_srcSystem()
+        system, component = source_of(message)
         if not self._heard:
             if not is_autopilot_heartbeat(message) or self.system not in (None, system):
                 return None
             self._heard = True
             self.system = self.clock.system = system
         if system == self.system:
-            if message.get_srcComponent() == OWN_COMPONENT:
+            if component == OWN_COMPONENT:
                 return None
         elif message.get_type() not in _SETPOINTS:
             if is_autopilot_heartbeat(message):

@@ -53,8 +53,8 @@ from models.wrench import GRAVITY
 __all__ = [
     "LAYOUTS", "Attitude", "AttitudeTarget", "Battery", "CommandAck", "EscHealth", "Heartbeat", "Imu", "LandedState",
     "Layout", "LocalPosition", "Parameter", "Pressure", "Range", "RangeVerdict", "RotorSpeeds", "Sample", "ServoOutput",
-    "SetAttitudeTarget", "SetPositionTarget", "Statustext", "Timesync", "Vibration", "Wind", "beam_direction", "columns", "decode",
-    "orientation_direction", "parameter_value", "range_verdict", "wire_dtype",
+    "SetAttitudeTarget", "SetPositionTarget", "Statustext", "Timesync", "Vibration", "Wind", "beam_direction",
+    "columns", "decode", "id_of", "orientation_direction", "parameter_value", "range_verdict", "source_of", "wire_dtype",
 ]  # fmt: skip
 
 NAN = math.nan
@@ -567,6 +567,21 @@ def decode(message: Any, arrival_us: int, clock: BootClock) -> Sample | None:
     else:
         t_s = clock.stamped(system, component, layout.stamp, getattr(message, layout.stamp_field), arrival_us)
     return layout.build((t_s, system, component), layout.name, *[q.scalar(message) for q in layout.quantities])
+
+
+def source_of(message: Any) -> tuple[int, int]:
+    """System and component that sent a message. pymavlink does not read the header of a frame it does not know."""
+    if not isinstance(message, mavlink.MAVLink_unknown):
+        return message.get_srcSystem(), message.get_srcComponent()
+    frame = message.get_msgbuf()
+    return (frame[5], frame[6]) if frame[0] == mavlink.PROTOCOL_MARKER_V2 else (frame[3], frame[4])
+
+
+def id_of(message: Any) -> int:
+    """Message id, also of a frame that pymavlink does not know (which it numbers -2)."""
+    if not isinstance(message, mavlink.MAVLink_unknown):
+        return int(message.get_msgId())
+    return int(message.get_type().removeprefix("UNKNOWN_"))
 
 
 def columns(layout: Layout, records: NDArray[Any]) -> dict[str, NDArray[Any]]:

@@ -1,7 +1,7 @@
 """A recorded flight as named columns: SI, world NED, body FRD, one boot axis; every quantity with its own stamps.
 
-``load(path)`` reads any format of ``formats.py`` and gives one ``FlightLog`` per boot of the vehicle. What the log does not
-hold is None or empty; what was dropped or repaired is in ``summary``. How to use it: docs/logs.md.
+``load(path)`` reads any format of ``formats.py`` and gives one ``FlightLog`` per boot of the vehicle. What the log does
+not hold is None or empty; what was dropped or repaired is in ``summary``. How to use it: docs/logs.md.
 """
 
 from __future__ import annotations
@@ -10,8 +10,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.messages import RangeVerdict, orientation_direction
 from models.state import DIRECTIONS
@@ -75,7 +77,7 @@ class ImuRecord:
     specific_force: Series
     gyro: Series
     force_step: float
-    """Smallest step of the specific force [m/s^2]: 1 mg in RAW_IMU and SCALED_IMU; 0 where it is finer than can be told."""
+    """Smallest step of the specific force [m/s^2], 1 mg in RAW_IMU and SCALED_IMU; 0 where finer than can be told."""
     clipped: int
     """Samples that the autopilot counted as clipped (VIBRATION), or that stand at the record's extreme three times or
     more above 3 g. Above 0 the mean of the specific force is not to be trusted."""
@@ -288,7 +290,7 @@ def smallest_step(values: Array) -> float:
     return step if step > 1e-5 * max(scale, 1e-3) and on_grid.mean() > 0.98 else 0.0
 
 
-def runs(t_s: Array, values: Array, end_s: float) -> tuple[Interval, ...]:
+def runs(t_s: Array, values: NDArray[Any], end_s: float) -> tuple[Interval, ...]:
     """Intervals over which whole-number ``values`` (n,) stay the same; the last ends at ``end_s``."""
     if not len(t_s):
         return ()

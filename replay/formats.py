@@ -1,4 +1,4 @@
-"""Log formats by suffix. Adding one is one line here and a module with ``read(path, target_system) -> list[FlightLog]``."""
+"""Log formats by suffix. A new one is a line here and a module with ``read(path, target_system)``."""
 
 from __future__ import annotations
 

@@ -44,7 +44,8 @@ class Envelope:
     def offset_us(self, arrival_us: Micros) -> Micros:
         """Offset of the clocks at these arrivals, shape (n,)."""
         fine = np.interp(arrival_us, self._at, (self._smallest - self._origin).astype(float))
-        return self._origin + np.rint(fine).astype(np.int64)
+        out: Micros = self._origin + np.rint(fine).astype(np.int64)
+        return out
 
 
 class Timeline:
@@ -105,7 +106,8 @@ class Timeline:
             offset[rows] = self._envelopes[b].offset_us(arrival[rows])
         by_arrival = np.maximum(arrival - offset, 0)
         if layout.stamp is None or stamps is None:
-            return by_arrival / 1e6
+            seconds: NDArray[np.float64] = by_arrival / 1e6
+            return seconds
         stamp = np.minimum(stamps, np.uint64(2**62)).astype(np.int64)
         if layout.stamp is Stamp.BOOT_MS:
             stamp *= 1000

@@ -103,7 +103,7 @@ class Tlog:
         return np.flatnonzero(match)
 
     def records(self, message_id: int, indices: NDArray[np.int64]) -> NDArray[Any]:
-        """Payloads of the frames at ``indices``, all of one message: structured array of ``wire_dtype``, zero-padded."""
+        """Payloads of the frames at ``indices``, all of one message: array of ``wire_dtype``, zero-padded."""
         dtype = wire_dtype(message_id)
         raw = np.zeros((len(indices), dtype.itemsize), np.uint8)
         bytes_ = np.frombuffer(self.data, np.uint8)

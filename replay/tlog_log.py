@@ -408,7 +408,7 @@ def _at_extreme(values: Array) -> int:
 
 
 def _fresh(count: NDArray[Any], rpm: Array) -> NDArray[np.bool_]:
-    """Which ESC_TELEMETRY samples are news: a count that moves tells; an ESC that never counts nor turns is not there."""
+    """Which ESC_TELEMETRY samples are news: a count that moves; an ESC that never counts nor turns is not there."""
     if not count.any() and not np.nan_to_num(rpm).any():
         return np.zeros(len(rpm), bool)
     moved = np.concatenate([[True], np.diff(count.astype(np.int64)) != 0])

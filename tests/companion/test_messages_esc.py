@@ -1,5 +1,6 @@
 """ESC_INFO and ESC_STATUS: sizes, checksum extras and field order follow from the XML by MAVLink's own rules."""
 
+import dataclasses
 import struct
 
 import pytest
@@ -10,7 +11,8 @@ from pymavlink.generator import mavparse
 from companion.clock import BootClock
 from companion.dialect import mavlink
 from companion.esc_status import BY_ID, EscInfo, EscStatus, pack_frame, parse_frame
-from companion.messages import EscHealth, RotorSpeeds, decode, wire_dtype
+from companion.intake import Intake
+from companion.messages import EscHealth, RotorSpeeds, decode, id_of, source_of, wire_dtype
 
 COMMON_XML = """<?xml version="1.0"?><mavlink><version>3</version><messages>
 <message id="290" name="ESC_INFO"><description>d</description>
@@ -73,6 +75,18 @@ def test_through_pymavlink_to_a_sample():
     assert health.temperature_c[0] == 30.0
     assert health.temperature_c[1] != health.temperature_c[1]
     assert health.temperature_c[2] == -5.0
+
+
+def test_the_sender_is_read_and_its_speeds_pass_the_intake():
+    """pymavlink leaves the header of an unknown frame unread: system 0, which is nobody's vehicle."""
+    link = mavlink.MAVLink(None, srcSystem=7, srcComponent=1)
+    intake = Intake()
+    intake.sample(handed_over(mavlink.MAVLink_heartbeat_message(2, 12, 137, 6 << 16, 4, 3).pack(link)), 0)
+    status = dataclasses.replace(STATUS, system=7)
+    assert id_of(handed_over(pack_frame(status, 0))) == 291
+    assert source_of(handed_over(pack_frame(status, 0))) == (7, 1)
+    assert isinstance(intake.sample(handed_over(pack_frame(status, 0)), 10), RotorSpeeds)
+    assert intake.sample(handed_over(pack_frame(STATUS, 0)), 20) is None, "of another vehicle"
 
 
 @pytest.mark.parametrize("message", [STATUS, INFO])
