@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -69,9 +70,7 @@ def _check(a: argparse.Namespace) -> None:
     if a.target_system is not None and not 1 <= a.target_system <= 255:
         raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
     if a.carrier == "acceleration" and a.setpoint != "hold":
-        raise ConfigError(
-            "--carrier acceleration: works with --setpoint hold only"
-        )
+        raise ConfigError("--carrier acceleration: works with --setpoint hold only")
     if a.compare and not a.connect.startswith("sim:"):
         raise ConfigError("--compare: needs --connect sim:NAME, the built-in vehicle")
 
@@ -82,7 +81,7 @@ def _fly(a: argparse.Namespace) -> int:
     import models
     from companion.config import Base, Carrier, PipelineConfig
     from companion.flight import Flight, FlightOptions
-    from companion.link import Arrivals, Link, open_link, read_signing_key
+    from companion.link import Arrivals, open_link, read_signing_key
     from companion.recorder import Recorder
     from companion.vehicles import default_vehicle
     from models.vehicle import load_vehicle
@@ -97,23 +96,21 @@ def _fly(a: argparse.Namespace) -> int:
     )
     key = None if a.signing_key is None else read_signing_key(a.signing_key)
     arrivals = Arrivals()
-    links: list[Link] = []
-    process: Any = None
-    recorder: Recorder | None = None
     interrupted = False
-    try:
+    with ExitStack() as stack:
         endpoint = a.connect
         if endpoint.startswith("sim:"):
             from companion.sim.launch import launch
 
-            process = launch(endpoint.removeprefix("sim:"), seed=a.seed, vehicle=a.vehicle, pilot="companion")
-            endpoint = process.endpoint
-        links.append(open_link(endpoint, arrivals, baud=a.baud, signing_key=key))
+            simulator = launch(endpoint.removeprefix("sim:"), seed=a.seed, vehicle=a.vehicle, pilot="companion")
+            endpoint = stack.enter_context(simulator).endpoint
+        link = stack.enter_context(closing(open_link(endpoint, arrivals, baud=a.baud, signing_key=key)))
+        upstream = None
         if config.base is Base.UPSTREAM:
-            links.append(open_link(a.setpoint, arrivals, baud=a.baud, number=1))
-        recorder = None if a.record is None else Recorder(a.record)
+            upstream = stack.enter_context(closing(open_link(a.setpoint, arrivals, baud=a.baud, number=1)))
+        recorder = None if a.record is None else stack.enter_context(Recorder(a.record))
         options = FlightOptions(a.duration, a.target_system, a.quiet)
-        flight = Flight(config, links[0], links[1] if len(links) > 1 else None, recorder, arrivals, options)
+        flight = Flight(config, link, upstream, recorder, arrivals, options)
 
         def interrupt(*_: object) -> None:
             nonlocal interrupted
@@ -124,13 +121,6 @@ def _fly(a: argparse.Namespace) -> int:
         signal.signal(signal.SIGTERM, interrupt)
         flight.run()
         _report(a, flight)
-    finally:
-        if recorder is not None:
-            recorder.__exit__(None, None, None)
-        for link in links:
-            link.close()
-        if process is not None:
-            process.stop()
     return _INTERRUPTED if interrupted else 0
 
 

@@ -53,6 +53,7 @@ class Tuning:
     fade_out_s: float = 0.4
     airborne_after_s: float = 1.0
     airborne_lift_share: float = 0.75
+    idle_is_landed_s: float = 2.0
     # Offsets
     gain: float = 0.95
     thrust_lead_s: float = 0.06

@@ -44,6 +44,8 @@ _REBOOT_S = 1.0
 _HOVER_TIME_S = 2.0
 _AUTOPILOT_INVALID = 8
 _GAINS = HoldGains()
+_REASONS_OF_OTHERS = frozenset({Reason.NOT_ARMED, Reason.WRONG_MODE, Reason.LANDED})
+"""Refusals after which somebody else flies, or nobody does: no parting setpoint."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +60,8 @@ class PipelineState:
     hover_seen: float | None = None
     """Commanded thrust that hovers in free air, averaged while the autopilot flew."""
     airborne_since_s: float = math.inf
+    carried_s: float = -math.inf
+    """When the rotors last carried the weight."""
     upstream: SetAttitudeTarget | None = None
     hold: Hold | None = None
     target: SetPositionTarget | None = None
@@ -171,6 +175,8 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
     command = None
     if base is not None and not blocked:
         command = _command(state, base, applied, thrust, config, t_s)
+    elif blocked and state.hold is not None and not _REASONS_OF_OTHERS.intersection(reasons):
+        command = _parting(state.hold, thrust, t_s)
     state = replace(
         state, authority=authority, offset=offset, wanted=wanted, washout=washout, decided_s=t_s,
         hold=None if blocked else state.hold,
@@ -247,13 +253,19 @@ def _surface_reasons(push: Push, step_s: float, t_s: float) -> list[Reason]:
 
 
 def _airborne(state: PipelineState, push: Push | None, config: PipelineConfig, t_s: float) -> PipelineState:
-    """Airborne when the autopilot does not say otherwise and the rotors carry most of the weight."""
+    """The autopilot's own land detector decides; where it says nothing, the rotors must carry the weight to lift off.
+
+    In the air a low lift alone is no landing (a hard descent has it too): taking it for one would stop the stream.
+    """
     carries = push is None or push.free_lift_n > config.tuning.airborne_lift_share * config.vehicle.mass_kg * GRAVITY
-    if state.landed_state == _ON_GROUND or not carries:
+    if carries:
+        state = replace(state, carried_s=t_s)
+    if state.landed_state == _ON_GROUND:
         return replace(state, airborne_since_s=math.inf)
     if state.airborne_since_s == math.inf:
-        return replace(state, airborne_since_s=t_s)
-    return state
+        return replace(state, airborne_since_s=t_s) if carries else state
+    idle = state.landed_state == 0 and t_s - state.carried_s > config.tuning.idle_is_landed_s
+    return replace(state, airborne_since_s=math.inf) if idle else state
 
 
 def _thrust_map(state: PipelineState, config: PipelineConfig) -> ThrustMap:
@@ -304,6 +316,11 @@ def _base(
             hold = _retarget(hold, state.target)
     hold, base = fly(hold, _GAINS, t_s, position, velocity, thrust)
     return replace(state, hold=hold), base
+
+
+def _parting(hold: Hold, thrust: ThrustMap, t_s: float) -> AttitudeCommand:
+    """The last setpoint before silence: the autopilot holds it for all of GUID_TIMEOUT, so it is level, at hover."""
+    return AttitudeCommand(t_s, quaternion_from_euler(0.0, 0.0, hold.reference.yaw), thrust.hover)
 
 
 def _retarget(hold: Hold, sample: SetPositionTarget) -> Hold:

@@ -68,7 +68,7 @@ def test_a_wall_beyond_the_sensors_range_is_no_wall_and_no_refusal():
         ({"armed": False}, Reason.NOT_ARMED),
         ({"mode": 5}, Reason.WRONG_MODE),
         ({"landed": 1}, Reason.LANDED),
-        ({"rpm": 2500.0}, Reason.LANDED),
+        ({"rpm": 2500.0, "landed": 0}, Reason.LANDED),
         ({"guid_options": 0.0}, Reason.THRUST_IS_CLIMB_RATE),
         ({"guid_options": None}, Reason.THRUST_UNKNOWN),
         ({"autopilot": 0}, Reason.STACK_UNKNOWN),
