@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import select
 import socket
 import sys
@@ -22,6 +23,12 @@ from models.vehicle import Vehicle
 
 BEHIND_S = 0.05
 """Wall-clock lag after which the simulation gives up the lost time instead of hurrying."""
+
+
+STREAM_GAP_S = 0.025
+"""Simulated time a running attitude stream may be behind before a hurried simulation waits for it."""
+PATIENCE_S = 0.25
+"""Wall-clock time it waits: a companion that stopped for good is not waited for again until it speaks."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +105,7 @@ def _loop(
     end_s = _end_of(options, flight)
     due = clock()
     checked = due
+    given_up_s = -math.inf
     while flight.time_s < end_s(flight):
         now = clock()
         if now < due:
@@ -106,12 +114,16 @@ def _loop(
         elif now - due > BEHIND_S:
             due = now
         due += wall_dt
-        while True:
-            try:
-                data = sock.recv(4096)
-            except OSError:
-                break
-            link.receive(data)
+        _receive(sock, link)
+        # Faster than life, a loaded machine would make the companion slower than it is: keep in step with its stream.
+        if options.speed > 1.0 and link.attitude_stream_s != given_up_s and math.isfinite(link.attitude_stream_s):
+            until = now + PATIENCE_S
+            while flight.time_s - link.attitude_stream_s > STREAM_GAP_S:
+                if clock() > until:
+                    given_up_s = link.attitude_stream_s
+                    break
+                select.select([sock], [], [], 0.01)
+                _receive(sock, link)
         flight.step()
         pilot.step()
         link.step()
@@ -121,6 +133,15 @@ def _loop(
             checked = now
             if select.select(watched, [], [], 0.0)[0] and not sys.stdin.buffer.read1(1024):
                 return
+
+
+def _receive(sock: socket.socket, link: VehicleLink) -> None:
+    while True:
+        try:
+            data = sock.recv(4096)
+        except OSError:
+            return
+        link.receive(data)
 
 
 def _end_of(options: Options, flight: Flight):  # type: ignore[no-untyped-def]
