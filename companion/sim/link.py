@@ -62,6 +62,8 @@ class VehicleLink:
         """Boot time of the last heartbeat of component 191."""
         self.attitude_stream_s = -math.inf
         """Boot time of the last SET_ATTITUDE_TARGET that was taken."""
+        self.attitude_basis_s = -math.inf
+        """Boot time that this SET_ATTITUDE_TARGET was computed for, by its own stamp."""
         self.taken = 0
         self.dropped = 0
         self.params = self._parameters()
@@ -403,6 +405,8 @@ class VehicleLink:
             )
         )
         self.attitude_stream_s = f.time_s
+        stamp_s = m.time_boot_ms / 1000.0
+        self.attitude_basis_s = stamp_s if 0.0 <= f.time_s - stamp_s < 5.0 else f.time_s
         self.taken += 1
 
     def _on_set_position_target_local_ned(self, m: Any) -> None:
