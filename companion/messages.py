@@ -54,7 +54,8 @@ __all__ = [
     "LAYOUTS", "Attitude", "AttitudeTarget", "Battery", "CommandAck", "EscHealth", "Heartbeat", "Imu", "LandedState",
     "Layout", "LocalPosition", "Parameter", "Pressure", "Range", "RangeVerdict", "RotorSpeeds", "Sample", "ServoOutput",
     "SetAttitudeTarget", "SetPositionTarget", "Statustext", "Timesync", "Vibration", "Wind", "beam_direction",
-    "columns", "decode", "id_of", "orientation_direction", "parameter_value", "range_verdict", "source_of", "wire_dtype",
+    "columns", "decode", "id_of", "orientation_direction", "parameter_value", "range_verdict", "source_of",
+    "wire_dtype",
 ]  # fmt: skip
 
 NAN = math.nan

@@ -1,0 +1,118 @@
+"""``replay``: argument parsing and exit codes; nothing else."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+from models.errors import ConfigError, UserError
+
+_INTERRUPTED = 130
+_EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
+messages; 130 interrupted. Logs: .tlog, .BIN, .ulg."""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of ``replay``."""
+    p = argparse.ArgumentParser(
+        prog="replay", description="Recorded flights: what the companion decides on them, and what its model lacks.",
+        epilog=_EPILOG,
+    )  # fmt: skip
+    commands = p.add_subparsers(dest="command", required=True, metavar="run|diagnose")
+    run = commands.add_parser(
+        "run", help="feed a log through the pipeline of flight and report its decisions", epilog=_EPILOG,
+        description="Feed a recorded log through the same pipeline as in flight, with the same decisions.",
+    )  # fmt: skip
+    run.add_argument("log", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg")
+    run.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: the paper's tandem)")
+    run.add_argument("--model", metavar="DIR", help="model directory, or none (default: the shipped model)")
+    run.add_argument(
+        "--setpoint", choices=("hold", "upstream"), default="hold",
+        help="decide at every attitude (hold) or at every recorded SET_ATTITUDE_TARGET (upstream)",
+    )  # fmt: skip
+    run.add_argument("--target-system", type=int, metavar="N", help="the vehicle's system id (default: most data)")
+    run.add_argument(
+        "--param", action="append", default=[], metavar="NAME=VALUE",
+        help="take an autopilot parameter as given where the log lacks it, such as GUID_OPTIONS=8",
+    )  # fmt: skip
+    run.add_argument("--json", metavar="FILE", help="write the report as JSON (- for stdout)")
+    run.add_argument("--quiet", action="store_true", help="no progress bar and no text report")
+    run.set_defaults(run=_run)
+    if find_spec("replay.diagnose_cli") is not None:
+        diagnose = import_module("replay.diagnose_cli")
+        diagnose.add_parser(commands)
+    return p
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit code."""
+    arguments = parser().parse_args(argv)
+    try:
+        return int(arguments.run(arguments))
+    except UserError as error:
+        print(f"replay: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        return _INTERRUPTED
+    except BrokenPipeError:  # the reader of our output left
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def _run(a: argparse.Namespace) -> int:
+    if a.target_system is not None and not 1 <= a.target_system <= 255:
+        raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
+    # Imported here so that --help answers at once.
+    import models
+    from companion.config import Base, PipelineConfig
+    from companion.vehicles import default_vehicle
+    from models.vehicle import load_vehicle
+    from replay.run_report import run
+
+    config = PipelineConfig(
+        vehicle=default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle),
+        model=models.load(a.model),
+        base=Base.HOLD if a.setpoint == "hold" else Base.UPSTREAM,
+        dry_run=True,
+    )
+    report = run(
+        a.log, config, a.model or "shipped", a.target_system, _assumed(a.param), quiet=a.quiet or a.json == "-"
+    )
+    if a.json is not None:
+        write_json(report.as_json(), a.json)
+    if a.json != "-" and not a.quiet:
+        print(report.as_text())
+    return 0
+
+
+def _assumed(pairs: Sequence[str]) -> dict[str, float]:
+    out = {}
+    for pair in pairs:
+        name, _, value = pair.partition("=")
+        try:
+            out[name] = float(value)
+        except ValueError:
+            out[name] = math.nan
+        if not name or not math.isfinite(out[name]):
+            raise ConfigError(f"--param {pair}: must be NAME=NUMBER, such as GUID_OPTIONS=8")
+    return out
+
+
+def write_json(report: dict[str, Any], target: str) -> None:
+    """A report as JSON to a file, or to stdout where ``target`` is ``-``."""
+    text = json.dumps(report, indent=2, allow_nan=False)
+    if target == "-":
+        print(text)
+        return
+    try:
+        Path(target).write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"--json {target}: cannot be written ({error.strerror})") from None
