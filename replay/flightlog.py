@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.messages import RangeVerdict, orientation_direction
+from companion.messages import RangeVerdict, orientation_direction, range_verdict
 from models.state import DIRECTIONS
-from models.wrench import Array
+from models.wrench import GRAVITY, Array
 
 _AXES = dict(zip(DIRECTIONS, (25, 24, 0, 2, 4, 6), strict=True))
+_CLIP_AT = 3.0 * GRAVITY
 _SAME_DIRECTION = math.cos(math.radians(20.0))
 
 
@@ -171,51 +172,51 @@ class FlightLog:
     """0 for the first boot in the file."""
     start_s: float
     end_s: float
-    vehicle_type: int | None
-    autopilot: int | None
+    vehicle_type: int | None = None
+    autopilot: int | None = None
     """MAV_AUTOPILOT: 3 ArduPilot, 12 PX4, 0 generic; None where no heartbeat was recorded."""
 
-    attitude: Series | None
+    attitude: Series | None = None
     """(n, 4) unit quaternions FRD -> NED, w first, without sign flips: ATTITUDE_QUATERNION or ATTITUDE, the faster."""
-    rates: Series | None
+    rates: Series | None = None
     """(n, 3) rad/s, body FRD, from the same message (the autopilot's estimate; raw gyros are in ``imus``)."""
-    position: Series | None
+    position: Series | None = None
     """(n, 3) m NED."""
-    velocity: Series | None
+    velocity: Series | None = None
     """(n, 3) m/s NED."""
-    imus: tuple[ImuRecord, ...]
+    imus: tuple[ImuRecord, ...] = ()
     """Best first: float before quantised, fast before slow."""
-    beams: tuple[Beam, ...]
-    escs: Mapping[int, EscRecord]
+    beams: tuple[Beam, ...] = ()
+    escs: Mapping[int, EscRecord] = field(default_factory=dict)
     """By ESC number, from 1; ESCs that never turned nor counted are left out."""
-    servo: Series | None
+    servo: Series | None = None
     """(n, 16) us of port 0; 0 is no pulse."""
-    servo_ports: Mapping[int, Series]
+    servo_ports: Mapping[int, Series] = field(default_factory=dict)
     """The same by port: PX4 sends its AUX outputs, ArduPilot outputs 17-32, as port 1."""
-    battery: Series | None
+    battery: Series | None = None
     """(n, 2) V, A of battery 0; NaN where not measured."""
-    pressure: Series | None
+    pressure: Series | None = None
     """(n, 2) Pa, deg C."""
-    thrust_command: Series | None
+    thrust_command: Series | None = None
     """(n, 1) thrust of ATTITUDE_TARGET, 0...1 (as its firmware means it), before angle boost on ArduPilot."""
-    attitude_target: Series | None
+    attitude_target: Series | None = None
     """(n, 4) quaternion of ATTITUDE_TARGET."""
-    commands: Series | None
+    commands: Series | None = None
     """(n, 5) quaternion and thrust of SET_ATTITUDE_TARGET sent to the vehicle, by whomever."""
-    wind: Series | None
+    wind: Series | None = None
     """(n, 3) m/s NED, where the air moves to; the autopilot's estimate."""
-    vibration: Series | None
+    vibration: Series | None = None
     """(n, 3) m/s^2."""
 
-    armed: tuple[Interval, ...]
-    modes: tuple[Interval, ...]
+    armed: tuple[Interval, ...] = ()
+    modes: tuple[Interval, ...] = ()
     """Value: custom_mode."""
-    landed: tuple[Interval, ...]
+    landed: tuple[Interval, ...] = ()
     """Value: MAV_LANDED_STATE; empty where the autopilot does not tell."""
-    parameters: Mapping[str, float]
-    texts: tuple[tuple[float, int, str], ...]
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    texts: tuple[tuple[float, int, str], ...] = ()
     """STATUSTEXT: time [s], severity, text."""
-    summary: LogSummary = field(repr=False)
+    summary: LogSummary = field(repr=False, default=LogSummary(0, 0, (), ()))
 
     @property
     def duration_s(self) -> float:
@@ -265,6 +266,42 @@ def best_beam(beams: list[Beam]) -> Beam | None:
     difference = np.abs(old.good.at(best.good.t_s) - best.good.values)
     same = bool(np.nanmedian(difference) <= best.step_m) if np.isfinite(difference).any() else False
     return old if finer and same else best
+
+
+def quaternions(euler: Array) -> Array:
+    """Quaternions (n, 4) of roll, pitch, yaw (n, 3) [rad], aerospace 3-2-1."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(euler / 2.0).T, np.sin(euler / 2.0).T
+    return np.stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ],
+        axis=-1,
+    )
+
+
+def clipped_at_extreme(values: Array) -> int:
+    """Samples of (n, 3) that stand exactly at an axis' extreme, where that is above 3 g and hit three times or more."""
+    total = 0
+    for axis in np.abs(values).T:
+        known = axis[np.isfinite(axis)]
+        if known.size and known.max() >= _CLIP_AT:
+            hits = int((known == known.max()).sum())
+            total += hits if hits >= 3 else 0
+    return total
+
+
+def verdicts_of(distance: Array, low: float, high: float, quality: NDArray[Any]) -> tuple[RangeVerdict, ...]:
+    """``range_verdict`` of every reading (n,); readings repeat, so each kind is judged once."""
+    judged: dict[tuple[float, int], RangeVerdict] = {}
+    out = []
+    for key in zip(distance.tolist(), quality.tolist(), strict=True):
+        if key not in judged:
+            judged[key] = range_verdict(key[0], low, high, int(key[1]), True)
+        out.append(judged[key])
+    return tuple(out)
 
 
 def tidy(t_s: Array, values: Array, source: str) -> Series | None:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.messages import LAYOUTS, beam_direction, columns, parameter_value, range_verdict
-from companion.samples import RangeVerdict
+from companion.messages import LAYOUTS, beam_direction, columns, parameter_value
 from models.wrench import Array
 from replay.flightlog import (
     Beam,
@@ -22,17 +21,19 @@ from replay.flightlog import (
     LogSummary,
     MessageCount,
     Series,
+    clipped_at_extreme,
+    quaternions,
     runs,
     smallest_step,
     tidy,
     unflipped,
+    verdicts_of,
 )
 from replay.timeline import Timeline
 from replay.tlog import AUTOPILOT, Choice, Tlog, choose_system, message_name, read_tlog
 
 _IDS = {layout.name: layout.id for layout in LAYOUTS.values()}
 _GCS = 190
-_CLIP_AT = 3.0 * 9.80665
 
 
 def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
@@ -153,7 +154,7 @@ class _Boot:
 
     def _attitude(self) -> tuple[Series | None, Series | None]:
         euler, direct = self._autopilot("ATTITUDE"), self._autopilot("ATTITUDE_QUATERNION")
-        table, q = (direct, direct["q"]) if len(direct) >= len(euler) else (euler, _quaternions(euler["euler"]))
+        table, q = (direct, direct["q"]) if len(direct) >= len(euler) else (euler, quaternions(euler["euler"]))
         return tidy(table.t_s, unflipped(q), table.name), table.series("rates")
 
     def _imus(self, vibration: _Table) -> tuple[ImuRecord, ...]:
@@ -185,7 +186,7 @@ class _Boot:
         counted = (
             0 if counter is None or not counter.size else int(np.maximum(np.diff(counter.astype(np.int64)), 0).sum())
         )
-        extremes = sum(_at_extreme(forces.values[:, axis]) for axis in range(3))
+        extremes = clipped_at_extreme(forces.values)
         return ImuRecord(source, forces, gyros, step, max(counted, extremes))
 
     def _beams(self) -> tuple[Beam, ...]:
@@ -195,7 +196,7 @@ class _Boot:
         low, high = (limits.min_m, limits.max_m) if limits else (math.nan, math.nan)
         distance = table.series("distance")
         if distance is not None:
-            verdicts = _verdicts(distance.values[:, 0], low, high, np.zeros(len(distance), int), True)
+            verdicts = verdicts_of(distance.values[:, 0], low, high, np.zeros(len(distance), int))
             step = smallest_step(distance.values[:, 0])
             out.append(
                 Beam((0.0, 0.0, 1.0), AUTOPILOT, 0, 25, table.name, distance, verdicts, low, high, math.nan, step)
@@ -221,7 +222,7 @@ class _Boot:
             yield Beam(
                 direction, int(component), int(sensor), int(orientation), one.name,
                 Series(one.t_s[order], distance, one.name),
-                _verdicts(distance[:, 0], low, high, one["signal_quality"][order], True),
+                verdicts_of(distance[:, 0], low, high, one["signal_quality"][order]),
                 low, high, _median(np.sqrt(one["variance_cm2"]) / 100.0), smallest_step(distance[:, 0]),
             )  # fmt: skip
 
@@ -365,46 +366,9 @@ class _Boot:
         return LogSummary(self._log.report.bytes, int(here.sum()), messages, tuple(self._notes))
 
 
-def _quaternions(euler: Array) -> Array:
-    """Quaternions (n, 4) of roll, pitch, yaw (n, 3)."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(euler / 2.0).T, np.sin(euler / 2.0).T
-    return np.stack(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ],
-        axis=-1,
-    )
-
-
-def _verdicts(
-    distance: Array, low: float, high: float, quality: NDArray[Any], mapped: bool
-) -> tuple[RangeVerdict, ...]:
-    """``range_verdict`` of every reading; readings repeat, so each kind is judged once."""
-    judge: Callable[[float, int], RangeVerdict] = lambda d, q: range_verdict(d, low, high, q, mapped)  # noqa: E731
-    cache: dict[tuple[float, int], RangeVerdict] = {}
-    out = []
-    for key in zip(distance.tolist(), quality.tolist(), strict=True):
-        if key not in cache:
-            cache[key] = judge(*key)
-        out.append(cache[key])
-    return tuple(out)
-
-
 def _median(values: Array) -> float:
     known = values[np.isfinite(values)]
     return float(np.median(known)) if known.size else math.nan
-
-
-def _at_extreme(values: Array) -> int:
-    """Samples that stand exactly at the record's extreme, if that is above 3 g and hit three times or more."""
-    known = np.abs(values[np.isfinite(values)])
-    if not known.size or known.max() < _CLIP_AT:
-        return 0
-    hits = int((known == known.max()).sum())
-    return hits if hits >= 3 else 0
 
 
 def _fresh(count: NDArray[Any], rpm: Array) -> NDArray[np.bool_]:
