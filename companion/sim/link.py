@@ -64,6 +64,10 @@ class VehicleLink:
         """Boot time of the last SET_ATTITUDE_TARGET that was taken."""
         self.attitude_basis_s = -math.inf
         """Boot time that this SET_ATTITUDE_TARGET was computed for, by its own stamp."""
+        self.attitude_since_s = math.inf
+        """Boot time since which that stream has been flowing."""
+        self.command_stamp_s = -math.inf
+        """Boot time up to which the sender of the last one had looked: its ``time_boot_ms`` where that makes sense."""
         self.taken = 0
         self.dropped = 0
         self.params = self._parameters()

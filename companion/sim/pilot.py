@@ -23,8 +23,10 @@ POSITION_AND_VELOCITY = 0x1C0 | 0x800
 """type_mask: position, velocity and yaw are commanded; acceleration and yaw rate are not."""
 PERIOD_S = 0.05
 TAKE_OFF_S = 2.0
-SCRIPT_S = 10.0
+SCRIPT_S = 12.0
 """Boot time at which the script begins, when the companion is ready by then."""
+SETTLED_S = 3.0
+"""For so long the companion must have been flying before the script begins."""
 PATIENCE_S = 120.0
 """Boot time at which the script begins at the latest."""
 
@@ -68,9 +70,7 @@ class ScriptedPilot:
         if math.isinf(self._start_s):
             if (now >= SCRIPT_S and self._ready()) or now >= PATIENCE_S:
                 self._start_s = now
-            elif pilot.mode is Mode.GUIDED and self._hand is Hand.AUTOPILOT and now > TAKE_OFF_S + 5.0:
-                self._send_reference()
-            elif self._flight.px4:
+            elif (pilot.mode is Mode.GUIDED and self._hand is Hand.AUTOPILOT and now > TAKE_OFF_S + 5.0) or self._flight.px4:
                 self._send_reference()
             return
         self._flight.script_s = script = now - self._start_s
@@ -81,7 +81,9 @@ class ScriptedPilot:
 
     def _ready(self) -> bool:
         """The companion, where it is to fly, is flying."""
-        return self._hand is not Hand.COMPANION or self._flight.time_s - self._link.attitude_stream_s < 0.3
+        link, now = self._link, self._flight.time_s
+        flowing = now - link.attitude_stream_s < 0.3 and now - link.attitude_since_s > SETTLED_S
+        return self._hand is not Hand.COMPANION or flowing
 
     def _take_off(self) -> None:
         flight, pilot = self._flight, self._flight.autopilot

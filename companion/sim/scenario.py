@@ -131,7 +131,7 @@ def build(name: str, vehicle: Vehicle, *, air: bool = True) -> Scenario:
     wall = START_GAP_M + _lip_reach(vehicle, azimuth)
     # The last bit is flown slowly, as one does: 0.3 m/s stops short of every surface by more than it overshoots.
     low = max(1.25 * r - offset, 0.2)
-    lowish = max(low, 1.7 * r - offset, 0.28)
+    lowish = max(low, 2.4 * r - offset, 0.35)
     near, nearish = START_GAP_M - 0.6 * r, START_GAP_M - max(1.6 * r, 0.24)
     s = _Script()
     half_width = math.inf
