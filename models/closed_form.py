@@ -8,6 +8,7 @@ engineering choices. Valid for h/R 0.3...4, d/R 0.05...3.8.
 
 from __future__ import annotations
 
+import hashlib
 import math
 from dataclasses import dataclass
 
@@ -113,7 +114,9 @@ class ClosedForm:
         d = np.append(self.radius_m * _graded(0.05, 4.5, 20), np.inf)
         rpm = np.array([2500.0, 3200.0, 4000.0, 4800.0, 5600.0])
         hh, dd, nn = (a.ravel() for a in np.meshgrid(h, d, rpm, indexing="ij"))
-        return DataSet(hh, dd, nn, self.wrench(hh, dd, nn), source="closed form", sha256="")
+        wrench = self.wrench(hh, dd, nn)
+        table = np.column_stack([hh, dd, nn, wrench]).round(9)
+        return DataSet(hh, dd, nn, wrench, source="closed form", sha256=hashlib.sha256(table.tobytes()).hexdigest())
 
 
 def fade(x: Array, start: float, end: float) -> Array:

@@ -77,10 +77,13 @@ def _reach(distance: Array, other: Array, increments: Array) -> tuple[float, flo
     excess = increments - _effect_of_other(other[alone], increments[alone], other)
     scale = np.maximum(np.abs(increments).max(axis=0), 1e-12)
     size = np.mean((excess / scale) ** 2, axis=1)
-    for candidate in np.unique(distance[finite]):
-        if np.sqrt(size[distance >= candidate].mean()) < OVER_SHARE and candidate > near:
-            return near, float(candidate)
-    return near, BEYOND_DATA * outer
+    # RMS over all rows at a distance or beyond, for every distance in the data from the nearest outwards.
+    places, index = np.unique(distance[finite], return_inverse=True)
+    total = np.bincount(index, weights=size[finite])[::-1].cumsum()[::-1] + size[alone].sum()
+    count = np.bincount(index)[::-1].cumsum()[::-1] + int(alone.sum())
+    over = np.sqrt(total / count) < OVER_SHARE
+    over[0] = False
+    return near, float(places[np.argmax(over)]) if over.any() else BEYOND_DATA * outer
 
 
 def _effect_of_other(at: Array, increments: Array, query: Array) -> Array:

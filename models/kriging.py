@@ -1,4 +1,4 @@
-"""Kriging, the paper's other rival: a Gaussian process per component; scikit-learn fits it, numpy predicts."""
+"""Kriging, the paper's other rival: Gaussian processes that scikit-learn fits and numpy evaluates."""
 
 from __future__ import annotations
 
@@ -9,54 +9,114 @@ import numpy as np
 
 from models.wrench import Array
 
-# The cost of fitting grows as rows^3: length scales are fitted on the first, predictions rest on the second number.
-ROWS_FOR_LENGTHS = 300
+# Fitting costs rows^3: length scales are fitted on the first number of rows, predictions rest on the second.
+ROWS_FOR_LENGTHS = 250
 ROWS = 1000
 CHUNK = 2048
+# Rows whose gate is nearly closed say nothing about the process behind it.
+LEAST_GATE = 0.02
+# Accuracy of the data that a nugget stands for, as a share of the increments' RMS.
+DATA_ACCURACY = 1e-2
+
+
+@dataclass(frozen=True)
+class Process:
+    """One zero-mean process with covariance k(x, x') = exp(-sum((x - x')^2 / (2 l^2))), shared by some components.
+
+    ``columns`` (6,) 1 for a component it serves, ``rows`` (n, 3) conditioning inputs, ``lengths`` (3,),
+    ``weights`` (n, 6) = K^-1 y (0 in other columns), ``deviation`` (6,) the prior's standard deviation and
+    ``inverse`` (n, n) = K^-1 with the nugget, from which the spread follows.
+    """
+
+    columns: Array
+    rows: Array
+    lengths: Array
+    weights: Array
+    deviation: Array
+    inverse: Array
+
+    def predict(self, x: Array) -> tuple[Array, Array]:
+        """Mean and standard deviation (m, 6) at x (m, 3), zero in columns of other processes."""
+        k = _correlation(x, self.rows, self.lengths)
+        known = np.einsum("ij,ij->i", (k.astype(np.float32) @ self.inverse), k)
+        return k @ self.weights, np.sqrt(np.clip(1.0 - known, 0.0, 1.0))[:, None] * self.deviation
 
 
 @dataclass(frozen=True)
 class KrigingRegressor:
-    """Zero-mean process per component with covariance v exp(-sum((x - x')^2 / (2 l^2))) and a nugget, heteroscedastic.
+    """The processes of all six components: one for each gate, as components behind one gate share their rows."""
 
-    ``rows`` (n, 3) conditioning inputs, ``lengths`` (6, 3), ``variance`` (6,), ``weights`` (6, n) = K^-1 y and
-    ``inverse`` (6, n, n) = K^-1, which gives the spread.
-    """
-
-    rows: Array
-    lengths: Array
-    variance: Array
-    weights: Array
-    inverse: Array
+    processes: tuple[Process, ...]
 
     kind = "kriging"
 
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Mean and standard deviation, each (n, 6), at inputs (n, 3)."""
-        mean, spread = np.empty((len(x), 6)), np.empty((len(x), 6))
+        mean, spread = np.zeros((len(x), 6)), np.zeros((len(x), 6))
         for start in range(0, len(x), CHUNK):
             part = slice(start, start + CHUNK)
-            for c in range(6):
-                k = self.variance[c] * _correlation(x[part], self.rows, self.lengths[c])
-                mean[part, c] = k @ self.weights[c]
-                known = np.einsum("ij,ij->i", k @ self.inverse[c], k)
-                spread[part, c] = np.sqrt(np.maximum(self.variance[c] - known, 0.0))
+            for process in self.processes:
+                m, s = process.predict(x[part])
+                mean[part] += m
+                spread[part] += s
         return mean, spread
 
     def arrays(self) -> dict[str, Array]:
-        """What weights.npz holds; the inverse in single precision, enough for a spread."""
-        return {
-            "rows": self.rows,
-            "lengths": self.lengths,
-            "variance": self.variance,
-            "weights": self.weights,
-            "inverse": self.inverse.astype(np.float32),
-        }
+        """What weights.npz holds."""
+        return {f"{name}_{i}": value for i, p in enumerate(self.processes) for name, value in vars(p).items()}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Array]) -> KrigingRegressor:
         """Inverse of ``arrays``."""
-        return cls(**{name: arrays[name] for name in ("rows", "lengths", "variance", "weights", "inverse")})
+        names = tuple(Process.__dataclass_fields__)
+        count = sum(name.startswith("rows_") for name in arrays)
+        return cls(tuple(Process(**{name: arrays[f"{name}_{i}"] for name in names}) for i in range(count)))
+
+
+def fit(x: Array, y: Array, gate: Array, seed: int) -> KrigingRegressor:
+    """Fit on increments y (n, 6) = gate (n, 6) x process(x); inputs x (n, 3) in [-1, 1].
+
+    Length scales and nugget by maximum likelihood (scikit-learn) on part of the rows, jointly for the components behind
+    one gate; on top of the nugget each row carries the data's accuracy over its gate.
+    """
+    rng = np.random.default_rng(seed)
+    scale = np.sqrt(np.mean(y**2, axis=0))
+    _, groups = np.unique(gate, axis=1, return_inverse=True)
+    processes = []
+    for group in np.unique(groups):
+        columns = (groups.ravel() == group) & (scale > 1e-9)
+        if columns.any():
+            processes.append(_fit_process(x, y, gate, columns, scale, rng))
+    return KrigingRegressor(tuple(processes))
+
+
+def _fit_process(x: Array, y: Array, gate: Array, columns: Array, scale: Array, rng: np.random.Generator) -> Process:
+    from sklearn.gaussian_process import GaussianProcessRegressor
+    from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
+    opening = gate[:, int(np.argmax(columns))]
+    open_rows = np.flatnonzero(opening > LEAST_GATE)
+    chosen = rng.permutation(open_rows)[:ROWS]
+    target = y[chosen][:, columns] / opening[chosen, None]
+    weight = opening[chosen] ** 2
+    deviation = np.sqrt(weight @ target**2 / weight.sum())
+    target = target / deviation
+    noise = DATA_ACCURACY**2 / weight
+    kernel = ConstantKernel(1.0, (0.1, 1e4)) * RBF(np.array([0.5, 0.5, 2.0]), (0.1, 20.0)) + WhiteKernel(
+        1e-4, (1e-9, 1.0)
+    )
+    few = slice(0, ROWS_FOR_LENGTHS)
+    fitted = GaussianProcessRegressor(kernel, alpha=noise[few]).fit(x[chosen[few]], target[few])
+    lengths = np.asarray(fitted.kernel_.k1.k2.length_scale, dtype=float)
+    variance = float(fitted.kernel_.k1.k1.constant_value)
+    nugget = float(fitted.kernel_.k2.noise_level)
+    covariance = _correlation(x[chosen], x[chosen], lengths)
+    covariance[np.diag_indices_from(covariance)] += (nugget + noise) / variance
+    inverse = np.linalg.inv(covariance)
+    weights, prior = np.zeros((len(chosen), 6)), np.zeros(6)
+    weights[:, columns] = np.linalg.solve(covariance, target) * deviation
+    prior[columns] = deviation * np.sqrt(variance)
+    return Process(columns.astype(float), x[chosen], lengths, weights, prior, inverse.astype(np.float32))
 
 
 def _correlation(a: Array, b: Array, lengths: Array) -> Array:

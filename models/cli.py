@@ -1,0 +1,233 @@
+"""The ``models`` command: train, compare and query surrogates; make CFD data."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+import json
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from models.errors import ConfigError, UserError
+
+# Spelled out here so that --help need not import the trainers.
+METHODS = ("bp", "ga-bp", "adam-bp", "ga-adam-bp", "kriging", "polynomial", "ensemble")
+CLOSED_FORM = "closed-form"
+CFD = "models.cfd.cli"
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command; returns the exit code of contract, section 2."""
+    args = _parser().parse_args(argv)
+    try:
+        return int(args.run(args))
+    except UserError as error:
+        print(f"models: {error}", file=sys.stderr)
+        return error.exit_code
+    except ModuleNotFoundError as error:
+        print(
+            f"models: this needs the package '{error.name}'; install it with: pip install 'corner-compensator[train]'",
+            file=sys.stderr,
+        )
+        return 2
+    except KeyboardInterrupt:
+        return 130
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="models", description="Surrogates of a fan near ground and wall: train, compare, query, make CFD data."
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+
+    train = commands.add_parser("train", help="train a surrogate on a data set and write a model directory")
+    _data_option(train)
+    train.add_argument(
+        "--method", required=True, choices=METHODS, help="'ensemble' is what flies: see docs/surrogates.md"
+    )
+    train.add_argument("--out", required=True, type=Path, metavar="DIR", help="model directory to write")
+    train.add_argument("--hidden", default="9", metavar="N", help="hidden units, 2 to 12, or 'scan' (default 9)")
+    train.add_argument("--epochs", type=_positive, default=3000, metavar="N", help="epochs of the paper's methods")
+    train.add_argument("--label", metavar="TEXT", help="what the data are, kept in model.json as their fidelity")
+    _common_options(train)
+    train.set_defaults(run=_train)
+
+    compare = commands.add_parser("compare", help="train all methods, honestly compared, with the paper's tables")
+    _data_option(compare)
+    compare.add_argument("--report", type=Path, metavar="DIR", help="write the report and its figures here")
+    compare.add_argument("--splits", type=_positive, default=20, metavar="N", help="random splits (default 20)")
+    compare.add_argument(
+        "--epochs", type=_positive, default=1000, metavar="N", help="epochs of each net (default 1000)"
+    )
+    _common_options(compare)
+    compare.set_defaults(run=_compare)
+
+    query = commands.add_parser("query", help="ask a model for the wrench at one point")
+    query.add_argument(
+        "directory", nargs="?", type=Path, metavar="DIR", help="model directory (default: the shipped one)"
+    )
+    query.add_argument("--model", type=Path, metavar="DIR", help="the same as DIR")
+    query.add_argument("--h", required=True, type=float, metavar="H", help="height [m], 'inf' without ground")
+    query.add_argument("--d", required=True, type=float, metavar="D", help="lip to wall [m], 'inf' without wall")
+    query.add_argument("--rpm", required=True, type=float, metavar="N", help="rotor speed [1/min]")
+    query.add_argument("--json", metavar="FILE", help="write JSON here, '-' for stdout")
+    query.add_argument("--quiet", action="store_true", help="no text")
+    query.set_defaults(run=_query)
+
+    if importlib.util.find_spec(CFD) is not None:
+        cfd = importlib.import_module(CFD)
+        cfd.add_parser(commands)
+        commands.choices["cfd"].set_defaults(run=cfd.run)
+    return parser
+
+
+def _data_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--data", required=True, metavar="CSV", help=f"data set, or '{CLOSED_FORM}' for the built-in one (not CFD)"
+    )
+
+
+def _common_options(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of splits and starts (default 0)")
+    parser.add_argument("--json", metavar="FILE", help="write the numbers as JSON here, '-' for stdout")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar, no text")
+
+
+def _positive(text: str) -> int:
+    value = int(text)
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"must be at least 1, not {value}")
+    return value
+
+
+def _train(args: argparse.Namespace) -> int:
+    hidden = _hidden(args.hidden)
+    from models import store
+    from models.progress import Bars
+    from models.train import train
+
+    data, fidelity = _data(args.data)
+    _check_writable(args.out)
+    if args.label:
+        fidelity = {**fidelity, "label": args.label}
+    bars = Bars(args.quiet)
+    trained = train(data, args.method, args.seed, hidden=hidden, epochs=args.epochs, fidelity=fidelity, progress=bars)
+    bars.close()
+    store.save_model(args.out, trained.model)
+    report = {**trained.report, "out": str(args.out)}
+    if not _speak(args):
+        return _json(args, report)
+    for note in report["notes"]:
+        print(f"note: {note}")
+    print(f"{args.method} on {report['rows']} rows of {data.source}, {report['seconds']:.1f} s, written to {args.out}")
+    print(f"{'':4}{'R2 train':>10}{'R2 test':>10}{'MSE test':>12}{'R2 of increments':>18}{'within 1.96 sigma':>20}")
+    for axis, row in report["test"].items():
+        print(
+            f"{axis:4}{report['train'][axis]['r2']:10.4f}{row['r2']:10.4f}{row['mse']:12.3e}"
+            f"{report['increments']['test'][axis]['r2']:18.4f}{report['coverage_95']['test'][axis]:20.1%}"
+        )
+    return _json(args, report)
+
+
+def _compare(args: argparse.Namespace) -> int:
+    from models.compare import compare, text
+    from models.progress import Bars
+
+    data, _ = _data(args.data)
+    if args.report:
+        _check_writable(args.report)
+    bars = Bars(args.quiet)
+    result = compare(data, args.seed, splits=args.splits, epochs=args.epochs, progress=bars)
+    bars.close()
+    if args.report:
+        from models.plots import write_report
+
+        write_report(args.report, result)
+    if _speak(args):
+        print(text(result.numbers))
+        if args.report:
+            print(f"report: {args.report / 'report.md'}")
+    return _json(args, result.numbers)
+
+
+def _query(args: argparse.Namespace) -> int:
+    if args.directory is not None and args.model is not None and args.directory != args.model:
+        raise ConfigError(f"models query: DIR {args.directory} and --model {args.model} differ; give one")
+    for name in ("h", "d", "rpm"):
+        value = getattr(args, name)
+        if math.isnan(value) or value < 0.0 or (name == "rpm" and math.isinf(value)):
+            raise ConfigError(f"--{name} {value:g}: must be a number of at least 0")
+    from models.store import load
+    from models.wrench import AXES
+
+    directory = args.directory or args.model
+    model = load(directory)
+    wrench, sigma, trust = model.query(args.h, args.d, args.rpm)
+    free = model.free_air(args.rpm)
+    result = {
+        "model": str(directory) if directory else "default",
+        "h_m": args.h if math.isfinite(args.h) else "inf",
+        "d_m": args.d if math.isfinite(args.d) else "inf",
+        "rpm": args.rpm,
+        "wrench": dict(zip(AXES, wrench.tolist(), strict=True)),
+        "sigma": dict(zip(AXES, sigma.tolist(), strict=True)),
+        "free_air": dict(zip(AXES, free.tolist(), strict=True)),
+        "trust": float(trust),
+        "fidelity": model.info.get("fidelity"),
+    }
+    if _speak(args):
+        print(f"h {args.h:g} m, d {args.d:g} m, {args.rpm:g} rpm: trust {trust:.2f}, corner frame")
+        print(f"{'':4}{'wrench':>12}{'sigma':>12}{'free air':>12}")
+        for c, axis in enumerate(AXES):
+            unit = "N" if c < 3 else "N m"
+            print(f"{axis:4}{wrench[c]:12.5f}{sigma[c]:12.5f}{free[c]:12.5f} {unit}")
+    return _json(args, result)
+
+
+def _data(name: str) -> tuple[Any, dict[str, Any]]:
+    """The data set and what is known of its fidelity."""
+    if name == CLOSED_FORM:
+        from models.closed_form import FIDELITY, ClosedForm
+
+        return ClosedForm().data_set(), dict(FIDELITY)
+    from models.dataset import read
+
+    return read(name), {"level": None, "label": "not stated"}
+
+
+def _hidden(text: str) -> int | None:
+    if text == "scan":
+        return None
+    if not text.isdigit() or not 2 <= int(text) <= 12:
+        raise ConfigError(f"--hidden {text}: must be 2 to 12, or 'scan'")
+    return int(text)
+
+
+def _check_writable(directory: Path) -> None:
+    """Refuse before the work what would fail after it."""
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"directory {directory}: cannot be written ({error.strerror})") from None
+
+
+def _speak(args: argparse.Namespace) -> bool:
+    return not args.quiet and args.json != "-"
+
+
+def _json(args: argparse.Namespace, content: Mapping[str, Any]) -> int:
+    if args.json is None:
+        return 0
+    text = json.dumps(content, indent=1)
+    if args.json == "-":
+        print(text)
+        return 0
+    try:
+        Path(args.json).write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"--json {args.json}: cannot be written ({error.strerror})") from None
+    return 0
