@@ -30,7 +30,12 @@ ESC_INFO_CRC, ESC_STATUS_CRC = 251, 10
 PX4_MODES = {Mode.GUIDED: (6, 0), Mode.LOITER: (4, 3), Mode.LAND: (4, 6), Mode.ALT_HOLD: (2, 0), Mode.STABILIZE: (7, 0)}
 """PX4's (main, sub) mode of each of ours: OFFBOARD, AUTO_LOITER, AUTO_LAND, ALTCTL, STABILIZED."""
 OFFBOARD_LOSS_S = 0.5
-MAV_CMD_DO_SET_MODE = mavlink.MAV_CMD_DO_SET_MODE
+_RESULTS: tuple[int, int, int, int] = (
+    mavlink.MAV_RESULT_ACCEPTED,
+    mavlink.MAV_RESULT_DENIED,
+    mavlink.MAV_RESULT_FAILED,
+    mavlink.MAV_RESULT_UNSUPPORTED,
+)
 
 
 @dataclass
@@ -66,8 +71,6 @@ class VehicleLink:
         """Boot time that this SET_ATTITUDE_TARGET was computed for, by its own stamp."""
         self.attitude_since_s = math.inf
         """Boot time since which that stream has been flowing."""
-        self.command_stamp_s = -math.inf
-        """Boot time up to which the sender of the last one had looked: its ``time_boot_ms`` where that makes sense."""
         self.taken = 0
         self.dropped = 0
         self.params = self._parameters()
@@ -408,6 +411,8 @@ class VehicleLink:
                 f.time_s,
             )
         )
+        if f.time_s - self.attitude_stream_s > 0.3:
+            self.attitude_since_s = f.time_s
         self.attitude_stream_s = f.time_s
         stamp_s = m.time_boot_ms / 1000.0
         self.attitude_basis_s = stamp_s if 0.0 <= f.time_s - stamp_s < 5.0 else f.time_s
@@ -447,24 +452,24 @@ class VehicleLink:
 
     def _command(self, m: Any) -> int:
         pilot, f = self._flight.autopilot, self._flight
-        accepted, denied = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED
+        accepted, denied, failed, unsupported = _RESULTS
         if m.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
             return accepted if self.set_interval(int(m.param1), m.param2) else denied
         if m.command == mavlink.MAV_CMD_REQUEST_MESSAGE:
             build = self._builders.get(int(m.param1))
             for frame in build() if build else []:
                 self._send(frame)
-            return accepted if build else mavlink.MAV_RESULT_FAILED
+            return accepted if build else failed
         if m.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
-            return accepted if pilot.arm(m.param1 > 0.5) else mavlink.MAV_RESULT_FAILED
-        if m.command == MAV_CMD_DO_SET_MODE:
+            return accepted if pilot.arm(m.param1 > 0.5) else failed
+        if m.command == mavlink.MAV_CMD_DO_SET_MODE:
             custom = int(m.param2) << 16 | int(m.param3) << 24 if f.px4 else int(m.param2)
-            return accepted if self._set_mode(custom) else mavlink.MAV_RESULT_FAILED
+            return accepted if self._set_mode(custom) else failed
         if m.command == mavlink.MAV_CMD_NAV_TAKEOFF:
             if pilot.mode is not Mode.GUIDED:
-                return mavlink.MAV_RESULT_FAILED
-            return accepted if pilot.take_off(m.param7, f.estimate) else mavlink.MAV_RESULT_FAILED
-        return mavlink.MAV_RESULT_UNSUPPORTED
+                return failed
+            return accepted if pilot.take_off(m.param7, f.estimate) else failed
+        return unsupported
 
     def set_interval(self, number: int, interval_us: float) -> bool:
         """SET_MESSAGE_INTERVAL: whole milliseconds, no shorter than 3 ms, only messages that we have."""

@@ -61,7 +61,6 @@ class ScriptedPilot:
         if now >= self._heartbeat_s:
             self._heartbeat_s += 1.0
             self._link.route(mavlink.MAVLink_heartbeat_message(6, 8, 0, 0, 4, 3))
-        pilot = self._flight.autopilot
         if now < TAKE_OFF_S:
             return
         if not self._took_off:
@@ -70,7 +69,7 @@ class ScriptedPilot:
         if math.isinf(self._start_s):
             if (now >= SCRIPT_S and self._ready()) or now >= PATIENCE_S:
                 self._start_s = now
-            elif (pilot.mode is Mode.GUIDED and self._hand is Hand.AUTOPILOT and now > TAKE_OFF_S + 5.0) or self._flight.px4:
+            elif self._flight.px4 or (self._hand is Hand.AUTOPILOT and now > TAKE_OFF_S + 5.0):
                 self._send_reference()
             return
         self._flight.script_s = script = now - self._start_s

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import os
 import select
 import socket
 import sys
@@ -102,12 +103,9 @@ def _loop(
     wall_dt = DT / options.speed
     clock = time.monotonic
     patience = _Patience(link, sock) if options.speed > 1.0 and options.hand is Hand.COMPANION else None
-    watched: list[object] = [sys.stdin] if options.until_stdin_closes else []
-    end_s = _end_of(options, flight)
     due = clock()
     checked = due
-    given_up_s = -math.inf
-    while flight.time_s < end_s(flight):
+    while not _over(options, flight):
         now = clock()
         if now < due:
             # Wake for whatever the peer says, too: a command is taken at the next step.
@@ -116,23 +114,16 @@ def _loop(
             due = now
         due += wall_dt
         _receive(sock, link)
-        # Faster than life, a loaded machine would make the companion slower than it is: keep in step with its stream.
-        if options.speed > 1.0 and link.attitude_stream_s != given_up_s and math.isfinite(link.attitude_stream_s):
-            until = now + PATIENCE_S
-            while flight.time_s - link.attitude_basis_s > STREAM_GAP_S:
-                if clock() > until:
-                    given_up_s = link.attitude_stream_s
-                    break
-                select.select([sock], [], [], 0.01)
-                _receive(sock, link)
+        if patience is not None:
+            patience.wait(flight.time_s)
         flight.step()
         pilot.step()
         link.step()
         if truth is not None:
             truth.step()
-        if watched and now - checked > 0.2:
+        if options.until_stdin_closes and now - checked > 0.2:
             checked = now
-            if select.select(watched, [], [], 0.0)[0] and not sys.stdin.buffer.read1(1024):
+            if select.select([sys.stdin.fileno()], [], [], 0.0)[0] and not os.read(sys.stdin.fileno(), 1024):
                 return
 
 
@@ -150,50 +141,31 @@ class _Patience:
 
     On a busy machine a companion that is scheduled 20 ms late would at fourfold speed fly with 80 ms of delay that no
     real vehicle has, and one with a backlog would stay behind for good. So the clock stands while the companion's last
-    setpoint was computed from news older than ``LATE_S`` (its ``time_boot_ms``), for 50 ms of wall clock at most;
-    a stream that does not come again is no longer waited for. At real time nothing waits for anybody.
+    setpoint was computed from news older than ``STREAM_GAP_S`` (its ``time_boot_ms``). At real time nothing waits.
     """
-
-    LATE_S = 0.04
-    WALL_S = 0.05
 
     def __init__(self, link: VehicleLink, sock: socket.socket) -> None:
         self._link = link
         self._sock = sock
-        self._vain = 0
-        self._given_up_at = -1.0
+        self._given_up_s = -math.inf
 
     def wait(self, now_s: float) -> None:
         """Hold the clock while the next setpoint is overdue."""
         link = self._link
-        if now_s - link.command_stamp_s < self.LATE_S or now_s - link.attitude_stream_s > 1.0 or self._vain > 20:
+        if link.attitude_stream_s == self._given_up_s or now_s - link.attitude_basis_s <= STREAM_GAP_S:
             return
-        if link.attitude_stream_s == self._given_up_at:
-            return
-        until = time.monotonic() + self.WALL_S
-        while now_s - link.command_stamp_s >= self.LATE_S:
+        until = time.monotonic() + PATIENCE_S
+        while now_s - link.attitude_basis_s > STREAM_GAP_S:
             left = until - time.monotonic()
             if left <= 0.0:
-                self._vain += 1
-                self._given_up_at = link.attitude_stream_s
+                self._given_up_s = link.attitude_stream_s
                 return
-            if select.select([self._sock], [], [], left)[0]:
-                try:
-                    data = self._sock.recv(4096)
-                except OSError:
-                    continue
-                link.receive(data)
-        self._vain = 0
+            select.select([self._sock], [], [], left)
+            _receive(self._sock, link)
 
 
-def _end_of(options: Options, flight: Flight):  # type: ignore[no-untyped-def]
-    length = flight.scenario.duration_s
-
-    def end(f: Flight) -> float:
-        if options.duration_s is not None:
-            return options.duration_s
-        if options.truth is not None and f.script_s > length:
-            return f.time_s
-        return float("inf")
-
-    return end
+def _over(options: Options, flight: Flight) -> bool:
+    """Whether the flight has lasted as long as it was to."""
+    if options.duration_s is not None:
+        return flight.time_s >= options.duration_s
+    return options.truth is not None and flight.script_s > flight.scenario.duration_s
