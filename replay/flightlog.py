@@ -318,8 +318,8 @@ def tidy(t_s: Array, values: Array, source: str) -> Series | None:
 def smallest_step(values: Array) -> float:
     """The grid that (n,) values stand on, 0 where there is none to be seen."""
     distinct = np.unique(values[np.isfinite(values)][:20_000])
-    if distinct.size < 3:
-        return 0.0
+    if distinct.size < 10:
+        return 0.0  # too few to tell a grid from chance
     steps = np.diff(distinct)
     step = float(steps.min())
     on_grid = np.abs(steps / step - np.rint(steps / step)) < 0.1

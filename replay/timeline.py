@@ -84,10 +84,13 @@ class Timeline:
         place, stamp = np.concatenate(places), np.concatenate(stamps)
         order = np.argsort(place)
         place, stamp = place[order], stamp[order]
-        stamp += np.concatenate([[0], np.cumsum(np.diff(stamp) < -_WRAP_MS // 2)]) * _WRAP_MS
         good = stamp > 0
         good[outliers(stamp, _BACK_MS)] = False
         place, stamp = place[good], stamp[good]
+        # A step back that the receiver's clock saw as a small step forward is the wrap of 32 bits, not a reboot.
+        elapsed = np.diff(self._log.arrival_us[place]) // 1000 + _AGREE_US // 1000
+        wraps = (np.diff(stamp) < 0) & (np.diff(stamp) + _WRAP_MS <= elapsed)
+        stamp += np.concatenate([[0], np.cumsum(wraps)]) * _WRAP_MS
         if not place.size:
             raise LogError(f"{self._log.path}: no believable boot time in the autopilot's messages: no time axis")
         return place, stamp

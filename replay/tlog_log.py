@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.messages import LAYOUTS, beam_direction, columns, parameter_value
+from companion.messages import LAYOUTS, PER_SI, beam_direction, columns, parameter_value
 from models.wrench import Array
 from replay.flightlog import (
     Beam,
@@ -34,6 +34,8 @@ from replay.tlog import AUTOPILOT, Choice, Tlog, choose_system, message_name, re
 
 _IDS = {layout.name: layout.id for layout in LAYOUTS.values()}
 _GCS = 190
+_WIRE_STEP = 1.0 / PER_SI["mG"]
+_WIRE_STEP_M = 1.0 / PER_SI["cm"]
 
 
 def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
@@ -180,7 +182,7 @@ class _Boot:
         forces, gyros = tidy(table.t_s, force, source), tidy(table.t_s, gyro, source)
         if forces is None or gyros is None:
             return None
-        step = smallest_step(forces.values.ravel())
+        step = _WIRE_STEP if table.name != "HIGHRES_IMU" else smallest_step(forces.values.ravel())
         counter = vibration.values.get(f"clipping_{number}") if number < 3 else None
         # The counter runs from boot; what counts is how far it went in this record.
         counted = (
@@ -223,7 +225,7 @@ class _Boot:
                 direction, int(component), int(sensor), int(orientation), one.name,
                 Series(one.t_s[order], distance, one.name),
                 verdicts_of(distance[:, 0], low, high, one["signal_quality"][order]),
-                low, high, _median(np.sqrt(one["variance_cm2"]) / 100.0), smallest_step(distance[:, 0]),
+                low, high, _median(np.sqrt(one["variance_cm2"]) / 100.0), _WIRE_STEP_M,
             )  # fmt: skip
 
     def _escs(self) -> dict[int, EscRecord]:

@@ -1,0 +1,242 @@
+"""Writes small logs with known content: .tlog, .BIN and .ulg."""
+
+from __future__ import annotations
+
+import math
+import struct
+
+from companion.dialect import mavlink
+from companion.esc_status import EscInfo, EscStatus, pack_frame
+
+EPOCH_US = 1_767_225_600_000_000
+
+
+def record(arrival_us: int, frame: bytes) -> bytes:
+    return struct.pack(">Q", arrival_us) + frame
+
+
+def frame(
+    message, system: int = 1, component: int = 1, sequence: int = 0, *, v1: bool = False, key: bytes | None = None
+):
+    link = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
+    link.seq = sequence
+    if key is not None:
+        link.signing.secret_key = key
+        link.signing.sign_outgoing = True
+        link.signing.link_id = 0
+        link.signing.timestamp = 1
+    return bytes(message.pack(link, force_mavlink1=v1))
+
+
+def heartbeat(armed: bool = True, autopilot: int = 3, mode: int = 4, kind: int = 2):
+    return mavlink.MAVLink_heartbeat_message(kind, autopilot, 128 * armed + 1, mode, 4, 3)
+
+
+def flight(
+    seconds: float = 10.0,
+    start_ms: int = 40_000,
+    arrival_us: int = EPOCH_US,
+    system: int = 1,
+    latency_us: int = 2_000,
+    *,
+    px4: bool = False,
+    armed: bool = True,
+    drift: float = 0.0,
+) -> list[tuple[int, bytes]]:
+    """A hovering vehicle at 50 Hz: roll 0.1 sin t, height 0.5 m, 4000 rpm + 10 per ESC, 16.8 V falling 0.01 V/s."""
+    out: list[tuple[int, bytes]] = []
+    number = 0
+
+    def put(t_us: int, message, component: int = 1) -> None:
+        nonlocal number
+        raw = message if isinstance(message, bytes) else frame(message, system, component, number % 256)
+        number += 1
+        # A latency of its own for every message, never below the smallest.
+        late = latency_us + (number * 7919) % 3000
+        out.append((arrival_us + int(t_us * (1.0 + drift)) + late, raw))
+
+    for k in range(round(seconds * 50)):
+        t_us = k * 20_000
+        ms, us = start_ms + k * 20, start_ms * 1000 + t_us
+        t = ms / 1000.0
+        roll = 0.1 * math.sin(t)
+        if k % 50 == 0:
+            put(t_us, heartbeat(armed, 12 if px4 else 3, 6 << 16 if px4 else 4))
+        put(t_us, mavlink.MAVLink_attitude_message(ms, roll, 0.02, 0.3, 0.1 * math.cos(t), 0.0, 0.0))
+        put(t_us, mavlink.MAVLink_highres_imu_message(us, 0.1, -0.2, -9.8, 0.1 * math.cos(t), 0.0, 0.0, *[0] * 7, 63))
+        put(t_us, mavlink.MAVLink_local_position_ned_message(ms, 1.0, 2.0, -0.5, 0.1, 0.2, 0.0))
+        put(t_us, mavlink.MAVLink_servo_output_raw_message(us & 0xFFFFFFFF, 0, 1500, 1510, 1520, 1530, 1490, *[0] * 11))
+        put(t_us, mavlink.MAVLink_attitude_target_message(ms, 0, (1, 0, 0, 0), 0, 0, 0, 0.45))
+        if k % 3 == 0:
+            put(t_us, mavlink.MAVLink_distance_sensor_message(ms, 5, 800, 50, 0, 0, 25, 1, 0, 0, (0, 0, 0, 0), 0))
+            far = 900 if k % 30 == 0 else 120
+            put(t_us, mavlink.MAVLink_distance_sensor_message(ms, 5, 800, far, 0, 1, 2, 0, 0, 0, (0, 0, 0, 0), 0))
+        if k % 2 == 0:
+            rpm = (4000, 4010, 4020, 4030)
+            if px4:
+                put(t_us, pack_frame(EscStatus(system, 1, us, rpm, (16.0,) * 4, (5.0,) * 4, 0), number % 256))
+            else:
+                put(
+                    t_us,
+                    mavlink.MAVLink_esc_telemetry_1_to_4_message(
+                        [40] * 4, [1600] * 4, [500] * 4, [0] * 4, rpm, [k] * 4
+                    ),
+                )
+        if k % 25 == 0:
+            volts = round(16_800 - 10 * (t - start_ms / 1000.0))
+            cells = [volts, *[65535] * 9]
+            put(t_us, mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, cells, 2000, -1, -1, -1))
+            put(t_us, mavlink.MAVLink_scaled_pressure_message(ms, 1000.0, 0.0, 2000))
+            if px4:
+                put(t_us, pack_frame(EscInfo(system, 1, us, (0,) * 4, 0, (0,) * 4, (4100,) * 4, 0, 4, 0, 15), 0))
+    put(100_000, mavlink.MAVLink_param_value_message(b"GUID_OPTIONS", 8.0, 6, 1, 0))
+    return sorted(out, key=lambda item: item[0])
+
+
+def write_tlog(path, messages) -> bytes:
+    data = b"".join(record(arrival, raw) for arrival, raw in messages)
+    path.write_bytes(data)
+    return data
+
+
+# --- .BIN -------------------------------------------------------------------------------------------------------------
+
+_BIN_SIZES = {"b": 1, "B": 1, "h": 2, "H": 2, "i": 4, "I": 4, "f": 4, "q": 8, "Q": 8, "n": 4, "N": 16, "Z": 64}
+_BIN_CODES = {"n": "4s", "N": "16s", "Z": "64s"}
+
+
+class BinWriter:
+    """Dataflash messages: FMT for every kind, then rows."""
+
+    def __init__(self) -> None:
+        self._kinds: dict[str, tuple[int, str]] = {}
+        self._out = bytearray()
+        self._format(128, "FMT", "BBnNZ", "Type,Length,Name,Format,Columns")
+
+    def _format(self, number: int, name: str, formats: str, columns: str) -> None:
+        length = 3 + sum(_BIN_SIZES[f] for f in formats)
+        self._out += b"\xa3\x95\x80" + struct.pack(
+            "<BB4s16s64s", number, length, name.encode(), formats.encode(), columns.encode()
+        )
+        self._kinds[name] = (number, formats)
+
+    def kind(self, name: str, formats: str, columns: str) -> None:
+        self._format(129 + len(self._kinds), name, formats, columns)
+
+    def row(self, name: str, *values) -> None:
+        number, formats = self._kinds[name]
+        packed = [v.encode() if isinstance(v, str) else v for v in values]
+        codes = "".join(_BIN_CODES.get(f, f) for f in formats)
+        self._out += b"\xa3\x95" + bytes([number]) + struct.pack("<" + codes, *packed)
+
+    def bytes(self) -> bytes:
+        return bytes(self._out)
+
+
+def bin_flight(seconds: float = 4.0) -> bytes:
+    """A hover with one down range, four ESCs, armed from 1 s to 3 s in GUIDED."""
+    w = BinWriter()
+    w.kind("ATT", "Qffffff", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw")
+    w.kind("IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
+    w.kind("XKF1", "QBffffff", "TimeUS,C,VN,VE,VD,PN,PE,PD")
+    w.kind("RCOU", "QHHHH", "TimeUS,C1,C2,C3,C4")
+    w.kind("RFND", "QBfBB", "TimeUS,Instance,Dist,Stat,Orient")
+    w.kind("ESC", "QBfff", "TimeUS,Instance,RPM,Volt,Temp")
+    w.kind("BAT", "QBff", "TimeUS,Instance,Volt,Curr")
+    w.kind("ARM", "QB", "TimeUS,ArmState")
+    w.kind("MODE", "QBB", "TimeUS,Mode,ModeNum")
+    w.kind("PARM", "QNf", "TimeUS,Name,Value")
+    w.row("PARM", 10_000_000, "GUID_OPTIONS", 8.0)
+    w.row("MODE", 10_000_000, 4, 4)
+    for k in range(round(seconds * 50)):
+        us = 10_000_000 + 20_000 * k
+        w.row("ATT", us, 0.0, 2.0, 0.0, -1.0, 90.0, 90.0)
+        w.row("IMU", us, 0, 0.01, 0.02, 0.03, 0.1, 0.2, -9.8)
+        w.row("XKF1", us, 0, 0.1, 0.2, 0.3, 1.0, 2.0, -0.5)
+        w.row("XKF1", us, 1, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0)
+        w.row("RCOU", us, 1500, 1510, 1520, 1530)
+        w.row("RFND", us, 0, 0.5, 3 if k == 7 else 4, 25)
+        for esc in range(4):
+            w.row("ESC", us, esc, 4000.0 + 10 * esc, 16.0, 40.0)
+        w.row("BAT", us, 0, 16.0, 20.0)
+        if k in (50, 150):
+            w.row("ARM", us, int(k == 50))
+    return w.bytes()
+
+
+# --- .ulg -------------------------------------------------------------------------------------------------------------
+
+_ULG_CODES = {"uint64_t": "Q", "float": "f", "uint8_t": "B", "int8_t": "b", "int32_t": "i", "bool": "?"}
+
+
+class UlgWriter:
+    """ULog: header, formats, parameters, subscriptions, data."""
+
+    def __init__(self) -> None:
+        self._out = bytearray(b"ULog\x01\x12\x35\x01" + struct.pack("<Q", 1_000_000))
+        self._message("B", bytes(40))
+        self._topics: dict[str, tuple[int, str]] = {}
+        self._definitions: list[tuple[str, list[tuple[str, str]]]] = []
+
+    def _message(self, kind: str, payload: bytes) -> None:
+        self._out += struct.pack("<HB", len(payload), ord(kind)) + payload
+
+    def topic(self, name: str, *fields: tuple[str, str]) -> None:
+        fields = (("uint64_t", "timestamp"), *fields)
+        text = f"{name}:" + "".join(f"{kind} {field};" for kind, field in fields)
+        self._message("F", text.encode())
+        self._definitions.append((name, list(fields)))
+
+    def parameter(self, name: str, value: float) -> None:
+        key = f"float {name}".encode()
+        self._message("P", bytes([len(key)]) + key + struct.pack("<f", value))
+
+    def subscribe(self) -> None:
+        for number, (name, fields) in enumerate(self._definitions):
+            self._message("A", struct.pack("<BH", 0, number) + name.encode())
+            codes = "".join(self._code(kind) for kind, _ in fields)
+            self._topics[name] = (number, codes)
+
+    @staticmethod
+    def _code(kind: str) -> str:
+        base, _, count = kind.partition("[")
+        return f"{count.rstrip(']')}{_ULG_CODES[base]}" if count else _ULG_CODES[base]
+
+    def row(self, name: str, t_us: int, *values) -> None:
+        number, codes = self._topics[name]
+        self._message("D", struct.pack("<H", number) + struct.pack("<" + codes, t_us, *values))
+
+    def bytes(self) -> bytes:
+        return bytes(self._out)
+
+
+def ulg_flight(seconds: float = 4.0) -> bytes:
+    """A hover in OFFBOARD with one forward range whose quality is unknown, and two ESCs."""
+    w = UlgWriter()
+    w.topic("vehicle_attitude", ("float[4]", "q"))
+    w.topic("vehicle_angular_velocity", ("float[3]", "xyz"))
+    w.topic("sensor_combined", ("float[3]", "gyro_rad"), ("float[3]", "accelerometer_m_s2"))
+    w.topic(
+        "vehicle_local_position", *[("float", n) for n in ("x", "y", "z", "vx", "vy", "vz")],
+        *[("bool", n) for n in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid")],
+    )  # fmt: skip
+    w.topic(
+        "distance_sensor", ("float", "min_distance"), ("float", "max_distance"), ("float", "current_distance"),
+        ("float", "variance"), ("float[4]", "q"), ("int8_t", "signal_quality"), ("uint8_t", "orientation"),
+    )  # fmt: skip
+    w.topic("vehicle_status", *[("uint8_t", n) for n in ("arming_state", "nav_state", "system_type", "system_id")])
+    w.topic("battery_status", ("float", "voltage_v"), ("float", "current_a"))
+    w.topic("actuator_outputs", ("float[16]", "output"))
+    w.parameter("MPC_THR_HOVER", 0.5)
+    w.subscribe()
+    for k in range(round(seconds * 50)):
+        us = 20_000_000 + 20_000 * k
+        w.row("vehicle_attitude", us, 1.0, 0.0, 0.0, 0.0)
+        w.row("vehicle_angular_velocity", us, 0.1, 0.2, 0.3)
+        w.row("sensor_combined", us, 0.1, 0.2, 0.3, 0.0, 0.0, -9.8)
+        w.row("vehicle_local_position", us, 1.0, 2.0, -0.5, 0.1, 0.2, 0.3, True, True, k != 5, True)
+        w.row("distance_sensor", us, 0.1, 10.0, 1.5, 0.0004, 0, 0, 0, 0, 0 if k == 9 else -1, 0)
+        w.row("vehicle_status", us, 2 if k > 10 else 1, 14, 2, 3)
+        w.row("battery_status", us, 16.0, -1.0)
+        w.row("actuator_outputs", us, *range(1000, 1016))
+    return w.bytes()

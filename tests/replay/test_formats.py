@@ -1,0 +1,114 @@
+"""The registry, and .BIN and .ulg with known content."""
+
+import math
+
+import numpy as np
+import pytest
+from log_writers import bin_flight, ulg_flight
+
+from companion.messages import RangeVerdict
+from models.errors import LogError
+from models.wrench import euler_from_quaternion
+from replay.flightlog import load
+from replay.formats import READERS, suffix_of
+
+
+def test_suffixes_in_any_case(tmp_path):
+    assert suffix_of(tmp_path / "A.BIN") == ".bin"
+    assert suffix_of(tmp_path / "b.TLog") == ".tlog"
+    assert set(READERS) == {".tlog", ".bin", ".ulg"}
+
+
+@pytest.mark.parametrize("name", ["flight.csv", "flight", "flight.tlog.gz"])
+def test_an_unknown_suffix_names_the_known_ones(tmp_path, name):
+    (tmp_path / name).write_bytes(b"x")
+    with pytest.raises(LogError, match=r"known: \.tlog, \.bin, \.ulg"):
+        load(tmp_path / name)
+
+
+@pytest.mark.parametrize("suffix", [".bin", ".ulg", ".tlog"])
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda p: None, "cannot be read"),
+        (lambda p: p.mkdir(), "is a directory"),
+        (lambda p: p.write_bytes(b""), "is empty"),
+        (lambda p: p.write_bytes(bytes(range(256)) * 40), None),
+    ],
+)
+def test_bad_files_are_one_line(tmp_path, suffix, make, words):
+    path = tmp_path / f"flight{suffix}"
+    make(path)
+    with pytest.raises(LogError, match=words) as caught:
+        load(path)
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+@pytest.mark.parametrize(("suffix", "content"), [(".bin", bin_flight), (".ulg", ulg_flight)])
+@pytest.mark.parametrize("share", [0.001, 0.02, 0.1, 0.37, 0.9])
+def test_a_cut_file_gives_what_it_holds_or_one_line(tmp_path, suffix, content, share):
+    path = tmp_path / f"cut{suffix}"
+    data = content()
+    path.write_bytes(data[: int(len(data) * share)])
+    try:
+        logs = load(path)
+    except LogError as error:
+        assert "\n" not in str(error)  # noqa: PT017 - a cut file may also be readable
+    else:
+        assert logs[0].duration_s >= 0.0
+
+
+def test_bin(tmp_path):
+    path = tmp_path / "flight.BIN"
+    path.write_bytes(bin_flight())
+    (log,) = load(path)
+    assert (log.start_s, round(log.duration_s, 2), log.autopilot) == (10.0, 3.98, 3)
+    roll, pitch, yaw = (np.degrees(a[0]) for a in euler_from_quaternion(log.attitude.values))
+    assert (roll, pitch, yaw) == (pytest.approx(2.0), pytest.approx(-1.0), pytest.approx(90.0))
+    assert np.allclose(log.position.values, (1.0, 2.0, -0.5)), "the first EKF core only"
+    assert np.allclose(log.velocity.values, (0.1, 0.2, 0.3))
+    assert np.allclose(log.imus[0].specific_force.values, (0.1, 0.2, -9.8))
+    assert np.allclose(log.rates.values, (0.01, 0.02, 0.03))
+    assert log.servo.values[0, :5].tolist() == [1500, 1510, 1520, 1530, 0]
+    assert sorted(log.escs) == [1, 2, 3, 4]
+    assert np.all(log.escs[4].rpm.values == 4030.0)
+    down = log.beam("down")
+    assert down.verdicts.count(RangeVerdict.OK) == 199
+    assert down.verdicts[7] is RangeVerdict.ABOVE_MAX
+    assert np.allclose(log.battery.values, (16.0, 20.0))
+    (armed,) = log.armed
+    assert (armed.start_s, armed.end_s) == (11.0, 13.0)
+    assert log.parameters == {"GUID_OPTIONS": 8.0}
+
+
+def test_ulg(tmp_path):
+    pytest.importorskip("pyulog")
+    path = tmp_path / "flight.ulg"
+    path.write_bytes(ulg_flight())
+    (log,) = load(path)
+    assert (log.system, log.autopilot, log.vehicle_type) == (3, 12, 2)
+    assert log.start_s == 20.0
+    assert np.allclose(log.attitude.values, (1, 0, 0, 0))
+    assert np.allclose(log.rates.values, (0.1, 0.2, 0.3))
+    assert np.isnan(log.velocity.values[5]).tolist() == [True, True, False]
+    forward = log.beam("forward")
+    assert forward.distance.values[0, 0] == 1.5
+    assert forward.sigma_m == pytest.approx(0.02)
+    assert forward.verdicts[9] is RangeVerdict.LOW_QUALITY
+    assert forward.verdicts.count(RangeVerdict.OK) == 199
+    assert math.isnan(log.battery.values[0, 1])
+    assert log.servo.values[0].tolist() == list(range(1000, 1016))
+    assert [i.value for i in log.modes] == [6 << 16]
+    assert log.armed[0].start_s == pytest.approx(20.22)
+    assert log.parameters == {"MPC_THR_HOVER": 0.5}
+
+
+def test_recorded_bin_and_ulg(shared_data):
+    (old,) = load(shared_data / "open" / "bin_dronekit_la_log171.bin")
+    assert [len(i.specific_force) for i in old.imus] == [11916] * 3
+    assert 14.0 < np.nanmin(old.battery.values[:, 0]) < np.nanmax(old.battery.values[:, 0]) < 17.0
+    assert old.armed
+    (sitl,) = load(shared_data / "open" / "ulg_pyulog_sample_px4_events_SITL.ulg")
+    assert max(float(e.rpm.values.max()) for e in sitl.escs.values()) == pytest.approx(3324, abs=1)
+    assert sitl.beams[0].source == "dist_bottom"
