@@ -30,6 +30,8 @@ class HoldGains:
     max_tilt_rad: float = math.radians(15.0)
     max_climb_acceleration: float = 3.0
     max_integral_m_s2: float = 2.5
+    shape_s: tuple[float, float, float] = (0.25, 0.25, 0.12)
+    """Time constants over which a change of the velocity target is fed forward as an acceleration, by axis NED."""
     target_age_s: float = 0.5
     """A pilot's velocity target counts for this long after it was sent; its position stays."""
     max_leap_m: float = 3.0
@@ -52,6 +54,7 @@ class Hold:
 
     reference: Reference
     integral: Array
+    shaped_velocity: Array
     t_s: float
 
 
@@ -75,7 +78,7 @@ def engage(t_s: float, position: Array, yaw: float, roll: float, pitch: float, l
     north, east = _lean_to_acceleration(roll, pitch, yaw)
     start = np.clip(np.array([north, east, -GRAVITY * lift_excess]), -1.5, 1.5)
     reference = Reference(position.copy(), np.zeros(3), yaw, t_s)
-    return Hold(reference, start, t_s)
+    return Hold(reference, start, np.zeros(3), t_s)
 
 
 def retarget(hold: Hold, t_s: float, position: Array | None, velocity: Array | None, yaw: float | None) -> Hold:
@@ -108,7 +111,11 @@ def fly(
     demand[2] = min(max(demand[2], -gains.max_climb_m_s), gains.max_climb_m_s)
     slip = demand + feed_forward - velocity
     damping = np.array([gains.velocity, gains.velocity, gains.climb])
-    acceleration = slip * damping + hold.integral
+    # A target that changes its velocity asks for an acceleration: give it rather than wait for the error.
+    shape = np.asarray(gains.shape_s)
+    lead = (feed_forward - hold.shaped_velocity) / shape
+    shaped = hold.shaped_velocity + lead * np.minimum(dt, shape)
+    acceleration = slip * damping + hold.integral + lead
     limit = GRAVITY * math.tan(gains.max_tilt_rad)
     level = math.hypot(acceleration[0], acceleration[1])
     saturated = level > limit or abs(acceleration[2]) > gains.max_climb_acceleration
@@ -123,7 +130,7 @@ def fly(
     command = thrust.hover + thrust.change(-float(acceleration[2]) / GRAVITY)
     north, east, down = map(float, acceleration)
     setpoint = BaseSetpoint(roll, pitch, reference.yaw, command, (north, east, down))
-    return replace(hold, integral=integral, t_s=t_s), setpoint
+    return replace(hold, integral=integral, shaped_velocity=shaped, t_s=t_s), setpoint
 
 
 def _acceleration_to_lean(north: float, east: float, yaw: float) -> tuple[float, float]:
