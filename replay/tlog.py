@@ -219,7 +219,7 @@ def _walk(data: bytes) -> tuple[array[int], tuple[int, int, int, int]]:
             break
         skipped += found - i
         i = found
-    skipped += n - i
+    truncated += n - i  # too short for a frame
     return starts, (bad_crc, unknown, skipped, truncated)
 
 

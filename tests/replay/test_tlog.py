@@ -80,7 +80,7 @@ def test_a_cut_tail_costs_the_last_frame_only(tmp_path, cut):
     path.write_bytes(data[:-cut])
     log = read_tlog(path)
     assert list(log.frames()) == FLIGHT[:-1]
-    assert log.report.truncated_bytes + log.report.skipped_bytes == 8 + len(FLIGHT[-1][1]) - cut
+    assert log.report.truncated_bytes == 8 + len(FLIGHT[-1][1]) - cut
 
 
 def test_magic_bytes_inside_a_stamp_do_not_derail(tmp_path):
