@@ -14,7 +14,7 @@ from models.wrench import Array
 # Where the data still show an effect at their outermost distance, the gate closes this much further out.
 BEYOND_DATA = 1.5
 # An effect is over where the increments' RMS falls below this share of their largest value.
-OVER_SHARE = 0.01
+OVER_SHARE = 0.003
 
 
 @dataclass(frozen=True)

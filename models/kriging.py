@@ -10,8 +10,8 @@ import numpy as np
 from models.wrench import Array
 
 # Fitting costs rows^3: length scales are fitted on the first number of rows, predictions rest on the second.
-ROWS_FOR_LENGTHS = 250
-ROWS = 1000
+ROWS_FOR_LENGTHS = 200
+ROWS = 800
 CHUNK = 2048
 # Rows whose gate is nearly closed say nothing about the process behind it.
 LEAST_GATE = 0.02
@@ -25,7 +25,7 @@ class Process:
 
     ``columns`` (6,) 1 for a component it serves, ``rows`` (n, 3) conditioning inputs, ``lengths`` (3,),
     ``weights`` (n, 6) = K^-1 y (0 in other columns), ``deviation`` (6,) the prior's standard deviation and
-    ``inverse`` (n, n) = K^-1 with the nugget, from which the spread follows.
+    ``nugget`` (n,) on the diagonal of K, ``root`` (n, n) the inverse of K's Cholesky factor, which gives the spread.
     """
 
     columns: Array
@@ -33,12 +33,13 @@ class Process:
     lengths: Array
     weights: Array
     deviation: Array
-    inverse: Array
+    nugget: Array
+    root: Array
 
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Mean and standard deviation (m, 6) at x (m, 3), zero in columns of other processes."""
         k = _correlation(x, self.rows, self.lengths)
-        known = np.einsum("ij,ij->i", (k.astype(np.float32) @ self.inverse), k)
+        known = ((k @ self.root.T) ** 2).sum(axis=1)
         return k @ self.weights, np.sqrt(np.clip(1.0 - known, 0.0, 1.0))[:, None] * self.deviation
 
 
@@ -111,12 +112,13 @@ def _fit_process(x: Array, y: Array, gate: Array, columns: Array, scale: Array, 
     variance = float(fitted.kernel_.k1.k1.constant_value)
     nugget = float(fitted.kernel_.k2.noise_level)
     covariance = _correlation(x[chosen], x[chosen], lengths)
-    covariance[np.diag_indices_from(covariance)] += (nugget + noise) / variance
-    inverse = np.linalg.inv(covariance)
+    diagonal = (nugget + noise) / variance
+    covariance[np.diag_indices_from(covariance)] += diagonal
+    root = np.linalg.inv(np.linalg.cholesky(covariance))
     weights, prior = np.zeros((len(chosen), 6)), np.zeros(6)
     weights[:, columns] = np.linalg.solve(covariance, target) * deviation
     prior[columns] = deviation * np.sqrt(variance)
-    return Process(columns.astype(float), x[chosen], lengths, weights, prior, inverse.astype(np.float32))
+    return Process(columns.astype(float), x[chosen], lengths, weights, prior, diagonal, root)
 
 
 def _correlation(a: Array, b: Array, lengths: Array) -> Array:

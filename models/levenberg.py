@@ -13,7 +13,7 @@ DAMPING = (1e-2, 3.0, 4.0)
 
 
 def train(
-    x: Array, y: Array, gate: Array, hidden: int, rng: np.random.Generator, iterations: int = ITERATIONS
+    x: Array, y: Array, gate: Array, hidden: int, rng: np.random.Generator, iterations: int | None = None
 ) -> tuple[Array, Array, Array, float]:
     """Minimise mean((gate x net(x) - y)^2) + decay |theta|^2 from a random start.
 
@@ -32,7 +32,7 @@ def train(
     damping, relax, stiffen = DAMPING
     z, error, cost = forward(theta)
     jacobian = np.empty((n, theta.size))
-    for _ in range(iterations):
+    for _ in range(ITERATIONS if iterations is None else iterations):
         slope = (1.0 - z * z) * theta[split:-1] * gate[:, None]
         for i in range(n_in + 1):
             np.multiply(x1[:, [i]], slope, out=jacobian[:, i * hidden : (i + 1) * hidden])

@@ -31,7 +31,7 @@ def write_report(directory: Path, result: Comparison) -> None:
         "surface_ensemble.png": _surface(result, "ensemble"),
     }
     for name, figure in figures.items():
-        figure.savefig(directory / name, dpi=110, bbox_inches="tight")
+        figure.savefig(directory / name, dpi=110)
         figure.clear()
     links = [f"![{name.removesuffix('.png').replace('_', ' ')}]({name})" for name in figures]
     page = "\n\n".join(["# Surrogates compared", text(result.numbers), *links])
@@ -47,8 +47,9 @@ def percent_error(truth: Array, answer: Array) -> Array:
 def _figure(rows: int, columns: int, size: tuple[float, float]) -> tuple[Any, Any]:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=size, layout="constrained")
-    return figure, figure.subplots(rows, columns, squeeze=False)
+    figure = Figure(figsize=size)
+    axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw={"hspace": 0.35, "wspace": 0.35})
+    return figure, axes
 
 
 def _regression(result: Comparison, held_out: bool) -> Any:

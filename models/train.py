@@ -220,7 +220,9 @@ def learn(
     return network.descend(start, batch, hidden, rule, epochs, mask=mask, tick=_tick(progress, "descent"))
 
 
-def scan_hidden(problem: Problem, rng: np.random.Generator, progress: Progress | None) -> tuple[int, dict[int, float]]:
+def scan_hidden(
+    problem: Problem, rng: np.random.Generator, progress: Progress | None, epochs: int = 1000
+) -> tuple[int, dict[int, float]]:
     """Best hidden size of 2...12 (eq. 2) and the validation error of each, relative to the mean of y.
 
     Two Adam nets per component and size, all in one batch, narrow ones masked; one fifth of the training places
@@ -237,7 +239,7 @@ def scan_hidden(problem: Problem, rng: np.random.Generator, progress: Progress |
     gate, y = problem.gate.T[columns], (problem.y / problem.scale).T[columns]
     weight = np.repeat((~validate)[None].astype(float), len(tasks), axis=0)
     mask = np.stack([_width_mask(size, widest) for size, _ in tasks])
-    theta = learn((x, gate, y, weight), "adam-bp", widest, 1000, rng, mask=mask, progress=progress)
+    theta = learn((x, gate, y, weight), "adam-bp", widest, epochs, rng, mask=mask, progress=progress)
     w1, b1, w2, b2 = network.unpack(theta, widest)
     z = np.tanh(np.matmul(x[:, validate], w1) + b1[:, None])
     error = gate[:, validate] * ((z * w2[:, None]).sum(axis=-1) + b2[:, None]) - y[:, validate]

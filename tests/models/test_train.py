@@ -1,0 +1,180 @@
+"""Training by every method, on good, awkward and huge data sets."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models import coordinates, dataset, free_air, store, train
+from models.closed_form import ClosedForm
+from models.dataset import DataSet
+from models.errors import ModelError
+from models.train import METHODS, PAPER_METHODS
+from models.wrench import AXES
+
+INF = np.inf
+
+
+def _thin(every: int = 8) -> DataSet:
+    data = ClosedForm().data_set()
+    rng = np.random.default_rng(0)
+    keep = (rng.random(len(data)) < 1 / every) | data.free_air
+    return data.take(keep)
+
+
+@pytest.fixture(scope="module")
+def small() -> DataSet:
+    return _thin()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_trains_saves_and_flies_without_its_trainer(method: str, small: DataSet, tmp_path: Path) -> None:
+    if method in PAPER_METHODS:
+        pytest.importorskip("torch", reason="training extra not installed")
+    if method == "kriging":
+        pytest.importorskip("sklearn", reason="training extra not installed")
+    trained = train.train(small, method, 1, epochs=40)
+    store.save_model(tmp_path, trained.model)
+    model = store.load(tmp_path)
+    h, d = np.array([0.1, 0.3, INF]), np.array([0.1, 0.2, INF])
+    np.testing.assert_allclose(model.wrench(h, d, 4000.0), trained.model.wrench(h, d, 4000.0), rtol=1e-6, atol=1e-9)
+    np.testing.assert_array_equal(model.wrench(INF, INF, 4000.0), model.free_air(4000.0))
+    assert model.info["method"] == method
+    r = trained.report
+    assert {"method", "seed", "rows", "train", "test", "seconds"} <= set(r)
+    assert set(r["test"]) == set(AXES)
+    assert set(r["test"]["Fx"]) == {"r2", "mse"}
+    assert r["test"]["Fz"]["r2"] > 0.99, "rpm^2 is in the law, not in the net"
+    assert all(np.isfinite(v["r2"]) for part in ("train", "test") for v in r[part].values())
+
+
+def test_the_ensemble_meets_the_goal_on_every_component() -> None:
+    report = train.train(_thin(2), "ensemble", 0).report
+    assert min(report["increments"]["test"][a]["r2"] for a in AXES) >= 0.98
+    assert min(report["test"][a]["r2"] for a in AXES) >= 0.98
+    coverage = [report["coverage_95"]["test"][a] for a in AXES]
+    assert min(coverage) >= 0.88
+    assert np.mean(coverage) <= 0.995
+
+
+def test_training_repeats_by_seed(small: DataSet) -> None:
+    one, other = (train.train(small, "polynomial", 5) for _ in range(2))
+    assert one.report["test"] == other.report["test"]
+    assert train.train(small, "polynomial", 6).report["test"] != one.report["test"]
+
+
+def test_an_unknown_method_is_refused(small: DataSet) -> None:
+    with pytest.raises(ModelError, match="--method forest: is not known"):
+        train.train(small, "forest")
+
+
+@pytest.mark.parametrize("column", ["h", "d", "rpm"])
+def test_a_constant_input_column_trains(column: str) -> None:
+    data = ClosedForm().data_set()
+    value = {"h": np.unique(data.h)[5], "d": np.unique(data.d)[5], "rpm": 4000.0}[column]
+    data = data.take((getattr(data, column) == value) | (data.free_air & (column != "rpm")))
+    trained = train.train(data, "ensemble", 0)
+    assert trained.report["test"]["Fz"]["r2"] > 0.9
+    assert np.all(np.isfinite(trained.model.wrench(0.2, 0.2, 4000.0)))
+
+
+def test_a_constant_component_is_met_exactly_and_scores_one(small: DataSet) -> None:
+    wrench = small.wrench.copy()
+    wrench[:, 1] = 0.0
+    trained = train.train(replace(small, wrench=wrench), "ensemble", 0)
+    assert trained.report["test"]["Fy"] == {"r2": 1.0, "mse": 0.0}
+    assert np.all(trained.model.wrench(np.linspace(0, 1, 20), 0.1, 4000.0)[:, 1] == 0.0)
+
+
+def test_without_free_air_rows_the_outermost_stand_in_and_it_is_said() -> None:
+    data = ClosedForm().data_set()
+    trained = train.train(data.take(np.isfinite(data.h) & np.isfinite(data.d)), "polynomial", 0)
+    assert trained.model.free_air_law.origin == "outermost rows"
+    assert any("no free-air rows" in note for note in trained.report["notes"])
+    np.testing.assert_allclose(trained.model.free_air(4000.0)[2], ClosedForm().lift(4000.0), rtol=0.01)
+    assert trained.model.trust(INF, INF, 4000.0) < 1.0, "what was never measured is not wholly trusted"
+
+
+def test_lift_with_the_wrong_sign_is_refused(small: DataSet) -> None:
+    with pytest.raises(ModelError, match="free-air lift must be positive"):
+        train.train(replace(small, wrench=-small.wrench), "polynomial")
+
+
+def test_noise_does_not_pass_for_precision() -> None:
+    data = ClosedForm().data_set()
+    rng = np.random.default_rng(0)
+    noise = 0.01 * ClosedForm().lift(data.rpm)[:, None] * np.array([0.1, 0.01, 1, 0.01, 0.1, 0.01])
+    trained = train.train(replace(data, wrench=data.wrench + noise * rng.normal(size=data.wrench.shape)), "ensemble", 0)
+    sigma = trained.model.sigma(0.3, 0.2, 4000.0)
+    assert 0.5 < sigma[2] / (0.01 * 22.56) < 2.0
+    assert np.mean(list(trained.report["coverage_95"]["test"].values())) == pytest.approx(0.95, abs=0.03)
+
+
+def test_a_tilted_fan_keeps_its_side_force() -> None:
+    data = ClosedForm().data_set()
+    wrench = data.wrench.copy()
+    wrench[:, 0] += 0.05 * ClosedForm().lift(data.rpm)
+    model = train.train(replace(data, wrench=wrench), "polynomial", 0).model
+    assert not model.coordinates.axisymmetric
+    assert model.wrench(INF, INF, 4000.0)[0] == pytest.approx(0.05 * 22.555, rel=0.01)
+
+
+def test_a_million_rows_train_in_bounded_time() -> None:
+    rng = np.random.default_rng(0)
+    n = 1_000_000
+    h, d, rpm = rng.uniform(0.06, 0.9, n), rng.uniform(0.02, 0.8, n), rng.uniform(2500, 5500, n)
+    h[:1000] = d[:1000] = INF
+    data = DataSet(h, d, rpm, ClosedForm().wrench(h, d, rpm), source="million", sha256="")
+    trained = train.train(data, "polynomial", 0)
+    assert trained.report["rows"] == n
+    assert any("drawn at random" in note for note in trained.report["notes"])
+    assert trained.report["seconds"] < 60
+
+
+def test_the_reynolds_exponent_is_found() -> None:
+    law = free_air.fit(ClosedForm().data_set(), axisymmetric=True)
+    assert law.exponent == pytest.approx(0.04)
+    assert np.isnan(law.lift(-1.0))
+    assert law.lift(0.0) == 0.0
+
+
+def test_the_reach_of_ground_and_wall_is_found() -> None:
+    data = ClosedForm().data_set()
+    law = free_air.fit(data, axisymmetric=True)
+    c = coordinates.fit(data, law, axisymmetric=True)
+    assert 3.5 * 0.165 < c.h_far <= 4.3 * 0.165
+    assert 3.3 * 0.165 < c.d_far <= 4.1 * 0.165
+    near = data.take((data.h < 0.2) | data.free_air)
+    assert coordinates.fit(near, law, axisymmetric=True).h_far == pytest.approx(1.5 * near.h[np.isfinite(near.h)].max())
+
+
+def test_folds_keep_a_place_together(small: DataSet) -> None:
+    problem = train.frame(small)
+    fold = train.folds(problem, 5, np.random.default_rng(0))
+    for place in range(20):
+        assert len(np.unique(fold[problem.locations == place])) == 1
+    assert set(np.unique(fold)) == {0, 1, 2, 3, 4}
+
+
+def test_r_squared_is_the_papers_and_constant_columns_follow_scikit_learn() -> None:
+    """Eq. 17."""
+    truth = np.array([[1.0, 3.0, 3.0], [2.0, 3.0, 3.0], [3.0, 3.0, 3.0]])
+    answer = np.array([[1.0, 3.0, 3.1], [2.0, 3.0, 3.0], [4.0, 3.0, 3.0]])
+    np.testing.assert_allclose(train.r_squared(truth, answer), [0.5, 1.0, 0.0])
+
+
+def test_hidden_units_are_scanned_by_inner_validation(small: DataSet) -> None:
+    pytest.importorskip("torch", reason="training extra not installed")
+    size, table = train.scan_hidden(train.frame(small), np.random.default_rng(0), None, epochs=60)
+    assert tuple(table) == tuple(range(2, 13))
+    assert table[size] == min(table.values())
+
+
+def test_reference_data_train_to_the_goal(shared_data: Path) -> None:
+    data = dataset.read(shared_data / "undeclared" / "corner.csv")
+    report = train.train(data, "ensemble", 0).report
+    assert min(report["test"][a]["r2"] for a in AXES) >= 0.99
+    assert min(report["increments"]["test"][a]["r2"] for a in AXES) >= 0.99
