@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 
+from companion.sim.ardupilot_json import JsonPhysics, serve
 from companion.sim.pilot import Hand
 from companion.sim.process import Options, run
-from companion.sim.scenario import NAMES
+from companion.sim.scenario import NAMES, build
 from models.errors import UserError
 from models.vehicle import load_vehicle
 
@@ -28,6 +30,12 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--duration", type=float, help="boot seconds after which to end")
     p.add_argument("--vehicle", type=Path, help="vehicle file (default: the paper's tandem)")
     p.add_argument("--px4", action="store_true", help="speak PX4's dialect: OFFBOARD, ESC_STATUS")
+    p.add_argument(
+        "--ardupilot-json",
+        type=int,
+        metavar="PORT",
+        help="instead, answer ArduPilot's JSON physics protocol on this UDP port (theirs is 9002)",
+    )
     p.add_argument("--until-stdin-closes", action="store_true", help="end when the parent process ends")
     return p
 
@@ -37,9 +45,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     a = parser().parse_args(argv)
     path = a.vehicle or Path(str(resources.files("companion") / "vehicles" / "tandem.toml"))
     try:
+        vehicle = load_vehicle(path)
+        if a.ardupilot_json is not None:
+            physics = JsonPhysics(vehicle, build(a.scenario, vehicle, air=a.air == "corner"), a.seed)
+            serve(physics, a.ardupilot_json, lambda port: print(json.dumps({"ardupilot_json": port}), flush=True))
         return run(
             Options(
-                vehicle=load_vehicle(path),
+                vehicle=vehicle,
                 scenario=a.scenario,
                 port=a.port,
                 seed=a.seed,

@@ -375,7 +375,8 @@ class Body:
     def _vane_wrench(self, pwm: Sequence[float], lifts: list[float]) -> Wrench6:
         fx = fy = fz = mx = my = mz = 0.0
         for k, vane in enumerate(self._vanes):
-            target = vane.per_us * (pwm[vane.channel] - vane.neutral)
+            us = pwm[vane.channel]
+            target = vane.per_us * (us - vane.neutral) if us > 0.0 else 0.0  # 0: no pulse, the vane stays
             self.deflection[k] += (max(-0.5, min(0.5, target)) - self.deflection[k]) * self._servo
             side = vane.gain * self.deflection[k] * lifts[vane.fan]
             bx, by, bz = side * vane.axis[0], side * vane.axis[1], side * vane.axis[2]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import json
 import math
+import os
 import signal
 import subprocess
 import sys
@@ -198,11 +199,12 @@ def run_compare(
     settings: Settings | None = None,
     *,
     legs: Sequence[Leg] = (Leg.AUTOPILOT, Leg.OFF, Leg.ON, Leg.FREE),
-    workers: int = 1,
+    workers: int | None = None,
     quiet: bool = True,
 ) -> list[Flown]:
-    """Fly every leg with every seed; ``workers`` of them at a time. In the order of seeds, then legs."""
+    """Fly every leg with every seed; ``workers`` of them at a time (default: one a core). Ordered by seed, then leg."""
     settings = settings or Settings()
+    workers = workers or os.cpu_count() or 1
     jobs = [(leg, seed) for seed in seeds for leg in legs]
     bar = tqdm(total=len(jobs), desc="flights", file=sys.stderr, disable=quiet or not sys.stderr.isatty())
 

@@ -1,0 +1,114 @@
+"""The same physics behind ArduPilot's JSON interface (``--model JSON:127.0.0.1``): the real firmware in our corner.
+
+UDP, lock-step. In: little-endian ``uint16 magic, uint16 frame_rate_hz, uint32 frame_count, uint16 pwm[16 or 32]``.
+Out: one line of JSON between newlines. A repeated ``frame_count`` (the firmware saw no answer in time) gets the last
+answer again and is not stepped twice; one that goes back means that the firmware restarted, and so does the vehicle.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NoReturn
+
+from companion.sim.air import disturbed
+from companion.sim.body import Body
+from companion.sim.scenario import Scenario
+from companion.sim.sensors import RangeSensor
+from models.errors import LinkError
+from models.vehicle import Vehicle
+
+MAGIC_16, MAGIC_32 = 18458, 29569
+_HEADER = struct.Struct("<HHI")
+RATES_HZ = (50, 4000)
+SENSORS_MAX = 6
+
+
+@dataclass(frozen=True)
+class Packet:
+    """Servo outputs [us] of one frame."""
+
+    frame_rate_hz: int
+    frame_count: int
+    pwm: tuple[int, ...]
+
+
+def parse(data: bytes) -> Packet | None:
+    """A packet of the firmware, or None for anything else."""
+    if len(data) < _HEADER.size:
+        return None
+    magic, rate, count = _HEADER.unpack_from(data)
+    channels = {MAGIC_16: 16, MAGIC_32: 32}.get(magic)
+    if channels is None or len(data) < _HEADER.size + 2 * channels or not RATES_HZ[0] <= rate <= RATES_HZ[1]:
+        return None
+    return Packet(rate, count, struct.unpack_from(f"<{channels}H", data, _HEADER.size))
+
+
+class JsonPhysics:
+    """Answers packets; owns the body. No sockets here."""
+
+    def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int) -> None:
+        self._vehicle = vehicle
+        self._scenario = scenario
+        self._seed = seed
+        self._rate_hz = 0
+        self._last_count: int | None = None
+        self._answer = b""
+        self.restarts = 0
+
+    def answer(self, data: bytes) -> bytes | None:
+        """The reply to one datagram; None where it is not a packet of the firmware."""
+        packet = parse(data)
+        if packet is None:
+            return None
+        if packet.frame_count == self._last_count:
+            return self._answer
+        if self._last_count is None or packet.frame_count < self._last_count or packet.frame_rate_hz != self._rate_hz:
+            self.restarts += self._last_count is not None
+            self._restart(packet.frame_rate_hz)
+        self._last_count = packet.frame_count
+        self.body.step(packet.pwm)
+        for sensor in self._ranges:
+            sensor.step(self.body)
+        self._answer = b"\n" + json.dumps(self._state(), separators=(",", ":")).encode() + b"\n"
+        return self._answer
+
+    def _restart(self, rate_hz: int) -> None:
+        self._rate_hz = rate_hz
+        law = disturbed(self._seed)
+        self.body = Body(self._vehicle, self._scenario.surroundings, law, self._seed, dt=1.0 / rate_hz)
+        sensors = self._vehicle.rangefinders[:SENSORS_MAX]
+        self._ranges = [RangeSensor(r, f"range {self._seed} {i}") for i, r in enumerate(sensors)]
+
+    def _state(self) -> dict[str, object]:
+        b = self.body
+        return {
+            "timestamp": b.time_s,
+            "imu": {"gyro": b.rates, "accel_body": b.specific_force},
+            "position": b.position,
+            "quaternion": b.quaternion,
+            "velocity": b.velocity,
+            "velocity_wind": (0.0, 0.0, 0.0),
+            "battery": {"voltage": b.pack.voltage_v, "current": b.pack.current_a},
+            **{f"rng_{i}": sensor.reading_m for i, sensor in enumerate(self._ranges, 1)},
+        }
+
+
+def serve(physics: JsonPhysics, port: int, announce: Callable[[int], None]) -> NoReturn:
+    """Answer on UDP ``port`` (0: any) until interrupted; ``announce`` is told the port."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        try:
+            sock.bind(("0.0.0.0", port))
+        except OSError as error:
+            raise LinkError(
+                f"--ardupilot-json {port}: UDP port cannot be opened ({error.strerror}); choose another"
+            ) from None
+        announce(sock.getsockname()[1])
+        while True:
+            data, peer = sock.recvfrom(4096)
+            reply = physics.answer(data)
+            if reply is not None:
+                sock.sendto(reply, peer)
