@@ -11,8 +11,10 @@ from __future__ import annotations
 
 import math
 import struct
+import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -83,22 +85,33 @@ class Quantity:
     unknown: tuple[int, ...] = ()
     array: bool = False
     """True where the one field is an array on the wire."""
+    read: Callable[[Any], Any] = field(init=False, repr=False, compare=False)
+    per: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        # Looked up once: this runs for every number of every message.
+        object.__setattr__(self, "read", attrgetter(*self.fields))
+        object.__setattr__(self, "per", PER_SI[self.unit])
+        # The largest float, so that one comparison also turns inf into NaN.
+        object.__setattr__(self, "limit", min(self.limit, sys.float_info.max))
 
     def scalar(self, message: Any) -> tuple[float, ...]:
         """The numbers of one message."""
-        per, limit, unknown = PER_SI[self.unit], self.limit, self.unknown
-        raw = getattr(message, self.fields[0]) if self.array else [getattr(message, f) for f in self.fields]
+        per, limit, unknown = self.per, self.limit, self.unknown
+        raw = self.read(message)
+        if len(self.fields) == 1 and not self.array:
+            raw = (raw,)
+        # A comparison with NaN is false, so NaN stays NaN.
         if unknown:
-            return tuple([NAN if x in unknown or not -limit <= (v := x / per) <= limit else v for x in raw])
-        # A comparison with NaN is false, so NaN stays NaN and inf becomes it.
-        return tuple([v if -limit <= (v := x / per) <= limit and abs(v) != math.inf else NAN for x in raw])
+            return tuple([v if x not in unknown and -limit <= (v := x / per) <= limit else NAN for x in raw])
+        return tuple([v if -limit <= (v := x / per) <= limit else NAN for x in raw])
 
     def column(self, records: NDArray[Any]) -> NDArray[np.float64]:
         """The numbers of many messages, shape (n, k)."""
         raw = records[self.fields[0]] if self.array else np.stack([records[f] for f in self.fields], axis=-1)
         with np.errstate(over="ignore", invalid="ignore"):
-            out: NDArray[np.float64] = raw.astype(np.float64) / PER_SI[self.unit]
-            bad = ~(np.abs(out) <= self.limit) | np.isinf(out)
+            out: NDArray[np.float64] = raw.astype(np.float64) / self.per
+            bad = ~(np.abs(out) <= self.limit)
         if self.unknown:
             bad |= np.isin(raw, self.unknown)
         out[bad] = NAN
@@ -149,15 +162,18 @@ class Layout:
 
 
 def _finite(*groups: tuple[float, ...]) -> bool:
-    return all(v == v for group in groups for v in group)
+    """True where there is no NaN (inf never gets this far, and the limits keep the sum from reaching it)."""
+    total = sum([sum(group) for group in groups])
+    return total == total
 
 
 def _unit(q: tuple[float, ...]) -> Quaternion | None:
     """A quaternion of length 1, or None where it is none: NaN, or a length more than 10 % off."""
-    norm = math.sqrt(sum(c * c for c in q))
+    w, x, y, z = q
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
     if not 0.9 <= norm <= 1.1:
         return None
-    return (q[0] / norm, q[1] / norm, q[2] / norm, q[3] / norm)
+    return (w / norm, x / norm, y / norm, z / norm)
 
 
 def _heartbeat(head: Head, _: str, base: int, custom: int, autopilot: int, kind: int, status: int) -> Heartbeat:
@@ -167,7 +183,9 @@ def _heartbeat(head: Head, _: str, base: int, custom: int, autopilot: int, kind:
 def _attitude(head: Head, name: str, euler: Vector3, rates: Vector3) -> Attitude | None:
     if not _finite(euler, rates):
         return None
-    (cr, cp, cy), (sr, sp, sy) = (tuple(f(a / 2) for a in euler) for f in (math.cos, math.sin))
+    roll, pitch, yaw = euler[0] / 2.0, euler[1] / 2.0, euler[2] / 2.0
+    cr, cp, cy = math.cos(roll), math.cos(pitch), math.cos(yaw)
+    sr, sp, sy = math.sin(roll), math.sin(pitch), math.sin(yaw)
     q = (
         cr * cp * cy + sr * sp * sy,
         sr * cp * cy - cr * sp * sy,
@@ -191,9 +209,11 @@ def _imu_source(name: str, sensor: int) -> str:
 
 
 def _highres_imu(head: Head, name: str, force: Vector3, gyro: Vector3, updated: int, sensor: int) -> Imu | None:
-    flags = [bool(updated >> bit & 1) for bit in range(6)]
-    if not any(flags):
+    if updated & 63 == 63:
+        return Imu(*head, force, gyro, _imu_source(name, sensor))
+    if not updated & 63:
         return None
+    flags = [bool(updated >> bit & 1) for bit in range(6)]
     fx, fy, fz, gx, gy, gz = (v if on else NAN for v, on in zip((*force, *gyro), flags, strict=True))
     return Imu(*head, (fx, fy, fz), (gx, gy, gz), _imu_source(name, sensor))
 
