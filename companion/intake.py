@@ -6,11 +6,12 @@ from typing import Any
 
 from companion.clock import BootClock
 from companion.messages import decode, source_of
-from companion.samples import Sample
+from companion.samples import Range, Sample
 
 AUTOPILOT_COMPONENT = 1
 OWN_COMPONENT = 191
 _NO_AUTOPILOT = 8
+_DOWN_COS = 0.94
 _SETPOINTS = ("SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED")
 
 
@@ -28,6 +29,7 @@ class Intake:
 
     ``system`` None: the first autopilot heard. What comes before its first heartbeat, from other systems, and from this
     component itself (a log holds both directions) is left out. ``others`` are the autopilots that were ignored.
+    RANGEFINDER repeats a downward DISTANCE_SENSOR, without its limits and stamp: left out once one was heard.
     """
 
     def __init__(self, system: int | None = None) -> None:
@@ -35,6 +37,7 @@ class Intake:
         self.clock = BootClock(system)
         self.others: set[int] = set()
         self._heard = False
+        self._down_heard = False
 
     def sample(self, message: Any, arrival_us: int) -> Sample | None:
         """The sample of one message, or None where it is not for ``step``."""
@@ -51,4 +54,9 @@ class Intake:
             if is_autopilot_heartbeat(message):
                 self.others.add(system)
             return None
-        return decode(message, arrival_us, self.clock)
+        sample = decode(message, arrival_us, self.clock)
+        if isinstance(sample, Range):
+            if sample.source == "RANGEFINDER":
+                return None if self._down_heard else sample
+            self._down_heard |= sample.direction_frd is not None and sample.direction_frd[2] > _DOWN_COS
+        return sample

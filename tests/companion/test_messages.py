@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from companion import messages as m
 from companion.clock import BootClock, Stamp
 from companion.dialect import mavlink
+from companion.intake import Intake
 from companion.messages import LAYOUTS, RangeVerdict, columns, decode, orientation_direction, wire_dtype
 from models.wrench import euler_from_quaternion, quaternion_from_euler, rotation_from_quaternion
 
@@ -331,3 +332,11 @@ def test_samples_advance_the_clock():
     sample(mavlink.MAVLink_attitude_message(42_200, 0, 0, 0, 0, 0, 0), clock)
     assert sample(mavlink.MAVLink_heartbeat_message(2, 3, 137, 4, 4, 3), clock).t_s == 42.2
     assert LAYOUTS[30].stamp is Stamp.BOOT_MS
+
+
+def test_rangefinder_gives_way_to_a_downward_distance_sensor():
+    intake = Intake()
+    old, up, down = mavlink.MAVLink_rangefinder_message(60.0, 0), distance(orientation=24), distance(orientation=25)
+    intake.sample(sent(mavlink.MAVLink_heartbeat_message(2, 3, 137, 4, 4, 3)), ARRIVAL)
+    heard = [intake.sample(sent(message), ARRIVAL) for message in (old, up, old, down, old)]
+    assert [s is not None for s in heard] == [True, True, True, True, False]
