@@ -34,6 +34,7 @@ def _hover(rng: Rng, craft: Craft, home: float) -> list[Leg]:
 
 def _ground(rng: Rng, craft: Craft, home: float) -> list[Leg]:
     heights = craft.radius_m * rng.permutation([0.85, 1.1, 1.5, 2.1, 3.2]) * rng.uniform(0.95, 1.15)
+    heights = heights + (0.1 if craft.cq else 0.0)  # open rotors sit on legs
     legs = [Leg(float(rng.uniform(3.5, 5.0)), 0.0, 0.0, -float(h), speed=0.6) for h in heights]
     middle = Leg(2.5, 0.0, 0.0, -0.75, speed=0.6)
     return [*legs[:2], middle, *legs[2:], Leg(4.0, 0.0, 0.0, home)]
