@@ -9,7 +9,12 @@ import numpy as np
 from models.errors import ModelError
 from models.wrench import Array
 
-CHUNK = 8192
+# Rows at a time: the hidden layer then stays in the processor's cache.
+CHUNK = 512
+# A unit steeper than this everywhere in [-1, 1] is a step; e^600 is still a number.
+LARGEST = 600.0
+# Looked up once: at one point the calls cost more than the arithmetic.
+_dot, _exp, _add, _multiply, _reciprocal = np.dot, np.exp, np.add, np.multiply, np.reciprocal
 
 
 class NetEnsemble:
@@ -28,37 +33,44 @@ class NetEnsemble:
             raise ModelError("weights.npz: the arrays of the nets do not fit each other; train the model again")
         self.members = k
         units = k * six * hidden
-        # One point: [x, 1] @ first -> tanh -> [z, 1] @ second = mean (6), then deviations (K, 6) over sqrt(K - 1).
-        self._first = np.concatenate([self.w1.transpose(2, 0, 1, 3).reshape(n_in, units), self.b1.reshape(1, units)])
+        # One point: a = [x, 1] @ first, s = 1/(1 + e^(2a)), [s, 1] @ second = deviations (K, 6) over sqrt(K - 1), then
+        # the mean (6). tanh(a) = 1 - 2 s takes half the time of numpy's tanh; |2a| must stay below overflow at 700.
+        first = np.concatenate([self.w1.transpose(2, 0, 1, 3).reshape(n_in, units), self.b1.reshape(1, units)])
+        steepest = np.abs(2.0 * first).sum(axis=0)
+        self._first = np.ascontiguousarray(2.0 * first * np.minimum(1.0, LARGEST / np.maximum(steepest, 1e-12)))
         outputs = np.zeros((units + 1, k, six))
         for i in range(k):
             for c in range(six):
                 start = (i * six + c) * hidden
-                outputs[start : start + hidden, i, c] = self.w2[i, c]
-        outputs[units] = self.b2
+                outputs[start : start + hidden, i, c] = -2.0 * self.w2[i, c]
+        outputs[units] = self.b2 + self.w2.sum(axis=-1)
         mean = outputs.mean(axis=1)
         deviation = (outputs - mean[:, None, :]) / np.sqrt(max(k - 1, 1))
-        self._second = np.ascontiguousarray(np.concatenate([mean, deviation.reshape(units + 1, k * six)], axis=1))
-        self._mean_only = np.ascontiguousarray(mean)
+        self._second = np.ascontiguousarray(np.concatenate([deviation.reshape(units + 1, k * six), mean], axis=1))
         self._x = np.ones(n_in + 1)
         self._z = np.ones(units + 1)
         self._hidden = self._z[:units]
-        self._out = np.empty(six * (k + 1))
-        self._mean = self._out[:six]
-        self._deviation = self._out[six:].reshape(k, six)
+        buffer = np.empty(six * (k + 2))
+        self._out, self._both, self._variance = buffer[: six * (k + 1)], buffer[six * k :], buffer[six * (k + 1) :]
+        self._deviation = buffer[: six * k].reshape(k, six)
+        self._ones = np.ones(k)
+        self._one = np.ones(())
         self._squares = np.empty((k, six))
-        self._spread = np.empty(six)
 
-    def point(self, x: tuple[float, float, float]) -> tuple[Array, Array]:
-        """Mean (6,) and spread (6,) at one input; both are buffers that the next call overwrites."""
-        self._x[:3] = x
-        np.dot(self._x, self._first, out=self._hidden)
-        np.tanh(self._hidden, out=self._hidden)
-        np.dot(self._z, self._second, out=self._out)
-        np.multiply(self._deviation, self._deviation, out=self._squares)
-        np.add.reduce(self._squares, axis=0, out=self._spread)
-        np.sqrt(self._spread, out=self._spread)
-        return self._mean, self._spread
+    def point(self, x0: float, x1: float, x2: float) -> Array:
+        """Mean (6) and variance over members (6) at one input, shape (12,): a buffer that the next call overwrites."""
+        x, hidden, deviation = self._x, self._hidden, self._deviation
+        x[0] = x0
+        x[1] = x1
+        x[2] = x2
+        _dot(x, self._first, hidden)
+        _exp(hidden, hidden)
+        _add(hidden, self._one, hidden)
+        _reciprocal(hidden, hidden)
+        _dot(self._z, self._second, self._out)
+        _multiply(deviation, deviation, self._squares)
+        _dot(self._ones, self._squares, self._variance)
+        return self._both
 
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Mean and spread (standard deviation over members), each (n, 6), at inputs (n, n_in)."""
@@ -72,10 +84,14 @@ class NetEnsemble:
     def outputs(self, x: Array) -> Array:
         """Each member's answer (K, n, 6) at inputs (n, n_in)."""
         k, six, n_in, hidden = self.w1.shape
-        z = np.matmul(x, self.w1.reshape(k * six, n_in, hidden))
-        z += self.b1.reshape(k * six, 1, hidden)
-        np.tanh(z, out=z)
-        y = np.matmul(z, self.w2.reshape(k * six, hidden, 1))[..., 0] + self.b2.reshape(k * six, 1)
+        z = np.matmul(x, 2.0 * self.w1.reshape(k * six, n_in, hidden))
+        z += 2.0 * self.b1.reshape(k * six, 1, hidden)
+        with np.errstate(over="ignore"):
+            np.exp(z, out=z)
+        z += 1.0
+        np.reciprocal(z, out=z)
+        y = np.matmul(z, -2.0 * self.w2.reshape(k * six, hidden, 1))[..., 0]
+        y += (self.b2 + self.w2.sum(axis=-1)).reshape(k * six, 1)
         out: Array = y.reshape(k, six, len(x)).transpose(0, 2, 1)
         return out
 

@@ -16,6 +16,9 @@ from models.free_air import HORIZONTAL, FreeAir
 from models.wrench import Array
 
 CHUNK = 65536
+# Up to this many points, one after another is quicker than all at once.
+FEW = 8
+_dot, _add, _multiply, _sqrt = np.dot, np.add, np.multiply, np.sqrt
 _NUMBERS = frozenset({float, int, np.float64})
 
 
@@ -93,13 +96,21 @@ class FanSurrogate:
         self._gain = np.asarray(calibration.gain)
         self._floor = np.maximum(np.asarray(calibration.floor), np.asarray(free_air.scatter))
         self._floor2 = self._floor**2
-        self._inverse_size = 1.0 / np.maximum(np.asarray(calibration.size), 1e-12) / 6.0
-        # Gates of a point: [any surface, wall] @ rows.
-        wall = HORIZONTAL & coordinates.axisymmetric
-        self._gate_rows = np.stack([~wall, wall]).astype(float)
-        self._two = np.empty(2)
-        self._gate = np.empty(6)
-        self._buffer = np.empty(6)
+        self._gain2 = self._gain**2
+        # Doubt is the mean over components of (spread / size of the increments)^2.
+        self._per_size2 = 1.0 / np.maximum(np.asarray(calibration.size), 1e-12) ** 2 / 6.0
+        # One point, see _point: [surface, wall, surface^2, wall^2] @ gates = gates of mean (6) and of variance (6).
+        wall = (HORIZONTAL & coordinates.axisymmetric).astype(float)
+        self._gates = np.zeros((4, 12))
+        self._gates[:2, :6] = 1.0 - wall, wall
+        self._gates[2:, 6:] = self._gain2 * (1.0 - wall), self._gain2 * wall
+        self._share_and_floor2 = np.concatenate([self._share, self._floor2])
+        self._per_size2_of_variance = np.concatenate([np.zeros(6), self._per_size2])
+        self._four, self._gate, self._buffer = np.empty(4), np.empty(12), np.empty(12)
+        self._buffer_sigma2 = self._buffer[6:]
+        c = coordinates
+        self._bounds = (c.h_near, c.h_far, c.d_near, c.d_far, c.rpm_low, c.rpm_high)
+        self._lift_n, self._rpm_ref, self._power = free_air.lift_n, free_air.rpm_ref, 2.0 + free_air.exponent
         self._nets = regressor if isinstance(regressor, NetEnsemble) else None
 
     def with_effects(self, effects: tuple[AdoptedEffect, ...]) -> FanSurrogate:
@@ -138,6 +149,10 @@ class FanSurrogate:
         shape, n = arrays[0].shape, arrays[0].size
         h, d, rpm = (a.ravel() for a in arrays)
         wrench, sigma, trust = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
+        if n <= FEW:
+            for i, point in enumerate(zip(h.tolist(), d.tolist(), rpm.tolist(), strict=True)):
+                wrench[i], sigma[i], trust[i] = self._point(*point)
+            return Answer(wrench.reshape(*shape, 6), sigma.reshape(*shape, 6), trust.reshape(shape))
         for start in range(0, n, CHUNK):
             part = slice(start, start + CHUNK)
             wrench[part], sigma[part], trust[part] = self._batch(h[part], d[part], rpm[part])
@@ -150,10 +165,10 @@ class FanSurrogate:
         lift = self.free_air_law.lift(rpm)[:, None]
         mean, spread = self.regressor.predict(x)
         spread *= gate * self._gain
+        spread *= spread
         wrench = lift * (gate * mean + self._share)
-        sigma = lift * np.sqrt(spread * spread + self._floor2)
-        doubt = spread @ self._inverse_size
-        trust = self.domain.trust(x, h, d, rpm) / (1.0 + doubt * doubt)
+        sigma = lift * np.sqrt(spread + self._floor2)
+        trust = self.domain.trust(x, h, d, rpm) / (1.0 + spread @ self._per_size2)
         wrench[~known] = np.nan
         sigma[~known] = np.nan
         return wrench, sigma, np.where(known, trust, 0.0)
@@ -165,37 +180,33 @@ class FanSurrogate:
         if nets is None:
             wrench, sigma, trust = self._batch(np.array([h]), np.array([d]), np.array([float(rpm)]))
             return Answer(wrench[0], sigma[0], float(trust[0]))
-        c = self.coordinates
-        th = _unit(h, c.h_near, c.h_far)
-        td = _unit(d, c.d_near, c.d_far)
-        xr = 2.0 * _unit(rpm, c.rpm_low, c.rpm_high) - 1.0 if c.rpm_high > c.rpm_low else 0.0
-        xh, xd = 1.0 - 2.0 * (1.0 - th) ** 2, 1.0 - 2.0 * (1.0 - td) ** 2
-        law = self.free_air_law
-        lift = law.lift_n * (rpm / law.rpm_ref) ** (2.0 + law.exponent)
-        near_d = (1.0 - td * td) ** 3
-        self._two[0] = 1.0 - (1.0 - (1.0 - th * th) ** 3) * (1.0 - near_d)
-        self._two[1] = near_d
-        gate = np.dot(self._two, self._gate_rows, out=self._gate)
-        mean, spread = nets.point((xh, xd, xr))
-        wrench = gate * mean
-        wrench += self._share
-        wrench *= lift
-        np.multiply(gate, self._gain, out=self._buffer)
-        spread *= self._buffer
-        doubt = float(np.dot(spread, self._inverse_size))
-        sigma = spread * spread
-        sigma += self._floor2
-        np.sqrt(sigma, out=sigma)
-        sigma *= lift
-        return Answer(wrench, sigma, self.domain.point(xh, xd, h, d, rpm) / (1.0 + doubt * doubt))
+        h_near, h_far, d_near, d_far, rpm_low, rpm_high = self._bounds
+        th = (h - h_near) / (h_far - h_near) if h_near < h < h_far else _outside(h, h_near, h_far)
+        td = (d - d_near) / (d_far - d_near) if d_near < d < d_far else _outside(d, d_near, d_far)
+        xr = 0.0
+        if rpm_low < rpm_high:
+            xr = 2.0 * (min(max(rpm, rpm_low), rpm_high) - rpm_low) / (rpm_high - rpm_low) - 1.0
+        uh, ud = 1.0 - th, 1.0 - td
+        xh, xd = 1.0 - 2.0 * uh * uh, 1.0 - 2.0 * ud * ud
+        ah, ad = 1.0 - th * th, 1.0 - td * td
+        wall = ad * ad * ad
+        surface = 1.0 - (1.0 - ah * ah * ah) * (1.0 - wall)
+        four = self._four
+        four[0] = surface
+        four[1] = wall
+        four[2] = surface * surface
+        four[3] = wall * wall
+        # Mean and variance, wrench and sigma side by side in one array of 12: each operation serves both.
+        both = _multiply(nets.point(xh, xd, xr), _dot(four, self._gates, self._gate), self._buffer)
+        doubt = float(_dot(both, self._per_size2_of_variance))
+        _add(both, self._share_and_floor2, both)
+        _sqrt(self._buffer_sigma2, self._buffer_sigma2)
+        out = both * (self._lift_n * (rpm / self._rpm_ref) ** self._power)
+        return Answer(out[:6], out[6:], self.domain.point(xh, xd, h, d, rpm) / (1.0 + doubt))
 
 
-def _unit(value: float, low: float, high: float) -> float:
-    """``coordinates.unit`` of one number."""
+def _outside(value: float, low: float, high: float) -> float:
+    """``coordinates.unit`` of a number at or beyond its bounds."""
     if high <= low:
         return 1.0 if value > high else 0.5
-    if value <= low:
-        return 0.0
-    if value >= high:
-        return 1.0
-    return (value - low) / (high - low)
+    return 0.0 if value <= low else 1.0

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import models
@@ -89,6 +89,7 @@ def test_a_corner_wrench_turns_to_the_walls_bearing(bearing: float, expected: li
     np.testing.assert_allclose(wrench.corner_to_body([1, 2, 3, 4, 5, 6], bearing), expected, atol=1e-12)
 
 
+@settings(deadline=None)
 @given(bearing=st.floats(-7, 7), seed=st.integers(0, 100))
 def test_the_turn_is_a_rotation(bearing: float, seed: int) -> None:
     w = np.random.default_rng(seed).normal(size=(2, 6))
@@ -109,6 +110,7 @@ def test_a_lift_ahead_of_the_cg_pitches_up() -> None:
     np.testing.assert_allclose(moved, [0, 0, -10, 0, 5, 0])
 
 
+@settings(deadline=None)
 @given(roll=st.floats(-3, 3), pitch=st.floats(-1.5, 1.5), yaw=st.floats(-3, 3))
 def test_euler_angles_survive_the_quaternion(roll: float, pitch: float, yaw: float) -> None:
     q = wrench.quaternion_from_euler(roll, pitch, yaw)

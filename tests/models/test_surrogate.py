@@ -38,6 +38,7 @@ def test_it_says_that_it_is_not_cfd(model: FanSurrogate) -> None:
     assert model.effects == ()
 
 
+@settings(deadline=None)
 @given(h=st.floats(0.67, 50) | st.just(INF), d=st.floats(0.67, 50) | st.just(INF), rpm=st.floats(0, 8000))
 def test_far_from_everything_the_disturbance_is_exactly_zero(h: float, d: float, rpm: float) -> None:
     model = models.load()
@@ -45,6 +46,7 @@ def test_far_from_everything_the_disturbance_is_exactly_zero(h: float, d: float,
     np.testing.assert_array_equal(model.wrench(np.array([h]), d, rpm), model.wrench(np.array([INF]), INF, rpm))
 
 
+@settings(deadline=None)
 @given(h=st.floats(0.0, 5.0), rpm=st.floats(1000, 6000))
 def test_without_a_wall_no_direction_is_preferred(h: float, rpm: float) -> None:
     w = models.load().wrench(h, INF, rpm)
@@ -86,14 +88,16 @@ def test_shapes_broadcast(model: FanSurrogate) -> None:
     assert model.wrench(np.zeros((0,)), 1.0, 4000.0).shape == (0, 6)
 
 
-@settings(max_examples=200)
+@settings(max_examples=200, deadline=None)
 @given(h=st.floats(0.0, 2.0), d=st.floats(0.0, 2.0), rpm=st.floats(0.0, 9000.0))
 def test_one_point_and_many_take_different_paths_to_the_same_answer(h: float, d: float, rpm: float) -> None:
     model = models.load()
-    one, many = model.query(h, d, rpm), model.query(np.array([h]), np.array([d]), np.array([rpm]))
-    np.testing.assert_allclose(one.wrench, many.wrench[0], rtol=1e-11, atol=1e-12)
-    np.testing.assert_allclose(one.sigma, many.sigma[0], rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(one.trust, many.trust[0], rtol=1e-9, atol=1e-12)
+    one, many = model.query(h, d, rpm), model.query(np.full(20, h), d, rpm)
+    few = model.query(np.full(2, h), d, rpm)
+    for answer in (few, many):
+        np.testing.assert_allclose(one.wrench, answer.wrench[0], rtol=1e-10, atol=1e-12)
+        np.testing.assert_allclose(one.sigma, answer.sigma[0], rtol=1e-7, atol=1e-12)
+        np.testing.assert_allclose(one.trust, answer.trust[0], rtol=1e-7, atol=1e-12)
 
 
 def test_answers_do_not_change_when_the_next_is_asked(model: FanSurrogate) -> None:
