@@ -63,8 +63,8 @@ __all__ = [
 NAN = math.nan
 PER_SI = {
     "": 1.0, "rad": 1.0, "rad/s": 1.0, "m": 1.0, "m/s": 1.0, "m/s/s": 1.0, "V": 1.0, "A": 1.0, "degC": 1.0, "us": 1.0,
-    "rpm": 1.0, "deg": math.degrees(1.0), "cm": 100.0, "mV": 1000.0, "cV": 100.0, "cA": 100.0, "cdegC": 100.0,
-    "hPa": 0.01, "mrad/s": 1000.0, "mG": 1000.0 / GRAVITY,
+    "rpm": 1.0, "deg": math.degrees(1.0), "cm": 100.0, "cm^2": 1e4, "mV": 1000.0, "cV": 100.0, "cA": 100.0,
+    "cdegC": 100.0, "hPa": 0.01, "mrad/s": 1000.0, "mG": 1000.0 / GRAVITY,
 }  # fmt: skip
 """Wire units in one unit used inside: SI, but for rpm, us of a servo pulse and deg C."""
 
@@ -227,14 +227,13 @@ def _scaled_imu(head: Head, name: str, force: Vector3, gyro: Vector3) -> Imu:
 
 
 def _distance_sensor(
-    head: Head, name: str, distance: tuple[float], limits: tuple[float, float], sigma2: tuple[float], q: Quaternion,
+    head: Head, name: str, distance: tuple[float], limits: tuple[float, float], variance: tuple[float], q: Quaternion,
     orientation: int, sensor: int, quality: int,
 ) -> Range:  # fmt: skip
     low, high = limits if limits[1] > 0.0 else (NAN, NAN)
     direction = beam_direction(orientation, q)
     verdict = range_verdict(distance[0], low, high, quality, direction is not None)
-    # The variance is in cm^2; 0 and 255 are unknown (a byte cannot say more than 16 cm).
-    sigma = math.sqrt(sigma2[0]) / 100.0 if sigma2[0] == sigma2[0] else None
+    sigma = math.sqrt(variance[0]) if variance[0] == variance[0] else None
     return Range(
         *head, direction, orientation, sensor, distance[0], low, high, sigma, quality or None, verdict, name
     )  # fmt: skip
@@ -493,7 +492,7 @@ _TABLE = (
     _layout(
         "DISTANCE_SENSOR", _MS, _distance_sensor,
         _q("distance", "current_distance", "cm"), _q("limits", "min_distance max_distance", "cm"),
-        _q("variance_cm2", "covariance", "", unknown=(0, 255)), _q("q", "quaternion", "", 2.0, array=True),
+        _q("variance", "covariance", "cm^2", unknown=(0, 255)), _q("q", "quaternion", "", 2.0, array=True),
         Raw("orientation"), Raw("id"), Raw("signal_quality"),
     ),
     _layout("RANGEFINDER", None, _rangefinder, _q("distance", "distance", "m", 1e4)),

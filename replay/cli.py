@@ -45,10 +45,8 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     run.add_argument("--json", metavar="FILE", help="write the report as JSON (- for stdout)")
     run.add_argument("--quiet", action="store_true", help="no progress bar and no text report")
-    run.set_defaults(run=_run)
     if find_spec("replay.diagnose_cli") is not None:
-        diagnose = import_module("replay.diagnose_cli")
-        diagnose.add_parser(commands)
+        import_module("replay.diagnose_cli").add_parser(commands)
     return p
 
 
@@ -56,7 +54,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     arguments = parser().parse_args(argv)
     try:
-        return int(arguments.run(arguments))
+        if arguments.command == "diagnose":
+            return int(import_module("replay.diagnose_cli").run(arguments))
+        return _run(arguments)
     except UserError as error:
         print(f"replay: {error}", file=sys.stderr)
         return error.exit_code

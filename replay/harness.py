@@ -30,8 +30,6 @@ class Replay:
     samples: Counter[str] = field(default_factory=Counter)
     """How many samples of each kind reached the pipeline."""
     undecodable: int = 0
-    first_s: float | None = None
-    last_s: float | None = None
 
     def __post_init__(self) -> None:
         self.intake = Intake(self.system)
@@ -46,9 +44,6 @@ class Replay:
         state: PipelineState = initial_state(self.config)
         for sample in self._with_assumed(samples):
             self.samples[type(sample).__name__] += 1
-            if sample.t_s > 0.0:
-                self.first_s = sample.t_s if self.first_s is None else self.first_s
-                self.last_s = sample.t_s
             state, decision = step(state, sample, self.config)
             if decision is not None:
                 yield decision

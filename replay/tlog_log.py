@@ -225,7 +225,7 @@ class _Boot:
                 direction, int(component), int(sensor), int(orientation), one.name,
                 Series(one.t_s[order], distance, one.name),
                 verdicts_of(distance[:, 0], low, high, one["signal_quality"][order]),
-                low, high, _median(np.sqrt(one["variance_cm2"]) / 100.0), _WIRE_STEP_M,
+                low, high, _median(np.sqrt(one["variance"])), _WIRE_STEP_M,
             )  # fmt: skip
 
     def _escs(self) -> dict[int, EscRecord]:

@@ -13,6 +13,7 @@ from companion.messages import RangeVerdict
 from models.errors import LogError
 from models.wrench import euler_from_quaternion
 from replay.flightlog import Series, best_beam, direction_name, load, smallest_step, tidy, unflipped
+from replay.harness import frame_id
 
 
 def logs_of(tmp_path, messages, **options):
@@ -191,7 +192,7 @@ def test_rangefinder_alone_and_beside_a_coarse_sensor(tmp_path):
     other = [(a, frame(mavlink.MAVLink_rangefinder_message(3.0 + 0.001 * (k % 5), 0))) for k, (a, _) in enumerate(fine)]
     (log,) = logs_of(tmp_path, sorted([*flight(4.0), *other]))
     assert log.beam("down").source == "DISTANCE_SENSOR", "another quantity"
-    (log,) = logs_of(tmp_path, [m for m in sorted([*flight(4.0), *fine]) if m[1][7] != 132])
+    (log,) = logs_of(tmp_path, [m for m in sorted([*flight(4.0), *fine]) if frame_id(m[1]) != 132])
     assert log.beam("down").source == "RANGEFINDER"
     assert best_beam([]) is None
 

@@ -10,6 +10,7 @@ import pytest
 from log_writers import bin_flight, flight, frame, heartbeat, ulg_flight, write_tlog
 
 from replay.cli import main
+from replay.harness import frame_id
 from replay.tlog import read_tlog
 
 
@@ -53,7 +54,7 @@ def test_report_as_json_to_a_file(log, tmp_path, capsys):
 
 def test_assumed_parameter_lets_offsets_through(tmp_path, capsys):
     path = tmp_path / "silent.tlog"
-    write_tlog(path, [m for m in flight(4.0) if m[1][7] != 22])
+    write_tlog(path, [m for m in flight(4.0) if frame_id(m[1]) != 22])
     main(["run", str(path), "--json", "-"])
     assert json.loads(capsys.readouterr().out)["compensated_s"] == 0.0
     main(["run", str(path), "--json", "-", "--param", "GUID_OPTIONS=8"])

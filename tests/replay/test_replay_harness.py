@@ -17,7 +17,7 @@ from companion.recorder import Recorder
 from companion.vehicles import default_vehicle
 from replay.columns import samples_of
 from replay.flightlog import load
-from replay.harness import Replay
+from replay.harness import Replay, frame_id
 from replay.tlog import read_tlog
 
 CONFIG = PipelineConfig(vehicle=default_vehicle(), model=models.load())
@@ -92,7 +92,7 @@ def test_replay_twice_is_the_same(tmp_path):
 
 
 def test_assumed_parameters_hold_until_the_log_tells():
-    silent = [m for m in flight(2.0) if m[1][7] != 22]
+    silent = [m for m in flight(2.0) if frame_id(m[1]) != 22]
     told = flight(2.0)
 
     def held(messages, assumed):
