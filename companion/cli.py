@@ -71,6 +71,11 @@ def _check(a: argparse.Namespace) -> None:
         raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
     if a.carrier == "acceleration" and a.setpoint != "hold":
         raise ConfigError("--carrier acceleration: works with --setpoint hold only")
+    if a.connect.startswith("sim:"):
+        from companion.sim.scenario import NAMES
+
+        if a.connect.removeprefix("sim:") not in NAMES:
+            raise ConfigError(f"--connect {a.connect}: no such flight; there are {', '.join(NAMES)}")
     if a.compare and not a.connect.startswith("sim:"):
         raise ConfigError("--compare: needs --connect sim:NAME, the built-in vehicle")
 

@@ -63,7 +63,7 @@ def whole_rate_mask(type_mask: int) -> int:
 
 def encode(mav: Any, command: Command, system: int, component: int = 1) -> Any:
     """The pymavlink message of a command, addressed to the autopilot."""
-    boot_ms = int(max(command.t_s, 0.0) * 1000.0) & 0xFFFFFFFF
+    boot_ms = round(max(command.t_s, 0.0) * 1000.0) & 0xFFFFFFFF
     if isinstance(command, AttitudeCommand):
         mask = whole_rate_mask(command.type_mask) & (RATES_IGNORED | ATTITUDE_IGNORED)
         thrust = min(max(command.thrust, 0.0), 1.0)
@@ -80,6 +80,6 @@ def hand_back(mav: Any, t_s: float, position_ned: Vector3, yaw: float, system: i
     """A position target at the hold point: on ArduPilot the smooth way out of an attitude stream (3 cm, measured)."""
     ignore = 8 | 16 | 32 | 64 | 128 | 256 | 2048
     return mav.set_position_target_local_ned_encode(
-        int(max(t_s, 0.0) * 1000.0) & 0xFFFFFFFF, system, 1, _LOCAL_NED, ignore,
+        round(max(t_s, 0.0) * 1000.0) & 0xFFFFFFFF, system, 1, _LOCAL_NED, ignore,
         *position_ned, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, yaw, 0.0,
     )  # fmt: skip

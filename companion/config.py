@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 
 from companion.track import TrackModel
-from models.air import FanModel
+from models.surrogate import FanSurrogate
 from models.vehicle import Vehicle
 
 
@@ -74,7 +74,7 @@ class PipelineConfig:
     """Everything ``step`` needs besides state and sample."""
 
     vehicle: Vehicle
-    model: FanModel
+    model: FanSurrogate
     tuning: Tuning = field(default_factory=Tuning)
     base: Base = Base.HOLD
     carrier: Carrier = Carrier.ATTITUDE

@@ -141,7 +141,7 @@ def _dot(a: tuple[float, float, float], b: tuple[float, float, float]) -> float:
 
 
 def _usable(sample: Range) -> bool:
-    return sample.verdict is RangeVerdict.OK and sample.direction_frd is not None
+    return sample.verdict is RangeVerdict.OK and math.isfinite(sample.distance_m)
 
 
 def _match(estimates: Estimates, sample: Range, vehicle: Vehicle) -> int | None:

@@ -64,6 +64,8 @@ class Flight:
         self._streams: StreamKeeper | None = None
         self._stack = Stack.OTHER
         self._heard_s = -np.inf
+        self._started_s = time.monotonic()
+        self._complained = False
         self._beat_s = self._asked_s = self._flushed_s = -np.inf
         self._asked = 0
         self._stop_s: float | None = None
@@ -170,6 +172,9 @@ class Flight:
             self._beat_s = now_s
             self._send(self._link.mav.heartbeat_encode(_ONBOARD_CONTROLLER, _NO_AUTOPILOT, 0, 0, _ACTIVE))
         if self._streams is None:
+            if not self._complained and now_s - self._started_s > _LOST_S:
+                self._complained = True
+                self._say(f"companion: no heartbeat on {self._link.endpoint} yet; does the autopilot send there?")
             return
         if now_s - self._heard_s > _LOST_S:
             self._streams.forget()

@@ -73,11 +73,12 @@ def modelled_push(estimates: Estimates, config: PipelineConfig, rotor_rpm: Array
     later = fan_query(vehicle, ground, wall, rotation, rpm, tuning.lean_lead_s)
     free = np.full_like(rpm, np.inf)
     # One batched query: rows are (thrust lead, lean lead, lean lead a step further off, free air).
-    rows = model.wrench(
+    answer = model.query(
         np.stack([soon.h_m, later.h_m, later.h_m, free]),
         np.stack([soon.d_m, later.d_m, later.d_m + _STIFFNESS_STEP_M, free]),
         rpm,
     )
+    rows = answer.wrench
     total = np.zeros(6)
     for i, fan in enumerate(vehicle.fans):
         change = rows[1, i] - rows[3, i]
@@ -86,7 +87,7 @@ def modelled_push(estimates: Estimates, config: PipelineConfig, rotor_rpm: Array
     total[:3] += trim_reaction(vehicle) @ total[3:]
     pull = float(rows[1, :, 0].sum() - rows[2, :, 0].sum()) / _STIFFNESS_STEP_M
     known = np.isfinite(soon.h_m) | np.isfinite(soon.d_m)
-    trust = float(np.min(model.trust(soon.h_m, soon.d_m, rpm), initial=1.0, where=known)) if known.any() else 1.0
+    trust = float(np.min(answer.trust[0], initial=1.0, where=known)) if known.any() else 1.0
     return Push(
         wrench=total,
         free_lift_n=float(rows[3, :, 2].sum()),
@@ -104,7 +105,7 @@ def trim_reaction(vehicle: Vehicle) -> Array:
     """Force (3,) per moment (3,) that the vanes exert in holding a moment off: shape (3, 3), zero without vanes.
 
     A vane is a side force at its station. Balancing the roll moment of a wall with vanes below the CG pushes the vehicle
-    towards that wall, harder than the wall itself pulls: 6.7 N per N m on the paper's vehicle.
+    towards that wall, harder than the wall pulls: 6.7 N per N m on the paper's vehicle.
     """
     if not vehicle.vanes:
         return np.zeros((3, 3))

@@ -39,9 +39,10 @@ from models.wrench import GRAVITY, quaternion_from_euler
 
 _HEARTBEAT_AGE_S = 3.0
 _MAX_TILT_COS = math.cos(math.radians(25.0))
-_ON_GROUND = 1
+_ON_GROUND, _IN_AIR = 1, 2
 _REBOOT_S = 1.0
 _HOVER_TIME_S = 2.0
+_PUSH_PERIOD_S = 0.03
 _AUTOPILOT_INVALID = 8
 _GAINS = HoldGains()
 _REASONS_OF_OTHERS = frozenset({Reason.NOT_ARMED, Reason.WRONG_MODE, Reason.LANDED})
@@ -61,7 +62,7 @@ class PipelineState:
     """Commanded thrust that hovers in free air, averaged while the autopilot flew."""
     airborne_since_s: float = math.inf
     carried_s: float = -math.inf
-    """When the rotors last carried the weight."""
+    """When the rotors last carried the weight, or the autopilot last said so."""
     upstream: SetAttitudeTarget | None = None
     hold: Hold | None = None
     target: SetPositionTarget | None = None
@@ -70,6 +71,9 @@ class PipelineState:
     wanted: Offset = Offset()
     washout: MomentWashout = MomentWashout()
     decided_s: float = -math.inf
+    push: Push | None = None
+    pushed_s: float = -math.inf
+    """When ``push`` was computed: after a position, so that an attitude is answered without waiting for the model."""
     stopping: bool = False
 
 
@@ -106,6 +110,8 @@ def step(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[
     if sample.t_s < state.t_s - _REBOOT_S and not isinstance(sample, SetAttitudeTarget | SetPositionTarget):
         state = replace(initial_state(config), stopping=state.stopping)
     state = _take(state, sample, config)
+    if isinstance(sample, LocalPosition) and sample.t_s - state.pushed_s >= _PUSH_PERIOD_S:
+        state = _renew_push(state, sample.t_s, config)
     if not _calls_for_decision(state, sample, config):
         return state, None
     return _decide(state, sample.t_s, config)
@@ -151,11 +157,9 @@ def _calls_for_decision(state: PipelineState, sample: Sample, config: PipelineCo
 def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[PipelineState, Decision]:
     tuning = config.tuning
     dt = min(max(t_s - state.decided_s, 0.0), 0.1)
-    rotors = est.rotor_speeds(state.estimates, config, t_s)
-    rotation = state.estimates.rotation
-    push = None
-    if rotors is not None and rotation is not None:
-        push = modelled_push(state.estimates, config, rotors, rotation, t_s)
+    if not 0.0 <= t_s - state.pushed_s <= 2.0 * _PUSH_PERIOD_S:
+        state = _renew_push(state, t_s, config)
+    push, rotation = state.push, state.estimates.rotation
     state = _airborne(state, push, config, t_s)
     thrust = _thrust_map(state, config)
     reasons = _reasons(state, push, config, t_s)
@@ -184,6 +188,13 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
     return state, Decision(t_s, command, reasons, authority, applied, base, push)
 
 
+def _renew_push(state: PipelineState, t_s: float, config: PipelineConfig) -> PipelineState:
+    rotors, rotation = est.rotor_speeds(state.estimates, config, t_s), state.estimates.rotation
+    known = rotors is not None and rotation is not None
+    push = modelled_push(state.estimates, config, rotors, rotation, t_s) if known else None
+    return replace(state, push=push, pushed_s=t_s)
+
+
 def _reasons(state: PipelineState, push: Push | None, config: PipelineConfig, t_s: float) -> tuple[Reason, ...]:
     """Every refusal that holds now, gravest first."""
     out: list[Reason] = []
@@ -198,7 +209,7 @@ def _reasons(state: PipelineState, push: Push | None, config: PipelineConfig, t_
         estimates.position is None or t_s - estimates.position.t_s > tuning.position_age_s
     ):
         out.append(Reason.POSITION_STALE)
-    if t_s - state.airborne_since_s < tuning.airborne_after_s and (push is not None or state.landed_state):
+    if t_s - state.airborne_since_s < tuning.airborne_after_s:
         out.append(Reason.LANDED)
     if push is None:
         out.append(Reason.RPM_MISSING)
@@ -257,13 +268,14 @@ def _airborne(state: PipelineState, push: Push | None, config: PipelineConfig, t
 
     In the air a low lift alone is no landing (a hard descent has it too): taking it for one would stop the stream.
     """
-    carries = push is None or push.free_lift_n > config.tuning.airborne_lift_share * config.vehicle.mass_kg * GRAVITY
-    if carries:
+    weight = config.vehicle.mass_kg * GRAVITY
+    carries = push is not None and push.free_lift_n > config.tuning.airborne_lift_share * weight
+    if carries or state.landed_state == _IN_AIR:
         state = replace(state, carried_s=t_s)
     if state.landed_state == _ON_GROUND:
         return replace(state, airborne_since_s=math.inf)
     if state.airborne_since_s == math.inf:
-        return replace(state, airborne_since_s=t_s) if carries else state
+        return replace(state, airborne_since_s=t_s) if state.carried_s == t_s else state
     idle = state.landed_state == 0 and t_s - state.carried_s > config.tuning.idle_is_landed_s
     return replace(state, airborne_since_s=math.inf) if idle else state
 

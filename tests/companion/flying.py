@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from companion.config import PipelineConfig
+from companion.config import Base, PipelineConfig
 from companion.pipeline import Decision, PipelineState, initial_state, step
 from companion.samples import (
     Attitude,
@@ -19,8 +19,10 @@ from companion.samples import (
     RangeVerdict,
     RotorSpeeds,
     Sample,
+    SetAttitudeTarget,
 )
 from companion.vehicles import default_vehicle
+from models.surrogate import Answer
 from models.wrench import quaternion_from_euler
 
 HOVER_N = 4.6 * 9.80665 / 2.0
@@ -29,7 +31,7 @@ DOWN, RIGHT = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)
 
 @dataclass(frozen=True)
 class PlainModel:
-    """Lift + 10 % at h = 0, pull 5 % and tilt at d = 0, all linear to nothing at 0.6 m: simple enough to check by hand."""
+    """Lift + 10 % at h = 0, pull 5 % and tilt at d = 0, all linear to nothing at 0.6 m: to be checked by hand."""
 
     effects: tuple = ()
     believed: float = 1.0
@@ -44,8 +46,9 @@ class PlainModel:
         out[..., 4] = 0.02 * free * wall
         return out
 
-    def trust(self, h, d, rpm):
-        return np.full(np.broadcast_shapes(np.shape(h), np.shape(d), np.shape(rpm)), self.believed)
+    def query(self, h, d, rpm):
+        wrench = self.wrench(h, d, rpm)
+        return Answer(wrench, 0.01 * np.abs(wrench), np.full(wrench.shape[:-1], self.believed))
 
 
 CONFIG = PipelineConfig(vehicle=default_vehicle(), model=PlainModel())
@@ -105,6 +108,10 @@ class Bench:
             self.feed(RotorSpeeds(self.t, 1, 1, 1, (self.rpm,) * 4, "ESC_TELEMETRY_1_TO_4"))
         q = quaternion_from_euler(self.roll, self.pitch, 0.0)
         decision = self.feed(Attitude(self.t, 1, 1, q, (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION"))
+        if self.config.base is Base.UPSTREAM:
+            assert decision is None, "upstream decides on setpoints"
+            target = SetAttitudeTarget(self.t, 255, 1, 7, (1.0, 0.0, 0.0, 0.0), (0.1, 0.2, 0.3), 0.5, 1, 1)
+            decision = self.feed(target)
         assert decision is not None
         return decision
 

@@ -1,0 +1,159 @@
+"""Message in -> command out against a bare pymavlink receiver on the same stream, in one run.
+
+    python tests/benchmarks/latency.py [--seconds 20] [--rate 400]
+
+One generator process sends a hovering vehicle's stream over loopback UDP at a steady rate. In turns, (a) a bare
+pymavlink receiver answers each ATTITUDE_QUATERNION with a fixed SET_ATTITUDE_TARGET, (b) the companion answers it with
+what it decides. Latency = the generator's clock from sending the attitude to getting the setpoint that carries its time
+stamp. CPU = the answering process's own user + system time over the wall clock. Prints a table; ratios are what counts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import os
+import resource
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from companion.dialect import mavlink
+from models.wrench import quaternion_from_euler
+
+BARE = """
+import os, sys, resource, time
+os.environ["MAVLINK20"] = "1"; os.environ["MAVLINK_DIALECT"] = "ardupilotmega"
+from pymavlink import mavutil
+link = mavutil.mavlink_connection(sys.argv[1], source_system=1, source_component=191)
+end = time.monotonic() + float(sys.argv[2])
+while time.monotonic() < end:
+    m = link.recv_match(blocking=True, timeout=0.2)
+    if m is not None and m.get_type() == "ATTITUDE_QUATERNION":
+        link.mav.set_attitude_target_send(m.time_boot_ms, 1, 1, 7, [1.0, 0.0, 0.0, 0.0], 0, 0, 0, 0.5)
+"""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--rate", type=float, default=400.0, help="messages per second, eight to a 50 Hz cycle")
+    a = parser.parse_args()
+    rows = {name: measure(name, a.seconds, a.rate) for name in ("bare", "companion", "bare again", "companion again")}
+    print(f"{'':18}{'p50 ms':>9}{'p99 ms':>9}{'CPU %':>8}{'answered':>10}{'RSS MiB':>9}")
+    for name, (p50, p99, cpu, share, rss) in rows.items():
+        print(f"{name:18}{p50:9.3f}{p99:9.3f}{cpu:8.1f}{share:10.3f}{rss:9.1f}")
+    bare = np.mean([rows["bare"][:3], rows["bare again"][:3]], axis=0)
+    ours = np.mean([rows["companion"][:3], rows["companion again"][:3]], axis=0)
+    print(
+        f"ratio companion / bare: p50 {ours[0] / bare[0]:.2f}, p99 {ours[1] / bare[1]:.2f}, CPU {ours[2] / bare[2]:.2f}"
+    )
+
+
+def measure(name: str, seconds: float, rate: float) -> tuple[float, float, float, float, float]:
+    """(p50 ms, p99 ms, CPU %, share answered, peak RSS MiB) of one answering process."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    endpoint = f"udpin:127.0.0.1:{port}"
+    if name.startswith("bare"):
+        command = [sys.executable, "-c", BARE, endpoint, str(seconds + 8.0)]
+    else:
+        command = [
+            sys.executable,
+            "-m",
+            "companion",
+            "--connect",
+            endpoint,
+            "--quiet",
+            "--duration",
+            str(seconds + 8.0),
+        ]
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    start = time.monotonic()
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, env={**os.environ, "OMP_NUM_THREADS": "1"})
+    try:
+        latencies, sent, rss = stream(port, seconds, rate, process.pid)
+        process.wait(30)
+    finally:
+        process.kill()
+        process.wait()
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    cpu = (after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime) / (time.monotonic() - start)
+    ms = 1e3 * np.array(latencies or [np.nan])
+    return float(np.percentile(ms, 50)), float(np.percentile(ms, 99)), 100.0 * cpu, len(latencies) / max(sent, 1), rss
+
+
+def stream(port: int, seconds: float, rate: float, pid: int) -> tuple[list[float], int, float]:
+    """Send for ``seconds`` after a 5 s warm-up; returns latencies [s], attitudes sent and peak RSS [MiB]."""
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    sock.bind(("127.0.0.1", 0))
+    sock.connect(("127.0.0.1", port))
+    mav, parser = mavlink.MAVLink(None, srcSystem=1, srcComponent=1), mavlink.MAVLink(None)
+    parser.robust_parsing = True
+    sent_at: dict[int, float] = {}
+    latencies: list[float] = []
+    cycle = 8.0 / rate
+    begin = time.monotonic() + 5.0
+    due, tick, sent, rss = time.monotonic(), 0, 0, 0.0
+
+    def send(message: object) -> None:
+        raw = message.pack(mav)  # type: ignore[attr-defined]
+        mav.seq = (mav.seq + 1) % 256
+        with contextlib.suppress(ConnectionRefusedError):
+            sock.send(raw)
+
+    def receive(until: float) -> None:
+        while True:
+            left = until - time.monotonic()
+            if left <= 0:
+                return
+            sock.settimeout(left)
+            try:
+                data = sock.recv(65536)
+            except (TimeoutError, ConnectionRefusedError):
+                continue
+            now = time.monotonic()
+            for message in parser.parse_buffer(data) or ():
+                kind = message.get_type()
+                if kind == "SET_ATTITUDE_TARGET":
+                    at = sent_at.pop(message.time_boot_ms, None)
+                    if at is not None and at > begin:
+                        latencies.append(now - at)
+                elif kind == "PARAM_REQUEST_READ":
+                    send(mav.param_value_encode(message.param_id.encode(), 8.0, 9, 1, 0))
+
+    while time.monotonic() < begin + seconds:
+        ms = 20000 + round(tick * cycle * 1000)
+        h = 0.3 + 0.1 * np.sin(tick / 60.0)
+        send(mav.heartbeat_encode(2, 3, 128, 4, 4))
+        send(mav.extended_sys_state_encode(0, 2))
+        send(mav.highres_imu_encode(ms * 1000, 0, 0, -9.81, 0, 0, 0, 0, 0, 0, 1013, 0, 0, 20, 63))
+        send(mav.esc_telemetry_1_to_4_encode([20] * 4, [0] * 4, [0] * 4, [0] * 4, [4000] * 4, [tick % 65536] * 4))
+        send(mav.distance_sensor_encode(ms, 5, 4000, round((h - 0.05) * 100), 0, 0, 25, 0))
+        send(mav.distance_sensor_encode(ms, 5, 4000, 40, 0, 1, 2, 0))
+        send(mav.local_position_ned_encode(ms, 0, 0, -h, 0, 0, 0))
+        # The attitude comes by itself, so that its answer is not behind the rest of the cycle in the queue.
+        receive(due + 0.5 * cycle)
+        q = quaternion_from_euler(0.0, 0.0, 0.1)
+        now = time.monotonic()
+        sent_at[ms] = now
+        sent += now > begin
+        send(mav.attitude_quaternion_encode(ms, *q, 0, 0, 0))
+        due += cycle
+        tick += 1
+        receive(due)
+        if tick % 100 == 0:
+            with contextlib.suppress(OSError):
+                pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
+                rss = max(rss, pages * resource.getpagesize() / 2**20)
+    sock.close()
+    return latencies, sent, rss
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,129 @@
+"""Bad input is one line and a documented exit code; nothing is imported that flight does not need."""
+
+import json
+import socket
+import subprocess
+import sys
+
+import pytest
+from fake_autopilot import FakeAutopilot, free_port
+
+from companion.vehicles import TANDEM
+
+
+def companion(*arguments, timeout=60):
+    return subprocess.run(
+        [sys.executable, "-m", "companion", *arguments], capture_output=True, text=True, timeout=timeout, check=False
+    )
+
+
+def one_line(run, code, *words):
+    assert run.returncode == code, run.stderr
+    lines = run.stderr.strip().splitlines()
+    assert len(lines) == 1, run.stderr
+    assert "Traceback" not in run.stderr
+    for word in words:
+        assert word in lines[0], lines[0]
+
+
+def test_help_imports_nothing_heavy():
+    code = "import sys, companion.cli as c\ntry: c.main(['--help'])\nexcept SystemExit: pass\n"
+    code += "print([m for m in ('torch', 'scipy', 'pymavlink', 'filterpy') if m in sys.modules])"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip().endswith("[]")
+
+
+def test_flight_imports_neither_torch_nor_scipy():
+    code = "import sys, models, companion.flight\nmodels.load()\n"
+    code += "print([m for m in ('torch', 'scipy', 'sklearn', 'matplotlib') if m in sys.modules])"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (["--connect", "udpx:1:2"], 2, ["udpx:1:2"]),
+        (["--connect", "udp:127.0.0.1"], 2, ["HOST:PORT"]),
+        (["--connect", "sim:nowhere"], 2, ["nowhere"]),
+        (["--connect", "/dev/ttyNONE7"], 4, ["/dev/ttyNONE7", "no such device"]),
+        (["--connect", "tcp:127.0.0.1:1"], 4, ["tcp:127.0.0.1:1"]),
+        (["--connect", "udp:127.0.0.1:5", "--vehicle", "/no/such.toml"], 2, ["/no/such.toml"]),
+        (["--connect", "udp:127.0.0.1:5", "--model", "/no/such"], 2, ["/no/such"]),
+        (["--connect", "udp:127.0.0.1:5", "--signing-key", "/no/key"], 2, ["/no/key"]),
+        (["--connect", "udp:127.0.0.1:5", "--duration", "-3"], 2, ["--duration"]),
+        (["--connect", "udp:127.0.0.1:5", "--target-system", "0"], 2, ["--target-system"]),
+        (["--connect", "udp:127.0.0.1:5", "--compare"], 2, ["--compare"]),
+        (["--connect", "udp:127.0.0.1:5", "--carrier", "acceleration", "--setpoint", "udpin:h:6"], 2, ["--carrier"]),
+    ],
+)  # fmt: skip
+def test_wrong_arguments_are_one_line(arguments, code, words):
+    one_line(companion(*arguments), code, *words)
+
+
+def test_unknown_options_are_the_parsers_business():
+    run = companion("--connect", "udp:127.0.0.1:5", "--no-such-option")
+    assert run.returncode == 2
+    assert "--no-such-option" in run.stderr
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        ("mass_kg", "mas_kg", ["mass_kg", "missing"]),
+        ("mass_kg = 4.6", "mass_kg = -4.6", ["mass_kg"]),
+        ("mass_kg = 4.6", "mass_kg = 4.6\ncolour = 3", ["colour", "not known"]),
+        ("0.092, 0.283, 0.245", "0.092, 0.283, 0.6", ["inertia_kgm2"]),
+        ("esc = 2", "esc = 1", ["esc"]),
+        ('target = "wall"', 'target = "wal"', ["target", "wal"]),
+        ("mass_kg = 4.6", "mass_kg = ", ["TOML"]),
+        ("fan = 2", "fan = 3", ["vane[2].fan"]),
+    ],
+)
+def test_a_vehicle_file_with_a_typo_names_the_key(tmp_path, before, after, words):
+    text = TANDEM.read_text()
+    assert before in text
+    path = tmp_path / "typo.toml"
+    path.write_text(text.replace(before, after, 1))
+    one_line(companion("--connect", "udp:127.0.0.1:5", "--vehicle", str(path)), 2, "typo.toml", *words)
+
+
+def test_a_model_of_another_schema_is_refused(tmp_path):
+    (tmp_path / "model.json").write_text(json.dumps({"schema": 999}))
+    one_line(companion("--connect", "udp:127.0.0.1:5", "--model", str(tmp_path)), 2, "model.json")
+
+
+def test_a_port_in_use_is_exit_code_4():
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        one_line(companion("--connect", f"udp:127.0.0.1:{port}"), 4, str(port), "in use")
+
+
+def test_no_heartbeat_is_waited_for_and_reported(tmp_path):
+    report = tmp_path / "report.json"
+    run = companion("--connect", f"udp:127.0.0.1:{free_port()}", "--duration", "1.5", "--json", str(report))
+    assert run.returncode == 0
+    assert run.stderr.strip() == "" or "heartbeat" in run.stderr
+    assert json.loads(report.read_text())["system"] is None
+
+
+def test_ctrl_c_fades_out_and_is_exit_code_130(tmp_path):
+    import signal
+    import time
+
+    port, log = free_port(), tmp_path / "f.tlog"
+    process = subprocess.Popen(
+        [sys.executable, "-m", "companion", "--connect", f"udp:127.0.0.1:{port}", "--record", str(log), "--json", "-"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    with FakeAutopilot(port) as autopilot:
+        autopilot.wait_for("SET_ATTITUDE_TARGET", 100, timeout=20)
+        process.send_signal(signal.SIGINT)
+        out, err = process.communicate(timeout=10)
+        time.sleep(0.1)
+        assert autopilot.of_type("SET_POSITION_TARGET_LOCAL_NED"), "it hands back with a position target"
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert json.loads(out)["commands"] >= 100
+    assert log.stat().st_size > 10_000
