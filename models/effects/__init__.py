@@ -1,1 +1,57 @@
-"""The catalogue: one missing effect a file."""
+"""The catalogue: one missing effect a file. A module here with an ``EFFECT`` is in it; nothing else is needed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+from importlib import import_module
+from pkgutil import iter_modules
+
+import numpy as np
+
+from models.effects._base import AdoptedEffect, Coefficient, Context, Effect, InFlight, Shape, shifted_heights
+from models.errors import ModelError
+from models.state import AirState
+from models.wrench import Array
+
+__all__ = [
+    "AdoptedEffect", "Coefficient", "Context", "Effect", "InFlight", "Shape", "adopted_wrench", "catalogue",
+    "corrected_state", "get",
+]  # fmt: skip
+
+
+@lru_cache(maxsize=1)
+def catalogue() -> tuple[Effect, ...]:
+    """Every effect, in alphabetical order of its file."""
+    names = sorted(m.name for m in iter_modules(__path__) if not m.name.startswith("_"))
+    return tuple(import_module(f"{__name__}.{name}").EFFECT for name in names)
+
+
+def get(name: str) -> Effect:
+    """The effect of that name; ModelError where there is none."""
+    for effect in catalogue():
+        if effect.name == name:
+            return effect
+    raise ModelError(f"effect {name!r} is not in the catalogue; train the model with this version of the program")
+
+
+def adopted_wrench(effects: Sequence[AdoptedEffect], ctx: Context, *, in_flight: bool = False) -> Array:
+    """Sum of the adopted effects' wrenches (..., 6), body FRD about the CG.
+
+    ``in_flight`` leaves out what is not to be compensated as a wrench. Unknown quantities contribute nothing.
+    """
+    total = np.zeros((*ctx.state.time_s.shape, 6))
+    for adopted in effects:
+        effect = get(adopted.name)
+        if effect.in_flight is InFlight.WRENCH or not in_flight:
+            total += np.nan_to_num(effect.wrench(ctx, adopted.parameters), nan=0.0, posinf=0.0, neginf=0.0)
+    return total
+
+
+def corrected_state(effects: Sequence[AdoptedEffect], state: AirState) -> AirState:
+    """The state with adopted corrections of measurements: ``range_offset`` shifts the heights."""
+    for adopted in effects:
+        if adopted.name == "range_offset":
+            p = adopted.parameters
+            state = shifted_heights(state, -p["offset_m"] * p["gain"])
+    return state

@@ -1,0 +1,36 @@
+"""The air is thinner or denser than the sea-level air the model was trained for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.effects._base import Coefficient, Context, Effect, columns
+from models.vehicle import RHO_SEA_LEVEL
+from models.wrench import Array
+
+
+def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
+    return columns(ctx.rotor_wrench * (ctx.density / RHO_SEA_LEVEL - 1.0)[..., None])
+
+
+def _lacking(ctx: Context) -> str | None:
+    share = ctx.density / RHO_SEA_LEVEL - 1.0
+    if not np.isfinite(share).any():
+        return "no pressure and air temperature in the log"
+    return None if abs(float(np.nanmean(share))) > 0.01 else "the air has the model's density within 1 %"
+
+
+EFFECT = Effect(
+    name="air_density",
+    equation="dF = g F_rotors (rho/1.225 - 1), rho = p/(287.05 T)",
+    sign="gain 1: as the ideal gas says",
+    source="physics.md E15",
+    valid="dry air",
+    axes=("Fz", "Mx", "My"),
+    channels=("pressure_pa", "air_temperature_c", "rpm_1"),
+    excite="known from pressure and temperature; weigh the vehicle to be sure",
+    coefficients=(Coefficient("gain", "1", 0.4, 1.6),),
+    regressors=_regressors,
+    lacking=_lacking,
+    aliases=("thrust_scale", "payload"),
+)

@@ -1,0 +1,46 @@
+"""Thrust follows the battery voltage: where thrust is declared by outputs, or where reported speeds are not true."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from models.effects._base import Coefficient, Context, Effect, Shape, columns
+from models.wrench import Array
+
+
+def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+    return columns(ctx.rotor_wrench * (ctx.state.battery_voltage_v / shape[0] - 1.0)[..., None])
+
+
+def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
+    if ctx.vehicle.throttle is not None and ctx.vehicle.throttle.voltage_v > 0.0:
+        return ((ctx.vehicle.throttle.voltage_v,),)
+    known = ctx.state.battery_voltage_v[np.isfinite(ctx.state.battery_voltage_v)]
+    return ((float(np.max(known)),),) if known.size else ()
+
+
+def _lacking(ctx: Context) -> str | None:
+    known = ctx.state.battery_voltage_v[np.isfinite(ctx.state.battery_voltage_v)]
+    if not known.size:
+        return "no battery voltage in the log"
+    return None if np.ptp(known) > 0.005 * float(np.median(known)) else "the battery voltage did not change"
+
+
+EFFECT = Effect(
+    name="battery_sag",
+    equation="dF = p F_rotors (V/V0 - 1)",
+    sign="power > 0: thrust falls with the voltage",
+    source="physics.md E28",
+    valid="V within 30 % of V0",
+    axes=("Fz",),
+    channels=("battery_voltage_v", "servo_1", "rpm_1"),
+    excite="fly on a full and on an empty battery",
+    coefficients=(Coefficient("power", "1", 0.0, 4.0),),
+    regressors=_regressors,
+    shapes=(Shape("reference_v", "V"),),
+    shape_grid=_grid,
+    lacking=_lacking,
+    aliases=("thermal_derating", "thrust_scale"),
+)

@@ -1,0 +1,32 @@
+"""Pressure drag of the body: with the square of the speed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.effects._base import Coefficient, Context, Effect, columns
+from models.vehicle import RHO_SEA_LEVEL
+from models.wrench import Array
+
+
+def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
+    v = ctx.velocity
+    pressure = -0.5 * RHO_SEA_LEVEL * np.abs(v) * v
+    front, side = np.zeros((*v.shape[:-1], 6)), np.zeros((*v.shape[:-1], 6))
+    front[..., 0], side[..., 1] = pressure[..., 0], pressure[..., 1]
+    return columns(front, side)
+
+
+EFFECT = Effect(
+    name="body_drag",
+    equation="dF_i = -rho/2 CdA_i |v_i| v_i",
+    sign="areas > 0: against the motion",
+    source="physics.md E12",
+    valid="still air",
+    axes=("Fx", "Fy"),
+    channels=("vn_m_s", "ve_m_s"),
+    excite="fly at more than 2 m/s forward and sideways",
+    coefficients=(Coefficient("front", "m^2", 0.0, 5.0), Coefficient("side", "m^2", 0.0, 5.0)),
+    regressors=_regressors,
+    aliases=("rotor_drag",),
+)

@@ -1,0 +1,43 @@
+"""A ceiling draws the vehicle up: image of the rotor's inflow, the length scale fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from models.effects._base import DOWNWARD, Coefficient, Context, Effect, Shape, columns
+from models.wrench import Array
+
+
+def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+    gap = np.maximum(ctx.state.ceiling_m, 0.02) / (shape[0] * ctx.vehicle.rotor_radius_m)
+    gain = 0.5 + 0.5 * np.sqrt(1.0 + 1.0 / (8.0 * gap * gap))
+    extra = ctx.thrust * (gain ** (2.0 / 3.0) - 1.0)
+    return columns(ctx.push(-extra[..., None] * DOWNWARD))
+
+
+def _grid(_: Context) -> Sequence[tuple[float, ...]]:
+    return tuple((s,) for s in (0.5, 0.75, 1.0, 1.5, 2.5))
+
+
+def _lacking(ctx: Context) -> str | None:
+    return None if np.isfinite(ctx.state.ceiling_m).any() else "no rangefinder saw a ceiling"
+
+
+EFFECT = Effect(
+    name="ceiling",
+    equation="dF_z = -g sum T (gamma(z/a)^(2/3) - 1), gamma = 1/2 + 1/2 sqrt(1 + (a R/z)^2/8)",
+    sign="gain > 0: drawn to the ceiling",
+    source="physics.md E02 (Hsiao & Chirarattananon arXiv:1905.04632)",
+    valid="gap above 0.2 radii",
+    axes=("Fz",),
+    channels=("range_up_m", "rpm_1"),
+    excite="hover at three gaps below two radii under the ceiling, with an up-looking rangefinder",
+    coefficients=(Coefficient("gain", "1", 0.05, 10.0),),
+    regressors=_regressors,
+    shapes=(Shape("scale", "1"),),
+    shape_grid=_grid,
+    lacking=_lacking,
+    aliases=("thrust_scale",),
+)

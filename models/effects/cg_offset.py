@@ -1,0 +1,30 @@
+"""The centre of gravity is not where the vehicle file says."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.effects._base import Coefficient, Context, Effect, columns
+from models.wrench import Array
+
+
+def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
+    lift = ctx.thrust.sum(axis=-1)
+    x, y = np.zeros((*lift.shape, 6)), np.zeros((*lift.shape, 6))
+    x[..., 4], y[..., 3] = -lift, lift
+    return columns(x, y)
+
+
+EFFECT = Effect(
+    name="cg_offset",
+    equation="dM = -r x F, F = (0, 0, -T)",
+    sign="x > 0: CG ahead of the declared one (nose down); y > 0: to the right of it (right down)",
+    source="physics.md E19",
+    valid="small offsets",
+    axes=("Mx", "My"),
+    channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
+    excite="vary the thrust: quick climbs and stops",
+    coefficients=(Coefficient("x", "m", -0.3, 0.3), Coefficient("y", "m", -0.3, 0.3)),
+    regressors=_regressors,
+    aliases=("fan_imbalance", "wall_effect"),
+)

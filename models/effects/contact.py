@@ -1,0 +1,43 @@
+"""A bumper touches the wall: a spring that pushes away, nothing beyond its reach."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from models.effects._base import Coefficient, Context, Effect, InFlight, Shape, columns
+from models.wrench import Array
+
+
+def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+    depth = np.maximum(shape[0] - ctx.state.d_m, 0.0)
+    return columns(ctx.corner((-1.0, 0.0, 0.0, 0.0, 0.0, 0.0), depth, ctx.state.wall_bearing_rad))
+
+
+def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
+    nearest = float(np.nanmin(ctx.state.d_m)) if np.isfinite(ctx.state.d_m).any() else np.inf
+    return tuple((s,) for s in (0.02, 0.04, 0.06, 0.08, 0.10) if s > nearest + 0.01)
+
+
+def _lacking(ctx: Context) -> str | None:
+    return None if _grid(ctx) else "never within 10 cm of a wall"
+
+
+EFFECT = Effect(
+    name="contact",
+    equation="dF = -k max(d0 - d, 0) towards the wall, at every fan",
+    sign="stiffness > 0: pushes away from the wall",
+    source="physics.md E25",
+    valid="a soft bumper",
+    axes=("Fx", "Fy", "Mx", "My", "Mz"),
+    channels=("range_right_m", "range_left_m", "range_forward_m", "range_back_m"),
+    excite="touch the wall gently, several times",
+    coefficients=(Coefficient("stiffness", "N/m", 1.0, 1e4),),
+    regressors=_regressors,
+    shapes=(Shape("reach_m", "m"),),
+    shape_grid=_grid,
+    lacking=_lacking,
+    aliases=("wall_effect",),
+    in_flight=InFlight.NONE,
+)

@@ -1,0 +1,38 @@
+"""One fan gives less (or more) thrust than declared: a nicked blade, a loose duct."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from models.effects._base import DOWNWARD, Coefficient, Context, Effect, Shape, columns
+from models.wrench import Array
+
+
+def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+    one = np.zeros_like(ctx.thrust)
+    fan = round(shape[0]) - 1
+    one[..., fan] = ctx.thrust[..., fan]
+    return columns(ctx.push(-one[..., None] * DOWNWARD))
+
+
+def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
+    return tuple((float(i + 1),) for i in range(len(ctx.vehicle.fans))) if len(ctx.vehicle.fans) > 1 else ()
+
+
+EFFECT = Effect(
+    name="fan_imbalance",
+    equation="dF = e F_fan, dM = r_fan x dF",
+    sign="scale < 0: that fan is weaker than declared",
+    source="physics.md E21",
+    valid="everywhere",
+    axes=("Fz", "Mx", "My"),
+    channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
+    excite="pitch and roll steps: one fan's speed against the others'",
+    coefficients=(Coefficient("scale", "1", -0.6, 0.3),),
+    regressors=_regressors,
+    shapes=(Shape("fan", "1"),),
+    shape_grid=_grid,
+    aliases=("cg_offset",),
+)

@@ -1,0 +1,41 @@
+"""More (or less) ground effect than the model has; the length over which it fades is fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from models.effects._base import DOWNWARD, Coefficient, Context, Effect, Shape, columns, decay
+from models.wrench import Array
+
+
+def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+    size = -ctx.thrust * decay(ctx.state.h_m, shape[0] * ctx.vehicle.rotor_radius_m)
+    return columns(ctx.push(size[..., None] * DOWNWARD))
+
+
+def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
+    return tuple((s,) for s in (0.3, 0.45, 0.7, 1.0, 1.4, 2.0))
+
+
+def _lacking(ctx: Context) -> str | None:
+    return None if np.isfinite(ctx.state.h_m).any() else "no height over ground in the log"
+
+
+EFFECT = Effect(
+    name="ground_effect",
+    equation="dF_z = -g sum T exp(-h/L)",
+    sign="gain > 0: more lift near the ground than the model has",
+    source="physics.md E01; the textbook radius is not assumed, L is fitted",
+    valid="h above 0.3 radii",
+    axes=("Fz",),
+    channels=("range_down_m", "rpm_1"),
+    excite="hover at three heights or more between 0.7 and 4 radii",
+    coefficients=(Coefficient("gain", "1", -1.0, 3.0),),
+    regressors=_regressors,
+    shapes=(Shape("length_radii", "1"),),
+    shape_grid=_grid,
+    lacking=_lacking,
+    aliases=("range_offset", "partial_ground"),
+)

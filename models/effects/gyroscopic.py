@@ -1,0 +1,42 @@
+"""The rotors are flywheels whose spins do not cancel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from models.air import RPM_TO_RAD_S
+from models.effects._base import Coefficient, Context, Effect, InFlight, Shape, columns
+from models.wrench import Array
+
+
+def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+    signs = np.array([rotor.spin for rotor in ctx.vehicle.rotors]) if shape[0] < 0.5 else 1.0
+    spin = (ctx.rotor_rpm * signs).sum(axis=-1) * RPM_TO_RAD_S
+    change = np.gradient(spin, ctx.state.time_s) if ctx.record else np.zeros_like(spin)
+    out = np.zeros((*spin.shape, 6))
+    out[..., 3], out[..., 4] = -ctx.state.rates[..., 1] * spin, ctx.state.rates[..., 0] * spin
+    out[..., 5] = -change
+    return columns(out)
+
+
+def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
+    return ((0.0,), (1.0,))
+
+
+EFFECT = Effect(
+    name="gyroscopic",
+    equation="dM = -w x H - dH/dt, H = J sum s_i Omega_i (s_i the declared spins, or all alike)",
+    sign="inertia > 0: clockwise seen from above",
+    source="physics.md E29, Euler's equations",
+    valid="rigid rotors",
+    axes=("Mx", "My", "Mz"),
+    channels=("p_rad_s", "q_rad_s", "rpm_1", "rpm_2"),
+    excite="quick roll and pitch steps, and steps of the thrust",
+    coefficients=(Coefficient("inertia", "kg m^2", -0.1, 0.1),),
+    regressors=_regressors,
+    shapes=(Shape("all_alike", "1"),),
+    shape_grid=_grid,
+    in_flight=InFlight.NONE,
+)

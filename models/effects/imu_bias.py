@@ -1,0 +1,30 @@
+"""The accelerometer reads a constant too much in body axes."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.effects._base import Coefficient, Context, Effect, InFlight
+from models.wrench import Array
+
+
+def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
+    out = np.zeros((*ctx.state.time_s.shape, 6, 3))
+    out[..., :3, :] = ctx.vehicle.mass_kg * np.eye(3)
+    return out
+
+
+EFFECT = Effect(
+    name="imu_bias",
+    equation="dF = m b, b constant in the body",
+    sign="b > 0: the accelerometer reads too much along that axis",
+    source="physics.md E31",
+    valid="constant temperature",
+    axes=("Fx", "Fy", "Fz"),
+    channels=("ax_m_s2", "ay_m_s2", "az_m_s2"),
+    excite="turn by 180 degrees: a bias turns with the vehicle, wind does not",
+    coefficients=tuple(Coefficient(a, "m/s^2", -1.5, 1.5) for a in "xyz"),
+    regressors=_regressors,
+    aliases=("wind", "payload", "thrust_scale"),
+    in_flight=InFlight.NONE,
+)

@@ -1,0 +1,38 @@
+"""Thrust comes later than the measured speed (or the output) says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from models.effects._base import Coefficient, Context, Effect, InFlight, Shape, columns, through
+from models.wrench import Array
+
+
+def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+    wrench = ctx.rotor_wrench
+    if not ctx.record:
+        return columns(np.zeros_like(wrench))
+    return columns(through(ctx, wrench, lambda omega: 1.0 / (1.0 + 1j * omega * shape[0]) - 1.0))
+
+
+def _grid(_: Context) -> Sequence[tuple[float, ...]]:
+    return tuple((s,) for s in (0.03, 0.05, 0.08, 0.12, 0.2))
+
+
+EFFECT = Effect(
+    name="motor_lag",
+    equation="dF = F_rotors(filtered, 1/(1 + tau s)) - F_rotors",
+    sign="gain 1: a first-order lag",
+    source="physics.md E26",
+    valid="logs of 20 Hz or more",
+    axes=("Fz", "Mx", "My"),
+    channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4", "thrust_command"),
+    excite="vertical steps, quick ones",
+    coefficients=(Coefficient("gain", "1", 0.4, 1.8),),
+    regressors=_regressors,
+    shapes=(Shape("tau_s", "s"),),
+    shape_grid=_grid,
+    in_flight=InFlight.NONE,
+)

@@ -1,0 +1,42 @@
+"""More (or less) mass than declared, from the start or picked up in flight."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from models.effects._base import Coefficient, Context, Effect, Shape, columns
+from models.wrench import Array
+
+
+def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+    (start,) = shape
+    out = np.zeros((*ctx.state.time_s.shape, 6))
+    out[..., :3] = -ctx.state.specific_force
+    return columns(out * (ctx.state.time_s >= start)[..., None])
+
+
+def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
+    if not ctx.record:
+        return ((0.0,),)
+    t = ctx.state.time_s
+    inner = np.arange(t[0] + 8.0, t[-1] - 8.0, max(2.0, (t[-1] - t[0]) / 150.0))
+    return ((0.0,), *((float(s),) for s in inner))
+
+
+EFFECT = Effect(
+    name="payload",
+    equation="dF = -dm f, f the specific force, from a time on",
+    sign="mass > 0: heavier than declared",
+    source="physics.md E18",
+    valid="a load that moves with the vehicle",
+    axes=("Fx", "Fy", "Fz"),
+    channels=("az_m_s2", "rpm_1", "rpm_2", "rpm_3", "rpm_4"),
+    excite="weigh the vehicle, or pick the load up in flight",
+    coefficients=(Coefficient("mass", "kg", -1e3, 1e3),),
+    regressors=_regressors,
+    shapes=(Shape("from_s", "s"),),
+    shape_grid=_grid,
+    aliases=("thrust_scale", "air_density"),
+)

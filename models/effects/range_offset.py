@@ -1,0 +1,53 @@
+"""The ground rangefinder reads a fixed length too much or too little: the model is asked at the wrong height."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from models.air import disturbance_wrench
+from models.effects._base import Coefficient, Context, Effect, InFlight, Shape, columns, shifted_heights
+from models.wrench import Array
+
+
+def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+    assert ctx.model is not None
+    from dataclasses import replace
+
+    state = replace(ctx.state, rpm=ctx.rotor_rpm)
+    moved = shifted_heights(state, -shape[0])
+    moved = replace(moved, h_m=np.maximum(moved.h_m, 0.0))
+    return columns(
+        disturbance_wrench(ctx.vehicle, ctx.model, moved) - disturbance_wrench(ctx.vehicle, ctx.model, state)
+    )
+
+
+def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
+    sizes = (0.02, 0.04, 0.06, 0.08, 0.11)
+    return tuple((s,) for s in (*(-v for v in sizes), *sizes))
+
+
+def _lacking(ctx: Context) -> str | None:
+    if ctx.model is None:
+        return "the empty model has no ground effect that a wrong height could shift"
+    return None if np.isfinite(ctx.state.h_m).any() else "no height over ground in the log"
+
+
+EFFECT = Effect(
+    name="range_offset",
+    equation="dF = F_model(h - o) - F_model(h)",
+    sign="offset > 0: the rangefinder reads too much",
+    source="physics.md E32",
+    valid="offsets below 0.15 m",
+    axes=("Fx", "Fy", "Fz", "Mx", "My", "Mz"),
+    channels=("range_down_m", "rpm_1"),
+    excite="hover at three heights or more between 0.7 and 4 radii",
+    coefficients=(Coefficient("gain", "1", 0.5, 1.6),),
+    regressors=_regressors,
+    shapes=(Shape("offset_m", "m"),),
+    shape_grid=_grid,
+    lacking=_lacking,
+    aliases=("ground_effect", "vertical_inflow"),
+    in_flight=InFlight.MEASUREMENT,
+)

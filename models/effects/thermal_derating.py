@@ -1,0 +1,46 @@
+"""Thrust is lost as motors and ESCs warm up."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from models.effects._base import Coefficient, Context, Effect, Shape, columns
+from models.wrench import Array
+
+STEP_C = 30.0
+
+
+def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+    return columns(ctx.rotor_wrench * ((ctx.state.esc_temperature_c - shape[0]) / STEP_C)[..., None])
+
+
+def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
+    known = ctx.state.esc_temperature_c[np.isfinite(ctx.state.esc_temperature_c)]
+    return ((float(known[0]),),) if known.size else ()
+
+
+def _lacking(ctx: Context) -> str | None:
+    known = ctx.state.esc_temperature_c[np.isfinite(ctx.state.esc_temperature_c)]
+    if not known.size:
+        return "no ESC temperature in the log"
+    return None if np.ptp(known) > 2.0 else "the ESC temperature did not change"
+
+
+EFFECT = Effect(
+    name="thermal_derating",
+    equation="dF = s F_rotors (T_esc - T_start)/30 K",
+    sign="slope < 0: thrust is lost when hot",
+    source="physics.md E39 (-3 %/30 K)",
+    valid="below the ESC's own limit",
+    axes=("Fz",),
+    channels=("esc_temperature_c", "rpm_1"),
+    excite="a long flight from cold; rest with the battery connected separates heat from charge",
+    coefficients=(Coefficient("slope", "1", -0.5, 0.02),),
+    regressors=_regressors,
+    shapes=(Shape("reference_c", "degC"),),
+    shape_grid=_grid,
+    lacking=_lacking,
+    aliases=("battery_sag",),
+)

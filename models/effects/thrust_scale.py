@@ -1,0 +1,25 @@
+"""All fans give the same share more or less than declared: wear, ice, tip gap, a wrong coefficient."""
+
+from __future__ import annotations
+
+from models.effects._base import Coefficient, Context, Effect, columns
+from models.wrench import Array
+
+
+def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
+    return columns(ctx.rotor_wrench)
+
+
+EFFECT = Effect(
+    name="thrust_scale",
+    equation="dF = e F_rotors",
+    sign="e > 0: more thrust than declared",
+    source="physics.md E17",
+    valid="everywhere",
+    axes=("Fz", "Mx", "My"),
+    channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
+    excite="weigh the vehicle: one flight sees only the ratio of thrust to mass",
+    coefficients=(Coefficient("scale", "1", -0.6, 0.6),),
+    regressors=_regressors,
+    aliases=("payload", "air_density", "battery_sag", "thermal_derating"),
+)

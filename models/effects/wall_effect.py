@@ -1,0 +1,46 @@
+"""More (or less) pull and tilt towards the wall than the model has."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from models.effects._base import Coefficient, Context, Effect, Shape, columns, decay
+from models.wrench import Array
+
+
+def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+    size = ctx.thrust * decay(ctx.state.d_m, shape[0] * ctx.vehicle.rotor_radius_m)
+    bearing = ctx.state.wall_bearing_rad
+    tilt = ctx.vehicle.rotor_radius_m * size
+    return columns(
+        ctx.corner((1.0, 0.0, 0.0, 0.0, 0.0, 0.0), size, bearing),
+        ctx.corner((0.0, 0.0, 0.0, 0.0, 1.0, 0.0), tilt, bearing),
+    )
+
+
+def _grid(_: Context) -> Sequence[tuple[float, ...]]:
+    return tuple((s,) for s in (0.4, 0.7, 1.1, 1.7))
+
+
+def _lacking(ctx: Context) -> str | None:
+    return None if np.isfinite(ctx.state.d_m).any() else "no wall was seen"
+
+
+EFFECT = Effect(
+    name="wall_effect",
+    equation="dF = p sum T exp(-d/L) towards the wall, dM = t R sum T exp(-d/L)",
+    sign="pull > 0: towards the wall; tilt > 0: tilts towards the wall",
+    source="physics.md E03, E04",
+    valid="d above 0.2 radii",
+    axes=("Fx", "Fy", "Mx", "My"),
+    channels=("range_right_m", "range_left_m", "range_forward_m", "range_back_m", "rpm_1"),
+    excite="approach and leave a wall between 0.3 and 4 radii, with and without ground near",
+    coefficients=(Coefficient("pull", "1", -1.0, 1.0), Coefficient("tilt", "1", -2.0, 2.0)),
+    regressors=_regressors,
+    shapes=(Shape("length_radii", "1"),),
+    shape_grid=_grid,
+    lacking=_lacking,
+    aliases=("contact", "wind"),
+)

@@ -1,0 +1,48 @@
+"""Steady wind, constant in the world: momentum drag of the fans, with their drag on the own motion."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from models.effects._base import Coefficient, Context, Effect, Shape, columns
+from models.wrench import Array
+
+
+def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+    above = shape[0] * ctx.vehicle.rotor_radius_m
+
+    def ram(air: Array) -> Array:
+        level = np.array(air)
+        level[..., 2] = 0.0
+        return ctx.push(ctx.mass_flow[..., None] * level[..., None, :], above)
+
+    rotation = ctx.state.rotation
+    return columns(ram(rotation[..., 0, :]), ram(rotation[..., 1, :]), ram(-ctx.velocity))
+
+
+def _grid(_: Context) -> Sequence[tuple[float, ...]]:
+    return ((0.0,), (0.5,), (1.0,))
+
+
+EFFECT = Effect(
+    name="wind",
+    equation="dF_xy = mdot (w - k v)_xy, mdot = sum sqrt(rho A T), acting above the fans' reference points",
+    sign="north, east > 0: the air moves to the north, east",
+    source="physics.md E08, E09; momentum theory",
+    valid="speeds well below the induced velocity",
+    axes=("Fx", "Fy", "Mx", "My"),
+    channels=("yaw_rad", "vn_m_s", "ve_m_s", "rpm_1"),
+    excite="turn through 180 degrees or more in hover",
+    coefficients=(
+        Coefficient("north", "m/s", -25.0, 25.0),
+        Coefficient("east", "m/s", -25.0, 25.0),
+        Coefficient("own_motion", "1", -3.0, 3.0),
+    ),
+    regressors=_regressors,
+    shapes=(Shape("above_radii", "1"),),
+    shape_grid=_grid,
+    aliases=("imu_bias", "rotor_drag"),
+    main=("north", "east"),
+)
