@@ -27,7 +27,7 @@ SCRIPT_S = 12.0
 """Boot time at which the script begins, when the companion is ready by then."""
 SETTLED_S = 3.0
 """For so long the companion must have been flying before the script begins."""
-PATIENCE_S = 120.0
+PATIENCE_S = 45.0
 """Boot time at which the script begins at the latest."""
 
 
@@ -69,7 +69,7 @@ class ScriptedPilot:
         if math.isinf(self._start_s):
             if (now >= SCRIPT_S and self._ready()) or now >= PATIENCE_S:
                 self._start_s = now
-            elif self._flight.px4 or (self._hand is Hand.AUTOPILOT and now > TAKE_OFF_S + 5.0):
+            elif self._flight.px4 or now > TAKE_OFF_S + 5.0:
                 self._send_reference()
             return
         self._flight.script_s = script = now - self._start_s
@@ -80,9 +80,12 @@ class ScriptedPilot:
 
     def _ready(self) -> bool:
         """The companion, where it is to fly, is flying."""
-        link, now = self._link, self._flight.time_s
-        flowing = now - link.attitude_stream_s < 0.3 and now - link.attitude_since_s > SETTLED_S
-        return self._hand is not Hand.COMPANION or flowing
+        settled = self._flight.time_s - self._link.attitude_since_s > SETTLED_S
+        return self._hand is not Hand.COMPANION or (self._flowing() and settled)
+
+    def _flowing(self) -> bool:
+        """The companion's attitude stream reaches the autopilot."""
+        return self._flight.time_s - self._link.attitude_stream_s < 0.3
 
     def _take_off(self) -> None:
         flight, pilot = self._flight, self._flight.autopilot
@@ -103,9 +106,9 @@ class ScriptedPilot:
         self._to_autopilot(mavlink.MAVLink_command_long_message(SYSTEM, 1, number, 0, p1, p2, p3, 0.0, 0.0, 0.0, p7))
 
     def _send_reference(self) -> None:
-        if self._hand is Hand.COMPANION and math.isfinite(self._start_s):
+        if self._hand is Hand.COMPANION and self._flowing():
             self._link.route(self._position_message(COMPANION))
-        elif self._hand is Hand.AUTOPILOT or self._flight.px4:
+        elif self._hand is Hand.AUTOPILOT or self._flight.px4 or math.isfinite(self._start_s):
             self._to_autopilot(self._position_message(mavlink.MAV_COMP_ID_AUTOPILOT1))
 
     def _position_message(self, component: int) -> Any:

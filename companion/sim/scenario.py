@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
+from itertools import pairwise
 
 from companion.sim.body import Surroundings, Vec
 from companion.sim.sensors import BEAM_DIRECTIONS
@@ -16,6 +17,8 @@ START_GAP_M = 1.6
 """Distance from lip to wall at the start: far outside the wall's air for every shipped vehicle."""
 
 CREEP_M_S = 0.1
+ROUNDING_S = 0.6
+"""0.3 m/s within 0.6 s: 0.5 m/s^2. The scenario ``ramps`` is ``corner`` without it, sharp corners and all."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,8 @@ class Scenario:
     name: str
     surroundings: Surroundings
     knots: tuple[Knot, ...]
+    rounding_s: float = 0.0
+    """The straight lines between the knots are averaged over this time: corners flown with a finite acceleration."""
 
     @property
     def duration_s(self) -> float:
@@ -57,24 +62,42 @@ class Scenario:
         """The reference at script time ``time_s``: the first knot before, the last one after."""
         azimuth = self.surroundings.wall_azimuth_rad
         c, s = math.cos(azimuth), math.sin(azimuth)
-        i = bisect_right([k.time_s for k in self.knots], time_s)
-        if i == 0 or i == len(self.knots):
-            k = self.knots[0 if i == 0 else -1]
-            towards, height, along, rates, phase = k.towards_m, k.height_m, k.along_m, (0.0, 0.0, 0.0), k.name
-        else:
-            a, b = self.knots[i - 1], self.knots[i]
-            span = b.time_s - a.time_s
-            share = (time_s - a.time_s) / span
-            deltas = (b.towards_m - a.towards_m, b.height_m - a.height_m, b.along_m - a.along_m)
-            towards, height, along = (
-                x + share * dx for x, dx in zip((a.towards_m, a.height_m, a.along_m), deltas, strict=True)
-            )
-            rates, phase = (deltas[0] / span, deltas[1] / span, deltas[2] / span), a.name
+        (towards, height, along), (v_towards, v_height, v_along) = self._smooth(time_s)
+        phase = self.knots[max(0, self._leg(time_s) - 1)].name
         return Reference(
             position=(towards * c - along * s, towards * s + along * c, -height),
-            velocity=(rates[0] * c - rates[2] * s, rates[0] * s + rates[2] * c, -rates[1]),
+            velocity=(v_towards * c - v_along * s, v_towards * s + v_along * c, -v_height),
             phase=phase,
         )
+
+    def _leg(self, time_s: float) -> int:
+        """Number of knots at or before ``time_s``."""
+        return bisect_right(self.knots, time_s, key=lambda k: k.time_s)
+
+    def _straight(self, time_s: float) -> Vec:
+        """Towards, height, along on the straight lines."""
+        i = self._leg(time_s)
+        a, b = self.knots[max(0, i - 1)], self.knots[min(i, len(self.knots) - 1)]
+        share = (time_s - a.time_s) / (b.time_s - a.time_s) if 0 < i < len(self.knots) else 0.0
+        return (
+            a.towards_m + share * (b.towards_m - a.towards_m),
+            a.height_m + share * (b.height_m - a.height_m),
+            a.along_m + share * (b.along_m - a.along_m),
+        )
+
+    def _smooth(self, time_s: float) -> tuple[Vec, Vec]:
+        """Position and velocity, averaged over ``rounding_s``: exact, since the lines are straight in between."""
+        half = 0.5 * max(self.rounding_s, 1e-3)
+        start, end = time_s - half, time_s + half
+        times = [start, *(k.time_s for k in self.knots if start < k.time_s < end), end]
+        points = [self._straight(t) for t in times]
+        mean = [0.0, 0.0, 0.0]
+        for (t0, p0), (t1, p1) in pairwise(zip(times, points, strict=True)):
+            for axis in range(3):
+                mean[axis] += 0.5 * (p0[axis] + p1[axis]) * (t1 - t0) / (end - start)
+        first, last = points[0], points[-1]
+        rate = [(last[axis] - first[axis]) / (end - start) for axis in range(3)]
+        return (mean[0], mean[1], mean[2]), (rate[0], rate[1], rate[2])
 
 
 class _Script:
@@ -143,7 +166,7 @@ def build(name: str, vehicle: Vehicle, *, air: bool = True) -> Scenario:
     elif name == "wall":
         s.hold(6.0, "free").go("approach", towards=nearish).go("approach", towards=near, speed=CREEP_M_S)
         s.hold(8.0, "wall").go("retreat", towards=0.0).hold(6.0, "free")
-    elif name in ("corner", "free"):
+    elif name in ("corner", "ramps", "free"):
         s.hold(6.0, "free").go("descend", height=lowish).go("descend", height=low, speed=CREEP_M_S).hold(4.0, "ground")
         s.go("climb", height=START_HEIGHT_M).hold(3.0, "free")
         s.go("approach", towards=nearish).go("approach", towards=near, speed=CREEP_M_S).hold(4.0, "wall")
@@ -162,7 +185,7 @@ def build(name: str, vehicle: Vehicle, *, air: bool = True) -> Scenario:
         wall_half_width_m=half_width,
         air=air and name != "free",
     )
-    return Scenario(name, surroundings, s.end())
+    return Scenario(name, surroundings, s.end(), rounding_s=0.0 if name == "ramps" else ROUNDING_S)
 
 
-NAMES = ("corner", "hover", "ground", "wall", "pylon", "free")
+NAMES = ("corner", "ramps", "hover", "ground", "wall", "pylon", "free")

@@ -56,7 +56,7 @@ def test_attitude_step_takes_as_long_as_measured(name, axis):
 def approach():
     """The corner approach in free air, flown by the autopilot's own position control."""
     v = vehicle()
-    flight = Flight(v, build("corner", v, air=False), 1)
+    flight = Flight(v, build("ramps", v, air=False), 1)
     link = VehicleLink(flight, lambda frame: None)
     pilot = ScriptedPilot(flight, link, Hand.AUTOPILOT, endless=False)
     rows = []
