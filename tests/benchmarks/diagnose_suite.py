@@ -1,7 +1,7 @@
 """Fly a round of simulated flights and see whether ``replay diagnose`` names what was undeclared.
 
 ``python tests/benchmarks/diagnose_suite.py [--round N] [--only NAME...] [--json FILE]``. Seeded; flights are written to
-a cache folder outside the repository (or ``--keep DIR``), once; the declared model is trained once a folder.
+a cache folder outside the repository (or ``--keep DIR``), once; the declared model is trained once.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 from flights.judge import Judgement, judge, share
 from flights.make import make_round
@@ -80,8 +81,9 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def train(folder: Path, method: str) -> Path:
-    """The declared model: a surrogate of the flights' table, trained once."""
-    out = folder / f"model-{method}"
+    """The declared model: a surrogate of the flights' table, trained once for all rounds."""
+    table = (folder / "table.csv").read_bytes()
+    out = folder.parent / f"model-{method}-{crc32(table):08x}"
     if not (out / "model.json").exists():
         command = [sys.executable, "-m", "models", "train", "--data", str(folder / "table.csv"), "--method", method]
         subprocess.run([*command, "--out", str(out), "--quiet"], check=True, cwd=REPO, env=_environment())

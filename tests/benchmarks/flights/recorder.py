@@ -30,6 +30,7 @@ class Logging:
     send_rpm: bool = True
     send_imu: bool = True
     clip_m_s2: float = np.inf
+    """Where finite: six bursts of vibration for 3 s, clipped there (and so with a wrong mean)."""
     reboot_at_s: float = np.inf
     system: int = 1
 
@@ -76,7 +77,12 @@ def sense(craft: Craft, tape: Tape, k: int, seed: int, sensors: tuple[Ranger, ..
         return out
 
     accel = tape.specific_force[:, :, k] + white(0.12, 3) + 0.008 * rng.standard_normal(3)
-    accel = np.clip(accel, -log.clip_m_s2, log.clip_m_s2)
+    if np.isfinite(log.clip_m_s2):
+        shaken = np.zeros(n)
+        for begin in rng.integers(0, max(n - 150, 1), 6):
+            shaken[begin : begin + 150] = 1.0
+        accel += (shaken * 1.2 * log.clip_m_s2)[:, None] * np.sin(2.0 * np.pi * rng.random((n, 3)))
+        accel = np.clip(accel, -log.clip_m_s2, log.clip_m_s2)
     tilt = wander(1.0, 20.0, 3) * np.radians([0.25, 0.25, 0.8])
     per = craft.rotors_per_fan
     unequal = 1.0 + 0.0015 * np.tile([1.0, -1.0], len(craft.spin))[: len(craft.spin)] * (per == 2)

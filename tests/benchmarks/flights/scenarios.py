@@ -134,7 +134,7 @@ def _bad() -> list[Scenario]:
         Scenario("bad_mass_high", "bad", mass_factor=1.3),
         Scenario("bad_reboot", "bad", log=Logging(reboot_at_s=80.0)),
         Scenario("bad_reboot_payload", "bad", effects=("payload",), log=Logging(reboot_at_s=40.0)),
-        Scenario("bad_clipped_imu", "bad", log=Logging(clip_m_s2=10.3)),
+        Scenario("bad_clipped_imu", "bad", log=Logging(clip_m_s2=4.0 * 9.80665)),
         Scenario("bad_two_vehicles", "bad", second=True),
         Scenario("bad_two_vehicles_wind", "bad", effects=("wind",), second=True),
         Scenario("bad_no_rpm", "bad", log=Logging(send_rpm=False)),
