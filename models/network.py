@@ -34,11 +34,11 @@ class Batch:
     weight: Any
 
     @classmethod
-    def of(cls, x: Array, gate: Array, y: Array, weight: Array, device: str = "cpu") -> Batch:
+    def of(cls, x: Array, gate: Array, y: Array, weight: Array) -> Batch:
         """From numpy, x (N, n, 3); rows of weight 0 are not learnt. Single precision, far finer than the fits here."""
         torch.set_num_threads(1)
         parts = (x.transpose(0, 2, 1), gate, y, weight / weight.sum(axis=1, keepdims=True))
-        return cls(*(torch.as_tensor(np.ascontiguousarray(p), dtype=torch.float32, device=device) for p in parts))
+        return cls(*(torch.as_tensor(np.ascontiguousarray(p), dtype=torch.float32) for p in parts))
 
 
 # torch's logistic is several times faster than its tanh here: tanh(a) = 2 s(2a) - 1 and tanh'(a) = 4 s (1 - s).
@@ -52,23 +52,23 @@ def population_error(batch: Batch, hidden: int) -> Callable[[Array], Array]:
     nets, _, rows = batch.x.shape
 
     def evaluate(population: Array) -> Array:
-        theta = torch.as_tensor(population, dtype=torch.float32, device=batch.x.device)
+        theta = torch.as_tensor(population, dtype=torch.float32)
         pop = theta.shape[1]
         w, b, v, o = _unpack(theta, hidden)
         w = (2.0 * w).transpose(2, 3).reshape(nets, pop * hidden, INPUTS)
         b = (2.0 * b).reshape(nets, pop * hidden, 1)
         o = (o - v.sum(dim=-1))[:, :, None, None]
         v = (2.0 * v)[:, :, None, :].contiguous()
-        z = torch.empty((pop * hidden, rows), device=theta.device)
-        y = torch.empty((pop, 1, rows), device=theta.device)
-        out = torch.empty((nets, pop), device=theta.device)
+        z = torch.empty((pop * hidden, rows))
+        y = torch.empty((pop, 1, rows))
+        out = torch.empty((nets, pop))
         for i in range(nets):
             torch.addmm(b[i], w[i], batch.x[i], out=z)
             z.sigmoid_()
             torch.baddbmm(o[i], v[i], z.view(pop, hidden, rows), out=y)
             error = y[:, 0].mul_(batch.gate[i]).sub_(batch.y[i])
             torch.mv(error.mul_(error), batch.weight[i], out=out[i])
-        return np.asarray(out.cpu().double().numpy())
+        return np.asarray(out.double().numpy())
 
     return evaluate
 
@@ -99,14 +99,14 @@ def descend(
     tick: Callable[[int, int], None] | None = None,
 ) -> Array:
     """Train N nets from chromosomes ``start`` (N, genes), full batch, by ``rule``; genes with ``mask`` 0 stay."""
-    theta = torch.as_tensor(start, dtype=torch.float32, device=batch.x.device).clone()
-    keep = None if mask is None else torch.as_tensor(mask, dtype=torch.float32, device=batch.x.device)
+    theta = torch.as_tensor(start, dtype=torch.float32).clone()
+    keep = None if mask is None else torch.as_tensor(mask, dtype=torch.float32)
     for t in range(1, epochs + 1):
         g, _ = gradient(theta, batch, hidden)
         rule.step(theta, g if keep is None else g * keep, t, epochs)
         if tick and t % 50 == 0:
             tick(t, epochs)
-    return np.asarray(theta.cpu().double().numpy())
+    return np.asarray(theta.double().numpy())
 
 
 def unpack(theta: Array, hidden: int) -> tuple[Array, Array, Array, Array]:
