@@ -423,10 +423,10 @@ class WallEffect(Effect):
 
     @staticmethod
     def draw(rng: Rng, craft: Craft) -> dict[str, float]:
-        return {"gain": float(rng.uniform(1.6, 2.4))}
+        return {"gain": float(rng.uniform(2.2, 3.2))}
 
     def start(self, s: World) -> None:
-        s.keep_off_wall[self.i] = 0.2
+        s.keep_off_wall[self.i] = 0.3
 
     def loads(self, s: World) -> None:
         i, craft = self.i, self.craft
@@ -494,6 +494,7 @@ class SlungLoad(Effect):
     """A point mass on an elastic rope: its own dynamics in world axes, with air drag."""
 
     name = "slung_load"
+    blocks = ("wobble",)
     without = ("ground", "wall_low", "lateral")
 
     @staticmethod
