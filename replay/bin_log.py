@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import io
 import math
+import os
+import sys
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +22,11 @@ from replay.flightlog import (
     EscRecord,
     FlightLog,
     ImuRecord,
+    Interval,
     LogSummary,
     MessageCount,
     Series,
+    believable,
     clipped_at_extreme,
     quaternions,
     runs,
@@ -38,10 +42,10 @@ _ARDUPILOT = 3
 _IMUS = ("IMU", "IMU2", "IMU3")
 _EKF = ("XKF1", "NKF1", "EKF1")
 _ESCS = ("ESC", *(f"ESC{i}" for i in range(1, 33)))
-_KINDS = (
+_KINDS = {
     "ATT", "XKQ", "NKQ", *_IMUS, *_EKF, "RCOU", "BAT", "CURR", "BARO", "RFND", *_ESCS, "RPM", "MODE", "EV", "ARM",
     "PARM", "MSG", "CTUN", "VIBE",
-)  # fmt: skip
+}  # fmt: skip
 _ARMED, _DISARMED, _LANDED, _AIRBORNE = 10, 11, 18, 28
 _RANGE_GOOD = 4
 Row = Mapping[str, Any]
@@ -57,7 +61,10 @@ def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
         raise LogError(
             f"{path}: holds no flight data (no ATT, IMU or XKF1): record with LOG_DISARMED or arm the vehicle"
         )
-    return [_flightlog(path, len(data), rows, counts)]
+    try:
+        return [_flightlog(path, len(data), rows, counts)]
+    except (KeyError, ValueError, TypeError, OverflowError) as error:
+        raise LogError(f"{path}: its messages make no sense ({type(error).__name__}: {error}); damaged?") from None
 
 
 def _rows(path: Path) -> tuple[dict[str, list[Row]], dict[str, int]]:
@@ -66,13 +73,15 @@ def _rows(path: Path) -> tuple[dict[str, list[Row]], dict[str, int]]:
     rows: dict[str, list[Row]] = defaultdict(list)
     counts: dict[str, int] = defaultdict(int)
     last = math.nan
-    # DFReader prints its complaints; what it could not read is missing from the counts.
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+    with _silence():
         try:
             reader: Any = DFReader.DFReader_binary(str(path), zero_time_base=True)
-            while (message := reader.recv_match(type=list(_KINDS))) is not None:
+            # recv_match(type=...) would be faster, but its index gives up at the first damage; this goes on behind it.
+            while (message := reader.recv_msg()) is not None:
                 kind = message.get_type()
                 counts[kind] += 1
+                if kind not in _KINDS:
+                    continue
                 row = message.to_dict()
                 # Old events and texts carry no time: they are as old as the message before them.
                 last = row["t_s"] = _stamp(row, last)
@@ -84,11 +93,30 @@ def _rows(path: Path) -> tuple[dict[str, list[Row]], dict[str, int]]:
     return rows, counts
 
 
+@contextlib.contextmanager
+def _silence() -> Iterator[None]:
+    """DFReader complains of every damaged byte, its C part past sys.stdout and sys.stderr: close both for a while."""
+    sys.stdout.flush()
+    sys.stderr.flush()
+    kept = os.dup(1), os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 1)
+        os.dup2(nowhere, 2)
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            yield
+    finally:
+        os.dup2(kept[0], 1)
+        os.dup2(kept[1], 2)
+        for fd in (*kept, nowhere):
+            os.close(fd)
+
+
 def _flightlog(path: Path, size: int, rows: dict[str, list[Row]], counts: dict[str, int]) -> FlightLog:
-    stamped = [t for kind in ("ATT", *_IMUS, *_EKF) for t in (_times(rows[kind])[[0, -1]] if rows[kind] else ())]
-    if not stamped:
+    stamped = believable(np.concatenate([_times(rows[kind]) for kind in ("ATT", *_IMUS, *_EKF)]))
+    if not np.isfinite(stamped).any():
         raise LogError(f"{path}: holds neither ATT, IMU nor EKF messages: nothing to replay or diagnose")
-    start, end = float(min(stamped)), float(max(stamped))
+    start, end = float(np.nanmin(stamped)), float(np.nanmax(stamped))
     imus = _imus(rows)
     ekf_kind = next((kind for kind in _EKF if rows[kind]), "EKF1")
     ekf = [r for r in rows[ekf_kind] if r.get("C", 0) == 0]
@@ -115,7 +143,7 @@ def _flightlog(path: Path, size: int, rows: dict[str, list[Row]], counts: dict[s
         attitude_target=_target(rows["ATT"]),
         vibration=_series([r for r in rows["VIBE"] if r.get("IMU", 0) == 0], "VIBE", ("VibeX", "VibeY", "VibeZ")),
         armed=tuple(i for i in _armed(rows, end) if i.value),
-        modes=runs(_times(rows["MODE"]), np.array([int(r.get("ModeNum", 0)) for r in rows["MODE"]]), end),
+        modes=_runs(rows["MODE"], [int(r.get("ModeNum", 0)) for r in rows["MODE"]], end),
         landed=_events(rows["EV"], {_LANDED: 1, _AIRBORNE: 2}, end),
         parameters={
             str(r["Name"]): float(r["Value"]) for r in rows["PARM"] if math.isfinite(float(r.get("Value", math.nan)))
@@ -137,7 +165,7 @@ def _time(row: Row) -> float:
 
 
 def _times(rows: Sequence[Row]) -> Array:
-    return np.array([_time(r) for r in rows], dtype=float)
+    return believable(np.array([_time(r) for r in rows], dtype=float))
 
 
 def _values(rows: Sequence[Row], names: Sequence[str]) -> Array:
@@ -260,12 +288,18 @@ def _escs(rows: dict[str, list[Row]]) -> dict[int, EscRecord]:
     }  # fmt: skip
 
 
-def _events(rows: Sequence[Row], meaning: Mapping[int, int], end: float) -> Any:
-    own = [r for r in rows if int(r.get("Id", -1)) in meaning and math.isfinite(_time(r))]
-    return runs(_times(own), np.array([meaning[int(r["Id"])] for r in own]), end)
+def _runs(rows: Sequence[Row], values: Sequence[int], end: float) -> tuple[Interval, ...]:
+    times = _times(rows)
+    known = np.isfinite(times)
+    return runs(times[known], np.array(values, dtype=int)[known], end)
 
 
-def _armed(rows: dict[str, list[Row]], end: float) -> Any:
+def _events(rows: Sequence[Row], meaning: Mapping[int, int], end: float) -> tuple[Interval, ...]:
+    own = [r for r in rows if int(r.get("Id", -1)) in meaning]
+    return _runs(own, [meaning[int(r["Id"])] for r in own], end)
+
+
+def _armed(rows: dict[str, list[Row]], end: float) -> tuple[Interval, ...]:
     if rows["ARM"]:
-        return runs(_times(rows["ARM"]), np.array([int(r.get("ArmState", 0)) for r in rows["ARM"]]), end)
+        return _runs(rows["ARM"], [int(r.get("ArmState", 0)) for r in rows["ARM"]], end)
     return _events(rows["EV"], {_ARMED: 1, _DISARMED: 0}, end)

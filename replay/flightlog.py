@@ -18,8 +18,10 @@ from numpy.typing import NDArray
 from companion.messages import RangeVerdict, orientation_direction, range_verdict
 from models.state import DIRECTIONS
 from models.wrench import GRAVITY, Array
+from replay.tlog import outliers
 
 _AXES = dict(zip(DIRECTIONS, (25, 24, 0, 2, 4, 6), strict=True))
+_DAY_S = 86_400.0
 _CLIP_AT = 3.0 * GRAVITY
 _SAME_DIRECTION = math.cos(math.radians(20.0))
 
@@ -313,6 +315,19 @@ def tidy(t_s: Array, values: Array, source: str) -> Series | None:
         t_s, first = np.unique(t_s, return_index=True)
         values = values[first]
     return Series(t_s, values, source) if t_s.size else None
+
+
+def believable(t_s: Array) -> Array:
+    """Times (n,) with NaN where one cannot be true: a day off the middle, or a second off its neighbours' median."""
+    out = np.where(np.isfinite(t_s) & (t_s >= 0.0), t_s, np.nan)
+    known = np.flatnonzero(~np.isnan(out))
+    if not known.size:
+        return out
+    far = np.abs(out[known] - np.median(out[known])) > _DAY_S
+    out[known[far]] = np.nan
+    known = known[~far]
+    out[known[outliers(np.rint(out[known] * 1e6).astype(np.int64), 1_000_000)]] = np.nan
+    return out
 
 
 def smallest_step(values: Array) -> float:

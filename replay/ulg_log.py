@@ -23,6 +23,7 @@ from replay.flightlog import (
     LogSummary,
     MessageCount,
     Series,
+    believable,
     clipped_at_extreme,
     runs,
     smallest_step,
@@ -56,8 +57,10 @@ def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
             log: Any = ULog(str(path), _TOPICS)
         except Exception as error:  # pyulog raises whatever a damaged file makes of it
             raise LogError(f"{path}: cannot be read as a PX4 log ({error})") from None
-    reader = _Reader(path, log, len(data))
-    return [reader.flightlog()]
+    try:
+        return [_Reader(path, log, len(data)).flightlog()]
+    except (KeyError, ValueError, TypeError, OverflowError) as error:
+        raise LogError(f"{path}: its topics make no sense ({type(error).__name__}: {error}); damaged?") from None
 
 
 class _Topic:
@@ -68,7 +71,7 @@ class _Topic:
         self.data = data
         stamp = data.get("timestamp_sample", data["timestamp"])
         # Some topics leave timestamp_sample at 0.
-        self.t_s: Array = np.where(stamp > 0, stamp, data["timestamp"]).astype(float) / 1e6
+        self.t_s: Array = believable(np.where(stamp > 0, stamp, data["timestamp"]).astype(float) / 1e6)
 
     def __contains__(self, field: str) -> bool:
         return field in self.data
@@ -93,7 +96,7 @@ class _Reader:
         self._path, self._log, self._size = path, log, size
         self._topics: dict[str, list[_Topic]] = {}
         for item in sorted(log.data_list, key=lambda d: d.multi_id):
-            if len(item.data["timestamp"]):
+            if len(item.data.get("timestamp", ())):
                 self._topics.setdefault(item.name, []).append(_Topic(item.name, item.data))
         self._notes: list[str] = []
         if log.file_corruption:
@@ -114,7 +117,10 @@ class _Reader:
         spans = [t.t_s for n in ("vehicle_attitude", "sensor_combined") for t in self._topics.get(n, [])]
         if not spans:
             raise LogError(f"{self._path}: holds neither vehicle_attitude nor sensor_combined: nothing to replay")
-        start, end = min(float(t.min()) for t in spans), max(float(t.max()) for t in spans)
+        stamped = believable(np.concatenate(spans))
+        if not np.isfinite(stamped).any():
+            raise LogError(f"{self._path}: no believable time stamp in it; damaged?")
+        start, end = float(np.nanmin(stamped)), float(np.nanmax(stamped))
         status, attitude = self._first("vehicle_status"), self._first("vehicle_attitude")
         setpoint = self._first("vehicle_attitude_setpoint")
         servos = {
@@ -125,11 +131,11 @@ class _Reader:
         position, velocity = self._position()
         return FlightLog(
             path=self._path,
-            system=1 if status is None else int(status.columns("system_id")[-1, 0]),
+            system=1 if status is None else int(np.nan_to_num(status.columns("system_id")[-1, 0], nan=1.0)),
             boot=0,
             start_s=start,
             end_s=end,
-            vehicle_type=None if status is None else int(status.columns("system_type")[-1, 0]),
+            vehicle_type=None if status is None else int(np.nan_to_num(status.columns("system_type")[-1, 0])),
             autopilot=_PX4,
             attitude=None if attitude is None else attitude.series(unflipped(attitude.array("q", 4))),
             rates=self._series("vehicle_angular_velocity", "xyz[0]", "xyz[1]", "xyz[2]"),
@@ -148,7 +154,7 @@ class _Reader:
             armed=() if status is None else self._armed(status, end),
             modes=() if status is None else self._modes(status, end),
             landed=self._landed(end),
-            parameters={k: float(v) for k, v in self._log.initial_parameters.items()},
+            parameters={k: float(v) for k, v in self._log.initial_parameters.items() if isinstance(v, int | float)},
             texts=tuple(
                 (m.timestamp / 1e6, max(min(int(m.log_level) - ord("0"), 7), 0), str(m.message))
                 for m in self._log.logged_messages
@@ -182,7 +188,7 @@ class _Reader:
     def _beams(self) -> tuple[Beam, ...]:
         out = []
         for number, topic in enumerate(self._topics.get("distance_sensor", [])):
-            orientation = int(topic.columns("orientation")[-1, 0])
+            orientation = int(np.nan_to_num(topic.columns("orientation")[-1, 0], nan=-1.0))
             q = topic.array("q", 4)[-1]
             direction = beam_direction(orientation, (float(q[0]), float(q[1]), float(q[2]), float(q[3])))
             series = topic.series(topic.columns("current_distance", "signal_quality"))
@@ -254,17 +260,22 @@ class _Reader:
 
     def _armed(self, status: _Topic, end: float) -> tuple[Interval, ...]:
         armed = (status.columns("arming_state")[:, 0] == 2.0).astype(int)
-        return tuple(i for i in runs(status.t_s, armed, end) if i.value)
+        return tuple(i for i in self._runs(status, armed, end) if i.value)
 
     def _modes(self, status: _Topic, end: float) -> tuple[Interval, ...]:
-        modes = [_MAIN_MODE.get(int(s), 4) << 16 for s in status.columns("nav_state")[:, 0]]
-        return runs(status.t_s, np.array(modes), end)
+        modes = [_MAIN_MODE.get(int(s), 4) << 16 for s in np.nan_to_num(status.columns("nav_state")[:, 0])]
+        return self._runs(status, np.array(modes), end)
+
+    @staticmethod
+    def _runs(topic: _Topic, values: NDArray[Any], end: float) -> tuple[Interval, ...]:
+        known = np.isfinite(topic.t_s)
+        return runs(topic.t_s[known], values[known], end)
 
     def _landed(self, end: float) -> tuple[Interval, ...]:
         topic = self._first("vehicle_land_detected")
         if topic is None:
             return ()
-        return runs(topic.t_s, np.where(topic.columns("landed")[:, 0] > 0.0, 1, 2), end)
+        return self._runs(topic, np.where(topic.columns("landed")[:, 0] > 0.0, 1, 2), end)
 
     def _summary(self, span: float) -> LogSummary:
         messages = tuple(

@@ -112,3 +112,13 @@ def test_recorded_bin_and_ulg(shared_data):
     (sitl,) = load(shared_data / "open" / "ulg_pyulog_sample_px4_events_SITL.ulg")
     assert max(float(e.rpm.values.max()) for e in sitl.escs.values()) == pytest.approx(3324, abs=1)
     assert sitl.beams[0].source == "dist_bottom"
+
+
+def test_a_damaged_bin_is_read_around_the_damage_without_a_word(tmp_path, capfd):
+    data = bytearray(bin_flight())
+    for k in range(5000, len(data), 4000):
+        data[k : k + 5] = b"\xff\x00\xa3\x95\xff"
+    (tmp_path / "hurt.bin").write_bytes(data)
+    (log,) = load(tmp_path / "hurt.bin")
+    assert len(log.attitude) > 150
+    assert capfd.readouterr() == ("", "")
