@@ -230,6 +230,11 @@ class Body:
         return len(self._fans) * math.sqrt(self.density * self._area * each) * self._ram
 
     @property
+    def drag_arm_m(self) -> float:
+        """How far above the CG the momentum drag acts."""
+        return 0.75 * self.radius - sum(f.z for f in self._fans) / len(self._fans)
+
+    @property
     def wall_gap_m(self) -> float:
         """Distance of the CG from the wall plane."""
         s = self.surroundings

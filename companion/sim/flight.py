@@ -55,22 +55,21 @@ class Flight:
     def needed_tilt(self) -> tuple[float, float]:
         """Roll and pitch [rad] that balance the true air at this instant, on the reference's straight line.
 
-        The side force of ground and wall, the side force of the vanes that hold the air's moment, and the momentum
-        drag at the reference velocity: what an all-knowing pilot would lean by.
+        The side force of ground and wall, the momentum drag at the reference velocity, and the side force of the vanes
+        that hold the moments of both: what an all-knowing pilot would lean by.
         """
         body, c = self.body, self.body.causes
-        fx, fy = c.corner[0], c.corner[1]
-        if self.vehicle.vanes:
-            arm = self.vehicle.vanes[0].position_m[2]
-            axis = self.vehicle.vanes[0].axis
-            if abs(axis[1]) > 0.5 and arm:
-                fy += (c.corner[3]) / arm
         yaw = body.euler()[2]
         vn, ve, _ = self.reference.velocity
         ahead, right = math.cos(yaw) * vn + math.sin(yaw) * ve, -math.sin(yaw) * vn + math.cos(yaw) * ve
-        drag = body.drag_per_speed()
+        drag, arm = body.drag_per_speed(), body.drag_arm_m
+        fx, fy = c.corner[0] - drag * ahead, c.corner[1] - drag * right
+        roll_moment = c.corner[3] - arm * drag * right
+        for vane in self.vehicle.vanes[:1]:
+            if abs(vane.axis[1]) > 0.5 and vane.position_m[2]:
+                fy += roll_moment / vane.position_m[2]
         weight = self.vehicle.mass_kg * GRAVITY
-        return -math.atan((fy - drag * right) / weight), math.atan((fx - drag * ahead) / weight)
+        return -math.atan(fy / weight), math.atan(fx / weight)
 
 
 WRENCH = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")

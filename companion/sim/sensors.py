@@ -44,7 +44,7 @@ class Estimate:
 
 
 class Estimator:
-    """IMU and EKF. Errors: attitude 0.1 deg, position 6 mm (10 s), velocity 1 cm/s (1 s), each about a fixed bias.
+    """IMU and EKF. Errors: attitude 0.1 deg, position 4 mm (10 s), velocity 1 cm/s (1 s), each about a fixed bias.
 
     Its random streams depend on the seed and on time alone, never on the flight: two flights with one seed are paired.
     """
@@ -84,9 +84,9 @@ class Estimator:
                 r[2] + self._gyro_bias[2] + gauss(0.0, 0.008),
             ),
             position=(
-                p[0] + self._position_bias[0] + 0.006 * where[0],
-                p[1] + self._position_bias[1] + 0.006 * where[1],
-                p[2] + self._position_bias[2] + 0.006 * where[2],
+                p[0] + self._position_bias[0] + 0.004 * where[0],
+                p[1] + self._position_bias[1] + 0.004 * where[1],
+                p[2] + self._position_bias[2] + 0.004 * where[2],
             ),
             velocity=(v[0] + 0.01 * speed[0], v[1] + 0.01 * speed[1], v[2] + 0.01 * speed[2]),
             specific_force=(

@@ -247,3 +247,23 @@ def test_armed_on_the_ground_enough_thrust_lifts_off():
     assert min(peer.flight.body.rpm) > 1000.0
     stream(peer, 1.5, thrust=0.6)
     assert not peer.flight.autopilot.landed
+
+
+def test_at_rest_beside_a_wall_it_leans_as_the_truth_says_it_must():
+    """The vanes hold the wall's moment and push towards it: the lean balances both (here more than the pull alone)."""
+    peer = hovering(scenario="corner", air=True)
+    flight = peer.flight
+    start = flight.time_s
+    goal = 1.6 - 1.2 * 0.165
+
+    def each() -> None:
+        if round(flight.time_s * 400) % 20 == 0:
+            peer.position(0.0, min(goal, 0.2 * (flight.time_s - start)), -HEIGHT_M)
+
+    peer.run(14.0, each)
+    rows = []
+    peer.run(10.0, lambda: (each(), rows.append((flight.body.euler()[0], flight.needed_tilt()[0]))))
+    roll, need = np.degrees(np.mean(rows, axis=0))
+    pull_alone = -math.degrees(flight.body.causes.corner[1] / (4.6 * 9.80665))
+    assert need < 2.0 * pull_alone < 0.0
+    assert roll == pytest.approx(need, abs=0.35)
