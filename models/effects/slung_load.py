@@ -14,16 +14,18 @@ DAMPING = 0.04
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     weight = np.zeros((*ctx.state.time_s.shape, 6))
-    weight[..., :3] = -ctx.state.specific_force
+    weight[..., 2] = ctx.thrust.sum(axis=-1) / ctx.vehicle.mass_kg
     swing = np.zeros_like(weight)
     if ctx.record:
         w0 = np.sqrt(GRAVITY / shape[0])
-        world = np.einsum("...ij,...j->...i", ctx.state.rotation, ctx.state.specific_force)
+        # The hook's acceleration from the velocity, not from the accelerometer, whose noise is in the residual.
+        world = ctx.state.velocity_ned
         pull = np.zeros_like(world)
         pull[:, :2] = through(
-            ctx, world[:, :2], lambda omega: -(w0**2) / (w0**2 - omega**2 + 2j * DAMPING * w0 * omega)
+            ctx,
+            world[:, :2],
+            lambda omega: -1j * omega * w0**2 / (w0**2 - omega**2 + 2j * DAMPING * w0 * omega),
         )
-        pull[:, :2] += world[:, :2]  # what a fixed load would pull is in the weight
         swing[:, :3] = np.einsum("...ji,...j->...i", ctx.state.rotation, pull)
     return columns(swing, weight)
 
@@ -39,7 +41,7 @@ EFFECT = Effect(
     source="physics.md E24",
     valid="small angles of the rope",
     axes=("Fx", "Fy", "Fz"),
-    channels=("ax_m_s2", "ay_m_s2", "roll_rad", "pitch_rad"),
+    channels=("vn_m_s", "ve_m_s", "roll_rad", "pitch_rad"),
     excite="sideways steps and stops, then hover and wait",
     coefficients=(Coefficient("swinging", "kg", 0.0, 1e3), Coefficient("mass", "kg", -1e3, 1e3)),
     regressors=_regressors,

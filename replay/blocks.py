@@ -1,0 +1,95 @@
+"""Noise and time: autoregressive whitening per axis, contiguous blocks, folds with embargo."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.wrench import Array
+
+Mask = NDArray[np.bool_]
+ORDER = 3
+FOLDS = 8
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of every axis: autoregression (axes, ORDER), innovation and total standard deviation (axes,) in N, N m."""
+
+    ar: Array
+    innovation: Array
+    total: Array
+    tau_s: Array
+    """Integrated autocorrelation time [s] (axes,)."""
+
+
+def fit_noise(residual: Array, valid: Mask, step_s: float) -> Noise:
+    """Yule-Walker fit of every axis of ``residual`` (n, axes), gaps bridged by nothing."""
+    axes = residual.shape[1]
+    ar, innovation, total, tau = np.zeros((axes, ORDER)), np.ones(axes), np.ones(axes), np.ones(axes)
+    weight = valid.astype(float)
+    for a in range(axes):
+        x = np.where(valid, residual[:, a], 0.0)
+        covariance = _autocovariance(x, weight, max(ORDER + 1, int(20.0 / step_s)))
+        total[a] = np.sqrt(max(covariance[0], 1e-24))
+        tau[a] = step_s * _integrated(covariance / max(covariance[0], 1e-24))
+        matrix = np.array([[covariance[abs(i - j)] for j in range(ORDER)] for i in range(ORDER)])
+        matrix += np.eye(ORDER) * 1e-9 * max(covariance[0], 1e-24)
+        ar[a] = np.linalg.solve(matrix, covariance[1 : ORDER + 1])
+        innovation[a] = np.sqrt(max(covariance[0] - ar[a] @ covariance[1 : ORDER + 1], 1e-4 * covariance[0], 1e-24))
+    return Noise(ar, innovation, total, tau)
+
+
+def _autocovariance(x: Array, weight: Array, lags: int) -> Array:
+    size = 2 ** int(np.ceil(np.log2(2 * len(x))))
+    lags = min(lags, len(x) - 1)
+    fx, fw = np.fft.rfft(x, size), np.fft.rfft(weight, size)
+    top = np.fft.irfft(np.abs(fx) ** 2, size)[: lags + 1]
+    count = np.fft.irfft(np.abs(fw) ** 2, size)[: lags + 1]
+    out: Array = top / np.maximum(count, 1.0)
+    return out
+
+
+def _integrated(correlation: Array) -> float:
+    """1 + 2 sum of the autocorrelation up to its first value below 0.05, in samples."""
+    below = np.flatnonzero(correlation < 0.05)
+    end = int(below[0]) if below.size else len(correlation)
+    return float(1.0 + 2.0 * correlation[1:end].sum())
+
+
+def whiten(x: Array, valid: Mask, noise: Noise) -> tuple[Array, Mask]:
+    """Innovations over their standard deviation of (n, axes, ...), and where they are known (n,)."""
+    y = np.where(valid.reshape(-1, *[1] * (x.ndim - 1)), x, 0.0)
+    out = y.copy()
+    good = valid.copy()
+    shape = (1, x.shape[1], *[1] * (x.ndim - 2))
+    for j in range(ORDER):
+        out[j + 1 :] -= noise.ar[:, j].reshape(shape) * y[: -j - 1]
+        good[j + 1 :] &= valid[: -j - 1]
+    good[:ORDER] = False
+    out /= noise.innovation.reshape(shape)
+    out[~good] = 0.0
+    return out, good
+
+
+def block_numbers(valid: Mask, step_s: float, length_s: float, most: int = 400) -> NDArray[np.int64]:
+    """Number of the contiguous block of every sample (n,), blocks of equal shares of the valid time."""
+    known = np.cumsum(valid)
+    seconds = float(known[-1]) * step_s
+    count = int(np.clip(seconds / length_s, FOLDS, most))
+    return np.minimum((known - 1).clip(0) * count // max(int(known[-1]), 1), count - 1)
+
+
+def fold_of_block(count: int) -> NDArray[np.int64]:
+    """Fold (contiguous) of every block."""
+    return np.arange(count) * FOLDS // count
+
+
+def training_blocks(folds: NDArray[np.int64], fold: int, embargo: int) -> Mask:
+    """Blocks to fit on: outside ``fold`` and ``embargo`` blocks around it."""
+    inside = np.flatnonzero(folds == fold)
+    out = np.ones(len(folds), bool)
+    out[max(inside[0] - embargo, 0) : inside[-1] + 1 + embargo] = False
+    return out

@@ -1,0 +1,567 @@
+"""Which effect of the catalogue carries a flight's residual: forward search with honest nulls (docs/diagnose.md)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.effects import Context, Effect, catalogue
+from models.wrench import AXES, GRAVITY, Array
+from replay.blocks import FOLDS, Noise, block_numbers, fit_noise, fold_of_block, training_blocks, whiten
+from replay.residual import Record
+from replay.shift_null import flip_maxima, p_value, shift_p
+from replay.unexplained import Leftover, free_search
+
+Columns = NDArray[np.int64]
+
+ALPHA = 0.01
+MOST_EFFECTS = 5
+SMALLEST = 0.006
+"""Smallest effect worth a name: 95th percentile of its force over the weight (of its moment over weight x lever)."""
+SMALLEST_GAIN = 0.01
+FORM_TOLERANCE = 0.12
+"""An addition below this share of what is already explained on its axes is taken for the form error of a term."""
+FREE_CURVE_FACTOR = 1.5
+ALIAS_BIC = 10.0
+BLOCK_S = 1.5
+CONSTANTS = ("imu_bias", "thrust_scale", "payload", "cg_offset", "air_density", "fan_imbalance")
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter with its 95 % interval."""
+
+    name: str
+    value: float
+    ci95: tuple[float, float]
+    unit: str
+
+
+@dataclass(frozen=True)
+class Found:
+    """An effect that was adopted."""
+
+    effect: Effect
+    shape: tuple[float, ...]
+    coefficients: Array
+    estimates: tuple[Estimate, ...]
+    axes: tuple[str, ...]
+    explains: float
+    q_value: float
+    p_shift: float
+    stability: float
+    aliases: tuple[str, ...]
+
+    @property
+    def parameters(self) -> dict[str, float]:
+        """As a model directory keeps them."""
+        return self.effect.parameters(self.coefficients, self.shape)
+
+
+@dataclass(frozen=True)
+class Rejected:
+    """An effect that was not adopted, and why; ``excited`` is False where the flight could not have shown it."""
+
+    name: str
+    reason: str
+    excited: bool
+    p: float | None = None
+
+
+@dataclass(frozen=True)
+class Trace:
+    """What the search found in one record. ``before``, ``after``: residuals on held-out time (n, 6)."""
+
+    record: Record
+    found: tuple[Found, ...]
+    rejected: tuple[Rejected, ...]
+    leftover: Leftover
+    before: Array
+    after: Array
+    noise: Noise
+
+    def rms(self, residual: Array) -> Array:
+        """RMS per axis over the judged time, (6,)."""
+        out: Array = np.sqrt(np.mean(residual[self.record.valid] ** 2, axis=0))
+        return out
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    effect: Effect
+    shape: tuple[float, ...]
+    columns: Columns
+
+
+class _Library:
+    """Every candidate's regressors in one array (n, axes, K)."""
+
+    def __init__(self, record: Record, effects: Sequence[Effect]) -> None:
+        self.candidates: list[_Candidate] = []
+        self.lacking: dict[str, str] = {}
+        axes = list(record.axes)
+        parts: list[Array] = []
+        count = 0
+        for effect in effects:
+            reason = effect.lacking(record.context)
+            if reason is not None:
+                self.lacking[effect.name] = reason
+                continue
+            for shape in effect.shape_grid(record.context):
+                x = np.nan_to_num(_evaluate(effect, record.context, shape)[:, axes], posinf=0.0, neginf=0.0)
+                width = x.shape[2]
+                parts.append(x)
+                self.candidates.append(_Candidate(effect, shape, np.arange(count, count + width)))
+                count += width
+        self.x = np.concatenate(parts, axis=2) if parts else np.zeros((len(record.time_s), len(axes), 0))
+        # One scale a column, so that Gram matrices are well conditioned; coefficients are scaled back at the end.
+        # Axes differ in unit, so the scale is only a size.
+        self.scale = np.sqrt(np.mean(self.x[record.valid] ** 2, axis=(0, 1)))
+        self.scale[self.scale < 1e-12] = np.inf
+        self.x /= self.scale
+
+
+def _evaluate(effect: Effect, ctx: Context, shape: tuple[float, ...]) -> Array:
+    with np.errstate(invalid="ignore", over="ignore"):
+        return effect.regressors(ctx, shape)
+
+
+class _Gram:
+    """Whitened and raw inner products of all columns, block by block; the search itself is small linear algebra."""
+
+    def __init__(self, record: Record, x: Array, y: Array, noise: Noise) -> None:
+        self.noise = noise
+        valid = record.valid
+        self.xw, good = whiten(x, valid, noise)
+        self.yw, _ = whiten(y, valid, noise)
+        tau = float(np.max(noise.tau_s))
+        self.block = block_numbers(valid, record.step_s, BLOCK_S)
+        count = int(self.block.max()) + 1
+        seconds = record.seconds / count
+        self.embargo = int(np.ceil(min(3.0 * tau, 10.0) / seconds))
+        self.good = good
+        k = x.shape[2]
+        coarse = self.block * min(count, 96) // count
+        self.folds = fold_of_block(int(coarse.max()) + 1)
+        self.coarse_embargo = max(int(np.ceil(self.embargo * len(self.folds) / count)), 1)
+        blocks = len(self.folds)
+        self.w, self.wy = np.zeros((blocks, k, k)), np.zeros((blocks, k))
+        self.r, self.ry, self.yy = np.zeros((blocks, k, k)), np.zeros((blocks, k)), np.zeros(blocks)
+        sigma = noise.total
+        for b in range(blocks):
+            rows = coarse == b
+            xb, yb = self.xw[rows].reshape(-1, k), self.yw[rows].reshape(-1)
+            self.w[b], self.wy[b] = xb.T @ xb, xb.T @ yb
+            use = rows & valid
+            xr = (x[use] / sigma[:, None]).reshape(-1, k)
+            yr = (y[use] / sigma).reshape(-1)
+            self.r[b], self.ry[b], self.yy[b] = xr.T @ xr, xr.T @ yr, yr @ yr
+        self.total_w, self.total_wy = self.w.sum(0), self.wy.sum(0)
+        self.effective = max(record.seconds / tau, 10.0)
+
+    def solve(self, columns: Columns, blocks: NDArray[np.bool_] | NDArray[np.int64] | None = None) -> Array:
+        """Generalised least squares on (some of) the blocks."""
+        if blocks is None:
+            w, wy = self.total_w[np.ix_(columns, columns)], self.total_wy[columns]
+        else:
+            w, wy = self.w[blocks][:, columns][:, :, columns].sum(0), self.wy[blocks][:, columns].sum(0)
+        out: Array = np.linalg.lstsq(w + 1e-9 * np.trace(w) / max(len(columns), 1) * np.eye(len(columns)), wy)[0]
+        return out
+
+    def size(self, columns: Columns, blocks: NDArray[np.bool_] | NDArray[np.int64] | None = None) -> Array:
+        """Least squares weighted by axis only: sizes that errors of form in the fast part do not bend."""
+        if not len(columns):
+            return np.empty(0)
+        use = slice(None) if blocks is None else blocks
+        r, ry = self.r[use][:, columns][:, :, columns].sum(0), self.ry[use][:, columns].sum(0)
+        out: Array = np.linalg.lstsq(r + 1e-9 * np.trace(r) / len(columns) * np.eye(len(columns)), ry)[0]
+        return out
+
+    def fold_coefficients(self, columns: Columns) -> list[Array]:
+        """One fit a fold, each without the fold and its embargo."""
+        return [self.size(columns, training_blocks(self.folds, f, self.coarse_embargo)) for f in range(FOLDS)]
+
+    def held_out(self, columns: Columns) -> Array:
+        """Energy left in every fold (FOLDS,) by fits that never saw it, in units of the noise."""
+        energy = np.zeros(FOLDS)
+        fits = self.fold_coefficients(columns) if len(columns) else [np.empty(0)] * FOLDS
+        for f in range(FOLDS):
+            rows = self.folds == f
+            energy[f] = self.yy[rows].sum()
+            if len(columns):
+                b = fits[f]
+                r = self.r[rows][:, columns][:, :, columns].sum(0)
+                energy[f] += -2.0 * b @ self.ry[rows][:, columns].sum(0) + b @ r @ b
+        return energy
+
+    def project(self, selected: Columns) -> tuple[Array, Array, Array]:
+        """Schur complement of the selected columns (K, K), the map (s, K) to it, and X^T e by flip block (blocks, K)."""
+        count = int(self.block.max()) + 1
+        e = self.yw - (self.xw[:, :, selected] @ self.solve(selected) if len(selected) else 0.0)
+        products = np.einsum("nak,na->nk", self.xw, e)
+        parts = np.zeros((count, products.shape[1]))
+        np.add.at(parts, self.block, products)
+        if not len(selected):
+            return self.total_w, np.zeros((0, products.shape[1])), parts
+        ws = self.total_w[np.ix_(selected, selected)]
+        cross = self.total_w[selected]
+        mapping = np.linalg.solve(ws + 1e-9 * np.trace(ws) / len(selected) * np.eye(len(selected)), cross)
+        return self.total_w - cross.T @ mapping, mapping, parts - parts[:, selected] @ mapping
+
+
+@dataclass(frozen=True)
+class _Score:
+    candidate: _Candidate
+    value: float
+
+
+class _Search:
+    """Forward search over one record."""
+
+    def __init__(self, record: Record, effects: Sequence[Effect], seed: int) -> None:
+        self.record = record
+        self.seed = seed
+        self.library = _Library(record, effects)
+        self.y = np.nan_to_num(record.residual[:, list(record.axes)])
+        self.lever = max(
+            float(np.max([np.linalg.norm(f.position_m) for f in record.context.vehicle.fans])),
+            record.context.vehicle.rotor_radius_m,
+        )
+        self.reasons: dict[str, tuple[str, float | None]] = {}
+        self.gram = self._noise_model()
+
+    # --- Noise ----
+
+    def _noise_model(self) -> _Gram:
+        """Noise from what no plausible combination of effects explains, so that an effect does not pass for noise."""
+        x, y, valid, step = self.library.x, self.y, self.record.valid, self.record.step_s
+        fast = fit_noise(np.diff(y, axis=0, prepend=y[:1]), valid, step)
+        noise = replace(fast, ar=np.zeros_like(fast.ar), innovation=fast.total, total=fast.total)
+        gram = _Gram(self.record, x, y, noise)
+        per_sample = 15.0
+        for penalty in (3.0 * per_sample, 3.0, 3.0):
+            chosen = self._greedy(gram, penalty * np.log(gram.effective))
+            noise = fit_noise(self._rest(gram, chosen), valid, step)
+            gram = _Gram(self.record, x, y, noise)
+        return gram
+
+    def _rest(self, gram: _Gram, chosen: Columns) -> Array:
+        fit = self.library.x[:, :, chosen] @ gram.size(chosen) if len(chosen) else 0.0
+        rest: Array = self.y - fit
+        return rest
+
+    def _greedy(self, gram: _Gram, penalty: float) -> Columns:
+        chosen: list[_Candidate] = []
+        for _ in range(MOST_EFFECTS):
+            columns = _columns(chosen)
+            scores = self._scores(gram, columns, {c.effect.name for c in chosen})
+            if not scores or scores[0].value < penalty:
+                break
+            chosen.append(scores[0].candidate)
+        return _columns(chosen)
+
+    # --- Scores ----
+
+    def _scores(self, gram: _Gram, selected: Columns, taken: set[str]) -> list[_Score]:
+        """Best shape of every effect that is not taken, best effect first."""
+        schur, _, parts = gram.project(selected)
+        g = parts.sum(0)
+        best: dict[str, _Score] = {}
+        for candidate in self.library.candidates:
+            if candidate.effect.name in taken:
+                continue
+            inverse = _inverse(schur, gram.total_w, candidate.columns)
+            part = g[candidate.columns]
+            value = float(part @ inverse @ part) - len(candidate.columns) * np.log(gram.effective)
+            if candidate.effect.name not in best or value > best[candidate.effect.name].value:
+                best[candidate.effect.name] = _Score(candidate, value)
+        return sorted(best.values(), key=lambda s: -s.value)
+
+    def _null(self, gram: _Gram, selected: Columns, taken: set[str]) -> Array:
+        schur, _, parts = gram.project(selected)
+        live = [c for c in self.library.candidates if c.effect.name not in taken]
+        inverses = [_inverse(schur, gram.total_w, c.columns) for c in live]
+        penalties = np.array([len(c.columns) * np.log(gram.effective) for c in live])
+        return flip_maxima(parts, [c.columns for c in live], inverses, penalties, self.seed)
+
+    # --- Search ----
+
+    def run(self) -> Trace:
+        chosen: list[_Candidate] = []
+        p_of: dict[str, float] = {}
+        for _ in range(MOST_EFFECTS):
+            step = self._step(chosen)
+            if step is None:
+                break
+            candidate, p = step
+            p_of[candidate.effect.name] = p
+            chosen = self._refined([*chosen, candidate])
+            noise = fit_noise(self._rest(self.gram, _columns(chosen)), self.record.valid, self.record.step_s)
+            self.gram = _Gram(self.record, self.library.x, self.y, noise)
+        chosen = self._backward(chosen)
+        return self._trace(chosen, p_of)
+
+    def _step(self, chosen: list[_Candidate]) -> tuple[_Candidate, float] | None:
+        gram, selected = self.gram, _columns(chosen)
+        taken = {c.effect.name for c in chosen}
+        scores = self._scores(gram, selected, taken)
+        if not scores:
+            return None
+        null = self._null(gram, selected, taken)
+        before = gram.held_out(selected)
+        free = free_search(self.record, self._rest(gram, selected), gram.noise, self.seed)
+        best = None
+        for score in scores:
+            name = score.candidate.effect.name
+            p = p_value(null, score.value)
+            if p > ALPHA:
+                self.reasons[name] = (f"no better than chance (p = {p:.2g})", p)
+                continue
+            if best is not None and score.value < 0.5 * best:
+                self.reasons[name] = ("another effect explains the same much better", p)
+                continue
+            best = score.value if best is None else best
+            problem = self._problem(score.candidate, chosen, before, free)
+            if problem is None:
+                return score.candidate, p
+            self.reasons[name] = (problem, p)
+        return None
+
+    def _problem(
+        self, candidate: _Candidate, chosen: list[_Candidate], before: Array, free: Leftover
+    ) -> str | None:
+        """Why a significant candidate is not adopted, or None."""
+        gram, selected = self.gram, _columns([*chosen, candidate])
+        coefficients = gram.size(selected)[-len(candidate.columns) :] / self.library.scale[candidate.columns]
+        bad = _implausible(candidate, coefficients)
+        if bad is not None:
+            return bad
+        contribution = self._contribution(candidate, coefficients)
+        if not self._large(contribution):
+            return "too small to matter"
+        if chosen:
+            own = contribution[self.record.valid]
+            rest = self.library.x[:, :, _columns(chosen)] @ gram.size(selected)[: -len(candidate.columns)]
+            strong = (own**2).mean(0) / gram.noise.total**2
+            share = strong / np.maximum((rest[self.record.valid] ** 2).mean(0) / gram.noise.total**2, 1e-12)
+            main = strong > 0.25 * strong.max()
+            if share[main].min() < FORM_TOLERANCE**2:
+                return "within the error of form of what is already adopted"
+        after = gram.held_out(selected)
+        gain = float(before.sum() - after.sum())
+        if gain < SMALLEST_GAIN * before.sum():
+            return "no gain on held-out time"
+        if candidate.effect.name == "imu_bias" or candidate.effect.name == "wind":
+            problem = self._kinematics(candidate, coefficients)
+            if problem is not None:
+                return problem
+        limit = FREE_CURVE_FACTOR * gain + 0.02 * float(before.sum())
+        if free.significant and free.gain > limit:
+            return f"a free curve in {free.channels[0].name} explains far more"
+        return None
+
+    def _kinematics(self, candidate: _Candidate, coefficients: Array) -> str | None:
+        """Velocity and attitude tell an accelerometer offset from a force (physics.md 6.3, stationarity)."""
+        bias = self.record.kinematic_bias[self.record.valid]
+        if not np.isfinite(bias).any():
+            return None
+        seen = np.nanmean(bias, axis=0)[:2]
+        if candidate.effect.name == "imu_bias":
+            wanted = coefficients[:2] if len(coefficients) == 3 else coefficients
+            size = float(np.linalg.norm(wanted))
+            if size > 0.05 and float(seen @ wanted) / size < 0.4 * size:
+                return "velocity and attitude agree with the accelerometer: it has no such offset"
+        return None
+
+    def _contribution(self, candidate: _Candidate, coefficients: Array) -> Array:
+        x = self.library.x[:, :, candidate.columns] * self.library.scale[candidate.columns]
+        out: Array = x @ coefficients
+        return out
+
+    def _large(self, contribution: Array) -> bool:
+        weight = self.record.context.vehicle.mass_kg * GRAVITY
+        limits = np.array([SMALLEST * weight * (1.0 if a < 3 else self.lever) for a in self.record.axes])
+        top = np.percentile(np.abs(contribution[self.record.valid]), 95, axis=0)
+        return bool((top >= limits).any())
+
+    def _refined(self, chosen: list[_Candidate]) -> list[_Candidate]:
+        """Every shape parameter again, given the others."""
+        for i, candidate in enumerate(chosen):
+            others = [c for j, c in enumerate(chosen) if j != i]
+            taken = {c.effect.name for c in self.library.candidates} - {candidate.effect.name}
+            scores = self._scores(self.gram, _columns(others), taken)
+            if scores and _implausible(
+                scores[0].candidate,
+                self.gram.size(_columns([*others, scores[0].candidate]))[-len(candidate.columns) :]
+                / self.library.scale[scores[0].candidate.columns],
+            ) is None:
+                chosen = [*chosen[:i], scores[0].candidate, *chosen[i + 1 :]]
+        return chosen
+
+    def _backward(self, chosen: list[_Candidate]) -> list[_Candidate]:
+        """Drop what the others do as well without."""
+        while len(chosen) > 1:
+            full = self.gram.held_out(_columns(chosen)).sum()
+            costs = [self.gram.held_out(_columns([c for c in chosen if c is not d])).sum() - full for d in chosen]
+            i = int(np.argmin(costs))
+            if costs[i] >= SMALLEST_GAIN * full:
+                break
+            self.reasons[chosen[i].effect.name] = ("the other effects do as well without it", None)
+            chosen = [c for c in chosen if c is not chosen[i]]
+        return chosen
+
+    # --- Result ----
+
+    def _trace(self, chosen: list[_Candidate], p_of: dict[str, float]) -> Trace:
+        record, gram = self.record, self.gram
+        columns = _columns(chosen)
+        n = len(record.time_s)
+        after = self.y.copy()
+        coarse = gram.block * len(gram.folds) // (int(gram.block.max()) + 1)
+        if len(columns):
+            for f, fit in enumerate(gram.fold_coefficients(columns)):
+                rows = gram.folds[np.minimum(coarse, len(gram.folds) - 1)] == f
+                after[rows] -= self.library.x[rows][:, :, columns] @ fit
+        empty = gram.held_out(np.empty(0, np.int64)).sum()
+        found, done = [], empty
+        coefficients = gram.size(columns)
+        spread = self._bootstrap(columns)
+        start = 0
+        for i, candidate in enumerate(chosen):
+            part = slice(start, start + len(candidate.columns))
+            start = part.stop
+            left = gram.held_out(_columns(chosen[: i + 1])).sum()
+            scale = self.library.scale[candidate.columns]
+            found.append(
+                self._found(
+                    candidate, chosen, coefficients[part] / scale, spread[:, part] / scale,
+                    float((done - left) / max(empty, 1e-12)), p_of[candidate.effect.name],
+                )
+            )  # fmt: skip
+            done = left
+        leftover = free_search(record, self._rest(gram, columns), gram.noise, self.seed)
+        before6, after6 = np.zeros((n, 6)), np.zeros((n, 6))
+        before6[:, list(record.axes)], after6[:, list(record.axes)] = self.y, after
+        return Trace(record, tuple(found), self._rejected(chosen), leftover, before6, after6, gram.noise)
+
+    def _bootstrap(self, columns: Columns, draws: int = 200) -> Array:
+        """Coefficients (draws, k) of fits to blocks drawn with replacement."""
+        if not len(columns):
+            return np.zeros((draws, 0))
+        rng = np.random.default_rng(self.seed + 1)
+        count = len(self.gram.folds)
+        return np.stack([self.gram.size(columns, rng.integers(0, count, count)) for _ in range(draws)])
+
+    def _found(
+        self, candidate: _Candidate, chosen: list[_Candidate], coefficients: Array, spread: Array, explains: float,
+        p: float,
+    ) -> Found:  # fmt: skip
+        effect = candidate.effect
+        low, high = np.percentile(spread, [2.5, 97.5], axis=0)
+        estimates = [
+            Estimate(c.name, float(v), (float(a), float(b)), c.unit)
+            for c, v, a, b in zip(effect.coefficients, coefficients, low, high, strict=True)
+        ]
+        estimates += [Estimate(s.name, v, (v, v), s.unit) for s, v in zip(effect.shapes, candidate.shape, strict=True)]
+        contribution = self._contribution(candidate, coefficients)[self.record.valid]
+        strength = np.sqrt((contribution**2).mean(0)) / self.gram.noise.total
+        axes = tuple(AXES[a] for a, s in zip(self.record.axes, strength, strict=True) if s > 0.25 * strength.max())
+        same = np.sign(spread) == np.sign(coefficients)
+        return Found(
+            effect=effect,
+            shape=candidate.shape,
+            coefficients=coefficients,
+            estimates=tuple(estimates),
+            axes=axes,
+            explains=explains,
+            q_value=p,
+            p_shift=self._shift(candidate, chosen),
+            stability=float(same.mean(0).max()),
+            aliases=self._aliases(candidate, chosen),
+        )
+
+    def _shift(self, candidate: _Candidate, chosen: list[_Candidate]) -> float:
+        others = _columns([c for c in chosen if c is not candidate])
+        e = self.gram.yw - (self.gram.xw[:, :, others] @ self.gram.solve(others) if len(others) else 0.0)
+        x = self.gram.xw[:, :, candidate.columns]
+        inverse = np.linalg.pinv(self.gram.total_w[np.ix_(candidate.columns, candidate.columns)])
+        return shift_p(x, e, inverse, max(int(3.0 * self.gram.noise.tau_s.max() / self.record.step_s), 20))
+
+    def _aliases(self, candidate: _Candidate, chosen: list[_Candidate]) -> tuple[str, ...]:
+        """Effects that would do as well in its place."""
+        others = [c for c in chosen if c is not candidate]
+        columns = _columns(others)
+        scores = self._scores(self.gram, columns, {c.effect.name for c in others})
+        own = next(s.value for s in scores if s.candidate.effect.name == candidate.effect.name)
+        limit = max(ALIAS_BIC, 0.03 * own)
+        out = []
+        for score in scores:
+            if score.candidate.effect.name == candidate.effect.name or score.value < own - limit:
+                continue
+            fit = self.gram.size(_columns([*others, score.candidate]))[-len(score.candidate.columns) :]
+            coefficients = fit / self.library.scale[score.candidate.columns]
+            if _implausible(score.candidate, coefficients) is None:
+                if score.candidate.effect.name in ("imu_bias", "wind"):
+                    if self._kinematics(score.candidate, coefficients) is not None:
+                        continue
+                out.append(score.candidate.effect.name)
+        return tuple(out)
+
+    def _rejected(self, chosen: list[_Candidate]) -> tuple[Rejected, ...]:
+        taken = {c.effect.name for c in chosen}
+        out = [Rejected(name, reason, False) for name, reason in self.library.lacking.items()]
+        for score in self._scores(self.gram, _columns(chosen), taken):
+            name = score.candidate.effect.name
+            reason, p = self.reasons.get(name, ("no better than chance", None))
+            floor = self._detectable(score.candidate, chosen)
+            if not floor:
+                reason = "this flight hardly excites it: " + score.candidate.effect.excite
+            out.append(Rejected(name, reason, floor, p))
+        return tuple(out)
+
+    def _detectable(self, candidate: _Candidate, chosen: list[_Candidate]) -> bool:
+        """Whether an effect of the smallest size worth a name would have stood out (three standard errors)."""
+        schur, _, _ = self.gram.project(_columns(chosen))
+        cov = _inverse(schur, self.gram.total_w, candidate.columns)
+        if not cov.any():
+            return False
+        error = np.sqrt(np.maximum(np.diag(cov), 0.0)) / self.library.scale[candidate.columns]
+        for j in range(len(error)):
+            unit = np.zeros(len(error))
+            unit[j] = 3.0 * error[j]
+            if error[j] > 0 and not self._large(0.34 * self._contribution(candidate, unit)):
+                return True
+        return False
+
+
+def _columns(chosen: Sequence[_Candidate]) -> Columns:
+    return np.concatenate([c.columns for c in chosen]) if chosen else np.empty(0, np.int64)
+
+
+def _inverse(schur: Array, total: Array, columns: Columns) -> Array:
+    """Inverse of a candidate's Schur block; zero where the selected columns leave nothing of it."""
+    block = schur[np.ix_(columns, columns)]
+    own = np.diag(total)[columns]
+    live = (own > 1e-9) & (np.diag(block) > 0.01 * own)
+    out = np.zeros_like(block)
+    if live.any():
+        out[np.ix_(live, live)] = np.linalg.pinv(block[np.ix_(live, live)], rcond=1e-6, hermitian=True)
+    return out
+
+
+def _implausible(candidate: _Candidate, coefficients: Array) -> str | None:
+    effect = candidate.effect
+    for c, value in zip(effect.coefficients, coefficients, strict=True):
+        if effect.main and c.name not in effect.main:
+            continue
+        if not c.low <= value <= c.high and not (len(coefficients) > 1 and abs(value) < 0.1 * np.abs(coefficients).max()):
+            return f"right shape, but {c.name} = {value:.3g} {c.unit} is outside {c.low:g} to {c.high:g}"
+    return None
+
+
+def trace(record: Record, effects: Sequence[Effect] | None = None, seed: int = 0) -> Trace:
+    """Search one record."""
+    return _Search(record, catalogue() if effects is None else effects, seed).run()
