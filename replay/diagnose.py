@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from models.effects import AdoptedEffect, InFlight
-from models.errors import ConfigError, LogError
+from models.errors import LogError
 from models.surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from models.wrench import AXES, Array
@@ -67,8 +67,8 @@ class Diagnosis:
 
     @property
     def adopted(self) -> tuple[AdoptedEffect, ...]:
-        """The named effects as a model directory keeps them: for the next flight, so a load is aboard from its start."""
-        return tuple(AdoptedEffect(n.found.effect.name, _for_next_flight(n.found.parameters)) for n in self.named)
+        """The named effects with their parameters, as found."""
+        return tuple(AdoptedEffect(n.found.effect.name, n.found.parameters) for n in self.named)
 
     @property
     def aliases(self) -> list[list[str]]:
@@ -124,8 +124,9 @@ class Diagnosis:
         before, after = self.rms(after=False), self.rms(after=True)
         seconds = sum(r.seconds for r in self.records)
         lines = [f"{self.verdict.replace('_', ' ')}  ({seconds:.0f} s of flight judged)"]
-        lines += [f"  {name:3s} {b:8.3f} -> {a:8.3f} {unit}" for name, b, a, unit in zip(AXES, before, after, UNITS, strict=True)
-                  if np.isfinite(b)]  # fmt: skip
+        for name, b, a, unit in zip(AXES, before, after, UNITS, strict=True):
+            if np.isfinite(b):
+                lines.append(f"  {name:3s} {b:8.3f} -> {a:8.3f} {unit}")
         for n in self.named:
             numbers = ", ".join(_estimate_text(e.value, e.ci95, e.name, e.unit) for e in n.found.estimates)
             lines.append(f"  {n.found.effect.name} ({n.status}): {numbers}; explains {n.explains:.0%}")
@@ -168,13 +169,6 @@ def conclude(traces: Sequence[Trace], notes: Sequence[str] = ()) -> Diagnosis:
     rejected = {r.name: r for t in reversed(traces) for r in t.rejected if r.name not in taken}
     all_notes = [*notes, *dict.fromkeys(note for t in traces for note in t.record.notes)]
     return Diagnosis(tuple(traces), tuple(named), tuple(rejected.values()), channels, verdict, tuple(all_notes))
-
-
-def amended(model: FanSurrogate | None, diagnosis: Diagnosis) -> FanSurrogate:
-    """The declared model with the named effects added."""
-    if model is None:
-        raise ConfigError("--save-model: the empty model (--model none) has no weights to amend; give --model DIR")
-    return model.with_effects((*model.effects, *diagnosis.adopted))
 
 
 def flown(effect: AdoptedEffect) -> bool:
@@ -220,7 +214,9 @@ def _named(traces: Sequence[Trace]) -> list[Named]:
                 continue
             first = best[name]
             better = f.explains > first.found.explains
-            best[name] = Named(f if better else first.found, i if better else first.record, "candidate", first.explains + share)
+            best[name] = Named(
+                f if better else first.found, i if better else first.record, "candidate", first.explains + share
+            )
     return list(best.values())
 
 
@@ -253,7 +249,7 @@ def _frozen(named: Named, t: Trace) -> Array:
     if found.effect.lacking(t.record.context) is not None:
         return np.zeros((len(t.record.time_s), 6))
     parameters = found.parameters
-    if t is not None and _FROM_THE_START in parameters:
+    if _FROM_THE_START in parameters:
         same = next((f for f in t.found if f.effect.name == found.effect.name), None)
         # When a load was picked up is this flight's own affair; how heavy it is is not.
         parameters = {**parameters, _FROM_THE_START: same.parameters[_FROM_THE_START] if same else 0.0}
@@ -276,10 +272,6 @@ def _channels(traces: Sequence[Trace], explained: bool) -> tuple[Channel, ...]:
             if c.name not in best or c.score > best[c.name].score:
                 best[c.name] = c
     return tuple(sorted(best.values(), key=lambda c: -c.score))
-
-
-def _for_next_flight(parameters: Mapping[str, float]) -> dict[str, float]:
-    return {k: 0.0 if k == _FROM_THE_START else v for k, v in parameters.items()}
 
 
 def _effect_json(n: Named) -> dict[str, Any]:
@@ -316,4 +308,8 @@ def _number(x: float) -> float:
 
 
 def _estimate_text(value: float, ci95: tuple[float, float], name: str, unit: str) -> str:
-    return f"{name} = {value:.3g} [{ci95[0]:.3g}, {ci95[1]:.3g}] {unit}" if ci95[1] > ci95[0] else f"{name} = {value:.3g} {unit}"
+    return (
+        f"{name} = {value:.3g} [{ci95[0]:.3g}, {ci95[1]:.3g}] {unit}"
+        if ci95[1] > ci95[0]
+        else f"{name} = {value:.3g} {unit}"
+    )

@@ -48,23 +48,23 @@ def run(a: argparse.Namespace) -> int:
     import models
     from companion.vehicles import default_vehicle
     from models.vehicle import load_vehicle
+    from replay.adopt import save_amended
     from replay.cli import write_json
-    from replay.diagnose import amended, diagnose, flown
+    from replay.diagnose import diagnose, flown
 
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
     model = None if a.model == "none" else models.load(a.model)
-    if a.save_model is not None and model is None:
-        raise ConfigError("--save-model: the empty model (--model none) has no weights to amend; give --model DIR")
     shown = sys.stderr.isatty() and not a.quiet
 
     def progress(records: list[Record]) -> Iterable[Record]:
         from tqdm import tqdm
 
-        return tqdm(records, desc="searching", unit="flight", disable=not shown, file=sys.stderr)
+        bar: Iterable[Record] = tqdm(records, desc="searching", unit="flight", disable=not shown, file=sys.stderr)
+        return bar
 
     answer = diagnose(a.logs, vehicle, model, target_system=a.target_system, seed=a.seed, progress=progress)
     if a.save_model is not None:
-        models.save_model(a.save_model, amended(model, answer))
+        save_amended(a.save_model, model, vehicle, answer.adopted)
     if a.json is not None:
         write_json(answer.as_json(None if a.save_model is None else str(a.save_model)), a.json)
     if a.report is not None:
@@ -75,7 +75,9 @@ def run(a: argparse.Namespace) -> int:
         print(answer.as_text())
         if a.save_model is not None:
             idle = [e.name for e in answer.adopted if not flown(e)]
-            print(f"amended model: {a.save_model}" + (f" (not compensated in flight: {', '.join(idle)})" if idle else ""))
+            print(
+                f"amended model: {a.save_model}" + (f" (not compensated in flight: {', '.join(idle)})" if idle else "")
+            )
         if a.report is not None:
             print(f"report: {a.report / 'report.html'}")
     return 0
