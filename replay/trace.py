@@ -120,7 +120,7 @@ class _Library:
         # One scale a column, so that Gram matrices are well conditioned; coefficients are scaled back at the end.
         # Axes differ in unit, so the scale is only a size.
         self.scale = np.sqrt(np.mean(self.x[record.valid] ** 2, axis=(0, 1)))
-        self.scale[self.scale < 1e-12] = np.inf
+        self.scale[self.scale < 1e-12] = 1.0
         self.x /= self.scale
 
 
