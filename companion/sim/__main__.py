@@ -13,7 +13,7 @@ from companion.sim.ardupilot_json import JsonPhysics, serve
 from companion.sim.pilot import Hand
 from companion.sim.process import Options, run
 from companion.sim.scenario import NAMES, build
-from models.errors import UserError
+from models.errors import ConfigError, UserError
 from models.vehicle import load_vehicle
 
 
@@ -40,11 +40,20 @@ def parser() -> argparse.ArgumentParser:
     return p
 
 
+def _check(a: argparse.Namespace) -> None:
+    if not 1 <= a.port <= 65535:
+        raise ConfigError(f"--port {a.port}: must be 1 to 65535")
+    for name, value in (("--speed", a.speed), ("--duration", a.duration)):
+        if value is not None and not 0.0 < value < float("inf"):
+            raise ConfigError(f"{name} {value:g}: must be a positive number")
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the simulator; returns the exit code."""
     a = parser().parse_args(argv)
     path = a.vehicle or Path(str(resources.files("companion") / "vehicles" / "tandem.toml"))
     try:
+        _check(a)
         vehicle = load_vehicle(path)
         if a.ardupilot_json is not None:
             physics = JsonPhysics(vehicle, build(a.scenario, vehicle, air=a.air == "corner"), a.seed)

@@ -11,6 +11,7 @@ from companion.sim.autopilot import Autopilot
 from companion.sim.body import DT, GRAVITY, Body
 from companion.sim.scenario import Reference, Scenario
 from companion.sim.sensors import EscTelemetry, Estimate, Estimator, RangeSensor
+from models.errors import ConfigError
 from models.vehicle import Vehicle
 
 HOVER_PARAM_SHARE = 0.89
@@ -123,7 +124,10 @@ class TruthFile:
     """
 
     def __init__(self, path: Path, flight: Flight) -> None:
-        self._file: TextIO = path.open("w", encoding="utf-8")
+        try:
+            self._file: TextIO = path.open("w", encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(f"--truth {path}: cannot be written ({error.strerror})") from None
         self._flight = flight
         rotors = [f"rpm_{i + 1}" for i in range(len(flight.body.rpm))]
         self._file.write(",".join((*COLUMNS, *rotors)) + "\n")

@@ -58,7 +58,7 @@ def test_it_ends_with_its_parent():
 def test_truth_is_written_and_the_flight_ends_when_told(tmp_path):
     truth = tmp_path / "truth.csv"
     with launch("corner", seed=2, speed=50.0, pilot="autopilot", truth=truth, duration_s=13.0) as sim:
-        assert sim.process.wait(30) == 0
+        assert sim.process.wait(90) == 0
         assert 0.1 <= sim.announcement["surrogate_error"]["lift"] <= 0.3
     columns = read_truth(truth)
     assert columns["time_s"][-1] == pytest.approx(13.0, abs=0.1)
@@ -80,6 +80,23 @@ def test_the_announcement_is_one_json_line(capsys):
 def test_an_unreadable_vehicle_is_one_line_and_exit_2(capsys, tmp_path):
     assert main(["--vehicle", str(tmp_path / "none.toml")]) == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (["--speed", "0"], "--speed"),
+        (["--speed", "nan"], "--speed"),
+        (["--duration", "-1"], "--duration"),
+        (["--port", "70000"], "--port"),
+        (["--truth", "/nowhere/at/all.csv"], "--truth"),
+    ],
+)
+def test_a_bad_argument_is_one_line_that_names_it(capsys, arguments, named):
+    assert main(arguments) == 2
+    err = capsys.readouterr().err.strip().splitlines()
+    assert len(err) == 1
+    assert named in err[0]
 
 
 def test_a_port_in_use_is_one_line_and_exit_4(capsys):
