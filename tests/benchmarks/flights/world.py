@@ -89,7 +89,7 @@ class World:
         self.range_bias, self.accel_bias = np.zeros(n), np.zeros((3, n))
         self.hot, self.weak = np.ones(n), np.ones(n)
         self.fixed_v = np.where(self.by_servo, craft.voltage_v, np.nan)
-        self.motor_tau = np.where(self.by_servo, 0.02, 0.04)
+        self.motor_tau = np.where(self.by_servo, 0.006, 0.04)
         self.table_edge = np.full(n, -np.inf)
         # Object avoidance of the autopilot: distances [m] inside which it shifts its place away.
         self.keep_off_wall, self.keep_off_ceiling = np.full(n, 0.12), np.full(n, -np.inf)
