@@ -14,7 +14,10 @@ from companion.geometry import fan_heights, fan_wall_distances, plane_distance, 
 from companion.messages import orientation_direction
 from companion.samples import (
     Attitude,
+    Battery,
+    EscHealth,
     LocalPosition,
+    Pressure,
     Range,
     RangeVerdict,
     RotorSpeeds,
@@ -81,6 +84,10 @@ class Estimates:
     position: LocalPosition | None = None
     servo: ServoOutput | None = None
     servo_rpm: Array | None = None
+    battery: Battery | None = None
+    pressure: Pressure | None = None
+    esc_temperature_c: float | None = None
+    """The hottest ESC."""
 
 
 def blank_estimates(vehicle: Vehicle) -> Estimates:
@@ -198,7 +205,8 @@ def take_rotors(estimates: Estimates, sample: RotorSpeeds, config: PipelineConfi
         if track is not None and track.value > _SPINNING_RPM and rpm < _STOPPED_RPM and track.age(sample.t_s) < 1.0:
             continue
         rotors[k], _ = measure(track, tuning.rotor_track, sample.t_s, rpm, tuning.rotor_sigma_rpm, tuning.rotor_delay_s)
-    return replace(estimates, rotors=tuple(rotors))
+    estimates = replace(estimates, rotors=tuple(rotors))
+    return estimates if sample.health is None else take_health(estimates, sample.health)
 
 
 def take_servo(estimates: Estimates, sample: ServoOutput, config: PipelineConfig) -> Estimates:
@@ -207,6 +215,12 @@ def take_servo(estimates: Estimates, sample: ServoOutput, config: PipelineConfig
         return replace(estimates, servo=sample)
     rpm = rpm_from_servos(config.vehicle, config.model, np.asarray(sample.pwm_us, dtype=float))
     return replace(estimates, servo=sample, servo_rpm=rpm)
+
+
+def take_health(estimates: Estimates, sample: EscHealth) -> Estimates:
+    """ESC temperatures; NaN where none is told."""
+    known = [t for t in sample.temperature_c if math.isfinite(t)]
+    return replace(estimates, esc_temperature_c=max(known)) if known else estimates
 
 
 def surface(estimates: Estimates, config: PipelineConfig, target: str, t_s: float) -> Surface:

@@ -12,15 +12,19 @@ from functools import lru_cache
 
 import numpy as np
 
+from companion.air_state import air_state
 from companion.autopilot import ThrustMap
 from companion.config import PipelineConfig, Tuning
 from companion.estimator import Estimates, Seen, Surface, fan_query, surface
 from companion.gate import slew
 from models.air import fan_rpm
+from models.effects import Context, adopted_wrench, corrected_state
 from models.vehicle import Vehicle
 from models.wrench import GRAVITY, Array, at_cg, corner_to_body
 
 _STIFFNESS_STEP_M = 0.02
+_CEILING_CARE, _CEILING_GAIN = 0.75, 0.3
+"""Within this many radii of a ceiling its pull stiffens faster than a delayed feed-forward may follow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +41,8 @@ class Push:
     d_m: Array
     ground: Surface
     wall: Surface
+    ceiling: Surface
+    """Watched only where an adopted effect knows of ceilings."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +79,18 @@ def modelled_push(estimates: Estimates, config: PipelineConfig, rotor_rpm: Array
     later = fan_query(vehicle, ground, wall, rotation, rpm, tuning.lean_lead_s)
     free = np.full_like(rpm, np.inf)
     # One batched query: rows are (thrust lead, lean lead, lean lead a step further off, free air).
+    ceiling = Surface(Seen.UNDECLARED)
+    if model.effects:
+        ceiling = surface(estimates, config, "ceiling", t_s)
+        now = air_state(estimates, vehicle, soon, ceiling, rotor_rpm, t_s)
+        moved = corrected_state(model.effects, now)
+        shift = np.where(np.isfinite(now.h_m), moved.h_m, 0.0) - np.where(np.isfinite(now.h_m), now.h_m, 0.0)
+        soon, later = replace(soon, h_m=soon.h_m + shift), replace(later, h_m=later.h_m + shift)
+        adopted = adopted_wrench(model.effects, Context(moved, vehicle, model), in_flight=True)
+        if np.min(now.ceiling_m) < _CEILING_CARE * vehicle.rotor_radius_m:
+            adopted[2] *= _CEILING_GAIN
+    else:
+        adopted = np.zeros(6)
     answer = model.query(
         np.stack([soon.h_m, later.h_m, later.h_m, free]),
         np.stack([soon.d_m, later.d_m, later.d_m + _STIFFNESS_STEP_M, free]),
@@ -84,6 +102,7 @@ def modelled_push(estimates: Estimates, config: PipelineConfig, rotor_rpm: Array
         change = rows[1, i] - rows[3, i]
         change[2] = rows[0, i, 2] - rows[3, i, 2]
         total += at_cg(corner_to_body(change, later.wall_bearing_rad), fan.position_m)
+    total += adopted
     total[:3] += trim_reaction(vehicle) @ total[3:]
     pull = float(rows[1, :, 0].sum() - rows[2, :, 0].sum()) / _STIFFNESS_STEP_M
     known = np.isfinite(soon.h_m) | np.isfinite(soon.d_m)
@@ -97,6 +116,7 @@ def modelled_push(estimates: Estimates, config: PipelineConfig, rotor_rpm: Array
         d_m=soon.d_m,
         ground=ground,
         wall=wall,
+        ceiling=ceiling,
     )
 
 
@@ -104,8 +124,8 @@ def modelled_push(estimates: Estimates, config: PipelineConfig, rotor_rpm: Array
 def trim_reaction(vehicle: Vehicle) -> Array:
     """Force (3,) per moment (3,) that the vanes exert in holding a moment off: shape (3, 3), zero without vanes.
 
-    A vane is a side force at its station. Balancing the roll moment of a wall with vanes below the CG pushes the vehicle
-    towards that wall, harder than the wall pulls: 6.7 N per N m on the paper's vehicle.
+    A vane is a side force at its station. Balancing a wall's roll moment with vanes below the CG pushes the vehicle
+    towards that wall, harder than the wall itself pulls: 6.7 N per N m on the paper's vehicle.
     """
     if not vehicle.vanes:
         return np.zeros((3, 3))

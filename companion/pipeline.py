@@ -24,10 +24,13 @@ from companion.offsets import MomentWashout, Offset, Push, modelled_push, slewed
 from companion.samples import (
     Attitude,
     AttitudeTarget,
+    Battery,
+    EscHealth,
     Heartbeat,
     LandedState,
     LocalPosition,
     Parameter,
+    Pressure,
     Range,
     RotorSpeeds,
     Sample,
@@ -133,6 +136,12 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
             return replace(state, t_s=now, estimates=est.take_servo(estimates, sample, config))
         case Heartbeat() if sample.component == 1 and sample.autopilot != _AUTOPILOT_INVALID:
             return replace(state, t_s=now, heartbeat=sample)
+        case Battery():
+            return replace(state, t_s=now, estimates=replace(estimates, battery=sample))
+        case Pressure():
+            return replace(state, t_s=now, estimates=replace(estimates, pressure=sample))
+        case EscHealth():
+            return replace(state, t_s=now, estimates=est.take_health(estimates, sample))
         case AttitudeTarget():
             return replace(_learn_hover(state, sample), t_s=now)
         case LandedState():
@@ -190,9 +199,9 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
 
 def _renew_push(state: PipelineState, t_s: float, config: PipelineConfig) -> PipelineState:
     rotors, rotation = est.rotor_speeds(state.estimates, config, t_s), state.estimates.rotation
-    known = rotors is not None and rotation is not None
-    push = modelled_push(state.estimates, config, rotors, rotation, t_s) if known else None
-    return replace(state, push=push, pushed_s=t_s)
+    if rotors is None or rotation is None:
+        return replace(state, push=None, pushed_s=t_s)
+    return replace(state, push=modelled_push(state.estimates, config, rotors, rotation, t_s), pushed_s=t_s)
 
 
 def _reasons(state: PipelineState, push: Push | None, config: PipelineConfig, t_s: float) -> tuple[Reason, ...]:
@@ -251,7 +260,7 @@ def _autopilot_reasons(state: PipelineState, heartbeat: Heartbeat, config: Pipel
 
 def _surface_reasons(push: Push, step_s: float, t_s: float) -> list[Reason]:
     out: list[Reason] = []
-    for surface in (push.ground, push.wall):
+    for surface in (push.ground, push.wall, push.ceiling):
         if surface.seen is Seen.MISSING:
             out.append(Reason.RANGE_MISSING)
         elif surface.seen is Seen.STALE:

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
-from companion.sim.compare import SPEED, Settings, run_compare, write
+from companion.sim.compare import SPEED, Flown, Leg, Settings, run_compare, write
 from models.errors import UserError
 
 
@@ -25,17 +26,40 @@ def main() -> int:
     p.add_argument("--speed", type=float, default=SPEED)
     p.add_argument("--workers", type=int, help="flights at a time (default: one a core)")
     p.add_argument("--json", metavar="FILE", help="- for stdout")
+    p.add_argument("--plot", type=Path, metavar="FILE.svg", help="errors over the flight of the first seed")
     p.add_argument("--quiet", action="store_true")
     a = p.parse_args()
     settings = Settings(a.scenario, a.vehicle, a.model, a.speed)
     try:
         flights = run_compare(range(a.first, a.first + a.seeds), settings, workers=a.workers, quiet=a.quiet)
+        if a.plot is not None:
+            plot(flights, a.first, a.plot)
         return write(flights, settings, a.json)
     except UserError as error:
         print(f"corner_compare: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         return 130
+
+
+def plot(flights: Sequence[Flown], seed: int, path: Path) -> None:
+    """Height and lateral error of one seed's legs over the script, as a picture."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9, 4.2), layout="constrained")
+    axes = figure.subplots(2, 1, sharex=True)
+    styles = {Leg.AUTOPILOT: ("0.6", 1.0), Leg.OFF: ("tab:orange", 1.2), Leg.ON: ("tab:blue", 1.6)}
+    for flight in (f for f in flights if f.seed == seed and f.leg in styles):
+        colour, width = styles[flight.leg]
+        for axis, name in zip(axes, ("height", "lateral"), strict=True):
+            axis.plot(flight.time_s, flight.size(name), color=colour, lw=width, label=flight.leg.value)
+            axis.set_ylabel(f"{name} error [mm]")
+            axis.grid(alpha=0.3)
+    axes[0].legend(ncols=3, loc="upper right", frameon=False)
+    axes[1].set_xlabel(
+        f"time [s]: to the ground, up, to the wall, down into the corner, back (simulated, seed {seed})"
+    )
+    figure.savefig(path, metadata={"Date": None})
 
 
 if __name__ == "__main__":

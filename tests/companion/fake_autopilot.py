@@ -46,7 +46,7 @@ class FakeAutopilot:
     def of_type(self, name: str) -> list[Any]:
         return [m for m in list(self.received) if m.get_type() == name]
 
-    def wait_for(self, name: str, count: int = 1, timeout: float = 8.0) -> list[Any]:
+    def wait_for(self, name: str, count: int = 1, timeout: float = 30.0) -> list[Any]:
         end = time.monotonic() + timeout
         while time.monotonic() < end:
             found = self.of_type(name)

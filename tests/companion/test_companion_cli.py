@@ -118,7 +118,7 @@ def test_ctrl_c_fades_out_and_is_exit_code_130(tmp_path):
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     with FakeAutopilot(port) as autopilot:
-        autopilot.wait_for("SET_ATTITUDE_TARGET", 100, timeout=20)
+        autopilot.wait_for("SET_ATTITUDE_TARGET", 100, timeout=60)
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=10)
         time.sleep(0.1)

@@ -157,9 +157,10 @@ def test_replaying_what_was_recorded_decides_the_same_bit_for_bit(tmp_path):
     log = tmp_path / "flight.tlog"
     port = free_port()
     live = []
-    with FakeAutopilot(port) as autopilot, Run(port, record=log) as run:
-        original = run.flight.summary.add
-        run.flight.summary.add = lambda d: (live.append(d), original(d))
+    run = Run(port, record=log)
+    original = run.flight.summary.add
+    run.flight.summary.add = lambda d: (live.append(d), original(d))  # before the first decision
+    with FakeAutopilot(port) as autopilot, run:
         autopilot.wait_for("SET_ATTITUDE_TARGET", 100)
     data, at = log.read_bytes(), 0
     parser = mavlink.MAVLink(None)
