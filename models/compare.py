@@ -117,6 +117,7 @@ def compare(
         "table2": _table2(tasks, answers),
         "table3": _table3(tasks, answers, surfaces),
         "regions": _regions(tasks, answers),
+        "polynomial_degrees": _degrees(tasks[0]),
         "hidden_scan": {"best": size, "unexplained": {str(k): round(v, 6) for k, v in scan.items()}},
         "paper": {"table2": PAPER_TABLE_2, "table3": PAPER_TABLE_3},
         "notes": notes,
@@ -246,6 +247,16 @@ def _scores(task: Task, answer: Array) -> tuple[Array, Array]:
     """R^2 (6,) on the learnt and on the held-out rows."""
     y = task.problem.y
     return r_squared(y[task.train], answer[task.train]), r_squared(y[task.test], answer[task.test])
+
+
+def _degrees(task: Task) -> dict[str, float]:
+    """Mean held-out R^2 of polynomials of degree 1...5 on one split; inner validation chooses among them per split."""
+    learnt, unseen = (task.problem.take(np.flatnonzero(rows)) for rows in (task.train, task.test))
+    out = {}
+    for degree in polynomial.DEGREES:
+        fitted = polynomial.fit(learnt.x, learnt.y, learnt.gate, degree)
+        out[str(degree)] = float(np.mean(r_squared(unseen.y, unseen.gate * fitted.predict(unseen.x)[0])))
+    return out
 
 
 def _table2(tasks: list[Task], answers: Mapping[str, list[Array]]) -> dict[str, Any]:
@@ -437,6 +448,8 @@ def text(numbers: Mapping[str, Any]) -> str:
             f"| {name} | {region['rows']} | " + " | ".join(f"{region['relative_error'][m]:.3f}" for m in METHODS) + " |"
         )
     scan = numbers["hidden_scan"]["unexplained"]
+    degrees = numbers["polynomial_degrees"]
+    lines += ["", "Polynomial by degree, mean held-out R^2: " + ", ".join(f"{k}: {v:.4f}" for k, v in degrees.items())]
     lines += [
         "",
         "Hidden units, unexplained share in inner validation: " + ", ".join(f"{k}: {v:.4f}" for k, v in scan.items()),

@@ -50,8 +50,11 @@ class DataSet:
     @property
     def locations(self) -> NDArray[np.intp]:
         """One number per distinct (h, d), shape (n,): rows at several rotor speeds share it."""
-        pairs = np.stack([self.h, self.d], axis=1)
-        return np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
+        order = np.lexsort((self.d, self.h))
+        h, d = self.h[order], self.d[order]
+        out = np.empty(len(self), dtype=np.intp)
+        out[order] = np.concatenate([[0], np.cumsum((h[1:] != h[:-1]) | (d[1:] != d[:-1]))])
+        return out
 
 
 def read(path: Path | str) -> DataSet:

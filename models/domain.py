@@ -97,11 +97,17 @@ def fit(x: Array, h: Array, d: Array, rpm: Array) -> Domain:
     trust = np.clip((GAPS_TO_NOTHING - distance / gap) / (GAPS_TO_NOTHING - 1), 0.0, 1.0)
     return Domain(
         map=trust.reshape(NODES, NODES),
-        h_near=float(h[np.isfinite(h)].min(initial=np.inf)) if np.isfinite(h).any() else 0.0,
-        d_near=float(d[np.isfinite(d)].min(initial=np.inf)) if np.isfinite(d).any() else 0.0,
+        h_near=_nearest_seen(h, d),
+        d_near=_nearest_seen(d, h),
         rpm_low=float(rpm.min()),
         rpm_high=float(rpm.max()),
     )
+
+
+def _nearest_seen(distance: Array, other: Array) -> float:
+    """Nearest distance in the data; a surface that they never saw counts as seen only beyond the other's reach."""
+    finite, others = distance[np.isfinite(distance)], other[np.isfinite(other)]
+    return float(finite.min()) if finite.size else float(others.max()) if others.size else 0.0
 
 
 def _near(value: Array, near: float) -> Array:

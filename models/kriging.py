@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -92,6 +93,7 @@ def fit(x: Array, y: Array, gate: Array, seed: int) -> KrigingRegressor:
 
 
 def _fit_process(x: Array, y: Array, gate: Array, columns: Array, scale: Array, rng: np.random.Generator) -> Process:
+    from sklearn.exceptions import ConvergenceWarning
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
@@ -107,7 +109,10 @@ def _fit_process(x: Array, y: Array, gate: Array, columns: Array, scale: Array, 
         1e-4, (1e-9, 1.0)
     )
     few = slice(0, ROWS_FOR_LENGTHS)
-    fitted = GaussianProcessRegressor(kernel, alpha=noise[few]).fit(x[chosen[few]], target[few])
+    with warnings.catch_warnings():
+        # A length scale at its bound says that an input does not matter, or that the data are too few to tell.
+        warnings.simplefilter("ignore", ConvergenceWarning)
+        fitted = GaussianProcessRegressor(kernel, alpha=noise[few]).fit(x[chosen[few]], target[few])
     lengths = np.asarray(fitted.kernel_.k1.k2.length_scale, dtype=float)
     variance = float(fitted.kernel_.k1.k1.constant_value)
     nugget = float(fitted.kernel_.k2.noise_level)

@@ -23,6 +23,7 @@ from models.wrench import AXES, Array
 PAPER_METHODS = ("bp", "ga-bp", "adam-bp", "ga-adam-bp")
 METHODS = (*PAPER_METHODS, "kriging", "polynomial", "ensemble")
 MEMBERS = 5
+MIN_PLACES = 2 * MEMBERS
 HIDDEN = 9
 HIDDEN_SCAN = tuple(range(2, 13))
 EPOCHS = 3000
@@ -68,14 +69,24 @@ class Trained:
 
 
 def frame(data: DataSet) -> Problem:
-    """Fit the free-air law and the coordinates, and divide the increments by the lift."""
+    """Fit the free-air law and the coordinates, and divide the increments by the lift.
+
+    Raises ModelError where there are too few places for five folds.
+    """
+    locations = data.locations
+    places = int(locations.max()) + 1
+    if places < MIN_PLACES:
+        raise ModelError(
+            f"data set {data.source}: has {places} distinct places (h, d) to learn from; "
+            f"at least {MIN_PLACES} are needed"
+        )
     symmetric = free_air.is_axisymmetric(data)
     law = free_air.fit(data, symmetric)
     coords = coordinates.fit(data, law, symmetric)
     x, gate = coords.inputs(data.h, data.d, data.rpm)
     y = increments(data.wrench, data.rpm, law)
     size = np.abs(y).max(axis=0)
-    return Problem(law, coords, x, gate, y, np.where(size > 1e-9, size, 1.0), data.locations)
+    return Problem(law, coords, x, gate, y, np.where(size > 1e-9, size, 1.0), locations)
 
 
 def increments(wrench: Array, rpm: Array, law: FreeAir) -> Array:

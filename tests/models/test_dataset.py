@@ -137,6 +137,14 @@ def test_rows_at_rest_are_dropped_but_not_with_a_load(tmp_path: Path) -> None:
         dataset.read(_write(tmp_path, [*_lines(), at_rest.replace("0,0,0,0,0,0,0", "0,0,0,1.5,0,0,0")]))
 
 
+def test_rows_of_one_place_share_its_number() -> None:
+    data = ClosedForm().data_set()
+    pairs = list(zip(data.h.tolist(), data.d.tolist(), strict=True))
+    number = dict(zip(pairs, data.locations.tolist(), strict=True))
+    assert len(set(number.values())) == len(set(pairs)) == data.locations.max() + 1
+    assert all(number[p] == n for p, n in zip(pairs, data.locations.tolist(), strict=True))
+
+
 def test_the_split_is_eight_to_two_and_reproducible() -> None:
     data = ClosedForm().data_set()
     train, test = dataset.holdout(data, 3)

@@ -52,7 +52,7 @@ def test_every_method_trains_saves_and_flies_without_its_trainer(method: str, sm
 
 
 def test_the_ensemble_meets_the_goal_on_every_component() -> None:
-    report = train.train(_thin(2), "ensemble", 0).report
+    report = train.train(_thin(3), "ensemble", 0).report
     assert min(report["increments"]["test"][a]["r2"] for a in AXES) >= 0.98
     assert min(report["test"][a]["r2"] for a in AXES) >= 0.98
     coverage = [report["coverage_95"]["test"][a] for a in AXES]
@@ -98,13 +98,30 @@ def test_without_free_air_rows_the_outermost_stand_in_and_it_is_said() -> None:
     assert trained.model.trust(INF, INF, 4000.0) < 1.0, "what was never measured is not wholly trusted"
 
 
+def test_a_surface_the_data_never_saw_is_not_trusted_nearby() -> None:
+    data = ClosedForm().data_set()
+    model = train.train(data.take(np.isinf(data.d)), "polynomial").model
+    assert model.trust(0.2, INF, 4000.0) > 0.9
+    assert model.trust(0.2, 0.2, 4000.0) == 0.0
+    np.testing.assert_array_equal(model.wrench(0.2, 0.2, 4000.0), model.wrench(0.2, INF, 4000.0))
+
+
+def test_too_few_places_are_refused() -> None:
+    data = ClosedForm().data_set()
+    few = data.take(data.free_air | ((data.h == data.h[0]) & (data.d < 0.05)))
+    for _ in range(4):
+        few = replace(few, **{k: np.concatenate([getattr(few, k)] * 2) for k in ("h", "d", "rpm", "wrench")})
+    with pytest.raises(ModelError, match=r"distinct places \(h, d\) to learn from; at least 10 are needed"):
+        train.train(few, "ensemble")
+
+
 def test_lift_with_the_wrong_sign_is_refused(small: DataSet) -> None:
     with pytest.raises(ModelError, match="free-air lift must be positive"):
         train.train(replace(small, wrench=-small.wrench), "polynomial")
 
 
 def test_noise_does_not_pass_for_precision() -> None:
-    data = ClosedForm().data_set()
+    data = _thin(3)
     rng = np.random.default_rng(0)
     noise = 0.01 * ClosedForm().lift(data.rpm)[:, None] * np.array([0.1, 0.01, 1, 0.01, 0.1, 0.01])
     trained = train.train(replace(data, wrench=data.wrench + noise * rng.normal(size=data.wrench.shape)), "ensemble", 0)
