@@ -84,7 +84,7 @@ class Flown:
 
 
 def read_truth(path: Path) -> dict[str, Array]:
-    """The numeric columns of a truth file from the moment its script begins."""
+    """The numeric columns of a truth file from the moment its script begins; ``streamed``: 1 where a companion flew."""
     with path.open(encoding="utf-8", newline="") as file:
         rows = csv.reader(file)
         names = next(rows)
@@ -94,7 +94,9 @@ def read_truth(path: Path) -> dict[str, Array]:
             [float(row[i]) for i in keep] for row in rows if len(row) == len(names) and float(row[started]) >= 0.0
         ]
     table = np.array(values).reshape(len(values), len(keep))
-    return {names[i]: table[:, k] for k, i in enumerate(keep)}
+    columns = {names[i]: table[:, k] for k, i in enumerate(keep)}
+    columns["streamed"] = np.array(streamed)
+    return columns
 
 
 def flown(leg: Leg, seed: int, truth: dict[str, Array], surrogate_error: dict[str, float]) -> Flown:
@@ -103,6 +105,11 @@ def flown(leg: Leg, seed: int, truth: dict[str, Array], surrogate_error: dict[st
     if len(script) < 10 or script[-1] < SETTLE_S[1]:
         raise LinkError(
             f"simulated flight '{leg.value}', seed {seed}: the script did not run; is the machine overloaded?"
+        )
+    if leg is not Leg.AUTOPILOT and (share := float(np.mean(truth["streamed"]))) < 0.98:
+        raise LinkError(
+            f"simulated flight '{leg.value}', seed {seed}: the companion flew only {100 * share:.0f} % of it; "
+            "is the machine busy?"
         )
     grid = np.arange(0.0, script[-1], STEP_S)
 

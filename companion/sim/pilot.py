@@ -28,7 +28,7 @@ SCRIPT_S = 12.0
 SETTLED_S = 3.0
 """For so long the companion must have been flying before the script begins."""
 PATIENCE_S = 45.0
-"""Boot time at which the script begins at the latest."""
+"""Wall-clock seconds after boot at which the script begins at the latest, flown by the autopilot if need be."""
 
 
 class Hand(Enum):
@@ -42,11 +42,12 @@ class Hand(Enum):
 class ScriptedPilot:
     """Speaks real messages: to the autopilot directly, to the companion through the autopilot's router."""
 
-    def __init__(self, flight: Flight, link: VehicleLink, hand: Hand, *, endless: bool) -> None:
+    def __init__(self, flight: Flight, link: VehicleLink, hand: Hand, *, endless: bool, speed: float = 1.0) -> None:
         self._flight = flight
         self._link = link
         self._hand = hand
         self._endless = endless
+        self._patience_s = PATIENCE_S * max(1.0, speed)
         self._next_s = 0.0
         self._heartbeat_s = 0.0
         self._took_off = False
@@ -67,7 +68,7 @@ class ScriptedPilot:
             self._take_off()
             return
         if math.isinf(self._start_s):
-            if (now >= SCRIPT_S and self._ready()) or now >= PATIENCE_S:
+            if (now >= SCRIPT_S and self._ready()) or now >= self._patience_s:
                 self._start_s = now
             elif self._flight.px4 or now > TAKE_OFF_S + 5.0:
                 self._send_reference()

@@ -28,7 +28,7 @@ BEHIND_S = 0.05
 
 STREAM_GAP_S = 0.025
 """Simulated time a running attitude stream may be behind before a hurried simulation waits for it."""
-PATIENCE_S = 0.25
+PATIENCE_S = 2.0
 """Wall-clock time it waits: a companion that stopped for good is not waited for again until it speaks."""
 
 
@@ -64,7 +64,13 @@ def run(options: Options) -> int:
                 sock.sendto(frame, peer)
 
         link = VehicleLink(flight, send)
-        pilot = ScriptedPilot(flight, link, options.hand, endless=options.truth is None and options.duration_s is None)
+        pilot = ScriptedPilot(
+            flight,
+            link,
+            options.hand,
+            endless=options.truth is None and options.duration_s is None,
+            speed=options.speed,
+        )
         truth = stack.enter_context(contextlib.closing(TruthFile(options.truth, flight))) if options.truth else None
         print(json.dumps(_announcement(options, flight)), flush=True)
         _loop(options, flight, link, pilot, truth, sock)

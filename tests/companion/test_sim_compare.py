@@ -91,7 +91,7 @@ def test_json_has_means_shares_and_every_flight():
 def truth(**changes: np.ndarray) -> dict[str, np.ndarray]:
     zero = np.zeros_like(TIME)
     names = ("n", "e", "d", "ref_n", "ref_e", "ref_d", "roll", "pitch", "need_roll", "need_pitch", "contact")
-    return {"script_s": TIME, **{name: zero for name in names}, **changes}
+    return {"script_s": TIME, "streamed": np.ones_like(TIME), **{name: zero for name in names}, **changes}
 
 
 def test_errors_are_the_truth_minus_the_reference_without_the_start_offset():
@@ -113,6 +113,11 @@ def test_a_flight_whose_script_did_not_run_is_an_error():
         flown(Leg.ON, 1, {k: v[:5] for k, v in truth().items()}, WRONG)
 
 
+def test_a_flight_that_the_companion_did_not_fly_is_an_error():
+    with pytest.raises(LinkError, match="flew only 0 %"):
+        flown(Leg.OFF, 1, truth(streamed=np.zeros_like(TIME)), WRONG)
+
+
 def test_truth_is_read_from_where_the_script_begins(tmp_path: Path):
     path = tmp_path / "truth.csv"
     path.write_text(
@@ -120,6 +125,7 @@ def test_truth_is_read_from_where_the_script_begins(tmp_path: Path):
     )
     columns = read_truth(path)
     assert columns["d"].tolist() == [-1.2, -1.3]
+    assert columns["streamed"].tolist() == [1.0, 1.0]
     assert "phase" not in columns
 
 
