@@ -90,9 +90,9 @@ def read_truth(path: Path) -> dict[str, Array]:
         names = next(rows)
         keep = [i for i, name in enumerate(names) if name not in ("phase", "hand")]
         started = names.index("script_s")
-        values = [
-            [float(row[i]) for i in keep] for row in rows if len(row) == len(names) and float(row[started]) >= 0.0
-        ]
+        flown_rows = [row for row in rows if len(row) == len(names) and float(row[started]) >= 0.0]
+    values = [[float(row[i]) for i in keep] for row in flown_rows]
+    streamed = [float(row[names.index("hand")] == "stream") for row in flown_rows]
     table = np.array(values).reshape(len(values), len(keep))
     columns = {names[i]: table[:, k] for k, i in enumerate(keep)}
     columns["streamed"] = np.array(streamed)
