@@ -51,6 +51,7 @@ class ScriptedPilot:
         self._next_s = 0.0
         self._heartbeat_s = 0.0
         self._took_off = False
+        self._companion_flies = False
         self._start_s = math.inf
 
     def step(self) -> None:
@@ -70,6 +71,8 @@ class ScriptedPilot:
         if math.isinf(self._start_s):
             if (now >= SCRIPT_S and self._ready()) or now >= self._patience_s:
                 self._start_s = now
+                # Whoever begins the script keeps it: a companion that falls silent meets GUID_TIMEOUT, as it would.
+                self._companion_flies = self._hand is Hand.COMPANION and self._flowing()
             elif self._flight.px4 or now > TAKE_OFF_S + 5.0:
                 self._send_reference()
             return
@@ -107,9 +110,10 @@ class ScriptedPilot:
         self._to_autopilot(mavlink.MAVLink_command_long_message(SYSTEM, 1, number, 0, p1, p2, p3, 0.0, 0.0, 0.0, p7))
 
     def _send_reference(self) -> None:
-        if self._hand is Hand.COMPANION and self._flowing():
+        begun = math.isfinite(self._start_s)
+        if self._companion_flies if begun else self._hand is Hand.COMPANION and self._flowing():
             self._link.route(self._position_message(COMPANION))
-        elif self._hand is Hand.AUTOPILOT or self._flight.px4 or math.isfinite(self._start_s):
+        elif self._hand is Hand.AUTOPILOT or self._flight.px4 or begun:
             self._to_autopilot(self._position_message(mavlink.MAV_COMP_ID_AUTOPILOT1))
 
     def _position_message(self, component: int) -> Any:
