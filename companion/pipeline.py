@@ -107,8 +107,9 @@ def stopped(state: PipelineState) -> PipelineState:
 def step(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[PipelineState, Decision | None]:
     """Take in one sample; decide where the sample calls for a decision.
 
-    A decision follows an attitude (``Base.HOLD``) or an upstream setpoint (``Base.UPSTREAM``). A boot clock that goes
-    back by more than a second is a reboot: all that was known is forgotten, except the wish to stop.
+    A decision follows an attitude (``Base.HOLD``) or an upstream setpoint (``Base.UPSTREAM``; while upstream is silent,
+    attitudes bring decisions that say so). A boot clock that goes back by more than a second is a reboot: all that was
+    known is forgotten, except the wish to stop.
     """
     if sample.t_s < state.t_s - _REBOOT_S and not isinstance(sample, SetAttitudeTarget | SetPositionTarget):
         state = replace(initial_state(config), stopping=state.stopping)
@@ -157,10 +158,17 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
 
 
 def _calls_for_decision(state: PipelineState, sample: Sample, config: PipelineConfig) -> bool:
-    if config.base is Base.UPSTREAM:
-        return isinstance(sample, SetAttitudeTarget) and sample.component != OWN_COMPONENT
-    too_soon = sample.t_s - state.decided_s < 1.0 / config.tuning.max_decision_rate_hz
-    return isinstance(sample, Attitude) and not (sample.t_s - state.decided_s >= 0.0 and too_soon)
+    if isinstance(sample, SetAttitudeTarget):
+        return config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT
+    if not isinstance(sample, Attitude):
+        return False
+    if config.base is Base.UPSTREAM and not _upstream_silent(state, config, sample.t_s):
+        return False
+    return not 0.0 <= sample.t_s - state.decided_s < 1.0 / config.tuning.max_decision_rate_hz
+
+
+def _upstream_silent(state: PipelineState, config: PipelineConfig, t_s: float) -> bool:
+    return state.upstream is None or t_s - state.upstream.t_s > config.tuning.upstream_age_s
 
 
 def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[PipelineState, Decision]:
@@ -218,6 +226,8 @@ def _reasons(state: PipelineState, push: Push | None, config: PipelineConfig, t_
         estimates.position is None or t_s - estimates.position.t_s > tuning.position_age_s
     ):
         out.append(Reason.POSITION_STALE)
+    if config.base is Base.UPSTREAM and _upstream_silent(state, config, t_s):
+        out.append(Reason.UPSTREAM_STALE)
     if t_s - state.airborne_since_s < tuning.airborne_after_s:
         out.append(Reason.LANDED)
     if push is None:

@@ -221,6 +221,16 @@ def test_an_upstream_stream_is_forwarded_with_the_offset_added():
     assert b.feed(own) is None, "our own echo is no upstream setpoint"
 
 
+def test_a_silent_upstream_is_named_and_nothing_is_sent():
+    b = bench(base=Base.UPSTREAM)
+    b.run(3.0)
+    q = (1.0, 0.0, 0.0, 0.0)
+    assert b.feed(Attitude(b.t + 0.1, 1, 1, q, (0.0, 0.0, 0.0), "ATTITUDE")) is None
+    decision = b.feed(Attitude(b.t + 0.6, 1, 1, q, (0.0, 0.0, 0.0), "ATTITUDE"))
+    assert Reason.UPSTREAM_STALE in decision.reasons
+    assert decision.command is None
+
+
 def test_acceleration_is_for_px4_and_refused_on_ardupilot():
     b = bench(carrier=Carrier.ACCELERATION, height=0.3, autopilot=12, mode=6 << 16)
     decision = b.run(4.0)
