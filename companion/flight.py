@@ -134,10 +134,10 @@ class Flight:
         self._state, decision = step(self._state, sample, self._config)
         if decision is None:
             return
-        self.summary.add(decision)
         if decision.command is not None and not self._config.dry_run:
             self._send(encode(self._link.mav, decision.command, self._system))
             self._latencies_us.append(self._arrivals.stamp() - frame.arrival_us)
+        self.summary.add(decision)
         for outgoing, text in self._status.messages(self._link.mav, self._state, decision):
             self._send(outgoing)
             if text is not None:
