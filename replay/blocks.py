@@ -12,6 +12,8 @@ from models.wrench import Array
 Mask = NDArray[np.bool_]
 ORDER = 3
 FOLDS = 8
+FOLD_S = 6.0
+LONGEST_EMBARGO_S = 4.0
 
 
 @dataclass(frozen=True)
@@ -82,14 +84,23 @@ def block_numbers(valid: Mask, step_s: float, length_s: float, most: int = 400) 
     return np.minimum((known - 1).clip(0) * count // max(int(known[-1]), 1), count - 1)
 
 
-def fold_of_block(count: int) -> NDArray[np.int64]:
-    """Fold (contiguous) of every block."""
-    return np.arange(count) * FOLDS // count
+def fold_of_block(count: int, block_s: float) -> NDArray[np.int64]:
+    """Fold of every block: contiguous runs of about ``FOLD_S`` dealt to ``FOLDS`` folds in turn.
+
+    Long single folds would hide a manoeuvre flown once from its own fit; runs of a few seconds with an embargo on
+    both sides do not, and are still time that the fit never saw.
+    """
+    run = max(round(FOLD_S / max(block_s, 1e-9)), 1)
+    run = min(run, max(count // FOLDS, 1))
+    return np.arange(count) // run % FOLDS
 
 
 def training_blocks(folds: NDArray[np.int64], fold: int, embargo: int) -> Mask:
-    """Blocks to fit on: outside ``fold`` and ``embargo`` blocks around it."""
-    inside = np.flatnonzero(folds == fold)
-    out = np.ones(len(folds), bool)
-    out[max(inside[0] - embargo, 0) : inside[-1] + 1 + embargo] = False
-    return out
+    """Blocks to fit on: outside ``fold`` and ``embargo`` blocks around its runs."""
+    near = np.convolve(folds == fold, np.ones(2 * embargo + 1), "same") > 0.5
+    return ~near
+
+
+def embargo_blocks(tau_s: float, block_s: float) -> int:
+    """Blocks to leave out beside a fold: three correlation times, at most ``LONGEST_EMBARGO_S``."""
+    return max(int(np.ceil(min(3.0 * tau_s, LONGEST_EMBARGO_S) / block_s)), 1)

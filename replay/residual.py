@@ -118,7 +118,11 @@ class _Grid:
 
 
 def build_record(
-    log: FlightLog, vehicle: Vehicle, model: FanSurrogate | None, effects: tuple[AdoptedEffect, ...] = (), name: str = ""
+    log: FlightLog,
+    vehicle: Vehicle,
+    model: FanSurrogate | None,
+    effects: tuple[AdoptedEffect, ...] = (),
+    name: str = "",
 ) -> Record:
     """The residual of one flight. Raises LogError in one line where the log lacks what is needed."""
     imu = _imu(log)
@@ -238,7 +242,7 @@ def _rotors(log: FlightLog, vehicle: Vehicle, t: Array, late_s: float) -> dict[s
             rpm[:, k] = esc.rpm.at(t + late_s, MAX_GAP_S)[:, 0]
     servo = np.full((len(t), 16), np.nan)
     if log.servo is not None:
-        late = late_s if not vehicle.telemetered else 0.0
+        late = late_s if not vehicle.telemetered else 0.0  # vanes share the clock of the outputs, not of the ESCs
         columns = min(16, log.servo.values.shape[1])
         servo[:, :columns] = log.servo.at(t + late, MAX_GAP_S)[:, :columns]
         servo[servo == 0.0] = np.nan
@@ -314,7 +318,7 @@ def _rotor_delay(ctx: Context, grid: _Grid) -> Delay:
     lift = ctx.thrust.sum(axis=1)
     heave = -ctx.vehicle.mass_kg * ctx.state.specific_force[:, 2]
     best, correlation = _lag(heave, lift, grid.rate)
-    corrected = bool(correlation > 0.3 and best > -FILTER_DELAY_S and ctx.vehicle.telemetered)
+    corrected = bool(correlation > 0.3 and best > -FILTER_DELAY_S)
     return Delay("rotor speed" if ctx.vehicle.telemetered else "servo outputs", best, correlation, corrected)
 
 
@@ -574,7 +578,9 @@ def _channels(log: FlightLog, vehicle: Vehicle, state: AirState) -> dict[str, Ar
     ):
         out |= {name: values[:, i] for i, name in enumerate(names)}
     out |= {f"range_{name}_m": state.ranges_m[:, i] for i, name in enumerate(DIRECTIONS)}
-    out |= {f"rpm_{k + 1 if rotor.esc is None else rotor.esc}": state.rpm[:, k] for k, rotor in enumerate(vehicle.rotors)}
+    out |= {
+        f"rpm_{k + 1 if rotor.esc is None else rotor.esc}": state.rpm[:, k] for k, rotor in enumerate(vehicle.rotors)
+    }
     out |= {f"servo_{k + 1}": state.servo_us[:, k] for k in range(16)}
     out |= {
         "thrust_command": state.thrust_command,

@@ -45,7 +45,10 @@ def shift_p(columns: Array, residual: Array, inverse: Array, shortest: int) -> f
         return 1.0
     fe = np.conj(np.fft.rfft(residual, axis=0))
     g = np.stack(
-        [np.fft.irfft(np.fft.rfft(columns[..., j], axis=0) * fe, n, axis=0).sum(axis=1) for j in range(columns.shape[2])],
+        [
+            np.fft.irfft(np.fft.rfft(columns[..., j], axis=0) * fe, n, axis=0).sum(axis=1)
+            for j in range(columns.shape[2])
+        ],
         axis=1,
     )
     score = np.einsum("ni,ij,nj->n", g, inverse, g)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from models.effects import Context, Effect, catalogue
 from models.wrench import AXES, GRAVITY, Array
-from replay.blocks import FOLDS, Noise, block_numbers, fit_noise, fold_of_block, training_blocks, whiten
+from replay.blocks import FOLDS, Noise, block_numbers, embargo_blocks, fit_noise, fold_of_block, training_blocks, whiten
 from replay.residual import Record
 from replay.shift_null import flip_maxima, p_value, shift_p
 from replay.unexplained import Leftover, free_search
@@ -21,13 +21,16 @@ ALPHA = 0.01
 MOST_EFFECTS = 5
 SMALLEST = 0.006
 """Smallest effect worth a name: 95th percentile of its force over the weight (of its moment over weight x lever)."""
-SMALLEST_GAIN = 0.01
+SMALLEST_GAIN = 0.03
+"""Smallest share of the energy of its axes that an effect must take off time that its fit never saw."""
 FORM_TOLERANCE = 0.12
 """An addition below this share of what is already explained on its axes is taken for the form error of a term."""
 FREE_CURVE_FACTOR = 1.5
 ALIAS_BIC = 10.0
 BLOCK_S = 1.5
-CONSTANTS = ("imu_bias", "thrust_scale", "payload", "cg_offset", "air_density", "fan_imbalance")
+THRUST_TO_MASS = ("payload", "thrust_scale", "air_density")
+CLASS_SHARE = 0.12
+"""IMU and rotor speed see only the ratio of thrust to mass: members of that class within this share are aliases."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +99,10 @@ class _Candidate:
     columns: Columns
 
 
+class _NotMeant(str):
+    """A reason that speaks against the effect itself, not for another one: weaker candidates stay in the race."""
+
+
 class _Library:
     """Every candidate's regressors in one array (n, axes, K)."""
 
@@ -135,19 +142,18 @@ class _Gram:
     def __init__(self, record: Record, x: Array, y: Array, noise: Noise) -> None:
         self.noise = noise
         valid = record.valid
-        self.xw, good = whiten(x, valid, noise)
+        self.xw, _ = whiten(x, valid, noise)
         self.yw, _ = whiten(y, valid, noise)
         tau = float(np.max(noise.tau_s))
         self.block = block_numbers(valid, record.step_s, BLOCK_S)
         count = int(self.block.max()) + 1
-        seconds = record.seconds / count
-        self.embargo = int(np.ceil(min(3.0 * tau, 10.0) / seconds))
-        self.good = good
         k = x.shape[2]
-        coarse = self.block * min(count, 96) // count
-        self.folds = fold_of_block(int(coarse.max()) + 1)
-        self.coarse_embargo = max(int(np.ceil(self.embargo * len(self.folds) / count)), 1)
-        blocks = len(self.folds)
+        coarse = self.block * min(count, 128) // count
+        blocks = int(coarse.max()) + 1
+        seconds = record.seconds / blocks
+        self.folds = fold_of_block(blocks, seconds)
+        self.embargo = embargo_blocks(float(np.median(noise.tau_s)), seconds)
+        self.coarse = coarse
         self.w, self.wy = np.zeros((blocks, k, k)), np.zeros((blocks, k))
         self.r, self.ry, self.yy = np.zeros((blocks, k, k)), np.zeros((blocks, k)), np.zeros(blocks)
         sigma = noise.total
@@ -160,6 +166,7 @@ class _Gram:
             yr = (y[use] / sigma).reshape(-1)
             self.r[b], self.ry[b], self.yy[b] = xr.T @ xr, xr.T @ yr, yr @ yr
         self.total_w, self.total_wy = self.w.sum(0), self.wy.sum(0)
+        self.total_r, self.total_ry = self.r.sum(0), self.ry.sum(0)
         self.effective = max(record.seconds / tau, 10.0)
 
     def solve(self, columns: Columns, blocks: NDArray[np.bool_] | NDArray[np.int64] | None = None) -> Array:
@@ -175,14 +182,16 @@ class _Gram:
         """Least squares weighted by axis only: sizes that errors of form in the fast part do not bend."""
         if not len(columns):
             return np.empty(0)
-        use = slice(None) if blocks is None else blocks
-        r, ry = self.r[use][:, columns][:, :, columns].sum(0), self.ry[use][:, columns].sum(0)
+        if blocks is None:
+            r, ry = self.total_r[np.ix_(columns, columns)], self.total_ry[columns]
+        else:
+            r, ry = self.r[blocks][:, columns][:, :, columns].sum(0), self.ry[blocks][:, columns].sum(0)
         out: Array = np.linalg.lstsq(r + 1e-9 * np.trace(r) / len(columns) * np.eye(len(columns)), ry)[0]
         return out
 
     def fold_coefficients(self, columns: Columns) -> list[Array]:
         """One fit a fold, each without the fold and its embargo."""
-        return [self.size(columns, training_blocks(self.folds, f, self.coarse_embargo)) for f in range(FOLDS)]
+        return [self.size(columns, training_blocks(self.folds, f, self.embargo)) for f in range(FOLDS)]
 
     def held_out(self, columns: Columns) -> Array:
         """Energy left in every fold (FOLDS,) by fits that never saw it, in units of the noise."""
@@ -235,15 +244,18 @@ class _Search:
 
     # --- Noise ----
 
-    def _noise_model(self) -> _Gram:
-        """Noise from what no plausible combination of effects explains, so that an effect does not pass for noise."""
+    def _noise_model(self, given: Sequence[_Candidate] = ()) -> _Gram:
+        """Noise from what no combination of effects explains, so that a missing effect does not pass for noise."""
         x, y, valid, step = self.library.x, self.y, self.record.valid, self.record.step_s
         fast = fit_noise(np.diff(y, axis=0, prepend=y[:1]), valid, step)
         noise = replace(fast, ar=np.zeros_like(fast.ar), innovation=fast.total, total=fast.total)
         gram = _Gram(self.record, x, y, noise)
         per_sample = 15.0
-        for penalty in (3.0 * per_sample, 3.0, 3.0):
-            chosen = self._greedy(gram, penalty * np.log(gram.effective))
+        if given:
+            noise = self.gram.noise
+            gram = self.gram
+        for penalty in (3.0,) if given else (3.0 * per_sample, 3.0, 3.0):
+            chosen = self._greedy(gram, penalty * np.log(gram.effective), given)
             noise = fit_noise(self._rest(gram, chosen), valid, step)
             gram = _Gram(self.record, x, y, noise)
         return gram
@@ -253,8 +265,8 @@ class _Search:
         rest: Array = self.y - fit
         return rest
 
-    def _greedy(self, gram: _Gram, penalty: float) -> Columns:
-        chosen: list[_Candidate] = []
+    def _greedy(self, gram: _Gram, penalty: float, given: Sequence[_Candidate]) -> Columns:
+        chosen: list[_Candidate] = list(given)
         for _ in range(MOST_EFFECTS):
             columns = _columns(chosen)
             scores = self._scores(gram, columns, {c.effect.name for c in chosen})
@@ -270,15 +282,26 @@ class _Search:
         schur, _, parts = gram.project(selected)
         g = parts.sum(0)
         best: dict[str, _Score] = {}
+        plain: dict[str, _Score] = {}
+        closed = bool(taken & set(THRUST_TO_MASS))
         for candidate in self.library.candidates:
             if candidate.effect.name in taken:
                 continue
+            if closed and candidate.effect.name in THRUST_TO_MASS and self._from_start(candidate):
+                continue  # the ratio of thrust to mass has its name already
             inverse = _inverse(schur, gram.total_w, candidate.columns)
             part = g[candidate.columns]
             value = float(part @ inverse @ part) - len(candidate.columns) * np.log(gram.effective)
-            if candidate.effect.name not in best or value > best[candidate.effect.name].value:
-                best[candidate.effect.name] = _Score(candidate, value)
-        return sorted(best.values(), key=lambda s: -s.value)
+            name = candidate.effect.name
+            if name not in plain or value > plain[name].value:
+                plain[name] = _Score(candidate, value)
+            if (name not in best or value > best[name].value) and self._plausible(gram, selected, candidate):
+                best[name] = _Score(candidate, value)
+        return sorted((plain | best).values(), key=lambda s: -s.value)
+
+    def _plausible(self, gram: _Gram, selected: Columns, candidate: _Candidate) -> bool:
+        fit = gram.size(np.concatenate([selected, candidate.columns]))[len(selected) :]
+        return _implausible(candidate, fit / self.library.scale[candidate.columns]) is None
 
     def _null(self, gram: _Gram, selected: Columns, taken: set[str]) -> Array:
         schur, _, parts = gram.project(selected)
@@ -299,8 +322,7 @@ class _Search:
             candidate, p = step
             p_of[candidate.effect.name] = p
             chosen = self._refined([*chosen, candidate])
-            noise = fit_noise(self._rest(self.gram, _columns(chosen)), self.record.valid, self.record.step_s)
-            self.gram = _Gram(self.record, self.library.x, self.y, noise)
+            self.gram = self._noise_model(chosen)
         chosen = self._backward(chosen)
         return self._trace(chosen, p_of)
 
@@ -323,25 +345,41 @@ class _Search:
             if best is not None and score.value < 0.5 * best:
                 self.reasons[name] = ("another effect explains the same much better", p)
                 continue
-            best = score.value if best is None else best
             problem = self._problem(score.candidate, chosen, before, free)
             if problem is None:
-                return score.candidate, p
+                return self._preferred(score, scores, chosen), p
             self.reasons[name] = (problem, p)
+            if not isinstance(problem, _NotMeant):
+                best = score.value if best is None else best
         return None
 
-    def _problem(
-        self, candidate: _Candidate, chosen: list[_Candidate], before: Array, free: Leftover
-    ) -> str | None:
+    def _preferred(self, best: _Score, scores: Sequence[_Score], chosen: list[_Candidate]) -> _Candidate:
+        """Density is known from pressure and temperature: where it would do, a free mass or scale is not fitted."""
+        if best.candidate.effect.name in THRUST_TO_MASS and self._from_start(best.candidate):
+            for score in scores:
+                if score.candidate.effect.name == "air_density" and score.value > (1.0 - CLASS_SHARE) * best.value:
+                    columns = _columns([*chosen, score.candidate])
+                    fit = self.gram.size(columns)[-1:] / self.library.scale[score.candidate.columns]
+                    if _implausible(score.candidate, fit) is None:
+                        return score.candidate
+        return best.candidate
+
+    @staticmethod
+    def _from_start(candidate: _Candidate) -> bool:
+        return candidate.effect.name != "payload" or candidate.shape[0] == 0.0
+
+    def _problem(self, candidate: _Candidate, chosen: list[_Candidate], before: Array, free: Leftover) -> str | None:
         """Why a significant candidate is not adopted, or None."""
         gram, selected = self.gram, _columns([*chosen, candidate])
         coefficients = gram.size(selected)[-len(candidate.columns) :] / self.library.scale[candidate.columns]
         bad = _implausible(candidate, coefficients)
         if bad is not None:
-            return bad
+            return _NotMeant(bad)
         contribution = self._contribution(candidate, coefficients)
         if not self._large(contribution):
-            return "too small to matter"
+            return _NotMeant("too small to matter")
+        if not self._core_large(candidate, coefficients):
+            return _NotMeant(f"its {' and '.join(candidate.effect.main)} are too small to matter")
         if chosen:
             own = contribution[self.record.valid]
             rest = self.library.x[:, :, _columns(chosen)] @ gram.size(selected)[: -len(candidate.columns)]
@@ -352,12 +390,14 @@ class _Search:
                 return "within the error of form of what is already adopted"
         after = gram.held_out(selected)
         gain = float(before.sum() - after.sum())
-        if gain < SMALLEST_GAIN * before.sum():
-            return "no gain on held-out time"
-        if candidate.effect.name == "imu_bias" or candidate.effect.name == "wind":
-            problem = self._kinematics(candidate, coefficients)
-            if problem is not None:
-                return problem
+        size = (contribution[self.record.valid] ** 2).sum(0) / gram.noise.total**2
+        mine = size > 0.1 * size.max()
+        energy = (self._rest(gram, _columns(chosen))[self.record.valid] ** 2).sum(0) / gram.noise.total**2
+        if gain < SMALLEST_GAIN * energy[mine].sum():
+            return f"takes {max(gain, 0.0) / energy[mine].sum():.1%} off its axes on held-out time: too little"
+        problem = self._kinematics(candidate, coefficients)
+        if problem is not None:
+            return _NotMeant(problem)
         limit = FREE_CURVE_FACTOR * gain + 0.02 * float(before.sum())
         if free.significant and free.gain > limit:
             return f"a free curve in {free.channels[0].name} explains far more"
@@ -366,15 +406,29 @@ class _Search:
     def _kinematics(self, candidate: _Candidate, coefficients: Array) -> str | None:
         """Velocity and attitude tell an accelerometer offset from a force (physics.md 6.3, stationarity)."""
         bias = self.record.kinematic_bias[self.record.valid]
-        if not np.isfinite(bias).any():
+        if candidate.effect.name not in ("imu_bias", "wind") or not np.isfinite(bias).any():
             return None
-        seen = np.nanmean(bias, axis=0)[:2]
+        seen = np.nanmean(bias, axis=0)
         if candidate.effect.name == "imu_bias":
-            wanted = coefficients[:2] if len(coefficients) == 3 else coefficients
-            size = float(np.linalg.norm(wanted))
-            if size > 0.05 and float(seen @ wanted) / size < 0.4 * size:
+            size = float(np.linalg.norm(coefficients))
+            if float(seen @ coefficients) / size < 0.4 * size:
                 return "velocity and attitude agree with the accelerometer: it has no such offset"
+            return None
+        mass = self.record.context.vehicle.mass_kg
+        push = self._contribution(candidate, coefficients)[self.record.valid][:, :2].mean(axis=0) / mass
+        size = float(np.linalg.norm(push))
+        if size > 0.02 and float(seen[:2] @ push) / size > 0.6 * size:
+            return "velocity and attitude disagree with the accelerometer by as much: its offset, not wind"
         return None
+
+    def _core_large(self, candidate: _Candidate, coefficients: Array) -> bool:
+        """Whether the coefficients that make the effect what it is matter by themselves."""
+        effect = candidate.effect
+        if not effect.main:
+            return True
+        pairs = zip(effect.coefficients, coefficients, strict=True)
+        core = np.array([value if c.name in effect.main else 0.0 for c, value in pairs])
+        return self._large(self._contribution(candidate, core))
 
     def _contribution(self, candidate: _Candidate, coefficients: Array) -> Array:
         x = self.library.x[:, :, candidate.columns] * self.library.scale[candidate.columns]
@@ -388,17 +442,19 @@ class _Search:
         return bool((top >= limits).any())
 
     def _refined(self, chosen: list[_Candidate]) -> list[_Candidate]:
-        """Every shape parameter again, given the others."""
+        """Every shape parameter again, given the others: the one that leaves the least residual."""
+        gram = self.gram
         for i, candidate in enumerate(chosen):
-            others = [c for j, c in enumerate(chosen) if j != i]
-            taken = {c.effect.name for c in self.library.candidates} - {candidate.effect.name}
-            scores = self._scores(self.gram, _columns(others), taken)
-            if scores and _implausible(
-                scores[0].candidate,
-                self.gram.size(_columns([*others, scores[0].candidate]))[-len(candidate.columns) :]
-                / self.library.scale[scores[0].candidate.columns],
-            ) is None:
-                chosen = [*chosen[:i], scores[0].candidate, *chosen[i + 1 :]]
+            others = _columns([c for j, c in enumerate(chosen) if j != i])
+            best, least = candidate, np.inf
+            for other in self.library.candidates:
+                if other.effect is not candidate.effect or not self._plausible(gram, others, other):
+                    continue
+                columns = np.concatenate([others, other.columns])
+                left = -float(gram.size(columns) @ gram.total_ry[columns])
+                if left < least:
+                    best, least = other, left
+            chosen = [*chosen[:i], best, *chosen[i + 1 :]]
         return chosen
 
     def _backward(self, chosen: list[_Candidate]) -> list[_Candidate]:
@@ -407,7 +463,7 @@ class _Search:
             full = self.gram.held_out(_columns(chosen)).sum()
             costs = [self.gram.held_out(_columns([c for c in chosen if c is not d])).sum() - full for d in chosen]
             i = int(np.argmin(costs))
-            if costs[i] >= SMALLEST_GAIN * full:
+            if costs[i] >= 0.005 * full:
                 break
             self.reasons[chosen[i].effect.name] = ("the other effects do as well without it", None)
             chosen = [c for c in chosen if c is not chosen[i]]
@@ -420,10 +476,9 @@ class _Search:
         columns = _columns(chosen)
         n = len(record.time_s)
         after = self.y.copy()
-        coarse = gram.block * len(gram.folds) // (int(gram.block.max()) + 1)
         if len(columns):
             for f, fit in enumerate(gram.fold_coefficients(columns)):
-                rows = gram.folds[np.minimum(coarse, len(gram.folds) - 1)] == f
+                rows = gram.folds[gram.coarse] == f
                 after[rows] -= self.library.x[rows][:, :, columns] @ fit
         empty = gram.held_out(np.empty(0, np.int64)).sum()
         found, done = [], empty
@@ -497,17 +552,21 @@ class _Search:
         scores = self._scores(self.gram, columns, {c.effect.name for c in others})
         own = next(s.value for s in scores if s.candidate.effect.name == candidate.effect.name)
         limit = max(ALIAS_BIC, 0.03 * own)
+        ratio = candidate.effect.name in THRUST_TO_MASS and self._from_start(candidate)
         out = []
         for score in scores:
-            if score.candidate.effect.name == candidate.effect.name or score.value < own - limit:
+            name = score.candidate.effect.name
+            near = max(limit, CLASS_SHARE * own) if ratio and name in THRUST_TO_MASS else limit
+            if name == candidate.effect.name or score.value < own - near:
                 continue
             fit = self.gram.size(_columns([*others, score.candidate]))[-len(score.candidate.columns) :]
             coefficients = fit / self.library.scale[score.candidate.columns]
-            if _implausible(score.candidate, coefficients) is None:
-                if score.candidate.effect.name in ("imu_bias", "wind"):
-                    if self._kinematics(score.candidate, coefficients) is not None:
-                        continue
-                out.append(score.candidate.effect.name)
+            if (
+                _implausible(score.candidate, coefficients) is None
+                and self._kinematics(score.candidate, coefficients) is None
+                and self._core_large(score.candidate, coefficients)
+            ):
+                out.append(name)
         return tuple(out)
 
     def _rejected(self, chosen: list[_Candidate]) -> tuple[Rejected, ...]:
@@ -557,7 +616,9 @@ def _implausible(candidate: _Candidate, coefficients: Array) -> str | None:
     for c, value in zip(effect.coefficients, coefficients, strict=True):
         if effect.main and c.name not in effect.main:
             continue
-        if not c.low <= value <= c.high and not (len(coefficients) > 1 and abs(value) < 0.1 * np.abs(coefficients).max()):
+        if not c.low <= value <= c.high and not (
+            len(coefficients) > 1 and abs(value) < 0.1 * np.abs(coefficients).max()
+        ):
             return f"right shape, but {c.name} = {value:.3g} {c.unit} is outside {c.low:g} to {c.high:g}"
     return None
 

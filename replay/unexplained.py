@@ -8,22 +8,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.wrench import AXES, Array
-from replay.blocks import FOLDS, Noise, block_numbers, fold_of_block, training_blocks, whiten
+from replay.blocks import FOLDS, Noise, block_numbers, embargo_blocks, fit_noise, fold_of_block, training_blocks, whiten
 from replay.residual import Record
 from replay.shift_null import flip_maxima, p_value
 
 KNOTS = 5
-TIME_KNOTS = 8
+MANY_KNOTS = 10
+FINE = ("time_s", "north_m", "east_m", "down_m", "range_down_m")
 BLOCK_S = 1.5
 ALPHA = 0.01
-SMALLEST_SHARE = 0.05
+SMALLEST_SHARE = 0.06
+REACTIVE_SHARE = 0.2
 LAG_S = 0.4
 MOST_CHANNELS = 3
+MOST_TRIED = 40
 SAME_SENSOR = {
     "ax_m_s2": ("Fx",), "ay_m_s2": ("Fy",), "az_m_s2": ("Fz",), "p_rad_s": ("Mx",), "q_rad_s": ("My",),
     "r_rad_s": ("Mz",),
 }  # fmt: skip
 """Channels whose own noise is in the residual of that axis."""
+REACTIONS = {
+    "Fx": ("vn_", "ve_", "pitch", "roll", "q_", "servo", "rpm", "thrust"),
+    "Fy": ("vn_", "ve_", "roll", "pitch", "p_", "servo", "rpm", "thrust"),
+    "Fz": ("vd_", "servo", "rpm", "thrust"),
+    "Mx": ("roll", "pitch", "p_", "q_", "r_", "ay_", "servo", "rpm", "thrust", "ve_", "vn_"),
+    "My": ("pitch", "roll", "p_", "q_", "r_", "ax_", "servo", "rpm", "thrust", "ve_", "vn_"),
+    "Mz": ("p_", "q_", "r_", "servo", "rpm", "thrust"),
+}
+"""Channels that answer a disturbance of that axis within the loop: they go along with noise, and must carry more of it
+before they count (``REACTIVE_SHARE``)."""
 
 
 @dataclass(frozen=True)
@@ -65,11 +78,12 @@ def free_search(record: Record, rest: Array, noise: Noise, seed: int) -> Leftove
     x = np.concatenate([b for _, b, _, _ in bases], axis=1)
     x = np.where(record.valid[:, None], x, 0.0)
     x[record.valid] -= x[record.valid].mean(axis=0)
-    n, k = x.shape
+    k = x.shape[1]
     block = block_numbers(record.valid, record.step_s, BLOCK_S)
     count = int(block.max()) + 1
-    folds = fold_of_block(count)
-    embargo = int(np.ceil(min(3.0 * float(noise.tau_s.max()), 10.0) / (record.seconds / count)))
+    folds = fold_of_block(count, record.seconds / count)
+    embargo = embargo_blocks(float(np.median(noise.tau_s)), record.seconds / count)
+    noise = _noise_beside_curves(record, x, rest, [b.shape[1] for _, b, _, _ in bases])
     results: list[tuple[float, float, float, _Curve]] = []
     nulls = np.full(1, -np.inf)
     observed: list[tuple[float, _Curve]] = []
@@ -78,7 +92,9 @@ def free_search(record: Record, rest: Array, noise: Noise, seed: int) -> Leftove
         one = Noise(noise.ar[a : a + 1], noise.innovation[a : a + 1], noise.total[a : a + 1], noise.tau_s[a : a + 1])
         xw, _ = whiten(x[:, None, :], record.valid, one)
         yw, _ = whiten(rest[:, a : a + 1], record.valid, one)
-        xa, ya = xw[:, 0], yw[:, 0]
+        timing = _timing(record, a)
+        zw, _ = whiten(timing[:, None, :], record.valid, one)
+        xa, ya = _without(zw[:, 0], xw[:, 0]), _without(zw[:, 0], yw[:, 0])
         w = xa.T @ xa
         parts = np.zeros((count, k))
         np.add.at(parts, block, xa * ya[:, None])
@@ -99,7 +115,9 @@ def free_search(record: Record, rest: Array, noise: Noise, seed: int) -> Leftove
         for curve, inverse, penalty in zip(curves, inverses, penalties, strict=True):
             part = g[curve.columns]
             observed.append((float(part @ inverse @ part) - penalty, curve))
-        axis_data.append((xa, ya))
+        valid = record.valid
+        own = np.where(valid, rest[:, a], 0.0)
+        axis_data.append((xa, ya, _without(np.where(valid[:, None], timing, 0.0), own)))
     top: dict[tuple[str, int], tuple[float, _Curve]] = {}
     for score, curve in observed:
         key = (curve.name, curve.axis)
@@ -108,11 +126,11 @@ def free_search(record: Record, rest: Array, noise: Noise, seed: int) -> Leftove
     ranked = sorted(top.values(), key=lambda s: -s[0])
     if not ranked or p_value(nulls, ranked[0][0]) > ALPHA:
         return Leftover(False, 0.0, p_value(nulls, ranked[0][0]) if ranked else 1.0, (), 0.0)
-    for score, curve in ranked[:24]:
+    for score, curve in ranked[:MOST_TRIED]:
         if p_value(nulls, score) > ALPHA:
-            continue
-        xa, ya = axis_data[curve.axis]
-        raw_x, raw_y = x[:, curve.columns], rest[:, curve.axis]
+            break
+        xa, ya, raw_y = axis_data[curve.axis]
+        raw_x = x[:, curve.columns]
         gain = total = 0.0
         for f in range(FOLDS):
             train = training_blocks(folds, f, embargo)[block]
@@ -121,19 +139,49 @@ def free_search(record: Record, rest: Array, noise: Noise, seed: int) -> Leftove
             error = raw_y[test] - raw_x[test] @ fit
             total += float(raw_y[test] @ raw_y[test])
             gain += float(raw_y[test] @ raw_y[test] - error @ error)
-        results.append((gain / max(total, 1e-12), gain / float(noise.total[curve.axis]) ** 2, score, curve))
+        share = gain / max(total, 1e-12)
+        if share >= smallest_share(curve.name, AXES[record.axes[curve.axis]]):
+            results.append((share, gain / float(noise.total[curve.axis]) ** 2, score, curve))
     results.sort(key=lambda r: -r[1])
-    if not results or results[0][0] < SMALLEST_SHARE:
-        return Leftover(False, results[0][1] if results else 0.0, p_value(nulls, ranked[0][0]), (), 0.0)
+    if not results:
+        return Leftover(False, 0.0, p_value(nulls, ranked[0][0]), (), 0.0)
     channels, names = [], set()
     for share, _, _, curve in results:
-        if curve.name not in names and share > 0.0:
+        if curve.name not in names:
             names.add(curve.name)
             axis = AXES[record.axes[curve.axis]]
             channels.append(Channel(curve.name, float(min(share, 1.0)), axis, curve.lag_s, curve.peak_hz))
     return Leftover(
         True, results[0][1], p_value(nulls, ranked[0][0]), tuple(channels[:MOST_CHANNELS]), float(results[0][0])
     )
+
+
+def smallest_share(channel: str, axis: str) -> float:
+    """Share of an axis' energy from which on a channel counts as its carrier.
+
+    In closed loop the controller answers a disturbance, so that speeds, vanes and lean repeat its noise; such a channel
+    has to carry much more than one that nothing drives.
+    """
+    return REACTIVE_SHARE if channel.startswith(REACTIONS[axis]) else SMALLEST_SHARE
+
+
+def _noise_beside_curves(record: Record, x: Array, rest: Array, widths: list[int]) -> Noise:
+    """Noise of every axis beside the curve that fits it best, so that a curve to be found does not pass for noise."""
+    valid = record.valid
+    left = rest.copy()
+    gram = x[valid].T @ x[valid]
+    for a in range(rest.shape[1]):
+        product = x[valid].T @ (rest[valid, a] - rest[valid, a].mean())
+        best, gain, start = slice(0, 0), 0.0, 0
+        for width in widths:
+            part = slice(start, start + width)
+            start += width
+            fit = np.linalg.lstsq(gram[part, part] + 1e-9 * np.eye(width), product[part], rcond=None)[0]
+            if float(fit @ product[part]) > gain:
+                gain, best, chosen = float(fit @ product[part]), part, fit
+        if gain > 0.0:
+            left[:, a] = rest[:, a] - x[:, best] @ chosen
+    return fit_noise(left, valid, record.step_s)
 
 
 def _bases(record: Record) -> list[tuple[str, Array, float | None, float | None]]:
@@ -146,7 +194,7 @@ def _bases(record: Record) -> list[tuple[str, Array, float | None, float | None]
                 angles = [np.stack([np.sin(m * values), np.cos(m * values)], 1) for m in (1, 2)]
                 out.append((name, np.nan_to_num(np.concatenate(angles, axis=1)), None, None))
             continue
-        hats = _hats(values, record.valid, TIME_KNOTS if name == "time_s" else KNOTS)
+        hats = _hats(values, record.valid, MANY_KNOTS if name in FINE else KNOTS)
         if hats is not None:
             out.append((name, hats, None, None))
         if name.startswith(("rpm", "servo", "thrust", "battery_current")):
@@ -159,6 +207,24 @@ def _bases(record: Record) -> list[tuple[str, Array, float | None, float | None]
         out.append(("time_s", np.stack([np.sin(phase), np.cos(phase)], axis=1), None, float(hz)))
         if len(out) > 400:
             break
+    return out
+
+
+def _timing(record: Record, axis: int) -> Array:
+    """What errors of timing and of gain of the actuators look like on one axis, (n, k).
+
+    The autopilot answers every disturbance with its actuators, so they go along with the noise of the moments; that is
+    no cause.
+    """
+    modelled = np.nan_to_num(record.measured - record.residual)[:, record.axes[axis]]
+    rate = np.gradient(modelled, record.step_s)
+    modelled = modelled - modelled[record.valid].mean()
+    return rate[:, None] if record.axes[axis] < 3 else np.stack([modelled, rate], axis=1)
+
+
+def _without(z: Array, x: Array) -> Array:
+    """``x`` less its projection on the columns of ``z``."""
+    out: Array = x - z @ np.linalg.lstsq(z, x, rcond=None)[0]
     return out
 
 

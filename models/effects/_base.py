@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.air import FanModel, fan_rpm, free_air_thrust, rpm_from_servos, servo_thrust
+from models.air import FanModel, fan_rpm, free_air_thrust, rpm_from_servos, servo_thrust, vane_wrench
 from models.errors import ConfigError
 from models.state import AirState
 from models.surrogate import AdoptedEffect
@@ -103,9 +103,24 @@ class Context:
         return self.push(-self.thrust[..., None] * DOWNWARD)
 
     @cached_property
+    def declared_force(self) -> Array:
+        """Declared force of rotors and vanes in free air, body FRD, (..., 3)."""
+        vanes = np.nan_to_num(vane_wrench(self.vehicle, self.state.servo_us, self.thrust))
+        out: Array = self.rotor_wrench[..., :3] + vanes[..., :3]
+        return out
+
+    @cached_property
     def velocity(self) -> Array:
         """Velocity over ground, body FRD, (..., 3)."""
         return self.state.velocity_frd
+
+    @cached_property
+    def fan_velocity(self) -> Array:
+        """Velocity over ground of every fan's reference point, body FRD, (..., fans, 3)."""
+        arms = np.array([fan.position_m for fan in self.vehicle.fans])
+        turning = np.cross(self.state.rates[..., None, :], arms)
+        out: Array = self.velocity[..., None, :] + turning
+        return out
 
     @cached_property
     def density(self) -> Array:

@@ -9,15 +9,16 @@ from models.wrench import Array
 
 
 def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
-    lift = ctx.thrust.sum(axis=-1)
-    x, y = np.zeros((*lift.shape, 6)), np.zeros((*lift.shape, 6))
-    x[..., 4], y[..., 3] = -lift, lift
+    force = ctx.declared_force
+    x, y = np.zeros((*force.shape[:-1], 6)), np.zeros((*force.shape[:-1], 6))
+    x[..., 3:] = -np.cross(np.array([1.0, 0.0, 0.0]), force)
+    y[..., 3:] = -np.cross(np.array([0.0, 1.0, 0.0]), force)
     return columns(x, y)
 
 
 EFFECT = Effect(
     name="cg_offset",
-    equation="dM = -r x F, F = (0, 0, -T)",
+    equation="dM = -r x F, F of rotors and vanes",
     sign="x > 0: CG ahead of the declared one (nose down); y > 0: to the right of it (right down)",
     source="physics.md E19",
     valid="small offsets",

@@ -11,9 +11,9 @@ from models.wrench import Array
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
-    level = -np.array(ctx.velocity)
+    level = -np.array(ctx.fan_velocity)
     level[..., 2] = 0.0
-    force = ctx.mass_flow[..., None] * level[..., None, :]
+    force = ctx.mass_flow[..., None] * level
     return columns(ctx.push(force, shape[0] * ctx.vehicle.rotor_radius_m))
 
 

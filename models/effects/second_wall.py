@@ -43,6 +43,7 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     return columns(
         ctx.corner((1.0, 0.0, 0.0, 0.0, 0.0, 0.0), size, bearing),
         ctx.corner((0.0, 0.0, 0.0, 0.0, 1.0, 0.0), ctx.vehicle.rotor_radius_m * size, bearing),
+        ctx.corner((0.0, 0.0, 1.0, 0.0, 0.0, 0.0), size, bearing),
         ctx.corner((0.0, 0.0, -1.0, 0.0, 0.0, 0.0), both, bearing),
     )
 
@@ -57,7 +58,7 @@ def _lacking(ctx: Context) -> str | None:
 
 EFFECT = Effect(
     name="second_wall",
-    equation="dF = p sum T exp(-d2/L), dM = t R sum T exp(-d2/L) at its bearing; dF_z = l sum T exp(-(d+d2)/3L)",
+    equation="dF = p sum T exp(-d2/L), dM = t R sum T exp(-d2/L) and a share of lift at its bearing; dF_z = l sum T exp(-(d+d2)/3L)",
     sign="pull, tilt > 0: towards the second wall; loss > 0: less lift in the vertex",
     source="physics.md E05 (Vertex25: 93 % of the lift at (2.5, 1.5) radii)",
     valid="two walls at right angles",
@@ -67,7 +68,8 @@ EFFECT = Effect(
     coefficients=(
         Coefficient("pull", "1", -1.0, 1.0),
         Coefficient("tilt", "1", -2.0, 2.0),
-        Coefficient("loss", "1", -0.5, 0.8),
+        Coefficient("lift", "1", -1.0, 1.0),
+        Coefficient("loss", "1", -1.0, 1.0),
     ),
     regressors=_regressors,
     shapes=(Shape("length_radii", "1"),),

@@ -12,7 +12,7 @@ from models.wrench import Array
 
 def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
     tip = ctx.rpm * RPM_TO_RAD_S * ctx.vehicle.rotor_radius_m
-    size = RHO_SEA_LEVEL * ctx.vehicle.disc_area_m2 * tip * -ctx.velocity[..., 2, None]
+    size = RHO_SEA_LEVEL * ctx.vehicle.disc_area_m2 * tip * -ctx.fan_velocity[..., 2]
     scale = ctx.thrust / np.maximum(RHO_SEA_LEVEL * ctx.vehicle.disc_area_m2 * tip**2, 1e-9)
     return columns(ctx.push((size * scale)[..., None] * DOWNWARD))
 

@@ -16,10 +16,10 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     def ram(air: Array) -> Array:
         level = np.array(air)
         level[..., 2] = 0.0
-        return ctx.push(ctx.mass_flow[..., None] * level[..., None, :], above)
+        return ctx.push(ctx.mass_flow[..., None] * level, above)
 
     rotation = ctx.state.rotation
-    return columns(ram(rotation[..., 0, :]), ram(rotation[..., 1, :]), ram(-ctx.velocity))
+    return columns(ram(rotation[..., None, 0, :]), ram(rotation[..., None, 1, :]), ram(-ctx.fan_velocity))
 
 
 def _grid(_: Context) -> Sequence[tuple[float, ...]]:
