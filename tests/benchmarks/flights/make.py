@@ -14,7 +14,7 @@ from . import near_wall
 from .craft import GRAVITY, RHO0, TANDEM, Array, rangers, vehicle_toml
 from .effects import CATALOGUE
 from .oracle import residual, rms_table
-from .recorder import frames, sense, write_mixed, write_tlog
+from .recorder import Sensed, frames, sense, write_mixed, write_tlog
 from .scenarios import Scenario, scenarios
 from .strangers import STRANGERS
 from .world import Tape, World
@@ -60,10 +60,7 @@ def _write(folder: Path, scenario: Scenario, round_number: int, tape: Tape, k: i
     seen = sense(craft, tape, k, seed, sensors, scenario.log)
     path = folder / f"{scenario.name}.tlog"
     if scenario.second:
-        other = sense(craft, tape, k, seed + 1, sensors, scenario.log)
-        other = replace(
-            other, position=other.position + np.array([3.0, 0.0, 0.0]), rpm=0.0 * other.rpm, accel=_parked(other.accel)
-        )
+        other = _parked(sense(craft, tape, k, seed + 1, sensors, scenario.log))
         quiet = replace(scenario.log, system=7)
         streams = [frames(craft, seen, seed, sensors, scenario.log), frames(craft, other, seed, sensors, quiet)]
         write_mixed(streams, path)
@@ -99,11 +96,24 @@ def _sentence(name: str) -> str:
     return " ".join(doc.split())
 
 
-def _parked(accel: Array) -> Array:
-    """The accelerometer of a vehicle that stands on the ground."""
-    still = np.zeros_like(accel)
-    still[:, 2] = -GRAVITY
-    return still + 0.02 * np.random.default_rng(5).standard_normal(accel.shape)
+def _parked(seen: Sensed) -> Sensed:
+    """The same sensors on a vehicle that stands on the ground three metres away, rotors still."""
+    rng = np.random.default_rng(5)
+    count = len(seen.time)
+    still = np.array([0.0, 0.0, -GRAVITY]) + 0.02 * rng.standard_normal((count, 3))
+    place = np.array([3.0, 0.0, 0.0]) + 0.004 * rng.standard_normal((count, 3))
+    ranges = np.where(np.isnan(seen.ranges), np.nan, 0.05)
+    return replace(
+        seen,
+        accel=still,
+        gyro=0.001 * rng.standard_normal((count, 3)),
+        quaternion=np.tile([1.0, 0.0, 0.0, 0.0], (count, 1)),
+        position=place,
+        velocity=0.005 * rng.standard_normal((count, 3)),
+        rpm=0.0 * seen.rpm,
+        pwm=np.full_like(seen.pwm, 1000.0),
+        ranges=ranges,
+    )
 
 
 def _size(effect: Array, weight: float, arm: float) -> float:
