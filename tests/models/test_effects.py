@@ -1,0 +1,124 @@
+"""The catalogue: names, shapes, signs, and the same wrench for one instant as for a record."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import models
+from companion.vehicles import default_vehicle
+from models.effects import AdoptedEffect, Context, adopted_wrench, catalogue, corrected_state, get
+from models.errors import ModelError
+from models.state import AirState, blank_state
+from models.wrench import AXES
+
+NAMES = [
+    "ceiling",
+    "second_wall",
+    "partial_ground",
+    "wind",
+    "rotor_drag",
+    "body_drag",
+    "vertical_inflow",
+    "air_density",
+    "thrust_scale",
+    "fan_imbalance",
+    "payload",
+    "cg_offset",
+    "range_offset",
+    "imu_bias",
+    "thermal_derating",
+    "battery_sag",
+    "gyroscopic",
+    "ground_effect",
+    "wall_effect",
+    "motor_lag",
+    "contact",
+    "slung_load",
+]
+
+
+def flight(n: int = 200) -> AirState:
+    """A record with everything measured."""
+    vehicle = default_vehicle()
+    t = np.arange(n) * 0.1
+    wave = np.sin(t)
+    blank = blank_state((n,), len(vehicle.fans), len(vehicle.rotors))
+    h = np.repeat((0.5 + 0.3 * wave)[:, None], len(vehicle.fans), axis=1)
+    return replace(
+        blank, time_s=t, velocity_ned=np.stack([wave, -wave, 0.3 * wave], axis=1), h_m=h, d_m=h + 0.2,
+        ceiling_m=np.full_like(h, 0.4), ranges_m=np.full((n, 6), 0.8), rates=np.full((n, 3), 0.2),
+        rpm=np.full_like(blank.rpm, 4000.0) + 50.0 * wave[:, None], servo_us=np.full((n, 16), 1500.0),
+        battery_voltage_v=np.linspace(25.0, 22.0, n), battery_current_a=np.full(n, 50.0),
+        esc_temperature_c=np.linspace(30.0, 70.0, n), pressure_pa=np.full(n, 95000.0),
+        air_temperature_c=np.full(n, 25.0), position_ned=np.stack([wave, wave, -h[:, 0]], axis=1),
+    )  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def ctx() -> Context:
+    """That record with the shipped model."""
+    return Context(flight(), default_vehicle(), models.load())
+
+
+def fz(name: str, ctx: Context, **parameters: float) -> float:
+    """Mean vertical force of an adopted effect."""
+    return float(adopted_wrench([AdoptedEffect(name, parameters)], ctx)[:, 2].mean())
+
+
+def test_the_contracts_names_are_all_there() -> None:
+    assert {e.name for e in catalogue()} >= set(NAMES)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_an_entry_is_complete_and_its_regressors_have_the_declared_shape(name: str, ctx: Context) -> None:
+    effect = get(name)
+    for text in (effect.equation, effect.sign, effect.source, effect.valid, effect.excite):
+        assert len(text) > 3
+    assert effect.coefficients
+    assert set(effect.axes) <= set(AXES)
+    assert effect.channels
+    assert all(c.low < c.high for c in effect.coefficients)
+    if effect.lacking(ctx) is not None:
+        pytest.skip(f"this record cannot show it: {effect.lacking(ctx)}")
+    for shape in list(effect.shape_grid(ctx))[:3]:
+        assert len(shape) == len(effect.shapes)
+        x = effect.regressors(ctx, shape)
+        assert x.shape == (len(ctx.state), 6, len(effect.coefficients))
+
+
+@pytest.mark.parametrize("name", ["wind", "payload", "thrust_scale", "ceiling", "cg_offset", "rotor_drag"])
+def test_one_instant_gives_what_the_record_gives_there(name: str, ctx: Context) -> None:
+    effect = get(name)
+    shape = next(iter(effect.shape_grid(ctx)))
+    parameters = effect.parameters(np.full(len(effect.coefficients), 0.5), shape)
+    whole = effect.wrench(ctx, parameters)
+    now = Context(ctx.state.take(7), ctx.vehicle, ctx.model)
+    assert effect.wrench(now, parameters) == pytest.approx(whole[7], abs=1e-9)
+
+
+def test_signs(ctx: Context) -> None:
+    assert fz("thrust_scale", ctx, scale=0.1) < 0.0  # more lift
+    assert fz("payload", ctx, mass=0.5, from_s=0.0) == pytest.approx(0.5 * 9.80665, rel=0.01)  # heavier: less lift
+    assert fz("ceiling", ctx, gain=1.0, scale=1.0) < 0.0  # drawn up
+    wind = AdoptedEffect("wind", dict.fromkeys((c.name for c in get("wind").coefficients), 0.0) | {"north": 1.0, "above_radii": 0.0})  # fmt: skip # noqa: E501
+    assert adopted_wrench([wind], ctx)[:, 0].min() > 0.0  # level, nose north: air moving north pushes forward
+    cg = adopted_wrench([AdoptedEffect("cg_offset", {"x": 0.01, "y": 0.01})], ctx)
+    assert cg[:, 4].max() < 0.0 < cg[:, 3].min()  # CG ahead: nose down; to the right: right side down
+
+
+def test_a_range_offset_corrects_the_heights(ctx: Context) -> None:
+    moved = corrected_state([AdoptedEffect("range_offset", {"gain": 1.0, "offset_m": 0.05})], ctx.state)
+    assert np.allclose(moved.h_m, ctx.state.h_m - 0.05)
+
+
+def test_what_is_not_measured_adds_nothing(ctx: Context) -> None:
+    dark = Context(replace(ctx.state, ceiling_m=np.full_like(ctx.state.ceiling_m, np.nan)), ctx.vehicle, ctx.model)
+    assert fz("ceiling", dark, gain=1.0, scale=1.0) == 0.0
+
+
+def test_an_unknown_name_is_refused() -> None:
+    with pytest.raises(ModelError, match="not in the catalogue"):
+        get("phlogiston")

@@ -1,0 +1,140 @@
+"""The answer of ``replay diagnose``: names, verdicts, JSON, page and command, on made-up and recorded flights."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import models
+from models.effects import catalogue, get
+from replay.cli import main
+from replay.diagnose import Diagnosis, conclude
+from replay.report import page, rms_interval
+from replay.residual import Record
+from replay.trace import trace
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
+from diagnose_noise import noise_record
+
+FEW = [e for e in catalogue() if e.name in ("wind", "thrust_scale", "rotor_drag", "ground_effect", "cg_offset")]
+VERDICTS = {"nothing_missing", "explained", "partly_explained", "unexplained"}
+
+
+@pytest.fixture(scope="module")
+def quiet() -> Record:
+    """Ninety seconds of noise."""
+    return noise_record(3, 90.0, 0.3)
+
+
+def with_wind(record: Record, north: float) -> Record:
+    """The record with 0.6 m/s of wind (a term of the catalogue: this tests plumbing, not physics)."""
+    effect = get("wind")
+    coefficients = np.zeros(len(effect.coefficients))
+    coefficients[:3] = north, -0.3, 1.0
+    return replace(record, residual=record.residual + effect.regressors(record.context, (0.5,)) @ coefficients)
+
+
+@pytest.fixture(scope="module")
+def windy(quiet: Record) -> Diagnosis:
+    """The answer to a flight in wind."""
+    return conclude([trace(with_wind(quiet, 0.6), FEW)])
+
+
+def test_noise_is_answered_nothing_missing(quiet: Record) -> None:
+    answer = conclude([trace(quiet, FEW)])
+    assert answer.verdict == "nothing_missing"
+    assert answer.as_json(None)["effects"] == []
+    assert answer.rms(after=True) == pytest.approx(answer.rms(after=False))
+
+
+def test_wind_is_named_with_its_size_and_takes_the_residual_down(windy: Diagnosis, quiet: Record) -> None:
+    assert [n.found.effect.name for n in windy.named] == ["wind"]
+    assert windy.named[0].status == "candidate"
+    low, high = next(e.ci95 for e in windy.named[0].found.estimates if e.name == "north")
+    assert 0.4 < low < high < 0.8
+    noise = np.sqrt((quiet.residual**2).mean(axis=0))
+    assert windy.rms(after=True)[:2] == pytest.approx(noise[:2], rel=0.2)
+    assert windy.rms(after=False)[0] > 1.5 * noise[0]
+
+
+def test_the_json_is_the_contracts(windy: Diagnosis) -> None:
+    answer = json.loads(json.dumps(windy.as_json("amended"), allow_nan=False))
+    assert {"logs", "samples", "duration_s", "verdict", "axes", "effects", "aliases", "unexplained", "model"} <= set(
+        answer
+    )
+    assert answer["verdict"] in VERDICTS
+    assert answer["model"] == "amended"
+    assert set(answer["axes"]["Fx"]) == {"rms_before", "rms_after", "unit"}
+    effect = answer["effects"][0]
+    assert {"name", "axes", "parameters", "explains", "q_value", "channels"} <= set(effect)
+    assert set(effect["parameters"]["north"]) == {"value", "ci95", "unit"}
+    assert 0.0 < effect["explains"] <= 1.0
+
+
+def test_a_second_flight_confirms_or_does_not(quiet: Record) -> None:
+    first, other = with_wind(quiet, 0.6), noise_record(4, 90.0, 0.3)
+    same = conclude([trace(first, FEW), trace(with_wind(other, 0.6), FEW)])
+    assert {n.status for n in same.named if n.found.effect.name == "wind"} == {"confirmed"}
+    calm = conclude([trace(first, FEW), trace(other, FEW)])
+    assert {n.status for n in calm.named if n.found.effect.name == "wind"} == {"candidate"}
+
+
+def test_the_page_stands_alone_and_says_what_to_do(windy: Diagnosis) -> None:
+    html = page(windy, windy.records[0].context.vehicle)
+    assert "<svg" in html
+    assert "wind" in html
+    assert "Candidate" in html
+    assert "not excited" in html.lower()
+    assert "http" not in html
+    assert "<script" not in html
+    assert "<img" not in html
+
+
+def test_the_interval_of_an_rms_holds_the_truth() -> None:
+    x = np.random.default_rng(0).standard_normal(4000)
+    value, low, high = rms_interval(x, np.ones(4000, bool), 20)
+    assert low < 1.0 < high
+    assert value == pytest.approx(1.0, abs=0.05)
+    assert high - low < 0.1
+
+
+def refused(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
+    """Exit code and the one line on stderr."""
+    code = main(["diagnose", "--quiet", *arguments])
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert len(lines) == 1
+    return code, lines[0]
+
+
+def test_bad_arguments_are_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    empty = tmp_path / "empty.tlog"
+    empty.write_bytes(b"")
+    text = tmp_path / "notes.txt"
+    text.write_text("hello")
+    assert refused([str(tmp_path / "none.tlog")], capsys)[0] == 3
+    assert refused([str(empty)], capsys)[0] == 3
+    assert refused([str(text)], capsys)[0] == 3
+    assert refused([str(empty), "--model", str(tmp_path)], capsys)[0] == 2
+    assert refused([str(empty), "--vehicle", str(text)], capsys)[0] == 2
+    assert refused([str(empty), "--target-system", "0"], capsys)[0] == 2
+
+
+def test_an_example_flight_gives_answer_amended_model_and_page(shared_data: Path, tmp_path: Path) -> None:
+    flight = shared_data / "undeclared" / "payload.tlog"
+    code = main(
+        ["diagnose", str(flight), "--vehicle", str(flight.with_suffix(".toml")), "--json", str(tmp_path / "a.json"),
+         "--save-model", str(tmp_path / "amended"), "--report", str(tmp_path), "--quiet"]
+    )  # fmt: skip
+    assert code == 0
+    answer = json.loads((tmp_path / "a.json").read_text())
+    # The shipped model is not this flight's air; the load that was picked up stands out all the same.
+    assert "payload" in {e["name"] for e in answer["effects"]}
+    adopted = {e.name: e.parameters for e in models.load(tmp_path / "amended").effects}
+    assert adopted["payload"]["from_s"] == 0.0
+    assert 0.2 < adopted["payload"]["mass"] < 0.5
+    assert (tmp_path / "report.html").stat().st_size > 10_000
