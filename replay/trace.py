@@ -550,7 +550,9 @@ class _Search:
         others = [c for c in chosen if c is not candidate]
         columns = _columns(others)
         scores = self._scores(self.gram, columns, {c.effect.name for c in others})
-        own = next(s.value for s in scores if s.candidate.effect.name == candidate.effect.name)
+        own = next((s.value for s in scores if s.candidate.effect.name == candidate.effect.name), None)
+        if own is None:
+            return ()
         limit = max(ALIAS_BIC, 0.03 * own)
         ratio = candidate.effect.name in THRUST_TO_MASS and self._from_start(candidate)
         out = []
