@@ -57,8 +57,8 @@ class Tuning:
     # Offsets
     gain: float = 0.95
     thrust_lead_s: float = 0.06
-    lean_lead_s: float = 0.10
-    moment_stiffness_1_s2: float = 90.0
+    lean_lead_s: float = 0.0
+    moment_stiffness_1_s2: float = 180.0
     """Closed-loop attitude stiffness over inertia with the rate integrator frozen (angle P x rate bandwidth)."""
     moment_washout_s: float = 1.0
     """The rate integrator owns a steady moment within about this time."""

@@ -56,9 +56,7 @@ def plot(flights: Sequence[Flown], seed: int, path: Path) -> None:
             axis.set_ylabel(f"{name} error [mm]")
             axis.grid(alpha=0.3)
     axes[0].legend(ncols=3, loc="upper right", frameon=False)
-    axes[1].set_xlabel(
-        f"time [s]: to the ground, up, to the wall, down into the corner, back (simulated, seed {seed})"
-    )
+    axes[1].set_xlabel(f"time [s]: to the ground, up, to the wall, down into the corner, back (simulated, seed {seed})")
     figure.savefig(path, metadata={"Date": None})
 
 

@@ -117,10 +117,13 @@ def test_ctrl_c_fades_out_and_is_exit_code_130(tmp_path):
         [sys.executable, "-m", "companion", "--connect", f"udp:127.0.0.1:{port}", "--record", str(log), "--json", "-"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
-    with FakeAutopilot(port) as autopilot:
-        autopilot.wait_for("SET_ATTITUDE_TARGET", 100, timeout=60)
-        process.send_signal(signal.SIGINT)
-        out, err = process.communicate(timeout=10)
+    with process, FakeAutopilot(port) as autopilot:
+        try:
+            autopilot.wait_for("SET_ATTITUDE_TARGET", 100, timeout=60)
+            process.send_signal(signal.SIGINT)
+            out, err = process.communicate(timeout=20)
+        finally:
+            process.kill()
         time.sleep(0.1)
         assert autopilot.of_type("SET_POSITION_TARGET_LOCAL_NED"), "it hands back with a position target"
     assert process.returncode == 130
