@@ -1,10 +1,8 @@
-"""The ``models`` command: train, compare and query surrogates; make CFD data."""
+"""The ``models`` command: train, compare and query surrogates."""
 
 from __future__ import annotations
 
 import argparse
-import importlib
-import importlib.util
 import json
 import math
 import sys
@@ -17,7 +15,6 @@ from models.errors import ConfigError, UserError
 # Spelled out here so that --help need not import the trainers.
 METHODS = ("bp", "ga-bp", "adam-bp", "ga-adam-bp", "kriging", "polynomial", "ensemble")
 CLOSED_FORM = "closed-form"
-CFD = "models.cfd.cli"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -40,7 +37,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="models", description="Surrogates of a fan near ground and wall: train, compare, query, make CFD data."
+        prog="models", description="Surrogates of a fan near ground and wall: train, compare, query."
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
@@ -78,10 +75,6 @@ def _parser() -> argparse.ArgumentParser:
     query.add_argument("--quiet", action="store_true", help="no text")
     query.set_defaults(run=_query)
 
-    if importlib.util.find_spec(CFD) is not None:
-        cfd = importlib.import_module(CFD)
-        cfd.add_parser(commands)
-        commands.choices["cfd"].set_defaults(run=cfd.run)
     return parser
 
 

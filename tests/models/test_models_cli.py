@@ -137,16 +137,3 @@ def test_help_is_quick_and_imports_no_trainer() -> None:
 
 def test_the_methods_offered_are_the_methods_there_are() -> None:
     assert cli.METHODS == METHODS
-
-
-def test_the_cfd_command_is_its_own_rooms(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    (tmp_path / "other_cfd.py").write_text(
-        "def add_parser(commands):\n    commands.add_parser('cfd', help='cases').add_argument('--case')\n"
-        "def run(args):\n    print('case', args.case)\n    return 7\n"
-    )
-    monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.setattr(cli, "CFD", "other_cfd")
-    assert cli.main(["cfd", "--case", "duct"]) == 7
-    assert capsys.readouterr().out == "case duct\n"

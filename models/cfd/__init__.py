@@ -1,1 +1,0 @@
-"""The CFD campaign of one ducted fan in the corner."""
