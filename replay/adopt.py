@@ -44,10 +44,14 @@ def empty_model(vehicle: Vehicle) -> FanSurrogate:
 def amended(model: FanSurrogate | None, vehicle: Vehicle, effects: Iterable[AdoptedEffect]) -> FanSurrogate:
     """The model with ``effects`` added to those it has. Times of a log do not carry over: a load found is on."""
     base = empty_model(vehicle) if model is None else model
-    new = tuple(AdoptedEffect(e.name, {k: 0.0 if k == "from_s" else v for k, v in e.parameters.items()}) for e in effects)
+    new = tuple(
+        AdoptedEffect(e.name, {k: 0.0 if k == "from_s" else v for k, v in e.parameters.items()}) for e in effects
+    )
     return base.with_effects((*base.effects, *new))
 
 
-def save_amended(directory: Path, model: FanSurrogate | None, vehicle: Vehicle, effects: Iterable[AdoptedEffect]) -> None:
+def save_amended(
+    directory: Path, model: FanSurrogate | None, vehicle: Vehicle, effects: Iterable[AdoptedEffect]
+) -> None:
     """Write the amended model as a directory that ``companion --model`` flies."""
     save_model(directory, amended(model, vehicle, effects))

@@ -81,7 +81,8 @@ def block_numbers(valid: Mask, step_s: float, length_s: float, most: int = 400) 
     known = np.cumsum(valid)
     seconds = float(known[-1]) * step_s
     count = int(np.clip(seconds / length_s, FOLDS, most))
-    return np.minimum((known - 1).clip(0) * count // max(int(known[-1]), 1), count - 1)
+    number: NDArray[np.int64] = np.minimum((known - 1).clip(0) * count // max(int(known[-1]), 1), count - 1)
+    return number
 
 
 def fold_of_block(count: int, block_s: float) -> NDArray[np.int64]:

@@ -1,8 +1,9 @@
-"""Measured minus modelled wrench of a flight on one clock: delays first, the same filter on both sides, bad time left out."""
+"""Measured minus modelled wrench of a flight on one clock: delays first, one filter for both, bad time left out."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,7 +113,7 @@ class _Grid:
                 out[:, k] = np.where(weight > 0.4, total / weight, np.nan)[:: self.every]
         return out.reshape(-1, *x.shape[1:])
 
-    def pick(self, x: Array) -> Array:
+    def pick(self, x: Any) -> Any:
         """Every n-th sample, unsmoothed."""
         return x[:: self.every]
 
@@ -219,9 +220,14 @@ def _imu(log: FlightLog) -> ImuRecord:
     return max(log.imus, key=lambda i: (i.specific_force.rate_hz >= FORCE_RATE_HZ, i is log.imus[0]))
 
 
+def _overlap(a: Array, b: Array, k: int) -> float:
+    return float(a[max(0, -k) : len(a) - max(0, k)] @ b[max(0, k) : len(b) - max(0, -k)])
+
+
 def _unit(q: Array) -> Array:
     with np.errstate(invalid="ignore"):
-        return q / np.linalg.norm(q, axis=1, keepdims=True)
+        unit: Array = q / np.linalg.norm(q, axis=1, keepdims=True)
+    return unit
 
 
 def _rate(x: Array, rate_hz: float) -> Array:
@@ -254,7 +260,9 @@ def _raw_state(
     velocity: Array,
 ) -> AirState:  # fmt: skip
     if vehicle.telemetered:
-        lacking = [r.esc for r in vehicle.rotors if r.esc not in log.escs or log.escs[r.esc].rpm is None]
+        lacking = [
+            r.esc for r in vehicle.rotors if r.esc is None or r.esc not in log.escs or log.escs[r.esc].rpm is None
+        ]
         if lacking:
             raise LogError(
                 f"{log.path}: no rotor speed of ESC {', '.join(map(str, lacking))} (ESC_TELEMETRY, ESC_STATUS); "
@@ -265,7 +273,7 @@ def _raw_state(
     temperatures = [
         log.escs[r.esc].temperature_c.at(t, 5.0)[:, 0]  # type: ignore[union-attr]
         for r in vehicle.rotors
-        if r.esc in log.escs and log.escs[r.esc].temperature_c is not None
+        if r.esc is not None and r.esc in log.escs and log.escs[r.esc].temperature_c is not None
     ]
     if not temperatures:
         temperatures = [e.temperature_c.at(t, 5.0)[:, 0] for e in log.escs.values() if e.temperature_c is not None]
@@ -333,7 +341,7 @@ def _range_delay(
     climb = np.gradient(_running_mean(cg, max(int(0.1 * rate), 1)), 1.0 / rate)
     climb = np.where(np.abs(climb) < 2.0, climb, np.nan)
     best, correlation = _lag(-velocity[:, 2], climb, rate)
-    return Delay("ground range", best, correlation, bool(correlation > 0.5 and 0.0 < best))
+    return Delay("ground range", best, correlation, bool(correlation > 0.5 and best > 0.0))
 
 
 def _running_mean(x: Array, half: int) -> Array:
@@ -357,7 +365,7 @@ def _lag(reference: Array, signal: Array, rate: float) -> tuple[float, float]:
     if norm <= 0.0:
         return 0.0, 0.0
     lags = np.arange(-reach, reach + 1)
-    scores = np.array([(a[max(0, -k) : len(a) - max(0, k)] @ b[max(0, k) : len(b) - max(0, -k)]) / norm for k in lags])
+    scores = np.array([_overlap(a, b, int(k)) / norm for k in lags])
     i = int(scores.argmax())
     shift = 0.0
     if 0 < i < len(lags) - 1:
@@ -430,9 +438,9 @@ def _distances(
         beam = _beam_of(log, sensor.orientation)
         if beam is None or not len(beam.good):
             continue
-        direction, mount = np.asarray(beam.direction_frd), np.asarray(sensor.position_m)
+        axis, mount = np.asarray(beam.direction_frd), np.asarray(sensor.position_m)
         slant = _beam_reading(beam, t + late_s)
-        world = rotation @ direction
+        world = rotation @ axis
         level = np.hypot(world[:, 0], world[:, 1])
         normal = np.where(level[:, None] > 0, world * [1, 1, 0] / np.maximum(level, 1e-9)[:, None], 0.0)
         toward = np.einsum("ni,nij->nj", normal, rotation)
@@ -472,7 +480,7 @@ def _valid(
     valid = np.ones(len(t), bool)
     excluded: list[Excluded] = []
 
-    def leave_out(reason: str, bad: Mask, around_s: float = 0.0) -> None:
+    def leave_out(reason: str, bad: Any, around_s: float = 0.0) -> None:
         if around_s > 0.0 and bad.any():
             bad = np.convolve(bad, np.ones(2 * int(around_s * rate) + 1), "same") > 0.5
         new = valid & bad

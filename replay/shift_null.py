@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from models.wrench import Array
 
@@ -33,9 +33,9 @@ def flip_maxima(
     return best
 
 
-def p_value(null: Array, observed: float) -> float:
+def p_value(null: ArrayLike, observed: float) -> float:
     """(1 + exceedances)/(1 + draws)."""
-    return float((1 + np.sum(null >= observed)) / (1 + len(null)))
+    return float((1 + np.sum(np.asarray(null) >= observed)) / (1 + np.size(null)))
 
 
 def shift_p(columns: Array, residual: Array, inverse: Array, shortest: int) -> float:
@@ -53,4 +53,4 @@ def shift_p(columns: Array, residual: Array, inverse: Array, shortest: int) -> f
     )
     score = np.einsum("ni,ij,nj->n", g, inverse, g)
     null = score[shortest : n - shortest]
-    return float((1 + np.sum(null >= score[0])) / (1 + len(null)))
+    return float((1 + np.sum(null >= score[0])) / (1 + np.size(null)))

@@ -28,6 +28,7 @@ FORM_TOLERANCE = 0.12
 FREE_CURVE_FACTOR = 1.5
 ALIAS_BIC = 10.0
 BLOCK_S = 1.5
+LAG_DOUBT_S = 0.02
 THRUST_TO_MASS = ("payload", "thrust_scale", "air_density")
 CLASS_SHARE = 0.12
 """IMU and rotor speed see only the ratio of thrust to mass: members of that class within this share are aliases."""
@@ -207,7 +208,7 @@ class _Gram:
         return energy
 
     def project(self, selected: Columns) -> tuple[Array, Array, Array]:
-        """Schur complement of the selected columns (K, K), the map (s, K) to it, and X^T e by flip block (blocks, K)."""
+        """Schur complement of the selected columns (K, K), the map (s, K) to it, X^T e by flip block (blocks, K)."""
         count = int(self.block.max()) + 1
         e = self.yw - (self.xw[:, :, selected] @ self.solve(selected) if len(selected) else 0.0)
         products = np.einsum("nak,na->nk", self.xw, e)
@@ -375,7 +376,10 @@ class _Search:
         bad = _implausible(candidate, coefficients)
         if bad is not None:
             return _NotMeant(bad)
-        contribution = self._contribution(candidate, coefficients)
+        late = self._late(candidate, coefficients)
+        if late is not None:
+            return _NotMeant(late)
+        contribution = self._beside(candidate, coefficients, chosen)
         if not self._large(contribution):
             return _NotMeant("too small to matter")
         if not self._core_large(candidate, coefficients):
@@ -401,6 +405,27 @@ class _Search:
         limit = FREE_CURVE_FACTOR * gain + 0.02 * float(before.sum())
         if free.significant and free.gain > limit:
             return f"a free curve in {free.channels[0].name} explains far more"
+        return None
+
+    def _beside(self, candidate: _Candidate, coefficients: Array, chosen: list[_Candidate]) -> Array:
+        """The part of a contribution (n, axes) that the chosen effects cannot take over."""
+        out = self._contribution(candidate, coefficients)
+        if not chosen:
+            return out
+        columns, r = _columns(chosen), self.gram.total_r
+        own = r[np.ix_(columns, candidate.columns)] @ (coefficients * self.library.scale[candidate.columns])
+        block = r[np.ix_(columns, columns)]
+        taken = np.linalg.lstsq(block + 1e-9 * np.trace(block) / len(columns) * np.eye(len(columns)), own)[0]
+        beside: Array = out - self.library.x[:, :, columns] @ taken
+        return beside
+
+    def _late(self, candidate: _Candidate, coefficients: Array) -> str | None:
+        """A lag no longer than what the clock correction moved may be of its making (physics.md 6.3, no. 6)."""
+        if candidate.effect.name != "motor_lag":
+            return None
+        moved = max((d.seconds for d in self.record.delays[:1] if d.corrected), default=0.0)
+        if float(coefficients[0]) * candidate.shape[0] < moved + LAG_DOUBT_S:
+            return f"not beyond the {moved:.2f} s by which the rotor speeds' clock was set right"
         return None
 
     def _kinematics(self, candidate: _Candidate, coefficients: Array) -> str | None:
@@ -614,13 +639,8 @@ def _inverse(schur: Array, total: Array, columns: Columns) -> Array:
 
 
 def _implausible(candidate: _Candidate, coefficients: Array) -> str | None:
-    effect = candidate.effect
-    for c, value in zip(effect.coefficients, coefficients, strict=True):
-        if effect.main and c.name not in effect.main:
-            continue
-        if not c.low <= value <= c.high and not (
-            len(coefficients) > 1 and abs(value) < 0.1 * np.abs(coefficients).max()
-        ):
+    for c, value in zip(candidate.effect.coefficients, coefficients, strict=True):
+        if not c.low <= value <= c.high:
             return f"right shape, but {c.name} = {value:.3g} {c.unit} is outside {c.low:g} to {c.high:g}"
     return None
 

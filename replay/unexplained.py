@@ -16,9 +16,9 @@ KNOTS = 5
 MANY_KNOTS = 10
 FINE = ("time_s", "north_m", "east_m", "down_m", "range_down_m")
 BLOCK_S = 1.5
-ALPHA = 0.01
+ALPHA = 0.003
 SMALLEST_SHARE = 0.06
-REACTIVE_SHARE = 0.2
+REACTIVE_SHARE = 0.3
 LAG_S = 0.4
 MOST_CHANNELS = 3
 MOST_TRIED = 40
@@ -83,9 +83,10 @@ def free_search(record: Record, rest: Array, noise: Noise, seed: int) -> Leftove
     count = int(block.max()) + 1
     folds = fold_of_block(count, record.seconds / count)
     embargo = embargo_blocks(float(np.median(noise.tau_s)), record.seconds / count)
-    noise = _noise_beside_curves(record, x, rest, [b.shape[1] for _, b, _, _ in bases])
+    noise = _noise_beside_curves(record, x, rest, [(name, b.shape[1]) for name, b, _, _ in bases])
     results: list[tuple[float, float, float, _Curve]] = []
-    nulls = np.full(1, -np.inf)
+    nulls: list[Array] = []
+    again = []
     observed: list[tuple[float, _Curve]] = []
     axis_data = []
     for a in range(rest.shape[1]):
@@ -109,8 +110,10 @@ def free_search(record: Record, rest: Array, noise: Noise, seed: int) -> Leftove
             inverses.append(np.linalg.pinv(w[np.ix_(columns, columns)], rcond=1e-6, hermitian=True))
         effective = max(record.seconds / float(noise.tau_s.max()), 10.0)
         penalties = np.array([len(c.columns) * np.log(effective) for c in curves])
-        null = flip_maxima(parts, [c.columns for c in curves], inverses, penalties, seed + 7)
-        nulls = np.maximum(nulls, null)
+        groups = [c.columns for c in curves]
+        null = flip_maxima(parts, groups, inverses, penalties, seed + 7)
+        again.append((groups, inverses, penalties))
+        nulls.append(null)
         g = parts.sum(0)
         for curve, inverse, penalty in zip(curves, inverses, penalties, strict=True):
             part = g[curve.columns]
@@ -124,8 +127,18 @@ def free_search(record: Record, rest: Array, noise: Noise, seed: int) -> Leftove
         if key not in top or score > top[key][0]:
             top[key] = (score, curve)
     ranked = sorted(top.values(), key=lambda s: -s[0])
-    if not ranked or p_value(nulls, ranked[0][0]) > ALPHA:
-        return Leftover(False, 0.0, p_value(nulls, ranked[0][0]) if ranked else 1.0, (), 0.0)
+    if not ranked:
+        return Leftover(False, 0.0, 1.0, (), 0.0)
+    # A strong curve would inflate its own null: flip what it leaves.
+    best = ranked[0][1]
+    xa, ya, _ = axis_data[best.axis]
+    xb = xa[:, best.columns]
+    parts = np.zeros((count, k))
+    np.add.at(parts, block, xa * (ya - xb @ np.linalg.lstsq(xb, ya, rcond=None)[0])[:, None])
+    nulls[best.axis] = flip_maxima(parts, *again[best.axis], seed + 7)
+    nulls = np.max(nulls, axis=0)
+    if p_value(nulls, ranked[0][0]) > ALPHA:
+        return Leftover(False, 0.0, p_value(nulls, ranked[0][0]), (), 0.0)
     for score, curve in ranked[:MOST_TRIED]:
         if p_value(nulls, score) > ALPHA:
             break
@@ -165,7 +178,7 @@ def smallest_share(channel: str, axis: str) -> float:
     return REACTIVE_SHARE if channel.startswith(REACTIONS[axis]) else SMALLEST_SHARE
 
 
-def _noise_beside_curves(record: Record, x: Array, rest: Array, widths: list[int]) -> Noise:
+def _noise_beside_curves(record: Record, x: Array, rest: Array, widths: list[tuple[str, int]]) -> Noise:
     """Noise of every axis beside the curve that fits it best, so that a curve to be found does not pass for noise."""
     valid = record.valid
     left = rest.copy()
@@ -173,9 +186,11 @@ def _noise_beside_curves(record: Record, x: Array, rest: Array, widths: list[int
     for a in range(rest.shape[1]):
         product = x[valid].T @ (rest[valid, a] - rest[valid, a].mean())
         best, gain, start = slice(0, 0), 0.0, 0
-        for width in widths:
+        for name, width in widths:
             part = slice(start, start + width)
             start += width
+            if AXES[record.axes[a]] in SAME_SENSOR.get(name, ()):
+                continue
             fit = np.linalg.lstsq(gram[part, part] + 1e-9 * np.eye(width), product[part], rcond=None)[0]
             if float(fit @ product[part]) > gain:
                 gain, best, chosen = float(fit @ product[part]), part, fit

@@ -6,9 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from models.air import FanModel, fan_rpm, free_air_thrust, rpm_from_servos, servo_thrust, vane_wrench
 from models.errors import ConfigError
@@ -115,11 +116,10 @@ class Context:
         return self.state.velocity_frd
 
     @cached_property
-    def fan_velocity(self) -> Array:
-        """Velocity over ground of every fan's reference point, body FRD, (..., fans, 3)."""
+    def turning(self) -> Array:
+        """What turning adds to the velocity of every fan's reference point, omega x r, body FRD, (..., fans, 3)."""
         arms = np.array([fan.position_m for fan in self.vehicle.fans])
-        turning = np.cross(self.state.rates[..., None, :], arms)
-        out: Array = self.velocity[..., None, :] + turning
+        out: Array = np.cross(self.state.rates[..., None, :], arms)
         return out
 
     @cached_property
@@ -217,7 +217,7 @@ def decay(distance: Array, length: float) -> Array:
     return np.exp(-np.maximum(distance, 0.0) / length)
 
 
-def through(ctx: Context, values: Array, response: Callable[[Array], Array]) -> Array:
+def through(ctx: Context, values: Array, response: Callable[[Array], NDArray[Any]]) -> Array:
     """A record (n, k) through a linear filter given by its response at angular frequencies [rad/s]; NaN is bridged."""
     n = len(values)
     step = float(np.median(np.diff(ctx.state.time_s)))
@@ -232,7 +232,7 @@ def through(ctx: Context, values: Array, response: Callable[[Array], Array]) -> 
         x = np.interp(index, index[known], values[known, k])
         x = np.concatenate([np.full(pad, x[0]), x, np.full(pad, x[-1])])
         omega = 2.0 * np.pi * np.fft.rfftfreq(len(x), step)
-        y = np.fft.irfft(np.fft.rfft(x) * response(omega), len(x))[pad : pad + n]
+        y = np.fft.irfft(np.fft.rfft(x) * response(np.asarray(omega, dtype=float)), len(x))[pad : pad + n]
         out[:, k] = np.where(known, y, np.nan)
     return out
 

@@ -11,7 +11,8 @@ from models.wrench import Array
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
-    return columns(ctx.rotor_wrench * (ctx.state.battery_voltage_v / shape[0] - 1.0)[..., None])
+    fuller = ctx.state.battery_voltage_v / shape[0] - 1.0
+    return columns(ctx.rotor_wrench * fuller[..., None], ctx.rotor_wrench)
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
@@ -30,14 +31,15 @@ def _lacking(ctx: Context) -> str | None:
 
 EFFECT = Effect(
     name="battery_sag",
-    equation="dF = p F_rotors (V/V0 - 1)",
+    equation="dF = F_rotors (p (V/V0 - 1) + e), e at the reference voltage",
     sign="power > 0: thrust falls with the voltage",
     source="physics.md E28",
     valid="V within 30 % of V0",
     axes=("Fz",),
     channels=("battery_voltage_v", "servo_1", "rpm_1"),
     excite="fly on a full and on an empty battery",
-    coefficients=(Coefficient("power", "1", 0.0, 4.0),),
+    coefficients=(Coefficient("power", "1", 0.0, 4.0), Coefficient("at_reference", "1", -0.3, 0.3)),
+    main=("power",),
     regressors=_regressors,
     shapes=(Shape("reference_v", "V"),),
     shape_grid=_grid,

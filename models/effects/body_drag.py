@@ -26,7 +26,7 @@ EFFECT = Effect(
     axes=("Fx", "Fy"),
     channels=("vn_m_s", "ve_m_s"),
     excite="fly at more than 2 m/s forward and sideways",
-    coefficients=(Coefficient("front", "m^2", 0.0, 5.0), Coefficient("side", "m^2", 0.0, 5.0)),
+    coefficients=(Coefficient("front", "m^2", -0.02, 5.0), Coefficient("side", "m^2", -0.02, 5.0)),
     regressors=_regressors,
     aliases=("rotor_drag",),
 )

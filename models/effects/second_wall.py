@@ -58,7 +58,7 @@ def _lacking(ctx: Context) -> str | None:
 
 EFFECT = Effect(
     name="second_wall",
-    equation="dF = p sum T exp(-d2/L), dM = t R sum T exp(-d2/L) and a share of lift at its bearing; dF_z = l sum T exp(-(d+d2)/3L)",
+    equation="at its bearing (pull, R tilt, lift) sum T exp(-d2/L); loss of lift in the vertex sum T exp(-(d+d2)/3L)",
     sign="pull, tilt > 0: towards the second wall; loss > 0: less lift in the vertex",
     source="physics.md E05 (Vertex25: 93 % of the lift at (2.5, 1.5) radii)",
     valid="two walls at right angles",

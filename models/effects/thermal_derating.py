@@ -13,7 +13,8 @@ STEP_C = 30.0
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
-    return columns(ctx.rotor_wrench * ((ctx.state.esc_temperature_c - shape[0]) / STEP_C)[..., None])
+    warmer = (ctx.state.esc_temperature_c - shape[0]) / STEP_C
+    return columns(ctx.rotor_wrench * warmer[..., None], ctx.rotor_wrench)
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
@@ -30,14 +31,15 @@ def _lacking(ctx: Context) -> str | None:
 
 EFFECT = Effect(
     name="thermal_derating",
-    equation="dF = s F_rotors (T_esc - T_start)/30 K",
+    equation="dF = F_rotors (s (T_esc - T_start)/30 K + s0), s0 at the start",
     sign="slope < 0: thrust is lost when hot",
     source="physics.md E39 (-3 %/30 K)",
     valid="below the ESC's own limit",
     axes=("Fz",),
     channels=("esc_temperature_c", "rpm_1"),
     excite="a long flight from cold; rest with the battery connected separates heat from charge",
-    coefficients=(Coefficient("slope", "1", -0.5, 0.02),),
+    coefficients=(Coefficient("slope", "1", -0.5, 0.0), Coefficient("start", "1", -0.3, 0.3)),
+    main=("slope",),
     regressors=_regressors,
     shapes=(Shape("reference_c", "degC"),),
     shape_grid=_grid,

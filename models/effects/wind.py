@@ -19,16 +19,18 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
         return ctx.push(ctx.mass_flow[..., None] * level, above)
 
     rotation = ctx.state.rotation
-    return columns(ram(rotation[..., None, 0, :]), ram(rotation[..., None, 1, :]), ram(-ctx.fan_velocity))
+    own = ctx.velocity[..., None, :]
+    north, east = ram(rotation[..., None, 0, :]), ram(rotation[..., None, 1, :])
+    return columns(north, east, ram(-own), ram(-ctx.turning))
 
 
 def _grid(_: Context) -> Sequence[tuple[float, ...]]:
-    return ((0.0,), (0.5,), (1.0,))
+    return tuple((s,) for s in (0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7))
 
 
 EFFECT = Effect(
     name="wind",
-    equation="dF_xy = mdot (w - k v)_xy, mdot = sum sqrt(rho A T), acting above the fans' reference points",
+    equation="dF_xy = sum sqrt(rho A T) (w - k v - t omega x r)_xy, acting above the fans' reference points",
     sign="north, east > 0: the air moves to the north, east",
     source="physics.md E08, E09; momentum theory",
     valid="speeds well below the induced velocity",
@@ -38,7 +40,8 @@ EFFECT = Effect(
     coefficients=(
         Coefficient("north", "m/s", -25.0, 25.0),
         Coefficient("east", "m/s", -25.0, 25.0),
-        Coefficient("own_motion", "1", -3.0, 3.0),
+        Coefficient("own_motion", "1", -0.3, 3.0),
+        Coefficient("turning", "1", -6.0, 6.0),
     ),
     regressors=_regressors,
     shapes=(Shape("above_radii", "1"),),
