@@ -13,7 +13,7 @@ from replay.residual import Record
 from replay.shift_null import flip_maxima, p_value
 
 KNOTS = 5
-MANY_KNOTS = 12
+MANY_KNOTS = 10
 FINE = ("time_s", "north_m", "east_m", "down_m", "range_down_m")
 BLOCK_S = 1.5
 ALPHA = 0.003
@@ -209,7 +209,7 @@ def _bases(record: Record) -> list[tuple[str, Array, float | None, float | None]
                 angles = [np.stack([np.sin(m * values), np.cos(m * values)], 1) for m in (1, 2)]
                 out.append((name, np.nan_to_num(np.concatenate(angles, axis=1)), None, None))
             continue
-        hats = _hats(values, record.valid, MANY_KNOTS if name in FINE else KNOTS, even=name in FINE)
+        hats = _hats(values, record.valid, MANY_KNOTS if name in FINE else KNOTS)
         if hats is not None:
             out.append((name, hats, None, None))
         if name.startswith(("rpm", "servo", "thrust", "battery_current")):
@@ -243,14 +243,12 @@ def _without(z: Array, x: Array) -> Array:
     return out
 
 
-def _hats(values: Array, valid: NDArray[np.bool_], knots: int, *, even: bool = False) -> Array | None:
-    """Piecewise linear basis (n, knots - 1) on quantiles or evenly; None where the channel hardly varies."""
+def _hats(values: Array, valid: NDArray[np.bool_], knots: int) -> Array | None:
+    """Piecewise linear basis (n, knots - 1) on quantiles; None where the channel hardly varies."""
     known = valid & np.isfinite(values)
     if known.sum() < 0.5 * valid.sum() or known.sum() < 50:
         return None
     places = np.unique(np.quantile(values[known], np.linspace(0.01, 0.99, knots)))
-    if even:
-        places = np.linspace(*np.quantile(values[known], (0.01, 0.99)), knots)
     if len(places) < 3 or places[-1] - places[0] < 1e-9:
         return None
     x = np.clip(np.where(known, values, np.median(values[known])), places[0], places[-1])

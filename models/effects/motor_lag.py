@@ -12,12 +12,9 @@ from models.wrench import Array
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     wrench = ctx.rotor_wrench
-    late = np.zeros_like(wrench)
-    if ctx.record:
-        late = through(ctx, wrench, lambda omega: 1.0 / (1.0 + 1j * omega * shape[0]) - 1.0)
-    force, moment = late.copy(), late.copy()
-    force[..., 3:], moment[..., :3] = 0.0, 0.0
-    return columns(force, moment)
+    if not ctx.record:
+        return columns(np.zeros_like(wrench))
+    return columns(through(ctx, wrench, lambda omega: 1.0 / (1.0 + 1j * omega * shape[0]) - 1.0))
 
 
 def _grid(_: Context) -> Sequence[tuple[float, ...]]:
@@ -26,15 +23,14 @@ def _grid(_: Context) -> Sequence[tuple[float, ...]]:
 
 EFFECT = Effect(
     name="motor_lag",
-    equation="dF = g (F_rotors through 1/(1 + tau s) - F_rotors), moments with a gain of their own",
+    equation="dF = F_rotors(filtered, 1/(1 + tau s)) - F_rotors",
     sign="gain 1: a first-order lag",
     source="physics.md E26",
     valid="logs of 20 Hz or more",
     axes=("Fz", "Mx", "My"),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4", "thrust_command"),
     excite="vertical steps, quick ones",
-    coefficients=(Coefficient("gain", "1", 0.4, 1.8), Coefficient("moment_gain", "1", -3.0, 3.0)),
-    main=("gain",),
+    coefficients=(Coefficient("gain", "1", 0.4, 1.8),),
     regressors=_regressors,
     shapes=(Shape("tau_s", "s"),),
     shape_grid=_grid,
