@@ -19,16 +19,22 @@ Columns = NDArray[np.int64]
 
 ALPHA = 0.01
 MOST_EFFECTS = 5
-SMALLEST = 0.006
-"""Smallest effect worth a name: 95th percentile of its force over the weight (of its moment over weight x lever)."""
+SMALLEST = 0.01
+"""Smallest effect worth a name: 99th percentile of its force over the weight (of its moment over weight x lever)."""
 SMALLEST_GAIN = 0.03
 """Smallest share of the energy of its axes that an effect must take off time that its fit never saw."""
 FORM_TOLERANCE = 0.12
 """An addition below this share of what is already explained on its axes is taken for the form error of a term."""
 FREE_CURVE_FACTOR = 1.5
 ALIAS_BIC = 10.0
+ALIAS_SHARE = 0.15
+"""An alias takes as much off held-out time, less this share."""
 BLOCK_S = 1.5
 LAG_DOUBT_S = 0.02
+COMMANDED = 0.6
+"""Correlation of lift with the accelerometer below which rotor speeds mostly answer noise, which looks like a lag."""
+WORSE = 0.05
+"""Energy that an axis gains on held-out time, over what all axes lose, from which on it tells against the set."""
 THRUST_TO_MASS = ("payload", "thrust_scale", "air_density")
 CLASS_SHARE = 0.12
 """IMU and rotor speed see only the ratio of thrust to mass: members of that class within this share are aliases."""
@@ -115,6 +121,10 @@ class _Library:
         count = 0
         for effect in effects:
             reason = effect.lacking(record.context)
+            if effect.needs_moments and 3 not in axes:
+                reason = "this log cannot judge moments"
+            if effect.name == "motor_lag" and record.delays and record.delays[0].correlation < COMMANDED:
+                reason = "the thrust varied hardly more than it answers disturbances; " + effect.excite
             if reason is not None:
                 self.lacking[effect.name] = reason
                 continue
@@ -284,12 +294,9 @@ class _Search:
         g = parts.sum(0)
         best: dict[str, _Score] = {}
         plain: dict[str, _Score] = {}
-        closed = bool(taken & set(THRUST_TO_MASS))
         for candidate in self.library.candidates:
-            if candidate.effect.name in taken:
+            if candidate.effect.name in taken or self._ratio_again(candidate, taken):
                 continue
-            if closed and candidate.effect.name in THRUST_TO_MASS and self._from_start(candidate):
-                continue  # the ratio of thrust to mass has its name already
             inverse = _inverse(schur, gram.total_w, candidate.columns)
             part = g[candidate.columns]
             value = float(part @ inverse @ part) - len(candidate.columns) * np.log(gram.effective)
@@ -324,7 +331,7 @@ class _Search:
             p_of[candidate.effect.name] = p
             chosen = self._refined([*chosen, candidate])
             self.gram = self._noise_model(chosen)
-        chosen = self._backward(chosen)
+        chosen = self._sound(self._backward(chosen))
         return self._trace(chosen, p_of)
 
     def _step(self, chosen: list[_Candidate]) -> tuple[_Candidate, float] | None:
@@ -369,6 +376,11 @@ class _Search:
     def _from_start(candidate: _Candidate) -> bool:
         return candidate.effect.name != "payload" or candidate.shape[0] == 0.0
 
+    def _ratio_again(self, candidate: _Candidate, taken: set[str]) -> bool:
+        """Whether the ratio of thrust to mass, which one effect sets, has its name already."""
+        ratio = candidate.effect.name in THRUST_TO_MASS and self._from_start(candidate)
+        return ratio and bool((taken - {candidate.effect.name}) & set(THRUST_TO_MASS))
+
     def _problem(self, candidate: _Candidate, chosen: list[_Candidate], before: Array, free: Leftover) -> str | None:
         """Why a significant candidate is not adopted, or None."""
         gram, selected = self.gram, _columns([*chosen, candidate])
@@ -394,11 +406,9 @@ class _Search:
                 return "within the error of form of what is already adopted"
         after = gram.held_out(selected)
         gain = float(before.sum() - after.sum())
-        size = (contribution[self.record.valid] ** 2).sum(0) / gram.noise.total**2
-        mine = size > 0.1 * size.max()
-        energy = (self._rest(gram, _columns(chosen))[self.record.valid] ** 2).sum(0) / gram.noise.total**2
-        if gain < SMALLEST_GAIN * energy[mine].sum():
-            return f"takes {max(gain, 0.0) / energy[mine].sum():.1%} off its axes on held-out time: too little"
+        energy = self._energy_on_axes_of(contribution, self._rest(gram, _columns(chosen)))
+        if gain < SMALLEST_GAIN * energy:
+            return f"takes {max(gain, 0.0) / energy:.1%} off its axes on held-out time: too little"
         problem = self._kinematics(candidate, coefficients)
         if problem is not None:
             return _NotMeant(problem)
@@ -463,7 +473,7 @@ class _Search:
     def _large(self, contribution: Array) -> bool:
         weight = self.record.context.vehicle.mass_kg * GRAVITY
         limits = np.array([SMALLEST * weight * (1.0 if a < 3 else self.lever) for a in self.record.axes])
-        top = np.percentile(np.abs(contribution[self.record.valid]), 95, axis=0)
+        top = np.percentile(np.abs(contribution[self.record.valid]), 99, axis=0)
         return bool((top >= limits).any())
 
     def _refined(self, chosen: list[_Candidate]) -> list[_Candidate]:
@@ -471,9 +481,12 @@ class _Search:
         gram = self.gram
         for i, candidate in enumerate(chosen):
             others = _columns([c for j, c in enumerate(chosen) if j != i])
+            taken = {c.effect.name for c in chosen}
             best, least = candidate, np.inf
             for other in self.library.candidates:
-                if other.effect is not candidate.effect or not self._plausible(gram, others, other):
+                if other.effect is not candidate.effect or self._ratio_again(other, taken):
+                    continue
+                if not self._plausible(gram, others, other):
                     continue
                 columns = np.concatenate([others, other.columns])
                 left = -float(gram.size(columns) @ gram.total_ry[columns])
@@ -483,16 +496,64 @@ class _Search:
         return chosen
 
     def _backward(self, chosen: list[_Candidate]) -> list[_Candidate]:
-        """Drop what the others do as well without."""
-        while len(chosen) > 1:
+        """Drop what takes too little off its axes on held-out time beside the others."""
+        while chosen:
             full = self.gram.held_out(_columns(chosen)).sum()
-            costs = [self.gram.held_out(_columns([c for c in chosen if c is not d])).sum() - full for d in chosen]
-            i = int(np.argmin(costs))
-            if costs[i] >= 0.005 * full:
+            shares = []
+            for candidate in chosen:
+                others = _columns([c for c in chosen if c is not candidate])
+                fit = self.gram.size(_columns(chosen))[_place(chosen, candidate)]
+                own = self._contribution(candidate, fit / self.library.scale[candidate.columns])
+                cost = float(self.gram.held_out(others).sum() - full)
+                shares.append(cost / self._energy_on_axes_of(own, self._rest(self.gram, others)))
+            i = int(np.argmin(shares))
+            if shares[i] >= SMALLEST_GAIN:
                 break
             self.reasons[chosen[i].effect.name] = ("the other effects do as well without it", None)
             chosen = [c for c in chosen if c is not chosen[i]]
         return chosen
+
+    def _energy_on_axes_of(self, contribution: Array, rest: Array) -> float:
+        """Energy of ``rest`` (n, axes), in units of the noise, on the axes that carry a contribution."""
+        valid, noise = self.record.valid, self.gram.noise.total**2
+        size = (contribution[valid] ** 2).sum(0) / noise
+        return float(((rest[valid] ** 2).sum(0) / noise)[size > 0.1 * size.max()].sum())
+
+    def _sound(self, chosen: list[_Candidate]) -> list[_Candidate]:
+        """The final set, less what joint refits made implausible or what worsens an axis on held-out time."""
+        while chosen:
+            columns = _columns(chosen)
+            sizes = [self.gram.size(columns)[_place(chosen, c)] / self.library.scale[c.columns] for c in chosen]
+            bad: tuple[_Candidate, str] | None = None
+            for candidate, size in zip(chosen, sizes, strict=True):
+                reason = _implausible(candidate, size)
+                if reason is None and not self._core_large(candidate, size):
+                    reason = f"its {' and '.join(candidate.effect.main)} are too small to matter"
+                if reason is not None:
+                    bad = (candidate, reason)
+                    break
+            if bad is None:
+                valid, noise = self.record.valid, self.gram.noise.total**2
+                gain = ((self.y[valid] ** 2 - self._held_out(columns)[valid] ** 2) / noise).sum(axis=0)
+                axis = int(gain.argmin())
+                if gain[axis] > -WORSE * gain.sum():
+                    return chosen
+                pairs = zip(chosen, sizes, strict=True)
+                strength = [np.mean(self._contribution(c, size)[valid][:, axis] ** 2) for c, size in pairs]
+                name = AXES[self.record.axes[axis]]
+                bad = (chosen[int(np.argmax(strength))], f"makes {name} worse on held-out time")
+            self.reasons[bad[0].effect.name] = (bad[1], None)
+            chosen = [c for c in chosen if c is not bad[0]]
+        return chosen
+
+    def _held_out(self, columns: Columns) -> Array:
+        """Residual (n, axes) with every run of time predicted by a fit that never saw it."""
+        after = self.y.copy()
+        if len(columns):
+            for f, fit in enumerate(self.gram.fold_coefficients(columns)):
+                rows = self.gram.folds[self.gram.coarse] == f
+                after[rows] -= self.library.x[rows][:, :, columns] @ fit
+        return after
 
     # --- Result ----
 
@@ -500,11 +561,7 @@ class _Search:
         record, gram = self.record, self.gram
         columns = _columns(chosen)
         n = len(record.time_s)
-        after = self.y.copy()
-        if len(columns):
-            for f, fit in enumerate(gram.fold_coefficients(columns)):
-                rows = gram.folds[gram.coarse] == f
-                after[rows] -= self.library.x[rows][:, :, columns] @ fit
+        after = self._held_out(columns)
         empty = gram.held_out(np.empty(0, np.int64)).sum()
         found, done = [], empty
         coefficients = gram.size(columns)
@@ -580,13 +637,18 @@ class _Search:
             return ()
         limit = max(ALIAS_BIC, 0.03 * own)
         ratio = candidate.effect.name in THRUST_TO_MASS and self._from_start(candidate)
+        without = self.gram.held_out(columns).sum()
+        gain = without - self.gram.held_out(_columns(chosen)).sum()
         out = []
         for score in scores:
             name = score.candidate.effect.name
             near = max(limit, CLASS_SHARE * own) if ratio and name in THRUST_TO_MASS else limit
             if name == candidate.effect.name or score.value < own - near:
                 continue
-            fit = self.gram.size(_columns([*others, score.candidate]))[-len(score.candidate.columns) :]
+            instead = _columns([*others, score.candidate])
+            if without - self.gram.held_out(instead).sum() < (1.0 - ALIAS_SHARE) * gain:
+                continue
+            fit = self.gram.size(instead)[-len(score.candidate.columns) :]
             coefficients = fit / self.library.scale[score.candidate.columns]
             if (
                 _implausible(score.candidate, coefficients) is None
@@ -636,6 +698,16 @@ def _inverse(schur: Array, total: Array, columns: Columns) -> Array:
     if live.any():
         out[np.ix_(live, live)] = np.linalg.pinv(block[np.ix_(live, live)], rcond=1e-6, hermitian=True)
     return out
+
+
+def _place(chosen: Sequence[_Candidate], wanted: _Candidate) -> slice:
+    """Where the coefficients of one of ``chosen`` stand in a joint fit."""
+    start = 0
+    for candidate in chosen:
+        if candidate is wanted:
+            break
+        start += len(candidate.columns)
+    return slice(start, start + len(wanted.columns))
 
 
 def _implausible(candidate: _Candidate, coefficients: Array) -> str | None:

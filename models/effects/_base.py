@@ -104,6 +104,16 @@ class Context:
         return self.push(-self.thrust[..., None] * DOWNWARD)
 
     @cached_property
+    def rotor_force(self) -> Array:
+        """``rotor_wrench`` without its moments (..., 6).
+
+        For scales of the whole thrust: differential thrust tells more of inertia and geometry than of a common scale.
+        """
+        out = self.rotor_wrench.copy()
+        out[..., 3:] = 0.0
+        return out
+
+    @cached_property
     def declared_force(self) -> Array:
         """Declared force of rotors and vanes in free air, body FRD, (..., 3)."""
         vanes = np.nan_to_num(vane_wrench(self.vehicle, self.state.servo_us, self.thrust))
@@ -192,6 +202,8 @@ class Effect:
     lacking: Callable[[Context], str | None] = always
     aliases: tuple[str, ...] = ()
     in_flight: InFlight = InFlight.WRENCH
+    needs_moments: bool = False
+    """Without moments it cannot be told from others."""
     main: tuple[str, ...] = ()
     """Coefficients of which at least one must be significant; empty: any."""
 

@@ -10,7 +10,7 @@ from models.wrench import Array
 
 
 def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
-    return columns(ctx.rotor_wrench * (ctx.density / RHO_SEA_LEVEL - 1.0)[..., None])
+    return columns(ctx.rotor_force * (ctx.density / RHO_SEA_LEVEL - 1.0)[..., None])
 
 
 def _lacking(ctx: Context) -> str | None:
@@ -26,7 +26,7 @@ EFFECT = Effect(
     sign="gain 1: as the ideal gas says",
     source="physics.md E15",
     valid="dry air",
-    axes=("Fz", "Mx", "My"),
+    axes=("Fz",),
     channels=("pressure_pa", "air_temperature_c", "rpm_1"),
     excite="known from pressure and temperature; weigh the vehicle to be sure",
     coefficients=(Coefficient("gain", "1", 0.4, 1.6),),

@@ -12,7 +12,7 @@ from models.wrench import Array
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     fuller = ctx.state.battery_voltage_v / shape[0] - 1.0
-    return columns(ctx.rotor_wrench * fuller[..., None], ctx.rotor_wrench)
+    return columns(ctx.rotor_force * fuller[..., None], ctx.rotor_force)
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:

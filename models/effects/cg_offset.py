@@ -27,5 +27,6 @@ EFFECT = Effect(
     excite="vary the thrust: quick climbs and stops",
     coefficients=(Coefficient("x", "m", -0.3, 0.3), Coefficient("y", "m", -0.3, 0.3)),
     regressors=_regressors,
+    needs_moments=True,
     aliases=("fan_imbalance", "wall_effect"),
 )

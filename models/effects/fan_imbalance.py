@@ -32,6 +32,7 @@ EFFECT = Effect(
     excite="pitch and roll steps: one fan's speed against the others'",
     coefficients=(Coefficient("scale", "1", -0.6, 0.3),),
     regressors=_regressors,
+    needs_moments=True,
     shapes=(Shape("fan", "1"),),
     shape_grid=_grid,
     aliases=("cg_offset",),

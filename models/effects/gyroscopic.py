@@ -36,6 +36,7 @@ EFFECT = Effect(
     excite="quick roll and pitch steps, and steps of the thrust",
     coefficients=(Coefficient("inertia", "kg m^2", -0.1, 0.1),),
     regressors=_regressors,
+    needs_moments=True,
     shapes=(Shape("all_alike", "1"),),
     shape_grid=_grid,
     in_flight=InFlight.NONE,

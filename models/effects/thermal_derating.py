@@ -14,7 +14,7 @@ STEP_C = 30.0
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     warmer = (ctx.state.esc_temperature_c - shape[0]) / STEP_C
-    return columns(ctx.rotor_wrench * warmer[..., None], ctx.rotor_wrench)
+    return columns(ctx.rotor_force * warmer[..., None], ctx.rotor_force)
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:

@@ -7,7 +7,7 @@ from models.wrench import Array
 
 
 def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
-    return columns(ctx.rotor_wrench)
+    return columns(ctx.rotor_force)
 
 
 EFFECT = Effect(
@@ -16,7 +16,7 @@ EFFECT = Effect(
     sign="e > 0: more thrust than declared",
     source="physics.md E17",
     valid="everywhere",
-    axes=("Fz", "Mx", "My"),
+    axes=("Fz",),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="weigh the vehicle: one flight sees only the ratio of thrust to mass",
     coefficients=(Coefficient("scale", "1", -0.6, 0.6),),
