@@ -1,0 +1,283 @@
+"""One case from its files to its wrench: mesh, iterate in chunks, judge, march in time where it still moves."""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from models.cfd import case, foam
+from models.cfd.config import Setup
+from models.cfd.polars import Station
+from models.cfd.position import Position, check
+from models.wrench import Array
+
+STATE = "state.npz"
+# Powers of the rotor speed with which a state scales to another speed.
+SPEED_POWER = {"U": 1, "phi": 1, "p": 2, "k": 2, "omega": 1, "nut": 1}
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a case gave.
+
+    ``wrench`` (6,) mean over the last two chunks; ``swing`` (6,) half of its peak-to-peak there; ``drift`` (6,) change
+    of the mean between them. N, N m, corner frame, one fan. ``parts``: Fz of upper disc, lower disc, duct with hub [N].
+    """
+
+    wrench: tuple[float, ...]
+    swing: tuple[float, ...]
+    drift: tuple[float, ...]
+    parts: tuple[float, float, float]
+    status: str
+    """``steady``, ``marched`` (steady in time), ``cycling`` (still moves), ``diverged``."""
+    cells: int
+    iterations: int
+    steps: int
+    seconds: float
+    start: str
+    note: str = ""
+
+
+@dataclass
+class _Samples:
+    """Wrenches (n, 6) and thrusts by part (n, 3) at the times that were written."""
+
+    at: list[float] = field(default_factory=list)
+    wrench: list[Array] = field(default_factory=list)
+    parts: list[Array] = field(default_factory=list)
+
+
+def compute(
+    folder: Path,
+    setup: Setup,
+    position: Position,
+    stations: tuple[Station, ...],
+    neighbour: Path | None = None,
+    *,
+    march: bool = True,
+    report: Callable[[str], None] = lambda _: None,
+) -> Result:
+    """Compute one case in ``folder``, going on from what an earlier, interrupted run left there.
+
+    ``neighbour``: folder of a finished case to start from (its state mapped onto this mesh). ``march`` False: leave a
+    case that still moves after the steady limit as ``cycling``; a later call with True goes on in time from there.
+    """
+    check(setup, position)
+    began = time.monotonic()
+    run = _Case(folder, setup, position)
+    try:
+        run.prepare(stations, neighbour)
+        run.iterate(report)
+        if march and not run.settled() and run.finite():
+            run.march(report)
+        status = run.status()
+        note = ""
+    except foam.SolverError as error:
+        status, note = "diverged", str(error)
+    return run.result(status, time.monotonic() - began, note)
+
+
+class _Case:
+    """State of one case: its samples and how far it came; kept in the folder after every chunk."""
+
+    def __init__(self, folder: Path, setup: Setup, position: Position) -> None:
+        self.folder, self.setup, self.position = folder, setup, position
+        self.samples = _Samples()
+        self.iterations = self.steps = self.cells = 0
+        self.seconds = 0.0
+        self.start = "rest"
+        if (folder / STATE).exists():
+            self._restore()
+
+    def prepare(self, stations: tuple[Station, ...], neighbour: Path | None) -> None:
+        """Mesh and start fields, unless they are there."""
+        if self.cells:
+            # A run that was stopped within a chunk leaves states that may be cut short.
+            reached = self.iterations + self.steps * self.setup.solver.time_step_s
+            foam.forget(self.folder, [t for t in foam.times(self.folder) if float(t) > reached + 1e-6])
+            return
+        shutil.rmtree(self.folder, ignore_errors=True)
+        case.write(self.folder, self.setup, self.position, stations)
+        foam.run(self.folder, "blockMesh")
+        foam.drop_empty_patch(self.folder)
+        foam.run(self.folder, "topoSet")
+        for what in ("writeCellVolumes", "writeCellCentres"):
+            foam.run(self.folder, "postProcess", "-func", what, "-time", "0")
+        for name in ("V", "C"):
+            (self.folder / "0" / name).rename(self.folder / "constant" / name)
+        for name in ("Cx", "Cy", "Cz"):
+            (self.folder / "0" / name).unlink(missing_ok=True)
+        self.cells = len(foam.read_field(self.folder / "constant/V"))
+        if neighbour is not None:
+            self._start_from(neighbour)
+        self._keep()
+
+    def _start_from(self, neighbour: Path) -> None:
+        """Map the newest state of another case onto this mesh; copy and scale it where only the speed differs."""
+        newest = foam.times(neighbour)[-1]
+        self.start = neighbour.name
+        same_mesh = neighbour.name.rsplit("_n", 1)[0] == self.folder.name.rsplit("_n", 1)[0]
+        if same_mesh:
+            there = float(neighbour.name.rsplit("_n", 1)[1])
+            for name, power in SPEED_POWER.items():
+                shutil.copy(neighbour / newest / name, self.folder / "0" / name)
+                foam.scale_field(self.folder / "0" / name, (self.position.rpm / there) ** power)
+            return
+        case.put(self.folder / "system/mapFieldsDict", "dictionary", "patchMap ();\ncuttingPatches ();\n")
+        foam.run(self.folder, "mapFields", str(neighbour.resolve()), "-sourceTime", newest)
+
+    def iterate(self, report: Callable[[str], None]) -> None:
+        """Steady iterations until the wrench stands still, or the limit."""
+        solver = self.setup.solver
+        while self.steps == 0 and not self.settled() and self.iterations < solver.limit and self.finite():
+            end = self.iterations + (solver.start if self.iterations == 0 else solver.chunk)
+            self._advance("simpleFoam", case.control(self.setup, end, steady=True))
+            self.iterations = end
+            self._keep()
+            report(f"{self.iterations} iterations")
+
+    def march(self, report: Callable[[str], None]) -> None:
+        """Go on in time from the newest state."""
+        solver = self.setup.solver
+        case.put(self.folder / "system/fvSchemes", "dictionary", case.schemes(steady=False))
+        while (self.steps == 0 or not self.settled()) and self.steps < solver.march_limit and self.finite():
+            end = self.iterations + (self.steps + solver.march_chunk) * solver.time_step_s
+            self._advance("pimpleFoam", case.control(self.setup, end, steady=False))
+            self.steps += solver.march_chunk
+            self._keep()
+            report(f"{self.steps} time steps")
+
+    def _advance(self, program: str, control: str) -> None:
+        began = time.monotonic()
+        case.put(self.folder / "system/controlDict", "dictionary", control)
+        foam.run(self.folder, program)
+        self._collect()
+        self.seconds += time.monotonic() - began
+
+    def _collect(self) -> None:
+        """Turn the states written since the last chunk into samples; keep only the newest on disk."""
+        surfaces = foam.surface_loads(self.folder)
+        states = foam.times(self.folder)
+        volume = foam.read_field(self.folder / "constant/V")
+        centre = foam.read_field(self.folder / "constant/C")
+        newest = max(self.samples.at, default=0.0)
+        for state in states:
+            at = float(state)
+            if at <= newest:
+                continue
+            surface = surfaces[min(surfaces, key=lambda t: abs(t - at))]
+            discs = [self._disc(state, disc, volume, centre) for disc in case.DISCS]
+            total = surface + discs[0] + discs[1]
+            parts = np.array([discs[0][2], discs[1][2], surface[2]])
+            if not self.position.swirl:
+                total, parts = 2 * total * [1, 0, 1, 0, 1, 0], 2 * parts
+            self.samples.at.append(at)
+            self.samples.wrench.append(total)
+            self.samples.parts.append(parts)
+        foam.forget(self.folder, states[:-1])
+
+    def _disc(self, state: str, disc: str, volume: Array, centre: Array) -> Array:
+        """Force and moment (6,) of the air on one disc: the solver's source per volume and density, summed."""
+        out = np.zeros(6)
+        for name, where, _, _ in case.sources(self.position):
+            if where[:-1] != disc:
+                continue
+            source = foam.read_field(self.folder / state / f"{name}:rotorForce")
+            rows = np.flatnonzero(np.any(source != 0.0, axis=1)) if len(source) > 1 else np.array([], dtype=int)
+            force = self.setup.air.density_kg_m3 * source[rows] * volume[rows, None]
+            out += np.concatenate([force.sum(axis=0), np.cross(centre[rows], force).sum(axis=0)])
+        return out
+
+    # Judging
+
+    def _last(self, chunks: int) -> Array:
+        """Samples (n, 6) of the last ``chunks`` chunks."""
+        solver = self.setup.solver
+        per_chunk = 8 if self.steps else solver.chunk // solver.sample_every
+        return np.array(self.samples.wrench[-chunks * per_chunk :]).reshape(-1, 6)
+
+    def _scale(self) -> Array:
+        rotor = self.setup.rotor
+        lift = rotor.hover_lift_n * (self.position.rpm / rotor.hover_rpm) ** 2
+        return lift * np.array([1.0] * 3 + [self.setup.fan.radius_m] * 3)
+
+    def _moves(self) -> tuple[Array, Array]:
+        """Drift and swing (6,) over the last two chunks."""
+        last = self._last(2)
+        if len(last) < 2:
+            return np.full(6, np.inf), np.full(6, np.inf)
+        half = len(last) // 2
+        return np.abs(last[half:].mean(axis=0) - last[:half].mean(axis=0)), np.ptp(last, axis=0) / 2
+
+    def settled(self) -> bool:
+        """True where the wrench stands still over the last two chunks."""
+        if self.steps and self.steps < 2 * self.setup.solver.march_chunk:
+            return False
+        drift, swing = self._moves()
+        scale, limit = self._scale(), self.setup.converged
+        return bool(np.all(drift <= limit.drift * scale) and np.all(swing <= limit.swing * scale))
+
+    def finite(self) -> bool:
+        """True while the wrench is of a size a fan can have."""
+        return not self.samples.wrench or bool(np.all(np.abs(self.samples.wrench[-1]) < 10 * self._scale()))
+
+    def status(self) -> str:
+        if not self.finite():
+            return "diverged"
+        if not self.settled():
+            return "cycling"
+        return "marched" if self.steps else "steady"
+
+    def result(self, status: str, seconds: float, note: str) -> Result:
+        last = self._last(2)
+        if len(last) == 0:
+            nothing = (float("nan"),) * 6
+            return Result(
+                nothing, nothing, nothing, nothing[:3], "diverged", self.cells, 0, 0, seconds, self.start, note
+            )
+        drift, swing = self._moves()
+        parts = np.mean(self.samples.parts[-len(last) :], axis=0)
+        return Result(
+            wrench=_floats(last.mean(axis=0)),
+            swing=_floats(swing),
+            drift=_floats(drift),
+            parts=(float(parts[0]), float(parts[1]), float(parts[2])),
+            status=status,
+            cells=self.cells,
+            iterations=self.iterations,
+            steps=self.steps,
+            seconds=self.seconds,
+            start=self.start,
+            note=note,
+        )
+
+    # Keeping
+
+    def _keep(self) -> None:
+        target = self.folder / STATE
+        scratch = target.with_suffix(".tmp.npz")
+        np.savez(
+            scratch,
+            at=self.samples.at,
+            wrench=np.array(self.samples.wrench).reshape(-1, 6),
+            parts=np.array(self.samples.parts).reshape(-1, 3),
+            counts=[self.iterations, self.steps, self.cells],
+            seconds=self.seconds,
+            start=self.start,
+        )
+        scratch.replace(target)
+
+    def _restore(self) -> None:
+        with np.load(self.folder / STATE) as kept:
+            self.samples = _Samples(list(kept["at"]), list(kept["wrench"]), list(kept["parts"]))
+            self.iterations, self.steps, self.cells = (int(c) for c in kept["counts"])
+            self.seconds, self.start = float(kept["seconds"]), str(kept["start"])
+
+
+def _floats(values: Array) -> tuple[float, ...]:
+    return tuple(float(v) for v in values)

@@ -1,0 +1,227 @@
+"""A fan and its simulation, from one TOML file."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from models.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class Fan:
+    """Duct and hub; lengths over ``radius_m`` unless in m, heights above the reference point, z up."""
+
+    name: str
+    radius_m: float
+    lip_radius_m: float
+    lip_top: float
+    exit_height: float
+    exit_radius: float
+    exit_skin: float
+    hub_radius: float
+
+    @property
+    def lip_radius(self) -> float:
+        """Outer lip over R."""
+        return self.lip_radius_m / self.radius_m
+
+    @property
+    def lip_thickness(self) -> float:
+        """Thickness of the duct at the lip over R; the lip is a semicircle of that diameter."""
+        return self.lip_radius - 1.0
+
+
+@dataclass(frozen=True)
+class Rotor:
+    """Two equal discs; pitch linear from the hub to the tip."""
+
+    blades: int
+    chord_m: float
+    root_pitch_deg: float
+    tip_pitch_deg: float
+    section: str
+    thickness: float
+    upper_height: float
+    lower_height: float
+    stations: int
+    hover_lift_n: float
+    hover_rpm: float
+
+
+@dataclass(frozen=True)
+class Air:
+    """The fluid."""
+
+    density_kg_m3: float
+    viscosity_m2_s: float
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Cell counts at level 1 and the extent of the domain over R."""
+
+    azimuth: int
+    hub: int
+    bore: int
+    lip: int
+    ring: int
+    outer: int
+    above: int
+    below: int
+    duct: tuple[int, ...]
+    box: float
+    far: float
+    far_below: float
+
+
+@dataclass(frozen=True)
+class Solver:
+    """Iterations, relaxation and time step."""
+
+    relax_velocity: float
+    relax_pressure: float
+    chunk: int
+    start: int
+    limit: int
+    sample_every: int
+    time_step_s: float
+    march_chunk: int
+    march_limit: int
+
+
+@dataclass(frozen=True)
+class Converged:
+    """What counts as converged, as shares of hover lift (forces) and hover lift times R (moments)."""
+
+    drift: float
+    swing: float
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """Which cases make the data set; positions are (h, d) over R."""
+
+    rpm: float
+    h: tuple[float, ...]
+    d: tuple[float, ...]
+    other_rpm: tuple[float, ...]
+    rpm_at: tuple[tuple[float, float], ...]
+    grid_levels: tuple[float, ...]
+    grid_at: tuple[tuple[float, float], ...]
+    swirl_at: tuple[tuple[float, float], ...]
+
+
+@dataclass(frozen=True)
+class Setup:
+    """Everything a case needs but its position."""
+
+    fan: Fan
+    rotor: Rotor
+    air: Air
+    mesh: Mesh
+    solver: Solver
+    converged: Converged
+    campaign: Campaign
+
+
+_SECTIONS: Mapping[str, type] = {
+    "fan": Fan,
+    "rotor": Rotor,
+    "air": Air,
+    "mesh": Mesh,
+    "solver": Solver,
+    "converged": Converged,
+    "campaign": Campaign,
+}
+
+
+def load(path: Path | None = None) -> Setup:
+    """Read a fan file, or the built-in one. Raises ConfigError naming the file and the key."""
+    name = str(path) if path else "models/cfd/fan.toml"
+    try:
+        text = (
+            path.read_text("utf-8") if path else resources.files("models.cfd").joinpath("fan.toml").read_text("utf-8")
+        )
+        table = tomllib.loads(text)
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
+        raise ConfigError(f"fan file {name}: cannot be read ({reason})") from None
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"fan file {name}: not TOML ({error})") from None
+    unknown = set(table) - set(_SECTIONS)
+    if unknown:
+        raise ConfigError(f"fan file {name}: unknown section [{min(unknown)}]")
+    setup = Setup(**{section: _section(name, section, kind, table) for section, kind in _SECTIONS.items()})
+    _check(name, setup)
+    return setup
+
+
+def _section(name: str, section: str, kind: type, table: Mapping[str, Any]) -> Any:
+    values = table.get(section)
+    if not isinstance(values, dict):
+        raise ConfigError(f"fan file {name}: section [{section}] is missing")
+    known = {f.name: str(f.type) for f in fields(kind)}
+    for key in values:
+        if key not in known:
+            raise ConfigError(f"fan file {name}: [{section}] has an unknown key '{key}'")
+    for key in known:
+        if key not in values:
+            raise ConfigError(f"fan file {name}: [{section}] lacks '{key}'")
+    return kind(
+        **{key: _value(f"fan file {name}: [{section}] {key}", values[key], kind) for key, kind in known.items()}
+    )
+
+
+def _value(where: str, value: Any, kind: str) -> Any:
+    if kind == "str" and isinstance(value, str):
+        return value
+    if kind == "float" and _number(value):
+        return float(value)
+    if kind == "int" and isinstance(value, int) and not isinstance(value, bool):
+        if value < 1:
+            raise ConfigError(f"{where}: must be at least 1, not {value}")
+        return value
+    if kind == "tuple[int, ...]" and isinstance(value, list) and all(isinstance(v, int) and v > 0 for v in value):
+        return tuple(value)
+    if kind == "tuple[float, ...]" and isinstance(value, list) and all(_number(v) and v > 0 for v in value):
+        return tuple(float(v) for v in value)
+    if kind.startswith("tuple[tuple") and isinstance(value, list):
+        if all(isinstance(v, list) and len(v) == 2 and all(_number(x) for x in v) for v in value):
+            return tuple((float(h), float(d)) for h, d in value)
+        raise ConfigError(f"{where}: must be a list of [h, d]")
+    raise ConfigError(f"{where}: must be {kind}, not {value!r}")
+
+
+def _number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and value == value
+
+
+def _check(name: str, setup: Setup) -> None:
+    """Refuse a geometry that cannot be meshed."""
+    fan, rotor, mesh = setup.fan, setup.rotor, setup.mesh
+
+    def need(holds: bool, what: str) -> None:
+        if not holds:
+            raise ConfigError(f"fan file {name}: {what}")
+
+    need(fan.radius_m > 0, "[fan] radius_m must be positive")
+    need(fan.lip_thickness > 0.05, "[fan] lip_radius_m must exceed radius_m by 5 % or more")
+    need(0 < fan.hub_radius < 0.9, "[fan] hub_radius must lie between 0 and 0.9")
+    need(1.0 <= fan.exit_radius < fan.exit_skin <= fan.lip_radius, "[fan] needs 1 <= exit_radius < exit_skin <= lip")
+    top_disc = rotor.upper_height + rotor.thickness
+    lip_centre = fan.lip_top - fan.lip_thickness / 2
+    need(
+        fan.exit_height < rotor.lower_height < rotor.lower_height + rotor.thickness < rotor.upper_height,
+        "the lower disc must lie between the duct's exit and the upper disc",
+    )
+    need(top_disc < lip_centre, "the upper disc must lie below the curved part of the lip")
+    need(len(mesh.duct) == 5 and mesh.duct[1] == mesh.duct[3] == 3, "[mesh] duct needs five counts, 3 for each disc")
+    need(rotor.stations >= 2 and rotor.blades >= 1 and rotor.chord_m > 0, "[rotor] stations, blades, chord_m too small")
+    need(setup.air.density_kg_m3 > 0 and setup.air.viscosity_m2_s > 0, "[air] must be positive")
+    need(mesh.box > fan.lip_radius + 0.2 and mesh.far > mesh.box + 1, "[mesh] needs lip + 0.2 < box and box + 1 < far")
+    need(setup.solver.sample_every <= setup.solver.chunk // 3, "[solver] sample_every must be a third of chunk or less")

@@ -1,0 +1,61 @@
+"""Where the fan stands in one case, and in which variant it is computed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from models.cfd.config import Setup
+from models.errors import ConfigError
+
+# Cells need room: a gap below this share of R cannot be meshed with these counts.
+LEAST_GAP = 0.1
+
+
+@dataclass(frozen=True)
+class Position:
+    """One case. ``h`` and ``d`` over R, ``inf`` without ground or wall; ``level`` multiplies the mesh's cell counts.
+
+    ``swirl`` False: half model, mirror plane y = 0, rotors without swirl (each disc half this way, half that way
+    round), so Fy = Mx = Mz = 0 by symmetry. True: whole fan, upper rotor turns clockwise seen from above, the lower
+    one against it.
+    """
+
+    h: float
+    d: float
+    rpm: float
+    swirl: bool = False
+    level: float = 1.0
+    approach: str = "near"
+    """The start: ``near`` (the nearest finished case), ``wall`` (one nearer to the wall), ``rest``."""
+
+    @property
+    def key(self) -> str:
+        """Name of the case's folder and of its row."""
+        kind = "full" if self.swirl else "half"
+        start = "" if self.approach == "near" else f"_from_{self.approach}"
+        return f"{kind}_h{self.h:g}_d{self.d:g}_l{self.level:g}{start}_n{self.rpm:g}"
+
+    @property
+    def place(self) -> tuple[float, float]:
+        """(h, d) over R."""
+        return self.h, self.d
+
+
+def check(setup: Setup, position: Position) -> None:
+    """Refuse, before meshing, a fan that touches the ground or the wall. Raises ConfigError."""
+    lowest = -setup.fan.exit_height
+    if not position.h > lowest + LEAST_GAP:
+        raise ConfigError(
+            f"case {position.key}: the duct's exit is {lowest:g} R below the reference point, so h = {position.h:g} R "
+            f"{'runs into' if position.h <= lowest else 'leaves too thin a gap to'} the ground; "
+            f"use more than {lowest + LEAST_GAP:g} R"
+        )
+    if not position.d > LEAST_GAP:
+        raise ConfigError(
+            f"case {position.key}: d = {position.d:g} R "
+            f"{'intersects' if position.d <= 0 else 'is too close to'} the wall; "
+            f"use more than {LEAST_GAP:g} R"
+        )
+    if not (math.isfinite(position.rpm) and position.rpm > 0):
+        raise ConfigError(f"case {position.key}: rpm must be positive")
