@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 
 from models.wrench import Array
 
-Evaluate = Callable[[Array], Array]
+Genes = NDArray[np.float32] | Array
+Index = NDArray[np.intp]
+Evaluate = Callable[[Genes], Array]
 """Mean squared errors (runs, pop) of chromosomes (runs, pop, genes)."""
 
 
@@ -43,15 +45,15 @@ def fitness(mse: Array) -> Array:
     return 1.0 / (mse + 1e-12)
 
 
-def select(f: Array, rng: np.random.Generator) -> NDArray[np.intp]:
+def select(f: Array, rng: np.random.Generator) -> Index:
     """Roulette (eq. 14), p_i = f_i / sum_j f_j: indices (runs, pop) drawn with replacement within each run."""
     wheel = np.cumsum(f, axis=1)
     draws = rng.random(f.shape) * wheel[:, -1:]
-    chosen: NDArray[np.intp] = np.minimum((draws[:, :, None] > wheel[:, None, :]).sum(axis=2), f.shape[1] - 1)
+    chosen: Index = np.minimum((draws[:, :, None] > wheel[:, None, :]).sum(axis=2), f.shape[1] - 1)
     return chosen
 
 
-def crossover(parents: Array, share: float, rng: np.random.Generator) -> Array:
+def crossover(parents: Genes, share: float, rng: np.random.Generator) -> Genes:
     """Arithmetic crossover (eq. 15, corrected) of neighbours 0-1, 2-3, ..., each pair with probability ``share``.
 
     g'_m = g_m (1 - a) + g_n a and g'_n = g_n (1 - a) + g_m a with one a ~ U(0, 1) per pair of genes: sums are kept and
@@ -60,9 +62,11 @@ def crossover(parents: Array, share: float, rng: np.random.Generator) -> Array:
     children = parents.copy()
     pairs = parents.shape[1] // 2
     first, second = parents[:, 0 : 2 * pairs : 2], parents[:, 1 : 2 * pairs : 2]
-    mix = rng.random(first.shape) * (rng.random(first.shape[:2]) < share)[..., None]
-    children[:, 0 : 2 * pairs : 2] = first + mix * (second - first)
-    children[:, 1 : 2 * pairs : 2] = second + mix * (first - second)
+    mix = rng.random(first.shape, dtype=np.float32)
+    mix *= (rng.random(first.shape[:2]) < share)[..., None]
+    exchange = mix * (second - first)
+    children[:, 0 : 2 * pairs : 2] += exchange
+    children[:, 1 : 2 * pairs : 2] -= exchange
     return children
 
 
@@ -76,14 +80,16 @@ def mutation_probability(f: Array, settings: Settings) -> Array:
     return out
 
 
-def mutate(genes: Array, probability: Array, progress: float, settings: Settings, rng: np.random.Generator) -> Array:
+def mutate(genes: Genes, probability: Array, progress: float, settings: Settings, rng: np.random.Generator) -> Genes:
     """Non-uniform steps on genes chosen with K: normal, shrinking as (1 - progress)^2, clipped to the bounds.
 
     K of eq. 16 is spread over the chromosome's weights in fifths: 0.5 of all genes at once would be a new individual.
     """
-    hit = rng.random(genes.shape, dtype=np.float32) < (0.2 * probability)[..., None]
-    step = rng.standard_normal(genes.shape, dtype=np.float32) * (settings.step * (1.0 - progress) ** 2)
-    return np.where(hit, np.clip(genes + step, -settings.bound, settings.bound), genes)
+    hit = np.flatnonzero(rng.random(genes.shape, dtype=np.float32) < (0.2 * probability)[..., None])
+    step = rng.standard_normal(len(hit), dtype=np.float32) * np.float32(settings.step * (1.0 - progress) ** 2)
+    mutants = genes.copy()
+    mutants.ravel()[hit] = np.clip(mutants.ravel()[hit] + step, -settings.bound, settings.bound)
+    return mutants
 
 
 def evolve(
@@ -99,7 +105,7 @@ def evolve(
     The best so far replaces one individual of each new generation, so the error never grows.
     """
     s = settings or Settings()
-    population = rng.uniform(-s.first_bound, s.first_bound, (runs, s.population, genes))
+    population: Genes = rng.uniform(-s.first_bound, s.first_bound, (runs, s.population, genes)).astype(np.float32)
     every = np.arange(runs)
     mse = evaluate(population)
     leader = mse.argmin(axis=1)
@@ -118,4 +124,4 @@ def evolve(
             tick(generation + 1, s.generations)
         if np.all(best_mse <= s.goal):
             break
-    return best, best_mse
+    return best.astype(float), best_mse

@@ -17,6 +17,8 @@ from models.adam import Rule
 from models.wrench import Array
 
 INPUTS = 3
+# With more than this share of the hidden units changed all are computed: quicker than picking them out.
+MANY = 0.7
 
 
 def genes(hidden: int) -> int:
@@ -26,7 +28,10 @@ def genes(hidden: int) -> int:
 
 @dataclass(frozen=True)
 class Batch:
-    """The rows that each of N nets learns: x (N, 3, n), gate, y and weight (N, n); weights of a net sum to 1."""
+    """The rows that each of N nets learns: x (N, 4, n), the last input 1; gate, y, weight (N, n), weights sum to 1.
+
+    x is (1, 4, n) where all nets see the same inputs.
+    """
 
     x: Any
     gate: Any
@@ -35,8 +40,9 @@ class Batch:
 
     @classmethod
     def of(cls, x: Array, gate: Array, y: Array, weight: Array) -> Batch:
-        """From numpy, x (N, n, 3); rows of weight 0 are not learnt. Single precision, far finer than the fits here."""
+        """From numpy, x (N or 1, n, 3); rows of weight 0 are not learnt. Single precision, far finer than the fits."""
         torch.set_num_threads(1)
+        x = np.concatenate([x, np.ones((*x.shape[:2], 1))], axis=2)
         parts = (x.transpose(0, 2, 1), gate, y, weight / weight.sum(axis=1, keepdims=True))
         return cls(*(torch.as_tensor(np.ascontiguousarray(p), dtype=torch.float32) for p in parts))
 
@@ -44,48 +50,75 @@ class Batch:
 # torch's logistic is several times faster than its tanh here: tanh(a) = 2 s(2a) - 1 and tanh'(a) = 4 s (1 - s).
 
 
-def population_error(batch: Batch, hidden: int) -> Callable[[Array], Array]:
-    """The evaluation that ``genetic.evolve`` asks for: (N, pop, genes) -> weighted mean squared errors (N, pop).
+class PopulationError:
+    """The evaluation that ``genetic.evolve`` asks for: weighted mean squared errors (N, pop) of (N, pop, genes).
 
-    One net's population at a time, so that its hidden layer stays in the processor's cache.
+    Exponentials are what it spends its time on, so the outputs of all hidden units are kept (N x pop x hidden x n
+    single floats), and only units with a gene that differs from the last population's are computed. One net at a time,
+    to stay in the processor's cache.
     """
-    nets, _, rows = batch.x.shape
 
-    def evaluate(population: Array) -> Array:
-        theta = torch.as_tensor(population, dtype=torch.float32)
-        pop = theta.shape[1]
-        w, b, v, o = _unpack(theta, hidden)
-        w = (2.0 * w).transpose(2, 3).reshape(nets, pop * hidden, INPUTS)
-        b = (2.0 * b).reshape(nets, pop * hidden, 1)
-        o = (o - v.sum(dim=-1))[:, :, None, None]
-        v = (2.0 * v)[:, :, None, :].contiguous()
-        z = torch.empty((pop * hidden, rows))
+    def __init__(self, batch: Batch, hidden: int) -> None:
+        self.hidden = hidden
+        self._x = batch.x.expand(len(batch.y), -1, -1)
+        root = batch.weight.sqrt()
+        self._pull, self._target = root * batch.gate, -root * batch.y
+        self._units = np.empty((0, 0, 0), dtype=np.float32)
+        self._outputs = torch.empty(0)
+
+    def __call__(self, population: Any) -> Array:
+        """Errors (N, pop)."""
+        theta = np.asarray(population, dtype=np.float32)
+        nets, pop, _ = theta.shape
+        hidden, rows = self.hidden, self._x.shape[2]
+        cut = (INPUTS + 1) * hidden
+        units = np.ascontiguousarray(theta[..., :cut].reshape(nets, pop, INPUTS + 1, hidden).swapaxes(2, 3))
+        units = 2.0 * units.reshape(nets, pop * hidden, INPUTS + 1)
+        if self._units.shape != units.shape:
+            self._units = np.full_like(units, np.nan)
+            self._outputs = torch.empty((nets, pop * hidden, rows))
+        changed = (units != self._units).any(axis=2)
+        self._units = units
+        first, second, offset = torch.as_tensor(units), theta[..., cut:-1], theta[..., -1]
+        v = torch.as_tensor(2.0 * second)[:, :, None, :]
+        o = torch.as_tensor(offset - second.sum(axis=-1))[:, :, None, None]
         y = torch.empty((pop, 1, rows))
-        out = torch.empty((nets, pop))
+        out = np.empty((nets, pop))
         for i in range(nets):
-            torch.addmm(b[i], w[i], batch.x[i], out=z)
-            z.sigmoid_()
+            z, new = self._outputs[i], np.flatnonzero(changed[i])
+            if len(new) > MANY * pop * hidden:
+                torch.mm(first[i], self._x[i], out=z).sigmoid_()
+            else:
+                z.numpy()[new] = torch.mm(torch.as_tensor(units[i, new]), self._x[i]).sigmoid_().numpy()
             torch.baddbmm(o[i], v[i], z.view(pop, hidden, rows), out=y)
-            error = y[:, 0].mul_(batch.gate[i]).sub_(batch.y[i])
-            torch.mv(error.mul_(error), batch.weight[i], out=out[i])
-        return np.asarray(out.double().numpy())
-
-    return evaluate
+            error = torch.addcmul(self._target[i], y[:, 0], self._pull[i]).numpy()
+            np.einsum("pn,pn->p", error, error, out=out[i])
+        return out
 
 
 def gradient(theta: Any, batch: Batch, hidden: int) -> tuple[Any, Any]:
     """Gradient (N, genes) of each net's weighted mean squared error (eq. 11) and that error (N,), theta (N, genes)."""
-    w, b, v, o = _unpack(theta, hidden)
-    s = torch.baddbmm(2.0 * b[:, :, None], 2.0 * w.transpose(1, 2), batch.x).sigmoid_()
-    y = torch.baddbmm((o - v.sum(dim=1))[:, None, None], 2.0 * v[:, None, :], s)[:, 0]
-    error = batch.gate * y - batch.y
-    pull = 2.0 * batch.weight * batch.gate * error
+    nets, _ = theta.shape
+    cut = (INPUTS + 1) * hidden
+    w, v, o = theta[:, :cut].view(nets, INPUTS + 1, hidden), theta[:, cut:-1], theta[:, -1:]
+    if len(batch.x) == 1:
+        s = torch.mm((2.0 * w).transpose(1, 2).reshape(nets * hidden, -1), batch.x[0]).view(nets, hidden, -1)
+    else:
+        s = torch.bmm(2.0 * w.transpose(1, 2), batch.x)
+    s.sigmoid_()
+    y = torch.baddbmm((o - v.sum(dim=1, keepdim=True))[:, :, None], 2.0 * v[:, None, :], s)[:, 0]
+    error = y.mul_(batch.gate).sub_(batch.y)
+    pull = 2.0 * batch.weight * error
+    mse = error.mul_(pull).sum(dim=1).mul_(0.5)
+    pull.mul_(batch.gate)
     total = pull.sum(dim=1, keepdim=True)
-    by_v = 2.0 * torch.bmm(s, pull[:, :, None])[..., 0] - total
+    by_v = torch.bmm(s, 2.0 * pull[:, :, None])[..., 0] - total
     slope = torch.addcmul(s, s, s, value=-1.0).mul_(pull[:, None, :])
-    by_b = 4.0 * v * slope.sum(dim=2)
-    by_w = 4.0 * v[:, None, :] * torch.bmm(batch.x, slope.transpose(1, 2))
-    return torch.cat((by_w.flatten(1), by_b, by_v, total), dim=1), (error * error * batch.weight).sum(dim=1)
+    if len(batch.x) == 1:
+        by_w = torch.mm(slope.view(nets * hidden, -1), batch.x[0].t()).view(nets, hidden, -1).transpose(1, 2)
+    else:
+        by_w = torch.bmm(batch.x, slope.transpose(1, 2))
+    return torch.cat(((4.0 * v[:, None, :] * by_w).flatten(1), by_v, total), dim=1), mse
 
 
 def descend(
@@ -111,16 +144,6 @@ def descend(
 
 def unpack(theta: Array, hidden: int) -> tuple[Array, Array, Array, Array]:
     """Chromosomes (..., genes) as w1 (..., 3, hidden), b1 (..., hidden), w2 (..., hidden), b2 (...)."""
-    out: tuple[Array, Array, Array, Array] = _unpack(theta, hidden)
-    return out
-
-
-def _unpack(theta: Any, hidden: int) -> Any:
     cut = INPUTS * hidden
-    lead = tuple(theta.shape[:-1])
-    return (
-        theta[..., :cut].reshape((*lead, INPUTS, hidden)),
-        theta[..., cut : cut + hidden],
-        theta[..., cut + hidden : cut + 2 * hidden],
-        theta[..., -1],
-    )
+    w1: Array = theta[..., :cut].reshape((*theta.shape[:-1], INPUTS, hidden))
+    return w1, theta[..., cut : cut + hidden], theta[..., cut + hidden : cut + 2 * hidden], theta[..., -1]

@@ -211,7 +211,7 @@ def learn(
 ) -> Array:
     """Chromosomes (N, genes) of N nets trained at once by one of the paper's methods.
 
-    ``arrays``: x (N, n, 3), gate, y and weight (N, n), as ``network.Batch``.
+    ``arrays``: x (N or 1, n, 3), gate, y and weight (N, n), as ``network.Batch``.
     """
     from models import network
 
@@ -220,7 +220,7 @@ def learn(
     if method.startswith("ga-"):
         seen = np.sort(rng.choice(rows, min(rows, GA_ROWS), replace=False))
         small = network.Batch.of(x[:, seen], gate[:, seen], y[:, seen], weight[:, seen])
-        evaluate = network.population_error(small, hidden)
+        evaluate = network.PopulationError(small, hidden)
         start, _ = genetic.evolve(evaluate, nets, network.genes(hidden), rng, tick=_tick(progress, "genetic algorithm"))
     else:
         start = rng.uniform(-1.0, 1.0, (nets, network.genes(hidden)))
@@ -245,7 +245,7 @@ def scan_hidden(
     validate = folds(problem, MEMBERS, rng) == 0
     live = [c for c in range(6) if np.any(problem.y[:, c])]
     tasks = [(size, c) for size in HIDDEN_SCAN for c in live for _ in range(repeats)]
-    x = np.repeat(problem.x[None], len(tasks), axis=0)
+    x = problem.x[None]
     columns = [c for _, c in tasks]
     gate, y = problem.gate.T[columns], (problem.y / problem.scale).T[columns]
     weight = np.repeat((~validate)[None].astype(float), len(tasks), axis=0)
@@ -343,11 +343,9 @@ def _paper_nets(
     """Nets by one of the paper's methods, all five members and six components in one batch."""
     from models import network
 
-    nets = 6 * MEMBERS
-    x = np.repeat(problem.x[None], nets, axis=0)
     gate, y = np.tile(problem.gate.T, (MEMBERS, 1)), np.tile((problem.y / problem.scale).T, (MEMBERS, 1))
     weight = np.repeat((fold != np.arange(MEMBERS)[:, None]).astype(float), 6, axis=0)
-    theta = learn((x, gate, y, weight), method, hidden, epochs, rng, progress=progress)
+    theta = learn((problem.x[None], gate, y, weight), method, hidden, epochs, rng, progress=progress)
     theta[np.tile(~np.any(problem.y, axis=0), MEMBERS)] = 0.0
     w1, b1, w2, b2 = (a.reshape(MEMBERS, 6, *a.shape[1:]) for a in network.unpack(theta, hidden))
     return NetEnsemble(w1, b1, w2 * problem.scale[:, None], b2 * problem.scale)

@@ -54,9 +54,9 @@ def batched(problem: train.Problem, settings: genetic.Settings, epochs: int) -> 
     nets = 6 * RESTARTS
     y = np.tile((problem.y / problem.scale).T, (RESTARTS, 1))
     gate = np.tile(problem.gate.T, (RESTARTS, 1))
-    batch = network.Batch.of(np.repeat(problem.x[None], nets, axis=0), gate, y, np.ones_like(y))
+    batch = network.Batch.of(problem.x[None], gate, y, np.ones_like(y))
     rng = np.random.default_rng(0)
-    evaluate = network.population_error(batch, HIDDEN)
+    evaluate = network.PopulationError(batch, HIDDEN)
     start, _ = genetic.evolve(evaluate, nets, network.genes(HIDDEN), rng, settings)
     return network.descend(start, batch, HIDDEN, Adam(), epochs)
 

@@ -103,7 +103,7 @@ def test_the_best_never_gets_worse_and_every_run_improves() -> None:
     assert np.all(np.diff(np.minimum.accumulate(after_mutation, axis=0), axis=0) <= 0.0)
     assert np.all(np.diff(after_mutation, axis=0) <= 1e-15), "the elite is kept"
     assert np.all(mse < 0.2 * starts)
-    np.testing.assert_allclose(_sphere(best[:, None])[:, 0], mse)
+    np.testing.assert_allclose(_sphere(best[:, None])[:, 0], mse, rtol=1e-4)
 
 
 def test_it_stops_at_the_goal_and_repeats_by_seed() -> None:

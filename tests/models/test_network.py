@@ -51,11 +51,36 @@ def test_the_gradient_is_autograds() -> None:
 def test_the_batched_population_is_the_loop_over_individuals() -> None:
     batch, arrays = _batch()
     population = np.random.default_rng(2).uniform(-1, 1, (4, 7, 46))
-    batched = network.population_error(batch, HIDDEN)(population)
+    batched = network.PopulationError(batch, HIDDEN)(population)
     plain = [torch.as_tensor(a) for a in arrays]
     for k in range(7):
         one = _error(torch.as_tensor(population[:, k]), *plain)
         np.testing.assert_allclose(batched[:, k], one.numpy(), rtol=1e-5)
+
+
+def test_units_kept_from_the_last_population_change_no_error() -> None:
+    batch, _ = _batch()
+    rng = np.random.default_rng(2)
+    population = rng.uniform(-1, 1, (4, 7, 46))
+    kept = network.PopulationError(batch, HIDDEN)
+    kept(population)
+    for share in (0.0, 0.02, 0.5, 1.0):
+        population = np.where(rng.random(population.shape) < share, rng.uniform(-1, 1, population.shape), population)
+        np.testing.assert_allclose(
+            kept(population), network.PopulationError(batch, HIDDEN)(population), rtol=1e-5, err_msg=f"{share}"
+        )
+
+
+def test_inputs_shared_by_all_nets_give_the_same_errors_and_gradients() -> None:
+    _, (x, gate, y, weight) = _batch()
+    shared = network.Batch.of(x[:1], gate, y, weight)
+    apart = network.Batch.of(np.repeat(x[:1], 4, axis=0), gate, y, weight)
+    theta = torch.as_tensor(_theta(), dtype=torch.float32)
+    for one, other in zip(network.gradient(theta, shared, HIDDEN), network.gradient(theta, apart, HIDDEN), strict=True):
+        np.testing.assert_allclose(one.numpy(), other.numpy(), rtol=1e-4, atol=1e-5)
+    population = np.random.default_rng(2).uniform(-1, 1, (4, 7, 46))
+    one, other = (network.PopulationError(b, HIDDEN)(population) for b in (shared, apart))
+    np.testing.assert_allclose(one, other, rtol=1e-5)
 
 
 def test_adam_is_the_reference_adam() -> None:
