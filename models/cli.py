@@ -1,4 +1,4 @@
-"""The ``models`` command: train, compare and query surrogates."""
+"""The ``models`` command: train, compare and query surrogates, compute their data."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from models.cfd import cli as cfd
 from models.errors import ConfigError, UserError
 
 # Spelled out here so that --help need not import the trainers.
@@ -37,7 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="models", description="Surrogates of a fan near ground and wall: train, compare, query."
+        prog="models", description="Surrogates of a fan near ground and wall: train, compare, query, compute data."
     )
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
@@ -75,6 +76,7 @@ def _parser() -> argparse.ArgumentParser:
     query.add_argument("--quiet", action="store_true", help="no text")
     query.set_defaults(run=_query)
 
+    cfd.add(commands, _json)
     return parser
 
 
@@ -120,10 +122,14 @@ def _train(args: argparse.Namespace) -> int:
     print(f"{'':4}{'R2 train':>10}{'R2 test':>10}{'MSE test':>12}{'R2 of increments':>18}{'within 1.96 sigma':>20}")
     for axis, row in report["test"].items():
         print(
-            f"{axis:4}{report['train'][axis]['r2']:10.4f}{row['r2']:10.4f}{row['mse']:12.3e}"
-            f"{report['increments']['test'][axis]['r2']:18.4f}{report['coverage_95']['test'][axis]:20.1%}"
+            f"{axis:4}{_r2(report['train'][axis]):>10}{_r2(row):>10}{row['mse']:12.3e}"
+            f"{_r2(report['increments']['test'][axis]):>18}{report['coverage_95']['test'][axis]:20.1%}"
         )
     return _json(args, report)
+
+
+def _r2(score: Mapping[str, Any]) -> str:
+    return "constant" if score["r2"] is None else f"{score['r2']:.4f}"
 
 
 def _compare(args: argparse.Namespace) -> int:

@@ -17,6 +17,7 @@ from models.cfd.position import Position, check
 from models.errors import ConfigError
 
 RESULT = "result.json"
+FAN = "fan.json"
 # Stops from outside after which a case is marked and the campaign goes on without it.
 KILLED_LIMIT = 2
 
@@ -38,7 +39,8 @@ def plan(setup: Setup) -> list[Position]:
     """Every case of the campaign, most useful first; refuses positions that cannot be meshed before any work.
 
     Free air; wall without ground; ground without wall; corners coarse to fine; other speeds; other meshes; swirl;
-    second starts where the flow near the ground may have two states.
+    second starts where the flow may have two states. Heights go up: near the ground the jet opens to a hollow cone
+    around air that rises to the hub, a state that starts from above reach only after very many iterations.
     """
     c = setup.campaign
     inf = math.inf
@@ -49,18 +51,18 @@ def plan(setup: Setup) -> list[Position]:
 
     add(Position(inf, inf, c.rpm))
     add(*(Position(inf, d, c.rpm) for d in sorted(c.d, reverse=True)))
-    add(*(Position(h, inf, c.rpm) for h in sorted(c.h, reverse=True)))
+    add(*(Position(h, inf, c.rpm) for h in sorted(c.h)))
     for step_h, step_d in ((4, 4), (2, 2), (2, 1), (1, 1)):
-        # From far to near, so that a start is at hand.
-        for h in sorted(c.h[::step_h], reverse=True):
+        for h in sorted(c.h[::step_h]):
+            # From far to near, so that a start is at hand.
             add(*(Position(h, d, c.rpm) for d in sorted(c.d[::step_d], reverse=True)))
         if (step_h, step_d) == (2, 2):
             add(*(Position(h, d, rpm) for rpm in c.other_rpm for h, d in c.rpm_at))
             add(*(Position(h, d, c.rpm, level=level) for level in sorted(c.grid_levels) for h, d in c.grid_at))
             add(*(Position(h, d, c.rpm, swirl=True) for h, d in c.swirl_at))
     add(*(Position(h, d, c.rpm) for h, d in (*c.rpm_at, *c.grid_at, *c.swirl_at)))
-    nearest = [h for h in sorted(c.h) if math.isfinite(h)][:2]
-    add(*(Position(h, d, c.rpm, approach="wall") for h in nearest for d in sorted(c.d)[1:] if math.isfinite(d)))
+    add(*(Position(h, d, c.rpm, approach="far") for h, d in c.again_from_far))
+    add(*(Position(h, d, c.rpm, approach="wall") for h, d in c.again_from_wall))
     for position in order:
         check(setup, position)
     return list(order)
@@ -98,6 +100,8 @@ def start_for(position: Position, finished: Sequence[Row]) -> Position | None:
     able = [p for p in able if p.rpm == position.rpm and p.approach == "near"]
     if position.approach == "wall":
         able = [p for p in able if p.h == position.h and p.d < position.d]
+    elif position.approach == "far":
+        able = [p for p in able if p.place == (math.inf, position.d)]
     elif position.approach == "rest":
         able = []
     return min(able, key=lambda p: _apart(p, position), default=None)
@@ -128,7 +132,7 @@ def run(
     on from its last chunk; after that it is marked ``killed``. Ctrl-C keeps what every case has reached.
     """
     foam.require()
-    folder.mkdir(parents=True, exist_ok=True)
+    _claim(folder, setup)
     tables: dict[float, tuple[Station, ...]] = {}
     own = executor is None
     pool = executor or ThreadPoolExecutor(jobs)
@@ -166,6 +170,21 @@ def run(
     finally:
         if own:
             pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _claim(folder: Path, setup: Setup) -> None:
+    """Make the folder this fan's own; refuse one that holds cases of another fan or mesh."""
+    mine = {name: asdict(getattr(setup, name)) for name in ("fan", "rotor", "air", "mesh")}
+    text = json.dumps(mine, indent=1)
+    path = folder / FAN
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if not path.exists():
+            path.write_text(text, encoding="utf-8")
+        elif path.read_text(encoding="utf-8") != text:
+            raise ConfigError(f"work folder {folder}: holds cases of another fan or mesh ({path}); use another folder")
+    except OSError as error:
+        raise ConfigError(f"work folder {folder}: cannot be written ({error.strerror})") from None
 
 
 def _wanted(row: Row | None, marching: bool) -> bool:

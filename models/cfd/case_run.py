@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 import time
 from collections.abc import Callable
@@ -17,6 +18,10 @@ from models.cfd.position import Position, check
 from models.wrench import Array
 
 STATE = "state.npz"
+# A start from rest may take this many times the iterations.
+FROM_REST = 2
+# A swing that has kept this much of its size over two chunks does not die out.
+STILL_SWINGING = 0.7
 # Powers of the rotor speed with which a state scales to another speed.
 SPEED_POWER = {"U": 1, "phi": 1, "p": 2, "k": 2, "omega": 1, "nut": 1}
 
@@ -104,7 +109,6 @@ class _Case:
         shutil.rmtree(self.folder, ignore_errors=True)
         case.write(self.folder, self.setup, self.position, stations)
         foam.run(self.folder, "blockMesh")
-        foam.drop_empty_patch(self.folder)
         foam.run(self.folder, "topoSet")
         for what in ("writeCellVolumes", "writeCellCentres"):
             foam.run(self.folder, "postProcess", "-func", what, "-time", "0")
@@ -119,7 +123,10 @@ class _Case:
 
     def _start_from(self, neighbour: Path) -> None:
         """Map the newest state of another case onto this mesh; copy and scale it where only the speed differs."""
-        newest = foam.times(neighbour)[-1]
+        states = foam.times(neighbour) if neighbour.is_dir() else []
+        if not states:
+            return
+        newest = states[-1]
         self.start = neighbour.name
         same_mesh = neighbour.name.rsplit("_n", 1)[0] == self.folder.name.rsplit("_n", 1)[0]
         if same_mesh:
@@ -134,7 +141,8 @@ class _Case:
     def iterate(self, report: Callable[[str], None]) -> None:
         """Steady iterations until the wrench stands still, or the limit."""
         solver = self.setup.solver
-        while self.steps == 0 and not self.settled() and self.iterations < solver.limit and self.finite():
+        limit = solver.limit * (FROM_REST if self.start == "rest" else 1)
+        while self.steps == 0 and not self._enough() and self.iterations < limit and self.finite():
             end = self.iterations + (solver.start if self.iterations == 0 else solver.chunk)
             self._advance("simpleFoam", case.control(self.setup, end, steady=True))
             self.iterations = end
@@ -220,7 +228,20 @@ class _Case:
             return False
         drift, swing = self._moves()
         scale, limit = self._scale(), self.setup.converged
-        return bool(np.all(drift <= limit.drift * scale) and np.all(swing <= limit.swing * scale))
+        most = limit.drift_free if self.position.place == (math.inf, math.inf) else limit.drift
+        return bool(np.all(drift <= most * scale) and np.all(swing <= limit.swing * scale))
+
+    def _enough(self) -> bool:
+        """True where more steady iterations would change nothing: settled, or going round in circles."""
+        if self.settled():
+            return True
+        last = self._last(4)
+        half = len(last) // 2
+        if half < 2 or self.iterations < 2 * self.setup.solver.start:
+            return False
+        scale, limit = self._scale(), self.setup.converged
+        before, now = np.ptp(last[:half], axis=0) / 2, np.ptp(last[half:], axis=0) / 2
+        return bool(np.any((now > limit.swing * scale) & (now > STILL_SWINGING * before)))
 
     def finite(self) -> bool:
         """True while the wrench is of a size a fan can have."""

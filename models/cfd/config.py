@@ -99,6 +99,7 @@ class Converged:
     """What counts as converged, as shares of hover lift (forces) and hover lift times R (moments)."""
 
     drift: float
+    drift_free: float
     swing: float
 
 
@@ -114,6 +115,8 @@ class Campaign:
     grid_levels: tuple[float, ...]
     grid_at: tuple[tuple[float, float], ...]
     swirl_at: tuple[tuple[float, float], ...]
+    again_from_far: tuple[tuple[float, float], ...]
+    again_from_wall: tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)

@@ -69,15 +69,6 @@ def run(folder: Path, program: str, *arguments: str) -> str:
     return output
 
 
-def drop_empty_patch(folder: Path) -> None:
-    """Remove the patch without faces that collapsed blocks leave in the mesh; the solver refuses it."""
-    path = folder / "constant/polyMesh/boundary"
-    text = path.read_text(encoding="utf-8")
-    text = re.sub(r"\s*defaultFaces\s*\{[^}]*nFaces\s+0;[^}]*\}", "", text)
-    count = len(re.findall(r"nFaces", text))
-    path.write_text(re.sub(r"\n\d+\s*\n\(", f"\n{count}\n(", text, count=1), encoding="utf-8")
-
-
 def times(folder: Path) -> list[str]:
     """Names of the states on disk after the start, in order."""
     found = [p.name for p in folder.iterdir() if p.is_dir() and re.fullmatch(r"\d+(\.\d+)?", p.name)]

@@ -10,6 +10,7 @@ A disc that turns backwards is looked up at -alpha by the solver and needs the m
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -76,7 +77,10 @@ def neural_section(name: str) -> Section:
         import aerosandbox
     except ImportError:
         raise ConfigError("blade polars need neuralfoil: pip install 'corner-compensator[cfd]'") from None
-    airfoil = aerosandbox.Airfoil(name)
+    with warnings.catch_warnings():
+        # It warns where it should refuse; refused below.
+        warnings.simplefilter("ignore")
+        airfoil = aerosandbox.Airfoil(name)
     if airfoil.coordinates is None:
         raise ConfigError(f"[rotor] section '{name}': unknown; use a NACA number or a name of the UIUC data base")
 

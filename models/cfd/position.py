@@ -27,7 +27,7 @@ class Position:
     swirl: bool = False
     level: float = 1.0
     approach: str = "near"
-    """The start: ``near`` (the nearest finished case), ``wall`` (one nearer to the wall), ``rest``."""
+    """The start: ``near`` (nearest finished case), ``wall`` (one nearer to the wall), ``far`` (no ground), ``rest``."""
 
     @property
     def key(self) -> str:

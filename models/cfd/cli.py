@@ -1,0 +1,172 @@
+"""``models cfd``: run the cases, assemble the data set, check it, trim a fan."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from models.errors import ConfigError, LinkError
+
+Finish = Callable[[argparse.Namespace, Any], int]
+
+
+def add(commands: Any, finish: Finish) -> None:
+    """Add the ``cfd`` command to the commands of ``models``; ``finish`` writes what --json asks for."""
+    parser = commands.add_parser("cfd", help="compute a fan's wrench near ground and wall with an open flow solver")
+    what = parser.add_subparsers(dest="what", required=True, metavar="WHAT")
+
+    run = what.add_parser("run", help="compute all cases that are not there yet; Ctrl-C and run again to go on")
+    _common(run)
+    run.add_argument("--work", required=True, type=Path, metavar="DIR", help="cases, their logs and states")
+    run.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="solvers at a time (all cores)")
+    run.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler; its workers must share DIR")
+    run.add_argument("--no-march", action="store_true", help="leave cases that still move as they are")
+    run.add_argument("--dry-run", action="store_true", help="list the cases, compute nothing")
+    run.set_defaults(run=lambda args: finish(args, _run(args)))
+
+    assemble = what.add_parser("assemble", help="make the data set and its tables from computed cases")
+    _common(assemble)
+    _cases(assemble)
+    assemble.add_argument("--out", required=True, type=Path, metavar="DIR", help="where corner_cfd*.csv are written")
+    assemble.set_defaults(run=lambda args: finish(args, _assemble(args)))
+
+    check = what.add_parser("check", help="convergence, mesh study and published statements beside the numbers")
+    _common(check)
+    _cases(check)
+    check.add_argument("--report", type=Path, metavar="DIR", help="write the report and its figures here")
+    check.set_defaults(run=lambda args: finish(args, _check(args)))
+
+    trim = what.add_parser("trim", help="find the tip pitch that gives the fan its lift")
+    _common(trim)
+    trim.add_argument("--work", required=True, type=Path, metavar="DIR", help="cases, their logs and states")
+    trim.set_defaults(run=lambda args: finish(args, _trim(args)))
+
+
+def _common(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--fan", type=Path, metavar="FILE", help="fan file (default: the built-in fan)")
+    parser.add_argument("--json", metavar="FILE", help="write the numbers as JSON here, '-' for stdout")
+    parser.add_argument("--quiet", action="store_true", help="no progress bar, no text")
+
+
+def _cases(parser: argparse.ArgumentParser) -> None:
+    source = parser.add_mutually_exclusive_group()
+    source.add_argument("--work", type=Path, metavar="DIR", help="folder of 'models cfd run'")
+    source.add_argument("--cases", type=Path, metavar="CSV", help="case table (default: the shipped one)")
+
+
+def _speak(args: argparse.Namespace) -> bool:
+    return not args.quiet and args.json != "-"
+
+
+def _run(args: argparse.Namespace) -> Any:
+    from models.cfd import campaign, config, foam, polars
+    from models.progress import Bars
+
+    if args.jobs < 1:
+        raise ConfigError(f"--jobs {args.jobs}: must be at least 1")
+    setup = config.load(args.fan)
+    positions = campaign.plan(setup)
+    if args.dry_run:
+        if _speak(args):
+            print("\n".join(p.key for p in positions))
+        return {"cases": [p.key for p in positions]}
+    foam.require()
+    section = polars.neural_section(setup.rotor.section)
+    bars = Bars(args.quiet)
+    executor, jobs = _cluster(args.scheduler) if args.scheduler else (None, args.jobs)
+    campaign.run(args.work, setup, section, positions, executor, jobs, march=not args.no_march, progress=bars)
+    bars.close()
+    rows = campaign.rows(args.work, positions)
+    count = {s: sum(r.result.status == s for r in rows) for s in sorted({r.result.status for r in rows})}
+    if _speak(args):
+        print(f"{len(rows)} of {len(positions)} cases: " + ", ".join(f"{n} {s}" for s, n in count.items()))
+    return {"cases": len(positions), "done": len(rows), "status": count}
+
+
+def _cluster(address: str) -> tuple[Any, int]:
+    """Executor and number of solvers at a time on a Dask cluster."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise ConfigError("--scheduler needs Dask: pip install 'corner-compensator[cluster]'") from None
+    try:
+        client = Client(address, timeout=10)
+    except (OSError, ValueError, TimeoutError) as error:
+        raise LinkError(f"--scheduler {address}: no Dask scheduler there ({error})") from None
+    jobs = sum(client.nthreads().values())
+    if jobs == 0:
+        raise LinkError(f"--scheduler {address}: the cluster has no workers")
+    return client.get_executor(), jobs
+
+
+def _rows(args: argparse.Namespace, setup: Any) -> Any:
+    from models.cfd import campaign, table
+
+    if args.work is not None:
+        rows = campaign.rows(args.work, campaign.plan(setup))
+        if not rows:
+            raise ConfigError(
+                f"--work {args.work}: no finished cases of this fan; run 'models cfd run --work {args.work}'"
+            )
+        return rows
+    return table.read(args.cases or Path(__file__).parents[1] / "data" / "corner_cfd_cases.csv")
+
+
+def _assemble(args: argparse.Namespace) -> Any:
+    from models.cfd import assemble, config, table
+
+    setup = config.load(args.fan)
+    rows = _rows(args, setup)
+    made = assemble.assemble(rows, setup)
+    try:
+        args.out.mkdir(parents=True, exist_ok=True)
+        assemble.write_data(args.out / "corner_cfd.csv", made)
+        assemble.write_marks(args.out / "corner_cfd_rows.csv", made)
+    except OSError as error:
+        raise ConfigError(f"--out {args.out}: cannot be written ({error.strerror})") from None
+    if args.cases is None and args.work is not None:
+        table.write(args.out / "corner_cfd_cases.csv", rows)
+    solved = int(assemble.solved_share(made).sum())
+    if _speak(args):
+        print(
+            f"{len(made.table)} rows written to {args.out / 'corner_cfd.csv'}: Fx, Fz, My of {solved} from the solver, "
+            f"of {len(made.table) - solved} by the fitted law of rotor speed"
+        )
+    return {"rows": len(made.table), "solved": solved, "out": str(args.out)}
+
+
+def _check(args: argparse.Namespace) -> Any:
+    from models.cfd import check, config
+
+    setup = config.load(args.fan)
+    checked = check.check(_rows(args, setup), setup)
+    if args.report:
+        from models.cfd.figures import write_report
+
+        try:
+            args.report.mkdir(parents=True, exist_ok=True)
+            write_report(args.report, checked, setup)
+        except OSError as error:
+            raise ConfigError(f"--report {args.report}: cannot be written ({error.strerror})") from None
+    if _speak(args):
+        print(check.text(checked))
+        if args.report:
+            print(f"report: {args.report / 'report.md'}")
+    return checked.summary
+
+
+def _trim(args: argparse.Namespace) -> Any:
+    from models.cfd import config, polars, trim
+
+    setup = config.load(args.fan)
+    section = polars.neural_section(setup.rotor.section)
+
+    def report(pitch: float, lift: float) -> None:
+        if _speak(args):
+            print(f"tip_pitch_deg {pitch:.3f}: {lift:.3f} N", flush=True)
+
+    pitch, lift = trim.trim(args.work, setup, section, report)
+    return {"tip_pitch_deg": pitch, "lift_N": lift}

@@ -1,0 +1,256 @@
+"""From cases to the data set and the check, on made-up cases whose answers are known."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from models import dataset
+from models.cfd import campaign, config, table
+from models.cfd.assemble import assemble, labels, write_data, write_marks
+from models.cfd.campaign import Row
+from models.cfd.case_run import Result
+from models.cfd.check import AGREES, DISAGREES, check, text
+from models.cfd.grid import spread
+from models.cfd.position import Position
+from models.cli import main
+from models.errors import ModelError
+
+INF = math.inf
+SETUP = config.load()
+SPEEDS = (4000.0, 2800.0, 5200.0)
+EXPONENT = {0: 0.30, 2: -0.20, 4: 0.10}
+FREE_EXPONENT = 0.05
+GROUND_GAIN, PULL, TILT = 3.0, 1.2, 0.15
+
+
+def increment(h: float, d: float) -> np.ndarray:
+    """Made-up effect of ground and wall, (6,) at 4000 rpm."""
+    ground = GROUND_GAIN * math.exp(-h) if math.isfinite(h) else 0.0
+    wall = math.exp(-d) if math.isfinite(d) else 0.0
+    return np.array([PULL * wall, 0.0, ground - 0.1 * wall, 0.0, TILT * wall * (1 + ground), 0.0])
+
+
+def wrench(position: Position) -> np.ndarray:
+    """Made-up wrench of a case, with a mesh error of 1 % of the lift a level."""
+    ratio = position.rpm / 4000.0
+    out = increment(position.h, position.d)
+    for k, a in EXPONENT.items():
+        out[k] *= ratio ** (2 + a)
+    out[2] += 22.6 * ratio ** (2 + FREE_EXPONENT) * (1 + 0.01 * (position.level - 1.0))
+    if position.swirl:
+        out += [0.0, 0.05 * position.d if math.isfinite(position.d) else 0.4, 0.0, 0.01, 0.0, 0.03]
+    return out
+
+
+def row(position: Position, status: str = "steady", **changes) -> Row:
+    lift = wrench(position)[2]
+    result = Result(
+        wrench=tuple(wrench(position)),
+        swing=(0.01, 0.0, 0.02, 0.0, 0.001, 0.0),
+        drift=(0.0,) * 6,
+        parts=(0.3 * lift, 0.3 * lift, 0.4 * lift),
+        status=status,
+        cells=100_000,
+        iterations=144,
+        steps=0,
+        seconds=60.0,
+        start="rest",
+    )
+    return Row(position, replace(result, **changes))
+
+
+@pytest.fixture(scope="module")
+def rows() -> list[Row]:
+    return [row(p) for p in campaign.plan(SETUP)]
+
+
+def at(made, h: float, d: float, rpm: float) -> int:
+    radius = SETUP.fan.radius_m
+    (index,) = np.flatnonzero(
+        (made.table[:, 0] == h * radius) & (made.table[:, 1] == d * radius) & (made.table[:, 2] == rpm)
+    )
+    return int(index)
+
+
+def test_the_law_of_rotor_speed_is_recovered_and_its_rows_are_marked(rows):
+    made = assemble(rows, SETUP)
+    for k, a in EXPONENT.items():
+        assert made.law.exponent[k] == pytest.approx(a, abs=1e-3)
+    assert made.law.free == pytest.approx(FREE_EXPONENT, abs=1e-6)
+    assert made.law.positions == 11
+    filled = at(made, 1.25, 0.5, 5200.0)
+    assert made.marks[filled].even == "law"
+    assert made.table[filled, 3:] == pytest.approx(
+        wrench(Position(1.25, 0.5, 5200.0)) * [1, 0, 1, 0, 1, 0] + made.table[filled, 3:] * [0, 1, 0, 1, 0, 1], abs=1e-3
+    )
+    solved = at(made, 2.0, 1.0, 2800.0)
+    assert made.marks[solved].even == "solved"
+    assert sum(m.even == "solved" for m in made.marks) == 110 + 2 * 12
+
+
+def test_the_set_is_read_by_the_trainer_and_the_marks_lie_beside_it(tmp_path, rows):
+    made = assemble(rows, SETUP)
+    write_data(tmp_path / "set.csv", made)
+    write_marks(tmp_path / "marks.csv", made)
+    data = dataset.read(tmp_path / "set.csv")
+    assert len(data) == 330
+    assert data.free_air.sum() == 3
+    marks = (tmp_path / "marks.csv").read_text().splitlines()
+    assert len(marks) == 331
+    lines = (tmp_path / "set.csv").read_text().splitlines()
+    assert [m.split(",")[:3] for m in marks] == [line.split(",")[:3] for line in lines]
+
+
+def test_without_a_wall_the_label_is_the_mean_of_two_mirrored_states():
+    position = Position(1.0, INF, 4000.0)
+    tilted = np.array([1.1, 0.0, 30.0, 0.0, -0.07, 0.0])
+    label = labels([row(position, wrench=tuple(tilted))], 4000.0)[position.place]
+    assert label.wrench == pytest.approx([0, 0, 30, 0, 0, 0])
+    assert label.amplitude[[0, 4]] == pytest.approx([1.1, 0.07])
+
+
+def test_two_states_give_their_mean_and_half_their_difference():
+    near = Position(1.0, 0.5, 4000.0)
+    low, high = np.array([-0.3, 0, 31.0, 0, 0.2, 0]), np.array([1.1, 0, 30.0, 0, 0.1, 0])
+    other = replace(near, approach="wall")
+    label = labels([row(near, wrench=tuple(low)), row(other, wrench=tuple(high))], 4000.0)[near.place]
+    assert label.wrench == pytest.approx((low + high) / 2)
+    assert label.amplitude == pytest.approx([0.7, 0, 0.5, 0, 0.05, 0])
+    assert label.starts == 2
+
+
+def test_a_case_that_still_moves_is_marked_and_a_diverged_one_left_out(rows):
+    moving, gone = Position(3.0, 0.5, 4000.0), Position(4.0, 0.3, 4000.0)
+    changed = [
+        row(moving, "cycling", swing=(0.4, 0, 0.9, 0, 0.05, 0))
+        if r.position == moving
+        else replace(r, result=replace(r.result, status="diverged"))
+        if r.position == gone
+        else r
+        for r in rows
+    ]
+    made = assemble(changed, SETUP)
+    mark = made.marks[at(made, 3.0, 0.5, 4000.0)]
+    assert mark.status == "cycling"
+    assert mark.amplitude[2] >= 0.9
+    assert mark.sigma[2] >= 0.9
+    with pytest.raises(ValueError, match="unpack"):
+        at(made, 4.0, 0.3, 4000.0)
+
+
+def test_what_symmetry_forbids_comes_from_the_cases_with_swirl(rows):
+    made = assemble(rows, SETUP)
+    here = at(made, 2.0, 1.0, 4000.0)
+    assert made.marks[here].odd == "solved"
+    assert made.table[here, [4, 6, 8]] == pytest.approx([0.05, 0.01, 0.03])
+    filled = at(made, 1.75, 1.0, 4000.0)
+    assert made.marks[filled].odd == "filled"
+    assert 0.0 < made.table[filled, 4] < 0.4
+    # Without a wall the fan stands on an axis of symmetry: only the net torque is left.
+    alone = at(made, 2.5, INF, 4000.0)
+    assert made.table[alone, [4, 6, 8]] == pytest.approx([0.0, 0.0, 0.03])
+
+
+def test_the_mesh_study_tells_the_lift_from_what_is_added_to_it(rows):
+    study = spread(rows, SETUP)
+    assert len(study.wrench) == 4
+    assert study.total[2] == pytest.approx(22.6 * 0.01 * 0.55 / 2)
+    assert study.increment == pytest.approx(np.zeros(6), abs=1e-9)
+
+
+def test_richardson_finds_the_order_of_a_known_error():
+    positions = [Position(INF, INF, 4000.0, level=level) for level in (0.75, 1.0, 1.3)]
+
+    def lift(level):
+        return 23.0 - 0.4 / level**2
+
+    cases = [row(p, wrench=(0, 0, lift(p.level), 0, 0, 0)) for p in positions]
+    found = spread(cases, SETUP).richardson
+    assert found == pytest.approx((23.0, 2.0), abs=1e-6)
+
+
+def test_the_table_comes_back_as_it_was_written(tmp_path, rows):
+    odd = [*rows[:5], row(Position(1.0, 0.5, 4000.0), "diverged", wrench=(math.nan,) * 6, note="blew up, at once")]
+    table.write(tmp_path / "cases.csv", odd)
+    back = table.read(tmp_path / "cases.csv")
+    assert [r.position for r in back] == [r.position for r in odd]
+    assert back[2].result.wrench == pytest.approx(odd[2].result.wrench, rel=1e-5)
+    assert (back[-1].result.status, back[-1].result.note) == ("diverged", "blew up, at once")
+    assert math.isnan(back[-1].result.wrench[0])
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda s: s.replace("h_over_r", "height"), "header"),
+        (lambda s: s.replace("half", "third", 1), "line 2: model 'third'"),
+        (lambda s: s.replace("100000", "many", 1), "line 2"),
+        (lambda s: s.replace("22.6", "nought", 1), "line 2"),
+        (lambda s: s + "half,1\n", "line"),
+    ],
+)
+def test_a_broken_table_is_named(tmp_path, rows, spoil, words, capsys):
+    path = tmp_path / "cases.csv"
+    table.write(path, rows[:3])
+    path.write_text(spoil(path.read_text()))
+    with pytest.raises(ModelError, match=words):
+        table.read(path)
+    assert main(["cfd", "check", "--cases", str(path)]) == 2
+    assert str(path) in capsys.readouterr().err
+
+
+def test_the_check_says_what_agrees_and_what_does_not(rows):
+    checked = check(rows, SETUP)
+    verdict = {s.claim: s.verdict for s in checked.statements}
+    assert verdict["lift ratio rises as the ground comes near"] == AGREES
+    assert verdict["the fan tilts towards the wall, more when nearer"] == AGREES
+    assert verdict["lift rises slightly near the wall"] == DISAGREES
+    assert checked.summary["usable"] == len(rows)
+    assert checked.summary["C_T"] == pytest.approx(0.0451, abs=2e-4)
+    assert checked.summary["rpm_law"]["increment_exponent"]["Fx"] == pytest.approx(2.3, abs=1e-3)
+    for statement in checked.statements:
+        assert statement.claim in text(checked)
+    json.dumps(checked.summary)
+
+
+def test_the_check_of_few_cases_says_what_it_can(rows):
+    few = [r for r in rows if r.position.place == (INF, INF) and r.position.level == 1.0 and not r.position.swirl]
+    checked = check(few[:1], SETUP)
+    assert [s.source for s in checked.statements] == ["Pereira 2008"]
+    with pytest.raises(ModelError, match="free air"):
+        check([r for r in rows if r not in few], SETUP)
+
+
+def test_the_commands_write_set_and_report(tmp_path, rows, capsys):
+    pytest.importorskip("matplotlib", reason="figures need matplotlib")
+    table.write(tmp_path / "cases.csv", rows)
+    source = ["--cases", str(tmp_path / "cases.csv")]
+    assert main(["cfd", "assemble", *source, "--out", str(tmp_path / "out")]) == 0
+    assert "134 from the solver" in capsys.readouterr().out
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["corner_cfd.csv", "corner_cfd_rows.csv"]
+    assert main(["cfd", "check", *source, "--report", str(tmp_path / "report"), "--json", "-"]) == 0
+    assert json.loads(capsys.readouterr().out)["positions"] == 110
+    assert "corner.png" in (tmp_path / "report" / "report.md").read_text()
+    for figure in (tmp_path / "report").glob("*.png"):
+        assert figure.stat().st_size > 5000
+    assert main(["cfd", "assemble", "--work", str(tmp_path / "nothing"), "--out", str(tmp_path)]) == 2
+    assert "no finished cases" in capsys.readouterr().err
+
+
+SHIPPED = Path(campaign.__file__).parents[1] / "data"
+
+
+@pytest.mark.skipif(not (SHIPPED / "corner_cfd_cases.csv").exists(), reason="no computed set in this checkout")
+def test_the_shipped_set_is_what_its_cases_give(tmp_path):
+    made = assemble(table.read(SHIPPED / "corner_cfd_cases.csv"), SETUP)
+    write_data(tmp_path / "set.csv", made)
+    write_marks(tmp_path / "marks.csv", made)
+    assert (tmp_path / "set.csv").read_text() == (SHIPPED / "corner_cfd.csv").read_text()
+    assert (tmp_path / "marks.csv").read_text() == (SHIPPED / "corner_cfd_rows.csv").read_text()
+    assert len({(h, d) for h, d in made.table[:, :2]}) >= 100
