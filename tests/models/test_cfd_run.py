@@ -53,7 +53,7 @@ def solver(tmp_path, monkeypatch):
 def test_a_case_settles_and_both_halves_and_all_discs_are_counted(tmp_path, solver):
     result = compute(tmp_path / FREE.key, SETUP, FREE, TABLE)
     assert result.status == "steady"
-    assert result.iterations == SETUP.solver.start
+    assert SETUP.solver.start <= result.iterations <= SETUP.solver.limit
     assert result.cells == 6
     # Half model doubled: 5 N on the surface, 1 N in each of 12 sources; what symmetry forbids is zero.
     assert result.wrench == pytest.approx((0.5, 0.0, 34.0, 0.0, 0.02, 0.0), abs=0.01)
