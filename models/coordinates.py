@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from models.dataset import DataSet
-from models.free_air import HORIZONTAL, FreeAir
+from models.free_air import HORIZONTAL
 from models.wrench import Array
 
 # Where the data still show an effect at their outermost distance, the gate closes this much further out.
@@ -57,9 +57,11 @@ def unit(value: ArrayLike, low: float, high: float) -> Array:
     return clipped
 
 
-def fit(data: DataSet, free_air: FreeAir, axisymmetric: bool) -> Coordinates:
-    """Take the bounds from the data: nearest distances, where each surface's effect ends, and the rotor speeds."""
-    increments = data.wrench / free_air.lift(data.rpm)[:, None] - np.asarray(free_air.share)
+def fit(data: DataSet, increments: Array, axisymmetric: bool) -> Coordinates:
+    """Take the bounds from the data: nearest distances, where each surface's effect ends, and the rotor speeds.
+
+    ``increments`` (n, 6) over the free-air lift; a component that is all zero has no say.
+    """
     h_near, h_far = _reach(data.h, data.d, increments)
     d_near, d_far = _reach(data.d, data.h, increments)
     return Coordinates(h_near, h_far, d_near, d_far, float(data.rpm.min()), float(data.rpm.max()), axisymmetric)
@@ -75,8 +77,8 @@ def _reach(distance: Array, other: Array, increments: Array) -> tuple[float, flo
     if not alone.any():
         return near, BEYOND_DATA * outer
     excess = increments - _effect_of_other(other[alone], increments[alone], other)
-    scale = np.maximum(np.abs(increments).max(axis=0), 1e-12)
-    size = np.mean((excess / scale) ** 2, axis=1)
+    scale = np.abs(increments).max(axis=0)
+    size = np.sum((excess / np.where(scale > 0.0, scale, 1.0)) ** 2, axis=1) / max(np.count_nonzero(scale), 1)
     # RMS over all rows at a distance or beyond, for every distance in the data from the nearest outwards.
     places, index = np.unique(distance[finite], return_inverse=True)
     total = np.bincount(index, weights=size[finite])[::-1].cumsum()[::-1] + size[alone].sum()

@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from models.dataset import DataSet
 from models.errors import ModelError
-from models.wrench import Array
+from models.wrench import AXES, Array
 
 HORIZONTAL = np.array([True, True, False, True, True, False])
 """Components that name a horizontal direction: a fan that sees no wall has none to prefer."""
 
-# Horizontal components without a wall above this share of their largest value are taken as the fan's own, not as noise.
-ASYMMETRY_SHARE = 0.02
+# Horizontal components without a wall above this share of their largest value are the fan's own (it is tilted), smaller
+# ones an offset of the data. Either counts only if it is this many standard errors over places from zero.
+ASYMMETRY_SHARE = 0.05
+SIGNIFICANT = 4.0
 OUTER_SHARE = 0.9
 
 
@@ -48,7 +50,7 @@ class FreeAir:
         return np.asarray(self.lift(rpm)[..., None] * np.asarray(self.share))
 
 
-def fit(data: DataSet, axisymmetric: bool) -> FreeAir:
+def fit(data: DataSet) -> FreeAir:
     """Fit the law on the free-air rows; without any, on the outermost rows, which then define 'far away'."""
     rows, origin = free_rows(data)
     rpm, wrench = data.rpm[rows], data.wrench[rows]
@@ -63,13 +65,46 @@ def fit(data: DataSet, axisymmetric: bool) -> FreeAir:
     x, y = np.log(rpm / rpm_ref), np.log(lift / (rpm / rpm_ref) ** 2)
     exponent = float(x @ y / (x @ x)) if np.ptp(rpm) > 1e-6 * rpm_ref else 0.0
     lift_n = float(np.exp(np.mean(y - exponent * x)))
-    ratio = wrench / (lift_n * (rpm / rpm_ref) ** (2.0 + exponent))[:, None]
-    share = ratio.mean(axis=0)
+    ratio = data.wrench / (lift_n * (data.rpm / rpm_ref) ** (2.0 + exponent))[:, None]
+    share = ratio[rows].mean(axis=0)
     share[2] = 1.0
-    if axisymmetric:
-        share[HORIZONTAL] = 0.0
-    scatter = np.sqrt(np.mean((ratio - share) ** 2, axis=0))
+    share[HORIZONTAL & ~_sideways(data, ratio)[0]] = 0.0
+    scatter = np.sqrt(np.mean((ratio[rows] - share) ** 2, axis=0))
     return FreeAir(lift_n, rpm_ref, exponent, tuple(share.tolist()), tuple(scatter.tolist()), origin)
+
+
+def level(data: DataSet) -> DataSet:
+    """The data less a small horizontal offset that all places without a wall share, such as a lopsided mesh leaves.
+
+    Physics has none there. A large one is a tilted fan's own and stays; ``notes`` says what was taken off.
+    """
+    lift = fit(data).lift(data.rpm)[:, None]
+    _, offset = _sideways(data, data.wrench / lift)
+    if not offset.any():
+        return data
+    named = ", ".join(f"{AXES[c]} {offset[c]:.2g}" for c in np.flatnonzero(offset))
+    note = f"offset over free-air lift at all places without a wall, subtracted: {named} (N or N m per N)"
+    return replace(data, wrench=data.wrench - lift * offset, notes=(*data.notes, note))
+
+
+def _sideways(data: DataSet, ratio: Array) -> tuple[NDArray[np.bool_], Array]:
+    """Which horizontal components (6,) the fan has of itself, and the offset (6,) of those it has not."""
+    mean, error = without_wall(data, ratio)
+    significant = HORIZONTAL & (np.abs(mean) > np.maximum(SIGNIFICANT * error, 1e-9))
+    own = significant & (np.abs(mean) > ASYMMETRY_SHARE * np.abs(ratio).max(axis=0))
+    return own, np.where(significant & ~own, mean, 0.0)
+
+
+def without_wall(data: DataSet, ratio: Array) -> tuple[Array, Array]:
+    """Mean (6,) of ``ratio`` (n, 6) over places without a wall and its standard error; 0 where there are none."""
+    alone = np.isinf(data.d)
+    if not alone.any():
+        return np.zeros(6), np.zeros(6)
+    _, place = np.unique(data.h[alone], return_inverse=True)
+    count = np.bincount(place)
+    means = np.stack([np.bincount(place, weights=column) / count for column in ratio[alone].T], axis=1)
+    error = means.std(axis=0, ddof=1) / np.sqrt(len(means)) if len(means) > 1 else np.zeros(6)
+    return means.mean(axis=0), error
 
 
 def free_rows(data: DataSet) -> tuple[NDArray[np.bool_], str]:
@@ -86,14 +121,14 @@ def free_rows(data: DataSet) -> tuple[NDArray[np.bool_], str]:
     return far, "outermost rows"
 
 
-def is_axisymmetric(data: DataSet) -> bool:
-    """True where rows without a wall have no horizontal force or moment beyond noise, or there are no such rows.
+def is_axisymmetric(data: DataSet, increments: Array) -> bool:
+    """True where horizontal increments (n, 6) vanish over the ground without a wall, up to noise, or no rows are there.
 
-    Physics has it so for one fan (the X-Z mirror plane becomes every vertical plane); a tilted fan breaks it.
+    Physics has it so for one fan (the X-Z mirror plane becomes every vertical plane); a tilted fan breaks it. Judged on
+    the nearer half of the heights, where there is something to see.
     """
-    alone = np.isinf(data.d)
-    if not alone.any():
-        return True
-    scale = np.abs(data.wrench[:, HORIZONTAL]).max(axis=0)
-    own = np.abs(data.wrench[alone][:, HORIZONTAL].mean(axis=0))
-    return bool(np.all(own <= ASYMMETRY_SHARE * np.maximum(scale, 1e-9)))
+    heights = np.unique(data.h[np.isinf(data.d) & np.isfinite(data.h)])
+    near = data.h <= np.median(heights) if heights.size else np.ones(len(data), dtype=bool)
+    mean, error = without_wall(data.take(near), increments[near])
+    allowed = np.maximum(ASYMMETRY_SHARE * np.abs(increments).max(axis=0), SIGNIFICANT * error)
+    return bool(np.all((np.abs(mean) <= np.maximum(allowed, 1e-9))[HORIZONTAL]))

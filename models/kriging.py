@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from models.wrench import Array
 
@@ -25,8 +26,8 @@ class Process:
     """One zero-mean process with covariance k(x, x') = exp(-sum((x - x')^2 / (2 l^2))), shared by some components.
 
     ``columns`` (6,) 1 for a component it serves, ``rows`` (n, 3) conditioning inputs, ``lengths`` (3,),
-    ``weights`` (n, 6) = K^-1 y (0 in other columns), ``deviation`` (6,) the prior's standard deviation and
-    ``nugget`` (n,) on the diagonal of K, ``root`` (n, n) the inverse of K's Cholesky factor, which gives the spread.
+    ``weights`` (n, 6) = K^-1 y (0 in other columns), ``deviation`` (6,) the prior's standard deviation, ``root`` (n, n)
+    the inverse of K's Cholesky factor, which gives the spread.
     """
 
     columns: Array
@@ -34,7 +35,6 @@ class Process:
     lengths: Array
     weights: Array
     deviation: Array
-    nugget: Array
     root: Array
 
     def predict(self, x: Array) -> tuple[Array, Array]:
@@ -75,11 +75,12 @@ class KrigingRegressor:
         return cls(tuple(Process(**{name: arrays[f"{name}_{i}"] for name in names}) for i in range(count)))
 
 
-def fit(x: Array, y: Array, gate: Array, seed: int) -> KrigingRegressor:
-    """Fit on increments y (n, 6) = gate (n, 6) x process(x); inputs x (n, 3) in [-1, 1].
+def fit(x: Array, y: Array, gate: Array, locations: NDArray[np.intp], seed: int) -> KrigingRegressor:
+    """Fit on increments y (n, 6) = gate (n, 6) x process(x); inputs x (n, 3) in [-1, 1], ``locations`` (n,) places.
 
-    Length scales and nugget by maximum likelihood (scikit-learn) on part of the rows, jointly for the components behind
-    one gate; on top of the nugget each row carries the data's accuracy over its gate.
+    Length scales and nugget by maximum likelihood (scikit-learn) on one row each of part of the places, jointly for the
+    components behind one gate. All rows of a place share one nugget: rotor speeds repeat its error, they do not average
+    it out. On top each row carries the data's accuracy over its gate.
     """
     rng = np.random.default_rng(seed)
     scale = np.sqrt(np.mean(y**2, axis=0))
@@ -88,11 +89,13 @@ def fit(x: Array, y: Array, gate: Array, seed: int) -> KrigingRegressor:
     for group in np.unique(groups):
         columns = (groups.ravel() == group) & (scale > 1e-9)
         if columns.any():
-            processes.append(_fit_process(x, y, gate, columns, scale, rng))
+            processes.append(_fit_process(x, y, gate, locations, columns, rng))
     return KrigingRegressor(tuple(processes))
 
 
-def _fit_process(x: Array, y: Array, gate: Array, columns: Array, scale: Array, rng: np.random.Generator) -> Process:
+def _fit_process(
+    x: Array, y: Array, gate: Array, locations: NDArray[np.intp], columns: Array, rng: np.random.Generator
+) -> Process:
     from sklearn.exceptions import ConvergenceWarning
     from sklearn.gaussian_process import GaussianProcessRegressor
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
@@ -108,7 +111,8 @@ def _fit_process(x: Array, y: Array, gate: Array, columns: Array, scale: Array, 
     kernel = ConstantKernel(1.0, (0.1, 1e4)) * RBF(np.array([0.5, 0.5, 2.0]), (0.1, 20.0)) + WhiteKernel(
         1e-4, (1e-9, 1.0)
     )
-    few = slice(0, ROWS_FOR_LENGTHS)
+    _, first = np.unique(locations[chosen], return_index=True)
+    few = np.sort(first)[:ROWS_FOR_LENGTHS]
     with warnings.catch_warnings():
         # A length scale at its bound says that an input does not matter, or that the data are too few to tell.
         warnings.simplefilter("ignore", ConvergenceWarning)
@@ -117,13 +121,13 @@ def _fit_process(x: Array, y: Array, gate: Array, columns: Array, scale: Array, 
     variance = float(fitted.kernel_.k1.k1.constant_value)
     nugget = float(fitted.kernel_.k2.noise_level)
     covariance = _correlation(x[chosen], x[chosen], lengths)
-    diagonal = (nugget + noise) / variance
-    covariance[np.diag_indices_from(covariance)] += diagonal
+    covariance += nugget / variance * (locations[chosen, None] == locations[chosen])
+    covariance[np.diag_indices_from(covariance)] += noise / variance
     root = np.linalg.inv(np.linalg.cholesky(covariance))
     weights, prior = np.zeros((len(chosen), 6)), np.zeros(6)
     weights[:, columns] = np.linalg.solve(covariance, target) * deviation
     prior[columns] = deviation * np.sqrt(variance)
-    return Process(columns.astype(float), x[chosen], lengths, weights, prior, diagonal, root)
+    return Process(columns.astype(float), x[chosen], lengths, weights, prior, root)
 
 
 def _correlation(a: Array, b: Array, lengths: Array) -> Array:

@@ -7,13 +7,15 @@ import numpy as np
 from models.wrench import Array
 
 ITERATIONS = 150
-WEIGHT_DECAY = 1e-7
+# Over where this many steps take off less than half a per cent.
+PATIENCE, STANDSTILL = 10, 0.995
+LEAST_DECAY = 1e-7
 DAMPING = (1e-2, 3.0, 4.0)
 """Start, divisor after a step that helps, factor after one that does not."""
 
 
 def train(
-    x: Array, y: Array, gate: Array, hidden: int, rng: np.random.Generator, iterations: int | None = None
+    x: Array, y: Array, gate: Array, hidden: int, rng: np.random.Generator, decay: float = LEAST_DECAY
 ) -> tuple[Array, Array, Array, float]:
     """Minimise mean((gate x net(x) - y)^2) + decay |theta|^2 from a random start.
 
@@ -27,20 +29,25 @@ def train(
     def forward(t: Array) -> tuple[Array, Array, float]:
         z = np.tanh(x1 @ t[:split].reshape(n_in + 1, hidden))
         error = gate * (z @ t[split:-1] + t[-1]) - y
-        return z, error, float(error @ error) / n + WEIGHT_DECAY * float(t @ t)
+        return z, error, float(error @ error) / n + decay * float(t @ t)
 
     damping, relax, stiffen = DAMPING
     z, error, cost = forward(theta)
     jacobian = np.empty((n, theta.size))
-    for _ in range(ITERATIONS if iterations is None else iterations):
+    past = np.inf
+    for iteration in range(ITERATIONS):
+        if iteration % PATIENCE == 0:
+            if cost > STANDSTILL * past:
+                break
+            past = cost
         slope = (1.0 - z * z) * theta[split:-1] * gate[:, None]
         for i in range(n_in + 1):
             np.multiply(x1[:, [i]], slope, out=jacobian[:, i * hidden : (i + 1) * hidden])
         np.multiply(z, gate[:, None], out=jacobian[:, split:-1])
         jacobian[:, -1] = gate
         normal = jacobian.T @ jacobian / n
-        normal[np.diag_indices_from(normal)] += WEIGHT_DECAY
-        gradient = jacobian.T @ error / n + WEIGHT_DECAY * theta
+        normal[np.diag_indices_from(normal)] += decay
+        gradient = jacobian.T @ error / n + decay * theta
         before = cost
         for _ in range(8):
             step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)

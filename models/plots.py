@@ -62,12 +62,22 @@ def _regression(result: Comparison, held_out: bool) -> Any:
             truth, answer = task.problem.y[rows, c], result.answers[method][0][rows, c]
             ends = [truth.min(), truth.max()]
             panel = axes[i, c]
+            panel.set_title(f"{NAMES[method]} {axis}", fontsize=8)
+            if not task.problem.live[c]:
+                _constant(panel)
+                continue
             panel.plot(ends, ends, "k-", lw=0.8)
             panel.plot(truth, answer, ".", ms=2)
             panel.tick_params(labelsize=6)
-            panel.set_title(f"{NAMES[method]} {axis}", fontsize=8)
     figure.suptitle(f"Increments over free-air lift, {'held-out' if held_out else 'learnt'} rows: answer over truth")
     return figure
+
+
+def _constant(panel: Any) -> None:
+    """A panel of a component that does not depend on the place."""
+    panel.text(0.5, 0.5, "constant", ha="center", va="center", fontsize=8, transform=panel.transAxes)
+    panel.set_xticks([])
+    panel.set_yticks([])
 
 
 def _histograms(result: Comparison) -> Any:
@@ -76,12 +86,15 @@ def _histograms(result: Comparison) -> Any:
     edges = np.linspace(0, 100, 21)
     for c, axis in enumerate(AXES):
         panel = axes[c // 3, c % 3]
+        panel.set_title(axis)
+        if not task.problem.live[c]:
+            _constant(panel)
+            continue
         for method in PAPER_METHODS:
             error = percent_error(task.problem.y[task.train], result.answers[method][0][task.train])[:, c]
             panel.hist(np.minimum(error, 99.9), edges, histtype="step", label=NAMES[method])
-        panel.set_title(axis)
         panel.set_xlabel("error [%], last bin: and above")
-    axes[0, 0].legend(fontsize=7)
+        panel.legend(fontsize=7)
     figure.suptitle("Percentage error of the increments on the learnt rows")
     return figure
 

@@ -149,6 +149,8 @@ def test_the_split_is_eight_to_two_and_reproducible() -> None:
     data = ClosedForm().data_set()
     train, test = dataset.holdout(data, 3)
     again, _ = dataset.holdout(data, 3)
-    assert len(test) == round(0.2 * len(data))
+    assert len(test) == pytest.approx(0.2 * len(data), abs=5), "to a place of five speeds"
+    assert set(data.locations[test]).isdisjoint(data.locations[train])
+    assert not data.free_air[test].any()
     assert np.array_equal(train, again)
     assert np.array_equal(np.sort(np.concatenate([train, test])), np.arange(len(data)))

@@ -35,7 +35,7 @@ def test_monomials_count_as_they_should() -> None:
 def test_kriging_interpolates_with_little_doubt_and_doubts_where_it_has_no_rows() -> None:
     pytest.importorskip("sklearn", reason="training extra not installed")
     x, y, gate = _data()
-    fitted = kriging.fit(x, y, gate, 0)
+    fitted = kriging.fit(x, y, gate, np.arange(len(x)), 0)
     mean, spread = fitted.predict(x)
     np.testing.assert_allclose(mean, y, atol=0.05)
     _, far = fitted.predict(np.full((1, 3), 4.0))
@@ -50,8 +50,10 @@ def test_kriging_in_numpy_is_scikit_learns() -> None:
     from sklearn.gaussian_process.kernels import RBF
 
     x, y, gate = _data()
-    process = kriging.fit(x, y, gate, 0).processes[0]
-    reference = GaussianProcessRegressor(RBF(process.lengths), alpha=process.nugget, optimizer=None)
+    process = kriging.fit(x, y, gate, np.arange(len(x)), 0).processes[0]
+    factor = np.linalg.inv(process.root)
+    nugget = np.diag(factor @ factor.T) - 1.0
+    reference = GaussianProcessRegressor(RBF(process.lengths), alpha=nugget, optimizer=None)
     order = [int(np.flatnonzero((x == row).all(axis=1))[0]) for row in process.rows]
     reference.fit(process.rows, y[order] / process.deviation)
     at = np.random.default_rng(5).uniform(-1, 1, (20, 3))

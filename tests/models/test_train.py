@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models import coordinates, dataset, free_air, store, train
+from models import coordinates, dataset, free_air, levenberg, store, train
 from models.closed_form import ClosedForm
 from models.dataset import DataSet
 from models.errors import ModelError
@@ -25,11 +25,19 @@ def _thin(every: int = 8) -> DataSet:
     return data.take(keep)
 
 
+@pytest.fixture
+def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nets that stop early, where their accuracy is not asked for."""
+    monkeypatch.setattr(levenberg, "ITERATIONS", 10)
+    monkeypatch.setattr(train, "DECAYS", (1e-7,))
+
+
 @pytest.fixture(scope="module")
 def small() -> DataSet:
     return _thin()
 
 
+@pytest.mark.usefixtures("hasty")
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_trains_saves_and_flies_without_its_trainer(method: str, small: DataSet, tmp_path: Path) -> None:
     if method in PAPER_METHODS:
@@ -52,7 +60,7 @@ def test_every_method_trains_saves_and_flies_without_its_trainer(method: str, sm
 
 
 def test_the_ensemble_meets_the_goal_on_every_component() -> None:
-    report = train.train(_thin(3), "ensemble", 0).report
+    report = train.train(_thin(5), "ensemble", 0).report
     assert min(report["increments"]["test"][a]["r2"] for a in AXES) >= 0.98
     assert min(report["test"][a]["r2"] for a in AXES) >= 0.98
     coverage = [report["coverage_95"]["test"][a] for a in AXES]
@@ -71,6 +79,7 @@ def test_an_unknown_method_is_refused(small: DataSet) -> None:
         train.train(small, "forest")
 
 
+@pytest.mark.usefixtures("hasty")
 @pytest.mark.parametrize("column", ["h", "d", "rpm"])
 def test_a_constant_input_column_trains(column: str) -> None:
     data = ClosedForm().data_set()
@@ -81,11 +90,12 @@ def test_a_constant_input_column_trains(column: str) -> None:
     assert np.all(np.isfinite(trained.model.wrench(0.2, 0.2, 4000.0)))
 
 
-def test_a_constant_component_is_met_exactly_and_scores_one(small: DataSet) -> None:
+@pytest.mark.usefixtures("hasty")
+def test_a_constant_component_is_met_exactly_and_has_no_score(small: DataSet) -> None:
     wrench = small.wrench.copy()
     wrench[:, 1] = 0.0
     trained = train.train(replace(small, wrench=wrench), "ensemble", 0)
-    assert trained.report["test"]["Fy"] == {"r2": 1.0, "mse": 0.0}
+    assert trained.report["test"]["Fy"] == {"r2": None, "mse": 0.0}
     assert np.all(trained.model.wrench(np.linspace(0, 1, 20), 0.1, 4000.0)[:, 1] == 0.0)
 
 
@@ -121,7 +131,7 @@ def test_lift_with_the_wrong_sign_is_refused(small: DataSet) -> None:
 
 
 def test_noise_does_not_pass_for_precision() -> None:
-    data = _thin(3)
+    data = _thin(6)
     rng = np.random.default_rng(0)
     noise = 0.01 * ClosedForm().lift(data.rpm)[:, None] * np.array([0.1, 0.01, 1, 0.01, 0.1, 0.01])
     trained = train.train(replace(data, wrench=data.wrench + noise * rng.normal(size=data.wrench.shape)), "ensemble", 0)
@@ -135,8 +145,12 @@ def test_a_tilted_fan_keeps_its_side_force() -> None:
     wrench = data.wrench.copy()
     wrench[:, 0] += 0.05 * ClosedForm().lift(data.rpm)
     model = train.train(replace(data, wrench=wrench), "polynomial", 0).model
-    assert not model.coordinates.axisymmetric
-    assert model.wrench(INF, INF, 4000.0)[0] == pytest.approx(0.05 * 22.555, rel=0.01)
+    for h in (0.2, INF):
+        assert model.wrench(h, INF, 4000.0)[0] == pytest.approx(0.05 * 22.555, rel=0.01)
+    leaning = data.wrench.copy()
+    leaning[:, 0] += 0.2 * data.wrench[:, 2]
+    model = train.train(replace(data, wrench=leaning), "polynomial", 0).model
+    assert not model.coordinates.axisymmetric, "the ground's push is sideways too"
 
 
 def test_a_million_rows_train_in_bounded_time() -> None:
@@ -152,7 +166,7 @@ def test_a_million_rows_train_in_bounded_time() -> None:
 
 
 def test_the_reynolds_exponent_is_found() -> None:
-    law = free_air.fit(ClosedForm().data_set(), axisymmetric=True)
+    law = free_air.fit(ClosedForm().data_set())
     assert law.exponent == pytest.approx(0.04)
     assert np.isnan(law.lift(-1.0))
     assert law.lift(0.0) == 0.0
@@ -160,12 +174,13 @@ def test_the_reynolds_exponent_is_found() -> None:
 
 def test_the_reach_of_ground_and_wall_is_found() -> None:
     data = ClosedForm().data_set()
-    law = free_air.fit(data, axisymmetric=True)
-    c = coordinates.fit(data, law, axisymmetric=True)
+    law = free_air.fit(data)
+    c = coordinates.fit(data, train.increments(data.wrench, data.rpm, law), axisymmetric=True)
     assert 3.5 * 0.165 < c.h_far <= 4.3 * 0.165
     assert 3.3 * 0.165 < c.d_far <= 4.1 * 0.165
     near = data.take((data.h < 0.2) | data.free_air)
-    assert coordinates.fit(near, law, axisymmetric=True).h_far == pytest.approx(1.5 * near.h[np.isfinite(near.h)].max())
+    part = coordinates.fit(near, train.increments(near.wrench, near.rpm, law), axisymmetric=True)
+    assert part.h_far == pytest.approx(1.5 * near.h[np.isfinite(near.h)].max())
 
 
 def test_folds_keep_a_place_together(small: DataSet) -> None:
@@ -176,11 +191,11 @@ def test_folds_keep_a_place_together(small: DataSet) -> None:
     assert set(np.unique(fold)) == {0, 1, 2, 3, 4}
 
 
-def test_r_squared_is_the_papers_and_constant_columns_follow_scikit_learn() -> None:
+def test_r_squared_is_the_papers_and_not_defined_for_a_constant() -> None:
     """Eq. 17."""
     truth = np.array([[1.0, 3.0, 3.0], [2.0, 3.0, 3.0], [3.0, 3.0, 3.0]])
     answer = np.array([[1.0, 3.0, 3.1], [2.0, 3.0, 3.0], [4.0, 3.0, 3.0]])
-    np.testing.assert_allclose(train.r_squared(truth, answer), [0.5, 1.0, 0.0])
+    np.testing.assert_allclose(train.r_squared(truth, answer), [0.5, np.nan, np.nan])
 
 
 def test_hidden_units_are_scanned_by_inner_validation(small: DataSet) -> None:
