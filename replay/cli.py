@@ -38,7 +38,7 @@ def parser() -> argparse.ArgumentParser:
         "--setpoint", choices=("hold", "upstream"), default="hold",
         help="decide at every attitude (hold) or at every recorded SET_ATTITUDE_TARGET (upstream)",
     )  # fmt: skip
-    run.add_argument("--target-system", type=int, metavar="N", help="the vehicle's system id (default: most data)")
+    run.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
     run.add_argument(
         "--param", action="append", default=[], metavar="NAME=VALUE",
         help="take an autopilot parameter as given where the log lacks it, such as GUID_OPTIONS=8",

@@ -186,7 +186,11 @@ def _records(
     problems: list[LogError] = []
     effects = () if model is None else model.effects
     for path in paths:
-        boots = read_flightlogs(path, target_system)
+        try:
+            boots = read_flightlogs(path, target_system)
+        except LogError as error:
+            problems.append(error)
+            continue
         for log in boots:
             name = path.name if len(boots) == 1 else f"{path.name} (boot {log.boot + 1})"
             try:
@@ -198,7 +202,7 @@ def _records(
         notes += [f"{path.name}: {note}" for note in dict.fromkeys(n for log in boots for n in log.summary.notes)]
     if not records:
         raise problems[0]
-    return records, notes + [str(p) for p in problems]
+    return records, notes + [f"left out: {p}" for p in problems]
 
 
 def _named(traces: Sequence[Trace]) -> list[Named]:

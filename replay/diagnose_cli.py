@@ -32,7 +32,7 @@ def add_parser(commands: Any) -> None:
     )
     p.add_argument("--save-model", type=Path, metavar="DIR", help="write the amended model; companion --model flies it")
     p.add_argument("--report", type=Path, metavar="DIR", help="write one self-contained HTML page")
-    p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's system id (default: most data)")
+    p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
     p.add_argument("--seed", type=int, default=0, metavar="N", help="of the null draws and the bootstrap (default 0)")
     p.add_argument("--json", metavar="FILE", help="write the answer as JSON (- for stdout)")
     p.add_argument("--quiet", action="store_true", help="no progress bar and no text")

@@ -30,6 +30,12 @@ _SEARCH = 1 << 20
 """A file without one good frame in its first MiB is no .tlog."""
 _STAMP_TOLERANCE_US = 500_000
 
+_MOTION = (27, 30, 31, 32, 105)
+"""RAW_IMU, ATTITUDE, ATTITUDE_QUATERNION, LOCAL_POSITION_NED, HIGHRES_IMU."""
+_SPEEDS = (*range(11030, 11033), *range(11040, 11045), 291)
+"""ESC_TELEMETRY_1_TO_4 ... 29_TO_32, ESC_STATUS."""
+_SERVOS, _IDLE_US = 36, 30
+
 _EXTRAS = {number: kind.crc_extra for number, kind in mavlink.mavlink_map.items() if number >= 0}
 _EXTRAS.update({number: kind.CRC_EXTRA for number, kind in ESC_BY_ID.items()})
 _EXTRA_V2 = {number.to_bytes(3, "little"): bytes([extra]) for number, extra in _EXTRAS.items()}
@@ -286,6 +292,8 @@ class Choice:
 
     system: int
     others: tuple[int, ...] = ()
+    flying: bool = False
+    """Whether one of the others flies as well."""
     heartbeat: bool = True
 
     def notes(self) -> list[str]:
@@ -293,31 +301,49 @@ class Choice:
         out = []
         if self.others:
             rest = ", ".join(map(str, self.others))
-            out.append(f"system {self.system} chosen (most data); also in the log: {rest}; --target-system N reads it")
+            more = "; more than one of them flies" if self.flying else ""
+            out.append(
+                f"system {self.system} chosen (flying, most data); also in the log: {rest}{more}; "
+                "--target-system N reads it"
+            )
         if not self.heartbeat:
             out.append(f"no autopilot HEARTBEAT; system {self.system} taken from its telemetry")
         return out
 
 
 def choose_system(log: Tlog, target: int | None = None) -> Choice:
-    """The vehicle to read: ``target``, or the one with most frames.
+    """The vehicle to read: ``target``, or of those that fly (of all, where none does) the one with most motion data.
 
     A vehicle is a system whose component 1 sends HEARTBEAT with an autopilot; without any, one that sends attitudes.
     """
-    beats = log.indices(0)
-    beats = beats[log.component[beats] == AUTOPILOT]
+    autopilots = log.component == AUTOPILOT
+    beats = np.flatnonzero(autopilots & (log.message_id == 0))
     alive = log.records(0, beats)["autopilot"] != mavlink.MAV_AUTOPILOT_INVALID
     systems = np.unique(log.system[beats[alive]])
     heartbeat = systems.size > 0
+    motion = np.isin(log.message_id, _MOTION) & autopilots
     if not heartbeat:
-        telemetry = np.isin(log.message_id, (30, 31, 32, 105, 27)) & (log.component == AUTOPILOT)
-        systems = np.unique(log.system[telemetry])
+        systems = np.unique(log.system[motion])
     if not systems.size:
         raise LogError(f"{log.path}: no vehicle in it: neither HEARTBEAT nor attitude of an autopilot (component 1)")
-    frames = np.bincount(log.system, minlength=256)
-    ranked = sorted((int(s) for s in systems), key=lambda s: (-int(frames[s]), s))
+    frames = np.bincount(log.system[motion], minlength=256)
+    flying = {int(s): _flies(log, int(s)) for s in systems} if systems.size > 1 else {int(systems[0]): True}
+    ranked = sorted(flying, key=lambda s: (-flying[s], -int(frames[s]), s))
     if target is None:
-        return Choice(ranked[0], tuple(ranked[1:]), heartbeat)
+        return Choice(ranked[0], tuple(ranked[1:]), any(flying[s] for s in ranked[1:]), heartbeat)
     if target not in ranked:
         raise LogError(f"{log.path}: no vehicle with system id {target}; it holds {', '.join(map(str, ranked))}")
-    return Choice(target, (), heartbeat)
+    return Choice(target, heartbeat=heartbeat)
+
+
+def _flies(log: Tlog, system: int) -> bool:
+    """Whether a vehicle is armed at some time and its rotors turn: by their speeds, or by servo outputs that move."""
+    beats = log.indices(0, system)
+    modes = log.records(0, beats[log.component[beats] == AUTOPILOT])["base_mode"]
+    if not (modes & mavlink.MAV_MODE_FLAG_SAFETY_ARMED).any():
+        return False
+    speeds = [log.records(n, log.indices(n, system))["rpm"] for n in _SPEEDS]
+    if any(s.size for s in speeds):
+        return any(bool(s.any()) for s in speeds)
+    outputs = log.records(_SERVOS, log.indices(_SERVOS, system))
+    return any(np.ptp(outputs[f"servo{k}_raw"].astype(int)) > _IDLE_US for k in range(1, 9)) if outputs.size else False

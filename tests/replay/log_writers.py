@@ -5,8 +5,11 @@ from __future__ import annotations
 import math
 import struct
 
+import numpy as np
+
 from companion.dialect import mavlink
 from companion.esc_status import EscInfo, EscStatus, pack_frame
+from models.wrench import GRAVITY
 
 EPOCH_US = 1_767_225_600_000_000
 
@@ -91,6 +94,66 @@ def flight(
                 put(t_us, pack_frame(EscInfo(system, 1, us, (0,) * 4, 0, (0,) * 4, (4100,) * 4, 0, 4, 0, 15), 0))
     put(100_000, mavlink.MAVLink_param_value_message(b"GUID_OPTIONS", 8.0, 6, 1, 0))
     return sorted(out, key=lambda item: item[0])
+
+
+QUAD_MASS_KG, QUAD_CT, QUAD_RADIUS_M = 3.0, 0.0140, 0.14
+"""Of the shipped quad.toml."""
+
+
+def quad_flight(
+    seconds: float = 40.0,
+    start_ms: int = 40_000,
+    arrival_us: int = EPOCH_US,
+    system: int = 1,
+    *,
+    mass_kg: float = QUAD_MASS_KG,
+    clip_m_s2: float = math.inf,
+    gust_n: float = 0.0,
+    parked: bool = False,
+    imu: bool = True,
+    rpm: bool = True,
+    servo: bool = True,
+    seed: int = 1,
+) -> list[tuple[int, bytes]]:
+    """The shipped quadrotor in free air at 25 Hz: climbs and sinks, turns slowly; thrust is exactly ``mass_kg``'s own.
+
+    ``gust_n`` is a steady push to the north, ``parked`` stands still with its rotors stopped. Simulated.
+    """
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(seconds * 25)) / 25.0
+    fly = 0.0 if parked else 1.0
+    heave = fly * (0.8 * np.sin(0.9 * t) + 0.5 * np.sin(1.7 * t + 1.0))
+    climb = fly * -(0.8 / 0.9 * np.cos(0.9 * t) + 0.5 / 1.7 * np.cos(1.7 * t + 1.0))
+    yaw = np.angle(np.exp(1j * fly * 0.2 * t))
+    thrust = fly * mass_kg * (GRAVITY + heave)
+    per_rpm2 = 4 * QUAD_CT * 1.225 * math.pi * QUAD_RADIUS_M**4 * (2 * math.pi / 60) ** 2
+    speed = np.sqrt(thrust / per_rpm2)
+    north = gust_n / mass_kg
+    force = np.stack([north * np.cos(yaw), -north * np.sin(yaw), -(GRAVITY + heave)], axis=-1)
+    force = np.clip(force + 0.1 * rng.standard_normal((len(t), 3)), -clip_m_s2, clip_m_s2)
+    rates = np.stack([0 * t, 0 * t, fly * 0.2 + 0 * t], axis=-1) + 0.002 * rng.standard_normal((len(t), 3))
+    out: list[tuple[int, bytes]] = []
+    for k, at in enumerate(t.tolist()):
+        ms, us = start_ms + k * 40, start_ms * 1000 + k * 40_000
+        place = (ms, 0.0, 0.0, -20.0, 0.0, 0.0, -float(climb[k]))
+        pwm = round(1100 + 800 * float(thrust[k]) / (2 * mass_kg * GRAVITY)) if fly else 1000
+        messages = [
+            mavlink.MAVLink_attitude_message(ms, 0.0, 0.0, float(yaw[k]), *rates[k].tolist()),
+            mavlink.MAVLink_local_position_ned_message(*place),
+        ]
+        if imu:
+            numbers = (*force[k].tolist(), *rates[k].tolist())
+            messages.append(mavlink.MAVLink_highres_imu_message(us, *numbers, *[0] * 7, 63))
+        if servo:
+            messages.append(mavlink.MAVLink_servo_output_raw_message(us & 0xFFFFFFFF, 0, *[pwm] * 4, *[0] * 12))
+        if rpm:
+            telemetry = ([40] * 4, [1600] * 4, [500] * 4, [0] * 4, [round(float(speed[k]))] * 4, [k % 65536] * 4)
+            messages.append(mavlink.MAVLink_esc_telemetry_1_to_4_message(*telemetry))
+        if k % 25 == 0:
+            messages.append(heartbeat())
+        arrival = arrival_us + round(at * 1e6) + 2000
+        out += [(arrival + i, frame(message, system, 1, (8 * k + i) % 256)) for i, message in enumerate(messages)]
+    return out
 
 
 def write_tlog(path, messages) -> bytes:

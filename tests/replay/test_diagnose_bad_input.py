@@ -1,0 +1,198 @@
+"""What ``replay diagnose`` makes of logs that lack something, are damaged, or hold more than one flight. Simulated."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from log_writers import EPOCH_US, bin_flight, quad_flight, write_tlog
+
+from companion.vehicles import QUAD
+from replay.cli import main
+
+THRUST_TO_MASS = {"payload", "thrust_scale", "air_density"}
+THROTTLE = """
+[throttle]
+max_thrust_n = 14.709975
+expo = 0.0
+pwm_min_us = 1100
+pwm_max_us = 1900
+voltage_v = 16.0
+"""
+
+
+class Told:
+    """Exit code, the lines on stderr, and the JSON answer (empty where none was written)."""
+
+    def __init__(self, code: int, lines: list[str], answer: dict[str, Any]) -> None:
+        self.code, self.lines, self.answer = code, lines, answer
+
+    @property
+    def names(self) -> set[str]:
+        return {e["name"] for e in self.answer["effects"]}
+
+    @property
+    def notes(self) -> str:
+        return "\n".join(self.answer["notes"])
+
+
+@pytest.fixture
+def ask(tmp_path, capsys):
+    """Write logs (messages or bytes, by name), diagnose them together, and give what was told."""
+
+    def asked(logs, *options: str, vehicle: Path | str = str(QUAD)) -> Told:
+        for name, content in logs.items():
+            if isinstance(content, bytes):
+                (tmp_path / name).write_bytes(content)
+            else:
+                write_tlog(tmp_path / name, content)
+        target = tmp_path / "answer.json"
+        target.unlink(missing_ok=True)
+        arguments = [*(str(tmp_path / name) for name in logs), "--vehicle", str(vehicle), "--model", "none"]
+        code = main(["diagnose", *arguments, "--json", str(target), "--quiet", *options])
+        lines = capsys.readouterr().err.splitlines()
+        assert "Traceback" not in "".join(lines)
+        return Told(code, lines, json.loads(target.read_text()) if target.exists() else {})
+
+    return asked
+
+
+def refused(told: Told, *words: str) -> None:
+    """Exit code 3 and one line that says all of this."""
+    assert told.code == 3
+    assert told.answer == {}
+    (line,) = told.lines
+    for word in words:
+        assert word in line, line
+
+
+def test_a_flight_with_nothing_wrong_is_answered_nothing_missing(ask):
+    told = ask({"good.tlog": quad_flight()})
+    assert (told.code, told.lines, told.answer["verdict"]) == (0, [], "nothing_missing")
+    assert told.answer["duration_s"] == pytest.approx(40.0, abs=1.0)
+
+
+def test_no_imu_is_refused_and_says_which_message_to_log(ask):
+    refused(ask({"a.tlog": quad_flight(imu=False)}), "a.tlog", "HIGHRES_IMU", "RAW_IMU")
+
+
+def test_neither_rotor_speeds_nor_outputs_is_refused(ask):
+    refused(ask({"a.tlog": quad_flight(rpm=False, servo=False)}), "a.tlog", "ESC_TELEMETRY")
+
+
+def test_no_rotor_speeds_is_refused_and_names_the_way_by_servo_outputs(ask, tmp_path):
+    log = {"a.tlog": quad_flight(rpm=False)}
+    refused(ask(log), "a.tlog", "ESC 1, 2, 3, 4", "[throttle]")
+    vehicle = tmp_path / "by_servo.toml"
+    vehicle.write_text(QUAD.read_text().replace("esc =", "servo =") + THROTTLE)
+    told = ask(log, vehicle=vehicle)
+    assert told.code == 0
+    assert told.answer["verdict"] == "nothing_missing"
+    assert set(told.answer["axes"]) == {"Fx", "Fy", "Fz"}
+    assert "copies of one number" in told.notes
+    refused(ask({"b.tlog": quad_flight(servo=False)}, vehicle=vehicle), "b.tlog", "SERVO_OUTPUT_RAW")
+
+
+def test_twenty_seconds_are_answered_ten_are_not(ask):
+    told = ask({"a.tlog": quad_flight(20.0)})
+    assert (told.code, told.answer["verdict"]) == (0, "nothing_missing")
+    assert told.answer["duration_s"] == pytest.approx(20.0, abs=1.0)
+    refused(ask({"b.tlog": quad_flight(10.0)}), "b.tlog", "only 10 s", "12 s")
+
+
+def test_every_start_of_a_vehicle_is_a_flight_of_its_own(ask):
+    first, second = quad_flight(30.0), quad_flight(30.0, 3_000, EPOCH_US + 36_000_000, seed=3)
+    told = ask({"a.tlog": [*first, *second]})
+    assert (told.code, told.answer["verdict"]) == (0, "nothing_missing")
+    assert told.answer["duration_s"] == pytest.approx(60.0, abs=2.0)
+    assert "started 2 times" in told.notes
+    short = quad_flight(5.0, 3_000, EPOCH_US + 36_000_000)
+    told = ask({"b.tlog": [*first, *short]})
+    assert (told.code, told.answer["duration_s"]) == (0, pytest.approx(30.0, abs=1.0))
+    assert "left out" in told.notes
+
+
+def test_a_clipped_axis_is_not_judged_and_the_answer_says_so(ask):
+    told = ask({"a.tlog": quad_flight(clip_m_s2=10.3)})
+    assert told.code == 0
+    assert "Fz" not in told.answer["axes"]
+    assert "accelerometer z clipped at 10.3" in told.notes
+    assert not told.names & THRUST_TO_MASS
+
+
+def test_of_two_vehicles_the_one_that_flies_is_read(ask):
+    both = sorted([*quad_flight(parked=True), *quad_flight(38.0, system=7, mass_kg=3.9)])
+    told = ask({"a.tlog": both})
+    assert told.code == 0
+    assert told.names <= THRUST_TO_MASS
+    assert told.names
+    assert "system 7 chosen" in told.notes
+    refused(ask({"a.tlog": both}, "--target-system", "1"), "a.tlog", "on the ground")
+
+
+def test_of_two_vehicles_that_fly_the_option_to_choose_is_named(ask):
+    both = sorted([*quad_flight(), *quad_flight(38.0, system=7, mass_kg=3.9)])
+    told = ask({"a.tlog": both})
+    assert (told.code, told.answer["verdict"]) == (0, "nothing_missing")
+    assert "more than one of them flies" in told.notes
+    assert "--target-system" in told.notes
+    told = ask({"a.tlog": both}, "--target-system", "7")
+    assert told.names <= THRUST_TO_MASS
+    assert told.names
+    refused(ask({"a.tlog": both}, "--target-system", "9"), "a.tlog", "no vehicle with system id 9", "1, 7")
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.3])
+def test_a_mass_that_is_off_by_30_percent_is_found_as_thrust_to_mass(ask, factor):
+    told = ask({"a.tlog": quad_flight(mass_kg=factor * 3.0)})
+    assert (told.code, told.answer["verdict"]) == (0, "explained")
+    assert told.names <= THRUST_TO_MASS
+    (aliases,) = told.answer["aliases"]
+    assert len(set(aliases) & THRUST_TO_MASS) >= 2
+    fz = told.answer["axes"]["Fz"]
+    assert fz["rms_after"] < 0.05 * fz["rms_before"]
+
+
+def test_a_truncated_file_gives_what_it_holds_and_says_that_it_was_cut(ask, tmp_path):
+    data = write_tlog(tmp_path / "whole.tlog", quad_flight())
+    told = ask({"a.tlog": data[: int(0.6 * len(data)) + 3]})
+    assert (told.code, told.answer["verdict"]) == (0, "nothing_missing")
+    assert told.answer["duration_s"] == pytest.approx(24.0, abs=1.0)
+    assert "cut off" in told.notes
+
+
+def test_damage_in_the_middle_is_read_around(ask, tmp_path):
+    data = bytearray(write_tlog(tmp_path / "whole.tlog", quad_flight()))
+    data[60_000:64_000] = bytes(4_000)
+    told = ask({"a.tlog": bytes(data)})
+    assert (told.code, told.answer["verdict"]) == (0, "nothing_missing")
+    assert "bytes skipped" in told.notes
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("empty.tlog", b"", "is empty"),
+        ("empty.BIN", b"", "is empty"),
+        ("empty.ulg", b"", "is empty"),
+        ("text.tlog", b"time,force\n0,1\n" * 200, "no MAVLink frame"),
+        ("text.bin", b"time,force\n0,1\n" * 200, "dataflash"),
+        ("text.ulg", b"time,force\n0,1\n" * 200, "PX4 log"),
+        ("table.csv", b"time,force\n0,1\n", "known: .tlog, .bin, .ulg"),
+        ("cut.bin", bin_flight()[:3000], "cut.bin"),
+    ],
+)
+def test_what_is_no_log_is_refused_in_one_line(ask, name, content, words):
+    refused(ask({name: content}), name, words)
+
+
+def test_a_bad_log_among_good_ones_is_left_out_and_named(ask):
+    good = {"a.tlog": quad_flight(), "b.tlog": quad_flight(seed=2)}
+    told = ask({"empty.tlog": b"", **good, "blind.tlog": quad_flight(imu=False), "text.csv": b"a,b\n"})
+    assert (told.code, told.lines) == (0, [])
+    assert [Path(p).name for p in told.answer["logs"]] == ["a.tlog", "b.tlog"]
+    for name in ("empty.tlog", "blind.tlog", "text.csv"):
+        assert any(note.startswith("left out") and name in note for note in told.answer["notes"])
+    refused(ask({"empty.tlog": b"", "text.csv": b"a,b\n"}), "empty.tlog", "is empty")
