@@ -25,6 +25,8 @@ ODD = np.array([False, True, False, True, False, True])
 # Without a wall the fan stands on an axis of symmetry: no side force, no tilt.
 TILT = np.array([True, True, False, True, True, False])
 Place = tuple[float, float]
+# Worst first.
+LABELLED = ("cycling", "drifting", "marched", "steady")
 
 
 @dataclass(frozen=True)
@@ -88,18 +90,20 @@ def labels(rows: Sequence[Row], rpm: float) -> dict[Place, Label]:
     found: dict[Place, list[Row]] = {}
     for row in rows:
         p = row.position
-        if not p.swirl and p.level == 1.0 and p.rpm == rpm and row.result.status in ("steady", "marched", "cycling"):
+        if not p.swirl and p.level == 1.0 and p.rpm == rpm and row.result.status in LABELLED:
             found.setdefault(p.place, []).append(row)
     for place, states in found.items():
         wrenches = np.array([r.result.wrench for r in states])
-        swing = np.max([r.result.swing for r in states], axis=0)
+        # A drift dies out over about a hundred iterations, twice the span it is taken over.
+        swing = np.max([np.maximum(r.result.swing, 2 * np.array(r.result.drift)) for r in states], axis=0)
         amplitude = np.maximum(np.ptp(wrenches, axis=0) / 2, swing)
         wrench = np.where(ODD, 0.0, wrenches.mean(axis=0))
         if math.isinf(place[1]):
             # The mirrored state is a solution as well: the mean of the two is zero, half their difference the state.
             amplitude = np.where(TILT, np.maximum(np.abs(wrench), amplitude), amplitude)
             wrench = np.where(TILT, 0.0, wrench)
-        status = "cycling" if any(r.result.status == "cycling" for r in states) else states[0].result.status
+        found_status = {r.result.status for r in states}
+        status = next(s for s in LABELLED if s in found_status)
         out[place] = Label(wrench, amplitude, status, len(states))
     return out
 
@@ -189,8 +193,7 @@ class _Odd:
     """Fy, Mx, Mz from the cases with swirl: solved where there is one, else weighted by nearness to those there are."""
 
     def __init__(self, rows: Sequence[Row], rpm: float) -> None:
-        able = ("steady", "marched", "cycling")
-        full = [r for r in rows if r.position.swirl and r.position.rpm == rpm and r.result.status in able]
+        full = [r for r in rows if r.position.swirl and r.position.rpm == rpm and r.result.status in LABELLED]
         self.known = {r.position.place: np.array(r.result.wrench) for r in full}
 
     def at(self, place: Place) -> tuple[Array, str]:

@@ -39,7 +39,7 @@ class Result:
     drift: tuple[float, ...]
     parts: tuple[float, float, float]
     status: str
-    """``steady``, ``marched`` (steady in time), ``cycling`` (still moves), ``diverged``."""
+    """``steady``, ``marched`` (steady in time), ``cycling`` (to and fro), ``drifting`` (slowly on), ``diverged``."""
     cells: int
     iterations: int
     steps: int
@@ -70,7 +70,7 @@ def compute(
     """Compute one case in ``folder``, going on from what an earlier, interrupted run left there.
 
     ``neighbour``: folder of a finished case to start from (its state mapped onto this mesh). ``march`` False: leave a
-    case that still moves after the steady limit as ``cycling``; a later call with True goes on in time from there.
+    case that still swings after the steady limit as ``cycling``; a later call with True goes on in time from there.
     """
     check(setup, position)
     began = time.monotonic()
@@ -78,7 +78,7 @@ def compute(
     try:
         run.prepare(stations, neighbour)
         run.iterate(report)
-        if march and not run.settled() and run.finite():
+        if march and run.status() == "cycling":
             run.march(report)
         status = run.status()
         note = ""
@@ -229,7 +229,9 @@ class _Case:
         drift, swing = self._moves()
         scale, limit = self._scale(), self.setup.converged
         most = limit.drift_free if self.position.place == (math.inf, math.inf) else limit.drift
-        return bool(np.all(drift <= most * scale) and np.all(swing <= limit.swing * scale))
+        effect = self._effect()
+        still = drift <= np.maximum(most * scale, limit.drift_of_effect * effect)
+        return bool(np.all(still) and np.all(swing <= self._allowed_swing()))
 
     def _enough(self) -> bool:
         """True where more steady iterations would change nothing: settled, or going round in circles."""
@@ -239,9 +241,22 @@ class _Case:
         half = len(last) // 2
         if half < 2 or self.iterations < 2 * self.setup.solver.start:
             return False
-        scale, limit = self._scale(), self.setup.converged
         before, now = np.ptp(last[:half], axis=0) / 2, np.ptp(last[half:], axis=0) / 2
-        return bool(np.any((now > limit.swing * scale) & (now > STILL_SWINGING * before)))
+        return bool(np.any((now > self._allowed_swing()) & (now > STILL_SWINGING * before)))
+
+    def _allowed_swing(self) -> Array:
+        limit = self.setup.converged
+        out: Array = np.maximum(limit.swing * self._scale(), limit.swing_of_effect * self._effect())
+        return out
+
+    def _effect(self) -> Array:
+        """Size (6,) of what the case adds to the lift of hover; none in free air."""
+        last = self._last(2)
+        if len(last) == 0 or self.position.place == (math.inf, math.inf):
+            return np.zeros(6)
+        hover = self._scale() * [0, 0, 1, 0, 0, 0]
+        out: Array = np.abs(last.mean(axis=0) - hover)
+        return out
 
     def finite(self) -> bool:
         """True while the wrench is of a size a fan can have."""
@@ -251,7 +266,7 @@ class _Case:
         if not self.finite():
             return "diverged"
         if not self.settled():
-            return "cycling"
+            return "cycling" if np.any(self._moves()[1] > self._allowed_swing()) else "drifting"
         return "marched" if self.steps else "steady"
 
     def result(self, status: str, seconds: float, note: str) -> Result:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from models.cfd.assemble import Label, Law, Place, fit_law, labels
+from models.cfd.assemble import LABELLED, Label, Law, Place, fit_law, labels
 from models.cfd.campaign import Row
 from models.cfd.config import Setup
 from models.cfd.grid import Study, spread
@@ -76,7 +76,7 @@ def check(rows: Sequence[Row], setup: Setup) -> Checked:
     whole = {
         r.position.place: np.array(r.result.wrench)
         for r in rows
-        if r.position.swirl and r.position.rpm == c.rpm and r.result.status in ("steady", "marched", "cycling")
+        if r.position.swirl and r.position.rpm == c.rpm and r.result.status in LABELLED
     }
     study = spread(rows, setup)
     bare = Checked(known, parts, study, law, whole, (), {}, tip_pressure, tip_pressure * setup.fan.radius_m)

@@ -96,11 +96,13 @@ class Solver:
 
 @dataclass(frozen=True)
 class Converged:
-    """What counts as converged, as shares of hover lift (forces) and hover lift times R (moments)."""
+    """What counts as converged: shares of hover lift (forces) and hover lift times R (moments), or of the effect."""
 
     drift: float
     drift_free: float
     swing: float
+    drift_of_effect: float
+    swing_of_effect: float
 
 
 @dataclass(frozen=True)
