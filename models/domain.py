@@ -10,6 +10,7 @@ import numpy as np
 from models.wrench import Array
 
 NODES = 65
+PER_UNIT, LAST_CELL = (NODES - 1) / 2.0, NODES - 2
 # Trust is whole up to one typical gap of the data from the nearest row, and none at this many gaps.
 GAPS_TO_NOTHING = 3.0
 # Outside the rotor speeds of the data trust fades over this share of them; so below the nearest distances.
@@ -28,16 +29,18 @@ class Domain:
     rpm_high: float
 
     def __post_init__(self) -> None:
-        """Keep the map as plain numbers too: at one point they are quicker to reach than array items."""
-        object.__setattr__(self, "_rows", self.map.tolist())
+        """Keep the map's cells as plain numbers too, value = a + b fx + fy (c + d fx): quick to reach at one point."""
+        m = self.map
+        a, b, c = m[:-1, :-1], m[1:, :-1] - m[:-1, :-1], m[:-1, 1:] - m[:-1, :-1]
+        cells = np.stack([a, b, c, m[1:, 1:] - m[1:, :-1] - c], axis=-1)
+        object.__setattr__(self, "_cells", [[tuple(cell) for cell in row] for row in cells.tolist()])
 
     def trust(self, x: Array, h: Array, d: Array, rpm: Array) -> Array:
         """Trust (n,) at coordinates x (n, >= 2) that belong to h, d, rpm (n,)."""
-        last = NODES - 2
         with np.errstate(invalid="ignore"):
-            p = (x[:, :2] + 1.0) * ((NODES - 1) / 2.0)
+            p = (x[:, :2] + 1.0) * PER_UNIT
             known = ~np.isnan(p).any(axis=1)
-            cell = np.clip(np.nan_to_num(p), 0, last).astype(np.intp)
+            cell = np.clip(np.nan_to_num(p), 0, LAST_CELL).astype(np.intp)
             fx, fy = (p - cell).T
         i, j = cell.T
         m = self.map
@@ -54,13 +57,15 @@ class Domain:
 
     def point(self, xh: float, xd: float, h: float, d: float, rpm: float) -> float:
         """Trust at one point; the same as ``trust``."""
-        px, py = (xh + 1.0) * ((NODES - 1) / 2.0), (xd + 1.0) * ((NODES - 1) / 2.0)
-        i, j = min(int(px), NODES - 2), min(int(py), NODES - 2)
-        fx, fy = px - i, py - j
-        rows: list[list[float]] = self._rows  # type: ignore[attr-defined]
-        this, following = rows[i], rows[i + 1]
-        out = (1 - fx) * ((1 - fy) * this[j] + fy * this[j + 1])
-        out += fx * ((1 - fy) * following[j] + fy * following[j + 1])
+        px, py = (xh + 1.0) * PER_UNIT, (xd + 1.0) * PER_UNIT
+        i, j = int(px), int(py)
+        if i > LAST_CELL:
+            i = LAST_CELL
+        if j > LAST_CELL:
+            j = LAST_CELL
+        a, b, c, e = self._cells[i][j]  # type: ignore[attr-defined]
+        fx = px - i
+        out: float = a + b * fx + (py - j) * (c + e * fx)
         if h < self.h_near:
             out *= max(0.0, (h / self.h_near - NEAR_MARGIN) / (1 - NEAR_MARGIN))
         if d < self.d_near:

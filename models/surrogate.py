@@ -18,7 +18,9 @@ from models.wrench import Array
 CHUNK = 65536
 # Up to this many points, one after another is quicker than all at once.
 FEW = 8
-_dot, _add, _multiply, _sqrt = np.dot, np.add, np.multiply, np.sqrt
+_multiply, _sqrt = np.multiply, np.sqrt
+# A named tuple made without its own constructor, which takes twice as long.
+_answer = tuple.__new__
 _NUMBERS = frozenset({float, int, np.float64})
 
 
@@ -99,15 +101,17 @@ class FanSurrogate:
         self._gain2 = self._gain**2
         # Doubt is the mean over components of (spread / size of the increments)^2.
         self._per_size2 = 1.0 / np.maximum(np.asarray(calibration.size), 1e-12) ** 2 / 6.0
-        # One point, see _point: [surface, wall, surface^2, wall^2] @ gates = gates of mean (6) and of variance (6).
+        # One point, see _point: [s L, w L, s^2 L^2, w^2 L^2, L, L^2] @ gates, with gates s(urface) and w(all) and lift
+        # L, gives the factors of mean (6) and variance (6), then what is added to each: share L and floor^2 L^2.
         wall = (HORIZONTAL & coordinates.axisymmetric).astype(float)
-        self._gates = np.zeros((4, 12))
+        self._gates = np.zeros((6, 24))
         self._gates[:2, :6] = 1.0 - wall, wall
-        self._gates[2:, 6:] = self._gain2 * (1.0 - wall), self._gain2 * wall
-        self._share_and_floor2 = np.concatenate([self._share, self._floor2])
+        self._gates[2:4, 6:12] = self._gain2 * (1.0 - wall), self._gain2 * wall
+        self._gates[4, 12:18] = self._share
+        self._gates[5, 18:] = self._floor2
         self._per_size2_of_variance = np.concatenate([np.zeros(6), self._per_size2])
-        self._four, self._gate, self._buffer = np.empty(4), np.empty(12), np.empty(12)
-        self._buffer_sigma2 = self._buffer[6:]
+        self._six, terms, self._buffer = np.empty(6), np.empty(24), np.empty(12)
+        self._terms, self._factors, self._added = terms, terms[:12], terms[12:]
         c = coordinates
         self._bounds = (c.h_near, c.h_far, c.d_near, c.d_far, c.rpm_low, c.rpm_high)
         self._lift_n, self._rpm_ref, self._power = free_air.lift_n, free_air.rpm_ref, 2.0 + free_air.exponent
@@ -143,7 +147,9 @@ class FanSurrogate:
 
     def query(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Answer:
         """Wrench, spread and trust at once: one pass through the regressor."""
-        if type(h) in _NUMBERS and type(d) in _NUMBERS and type(rpm) in _NUMBERS:
+        if type(h) is type(d) is type(rpm) is float or (
+            type(h) in _NUMBERS and type(d) in _NUMBERS and type(rpm) in _NUMBERS
+        ):
             return self._point(h, d, rpm)  # type: ignore[arg-type]
         arrays = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (h, d, rpm)))
         shape, n = arrays[0].shape, arrays[0].size
@@ -185,24 +191,33 @@ class FanSurrogate:
         td = (d - d_near) / (d_far - d_near) if d_near < d < d_far else _outside(d, d_near, d_far)
         xr = 0.0
         if rpm_low < rpm_high:
-            xr = 2.0 * (min(max(rpm, rpm_low), rpm_high) - rpm_low) / (rpm_high - rpm_low) - 1.0
+            held = rpm_low if rpm < rpm_low else rpm_high if rpm > rpm_high else rpm
+            xr = 2.0 * (held - rpm_low) / (rpm_high - rpm_low) - 1.0
         uh, ud = 1.0 - th, 1.0 - td
         xh, xd = 1.0 - 2.0 * uh * uh, 1.0 - 2.0 * ud * ud
         ah, ad = 1.0 - th * th, 1.0 - td * td
         wall = ad * ad * ad
         surface = 1.0 - (1.0 - ah * ah * ah) * (1.0 - wall)
-        four = self._four
-        four[0] = surface
-        four[1] = wall
-        four[2] = surface * surface
-        four[3] = wall * wall
+        lift = self._lift_n * (rpm / self._rpm_ref) ** self._power
+        six, surface_lift, wall_lift = self._six, surface * lift, wall * lift
+        six[0] = surface_lift
+        six[1] = wall_lift
+        six[2] = surface_lift * surface_lift
+        six[3] = wall_lift * wall_lift
+        six[4] = lift
+        lift2 = lift * lift
+        six[5] = lift2
         # Mean and variance, wrench and sigma side by side in one array of 12: each operation serves both.
-        both = _multiply(nets.point(xh, xd, xr), _dot(four, self._gates, self._gate), self._buffer)
-        doubt = float(_dot(both, self._per_size2_of_variance))
-        _add(both, self._share_and_floor2, both)
-        _sqrt(self._buffer_sigma2, self._buffer_sigma2)
-        out = both * (self._lift_n * (rpm / self._rpm_ref) ** self._power)
-        return Answer(out[:6], out[6:], self.domain.point(xh, xd, h, d, rpm) / (1.0 + doubt))
+        six.dot(self._gates, self._terms)
+        both = _multiply(nets.point(xh, xd, xr), self._factors, self._buffer)
+        doubt = float(both.dot(self._per_size2_of_variance))
+        out = both + self._added
+        sigma = out[6:]
+        _sqrt(sigma, sigma)
+        trust = self.domain.point(xh, xd, h, d, rpm)
+        if lift2 > 0.0:
+            trust *= lift2 / (lift2 + doubt)
+        return _answer(Answer, (out[:6], sigma, trust))
 
 
 def _outside(value: float, low: float, high: float) -> float:
