@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -44,6 +45,9 @@ def run(a: argparse.Namespace) -> int:
         raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
     if a.seed < 0:
         raise ConfigError(f"--seed {a.seed}: must not be negative")
+    for option, target in (("--json", a.json), ("--save-model", a.save_model), ("--report", a.report)):
+        if target is not None and str(target) != "-":
+            _check_target(option, Path(target), folder=option != "--json")
     # Imported here so that --help answers at once.
     import models
     from companion.vehicles import default_vehicle
@@ -81,3 +85,18 @@ def run(a: argparse.Namespace) -> int:
         if a.report is not None:
             print(f"report: {a.report / 'report.html'}")
     return 0
+
+
+def _check_target(option: str, target: Path, *, folder: bool) -> None:
+    """Refuse a place that cannot be written before minutes are spent on what would go there."""
+    if not folder and target.is_dir():
+        raise ConfigError(f"{option} {target}: is a folder; name a file")
+    if folder and target.exists() and not target.is_dir():
+        raise ConfigError(f"{option} {target}: is a file; name a folder")
+    parent = target if target.is_dir() else target.parent
+    while folder and not parent.exists():
+        parent = parent.parent
+    if not parent.is_dir():
+        raise ConfigError(f"{option} {target}: there is no folder {parent}; create it or name another place")
+    if not os.access(parent, os.W_OK):
+        raise ConfigError(f"{option} {target}: folder {parent} cannot be written; name another place")

@@ -113,14 +113,18 @@ def quad_flight(
     imu: bool = True,
     rpm: bool = True,
     servo: bool = True,
+    rate_hz: int = 25,
+    nan_share: float = 0.0,
+    landed: bool = False,
     seed: int = 1,
 ) -> list[tuple[int, bytes]]:
-    """The shipped quadrotor in free air at 25 Hz: climbs and sinks, turns slowly; thrust is exactly ``mass_kg``'s own.
+    """The shipped quadrotor in free air: climbs and sinks, turns slowly; thrust is exactly ``mass_kg``'s own.
 
-    ``gust_n`` is a steady push to the north, ``parked`` stands still with its rotors stopped. Simulated.
+    ``gust_n`` is a steady push to the north, ``parked`` stands still with its rotors stopped, ``landed`` lets the
+    autopilot say that it stands on the ground, ``nan_share`` of the IMU samples and attitudes are NaN. Simulated.
     """
     rng = np.random.default_rng(seed)
-    t = np.arange(round(seconds * 25)) / 25.0
+    t = np.arange(round(seconds * rate_hz)) / rate_hz
     fly = 0.0 if parked else 1.0
     heave = fly * (0.8 * np.sin(0.9 * t) + 0.5 * np.sin(1.7 * t + 1.0))
     climb = fly * -(0.8 / 0.9 * np.cos(0.9 * t) + 0.5 / 1.7 * np.cos(1.7 * t + 1.0))
@@ -132,9 +136,11 @@ def quad_flight(
     force = np.stack([north * np.cos(yaw), -north * np.sin(yaw), -(GRAVITY + heave)], axis=-1)
     force = np.clip(force + 0.1 * rng.standard_normal((len(t), 3)), -clip_m_s2, clip_m_s2)
     rates = np.stack([0 * t, 0 * t, fly * 0.2 + 0 * t], axis=-1) + 0.002 * rng.standard_normal((len(t), 3))
+    lost = rng.random(len(t)) < nan_share
+    force[lost], rates[lost] = np.nan, np.nan
     out: list[tuple[int, bytes]] = []
     for k, at in enumerate(t.tolist()):
-        ms, us = start_ms + k * 40, start_ms * 1000 + k * 40_000
+        ms, us = start_ms + round(1e3 * at), start_ms * 1000 + round(1e6 * at)
         place = (ms, 0.0, 0.0, -20.0, 0.0, 0.0, -float(climb[k]))
         pwm = round(1100 + 800 * float(thrust[k]) / (2 * mass_kg * GRAVITY)) if fly else 1000
         messages = [
@@ -149,8 +155,10 @@ def quad_flight(
         if rpm:
             telemetry = ([40] * 4, [1600] * 4, [500] * 4, [0] * 4, [round(float(speed[k]))] * 4, [k % 65536] * 4)
             messages.append(mavlink.MAVLink_esc_telemetry_1_to_4_message(*telemetry))
-        if k % 25 == 0:
+        if k % rate_hz == 0:
             messages.append(heartbeat())
+            if landed:
+                messages.append(mavlink.MAVLink_extended_sys_state_message(0, 1))
         arrival = arrival_us + round(at * 1e6) + 2000
         out += [(arrival + i, frame(message, system, 1, (8 * k + i) % 256)) for i, message in enumerate(messages)]
     return out

@@ -196,3 +196,108 @@ def test_a_bad_log_among_good_ones_is_left_out_and_named(ask):
     for name in ("empty.tlog", "blind.tlog", "text.csv"):
         assert any(note.startswith("left out") and name in note for note in told.answer["notes"])
     refused(ask({"empty.tlog": b"", "text.csv": b"a,b\n"}), "empty.tlog", "is empty")
+
+
+def test_a_gyro_too_slow_for_moments_leaves_the_forces_and_says_so(ask):
+    told = ask({"a.tlog": quad_flight(60.0, rate_hz=10)})
+    assert told.code == 0
+    assert set(told.answer["axes"]) == {"Fx", "Fy", "Fz"}
+    assert "too slow for moments (20 Hz needed)" in told.notes
+    refused(ask({"b.tlog": quad_flight(60.0, rate_hz=3)}), "b.tlog", "too slow for forces", "4 Hz")
+
+
+def test_a_vehicle_that_never_left_the_ground_is_not_judged(ask):
+    refused(ask({"a.tlog": quad_flight(parked=True)}), "a.tlog", "on the ground")
+    refused(ask({"b.tlog": quad_flight(landed=True)}), "b.tlog", "on the ground")
+
+
+def test_numbers_that_are_none_are_left_out(ask):
+    told = ask({"a.tlog": quad_flight(nan_share=0.05)})
+    assert (told.code, told.answer["verdict"]) == (0, "nothing_missing")
+    assert told.answer["duration_s"] == pytest.approx(40.0, abs=2.0)
+    refused(ask({"b.tlog": quad_flight(nan_share=1.0)}), "b.tlog")
+
+
+@pytest.mark.parametrize(
+    ("line", "instead", "words"),
+    [
+        ("mass_kg = 3.0", "", "mass_kg"),
+        ("mass_kg = 3.0", "mass_kg = -3.0", "mass_kg"),
+        ("mass_kg = 3.0", "mass_kg = 3.0\nwings = 2", "wings"),
+        ("mass_kg = 3.0", "mass_kg = ", "vehicle.toml"),
+        ("ct = 0.0140", "", "ct"),
+    ],
+)
+def test_a_wrong_vehicle_file_is_refused_by_the_name_of_its_key(ask, tmp_path, line, instead, words):
+    vehicle = tmp_path / "vehicle.toml"
+    vehicle.write_text(QUAD.read_text().replace(line, instead))
+    told = ask({"a.tlog": b""}, vehicle=vehicle)
+    assert told.code == 2
+    assert words in told.lines[0]
+    assert len(told.lines) == 1
+    assert ask({"a.tlog": b""}, vehicle=tmp_path / "none.toml").code == 2
+
+
+def test_a_vehicle_with_other_rotors_than_the_log_is_refused_by_their_number(ask, tmp_path):
+    vehicle = tmp_path / "vehicle.toml"
+    vehicle.write_text(QUAD.read_text().replace("esc = 4", "esc = 9"))
+    refused(ask({"a.tlog": quad_flight(15.0)}, vehicle=vehicle), "a.tlog", "ESC 9")
+
+
+def test_a_model_that_is_none_is_refused_before_any_log_is_read(ask, tmp_path):
+    told = ask({"a.tlog": b""}, "--model", str(tmp_path / "nowhere"))
+    assert (told.code, len(told.lines)) == (2, 1)
+    assert "nowhere" in told.lines[0]
+
+
+def test_a_place_that_cannot_be_written_is_refused_before_any_log_is_read(ask, tmp_path):
+    (tmp_path / "taken").write_text("")
+    folder, file, absent = str(tmp_path), str(tmp_path / "taken"), str(tmp_path / "absent" / "a.json")
+    for option, target in (
+        ("--json", folder),
+        ("--json", absent),
+        ("--save-model", file),
+        ("--save-model", file + "/model"),
+        ("--report", file),
+    ):
+        told = ask({"a.tlog": b""}, option, target)
+        assert (told.code, len(told.lines)) == (2, 1), option
+        assert option in told.lines[0]
+        assert target in told.lines[0]
+
+
+def test_an_interrupt_exits_with_130_and_writes_nothing(ask, monkeypatch):
+    def interrupted(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("replay.diagnose.build_record", interrupted)
+    told = ask({"a.tlog": quad_flight(15.0)})
+    assert (told.code, told.lines, told.answer) == (130, [], {})
+
+
+def test_one_flight_gives_a_candidate_two_confirm_it_and_their_numbers_are_pooled(ask):
+    one, other = quad_flight(30.0, mass_kg=3.3), quad_flight(60.0, mass_kg=3.3, seed=3)
+    single = [ask({"one.tlog": one}).answer, ask({"other.tlog": other}).answer]
+    both = ask({"one.tlog": one, "other.tlog": other}).answer
+    for answer, status in ((single[0], "candidate"), (single[1], "candidate"), (both, "confirmed")):
+        assert answer["verdict"] == "explained"
+        (effect,) = answer["effects"]
+        assert effect["name"] in THRUST_TO_MASS
+        assert effect["status"] == status
+    assert [Path(p).name for p in both["logs"]] == ["one.tlog", "other.tlog"]
+    counts = [answer["samples"] for answer in single]
+    assert both["samples"] == sum(counts)
+    assert both["duration_s"] == pytest.approx(sum(answer["duration_s"] for answer in single))
+    # RMS over all samples: the longer flight counts for more.
+    for key in ("rms_before", "rms_after"):
+        squares = [answer["axes"]["Fz"][key] ** 2 for answer in single]
+        pooled = (sum(n * s for n, s in zip(counts, squares, strict=True)) / sum(counts)) ** 0.5
+        assert both["axes"]["Fz"][key] == pytest.approx(pooled, rel=1e-3)
+    shares = [answer["effects"][0]["explains"] for answer in single]
+    assert min(shares) - 1e-6 <= both["effects"][0]["explains"] <= max(shares) + 1e-6
+
+
+def test_a_second_flight_without_the_effect_leaves_it_a_candidate(ask):
+    told = ask({"heavy.tlog": quad_flight(mass_kg=3.3), "light.tlog": quad_flight(seed=3)})
+    (effect,) = told.answer["effects"]
+    assert effect["status"] == "candidate"
