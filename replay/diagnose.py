@@ -22,6 +22,9 @@ from replay.unexplained import Channel
 UNITS = ("N", "N", "N", "N m", "N m", "N m")
 FORM_SHARE = 0.15
 """A leftover below this share of what the effects took out is their error of form, not a second riddle."""
+OWN_MOTION = ("wind", "rotor_drag", "body_drag")
+RHYTHM_SHARE = 0.3
+"""Share of the velocity that one line in time holds, from which on a force with that line may come from either."""
 CONFIRM_SHARE = 0.01
 CONFIRM_BLOCK_S = 5.0
 _FROM_THE_START = "from_s"
@@ -158,6 +161,7 @@ def conclude(traces: Sequence[Trace], notes: Sequence[str] = ()) -> Diagnosis:
     named = _named(traces)
     if len(traces) > 1:
         named = [replace(n, status=_status(n, named, traces)) for n in named]
+    named, undecided = _beside_gusts(named, traces)
     channels = _channels(traces, bool(named))
     verdict = {
         (False, False): "nothing_missing",
@@ -167,7 +171,7 @@ def conclude(traces: Sequence[Trace], notes: Sequence[str] = ()) -> Diagnosis:
     }[bool(named), bool(channels)]
     taken = {n.found.effect.name for n in named}
     rejected = {r.name: r for t in reversed(traces) for r in t.rejected if r.name not in taken}
-    all_notes = [*notes, *dict.fromkeys(note for t in traces for note in t.record.notes)]
+    all_notes = [*notes, *undecided, *dict.fromkeys(note for t in traces for note in t.record.notes)]
     return Diagnosis(tuple(traces), tuple(named), tuple(rejected.values()), channels, verdict, tuple(all_notes))
 
 
@@ -262,20 +266,59 @@ def _frozen(named: Named, t: Trace) -> Array:
 
 
 def _channels(traces: Sequence[Trace], explained: bool) -> tuple[Channel, ...]:
-    """Channels that carry what is left, best first; empty where that is noise, or the form error of what was found."""
+    """Channels that carry what is left, best first; empty where that is noise, or the form error of what was found.
+
+    A leftover on the axes of a named effect is its form error while it is small beside what the effect took out.
+    """
     best: dict[str, Channel] = {}
     for t in traces:
         if not t.leftover.significant:
             continue
-        if explained:
-            axes, valid = list(t.record.axes), t.record.valid
-            removed = ((t.before[valid][:, axes] ** 2 - t.after[valid][:, axes] ** 2) / t.noise.total**2).sum()
-            if t.leftover.gain < FORM_SHARE * removed:
-                continue
+        axes, valid = list(t.record.axes), t.record.valid
+        removed = ((t.before[valid][:, axes] ** 2 - t.after[valid][:, axes] ** 2) / t.noise.total**2).sum()
+        small = explained and t.leftover.gain < FORM_SHARE * removed
+        carried = {axis for f in t.found for axis in f.axes}
         for c in t.leftover.channels:
+            if small and c.axis in carried:
+                continue
             if c.name not in best or c.score > best[c.name].score:
                 best[c.name] = c
     return tuple(sorted(best.values(), key=lambda c: -c.score))
+
+
+def _beside_gusts(named: Sequence[Named], traces: Sequence[Trace]) -> tuple[list[Named], list[str]]:
+    """Drag on the own motion and a gust are one where what is left repeats in time as the motion does."""
+    out, notes = list(named), []
+    for i, n in enumerate(named):
+        t = traces[n.record]
+        if n.found.effect.name not in OWN_MOTION:
+            continue
+        for line in t.leftover.channels:
+            if line.peak_hz is None or line.axis not in n.found.axes:
+                continue
+            if _repeats(t.record, line.peak_hz) < RHYTHM_SHARE:
+                continue
+            others = (a for a in OWN_MOTION[:2] if a != n.found.effect.name)
+            aliases = tuple(dict.fromkeys((*n.found.aliases, *others)))
+            out[i] = replace(n, found=replace(n.found, aliases=aliases))
+            notes.append(
+                f"{t.record.name}: undecidable whether a gust or drag on the own motion: both repeat at "
+                f"{line.peak_hz:.2f} Hz in {line.axis}; fly in another rhythm"
+            )
+            break
+    return out, notes
+
+
+def _repeats(record: Record, hz: float) -> float:
+    """Share of the energy of the level velocity that one line in time holds."""
+    v = record.context.state.velocity_ned[record.valid][:, :2]
+    if not np.isfinite(v).all():
+        return 0.0
+    phase = 2.0 * np.pi * hz * record.time_s[record.valid]
+    line = np.stack([np.ones(len(phase)), np.sin(phase), np.cos(phase)], axis=1)
+    moved = v - v.mean(axis=0)
+    rest = v - line @ np.linalg.lstsq(line, v, rcond=None)[0]
+    return float(1.0 - ((rest**2).sum(axis=0) / np.maximum((moved**2).sum(axis=0), 1e-12)).min())
 
 
 def _effect_json(n: Named) -> dict[str, Any]:

@@ -10,15 +10,24 @@ from numpy.typing import NDArray
 
 from models.effects import Context, Effect, catalogue
 from models.wrench import AXES, GRAVITY, Array
-from replay.blocks import FOLDS, Noise, block_numbers, embargo_blocks, fit_noise, fold_of_block, training_blocks, whiten
+from replay.blocks import (
+    FOLDS,
+    Noise,
+    block_numbers,
+    embargo_blocks,
+    fit_noise,
+    fold_of_block,
+    training_blocks,
+    whiten,
+)
 from replay.residual import Record
-from replay.shift_null import flip_maxima, p_value, shift_p
+from replay.shift_null import Chance, flips
 from replay.unexplained import Leftover, free_search
 
 Columns = NDArray[np.int64]
 
 ALPHA = 0.01
-MOST_EFFECTS = 5
+MOST_EFFECTS = 6
 SMALLEST = 0.01
 """Smallest effect worth a name: 99th percentile of its force over the weight (of its moment over weight x lever)."""
 SMALLEST_GAIN = 0.03
@@ -31,11 +40,17 @@ ALIAS_SHARE = 0.15
 """An alias takes as much off held-out time, less this share."""
 BLOCK_S = 1.5
 LAG_DOUBT_S = 0.02
+FEW_BLOCKS, FEW_SCORE = 6.0, 60.0
+"""Evidence from so few blocks that chance has heavy tails in them has to be so strong."""
 COMMANDED = 0.6
 """Correlation of lift with the accelerometer below which rotor speeds mostly answer noise, which looks like a lag."""
-WORSE = 0.05
-"""Energy that an axis gains on held-out time, over what all axes lose, from which on it tells against the set."""
+WORSE = 0.1
+"""Share by which the held-out energy of an axis may grow before it tells against the set."""
 THRUST_TO_MASS = ("payload", "thrust_scale", "air_density")
+SHAPE_BIC = 6.0
+"""Evidence (BIC) from which on another shape than theory's is believed."""
+AT_SHAPE = (0.8, 1.25)
+"""Ratio of a length to the length at which it was linearised."""
 CLASS_SHARE = 0.12
 """IMU and rotor speed see only the ratio of thrust to mass: members of that class within this share are aliases."""
 
@@ -61,7 +76,6 @@ class Found:
     axes: tuple[str, ...]
     explains: float
     q_value: float
-    p_shift: float
     stability: float
     aliases: tuple[str, ...]
 
@@ -99,11 +113,13 @@ class Trace:
         return out
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Candidate:
     effect: Effect
     shape: tuple[float, ...]
     columns: Columns
+    bare: bool = False
+    """Only the coefficients that make the effect what it is; the others are held at zero."""
 
 
 class _NotMeant(str):
@@ -116,30 +132,64 @@ class _Library:
     def __init__(self, record: Record, effects: Sequence[Effect]) -> None:
         self.candidates: list[_Candidate] = []
         self.lacking: dict[str, str] = {}
-        axes = list(record.axes)
-        parts: list[Array] = []
-        count = 0
+        self.record = record
+        self.x: Array = np.zeros((len(record.time_s), len(record.axes), 0))
+        self.scale: Array = np.zeros(0)
+        todo: list[tuple[Effect, tuple[float, ...]]] = []
         for effect in effects:
             reason = effect.lacking(record.context)
-            if effect.needs_moments and 3 not in axes:
+            if effect.needs_moments and 3 not in record.axes:
                 reason = "this log cannot judge moments"
             if effect.name == "motor_lag" and record.delays and record.delays[0].correlation < COMMANDED:
                 reason = "the thrust varied hardly more than it answers disturbances; " + effect.excite
             if reason is not None:
                 self.lacking[effect.name] = reason
                 continue
-            for shape in effect.shape_grid(record.context):
-                x = np.nan_to_num(_evaluate(effect, record.context, shape)[:, axes], posinf=0.0, neginf=0.0)
-                width = x.shape[2]
-                parts.append(x)
-                self.candidates.append(_Candidate(effect, shape, np.arange(count, count + width)))
-                count += width
-        self.x = np.concatenate(parts, axis=2) if parts else np.zeros((len(record.time_s), len(axes), 0))
+            todo += [(effect, shape) for shape in effect.shape_grid(record.context)]
+        self.add(todo)
+
+    def add(self, todo: Sequence[tuple[Effect, tuple[float, ...]]]) -> None:
+        """Candidates behind those there are."""
+        count = len(self.scale)
+        parts: list[Array] = []
+        for effect, shape in todo:
+            x = _evaluate(effect, self.record.context, shape)[:, list(self.record.axes)]
+            parts.append(np.nan_to_num(x, posinf=0.0, neginf=0.0))
+            width = x.shape[2]
+            self.candidates.append(_Candidate(effect, shape, np.arange(count, count + width)))
+            count += width
+        if not parts:
+            return
+        x = np.concatenate(parts, axis=2)
         # One scale a column, so that Gram matrices are well conditioned; coefficients are scaled back at the end.
         # Axes differ in unit, so the scale is only a size.
-        self.scale = np.sqrt(np.mean(self.x[record.valid] ** 2, axis=(0, 1)))
-        self.scale[self.scale < 1e-12] = 1.0
-        self.x /= self.scale
+        scale = np.sqrt(np.mean(x[self.record.valid] ** 2, axis=(0, 1)))
+        scale[scale < 1e-12] = 1.0
+        self.x = np.concatenate([self.x, x / scale], axis=2)
+        self.scale = np.concatenate([self.scale, scale])
+
+    def bare(self, candidate: _Candidate) -> _Candidate:
+        """The candidate with only its main coefficients."""
+        effect = candidate.effect
+        keep = np.array([c.name in effect.main for c in effect.coefficients])
+        count = len(self.scale)
+        self.x = np.concatenate([self.x, self.x[:, :, candidate.columns] * keep], axis=2)
+        self.scale = np.concatenate([self.scale, self.scale[candidate.columns]])
+        return replace(candidate, columns=np.arange(count, len(self.scale)), bare=True)
+
+    def finer(self, candidate: _Candidate, steps: int = 5) -> list[tuple[Effect, tuple[float, ...]]]:
+        """Shapes between that of a candidate and its neighbours on the grid, one parameter at a time."""
+        out = []
+        effect = candidate.effect
+        for i, (shape, value) in enumerate(zip(effect.shapes, candidate.shape, strict=True)):
+            if not shape.continuous or value in shape.kinds:
+                continue
+            grid = sorted({c.shape[i] for c in self.candidates if c.effect is effect} - set(shape.kinds))
+            at = grid.index(value)
+            for near in (grid[at - 1 : at] or [value]) + (grid[at + 1 : at + 2] or [value]):
+                between = np.linspace(value, near, steps + 1)[1:-1] if near != value else ()
+                out += [(effect, (*candidate.shape[:i], float(v), *candidate.shape[i + 1 :])) for v in between]
+        return out
 
 
 def _evaluate(effect: Effect, ctx: Context, shape: tuple[float, ...]) -> Array:
@@ -217,10 +267,14 @@ class _Gram:
                 energy[f] += -2.0 * b @ self.ry[rows][:, columns].sum(0) + b @ r @ b
         return energy
 
-    def project(self, selected: Columns) -> tuple[Array, Array, Array]:
-        """Schur complement of the selected columns (K, K), the map (s, K) to it, X^T e by flip block (blocks, K)."""
+    def project(self, selected: Columns, beside: Columns | None = None) -> tuple[Array, Array, Array]:
+        """Schur complement of the selected columns (K, K), the map (s, K) to it, X^T e by flip block (blocks, K).
+
+        ``e`` is what the selected columns leave of the residual, or, if given, the columns ``beside``.
+        """
         count = int(self.block.max()) + 1
-        e = self.yw - (self.xw[:, :, selected] @ self.solve(selected) if len(selected) else 0.0)
+        taken = selected if beside is None else beside
+        e = self.yw - (self.xw[:, :, taken] @ self.solve(taken) if len(taken) else 0.0)
         products = np.einsum("nak,na->nk", self.xw, e)
         parts = np.zeros((count, products.shape[1]))
         np.add.at(parts, self.block, products)
@@ -251,6 +305,8 @@ class _Search:
             record.context.vehicle.rotor_radius_m,
         )
         self.reasons: dict[str, tuple[str, float | None]] = {}
+        self.best: Columns = np.empty(0, np.int64)
+        self._searched: tuple[object, Leftover] | None = None
         self.gram = self._noise_model()
 
     # --- Noise ----
@@ -269,6 +325,7 @@ class _Search:
             chosen = self._greedy(gram, penalty * np.log(gram.effective), given)
             noise = fit_noise(self._rest(gram, chosen), valid, step)
             gram = _Gram(self.record, x, y, noise)
+            self.best = chosen
         return gram
 
     def _rest(self, gram: _Gram, chosen: Columns) -> Array:
@@ -311,12 +368,14 @@ class _Search:
         fit = gram.size(np.concatenate([selected, candidate.columns]))[len(selected) :]
         return _implausible(candidate, fit / self.library.scale[candidate.columns]) is None
 
-    def _null(self, gram: _Gram, selected: Columns, taken: set[str]) -> Array:
-        schur, _, parts = gram.project(selected)
+    def _null(self, gram: _Gram, selected: Columns, taken: set[str]) -> Chance:
+        """Scores by chance, in what the best combination of effects leaves: what is there is no noise."""
+        schur, _, parts = gram.project(selected, np.union1d(selected, self.best))
         live = [c for c in self.library.candidates if c.effect.name not in taken]
         inverses = [_inverse(schur, gram.total_w, c.columns) for c in live]
         penalties = np.array([len(c.columns) * np.log(gram.effective) for c in live])
-        return flip_maxima(parts, [c.columns for c in live], inverses, penalties, self.seed)
+        names = [c.effect.name for c in live]
+        return flips(parts, names, [c.columns for c in live], inverses, penalties, self.seed)
 
     # --- Search ----
 
@@ -331,7 +390,7 @@ class _Search:
             p_of[candidate.effect.name] = p
             chosen = self._refined([*chosen, candidate])
             self.gram = self._noise_model(chosen)
-        chosen = self._sound(self._backward(chosen))
+        chosen = self._sound(self._backward(self._sharpened(chosen)))
         return self._trace(chosen, p_of)
 
     def _step(self, chosen: list[_Candidate]) -> tuple[_Candidate, float] | None:
@@ -342,24 +401,42 @@ class _Search:
             return None
         null = self._null(gram, selected, taken)
         before = gram.held_out(selected)
-        free = free_search(self.record, self._rest(gram, selected), gram.noise, self.seed)
-        best = None
+        failed: list[_Score] = []
         for score in scores:
             name = score.candidate.effect.name
-            p = p_value(null, score.value)
+            p = null.p(name, score.value)
             if p > ALPHA:
                 self.reasons[name] = (f"no better than chance (p = {p:.2g})", p)
                 continue
-            if best is not None and score.value < 0.5 * best:
-                self.reasons[name] = ("another effect explains the same much better", p)
+            same = next((f for f in failed if self._same(score, f, selected)), None)
+            if same is not None:
+                self.reasons[name] = (f"{same.candidate.effect.name} explains the same much better", p)
                 continue
-            problem = self._problem(score.candidate, chosen, before, free)
+            problem = self._problem(score.candidate, chosen, before)
             if problem is None:
                 return self._preferred(score, scores, chosen), p
             self.reasons[name] = (problem, p)
             if not isinstance(problem, _NotMeant):
-                best = score.value if best is None else best
+                failed.append(score)
         return None
+
+    def _same(self, score: _Score, stronger: _Score, selected: Columns) -> bool:
+        """Whether little is left of a weak candidate beside a much stronger one."""
+        if score.value >= 0.5 * stronger.value:
+            return False
+        schur, _, parts = self.gram.project(np.concatenate([selected, stronger.candidate.columns]))
+        columns = score.candidate.columns
+        part = parts.sum(0)[columns]
+        left = float(part @ _inverse(schur, self.gram.total_w, columns) @ part)
+        return bool(left - len(columns) * np.log(self.gram.effective) < 0.5 * score.value)
+
+    def _free(self, chosen: Sequence[_Candidate]) -> Leftover:
+        """What free curves find beside the chosen effects."""
+        key = (self.gram, tuple(chosen))
+        if self._searched is None or self._searched[0] != key:
+            rest = self._rest(self.gram, _columns(chosen))
+            self._searched = (key, free_search(self.record, rest, self.gram.noise, self.seed))
+        return self._searched[1]
 
     def _preferred(self, best: _Score, scores: Sequence[_Score], chosen: list[_Candidate]) -> _Candidate:
         """Density is known from pressure and temperature: where it would do, a free mass or scale is not fitted."""
@@ -381,7 +458,7 @@ class _Search:
         ratio = candidate.effect.name in THRUST_TO_MASS and self._from_start(candidate)
         return ratio and bool((taken - {candidate.effect.name}) & set(THRUST_TO_MASS))
 
-    def _problem(self, candidate: _Candidate, chosen: list[_Candidate], before: Array, free: Leftover) -> str | None:
+    def _problem(self, candidate: _Candidate, chosen: list[_Candidate], before: Array) -> str | None:
         """Why a significant candidate is not adopted, or None."""
         gram, selected = self.gram, _columns([*chosen, candidate])
         coefficients = gram.size(selected)[-len(candidate.columns) :] / self.library.scale[candidate.columns]
@@ -404,6 +481,8 @@ class _Search:
             main = strong > 0.25 * strong.max()
             if share[main].min() < FORM_TOLERANCE**2:
                 return "within the error of form of what is already adopted"
+        if self._once(candidate, _columns(chosen)):
+            return _NotMeant("seems to have happened only once, and not strongly: fly it again")
         after = gram.held_out(selected)
         gain = float(before.sum() - after.sum())
         energy = self._energy_on_axes_of(contribution, self._rest(gram, _columns(chosen)))
@@ -412,10 +491,19 @@ class _Search:
         problem = self._kinematics(candidate, coefficients)
         if problem is not None:
             return _NotMeant(problem)
+        free = self._free(chosen)
         limit = FREE_CURVE_FACTOR * gain + 0.02 * float(before.sum())
         if free.significant and free.gain > limit:
             return f"a free curve in {free.channels[0].name} explains far more"
         return None
+
+    def _once(self, candidate: _Candidate, selected: Columns) -> bool:
+        """Whether weak evidence comes from a few blocks of time (their participation number)."""
+        schur, _, parts = self.gram.project(selected)
+        own = parts[:, candidate.columns]
+        evidence = own @ _inverse(schur, self.gram.total_w, candidate.columns) @ own.sum(0)
+        total = float(evidence.sum())
+        return total < FEW_SCORE and total**2 < FEW_BLOCKS * float((evidence**2).sum())
 
     def _beside(self, candidate: _Candidate, coefficients: Array, chosen: list[_Candidate]) -> Array:
         """The part of a contribution (n, axes) that the chosen effects cannot take over."""
@@ -492,8 +580,31 @@ class _Search:
                 left = -float(gram.size(columns) @ gram.total_ry[columns])
                 if left < least:
                     best, least = other, left
-            chosen = [*chosen[:i], best, *chosen[i + 1 :]]
+            chosen = [*chosen[:i], self._usual(best, others), *chosen[i + 1 :]]
         return chosen
+
+    def _usual(self, best: _Candidate, others: Columns) -> _Candidate:
+        """Theory's shape in place of the best one, unless that is clearly better."""
+        usual = next(
+            (c for c in self.library.candidates if c.effect is best.effect and c.shape == best.effect.usual), None
+        )
+        if usual is None or not self._plausible(self.gram, others, usual):
+            return best
+        likelihood = []
+        for candidate in (best, usual):
+            columns = np.concatenate([others, candidate.columns])
+            likelihood.append(float(self.gram.solve(columns) @ self.gram.total_wy[columns]))
+        bic = likelihood[0] - likelihood[1] - len(best.shape) * np.log(self.gram.effective)
+        return best if bic >= SHAPE_BIC else usual
+
+    def _sharpened(self, chosen: list[_Candidate]) -> list[_Candidate]:
+        """The same effects with their shape parameters between the points of the grid."""
+        finer = [f for candidate in chosen for f in self.library.finer(candidate)]
+        if not finer:
+            return chosen
+        self.library.add(finer)
+        self.gram = _Gram(self.record, self.library.x, self.y, self.gram.noise)
+        return self._refined(chosen)
 
     def _backward(self, chosen: list[_Candidate]) -> list[_Candidate]:
         """Drop what takes too little off its axes on held-out time beside the others."""
@@ -533,15 +644,20 @@ class _Search:
                     bad = (candidate, reason)
                     break
             if bad is None:
-                valid, noise = self.record.valid, self.gram.noise.total**2
-                gain = ((self.y[valid] ** 2 - self._held_out(columns)[valid] ** 2) / noise).sum(axis=0)
-                axis = int(gain.argmin())
-                if gain[axis] > -WORSE * gain.sum():
+                valid = self.record.valid
+                grown = (self._held_out(columns)[valid] ** 2).sum(axis=0) / (self.y[valid] ** 2).sum(axis=0)
+                axis = int(grown.argmax())
+                if grown[axis] < 1.0 + WORSE:
                     return chosen
                 pairs = zip(chosen, sizes, strict=True)
                 strength = [np.mean(self._contribution(c, size)[valid][:, axis] ** 2) for c, size in pairs]
                 name = AXES[self.record.axes[axis]]
                 bad = (chosen[int(np.argmax(strength))], f"makes {name} worse on held-out time")
+                if bad[0].effect.main and not bad[0].bare:
+                    plain = self.library.bare(bad[0])
+                    self.gram = _Gram(self.record, self.library.x, self.y, self.gram.noise)
+                    chosen = [plain if c is bad[0] else c for c in chosen]
+                    continue
             self.reasons[bad[0].effect.name] = (bad[1], None)
             chosen = [c for c in chosen if c is not bad[0]]
         return chosen
@@ -565,7 +681,6 @@ class _Search:
         empty = gram.held_out(np.empty(0, np.int64)).sum()
         found, done = [], empty
         coefficients = gram.size(columns)
-        spread = self._bootstrap(columns)
         start = 0
         for i, candidate in enumerate(chosen):
             part = slice(start, start + len(candidate.columns))
@@ -574,35 +689,61 @@ class _Search:
             scale = self.library.scale[candidate.columns]
             found.append(
                 self._found(
-                    candidate, chosen, coefficients[part] / scale, spread[:, part] / scale,
+                    candidate, chosen, coefficients[part] / scale,
                     float((done - left) / max(empty, 1e-12)), p_of[candidate.effect.name],
                 )
             )  # fmt: skip
             done = left
-        leftover = free_search(record, self._rest(gram, columns), gram.noise, self.seed)
+        leftover = self._free(chosen)
         before6, after6 = np.zeros((n, 6)), np.zeros((n, 6))
         before6[:, list(record.axes)], after6[:, list(record.axes)] = self.y, after
         return Trace(record, tuple(found), self._rejected(chosen), leftover, before6, after6, gram.noise)
 
-    def _bootstrap(self, columns: Columns, draws: int = 200) -> Array:
-        """Coefficients (draws, k) of fits to blocks drawn with replacement."""
-        if not len(columns):
-            return np.zeros((draws, 0))
+    def _bootstrap(self, candidate: _Candidate, chosen: list[_Candidate], draws: int = 200) -> tuple[Array, Array]:
+        """Coefficients (draws, k) and shapes (draws, s) of fits to blocks drawn with replacement.
+
+        Every draw takes its own best shape, so that the interval of a coefficient holds what the shape leaves open.
+        """
         rng = np.random.default_rng(self.seed + 1)
         count = len(self.gram.folds)
-        return np.stack([self.gram.size(columns, rng.integers(0, count, count)) for _ in range(draws)])
+        weight = rng.multinomial(count, np.full(count, 1.0 / count), draws).astype(float)
+        others = _columns([c for c in chosen if c is not candidate])
+        rivals = [candidate] if candidate.bare else [c for c in self.library.candidates if _same_kind(c, candidate)]
+        columns = np.concatenate([others, _columns(rivals)])
+        r = np.tensordot(weight, self.gram.r[:, columns][:, :, columns], 1)
+        ry = weight @ self.gram.ry[:, columns]
+        most = np.full(draws, -np.inf)
+        sizes = np.zeros((draws, len(candidate.columns)))
+        shapes = np.tile(np.asarray(candidate.shape, dtype=float), (draws, 1))
+        at = len(others)
+        for rival in rivals:
+            use = np.concatenate([np.arange(len(others)), np.arange(at, at + len(rival.columns))])
+            at += len(rival.columns)
+            block = r[:, use][:, :, use]
+            trace_ = np.trace(block, axis1=1, axis2=2)[:, None, None]
+            fit = np.linalg.solve(block + 1e-9 * trace_ / len(use) * np.eye(len(use)), ry[:, use, None])[..., 0]
+            gain = (fit * ry[:, use]).sum(axis=1)
+            own = fit[:, len(others) :] / self.library.scale[rival.columns]
+            if rival is not candidate:
+                gain[[_implausible(rival, size) is not None for size in own]] = -np.inf
+            better = gain > most
+            most[better], sizes[better], shapes[better] = gain[better], own[better], np.asarray(rival.shape)
+        return sizes, shapes
 
     def _found(
-        self, candidate: _Candidate, chosen: list[_Candidate], coefficients: Array, spread: Array, explains: float,
-        p: float,
-    ) -> Found:  # fmt: skip
+        self, candidate: _Candidate, chosen: list[_Candidate], coefficients: Array, explains: float, p: float
+    ) -> Found:
         effect = candidate.effect
+        spread, shapes = self._bootstrap(candidate, chosen)
         low, high = np.percentile(spread, [2.5, 97.5], axis=0)
         estimates = [
             Estimate(c.name, float(v), (float(a), float(b)), c.unit)
             for c, v, a, b in zip(effect.coefficients, coefficients, low, high, strict=True)
         ]
-        estimates += [Estimate(s.name, v, (v, v), s.unit) for s, v in zip(effect.shapes, candidate.shape, strict=True)]
+        estimates += [
+            Estimate(shape.name, value, self._resolved(candidate, i, shapes[:, i]), shape.unit)
+            for i, (shape, value) in enumerate(zip(effect.shapes, candidate.shape, strict=True))
+        ]
         contribution = self._contribution(candidate, coefficients)[self.record.valid]
         strength = np.sqrt((contribution**2).mean(0)) / self.gram.noise.total
         axes = tuple(AXES[a] for a, s in zip(self.record.axes, strength, strict=True) if s > 0.25 * strength.max())
@@ -615,17 +756,18 @@ class _Search:
             axes=axes,
             explains=explains,
             q_value=p,
-            p_shift=self._shift(candidate, chosen),
             stability=float(same.mean(0).max()),
             aliases=self._aliases(candidate, chosen),
         )
 
-    def _shift(self, candidate: _Candidate, chosen: list[_Candidate]) -> float:
-        others = _columns([c for c in chosen if c is not candidate])
-        e = self.gram.yw - (self.gram.xw[:, :, others] @ self.gram.solve(others) if len(others) else 0.0)
-        x = self.gram.xw[:, :, candidate.columns]
-        inverse = np.linalg.pinv(self.gram.total_w[np.ix_(candidate.columns, candidate.columns)])
-        return shift_p(x, e, inverse, max(int(3.0 * self.gram.noise.tau_s.max() / self.record.step_s), 20))
+    def _resolved(self, candidate: _Candidate, i: int, drawn: Array) -> tuple[float, float]:
+        """95 % interval of a shape parameter; to half way to the next value tried, as a grid tells no more."""
+        others = [c.shape[i] for c in self.library.candidates if _same_kind(c, candidate)]
+        tried = np.unique([candidate.shape[i], *others])
+        edges = np.concatenate([tried[:1], (tried[1:] + tried[:-1]) / 2.0, tried[-1:]])
+        low, high = np.percentile(drawn, [2.5, 97.5], method="nearest")
+        low, high = min(low, candidate.shape[i]), max(high, candidate.shape[i])
+        return float(edges[np.searchsorted(tried, low)]), float(edges[np.searchsorted(tried, high) + 1])
 
     def _aliases(self, candidate: _Candidate, chosen: list[_Candidate]) -> tuple[str, ...]:
         """Effects that would do as well in its place."""
@@ -652,7 +794,10 @@ class _Search:
             coefficients = fit / self.library.scale[score.candidate.columns]
             if (
                 _implausible(score.candidate, coefficients) is None
-                and self._kinematics(score.candidate, coefficients) is None
+                and (
+                    (name, candidate.effect.name) == ("imu_bias", "wind")  # velocity may come from that very IMU
+                    or self._kinematics(score.candidate, coefficients) is None
+                )
                 and self._core_large(score.candidate, coefficients)
             ):
                 out.append(name)
@@ -695,6 +840,8 @@ def _inverse(schur: Array, total: Array, columns: Columns) -> Array:
     own = np.diag(total)[columns]
     live = (own > 1e-9) & (np.diag(block) > 0.01 * own)
     out = np.zeros_like(block)
+    if len(columns) == 1:
+        return np.where(live, 1.0 / np.where(live, block, 1.0), 0.0)
     if live.any():
         out[np.ix_(live, live)] = np.linalg.pinv(block[np.ix_(live, live)], rcond=1e-6, hermitian=True)
     return out
@@ -710,10 +857,22 @@ def _place(chosen: Sequence[_Candidate], wanted: _Candidate) -> slice:
     return slice(start, start + len(wanted.columns))
 
 
+def _same_kind(one: _Candidate, other: _Candidate) -> bool:
+    """Whether two candidates are of one effect and differ only in what may vary continuously."""
+    if one.effect is not other.effect or one.bare != other.bare:
+        return False
+    return all(
+        a == b or (s.continuous and a not in s.kinds and b not in s.kinds)
+        for s, a, b in zip(one.effect.shapes, one.shape, other.shape, strict=True)
+    )
+
+
 def _implausible(candidate: _Candidate, coefficients: Array) -> str | None:
     for c, value in zip(candidate.effect.coefficients, coefficients, strict=True):
         if not c.low <= value <= c.high:
             return f"right shape, but {c.name} = {value:.3g} {c.unit} is outside {c.low:g} to {c.high:g}"
+    if candidate.effect.at_shape and not AT_SHAPE[0] <= float(coefficients[0]) / candidate.shape[0] <= AT_SHAPE[1]:
+        return f"no {candidate.effect.coefficients[0].name} fits it: the curve is another one"
     return None
 
 

@@ -24,7 +24,7 @@ BLOCK_S = 1.5
 DRAWS = 199
 ALPHA = 0.005
 SMALLEST_SHARE = 0.06
-REACTIVE_SHARE = 0.4
+REACTIVE_SHARE = 0.25
 NEVER = 2.0
 CAUSE_SHARE = 0.6
 """A channel that nothing drives comes before reactions that carry up to this much (as a ratio) more."""
@@ -38,11 +38,11 @@ SAME_SENSOR = {
 }  # fmt: skip
 """Channels whose own noise is in the residual of that axis."""
 REACTIONS = {
-    "Fx": ("vn_", "ve_", "pitch", "roll", "q_", "servo", "rpm", "thrust"),
-    "Fy": ("vn_", "ve_", "roll", "pitch", "p_", "servo", "rpm", "thrust"),
+    "Fx": ("vn_", "ve_", "pitch", "roll", "q_", "servo", "rpm", "thrust", "battery_"),
+    "Fy": ("vn_", "ve_", "roll", "pitch", "p_", "servo", "rpm", "thrust", "battery_"),
     "Fz": ("vd_", "servo", "rpm", "thrust", "battery_"),
-    "Mx": ("roll", "pitch", "p_", "q_", "r_", "ay_", "servo", "rpm", "thrust", "ve_", "vn_"),
-    "My": ("pitch", "roll", "p_", "q_", "r_", "ax_", "servo", "rpm", "thrust", "ve_", "vn_"),
+    "Mx": ("roll", "pitch", "p_", "q_", "r_", "ax_", "ay_", "servo", "rpm", "thrust", "ve_", "vn_"),
+    "My": ("pitch", "roll", "p_", "q_", "r_", "ax_", "ay_", "servo", "rpm", "thrust", "ve_", "vn_"),
     "Mz": ("p_", "q_", "r_", "servo", "rpm", "thrust"),
 }
 """Channels that answer a disturbance of that axis within the loop: they go along with noise, and must carry more of it
@@ -222,8 +222,9 @@ def _curves(record: Record) -> tuple[list[_Curve], Array]:
                 angles = [np.stack([np.sin(m * values), np.cos(m * values)], 1) for m in (1, 2)]
                 add(name, np.nan_to_num(np.concatenate(angles, axis=1)))
             continue
-        fine = name in FINE
-        add(name, _hats(values, record.valid, MANY_KNOTS if fine else KNOTS, even=fine))
+        add(name, _hats(values, record.valid, KNOTS))
+        if name in FINE:
+            add(name, _hats(values, record.valid, MANY_KNOTS, even=True))
         if name.startswith(("rpm", "servo", "thrust", "battery_current")):
             slow = _slow(values, max(int(LAG_S / record.step_s), 1))
             add(name, _hats(values - slow, record.valid, 3), LAG_S)

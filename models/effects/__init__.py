@@ -38,12 +38,13 @@ def get(name: str) -> Effect:
 def adopted_wrench(effects: Sequence[AdoptedEffect], ctx: Context, *, in_flight: bool = False) -> Array:
     """Sum of the adopted effects' wrenches (..., 6), body FRD about the CG.
 
-    ``in_flight`` leaves out what is not to be compensated as a wrench. Unknown quantities contribute nothing.
+    What corrects a measurement is left to ``corrected_state``. ``in_flight`` leaves out what is not compensated in
+    flight. Unknown quantities contribute nothing.
     """
     total = np.zeros((*ctx.state.time_s.shape, 6))
     for adopted in effects:
         effect = get(adopted.name)
-        if effect.in_flight is InFlight.WRENCH or not in_flight:
+        if effect.in_flight is InFlight.WRENCH or (effect.in_flight is InFlight.NONE and not in_flight):
             total += np.nan_to_num(effect.wrench(ctx, adopted.parameters), nan=0.0, posinf=0.0, neginf=0.0)
     return total
 
@@ -52,6 +53,5 @@ def corrected_state(effects: Sequence[AdoptedEffect], state: AirState) -> AirSta
     """The state with adopted corrections of measurements: ``range_offset`` shifts the heights."""
     for adopted in effects:
         if adopted.name == "range_offset":
-            p = adopted.parameters
-            state = shifted_heights(state, -p["offset_m"] * p["gain"])
+            state = shifted_heights(state, -adopted.parameters["offset_m"])
     return state

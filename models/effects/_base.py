@@ -44,10 +44,15 @@ class Coefficient:
 
 @dataclass(frozen=True)
 class Shape:
-    """One non-linear parameter, profiled on a grid."""
+    """One non-linear parameter, profiled on a grid; ``kinds`` are values that have nothing in between.
+
+    A parameter without ``continuous`` is a kind (a fan's number) or a reference, and never moves off its grid.
+    """
 
     name: str
     unit: str
+    continuous: bool = True
+    kinds: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -206,6 +211,10 @@ class Effect:
     """Without moments it cannot be told from others."""
     main: tuple[str, ...] = ()
     """Coefficients of which at least one must be significant; empty: any."""
+    usual: tuple[float, ...] | None = None
+    """The shape that theory gives: another one must be clearly better."""
+    at_shape: bool = False
+    """The one coefficient is a length at which the one shape linearises: both have to agree."""
 
     def parameters(self, coefficients: ArrayLike, shape: tuple[float, ...]) -> dict[str, float]:
         """Names to numbers, as a model directory keeps them."""

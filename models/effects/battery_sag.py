@@ -41,7 +41,7 @@ EFFECT = Effect(
     coefficients=(Coefficient("power", "1", 0.0, 4.0), Coefficient("at_reference", "1", -0.3, 0.3)),
     main=("power",),
     regressors=_regressors,
-    shapes=(Shape("reference_v", "V"),),
+    shapes=(Shape("reference_v", "V", continuous=False),),
     shape_grid=_grid,
     lacking=_lacking,
     aliases=("thermal_derating", "thrust_scale"),

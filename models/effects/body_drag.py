@@ -11,7 +11,8 @@ from models.wrench import Array
 
 def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
     v = ctx.velocity
-    pressure = -0.5 * RHO_SEA_LEVEL * np.abs(v) * v
+    discs = ctx.vehicle.disc_area_m2 * len(ctx.vehicle.fans)
+    pressure = -0.5 * RHO_SEA_LEVEL * discs * np.abs(v) * v
     front, side = np.zeros((*v.shape[:-1], 6)), np.zeros((*v.shape[:-1], 6))
     front[..., 0], side[..., 1] = pressure[..., 0], pressure[..., 1]
     return columns(front, side)
@@ -19,14 +20,14 @@ def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
 
 EFFECT = Effect(
     name="body_drag",
-    equation="dF_i = -rho/2 CdA_i |v_i| v_i",
-    sign="areas > 0: against the motion",
+    equation="dF_i = -rho/2 c_i A |v_i| v_i, A the area of all discs",
+    sign="c > 0: against the motion",
     source="physics.md E12",
     valid="still air",
     axes=("Fx", "Fy"),
     channels=("vn_m_s", "ve_m_s"),
     excite="fly at more than 2 m/s forward and sideways",
-    coefficients=(Coefficient("front", "m^2", -0.02, 5.0), Coefficient("side", "m^2", -0.02, 5.0)),
+    coefficients=(Coefficient("front", "1", -0.1, 10.0), Coefficient("side", "1", -0.1, 10.0)),
     regressors=_regressors,
     aliases=("rotor_drag",),
 )

@@ -37,6 +37,7 @@ EFFECT = Effect(
     coefficients=(Coefficient("gain", "1", 0.05, 10.0),),
     regressors=_regressors,
     shapes=(Shape("scale", "1"),),
+    usual=(1.0,),
     shape_grid=_grid,
     lacking=_lacking,
     aliases=("thrust_scale",),

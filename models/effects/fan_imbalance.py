@@ -33,7 +33,7 @@ EFFECT = Effect(
     coefficients=(Coefficient("scale", "1", -0.6, 0.3),),
     regressors=_regressors,
     needs_moments=True,
-    shapes=(Shape("fan", "1"),),
+    shapes=(Shape("fan", "1", continuous=False),),
     shape_grid=_grid,
     aliases=("cg_offset",),
 )

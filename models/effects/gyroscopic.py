@@ -37,7 +37,7 @@ EFFECT = Effect(
     coefficients=(Coefficient("inertia", "kg m^2", -0.1, 0.1),),
     regressors=_regressors,
     needs_moments=True,
-    shapes=(Shape("all_alike", "1"),),
+    shapes=(Shape("all_alike", "1", continuous=False),),
     shape_grid=_grid,
     in_flight=InFlight.NONE,
 )

@@ -37,7 +37,7 @@ EFFECT = Effect(
     excite="weigh the vehicle, or pick the load up in flight",
     coefficients=(Coefficient("mass", "kg", -1e3, 1e3),),
     regressors=_regressors,
-    shapes=(Shape("from_s", "s"),),
+    shapes=(Shape("from_s", "s", kinds=(0.0,)),),
     shape_grid=_grid,
     aliases=("thrust_scale", "air_density"),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,18 +14,15 @@ from models.wrench import Array
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     assert ctx.model is not None
-    from dataclasses import replace
-
     state = replace(ctx.state, rpm=ctx.rotor_rpm)
     moved = shifted_heights(state, -shape[0])
     moved = replace(moved, h_m=np.maximum(moved.h_m, 0.0))
-    return columns(
-        disturbance_wrench(ctx.vehicle, ctx.model, moved) - disturbance_wrench(ctx.vehicle, ctx.model, state)
-    )
+    change = disturbance_wrench(ctx.vehicle, ctx.model, moved) - disturbance_wrench(ctx.vehicle, ctx.model, state)
+    return columns(change / shape[0])
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
-    sizes = (0.02, 0.04, 0.06, 0.08, 0.11)
+    sizes = (0.02, 0.03, 0.045, 0.065, 0.09, 0.12)
     return tuple((s,) for s in (*(-v for v in sizes), *sizes))
 
 
@@ -36,17 +34,18 @@ def _lacking(ctx: Context) -> str | None:
 
 EFFECT = Effect(
     name="range_offset",
-    equation="dF = F_model(h - o) - F_model(h)",
+    equation="dF = o (F_model(h - a) - F_model(h))/a, taken where a = o",
     sign="offset > 0: the rangefinder reads too much",
     source="physics.md E32",
     valid="offsets below 0.15 m",
     axes=("Fx", "Fy", "Fz", "Mx", "My", "Mz"),
     channels=("range_down_m", "rpm_1"),
     excite="hover at three heights or more between 0.7 and 4 radii",
-    coefficients=(Coefficient("gain", "1", 0.5, 1.6),),
+    coefficients=(Coefficient("offset_m", "m", -0.15, 0.15),),
     regressors=_regressors,
-    shapes=(Shape("offset_m", "m"),),
+    shapes=(Shape("secant_m", "m"),),
     shape_grid=_grid,
+    at_shape=True,
     lacking=_lacking,
     aliases=("ground_effect", "vertical_inflow"),
     in_flight=InFlight.MEASUREMENT,

@@ -41,7 +41,7 @@ EFFECT = Effect(
     coefficients=(Coefficient("slope", "1", -0.5, 0.0), Coefficient("start", "1", -0.3, 0.3)),
     main=("slope",),
     regressors=_regressors,
-    shapes=(Shape("reference_c", "degC"),),
+    shapes=(Shape("reference_c", "degC", continuous=False),),
     shape_grid=_grid,
     lacking=_lacking,
     aliases=("battery_sag",),

@@ -110,7 +110,7 @@ def test_signs(ctx: Context) -> None:
 
 
 def test_a_range_offset_corrects_the_heights(ctx: Context) -> None:
-    moved = corrected_state([AdoptedEffect("range_offset", {"gain": 1.0, "offset_m": 0.05})], ctx.state)
+    moved = corrected_state([AdoptedEffect("range_offset", {"offset_m": 0.05, "secant_m": 0.045})], ctx.state)
     assert np.allclose(moved.h_m, ctx.state.h_m - 0.05)
 
 
