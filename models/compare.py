@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from models import free_air, kriging, polynomial
 from models.dataset import DataSet, held_out
 from models.ensemble import NetEnsemble
+from models.errors import ModelError
 from models.surrogate import Regressor
 from models.train import (
     HIDDEN,
@@ -107,6 +108,8 @@ def compare(
         notes.append(f"{MAX_ROWS} of {len(data)} rows, drawn at random, were compared on")
         data = data.take(np.sort(rng.choice(len(data), MAX_ROWS, replace=False)))
     live = frame(data).live
+    if not live.any():
+        raise ModelError(f"data set {data.source}: no component depends on the place beyond noise; nothing to compare")
     notes += constant_notes(live)
     tasks = _tasks(data, live, splits, rng)
     grid_h, grid_d = _grid(data)
@@ -216,15 +219,18 @@ def _fit(
 def _fit_nets(
     method: str, tasks: list[Task], epochs: int, rng: np.random.Generator, progress: Progress | None
 ) -> list[NetEnsemble]:
-    """3-9-1 nets of all tasks and components in one batch; a task's own rows are chosen by weight."""
+    """3-9-1 nets of all tasks and their live components in one batch; a task's own rows are chosen by weight."""
     from models import network
 
-    x = np.concatenate([np.repeat(t.problem.x[None], 6, axis=0) for t in tasks])
-    gate = np.concatenate([t.problem.gate.T for t in tasks])
-    y = np.concatenate([(t.problem.y / t.problem.scale).T for t in tasks])
-    weight = np.concatenate([np.repeat(t.train[None].astype(float), 6, axis=0) for t in tasks])
-    theta = learn((x, gate, y, weight), method, HIDDEN, epochs, rng, rate=ADAM_RATE, progress=progress)
-    w1, b1, w2, b2 = (a.reshape(len(tasks), 1, 6, *a.shape[1:]) for a in network.unpack(theta, HIDDEN))
+    pairs = [(k, c) for k, task in enumerate(tasks) for c in np.flatnonzero(task.problem.live).tolist()]
+    of = [(tasks[k].problem, c) for k, c in pairs]
+    x = np.stack([p.x for p, _ in of])
+    gate, y = np.stack([p.gate[:, c] for p, c in of]), np.stack([p.y[:, c] / p.scale[c] for p, c in of])
+    weight = np.stack([tasks[k].train.astype(float) for k, _ in pairs])
+    theta = np.zeros((len(tasks), 6, network.genes(HIDDEN)))
+    learnt = learn((x, gate, y, weight), method, HIDDEN, epochs, rng, rate=ADAM_RATE, progress=progress)
+    theta[tuple(np.transpose(pairs))] = learnt
+    w1, b1, w2, b2 = (a[:, None] for a in network.unpack(theta, HIDDEN))
     return [
         NetEnsemble(w1[k], b1[k], w2[k] * t.problem.scale[:, None], b2[k] * t.problem.scale)
         for k, t in enumerate(tasks)

@@ -14,8 +14,8 @@ from models.wrench import AXES, Array
 HORIZONTAL = np.array([True, True, False, True, True, False])
 """Components that name a horizontal direction: a fan that sees no wall has none to prefer."""
 
-# Horizontal components without a wall above this share of their largest value are the fan's own (it is tilted), smaller
-# ones an offset of the data. Either counts only if it is this many standard errors over places from zero.
+# A horizontal component that stands at all places without a wall is the fan's own (it is tilted) where it is above this
+# share of its largest value, else an offset of the data; it stands if its mean is this many standard errors from zero.
 ASYMMETRY_SHARE = 0.05
 SIGNIFICANT = 4.0
 OUTER_SHARE = 0.9
@@ -68,31 +68,32 @@ def fit(data: DataSet) -> FreeAir:
     ratio = data.wrench / (lift_n * (data.rpm / rpm_ref) ** (2.0 + exponent))[:, None]
     share = ratio[rows].mean(axis=0)
     share[2] = 1.0
-    share[HORIZONTAL & ~_sideways(data, ratio)[0]] = 0.0
+    share[HORIZONTAL & ~_standing(data, ratio)[0]] = 0.0
     scatter = np.sqrt(np.mean((ratio[rows] - share) ** 2, axis=0))
     return FreeAir(lift_n, rpm_ref, exponent, tuple(share.tolist()), tuple(scatter.tolist()), origin)
 
 
 def level(data: DataSet) -> DataSet:
-    """The data less a small horizontal offset that all places without a wall share, such as a lopsided mesh leaves.
+    """The data less a small horizontal offset that stands at all places without a wall, as a lopsided mesh leaves it.
 
-    Physics has none there. A large one is a tilted fan's own and stays; ``notes`` says what was taken off.
+    Physics has none there. It is taken off everywhere, as a share of the lift; ``notes`` says so. What a tilted fan has
+    of its own stays, and so does noise: one noisy place subtracted everywhere would shift all.
     """
     lift = fit(data).lift(data.rpm)[:, None]
-    _, offset = _sideways(data, data.wrench / lift)
+    _, offset = _standing(data, data.wrench / lift)
     if not offset.any():
         return data
     named = ", ".join(f"{AXES[c]} {offset[c]:.2g}" for c in np.flatnonzero(offset))
-    note = f"offset over free-air lift at all places without a wall, subtracted: {named} (N or N m per N)"
+    note = f"offset over free-air lift at all places without a wall, subtracted everywhere: {named} (N or N m per N)"
     return replace(data, wrench=data.wrench - lift * offset, notes=(*data.notes, note))
 
 
-def _sideways(data: DataSet, ratio: Array) -> tuple[NDArray[np.bool_], Array]:
+def _standing(data: DataSet, ratio: Array) -> tuple[NDArray[np.bool_], Array]:
     """Which horizontal components (6,) the fan has of itself, and the offset (6,) of those it has not."""
     mean, error = without_wall(data, ratio)
-    significant = HORIZONTAL & (np.abs(mean) > np.maximum(SIGNIFICANT * error, 1e-9))
-    own = significant & (np.abs(mean) > ASYMMETRY_SHARE * np.abs(ratio).max(axis=0))
-    return own, np.where(significant & ~own, mean, 0.0)
+    stands = HORIZONTAL & (np.abs(mean) > np.maximum(SIGNIFICANT * error, 1e-9))
+    own = stands & (np.abs(mean) > ASYMMETRY_SHARE * np.abs(ratio).max(axis=0))
+    return own, np.where(stands & ~own, mean, 0.0)
 
 
 def without_wall(data: DataSet, ratio: Array) -> tuple[Array, Array]:
@@ -121,14 +122,10 @@ def free_rows(data: DataSet) -> tuple[NDArray[np.bool_], str]:
     return far, "outermost rows"
 
 
-def is_axisymmetric(data: DataSet, increments: Array) -> bool:
-    """True where horizontal increments (n, 6) vanish over the ground without a wall, up to noise, or no rows are there.
+def is_axisymmetric(law: FreeAir, live: NDArray[np.bool_]) -> bool:
+    """True where no live horizontal component stands in free air: then only a wall can cause any.
 
-    Physics has it so for one fan (the X-Z mirror plane becomes every vertical plane); a tilted fan breaks it. Judged on
-    the nearer half of the heights, where there is something to see.
+    Physics has it so for one fan (the X-Z mirror plane becomes every vertical plane), whatever the data say over bare
+    ground; a tilted fan breaks it.
     """
-    heights = np.unique(data.h[np.isinf(data.d) & np.isfinite(data.h)])
-    near = data.h <= np.median(heights) if heights.size else np.ones(len(data), dtype=bool)
-    mean, error = without_wall(data.take(near), increments[near])
-    allowed = np.maximum(ASYMMETRY_SHARE * np.abs(increments).max(axis=0), SIGNIFICANT * error)
-    return bool(np.all((np.abs(mean) <= np.maximum(allowed, 1e-9))[HORIZONTAL]))
+    return not np.any(np.asarray(law.share)[HORIZONTAL & live])

@@ -184,8 +184,8 @@ class FanSurrogate:
             return Answer(np.full(6, np.nan), np.full(6, np.nan), 0.0)
         nets = self._nets
         if nets is None:
-            wrench, sigma, trust = self._batch(np.array([h]), np.array([d]), np.array([float(rpm)]))
-            return Answer(wrench[0], sigma[0], float(trust[0]))
+            one = self._batch(np.array([h]), np.array([d]), np.array([float(rpm)]))
+            return Answer(one[0][0], one[1][0], float(one[2][0]))
         h_near, h_far, d_near, d_far, rpm_low, rpm_high = self._bounds
         th = (h - h_near) / (h_far - h_near) if h_near < h < h_far else _outside(h, h_near, h_far)
         td = (d - d_near) / (d_far - d_near) if d_near < d < d_far else _outside(d, d_near, d_far)

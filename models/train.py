@@ -99,7 +99,7 @@ def frame(data: DataSet, live: NDArray[np.bool_] | None = None) -> Problem:
         live = evidence.live(x, y, gate, locations)
     law = _with_constants(law, data, live)
     y = np.where(live, increments(data.wrench, data.rpm, law), 0.0)
-    coords = coordinates.fit(data, y, free_air.is_axisymmetric(data, y))
+    coords = coordinates.fit(data, y, free_air.is_axisymmetric(law, live))
     x, gate = coords.inputs(data.h, data.d, data.rpm)
     size = np.abs(y).max(axis=0)
     return Problem(law, coords, x, gate, y, np.where(size > 1e-9, size, 1.0), locations, live)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ pytest.importorskip("torch", reason="training extra not installed")
 pytest.importorskip("sklearn", reason="training extra not installed")
 from models import compare, genetic, kriging, levenberg, plots
 from models.closed_form import ClosedForm
+from models.errors import ModelError
 from models.wrench import AXES
 
 
@@ -95,6 +97,13 @@ def test_a_wavy_surface_is_rougher_than_a_smooth_one() -> None:
     smooth = np.outer(t, t) + t**2
     assert compare.roughness(smooth + 0.01 * np.sin(60 * t)) > 3 * compare.roughness(smooth)
     assert compare.roughness(np.add.outer(t, 2 * t)) == pytest.approx(0.0, abs=1e-12)
+
+
+def test_data_without_any_effect_are_refused() -> None:
+    data = ClosedForm().data_set()
+    alone = ClosedForm().wrench(np.inf, np.inf, data.rpm)
+    with pytest.raises(ModelError, match="no component depends on the place beyond noise"):
+        compare.compare(replace(data, wrench=alone))
 
 
 def test_percentage_errors_do_not_blow_up_at_zero() -> None:
