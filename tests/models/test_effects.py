@@ -114,6 +114,18 @@ def test_a_range_offset_corrects_the_heights(ctx: Context) -> None:
     assert np.allclose(moved.h_m, ctx.state.h_m - 0.05)
 
 
+def test_a_corrected_measurement_is_not_corrected_twice(ctx: Context) -> None:
+    offset = [AdoptedEffect("range_offset", {"offset_m": 0.05, "secant_m": 0.05})]
+    assert np.all(adopted_wrench(offset, ctx) == 0.0)
+
+
+def test_drag_areas_are_measured_in_discs(ctx: Context) -> None:
+    wrench = adopted_wrench([AdoptedEffect("body_drag", {"front": 1.0, "side": 1.0})], ctx)
+    large = replace(ctx.vehicle, rotor_radius_m=2.0 * ctx.vehicle.rotor_radius_m)
+    other = adopted_wrench([AdoptedEffect("body_drag", {"front": 1.0, "side": 1.0})], replace(ctx, vehicle=large))
+    assert other == pytest.approx(4.0 * wrench)
+
+
 def test_what_is_not_measured_adds_nothing(ctx: Context) -> None:
     dark = Context(replace(ctx.state, ceiling_m=np.full_like(ctx.state.ceiling_m, np.nan)), ctx.vehicle, ctx.model)
     assert fz("ceiling", dark, gain=1.0, scale=1.0) == 0.0

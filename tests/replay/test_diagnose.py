@@ -13,7 +13,7 @@ import pytest
 import models
 from models.effects import catalogue, get
 from replay.cli import main
-from replay.diagnose import Diagnosis, conclude
+from replay.diagnose import OWN_MOTION, Diagnosis, conclude
 from replay.report import page, rms_interval
 from replay.residual import Record
 from replay.trace import trace
@@ -82,6 +82,20 @@ def test_a_second_flight_confirms_or_does_not(quiet: Record) -> None:
     assert {n.status for n in same.named if n.found.effect.name == "wind"} == {"confirmed"}
     calm = conclude([trace(first, FEW), trace(other, FEW)])
     assert {n.status for n in calm.named if n.found.effect.name == "wind"} == {"candidate"}
+
+
+def test_a_gust_in_step_with_the_motion_is_undecidable(quiet: Record) -> None:
+    hz, t = 0.16, quiet.time_s
+    swing = np.stack([np.sin(2.0 * np.pi * hz * t), 0.2 * np.ones(len(t)), np.zeros(len(t))], axis=1)
+    state = replace(quiet.context.state, velocity_ned=swing)
+    rhythmic = replace(quiet, context=replace(quiet.context, state=state))
+    gust = with_wind(rhythmic, 0.6)
+    gust.residual[:, 0] += 1.5 * np.cos(2.0 * np.pi * hz * t)
+    answer = conclude([trace(gust, FEW)])
+    own = [n for n in answer.named if n.found.effect.name in OWN_MOTION]
+    assert own
+    assert {"wind", "rotor_drag"} <= {own[0].found.effect.name, *own[0].found.aliases}
+    assert any("undecidable" in note for note in answer.notes)
 
 
 def test_the_page_stands_alone_and_says_what_to_do(windy: Diagnosis) -> None:

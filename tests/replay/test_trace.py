@@ -11,6 +11,7 @@ import pytest
 
 from models.effects import Effect, catalogue, get
 from replay.residual import Delay, Record
+from replay.shift_null import flips
 from replay.trace import Trace, trace
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
@@ -74,3 +75,43 @@ def test_what_is_below_a_hundredth_of_the_weight_is_not_named(quiet: Record) -> 
     calm = replace(quiet, residual=0.1 * quiet.residual)
     assert names(trace(added(calm, "thrust_scale", (), -0.005), some("thrust_scale"))) == set()
     assert names(trace(added(calm, "thrust_scale", (), -0.02), some("thrust_scale"))) == {"thrust_scale"}
+
+
+def estimate(answer: Trace, effect: str, parameter: str) -> tuple[float, float, float]:
+    """Low end, value and high end of a parameter that was found."""
+    found = next(f for f in answer.found if f.effect.name == effect)
+    e = next(e for e in found.estimates if e.name == parameter)
+    return e.ci95[0], e.value, e.ci95[1]
+
+
+def test_a_range_offset_is_reported_in_metres(quiet: Record) -> None:
+    low, value, high = estimate(
+        trace(added(quiet, "range_offset", (0.06,), 0.06), some("range_offset")), "range_offset", "offset_m"
+    )
+    assert low < value < high
+    assert value == pytest.approx(0.06, abs=0.015)
+
+
+def test_a_moment_in_time_has_an_interval_that_holds_it(quiet: Record) -> None:
+    middle = float(quiet.time_s[400]) + 0.7
+    answer = trace(added(quiet, "payload", (middle,), 0.3), some("payload", "thrust_scale"))
+    low, _, high = estimate(answer, "payload", "from_s")
+    assert low <= middle <= high
+    assert 0.0 < high - low < 10.0
+
+
+def test_a_common_shape_needs_evidence_to_be_left(quiet: Record) -> None:
+    effect = get("ceiling")
+    over = replace(quiet.context.state, ceiling_m=quiet.context.state.h_m)
+    under = replace(quiet, context=replace(quiet.context, state=over))
+    assert effect.usual == (1.0,)
+    found = trace(added(under, "ceiling", (1.0,), 4.0), [effect])
+    assert estimate(found, "ceiling", "scale")[1] == 1.0
+
+
+def test_a_lively_rival_does_not_hide_a_quiet_one() -> None:
+    rng = np.random.default_rng(0)
+    parts = np.concatenate([30.0 * rng.standard_normal((100, 1)), rng.standard_normal((100, 1))], axis=1)
+    groups, inverses = [np.array([0]), np.array([1])], [np.eye(1) / 100.0] * 2
+    chance = flips(parts, ["lively", "quiet"], groups, inverses, np.zeros(2), 0)
+    assert chance.p("quiet", 40.0) < 0.01 < chance.p("lively", 40.0)
