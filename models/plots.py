@@ -69,6 +69,7 @@ def _regression(result: Comparison, held_out: bool) -> Any:
             panel.plot(ends, ends, "k-", lw=0.8)
             panel.plot(truth, answer, ".", ms=2)
             panel.tick_params(labelsize=6)
+            panel.locator_params(nbins=3)
     figure.suptitle(f"Increments over free-air lift, {'held-out' if held_out else 'learnt'} rows: answer over truth")
     return figure
 
