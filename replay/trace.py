@@ -44,8 +44,10 @@ FEW_BLOCKS, FEW_SCORE = 6.0, 60.0
 """Evidence from so few blocks that chance has heavy tails in them has to be so strong."""
 COMMANDED = 0.6
 """Correlation of lift with the accelerometer below which rotor speeds mostly answer noise, which looks like a lag."""
+CARRIES = 0.25
+"""An effect carries an axis where it is this strong beside its strongest axis, in units of the noise."""
 WORSE = 0.1
-"""Share by which the held-out energy of an axis may grow before it tells against the set."""
+"""Share by which the held-out energy of an axis may grow before it tells against what carries that axis."""
 THRUST_TO_MASS = ("payload", "thrust_scale", "air_density")
 SHAPE_BIC = 6.0
 """Evidence (BIC) from which on another shape than theory's is believed."""
@@ -118,8 +120,8 @@ class _Candidate:
     effect: Effect
     shape: tuple[float, ...]
     columns: Columns
-    bare: bool = False
-    """Only the coefficients that make the effect what it is; the others are held at zero."""
+    held: tuple[int, ...] = ()
+    """Coefficients that are held at zero."""
 
 
 class _NotMeant(str):
@@ -168,14 +170,14 @@ class _Library:
         self.x = np.concatenate([self.x, x / scale], axis=2)
         self.scale = np.concatenate([self.scale, scale])
 
-    def bare(self, candidate: _Candidate) -> _Candidate:
-        """The candidate with only its main coefficients."""
-        effect = candidate.effect
-        keep = np.array([c.name in effect.main for c in effect.coefficients])
+    def without(self, candidate: _Candidate, coefficient: int) -> _Candidate:
+        """The candidate with one of its coefficients held at zero."""
         count = len(self.scale)
+        keep = np.arange(len(candidate.columns)) != coefficient
         self.x = np.concatenate([self.x, self.x[:, :, candidate.columns] * keep], axis=2)
         self.scale = np.concatenate([self.scale, self.scale[candidate.columns]])
-        return replace(candidate, columns=np.arange(count, len(self.scale)), bare=True)
+        held = (*candidate.held, coefficient)
+        return replace(candidate, columns=np.arange(count, len(self.scale)), held=held)
 
     def finer(self, candidate: _Candidate, steps: int = 5) -> list[tuple[Effect, tuple[float, ...]]]:
         """Shapes between that of a candidate and its neighbours on the grid, one parameter at a time."""
@@ -646,21 +648,40 @@ class _Search:
             if bad is None:
                 valid = self.record.valid
                 grown = (self._held_out(columns)[valid] ** 2).sum(axis=0) / (self.y[valid] ** 2).sum(axis=0)
-                axis = int(grown.argmax())
-                if grown[axis] < 1.0 + WORSE:
+                rms = np.array([self._strength(c, size) for c, size in zip(chosen, sizes, strict=True)])
+                blamed = np.where(rms > CARRIES * rms.max(axis=1, keepdims=True), rms, 0.0)
+                worst = np.where(blamed.any(axis=0), grown, 0.0)
+                axis = int(worst.argmax())
+                if worst[axis] < 1.0 + WORSE:
                     return chosen
-                pairs = zip(chosen, sizes, strict=True)
-                strength = [np.mean(self._contribution(c, size)[valid][:, axis] ** 2) for c, size in pairs]
                 name = AXES[self.record.axes[axis]]
-                bad = (chosen[int(np.argmax(strength))], f"makes {name} worse on held-out time")
-                if bad[0].effect.main and not bad[0].bare:
-                    plain = self.library.bare(bad[0])
-                    self.gram = _Gram(self.record, self.library.x, self.y, self.gram.noise)
-                    chosen = [plain if c is bad[0] else c for c in chosen]
+                bad = (chosen[int(blamed[:, axis].argmax())], f"makes {name} worse on held-out time")
+                lighter = self._without_side_term(bad[0], sizes[chosen.index(bad[0])], axis)
+                if lighter is not None:
+                    chosen = [lighter if c is bad[0] else c for c in chosen]
                     continue
             self.reasons[bad[0].effect.name] = (bad[1], None)
             chosen = [c for c in chosen if c is not bad[0]]
         return chosen
+
+    def _strength(self, candidate: _Candidate, size: Array) -> Array:
+        """RMS of a contribution on every axis (axes,), in units of its noise."""
+        own = self._contribution(candidate, size)[self.record.valid]
+        return np.asarray(np.sqrt((own**2).mean(axis=0)) / self.gram.noise.total)
+
+    def _without_side_term(self, candidate: _Candidate, size: Array, axis: int) -> _Candidate | None:
+        """The candidate without the side term that is strongest on an axis; None where it has none there."""
+        effect = candidate.effect
+        x = self.library.x[:, axis, candidate.columns][self.record.valid] * self.library.scale[candidate.columns]
+        strength = np.mean((x * size) ** 2, axis=0)
+        for i, coefficient in enumerate(effect.coefficients):
+            if not effect.main or coefficient.name in effect.main:
+                strength[i] = 0.0
+        if not strength.any():
+            return None
+        lighter = self.library.without(candidate, int(strength.argmax()))
+        self.gram = _Gram(self.record, self.library.x, self.y, self.gram.noise)
+        return lighter
 
     def _held_out(self, columns: Columns) -> Array:
         """Residual (n, axes) with every run of time predicted by a fit that never saw it."""
@@ -708,7 +729,7 @@ class _Search:
         count = len(self.gram.folds)
         weight = rng.multinomial(count, np.full(count, 1.0 / count), draws).astype(float)
         others = _columns([c for c in chosen if c is not candidate])
-        rivals = [candidate] if candidate.bare else [c for c in self.library.candidates if _same_kind(c, candidate)]
+        rivals = [candidate] if candidate.held else [c for c in self.library.candidates if _same_kind(c, candidate)]
         columns = np.concatenate([others, _columns(rivals)])
         r = np.tensordot(weight, self.gram.r[:, columns][:, :, columns], 1)
         ry = weight @ self.gram.ry[:, columns]
@@ -744,9 +765,8 @@ class _Search:
             Estimate(shape.name, value, self._resolved(candidate, i, shapes[:, i]), shape.unit)
             for i, (shape, value) in enumerate(zip(effect.shapes, candidate.shape, strict=True))
         ]
-        contribution = self._contribution(candidate, coefficients)[self.record.valid]
-        strength = np.sqrt((contribution**2).mean(0)) / self.gram.noise.total
-        axes = tuple(AXES[a] for a, s in zip(self.record.axes, strength, strict=True) if s > 0.25 * strength.max())
+        strength = self._strength(candidate, coefficients)
+        axes = tuple(AXES[a] for a, s in zip(self.record.axes, strength, strict=True) if s > CARRIES * strength.max())
         same = np.sign(spread) == np.sign(coefficients)
         return Found(
             effect=effect,
@@ -859,7 +879,7 @@ def _place(chosen: Sequence[_Candidate], wanted: _Candidate) -> slice:
 
 def _same_kind(one: _Candidate, other: _Candidate) -> bool:
     """Whether two candidates are of one effect and differ only in what may vary continuously."""
-    if one.effect is not other.effect or one.bare != other.bare:
+    if one.effect is not other.effect or one.held != other.held:
         return False
     return all(
         a == b or (s.continuous and a not in s.kinds and b not in s.kinds)
