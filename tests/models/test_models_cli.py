@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -121,18 +120,13 @@ def test_json_goes_to_a_file_and_an_unwritable_one_is_named(tmp_path: Path, caps
     assert "q.json" in capsys.readouterr().err
 
 
-def test_help_is_quick_and_imports_no_trainer() -> None:
+def test_help_imports_no_trainer() -> None:
     code = (
         "import sys\nfrom models import cli\n"
         "try:\n cli.main(['--help'])\nexcept SystemExit:\n pass\n"
-        "sys.exit(any(m in sys.modules for m in ('torch', 'sklearn', 'scipy', 'matplotlib')))"
+        "sys.exit(any(m in sys.modules for m in ('numpy', 'torch', 'sklearn', 'scipy', 'matplotlib')))"
     )
-    took = []
-    for _ in range(3):
-        start = time.perf_counter()
-        assert subprocess.run([sys.executable, "-c", code], check=False, capture_output=True).returncode == 0
-        took.append(time.perf_counter() - start)
-    assert min(took) < 1.0, "the goal is 0.5 s on an idle machine; twice that is a bug"
+    assert subprocess.run([sys.executable, "-c", code], check=False, capture_output=True).returncode == 0
 
 
 def test_the_methods_offered_are_the_methods_there_are() -> None:
