@@ -26,7 +26,8 @@ from models.wrench import Array
 SCHEMA = 1
 UNITS = {"h": "m", "d": "m", "rpm": "1/min", "force": "N", "moment": "N m"}
 FRAME = "corner frame of one fan: X to the wall, Z up"
-DEFAULT = Path(__file__).parent / "weights" / "default"
+SHIPPED = Path(__file__).parent / "weights"
+DEFAULT = SHIPPED / "default"
 REGRESSORS = {r.kind: r for r in (NetEnsemble, KrigingRegressor, PolynomialRegressor)}
 
 
@@ -63,12 +64,12 @@ def save_model(directory: Path | str, model: FanSurrogate) -> None:
 
 
 def load(directory: Path | str | None = None) -> FanSurrogate:
-    """Load a model directory; without one, the shipped default.
+    """Load a model directory, or a shipped model by its name; without either, the shipped default.
 
     Raises ModelError naming the file: missing, not JSON, another schema or units, a key missing, weights whose hash
     is not the one declared, or that cannot be read.
     """
-    directory = DEFAULT if directory is None else Path(directory)
+    directory = DEFAULT if directory is None else _place(Path(directory))
     path = directory / "model.json"
     manifest = _manifest(path)
     try:
@@ -89,6 +90,13 @@ def load(directory: Path | str | None = None) -> FanSurrogate:
     except (TypeError, ValueError, AttributeError) as error:
         raise ModelError(f"model file {path}: is damaged ({error}); train the model again") from None
     return model
+
+
+def _place(directory: Path) -> Path:
+    """The directory itself, or the shipped model of that name where there is no such directory."""
+    shipped = SHIPPED / directory.name
+    by_name = len(directory.parts) == 1 and not directory.exists() and (shipped / "model.json").exists()
+    return shipped if by_name else directory
 
 
 _SECTIONS = ("free_air", "coordinates", "calibration", "domain")

@@ -39,6 +39,16 @@ def test_a_saved_model_answers_the_same(directory: Path) -> None:
     assert dict(other.info) == dict(one.info)
 
 
+def test_a_shipped_model_is_found_by_name_unless_a_directory_has_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert dict(models.load("default").info) == dict(models.load().info)
+    (tmp_path / "default").mkdir()
+    with pytest.raises(ModelError, match="cannot be read"):
+        models.load("default")
+
+
 def test_adopted_effects_survive(directory: Path) -> None:
     effects = (AdoptedEffect("ceiling", {"gain": 1.1}), AdoptedEffect("payload", {"mass_kg": 0.2, "x_m": 0.01}))
     models.save_model(directory, models.load(directory).with_effects(effects))
