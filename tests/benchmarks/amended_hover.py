@@ -3,8 +3,8 @@
 ``python tests/benchmarks/amended_hover.py [--seeds 5] [--keep DIR] [--json FILE]``. Everything is simulated: the
 built-in vehicle with a ceiling added here (the image of the rotor's sink disc relieves its inflow; the catalogue's
 ceiling follows another law), the flight program's loop, its recording, ``replay diagnose --save-model``, and the loop
-again with the amended model. The flights that are learnt from are not those that are judged, and every seed draws the
-ceiling's strength, the vehicle's build and the sensors' errors anew.
+again with the amended model. The flights that are learnt from are not those that are judged; all are of one vehicle,
+slightly other than its file says.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ from companion.flight import Flight as CompanionFlight
 from companion.flight import FlightOptions
 from companion.link import Arrivals, Link
 from companion.recorder import Recorder
+from companion.sim.air import Unsteadiness
 from companion.sim.body import Body, Surroundings, Vec
 from companion.sim.compare import AXES, UNITS, Flown, Leg, flown, read_truth
 from companion.sim.flight import Flight as SimFlight
@@ -50,12 +51,21 @@ UNDER_M = 0.36
 """Closer than this to the ceiling counts as under it: 2.2 rotor radii."""
 STRENGTH = (1.0, 1.5)
 LEARNT_FROM = (101, 102)
+BUILD = 7
 EPOCH_S = 1_767_225_600
 SENSOR = '[[rangefinder]]\norientation = 24 # up\ntarget = "ceiling"\nposition_m = [0.0, 0.0, -0.05]\n\n[limits]'
 
 
 class CeilingBody(Body):
-    """The built-in vehicle under a ceiling, which draws up every fan: its image relieves the inflow."""
+    """The built-in vehicle under a ceiling, which draws up every fan: its image relieves the inflow.
+
+    One vehicle and one ceiling, drawn by ``BUILD``; the flight's seed draws the air's unsteadiness (and the sensors).
+    """
+
+    def __post_init__(self) -> None:
+        flight, self.seed = self.seed, BUILD
+        super().__post_init__()
+        self._unsteady = Unsteadiness(f"unsteady {flight}", 6 * len(self.vehicle.fans), self.dt)
 
     def _air(self, pwm: Sequence[float], rot: tuple[float, ...]) -> None:
         super()._air(pwm, rot)
@@ -79,6 +89,13 @@ def ranged(body: Body, position: Vec, direction: Vec) -> float:
         return true_range(body, position, direction)
     above = CEILING_M + body.position[2] + sum(rot[6 + i] * position[i] for i in range(3))
     return min(true_range(body, position, direction), max(above, 0.0) / -down)
+
+
+def vehicle_file(folder: Path) -> Path:
+    """The shipped tandem with a rangefinder that looks up."""
+    path = folder / "tandem_with_up_ranger.toml"
+    path.write_text(TANDEM.read_text(encoding="utf-8").replace("[limits]", SENSOR), encoding="utf-8")
+    return path
 
 
 def script() -> Scenario:
@@ -225,8 +242,7 @@ def diagnose(logs: Sequence[Path], vehicle: Path, folder: Path) -> tuple[Path, d
 
 def measure(seeds: Sequence[int], folder: Path, *, quiet: bool = False) -> dict[str, Any]:
     """The whole chain."""
-    vehicle = folder / "tandem_with_up_ranger.toml"
-    vehicle.write_text(TANDEM.read_text(encoding="utf-8").replace("[limits]", SENSOR), encoding="utf-8")
+    vehicle = vehicle_file(folder)
 
     def say(text: str) -> None:
         if not quiet:
