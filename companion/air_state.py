@@ -18,9 +18,18 @@ _LEVEL_BEAMS = {
 
 
 def air_state(
-    estimates: Estimates, vehicle: Vehicle, query: FanQuery, ceiling: Surface, rotor_rpm: Array, t_s: float
+    estimates: Estimates,
+    vehicle: Vehicle,
+    query: FanQuery,
+    ceiling: Surface,
+    rotor_rpm: Array,
+    t_s: float,
+    lead_s: float = 0.0,
 ) -> AirState:
-    """An ``AirState`` of leading shape (): what was not measured is NaN, what is not there is inf."""
+    """An ``AirState`` of leading shape (): what was not measured is NaN, what is not there is inf.
+
+    The ceiling is where its track has it ``lead_s`` ahead, as the query's distances are.
+    """
     state = blank_state((), len(vehicle.fans), len(vehicle.rotors))
     rotation = estimates.rotation if estimates.rotation is not None else state.rotation
     changes: dict[str, Array] = {
@@ -29,7 +38,7 @@ def air_state(
         "h_m": query.h_m,
         "d_m": query.d_m,
         "wall_bearing_rad": np.asarray(query.wall_bearing_rad),
-        "ceiling_m": _fan_ceilings(vehicle, ceiling, rotation),
+        "ceiling_m": _fan_ceilings(vehicle, ceiling, rotation, lead_s),
         "rpm": rotor_rpm,
         "ranges_m": _ranges(estimates, rotation),
     }
@@ -53,11 +62,11 @@ def air_state(
     return replace(state, **changes)
 
 
-def _fan_ceilings(vehicle: Vehicle, ceiling: Surface, rotation: Array) -> Array:
+def _fan_ceilings(vehicle: Vehicle, ceiling: Surface, rotation: Array, lead_s: float) -> Array:
     if ceiling.seen is not Seen.SURFACE:
         return np.full(len(vehicle.fans), np.inf if ceiling.known else np.nan)
     above = np.array([float(rotation[2] @ np.asarray(fan.position_m)) for fan in vehicle.fans])
-    return np.maximum(ceiling.distance_m + above, 0.0)
+    return np.maximum(ceiling.distance_m + ceiling.rate_m_s * lead_s + above, 0.0)
 
 
 def _ranges(estimates: Estimates, rotation: Array) -> Array:

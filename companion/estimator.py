@@ -31,6 +31,7 @@ from models.wrench import Array, rotation_from_quaternion
 _STOPPED_RPM = 100.0
 _SPINNING_RPM = 500.0
 _CLEAR_AFTER_S = 0.5
+_FAR_RADII = 30.0
 
 
 class Seen(Enum):
@@ -135,7 +136,7 @@ def take_range(estimates: Estimates, sample: Range, config: PipelineConfig) -> E
         estimates.beams[index], verdict=sample.verdict, heard_s=sample.t_s, sensor=(sample.component, sample.sensor_id)
     )
     beams = list(estimates.beams)
-    if sample.verdict is RangeVerdict.ABOVE_MAX:
+    if sample.verdict is RangeVerdict.ABOVE_MAX or _far(sample, index, config.vehicle):
         beams[index] = replace(beam, clear_since_s=min(beam.clear_since_s, sample.t_s))
     else:
         beam = replace(beam, clear_since_s=math.inf)
@@ -145,6 +146,15 @@ def take_range(estimates: Estimates, sample: Range, config: PipelineConfig) -> E
 
 def _dot(a: tuple[float, float, float], b: tuple[float, float, float]) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _far(sample: Range, index: int, vehicle: Vehicle) -> bool:
+    """Whether a beam to a wall or ceiling has proved that nothing is near.
+
+    A level beam that tilts down meets the ground far off, and the sky in the next moment: both say the same.
+    """
+    sideways = vehicle.rangefinders[index].target != "ground"
+    return sideways and _usable(sample) and sample.distance_m > _FAR_RADII * vehicle.rotor_radius_m
 
 
 def _usable(sample: Range) -> bool:

@@ -19,12 +19,12 @@ from companion.estimator import Estimates, Seen, Surface, fan_query, surface
 from companion.gate import slew
 from models.air import fan_rpm
 from models.effects import Context, adopted_wrench, corrected_state
+from models.state import AirState
+from models.surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from models.wrench import GRAVITY, Array, at_cg, corner_to_body
 
 _STIFFNESS_STEP_M = 0.02
-_CEILING_CARE, _CEILING_GAIN = 0.75, 0.3
-"""Within this many radii of a ceiling its pull stiffens faster than a delayed feed-forward may follow."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,13 +82,11 @@ def modelled_push(estimates: Estimates, config: PipelineConfig, rotor_rpm: Array
     ceiling = Surface(Seen.UNDECLARED)
     if model.effects:
         ceiling = surface(estimates, config, "ceiling", t_s)
-        now = air_state(estimates, vehicle, soon, ceiling, rotor_rpm, t_s)
+        now = air_state(estimates, vehicle, soon, ceiling, rotor_rpm, t_s, tuning.thrust_lead_s)
         moved = corrected_state(model.effects, now)
         shift = np.where(np.isfinite(now.h_m), moved.h_m, 0.0) - np.where(np.isfinite(now.h_m), now.h_m, 0.0)
         soon, later = replace(soon, h_m=soon.h_m + shift), replace(later, h_m=later.h_m + shift)
-        adopted = adopted_wrench(model.effects, Context(moved, vehicle, model), in_flight=True)
-        if np.min(now.ceiling_m) < _CEILING_CARE * vehicle.rotor_radius_m:
-            adopted[2] *= _CEILING_GAIN
+        adopted = adopted_push(model, moved, vehicle, tuning)
     else:
         adopted = np.zeros(6)
     answer = model.query(
@@ -120,6 +118,29 @@ def modelled_push(estimates: Estimates, config: PipelineConfig, rotor_rpm: Array
     )
 
 
+def adopted_push(model: FanSurrogate, state: AirState, vehicle: Vehicle, tuning: Tuning) -> Array:
+    """What the adopted effects push (6,), with a ceiling's pull no stronger than delay allows.
+
+    As if the vehicle stood still in the air's own motion: drag on its own velocity damps the loop, and feeding it
+    forward would take that damping away.
+    """
+    still = replace(state, velocity_ned=np.zeros(3), rates=np.zeros(3))
+
+    def push(ceiling_m: Array) -> Array:
+        return adopted_wrench(
+            model.effects, Context(replace(still, ceiling_m=ceiling_m), vehicle, model), in_flight=True
+        )
+
+    near = push(state.ceiling_m)
+    if not np.isfinite(np.min(state.ceiling_m)):
+        return near
+    pull = float(push(state.ceiling_m + _STIFFNESS_STEP_M)[2] - near[2]) / _STIFFNESS_STEP_M
+    share = _stable_gain(pull, vehicle, tuning) / tuning.gain if tuning.gain > 0.0 else 0.0
+    open_air = push(np.full_like(state.ceiling_m, np.inf))
+    out: Array = open_air + share * (near - open_air)
+    return out
+
+
 @lru_cache(maxsize=4)
 def trim_reaction(vehicle: Vehicle) -> Array:
     """Force (3,) per moment (3,) that the vanes exert in holding a moment off: shape (3, 3), zero without vanes.
@@ -141,7 +162,7 @@ def _sensor_weight(seen: Surface) -> float:
 
 
 def _stable_gain(pull_n_per_m: float, vehicle: Vehicle, tuning: Tuning) -> float:
-    """Attraction that grows towards a wall, fed forward late, is negative damping: g k tau <= D/5 (physics, 8.3)."""
+    """Attraction that grows towards a surface, fed forward late, is negative damping: g k tau <= D/5 (physics, 8.3)."""
     if pull_n_per_m <= 0.0:
         return tuning.gain
     damping = tuning.hold_damping_1_s * vehicle.mass_kg

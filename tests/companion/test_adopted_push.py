@@ -1,0 +1,64 @@
+"""What an adopted effect may command: never the vehicle's own damping, no ceiling faster than the delay allows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import models
+from companion.config import Tuning
+from companion.offsets import adopted_push
+from companion.vehicles import default_vehicle
+from models.state import blank_state
+from models.surrogate import AdoptedEffect
+
+VEHICLE, TUNING = default_vehicle(), Tuning()
+MODEL = models.load()
+
+
+def state(gap_m: float = np.inf, velocity=(0.0, 0.0, 0.0), rates=(0.0, 0.0, 0.0)):
+    blank = blank_state((), len(VEHICLE.fans), len(VEHICLE.rotors))
+    fans = np.full(len(VEHICLE.fans), np.inf)
+    return replace(
+        blank,
+        velocity_ned=np.array(velocity),
+        rates=np.array(rates),
+        h_m=fans,
+        d_m=fans,
+        ceiling_m=np.full(len(VEHICLE.fans), gap_m),
+        rpm=np.full(len(VEHICLE.rotors), 4000.0),
+    )
+
+
+def push(effects, *args, **kwargs):
+    return adopted_push(MODEL.with_effects(effects), state(*args, **kwargs), VEHICLE, TUNING)
+
+
+def test_the_drag_on_its_own_climb_is_left_to_damp_the_loop():
+    inflow = (AdoptedEffect("vertical_inflow", {"slope": 4.8, "turning": 1.4}),)
+    climbing = push(inflow, velocity=(0.3, 0.0, -1.0), rates=(0.2, 0.1, 0.0))
+    assert climbing == pytest.approx(np.zeros(6), abs=1e-12)
+
+
+def test_a_steady_wind_is_compensated_whatever_the_vehicle_does():
+    wind = (AdoptedEffect("wind", {"north": 3.0, "east": 0.0, "own_motion": 1.0, "turning": 1.0, "above_radii": 0.0}),)
+    still, moving = push(wind), push(wind, velocity=(2.0, 1.0, 0.0), rates=(0.0, 0.0, 1.0))
+    assert still[0] > 0.1
+    assert moving == pytest.approx(still)
+
+
+def test_a_ceiling_is_followed_in_full_far_off_and_in_part_close_by_without_a_step():
+    ceiling = (AdoptedEffect("ceiling", {"gain": 1.0, "scale": 1.0}),)
+    radius = VEHICLE.rotor_radius_m
+    gaps = np.linspace(0.3, 3.0, 271) * radius
+    ours = np.array([push(ceiling, gap)[2] for gap in gaps])
+    prompt, model = replace(TUNING, residual_delay_s=1e-6), MODEL.with_effects(ceiling)
+    whole = np.array([adopted_push(model, state(gap), VEHICLE, prompt)[2] for gap in gaps])
+    share = ours / whole
+    assert share[-1] == pytest.approx(1.0)
+    assert share[0] < 0.5
+    assert np.all(np.diff(share) >= -1e-9)
+    # No step anywhere: from one 1.65 mm to the next the command changes by less than 3 % of the lift it stands for.
+    assert np.abs(np.diff(ours)).max() < 0.03 * np.abs(whole).max()
