@@ -741,8 +741,8 @@ class _Search:
             use = np.concatenate([np.arange(len(others)), np.arange(at, at + len(rival.columns))])
             at += len(rival.columns)
             block = r[:, use][:, :, use]
-            trace_ = np.trace(block, axis1=1, axis2=2)[:, None, None]
-            fit = np.linalg.solve(block + 1e-9 * trace_ / len(use) * np.eye(len(use)), ry[:, use, None])[..., 0]
+            # A draw may hold no block in which a rare effect acts: it then says nothing of it, not an error.
+            fit = (np.linalg.pinv(block, rcond=1e-9, hermitian=True) @ ry[:, use, None])[..., 0]
             gain = (fit * ry[:, use]).sum(axis=1)
             own = fit[:, len(others) :] / self.library.scale[rival.columns]
             if rival is not candidate:
