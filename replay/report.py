@@ -186,7 +186,7 @@ def _effect(n: Named, answer: Diagnosis) -> str:
     f = n.found
     rows = "".join(
         f'<tr><td>{escape(e.name)}</td><td class="n">{e.value:.4g}</td><td class="n">'
-        + (f"{e.ci95[0]:.4g} to {e.ci95[1]:.4g}" if e.ci95[1] > e.ci95[0] else "best of a grid")
+        + (f"{e.ci95[0]:.4g} to {e.ci95[1]:.4g}" if e.ci95[1] > e.ci95[0] else "held")
         + f"</td><td>{escape(e.unit)}</td></tr>"
         for e in f.estimates
     )
