@@ -120,15 +120,17 @@ def _assemble(args: argparse.Namespace) -> Any:
 
     setup = config.load(args.fan)
     rows = _rows(args, setup)
-    made = assemble.assemble(rows, setup)
     try:
         args.out.mkdir(parents=True, exist_ok=True)
+        if args.work is not None:
+            # The set is made from the table as written, so that the table alone gives it again to the last digit.
+            table.write(args.out / "corner_cfd_cases.csv", rows)
+            rows = table.read(args.out / "corner_cfd_cases.csv")
+        made = assemble.assemble(rows, setup)
         assemble.write_data(args.out / "corner_cfd.csv", made)
         assemble.write_marks(args.out / "corner_cfd_rows.csv", made)
     except OSError as error:
         raise ConfigError(f"--out {args.out}: cannot be written ({error.strerror})") from None
-    if args.cases is None and args.work is not None:
-        table.write(args.out / "corner_cfd_cases.csv", rows)
     solved = int(assemble.solved_share(made).sum())
     if _speak(args):
         print(
