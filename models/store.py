@@ -15,6 +15,7 @@ import numpy as np
 
 from models.coordinates import Coordinates
 from models.domain import Domain
+from models.effects import adopted
 from models.ensemble import NetEnsemble
 from models.errors import ModelError
 from models.free_air import FreeAir
@@ -82,7 +83,7 @@ def load(directory: Path | str | None = None) -> FanSurrogate:
             regressor,
             Calibration(**_tuples(manifest["calibration"])),
             Domain.from_arrays(arrays, manifest["domain"]),
-            effects=tuple(_effect(e) for e in manifest["effects"]),
+            effects=tuple(_effect(path, e) for e in manifest["effects"]),
             info={k: v for k, v in manifest.items() if k not in _OWN_KEYS},
         )
     except KeyError as error:
@@ -140,5 +141,9 @@ def _tuples(section: Mapping[str, Any]) -> dict[str, Any]:
     return {k: tuple(v) if isinstance(v, list) else v for k, v in section.items()}
 
 
-def _effect(entry: Mapping[str, Any]) -> AdoptedEffect:
-    return AdoptedEffect(str(entry["name"]), {str(k): float(v) for k, v in entry["parameters"].items()})
+def _effect(path: Path, entry: Mapping[str, Any]) -> AdoptedEffect:
+    name, parameters = str(entry["name"]), {str(k): float(v) for k, v in entry["parameters"].items()}
+    try:
+        return adopted(name, parameters)
+    except ModelError as error:
+        raise ModelError(f"model file {path}: {error}") from None

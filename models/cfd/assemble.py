@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from models.cfd.campaign import Row
 from models.cfd.config import Setup
 from models.cfd.grid import spread
+from models.cfd.position import Place, near
 from models.cfd.table import UNITS
 from models.dataset import COLUMNS
 from models.errors import ModelError
@@ -24,7 +25,6 @@ from models.wrench import AXES, Array
 ODD = np.array([False, True, False, True, False, True])
 # Without a wall the fan stands on an axis of symmetry: no side force, no tilt.
 TILT = np.array([True, True, False, True, True, False])
-Place = tuple[float, float]
 # Worst first.
 LABELLED = ("cycling", "drifting", "marched", "steady")
 
@@ -204,18 +204,13 @@ class _Odd:
         if made == "solved":
             wrench = self.known[place]
         else:
-            where = np.array([_near(k) for k in self.known])
-            apart = np.linalg.norm(where - _near(place), axis=1)
+            where = np.array([near(k) for k in self.known])
+            apart = np.linalg.norm(where - near(place), axis=1)
             weight = apart**-3.0
             wrench = weight @ np.array(list(self.known.values())) / weight.sum()
         if math.isinf(place[1]):
             wrench = np.where(TILT, 0.0, wrench)
         return wrench, made
-
-
-def _near(place: Place) -> Array:
-    """Coordinates in which the effect of ground and wall is about linear: 1 / (0.5 + distance)."""
-    return np.array([1.0 / (0.5 + v) for v in place])
 
 
 def write_data(path: Path, made: Assembled) -> None:

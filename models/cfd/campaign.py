@@ -13,7 +13,7 @@ from models.cfd import foam
 from models.cfd.case_run import Result, compute
 from models.cfd.config import Setup
 from models.cfd.polars import Section, Station, stations
-from models.cfd.position import Position, check
+from models.cfd.position import Position, check, near
 from models.errors import ConfigError
 
 RESULT = "result.json"
@@ -108,10 +108,7 @@ def start_for(position: Position, finished: Sequence[Row]) -> Position | None:
 
 
 def _apart(a: Position, b: Position) -> float:
-    def near(v: float) -> float:
-        return 1.0 / (0.5 + v)
-
-    return math.hypot(near(a.h) - near(b.h), near(a.d) - near(b.d)) + 0.01 * abs(a.level - b.level)
+    return math.dist(near(a.place), near(b.place)) + 0.01 * abs(a.level - b.level)
 
 
 def run(
@@ -139,7 +136,7 @@ def run(
     done = {row.position: row for row in rows(folder, positions)}
     try:
         for marching in (False, True) if march else (False,):
-            todo = iter([p for p in positions if _wanted(done.get(p), marching)])
+            todo = iter([p for p in positions if _wanted(done.get(p), setup, marching)])
             running: dict[Future[Result], tuple[Position, Position | None]] = {}
             killed: dict[Position, int] = {}
             while True:
@@ -187,11 +184,15 @@ def _claim(folder: Path, setup: Setup) -> None:
         raise ConfigError(f"work folder {folder}: cannot be written ({error.strerror})") from None
 
 
-def _wanted(row: Row | None, marching: bool) -> bool:
-    """Steady round: what has no result. Marching round: what still moved at the end of its steady iterations."""
+def _wanted(row: Row | None, setup: Setup, marching: bool) -> bool:
+    """Steady round: what has no result, or drifted when a lower limit stopped it. Marching round: what swung then."""
+    if row is None:
+        return not marching
+    result = row.result
     if marching:
-        return row is not None and row.result.status == "cycling" and row.result.steps == 0
-    return row is None or row.result.status == "killed"
+        return result.status == "cycling" and result.steps == 0
+    cut_short = result.steps == 0 and result.iterations < setup.solver.limit
+    return result.status == "killed" or (result.status == "drifting" and cut_short)
 
 
 def _fill(todo: Iterator[Position], free: int) -> list[Position]:

@@ -11,10 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from models.cfd.assemble import LABELLED, Label, Law, Place, fit_law, labels
+from models.cfd.assemble import LABELLED, Label, Law, fit_law, labels
 from models.cfd.campaign import Row
 from models.cfd.config import Setup
 from models.cfd.grid import Study, spread
+from models.cfd.position import Place
 from models.errors import ModelError
 from models.wrench import AXES, Array
 

@@ -10,9 +10,8 @@ import numpy as np
 
 from models.cfd.campaign import Row
 from models.cfd.config import Setup
+from models.cfd.position import Place
 from models.wrench import Array
-
-Place = tuple[float, float]
 
 
 @dataclass(frozen=True)

@@ -5,11 +5,22 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from models.cfd.config import Setup
 from models.errors import ConfigError
+from models.wrench import Array
 
 # Cells need room: a gap below this share of R cannot be meshed with these counts.
 LEAST_GAP = 0.1
+
+Place = tuple[float, float]
+"""(h, d) over R."""
+
+
+def near(place: Place) -> Array:
+    """Coordinates (2,) in which the effect of ground and wall is about linear: 1 / (0.5 + distance)."""
+    return np.array([1.0 / (0.5 + v) for v in place])
 
 
 @dataclass(frozen=True)
@@ -37,7 +48,7 @@ class Position:
         return f"{kind}_h{self.h:g}_d{self.d:g}_l{self.level:g}{start}_n{self.rpm:g}"
 
     @property
-    def place(self) -> tuple[float, float]:
+    def place(self) -> Place:
         """(h, d) over R."""
         return self.h, self.d
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from importlib import import_module
 from pkgutil import iter_modules
@@ -15,8 +16,8 @@ from models.state import AirState
 from models.wrench import Array
 
 __all__ = [
-    "AdoptedEffect", "Coefficient", "Context", "Effect", "InFlight", "Shape", "adopted_wrench", "catalogue",
-    "corrected_state", "get",
+    "AdoptedEffect", "Coefficient", "Context", "Effect", "InFlight", "Shape", "adopted", "adopted_wrench",
+    "catalogue", "corrected_state", "get",
 ]  # fmt: skip
 
 
@@ -35,6 +36,22 @@ def get(name: str) -> Effect:
     raise ModelError(f"effect {name!r} is not in the catalogue; train the model with this version of the program")
 
 
+def adopted(name: str, parameters: Mapping[str, float]) -> AdoptedEffect:
+    """The effect with these parameters; ModelError where one is missing, unknown or not finite.
+
+    Models are adopted on the ground and flown later, perhaps by another version: this refuses before take-off.
+    """
+    effect = get(name)
+    known = {c.name for c in effect.coefficients} | {s.name for s in effect.shapes}
+    for wrong, what in ((known - parameters.keys(), "lacks"), (parameters.keys() - known, "does not know")):
+        if wrong:
+            raise ModelError(f"effect {name!r} {what} parameter {min(wrong)!r}; diagnose the flight with this version")
+    for key, value in parameters.items():
+        if not math.isfinite(value):
+            raise ModelError(f"effect {name!r}: parameter {key!r} is {value}; diagnose the flight with this version")
+    return AdoptedEffect(name, dict(parameters))
+
+
 def adopted_wrench(effects: Sequence[AdoptedEffect], ctx: Context, *, in_flight: bool = False) -> Array:
     """Sum of the adopted effects' wrenches (..., 6), body FRD about the CG.
 
@@ -42,16 +59,16 @@ def adopted_wrench(effects: Sequence[AdoptedEffect], ctx: Context, *, in_flight:
     flight. Unknown quantities contribute nothing.
     """
     total = np.zeros((*ctx.state.time_s.shape, 6))
-    for adopted in effects:
-        effect = get(adopted.name)
+    for one in effects:
+        effect = get(one.name)
         if effect.in_flight is InFlight.WRENCH or (effect.in_flight is InFlight.NONE and not in_flight):
-            total += np.nan_to_num(effect.wrench(ctx, adopted.parameters), nan=0.0, posinf=0.0, neginf=0.0)
+            total += np.nan_to_num(effect.wrench(ctx, one.parameters), nan=0.0, posinf=0.0, neginf=0.0)
     return total
 
 
 def corrected_state(effects: Sequence[AdoptedEffect], state: AirState) -> AirState:
     """The state with adopted corrections of measurements: ``range_offset`` shifts the heights."""
-    for adopted in effects:
-        if adopted.name == "range_offset":
-            state = shifted_heights(state, -adopted.parameters["offset_m"])
+    for one in effects:
+        if one.name == "range_offset":
+            state = shifted_heights(state, -one.parameters["offset_m"])
     return state

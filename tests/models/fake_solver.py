@@ -1,7 +1,8 @@
 """Stands in for the flow solver's programs: writes the files they write, with a wrench that settles as it is told.
 
 Called by the name of the program it stands in for. The file ``behave`` beside it says how: ``steady``; ``diverge``
-(ends with the solver's error); ``killed`` (kills itself once per case); ``cycle`` (never settles in iterations).
+(ends with the solver's error); ``killed`` (kills itself once per case); ``cycle`` (never settles in iterations);
+``drift`` (goes slowly on until iteration 300).
 """
 
 import math
@@ -44,7 +45,8 @@ def march(program: str, behave: str) -> None:
     for n in range(1, round((end - start) / step) + 1):
         at = start + n * step
         wave = math.sin(at / 7.0) if behave == "cycle" and program == "simpleFoam" else 0.0
-        lift = LIFT_SURFACE * (1 + 0.5 * math.exp(-at / 8)) + wave
+        slow = 0.0013 * min(at, 300.0) if behave == "drift" else 0.0
+        lift = LIFT_SURFACE * (1 + 0.5 * math.exp(-at / 8)) + wave + slow
         force.append(f"{at:.10g} (0.25 7 {lift}) (0 0 0) (0 0 0)")
         moment.append(f"{at:.10g} (7 0.01 7) (0 0 0) (0 0 0)")
         if n % round(every) == 0:

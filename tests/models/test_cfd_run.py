@@ -109,6 +109,22 @@ def test_a_campaign_is_resumed_not_repeated(tmp_path, solver):
     assert values == pytest.approx(np.full(6, 0.7**2))
 
 
+def test_a_case_that_drifted_goes_on_when_the_limit_is_raised(tmp_path, solver):
+    solver("drift")
+    with_limit = {n: replace(SETUP, solver=replace(SETUP.solver, limit=n)) for n in (192, 480)}
+    places = [FREE, Position(INF, 1.0, 4000.0)]
+    campaign.run(tmp_path, with_limit[192], section, places)
+    short = campaign.load(tmp_path, places[1])
+    campaign.run(tmp_path, with_limit[480], section, places)
+    longer = campaign.load(tmp_path, places[1])
+    assert short is not None
+    assert longer is not None
+    assert (short.result.status, short.result.iterations) == ("drifting", 192)
+    assert longer.result.status == "steady"
+    assert 300 < longer.result.iterations <= 480
+    assert longer.result.start == short.result.start
+
+
 def test_a_diverged_case_does_not_stop_the_campaign_nor_start_another(tmp_path, solver):
     solver("diverge")
     campaign.run(tmp_path, SETUP, section, [FREE, Position(INF, 1.0, 4000.0)])

@@ -50,7 +50,10 @@ def test_a_shipped_model_is_found_by_name_unless_a_directory_has_it(
 
 
 def test_adopted_effects_survive(directory: Path) -> None:
-    effects = (AdoptedEffect("ceiling", {"gain": 1.1}), AdoptedEffect("payload", {"mass_kg": 0.2, "x_m": 0.01}))
+    effects = (
+        AdoptedEffect("ceiling", {"gain": 1.1, "scale": 1.0}),
+        AdoptedEffect("payload", {"mass": 0.2, "from_s": 0}),
+    )
     models.save_model(directory, models.load(directory).with_effects(effects))
     back = models.load(directory)
     assert back.effects == effects
@@ -69,6 +72,10 @@ def test_adopted_effects_survive(directory: Path) -> None:
         ({"regressor": "forest"}, "'forest' is missing or not known"),
         ({"effects": [{"name": "ceiling"}]}, "'parameters' is missing"),
         ({"effects": [{"name": "ceiling", "parameters": {"gain": "much"}}]}, "is damaged"),
+        ({"effects": [{"name": "phlogiston", "parameters": {}}]}, "not in the catalogue"),
+        ({"effects": [{"name": "ceiling", "parameters": {"gain": 1.0}}]}, "'ceiling' lacks parameter 'scale'"),
+        ({"effects": [{"name": "cg_offset", "parameters": {"x": 0, "y": 0, "z": 0}}]}, "does not know parameter 'z'"),
+        ({"effects": [{"name": "cg_offset", "parameters": {"x": 0, "y": float("nan")}}]}, "parameter 'y' is nan"),
         ({"weights": {"file": "weights.npz", "sha256": "0" * 64}}, "does not have the hash"),
     ],
 )
