@@ -22,7 +22,7 @@ from replay.blocks import (
 )
 from replay.residual import Record
 from replay.shift_null import Chance, flips
-from replay.unexplained import Leftover, free_search
+from replay.unexplained import Channel, Leftover, free_search
 
 Columns = NDArray[np.int64]
 
@@ -48,6 +48,8 @@ CARRIES = 0.25
 """An effect carries an axis where it is this strong beside its strongest axis, in units of the noise."""
 WORSE = 0.1
 """Share by which the held-out energy of an axis may grow before it tells against what carries that axis."""
+OFFSET_AND_DRAG = ("imu_bias", "rotor_drag")
+"""What a flight without a turn cannot tell from wind: a force fixed to the body, and drag on the own motion."""
 THRUST_TO_MASS = ("payload", "thrust_scale", "air_density")
 SHAPE_BIC = 6.0
 """Evidence (BIC) from which on another shape than theory's is believed."""
@@ -142,6 +144,9 @@ class _Library:
             reason = effect.lacking(record.context)
             if effect.needs_moments and 3 not in record.axes:
                 reason = "this log cannot judge moments"
+            forces = {AXES.index(a) for a in effect.axes} & {0, 1, 2}
+            if forces and not forces & set(record.axes):
+                reason = "this log cannot judge the force that it makes"
             if effect.name == "motor_lag" and record.delays and record.delays[0].correlation < COMMANDED:
                 reason = "the thrust varied hardly more than it answers disturbances; " + effect.excite
             if reason is not None:
@@ -392,7 +397,7 @@ class _Search:
             p_of[candidate.effect.name] = p
             chosen = self._refined([*chosen, candidate])
             self.gram = self._noise_model(chosen)
-        chosen = self._sound(self._backward(self._sharpened(chosen)))
+        chosen = self._believed(self._sound(self._backward(self._sharpened(chosen))))
         return self._trace(chosen, p_of)
 
     def _step(self, chosen: list[_Candidate]) -> tuple[_Candidate, float] | None:
@@ -664,6 +669,34 @@ class _Search:
             chosen = [c for c in chosen if c is not bad[0]]
         return chosen
 
+    def _believed(self, chosen: list[_Candidate]) -> list[_Candidate]:
+        """The set less what takes less off an axis than a free curve still finds there: a stand-in for a stranger."""
+        while chosen:
+            free, columns = self._free(chosen), _columns(chosen)
+            if not free.significant:
+                return chosen
+            rest, valid = self._rest(self.gram, columns), self.record.valid
+            energy = ((rest[valid] - rest[valid].mean(axis=0)) ** 2).sum(axis=0) / self.gram.noise.total**2
+            full, fits = self.gram.held_out(columns).sum(), self.gram.size(columns)
+            doubtful: list[tuple[float, _Candidate, Channel]] = []
+            for candidate in chosen:
+                others = _columns([c for c in chosen if c is not candidate])
+                cost = float(self.gram.held_out(others).sum() - full)
+                strength = self._strength(
+                    candidate, fits[_place(chosen, candidate)] / self.library.scale[candidate.columns]
+                )
+                for channel in free.channels:
+                    axis = self.record.axes.index(AXES.index(channel.axis))
+                    if strength[axis] > CARRIES * strength.max() and channel.score * energy[axis] > cost:
+                        doubtful.append((cost, candidate, channel))
+            if not doubtful:
+                return chosen
+            _, candidate, channel = min(doubtful, key=lambda d: d[0])
+            reason = f"a free curve in {channel.name} finds more in {channel.axis} than it explains"
+            self.reasons[candidate.effect.name] = (reason, None)
+            chosen = [c for c in chosen if c is not candidate]
+        return chosen
+
     def _strength(self, candidate: _Candidate, size: Array) -> Array:
         """RMS of a contribution on every axis (axes,), in units of its noise."""
         own = self._contribution(candidate, size)[self.record.valid]
@@ -821,7 +854,32 @@ class _Search:
                 and self._core_large(score.candidate, coefficients)
             ):
                 out.append(name)
+        if candidate.effect.name == "wind":
+            together = self._together(OFFSET_AND_DRAG, others)
+            if together and without - self.gram.held_out(_columns([*others, *together])).sum() >= (
+                (1.0 - ALIAS_SHARE) * gain
+            ):
+                out += [name for name in OFFSET_AND_DRAG if name not in out]
         return tuple(out)
+
+    def _together(self, names: Sequence[str], others: list[_Candidate]) -> list[_Candidate]:
+        """Candidates of these effects, each with its best shape beside those before it; empty where one is not fit."""
+        out: list[_Candidate] = []
+        if {c.effect.name for c in others} & set(names):
+            return out
+        for name in names:
+            beside = _columns([*others, *out])
+            best, least = None, np.inf
+            for rival in self.library.candidates:
+                if rival.effect.name == name and self._plausible(self.gram, beside, rival):
+                    columns = np.concatenate([beside, rival.columns])
+                    left = -float(self.gram.size(columns) @ self.gram.total_ry[columns])
+                    if left < least:
+                        best, least = rival, left
+            if best is None:
+                return []
+            out.append(best)
+        return out
 
     def _rejected(self, chosen: list[_Candidate]) -> tuple[Rejected, ...]:
         taken = {c.effect.name for c in chosen}
