@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,10 @@ SMALLEST_GAIN = 0.03
 FORM_TOLERANCE = 0.12
 """An addition below this share of what is already explained on its axes is taken for the form error of a term."""
 FREE_CURVE_FACTOR = 1.5
+BIAS_DOUBT = 0.3
+"""Difference [m/s^2] from what velocity and attitude tell of the accelerometer's offset, along z."""
+MERGED = 0.5
+"""One effect in place of two has to keep this much of what the smaller one adds."""
 ALIAS_BIC = 10.0
 ALIAS_SHARE = 0.15
 """An alias takes as much off held-out time, less this share."""
@@ -154,6 +159,8 @@ class _Library:
                 continue
             todo += [(effect, shape) for shape in effect.shape_grid(record.context)]
         self.add(todo)
+        # The vertical part of an accelerometer offset looks like a scale of the thrust: it may be held at zero.
+        self.candidates += [self.without(c, 2) for c in self.candidates if c.effect.name == "imu_bias"]
 
     def add(self, todo: Sequence[tuple[Effect, tuple[float, ...]]]) -> None:
         """Candidates behind those there are."""
@@ -373,7 +380,15 @@ class _Search:
 
     def _plausible(self, gram: _Gram, selected: Columns, candidate: _Candidate) -> bool:
         fit = gram.size(np.concatenate([selected, candidate.columns]))[len(selected) :]
-        return _implausible(candidate, fit / self.library.scale[candidate.columns]) is None
+        return self._implausible(candidate, fit / self.library.scale[candidate.columns]) is None
+
+    def _implausible(self, candidate: _Candidate, coefficients: Array) -> str | None:
+        """What speaks against these coefficients: their range, or for a vertical offset what velocity tells of it."""
+        if candidate.effect.name == "imu_bias":
+            bias = self.record.kinematic_bias[self.record.valid, 2]
+            if np.isfinite(bias).any() and abs(float(coefficients[2] - np.nanmean(bias))) > BIAS_DOUBT:
+                return f"velocity does not bear out an offset of {coefficients[2]:.2g} m/s^2 along z"
+        return _implausible(candidate, coefficients)
 
     def _null(self, gram: _Gram, selected: Columns, taken: set[str]) -> Chance:
         """Scores by chance, in what the best combination of effects leaves: what is there is no noise."""
@@ -397,7 +412,8 @@ class _Search:
             p_of[candidate.effect.name] = p
             chosen = self._refined([*chosen, candidate])
             self.gram = self._noise_model(chosen)
-        chosen = self._believed(self._sound(self._backward(self._sharpened(chosen))))
+        chosen = self._merged(self._sharpened(chosen), p_of)
+        chosen = self._believed(self._sound(self._backward(chosen)))
         return self._trace(chosen, p_of)
 
     def _step(self, chosen: list[_Candidate]) -> tuple[_Candidate, float] | None:
@@ -469,7 +485,7 @@ class _Search:
         """Why a significant candidate is not adopted, or None."""
         gram, selected = self.gram, _columns([*chosen, candidate])
         coefficients = gram.size(selected)[-len(candidate.columns) :] / self.library.scale[candidate.columns]
-        bad = _implausible(candidate, coefficients)
+        bad = self._implausible(candidate, coefficients)
         if bad is not None:
             return _NotMeant(bad)
         late = self._late(candidate, coefficients)
@@ -613,6 +629,30 @@ class _Search:
         self.gram = _Gram(self.record, self.library.x, self.y, self.gram.noise)
         return self._refined(chosen)
 
+    def _merged(self, chosen: list[_Candidate], p_of: dict[str, float]) -> list[_Candidate]:
+        """One effect in place of two where it does nearly as well: a drift is no scale with a step."""
+        full = self.gram.held_out(_columns(chosen)).sum()
+        names = {c.effect.name for c in chosen}
+        for one, other in combinations(chosen, 2):
+            rest = [c for c in chosen if c is not one and c is not other]
+            columns = _columns(rest)
+            costs = [self.gram.held_out(_columns([*rest, c])).sum() - full for c in (one, other)]
+            for rival in self._scores(self.gram, columns, names - {one.effect.name, other.effect.name}):
+                if rival.candidate.effect in (one.effect, other.effect):
+                    continue
+                instead = self._refined([*rest, rival.candidate])
+                lost = float(self.gram.held_out(_columns(instead)).sum() - full)
+                if lost >= (1.0 - MERGED) * min(costs):
+                    continue
+                size = self.gram.size(_columns(instead))[len(columns) :] / self.library.scale[instead[-1].columns]
+                if self._kinematics(instead[-1], size) is None and self._sound(instead) == instead:
+                    name = rival.candidate.effect.name
+                    p_of[name] = max(p_of[c.effect.name] for c in (one, other))
+                    for c in (one, other):
+                        self.reasons[c.effect.name] = (f"{name} does what it and another did", None)
+                    return self._merged(instead, p_of)
+        return chosen
+
     def _backward(self, chosen: list[_Candidate]) -> list[_Candidate]:
         """Drop what takes too little off its axes on held-out time beside the others."""
         while chosen:
@@ -644,7 +684,7 @@ class _Search:
             sizes = [self.gram.size(columns)[_place(chosen, c)] / self.library.scale[c.columns] for c in chosen]
             bad: tuple[_Candidate, str] | None = None
             for candidate, size in zip(chosen, sizes, strict=True):
-                reason = _implausible(candidate, size)
+                reason = self._implausible(candidate, size)
                 if reason is None and not self._core_large(candidate, size):
                     reason = f"its {' and '.join(candidate.effect.main)} are too small to matter"
                 if reason is not None:
