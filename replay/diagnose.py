@@ -171,7 +171,12 @@ def conclude(traces: Sequence[Trace], notes: Sequence[str] = ()) -> Diagnosis:
     }[bool(named), bool(channels)]
     taken = {n.found.effect.name for n in named}
     rejected = {r.name: r for t in reversed(traces) for r in t.rejected if r.name not in taken}
-    all_notes = [*notes, *undecided, *dict.fromkeys(note for t in traces for note in t.record.notes)]
+    all_notes = [
+        *notes,
+        *undecided,
+        *_wind_speeds(named, traces),
+        *dict.fromkeys(note for t in traces for note in t.record.notes),
+    ]
     return Diagnosis(tuple(traces), tuple(named), tuple(rejected.values()), channels, verdict, tuple(all_notes))
 
 
@@ -307,6 +312,24 @@ def _beside_gusts(named: Sequence[Named], traces: Sequence[Trace]) -> tuple[list
             )
             break
     return out, notes
+
+
+def _wind_speeds(named: Sequence[Named], traces: Sequence[Trace]) -> list[str]:
+    """The wind by the vehicle's own drag, where that is clearly not momentum theory's, in which ``wind`` is given."""
+    notes = []
+    for n in named:
+        by_name = {e.name: e for e in n.found.estimates}
+        if n.found.effect.name != "wind" or "own_motion" not in by_name:
+            continue
+        own = by_name["own_motion"]
+        if own.ci95[0] <= 0.0 or own.ci95[0] <= 1.0 <= own.ci95[1]:
+            continue
+        north, east = (by_name[axis].value / own.value for axis in ("north", "east"))
+        notes.append(
+            f"{traces[n.record].record.name}: drag on the own motion is {own.value:.2g} of momentum theory's; if the "
+            f"wind meets the same, it blows at {north:.2g} m/s to the north, {east:.2g} m/s to the east"
+        )
+    return notes
 
 
 def _repeats(record: Record, hz: float) -> float:

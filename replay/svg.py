@@ -59,7 +59,8 @@ class _Scale:
         size = 10.0 ** np.floor(np.log10(raw))
         step = size * min((s for s in (1.0, 2.0, 5.0, 10.0) if s * size >= raw), default=10.0)
         first = np.ceil(self.low / step - 1e-9)
-        return np.asarray(np.arange(first, np.floor(self.high / step + 1e-9) + 1) * step)
+        # Adding zero turns a minus zero into a plain one.
+        return np.asarray(np.arange(first, np.floor(self.high / step + 1e-9) + 1) * step + 0.0)
 
 
 def _frame(xs: _Scale, ys: _Scale, title: str, x_label: str, y_label: str) -> str:

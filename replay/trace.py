@@ -38,6 +38,8 @@ FORM_TOLERANCE = 0.12
 FREE_CURVE_FACTOR = 1.5
 BIAS_DOUBT = 0.3
 """Difference [m/s^2] from what velocity and attitude tell of the accelerometer's offset, along z."""
+CONSTANT = 0.1
+"""Share of an effect's energy that varies, below which it is a constant."""
 MERGED = 0.5
 """One effect in place of two has to keep this much of what the smaller one adds."""
 ALIAS_BIC = 10.0
@@ -462,15 +464,26 @@ class _Search:
         return self._searched[1]
 
     def _preferred(self, best: _Score, scores: Sequence[_Score], chosen: list[_Candidate]) -> _Candidate:
-        """Density is known from pressure and temperature: where it would do, a free mass or scale is not fitted."""
-        if best.candidate.effect.name in THRUST_TO_MASS and self._from_start(best.candidate):
-            for score in scores:
-                if score.candidate.effect.name == "air_density" and score.value > (1.0 - CLASS_SHARE) * best.value:
-                    columns = _columns([*chosen, score.candidate])
-                    fit = self.gram.size(columns)[-1:] / self.library.scale[score.candidate.columns]
-                    if _implausible(score.candidate, fit) is None:
-                        return score.candidate
+        """Which member of the class of thrust to mass, where several would do.
+
+        Density is known from pressure and temperature: where it would do, a free mass or scale is not fitted. A load
+        less than none is a scale.
+        """
+        if best.candidate.effect.name not in THRUST_TO_MASS or not self._from_start(best.candidate):
+            return best.candidate
+        near = {s.candidate.effect.name: s.candidate for s in scores if s.value > (1.0 - CLASS_SHARE) * best.value}
+        for name in ("air_density", "thrust_scale"):
+            candidate = near.get(name)
+            if candidate is None or (name == "thrust_scale" and self._beside_these(best.candidate, chosen)[0] >= 0.0):
+                continue
+            if _implausible(candidate, self._beside_these(candidate, chosen)) is None:
+                return candidate
         return best.candidate
+
+    def _beside_these(self, candidate: _Candidate, chosen: list[_Candidate]) -> Array:
+        """Coefficients of a candidate fitted together with the chosen ones."""
+        fit = self.gram.size(_columns([*chosen, candidate]))[-len(candidate.columns) :]
+        return np.asarray(fit / self.library.scale[candidate.columns])
 
     @staticmethod
     def _from_start(candidate: _Candidate) -> bool:
@@ -715,19 +728,21 @@ class _Search:
             free, columns = self._free(chosen), _columns(chosen)
             if not free.significant:
                 return chosen
-            rest, valid = self._rest(self.gram, columns), self.record.valid
-            energy = ((rest[valid] - rest[valid].mean(axis=0)) ** 2).sum(axis=0) / self.gram.noise.total**2
+            rest = self._rest(self.gram, columns)[self.record.valid]
+            energy = ((rest - rest.mean(axis=0)) ** 2).sum(axis=0) / self.gram.noise.total**2
             full, fits = self.gram.held_out(columns).sum(), self.gram.size(columns)
             doubtful: list[tuple[float, _Candidate, Channel]] = []
             for candidate in chosen:
-                others = _columns([c for c in chosen if c is not candidate])
-                cost = float(self.gram.held_out(others).sum() - full)
-                strength = self._strength(
-                    candidate, fits[_place(chosen, candidate)] / self.library.scale[candidate.columns]
-                )
+                cost = float(self.gram.held_out(_columns([c for c in chosen if c is not candidate])).sum() - full)
+                size = fits[_place(chosen, candidate)] / self.library.scale[candidate.columns]
+                own = self._contribution(candidate, size)[self.record.valid]
+                strength = self._strength(candidate, size)
                 for channel in free.channels:
                     axis = self.record.axes.index(AXES.index(channel.axis))
-                    if strength[axis] > CARRIES * strength.max() and channel.score * energy[axis] > cost:
+                    # Curves have no mean: they cannot stand for what hardly varies.
+                    varies = own[:, axis].var() > CONSTANT * (own[:, axis] ** 2).mean()
+                    carried = strength[axis] > CARRIES * strength.max()
+                    if carried and varies and channel.score * energy[axis] > cost:
                         doubtful.append((cost, candidate, channel))
             if not doubtful:
                 return chosen
