@@ -40,7 +40,7 @@ BIAS_DOUBT = 0.3
 """Difference [m/s^2] from what velocity and attitude tell of the accelerometer's offset, along z."""
 CONSTANT = 0.1
 """Share of an effect's energy that varies, below which it is a constant."""
-MERGED = 0.5
+MERGED = 0.9
 """One effect in place of two has to keep this much of what the smaller one adds."""
 ALIAS_BIC = 10.0
 ALIAS_SHARE = 0.15

@@ -12,7 +12,7 @@ import pytest
 from models.effects import Effect, catalogue, get
 from replay.residual import Delay, Record
 from replay.shift_null import flips
-from replay.trace import Trace, trace
+from replay.trace import Trace, _Candidate, _Search, trace
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from diagnose_noise import noise_record
@@ -115,3 +115,73 @@ def test_a_lively_rival_does_not_hide_a_quiet_one() -> None:
     groups, inverses = [np.array([0]), np.array([1])], [np.eye(1) / 100.0] * 2
     chance = flips(parts, ["lively", "quiet"], groups, inverses, np.zeros(2), 0)
     assert chance.p("quiet", 40.0) < 0.01 < chance.p("lively", 40.0)
+
+
+def straight(record: Record) -> Record:
+    """The same flight with the nose kept north."""
+    still = np.broadcast_to(np.eye(3), record.context.state.rotation.shape)
+    return replace(record, context=replace(record.context, state=replace(record.context.state, rotation=still)))
+
+
+WIND = (2.0, 1.5, 1.0, 0.0)
+
+
+def test_without_a_turn_an_offset_and_drag_pass_for_wind(quiet: Record) -> None:
+    effects = some("wind", "imu_bias", "rotor_drag")
+    unknown = replace(quiet, kinematic_bias=np.full_like(quiet.kinematic_bias, np.nan))
+    turned = trace(added(unknown, "wind", (0.0,), *WIND), effects)
+    ahead = trace(added(straight(unknown), "wind", (0.0,), *WIND), effects)
+    assert (names(turned), turned.found[0].aliases) == ({"wind"}, ())
+    assert names(ahead) == {"wind"}
+    assert set(ahead.found[0].aliases) == {"imu_bias", "rotor_drag"}
+
+
+def test_a_force_that_is_not_judged_is_not_named(quiet: Record) -> None:
+    moments = replace(added(quiet, "ground_effect", (1.5,), -1.5), axes=(3, 4, 5))
+    answer = trace(moments, some("ground_effect", "cg_offset"))
+    assert "ground_effect" not in names(answer)
+    assert reason(answer, "ground_effect") == ("this log cannot judge the force that it makes", False)
+
+
+def test_velocity_decides_the_vertical_part_of_an_offset(quiet: Record) -> None:
+    offset = np.array([0.4, -0.3, 0.0])
+    weak = added(added(quiet, "imu_bias", (), *offset), "thrust_scale", (), -0.08)
+    told = replace(weak, kinematic_bias=np.broadcast_to(offset, quiet.kinematic_bias.shape))
+    answer = trace(told, some("imu_bias", "thrust_scale"))
+    assert names(answer) == {"imu_bias", "thrust_scale"}
+    assert abs(estimate(answer, "imu_bias", "z")[1]) < 0.3
+    assert estimate(answer, "imu_bias", "x")[1] == pytest.approx(0.4, abs=0.1)
+
+
+def candidates(search: _Search, *wanted: str) -> list[_Candidate]:
+    """The middle one of every effect's candidates."""
+    of = {name: [c for c in search.library.candidates if c.effect.name == name] for name in wanted}
+    return [of[name][len(of[name]) // 2] for name in wanted]
+
+
+def test_a_drift_is_not_a_scale_and_a_step(quiet: Record) -> None:
+    sagging = added(quiet, "battery_sag", (25.0,), 2.0, -0.05)
+    search = _Search(sagging, some("battery_sag", "thrust_scale", "payload"), 0)
+    p_of = {"thrust_scale": 0.001, "payload": 0.004}
+    merged = search._merged(candidates(search, "thrust_scale", "payload"), p_of)
+    assert [c.effect.name for c in merged] == ["battery_sag"]
+    assert p_of["battery_sag"] == 0.004
+    # A scale with a step in time is no drift.
+    stepping = added(added(quiet, "thrust_scale", (), -0.1), "payload", (float(quiet.time_s[400]),), 0.4)
+    search = _Search(stepping, some("battery_sag", "thrust_scale", "payload"), 0)
+    both = search._refined(candidates(search, "thrust_scale", "payload"))
+    assert {c.effect.name for c in search._merged(both, dict(p_of))} == {"thrust_scale", "payload"}
+
+
+def test_a_name_is_taken_back_where_a_curve_finds_more(quiet: Record) -> None:
+    slow = np.cumsum(np.random.default_rng(3).standard_normal(len(quiet.time_s)))
+    slow = (slow - slow.mean()) / slow.std()
+    pull = np.zeros_like(quiet.residual)
+    pull[:, 2] = 0.7 * slow
+    strange = replace(quiet, residual=quiet.residual + pull, channels={**quiet.channels, "pressure_pa": slow})
+    search = _Search(strange, some("vertical_inflow", "thrust_scale"), 0)
+    assert search._believed(candidates(search, "vertical_inflow")) == []
+    # What hardly varies is nothing that a curve, which has no mean, could stand for.
+    constant = replace(strange, residual=strange.residual + 0.9 * np.eye(6)[2])
+    search = _Search(constant, some("thrust_scale"), 0)
+    assert len(search._believed(candidates(search, "thrust_scale"))) == 1
