@@ -23,7 +23,7 @@ from replay.blocks import (
 )
 from replay.residual import Record
 from replay.shift_null import Chance, flips
-from replay.unexplained import Channel, Leftover, free_search
+from replay.unexplained import COMMANDED, Channel, Leftover, free_search
 
 Columns = NDArray[np.int64]
 
@@ -49,8 +49,6 @@ BLOCK_S = 1.5
 LAG_DOUBT_S = 0.02
 FEW_BLOCKS, FEW_SCORE = 6.0, 60.0
 """Evidence from so few blocks that chance has heavy tails in them has to be so strong."""
-COMMANDED = 0.6
-"""Correlation of lift with the accelerometer below which rotor speeds mostly answer noise, which looks like a lag."""
 CARRIES = 0.25
 """An effect carries an axis where it is this strong beside its strongest axis, in units of the noise."""
 WORSE = 0.1
@@ -509,6 +507,10 @@ class _Search:
             return _NotMeant("too small to matter")
         if not self._core_large(candidate, coefficients):
             return _NotMeant(f"its {' and '.join(candidate.effect.main)} are too small to matter")
+        if self._core_share(candidate, coefficients) < FORM_TOLERANCE:
+            return _NotMeant(
+                f"its {' and '.join(candidate.effect.main)} are within the error of form of its other terms"
+            )
         if chosen:
             own = contribution[self.record.valid]
             rest = self.library.x[:, :, _columns(chosen)] @ gram.size(selected)[: -len(candidate.columns)]
@@ -580,14 +582,24 @@ class _Search:
             return "velocity and attitude disagree with the accelerometer by as much: its offset, not wind"
         return None
 
+    def _core(self, candidate: _Candidate, coefficients: Array) -> Array:
+        """The contribution (n, axes) of the coefficients that make the effect what it is."""
+        effect = candidate.effect
+        pairs = zip(effect.coefficients, coefficients, strict=True)
+        core = np.array([value if not effect.main or c.name in effect.main else 0.0 for c, value in pairs])
+        return self._contribution(candidate, core)
+
     def _core_large(self, candidate: _Candidate, coefficients: Array) -> bool:
         """Whether the coefficients that make the effect what it is matter by themselves."""
-        effect = candidate.effect
-        if not effect.main:
-            return True
-        pairs = zip(effect.coefficients, coefficients, strict=True)
-        core = np.array([value if c.name in effect.main else 0.0 for c, value in pairs])
-        return self._large(self._contribution(candidate, core))
+        return not candidate.effect.main or self._large(self._core(candidate, coefficients))
+
+    def _core_share(self, candidate: _Candidate, coefficients: Array) -> float:
+        """RMS of what makes the effect what it is over that of the whole, on the axis where that is most."""
+        valid, noise = self.record.valid, self.gram.noise.total
+        core = np.sqrt((self._core(candidate, coefficients)[valid] ** 2).mean(axis=0)) / noise
+        whole = np.sqrt((self._contribution(candidate, coefficients)[valid] ** 2).mean(axis=0)) / noise
+        carried = core > CARRIES * core.max()
+        return float((core[carried] / np.maximum(whole[carried], 1e-12)).max()) if carried.any() else 0.0
 
     def _contribution(self, candidate: _Candidate, coefficients: Array) -> Array:
         x = self.library.x[:, :, candidate.columns] * self.library.scale[candidate.columns]

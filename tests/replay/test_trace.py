@@ -185,3 +185,10 @@ def test_a_name_is_taken_back_where_a_curve_finds_more(quiet: Record) -> None:
     constant = replace(strange, residual=strange.residual + 0.9 * np.eye(6)[2])
     search = _Search(constant, some("thrust_scale"), 0)
     assert len(search._believed(candidates(search, "thrust_scale"))) == 1
+
+
+def test_a_wrong_mass_with_a_little_drift_is_no_sagging_battery(quiet: Record) -> None:
+    heavy = added(quiet, "battery_sag", (25.0,), 0.25, -0.30)
+    answer = trace(heavy, some("battery_sag", "thrust_scale", "payload"))
+    assert len(names(answer) & {"thrust_scale", "payload"}) == 1
+    assert answer.found[0].effect.name != "battery_sag"

@@ -11,7 +11,7 @@ import pytest
 
 from models.wrench import Array
 from replay.blocks import fit_noise
-from replay.residual import Record
+from replay.residual import Delay, Record
 from replay.unexplained import REACTIVE_SHARE, SMALLEST_SHARE, Leftover, free_search, smallest_share
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
@@ -55,6 +55,16 @@ def test_what_answers_a_disturbance_has_to_carry_more(quiet: Record) -> None:
     assert smallest_share("rpm_1", "Fx", vehicle) == REACTIVE_SHARE > SMALLEST_SHARE
     assert smallest_share("north_m", "Fx", vehicle) == SMALLEST_SHARE
     assert smallest_share("rpm_1", "My", vehicle) > 1.0  # in hover every moment is mirrored by what balances it
+
+
+def test_in_a_flight_that_only_hovers_place_is_drift(quiet: Record) -> None:
+    hover = replace(quiet, delays=(Delay("rotor speed", -0.1, 0.45, False),))
+    moved = replace(quiet, delays=(Delay("rotor speed", -0.02, 0.9, True),))
+    force = 1.2 * np.tanh((quiet.channels["north_m"] + 0.5) / 0.3)
+    assert search(moved, force).significant
+    assert not any(c.name in ("north_m", "range_forward_m") for c in search(hover, force).channels)
+    hum = 1.0 * np.sin(2.0 * np.pi * 0.43 * quiet.time_s)
+    assert search(hover, hum, axis=0).channels[0].name == "time_s"
 
 
 def test_a_step_late_in_the_flight_is_a_matter_of_time(quiet: Record) -> None:
