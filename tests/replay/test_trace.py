@@ -10,9 +10,13 @@ import numpy as np
 import pytest
 
 from models.effects import Effect, catalogue, get
+from replay.candidates import Candidate
+from replay.prune import believed, merged
 from replay.residual import Delay, Record
+from replay.shapes import refined
 from replay.shift_null import flips
-from replay.trace import Trace, _Candidate, _Search, trace
+from replay.trace import Trace, trace
+from replay.workspace import Workspace
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from diagnose_noise import noise_record
@@ -153,7 +157,7 @@ def test_velocity_decides_the_vertical_part_of_an_offset(quiet: Record) -> None:
     assert estimate(answer, "imu_bias", "x")[1] == pytest.approx(0.4, abs=0.1)
 
 
-def candidates(search: _Search, *wanted: str) -> list[_Candidate]:
+def candidates(search: Workspace, *wanted: str) -> list[Candidate]:
     """The middle one of every effect's candidates."""
     of = {name: [c for c in search.library.candidates if c.effect.name == name] for name in wanted}
     return [of[name][len(of[name]) // 2] for name in wanted]
@@ -161,16 +165,16 @@ def candidates(search: _Search, *wanted: str) -> list[_Candidate]:
 
 def test_a_drift_is_not_a_scale_and_a_step(quiet: Record) -> None:
     sagging = added(quiet, "battery_sag", (25.0,), 2.0, -0.05)
-    search = _Search(sagging, some("battery_sag", "thrust_scale", "payload"), 0)
+    search = Workspace(sagging, some("battery_sag", "thrust_scale", "payload"), 0)
     p_of = {"thrust_scale": 0.001, "payload": 0.004}
-    merged = search._merged(candidates(search, "thrust_scale", "payload"), p_of)
-    assert [c.effect.name for c in merged] == ["battery_sag"]
+    one = merged(search, candidates(search, "thrust_scale", "payload"), p_of)
+    assert [c.effect.name for c in one] == ["battery_sag"]
     assert p_of["battery_sag"] == 0.004
     # A scale with a step in time is no drift.
     stepping = added(added(quiet, "thrust_scale", (), -0.1), "payload", (float(quiet.time_s[400]),), 0.4)
-    search = _Search(stepping, some("battery_sag", "thrust_scale", "payload"), 0)
-    both = search._refined(candidates(search, "thrust_scale", "payload"))
-    assert {c.effect.name for c in search._merged(both, dict(p_of))} == {"thrust_scale", "payload"}
+    search = Workspace(stepping, some("battery_sag", "thrust_scale", "payload"), 0)
+    both = refined(search, candidates(search, "thrust_scale", "payload"))
+    assert {c.effect.name for c in merged(search, both, dict(p_of))} == {"thrust_scale", "payload"}
 
 
 def test_a_name_is_taken_back_where_a_curve_finds_more(quiet: Record) -> None:
@@ -179,12 +183,12 @@ def test_a_name_is_taken_back_where_a_curve_finds_more(quiet: Record) -> None:
     pull = np.zeros_like(quiet.residual)
     pull[:, 2] = 0.7 * slow
     strange = replace(quiet, residual=quiet.residual + pull, channels={**quiet.channels, "pressure_pa": slow})
-    search = _Search(strange, some("vertical_inflow", "thrust_scale"), 0)
-    assert search._believed(candidates(search, "vertical_inflow")) == []
+    search = Workspace(strange, some("vertical_inflow", "thrust_scale"), 0)
+    assert believed(search, candidates(search, "vertical_inflow")) == []
     # What hardly varies is nothing that a curve, which has no mean, could stand for.
     constant = replace(strange, residual=strange.residual + 0.9 * np.eye(6)[2])
-    search = _Search(constant, some("thrust_scale"), 0)
-    assert len(search._believed(candidates(search, "thrust_scale"))) == 1
+    search = Workspace(constant, some("thrust_scale"), 0)
+    assert len(believed(search, candidates(search, "thrust_scale"))) == 1
 
 
 def test_a_wrong_mass_with_a_little_drift_is_no_sagging_battery(quiet: Record) -> None:

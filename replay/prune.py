@@ -1,0 +1,144 @@
+"""What a joint look takes back: two names for one thing, names without need, and stand-ins for strangers."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+
+from models.wrench import AXES, Array
+from replay.candidates import Candidate, columns_of, place
+from replay.forward import SMALLEST_GAIN
+from replay.shapes import refined
+from replay.unexplained import Channel
+from replay.workspace import CARRIES, Workspace
+
+CONSTANT = 0.1
+"""Share of an effect's energy that varies, below which it is a constant."""
+MERGED = 0.9
+"""One effect in place of two has to keep this much of what the smaller one adds."""
+WORSE = 0.1
+"""Share by which the held-out energy of an axis may grow before it tells against what carries that axis."""
+
+
+def merged(w: Workspace, chosen: list[Candidate], p_of: dict[str, float]) -> list[Candidate]:
+    """One effect in place of two where it does nearly as well: a drift is no scale with a step."""
+    full = w.gram.held_out(columns_of(chosen)).sum()
+    names = {c.effect.name for c in chosen}
+    for one, other in combinations(chosen, 2):
+        rest = [c for c in chosen if c is not one and c is not other]
+        columns = columns_of(rest)
+        costs = [w.gram.held_out(columns_of([*rest, c])).sum() - full for c in (one, other)]
+        for rival in w.scores(w.gram, columns, names - {one.effect.name, other.effect.name}):
+            if rival.candidate.effect in (one.effect, other.effect):
+                continue
+            instead = refined(w, [*rest, rival.candidate])
+            lost = float(w.gram.held_out(columns_of(instead)).sum() - full)
+            if lost >= (1.0 - MERGED) * min(costs):
+                continue
+            size = w.gram.size(columns_of(instead))[len(columns) :] / w.library.scale[instead[-1].columns]
+            if w.kinematics(instead[-1], size) is None and sound(w, instead) == instead:
+                name = rival.candidate.effect.name
+                p_of[name] = max(p_of[c.effect.name] for c in (one, other))
+                for c in (one, other):
+                    w.reasons[c.effect.name] = (f"{name} does what it and another did", None)
+                return merged(w, instead, p_of)
+    return chosen
+
+
+def backward(w: Workspace, chosen: list[Candidate]) -> list[Candidate]:
+    """Drop what takes too little off its axes on held-out time beside the others."""
+    while chosen:
+        full = w.gram.held_out(columns_of(chosen)).sum()
+        shares = []
+        for candidate in chosen:
+            others = columns_of([c for c in chosen if c is not candidate])
+            fit = w.gram.size(columns_of(chosen))[place(chosen, candidate)]
+            own = w.contribution(candidate, fit / w.library.scale[candidate.columns])
+            cost = float(w.gram.held_out(others).sum() - full)
+            shares.append(cost / w.energy_on_axes_of(own, w.rest(w.gram, others)))
+        i = int(np.argmin(shares))
+        if shares[i] >= SMALLEST_GAIN:
+            break
+        w.reasons[chosen[i].effect.name] = ("the other effects do as well without it", None)
+        chosen = [c for c in chosen if c is not chosen[i]]
+    return chosen
+
+
+def sound(w: Workspace, chosen: list[Candidate]) -> list[Candidate]:
+    """The final set, less what joint refits made implausible or what worsens an axis on held-out time."""
+    while chosen:
+        columns = columns_of(chosen)
+        sizes = [w.gram.size(columns)[place(chosen, c)] / w.library.scale[c.columns] for c in chosen]
+        bad: tuple[Candidate, str] | None = None
+        for candidate, size in zip(chosen, sizes, strict=True):
+            reason = w.implausible(candidate, size)
+            if reason is None and not w.core_large(candidate, size):
+                reason = f"its {' and '.join(candidate.effect.main)} are too small to matter"
+            if reason is not None:
+                bad = (candidate, reason)
+                break
+        if bad is None:
+            valid = w.record.valid
+            grown = (w.held_out(columns)[valid] ** 2).sum(axis=0) / (w.y[valid] ** 2).sum(axis=0)
+            rms = np.array([w.strength(c, size) for c, size in zip(chosen, sizes, strict=True)])
+            blamed = np.where(rms > CARRIES * rms.max(axis=1, keepdims=True), rms, 0.0)
+            worst = np.where(blamed.any(axis=0), grown, 0.0)
+            axis = int(worst.argmax())
+            if worst[axis] < 1.0 + WORSE:
+                return chosen
+            name = AXES[w.record.axes[axis]]
+            bad = (chosen[int(blamed[:, axis].argmax())], f"makes {name} worse on held-out time")
+            lighter = _without_side_term(w, bad[0], sizes[chosen.index(bad[0])], axis)
+            if lighter is not None:
+                chosen = [lighter if c is bad[0] else c for c in chosen]
+                continue
+        w.reasons[bad[0].effect.name] = (bad[1], None)
+        chosen = [c for c in chosen if c is not bad[0]]
+    return chosen
+
+
+def _without_side_term(w: Workspace, candidate: Candidate, size: Array, axis: int) -> Candidate | None:
+    """The candidate without the side term that is strongest on an axis; None where it has none there."""
+    effect = candidate.effect
+    x = w.library.x[:, axis, candidate.columns][w.record.valid] * w.library.scale[candidate.columns]
+    strength = np.mean((x * size) ** 2, axis=0)
+    for i, coefficient in enumerate(effect.coefficients):
+        if not effect.main or coefficient.name in effect.main:
+            strength[i] = 0.0
+    if not strength.any():
+        return None
+    lighter = w.library.without(candidate, int(strength.argmax()))
+    w.take_in()
+    return lighter
+
+
+def believed(w: Workspace, chosen: list[Candidate]) -> list[Candidate]:
+    """The set less what takes less off an axis than a free curve still finds there: a stand-in for a stranger."""
+    while chosen:
+        free, columns = w.free(chosen), columns_of(chosen)
+        if not free.significant:
+            return chosen
+        rest = w.rest(w.gram, columns)[w.record.valid]
+        energy = ((rest - rest.mean(axis=0)) ** 2).sum(axis=0) / w.gram.noise.total**2
+        full, fits = w.gram.held_out(columns).sum(), w.gram.size(columns)
+        doubtful: list[tuple[float, Candidate, Channel]] = []
+        for candidate in chosen:
+            cost = float(w.gram.held_out(columns_of([c for c in chosen if c is not candidate])).sum() - full)
+            size = fits[place(chosen, candidate)] / w.library.scale[candidate.columns]
+            own = w.contribution(candidate, size)[w.record.valid]
+            strength = w.strength(candidate, size)
+            for channel in free.channels:
+                axis = w.record.axes.index(AXES.index(channel.axis))
+                # Curves have no mean: they cannot stand for what hardly varies.
+                varies = own[:, axis].var() > CONSTANT * (own[:, axis] ** 2).mean()
+                carried = strength[axis] > CARRIES * strength.max()
+                if carried and varies and channel.score * energy[axis] > cost:
+                    doubtful.append((cost, candidate, channel))
+        if not doubtful:
+            return chosen
+        _, candidate, channel = min(doubtful, key=lambda d: d[0])
+        reason = f"a free curve in {channel.name} finds more in {channel.axis} than it explains"
+        w.reasons[candidate.effect.name] = (reason, None)
+        chosen = [c for c in chosen if c is not candidate]
+    return chosen
