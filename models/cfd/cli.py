@@ -12,6 +12,9 @@ from models.errors import ConfigError, LinkError
 
 Finish = Callable[[argparse.Namespace, Any], int]
 
+CONNECT_S = 10.0
+"""How long to look for a scheduler."""
+
 
 def add(commands: Any, finish: Finish) -> None:
     """Add the ``cfd`` command to the commands of ``models``; ``finish`` writes what --json asks for."""
@@ -93,7 +96,7 @@ def _cluster(address: str) -> tuple[Any, int]:
     except ImportError:
         raise ConfigError("--scheduler needs Dask: pip install 'corner-compensator[cluster]'") from None
     try:
-        client = Client(address, timeout=10)
+        client = Client(address, timeout=CONNECT_S)
     except (OSError, ValueError, TimeoutError) as error:
         raise LinkError(f"--scheduler {address}: no Dask scheduler there ({error})") from None
     jobs = sum(client.nthreads().values())

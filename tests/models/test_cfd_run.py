@@ -11,11 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.cfd import campaign, case, config, foam, polars
+from models.cfd import campaign, case, cli, config, foam, polars
 from models.cfd.case_run import compute
 from models.cfd.position import Position, check
 from models.cli import main
-from models.errors import ConfigError
+from models.errors import ConfigError, LinkError
 from models.progress import Bars
 
 INF = math.inf
@@ -107,6 +107,21 @@ def test_a_campaign_is_resumed_not_repeated(tmp_path, solver):
     assert (tmp_path / positions[1].key / "mapped_from").read_text() == str(tmp_path / FREE.key)
     values = foam.read_field(tmp_path / positions[2].key / "0" / "p")
     assert values == pytest.approx(np.full(6, 0.7**2))
+
+
+def test_a_cluster_computes_the_same_cases(tmp_path, solver, monkeypatch):
+    distributed = pytest.importorskip("distributed", reason="no Dask here: pip install 'corner-compensator[cluster]'")
+    positions = [FREE, Position(INF, 1.0, 4000.0), Position(2.0, INF, 4000.0)]
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as dask:
+        executor, jobs = cli._cluster(dask.scheduler_address)
+        assert jobs == 2
+        campaign.run(tmp_path / "there", SETUP, section, positions, executor, jobs)
+    campaign.run(tmp_path / "here", SETUP, section, positions, jobs=2)
+    there, here = (campaign.rows(tmp_path / name, positions) for name in ("there", "here"))
+    assert [r.result.wrench for r in there] == [r.result.wrench for r in here]
+    monkeypatch.setattr(cli, "CONNECT_S", 1.0)
+    with pytest.raises(LinkError, match="no Dask scheduler"):
+        cli._cluster("tcp://127.0.0.1:9")
 
 
 def test_a_case_that_drifted_goes_on_when_the_limit_is_raised(tmp_path, solver):
