@@ -17,6 +17,8 @@ SMALLEST_GAIN = 0.03
 FORM_TOLERANCE = 0.12
 """An addition below this share of what is already explained on its axes is taken for the form error of a term."""
 FREE_CURVE_FACTOR = 1.5
+DRIFTING_SCALES = ("battery_sag", "thermal_derating")
+"""Effects that hold a scale of the thrust besides what makes them themselves."""
 LAG_DOUBT_S = 0.02
 FEW_BLOCKS, FEW_SCORE = 6.0, 60.0
 """Evidence from so few blocks that chance has heavy tails in them has to be so strong."""
@@ -67,11 +69,16 @@ def _same(w: Workspace, score: Score, stronger: Score, selected: Columns) -> boo
 
 
 def _preferred(w: Workspace, best: Score, scores: Sequence[Score], chosen: list[Candidate]) -> Candidate:
-    """Which member of the class of thrust to mass, where several would do.
+    """Which of several that would do.
 
-    Density is known from pressure and temperature: where it would do, a free mass or scale is not fitted. A load
+    A scale of the thrust, unless its drift with voltage or heat stands out by itself. Of the class of thrust to mass:
+    density is known from pressure and temperature, and where it would do, a free mass or scale is not fitted; a load
     less than none is a scale.
     """
+    if best.candidate.effect.name in DRIFTING_SCALES:
+        scale = next((s.candidate for s in scores if s.candidate.effect.name == "thrust_scale"), None)
+        if scale is not None and not _drifts(w, best.candidate, scale, chosen):
+            return scale
     if best.candidate.effect.name not in THRUST_TO_MASS or not w.from_start(best.candidate):
         return best.candidate
     near = {s.candidate.effect.name: s.candidate for s in scores if s.value > (1.0 - CLASS_SHARE) * best.value}
@@ -82,6 +89,18 @@ def _preferred(w: Workspace, best: Score, scores: Sequence[Score], chosen: list[
         if out_of_range(candidate, w.size_beside(candidate, chosen)) is None:
             return candidate
     return best.candidate
+
+
+def _drifts(w: Workspace, candidate: Candidate, scale: Candidate, chosen: list[Candidate]) -> bool:
+    """Whether an effect is worth a name, and stands out, beside a plain scale (or that scale may not be)."""
+    if w.implausible(scale, w.size_beside(scale, chosen)) is not None:
+        return True
+    others = [*chosen, scale]
+    if not w.large(w.beside(candidate, w.size_beside(candidate, chosen), others)):
+        return False
+    columns, taken = columns_of(others), {c.effect.name for c in others}
+    score = next((s for s in w.scores(w.gram, columns, taken) if s.candidate.effect is candidate.effect), None)
+    return score is not None and w.null(w.gram, columns, taken).p(candidate.effect.name, score.value) <= ALPHA
 
 
 def _problem(w: Workspace, candidate: Candidate, chosen: list[Candidate], before: Array) -> str | None:

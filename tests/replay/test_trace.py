@@ -196,3 +196,9 @@ def test_a_wrong_mass_with_a_little_drift_is_no_sagging_battery(quiet: Record) -
     answer = trace(heavy, some("battery_sag", "thrust_scale", "payload"))
     assert len(names(answer) & {"thrust_scale", "payload"}) == 1
     assert answer.found[0].effect.name != "battery_sag"
+
+
+def test_a_scale_with_a_little_drift_stays_a_scale(quiet: Record) -> None:
+    effects = some("battery_sag", "thrust_scale", "thermal_derating")
+    assert names(trace(added(quiet, "battery_sag", (24.5,), 0.1, -0.05), effects)) == {"thrust_scale"}
+    assert names(trace(added(quiet, "battery_sag", (24.5,), 1.5, -0.05), effects)) == {"battery_sag"}
