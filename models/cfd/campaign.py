@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from models.cfd import foam
-from models.cfd.case_run import Result, compute
+from models.cfd.case_run import Result, compute, iteration_limit
 from models.cfd.config import Setup
 from models.cfd.polars import Section, Station, stations
 from models.cfd.position import Position, check, near
@@ -191,7 +191,7 @@ def _wanted(row: Row | None, setup: Setup, marching: bool) -> bool:
     result = row.result
     if marching:
         return result.status == "cycling" and result.steps == 0
-    cut_short = result.steps == 0 and result.iterations < setup.solver.limit
+    cut_short = result.steps == 0 and result.iterations < iteration_limit(setup, result.start)
     return result.status == "killed" or (result.status == "drifting" and cut_short)
 
 

@@ -57,6 +57,11 @@ class _Samples:
     parts: list[Array] = field(default_factory=list)
 
 
+def iteration_limit(setup: Setup, start: str) -> int:
+    """Most steady iterations of a case that started from there."""
+    return setup.solver.limit * (FROM_REST if start == "rest" else 1)
+
+
 def compute(
     folder: Path,
     setup: Setup,
@@ -141,7 +146,7 @@ class _Case:
     def iterate(self, report: Callable[[str], None]) -> None:
         """Steady iterations until the wrench stands still, or the limit."""
         solver = self.setup.solver
-        limit = solver.limit * (FROM_REST if self.start == "rest" else 1)
+        limit = iteration_limit(self.setup, self.start)
         while self.steps == 0 and not self._enough() and self.iterations < limit and self.finite():
             end = self.iterations + (solver.start if self.iterations == 0 else solver.chunk)
             self._advance("simpleFoam", case.control(self.setup, end, steady=True))

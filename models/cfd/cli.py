@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -79,8 +80,8 @@ def _run(args: argparse.Namespace) -> Any:
     foam.require()
     section = polars.neural_section(setup.rotor.section)
     bars = Bars(args.quiet)
-    executor, jobs = _cluster(args.scheduler) if args.scheduler else (None, args.jobs)
-    campaign.run(args.work, setup, section, positions, executor, jobs, march=not args.no_march, progress=bars)
+    with _cluster(args.scheduler) if args.scheduler else nullcontext((None, args.jobs)) as (executor, jobs):
+        campaign.run(args.work, setup, section, positions, executor, jobs, march=not args.no_march, progress=bars)
     bars.close()
     rows = campaign.rows(args.work, positions)
     count = {s: sum(r.result.status == s for r in rows) for s in sorted({r.result.status for r in rows})}
@@ -89,7 +90,8 @@ def _run(args: argparse.Namespace) -> Any:
     return {"cases": len(positions), "done": len(rows), "status": count}
 
 
-def _cluster(address: str) -> tuple[Any, int]:
+@contextmanager
+def _cluster(address: str) -> Iterator[tuple[Any, int]]:
     """Executor and number of solvers at a time on a Dask cluster."""
     try:
         from distributed import Client
@@ -99,10 +101,11 @@ def _cluster(address: str) -> tuple[Any, int]:
         client = Client(address, timeout=CONNECT_S)
     except (OSError, ValueError, TimeoutError) as error:
         raise LinkError(f"--scheduler {address}: no Dask scheduler there ({error})") from None
-    jobs = sum(client.nthreads().values())
-    if jobs == 0:
-        raise LinkError(f"--scheduler {address}: the cluster has no workers")
-    return client.get_executor(), jobs
+    with client:
+        jobs = sum(client.nthreads().values())
+        if jobs == 0:
+            raise LinkError(f"--scheduler {address}: the cluster has no workers")
+        yield client.get_executor(), jobs
 
 
 def _rows(args: argparse.Namespace, setup: Any) -> Any:

@@ -112,16 +112,16 @@ def test_a_campaign_is_resumed_not_repeated(tmp_path, solver):
 def test_a_cluster_computes_the_same_cases(tmp_path, solver, monkeypatch):
     distributed = pytest.importorskip("distributed", reason="no Dask here: pip install 'corner-compensator[cluster]'")
     positions = [FREE, Position(INF, 1.0, 4000.0), Position(2.0, INF, 4000.0)]
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None) as dask:
-        executor, jobs = cli._cluster(dask.scheduler_address)
+    local = distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None)
+    with local as dask, cli._cluster(dask.scheduler_address) as (executor, jobs):
         assert jobs == 2
         campaign.run(tmp_path / "there", SETUP, section, positions, executor, jobs)
     campaign.run(tmp_path / "here", SETUP, section, positions, jobs=2)
     there, here = (campaign.rows(tmp_path / name, positions) for name in ("there", "here"))
     assert [r.result.wrench for r in there] == [r.result.wrench for r in here]
     monkeypatch.setattr(cli, "CONNECT_S", 1.0)
-    with pytest.raises(LinkError, match="no Dask scheduler"):
-        cli._cluster("tcp://127.0.0.1:9")
+    with pytest.raises(LinkError, match="no Dask scheduler"), cli._cluster("tcp://127.0.0.1:9"):
+        pass
 
 
 def test_a_case_that_drifted_goes_on_when_the_limit_is_raised(tmp_path, solver):
@@ -138,6 +138,10 @@ def test_a_case_that_drifted_goes_on_when_the_limit_is_raised(tmp_path, solver):
     assert longer.result.status == "steady"
     assert 300 < longer.result.iterations <= 480
     assert longer.result.start == short.result.start
+    # The one from rest has twice the limit, and goes on under it too.
+    free = campaign.load(tmp_path, FREE)
+    assert free is not None
+    assert free.result.iterations > 300
 
 
 def test_a_diverged_case_does_not_stop_the_campaign_nor_start_another(tmp_path, solver):
