@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from models.effects import Context, Effect
 from models.wrench import AXES, Array
 from replay.residual import Record
-from replay.unexplained import COMMANDED
 
 Columns = NDArray[np.int64]
 
@@ -48,7 +47,7 @@ class Library:
             forces = {AXES.index(a) for a in effect.axes} & {0, 1, 2}
             if forces and not forces & set(record.axes):
                 reason = "this log cannot judge the force that it makes"
-            if effect.name == "motor_lag" and record.delays and record.delays[0].correlation < COMMANDED:
+            if effect.name == "motor_lag" and record.only_answers:
                 reason = "the thrust varied hardly more than it answers disturbances; " + effect.excite
             if reason is not None:
                 self.lacking[effect.name] = reason

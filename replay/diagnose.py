@@ -319,7 +319,7 @@ def _wind_speeds(named: Sequence[Named], traces: Sequence[Trace]) -> list[str]:
     notes = []
     for n in named:
         by_name = {e.name: e for e in n.found.estimates}
-        if n.found.effect.name != "wind" or "own_motion" not in by_name:
+        if n.found.effect.name != "wind":
             continue
         own = by_name["own_motion"]
         if own.ci95[0] <= 0.0 or own.ci95[0] <= 1.0 <= own.ci95[1]:

@@ -13,6 +13,7 @@ from replay.blocks import Noise
 from replay.candidates import Candidate, columns_of, out_of_range, same_kind
 from replay.gram import inverse
 from replay.residual import Record
+from replay.shapes import best_shape
 from replay.unexplained import Leftover
 from replay.workspace import CARRIES, CLASS_SHARE, THRUST_TO_MASS, Workspace
 
@@ -89,18 +90,10 @@ def report(w: Workspace, chosen: list[Candidate], p_of: dict[str, float]) -> Tra
     after = w.held_out(columns)
     empty = gram.held_out(np.empty(0, np.int64)).sum()
     found, done = [], empty
-    coefficients = gram.size(columns)
-    start = 0
-    for i, candidate in enumerate(chosen):
-        part = slice(start, start + len(candidate.columns))
-        start = part.stop
+    for i, (candidate, coefficients) in enumerate(zip(chosen, w.sizes(chosen), strict=True)):
         left = gram.held_out(columns_of(chosen[: i + 1])).sum()
-        scale = w.library.scale[candidate.columns]
-        found.append(
-            _found(w, candidate, chosen, coefficients[part] / scale,
-                float((done - left) / max(empty, 1e-12)), p_of[candidate.effect.name],
-            )
-        )  # fmt: skip
+        share = float((done - left) / max(empty, 1e-12))
+        found.append(_found(w, candidate, chosen, coefficients, share, p_of[candidate.effect.name]))
         done = left
     leftover = w.free(chosen)
     before6, after6 = np.zeros((n, 6)), np.zeros((n, 6))
@@ -201,8 +194,7 @@ def _aliases(w: Workspace, candidate: Candidate, chosen: list[Candidate]) -> tup
         instead = columns_of([*others, score.candidate])
         if without - w.gram.held_out(instead).sum() < (1.0 - ALIAS_SHARE) * gain:
             continue
-        fit = w.gram.size(instead)[-len(score.candidate.columns) :]
-        coefficients = fit / w.library.scale[score.candidate.columns]
+        coefficients = w.size_beside(score.candidate, others)
         if (
             out_of_range(score.candidate, coefficients) is None
             and (
@@ -227,14 +219,7 @@ def _together(w: Workspace, names: Sequence[str], others: list[Candidate]) -> li
     if {c.effect.name for c in others} & set(names):
         return out
     for name in names:
-        beside = columns_of([*others, *out])
-        best, least = None, np.inf
-        for rival in w.library.candidates:
-            if rival.effect.name == name and w.plausible(w.gram, beside, rival):
-                columns = np.concatenate([beside, rival.columns])
-                left = -float(w.gram.size(columns) @ w.gram.total_ry[columns])
-                if left < least:
-                    best, least = rival, left
+        best = best_shape(w, name, columns_of([*others, *out]), set())
         if best is None:
             return []
         out.append(best)

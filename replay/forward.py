@@ -106,7 +106,7 @@ def _drifts(w: Workspace, candidate: Candidate, scale: Candidate, chosen: list[C
 def _problem(w: Workspace, candidate: Candidate, chosen: list[Candidate], before: Array) -> str | None:
     """Why a significant candidate is not adopted, or None."""
     gram, selected = w.gram, columns_of([*chosen, candidate])
-    coefficients = gram.size(selected)[-len(candidate.columns) :] / w.library.scale[candidate.columns]
+    coefficients = w.size_beside(candidate, chosen)
     bad = w.implausible(candidate, coefficients)
     if bad is not None:
         return _NotMeant(bad)

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from models.wrench import AXES, Array
-from replay.candidates import Candidate, columns_of, place
+from replay.candidates import Candidate, columns_of
 from replay.forward import SMALLEST_GAIN
 from replay.shapes import refined
 from replay.unexplained import Channel
@@ -24,20 +24,18 @@ WORSE = 0.1
 def merged(w: Workspace, chosen: list[Candidate], p_of: dict[str, float]) -> list[Candidate]:
     """One effect in place of two where it does nearly as well: a drift is no scale with a step."""
     full = w.gram.held_out(columns_of(chosen)).sum()
-    names = {c.effect.name for c in chosen}
-    for one, other in combinations(chosen, 2):
+    names, costs = {c.effect.name for c in chosen}, w.costs(chosen)
+    for (one, cost), (other, other_cost) in combinations(zip(chosen, costs, strict=True), 2):
         rest = [c for c in chosen if c is not one and c is not other]
         columns = columns_of(rest)
-        costs = [w.gram.held_out(columns_of([*rest, c])).sum() - full for c in (one, other)]
         for rival in w.scores(w.gram, columns, names - {one.effect.name, other.effect.name}):
             if rival.candidate.effect in (one.effect, other.effect):
                 continue
             instead = refined(w, [*rest, rival.candidate])
             lost = float(w.gram.held_out(columns_of(instead)).sum() - full)
-            if lost >= (1.0 - MERGED) * min(costs):
+            if lost >= (1.0 - MERGED) * min(cost, other_cost):
                 continue
-            size = w.gram.size(columns_of(instead))[len(columns) :] / w.library.scale[instead[-1].columns]
-            if w.kinematics(instead[-1], size) is None and sound(w, instead) == instead:
+            if w.kinematics(instead[-1], w.sizes(instead)[-1]) is None and sound(w, instead) == instead:
                 name = rival.candidate.effect.name
                 p_of[name] = max(p_of[c.effect.name] for c in (one, other))
                 for c in (one, other):
@@ -49,13 +47,10 @@ def merged(w: Workspace, chosen: list[Candidate], p_of: dict[str, float]) -> lis
 def backward(w: Workspace, chosen: list[Candidate]) -> list[Candidate]:
     """Drop what takes too little off its axes on held-out time beside the others."""
     while chosen:
-        full = w.gram.held_out(columns_of(chosen)).sum()
         shares = []
-        for candidate in chosen:
+        for candidate, size, cost in zip(chosen, w.sizes(chosen), w.costs(chosen), strict=True):
             others = columns_of([c for c in chosen if c is not candidate])
-            fit = w.gram.size(columns_of(chosen))[place(chosen, candidate)]
-            own = w.contribution(candidate, fit / w.library.scale[candidate.columns])
-            cost = float(w.gram.held_out(others).sum() - full)
+            own = w.contribution(candidate, size)
             shares.append(cost / w.energy_on_axes_of(own, w.rest(w.gram, others)))
         i = int(np.argmin(shares))
         if shares[i] >= SMALLEST_GAIN:
@@ -69,7 +64,7 @@ def sound(w: Workspace, chosen: list[Candidate]) -> list[Candidate]:
     """The final set, less what joint refits made implausible or what worsens an axis on held-out time."""
     while chosen:
         columns = columns_of(chosen)
-        sizes = [w.gram.size(columns)[place(chosen, c)] / w.library.scale[c.columns] for c in chosen]
+        sizes = w.sizes(chosen)
         bad: tuple[Candidate, str] | None = None
         for candidate, size in zip(chosen, sizes, strict=True):
             reason = w.implausible(candidate, size)
@@ -116,16 +111,13 @@ def _without_side_term(w: Workspace, candidate: Candidate, size: Array, axis: in
 def believed(w: Workspace, chosen: list[Candidate]) -> list[Candidate]:
     """The set less what takes less off an axis than a free curve still finds there: a stand-in for a stranger."""
     while chosen:
-        free, columns = w.free(chosen), columns_of(chosen)
+        free = w.free(chosen)
         if not free.significant:
             return chosen
-        rest = w.rest(w.gram, columns)[w.record.valid]
+        rest = w.rest(w.gram, columns_of(chosen))[w.record.valid]
         energy = ((rest - rest.mean(axis=0)) ** 2).sum(axis=0) / w.gram.noise.total**2
-        full, fits = w.gram.held_out(columns).sum(), w.gram.size(columns)
         doubtful: list[tuple[float, Candidate, Channel]] = []
-        for candidate in chosen:
-            cost = float(w.gram.held_out(columns_of([c for c in chosen if c is not candidate])).sum() - full)
-            size = fits[place(chosen, candidate)] / w.library.scale[candidate.columns]
+        for candidate, size, cost in zip(chosen, w.sizes(chosen), w.costs(chosen), strict=True):
             own = w.contribution(candidate, size)[w.record.valid]
             strength = w.strength(candidate, size)
             for channel in free.channels:

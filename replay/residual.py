@@ -30,6 +30,8 @@ LONGEST_DELAY_S = 0.3
 FILTER_DELAY_S = 0.035
 AIRBORNE_SHARE = 0.5
 SHORTEST_S = 12.0
+COMMANDED = 0.6
+"""Correlation of lift with the accelerometer below which rotor speeds mostly answer noise, and motions are drift."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,11 @@ class Record:
     def time_s(self) -> Array:
         """(n,)."""
         return self.context.state.time_s
+
+    @property
+    def only_answers(self) -> bool:
+        """Whether rotor speeds mostly answer noise, as in a flight that only hovers (``delays[0]`` is theirs)."""
+        return bool(self.delays) and self.delays[0].correlation < COMMANDED
 
     @property
     def seconds(self) -> float:

@@ -13,22 +13,27 @@ SHAPE_BIC = 6.0
 
 def refined(w: Workspace, chosen: list[Candidate]) -> list[Candidate]:
     """Every shape parameter again, given the others: the one that leaves the least residual."""
-    gram = w.gram
     for i, candidate in enumerate(chosen):
         others = columns_of([c for j, c in enumerate(chosen) if j != i])
         taken = {c.effect.name for c in chosen}
-        best, least = candidate, np.inf
-        for other in w.library.candidates:
-            if other.effect is not candidate.effect or w.ratio_again(other, taken):
-                continue
-            if not w.plausible(gram, others, other):
-                continue
-            columns = np.concatenate([others, other.columns])
-            left = -float(gram.size(columns) @ gram.total_ry[columns])
-            if left < least:
-                best, least = other, left
+        best = best_shape(w, candidate.effect.name, others, taken) or candidate
         chosen = [*chosen[:i], _usual(w, best, others), *chosen[i + 1 :]]
     return chosen
+
+
+def best_shape(w: Workspace, name: str, others: Columns, taken: set[str]) -> Candidate | None:
+    """The plausible candidate of an effect that leaves the least residual beside other columns."""
+    best, least = None, np.inf
+    for candidate in w.library.candidates:
+        if candidate.effect.name != name or w.ratio_again(candidate, taken):
+            continue
+        if not w.plausible(w.gram, others, candidate):
+            continue
+        columns = np.concatenate([others, candidate.columns])
+        left = -float(w.gram.size(columns) @ w.gram.total_ry[columns])
+        if left < least:
+            best, least = candidate, left
+    return best
 
 
 def _usual(w: Workspace, best: Candidate, others: Columns) -> Candidate:

@@ -25,8 +25,6 @@ DRAWS = 199
 ALPHA = 0.005
 SMALLEST_SHARE = 0.06
 REACTIVE_SHARE = 0.25
-COMMANDED = 0.6
-"""Correlation of lift with the accelerometer below which rotor speeds mostly answer noise, and motions are drift."""
 DRIFTS = ("north_m", "east_m", "down_m", "yaw_rad", "range_")
 """Channels that nothing but disturbances move in a flight that only hovers."""
 NEVER = 2.0
@@ -109,11 +107,10 @@ def free_search(record: Record, rest: Array, noise: Noise, seed: int) -> Leftove
     p = p_value(null, float(surprise.max()))
     energy = (y[valid] ** 2).sum(axis=0) / noise.total**2
     vehicle = record.context.vehicle
-    answers = bool(record.delays) and record.delays[0].correlation < COMMANDED
     found = []
     for i, k in zip(*np.nonzero(surprise > np.quantile(null, 1.0 - ALPHA)), strict=True):
         share, limit = float(seen[i, k]), smallest_share(curves[i].name, axes[k], vehicle)
-        if answers and (limit > SMALLEST_SHARE or curves[i].name.startswith(DRIFTS)):
+        if record.only_answers and (limit > SMALLEST_SHARE or curves[i].name.startswith(DRIFTS)):
             limit = NEVER
         if share >= limit:
             channel = Channel(curves[i].name, min(share, 1.0), axes[k], curves[i].lag_s, curves[i].peak_hz)

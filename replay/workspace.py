@@ -10,7 +10,7 @@ import numpy as np
 from models.effects import Effect
 from models.wrench import GRAVITY, Array
 from replay.blocks import fit_noise
-from replay.candidates import Candidate, Columns, Library, columns_of, out_of_range
+from replay.candidates import Candidate, Columns, Library, columns_of, out_of_range, place
 from replay.gram import Gram, inverse
 from replay.residual import Record
 from replay.shift_null import Chance, flips
@@ -51,6 +51,9 @@ class Workspace:
         self.reasons: dict[str, tuple[str, float | None]] = {}
         self.best: Columns = np.empty(0, np.int64)
         self._searched: tuple[object, Leftover] | None = None
+        told = record.kinematic_bias[record.valid]
+        self.told = np.nanmean(told, axis=0) if np.isfinite(told).any() else np.full(3, np.nan)
+        """The accelerometer's offset (3,) by velocity and attitude [m/s^2]; NaN where the log does not tell."""
         self.gram = self._noise_model()
 
     def learn_noise(self, chosen: Sequence[Candidate]) -> None:
@@ -77,9 +80,8 @@ class Workspace:
             if candidate.effect.name in taken or self.ratio_again(candidate, taken):
                 continue
             part = g[candidate.columns]
-            value = float(part @ inverse(schur, gram.total_w, candidate.columns) @ part) - len(
-                candidate.columns
-            ) * np.log(gram.effective)
+            gain = float(part @ inverse(schur, gram.total_w, candidate.columns) @ part)
+            value = gain - len(candidate.columns) * np.log(gram.effective)
             name = candidate.effect.name
             if name not in plain or value > plain[name].value:
                 plain[name] = Score(candidate, value)
@@ -94,10 +96,8 @@ class Workspace:
 
     def implausible(self, candidate: Candidate, coefficients: Array) -> str | None:
         """What speaks against these coefficients: their range, or for a vertical offset what velocity tells of it."""
-        if candidate.effect.name == "imu_bias":
-            bias = self.record.kinematic_bias[self.record.valid, 2]
-            if np.isfinite(bias).any() and abs(float(coefficients[2] - np.nanmean(bias))) > BIAS_DOUBT:
-                return f"velocity does not bear out an offset of {coefficients[2]:.2g} m/s^2 along z"
+        if candidate.effect.name == "imu_bias" and abs(float(coefficients[2] - self.told[2])) > BIAS_DOUBT:
+            return f"velocity does not bear out an offset of {coefficients[2]:.2g} m/s^2 along z"
         return out_of_range(candidate, coefficients)
 
     def null(self, gram: Gram, selected: Columns, taken: set[str]) -> Chance:
@@ -139,6 +139,16 @@ class Workspace:
         beside: Array = out - self.library.x[:, :, columns] @ taken
         return beside
 
+    def sizes(self, chosen: Sequence[Candidate]) -> list[Array]:
+        """Coefficients of every chosen candidate, fitted together."""
+        fit = self.gram.size(columns_of(chosen))
+        return [fit[place(chosen, c)] / self.library.scale[c.columns] for c in chosen]
+
+    def costs(self, chosen: Sequence[Candidate]) -> list[float]:
+        """Held-out energy, in units of the noise, that comes back without each of the chosen."""
+        full = self.gram.held_out(columns_of(chosen)).sum()
+        return [float(self.gram.held_out(columns_of([o for o in chosen if o is not c])).sum() - full) for c in chosen]
+
     def size_beside(self, candidate: Candidate, chosen: list[Candidate]) -> Array:
         """Coefficients of a candidate fitted together with the chosen ones."""
         fit = self.gram.size(columns_of([*chosen, candidate]))[-len(candidate.columns) :]
@@ -146,10 +156,9 @@ class Workspace:
 
     def kinematics(self, candidate: Candidate, coefficients: Array) -> str | None:
         """Velocity and attitude tell an accelerometer offset from a force (physics.md 6.3, stationarity)."""
-        bias = self.record.kinematic_bias[self.record.valid]
-        if candidate.effect.name not in ("imu_bias", "wind") or not np.isfinite(bias).any():
+        if candidate.effect.name not in ("imu_bias", "wind"):
             return None
-        seen = np.nanmean(bias, axis=0)
+        seen = self.told
         if candidate.effect.name == "imu_bias":
             size = float(np.linalg.norm(coefficients))
             if float(seen @ coefficients) / size < 0.4 * size:
