@@ -87,7 +87,7 @@ def modelled_wrench(vehicle: Vehicle, model: FanModel | None, state: AirState) -
         )
         lift[..., i] = -body[..., 2]
         total += at_cg(body, fan.position_m)
-    total[..., 5] += torque_difference(vehicle, state.rpm)
+    total[..., 5] += fan_torques(vehicle, state.rpm).sum(axis=-1)
     return total + vane_wrench(vehicle, state.servo_us, lift)
 
 
@@ -134,15 +134,18 @@ def vane_wrench(vehicle: Vehicle, servo_us: ArrayLike, lift: ArrayLike) -> Array
     return total
 
 
-def torque_difference(vehicle: Vehicle, rotor_rpm: ArrayLike) -> Array:
-    """Yaw torque [N m] (...) of unequal rotor speeds: a clockwise rotor turns the body counter-clockwise."""
+def fan_torques(vehicle: Vehicle, rotor_rpm: ArrayLike) -> Array:
+    """Yaw torque [N m] (..., fans) of the rotors; zero where ``cq`` is not given.
+
+    A clockwise rotor turns the body counter-clockwise.
+    """
     rpm = np.asarray(rotor_rpm, dtype=float)
-    moment = np.zeros(rpm.shape[:-1])
+    moment = np.zeros((*rpm.shape[:-1], len(vehicle.fans)))
     for k, (rotor, owner) in enumerate(zip(vehicle.rotors, vehicle.rotor_fan, strict=True)):
         fan = vehicle.fans[owner]
         if fan.cq is not None:
             torque = fan.cq / len(fan.rotors) * _dynamic_force(vehicle, rpm[..., k]) * vehicle.rotor_radius_m
-            moment -= rotor.spin * torque
+            moment[..., owner] -= rotor.spin * torque
     return moment
 
 

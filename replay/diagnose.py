@@ -20,8 +20,6 @@ from replay.trace import Found, Rejected, Trace, trace
 from replay.unexplained import Channel
 
 UNITS = ("N", "N", "N", "N m", "N m", "N m")
-FORM_SHARE = 0.15
-"""A leftover below this share of what the effects took out is their error of form, not a second riddle."""
 OWN_MOTION = ("wind", "rotor_drag", "body_drag")
 RHYTHM_SHARE = 0.3
 """Share of the velocity that one line in time holds, from which on a force with that line may come from either."""
@@ -162,7 +160,7 @@ def conclude(traces: Sequence[Trace], notes: Sequence[str] = ()) -> Diagnosis:
     if len(traces) > 1:
         named = [replace(n, status=_status(n, named, traces)) for n in named]
     named, undecided = _beside_gusts(named, traces)
-    channels = _channels(traces, bool(named))
+    channels = _channels(traces)
     verdict = {
         (False, False): "nothing_missing",
         (False, True): "unexplained",
@@ -270,24 +268,12 @@ def _frozen(named: Named, t: Trace) -> Array:
     return np.nan_to_num(wrench, nan=0.0, posinf=0.0, neginf=0.0)
 
 
-def _channels(traces: Sequence[Trace], explained: bool) -> tuple[Channel, ...]:
-    """Channels that carry what is left, best first; empty where that is noise, or the form error of what was found.
-
-    A leftover on the axes of a named effect is its form error while it is small beside what the effect took out.
-    """
+def _channels(traces: Sequence[Trace]) -> tuple[Channel, ...]:
+    """Channels that carry what is left, best first; empty where that is noise, or the form error of what was found."""
     best: dict[str, Channel] = {}
-    for t in traces:
-        if not t.leftover.significant:
-            continue
-        axes, valid = list(t.record.axes), t.record.valid
-        removed = ((t.before[valid][:, axes] ** 2 - t.after[valid][:, axes] ** 2) / t.noise.total**2).sum()
-        small = explained and t.leftover.gain < FORM_SHARE * removed
-        carried = {axis for f in t.found for axis in f.axes}
-        for c in t.leftover.channels:
-            if small and c.axis in carried:
-                continue
-            if c.name not in best or c.score > best[c.name].score:
-                best[c.name] = c
+    for c in (c for t in traces for c in t.riddle):
+        if c.name not in best or c.score > best[c.name].score:
+            best[c.name] = c
     return tuple(sorted(best.values(), key=lambda c: -c.score))
 
 

@@ -8,16 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.effects import Effect
-from models.wrench import AXES, Array
+from models.wrench import Array
 from replay.blocks import Noise
 from replay.candidates import Candidate, columns_of, out_of_range, same_kind
 from replay.gram import inverse
 from replay.residual import Record
 from replay.shapes import best_shape
-from replay.unexplained import Leftover
-from replay.workspace import CARRIES, CLASS_SHARE, THRUST_TO_MASS, Workspace
+from replay.unexplained import Channel, Leftover
+from replay.workspace import ALIAS_BIC, ALIAS_OF_SCORE, CLASS_SHARE, THRUST_TO_MASS, Workspace
 
-ALIAS_BIC = 10.0
 ALIAS_SHARE = 0.15
 """An alias takes as much off held-out time, less this share."""
 OFFSET_AND_DRAG = ("imu_bias", "rotor_drag")
@@ -66,12 +65,16 @@ class Rejected:
 
 @dataclass(frozen=True)
 class Trace:
-    """What the search found in one record. ``before``, ``after``: residuals on held-out time (n, 6)."""
+    """What the search found in one record. ``before``, ``after``: residuals on held-out time (n, 6).
+
+    ``leftover`` is what free curves find beside the effects, ``riddle`` its channels but for errors of form.
+    """
 
     record: Record
     found: tuple[Found, ...]
     rejected: tuple[Rejected, ...]
     leftover: Leftover
+    riddle: tuple[Channel, ...]
     before: Array
     after: Array
     noise: Noise
@@ -95,10 +98,10 @@ def report(w: Workspace, chosen: list[Candidate], p_of: dict[str, float]) -> Tra
         share = float((done - left) / max(empty, 1e-12))
         found.append(_found(w, candidate, chosen, coefficients, share, p_of[candidate.effect.name]))
         done = left
-    leftover = w.free(chosen)
     before6, after6 = np.zeros((n, 6)), np.zeros((n, 6))
     before6[:, list(record.axes)], after6[:, list(record.axes)] = w.y, after
-    return Trace(record, tuple(found), _rejected(w, chosen), leftover, before6, after6, gram.noise)
+    rejected = _rejected(w, chosen)
+    return Trace(record, tuple(found), rejected, w.free(chosen), w.riddle(chosen), before6, after6, gram.noise)
 
 
 def _bootstrap(w: Workspace, candidate: Candidate, chosen: list[Candidate], draws: int = 200) -> tuple[Array, Array]:
@@ -147,15 +150,13 @@ def _found(
         Estimate(shape.name, value, _resolved(w, candidate, i, shapes[:, i]), shape.unit)
         for i, (shape, value) in enumerate(zip(effect.shapes, candidate.shape, strict=True))
     ]
-    strength = w.strength(candidate, coefficients)
-    axes = tuple(AXES[a] for a, s in zip(w.record.axes, strength, strict=True) if s > CARRIES * strength.max())
     same = np.sign(spread) == np.sign(coefficients)
     return Found(
         effect=effect,
         shape=candidate.shape,
         coefficients=coefficients,
         estimates=tuple(estimates),
-        axes=axes,
+        axes=w.carries(candidate, coefficients),
         explains=explains,
         q_value=p,
         stability=float(same.mean(0).max()),
@@ -181,7 +182,7 @@ def _aliases(w: Workspace, candidate: Candidate, chosen: list[Candidate]) -> tup
     own = next((s.value for s in scores if s.candidate.effect.name == candidate.effect.name), None)
     if own is None:
         return ()
-    limit = max(ALIAS_BIC, 0.03 * own)
+    limit = max(ALIAS_BIC, ALIAS_OF_SCORE * own)
     ratio = candidate.effect.name in THRUST_TO_MASS and w.from_start(candidate)
     without = w.gram.held_out(columns).sum()
     gain = without - w.gram.held_out(columns_of(chosen)).sum()

@@ -9,7 +9,7 @@ import numpy as np
 from models.wrench import Array
 from replay.candidates import Candidate, Columns, columns_of, out_of_range
 from replay.gram import inverse
-from replay.workspace import CLASS_SHARE, THRUST_TO_MASS, Score, Workspace
+from replay.workspace import ALIAS_BIC, ALIAS_OF_SCORE, CLASS_SHARE, THRUST_TO_MASS, Score, Workspace
 
 ALPHA = 0.01
 SMALLEST_GAIN = 0.03
@@ -19,8 +19,7 @@ FORM_TOLERANCE = 0.12
 FREE_CURVE_FACTOR = 1.5
 DRIFTING_SCALES = ("battery_sag", "thermal_derating")
 """Effects that hold a scale of the thrust besides what makes them themselves."""
-LAG_DOUBT_S = 0.02
-FEW_BLOCKS, FEW_SCORE = 6.0, 60.0
+FEW_BLOCKS, FEW_SCORE = 6.0, 40.0
 """Evidence from so few blocks that chance has heavy tails in them has to be so strong."""
 
 
@@ -73,8 +72,13 @@ def _preferred(w: Workspace, best: Score, scores: Sequence[Score], chosen: list[
 
     A scale of the thrust, unless its drift with voltage or heat stands out by itself. Of the class of thrust to mass:
     density is known from pressure and temperature, and where it would do, a free mass or scale is not fitted; a load
-    less than none is a scale.
+    less than none is a scale. An error of the rangefinder before a ground effect that takes lift away.
     """
+    if best.candidate.effect.name == "ground_effect" and w.size_beside(best.candidate, chosen)[0] < 0.0:
+        limit = best.value - max(ALIAS_BIC, ALIAS_OF_SCORE * best.value)
+        offset = next((s for s in scores if s.candidate.effect.name == "range_offset" and s.value > limit), None)
+        if offset is not None and out_of_range(offset.candidate, w.size_beside(offset.candidate, chosen)) is None:
+            return offset.candidate
     if best.candidate.effect.name in DRIFTING_SCALES:
         scale = next((s.candidate for s in scores if s.candidate.effect.name == "thrust_scale"), None)
         if scale is not None and not _drifts(w, best.candidate, scale, chosen):
@@ -110,7 +114,7 @@ def _problem(w: Workspace, candidate: Candidate, chosen: list[Candidate], before
     bad = w.implausible(candidate, coefficients)
     if bad is not None:
         return _NotMeant(bad)
-    late = _late(w, candidate, coefficients)
+    late = w.late(candidate, coefficients)
     if late is not None:
         return _NotMeant(late)
     contribution = w.beside(candidate, coefficients, chosen)
@@ -152,13 +156,3 @@ def _once(w: Workspace, candidate: Candidate, selected: Columns) -> bool:
     evidence = own @ inverse(schur, w.gram.total_w, candidate.columns) @ own.sum(0)
     total = float(evidence.sum())
     return total < FEW_SCORE and total**2 < FEW_BLOCKS * float((evidence**2).sum())
-
-
-def _late(w: Workspace, candidate: Candidate, coefficients: Array) -> str | None:
-    """A lag no longer than what the clock correction moved may be of its making (physics.md 6.3, no. 6)."""
-    if candidate.effect.name != "motor_lag":
-        return None
-    moved = max((d.seconds for d in w.record.delays[:1] if d.corrected), default=0.0)
-    if float(coefficients[0]) * candidate.shape[0] < moved + LAG_DOUBT_S:
-        return f"not beyond the {moved:.2f} s by which the rotor speeds' clock was set right"
-    return None

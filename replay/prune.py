@@ -11,7 +11,7 @@ from replay.candidates import Candidate, columns_of
 from replay.forward import SMALLEST_GAIN
 from replay.shapes import refined
 from replay.unexplained import Channel
-from replay.workspace import CARRIES, Workspace
+from replay.workspace import CARRIES, THRUST_TO_MASS, Workspace
 
 CONSTANT = 0.1
 """Share of an effect's energy that varies, below which it is a constant."""
@@ -19,6 +19,8 @@ MERGED = 0.9
 """One effect in place of two has to keep this much of what the smaller one adds."""
 WORSE = 0.1
 """Share by which the held-out energy of an axis may grow before it tells against what carries that axis."""
+MEAN_OF_CURVE = 2.0
+"""A constant below so many times the RMS of an unknown curve on its axis may be that curve's mean."""
 
 
 def merged(w: Workspace, chosen: list[Candidate], p_of: dict[str, float]) -> list[Candidate]:
@@ -67,7 +69,7 @@ def sound(w: Workspace, chosen: list[Candidate]) -> list[Candidate]:
         sizes = w.sizes(chosen)
         bad: tuple[Candidate, str] | None = None
         for candidate, size in zip(chosen, sizes, strict=True):
-            reason = w.implausible(candidate, size)
+            reason = w.implausible(candidate, size) or w.late(candidate, size)
             if reason is None and not w.core_large(candidate, size):
                 reason = f"its {' and '.join(candidate.effect.main)} are too small to matter"
             if reason is not None:
@@ -109,28 +111,70 @@ def _without_side_term(w: Workspace, candidate: Candidate, size: Array, axis: in
 
 
 def believed(w: Workspace, chosen: list[Candidate]) -> list[Candidate]:
-    """The set less what takes less off an axis than a free curve still finds there: a stand-in for a stranger."""
+    """The set less what stands in for an unknown force, of which free curves find the rest."""
     while chosen:
-        free = w.free(chosen)
-        if not free.significant:
+        found = _weaker_than_curve(w, chosen) or _mean_of_curve(w, chosen) or _part_of_curve(w, chosen)
+        if found is None:
             return chosen
-        rest = w.rest(w.gram, columns_of(chosen))[w.record.valid]
-        energy = ((rest - rest.mean(axis=0)) ** 2).sum(axis=0) / w.gram.noise.total**2
-        doubtful: list[tuple[float, Candidate, Channel]] = []
-        for candidate, size, cost in zip(chosen, w.sizes(chosen), w.costs(chosen), strict=True):
-            own = w.contribution(candidate, size)[w.record.valid]
-            strength = w.strength(candidate, size)
-            for channel in free.channels:
-                axis = w.record.axes.index(AXES.index(channel.axis))
-                # Curves have no mean: they cannot stand for what hardly varies.
-                varies = own[:, axis].var() > CONSTANT * (own[:, axis] ** 2).mean()
-                carried = strength[axis] > CARRIES * strength.max()
-                if carried and varies and channel.score * energy[axis] > cost:
-                    doubtful.append((cost, candidate, channel))
-        if not doubtful:
-            return chosen
-        _, candidate, channel = min(doubtful, key=lambda d: d[0])
-        reason = f"a free curve in {channel.name} finds more in {channel.axis} than it explains"
+        candidate, reason = found
         w.reasons[candidate.effect.name] = (reason, None)
         chosen = [c for c in chosen if c is not candidate]
     return chosen
+
+
+def _weaker_than_curve(w: Workspace, chosen: list[Candidate]) -> tuple[Candidate, str] | None:
+    """What takes less off an axis than a free curve still finds there."""
+    free = w.free(chosen)
+    if not free.significant:
+        return None
+    rest = w.rest(w.gram, columns_of(chosen))[w.record.valid]
+    energy = rest.var(axis=0) * len(rest) / w.gram.noise.total**2
+    doubtful: list[tuple[float, Candidate, Channel]] = []
+    for candidate, size, cost in zip(chosen, w.sizes(chosen), w.costs(chosen), strict=True):
+        own = w.contribution(candidate, size)[w.record.valid]
+        for channel in free.channels:
+            axis = w.record.axes.index(AXES.index(channel.axis))
+            # Curves have no mean: they cannot stand for what hardly varies.
+            varies = own[:, axis].var() > CONSTANT * (own[:, axis] ** 2).mean()
+            if channel.axis in w.carries(candidate, size) and varies and channel.score * energy[axis] > cost:
+                doubtful.append((cost, candidate, channel))
+    if not doubtful:
+        return None
+    _, candidate, channel = min(doubtful, key=lambda d: d[0])
+    return candidate, f"a free curve in {channel.name} finds more in {channel.axis} than it explains"
+
+
+def _mean_of_curve(w: Workspace, chosen: list[Candidate]) -> tuple[Candidate, str] | None:
+    """A scale or mass that may be the mean of an unknown force: curves have no mean."""
+    rest = w.rest(w.gram, columns_of(chosen))[w.record.valid]
+    for candidate, size in zip(chosen, w.sizes(chosen), strict=True):
+        if candidate.effect.name not in THRUST_TO_MASS or not w.from_start(candidate):
+            continue
+        rms = np.sqrt((w.contribution(candidate, size)[w.record.valid] ** 2).mean(axis=0))
+        for channel in w.riddle(chosen):
+            axis = w.record.axes.index(AXES.index(channel.axis))
+            curve = float(np.sqrt(channel.score) * rest[:, axis].std())
+            if channel.axis in w.carries(candidate, size) and rms[axis] < MEAN_OF_CURVE * curve:
+                return candidate, f"may be the mean of an unknown force in {channel.axis} that goes with {channel.name}"
+    return None
+
+
+def _part_of_curve(w: Workspace, chosen: list[Candidate]) -> tuple[Candidate, str] | None:
+    """What one unknown force alone does as well as the effect and an unknown force, if of another channel."""
+    for candidate, size in zip(chosen, w.sizes(chosen), strict=True):
+        carried = w.carries(candidate, size)
+        for channel in w.riddle(chosen):
+            if channel.axis not in carried:
+                continue
+            others = [c for c in chosen if c is not candidate]
+            alone = next((c for c in w.free(others).channels if c.axis == channel.axis), None)
+            if alone is None or alone.name in candidate.effect.channels:
+                continue
+            axis = w.record.axes.index(AXES.index(channel.axis))
+            left, beside = (
+                (1.0 - c.score) * w.rest(w.gram, columns_of(which))[w.record.valid][:, axis].var()
+                for c, which in ((alone, others), (channel, chosen))
+            )
+            if left <= beside:
+                return candidate, f"an unknown force in {alone.axis} that goes with {alone.name} does as well alone"
+    return None

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.effects import Effect
-from models.wrench import GRAVITY, Array
+from models.wrench import AXES, GRAVITY, Array
 from replay.blocks import fit_noise
 from replay.candidates import Candidate, Columns, Library, columns_of, out_of_range, place
 from replay.gram import Gram, inverse
 from replay.residual import Record
 from replay.shift_null import Chance, flips
-from replay.unexplained import Leftover, free_search
+from replay.unexplained import Channel, Leftover, free_search
 
 MOST_EFFECTS = 6
 SMALLEST = 0.01
@@ -26,6 +26,12 @@ BIAS_DOUBT = 0.3
 THRUST_TO_MASS = ("payload", "thrust_scale", "air_density")
 CLASS_SHARE = 0.12
 """IMU and rotor speed see only the ratio of thrust to mass: members of that class within this share are aliases."""
+ALIAS_BIC, ALIAS_OF_SCORE = 10.0, 0.03
+"""Two explanations whose scores differ by less than this, or this share, are equally good."""
+LAG_DOUBT_S = 0.035
+"""A lag that exceeds what the clock correction moved by less may be of its making, or of uneven sampling."""
+FORM_SHARE = 0.15
+"""A leftover below this share of what the effects took out is their error of form, not a second riddle."""
 
 
 @dataclass(frozen=True)
@@ -100,6 +106,15 @@ class Workspace:
             return f"velocity does not bear out an offset of {coefficients[2]:.2g} m/s^2 along z"
         return out_of_range(candidate, coefficients)
 
+    def late(self, candidate: Candidate, coefficients: Array) -> str | None:
+        """A lag hardly longer than what the clock correction moved may be of its making (physics.md 6.3, no. 6)."""
+        if candidate.effect.name != "motor_lag":
+            return None
+        moved = max((d.seconds for d in self.record.delays[:1] if d.corrected), default=0.0)
+        if float(coefficients[0]) * candidate.shape[0] < moved + LAG_DOUBT_S:
+            return f"not beyond the {moved:.2f} s by which the rotor speeds' clock was set right"
+        return None
+
     def null(self, gram: Gram, selected: Columns, taken: set[str]) -> Chance:
         """Scores by chance, in what the best combination of effects leaves: what is there is no noise."""
         schur, _, parts = gram.project(selected, np.union1d(selected, self.best))
@@ -116,6 +131,17 @@ class Workspace:
             rest = self.rest(self.gram, columns_of(chosen))
             self._searched = (key, free_search(self.record, rest, self.gram.noise, self.seed))
         return self._searched[1]
+
+    def riddle(self, chosen: Sequence[Candidate]) -> tuple[Channel, ...]:
+        """Channels of what free curves find beside the chosen effects, less what is the error of form of these."""
+        free = self.free(chosen)
+        if not free.significant:
+            return ()
+        removed = float(self.gram.yy.sum() - self.gram.held_out(columns_of(chosen)).sum())
+        if not chosen or free.gain >= FORM_SHARE * removed:
+            return free.channels
+        carried = {a for c, size in zip(chosen, self.sizes(chosen), strict=True) for a in self.carries(c, size)}
+        return tuple(channel for channel in free.channels if channel.axis not in carried)
 
     @staticmethod
     def from_start(candidate: Candidate) -> bool:
@@ -213,6 +239,11 @@ class Workspace:
         """RMS of a contribution on every axis (axes,), in units of its noise."""
         own = self.contribution(candidate, size)[self.record.valid]
         return np.asarray(np.sqrt((own**2).mean(axis=0)) / self.gram.noise.total)
+
+    def carries(self, candidate: Candidate, size: Array) -> tuple[str, ...]:
+        """Axes that a contribution carries."""
+        strength = self.strength(candidate, size)
+        return tuple(AXES[a] for a, s in zip(self.record.axes, strength, strict=True) if s > CARRIES * strength.max())
 
     def held_out(self, columns: Columns) -> Array:
         """Residual (n, axes) with every run of time predicted by a fit that never saw it."""

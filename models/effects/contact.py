@@ -1,4 +1,4 @@
-"""A bumper touches the wall: a spring that pushes away, nothing beyond its reach."""
+"""A bumper touches the wall: a spring and a damper that push away, nothing beyond their reach."""
 
 from __future__ import annotations
 
@@ -9,10 +9,15 @@ import numpy as np
 from models.effects._base import Coefficient, Context, Effect, InFlight, Shape, columns
 from models.wrench import Array
 
+AWAY = (-1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     depth = np.maximum(shape[0] - ctx.state.d_m, 0.0)
-    return columns(ctx.corner((-1.0, 0.0, 0.0, 0.0, 0.0, 0.0), depth, ctx.state.wall_bearing_rad))
+    bearing = ctx.state.wall_bearing_rad
+    velocity = ctx.velocity[..., None, :] + ctx.turning
+    closing = velocity[..., 0] * np.cos(bearing)[..., None] + velocity[..., 1] * np.sin(bearing)[..., None]
+    return columns(*(ctx.corner(AWAY, size, bearing) for size in (depth, np.where(depth > 0.0, closing, 0.0))))
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
@@ -26,18 +31,19 @@ def _lacking(ctx: Context) -> str | None:
 
 EFFECT = Effect(
     name="contact",
-    equation="dF = -k max(d0 - d, 0) towards the wall, at every fan",
+    equation="dF = -k max(d0 - d, 0) + c d' where d < d0, towards the wall, at every fan",
     sign="stiffness > 0: pushes away from the wall",
     source="physics.md E25",
     valid="a soft bumper",
     axes=("Fx", "Fy", "Mx", "My", "Mz"),
     channels=("range_right_m", "range_left_m", "range_forward_m", "range_back_m"),
     excite="touch the wall gently, several times",
-    coefficients=(Coefficient("stiffness", "N/m", 1.0, 1e4),),
+    coefficients=(Coefficient("stiffness", "N/m", 1.0, 1e4), Coefficient("damping", "N s/m", -100.0, 1e3)),
     regressors=_regressors,
     shapes=(Shape("reach_m", "m"),),
     shape_grid=_grid,
     lacking=_lacking,
     aliases=("wall_effect",),
     in_flight=InFlight.NONE,
+    main=("stiffness",),
 )

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from models.air import fan_torques
 from models.effects._base import DOWNWARD, Coefficient, Context, Effect, Shape, columns
 from models.wrench import Array
 
@@ -14,7 +15,10 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     one = np.zeros_like(ctx.thrust)
     fan = round(shape[0]) - 1
     one[..., fan] = ctx.thrust[..., fan]
-    return columns(ctx.push(-one[..., None] * DOWNWARD))
+    wrench = ctx.push(-one[..., None] * DOWNWARD)
+    # A blade that lifts less is also dragged less: thrust and torque go together.
+    wrench[..., 5] += fan_torques(ctx.vehicle, ctx.rotor_rpm)[..., fan]
+    return columns(wrench)
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
@@ -23,11 +27,11 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
 
 EFFECT = Effect(
     name="fan_imbalance",
-    equation="dF = e F_fan, dM = r_fan x dF",
+    equation="dF = e F_fan, dM = r_fan x dF + e Q_fan",
     sign="scale < 0: that fan is weaker than declared",
     source="physics.md E21",
     valid="everywhere",
-    axes=("Fz", "Mx", "My"),
+    axes=("Fz", "Mx", "My", "Mz"),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="pitch and roll steps: one fan's speed against the others'",
     coefficients=(Coefficient("scale", "1", -0.6, 0.3),),

@@ -13,8 +13,10 @@ DAMPING = 0.04
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+    # What hangs is pulled down, not along the body; climbing, it is lifted as the vehicle is.
+    down = ctx.state.rotation[..., 2, :]
     weight = np.zeros((*ctx.state.time_s.shape, 6))
-    weight[..., 2] = ctx.thrust.sum(axis=-1) / ctx.vehicle.mass_kg
+    weight[..., :3] = down * (down[..., 2] * ctx.thrust.sum(axis=-1) / ctx.vehicle.mass_kg)[..., None]
     swing = np.zeros_like(weight)
     if ctx.record:
         w0 = np.sqrt(GRAVITY / shape[0])
@@ -27,7 +29,10 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
             lambda omega: -1j * omega * w0**2 / (w0**2 - omega**2 + 2j * DAMPING * w0 * omega),
         )
         swing[:, :3] = np.einsum("...ji,...j->...i", ctx.state.rotation, pull)
-    return columns(swing, weight)
+    # The rope pulls at a hook below the CG.
+    hook = np.zeros_like(weight)
+    hook[..., 3], hook[..., 4] = -(weight + swing)[..., 1], (weight + swing)[..., 0]
+    return columns(swing, weight, hook)
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
@@ -36,14 +41,18 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
 
 EFFECT = Effect(
     name="slung_load",
-    equation="dF_xy = m w0^2 x, x'' + 2 z w0 x' + w0^2 x = -a_xy, w0 = sqrt(g/L); dF_z = m g",
+    equation="dF_xy = m w0^2 x, x'' + 2 z w0 x' + w0^2 x = -a_xy, w0 = sqrt(g/L); dF_z = m g; dM = b z x dF",
     sign="mass > 0: hangs below",
     source="physics.md E24",
     valid="small angles of the rope",
-    axes=("Fx", "Fy", "Fz"),
+    axes=("Fx", "Fy", "Fz", "Mx", "My"),
     channels=("vn_m_s", "ve_m_s", "roll_rad", "pitch_rad"),
     excite="sideways steps and stops, then hover and wait",
-    coefficients=(Coefficient("swinging", "kg", 0.0, 1e3), Coefficient("mass", "kg", -1e3, 1e3)),
+    coefficients=(
+        Coefficient("swinging", "kg", 0.0, 1e3),
+        Coefficient("mass", "kg", -1e3, 1e3),
+        Coefficient("hook", "kg m", -1e3, 1e3),
+    ),
     regressors=_regressors,
     shapes=(Shape("rope_m", "m"),),
     shape_grid=_grid,

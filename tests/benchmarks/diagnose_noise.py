@@ -132,7 +132,7 @@ def noise_record(seed: int, seconds: float, tau_s: float) -> Record:
         rpm=rpm, servo_us=servo, thrust_command=0.5 * (hover / 4000.0) ** 2,
         battery_voltage_v=24.5 - 2.0 * drain + 0.05 * coloured(rng, n, 1.0, step),
         battery_current_a=60.0 * (hover / 4000.0) ** 3, esc_temperature_c=30.0 + 30.0 * (1.0 - np.exp(-3.0 * drain)),
-        pressure_pa=np.full(n, 101000.0) + 20.0 * coloured(rng, n, 20.0, step), air_temperature_c=np.full(n, 20.0),
+        pressure_pa=np.full(n, 101325.0) + 20.0 * coloured(rng, n, 20.0, step), air_temperature_c=np.full(n, 15.0),
     )  # fmt: skip
     residual = np.stack([s * coloured(rng, n, tau_s, step) for s in LEVEL], axis=1)
     log = FlightLog(path=Path(f"noise-{seed}"), system=1, boot=0, start_s=t[0], end_s=t[-1])
@@ -143,26 +143,49 @@ def noise_record(seed: int, seconds: float, tau_s: float) -> Record:
     )  # fmt: skip
 
 
-def with_effect(record: Record, seed: int) -> tuple[Record, str | None]:
-    """The record with one effect that it can excite; None where the draw cannot be shown on it."""
+def with_effect(record: Record, seed: int) -> tuple[Record, str]:
+    """The record with one effect, drawn from those that it can show in a size that they may have."""
     rng = np.random.default_rng(seed + 77)
-    able = [e for e in catalogue() if e.lacking(record.context) is None and len(e.shape_grid(record.context)) > 0]
-    effect = able[int(rng.integers(len(able)))]
-    grid = effect.shape_grid(record.context)
-    x = np.nan_to_num(effect.regressors(record.context, grid[int(rng.integers(len(grid)))]))
+    effects = catalogue()
+    while True:
+        effect = effects[int(rng.integers(len(effects)))]
+        share = float(rng.uniform(0.012, 0.036))
+        if effect.name == "air_density":
+            # The weather tells its size: air is as thin as pressure and temperature say.
+            record = _thinner(record, share)
+            return replace(record, residual=record.residual + effect.wrench(record.context, {"gain": 1.0})), effect.name
+        grid = effect.shape_grid(record.context)
+        if effect.lacking(record.context) is not None or not grid:
+            continue
+        x = np.nan_to_num(effect.regressors(record.context, grid[int(rng.integers(len(grid)))]))
+        coefficients = _coefficients(effect, x, share, record, rng)
+        if coefficients is None:
+            continue
+        # An error of the accelerometer is one that velocity and attitude contradict.
+        told = coefficients if effect.name == "imu_bias" else np.zeros(3)
+        bias = record.kinematic_bias + told
+        return replace(record, residual=record.residual + x @ coefficients, kinematic_bias=bias), effect.name
+
+
+def _coefficients(effect: Effect, x: Array, share: float, record: Record, rng: np.random.Generator) -> Array | None:
+    """Coefficients with which an effect is a share of the weight; None where it may not have them."""
     centre = np.array([_centre(effect, c, rng) for c in effect.coefficients])
-    wrench = x @ centre
     vehicle = record.context.vehicle
     lever = max(float(np.linalg.norm(f.position_m)) for f in vehicle.fans)
     limits = vehicle.mass_kg * 9.80665 * np.array([1.0, 1.0, 1.0, lever, lever, lever])
-    size = float((np.percentile(np.abs(wrench), 95, axis=0) / limits).max())
+    size = float((np.percentile(np.abs(x @ centre), 95, axis=0) / limits).max())
     if size < 1e-9:
-        return record, None
-    factor = rng.uniform(0.012, 0.036) / size
-    # An error of the accelerometer is one that velocity and attitude contradict.
-    told = factor * centre if effect.name == "imu_bias" else np.zeros(3)
-    bias = record.kinematic_bias + told
-    return replace(record, residual=record.residual + factor * wrench, kinematic_bias=bias), effect.name
+        return None
+    out: Array = share / size * centre
+    return out if all(c.low <= v <= c.high for c, v in zip(effect.coefficients, out, strict=True)) else None
+
+
+def _thinner(record: Record, share: float) -> Record:
+    """The same flight in air that is thinner by a share."""
+    context = record.context
+    state = replace(context.state, pressure_pa=context.state.pressure_pa * (1.0 - share))
+    channels = _channels(record.log, context.vehicle, state)
+    return replace(record, context=replace(context, state=state), channels=channels)
 
 
 def _centre(effect: Effect, coefficient: Coefficient, rng: np.random.Generator) -> float:

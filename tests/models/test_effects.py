@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import models
+from companion import vehicles
 from companion.vehicles import default_vehicle
 from models.effects import AdoptedEffect, Context, adopted_wrench, catalogue, corrected_state, get
 from models.errors import ModelError
 from models.state import AirState, blank_state
+from models.vehicle import load_vehicle
 from models.wrench import AXES
 
 NAMES = [
@@ -107,6 +110,38 @@ def test_signs(ctx: Context) -> None:
     assert adopted_wrench([wind], ctx)[:, 0].min() > 0.0  # level, nose north: air moving north pushes forward
     cg = adopted_wrench([AdoptedEffect("cg_offset", {"x": 0.01, "y": 0.01})], ctx)
     assert cg[:, 4].max() < 0.0 < cg[:, 3].min()  # CG ahead: nose down; to the right: right side down
+
+
+def test_a_weak_fan_also_turns_the_body_less() -> None:
+    vehicle = load_vehicle(Path(vehicles.__file__).with_name("quad.toml"))
+    state = replace(blank_state((), 4, 4), rpm=np.full(4, 5000.0))
+    weak = Context(state, vehicle)
+    clockwise = [fan.rotors[0].spin > 0 for fan in vehicle.fans].index(True)
+    lost = get("fan_imbalance").wrench(weak, {"scale": -0.1, "fan": clockwise + 1.0})
+    assert lost[2] > 0.0  # less lift
+    assert lost[5] > 0.0  # a clockwise rotor turned the body counter-clockwise
+
+
+def test_a_bumper_pushes_back_harder_while_it_closes(ctx: Context) -> None:
+    near = replace(ctx.state, d_m=np.full_like(ctx.state.d_m, 0.05), wall_bearing_rad=np.zeros(len(ctx.state)))
+    touch = AdoptedEffect("contact", {"stiffness": 100.0, "damping": 10.0, "reach_m": 0.07})
+    level = replace(near, rates=np.zeros((len(near), 3)))
+    force = adopted_wrench([touch], Context(level, ctx.vehicle, ctx.model))[:, 0]
+    fans = len(ctx.vehicle.fans)
+    assert force == pytest.approx(-fans * (2.0 + 10.0 * level.velocity_frd[:, 0]), abs=1e-9)
+    away = replace(level, d_m=np.full_like(level.d_m, 0.08))
+    assert not adopted_wrench([touch], Context(away, ctx.vehicle, ctx.model)).any()
+
+
+def test_a_hanging_load_pulls_down_and_at_its_hook(ctx: Context) -> None:
+    roll = 0.1
+    tilted = np.array([[1.0, 0.0, 0.0], [0.0, np.cos(roll), -np.sin(roll)], [0.0, np.sin(roll), np.cos(roll)]])
+    state = replace(ctx.state.take(0), rotation=tilted)
+    load = AdoptedEffect("slung_load", {"swinging": 0.0, "mass": 0.2, "hook": 0.02, "rope_m": 0.5})
+    wrench = adopted_wrench([load], Context(state, ctx.vehicle, ctx.model))
+    pull = float(np.linalg.norm(wrench[:3]))
+    assert wrench[:3] == pytest.approx(pull * tilted[2])  # along down, not along the body
+    assert wrench[3] == pytest.approx(-0.1 * wrench[1])  # 0.1 m below the CG: it rights the body
 
 
 def test_a_range_offset_corrects_the_heights(ctx: Context) -> None:

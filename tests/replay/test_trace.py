@@ -185,10 +185,44 @@ def test_a_name_is_taken_back_where_a_curve_finds_more(quiet: Record) -> None:
     strange = replace(quiet, residual=quiet.residual + pull, channels={**quiet.channels, "pressure_pa": slow})
     search = Workspace(strange, some("vertical_inflow", "thrust_scale"), 0)
     assert believed(search, candidates(search, "vertical_inflow")) == []
-    # What hardly varies is nothing that a curve, which has no mean, could stand for.
-    constant = replace(strange, residual=strange.residual + 0.9 * np.eye(6)[2])
-    search = Workspace(constant, some("thrust_scale"), 0)
-    assert len(believed(search, candidates(search, "thrust_scale"))) == 1
+    # Curves have no mean: a constant may be that of the unknown force, unless it is too large for that.
+    for newtons, left in ((0.9, 0), (3.0, 1)):
+        constant = replace(strange, residual=strange.residual + newtons * np.eye(6)[2])
+        search = Workspace(constant, some("thrust_scale"), 0)
+        assert len(believed(search, candidates(search, "thrust_scale"))) == left
+
+
+def test_one_unknown_force_is_better_than_a_load_and_an_unknown_force(quiet: Record) -> None:
+    # A pull that is on in the second half and, more weakly, from time to time in the first.
+    n = len(quiet.time_s)
+    switch = np.where(np.arange(n) > n // 2, 1.0, np.arange(n) // 90 % 2 * 0.8)
+    pull = np.zeros_like(quiet.residual)
+    pull[:, 2] = 3.0 * switch
+    strange = replace(quiet, residual=quiet.residual + pull, channels={**quiet.channels, "pressure_pa": switch})
+    search = Workspace(strange, some("payload"), 0)
+    middle = min(search.library.candidates, key=lambda c: abs(c.shape[0] - quiet.time_s[n // 2]))
+    assert believed(search, [middle]) == []
+    assert search.reasons["payload"][0].endswith("goes with pressure_pa does as well alone")
+    # The same load with nothing else to find stays.
+    loaded = added(quiet, "payload", middle.shape, 0.3)
+    search = Workspace(loaded, some("payload"), 0)
+    same = next(c for c in search.library.candidates if c.shape == middle.shape)
+    assert len(believed(search, [same])) == 1
+
+
+def test_what_uneven_sampling_looks_like_is_no_lag(quiet: Record) -> None:
+    steps = replace(quiet, delays=(Delay("rotor speed", 0.009, 0.9, True),))
+    effects = some("motor_lag", "vertical_inflow")
+    rising = {"vertical_inflow": added(steps, "vertical_inflow", (), 4.0, 0.0)}
+    for tau, found in ((0.03, set[str]()), (0.12, {"motor_lag"})):
+        late = added(rising["vertical_inflow"], "motor_lag", (tau,), 1.0)
+        assert names(trace(late, effects)) - {"vertical_inflow"} == found
+
+
+def test_less_lift_near_the_ground_is_first_an_error_of_the_rangefinder(quiet: Record) -> None:
+    effects = some("ground_effect", "range_offset")
+    answer = trace(added(quiet, "range_offset", (-0.06,), -0.06), effects)
+    assert names(answer) == {"range_offset"}
 
 
 def test_a_wrong_mass_with_a_little_drift_is_no_sagging_battery(quiet: Record) -> None:
