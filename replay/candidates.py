@@ -121,6 +121,12 @@ def place(chosen: Sequence[Candidate], wanted: Candidate) -> slice:
     return slice(start, start + len(wanted.columns))
 
 
+def freedom(candidate: Candidate) -> int:
+    """How many numbers are fitted in an effect."""
+    shapes = sum(shape.continuous for shape in candidate.effect.shapes)
+    return len(candidate.columns) - len(candidate.held) + shapes
+
+
 def same_kind(one: Candidate, other: Candidate) -> bool:
     """Whether two candidates are of one effect and differ only in what may vary continuously."""
     if one.effect is not other.effect or one.held != other.held:

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 
 from models.wrench import AXES, Array
-from replay.candidates import Candidate, columns_of
+from replay.candidates import Candidate, columns_of, freedom
 from replay.forward import SMALLEST_GAIN
 from replay.shapes import refined
 from replay.unexplained import Channel
@@ -24,7 +24,7 @@ MEAN_OF_CURVE = 2.0
 
 
 def merged(w: Workspace, chosen: list[Candidate], p_of: dict[str, float]) -> list[Candidate]:
-    """One effect in place of two where it does nearly as well: a drift is no scale with a step."""
+    """One effect in place of two where it, with less freedom, does nearly as well: a drift is no scale with a step."""
     full = w.gram.held_out(columns_of(chosen)).sum()
     names, costs = {c.effect.name for c in chosen}, w.costs(chosen)
     for (one, cost), (other, other_cost) in combinations(zip(chosen, costs, strict=True), 2):
@@ -32,6 +32,8 @@ def merged(w: Workspace, chosen: list[Candidate], p_of: dict[str, float]) -> lis
         columns = columns_of(rest)
         for rival in w.scores(w.gram, columns, names - {one.effect.name, other.effect.name}):
             if rival.candidate.effect in (one.effect, other.effect):
+                continue
+            if freedom(rival.candidate) >= freedom(one) + freedom(other):
                 continue
             instead = refined(w, [*rest, rival.candidate])
             lost = float(w.gram.held_out(columns_of(instead)).sum() - full)

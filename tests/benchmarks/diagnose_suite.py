@@ -15,7 +15,7 @@ import sys
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 from zlib import crc32
@@ -25,6 +25,8 @@ from flights.make import make_round
 from flights.scenarios import SEALED_ROUND, scenarios
 
 REPO = Path(__file__).resolve().parents[2]
+GOAL_SIZE = 0.02
+"""Share of the weight from which on an effect is to be named."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,8 @@ class Row:
     group: str
     seconds: float
     judgement: Judgement
+    size_of_weight: float
+    """Of what is undeclared: 95th percentile of its force, or of its moment over the fans' arm."""
 
 
 def main() -> int:
@@ -53,7 +57,7 @@ def main() -> int:
             futures = [pool.submit(run_one, folder, model, name, t, args.timeout) for name, t in truth.items()]
             for future in futures:
                 row = future.result()
-                rows.append(Row(tag + row.name, row.group, row.seconds, row.judgement))
+                rows.append(replace(row, name=tag + row.name))
                 print(line(rows[-1]), flush=True)
     print()
     print(summary(rows, sealed=any(n >= SEALED_ROUND for n in args.round)))
@@ -117,7 +121,7 @@ def run_one(folder: Path, model: Path, name: str, truth: dict[str, Any], timeout
         verdict = Judgement(
             verdict.right and not crashed, verdict.exact and not crashed, (), (), note, verdict.rms_ratio
         )
-    return Row(name, truth["group"], seconds, verdict)
+    return Row(name, truth["group"], seconds, verdict, truth["size_of_weight"])
 
 
 def _be_nice() -> None:
@@ -139,6 +143,7 @@ def summary(rows: list[Row], *, sealed: bool) -> str:
     """The figures, with Wilson 95 % intervals."""
     by = {g: [r.judgement for r in rows if r.group == g] for g in ("null", "single", "pair", "stranger", "bad")}
     effects = by["single"] + by["pair"]
+    visible = [r.judgement for r in rows if r.group in ("single", "pair") and r.size_of_weight >= GOAL_SIZE]
     ratios = [j.rms_ratio for j in effects if j.right and j.rms_ratio == j.rms_ratio]
     blank = [j.rms_ratio for j in by["null"] if j.rms_ratio == j.rms_ratio]
     times = [r.seconds for r in rows]
@@ -146,6 +151,7 @@ def summary(rows: list[Row], *, sealed: bool) -> str:
         f"{len(rows)} simulated flights, {'sealed' if sealed else 'open'} seeds",
         f"named right (all effects, nothing else)   {share(j.right for j in effects)}",
         f"  of these without an alias entry         {share(j.exact for j in effects)}",
+        f"  of {GOAL_SIZE:.0%} of the weight or more             {share(j.right for j in visible)}",
         f"  single effects                          {share(j.right for j in by['single'])}",
         f"  pairs                                   {share(j.right for j in by['pair'])}",
         f"flights with a wrong name                 {share(bool(j.wrong_names) for j in effects)}",
