@@ -91,13 +91,11 @@ def report(w: Workspace, chosen: list[Candidate], p_of: dict[str, float]) -> Tra
     columns = columns_of(chosen)
     n = len(record.time_s)
     after = w.held_out(columns)
-    empty = gram.held_out(np.empty(0, np.int64)).sum()
-    found, done = [], empty
-    for i, (candidate, coefficients) in enumerate(zip(chosen, w.sizes(chosen), strict=True)):
-        left = gram.held_out(columns_of(chosen[: i + 1])).sum()
-        share = float((done - left) / max(empty, 1e-12))
-        found.append(_found(w, candidate, chosen, coefficients, share, p_of[candidate.effect.name]))
-        done = left
+    empty = max(float(gram.held_out(np.empty(0, np.int64)).sum()), 1e-12)
+    found = [
+        _found(w, candidate, chosen, size, cost / empty, p_of[candidate.effect.name])
+        for candidate, size, cost in zip(chosen, w.sizes(chosen), w.costs(chosen), strict=True)
+    ]
     before6, after6 = np.zeros((n, 6)), np.zeros((n, 6))
     before6[:, list(record.axes)], after6[:, list(record.axes)] = w.y, after
     rejected = _rejected(w, chosen)
