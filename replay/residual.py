@@ -178,6 +178,7 @@ def build_record(
             range_delay.seconds if range_delay is not None and range_delay.corrected else 0.0,
         ),
     )  # fmt: skip
+    notes += _unseen(log, vehicle)
     state = corrected_state(effects, state)
     context = Context(state, vehicle, model)
     with_rpm = replace(state, rpm=context.rotor_rpm)
@@ -424,6 +425,17 @@ def _ground_height(log: FlightLog, vehicle: Vehicle, t: Array, rotation: Array, 
             height = rotation[:, 2] @ np.asarray(sensor.position_m) + slant * cosine
         return np.where(cosine > MAX_INCIDENCE_COS, height, np.nan)
     return None
+
+
+def _unseen(log: FlightLog, vehicle: Vehicle) -> list[str]:
+    """A line for everything that a declared rangefinder looks at and no message of the log measures."""
+    notes = []
+    for target in ("ground", "wall", "ceiling"):
+        sensors = vehicle.rangefinders_for(target)
+        beams = [_beam_of(log, sensor.orientation) for sensor in sensors]
+        if sensors and not any(beam is not None and len(beam.good) for beam in beams):
+            notes.append(f"no range to the {target} in the log, but a declared rangefinder: taken to be far away")
+    return notes
 
 
 def _distances(

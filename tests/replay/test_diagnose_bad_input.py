@@ -74,6 +74,13 @@ def test_a_flight_with_nothing_wrong_is_answered_nothing_missing(ask):
     assert told.answer["duration_s"] == pytest.approx(40.0, abs=1.0)
 
 
+def test_what_a_declared_rangefinder_never_saw_is_said(ask):
+    told = ask({"blind.tlog": quad_flight()})
+    assert "no range to the ground in the log" in told.notes
+    assert "no range to the wall in the log" in told.notes
+    assert "ceiling" not in told.notes
+
+
 def test_no_imu_is_refused_and_says_which_message_to_log(ask):
     refused(ask({"a.tlog": quad_flight(imu=False)}), "a.tlog", "HIGHRES_IMU", "RAW_IMU")
 
