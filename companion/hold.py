@@ -1,13 +1,13 @@
 """Cascaded position hold flown through attitude and thrust: the base that offsets are added to.
 
-SET_ATTITUDE_TARGET replaces the autopilot's position controller, so the hold is ours. Position P, velocity PI, thrust
-by the affine map. Gains as flown on a real ArduCopter (docs/autopilots.md): a careless outer loop is worse than none.
+SET_ATTITUDE_TARGET replaces the autopilot's position controller, so the hold is ours. Position P, velocity PI with a lead
+from the lean that there is, thrust by the affine map. A careless outer loop is worse than none (docs/control.md).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,9 +19,9 @@ from models.wrench import GRAVITY, Array
 class HoldGains:
     """Horizontal and vertical loops; 1/s, and 1/s^2 for the integrals."""
 
-    position: float = 1.6
-    velocity: float = 3.2
-    integral: float = 1.2
+    position: float = 1.8
+    velocity: float = 4.0
+    integral: float = 1.35
     height: float = 3.0
     climb: float = 6.0
     climb_integral: float = 3.0
@@ -32,6 +32,10 @@ class HoldGains:
     max_integral_m_s2: float = 2.5
     shape_s: tuple[float, float, float] = (0.25, 0.25, 0.12)
     """Time constants over which a change of the velocity target is fed forward as an acceleration, by axis NED."""
+    lean_lead_s: float = 0.15
+    """How far ahead the velocity is looked at, by the lean that the vehicle has: what an attitude loop is late."""
+    lean_mean_s: float = 0.4
+    """A lean that lasts longer than this balances something and accelerates nothing."""
     target_age_s: float = 0.5
     """A pilot's velocity target counts for this long after it was sent; its position stays."""
     max_leap_m: float = 3.0
@@ -56,6 +60,8 @@ class Hold:
     integral: Array
     shaped_velocity: Array
     t_s: float
+    lean_mean: Array = field(default_factory=lambda: np.zeros(2))
+    """What the lean gives on average, north and east, m/s^2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +84,7 @@ def engage(t_s: float, position: Array, yaw: float, roll: float, pitch: float, l
     north, east = _lean_to_acceleration(roll, pitch, yaw)
     start = np.clip(np.array([north, east, -GRAVITY * lift_excess]), -1.5, 1.5)
     reference = Reference(position.copy(), np.zeros(3), yaw, t_s)
-    return Hold(reference, start, np.zeros(3), t_s)
+    return Hold(reference, start, np.zeros(3), t_s, np.array([north, east]))
 
 
 def retarget(hold: Hold, t_s: float, position: Array | None, velocity: Array | None, yaw: float | None) -> Hold:
@@ -96,9 +102,12 @@ def retarget(hold: Hold, t_s: float, position: Array | None, velocity: Array | N
 
 
 def fly(
-    hold: Hold, gains: HoldGains, t_s: float, position: Array, velocity: Array, thrust: ThrustMap
+    hold: Hold, gains: HoldGains, t_s: float, position: Array, velocity: Array, body_down: Array, thrust: ThrustMap
 ) -> tuple[Hold, BaseSetpoint]:
-    """One step of the cascade. Position and velocity are NED; returns the new integrals and the setpoint."""
+    """One step of the cascade. Position and velocity are NED; ``body_down`` (3,) is the body's down axis in NED.
+
+    Returns the new integrals and the setpoint.
+    """
     reference = hold.reference
     dt = min(max(t_s - hold.t_s, 0.0), 0.1)
     stale = t_s - reference.set_s > gains.target_age_s
@@ -109,12 +118,16 @@ def fly(
     if speed > gains.max_speed_m_s:
         demand[:2] *= gains.max_speed_m_s / speed
     demand[2] = min(max(demand[2], -gains.max_climb_m_s), gains.max_climb_m_s)
-    slip = demand + feed_forward - velocity
-    damping = np.array([gains.velocity, gains.velocity, gains.climb])
     # A target that changes its velocity asks for an acceleration: give it rather than wait for the error.
     shape = np.asarray(gains.shape_s)
     lead = (feed_forward - hold.shaped_velocity) / shape
     shaped = hold.shaped_velocity + lead * np.minimum(dt, shape)
+    # The lean that there is tells the velocity a little ahead: phase that a late attitude loop takes away.
+    lean = -GRAVITY * body_down[:2] / max(float(body_down[2]), 0.5)
+    lean_mean = hold.lean_mean + (lean - hold.lean_mean) * min(dt / gains.lean_mean_s, 1.0)
+    slip = demand + feed_forward - velocity
+    slip[:2] -= gains.lean_lead_s * (lean - lean_mean - lead[:2])
+    damping = np.array([gains.velocity, gains.velocity, gains.climb])
     acceleration = slip * damping + hold.integral + lead
     limit = GRAVITY * math.tan(gains.max_tilt_rad)
     level = math.hypot(acceleration[0], acceleration[1])
@@ -130,7 +143,7 @@ def fly(
     command = thrust.hover + thrust.change(-float(acceleration[2]) / GRAVITY)
     north, east, down = map(float, acceleration)
     setpoint = BaseSetpoint(roll, pitch, reference.yaw, command, (north, east, down))
-    return replace(hold, integral=integral, shaped_velocity=shaped, t_s=t_s), setpoint
+    return replace(hold, integral=integral, shaped_velocity=shaped, t_s=t_s, lean_mean=lean_mean), setpoint
 
 
 def _acceleration_to_lean(north: float, east: float, yaw: float) -> tuple[float, float]:

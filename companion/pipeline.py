@@ -345,7 +345,7 @@ def _base(
         hold = engage(t_s, position, yaw, math.atan2(r[2, 1], r[2, 2]), -math.asin(min(max(r[2, 0], -1), 1)), 0.0)
         if state.target is not None and t_s - state.target.t_s < _GAINS.target_age_s:
             hold = _retarget(hold, state.target)
-    hold, base = fly(hold, _GAINS, t_s, position, velocity, thrust)
+    hold, base = fly(hold, _GAINS, t_s, position, velocity, estimates.rotation[:, 2], thrust)
     return replace(state, hold=hold), base
 
 
