@@ -1,7 +1,7 @@
 """Cascaded position hold flown through attitude and thrust: the base that offsets are added to.
 
-SET_ATTITUDE_TARGET replaces the autopilot's position controller, so the hold is ours. Position P, velocity PI with a lead
-from the lean that there is, thrust by the affine map. A careless outer loop is worse than none (docs/control.md).
+SET_ATTITUDE_TARGET replaces the autopilot's position controller, so the hold is ours. Position P, velocity PI with a
+lead from the lean that there is, thrust by the affine map. A careless outer loop is worse than none (docs/control.md).
 """
 
 from __future__ import annotations
