@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from models.effects import Effect, catalogue, get
-from replay.candidates import Candidate
+from replay.candidates import Candidate, freedom
 from replay.prune import believed, merged
 from replay.residual import Delay, Record
 from replay.shapes import refined
@@ -190,6 +190,13 @@ def test_a_name_is_taken_back_where_a_curve_finds_more(quiet: Record) -> None:
         constant = replace(strange, residual=strange.residual + newtons * np.eye(6)[2])
         search = Workspace(constant, some("thrust_scale"), 0)
         assert len(believed(search, candidates(search, "thrust_scale"))) == left
+
+
+def test_what_replaces_two_effects_has_less_freedom_than_they_have(quiet: Record) -> None:
+    search = Workspace(quiet, some("battery_sag", "thrust_scale", "payload", "wind", "rotor_drag", "cg_offset"), 0)
+    free = {c.effect.name: freedom(c) for c in search.library.candidates}
+    assert free["battery_sag"] < free["thrust_scale"] + free["payload"]
+    assert free["wind"] >= free["rotor_drag"] + free["cg_offset"]
 
 
 def test_one_unknown_force_is_better_than_a_load_and_an_unknown_force(quiet: Record) -> None:
