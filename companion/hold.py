@@ -7,7 +7,7 @@ lead from the lean that there is, thrust by the affine map. A careless outer loo
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -60,7 +60,7 @@ class Hold:
     integral: Array
     shaped_velocity: Array
     t_s: float
-    lean_mean: Array = field(default_factory=lambda: np.zeros(2))
+    lean_mean: Array
     """What the lean gives on average, north and east, m/s^2."""
 
 

@@ -115,7 +115,8 @@ def _without_side_term(w: Workspace, candidate: Candidate, size: Array, axis: in
 def believed(w: Workspace, chosen: list[Candidate]) -> list[Candidate]:
     """The set less what stands in for an unknown force, of which free curves find the rest."""
     while chosen:
-        found = _weaker_than_curve(w, chosen) or _mean_of_curve(w, chosen) or _part_of_curve(w, chosen)
+        riddle = w.riddle(chosen)
+        found = _weaker_than_curve(w, chosen) or _mean_of_curve(w, chosen, riddle) or _part_of_curve(w, chosen, riddle)
         if found is None:
             return chosen
         candidate, reason = found
@@ -146,14 +147,14 @@ def _weaker_than_curve(w: Workspace, chosen: list[Candidate]) -> tuple[Candidate
     return candidate, f"a free curve in {channel.name} finds more in {channel.axis} than it explains"
 
 
-def _mean_of_curve(w: Workspace, chosen: list[Candidate]) -> tuple[Candidate, str] | None:
+def _mean_of_curve(w: Workspace, chosen: list[Candidate], riddle: tuple[Channel, ...]) -> tuple[Candidate, str] | None:
     """A scale or mass that may be the mean of an unknown force: curves have no mean."""
     rest = w.rest(w.gram, columns_of(chosen))[w.record.valid]
     for candidate, size in zip(chosen, w.sizes(chosen), strict=True):
         if candidate.effect.name not in THRUST_TO_MASS or not w.from_start(candidate):
             continue
         rms = np.sqrt((w.contribution(candidate, size)[w.record.valid] ** 2).mean(axis=0))
-        for channel in w.riddle(chosen):
+        for channel in riddle:
             axis = w.record.axes.index(AXES.index(channel.axis))
             curve = float(np.sqrt(channel.score) * rest[:, axis].std())
             if channel.axis in w.carries(candidate, size) and rms[axis] < MEAN_OF_CURVE * curve:
@@ -161,22 +162,20 @@ def _mean_of_curve(w: Workspace, chosen: list[Candidate]) -> tuple[Candidate, st
     return None
 
 
-def _part_of_curve(w: Workspace, chosen: list[Candidate]) -> tuple[Candidate, str] | None:
+def _part_of_curve(w: Workspace, chosen: list[Candidate], riddle: tuple[Channel, ...]) -> tuple[Candidate, str] | None:
     """What one unknown force alone does as well as the effect and an unknown force, if of another channel."""
+
+    def left(channel: Channel, beside: list[Candidate]) -> float:
+        axis = w.record.axes.index(AXES.index(channel.axis))
+        return (1.0 - channel.score) * float(w.rest(w.gram, columns_of(beside))[w.record.valid][:, axis].var())
+
     for candidate, size in zip(chosen, w.sizes(chosen), strict=True):
         carried = w.carries(candidate, size)
-        for channel in w.riddle(chosen):
-            if channel.axis not in carried:
-                continue
-            others = [c for c in chosen if c is not candidate]
+        others = [c for c in chosen if c is not candidate]
+        for channel in (c for c in riddle if c.axis in carried):
             alone = next((c for c in w.free(others).channels if c.axis == channel.axis), None)
             if alone is None or alone.name in candidate.effect.channels:
                 continue
-            axis = w.record.axes.index(AXES.index(channel.axis))
-            left, beside = (
-                (1.0 - c.score) * w.rest(w.gram, columns_of(which))[w.record.valid][:, axis].var()
-                for c, which in ((alone, others), (channel, chosen))
-            )
-            if left <= beside:
+            if left(alone, others) <= left(channel, chosen):
                 return candidate, f"an unknown force in {alone.axis} that goes with {alone.name} does as well alone"
     return None

@@ -220,9 +220,9 @@ def test_one_unknown_force_is_better_than_a_load_and_an_unknown_force(quiet: Rec
 def test_what_uneven_sampling_looks_like_is_no_lag(quiet: Record) -> None:
     steps = replace(quiet, delays=(Delay("rotor speed", 0.009, 0.9, True),))
     effects = some("motor_lag", "vertical_inflow")
-    rising = {"vertical_inflow": added(steps, "vertical_inflow", (), 4.0, 0.0)}
+    rising = added(steps, "vertical_inflow", (), 4.0, 0.0)
     for tau, found in ((0.03, set[str]()), (0.12, {"motor_lag"})):
-        late = added(rising["vertical_inflow"], "motor_lag", (tau,), 1.0)
+        late = added(rising, "motor_lag", (tau,), 1.0)
         assert names(trace(late, effects)) - {"vertical_inflow"} == found
 
 
