@@ -76,15 +76,15 @@ class BaseSetpoint:
     """What it stands for, NED m/s^2, beyond balancing gravity."""
 
 
-def engage(t_s: float, position: Array, yaw: float, roll: float, pitch: float, lift_excess: float) -> Hold:
-    """Hold here, bumplessly: the present lean and lift are what the integrals start with.
+def engage(t_s: float, position: Array, yaw: float, body_down: Array) -> Hold:
+    """Hold here, bumplessly: what the present lean accelerates is what the integrals start with.
 
-    ``lift_excess`` is lift/weight - 1 that the present thrust command stands for.
+    ``body_down`` (3,) is the body's down axis in NED.
     """
-    north, east = _lean_to_acceleration(roll, pitch, yaw)
-    start = np.clip(np.array([north, east, -GRAVITY * lift_excess]), -1.5, 1.5)
+    lean = _lean_acceleration(body_down)
+    start = np.clip(np.array([lean[0], lean[1], 0.0]), -1.5, 1.5)
     reference = Reference(position.copy(), np.zeros(3), yaw, t_s)
-    return Hold(reference, start, np.zeros(3), t_s, np.array([north, east]))
+    return Hold(reference, start, np.zeros(3), t_s, lean)
 
 
 def retarget(hold: Hold, t_s: float, position: Array | None, velocity: Array | None, yaw: float | None) -> Hold:
@@ -123,7 +123,7 @@ def fly(
     lead = (feed_forward - hold.shaped_velocity) / shape
     shaped = hold.shaped_velocity + lead * np.minimum(dt, shape)
     # The lean that there is tells the velocity a little ahead: phase that a late attitude loop takes away.
-    lean = -GRAVITY * body_down[:2] / max(float(body_down[2]), 0.5)
+    lean = _lean_acceleration(body_down)
     lean_mean = hold.lean_mean + (lean - hold.lean_mean) * min(dt / gains.lean_mean_s, 1.0)
     slip = demand + feed_forward - velocity
     slip[:2] -= gains.lean_lead_s * (lean - lean_mean - lead[:2])
@@ -152,7 +152,7 @@ def _acceleration_to_lean(north: float, east: float, yaw: float) -> tuple[float,
     return math.atan2(right, GRAVITY), -math.atan2(forward, GRAVITY)
 
 
-def _lean_to_acceleration(roll: float, pitch: float, yaw: float) -> tuple[float, float]:
-    c, s = math.cos(yaw), math.sin(yaw)
-    forward, right = -GRAVITY * math.tan(pitch), GRAVITY * math.tan(roll)
-    return c * forward - s * right, s * forward + c * right
+def _lean_acceleration(body_down: Array) -> Array:
+    """What a lean gives, north and east [m/s^2] (2,), while the lift holds the weight."""
+    out: Array = -GRAVITY * body_down[:2] / max(float(body_down[2]), 0.5)
+    return out

@@ -338,14 +338,14 @@ def _base(
         return state, BaseSetpoint(math.nan, math.nan, math.nan, thrust.hover)
     position = np.asarray(estimates.position.position_ned)
     velocity = np.asarray(estimates.position.velocity_ned)
+    body_down = estimates.rotation[:, 2]
     hold = state.hold
     if hold is None:
-        r = estimates.rotation
-        yaw = math.atan2(r[1, 0], r[0, 0])
-        hold = engage(t_s, position, yaw, math.atan2(r[2, 1], r[2, 2]), -math.asin(min(max(r[2, 0], -1), 1)), 0.0)
+        yaw = math.atan2(estimates.rotation[1, 0], estimates.rotation[0, 0])
+        hold = engage(t_s, position, yaw, body_down)
         if state.target is not None and t_s - state.target.t_s < _GAINS.target_age_s:
             hold = _retarget(hold, state.target)
-    hold, base = fly(hold, _GAINS, t_s, position, velocity, estimates.rotation[:, 2], thrust)
+    hold, base = fly(hold, _GAINS, t_s, position, velocity, body_down, thrust)
     return replace(state, hold=hold), base
 
 

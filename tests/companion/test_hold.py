@@ -29,7 +29,7 @@ def swing(
     A ceiling or wall near by does this: it pulls harder at the fan that tilts towards it. ``every``: steps between
     two attitudes that the hold is told.
     """
-    hold = engage(0.0, np.zeros(3), 0.0, 0.0, 0.0, 0.0)
+    hold = engage(0.0, np.zeros(3), 0.0, np.array([0.0, 0.0, 1.0]))
     north, speed, pitch, rate = 0.0, 0.1, 0.0, 0.0
     setpoints = deque([0.0] * (1 + round(late_s / STEP_S)), maxlen=1 + round(late_s / STEP_S))
     out = []
