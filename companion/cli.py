@@ -86,8 +86,8 @@ def _fly(a: argparse.Namespace) -> int:
     import models
     from companion.config import Base, Carrier, PipelineConfig
     from companion.flight import Flight, FlightOptions
-    from companion.link import Arrivals, open_link, read_signing_key
-    from companion.recorder import Recorder
+    from companion.mavlink.link import Arrivals, open_link, read_signing_key
+    from companion.mavlink.tlog_writer import Recorder
     from companion.vehicles import default_vehicle
     from models.vehicle import load_vehicle
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum
 
-from companion.track import TrackModel
-from models.surrogate import FanSurrogate
+from companion.estimation.kalman import TrackModel
+from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 
 

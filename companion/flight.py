@@ -9,18 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from companion.autopilot import Stack, needed_parameters, stack_of
-from companion.commands import encode, hand_back
 from companion.config import Base, PipelineConfig
-from companion.intake import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
-from companion.link import Arrivals, Frame, Link, wait
-from companion.messages import id_of, source_of
+from companion.mavlink.firmware import Stack, needed_parameters, stack_of
+from companion.mavlink.link import Arrivals, Frame, Link, wait
+from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
+from companion.mavlink.messages import id_of, source_of
+from companion.mavlink.samples import Heartbeat
+from companion.mavlink.setpoints import encode, hand_back
+from companion.mavlink.stream_rates import StreamKeeper, interval_request, wanted_streams
+from companion.mavlink.tlog_writer import Recorder
 from companion.pipeline import initial_state, step, stopped
-from companion.recorder import Recorder
-from companion.samples import Heartbeat
-from companion.status import StatusReporter
-from companion.streams import StreamKeeper, interval_request, wanted_streams
-from companion.summary import Summary
+from companion.telemetry.status import StatusReporter
+from companion.telemetry.summary import Summary
 
 _ONBOARD_CONTROLLER, _NO_AUTOPILOT, _ACTIVE = 18, 8, 4
 _LOST_S = 3.0

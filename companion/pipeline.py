@@ -12,16 +12,23 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from companion import estimator as est
-from companion.autopilot import Stack, ThrustMap, ThrustMeaning, stack_of, takes_setpoints, thrust_map, thrust_meaning
-from companion.commands import AccelerationCommand, AttitudeCommand, Command, tilt_by
 from companion.config import Base, Carrier, PipelineConfig
-from companion.estimator import Estimates, Seen, blank_estimates
-from companion.gate import HOLDS_BACK_EVERYTHING, Reason, fade
-from companion.hold import BaseSetpoint, Hold, HoldGains, engage, fly, retarget
-from companion.intake import OWN_COMPONENT
-from companion.offsets import MomentWashout, Offset, Push, modelled_push, slewed, wanted_offset
-from companion.samples import (
+from companion.control.authority import HOLDS_BACK_EVERYTHING, Reason, fade
+from companion.control.compensation import MomentWashout, Offset, Push, modelled_push, slewed, wanted_offset
+from companion.control.position_hold import BaseSetpoint, Hold, HoldGains, engage, fly, retarget
+from companion.estimation import estimator as est
+from companion.estimation.estimator import Estimates, Seen, blank_estimates
+from companion.mavlink.firmware import (
+    Stack,
+    ThrustMap,
+    ThrustMeaning,
+    stack_of,
+    takes_setpoints,
+    thrust_map,
+    thrust_meaning,
+)
+from companion.mavlink.message_filter import OWN_COMPONENT
+from companion.mavlink.samples import (
     Attitude,
     AttitudeTarget,
     Battery,
@@ -38,7 +45,8 @@ from companion.samples import (
     SetAttitudeTarget,
     SetPositionTarget,
 )
-from models.wrench import GRAVITY, quaternion_from_euler
+from companion.mavlink.setpoints import AccelerationCommand, AttitudeCommand, Command, tilt_by
+from models.frames import GRAVITY, quaternion_from_euler
 
 _HEARTBEAT_AGE_S = 3.0
 _MAX_TILT_COS = math.cos(math.radians(25.0))

@@ -10,17 +10,17 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from models.store import load, save_model
-    from models.surrogate import AdoptedEffect, Answer, FanSurrogate
+    from models.surrogate.fan_surrogate import AdoptedEffect, Answer, FanSurrogate
+    from models.surrogate.store import load, save_model
 
 __all__ = ["AdoptedEffect", "Answer", "FanSurrogate", "load", "save_model"]
 
 _HOMES = {
-    "AdoptedEffect": "models.surrogate",
-    "Answer": "models.surrogate",
-    "FanSurrogate": "models.surrogate",
-    "load": "models.store",
-    "save_model": "models.store",
+    "AdoptedEffect": "models.surrogate.fan_surrogate",
+    "Answer": "models.surrogate.fan_surrogate",
+    "FanSurrogate": "models.surrogate.fan_surrogate",
+    "load": "models.surrogate.store",
+    "save_model": "models.surrogate.store",
 }
 
 

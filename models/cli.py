@@ -105,9 +105,9 @@ def _positive(text: str) -> int:
 
 def _train(args: argparse.Namespace) -> int:
     hidden = _hidden(args.hidden)
-    from models import store
     from models.progress import Bars
-    from models.train import train
+    from models.surrogate import store
+    from models.training.train import train
 
     data, fidelity = _data(args.data)
     _check_writable(args.out)
@@ -137,8 +137,8 @@ def _r2(score: Mapping[str, Any]) -> str:
 
 
 def _compare(args: argparse.Namespace) -> int:
-    from models.compare import compare, text
     from models.progress import Bars
+    from models.training.compare import compare, text
 
     data, _ = _data(args.data)
     if args.report:
@@ -147,7 +147,7 @@ def _compare(args: argparse.Namespace) -> int:
     result = compare(data, args.seed, splits=args.splits, epochs=args.epochs, progress=bars)
     bars.close()
     if args.report:
-        from models.plots import write_report
+        from models.training.plots import write_report
 
         write_report(args.report, result)
     if _speak(args):
@@ -164,8 +164,8 @@ def _query(args: argparse.Namespace) -> int:
         value = getattr(args, name)
         if math.isnan(value) or value < 0.0 or (name == "rpm" and math.isinf(value)):
             raise ConfigError(f"--{name} {value:g}: must be a number of at least 0")
-    from models.store import load
-    from models.wrench import AXES
+    from models.frames import AXES
+    from models.surrogate.store import load
 
     directory = args.directory or args.model
     model = load(directory)
@@ -194,7 +194,7 @@ def _query(args: argparse.Namespace) -> int:
 def _data(name: str) -> tuple[Any, dict[str, Any]]:
     """The data set and what is known of its fidelity."""
     if name == CLOSED_FORM:
-        from models.closed_form import FIDELITY, ClosedForm
+        from models.corner_law import FIDELITY, ClosedForm
 
         return ClosedForm().data_set(), dict(FIDELITY)
     from models.dataset import read

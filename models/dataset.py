@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import ModelError
-from models.wrench import AXES, Array
+from models.frames import AXES, Array
 
 COLUMNS = ("h_m", "d_m", "rpm", "Fx_N", "Fy_N", "Fz_N", "Mx_Nm", "My_Nm", "Mz_Nm")
 HEADER = ",".join(COLUMNS)

@@ -45,8 +45,8 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     run.add_argument("--json", metavar="FILE", help="write the report as JSON (- for stdout)")
     run.add_argument("--quiet", action="store_true", help="no progress bar and no text report")
-    if find_spec("replay.diagnose_cli") is not None:
-        import_module("replay.diagnose_cli").add_parser(commands)
+    if find_spec("replay.diagnosis.cli") is not None:
+        import_module("replay.diagnosis.cli").add_parser(commands)
     return p
 
 
@@ -55,7 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     try:
         if arguments.command == "diagnose":
-            return int(import_module("replay.diagnose_cli").run(arguments))
+            return int(import_module("replay.diagnosis.cli").run(arguments))
         return _run(arguments)
     except UserError as error:
         print(f"replay: {error}", file=sys.stderr)
@@ -75,7 +75,7 @@ def _run(a: argparse.Namespace) -> int:
     from companion.config import Base, PipelineConfig
     from companion.vehicles import default_vehicle
     from models.vehicle import load_vehicle
-    from replay.run_report import run
+    from replay.rerun.report import run
 
     config = PipelineConfig(
         vehicle=default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle),

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.messages import RangeVerdict, orientation_direction, range_verdict
-from models.state import DIRECTIONS
-from models.wrench import GRAVITY, Array
-from replay.tlog import outliers
+from companion.mavlink.messages import RangeVerdict, orientation_direction, range_verdict
+from models.air_state import DIRECTIONS
+from models.frames import GRAVITY, Array
+from replay.logs.tlog import outliers
 
 _AXES = dict(zip(DIRECTIONS, (25, 24, 0, 2, 4, 6), strict=True))
 _DAY_S = 86_400.0
@@ -240,7 +240,7 @@ class FlightLog:
 
 def load(path: Path | str, target_system: int | None = None) -> list[FlightLog]:
     """Every boot in a log, in order. Raises LogError in one line where it cannot be read. Formats: formats.py."""
-    from replay.formats import read_flightlogs
+    from replay.logs.formats import read_flightlogs
 
     return read_flightlogs(Path(path), target_system)
 

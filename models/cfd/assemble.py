@@ -19,7 +19,7 @@ from models.cfd.position import Place, near
 from models.cfd.table import UNITS
 from models.dataset import COLUMNS
 from models.errors import ModelError
-from models.wrench import AXES, Array
+from models.frames import AXES, Array
 
 # By the mirror plane through axis and wall normal, without swirl.
 ODD = np.array([False, True, False, True, False, True])

@@ -15,7 +15,7 @@ from models.cfd import case, foam
 from models.cfd.config import Setup
 from models.cfd.polars import Station
 from models.cfd.position import Position, check
-from models.wrench import Array
+from models.frames import Array
 
 STATE = "state.npz"
 # A start from rest may take this many times the iterations.

@@ -17,7 +17,7 @@ from models.cfd.config import Setup
 from models.cfd.grid import Study, spread
 from models.cfd.position import Place
 from models.errors import ModelError
-from models.wrench import AXES, Array
+from models.frames import AXES, Array
 
 FREE: Place = (math.inf, math.inf)
 AGREES, DISAGREES, OPEN = "agrees", "disagrees", "within uncertainty"

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from models.errors import ConfigError, UserError
-from models.wrench import Array
+from models.frames import Array
 
 PACKAGE = "openfoam"
 PROGRAMS = ("blockMesh", "checkMesh", "topoSet", "postProcess", "mapFields", "simpleFoam", "pimpleFoam")

@@ -11,7 +11,7 @@ import numpy as np
 from models.cfd.campaign import Row
 from models.cfd.config import Setup
 from models.cfd.position import Place
-from models.wrench import Array
+from models.frames import Array
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import numpy as np
 
 from models.cfd.config import Setup
 from models.cfd.position import Position
-from models.wrench import Array
+from models.frames import Array
 
 UPPER_ROW, LOWER_ROW = 4, 2
 """Rows of cells (counted from the ground) that are the rotor discs."""

@@ -18,7 +18,7 @@ import numpy as np
 
 from models.cfd.config import Setup
 from models.errors import ConfigError
-from models.wrench import Array
+from models.frames import Array
 
 Section = Callable[[Array, float], tuple[Array, Array]]
 """Angle of attack [deg] (n,) and Reynolds number -> Cl (n,), Cd (n,)."""

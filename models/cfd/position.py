@@ -9,7 +9,7 @@ import numpy as np
 
 from models.cfd.config import Setup
 from models.errors import ConfigError
-from models.wrench import Array
+from models.frames import Array
 
 # Cells need room: a gap below this share of R cannot be meshed with these counts.
 LEAST_GAP = 0.1

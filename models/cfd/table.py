@@ -12,7 +12,7 @@ from models.cfd.campaign import Row
 from models.cfd.case_run import Result
 from models.cfd.position import Position
 from models.errors import ModelError
-from models.wrench import AXES
+from models.frames import AXES
 
 UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
 PARTS = ("upper", "lower", "duct")

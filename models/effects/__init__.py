@@ -10,10 +10,10 @@ from pkgutil import iter_modules
 
 import numpy as np
 
-from models.effects._base import AdoptedEffect, Coefficient, Context, Effect, InFlight, Shape, shifted_heights
+from models.air_state import AirState
+from models.effects.effect import AdoptedEffect, Coefficient, Context, Effect, InFlight, Shape, shifted_heights
 from models.errors import ModelError
-from models.state import AirState
-from models.wrench import Array
+from models.frames import Array
 
 __all__ = [
     "AdoptedEffect", "Coefficient", "Context", "Effect", "InFlight", "Shape", "adopted", "adopted_wrench",
@@ -24,8 +24,8 @@ __all__ = [
 @lru_cache(maxsize=1)
 def catalogue() -> tuple[Effect, ...]:
     """Every effect, in alphabetical order of its file."""
-    names = sorted(m.name for m in iter_modules(__path__) if not m.name.startswith("_"))
-    return tuple(import_module(f"{__name__}.{name}").EFFECT for name in names)
+    modules = [import_module(f"{__name__}.{name}") for name in sorted(m.name for m in iter_modules(__path__))]
+    return tuple(module.EFFECT for module in modules if hasattr(module, "EFFECT"))
 
 
 def get(name: str) -> Effect:

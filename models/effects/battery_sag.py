@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from models.effects._base import Coefficient, Context, Effect, Shape, columns
-from models.wrench import Array
+from models.effects.effect import Coefficient, Context, Effect, Shape, columns
+from models.frames import Array
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:

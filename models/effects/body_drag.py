@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.effects._base import Coefficient, Context, Effect, columns
+from models.effects.effect import Coefficient, Context, Effect, columns
+from models.frames import Array
 from models.vehicle import RHO_SEA_LEVEL
-from models.wrench import Array
 
 
 def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:

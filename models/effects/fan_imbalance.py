@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from models.air import fan_torques
-from models.effects._base import DOWNWARD, Coefficient, Context, Effect, Shape, columns
-from models.wrench import Array
+from models.effects.effect import DOWNWARD, Coefficient, Context, Effect, Shape, columns
+from models.frames import Array
+from models.vehicle_wrench import fan_torques
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from models.air import RPM_TO_RAD_S
-from models.effects._base import Coefficient, Context, Effect, InFlight, Shape, columns
-from models.wrench import Array
+from models.effects.effect import Coefficient, Context, Effect, InFlight, Shape, columns
+from models.frames import Array
+from models.vehicle_wrench import RPM_TO_RAD_S
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:

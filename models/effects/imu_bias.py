@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.effects._base import Coefficient, Context, Effect, InFlight
-from models.wrench import Array
+from models.effects.effect import Coefficient, Context, Effect, InFlight
+from models.frames import Array
 
 
 def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:

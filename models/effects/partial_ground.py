@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.air import disturbance_wrench
-from models.effects._base import DOWNWARD, Coefficient, Context, Effect, InFlight, columns, decay
-from models.wrench import Array
+from models.effects.effect import DOWNWARD, Coefficient, Context, Effect, InFlight, columns, decay
+from models.frames import Array
+from models.vehicle_wrench import disturbance_wrench
 
 STEP_M = 0.12
 

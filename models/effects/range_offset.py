@@ -7,9 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.air import disturbance_wrench
-from models.effects._base import Coefficient, Context, Effect, InFlight, Shape, columns, shifted_heights
-from models.wrench import Array
+from models.effects.effect import Coefficient, Context, Effect, InFlight, Shape, columns, shifted_heights
+from models.frames import Array
+from models.vehicle_wrench import disturbance_wrench
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from models.effects._base import Coefficient, Context, Effect, Shape, columns
-from models.wrench import Array
+from models.effects.effect import Coefficient, Context, Effect, Shape, columns
+from models.frames import Array
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from models.effects._base import Coefficient, Context, Effect, Shape, columns, decay
-from models.state import DIRECTIONS
-from models.wrench import Array
+from models.air_state import DIRECTIONS
+from models.effects.effect import Coefficient, Context, Effect, Shape, columns, decay
+from models.frames import Array
 
 _BEAMS = (("forward", 0.0), ("right", np.pi / 2), ("back", np.pi), ("left", -np.pi / 2))
 _ORIENTATION = {"forward": 0, "right": 2, "back": 4, "left": 6}

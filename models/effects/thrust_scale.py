@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from models.effects._base import Coefficient, Context, Effect, columns
-from models.wrench import Array
+from models.effects.effect import Coefficient, Context, Effect, columns
+from models.frames import Array
 
 
 def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.air import RPM_TO_RAD_S
-from models.effects._base import DOWNWARD, Coefficient, Context, Effect, columns
-from models.wrench import Array
+from models.effects.effect import DOWNWARD, Coefficient, Context, Effect, columns
+from models.frames import Array
+from models.vehicle_wrench import RPM_TO_RAD_S
 
 
 def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:

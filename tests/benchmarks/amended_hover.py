@@ -27,11 +27,11 @@ import numpy as np
 
 import models
 from companion.config import Base, PipelineConfig
-from companion.dialect import mavlink
 from companion.flight import Flight as CompanionFlight
 from companion.flight import FlightOptions
-from companion.link import Arrivals, Link
-from companion.recorder import Recorder
+from companion.mavlink.dialect import mavlink
+from companion.mavlink.link import Arrivals, Link
+from companion.mavlink.tlog_writer import Recorder
 from companion.sim.air import Unsteadiness
 from companion.sim.body import Body, Surroundings, Vec
 from companion.sim.compare import AXES, UNITS, Flown, Leg, flown, read_truth
@@ -133,7 +133,7 @@ class Lockstep:
 
     def fly(self, config: PipelineConfig, record: Path | None) -> None:
         """The whole script, flown by the companion."""
-        names = ("companion.flight.time", "companion.link.time")
+        names = ("companion.flight.time", "companion.mavlink.link.time")
         with ExitStack() as stack:
             for name in names:
                 stack.enter_context(patch(name, self))

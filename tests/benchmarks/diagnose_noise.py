@@ -22,13 +22,13 @@ import numpy as np
 
 import models
 from companion.vehicles import default_vehicle
+from models.air_state import blank_state
 from models.effects import Coefficient, Context, Effect, catalogue
-from models.state import blank_state
-from models.wrench import Array, quaternion_from_euler, rotation_from_quaternion
-from replay.diagnose import conclude
+from models.frames import Array, quaternion_from_euler, rotation_from_quaternion
+from replay.diagnosis.diagnose import conclude
 from replay.flightlog import FlightLog
-from replay.residual import RATE_HZ, Record, _channels
-from replay.trace import trace
+from replay.residual.record import RATE_HZ, Record, _channels
+from replay.search.search import trace
 
 TAUS_S = (0.3, 1.0, 3.0)
 LEVEL = (0.30, 0.30, 0.45, 0.022, 0.14, 0.013)

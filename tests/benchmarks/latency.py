@@ -22,8 +22,8 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.dialect import mavlink
-from models.wrench import quaternion_from_euler
+from companion.mavlink.dialect import mavlink
+from models.frames import quaternion_from_euler
 
 BARE = """
 import os, sys, resource, time

@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 from replay.cli import main as replay
-from replay.formats import READERS
+from replay.logs.formats import READERS
 
 
 def main() -> int:

@@ -16,9 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
-from models import dataset, free_air, train
+from models import dataset
 from models.dataset import DataSet
-from models.wrench import AXES, Array
+from models.frames import AXES, Array
+from models.surrogate import free_air
+from models.training import train
 
 CUTS = 4
 

@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import models
-from models import genetic, train
-from models.adam import Adam
-from models.closed_form import ClosedForm
+from models.corner_law import ClosedForm
 from models.dataset import DataSet
+from models.training import genetic, train
+from models.training.adam import Adam
 
 Array = NDArray[np.float64]
 HIDDEN, RESTARTS = 9, 5
@@ -49,7 +49,7 @@ def paper_sized() -> train.Problem:
 
 def batched(problem: train.Problem, settings: genetic.Settings, epochs: int) -> Array:
     """What ``models train --method ga-adam-bp`` does, all 30 nets at once."""
-    from models import network
+    from models.training import network
 
     nets = 6 * RESTARTS
     y = np.tile((problem.y / problem.scale).T, (RESTARTS, 1))

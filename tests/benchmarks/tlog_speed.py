@@ -24,8 +24,8 @@ FRAMES = 200_000
 
 def ours(path: Path) -> int:
     """Walk, CRC of every frame, stamps, and all known messages into SI columns."""
-    from companion.messages import LAYOUTS, columns
-    from replay.tlog import read_tlog
+    from companion.mavlink.messages import LAYOUTS, columns
+    from replay.logs.tlog import read_tlog
 
     log = read_tlog(path)
     for number, layout in LAYOUTS.items():

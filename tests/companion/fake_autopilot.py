@@ -7,8 +7,8 @@ import threading
 import time
 from typing import Any
 
-from companion.dialect import mavlink
-from models.wrench import quaternion_from_euler
+from companion.mavlink.dialect import mavlink
+from models.frames import quaternion_from_euler
 
 
 class FakeAutopilot:

@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from companion.config import Base, PipelineConfig
-from companion.pipeline import Decision, PipelineState, initial_state, step
-from companion.samples import (
+from companion.mavlink.samples import (
     Attitude,
     Heartbeat,
     LandedState,
@@ -21,9 +20,10 @@ from companion.samples import (
     Sample,
     SetAttitudeTarget,
 )
+from companion.pipeline import Decision, PipelineState, initial_state, step
 from companion.vehicles import default_vehicle
-from models.surrogate import Answer
-from models.wrench import quaternion_from_euler
+from models.frames import quaternion_from_euler
+from models.surrogate.fan_surrogate import Answer
 
 HOVER_N = 4.6 * 9.80665 / 2.0
 DOWN, RIGHT = (0.0, 0.0, 1.0), (0.0, 1.0, 0.0)

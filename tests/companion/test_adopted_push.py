@@ -9,10 +9,10 @@ import pytest
 
 import models
 from companion.config import Tuning
-from companion.offsets import adopted_push
+from companion.control.compensation import adopted_push
 from companion.vehicles import default_vehicle
-from models.state import blank_state
-from models.surrogate import AdoptedEffect
+from models.air_state import blank_state
+from models.surrogate.fan_surrogate import AdoptedEffect
 
 VEHICLE, TUNING = default_vehicle(), Tuning()
 MODEL = models.load()

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from flying import CONFIG, RIGHT, Bench
 
-from companion.estimator import Seen, surface, take_range
-from companion.samples import Range, RangeVerdict
+from companion.estimation.estimator import Seen, surface, take_range
+from companion.mavlink.samples import Range, RangeVerdict
 
 
 def heard(bench: Bench, t_s: float, distance_m: float, verdict: RangeVerdict) -> Range:

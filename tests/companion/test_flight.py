@@ -10,12 +10,12 @@ from fake_autopilot import FakeAutopilot, free_port
 from flying import CONFIG
 
 from companion.config import Base
-from companion.dialect import mavlink
 from companion.flight import Flight, FlightOptions
-from companion.intake import Intake
-from companion.link import Arrivals, open_link
+from companion.mavlink.dialect import mavlink
+from companion.mavlink.link import Arrivals, open_link
+from companion.mavlink.message_filter import Intake
+from companion.mavlink.tlog_writer import Recorder
 from companion.pipeline import initial_state, step
-from companion.recorder import Recorder
 from models.errors import ConfigError, LinkError
 
 

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from companion import messages as m
-from companion.clock import BootClock, Stamp
-from companion.dialect import mavlink
-from companion.intake import Intake
-from companion.messages import LAYOUTS, RangeVerdict, columns, decode, orientation_direction, wire_dtype
-from models.wrench import euler_from_quaternion, quaternion_from_euler, rotation_from_quaternion
+from companion.mavlink import messages as m
+from companion.mavlink.boot_clock import BootClock, Stamp
+from companion.mavlink.dialect import mavlink
+from companion.mavlink.message_filter import Intake
+from companion.mavlink.messages import LAYOUTS, RangeVerdict, columns, decode, orientation_direction, wire_dtype
+from models.frames import euler_from_quaternion, quaternion_from_euler, rotation_from_quaternion
 
 ARRIVAL = 1_767_225_642_203_386
 

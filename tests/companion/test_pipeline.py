@@ -7,11 +7,9 @@ from flying import CONFIG, DOWN, PlainModel, bench
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from companion.commands import AccelerationCommand, AttitudeCommand
 from companion.config import Base, Carrier
-from companion.gate import Reason
-from companion.pipeline import initial_state, step, stopped
-from companion.samples import (
+from companion.control.authority import Reason
+from companion.mavlink.samples import (
     Attitude,
     AttitudeTarget,
     Heartbeat,
@@ -24,7 +22,9 @@ from companion.samples import (
     SetAttitudeTarget,
     SetPositionTarget,
 )
-from models.wrench import quaternion_from_euler
+from companion.mavlink.setpoints import AccelerationCommand, AttitudeCommand
+from companion.pipeline import initial_state, step, stopped
+from models.frames import quaternion_from_euler
 
 
 def test_near_the_ground_thrust_is_taken_off_and_at_the_wall_it_leans_away():

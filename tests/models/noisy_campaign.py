@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.closed_form import ClosedForm
+from models.corner_law import ClosedForm
 from models.dataset import DataSet
 
 FAN = ClosedForm()

@@ -11,10 +11,11 @@ import pytest
 
 pytest.importorskip("torch", reason="training extra not installed")
 pytest.importorskip("sklearn", reason="training extra not installed")
-from models import compare, genetic, kriging, levenberg, plots
-from models.closed_form import ClosedForm
+from models.corner_law import ClosedForm
 from models.errors import ModelError
-from models.wrench import AXES
+from models.frames import AXES
+from models.surrogate import kriging
+from models.training import compare, genetic, levenberg, plots
 
 
 @pytest.fixture(scope="module")

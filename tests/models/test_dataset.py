@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from models import dataset
-from models.closed_form import ClosedForm
+from models.corner_law import ClosedForm
 from models.dataset import HEADER
 from models.errors import ModelError
 

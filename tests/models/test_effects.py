@@ -11,11 +11,11 @@ import pytest
 import models
 from companion import vehicles
 from companion.vehicles import default_vehicle
+from models.air_state import AirState, blank_state
 from models.effects import AdoptedEffect, Context, adopted_wrench, catalogue, corrected_state, get
 from models.errors import ModelError
-from models.state import AirState, blank_state
+from models.frames import AXES
 from models.vehicle import load_vehicle
-from models.wrench import AXES
 
 NAMES = [
     "ceiling",

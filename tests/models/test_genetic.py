@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from models import genetic
-from models.genetic import Settings
-from models.wrench import Array
+from models.frames import Array
+from models.training import genetic
+from models.training.genetic import Settings
 
 
 def _rng(seed: int = 0) -> np.random.Generator:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models import kriging, polynomial
+from models.surrogate import kriging, polynomial
 
 
 def _data(rows: int = 150) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # type: ignore[type-arg]

@@ -12,9 +12,9 @@ import pytest
 
 import models
 from models import cli, dataset
-from models.closed_form import ClosedForm
-from models.train import METHODS
-from models.wrench import AXES
+from models.corner_law import ClosedForm
+from models.frames import AXES
+from models.training.train import METHODS
 
 
 @pytest.fixture
@@ -97,7 +97,7 @@ def test_without_torch_the_message_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
-    monkeypatch.delitem(sys.modules, "models.network", raising=False)
+    monkeypatch.delitem(sys.modules, "models.training.network", raising=False)
     monkeypatch.delattr(models, "network", raising=False)
     code = cli.main(["train", "--data", "closed-form", "--method", "bp", "--out", str(tmp_path), "--quiet"])
     assert code == 2
@@ -108,7 +108,7 @@ def test_an_interrupt_exits_with_130(monkeypatch: pytest.MonkeyPatch) -> None:
     def stop(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("models.store.load", stop)
+    monkeypatch.setattr("models.surrogate.store.load", stop)
     assert cli.main(["query", "--h", "1", "--d", "1", "--rpm", "1"]) == 130
 
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from models.adam import Adam, Descent
-from models.ensemble import NetEnsemble
+from models.surrogate.net_ensemble import NetEnsemble
+from models.training.adam import Adam, Descent
 
 torch = pytest.importorskip("torch", reason="training extra not installed")
-from models import network  # noqa: E402
+from models.training import network  # noqa: E402
 
 HIDDEN = 9
 

@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from noisy_campaign import FAN, RPM, R, noisy_campaign
 
-from models import compare, evidence, free_air, kriging, train
 from models.dataset import held_out
-from models.surrogate import FanSurrogate
-from models.wrench import AXES, Array
+from models.frames import AXES, Array
+from models.surrogate import free_air, kriging
+from models.surrogate.fan_surrogate import FanSurrogate
+from models.training import compare, evidence, train
 
 INF = np.inf
 

@@ -11,7 +11,7 @@ import pytest
 
 import models
 from models.errors import ModelError
-from models.surrogate import AdoptedEffect
+from models.surrogate.fan_surrogate import AdoptedEffect
 
 
 @pytest.fixture

@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import models
-from models.closed_form import ClosedForm
-from models.surrogate import FanSurrogate
+from models.corner_law import ClosedForm
+from models.surrogate.fan_surrogate import FanSurrogate
 
 INF = float("inf")
 NAN = float("nan")

@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models import coordinates, dataset, free_air, levenberg, store, train
-from models.closed_form import ClosedForm
+from models import dataset
+from models.corner_law import ClosedForm
 from models.dataset import DataSet
 from models.errors import ModelError
-from models.train import METHODS, PAPER_METHODS
-from models.wrench import AXES
+from models.frames import AXES
+from models.surrogate import coordinates, free_air, store
+from models.training import levenberg, train
+from models.training.train import METHODS, PAPER_METHODS
 
 INF = np.inf
 

@@ -7,9 +7,9 @@ import struct
 
 import numpy as np
 
-from companion.dialect import mavlink
-from companion.esc_status import EscInfo, EscStatus, pack_frame
-from models.wrench import GRAVITY
+from companion.mavlink.dialect import mavlink
+from companion.mavlink.esc_messages import EscInfo, EscStatus, pack_frame
+from models.frames import GRAVITY
 
 EPOCH_US = 1_767_225_600_000_000
 

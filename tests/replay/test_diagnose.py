@@ -13,10 +13,10 @@ import pytest
 import models
 from models.effects import catalogue, get
 from replay.cli import main
-from replay.diagnose import OWN_MOTION, Diagnosis, conclude
-from replay.report import page, rms_interval
-from replay.residual import Record
-from replay.trace import trace
+from replay.diagnosis.diagnose import OWN_MOTION, Diagnosis, conclude
+from replay.diagnosis.html_report import page, rms_interval
+from replay.residual.record import Record
+from replay.search.search import trace
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 from diagnose_noise import noise_record

@@ -277,7 +277,7 @@ def test_an_interrupt_exits_with_130_and_writes_nothing(ask, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("replay.diagnose.build_record", interrupted)
+    monkeypatch.setattr("replay.diagnosis.diagnose.build_record", interrupted)
     told = ask({"a.tlog": quad_flight(15.0)})
     assert (told.code, told.lines, told.answer) == (130, [], {})
 

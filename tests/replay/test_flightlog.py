@@ -8,12 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from log_writers import EPOCH_US, flight, frame, heartbeat, write_tlog
 
-from companion.dialect import mavlink
-from companion.messages import RangeVerdict
+from companion.mavlink.dialect import mavlink
+from companion.mavlink.messages import RangeVerdict
 from models.errors import LogError
-from models.wrench import euler_from_quaternion
+from models.frames import euler_from_quaternion
 from replay.flightlog import Series, best_beam, direction_name, load, smallest_step, tidy, unflipped
-from replay.harness import frame_id
+from replay.rerun.harness import frame_id
 
 
 def logs_of(tmp_path, messages, **options):

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from log_writers import bin_flight, ulg_flight
 
-from companion.messages import RangeVerdict
+from companion.mavlink.messages import RangeVerdict
 from models.errors import LogError
-from models.wrench import euler_from_quaternion
+from models.frames import euler_from_quaternion
 from replay.flightlog import load
-from replay.formats import READERS, suffix_of
+from replay.logs.formats import READERS, suffix_of
 
 
 def test_suffixes_in_any_case(tmp_path):

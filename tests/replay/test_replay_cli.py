@@ -10,8 +10,8 @@ import pytest
 from log_writers import bin_flight, flight, frame, heartbeat, ulg_flight, write_tlog
 
 from replay.cli import main
-from replay.harness import frame_id
-from replay.tlog import read_tlog
+from replay.logs.tlog import read_tlog
+from replay.rerun.harness import frame_id
 
 
 @pytest.fixture
@@ -136,7 +136,7 @@ def test_an_interrupt_exits_with_130(log, monkeypatch):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("replay.run_report.run", interrupted)
+    monkeypatch.setattr("replay.rerun.report.run", interrupted)
     assert main(["run", str(log)]) == 130
 
 

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from log_writers import EPOCH_US, flight, frame, heartbeat, record, write_tlog
 from pymavlink import mavutil
 
-from companion.dialect import mavlink
-from companion.messages import LAYOUTS, columns
+from companion.mavlink.dialect import mavlink
+from companion.mavlink.messages import LAYOUTS, columns
 from models.errors import LogError
-from replay.harness import frame_id
-from replay.tlog import choose_system, read_tlog, repair_stamps
+from replay.logs.tlog import choose_system, read_tlog, repair_stamps
+from replay.rerun.harness import frame_id
 
 FLIGHT = flight(4.0)
 

@@ -1,0 +1,1 @@
+"""From samples to what is known of the surroundings."""

@@ -1,0 +1,304 @@
+"""What is known of the vehicle's surroundings: one track per range beam and per rotor, each with sigma and age."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from enum import Enum
+from functools import lru_cache
+
+import numpy as np
+
+from companion.config import PipelineConfig, Tuning
+from companion.estimation.kalman import Track, Verdict, measure, measure_rate
+from companion.estimation.range_geometry import fan_heights, fan_wall_distances, plane_distance, wall_bearing
+from companion.mavlink.messages import orientation_direction
+from companion.mavlink.samples import (
+    Attitude,
+    Battery,
+    EscHealth,
+    LocalPosition,
+    Pressure,
+    Range,
+    RangeVerdict,
+    RotorSpeeds,
+    ServoOutput,
+)
+from models.frames import Array, rotation_from_quaternion
+from models.vehicle import Vehicle
+from models.vehicle_wrench import rpm_from_servos
+
+_STOPPED_RPM = 100.0
+_SPINNING_RPM = 500.0
+_CLEAR_AFTER_S = 0.5
+_FAR_RADII = 30.0
+
+
+class Seen(Enum):
+    """What a direction is known to hold."""
+
+    SURFACE = "surface"
+    NOTHING = "nothing within range"
+    UNDECLARED = "no sensor declared"
+    MISSING = "never heard"
+    STALE = "stale"
+
+
+@dataclass(frozen=True, slots=True)
+class BeamTrack:
+    """One declared rangefinder: the distance of the CG to the plane it sees, and when it last said what."""
+
+    track: Track | None = None
+    normal_ned: Array | None = None
+    verdict: RangeVerdict | None = None
+    heard_s: float = -math.inf
+    clear_since_s: float = math.inf
+    """Start of the present run of readings beyond the sensor's range; inf while it sees something."""
+    sensor: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Surface:
+    """Ground, wall or ceiling at one instant: distance of the CG [m] (inf: nothing), closing rate, sigma, direction."""
+
+    seen: Seen
+    distance_m: float = math.inf
+    rate_m_s: float = 0.0
+    sigma_m: float = 0.0
+    normal_ned: Array | None = None
+    stepped_s: float = -math.inf
+
+    @property
+    def known(self) -> bool:
+        """False where the direction should be watched and is not."""
+        return self.seen in (Seen.SURFACE, Seen.NOTHING, Seen.UNDECLARED)
+
+
+@dataclass(frozen=True, slots=True)
+class Estimates:
+    """State of the estimator. Empty until messages arrive."""
+
+    beams: tuple[BeamTrack, ...]
+    rotors: tuple[Track | None, ...]
+    attitude: Attitude | None = None
+    rotation: Array | None = None
+    position: LocalPosition | None = None
+    servo: ServoOutput | None = None
+    servo_rpm: Array | None = None
+    battery: Battery | None = None
+    pressure: Pressure | None = None
+    esc_temperature_c: float | None = None
+    """The hottest ESC."""
+
+
+def blank_estimates(vehicle: Vehicle) -> Estimates:
+    """Nothing heard yet."""
+    return Estimates((BeamTrack(),) * len(vehicle.rangefinders), (None,) * len(vehicle.rotors))
+
+
+@lru_cache(maxsize=64)
+def _direction(orientation: int) -> tuple[float, float, float] | None:
+    return orientation_direction(orientation)
+
+
+def take_attitude(estimates: Estimates, sample: Attitude) -> Estimates:
+    """The newest attitude; the rotation is kept beside it."""
+    return replace(estimates, attitude=sample, rotation=rotation_from_quaternion(sample.q_ned_frd))
+
+
+def take_position(estimates: Estimates, sample: LocalPosition, tuning: Tuning) -> Estimates:
+    """Position and velocity; the vehicle's own velocity tells every track its rate."""
+    velocity = np.asarray(sample.velocity_ned)
+    beams = tuple(
+        beam
+        if beam.track is None or beam.normal_ned is None
+        else replace(
+            beam,
+            track=measure_rate(
+                beam.track,
+                tuning.range_track,
+                sample.t_s,
+                -float(velocity @ beam.normal_ned),
+                tuning.velocity_sigma_m_s,
+            ),
+        )
+        for beam in estimates.beams
+    )
+    return replace(estimates, position=sample, beams=beams)
+
+
+def take_range(estimates: Estimates, sample: Range, config: PipelineConfig) -> Estimates:
+    """A range goes to the declared rangefinder that looks the same way; others are ignored, never guessed."""
+    index = _match(estimates, sample, config.vehicle)
+    if index is None or estimates.rotation is None:
+        return estimates
+    beam = replace(
+        estimates.beams[index], verdict=sample.verdict, heard_s=sample.t_s, sensor=(sample.component, sample.sensor_id)
+    )
+    beams = list(estimates.beams)
+    if sample.verdict is RangeVerdict.ABOVE_MAX or _far(sample, index, config.vehicle):
+        beams[index] = replace(beam, clear_since_s=min(beam.clear_since_s, sample.t_s))
+    else:
+        beam = replace(beam, clear_since_s=math.inf)
+        beams[index] = _measure_beam(estimates, beam, index, sample, config) if _usable(sample) else beam
+    return replace(estimates, beams=tuple(beams))
+
+
+def _dot(a: tuple[float, float, float], b: tuple[float, float, float]) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _far(sample: Range, index: int, vehicle: Vehicle) -> bool:
+    """Whether a beam to a wall or ceiling has proved that nothing is near.
+
+    A level beam that tilts down meets the ground far off, and the sky in the next moment: both say the same.
+    """
+    sideways = vehicle.rangefinders[index].target != "ground"
+    return sideways and _usable(sample) and sample.distance_m > _FAR_RADII * vehicle.rotor_radius_m
+
+
+def _usable(sample: Range) -> bool:
+    return sample.verdict is RangeVerdict.OK and math.isfinite(sample.distance_m)
+
+
+def _match(estimates: Estimates, sample: Range, vehicle: Vehicle) -> int | None:
+    if sample.direction_frd is None:
+        return None
+    for index, declared in enumerate(vehicle.rangefinders):
+        direction = _direction(declared.orientation)
+        if direction is None or _dot(direction, sample.direction_frd) < 0.98 or declared.target == "none":
+            continue
+        beam = estimates.beams[index]
+        # Two sensors that look the same way: the one heard first keeps the place while it speaks.
+        if beam.sensor in (None, (sample.component, sample.sensor_id)) or sample.t_s - beam.heard_s > 1.0:
+            return index
+    return None
+
+
+def _measure_beam(
+    estimates: Estimates, beam: BeamTrack, index: int, sample: Range, config: PipelineConfig
+) -> BeamTrack:
+    declared = config.vehicle.rangefinders[index]
+    assert estimates.rotation is not None
+    assert sample.direction_frd is not None
+    tuning = config.tuning
+    ground = surface(estimates, config, "ground", sample.t_s)
+    plane = plane_distance(
+        declared.target,
+        np.asarray(sample.direction_frd),
+        np.asarray(declared.position_m),
+        sample.distance_m,
+        estimates.rotation,
+        ground.distance_m if ground.seen is Seen.SURFACE else math.inf,
+    )
+    if plane is None:
+        return replace(beam, verdict=RangeVerdict.LOW_QUALITY)
+    own = sample.sigma_m if sample.sigma_m is not None else tuning.range_sigma_m
+    # 1 cm steps on the wire add a uniform error of 1/sqrt(12) cm.
+    sigma = math.sqrt(own**2 + (tuning.range_sigma_share * sample.distance_m) ** 2 + 0.01**2 / 12.0)
+    track, verdict = measure(beam.track, tuning.range_track, sample.t_s, plane.distance_m, sigma, tuning.range_delay_s)
+    if verdict is Verdict.RESTARTED and beam.track is None and track is not None:
+        track = replace(track, restarted_s=-math.inf)  # the first sight of a surface is not a step of it
+    jumped = RangeVerdict.JUMP if verdict is Verdict.OUTLIER else sample.verdict
+    return replace(beam, track=track, normal_ned=plane.normal_ned, verdict=jumped)
+
+
+def take_rotors(estimates: Estimates, sample: RotorSpeeds, config: PipelineConfig) -> Estimates:
+    """Speeds by ESC number; a zero of a rotor that was spinning is a lost frame, not a stopped rotor."""
+    tuning = config.tuning
+    rotors = list(estimates.rotors)
+    for k, rotor in enumerate(config.vehicle.rotors):
+        slot = -1 if rotor.esc is None else rotor.esc - sample.first_esc
+        if not 0 <= slot < len(sample.rpm):
+            continue
+        rpm, track = abs(sample.rpm[slot]), rotors[k]
+        if track is not None and track.value > _SPINNING_RPM and rpm < _STOPPED_RPM and track.age(sample.t_s) < 1.0:
+            continue
+        rotors[k], _ = measure(track, tuning.rotor_track, sample.t_s, rpm, tuning.rotor_sigma_rpm, tuning.rotor_delay_s)
+    estimates = replace(estimates, rotors=tuple(rotors))
+    return estimates if sample.health is None else take_health(estimates, sample.health)
+
+
+def take_servo(estimates: Estimates, sample: ServoOutput, config: PipelineConfig) -> Estimates:
+    """Servo outputs: vanes, and rotor speeds where none is telemetered."""
+    if config.vehicle.telemetered:
+        return replace(estimates, servo=sample)
+    rpm = rpm_from_servos(config.vehicle, config.model, np.asarray(sample.pwm_us, dtype=float))
+    return replace(estimates, servo=sample, servo_rpm=rpm)
+
+
+def take_health(estimates: Estimates, sample: EscHealth) -> Estimates:
+    """ESC temperatures; NaN where none is told."""
+    known = [t for t in sample.temperature_c if math.isfinite(t)]
+    return replace(estimates, esc_temperature_c=max(known)) if known else estimates
+
+
+def surface(estimates: Estimates, config: PipelineConfig, target: str, t_s: float) -> Surface:
+    """The nearest surface of a kind at ``t_s``, seen from the CG."""
+    declared = False
+    best: Surface | None = None
+    worst = Surface(Seen.UNDECLARED)
+    for sensor, beam in zip(config.vehicle.rangefinders, estimates.beams, strict=True):
+        if sensor.target != target:
+            continue
+        declared = True
+        one = _beam_surface(beam, config.tuning, t_s)
+        if not one.known:
+            worst = one
+        elif best is None or one.distance_m < best.distance_m:
+            best = one
+    if not declared:
+        return worst
+    if best is not None and (best.seen is Seen.SURFACE or worst.known):
+        return best
+    return worst
+
+
+def _beam_surface(beam: BeamTrack, tuning: Tuning, t_s: float) -> Surface:
+    track = beam.track
+    if track is not None and track.age(t_s) <= tuning.range_age_s:
+        return Surface(
+            Seen.SURFACE, track.at(t_s), track.rate, track.sigma, beam.normal_ned, stepped_s=track.restarted_s
+        )
+    heard = t_s - beam.heard_s
+    if heard <= tuning.range_age_s and t_s - beam.clear_since_s >= (0.0 if track is None else _CLEAR_AFTER_S):
+        return Surface(Seen.NOTHING)
+    return Surface(Seen.MISSING if beam.heard_s == -math.inf else Seen.STALE)
+
+
+@dataclass(frozen=True, slots=True)
+class FanQuery:
+    """The surrogate's arguments for every fan: shape (fans,) each, and the wall's bearing [rad]."""
+
+    h_m: Array
+    d_m: Array
+    rpm: Array
+    wall_bearing_rad: float
+
+
+def fan_query(vehicle: Vehicle, ground: Surface, wall: Surface, rotation: Array, rpm: Array, lead_s: float) -> FanQuery:
+    """Per-fan distances ``lead_s`` ahead, by the tracks' own rates."""
+    fans = len(vehicle.fans)
+    h, d, bearing = np.full(fans, np.inf), np.full(fans, np.inf), 0.0
+    if ground.seen is Seen.SURFACE:
+        h = np.maximum(fan_heights(vehicle, ground.distance_m + ground.rate_m_s * lead_s, rotation), 0.0)
+    if wall.seen is Seen.SURFACE and wall.normal_ned is not None:
+        distance = wall.distance_m + wall.rate_m_s * lead_s
+        d = np.maximum(fan_wall_distances(vehicle, distance, wall.normal_ned, rotation), 0.0)
+        bearing = wall_bearing(wall.normal_ned, rotation)
+    return FanQuery(h, d, rpm, bearing)
+
+
+def rotor_speeds(estimates: Estimates, config: PipelineConfig, t_s: float) -> Array | None:
+    """Rotor speeds [rpm] (rotors,) at ``t_s``, or None where any is missing or too old."""
+    limit = config.tuning.rotor_age_s
+    if not config.vehicle.telemetered:
+        fresh = estimates.servo is not None and t_s - estimates.servo.t_s <= limit
+        return estimates.servo_rpm if fresh else None
+    out = np.empty(len(estimates.rotors))
+    for k, track in enumerate(estimates.rotors):
+        if track is None or track.age(t_s) > limit:
+            return None
+        # A speed changes within tens of ms: between messages hold the value rather than extrapolate its slope.
+        out[k] = max(track.value, 0.0)
+    return out

@@ -1,0 +1,1 @@
+"""Messages: the endpoint, the wire, and samples in SI."""

@@ -1,0 +1,211 @@
+"""The one owner of a MAVLink endpoint: opens it, drains it, stamps what arrives, sends. One thread, one loop."""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from companion.mavlink.dialect import mavlink
+from models.errors import ConfigError, LinkError
+
+os.environ.setdefault("MAVLINK_DIALECT", "ardupilotmega")
+
+_NETWORK = ("udp", "udpin", "udpout", "tcp", "tcpin", "udpbcast", "mcast")
+_SYSTEM_UNKNOWN = 1
+_READ = 65536
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One received MAVLink message, its bytes, and when they arrived [us, receiver's clock]."""
+
+    arrival_us: int
+    message: Any
+    raw: bytes
+
+
+class Arrivals:
+    """Arrival stamps: Unix time at start plus monotonic time since, never backwards, with the link's number in the low
+    two bits, as ground stations write them into a .tlog. What is recorded is exactly what was decided upon.
+    """
+
+    def __init__(self) -> None:
+        self._start_us = int(time.time() * 1e6)
+        self._start = time.monotonic_ns()
+
+    def stamp(self, link: int = 0) -> int:
+        """Now [us]."""
+        return (self._start_us + (time.monotonic_ns() - self._start) // 1000) & ~3 | link
+
+
+class Link:
+    """An open endpoint. ``number`` 0 is the vehicle, 1 an upstream controller."""
+
+    def __init__(self, connection: Any, endpoint: str, arrivals: Arrivals, number: int = 0) -> None:
+        self.endpoint = endpoint
+        self.received = self.sent = self.bad = 0
+        self._connection = connection
+        self._arrivals = arrivals
+        self._number = number
+        connection.mav.robust_parsing = True
+
+    @property
+    def mav(self) -> Any:
+        """pymavlink's encoder of this link (sequence numbers, signing)."""
+        return self._connection.mav
+
+    @property
+    def fileno(self) -> int:
+        """What select() waits on; -1 while a TCP peer is away."""
+        fd = getattr(self._connection, "fd", None)
+        return -1 if fd is None else int(fd)
+
+    def identify(self, system: int, component: int) -> None:
+        """Send as this system and component."""
+        self.mav.srcSystem, self.mav.srcComponent = system, component
+
+    def drain(self) -> Iterator[Frame]:
+        """Every message that has arrived, without waiting."""
+        while True:
+            data = self._read()
+            if not data:
+                return
+            stamp = self._arrivals.stamp(self._number)
+            try:
+                messages = self.mav.parse_buffer(data) or ()
+            except mavlink.MAVError:  # a bad signature, say: the parser has dropped the frame
+                self.bad += 1
+                continue
+            for message in messages:
+                if message.get_type() == "BAD_DATA":
+                    self.bad += 1
+                    continue
+                self.received += 1
+                yield Frame(stamp, message, bytes(message.get_msgbuf()))
+
+    def _read(self) -> bytes:
+        try:
+            with redirect_stdout(None):  # pymavlink prints its reconnects
+                data = self._connection.recv(_READ)
+        except OSError as error:
+            if error.errno in (errno.EAGAIN, errno.EWOULDBLOCK, errno.ECONNREFUSED, errno.ECONNRESET, errno.EBADF):
+                return b""
+            raise LinkError(f"{self.endpoint}: {error.strerror or error}; check the cable or the endpoint") from None
+        except Exception as error:  # pyserial's own: a device that was unplugged
+            raise LinkError(f"{self.endpoint}: lost ({error}); plug it in again and restart") from None
+        return bytes(data) if data else b""
+
+    def send(self, message: Any) -> bytes:
+        """Encode and send; returns the bytes for the recorder."""
+        raw = bytes(message.pack(self.mav))
+        self.mav.seq = (self.mav.seq + 1) % 256
+        self.forward(raw)
+        return raw
+
+    def forward(self, raw: bytes) -> None:
+        """Send bytes as they are."""
+        try:
+            self._connection.write(raw)
+        except OSError as error:
+            raise LinkError(f"{self.endpoint}: cannot send ({error.strerror or error})") from None
+        self.sent += 1
+
+    def close(self) -> None:
+        """Close the endpoint."""
+        self._connection.close()
+
+
+def wait(links: list[Link], timeout_s: float) -> None:
+    """Sleep until a link has data, at most ``timeout_s``."""
+    fds = [link.fileno for link in links if link.fileno >= 0]
+    if fds:
+        try:
+            select.select(fds, [], [], timeout_s)
+        except (OSError, ValueError):
+            time.sleep(min(timeout_s, 0.01))
+    else:
+        time.sleep(timeout_s)
+
+
+def open_link(
+    endpoint: str, arrivals: Arrivals, *, baud: int = 115200, number: int = 0, signing_key: bytes | None = None
+) -> Link:
+    """Open a pymavlink endpoint string.
+
+    Raises ConfigError where the string is no endpoint, LinkError where it cannot be opened (port in use, no device).
+    """
+    scheme = _check(endpoint)
+    from pymavlink import mavutil
+
+    try:
+        with redirect_stdout(None):
+            connection = mavutil.mavlink_connection(
+                endpoint, baud=baud, source_system=_SYSTEM_UNKNOWN, source_component=191, retries=2, autoreconnect=True
+            )
+    except (OSError, EOFError) as error:
+        raise LinkError(f"{endpoint}: cannot be opened: {_reason(error, scheme)}") from None
+    except ModuleNotFoundError as error:
+        raise LinkError(f"{endpoint}: needs the package {error.name}: pip install pyserial") from None
+    except Exception as error:  # pyserial and pymavlink raise their own
+        raise LinkError(f"{endpoint}: cannot be opened: {error}") from None
+    if signing_key is not None:
+        connection.setup_signing(signing_key, sign_outgoing=True)
+    return Link(connection, endpoint, arrivals, number)
+
+
+def _check(endpoint: str) -> str:
+    scheme, _, rest = endpoint.partition(":")
+    if scheme not in _NETWORK:
+        if endpoint.startswith("/dev/") or endpoint.upper().startswith("COM"):
+            if endpoint.startswith("/dev/") and not Path(endpoint).exists():
+                raise LinkError(f"{endpoint}: cannot be opened: no such device")
+            return "serial"
+        raise ConfigError(
+            f"endpoint '{endpoint}' is not known: use udp:HOST:PORT, udpin:…, udpout:…, tcp:…, /dev/… or sim:NAME"
+        )
+    host, _, port = rest.rpartition(":")
+    if not host or not port.isdigit() or not 0 < int(port) < 65536:
+        raise ConfigError(f"endpoint '{endpoint}' needs HOST:PORT after '{scheme}:', such as {scheme}:127.0.0.1:14550")
+    if scheme in ("udp", "udpin"):
+        # pymavlink binds with SO_REUSEADDR: two listeners would share the port, each missing what the other gets.
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind((host, int(port)))
+            except OSError as error:
+                raise LinkError(f"{endpoint}: cannot be opened: {_reason(error, scheme)}") from None
+    return scheme
+
+
+def _reason(error: Exception, scheme: str) -> str:
+    if isinstance(error, OSError) and error.errno == errno.EADDRINUSE:
+        return "the port is in use by another program; stop it or choose another port"
+    if isinstance(error, OSError) and error.errno == errno.ECONNREFUSED:
+        return "connection refused; is the autopilot or router listening there?"
+    if isinstance(error, PermissionError):
+        return "permission denied" + ("; add your user to the group dialout" if scheme == "serial" else "")
+    return (error.strerror if isinstance(error, OSError) and error.strerror else str(error)) or type(error).__name__
+
+
+def read_signing_key(path: Path) -> bytes:
+    """The 32-byte MAVLink 2 signing key in ``path``: raw bytes or 64 hexadecimal digits."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise ConfigError(f"signing key {path}: cannot be read ({error.strerror})") from None
+    if len(content) == 32:
+        return content
+    try:
+        key = bytes.fromhex(content.decode("ascii").strip())
+    except (UnicodeDecodeError, ValueError):
+        key = b""
+    if len(key) != 32:
+        raise ConfigError(f"signing key {path}: must hold 32 bytes or 64 hexadecimal digits")
+    return key

@@ -1,0 +1,62 @@
+"""Which messages reach ``step``, live and in replay: one rule, by content alone, so that both decide the same."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from companion.mavlink.boot_clock import BootClock
+from companion.mavlink.messages import decode, source_of
+from companion.mavlink.samples import Range, Sample
+
+AUTOPILOT_COMPONENT = 1
+OWN_COMPONENT = 191
+_NO_AUTOPILOT = 8
+_DOWN_COS = 0.94
+_SETPOINTS = ("SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED")
+
+
+def is_autopilot_heartbeat(message: Any) -> bool:
+    """A HEARTBEAT of a flight controller: component 1, and not the 'no autopilot' of a ground station."""
+    return bool(
+        message.get_type() == "HEARTBEAT"
+        and message.get_srcComponent() == AUTOPILOT_COMPONENT
+        and message.autopilot != _NO_AUTOPILOT
+    )
+
+
+class Intake:
+    """Takes the messages of one vehicle, and the setpoints that others send it, onto its boot axis.
+
+    ``system`` None: the first autopilot heard. What comes before its first heartbeat, from other systems, and from this
+    component itself (a log holds both directions) is left out. ``others`` are the autopilots that were ignored.
+    RANGEFINDER repeats a downward DISTANCE_SENSOR, without its limits and stamp: left out once one was heard.
+    """
+
+    def __init__(self, system: int | None = None) -> None:
+        self.system = system
+        self.clock = BootClock(system)
+        self.others: set[int] = set()
+        self._heard = False
+        self._down_heard = False
+
+    def sample(self, message: Any, arrival_us: int) -> Sample | None:
+        """The sample of one message, or None where it is not for ``step``."""
+        system, component = source_of(message)
+        if not self._heard:
+            if not is_autopilot_heartbeat(message) or self.system not in (None, system):
+                return None
+            self._heard = True
+            self.system = self.clock.system = system
+        if system == self.system:
+            if component == OWN_COMPONENT:
+                return None
+        elif message.get_type() not in _SETPOINTS:
+            if is_autopilot_heartbeat(message):
+                self.others.add(system)
+            return None
+        sample = decode(message, arrival_us, self.clock)
+        if isinstance(sample, Range):
+            if sample.source == "RANGEFINDER":
+                return None if self._down_heard else sample
+            self._down_heard |= sample.direction_frd is not None and sample.direction_frd[2] > _DOWN_COS
+        return sample

@@ -1,0 +1,91 @@
+"""Asks for the messages the pipeline needs, watches what arrives, and asks again: other stations rewrite rates."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+from companion.mavlink.dialect import mavlink
+from companion.mavlink.firmware import Stack
+from models.vehicle import Vehicle
+
+_CHECK_S = 2.0
+_ENOUGH = 0.7
+_SET_MESSAGE_INTERVAL = 511
+_ESC_GROUPS = (11030, 11031, 11032, 11040, 11041, 11042, 11043, 11044)
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A message id, the rate asked for, and whether flying needs it."""
+
+    message_id: int
+    hz: float
+    needed: bool
+
+
+def wanted_streams(vehicle: Vehicle, stack: Stack) -> tuple[Wanted, ...]:
+    """What to ask for; ESC groups by the ESC numbers of the vehicle file, PX4's ESC dialect on PX4."""
+    out = [
+        Wanted(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, 50.0, True),
+        Wanted(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, 50.0, True),
+        Wanted(mavlink.MAVLINK_MSG_ID_HIGHRES_IMU, 50.0, False),
+        Wanted(mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, 50.0, not vehicle.telemetered),
+        Wanted(mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET, 20.0, False),
+        Wanted(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 2.0, False),
+        Wanted(mavlink.MAVLINK_MSG_ID_BATTERY_STATUS, 2.0, False),
+        Wanted(mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE, 1.0, False),
+    ]
+    if vehicle.rangefinders:
+        out.append(Wanted(mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR, 25.0, True))
+    escs = [rotor.esc for rotor in vehicle.rotors if rotor.esc is not None]
+    if escs and stack is Stack.PX4:
+        out += [Wanted(291, 25.0, True), Wanted(290, 1.0, False)]
+    elif escs:
+        out += [Wanted(_ESC_GROUPS[group], 25.0, True) for group in sorted({(esc - 1) // 4 for esc in escs})]
+    return tuple(out)
+
+
+class StreamKeeper:
+    """Counts arrivals by id and tells which requests to (re)send. Times are the receiver's clock [s]."""
+
+    def __init__(self, wanted: tuple[Wanted, ...]) -> None:
+        self.wanted = wanted
+        self._seen: dict[int, deque[float]] = {w.message_id: deque(maxlen=400) for w in wanted}
+        self._checked_s: float | None = None
+        self.asked_again: dict[int, int] = {}
+
+    def heard(self, message_id: int, now_s: float) -> None:
+        """Count one arrival."""
+        stamps = self._seen.get(message_id)
+        if stamps is not None:
+            stamps.append(now_s)
+
+    def rate(self, message_id: int, now_s: float) -> float:
+        """Messages of one id per second over the last two seconds."""
+        return sum(1 for t in self._seen[message_id] if now_s - t <= _CHECK_S) / _CHECK_S
+
+    def due(self, now_s: float) -> list[Wanted]:
+        """What to ask for now: everything at first, then every 2 s what arrives at less than 70 % of its rate."""
+        if self._checked_s is None:
+            self._checked_s = now_s
+            return list(self.wanted)
+        if now_s - self._checked_s < _CHECK_S:
+            return []
+        self._checked_s = now_s
+        slow = [w for w in self.wanted if self.rate(w.message_id, now_s) < _ENOUGH * w.hz]
+        for w in slow:
+            self.asked_again[w.message_id] = self.asked_again.get(w.message_id, 0) + 1
+        return slow
+
+    def forget(self) -> None:
+        """After a reboot or a lost link: ask for everything again."""
+        self._checked_s = None
+
+
+def interval_request(mav: Any, wanted: Wanted, system: int) -> Any:
+    """SET_MESSAGE_INTERVAL as a command to the autopilot."""
+    return mav.command_long_encode(
+        system, 1, _SET_MESSAGE_INTERVAL, 0, wanted.message_id, round(1e6 / wanted.hz), 0, 0, 0, 0, 0
+    )

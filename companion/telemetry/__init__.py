@@ -1,0 +1,1 @@
+"""What the pilot sees during and after a flight."""

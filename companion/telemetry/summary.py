@@ -1,0 +1,92 @@
+"""A flight, live or replayed, in numbers: decisions, commands, refusals with their durations, offsets."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import Any
+
+import numpy as np
+
+from companion.control.authority import Reason
+from companion.pipeline import Decision
+
+_GAP_S = 0.5
+
+
+class Summary:
+    """Accumulates decisions. Durations are on the vehicle's boot axis [s]; a gap above 0.5 s counts for nothing."""
+
+    def __init__(self) -> None:
+        self.decisions = self.commands = 0
+        self._seconds: dict[Reason, float] = defaultdict(float)
+        self._compensated_s = self._total_s = 0.0
+        self._last_s: float | None = None
+        self._low = np.full(8, np.inf)
+        self._high = np.full(8, -np.inf)
+        self._sum = np.zeros(8)
+        self._count = np.zeros(8)
+
+    def add(self, decision: Decision) -> None:
+        """Take in one decision."""
+        dt = 0.0 if self._last_s is None else decision.t_s - self._last_s
+        dt = dt if 0.0 <= dt <= _GAP_S else 0.0
+        self._last_s = decision.t_s
+        self.decisions += 1
+        self.commands += decision.command is not None
+        self._total_s += dt
+        self._compensated_s += dt * (decision.authority > 0.0 and not decision.reasons)
+        for reason in decision.reasons:
+            self._seconds[reason] += dt
+        push = decision.push
+        values = np.array(
+            [
+                decision.offset.thrust,
+                np.degrees(decision.offset.roll),
+                np.degrees(decision.offset.pitch),
+                np.nan if push is None else np.min(push.h_m),
+                np.nan if push is None else np.min(push.d_m),
+                np.nan if push is None else push.trust,
+                np.nan if push is None else -push.wrench[2],
+                np.nan if push is None else np.hypot(push.wrench[0], push.wrench[1]),
+            ]
+        )
+        good = np.isfinite(values)
+        self._low[good] = np.minimum(self._low, values)[good]
+        self._high[good] = np.maximum(self._high, values)[good]
+        self._sum[good] += values[good]
+        self._count += good
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain numbers; None where nothing was seen."""
+        names = ("thrust", "roll_deg", "pitch_deg", "h_m", "d_m", "trust", "lift_n", "side_n")
+        ranges = {
+            name: None
+            if not self._count[i]
+            else {
+                "min": float(self._low[i]),
+                "mean": float(self._sum[i] / self._count[i]),
+                "max": float(self._high[i]),
+            }
+            for i, name in enumerate(names)
+        }
+        return {
+            "decisions": self.decisions,
+            "commands": self.commands,
+            "duration_s": round(self._total_s, 3),
+            "compensated_s": round(self._compensated_s, 3),
+            "refusals_s": {r.name.lower(): round(s, 3) for r, s in sorted(self._seconds.items(), key=lambda x: -x[1])},
+            **ranges,
+        }
+
+    def as_text(self) -> str:
+        """A few lines for a person."""
+        out = [
+            f"{self.decisions} decisions over {self._total_s:.1f} s, {self.commands} setpoints, "
+            f"compensated {self._compensated_s:.1f} s"
+        ]
+        for reason, seconds in sorted(self._seconds.items(), key=lambda x: -x[1]):
+            out.append(f"  {seconds:7.1f} s  {reason.value}")
+        for name, numbers in self.as_json().items():
+            if isinstance(numbers, dict) and "mean" in numbers:
+                out.append(f"  {name:<10} {numbers['min']:+8.3f} {numbers['mean']:+8.3f} {numbers['max']:+8.3f}")
+        return "\n".join(out)

@@ -1,0 +1,263 @@
+"""What an effect is: its description, its linear regressors, and the wrench of one that was adopted."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from models.air_state import AirState
+from models.errors import ConfigError
+from models.frames import Array, at_cg, corner_to_body
+from models.surrogate.fan_surrogate import AdoptedEffect
+from models.vehicle import RHO_SEA_LEVEL, Vehicle
+from models.vehicle_wrench import FanModel, fan_rpm, free_air_thrust, rpm_from_servos, servo_thrust, vane_wrench
+
+__all__ = ["AdoptedEffect", "Coefficient", "Context", "Effect", "InFlight", "Shape"]
+
+GAS_CONSTANT_AIR = 287.05
+DOWNWARD = np.array([0.0, 0.0, 1.0])
+
+
+class InFlight(Enum):
+    """What the flight program may do about an adopted effect."""
+
+    WRENCH = "compensated as a wrench of the air"
+    MEASUREMENT = "corrects a measurement"
+    NONE = "not compensated in flight"
+
+
+@dataclass(frozen=True)
+class Coefficient:
+    """One linear coefficient: name, unit, and the range in which physics expects it."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Shape:
+    """One non-linear parameter, profiled on a grid; ``kinds`` are values that have nothing in between.
+
+    A parameter without ``continuous`` is a kind (a fan's number) or a reference, and never moves off its grid.
+    """
+
+    name: str
+    unit: str
+    continuous: bool = True
+    kinds: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Context:
+    """What an effect may look at: the state of the air, the vehicle, and the fan model (None: the empty model).
+
+    ``state`` has leading shape () in flight and (n,) in replay, there on a uniform time axis with NaN where unknown.
+    """
+
+    state: AirState
+    vehicle: Vehicle
+    model: FanModel | None = None
+
+    @property
+    def record(self) -> bool:
+        """True for a record (n,), False for one instant."""
+        return self.state.time_s.ndim == 1
+
+    @cached_property
+    def rotor_rpm(self) -> Array:
+        """(..., rotors): telemetered, or as the servo outputs declare."""
+        if self.vehicle.telemetered or np.isfinite(self.state.rpm).any():
+            return self.state.rpm
+        return rpm_from_servos(self.vehicle, self.model, self.state.servo_us)
+
+    @cached_property
+    def rpm(self) -> Array:
+        """(..., fans)."""
+        return fan_rpm(self.vehicle, self.rotor_rpm)
+
+    @cached_property
+    def thrust(self) -> Array:
+        """Declared free-air thrust of every fan [N], (..., fans)."""
+        if not self.vehicle.telemetered and not np.isfinite(self.state.rpm).any():
+            per_rotor = servo_thrust(self.vehicle, self.state.servo_us)
+            owner = np.asarray(self.vehicle.rotor_fan)
+            sums = [per_rotor[..., owner == i].sum(axis=-1) for i in range(len(self.vehicle.fans))]
+            return np.stack(sums, axis=-1)
+        try:
+            columns = [
+                free_air_thrust(self.vehicle, self.model, fan, self.rpm[..., i])
+                for i, fan in enumerate(self.vehicle.fans)
+            ]
+        except ConfigError:
+            if self.vehicle.telemetered:
+                raise
+            share = self.vehicle.mass_kg * 9.80665 / len(self.vehicle.fans)
+            return share * (self.rpm / 4000.0) ** 2
+        return np.stack(columns, axis=-1)
+
+    @cached_property
+    def rotor_wrench(self) -> Array:
+        """Declared free-air wrench of all rotors about the CG, (..., 6)."""
+        return self.push(-self.thrust[..., None] * DOWNWARD)
+
+    @cached_property
+    def rotor_force(self) -> Array:
+        """``rotor_wrench`` without its moments (..., 6).
+
+        For scales of the whole thrust: differential thrust tells more of inertia and geometry than of a common scale.
+        """
+        out = self.rotor_wrench.copy()
+        out[..., 3:] = 0.0
+        return out
+
+    @cached_property
+    def declared_force(self) -> Array:
+        """Declared force of rotors and vanes in free air, body FRD, (..., 3)."""
+        vanes = np.nan_to_num(vane_wrench(self.vehicle, self.state.servo_us, self.thrust))
+        out: Array = self.rotor_wrench[..., :3] + vanes[..., :3]
+        return out
+
+    @cached_property
+    def velocity(self) -> Array:
+        """Velocity over ground, body FRD, (..., 3)."""
+        return self.state.velocity_frd
+
+    @cached_property
+    def turning(self) -> Array:
+        """What turning adds to the velocity of every fan's reference point, omega x r, body FRD, (..., fans, 3)."""
+        arms = np.array([fan.position_m for fan in self.vehicle.fans])
+        out: Array = np.cross(self.state.rates[..., None, :], arms)
+        return out
+
+    @cached_property
+    def density(self) -> Array:
+        """Air density [kg/m^3] of the ideal gas, (...); NaN where pressure or temperature is unknown."""
+        return self.state.pressure_pa / (GAS_CONSTANT_AIR * (self.state.air_temperature_c + 273.15))
+
+    @cached_property
+    def mass_flow(self) -> Array:
+        """Momentum theory's mass flow of every fan in hover, sqrt(rho A T) [kg/s], (..., fans)."""
+        return np.sqrt(RHO_SEA_LEVEL * self.vehicle.disc_area_m2 * np.maximum(self.thrust, 0.0))
+
+    @property
+    def weight(self) -> float:
+        """Declared weight [N]."""
+        return self.vehicle.mass_kg * 9.80665
+
+    def push(self, forces: Array, above_m: float = 0.0) -> Array:
+        """Wrench about the CG (..., 6) of body forces (..., fans, 3) that act ``above_m`` over the reference points."""
+        total = np.zeros((*forces.shape[:-2], 6))
+        for i, fan in enumerate(self.vehicle.fans):
+            wrench = np.zeros_like(total)
+            wrench[..., :3] = forces[..., i, :]
+            total += at_cg(wrench, np.asarray(fan.position_m) - above_m * DOWNWARD)
+        return total
+
+    def corner(self, wrench: Sequence[float], sizes: Array, bearing: ArrayLike) -> Array:
+        """Wrench about the CG (..., 6) of one corner-frame wrench times ``sizes`` (..., fans), wall at ``bearing``."""
+        total = np.zeros((*sizes.shape[:-1], 6))
+        for i, fan in enumerate(self.vehicle.fans):
+            local = sizes[..., i, None] * np.asarray(wrench, dtype=float)
+            total += at_cg(corner_to_body(local, bearing), fan.position_m)
+        return total
+
+
+Regressors = Callable[[Context, tuple[float, ...]], Array]
+Grid = Callable[[Context], Sequence[tuple[float, ...]]]
+
+
+def no_shape(_: Context) -> Sequence[tuple[float, ...]]:
+    """The grid of an effect that is linear in everything."""
+    return ((),)
+
+
+def always(_: Context) -> str | None:
+    """For effects that need nothing besides rotors and IMU."""
+    return None
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One entry of the catalogue. ``regressors(ctx, shape)`` -> (..., 6, k), body FRD about the CG, N and N m.
+
+    The wrench is ``regressors @ coefficients``: linear in ``coefficients``, and in ``shapes`` profiled on
+    ``shape_grid(ctx)``. ``lacking(ctx)`` says in a few words which measurement is missing, or None.
+    """
+
+    name: str
+    equation: str
+    sign: str
+    source: str
+    valid: str
+    axes: tuple[str, ...]
+    channels: tuple[str, ...]
+    excite: str
+    coefficients: tuple[Coefficient, ...]
+    regressors: Regressors
+    shapes: tuple[Shape, ...] = ()
+    shape_grid: Grid = no_shape
+    lacking: Callable[[Context], str | None] = always
+    aliases: tuple[str, ...] = ()
+    in_flight: InFlight = InFlight.WRENCH
+    needs_moments: bool = False
+    """Without moments it cannot be told from others."""
+    main: tuple[str, ...] = ()
+    """Coefficients of which at least one must be significant; empty: any."""
+    usual: tuple[float, ...] | None = None
+    """The shape that theory gives: another one must be clearly better."""
+    at_shape: bool = False
+    """The one coefficient is a length at which the one shape linearises: both have to agree."""
+
+    def parameters(self, coefficients: ArrayLike, shape: tuple[float, ...]) -> dict[str, float]:
+        """Names to numbers, as a model directory keeps them."""
+        values = {c.name: float(v) for c, v in zip(self.coefficients, np.asarray(coefficients), strict=True)}
+        return values | {s.name: float(v) for s, v in zip(self.shapes, shape, strict=True)}
+
+    def wrench(self, ctx: Context, parameters: Mapping[str, float]) -> Array:
+        """The effect's wrench (..., 6) with adopted parameters."""
+        shape = tuple(parameters[s.name] for s in self.shapes)
+        coefficients = np.array([parameters[c.name] for c in self.coefficients])
+        return np.asarray(self.regressors(ctx, shape) @ coefficients)
+
+
+def columns(*wrenches: Array) -> Array:
+    """Stack wrenches (..., 6) as regressors (..., 6, k)."""
+    return np.stack(wrenches, axis=-1)
+
+
+def decay(distance: Array, length: float) -> Array:
+    """exp(-distance/length), 0 at infinity, no more than at contact; NaN stays NaN."""
+    return np.exp(-np.maximum(distance, 0.0) / length)
+
+
+def through(ctx: Context, values: Array, response: Callable[[Array], NDArray[Any]]) -> Array:
+    """A record (n, k) through a linear filter given by its response at angular frequencies [rad/s]; NaN is bridged."""
+    n = len(values)
+    step = float(np.median(np.diff(ctx.state.time_s)))
+    pad = min(n, int(20.0 / step) + 1)
+    out = np.empty_like(values)
+    index = np.arange(n)
+    for k in range(values.shape[1]):
+        known = np.isfinite(values[:, k])
+        if not known.any():
+            out[:, k] = np.nan
+            continue
+        x = np.interp(index, index[known], values[known, k])
+        x = np.concatenate([np.full(pad, x[0]), x, np.full(pad, x[-1])])
+        omega = 2.0 * np.pi * np.fft.rfftfreq(len(x), step)
+        y = np.fft.irfft(np.fft.rfft(x) * response(np.asarray(omega, dtype=float)), len(x))[pad : pad + n]
+        out[:, k] = np.where(known, y, np.nan)
+    return out
+
+
+def shifted_heights(state: AirState, metres: float) -> AirState:
+    """The state with every height ``metres`` larger."""
+    return replace(state, h_m=state.h_m + metres)

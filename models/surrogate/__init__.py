@@ -1,0 +1,1 @@
+"""What flies: the model of one fan, evaluated with numpy."""

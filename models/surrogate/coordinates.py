@@ -1,0 +1,98 @@
+"""Height and wall distance as a regressor sees them: coordinates that saturate, and gates that close, far away."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models.dataset import DataSet
+from models.frames import Array
+from models.surrogate.free_air import HORIZONTAL
+
+# Where the data still show an effect at their outermost distance, the gate closes this much further out.
+BEYOND_DATA = 1.5
+# An effect is over where the increments' RMS falls below this share of their largest value.
+OVER_SHARE = 0.003
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """Maps h, d [m] and rpm to inputs in [-1, 1] and to the gates that multiply the increments.
+
+    With t = (h - h_near)/(h_far - h_near) clipped to 0...1: coordinate 1 - 2 (1 - t)^2 (fine near the surface, flat at
+    ``h_far``), gate a(t) = (1 - t^2)^3, twice continuously differentiable and exactly 0 from ``h_far`` on; so for d.
+    A component that needs a wall is gated by a(d); the others by 1 - (1 - a(h))(1 - a(d)), 0 only far from both.
+    """
+
+    h_near: float
+    h_far: float
+    d_near: float
+    d_far: float
+    rpm_low: float
+    rpm_high: float
+    axisymmetric: bool
+
+    def inputs(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> tuple[Array, Array]:
+        """Inputs (n, 3) and gates (n, 6) at flat arrays h, d, rpm (n,)."""
+        th = unit(h, self.h_near, self.h_far)
+        td = unit(d, self.d_near, self.d_far)
+        x = np.stack([1 - 2 * (1 - th) ** 2, 1 - 2 * (1 - td) ** 2, 2 * unit(rpm, self.rpm_low, self.rpm_high) - 1], -1)
+        if self.rpm_high <= self.rpm_low:
+            x[:, 2] = 0.0
+        near_h, near_d = (1 - th * th) ** 3, (1 - td * td) ** 3
+        any_surface = 1 - (1 - near_h) * (1 - near_d)
+        wall_only = near_d if self.axisymmetric else any_surface
+        return x, np.where(HORIZONTAL, wall_only[:, None], any_surface[:, None])
+
+
+def unit(value: ArrayLike, low: float, high: float) -> Array:
+    """(value - low)/(high - low) clipped to 0...1; where the bounds coincide, 0.5 at or below them, 1 beyond."""
+    v = np.asarray(value, dtype=float)
+    if high <= low:
+        out: Array = np.where(np.isnan(v), np.nan, np.where(v > high, 1.0, 0.5))
+        return out
+    clipped: Array = (np.clip(v, low, high) - low) / (high - low)
+    return clipped
+
+
+def fit(data: DataSet, increments: Array, axisymmetric: bool) -> Coordinates:
+    """Take the bounds from the data: nearest distances, where each surface's effect ends, and the rotor speeds.
+
+    ``increments`` (n, 6) over the free-air lift; a component that is all zero has no say.
+    """
+    h_near, h_far = _reach(data.h, data.d, increments)
+    d_near, d_far = _reach(data.d, data.h, increments)
+    return Coordinates(h_near, h_far, d_near, d_far, float(data.rpm.min()), float(data.rpm.max()), axisymmetric)
+
+
+def _reach(distance: Array, other: Array, increments: Array) -> tuple[float, float]:
+    """Nearest distance in the data and the distance from which on this surface has no effect."""
+    finite = np.isfinite(distance)
+    if not finite.any():
+        return 0.0, 0.0
+    near, outer = float(distance[finite].min()), float(distance[finite].max())
+    alone = np.isinf(distance)
+    if not alone.any():
+        return near, BEYOND_DATA * outer
+    excess = increments - _effect_of_other(other[alone], increments[alone], other)
+    scale = np.abs(increments).max(axis=0)
+    size = np.sum((excess / np.where(scale > 0.0, scale, 1.0)) ** 2, axis=1) / max(np.count_nonzero(scale), 1)
+    # RMS over all rows at a distance or beyond, for every distance in the data from the nearest outwards.
+    places, index = np.unique(distance[finite], return_inverse=True)
+    total = np.bincount(index, weights=size[finite])[::-1].cumsum()[::-1] + size[alone].sum()
+    count = np.bincount(index)[::-1].cumsum()[::-1] + int(alone.sum())
+    over = np.sqrt(total / count) < OVER_SHARE
+    over[0] = False
+    return near, float(places[np.argmax(over)]) if over.any() else BEYOND_DATA * outer
+
+
+def _effect_of_other(at: Array, increments: Array, query: Array) -> Array:
+    """Increments (n, 6) that the other surface causes alone, interpolated over its distance (inf allowed)."""
+    inverse = 1.0 / (1.0 + at)
+    places, index = np.unique(inverse, return_inverse=True)
+    count = np.bincount(index)
+    want = 1.0 / (1.0 + query)
+    columns = [np.interp(want, places, np.bincount(index, weights=column) / count) for column in increments.T]
+    return np.stack(columns, axis=1)

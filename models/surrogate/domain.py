@@ -1,0 +1,135 @@
+"""Where the data are: a map of the distance to the nearest data, and bounds, turned into trust 0...1."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.frames import Array
+
+NODES = 65
+PER_UNIT, LAST_CELL = (NODES - 1) / 2.0, NODES - 2
+# Trust is whole up to one typical gap of the data from the nearest row, and none at this many gaps.
+GAPS_TO_NOTHING = 3.0
+# Outside the rotor speeds of the data trust fades over this share of them; so below the nearest distances.
+SPEED_MARGIN = 0.25
+NEAR_MARGIN = 0.5
+
+
+@dataclass(frozen=True)
+class Domain:
+    """Trust by location: ``map`` (NODES, NODES) over the two distance coordinates in [-1, 1], bounds in m and rpm."""
+
+    map: Array
+    h_near: float
+    d_near: float
+    rpm_low: float
+    rpm_high: float
+
+    def __post_init__(self) -> None:
+        """Keep the map's cells as plain numbers too, value = a + b fx + fy (c + d fx): quick to reach at one point."""
+        m = self.map
+        a, b, c = m[:-1, :-1], m[1:, :-1] - m[:-1, :-1], m[:-1, 1:] - m[:-1, :-1]
+        cells = np.stack([a, b, c, m[1:, 1:] - m[1:, :-1] - c], axis=-1)
+        object.__setattr__(self, "_cells", [[tuple(cell) for cell in row] for row in cells.tolist()])
+
+    def trust(self, x: Array, h: Array, d: Array, rpm: Array) -> Array:
+        """Trust (n,) at coordinates x (n, >= 2) that belong to h, d, rpm (n,)."""
+        with np.errstate(invalid="ignore"):
+            p = (x[:, :2] + 1.0) * PER_UNIT
+            known = ~np.isnan(p).any(axis=1)
+            cell = np.clip(np.nan_to_num(p), 0, LAST_CELL).astype(np.intp)
+            fx, fy = (p - cell).T
+        i, j = cell.T
+        m = self.map
+        inside = (1 - fx) * ((1 - fy) * m[i, j] + fy * m[i, j + 1]) + fx * (
+            (1 - fy) * m[i + 1, j] + fy * m[i + 1, j + 1]
+        )
+        out = inside * _near(h, self.h_near) * _near(d, self.d_near)
+        with np.errstate(invalid="ignore"):
+            low = (rpm / self.rpm_low - (1 - SPEED_MARGIN)) / SPEED_MARGIN
+            high = ((1 + SPEED_MARGIN) - rpm / self.rpm_high) / SPEED_MARGIN
+            out = out * np.clip(np.minimum(low, high), 0.0, 1.0)
+        result: Array = np.where(known & ~np.isnan(out), out, 0.0)
+        return result
+
+    def point(self, xh: float, xd: float, h: float, d: float, rpm: float) -> float:
+        """Trust at one point; the same as ``trust``."""
+        px, py = (xh + 1.0) * PER_UNIT, (xd + 1.0) * PER_UNIT
+        i, j = int(px), int(py)
+        if i > LAST_CELL:
+            i = LAST_CELL
+        if j > LAST_CELL:
+            j = LAST_CELL
+        a, b, c, e = self._cells[i][j]  # type: ignore[attr-defined]
+        fx = px - i
+        out: float = a + b * fx + (py - j) * (c + e * fx)
+        if h < self.h_near:
+            out *= max(0.0, (h / self.h_near - NEAR_MARGIN) / (1 - NEAR_MARGIN))
+        if d < self.d_near:
+            out *= max(0.0, (d / self.d_near - NEAR_MARGIN) / (1 - NEAR_MARGIN))
+        if rpm < self.rpm_low:
+            out *= max(0.0, (rpm / self.rpm_low - (1 - SPEED_MARGIN)) / SPEED_MARGIN)
+        elif rpm > self.rpm_high:
+            out *= max(0.0, ((1 + SPEED_MARGIN) - rpm / self.rpm_high) / SPEED_MARGIN)
+        return out
+
+    def arrays(self) -> dict[str, Array]:
+        """What weights.npz holds."""
+        return {"domain_map": self.map}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, Array], bounds: Mapping[str, float]) -> Domain:
+        """Inverse of ``arrays``, with the bounds from model.json."""
+        return cls(map=np.asarray(arrays["domain_map"], dtype=float), **bounds)
+
+
+def fit(x: Array, h: Array, d: Array, rpm: Array) -> Domain:
+    """Map the domain of rows at coordinates x (n, >= 2).
+
+    The typical gap is the 95th percentile, over distinct locations, of the distance to the nearest other location.
+    """
+    places = np.unique(np.round(x[:, :2], 9), axis=0)
+    if len(places) > 4000:
+        places = places[np.random.default_rng(0).choice(len(places), 4000, replace=False)]
+    gap = float(np.quantile(_nearest(places, places, skip_self=True), 0.95)) if len(places) > 1 else 0.0
+    gap = max(gap, 2.0 / (NODES - 1))
+    axis = np.linspace(-1.0, 1.0, NODES)
+    grid = np.stack(np.meshgrid(axis, axis, indexing="ij"), -1).reshape(-1, 2)
+    distance = _nearest(grid, places, skip_self=False)
+    trust = np.clip((GAPS_TO_NOTHING - distance / gap) / (GAPS_TO_NOTHING - 1), 0.0, 1.0)
+    return Domain(
+        map=trust.reshape(NODES, NODES),
+        h_near=_nearest_seen(h, d),
+        d_near=_nearest_seen(d, h),
+        rpm_low=float(rpm.min()),
+        rpm_high=float(rpm.max()),
+    )
+
+
+def _nearest_seen(distance: Array, other: Array) -> float:
+    """Nearest distance in the data; a surface that they never saw counts as seen only beyond the other's reach."""
+    finite, others = distance[np.isfinite(distance)], other[np.isfinite(other)]
+    return float(finite.min()) if finite.size else float(others.max()) if others.size else 0.0
+
+
+def _near(value: Array, near: float) -> Array:
+    if near <= 0.0:
+        return np.ones_like(value)
+    with np.errstate(invalid="ignore"):
+        out: Array = np.clip((value / near - NEAR_MARGIN) / (1 - NEAR_MARGIN), 0.0, 1.0)
+    return out
+
+
+def _nearest(points: Array, places: Array, skip_self: bool) -> Array:
+    """Distance (m,) from each of points (m, 2) to the nearest of places (n, 2)."""
+    out = np.empty(len(points))
+    for start in range(0, len(points), 512):
+        block = points[start : start + 512]
+        squared = ((block[:, None, :] - places[None, :, :]) ** 2).sum(axis=-1)
+        if skip_self:
+            squared[np.arange(len(block)), start + np.arange(len(block))] = np.inf
+        out[start : start + 512] = np.sqrt(squared.min(axis=1))
+    return out

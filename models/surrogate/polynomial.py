@@ -1,0 +1,62 @@
+"""Polynomial regression of degree 1 to 5, the simpler of the paper's two rivals, by weighted least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+
+from models.frames import Array
+
+DEGREES = (1, 2, 3, 4, 5)
+
+
+@dataclass(frozen=True)
+class PolynomialRegressor:
+    """y = sum of coefficients (terms, 6) x monomials of the inputs up to ``degree``.
+
+    ``residual`` shape (6,) is the RMS of the fit on its own rows, the spread it reports.
+    """
+
+    degree: int
+    coefficients: Array
+    residual: Array
+
+    kind = "polynomial"
+
+    def predict(self, x: Array) -> tuple[Array, Array]:
+        """Mean and spread, each (n, 6), at inputs (n, 3)."""
+        mean: Array = monomials(x, self.degree) @ self.coefficients
+        return mean, np.broadcast_to(self.residual, mean.shape).copy()
+
+    def arrays(self) -> dict[str, Array]:
+        """What weights.npz holds."""
+        return {
+            "degree": np.array(float(self.degree)),
+            "coefficients": self.coefficients,
+            "residual": self.residual,
+        }
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, Array]) -> PolynomialRegressor:
+        """Inverse of ``arrays``."""
+        return cls(int(arrays["degree"]), arrays["coefficients"], arrays["residual"])
+
+
+def monomials(x: Array, degree: int) -> Array:
+    """All products of inputs (n, k) up to ``degree``, the constant first, shape (n, terms)."""
+    columns = [np.ones(len(x))]
+    for power in range(1, degree + 1):
+        for indices in combinations_with_replacement(range(x.shape[1]), power):
+            columns.append(np.prod(x[:, list(indices)], axis=1))
+    return np.stack(columns, axis=1)
+
+
+def fit(x: Array, y: Array, gate: Array, degree: int) -> PolynomialRegressor:
+    """Least squares of gate (n, 6) x polynomial(x) on the increments y (n, 6); inputs x (n, 3) in [-1, 1]."""
+    basis = monomials(x, degree)
+    coefficients = np.stack([np.linalg.lstsq(basis * gate[:, [c]], y[:, c], rcond=None)[0] for c in range(6)], axis=1)
+    residual = np.sqrt(np.mean((gate * (basis @ coefficients) - y) ** 2, axis=0))
+    return PolynomialRegressor(degree, coefficients, residual)

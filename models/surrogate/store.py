@@ -1,0 +1,149 @@
+"""Model directories: model.json says what the model is, weights.npz holds its numbers; loading refuses any mismatch."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from models.effects import adopted
+from models.errors import ModelError
+from models.frames import Array
+from models.surrogate.coordinates import Coordinates
+from models.surrogate.domain import Domain
+from models.surrogate.fan_surrogate import AdoptedEffect, Calibration, FanSurrogate, Regressor
+from models.surrogate.free_air import FreeAir
+from models.surrogate.kriging import KrigingRegressor
+from models.surrogate.net_ensemble import NetEnsemble
+from models.surrogate.polynomial import PolynomialRegressor
+
+SCHEMA = 1
+UNITS = {"h": "m", "d": "m", "rpm": "1/min", "force": "N", "moment": "N m"}
+FRAME = "corner frame of one fan: X to the wall, Z up"
+SHIPPED = Path(__file__).parents[1] / "weights"
+DEFAULT = SHIPPED / "default"
+REGRESSORS = {r.kind: r for r in (NetEnsemble, KrigingRegressor, PolynomialRegressor)}
+
+
+def save_model(directory: Path | str, model: FanSurrogate) -> None:
+    """Write ``model`` as a model directory; an existing one is replaced.
+
+    ``model.info`` is kept: an amended model (``FanSurrogate.with_effects``) stays what it was plus its effects.
+    """
+    directory = Path(directory)
+    arrays = {**model.regressor.arrays(), **model.domain.arrays()}
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)  # type: ignore[arg-type]
+    weights = buffer.getvalue()
+    domain = {k: v for k, v in asdict(model.domain).items() if k != "map"}
+    manifest = {
+        **model.info,
+        "schema": SCHEMA,
+        "units": UNITS,
+        "frame": FRAME,
+        "regressor": model.regressor.kind,
+        "free_air": asdict(model.free_air_law),
+        "coordinates": asdict(model.coordinates),
+        "calibration": asdict(model.calibration),
+        "domain": domain,
+        "effects": [{"name": e.name, "parameters": dict(e.parameters)} for e in model.effects],
+        "weights": {"file": "weights.npz", "sha256": hashlib.sha256(weights).hexdigest()},
+    }
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        (directory / "weights.npz").write_bytes(weights)
+        (directory / "model.json").write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise ModelError(f"model directory {directory}: cannot be written ({error.strerror})") from None
+
+
+def load(directory: Path | str | None = None) -> FanSurrogate:
+    """Load a model directory, or a shipped model by its name; without either, the shipped default.
+
+    Raises ModelError naming the file: missing, not JSON, another schema or units, a key missing, weights whose hash
+    is not the one declared, or that cannot be read.
+    """
+    directory = DEFAULT if directory is None else _place(Path(directory))
+    path = directory / "model.json"
+    manifest = _manifest(path)
+    try:
+        weights = directory / str(manifest["weights"]["file"])
+        arrays = _arrays(weights, str(manifest["weights"]["sha256"]))
+        regressor: Regressor = REGRESSORS[manifest["regressor"]].from_arrays(arrays)
+        model = FanSurrogate(
+            FreeAir(**_tuples(manifest["free_air"])),
+            Coordinates(**manifest["coordinates"]),
+            regressor,
+            Calibration(**_tuples(manifest["calibration"])),
+            Domain.from_arrays(arrays, manifest["domain"]),
+            effects=tuple(_effect(path, e) for e in manifest["effects"]),
+            info={k: v for k, v in manifest.items() if k not in _OWN_KEYS},
+        )
+    except KeyError as error:
+        raise ModelError(f"model file {path}: {error} is missing or not known; train the model again") from None
+    except (TypeError, ValueError, AttributeError) as error:
+        raise ModelError(f"model file {path}: is damaged ({error}); train the model again") from None
+    return model
+
+
+def _place(directory: Path) -> Path:
+    """The directory itself, or the shipped model of that name where there is no such directory."""
+    shipped = SHIPPED / directory.name
+    by_name = len(directory.parts) == 1 and not directory.exists() and (shipped / "model.json").exists()
+    return shipped if by_name else directory
+
+
+_SECTIONS = ("free_air", "coordinates", "calibration", "domain")
+_OWN_KEYS = {*_SECTIONS, "schema", "units", "frame", "regressor", "effects", "weights"}
+
+
+def _manifest(path: Path) -> dict[str, Any]:
+    try:
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise ModelError(
+            f"model file {path}: cannot be read ({error.strerror}); give a directory that 'models train --out' wrote"
+        ) from None
+    except ValueError:
+        raise ModelError(f"model file {path}: is not JSON; train the model again") from None
+    if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
+        found = manifest.get("schema") if isinstance(manifest, dict) else None
+        raise ModelError(f"model file {path}: schema is {found!r}, this program reads {SCHEMA}; train the model again")
+    if manifest.get("units") != UNITS or manifest.get("frame") != FRAME:
+        raise ModelError(
+            f"model file {path}: units or frame are not {UNITS} in the corner frame; train the model again"
+        )
+    return manifest
+
+
+def _arrays(path: Path, sha256: str) -> dict[str, Array]:
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise ModelError(f"model file {path}: cannot be read ({error.strerror}); train the model again") from None
+    if hashlib.sha256(raw).hexdigest() != sha256:
+        raise ModelError(f"model file {path}: does not have the hash that model.json declares; train the model again")
+    try:
+        with np.load(io.BytesIO(raw), allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
+        raise ModelError(f"model file {path}: is no npz archive; train the model again") from None
+
+
+def _tuples(section: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: tuple(v) if isinstance(v, list) else v for k, v in section.items()}
+
+
+def _effect(path: Path, entry: Mapping[str, Any]) -> AdoptedEffect:
+    name, parameters = str(entry["name"]), {str(k): float(v) for k, v in entry["parameters"].items()}
+    try:
+        return adopted(name, parameters)
+    except ModelError as error:
+        raise ModelError(f"model file {path}: {error}") from None

@@ -1,0 +1,1 @@
+"""What makes a surrogate from a data set."""

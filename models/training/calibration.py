@@ -1,0 +1,53 @@
+"""Calibrate the spread of a regressor on places that it had not seen: conformal, with the finite-sample correction."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.frames import Array
+from models.surrogate.fan_surrogate import Calibration
+
+GAINS = np.concatenate([[0.0], np.geomspace(0.05, 20.0, 60)])
+COVER = 0.95
+COVER_SIGMAS = 1.96
+SMALLEST = 1e-6
+
+
+@dataclass(frozen=True)
+class Unseen:
+    """Errors (n, 6) of answers where nothing was learnt and the spread (n, 6) stated there, gates included."""
+
+    error: Array
+    spread: Array
+    locations: NDArray[np.intp]
+
+    @property
+    def level(self) -> float:
+        """Share of the n known places to cover so that the next one is covered with 95 %: ceil(0.95 (n + 1)) / n."""
+        n = len(np.unique(self.locations))
+        return min(1.0, math.ceil(COVER * (n + 1)) / n)
+
+
+def calibrate(sets: Sequence[Unseen], increments: Array) -> Calibration:
+    """Gain and floor per component of sigma = sqrt((gain spread)^2 + floor^2).
+
+    Of all pairs with which 1.96 sigma covers every one of ``sets`` to its level, the pair with the narrowest sigma, in
+    the mean logarithm. ``increments`` (m, 6) give the size against which spread counts.
+    """
+    gains, floors = np.empty(6), np.empty(6)
+    size = np.sqrt(np.mean(increments**2, axis=0))
+    for c in range(6):
+        spread2 = [(GAINS[:, None] * s.spread[:, c]) ** 2 for s in sets]
+        floor2 = np.full(len(GAINS), SMALLEST**2)
+        for s, known in zip(sets, spread2, strict=True):
+            needed = (s.error[:, c] / COVER_SIGMAS) ** 2 - known
+            floor2 = np.maximum(floor2, np.quantile(needed, s.level, axis=1, method="higher"))
+        width = np.mean([np.log(known + floor2[:, None]).mean(axis=1) for known in spread2], axis=0)
+        k = int(np.argmin(width))
+        gains[c], floors[c] = GAINS[k], math.sqrt(floor2[k])
+    return Calibration(tuple(gains.tolist()), tuple(floors.tolist()), tuple(size.tolist()))

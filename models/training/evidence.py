@@ -1,0 +1,56 @@
+"""Does a component depend on the place at all? What does not rise above the data's noise is not learnt."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.frames import Array
+from models.surrogate import polynomial
+
+# A component is learnt if simple models explain at least this share of it at places that they have not seen.
+LEAST_SHARE = 0.1
+DEGREES = (1, 2, 3, 4)
+NEIGHBOURS = 4
+FOLDS = 5
+ROWS = 1500
+
+
+def live(x: Array, y: Array, gate: Array, locations: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Components (6,) of increments y (n, 6) that vary with the inputs x (n, 3) beyond noise.
+
+    Noise at one place says nothing about the next: neither polynomials of degree 1 to 4 nor the mean of the four
+    nearest places then beat a constant on places left out.
+    """
+    if len(x) > ROWS:
+        rows = np.sort(np.random.default_rng(0).choice(len(x), ROWS, replace=False))
+        x, y, gate, locations = x[rows], y[rows], gate[rows], locations[rows]
+    _, place = np.unique(locations, return_inverse=True)
+    fold = (np.random.default_rng(0).permutation(place.max() + 1) % FOLDS)[place]
+    left = [_nearest(x, y, place), *(_polynomial(x, y, gate, fold, degree) for degree in DEGREES)]
+    constant = ((y - y.mean(axis=0)) ** 2).sum(axis=0)
+    varies = np.ptp(y, axis=0) > 1e-9
+    out: NDArray[np.bool_] = varies & (np.min(left, axis=0) < (1.0 - LEAST_SHARE) * constant)
+    return out
+
+
+def _polynomial(x: Array, y: Array, gate: Array, fold: NDArray[np.intp], degree: int) -> Array:
+    """Sum of squared errors (6,) of a polynomial on the folds that it was not fitted on."""
+    left = np.zeros(6)
+    for k in range(FOLDS):
+        seen, unseen = fold != k, fold == k
+        fitted = polynomial.fit(x[seen], y[seen], gate[seen], degree)
+        left += ((gate[unseen] * fitted.predict(x[unseen])[0] - y[unseen]) ** 2).sum(axis=0)
+    return left
+
+
+def _nearest(x: Array, y: Array, place: NDArray[np.intp]) -> Array:
+    """Sum of squared errors (6,) of the mean of the nearest other places' means."""
+    count = np.bincount(place)
+    centre, mean = (
+        np.stack([np.bincount(place, weights=column) / count for column in a.T], axis=1) for a in (x[:, :2], y)
+    )
+    distance = ((centre[:, None] - centre[None]) ** 2).sum(axis=-1)
+    np.fill_diagonal(distance, np.inf)
+    near = np.argsort(distance, axis=1)[:, :NEIGHBOURS]
+    return np.asarray(((mean[near].mean(axis=1)[place] - y) ** 2).sum(axis=0))

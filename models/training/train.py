@@ -1,0 +1,492 @@
+"""From a data set to a surrogate that flies: frame the problem, train by any method, calibrate, measure."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.dataset import DataSet, holdout
+from models.errors import ModelError
+from models.frames import AXES, Array
+from models.surrogate import coordinates, domain, free_air, kriging, polynomial
+from models.surrogate.coordinates import Coordinates
+from models.surrogate.fan_surrogate import Calibration, FanSurrogate, Regressor
+from models.surrogate.free_air import FreeAir
+from models.surrogate.net_ensemble import NetEnsemble
+from models.training import calibration, evidence, genetic, levenberg
+from models.training.adam import Adam, Descent, Rule
+from models.training.calibration import Unseen
+
+PAPER_METHODS = ("bp", "ga-bp", "adam-bp", "ga-adam-bp")
+METHODS = (*PAPER_METHODS, "kriging", "polynomial", "ensemble")
+MEMBERS = 5
+MIN_PLACES = 2 * MEMBERS
+HIDDEN = 9
+HIDDEN_SCAN = tuple(range(2, 13))
+EPOCHS = 3000
+ADAM_RATE = 0.03
+# Weight decays to choose from: one within the first factor of the least error on unseen places is as good, beyond the
+# second weaker ones are not tried.
+DECAYS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
+NEARLY, HOPELESS = 1.05, 1.5
+TRIAL_FOLDS = 3
+# Calibration leaves out whole blocks of a grid of this many by this many over the distances.
+BLOCKS = 4
+CALIBRATION_ROWS = 600
+# Beyond this many rows a random part trains, and all of them measure; the genetic algorithm looks at fewer still.
+MAX_ROWS = 3000
+GA_ROWS = 400
+
+Progress = Callable[[str, int, int], None]
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A data set framed for regression: y = gate x net(x), with y the increments over the free-air lift.
+
+    ``x`` (n, 3) in [-1, 1], ``gate`` and ``y`` (n, 6), ``scale`` (6,) the largest |y| (1 where y is nothing),
+    ``locations`` (n,) one number per distinct (h, d), ``live`` (6,) the components that depend on the place; y of the
+    others is zero, their constant is the free-air law's share.
+    """
+
+    free_air: FreeAir
+    coordinates: Coordinates
+    x: Array
+    gate: Array
+    y: Array
+    scale: Array
+    locations: Index
+    live: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    def take(self, index: Index) -> Problem:
+        """The rows ``index``."""
+        return replace(self, x=self.x[index], gate=self.gate[index], y=self.y[index], locations=self.locations[index])
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A surrogate and the numbers of contract, section 4, as ``models train --json`` prints them."""
+
+    model: FanSurrogate
+    report: Mapping[str, Any]
+
+
+def frame(data: DataSet, live: NDArray[np.bool_] | None = None) -> Problem:
+    """Fit the free-air law and the coordinates, and divide the increments by the lift.
+
+    ``live`` (6,) where it is known which components depend on the place; else the data decide. Raises ModelError where
+    there are too few places for five folds.
+    """
+    locations = data.locations
+    places = int(locations.max()) + 1
+    if places < MIN_PLACES:
+        raise ModelError(
+            f"data set {data.source}: has {places} distinct places (h, d) to learn from; "
+            f"at least {MIN_PLACES} are needed"
+        )
+    law = free_air.fit(data)
+    y = increments(data.wrench, data.rpm, law)
+    if live is None:
+        x, gate = coordinates.fit(data, y, axisymmetric=False).inputs(data.h, data.d, data.rpm)
+        live = evidence.live(x, y, gate, locations)
+    law = _with_constants(law, data, live)
+    y = np.where(live, increments(data.wrench, data.rpm, law), 0.0)
+    coords = coordinates.fit(data, y, free_air.is_axisymmetric(law, live))
+    x, gate = coords.inputs(data.h, data.d, data.rpm)
+    size = np.abs(y).max(axis=0)
+    return Problem(law, coords, x, gate, y, np.where(size > 1e-9, size, 1.0), locations, live)
+
+
+def _with_constants(law: FreeAir, data: DataSet, live: NDArray[np.bool_]) -> FreeAir:
+    """The law with the mean over all places as the share of components that do not depend on the place.
+
+    A mean that is not significantly off zero is zero; the spread about it becomes the law's scatter. Fz keeps its 1.
+    """
+    if live.all():
+        return law
+    ratio = data.wrench / law.lift(data.rpm)[:, None]
+    _, place = np.unique(data.locations, return_inverse=True)
+    count = np.bincount(place)
+    means = np.stack([np.bincount(place, weights=column) / count for column in ratio.T], axis=1)
+    mean, error = means.mean(axis=0), means.std(axis=0, ddof=1) / np.sqrt(len(means))
+    constant = np.where(np.abs(mean) > free_air.SIGNIFICANT * error, mean, 0.0)
+    constant[AXES.index("Fz")] = 1.0
+    share = np.where(live, law.share, constant)
+    scatter = np.where(live, law.scatter, np.sqrt(np.mean((ratio - share) ** 2, axis=0)))
+    return replace(law, share=tuple(share.tolist()), scatter=tuple(scatter.tolist()))
+
+
+def increments(wrench: Array, rpm: Array, law: FreeAir) -> Array:
+    """Wrench (n, 6) over the free-air lift, less the free-air share: F/(rho A Omega^2 R^2) up to one constant."""
+    out: Array = wrench / law.lift(rpm)[:, None] - np.asarray(law.share)
+    return out
+
+
+def train(
+    data: DataSet,
+    method: str,
+    seed: int = 0,
+    *,
+    hidden: int | None = HIDDEN,
+    epochs: int = EPOCHS,
+    fidelity: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+) -> Trained:
+    """Train ``method`` at 80 % of the places, measure at the rest; ``hidden`` None scans 2...12 by inner validation.
+
+    Nets are an ensemble of five, each without one fifth of the places; the spread of all methods is calibrated on
+    places that were not trained on. The test rows choose nothing.
+    """
+    if method not in METHODS:
+        raise ModelError(f"--method {method}: is not known; give one of {', '.join(METHODS)}")
+    start = time.perf_counter()
+    data = free_air.level(data)
+    train_rows, test_rows = holdout(data, seed)
+    part = data.take(train_rows)
+    problem = frame(part)
+    rng = np.random.default_rng(seed)
+    learnt = problem
+    notes = list(data.notes)
+    if len(problem) > MAX_ROWS:
+        learnt = problem.take(np.sort(rng.choice(len(problem), MAX_ROWS, replace=False)))
+        notes.append(f"{MAX_ROWS} of {len(problem)} training rows, drawn at random, were learnt")
+    if problem.free_air.origin != "free-air rows":
+        notes.append("no free-air rows (h and d both inf): the outermost rows stand for free air")
+    notes += constant_notes(problem.live)
+    choices: dict[str, Any] = {}
+    if method in PAPER_METHODS or method == "ensemble":
+        if hidden is None:
+            hidden, table = scan_hidden(learnt, rng, progress)
+            choices["hidden_scan"] = {str(size): round(error, 6) for size, error in table.items()}
+        choices["hidden"] = hidden
+    regressor, calibrated = _fit(learnt, method, rng, hidden or HIDDEN, epochs, progress, choices)
+    info = {
+        "method": method,
+        "seed": seed,
+        "fidelity": dict(fidelity or {"level": None, "label": "not stated"}),
+        "data": {"file": data.source, "sha256": data.sha256, "rows": len(data)},
+        "choices": choices,
+        "notes": notes,
+    }
+    where = domain.fit(problem.x, part.h, part.d, part.rpm)
+    model = FanSurrogate(problem.free_air, problem.coordinates, regressor, calibrated, where, info=info)
+    sets = {"train": part, "test": data.take(test_rows)}
+    measured = {name: measure(model, rows, problem.live) for name, rows in sets.items()}
+    report = {
+        "method": method,
+        "seed": seed,
+        "rows": len(data),
+        **{name: m["wrench"] for name, m in measured.items()},
+        "seconds": round(time.perf_counter() - start, 3),
+        "increments": {name: m["increments"] for name, m in measured.items()},
+        "coverage_95": {name: m["coverage_95"] for name, m in measured.items()},
+        **choices,
+        "notes": notes,
+    }
+    model.info = {**info, "metrics": {k: report[k] for k in ("train", "test", "increments", "coverage_95")}}
+    return Trained(model, report)
+
+
+def constant_notes(live: NDArray[np.bool_]) -> list[str]:
+    """Words for components that were learnt as a constant."""
+    return [
+        f"{AXES[c]} does not vary with the place beyond the data's noise: learnt as a constant share of the lift, "
+        "R2 of its increments undefined"
+        for c in np.flatnonzero(~live)
+    ]
+
+
+def measure(model: FanSurrogate, data: DataSet, live: NDArray[np.bool_]) -> dict[str, Any]:
+    """R^2 and MSE per component, of the wrench (N, N m) and of its increments (1, m), and share within 1.96 sigma."""
+    answer = model.query(data.h, data.d, data.rpm)
+    law = model.free_air_law
+    inside = np.abs(answer.wrench - data.wrench) <= 1.96 * answer.sigma + 1e-12
+    truth, answered = (increments(w, data.rpm, law) for w in (data.wrench, answer.wrench))
+    return {
+        "wrench": scores(data.wrench, answer.wrench, live | (np.ptp(answer.wrench, axis=0) > 1e-9)),
+        "increments": scores(truth, answered, live),
+        "coverage_95": dict(zip(AXES, np.round(inside.mean(axis=0), 4).tolist(), strict=True)),
+    }
+
+
+def scores(truth: Array, answer: Array, live: NDArray[np.bool_]) -> dict[str, dict[str, float | None]]:
+    """``{"Fx": {"r2", "mse"}, ...}`` of (n, 6) against (n, 6); r2 None where undefined or the component is not live."""
+    r2, mse = np.where(live, r_squared(truth, answer), np.nan), np.mean((truth - answer) ** 2, axis=0)
+    return {axis: {"r2": defined(r2[c]), "mse": float(mse[c])} for c, axis in enumerate(AXES)}
+
+
+def defined(value: float) -> float | None:
+    """NaN as None, which is null in JSON."""
+    return None if np.isnan(value) else float(value)
+
+
+def r_squared(truth: Array, answer: Array) -> Array:
+    """R^2 (eq. 17) over the first axis, (n, ...) -> (...), the mean being that of the evaluated set.
+
+    NaN for a constant column: it has no variance to explain.
+    """
+    error = ((truth - answer) ** 2).sum(axis=0)
+    variance = ((truth - truth.mean(axis=0)) ** 2).sum(axis=0)
+    constant = variance <= 1e-18 * len(truth) * np.maximum(np.abs(truth).max(axis=0), 1e-9) ** 2
+    out: Array = np.where(constant, np.nan, 1.0 - error / np.where(constant, 1.0, variance))
+    return out
+
+
+def folds(problem: Problem, count: int, rng: np.random.Generator) -> Index:
+    """Fold 0...count-1 of each row, shape (n,); rows of one (h, d) stay together."""
+    _, place = np.unique(problem.locations, return_inverse=True)
+    out: Index = rng.permutation(np.arange(place.max() + 1) % count)[place]
+    return out
+
+
+def learn(
+    arrays: tuple[Array, Array, Array, Array],
+    method: str,
+    hidden: int,
+    epochs: int,
+    rng: np.random.Generator,
+    *,
+    rate: float = ADAM_RATE,
+    mask: Array | None = None,
+    progress: Progress | None = None,
+) -> Array:
+    """Chromosomes (N, genes) of N nets trained at once by one of the paper's methods.
+
+    ``arrays``: x (N or 1, n, 3), gate, y and weight (N, n), as ``network.Batch``.
+    """
+    from models.training import network
+
+    x, gate, y, weight = arrays
+    nets, rows = y.shape
+    if method.startswith("ga-"):
+        seen = np.sort(rng.choice(rows, min(rows, GA_ROWS), replace=False))
+        small = network.Batch.of(x[:, seen], gate[:, seen], y[:, seen], weight[:, seen])
+        evaluate = network.PopulationError(small, hidden)
+        start, _ = genetic.evolve(evaluate, nets, network.genes(hidden), rng, tick=_tick(progress, "genetic algorithm"))
+    else:
+        start = rng.uniform(-1.0, 1.0, (nets, network.genes(hidden)))
+    if mask is not None:
+        start = start * mask
+    rule: Rule = Adam(rate) if "adam" in method else Descent()
+    batch = network.Batch.of(x, gate, y, weight)
+    return network.descend(start, batch, hidden, rule, epochs, mask=mask, tick=_tick(progress, "descent"))
+
+
+def scan_hidden(
+    problem: Problem, rng: np.random.Generator, progress: Progress | None, epochs: int = 1000
+) -> tuple[int, dict[int, float]]:
+    """Best hidden size of 2...12 (eq. 2) and the validation error of each, relative to the mean of y.
+
+    Two Adam nets per component and size, all in one batch, narrow ones masked; one fifth of the training places
+    validates. The error is the geometric mean over components of the unexplained share.
+    """
+    from models.training import network
+
+    widest, repeats = max(HIDDEN_SCAN), 2
+    validate = folds(problem, MEMBERS, rng) == 0
+    live = np.flatnonzero(problem.live).tolist()
+    if not live:
+        return HIDDEN, {}
+    tasks = [(size, c) for size in HIDDEN_SCAN for c in live for _ in range(repeats)]
+    x = problem.x[None]
+    columns = [c for _, c in tasks]
+    gate, y = problem.gate.T[columns], (problem.y / problem.scale).T[columns]
+    weight = np.repeat((~validate)[None].astype(float), len(tasks), axis=0)
+    mask = np.stack([_width_mask(size, widest) for size, _ in tasks])
+    theta = learn((x, gate, y, weight), "adam-bp", widest, epochs, rng, mask=mask, progress=progress)
+    w1, b1, w2, b2 = network.unpack(theta, widest)
+    z = np.tanh(np.matmul(x[:, validate], w1) + b1[:, None])
+    error = gate[:, validate] * ((z * w2[:, None]).sum(axis=-1) + b2[:, None]) - y[:, validate]
+    unexplained = (error**2).sum(axis=1) / np.maximum((y[:, validate] ** 2).sum(axis=1), 1e-12)
+    by_size = np.log(unexplained + 1e-12).reshape(len(HIDDEN_SCAN), -1).mean(axis=1)
+    table = {size: float(np.exp(v)) for size, v in zip(HIDDEN_SCAN, by_size, strict=True)}
+    return min(table, key=table.__getitem__), table
+
+
+def _width_mask(size: int, widest: int) -> Array:
+    """Genes (1 or 0) of a net of ``size`` hidden units inside one of ``widest``."""
+    unit = (np.arange(widest) < size).astype(float)
+    return np.concatenate([np.tile(unit, 3), unit, unit, [1.0]])
+
+
+def _fit(
+    problem: Problem,
+    method: str,
+    rng: np.random.Generator,
+    hidden: int,
+    epochs: int,
+    progress: Progress | None,
+    choices: dict[str, Any],
+) -> tuple[Regressor, Calibration]:
+    """Regressor and calibrated spread; what was chosen on the way goes into ``choices``."""
+    fold = folds(problem, MEMBERS, rng)
+    if method in PAPER_METHODS:
+        nets = _paper_nets(problem, fold, method, rng, hidden, epochs, progress)
+        return nets, calibration.calibrate([_unseen_folds(problem, nets, fold)], problem.y)
+    if method == "ensemble":
+        decays = choose_decays(problem, rng, hidden, progress)
+        choices["decays"] = dict(zip(AXES, decays, strict=True))
+        nets = levenberg_nets(problem, fold, rng, hidden, decays, progress)
+
+        def build(rows: Problem) -> Regressor:
+            return levenberg_nets(rows, folds(rows, MEMBERS, rng), rng, hidden, decays)
+
+        return nets, calibration.calibrate(
+            [_unseen_folds(problem, nets, fold), _unseen(problem, build, blocks(problem), rng, progress)], problem.y
+        )
+    if method == "polynomial":
+        errors = {d: fold_error(problem, fold, d) for d in polynomial.DEGREES}
+        degree = min(errors, key=errors.__getitem__)
+        choices["degree"] = degree
+
+    def rival(rows: Problem) -> Regressor:
+        if method == "kriging":
+            return kriging.fit(rows.x, rows.y, rows.gate, rows.locations, int(rng.integers(2**31)))
+        return polynomial.fit(rows.x, rows.y, rows.gate, degree)
+
+    scattered = _unseen(problem, rival, fold, rng, progress)
+    return rival(problem), calibration.calibrate(
+        [scattered, _unseen(problem, rival, blocks(problem), rng, progress)], problem.y
+    )
+
+
+def blocks(problem: Problem) -> Index:
+    """Group 0...3 of each row, shape (n,): sixteenths of the (h, d) plane, those of one group apart from each other."""
+    across, along = (
+        np.minimum(BLOCKS * index // (index.max() + 1), BLOCKS - 1)
+        for index in (np.unique(column, return_inverse=True)[1] for column in problem.x[:, :2].T)
+    )
+    out: Index = 2 * (across % 2) + along % 2
+    return out
+
+
+def _unseen(
+    problem: Problem,
+    build: Callable[[Problem], Regressor],
+    group: Index,
+    rng: np.random.Generator,
+    progress: Progress | None,
+) -> Unseen:
+    """Errors and spread on each group of rows of regressors that learnt the other groups."""
+    if len(problem) > CALIBRATION_ROWS:
+        rows = np.sort(rng.choice(len(problem), CALIBRATION_ROWS, replace=False))
+        problem, group = problem.take(rows), group[rows]
+    mean, spread = np.zeros((len(problem), 6)), np.zeros((len(problem), 6))
+    groups = np.unique(group)
+    for done, g in enumerate(groups if len(groups) > 1 else ()):
+        unseen = group == g
+        regressor = build(problem.take(np.flatnonzero(~unseen)))
+        mean[unseen], spread[unseen] = regressor.predict(problem.x[unseen])
+        if progress:
+            progress("calibration", done + 1, len(groups))
+    return _opened(problem, mean, spread)
+
+
+def _unseen_folds(problem: Problem, nets: NetEnsemble, fold: Index) -> Unseen:
+    """Each member's errors on the fold it had not seen, with the spread of all of them there."""
+    _, spread = nets.predict(problem.x)
+    return _opened(problem, nets.outputs(problem.x)[fold, np.arange(len(problem))], spread)
+
+
+def _opened(problem: Problem, mean: Array, spread: Array) -> Unseen:
+    """``Unseen`` of the rows whose gates are not closed: free air is met by construction and shows nothing."""
+    rows = problem.gate.max(axis=1) > 0.0
+    gate, y = problem.gate[rows], problem.y[rows]
+    return Unseen(gate * mean[rows] - y, gate * spread[rows], problem.locations[rows])
+
+
+def fold_error(problem: Problem, fold: Index, degree: int) -> float:
+    """Mean share of the increments that a polynomial leaves unexplained on folds it was not fitted on."""
+    left = 0.0
+    for k in range(MEMBERS):
+        rows, unseen = problem.take(np.flatnonzero(fold != k)), problem.take(np.flatnonzero(fold == k))
+        fitted = polynomial.fit(rows.x, rows.y, rows.gate, degree)
+        left += float(np.sum(((unseen.gate * fitted.predict(unseen.x)[0] - unseen.y) / problem.scale) ** 2))
+    return left
+
+
+def choose_decays(
+    problem: Problem, rng: np.random.Generator, hidden: int, progress: Progress | None = None
+) -> tuple[float, ...]:
+    """Weight decay (6) of the nets of each component: the strongest that is nearly as good as any on unseen places.
+
+    Few and noisy data want a strong one, or 46 weights draw waves between them.
+    """
+    if len(problem) > CALIBRATION_ROWS:
+        problem = problem.take(np.sort(rng.choice(len(problem), CALIBRATION_ROWS, replace=False)))
+    fold, seed = folds(problem, MEMBERS, rng), int(rng.integers(2**31))
+    out = [DECAYS[-1]] * 6
+    for c in np.flatnonzero(problem.live).tolist():
+        target, gate = problem.y[:, c] / problem.scale[c], problem.gate[:, c]
+        left = np.full(len(DECAYS), np.inf)
+        for i, decay in enumerate(DECAYS):
+            left[i] = 0.0
+            start = np.random.default_rng(seed)
+            for k in range(TRIAL_FOLDS):
+                seen, unseen = fold != k, fold == k
+                w1, b1, w2, b2 = levenberg.train(problem.x[seen], target[seen], gate[seen], hidden, start, decay)
+                answer = gate[unseen] * (np.tanh(problem.x[unseen] @ w1 + b1) @ w2 + b2)
+                left[i] += float(np.sum((answer - target[unseen]) ** 2))
+            if progress:
+                progress("weight decay", len(DECAYS) * c + i + 1, 6 * len(DECAYS))
+            if left[i] > HOPELESS * left.min():
+                break
+        out[c] = DECAYS[int(np.flatnonzero(left <= NEARLY * left.min())[0])]
+    return tuple(out)
+
+
+def levenberg_nets(
+    problem: Problem,
+    fold: Index,
+    rng: np.random.Generator,
+    hidden: int,
+    decays: Sequence[float],
+    progress: Progress | None = None,
+) -> NetEnsemble:
+    """Nets by Levenberg-Marquardt with weight decay (6); member k has not seen fold k."""
+    w1 = np.zeros((MEMBERS, 6, 3, hidden))
+    b1, w2, b2 = np.zeros((MEMBERS, 6, hidden)), np.zeros((MEMBERS, 6, hidden)), np.zeros((MEMBERS, 6))
+    for k in range(MEMBERS):
+        rows = fold != k
+        x = problem.x[rows]
+        for c in np.flatnonzero(problem.live).tolist():
+            target, gate = problem.y[rows, c] / problem.scale[c], problem.gate[rows, c]
+            w1[k, c], b1[k, c], w2[k, c], b2[k, c] = levenberg.train(x, target, gate, hidden, rng, decays[c])
+            if progress:
+                progress("nets", 6 * k + c + 1, 6 * MEMBERS)
+    return NetEnsemble(w1, b1, w2 * problem.scale[:, None], b2 * problem.scale)
+
+
+def _paper_nets(
+    problem: Problem,
+    fold: Index,
+    method: str,
+    rng: np.random.Generator,
+    hidden: int,
+    epochs: int,
+    progress: Progress | None,
+) -> NetEnsemble:
+    """Nets by one of the paper's methods, all five members and six components in one batch."""
+    from models.training import network
+
+    gate, y = np.tile(problem.gate.T, (MEMBERS, 1)), np.tile((problem.y / problem.scale).T, (MEMBERS, 1))
+    weight = np.repeat((fold != np.arange(MEMBERS)[:, None]).astype(float), 6, axis=0)
+    theta = learn((problem.x[None], gate, y, weight), method, hidden, epochs, rng, progress=progress)
+    theta[np.tile(~problem.live, MEMBERS)] = 0.0
+    w1, b1, w2, b2 = (a.reshape(MEMBERS, 6, *a.shape[1:]) for a in network.unpack(theta, hidden))
+    return NetEnsemble(w1, b1, w2 * problem.scale[:, None], b2 * problem.scale)
+
+
+def _tick(progress: Progress | None, name: str) -> Callable[[int, int], None] | None:
+    if progress is None:
+        return None
+    return lambda done, total: progress(name, done, total)

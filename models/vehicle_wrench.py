@@ -1,0 +1,163 @@
+"""The modelled wrench of a whole vehicle: fans by rotor speed, surrogate, vanes, torque differences."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from models.air_state import AirState
+from models.errors import ConfigError
+from models.frames import Array, at_cg, corner_to_body
+from models.vehicle import RHO_SEA_LEVEL, Fan, Vehicle
+
+RPM_TO_RAD_S = 2.0 * np.pi / 60.0
+
+
+class FanModel(Protocol):
+    """A surrogate of one fan."""
+
+    def wrench(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
+        """Total wrench (..., 6) of one fan in its corner frame."""
+        ...
+
+    def trust(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
+        """How far the answer is to be believed, 0...1, shape (...)."""
+        ...
+
+
+def fan_rpm(vehicle: Vehicle, rotor_rpm: ArrayLike) -> Array:
+    """One speed per fan, sqrt(mean(rpm_i^2)) over its rotors: (..., rotors) -> (..., fans)."""
+    rpm = np.asarray(rotor_rpm, dtype=float)
+    owner = np.asarray(vehicle.rotor_fan)
+    return np.stack([np.sqrt(np.mean(rpm[..., owner == i] ** 2, axis=-1)) for i in range(len(vehicle.fans))], axis=-1)
+
+
+def free_air_thrust(vehicle: Vehicle, model: FanModel | None, fan: Fan, rpm: ArrayLike) -> Array:
+    """Free-air thrust [N] of one fan at ``rpm`` (...): the model's own, or the vehicle file's ``ct``."""
+    if model is not None:
+        return model.wrench(np.inf, np.inf, rpm)[..., 2]
+    if fan.ct is None:
+        raise ConfigError("vehicle file: key 'fan.ct' is missing, and --model none has no free-air rows to replace it")
+    return fan.ct * _dynamic_force(vehicle, np.asarray(rpm, dtype=float))
+
+
+def rpm_from_servos(vehicle: Vehicle, model: FanModel | None, servo_us: ArrayLike) -> Array:
+    """Rotor speeds [rpm] (..., rotors) that give the thrust the ``[throttle]`` curve declares for these outputs.
+
+    Only the thrust is known there; the speed is the one at which a rotor carries its share of the fan's free-air
+    thrust. Without a model and without ``ct`` the vehicle's own hover fixes the scale.
+    """
+    thrust = servo_thrust(vehicle, servo_us)
+    out = np.empty_like(thrust)
+    for k, owner in enumerate(vehicle.rotor_fan):
+        fan = vehicle.fans[owner]
+        share = thrust[..., k] * len(fan.rotors)
+        reference = 4000.0
+        at_reference = _reference_thrust(vehicle, model, fan, reference)
+        out[..., k] = reference * np.sqrt(np.maximum(share, 0.0) / at_reference)
+    return out
+
+
+def servo_thrust(vehicle: Vehicle, servo_us: ArrayLike) -> Array:
+    """Thrust [N] per rotor (..., rotors) declared by ``[throttle]`` for servo outputs [us] (..., 16)."""
+    if vehicle.throttle is None:
+        raise ConfigError("vehicle file: key 'throttle' is missing, and no rotor speed is telemetered")
+    curve = vehicle.throttle
+    channels = [rotor.servo - 1 for rotor in vehicle.rotors if rotor.servo is not None]
+    pwm = np.asarray(servo_us, dtype=float)[..., channels]
+    u = np.clip((pwm - curve.pwm_min_us) / (curve.pwm_max_us - curve.pwm_min_us), 0.0, 1.0)
+    return curve.max_thrust_n * ((1.0 - curve.expo) * u + curve.expo * u * u)
+
+
+def modelled_wrench(vehicle: Vehicle, model: FanModel | None, state: AirState) -> Array:
+    """The declared wrench of the air on the vehicle about the CG, body FRD, shape (..., 6); no adopted effects.
+
+    ``model`` None is the empty model: rotors in free air (``ct``, or ``[throttle]``), nothing else. ``state.rpm`` must
+    hold rotor speeds (``rpm_from_servos`` where none is telemetered). Net torque comes from the surrogate at equal
+    speeds; a speed difference inside a fan, or between single-rotor fans, adds ``cq`` terms where ``cq`` is given.
+    """
+    speeds = fan_rpm(vehicle, state.rpm)
+    total = np.zeros((*state.rpm.shape[:-1], 6))
+    lift = np.empty_like(speeds)
+    for i, fan in enumerate(vehicle.fans):
+        body = fan_wrench(
+            vehicle, model, i, state.h_m[..., i], state.d_m[..., i], speeds[..., i], state.wall_bearing_rad
+        )
+        lift[..., i] = -body[..., 2]
+        total += at_cg(body, fan.position_m)
+    total[..., 5] += fan_torques(vehicle, state.rpm).sum(axis=-1)
+    return total + vane_wrench(vehicle, state.servo_us, lift)
+
+
+def fan_wrench(
+    vehicle: Vehicle,
+    model: FanModel | None,
+    index: int,
+    h: ArrayLike,
+    d: ArrayLike,
+    rpm: ArrayLike,
+    wall_bearing_rad: ArrayLike,
+) -> Array:
+    """Wrench (..., 6) of fan ``index`` at its own reference point, body FRD."""
+    if model is not None:
+        return corner_to_body(model.wrench(h, d, rpm), wall_bearing_rad)
+    shape = np.broadcast_shapes(np.shape(h), np.shape(d), np.shape(rpm))
+    out = np.zeros((*shape, 6))
+    fan = vehicle.fans[index]
+    out[..., 2] = -((np.asarray(rpm, dtype=float) / 4000.0) ** 2) * _reference_thrust(vehicle, model, fan, 4000.0)
+    return out
+
+
+def disturbance_wrench(vehicle: Vehicle, model: FanModel, state: AirState) -> Array:
+    """What ground and wall add: wrench(h, d, rpm) - wrench(inf, inf, rpm), about the CG, body FRD, (..., 6)."""
+    speeds = fan_rpm(vehicle, state.rpm)
+    total = np.zeros((*state.rpm.shape[:-1], 6))
+    for i, fan in enumerate(vehicle.fans):
+        near = model.wrench(state.h_m[..., i], state.d_m[..., i], speeds[..., i])
+        far = model.wrench(np.inf, np.inf, speeds[..., i])
+        total += at_cg(corner_to_body(near - far, state.wall_bearing_rad), fan.position_m)
+    return total
+
+
+def vane_wrench(vehicle: Vehicle, servo_us: ArrayLike, lift: ArrayLike) -> Array:
+    """Wrench (..., 6) of the vanes about the CG, body FRD; servo outputs (..., 16) [us], fan lifts (..., fans) [N]."""
+    pwm, fan_lift = np.asarray(servo_us, dtype=float), np.asarray(lift, dtype=float)
+    total = np.zeros((*fan_lift.shape[:-1], 6))
+    for vane in vehicle.vanes:
+        deflection = vane.rad_per_us * (pwm[..., vane.servo - 1] - vane.neutral_us)
+        side = vane.force_per_thrust_rad * deflection * fan_lift[..., vane.fan - 1]
+        wrench = np.zeros_like(total)
+        wrench[..., :3] = side[..., None] * np.asarray(vane.axis)
+        total += at_cg(wrench, vane.position_m)
+    return total
+
+
+def fan_torques(vehicle: Vehicle, rotor_rpm: ArrayLike) -> Array:
+    """Yaw torque [N m] (..., fans) of the rotors; zero where ``cq`` is not given.
+
+    A clockwise rotor turns the body counter-clockwise.
+    """
+    rpm = np.asarray(rotor_rpm, dtype=float)
+    moment = np.zeros((*rpm.shape[:-1], len(vehicle.fans)))
+    for k, (rotor, owner) in enumerate(zip(vehicle.rotors, vehicle.rotor_fan, strict=True)):
+        fan = vehicle.fans[owner]
+        if fan.cq is not None:
+            torque = fan.cq / len(fan.rotors) * _dynamic_force(vehicle, rpm[..., k]) * vehicle.rotor_radius_m
+            moment[..., owner] -= rotor.spin * torque
+    return moment
+
+
+def _dynamic_force(vehicle: Vehicle, rpm: Array) -> Array:
+    """rho A Omega^2 R^2 [N] at sea-level density."""
+    return RHO_SEA_LEVEL * vehicle.disc_area_m2 * (rpm * RPM_TO_RAD_S * vehicle.rotor_radius_m) ** 2
+
+
+def _reference_thrust(vehicle: Vehicle, model: FanModel | None, fan: Fan, rpm: float) -> float:
+    """Free-air thrust [N] of a fan at ``rpm``; where neither model nor ``ct`` tells, a fan that hovers there."""
+    if model is None and fan.ct is None:
+        if vehicle.telemetered:
+            free_air_thrust(vehicle, model, fan, rpm)
+        return vehicle.mass_kg * 9.80665 / len(vehicle.fans)
+    return float(free_air_thrust(vehicle, model, fan, rpm))

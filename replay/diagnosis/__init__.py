@@ -1,0 +1,1 @@
+"""The answer of a diagnosis: JSON, page, amended model."""

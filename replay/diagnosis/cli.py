@@ -1,0 +1,102 @@
+"""``replay diagnose``: arguments, files and text; the work is in diagnose.py."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from models.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from replay.residual.record import Record
+
+_EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
+messages; 130 interrupted. Logs: .tlog, .BIN, .ulg. How to read the answer: docs/diagnose.md."""
+
+
+def add_parser(commands: Any) -> None:
+    """Register ``diagnose`` with the subparsers of ``replay``."""
+    p: argparse.ArgumentParser = commands.add_parser(
+        "diagnose", help="find what the declared model lacks, name it, and amend the model", epilog=_EPILOG,
+        description="Measured minus modelled wrench of recorded flights: which physical effect is missing, how large "
+        "it is, and the error before and after adding it, on time that the fit never saw.",
+    )  # fmt: skip
+    p.add_argument("logs", nargs="+", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg; several: confirm each other")
+    p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: the paper's tandem)")
+    p.add_argument(
+        "--model", metavar="DIR", help="declared model, or none: rotors in free air (default: the shipped model)"
+    )
+    p.add_argument("--save-model", type=Path, metavar="DIR", help="write the amended model; companion --model flies it")
+    p.add_argument("--report", type=Path, metavar="DIR", help="write one self-contained HTML page")
+    p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
+    p.add_argument("--seed", type=int, default=0, metavar="N", help="of the null draws and the bootstrap (default 0)")
+    p.add_argument("--json", metavar="FILE", help="write the answer as JSON (- for stdout)")
+    p.add_argument("--quiet", action="store_true", help="no progress bar and no text")
+
+
+def run(a: argparse.Namespace) -> int:
+    """Run the command; UserErrors are reported by the caller."""
+    if a.target_system is not None and not 1 <= a.target_system <= 255:
+        raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
+    if a.seed < 0:
+        raise ConfigError(f"--seed {a.seed}: must not be negative")
+    for option, target in (("--json", a.json), ("--save-model", a.save_model), ("--report", a.report)):
+        if target is not None and str(target) != "-":
+            _check_target(option, Path(target), folder=option != "--json")
+    # Imported here so that --help answers at once.
+    import models
+    from companion.vehicles import default_vehicle
+    from models.vehicle import load_vehicle
+    from replay.cli import write_json
+    from replay.diagnosis.amended_model import save_amended
+    from replay.diagnosis.diagnose import diagnose, flown
+
+    vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
+    model = None if a.model == "none" else models.load(a.model)
+    shown = sys.stderr.isatty() and not a.quiet
+
+    def progress(records: list[Record]) -> Iterable[Record]:
+        from tqdm import tqdm
+
+        bar: Iterable[Record] = tqdm(records, desc="searching", unit="flight", disable=not shown, file=sys.stderr)
+        return bar
+
+    answer = diagnose(a.logs, vehicle, model, target_system=a.target_system, seed=a.seed, progress=progress)
+    if a.save_model is not None:
+        save_amended(a.save_model, model, vehicle, answer.adopted)
+    if a.json is not None:
+        write_json(answer.as_json(None if a.save_model is None else str(a.save_model)), a.json)
+    if a.report is not None:
+        from replay.diagnosis.html_report import write_report
+
+        write_report(a.report, answer, vehicle)
+    if a.json != "-" and not a.quiet:
+        print(answer.as_text())
+        if a.save_model is not None:
+            idle = [e.name for e in answer.adopted if not flown(e)]
+            print(
+                f"amended model: {a.save_model}" + (f" (not compensated in flight: {', '.join(idle)})" if idle else "")
+            )
+        if a.report is not None:
+            print(f"report: {a.report / 'report.html'}")
+    return 0
+
+
+def _check_target(option: str, target: Path, *, folder: bool) -> None:
+    """Refuse a place that cannot be written before minutes are spent on what would go there."""
+    if not folder and target.is_dir():
+        raise ConfigError(f"{option} {target}: is a folder; name a file")
+    if folder and target.exists() and not target.is_dir():
+        raise ConfigError(f"{option} {target}: is a file; name a folder")
+    parent = target if target.is_dir() else target.parent
+    while folder and not parent.exists():
+        parent = parent.parent
+    if not parent.is_dir():
+        raise ConfigError(f"{option} {target}: there is no folder {parent}; create it or name another place")
+    if not os.access(parent, os.W_OK):
+        raise ConfigError(f"{option} {target}: folder {parent} cannot be written; name another place")

@@ -1,0 +1,1 @@
+"""Log files as flights on one boot clock."""

@@ -1,0 +1,31 @@
+"""Log formats by suffix. A new one is a line here and a module with ``read(path, target_system)``."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+
+from models.errors import LogError
+from replay.flightlog import FlightLog
+
+READERS = {".tlog": "replay.logs.tlog_flightlog", ".bin": "replay.logs.bin", ".ulg": "replay.logs.ulg"}
+"""Suffix (lower case) to the module that reads it; imported when needed."""
+
+
+def suffix_of(path: Path) -> str:
+    """The known suffix of a log, or LogError."""
+    suffix = path.suffix.lower()
+    if suffix not in READERS:
+        what = f"'{path.suffix}'" if path.suffix else "no suffix"
+        raise LogError(f"{path}: {what} is no known log format; known: {', '.join(READERS)}")
+    return suffix
+
+
+def read_flightlogs(path: Path, target_system: int | None = None) -> list[FlightLog]:
+    """Every boot in the log, in order. Raises LogError in one line where it cannot be read."""
+    if path.is_dir():
+        raise LogError(f"{path}: is a directory, not a log")
+    if not path.exists():
+        raise LogError(f"{path}: cannot be read (No such file or directory)")
+    logs: list[FlightLog] = import_module(READERS[suffix_of(path)]).read(path, target_system)
+    return logs

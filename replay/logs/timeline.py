@@ -1,0 +1,132 @@
+"""The boot axis of a whole log at once: the columnar counterpart of companion/mavlink/boot_clock.py.
+
+Flight has to place a message the moment it arrives; a log may look ahead, so latencies are compared with those on both
+sides. Stamped autopilot messages have the same times in both. Reboots split the axis.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from companion.mavlink.boot_clock import Stamp
+from companion.mavlink.messages import LAYOUTS, Layout
+from models.errors import LogError
+from replay.logs.tlog import AUTOPILOT, Tlog, outliers
+
+Micros = NDArray[np.int64]
+_WINDOW_US = 2_000_000
+_BACK_MS = 1000
+_AGREE_US = 10_000_000
+_UNIX_US = 10**15
+_WRAP_MS = 2**32
+
+
+class Envelope:
+    """The smallest (arrival - stamp) around each moment: what separates two clocks, latency taken out."""
+
+    def __init__(self, arrival_us: Micros, stamp_us: Micros) -> None:
+        window = (stamp_us - stamp_us.min()) // _WINDOW_US
+        order = np.argsort(window, kind="stable")
+        windows, first = np.unique(window[order], return_index=True)
+        latency = (arrival_us - stamp_us)[order]
+        smallest = np.minimum.reduceat(latency, first)
+        if len(windows) > 2:
+            # A window of its own may hold only late messages; its neighbours know better.
+            smallest = sliding_window_view(np.pad(smallest, 1, mode="edge"), 3).min(axis=1)
+        middle = stamp_us.min() + windows * _WINDOW_US + _WINDOW_US // 2
+        self._origin = int(smallest[0])
+        at = middle + smallest
+        keep = np.concatenate([[True], np.diff(np.maximum.accumulate(at)) > 0])
+        self._at, self._smallest = at[keep], smallest[keep]
+
+    def offset_us(self, arrival_us: Micros) -> Micros:
+        """Offset of the clocks at these arrivals, shape (n,)."""
+        fine = np.interp(arrival_us, self._at, (self._smallest - self._origin).astype(float))
+        out: Micros = self._origin + np.rint(fine).astype(np.int64)
+        return out
+
+
+class Timeline:
+    """Boot number and boot time of every message of one vehicle in a log."""
+
+    def __init__(self, log: Tlog, system: int) -> None:
+        self._log = log
+        self._system = system
+        place, stamp_ms = self._main_stamps()
+        back = np.diff(stamp_ms) < -_BACK_MS
+        self._starts = place[1:][back]
+        """Frame at which each boot after the first begins."""
+        self.boots = int(back.sum()) + 1
+        boot = np.concatenate([[0], np.cumsum(back)])
+        arrival = log.arrival_us[place]
+        self._envelopes = [
+            Envelope(arrival[boot == b], stamp_ms[boot == b].astype(np.int64) * 1000) for b in range(self.boots)
+        ]
+        self.stamps_repaired = 0
+
+    def _main_stamps(self) -> tuple[Micros, Micros]:
+        """Places and unwrapped boot milliseconds of all stamped autopilot messages, in file order, damaged ones out."""
+        places, stamps = [], []
+        for layout in LAYOUTS.values():
+            if layout.stamp is not Stamp.BOOT_MS:
+                continue
+            index = self._log.indices(layout.id, self._system)
+            index = index[self._log.component[index] == AUTOPILOT]
+            if index.size:
+                places.append(index)
+                stamps.append(self._log.records(layout.id, index)["time_boot_ms"].astype(np.int64))
+        if not places:
+            raise LogError(
+                f"{self._log.path}: no stamped message of the autopilot (system {self._system}): no time axis"
+            )
+        place, stamp = np.concatenate(places), np.concatenate(stamps)
+        order = np.argsort(place)
+        place, stamp = place[order], stamp[order]
+        good = stamp > 0
+        good[outliers(stamp, _BACK_MS)] = False
+        place, stamp = place[good], stamp[good]
+        # A step back that the receiver's clock saw as a small step forward is the wrap of 32 bits, not a reboot.
+        elapsed = np.diff(self._log.arrival_us[place]) // 1000 + _AGREE_US // 1000
+        wraps = (np.diff(stamp) < 0) & (np.diff(stamp) + _WRAP_MS <= elapsed)
+        stamp += np.concatenate([[0], np.cumsum(wraps)]) * _WRAP_MS
+        if not place.size:
+            raise LogError(f"{self._log.path}: no believable boot time in the autopilot's messages: no time axis")
+        return place, stamp
+
+    def boot(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Boot number, from 0, of the frames at ``index``."""
+        return np.searchsorted(self._starts, index, side="right")
+
+    def times(self, layout: Layout, index: NDArray[np.int64], stamps: NDArray[np.uint64] | None) -> NDArray[np.float64]:
+        """Boot times [s] of messages of one layout, shape (n,). ``stamps``: the time field as on the wire."""
+        arrival = self._log.arrival_us[index]
+        boots = self.boot(index)
+        offset = np.empty(len(index), np.int64)
+        for b in range(self.boots):
+            rows = boots == b
+            offset[rows] = self._envelopes[b].offset_us(arrival[rows])
+        by_arrival = np.maximum(arrival - offset, 0)
+        if layout.stamp is None or stamps is None:
+            seconds: NDArray[np.float64] = by_arrival / 1e6
+            return seconds
+        stamp = np.minimum(stamps, np.uint64(2**62)).astype(np.int64)
+        if layout.stamp is Stamp.BOOT_MS:
+            stamp *= 1000
+        wrap = {Stamp.BOOT_MS: _WRAP_MS * 1000, Stamp.BOOT_US32: 2**32}.get(layout.stamp)
+        if wrap is not None:
+            stamp += np.rint((by_arrival - stamp) / wrap).astype(np.int64) * wrap
+        component = self._log.component[index]
+        ours = (component == AUTOPILOT) & (self._log.system[index] == self._system)
+        direct = ours & (np.abs(stamp - by_arrival) <= _AGREE_US) & (stamp > 0)
+        out = np.where(direct, stamp, by_arrival)
+        for key in np.unique(component[~direct]):
+            rows = np.flatnonzero(~direct & (component == key) & (stamp > 0))
+            if not rows.size or (key == AUTOPILOT and not (stamp[rows] > _UNIX_US).all()):
+                self.stamps_repaired += int(rows.size)
+                continue
+            foreign = Envelope(arrival[rows], stamp[rows]).offset_us(arrival[rows])
+            out[rows] = np.maximum(stamp[rows] + foreign - offset[rows], 0)
+        result: NDArray[np.float64] = out / 1e6
+        return result

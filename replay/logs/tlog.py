@@ -1,0 +1,349 @@
+"""Reads a .tlog: 8-byte big-endian microseconds of the receiver's clock, then a MAVLink 1 or 2 frame, again and again.
+
+Every frame is CRC-checked; after damage the walk looks for the next frame that passes. Stamps that cannot be true are
+repaired from their neighbours. What was dropped or repaired is counted (``Report``), never hidden.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from fastcrc.crc16 import mcrf4xx as _crc  # pymavlink's own dependency, without the object around it
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from companion.mavlink.dialect import mavlink
+from companion.mavlink.esc_messages import BY_ID as ESC_BY_ID
+from companion.mavlink.messages import wire_dtype
+from models.errors import LogError
+
+V1, V2 = 0xFE, 0xFD
+AUTOPILOT = 1
+_STAMP, _SIGNATURE, _SMALLEST = 8, 13, 16
+_SEARCH = 1 << 20
+"""A file without one good frame in its first MiB is no .tlog."""
+_STAMP_TOLERANCE_US = 500_000
+
+_MOTION = (27, 30, 31, 32, 105)
+"""RAW_IMU, ATTITUDE, ATTITUDE_QUATERNION, LOCAL_POSITION_NED, HIGHRES_IMU."""
+_SPEEDS = (*range(11030, 11033), *range(11040, 11045), 291)
+"""ESC_TELEMETRY_1_TO_4 ... 29_TO_32, ESC_STATUS."""
+_SERVOS, _IDLE_US = 36, 30
+
+_EXTRAS = {number: kind.crc_extra for number, kind in mavlink.mavlink_map.items() if number >= 0}
+_EXTRAS.update({number: kind.CRC_EXTRA for number, kind in ESC_BY_ID.items()})
+_EXTRA_V2 = {number.to_bytes(3, "little"): bytes([extra]) for number, extra in _EXTRAS.items()}
+_EXTRA_V1 = {number: bytes([extra]) for number, extra in _EXTRAS.items() if number < 256}
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a file held and what had to be dropped or repaired."""
+
+    bytes: int
+    frames: int
+    bad_crc: int = 0
+    """Frames dropped because their checksum is wrong, or because their message is of another dialect."""
+    unknown: int = 0
+    """Frames of messages that the dialect does not know: kept where the next frame follows properly."""
+    skipped_bytes: int = 0
+    truncated_bytes: int = 0
+    """Length of an incomplete last frame."""
+    stamps_repaired: int = 0
+    clock_steps: int = 0
+    """Backward steps of the receiver's clock that lasted."""
+
+    def notes(self) -> list[str]:
+        """What is worth telling, in words."""
+        out = []
+        if self.bad_crc or self.skipped_bytes:
+            out.append(f"{self.bad_crc} frames with a wrong checksum dropped, {self.skipped_bytes} bytes skipped")
+        if self.truncated_bytes:
+            out.append(f"last frame cut off ({self.truncated_bytes} bytes)")
+        if self.stamps_repaired:
+            out.append(f"{self.stamps_repaired} receiver stamps repaired")
+        if self.clock_steps:
+            out.append(f"the receiver's clock was set back {self.clock_steps} times")
+        return out
+
+
+@dataclass(frozen=True)
+class Tlog:
+    """A walked file. All arrays have shape (n,), one place per good frame in file order."""
+
+    path: Path
+    data: bytes = field(repr=False)
+    start: NDArray[np.int64]
+    """Offset of the frame's first byte (the magic)."""
+    arrival_us: NDArray[np.int64]
+    message_id: NDArray[np.int32]
+    system: NDArray[np.uint8]
+    component: NDArray[np.uint8]
+    report: Report
+
+    def __len__(self) -> int:
+        return len(self.start)
+
+    def frame(self, index: int) -> bytes:
+        """The bytes of one frame, signature included."""
+        i = int(self.start[index])
+        return self.data[i : i + _frame_length(self.data, i)]
+
+    def frames(self) -> Iterator[tuple[int, bytes]]:
+        """(arrival stamp [us], frame) in file order."""
+        data = self.data
+        for arrival, i in zip(self.arrival_us.tolist(), self.start.tolist(), strict=True):
+            yield arrival, data[i : i + _frame_length(data, i)]
+
+    def indices(self, message_id: int, system: int | None = None) -> NDArray[np.int64]:
+        """Places of the frames of one message, of one system if given."""
+        match = self.message_id == message_id
+        if system is not None:
+            match &= self.system == system
+        return np.flatnonzero(match)
+
+    def records(self, message_id: int, indices: NDArray[np.int64]) -> NDArray[Any]:
+        """Payloads of the frames at ``indices``, all of one message: array of ``wire_dtype``, zero-padded."""
+        dtype = wire_dtype(message_id)
+        raw = np.zeros((len(indices), dtype.itemsize), np.uint8)
+        bytes_ = np.frombuffer(self.data, np.uint8)
+        start = self.start[indices]
+        payload = start + np.where(bytes_[start] == V2, 10, 6)
+        length = np.minimum(bytes_[start + 1], dtype.itemsize)
+        for size in np.flatnonzero(np.bincount(length, minlength=1)):
+            if size:
+                rows = np.flatnonzero(length == size)
+                raw[rows, :size] = sliding_window_view(bytes_, int(size))[payload[rows]]
+        return raw.view(dtype).reshape(-1)
+
+    def counts(self) -> Counter[tuple[int, int, str]]:
+        """How many frames of each (system, component, message name)."""
+        key = self.message_id.astype(np.int64) << 16 | self.system.astype(np.int64) << 8 | self.component
+        values, count = np.unique(key, return_counts=True)
+        return Counter(
+            {
+                (int(v) >> 8 & 255, int(v) & 255, message_name(int(v) >> 16)): int(c)
+                for v, c in zip(values, count, strict=True)
+            }
+        )
+
+
+def message_name(message_id: int) -> str:
+    """Name of a message, ``UNKNOWN_n`` where the dialect has none."""
+    if message_id in ESC_BY_ID:
+        return ESC_BY_ID[message_id].NAME
+    kind = mavlink.mavlink_map.get(message_id)
+    return f"UNKNOWN_{message_id}" if kind is None else str(kind.msgname)
+
+
+def read_tlog(path: Path | str) -> Tlog:
+    """Read and walk a file. Raises LogError where it cannot be read, is empty, or holds no MAVLink frame."""
+    path = Path(path)
+    data = read_bytes(path)
+    starts, counts = _walk(data)
+    if not starts:
+        raise LogError(f"{path}: holds no MAVLink frame: not a .tlog, or damaged throughout")
+    start = np.frombuffer(starts, np.int64)
+    bytes_ = np.frombuffer(data, np.uint8)
+    stamps = sliding_window_view(bytes_, _STAMP)[start].copy().view(">u8").reshape(-1)
+    arrival, repaired, steps = repair_stamps(stamps.astype(np.uint64))
+    magic = start + _STAMP
+    v2 = bytes_[magic] == V2
+    source = magic + np.where(v2, 5, 3)
+    ids = bytes_[source + 2].astype(np.int32)
+    wide = np.flatnonzero(v2)
+    ids[wide] |= bytes_[source[wide] + 3].astype(np.int32) << 8 | bytes_[source[wide] + 4].astype(np.int32) << 16
+    report = Report(len(data), len(start), *counts, repaired, steps)
+    return Tlog(path, data, magic, arrival, ids, bytes_[source], bytes_[source + 1], report)
+
+
+def read_bytes(path: Path) -> bytes:
+    """A log's bytes, or LogError in one line."""
+    try:
+        data = path.read_bytes()
+    except IsADirectoryError:
+        raise LogError(f"{path}: is a directory, not a log") from None
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read ({error.strerror or error})") from None
+    if not data:
+        raise LogError(f"{path}: is empty")
+    return data
+
+
+def _frame_length(data: bytes, i: int) -> int:
+    if data[i] == V2:
+        return data[i + 1] + (12 + _SIGNATURE if data[i + 2] & 1 else 12)
+    return data[i + 1] + 8
+
+
+def _walk(data: bytes) -> tuple[array[int], tuple[int, int, int, int]]:
+    """Offsets of the stamps of all good frames, and (bad_crc, unknown, skipped_bytes, truncated_bytes)."""
+    n, i = len(data), 0
+    starts = array("q")
+    append, crc, extra_v2, extra_v1 = starts.append, _crc, _EXTRA_V2, _EXTRA_V1
+    bad_crc = unknown = skipped = truncated = 0
+    while i + _SMALLEST <= n:
+        magic = data[i + 8]
+        following, extra = n + 1, None
+        if magic == V2 and i + 20 <= n:
+            end = i + 18 + data[i + 9]
+            following = end + 15 if data[i + 10] & 1 else end + 2
+            if following <= n:
+                extra = extra_v2.get(data[i + 15 : i + 18])
+                if extra is not None and crc(data[i + 9 : end] + extra) == data[end] | data[end + 1] << 8:
+                    append(i)
+                    i = following
+                    continue
+        elif magic == V1:
+            end = i + 14 + data[i + 9]
+            following = end + 2
+            if following <= n:
+                extra = extra_v1.get(data[i + 13])
+                if extra is not None and crc(data[i + 9 : end] + extra) == data[end] | data[end + 1] << 8:
+                    append(i)
+                    i = following
+                    continue
+        if following <= n and (following == n or (following + 8 < n and data[following + 8] in (V1, V2))):
+            if extra is None:
+                # A message of another dialect cannot be checked; the frame after it vouches for its length.
+                unknown += 1
+                append(i)
+                i = following
+                continue
+            bad_crc += 1
+        found = _resync(data, i + 1, starts)
+        if found < 0:
+            truncated = n - i if magic in (V1, V2) else 0
+            skipped += 0 if truncated else n - i
+            i = n
+            break
+        skipped += found - i
+        i = found
+    truncated += n - i  # too short for a frame
+    return starts, (bad_crc, unknown, skipped, truncated)
+
+
+def _resync(data: bytes, i: int, starts: array[int]) -> int:
+    """Offset of the next stamp whose frame passes its checksum, or -1."""
+    n = len(data)
+    two, one = data.find(V2, i + 8), data.find(V1, i + 8)
+    while two >= 0 or one >= 0:
+        if not starts and min(m for m in (two, one) if m >= 0) > _SEARCH:
+            return -1
+        if one < 0 or 0 <= two < one:
+            m, header, two = two, 10, data.find(V2, two + 1)
+            extra = _EXTRA_V2.get(data[m + 7 : m + 10])
+        else:
+            m, header, one = one, 6, data.find(V1, one + 1)
+            extra = _EXTRA_V1.get(data[m + 5]) if m + 5 < n else None
+        if extra is None:
+            continue
+        end = m + header + data[m + 1]
+        if end + 2 <= n and _crc(data[m + 1 : end] + extra) == data[end] | data[end + 1] << 8:
+            return m - _STAMP
+    return -1
+
+
+def repair_stamps(stamps: NDArray[np.uint64]) -> tuple[NDArray[np.int64], int, int]:
+    """Receiver stamps (n,) with the impossible ones interpolated; how many; how often the clock was set back.
+
+    A stamp is impossible where it differs by more than half a second from the median of itself and its two neighbours
+    on either side: gaps and lasting steps of the clock pass, single damaged stamps (back in time, year 2793) do not.
+    """
+    stamps_us = np.minimum(stamps, np.uint64(2**62)).astype(np.int64)
+    bad = outliers(stamps_us, _STAMP_TOLERANCE_US)
+    good = np.ones(len(stamps_us), bool)
+    good[bad] = False
+    if len(bad):
+        places = np.arange(len(stamps_us))
+        origin = stamps_us[good][0]
+        fitted = np.interp(places[bad], places[good], (stamps_us[good] - origin).astype(float))
+        stamps_us[bad] = origin + np.rint(fitted).astype(np.int64)
+    set_back = int((np.diff(stamps_us) < -_STAMP_TOLERANCE_US).sum())
+    return stamps_us, len(bad), set_back
+
+
+def outliers(values: NDArray[np.int64], tolerance: int) -> NDArray[np.int64]:
+    """Places of (n,) that differ by more than ``tolerance`` from the median of themselves and two neighbours each side.
+
+    In a sequence that only grows nothing does, however large its steps.
+    """
+    n = len(values)
+    steps = np.diff(values)
+    odd = np.flatnonzero((steps < 0) | (steps > tolerance))
+    if n < 5 or not odd.size:
+        return np.empty(0, np.int64)
+    near = np.unique(np.clip(odd[:, None] + np.arange(-2, 4), 0, n - 1))
+    padded = np.pad(values, 2, mode="reflect")
+    median = np.median(sliding_window_view(padded, 5)[near], axis=1)
+    out: NDArray[np.int64] = near[np.abs(values[near] - median) > tolerance]
+    return out
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The vehicle that a log is read for, and whether it was chosen among several."""
+
+    system: int
+    others: tuple[int, ...] = ()
+    flying: bool = False
+    """Whether one of the others flies as well."""
+    heartbeat: bool = True
+
+    def notes(self) -> list[str]:
+        """What is worth telling, in words."""
+        out = []
+        if self.others:
+            rest = ", ".join(map(str, self.others))
+            more = "; more than one of them flies" if self.flying else ""
+            out.append(
+                f"system {self.system} chosen (flying, most data); also in the log: {rest}{more}; "
+                "--target-system N reads it"
+            )
+        if not self.heartbeat:
+            out.append(f"no autopilot HEARTBEAT; system {self.system} taken from its telemetry")
+        return out
+
+
+def choose_system(log: Tlog, target: int | None = None) -> Choice:
+    """The vehicle to read: ``target``, or of those that fly (of all, where none does) the one with most motion data.
+
+    A vehicle is a system whose component 1 sends HEARTBEAT with an autopilot; without any, one that sends attitudes.
+    """
+    autopilots = log.component == AUTOPILOT
+    beats = np.flatnonzero(autopilots & (log.message_id == 0))
+    alive = log.records(0, beats)["autopilot"] != mavlink.MAV_AUTOPILOT_INVALID
+    systems = np.unique(log.system[beats[alive]])
+    heartbeat = systems.size > 0
+    motion = np.isin(log.message_id, _MOTION) & autopilots
+    if not heartbeat:
+        systems = np.unique(log.system[motion])
+    if not systems.size:
+        raise LogError(f"{log.path}: no vehicle in it: neither HEARTBEAT nor attitude of an autopilot (component 1)")
+    frames = np.bincount(log.system[motion], minlength=256)
+    flying = {int(s): _flies(log, int(s)) for s in systems} if systems.size > 1 else {int(systems[0]): True}
+    ranked = sorted(flying, key=lambda s: (-flying[s], -int(frames[s]), s))
+    if target is None:
+        return Choice(ranked[0], tuple(ranked[1:]), any(flying[s] for s in ranked[1:]), heartbeat)
+    if target not in ranked:
+        raise LogError(f"{log.path}: no vehicle with system id {target}; it holds {', '.join(map(str, ranked))}")
+    return Choice(target, heartbeat=heartbeat)
+
+
+def _flies(log: Tlog, system: int) -> bool:
+    """Whether a vehicle is armed at some time and its rotors turn: by their speeds, or by servo outputs that move."""
+    beats = log.indices(0, system)
+    modes = log.records(0, beats[log.component[beats] == AUTOPILOT])["base_mode"]
+    if not (modes & mavlink.MAV_MODE_FLAG_SAFETY_ARMED).any():
+        return False
+    speeds = [log.records(n, log.indices(n, system))["rpm"] for n in _SPEEDS]
+    if any(s.size for s in speeds):
+        return any(bool(s.any()) for s in speeds)
+    outputs = log.records(_SERVOS, log.indices(_SERVOS, system))
+    return any(np.ptp(outputs[f"servo{k}_raw"].astype(int)) > _IDLE_US for k in range(1, 9)) if outputs.size else False

@@ -1,0 +1,387 @@
+"""A .tlog as FlightLogs: one per boot of the chosen vehicle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.mavlink.messages import LAYOUTS, PER_SI, beam_direction, columns, parameter_value
+from models.frames import Array
+from replay.flightlog import (
+    Beam,
+    EscRecord,
+    FlightLog,
+    ImuRecord,
+    Interval,
+    LogSummary,
+    MessageCount,
+    Series,
+    clipped_at_extreme,
+    quaternions,
+    runs,
+    smallest_step,
+    tidy,
+    unflipped,
+    verdicts_of,
+)
+from replay.logs.timeline import Timeline
+from replay.logs.tlog import AUTOPILOT, Choice, Tlog, choose_system, message_name, read_tlog
+
+_IDS = {layout.name: layout.id for layout in LAYOUTS.values()}
+_GCS = 190
+_WIRE_STEP = 1.0 / PER_SI["mG"]
+_WIRE_STEP_M = 1.0 / PER_SI["cm"]
+
+
+def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
+    """Every boot of the chosen vehicle, in order."""
+    log = read_tlog(path)
+    choice = choose_system(log, target_system)
+    timeline = Timeline(log, choice.system)
+    return [_Boot(log, choice, timeline, boot).flightlog() for boot in range(timeline.boots)]
+
+
+class _Table:
+    """All messages of one kind, of one boot: times, senders and quantities in SI."""
+
+    def __init__(self, name: str, t_s: Array, component: NDArray[np.uint8], values: dict[str, NDArray[Any]]) -> None:
+        self.name = name
+        self.t_s = t_s
+        self.component = component
+        self.values = values
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    def __getitem__(self, quantity: str) -> NDArray[Any]:
+        return self.values[quantity]
+
+    def where(self, mask: NDArray[np.bool_]) -> _Table:
+        return _Table(self.name, self.t_s[mask], self.component[mask], {k: v[mask] for k, v in self.values.items()})
+
+    def series(self, quantity: str, source: str = "") -> Series | None:
+        return tidy(self.t_s, self[quantity], source or self.name)
+
+
+class _Boot:
+    """Builds one FlightLog."""
+
+    def __init__(self, log: Tlog, choice: Choice, timeline: Timeline, boot: int) -> None:
+        self._log, self._choice, self._timeline, self._number = log, choice, timeline, boot
+        self._notes = [*log.report.notes(), *choice.notes()]
+        if timeline.boots > 1:
+            self._notes.append(f"boot {boot + 1} of {timeline.boots} in the file")
+
+    def _table(self, name: str, *, foreign: bool = False) -> _Table:
+        """Messages of the vehicle, or (``foreign``) of everyone."""
+        layout = LAYOUTS[_IDS[name]]
+        index = self._log.indices(layout.id, None if foreign else self._choice.system)
+        index = index[self._timeline.boot(index) == self._number]
+        records = self._log.records(layout.id, index)
+        stamps = None if layout.stamp is None else records[layout.stamp_field]
+        times = self._timeline.times(layout, index, stamps)
+        return _Table(name, times, self._log.component[index], columns(layout, records))
+
+    def _autopilot(self, name: str) -> _Table:
+        table = self._table(name)
+        return table.where(table.component == AUTOPILOT)
+
+    def flightlog(self) -> FlightLog:
+        """All columns."""
+        beats = self._autopilot("HEARTBEAT")
+        attitude, rates = self._attitude()
+        position = self._autopilot("LOCAL_POSITION_NED")
+        target = self._autopilot("ATTITUDE_TARGET")
+        command = self._table("SET_ATTITUDE_TARGET", foreign=True)
+        command = command.where(np.isin(command["target_system"], (0, self._choice.system)))
+        vibration = self._autopilot("VIBRATION")
+        servos = self._servos()
+        start, end = self._span()
+        self._repairs()
+        return FlightLog(
+            path=self._log.path,
+            system=self._choice.system,
+            boot=self._number,
+            start_s=start,
+            end_s=end,
+            vehicle_type=int(beats["type"][-1]) if len(beats) else None,
+            autopilot=int(beats["autopilot"][-1]) if len(beats) else None,
+            attitude=attitude,
+            rates=rates,
+            position=position.series("position"),
+            velocity=position.series("velocity"),
+            imus=self._imus(vibration),
+            beams=self._beams(),
+            escs=self._escs(),
+            servo=servos.get(0),
+            servo_ports=servos,
+            battery=self._battery(),
+            pressure=self._pressure(),
+            thrust_command=target.series("thrust"),
+            attitude_target=tidy(target.t_s, unflipped(target["q"]), target.name),
+            commands=tidy(command.t_s, np.hstack([unflipped(command["q"]), command["thrust"]]), command.name),
+            wind=self._wind(),
+            vibration=vibration.series("level"),
+            armed=self._armed(beats, end),
+            modes=runs(beats.t_s, beats["custom_mode"], end),
+            landed=self._landed(end),
+            parameters=self._parameters(),
+            texts=self._texts(),
+            summary=self._summary(start, end),
+        )
+
+    def _span(self) -> tuple[float, float]:
+        """First and last boot time of the vehicle's stamped messages."""
+        low, high = math.inf, -math.inf
+        for name in (
+            "ATTITUDE",
+            "ATTITUDE_QUATERNION",
+            "LOCAL_POSITION_NED",
+            "SCALED_IMU",
+            "SCALED_PRESSURE",
+            "SCALED_IMU2",
+        ):
+            t = self._autopilot(name).t_s
+            if t.size:
+                low, high = min(low, float(t.min())), max(high, float(t.max()))
+        if high < low:
+            t = self._table("DISTANCE_SENSOR").t_s
+            low, high = (float(t.min()), float(t.max())) if t.size else (0.0, 0.0)
+        return low, high
+
+    def _attitude(self) -> tuple[Series | None, Series | None]:
+        euler, direct = self._autopilot("ATTITUDE"), self._autopilot("ATTITUDE_QUATERNION")
+        table, q = (direct, direct["q"]) if len(direct) >= len(euler) else (euler, quaternions(euler["euler"]))
+        return tidy(table.t_s, unflipped(q), table.name), table.series("rates")
+
+    def _imus(self, vibration: _Table) -> tuple[ImuRecord, ...]:
+        out = []
+        for name in ("HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3"):
+            table = self._autopilot(name)
+            sensors = np.unique(table["id"]) if "id" in table.values else np.zeros(1, int)
+            for sensor in sensors:
+                one = table.where(table["id"] == sensor) if "id" in table.values else table
+                number = {"SCALED_IMU2": 1, "SCALED_IMU3": 2}.get(name, int(sensor))
+                record = self._imu(one, f"{name}:{sensor}" if sensor else name, vibration, number)
+                if record is not None:
+                    out.append(record)
+        # Float before quantised, then by rate.
+        return tuple(sorted(out, key=lambda r: (r.force_step > 0.0, -len(r.specific_force))))
+
+    def _imu(self, table: _Table, source: str, vibration: _Table, number: int) -> ImuRecord | None:
+        force, gyro = table["force"].copy(), table["gyro"].copy()
+        if "fields_updated" in table.values:
+            updated = table["fields_updated"].astype(np.int64)[:, None] >> np.arange(6) & 1
+            force[updated[:, :3] == 0] = np.nan
+            gyro[updated[:, 3:] == 0] = np.nan
+        forces, gyros = tidy(table.t_s, force, source), tidy(table.t_s, gyro, source)
+        if forces is None or gyros is None:
+            return None
+        step = _WIRE_STEP if table.name != "HIGHRES_IMU" else smallest_step(forces.values.ravel())
+        counter = vibration.values.get(f"clipping_{number}") if number < 3 else None
+        # The counter runs from boot; what counts is how far it went in this record.
+        counted = (
+            0 if counter is None or not counter.size else int(np.maximum(np.diff(counter.astype(np.int64)), 0).sum())
+        )
+        extremes = clipped_at_extreme(forces.values)
+        return ImuRecord(source, forces, gyros, step, max(counted, extremes))
+
+    def _beams(self) -> tuple[Beam, ...]:
+        out = list(self._distance_beams(self._table("DISTANCE_SENSOR")))
+        table = self._table("RANGEFINDER")
+        limits = next((b for b in out if b.name == "down"), None)
+        low, high = (limits.min_m, limits.max_m) if limits else (math.nan, math.nan)
+        distance = table.series("distance")
+        if distance is not None:
+            verdicts = verdicts_of(distance.values[:, 0], low, high, np.zeros(len(distance), int))
+            step = smallest_step(distance.values[:, 0])
+            out.append(
+                Beam((0.0, 0.0, 1.0), AUTOPILOT, 0, 25, table.name, distance, verdicts, low, high, math.nan, step)
+            )
+        return tuple(out)
+
+    def _distance_beams(self, table: _Table) -> Iterable[Beam]:
+        keys = np.stack([table.component, table["id"], table["orientation"]], axis=-1)
+        for component, sensor, orientation in np.unique(keys, axis=0):
+            one = table.where((keys == (component, sensor, orientation)).all(axis=1))
+            q = one["q"][np.argmax(np.isfinite(one["q"]).all(axis=1) & (np.abs(one["q"]).sum(axis=1) > 0.5))]
+            direction = beam_direction(int(orientation), tuple(q.tolist()))
+            if direction is None:
+                self._notes.append(
+                    f"DISTANCE_SENSOR {sensor} of component {component}: orientation {orientation} cannot be resolved; "
+                    f"{len(one)} readings ignored"
+                )
+                continue
+            order = np.unique(one.t_s, return_index=True)[1]
+            low, high = (float(v) for v in np.median(one["limits"], axis=0))
+            low, high = (low, high) if high > 0.0 else (math.nan, math.nan)
+            distance = one["distance"][order]
+            yield Beam(
+                direction, int(component), int(sensor), int(orientation), one.name,
+                Series(one.t_s[order], distance, one.name),
+                verdicts_of(distance[:, 0], low, high, one["signal_quality"][order]),
+                low, high, _median(np.sqrt(one["variance"])), _WIRE_STEP_M,
+            )  # fmt: skip
+
+    def _escs(self) -> dict[int, EscRecord]:
+        speeds: dict[int, list[tuple[Array, Array]]] = {}
+        health: dict[str, dict[int, list[tuple[Array, Array]]]] = {"temperature": {}, "voltage": {}, "current": {}}
+        for first in range(1, 30, 4):
+            table = self._table(f"ESC_TELEMETRY_{first}_TO_{first + 3}")
+            for slot in range(4):
+                alive = _fresh(table["count"][:, slot], table["rpm"][:, slot])
+                if not alive.any():
+                    continue
+                esc = first + slot
+                speeds.setdefault(esc, []).append((table.t_s[alive], table["rpm"][alive, slot]))
+                for name, by_esc in health.items():
+                    by_esc.setdefault(esc, []).append((table.t_s[alive], table[name][alive, slot]))
+        self._px4_escs(speeds, health)
+        if not speeds:
+            self._rpm_sensors(speeds)
+        return {
+            esc: EscRecord(_joined(rows, "rpm"), *[_joined(h.get(esc, []), name) for name, h in health.items()])
+            for esc, rows in sorted(speeds.items())
+        }
+
+    def _px4_escs(
+        self,
+        speeds: dict[int, list[tuple[Array, Array]]],
+        health: dict[str, dict[int, list[tuple[Array, Array]]]],
+    ) -> None:
+        table = self._table("ESC_STATUS")
+        for first in np.unique(table["index"]):
+            one = table.where(table["index"] == first)
+            for slot in range(4):
+                if not np.nan_to_num(one["rpm"][:, slot]).any():
+                    continue
+                esc = int(first) + slot + 1
+                speeds.setdefault(esc, []).append((one.t_s, one["rpm"][:, slot]))
+                for name in ("voltage", "current"):
+                    health[name].setdefault(esc, []).append((one.t_s, one[name][:, slot]))
+        info = self._table("ESC_INFO")
+        for first in np.unique(info["index"]):
+            one = info.where(info["index"] == first)
+            for slot in range(4):
+                rows = (one.t_s, one["temperature"][:, slot])
+                health["temperature"].setdefault(int(first) + slot + 1, []).append(rows)
+
+    def _rpm_sensors(self, speeds: dict[int, list[tuple[Array, Array]]]) -> None:
+        """RPM and RAW_RPM: rotor sensors by number, where no ESC telemeters."""
+        raw = self._table("RAW_RPM")
+        for index in np.unique(raw["index"]):
+            one = raw.where(raw["index"] == index)
+            speeds.setdefault(int(index) + 1, []).append((one.t_s, one["rpm"][:, 0]))
+        pair = self._table("RPM")
+        for slot in range(2):
+            rpm = np.where(pair["rpm"][:, slot] >= 0.0, pair["rpm"][:, slot], np.nan)
+            if np.nan_to_num(rpm).any() and slot + 1 not in speeds:
+                speeds[slot + 1] = [(pair.t_s, rpm)]
+
+    def _servos(self) -> dict[int, Series]:
+        table = self._autopilot("SERVO_OUTPUT_RAW")
+        ports = {int(p): table.where(table["port"] == p).series("pwm") for p in np.unique(table["port"])}
+        return {port: series for port, series in ports.items() if series is not None}
+
+    def _battery(self) -> Series | None:
+        table = self._autopilot("BATTERY_STATUS")
+        table = table.where(table["id"] == 0)
+        cells = np.hstack([table["cells"], table["more_cells"]])
+        voltage = np.nansum(cells, axis=1)
+        voltage[~(voltage > 0.0)] = np.nan
+        series = tidy(table.t_s, np.stack([voltage, table["current"][:, 0]], axis=-1), table.name)
+        if series is not None:
+            return series
+        status = self._autopilot("SYS_STATUS")
+        voltage = np.where(status["voltage"] > 0.0, status["voltage"], np.nan)
+        return tidy(status.t_s, np.hstack([voltage, status["current"]]), status.name)
+
+    def _pressure(self) -> Series | None:
+        for name in ("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3"):
+            table = self._autopilot(name)
+            series = tidy(table.t_s, np.hstack([table["pressure"], table["temperature"]]), name)
+            if series is not None:
+                return series
+        return None
+
+    def _wind(self) -> Series | None:
+        series = self._autopilot("WIND_COV").series("wind")
+        if series is not None:
+            return series
+        table = self._autopilot("WIND")
+        speed, direction = table["speed"], table["direction"][:, 0]
+        to = np.stack([-speed[:, 0] * np.cos(direction), -speed[:, 0] * np.sin(direction), speed[:, 1]], axis=-1)
+        return tidy(table.t_s, to, table.name)
+
+    def _armed(self, beats: _Table, end: float) -> tuple[Interval, ...]:
+        armed = beats["base_mode"].astype(np.int64) >> 7 & 1
+        return tuple(i for i in runs(beats.t_s, armed, end) if i.value)
+
+    def _landed(self, end: float) -> tuple[Interval, ...]:
+        table = self._autopilot("EXTENDED_SYS_STATE")
+        table = table.where(table["landed_state"] > 0)
+        return runs(table.t_s, table["landed_state"], end)
+
+    def _parameters(self) -> dict[str, float]:
+        """The autopilot's parameters of the whole file; a ground station's own copy of them where it sent none."""
+        out: dict[str, float] = {}
+        layout = LAYOUTS[_IDS["PARAM_VALUE"]]
+        index = self._log.indices(layout.id)
+        component = self._log.component[index]
+        own = (self._log.system[index] == self._choice.system) & (component == AUTOPILOT)
+        for rows in (index[component == _GCS], index[own]):
+            records = self._log.records(layout.id, rows)
+            for name, value, kind in zip(
+                records["param_id"], records["param_value"], records["param_type"], strict=True
+            ):
+                number = parameter_value(float(value), int(kind))
+                if math.isfinite(number):
+                    out[bytes(name).split(b"\0")[0].decode("ascii", "replace")] = number
+        return out
+
+    def _texts(self) -> tuple[tuple[float, int, str], ...]:
+        table = self._autopilot("STATUSTEXT")
+        return tuple(
+            (float(t), int(severity), bytes(text).split(b"\0")[0].decode("utf-8", "replace"))
+            for t, severity, text in zip(table.t_s, table["severity"], table["text"], strict=True)
+        )
+
+    def _repairs(self) -> None:
+        if self._timeline.stamps_repaired:
+            self._notes.append(f"{self._timeline.stamps_repaired} impossible boot stamps replaced by arrival times")
+
+    def _summary(self, start: float, end: float) -> LogSummary:
+        here = self._timeline.boot(np.arange(len(self._log))) == self._number
+        key = self._log.message_id[here].astype(np.int64) << 16
+        key |= self._log.system[here].astype(np.int64) << 8 | self._log.component[here]
+        values, counts = np.unique(key, return_counts=True)
+        span = max(end - start, 1e-3)
+        messages = tuple(
+            MessageCount(int(v) >> 8 & 255, int(v) & 255, message_name(int(v) >> 16), int(n), float(n / span))
+            for v, n in zip(values, counts, strict=True)
+        )
+        return LogSummary(self._log.report.bytes, int(here.sum()), messages, tuple(self._notes))
+
+
+def _median(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if known.size else math.nan
+
+
+def _fresh(count: NDArray[Any], rpm: Array) -> NDArray[np.bool_]:
+    """Which ESC_TELEMETRY samples are news: a count that moves; an ESC that never counts nor turns is not there."""
+    if not count.any() and not np.nan_to_num(rpm).any():
+        return np.zeros(len(rpm), bool)
+    moved = np.concatenate([[True], np.diff(count.astype(np.int64)) != 0])
+    return moved if moved.mean() > 0.02 else np.ones(len(rpm), bool)
+
+
+def _joined(rows: list[tuple[Array, Array]], source: str) -> Series | None:
+    if not rows:
+        return None
+    return tidy(np.concatenate([t for t, _ in rows]), np.concatenate([v for _, v in rows]), source)

@@ -1,0 +1,288 @@
+"""A PX4 log (.ulg) as a FlightLog, through pyulog. Times: microseconds since boot, of the sample where it is given."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.mavlink.messages import beam_direction
+from models.errors import LogError
+from models.frames import Array
+from replay.flightlog import (
+    Beam,
+    EscRecord,
+    FlightLog,
+    ImuRecord,
+    Interval,
+    LogSummary,
+    MessageCount,
+    Series,
+    believable,
+    clipped_at_extreme,
+    runs,
+    smallest_step,
+    tidy,
+    unflipped,
+    verdicts_of,
+)
+from replay.logs.tlog import read_bytes
+
+_PX4 = 12
+_MAIN_MODE = {0: 1, 1: 2, 2: 3, 10: 5, 14: 6, 15: 7}
+"""nav_state to the main mode in HEARTBEAT.custom_mode; what is not here is AUTO (4)."""
+_TOPICS = [
+    "vehicle_attitude", "vehicle_angular_velocity", "sensor_combined", "vehicle_local_position", "distance_sensor",
+    "esc_status", "actuator_outputs", "battery_status", "vehicle_air_data", "vehicle_status", "vehicle_land_detected",
+    "vehicle_attitude_setpoint", "wind", "wind_estimate",
+]  # fmt: skip
+
+
+def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
+    """The one boot in the file. ``target_system`` is for links; a .ulg holds one vehicle."""
+    data = read_bytes(path)
+    if data[:4] != b"ULog":
+        raise LogError(f"{path}: is no PX4 log (it does not start with ULog)")
+    try:
+        from pyulog import ULog
+    except ImportError:
+        raise LogError(f"{path}: .ulg needs the package pyulog: pip install pyulog") from None
+    with contextlib.redirect_stdout(io.StringIO()):
+        try:
+            log: Any = ULog(str(path), _TOPICS)
+        except Exception as error:  # pyulog raises whatever a damaged file makes of it
+            raise LogError(f"{path}: cannot be read as a PX4 log ({error})") from None
+    try:
+        return [_Reader(path, log, len(data)).flightlog()]
+    except (KeyError, ValueError, TypeError, OverflowError) as error:
+        raise LogError(f"{path}: its topics make no sense ({type(error).__name__}: {error}); damaged?") from None
+
+
+class _Topic:
+    """One topic: times and fields."""
+
+    def __init__(self, name: str, data: dict[str, NDArray[Any]]) -> None:
+        self.name = name
+        self.data = data
+        stamp = data.get("timestamp_sample", data["timestamp"])
+        # Some topics leave timestamp_sample at 0.
+        self.t_s: Array = believable(np.where(stamp > 0, stamp, data["timestamp"]).astype(float) / 1e6)
+
+    def __contains__(self, field: str) -> bool:
+        return field in self.data
+
+    def columns(self, *fields: str) -> Array:
+        """(n, k); NaN for a field that this version of the topic lacks."""
+        nan = np.full(len(self.t_s), np.nan)
+        return np.stack([self.data.get(f, nan).astype(float) for f in fields], axis=-1)
+
+    def array(self, field: str, count: int) -> Array:
+        """(n, count) of an array field."""
+        return self.columns(*[f"{field}[{i}]" for i in range(count)])
+
+    def series(self, values: Array) -> Series | None:
+        return tidy(self.t_s, values, self.name)
+
+
+class _Reader:
+    """Builds one FlightLog."""
+
+    def __init__(self, path: Path, log: Any, size: int) -> None:
+        self._path, self._log, self._size = path, log, size
+        self._topics: dict[str, list[_Topic]] = {}
+        for item in sorted(log.data_list, key=lambda d: d.multi_id):
+            if len(item.data.get("timestamp", ())):
+                self._topics.setdefault(item.name, []).append(_Topic(item.name, item.data))
+        self._notes: list[str] = []
+        if log.file_corruption:
+            self._notes.append("the file is damaged in places; what could be read was")
+        if log.dropouts:
+            lost = sum(d.duration for d in log.dropouts) / 1000.0
+            self._notes.append(f"{len(log.dropouts)} dropouts of the logger, {lost:.1f} s in all")
+
+    def _first(self, name: str) -> _Topic | None:
+        return next(iter(self._topics.get(name, [])), None)
+
+    def _series(self, name: str, *fields: str) -> Series | None:
+        topic = self._first(name)
+        return None if topic is None else topic.series(topic.columns(*fields))
+
+    def flightlog(self) -> FlightLog:
+        """All columns."""
+        spans = [t.t_s for n in ("vehicle_attitude", "sensor_combined") for t in self._topics.get(n, [])]
+        if not spans:
+            raise LogError(f"{self._path}: holds neither vehicle_attitude nor sensor_combined: nothing to replay")
+        stamped = believable(np.concatenate(spans))
+        if not np.isfinite(stamped).any():
+            raise LogError(f"{self._path}: no believable time stamp in it; damaged?")
+        start, end = float(np.nanmin(stamped)), float(np.nanmax(stamped))
+        status, attitude = self._first("vehicle_status"), self._first("vehicle_attitude")
+        setpoint = self._first("vehicle_attitude_setpoint")
+        servos = {
+            port: series
+            for port, topic in enumerate(self._topics.get("actuator_outputs", []))
+            if (series := topic.series(topic.array("output", 16))) is not None
+        }
+        position, velocity = self._position()
+        return FlightLog(
+            path=self._path,
+            system=1 if status is None else int(np.nan_to_num(status.columns("system_id")[-1, 0], nan=1.0)),
+            boot=0,
+            start_s=start,
+            end_s=end,
+            vehicle_type=None if status is None else int(np.nan_to_num(status.columns("system_type")[-1, 0])),
+            autopilot=_PX4,
+            attitude=None if attitude is None else attitude.series(unflipped(attitude.array("q", 4))),
+            rates=self._series("vehicle_angular_velocity", "xyz[0]", "xyz[1]", "xyz[2]"),
+            position=position,
+            velocity=velocity,
+            imus=self._imus(),
+            beams=self._beams(),
+            escs=self._escs(),
+            servo=servos.get(0),
+            servo_ports=servos,
+            battery=self._battery(),
+            pressure=self._series("vehicle_air_data", "baro_pressure_pa", "baro_temp_celcius"),
+            thrust_command=None if setpoint is None else setpoint.series(-setpoint.columns("thrust_body[2]")),
+            attitude_target=None if setpoint is None else setpoint.series(unflipped(setpoint.array("q_d", 4))),
+            wind=self._wind(),
+            armed=() if status is None else self._armed(status, end),
+            modes=() if status is None else self._modes(status, end),
+            landed=self._landed(end),
+            parameters={k: float(v) for k, v in self._log.initial_parameters.items() if isinstance(v, int | float)},
+            texts=tuple(
+                (m.timestamp / 1e6, max(min(int(m.log_level) - ord("0"), 7), 0), str(m.message))
+                for m in self._log.logged_messages
+            ),
+            summary=self._summary(end - start),
+        )
+
+    def _position(self) -> tuple[Series | None, Series | None]:
+        topic = self._first("vehicle_local_position")
+        if topic is None:
+            return None, None
+        position, velocity = topic.columns("x", "y", "z"), topic.columns("vx", "vy", "vz")
+        valid = topic.columns("xy_valid", "z_valid", "v_xy_valid", "v_z_valid") > 0.0
+        position[~valid[:, 0], :2] = np.nan
+        position[~valid[:, 1], 2] = np.nan
+        velocity[~valid[:, 2], :2] = np.nan
+        velocity[~valid[:, 3], 2] = np.nan
+        return topic.series(position), topic.series(velocity)
+
+    def _imus(self) -> tuple[ImuRecord, ...]:
+        topic = self._first("sensor_combined")
+        if topic is None:
+            return ()
+        force, gyro = topic.series(topic.array("accelerometer_m_s2", 3)), topic.series(topic.array("gyro_rad", 3))
+        if force is None or gyro is None:
+            return ()
+        flagged = np.nan_to_num(topic.columns("accelerometer_clipping")) > 0.0
+        clipped = max(int(flagged.sum()), clipped_at_extreme(force.values))
+        return (ImuRecord(topic.name, force, gyro, smallest_step(force.values.ravel()), clipped),)
+
+    def _beams(self) -> tuple[Beam, ...]:
+        out = []
+        for number, topic in enumerate(self._topics.get("distance_sensor", [])):
+            orientation = int(np.nan_to_num(topic.columns("orientation")[-1, 0], nan=-1.0))
+            q = topic.array("q", 4)[-1]
+            direction = beam_direction(orientation, (float(q[0]), float(q[1]), float(q[2]), float(q[3])))
+            series = topic.series(topic.columns("current_distance", "signal_quality"))
+            if direction is None or series is None:
+                self._notes.append(f"distance_sensor {number}: orientation {orientation} cannot be resolved; ignored")
+                continue
+            low, high = (float(v) for v in np.median(topic.columns("min_distance", "max_distance"), axis=0))
+            low, high = (low, high) if high > 0.0 else (math.nan, math.nan)
+            distance, quality = series.values[:, 0], series.values[:, 1]
+            # uORB says -1 for "not known" and 0 for "no signal"; on MAVLink these are 0 and 1.
+            wire = np.where(quality < 0.0, 0.0, np.maximum(quality, 1.0))
+            variance = topic.columns("variance")[:, 0]
+            sigma = math.sqrt(float(np.median(variance))) if (variance > 0.0).all() else math.nan
+            out.append(
+                Beam(
+                    direction, 1, number, orientation, topic.name,
+                    Series(series.t_s, series.values[:, :1], topic.name),
+                    verdicts_of(distance, low, high, np.nan_to_num(wire)), low, high, sigma, smallest_step(distance),
+                )
+            )  # fmt: skip
+        return tuple(out) or self._terrain()
+
+    def _terrain(self) -> tuple[Beam, ...]:
+        """Without a rangefinder's own readings: the estimator's height over ground, where it calls it valid."""
+        topic = self._first("vehicle_local_position")
+        if topic is None or "dist_bottom" not in topic:
+            return ()
+        height = topic.columns("dist_bottom")
+        height[~(topic.columns("dist_bottom_valid")[:, 0] > 0.0)] = np.nan
+        series = topic.series(height)
+        if series is None:
+            return ()
+        self._notes.append(
+            "no distance_sensor: height over ground from the estimator (dist_bottom), vertical, not slant"
+        )
+        verdicts = verdicts_of(series.values[:, 0], math.nan, math.nan, np.zeros(len(series), int))
+        return (Beam((0.0, 0.0, 1.0), 1, 0, 25, "dist_bottom", series, verdicts, math.nan, math.nan, math.nan, 0.0),)
+
+    def _escs(self) -> dict[int, EscRecord]:
+        topic = self._first("esc_status")
+        if topic is None:
+            return {}
+        out = {}
+        for i in range(8):
+            rpm = topic.columns(f"esc[{i}].esc_rpm")
+            if not np.nan_to_num(rpm).any():
+                continue
+            parts = [
+                topic.series(topic.columns(f"esc[{i}].esc_{name}")) for name in ("temperature", "voltage", "current")
+            ]
+            out[i + 1] = EscRecord(topic.series(rpm), *parts)
+        return out
+
+    def _battery(self) -> Series | None:
+        topic = self._first("battery_status")
+        if topic is None:
+            return None
+        values = topic.columns("voltage_v", "current_a")
+        values[~(values[:, 0] > 0.0), 0] = np.nan
+        values[values[:, 1] == -1.0, 1] = np.nan
+        return topic.series(values)
+
+    def _wind(self) -> Series | None:
+        topic = self._first("wind") or self._first("wind_estimate")
+        if topic is None:
+            return None
+        horizontal = topic.columns("windspeed_north", "windspeed_east")
+        return topic.series(np.hstack([horizontal, np.full((len(horizontal), 1), np.nan)]))
+
+    def _armed(self, status: _Topic, end: float) -> tuple[Interval, ...]:
+        armed = (status.columns("arming_state")[:, 0] == 2.0).astype(int)
+        return tuple(i for i in self._runs(status, armed, end) if i.value)
+
+    def _modes(self, status: _Topic, end: float) -> tuple[Interval, ...]:
+        modes = [_MAIN_MODE.get(int(s), 4) << 16 for s in np.nan_to_num(status.columns("nav_state")[:, 0])]
+        return self._runs(status, np.array(modes), end)
+
+    @staticmethod
+    def _runs(topic: _Topic, values: NDArray[Any], end: float) -> tuple[Interval, ...]:
+        known = np.isfinite(topic.t_s)
+        return runs(topic.t_s[known], values[known], end)
+
+    def _landed(self, end: float) -> tuple[Interval, ...]:
+        topic = self._first("vehicle_land_detected")
+        if topic is None:
+            return ()
+        return self._runs(topic, np.where(topic.columns("landed")[:, 0] > 0.0, 1, 2), end)
+
+    def _summary(self, span: float) -> LogSummary:
+        messages = tuple(
+            MessageCount(
+                1, 1, t.name if len(topics) == 1 else f"{t.name}:{i}", len(t.t_s), len(t.t_s) / max(span, 1e-3)
+            )
+            for topics in self._topics.values()
+            for i, t in enumerate(topics)
+        )
+        return LogSummary(self._size, sum(m.count for m in messages), messages, tuple(self._notes))

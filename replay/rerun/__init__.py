@@ -1,0 +1,1 @@
+"""The pipeline of flight over a recorded log."""

@@ -1,0 +1,130 @@
+"""A FlightLog as the samples that a MAVLink link would have given: how .BIN and .ulg reach the pipeline."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+
+import numpy as np
+
+from companion.mavlink.samples import (
+    Attitude,
+    AttitudeTarget,
+    Battery,
+    Heartbeat,
+    LandedState,
+    LocalPosition,
+    Parameter,
+    Range,
+    RotorSpeeds,
+    Sample,
+    ServoOutput,
+    SetAttitudeTarget,
+)
+from replay.flightlog import Beam, EscRecord, FlightLog, Interval, Series
+
+_COMPONENT = 1
+_HEARTBEAT_S = 1.0
+_SAME_MESSAGE_S = 0.1
+
+
+def samples_of(log: FlightLog) -> Iterator[Sample]:
+    """Samples in order of time. Heartbeats come once a second, parameters at the start."""
+    head = (log.system, _COMPONENT)
+    streams: list[Iterator[Sample]] = [_heartbeats(log), _attitudes(log, head), _positions(log, head)]
+    streams += [_ranges(beam, head) for beam in log.beams if beam.source != "RANGEFINDER"]
+    streams += [_speeds(number, esc, head) for number, esc in log.escs.items()]
+    streams += [_servos(port, series, head) for port, series in log.servo_ports.items()]
+    streams += [_batteries(log.battery, head), _targets(log, head), _commands(log, head), _landed(log, head)]
+    yield from _parameters(log, head)
+    yield from heapq.merge(*streams, key=lambda sample: sample.t_s)
+
+
+Head = tuple[int, int]
+
+
+def _rows(series: Series | None) -> Iterator[tuple[float, list[float]]]:
+    if series is not None:
+        yield from zip(series.t_s.tolist(), series.values.tolist(), strict=True)
+
+
+def _parameters(log: FlightLog, head: Head) -> Iterator[Sample]:
+    count = len(log.parameters)
+    for index, (name, value) in enumerate(log.parameters.items()):
+        yield Parameter(log.start_s, *head, name, value, index, count)
+
+
+def _value(intervals: tuple[Interval, ...], t: float, default: int) -> int:
+    return next((i.value for i in intervals if i.start_s <= t < i.end_s), default)
+
+
+def _heartbeats(log: FlightLog) -> Iterator[Sample]:
+    if log.autopilot is None:
+        return
+    for t in np.arange(log.start_s, log.end_s, _HEARTBEAT_S).tolist():
+        armed = _value(log.armed, t, 0) != 0
+        mode = _value(log.modes, t, 0)
+        yield Heartbeat(t, log.system, _COMPONENT, armed, mode, 128 * armed, log.autopilot, log.vehicle_type or 0, 0)
+
+
+def _attitudes(log: FlightLog, head: Head) -> Iterator[Sample]:
+    if log.attitude is None:
+        return
+    rates = np.zeros((len(log.attitude), 3))
+    if log.rates is not None:
+        rates = np.nan_to_num(log.rates.at(log.attitude.t_s))
+    for (t, q), (p, r, y) in zip(_rows(log.attitude), rates.tolist(), strict=True):
+        if q[0] == q[0]:
+            yield Attitude(t, *head, (q[0], q[1], q[2], q[3]), (p, r, y), log.attitude.source)
+
+
+def _positions(log: FlightLog, head: Head) -> Iterator[Sample]:
+    if log.position is None or log.velocity is None:
+        return
+    velocity = log.velocity.at(log.position.t_s, _SAME_MESSAGE_S).tolist()
+    for (t, (x, y, z)), (vx, vy, vz) in zip(_rows(log.position), velocity, strict=True):
+        if x + y + z + vx + vy + vz == x + y + z + vx + vy + vz:  # no NaN among them
+            yield LocalPosition(t, *head, (x, y, z), (vx, vy, vz))
+
+
+def _ranges(beam: Beam, head: Head) -> Iterator[Sample]:
+    sigma = beam.sigma_m if beam.sigma_m == beam.sigma_m else None
+    for (t, (distance,)), verdict in zip(_rows(beam.distance), beam.verdicts, strict=True):
+        yield Range(
+            t, head[0], beam.component, beam.direction_frd, beam.orientation, beam.sensor_id, distance,
+            beam.min_m, beam.max_m, sigma, None, verdict, beam.source,
+        )  # fmt: skip
+
+
+def _speeds(number: int, esc: EscRecord, head: Head) -> Iterator[Sample]:
+    for t, (rpm,) in _rows(esc.rpm):
+        yield RotorSpeeds(t, *head, number, (rpm,), "" if esc.rpm is None else esc.rpm.source)
+
+
+def _servos(port: int, series: Series, head: Head) -> Iterator[Sample]:
+    for t, pwm in _rows(series):
+        yield ServoOutput(t, *head, tuple(pwm), port)
+
+
+def _batteries(series: Series | None, head: Head) -> Iterator[Sample]:
+    for t, (voltage, current) in _rows(series):
+        yield Battery(t, *head, voltage, current, 0, series.source if series is not None else "")
+
+
+def _targets(log: FlightLog, head: Head) -> Iterator[Sample]:
+    if log.thrust_command is None or log.attitude_target is None:
+        return
+    attitude = log.attitude_target.at(log.thrust_command.t_s, _SAME_MESSAGE_S, hold=True).tolist()
+    for (t, (thrust,)), q in zip(_rows(log.thrust_command), attitude, strict=True):
+        yield AttitudeTarget(t, *head, (q[0], q[1], q[2], q[3]), thrust)
+
+
+def _commands(log: FlightLog, head: Head) -> Iterator[Sample]:
+    nan = float("nan")
+    for t, (w, x, y, z, thrust) in _rows(log.commands):
+        yield SetAttitudeTarget(t, 255, 190, 7, (w, x, y, z), (nan, nan, nan), thrust, *head)
+
+
+def _landed(log: FlightLog, head: Head) -> Iterator[Sample]:
+    for interval in log.landed:
+        yield LandedState(interval.start_s, *head, interval.value)

@@ -1,0 +1,1 @@
+"""Measured minus modelled wrench."""

@@ -1,0 +1,107 @@
+"""Noise and time: autoregressive whitening per axis, contiguous blocks, folds with embargo."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.frames import Array
+
+Mask = NDArray[np.bool_]
+ORDER = 3
+FOLDS = 8
+FOLD_S = 6.0
+LONGEST_EMBARGO_S = 4.0
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of every axis: autoregression (axes, ORDER), innovation and total standard deviation (axes,) in N, N m."""
+
+    ar: Array
+    innovation: Array
+    total: Array
+    tau_s: Array
+    """Integrated autocorrelation time [s] (axes,)."""
+
+
+def fit_noise(residual: Array, valid: Mask, step_s: float) -> Noise:
+    """Yule-Walker fit of every axis of ``residual`` (n, axes), gaps bridged by nothing."""
+    axes = residual.shape[1]
+    ar, innovation, total, tau = np.zeros((axes, ORDER)), np.ones(axes), np.ones(axes), np.ones(axes)
+    weight = valid.astype(float)
+    for a in range(axes):
+        x = np.where(valid, residual[:, a], 0.0)
+        covariance = _autocovariance(x, weight, max(ORDER + 1, int(20.0 / step_s)))
+        total[a] = np.sqrt(max(covariance[0], 1e-24))
+        tau[a] = step_s * _integrated(covariance / max(covariance[0], 1e-24))
+        matrix = np.array([[covariance[abs(i - j)] for j in range(ORDER)] for i in range(ORDER)])
+        matrix += np.eye(ORDER) * 1e-9 * max(covariance[0], 1e-24)
+        ar[a] = np.linalg.solve(matrix, covariance[1 : ORDER + 1])
+        innovation[a] = np.sqrt(max(covariance[0] - ar[a] @ covariance[1 : ORDER + 1], 1e-4 * covariance[0], 1e-24))
+    return Noise(ar, innovation, total, tau)
+
+
+def _autocovariance(x: Array, weight: Array, lags: int) -> Array:
+    size = 2 ** int(np.ceil(np.log2(2 * len(x))))
+    lags = min(lags, len(x) - 1)
+    fx, fw = np.fft.rfft(x, size), np.fft.rfft(weight, size)
+    top = np.fft.irfft(np.abs(fx) ** 2, size)[: lags + 1]
+    count = np.fft.irfft(np.abs(fw) ** 2, size)[: lags + 1]
+    out: Array = top / np.maximum(count, 1.0)
+    return out
+
+
+def _integrated(correlation: Array) -> float:
+    """1 + 2 sum of the autocorrelation up to its first value below 0.05, in samples."""
+    below = np.flatnonzero(correlation < 0.05)
+    end = int(below[0]) if below.size else len(correlation)
+    return float(1.0 + 2.0 * correlation[1:end].sum())
+
+
+def whiten(x: Array, valid: Mask, noise: Noise) -> tuple[Array, Mask]:
+    """Innovations over their standard deviation of (n, axes, ...), and where they are known (n,)."""
+    y = np.where(valid.reshape(-1, *[1] * (x.ndim - 1)), x, 0.0)
+    out = y.copy()
+    good = valid.copy()
+    shape = (1, x.shape[1], *[1] * (x.ndim - 2))
+    for j in range(ORDER):
+        out[j + 1 :] -= noise.ar[:, j].reshape(shape) * y[: -j - 1]
+        good[j + 1 :] &= valid[: -j - 1]
+    good[:ORDER] = False
+    out /= noise.innovation.reshape(shape)
+    out[~good] = 0.0
+    return out, good
+
+
+def block_numbers(valid: Mask, step_s: float, length_s: float, most: int = 400) -> NDArray[np.int64]:
+    """Number of the contiguous block of every sample (n,), blocks of equal shares of the valid time."""
+    known = np.cumsum(valid)
+    seconds = float(known[-1]) * step_s
+    count = int(np.clip(seconds / length_s, FOLDS, most))
+    number: NDArray[np.int64] = np.minimum((known - 1).clip(0) * count // max(int(known[-1]), 1), count - 1)
+    return number
+
+
+def fold_of_block(count: int, block_s: float) -> NDArray[np.int64]:
+    """Fold of every block: contiguous runs of about ``FOLD_S`` dealt to ``FOLDS`` folds in turn.
+
+    Long single folds would hide a manoeuvre flown once from its own fit; runs of a few seconds with an embargo on
+    both sides do not, and are still time that the fit never saw.
+    """
+    run = max(round(FOLD_S / max(block_s, 1e-9)), 1)
+    run = min(run, max(count // FOLDS, 1))
+    return np.arange(count) // run % FOLDS
+
+
+def training_blocks(folds: NDArray[np.int64], fold: int, embargo: int) -> Mask:
+    """Blocks to fit on: outside ``fold`` and ``embargo`` blocks around its runs."""
+    near = np.convolve(folds == fold, np.ones(2 * embargo + 1), "same") > 0.5
+    return ~near
+
+
+def embargo_blocks(tau_s: float, block_s: float) -> int:
+    """Blocks to leave out beside a fold: three correlation times, at most ``LONGEST_EMBARGO_S``."""
+    return max(int(np.ceil(min(3.0 * tau_s, LONGEST_EMBARGO_S) / block_s)), 1)

@@ -1,0 +1,78 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from companion.estimation.kalman import TrackModel, Verdict, measure, measure_rate
+
+MODEL = TrackModel(acceleration_sd=1.5, initial_rate_sd=0.5)
+
+
+def settled(value=1.0, rate=0.0, delay=0.0, n=100):
+    track = None
+    for i in range(n):
+        t = i * 0.05
+        track, _ = measure(track, MODEL, t, value + rate * (t - delay), 0.01, delay)
+    return track
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+def test_nothing_but_finite_numbers_reaches_the_filter(bad):
+    track = settled()
+    for value, sigma in ((bad, 0.01), (1.0, bad)):
+        after, verdict = measure(track, MODEL, 6.0, value, sigma)
+        assert verdict is Verdict.NOT_FINITE
+        assert after is track
+    assert measure_rate(track, MODEL, 6.0, bad, 0.1) is track
+
+
+def test_a_ramp_seen_late_is_tracked_without_lag():
+    rate, delay = 0.4, 0.08
+    track = settled(1.0, rate, delay)
+    assert track.rate == pytest.approx(rate, abs=0.01)
+    assert track.value == pytest.approx(1.0 + rate * track.t_s, abs=0.005)
+
+
+def test_one_outlier_is_rejected_and_does_not_refresh_the_age():
+    track = settled()
+    after, verdict = measure(track, MODEL, track.t_s + 0.05, 60.0, 0.01)
+    assert verdict is Verdict.OUTLIER
+    assert after.value == pytest.approx(1.0, abs=0.01)
+    assert after.updated_s == track.updated_s
+
+
+def test_a_step_of_the_world_restarts_the_track_but_scatter_does_not():
+    track = settled()
+    t = track.t_s
+    verdicts = []
+    for i in range(5):
+        track, verdict = measure(track, MODEL, t + 0.05 * (i + 1), 2.0, 0.01)
+        verdicts.append(verdict)
+    assert verdicts == [Verdict.OUTLIER] * 4 + [Verdict.RESTARTED]
+    assert track.value == pytest.approx(2.0)
+    assert track.restarted_s == pytest.approx(t + 0.25)
+
+    track = settled()
+    for i in range(20):
+        track, verdict = measure(track, MODEL, track.t_s + 0.001, 5.0 + 3.0 * (i % 2), 0.01)
+        assert verdict is Verdict.OUTLIER
+
+
+def test_the_own_velocity_sharpens_the_rate():
+    track = settled(n=5)
+    better = measure_rate(track, MODEL, track.t_s + 0.01, 0.2, 0.02)
+    assert better.p[1, 1] < track.p[1, 1]
+    assert better.updated_s == track.updated_s
+
+
+@given(st.lists(st.tuples(st.floats(0.001, 0.5), st.floats(allow_nan=True, width=32)), max_size=60))
+def test_any_stream_leaves_a_finite_state(stream):
+    track, t = None, 0.0
+    for dt, value in stream:
+        t += dt
+        track, _ = measure(track, MODEL, t, value, 0.01, 0.03)
+    if track is not None:
+        assert np.isfinite(track.x).all()
+        assert (np.linalg.eigvalsh(track.p) > -1e-9).all()

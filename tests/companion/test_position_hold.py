@@ -1,0 +1,65 @@
+"""The hold's horizontal loop against a vehicle whose attitude follows late."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from companion.control.position_hold import HoldGains, engage, fly
+from companion.mavlink.firmware import ThrustMap
+from models.frames import GRAVITY
+
+THRUST = ThrustMap(hover=0.5, slope=1.0)
+STEP_S = 0.02
+
+
+BEFORE = replace(HoldGains(), position=1.6, velocity=3.2, integral=1.2, lean_lead_s=0.0)
+"""The hold before it looked ahead (docs/control.md)."""
+
+
+def swing(
+    gains: HoldGains, *, overshoot: float, late_s: float, seconds: float, push: float = 0.0, every: int = 1
+) -> list[float]:
+    """Positions north [m] after a nudge: a pitch loop of 6 rad/s that gets setpoints late and answers too strongly.
+
+    A ceiling or wall near by does this: it pulls harder at the fan that tilts towards it. ``every``: steps between
+    two attitudes that the hold is told.
+    """
+    hold = engage(0.0, np.zeros(3), 0.0, np.array([0.0, 0.0, 1.0]))
+    north, speed, pitch, rate = 0.0, 0.1, 0.0, 0.0
+    setpoints = deque([0.0] * (1 + round(late_s / STEP_S)), maxlen=1 + round(late_s / STEP_S))
+    out = []
+    for k in range(round(seconds / STEP_S)):
+        if k % every == 0:
+            down = np.array([math.sin(pitch), 0.0, math.cos(pitch)])
+        place, velocity = np.array([north, 0.0, 0.0]), np.array([speed, 0.0, 0.0])
+        hold, setpoint = fly(hold, gains, k * STEP_S, place, velocity, down, THRUST)
+        setpoints.append(setpoint.pitch)
+        rate += STEP_S * (36.0 * (overshoot * setpoints[0] - pitch) - 8.0 * rate)
+        pitch += STEP_S * rate
+        speed += STEP_S * (-GRAVITY * math.tan(pitch) + push)
+        north += STEP_S * speed
+        out.append(north)
+    return out
+
+
+def grown(positions: list[float]) -> float:
+    """Largest distance in the last two seconds over that in the first two."""
+    return max(map(abs, positions[-100:])) / max(map(abs, positions[:100]))
+
+
+def test_a_late_attitude_that_overshoots_does_not_make_the_hold_swing() -> None:
+    blind = replace(HoldGains(), lean_lead_s=0.0)
+    assert grown(swing(blind, overshoot=1.4, late_s=0.06, seconds=20.0)) > 1.0
+    assert grown(swing(BEFORE, overshoot=1.4, late_s=0.04, seconds=20.0)) > 1.0
+    for late_s in (0.06, 0.1):
+        for every in (1, 5):
+            assert grown(swing(HoldGains(), overshoot=1.4, late_s=late_s, seconds=20.0, every=every)) < 0.1
+
+
+def test_a_steady_push_is_held_off_without_standing_aside() -> None:
+    assert swing(HoldGains(), overshoot=1.0, late_s=0.0, seconds=30.0, push=0.5)[-1] == pytest.approx(0.0, abs=2e-3)
