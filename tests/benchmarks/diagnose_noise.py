@@ -27,7 +27,9 @@ from models.effects import Coefficient, Context, Effect, catalogue
 from models.frames import Array, quaternion_from_euler, rotation_from_quaternion
 from replay.diagnosis.diagnose import conclude
 from replay.flightlog import FlightLog
-from replay.residual.record import RATE_HZ, Record, _channels
+from replay.residual.channels import named_channels
+from replay.residual.grid import RATE_HZ
+from replay.residual.record import Record
 from replay.search.search import trace
 
 TAUS_S = (0.3, 1.0, 3.0)
@@ -139,7 +141,7 @@ def noise_record(seed: int, seconds: float, tau_s: float) -> Record:
     return Record(
         name=log.path.name, log=log, context=Context(state, vehicle, model), residual=residual, measured=residual,
         valid=np.ones(n, bool), axes=tuple(range(6)), step_s=step, kinematic_bias=np.zeros((n, 3)),
-        channels=_channels(log, vehicle, state), delays=(), excluded=(),
+        channels=named_channels(log, vehicle, state), delays=(), excluded=(),
     )  # fmt: skip
 
 
@@ -184,7 +186,7 @@ def _thinner(record: Record, share: float) -> Record:
     """The same flight in air that is thinner by a share."""
     context = record.context
     state = replace(context.state, pressure_pa=context.state.pressure_pa * (1.0 - share))
-    channels = _channels(record.log, context.vehicle, state)
+    channels = named_channels(record.log, context.vehicle, state)
     return replace(record, context=replace(context, state=state), channels=channels)
 
 

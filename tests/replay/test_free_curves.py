@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from models.frames import Array
-from replay.residual.record import Delay, Record
+from replay.residual.delays import Delay
+from replay.residual.record import Record
 from replay.search.free_curves import REACTIVE_SHARE, SMALLEST_SHARE, Leftover, free_search, smallest_share
 from replay.search.noise import fit_noise
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from models.effects import Effect, catalogue, get
-from replay.residual.record import Delay, Record
+from replay.residual.delays import Delay
+from replay.residual.record import Record
 from replay.search.backward import believed, merged
 from replay.search.library import Candidate, freedom
 from replay.search.null import flips

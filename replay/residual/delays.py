@@ -1,0 +1,83 @@
+"""How late rotor speeds and ranges are stamped, from their correlation with the accelerometer and the velocity."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.effects import Context
+from models.frames import Array
+from models.vehicle import Vehicle
+from replay.flightlog import FlightLog
+from replay.residual.distances import ground_height
+from replay.residual.grid import Grid, running_mean
+
+LONGEST_DELAY_S = 0.3
+
+
+FILTER_DELAY_S = 0.035
+
+
+@dataclass(frozen=True)
+class Delay:
+    """How late a signal is stamped [s], and how well that is known (correlation at the best lag)."""
+
+    signal: str
+    seconds: float
+    correlation: float
+    corrected: bool
+
+
+def _overlap(a: Array, b: Array, k: int) -> float:
+    return float(a[max(0, -k) : len(a) - max(0, k)] @ b[max(0, k) : len(b) - max(0, -k)])
+
+
+def rotor_delay(ctx: Context, grid: Grid) -> Delay:
+    """How late the rotor speeds (or outputs) are stamped, from lift against the accelerometer.
+
+    A telemetry delay makes speeds late, the IMU's filter makes them early by a few hundredths of a second: both are
+    taken out. Thrust that comes still later than the speed is physics (``motor_lag``) and stays.
+    """
+    lift = ctx.thrust.sum(axis=1)
+    heave = -ctx.vehicle.mass_kg * ctx.state.specific_force[:, 2]
+    best, correlation = _lag(heave, lift, grid.rate)
+    corrected = bool(correlation > 0.3 and best > -FILTER_DELAY_S)
+    return Delay("rotor speed" if ctx.vehicle.telemetered else "servo outputs", best, correlation, corrected)
+
+
+def range_delay_of(
+    log: FlightLog, vehicle: Vehicle, t: Array, rotation: Array, velocity: Array, position: Array
+) -> Delay | None:
+    """How late the ground rangefinder is stamped, from its rate against the velocity."""
+    cg = ground_height(log, vehicle, t, rotation, 0.0)
+    if cg is None or not np.isfinite(velocity[:, 2]).any():
+        return None
+    rate = 1.0 / float(t[1] - t[0])
+    climb = np.gradient(running_mean(cg, max(int(0.1 * rate), 1)), 1.0 / rate)
+    climb = np.where(np.abs(climb) < 2.0, climb, np.nan)
+    best, correlation = _lag(-velocity[:, 2], climb, rate)
+    return Delay("ground range", best, correlation, bool(correlation > 0.5 and best > 0.0))
+
+
+def _lag(reference: Array, signal: Array, rate: float) -> tuple[float, float]:
+    """Lag [s] by which ``signal`` is behind ``reference`` (positive: late), and the correlation there."""
+    width = max(int(0.7 * rate), 1)
+    a, b = (running_mean(x, max(int(0.03 * rate), 0)) - running_mean(x, width) for x in (reference, signal))
+    both = np.isfinite(a) & np.isfinite(b)
+    if both.sum() < 100:
+        return 0.0, 0.0
+    a, b = np.where(both, a, 0.0), np.where(both, b, 0.0)
+    reach = max(int(LONGEST_DELAY_S * rate), 1)
+    norm = float(np.sqrt((a @ a) * (b @ b)))
+    if norm <= 0.0:
+        return 0.0, 0.0
+    lags = np.arange(-reach, reach + 1)
+    scores = np.array([_overlap(a, b, int(k)) / norm for k in lags])
+    i = int(scores.argmax())
+    shift = 0.0
+    if 0 < i < len(lags) - 1:
+        left, mid, right = scores[i - 1 : i + 2]
+        bend = left - 2 * mid + right
+        shift = float(0.5 * (left - right) / bend) if bend < 0 else 0.0
+    return float((lags[i] + shift) / rate), float(scores[i])

@@ -1,0 +1,67 @@
+"""A uniform clock for raw samples, and the one low-pass filter that every signal goes through."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.frames import Array
+
+Mask = NDArray[np.bool_]
+
+
+RATE_HZ = 10.0
+
+
+CUT_OFF_HZ = 2.0
+
+
+class Grid:
+    """Raw samples on a uniform clock, and the smoother that every signal goes through."""
+
+    def __init__(self, start: float, end: float, rate: float, cut_off_hz: float) -> None:
+        self.rate = rate
+        self.t = start + np.arange(max(int((end - start) * rate), 1)) / rate
+        sigma = 0.1325 / cut_off_hz * rate  # Gaussian: -3 dB at 0.1325/sigma_t
+        half = max(int(4 * sigma), 1)
+        kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / sigma) ** 2)
+        self.kernel = kernel / kernel.sum()
+        self.every = max(round(rate / RATE_HZ), 1)
+
+    def smooth(self, x: Array) -> Array:
+        """Zero-phase Gaussian low-pass of (n, ...) along time, NaN ignored, every n-th sample kept."""
+        flat = x.reshape(len(x), -1)
+        out = np.empty((len(range(0, len(x), self.every)), flat.shape[1]))
+        weight_all = None
+        for k in range(flat.shape[1]):
+            known = np.isfinite(flat[:, k])
+            if known.all():
+                if weight_all is None:
+                    weight_all = np.convolve(np.ones(len(x)), self.kernel, "same")
+                weight, y = weight_all, flat[:, k]
+            else:
+                weight, y = np.convolve(known.astype(float), self.kernel, "same"), np.where(known, flat[:, k], 0.0)
+            total = np.convolve(y, self.kernel, "same")
+            with np.errstate(invalid="ignore", divide="ignore"):
+                out[:, k] = np.where(weight > 0.4, total / weight, np.nan)[:: self.every]
+        return out.reshape(-1, *x.shape[1:])
+
+    def pick(self, x: Any) -> Any:
+        """Every n-th sample, unsmoothed."""
+        return x[:: self.every]
+
+
+def rate_of_change(x: Array, rate_hz: float) -> Array:
+    """Time derivative of (n, ...) by central differences, per second."""
+    return np.gradient(x, 1.0 / rate_hz, axis=0)
+
+
+def running_mean(x: Array, half: int) -> Array:
+    """Mean of (n,) over ``2 half + 1`` samples, NaN and infinities left out."""
+    kernel = np.ones(2 * half + 1)
+    known = np.isfinite(x) & (np.abs(x) < 1e6)
+    weight = np.convolve(known.astype(float), kernel, "same")
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(weight > 0, np.convolve(np.where(known, x, 0.0), kernel, "same") / weight, np.nan)

@@ -1,0 +1,130 @@
+"""A recorded flight as an ``AirState`` on the grid: at the raw rate, and smoothed at the record's rate."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.air_state import AirState
+from models.errors import LogError
+from models.frames import Array
+from models.vehicle import Vehicle
+from replay.flightlog import FlightLog, Series
+from replay.residual.distances import MAX_GAP_S
+from replay.residual.grid import Grid
+
+
+def column(series: Series | None, column: int, t: Array, gap_s: float = 3.0) -> Array:
+    """One column of a series at the times ``t`` (n,); NaN where it is absent or further than ``gap_s`` away."""
+    if series is None or column >= series.values.shape[1]:
+        return np.full(len(t), np.nan)
+    return series.at(t, gap_s)[:, column]
+
+
+def rotor_columns(log: FlightLog, vehicle: Vehicle, t: Array, late_s: float) -> dict[str, Array]:
+    """``rpm`` (n, rotors) and ``servo_us`` (n, 16) of ``AirState``, taken ``late_s`` later than stamped."""
+    rpm = np.full((len(t), len(vehicle.rotors)), np.nan)
+    for k, rotor in enumerate(vehicle.rotors):
+        esc = log.escs.get(rotor.esc) if rotor.esc is not None else None
+        if esc is not None and esc.rpm is not None:
+            rpm[:, k] = esc.rpm.at(t + late_s, MAX_GAP_S)[:, 0]
+    servo = np.full((len(t), 16), np.nan)
+    if log.servo is not None:
+        late = late_s if not vehicle.telemetered else 0.0  # vanes share the clock of the outputs, not of the ESCs
+        columns = min(16, log.servo.values.shape[1])
+        servo[:, :columns] = log.servo.at(t + late, MAX_GAP_S)[:, :columns]
+        servo[servo == 0.0] = np.nan
+    return {"rpm": rpm, "servo_us": servo}
+
+
+def raw_state(
+    log: FlightLog, vehicle: Vehicle, t: Array, force: Array, gyro: Array, rotation: Array, position: Array,
+    velocity: Array,
+) -> AirState:  # fmt: skip
+    """The flight at the raw rate (n rows), without distances. LogError where rotor speeds or outputs are missing."""
+    if vehicle.telemetered:
+        lacking = [
+            r.esc for r in vehicle.rotors if r.esc is None or r.esc not in log.escs or log.escs[r.esc].rpm is None
+        ]
+        if lacking:
+            raise LogError(
+                f"{log.path}: no rotor speed of ESC {', '.join(map(str, lacking))} (ESC_TELEMETRY, ESC_STATUS); "
+                "log it, or declare [throttle] and servo outputs in the vehicle file"
+            )
+    elif log.servo is None:
+        raise LogError(f"{log.path}: no SERVO_OUTPUT_RAW, and the vehicle file declares thrust by servo outputs")
+    temperatures = [
+        log.escs[r.esc].temperature_c.at(t, 5.0)[:, 0]  # type: ignore[union-attr]
+        for r in vehicle.rotors
+        if r.esc is not None and r.esc in log.escs and log.escs[r.esc].temperature_c is not None
+    ]
+    if not temperatures:
+        temperatures = [e.temperature_c.at(t, 5.0)[:, 0] for e in log.escs.values() if e.temperature_c is not None]
+    n, fans = len(t), len(vehicle.fans)
+    return AirState(
+        time_s=t,
+        position_ned=position,
+        velocity_ned=velocity,
+        rotation=rotation,
+        rates=gyro,
+        specific_force=force,
+        ranges_m=np.full((n, 6), np.inf),
+        h_m=np.full((n, fans), np.inf),
+        d_m=np.full((n, fans), np.inf),
+        wall_bearing_rad=np.zeros(n),
+        ceiling_m=np.full((n, fans), np.inf),
+        thrust_command=column(log.thrust_command, 0, t, 1.0),
+        battery_voltage_v=column(log.battery, 0, t, 10.0),
+        battery_current_a=column(log.battery, 1, t, 10.0),
+        esc_temperature_c=np.mean(temperatures, axis=0) if temperatures else np.full(n, np.nan),
+        pressure_pa=column(log.pressure, 0, t, 10.0),
+        air_temperature_c=column(log.pressure, 1, t, 10.0),
+        **rotor_columns(log, vehicle, t, 0.0),
+    )
+
+
+def equal_outputs(log: FlightLog, vehicle: Vehicle) -> bool:
+    """Whether all rotor outputs are copies of one number, so that no moment can be modelled."""
+    if log.servo is None or len(vehicle.rotors) < 2:
+        return False
+    outputs = log.servo.values[:, [r.servo - 1 for r in vehicle.rotors if r.servo is not None]]
+    return bool(np.nanmax(np.ptp(outputs, axis=1)) <= 1.0)
+
+
+def neutral_servos(vehicle: Vehicle) -> Array:
+    """Outputs (16,) [us] at which every vane is straight; NaN for the others."""
+    out = np.full(16, np.nan)
+    for vane in vehicle.vanes:
+        out[vane.servo - 1] = vane.neutral_us
+    return out
+
+
+def decimated(state: AirState, grid: Grid) -> AirState:
+    """The state at the record's rate: smooth quantities smoothed, distances with their infinities kept."""
+
+    def careful(x: Array) -> Array:
+        smooth = grid.smooth(np.where(np.isfinite(x), x, np.nan))
+        picked = grid.pick(x)
+        return np.where(np.isfinite(picked) & np.isfinite(smooth), smooth, picked)
+
+    rotation = grid.smooth(state.rotation)
+    return AirState(
+        time_s=grid.pick(state.time_s),
+        position_ned=grid.smooth(state.position_ned),
+        velocity_ned=grid.smooth(state.velocity_ned),
+        rotation=rotation,
+        rates=grid.smooth(state.rates),
+        specific_force=grid.smooth(state.specific_force),
+        ranges_m=careful(state.ranges_m),
+        h_m=careful(state.h_m),
+        d_m=careful(state.d_m),
+        wall_bearing_rad=grid.pick(state.wall_bearing_rad),
+        ceiling_m=careful(state.ceiling_m),
+        rpm=grid.smooth(state.rpm),
+        servo_us=grid.smooth(state.servo_us),
+        thrust_command=grid.smooth(state.thrust_command),
+        battery_voltage_v=grid.smooth(state.battery_voltage_v),
+        battery_current_a=grid.smooth(state.battery_current_a),
+        esc_temperature_c=grid.smooth(state.esc_temperature_c),
+        pressure_pa=grid.smooth(state.pressure_pa),
+        air_temperature_c=grid.smooth(state.air_temperature_c),
+    )
