@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from companion.config import Base, PipelineConfig
+from companion.mavlink.decoders import id_of, source_of
 from companion.mavlink.firmware import Stack, needed_parameters, stack_of
 from companion.mavlink.link import Arrivals, Frame, Link, wait
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
-from companion.mavlink.messages import id_of, source_of
 from companion.mavlink.samples import Heartbeat
 from companion.mavlink.setpoints import encode, hand_back
 from companion.mavlink.stream_rates import StreamKeeper, interval_request, wanted_streams

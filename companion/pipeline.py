@@ -14,7 +14,8 @@ import numpy as np
 
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control.authority import HOLDS_BACK_EVERYTHING, Reason, fade
-from companion.control.compensation import MomentWashout, Offset, Push, modelled_push, slewed, wanted_offset
+from companion.control.compensation import MomentWashout, Offset, slewed, wanted_offset
+from companion.control.disturbance import Push, modelled_push
 from companion.control.position_hold import BaseSetpoint, Hold, HoldGains, engage, fly, retarget
 from companion.estimation import estimator as est
 from companion.estimation.estimator import Estimates, Seen, blank_estimates

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mavlink.messages import RangeVerdict, orientation_direction, range_verdict
+from companion.mavlink.range_beams import orientation_direction, range_verdict
+from companion.mavlink.samples import RangeVerdict
 from models.air_state import DIRECTIONS
 from models.frames import GRAVITY, Array
 from replay.logs.tlog import outliers

@@ -8,41 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
-from companion.config import PipelineConfig, Tuning
+from companion.config import PipelineConfig
 from companion.control.authority import slew
-from companion.estimation.air_state import air_state
-from companion.estimation.estimator import Estimates, Seen, Surface, fan_query, surface
+from companion.control.disturbance import Push
 from companion.mavlink.firmware import ThrustMap
-from models.air_state import AirState
-from models.effects import Context, adopted_wrench, corrected_state
-from models.frames import GRAVITY, Array, at_cg, corner_to_body
-from models.surrogate.fan_surrogate import FanSurrogate
-from models.vehicle import Vehicle
-from models.vehicle_wrench import fan_rpm
-
-_STIFFNESS_STEP_M = 0.02
-
-
-@dataclass(frozen=True, slots=True)
-class Push:
-    """What the surroundings do to the vehicle: body FRD about the CG, and how far that is to be believed."""
-
-    wrench: Array
-    """(6,) disturbance at the leads of thrust (Fz) and lean (the others), with the vanes' reaction to its moment."""
-    free_lift_n: float
-    trust: float
-    gain: float
-    """Bounded so that delayed feed-forward towards a wall stays below a fifth of the loop's damping."""
-    h_m: Array
-    d_m: Array
-    ground: Surface
-    wall: Surface
-    ceiling: Surface
-    """Watched only where an adopted effect knows of ceilings."""
+from models.frames import GRAVITY, Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,106 +40,6 @@ class MomentWashout:
     """The slow part of the roll and pitch moments [N m], which the autopilot's integrator holds."""
 
     low: tuple[float, float] | None = None
-
-
-def modelled_push(estimates: Estimates, config: PipelineConfig, rotor_rpm: Array, rotation: Array, t_s: float) -> Push:
-    """Query the surrogate for every fan, at the two leads, in free air, and a little further from the wall."""
-    vehicle, model, tuning = config.vehicle, config.model, config.tuning
-    ground = surface(estimates, config, "ground", t_s)
-    wall = surface(estimates, config, "wall", t_s)
-    rpm = fan_rpm(vehicle, rotor_rpm)
-    soon = fan_query(vehicle, ground, wall, rotation, rpm, tuning.thrust_lead_s)
-    later = fan_query(vehicle, ground, wall, rotation, rpm, tuning.lean_lead_s)
-    free = np.full_like(rpm, np.inf)
-    # One batched query: rows are (thrust lead, lean lead, lean lead a step further off, free air).
-    ceiling = Surface(Seen.UNDECLARED)
-    if model.effects:
-        ceiling = surface(estimates, config, "ceiling", t_s)
-        now = air_state(estimates, vehicle, soon, ceiling, rotor_rpm, t_s, tuning.thrust_lead_s)
-        moved = corrected_state(model.effects, now)
-        shift = np.where(np.isfinite(now.h_m), moved.h_m, 0.0) - np.where(np.isfinite(now.h_m), now.h_m, 0.0)
-        soon, later = replace(soon, h_m=soon.h_m + shift), replace(later, h_m=later.h_m + shift)
-        adopted = adopted_push(model, moved, vehicle, tuning)
-    else:
-        adopted = np.zeros(6)
-    answer = model.query(
-        np.stack([soon.h_m, later.h_m, later.h_m, free]),
-        np.stack([soon.d_m, later.d_m, later.d_m + _STIFFNESS_STEP_M, free]),
-        rpm,
-    )
-    rows = answer.wrench
-    total = np.zeros(6)
-    for i, fan in enumerate(vehicle.fans):
-        change = rows[1, i] - rows[3, i]
-        change[2] = rows[0, i, 2] - rows[3, i, 2]
-        total += at_cg(corner_to_body(change, later.wall_bearing_rad), fan.position_m)
-    total += adopted
-    total[:3] += trim_reaction(vehicle) @ total[3:]
-    pull = float(rows[1, :, 0].sum() - rows[2, :, 0].sum()) / _STIFFNESS_STEP_M
-    known = np.isfinite(soon.h_m) | np.isfinite(soon.d_m)
-    trust = float(np.min(answer.trust[0], initial=1.0, where=known)) if known.any() else 1.0
-    return Push(
-        wrench=total,
-        free_lift_n=float(rows[3, :, 2].sum()),
-        trust=trust * _sensor_weight(ground) * _sensor_weight(wall),
-        gain=_stable_gain(pull, vehicle, tuning) if wall.seen is Seen.SURFACE else tuning.gain,
-        h_m=soon.h_m,
-        d_m=soon.d_m,
-        ground=ground,
-        wall=wall,
-        ceiling=ceiling,
-    )
-
-
-def adopted_push(model: FanSurrogate, state: AirState, vehicle: Vehicle, tuning: Tuning) -> Array:
-    """What the adopted effects push (6,), with a ceiling's pull no stronger than delay allows.
-
-    As if the vehicle stood still in the air's own motion: drag on its own velocity damps the loop, and feeding it
-    forward would take that damping away.
-    """
-    still = replace(state, velocity_ned=np.zeros(3), rates=np.zeros(3))
-
-    def push(ceiling_m: Array) -> Array:
-        return adopted_wrench(
-            model.effects, Context(replace(still, ceiling_m=ceiling_m), vehicle, model), in_flight=True
-        )
-
-    near = push(state.ceiling_m)
-    if not np.isfinite(np.min(state.ceiling_m)):
-        return near
-    pull = float(push(state.ceiling_m + _STIFFNESS_STEP_M)[2] - near[2]) / _STIFFNESS_STEP_M
-    share = _stable_gain(pull, vehicle, tuning) / tuning.gain if tuning.gain > 0.0 else 0.0
-    open_air = push(np.full_like(state.ceiling_m, np.inf))
-    out: Array = open_air + share * (near - open_air)
-    return out
-
-
-@lru_cache(maxsize=4)
-def trim_reaction(vehicle: Vehicle) -> Array:
-    """Force (3,) per moment (3,) that the vanes exert in holding a moment off: shape (3, 3), zero without vanes.
-
-    A vane is a side force at its station. Balancing a wall's roll moment with vanes below the CG pushes the vehicle
-    towards that wall, harder than the wall itself pulls: 6.7 N per N m on the paper's vehicle.
-    """
-    if not vehicle.vanes:
-        return np.zeros((3, 3))
-    axes = np.array([vane.axis for vane in vehicle.vanes]).T
-    arms = np.cross([vane.position_m for vane in vehicle.vanes], axes.T).T
-    reaction: Array = -axes @ np.linalg.pinv(arms)
-    return reaction
-
-
-def _sensor_weight(seen: Surface) -> float:
-    """1 for a sharp distance, 0 for one uncertain by 10 cm."""
-    return min(max((0.10 - seen.sigma_m) / 0.05, 0.0), 1.0)
-
-
-def _stable_gain(pull_n_per_m: float, vehicle: Vehicle, tuning: Tuning) -> float:
-    """Attraction that grows towards a surface, fed forward late, is negative damping: g k tau <= D/5 (physics, 8.3)."""
-    if pull_n_per_m <= 0.0:
-        return tuning.gain
-    damping = tuning.hold_damping_1_s * vehicle.mass_kg
-    return min(tuning.gain, 0.2 * damping / (pull_n_per_m * tuning.residual_delay_s))
 
 
 def wanted_offset(

@@ -12,7 +12,7 @@ import numpy as np
 from companion.config import PipelineConfig, Tuning
 from companion.estimation.kalman import Track, Verdict, measure, measure_rate
 from companion.estimation.range_geometry import fan_heights, fan_wall_distances, plane_distance, wall_bearing
-from companion.mavlink.messages import orientation_direction
+from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import (
     Attitude,
     Battery,

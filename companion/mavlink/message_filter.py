@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from companion.mavlink.boot_clock import BootClock
-from companion.mavlink.messages import decode, source_of
+from companion.mavlink.decoders import decode, source_of
 from companion.mavlink.samples import Range, Sample
 
 AUTOPILOT_COMPONENT = 1

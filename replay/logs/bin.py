@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from companion.mavlink.messages import RangeVerdict, orientation_direction
+from companion.mavlink.range_beams import orientation_direction
+from companion.mavlink.samples import RangeVerdict
 from models.errors import LogError
 from models.frames import Array
 from replay.flightlog import (

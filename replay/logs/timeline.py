@@ -11,7 +11,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from companion.mavlink.boot_clock import Stamp
-from companion.mavlink.messages import LAYOUTS, Layout
+from companion.mavlink.message_table import LAYOUTS
+from companion.mavlink.wire_layout import Layout
 from models.errors import LogError
 from replay.logs.tlog import AUTOPILOT, Tlog, outliers
 

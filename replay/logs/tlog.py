@@ -18,9 +18,9 @@ from fastcrc.crc16 import mcrf4xx as _crc  # pymavlink's own dependency, without
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from companion.mavlink.decoders import wire_dtype
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.esc_messages import BY_ID as ESC_BY_ID
-from companion.mavlink.messages import wire_dtype
 from models.errors import LogError
 
 V1, V2 = 0xFE, 0xFD

@@ -10,7 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mavlink.messages import LAYOUTS, PER_SI, beam_direction, columns, parameter_value
+from companion.mavlink.decoders import columns
+from companion.mavlink.message_table import LAYOUTS
+from companion.mavlink.range_beams import beam_direction
+from companion.mavlink.sample_builders import parameter_value
+from companion.mavlink.wire_layout import PER_SI
 from models.frames import Array
 from replay.flightlog import (
     Beam,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mavlink.messages import beam_direction
+from companion.mavlink.range_beams import beam_direction
 from models.errors import LogError
 from models.frames import Array
 from replay.flightlog import (

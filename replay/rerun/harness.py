@@ -13,7 +13,7 @@ from typing import Any
 from companion.config import PipelineConfig
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.message_filter import Intake
-from companion.mavlink.messages import LAYOUTS
+from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Heartbeat, Parameter, Sample
 from companion.pipeline import Decision, PipelineState, initial_state, step
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.mavlink.messages import RangeVerdict, orientation_direction
+from companion.mavlink.range_beams import orientation_direction
+from companion.mavlink.samples import RangeVerdict
 from models.air_state import DIRECTIONS
 from models.frames import Array
 from models.vehicle import Vehicle

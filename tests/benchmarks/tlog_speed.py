@@ -24,7 +24,8 @@ FRAMES = 200_000
 
 def ours(path: Path) -> int:
     """Walk, CRC of every frame, stamps, and all known messages into SI columns."""
-    from companion.mavlink.messages import LAYOUTS, columns
+    from companion.mavlink.decoders import columns
+    from companion.mavlink.message_table import LAYOUTS
     from replay.logs.tlog import read_tlog
 
     log = read_tlog(path)

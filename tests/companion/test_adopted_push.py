@@ -9,7 +9,7 @@ import pytest
 
 import models
 from companion.config import Tuning
-from companion.control.compensation import adopted_push
+from companion.control.disturbance import adopted_push
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
 from models.surrogate.fan_surrogate import AdoptedEffect

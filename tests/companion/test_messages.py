@@ -10,11 +10,16 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from companion.mavlink import messages as m
 from companion.mavlink.boot_clock import BootClock, Stamp
+from companion.mavlink.decoders import columns, decode, wire_dtype
 from companion.mavlink.dialect import mavlink
+from companion.mavlink.esc_messages import BY_ID as ESC_BY_ID
+from companion.mavlink.esc_messages import parse_frame
 from companion.mavlink.message_filter import Intake
-from companion.mavlink.messages import LAYOUTS, RangeVerdict, columns, decode, orientation_direction, wire_dtype
+from companion.mavlink.message_table import LAYOUTS
+from companion.mavlink.range_beams import orientation_direction
+from companion.mavlink.samples import Attitude, LocalPosition, RangeVerdict
+from companion.mavlink.wire_layout import Quantity
 from models.frames import euler_from_quaternion, quaternion_from_euler, rotation_from_quaternion
 
 ARRIVAL = 1_767_225_642_203_386
@@ -285,7 +290,7 @@ def numbers(value):
 
 def message_of(layout, payload):
     kind = mavlink.mavlink_map.get(layout.id)
-    extra = kind.crc_extra if kind else m.ESC_BY_ID[layout.id].CRC_EXTRA
+    extra = kind.crc_extra if kind else ESC_BY_ID[layout.id].CRC_EXTRA
     body = struct.pack("<BBBBBBHB", len(payload), 0, 0, 7, 1, 1, layout.id & 0xFFFF, layout.id >> 16) + payload
     frame = b"\xfd" + body + struct.pack("<H", mavlink.x25crc(body + bytes([extra])).crc)
     return mavlink.MAVLink(None).decode(bytearray(frame))
@@ -303,7 +308,7 @@ def test_no_payload_raises_and_nothing_infinite_comes_out(layout, payload, arriv
         return
     assert not any(math.isinf(x) for x in numbers(out))
     assert out.t_s >= 0.0
-    if isinstance(out, m.Attitude | m.LocalPosition):
+    if isinstance(out, Attitude | LocalPosition):
         assert not any(math.isnan(x) for x in numbers(out))
     assert flat(out) == flat(decode(message_of(layout, payload), arrival, BootClock()))
 
@@ -317,10 +322,10 @@ def test_columns_hold_the_same_numbers(layout, payloads):
     for k, payload in enumerate(payloads):
         message = message_of(layout, payload)
         if isinstance(message, mavlink.MAVLink_unknown):
-            message = m.parse_frame(message.get_msgbuf())
+            message = parse_frame(message.get_msgbuf())
         for quantity in layout.quantities:
             one = quantity.scalar(message)
-            if isinstance(quantity, m.Quantity):
+            if isinstance(quantity, Quantity):
                 assert np.array_equal(np.array(one), table[quantity.name][k], equal_nan=True), quantity.name
             elif isinstance(one, int):
                 assert one == table[quantity.name][k]

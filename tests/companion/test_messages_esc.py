@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 from pymavlink.generator import mavparse
 
 from companion.mavlink.boot_clock import BootClock
+from companion.mavlink.decoders import decode, id_of, source_of, wire_dtype
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.esc_messages import BY_ID, EscInfo, EscStatus, pack_frame, parse_frame
 from companion.mavlink.message_filter import Intake
-from companion.mavlink.messages import EscHealth, RotorSpeeds, decode, id_of, source_of, wire_dtype
+from companion.mavlink.samples import EscHealth, RotorSpeeds
 
 COMMON_XML = """<?xml version="1.0"?><mavlink><version>3</version><messages>
 <message id="290" name="ESC_INFO"><description>d</description>

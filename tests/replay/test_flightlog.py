@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from log_writers import EPOCH_US, flight, frame, heartbeat, write_tlog
 
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.messages import RangeVerdict
+from companion.mavlink.samples import RangeVerdict
 from models.errors import LogError
 from models.frames import euler_from_quaternion
 from replay.flightlog import Series, best_beam, direction_name, load, smallest_step, tidy, unflipped

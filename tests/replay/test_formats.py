@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from log_writers import bin_flight, ulg_flight
 
-from companion.mavlink.messages import RangeVerdict
+from companion.mavlink.samples import RangeVerdict
 from models.errors import LogError
 from models.frames import euler_from_quaternion
 from replay.flightlog import load

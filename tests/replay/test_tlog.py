@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from log_writers import EPOCH_US, flight, frame, heartbeat, record, write_tlog
 from pymavlink import mavutil
 
+from companion.mavlink.decoders import columns
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.messages import LAYOUTS, columns
+from companion.mavlink.message_table import LAYOUTS
 from models.errors import LogError
 from replay.logs.tlog import choose_system, read_tlog, repair_stamps
 from replay.rerun.harness import frame_id

@@ -1,0 +1,73 @@
+"""Rangefinder messages: where a beam points, and what a reading is worth."""
+
+from __future__ import annotations
+
+import math
+
+from companion.mavlink.dialect import mavlink
+from companion.mavlink.sample_builders import unit_quaternion
+from companion.mavlink.samples import (
+    Quaternion,
+    RangeVerdict,
+    Vector3,
+)
+
+DOWN = (0.0, 0.0, 1.0)
+
+
+CUSTOM_ORIENTATION = 100
+
+
+LOW_QUALITY_BELOW = 10
+"""signal_quality is 1 (invalid) to 100 (best); 0 is "not given"."""
+
+
+def _pitch_yaw() -> dict[int, tuple[int, int]]:
+    """Pitch and yaw [deg] of every MAV_SENSOR_ORIENTATION, from the dialect's names; roll does not turn the beam."""
+    out = {}
+    for value, entry in mavlink.enums["MAV_SENSOR_ORIENTATION"].items():
+        words = entry.name.removeprefix("MAV_SENSOR_ROTATION_").split("_")
+        if not entry.name.startswith("MAV_SENSOR_ROTATION_") or words == ["CUSTOM"]:
+            continue
+        angles = dict(zip(words[::2], words[1::2], strict=False))
+        out[value] = (int(angles.get("PITCH", 0)), int(angles.get("YAW", 0)))
+    return out
+
+
+def _beam(pitch_deg: float, yaw_deg: float) -> Vector3:
+    pitch, yaw = math.radians(pitch_deg), math.radians(yaw_deg)
+    # + 0.0 turns -0.0 into 0.0; rounding takes the 1e-17 out of cos 90 deg.
+    x, y, z = math.cos(pitch) * math.cos(yaw), math.cos(pitch) * math.sin(yaw), -math.sin(pitch)
+    return (round(x, 15) + 0.0, round(y, 15) + 0.0, round(z, 15) + 0.0)
+
+
+_BEAMS = {value: _beam(*angles) for value, angles in _pitch_yaw().items()}
+
+
+def orientation_direction(orientation: int) -> Vector3 | None:
+    """Unit beam (FRD) of a MAV_SENSOR_ORIENTATION: Rz(yaw) Ry(pitch) (1, 0, 0). None for CUSTOM and unknown values."""
+    return _BEAMS.get(orientation)
+
+
+def beam_direction(orientation: int, quaternion: Quaternion) -> Vector3 | None:
+    """Unit beam (FRD) of a DISTANCE_SENSOR; a CUSTOM one by its quaternion. None where it cannot be told."""
+    if orientation != CUSTOM_ORIENTATION:
+        return _BEAMS.get(orientation)
+    q = unit_quaternion(quaternion)
+    if q is None:
+        return None
+    w, x, y, z = q
+    return (1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y))
+
+
+def range_verdict(distance_m: float, min_m: float, max_m: float, quality: int, mapped: bool) -> RangeVerdict:
+    """What a reading is worth by itself. Sensors say "nothing" with 0, their minimum, their maximum or more."""
+    if not mapped:
+        return RangeVerdict.UNMAPPED
+    if distance_m <= 0.0 or distance_m <= min_m:
+        return RangeVerdict.BELOW_MIN
+    if distance_m >= max_m:
+        return RangeVerdict.ABOVE_MAX
+    if 0 < quality < LOW_QUALITY_BELOW:
+        return RangeVerdict.LOW_QUALITY
+    return RangeVerdict.OK

@@ -1,0 +1,237 @@
+"""From the quantities of one message to its sample; None where they are not finite."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable
+from typing import Any
+
+from companion.mavlink.range_beams import DOWN, beam_direction, range_verdict
+from companion.mavlink.samples import (
+    Attitude,
+    AttitudeTarget,
+    Battery,
+    CommandAck,
+    EscHealth,
+    Heartbeat,
+    Imu,
+    LandedState,
+    LocalPosition,
+    Parameter,
+    Pressure,
+    Quaternion,
+    Range,
+    RotorSpeeds,
+    ServoOutput,
+    SetAttitudeTarget,
+    SetPositionTarget,
+    Statustext,
+    Timesync,
+    Vector3,
+    Vibration,
+    Wind,
+)
+from companion.mavlink.wire_layout import NAN, Head
+
+
+def _finite(*groups: tuple[float, ...]) -> bool:
+    """True where there is no NaN (inf never gets this far, and the limits keep the sum from reaching it)."""
+    total = sum([sum(group) for group in groups])
+    return total == total
+
+
+def unit_quaternion(q: tuple[float, ...]) -> Quaternion | None:
+    """A quaternion of length 1, or None where it is none: NaN, or a length more than 10 % off."""
+    w, x, y, z = q
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
+    if not 0.9 <= norm <= 1.1:
+        return None
+    return (w / norm, x / norm, y / norm, z / norm)
+
+
+def build_heartbeat(head: Head, _: str, base: int, custom: int, autopilot: int, kind: int, status: int) -> Heartbeat:
+    return Heartbeat(*head, bool(base & 128), custom, base, autopilot, kind, status)
+
+
+def build_attitude(head: Head, name: str, euler: Vector3, rates: Vector3) -> Attitude | None:
+    if not _finite(euler, rates):
+        return None
+    roll, pitch, yaw = euler[0] / 2.0, euler[1] / 2.0, euler[2] / 2.0
+    cr, cp, cy = math.cos(roll), math.cos(pitch), math.cos(yaw)
+    sr, sp, sy = math.sin(roll), math.sin(pitch), math.sin(yaw)
+    q = (
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
+    )
+    return Attitude(*head, q, rates, name)
+
+
+def build_attitude_quaternion(head: Head, name: str, q: Quaternion, rates: Vector3) -> Attitude | None:
+    unit = unit_quaternion(q)
+    return Attitude(*head, unit, rates, name) if unit is not None and _finite(rates) else None
+
+
+def build_position(head: Head, _: str, position: Vector3, velocity: Vector3) -> LocalPosition | None:
+    return LocalPosition(*head, position, velocity) if _finite(position, velocity) else None
+
+
+def _imu_source(name: str, sensor: int) -> str:
+    return f"{name}:{sensor}" if sensor else name
+
+
+def build_highres_imu(head: Head, name: str, force: Vector3, gyro: Vector3, updated: int, sensor: int) -> Imu | None:
+    if updated & 63 == 63:
+        return Imu(*head, force, gyro, _imu_source(name, sensor))
+    if not updated & 63:
+        return None
+    flags = [bool(updated >> bit & 1) for bit in range(6)]
+    fx, fy, fz, gx, gy, gz = (v if on else NAN for v, on in zip((*force, *gyro), flags, strict=True))
+    return Imu(*head, (fx, fy, fz), (gx, gy, gz), _imu_source(name, sensor))
+
+
+def build_raw_imu(head: Head, name: str, force: Vector3, gyro: Vector3, sensor: int) -> Imu:
+    return Imu(*head, force, gyro, _imu_source(name, sensor))
+
+
+def build_scaled_imu(head: Head, name: str, force: Vector3, gyro: Vector3) -> Imu:
+    return Imu(*head, force, gyro, name)
+
+
+def build_distance_sensor(
+    head: Head, name: str, distance: tuple[float], limits: tuple[float, float], variance: tuple[float], q: Quaternion,
+    orientation: int, sensor: int, quality: int,
+) -> Range:  # fmt: skip
+    low, high = limits if limits[1] > 0.0 else (NAN, NAN)
+    direction = beam_direction(orientation, q)
+    verdict = range_verdict(distance[0], low, high, quality, direction is not None)
+    sigma = math.sqrt(variance[0]) if variance[0] == variance[0] else None
+    return Range(
+        *head, direction, orientation, sensor, distance[0], low, high, sigma, quality or None, verdict, name
+    )  # fmt: skip
+
+
+def build_rangefinder(head: Head, name: str, distance: tuple[float]) -> Range | None:
+    if distance[0] != distance[0]:
+        return None
+    verdict = range_verdict(distance[0], NAN, NAN, 0, True)
+    return Range(*head, DOWN, 25, 0, distance[0], NAN, NAN, None, None, verdict, name)
+
+
+def build_esc_telemetry(first_esc: int) -> Callable[..., RotorSpeeds]:
+    def build(head: Head, name: str, rpm: Any, temperature: Any, voltage: Any, current: Any, count: Any) -> RotorSpeeds:
+        health = EscHealth(*head, first_esc, temperature, voltage, current)
+        return RotorSpeeds(*head, first_esc, rpm, name, tuple(count), health)
+
+    return build
+
+
+def build_esc_status(head: Head, name: str, rpm: Any, voltage: Any, current: Any, index: int) -> RotorSpeeds:
+    health = EscHealth(*head, index + 1, (NAN,) * 4, voltage, current)
+    return RotorSpeeds(*head, index + 1, rpm, name, None, health)
+
+
+def build_esc_info(head: Head, _: str, temperature: Any, index: int, info: int) -> EscHealth:
+    online = tuple(bool(info >> i & 1) for i in range(4))
+    return EscHealth(*head, index + 1, temperature, (NAN,) * 4, (NAN,) * 4, online)
+
+
+def build_rpm(head: Head, name: str, rpm: tuple[float, float]) -> RotorSpeeds | None:
+    # ArduPilot says -1 for a sensor that is absent or unhealthy.
+    known = tuple(v if v >= 0.0 else NAN for v in rpm)
+    return RotorSpeeds(*head, 1, known, name) if any(v == v for v in known) else None
+
+
+def build_raw_rpm(head: Head, name: str, rpm: tuple[float], index: int) -> RotorSpeeds | None:
+    return RotorSpeeds(*head, index + 1, rpm, name) if rpm[0] >= 0.0 else None
+
+
+def build_battery(head: Head, name: str, cells: Any, more: Any, current: tuple[float], battery: int) -> Battery | None:
+    # Pack voltage in the first place and cells one by one add up alike; above 65 V ArduPilot spreads the pack over two.
+    known = [v for v in (*cells, *more) if v == v]
+    voltage = math.fsum(known)
+    return _battery_sample(head, name, voltage if voltage > 0.0 else NAN, current[0], battery)
+
+
+def build_sys_status(head: Head, name: str, voltage: tuple[float], current: tuple[float]) -> Battery | None:
+    return _battery_sample(head, name, voltage[0] if voltage[0] > 0.0 else NAN, current[0], 0)
+
+
+def _battery_sample(head: Head, name: str, voltage: float, current: float, battery: int) -> Battery | None:
+    return Battery(*head, voltage, current, battery, name) if voltage == voltage or current == current else None
+
+
+def build_pressure(head: Head, name: str, pressure: tuple[float], temperature: tuple[float]) -> Pressure | None:
+    return Pressure(*head, pressure[0], temperature[0], name) if pressure[0] > 0.0 else None
+
+
+def build_servo(head: Head, _: str, pwm: tuple[float, ...], port: int) -> ServoOutput:
+    return ServoOutput(*head, pwm, port)
+
+
+def build_attitude_target(head: Head, _: str, q: Quaternion, thrust: tuple[float]) -> AttitudeTarget | None:
+    return AttitudeTarget(*head, unit_quaternion(q) or (NAN,) * 4, thrust[0]) if _finite(thrust) else None
+
+
+def build_set_attitude(
+    head: Head, _: str, q: Quaternion, rates: Vector3, thrust: tuple[float], mask: int, system: int, component: int
+) -> SetAttitudeTarget:
+    return SetAttitudeTarget(*head, mask, q, rates, thrust[0], system, component)
+
+
+def build_set_position(
+    head: Head, _: str, position: Vector3, velocity: Vector3, acceleration: Vector3, yaw: tuple[float, float],
+    mask: int, frame: int, system: int, component: int,
+) -> SetPositionTarget:  # fmt: skip
+    return SetPositionTarget(*head, mask, frame, position, velocity, acceleration, yaw[0], yaw[1], system, component)
+
+
+def build_parameter(
+    head: Head, _: str, value: tuple[float], name: Any, kind: int, index: int, count: int
+) -> Parameter | None:
+    number = parameter_value(value[0], kind)
+    text = name if isinstance(name, str) else bytes(name).split(b"\0")[0].decode("ascii", "replace")
+    return Parameter(*head, text, number, index, count) if text and number == number else None
+
+
+def build_landed(head: Head, _: str, state: int) -> LandedState:
+    return LandedState(*head, state)
+
+
+def build_wind_cov(head: Head, name: str, wind: Vector3) -> Wind | None:
+    return Wind(*head, wind, name) if _finite(wind[:2]) else None
+
+
+def build_wind(head: Head, name: str, direction: tuple[float], speed: tuple[float, float]) -> Wind | None:
+    # The direction is where the wind comes from.
+    north, east = -speed[0] * math.cos(direction[0]), -speed[0] * math.sin(direction[0])
+    return Wind(*head, (north, east, speed[1]), name) if _finite((north, east)) else None
+
+
+def build_command_ack(head: Head, _: str, command: int, result: int, system: int, component: int) -> CommandAck:
+    return CommandAck(*head, command, result, system, component)
+
+
+def build_timesync(head: Head, _: str, tc1: int, ts1: int) -> Timesync:
+    return Timesync(*head, tc1, ts1)
+
+
+def build_statustext(head: Head, _: str, severity: int, text: str) -> Statustext:
+    return Statustext(*head, severity, text)
+
+
+def build_vibration(head: Head, _: str, level: Vector3, first: int, second: int, third: int) -> Vibration | None:
+    return Vibration(*head, level, (first, second, third)) if _finite(level) else None
+
+
+def parameter_value(value: float, kind: int) -> float:
+    """A parameter's number: ArduPilot sends whole numbers as floats, PX4 an integer's bytes in the float's place.
+
+    The bytes of PX4's negative integers near 0 are those of a NaN; they stay unknown.
+    """
+    if not 1 <= kind <= 8 or not math.isfinite(value) or value == 0.0 or (abs(value) >= 1.0 and value.is_integer()):
+        return value
+    (number,) = struct.unpack("<i" if kind in (2, 4, 6, 8) else "<I", struct.pack("<f", value))
+    return float(number)
