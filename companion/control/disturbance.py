@@ -1,4 +1,4 @@
-"""What the surroundings do to the vehicle now: surrogate and adopted effects at every fan, and how far to believe it."""
+"""What the surroundings do to the vehicle: surrogate and adopted effects at every fan, and how far to believe it."""
 
 from __future__ import annotations
 

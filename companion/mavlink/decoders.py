@@ -12,9 +12,7 @@ from companion.mavlink.dialect import mavlink
 from companion.mavlink.esc_messages import BY_ID as ESC_BY_ID
 from companion.mavlink.esc_messages import parse_frame
 from companion.mavlink.message_table import _BY_NAME, LAYOUTS
-from companion.mavlink.samples import (
-    Sample,
-)
+from companion.mavlink.samples import Sample
 from companion.mavlink.wire_layout import Layout
 
 

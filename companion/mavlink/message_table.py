@@ -46,9 +46,7 @@ from companion.mavlink.sample_builders import (
     build_wind,
     build_wind_cov,
 )
-from companion.mavlink.samples import (
-    Sample,
-)
+from companion.mavlink.samples import Sample
 from companion.mavlink.wire_layout import Layout, Quantity, Raw
 
 _ACC_LIMIT, _GYRO_LIMIT, _RPM_LIMIT = 2000.0, 200.0, 200_000.0

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.sample_builders import unit_quaternion
 from companion.mavlink.samples import (
     Quaternion,
     RangeVerdict,
     Vector3,
 )
+from companion.mavlink.wire_layout import unit_quaternion
 
 DOWN = (0.0, 0.0, 1.0)
 

@@ -32,22 +32,7 @@ from companion.mavlink.samples import (
     Vibration,
     Wind,
 )
-from companion.mavlink.wire_layout import NAN, Head
-
-
-def _finite(*groups: tuple[float, ...]) -> bool:
-    """True where there is no NaN (inf never gets this far, and the limits keep the sum from reaching it)."""
-    total = sum([sum(group) for group in groups])
-    return total == total
-
-
-def unit_quaternion(q: tuple[float, ...]) -> Quaternion | None:
-    """A quaternion of length 1, or None where it is none: NaN, or a length more than 10 % off."""
-    w, x, y, z = q
-    norm = math.sqrt(w * w + x * x + y * y + z * z)
-    if not 0.9 <= norm <= 1.1:
-        return None
-    return (w / norm, x / norm, y / norm, z / norm)
+from companion.mavlink.wire_layout import NAN, Head, finite, unit_quaternion
 
 
 def build_heartbeat(head: Head, _: str, base: int, custom: int, autopilot: int, kind: int, status: int) -> Heartbeat:
@@ -55,7 +40,7 @@ def build_heartbeat(head: Head, _: str, base: int, custom: int, autopilot: int, 
 
 
 def build_attitude(head: Head, name: str, euler: Vector3, rates: Vector3) -> Attitude | None:
-    if not _finite(euler, rates):
+    if not finite(euler, rates):
         return None
     roll, pitch, yaw = euler[0] / 2.0, euler[1] / 2.0, euler[2] / 2.0
     cr, cp, cy = math.cos(roll), math.cos(pitch), math.cos(yaw)
@@ -71,11 +56,11 @@ def build_attitude(head: Head, name: str, euler: Vector3, rates: Vector3) -> Att
 
 def build_attitude_quaternion(head: Head, name: str, q: Quaternion, rates: Vector3) -> Attitude | None:
     unit = unit_quaternion(q)
-    return Attitude(*head, unit, rates, name) if unit is not None and _finite(rates) else None
+    return Attitude(*head, unit, rates, name) if unit is not None and finite(rates) else None
 
 
 def build_position(head: Head, _: str, position: Vector3, velocity: Vector3) -> LocalPosition | None:
-    return LocalPosition(*head, position, velocity) if _finite(position, velocity) else None
+    return LocalPosition(*head, position, velocity) if finite(position, velocity) else None
 
 
 def _imu_source(name: str, sensor: int) -> str:
@@ -172,7 +157,7 @@ def build_servo(head: Head, _: str, pwm: tuple[float, ...], port: int) -> ServoO
 
 
 def build_attitude_target(head: Head, _: str, q: Quaternion, thrust: tuple[float]) -> AttitudeTarget | None:
-    return AttitudeTarget(*head, unit_quaternion(q) or (NAN,) * 4, thrust[0]) if _finite(thrust) else None
+    return AttitudeTarget(*head, unit_quaternion(q) or (NAN,) * 4, thrust[0]) if finite(thrust) else None
 
 
 def build_set_attitude(
@@ -201,13 +186,13 @@ def build_landed(head: Head, _: str, state: int) -> LandedState:
 
 
 def build_wind_cov(head: Head, name: str, wind: Vector3) -> Wind | None:
-    return Wind(*head, wind, name) if _finite(wind[:2]) else None
+    return Wind(*head, wind, name) if finite(wind[:2]) else None
 
 
 def build_wind(head: Head, name: str, direction: tuple[float], speed: tuple[float, float]) -> Wind | None:
     # The direction is where the wind comes from.
     north, east = -speed[0] * math.cos(direction[0]), -speed[0] * math.sin(direction[0])
-    return Wind(*head, (north, east, speed[1]), name) if _finite((north, east)) else None
+    return Wind(*head, (north, east, speed[1]), name) if finite((north, east)) else None
 
 
 def build_command_ack(head: Head, _: str, command: int, result: int, system: int, component: int) -> CommandAck:
@@ -223,7 +208,7 @@ def build_statustext(head: Head, _: str, severity: int, text: str) -> Statustext
 
 
 def build_vibration(head: Head, _: str, level: Vector3, first: int, second: int, third: int) -> Vibration | None:
-    return Vibration(*head, level, (first, second, third)) if _finite(level) else None
+    return Vibration(*head, level, (first, second, third)) if finite(level) else None
 
 
 def parameter_value(value: float, kind: int) -> float:

@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.mavlink.boot_clock import Stamp
-from companion.mavlink.samples import (
-    Sample,
-)
+from companion.mavlink.samples import Quaternion, Sample
 from models.frames import GRAVITY
 
 NAN = math.nan
@@ -111,3 +109,18 @@ class Layout:
     def stamp_field(self) -> str:
         """Name of the time field on the wire."""
         return "time_boot_ms" if self.stamp is Stamp.BOOT_MS else "time_usec"
+
+
+def finite(*groups: tuple[float, ...]) -> bool:
+    """True where there is no NaN (inf never gets this far, and the limits keep the sum from reaching it)."""
+    total = sum([sum(group) for group in groups])
+    return total == total
+
+
+def unit_quaternion(q: tuple[float, ...]) -> Quaternion | None:
+    """A quaternion of length 1, or None where it is none: NaN, or a length more than 10 % off."""
+    w, x, y, z = q
+    norm = math.sqrt(w * w + x * x + y * y + z * z)
+    if not 0.9 <= norm <= 1.1:
+        return None
+    return (w / norm, x / norm, y / norm, z / norm)

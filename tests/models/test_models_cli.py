@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import models
+import models.training
 from models import cli, dataset
 from models.corner_law import ClosedForm
 from models.frames import AXES
@@ -98,7 +98,7 @@ def test_without_torch_the_message_says_what_to_install(
 ) -> None:
     monkeypatch.setitem(sys.modules, "torch", None)
     monkeypatch.delitem(sys.modules, "models.training.network", raising=False)
-    monkeypatch.delattr(models, "network", raising=False)
+    monkeypatch.delattr(models.training, "network", raising=False)
     code = cli.main(["train", "--data", "closed-form", "--method", "bp", "--out", str(tmp_path), "--quiet"])
     assert code == 2
     assert "pip install" in capsys.readouterr().err
