@@ -1,1 +1,28 @@
-"""The flight program: MAVLink in, offset commands out."""
+"""The flight program: MAVLink in, offset commands out.
+
+``step(state, sample, config)`` is the whole of what is decided; ``initial_state(config)`` starts it. It is pure:
+the live loop (``companion.flight``) and a replay (``replay.rerun``) get the same decisions from it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from models.lazy_exports import exports
+
+if TYPE_CHECKING:
+    from companion.config import PipelineConfig
+    from companion.pipeline import Decision, PipelineState, initial_state, step
+
+    __version__: str
+
+__all__ = ["Decision", "PipelineConfig", "PipelineState", "initial_state", "step"]
+
+_HOMES = {
+    "Decision": "companion.pipeline",
+    "PipelineConfig": "companion.config",
+    "PipelineState": "companion.pipeline",
+    "initial_state": "companion.pipeline",
+    "step": "companion.pipeline",
+}
+__getattr__, __dir__ = exports(__name__, _HOMES)

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from models.errors import ConfigError, UserError
+from models.version import VersionAction
 
 _INTERRUPTED = 130
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable; 4 link could not be opened;
@@ -26,6 +27,7 @@ def parser() -> argparse.ArgumentParser:
         description="Compensate the push of ground, wall and corner on a hovering vehicle, over MAVLink.",
         epilog=_EPILOG,
     )
+    p.add_argument("--version", action=VersionAction, nargs=0, help="print the version and exit")
     p.add_argument(
         "--connect", required=True, metavar="ENDPOINT",
         help="udp:0.0.0.0:14550, udpin:…, udpout:…, tcp:HOST:PORT, /dev/ttyAMA0, or sim:corner (built-in vehicle)",

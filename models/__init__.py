@@ -6,32 +6,42 @@ looked up when first used, so that importing a module of this package costs no m
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from models.lazy_exports import exports
 
 if TYPE_CHECKING:
+    from models.air_state import AirState
+    from models.effects import Effect, catalogue
     from models.surrogate.fan_surrogate import AdoptedEffect, Answer, FanSurrogate
     from models.surrogate.store import load, save_model
+    from models.vehicle import Vehicle, load_vehicle
 
-__all__ = ["AdoptedEffect", "Answer", "FanSurrogate", "load", "save_model"]
+    __version__: str
+
+__all__ = [
+    "AdoptedEffect",
+    "AirState",
+    "Answer",
+    "Effect",
+    "FanSurrogate",
+    "Vehicle",
+    "catalogue",
+    "load",
+    "load_vehicle",
+    "save_model",
+]
 
 _HOMES = {
     "AdoptedEffect": "models.surrogate.fan_surrogate",
+    "AirState": "models.air_state",
     "Answer": "models.surrogate.fan_surrogate",
+    "Effect": "models.effects",
     "FanSurrogate": "models.surrogate.fan_surrogate",
+    "Vehicle": "models.vehicle",
+    "catalogue": "models.effects",
     "load": "models.surrogate.store",
+    "load_vehicle": "models.vehicle",
     "save_model": "models.surrogate.store",
 }
-
-
-def __getattr__(name: str) -> Any:
-    """Names of ``__all__``, imported on first use."""
-    if name not in _HOMES:
-        raise AttributeError(f"module 'models' has no attribute '{name}'")
-    value = getattr(import_module(_HOMES[name]), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+__getattr__, __dir__ = exports(__name__, _HOMES)

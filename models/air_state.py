@@ -16,7 +16,7 @@ class AirState:
     """One instant (leading shape ``()``) or a record (leading shape ``(n,)``) of a flight; SI units.
 
     Every array shares the leading shape ``(...)``. NaN means unknown, ``inf`` in a distance means nothing is there.
-    World NED, body FRD. ``h_m`` and ``d_m`` are per fan in the sense of the contract (reference point to ground, outer
+    World NED, body FRD. ``h_m`` and ``d_m`` are per fan (reference point to ground, outer
     lip to wall), filtered, tilt-corrected; ``ranges_m`` are the raw beams by direction (``DIRECTIONS``).
     """
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from models.cfd import cli as cfd
 from models.errors import ConfigError, UserError
+from models.version import VersionAction
 
 # Spelled out here so that --help need not import the trainers.
 METHODS = ("bp", "ga-bp", "adam-bp", "ga-adam-bp", "kriging", "polynomial", "ensemble")
@@ -20,7 +21,7 @@ CLOSED_FORM = "closed-form"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit code of contract, section 2."""
+    """Run the command; returns the exit code: 0 done, 2 bad input, 130 interrupted."""
     args = _parser().parse_args(argv)
     try:
         return int(args.run(args))
@@ -44,6 +45,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="models", description="Surrogates of a fan near ground and wall: train, compare, query, compute data."
     )
+    parser.add_argument("--version", action=VersionAction, nargs=0, help="print the version and exit")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     train = commands.add_parser("train", help="train a surrogate on a data set and write a model directory")

@@ -109,7 +109,7 @@ class ClosedForm:
         return np.stack(np.broadcast_arrays(*parts), axis=-1)
 
     def data_set(self) -> DataSet:
-        """A grid in the contract's format: h/R 0.3...5.5, d/R 0.05...4.5, inf, and five speeds; denser close by."""
+        """A grid: h/R 0.3...5.5, d/R 0.05...4.5, inf, and five speeds; denser close by."""
         h = np.append(self.radius_m * _graded(0.3, 5.5, 21), np.inf)
         d = np.append(self.radius_m * _graded(0.05, 4.5, 20), np.inf)
         rpm = np.array([2500.0, 3200.0, 4000.0, 4800.0, 5600.0])

@@ -21,7 +21,7 @@ DUPLICATE_TOLERANCE = 1e-6
 
 @dataclass(frozen=True)
 class DataSet:
-    """Rows of one fan in its corner frame (contract, section 1).
+    """Rows of one fan in its corner frame (docs/formats.md).
 
     ``h`` and ``d`` shape (n,) in m, ``inf`` where there is no ground or wall; ``rpm`` shape (n,), positive;
     ``wrench`` shape (n, 6) in N and N m. ``notes`` says in words what was done to the file's rows.
@@ -58,7 +58,7 @@ class DataSet:
 
 
 def read(path: Path | str) -> DataSet:
-    """Read a data set in the contract's format.
+    """Read a data set in the format of docs/formats.md.
 
     Raises ModelError, naming the line, for: unreadable file, another header, a field that is no number, NaN, a negative
     distance or speed, an infinite speed or wrench, duplicates that disagree, a wrench at rest, fewer than 30 rows.
@@ -94,7 +94,7 @@ def read(path: Path | str) -> DataSet:
 
 
 def write(path: Path | str, data: DataSet) -> None:
-    """Write a data set in the contract's format, eight digits."""
+    """Write a data set in the format of docs/formats.md, eight digits."""
     table = np.column_stack([data.h, data.d, data.rpm, data.wrench])
     np.savetxt(path, table, fmt="%.8g", delimiter=",", header=HEADER, comments="")
 

@@ -1,4 +1,4 @@
-"""Frames and rotations of wrenches ``Fx Fy Fz Mx My Mz`` (N, N m). World NED, body FRD (contract, section 1)."""
+"""Frames and rotations of wrenches ``Fx Fy Fz Mx My Mz`` (N, N m). World NED, body FRD (docs/formats.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The vehicle: mass, fans, vanes, rangefinders and limits, read from one TOML file (contract, section 3)."""
+"""The vehicle: mass, fans, vanes, rangefinders and limits, read from one TOML file (docs/formats.md)."""
 
 from __future__ import annotations
 

@@ -1,1 +1,29 @@
-"""Recorded flights through the same pipeline, and the loop closed with measured data."""
+"""Recorded flights through the same pipeline, and the loop closed with measured data.
+
+``load(LOG)`` reads a log as flights in SI units; ``diagnose(LOGS, vehicle, model)`` says what the declared model lacks.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from models.lazy_exports import exports
+
+if TYPE_CHECKING:
+    from replay.diagnosis.diagnose import Diagnosis, diagnose
+    from replay.flightlog import FlightLog, load
+    from replay.residual.record import Record, build_record
+
+    __version__: str
+
+__all__ = ["Diagnosis", "FlightLog", "Record", "build_record", "diagnose", "load"]
+
+_HOMES = {
+    "Diagnosis": "replay.diagnosis.diagnose",
+    "FlightLog": "replay.flightlog",
+    "Record": "replay.residual.record",
+    "build_record": "replay.residual.record",
+    "diagnose": "replay.diagnosis.diagnose",
+    "load": "replay.flightlog",
+}
+__getattr__, __dir__ = exports(__name__, _HOMES)

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from models.errors import ConfigError, UserError
+from models.version import VersionAction
 
 _INTERRUPTED = 130
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
@@ -26,6 +27,7 @@ def parser() -> argparse.ArgumentParser:
         prog="replay", description="Recorded flights: what the companion decides on them, and what its model lacks.",
         epilog=_EPILOG,
     )  # fmt: skip
+    p.add_argument("--version", action=VersionAction, nargs=0, help="print the version and exit")
     commands = p.add_subparsers(dest="command", required=True, metavar="run|diagnose")
     run = commands.add_parser(
         "run", help="feed a log through the pipeline of flight and report its decisions", epilog=_EPILOG,

@@ -131,7 +131,10 @@ def _sensor_weight(seen: Surface) -> float:
 
 
 def _stable_gain(pull_n_per_m: float, vehicle: Vehicle, tuning: Tuning) -> float:
-    """Attraction that grows towards a surface, fed forward late, is negative damping: g k tau <= D/5 (physics, 8.3)."""
+    """Attraction that grows towards a surface, fed forward late, is negative damping.
+
+    Gain times stiffness times delay stays below a fifth of the hold's own damping.
+    """
     if pull_n_per_m <= 0.0:
         return tuning.gain
     damping = tuning.hold_damping_1_s * vehicle.mass_kg

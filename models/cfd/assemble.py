@@ -77,7 +77,7 @@ class Mark:
 
 @dataclass(frozen=True)
 class Assembled:
-    """Rows of the data set, ``table`` (n, 9) in the columns of the contract, and a mark for each."""
+    """Rows of the data set, ``table`` (n, 9) in the columns of docs/formats.md, and a mark for each."""
 
     table: Array
     marks: tuple[Mark, ...]
@@ -214,7 +214,7 @@ class _Odd:
 
 
 def write_data(path: Path, made: Assembled) -> None:
-    """Write the data set in the contract's format."""
+    """Write the data set in the format of docs/formats.md."""
     np.savetxt(path, made.table, fmt="%.6g", delimiter=",", header=",".join(COLUMNS), comments="")
 
 

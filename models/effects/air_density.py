@@ -24,7 +24,7 @@ EFFECT = Effect(
     name="air_density",
     equation="dF = g F_rotors (rho/1.225 - 1), rho = p/(287.05 T)",
     sign="gain 1: as the ideal gas says",
-    source="physics.md E15",
+    source="T proportional to rho at given speed: Leishman 2006, ch. 2; ideal gas, ISO 2533",
     valid="dry air",
     axes=("Fz",),
     channels=("pressure_pa", "air_temperature_c", "rpm_1"),

@@ -33,7 +33,8 @@ EFFECT = Effect(
     name="battery_sag",
     equation="dF = F_rotors (p (V/V0 - 1) + e), e at the reference voltage",
     sign="power > 0: thrust falls with the voltage",
-    source="physics.md E28",
+    source="brushless motor at constant duty: speed follows the voltage, thrust its square; Hughes & Drury "
+    "2013, Electric Motors and Drives, ch. 3",
     valid="V within 30 % of V0",
     axes=("Fz",),
     channels=("battery_voltage_v", "servo_1", "rpm_1"),

@@ -22,7 +22,7 @@ EFFECT = Effect(
     name="body_drag",
     equation="dF_i = -rho/2 c_i A |v_i| v_i, A the area of all discs",
     sign="c > 0: against the motion",
-    source="physics.md E12",
+    source="Hoerner 1965, Fluid-Dynamic Drag, ch. 3: pressure drag of bluff bodies",
     valid="still air",
     axes=("Fx", "Fy"),
     channels=("vn_m_s", "ve_m_s"),

@@ -29,7 +29,7 @@ EFFECT = Effect(
     name="ceiling",
     equation="dF_z = -g sum T (gamma(z/a)^(2/3) - 1), gamma = 1/2 + 1/2 sqrt(1 + (a R/z)^2/8)",
     sign="gain > 0: drawn to the ceiling",
-    source="physics.md E02 (Hsiao & Chirarattananon arXiv:1905.04632)",
+    source="Hsiao & Chirarattananon 2019, IEEE/ASME Trans. Mechatronics 24(5), 2316-2327, arXiv:1905.04632",
     valid="gap above 0.2 radii",
     axes=("Fz",),
     channels=("range_up_m", "rpm_1"),

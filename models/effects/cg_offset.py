@@ -20,7 +20,7 @@ EFFECT = Effect(
     name="cg_offset",
     equation="dM = -r x F, F of rotors and vanes",
     sign="x > 0: CG ahead of the declared one (nose down); y > 0: to the right of it (right down)",
-    source="physics.md E19",
+    source="moment of a force about another point: Goldstein, Classical Mechanics, ch. 1",
     valid="small offsets",
     axes=("Mx", "My"),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),

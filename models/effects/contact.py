@@ -33,7 +33,7 @@ EFFECT = Effect(
     name="contact",
     equation="dF = -k max(d0 - d, 0) + c d' where d < d0, towards the wall, at every fan",
     sign="stiffness > 0: pushes away from the wall",
-    source="physics.md E25",
+    source="Hunt & Crossley 1975, J. Applied Mechanics 42(2), 440-445, linearised: spring and damper at a contact",
     valid="a soft bumper",
     axes=("Fx", "Fy", "Mx", "My", "Mz"),
     channels=("range_right_m", "range_left_m", "range_forward_m", "range_back_m"),

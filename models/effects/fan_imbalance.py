@@ -29,7 +29,7 @@ EFFECT = Effect(
     name="fan_imbalance",
     equation="dF = e F_fan, dM = r_fan x dF + e Q_fan",
     sign="scale < 0: that fan is weaker than declared",
-    source="physics.md E21",
+    source="blade-element theory: a blade that lifts less is dragged less; Leishman 2006, ch. 3",
     valid="everywhere",
     axes=("Fz", "Mx", "My", "Mz"),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),

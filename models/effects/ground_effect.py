@@ -27,7 +27,8 @@ EFFECT = Effect(
     name="ground_effect",
     equation="dF_z = -g sum T exp(-h/L)",
     sign="gain > 0: more lift near the ground than the model has",
-    source="physics.md E01; the textbook radius is not assumed, L is fitted",
+    source="exponential form: He & Leang 2019, J. Dynamic Systems, Measurement and Control 141(7), 071013; "
+    "length fitted",
     valid="h above 0.3 radii",
     axes=("Fz",),
     channels=("range_down_m", "rpm_1"),

@@ -29,7 +29,8 @@ EFFECT = Effect(
     name="gyroscopic",
     equation="dM = -w x H - dH/dt, H = J sum s_i Omega_i (s_i the declared spins, or all alike)",
     sign="inertia > 0: clockwise seen from above",
-    source="physics.md E29, Euler's equations",
+    source="Euler's equations of a gyrostat; Mahony, Kumar & Corke 2012, IEEE Robotics & Automation Magazine "
+    "19(3), 20-32",
     valid="rigid rotors",
     axes=("Mx", "My", "Mz"),
     channels=("p_rad_s", "q_rad_s", "rpm_1", "rpm_2"),

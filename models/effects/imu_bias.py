@@ -18,7 +18,7 @@ EFFECT = Effect(
     name="imu_bias",
     equation="dF = m b, b constant in the body",
     sign="b > 0: the accelerometer reads too much along that axis",
-    source="physics.md E31",
+    source="Woodman 2007, University of Cambridge UCAM-CL-TR-696, section 4: accelerometer bias",
     valid="constant temperature",
     axes=("Fx", "Fy", "Fz"),
     channels=("ax_m_s2", "ay_m_s2", "az_m_s2"),

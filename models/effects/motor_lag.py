@@ -25,7 +25,8 @@ EFFECT = Effect(
     name="motor_lag",
     equation="dF = F_rotors(filtered, 1/(1 + tau s)) - F_rotors",
     sign="gain 1: a first-order lag",
-    source="physics.md E26",
+    source="Mahony, Kumar & Corke 2012, IEEE Robotics & Automation Magazine 19(3), 20-32: rotor speed as first "
+    "order lag",
     valid="logs of 20 Hz or more",
     axes=("Fz", "Mx", "My"),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4", "thrust_command"),

@@ -94,7 +94,8 @@ EFFECT = Effect(
     name="partial_ground",
     equation="dF = sum over fans of c F(h_table) + (1 - c) F(h_floor) - F(h seen), c the disc's share over the table",
     sign="gain 1: as the model's ground effect says",
-    source="physics.md E06",
+    source="Sanchez-Cuevas, Heredia & Ollero 2017, Int. J. Aerospace Engineering, 1823056, eq. 4: images of the "
+    "rotors over the surface only",
     valid="one straight edge",
     axes=("Fz", "Mx", "My"),
     channels=("range_down_m", "down_m", "north_m", "east_m"),

@@ -30,7 +30,7 @@ EFFECT = Effect(
     name="payload",
     equation="dF = -dm f, f the specific force, from a time on",
     sign="mass > 0: heavier than declared",
-    source="physics.md E18",
+    source="Newton's second law with a mass that is not declared",
     valid="a load that moves with the vehicle",
     axes=("Fz",),
     channels=("az_m_s2", "rpm_1", "rpm_2", "rpm_3", "rpm_4"),

@@ -36,7 +36,7 @@ EFFECT = Effect(
     name="range_offset",
     equation="dF = o (F_model(h - a) - F_model(h))/a, taken where a = o",
     sign="offset > 0: the rangefinder reads too much",
-    source="physics.md E32",
+    source="lever arm and zero offset of a range sensor: first order of the modelled lift in the height",
     valid="offsets below 0.15 m",
     axes=("Fx", "Fy", "Fz", "Mx", "My", "Mz"),
     channels=("range_down_m", "rpm_1"),

@@ -27,7 +27,7 @@ EFFECT = Effect(
     name="rotor_drag",
     equation="dF_xy = -sum sqrt(rho A T) (c v + t omega x r)_xy per fan",
     sign="drag > 0: against the motion",
-    source="physics.md E11 (Faessler arXiv:1712.02402)",
+    source="Faessler, Franchi & Scaramuzza 2018, IEEE Robotics and Automation Letters 3(2), 620-626, arXiv:1712.02402",
     valid="speeds well below the induced velocity",
     axes=("Fx", "Fy", "Mx", "My"),
     channels=("vn_m_s", "ve_m_s", "rpm_1"),

@@ -43,7 +43,7 @@ EFFECT = Effect(
     name="slung_load",
     equation="dF_xy = m w0^2 x, x'' + 2 z w0 x' + w0^2 x = -a_xy, w0 = sqrt(g/L); dF_z = m g; dM = b z x dF",
     sign="mass > 0: hangs below",
-    source="physics.md E24",
+    source="Bisgaard, la Cour-Harbo & Bendtsen 2010, Control Engineering Practice 18(7): pendulum under a hook",
     valid="small angles of the rope",
     axes=("Fx", "Fy", "Fz", "Mx", "My"),
     channels=("vn_m_s", "ve_m_s", "roll_rad", "pitch_rad"),

@@ -33,7 +33,8 @@ EFFECT = Effect(
     name="thermal_derating",
     equation="dF = F_rotors (s (T_esc - T_start)/30 K + s0), s0 at the start",
     sign="slope < 0: thrust is lost when hot",
-    source="physics.md E39 (-3 %/30 K)",
+    source="magnets and copper lose about 0.1 % of torque a kelvin: Hughes & Drury 2013, Electric Motors and "
+    "Drives, ch. 9",
     valid="below the ESC's own limit",
     axes=("Fz",),
     channels=("esc_temperature_c", "rpm_1"),

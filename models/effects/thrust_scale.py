@@ -14,7 +14,8 @@ EFFECT = Effect(
     name="thrust_scale",
     equation="dF = e F_rotors",
     sign="e > 0: more thrust than declared",
-    source="physics.md E17",
+    source="Leishman 2006, Principles of Helicopter Aerodynamics, ch. 2: T = C_T rho A Omega^2 R^2, C_T changed "
+    "by wear, ice or tip gap",
     valid="everywhere",
     axes=("Fz",),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),

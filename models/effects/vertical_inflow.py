@@ -22,7 +22,7 @@ EFFECT = Effect(
     name="vertical_inflow",
     equation="dF_z = T (c v_up + t (omega x r)_up) / (Omega R) per fan",
     sign="slope > 0: lift is lost in a climb",
-    source="physics.md E13, blade-element theory",
+    source="blade-element momentum theory in climb: Leishman 2006, ch. 3",
     valid="slow climbs and descents, no vortex ring",
     axes=("Fz",),
     channels=("vd_m_s", "rpm_1"),

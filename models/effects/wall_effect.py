@@ -32,7 +32,8 @@ EFFECT = Effect(
     name="wall_effect",
     equation="dF = p sum T exp(-d/L) towards the wall, dM = t R sum T exp(-d/L)",
     sign="pull > 0: towards the wall; tilt > 0: tilts towards the wall",
-    source="physics.md E03, E04",
+    source="signs and range: Ai, Xu, Xiang, Fan & Zhang 2020, Sensors 20(20), 5805, section 2; no closed form "
+    "is published",
     valid="d above 0.2 radii",
     axes=("Fx", "Fy", "Mx", "My"),
     channels=("range_right_m", "range_left_m", "range_forward_m", "range_back_m", "rpm_1"),

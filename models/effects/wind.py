@@ -32,7 +32,8 @@ EFFECT = Effect(
     name="wind",
     equation="dF_xy = sum sqrt(rho A T) (w - k v - t omega x r)_xy, acting above the fans' reference points",
     sign="north, east > 0: the air moves to the north, east",
-    source="physics.md E08, E09; momentum theory",
+    source="momentum drag of a lifting disc: Pflimlin, Binetti, Soueres, Hamel & Trouchet 2010, Control "
+    "Engineering Practice 18(3), 209",
     valid="speeds well below the induced velocity",
     axes=("Fx", "Fy", "Mx", "My"),
     channels=("yaw_rad", "vn_m_s", "ve_m_s", "rpm_1"),

@@ -74,7 +74,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class Trained:
-    """A surrogate and the numbers of contract, section 4, as ``models train --json`` prints them."""
+    """A surrogate and its numbers as ``models train --json`` prints them."""
 
     model: FanSurrogate
     report: Mapping[str, Any]

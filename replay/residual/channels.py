@@ -11,7 +11,7 @@ from replay.flightlog import FlightLog
 
 
 def named_channels(log: FlightLog, vehicle: Vehicle, state: AirState) -> dict[str, Array]:
-    """What the flexible search may look at, by the contract's names."""
+    """What the flexible search may look at, by the channel names of docs/formats.md."""
     r = state.rotation
     with np.errstate(invalid="ignore"):
         out = {

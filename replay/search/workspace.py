@@ -107,7 +107,7 @@ class Workspace:
         return out_of_range(candidate, coefficients)
 
     def late(self, candidate: Candidate, coefficients: Array) -> str | None:
-        """A lag hardly longer than what the clock correction moved may be of its making (physics.md 6.3, no. 6)."""
+        """A lag hardly longer than what the clock correction moved may be of its making."""
         if candidate.effect.name != "motor_lag":
             return None
         moved = max((d.seconds for d in self.record.delays[:1] if d.corrected), default=0.0)
@@ -181,7 +181,7 @@ class Workspace:
         return np.asarray(fit / self.library.scale[candidate.columns])
 
     def kinematics(self, candidate: Candidate, coefficients: Array) -> str | None:
-        """Velocity and attitude tell an accelerometer offset from a force (physics.md 6.3, stationarity)."""
+        """Velocity and attitude tell an accelerometer offset from a force."""
         if candidate.effect.name not in ("imu_bias", "wind"):
             return None
         seen = self.told
