@@ -52,7 +52,9 @@ def answer(log: Path, command: str, vehicle: Path | None) -> str:
         body = json.loads(out.getvalue())
     if isinstance(body, dict):
         body = {k: v for k, v in body.items() if k not in _OF_THE_MACHINE}
-    return json.dumps({"exit": code, "answer": body, "error": err.getvalue()}, indent=1, sort_keys=True) + "\n"
+    # A warning names a file and a line, which a move changes; the error line of a failed command does not.
+    error = err.getvalue() if code else ""
+    return json.dumps({"exit": code, "answer": body, "error": error}, indent=1, sort_keys=True) + "\n"
 
 
 def _job(job: tuple[Path, str, Path | None, Path]) -> Path:
