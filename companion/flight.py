@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from companion.config import Base, PipelineConfig
-from companion.mavlink.decoders import id_of, source_of
 from companion.mavlink.firmware import Stack, needed_parameters, stack_of
-from companion.mavlink.link import Arrivals, Frame, Link, wait
+from companion.mavlink.frames import Frame
+from companion.mavlink.link import Arrivals, Link, wait
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
+from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Heartbeat
-from companion.mavlink.setpoints import encode, hand_back
+from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, encode, hand_back
 from companion.mavlink.stream_rates import StreamKeeper, interval_request, wanted_streams
 from companion.mavlink.tlog_writer import Recorder
 from companion.pipeline import initial_state, step, stopped
@@ -52,6 +53,8 @@ class Flight:
     ) -> None:
         self.summary = Summary()
         self.reboots = 0
+        self.unused = 0
+        """Frames of messages that nobody here reads."""
         self._config = config
         self._link = link
         self._upstream = upstream
@@ -91,52 +94,57 @@ class Flight:
                 if self._faded() or now - self._stop_s > _STOP_S:
                     break
             wait(links, 0.02)
-            for frame in self._link.drain():
-                self._take(frame)
+            for arrival_us, frame in self._link.drain():
+                self._take(arrival_us, frame)
             if self._upstream is not None:
-                for frame in self._upstream.drain():
-                    self._take_upstream(frame)
+                for arrival_us, frame in self._upstream.drain():
+                    self._take_upstream(arrival_us, frame)
             self._housekeeping(time.monotonic())
         self._hand_back()
 
     def _faded(self) -> bool:
         return self._state.authority <= 0.0
 
-    def _take(self, frame: Frame) -> None:
-        message = frame.message
+    def _take(self, arrival_us: int, frame: Frame) -> None:
         if self._recorder is not None:
-            self._recorder.write(frame.arrival_us, frame.raw)
-        if self._upstream is not None and source_of(message)[0] == self._intake.system:
+            self._recorder.write(arrival_us, frame.raw)
+        if self._upstream is not None and frame.system == self._intake.system:
             self._upstream.forward(frame.raw)
-        self._feed(frame)
+        if frame.id in LAYOUTS:
+            self._feed(arrival_us, frame)
+        else:
+            self.unused += 1
 
-    def _take_upstream(self, frame: Frame) -> None:
-        if frame.message.get_type() != "SET_ATTITUDE_TARGET":
+    def _take_upstream(self, arrival_us: int, frame: Frame) -> None:
+        if frame.id != SET_ATTITUDE_TARGET:
             return
         if self._recorder is not None:
-            self._recorder.write(frame.arrival_us, frame.raw)
-        self._feed(frame)
+            self._recorder.write(arrival_us, frame.raw)
+        self._feed(arrival_us, frame)
 
-    def _feed(self, frame: Frame) -> None:
-        intake, message = self._intake, frame.message
+    def _feed(self, arrival_us: int, frame: Frame) -> None:
+        intake = self._intake
         boot, ignored = intake.clock.boot, len(intake.others)
-        sample = intake.sample(message, frame.arrival_us)
+        sample = intake.sample(frame, arrival_us)
         if intake.clock.boot != boot:
             self._rebooted()
         if len(intake.others) > ignored:
-            self._say(f"companion: ignoring system {source_of(message)[0]}; flying with system {intake.system}")
+            self._say(f"companion: ignoring system {frame.system}; flying with system {intake.system}")
         if sample is None:
             return
         if isinstance(sample, Heartbeat) and sample.component == AUTOPILOT_COMPONENT:
             self._connected(sample)
         if self._streams is not None:
-            self._streams.heard(id_of(message), time.monotonic())
+            self._streams.heard(frame.id, time.monotonic())
         self._state, decision = step(self._state, sample, self._config)
         if decision is None:
             return
         if decision.command is not None and not self._config.dry_run:
-            self._send(encode(self._link.mav, decision.command, self._system))
-            self._latencies_us.append(self._arrivals.stamp() - frame.arrival_us)
+            raw = self._link.send_payload(*encode(decision.command, self._system))
+            sent_us = self._arrivals.stamp()
+            self._latencies_us.append(sent_us - arrival_us)
+            if self._recorder is not None:
+                self._recorder.write(sent_us, raw)
         self.summary.add(decision)
         for outgoing, text in self._status.messages(self._link.mav, self._state, decision):
             self._send(outgoing)
@@ -225,7 +233,12 @@ class Flight:
             "system": self._intake.system,
             "autopilot": self._stack.name.lower(),
             "dry_run": self._config.dry_run,
-            "messages": {"received": self._link.received, "sent": self._link.sent, "bad": self._link.bad},
+            "messages": {
+                "received": self._link.received,
+                "sent": self._link.sent,
+                "bad": self._link.bad,
+                "unused": self.unused,
+            },
             "reboots": self.reboots,
             "ignored_systems": sorted(self._intake.others),
             "latency_ms": None

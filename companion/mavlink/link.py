@@ -9,11 +9,11 @@ import socket
 import time
 from collections.abc import Iterator
 from contextlib import redirect_stdout
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from companion.mavlink.dialect import mavlink
+from companion.mavlink.frames import Frame, FrameReader, pack
+from companion.mavlink.signing import Signatures
 from models.errors import ConfigError, LinkError
 
 os.environ.setdefault("MAVLINK_DIALECT", "ardupilotmega")
@@ -21,15 +21,6 @@ os.environ.setdefault("MAVLINK_DIALECT", "ardupilotmega")
 _NETWORK = ("udp", "udpin", "udpout", "tcp", "tcpin", "udpbcast", "mcast")
 _SYSTEM_UNKNOWN = 1
 _READ = 65536
-
-
-@dataclass(frozen=True, slots=True)
-class Frame:
-    """One received MAVLink message, its bytes, and when they arrived [us, receiver's clock]."""
-
-    arrival_us: int
-    message: Any
-    raw: bytes
 
 
 class Arrivals:
@@ -51,11 +42,18 @@ class Link:
 
     def __init__(self, connection: Any, endpoint: str, arrivals: Arrivals, number: int = 0) -> None:
         self.endpoint = endpoint
-        self.received = self.sent = self.bad = 0
+        self.received = self.sent = 0
         self._connection = connection
         self._arrivals = arrivals
         self._number = number
-        connection.mav.robust_parsing = True
+        self._frames = FrameReader()
+        signing = connection.mav.signing
+        self.signatures = Signatures(signing) if signing.secret_key is not None else None
+
+    @property
+    def bad(self) -> int:
+        """Frames that were dropped: wrong checksum, or not signed as they should be."""
+        return self._frames.counts.bad_crc + (0 if self.signatures is None else self.signatures.refused)
 
     @property
     def mav(self) -> Any:
@@ -72,24 +70,15 @@ class Link:
         """Send as this system and component."""
         self.mav.srcSystem, self.mav.srcComponent = system, component
 
-    def drain(self) -> Iterator[Frame]:
-        """Every message that has arrived, without waiting."""
-        while True:
-            data = self._read()
-            if not data:
-                return
+    def drain(self) -> Iterator[tuple[int, Frame]]:
+        """(arrival stamp [us, receiver's clock], frame) of everything that has arrived, without waiting."""
+        signatures = self.signatures
+        while data := self._read():
             stamp = self._arrivals.stamp(self._number)
-            try:
-                messages = self.mav.parse_buffer(data) or ()
-            except mavlink.MAVError:  # a bad signature, say: the parser has dropped the frame
-                self.bad += 1
-                continue
-            for message in messages:
-                if message.get_type() == "BAD_DATA":
-                    self.bad += 1
-                    continue
-                self.received += 1
-                yield Frame(stamp, message, bytes(message.get_msgbuf()))
+            for frame in self._frames.feed(data):
+                if signatures is None or signatures.accepts(frame):
+                    self.received += 1
+                    yield stamp, frame
 
     def _read(self) -> bytes:
         try:
@@ -107,6 +96,16 @@ class Link:
         """Encode and send; returns the bytes for the recorder."""
         raw = bytes(message.pack(self.mav))
         self.mav.seq = (self.mav.seq + 1) % 256
+        self.forward(raw)
+        return raw
+
+    def send_payload(self, message_id: int, payload: bytes) -> bytes:
+        """Send a payload that is encoded already; returns the frame for the recorder."""
+        mav, signatures = self.mav, self.signatures
+        raw = pack(message_id, payload, mav.srcSystem, mav.srcComponent, mav.seq, signed=signatures is not None)
+        if signatures is not None:
+            raw = signatures.sign(raw)
+        mav.seq = (mav.seq + 1) % 256
         self.forward(raw)
         return raw
 

@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from companion.mavlink.boot_clock import BootClock
-from companion.mavlink.decoders import decode, source_of
+from companion.mavlink.decoders import decode
+from companion.mavlink.frames import Frame
 from companion.mavlink.samples import Range, Sample
+from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, SET_POSITION_TARGET
 
 AUTOPILOT_COMPONENT = 1
 OWN_COMPONENT = 191
 _NO_AUTOPILOT = 8
 _DOWN_COS = 0.94
-_SETPOINTS = ("SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED")
+_HEARTBEAT, _AUTOPILOT_BYTE = 0, 5
+_SETPOINTS = (SET_ATTITUDE_TARGET, SET_POSITION_TARGET)
 
 
-def is_autopilot_heartbeat(message: Any) -> bool:
+def is_autopilot_heartbeat(frame: Frame) -> bool:
     """A HEARTBEAT of a flight controller: component 1, and not the 'no autopilot' of a ground station."""
-    return bool(
-        message.get_type() == "HEARTBEAT"
-        and message.get_srcComponent() == AUTOPILOT_COMPONENT
-        and message.autopilot != _NO_AUTOPILOT
-    )
+    if frame.id != _HEARTBEAT or frame.component != AUTOPILOT_COMPONENT:
+        return False
+    autopilot = frame.payload[_AUTOPILOT_BYTE] if len(frame.payload) > _AUTOPILOT_BYTE else 0
+    return autopilot != _NO_AUTOPILOT
 
 
 class Intake:
@@ -39,22 +39,22 @@ class Intake:
         self._heard = False
         self._down_heard = False
 
-    def sample(self, message: Any, arrival_us: int) -> Sample | None:
-        """The sample of one message, or None where it is not for ``step``."""
-        system, component = source_of(message)
+    def sample(self, frame: Frame, arrival_us: int) -> Sample | None:
+        """The sample of one frame, or None where it is not for ``step``."""
+        system, component = frame.system, frame.component
         if not self._heard:
-            if not is_autopilot_heartbeat(message) or self.system not in (None, system):
+            if not is_autopilot_heartbeat(frame) or self.system not in (None, system):
                 return None
             self._heard = True
             self.system = self.clock.system = system
         if system == self.system:
             if component == OWN_COMPONENT:
                 return None
-        elif message.get_type() not in _SETPOINTS:
-            if is_autopilot_heartbeat(message):
+        elif frame.id not in _SETPOINTS:
+            if is_autopilot_heartbeat(frame):
                 self.others.add(system)
             return None
-        sample = decode(message, arrival_us, self.clock)
+        sample = decode(frame, arrival_us, self.clock)
         if isinstance(sample, Range):
             if sample.source == "RANGEFINDER":
                 return None if self._down_heard else sample

@@ -70,7 +70,7 @@ def _layout(name: str, stamp: Stamp | None, build: Callable[..., Sample | None],
 
 
 def _esc(message_id: int, build: Callable[..., Sample | None], *quantities: Quantity | Raw) -> Layout:
-    return Layout(message_id, ESC_BY_ID[message_id].NAME, Stamp.US64, quantities, build)
+    return Layout(message_id, ESC_BY_ID[message_id].name, Stamp.US64, quantities, build)
 
 
 _RATES = _q("rates", "rollspeed pitchspeed yawspeed", "rad/s", _GYRO_LIMIT)
@@ -186,4 +186,3 @@ _TABLE = (
 
 LAYOUTS: dict[int, Layout] = {layout.id: layout for layout in _TABLE}
 """Every message used, by id."""
-_BY_NAME = {layout.name: layout for layout in _TABLE}

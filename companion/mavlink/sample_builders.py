@@ -174,11 +174,10 @@ def build_set_position(
 
 
 def build_parameter(
-    head: Head, _: str, value: tuple[float], name: Any, kind: int, index: int, count: int
+    head: Head, _: str, value: tuple[float], name: str, kind: int, index: int, count: int
 ) -> Parameter | None:
     number = parameter_value(value[0], kind)
-    text = name if isinstance(name, str) else bytes(name).split(b"\0")[0].decode("ascii", "replace")
-    return Parameter(*head, text, number, index, count) if text and number == number else None
+    return Parameter(*head, name, number, index, count) if name and number == number else None
 
 
 def build_landed(head: Head, _: str, state: int) -> LandedState:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,12 @@ RATES_IGNORED = 7
 ATTITUDE_IGNORED = 128
 _POSITION_AND_ACCELERATION = 8 | 16 | 32 | 2048  # ignore velocity and yaw rate; bit 512 off: acceleration, not force
 _LOCAL_NED = 1
+SET_ATTITUDE_TARGET, SET_POSITION_TARGET = 82, 84
+"""Message ids."""
+_ATTITUDE = struct.Struct("<I8fBBB")
+"""SET_ATTITUDE_TARGET in wire order, without its extension: boot time, q, rates, thrust, target, type mask."""
+_POSITION = struct.Struct("<I11fHBBB")
+"""SET_POSITION_TARGET_LOCAL_NED: boot time, position, velocity, acceleration, yaw, yaw rate, mask, target, frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,18 +68,18 @@ def whole_rate_mask(type_mask: int) -> int:
     return type_mask | RATES_IGNORED if type_mask & RATES_IGNORED else type_mask
 
 
-def encode(mav: Any, command: Command, system: int, component: int = 1) -> Any:
-    """The pymavlink message of a command, addressed to the autopilot."""
+def encode(command: Command, system: int, component: int = 1) -> tuple[int, bytes]:
+    """Message id and payload of a command, addressed to the autopilot."""
     boot_ms = round(max(command.t_s, 0.0) * 1000.0) & 0xFFFFFFFF
     if isinstance(command, AttitudeCommand):
         mask = whole_rate_mask(command.type_mask) & (RATES_IGNORED | ATTITUDE_IGNORED)
         thrust = min(max(command.thrust, 0.0), 1.0)
-        return mav.set_attitude_target_encode(
-            boot_ms, system, component, mask, list(command.q_ned_frd), *command.rates_frd, thrust
+        return SET_ATTITUDE_TARGET, _ATTITUDE.pack(
+            boot_ms, *command.q_ned_frd, *command.rates_frd, thrust, system, component, mask
         )
-    return mav.set_position_target_local_ned_encode(
-        boot_ms, system, component, _LOCAL_NED, _POSITION_AND_ACCELERATION,
-        *command.position_ned, 0.0, 0.0, 0.0, *command.acceleration_ned, command.yaw, 0.0,
+    return SET_POSITION_TARGET, _POSITION.pack(
+        boot_ms, *command.position_ned, 0.0, 0.0, 0.0, *command.acceleration_ned, command.yaw, 0.0,
+        _POSITION_AND_ACCELERATION, system, component, _LOCAL_NED,
     )  # fmt: skip
 
 

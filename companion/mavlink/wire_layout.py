@@ -6,7 +6,7 @@ import math
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from operator import attrgetter
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from companion.mavlink.boot_clock import Stamp
 from companion.mavlink.samples import Quaternion, Sample
+from companion.mavlink.wire_format import WireFormat, wire_format
 from models.frames import GRAVITY
 
 NAN = math.nan
@@ -38,26 +39,30 @@ class Quantity:
     unknown: tuple[int, ...] = ()
     array: bool = False
     """True where the one field is an array on the wire."""
-    read: Callable[[Any], Any] = field(init=False, repr=False, compare=False)
-    per: float = field(init=False)
 
-    def __post_init__(self) -> None:
-        # Looked up once: this runs for every number of every message.
-        object.__setattr__(self, "read", attrgetter(*self.fields))
-        object.__setattr__(self, "per", PER_SI[self.unit])
-        # The largest float, so that one comparison also turns inf into NaN.
-        object.__setattr__(self, "limit", min(self.limit, sys.float_info.max))
+    @property
+    def per(self) -> float:
+        """How many of the wire's units make one of ours."""
+        return PER_SI[self.unit]
 
-    def scalar(self, message: Any) -> tuple[float, ...]:
-        """The numbers of one message."""
-        per, limit, unknown = self.per, self.limit, self.unknown
-        raw = self.read(message)
-        if len(self.fields) == 1 and not self.array:
-            raw = (raw,)
-        # A comparison with NaN is false, so NaN stays NaN.
+    def reader(self, wire: WireFormat) -> Callable[[tuple[Any, ...]], tuple[float, ...]]:
+        """A function from one message's unpacked fields to the numbers. Made once: it runs for every message."""
+        per, unknown = self.per, self.unknown
+        # The largest float, so that one comparison also turns inf into NaN; a comparison with NaN is false.
+        limit = min(self.limit, sys.float_info.max)
+        places = [i for name in self.fields for i in range(*wire.places[name].indices(1 << 16))]
+        first, last = places[0], places[-1] + 1
+        if places == list(range(first, last)):
+            pick: Callable[[tuple[Any, ...]], Any] = itemgetter(slice(first, last))
+        else:
+            pick = itemgetter(*places)
         if unknown:
-            return tuple([v if x not in unknown and -limit <= (v := x / per) <= limit else NAN for x in raw])
-        return tuple([v if -limit <= (v := x / per) <= limit else NAN for x in raw])
+            return lambda fields: tuple(
+                [v if x not in unknown and -limit <= (v := x / per) <= limit else NAN for x in pick(fields)]
+            )
+        if len(places) == 1:
+            return lambda fields: (v if -limit <= (v := fields[first] / per) <= limit else NAN,)
+        return lambda fields: tuple([v if -limit <= (v := x / per) <= limit else NAN for x in pick(fields)])
 
     def column(self, records: NDArray[Any]) -> NDArray[np.float64]:
         """The numbers of many messages, shape (n, k)."""
@@ -82,9 +87,14 @@ class Raw:
         """The quantity is called as on the wire."""
         return self.field
 
-    def scalar(self, message: Any) -> Any:
-        """The value of one message."""
-        return getattr(message, self.field)
+    def reader(self, wire: WireFormat) -> Callable[[tuple[Any, ...]], Any]:
+        """A function from one message's unpacked fields to the value; arrays are tuples, text ends at a zero."""
+        place = wire.places[self.field]
+        if wire.dtype[self.field].kind == "S":
+            return lambda fields: fields[place.start].split(b"\0", 1)[0].decode("ascii", "replace")
+        if place.stop - place.start > 1:
+            return itemgetter(place)
+        return itemgetter(place.start)
 
     def column(self, records: NDArray[Any]) -> NDArray[Any]:
         """The values of many messages, shape (n,) or (n, k)."""
@@ -104,6 +114,17 @@ class Layout:
     stamp: Stamp | None
     quantities: tuple[Quantity | Raw, ...]
     build: Callable[..., Sample | None]
+    wire: WireFormat = field(init=False, repr=False, compare=False)
+    readers: tuple[Callable[[tuple[Any, ...]], Any], ...] = field(init=False, repr=False, compare=False)
+    """One a quantity, from the unpacked fields."""
+    stamp_place: int = field(init=False, repr=False, compare=False)
+    """Where the time field is among the unpacked fields; -1 without one."""
+
+    def __post_init__(self) -> None:
+        wire = wire_format(self.id)
+        object.__setattr__(self, "wire", wire)
+        object.__setattr__(self, "readers", tuple(q.reader(wire) for q in self.quantities))
+        object.__setattr__(self, "stamp_place", -1 if self.stamp is None else wire.places[self.stamp_field].start)
 
     @property
     def stamp_field(self) -> str:

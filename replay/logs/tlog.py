@@ -6,7 +6,6 @@ repaired from their neighbours. What was dropped or repaired is counted (``Repor
 
 from __future__ import annotations
 
-from array import array
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -14,20 +13,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fastcrc.crc16 import mcrf4xx as _crc  # pymavlink's own dependency, without the object around it
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from companion.mavlink.decoders import wire_dtype
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.esc_messages import BY_ID as ESC_BY_ID
+from companion.mavlink.frames import V2, Counts, frame_bytes, walk
+from companion.mavlink.wire_format import wire_format
 from models.errors import LogError
 
-V1, V2 = 0xFE, 0xFD
 AUTOPILOT = 1
-_STAMP, _SIGNATURE, _SMALLEST = 8, 13, 16
-_SEARCH = 1 << 20
-"""A file without one good frame in its first MiB is no .tlog."""
+_STAMP = 8
 _STAMP_TOLERANCE_US = 500_000
 
 _MOTION = (27, 30, 31, 32, 105)
@@ -35,11 +31,6 @@ _MOTION = (27, 30, 31, 32, 105)
 _SPEEDS = (*range(11030, 11033), *range(11040, 11045), 291)
 """ESC_TELEMETRY_1_TO_4 ... 29_TO_32, ESC_STATUS."""
 _SERVOS, _IDLE_US = 36, 30
-
-_EXTRAS = {number: kind.crc_extra for number, kind in mavlink.mavlink_map.items() if number >= 0}
-_EXTRAS.update({number: kind.CRC_EXTRA for number, kind in ESC_BY_ID.items()})
-_EXTRA_V2 = {number.to_bytes(3, "little"): bytes([extra]) for number, extra in _EXTRAS.items()}
-_EXTRA_V1 = {number: bytes([extra]) for number, extra in _EXTRAS.items() if number < 256}
 
 
 @dataclass(frozen=True)
@@ -93,13 +84,13 @@ class Tlog:
     def frame(self, index: int) -> bytes:
         """The bytes of one frame, signature included."""
         i = int(self.start[index])
-        return self.data[i : i + _frame_length(self.data, i)]
+        return self.data[i : i + frame_bytes(self.data, i)]
 
     def frames(self) -> Iterator[tuple[int, bytes]]:
         """(arrival stamp [us], frame) in file order."""
         data = self.data
         for arrival, i in zip(self.arrival_us.tolist(), self.start.tolist(), strict=True):
-            yield arrival, data[i : i + _frame_length(data, i)]
+            yield arrival, data[i : i + frame_bytes(data, i)]
 
     def indices(self, message_id: int, system: int | None = None) -> NDArray[np.int64]:
         """Places of the frames of one message, of one system if given."""
@@ -109,8 +100,8 @@ class Tlog:
         return np.flatnonzero(match)
 
     def records(self, message_id: int, indices: NDArray[np.int64]) -> NDArray[Any]:
-        """Payloads of the frames at ``indices``, all of one message: array of ``wire_dtype``, zero-padded."""
-        dtype = wire_dtype(message_id)
+        """Payloads of the frames at ``indices``, all of one message, zero-padded: array of its wire format."""
+        dtype = wire_format(message_id).dtype
         raw = np.zeros((len(indices), dtype.itemsize), np.uint8)
         bytes_ = np.frombuffer(self.data, np.uint8)
         start = self.start[indices]
@@ -137,7 +128,7 @@ class Tlog:
 def message_name(message_id: int) -> str:
     """Name of a message, ``UNKNOWN_n`` where the dialect has none."""
     if message_id in ESC_BY_ID:
-        return ESC_BY_ID[message_id].NAME
+        return ESC_BY_ID[message_id].name
     kind = mavlink.mavlink_map.get(message_id)
     return f"UNKNOWN_{message_id}" if kind is None else str(kind.msgname)
 
@@ -146,7 +137,8 @@ def read_tlog(path: Path | str) -> Tlog:
     """Read and walk a file. Raises LogError where it cannot be read, is empty, or holds no MAVLink frame."""
     path = Path(path)
     data = read_bytes(path)
-    starts, counts = _walk(data)
+    counts = Counts()
+    starts, rest = walk(data, counts, _STAMP)
     if not starts:
         raise LogError(f"{path}: holds no MAVLink frame: not a .tlog, or damaged throughout")
     start = np.frombuffer(starts, np.int64)
@@ -159,7 +151,9 @@ def read_tlog(path: Path | str) -> Tlog:
     ids = bytes_[source + 2].astype(np.int32)
     wide = np.flatnonzero(v2)
     ids[wide] |= bytes_[source[wide] + 3].astype(np.int32) << 8 | bytes_[source[wide] + 4].astype(np.int32) << 16
-    report = Report(len(data), len(start), *counts, repaired, steps)
+    report = Report(
+        len(data), len(start), counts.bad_crc, counts.unknown, counts.skipped_bytes, len(data) - rest, repaired, steps
+    )
     return Tlog(path, data, magic, arrival, ids, bytes_[source], bytes_[source + 1], report)
 
 
@@ -174,80 +168,6 @@ def read_bytes(path: Path) -> bytes:
     if not data:
         raise LogError(f"{path}: is empty")
     return data
-
-
-def _frame_length(data: bytes, i: int) -> int:
-    if data[i] == V2:
-        return data[i + 1] + (12 + _SIGNATURE if data[i + 2] & 1 else 12)
-    return data[i + 1] + 8
-
-
-def _walk(data: bytes) -> tuple[array[int], tuple[int, int, int, int]]:
-    """Offsets of the stamps of all good frames, and (bad_crc, unknown, skipped_bytes, truncated_bytes)."""
-    n, i = len(data), 0
-    starts = array("q")
-    append, crc, extra_v2, extra_v1 = starts.append, _crc, _EXTRA_V2, _EXTRA_V1
-    bad_crc = unknown = skipped = truncated = 0
-    while i + _SMALLEST <= n:
-        magic = data[i + 8]
-        following, extra = n + 1, None
-        if magic == V2 and i + 20 <= n:
-            end = i + 18 + data[i + 9]
-            following = end + 15 if data[i + 10] & 1 else end + 2
-            if following <= n:
-                extra = extra_v2.get(data[i + 15 : i + 18])
-                if extra is not None and crc(data[i + 9 : end] + extra) == data[end] | data[end + 1] << 8:
-                    append(i)
-                    i = following
-                    continue
-        elif magic == V1:
-            end = i + 14 + data[i + 9]
-            following = end + 2
-            if following <= n:
-                extra = extra_v1.get(data[i + 13])
-                if extra is not None and crc(data[i + 9 : end] + extra) == data[end] | data[end + 1] << 8:
-                    append(i)
-                    i = following
-                    continue
-        if following <= n and (following == n or (following + 8 < n and data[following + 8] in (V1, V2))):
-            if extra is None:
-                # A message of another dialect cannot be checked; the frame after it vouches for its length.
-                unknown += 1
-                append(i)
-                i = following
-                continue
-            bad_crc += 1
-        found = _resync(data, i + 1, starts)
-        if found < 0:
-            truncated = n - i if magic in (V1, V2) else 0
-            skipped += 0 if truncated else n - i
-            i = n
-            break
-        skipped += found - i
-        i = found
-    truncated += n - i  # too short for a frame
-    return starts, (bad_crc, unknown, skipped, truncated)
-
-
-def _resync(data: bytes, i: int, starts: array[int]) -> int:
-    """Offset of the next stamp whose frame passes its checksum, or -1."""
-    n = len(data)
-    two, one = data.find(V2, i + 8), data.find(V1, i + 8)
-    while two >= 0 or one >= 0:
-        if not starts and min(m for m in (two, one) if m >= 0) > _SEARCH:
-            return -1
-        if one < 0 or 0 <= two < one:
-            m, header, two = two, 10, data.find(V2, two + 1)
-            extra = _EXTRA_V2.get(data[m + 7 : m + 10])
-        else:
-            m, header, one = one, 6, data.find(V1, one + 1)
-            extra = _EXTRA_V1.get(data[m + 5]) if m + 5 < n else None
-        if extra is None:
-            continue
-        end = m + header + data[m + 1]
-        if end + 2 <= n and _crc(data[m + 1 : end] + extra) == data[end] | data[end + 1] << 8:
-            return m - _STAMP
-    return -1
 
 
 def repair_stamps(stamps: NDArray[np.uint64]) -> tuple[NDArray[np.int64], int, int]:

@@ -8,10 +8,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 from companion.config import PipelineConfig
-from companion.mavlink.dialect import mavlink
+from companion.mavlink.frames import cut
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Heartbeat, Parameter, Sample
@@ -29,11 +28,9 @@ class Replay:
     """Parameters taken as given until the recording tells them: a log cannot be asked."""
     samples: Counter[str] = field(default_factory=Counter)
     """How many samples of each kind reached the pipeline."""
-    undecodable: int = 0
 
     def __post_init__(self) -> None:
         self.intake = Intake(self.system)
-        self._parser: Any = mavlink.MAVLink(None)
 
     def decisions(self, frames: Iterable[tuple[int, bytes]]) -> Iterator[Decision]:
         """The decisions on a recorded link."""
@@ -61,21 +58,9 @@ class Replay:
                         yield Parameter(sample.t_s, sample.system, sample.component, name, value, 0, 0)
 
     def _sampled(self, frames: Iterable[tuple[int, bytes]]) -> Iterator[Sample]:
-        for arrival_us, frame in frames:
-            if frame_id(frame) not in LAYOUTS:
-                continue  # decode would give None, at ten times the cost
-            try:
-                message = self._parser.decode(bytearray(frame))
-            except mavlink.MAVError:
-                self.undecodable += 1
-                continue
-            sample = self.intake.sample(message, arrival_us)
-            if sample is not None:
-                yield sample
-
-
-def frame_id(frame: bytes) -> int:
-    """Message id of a whole frame."""
-    if frame[0] == mavlink.PROTOCOL_MARKER_V2:
-        return frame[7] | frame[8] << 8 | frame[9] << 16
-    return frame[5]
+        for arrival_us, raw in frames:
+            frame = cut(raw, 0)
+            if frame.id in LAYOUTS:
+                sample = self.intake.sample(frame, arrival_us)
+                if sample is not None:
+                    yield sample

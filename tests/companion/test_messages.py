@@ -11,10 +11,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from companion.mavlink.boot_clock import BootClock, Stamp
-from companion.mavlink.decoders import columns, decode, wire_dtype
+from companion.mavlink.decoders import columns, decode
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.esc_messages import BY_ID as ESC_BY_ID
-from companion.mavlink.esc_messages import parse_frame
+from companion.mavlink.frames import cut, pack
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.range_beams import orientation_direction
@@ -26,9 +25,8 @@ ARRIVAL = 1_767_225_642_203_386
 
 
 def sent(message, system=1, component=1):
-    """The message after a trip over the wire."""
-    link = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
-    return mavlink.MAVLink(None).parse_buffer(message.pack(link))[0]
+    """The message as a frame."""
+    return cut(bytes(message.pack(mavlink.MAVLink(None, srcSystem=system, srcComponent=component))), 0)
 
 
 def sample(message, clock=None, **ids):
@@ -288,12 +286,14 @@ def numbers(value):
     return []
 
 
-def message_of(layout, payload):
-    kind = mavlink.mavlink_map.get(layout.id)
-    extra = kind.crc_extra if kind else ESC_BY_ID[layout.id].CRC_EXTRA
-    body = struct.pack("<BBBBBBHB", len(payload), 0, 0, 7, 1, 1, layout.id & 0xFFFF, layout.id >> 16) + payload
-    frame = b"\xfd" + body + struct.pack("<H", mavlink.x25crc(body + bytes([extra])).crc)
-    return mavlink.MAVLink(None).decode(bytearray(frame))
+def frame_of(layout, payload):
+    return cut(pack(layout.id, payload, 1, 1, 7), 0)
+
+
+def fields_of(layout, payload):
+    """The unpacked fields of a payload of any length."""
+    unpacker = layout.wire.unpacker
+    return unpacker.unpack(payload[: unpacker.size].ljust(unpacker.size, b"\0"))
 
 
 layouts = st.sampled_from(sorted(LAYOUTS.values(), key=lambda layout: layout.id))
@@ -303,28 +303,26 @@ layouts = st.sampled_from(sorted(LAYOUTS.values(), key=lambda layout: layout.id)
 @given(layouts, st.binary(max_size=255), st.integers(0, 2**63))
 def test_no_payload_raises_and_nothing_infinite_comes_out(layout, payload, arrival):
     clock = BootClock()
-    out = decode(message_of(layout, payload), arrival, clock)
+    out = decode(frame_of(layout, payload), arrival, clock)
     if out is None:
         return
     assert not any(math.isinf(x) for x in numbers(out))
     assert out.t_s >= 0.0
     if isinstance(out, Attitude | LocalPosition):
         assert not any(math.isnan(x) for x in numbers(out))
-    assert flat(out) == flat(decode(message_of(layout, payload), arrival, BootClock()))
+    assert flat(out) == flat(decode(frame_of(layout, payload), arrival, BootClock()))
 
 
 @settings(max_examples=300, suppress_health_check=[HealthCheck.too_slow])
 @given(layouts, st.lists(st.binary(max_size=255), min_size=1, max_size=4))
 def test_columns_hold_the_same_numbers(layout, payloads):
-    dtype = wire_dtype(layout.id)
+    dtype = layout.wire.dtype
     records = np.concatenate([np.frombuffer(p[: dtype.itemsize].ljust(dtype.itemsize, b"\0"), dtype) for p in payloads])
     table = columns(layout, records)
     for k, payload in enumerate(payloads):
-        message = message_of(layout, payload)
-        if isinstance(message, mavlink.MAVLink_unknown):
-            message = parse_frame(message.get_msgbuf())
-        for quantity in layout.quantities:
-            one = quantity.scalar(message)
+        fields = fields_of(layout, payload)
+        for quantity, read in zip(layout.quantities, layout.readers, strict=True):
+            one = read(fields)
             if isinstance(quantity, Quantity):
                 assert np.array_equal(np.array(one), table[quantity.name][k], equal_nan=True), quantity.name
             elif isinstance(one, int):

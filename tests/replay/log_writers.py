@@ -8,7 +8,8 @@ import struct
 import numpy as np
 
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.esc_messages import EscInfo, EscStatus, pack_frame
+from companion.mavlink.esc_messages import ESC_INFO, ESC_STATUS
+from companion.mavlink.frames import pack
 from models.frames import GRAVITY
 
 EPOCH_US = 1_767_225_600_000_000
@@ -77,7 +78,10 @@ def flight(
         if k % 2 == 0:
             rpm = (4000, 4010, 4020, 4030)
             if px4:
-                put(t_us, pack_frame(EscStatus(system, 1, us, rpm, (16.0,) * 4, (5.0,) * 4, 0), number % 256))
+                put(
+                    t_us,
+                    pack(291, ESC_STATUS.payload.pack(us, *rpm, *[16.0] * 4, *[5.0] * 4, 0), system, 1, number % 256),
+                )
             else:
                 put(
                     t_us,
@@ -91,7 +95,7 @@ def flight(
             put(t_us, mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, cells, 2000, -1, -1, -1))
             put(t_us, mavlink.MAVLink_scaled_pressure_message(ms, 1000.0, 0.0, 2000))
             if px4:
-                put(t_us, pack_frame(EscInfo(system, 1, us, (0,) * 4, 0, (0,) * 4, (4100,) * 4, 0, 4, 0, 15), 0))
+                put(t_us, pack(290, ESC_INFO.payload.pack(us, *[0] * 9, *[4100] * 4, 0, 4, 0, 15), system, 1, 0))
     put(100_000, mavlink.MAVLink_param_value_message(b"GUID_OPTIONS", 8.0, 6, 1, 0))
     return sorted(out, key=lambda item: item[0])
 

@@ -13,10 +13,10 @@ from pymavlink import mavutil
 
 from companion.mavlink.decoders import columns
 from companion.mavlink.dialect import mavlink
+from companion.mavlink.frames import cut
 from companion.mavlink.message_table import LAYOUTS
 from models.errors import LogError
 from replay.logs.tlog import choose_system, read_tlog, repair_stamps
-from replay.rerun.harness import frame_id
 
 FLIGHT = flight(4.0)
 
@@ -168,7 +168,7 @@ def test_vehicles_are_told_from_ground_stations_and_from_each_other(tmp_path):
 
 def test_without_a_heartbeat_the_attitude_tells_and_without_both_nothing_does(tmp_path):
     path = tmp_path / "quiet.tlog"
-    write_tlog(path, [(a, f) for a, f in FLIGHT if frame_id(f) != 0])
+    write_tlog(path, [(a, f) for a, f in FLIGHT if cut(f, 0).id != 0])
     assert not choose_system(read_tlog(path)).heartbeat
     write_tlog(path, [(EPOCH_US, frame(heartbeat(autopilot=8), 255, 190))])
     with pytest.raises(LogError, match="no vehicle"):
