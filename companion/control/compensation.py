@@ -86,7 +86,7 @@ def _moment_bias(
     low_x, low_y = (mx, my) if washout.low is None else washout.low
     share = min(dt_s / tuning.moment_washout_s, 1.0)
     low_x, low_y = low_x + share * (mx - low_x), low_y + share * (my - low_y)
-    limit = math.radians(tuning.moment_limit_deg)
+    limit = tuning.moment_limit_rad
     stiffness = tuning.moment_stiffness_1_s2
     roll = min(max(-(mx - low_x) / (stiffness * inertia[0]), -limit), limit)
     pitch = min(max(-(my - low_y) / (stiffness * inertia[1]), -limit), limit)
