@@ -1,7 +1,11 @@
-"""What does not change during a flight: vehicle, model, interface and the few numbers of the control law."""
+"""What does not change during a flight: vehicle, model, interface and every number of estimator, hold and offsets.
+
+Where no source stands beside a number it is a choice of this project; what it was measured with is in docs/control.md.
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from enum import Enum
 
@@ -24,9 +28,38 @@ class Base(Enum):
     UPSTREAM = "upstream"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
+class HoldGains:
+    """The position hold: horizontal and vertical loops about a reference. SI."""
+
+    position_1_s: float = 1.8
+    """Horizontal speed asked for per metre of error."""
+    velocity_1_s: float = 4.0
+    """Horizontal acceleration per m/s of error: the damping that bounds what may be fed forward near a wall."""
+    integral_1_s2: float = 1.35
+    height_1_s: float = 3.0
+    climb_1_s: float = 6.0
+    climb_integral_1_s2: float = 3.0
+    max_tilt_rad: float = math.radians(15.0)
+    """Of the hold, before offsets: 2.6 m/s^2."""
+    max_climb_acceleration_m_s2: float = 3.0
+    max_integral_m_s2: float = 2.5
+    """A steady 25 % of the weight: a wind of 10 m/s on a vehicle of 3 kg."""
+    tilt_lead_s: float = 0.15
+    """How far ahead velocity is predicted from the tilt that there is: about what an attitude loop is late."""
+    tilt_mean_s: float = 0.4
+    """A tilt that lasts longer than this balances something and accelerates nothing."""
+    shape_s: tuple[float, float, float] = (0.25, 0.25, 0.12)
+    """Time over which a change of the velocity target is fed forward as an acceleration, by axis NED."""
+    target_age_s: float = 0.5
+    """A pilot's velocity target counts for this long after it was sent; its position stays."""
+    max_speed_m_s: float = 1.5
+    max_climb_m_s: float = 1.0
+
+
+@dataclass(frozen=True, slots=True)
 class Tuning:
-    """Numbers of the estimator, the hold and the offsets; SI. Defaults are what was flown and measured."""
+    """Numbers of the estimator, the hold and the offsets; SI."""
 
     # Estimation
     range_track: TrackModel = TrackModel(acceleration_sd=1.5, initial_rate_sd=0.5)
@@ -40,7 +73,9 @@ class Tuning:
     velocity_sigma_m_s: float = 0.10
     rotor_delay_s: float = 0.03
     rotor_sigma_rpm: float = 15.0
-    # How old an input may be before the offsets fade
+    # How old an input may be before the offsets fade, or the hold lets go
+    heartbeat_age_s: float = 3.0
+    """Three heartbeats at the 1 Hz of the protocol."""
     attitude_age_s: float = 0.2
     position_age_s: float = 0.5
     range_age_s: float = 0.3
@@ -50,23 +85,47 @@ class Tuning:
     """After the ground or wall jumped, offsets stay away for this long."""
     # Fading
     fade_in_s: float = 1.0
+    """As slowly as the integrators adapt, so that nothing is counted twice."""
     fade_out_s: float = 0.4
+    max_tilt_rad: float = math.radians(25.0)
+    """Beyond, the small-angle law of the offsets no longer holds: they fade."""
     airborne_after_s: float = 1.0
     airborne_lift_share: float = 0.75
+    """Of the weight: rotors that lift this much carry the vehicle, ground effect included."""
     idle_is_landed_s: float = 2.0
+    # Hover thrust, learned while the autopilot flies
+    hover_mean_s: float = 2.0
+    """Time constant of the average."""
+    hover_climb_m_s: float = 0.2
+    """Faster than this vertically, the autopilot's thrust is no hover thrust."""
     # Offsets
     gain: float = 0.95
     thrust_lead_s: float = 0.06
-    lean_lead_s: float = 0.0
+    """How far ahead the lift is looked up: what motors take to follow."""
+    tilt_lead_s: float = 0.0
+    """The same for side forces. Over-prediction costs more than it gives (docs/control.md)."""
     moment_stiffness_1_s2: float = 180.0
     """Closed-loop attitude stiffness over inertia with the rate integrator frozen (angle P x rate bandwidth)."""
     moment_washout_s: float = 1.0
     """The rate integrator owns a steady moment within about this time."""
-    moment_limit_deg: float = 2.5
-    hold_damping_1_s: float = 3.0
-    """Velocity damping over mass that the loop in charge provides; bounds the gain near walls and ceilings."""
+    moment_limit_rad: float = math.radians(2.5)
+    damping_share: float = 0.2
+    """Of the loop's damping that delayed feed-forward towards a surface may take away."""
+    upstream_damping_1_s: float = 2.0
+    """Of an upstream controller's velocity loop: ArduPilot's PSC_VELXY_P; PX4's MPC_XY_VEL_P_ACC is 1.8."""
     residual_delay_s: float = 0.06
+    """What is left of the delay of a side force behind the lead."""
+    # Sending
+    push_period_s: float = 0.03
+    """The model is asked this often, after a position, so that an attitude is answered without waiting for it."""
     max_decision_rate_hz: float = 110.0
+    """A little above the 100 Hz that a companion link carries."""
+    min_thrust_share: float = 0.3
+    """Of hover thrust: the hold never commands less, so that the attitude stays controllable."""
+    min_thrust: float = 0.05
+    max_thrust_above_hover: float = 0.35
+    max_thrust: float = 0.95
+    hold: HoldGains = HoldGains()
 
 
 @dataclass(frozen=True)
@@ -81,3 +140,8 @@ class PipelineConfig:
     dry_run: bool = False
     offsets: bool = True
     """False flies the bare hold: for comparison only."""
+
+    @property
+    def damping_1_s(self) -> float:
+        """Velocity damping of the loop in charge."""
+        return self.tuning.hold.velocity_1_s if self.base is Base.HOLD else self.tuning.upstream_damping_1_s

@@ -12,11 +12,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from companion.config import Base, Carrier, PipelineConfig
+from companion.config import Base, Carrier, PipelineConfig, Tuning
 from companion.control.authority import HOLDS_BACK_EVERYTHING, Reason, fade
 from companion.control.compensation import MomentWashout, Offset, slewed, wanted_offset
 from companion.control.disturbance import Push, modelled_push
-from companion.control.position_hold import BaseSetpoint, Hold, HoldGains, engage, fly, retarget
+from companion.control.position_hold import BaseSetpoint, Hold, engage, fly, retarget
 from companion.estimation import estimator as est
 from companion.estimation.estimator import Estimates, Seen, blank_estimates
 from companion.mavlink.firmware import (
@@ -49,14 +49,9 @@ from companion.mavlink.samples import (
 from companion.mavlink.setpoints import AccelerationCommand, AttitudeCommand, Command, tilt_by
 from models.frames import GRAVITY, quaternion_from_euler
 
-_HEARTBEAT_AGE_S = 3.0
-_MAX_TILT_COS = math.cos(math.radians(25.0))
 _ON_GROUND, _IN_AIR = 1, 2
 _REBOOT_S = 1.0
-_HOVER_TIME_S = 2.0
-_PUSH_PERIOD_S = 0.03
 _AUTOPILOT_INVALID = 8
-_GAINS = HoldGains()
 _REASONS_OF_OTHERS = frozenset({Reason.NOT_ARMED, Reason.WRONG_MODE, Reason.LANDED})
 """Refusals after which somebody else flies, or nobody does: no parting setpoint."""
 
@@ -123,7 +118,7 @@ def step(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[
     if sample.t_s < state.t_s - _REBOOT_S and not isinstance(sample, SetAttitudeTarget | SetPositionTarget):
         state = replace(initial_state(config), stopping=state.stopping)
     state = _take(state, sample, config)
-    if isinstance(sample, LocalPosition) and sample.t_s - state.pushed_s >= _PUSH_PERIOD_S:
+    if isinstance(sample, LocalPosition) and sample.t_s - state.pushed_s >= config.tuning.push_period_s:
         state = _renew_push(state, sample.t_s, config)
     if not _calls_for_decision(state, sample, config):
         return state, None
@@ -153,7 +148,7 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
         case EscHealth():
             return replace(state, t_s=now, estimates=est.take_health(estimates, sample))
         case AttitudeTarget():
-            return replace(_learn_hover(state, sample), t_s=now)
+            return replace(_learn_hover(state, sample, config.tuning), t_s=now)
         case LandedState():
             return replace(state, t_s=now, landed_state=sample.landed_state)
         case Parameter():
@@ -183,7 +178,7 @@ def _upstream_silent(state: PipelineState, config: PipelineConfig, t_s: float) -
 def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[PipelineState, Decision]:
     tuning = config.tuning
     dt = min(max(t_s - state.decided_s, 0.0), 0.1)
-    if not 0.0 <= t_s - state.pushed_s <= 2.0 * _PUSH_PERIOD_S:
+    if not 0.0 <= t_s - state.pushed_s <= 2.0 * tuning.push_period_s:
         state = _renew_push(state, t_s, config)
     push, rotation = state.push, state.estimates.rotation
     state = _airborne(state, push, config, t_s)
@@ -218,14 +213,15 @@ def _renew_push(state: PipelineState, t_s: float, config: PipelineConfig) -> Pip
     rotors, rotation = est.rotor_speeds(state.estimates, config, t_s), state.estimates.rotation
     if rotors is None or rotation is None:
         return replace(state, push=None, pushed_s=t_s)
-    return replace(state, push=modelled_push(state.estimates, config, rotors, rotation, t_s), pushed_s=t_s)
+    push = modelled_push(state.estimates, config, rotors, rotation, t_s, config.damping_1_s)
+    return replace(state, push=push, pushed_s=t_s)
 
 
 def _reasons(state: PipelineState, push: Push | None, config: PipelineConfig, t_s: float) -> tuple[Reason, ...]:
     """Every refusal that holds now, gravest first."""
     out: list[Reason] = []
     estimates, tuning, heartbeat = state.estimates, config.tuning, state.heartbeat
-    if heartbeat is None or t_s - heartbeat.t_s > _HEARTBEAT_AGE_S:
+    if heartbeat is None or t_s - heartbeat.t_s > tuning.heartbeat_age_s:
         out.append(Reason.NO_HEARTBEAT)
     else:
         out.extend(_autopilot_reasons(state, heartbeat, config))
@@ -243,7 +239,7 @@ def _reasons(state: PipelineState, push: Push | None, config: PipelineConfig, t_
         out.append(Reason.RPM_MISSING)
     else:
         out.extend(_surface_reasons(push, tuning.surface_step_s, t_s))
-    if estimates.rotation is not None and estimates.rotation[2, 2] < _MAX_TILT_COS:
+    if estimates.rotation is not None and estimates.rotation[2, 2] < math.cos(tuning.max_tilt_rad):
         out.append(Reason.TILTED)
     if state.stopping:
         out.append(Reason.STOPPING)
@@ -317,16 +313,21 @@ def _thrust_map(state: PipelineState, config: PipelineConfig) -> ThrustMap:
     return thrust_map(stack, state.parameters, hover)
 
 
-def _learn_hover(state: PipelineState, sample: AttitudeTarget) -> PipelineState:
+def _learn_hover(state: PipelineState, sample: AttitudeTarget, tuning: Tuning) -> PipelineState:
     """Average the autopilot's own hover command, free of what the ground gives, while it still flies by itself."""
     position = state.estimates.position
     flying = state.hold is None and state.upstream is None and state.airborne_since_s < sample.t_s - 1.0
-    if not flying or position is None or abs(position.velocity_ned[2]) > 0.2 or not 0.05 < sample.thrust < 0.95:
+    if (
+        not flying
+        or position is None
+        or abs(position.velocity_ned[2]) > tuning.hover_climb_m_s
+        or not 0.05 < sample.thrust < 0.95
+    ):
         return state
     free = sample.thrust - state.wanted.thrust
     if state.hover_seen is None:
         return replace(state, hover_seen=free)
-    share = min(max(sample.t_s - state.t_s, 0.0), 0.1) / _HOVER_TIME_S
+    share = min(max(sample.t_s - state.t_s, 0.0), 0.1) / tuning.hover_mean_s
     return replace(state, hover_seen=state.hover_seen + max(share, 0.005) * (free - state.hover_seen))
 
 
@@ -348,13 +349,14 @@ def _base(
     position = np.asarray(estimates.position.position_ned)
     velocity = np.asarray(estimates.position.velocity_ned)
     body_down = estimates.rotation[:, 2]
+    gains = config.tuning.hold
     hold = state.hold
     if hold is None:
         yaw = math.atan2(estimates.rotation[1, 0], estimates.rotation[0, 0])
         hold = engage(t_s, position, yaw, body_down)
-        if state.target is not None and t_s - state.target.t_s < _GAINS.target_age_s:
+        if state.target is not None and t_s - state.target.t_s < gains.target_age_s:
             hold = _retarget(hold, state.target)
-    hold, base = fly(hold, _GAINS, t_s, position, velocity, body_down, thrust)
+    hold, base = fly(hold, gains, t_s, position, velocity, body_down, thrust)
     return replace(state, hold=hold), base
 
 
@@ -381,7 +383,9 @@ def _command(
         reference = state.hold.reference
         north, east, down = map(float, reference.position)
         return AccelerationCommand(t_s, (north, east, down), offset.acceleration, reference.yaw)
-    floor, ceiling = max(0.3 * thrust.hover, 0.05), min(thrust.hover + 0.35, 0.95)
+    tuning = config.tuning
+    floor = max(tuning.min_thrust_share * thrust.hover, tuning.min_thrust)
+    ceiling = min(thrust.hover + tuning.max_thrust_above_hover, tuning.max_thrust)
     value = base.thrust + offset.thrust
     if config.base is Base.UPSTREAM:
         upstream = state.upstream

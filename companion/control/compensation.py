@@ -7,7 +7,7 @@ of the attitude, washed out because the autopilot's rate integrator owns its ste
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -26,12 +26,18 @@ class Offset:
     roll: float = 0.0
     pitch: float = 0.0
     acceleration: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    share: float = 0.0
+    """How much of the modelled disturbance this cancels, 0...1: gain, trust, limits, slew and fade included."""
 
     def scaled(self, share: float) -> Offset:
         """The same offset, ``share`` of it."""
         north, east, down = self.acceleration
         return Offset(
-            self.thrust * share, self.roll * share, self.pitch * share, (north * share, east * share, down * share)
+            self.thrust * share,
+            self.roll * share,
+            self.pitch * share,
+            (north * share, east * share, down * share),
+            self.share * share,
         )
 
 
@@ -69,6 +75,7 @@ def wanted_offset(
             -float(force_ned[1]) / vehicle.mass_kg,
             -float(force_ned[2]) / vehicle.mass_kg,
         ),
+        share=weight,
     ), washout
 
 
@@ -79,7 +86,7 @@ def _moment_bias(
     low_x, low_y = (mx, my) if washout.low is None else washout.low
     share = min(dt_s / tuning.moment_washout_s, 1.0)
     low_x, low_y = low_x + share * (mx - low_x), low_y + share * (my - low_y)
-    limit = math.radians(tuning.moment_limit_deg)
+    limit = tuning.moment_limit_rad
     stiffness = tuning.moment_stiffness_1_s2
     roll = min(max(-(mx - low_x) / (stiffness * inertia[0]), -limit), limit)
     pitch = min(max(-(my - low_y) / (stiffness * inertia[1]), -limit), limit)
@@ -94,10 +101,14 @@ def slewed(old: Offset, wanted: Offset, config: PipelineConfig, dt_s: float) -> 
     north, east, down = (
         slew(o, w, most, rate, dt_s) for o, w in zip(old.acceleration, wanted.acceleration, strict=True)
     )
-    return replace(
-        wanted,
-        thrust=slew(old.thrust, wanted.thrust, limits.thrust, limits.slew_thrust_per_s, dt_s),
-        roll=slew(old.roll, wanted.roll, tilt, tilt_rate, dt_s),
-        pitch=slew(old.pitch, wanted.pitch, tilt, tilt_rate, dt_s),
-        acceleration=(north, east, down),
-    )
+    thrust = slew(old.thrust, wanted.thrust, limits.thrust, limits.slew_thrust_per_s, dt_s)
+    roll = slew(old.roll, wanted.roll, tilt, tilt_rate, dt_s)
+    pitch = slew(old.pitch, wanted.pitch, tilt, tilt_rate, dt_s)
+    asked = _size(wanted.thrust, wanted.roll, wanted.pitch)
+    passed = min(_size(thrust, roll, pitch) / asked, 1.0) if asked > 0.0 else 1.0
+    return Offset(thrust, roll, pitch, (north, east, down), wanted.share * passed)
+
+
+def _size(thrust: float, roll: float, pitch: float) -> float:
+    """Size of an offset as an acceleration, in g: thrust about hover changes the lift about twice as much."""
+    return math.sqrt((2.0 * thrust) ** 2 + roll**2 + pitch**2)

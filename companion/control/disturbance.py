@@ -18,6 +18,9 @@ from models.vehicle import Vehicle
 from models.vehicle_wrench import fan_rpm
 
 _STIFFNESS_STEP_M = 0.02
+"""Step of the difference quotient of a wall's pull: above the noise of a surrogate, below its e-fold of 0.1 m."""
+_SURE_SIGMA_M, _UNSURE_SIGMA_M = 0.05, 0.10
+"""A distance this sure is believed in full; this unsure not at all: half of what the effects reach."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +28,7 @@ class Push:
     """What the surroundings do to the vehicle: body FRD about the CG, and how far that is to be believed."""
 
     wrench: Array
-    """(6,) disturbance at the leads of thrust (Fz) and lean (the others), with the vanes' reaction to its moment."""
+    """(6,) disturbance at the leads of thrust (Fz) and tilt (the others), with the vanes' reaction to its moment."""
     free_lift_n: float
     trust: float
     gain: float
@@ -38,16 +41,18 @@ class Push:
     """Watched only where an adopted effect knows of ceilings."""
 
 
-def modelled_push(estimates: Estimates, config: PipelineConfig, rotor_rpm: Array, rotation: Array, t_s: float) -> Push:
+def modelled_push(
+    estimates: Estimates, config: PipelineConfig, rotor_rpm: Array, rotation: Array, t_s: float, damping_1_s: float
+) -> Push:
     """Query the surrogate for every fan, at the two leads, in free air, and a little further from the wall."""
     vehicle, model, tuning = config.vehicle, config.model, config.tuning
     ground = surface(estimates, config, "ground", t_s)
     wall = surface(estimates, config, "wall", t_s)
     rpm = fan_rpm(vehicle, rotor_rpm)
     soon = fan_query(vehicle, ground, wall, rotation, rpm, tuning.thrust_lead_s)
-    later = fan_query(vehicle, ground, wall, rotation, rpm, tuning.lean_lead_s)
+    later = fan_query(vehicle, ground, wall, rotation, rpm, tuning.tilt_lead_s)
     free = np.full_like(rpm, np.inf)
-    # One batched query: rows are (thrust lead, lean lead, lean lead a step further off, free air).
+    # One batched query: rows are (thrust lead, tilt lead, tilt lead a step further off, free air).
     ceiling = Surface(Seen.UNDECLARED)
     if model.effects:
         ceiling = surface(estimates, config, "ceiling", t_s)
@@ -55,7 +60,7 @@ def modelled_push(estimates: Estimates, config: PipelineConfig, rotor_rpm: Array
         moved = corrected_state(model.effects, now)
         shift = np.where(np.isfinite(now.h_m), moved.h_m, 0.0) - np.where(np.isfinite(now.h_m), now.h_m, 0.0)
         soon, later = replace(soon, h_m=soon.h_m + shift), replace(later, h_m=later.h_m + shift)
-        adopted = adopted_push(model, moved, vehicle, tuning)
+        adopted = adopted_push(model, moved, vehicle, tuning, damping_1_s)
     else:
         adopted = np.zeros(6)
     answer = model.query(
@@ -78,7 +83,7 @@ def modelled_push(estimates: Estimates, config: PipelineConfig, rotor_rpm: Array
         wrench=total,
         free_lift_n=float(rows[3, :, 2].sum()),
         trust=trust * _sensor_weight(ground) * _sensor_weight(wall),
-        gain=_stable_gain(pull, vehicle, tuning) if wall.seen is Seen.SURFACE else tuning.gain,
+        gain=_stable_gain(pull, vehicle, tuning, damping_1_s) if wall.seen is Seen.SURFACE else tuning.gain,
         h_m=soon.h_m,
         d_m=soon.d_m,
         ground=ground,
@@ -87,7 +92,7 @@ def modelled_push(estimates: Estimates, config: PipelineConfig, rotor_rpm: Array
     )
 
 
-def adopted_push(model: FanSurrogate, state: AirState, vehicle: Vehicle, tuning: Tuning) -> Array:
+def adopted_push(model: FanSurrogate, state: AirState, vehicle: Vehicle, tuning: Tuning, damping_1_s: float) -> Array:
     """What the adopted effects push (6,), with a ceiling's pull no stronger than delay allows.
 
     As if the vehicle stood still in the air's own motion: drag on its own velocity damps the loop, and feeding it
@@ -104,7 +109,7 @@ def adopted_push(model: FanSurrogate, state: AirState, vehicle: Vehicle, tuning:
     if not np.isfinite(np.min(state.ceiling_m)):
         return near
     pull = float(push(state.ceiling_m + _STIFFNESS_STEP_M)[2] - near[2]) / _STIFFNESS_STEP_M
-    share = _stable_gain(pull, vehicle, tuning) / tuning.gain if tuning.gain > 0.0 else 0.0
+    share = _stable_gain(pull, vehicle, tuning, damping_1_s) / tuning.gain if tuning.gain > 0.0 else 0.0
     open_air = push(np.full_like(state.ceiling_m, np.inf))
     out: Array = open_air + share * (near - open_air)
     return out
@@ -127,15 +132,15 @@ def trim_reaction(vehicle: Vehicle) -> Array:
 
 def _sensor_weight(seen: Surface) -> float:
     """1 for a sharp distance, 0 for one uncertain by 10 cm."""
-    return min(max((0.10 - seen.sigma_m) / 0.05, 0.0), 1.0)
+    return min(max((_UNSURE_SIGMA_M - seen.sigma_m) / (_UNSURE_SIGMA_M - _SURE_SIGMA_M), 0.0), 1.0)
 
 
-def _stable_gain(pull_n_per_m: float, vehicle: Vehicle, tuning: Tuning) -> float:
+def _stable_gain(pull_n_per_m: float, vehicle: Vehicle, tuning: Tuning, damping_1_s: float) -> float:
     """Attraction that grows towards a surface, fed forward late, is negative damping.
 
-    Gain times stiffness times delay stays below a fifth of the hold's own damping.
+    Gain times stiffness times delay stays below a fifth of the loop's own damping (acceleration per m/s).
     """
     if pull_n_per_m <= 0.0:
         return tuning.gain
-    damping = tuning.hold_damping_1_s * vehicle.mass_kg
-    return min(tuning.gain, 0.2 * damping / (pull_n_per_m * tuning.residual_delay_s))
+    allowed = tuning.damping_share * damping_1_s * vehicle.mass_kg
+    return min(tuning.gain, allowed / (pull_n_per_m * tuning.residual_delay_s))

@@ -11,35 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from companion.config import HoldGains
 from companion.mavlink.firmware import ThrustMap
 from models.frames import GRAVITY, Array
-
-
-@dataclass(frozen=True, slots=True)
-class HoldGains:
-    """Horizontal and vertical loops; 1/s, and 1/s^2 for the integrals."""
-
-    position: float = 1.8
-    velocity: float = 4.0
-    integral: float = 1.35
-    height: float = 3.0
-    climb: float = 6.0
-    climb_integral: float = 3.0
-    max_speed_m_s: float = 1.5
-    max_climb_m_s: float = 1.0
-    max_tilt_rad: float = math.radians(15.0)
-    max_climb_acceleration: float = 3.0
-    max_integral_m_s2: float = 2.5
-    shape_s: tuple[float, float, float] = (0.25, 0.25, 0.12)
-    """Time constants over which a change of the velocity target is fed forward as an acceleration, by axis NED."""
-    lean_lead_s: float = 0.15
-    """How far ahead the velocity is looked at, by the lean that the vehicle has: what an attitude loop is late."""
-    lean_mean_s: float = 0.4
-    """A lean that lasts longer than this balances something and accelerates nothing."""
-    target_age_s: float = 0.5
-    """A pilot's velocity target counts for this long after it was sent; its position stays."""
-    max_leap_m: float = 3.0
-    """A target further away than this is approached at max_speed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +87,7 @@ def fly(
     stale = t_s - reference.set_s > gains.target_age_s
     feed_forward = np.zeros(3) if stale else reference.velocity
     error = reference.position - position
-    demand = error * (gains.position, gains.position, gains.height)
+    demand = error * (gains.position_1_s, gains.position_1_s, gains.height_1_s)
     speed = math.hypot(demand[0], demand[1])
     if speed > gains.max_speed_m_s:
         demand[:2] *= gains.max_speed_m_s / speed
@@ -124,20 +98,20 @@ def fly(
     shaped = hold.shaped_velocity + lead * np.minimum(dt, shape)
     # The lean that there is tells the velocity a little ahead: phase that a late attitude loop takes away.
     lean = _lean_acceleration(body_down)
-    lean_mean = hold.lean_mean + (lean - hold.lean_mean) * min(dt / gains.lean_mean_s, 1.0)
+    lean_mean = hold.lean_mean + (lean - hold.lean_mean) * min(dt / gains.tilt_mean_s, 1.0)
     slip = demand + feed_forward - velocity
-    slip[:2] -= gains.lean_lead_s * (lean - lean_mean - lead[:2])
-    damping = np.array([gains.velocity, gains.velocity, gains.climb])
+    slip[:2] -= gains.tilt_lead_s * (lean - lean_mean - lead[:2])
+    damping = np.array([gains.velocity_1_s, gains.velocity_1_s, gains.climb_1_s])
     acceleration = slip * damping + hold.integral + lead
     limit = GRAVITY * math.tan(gains.max_tilt_rad)
     level = math.hypot(acceleration[0], acceleration[1])
-    saturated = level > limit or abs(acceleration[2]) > gains.max_climb_acceleration
+    saturated = level > limit or abs(acceleration[2]) > gains.max_climb_acceleration_m_s2
     if level > limit:
         acceleration[:2] *= limit / level
-    acceleration[2] = min(max(acceleration[2], -gains.max_climb_acceleration), gains.max_climb_acceleration)
+    acceleration[2] = min(max(acceleration[2], -gains.max_climb_acceleration_m_s2), gains.max_climb_acceleration_m_s2)
     integral = hold.integral
     if not saturated:
-        rate = slip * (gains.integral, gains.integral, gains.climb_integral)
+        rate = slip * (gains.integral_1_s2, gains.integral_1_s2, gains.climb_integral_1_s2)
         integral = np.clip(integral + rate * dt, -gains.max_integral_m_s2, gains.max_integral_m_s2)
     roll, pitch = _acceleration_to_lean(acceleration[0], acceleration[1], reference.yaw)
     command = thrust.hover + thrust.change(-float(acceleration[2]) / GRAVITY)

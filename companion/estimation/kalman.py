@@ -1,7 +1,9 @@
 """A gated, delay-aware Kalman track of one scalar and its rate; frozen, so that ``step`` stays pure.
 
-The equations are filterpy's. What is added here: the measurement is of the past (H = [1, -delay]), an innovation gate,
-and a restart after several rejected samples that agree with each other (the world jumped, not the sensor).
+The two formulas are the linear Kalman filter's (Kalman 1960, J. Basic Eng. 82; Joseph's form of the update: Bucy and
+Joseph 1968), checked against filterpy in the tests. Around them: the measurement is of the past (H = [1, -delay]), an
+innovation gate, and a restart after several rejected samples that agree with each other (the world jumped, not the
+sensor).
 """
 
 from __future__ import annotations
@@ -12,7 +14,6 @@ from enum import Enum
 
 import numpy as np
 
-from companion.estimation.filterpy_core import predict, update
 from models.frames import Array
 
 
@@ -73,6 +74,22 @@ class Track:
         return t_s - self.updated_s
 
 
+def predict(x: Array, p: Array, f: Array, q: Array) -> tuple[Array, Array]:
+    """State (n,) and covariance (n, n) a step on: x = F x, P = F P F' + Q."""
+    return f @ x, f @ p @ f.T + q
+
+
+def update(x: Array, p: Array, value: float, variance: float, h: Array) -> tuple[Array, Array]:
+    """State (n,) and covariance (n, n) after a scalar measurement ``value`` = h x + noise of ``variance``; h is (n,).
+
+    Joseph's form of the covariance stays symmetric and positive for any gain.
+    """
+    ph = p @ h
+    gain = ph / (float(h @ ph) + variance)
+    keep = np.eye(len(x)) - np.outer(gain, h)
+    return x + gain * (value - float(h @ x)), keep @ p @ keep.T + variance * np.outer(gain, gain)
+
+
 def begin(model: TrackModel, t_s: float, value: float, sigma: float) -> Track:
     """A new track at a first measurement."""
     p = np.diag([sigma * sigma, model.initial_rate_sd**2])
@@ -102,15 +119,15 @@ def measure(
     if t_s < track.t_s - 0.5:
         return track, Verdict.OLD
     ahead = propagate(track, model, t_s)
-    h = np.array([[1.0, -delay_s]])
-    innovation = value - float((h @ ahead.x)[0])
-    variance = float((h @ ahead.p @ h.T)[0, 0]) + sigma * sigma
+    h = np.array([1.0, -delay_s])
+    innovation = value - float(h @ ahead.x)
+    variance = float(h @ ahead.p @ h) + sigma * sigma
     if innovation * innovation > model.gate * variance:
         outliers = (*track.outliers, value)[-model.restart_after :]
         if len(outliers) == model.restart_after and max(outliers) - min(outliers) <= model.agree_within:
             return replace(begin(model, t_s, value, sigma), restarted_s=t_s), Verdict.RESTARTED
         return replace(ahead, outliers=outliers), Verdict.OUTLIER
-    x, p = update(ahead.x, ahead.p, np.array([value]), np.array([[sigma * sigma]]), h)
+    x, p = update(ahead.x, ahead.p, value, sigma * sigma, h)
     return replace(ahead, x=x, p=p, updated_s=t_s, outliers=()), Verdict.ACCEPTED
 
 
@@ -119,5 +136,5 @@ def measure_rate(track: Track, model: TrackModel, t_s: float, rate: float, sigma
     if not (math.isfinite(rate) and math.isfinite(sigma)) or t_s < track.t_s - 0.5:
         return track
     ahead = propagate(track, model, t_s)
-    x, p = update(ahead.x, ahead.p, np.array([rate]), np.array([[sigma * sigma]]), np.array([[0.0, 1.0]]))
+    x, p = update(ahead.x, ahead.p, rate, sigma * sigma, np.array([0.0, 1.0]))
     return replace(ahead, x=x, p=p)

@@ -17,8 +17,8 @@ _INFO, _WARNING = 6, 4
 
 
 def named_values(decision: Decision) -> Iterator[tuple[str, float]]:
-    """(name of at most 10 characters, value): authority 0...1, offsets, distances [m], lift and side push [N]."""
-    yield "cc_auth", decision.authority
+    """(name of at most 10 characters, value): cancelled share 0...1, offsets, distances [m], lift and side push [N]."""
+    yield "cc_auth", decision.offset.share
     yield "cc_thrust", decision.offset.thrust
     yield "cc_roll", decision.offset.roll
     yield "cc_pitch", decision.offset.pitch

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 import models
-from companion.config import Tuning
+from companion.config import Base, PipelineConfig, Tuning
 from companion.control.disturbance import adopted_push
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
 from models.surrogate.fan_surrogate import AdoptedEffect
 
 VEHICLE, TUNING = default_vehicle(), Tuning()
+DAMPING_1_S = TUNING.hold.velocity_1_s
 MODEL = models.load()
 
 
@@ -33,7 +34,7 @@ def state(gap_m: float = np.inf, velocity=(0.0, 0.0, 0.0), rates=(0.0, 0.0, 0.0)
 
 
 def push(effects, *args, **kwargs):
-    return adopted_push(MODEL.with_effects(effects), state(*args, **kwargs), VEHICLE, TUNING)
+    return adopted_push(MODEL.with_effects(effects), state(*args, **kwargs), VEHICLE, TUNING, DAMPING_1_S)
 
 
 def test_the_drag_on_its_own_climb_is_left_to_damp_the_loop():
@@ -55,10 +56,21 @@ def test_a_ceiling_is_followed_in_full_far_off_and_in_part_close_by_without_a_st
     gaps = np.linspace(0.3, 3.0, 271) * radius
     ours = np.array([push(ceiling, gap)[2] for gap in gaps])
     prompt, model = replace(TUNING, residual_delay_s=1e-6), MODEL.with_effects(ceiling)
-    whole = np.array([adopted_push(model, state(gap), VEHICLE, prompt)[2] for gap in gaps])
+    whole = np.array([adopted_push(model, state(gap), VEHICLE, prompt, DAMPING_1_S)[2] for gap in gaps])
     share = ours / whole
     assert share[-1] == pytest.approx(1.0)
     assert share[0] < 0.5
     assert np.all(np.diff(share) >= -1e-9)
     # No step anywhere: from one 1.65 mm to the next the command changes by less than 3 % of the lift it stands for.
     assert np.abs(np.diff(ours)).max() < 0.03 * np.abs(whole).max()
+
+
+def test_the_feed_forward_near_a_surface_is_bounded_by_the_damping_that_the_hold_flies_with():
+    ceiling = (AdoptedEffect("ceiling", {"gain": 1.0, "scale": 1.0}),)
+    model, near = MODEL.with_effects(ceiling), 0.4 * VEHICLE.rotor_radius_m
+    soft = adopted_push(model, state(near), VEHICLE, TUNING, 0.5 * DAMPING_1_S)[2]
+    firm = adopted_push(model, state(near), VEHICLE, TUNING, DAMPING_1_S)[2]
+    assert soft == pytest.approx(0.5 * firm)
+    hold = PipelineConfig(VEHICLE, MODEL)
+    assert hold.damping_1_s == hold.tuning.hold.velocity_1_s
+    assert replace(hold, base=Base.UPSTREAM).damping_1_s < hold.damping_1_s

@@ -1,11 +1,13 @@
 import math
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.estimation.kalman import TrackModel, Verdict, measure, measure_rate
+from companion.estimation.kalman import TrackModel, Verdict, measure, measure_rate, predict, update
 
 MODEL = TrackModel(acceleration_sd=1.5, initial_rate_sd=0.5)
 
@@ -76,3 +78,25 @@ def test_any_stream_leaves_a_finite_state(stream):
     if track is not None:
         assert np.isfinite(track.x).all()
         assert (np.linalg.eigvalsh(track.p) > -1e-9).all()
+
+
+def test_the_two_formulas_are_those_of_filterpy():
+    filterpy = pytest.importorskip("filterpy.kalman")
+    rng = np.random.default_rng(5)
+    for _ in range(50):
+        x, root, noise = rng.normal(size=2), rng.normal(size=(2, 2)), rng.normal(size=(2, 2))
+        p, q, f = root @ root.T, noise @ noise.T, np.array([[1.0, rng.uniform(0.0, 0.5)], [0.0, 1.0]])
+        ahead, oracle = predict(x, p, f, q), filterpy.predict(x, p, f, q)
+        np.testing.assert_allclose(ahead[0], oracle[0], rtol=1e-12)
+        np.testing.assert_allclose(ahead[1], oracle[1], rtol=1e-12)
+        h, value, variance = rng.normal(size=2), float(rng.normal()), float(rng.uniform(1e-4, 1.0))
+        after = update(*ahead, value, variance, h)
+        oracle = filterpy.update(*ahead, np.array([value]), np.array([[variance]]), h[None, :])
+        np.testing.assert_allclose(after[0], oracle[0], rtol=1e-9)
+        np.testing.assert_allclose(after[1], oracle[1], rtol=1e-9, atol=1e-14)
+
+
+def test_flight_needs_no_filterpy():
+    code = "import sys, companion.pipeline; print([m for m in sys.modules if 'filterpy' in m or m == 'scipy'])"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert out.stdout.strip() == "[]"

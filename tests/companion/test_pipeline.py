@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from companion.config import Base, Carrier
 from companion.control.authority import Reason
+from companion.control.compensation import Offset, slewed
 from companion.mavlink.samples import (
     Attitude,
     AttitudeTarget,
@@ -24,6 +25,7 @@ from companion.mavlink.samples import (
 )
 from companion.mavlink.setpoints import AccelerationCommand, AttitudeCommand
 from companion.pipeline import initial_state, step, stopped
+from companion.telemetry.status import named_values
 from models.frames import quaternion_from_euler
 
 
@@ -185,6 +187,31 @@ def test_out_of_domain_fades():
     decision = b.run(3.0)
     assert Reason.OUT_OF_DOMAIN in decision.reasons
     assert decision.offset.thrust == 0.0
+
+
+@pytest.mark.parametrize("believed", [0.1, 1.0])
+def test_what_is_published_is_what_is_applied(believed):
+    """With trust 0.1 a tenth of the disturbance is cancelled, and cc_auth says so."""
+    b = bench(model=PlainModel(believed=believed), height=0.3, wall=0.3)
+    decision = b.run(4.0)
+    published = dict(named_values(decision))["cc_auth"]
+    assert published == pytest.approx(believed * decision.push.gain, abs=0.01)
+    assert published == pytest.approx(-decision.offset.thrust / full_thrust(), rel=0.06)
+    b.state = stopped(b.state)
+    assert dict(named_values(b.run(1.0)))["cc_auth"] == 0.0
+
+
+def full_thrust():
+    """By hand: thrust that takes off 5 % of lift, at the slope of the shipped vehicle's thrust."""
+    return (1.0 - 1.0 / 1.05) / 1.55
+
+
+def test_an_offset_at_its_limit_is_published_as_the_part_that_passed():
+    wanted = Offset(thrust=0.0, roll=math.radians(16.0), share=0.8)
+    limited = Offset()
+    for _ in range(100):
+        limited = slewed(limited, wanted, CONFIG, 0.02)
+    assert limited.share == pytest.approx(0.4, abs=1e-6)
 
 
 def test_the_pilots_target_moves_the_hold():

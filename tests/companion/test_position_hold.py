@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.control.position_hold import HoldGains, engage, fly
+from companion.config import HoldGains
+from companion.control.position_hold import engage, fly
 from companion.mavlink.firmware import ThrustMap
 from models.frames import GRAVITY
 
@@ -17,7 +18,7 @@ THRUST = ThrustMap(hover=0.5, slope=1.0)
 STEP_S = 0.02
 
 
-BEFORE = replace(HoldGains(), position=1.6, velocity=3.2, integral=1.2, lean_lead_s=0.0)
+BEFORE = replace(HoldGains(), position_1_s=1.6, velocity_1_s=3.2, integral_1_s2=1.2, tilt_lead_s=0.0)
 """The hold before it looked ahead (docs/control.md)."""
 
 
@@ -53,7 +54,7 @@ def grown(positions: list[float]) -> float:
 
 
 def test_a_late_attitude_that_overshoots_does_not_make_the_hold_swing() -> None:
-    blind = replace(HoldGains(), lean_lead_s=0.0)
+    blind = replace(HoldGains(), tilt_lead_s=0.0)
     assert grown(swing(blind, overshoot=1.4, late_s=0.06, seconds=20.0)) > 1.0
     assert grown(swing(BEFORE, overshoot=1.4, late_s=0.04, seconds=20.0)) > 1.0
     for late_s in (0.06, 0.1):
