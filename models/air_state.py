@@ -17,7 +17,8 @@ class AirState:
 
     Every array shares the leading shape ``(...)``. NaN means unknown, ``inf`` in a distance means nothing is there.
     World NED, body FRD. ``h_m`` and ``d_m`` are per fan (reference point to ground, outer
-    lip to wall), filtered, tilt-corrected; ``ranges_m`` are the raw beams by direction (``DIRECTIONS``).
+    lip to wall), filtered, tilt-corrected, ``second_d_m`` and ``second_bearing_rad`` the same of the nearest wall at
+    another bearing; ``ranges_m`` are the raw beams by direction (``DIRECTIONS``), slant and from the sensor.
     """
 
     time_s: Array  # (...)
@@ -30,6 +31,8 @@ class AirState:
     h_m: Array  # (..., fans)
     d_m: Array  # (..., fans)
     wall_bearing_rad: Array  # (...), 0 where there is no wall
+    second_d_m: Array  # (..., fans), inf where there is no second wall
+    second_bearing_rad: Array  # (...), 0 where there is no second wall
     ceiling_m: Array  # (..., fans) rotor plane to ceiling, inf where none is seen
     rpm: Array  # (..., rotors), in the order of Vehicle.rotors
     servo_us: Array  # (..., 16)
@@ -71,6 +74,8 @@ def blank_state(shape: tuple[int, ...], fans: int, rotors: int) -> AirState:
         h_m=full(np.inf, fans),
         d_m=full(np.inf, fans),
         wall_bearing_rad=full(0.0),
+        second_d_m=full(np.inf, fans),
+        second_bearing_rad=full(0.0),
         ceiling_m=full(np.inf, fans),
         rpm=full(np.nan, rotors),
         servo_us=full(np.nan, 16),

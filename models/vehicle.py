@@ -6,11 +6,13 @@ import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from models.errors import ConfigError
 
+MAV_ORIENTATION_UP = 24  # MAV_SENSOR_ROTATION_PITCH_90
 TARGETS = ("ground", "wall", "ceiling", "none")
 RHO_SEA_LEVEL = 1.225
 Vector3 = tuple[float, float, float]
@@ -121,6 +123,17 @@ class Vehicle:
     def telemetered(self) -> bool:
         """True where rotor speeds come from ESC telemetry, False where they follow from servo outputs."""
         return self.throttle is None
+
+    @cached_property
+    def watched(self) -> tuple[Rangefinder, ...]:
+        """The declared rangefinders, and after them one that looks up from the CG where none is declared to.
+
+        A ceiling is then known from an upward rangefinder that the vehicle file does not name.
+        """
+        up = MAV_ORIENTATION_UP
+        if any(r.target == "ceiling" or r.orientation == up for r in self.rangefinders):
+            return self.rangefinders
+        return (*self.rangefinders, Rangefinder(up, "ceiling", (0.0, 0.0, 0.0)))
 
     def rangefinders_for(self, target: str) -> tuple[Rangefinder, ...]:
         """The rangefinders declared to look at ``target``."""

@@ -56,7 +56,7 @@ def modelled_push(
     ceiling = Surface(Seen.UNDECLARED)
     if model.effects:
         ceiling = surface(estimates, config, "ceiling", t_s)
-        now = air_state(estimates, vehicle, soon, ceiling, rotor_rpm, t_s, tuning.thrust_lead_s)
+        now = air_state(estimates, config, soon, ceiling, rotor_rpm, t_s, tuning.thrust_lead_s)
         moved = corrected_state(model.effects, now)
         shift = np.where(np.isfinite(now.h_m), moved.h_m, 0.0) - np.where(np.isfinite(now.h_m), now.h_m, 0.0)
         soon, later = replace(soon, h_m=soon.h_m + shift), replace(later, h_m=later.h_m + shift)

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
 
-from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface
+from companion.config import PipelineConfig
+from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, lips_to_wall, walls
+from companion.estimation.range_geometry import fan_ceilings
+from companion.mavlink.range_beams import orientation_direction
 from models.air_state import DIRECTIONS, AirState, blank_state
 from models.frames import Array
-from models.vehicle import Vehicle
 
-_LEVEL_BEAMS = {
-    "down": (0.0, 0.0, 1.0), "up": (0.0, 0.0, -1.0), "forward": (1.0, 0.0, 0.0),
-    "right": (0.0, 1.0, 0.0), "back": (-1.0, 0.0, 0.0), "left": (0.0, -1.0, 0.0),
-}  # fmt: skip
+_BEAMS = {(0, 0, 1): "down", (0, 0, -1): "up", (1, 0, 0): "forward", (0, 1, 0): "right", (-1, 0, 0): "back",
+          (0, -1, 0): "left"}  # fmt: skip
+"""Directions of ``DIRECTIONS``, body FRD."""
 
 
 def air_state(
     estimates: Estimates,
-    vehicle: Vehicle,
+    config: PipelineConfig,
     query: FanQuery,
     ceiling: Surface,
     rotor_rpm: Array,
@@ -30,17 +32,21 @@ def air_state(
 
     The ceiling is where its track has it ``lead_s`` ahead, as the query's distances are.
     """
+    vehicle = config.vehicle
     state = blank_state((), len(vehicle.fans), len(vehicle.rotors))
     rotation = estimates.rotation if estimates.rotation is not None else state.rotation
+    second_d, second_bearing = lips_to_wall(vehicle, walls(estimates, config, t_s)[1], rotation, lead_s)
     changes: dict[str, Array] = {
         "time_s": np.asarray(t_s),
         "rotation": rotation,
         "h_m": query.h_m,
         "d_m": query.d_m,
         "wall_bearing_rad": np.asarray(query.wall_bearing_rad),
-        "ceiling_m": _fan_ceilings(vehicle, ceiling, rotation, lead_s),
+        "second_d_m": second_d,
+        "second_bearing_rad": np.asarray(second_bearing),
+        "ceiling_m": fan_ceilings(vehicle, _ahead(ceiling, lead_s), rotation),
         "rpm": rotor_rpm,
-        "ranges_m": _ranges(estimates, rotation),
+        "ranges_m": _readings(estimates, config, t_s),
     }
     if estimates.position is not None:
         changes["position_ned"] = np.asarray(estimates.position.position_ned)
@@ -62,20 +68,18 @@ def air_state(
     return replace(state, **changes)
 
 
-def _fan_ceilings(vehicle: Vehicle, ceiling: Surface, rotation: Array, lead_s: float) -> Array:
-    if ceiling.seen is not Seen.SURFACE:
-        return np.full(len(vehicle.fans), np.inf if ceiling.known else np.nan)
-    above = np.array([float(rotation[2] @ np.asarray(fan.position_m)) for fan in vehicle.fans])
-    return np.maximum(ceiling.distance_m + ceiling.rate_m_s * lead_s + above, 0.0)
+def _ahead(seen: Surface, lead_s: float) -> float:
+    if seen.seen is Seen.SURFACE:
+        return seen.distance_m + seen.rate_m_s * lead_s
+    return math.inf if seen.known else math.nan
 
 
-def _ranges(estimates: Estimates, rotation: Array) -> Array:
-    """Distance of the CG to what each direction's beam sees, by ``DIRECTIONS``; inf where nothing is tracked."""
-    out = np.full(len(DIRECTIONS), np.inf)
-    for beam in estimates.beams:
-        if beam.track is None or beam.normal_ned is None:
-            continue
-        toward = beam.normal_ned @ rotation
-        nearest = max(range(len(DIRECTIONS)), key=lambda i: float(np.dot(toward, _LEVEL_BEAMS[DIRECTIONS[i]])))
-        out[nearest] = min(out[nearest], beam.track.value)
+def _readings(estimates: Estimates, config: PipelineConfig, t_s: float) -> Array:
+    """What the beam in each of ``DIRECTIONS`` reads, slant; inf: nothing in range, NaN: no beam, or too long ago."""
+    out = np.full(len(DIRECTIONS), np.nan)
+    for sensor, beam in zip(config.vehicle.watched, estimates.beams, strict=True):
+        toward = orientation_direction(sensor.orientation)
+        name = None if toward is None else _BEAMS.get((round(toward[0]), round(toward[1]), round(toward[2])))
+        if name is not None and t_s - beam.heard_s <= config.tuning.range_age_s:
+            out[DIRECTIONS.index(name)] = beam.slant_m
     return out

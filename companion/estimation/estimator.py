@@ -11,7 +11,14 @@ import numpy as np
 
 from companion.config import PipelineConfig, Tuning
 from companion.estimation.kalman import Track, Verdict, measure, measure_rate
-from companion.estimation.range_geometry import fan_heights, fan_wall_distances, plane_distance, wall_bearing
+from companion.estimation.range_geometry import (
+    choose_walls,
+    fan_heights,
+    fan_wall_distances,
+    nearest_level,
+    plane_distance,
+    wall_bearing,
+)
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import (
     Attitude,
@@ -31,7 +38,6 @@ from models.vehicle_wrench import rpm_from_servos
 _STOPPED_RPM = 100.0
 _SPINNING_RPM = 500.0
 _CLEAR_AFTER_S = 0.5
-_FAR_RADII = 30.0
 
 
 class Seen(Enum):
@@ -55,6 +61,8 @@ class BeamTrack:
     clear_since_s: float = math.inf
     """Start of the present run of readings beyond the sensor's range; inf while it sees something."""
     sensor: tuple[int, int] | None = None
+    slant_m: float = math.nan
+    """The newest reading, as sent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +75,8 @@ class Surface:
     sigma_m: float = 0.0
     normal_ned: Array | None = None
     stepped_s: float = -math.inf
+    slant_m: float = math.nan
+    """What the sensor itself last read."""
 
     @property
     def known(self) -> bool:
@@ -93,7 +103,7 @@ class Estimates:
 
 def blank_estimates(vehicle: Vehicle) -> Estimates:
     """Nothing heard yet."""
-    return Estimates((BeamTrack(),) * len(vehicle.rangefinders), (None,) * len(vehicle.rotors))
+    return Estimates((BeamTrack(),) * len(vehicle.watched), (None,) * len(vehicle.rotors))
 
 
 @lru_cache(maxsize=64)
@@ -128,43 +138,30 @@ def take_position(estimates: Estimates, sample: LocalPosition, tuning: Tuning) -
 
 
 def take_range(estimates: Estimates, sample: Range, config: PipelineConfig) -> Estimates:
-    """A range goes to the declared rangefinder that looks the same way; others are ignored, never guessed."""
+    """A range goes to the watched rangefinder that looks the same way; others are ignored, never guessed."""
     index = _match(estimates, sample, config.vehicle)
     if index is None or estimates.rotation is None:
         return estimates
     beam = replace(
-        estimates.beams[index], verdict=sample.verdict, heard_s=sample.t_s, sensor=(sample.component, sample.sensor_id)
-    )
-    beams = list(estimates.beams)
-    if sample.verdict is RangeVerdict.ABOVE_MAX or _far(sample, index, config.vehicle):
-        beams[index] = replace(beam, clear_since_s=min(beam.clear_since_s, sample.t_s))
+        estimates.beams[index], verdict=sample.verdict, heard_s=sample.t_s, sensor=(sample.component, sample.sensor_id),
+        slant_m=math.nan,
+    )  # fmt: skip
+    slant = math.inf if sample.verdict is RangeVerdict.ABOVE_MAX else sample.distance_m
+    if sample.verdict in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX) and not math.isnan(slant):
+        beam = _read_beam(estimates, replace(beam, slant_m=slant), index, sample, config)
     else:
         beam = replace(beam, clear_since_s=math.inf)
-        beams[index] = _measure_beam(estimates, beam, index, sample, config) if _usable(sample) else beam
-    return replace(estimates, beams=tuple(beams))
+    return replace(estimates, beams=(*estimates.beams[:index], beam, *estimates.beams[index + 1 :]))
 
 
 def _dot(a: tuple[float, float, float], b: tuple[float, float, float]) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def _far(sample: Range, index: int, vehicle: Vehicle) -> bool:
-    """Whether a beam to a wall or ceiling has proved that nothing is near.
-
-    A level beam that tilts down meets the ground far off, and the sky in the next moment: both say the same.
-    """
-    sideways = vehicle.rangefinders[index].target != "ground"
-    return sideways and _usable(sample) and sample.distance_m > _FAR_RADII * vehicle.rotor_radius_m
-
-
-def _usable(sample: Range) -> bool:
-    return sample.verdict is RangeVerdict.OK and math.isfinite(sample.distance_m)
-
-
 def _match(estimates: Estimates, sample: Range, vehicle: Vehicle) -> int | None:
     if sample.direction_frd is None:
         return None
-    for index, declared in enumerate(vehicle.rangefinders):
+    for index, declared in enumerate(vehicle.watched):
         direction = _direction(declared.orientation)
         if direction is None or _dot(direction, sample.direction_frd) < 0.98 or declared.target == "none":
             continue
@@ -175,28 +172,29 @@ def _match(estimates: Estimates, sample: Range, vehicle: Vehicle) -> int | None:
     return None
 
 
-def _measure_beam(
-    estimates: Estimates, beam: BeamTrack, index: int, sample: Range, config: PipelineConfig
-) -> BeamTrack:
-    declared = config.vehicle.rangefinders[index]
+def _read_beam(estimates: Estimates, beam: BeamTrack, index: int, sample: Range, config: PipelineConfig) -> BeamTrack:
+    """The beam after a reading that the sensor itself believes; ``beam.slant_m`` is inf where nothing is in range."""
+    declared = config.vehicle.watched[index]
     assert estimates.rotation is not None
     assert sample.direction_frd is not None
-    tuning = config.tuning
-    ground = surface(estimates, config, "ground", sample.t_s)
+    ground = math.inf
+    if declared.target == "wall" and math.isfinite(beam.slant_m):
+        ground = surface(estimates, config, "ground", sample.t_s).distance_m
     plane = plane_distance(
-        declared.target,
-        np.asarray(sample.direction_frd),
-        np.asarray(declared.position_m),
-        sample.distance_m,
-        estimates.rotation,
-        ground.distance_m if ground.seen is Seen.SURFACE else math.inf,
-    )
-    if plane is None:
+        declared.target, sample.direction_frd, declared.position_m, beam.slant_m, estimates.rotation, ground,
+        config.vehicle.rotor_radius_m,
+    )  # fmt: skip
+    distance = float(plane.distance_m)
+    if math.isinf(distance):
+        return replace(beam, clear_since_s=min(beam.clear_since_s, sample.t_s))
+    beam = replace(beam, clear_since_s=math.inf)
+    if math.isnan(distance):
         return replace(beam, verdict=RangeVerdict.LOW_QUALITY)
+    tuning = config.tuning
     own = sample.sigma_m if sample.sigma_m is not None else tuning.range_sigma_m
     # 1 cm steps on the wire add a uniform error of 1/sqrt(12) cm.
     sigma = math.sqrt(own**2 + (tuning.range_sigma_share * sample.distance_m) ** 2 + 0.01**2 / 12.0)
-    track, verdict = measure(beam.track, tuning.range_track, sample.t_s, plane.distance_m, sigma, tuning.range_delay_s)
+    track, verdict = measure(beam.track, tuning.range_track, sample.t_s, distance, sigma, tuning.range_delay_s)
     if verdict is Verdict.RESTARTED and beam.track is None and track is not None:
         track = replace(track, restarted_s=-math.inf)  # the first sight of a surface is not a step of it
     jumped = RangeVerdict.JUMP if verdict is Verdict.OUTLIER else sample.verdict
@@ -234,35 +232,62 @@ def take_health(estimates: Estimates, sample: EscHealth) -> Estimates:
 
 
 def surface(estimates: Estimates, config: PipelineConfig, target: str, t_s: float) -> Surface:
-    """The nearest surface of a kind at ``t_s``, seen from the CG."""
-    declared = False
-    best: Surface | None = None
-    worst = Surface(Seen.UNDECLARED)
-    for sensor, beam in zip(config.vehicle.rangefinders, estimates.beams, strict=True):
-        if sensor.target != target:
-            continue
-        declared = True
-        one = _beam_surface(beam, config.tuning, t_s)
-        if not one.known:
-            worst = one
-        elif best is None or one.distance_m < best.distance_m:
-            best = one
-    if not declared:
-        return worst
-    if best is not None and (best.seen is Seen.SURFACE or worst.known):
-        return best
-    return worst
+    """Ground or ceiling at ``t_s``, or the nearest wall, seen from the CG."""
+    if target == "wall":
+        return walls(estimates, config, t_s)[0]
+    seen = _seen_by(estimates, config, target, t_s)
+    if not seen:
+        return Surface(Seen.UNDECLARED)
+    distance = float(nearest_level([_distance(one) for one in seen]))
+    if math.isnan(distance):
+        return next(one for one in seen if not one.known)
+    return next(one for one in seen if one.distance_m == distance)
+
+
+def walls(estimates: Estimates, config: PipelineConfig, t_s: float) -> tuple[Surface, Surface]:
+    """The nearest wall at ``t_s``, and the nearest at another bearing, seen from the CG."""
+    seen = _seen_by(estimates, config, "wall", t_s)
+    if not seen:
+        return Surface(Seen.UNDECLARED), Surface(Seen.UNDECLARED)
+    lost = next((one for one in seen if not one.known), None)
+    if lost is not None:
+        return lost, lost
+    if len(seen) == 1:
+        return seen[0], Surface(Seen.UNDECLARED)
+    up = np.array([0.0, 0.0, -1.0])
+    chosen = choose_walls(
+        [one.distance_m for one in seen], [up if one.normal_ned is None else one.normal_ned for one in seen]
+    )
+    first, second = int(chosen.first), int(chosen.second)
+    return (
+        seen[first] if first >= 0 else Surface(Seen.NOTHING),
+        seen[second] if second >= 0 else Surface(Seen.NOTHING),
+    )
+
+
+def _distance(one: Surface) -> float:
+    return one.distance_m if one.known else math.nan
+
+
+def _seen_by(estimates: Estimates, config: PipelineConfig, target: str, t_s: float) -> list[Surface]:
+    """What every beam that looks at ``target`` sees; an undeclared one that was never heard is not there."""
+    declared = len(config.vehicle.rangefinders)
+    return [
+        _beam_surface(beam, config.tuning, t_s)
+        for k, (sensor, beam) in enumerate(zip(config.vehicle.watched, estimates.beams, strict=True))
+        if sensor.target == target and (k < declared or beam.heard_s > -math.inf)
+    ]
 
 
 def _beam_surface(beam: BeamTrack, tuning: Tuning, t_s: float) -> Surface:
     track = beam.track
-    if track is not None and track.age(t_s) <= tuning.range_age_s:
-        return Surface(
-            Seen.SURFACE, track.at(t_s), track.rate, track.sigma, beam.normal_ned, stepped_s=track.restarted_s
-        )
     heard = t_s - beam.heard_s
     if heard <= tuning.range_age_s and t_s - beam.clear_since_s >= (0.0 if track is None else _CLEAR_AFTER_S):
-        return Surface(Seen.NOTHING)
+        return Surface(Seen.NOTHING, slant_m=math.inf)
+    if track is not None and track.age(t_s) <= tuning.range_age_s:
+        return Surface(
+            Seen.SURFACE, track.at(t_s), track.rate, track.sigma, beam.normal_ned, track.restarted_s, beam.slant_m
+        )
     return Surface(Seen.MISSING if beam.heard_s == -math.inf else Seen.STALE)
 
 
@@ -278,15 +303,20 @@ class FanQuery:
 
 def fan_query(vehicle: Vehicle, ground: Surface, wall: Surface, rotation: Array, rpm: Array, lead_s: float) -> FanQuery:
     """Per-fan distances ``lead_s`` ahead, by the tracks' own rates."""
-    fans = len(vehicle.fans)
-    h, d, bearing = np.full(fans, np.inf), np.full(fans, np.inf), 0.0
+    h = np.full(len(vehicle.fans), np.inf)
     if ground.seen is Seen.SURFACE:
-        h = np.maximum(fan_heights(vehicle, ground.distance_m + ground.rate_m_s * lead_s, rotation), 0.0)
-    if wall.seen is Seen.SURFACE and wall.normal_ned is not None:
-        distance = wall.distance_m + wall.rate_m_s * lead_s
-        d = np.maximum(fan_wall_distances(vehicle, distance, wall.normal_ned, rotation), 0.0)
-        bearing = wall_bearing(wall.normal_ned, rotation)
+        h = fan_heights(vehicle, ground.distance_m + ground.rate_m_s * lead_s, rotation)
+    d, bearing = lips_to_wall(vehicle, wall, rotation, lead_s)
     return FanQuery(h, d, rpm, bearing)
+
+
+def lips_to_wall(vehicle: Vehicle, wall: Surface, rotation: Array, lead_s: float) -> tuple[Array, float]:
+    """Outer lip of every fan to a wall [m] (fans,), ``lead_s`` ahead, and its bearing [rad]; inf, 0 without a wall."""
+    if wall.seen is not Seen.SURFACE or wall.normal_ned is None:
+        return np.full(len(vehicle.fans), np.inf), 0.0
+    distance = wall.distance_m + wall.rate_m_s * lead_s
+    lips = fan_wall_distances(vehicle, distance, wall.normal_ned, rotation)
+    return lips, float(wall_bearing(wall.normal_ned, rotation))
 
 
 def rotor_speeds(estimates: Estimates, config: PipelineConfig, t_s: float) -> Array | None:

@@ -1,4 +1,17 @@
-"""From range beams to the distances the surrogate wants: tilt and lever arms taken out, per fan."""
+"""From range beams to the distances that a model wants: tilt and lever arms taken out, per fan.
+
+One geometry for flight and replay: every function takes one instant (leading shape ``()``) or a record (leading shape
+``(n,)``). Everywhere a distance is a number where a surface is seen, ``inf`` where the sensor says that nothing is
+there, and NaN where nothing is known.
+
+The rules:
+
+- Ground and ceiling are level. Beams that look at the same one confirm each other: the nearest is taken, and one that
+  tells nothing does not matter while another sees the surface.
+- A wall is upright and faces its beam. The nearest wall is the model's; the nearest of those at another bearing is the
+  second wall. While any declared wall beam tells nothing, no wall distance is known: it may look at the nearest wall.
+- A wall beam that meets the ground first tells nothing, unless it got so far that a wall behind it does not matter.
+"""
 
 from __future__ import annotations
 
@@ -6,59 +19,138 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from models.frames import Array
 from models.vehicle import Vehicle
 
 MAX_INCIDENCE_RAD = math.radians(30.0)
 """A beam further than this off the normal of what it should hit tells nothing reliable (ardupilot#5638)."""
+GROUND_MARGIN_M = 0.05
+"""A wall beam that ends lower than this over the ground has met the ground, not the wall."""
+FAR_RADII = 30.0
+"""Rotor radii beyond which a reading to the side or up means that nothing is there: the air ends before 4."""
+NO_MATTER_RADII = 10.0
+"""Rotor radii from the CG beyond which a wall does not matter, with the vehicle's own size and a margin taken in."""
+ANOTHER_WALL_RAD = 0.8
+"""Bearings further apart than this (46 degrees) belong to two walls."""
+_COS_INCIDENCE = math.cos(MAX_INCIDENCE_RAD)
 
 
 @dataclass(frozen=True, slots=True)
 class PlaneDistance:
-    """Distance of the CG to the plane a beam hit [m], and the plane's direction seen from the vehicle (NED, unit)."""
+    """Distance (...) of the CG to the plane that a beam looks at [m], and its direction (..., 3) (NED, unit).
 
-    distance_m: float
+    The direction is zero for a wall beam that points straight up or down.
+    """
+
+    distance_m: Array
     normal_ned: Array
 
 
 def plane_distance(
-    target: str, direction_frd: Array, position_m: Array, range_m: float, rotation: Array, height_cg_m: float
-) -> PlaneDistance | None:
-    """Distance of the CG to ground, ceiling or wall along the plane's normal, from one slant range.
+    target: str,
+    direction_frd: ArrayLike,
+    position_m: ArrayLike,
+    range_m: ArrayLike,
+    rotation: Array,
+    height_cg_m: ArrayLike = math.inf,
+    rotor_radius_m: float = math.inf,
+) -> PlaneDistance:
+    """Distance of the CG to ground, ceiling or wall along the plane's normal, from slant ranges (...).
 
-    ``rotation`` FRD -> NED. Ground and ceiling are level; a wall is upright and faces the beam. None where the beam is
-    more than 30 degrees off the normal, or where a wall beam meets the ground first (``height_cg_m``, inf if unknown).
+    ``rotation`` (..., 3, 3) FRD -> NED, ``height_cg_m`` (...) over ground (inf or NaN: not known). NaN where the beam
+    is more than 30 degrees off the normal, or where a wall beam meets the ground first.
     """
-    beam = rotation @ direction_frd
-    arm = rotation @ (position_m + range_m * direction_frd)
+    slant = np.asarray(range_m, dtype=float)
+    mount = np.asarray(position_m, dtype=float)
+    beam = rotation @ np.asarray(direction_frd, dtype=float)
+    level = np.hypot(beam[..., 0], beam[..., 1])
     if target == "wall":
-        level = math.hypot(beam[0], beam[1])
-        if level < math.cos(MAX_INCIDENCE_RAD):
-            return None
-        if arm[2] > height_cg_m - 0.05:
-            return None
-        normal = np.array([beam[0] / level, beam[1] / level, 0.0])
+        normal = beam * np.array([1.0, 1.0, 0.0]) / np.maximum(level, 1e-9)[..., None]
+        along = level
     else:
         down = 1.0 if target == "ground" else -1.0
-        if beam[2] * down < math.cos(MAX_INCIDENCE_RAD):
-            return None
-        normal = np.array([0.0, 0.0, down])
-    return PlaneDistance(float(arm @ normal), normal)
+        normal = np.broadcast_to(np.array([0.0, 0.0, down]), beam.shape)
+        along = beam[..., 2] * down
+    with np.errstate(invalid="ignore"):
+        lever = np.einsum("...i,...ij,j->...", normal, rotation, mount)
+        distance = np.where(np.isinf(slant), np.inf, lever + slant * along)
+        distance = np.where((along < _COS_INCIDENCE) & np.isfinite(distance), np.nan, distance)
+        if target == "wall":
+            end = rotation[..., 2, :] @ mount + slant * beam[..., 2]
+            met_ground = np.isfinite(distance) & (end > np.asarray(height_cg_m) - GROUND_MARGIN_M)
+            clear = distance > NO_MATTER_RADII * rotor_radius_m
+            distance = np.where(met_ground, np.where(clear, np.inf, np.nan), distance)
+        if target != "ground":
+            distance = np.where(slant > FAR_RADII * rotor_radius_m, np.inf, distance)
+    return PlaneDistance(np.asarray(distance), normal)
 
 
-def fan_heights(vehicle: Vehicle, height_cg_m: float, rotation: Array) -> Array:
-    """Reference point to ground [m], shape (fans,), from the height of the CG."""
-    return np.array([height_cg_m - float(rotation[2] @ np.asarray(fan.position_m)) for fan in vehicle.fans])
+def nearest_level(distances_m: ArrayLike) -> Array:
+    """Distance (...) to ground or ceiling from those (beams, ...) of the beams that look at it."""
+    d = np.asarray(distances_m, dtype=float)
+    seen = np.where(np.isfinite(d), d, np.inf).min(axis=0)
+    return np.asarray(np.where(np.isfinite(seen) | ~np.isnan(d).any(axis=0), seen, np.nan))
 
 
-def fan_wall_distances(vehicle: Vehicle, wall_cg_m: float, normal_ned: Array, rotation: Array) -> Array:
-    """Outer lip to wall [m], shape (fans,), from the distance of the CG."""
-    toward = normal_ned @ rotation
-    return np.array([wall_cg_m - float(toward @ np.asarray(f.position_m)) - f.lip_radius_m for f in vehicle.fans])
+@dataclass(frozen=True, slots=True)
+class Walls:
+    """The nearest wall and the nearest at another bearing: which beam sees it (...), -1 where none does.
+
+    ``known`` (...) is False where a wall beam tells nothing.
+    """
+
+    first: Array
+    second: Array
+    known: Array
 
 
-def wall_bearing(normal_ned: Array, rotation: Array) -> float:
-    """Bearing of the wall from the nose [rad], positive to the right."""
-    body = normal_ned @ rotation
-    return math.atan2(float(body[1]), float(body[0]))
+def choose_walls(distances_m: ArrayLike, normals_ned: ArrayLike) -> Walls:
+    """Which wall beam sees the nearest wall, and which the nearest at another bearing.
+
+    ``distances_m`` (beams, ...) of the CG and ``normals_ned`` (beams, ..., 3), as ``plane_distance`` gives them.
+    """
+    d, normals = np.asarray(distances_m, dtype=float), np.asarray(normals_ned, dtype=float)
+    bearings = np.arctan2(normals[..., 1], normals[..., 0])
+    known = ~np.isnan(d).any(axis=0)
+    reach = np.where(np.isfinite(d) & known, d, np.inf)
+    first = reach.argmin(axis=0)
+    apart = bearings - np.take_along_axis(bearings, first[None], axis=0)
+    apart = np.abs((apart + np.pi) % (2.0 * np.pi) - np.pi)
+    others = np.where(apart > ANOTHER_WALL_RAD, reach, np.inf)
+    second = others.argmin(axis=0)
+    return Walls(
+        np.where(np.isfinite(reach.min(axis=0)), first, -1),
+        np.where(np.isfinite(others.min(axis=0)), second, -1),
+        known,
+    )
+
+
+def fan_heights(vehicle: Vehicle, height_cg_m: ArrayLike, rotation: Array) -> Array:
+    """Reference point to ground [m], shape (..., fans), never below 0, from the height of the CG (...)."""
+    below = rotation[..., 2, :] @ _positions(vehicle).T
+    return np.asarray(np.maximum(np.asarray(height_cg_m, dtype=float)[..., None] - below, 0.0))
+
+
+def fan_ceilings(vehicle: Vehicle, ceiling_cg_m: ArrayLike, rotation: Array) -> Array:
+    """Reference point to ceiling [m], shape (..., fans), never below 0, from the distance of the CG (...)."""
+    below = rotation[..., 2, :] @ _positions(vehicle).T
+    return np.asarray(np.maximum(np.asarray(ceiling_cg_m, dtype=float)[..., None] + below, 0.0))
+
+
+def fan_wall_distances(vehicle: Vehicle, wall_cg_m: ArrayLike, normal_ned: Array, rotation: Array) -> Array:
+    """Outer lip to wall [m], shape (..., fans), never below 0, from the distance of the CG (...)."""
+    toward = np.einsum("...i,...ij->...j", normal_ned, rotation) @ _positions(vehicle).T
+    lips = np.array([fan.lip_radius_m for fan in vehicle.fans])
+    return np.asarray(np.maximum(np.asarray(wall_cg_m, dtype=float)[..., None] - toward - lips, 0.0))
+
+
+def wall_bearing(normal_ned: Array, rotation: Array) -> Array:
+    """Bearing (...) of the wall from the nose [rad], positive to the right."""
+    body = np.einsum("...i,...ij->...j", normal_ned, rotation)
+    return np.asarray(np.arctan2(body[..., 1], body[..., 0]))
+
+
+def _positions(vehicle: Vehicle) -> Array:
+    return np.array([fan.position_m for fan in vehicle.fans])

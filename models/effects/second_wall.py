@@ -6,38 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from models.air_state import DIRECTIONS
 from models.effects.effect import Coefficient, Context, Effect, Shape, columns, decay
 from models.frames import Array
-
-_BEAMS = (("forward", 0.0), ("right", np.pi / 2), ("back", np.pi), ("left", -np.pi / 2))
-_ORIENTATION = {"forward": 0, "right": 2, "back": 4, "left": 6}
-
-
-def _second(ctx: Context) -> tuple[Array, Array]:
-    """Lip to the nearest wall that is not the model's, (..., fans), and its bearing (...)."""
-    shape = ctx.state.time_s.shape
-    best = np.full((*shape, len(ctx.vehicle.fans)), np.inf)
-    bearing = np.zeros(shape)
-    known = np.isfinite(ctx.state.d_m).any(axis=-1)
-    mounts = {r.orientation: r.position_m for r in ctx.vehicle.rangefinders if r.target == "wall"}
-    for name, angle in _BEAMS:
-        if _ORIENTATION[name] not in mounts:
-            continue
-        toward = np.array([np.cos(angle), np.sin(angle), 0.0])
-        reach = ctx.state.ranges_m[..., DIRECTIONS.index(name)] + float(toward @ mounts[_ORIENTATION[name]])
-        off = np.abs(np.angle(np.exp(1j * (ctx.state.wall_bearing_rad - angle))))
-        other = np.isfinite(reach) & ~(known & (off < 0.8))
-        d = np.stack([reach - float(toward @ f.position_m) - f.lip_radius_m for f in ctx.vehicle.fans], axis=-1)
-        nearer = other & (d.min(axis=-1) < best.min(axis=-1))
-        best = np.where(nearer[..., None], d, best)
-        bearing = np.where(nearer, angle, bearing)
-    return best, bearing
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     length = shape[0] * ctx.vehicle.rotor_radius_m
-    d, bearing = _second(ctx)
+    d, bearing = ctx.state.second_d_m, ctx.state.second_bearing_rad
     size = ctx.thrust * decay(d, length)
     both = ctx.thrust * decay(np.maximum(d, 0.0) + np.maximum(ctx.state.d_m, 0.0), 3.0 * length)
     return columns(
@@ -53,7 +28,8 @@ def _grid(_: Context) -> Sequence[tuple[float, ...]]:
 
 
 def _lacking(ctx: Context) -> str | None:
-    return None if np.isfinite(_second(ctx)[0]).any() else "no second wall was seen by a second horizontal rangefinder"
+    seen = np.isfinite(ctx.state.second_d_m).any()
+    return None if seen else "no second wall was seen by a second horizontal rangefinder"
 
 
 EFFECT = Effect(

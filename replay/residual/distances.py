@@ -4,6 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from companion.estimation.range_geometry import (
+    PlaneDistance,
+    choose_walls,
+    fan_ceilings,
+    fan_heights,
+    fan_wall_distances,
+    nearest_level,
+    plane_distance,
+    wall_bearing,
+)
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict
 from models.air_state import DIRECTIONS
@@ -12,9 +22,6 @@ from models.vehicle import Vehicle
 from replay.flightlog import Beam, FlightLog
 
 MAX_GAP_S = 0.5
-
-
-MAX_INCIDENCE_COS = float(np.cos(np.radians(30.0)))
 
 
 def beam_reading(beam: Beam, t: Array) -> Array:
@@ -45,17 +52,31 @@ def _beam_of(log: FlightLog, orientation: int) -> Beam | None:
 
 def ground_height(log: FlightLog, vehicle: Vehicle, t: Array, rotation: Array, late_s: float) -> Array | None:
     """Height of the CG over the ground (n,), or None without a ground rangefinder."""
-    for sensor in vehicle.rangefinders_for("ground"):
-        beam = _beam_of(log, sensor.orientation)
-        if beam is None or not len(beam.good):
+    seen = _planes(log, vehicle, "ground", t, rotation, late_s)
+    return nearest_level([plane.distance_m for plane in seen]) if seen else None
+
+
+def _planes(
+    log: FlightLog, vehicle: Vehicle, target: str, t: Array, rotation: Array, late_s: float, height: Array | None = None
+) -> list[PlaneDistance]:
+    """What every watched beam of ``target`` that the log holds saw of it."""
+    out = []
+    for sensor in vehicle.watched:
+        beam = _beam_of(log, sensor.orientation) if sensor.target == target else None
+        if beam is None or not _ever_spoke(beam):
             continue
         slant = beam_reading(beam, t + late_s)
-        direction = np.asarray(beam.direction_frd)
-        cosine = rotation[:, 2] @ direction
-        with np.errstate(invalid="ignore"):
-            height = rotation[:, 2] @ np.asarray(sensor.position_m) + slant * cosine
-        return np.where(cosine > MAX_INCIDENCE_COS, height, np.nan)
-    return None
+        floor = np.inf if height is None else height
+        out.append(
+            plane_distance(
+                target, beam.direction_frd, sensor.position_m, slant, rotation, floor, vehicle.rotor_radius_m
+            )
+        )
+    return out
+
+
+def _ever_spoke(beam: Beam) -> bool:
+    return any(v in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX) for v in beam.verdicts)
 
 
 def unseen_surfaces(log: FlightLog, vehicle: Vehicle) -> list[str]:
@@ -74,52 +95,38 @@ def distances(
 ) -> dict[str, Array]:
     """Fields of ``AirState`` that ranges give, at the times ``t`` (n,), the ranges taken ``late_s`` later.
 
-    ``h_m``, ``d_m``, ``ceiling_m`` (n, fans), ``wall_bearing_rad`` (n,), ``ranges_m`` (n, 6);
-    NaN where unknown, inf where nothing is there.
+    ``h_m``, ``d_m``, ``second_d_m``, ``ceiling_m`` (n, fans), ``wall_bearing_rad``, ``second_bearing_rad`` (n,),
+    ``ranges_m`` (n, 6); NaN where unknown, inf where nothing is there. By the geometry of flight
+    (companion/estimation/range_geometry.py); a surface that no beam of the log looks at is taken to be far away.
     """
     n, fans = len(t), len(vehicle.fans)
-    h, d = np.full((n, fans), np.inf), np.full((n, fans), np.inf)
-    ceiling, bearing = np.full((n, fans), np.inf), np.zeros(n)
-    ranges = np.full((n, 6), np.nan)
+    far = np.full((n, fans), np.inf)
+    ranges = np.full((n, len(DIRECTIONS)), np.nan)
     for i, direction in enumerate(DIRECTIONS):
         beam = log.beam(direction)
         if beam is not None:
             ranges[:, i] = beam_reading(beam, t + late_s)
-    arms = [np.asarray(f.position_m) for f in vehicle.fans]
     height = ground_height(log, vehicle, t, rotation, late_s)
-    if height is not None:
-        h = np.stack([np.maximum(height - rotation[:, 2] @ arm, 0.0) for arm in arms], axis=1)
-    for sensor in vehicle.rangefinders_for("wall"):
-        beam = _beam_of(log, sensor.orientation)
-        if beam is None or not len(beam.good):
-            continue
-        axis, mount = np.asarray(beam.direction_frd), np.asarray(sensor.position_m)
-        slant = beam_reading(beam, t + late_s)
-        world = rotation @ axis
-        level = np.hypot(world[:, 0], world[:, 1])
-        normal = np.where(level[:, None] > 0, world * [1, 1, 0] / np.maximum(level, 1e-9)[:, None], 0.0)
-        toward = np.einsum("ni,nij->nj", normal, rotation)
-        with np.errstate(invalid="ignore"):
-            distance = toward @ mount + slant * level
-            drop = rotation[:, 2] @ mount + slant * world[:, 2]
-            floor = height if height is not None else np.full(n, np.inf)
-            seen = (level > MAX_INCIDENCE_COS) & np.isfinite(slant) & ~(drop > floor - 0.05)
-        own = np.stack([distance - toward @ f - fan.lip_radius_m for f, fan in zip(arms, vehicle.fans, strict=True)], 1)
-        d = np.where(seen[:, None], np.maximum(own, 0.0), np.where(np.isnan(slant)[:, None], np.nan, np.inf))
-        bearing = np.where(seen, np.arctan2(toward[:, 1], toward[:, 0]), 0.0)
-        break  # the first declared wall rangefinder is the model's wall; others are second walls
-    up = None
-    for sensor in vehicle.rangefinders_for("ceiling"):
-        up = _beam_of(log, sensor.orientation)
-        mount = np.asarray(sensor.position_m)
-    if up is None and not vehicle.rangefinders_for("ceiling"):
-        up, mount = log.beam("up"), np.zeros(3)
-    if up is not None and len(up.good):
-        slant = beam_reading(up, t + late_s)
-        cosine = -(rotation[:, 2] @ np.asarray(up.direction_frd))
-        with np.errstate(invalid="ignore"):
-            over = slant * cosine - rotation[:, 2] @ mount
-            over = np.where(cosine > MAX_INCIDENCE_COS, over, np.inf)
-        over = np.where(np.isnan(over), np.inf, over)
-        ceiling = np.stack([over + rotation[:, 2] @ arm for arm in arms], axis=1)
-    return {"h_m": h, "d_m": d, "ceiling_m": ceiling, "wall_bearing_rad": bearing, "ranges_m": ranges}
+    ceilings = _planes(log, vehicle, "ceiling", t, rotation, late_s)
+    seen = _planes(log, vehicle, "wall", t, rotation, late_s, height)
+    out = {
+        "h_m": far if height is None else fan_heights(vehicle, height, rotation),
+        "ceiling_m": fan_ceilings(vehicle, nearest_level([c.distance_m for c in ceilings]), rotation)
+        if ceilings
+        else far,
+        "d_m": far, "wall_bearing_rad": np.zeros(n), "second_d_m": far, "second_bearing_rad": np.zeros(n),
+        "ranges_m": ranges,
+    }  # fmt: skip
+    if seen:
+        distance, normal = np.stack([w.distance_m for w in seen]), np.stack([w.normal_ned for w in seen])
+        walls = choose_walls(distance, normal)
+        known = np.where(walls.known, np.inf, np.nan)[:, None]
+        for index, d_name, bearing_name in (
+            (walls.first, "d_m", "wall_bearing_rad"),
+            (walls.second, "second_d_m", "second_bearing_rad"),
+        ):
+            there, rows = index >= 0, np.arange(n)
+            lips = fan_wall_distances(vehicle, distance[index, rows], normal[index, rows], rotation)
+            out[d_name] = np.where(there[:, None], lips, known)
+            out[bearing_name] = np.where(there, wall_bearing(normal[index, rows], rotation), 0.0)
+    return out

@@ -52,7 +52,8 @@ def flight(n: int = 200) -> AirState:
     h = np.repeat((0.5 + 0.3 * wave)[:, None], len(vehicle.fans), axis=1)
     return replace(
         blank, time_s=t, velocity_ned=np.stack([wave, -wave, 0.3 * wave], axis=1), h_m=h, d_m=h + 0.2,
-        ceiling_m=np.full_like(h, 0.4), ranges_m=np.full((n, 6), 0.8), rates=np.full((n, 3), 0.2),
+        ceiling_m=np.full_like(h, 0.4), second_d_m=h + 0.3,
+        second_bearing_rad=np.full(n, 1.5), ranges_m=np.full((n, 6), 0.8), rates=np.full((n, 3), 0.2),
         rpm=np.full_like(blank.rpm, 4000.0) + 50.0 * wave[:, None], servo_us=np.full((n, 16), 1500.0),
         battery_voltage_v=np.linspace(25.0, 22.0, n), battery_current_a=np.full(n, 50.0),
         esc_temperature_c=np.linspace(30.0, 70.0, n), pressure_pa=np.full(n, 95000.0),
