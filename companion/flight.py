@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,7 +11,7 @@ import numpy as np
 from companion.config import Base, PipelineConfig
 from companion.mavlink.firmware import Stack, needed_parameters, stack_of
 from companion.mavlink.frames import Frame
-from companion.mavlink.link import Arrivals, Link, wait
+from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Heartbeat
@@ -67,7 +66,7 @@ class Flight:
         self._streams: StreamKeeper | None = None
         self._stack = Stack.OTHER
         self._heard_s = -np.inf
-        self._started_s = time.monotonic()
+        self._started_s = arrivals.now_s()
         self._complained = False
         self._beat_s = self._asked_s = self._flushed_s = -np.inf
         self._asked = 0
@@ -78,14 +77,14 @@ class Flight:
     def stop(self) -> None:
         """Fade the offsets out, hand back, end."""
         if self._stop_s is None:
-            self._stop_s = time.monotonic()
+            self._stop_s = self._arrivals.now_s()
 
     def run(self) -> None:
         """Fly until stopped or until the duration is over."""
         links = [self._link] if self._upstream is None else [self._link, self._upstream]
-        start = time.monotonic()
+        start = self._arrivals.now_s()
         while True:
-            now = time.monotonic()
+            now = self._arrivals.now_s()
             if self._options.duration_s is not None and now - start >= self._options.duration_s:
                 self.stop()
             if self._stop_s is not None:
@@ -93,13 +92,13 @@ class Flight:
                     self._state = stopped(self._state)
                 if self._faded() or now - self._stop_s > _STOP_S:
                     break
-            wait(links, 0.02)
+            self._arrivals.clock.wait(links, 0.02)
             for arrival_us, frame in self._link.drain():
                 self._take(arrival_us, frame)
             if self._upstream is not None:
                 for arrival_us, frame in self._upstream.drain():
                     self._take_upstream(arrival_us, frame)
-            self._housekeeping(time.monotonic())
+            self._housekeeping(self._arrivals.now_s())
         self._hand_back()
 
     def _faded(self) -> bool:
@@ -135,7 +134,7 @@ class Flight:
         if isinstance(sample, Heartbeat) and sample.component == AUTOPILOT_COMPONENT:
             self._connected(sample)
         if self._streams is not None:
-            self._streams.heard(frame.id, time.monotonic())
+            self._streams.heard(frame.id, self._arrivals.now_s())
         self._state, decision = step(self._state, sample, self._config)
         if decision is None:
             return
@@ -157,7 +156,7 @@ class Flight:
         return self._intake.system or 1
 
     def _connected(self, heartbeat: Heartbeat) -> None:
-        self._heard_s = time.monotonic()
+        self._heard_s = self._arrivals.now_s()
         self._link.identify(self._system, OWN_COMPONENT)
         stack = stack_of(heartbeat)
         if self._streams is None or stack is not self._stack:

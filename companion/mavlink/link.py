@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import errno
 import os
-import select
 import socket
-import time
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
+from companion.clock import Clock, SystemClock
 from companion.mavlink.frames import Frame, FrameReader, pack
 from companion.mavlink.signing import Signatures
 from models.errors import ConfigError, LinkError
@@ -28,13 +27,18 @@ class Arrivals:
     two bits, as ground stations write them into a .tlog. What is recorded is exactly what was decided upon.
     """
 
-    def __init__(self) -> None:
-        self._start_us = int(time.time() * 1e6)
-        self._start = time.monotonic_ns()
+    def __init__(self, clock: Clock | None = None) -> None:
+        self.clock = clock or SystemClock()
+        self._start_us = int(self.clock.time() * 1e6)
+        self._start = self.clock.monotonic_ns()
 
     def stamp(self, link: int = 0) -> int:
         """Now [us]."""
-        return (self._start_us + (time.monotonic_ns() - self._start) // 1000) & ~3 | link
+        return (self._start_us + (self.clock.monotonic_ns() - self._start) // 1000) & ~3 | link
+
+    def now_s(self) -> float:
+        """Now [s], since an arbitrary start."""
+        return self.clock.monotonic_ns() / 1e9
 
 
 class Link:
@@ -120,18 +124,6 @@ class Link:
     def close(self) -> None:
         """Close the endpoint."""
         self._connection.close()
-
-
-def wait(links: list[Link], timeout_s: float) -> None:
-    """Sleep until a link has data, at most ``timeout_s``."""
-    fds = [link.fileno for link in links if link.fileno >= 0]
-    if fds:
-        try:
-            select.select(fds, [], [], timeout_s)
-        except (OSError, ValueError):
-            time.sleep(min(timeout_s, 0.01))
-    else:
-        time.sleep(timeout_s)
 
 
 def open_link(

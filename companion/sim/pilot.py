@@ -54,6 +54,11 @@ class ScriptedPilot:
         self._companion_flies = False
         self._start_s = math.inf
 
+    @property
+    def over(self) -> bool:
+        """The script has ended; an endless one never does."""
+        return not self._endless and self._flight.script_s > self._flight.scenario.duration_s
+
     def step(self) -> None:
         """Act when due. Call once per physics step."""
         now = self._flight.time_s

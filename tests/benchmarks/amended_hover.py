@@ -17,7 +17,6 @@ import random
 import sys
 import tempfile
 from collections.abc import Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,23 +26,17 @@ import numpy as np
 
 import models
 from companion.config import Base, PipelineConfig
-from companion.flight import Flight as CompanionFlight
-from companion.flight import FlightOptions
-from companion.mavlink.dialect import mavlink
-from companion.mavlink.link import Arrivals, Link
-from companion.mavlink.tlog_writer import Recorder
 from companion.sim.air import Unsteadiness
 from companion.sim.body import Body, Surroundings, Vec
 from companion.sim.compare import AXES, UNITS, Flown, Leg, flown, read_truth
 from companion.sim.flight import Flight as SimFlight
-from companion.sim.flight import TruthFile
-from companion.sim.link import VehicleLink
+from companion.sim.lockstep import Lockstep
 from companion.sim.pilot import Hand, ScriptedPilot
 from companion.sim.scenario import ROUNDING_S, Knot, Scenario
 from companion.sim.sensors import true_range
 from companion.vehicles import TANDEM
 from models.errors import ModelError, UserError
-from models.vehicle import Vehicle, load_vehicle
+from models.vehicle import load_vehicle
 from replay.cli import main as replay
 
 CEILING_M = 2.6
@@ -52,7 +45,6 @@ UNDER_M = 0.36
 STRENGTH = (1.0, 1.5)
 LEARNT_FROM = (101, 102)
 BUILD = 7
-EPOCH_S = 1_767_225_600
 SENSOR = '[[rangefinder]]\norientation = 24 # up\ntarget = "ceiling"\nposition_m = [0.0, 0.0, -0.05]\n\n[limits]'
 
 
@@ -115,70 +107,6 @@ def script() -> Scenario:
     return Scenario("ceiling", Surroundings(), tuple(knots), rounding_s=ROUNDING_S)
 
 
-class Lockstep:
-    """The simulator and the flight program's loop in one process: real bytes between them, the simulator's clock.
-
-    Stands in for the socket (``recv``, ``write``) and for ``time``: a busy machine flies the same as an idle one.
-    """
-
-    fd = None
-
-    def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int, truth: Path) -> None:
-        self.mav = mavlink.MAVLink(None)
-        self.flight = SimFlight(vehicle, scenario, seed)
-        self._queue = bytearray()
-        self._vehicle = VehicleLink(self.flight, self._queue.extend)
-        self._pilot = ScriptedPilot(self.flight, self._vehicle, Hand.COMPANION, endless=False)
-        self._truth = TruthFile(truth, self.flight)
-
-    def fly(self, config: PipelineConfig, record: Path | None) -> None:
-        """The whole script, flown by the companion."""
-        names = ("companion.flight.time", "companion.mavlink.link.time")
-        with ExitStack() as stack:
-            for name in names:
-                stack.enter_context(patch(name, self))
-            stack.enter_context(patch("companion.flight.wait", self._wait))
-            recorder = None if record is None else stack.enter_context(Recorder(record))
-            stack.callback(self._truth.close)
-            arrivals = Arrivals()
-            link = Link(self, "lockstep", arrivals)
-            self._companion = CompanionFlight(config, link, None, recorder, arrivals, FlightOptions(quiet=True))
-            self._companion.run()
-
-    def _wait(self, _links: object, timeout_s: float) -> None:
-        """Let the simulator run until it has said something."""
-        until = self.flight.time_s + timeout_s
-        while not self._queue and self.flight.time_s < until:
-            self.flight.step()
-            self._pilot.step()
-            self._vehicle.step()
-            self._truth.step()
-        if self.flight.script_s > self.flight.scenario.duration_s:
-            self._companion.stop()
-
-    def recv(self, _size: int) -> bytes:
-        """What the vehicle sent."""
-        data = bytes(self._queue)
-        self._queue.clear()
-        return data
-
-    def write(self, data: bytes) -> None:
-        """What the companion sends."""
-        self._vehicle.receive(data)
-
-    def monotonic(self) -> float:
-        """Seconds since boot."""
-        return self.flight.time_s
-
-    def monotonic_ns(self) -> int:
-        """Nanoseconds since boot."""
-        return round(self.flight.time_s * 1e9)
-
-    def time(self) -> float:
-        """Unix time of the simulated day."""
-        return EPOCH_S + self.flight.time_s
-
-
 def fly(
     seed: int,
     model: Path | None,
@@ -195,7 +123,9 @@ def fly(
         patch("companion.sim.flight.Body", CeilingBody),
         patch("companion.sim.sensors.true_range", ranged),
     ):
-        Lockstep(declared, scenario or script(), seed, truth).fly(config, record)
+        flight = SimFlight(declared, scenario or script(), seed)
+        world = Lockstep(flight, lambda w: ScriptedPilot(w.flight, w.link, Hand.COMPANION, endless=False), truth)
+        world.fly(config, record)
     return flown(Leg.ON, seed, read_truth(truth), {})
 
 

@@ -2,6 +2,7 @@
 
 Run it as a command: ``python tests/benchmarks/corner_compare.py --seeds 10 [--json FILE]``. Everything is simulated.
 Each seed draws another air (the undisturbed law is wrong by 10 to 30 % about it), turbulence and sensor errors.
+The flights run in lockstep: the same seed gives the same numbers on every machine.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from companion.sim.compare import SPEED, Flown, Leg, Settings, run_compare, write
+from companion.sim.compare import Flown, Leg, Settings, run_compare, write
 from models.errors import UserError
 
 
@@ -23,13 +24,12 @@ def main() -> int:
     p.add_argument("--scenario", default="corner")
     p.add_argument("--vehicle", type=Path)
     p.add_argument("--model")
-    p.add_argument("--speed", type=float, default=SPEED)
     p.add_argument("--workers", type=int, help="flights at a time (default: one a core)")
     p.add_argument("--json", metavar="FILE", help="- for stdout")
     p.add_argument("--plot", type=Path, metavar="FILE.svg", help="errors over the flight of the first seed")
     p.add_argument("--quiet", action="store_true")
     a = p.parse_args()
-    settings = Settings(a.scenario, a.vehicle, a.model, a.speed)
+    settings = Settings(a.scenario, a.vehicle, a.model)
     try:
         flights = run_compare(range(a.first, a.first + a.seeds), settings, workers=a.workers, quiet=a.quiet)
         if a.plot is not None:

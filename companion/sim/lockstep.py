@@ -1,0 +1,210 @@
+"""The built-in vehicle and the flight program in one process, on the vehicle's clock: real MAVLink bytes between them.
+
+The vehicle waits for each answer, so the numbers of a flight depend on its seed alone, not on the machine or its load;
+an idle machine flies faster than real time. Stands in for the socket (``recv``, ``write``, ``close``) and the clock.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Protocol
+
+from companion.clock import Readable
+from companion.config import PipelineConfig
+from companion.flight import Flight as CompanionFlight
+from companion.flight import FlightOptions
+from companion.mavlink.dialect import mavlink
+from companion.mavlink.link import Arrivals, Link
+from companion.mavlink.tlog_writer import Recorder
+from companion.sim.flight import Flight, TruthFile
+from companion.sim.link import VehicleLink
+
+EPOCH_S = 1_767_225_600.0
+"""Unix time of the vehicle's boot: 1 January 2026."""
+BUFFER_DATAGRAMS = 277
+"""What a UDP socket of Linux holds by default: 212 992 bytes, 768 for each small datagram. The newest are lost."""
+
+
+class Pilot(Protocol):
+    """Whoever commands the vehicle; called at every physics step."""
+
+    @property
+    def over(self) -> bool:
+        """Whether the flight has come to its end."""
+
+    def step(self) -> None:
+        """Act when due."""
+
+
+class Wire:
+    """What is on its way from the vehicle to the companion and back, each datagram with the time of its arrival."""
+
+    def __init__(self) -> None:
+        self.down_delay_s = 0.0
+        """From the vehicle to the companion; may change in flight."""
+        self.up_delay_s = 0.0
+        self.lost = 0
+        self._down: deque[tuple[float, bytes]] = deque()
+        self._up: deque[tuple[float, bytes]] = deque()
+
+    def send_down(self, frame: bytes, now_s: float) -> None:
+        """The vehicle sends."""
+        waiting = sum(1 for due, _ in self._down if due <= now_s) if len(self._down) >= BUFFER_DATAGRAMS else 0
+        if waiting >= BUFFER_DATAGRAMS:
+            self.lost += 1
+            return
+        self._down.append((now_s + self.down_delay_s, frame))
+
+    def send_up(self, frame: bytes, now_s: float) -> None:
+        """The companion sends."""
+        self._up.append((now_s + self.up_delay_s, frame))
+
+    def ready(self, now_s: float) -> bool:
+        """Whether something waits for the companion."""
+        return bool(self._down) and self._down[0][0] <= now_s
+
+    def read_down(self, now_s: float) -> bytes:
+        """Everything that has reached the companion."""
+        return _arrived(self._down, now_s)
+
+    def read_up(self, now_s: float) -> bytes:
+        """Everything that has reached the vehicle."""
+        return _arrived(self._up, now_s)
+
+
+def _arrived(queue: deque[tuple[float, bytes]], now_s: float) -> bytes:
+    out = bytearray()
+    while queue and queue[0][0] <= now_s:
+        out += queue.popleft()[1]
+    return bytes(out)
+
+
+class _KilledError(Exception):
+    """The companion's process has ended where it stood."""
+
+
+class Lockstep:
+    """One simulated flight from boot to its end, with a companion or without.
+
+    ``pilot`` builds whoever commands the vehicle. A pilot may also act upon the companion's process, as an operator or
+    a bad computer would: ``interrupt``, ``kill``, ``stall``.
+    """
+
+    fd = None
+
+    def __init__(
+        self,
+        flight: Flight,
+        pilot: Callable[[Lockstep], Pilot],
+        truth: Path | None = None,
+    ) -> None:
+        self.mav = mavlink.MAVLink(None)
+        self.flight = flight
+        self.wire = Wire()
+        self.link = VehicleLink(flight, lambda frame: self.wire.send_down(frame, flight.time_s))
+        self.start_companion_s = 0.0
+        """Boot time at which the companion is started."""
+        self.companion: CompanionFlight | None = None
+        """The companion that runs, or ran last."""
+        self._truth = None if truth is None else TruthFile(truth, flight)
+        self._pilot = pilot(self)
+        self._stalled_until_s = -math.inf
+        self._killed = False
+
+    # -- what may happen to the companion's process -----------------------------------------------------------------
+
+    def stall(self, seconds: float) -> None:
+        """The companion is not scheduled (swap, SD card, SIGSTOP); what the vehicle sends piles up in the socket."""
+        self._stalled_until_s = self.flight.time_s + seconds
+
+    def kill(self, restart_after_s: float = math.inf) -> None:
+        """The companion ends where it stands (SIGKILL, power); started anew after ``restart_after_s``."""
+        self._killed = True
+        self.start_companion_s = self.flight.time_s + restart_after_s
+
+    def interrupt(self) -> None:
+        """Ctrl-C."""
+        if self.companion is not None:
+            self.companion.stop()
+
+    # -- the flight -------------------------------------------------------------------------------------------------
+
+    def fly(self, config: PipelineConfig | None, record: Path | None = None) -> None:
+        """Until the pilot says that it is over; ``config`` None: without a companion.
+
+        Raises ConfigError where ``record`` cannot be written.
+        """
+        with ExitStack() as stack:
+            if self._truth is not None:
+                stack.callback(self._truth.close)
+            recorder = None if record is None else stack.enter_context(Recorder(record))
+            while not self._pilot.over:
+                if config is not None and self.flight.time_s >= self.start_companion_s:
+                    self.start_companion_s = math.inf
+                    self._run_companion(config, recorder)
+                else:
+                    self._step()
+
+    def _run_companion(self, config: PipelineConfig, recorder: Recorder | None) -> None:
+        arrivals = Arrivals(self)
+        link = Link(self, "lockstep", arrivals)
+        self._killed = False
+        self.wire.read_down(self.flight.time_s)  # sent before its socket was open
+        self.companion = CompanionFlight(config, link, None, recorder, arrivals, FlightOptions(quiet=True))
+        try:
+            self.companion.run()
+        except _KilledError:
+            return
+
+    def _step(self) -> None:
+        """One physics step of everything but the companion."""
+        data = self.wire.read_up(self.flight.time_s)
+        if data:
+            self.link.receive(data)
+        self.flight.step()
+        self._pilot.step()
+        self.link.step()
+        if self._truth is not None:
+            self._truth.step()
+
+    # -- the companion's clock --------------------------------------------------------------------------------------
+
+    def wait(self, links: Sequence[Readable], timeout_s: float) -> None:
+        """Let the vehicle fly until it has said something."""
+        flight = self.flight
+        until = flight.time_s + timeout_s
+        while flight.time_s < self._stalled_until_s or not self.wire.ready(flight.time_s):
+            if self._killed:
+                raise _KilledError
+            if flight.time_s >= max(until, self._stalled_until_s):
+                break
+            self._step()
+        if self._killed:
+            raise _KilledError
+        if self._pilot.over:
+            self.interrupt()
+
+    def monotonic_ns(self) -> int:
+        """Nanoseconds since the vehicle's boot."""
+        return round(self.flight.time_s * 1e9)
+
+    def time(self) -> float:
+        """Unix time of the simulated day."""
+        return EPOCH_S + self.flight.time_s
+
+    # -- the companion's socket -------------------------------------------------------------------------------------
+
+    def recv(self, _size: int) -> bytes:
+        """What the vehicle sent."""
+        return self.wire.read_down(self.flight.time_s)
+
+    def write(self, data: bytes) -> None:
+        """What the companion sends."""
+        self.wire.send_up(bytes(data), self.flight.time_s)
+
+    def close(self) -> None:
+        """Nothing to close."""
