@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Any
 
 import numpy as np
+from stated import Statement, statement
 
 from .scenarios import ALIAS_CLASSES, STATIC_PART
 
@@ -36,6 +37,7 @@ class Judgement:
     note: str
     rms_ratio: float
     """RMS after over the oracle's, on the axes that carry the effect; NaN where there is none."""
+    statements: tuple[Statement, ...] = ()
 
 
 def judge(name: str, truth: Mapping[str, Any], answer: Mapping[str, Any] | None, exit_code: int) -> Judgement:
@@ -43,6 +45,13 @@ def judge(name: str, truth: Mapping[str, Any], answer: Mapping[str, Any] | None,
     if answer is None:
         fine = exit_code == 3 and name in REFUSABLE
         return Judgement(fine, fine, (), (), f"exit code {exit_code}", float("nan"))
+    judged = _judge(name, truth, answer)
+    return replace(
+        judged, statements=tuple(statement(e, e["name"] not in judged.wrong_names) for e in answer["effects"])
+    )
+
+
+def _judge(name: str, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> Judgement:
     reported = {str(e["name"]) for e in answer["effects"]}
     aliases = [set(map(str, pair)) for pair in answer.get("aliases", [])]
     verdict = str(answer["verdict"])

@@ -1,0 +1,74 @@
+"""Ask ``replay diagnose`` about a flight as a user would: a command, its exit code and its JSON."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from zlib import crc32
+
+REPO = Path(__file__).resolve().parents[3]
+DATA = Path(os.environ.get("CORNER_SHARED", REPO.parent / "shared")) / "data"
+"""Where recorded flights lie that are not part of the project."""
+GRAVITY = 9.80665
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What came back: the answer (None where there is none), exit code, last line on stderr, time it took."""
+
+    answer: dict[str, Any] | None
+    exit_code: int
+    complaint: str
+    seconds: float
+
+
+def ask(
+    logs: list[Path], vehicle: Path, model: str, timeout_s: float, environment: Mapping[str, str] | None = None
+) -> Asked:
+    """Run the command on ``logs``; its exit code is -1 where it did not answer in time."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "answer.json"
+        command = [
+            sys.executable, "-m", "replay", "diagnose", *map(str, logs), "--vehicle", str(vehicle), "--model", model,
+            "--json", str(out), "--quiet",
+        ]  # fmt: skip
+        begun = time.perf_counter()
+        try:
+            done = subprocess.run(
+                command, cwd=REPO, capture_output=True, text=True, timeout=timeout_s, check=False,
+                env={**os.environ, "OMP_NUM_THREADS": "1", **(environment or {})}, preexec_fn=_be_nice,
+            )  # fmt: skip
+            code, complaint = done.returncode, (done.stderr.strip().splitlines() or [""])[-1]
+        except subprocess.TimeoutExpired:
+            code, complaint = -1, f"no answer in {timeout_s:g} s"
+        answer = json.loads(out.read_text()) if code == 0 and out.exists() else None
+        return Asked(answer, code, complaint, time.perf_counter() - begun)
+
+
+def train(table: Path) -> Path:
+    """The model of a table of the air, trained once and kept in a temporary folder."""
+    out = Path(tempfile.gettempdir()) / "measured-flights" / f"model-{crc32(table.read_bytes()):08x}"
+    if not (out / "model.json").exists():
+        command = [sys.executable, "-m", "models", "train", "--data", str(table), "--method", "ensemble"]
+        subprocess.run(
+            [*command, "--out", str(out), "--quiet"], check=True, cwd=REPO, env={**os.environ, "OMP_NUM_THREADS": "1"}
+        )
+    return out
+
+
+def weight_n(vehicle: Path) -> float:
+    """Declared weight of a vehicle file."""
+    return float(tomllib.loads(vehicle.read_text(encoding="utf-8"))["mass_kg"]) * GRAVITY
+
+
+def _be_nice() -> None:
+    os.nice(19)
