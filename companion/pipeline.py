@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -47,6 +47,7 @@ from companion.mavlink.samples import (
     SetPositionTarget,
 )
 from companion.mavlink.setpoints import AccelerationCommand, AttitudeCommand, Command, tilt_by
+from models.evolve import replace
 from models.frames import GRAVITY, quaternion_from_euler
 
 _ON_GROUND, _IN_AIR = 1, 2
@@ -56,7 +57,7 @@ _REASONS_OF_OTHERS = frozenset({Reason.NOT_ARMED, Reason.WRONG_MODE, Reason.LAND
 """Refusals after which somebody else flies, or nobody does: no parting setpoint."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class PipelineState:
     """Everything remembered between samples."""
 

@@ -10,6 +10,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from models.errors import ConfigError
 
 MAV_ORIENTATION_UP = 24  # MAV_SENSOR_ROTATION_PITCH_90
@@ -104,15 +107,44 @@ class Vehicle:
     rangefinders: tuple[Rangefinder, ...] = ()
     limits: Limits = field(default_factory=Limits)
 
-    @property
+    def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        # Caches are keyed by the vehicle and asked at every message.
+        return hash((self.name, self.mass_kg, self.inertia_kgm2, self.fans, self.vanes, self.throttle))
+
+    @cached_property
     def rotors(self) -> tuple[Rotor, ...]:
         """All rotors, fan by fan: the order of every ``rpm`` array with a rotor axis."""
         return tuple(rotor for fan in self.fans for rotor in fan.rotors)
 
-    @property
+    @cached_property
     def rotor_fan(self) -> tuple[int, ...]:
         """Index of the fan that each rotor of ``rotors`` belongs to."""
         return tuple(i for i, fan in enumerate(self.fans) for _ in fan.rotors)
+
+    @cached_property
+    def first_rotors(self) -> NDArray[np.intp]:
+        """Where each fan's rotors begin in ``rotors``, shape (fans,)."""
+        counts = [len(fan.rotors) for fan in self.fans]
+        return np.cumsum([0, *counts[:-1]], dtype=np.intp)
+
+    @cached_property
+    def rotor_counts(self) -> NDArray[np.float64]:
+        """Rotors of each fan, shape (fans,)."""
+        return np.array([float(len(fan.rotors)) for fan in self.fans])
+
+    @cached_property
+    def fan_positions_m(self) -> NDArray[np.float64]:
+        """Reference points from the CG, shape (fans, 3), body FRD."""
+        return np.array([fan.position_m for fan in self.fans])
+
+    @cached_property
+    def lip_radii_m(self) -> NDArray[np.float64]:
+        """Outer duct lips, shape (fans,)."""
+        return np.array([fan.lip_radius_m for fan in self.fans])
 
     @property
     def disc_area_m2(self) -> float:

@@ -30,8 +30,8 @@ class FanModel(Protocol):
 def fan_rpm(vehicle: Vehicle, rotor_rpm: ArrayLike) -> Array:
     """One speed per fan, sqrt(mean(rpm_i^2)) over its rotors: (..., rotors) -> (..., fans)."""
     rpm = np.asarray(rotor_rpm, dtype=float)
-    owner = np.asarray(vehicle.rotor_fan)
-    return np.stack([np.sqrt(np.mean(rpm[..., owner == i] ** 2, axis=-1)) for i in range(len(vehicle.fans))], axis=-1)
+    squares = np.add.reduceat(rpm * rpm, vehicle.first_rotors, axis=-1)
+    return np.asarray(np.sqrt(squares / vehicle.rotor_counts))
 
 
 def free_air_thrust(vehicle: Vehicle, model: FanModel | None, fan: Fan, rpm: ArrayLike) -> Array:

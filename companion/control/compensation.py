@@ -18,7 +18,7 @@ from companion.mavlink.firmware import ThrustMap
 from models.frames import GRAVITY, Array
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Offset:
     """What is added to the base: thrust (share of full throttle), roll and pitch [rad], or an NED acceleration."""
 

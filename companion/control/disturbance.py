@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -12,6 +12,7 @@ from companion.estimation.air_state import air_state
 from companion.estimation.estimator import Estimates, Seen, Surface, fan_query, surface
 from models.air_state import AirState
 from models.effects import Context, adopted_wrench, corrected_state
+from models.evolve import replace
 from models.frames import Array, at_cg, corner_to_body
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
@@ -69,12 +70,10 @@ def modelled_push(
         rpm,
     )
     rows = answer.wrench
-    total = np.zeros(6)
-    for i, fan in enumerate(vehicle.fans):
-        change = rows[1, i] - rows[3, i]
-        change[2] = rows[0, i, 2] - rows[3, i, 2]
-        total += at_cg(corner_to_body(change, later.wall_bearing_rad), fan.position_m)
-    total += adopted
+    change = rows[1] - rows[3]
+    change[:, 2] = rows[0, :, 2] - rows[3, :, 2]
+    at_fans = corner_to_body(change, later.wall_bearing_rad)
+    total = at_cg(at_fans, vehicle.fan_positions_m).sum(axis=0) + adopted
     total[:3] += trim_reaction(vehicle) @ total[3:]
     pull = float(rows[1, :, 0].sum() - rows[2, :, 0].sum()) / _STIFFNESS_STEP_M
     known = np.isfinite(soon.h_m) | np.isfinite(soon.d_m)

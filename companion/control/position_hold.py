@@ -7,12 +7,13 @@ lead from the lean that there is, thrust by the affine map. A careless outer loo
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from companion.config import HoldGains
 from companion.mavlink.firmware import ThrustMap
+from models.evolve import replace
 from models.frames import GRAVITY, Array
 
 
@@ -26,7 +27,7 @@ class Reference:
     set_s: float
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Hold:
     """State of an engaged hold: its reference and integrals (NED, m/s^2)."""
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from functools import lru_cache
 
@@ -31,6 +31,7 @@ from companion.mavlink.samples import (
     RotorSpeeds,
     ServoOutput,
 )
+from models.evolve import replace
 from models.frames import Array, rotation_from_quaternion
 from models.vehicle import Vehicle
 from models.vehicle_wrench import rpm_from_servos
@@ -50,7 +51,7 @@ class Seen(Enum):
     STALE = "stale"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class BeamTrack:
     """One declared rangefinder: the distance of the CG to the plane it sees, and when it last said what."""
 
@@ -84,7 +85,7 @@ class Surface:
         return self.seen in (Seen.SURFACE, Seen.NOTHING, Seen.UNDECLARED)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Estimates:
     """State of the estimator. Empty until messages arrive."""
 
@@ -291,7 +292,7 @@ def _beam_surface(beam: BeamTrack, tuning: Tuning, t_s: float) -> Surface:
     return Surface(Seen.MISSING if beam.heard_s == -math.inf else Seen.STALE)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class FanQuery:
     """The surrogate's arguments for every fan: shape (fans,) each, and the wall's bearing [rad]."""
 

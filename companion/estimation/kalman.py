@@ -9,12 +9,10 @@ sensor).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 
-import numpy as np
-
-from models.frames import Array
+from models.evolve import replace
 
 
 class Verdict(Enum):
@@ -39,31 +37,30 @@ class TrackModel:
     """Consecutive outliers within this many units of each other restart the track there."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Track:
-    """State at ``t_s``: ``x`` = (value, rate), covariance ``p``; ``updated_s`` stamps the last accepted sample."""
+    """State at ``t_s``: value and rate with their covariance; ``updated_s`` stamps the last accepted sample.
+
+    Plain floats: two numbers are too few for an array to be quick.
+    """
 
     t_s: float
-    x: Array
-    p: Array
+    value: float
+    """The tracked quantity at ``t_s``."""
+    rate: float
+    """Its rate [1/s]."""
+    value_variance: float
+    covariance: float
+    """Of value and rate."""
+    rate_variance: float
     updated_s: float
     outliers: tuple[float, ...] = ()
     restarted_s: float = -math.inf
 
     @property
-    def value(self) -> float:
-        """The tracked quantity at ``t_s``."""
-        return float(self.x[0])
-
-    @property
-    def rate(self) -> float:
-        """Its rate [1/s]."""
-        return float(self.x[1])
-
-    @property
     def sigma(self) -> float:
         """Standard deviation of ``value``."""
-        return math.sqrt(max(float(self.p[0, 0]), 0.0))
+        return math.sqrt(max(self.value_variance, 0.0))
 
     def at(self, t_s: float) -> float:
         """The value extrapolated to ``t_s``, at most 0.3 s ahead."""
@@ -74,38 +71,51 @@ class Track:
         return t_s - self.updated_s
 
 
-def predict(x: Array, p: Array, f: Array, q: Array) -> tuple[Array, Array]:
-    """State (n,) and covariance (n, n) a step on: x = F x, P = F P F' + Q."""
-    return f @ x, f @ p @ f.T + q
+def predict(track: Track, model: TrackModel, t_s: float) -> Track:
+    """The track at ``t_s``, its rate constant but for white acceleration; never backwards.
 
-
-def update(x: Array, p: Array, value: float, variance: float, h: Array) -> tuple[Array, Array]:
-    """State (n,) and covariance (n, n) after a scalar measurement ``value`` = h x + noise of ``variance``; h is (n,).
-
-    Joseph's form of the covariance stays symmetric and positive for any gain.
+    x = F x, P = F P F' + Q with F = [[1, dt], [0, 1]] and Q = q [[dt^4/4, dt^3/2], [dt^3/2, dt^2]].
     """
-    ph = p @ h
-    gain = ph / (float(h @ ph) + variance)
-    keep = np.eye(len(x)) - np.outer(gain, h)
-    return x + gain * (value - float(h @ x)), keep @ p @ keep.T + variance * np.outer(gain, gain)
+    dt = t_s - track.t_s
+    if dt <= 0.0:
+        return track
+    q = model.acceleration_sd * model.acceleration_sd * dt * dt
+    p11, p12, p22 = track.value_variance, track.covariance, track.rate_variance
+    return replace(
+        track,
+        t_s=t_s,
+        value=track.value + dt * track.rate,
+        value_variance=p11 + dt * (2.0 * p12 + dt * p22) + 0.25 * q * dt * dt,
+        covariance=p12 + dt * p22 + 0.5 * q * dt,
+        rate_variance=p22 + q,
+    )
+
+
+def update(track: Track, measured: float, variance: float, on_value: float, on_rate: float) -> dict[str, float]:
+    """Fields of the track after ``measured`` = on_value * value + on_rate * rate + noise of ``variance``.
+
+    Joseph's form of the covariance, (1 - K h) P (1 - K h)' + R K K', stays symmetric and positive for any gain.
+    """
+    p11, p12, p22 = track.value_variance, track.covariance, track.rate_variance
+    ph1, ph2 = p11 * on_value + p12 * on_rate, p12 * on_value + p22 * on_rate
+    total = on_value * ph1 + on_rate * ph2 + variance
+    k1, k2 = ph1 / total, ph2 / total
+    innovation = measured - (on_value * track.value + on_rate * track.rate)
+    a11, a12, a21, a22 = 1.0 - k1 * on_value, -k1 * on_rate, -k2 * on_value, 1.0 - k2 * on_rate
+    b11, b12 = a11 * p11 + a12 * p12, a11 * p12 + a12 * p22
+    b21, b22 = a21 * p11 + a22 * p12, a21 * p12 + a22 * p22
+    return {
+        "value": track.value + k1 * innovation,
+        "rate": track.rate + k2 * innovation,
+        "value_variance": b11 * a11 + b12 * a12 + variance * k1 * k1,
+        "covariance": b11 * a21 + b12 * a22 + variance * k1 * k2,
+        "rate_variance": b21 * a21 + b22 * a22 + variance * k2 * k2,
+    }
 
 
 def begin(model: TrackModel, t_s: float, value: float, sigma: float) -> Track:
     """A new track at a first measurement."""
-    p = np.diag([sigma * sigma, model.initial_rate_sd**2])
-    return Track(t_s=t_s, x=np.array([value, 0.0]), p=p, updated_s=t_s)
-
-
-def propagate(track: Track, model: TrackModel, t_s: float) -> Track:
-    """Predict to ``t_s`` with a constant rate driven by white acceleration; never backwards."""
-    dt = t_s - track.t_s
-    if dt <= 0.0:
-        return track
-    q = model.acceleration_sd**2
-    f = np.array([[1.0, dt], [0.0, 1.0]])
-    noise = q * np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]])
-    x, p = predict(track.x, track.p, f, noise)
-    return replace(track, t_s=t_s, x=x, p=p)
+    return Track(t_s, value, 0.0, sigma * sigma, 0.0, model.initial_rate_sd**2, t_s)
 
 
 def measure(
@@ -118,23 +128,22 @@ def measure(
         return begin(model, t_s, value, sigma), Verdict.RESTARTED
     if t_s < track.t_s - 0.5:
         return track, Verdict.OLD
-    ahead = propagate(track, model, t_s)
-    h = np.array([1.0, -delay_s])
-    innovation = value - float(h @ ahead.x)
-    variance = float(h @ ahead.p @ h) + sigma * sigma
-    if innovation * innovation > model.gate * variance:
+    ahead = predict(track, model, t_s)
+    innovation = value - (ahead.value - delay_s * ahead.rate)
+    spread = ahead.value_variance - delay_s * (2.0 * ahead.covariance - delay_s * ahead.rate_variance) + sigma * sigma
+    if innovation * innovation > model.gate * spread:
         outliers = (*track.outliers, value)[-model.restart_after :]
         if len(outliers) == model.restart_after and max(outliers) - min(outliers) <= model.agree_within:
             return replace(begin(model, t_s, value, sigma), restarted_s=t_s), Verdict.RESTARTED
         return replace(ahead, outliers=outliers), Verdict.OUTLIER
-    x, p = update(ahead.x, ahead.p, value, sigma * sigma, h)
-    return replace(ahead, x=x, p=p, updated_s=t_s, outliers=()), Verdict.ACCEPTED
+    fields = update(ahead, value, sigma * sigma, 1.0, -delay_s)
+    return replace(ahead, updated_s=t_s, outliers=(), **fields), Verdict.ACCEPTED
 
 
 def measure_rate(track: Track, model: TrackModel, t_s: float, rate: float, sigma: float) -> Track:
     """Take in a measurement of the rate (the vehicle's own velocity along the beam); does not refresh the age."""
     if not (math.isfinite(rate) and math.isfinite(sigma)) or t_s < track.t_s - 0.5:
         return track
-    ahead = propagate(track, model, t_s)
-    x, p = update(ahead.x, ahead.p, rate, sigma * sigma, np.array([0.0, 1.0]))
-    return replace(ahead, x=x, p=p)
+    ahead = predict(track, model, t_s)
+    fields = update(ahead, rate, sigma * sigma, 0.0, 1.0)
+    return replace(ahead, outliers=ahead.outliers, **fields)

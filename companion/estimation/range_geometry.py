@@ -129,28 +129,23 @@ def choose_walls(distances_m: ArrayLike, normals_ned: ArrayLike) -> Walls:
 
 def fan_heights(vehicle: Vehicle, height_cg_m: ArrayLike, rotation: Array) -> Array:
     """Reference point to ground [m], shape (..., fans), never below 0, from the height of the CG (...)."""
-    below = rotation[..., 2, :] @ _positions(vehicle).T
+    below = rotation[..., 2, :] @ vehicle.fan_positions_m.T
     return np.asarray(np.maximum(np.asarray(height_cg_m, dtype=float)[..., None] - below, 0.0))
 
 
 def fan_ceilings(vehicle: Vehicle, ceiling_cg_m: ArrayLike, rotation: Array) -> Array:
     """Reference point to ceiling [m], shape (..., fans), never below 0, from the distance of the CG (...)."""
-    below = rotation[..., 2, :] @ _positions(vehicle).T
+    below = rotation[..., 2, :] @ vehicle.fan_positions_m.T
     return np.asarray(np.maximum(np.asarray(ceiling_cg_m, dtype=float)[..., None] + below, 0.0))
 
 
 def fan_wall_distances(vehicle: Vehicle, wall_cg_m: ArrayLike, normal_ned: Array, rotation: Array) -> Array:
     """Outer lip to wall [m], shape (..., fans), never below 0, from the distance of the CG (...)."""
-    toward = np.einsum("...i,...ij->...j", normal_ned, rotation) @ _positions(vehicle).T
-    lips = np.array([fan.lip_radius_m for fan in vehicle.fans])
-    return np.asarray(np.maximum(np.asarray(wall_cg_m, dtype=float)[..., None] - toward - lips, 0.0))
+    toward = np.einsum("...i,...ij->...j", normal_ned, rotation) @ vehicle.fan_positions_m.T
+    return np.asarray(np.maximum(np.asarray(wall_cg_m, dtype=float)[..., None] - toward - vehicle.lip_radii_m, 0.0))
 
 
 def wall_bearing(normal_ned: Array, rotation: Array) -> Array:
     """Bearing (...) of the wall from the nose [rad], positive to the right."""
     body = np.einsum("...i,...ij->...j", normal_ned, rotation)
     return np.asarray(np.arctan2(body[..., 1], body[..., 0]))
-
-
-def _positions(vehicle: Vehicle) -> Array:
-    return np.array([fan.position_m for fan in vehicle.fans])

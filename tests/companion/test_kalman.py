@@ -1,13 +1,14 @@
 import math
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.estimation.kalman import TrackModel, Verdict, measure, measure_rate, predict, update
+from companion.estimation.kalman import Track, TrackModel, Verdict, measure, measure_rate, predict, update
 
 MODEL = TrackModel(acceleration_sd=1.5, initial_rate_sd=0.5)
 
@@ -65,7 +66,7 @@ def test_a_step_of_the_world_restarts_the_track_but_scatter_does_not():
 def test_the_own_velocity_sharpens_the_rate():
     track = settled(n=5)
     better = measure_rate(track, MODEL, track.t_s + 0.01, 0.2, 0.02)
-    assert better.p[1, 1] < track.p[1, 1]
+    assert better.rate_variance < track.rate_variance
     assert better.updated_s == track.updated_s
 
 
@@ -76,24 +77,33 @@ def test_any_stream_leaves_a_finite_state(stream):
         t += dt
         track, _ = measure(track, MODEL, t, value, 0.01, 0.03)
     if track is not None:
-        assert np.isfinite(track.x).all()
-        assert (np.linalg.eigvalsh(track.p) > -1e-9).all()
+        state, p = arrays(track)
+        assert np.isfinite(state).all()
+        assert (np.linalg.eigvalsh(p) > -1e-9 * p.max()).all()
+
+
+def arrays(track):
+    p = [[track.value_variance, track.covariance], [track.covariance, track.rate_variance]]
+    return np.array([track.value, track.rate]), np.array(p)
 
 
 def test_the_two_formulas_are_those_of_filterpy():
     filterpy = pytest.importorskip("filterpy.kalman")
     rng = np.random.default_rng(5)
     for _ in range(50):
-        x, root, noise = rng.normal(size=2), rng.normal(size=(2, 2)), rng.normal(size=(2, 2))
-        p, q, f = root @ root.T, noise @ noise.T, np.array([[1.0, rng.uniform(0.0, 0.5)], [0.0, 1.0]])
-        ahead, oracle = predict(x, p, f, q), filterpy.predict(x, p, f, q)
-        np.testing.assert_allclose(ahead[0], oracle[0], rtol=1e-12)
-        np.testing.assert_allclose(ahead[1], oracle[1], rtol=1e-12)
+        x, root, dt = rng.normal(size=2), rng.normal(size=(2, 2)), rng.uniform(0.0, 0.5)
+        p, f = root @ root.T, np.array([[1.0, dt], [0.0, 1.0]])
+        q = MODEL.acceleration_sd**2 * np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]])
+        track = Track(3.0, *x, p[0, 0], p[0, 1], p[1, 1], 3.0)
+        ahead = predict(track, MODEL, 3.0 + dt)
+        oracle = filterpy.predict(x, p, f, q)
+        for ours, theirs in zip(arrays(ahead), oracle, strict=True):
+            np.testing.assert_allclose(ours, theirs, rtol=1e-10, atol=1e-12)
         h, value, variance = rng.normal(size=2), float(rng.normal()), float(rng.uniform(1e-4, 1.0))
-        after = update(*ahead, value, variance, h)
-        oracle = filterpy.update(*ahead, np.array([value]), np.array([[variance]]), h[None, :])
-        np.testing.assert_allclose(after[0], oracle[0], rtol=1e-9)
-        np.testing.assert_allclose(after[1], oracle[1], rtol=1e-9, atol=1e-14)
+        after = replace(ahead, **update(ahead, value, variance, *h))
+        oracle = filterpy.update(*arrays(ahead), np.array([value]), np.array([[variance]]), h[None, :])
+        for ours, theirs in zip(arrays(after), oracle, strict=True):
+            np.testing.assert_allclose(ours, theirs, rtol=1e-8, atol=1e-12)
 
 
 def test_flight_needs_no_filterpy():
