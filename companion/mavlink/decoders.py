@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,9 @@ def decode(message: Any, arrival_us: int, clock: BootClock) -> Sample | None:
         t_s = clock.unstamped(arrival_us)
     else:
         t_s = clock.stamped(system, component, layout.stamp, getattr(message, layout.stamp_field), arrival_us)
-    return layout.build((t_s, system, component), layout.name, *[q.scalar(message) for q in layout.quantities])
+    sample = layout.build((t_s, system, component), layout.name, *[q.scalar(message) for q in layout.quantities])
+    late_s = 0.0 if sample is None or layout.stamp is None else clock.late(t_s, arrival_us)
+    return sample if sample is None or late_s == 0.0 else replace(sample, late_s=late_s)
 
 
 def source_of(message: Any) -> tuple[int, int]:
