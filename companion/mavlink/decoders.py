@@ -30,7 +30,11 @@ def decode(frame: Frame, arrival_us: int, clock: BootClock) -> Sample | None:
         t_s = clock.unstamped(arrival_us)
     else:
         t_s = clock.stamped(frame.system, frame.component, layout.stamp, fields[layout.stamp_place], arrival_us)
-    return layout.build((t_s, frame.system, frame.component), layout.name, *[read(fields) for read in layout.readers])
+    sample = layout.build((t_s, frame.system, frame.component), layout.name, *[read(fields) for read in layout.readers])
+    if sample is not None and layout.stamp is not None:
+        # Nobody else has seen the sample yet; a copy of it costs more than all the rest of its decoding.
+        object.__setattr__(sample, "late_s", clock.late(t_s, arrival_us))
+    return sample
 
 
 def columns(layout: Layout, records: NDArray[Any]) -> dict[str, NDArray[Any]]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from .airframes import G, RHO0, Airframe, Array
+from .airframes import RHO0, Airframe, Array, G
 from .power import hover_current
 
 Rng = np.random.Generator

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .airframes import G, Airframe, Array
+from .airframes import Airframe, Array, G
 from .power import calibrated, motor_constant
 
 MAX_TILT = np.tan(np.radians(28.0))

@@ -16,7 +16,7 @@ from . import loads, power, rotor, surfaces
 from .airframes import DOWN, RHO0, Airframe, Array
 from .conditions import Conditions
 from .controller import motor_tau
-from .flight import DT, Track, blade_gain
+from .flight import DT, Track
 
 EVERY = 5
 STEP_S = EVERY * DT

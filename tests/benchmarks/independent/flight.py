@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import loads, power, rotor
-from .airframes import G, Airframe, Array
+from .airframes import Airframe, Array, G
 from .conditions import Conditions, pack, stacked
 from .controller import Autopilot
 from .script import Reference
