@@ -10,21 +10,30 @@ import math
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 
-from companion.sim.body import DT, GRAVITY, Vec
+from companion.sim.body import ARDUPILOT_MOTOR, DT, GRAVITY, MotorOutput, Vec
 from companion.sim.mixer import Mixer
 from companion.sim.sensors import Estimate
 from models.vehicle import Vehicle
 
 
 class Mode(IntEnum):
-    """ArduCopter's custom_mode numbers; PX4's flavour maps its own onto them."""
+    """ArduCopter's custom_mode numbers; PX4's own modes are mapped onto them (link.PX4_MODES)."""
 
     STABILIZE = 0
     ALT_HOLD = 2
     GUIDED = 4
     LOITER = 5
+    RTL = 6
     LAND = 9
+    POSHOLD = 16
     GUIDED_NOGPS = 20
+    TAKEOFF = 100
+    """PX4 only: ArduCopter takes off within GUIDED."""
+
+
+STICK_MODES = (Mode.LOITER, Mode.POSHOLD)
+"""Modes in which centred sticks hold the place and others fly a velocity."""
+STICKS_LOST_S = 0.5
 
 
 class Guided(Enum):
@@ -53,7 +62,7 @@ class Gains:
     accel_z: float = 2.5
     jerk_z: float = 10.0
     input_tc: float = 0.15
-    angle: float = 4.5
+    angle: Vec = (4.5, 4.5, 4.5)
     rate_p: Vec = (14.0, 14.0, 8.0)
     rate_i: Vec = (14.0, 14.0, 2.0)
     rate_d: Vec = (0.4, 0.4, 0.3)
@@ -129,14 +138,24 @@ class AttitudeTarget:
 
 
 @dataclass
+class Sticks:
+    """The pilot's sticks, -1...1: forward, right, up, clockwise. ``time_s``: when last heard."""
+
+    forward: float = 0.0
+    right: float = 0.0
+    up: float = 0.0
+    turn: float = 0.0
+    time_s: float = -math.inf
+
+
+@dataclass
 class Autopilot:
     """Estimates in, servo outputs out, once per physics step."""
 
     vehicle: Vehicle
     hover: float
     """MOT_THST_HOVER: the throttle the position controller starts from. Never learnt, so it is off."""
-    px4: bool = False
-    """Acceleration feed-forward goes in behind the velocity controller, thrust is never a climb rate."""
+    motor: MotorOutput = ARDUPILOT_MOTOR
     gains: Gains = field(default_factory=Gains)
     guid_timeout_s: float = 3.0
     speed_up_m_s: float = 2.5
@@ -147,9 +166,13 @@ class Autopilot:
     guided: Guided = Guided.HOLD
     landed: bool = True
     time_s: float = 0.0
+    position_trusted: bool = True
+    """What the EKF says of its own position."""
+    sticks: Sticks = field(default_factory=Sticks)
 
     def __post_init__(self) -> None:
-        self.mixer = Mixer(self.vehicle, self.hover)
+        self.mixer = Mixer(self.vehicle, self.vehicle.hover_thrust, self.motor)
+        self.parameters = self.default_parameters()
         g = self.gains
         self._north = Shaper(g.accel_xy, g.jerk_xy)
         self._east = Shaper(g.accel_xy, g.jerk_xy)
@@ -173,6 +196,58 @@ class Autopilot:
         self._spool = 0.0
         self._grounded_s = 0.0
         self._airborne_s = 0.0
+
+    # -- parameters -------------------------------------------------------------------------------------------------
+
+    def default_parameters(self) -> dict[str, float]:
+        """The parameters that are published; most are obeyed."""
+        g = self.gains
+        return {
+            "GUID_OPTIONS": 8.0,
+            "GUID_TIMEOUT": self.guid_timeout_s,
+            "MOT_SPIN_ARM": 0.10,
+            "MOT_SPIN_MIN": self.motor.lowest,
+            "MOT_SPIN_MAX": self.motor.highest,
+            "MOT_THST_EXPO": self.motor.expo,
+            "MOT_THST_HOVER": self.hover,
+            "MOT_BAT_VOLT_MAX": 0.0,
+            "MOT_BAT_VOLT_MIN": 0.0,
+            "MOT_HOVER_LEARN": 0.0,
+            "ATC_INPUT_TC": g.input_tc,
+            "ATC_ANG_RLL_P": g.angle[0],
+            "ATC_ANG_PIT_P": g.angle[1],
+            "ATC_ANG_YAW_P": g.angle[2],
+            "ATC_ACCEL_R_MAX": 100.0 * math.degrees(g.accel_max[0]),
+            "ATC_ACCEL_P_MAX": 100.0 * math.degrees(g.accel_max[1]),
+            "ATC_ACCEL_Y_MAX": 100.0 * math.degrees(g.accel_max[2]),
+            "ATC_RAT_RLL_P": 0.135,
+            "ATC_RAT_PIT_P": 0.135,
+            "PILOT_SPEED_UP": 100.0 * self.speed_up_m_s,
+            "LOIT_SPEED": 1250.0,
+            "FS_EKF_ACTION": 1.0,
+            "SYSID_THISMAV": 1.0,
+        }
+
+    def set_parameter(self, name: str, value: float) -> bool:
+        """Store and obey a parameter; False where there is none of that name."""
+        if name not in self.parameters:
+            return False
+        self.parameters[name] = value
+        self._obey(self.parameters)
+        return True
+
+    def _obey(self, p: dict[str, float]) -> None:
+        self.guid_timeout_s = p["GUID_TIMEOUT"]
+        self.hover = p["MOT_THST_HOVER"]
+        self.gains.input_tc = max(0.02, p["ATC_INPUT_TC"])
+        self.gains.angle = (p["ATC_ANG_RLL_P"], p["ATC_ANG_PIT_P"], p["ATC_ANG_YAW_P"])
+        limits = [math.radians(p[f"ATC_ACCEL_{axis}_MAX"] / 100.0) for axis in "RPY"]
+        self.gains.accel_max = (limits[0], limits[1], limits[2])
+
+    @property
+    def taking_off(self) -> bool:
+        """On the way up of its own take-off."""
+        return self.guided is Guided.TAKEOFF and not self.landed
 
     @property
     def hand(self) -> str:
@@ -226,6 +301,15 @@ class Autopilot:
         self.target = PositionTarget(position=(n, e, -height_m), yaw=now.yaw, time_s=self.time_s)
         return True
 
+    def stream_heard(self) -> None:
+        """A setpoint has arrived, whatever the mode."""
+
+    def _failsafe(self, now: Estimate) -> None:
+        """A position that the EKF does not trust is none: FS_EKF_ACTION 1 lands (modes that need no position go on)."""
+        needs = self.mode in (Mode.GUIDED, Mode.RTL, *STICK_MODES)
+        if not self.position_trusted and needs and not self.landed and self.parameters["FS_EKF_ACTION"] == 1.0:
+            self.set_mode(Mode.LAND, now)
+
     def fly_to(self, target: PositionTarget, now: Estimate) -> None:
         """A position, velocity, acceleration target."""
         if self.guided is Guided.ATTITUDE:
@@ -245,6 +329,7 @@ class Autopilot:
         self.time_s = time_s
         self._acc_filtered += (now.down_acceleration - self._acc_filtered) * 0.27  # 20 Hz
         self._watch_ground(now, touching)
+        self._failsafe(now)
         if not self.armed:
             self.throttle = 0.0
             self.mixer.stop()
@@ -258,10 +343,14 @@ class Autopilot:
             return self.mixer.pwm
         self._spool = min(1.0, self._spool + self.dt / 0.5)
         self.throttle = min(throttle, self._spool)
-        boost = max(0.5, math.cos(self.shaped[0]) * math.cos(self.shaped[1]))
+        boost = self._boost()
         roll, pitch, yaw = self._inner(now)
         self.mixer.drive(self.throttle / boost, roll, pitch, yaw)
         return self.mixer.pwm
+
+    def _boost(self) -> float:
+        """Throttle is divided by this, so that a lean costs no lift."""
+        return max(0.5, math.cos(self.shaped[0]) * math.cos(self.shaped[1]))
 
     def _watch_ground(self, now: Estimate, touching: bool) -> None:
         if touching and self.throttle < 0.6 * self.hover and abs(now.velocity[2]) < 0.2:
@@ -300,11 +389,18 @@ class Autopilot:
         if self.mode in (Mode.STABILIZE, Mode.ALT_HOLD):
             self._demand_attitude(0.0, 0.0, self.shaped[2])
             return self._climb(now, 0.0) if self.mode is Mode.ALT_HOLD and not self.landed else 0.0
+        if self.mode in STICK_MODES:
+            self._follow_sticks(now)
+        elif self.mode is Mode.RTL:
+            self._return_home(now)
         if self.mode is Mode.LAND:
+            if not self.position_trusted:
+                self._demand_attitude(0.0, 0.0, self.shaped[2])
+                return self._climb(now, -0.3)
             self.target.position = (self.target.position[0], self.target.position[1], None)
             self.target.velocity = (0.0, 0.0, 0.3)
             return self._position(now)
-        if self.guided is Guided.ATTITUDE and self.mode is not Mode.LOITER:
+        if self.guided is Guided.ATTITUDE and self.mode in (Mode.GUIDED, Mode.GUIDED_NOGPS):
             return self._attitude_command(now)
         if self.mode is Mode.GUIDED_NOGPS:
             self._demand_attitude(0.0, 0.0, self.shaped[2])
@@ -314,11 +410,50 @@ class Autopilot:
         if self.guided is Guided.TAKEOFF and self.landed:
             # Spool up on the ground, then let the position controller lift off.
             self._thr_i = min(0.3, self._thr_i + 0.25 * self.dt)
+        self._end_take_off(now)
         stale = self.time_s - self.target.time_s > self.guid_timeout_s
         if self.guided is Guided.POSITION and stale:
             self.target.velocity = (0.0, 0.0, 0.0)
             self.target.accel = (0.0, 0.0, 0.0)
         return self._position(now)
+
+    def _end_take_off(self, now: Estimate) -> None:
+        height = self.target.position[2]
+        if self.taking_off and height is not None and abs(now.position[2] - height) < 0.1:
+            self.guided = Guided.HOLD
+
+    def _follow_sticks(self, now: Estimate) -> None:
+        """A stick that is out of its middle flies a velocity; the place where that has ended is held."""
+        s, t, top = self.sticks, self.target, self.stick_speed_m_s
+        live = self.time_s - s.time_s < STICKS_LOST_S
+        c, sn = math.cos(now.yaw), math.sin(now.yaw)
+        ahead, right, up = (top * s.forward, top * s.right, self.speed_up_m_s * s.up) if live else (0.0, 0.0, 0.0)
+        wanted = (c * ahead - sn * right, sn * ahead + c * right, -up)
+        place = list(t.position)
+        for i, axis in enumerate(self.shaped_axes):
+            if abs(wanted[i]) > 0.02:
+                place[i] = None
+            elif place[i] is None and abs(axis.velocity) < 0.05:
+                place[i] = axis.position
+        t.position = (place[0], place[1], place[2])
+        t.velocity, t.accel, t.time_s = wanted, (0.0, 0.0, 0.0), self.time_s
+
+    @property
+    def stick_speed_m_s(self) -> float:
+        """Speed at full stick."""
+        return self.parameters["LOIT_SPEED"] / 100.0
+
+    def _return_home(self, now: Estimate) -> None:
+        """To the place of boot at the present height, then down."""
+        if math.hypot(now.position[0], now.position[1]) < 0.3:
+            self.set_mode(Mode.LAND, now)
+            return
+        away = math.hypot(now.position[0], now.position[1])
+        speed = min(1.0, 0.5 * away) / away
+        height = self.target.position[2]
+        self.target.position = (None, None, now.position[2] if height is None else height)
+        self.target.velocity = (-speed * now.position[0], -speed * now.position[1], 0.0)
+        self.target.time_s = self.time_s
 
     def _attitude_command(self, now: Estimate) -> float:
         a = self.attitude
@@ -344,11 +479,11 @@ class Autopilot:
     def _climb(self, now: Estimate, up_m_s: float) -> float:
         """Hold height, or climb at a rate."""
         self._down.step(self.dt, None, -up_m_s)
-        return self._vertical(now, 0.0)
+        return self._vertical(now)
 
     def _position(self, now: Estimate) -> float:
         t, dt, g = self.target, self.dt, self.gains
-        ff = (0.0, 0.0, 0.0) if self.px4 else t.accel
+        ff = t.accel
         # Between two messages the demand moves on at its own velocity.
         n, e, d = (None if x is None else x + v * dt for x, v in zip(t.position, t.velocity, strict=True))
         t.position = (n, e, d)
@@ -364,20 +499,18 @@ class Autopilot:
             self._vel_old[i] = error
             self._vel_slope[i] += (slope - self._vel_slope[i]) * 0.075  # 5 Hz
             demand[i] = axis.accel + g.vel_xy_p * error + self._vel_i[i] + g.vel_xy_d * self._vel_slope[i]
-            if self.px4:
-                demand[i] += t.accel[i]
         c, s = math.cos(now.yaw), math.sin(now.yaw)
         ahead, right = c * demand[0] + s * demand[1], -s * demand[0] + c * demand[1]
         limit = math.radians(30.0)
         pitch = max(-limit, min(limit, -math.atan(ahead / GRAVITY)))
         roll = max(-limit, min(limit, math.atan(right * math.cos(pitch) / GRAVITY)))
         self._demand_attitude(roll, pitch, self.shaped[2] if t.yaw is None else t.yaw)
-        return self._vertical(now, t.accel[2] if self.px4 else 0.0)
+        return self._vertical(now)
 
-    def _vertical(self, now: Estimate, extra_accel: float) -> float:
+    def _vertical(self, now: Estimate) -> float:
         g, axis = self.gains, self._down
         wanted = axis.velocity + g.pos_z * (axis.position - now.position[2])
-        accel = axis.accel + g.vel_z * (wanted - now.velocity[2]) + extra_accel
+        accel = axis.accel + g.vel_z * (wanted - now.velocity[2])
         error = self._acc_filtered - accel  # positive: more throttle
         if not self.landed:
             self._thr_i = max(-self.hover, min(0.5, self._thr_i + g.acc_z_i * error * self.dt))
@@ -414,7 +547,7 @@ class Autopilot:
         sp, cp = math.sin(now.pitch), math.cos(now.pitch)
         er, ep, ey = self.shaped[0] - now.roll, self.shaped[1] - now.pitch, wrap(self.shaped[2] - now.yaw)
         dr, dp, dy = self._shaped_rate
-        er, ep, ey = g.angle * er + dr, g.angle * ep + dp, g.angle * ey + dy
+        er, ep, ey = g.angle[0] * er + dr, g.angle[1] * ep + dp, g.angle[2] * ey + dy
         # Euler rates -> body rates
         wanted = (er - sp * ey, cr * ep + sr * cp * ey, -sr * ep + cr * cp * ey)
         out = [0.0, 0.0, 0.0]

@@ -36,6 +36,26 @@ CONTACT_STIFFNESS = 50.0**2
 SPIN_MIN, SPIN_MAX, THRUST_EXPO = 0.15, 0.95, 0.65
 """ArduPilot's defaults of MOT_SPIN_MIN, MOT_SPIN_MAX and MOT_THST_EXPO: where a motor idles, ends, and how it bends."""
 
+
+@dataclass(frozen=True)
+class MotorOutput:
+    """How a firmware turns a thrust 0...1 into a motor's output: its expo curve, squeezed between two ends."""
+
+    lowest: float
+    highest: float
+    expo: float
+
+    def output(self, thrust: float) -> float:
+        """Output 0...1 for a thrust 0...1."""
+        t, e = min(1.0, max(0.0, thrust)), self.expo
+        x = ((e - 1.0) + math.sqrt((1.0 - e) ** 2 + 4.0 * e * t)) / (2.0 * e) if e else t
+        return self.lowest + (self.highest - self.lowest) * x
+
+
+ARDUPILOT_MOTOR = MotorOutput(SPIN_MIN, SPIN_MAX, THRUST_EXPO)
+PX4_MOTOR = MotorOutput(0.0, 1.0, 0.0)
+"""PX4's default THR_MDL_FAC is 0: the command is the output, so lift is not proportional to it."""
+
 Vec = tuple[float, float, float]
 Wrench6 = tuple[float, float, float, float, float, float]
 ZERO6: Wrench6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -124,13 +144,6 @@ def thrust_share(actuator: float, expo: float = THRUST_EXPO) -> float:
     return (1.0 - expo) * actuator + expo * actuator * actuator
 
 
-def actuator_for(throttle: float, expo: float = THRUST_EXPO) -> float:
-    """ArduCopter's output for a throttle 0...1: its expo curve, squeezed between spin-min and spin-max."""
-    throttle = min(1.0, max(0.0, throttle))
-    x = ((expo - 1.0) + math.sqrt((1.0 - expo) ** 2 + 4.0 * expo * throttle)) / (2.0 * expo) if expo else throttle
-    return SPIN_MIN + (SPIN_MAX - SPIN_MIN) * x
-
-
 @dataclass
 class Body:
     """A vehicle in its surroundings. ``seed`` draws the law of the air and what the vehicle file has slightly wrong."""
@@ -140,6 +153,9 @@ class Body:
     law: LawConstants = NOMINAL
     seed: int = 0
     dt: float = DT
+    motor: MotorOutput = ARDUPILOT_MOTOR
+    wind: Vec = (0.0, 0.0, 0.0)
+    """Velocity of the air, NED [m/s]; may change in flight."""
     position: list[float] = field(default_factory=lambda: [0.0, 0.0, GRAVITY / CONTACT_STIFFNESS - GEAR_M])
     velocity: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])
     quaternion: list[float] = field(default_factory=lambda: [1.0, 0.0, 0.0, 0.0])
@@ -148,6 +164,7 @@ class Body:
     causes: Causes = field(default_factory=Causes)
     pack: Pack = field(default_factory=Pack)
     contact: bool = False
+    wall_contact: bool = False
     time_s: float = 0.0
 
     def __post_init__(self) -> None:
@@ -194,7 +211,7 @@ class Body:
         # Full thrust such that the file's hover throttle hovers, a few percent off: nobody weighs before each flight.
         hover = v.hover_thrust * rng.gauss(1.0, 0.02)
         weight_each = v.mass_kg * GRAVITY / len(v.fans)
-        full = weight_each / thrust_share(actuator_for(hover), self._expo)
+        full = weight_each / thrust_share(self.motor.output(hover), self._expo)
         if curve:
             full = curve.max_thrust_n * len(v.fans[0].rotors)
         self._rpm_full = math.sqrt(full / (per_rpm2 * self._fans[0].ct))
@@ -233,6 +250,12 @@ class Body:
     def drag_arm_m(self) -> float:
         """How far above the CG the momentum drag acts."""
         return 0.75 * self.radius - sum(f.z for f in self._fans) / len(self._fans)
+
+    @property
+    def clearance_m(self) -> float:
+        """Height of the lowest foot over the ground."""
+        rot = self.rotation()
+        return -max(self.position[2] + rot[6] * x + rot[7] * y + rot[8] * z for x, y, z in self._feet)
 
     @property
     def wall_gap_m(self) -> float:
@@ -285,9 +308,9 @@ class Body:
     def _air(self, pwm: Sequence[float], rot: tuple[float, ...]) -> None:
         """Everything the air does, by cause."""
         px, py, pz = self.position
-        vn, ve, vd = self.velocity
+        vn, ve, vd = (v - w for v, w in zip(self.velocity, self.wind, strict=True))
         s, radius = self.surroundings, self.radius
-        # body velocity
+        # velocity through the air, body axes
         u = rot[0] * vn + rot[3] * ve + rot[6] * vd
         v = rot[1] * vn + rot[4] * ve + rot[7] * vd
         w = rot[2] * vn + rot[5] * ve + rot[8] * vd
@@ -399,7 +422,7 @@ class Body:
         pz = self.position[2]
         near_ground = pz > -(GEAR_M + 0.2)
         near_wall = self.wall_gap_m < 1.0
-        self.contact = False
+        self.contact = self.wall_contact = False
         if not near_ground and not near_wall:
             self.causes.contact = ZERO6
             return
@@ -420,6 +443,7 @@ class Body:
                 depth = n * into[0] + e * into[1] - self.wall_gap_m
                 beside = -(self.position[0] + n) * into[1] + (self.position[1] + e) * into[0]
                 if depth > 0.0 and abs(beside) < self.surroundings.wall_half_width_m:
+                    self.wall_contact = True
                     self._push(total, rot, lip, into, depth, WALL_FRICTION)
         self.causes.contact = (total[0], total[1], total[2], total[3], total[4], total[5])
 

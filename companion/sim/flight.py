@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TextIO
 
 from companion.sim.air import LawConstants, disturbed
 from companion.sim.autopilot import Autopilot
-from companion.sim.body import DT, GRAVITY, Body
+from companion.sim.body import ARDUPILOT_MOTOR, DT, GRAVITY, PX4_MOTOR, Body
+from companion.sim.px4 import Px4
 from companion.sim.scenario import Reference, Scenario
 from companion.sim.sensors import EscTelemetry, Estimate, Estimator, RangeSensor
 from models.errors import ConfigError
@@ -19,18 +21,33 @@ HOVER_PARAM_SHARE = 0.89
 
 
 class Flight:
-    """Steps everything by ``DT``; the link and the pilot only talk to what is here."""
+    """Steps everything by ``DT``; the link and the pilot only talk to what is here.
+
+    ``parameters`` are the pilot's own settings of the autopilot, over its defaults.
+    """
 
     def __init__(
-        self, vehicle: Vehicle, scenario: Scenario, seed: int, *, px4: bool = False, law: LawConstants | None = None
+        self,
+        vehicle: Vehicle,
+        scenario: Scenario,
+        seed: int,
+        *,
+        px4: bool = False,
+        law: LawConstants | None = None,
+        parameters: Mapping[str, float] | None = None,
     ) -> None:
         self.vehicle = vehicle
         self.scenario = scenario
         self.seed = seed
         self.px4 = px4
-        self.body = Body(vehicle, scenario.surroundings, law or disturbed(seed), seed)
+        motor = PX4_MOTOR if px4 else ARDUPILOT_MOTOR
+        self.body = Body(vehicle, scenario.surroundings, law or disturbed(seed), seed, motor=motor)
         self.estimator = Estimator(self.body, seed)
-        self.autopilot = Autopilot(vehicle, HOVER_PARAM_SHARE * vehicle.hover_thrust, px4=px4)
+        hover = HOVER_PARAM_SHARE * vehicle.hover_thrust
+        self.autopilot = Px4(vehicle, hover) if px4 else Autopilot(vehicle, hover)
+        for name, value in (parameters or {}).items():
+            if not self.autopilot.set_parameter(name, value):
+                raise ConfigError(f"simulated autopilot: no parameter '{name}'")
         self.ranges = [RangeSensor(r, f"range {seed} {i}") for i, r in enumerate(vehicle.rangefinders)]
         self.esc = EscTelemetry(self.body, seed)
         self.estimate: Estimate = self.estimator.step()
@@ -47,6 +64,7 @@ class Flight:
         """One physics step, sensors and control included."""
         body = self.body
         self.estimate = self.estimator.step()
+        self.autopilot.position_trusted = self.estimator.trusted
         pwm = self.autopilot.step(self.estimate, body.contact, body.time_s)
         body.step(pwm)
         for sensor in self.ranges:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -11,25 +12,44 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from pymavlink.generator.mavcrc import x25crc
 
-from companion.sim.autopilot import AttitudeTarget, Mode, PositionTarget
-from companion.sim.body import GRAVITY, SPIN_MAX, SPIN_MIN, THRUST_EXPO
+from companion.sim.autopilot import AttitudeTarget, Mode, PositionTarget, Sticks
+from companion.sim.body import GRAVITY, Vec
 from companion.sim.flight import Flight
-from companion.sim.sensors import RANGE_MAX_M, RANGE_MIN_M
+from companion.sim.px4 import Px4
+from companion.sim.sensors import RANGE_MAX_M, RANGE_MIN_M, Estimate
 
 SYSTEM = 1
 COMPANION = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 PILOT_SYSTEM, PILOT_COMPONENT = 255, mavlink.MAV_COMP_ID_MISSIONPLANNER
 MESSAGES_PER_S = 1290.0
-"""What the link carries at most, as measured on the real one."""
+"""What the link carries at most, as measured on the real ones: ArduCopter; PX4 below."""
 SHORTEST_INTERVAL_S = 0.003
 GUID_OPTION_THRUST = 8
 
 ESC_INFO, ESC_STATUS = 290, 291
 ESC_INFO_CRC, ESC_STATUS_CRC = 251, 10
 
-PX4_MODES = {Mode.GUIDED: (6, 0), Mode.LOITER: (4, 3), Mode.LAND: (4, 6), Mode.ALT_HOLD: (2, 0), Mode.STABILIZE: (7, 0)}
-"""PX4's (main, sub) mode of each of ours: OFFBOARD, AUTO_LOITER, AUTO_LAND, ALTCTL, STABILIZED."""
-OFFBOARD_LOSS_S = 0.5
+PX4_MODES = {
+    Mode.GUIDED: (6, 0),  # OFFBOARD
+    Mode.TAKEOFF: (4, 2),
+    Mode.LOITER: (4, 3),  # Hold
+    Mode.RTL: (4, 5),
+    Mode.LAND: (4, 6),
+    Mode.POSHOLD: (3, 0),  # Position
+    Mode.ALT_HOLD: (2, 0),
+    Mode.STABILIZE: (7, 0),
+}
+"""PX4's (main, sub) mode of each of ours."""
+PX4_MESSAGES_PER_S = 573.0
+_TRUSTED = 0x33F
+"""ESTIMATOR_STATUS and EKF_STATUS_REPORT: attitude, velocities, positions relative and absolute, their forecasts."""
+_DEAD_RECKONED = _TRUSTED & ~(8 | 16 | 256 | 512)
+_FRAMES = (
+    mavlink.MAV_FRAME_LOCAL_NED,
+    mavlink.MAV_FRAME_LOCAL_OFFSET_NED,
+    mavlink.MAV_FRAME_BODY_NED,
+    mavlink.MAV_FRAME_BODY_OFFSET_NED,
+)
 _RESULTS: tuple[int, int, int, int] = (
     mavlink.MAV_RESULT_ACCEPTED,
     mavlink.MAV_RESULT_DENIED,
@@ -61,8 +81,12 @@ class VehicleLink:
         self._last_s = 0.0
         self._heartbeat_s = 0.0
         self._param_queue: list[str] = []
-        self._offboard_s = -math.inf
-        self._offboard_since_s = -math.inf
+        self._rate = PX4_MESSAGES_PER_S if flight.px4 else MESSAGES_PER_S
+        self.position_hz = math.inf
+        """Local positions come no faster than this, whatever is asked for."""
+        self.position_late_s = 0.0
+        """And this much later than their stamp says."""
+        self._past: deque[tuple[int, Estimate]] = deque()
         self.companion_heartbeat_s = -math.inf
         """Boot time of the last heartbeat of component 191."""
         self.attitude_stream_s = -math.inf
@@ -73,7 +97,6 @@ class VehicleLink:
         """Boot time since which that stream has been flowing."""
         self.taken = 0
         self.dropped = 0
-        self.params = self._parameters()
         self._builders = self._message_table()
 
     # -- out --------------------------------------------------------------------------------------------------------
@@ -81,15 +104,15 @@ class VehicleLink:
     def step(self) -> None:
         """Send what is due. Call once per physics step or so."""
         now = self._flight.time_s
-        self._tokens = min(20.0, self._tokens + (now - self._last_s) * MESSAGES_PER_S)
+        self._tokens = min(20.0, self._tokens + (now - self._last_s) * self._rate)
         self._last_s = now
         if now >= self._heartbeat_s:
             self._heartbeat_s += 1.0
             self._out(self._heartbeat())
         if self._param_queue and self._tokens >= 1.0:
             self._send_param(self._param_queue.pop(0))
-        if self._flight.px4:
-            self._watch_offboard()
+        if self.position_late_s > 0.0:
+            self._past.append((self.boot_ms, self._flight.estimate))
         # Round robin, so that a link asked for too much serves everyone less.
         streams = list(self._streams.values())
         for k in range(len(streams)):
@@ -158,7 +181,12 @@ class VehicleLink:
             mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: lambda: mavlink.MAVLink_system_time_message(0, self.boot_ms),
             mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._version,
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
+            mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: self._gps,
         }
+        if self._flight.px4:
+            table[mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS] = self._estimator_status
+        else:
+            table[mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT] = self._ekf_status
 
         def framed(build: Callable[[], Any]) -> Callable[[], list[bytes]]:
             return lambda: [build().pack(self._mav)]
@@ -201,8 +229,25 @@ class VehicleLink:
         return mavlink.MAVLink_raw_imu_message(self.boot_us, *self._milli(), 200, 0, 400, 0, 2500)
 
     def _local_position(self) -> Any:
-        e = self._flight.estimate
-        return mavlink.MAVLink_local_position_ned_message(self.boot_ms, *e.position, *e.velocity)
+        boot_ms, e = self.boot_ms, self._flight.estimate
+        while self._past and self._past[0][0] <= self.boot_ms - 1000.0 * self.position_late_s:
+            boot_ms, e = self._past.popleft()
+        return mavlink.MAVLink_local_position_ned_message(boot_ms, *e.position, *e.velocity)
+
+    def _estimator_status(self) -> Any:
+        trusted = self._flight.estimator.trusted
+        flags, error_m = (_TRUSTED, 0.3) if trusted else (_DEAD_RECKONED, 5.0)
+        tests = (0.05, 0.05, 0.05, 0.05, 0.05, 0.05)
+        return mavlink.MAVLink_estimator_status_message(self.boot_us, flags, *tests, error_m, 0.3)
+
+    def _ekf_status(self) -> Any:
+        trusted = self._flight.estimator.trusted
+        flags, variance = (_TRUSTED, 0.05) if trusted else (_DEAD_RECKONED, 1.5)
+        return mavlink.MAVLink_ekf_status_report_message(flags, 0.05, variance, 0.05, 0.05, 0.0)
+
+    def _gps(self) -> Any:
+        fix, seen = (3, 14) if self._flight.estimator.gps else (1, 0)
+        return mavlink.MAVLink_gps_raw_int_message(self.boot_us, fix, 0, 0, 0, 80, 120, 0, 65535, seen)
 
     def _servo_output(self) -> Any:
         pwm = [int(v) for v in self._flight.autopilot.mixer.pwm]
@@ -243,9 +288,13 @@ class VehicleLink:
         )
 
     def _extended_state(self) -> Any:
-        landed = (
-            mavlink.MAV_LANDED_STATE_ON_GROUND if self._flight.autopilot.landed else mavlink.MAV_LANDED_STATE_IN_AIR
-        )
+        pilot = self._flight.autopilot
+        if pilot.landed:
+            landed = mavlink.MAV_LANDED_STATE_ON_GROUND
+        elif pilot.taking_off:
+            landed = mavlink.MAV_LANDED_STATE_TAKEOFF
+        else:
+            landed = mavlink.MAV_LANDED_STATE_LANDING if pilot.mode is Mode.LAND else mavlink.MAV_LANDED_STATE_IN_AIR
         return mavlink.MAVLink_extended_sys_state_message(0, landed)
 
     def _pressure(self) -> Any:
@@ -368,7 +417,10 @@ class VehicleLink:
         kind = message.get_type()
         target = getattr(message, "target_system", SYSTEM)
         part = getattr(message, "target_component", 0)
-        if target not in (0, SYSTEM) or part not in (0, mavlink.MAV_COMP_ID_AUTOPILOT1):
+        ours = part in (0, mavlink.MAV_COMP_ID_AUTOPILOT1)
+        # ArduCopter takes what is for a component that it has never heard of.
+        nobody = part == COMPANION and not self._flight.px4 and self.companion_heartbeat_s == -math.inf
+        if target not in (0, SYSTEM) or not (ours or nobody):
             return
         if kind == "HEARTBEAT":
             if system == SYSTEM and component == COMPANION:
@@ -380,7 +432,7 @@ class VehicleLink:
 
     def _on_set_attitude_target(self, m: Any) -> None:
         pilot, f = self._flight.autopilot, self._flight
-        self._offboard_s = f.time_s
+        pilot.stream_heard()
         if pilot.mode not in (Mode.GUIDED, Mode.GUIDED_NOGPS):
             return
         mask = m.type_mask
@@ -399,7 +451,7 @@ class VehicleLink:
             self.dropped += 1
             return
         roll, pitch, yaw = euler(m.q) if not attitude_ignored else (0.0, 0.0, 0.0)
-        climb = not f.px4 and not int(self.params["GUID_OPTIONS"]) & GUID_OPTION_THRUST
+        climb = not f.px4 and not int(pilot.parameters["GUID_OPTIONS"]) & GUID_OPTION_THRUST
         pilot.fly_attitude(
             AttitudeTarget(
                 roll,
@@ -420,8 +472,10 @@ class VehicleLink:
 
     def _on_set_position_target_local_ned(self, m: Any) -> None:
         pilot, f = self._flight.autopilot, self._flight
-        self._offboard_s = f.time_s
-        if pilot.mode is not Mode.GUIDED or pilot.landed or m.coordinate_frame != mavlink.MAV_FRAME_LOCAL_NED:
+        pilot.stream_heard()
+        if pilot.mode is not Mode.GUIDED or pilot.landed or m.coordinate_frame not in _FRAMES:
+            return
+        if f.px4 and m.coordinate_frame not in (mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_NED):
             return
         mask = m.type_mask
         position, velocity, accel = not mask & 0x7, not mask & 0x38, not mask & 0x1C0
@@ -430,14 +484,33 @@ class VehicleLink:
             return
         pilot.fly_to(
             PositionTarget(
-                position=(m.x, m.y, m.z) if position else (None, None, None),
-                velocity=(m.vx, m.vy, m.vz) if velocity else (0.0, 0.0, 0.0),
-                accel=(m.afx, m.afy, m.afz) if accel else (0.0, 0.0, 0.0),
+                position=self._place(m) if position else (None, None, None),
+                velocity=self._turned(m, m.vx, m.vy, m.vz) if velocity else (0.0, 0.0, 0.0),
+                accel=self._turned(m, m.afx, m.afy, m.afz) if accel else (0.0, 0.0, 0.0),
                 yaw=None if mask & 0x400 else m.yaw,
                 time_s=f.time_s,
             ),
             f.estimate,
         )
+
+    def _turned(self, m: Any, x: float, y: float, z: float) -> Vec:
+        """A vector of a message in NED: the body frames are turned by the heading, and stay level."""
+        if m.coordinate_frame not in (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED):
+            return (x, y, z)
+        c, s = math.cos(self._flight.estimate.yaw), math.sin(self._flight.estimate.yaw)
+        return (c * x - s * y, s * x + c * y, z)
+
+    def _place(self, m: Any) -> Vec:
+        """The position of a message in NED."""
+        n, e, d = self._turned(m, m.x, m.y, m.z)
+        if m.coordinate_frame in (mavlink.MAV_FRAME_LOCAL_OFFSET_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED):
+            here = self._flight.estimate.position
+            return (here[0] + n, here[1] + e, here[2] + d)
+        return (n, e, d)
+
+    def _on_manual_control(self, m: Any) -> None:
+        pilot = self._flight.autopilot
+        pilot.sticks = Sticks(m.x / 1000.0, m.y / 1000.0, (m.z - 500.0) / 500.0, m.r / 1000.0, pilot.time_s)
 
     def _on_timesync(self, m: Any) -> None:
         if m.tc1 == 0:
@@ -466,7 +539,7 @@ class VehicleLink:
             custom = int(m.param2) << 16 | int(m.param3) << 24 if f.px4 else int(m.param2)
             return accepted if self._set_mode(custom) else failed
         if m.command == mavlink.MAV_CMD_NAV_TAKEOFF:
-            if pilot.mode is not Mode.GUIDED:
+            if pilot.mode is not Mode.GUIDED and not f.px4:
                 return failed
             return accepted if pilot.take_off(m.param7, f.estimate) else failed
         return unsupported
@@ -480,6 +553,8 @@ class VehicleLink:
             self._streams.pop(number, None)
             return True
         interval_s = round(interval_us / 1000.0) / 1000.0
+        if number == mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED and interval_us > 0:
+            interval_s = max(interval_s, 1.0 / self.position_hz)
         if interval_us == 0 or interval_s < SHORTEST_INTERVAL_S:
             return False
         self._streams[number] = _Stream(build, interval_s, self._flight.time_s)
@@ -494,10 +569,7 @@ class VehicleLink:
             ]
             if not match:
                 return False
-            # OFFBOARD is refused unless setpoints have been coming for a second.
-            if match[0] is Mode.GUIDED and not (
-                f.time_s - self._offboard_s < OFFBOARD_LOSS_S and f.time_s - self._offboard_since_s > 1.0
-            ):
+            if match[0] is Mode.GUIDED and isinstance(pilot, Px4) and not pilot.stream_runs:
                 return False
             pilot.set_mode(match[0], f.estimate)
             return True
@@ -508,35 +580,12 @@ class VehicleLink:
         pilot.set_mode(mode, f.estimate)
         return True
 
-    def _watch_offboard(self) -> None:
-        """PX4 leaves OFFBOARD for a position hold when setpoints stop for longer than COM_OF_LOSS_T."""
-        now, pilot = self._flight.time_s, self._flight.autopilot
-        if now - self._offboard_s > OFFBOARD_LOSS_S:
-            self._offboard_since_s = now
-            if pilot.mode is Mode.GUIDED and pilot.armed and not pilot.landed:
-                pilot.set_mode(Mode.LOITER, self._flight.estimate)
-
     # -- parameters -------------------------------------------------------------------------------------------------
 
-    def _parameters(self) -> dict[str, float]:
-        pilot = self._flight.autopilot
-        if self._flight.px4:
-            return {"MPC_THR_HOVER": pilot.hover, "THR_MDL_FAC": THRUST_EXPO, "COM_OF_LOSS_T": OFFBOARD_LOSS_S}
-        return {
-            "GUID_OPTIONS": float(GUID_OPTION_THRUST),
-            "GUID_TIMEOUT": pilot.guid_timeout_s,
-            "MOT_SPIN_ARM": 0.10,
-            "MOT_SPIN_MIN": SPIN_MIN,
-            "MOT_SPIN_MAX": SPIN_MAX,
-            "MOT_THST_EXPO": THRUST_EXPO,
-            "MOT_THST_HOVER": pilot.hover,
-            "MOT_BAT_VOLT_MAX": 0.0,
-            "MOT_BAT_VOLT_MIN": 0.0,
-            "MOT_HOVER_LEARN": 0.0,
-            "ATC_INPUT_TC": pilot.gains.input_tc,
-            "PILOT_SPEED_UP": 100.0 * pilot.speed_up_m_s,
-            "SYSID_THISMAV": float(SYSTEM),
-        }
+    @property
+    def params(self) -> dict[str, float]:
+        """The autopilot's parameters."""
+        return self._flight.autopilot.parameters
 
     def _send_param(self, name: str) -> None:
         names = list(self.params)
@@ -556,14 +605,8 @@ class VehicleLink:
         self._param_queue.extend(self.params)
 
     def _on_param_set(self, m: Any) -> None:
-        if m.param_id not in self.params:
-            return
-        self.params[m.param_id] = float(m.param_value)
-        if m.param_id == "GUID_TIMEOUT":
-            self._flight.autopilot.guid_timeout_s = float(m.param_value)
-        if m.param_id in ("MOT_THST_HOVER", "MPC_THR_HOVER"):
-            self._flight.autopilot.hover = float(m.param_value)
-        self._param_queue.append(m.param_id)
+        if self._flight.autopilot.set_parameter(m.param_id, float(m.param_value)):
+            self._param_queue.append(m.param_id)
 
 
 def quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.sim.body import GRAVITY, SPIN_MIN, actuator_for
+from companion.sim.body import ARDUPILOT_MOTOR, GRAVITY, MotorOutput
 from models.errors import ConfigError
 from models.vehicle import Vehicle
 
@@ -18,7 +18,7 @@ class Mixer:
     stream of a hovering fan.
     """
 
-    def __init__(self, vehicle: Vehicle, hover: float) -> None:
+    def __init__(self, vehicle: Vehicle, hover: float, motor: MotorOutput = ARDUPILOT_MOTOR) -> None:
         fans, vanes = vehicle.fans, vehicle.vanes
         lift_each = vehicle.mass_kg * GRAVITY / len(fans)
         columns = []
@@ -44,6 +44,7 @@ class Mixer:
         self._fan_rows = [tuple(float(v) for v in row[1:]) for row in inverse[: len(fans)]]
         self._vane_rows = [tuple(float(v) for v in row[1:]) for row in inverse[len(fans) :]]
         self._hover = hover
+        self._motor = motor
         self._fans = [[(r.esc or r.servo or 1) - 1 for r in fan.rotors] for fan in fans]
         self._vanes = [(v.servo - 1, v.neutral_us, (0.5 / v.rad_per_us) if v.rad_per_us else 0.0) for v in vanes]
         curve = vehicle.throttle
@@ -70,7 +71,7 @@ class Mixer:
         # Moments come first: the mean throttle gives way so that no fan leaves 0...1.
         low, high = min(parts), max(parts)
         throttle = min(max(throttle, -low), 1.0 - high) if high - low < 1.0 else 0.5
-        self._write_fans([max(SPIN_MIN, actuator_for(throttle + part)) for part in parts])
+        self._write_fans([self._motor.output(throttle + part) for part in parts])
         self.saturated = False
         for (channel, neutral, travel), (a, b, c) in zip(self._vanes, self._vane_rows, strict=True):
             share = a * roll + b * pitch + c * yaw

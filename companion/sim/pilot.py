@@ -18,6 +18,7 @@ from companion.sim.link import (
     SYSTEM,
     VehicleLink,
 )
+from companion.sim.px4 import Px4
 
 POSITION_AND_VELOCITY = 0x1C0 | 0x800
 """type_mask: position, velocity and yaw are commanded; acceleration and yaw rate are not."""
@@ -78,8 +79,9 @@ class ScriptedPilot:
                 self._start_s = now
                 # Whoever begins the script keeps it: a companion that falls silent meets GUID_TIMEOUT, as it would.
                 self._companion_flies = self._hand is Hand.COMPANION and self._flowing()
-            elif self._flight.px4 or now > TAKE_OFF_S + 5.0:
+            elif now > TAKE_OFF_S + 5.0:
                 self._send_reference()
+                self._enter_offboard()
             return
         self._flight.script_s = script = now - self._start_s
         if self._endless and script > self._flight.scenario.duration_s:
@@ -98,18 +100,25 @@ class ScriptedPilot:
 
     def _take_off(self) -> None:
         flight, pilot = self._flight, self._flight.autopilot
-        if flight.px4:
-            # OFFBOARD needs a stream before it is accepted; the autopilot's own take-off is not modelled for PX4.
-            self._to_autopilot(self._position_message(mavlink.MAV_COMP_ID_AUTOPILOT1))
-        if pilot.mode is not Mode.GUIDED:
-            main, sub = PX4_MODES[Mode.GUIDED] if flight.px4 else (int(Mode.GUIDED), 0)
-            self._command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, float(main), float(sub))
+        if not flight.px4 and pilot.mode is not Mode.GUIDED:
+            self.set_mode(Mode.GUIDED)
         elif not pilot.armed:
             self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
         else:
             height = -self._flight.scenario.reference(-1.0).position[2]
             self._command(mavlink.MAV_CMD_NAV_TAKEOFF, p7=height)
             self._took_off = True
+
+    def set_mode(self, mode: Mode) -> None:
+        """Ask for a mode."""
+        main, sub = PX4_MODES[mode] if self._flight.px4 else (int(mode), 0)
+        self._command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, float(main), float(sub))
+
+    def _enter_offboard(self) -> None:
+        """PX4 takes off in a mode of its own; OFFBOARD once somebody's stream has been running for a second."""
+        pilot = self._flight.autopilot
+        if isinstance(pilot, Px4) and pilot.mode is Mode.LOITER and pilot.stream_runs:
+            self.set_mode(Mode.GUIDED)
 
     def _command(self, number: int, p1: float = 0.0, p2: float = 0.0, p3: float = 0.0, p7: float = 0.0) -> None:
         self._to_autopilot(mavlink.MAVLink_command_long_message(SYSTEM, 1, number, 0, p1, p2, p3, 0.0, 0.0, 0.0, p7))
@@ -118,7 +127,7 @@ class ScriptedPilot:
         begun = math.isfinite(self._start_s)
         if self._companion_flies if begun else self._hand is Hand.COMPANION and self._flowing():
             self._link.route(self._position_message(COMPANION))
-        elif self._hand is Hand.AUTOPILOT or self._flight.px4 or begun:
+        elif self._hand is Hand.AUTOPILOT or begun:
             self._to_autopilot(self._position_message(mavlink.MAV_COMP_ID_AUTOPILOT1))
 
     def _position_message(self, component: int) -> Any:

@@ -6,12 +6,17 @@ import math
 import random
 from collections import deque
 from dataclasses import dataclass
+from enum import Enum
 
 from companion.sim.air import Unsteadiness
 from companion.sim.body import GRAVITY, Body, Vec
 from models.vehicle import Rangefinder
 
 OUT_OF_RANGE_M = 60.0
+DISTRUST_S = 5.0
+"""Without GPS: after this long the real PX4's ESTIMATOR_STATUS clears its position flags."""
+DEAD_RECKONING_M_S2 = 0.0086
+"""1.9 m in 21 s, as the real PX4 went astray."""
 RANGE_MIN_M, RANGE_MAX_M = 0.03, 40.0
 BEAM_DIRECTIONS: dict[int, Vec] = {
     **{k: (math.cos(k * math.pi / 4), math.sin(k * math.pi / 4), 0.0) for k in range(8)},
@@ -47,6 +52,8 @@ class Estimator:
     """IMU and EKF. Errors: attitude 0.1 deg, position 4 mm (10 s), velocity 1 cm/s (1 s), each about a fixed bias.
 
     Its random streams depend on the seed and on time alone, never on the flight: two flights with one seed are paired.
+    Without GPS it dead-reckons: position and velocity go on, and go wrong as an accelerometer's bias integrates; after
+    ``DISTRUST_S`` it says so. When GPS returns they leap back.
     """
 
     def __init__(self, body: Body, seed: int) -> None:
@@ -60,10 +67,22 @@ class Estimator:
         self._position_bias = [rng.gauss(0.0, 0.008) for _ in range(3)]
         self._accel_bias = [rng.gauss(0.0, 0.02) for _ in range(3)]
         self._gyro_bias = [rng.gauss(0.0, 0.0005) for _ in range(3)]
+        bearing = rng.uniform(-math.pi, math.pi)
+        self._astray = (DEAD_RECKONING_M_S2 * math.cos(bearing), DEAD_RECKONING_M_S2 * math.sin(bearing))
+        self.gps = True
+        self._without_s = 0.0
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the estimator itself trusts its position."""
+        return self._without_s < DISTRUST_S
 
     def step(self) -> Estimate:
         """Measure and estimate at the body's present instant."""
         body, gauss = self._body, self._white.gauss
+        self._without_s = 0.0 if self.gps else self._without_s + body.dt
+        t = self._without_s
+        (an, ae), half = self._astray, 0.5 * t * t
         slow, where, speed = self._slow.step(), self._position.step(), self._velocity.step()
         a = math.radians(0.1)
         ex, ey, ez = (0.5 * (a * s + b) for s, b in zip(slow, self._tilt_bias, strict=True))
@@ -84,17 +103,24 @@ class Estimator:
                 r[2] + self._gyro_bias[2] + gauss(0.0, 0.008),
             ),
             position=(
-                p[0] + self._position_bias[0] + 0.004 * where[0],
-                p[1] + self._position_bias[1] + 0.004 * where[1],
+                p[0] + self._position_bias[0] + 0.004 * where[0] + half * an,
+                p[1] + self._position_bias[1] + 0.004 * where[1] + half * ae,
                 p[2] + self._position_bias[2] + 0.004 * where[2],
             ),
-            velocity=(v[0] + 0.01 * speed[0], v[1] + 0.01 * speed[1], v[2] + 0.01 * speed[2]),
+            velocity=(v[0] + 0.01 * speed[0] + t * an, v[1] + 0.01 * speed[1] + t * ae, v[2] + 0.01 * speed[2]),
             specific_force=(
                 f[0] + self._accel_bias[0] + gauss(0.0, 0.15),
                 f[1] + self._accel_bias[1] + gauss(0.0, 0.15),
                 f[2] + self._accel_bias[2] + gauss(0.0, 0.15),
             ),
         )
+
+
+class RangeFault(Enum):
+    """How a range may go wrong."""
+
+    LOST = "no echo"
+    FROZEN = "the last reading again and again"
 
 
 class RangeSensor:
@@ -107,15 +133,19 @@ class RangeSensor:
         self._late: deque[float] = deque(maxlen=2)
         self._next_s = 0.0
         self.reading_m = OUT_OF_RANGE_M
+        self.fault: RangeFault | None = None
 
     def step(self, body: Body) -> None:
         """Sample when due; ``reading_m`` is what the driver then reports."""
         if body.time_s < self._next_s:
             return
         self._next_s = body.time_s + 0.02
+        if self.fault is RangeFault.FROZEN:
+            return
         if len(self._late) == 2:
             true = self._late[0]
-            if self._rng.random() < 0.01 or not RANGE_MIN_M <= true <= RANGE_MAX_M:
+            lost = self._rng.random() < 0.01 or self.fault is RangeFault.LOST
+            if lost or not RANGE_MIN_M <= true <= RANGE_MAX_M:
                 self.reading_m = OUT_OF_RANGE_M
             else:
                 self.reading_m = round(max(RANGE_MIN_M, true + self._rng.gauss(0.0, 0.008)), 2)

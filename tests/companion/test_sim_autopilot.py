@@ -210,6 +210,7 @@ def test_only_px4_adds_the_acceleration_behind_the_velocity_controller(px4, lean
     commands = []
     for accel in (0.0, 0.3):
         peer = hovering(px4=px4)
+        peer.flight.autopilot.set_mode(Mode.GUIDED, peer.flight.estimate)
         peer.position(0.0, 0.0, -HEIGHT_M, accel_n=accel)
         peer.run(0.0025)
         commands.append(math.degrees(peer.flight.autopilot.command[1]))

@@ -6,7 +6,7 @@ import pytest
 from simflight import hovering, vehicle
 
 from companion.sim.air import NOMINAL, increments
-from companion.sim.body import GRAVITY, Body, Surroundings, actuator_for, thrust_share
+from companion.sim.body import ARDUPILOT_MOTOR, GRAVITY, Body, Surroundings, thrust_share
 from companion.sim.mixer import Mixer
 from companion.sim.sensors import OUT_OF_RANGE_M, RangeSensor, true_range
 from models.errors import ConfigError
@@ -42,7 +42,7 @@ def test_thrust_is_affine_in_the_command_as_measured():
     """d(T/W)/d(command) at hover: 1.46...1.62 on the real autopilot, where 1/hover would say 2."""
 
     def thrust(command: float) -> float:
-        return thrust_share(actuator_for(command))
+        return thrust_share(ARDUPILOT_MOTOR.output(command))
 
     slope = (thrust(0.55) - thrust(0.45)) / 0.1 / thrust(0.5)
     assert 1.46 <= slope <= 1.62

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import math
 import struct
 
@@ -8,11 +9,12 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from pymavlink.generator.mavcrc import x25crc
 from simflight import HEIGHT_M, Peer, hovering, vehicle
 
-from companion.sim.autopilot import Mode
+from companion.sim.autopilot import Guided, Mode
 from companion.sim.flight import Flight
 from companion.sim.link import ESC_INFO, ESC_INFO_CRC, ESC_STATUS, ESC_STATUS_CRC, PX4_MODES
 from companion.sim.pilot import Hand, ScriptedPilot
 from companion.sim.scenario import build
+from companion.sim.sensors import RangeFault
 
 ACCEPTED, DENIED = mavlink.MAV_RESULT_ACCEPTED, mavlink.MAV_RESULT_DENIED
 STREAMS = {
@@ -229,31 +231,211 @@ def test_px4_reports_rotors_in_its_own_messages():
     assert struct.unpack("<Q4IH4H4hBBBB", payload[:46])[15] == 4  # count
 
 
-def test_px4_leaves_offboard_when_the_stream_stops_and_wants_it_back_before_it_enters():
-    peer = hovering(px4=True)
-    peer.attitude(thrust=0.5)
-    peer.run(0.3)
-    assert peer.flight.autopilot.mode is Mode.GUIDED
-    peer.run(0.6)
-    assert peer.flight.autopilot.mode is Mode.LOITER
-    main, sub = PX4_MODES[Mode.GUIDED]
-    request = (mavlink.MAV_CMD_DO_SET_MODE, 1.0, float(main), float(sub))
-    assert peer.command(*request) == mavlink.MAV_RESULT_FAILED
-    for _ in range(60):
-        peer.attitude(thrust=0.5)
+OFFBOARD = (mavlink.MAV_CMD_DO_SET_MODE, 1.0, *map(float, PX4_MODES[Mode.GUIDED]))
+
+
+def stream(peer: Peer, seconds: float) -> None:
+    for _ in range(round(seconds / 0.02)):
+        peer.attitude(thrust=peer.flight.autopilot.hover)
         peer.run(0.02)
-    assert peer.command(*request) == ACCEPTED
+
+
+def test_px4_wants_a_stream_for_a_second_before_it_enters_offboard():
+    peer = hovering(px4=True)
+    assert peer.flight.autopilot.mode is Mode.LOITER
+    assert peer.command(*OFFBOARD) == mavlink.MAV_RESULT_FAILED
+    stream(peer, 0.8)
+    assert peer.command(*OFFBOARD) == mavlink.MAV_RESULT_FAILED
+    assert peer.link.taken == 0
+    stream(peer, 0.3)
+    assert peer.command(*OFFBOARD) == ACCEPTED
+    stream(peer, 0.1)
+    assert peer.link.taken > 0
+
+
+@pytest.mark.parametrize(("sticks", "fallback"), [(True, Mode.POSHOLD), (False, Mode.LOITER)])
+def test_px4_leaves_offboard_a_second_after_the_stream_and_enters_again_with_it(sticks, fallback):
+    peer = hovering(px4=True)
+    stream(peer, 1.2)
+    assert peer.command(*OFFBOARD) == ACCEPTED
+    stream(peer, 0.2)
+
+    def each() -> None:
+        if sticks:
+            peer.say(mavlink.MAVLink_manual_control_message(1, 0, 0, 500, 0, 0), 255, 190)
+
+    peer.run(0.9, each)
     assert peer.flight.autopilot.mode is Mode.GUIDED
+    peer.run(0.2, each)
+    assert peer.flight.autopilot.mode is fallback
+    if sticks:
+        peer.run(6.0, each)
+        assert peer.flight.autopilot.mode is Mode.POSHOLD
+    stream(peer, 1.1)
+    assert peer.flight.autopilot.mode is Mode.GUIDED
+
+
+def test_px4_without_sticks_returns_five_seconds_after_the_stream():
+    peer = hovering(px4=True)
+    stream(peer, 1.2)
+    assert peer.command(*OFFBOARD) == ACCEPTED
+    peer.run(6.5)
+    assert peer.flight.autopilot.mode in (Mode.RTL, Mode.LAND)
+
+
+def test_px4_flies_the_stream_thrust_as_it_comes_and_learns_its_own_hover():
+    peer = hovering(px4=True)
+    pilot = peer.flight.autopilot
+    assert pilot.parameters["MPC_THR_HOVER"] == 0.5
+    assert pilot.hover == pytest.approx(pilot.throttle, rel=0.03)
+    stream(peer, 1.2)
+    assert peer.command(*OFFBOARD) == ACCEPTED
+    peer.attitude(roll=10.0, thrust=0.6)
+    peer.run(0.02)
+    assert pilot.throttle == 0.6
+    assert pilot.shaped[0] == pytest.approx(math.radians(10.0))
+
+
+# -- manners of both -------------------------------------------------------------------------------------------------
+
+
+def test_sticks_fly_a_velocity_and_where_they_end_is_held():
+    for px4 in (False, True):
+        peer = hovering(px4=px4)
+        peer.flight.autopilot.set_mode(Mode.POSHOLD, peer.flight.estimate)
+        top = peer.flight.autopilot.stick_speed_m_s
+        push = [round(1000.0 / top), 0]
+
+        def each(peer: Peer = peer, push: list[int] = push) -> None:
+            peer.say(mavlink.MAVLink_manual_control_message(1, push[0], 0, 500, 0, 0), 255, 190)
+
+        peer.run(4.0, each)
+        assert peer.flight.body.velocity[0] == pytest.approx(1.0, abs=0.15)
+        push[0] = 0
+        peer.run(4.0, each)
+        place = list(peer.flight.body.position)
+        assert place[0] > 3.0
+        peer.run(3.0)
+        assert math.dist(place, peer.flight.body.position) < 0.12
+
+
+def test_without_gps_the_estimate_goes_astray_and_says_so_after_five_seconds():
+    number = {True: mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS, False: mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT}
+    for px4, kind in ((True, "ESTIMATOR_STATUS"), (False, "EKF_STATUS_REPORT")):
+        peer = hovering(px4=px4)
+        assert peer.interval(number[px4], 10.0) == ACCEPTED
+        assert peer.interval(number[not px4], 10.0) == DENIED
+        peer.flight.estimator.gps = False
+        peer.run(4.8)
+        assert all(m.flags & 16 for m in peer.messages(kind))
+        peer.run(0.5)
+        assert not peer.messages(kind)[-1].flags & 16
+        assert (peer.flight.autopilot.mode is Mode.LAND) == (not px4)  # FS_EKF_ACTION
+    estimate, true = peer.flight.estimate.position, peer.flight.body.position
+    assert math.dist(estimate[:2], true[:2]) > 0.05
+
+
+def test_attitude_gains_are_parameters_that_are_obeyed():
+    reached = []
+    for p, tc in ((4.5, 0.15), (2.25, 0.3)):
+        peer = hovering("quad")
+        for name, value in ((b"ATC_ANG_RLL_P", p), (b"ATC_INPUT_TC", tc)):
+            peer.say(mavlink.MAVLink_param_set_message(1, 1, name, value, 9), 255, 190)
+        for _ in range(15):
+            peer.attitude(roll=5.0, thrust=peer.flight.autopilot.hover)
+            peer.run(0.02)
+        reached.append(math.degrees(peer.flight.body.euler()[0]))
+    assert reached[1] < 0.7 * reached[0]
+
+
+def test_positions_come_no_faster_than_the_limit_and_late():
+    peer = hovering()
+    peer.link.position_hz, peer.link.position_late_s = 10.0, 0.1
+    assert peer.interval(STREAMS["LOCAL_POSITION_NED"], 50.0) == ACCEPTED
+    peer.run(2.0)
+    peer.messages()
+    peer.run(1.0)
+    found = peer.messages("LOCAL_POSITION_NED")
+    assert len(found) == pytest.approx(10, abs=1)
+    assert peer.link.boot_ms - found[-1].time_boot_ms == pytest.approx(150, abs=51)
+
+
+def test_a_target_in_the_body_frame_is_turned_and_added():
+    peer = hovering()
+    start = list(peer.flight.body.position)
+    yaw = peer.flight.estimate.yaw
+    for _ in range(100):
+        peer.run(0.05)
+        if _ == 0:
+            mask = 0x38 | 0x1C0 | 0x800 | 0x400
+            peer.say(
+                mavlink.MAVLink_set_position_target_local_ned_message(
+                    0, 1, 1, mavlink.MAV_FRAME_BODY_OFFSET_NED, mask, 0.5, 0.0, -0.2, 0, 0, 0, 0, 0, 0, 0, 0
+                ),
+                255,
+                190,
+            )
+    moved = [b - a for a, b in zip(start, peer.flight.body.position, strict=True)]
+    assert moved[0] == pytest.approx(0.5 * math.cos(yaw), abs=0.05)
+    assert moved[2] == pytest.approx(-0.2, abs=0.05)
+
+
+def test_with_no_companion_the_autopilot_flies_what_is_for_it():
+    for heard in (False, True):
+        peer = hovering()
+        if heard:
+            peer.say(mavlink.MAVLink_heartbeat_message(18, 8, 0, 0, 4, 3))
+        peer.say(
+            mavlink.MAVLink_set_position_target_local_ned_message(
+                0, 1, 191, 1, 0x38 | 0x1C0 | 0x800 | 0x400, 1.0, 0.0, -HEIGHT_M, 0, 0, 0, 0, 0, 0, 0, 0
+            ),
+            255,
+            190,
+        )
+        assert (peer.flight.autopilot.guided is Guided.POSITION) == (not heard)
+
+
+def test_a_take_off_is_said_to_be_one_until_its_height_is_reached():
+    v = vehicle()
+    peer = Peer(Flight(v, build("hover", v), 2))
+    peer.run(0.1)
+    peer.flight.autopilot.set_mode(Mode.GUIDED, peer.flight.estimate)
+    peer.flight.autopilot.arm(True)
+    peer.flight.autopilot.take_off(1.5, peer.flight.estimate)
+    peer.interval(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 10.0)
+    peer.run(10.0)
+    states = [m.landed_state for m in peer.messages("EXTENDED_SYS_STATE")]
+    changes = [b for a, b in itertools.pairwise([0, *states]) if a != b]
+    assert changes == [1, 3, 2]
+
+
+def test_a_range_may_lose_its_echo_or_freeze():
+    peer = hovering()
+    sensor = peer.flight.ranges[0]
+    before = sensor.reading_m
+    sensor.fault = RangeFault.FROZEN
+    peer.flight.autopilot.take_off(3.0, peer.flight.estimate)
+    peer.run(1.0)
+    assert sensor.reading_m == before
+    sensor.fault = RangeFault.LOST
+    peer.run(0.2)
+    assert sensor.reading_m == 60.0
+
+
+def test_wind_pushes():
+    peer = hovering()
+    peer.flight.body.wind = (0.0, 4.0, 0.0)
+    drift = []
+    peer.run(1.5, lambda: drift.append(peer.flight.body.position[1]))
+    assert max(drift) > 0.03
 
 
 def test_heartbeat_tells_which_autopilot_flies():
     for px4, firmware in ((False, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA), (True, mavlink.MAV_AUTOPILOT_PX4)):
         peer = hovering(px4=px4)
-        peer.attitude(thrust=0.5)
-        peer.run(0.1)
+        peer.run(1.0)
         beat = peer.messages("HEARTBEAT")[0]
         assert beat.autopilot == firmware
         assert beat.type == mavlink.MAV_TYPE_COAXIAL
         assert beat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-        assert beat.custom_mode == ((6 << 16) if px4 else 4)
-        assert math.isfinite(beat.custom_mode)
+        assert beat.custom_mode == ((4 << 16 | 3 << 24) if px4 else 4)
