@@ -17,7 +17,7 @@ from models.evolve import replace
 from models.frames import GRAVITY, Array
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Reference:
     """Where to be: NED position [m], velocity [m/s] fed forward, heading [rad]."""
 
