@@ -13,7 +13,6 @@ from companion.mavlink.samples import RangeVerdict
 from models.errors import LogError
 from models.frames import euler_from_quaternion
 from replay.flightlog import Series, best_beam, direction_name, load, smallest_step, tidy, unflipped
-from replay.rerun.harness import frame_id
 
 
 def logs_of(tmp_path, messages, **options):

@@ -11,7 +11,6 @@ from log_writers import bin_flight, flight, frame, heartbeat, ulg_flight, write_
 
 from replay.cli import main
 from replay.logs.tlog import read_tlog
-from replay.rerun.harness import frame_id
 
 
 @pytest.fixture
