@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
+import reliability
 from flights.judge import judge, rms_ratio, wilson
 
 AXES = ["Fx", "Fy", "Fz", "Mx", "My", "Mz"]
@@ -91,3 +93,12 @@ def test_wilson_interval_of_19_in_20():
     low, high = wilson(19, 20)
     assert low == pytest.approx(0.764, abs=0.002)
     assert high == pytest.approx(0.991, abs=0.002)
+
+
+def test_every_name_is_a_statement_that_reliability_can_count():
+    said = answer("wind", "imu_bias")
+    said["effects"][0] |= {"probability": 0.97, "q_value": 0.01, "status": "confirmed"}
+    statements = judge("wind", truth(effects=["wind"]), said, 0).statements
+    assert [(s.effect, s.right, s.probability) for s in statements] == [("wind", True, 0.97), ("imu_bias", False, None)]
+    (row,) = reliability.statements({"group": "single", "judgement": {"statements": [asdict(s) for s in statements]}})
+    assert (row.kind, row.basis, row.right) == ("simulated", reliability.PROBABILITY, True)

@@ -12,6 +12,7 @@ from itertools import combinations
 from typing import Any
 
 from scipy.stats import binomtest
+from stated import Statement, statement
 
 NEEDED = 0.02
 THERE = 0.003
@@ -60,6 +61,7 @@ class Judgement:
     silent: bool
     """No name at all."""
     note: str
+    statements: tuple[Statement, ...] = ()
 
 
 def judge(truth: Mapping[str, Any], answer: Mapping[str, Any] | None, complaint: str = "") -> Judgement:
@@ -96,6 +98,7 @@ def judge(truth: Mapping[str, Any], answer: Mapping[str, Any] | None, complaint:
     return Judgement(
         right, right and needed <= set(reported), tuple(sorted(wrong)), tuple(sorted(missed)),
         tuple(sorted(needed & covered)), overclaimed, not reported, note,
+        tuple(statement(e, n not in wrong) for n, e in reported.items()),
     )  # fmt: skip
 
 
