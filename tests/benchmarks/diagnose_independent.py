@@ -1,7 +1,7 @@
 """Fly seeds of the second simulator (``independent/``) and see what ``replay diagnose`` makes of them.
 
-``python tests/benchmarks/diagnose_independent.py --seed 1 2 [--only TEXT...] [--jobs N] [--json FILE]``. Flights go to a
-cache folder (or ``--keep DIR``), once. Seeds from 100 on are sealed. Everything is simulated.
+``python tests/benchmarks/diagnose_independent.py --seed 1 2 [--only TEXT...] [--jobs N] [--json FILE]``. Flights go to
+a cache folder (or ``--keep DIR``), once. Seeds from 100 on are sealed. Everything is simulated.
 """
 
 from __future__ import annotations

@@ -1,10 +1,10 @@
-"""The autopilot: cascaded position, velocity, attitude (on SO(3): Lee, Leok & McClamroch 2010) and rate loops, a mixer."""
+"""The autopilot: position, velocity, attitude (on SO(3): Lee, Leok & McClamroch 2010) and rate loops, and a mixer."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from .airframes import G, Airframe, Array
+from .airframes import Airframe, Array, G
 from .power import calibrated, motor_constant
 
 MAX_TILT = np.tan(np.radians(28.0))

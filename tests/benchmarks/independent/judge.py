@@ -1,7 +1,7 @@
 """Is an answer of ``replay diagnose`` right? Written from the physics of the flights before any answer was seen.
 
-An effect has to be named from 2 % of the weight on (95th percentile below 2 Hz; of a moment: of weight times arm). What is
-there but smaller may be named, in its own size. What is not there (less than 0.3 %) may not.
+An effect has to be named from 2 % of the weight on (95th percentile below 2 Hz; of a moment: of weight times arm). What
+is there but smaller may be named, in its own size. What is not there (less than 0.3 %) may not.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Simulate the flights of a seed and write them: ``.tlog``, vehicle ``.toml``, ``truth.json``, and the declared table."""
+"""Simulate the flights of a seed and write ``.tlog``, vehicle ``.toml`` and ``.truth.json``, and the declared table."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from . import surfaces, tlog
-from .airframes import G, GUARDED, vehicle_toml
+from .airframes import GUARDED, G, vehicle_toml
 from .cases import SECONDS, Case, cases
 from .explain import explain, lag_beyond_delay, size, sizes
 from .flight import Flight, Track

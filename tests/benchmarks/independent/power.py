@@ -11,7 +11,6 @@ from functools import lru_cache
 
 import numpy as np
 
-
 from .airframes import Airframe, Array, ThrottleCurve
 
 CHARGE = np.array([-0.2, 0.0, 0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 0.85, 0.95, 1.0])

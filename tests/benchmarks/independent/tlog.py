@@ -1,4 +1,4 @@
-"""A flight as a ``.tlog``: MAVLink 2 messages of the contract's section 5 with receive stamps, written with pymavlink."""
+"""A flight as a ``.tlog``: MAVLink 2 messages of the contract's section 5 with receive stamps, by pymavlink."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from .airframes import G, Airframe, Array, Beam
+from .airframes import Airframe, Array, Beam, G
 from .flight import DT, Track
 from .sensors import Seen
 
 os.environ.setdefault("MAVLINK20", "1")
-from pymavlink.dialects.v20 import ardupilotmega as dialect  # noqa: E402
+from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 EPOCH_S = 1767225600.0
 
