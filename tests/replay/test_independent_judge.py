@@ -48,6 +48,9 @@ def test_an_alias_counts_where_physics_allows_it_and_the_answer_says_it():
     assert not said.exact
     assert said.named == ("payload",)
     assert not judge(flight, answer("wind", aliases=[("payload", "wind")])).right
+    large = {"explains": 0.9, "before": 0.7, "aliases": [("payload", "thrust_scale")]}
+    assert judge(truth(payload=0.07), answer("thrust_scale", **large)).right
+    assert judge(truth(payload=0.005), answer("thrust_scale", **large)).wrong == ("thrust_scale",)
 
 
 def test_what_an_effect_contains_may_come_along():
