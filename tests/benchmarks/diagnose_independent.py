@@ -1,7 +1,7 @@
 """Fly seeds of the second simulator (``independent/``) and see what ``replay diagnose`` makes of them.
 
-``python tests/benchmarks/diagnose_independent.py --seed 1 2 [--only TEXT...] [--jobs N] [--json FILE]``. Flights go to a
-cache folder (or ``--keep DIR``), once. Seeds from 100 on are sealed. Everything is simulated.
+``python tests/benchmarks/diagnose_independent.py --seed 1 2 [--only TEXT...] [--jobs N] [--json FILE]``. Flights go to
+a cache folder (or ``--keep DIR``), once. Seeds from 100 on are sealed. Everything is simulated.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def main() -> int:
     model = train(folder, args.method) if any(c.frame.table for c in flown) else None
     rows: list[Row] = []
     with ThreadPoolExecutor(args.jobs) as pool:
-        for row in pool.map(lambda case: run_one(folder, case, model, args.timeout), flown):
+        for row in pool.map(lambda case: run_one(folder, case, model, args), flown):
             rows.append(row)
             print(line(row), flush=True)
     print()
@@ -62,6 +62,7 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--keep", type=Path, metavar="DIR", help="where flights are kept (default: a temporary folder)")
     p.add_argument("--method", default="ensemble", help="how the guarded quadrotor's declared model is trained")
     p.add_argument("--jobs", type=int, default=1, help="diagnoses at a time")
+    p.add_argument("--judge", action="store_true", help="judge answers that are there instead of diagnosing again")
     p.add_argument("--timeout", type=float, default=300.0, metavar="S")
     p.add_argument("--json", metavar="FILE", help="write every judgement (- for stdout)")
     return p
@@ -77,28 +78,36 @@ def train(folder: Path, method: str) -> Path:
     return out
 
 
-def run_one(folder: Path, case: Case, model: Path | None, timeout: float) -> Row:
+def run_one(folder: Path, case: Case, model: Path | None, args: argparse.Namespace) -> Row:
     """``replay diagnose`` on one flight, judged."""
     base, truth = stem(folder, case), read_truth(folder, case)
     out = base.with_name(case.name + ".answer.json")
-    out.unlink(missing_ok=True)
+    if not args.judge:
+        out.unlink(missing_ok=True)
     command = [
         sys.executable, "-m", "replay", "diagnose", f"{base}.tlog", "--vehicle", f"{base}.toml",
         "--model", str(model) if truth["model"] == "table" else "none", "--json", str(out), "--quiet",
     ]  # fmt: skip
     begun, complaint = time.perf_counter(), ""
-    try:
-        done = subprocess.run(
-            command, cwd=REPO, env=_environment(), capture_output=True, text=True, timeout=timeout, check=False
-        )
-        if done.returncode:
-            complaint = f"exit code {done.returncode}: {(done.stderr.strip().splitlines() or ['silent'])[-1]}"
-    except subprocess.TimeoutExpired:
-        complaint = f"no answer in {timeout:g} s"
+    if not out.exists():
+        complaint = diagnose(command, args.timeout)
     answer = json.loads(out.read_text()) if out.exists() and not complaint else None
     strange = {n for n, s in truth["sizes"].items() if s >= NEEDED and n.startswith("x_")}
     needed = tuple(sorted(needed_of(truth) | strange))
     return Row(case.seed, case.name, case.group, time.perf_counter() - begun, needed, judge(truth, answer, complaint))
+
+
+def diagnose(command: list[str], timeout: float) -> str:
+    """Run the command; what it complained of where it failed, else nothing."""
+    try:
+        done = subprocess.run(
+            command, cwd=REPO, env=_environment(), capture_output=True, text=True, timeout=timeout, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return f"no answer in {timeout:g} s"
+    if done.returncode:
+        return f"exit code {done.returncode}: {(done.stderr.strip().splitlines() or ['silent'])[-1]}"
+    return ""
 
 
 def _environment() -> dict[str, str]:

@@ -16,7 +16,7 @@ NOMINAL_CELL_V = 3.85
 
 @dataclass(frozen=True)
 class Beam:
-    """One rangefinder: MAVLink orientation, unit vector (body FRD), where it sits and what it is declared to look at."""
+    """One rangefinder: MAVLink orientation, unit vector and place (body FRD), what it is declared to look at."""
 
     orientation: int
     axis: tuple[float, float, float]

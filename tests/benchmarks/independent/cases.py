@@ -56,10 +56,10 @@ BLOCKS: dict[str, tuple[str, ...]] = {
 """Manoeuvres that show an effect."""
 
 PAIRS = (
-    ("wind", "payload"), ("ground_effect", "imu_bias"), ("rotor_drag", "thrust_scale"), ("cg_offset", "vertical_inflow"),
-    ("fan_imbalance", "rotor_drag"), ("payload", "vertical_inflow"), ("battery_sag", "motor_lag"),
-    ("wall_effect", "cg_offset"), ("range_offset", "thrust_scale"), ("imu_bias", "thrust_curve"),
-    ("wind", "x_downwash"), ("payload", "x_grate"),
+    ("wind", "payload"), ("ground_effect", "imu_bias"), ("rotor_drag", "thrust_scale"),
+    ("cg_offset", "vertical_inflow"), ("fan_imbalance", "rotor_drag"), ("payload", "vertical_inflow"),
+    ("battery_sag", "motor_lag"), ("wall_effect", "cg_offset"), ("range_offset", "thrust_scale"),
+    ("imu_bias", "thrust_curve"), ("wind", "x_downwash"), ("payload", "x_grate"),
 )  # fmt: skip
 PAIRS_A_SEED = 4
 

@@ -1,7 +1,7 @@
 """What acts on a flight beyond what its vehicle file declares, and how large it is drawn.
 
-Defaults are a healthy vehicle in a hall: every effect is there, none is worth a pilot's attention. ``DRAWS`` makes one of
-them large, in sizes that occur on vehicles of the kind.
+Defaults are a healthy vehicle in a hall: every effect is there, none is worth a pilot's attention. ``DRAWS`` makes one
+of them large, in sizes that occur on vehicles of the kind.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class Conditions:
     heating_s: Number = 40.0
     minutes: Number = 40.0
     """Hover time of the pack; its resistance grows as the capacity shrinks."""
-    charge: Number = 0.62
+    charge: Number = 0.585
     slow: Number = 1.0
     """Factor on the rotors' inertia."""
     ground_gain: Number = 1.0
@@ -110,7 +110,7 @@ def healthy(rng: Rng, frame: Airframe) -> Conditions:
         bias_y=float(rng.uniform(-0.03, 0.03)),
         bias_z=float(rng.uniform(-0.03, 0.03)),
         heating=float(rng.uniform(5.0, 10.0)),
-        charge=float(rng.uniform(0.60, 0.64)),
+        charge=float(rng.uniform(0.57, 0.60)),
         minutes=float(rng.uniform(35.0, 50.0)),
     )
 

@@ -1,4 +1,4 @@
-"""The autopilot: cascaded position, velocity, attitude (on SO(3): Lee, Leok & McClamroch 2010) and rate loops, a mixer."""
+"""The autopilot: position, velocity, attitude (on SO(3): Lee, Leok & McClamroch 2010) and rate loops, and a mixer."""
 
 from __future__ import annotations
 

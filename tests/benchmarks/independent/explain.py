@@ -26,7 +26,7 @@ Wrench = tuple[Array, Array]
 
 @dataclass(frozen=True)
 class Explained:
-    """Of one flight at 50 Hz: parts (6, t) by name, and the wrench that ideal sensors and the declared model differ by."""
+    """Of one flight at 50 Hz: parts (6, t) by name, what ideal sensors and the model differ by, the model."""
 
     parts: Mapping[str, Array]
     difference: Array
@@ -38,68 +38,95 @@ def thinned(track: Track) -> Track:
     return replace(track, **{name: getattr(track, name)[..., ::EVERY] for name in track.__dataclass_fields__})
 
 
+class _Parts:
+    """Wrenches by name of one vehicle, added up."""
+
+    def __init__(self, frame: Airframe) -> None:
+        self.frame = frame
+        self.by_name: dict[str, Array] = {}
+
+    def add(self, name: str, force: Array, moment: Array) -> None:
+        """A wrench about the declared CG."""
+        wrench = np.concatenate([force, moment])
+        self.by_name[name] = self.by_name[name] + wrench if name in self.by_name else wrench
+
+    def lift(self, name: str, more: Array, torque: bool = False) -> None:
+        """More thrust of each rotor (rotors, t); with the shaft torque that belongs to it where ``torque``."""
+        force, moment = loads.from_rotors(self.frame, more, np.zeros((2, *more.shape)))
+        if torque:
+            moment[2] -= (_spin(self.frame) * more).sum(axis=0) * self.frame.hover_torque / self.frame.hover_thrust
+        self.add(name, force, moment)
+
+
+@dataclass(frozen=True)
+class _Scene:
+    """A thinned flight and what follows from its states."""
+
+    frame: Airframe
+    c: Conditions
+    s: Track
+    R: Array
+    origin: Array
+    places: Array
+    near: loads.Near
+
+
+def _spin(frame: Airframe) -> Array:
+    return np.array(frame.spin)[:, None]
+
+
 def explain(frame: Airframe, c: Conditions, whole: Track) -> Explained:
     """Take one flight apart."""
     s = thinned(whole)
     R = loads.rotation(s.quaternion)
     origin = s.position - loads.into_world(R, s.cg)
     places = loads.rotor_places(frame, R, origin)
-    near = loads.near_surfaces(frame, c, places)
-    out: dict[str, list[Wrench]] = {}
-
-    def add(name: str, force: Array, moment: Array) -> None:
-        out.setdefault(name, []).append((force, moment))
-
-    def lifted(name: str, more: Array, torque: bool = False) -> None:
-        force, moment = loads.from_rotors(frame, more, np.zeros((2, *more.shape)))
-        if torque:
-            moment = moment.copy()
-            moment[2] -= (np.array(frame.spin)[:, None] * more).sum(axis=0) * frame.hover_torque / frame.hover_thrust
-        add(name, force, moment)
-
-    declared, lift, yaw = _by_motor(frame, c, s, lifted)
-    lift = _by_blades(frame, c, s, lift, lifted)
-    lift = _by_surfaces(frame, c, s, R, places, near, lift, declared, lifted, add)
-    lift = _by_air(frame, c, s, R, lift, lifted, add)
-    _by_body(frame, c, s, R, places, add)
-    parts = {name: np.sum([np.concatenate(w) for w in several], axis=0) for name, several in out.items()}
-    modelled = _declared(frame, c, s, R, places, declared, yaw)
+    scene = _Scene(frame, c, s, R, origin, places, loads.near_surfaces(frame, c, places))
+    parts = _Parts(frame)
+    declared, lift = _by_motor(scene, parts)
+    lift = _by_blades(scene, parts, lift)
+    lift = _by_surfaces(scene, parts, lift)
+    _by_air(scene, parts, lift)
+    _by_body(scene, parts)
+    modelled = _declared(scene, declared)
     difference = _measured(frame, c, s) - modelled
-    parts["rest"] = difference - np.sum(list(parts.values()), axis=0)
-    return Explained(parts, difference, modelled)
+    rest = difference - np.sum(list(parts.by_name.values()), axis=0)
+    return Explained({**parts.by_name, "rest": rest}, difference, modelled)
 
 
-def _by_motor(frame: Airframe, c: Conditions, s: Track, lifted) -> tuple[Array, Array, Array]:
-    """Declared free-air thrust, thrust by true rotor speed, and declared shaft torque; parts of curve, pack and motor."""
+def _by_motor(scene: _Scene, parts: _Parts) -> tuple[Array, Array]:
+    """Declared free-air thrust, and thrust by true rotor speed; parts of curve, pack and motor."""
+    frame, c, s = scene.frame, scene.c, scene.s
     true = frame.hover_thrust * (s.omega / frame.hover_speed) ** 2
-    per = frame.hover_torque / frame.hover_thrust
     if frame.declares == "esc":
         bent = true * (s.omega / frame.hover_speed) ** c.reynolds
-        lifted("thrust_curve", bent - true)
-        return true, bent, true * per
+        parts.lift("thrust_curve", bent - true)
+        return true, bent
     declared = power.bent(frame, float(c.declared_slope)).thrust(s.output)
     stand = power.steady_thrust(frame, s.output, np.full(s.output.shape, frame.nominal_v))
     sagged = power.steady_thrust(frame, s.output, s.volts)
     hot = power.steady_thrust(frame, s.output, s.volts, s.warm)
-    thin = hot * (power.steady_speed(frame, s.output * s.volts, s.warm, c.rho / RHO0) ** 2
-                  / power.steady_speed(frame, s.output * s.volts, s.warm) ** 2)  # fmt: skip
+    volts = s.output * s.volts
+    faster = power.steady_speed(frame, volts, s.warm, c.rho / RHO0) / power.steady_speed(frame, volts, s.warm)
+    thin = hot * faster**2
     keep = float(np.exp(-STEP_S / motor_tau(frame, np.array(c.slow))))
     late = lfilter([1.0 - keep], [1.0, -keep], thin, axis=-1, zi=thin[:, :1] * keep)[0]
-    lifted("thrust_curve", stand - declared, True)
-    lifted("battery_sag", sagged - stand, True)
-    lifted("thermal_derating", hot - sagged, True)
-    lifted("air_density", thin - hot, True)
-    lifted("motor_lag", late - thin, True)
-    return declared, true, declared * per
+    parts.lift("thrust_curve", stand - declared, True)
+    parts.lift("battery_sag", sagged - stand, True)
+    parts.lift("thermal_derating", hot - sagged, True)
+    parts.lift("air_density", thin - hot, True)
+    parts.lift("motor_lag", late - thin, True)
+    return declared, true
 
 
-def _by_blades(frame: Airframe, c: Conditions, s: Track, lift: Array, lifted) -> Array:
-    lifted("air_density", lift * (c.rho / RHO0 - 1.0))
+def _by_blades(scene: _Scene, parts: _Parts, lift: Array) -> Array:
+    frame, c = scene.frame, scene.c
+    parts.lift("air_density", lift * (c.rho / RHO0 - 1.0))
     lift = lift * c.rho / RHO0
-    lifted("thrust_scale", lift * c.scale)
+    parts.lift("thrust_scale", lift * c.scale)
     lift = lift * (1.0 + c.scale)
     weak = np.where(np.arange(frame.count) == c.weak_rotor, c.weak_share, 0.0)[:, None]
-    lifted("fan_imbalance", lift * weak)
+    parts.lift("fan_imbalance", lift * weak)
     return lift * (1.0 + weak)
 
 
@@ -110,77 +137,79 @@ def seen_height(frame: Airframe, c: Conditions, R: Array, origin: Array, places:
     return np.maximum(-places[2] - floor + c.range_bias * R[2, 2], 0.0)
 
 
-def _by_surfaces(frame, c, s, R, places, near, lift, declared, lifted, add) -> Array:
+def _by_surfaces(scene: _Scene, parts: _Parts, lift: Array) -> Array:
+    frame, c, near, places = scene.frame, scene.c, scene.near, scene.places
     flat = loads.near_surfaces(frame, replace(c, edge_north=np.inf), places)
-    if not frame.table:
-        lifted("ground_effect", lift * flat.ground)
-        lifted("partial_ground", lift * (near.ground - flat.ground))
-    else:
+    if frame.table:
         true = near.ground / c.ground_gain
-        origin = s.position - loads.into_world(R, s.cg)
-        seen = surfaces.ground_gain(frame, seen_height(frame, c, R, origin, places))
-        level = surfaces.ground_gain(frame, seen_height(frame, replace(c, range_bias=0.0), R, origin, places))
-        lifted("ground_effect", lift * (near.ground - true))
-        lifted("partial_ground", lift * (true - level))
-        lifted("range_offset", lift * (level - seen))
+        unbiased = replace(c, range_bias=0.0)
+        seen = surfaces.ground_gain(frame, seen_height(frame, c, scene.R, scene.origin, places))
+        level = surfaces.ground_gain(frame, seen_height(frame, unbiased, scene.R, scene.origin, places))
+        parts.lift("ground_effect", lift * (near.ground - true))
+        parts.lift("partial_ground", lift * (true - level))
+        parts.lift("range_offset", lift * (level - seen))
+    else:
+        parts.lift("ground_effect", lift * flat.ground)
+        parts.lift("partial_ground", lift * (near.ground - flat.ground))
     lift = lift * (1.0 + near.ground)
-    lifted("ceiling", lift * near.ceiling)
+    parts.lift("ceiling", lift * near.ceiling)
     lift = lift * (1.0 + near.ceiling)
+    # A declared wall acts in its own size; what is beyond it is the effect.
     share = (c.wall_gain - 1.0) / c.wall_gain if frame.table else 1.0
-    north_only = loads.near_surfaces(frame, replace(c, wall_east=np.inf), places)
-    add("wall_effect", *(share * part for part in loads.wall_wrench(frame, north_only, lift, R, 0)))
-    lifted("wall_effect", -share * lift * north_only.loss)
-    add("second_wall", *loads.wall_wrench(frame, near, lift, R, 1))
-    lifted("second_wall", -lift * (near.loss - north_only.loss))
+    first = loads.near_surfaces(frame, replace(c, wall_east=np.inf), places)
+    parts.add("wall_effect", *(share * part for part in loads.wall_wrench(frame, first, lift, scene.R, 0)))
+    parts.lift("wall_effect", -share * lift * first.loss)
+    parts.add("second_wall", *loads.wall_wrench(frame, near, lift, scene.R, 1))
+    parts.lift("second_wall", -lift * (near.loss - first.loss))
     return lift * (1.0 - near.loss)
 
 
-def _by_air(frame: Airframe, c: Conditions, s: Track, R: Array, lift: Array, lifted, add) -> Array:
-    own = loads.into_body(R, s.velocity)
-    air = loads.into_body(R, s.velocity - s.wind)
+def _by_air(scene: _Scene, parts: _Parts, lift: Array) -> None:
+    frame, c, s = scene.frame, scene.c, scene.s
+    own = loads.into_body(scene.R, s.velocity)
+    air = loads.into_body(scene.R, s.velocity - s.wind)
     ux, uy, climb = loads.at_rotors(frame, own, s.rates)
-    wx, wy, wz = loads.at_rotors(frame, air, s.rates)
+    wx, wy, through = loads.at_rotors(frame, air, s.rates)
     still = np.zeros_like(climb)
     rho = float(c.rho)
+
+    def gain(climbing: Array, across2: Array) -> Array:
+        return rotor.settled_thrust(frame, s.omega, climbing, across2, rho) / hover
+
     hover = rotor.settled_thrust(frame, s.omega, still, still, rho)
-    steps = [rotor.settled_thrust(frame, s.omega, w, a, rho) / hover for w, a in (
-        (climb, still), (climb, ux * ux + uy * uy), (wz, wx * wx + wy * wy))]  # fmt: skip
-    lifted("vertical_inflow", lift * (steps[0] - 1.0))
-    lifted("x_translational_lift", lift * (steps[1] - steps[0]))
-    lifted("wind", lift * (steps[2] - steps[1]))
+    climbing, moving = gain(climb, still), gain(climb, ux * ux + uy * uy)
+    parts.lift("vertical_inflow", lift * (climbing - 1.0))
+    parts.lift("x_translational_lift", lift * (moving - climbing))
+    parts.lift("wind", lift * (gain(through, wx * wx + wy * wy) - moving))
     drag = -loads.rotor_drag_constant(frame, c) * s.omega
-    none = np.zeros_like(lift)
-    own_side = loads.from_rotors(frame, none, np.stack([drag * ux, drag * uy]))
-    all_side = loads.from_rotors(frame, none, np.stack([drag * wx, drag * wy]))
-    add("rotor_drag", *own_side)
-    add("wind", all_side[0] - own_side[0], all_side[1] - own_side[1])
+    own_side = loads.from_rotors(frame, still, np.stack([drag * ux, drag * uy]))
+    all_side = loads.from_rotors(frame, still, np.stack([drag * wx, drag * wy]))
+    parts.add("rotor_drag", *own_side)
+    parts.add("wind", all_side[0] - own_side[0], all_side[1] - own_side[1])
     body = loads.body_drag(c, own)
-    add("body_drag", body, np.zeros_like(body))
-    add("wind", loads.body_drag(c, air) - body, np.zeros_like(body))
-    return lift * steps[2]
+    parts.add("body_drag", body, np.zeros_like(body))
+    parts.add("wind", loads.body_drag(c, air) - body, np.zeros_like(body))
 
 
-def _by_body(frame: Airframe, c: Conditions, s: Track, R: Array, places: Array, add) -> None:
+def _by_body(scene: _Scene, parts: _Parts) -> None:
+    frame, c, s = scene.frame, scene.c, scene.s
     w, zero = s.rates, np.zeros_like(s.felt)
-    spin = np.array(frame.spin)[:, None]
     inertia = frame.rotor_inertia * c.slow
-    momentum = (inertia * spin * s.omega).sum(axis=0)
-    change = (inertia * spin * np.gradient(s.omega, STEP_S, axis=-1)).sum(axis=0)
-    add("gyroscopic", zero, np.stack([-w[1] * momentum, w[0] * momentum, -change]))
+    momentum = (inertia * _spin(frame) * s.omega).sum(axis=0)
+    change = (inertia * _spin(frame) * np.gradient(s.omega, STEP_S, axis=-1)).sum(axis=0)
+    parts.add("gyroscopic", zero, np.stack([-w[1] * momentum, w[0] * momentum, -change]))
     own = np.array([c.cg_x, c.cg_y, 0.0])[:, None] * np.ones_like(w)
     kg = np.where(s.time >= c.load_at_s, c.load_kg, 0.0)
-    mass = frame.mass_kg + kg
-    total = mass * s.felt
-    add("payload", -kg * s.felt, -loads.cross(s.cg - own, total))
-    add("cg_offset", zero, -loads.cross(own, total))
-    add("imu_bias", frame.mass_kg * np.array([c.bias_x, c.bias_y, c.bias_z])[:, None] * np.ones_like(w), zero)
+    total = (frame.mass_kg + kg) * s.felt
+    parts.add("payload", -kg * s.felt, -loads.cross(s.cg - own, total))
+    parts.add("cg_offset", zero, -loads.cross(own, total))
+    parts.add("imu_bias", frame.mass_kg * np.array([c.bias_x, c.bias_y, c.bias_z])[:, None] * np.ones_like(w), zero)
     if c.slung_kg > 0.0:
-        add("slung_load", loads.into_body(R, s.rope), zero)
+        parts.add("slung_load", loads.into_body(scene.R, s.rope), zero)
     if c.bumper_n_m > 0.0:
-        add("contact", *loads.contact(frame, c, R, places, s.velocity))
-    origin = s.position - loads.into_world(R, s.cg)
-    for name, (force, moment) in loads.no_catalogue(c, s.time, R, origin).items():
-        add(name, force, moment)
+        parts.add("contact", *loads.contact(frame, c, scene.R, scene.places, s.velocity))
+    for name, (force, moment) in loads.no_catalogue(c, s.time, scene.R, scene.origin).items():
+        parts.add(name, force, moment)
 
 
 def _measured(frame: Airframe, c: Conditions, s: Track) -> Array:
@@ -195,19 +224,20 @@ def at_declared_cg(s: Track) -> Array:
     return s.felt - loads.cross(s.turning, s.cg) - loads.cross(s.rates, loads.cross(s.rates, s.cg))
 
 
-def _declared(frame: Airframe, c: Conditions, s: Track, R: Array, places: Array, thrust: Array, torque: Array) -> Array:
-    lift = thrust
-    walls = (np.zeros_like(s.felt), np.zeros_like(s.felt))
-    if frame.table:
-        origin = s.position - loads.into_world(R, s.cg)
-        lift = thrust * (1.0 + surfaces.ground_gain(frame, seen_height(frame, c, R, origin, places)))
-        plain = loads.near_surfaces(frame, replace(c, wall_gain=1.0, wall_east=np.inf), places)
-        walls = loads.wall_wrench(frame, plain, thrust, R, 0)
-        lift = lift * (1.0 - plain.loss)
-    force, moment = loads.from_rotors(frame, lift, np.zeros((2, *lift.shape)))
-    moment = moment.copy()
-    moment[2] -= (np.array(frame.spin)[:, None] * torque).sum(axis=0)
-    return np.concatenate([force + walls[0], moment + walls[1]])
+def _declared(scene: _Scene, thrust: Array) -> Array:
+    """The declared wrench (6, t): ``thrust`` (rotors, t) of free air, and ground and wall by a table."""
+    frame, c = scene.frame, scene.c
+    torque = (_spin(frame) * thrust).sum(axis=0) * frame.hover_torque / frame.hover_thrust
+    if not frame.table:
+        force, moment = loads.from_rotors(frame, thrust, np.zeros((2, *thrust.shape)))
+        moment[2] -= torque
+        return np.concatenate([force, moment])
+    lift = thrust * (1.0 + surfaces.ground_gain(frame, seen_height(frame, c, scene.R, scene.origin, scene.places)))
+    plain = loads.near_surfaces(frame, replace(c, wall_gain=1.0, wall_east=np.inf), scene.places)
+    force, moment = loads.from_rotors(frame, lift * (1.0 - plain.loss), np.zeros((2, *lift.shape)))
+    moment[2] -= torque
+    wall = loads.wall_wrench(frame, plain, thrust, scene.R, 0)
+    return np.concatenate([force + wall[0], moment + wall[1]])
 
 
 def low_pass(x: Array, hz: float = BAND_HZ, step_s: float = STEP_S) -> Array:
@@ -216,7 +246,7 @@ def low_pass(x: Array, hz: float = BAND_HZ, step_s: float = STEP_S) -> Array:
 
 
 def size(frame: Airframe, part: Array) -> float:
-    """95th percentile below 2 Hz: of the force over the weight, or of the moment over weight times arm if that is more."""
+    """95th percentile below 2 Hz: of the force over the weight or, if more, of the moment over weight times arm."""
     slow = low_pass(part)
     weight = frame.mass_kg * 9.80665
     force = np.percentile(np.sqrt((slow[:3] ** 2).sum(axis=0)), 95.0) / weight

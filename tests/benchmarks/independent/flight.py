@@ -1,4 +1,4 @@
-"""The flight itself: rigid body, rotors and inflow by Runge-Kutta 4; outputs, surfaces and outer loads held over a step.
+"""The flight itself: rigid body and rotors by Runge-Kutta 4; outputs, surfaces and outer loads held over a step.
 
 State of one flight: position and velocity of the true CG (NED), quaternion, rates (body FRD), rotor speeds; the induced
 velocities take one exponential step beside it. Flights of one vehicle run side by side.
@@ -19,6 +19,8 @@ from .script import Reference
 from .weather import coloured, wind
 
 DT = 0.004
+SMOOTHED = DT / (DT + 0.012)
+"""Share of a step in the pack's current that its capacitors let through at once."""
 WARM_UP_S = 4.0
 """Flown before the log begins, at the first target."""
 
@@ -102,6 +104,7 @@ class Flight:
         self.pilot = Autopilot(frame, self.c.slow, DT)
         capacity, ohm = pack(frame, self.c.minutes)
         self.pack = power.Pack(frame.cells, capacity, ohm, self.c.charge.copy(), np.zeros(self.n))
+        self.amperes = np.full(self.n, power.hover_current(frame))
         self.warm = np.zeros((frame.count, self.n))
         heat = power.motor_current(
             frame, np.array(frame.hover_duty * frame.nominal_v), np.array(frame.hover_speed), 0.0
@@ -146,6 +149,7 @@ class Flight:
             self._breathe(x, R, outer.wind)
             x = x + DT / 6.0 * (d1 + 2.0 * d2 + 2.0 * d3 + d4)
             x[6:10] = x[6:10] / np.sqrt((x[6:10] ** 2).sum(axis=0))
+            self.amperes = self.amperes + SMOOTHED * (amperes - self.amperes)
             if i >= self.before:
                 self._drain(amperes, current)
             if progress and i % 250 == 0:
@@ -181,16 +185,10 @@ class Flight:
             force = force + loads.into_body(R, self.rope)
         return _Outer(
             loads.near_surfaces(frame, c, places), force, moment, mass, cg, inertia, self.wind[i].copy(),
-            self.unsteady[i], self.pack.volts(self._last_amperes(k)), self.warm.copy(),
+            self.unsteady[i], self.pack.volts(self.amperes), self.warm.copy(),
         )  # fmt: skip
 
-    def _last_amperes(self, k: int) -> Array:
-        if k == 0 or not hasattr(self, "amperes"):
-            return np.full(self.n, power.hover_current(self.frame))
-        return self.amperes
-
     def _drain(self, amperes: Array, current: Array) -> None:
-        self.amperes = amperes
         self.pack.draw(amperes, DT)
         heat = current**2 * self.frame.motor_ohm / self.hover_heat
         self.warm = self.warm + DT / self.c.heating_s * (self.c.heating * heat - self.warm)
@@ -253,7 +251,6 @@ class Flight:
         return dx, felt, turning
 
     def _tracks(self, rows: dict[str, Array]) -> list[Track]:
-        r = self.frame.count
         time = np.arange(self.steps) * DT
         out = []
         for k in range(self.n):
@@ -273,7 +270,7 @@ _RECORDED = ("state", "induced", "felt", "turning", "output", "volts", "amperes"
 
 
 def blade_gain(frame: Airframe, c: Conditions, omega: Array) -> Array:
-    """Factor (rotors, n) on the thrust of healthy blades: wear of all, of one, and a coefficient that moves with speed."""
+    """Factor (rotors, n) on the thrust of healthy blades: wear of all, of one, and C_T over speed."""
     number = np.arange(frame.count)[:, None]
     weak = np.where(number == c.weak_rotor, c.weak_share, 0.0)
     gain = (1.0 + c.scale) * (1.0 + weak)

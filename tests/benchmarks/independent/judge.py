@@ -1,7 +1,7 @@
 """Is an answer of ``replay diagnose`` right? Written from the physics of the flights before any answer was seen.
 
-An effect has to be named from 2 % of the weight on (95th percentile below 2 Hz; of a moment: of weight times arm). What is
-there but smaller may be named, in its own size. What is not there (less than 0.3 %) may not.
+An effect has to be named from 2 % of the weight on (95th percentile below 2 Hz; of a moment: of weight times arm). What
+is there but smaller may be named, in its own size. What is not there (less than 0.3 %) may not.
 """
 
 from __future__ import annotations
@@ -36,13 +36,8 @@ CONTAINS: dict[str, tuple[str, ...]] = {
 }
 """Names that a true effect contains: the weight of what hangs, the wind's part along the rotors' axes."""
 
-CHANNELS: dict[str, tuple[str, ...]] = {
-    "x_grate": ("north_m",),
-    "x_downwash": (),
-    "x_twist": ("time_s", "r_rad_s", "yaw_rad"),
-    "x_translational_lift": ("vn_m_s", "ve_m_s", "roll_rad", "pitch_rad", "ax_m_s2", "ay_m_s2"),
-}
-"""Channels that carry what is in no catalogue; nothing carries a downwash."""
+ALWAYS = frozenset({"imu_bias"})
+"""There in every flight: the accelerometer's bias walks by some mg, as on a board that warms up."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +66,7 @@ def judge(truth: Mapping[str, Any], answer: Mapping[str, Any] | None, complaint:
     strange = {n for n, s in sizes.items() if s >= NEEDED and n.startswith("x_")}
     if answer is None:
         return Judgement(False, False, (), tuple(sorted(needed)), (), False, True, complaint or "no answer")
-    there = {n for n, s in sizes.items() if s >= THERE and not _outside(n)}
+    there = {n for n, s in sizes.items() if s >= THERE and not _outside(n)} | ALWAYS
     there |= {inner for n in there for inner in CONTAINS.get(n, ())}
     if sizes.get("payload", 0.0) >= THERE and truth["payload_moment"] >= THERE:
         there.add("cg_offset")
@@ -79,9 +74,10 @@ def judge(truth: Mapping[str, Any], answer: Mapping[str, Any] | None, complaint:
     reported = {str(e["name"]): e for e in answer["effects"]}
     stands = {n: {t for t in there if t != n and _alike(n, t) and str(tuple(sorted((n, t)))) in said} for n in reported}
     wrong = {n for n in reported if n not in there and not stands[n]}
-    wrong |= {
-        n for n, e in reported.items() if n in sizes and n not in wrong and _too_large(e, sizes[n], truth, answer)
-    }
+    for name, effect in reported.items():
+        size = max(sizes.get(n, 0.0) for n in {name, *stands[name]})
+        if name not in wrong and size < NEEDED and claimed_size(effect, truth, answer) > 3.0 * size + NEEDED:
+            wrong.add(name)  # a small effect in a size that somebody would act upon
     covered = {t for n in reported if n not in wrong for t in stands[n] | {n}}
     missed = needed - covered
     verdict = str(answer["verdict"])
@@ -126,11 +122,6 @@ def claimed_size(effect: Mapping[str, Any], truth: Mapping[str, Any], answer: Ma
     }
     axes = [answer["axes"][a] for a in effect.get("axes", []) if a in answer["axes"]]
     return max((share * float(a["rms_before"]) / scale.get(str(a["unit"]), scale["Nm"]) for a in axes), default=0.0)
-
-
-def _too_large(effect: Mapping[str, Any], size: float, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
-    """Whether a small true effect is claimed in a size that somebody would act upon."""
-    return size < NEEDED and claimed_size(effect, truth, answer) > 3.0 * size + NEEDED
 
 
 def share(flags: Iterable[bool]) -> str:

@@ -111,7 +111,7 @@ def near_surfaces(frame: Airframe, c: Conditions, places: Array) -> Near:
 
 
 def wall_wrench(frame: Airframe, near: Near, lift: Array, R: Array, which: int) -> tuple[Array, Array]:
-    """Pull and tilt of one wall: force and moment, body (3, n). Tilts towards the wall, as a pull above the CG would."""
+    """Pull and tilt of one wall: force and moment, body (3, n)."""
     force = near.pull[which] * lift
     tilt = (near.tilt[which] * lift * frame.radius_m).sum(axis=0)
     normal = R[which]  # the wall's normal (north or east) in body axes

@@ -1,4 +1,4 @@
-"""Simulate the flights of a seed and write them: ``.tlog``, vehicle ``.toml``, ``truth.json``, and the declared table."""
+"""Simulate the flights of a seed and write ``.tlog``, vehicle ``.toml`` and ``.truth.json``, and the declared table."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ def pitch(frame: Airframe) -> float:
 
 
 def thrust(frame: Airframe, omega: Array, through: Array, across2: Array, rho: Array | float) -> Array:
-    """[N] at rotor speed ``omega`` [rad/s]; ``through`` = induced + climb [m/s]; ``across2`` = in-plane speed squared."""
+    """[N] at rotor speed ``omega`` [rad/s]; ``through`` = induced + climb [m/s]; ``across2``: in-plane speed^2."""
     tip = omega * frame.radius_m
     advance2 = across2 / np.maximum(tip * tip, 1.0)
     half = 0.5 * frame.solidity_slope

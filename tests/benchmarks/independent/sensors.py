@@ -72,7 +72,8 @@ def sense(frame: Airframe, c: Conditions, s: Track, beams: tuple[Beam, ...], see
         place + wander(float(rng.uniform(0.005, 0.02)), 20.0) + 0.002 * rng.standard_normal((3, n)),
         speed + wander(float(rng.uniform(0.01, 0.02)), 6.0) + 0.008 * rng.standard_normal((3, n)),
         _speeds(rng, frame, s), _ranges(rng, c, R, origin, beams),
-        _lagged(s.volts, 0.2) + 0.015 * rng.standard_normal(n), _lagged(s.amperes, 0.3) * (1.0 + 0.03 * rng.standard_normal()),
+        _lagged(s.volts, 0.2) + 0.015 * rng.standard_normal(n),
+        _lagged(s.amperes, 0.3) * (1.0 + 0.03 * rng.standard_normal()),
         float(c.kelvin) - 273.15 + 14.0 + _lagged(s.warm.mean(axis=0), 6.0) * 0.7, pressure,
         np.full(n, float(c.kelvin) - 273.15) + 0.05 * rng.standard_normal(n),
     )  # fmt: skip

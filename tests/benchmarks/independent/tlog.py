@@ -1,4 +1,4 @@
-"""A flight as a ``.tlog``: MAVLink 2 messages of the contract's section 5 with receive stamps, written with pymavlink."""
+"""A flight as a ``.tlog``: MAVLink 2 messages of the contract's section 5 with receive stamps, by pymavlink."""
 
 from __future__ import annotations
 
