@@ -81,6 +81,13 @@ class Tuning:
     range_age_s: float = 0.3
     rotor_age_s: float = 0.4
     upstream_age_s: float = 0.5
+    late_fade_s: float = 0.15
+    """Attitudes or positions that arrive later than this by their own stamps fade the offsets: a hover offset moves by
+    its own size within about 0.5 s, and the attitude loop behind it has some 20 degrees of phase left."""
+    late_stop_s: float = 0.3
+    """Later than this, for ``late_stop_for_s``, the hold lets go: its velocity loop (4 1/s) turns unstable there."""
+    late_stop_for_s: float = 0.2
+    """On the vehicle's clock: a short burst after a gap of the link is caught up with instead."""
     surface_step_s: float = 1.5
     """After the ground or wall jumped, offsets stay away for this long."""
     # Fading

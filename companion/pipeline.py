@@ -34,6 +34,7 @@ from companion.mavlink.samples import (
     AttitudeTarget,
     Battery,
     EscHealth,
+    EstimatorStatus,
     Heartbeat,
     LandedState,
     LocalPosition,
@@ -81,6 +82,8 @@ class PipelineState:
     push: Push | None = None
     pushed_s: float = -math.inf
     """When ``push`` was computed: after a position, so that an attitude is answered without waiting for the model."""
+    late_since_s: float = math.inf
+    """Since when attitude or position have been too late to fly on; inf while they are not."""
     stopping: bool = False
 
 
@@ -96,6 +99,8 @@ class Decision:
     """Applied: after trust, limits, slew and fade."""
     base: BaseSetpoint | None
     push: Push | None
+    late_s: float = 0.0
+    """How late the attitude or position behind it arrived."""
 
 
 def initial_state(config: PipelineConfig) -> PipelineState:
@@ -132,7 +137,8 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
         case Attitude():
             return replace(state, t_s=now, estimates=est.take_attitude(estimates, sample))
         case LocalPosition():
-            return replace(state, t_s=now, estimates=est.take_position(estimates, sample, config.tuning))
+            state = replace(state, t_s=now, estimates=est.take_position(estimates, sample, config.tuning))
+            return _follow_reset(state, sample.t_s)
         case Range():
             return replace(state, t_s=now, estimates=est.take_range(estimates, sample, config))
         case RotorSpeeds():
@@ -145,6 +151,8 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
             return replace(state, t_s=now, estimates=replace(estimates, battery=sample))
         case Pressure():
             return replace(state, t_s=now, estimates=replace(estimates, pressure=sample))
+        case EstimatorStatus():
+            return replace(state, t_s=now, estimates=replace(estimates, trust=estimates.trust.told(sample)))
         case EscHealth():
             return replace(state, t_s=now, estimates=est.take_health(estimates, sample))
         case AttitudeTarget():
@@ -159,6 +167,15 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
         case SetAttitudeTarget() if config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT:
             return replace(state, upstream=sample)
     return state
+
+
+def _follow_reset(state: PipelineState, t_s: float) -> PipelineState:
+    """Where the autopilot's position was set anew, the hold point moves with it: the vehicle itself did not move."""
+    reset, hold = state.estimates.reset, state.hold
+    if reset is None or reset.t_s != t_s or hold is None:
+        return state
+    reference = replace(hold.reference, position=hold.reference.position + np.asarray(reset.by_ned))
+    return replace(state, hold=replace(hold, reference=reference))
 
 
 def _calls_for_decision(state: PipelineState, sample: Sample, config: PipelineConfig) -> bool:
@@ -182,6 +199,8 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
         state = _renew_push(state, t_s, config)
     push, rotation = state.push, state.estimates.rotation
     state = _airborne(state, push, config, t_s)
+    late_s = lateness(state.estimates, config)
+    state = replace(state, late_since_s=min(state.late_since_s, t_s) if late_s > tuning.late_stop_s else math.inf)
     thrust = _thrust_map(state, config)
     reasons = _reasons(state, push, config, t_s)
     blocked = any(reason in HOLDS_BACK_EVERYTHING for reason in reasons)
@@ -206,7 +225,15 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
         state, authority=authority, offset=offset, wanted=wanted, washout=washout, decided_s=t_s,
         hold=None if blocked else state.hold,
     )  # fmt: skip
-    return state, Decision(t_s, command, reasons, authority, applied, base, push)
+    return state, Decision(t_s, command, reasons, authority, applied, base, push, late_s)
+
+
+def lateness(estimates: Estimates, config: PipelineConfig) -> float:
+    """How late [s] the newest attitude, and for the hold the newest position, arrived."""
+    late_s = 0.0 if estimates.attitude is None else estimates.attitude.late_s
+    if config.base is Base.HOLD and estimates.position is not None:
+        late_s = max(late_s, estimates.position.late_s)
+    return late_s
 
 
 def _renew_push(state: PipelineState, t_s: float, config: PipelineConfig) -> PipelineState:
@@ -231,6 +258,12 @@ def _reasons(state: PipelineState, push: Push | None, config: PipelineConfig, t_
         estimates.position is None or t_s - estimates.position.t_s > tuning.position_age_s
     ):
         out.append(Reason.POSITION_STALE)
+    elif config.base is Base.HOLD and not estimates.trust.trusted:
+        out.append(Reason.POSITION_UNTRUSTED)
+    if t_s - state.late_since_s >= tuning.late_stop_for_s:
+        out.append(Reason.TOO_LATE)
+    elif lateness(estimates, config) > tuning.late_fade_s:
+        out.append(Reason.LATE)
     if config.base is Base.UPSTREAM and _upstream_silent(state, config, t_s):
         out.append(Reason.UPSTREAM_STALE)
     if t_s - state.airborne_since_s < tuning.airborne_after_s:

@@ -15,6 +15,8 @@ class Reason(Enum):
     LANDED = "on the ground"
     ATTITUDE_STALE = "attitude missing or old"
     POSITION_STALE = "local position missing or old"
+    TOO_LATE = "telemetry arrives too late to fly on"
+    POSITION_UNTRUSTED = "the autopilot does not trust its own position"
     THRUST_UNKNOWN = "GUID_OPTIONS not read yet: the meaning of thrust is unknown"
     THRUST_IS_CLIMB_RATE = "GUID_OPTIONS bit 3 (value 8) is not set: thrust would be read as a climb rate"
     TYPE_IGNORED = "this MAV_TYPE ignores SET_ATTITUDE_TARGET.thrust on PX4"
@@ -24,6 +26,7 @@ class Reason(Enum):
     # The base is sent, offsets fade to zero
     RANGE_MISSING = "a declared rangefinder was never heard"
     RANGE_STALE = "range old or invalid"
+    LATE = "telemetry arrives late"
     RPM_MISSING = "rotor speeds missing or old"
     SURFACE_STEP = "ground or wall jumped"
     OUT_OF_DOMAIN = "outside the data of the model"
@@ -40,6 +43,8 @@ HOLDS_BACK_EVERYTHING = frozenset(
         Reason.LANDED,
         Reason.ATTITUDE_STALE,
         Reason.POSITION_STALE,
+        Reason.POSITION_UNTRUSTED,
+        Reason.TOO_LATE,
         Reason.THRUST_UNKNOWN,
         Reason.THRUST_IS_CLIMB_RATE,
         Reason.TYPE_IGNORED,

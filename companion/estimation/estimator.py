@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import lru_cache
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from companion.config import PipelineConfig, Tuning
 from companion.estimation.kalman import Track, Verdict, measure, measure_rate
+from companion.estimation.position_trust import PositionReset, PositionTrust, position_reset
 from companion.estimation.range_geometry import (
     choose_walls,
     fan_heights,
@@ -93,6 +94,8 @@ class Estimates:
     attitude: Attitude | None = None
     rotation: Array | None = None
     position: LocalPosition | None = None
+    trust: PositionTrust = field(default_factory=PositionTrust)
+    reset: PositionReset | None = None
     servo: ServoOutput | None = None
     servo_rpm: Array | None = None
     battery: Battery | None = None
@@ -134,7 +137,8 @@ def take_position(estimates: Estimates, sample: LocalPosition, tuning: Tuning) -
         )
         for beam in estimates.beams
     )
-    return replace(estimates, position=sample, beams=beams)
+    reset = estimates.position and position_reset(estimates.position, sample)
+    return replace(estimates, position=sample, beams=beams, reset=reset or estimates.reset)
 
 
 def take_range(estimates: Estimates, sample: Range, config: PipelineConfig) -> Estimates:

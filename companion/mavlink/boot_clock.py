@@ -8,6 +8,8 @@ same stamps give the same times, in flight and in replay, bit for bit.
   t = arrival - offset, the offset being the smallest (arrival - stamp) seen lately, since latency only ever adds.
 - A sender with a clock of its own (another component, or a stamp in Unix time) has its own smallest (arrival - stamp);
   the difference of the two puts it on the axis. No sender can move the axis but the autopilot.
+- How late a message is (``late``) is its arrival against the smallest (arrival - stamp) seen since boot, which may grow
+  by 0.1 % at most: enough for a clock that drifts, too little for a link that fell behind.
 - Stamps that go back by more than a second, twice running, are a reboot: ``boot`` counts up and the axis starts anew.
 """
 
@@ -20,6 +22,7 @@ AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1
 _WINDOW_US = 2_000_000  # an offset lives one to two windows: clock drift of 100 ppm then costs 0.4 ms
 _BACK_US = 1_000_000  # samples are stamped up to some 0.3 s before they are sent, in any order
 _AHEAD_US = 10_000_000  # no stamp runs further ahead of the receiver's clock
+_DRIFT = 1000  # the smallest offset may grow by one part in this: ten times what quartz clocks differ by
 _UNIX_US = 10**15  # as Unix time September 2001, as boot time 31 years
 _SAME_CLOCK_US = 5_000_000
 _WRAP_MS_US = 2**32 * 1000
@@ -74,6 +77,7 @@ class BootClock:
         self._suspect_us = -1  # a stamp that does not fit, kept until the next one decides
         self._suspect_arrival_us = 0
         self._envelope = _Envelope(0, 0)
+        self._quickest_us, self._quickest_at_us = 0, 0  # smallest (arrival - stamp), and the arrival it was seen at
         self._others: dict[tuple[int, int, bool], _Envelope] = {}
 
     @property
@@ -86,6 +90,15 @@ class BootClock:
         if not self.known:
             return 0.0
         return max(arrival_us - self._envelope.offset_us, self._last_us) / 1e6
+
+    def late(self, t_s: float, arrival_us: int) -> float:
+        """Seconds by which a message of boot time ``t_s`` arrived later than the quickest message would have."""
+        if not self.known:
+            return 0.0
+        return max(arrival_us - self._quickest(arrival_us) - t_s * 1e6, 0.0) / 1e6
+
+    def _quickest(self, arrival_us: int) -> int:
+        return self._quickest_us + max(arrival_us - self._quickest_at_us, 0) // _DRIFT
 
     def stamped(self, system: int, component: int, unit: Stamp, stamp: int, arrival_us: int) -> float:
         """Boot time [s] of a message whose time field reads ``stamp``. A stamp of 0 is no stamp."""
@@ -124,6 +137,8 @@ class BootClock:
         if last - _BACK_US <= stamp_us <= limit:
             self._suspect_us = -1
             self._envelope.update(arrival_us - stamp_us, stamp_us)
+            if arrival_us - stamp_us < self._quickest(arrival_us):
+                self._quickest_us, self._quickest_at_us = arrival_us - stamp_us, arrival_us
             if stamp_us > last:
                 self._last_us, self._last_arrival_us = stamp_us, arrival_us
             return stamp_us / 1e6
@@ -140,6 +155,7 @@ class BootClock:
     def _restart(self, stamp_us: int, arrival_us: int) -> float:
         self._last_us, self._last_arrival_us, self._suspect_us = stamp_us, arrival_us, -1
         self._envelope = _Envelope(arrival_us - stamp_us, stamp_us)
+        self._quickest_us, self._quickest_at_us = arrival_us - stamp_us, arrival_us
         self._others.clear()
         return stamp_us / 1e6
 

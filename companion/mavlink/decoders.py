@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from numpy.typing import NDArray
@@ -30,7 +31,10 @@ def decode(frame: Frame, arrival_us: int, clock: BootClock) -> Sample | None:
         t_s = clock.unstamped(arrival_us)
     else:
         t_s = clock.stamped(frame.system, frame.component, layout.stamp, fields[layout.stamp_place], arrival_us)
-    return layout.build((t_s, frame.system, frame.component), layout.name, *[read(fields) for read in layout.readers])
+    head = (t_s, frame.system, frame.component)
+    sample = layout.build(head, layout.name, *[read(fields) for read in layout.readers])
+    late_s = 0.0 if sample is None or layout.stamp is None else clock.late(t_s, arrival_us)
+    return sample if sample is None or late_s == 0.0 else replace(sample, late_s=late_s)
 
 
 def columns(layout: Layout, records: NDArray[Any]) -> dict[str, NDArray[Any]]:

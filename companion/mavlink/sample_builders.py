@@ -14,6 +14,7 @@ from companion.mavlink.samples import (
     Battery,
     CommandAck,
     EscHealth,
+    EstimatorStatus,
     Heartbeat,
     Imu,
     LandedState,
@@ -204,6 +205,20 @@ def build_timesync(head: Head, _: str, tc1: int, ts1: int) -> Timesync:
 
 def build_statustext(head: Head, _: str, severity: int, text: str) -> Statustext:
     return Statustext(*head, severity, text)
+
+
+def build_ekf_status(head: Head, name: str, ratios: tuple[float, float], flags: int) -> EstimatorStatus:
+    return EstimatorStatus(*head, flags, NAN, _largest(ratios), name)
+
+
+def build_estimator_status(
+    head: Head, name: str, ratios: tuple[float, float], accuracy: tuple[float], flags: int
+) -> EstimatorStatus:
+    return EstimatorStatus(*head, flags, accuracy[0], _largest(ratios), name)
+
+
+def _largest(ratios: tuple[float, ...]) -> float:
+    return max((r for r in ratios if r == r), default=NAN)
 
 
 def build_vibration(head: Head, _: str, level: Vector3, first: int, second: int, third: int) -> Vibration | None:

@@ -6,7 +6,7 @@ every other number is finite.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 Vector3 = tuple[float, float, float]
@@ -30,6 +30,8 @@ class _Sample:
     t_s: float
     system: int
     component: int
+    late_s: float = field(default=0.0, kw_only=True)
+    """How much later it arrived than the quickest message so far, by its own stamp (BootClock.late)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,6 +238,19 @@ class Statustext(_Sample):
 
 
 @dataclass(frozen=True, slots=True)
+class EstimatorStatus(_Sample):
+    """EKF_STATUS_REPORT or ESTIMATOR_STATUS: what the autopilot's own estimator believes of its answer."""
+
+    flags: int
+    """EKF_STATUS_FLAGS or ESTIMATOR_STATUS_FLAGS; the first eight bits mean the same in both."""
+    horizontal_accuracy_m: float
+    """One standard deviation; NaN where not told (ArduPilot)."""
+    innovation: float
+    """Largest of the test ratios of horizontal position and velocity: above 1 measurements are rejected. May be NaN."""
+    source: str
+
+
+@dataclass(frozen=True, slots=True)
 class Vibration(_Sample):
     """VIBRATION: acceleration noise [m/s^2] per axis, and clipped samples so far of up to three accelerometers."""
 
@@ -264,4 +279,5 @@ Sample = (
     | Timesync
     | Statustext
     | Vibration
+    | EstimatorStatus
 )

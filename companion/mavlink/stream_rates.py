@@ -39,6 +39,10 @@ def wanted_streams(vehicle: Vehicle, stack: Stack) -> tuple[Wanted, ...]:
     ]
     if vehicle.rangefinders:
         out.append(Wanted(mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR, 25.0, True))
+    if stack is Stack.PX4:
+        out.append(Wanted(mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS, 5.0, False))
+    else:
+        out.append(Wanted(mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT, 5.0, False))
     escs = [rotor.esc for rotor in vehicle.rotors if rotor.esc is not None]
     if escs and stack is Stack.PX4:
         out += [Wanted(291, 25.0, True), Wanted(290, 1.0, False)]

@@ -75,6 +75,8 @@ class Bench:
     send_rpm: bool = True
     send_position: bool = True
     range_verdict: RangeVerdict = RangeVerdict.OK
+    late: float = 0.0
+    position: tuple[float, float] = (0.0, 0.0)
     state: PipelineState = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
@@ -98,7 +100,8 @@ class Bench:
         self.feed(Heartbeat(self.t, 1, 1, self.armed, self.mode, base, self.autopilot, self.vehicle_type, 4))
         self.feed(LandedState(self.t, 1, 1, self.landed))
         if self.send_position:
-            self.feed(LocalPosition(self.t, 1, 1, (0.0, 0.0, -self.height), (0.0, 0.0, 0.0)))
+            place = (*self.position, -self.height)
+            self.feed(LocalPosition(self.t, 1, 1, place, (0.0, 0.0, 0.0), late_s=self.late))
         if self.send_range:
             # The shipped vehicle's sensors sit 0.05 m below and 0.21 m right of the CG.
             tilt = math.cos(self.roll) * math.cos(self.pitch)
@@ -107,7 +110,7 @@ class Bench:
         if self.send_rpm:
             self.feed(RotorSpeeds(self.t, 1, 1, 1, (self.rpm,) * 4, "ESC_TELEMETRY_1_TO_4"))
         q = quaternion_from_euler(self.roll, self.pitch, 0.0)
-        decision = self.feed(Attitude(self.t, 1, 1, q, (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION"))
+        decision = self.feed(Attitude(self.t, 1, 1, q, (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION", late_s=self.late))
         if self.config.base is Base.UPSTREAM:
             assert decision is None or decision.command is None, "upstream decides on setpoints"
             target = SetAttitudeTarget(self.t, 255, 1, 7, (1.0, 0.0, 0.0, 0.0), (0.1, 0.2, 0.3), 0.5, 1, 1)

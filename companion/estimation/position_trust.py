@@ -1,0 +1,79 @@
+"""Whether the autopilot's own estimator stands behind the position it sends, and whether it set it anew."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from companion.mavlink.samples import EstimatorStatus, LocalPosition, Vector3
+
+# EKF_STATUS_FLAGS and ESTIMATOR_STATUS_FLAGS (MAVLink common, ardupilotmega) agree in these.
+_ATTITUDE, _VELOCITY_HORIZONTAL, _VELOCITY_VERTICAL = 1, 2, 4
+_POSITION_RELATIVE, _POSITION_ABSOLUTE, _HEIGHT_ABSOLUTE, _HEIGHT_OVER_GROUND = 8, 16, 32, 64
+_NO_POSITION_AIDING = 128  # CONST_POS_MODE: the estimator assumes that the vehicle stands still
+_UNINITIALISED, _GPS_GLITCHING = 1024, 32768  # ArduPilot's; 1024 is GPS_GLITCH on PX4, which comes and goes in flight
+_NEEDED = _ATTITUDE | _VELOCITY_HORIZONTAL | _VELOCITY_VERTICAL
+_GROWTH = 4.0
+"""PX4 sends a dead-reckoned position for 5 s before it clears its flags; its accuracy grows from the first second."""
+_ACCURACY_M = 0.3
+"""Up to here a growing accuracy is no dead reckoning yet."""
+_INNOVATION = 1.0
+"""Test ratio from which an estimator rejects its measurements."""
+_RESET_M = 0.3
+"""A jump past what the velocity explains, larger than any noise of an estimator at 5 to 50 Hz."""
+_RESET_WITHIN_S = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class PositionTrust:
+    """What the newest estimator status says, and the best accuracy that it had. Nothing heard is trusted."""
+
+    status: EstimatorStatus | None = None
+    best_accuracy_m: float = math.inf
+
+    def told(self, status: EstimatorStatus) -> PositionTrust:
+        """After one more status."""
+        accuracy = status.horizontal_accuracy_m
+        return PositionTrust(status, min(self.best_accuracy_m, accuracy) if accuracy > 0.0 else self.best_accuracy_m)
+
+    @property
+    def trusted(self) -> bool:
+        """False while the estimator lacks what a position needs, coasts without a sensor, or rejects its sensors."""
+        status = self.status
+        if status is None:
+            return True
+        flags, ardupilot = status.flags, status.source == "EKF_STATUS_REPORT"
+        if flags & _NEEDED != _NEEDED or flags & _NO_POSITION_AIDING:
+            return False
+        if not flags & (_POSITION_RELATIVE | _POSITION_ABSOLUTE):
+            return False
+        if not flags & (_HEIGHT_ABSOLUTE | _HEIGHT_OVER_GROUND):
+            return False
+        if ardupilot and flags & (_UNINITIALISED | _GPS_GLITCHING):
+            return False
+        grown = status.horizontal_accuracy_m > max(_ACCURACY_M, _GROWTH * self.best_accuracy_m)
+        return not grown and not status.innovation > _INNOVATION
+
+
+@dataclass(frozen=True, slots=True)
+class PositionReset:
+    """The estimator set its position anew at ``t_s``: by how much, NED [m]."""
+
+    t_s: float
+    by_ned: Vector3
+
+
+def position_reset(before: LocalPosition, after: LocalPosition) -> PositionReset | None:
+    """The jump between two positions that their velocities do not explain, or None."""
+    dt = after.t_s - before.t_s
+    if not 0.0 < dt <= _RESET_WITHIN_S:
+        return None
+    jump = [
+        p1 - p0 - 0.5 * (v0 + v1) * dt
+        for p0, p1, v0, v1 in zip(
+            before.position_ned, after.position_ned, before.velocity_ned, after.velocity_ned, strict=True
+        )
+    ]
+    if math.hypot(*jump) <= _RESET_M:
+        return None
+    return PositionReset(after.t_s, (jump[0], jump[1], jump[2]))

@@ -1,0 +1,128 @@
+"""A position that the estimator does not trust is no position; one that it sets anew moves the hold along."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from flying import bench
+
+import models
+from companion.config import PipelineConfig
+from companion.control.authority import Reason
+from companion.estimation.position_trust import PositionTrust, position_reset
+from companion.mavlink.boot_clock import BootClock
+from companion.mavlink.decoders import decode
+from companion.mavlink.dialect import mavlink
+from companion.mavlink.firmware import Stack
+from companion.mavlink.samples import EstimatorStatus, LocalPosition
+from companion.mavlink.stream_rates import wanted_streams
+from companion.vehicles import default_vehicle
+from models.vehicle import load_vehicle
+from replay.logs.tlog import read_tlog
+from replay.rerun.harness import Replay
+
+GOOD = 895  # what a PX4 with GPS sends
+ARDUPILOT_GOOD = 831
+
+
+def status(flags: int, accuracy: float = math.nan, innovation: float = 0.1, source: str = "ESTIMATOR_STATUS"):
+    return EstimatorStatus(20.0, 1, 1, flags, accuracy, innovation, source)
+
+
+def decoded(message):
+    message._header.srcSystem, message._header.srcComponent = 1, 1
+    return decode(message, 10**15, BootClock(1))
+
+
+def test_both_messages_are_read():
+    px4 = decoded(mavlink.MAVLink_estimator_status_message(5_000_000, 101, 0.2, 0.5, 0, 0, 0, 0, 1.5, 0.3))
+    assert (px4.flags, px4.innovation) == (101, pytest.approx(0.5))
+    assert px4.horizontal_accuracy_m == pytest.approx(1.5)
+    ardupilot = decoded(mavlink.MAVLink_ekf_status_report_message(831, 0.1, 0.3, 0.2, 0.1, 0.0, 0.0))
+    assert (ardupilot.flags, ardupilot.innovation) == (831, pytest.approx(0.3))
+    assert math.isnan(ardupilot.horizontal_accuracy_m)
+
+
+@pytest.mark.parametrize("stack", [Stack.ARDUPILOT, Stack.PX4])
+def test_the_estimators_status_is_asked_for(stack):
+    wanted = {w.message_id for w in wanted_streams(default_vehicle(), stack)}
+    assert ({230, 193} & wanted) == ({230} if stack is Stack.PX4 else {193})
+
+
+@pytest.mark.parametrize(
+    ("told", "trusted"),
+    [
+        (status(GOOD), True),
+        (status(GOOD, 0.6), True),
+        (status(101), False),  # no horizontal position any more
+        (status(GOOD | 128), False),  # assumes that it stands still
+        (status(GOOD & ~4), False),
+        (status(GOOD, innovation=1.4), False),
+        (status(GOOD | 1024), True),  # PX4: a glitch that came and went
+        (status(ARDUPILOT_GOOD, source="EKF_STATUS_REPORT"), True),
+        (status(ARDUPILOT_GOOD | 1024, source="EKF_STATUS_REPORT"), False),
+        (status(ARDUPILOT_GOOD | 32768, source="EKF_STATUS_REPORT"), False),
+        (status(0b100111, source="EKF_STATUS_REPORT"), False),
+    ],
+)
+def test_what_a_status_is_worth(told, trusted):
+    assert PositionTrust().told(told).trusted is trusted
+
+
+def test_an_accuracy_that_grows_is_dead_reckoning():
+    trust = PositionTrust()
+    for accuracy in (0.5, 0.45, 0.5, 0.9, 1.5):
+        trust = trust.told(status(GOOD, accuracy))
+        assert trust.trusted, accuracy
+    assert not trust.told(status(GOOD, 2.0)).trusted
+
+
+def test_an_untrusted_position_ends_the_hold():
+    b = bench(height=0.3)
+    b.feed(replace(status(GOOD), t_s=b.t))
+    assert b.run(3.0).reasons == ()
+    b.feed(replace(status(101), t_s=b.t))
+    decision = b.tick()
+    assert Reason.POSITION_UNTRUSTED in decision.reasons
+    assert b.state.hold is None
+    assert b.tick().command is None
+    b.feed(replace(status(GOOD), t_s=b.t))
+    assert Reason.POSITION_UNTRUSTED not in b.tick().reasons
+
+
+def test_a_reset_of_the_position_moves_the_hold_with_it():
+    b = bench(height=1.0)
+    before = b.run(3.0)
+    b.position = (1.0, -0.5)
+    after = b.tick()
+    assert b.state.hold.reference.position == pytest.approx([1.0, -0.5, -1.0])
+    assert after.base.pitch == pytest.approx(before.base.pitch, abs=math.radians(0.5))
+    assert after.base.roll == pytest.approx(before.base.roll, abs=math.radians(0.5))
+
+
+def test_fast_flight_is_no_reset():
+    def at(t, north, speed):
+        return LocalPosition(t, 1, 1, (north, 0.0, -1.0), (speed, 0.0, 0.0))
+
+    assert position_reset(at(1.0, 0.0, 5.0), at(1.2, 1.0, 5.2)) is None
+    jump = position_reset(at(1.0, 0.0, 5.0), at(1.2, 2.0, 5.0))
+    assert jump.by_ned == pytest.approx((1.0, 0.0, 0.0))
+    assert position_reset(at(1.0, 0.0, 0.0), at(3.0, 5.0, 0.0)) is None, "after a gap nothing can be said"
+
+
+def test_the_recorded_loss_of_gps_ends_the_hold(shared_data: Path):
+    folder = shared_data / "firmware" / "px4"
+    if not (folder / "gps_lost.tlog").exists():
+        pytest.skip(f"no recording at {folder / 'gps_lost.tlog'}")
+    config = PipelineConfig(vehicle=load_vehicle(folder / "quad.toml"), model=models.load())
+    decisions = list(Replay(config).decisions(read_tlog(folder / "gps_lost.tlog").frames()))
+    untrusted = [d.t_s for d in decisions if Reason.POSITION_UNTRUSTED in d.reasons]
+    # The last good fix is 11 s into the recording, PX4 drops its flags at 16.3 s.
+    start = decisions[0].t_s
+    assert 12.0 < untrusted[0] - start < 15.5
+    assert all(d.command is None for d in decisions if untrusted[0] + 0.1 < d.t_s < start + 38.0)
+    assert np.mean([Reason.POSITION_UNTRUSTED in d.reasons for d in decisions if d.t_s > untrusted[0]]) > 0.8
