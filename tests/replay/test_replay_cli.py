@@ -53,7 +53,7 @@ def test_report_as_json_to_a_file(log, tmp_path, capsys):
 
 def test_assumed_parameter_lets_offsets_through(tmp_path, capsys):
     path = tmp_path / "silent.tlog"
-    write_tlog(path, [m for m in flight(4.0) if frame_id(m[1]) != 22])
+    write_tlog(path, [m for m in flight(4.0) if cut(m[1], 0).id != 22])
     main(["run", str(path), "--json", "-"])
     assert json.loads(capsys.readouterr().out)["compensated_s"] == 0.0
     main(["run", str(path), "--json", "-", "--param", "GUID_OPTIONS=8"])
