@@ -41,6 +41,8 @@ class Judgement:
 
     height_loss_m: float = 0.0
     """Furthest below the height at which the vehicle was, or was sent to."""
+    rise_m: float = 0.0
+    """Furthest above it."""
     off_m: float = 0.0
     """Furthest from that place, level."""
     tilt_deg: float = 0.0
@@ -184,6 +186,7 @@ class CasePilot:
         n, e, d = b.position
         roll, pitch, _ = b.euler()
         j.height_loss_m = max(j.height_loss_m, d - place[2])
+        j.rise_m = max(j.rise_m, place[2] - d)
         j.off_m = max(j.off_m, math.hypot(n - place[0], e - place[1]))
         j.tilt_deg = max(j.tilt_deg, math.degrees(math.acos(max(-1.0, min(1.0, math.cos(roll) * math.cos(pitch))))))
         j.speed_m_s = max(j.speed_m_s, math.hypot(*b.velocity))
