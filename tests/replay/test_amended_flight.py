@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
+import amended_hover
 import pytest
 
 import models
 from companion.sim.body import Surroundings
 from companion.sim.scenario import ROUNDING_S, Knot, Scenario
 from replay.cli import main
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
-import amended_hover
 
 
 @pytest.fixture(scope="module")

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnose_noise import noise_record
 
 import models
 from models.effects import catalogue, get
@@ -17,9 +17,6 @@ from replay.diagnosis.diagnose import OWN_MOTION, Diagnosis, conclude
 from replay.diagnosis.html_report import page, rms_interval
 from replay.residual.record import Record
 from replay.search.search import trace
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
-from diagnose_noise import noise_record
 
 FEW = [e for e in catalogue() if e.name in ("wind", "thrust_scale", "rotor_drag", "ground_effect", "cg_offset")]
 VERDICTS = {"nothing_missing", "explained", "partly_explained", "unexplained"}

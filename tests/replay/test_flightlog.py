@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from log_writers import EPOCH_US, flight, frame, heartbeat, write_tlog
 
 from companion.mavlink.dialect import mavlink
+from companion.mavlink.frames import cut
 from companion.mavlink.samples import RangeVerdict
 from models.errors import LogError
 from models.frames import euler_from_quaternion

@@ -2,14 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
-
 from flights import near_wall, rotor_flow
 from flights.craft import GRAVITY, QUAD, RHO0, TANDEM, rangers, vehicle_toml
 from flights.effects import CATALOGUE

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnose_noise import noise_record
 
 from models.frames import Array
 from replay.residual.delays import Delay
 from replay.residual.record import Record
 from replay.search.free_curves import REACTIVE_SHARE, SMALLEST_SHARE, Leftover, free_search, smallest_share
 from replay.search.noise import fit_noise
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
-from diagnose_noise import noise_record
 
 
 @pytest.fixture(scope="module")

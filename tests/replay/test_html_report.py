@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import re
-import sys
 from dataclasses import replace
 from html.parser import HTMLParser
-from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnose_noise import noise_record
 
 from models.effects import catalogue, get
 from replay.diagnosis.diagnose import Diagnosis, conclude
 from replay.diagnosis.html_report import blocks, page
 from replay.residual.record import Record
 from replay.search.search import trace
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
-from diagnose_noise import noise_record
 
 FEW = [e for e in catalogue() if e.name in ("wind", "thrust_scale", "payload", "ceiling", "thermal_derating")]
 

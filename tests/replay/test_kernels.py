@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
+import kernels
 import pytest
+from kernels import Asked, Job, Kernel
 from log_writers import quad_flight, write_tlog
 
 from companion.vehicles import QUAD
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
-import kernels
-from kernels import Asked, Job, Kernel
 
 FLIGHTS = {
     "heavy_short": quad_flight(30.0, mass_kg=3.3),

@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import json
-import sys
 from dataclasses import replace
-from pathlib import Path
-
-import pytest
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 
 import measured_flights
+import pytest
 import reliability
 from measured.judge import judge, judge_refusal
 from measured.known import CATALOGUE, Flight, Range, read

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from diagnose_noise import noise_record
 
 from models.effects import Effect, catalogue, get
 from replay.residual.delays import Delay
@@ -18,9 +17,6 @@ from replay.search.null import flips
 from replay.search.search import Trace, trace
 from replay.search.shapes import refined
 from replay.search.workspace import Workspace
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
-from diagnose_noise import noise_record
 
 
 @pytest.fixture(scope="module")
