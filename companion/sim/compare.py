@@ -12,7 +12,7 @@ import multiprocessing
 import os
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from enum import Enum
@@ -293,41 +293,44 @@ def _surrogate_error(flights: Sequence[Flown]) -> dict[str, float]:
 def as_text(flights: Sequence[Flown], settings: Settings) -> str:
     """The table that a user reads."""
     seeds = sorted({f.seed for f in flights})
-    many = len(seeds) > 1
     wrong = _surrogate_error(flights)
+    wide = len(seeds) > 1
     lines = [
         f"sim:{settings.scenario}, simulated, {flights[0].time_s[-1]:.0f} s approach, "
-        + (f"{len(seeds)} seeds, mean ± sd" if many else f"seed {seeds[0]}")
+        + (f"{len(seeds)} seeds, mean ± sd" if wide else f"seed {seeds[0]}")
         + "; errors against the truth",
         f"the undisturbed law is wrong about this air by {100 * wrong['lift']:.0f} % in lift, "
         f"{100 * wrong['pull']:.0f} % in pull, {100 * wrong['tilt']:.0f} % in tilt",
         "",
-        f"{'':24}" + "".join(f"{axis + ' [' + UNITS[axis] + ']':>{26 if many else 18}}" for axis in AXES),
-        f"{'':24}" + "".join(f"{'RMS':>{13 if many else 9}}{'peak':>{13 if many else 9}}" for _ in AXES) + "  touched",
+        f"{'':24}" + "".join(f"{axis + ' [' + UNITS[axis] + ']':>{26 if wide else 18}}" for axis in AXES),
+        f"{'':24}" + "".join(f"{'RMS':>{13 if wide else 9}}{'peak':>{13 if wide else 9}}" for _ in AXES) + "  touched",
     ]
     for leg in Leg:
         of_leg = [f for f in flights if f.leg is leg]
-        if not of_leg:
-            continue
-        cells = ""
-        for axis in AXES:
-            digits = 2 if axis == "tilt" else 1 if not many else 0
-            for name in ("rms", "peak"):
-                s = Spread.of([getattr(f, name)(axis) for f in of_leg])
-                cell = f"{s.mean:.{digits}f} ± {s.sd:.{digits}f}" if many else f"{s.mean:.{digits}f}"
-                cells += f"{cell:>{13 if many else 9}}"
-        touched = Spread.of([f.touched_s for f in of_leg]).mean
-        lines.append(f"{leg.value:24}{cells}{f'{touched:.1f} s' if touched > 0.05 else '-':>9}")
+        if of_leg:
+            lines.append(_leg_line(leg, of_leg, wide))
     part = air_part(flights)
     if part is not None:
-        lines.append("")
-        lines.append("of the error that the air causes, the offsets remove")
-        for name, values in (("by energy", part.energy), ("instant by instant", part.paired)):
-            cells = "".join(
-                f"{axis} {100 * v:.0f} %   " if math.isfinite(v) else f"{axis} -   " for axis, v in values.items()
-            )
-            lines.append(f"  {name:20}{cells}".rstrip())
+        lines += ["", "of the error that the air causes, the offsets remove"]
+        lines += [_part_line("by energy", part.energy), _part_line("instant by instant", part.paired)]
     return "\n".join(lines)
+
+
+def _leg_line(leg: Leg, flights: Sequence[Flown], wide: bool) -> str:
+    cells = ""
+    for axis in AXES:
+        digits = 2 if axis == "tilt" else 0 if wide else 1
+        for name in ("rms", "peak"):
+            s = Spread.of([getattr(f, name)(axis) for f in flights])
+            cell = f"{s.mean:.{digits}f} ± {s.sd:.{digits}f}" if wide else f"{s.mean:.{digits}f}"
+            cells += f"{cell:>{13 if wide else 9}}"
+    touched = Spread.of([f.touched_s for f in flights]).mean
+    return f"{leg.value:24}{cells}{f'{touched:.1f} s' if touched > 0.05 else '-':>9}"
+
+
+def _part_line(name: str, shares: Mapping[str, float]) -> str:
+    cells = "".join(f"{axis} {100 * v:.0f} %   " if math.isfinite(v) else f"{axis} -   " for axis, v in shares.items())
+    return f"  {name:20}{cells}".rstrip()
 
 
 def main(

@@ -6,6 +6,7 @@ import numpy as np
 
 from companion.sim.body import ARDUPILOT_MOTOR, GRAVITY, MotorOutput
 from models.errors import ConfigError
+from models.frames import Array
 from models.vehicle import Vehicle
 
 SPIN_ARM = 0.10
@@ -20,21 +21,7 @@ class Mixer:
 
     def __init__(self, vehicle: Vehicle, hover: float, motor: MotorOutput = ARDUPILOT_MOTOR) -> None:
         fans, vanes = vehicle.fans, vehicle.vanes
-        lift_each = vehicle.mass_kg * GRAVITY / len(fans)
-        columns = []
-        for fan in fans:
-            x, y, _ = fan.position_m
-            spin = sum(r.spin for r in fan.rotors) / len(fan.rotors)
-            torque = -spin * vehicle.rotor_radius_m * fan.cq / fan.ct if fan.cq and fan.ct else 0.0
-            columns.append((-y, x, torque))
-        scale = [lift_each] * len(fans)
-        for vane in vanes:
-            gain = vane.force_per_thrust_rad * lift_each * 0.5  # N at the end of travel, 0.5 rad
-            columns.append(tuple(np.cross(vane.position_m, vane.axis)))
-            scale.append(gain)
-        effect = np.array(columns).T  # moment per newton, (3, actuators)
-        lift = np.array([1.0] * len(fans) + [0.0] * len(vanes))
-        full = np.vstack([lift, effect]) * np.array(scale)
+        full = effectiveness(vehicle)
         if np.linalg.matrix_rank(full, tol=1e-3) < 4:
             raise ConfigError(
                 "vehicle file: fans and vanes cannot hold roll, pitch and yaw; "
@@ -84,3 +71,19 @@ class Mixer:
         for channels, actuator in zip(self._fans, actuators, strict=True):
             for channel in channels:
                 self.pwm[channel] = round(self._low + self._span * actuator)
+
+
+def effectiveness(vehicle: Vehicle) -> Array:
+    """Lift [N] and moments [N m] of full hover lift of each fan and full travel of each vane: shape (4, actuators)."""
+    lift_each = vehicle.mass_kg * GRAVITY / len(vehicle.fans)
+    columns, scale = [], [lift_each] * len(vehicle.fans)
+    for fan in vehicle.fans:
+        x, y, _ = fan.position_m
+        spin = sum(r.spin for r in fan.rotors) / len(fan.rotors)
+        torque = -spin * vehicle.rotor_radius_m * fan.cq / fan.ct if fan.cq and fan.ct else 0.0
+        columns.append((1.0, -y, x, torque))
+    for vane in vehicle.vanes:
+        columns.append((0.0, *np.cross(vane.position_m, vane.axis)))
+        scale.append(vane.force_per_thrust_rad * lift_each * 0.5)  # at the end of travel, 0.5 rad
+    out: Array = np.array(columns).T * np.array(scale)
+    return out

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 from simflight import hovering, vehicle
@@ -110,7 +111,7 @@ def test_hover_needs_about_the_throttle_of_the_vehicle_file(name):
 
 def test_a_vehicle_that_cannot_yaw_is_refused():
     v = vehicle("quad")
-    lame = type(v)(**{**v.__dict__, "fans": tuple(type(f)(f.position_m, f.lip_radius_m, f.rotors) for f in v.fans)})
+    lame = replace(v, fans=tuple(type(f)(f.position_m, f.lip_radius_m, f.rotors) for f in v.fans))
     with pytest.raises(ConfigError, match="cannot hold"):
         Mixer(lame, 0.4)
 
