@@ -8,21 +8,28 @@ same stamps give the same times, in flight and in replay, bit for bit.
   t = arrival - offset, the offset being the smallest (arrival - stamp) seen lately, since latency only ever adds.
 - A sender with a clock of its own (another component, or a stamp in Unix time) has its own smallest (arrival - stamp);
   the difference of the two puts it on the axis. No sender can move the axis but the autopilot.
-- How late a message is (``late``) is its arrival against the smallest (arrival - stamp) seen since boot, which may grow
-  by 0.1 % at most: enough for a clock that drifts, too little for a link that fell behind.
+- How late a message is (``late``) is its arrival against the smallest (arrival - stamp) since boot. This grows only
+  where the vehicle's clock runs steadily slower than the receiver's (a simulator on a loaded machine), which is learned
+  from the last seconds; a link that falls behind is a step, and stays late.
 - Stamps that go back by more than a second, twice running, are a reboot: ``boot`` counts up and the axis starts anew.
 """
 
 from __future__ import annotations
 
+from collections import deque
 from enum import Enum
+from statistics import median
 
 AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1
 
 _WINDOW_US = 2_000_000  # an offset lives one to two windows: clock drift of 100 ppm then costs 0.4 ms
 _BACK_US = 1_000_000  # samples are stamped up to some 0.3 s before they are sent, in any order
 _AHEAD_US = 10_000_000  # no stamp runs further ahead of the receiver's clock
-_DRIFT = 1000  # the smallest offset may grow by one part in this: ten times what quartz clocks differ by
+_SLOPE_WINDOW_US = 500_000
+_SLOPES = 16
+_LEARNING = 4  # the first slopes only teach: 2 s
+_FASTEST_DRIFT = 0.5
+_QUARTZ = 1e-3  # ten times what two quartz clocks drift apart
 _UNIX_US = 10**15  # as Unix time September 2001, as boot time 31 years
 _SAME_CLOCK_US = 5_000_000
 _WRAP_MS_US = 2**32 * 1000
@@ -60,6 +67,50 @@ class _Envelope:
         return min(self._current, self._previous)
 
 
+class _Quickest:
+    """The smallest (arrival - stamp) since boot, growing as steadily as the two clocks drift apart.
+
+    The drift is the median slope between the smallest offsets of half-second windows over the last eight seconds: a
+    step changes one slope in sixteen, a slow clock all of them.
+    """
+
+    __slots__ = ("_at_us", "_before", "_offset_us", "_rate", "_slopes", "_smallest", "_until_us")
+
+    def __init__(self, offset_us: int, arrival_us: int) -> None:
+        self._offset_us, self._at_us = float(offset_us), arrival_us
+        self._rate = 0.0
+        self._slopes: deque[float] = deque(maxlen=_SLOPES)
+        self._smallest = (offset_us, arrival_us)
+        self._before: tuple[int, int] | None = None
+        self._until_us = arrival_us + _SLOPE_WINDOW_US
+
+    def at(self, arrival_us: int) -> float:
+        """The smallest offset [us] expected of a message that arrives now."""
+        return self._offset_us + self._rate * max(arrival_us - self._at_us, 0)
+
+    def update(self, offset_us: int, arrival_us: int) -> None:
+        if arrival_us >= self._until_us:
+            self._close(arrival_us)
+            self._smallest = (offset_us, arrival_us)
+        elif offset_us < self._smallest[0]:
+            self._smallest = (offset_us, arrival_us)
+        if offset_us < self.at(arrival_us):
+            self._offset_us, self._at_us = float(offset_us), arrival_us
+
+    def _close(self, arrival_us: int) -> None:
+        before, now = self._before, self._smallest
+        self._before, self._until_us = now, arrival_us + _SLOPE_WINDOW_US
+        if before is not None and now[1] > before[1]:
+            self._slopes.append((now[0] - before[0]) / (now[1] - before[1]))
+        expected = self.at(arrival_us)
+        if self._slopes:
+            # Half more than the median, so that a drift that is not quite steady adds up to nothing.
+            self._rate = min(max(1.5 * median(self._slopes), 0.0) + _QUARTZ, _FASTEST_DRIFT)
+        if len(self._slopes) <= _LEARNING:
+            expected = max(expected, now[0] + self._rate * (arrival_us - now[1]))
+        self._offset_us, self._at_us = expected, arrival_us
+
+
 class BootClock:
     """The boot axis of one vehicle.
 
@@ -77,7 +128,7 @@ class BootClock:
         self._suspect_us = -1  # a stamp that does not fit, kept until the next one decides
         self._suspect_arrival_us = 0
         self._envelope = _Envelope(0, 0)
-        self._quickest_us, self._quickest_at_us = 0, 0  # smallest (arrival - stamp), and the arrival it was seen at
+        self._quickest = _Quickest(0, 0)
         self._others: dict[tuple[int, int, bool], _Envelope] = {}
 
     @property
@@ -95,10 +146,7 @@ class BootClock:
         """Seconds by which a message of boot time ``t_s`` arrived later than the quickest message would have."""
         if not self.known:
             return 0.0
-        return max(arrival_us - self._quickest(arrival_us) - t_s * 1e6, 0.0) / 1e6
-
-    def _quickest(self, arrival_us: int) -> int:
-        return self._quickest_us + max(arrival_us - self._quickest_at_us, 0) // _DRIFT
+        return max(arrival_us - self._quickest.at(arrival_us) - t_s * 1e6, 0.0) / 1e6
 
     def stamped(self, system: int, component: int, unit: Stamp, stamp: int, arrival_us: int) -> float:
         """Boot time [s] of a message whose time field reads ``stamp``. A stamp of 0 is no stamp."""
@@ -137,8 +185,7 @@ class BootClock:
         if last - _BACK_US <= stamp_us <= limit:
             self._suspect_us = -1
             self._envelope.update(arrival_us - stamp_us, stamp_us)
-            if arrival_us - stamp_us < self._quickest(arrival_us):
-                self._quickest_us, self._quickest_at_us = arrival_us - stamp_us, arrival_us
+            self._quickest.update(arrival_us - stamp_us, arrival_us)
             if stamp_us > last:
                 self._last_us, self._last_arrival_us = stamp_us, arrival_us
             return stamp_us / 1e6
@@ -155,7 +202,7 @@ class BootClock:
     def _restart(self, stamp_us: int, arrival_us: int) -> float:
         self._last_us, self._last_arrival_us, self._suspect_us = stamp_us, arrival_us, -1
         self._envelope = _Envelope(arrival_us - stamp_us, stamp_us)
-        self._quickest_us, self._quickest_at_us = arrival_us - stamp_us, arrival_us
+        self._quickest = _Quickest(arrival_us - stamp_us, arrival_us)
         self._others.clear()
         return stamp_us / 1e6
 

@@ -11,11 +11,10 @@ from pathlib import Path
 from typing import Any
 
 from companion.clock import Clock, SystemClock
+from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import Frame, FrameReader, pack
 from companion.mavlink.signing import Signatures
 from models.errors import ConfigError, LinkError
-
-os.environ.setdefault("MAVLINK_DIALECT", "ardupilotmega")
 
 _NETWORK = ("udp", "udpin", "udpout", "tcp", "tcpin", "udpbcast", "mcast")
 _SYSTEM_UNKNOWN = 1
@@ -134,8 +133,7 @@ def open_link(
     Raises ConfigError where the string is no endpoint, LinkError where it cannot be opened (port in use, no device).
     """
     scheme = _check(endpoint)
-    from pymavlink import mavutil
-
+    mavutil = _mavutil()
     try:
         with redirect_stdout(None):
             connection = mavutil.mavlink_connection(
@@ -147,9 +145,25 @@ def open_link(
         raise LinkError(f"{endpoint}: needs the package {error.name}: pip install pyserial") from None
     except Exception as error:  # pyserial and pymavlink raise their own
         raise LinkError(f"{endpoint}: cannot be opened: {error}") from None
+    # Whatever dialect pymavlink was started with in this process, what is sent is encoded by ours.
+    connection.mav = mavlink.MAVLink(connection, srcSystem=_SYSTEM_UNKNOWN, srcComponent=191)
     if signing_key is not None:
         connection.setup_signing(signing_key, sign_outgoing=True)
     return Link(connection, endpoint, arrivals, number)
+
+
+def _mavutil() -> Any:
+    """pymavlink's endpoints. Its import reads MAVLINK_DIALECT, fails on names that it does not know, and sets it."""
+    before = os.environ.get("MAVLINK_DIALECT")
+    os.environ["MAVLINK_DIALECT"] = "ardupilotmega"
+    try:
+        from pymavlink import mavutil
+    finally:
+        if before is None:
+            del os.environ["MAVLINK_DIALECT"]
+        else:
+            os.environ["MAVLINK_DIALECT"] = before
+    return mavutil
 
 
 def _check(endpoint: str) -> str:
