@@ -314,6 +314,10 @@ def _surface_reasons(push: Push, step_s: float, t_s: float) -> list[Reason]:
             out.append(Reason.RANGE_MISSING)
         elif surface.seen is Seen.STALE:
             out.append(Reason.RANGE_STALE)
+        elif surface.seen is Seen.LOST:
+            out.append(Reason.RANGE_LOST)
+        elif surface.seen is Seen.FROZEN:
+            out.append(Reason.RANGE_FROZEN)
         elif t_s - surface.stepped_s < step_s:
             out.append(Reason.SURFACE_STEP)
     if push.trust <= 0.0:

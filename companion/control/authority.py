@@ -25,6 +25,8 @@ class Reason(Enum):
     CARRIER_REFUSED = "--carrier acceleration cancels no disturbance on ArduPilot (measured)"
     # The base is sent, offsets fade to zero
     RANGE_MISSING = "a declared rangefinder was never heard"
+    RANGE_LOST = "range leapt from near to nothing though the vehicle did not move: echo lost"
+    RANGE_FROZEN = "range does not change though the vehicle moves: frozen"
     RANGE_STALE = "range old or invalid"
     LATE = "telemetry arrives late"
     RPM_MISSING = "rotor speeds missing or old"

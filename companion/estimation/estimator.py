@@ -13,6 +13,7 @@ from companion.config import PipelineConfig, Tuning
 from companion.estimation.kalman import Track, Verdict, measure, measure_rate
 from companion.estimation.position_trust import PositionReset, PositionTrust, position_reset
 from companion.estimation.range_geometry import (
+    NO_MATTER_RADII,
     choose_walls,
     fan_heights,
     fan_wall_distances,
@@ -40,6 +41,16 @@ from models.vehicle_wrench import rpm_from_servos
 _STOPPED_RPM = 100.0
 _SPINNING_RPM = 500.0
 _CLEAR_AFTER_S = 0.5
+_POSITION_NEAR_S = 0.3
+"""A position further off in time says nothing about a reading's motion."""
+_SAME_READING_M = 0.0005
+_FROZEN_MOVE_M = 0.10
+"""Ten of the centimetres in which ranges are sent: a reading that did not change over this motion is frozen."""
+_TURNED_COS = math.cos(math.radians(15.0))
+_PAST_EDGE_M = 0.3
+"""A wall may end this far to the side ..."""
+_OVER_EDGE_M = 1.0
+"""... and the ground at an edge this far on; nearer than that an echo that is gone is lost."""
 
 
 class Seen(Enum):
@@ -50,6 +61,17 @@ class Seen(Enum):
     UNDECLARED = "no sensor declared"
     MISSING = "never heard"
     STALE = "stale"
+    LOST = "lost its echo"
+    FROZEN = "frozen"
+
+
+@dataclass(frozen=True, slots=True)
+class Sighting:
+    """Where the vehicle was and where the beam looked (NED) when it read ``slant_m``."""
+
+    slant_m: float
+    position_ned: Array
+    beam_ned: Array
 
 
 @dataclass(frozen=True)
@@ -65,6 +87,12 @@ class BeamTrack:
     sensor: tuple[int, int] | None = None
     slant_m: float = math.nan
     """The newest reading, as sent."""
+    sight: Sighting | None = None
+    """The newest reading that was believed."""
+    same_since: Sighting | None = None
+    """The first of the present run of readings that are equal to the millimetre."""
+    doubt: Seen | None = None
+    """``LOST`` or ``FROZEN`` while the newest reading is not believed for that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +166,9 @@ def take_position(estimates: Estimates, sample: LocalPosition, tuning: Tuning) -
         )
         for beam in estimates.beams
     )
-    reset = estimates.position and position_reset(estimates.position, sample)
+    reset = None if estimates.position is None else position_reset(estimates.position, sample)
+    if reset is not None:  # the vehicle itself did not move
+        beams = tuple(replace(beam, sight=None, same_since=None) for beam in beams)
     return replace(estimates, position=sample, beams=beams, reset=reset or estimates.reset)
 
 
@@ -153,7 +183,11 @@ def take_range(estimates: Estimates, sample: Range, config: PipelineConfig) -> E
     )  # fmt: skip
     slant = math.inf if sample.verdict is RangeVerdict.ABOVE_MAX else sample.distance_m
     if sample.verdict in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX) and not math.isnan(slant):
-        beam = _read_beam(estimates, replace(beam, slant_m=slant), index, sample, config)
+        beam = _doubted(estimates, replace(beam, slant_m=slant), index, sample, config.vehicle)
+        if beam.doubt is None:
+            beam = _read_beam(estimates, beam, index, sample, config)
+        else:
+            beam = replace(beam, clear_since_s=math.inf)
     else:
         beam = replace(beam, clear_since_s=math.inf)
     return replace(estimates, beams=(*estimates.beams[:index], beam, *estimates.beams[index + 1 :]))
@@ -175,6 +209,38 @@ def _match(estimates: Estimates, sample: Range, vehicle: Vehicle) -> int | None:
         if beam.sensor in (None, (sample.component, sample.sensor_id)) or sample.t_s - beam.heard_s > 1.0:
             return index
     return None
+
+
+def _doubted(estimates: Estimates, beam: BeamTrack, index: int, sample: Range, vehicle: Vehicle) -> BeamTrack:
+    """The beam with ``doubt`` set anew: an echo that was lost, a reading that froze. Both are seen by own motion."""
+    position, rotation, slant = estimates.position, estimates.rotation, beam.slant_m
+    assert rotation is not None
+    if position is None or abs(sample.t_s - position.t_s) > _POSITION_NEAR_S or not estimates.trust.trusted:
+        return replace(beam, doubt=None, same_since=None)
+    here = Sighting(slant, np.asarray(position.position_ned), rotation @ np.asarray(sample.direction_frd))
+    matters = NO_MATTER_RADII * vehicle.rotor_radius_m
+    last, run = beam.sight, beam.same_since
+    if (
+        last is not None
+        and last.slant_m < matters < slant - last.slant_m
+        and not _left(last, here, matters, vehicle.watched[index].target)
+    ):
+        return replace(beam, doubt=Seen.LOST, same_since=None)
+    if run is None or abs(slant - run.slant_m) > _SAME_READING_M:
+        run = here
+    moved = float((here.position_ned - run.position_ned) @ run.beam_ned)
+    if slant < matters and abs(moved) > _FROZEN_MOVE_M:
+        return replace(beam, doubt=Seen.FROZEN, same_since=run)
+    return replace(beam, doubt=None, same_since=run, sight=here)
+
+
+def _left(last: Sighting, here: Sighting, matters_m: float, target: str) -> bool:
+    """Whether the vehicle's own motion explains that a near surface is out of sight."""
+    moved = here.position_ned - last.position_ned
+    away = -float(moved @ last.beam_ned)
+    aside = float(np.linalg.norm(moved + away * last.beam_ned))
+    turned = float(here.beam_ned @ last.beam_ned) < _TURNED_COS
+    return turned or last.slant_m + away > matters_m or aside > (_OVER_EDGE_M if target == "ground" else _PAST_EDGE_M)
 
 
 def _read_beam(estimates: Estimates, beam: BeamTrack, index: int, sample: Range, config: PipelineConfig) -> BeamTrack:
@@ -278,21 +344,24 @@ def _seen_by(estimates: Estimates, config: PipelineConfig, target: str, t_s: flo
     """What every beam that looks at ``target`` sees; an undeclared one that was never heard is not there."""
     declared = len(config.vehicle.rangefinders)
     return [
-        _beam_surface(beam, config.tuning, t_s)
+        _beam_surface(beam, config, t_s)
         for k, (sensor, beam) in enumerate(zip(config.vehicle.watched, estimates.beams, strict=True))
         if sensor.target == target and (k < declared or beam.heard_s > -math.inf)
     ]
 
 
-def _beam_surface(beam: BeamTrack, tuning: Tuning, t_s: float) -> Surface:
-    track = beam.track
+def _beam_surface(beam: BeamTrack, config: PipelineConfig, t_s: float) -> Surface:
+    tuning, track = config.tuning, beam.track
     heard = t_s - beam.heard_s
-    if heard <= tuning.range_age_s and t_s - beam.clear_since_s >= (0.0 if track is None else _CLEAR_AFTER_S):
+    was_near = track is not None and track.value < NO_MATTER_RADII * config.vehicle.rotor_radius_m
+    if heard <= tuning.range_age_s and t_s - beam.clear_since_s >= (_CLEAR_AFTER_S if was_near else 0.0):
         return Surface(Seen.NOTHING, slant_m=math.inf)
     if track is not None and track.age(t_s) <= tuning.range_age_s:
         return Surface(
             Seen.SURFACE, track.at(t_s), track.rate, track.sigma, beam.normal_ned, track.restarted_s, beam.slant_m
         )
+    if beam.doubt is not None and heard <= tuning.range_age_s:
+        return Surface(beam.doubt)
     return Surface(Seen.MISSING if beam.heard_s == -math.inf else Seen.STALE)
 
 
