@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from difflib import get_close_matches
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.errors import ConfigError
+from models.vehicle_plausibility import Severity, findings
 
 MAV_ORIENTATION_UP = 24  # MAV_SENSOR_ROTATION_PITCH_90
 TARGETS = ("ground", "wall", "ceiling", "none")
@@ -175,7 +177,8 @@ class Vehicle:
 def load_vehicle(path: Path | str) -> Vehicle:
     """Read and check a vehicle file.
 
-    Raises ConfigError naming the file and the key: unreadable, not TOML, unknown or missing key, impossible value.
+    Raises ConfigError naming the file and the key: unreadable, not TOML, unknown or missing key, impossible value, a
+    vehicle that cannot be (models/vehicle_plausibility.py, which also has the warnings about an odd one).
     """
     path = Path(path)
     try:
@@ -188,6 +191,13 @@ def load_vehicle(path: Path | str) -> Vehicle:
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"vehicle file {path}: not valid TOML: {error}") from None
     return _vehicle(_Table(table, str(path), ""))
+
+
+_KEYS = frozenset(f.name for kind in (Rotor, Fan, Vane, Throttle, Rangefinder, Limits) for f in fields(kind)) | {
+    "name", "mass_kg", "inertia_kgm2", "hover_thrust", "rotor_radius_m",
+    "fan", "vane", "throttle", "rangefinder", "limits",
+}  # fmt: skip
+"""Every key of a vehicle file."""
 
 
 class _Table:
@@ -203,7 +213,9 @@ class _Table:
 
     def _take(self, key: str) -> Any:
         if key not in self._left:
-            raise self.fail(key, "is missing")
+            # A key spelt otherwise is the usual reason: name it too.
+            meant = get_close_matches(key, [k for k in self._left if k not in _KEYS], 1, 0.5)
+            raise self.fail(key, f"is missing; '{self._prefix}{meant[0]}' is not known" if meant else "is missing")
         return self._left.pop(key)
 
     def __contains__(self, key: str) -> bool:
@@ -258,7 +270,9 @@ class _Table:
 
     def done(self) -> None:
         if self._left:
-            raise self.fail(next(iter(self._left)), "is not known")
+            key = next(iter(self._left))
+            meant = get_close_matches(key, sorted(_KEYS), 1, 0.6)
+            raise self.fail(key, f"is not known; did you mean '{meant[0]}'?" if meant else "is not known")
 
 
 def _vehicle(table: _Table) -> Vehicle:
@@ -279,7 +293,10 @@ def _vehicle(table: _Table) -> Vehicle:
     _check_rotors(table, vehicle)
     for i, fan in enumerate(vehicle.fans, 1):
         if fan.lip_radius_m < vehicle.rotor_radius_m - 1e-9:
-            raise table.fail(f"fan[{i}].lip_radius_m", "is smaller than rotor_radius_m")
+            raise table.fail(f"fan[{i}].lip_radius_m", "is smaller than rotor_radius_m; is that the diameter?")
+    for finding in findings(vehicle):
+        if finding.severity is Severity.ERROR:
+            raise table.fail(finding.key, finding.text)
     return vehicle
 
 

@@ -1,0 +1,203 @@
+"""Whether a vehicle file describes a vehicle that can fly: what cannot be is refused, what is odd is said.
+
+The one place for it. ``load_vehicle`` refuses on errors, so every command that reads a vehicle file does; the warnings
+are for the command to print (``warnings``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from models.vehicle import Vehicle
+
+_GRAVITY, _DENSITY = 9.80665, 1.225
+_DISC_LOADING_N_M2 = (3.0, 3000.0)
+"""Weight over disc area. Crazyflie 40, camera quadrotors 50 to 100, ducted fans 250, electric jets 1500 N/m^2."""
+_TIP_SPEED_M_S = (8.0, 320.0)
+"""Of the hover that ``ct`` implies; the upper end is just below the speed of sound. Drones 50 to 150."""
+_GYRATION_OVER_REACH = 1.0
+"""sqrt(I/m) over the vehicle's reach: 0.2 to 0.5 is usual; at 1 all mass would sit at the outermost lips."""
+_SAME_HEIGHT_M = 0.03
+_SAME_PLACE_M = 0.01
+_OFF_CENTRE = 0.25
+"""Distance of the fans' centre from the CG over the reach, above which hover needs very unequal thrusts."""
+_THRUST_TO_WEIGHT = (1.1, 1.3, 25.0)
+"""Below the first it cannot fly, below the second hardly; above the last the numbers do not fit each other."""
+_UPSIDE_M = 0.02
+
+
+class Severity(Enum):
+    """What follows from a finding."""
+
+    ERROR = "refused"
+    WARNING = "said"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that is odd: the key it is about, and what is odd, with what would be usual."""
+
+    severity: Severity
+    key: str
+    text: str
+
+
+def findings(vehicle: Vehicle) -> tuple[Finding, ...]:
+    """Everything that is odd about ``vehicle``, errors first."""
+    checks = (_masses, _places, _spins, _rotor_speed, _throttle, _ranges, _vertical)
+    return tuple(sorted((f for check in checks for f in check(vehicle)), key=lambda f: f.severity is Severity.WARNING))
+
+
+def warnings(vehicle: Vehicle) -> list[str]:
+    """The findings that do not refuse the vehicle, one line each."""
+    return [f"key '{f.key}': {f.text}" for f in findings(vehicle) if f.severity is Severity.WARNING]
+
+
+def _error(key: str, text: str) -> Finding:
+    return Finding(Severity.ERROR, key, text)
+
+
+def _warning(key: str, text: str) -> Finding:
+    return Finding(Severity.WARNING, key, text)
+
+
+def _reach(vehicle: Vehicle) -> float:
+    return max(math.hypot(*fan.position_m) + fan.lip_radius_m for fan in vehicle.fans)
+
+
+def _masses(vehicle: Vehicle) -> Iterator[Finding]:
+    low, high = _DISC_LOADING_N_M2
+    loading = vehicle.mass_kg * _GRAVITY / (len(vehicle.fans) * vehicle.disc_area_m2)
+    if not low <= loading <= high:
+        yield _error(
+            "mass_kg",
+            f"{vehicle.mass_kg:g} kg on {len(vehicle.fans)} discs of radius {vehicle.rotor_radius_m:g} m is "
+            f"{loading:.3g} N per m^2 of disc, and rotors carry {low:g} to {high:g}: check mass_kg and rotor_radius_m",
+        )
+    gyration, reach = math.sqrt(max(vehicle.inertia_kgm2) / vehicle.mass_kg), _reach(vehicle)
+    if gyration > _GYRATION_OVER_REACH * reach:
+        yield _error(
+            "inertia_kgm2",
+            f"{max(vehicle.inertia_kgm2):g} kg m^2 needs all {vehicle.mass_kg:g} kg to sit {gyration:.2f} m from the "
+            f"CG, and the vehicle reaches {reach:.2f} m",
+        )
+    elif gyration < 0.05 * reach:
+        yield _warning("inertia_kgm2", f"is very small for {vehicle.mass_kg:g} kg over {reach:.2f} m: in kg m^2?")
+
+
+def _places(vehicle: Vehicle) -> Iterator[Finding]:
+    for (i, a), (j, b) in combinations(enumerate(vehicle.fans, 1), 2):
+        apart = math.dist(a.position_m[:2], b.position_m[:2])
+        if abs(a.position_m[2] - b.position_m[2]) >= _SAME_HEIGHT_M:
+            continue  # rotors above each other may overlap
+        if apart < _SAME_PLACE_M:
+            yield _error(f"fan[{j}].position_m", f"is the place of fan[{i}]: two fans cannot be in one place")
+        elif apart < 0.98 * (a.lip_radius_m + b.lip_radius_m):
+            yield _error(
+                f"fan[{j}].lip_radius_m",
+                f"fan[{i}] and fan[{j}] are {apart:.3g} m apart and overlap with lips of {a.lip_radius_m:g} and "
+                f"{b.lip_radius_m:g} m: is a diameter given for a radius?",
+            )
+    centre = [sum(fan.position_m[k] for fan in vehicle.fans) / len(vehicle.fans) for k in (0, 1)]
+    if math.hypot(*centre) > _OFF_CENTRE * _reach(vehicle):
+        yield _warning(
+            "fan.position_m",
+            f"the fans' centre is {math.hypot(*centre):.2f} m from the CG: positions are from the CG, body FRD",
+        )
+
+
+def _spins(vehicle: Vehicle) -> Iterator[Finding]:
+    spins = [rotor.spin for rotor in vehicle.rotors]
+    if len(spins) < 2 or vehicle.vanes:
+        return
+    if abs(sum(spins)) == len(spins):
+        text = "all rotors turn the same way: nothing balances their torque"
+        # A tricopter balances it with a servo at the tail, which the file cannot say.
+        yield _warning("fan.rotors.spin", text) if len(spins) == 3 else _error("fan.rotors.spin", text)
+    elif len(spins) % 2 == 0 and sum(spins) != 0:
+        yield _warning("fan.rotors.spin", f"{spins.count(1)} rotors turn cw and {spins.count(-1)} ccw")
+
+
+def _rotor_speed(vehicle: Vehicle) -> Iterator[Finding]:
+    low, high = _TIP_SPEED_M_S
+    share = vehicle.mass_kg * _GRAVITY / len(vehicle.fans)
+    for i, fan in enumerate(vehicle.fans, 1):
+        if fan.ct is None:
+            continue
+        tip = math.sqrt(share / (fan.ct * _DENSITY * vehicle.disc_area_m2))
+        if not low <= tip <= high:
+            yield _error(
+                f"fan[{i}].ct",
+                f"{fan.ct:g} means a hover with blade tips at {tip:.3g} m/s, and they move at {low:g} to {high:g}: "
+                "C_T is T/(rho A Omega^2 R^2) of the whole fan",
+            )
+
+
+def _throttle(vehicle: Vehicle) -> Iterator[Finding]:
+    throttle = vehicle.throttle
+    if throttle is None:
+        return
+    impossible, hard, absurd = _THRUST_TO_WEIGHT
+    weight = vehicle.mass_kg * _GRAVITY
+    ratio = throttle.max_thrust_n * len(vehicle.rotors) / weight
+    if ratio < impossible:
+        yield _error("throttle.max_thrust_n", f"all rotors at full throttle lift {ratio:.2g} of the weight")
+    elif ratio < hard:
+        yield _warning("throttle.max_thrust_n", f"all rotors at full throttle lift only {ratio:.2g} of the weight")
+    elif ratio > absurd:
+        yield _warning("throttle.max_thrust_n", f"all rotors at full throttle lift {ratio:.3g} times the weight")
+    if ratio >= impossible:
+        e, u = throttle.expo, vehicle.hover_thrust
+        lift = ratio * ((1.0 - e) * u + e * u * u)
+        if abs(lift - 1.0) > 0.5:
+            yield _warning("hover_thrust", f"{u:g} lifts {lift:.2g} of the weight by [throttle]")
+
+
+def _ranges(vehicle: Vehicle) -> Iterator[Finding]:
+    # Here, because the wire's orientations are the companion's business and only up and down matter.
+    down, up = 25, 24
+    level = range(8)
+    if not vehicle.rangefinders:
+        yield _warning("rangefinder", "none is declared: nothing is known of ground and wall, no offset will be given")
+    for i, sensor in enumerate(vehicle.rangefinders, 1):
+        key, o = f"rangefinder[{i}].orientation", sensor.orientation
+        if sensor.target == "ground" and (o == up or o in level):
+            yield _error(
+                key, f"{o} looks {'up' if o == up else 'to the side'}, and the target is ground: 25 looks down"
+            )
+        elif sensor.target == "ceiling" and (o == down or o in level):
+            yield _error(
+                key, f"{o} looks {'down' if o == down else 'to the side'}, and the target is ceiling: 24 looks up"
+            )
+        elif sensor.target == "wall" and o in (up, down):
+            yield _error(key, f"{o} looks {'up' if o == up else 'down'}, and the target is a wall: 0 looks ahead")
+        if math.hypot(*sensor.position_m) > 3.0 * _reach(vehicle):
+            yield _warning(f"rangefinder[{i}].position_m", "is far outside the vehicle: in m from the CG?")
+    if vehicle.rangefinders and not vehicle.rangefinders_for("ground"):
+        yield _warning("rangefinder", "none looks at the ground: its effect is not compensated")
+
+
+def _vertical(vehicle: Vehicle) -> Iterator[Finding]:
+    """z is positive down: exhaust vanes lie below their fan, a down-looking sensor not above all rotors."""
+    for i, vane in enumerate(vehicle.vanes, 1):
+        if vane.position_m[2] < vehicle.fans[vane.fan - 1].position_m[2] - _UPSIDE_M:
+            yield _error(f"vane[{i}].position_m", "is above its fan, and exhaust leaves below: z is positive down")
+    top = min(fan.position_m[2] for fan in vehicle.fans)
+    bottom = max(fan.position_m[2] for fan in vehicle.fans)
+    for i, sensor in enumerate(vehicle.rangefinders, 1):
+        z = sensor.position_m[2]
+        if sensor.target == "ground" and z < top - 0.25 * _UPSIDE_M:
+            yield _warning(
+                f"rangefinder[{i}].position_m",
+                "looks down from above the rotors: z is positive down; is a sign flipped?",
+            )
+        if sensor.target == "ceiling" and z > bottom + 5 * _UPSIDE_M:
+            yield _warning(
+                f"rangefinder[{i}].position_m", "looks up from below the rotors: z is positive down, is a sign flipped?"
+            )
