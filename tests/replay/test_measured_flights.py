@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "benchmarks"))
 import measured_flights
 import reliability
 from measured.judge import judge, judge_refusal
-from measured.known import CATALOGUE, Flight, Range, read
+from measured.known import CATALOGUE, Flight, Range, read, together
 
 from models.effects import catalogue
 
@@ -56,6 +56,15 @@ def test_a_flight_stands_once_in_the_sums():
 def test_the_logs_and_vehicle_files_are_there(shared_data):
     absent = {f.name: f.missing(shared_data) for f in KNOWN.flights}
     assert not {name: files for name, files in absent.items() if files}
+
+
+def test_flights_together_must_name_what_each_must_and_may_name_what_any_may():
+    wind, drag = frozenset({"wind"}), frozenset({"rotor_drag"})
+    one = replace(FLIGHT, must=(wind, drag), never=frozenset({"payload", "ceiling"}))
+    other = replace(FLIGHT, log="a/other.tlog", must=(drag,), never=frozenset({"payload"}), open=True)
+    (both,) = together([one, other, replace(FLIGHT, vehicle="b.toml")])
+    assert both.logs == ("a/flight.tlog", "a/other.tlog")
+    assert (both.must, both.true, both.never, both.open) == ((drag,), wind | drag, frozenset({"payload"}), True)
 
 
 def test_what_must_be_named_is_right_when_named_and_missed_when_not():
