@@ -104,6 +104,12 @@ def test_an_alias_beside_the_true_name_is_a_second_name_and_wrong():
     assert verdict_on(flight, "fan_imbalance", "cg_offset", aliases=pair).wrong == ("cg_offset",)
 
 
+def test_an_alias_of_an_unknown_name_is_unknown():
+    flight = replace(FLIGHT, unknown=frozenset({"imu_bias"}))
+    assert verdict_on(flight, "wind", aliases=[("wind", "imu_bias")]).unknown == ("wind",)
+    assert verdict_on(flight, "wind").wrong == ("wind",)
+
+
 def test_what_is_excluded_by_name_is_wrong_even_as_an_alias():
     flight = replace(FLIGHT, may=frozenset({"thrust_scale"}), never=frozenset({"payload"}))
     assert verdict_on(flight, "payload", aliases=[("payload", "thrust_scale")]).wrong == ("payload",)
