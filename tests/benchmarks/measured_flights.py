@@ -21,7 +21,7 @@ from typing import Any
 from flights.judge import share
 from measured.answers import DATA, Asked, ask, train, weight_n
 from measured.judge import BEST_FACTOR, Judgement, judge, judge_refusal
-from measured.known import FORCES, KINDS, Flight, Known, read
+from measured.known import FORCES, KINDS, Flight, Known, read, together
 from reliability import plot, statements, table
 from tqdm import tqdm
 
@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not here:
         print(f"none of the flights is in {args.data} (they are not part of the project)", file=sys.stderr)
         return 0
-    judgements = _run(here, known, args)
+    judgements = _run(together(here) if args.together else here, known, args)
     print(_report(judgements))
     said = [s for j in judgements if not j.again for s in statements(as_json(j))]
     print(f"\n{table(said)}")
@@ -59,6 +59,7 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--answers", type=Path, metavar="DIR", help="keep answers here, and judge those that are kept already"
     )
+    p.add_argument("--together", action="store_true", help="all flights of a vehicle file as one data set")
     p.add_argument("--jobs", type=int, default=1, metavar="N", help="diagnoses at a time")
     p.add_argument("--timeout", type=float, default=300.0, metavar="S", help="of one diagnosis")
     p.add_argument("--json", type=Path, metavar="FILE", help="write every judgement")
@@ -89,11 +90,11 @@ def _one(flight: Flight, known: Known, args: argparse.Namespace) -> Judgement:
 
 
 def _answer(flight: Flight, args: argparse.Namespace) -> Asked:
-    kept = args.answers / f"{flight.source}.{flight.name.replace(' ', '')}.json" if args.answers else None
+    kept = args.answers / f"{flight.source}.{flight.name.replace(' ', '_')}.json" if args.answers else None
     if kept is not None and kept.is_file():
         return Asked(**json.loads(kept.read_text()))
     model = str(_model(args.data / flight.table)) if flight.table else flight.model
-    asked = ask([args.data / flight.log], args.data / flight.vehicle, model, args.timeout)
+    asked = ask([args.data / log for log in flight.logs], args.data / flight.vehicle, model, args.timeout)
     if kept is not None:
         kept.parent.mkdir(parents=True, exist_ok=True)
         kept.write_text(json.dumps(asdict(asked)))

@@ -9,7 +9,7 @@ import measured_flights
 import pytest
 import reliability
 from measured.judge import judge, judge_refusal
-from measured.known import CATALOGUE, Flight, Range, read
+from measured.known import CATALOGUE, Flight, Range, read, together
 
 from models.effects import catalogue
 
@@ -53,6 +53,15 @@ def test_the_logs_and_vehicle_files_are_there(shared_data):
     assert not {name: files for name, files in absent.items() if files}
 
 
+def test_flights_together_must_name_what_each_must_and_may_name_what_any_may():
+    wind, drag = frozenset({"wind"}), frozenset({"rotor_drag"})
+    one = replace(FLIGHT, must=(wind, drag), never=frozenset({"payload", "ceiling"}))
+    other = replace(FLIGHT, log="a/other.tlog", must=(drag,), never=frozenset({"payload"}), open=True)
+    (both,) = together([one, other, replace(FLIGHT, vehicle="b.toml")])
+    assert both.logs == ("a/flight.tlog", "a/other.tlog")
+    assert (both.must, both.true, both.never, both.open) == ((drag,), wind | drag, frozenset({"payload"}), True)
+
+
 def test_what_must_be_named_is_right_when_named_and_missed_when_not():
     flight = replace(FLIGHT, must=(frozenset({"wind"}), frozenset({"rotor_drag", "body_drag"})))
     assert verdict_on(flight, "wind", "body_drag").right
@@ -88,6 +97,12 @@ def test_an_alias_beside_the_true_name_is_a_second_name_and_wrong():
     pair = [("fan_imbalance", "cg_offset")]
     assert verdict_on(flight, "cg_offset", aliases=pair).right
     assert verdict_on(flight, "fan_imbalance", "cg_offset", aliases=pair).wrong == ("cg_offset",)
+
+
+def test_an_alias_of_an_unknown_name_is_unknown():
+    flight = replace(FLIGHT, unknown=frozenset({"imu_bias"}))
+    assert verdict_on(flight, "wind", aliases=[("wind", "imu_bias")]).unknown == ("wind",)
+    assert verdict_on(flight, "wind").wrong == ("wind",)
 
 
 def test_what_is_excluded_by_name_is_wrong_even_as_an_alias():

@@ -129,29 +129,29 @@ def _is_right(flight: Flight, known: Known, answer: Answer, name: str) -> tuple[
         return False, "known not to be there"
     if name in flight.true:
         return True, ""
-    stands_for = _stands_for(name, flight, known, answer)
+    stands_for = _stands_for(name, flight.true, known, answer)
     if stands_for:
         return True, f"said to be an alias of {'/'.join(sorted(stands_for))}"
-    if name in flight.unknown:
+    if name in flight.unknown or _stands_for(name, flight.unknown, known, answer):
         return None, "nothing is known"
     if name not in CATALOGUE:
         return None, "a name that the table does not foresee"
     return False, "known not to be there"
 
 
-def _stands_for(name: str, flight: Flight, known: Known, answer: Answer) -> frozenset[str]:
-    """True names that are not named themselves, that the answer calls an alias of ``name``, and that can be one."""
+def _stands_for(name: str, names: frozenset[str], known: Known, answer: Answer) -> frozenset[str]:
+    """Of ``names``: those not named themselves that the answer calls an alias of ``name``, and that can be one."""
     reported = {str(e["name"]) for e in answer["effects"]}
     classes = [frozenset(map(str, a)) for a in answer.get("aliases", [])]
     return frozenset(
         other
-        for other in flight.true - reported
+        for other in names - reported
         if any({name, other} <= c for c in classes) and any({name, other} <= kind for kind in known.aliases)
     )
 
 
 def _satisfied(group: frozenset[str], said: set[str], flight: Flight, known: Known, answer: Answer) -> bool:
-    if group & said or any(group & _stands_for(name, flight, known, answer) for name in said):
+    if group & said or any(group & _stands_for(name, flight.true, known, answer) for name in said):
         return True
     faults = [str(f.get("channel", "")) for f in answer.get("log_faults", [])]
     channels = [str(c["name"]) for c in answer.get("unexplained", {}).get("channels", [])][:TOP_CHANNELS]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -63,12 +63,19 @@ class Flight:
     short: bool = False
     again: bool = False
     known: str = ""
+    other_logs: tuple[str, ...] = ()
+    """Logs that are diagnosed together with ``log``."""
 
     @property
     def name(self) -> str:
         """The log's name without folder and ending, and the vehicle file's where the log is judged twice."""
-        stem = Path(self.log).stem
-        return f"{stem} [{Path(self.vehicle).stem}]" if self.again else stem
+        stem = f"{len(self.logs)} logs together" if self.other_logs else Path(self.log).stem
+        return f"{stem} [{Path(self.vehicle).stem}]" if self.again or self.other_logs else stem
+
+    @property
+    def logs(self) -> tuple[str, ...]:
+        """All logs of one diagnosis."""
+        return (self.log, *self.other_logs)
 
     @property
     def true(self) -> frozenset[str]:
@@ -77,7 +84,7 @@ class Flight:
 
     def missing(self, data: Path) -> list[str]:
         """Files of this flight that are not below ``data``."""
-        return [f for f in (self.log, self.vehicle, self.table) if f and not (data / f).is_file()]
+        return [f for f in (*self.logs, self.vehicle, self.table) if f and not (data / f).is_file()]
 
 
 @dataclass(frozen=True)
@@ -93,6 +100,37 @@ def read(path: Path = TABLE) -> Known:
     raw = tomllib.loads(path.read_text(encoding="utf-8"))
     aliases = tuple(_names(a["names"], "alias") for a in raw["alias"])
     return Known(tuple(_flight(s, f) for s in raw["source"] for f in s["flight"]), aliases)
+
+
+def together(flights: Iterable[Flight]) -> list[Flight]:
+    """Flights of one vehicle file as one data set, where there are two or more.
+
+    What must be named on every one of them must be named; what is true of any of them may be. A name is wrong, and a
+    size out of its limits, only where it is so on all of them.
+    """
+    groups: dict[tuple[str, str], list[Flight]] = {}
+    for f in flights:
+        groups.setdefault((f.source, f.vehicle), []).append(f)
+    return [_joined(group) for group in groups.values() if len(group) > 1]
+
+
+def _joined(group: list[Flight]) -> Flight:
+    first = group[0]
+    return replace(
+        first,
+        must=tuple(g for g in first.must if all(g in f.must for f in group)),
+        may=frozenset().union(*(f.true for f in group)),
+        unknown=frozenset().union(*(f.unknown for f in group)),
+        never=frozenset.intersection(*(f.never for f in group)),
+        open=any(f.open for f in group),
+        verdicts=frozenset().union(*(f.verdicts for f in group)),
+        best=(),
+        limits=tuple(r for r in first.limits if all(r in f.limits for f in group)),
+        sizes=tuple(r for r in first.sizes if all(r in f.sizes for f in group)),
+        short=False,
+        again=first.again,
+        other_logs=tuple(f.log for f in group[1:]),
+    )
 
 
 def _flight(source: Mapping[str, Any], flight: Mapping[str, Any]) -> Flight:
