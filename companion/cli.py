@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import gc
 import json
 import os
 import signal
@@ -126,6 +127,9 @@ def _fly(a: argparse.Namespace) -> int:
 
         signal.signal(signal.SIGINT, interrupt)
         signal.signal(signal.SIGTERM, interrupt)
+        # What was loaded stays for the whole flight: the collector need not look at it at every pass.
+        gc.collect()
+        gc.freeze()
         flight.run()
         _report(a, flight)
     return _INTERRUPTED if interrupted else 0

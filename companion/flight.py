@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import sys
 from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
 
 from companion.config import Base, PipelineConfig
 from companion.mavlink.firmware import Stack, needed_parameters, stack_of
@@ -19,6 +18,7 @@ from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, encode, hand_back
 from companion.mavlink.stream_rates import StreamKeeper, interval_request, wanted_streams
 from companion.mavlink.tlog_writer import Recorder
 from companion.pipeline import initial_state, step, stopped
+from companion.telemetry.latency import LatencyHistogram
 from companion.telemetry.status import StatusReporter
 from companion.telemetry.summary import Summary
 
@@ -65,13 +65,13 @@ class Flight:
         self._status = StatusReporter()
         self._streams: StreamKeeper | None = None
         self._stack = Stack.OTHER
-        self._heard_s = -np.inf
+        self._heard_s = -math.inf
         self._started_s = arrivals.now_s()
         self._complained = False
-        self._beat_s = self._asked_s = self._flushed_s = -np.inf
+        self._beat_s = self._asked_s = self._flushed_s = -math.inf
         self._asked = 0
         self._stop_s: float | None = None
-        self._latencies_us: list[int] = []
+        self._latency = LatencyHistogram()
         link.identify(self._system, OWN_COMPONENT)
 
     def stop(self) -> None:
@@ -141,7 +141,7 @@ class Flight:
         if decision.command is not None and not self._config.dry_run:
             raw = self._link.send_payload(*encode(decision.command, self._system))
             sent_us = self._arrivals.stamp()
-            self._latencies_us.append(sent_us - arrival_us)
+            self._latency.add(sent_us - arrival_us)
             if self._recorder is not None:
                 self._recorder.write(sent_us, raw)
         self.summary.add(decision)
@@ -169,7 +169,7 @@ class Flight:
         self._say("companion: the vehicle rebooted; starting over")
         if self._streams is not None:
             self._streams.forget()
-        self._asked_s, self._asked = -np.inf, 0
+        self._asked_s, self._asked = -math.inf, 0
 
     def _housekeeping(self, now_s: float) -> None:
         if now_s - self._flushed_s > 0.5 and self._recorder is not None:
@@ -226,7 +226,6 @@ class Flight:
 
     def as_json(self) -> dict[str, Any]:
         """The flight in numbers."""
-        latencies = np.array(self._latencies_us, dtype=float) / 1000.0
         return {
             "endpoint": self._link.endpoint,
             "system": self._intake.system,
@@ -241,8 +240,8 @@ class Flight:
             "reboots": self.reboots,
             "ignored_systems": sorted(self._intake.others),
             "latency_ms": None
-            if not latencies.size
-            else {"p50": float(np.percentile(latencies, 50)), "p99": float(np.percentile(latencies, 99))},
+            if not self._latency.count
+            else {"p50": self._latency.percentile_ms(50.0), "p99": self._latency.percentile_ms(99.0)},
             "asked_again": {} if self._streams is None else dict(self._streams.asked_again),
             **self.summary.as_json(),
         }

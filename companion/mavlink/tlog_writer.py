@@ -8,6 +8,8 @@ from types import TracebackType
 
 from models.errors import ConfigError
 
+_STAMP = struct.Struct(">Q")
+
 
 class Recorder:
     """An open .tlog. Written through at every flush, so that a cut flight loses at most the last half second."""
@@ -22,7 +24,7 @@ class Recorder:
 
     def write(self, arrival_us: int, raw: bytes) -> None:
         """Append one frame."""
-        self._file.write(struct.pack(">Q", arrival_us) + raw)
+        self._file.write(_STAMP.pack(arrival_us) + raw)
         self.frames += 1
 
     def flush(self) -> None:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections import defaultdict
 from typing import Any
-
-import numpy as np
 
 from companion.control.authority import Reason
 from companion.pipeline import Decision
@@ -21,10 +20,8 @@ class Summary:
         self._seconds: dict[Reason, float] = defaultdict(float)
         self._compensated_s = self._total_s = 0.0
         self._last_s: float | None = None
-        self._low = np.full(8, np.inf)
-        self._high = np.full(8, -np.inf)
-        self._sum = np.zeros(8)
-        self._count = np.zeros(8)
+        self._low, self._high = [math.inf] * 8, [-math.inf] * 8
+        self._sum, self._count = [0.0] * 8, [0] * 8
 
     def add(self, decision: Decision) -> None:
         """Take in one decision."""
@@ -37,24 +34,11 @@ class Summary:
         self._compensated_s += dt * (decision.authority > 0.0 and not decision.reasons)
         for reason in decision.reasons:
             self._seconds[reason] += dt
-        push = decision.push
-        values = np.array(
-            [
-                decision.offset.thrust,
-                np.degrees(decision.offset.roll),
-                np.degrees(decision.offset.pitch),
-                np.nan if push is None else np.min(push.h_m),
-                np.nan if push is None else np.min(push.d_m),
-                np.nan if push is None else push.trust,
-                np.nan if push is None else -push.wrench[2],
-                np.nan if push is None else np.hypot(push.wrench[0], push.wrench[1]),
-            ]
-        )
-        good = np.isfinite(values)
-        self._low[good] = np.minimum(self._low, values)[good]
-        self._high[good] = np.maximum(self._high, values)[good]
-        self._sum[good] += values[good]
-        self._count += good
+        for i, value in enumerate(_shown(decision)):
+            if math.isfinite(value):
+                self._low[i], self._high[i] = min(self._low[i], value), max(self._high[i], value)
+                self._sum[i] += value
+                self._count[i] += 1
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers; None where nothing was seen."""
@@ -63,9 +47,9 @@ class Summary:
             name: None
             if not self._count[i]
             else {
-                "min": float(self._low[i]),
-                "mean": float(self._sum[i] / self._count[i]),
-                "max": float(self._high[i]),
+                "min": self._low[i],
+                "mean": self._sum[i] / self._count[i],
+                "max": self._high[i],
             }
             for i, name in enumerate(names)
         }
@@ -90,3 +74,13 @@ class Summary:
             if isinstance(numbers, dict) and "mean" in numbers:
                 out.append(f"  {name:<10} {numbers['min']:+8.3f} {numbers['mean']:+8.3f} {numbers['max']:+8.3f}")
         return "\n".join(out)
+
+
+def _shown(decision: Decision) -> tuple[float, ...]:
+    """Offset (thrust, roll [deg], pitch [deg]), nearest h and d [m], trust, lift and side force [N]; NaN: not known."""
+    offset, push = decision.offset, decision.push
+    own = (offset.thrust, math.degrees(offset.roll), math.degrees(offset.pitch))
+    if push is None:
+        return (*own, *(math.nan,) * 5)
+    fx, fy, fz = push.wrench[:3].tolist()
+    return (*own, min(push.h_m.tolist()), min(push.d_m.tolist()), push.trust, -fz, math.hypot(fx, fy))

@@ -1,0 +1,31 @@
+"""How long answers took, counted in bins: the same memory after an hour as after a minute."""
+
+from __future__ import annotations
+
+from array import array
+
+_BIN_US = 10
+_BINS = 100_000 // _BIN_US
+"""Up to 100 ms; what took longer is counted in the last bin."""
+
+
+class LatencyHistogram:
+    """Counts of latencies in bins of 10 us."""
+
+    def __init__(self) -> None:
+        self._bins = array("Q", bytes(8 * (_BINS + 1)))
+        self.count = 0
+
+    def add(self, latency_us: int) -> None:
+        """Count one; a negative one counts as 0."""
+        self._bins[min(max(latency_us // _BIN_US, 0), _BINS)] += 1
+        self.count += 1
+
+    def percentile_ms(self, percent: float) -> float:
+        """Upper edge of the bin [ms] that this many percent do not exceed; 0 where nothing was counted."""
+        left = self.count * percent / 100.0
+        for i, n in enumerate(self._bins):
+            left -= n
+            if left <= 0.0 and self.count:
+                return (i + 1) * _BIN_US / 1000.0
+        return 0.0

@@ -1,0 +1,85 @@
+"""Memory of the flight loop does not grow with the messages it has seen."""
+
+from __future__ import annotations
+
+import gc
+import tracemalloc
+
+import models
+from companion.config import PipelineConfig
+from companion.flight import Flight, FlightOptions
+from companion.mavlink.dialect import mavlink
+from companion.mavlink.frames import FrameReader
+from companion.mavlink.link import Arrivals
+from companion.telemetry.latency import LatencyHistogram
+from companion.vehicles import default_vehicle
+
+
+class Wire:
+    """A link without a socket: keeps nothing of what is sent."""
+
+    endpoint, received, sent, bad = "test", 0, 0, 0
+
+    def __init__(self):
+        self.mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=191)
+
+    def identify(self, system, component):
+        pass
+
+    def send(self, message):
+        self.sent += 1
+        return b""
+
+    def send_payload(self, message_id, payload):
+        self.sent += 1
+        return b""
+
+
+def cycle(mav, tick):
+    """One cycle of 20 ms of a hovering vehicle, as frames."""
+    ms, h = 20_000 + 20 * tick, 0.4
+    messages = (
+        mav.heartbeat_encode(2, 3, 137, 4, 4),
+        mav.extended_sys_state_encode(0, 2),
+        mav.param_value_encode(b"GUID_OPTIONS", 8.0, 6, 1, 0),
+        mav.esc_telemetry_1_to_4_encode([20] * 4, [0] * 4, [0] * 4, [0] * 4, [4000] * 4, [tick % 65536] * 4),
+        mav.distance_sensor_encode(ms, 5, 4000, round((h - 0.05) * 100) + tick % 2, 0, 0, 25, 0),
+        mav.distance_sensor_encode(ms, 5, 4000, 60 + tick % 2, 0, 1, 2, 0),
+        mav.local_position_ned_encode(ms, 0, 0, -h, 0, 0, 0),
+        mav.attitude_quaternion_encode(ms, 1, 0, 0, 0, 0, 0, 0),
+    )
+    return b"".join(bytes(m.pack(mav)) for m in messages)
+
+
+def test_a_long_flight_needs_no_more_memory_than_a_short_one():
+    wire, reader = Wire(), FrameReader()
+    config = PipelineConfig(vehicle=default_vehicle(), model=models.load())
+    flight = Flight(config, wire, None, None, Arrivals(), FlightOptions(quiet=True))
+    mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+
+    def fly(first, count):
+        for tick in range(first, first + count):
+            for frame in reader.feed(cycle(mav, tick)):
+                flight._take(10**15 + tick * 20_000, frame)
+
+    fly(0, 300)
+    tracemalloc.start()
+    fly(300, 300)  # the state that is alive is traced from here on
+    gc.collect()
+    before, _ = tracemalloc.get_traced_memory()
+    fly(600, 600)
+    gc.collect()
+    after, _ = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert wire.sent > 1000
+    assert after - before < 4_000, "4800 messages leave nothing behind"
+
+
+def test_percentiles_of_latencies():
+    counts = LatencyHistogram()
+    assert counts.percentile_ms(50.0) == 0.0
+    for latency_us in (*range(0, 1000, 10), 10**9, -5):
+        counts.add(latency_us)
+    assert counts.count == 102
+    assert counts.percentile_ms(50.0) == 0.5
+    assert counts.percentile_ms(100.0) > 100.0
