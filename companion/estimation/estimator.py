@@ -17,8 +17,8 @@ from companion.estimation.range_geometry import (
     choose_walls,
     fan_heights,
     fan_wall_distances,
-    nearest_level,
-    plane_distance,
+    nearest_level_now,
+    plane_distance_now,
     wall_bearing,
 )
 from companion.mavlink.range_beams import orientation_direction
@@ -251,11 +251,10 @@ def _read_beam(estimates: Estimates, beam: BeamTrack, index: int, sample: Range,
     ground = math.inf
     if declared.target == "wall" and math.isfinite(beam.slant_m):
         ground = surface(estimates, config, "ground", sample.t_s).distance_m
-    plane = plane_distance(
+    distance, normal = plane_distance_now(
         declared.target, sample.direction_frd, declared.position_m, beam.slant_m, estimates.rotation, ground,
         config.vehicle.rotor_radius_m,
     )  # fmt: skip
-    distance = float(plane.distance_m)
     if math.isinf(distance):
         return replace(beam, clear_since_s=min(beam.clear_since_s, sample.t_s))
     beam = replace(beam, clear_since_s=math.inf)
@@ -269,7 +268,7 @@ def _read_beam(estimates: Estimates, beam: BeamTrack, index: int, sample: Range,
     if verdict is Verdict.RESTARTED and beam.track is None and track is not None:
         track = replace(track, restarted_s=-math.inf)  # the first sight of a surface is not a step of it
     jumped = RangeVerdict.JUMP if verdict is Verdict.OUTLIER else sample.verdict
-    return replace(beam, track=track, normal_ned=plane.normal_ned, verdict=jumped)
+    return replace(beam, track=track, normal_ned=normal, verdict=jumped)
 
 
 def take_rotors(estimates: Estimates, sample: RotorSpeeds, config: PipelineConfig) -> Estimates:
@@ -309,7 +308,7 @@ def surface(estimates: Estimates, config: PipelineConfig, target: str, t_s: floa
     seen = _seen_by(estimates, config, target, t_s)
     if not seen:
         return Surface(Seen.UNDECLARED)
-    distance = float(nearest_level([_distance(one) for one in seen]))
+    distance = nearest_level_now([_distance(one) for one in seen])
     if math.isnan(distance):
         return next(one for one in seen if not one.known)
     return next(one for one in seen if one.distance_m == distance)

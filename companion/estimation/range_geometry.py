@@ -1,8 +1,9 @@
 """From range beams to the distances that a model wants: tilt and lever arms taken out, per fan.
 
 One geometry for flight and replay: every function takes one instant (leading shape ``()``) or a record (leading shape
-``(n,)``). Everywhere a distance is a number where a surface is seen, ``inf`` where the sensor says that nothing is
-there, and NaN where nothing is known.
+``(n,)``); what runs at every reading has a second form in plain floats, ``..._now``, that a test holds equal to it.
+Everywhere a distance is a number where a surface is seen, ``inf`` where the sensor says that nothing is there, and
+NaN where nothing is known.
 
 The rules:
 
@@ -16,13 +17,14 @@ The rules:
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from models.frames import Array
-from models.vehicle import Vehicle
+from models.vehicle import Vector3, Vehicle
 
 MAX_INCIDENCE_RAD = math.radians(30.0)
 """A beam further than this off the normal of what it should hit tells nothing reliable (ardupilot#5638)."""
@@ -85,6 +87,57 @@ def plane_distance(
         if target != "ground":
             distance = np.where(slant > FAR_RADII * rotor_radius_m, np.inf, distance)
     return PlaneDistance(np.asarray(distance), normal)
+
+
+def plane_distance_now(
+    target: str,
+    direction_frd: Vector3,
+    position_m: Vector3,
+    range_m: float,
+    rotation: Array,
+    height_cg_m: float = math.inf,
+    rotor_radius_m: float = math.inf,
+) -> tuple[float, Array]:
+    """``plane_distance`` of one instant in plain floats: distance [m] and normal (3,). Runs for every reading."""
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    x, y, z = direction_frd
+    north, east, down = a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
+    level = math.hypot(north, east)
+    if target == "wall":
+        per = 1.0 / max(level, 1e-9)
+        normal, along = (north * per, east * per, 0.0), level
+    else:
+        sign = 1.0 if target == "ground" else -1.0
+        normal, along = (0.0, 0.0, sign), down * sign
+    return _along_normal(
+        target, range_m, position_m, rotation, normal, along, down, height_cg_m, rotor_radius_m
+    ), np.array(normal)
+
+
+def _along_normal(
+    target: str, slant: float, position_m: Vector3, rotation: Array, normal: Vector3, along: float, down: float,
+    height_cg_m: float, rotor_radius_m: float,
+) -> float:  # fmt: skip
+    """Distance of the CG along a plane's normal; ``along`` is the beam's part along it, ``down`` its part downwards."""
+    if target != "ground" and slant > FAR_RADII * rotor_radius_m:
+        return math.inf
+    if math.isinf(slant):
+        return math.inf
+    if along < _COS_INCIDENCE or math.isnan(slant):
+        return math.nan
+    mount: list[float] = (rotation @ position_m).tolist()
+    distance = normal[0] * mount[0] + normal[1] * mount[1] + normal[2] * mount[2] + slant * along
+    if target == "wall" and mount[2] + slant * down > height_cg_m - GROUND_MARGIN_M:
+        return math.inf if distance > NO_MATTER_RADII * rotor_radius_m else math.nan
+    return distance
+
+
+def nearest_level_now(distances_m: Sequence[float]) -> float:
+    """``nearest_level`` of one instant in plain floats."""
+    seen = [d for d in distances_m if math.isfinite(d)]
+    if seen:
+        return min(seen)
+    return math.nan if any(math.isnan(d) for d in distances_m) else math.inf
 
 
 def nearest_level(distances_m: ArrayLike) -> Array:
