@@ -15,7 +15,7 @@ from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Heartbeat
-from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, encode, hand_back
+from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, Command, PositionCommand, encode
 from companion.mavlink.stream_rates import StreamKeeper, interval_request, wanted_streams
 from companion.mavlink.tlog_writer import Recorder
 from companion.pipeline import initial_state, step, stopped
@@ -139,11 +139,7 @@ class Flight:
         if decision is None:
             return
         if decision.command is not None and not self._config.dry_run:
-            raw = self._link.send_payload(*encode(decision.command, self._system))
-            sent_us = self._arrivals.stamp()
-            self._latencies_us.append(sent_us - arrival_us)
-            if self._recorder is not None:
-                self._recorder.write(sent_us, raw)
+            self._latencies_us.append(self._send_command(decision.command) - arrival_us)
         self.summary.add(decision)
         for outgoing, text in self._status.messages(self._link.mav, self._state, decision):
             self._send(outgoing)
@@ -210,15 +206,23 @@ class Flight:
         if self._recorder is not None:
             self._recorder.write(self._arrivals.stamp(), raw)
 
+    def _send_command(self, command: Command) -> int:
+        """Send and record a setpoint; returns when it was sent [us]."""
+        raw = self._link.send_payload(*encode(command, self._system))
+        sent_us = self._arrivals.stamp()
+        if self._recorder is not None:
+            self._recorder.write(sent_us, raw)
+        return sent_us
+
     def _hand_back(self) -> None:
         """Leave an ArduPilot holding where it is rather than with the last attitude for all of GUID_TIMEOUT."""
         hold = self._state.hold
         if hold is None or self._config.dry_run or self._config.base is not Base.HOLD:
             return
         if self._stack is Stack.ARDUPILOT:
-            reference = hold.reference
-            north, east, down = map(float, reference.position)
-            self._send(hand_back(self._link.mav, self._state.t_s, (north, east, down), reference.yaw, self._system))
+            north, east, down = map(float, hold.reference.position)
+            place = PositionCommand(self._state.t_s, (north, east, down), hold.target.yaw)
+            self._send_command(place)
 
     def _say(self, text: str) -> None:
         if not self._options.quiet:
