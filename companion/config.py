@@ -62,11 +62,11 @@ class HoldGains:
     """A velocity target without a position lasts this long: senders repeat it at 1 Hz or faster."""
     follow_m: float = 0.15
     """A target that leaps less than this is followed as it is; a larger leap is approached within the limits."""
-    caught_up_m: float = 0.03
-    caught_up_m_s: float = 0.1
+    caught_up_m: float = 0.02
+    caught_up_m_s: float = 0.03
     """An approach is over this near to the target in place and velocity."""
-    jerk_m_s3: float = 8.0
-    """Of an approach: 0.9 degrees of tilt from one setpoint to the next at 50 Hz."""
+    jerk_m_s3: float = 4.0
+    """Of an approach: 0.5 degrees of tilt from one setpoint to the next at 50 Hz, 0.9 with the lead."""
     wanted_gain_margin: float = 2.0
     wanted_phase_margin_deg: float = 30.0
     """Gains are chosen to have these; textbooks ask for 2 and 30 to 60 degrees (Astrom and Murray 2021, 10.3)."""

@@ -48,13 +48,15 @@ from companion.mavlink.setpoints import AccelerationCommand, AttitudeCommand, Co
 from models.evolve import replace
 from models.frames import GRAVITY, quaternion_from_euler
 
-__all__ = ["Decision", "PipelineState", "initial_state", "ready_to_leave", "step", "stopped"]
+__all__ = ["Decision", "PipelineState", "initial_state", "level_command", "ready_to_leave", "step", "stopped"]
 
 _REBOOT_S = 1.0
 """The autopilot's own stamps come in order to some 0.3 s: further back, its clock has started anew."""
 _AUTOPILOT_INVALID = 8
 """MAV_AUTOPILOT_INVALID: the sender is no flight controller."""
 _TUNE_PERIOD_S = 1.0
+_SLOW_SHARE = 0.6
+"""Softer gains than this are told to the pilot: the hold is then looser than the autopilot's own."""
 _OTHER_LAG = 0.15
 """A measured attitude loop counts once its lag is this share off the one in use: noise changes no gains."""
 
@@ -79,6 +81,12 @@ def ready_to_leave(state: PipelineState) -> bool:
         return state.parting is None
     moving = max(float(np.abs(state.hold.reference.velocity).max()), math.hypot(*position.velocity_ned))
     return moving < 0.1
+
+
+def level_command(state: PipelineState, config: PipelineConfig) -> AttitudeCommand:
+    """Level at hover thrust, heading as held."""
+    yaw = 0.0 if state.hold is None else state.hold.target.yaw
+    return AttitudeCommand(state.t_s, quaternion_from_euler(0.0, 0.0, yaw), _thrust_map(state, config).hover)
 
 
 def step(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[PipelineState, Decision | None]:
@@ -268,6 +276,13 @@ def _retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> Pipeli
         loop = state.loop
     softer = config.tuning.swing_softer ** min(state.swing.level, config.tuning.swing_levels)
     tuned = tune(config.tuning.hold, loop, state.timing, softer)
+    soft, before = min(tuned.share, tuned.climb_share), state.tuned
+    if (
+        state.swing.level == 0
+        and soft < _SLOW_SHARE
+        and (before is None or min(before.share, before.climb_share) >= _SLOW_SHARE)
+    ):
+        state = replace(state, notice=(Notice.SLOW_PLANT, t_s))
     return replace(state, loop=loop, tuned=tuned, tuned_s=t_s)
 
 

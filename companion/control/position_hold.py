@@ -99,10 +99,9 @@ def fly(
     hold: Hold, gains: HoldGains, limits: Limits, t_s: float, motion: Motion, thrust: ThrustMap
 ) -> tuple[Hold, BaseSetpoint]:
     """One step of the cascade; returns the hold one step on and the setpoint."""
-    gap = t_s - hold.t_s
-    if gap > gains.gap_s:
-        hold = resume(hold, motion)
-    dt = min(max(gap, 0.0), 0.1)
+    dt = min(max(t_s - hold.t_s, 0.0), 0.1)
+    if t_s - hold.t_s > gains.gap_s:
+        hold, dt = resume(hold, motion), 0.0
     reference = advance(hold.reference, hold.target, gains, limits, t_s, dt)
     tilt = tilt_acceleration(motion.body_down)
     tilt_mean = hold.tilt_mean + (tilt - hold.tilt_mean) * min(dt / gains.tilt_mean_s, 1.0)
