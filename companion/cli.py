@@ -18,7 +18,7 @@ from models.version import VersionAction
 
 _INTERRUPTED = 130
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable; 4 link could not be opened;
-130 interrupted. It never arms and never changes the mode."""
+130 interrupted. It never arms, and changes the mode only where --on-exit hold asks for it."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -46,6 +46,10 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--duration", type=float, metavar="S", help="stop after this many seconds")
     p.add_argument("--signing-key", type=Path, metavar="FILE", help="MAVLink 2 signing key: 32 bytes or 64 hex digits")
     p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's system id (default: the first heard)")
+    p.add_argument("--on-exit", choices=("none", "hold"), default="none",
+                   help="hold: ask PX4 for its HOLD mode when ending; by default the mode is left alone")  # fmt: skip
+    p.add_argument("--no-last-word", action="store_true",
+                   help="no second process that tells the autopilot where to stay if this one is killed")  # fmt: skip
     p.add_argument("--no-offsets", action="store_true", help="fly the bare hold, for comparison")
     p.add_argument("--compare", action="store_true",
                    help="with sim:NAME: fly the approach three ways and print the errors")  # fmt: skip
@@ -117,7 +121,9 @@ def _fly(a: argparse.Namespace) -> int:
         if config.base is Base.UPSTREAM:
             upstream = stack.enter_context(closing(open_link(a.setpoint, arrivals, baud=a.baud, number=1)))
         recorder = None if a.record is None else stack.enter_context(Recorder(a.record))
-        options = FlightOptions(a.duration, a.target_system, a.quiet)
+        options = FlightOptions(
+            a.duration, a.target_system, a.quiet, hold_on_exit=a.on_exit == "hold", last_word=not a.no_last_word
+        )
         flight = Flight(config, link, upstream, recorder, arrivals, options)
 
         def interrupt(*_: object) -> None:

@@ -28,7 +28,7 @@ class Base(Enum):
     UPSTREAM = "upstream"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class HoldGains:
     """The position hold: horizontal and vertical loops about a reference. SI."""
 
@@ -45,16 +45,36 @@ class HoldGains:
     max_climb_acceleration_m_s2: float = 3.0
     max_integral_m_s2: float = 2.5
     """A steady 25 % of the weight: a wind of 10 m/s on a vehicle of 3 kg."""
-    tilt_lead_s: float = 0.15
-    """How far ahead velocity is predicted from the tilt that there is: about what an attitude loop is late."""
-    tilt_mean_s: float = 0.4
-    """A tilt that lasts longer than this balances something and accelerates nothing."""
+    tilt_lead_s: float = 0.19
+    """How far ahead velocity is predicted from the tilt that there is, in a loop that is 0.24 s late."""
+    tilt_lead_share: float = 0.8
+    """The same as a share of the loop's own lag, once that is known."""
+    climb_lead_s: float = 0.05
+    """The same vertically, from the acceleration that was asked for: about what motors are late."""
+    tilt_mean_s: float = 1.5
+    """A tilt that lasts longer than this balances something and accelerates nothing. At 0.4 s the phase margin would
+    be 20 degrees lower (docs/control.md)."""
     shape_s: tuple[float, float, float] = (0.25, 0.25, 0.12)
     """Time over which a change of the velocity target is fed forward as an acceleration, by axis NED."""
     target_age_s: float = 0.5
-    """A pilot's velocity target counts for this long after it was sent; its position stays."""
-    max_speed_m_s: float = 1.5
-    max_climb_m_s: float = 1.0
+    """The velocity that goes with a position target counts for this long after it was sent; the position stays."""
+    velocity_age_s: float = 1.2
+    """A velocity target without a position lasts this long: senders repeat it at 1 Hz or faster."""
+    follow_m: float = 0.15
+    """A target that leaps less than this is followed as it is; a larger leap is approached within the limits."""
+    caught_up_m: float = 0.02
+    caught_up_m_s: float = 0.03
+    """An approach is over this near to the target in place and velocity."""
+    jerk_m_s3: float = 4.0
+    """Of an approach: 0.5 degrees of tilt from one setpoint to the next at 50 Hz, 0.9 with the lead."""
+    wanted_gain_margin: float = 2.0
+    wanted_phase_margin_deg: float = 30.0
+    """Gains are chosen to have these; textbooks ask for 2 and 30 to 60 degrees (Astrom and Murray 2021, 10.3)."""
+    least_gain_margin: float = 1.4
+    least_phase_margin_deg: float = 18.0
+    """With less than these at the softest gains there is no hold."""
+    gap_s: float = 0.5
+    """After a longer silence the vehicle may be anywhere: the way to the target begins where it is."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +125,26 @@ class Tuning:
     """Time constant of the average."""
     hover_climb_m_s: float = 0.2
     """Faster than this vertically, the autopilot's thrust is no hover thrust."""
+    hover_learned_s: float = 1.0
+    """So much hovering under the autopilot gives a thrust to engage with: to 1 % on both firmwares' recordings."""
+    hover_heard_age_s: float = 1.0
+    hover_disagreement: float = 0.15
+    """Parameter and vehicle file may differ by this share where nothing could be learned."""
+    # Engagement
+    settled_climb_m_s: float = 0.25
+    settled_s: float = 1.0
+    """A take-off is over when the vertical speed has been below that for so long."""
+    balance_mean_s: float = 1.0
+    """Average of the tilt that balances wind before the hold engages."""
+    parting_s: float = 0.5
+    """Letting go takes so long: level by degrees, or the place told to the autopilot several times."""
+    # When the hold swings by itself
+    swing_softer: float = 0.6
+    """Of the gains, after each swing that was noticed."""
+    swing_levels: int = 3
+    """So often the gains are softened; after one more swing the hold lets go."""
+    swing_pause_s: float = 6.0
+    """Offsets stay away for so long after a swing."""
     # Offsets
     gain: float = 0.95
     thrust_lead_s: float = 0.06

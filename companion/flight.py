@@ -8,25 +8,36 @@ from dataclasses import dataclass
 from typing import Any
 
 from companion.config import Base, PipelineConfig
-from companion.mavlink.firmware import Stack, needed_parameters, stack_of
+from companion.last_word import LastWord
+from companion.mavlink.firmware import Stack, mode_name, needed_parameters, stack_of
 from companion.mavlink.frames import Frame
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Heartbeat
-from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, encode, hand_back
+from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, Command, PositionCommand, encode
 from companion.mavlink.stream_rates import StreamKeeper, interval_request, wanted_streams
 from companion.mavlink.tlog_writer import Recorder
-from companion.pipeline import initial_state, step, stopped
+from companion.pipeline import initial_state, level_command, ready_to_leave, step, stopped
 from companion.telemetry.latency import LatencyHistogram
 from companion.telemetry.status import StatusReporter
 from companion.telemetry.summary import Summary
 
 _ONBOARD_CONTROLLER, _NO_AUTOPILOT, _ACTIVE = 18, 8, 4
 _LOST_S = 3.0
-_STOP_S = 0.7
+_STOP_S = 3.0
+"""At most so long for offsets to fade and the vehicle to come to rest after a stop."""
+_HAND_OVER_S = 1.0
+"""For so long the autopilot is told where to stay: PX4's controller has settled before the stream ends."""
+_HAND_OVER_PERIOD_S = 0.05
+_LAST_WORD_PERIOD_S = 0.2
 _PARAMETER_RETRY_S = 1.0
+_PARAMETER_SLOW_RETRY_S = 5.0
+"""After ten tries the ones still missing are asked for this seldom, but never given up."""
 _PARAMETER_TRIES = 10
+_DO_SET_MODE, _CUSTOM_MODE = 176, 1
+_PX4_HOLD = (4, 3)
+"""PX4's main and sub mode AUTO, LOITER."""
 
 
 @dataclass(frozen=True)
@@ -36,6 +47,10 @@ class FlightOptions:
     duration_s: float | None = None
     target_system: int | None = None
     quiet: bool = False
+    hold_on_exit: bool = False
+    """Ask PX4 for its HOLD mode at the end: the only change of mode there is, and only where the user wants it."""
+    last_word: bool = False
+    """Start the second process that tells the autopilot where to stay if this one is killed."""
 
 
 class Flight:
@@ -72,15 +87,29 @@ class Flight:
         self._asked = 0
         self._stop_s: float | None = None
         self._latency = LatencyHistogram()
+        self._hurried = False
+        self._last_word: LastWord | None = None
+        self._renewed_s = -math.inf
         link.identify(self._system, OWN_COMPONENT)
 
     def stop(self) -> None:
-        """Fade the offsets out, hand back, end."""
+        """Fade the offsets out, come to rest, hand over, end. Called twice: hand over at once."""
         if self._stop_s is None:
             self._stop_s = self._arrivals.now_s()
+        else:
+            self._hurried = True
 
     def run(self) -> None:
         """Fly until stopped or until the duration is over."""
+        if self._options.last_word and self._config.base is Base.HOLD and self._link.signatures is None:
+            self._last_word = LastWord(self._link.fileno) if self._link.fileno >= 0 else None
+        try:
+            self._fly()
+        finally:
+            if self._last_word is not None:
+                self._last_word.close()
+
+    def _fly(self) -> None:
         links = [self._link] if self._upstream is None else [self._link, self._upstream]
         start = self._arrivals.now_s()
         while True:
@@ -90,7 +119,7 @@ class Flight:
             if self._stop_s is not None:
                 if not self._state.stopping:
                     self._state = stopped(self._state)
-                if self._faded() or now - self._stop_s > _STOP_S:
+                if self._hurried or ready_to_leave(self._state) or now - self._stop_s > _STOP_S:
                     break
             self._arrivals.clock.wait(links, 0.02)
             for arrival_us, frame in self._link.drain():
@@ -99,10 +128,7 @@ class Flight:
                 for arrival_us, frame in self._upstream.drain():
                     self._take_upstream(arrival_us, frame)
             self._housekeeping(self._arrivals.now_s())
-        self._hand_back()
-
-    def _faded(self) -> bool:
-        return self._state.authority <= 0.0
+        self._hand_over()
 
     def _take(self, arrival_us: int, frame: Frame) -> None:
         if self._recorder is not None:
@@ -139,11 +165,7 @@ class Flight:
         if decision is None:
             return
         if decision.command is not None and not self._config.dry_run:
-            raw = self._link.send_payload(*encode(decision.command, self._system))
-            sent_us = self._arrivals.stamp()
-            self._latency.add(sent_us - arrival_us)
-            if self._recorder is not None:
-                self._recorder.write(sent_us, raw)
+            self._latency.add(self._send_command(decision.command) - arrival_us)
         self.summary.add(decision)
         for outgoing, text in self._status.messages(self._link.mav, self._state, decision):
             self._send(outgoing)
@@ -183,12 +205,16 @@ class Flight:
                 self._complained = True
                 self._say(f"companion: no heartbeat on {self._link.endpoint} yet; does the autopilot send there?")
             return
+        if now_s - self._renewed_s >= _LAST_WORD_PERIOD_S and self._last_word is not None:
+            self._renewed_s = now_s
+            self._last_word.renew(self.last_word, self._link.peers)
         if now_s - self._heard_s > _LOST_S:
             self._streams.forget()
             return
         for wanted in self._streams.due(now_s):
             self._send(interval_request(self._link.mav, wanted, self._system))
-        if now_s - self._asked_s >= _PARAMETER_RETRY_S:
+        retry_s = _PARAMETER_RETRY_S if self._asked <= _PARAMETER_TRIES else _PARAMETER_SLOW_RETRY_S
+        if now_s - self._asked_s >= retry_s:
             self._asked_s = now_s
             for name in self._missing_parameters():
                 self._send(
@@ -196,11 +222,10 @@ class Flight:
                 )
 
     def _missing_parameters(self) -> list[str]:
-        """What to ask for: what was not answered, a few times; GUID_OPTIONS until its bit is set, even if late."""
+        """What to ask for: what is not known, as long as it is not; GUID_OPTIONS until its bit is set, even if late."""
         known = self._state.parameters
         self._asked += 1
-        tries_left = self._asked <= _PARAMETER_TRIES
-        out = [name for name in needed_parameters(self._stack) if name not in known and tries_left]
+        out = [name for name in needed_parameters(self._stack) if name not in known]
         if self._stack is Stack.ARDUPILOT and not int(known.get("GUID_OPTIONS", 0.0)) & 8 and "GUID_OPTIONS" not in out:
             out.append("GUID_OPTIONS")
         return out
@@ -210,15 +235,59 @@ class Flight:
         if self._recorder is not None:
             self._recorder.write(self._arrivals.stamp(), raw)
 
-    def _hand_back(self) -> None:
-        """Leave an ArduPilot holding where it is rather than with the last attitude for all of GUID_TIMEOUT."""
-        hold = self._state.hold
-        if hold is None or self._config.dry_run or self._config.base is not Base.HOLD:
+    def _send_command(self, command: Command) -> int:
+        """Send and record a setpoint; returns when it was sent [us]."""
+        raw = self._link.send_payload(*encode(command, self._system))
+        sent_us = self._arrivals.stamp()
+        if self._recorder is not None:
+            self._recorder.write(sent_us, raw)
+        return sent_us
+
+    @property
+    def _place(self) -> PositionCommand | None:
+        """Where the autopilot should stay without us; None where no hold flies, or where it takes no places."""
+        state, heartbeat = self._state, self._state.heartbeat
+        if state.hold is None or heartbeat is None or mode_name(heartbeat) == "GUIDED_NOGPS":
+            return None
+        if self._config.dry_run or self._config.base is not Base.HOLD:
+            return None
+        north, east, down = map(float, state.hold.reference.position)
+        return PositionCommand(state.t_s, (north, east, down), state.hold.target.yaw)
+
+    @property
+    def last_word(self) -> bytes:
+        """The frame that the second process sends if this one is killed now; empty where others fly."""
+        place = self._place
+        return b"" if place is None else self._link.frame(*encode(place, self._system))
+
+    def _hand_over(self) -> None:
+        """Never leave a tilt behind: tell the autopilot where to stay, until its own controller has settled.
+
+        Where it takes no places (GUIDED_NOGPS), a level setpoint at hover thrust.
+        """
+        state, place = self._state, self._place
+        if state.hold is None or self._config.dry_run or self._config.base is not Base.HOLD:
             return
-        if self._stack is Stack.ARDUPILOT:
-            reference = hold.reference
-            north, east, down = map(float, reference.position)
-            self._send(hand_back(self._link.mav, self._state.t_s, (north, east, down), reference.yaw, self._system))
+        command: Command = place or level_command(state, self._config)
+        start = self._arrivals.now_s()
+        asked_s = -math.inf
+        while True:
+            now = self._arrivals.now_s()
+            self._send_command(command)
+            if self._options.hold_on_exit and self._stack is Stack.PX4 and now - asked_s >= 0.3:
+                asked_s = now
+                self._send(self._mode_request(*_PX4_HOLD))
+            if now - start >= _HAND_OVER_S:
+                return
+            self._arrivals.clock.wait([], _HAND_OVER_PERIOD_S)
+            for arrival_us, frame in self._link.drain():
+                if self._recorder is not None:
+                    self._recorder.write(arrival_us, frame.raw)
+
+    def _mode_request(self, main: int, sub: int) -> Any:
+        return self._link.mav.command_long_encode(
+            self._system, AUTOPILOT_COMPONENT, _DO_SET_MODE, 0, _CUSTOM_MODE, main, sub, 0, 0, 0, 0
+        )
 
     def _say(self, text: str) -> None:
         if not self._options.quiet:

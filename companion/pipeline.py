@@ -7,27 +7,24 @@ so no old output is ever sent again.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
 
 import numpy as np
 
-from companion.config import Base, Carrier, PipelineConfig, Tuning
-from companion.control.authority import HOLDS_BACK_EVERYTHING, Reason, fade
-from companion.control.compensation import MomentWashout, Offset, slewed, wanted_offset
+from companion.config import Base, Carrier, PipelineConfig
+from companion.control import attitude_response, engagement, hover_thrust, swing_detector
+from companion.control.authority import HOLDS_BACK_EVERYTHING, Notice, Reason, fade
+from companion.control.compensation import Offset, slewed, wanted_offset
 from companion.control.disturbance import Push, modelled_push
-from companion.control.position_hold import BaseSetpoint, Hold, engage, fly, retarget
+from companion.control.engagement import IN_AIR, ON_GROUND, waits_for_mode
+from companion.control.hand_over import part, parting_command
+from companion.control.plant import declared_loop, hear_attitude, hear_position, tune
+from companion.control.position_hold import BaseSetpoint, Motion, engage, fly, shifted
+from companion.control.position_target import read_target, stay
+from companion.control.refusals import lateness, refusals, upstream_silent
+from companion.control.state import Decision, PipelineState
 from companion.estimation import estimator as est
-from companion.estimation.estimator import Estimates, Seen, blank_estimates
-from companion.mavlink.firmware import (
-    Stack,
-    ThrustMap,
-    ThrustMeaning,
-    stack_of,
-    takes_setpoints,
-    thrust_map,
-    thrust_meaning,
-)
+from companion.estimation.estimator import blank_estimates
+from companion.mavlink.firmware import Stack, ThrustMap, mode_name, stack_of, takes_setpoints, thrust_map
 from companion.mavlink.message_filter import OWN_COMPONENT
 from companion.mavlink.samples import (
     Attitude,
@@ -51,57 +48,17 @@ from companion.mavlink.setpoints import AccelerationCommand, AttitudeCommand, Co
 from models.evolve import replace
 from models.frames import GRAVITY, quaternion_from_euler
 
-_ON_GROUND, _IN_AIR = 1, 2
+__all__ = ["Decision", "PipelineState", "initial_state", "level_command", "ready_to_leave", "step", "stopped"]
+
 _REBOOT_S = 1.0
+"""The autopilot's own stamps come in order to some 0.3 s: further back, its clock has started anew."""
 _AUTOPILOT_INVALID = 8
-_REASONS_OF_OTHERS = frozenset({Reason.NOT_ARMED, Reason.WRONG_MODE, Reason.LANDED})
-"""Refusals after which somebody else flies, or nobody does: no parting setpoint."""
-
-
-@dataclass(frozen=True)
-class PipelineState:
-    """Everything remembered between samples."""
-
-    estimates: Estimates
-    t_s: float = -math.inf
-    heartbeat: Heartbeat | None = None
-    landed_state: int = 0
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    hover_seen: float | None = None
-    """Commanded thrust that hovers in free air, averaged while the autopilot flew."""
-    airborne_since_s: float = math.inf
-    carried_s: float = -math.inf
-    """When the rotors last carried the weight, or the autopilot last said so."""
-    upstream: SetAttitudeTarget | None = None
-    hold: Hold | None = None
-    target: SetPositionTarget | None = None
-    authority: float = 0.0
-    offset: Offset = Offset()
-    wanted: Offset = Offset()
-    washout: MomentWashout = MomentWashout()
-    decided_s: float = -math.inf
-    push: Push | None = None
-    pushed_s: float = -math.inf
-    """When ``push`` was computed: after a position, so that an attitude is answered without waiting for the model."""
-    late_since_s: float = math.inf
-    """Since when attitude or position have been too late to fly on; inf while they are not."""
-    stopping: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Decision:
-    """What was decided at ``t_s``, and all that a pilot or an analyst wants to know about why."""
-
-    t_s: float
-    command: Command | None
-    reasons: tuple[Reason, ...]
-    authority: float
-    offset: Offset
-    """Applied: after trust, limits, slew and fade."""
-    base: BaseSetpoint | None
-    push: Push | None
-    late_s: float = 0.0
-    """How late the attitude or position behind it arrived."""
+"""MAV_AUTOPILOT_INVALID: the sender is no flight controller."""
+_TUNE_PERIOD_S = 1.0
+_SLOW_SHARE = 0.6
+"""Softer gains than this are told to the pilot: the hold is then looser than the autopilot's own."""
+_OTHER_LAG = 0.15
+"""A measured attitude loop counts once its lag is this share off the one in use: noise changes no gains."""
 
 
 def initial_state(config: PipelineConfig) -> PipelineState:
@@ -110,19 +67,39 @@ def initial_state(config: PipelineConfig) -> PipelineState:
 
 
 def stopped(state: PipelineState) -> PipelineState:
-    """Ask for a fade-out: from here on the offsets go to zero."""
-    return replace(state, stopping=True)
+    """Ask for the end: offsets fade, and the vehicle comes to rest where it is."""
+    hold = None if state.hold is None else replace(state.hold, target=stay(state.hold.target.yaw, state.t_s))
+    return replace(state, stopping=True, hold=hold)
+
+
+def ready_to_leave(state: PipelineState) -> bool:
+    """After ``stopped``: whether offsets are gone and the vehicle is at rest, or not ours."""
+    if state.authority > 0.0:
+        return False
+    position = state.estimates.position
+    if state.hold is None or position is None:
+        return state.parting is None
+    moving = max(float(np.abs(state.hold.reference.velocity).max()), math.hypot(*position.velocity_ned))
+    return moving < 0.1
+
+
+def level_command(state: PipelineState, config: PipelineConfig) -> AttitudeCommand:
+    """Level at hover thrust, heading as held."""
+    yaw = 0.0 if state.hold is None else state.hold.target.yaw
+    return AttitudeCommand(state.t_s, quaternion_from_euler(0.0, 0.0, yaw), _thrust_map(state, config).hover)
 
 
 def step(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[PipelineState, Decision | None]:
     """Take in one sample; decide where the sample calls for a decision.
 
     A decision follows an attitude (``Base.HOLD``) or an upstream setpoint (``Base.UPSTREAM``; while upstream is silent,
-    attitudes bring decisions that say so). A boot clock that goes back by more than a second is a reboot: all that was
-    known is forgotten, except the wish to stop.
+    attitudes bring decisions that say so). Stamps of the autopilot that go back by more than a second are a reboot: all
+    that was known is forgotten, except the wish to stop. A gap is none: what was learned stays.
     """
-    if sample.t_s < state.t_s - _REBOOT_S and not isinstance(sample, SetAttitudeTarget | SetPositionTarget):
-        state = replace(initial_state(config), stopping=state.stopping)
+    if isinstance(sample, Attitude | LocalPosition | AttitudeTarget):
+        if sample.t_s < state.stamped_s - _REBOOT_S:
+            state = replace(initial_state(config), stopping=state.stopping)
+        state = replace(state, stamped_s=max(state.stamped_s, sample.t_s))
     state = _take(state, sample, config)
     if isinstance(sample, LocalPosition) and sample.t_s - state.pushed_s >= config.tuning.push_period_s:
         state = _renew_push(state, sample.t_s, config)
@@ -136,10 +113,11 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
     estimates = state.estimates
     match sample:
         case Attitude():
-            return replace(state, t_s=now, estimates=est.take_attitude(estimates, sample))
+            return _take_attitude(replace(state, t_s=now), sample, config)
         case LocalPosition():
-            state = replace(state, t_s=now, estimates=est.take_position(estimates, sample, config.tuning))
-            return _follow_reset(state, sample.t_s)
+            timing = hear_position(state.timing, sample.t_s, sample.late_s, config.tuning.position_age_s)
+            estimates = est.take_position(estimates, sample, config.tuning)
+            return _follow_reset(replace(state, t_s=now, estimates=estimates, timing=timing), sample.t_s)
         case Range():
             return replace(state, t_s=now, estimates=est.take_range(estimates, sample, config))
         case RotorSpeeds():
@@ -147,7 +125,7 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
         case ServoOutput() if sample.port == 0:
             return replace(state, t_s=now, estimates=est.take_servo(estimates, sample, config))
         case Heartbeat() if sample.component == 1 and sample.autopilot != _AUTOPILOT_INVALID:
-            return replace(state, t_s=now, heartbeat=sample)
+            return _take_heartbeat(replace(state, t_s=now), sample)
         case Battery():
             return replace(state, t_s=now, estimates=replace(estimates, battery=sample))
         case Pressure():
@@ -157,17 +135,49 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
         case EscHealth():
             return replace(state, t_s=now, estimates=est.take_health(estimates, sample))
         case AttitudeTarget():
-            return replace(_learn_hover(state, sample, config.tuning), t_s=now)
+            return replace(_learn_hover(state, sample, config), t_s=now)
         case LandedState():
             return replace(state, t_s=now, landed_state=sample.landed_state)
+        case _:
+            return _take_request(state, sample, config)
+
+
+def _take_request(state: PipelineState, sample: Sample, config: PipelineConfig) -> PipelineState:
+    """What others ask for: parameters' answers, targets for the hold, an upstream controller's setpoints."""
+    match sample:
         case Parameter():
             return replace(state, parameters={**state.parameters, sample.name: sample.value})
         case SetPositionTarget() if sample.target_component == OWN_COMPONENT:
-            hold = None if state.hold is None else _retarget(state.hold, sample)
-            return replace(state, hold=hold, target=sample)
+            return _retarget(state, sample)
         case SetAttitudeTarget() if config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT:
             return replace(state, upstream=sample)
     return state
+
+
+def _take_attitude(state: PipelineState, sample: Attitude, config: PipelineConfig) -> PipelineState:
+    state = replace(
+        state,
+        estimates=est.take_attitude(state.estimates, sample),
+        timing=hear_attitude(state.timing, sample.t_s, config.tuning.attitude_age_s),
+    )
+    rotation = state.estimates.rotation
+    assert rotation is not None
+    if state.estimates.position is not None:
+        velocity = np.asarray(state.estimates.position.velocity_ned)
+        balance = engagement.watch_balance(state.balance, sample.t_s, velocity, rotation[:, 2], config.tuning)
+        state = replace(state, balance=balance)
+    if config.base is Base.HOLD and not config.dry_run:
+        tilt = np.array([math.atan2(rotation[2, 1], rotation[2, 2]), -math.asin(min(max(rotation[2, 0], -1.0), 1.0))])
+        state = replace(state, response=attitude_response.hear_tilt(state.response, sample.t_s, tilt))
+    return state
+
+
+def _take_heartbeat(state: PipelineState, sample: Heartbeat) -> PipelineState:
+    seen = engagement.hear_heartbeat(state.engagement, sample)
+    if seen.mode != state.engagement.mode:
+        # Another mode, another beginning: a hold that swung under the last one may try again.
+        state = replace(state, swing=swing_detector.SwingDetector())
+    return replace(state, heartbeat=sample, engagement=seen)
 
 
 def _follow_reset(state: PipelineState, t_s: float) -> PipelineState:
@@ -175,8 +185,19 @@ def _follow_reset(state: PipelineState, t_s: float) -> PipelineState:
     reset, hold = state.estimates.reset, state.hold
     if reset is None or reset.t_s != t_s or hold is None:
         return state
-    reference = replace(hold.reference, position=hold.reference.position + np.asarray(reset.by_ned))
-    return replace(state, hold=replace(hold, reference=reference))
+    return replace(state, hold=shifted(hold, np.asarray(reset.by_ned)))
+
+
+def _retarget(state: PipelineState, sample: SetPositionTarget) -> PipelineState:
+    """A target moves the hold that is engaged; one that came before is not kept."""
+    position, rotation = state.estimates.position, state.estimates.rotation
+    if state.hold is None or state.stopping or position is None or rotation is None:
+        return state
+    yaw = math.atan2(rotation[1, 0], rotation[0, 0])
+    target = read_target(sample, state.hold.target, np.asarray(position.position_ned), yaw)
+    if target is None:
+        return replace(state, notice=(Notice.FRAME_REFUSED, sample.t_s))
+    return replace(state, hold=replace(state.hold, target=target))
 
 
 def _calls_for_decision(state: PipelineState, sample: Sample, config: PipelineConfig) -> bool:
@@ -184,13 +205,9 @@ def _calls_for_decision(state: PipelineState, sample: Sample, config: PipelineCo
         return config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT
     if not isinstance(sample, Attitude):
         return False
-    if config.base is Base.UPSTREAM and not _upstream_silent(state, config, sample.t_s):
+    if config.base is Base.UPSTREAM and not upstream_silent(state, config, sample.t_s):
         return False
     return not 0.0 <= sample.t_s - state.decided_s < 1.0 / config.tuning.max_decision_rate_hz
-
-
-def _upstream_silent(state: PipelineState, config: PipelineConfig, t_s: float) -> bool:
-    return state.upstream is None or t_s - state.upstream.t_s > config.tuning.upstream_age_s
 
 
 def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[PipelineState, Decision]:
@@ -198,179 +215,137 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
     dt = min(max(t_s - state.decided_s, 0.0), 0.1)
     if not 0.0 <= t_s - state.pushed_s <= 2.0 * tuning.push_period_s:
         state = _renew_push(state, t_s, config)
-    push, rotation = state.push, state.estimates.rotation
-    state = _airborne(state, push, config, t_s)
+    state = _retuned(_airborne(state, config, t_s), config, t_s)
     late_s = lateness(state.estimates, config)
     state = replace(state, late_since_s=min(state.late_since_s, t_s) if late_s > tuning.late_stop_s else math.inf)
     thrust = _thrust_map(state, config)
-    reasons = _reasons(state, push, config, t_s)
-    blocked = any(reason in HOLDS_BACK_EVERYTHING for reason in reasons)
+    reasons = refusals(state, config, t_s)
+    held_back = {reason for reason in reasons if reason in HOLDS_BACK_EVERYTHING}
 
-    state, base = _base(state, blocked, thrust, config, t_s)
+    had_hold = state.hold is not None
+    state, base = _base(state, bool(held_back), thrust, config, t_s)
+    state, applied = _offsets(state, base, reasons, bool(held_back), thrust, config, dt)
+    command: Command | None = None
+    if held_back:
+        if had_hold:
+            state = _let_go(state, held_back, t_s)
+        command = _command_held_back(state, held_back, thrust, config, t_s)
+    elif base is not None:
+        command = _command(state, base, applied, thrust, config, t_s)
+        state = _remember_sent(state, base, applied, command, config, t_s)
+    state = replace(state, decided_s=t_s, hold=None if held_back else state.hold)
+    if command is None or not held_back:
+        state = replace(state, parting=None)
+    tuned = state.tuned if config.base is Base.HOLD else None
+    return state, Decision(
+        t_s, command, reasons, state.authority, applied, base, state.push, late_s, tuned, state.notice
+    )
+
+
+def _offsets(
+    state: PipelineState,
+    base: BaseSetpoint | None,
+    reasons: tuple[Reason, ...],
+    held_back: bool,
+    thrust: ThrustMap,
+    config: PipelineConfig,
+    dt_s: float,
+) -> tuple[PipelineState, Offset]:
+    """The offset to apply, one step on."""
+    tuning, push, rotation = config.tuning, state.push, state.estimates.rotation
     usable = push is not None and not reasons
     wanted, washout = state.wanted, state.washout
     if push is not None and rotation is not None and base is not None:
-        fresh, washout = wanted_offset(push, washout, config, thrust, base.thrust, rotation, dt)
+        fresh, washout = wanted_offset(push, washout, config, thrust, base.thrust, rotation, dt_s)
         if usable:
             wanted = fresh  # otherwise the last good one stays while the authority fades
     trusted = 1.0 if usable else 0.0
-    authority = 0.0 if blocked else fade(state.authority, trusted, dt, tuning.fade_in_s, tuning.fade_out_s)
-    offset = slewed(state.offset, wanted, config, dt) if authority > 0.0 else Offset()
-    applied = offset.scaled(authority)
-    command = None
-    if base is not None and not blocked:
-        command = _command(state, base, applied, thrust, config, t_s)
-    elif blocked and state.hold is not None and not _REASONS_OF_OTHERS.intersection(reasons):
-        command = _parting(state.hold, thrust, t_s)
-    state = replace(
-        state, authority=authority, offset=offset, wanted=wanted, washout=washout, decided_s=t_s,
-        hold=None if blocked else state.hold,
-    )  # fmt: skip
-    return state, Decision(t_s, command, reasons, authority, applied, base, push, late_s)
+    authority = 0.0 if held_back else fade(state.authority, trusted, dt_s, tuning.fade_in_s, tuning.fade_out_s)
+    offset = slewed(state.offset, wanted, config, dt_s) if authority > 0.0 else Offset()
+    state = replace(state, authority=authority, offset=offset, wanted=wanted, washout=washout)
+    return state, offset.scaled(authority)
 
 
-def lateness(estimates: Estimates, config: PipelineConfig) -> float:
-    """How late [s] the newest attitude, and for the hold the newest position, arrived."""
-    late_s = 0.0 if estimates.attitude is None else estimates.attitude.late_s
-    if config.base is Base.HOLD and estimates.position is not None:
-        late_s = max(late_s, estimates.position.late_s)
-    return late_s
+def _retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> PipelineState:
+    """Gains for the plant as it is known now, once a second."""
+    if config.base is not Base.HOLD or 0.0 <= t_s - state.tuned_s < _TUNE_PERIOD_S:
+        return state
+    stack = Stack.OTHER if state.heartbeat is None else stack_of(state.heartbeat)
+    loop = attitude_response.measured_loop(state.response) or declared_loop(stack, state.parameters)
+    if loop.source is state.loop.source and abs(loop.lag_s - state.loop.lag_s) < _OTHER_LAG * state.loop.lag_s:
+        loop = state.loop
+    softer = config.tuning.swing_softer ** min(state.swing.level, config.tuning.swing_levels)
+    tuned = tune(config.tuning.hold, loop, state.timing, softer)
+    soft, before = min(tuned.share, tuned.climb_share), state.tuned
+    if (
+        state.swing.level == 0
+        and soft < _SLOW_SHARE
+        and (before is None or min(before.share, before.climb_share) >= _SLOW_SHARE)
+    ):
+        state = replace(state, notice=(Notice.SLOW_PLANT, t_s))
+    return replace(state, loop=loop, tuned=tuned, tuned_s=t_s)
 
 
 def _renew_push(state: PipelineState, t_s: float, config: PipelineConfig) -> PipelineState:
     rotors, rotation = est.rotor_speeds(state.estimates, config, t_s), state.estimates.rotation
     if rotors is None or rotation is None:
         return replace(state, push=None, pushed_s=t_s)
-    push = modelled_push(state.estimates, config, rotors, rotation, t_s, config.damping_1_s)
+    damping = config.damping_1_s if state.tuned is None else state.tuned.gains.velocity_1_s
+    push = modelled_push(state.estimates, config, rotors, rotation, t_s, damping)
     return replace(state, push=push, pushed_s=t_s)
 
 
-def _reasons(state: PipelineState, push: Push | None, config: PipelineConfig, t_s: float) -> tuple[Reason, ...]:
-    """Every refusal that holds now, gravest first."""
-    out: list[Reason] = []
-    estimates, tuning, heartbeat = state.estimates, config.tuning, state.heartbeat
-    if heartbeat is None or t_s - heartbeat.t_s > tuning.heartbeat_age_s:
-        out.append(Reason.NO_HEARTBEAT)
-    else:
-        out.extend(_autopilot_reasons(state, heartbeat, config))
-    if estimates.attitude is None or t_s - estimates.attitude.t_s > tuning.attitude_age_s:
-        out.append(Reason.ATTITUDE_STALE)
-    if config.base is Base.HOLD and (
-        estimates.position is None or t_s - estimates.position.t_s > tuning.position_age_s
-    ):
-        out.append(Reason.POSITION_STALE)
-    elif config.base is Base.HOLD and not estimates.trust.trusted:
-        out.append(Reason.POSITION_UNTRUSTED)
-    if t_s - state.late_since_s >= tuning.late_stop_for_s:
-        out.append(Reason.TOO_LATE)
-    elif lateness(estimates, config) > tuning.late_fade_s:
-        out.append(Reason.LATE)
-    if config.base is Base.UPSTREAM and _upstream_silent(state, config, t_s):
-        out.append(Reason.UPSTREAM_STALE)
-    if t_s - state.airborne_since_s < tuning.airborne_after_s:
-        out.append(Reason.LANDED)
-    if push is None:
-        out.append(Reason.RPM_MISSING)
-    else:
-        out.extend(_surface_reasons(push, tuning.surface_step_s, t_s))
-    if estimates.rotation is not None and estimates.rotation[2, 2] < math.cos(tuning.max_tilt_rad):
-        out.append(Reason.TILTED)
-    if state.stopping:
-        out.append(Reason.STOPPING)
-    if not config.offsets:
-        out.append(Reason.OFFSETS_OFF)
-    return tuple(out)
-
-
-def _autopilot_reasons(state: PipelineState, heartbeat: Heartbeat, config: PipelineConfig) -> list[Reason]:
-    out: list[Reason] = []
-    stack = stack_of(heartbeat)
-    if stack is Stack.OTHER:
-        out.append(Reason.STACK_UNKNOWN)
-    if not heartbeat.armed:
-        out.append(Reason.NOT_ARMED)
-    # PX4 enters OFFBOARD only while a stream is already running, and ignores that stream until then.
-    if not takes_setpoints(heartbeat) and stack is not Stack.PX4:
-        out.append(Reason.WRONG_MODE)
-    if config.carrier is Carrier.ACCELERATION:
-        if stack is Stack.ARDUPILOT:
-            out.append(Reason.CARRIER_REFUSED)
-        return out
-    meaning = thrust_meaning(heartbeat, state.parameters)
-    refusal = {
-        ThrustMeaning.CLIMB_RATE: Reason.THRUST_IS_CLIMB_RATE,
-        ThrustMeaning.IGNORED: Reason.TYPE_IGNORED,
-        ThrustMeaning.UNKNOWN: Reason.THRUST_UNKNOWN,
-    }.get(meaning)
-    if refusal is not None and stack is not Stack.OTHER:
-        out.append(refusal)
-    return out
-
-
-def _surface_reasons(push: Push, step_s: float, t_s: float) -> list[Reason]:
-    out: list[Reason] = []
-    for surface in (push.ground, push.wall, push.ceiling):
-        if surface.seen is Seen.MISSING:
-            out.append(Reason.RANGE_MISSING)
-        elif surface.seen is Seen.STALE:
-            out.append(Reason.RANGE_STALE)
-        elif surface.seen is Seen.LOST:
-            out.append(Reason.RANGE_LOST)
-        elif surface.seen is Seen.FROZEN:
-            out.append(Reason.RANGE_FROZEN)
-        elif t_s - surface.stepped_s < step_s:
-            out.append(Reason.SURFACE_STEP)
-    if push.trust <= 0.0:
-        out.append(Reason.OUT_OF_DOMAIN)
-    return list(dict.fromkeys(out))
-
-
-def _airborne(state: PipelineState, push: Push | None, config: PipelineConfig, t_s: float) -> PipelineState:
+def _airborne(state: PipelineState, config: PipelineConfig, t_s: float) -> PipelineState:
     """The autopilot's own land detector decides; where it says nothing, the rotors must carry the weight to lift off.
 
     In the air a low lift alone is no landing (a hard descent has it too): taking it for one would stop the stream.
     """
+    tuning, position = config.tuning, state.estimates.position
+    since, carried = state.airborne_since_s, state.carried_s
+    if _carries(state.push, config) or state.landed_state == IN_AIR:
+        carried = t_s
+    if state.landed_state == ON_GROUND:
+        since = math.inf
+    elif since == math.inf:
+        since = t_s if carried == t_s else since
+    elif state.landed_state == 0 and t_s - carried > tuning.idle_is_landed_s:
+        since = math.inf
+    climb = None if position is None else position.velocity_ned[2]
+    seen = engagement.watch_take_off(state.engagement, t_s, climb, state.landed_state, since, tuning)
+    return replace(state, airborne_since_s=since, carried_s=carried, engagement=seen)
+
+
+def _carries(push: Push | None, config: PipelineConfig) -> bool:
     weight = config.vehicle.mass_kg * GRAVITY
-    carries = push is not None and push.free_lift_n > config.tuning.airborne_lift_share * weight
-    if carries or state.landed_state == _IN_AIR:
-        state = replace(state, carried_s=t_s)
-    if state.landed_state == _ON_GROUND:
-        return replace(state, airborne_since_s=math.inf)
-    if state.airborne_since_s == math.inf:
-        return replace(state, airborne_since_s=t_s) if state.carried_s == t_s else state
-    idle = state.landed_state == 0 and t_s - state.carried_s > config.tuning.idle_is_landed_s
-    return replace(state, airborne_since_s=math.inf) if idle else state
+    return push is not None and push.free_lift_n > config.tuning.airborne_lift_share * weight
 
 
 def _thrust_map(state: PipelineState, config: PipelineConfig) -> ThrustMap:
     stack = Stack.OTHER if state.heartbeat is None else stack_of(state.heartbeat)
-    hover = state.hover_seen
-    if hover is None:
-        named = state.parameters.get("MOT_THST_HOVER", state.parameters.get("MPC_THR_HOVER"))
-        hover = config.vehicle.hover_thrust if named is None else named
+    hover = hover_thrust.best_hover(state.hover, state.parameters, config.vehicle.hover_thrust, config.tuning)
     return thrust_map(stack, state.parameters, hover)
 
 
-def _learn_hover(state: PipelineState, sample: AttitudeTarget, tuning: Tuning) -> PipelineState:
-    """Average the autopilot's own hover command, free of what the ground gives, while it still flies by itself."""
-    position = state.estimates.position
-    flying = state.hold is None and state.upstream is None and state.airborne_since_s < sample.t_s - 1.0
-    if (
-        not flying
-        or position is None
-        or abs(position.velocity_ned[2]) > tuning.hover_climb_m_s
-        or not 0.05 < sample.thrust < 0.95
-    ):
-        return state
-    free = sample.thrust - state.wanted.thrust
-    if state.hover_seen is None:
-        return replace(state, hover_seen=free)
-    share = min(max(sample.t_s - state.t_s, 0.0), 0.1) / tuning.hover_mean_s
-    return replace(state, hover_seen=state.hover_seen + max(share, 0.005) * (free - state.hover_seen))
+def _learn_hover(state: PipelineState, sample: AttitudeTarget, config: PipelineConfig) -> PipelineState:
+    """The autopilot's own hover command, free of what the ground gives, while it still flies by itself."""
+    position, heartbeat, tuning = state.estimates.position, state.heartbeat, config.tuning
+    own = heartbeat is not None and (stack_of(heartbeat) is not Stack.PX4 or not takes_setpoints(heartbeat))
+    flying = own and state.hold is None and state.parting is None and state.upstream is None
+    hovers = (
+        flying
+        and state.airborne_since_s < sample.t_s - tuning.airborne_after_s
+        and state.landed_state in (0, IN_AIR)
+        and position is not None
+        and abs(position.velocity_ned[2]) <= tuning.hover_climb_m_s
+    )
+    if not hovers:
+        return replace(state, hover=hover_thrust.heard(state.hover, sample.t_s, sample.thrust))
+    cushion = state.wanted.thrust
+    return replace(state, hover=hover_thrust.learn(state.hover, sample.t_s, sample.thrust, cushion, tuning))
 
 
 def _base(
-    state: PipelineState, blocked: bool, thrust: ThrustMap, config: PipelineConfig, t_s: float
+    state: PipelineState, held_back: bool, thrust: ThrustMap, config: PipelineConfig, t_s: float
 ) -> tuple[PipelineState, BaseSetpoint | None]:
     """The setpoint that the offset is added to, and the hold one step on."""
     if config.base is Base.UPSTREAM:
@@ -381,35 +356,78 @@ def _base(
     estimates = state.estimates
     if estimates.attitude is None or estimates.position is None or estimates.rotation is None:
         return state, None
-    if blocked:
+    if held_back:
         # Nothing flies, but the thrust it would ask for lets the report say what the offset would be.
         return state, BaseSetpoint(math.nan, math.nan, math.nan, thrust.hover)
-    position = np.asarray(estimates.position.position_ned)
-    velocity = np.asarray(estimates.position.velocity_ned)
-    body_down = estimates.rotation[:, 2]
-    gains = config.tuning.hold
-    hold = state.hold
+    rotation = estimates.rotation
+    motion = Motion(
+        np.asarray(estimates.position.position_ned),
+        np.asarray(estimates.position.velocity_ned),
+        rotation[:, 2],
+        math.atan2(rotation[1, 0], rotation[0, 0]),
+        t_s - estimates.position.t_s,
+    )
+    assert state.tuned is not None
+    gains, hold = state.tuned.gains, state.hold
     if hold is None:
-        yaw = math.atan2(estimates.rotation[1, 0], estimates.rotation[0, 0])
-        hold = engage(t_s, position, yaw, body_down)
-        if state.target is not None and t_s - state.target.t_s < gains.target_age_s:
-            hold = _retarget(hold, state.target)
-    hold, base = fly(hold, gains, t_s, position, velocity, body_down, thrust)
-    return replace(state, hold=hold), base
+        fresh = t_s - state.hover.now_s < config.tuning.hover_heard_age_s
+        thrust_now = state.hover.now if fresh else thrust.hover
+        hold = engage(t_s, motion, state.balance.acceleration, thrust_now, thrust, gains)
+    hold, base = fly(hold, gains, config.vehicle.limits, t_s, motion, thrust)
+    state = replace(state, hold=hold)
+    return (state if config.dry_run else _watch_swing(state, base, t_s, config)), base
 
 
-def _parting(hold: Hold, thrust: ThrustMap, t_s: float) -> AttitudeCommand:
-    """The last setpoint before silence: the autopilot holds it for all of GUID_TIMEOUT, so it is level, at hover."""
-    return AttitudeCommand(t_s, quaternion_from_euler(0.0, 0.0, hold.reference.yaw), thrust.hover)
+def _watch_swing(state: PipelineState, base: BaseSetpoint, t_s: float, config: PipelineConfig) -> PipelineState:
+    """A hold that swings by itself gets softer gains at once."""
+    assert state.hold is not None
+    feedback = np.array(base.acceleration) - state.hold.reference.acceleration
+    swing = swing_detector.watch(state.swing, t_s, feedback)
+    if swing.level == state.swing.level:
+        return replace(state, swing=swing)
+    return replace(state, swing=swing, tuned_s=-math.inf, notice=(Notice.SOFTENED, t_s))
 
 
-def _retarget(hold: Hold, sample: SetPositionTarget) -> Hold:
-    """Position bits 1+2+4, velocity bits 8+16+32, yaw bit 1024 of the mask ignore their parts (MAVLink)."""
-    mask = sample.type_mask
-    position = None if mask & 7 or not np.isfinite(sample.position).all() else np.asarray(sample.position)
-    velocity = None if mask & 56 or not np.isfinite(sample.velocity).all() else np.asarray(sample.velocity)
-    yaw = None if mask & 1024 or not math.isfinite(sample.yaw) else sample.yaw
-    return retarget(hold, sample.t_s, position, velocity, yaw)
+def _let_go(state: PipelineState, held_back: set[Reason], t_s: float) -> PipelineState:
+    assert state.hold is not None
+    if state.last is None:
+        return state
+    places = state.heartbeat is not None and mode_name(state.heartbeat) != "GUIDED_NOGPS"
+    return replace(state, parting=part(state.hold, state.last, held_back, t_s, places))
+
+
+def _command_held_back(
+    state: PipelineState, held_back: set[Reason], thrust: ThrustMap, config: PipelineConfig, t_s: float
+) -> Command | None:
+    """What is sent although nothing is compensated: the end of a hold, or what PX4 needs before OFFBOARD."""
+    if state.parting is not None:
+        return parting_command(state.parting, thrust, held_back, t_s, config.tuning.parting_s)
+    if not waits_for_mode(state.heartbeat, held_back) or state.estimates.rotation is None:
+        return None
+    if config.base is Base.UPSTREAM:
+        upstream = state.upstream
+        assert upstream is not None
+        return AttitudeCommand(t_s, upstream.q_ned_frd, upstream.thrust, upstream.type_mask, upstream.rates_frd)
+    yaw = math.atan2(state.estimates.rotation[1, 0], state.estimates.rotation[0, 0])
+    return AttitudeCommand(t_s, quaternion_from_euler(0.0, 0.0, yaw), thrust.hover)
+
+
+def _remember_sent(
+    state: PipelineState,
+    base: BaseSetpoint,
+    offset: Offset,
+    command: Command | None,
+    config: PipelineConfig,
+    t_s: float,
+) -> PipelineState:
+    """What a parting begins with, and what the attitude is to answer to."""
+    if config.base is not Base.HOLD or not isinstance(command, AttitudeCommand):
+        return replace(state, last=base)
+    last = replace(base, roll=base.roll + offset.roll, pitch=base.pitch + offset.pitch, thrust=command.thrust)
+    if config.dry_run:
+        return replace(state, last=last)
+    told = attitude_response.sent(state.response, t_s, np.array([last.roll, last.pitch]))
+    return replace(state, last=last, response=told)
 
 
 def _command(
@@ -418,9 +436,8 @@ def _command(
     if config.carrier is Carrier.ACCELERATION:
         if state.hold is None:
             return None
-        reference = state.hold.reference
-        north, east, down = map(float, reference.position)
-        return AccelerationCommand(t_s, (north, east, down), offset.acceleration, reference.yaw)
+        north, east, down = map(float, state.hold.reference.position)
+        return AccelerationCommand(t_s, (north, east, down), offset.acceleration, state.hold.target.yaw)
     tuning = config.tuning
     floor = max(tuning.min_thrust_share * thrust.hover, tuning.min_thrust)
     ceiling = min(thrust.hover + tuning.max_thrust_above_hover, tuning.max_thrust)

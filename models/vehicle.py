@@ -86,12 +86,18 @@ class Rangefinder:
 
 @dataclass(frozen=True)
 class Limits:
-    """How far and how fast an offset may go. ``thrust`` is a share of full throttle."""
+    """How far and how fast an offset may go (``thrust`` is a share of full throttle), and how the hold may move.
+
+    Speed, climb and acceleration are optional in the file: they bound the way to a target that is somewhere else.
+    """
 
     thrust: float = 0.10
     tilt_deg: float = 8.0
     slew_thrust_per_s: float = 0.5
     slew_tilt_deg_per_s: float = 60.0
+    speed_m_s: float = 1.5
+    climb_m_s: float = 1.0
+    acceleration_m_s2: float = 2.0
 
 
 @dataclass(frozen=True)
@@ -233,6 +239,10 @@ class _Table:
                 bound += f" and at most {high:g}"
             raise self.fail(key, f"must be {bound}, not {value:g}")
         return float(value)
+
+    def optional(self, key: str, default: float, high: float) -> float:
+        """A number above 0 and at most ``high``, or the default where the key is absent."""
+        return self.number(key, 0.0, high, above=True) if key in self._left else default
 
     def whole(self, key: str, low: int, high: int) -> int:
         value = self._take(key)
@@ -379,6 +389,9 @@ def _limits(table: _Table) -> Limits:
         tilt_deg=table.number("tilt_deg", 0.0, 30.0),
         slew_thrust_per_s=table.number("slew_thrust_per_s", 0.0, 100.0, above=True),
         slew_tilt_deg_per_s=table.number("slew_tilt_deg_per_s", 0.0, 3600.0, above=True),
+        speed_m_s=table.optional("speed_m_s", Limits.speed_m_s, 20.0),
+        climb_m_s=table.optional("climb_m_s", Limits.climb_m_s, 10.0),
+        acceleration_m_s2=table.optional("acceleration_m_s2", Limits.acceleration_m_s2, 10.0),
     )
     table.done()
     return limits

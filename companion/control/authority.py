@@ -23,6 +23,11 @@ class Reason(Enum):
     STACK_UNKNOWN = "neither ArduPilot nor PX4"
     UPSTREAM_STALE = "no setpoint from the upstream controller"
     CARRIER_REFUSED = "--carrier acceleration cancels no disturbance on ArduPilot (measured)"
+    TAKING_OFF = "waiting for the end of the take-off"
+    HOVER_UNKNOWN = "hover thrust not known yet: let the autopilot hover for a few seconds"
+    HOVER_IMPLAUSIBLE = "the autopilot's hover parameter contradicts the vehicle file, and no thrust could be learned"
+    NO_MARGIN = "attitude too slow or positions too late for a stable hold"
+    SWINGS_ON = "the hold swings even with soft gains"
     # The base is sent, offsets fade to zero
     RANGE_MISSING = "a declared rangefinder was never heard"
     RANGE_LOST = "range leapt from near to nothing though the vehicle did not move: echo lost"
@@ -33,6 +38,7 @@ class Reason(Enum):
     SURFACE_STEP = "ground or wall jumped"
     OUT_OF_DOMAIN = "outside the data of the model"
     TILTED = "tilted beyond 25 degrees"
+    SWINGING = "the hold was swinging: softer gains"
     STOPPING = "stopping"
     OFFSETS_OFF = "offsets switched off"
 
@@ -53,8 +59,21 @@ HOLDS_BACK_EVERYTHING = frozenset(
         Reason.STACK_UNKNOWN,
         Reason.UPSTREAM_STALE,
         Reason.CARRIER_REFUSED,
+        Reason.TAKING_OFF,
+        Reason.HOVER_UNKNOWN,
+        Reason.HOVER_IMPLAUSIBLE,
+        Reason.NO_MARGIN,
+        Reason.SWINGS_ON,
     }
 )
+
+
+class Notice(Enum):
+    """What the pilot is told beside the state; nothing stops because of it."""
+
+    FRAME_REFUSED = "target refused: its frame is none of LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED"
+    SOFTENED = "swinging: gains softened, offsets off for now"
+    SLOW_PLANT = "slow attitude or late positions: the hold flies with softer gains"
 
 
 def fade(authority: float, wanted: float, dt_s: float, in_s: float, out_s: float) -> float:

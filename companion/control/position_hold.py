@@ -1,7 +1,8 @@
 """Cascaded position hold flown through attitude and thrust: the base that offsets are added to.
 
-SET_ATTITUDE_TARGET replaces the autopilot's position controller, so the hold is ours. Position P, velocity PI with a
-lead from the lean that there is, thrust by the affine map. A careless outer loop is worse than none (docs/control.md).
+SET_ATTITUDE_TARGET replaces the autopilot's position controller, so the hold is ours. Position P, velocity PI, position
+and velocity predicted to the instant at which the attitude can answer, thrust by the affine map. A careless outer loop
+is worse than none (docs/control.md).
 """
 
 from __future__ import annotations
@@ -12,34 +13,45 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.config import HoldGains
+from companion.control.position_target import Reference, Target, advance, start_reference, stay
 from companion.mavlink.firmware import ThrustMap
 from models.evolve import replace
 from models.frames import GRAVITY, Array
+from models.vehicle import Limits
+
+_MAX_PREDICTION_S = 0.4
+"""A position older than this is not predicted further: the tilt since then says too little."""
 
 
 @dataclass(frozen=True)
-class Reference:
-    """Where to be: NED position [m], velocity [m/s] fed forward, heading [rad]."""
+class Motion:
+    """What is measured, NED: position [m] and velocity [m/s] (3,) as they were ``age_s`` ago, and the attitude now."""
 
     position: Array
     velocity: Array
+    body_down: Array
+    """The body's down axis (3,)."""
     yaw: float
-    set_s: float
+    age_s: float = 0.0
 
 
 @dataclass(frozen=True)
 class Hold:
-    """State of an engaged hold: its reference and integrals (NED, m/s^2)."""
+    """State of an engaged hold. Accelerations are NED, m/s^2."""
 
+    target: Target
     reference: Reference
     integral: Array
-    shaped_velocity: Array
+    """What balances wind, trim and a wrong hover thrust, (3,)."""
     t_s: float
-    lean_mean: Array
-    """What the lean gives on average, north and east, m/s^2."""
+    tilt_mean: Array
+    """What the tilt gives on average, north and east."""
+    climb_mean: float
+    climb_command: float
+    """Vertical acceleration last asked for, integral included, and its average: what tells a late velocity on."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class BaseSetpoint:
     """Roll, pitch, yaw [rad] and thrust 0...1 that the base asks for, before any offset."""
 
@@ -51,83 +63,101 @@ class BaseSetpoint:
     """What it stands for, NED m/s^2, beyond balancing gravity."""
 
 
-def engage(t_s: float, position: Array, yaw: float, body_down: Array) -> Hold:
-    """Hold here, bumplessly: what the present lean accelerates is what the integrals start with.
+def engage(t_s: float, motion: Motion, balance: Array, thrust_now: float, thrust: ThrustMap, gains: HoldGains) -> Hold:
+    """Hold here, bumplessly: the first setpoint is the tilt and the thrust that fly now.
 
-    ``body_down`` (3,) is the body's down axis in NED.
+    ``balance`` (2,) is the part of the tilt's acceleration that balances wind rather than moving the vehicle; the
+    integrals start with it, and the rest of the tilt starts the reference, which brakes from there. ``thrust_now`` is
+    the thrust 0...1 that flies.
     """
-    lean = _lean_acceleration(body_down)
-    start = np.clip(np.array([lean[0], lean[1], 0.0]), -1.5, 1.5)
-    reference = Reference(position.copy(), np.zeros(3), yaw, t_s)
-    return Hold(reference, start, np.zeros(3), t_s, lean)
+    tilt = tilt_acceleration(motion.body_down)
+    up = (thrust_now - thrust.hover) * thrust.slope * GRAVITY
+    most = gains.max_integral_m_s2
+    integral = np.clip(np.array([balance[0], balance[1], -up]), -most, most)
+    limit = GRAVITY * math.tan(gains.max_tilt_rad)
+    rest = np.clip(tilt - integral[:2], -limit, limit)
+    reference = start_reference(motion.position, motion.velocity, np.array([rest[0], rest[1], 0.0]))
+    climb = float(integral[2])
+    return Hold(stay(motion.yaw, t_s), reference, integral, t_s, tilt, climb, climb)
 
 
-def retarget(hold: Hold, t_s: float, position: Array | None, velocity: Array | None, yaw: float | None) -> Hold:
-    """A pilot's position, velocity or heading target; None leaves that part as it is."""
-    old = hold.reference
-    return replace(
-        hold,
-        reference=Reference(
-            old.position if position is None else position,
-            np.zeros(3) if velocity is None else velocity,
-            old.yaw if yaw is None else yaw,
-            t_s,
-        ),
-    )
+def resume(hold: Hold, motion: Motion) -> Hold:
+    """Go on after a gap: to the same target, on a way that begins where the vehicle is."""
+    old = hold.target
+    place = np.where(np.isnan(old.position), hold.reference.position, old.position)
+    reference = start_reference(motion.position, motion.velocity, np.zeros(3))
+    return replace(hold, target=replace(old, position=place, velocity=np.zeros(3)), reference=reference)
+
+
+def shifted(hold: Hold, by_ned: Array) -> Hold:
+    """The hold after the origin of positions moved: everything stays where it is over the ground."""
+    reference = replace(hold.reference, position=hold.reference.position + by_ned)
+    return replace(hold, reference=reference, target=replace(hold.target, position=hold.target.position + by_ned))
 
 
 def fly(
-    hold: Hold, gains: HoldGains, t_s: float, position: Array, velocity: Array, body_down: Array, thrust: ThrustMap
+    hold: Hold, gains: HoldGains, limits: Limits, t_s: float, motion: Motion, thrust: ThrustMap
 ) -> tuple[Hold, BaseSetpoint]:
-    """One step of the cascade. Position and velocity are NED; ``body_down`` (3,) is the body's down axis in NED.
-
-    Returns the new integrals and the setpoint.
-    """
-    reference = hold.reference
+    """One step of the cascade; returns the hold one step on and the setpoint."""
     dt = min(max(t_s - hold.t_s, 0.0), 0.1)
-    stale = t_s - reference.set_s > gains.target_age_s
-    feed_forward = np.zeros(3) if stale else reference.velocity
+    if t_s - hold.t_s > gains.gap_s:
+        hold, dt = resume(hold, motion), 0.0
+    reference = advance(hold.reference, hold.target, gains, limits, t_s, dt)
+    tilt = tilt_acceleration(motion.body_down)
+    tilt_mean = hold.tilt_mean + (tilt - hold.tilt_mean) * min(dt / gains.tilt_mean_s, 1.0)
+    climb_mean = hold.climb_mean + (hold.climb_command - hold.climb_mean) * min(dt / gains.tilt_mean_s, 1.0)
+    position, velocity = _predicted(motion, tilt - tilt_mean, hold.climb_command - climb_mean)
+
     error = reference.position - position
     demand = error * (gains.position_1_s, gains.position_1_s, gains.height_1_s)
     speed = math.hypot(demand[0], demand[1])
-    if speed > gains.max_speed_m_s:
-        demand[:2] *= gains.max_speed_m_s / speed
-    demand[2] = min(max(demand[2], -gains.max_climb_m_s), gains.max_climb_m_s)
-    # A target that changes its velocity asks for an acceleration: give it rather than wait for the error.
-    shape = np.asarray(gains.shape_s)
-    lead = (feed_forward - hold.shaped_velocity) / shape
-    shaped = hold.shaped_velocity + lead * np.minimum(dt, shape)
-    # The lean that there is tells the velocity a little ahead: phase that a late attitude loop takes away.
-    lean = _lean_acceleration(body_down)
-    lean_mean = hold.lean_mean + (lean - hold.lean_mean) * min(dt / gains.tilt_mean_s, 1.0)
-    slip = demand + feed_forward - velocity
-    slip[:2] -= gains.tilt_lead_s * (lean - lean_mean - lead[:2])
+    if speed > limits.speed_m_s:
+        demand[:2] *= limits.speed_m_s / speed
+    demand[2] = min(max(demand[2], -limits.climb_m_s), limits.climb_m_s)
+    slip = demand + reference.velocity - velocity
+    # Attitude and motors answer late: look at the velocity that the present tilt and thrust lead to.
+    slip[:2] -= gains.tilt_lead_s * (tilt - tilt_mean - reference.acceleration[:2])
+    slip[2] -= gains.climb_lead_s * (hold.climb_command - climb_mean - reference.acceleration[2])
     damping = np.array([gains.velocity_1_s, gains.velocity_1_s, gains.climb_1_s])
-    acceleration = slip * damping + hold.integral + lead
-    limit = GRAVITY * math.tan(gains.max_tilt_rad)
-    level = math.hypot(acceleration[0], acceleration[1])
-    saturated = level > limit or abs(acceleration[2]) > gains.max_climb_acceleration_m_s2
-    if level > limit:
-        acceleration[:2] *= limit / level
-    acceleration[2] = min(max(acceleration[2], -gains.max_climb_acceleration_m_s2), gains.max_climb_acceleration_m_s2)
+    acceleration, saturated = _limited(slip * damping + hold.integral + reference.acceleration, gains)
     integral = hold.integral
     if not saturated:
         rate = slip * (gains.integral_1_s2, gains.integral_1_s2, gains.climb_integral_1_s2)
         integral = np.clip(integral + rate * dt, -gains.max_integral_m_s2, gains.max_integral_m_s2)
-    roll, pitch = _acceleration_to_lean(acceleration[0], acceleration[1], reference.yaw)
-    command = thrust.hover + thrust.change(-float(acceleration[2]) / GRAVITY)
     north, east, down = map(float, acceleration)
-    setpoint = BaseSetpoint(roll, pitch, reference.yaw, command, (north, east, down))
-    return replace(hold, integral=integral, shaped_velocity=shaped, t_s=t_s, lean_mean=lean_mean), setpoint
+    roll, pitch = _acceleration_to_tilt(north, east, motion.yaw)
+    command = thrust.hover + thrust.change(-down / GRAVITY)
+    setpoint = BaseSetpoint(roll, pitch, hold.target.yaw, command, (north, east, down))
+    return Hold(hold.target, reference, integral, t_s, tilt_mean, climb_mean, down), setpoint
 
 
-def _acceleration_to_lean(north: float, east: float, yaw: float) -> tuple[float, float]:
+def tilt_acceleration(body_down: Array) -> Array:
+    """What a tilt gives, north and east [m/s^2] (2,), while the lift holds the weight."""
+    out: Array = -GRAVITY * body_down[:2] / max(float(body_down[2]), 0.5)
+    return out
+
+
+def _predicted(motion: Motion, extra_tilt: Array, extra_climb: float) -> tuple[Array, Array]:
+    """Position and velocity now, from the late ones and what has accelerated the vehicle since."""
+    age = min(max(motion.age_s, 0.0), _MAX_PREDICTION_S)
+    if age == 0.0:
+        return motion.position, motion.velocity
+    gained = age * np.array([extra_tilt[0], extra_tilt[1], extra_climb])
+    return motion.position + age * (motion.velocity + 0.5 * gained), motion.velocity + gained
+
+
+def _limited(acceleration: Array, gains: HoldGains) -> tuple[Array, bool]:
+    """The acceleration within tilt and climb limits, and whether a limit was met."""
+    limit, most = GRAVITY * math.tan(gains.max_tilt_rad), gains.max_climb_acceleration_m_s2
+    level = math.hypot(acceleration[0], acceleration[1])
+    saturated = level > limit or abs(acceleration[2]) > most
+    if level > limit:
+        acceleration[:2] *= limit / level
+    acceleration[2] = min(max(acceleration[2], -most), most)
+    return acceleration, saturated
+
+
+def _acceleration_to_tilt(north: float, east: float, yaw: float) -> tuple[float, float]:
     c, s = math.cos(yaw), math.sin(yaw)
     forward, right = c * north + s * east, -s * north + c * east
     return math.atan2(right, GRAVITY), -math.atan2(forward, GRAVITY)
-
-
-def _lean_acceleration(body_down: Array) -> Array:
-    """What a lean gives, north and east [m/s^2] (2,), while the lift holds the weight."""
-    out: Array = -GRAVITY * body_down[:2] / max(float(body_down[2]), 0.5)
-    return out

@@ -83,9 +83,12 @@ def takes_setpoints(heartbeat: Heartbeat) -> bool:
 def needed_parameters(stack: Stack) -> tuple[str, ...]:
     """Parameters read at connect."""
     if stack is Stack.ARDUPILOT:
-        return ("GUID_OPTIONS", "GUID_TIMEOUT", "MOT_THST_HOVER", "MOT_SPIN_MIN", "MOT_SPIN_MAX", "MOT_THST_EXPO")
+        return (
+            "GUID_OPTIONS", "GUID_TIMEOUT", "MOT_THST_HOVER", "MOT_SPIN_MIN", "MOT_SPIN_MAX", "MOT_THST_EXPO",
+            "ATC_INPUT_TC", "ATC_ANG_RLL_P", "ATC_ANG_PIT_P", "ATC_RATE_FF_ENAB", "ATC_ACCEL_R_MAX", "ATC_ACCEL_P_MAX",
+        )  # fmt: skip
     if stack is Stack.PX4:
-        return ("MPC_THR_HOVER", "THR_MDL_FAC")
+        return ("MPC_THR_HOVER", "THR_MDL_FAC", "MC_ROLL_P", "MC_PITCH_P")
     return ()
 
 

@@ -112,6 +112,20 @@ class Link:
         self.forward(raw)
         return raw
 
+    @property
+    def peers(self) -> tuple[tuple[str, int], ...]:
+        """Addresses of a UDP socket's peers; none for a stream, which needs none."""
+        connection = self._connection
+        if getattr(connection, "udp_server", False):
+            return tuple(sorted(connection.clients))
+        target = getattr(connection, "destination_addr", None)
+        return () if target is None else (target,)
+
+    def frame(self, message_id: int, payload: bytes) -> bytes:
+        """A finished frame that is not sent now, and unsigned."""
+        mav = self.mav
+        return pack(message_id, payload, mav.srcSystem, mav.srcComponent, mav.seq, signed=False)
+
     def forward(self, raw: bytes) -> None:
         """Send bytes as they are."""
         try:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import struct
 from dataclasses import dataclass
-from typing import Any
 
 from models.vehicle import Vector3
 
@@ -13,6 +12,7 @@ Quaternion = tuple[float, float, float, float]
 RATES_IGNORED = 7
 ATTITUDE_IGNORED = 128
 _POSITION_AND_ACCELERATION = 8 | 16 | 32 | 2048  # ignore velocity and yaw rate; bit 512 off: acceleration, not force
+_POSITION_AND_YAW = 8 | 16 | 32 | 64 | 128 | 256 | 2048
 _LOCAL_NED = 1
 SET_ATTITUDE_TARGET, SET_POSITION_TARGET = 82, 84
 """Message ids."""
@@ -43,7 +43,16 @@ class AccelerationCommand:
     yaw: float
 
 
-Command = AttitudeCommand | AccelerationCommand
+@dataclass(frozen=True, slots=True)
+class PositionCommand:
+    """SET_POSITION_TARGET_LOCAL_NED: a place to stay at under the autopilot's own controller."""
+
+    t_s: float
+    position_ned: Vector3
+    yaw: float
+
+
+Command = AttitudeCommand | AccelerationCommand | PositionCommand
 
 
 def tilt_by(q: Quaternion, roll: float, pitch: float) -> Quaternion:
@@ -77,16 +86,10 @@ def encode(command: Command, system: int, component: int = 1) -> tuple[int, byte
         return SET_ATTITUDE_TARGET, _ATTITUDE.pack(
             boot_ms, *command.q_ned_frd, *command.rates_frd, thrust, system, component, mask
         )
+    acceleration, mask = (0.0, 0.0, 0.0), _POSITION_AND_YAW
+    if isinstance(command, AccelerationCommand):
+        acceleration, mask = command.acceleration_ned, _POSITION_AND_ACCELERATION
     return SET_POSITION_TARGET, _POSITION.pack(
-        boot_ms, *command.position_ned, 0.0, 0.0, 0.0, *command.acceleration_ned, command.yaw, 0.0,
-        _POSITION_AND_ACCELERATION, system, component, _LOCAL_NED,
-    )  # fmt: skip
-
-
-def hand_back(mav: Any, t_s: float, position_ned: Vector3, yaw: float, system: int) -> Any:
-    """A position target at the hold point: on ArduPilot the smooth way out of an attitude stream (3 cm, measured)."""
-    ignore = 8 | 16 | 32 | 64 | 128 | 256 | 2048
-    return mav.set_position_target_local_ned_encode(
-        round(max(t_s, 0.0) * 1000.0) & 0xFFFFFFFF, system, 1, _LOCAL_NED, ignore,
-        *position_ned, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, yaw, 0.0,
+        boot_ms, *command.position_ned, 0.0, 0.0, 0.0, *acceleration, command.yaw, 0.0,
+        mask, system, component, _LOCAL_NED,
     )  # fmt: skip

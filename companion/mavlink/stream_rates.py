@@ -33,6 +33,8 @@ def wanted_streams(vehicle: Vehicle, stack: Stack) -> tuple[Wanted, ...]:
         Wanted(mavlink.MAVLINK_MSG_ID_HIGHRES_IMU, 50.0, False),
         Wanted(mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, 50.0, not vehicle.telemetered),
         Wanted(mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET, 20.0, False),
+        # A change of mode is known after a fifth of a second rather than after one.
+        Wanted(mavlink.MAVLINK_MSG_ID_HEARTBEAT, 5.0, False),
         Wanted(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 2.0, False),
         Wanted(mavlink.MAVLINK_MSG_ID_BATTERY_STATUS, 2.0, False),
         Wanted(mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE, 1.0, False),

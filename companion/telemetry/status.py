@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.control.authority import Reason
+from companion.control.authority import Notice, Reason
 from companion.mavlink.firmware import advice, mode_name, stack_of
 from companion.pipeline import Decision, PipelineState
 
@@ -22,6 +22,8 @@ def named_values(decision: Decision) -> Iterator[tuple[str, float]]:
     yield "cc_thrust", decision.offset.thrust
     yield "cc_roll", decision.offset.roll
     yield "cc_pitch", decision.offset.pitch
+    if decision.tuned is not None:
+        yield "cc_margin", decision.tuned.margin.gain
     push = decision.push
     if push is not None:
         yield "cc_h", _finite(float(np.min(push.h_m)))
@@ -45,6 +47,7 @@ class StatusReporter:
         self._pending: tuple[Reason, ...] | None = None
         self._pending_s = 0.0
         self._advised = False
+        self._noticed: tuple[Notice, float] | None = None
 
     def messages(self, mav: Any, state: PipelineState, decision: Decision) -> Iterator[tuple[Any, str | None]]:
         """(MAVLink message, its text for stderr or None) due at this decision."""
@@ -56,6 +59,10 @@ class StatusReporter:
         text = self._change(state, decision)
         if text is not None:
             yield mav.statustext_encode(_INFO if not decision.reasons else _WARNING, text[:50].encode()), text
+        if decision.notice is not None and decision.notice != self._noticed:
+            self._noticed = decision.notice
+            words = f"companion: {decision.notice[0].value}"
+            yield mav.statustext_encode(_WARNING, words[:50].encode()), words
         hint = None if self._advised or state.heartbeat is None else advice(stack_of(state.heartbeat), state.parameters)
         if hint is not None:
             self._advised = True

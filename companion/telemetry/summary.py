@@ -6,7 +6,8 @@ import math
 from collections import defaultdict
 from typing import Any
 
-from companion.control.authority import Reason
+from companion.control.authority import Notice, Reason
+from companion.control.plant import HoldTuning, Margin
 from companion.pipeline import Decision
 
 _GAP_S = 0.5
@@ -20,6 +21,10 @@ class Summary:
         self._seconds: dict[Reason, float] = defaultdict(float)
         self._compensated_s = self._total_s = 0.0
         self._last_s: float | None = None
+        self._tuned: HoldTuning | None = None
+        self._least_margin: Margin | None = None
+        self.notices: dict[Notice, int] = {}
+        self._noticed: tuple[Notice, float] | None = None
         self._low, self._high = [math.inf] * 8, [-math.inf] * 8
         self._sum, self._count = [0.0] * 8, [0] * 8
 
@@ -34,11 +39,38 @@ class Summary:
         self._compensated_s += dt * (decision.authority > 0.0 and not decision.reasons)
         for reason in decision.reasons:
             self._seconds[reason] += dt
+        self._add_margin(decision)
         for i, value in enumerate(_shown(decision)):
             if math.isfinite(value):
                 self._low[i], self._high[i] = min(self._low[i], value), max(self._high[i], value)
                 self._sum[i] += value
                 self._count[i] += 1
+
+    def _add_margin(self, decision: Decision) -> None:
+        if decision.notice is not None and decision.notice != self._noticed:
+            self._noticed = decision.notice
+            self.notices[decision.notice[0]] = self.notices.get(decision.notice[0], 0) + 1
+        tuned = decision.tuned
+        if tuned is None or tuned is self._tuned:
+            return
+        self._tuned = tuned
+        if decision.command is not None and (self._least_margin is None or tuned.margin.gain < self._least_margin.gain):
+            self._least_margin = tuned.margin
+
+    def _margin_as_json(self) -> dict[str, Any] | None:
+        tuned, least = self._tuned, self._least_margin
+        if tuned is None:
+            return None
+        return {
+            "gain": round(tuned.margin.gain, 2),
+            "phase_deg": round(tuned.margin.phase_deg, 1),
+            "least_flown_gain": None if least is None else round(least.gain, 2),
+            "gain_share": round(tuned.share, 3),
+            "climb_gain_share": round(tuned.climb_share, 3),
+            "attitude_lag_s": round(tuned.loop.lag_s, 3),
+            "attitude_gain": tuned.loop.gain,
+            "attitude_from": tuned.loop.source.value,
+        }
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers; None where nothing was seen."""
@@ -59,6 +91,8 @@ class Summary:
             "duration_s": round(self._total_s, 3),
             "compensated_s": round(self._compensated_s, 3),
             "refusals_s": {r.name.lower(): round(s, 3) for r, s in sorted(self._seconds.items(), key=lambda x: -x[1])},
+            "margin": self._margin_as_json(),
+            "notices": {notice.name.lower(): count for notice, count in self.notices.items()},
             **ranges,
         }
 

@@ -63,14 +63,17 @@ class FakeAutopilot:
         self._socket.sendto(raw, self._target)
 
     def _run(self) -> None:
-        tick = 0
+        tick, before = 0, time.monotonic()
         while not self._stop.is_set():
             if not self.silent:
                 self._tick(tick)
             self._receive()
             tick += 1
-            self.boot_s += 1.0 / self._rate
             time.sleep(1.0 / self._rate)
+            # The boot clock is true even where this thread is slow: a slow clock would look like late messages.
+            now = time.monotonic()
+            self.boot_s += now - before
+            before = now
 
     def _tick(self, tick: int) -> None:
         m, ms = self._mav, int(self.boot_s * 1000)

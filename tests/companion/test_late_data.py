@@ -87,7 +87,7 @@ def test_data_too_late_to_fly_on_end_the_hold(base):
     b = bench(height=1.0, base=base)
     assert b.run(3.0).command is not None
     b.late = 0.6
-    b.run(0.5)
+    b.run(1.2)  # half a second of letting go included
     decision = b.tick()
     assert Reason.TOO_LATE in decision.reasons
     assert decision.command is None

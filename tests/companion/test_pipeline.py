@@ -220,10 +220,10 @@ def test_the_pilots_target_moves_the_hold():
     mask = 64 | 128 | 256 | 1024 | 2048
     target = SetPositionTarget(b.t, 255, 190, mask, 1, (1.0, 0.0, -1.0), (0.3, 0.0, 0.0), (0, 0, 0), 0.0, 0.0, 1, 191)
     b.feed(target)
-    decision = b.tick()
+    decision = b.run(0.1)
     assert decision.base.pitch < -0.05, "nose down to go north"
     b.feed(replace(target, target_component=1, position=(-9.0, 0.0, -1.0)))
-    assert b.state.hold.reference.position[0] == 1.0, "not addressed to the companion"
+    assert b.state.hold.target.position[0] == 1.0, "not addressed to the companion"
 
 
 def test_the_hover_thrust_is_learned_while_the_autopilot_flies_and_free_of_the_cushion():
@@ -231,7 +231,7 @@ def test_the_hover_thrust_is_learned_while_the_autopilot_flies_and_free_of_the_c
     for _ in range(300):
         b.tick()
         b.feed(AttitudeTarget(b.t, 1, 1, (1, 0, 0, 0), 0.437))
-    assert b.state.hover_seen == pytest.approx(0.437, abs=0.002)
+    assert b.state.hover.learned == pytest.approx(0.437, abs=0.002)
     b.mode = 4
     decision = b.run(0.5)
     assert decision.base.thrust == pytest.approx(0.437, abs=0.01)

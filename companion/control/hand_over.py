@@ -1,0 +1,58 @@
+"""Letting go without a bump: the autopilot is told the place to stay at, or the setpoint fades to level."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from companion.control.authority import Reason
+from companion.control.position_hold import BaseSetpoint, Hold
+from companion.mavlink.firmware import ThrustMap
+from companion.mavlink.setpoints import AttitudeCommand, PositionCommand
+from models.frames import quaternion_from_euler
+
+NOT_OURS = frozenset({Reason.NOT_ARMED, Reason.WRONG_MODE, Reason.LANDED})
+"""Refusals after which somebody else flies, or nobody does: nothing is sent."""
+NO_PLACE = frozenset({Reason.POSITION_STALE, Reason.POSITION_UNTRUSTED})
+"""Refusals that make a place worthless."""
+_CLIMB_RATE_ZERO = 0.5
+"""Thrust where ArduPilot reads it as a climb rate: neither up nor down."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parting:
+    """The end of a hold: what was last sent, and where it was to be."""
+
+    since_s: float
+    last: BaseSetpoint
+    """Offsets included."""
+    place: tuple[float, float, float] | None
+    """NED, or None where positions are not to be believed."""
+
+
+def part(hold: Hold, last: BaseSetpoint, refusals: set[Reason], t_s: float, listens_to_places: bool) -> Parting | None:
+    """Begin to let go, or None where others fly."""
+    if refusals & NOT_OURS:
+        return None
+    north, east, down = map(float, hold.reference.position)
+    known = listens_to_places and not refusals & NO_PLACE
+    return Parting(t_s, last, (north, east, down) if known else None)
+
+
+def parting_command(
+    parting: Parting, thrust: ThrustMap, refusals: set[Reason], t_s: float, parting_s: float
+) -> AttitudeCommand | PositionCommand | None:
+    """What to send while letting go; None once it is over. An attitude stream must not end with a tilt."""
+    share = (t_s - parting.since_s) / parting_s
+    if not 0.0 <= share <= 1.0:
+        return None
+    last = parting.last
+    if parting.place is not None:
+        return PositionCommand(t_s, parting.place, last.yaw)
+    left = max(1.0 - 1.25 * share, 0.0)  # level for the last fifth, so that a lost message leaves no tilt
+    level = thrust.hover + left * (last.thrust - thrust.hover)
+    if Reason.THRUST_IS_CLIMB_RATE in refusals or Reason.THRUST_UNKNOWN in refusals:
+        level = _CLIMB_RATE_ZERO
+    if not math.isfinite(level):
+        return None
+    return AttitudeCommand(t_s, quaternion_from_euler(left * last.roll, left * last.pitch, last.yaw), level)

@@ -1,0 +1,251 @@
+"""What the hold steers: how late positions are, how the attitude answers, and the gains and margin that follow.
+
+The attitude loop is taken as second order with a dead time: two equal lags tau and a delay T, from the autopilot's
+parameters until its answer to our own setpoints has been measured. The margins are those of the open loop at the
+acceleration command (Astrom and Murray, Feedback Systems, 2nd ed. 2021, chapter 10), computed over frequency.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.config import HoldGains
+from companion.mavlink.firmware import Stack
+from models.evolve import replace
+
+Frequencies = NDArray[np.complexfloating[Any, Any]]
+"""A complex quantity over frequency, shape (n,)."""
+
+_ARDUPILOT_INPUT_TC_S = 0.15
+"""Default of ATC_INPUT_TC."""
+_PX4_ANGLE_P = 6.5
+"""Default of MC_ROLL_P and MC_PITCH_P."""
+_ARDUPILOT_DELAY_S, _PX4_DELAY_S = 0.09, 0.10
+"""Dead time of link, scheduling and rate loop: fitted to recordings of ArduCopter 4.6.3 (ATC_INPUT_TC 0.15 and 0.3) and
+PX4 1.16 in simulation, which the two laws of ``declared_loop`` meet within 0.03 s of total lag."""
+_PX4_LAG_SHARE = 1.0 / 3.0
+"""tau over 1/P: the two lags make up two thirds of the angle loop's time, the delay has the rest."""
+_THRUST_DELAY_S, _THRUST_LAG_S = 0.03, 0.06
+"""Link and mixer, then motors: ArduCopter 4.6.3 echoes a thrust command after 12 ms, motors take 0.05 to 0.08 s."""
+_NOMINAL_PERIOD_S = 0.02
+"""Attitudes at 50 Hz, as asked for; the delays above hold for that."""
+_OMEGA = np.geomspace(0.2, 40.0, 500)
+"""rad/s: from well below the integrators to well above any crossover."""
+_SHARES = tuple(0.92**k for k in range(21))
+"""Of the gains, tried in this order: down to 0.19."""
+
+
+class Source(Enum):
+    """Where the attitude loop's numbers are from."""
+
+    ASSUMED = "assumed"
+    PARAMETERS = "parameters"
+    MEASURED = "measured"
+
+
+@dataclass(frozen=True)
+class AttitudeLoop:
+    """Tilt over commanded tilt: exp(-s delay) gain / (1 + s tau)^2."""
+
+    tau_s: float = 0.5 * _ARDUPILOT_INPUT_TC_S
+    delay_s: float = _PX4_DELAY_S
+    gain: float = 1.0
+    source: Source = Source.ASSUMED
+
+    @property
+    def lag_s(self) -> float:
+        """How late a slow change is answered."""
+        return 2.0 * self.tau_s + self.delay_s
+
+    def response(self, s: Frequencies) -> Frequencies:
+        """Complex gain at ``s`` = j omega."""
+        out: Frequencies = self.gain * np.exp(-s * self.delay_s) / (1.0 + s * self.tau_s) ** 2
+        return out
+
+
+def declared_loop(stack: Stack, parameters: Mapping[str, float]) -> AttitudeLoop:
+    """The attitude loop as the autopilot's parameters have it.
+
+    ArduPilot shapes the target with ATC_INPUT_TC and feeds its rate forward, so that ATC_ANG_*_P hardly counts (2.25
+    and 4.5 answer alike in flight); without ATC_RATE_FF_ENAB it does. PX4 has no shaping: MC_ROLL_P, MC_PITCH_P.
+    """
+    if stack is Stack.ARDUPILOT:
+        known = "ATC_INPUT_TC" in parameters
+        tau = 0.5 * max(parameters.get("ATC_INPUT_TC", _ARDUPILOT_INPUT_TC_S), 0.05)
+        angle = min(parameters.get("ATC_ANG_RLL_P", 4.5), parameters.get("ATC_ANG_PIT_P", 4.5))
+        if parameters.get("ATC_RATE_FF_ENAB", 1.0) == 0.0:
+            tau += 0.5 / max(angle, 1.0)
+        return AttitudeLoop(tau, _ARDUPILOT_DELAY_S, source=Source.PARAMETERS if known else Source.ASSUMED)
+    if stack is Stack.PX4:
+        named = [parameters[name] for name in ("MC_ROLL_P", "MC_PITCH_P") if name in parameters]
+        angle = max(min(named, default=_PX4_ANGLE_P), 1.0)
+        return AttitudeLoop(_PX4_LAG_SHARE / angle, _PX4_DELAY_S, source=Source.PARAMETERS if named else Source.ASSUMED)
+    return AttitudeLoop()
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Rates and lateness as they arrive: averages that rise at once and sink slowly."""
+
+    position_period_s: float = _NOMINAL_PERIOD_S
+    position_late_s: float = 0.0
+    attitude_period_s: float = _NOMINAL_PERIOD_S
+    position_s: float = -np.inf
+    attitude_s: float = -np.inf
+
+
+def _risen(old: float, new: float) -> float:
+    """Half way up at once, a fortieth of the way down."""
+    return old + (new - old) * (0.5 if new > old else 0.025)
+
+
+def hear_position(timing: Timing, t_s: float, late_s: float, most_s: float) -> Timing:
+    """Take in a position stamped ``t_s`` that arrives ``late_s`` later; a gap above ``most_s`` is no period."""
+    period = t_s - timing.position_s
+    late = min(max(late_s, 0.0), most_s)
+    timing = replace(timing, position_s=t_s, position_late_s=_risen(timing.position_late_s, late))
+    if not 0.0 < period <= most_s:
+        return timing
+    return replace(timing, position_period_s=_risen(timing.position_period_s, period))
+
+
+def hear_attitude(timing: Timing, t_s: float, most_s: float) -> Timing:
+    """Take in an attitude stamped ``t_s``."""
+    period = t_s - timing.attitude_s
+    timing = replace(timing, attitude_s=t_s)
+    if not 0.0 < period <= most_s:
+        return timing
+    return replace(timing, attitude_period_s=_risen(timing.attitude_period_s, period))
+
+
+@dataclass(frozen=True)
+class Margin:
+    """Room before the hold's loop swings by itself."""
+
+    gain: float
+    """The loop's gain may rise by this factor; 1 is the limit of stability."""
+    phase_deg: float
+
+    def meets(self, gain: float, phase_deg: float) -> bool:
+        """Whether both are at least these."""
+        return self.gain >= gain and self.phase_deg >= phase_deg
+
+
+@dataclass(frozen=True)
+class HoldTuning:
+    """Gains chosen for a plant, and the margin that they have."""
+
+    gains: HoldGains
+    margin: Margin
+    """The smaller of the horizontal and the vertical loop's, each figure by itself."""
+    share: float
+    """Of the full horizontal gains."""
+    climb_share: float
+    loop: AttitudeLoop
+
+
+def margin_of(response: Frequencies) -> Margin:
+    """Gain and phase margin of an open loop (n,) over ``_OMEGA``; gain below 1 or a negative phase is unstable.
+
+    The loop has two integrators and an integral: below the crossover its phase may pass -180 degrees upward, and a
+    gain too low is then as unstable as one too high. The smaller of the two distances is the gain margin.
+    """
+    size, phase = np.abs(response), np.degrees(np.unwrap(np.angle(response)))
+    phase -= 360.0 * np.ceil(phase[0] / 360.0)  # an integral of an integral of a tilt starts between -360 and 0
+    crossings = np.flatnonzero((size[:-1] >= 1.0) & (size[1:] < 1.0))
+    if not len(crossings):
+        return Margin(0.0, -180.0)
+    last = int(crossings[-1])
+    phase_margin = 180.0 + float(phase[crossings].min())
+    down = np.flatnonzero((phase[:-1] >= -180.0) & (phase[1:] < -180.0))
+    up = np.flatnonzero((phase[:-1] < -180.0) & (phase[1:] >= -180.0))
+    above = [1.0 / size[i] for i in down if i >= last]
+    below = [size[i] for i in up if i <= last]
+    if phase_margin <= 0.0:
+        return Margin(min([float(v) for v in (1.0 / size[i] for i in down)], default=0.0), phase_margin)
+    return Margin(float(min(above + below, default=np.inf)), phase_margin)
+
+
+def horizontal_loop(gains: HoldGains, loop: AttitudeLoop, age_s: float) -> Frequencies:
+    """Open loop (n,) over ``_OMEGA`` from acceleration command to acceleration command.
+
+    ``age_s``: how old a position is on average when it is used; it is predicted over that time by the tilt.
+    """
+    s = 1j * _OMEGA
+    high_pass = s * gains.tilt_mean_s / (1.0 + s * gains.tilt_mean_s)
+    late = np.exp(-s * age_s)
+    velocity = late / s + age_s * high_pass
+    position = late / s**2 + age_s * (late / s + 0.5 * age_s * high_pass)
+    slip = gains.position_1_s * position + velocity + gains.tilt_lead_s * high_pass
+    out: Frequencies = loop.response(s) * (gains.velocity_1_s + gains.integral_1_s2 / s) * slip
+    return out
+
+
+def vertical_loop(gains: HoldGains, age_s: float) -> Frequencies:
+    """The same for height: the lift follows the command with a lag and a short dead time."""
+    s = 1j * _OMEGA
+    high_pass = s * gains.tilt_mean_s / (1.0 + s * gains.tilt_mean_s)
+    plant = np.exp(-s * _THRUST_DELAY_S) / (1.0 + s * _THRUST_LAG_S)
+    late = np.exp(-s * age_s)
+    # What is predicted is what was asked for, before lag and delay.
+    velocity = plant * late / s + (age_s + gains.climb_lead_s) * high_pass
+    position = plant * (late / s**2 + age_s * late / s) + 0.5 * age_s**2 * high_pass
+    out: Frequencies = (gains.climb_1_s + gains.climb_integral_1_s2 / s) * (gains.height_1_s * position + velocity)
+    return out
+
+
+def soften(gains: HoldGains, share: float, climb_share: float) -> HoldGains:
+    """Gains with a bandwidth of ``share`` horizontally and ``climb_share`` vertically: the shape of the loops stays."""
+    return replace(
+        gains,
+        position_1_s=gains.position_1_s * share,
+        velocity_1_s=gains.velocity_1_s * share,
+        integral_1_s2=gains.integral_1_s2 * share**2,
+        height_1_s=gains.height_1_s * climb_share,
+        climb_1_s=gains.climb_1_s * climb_share,
+        climb_integral_1_s2=gains.climb_integral_1_s2 * climb_share**2,
+    )
+
+
+def tune(gains: HoldGains, loop: AttitudeLoop, timing: Timing, softer: float = 1.0) -> HoldTuning:
+    """The hardest gains, at most the given ones times ``softer``, that have the margins asked for in ``gains``.
+
+    Where none has, the ones with the largest margin: whoever flies decides by ``HoldGains.least_*``.
+    """
+    step = 0.005
+    extra = max(timing.attitude_period_s - _NOMINAL_PERIOD_S, 0.0) / 2.0
+    rounded = AttitudeLoop(
+        round(loop.tau_s, 3), round(round((loop.delay_s + extra) / step) * step, 4), round(loop.gain, 2), loop.source
+    )
+    age = round(round((timing.position_late_s + 0.5 * timing.position_period_s) / step) * step, 4)
+    return _tuned(gains, rounded, age, softer)
+
+
+@lru_cache(maxsize=256)
+def _tuned(gains: HoldGains, loop: AttitudeLoop, age_s: float, softer: float) -> HoldTuning:
+    led = replace(gains, tilt_lead_s=gains.tilt_lead_share * loop.lag_s)
+    across = [
+        (share * softer, margin_of(horizontal_loop(soften(led, share * softer, 1.0), loop, age_s))) for share in _SHARES
+    ]
+    up = [(share * softer, margin_of(vertical_loop(soften(led, 1.0, share * softer), age_s))) for share in _SHARES]
+    share, level = _first_enough(across, gains)
+    climb_share, vertical = _first_enough(up, gains)
+    margin = Margin(min(level.gain, vertical.gain), min(level.phase_deg, vertical.phase_deg))
+    return HoldTuning(soften(led, share, climb_share), margin, share, climb_share, loop)
+
+
+def _first_enough(tried: list[tuple[float, Margin]], gains: HoldGains) -> tuple[float, Margin]:
+    for share, margin in tried:
+        if margin.meets(gains.wanted_gain_margin, gains.wanted_phase_margin_deg):
+            return share, margin
+    return max(
+        tried,
+        key=lambda one: min(one[1].gain / gains.wanted_gain_margin, one[1].phase_deg / gains.wanted_phase_margin_deg),
+    )

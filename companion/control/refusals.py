@@ -1,0 +1,130 @@
+"""Every refusal that holds now, gravest first."""
+
+from __future__ import annotations
+
+import math
+
+from companion.config import Base, Carrier, PipelineConfig
+from companion.control.authority import Reason
+from companion.control.disturbance import Push
+from companion.control.hover_thrust import hover_parameter, is_known
+from companion.control.state import PipelineState
+from companion.estimation.estimator import Estimates, Seen
+from companion.mavlink.firmware import Stack, ThrustMeaning, stack_of, takes_setpoints, thrust_meaning
+from companion.mavlink.samples import Heartbeat
+
+
+def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[Reason, ...]:
+    """Why nothing is sent, or why offsets fade."""
+    out: list[Reason] = []
+    estimates, tuning, heartbeat, push = state.estimates, config.tuning, state.heartbeat, state.push
+    if heartbeat is None or t_s - heartbeat.t_s > tuning.heartbeat_age_s:
+        out.append(Reason.NO_HEARTBEAT)
+    else:
+        out.extend(_autopilot(state, heartbeat, config))
+    if estimates.attitude is None or t_s - estimates.attitude.t_s > tuning.attitude_age_s:
+        out.append(Reason.ATTITUDE_STALE)
+    if t_s - state.late_since_s >= tuning.late_stop_for_s:
+        out.append(Reason.TOO_LATE)
+    elif lateness(estimates, config) > tuning.late_fade_s:
+        out.append(Reason.LATE)
+    if config.base is Base.UPSTREAM and upstream_silent(state, config, t_s):
+        out.append(Reason.UPSTREAM_STALE)
+    if t_s - state.airborne_since_s < tuning.airborne_after_s:
+        out.append(Reason.LANDED)
+    if config.base is Base.HOLD:
+        out.extend(_hold(state, config, t_s))
+    if push is None:
+        out.append(Reason.RPM_MISSING)
+    else:
+        out.extend(_surfaces(push, tuning.surface_step_s, t_s))
+    if estimates.rotation is not None and estimates.rotation[2, 2] < math.cos(tuning.max_tilt_rad):
+        out.append(Reason.TILTED)
+    if config.base is Base.HOLD and t_s - state.swing.swung_s < tuning.swing_pause_s:
+        out.append(Reason.SWINGING)
+    if state.stopping:
+        out.append(Reason.STOPPING)
+    if not config.offsets:
+        out.append(Reason.OFFSETS_OFF)
+    return tuple(out)
+
+
+def lateness(estimates: Estimates, config: PipelineConfig) -> float:
+    """How late [s] the newest attitude, and for the hold the newest position, arrived."""
+    late_s = 0.0 if estimates.attitude is None else estimates.attitude.late_s
+    if config.base is Base.HOLD and estimates.position is not None:
+        late_s = max(late_s, estimates.position.late_s)
+    return late_s
+
+
+def upstream_silent(state: PipelineState, config: PipelineConfig, t_s: float) -> bool:
+    """Whether the upstream controller has stopped."""
+    return state.upstream is None or t_s - state.upstream.t_s > config.tuning.upstream_age_s
+
+
+def _autopilot(state: PipelineState, heartbeat: Heartbeat, config: PipelineConfig) -> list[Reason]:
+    out: list[Reason] = []
+    stack = stack_of(heartbeat)
+    if stack is Stack.OTHER:
+        out.append(Reason.STACK_UNKNOWN)
+    if not heartbeat.armed:
+        out.append(Reason.NOT_ARMED)
+    if not takes_setpoints(heartbeat):
+        out.append(Reason.WRONG_MODE)
+    if config.carrier is Carrier.ACCELERATION:
+        if stack is Stack.ARDUPILOT:
+            out.append(Reason.CARRIER_REFUSED)
+        return out
+    meaning = thrust_meaning(heartbeat, state.parameters)
+    refusal = {
+        ThrustMeaning.CLIMB_RATE: Reason.THRUST_IS_CLIMB_RATE,
+        ThrustMeaning.IGNORED: Reason.TYPE_IGNORED,
+        ThrustMeaning.UNKNOWN: Reason.THRUST_UNKNOWN,
+    }.get(meaning)
+    if refusal is not None and stack is not Stack.OTHER:
+        out.append(refusal)
+    return out
+
+
+def _hold(state: PipelineState, config: PipelineConfig, t_s: float) -> list[Reason]:
+    """What the hold by itself needs: places, a margin, and before it engages the end of a take-off and a thrust."""
+    out: list[Reason] = []
+    tuning, position = config.tuning, state.estimates.position
+    if position is None or t_s - position.t_s > tuning.position_age_s:
+        out.append(Reason.POSITION_STALE)
+    elif not state.estimates.trust.trusted:
+        out.append(Reason.POSITION_UNTRUSTED)
+    if state.tuned is not None and not state.tuned.margin.meets(
+        tuning.hold.least_gain_margin, tuning.hold.least_phase_margin_deg
+    ):
+        out.append(Reason.NO_MARGIN)
+    if state.swing.level > tuning.swing_levels:
+        out.append(Reason.SWINGS_ON)
+    if state.hold is not None:
+        return out
+    if not state.engagement.out_of_take_off:
+        out.append(Reason.TAKING_OFF)
+    elif config.carrier is Carrier.ATTITUDE:
+        declared = config.vehicle.hover_thrust
+        if not is_known(state.hover, t_s, state.parameters, declared, tuning):
+            told = t_s - state.hover.now_s < tuning.hover_heard_age_s or hover_parameter(state.parameters) is None
+            out.append(Reason.HOVER_UNKNOWN if told else Reason.HOVER_IMPLAUSIBLE)
+    return out
+
+
+def _surfaces(push: Push, step_s: float, t_s: float) -> list[Reason]:
+    out: list[Reason] = []
+    for surface in (push.ground, push.wall, push.ceiling):
+        if surface.seen is Seen.MISSING:
+            out.append(Reason.RANGE_MISSING)
+        elif surface.seen is Seen.STALE:
+            out.append(Reason.RANGE_STALE)
+        elif surface.seen is Seen.LOST:
+            out.append(Reason.RANGE_LOST)
+        elif surface.seen is Seen.FROZEN:
+            out.append(Reason.RANGE_FROZEN)
+        elif t_s - surface.stepped_s < step_s:
+            out.append(Reason.SURFACE_STEP)
+    if push.trust <= 0.0:
+        out.append(Reason.OUT_OF_DOMAIN)
+    return list(dict.fromkeys(out))

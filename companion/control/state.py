@@ -1,0 +1,87 @@
+"""What ``step`` remembers between samples, and what it says about a decision."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from companion.control.attitude_response import AttitudeResponse
+from companion.control.authority import Notice, Reason
+from companion.control.compensation import MomentWashout, Offset
+from companion.control.disturbance import Push
+from companion.control.engagement import Balance, Engagement
+from companion.control.hand_over import Parting
+from companion.control.hover_thrust import HoverThrust
+from companion.control.plant import AttitudeLoop, HoldTuning, Timing
+from companion.control.position_hold import BaseSetpoint, Hold
+from companion.control.swing_detector import SwingDetector
+from companion.estimation.estimator import Estimates
+from companion.mavlink.samples import Heartbeat, SetAttitudeTarget
+from companion.mavlink.setpoints import Command
+
+_NO_BALANCE, _NO_RESPONSE = Balance(), AttitudeResponse()
+
+
+@dataclass(frozen=True)
+class PipelineState:
+    """Everything remembered between samples."""
+
+    estimates: Estimates
+    t_s: float = -math.inf
+    """The newest time of any sample: the boot axis now."""
+    stamped_s: float = -math.inf
+    """The newest of the autopilot's own stamps."""
+    heartbeat: Heartbeat | None = None
+    landed_state: int = 0
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    hover: HoverThrust = field(default_factory=HoverThrust)
+    airborne_since_s: float = math.inf
+    carried_s: float = -math.inf
+    """When the rotors last carried the weight, or the autopilot last said so."""
+    engagement: Engagement = field(default_factory=Engagement)
+    balance: Balance = _NO_BALANCE
+    timing: Timing = field(default_factory=Timing)
+    response: AttitudeResponse = _NO_RESPONSE
+    loop: AttitudeLoop = field(default_factory=AttitudeLoop)
+    """How the attitude answers, as far as known."""
+    tuned: HoldTuning | None = None
+    tuned_s: float = -math.inf
+    swing: SwingDetector = field(default_factory=SwingDetector)
+    upstream: SetAttitudeTarget | None = None
+    hold: Hold | None = None
+    last: BaseSetpoint | None = None
+    """What was sent last, offsets included."""
+    parting: Parting | None = None
+    authority: float = 0.0
+    offset: Offset = Offset()
+    wanted: Offset = Offset()
+    washout: MomentWashout = MomentWashout()
+    decided_s: float = -math.inf
+    push: Push | None = None
+    pushed_s: float = -math.inf
+    """When ``push`` was computed: after a position, so that an attitude is answered without waiting for the model."""
+    late_since_s: float = math.inf
+    """Since when attitude or position have been too late to fly on; inf while they are not."""
+    stopping: bool = False
+    notice: tuple[Notice, float] | None = None
+    """The newest notice and its time."""
+
+
+@dataclass(frozen=True)
+class Decision:
+    """What was decided at ``t_s``, and all that a pilot or an analyst wants to know about why."""
+
+    t_s: float
+    command: Command | None
+    reasons: tuple[Reason, ...]
+    authority: float
+    offset: Offset
+    """Applied: after trust, limits, slew and fade."""
+    base: BaseSetpoint | None
+    push: Push | None
+    late_s: float = 0.0
+    """How late the attitude or position behind it arrived."""
+    tuned: HoldTuning | None = None
+    """Gains of the hold and their margin; None for an upstream controller."""
+    notice: tuple[Notice, float] | None = None

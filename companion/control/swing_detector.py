@@ -1,0 +1,80 @@
+"""Notices that the hold swings by itself: one half wave after another, alike in length, none smaller than the last."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.evolve import replace
+from models.frames import Array
+
+_MEAN_S = 3.0
+"""What lasts longer is no swing but a balance of wind or trim."""
+_LEAST_M_S2 = 0.45
+"""Half waves smaller than 2.6 degrees of tilt are left alone: turbulence and noise reach them."""
+_SHORTEST_S, _LONGEST_S = 0.15, 2.5
+"""Of a half wave: 0.2 to 3.3 Hz holds every crossover that the gains allow."""
+_ALIKE = 2.2
+"""Longest over shortest of the half waves of one swing."""
+_KEPT = 0.9
+"""Two half waves at least this share of the two before: a swing that dies out by itself is let be."""
+_HALVES = 4
+_FORGET_S = 6.0
+
+
+@dataclass(frozen=True)
+class SwingAxis:
+    """One axis: its slow mean, and the half waves so far as (length [s], peak)."""
+
+    mean: float = 0.0
+    sign: int = 0
+    since_s: float = -math.inf
+    peak: float = 0.0
+    halves: tuple[tuple[float, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class SwingDetector:
+    """Axes north, east and down; how often the hold was softened, and when it last swung."""
+
+    axes: tuple[SwingAxis, SwingAxis, SwingAxis] = (SwingAxis(), SwingAxis(), SwingAxis())
+    level: int = 0
+    swung_s: float = -math.inf
+    t_s: float = -math.inf
+
+
+def watch(detector: SwingDetector, t_s: float, feedback: Array) -> SwingDetector:
+    """Take in the acceleration (3,) [m/s^2, NED] that the hold asks for beyond its reference's own.
+
+    Where an axis swings, ``level`` goes up by one and the half waves are counted anew.
+    """
+    dt = t_s - detector.t_s
+    if not 0.0 < dt <= 0.5:
+        return replace(detector, axes=SwingDetector().axes, t_s=t_s)
+    axes = [_one(axis, t_s, dt, float(value)) for axis, value in zip(detector.axes, feedback, strict=True)]
+    if not any(_swings(axis) for axis in axes):
+        return replace(detector, axes=(axes[0], axes[1], axes[2]), t_s=t_s)
+    return SwingDetector(level=detector.level + 1, swung_s=t_s, t_s=t_s)
+
+
+def _one(axis: SwingAxis, t_s: float, dt: float, value: float) -> SwingAxis:
+    if axis.sign == 0:
+        return SwingAxis(value, 1, t_s, 0.0)
+    mean = axis.mean + (value - axis.mean) * min(dt / _MEAN_S, 1.0)
+    off = value - mean
+    # A quarter of the least peak as hysteresis: noise about zero makes no half waves.
+    if off * axis.sign < -0.25 * _LEAST_M_S2:
+        halves = (*axis.halves, (t_s - axis.since_s, axis.peak))[-_HALVES:]
+        return SwingAxis(mean, -axis.sign, t_s, abs(off), halves)
+    halves = axis.halves if t_s - axis.since_s < _FORGET_S else ()
+    return SwingAxis(mean, axis.sign, axis.since_s, max(axis.peak, off * axis.sign), halves)
+
+
+def _swings(axis: SwingAxis) -> bool:
+    if len(axis.halves) < _HALVES:
+        return False
+    lengths, peaks = np.array(axis.halves).T
+    alike = lengths.max() <= _ALIKE * lengths.min() and lengths.min() >= _SHORTEST_S and lengths.max() <= _LONGEST_S
+    return bool(alike and peaks.min() >= _LEAST_M_S2 and peaks[2:].sum() >= _KEPT * peaks[:2].sum())

@@ -1,0 +1,106 @@
+"""A second, tiny process that speaks once the first one is dead: it tells the autopilot where to stay.
+
+Killed outright (``kill -9``, out of memory) a companion leaves its last tilt behind, for all of GUID_TIMEOUT on
+ArduPilot, which then levels and drifts. The child inherits the link and holds one finished frame, a position target at
+the hold point, renewed five times a second; when the pipe to its parent breaks it sends that frame, and ends.
+
+The child runs this file by itself: nothing but the standard library, some 10 MB. It does not help where the whole
+computer stops, nor on a signed link, where a frame made earlier counts as a replay and is refused.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import socket
+import struct
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+
+_HEADER = struct.Struct("<HH")
+"""Lengths of address and frame. Both 0: nothing is to be said."""
+_TIMES, _PERIOD_S = 10, 0.1
+"""A lost datagram must not be the end; the autopilot takes a repeated target as the same."""
+
+
+class LastWord:
+    """The parent's end. ``renew`` never waits: a child that does not read costs no setpoint."""
+
+    def __init__(self, fd: int) -> None:
+        self._child = subprocess.Popen(
+            [sys.executable, "-I", "-S", os.path.abspath(__file__), str(fd)],
+            stdin=subprocess.PIPE,
+            pass_fds=(fd,),
+            start_new_session=True,  # Ctrl-C in the terminal is for the parent
+        )
+        assert self._child.stdin is not None
+        self._pipe = self._child.stdin.fileno()
+        os.set_blocking(self._pipe, False)
+
+    @property
+    def pid(self) -> int:
+        """Process id of the child."""
+        return self._child.pid
+
+    def renew(self, frame: bytes, addresses: Sequence[tuple[str, int]] = ()) -> None:
+        """What to say from now on, to these UDP peers or, without any, into a stream; b"" for nothing."""
+        peer = "\n".join(f"{host} {port}" for host, port in addresses).encode() if frame else b""
+        record = _HEADER.pack(len(peer), len(frame)) + peer + frame
+        try:
+            os.write(self._pipe, record)
+        except (BlockingIOError, BrokenPipeError):
+            return
+
+    def close(self) -> None:
+        """End the child without a word."""
+        self.renew(b"")
+        if self._child.stdin is not None:
+            self._child.stdin.close()
+        try:
+            self._child.wait(2.0)
+        except subprocess.TimeoutExpired:
+            self._child.kill()
+            self._child.wait()
+
+
+def _take_records(data: bytes, said: tuple[bytes, bytes]) -> tuple[bytes, tuple[bytes, bytes]]:
+    """The rest of ``data`` behind its last whole record, and that record's address and frame."""
+    while len(data) >= _HEADER.size:
+        peer, frame = _HEADER.unpack_from(data)
+        end = _HEADER.size + peer + frame
+        if len(data) < end:
+            break
+        said = data[_HEADER.size : _HEADER.size + peer], data[_HEADER.size + peer : end]
+        data = data[end:]
+    return data, said
+
+
+def main(fd: int) -> None:
+    """The child: read until the parent is gone, then say the last word."""
+    data, said = b"", (b"", b"")
+    while True:
+        select.select([0], [], [])
+        more = os.read(0, 65536)
+        if not more:
+            break
+        data, said = _take_records(data + more, said)
+    peer, frame = said
+    if not frame:
+        return
+    for _ in range(_TIMES):
+        try:
+            if not peer:
+                os.write(fd, frame)
+            for line in peer.decode().splitlines():
+                host, port = line.rsplit(" ", 1)
+                with socket.socket(fileno=os.dup(fd)) as link:
+                    link.sendto(frame, (host, int(port)))
+        except OSError:
+            pass  # the link may be gone as well; the next try costs nothing
+        time.sleep(_PERIOD_S)
+
+
+if __name__ == "__main__":
+    main(int(sys.argv[1]))

@@ -1,0 +1,186 @@
+"""The hold knows its plant: margins against a simulated loop, gains that follow, the attitude's answer measured."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from flying import bench
+
+from companion.config import HoldGains
+from companion.control.attitude_response import AttitudeResponse, hear_tilt, measured_loop, sent
+from companion.control.authority import Notice, Reason
+from companion.control.plant import (
+    AttitudeLoop,
+    Source,
+    Timing,
+    declared_loop,
+    hear_position,
+    horizontal_loop,
+    margin_of,
+    tune,
+)
+from companion.control.swing_detector import SwingDetector, watch
+from companion.mavlink.firmware import Stack
+
+GAINS = HoldGains()
+
+
+def swings(gains: HoldGains, loop: AttitudeLoop, late_s: float, factor: float = 1.0, seconds: float = 60.0) -> float:
+    """Growth of a nudge over a minute, by time steps of 5 ms: the linear loop that the margins are computed for."""
+    dt = 0.005
+    commands = deque([0.0] * (1 + round(loop.delay_s / dt)), maxlen=1 + round(loop.delay_s / dt))
+    seen = deque([(0.0, 0.0)] * (1 + round(late_s / dt)), maxlen=1 + round(late_s / dt))
+    x = v = first = tilt = mean = integral = 0.0
+    v, sizes = 0.05, []
+    for _ in range(round(seconds / dt)):
+        first += dt / loop.tau_s * (factor * loop.gain * commands[0] - first)
+        tilt += dt / loop.tau_s * (first - tilt)
+        v += dt * tilt
+        x += dt * v
+        seen.append((x, v))
+        mean += dt / gains.tilt_mean_s * (tilt - mean)
+        late_x, late_v = seen[0]
+        now_v = late_v + late_s * (tilt - mean)
+        now_x = late_x + late_s * (late_v + 0.5 * late_s * (tilt - mean))
+        slip = -gains.position_1_s * now_x - now_v - gains.tilt_lead_s * (tilt - mean)
+        integral += dt * gains.integral_1_s2 * slip
+        commands.append(gains.velocity_1_s * slip + integral)
+        sizes.append(abs(x))
+    part = len(sizes) // 6
+    return max(sizes[-part:]) / max(sizes[:part])
+
+
+@pytest.mark.parametrize("loop", [AttitudeLoop(0.07, 0.10), AttitudeLoop(0.16, 0.02), AttitudeLoop(0.10, 0.20)])
+@pytest.mark.parametrize("late_s", [0.0, 0.10])
+def test_the_gain_margin_is_where_the_simulated_loop_begins_to_swing(loop, late_s):
+    led = replace(GAINS, tilt_lead_s=0.8 * loop.lag_s)
+    margin = margin_of(horizontal_loop(led, loop, late_s)).gain
+    assert margin > 1.0
+    assert swings(led, loop, late_s, 0.9 * margin if margin < 20.0 else 1.0) < 1.0
+    tuned = tune(GAINS, loop, Timing(position_period_s=0.0, position_late_s=late_s))
+    assert swings(tuned.gains, loop, late_s) < 0.05
+
+
+def test_an_unstable_loop_has_no_margin():
+    loop = AttitudeLoop(0.30, 0.30)
+    led = replace(GAINS, tilt_lead_s=0.0)
+    margin = margin_of(horizontal_loop(led, loop, 0.15))
+    assert swings(led, loop, 0.15, seconds=20.0) > 1.0
+    assert margin.phase_deg < 0.0 or margin.gain < 1.0
+
+
+def test_the_recorded_slow_loop_rang_as_its_margin_says():
+    """A firmware with ATC_INPUT_TC 0.3 (fitted: tau 0.16 s, delay 0.02 s) rang at 0.4 Hz, 0.77 a cycle, flown with a
+    lead of 0.15 s and a mean of 0.4 s: a damping ratio of 0.04, or 4 degrees of phase margin."""
+    flown = replace(GAINS, tilt_lead_s=0.15, tilt_mean_s=0.4)
+    assert margin_of(horizontal_loop(flown, AttitudeLoop(0.16, 0.02), 0.01)).phase_deg == pytest.approx(4.0, abs=1.5)
+    chosen = tune(GAINS, AttitudeLoop(0.16, 0.02), Timing())
+    assert chosen.margin.phase_deg >= GAINS.wanted_phase_margin_deg
+
+
+def test_slow_loops_and_late_positions_get_softer_gains_and_a_longer_lead():
+    quick = tune(GAINS, AttitudeLoop(0.07, 0.10), Timing())
+    assert quick.share == quick.climb_share == 1.0
+    slow = tune(GAINS, AttitudeLoop(0.20, 0.10), Timing(position_period_s=0.1))
+    assert slow.share < 0.7
+    assert slow.gains.tilt_lead_s > quick.gains.tilt_lead_s
+    late = tune(GAINS, AttitudeLoop(0.07, 0.10), Timing(position_period_s=0.1, position_late_s=0.15))
+    assert late.share < 0.8
+    assert late.climb_share < 0.6
+    for tuned in (quick, slow, late):
+        assert tuned.margin.meets(GAINS.wanted_gain_margin, GAINS.wanted_phase_margin_deg)
+
+
+def test_where_no_gains_have_a_margin_the_hold_is_refused():
+    hopeless = tune(GAINS, AttitudeLoop(0.8, 0.5), Timing(position_period_s=0.5, position_late_s=0.4))
+    assert not hopeless.margin.meets(GAINS.least_gain_margin, GAINS.least_phase_margin_deg)
+    b = bench()
+    b.run(0.1)
+    b.state = replace(b.state, tuned=hopeless, tuned_s=b.t)
+    assert Reason.NO_MARGIN in b.tick().reasons
+
+
+def test_parameters_say_how_slow_the_attitude_is():
+    assert declared_loop(Stack.ARDUPILOT, {}).source is Source.ASSUMED
+    slow = declared_loop(Stack.ARDUPILOT, {"ATC_INPUT_TC": 0.3})
+    assert slow.source is Source.PARAMETERS
+    assert slow.lag_s == pytest.approx(0.36, abs=0.04), "fitted to a recording: 0.34"
+    assert declared_loop(Stack.ARDUPILOT, {"ATC_INPUT_TC": 0.15}).lag_s == pytest.approx(0.24, abs=0.03)
+    assert declared_loop(Stack.PX4, {"MC_ROLL_P": 6.5, "MC_PITCH_P": 6.5}).lag_s == pytest.approx(0.20, abs=0.03)
+    assert declared_loop(Stack.PX4, {"MC_ROLL_P": 6.5, "MC_PITCH_P": 3.0}).lag_s > 0.3
+
+
+def test_rate_and_lateness_of_positions_are_measured():
+    timing = Timing()
+    for k in range(100):
+        timing = hear_position(timing, 10.0 + 0.1 * k, 0.12, 0.5)
+    assert timing.position_period_s == pytest.approx(0.1, abs=0.005)
+    assert timing.position_late_s == pytest.approx(0.12, abs=0.005)
+    for k in range(500):
+        timing = hear_position(timing, 30.0 + 0.02 * k, 0.0, 0.5)
+    assert timing.position_period_s == pytest.approx(0.02, abs=0.002)
+    assert timing.position_late_s < 0.005
+
+
+@pytest.mark.parametrize(("tau", "delay", "gain"), [(0.065, 0.08, 1.0), (0.16, 0.05, 1.0), (0.09, 0.17, 1.3)])
+def test_the_attitude_loop_is_measured_from_its_own_setpoints(tau, delay, gain):
+    rng, dt = np.random.default_rng(3), 0.02
+    response, wanted = AttitudeResponse(), np.zeros(2)
+    waiting = deque([np.zeros(2)] * (1 + round(delay / dt)), maxlen=1 + round(delay / dt))
+    first, tilt = np.zeros(2), np.zeros(2)
+    for k in range(1500):
+        t = 10.0 + dt * k
+        response = hear_tilt(response, t, tilt + 0.001 * rng.normal(size=2) + [0.02, -0.01])
+        if k % 25 == 0:
+            wanted = math.radians(2.0) * rng.normal(size=2)
+        response = sent(response, t, wanted)
+        waiting.append(wanted)
+        first = first + (1.0 - math.exp(-dt / tau)) * (gain * waiting[0] - first)
+        tilt = tilt + (1.0 - math.exp(-dt / tau)) * (first - tilt)
+    loop = measured_loop(response)
+    assert loop.source is Source.MEASURED
+    assert loop.lag_s == pytest.approx(2.0 * tau + delay, abs=0.05)
+    assert loop.gain == pytest.approx(gain, abs=0.11)
+
+
+def test_nothing_is_measured_without_setpoints_or_from_noise():
+    response = AttitudeResponse()
+    rng = np.random.default_rng(4)
+    for k in range(1000):
+        response = hear_tilt(response, 0.02 * k + 1.0, 0.02 * rng.normal(size=2))
+        response = sent(response, 0.02 * k + 1.0, 0.02 * rng.normal(size=2))
+    assert measured_loop(response) is None
+
+
+def fed(signal, seconds=20.0, detector=None):
+    detector = detector or SwingDetector()
+    for k in range(round(seconds / 0.02)):
+        t = 0.02 * k
+        detector = watch(detector, 10.0 + t, np.array([signal(t), 0.0, 0.0]))
+    return detector
+
+
+def test_a_growing_or_steady_swing_is_noticed_and_one_that_dies_out_is_not():
+    assert fed(lambda t: 1.2 * math.sin(2.5 * t)).level >= 1
+    assert fed(lambda t: 0.1 * math.exp(0.15 * t) * math.sin(2.5 * t)).level >= 1
+    assert fed(lambda t: 3.0 * math.exp(-0.4 * t) * math.sin(2.5 * t)).level == 0
+    assert fed(lambda t: 0.3 * math.sin(2.5 * t)).level == 0, "small"
+    assert fed(lambda t: 2.0 if 3.0 < t < 6.0 else 0.0).level == 0, "one gust"
+
+
+def test_a_swinging_hold_gets_softer_gains_no_offsets_and_says_so():
+    b = bench(height=0.3, wall=0.3)
+    full = b.run(4.0).tuned.share
+    b.state = replace(b.state, swing=replace(b.state.swing, level=1, swung_s=b.t), tuned_s=-math.inf)
+    decision = b.run(0.6)
+    assert decision.tuned.share <= 0.61 * full
+    assert Reason.SWINGING in decision.reasons
+    assert decision.offset.share == 0.0
+    assert decision.command is not None, "the hold goes on"
+    b.state = replace(b.state, swing=replace(b.state.swing, level=b.config.tuning.swing_levels + 1))
+    assert Reason.SWINGS_ON in b.tick().reasons
+    assert Notice.SOFTENED.value.startswith("swinging")
