@@ -68,9 +68,13 @@ class JsonPhysics:
             return None
         if packet.frame_count == self._last_count:
             return self._answer
-        if self._last_count is None or packet.frame_count < self._last_count or packet.frame_rate_hz != self._rate_hz:
+        if self._last_count is None or packet.frame_count < self._last_count:
             self.restarts += self._last_count is not None
             self._restart(packet.frame_rate_hz)
+        elif packet.frame_rate_hz != self._rate_hz:
+            # The firmware goes from its first rate to SIM_RATE_HZ by one hertz a frame.
+            self._rate_hz = packet.frame_rate_hz
+            self.body.change_step(1.0 / packet.frame_rate_hz)
         self._last_count = packet.frame_count
         self.body.step(packet.pwm)
         for sensor in self._ranges:

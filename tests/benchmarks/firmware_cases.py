@@ -90,7 +90,7 @@ def hold_then(act: str, *arguments: float, seconds: float = 8.0, gap_m: float | 
             yield from to_the_wall(p, WALL_M, gap_m)
         else:
             yield 9.0  # what was asked for at the start has been answered long ago
-        yield from p.until_phase(0.8)  # so that a stall begins before a heartbeat
+        yield from p.until_phase(0.83)  # a stall then begins shortly before a heartbeat, as in the flight that fell
         p.judge()
         getattr(p.world, act)(*arguments)
         yield seconds
