@@ -10,11 +10,14 @@ from importlib import resources
 from pathlib import Path
 
 from companion.sim.ardupilot_json import JsonPhysics, serve
+from companion.sim.body_truth import BodyTruthFile
 from companion.sim.pilot import Hand
 from companion.sim.process import Options, run
+from companion.sim.px4_hil import Px4Physics
+from companion.sim.px4_hil import serve as serve_px4
 from companion.sim.scenario import NAMES, build
 from models.errors import ConfigError, UserError
-from models.vehicle import load_vehicle
+from models.vehicle import Vehicle, load_vehicle
 
 
 def parser() -> argparse.ArgumentParser:
@@ -36,6 +39,12 @@ def parser() -> argparse.ArgumentParser:
         metavar="PORT",
         help="instead, answer ArduPilot's JSON physics protocol on this UDP port (theirs is 9002)",
     )
+    p.add_argument(
+        "--px4-hil",
+        type=int,
+        metavar="PORT",
+        help="instead, be the simulator that PX4 connects to on this TCP port (theirs is 4560), in lockstep",
+    )
     p.add_argument("--until-stdin-closes", action="store_true", help="end when the parent process ends")
     return p
 
@@ -48,6 +57,19 @@ def _check(a: argparse.Namespace) -> None:
             raise ConfigError(f"{name} {value:g}: must be a positive number")
 
 
+def _say(**what: int) -> None:
+    print(json.dumps(what), flush=True)
+
+
+def _px4_hil(a: argparse.Namespace, vehicle: Vehicle) -> int:
+    physics = Px4Physics(vehicle, build(a.scenario, vehicle, air=a.air == "corner"), a.seed)
+    truth = None if a.truth is None else BodyTruthFile(a.truth, physics.body)
+    serve_px4(physics, a.px4_hil, lambda port: _say(px4_hil=port), speed=a.speed, duration_s=a.duration, truth=truth)
+    if truth is not None:
+        truth.close()
+    return 0
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the simulator; returns the exit code."""
     a = parser().parse_args(argv)
@@ -57,7 +79,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         vehicle = load_vehicle(path)
         if a.ardupilot_json is not None:
             physics = JsonPhysics(vehicle, build(a.scenario, vehicle, air=a.air == "corner"), a.seed)
-            serve(physics, a.ardupilot_json, lambda port: print(json.dumps({"ardupilot_json": port}), flush=True))
+            serve(physics, a.ardupilot_json, lambda port: _say(ardupilot_json=port), a.truth)
+        if a.px4_hil is not None:
+            return _px4_hil(a, vehicle)
         return run(
             Options(
                 vehicle=vehicle,

@@ -193,9 +193,14 @@ class Unsteadiness:
 
     def __init__(self, seed: str, channels: int, dt: float, tau: float = 0.1) -> None:
         self._rng = random.Random(seed)
-        self._keep = math.exp(-dt / tau)
-        self._kick = math.sqrt(1.0 - self._keep**2)
+        self._tau = tau
         self.values = [0.0] * channels
+        self.change_step(dt)
+
+    def change_step(self, dt: float) -> None:
+        """Steps of another length [s] from here on."""
+        self._keep = math.exp(-dt / self._tau)
+        self._kick = math.sqrt(1.0 - self._keep**2)
 
     def step(self) -> list[float]:
         """Advance by one physics step; the values have unit variance."""

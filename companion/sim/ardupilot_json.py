@@ -12,10 +12,12 @@ import socket
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NoReturn
 
 from companion.sim.air import disturbed
 from companion.sim.body import Body
+from companion.sim.body_truth import BodyTruthFile
 from companion.sim.scenario import Scenario
 from companion.sim.sensors import RangeSensor
 from models.errors import LinkError
@@ -66,9 +68,13 @@ class JsonPhysics:
             return None
         if packet.frame_count == self._last_count:
             return self._answer
-        if self._last_count is None or packet.frame_count < self._last_count or packet.frame_rate_hz != self._rate_hz:
+        if self._last_count is None or packet.frame_count < self._last_count:
             self.restarts += self._last_count is not None
             self._restart(packet.frame_rate_hz)
+        elif packet.frame_rate_hz != self._rate_hz:
+            # The firmware goes from its first rate to SIM_RATE_HZ by one hertz a frame.
+            self._rate_hz = packet.frame_rate_hz
+            self.body.change_step(1.0 / packet.frame_rate_hz)
         self._last_count = packet.frame_count
         self.body.step(packet.pwm)
         for sensor in self._ranges:
@@ -97,8 +103,9 @@ class JsonPhysics:
         }
 
 
-def serve(physics: JsonPhysics, port: int, announce: Callable[[int], None]) -> NoReturn:
-    """Answer on UDP ``port`` (0: any) until interrupted; ``announce`` is told the port."""
+def serve(physics: JsonPhysics, port: int, announce: Callable[[int], None], truth: Path | None = None) -> NoReturn:
+    """Answer on UDP ``port`` (0: any) until interrupted; ``announce`` is told the port, ``truth`` is written."""
+    record: BodyTruthFile | None = None
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         try:
             sock.bind(("0.0.0.0", port))
@@ -110,5 +117,9 @@ def serve(physics: JsonPhysics, port: int, announce: Callable[[int], None]) -> N
         while True:
             data, peer = sock.recvfrom(4096)
             reply = physics.answer(data)
-            if reply is not None:
-                sock.sendto(reply, peer)
+            if reply is None:
+                continue
+            sock.sendto(reply, peer)
+            if truth is not None:
+                record = record or BodyTruthFile(truth, physics.body)
+                record.step(physics.body)

@@ -34,6 +34,7 @@ class Mode(IntEnum):
 STICK_MODES = (Mode.LOITER, Mode.POSHOLD)
 """Modes in which centred sticks hold the place and others fly a velocity."""
 STICKS_LOST_S = 0.5
+TAKE_OFF_ACCEL = 1.0
 
 
 class Guided(Enum):
@@ -160,6 +161,8 @@ class Autopilot:
     guid_timeout_s: float = 3.0
     speed_up_m_s: float = 2.5
     speed_down_m_s: float = 1.5
+    lift_off_lead_m: float = 0.3
+    """How far above the origin the target of a take-off waits until the vehicle has left the ground."""
     dt: float = DT
     armed: bool = False
     mode: Mode = Mode.STABILIZE
@@ -410,12 +413,19 @@ class Autopilot:
         if self.guided is Guided.TAKEOFF and self.landed:
             # Spool up on the ground, then let the position controller lift off.
             self._thr_i = min(0.3, self._thr_i + 0.25 * self.dt)
+        self._climb_away()
         self._end_take_off(now)
         stale = self.time_s - self.target.time_s > self.guid_timeout_s
         if self.guided is Guided.POSITION and stale:
             self.target.velocity = (0.0, 0.0, 0.0)
             self.target.accel = (0.0, 0.0, 0.0)
         return self._position(now)
+
+    def _climb_away(self) -> None:
+        """A take-off accelerates gently: WPNAV_ACCEL_Z is 1 m/s^2, half a metre in the first second."""
+        self._down.accel_max = TAKE_OFF_ACCEL if self.guided is Guided.TAKEOFF else self.gains.accel_z
+        if self.guided is Guided.TAKEOFF and self.landed and self._down.position < -self.lift_off_lead_m:
+            self._down.reset(-self.lift_off_lead_m, 0.0)  # the target waits for the vehicle
 
     def _end_take_off(self, now: Estimate) -> None:
         height = self.target.position[2]

@@ -224,9 +224,7 @@ class Body:
         self.rpm = [0.0] * len(v.rotors)
         self.deflection = [0.0] * len(v.vanes)
         self._unsteady = Unsteadiness(f"unsteady {self.seed}", 6 * len(v.fans), self.dt)
-        self._spin_up = 1.0 - math.exp(-self.dt / 0.04)
-        self._spin_down = 1.0 - math.exp(-self.dt / 0.05)
-        self._servo = 1.0 - math.exp(-self.dt / 0.025)
+        self.change_step(self.dt)
         reach_x = max(0.15, max(abs(f.x) for f in self._fans))
         reach_y = max(0.15, max(abs(f.y) for f in self._fans))
         self._feet = [(sx * reach_x, sy * reach_y, GEAR_M) for sx in (-1, 1) for sy in (-1, 1)]
@@ -234,6 +232,14 @@ class Body:
         self._damper = 2.0 * 0.7 * v.mass_kg * 50.0 / 4.0
         self._wall_cos = math.cos(self.surroundings.wall_azimuth_rad)
         self._wall_sin = math.sin(self.surroundings.wall_azimuth_rad)
+
+    def change_step(self, dt: float) -> None:
+        """Steps of another length [s] from here on."""
+        self.dt = dt
+        self._unsteady.change_step(dt)
+        self._spin_up = 1.0 - math.exp(-dt / 0.04)
+        self._spin_down = 1.0 - math.exp(-dt / 0.05)
+        self._servo = 1.0 - math.exp(-dt / 0.025)
 
     @property
     def lip_reach_m(self) -> float:

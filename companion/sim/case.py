@@ -31,6 +31,8 @@ TARGET_PERIOD_S = 0.1
 STICK_PERIOD_S = 0.05
 TAKE_OFF_LIMIT_S = 20.0
 END_S = 180.0
+WIRE_S = 0.010
+"""Delay each way: with it an attitude answers its setpoint as late as in the recordings of both real firmwares."""
 
 Script = Callable[["CasePilot"], Iterator[float]]
 
@@ -87,6 +89,7 @@ class CasePilot:
         self.judgement = Judgement()
         self.notes: list[str] = []
         self._script = script(self)
+        world.wire.down_delay_s = world.wire.up_delay_s = WIRE_S
         self._next_s = 0.0
         self._heartbeat_s = self._target_s = self._stick_s = 0.0
         self._sticks: tuple[float, float, float] | None = None
@@ -100,6 +103,8 @@ class CasePilot:
         """Arm, take off and settle; the companion, where it runs, may have taken over."""
         if not self.flight.px4:
             self.mode(Mode.GUIDED)
+        else:
+            self.sticks()  # a radio is on
         self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
         yield 0.5
         self._command(mavlink.MAV_CMD_NAV_TAKEOFF, p7=height_m)
@@ -121,6 +126,10 @@ class CasePilot:
         if not self.flown_by_companion:
             self.notes.append("the companion did not engage")
         yield 2.0
+
+    def until_phase(self, share: float) -> Iterator[float]:
+        """Wait until this share of a second after a heartbeat of the autopilot."""
+        yield (share - self.flight.time_s) % 1.0
 
     def mode(self, mode: Mode) -> None:
         """Ask for a mode."""

@@ -80,6 +80,7 @@ class VehicleLink:
         self._tokens = 0.0
         self._last_s = 0.0
         self._heartbeat_s = 0.0
+        self._mode_said = flight.autopilot.mode
         self._param_queue: list[str] = []
         self._rate = PX4_MESSAGES_PER_S if flight.px4 else MESSAGES_PER_S
         self.position_hz = math.inf
@@ -106,8 +107,11 @@ class VehicleLink:
         now = self._flight.time_s
         self._tokens = min(20.0, self._tokens + (now - self._last_s) * self._rate)
         self._last_s = now
-        if now >= self._heartbeat_s:
-            self._heartbeat_s += 1.0
+        changed = self._flight.autopilot.mode is not self._mode_said and not self._flight.px4
+        if now >= self._heartbeat_s or changed:
+            # ArduPilot tells a change of mode at once, PX4 at its next beat.
+            self._heartbeat_s += 0.0 if changed else 1.0
+            self._mode_said = self._flight.autopilot.mode
             self._out(self._heartbeat())
         if self._param_queue and self._tokens >= 1.0:
             self._send_param(self._param_queue.pop(0))

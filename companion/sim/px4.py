@@ -122,6 +122,12 @@ class Px4(Autopilot):
         self.mode = self._wanted = Mode.TAKEOFF
         return True
 
+    def _climb_away(self) -> None:
+        """MPC_TKO_SPEED 1.5 m/s over MPC_TKO_RAMP_T 3 s: a quarter of a metre in the first second."""
+        super()._climb_away()
+        if self.guided is Guided.TAKEOFF:
+            self._down.accel_max = 0.5
+
     def _end_take_off(self, now: Estimate) -> None:
         super()._end_take_off(now)
         if self.mode is Mode.TAKEOFF and self.guided is not Guided.TAKEOFF:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import socket
@@ -66,6 +67,16 @@ def test_a_frame_count_that_goes_back_restarts_the_vehicle(physics):
     assert physics.restarts == 1
     assert s["timestamp"] == pytest.approx(1 / RATE)
     assert s["position"][2] == pytest.approx(-0.126, abs=1e-3)
+
+
+def test_a_rate_that_changes_changes_the_step_and_restarts_nothing(physics):
+    """The real ArduCopter goes from 1200 to SIM_RATE_HZ by one hertz a frame."""
+    times = []
+    for k, rate in enumerate((1200, 1200, 1199, 1198, 800, 800)):
+        times.append(state(physics.answer(packet(k, HOVER, rate=rate)))["timestamp"])
+    steps = [b - a for a, b in itertools.pairwise([0.0, *times])]
+    assert steps == pytest.approx([1 / 1200, 1 / 1200, 1 / 1199, 1 / 1198, 1 / 800, 1 / 800], rel=1e-6)
+    assert physics.restarts == 0
 
 
 def test_both_packet_sizes_and_any_rate_are_understood(physics):

@@ -1,0 +1,312 @@
+"""A real firmware with ``companion.sim`` as its physics, a ground station, and the companion as a user starts it.
+
+Time is the autopilot's own: on a slow machine both firmwares wait for their physics, so a flight stretches.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("MAVLINK20", "1")
+
+from pymavlink import mavutil
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion.vehicles import QUAD
+
+ARDUCOPTER, PX4 = "ARDUCOPTER_BIN", "PX4_BIN"
+GUIDED, LOITER = (4, 0), (5, 0)
+OFFBOARD, POSITION, TAKEOFF = (6, 0), (3, 0), (4, 2)
+SLOW_MACHINE = 6.0
+"""Wall-clock seconds allowed for each second of the autopilot."""
+TAKE_OFF_M = 1.5
+
+ARDUCOPTER_PARAMETERS = {
+    "FRAME_CLASS": 1, "FRAME_TYPE": 1, "SIM_RATE_HZ": 800, "GUID_OPTIONS": 8, "GUID_TIMEOUT": 0.5, "ARMING_CHECK": 0,
+    "COMPASS_OFS_X": 5, "COMPASS_OFS_Y": 13, "COMPASS_OFS_Z": -18, "COMPASS_OFS2_X": 5, "COMPASS_OFS2_Y": 13,
+    "COMPASS_OFS2_Z": -18, "COMPASS_OFS3_X": 5, "COMPASS_OFS3_Y": 13, "COMPASS_OFS3_Z": -18, "FS_THR_ENABLE": 0,
+    "FS_GCS_ENABLE": 0, "FENCE_ENABLE": 0, "LOG_BACKEND_TYPE": 0, "BATT_MONITOR": 4, "BATT_CAPACITY": 10000,
+    "RNGFND1_TYPE": 100, "RNGFND1_ORIENT": 25, "RNGFND1_MIN_CM": 2, "RNGFND1_MAX_CM": 4000, "RNGFND1_POS_Z": 0.05,
+    "RNGFND2_TYPE": 100, "RNGFND2_ORIENT": 0, "RNGFND2_MIN_CM": 2, "RNGFND2_MAX_CM": 4000, "RNGFND2_POS_X": 0.12,
+    "SIM_ESC_TELEM": 1, "SERIAL0_PROTOCOL": 2, "SERIAL1_PROTOCOL": 2, "MOT_THST_HOVER": 0.42,
+    "RC1_MIN": 1000, "RC1_MAX": 2000, "RC1_TRIM": 1500, "RC2_MIN": 1000, "RC2_MAX": 2000, "RC2_TRIM": 1500,
+    "RC3_MIN": 1000, "RC3_MAX": 2000, "RC3_TRIM": 1500, "RC4_MIN": 1000, "RC4_MAX": 2000, "RC4_TRIM": 1500,
+}  # fmt: skip
+PX4_PARAMETERS = {
+    "CA_ROTOR0_PX": 0.225, "CA_ROTOR0_PY": 0.225, "CA_ROTOR1_PX": -0.225, "CA_ROTOR1_PY": -0.225,
+    "CA_ROTOR2_PX": 0.225, "CA_ROTOR2_PY": -0.225, "CA_ROTOR3_PX": -0.225, "CA_ROTOR3_PY": 0.225,
+    "MPC_THR_HOVER": 0.42, "MIS_TAKEOFF_ALT": TAKE_OFF_M, "COM_RC_IN_MODE": 1, "COM_DISARM_PRFLT": -1,
+    "NAV_DLL_ACT": 0, "SDLOG_MODE": -1, "SIM_BAT_MIN_PCT": 95, "IMU_GYRO_FFT_EN": 0, "SYS_FAILURE_EN": 1,
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One row of the truth: NED [m], degrees."""
+
+    time_s: float
+    north: float
+    east: float
+    height: float
+    tilt_deg: float
+    contact: bool
+
+
+class Rig:
+    """Everything that runs. Use it as a context manager; every process ends with it."""
+
+    def __init__(self, firmware: str, binary: str, folder: Path, parameters: dict[str, float] | None = None) -> None:
+        self.px4 = firmware == PX4
+        self.folder = folder
+        self._binary = Path(binary).resolve()
+        self._parameters = parameters or {}
+        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._latest: dict[tuple[str, int], Any] = {}
+        self._alive = True
+        self._sticks = False
+        self._lock = threading.Lock()
+        self.texts: list[str] = []
+
+    def __enter__(self) -> Rig:
+        try:
+            self._boot()
+        except BaseException:
+            self.close()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End every process of ours."""
+        self._alive = False
+        for name in ("companion", "firmware", "physics"):
+            process = self._processes.pop(name, None)
+            if process is None:
+                continue
+            with contextlib.suppress(ProcessLookupError):
+                process.send_signal(signal.SIGCONT)
+                process.send_signal(signal.SIGINT if name == "companion" else signal.SIGKILL)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(10)
+            if process.poll() is None:
+                process.kill()
+
+    # -- start ------------------------------------------------------------------------------------------------------
+
+    def _start(self, name: str, command: list[Any], **how: Any) -> None:
+        log = (self.folder / f"{name}.log").open("ab")
+        self._processes[name] = subprocess.Popen(
+            [str(c) for c in command], stdin=subprocess.DEVNULL, stdout=log, stderr=subprocess.STDOUT, **how
+        )
+
+    def _boot(self) -> None:
+        flag, port = ("--px4-hil", 4560) if self.px4 else ("--ardupilot-json", 9002)
+        physics = [sys.executable, "-m", "companion.sim", "--vehicle", QUAD, "--scenario", "corner"]
+        self._start("physics", [*physics, flag, port, "--truth", self.folder / "truth.csv"])
+        time.sleep(3.0)
+        (self._boot_px4 if self.px4 else self._boot_arducopter)()
+        station = 14550 if self.px4 else 14551
+        self._link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{station}", source_system=255, source_component=190)
+        if self._link.wait_heartbeat(timeout=120) is None:
+            raise RuntimeError(f"no heartbeat; see {self.folder}/firmware.log")
+        threading.Thread(target=self._listen, daemon=True).start()
+        threading.Thread(target=self._beat, daemon=True).start()
+        for number, hz in ((30, 10), (32, 10), (193, 2), (230, 2), (245, 2), (83, 5)):
+            self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / hz)
+
+    def _boot_arducopter(self) -> None:
+        values = {**ARDUCOPTER_PARAMETERS, **self._parameters}
+        defaults = self.folder / "defaults.parm"
+        defaults.write_text("".join(f"{k} {v}\n" for k, v in values.items()), encoding="utf-8")
+        self._start(
+            "firmware",
+            [self._binary, "--model", "JSON:127.0.0.1", "--wipe", "--speedup", "1", "--defaults", defaults,
+             "--home", "-35.363262,149.165237,584,0", "--serial0", "udpclient:127.0.0.1:14551",
+             "--serial1", "udpclient:127.0.0.1:14550"],
+            cwd=self.folder,
+        )  # fmt: skip
+
+    def _boot_px4(self) -> None:
+        values = {**PX4_PARAMETERS, **self._parameters}
+        environment = dict(os.environ, PX4_SIM_MODEL="none_iris", PX4_SYS_AUTOSTART="10016")
+        environment |= {f"PX4_PARAM_{k}": str(v) for k, v in values.items()}
+        root = self.folder / "rootfs"
+        root.mkdir(exist_ok=True)
+        etc = self._binary.parent.parent / "etc"
+        self._start("firmware", [self._binary, "-d", "-w", root, etc], cwd=root, env=environment)
+
+    # -- ground station ---------------------------------------------------------------------------------------------
+
+    def _listen(self) -> None:
+        while self._alive:
+            try:
+                message = self._link.recv_match(blocking=True, timeout=0.5)
+            except OSError:
+                continue
+            if message is None:
+                continue
+            self._latest[message.get_type(), message.get_srcComponent()] = message
+            if message.get_type() == "STATUSTEXT":
+                self.texts.append(message.text)
+
+    def _beat(self) -> None:
+        n = 0
+        while self._alive:
+            with self._lock:
+                if n % 10 == 0:
+                    self._link.mav.heartbeat_send(6, 8, 0, 0, 0)
+                if self._sticks and self.px4:
+                    self._link.mav.manual_control_send(1, 0, 0, 500, 0, 0)
+                elif self._sticks:
+                    self._link.mav.rc_channels_override_send(1, 1, 1500, 1500, 1500, 1500, 0, 0, 0, 0)
+            n += 1
+            time.sleep(0.1)
+
+    def latest(self, kind: str, component: int = 1) -> Any:
+        """The last message of a kind, or None."""
+        return self._latest.get((kind, component))
+
+    @property
+    def now_s(self) -> float:
+        """The autopilot's boot time."""
+        attitude = self.latest("ATTITUDE")
+        return 0.0 if attitude is None else attitude.time_boot_ms / 1000.0
+
+    def sleep(self, seconds: float) -> None:
+        """In the autopilot's time."""
+        self.until(lambda end=self.now_s + seconds: self.now_s >= end, seconds + 5.0, "time to pass")
+
+    def until(self, reached: Callable[[], bool], seconds: float, what: str) -> None:
+        """Wait for something; raises AssertionError after ``seconds`` of the autopilot."""
+        give_up = time.monotonic() + SLOW_MACHINE * seconds
+        while not reached():
+            if self._processes["firmware"].poll() is not None:
+                raise AssertionError(f"the firmware ended; see {self.folder}/firmware.log")
+            assert time.monotonic() < give_up, f"waited for {what}; last words: {self.texts[-3:]}"
+            time.sleep(0.02)
+
+    def _command(self, number: int, *values: float) -> None:
+        p = [*values, *[0.0] * (7 - len(values))]
+        with self._lock:
+            self._link.mav.command_long_send(1, 1, number, 0, *p)
+
+    def mode(self, mode: tuple[int, int]) -> None:
+        """Ask for a mode: ArduCopter's number, or PX4's main and sub mode."""
+        self._command(mavlink.MAV_CMD_DO_SET_MODE, 1.0 if not self.px4 else 129.0, *mode)
+
+    @property
+    def in_mode(self) -> int:
+        """ArduCopter's mode number, or PX4's main mode."""
+        beat = self.latest("HEARTBEAT")
+        return -1 if beat is None else (beat.custom_mode >> 16 & 0xFF if self.px4 else beat.custom_mode)
+
+    @property
+    def armed(self) -> bool:
+        """Whether the motors may turn."""
+        beat = self.latest("HEARTBEAT")
+        return beat is not None and bool(beat.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+
+    def take_off(self) -> None:
+        """Arm and climb to 1.5 m by the firmware's own take-off."""
+        self._sticks = True
+        self.until(lambda: self.latest("LOCAL_POSITION_NED") is not None, 90.0, "a position estimate")
+        self.sleep(12.0)
+
+        def arm() -> bool:
+            self.mode(TAKEOFF if self.px4 else GUIDED)
+            time.sleep(0.3)
+            self._command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+            time.sleep(1.0)
+            return self.armed
+
+        self.until(arm, 90.0, "arming")
+        if not self.px4:
+            self._command(mavlink.MAV_CMD_NAV_TAKEOFF, 0, 0, 0, 0, 0, 0, TAKE_OFF_M)
+        self.until(lambda: self.height > 0.85 * TAKE_OFF_M, 40.0, "the take-off's height")
+        self.sleep(4.0)
+
+    @property
+    def height(self) -> float:
+        """As the autopilot believes."""
+        position = self.latest("LOCAL_POSITION_NED")
+        return 0.0 if position is None else -float(position.z)
+
+    def go(self, north: float, east: float, height: float) -> None:
+        """One place for the companion."""
+        mask = 0x38 | 0x1C0 | 0x400 | 0x800
+        with self._lock:
+            self._link.mav.set_position_target_local_ned_send(
+                0, 1, 191, 1, mask, north, east, -height, 0, 0, 0, 0, 0, 0, 0, 0
+            )
+
+    def lose_gps(self) -> None:
+        """No fix from now on."""
+        if self.px4:
+            self._command(mavlink.MAV_CMD_INJECT_FAILURE, 4, 1)  # sensor GPS, off
+        else:
+            for name in (b"SIM_GPS1_ENABLE", b"SIM_GPS_DISABLE"):
+                value = 0.0 if name == b"SIM_GPS1_ENABLE" else 1.0
+                with self._lock:
+                    self._link.mav.param_set_send(1, 1, name, value, mavlink.MAV_PARAM_TYPE_REAL32)
+
+    # -- the companion ----------------------------------------------------------------------------------------------
+
+    def start_companion(self) -> None:
+        """As a user does, at the firmware's own endpoint, offsets off: it is the hold that is tested."""
+        port = 14540 if self.px4 else 14550
+        command = [sys.executable, "-m", "companion", "--connect", f"udp:127.0.0.1:{port}", "--vehicle", QUAD]
+        environment = dict(os.environ, OMP_NUM_THREADS="1")
+        self._start(
+            "companion",
+            [*command, "--no-offsets", "--record", self.folder / "flight.tlog", "--json", self.folder / "flight.json"],
+            env=environment,
+        )
+
+    def signal_companion(self, number: int) -> None:
+        """SIGINT, SIGKILL, SIGSTOP, SIGCONT."""
+        self._processes["companion"].send_signal(number)
+
+    def engage(self) -> None:
+        """Companion up, the mode that obeys it, and its stream in command."""
+        self.start_companion()
+        self.until(lambda: self.latest("HEARTBEAT", 191) is not None, 30.0, "the companion's heartbeat")
+        self.sleep(4.0)
+        wanted = OFFBOARD if self.px4 else GUIDED
+
+        def entered() -> bool:
+            self.mode(wanted)
+            time.sleep(0.3)
+            return self.in_mode == wanted[0]
+
+        self.until(entered, 20.0, "OFFBOARD or GUIDED")
+        self.sleep(4.0)
+
+    # -- the truth --------------------------------------------------------------------------------------------------
+
+    def truth(self) -> list[Moment]:
+        """Everything up to now."""
+        from math import acos, cos, degrees
+
+        out = []
+        with (self.folder / "truth.csv").open(encoding="utf-8", newline="") as file:
+            for r in csv.DictReader(file):
+                try:
+                    tilt = degrees(acos(max(-1.0, min(1.0, cos(float(r["roll"])) * cos(float(r["pitch"]))))))
+                    place = float(r["n"]), float(r["e"]), -float(r["d"])
+                    out.append(Moment(float(r["time_s"]), *place, tilt, r["contact"] == "1"))
+                except (TypeError, ValueError):  # the row that is being written
+                    break
+        return out
