@@ -348,3 +348,13 @@ def test_a_tlog_holds_what_was_flown(logged):
         assert np.mean([m.rpm[:2] for m in kinds[name]]) == pytest.approx(HEXA.hover_rpm, rel=0.02)
     down = [m.current_distance for m in kinds["DISTANCE_SENSOR"]]
     assert np.median(down) == pytest.approx(100.0 * (HEXA.home_m - DOWN.position_m[2]), abs=4.0)
+
+
+def test_temperatures_of_escs_that_report_no_speed_are_read_by_the_projects_own_reader(tmp_path):
+    from replay.flightlog import load
+
+    (track,) = fly(RACER, [CALM], seconds=3.0)
+    tlog.write(RACER, track, sense(RACER, CALM, track, (DOWN,), 3), (DOWN,), 3, tmp_path / "r.tlog")
+    (log,) = load(tmp_path / "r.tlog")
+    assert log.escs[1].rpm is None
+    assert np.median(log.escs[4].temperature_c.values) == pytest.approx(29.0, abs=3.0)
