@@ -178,7 +178,7 @@ def _contact(rng: Rng, frame: Airframe, c: Conditions) -> Conditions:
 DRAWS: dict[str, Draw] = {
     "wind": _wind,
     "rotor_drag": lambda r, f, c: replace(c, rotor_drag=float(r.uniform(0.22, 0.50))),
-    "body_drag": lambda r, f, c: replace(c, body_cda=float(r.uniform(0.025, 0.05)) * f.mass_kg),
+    "body_drag": lambda r, f, c: replace(c, body_cda=float(r.uniform(0.04, 0.08)) * f.mass_kg),
     "vertical_inflow": lambda r, f, c: c,  # what differs is the plan: it climbs and sinks faster
     "air_density": _density,
     "thrust_scale": lambda r, f, c: replace(c, scale=signed(r, 0.025, 0.10)),
@@ -191,7 +191,7 @@ DRAWS: dict[str, Draw] = {
         c, heating=float(r.uniform(45.0, 85.0)), heating_s=float(r.uniform(25.0, 50.0))
     ),
     "battery_sag": lambda r, f, c: replace(c, minutes=float(r.uniform(4.0, 6.0)), charge=float(r.uniform(0.75, 1.0))),
-    "motor_lag": lambda r, f, c: replace(c, slow=float(r.uniform(2.5, 4.0))),
+    "motor_lag": lambda r, f, c: replace(c, slow=float(r.uniform(1.6, 2.4))),
     "ground_effect": lambda r, f, c: replace(
         c, ground_gain=float(r.uniform(1.5, 2.0) if f.table else r.uniform(0.8, 1.3))
     ),
