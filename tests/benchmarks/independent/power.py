@@ -1,7 +1,7 @@
 """Battery, speed controllers, motors and their heat.
 
-Motor: V duty = R I + K Omega, torque K I, copper 0.39 %/K, magnets in the cooled bell. Battery: open-circuit curve of a lithium
-polymer cell, ohmic resistance, one RC branch, charge drawn by Peukert's law. Winding: one heat node.
+Motor: V duty = R I + K Omega, torque K I, copper 0.39 %/K, magnets in the cooled bell. Battery: open-circuit curve of a
+lithium polymer cell, ohmic resistance, one RC branch, charge drawn by Peukert's law. Winding: one heat node.
 """
 
 from __future__ import annotations
