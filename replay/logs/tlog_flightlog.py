@@ -248,9 +248,12 @@ class _Boot:
         self._px4_escs(speeds, health)
         if not speeds:
             self._rpm_sensors(speeds)
+        # A speed controller may tell its temperature and no speed.
         return {
-            esc: EscRecord(_joined(rows, "rpm"), *[_joined(h.get(esc, []), name) for name, h in health.items()])
-            for esc, rows in sorted(speeds.items())
+            esc: EscRecord(
+                _joined(speeds.get(esc, []), "rpm"), *[_joined(h.get(esc, []), name) for name, h in health.items()]
+            )
+            for esc in sorted({*speeds, *health["temperature"]})
         }
 
     def _px4_escs(
@@ -272,8 +275,9 @@ class _Boot:
         for first in np.unique(info["index"]):
             one = info.where(info["index"] == first)
             for slot in range(4):
-                rows = (one.t_s, one["temperature"][:, slot])
-                health["temperature"].setdefault(int(first) + slot + 1, []).append(rows)
+                warm = one["temperature"][:, slot]
+                if np.isfinite(warm).any():
+                    health["temperature"].setdefault(int(first) + slot + 1, []).append((one.t_s, warm))
 
     def _rpm_sensors(self, speeds: dict[int, list[tuple[Array, Array]]]) -> None:
         """RPM and RAW_RPM: rotor sensors by number, where no ESC telemeters."""

@@ -123,7 +123,7 @@ def _hexagon(reach: float, up: float) -> tuple[tuple[float, float, float], ...]:
 
 RACER = Airframe(
     "racer 250", 0.62, (0.0026, 0.0029, 0.0047), 0.0635, 0.0635, _x(0.125, 0.015), (-1, -1, 1, 1), 13500.0, 0.85, 0.58,
-    4, 0.11, 5.5e-6, 0.47, "servo", False, 12, 1.25,
+    4, 0.25, 5.5e-6, 0.47, "servo", False, 12, 1.25,
 )  # fmt: skip
 LIFTER = Airframe(
     "lifter 3 kg", 3.0, (0.052, 0.060, 0.101), 0.165, 0.165, _x(0.30, 0.04), (-1, -1, 1, 1), 4650.0, 0.50, 0.64,

@@ -43,7 +43,7 @@ VEHICLES: dict[str, tuple[str, ...]] = {
     "slung_load": ("hexa", "lifter"),
     "x_grate": ("lifter", "guarded", "racer"),
     "x_downwash": ("hexa", "lifter", "guarded"),
-    "x_twist": ("racer", "hexa", "lifter"),
+    "x_rock": ("racer", "hexa", "lifter"),
 }
 """On which vehicles an effect is at home; seeds take them in turn."""
 

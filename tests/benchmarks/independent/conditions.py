@@ -78,9 +78,9 @@ class Conditions:
     downwash_n: Number = 0.0
     """A neighbour's downwash, at times that no channel tells [N] (in no catalogue)."""
     downwash_s: Number = 20.0
-    twist_nm: Number = 0.0
-    """Yaw moment periodic in time [N m] (in no catalogue)."""
-    twist_hz: Number = 0.4
+    rock_nm: Number = 0.0
+    """Roll moment periodic in time [N m] (in no catalogue)."""
+    rock_hz: Number = 0.4
     unsteady: Number = 0.004
     """Standard deviation of each rotor's thrust by turbulence, as a share."""
 
@@ -147,7 +147,7 @@ def _density(rng: Rng, frame: Airframe, c: Conditions) -> Conditions:
 
 def _curve(rng: Rng, frame: Airframe, c: Conditions) -> Conditions:
     if frame.declares == "servo":
-        return replace(c, declared_slope=signed(rng, 0.25, 0.5))
+        return replace(c, declared_slope=-float(rng.uniform(0.25, 0.5)))
     return replace(c, reynolds=signed(rng, 0.3, 0.6))
 
 
@@ -178,7 +178,7 @@ def _contact(rng: Rng, frame: Airframe, c: Conditions) -> Conditions:
 DRAWS: dict[str, Draw] = {
     "wind": _wind,
     "rotor_drag": lambda r, f, c: replace(c, rotor_drag=float(r.uniform(0.22, 0.50))),
-    "body_drag": lambda r, f, c: replace(c, body_cda=float(r.uniform(0.05, 0.11)) * f.mass_kg),
+    "body_drag": lambda r, f, c: replace(c, body_cda=float(r.uniform(0.04, 0.08)) * f.mass_kg),
     "vertical_inflow": lambda r, f, c: c,  # what differs is the plan: it climbs and sinks faster
     "air_density": _density,
     "thrust_scale": lambda r, f, c: replace(c, scale=signed(r, 0.025, 0.10)),
@@ -191,13 +191,13 @@ DRAWS: dict[str, Draw] = {
         c, heating=float(r.uniform(45.0, 85.0)), heating_s=float(r.uniform(25.0, 50.0))
     ),
     "battery_sag": lambda r, f, c: replace(c, minutes=float(r.uniform(4.0, 6.0)), charge=float(r.uniform(0.75, 1.0))),
-    "motor_lag": lambda r, f, c: replace(c, slow=float(r.uniform(2.5, 4.0))),
+    "motor_lag": lambda r, f, c: replace(c, slow=float(r.uniform(1.6, 2.4))),
     "ground_effect": lambda r, f, c: replace(
         c, ground_gain=float(r.uniform(1.5, 2.0) if f.table else r.uniform(0.8, 1.3))
     ),
-    "wall_effect": lambda r, f, c: replace(c, wall_gain=float(r.uniform(3.0, 5.0))),
+    "wall_effect": lambda r, f, c: replace(c, wall_gain=float(r.uniform(2.0, 3.5))),
     "ceiling": lambda r, f, c: replace(c, ceiling_gain=float(r.uniform(0.8, 1.4)), ceiling_m=f.home_m + 0.9),
-    "second_wall": lambda r, f, c: replace(c, wall_gain=float(r.uniform(2.5, 4.0)), wall_east=2.0),
+    "second_wall": lambda r, f, c: replace(c, wall_gain=float(r.uniform(2.0, 3.0)), wall_east=2.0),
     "partial_ground": lambda r, f, c: replace(c, edge_north=0.0, table_m=float(r.uniform(0.5, 0.7))),
     "range_offset": lambda r, f, c: replace(c, range_bias=signed(r, 0.04, 0.09)),
     "contact": _contact,
@@ -208,8 +208,8 @@ DRAWS: dict[str, Draw] = {
     "x_downwash": lambda r, f, c: replace(
         c, downwash_n=f.mass_kg * G * float(r.uniform(0.05, 0.12)), downwash_s=float(r.uniform(13.0, 22.0))
     ),
-    "x_twist": lambda r, f, c: replace(
-        c, twist_nm=f.mass_kg * G * f.arm_m * float(r.uniform(0.025, 0.05)), twist_hz=float(r.uniform(0.15, 0.6))
+    "x_rock": lambda r, f, c: replace(
+        c, rock_nm=f.mass_kg * G * f.arm_m * float(r.uniform(0.025, 0.06)), rock_hz=float(r.uniform(0.15, 0.6))
     ),
 }
 

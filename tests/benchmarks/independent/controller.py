@@ -23,9 +23,13 @@ class Autopilot:
         n = len(slow)
         self.frame, self.dt, self.curve = frame, dt, calibrated(frame)
         self.rate_gain = np.minimum(18.0, 0.45 / motor_tau(frame, slow))
-        self.tilt_gain = self.rate_gain / 2.4
-        self.speed_gain = np.minimum(2.4, self.tilt_gain / 1.9)
-        self.place_gain = self.speed_gain / 2.3
+        # Loops around slow motors are kept further apart.
+        apart = 1.0 + 0.08 * (slow - 1.0)
+        self.tilt_gain = self.rate_gain / (2.4 * apart)
+        # Up and down needs no tilt, and is held more tightly.
+        level = np.minimum(3.2, self.tilt_gain / (1.9 * apart))
+        self.speed_gain = np.stack([level, level, 1.5 * level])
+        self.place_gain = self.speed_gain / (2.1 * apart)
         self.push = np.zeros((3, n))
         self.twist = np.zeros((3, n))
         rows = [np.ones(frame.count)]

@@ -1,7 +1,7 @@
 """Is an answer of ``replay diagnose`` right? Written from the physics of the flights before any answer was seen.
 
 An effect has to be named from 2 % of the weight on (95th percentile below 2 Hz; of a moment: of weight times arm). What
-is there but smaller may be named, in its own size. What is not there (less than 0.3 %) may not.
+is there but smaller may be named, in its own size. What is not there (less than 0.1 %) may not.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from scipy.stats import binomtest
 from stated import Statement, statement
 
 NEEDED = 0.02
-THERE = 0.003
+THERE = 0.001
 
 ALIKE: tuple[tuple[frozenset[str], str], ...] = (
     (frozenset({"payload", "thrust_scale", "air_density"}), "accelerometer and rotors see the ratio of thrust to mass"),
@@ -75,8 +75,11 @@ def judge(truth: Mapping[str, Any], answer: Mapping[str, Any] | None, complaint:
     stands = {n: {t for t in there if t != n and _alike(n, t) and str(tuple(sorted((n, t)))) in said} for n in reported}
     wrong = {n for n in reported if n not in there and not stands[n]}
     for name, effect in reported.items():
-        size = max(sizes.get(n, 0.0) for n in {name, *stands[name]})
-        if name not in wrong and size < NEEDED and claimed_size(effect, truth, answer) > 3.0 * size + NEEDED:
+        holders = {outer for outer, inner in CONTAINS.items() if name in inner} | (
+            {"payload"} if name == "cg_offset" else set()
+        )
+        size = max(sizes.get(n, 0.0) for n in {name, *stands[name], *holders})
+        if name not in wrong and size < NEEDED and claimed_size(effect, truth, answer) > 2.0 * size + 0.5 * NEEDED:
             wrong.add(name)  # a small effect in a size that somebody would act upon
     covered = {t for n in reported if n not in wrong for t in stands[n] | {n}}
     missed = needed - covered

@@ -166,10 +166,10 @@ def no_catalogue(c: Conditions, t: Array | float, R: Array, position: Array) -> 
     # A neighbour passes overhead: a smooth pulse of 6 s, spaced irregularly.
     phase = t / c.downwash_s + 0.23 * np.sin(0.71 * t / c.downwash_s * 2.0 * np.pi)
     pulse = np.exp(-0.5 * ((phase - np.round(phase)) * c.downwash_s / 1.6) ** 2)
-    twist = c.twist_nm * np.sin(2.0 * np.pi * c.twist_hz * t)
+    rock = c.rock_nm * np.sin(2.0 * np.pi * c.rock_hz * t)
     down = R[2]
     return {
         "x_grate": (wave * down, zero),
         "x_downwash": (c.downwash_n * pulse * down, zero),
-        "x_twist": (zero, np.stack([zero[0], zero[0], zero[0] + twist])),
+        "x_rock": (zero, np.stack([zero[0] + rock, zero[0], zero[0]])),
     }

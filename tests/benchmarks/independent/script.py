@@ -48,8 +48,8 @@ def brisk(rng: Rng, f: Airframe) -> list[Target]:
 
 
 def dash(rng: Rng, f: Airframe) -> list[Target]:
-    """Long legs at 4 to 6 m/s and at half of it."""
-    v, a = _u(rng, 4.0, 6.0), 9.0
+    """Long legs at 3.5 to 5 m/s and at half of it."""
+    v, a = _u(rng, 3.5, 5.0), 9.0
     legs = [(1, 0, v), (-1, 0, v), (0, 1, v), (0, -1, v), (1, 0, v / 2), (0, 0, v / 2)]
     return [Target(_u(rng, 5.0, 6.0), n * a, e * a, f.home_m + 1.0, speed=s) for n, e, s in legs]
 
@@ -123,7 +123,7 @@ def push(rng: Rng, f: Airframe) -> list[Target]:
     """Touch the wall softly, several times."""
     out = [Target(5.0, WALL_M - _reach(f) - 0.4, 0.0, f.home_m)]
     for _ in range(5):
-        into = _u(rng, -0.02, 0.06)
+        into = _u(rng, 0.04, 0.18)
         out.append(Target(_u(rng, 3.0, 4.0), WALL_M - _reach(f) - 0.05 + into, 0.0, f.home_m, speed=0.25))
         out.append(Target(_u(rng, 2.0, 3.0), WALL_M - _reach(f) - 0.3, 0.0, f.home_m, speed=0.25))
     return [*out, Target(5.0, 0.0, 0.0, f.home_m)]
@@ -131,7 +131,7 @@ def push(rng: Rng, f: Airframe) -> list[Target]:
 
 def under(rng: Rng, f: Airframe) -> list[Target]:
     """Close to the ceiling, 0.9 m above home, in steps."""
-    gaps = f.radius_m * rng.permutation([0.7, 1.0, 1.5, 2.3]) * _u(rng, 0.9, 1.1)
+    gaps = f.radius_m * rng.permutation([0.9, 1.2, 1.6, 2.4]) * _u(rng, 0.9, 1.1)
     top = f.home_m + 0.9 + f.arms[0][2]
     legs = [Target(_u(rng, 3.5, 4.5), 0.0, 0.0, top - float(g), speed=0.25) for g in gaps]
     return [*legs, Target(4.0, 0.0, 0.0, f.home_m), *reversed(legs), Target(4.5, 0.0, 0.0, f.home_m)]

@@ -54,7 +54,7 @@ def sense(frame: Airframe, c: Conditions, s: Track, beams: tuple[Beam, ...], see
         return size * coloured(rng, (n, rows), tau_s, DT).T
 
     bias = np.array([c.bias_x, c.bias_y, c.bias_z])[:, None]
-    walk = 0.004 * np.cumsum(rng.standard_normal((n, 3)) * np.sqrt(DT), axis=0).T
+    walk = 0.002 * np.cumsum(rng.standard_normal((n, 3)) * np.sqrt(DT), axis=0).T
     shaking = _vibration(rng, frame, s)
     accel = _filtered(at_declared_cg(s) + bias + walk) + shaking + 0.05 * rng.standard_normal((3, n))
     gyro = (
@@ -92,7 +92,7 @@ def _lagged(x: Array, tau_s: float) -> Array:
 def _vibration(rng: np.random.Generator, frame: Airframe, s: Track) -> Array:
     """Unbalanced rotors, once per turn; what the filter leaves of it."""
     phase = np.cumsum(s.omega * DT, axis=-1) + rng.uniform(0.0, 2.0 * np.pi, (frame.count, 1))
-    strength = rng.uniform(0.03, 0.20, (3, frame.count, 1)) * (s.omega / frame.hover_speed) ** 2
+    strength = rng.uniform(0.01, 0.06, (3, frame.count, 1)) * (s.omega / frame.hover_speed) ** 2
     return (strength * np.stack([np.sin(phase), np.cos(phase), np.sin(phase + 1.0)])).sum(axis=1)
 
 

@@ -60,6 +60,8 @@ def _messages(
         if k % 50 == 0:
             yield t, dialect.MAVLink_scaled_pressure_message(ms, s.pascal[k] / 100.0, 0.0, round(s.celsius[k] * 100), 0)
             yield t, _battery(frame, float(s.volts[k]), float(s.amperes[k]))
+            if px4:
+                yield t, EscInfo(us, k // 50, frame.count, float(s.esc_celsius[k]))
         if k % 250 == 0:
             yield (
                 t,
@@ -83,6 +85,22 @@ def _imu(px4: bool, us: int, accel: Array, gyro: Array, pascal: float) -> Any:
 def _battery(frame: Airframe, volts: float, amperes: float) -> Any:
     cells = [round(volts / frame.cells * 1000.0)] * frame.cells + [65535] * (10 - frame.cells)
     return dialect.MAVLink_battery_status_message(0, 1, 1, 32767, cells, round(amperes * 100.0), -1, -1, 70)
+
+
+class EscInfo(dialect.MAVLink_message):
+    """ESC_INFO (290), which pymavlink's dialects lack: temperatures of ESCs that report no rotor speed."""
+
+    CRC_EXTRA = 251
+    WIRE = struct.Struct("<Q4IH4H4h4B")
+
+    def __init__(self, us: int, count: int, rotors: int, celsius: float) -> None:
+        super().__init__(290, "ESC_INFO")
+        warm = [round(celsius * 100.0)] * rotors + [32767] * (4 - rotors)
+        self.content = self.WIRE.pack(us, *[0] * 4, count % 65536, *[0] * 4, *warm, 0, rotors, 4, 2**rotors - 1)
+
+    def pack(self, mav: Any, force_mavlink1: bool = False) -> bytes:
+        """The frame."""
+        return self._pack(mav, self.CRC_EXTRA, self.content, force_mavlink1=force_mavlink1)
 
 
 def _escs(frame: Airframe, track: Track, s: Seen, late: float) -> Iterator[tuple[float, Any]]:
