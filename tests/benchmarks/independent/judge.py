@@ -87,7 +87,7 @@ def judge(truth: Mapping[str, Any], answer: Mapping[str, Any] | None, complaint:
     complete = verdict in ("explained", "nothing_missing") and not answer.get("outside")
     overclaimed = complete and bool(strange or missed)
     right = not wrong and not missed and not overclaimed
-    if not needed and not strange:
+    if truth["group"] == "null":
         right = right and verdict in ("explained", "nothing_missing")
     note = f"{verdict}: {', '.join(reported) or 'no name'}"
     if answer.get("aliases"):
