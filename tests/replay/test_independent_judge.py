@@ -7,9 +7,10 @@ from independent.judge import claimed_size, judge, share
 AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
 
-def truth(lag=0.0, payload_moment=0.0, **sizes):
+def truth(lag=0.0, payload_moment=0.0, group="single", **sizes):
     return {
         "sizes": sizes, "lag_beyond_delay": lag, "payload_moment": payload_moment, "weight_n": 10.0, "arm_m": 0.5,
+        "group": group,
     }  # fmt: skip
 
 
@@ -72,12 +73,13 @@ def test_a_force_in_no_catalogue_may_not_be_explained_away():
 
 
 def test_a_null_is_right_without_wrong_names_and_silent_without_any():
-    null = truth(vertical_inflow=0.01)
+    null = truth(group="null", vertical_inflow=0.01)
     assert judge(null, answer(verdict="nothing_missing")).silent
     named = judge(null, answer("vertical_inflow", explains=0.1))
     assert named.right
     assert not named.silent
     assert not judge(null, answer(verdict="unexplained")).right
+    assert judge(truth(wall_effect=0.015), answer(verdict="unexplained")).right  # something small is there
 
 
 def test_no_answer_misses_everything():

@@ -1,4 +1,5 @@
-"""Is an answer of ``replay diagnose`` right? Written from the physics of the flights before any answer was seen.
+"""Is an answer of ``replay diagnose`` right? Written from the physics of the flights; ``docs/independent-simulator.md``
+says what was corrected after answers were seen.
 
 An effect has to be named from 2 % of the weight on (95th percentile below 2 Hz; of a moment: of weight times arm). What
 is there but smaller may be named, in its own size. What is not there (less than 0.1 %) may not.
@@ -87,7 +88,7 @@ def judge(truth: Mapping[str, Any], answer: Mapping[str, Any] | None, complaint:
     complete = verdict in ("explained", "nothing_missing") and not answer.get("outside")
     overclaimed = complete and bool(strange or missed)
     right = not wrong and not missed and not overclaimed
-    if not needed and not strange:
+    if truth["group"] == "null":
         right = right and verdict in ("explained", "nothing_missing")
     note = f"{verdict}: {', '.join(reported) or 'no name'}"
     if answer.get("aliases"):
