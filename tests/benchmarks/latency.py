@@ -1,22 +1,27 @@
 """Message in -> command out against a bare pymavlink receiver on the same stream, in one run.
 
-    python tests/benchmarks/latency.py [--seconds 20] [--rate 400]
+    python tests/benchmarks/latency.py [--seconds 20] [--rate 400 1300] [--held-to 0.1] [--json FILE]
 
 One generator process sends a hovering vehicle's stream over loopback UDP at a steady rate. In turns, (a) a bare
 pymavlink receiver answers each ATTITUDE_QUATERNION with a fixed SET_ATTITUDE_TARGET, (b) the companion answers it with
 what it decides. Latency = the generator's clock from sending the attitude to getting the setpoint that carries its time
 stamp. CPU = the answering process's own user + system time over the wall clock. Prints a table; ratios are what counts.
+``--rate`` 1300 is what a real ArduCopter sends. ``--held-to`` 0.1 stops the companion for nine tenths of the time, in
+turns of 20 ms, as a computer of a tenth of the speed would, and prints what it answered and what it said.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import json
 import os
 import resource
+import signal
 import socket
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -41,20 +46,45 @@ while time.monotonic() < end:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=20.0)
-    parser.add_argument("--rate", type=float, default=400.0, help="messages per second, eight to a 50 Hz cycle")
+    parser.add_argument("--rate", type=float, nargs="+", default=[400.0], help="messages per second")
+    parser.add_argument("--held-to", type=float, metavar="SHARE", help="also with this share of a core")
+    parser.add_argument("--json", type=Path, metavar="FILE")
     a = parser.parse_args()
-    rows = {name: measure(name, a.seconds, a.rate) for name in ("bare", "companion", "bare again", "companion again")}
+    answer = {f"{rate:g}": compare(a.seconds, rate) for rate in a.rate}
+    if a.held_to is not None:
+        p50, p99, _, share, _ = measure("companion", a.seconds, a.rate[0], a.held_to)
+        print(f"held to {a.held_to:g} of a core: p50 {p50:.1f} ms, p99 {p99:.1f} ms, answered {share:.3f}")
+        answer["held"] = {"share_of_core": a.held_to, "p50_ms": p50, "p99_ms": p99, "answered": share}
+    if a.json is not None:
+        a.json.write_text(json.dumps(answer, indent=2) + "\n")
+
+
+def compare(seconds: float, rate: float) -> dict[str, float]:
+    """The two in turns at one rate: prints the table, returns the ratios companion / bare."""
+    print(f"{rate:g} messages/s")
+    rows = {name: measure(name, seconds, rate) for name in ("bare", "companion", "bare again", "companion again")}
     print(f"{'':18}{'p50 ms':>9}{'p99 ms':>9}{'CPU %':>8}{'answered':>10}{'RSS MiB':>9}")
     for name, (p50, p99, cpu, share, rss) in rows.items():
         print(f"{name:18}{p50:9.3f}{p99:9.3f}{cpu:8.1f}{share:10.3f}{rss:9.1f}")
     bare = np.mean([rows["bare"][:3], rows["bare again"][:3]], axis=0)
     ours = np.mean([rows["companion"][:3], rows["companion again"][:3]], axis=0)
-    print(
-        f"ratio companion / bare: p50 {ours[0] / bare[0]:.2f}, p99 {ours[1] / bare[1]:.2f}, CPU {ours[2] / bare[2]:.2f}"
-    )
+    p50, p99, cpu = (float(v) for v in ours / bare)
+    over = float(ours[1] - bare[1])
+    print(f"ratio companion / bare: p50 {p50:.2f}, p99 {p99:.2f} ({over:+.2f} ms), CPU {cpu:.2f}")
+    return {"p50": p50, "p99": p99, "p99_over_ms": over, "cpu": cpu, "rss_mib": rows["companion"][4]}
 
 
-def measure(name: str, seconds: float, rate: float) -> tuple[float, float, float, float, float]:
+def hold_back(pid: int, share: float, over: threading.Event) -> None:
+    """Let a process run for ``share`` of every 20 ms only."""
+    with contextlib.suppress(ProcessLookupError):
+        while not over.is_set():
+            os.kill(pid, signal.SIGSTOP)
+            time.sleep(0.02 * (1.0 - share))
+            os.kill(pid, signal.SIGCONT)
+            time.sleep(0.02 * share)
+
+
+def measure(name: str, seconds: float, rate: float, held_to: float = 1.0) -> tuple[float, float, float, float, float]:
     """(p50 ms, p99 ms, CPU %, share answered, peak RSS MiB) of one answering process."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
@@ -76,10 +106,15 @@ def measure(name: str, seconds: float, rate: float) -> tuple[float, float, float
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     start = time.monotonic()
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL, env={**os.environ, "OMP_NUM_THREADS": "1"})
+    over = threading.Event()
+    if held_to < 1.0:
+        threading.Thread(target=hold_back, args=(process.pid, held_to, over), daemon=True).start()
     try:
         latencies, sent, rss = stream(port, seconds, rate, process.pid)
-        process.wait(30)
+        over.set()
+        process.wait(60)
     finally:
+        over.set()
         process.kill()
         process.wait()
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -97,7 +132,7 @@ def stream(port: int, seconds: float, rate: float, pid: int) -> tuple[list[float
     parser.robust_parsing = True
     sent_at: dict[int, float] = {}
     latencies: list[float] = []
-    cycle = 8.0 / rate
+    cycle, others = (8.0 / rate, 0) if rate <= 500.0 else (0.02, round(0.02 * rate) - 8)
     begin = time.monotonic() + 5.0
     due, tick, sent, rss = time.monotonic(), 0, 0, 0.0
 
@@ -137,6 +172,8 @@ def stream(port: int, seconds: float, rate: float, pid: int) -> tuple[list[float
         send(mav.distance_sensor_encode(ms, 5, 4000, round((h - 0.05) * 100), 0, 0, 25, 0))
         send(mav.distance_sensor_encode(ms, 5, 4000, 40, 0, 1, 2, 0))
         send(mav.local_position_ned_encode(ms, 0, 0, -h, 0, 0, 0))
+        for _ in range(others):
+            send(mav.vfr_hud_encode(0, 0, 0, 0, 0, 0))
         # The attitude comes by itself, so that its answer is not behind the rest of the cycle in the queue.
         receive(due + 0.5 * cycle)
         q = quaternion_from_euler(0.0, 0.0, 0.1)
