@@ -30,6 +30,9 @@ import numpy as np
 from companion.mavlink.dialect import mavlink
 from models.frames import quaternion_from_euler
 
+PARAMETERS = {"GUID_OPTIONS": 8.0, "GUID_TIMEOUT": 0.5, "MOT_THST_HOVER": 0.5, "ATC_INPUT_TC": 0.15}
+"""What the generator answers as an ArduCopter."""
+
 BARE = """
 import os, sys, resource, time
 os.environ["MAVLINK20"] = "1"; os.environ["MAVLINK_DIALECT"] = "ardupilotmega"
@@ -159,8 +162,9 @@ def stream(port: int, seconds: float, rate: float, pid: int) -> tuple[list[float
                     at = sent_at.pop(message.time_boot_ms, None)
                     if at is not None and at > begin:
                         latencies.append(now - at)
-                elif kind == "PARAM_REQUEST_READ":
-                    send(mav.param_value_encode(message.param_id.encode(), 8.0, 9, 1, 0))
+                elif kind == "PARAM_REQUEST_READ" and message.param_id in PARAMETERS:
+                    value = PARAMETERS[message.param_id]
+                    send(mav.param_value_encode(message.param_id.encode(), value, 9, 1, 0))
 
     while time.monotonic() < begin + seconds:
         ms = 20000 + round(tick * cycle * 1000)
