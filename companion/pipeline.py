@@ -292,7 +292,11 @@ def _renew_push(state: PipelineState, t_s: float, config: PipelineConfig) -> Pip
         return replace(state, push=None, pushed_s=t_s)
     damping = config.damping_1_s if state.tuned is None else state.tuned.gains.velocity_1_s
     push = modelled_push(state.estimates, config, rotors, rotation, t_s, damping)
-    return replace(state, push=push, pushed_s=t_s)
+    share = state.lift_share
+    if t_s - state.airborne_since_s >= config.tuning.airborne_after_s:
+        now = push.free_lift_n / (config.vehicle.mass_kg * GRAVITY)
+        share += min(max(t_s - state.pushed_s, 0.0) / config.tuning.lift_time_s, 1.0) * (now - share)
+    return replace(state, push=push, pushed_s=t_s, lift_share=share)
 
 
 def _airborne(state: PipelineState, config: PipelineConfig, t_s: float) -> PipelineState:

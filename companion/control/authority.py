@@ -40,6 +40,9 @@ class Reason(Enum):
     TILTED = "tilted beyond 25 degrees"
     SWINGING = "the hold was swinging: softer gains"
     STOPPING = "stopping"
+    NO_MODEL = "no model of this vehicle's air"
+    MODEL_WRONG = "modelled lift at hover is not the weight: model or file of another vehicle"
+    ROTORS_WRONG = "other rotors turn than the vehicle file names: file of another vehicle"
     OFFSETS_OFF = "offsets switched off"
 
 
