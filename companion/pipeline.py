@@ -6,6 +6,7 @@ so no old output is ever sent again.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -96,6 +97,9 @@ def step(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[
     attitudes bring decisions that say so). Stamps of the autopilot that go back by more than a second are a reboot: all
     that was known is forgotten, except the wish to stop. A gap is none: what was learned stays.
     """
+    if state.heartbeat is not None and state.t_s <= 0.0 < sample.t_s:
+        # Heard before the first stamp, so at an unknown time, moments ago.
+        state = replace(state, heartbeat=dataclasses.replace(state.heartbeat, t_s=sample.t_s))
     if isinstance(sample, Attitude | LocalPosition | AttitudeTarget):
         if sample.t_s < state.stamped_s - _REBOOT_S:
             state = replace(initial_state(config), stopping=state.stopping)
