@@ -106,9 +106,6 @@ def _fly(a: argparse.Namespace) -> int:
 
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
     chosen = choose_to_fly(vehicle, a.model)
-    if not a.quiet:
-        for line in [*([chosen.note] if chosen.note else []), *(f"{a.vehicle}: {w}" for w in warnings(vehicle))]:
-            print(f"companion: {line}", file=sys.stderr)
     config = PipelineConfig(
         vehicle=vehicle,
         model=chosen.model,
@@ -135,6 +132,9 @@ def _fly(a: argparse.Namespace) -> int:
         options = FlightOptions(
             a.duration, a.target_system, a.quiet, hold_on_exit=a.on_exit == "hold", last_word=not a.no_last_word
         )
+        if not a.quiet:  # after all that may refuse, so that a refusal is one line
+            for line in [*([chosen.note] if chosen.note else []), *(f"{a.vehicle}: {w}" for w in warnings(vehicle))]:
+                print(f"companion: {line}", file=sys.stderr)
         flight = Flight(config, link, upstream, recorder, arrivals, options)
 
         def interrupt(*_: object) -> None:
