@@ -299,7 +299,7 @@ def as_text(flights: Sequence[Flown], settings: Settings) -> str:
         f"sim:{settings.scenario}, simulated, {flights[0].time_s[-1]:.0f} s approach, "
         + (f"{len(seeds)} seeds, mean ± sd" if wide else f"seed {seeds[0]}")
         + "; errors against the truth",
-        f"the undisturbed law is wrong about this air by {100 * wrong['lift']:.0f} % in lift, "
+        f"the model's law is wrong about this air by {100 * wrong['lift']:.0f} % in lift, "
         f"{100 * wrong['pull']:.0f} % in pull, {100 * wrong['tilt']:.0f} % in tilt",
         "",
         f"{'':24}" + "".join(f"{axis + ' [' + UNITS[axis] + ']':>{26 if wide else 18}}" for axis in AXES),
