@@ -35,7 +35,12 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     p.add_argument("--baud", type=int, default=115200, help="of a serial port (default 115200)")
     p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: the paper's tandem)")
-    p.add_argument("--model", metavar="DIR", help="model directory (default: the shipped model)")
+    p.add_argument(
+        "--model",
+        metavar="DIR",
+        help="model directory, or none: no offsets (default: the shipped "
+        "model, and none for a vehicle with another fan)",
+    )
     p.add_argument("--dry-run", action="store_true", help="compute and report, send no setpoint")
     p.add_argument("--setpoint", default="hold", metavar="hold|ENDPOINT",
                    help="hold: built-in hold where it engaged; or an endpoint on which an upstream controller sends "
@@ -90,17 +95,20 @@ def _check(a: argparse.Namespace) -> None:
 def _fly(a: argparse.Namespace) -> int:
     _check(a)
     # Imported here so that --help answers at once.
-    import models
     from companion.config import Base, Carrier, PipelineConfig
     from companion.flight import Flight, FlightOptions
     from companion.mavlink.link import Arrivals, open_link, read_signing_key
     from companion.mavlink.tlog_writer import Recorder
     from companion.vehicles import default_vehicle
+    from models.choice import choose_to_fly
     from models.vehicle import load_vehicle
+    from models.vehicle_plausibility import warnings
 
+    vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
+    chosen = choose_to_fly(vehicle, a.model)
     config = PipelineConfig(
-        vehicle=default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle),
-        model=models.load(a.model),
+        vehicle=vehicle,
+        model=chosen.model,
         base=Base.HOLD if a.setpoint == "hold" else Base.UPSTREAM,
         carrier=Carrier(a.carrier),
         dry_run=a.dry_run,
@@ -124,6 +132,9 @@ def _fly(a: argparse.Namespace) -> int:
         options = FlightOptions(
             a.duration, a.target_system, a.quiet, hold_on_exit=a.on_exit == "hold", last_word=not a.no_last_word
         )
+        if not a.quiet:  # after all that may refuse, so that a refusal is one line
+            for line in [*([chosen.note] if chosen.note else []), *(f"{a.vehicle}: {w}" for w in warnings(vehicle))]:
+                print(f"companion: {line}", file=sys.stderr)
         flight = Flight(config, link, upstream, recorder, arrivals, options)
 
         def interrupt(*_: object) -> None:

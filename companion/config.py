@@ -101,6 +101,11 @@ class Tuning:
     range_age_s: float = 0.3
     rotor_age_s: float = 0.4
     upstream_age_s: float = 0.5
+    lift_time_s: float = 2.0
+    """Over which the modelled lift of a flying vehicle is averaged before it is compared with the weight."""
+    lift_share: tuple[float, float] = (0.6, 1.6)
+    """Modelled lift over weight: a third of payload, the ground's cushion and a coefficient that is a fifth off stay
+    inside; a model or a file of another vehicle does not."""
     late_fade_s: float = 0.15
     """Attitudes or positions that arrive later than this by their own stamps fade the offsets: a hover offset moves by
     its own size within about 0.5 s, and the attitude loop behind it has some 20 degrees of phase left."""

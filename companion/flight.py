@@ -14,7 +14,7 @@ from companion.mavlink.frames import Frame
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
-from companion.mavlink.samples import Heartbeat
+from companion.mavlink.samples import Heartbeat, SetPositionTarget
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, Command, PositionCommand, encode
 from companion.mavlink.stream_rates import StreamKeeper, interval_request, wanted_streams
 from companion.mavlink.tlog_writer import Recorder
@@ -78,6 +78,8 @@ class Flight:
         self._intake = Intake(options.target_system)
         self._state = initial_state(config)
         self._status = StatusReporter()
+        self._told_slow: set[str] = set()
+        self._told_stray = False
         self._streams: StreamKeeper | None = None
         self._stack = Stack.OTHER
         self._heard_s = -math.inf
@@ -161,6 +163,8 @@ class Flight:
             self._connected(sample)
         if self._streams is not None:
             self._streams.heard(frame.id, self._arrivals.now_s())
+        if isinstance(sample, SetPositionTarget) and sample.target_component not in (0, OWN_COMPONENT):
+            self._stray_target(sample)
         self._state, decision = step(self._state, sample, self._config)
         if decision is None:
             return
@@ -185,6 +189,11 @@ class Flight:
             self._stack = stack
             self._streams = StreamKeeper(wanted_streams(self._config.vehicle, stack))
             self._say(f"companion: connected to system {self._system} ({stack.name.lower()})")
+
+    def _stray_target(self, target: SetPositionTarget) -> None:
+        if not self._told_stray and self._state.hold is not None:
+            self._told_stray = True
+            self._tell(f"companion: that target went to component {target.target_component}; 191 moves the hold")
 
     def _rebooted(self) -> None:
         self.reboots += 1
@@ -213,6 +222,10 @@ class Flight:
             return
         for wanted in self._streams.due(now_s):
             self._send(interval_request(self._link.mav, wanted, self._system))
+        for name, hz in self._streams.in_vain.items():
+            if name not in self._told_slow:
+                self._told_slow.add(name)
+                self._tell(f"companion: {name} comes at {hz:.0f} Hz only, however often asked for")
         retry_s = _PARAMETER_RETRY_S if self._asked <= _PARAMETER_TRIES else _PARAMETER_SLOW_RETRY_S
         if now_s - self._asked_s >= retry_s:
             self._asked_s = now_s
@@ -289,6 +302,13 @@ class Flight:
             self._system, AUTOPILOT_COMPONENT, _DO_SET_MODE, 0, _CUSTOM_MODE, main, sub, 0, 0, 0, 0
         )
 
+    def _tell(self, text: str) -> None:
+        """To the ground station and to stderr."""
+        for outgoing, words in self._status.tell(self._link.mav, text):
+            self._send(outgoing)
+            if words is not None:
+                self._say(words)
+
     def _say(self, text: str) -> None:
         if not self._options.quiet:
             print(text, file=sys.stderr, flush=True)
@@ -312,5 +332,6 @@ class Flight:
             if not self._latency.count
             else {"p50": self._latency.percentile_ms(50.0), "p99": self._latency.percentile_ms(99.0)},
             "asked_again": {} if self._streams is None else dict(self._streams.asked_again),
+            "slow_messages_hz": {} if self._streams is None else dict(self._streams.in_vain),
             **self.summary.as_json(),
         }

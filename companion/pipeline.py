@@ -6,6 +6,7 @@ so no old output is ever sent again.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -96,6 +97,9 @@ def step(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[
     attitudes bring decisions that say so). Stamps of the autopilot that go back by more than a second are a reboot: all
     that was known is forgotten, except the wish to stop. A gap is none: what was learned stays.
     """
+    if state.heartbeat is not None and state.t_s <= 0.0 < sample.t_s:
+        # Heard before the first stamp, so at an unknown time, moments ago.
+        state = replace(state, heartbeat=dataclasses.replace(state.heartbeat, t_s=sample.t_s))
     if isinstance(sample, Attitude | LocalPosition | AttitudeTarget):
         if sample.t_s < state.stamped_s - _REBOOT_S:
             state = replace(initial_state(config), stopping=state.stopping)
@@ -292,7 +296,11 @@ def _renew_push(state: PipelineState, t_s: float, config: PipelineConfig) -> Pip
         return replace(state, push=None, pushed_s=t_s)
     damping = config.damping_1_s if state.tuned is None else state.tuned.gains.velocity_1_s
     push = modelled_push(state.estimates, config, rotors, rotation, t_s, damping)
-    return replace(state, push=push, pushed_s=t_s)
+    share = state.lift_share
+    if t_s - state.airborne_since_s >= config.tuning.airborne_after_s:
+        now = push.free_lift_n / (config.vehicle.mass_kg * GRAVITY)
+        share += min(max(t_s - state.pushed_s, 0.0) / config.tuning.lift_time_s, 1.0) * (now - share)
+    return replace(state, push=push, pushed_s=t_s, lift_share=share)
 
 
 def _airborne(state: PipelineState, config: PipelineConfig, t_s: float) -> PipelineState:

@@ -18,6 +18,8 @@ from models.version import VersionAction
 # Spelled out here so that --help need not import the trainers.
 METHODS = ("bp", "ga-bp", "adam-bp", "ga-adam-bp", "kriging", "polynomial", "ensemble")
 CLOSED_FORM = "closed-form"
+PAPER_RADII_M = (0.165, 0.21)
+"""Rotor and outer lip radius of the fan that the closed form is of."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -56,6 +58,10 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument("--out", required=True, type=Path, metavar="DIR", help="model directory to write")
     train.add_argument("--hidden", default="9", metavar="N", help="hidden units, 2 to 12, or 'scan' (default 9)")
     train.add_argument("--epochs", type=_positive, default=3000, metavar="N", help="epochs of the paper's methods")
+    train.add_argument(
+        "--fan", nargs=2, type=float, metavar=("RADIUS", "LIP"),
+        help="rotor and outer lip radius [m] of the fan that the data are of: flight then refuses it on another fan",
+    )  # fmt: skip
     train.add_argument("--label", metavar="TEXT", help="what the data are, kept in model.json as their fidelity")
     _common_options(train)
     train.set_defaults(run=_train)
@@ -75,6 +81,7 @@ def _parser() -> argparse.ArgumentParser:
         "directory", nargs="?", type=Path, metavar="DIR", help="model directory (default: the shipped one)"
     )
     query.add_argument("--model", type=Path, metavar="DIR", help="the same as DIR")
+    query.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="with --model none: whose rotors")
     query.add_argument("--h", required=True, type=float, metavar="H", help="height [m], 'inf' without ground")
     query.add_argument("--d", required=True, type=float, metavar="D", help="lip to wall [m], 'inf' without wall")
     query.add_argument("--rpm", required=True, type=float, metavar="N", help="rotor speed [1/min]")
@@ -116,7 +123,10 @@ def _train(args: argparse.Namespace) -> int:
     if args.label:
         fidelity = {**fidelity, "label": args.label}
     bars = Bars(args.quiet)
-    trained = train(data, args.method, args.seed, hidden=hidden, epochs=args.epochs, fidelity=fidelity, progress=bars)
+    trained = train(
+        data, args.method, args.seed, hidden=hidden, epochs=args.epochs, fidelity=fidelity,
+        fan_radii_m=_fan_radii(args), progress=bars,
+    )  # fmt: skip
     bars.close()
     store.save_model(args.out, trained.model)
     report = {**trained.report, "out": str(args.out)}
@@ -170,7 +180,15 @@ def _query(args: argparse.Namespace) -> int:
     from models.surrogate.store import load
 
     directory = args.directory or args.model
-    model = load(directory)
+    if str(directory) == "none":
+        from models.surrogate.empty import empty_model
+        from models.vehicle import load_vehicle
+
+        if args.vehicle is None:
+            raise ConfigError("--model none: needs --vehicle FILE.toml, whose rotors in free air it is")
+        model = empty_model(load_vehicle(args.vehicle))
+    else:
+        model = load(directory)
     wrench, sigma, trust = model.query(args.h, args.d, args.rpm)
     free = model.free_air(args.rpm)
     result = {
@@ -202,6 +220,17 @@ def _data(name: str) -> tuple[Any, dict[str, Any]]:
     from models.dataset import read
 
     return read(name), {"level": None, "label": "not stated"}
+
+
+def _fan_radii(args: argparse.Namespace) -> tuple[float, float] | None:
+    if args.fan is None and args.data == CLOSED_FORM:
+        return PAPER_RADII_M
+    if args.fan is None:
+        return None
+    radius, lip = args.fan
+    if not 0.0 < radius <= lip < 100.0:
+        raise ConfigError(f"--fan {radius:g} {lip:g}: must be the rotor's radius and the lip's, which is no smaller")
+    return radius, lip
 
 
 def _hidden(text: str) -> int | None:

@@ -73,21 +73,27 @@ def _run(a: argparse.Namespace) -> int:
     if a.target_system is not None and not 1 <= a.target_system <= 255:
         raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
     # Imported here so that --help answers at once.
-    import models
     from companion.config import Base, PipelineConfig
     from companion.vehicles import default_vehicle
+    from models.choice import choose
     from models.vehicle import load_vehicle
+    from models.vehicle_plausibility import warnings
     from replay.rerun.report import run
 
+    vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
+    chosen = choose(vehicle, a.model)
     config = PipelineConfig(
-        vehicle=default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle),
-        model=models.load(a.model),
+        vehicle=vehicle,
+        model=chosen.model,
         base=Base.HOLD if a.setpoint == "hold" else Base.UPSTREAM,
         dry_run=True,
     )
-    report = run(
-        a.log, config, a.model or "shipped", a.target_system, _assumed(a.param), quiet=a.quiet or a.json == "-"
-    )
+    report = run(a.log, config, chosen.name, a.target_system, _assumed(a.param), quiet=a.quiet or a.json == "-")
+    report.notes[:0] = [
+        *([chosen.note] if chosen.note else []),
+        *(f"the model is of another fan than the vehicle file: {wrong}" for wrong in chosen.contradictions),
+        *(f"vehicle file: {line}" for line in warnings(vehicle)),
+    ]
     if a.json is not None:
         write_json(report.as_json(), a.json)
     if a.json != "-" and not a.quiet:

@@ -18,7 +18,7 @@ class Reason(Enum):
     TOO_LATE = "telemetry arrives too late to fly on"
     POSITION_UNTRUSTED = "the autopilot does not trust its own position"
     THRUST_UNKNOWN = "GUID_OPTIONS not read yet: the meaning of thrust is unknown"
-    THRUST_IS_CLIMB_RATE = "GUID_OPTIONS bit 3 (value 8) is not set: thrust would be read as a climb rate"
+    THRUST_IS_CLIMB_RATE = "GUID_OPTIONS lacks bit 3 (value 8): thrust would be read as a climb rate"
     TYPE_IGNORED = "this MAV_TYPE ignores SET_ATTITUDE_TARGET.thrust on PX4"
     STACK_UNKNOWN = "neither ArduPilot nor PX4"
     UPSTREAM_STALE = "no setpoint from the upstream controller"
@@ -29,9 +29,9 @@ class Reason(Enum):
     NO_MARGIN = "attitude too slow or positions too late for a stable hold"
     SWINGS_ON = "the hold swings even with soft gains"
     # The base is sent, offsets fade to zero
-    RANGE_MISSING = "a declared rangefinder was never heard"
-    RANGE_LOST = "range leapt from near to nothing though the vehicle did not move: echo lost"
-    RANGE_FROZEN = "range does not change though the vehicle moves: frozen"
+    RANGE_MISSING = "rangefinder never heard"
+    RANGE_LOST = "range lost: from near to nothing without motion"
+    RANGE_FROZEN = "range frozen: the vehicle moves, the reading does not"
     RANGE_STALE = "range old or invalid"
     LATE = "telemetry arrives late"
     RPM_MISSING = "rotor speeds missing or old"
@@ -40,6 +40,9 @@ class Reason(Enum):
     TILTED = "tilted beyond 25 degrees"
     SWINGING = "the hold was swinging: softer gains"
     STOPPING = "stopping"
+    NO_MODEL = "no model of this vehicle's air"
+    MODEL_WRONG = "modelled lift is not the weight: model or file of another vehicle"
+    ROTORS_WRONG = "more rotors turn than the vehicle file names: of another vehicle"
     OFFSETS_OFF = "offsets switched off"
 
 

@@ -12,6 +12,7 @@ from companion.control.state import PipelineState
 from companion.estimation.estimator import Estimates, Seen
 from companion.mavlink.firmware import Stack, ThrustMeaning, stack_of, takes_setpoints, thrust_meaning
 from companion.mavlink.samples import Heartbeat
+from models.surrogate.empty import is_empty
 
 
 def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[Reason, ...]:
@@ -44,8 +45,15 @@ def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[
         out.append(Reason.SWINGING)
     if state.stopping:
         out.append(Reason.STOPPING)
+    low, high = tuning.lift_share
+    if not low <= state.lift_share <= high:
+        out.append(Reason.MODEL_WRONG)
+    if t_s - estimates.undeclared_s < tuning.rotor_age_s:
+        out.append(Reason.ROTORS_WRONG)
     if not config.offsets:
         out.append(Reason.OFFSETS_OFF)
+    elif is_empty(config.model):
+        out.append(Reason.NO_MODEL)
     return tuple(out)
 
 

@@ -61,6 +61,8 @@ class PipelineState:
     push: Push | None = None
     pushed_s: float = -math.inf
     """When ``push`` was computed: after a position, so that an attitude is answered without waiting for the model."""
+    lift_share: float = 1.0
+    """Modelled free-air lift over the weight, averaged while the vehicle flies."""
     late_since_s: float = math.inf
     """Since when attitude or position have been too late to fly on; inf while they are not."""
     stopping: bool = False

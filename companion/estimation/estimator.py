@@ -129,6 +129,8 @@ class Estimates:
     servo_rpm: Array | None = None
     battery: Battery | None = None
     pressure: Pressure | None = None
+    undeclared_s: float = -math.inf
+    """When an ESC that the vehicle file does not name last turned."""
     esc_temperature_c: float | None = None
     """The hottest ESC."""
 
@@ -284,6 +286,10 @@ def take_rotors(estimates: Estimates, sample: RotorSpeeds, config: PipelineConfi
             continue
         rotors[k], _ = measure(track, tuning.rotor_track, sample.t_s, rpm, tuning.rotor_sigma_rpm, tuning.rotor_delay_s)
     estimates = replace(estimates, rotors=tuple(rotors))
+    if config.vehicle.telemetered:
+        declared = {rotor.esc for rotor in config.vehicle.rotors}
+        if any(abs(rpm) > _SPINNING_RPM and sample.first_esc + k not in declared for k, rpm in enumerate(sample.rpm)):
+            estimates = replace(estimates, undeclared_s=sample.t_s)
     return estimates if sample.health is None else take_health(estimates, sample.health)
 
 

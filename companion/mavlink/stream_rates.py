@@ -7,10 +7,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from companion.mavlink.dialect import mavlink
+from companion.mavlink.esc_messages import BY_ID as ESC_BY_ID
 from companion.mavlink.firmware import Stack
 from models.vehicle import Vehicle
 
 _CHECK_S = 2.0
+_IN_VAIN = 3
+"""Requests after which a slow stream is told to the pilot."""
 _ENOUGH = 0.7
 _SET_MESSAGE_INTERVAL = 511
 _ESC_GROUPS = (11030, 11031, 11032, 11040, 11041, 11042, 11043, 11044)
@@ -53,6 +56,12 @@ def wanted_streams(vehicle: Vehicle, stack: Stack) -> tuple[Wanted, ...]:
     return tuple(out)
 
 
+def message_name(message_id: int) -> str:
+    """A message by its name."""
+    kind = mavlink.mavlink_map.get(message_id)
+    return ESC_BY_ID[message_id].name if kind is None and message_id in ESC_BY_ID else str(kind.msgname)
+
+
 class StreamKeeper:
     """Counts arrivals by id and tells which requests to (re)send. Times are the receiver's clock [s]."""
 
@@ -61,6 +70,8 @@ class StreamKeeper:
         self._seen: dict[int, deque[float]] = {w.message_id: deque(maxlen=400) for w in wanted}
         self._checked_s: float | None = None
         self.asked_again: dict[int, int] = {}
+        self.in_vain: dict[str, float] = {}
+        """Needed messages that stay slow [Hz] though they were asked for several times, by name."""
 
     def heard(self, message_id: int, now_s: float) -> None:
         """Count one arrival."""
@@ -83,6 +94,8 @@ class StreamKeeper:
         slow = [w for w in self.wanted if self.rate(w.message_id, now_s) < _ENOUGH * w.hz]
         for w in slow:
             self.asked_again[w.message_id] = self.asked_again.get(w.message_id, 0) + 1
+            if w.needed and self.asked_again[w.message_id] == _IN_VAIN:
+                self.in_vain[message_name(w.message_id)] = self.rate(w.message_id, now_s)
         return slow
 
     def forget(self) -> None:

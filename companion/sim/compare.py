@@ -24,7 +24,6 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-import models
 from companion.config import PipelineConfig
 from companion.sim.air import surrogate_error
 from companion.sim.flight import Flight
@@ -32,6 +31,7 @@ from companion.sim.lockstep import Lockstep
 from companion.sim.pilot import Hand, ScriptedPilot
 from companion.sim.scenario import NAMES, build
 from companion.vehicles import default_vehicle
+from models.choice import choose_to_fly
 from models.errors import ConfigError, LinkError
 from models.vehicle import load_vehicle
 
@@ -152,7 +152,7 @@ def fly(settings: Settings, leg: Leg, seed: int) -> Flown:
     hand = Hand.AUTOPILOT if leg is Leg.AUTOPILOT else Hand.COMPANION
     config = None
     if leg is not Leg.AUTOPILOT:
-        config = PipelineConfig(vehicle, models.load(settings.model), offsets=leg is Leg.ON)
+        config = PipelineConfig(vehicle, choose_to_fly(vehicle, settings.model).model, offsets=leg is Leg.ON)
     with tempfile.TemporaryDirectory() as folder:
         truth = Path(folder) / "truth.csv"
         Lockstep(flight, lambda world: ScriptedPilot(world.flight, world.link, hand, endless=False), truth).fly(config)
@@ -299,7 +299,7 @@ def as_text(flights: Sequence[Flown], settings: Settings) -> str:
         f"sim:{settings.scenario}, simulated, {flights[0].time_s[-1]:.0f} s approach, "
         + (f"{len(seeds)} seeds, mean ± sd" if wide else f"seed {seeds[0]}")
         + "; errors against the truth",
-        f"the undisturbed law is wrong about this air by {100 * wrong['lift']:.0f} % in lift, "
+        f"the model's law is wrong about this air by {100 * wrong['lift']:.0f} % in lift, "
         f"{100 * wrong['pull']:.0f} % in pull, {100 * wrong['tilt']:.0f} % in tilt",
         "",
         f"{'':24}" + "".join(f"{axis + ' [' + UNITS[axis] + ']':>{26 if wide else 18}}" for axis in AXES),

@@ -78,7 +78,7 @@ def run(options: Options) -> int:
 
 
 def _announcement(options: Options, flight: Flight) -> dict[str, object]:
-    """The line that says the vehicle is up; it also tells how wrong the undisturbed law is in this air."""
+    """The line that says the vehicle is up; it also tells how wrong the law behind the model is in this air."""
     wrong = surrogate_error(flight.body.law)
     return {
         "endpoint": f"udpin:127.0.0.1:{options.port}",

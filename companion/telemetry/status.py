@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from companion.control.authority import Notice, Reason
+from companion.estimation.estimator import Seen
 from companion.mavlink.firmware import advice, mode_name, stack_of
 from companion.pipeline import Decision, PipelineState
+from companion.telemetry import statustext
 
 _PERIOD_S = 0.25
 _CALM_S = 0.5
+_REPEAT_S = 5.0
+_ABOUT_RANGES = {
+    Reason.RANGE_MISSING: Seen.MISSING,
+    Reason.RANGE_STALE: Seen.STALE,
+    Reason.RANGE_LOST: Seen.LOST,
+    Reason.RANGE_FROZEN: Seen.FROZEN,
+}
+_LATENESS = ((Reason.LATE,), (Reason.TOO_LATE,))
 _INFO, _WARNING = 6, 4
 
 
@@ -43,11 +54,13 @@ class StatusReporter:
 
     def __init__(self) -> None:
         self._named_s = -np.inf
-        self._said: tuple[Reason, ...] | None = None
-        self._pending: tuple[Reason, ...] | None = None
+        self._said: str | None = None
+        self._said_s: dict[str, float] = {}
+        self._pending: str | None = None
         self._pending_s = 0.0
-        self._advised = False
+        self._advised = self._led = False
         self._noticed: tuple[Notice, float] | None = None
+        self._number = 0
 
     def messages(self, mav: Any, state: PipelineState, decision: Decision) -> Iterator[tuple[Any, str | None]]:
         """(MAVLink message, its text for stderr or None) due at this decision."""
@@ -58,30 +71,55 @@ class StatusReporter:
                 yield mav.named_value_float_encode(boot_ms, name.encode(), value), None
         text = self._change(state, decision)
         if text is not None:
-            yield mav.statustext_encode(_INFO if not decision.reasons else _WARNING, text[:50].encode()), text
+            yield from self.tell(mav, text, warning=bool(decision.reasons))
         if decision.notice is not None and decision.notice != self._noticed:
             self._noticed = decision.notice
-            words = f"companion: {decision.notice[0].value}"
-            yield mav.statustext_encode(_WARNING, words[:50].encode()), words
+            yield from self.tell(mav, f"companion: {decision.notice[0].value}")
+        if decision.command is not None and state.hold is not None and not self._led:
+            self._led = True
+            yield from self.tell(mav, "companion: holding; position targets to component 191 move it", warning=False)
         hint = None if self._advised or state.heartbeat is None else advice(stack_of(state.heartbeat), state.parameters)
         if hint is not None:
             self._advised = True
-            yield mav.statustext_encode(_WARNING, hint[:50].encode()), hint
+            yield from self.tell(mav, hint)
+
+    def tell(self, mav: Any, text: str, *, warning: bool = True) -> Iterator[tuple[Any, str | None]]:
+        """One text for ground station and stderr."""
+        self._number = self._number % 65535 + 1
+        for place, message in enumerate(statustext.messages(mav, _WARNING if warning else _INFO, text, self._number)):
+            yield message, text if place == 0 else None
 
     def _change(self, state: PipelineState, decision: Decision) -> str | None:
-        """The new state in words, once it has lasted half a second."""
-        if decision.reasons == self._said:
+        """The new state in words, once it has lasted half a second, and no more often than every five seconds."""
+        words = said_of(state, decision)
+        if words == self._said:
             self._pending = None
             return None
-        if decision.reasons != self._pending:
-            self._pending, self._pending_s = decision.reasons, decision.t_s
+        if words != self._pending:
+            self._pending, self._pending_s = words, decision.t_s
             return None
         if decision.t_s - self._pending_s < _CALM_S:
             return None
-        self._said, self._pending = decision.reasons, None
-        if not decision.reasons:
-            return "companion: compensating"
-        mode = "" if state.heartbeat is None or decision.reasons[0] is not Reason.WRONG_MODE else (
-            f" (now {mode_name(state.heartbeat)})"
-        )  # fmt: skip
-        return f"companion: no offset, {decision.reasons[0].value}{mode}"
+        if 0.0 <= decision.t_s - self._said_s.get(words, -np.inf) < _REPEAT_S:
+            return None
+        self._said, self._pending = words, None
+        self._said_s[words] = decision.t_s
+        late = f" ({1000.0 * decision.late_s:.0f} ms)" if decision.reasons[:1] in _LATENESS else ""
+        return words + late
+
+
+def said_of(state: PipelineState, decision: Decision) -> str:
+    """The state of the offsets in words: the gravest refusal, and which range or mode it is about."""
+    if not decision.reasons:
+        return "companion: compensating"
+    reason = decision.reasons[0]
+    what = reason.value
+    seen = _ABOUT_RANGES.get(reason)
+    if seen is not None and decision.push is not None:
+        push = decision.push
+        surfaces = {"the ground": push.ground, "the wall": push.wall, "the ceiling": push.ceiling}
+        about = " and ".join(name for name, surface in surfaces.items() if surface.seen is seen)
+        what = re.sub("^(range(finder)?)", rf"\1 to {about}", what) if about else what
+    if reason is Reason.WRONG_MODE and state.heartbeat is not None:
+        what += f" (now {mode_name(state.heartbeat)})"
+    return f"companion: no offset, {what}"

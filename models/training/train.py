@@ -15,6 +15,7 @@ from models.errors import ModelError
 from models.frames import AXES, Array
 from models.surrogate import coordinates, domain, free_air, kriging, polynomial
 from models.surrogate.coordinates import Coordinates
+from models.surrogate.fan_identity import identity
 from models.surrogate.fan_surrogate import Calibration, FanSurrogate, Regressor
 from models.surrogate.free_air import FreeAir
 from models.surrogate.net_ensemble import NetEnsemble
@@ -139,12 +140,14 @@ def train(
     hidden: int | None = HIDDEN,
     epochs: int = EPOCHS,
     fidelity: Mapping[str, Any] | None = None,
+    fan_radii_m: tuple[float, float] | None = None,
     progress: Progress | None = None,
 ) -> Trained:
     """Train ``method`` at 80 % of the places, measure at the rest; ``hidden`` None scans 2...12 by inner validation.
 
     Nets are an ensemble of five, each without one fifth of the places; the spread of all methods is calibrated on
-    places that were not trained on. The test rows choose nothing.
+    places that were not trained on. The test rows choose nothing. ``fan_radii_m``: rotor and outer lip radius of the
+    fan that the data are of, kept in the model so that it is not flown on another one.
     """
     if method not in METHODS:
         raise ModelError(f"--method {method}: is not known; give one of {', '.join(METHODS)}")
@@ -177,6 +180,8 @@ def train(
         "choices": choices,
         "notes": notes,
     }
+    if fan_radii_m is not None:
+        info["fan"] = identity(problem.free_air, *fan_radii_m).as_info()
     where = domain.fit(problem.x, part.h, part.d, part.rpm)
     model = FanSurrogate(problem.free_air, problem.coordinates, regressor, calibrated, where, info=info)
     sets = {"train": part, "test": data.take(test_rows)}

@@ -49,15 +49,18 @@ def run(a: argparse.Namespace) -> int:
         if target is not None and str(target) != "-":
             _check_target(option, Path(target), folder=option != "--json")
     # Imported here so that --help answers at once.
-    import models
     from companion.vehicles import default_vehicle
+    from models.choice import choose
     from models.vehicle import load_vehicle
+    from models.vehicle_plausibility import warnings
     from replay.cli import write_json
     from replay.diagnosis.amended_model import save_amended
     from replay.diagnosis.diagnose import diagnose, flown
+    from replay.diagnosis.model_faults import model_faults
 
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
-    model = None if a.model == "none" else models.load(a.model)
+    chosen = None if a.model == "none" else choose(vehicle, a.model)
+    model = None if chosen is None or chosen.name == "none" else chosen.model
     shown = sys.stderr.isatty() and not a.quiet
 
     def progress(records: list[Record]) -> Iterable[Record]:
@@ -69,13 +72,20 @@ def run(a: argparse.Namespace) -> int:
     answer = diagnose(a.logs, vehicle, model, target_system=a.target_system, seed=a.seed, progress=progress)
     if a.save_model is not None:
         save_amended(a.save_model, model, vehicle, answer.adopted)
+    faults = model_faults(answer.records, chosen)
+    notes = [*([] if chosen is None or chosen.note is None else [chosen.note]), *warnings(vehicle)]
     if a.json is not None:
-        write_json(answer.as_json(None if a.save_model is None else str(a.save_model)), a.json)
+        told = answer.as_json(None if a.save_model is None else str(a.save_model))
+        told["log_faults"] = [*faults, *told.get("log_faults", [])]
+        told["notes"] = [*notes, *told["notes"]]
+        write_json(told, a.json)
     if a.report is not None:
         from replay.diagnosis.html_report import write_report
 
         write_report(a.report, answer, vehicle)
     if a.json != "-" and not a.quiet:
+        for line in [*(f"{f['channel']}: {f['what']}" for f in faults), *notes]:
+            print(line)
         print(answer.as_text())
         if a.save_model is not None:
             idle = [e.name for e in answer.adopted if not flown(e)]

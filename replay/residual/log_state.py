@@ -89,7 +89,8 @@ def equal_outputs(log: FlightLog, vehicle: Vehicle) -> bool:
     if log.servo is None or len(vehicle.rotors) < 2:
         return False
     outputs = log.servo.values[:, [r.servo - 1 for r in vehicle.rotors if r.servo is not None]]
-    return bool(np.nanmax(np.ptp(outputs, axis=1)) <= 1.0)
+    spread = np.ptp(outputs[np.isfinite(outputs).all(axis=1)], axis=1)
+    return bool(spread.size and spread.max() <= 1.0)
 
 
 def neutral_servos(vehicle: Vehicle) -> Array:

@@ -1,7 +1,7 @@
 """The corner approach over several seeds: mean ± sd, and how much of the air-caused error the offsets remove.
 
 Run it as a command: ``python tests/benchmarks/corner_compare.py --seeds 10 [--json FILE]``. Everything is simulated.
-Each seed draws another air (the undisturbed law is wrong by 10 to 30 % about it), turbulence and sensor errors.
+Each seed draws another air (the model's law is wrong by 10 to 30 % about it), turbulence and sensor errors.
 The flights run in lockstep: the same seed gives the same numbers on every machine.
 """
 

@@ -8,7 +8,7 @@ import sys
 import pytest
 from fake_autopilot import FakeAutopilot, free_port
 
-from companion.vehicles import TANDEM
+from companion.vehicles import QUAD, TANDEM
 
 
 def companion(*arguments, timeout=60):
@@ -130,3 +130,31 @@ def test_ctrl_c_fades_out_and_is_exit_code_130(tmp_path):
     assert "Traceback" not in err
     assert json.loads(out)["commands"] >= 100
     assert log.stat().st_size > 10_000
+
+
+def test_a_model_of_another_fan_is_refused_in_flight():
+    run = companion("--connect", "udpin:127.0.0.1:1", "--vehicle", str(QUAD), "--model", "default")
+    one_line(run, 2, "--model default", "another fan", "rotor radius")
+
+
+@pytest.mark.parametrize(("options", "said"), [([], "another fan"), (["--model", "none"], "")])
+def test_another_vehicle_flies_without_a_model(options, said):
+    with FakeAutopilot(port := free_port()) as autopilot:
+        run = companion(
+            "--connect", f"udpin:127.0.0.1:{port}", "--vehicle", str(QUAD), "--duration", "3", "--json", "-", *options
+        )
+        assert autopilot.received
+    assert run.returncode == 0, run.stderr
+    assert said in run.stderr
+    assert ("another fan" in run.stderr) is bool(said)
+    assert json.loads(run.stdout)["thrust"] is None or json.loads(run.stdout)["thrust"]["max"] == 0.0
+
+
+def test_an_odd_vehicle_file_is_flown_and_said(tmp_path):
+    odd = tmp_path / "odd.toml"
+    odd.write_text(TANDEM.read_text().replace("[0.0, 0.0, 0.05]", "[0.0, 0.0, -0.05]"))
+    with FakeAutopilot(port := free_port()):
+        run = companion("--connect", f"udpin:127.0.0.1:{port}", "--vehicle", str(odd), "--duration", "1")
+    assert run.returncode == 0
+    assert "odd.toml" in run.stderr
+    assert "z is positive down" in run.stderr

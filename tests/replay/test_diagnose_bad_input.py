@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from log_writers import EPOCH_US, bin_flight, quad_flight, write_tlog
 
 from companion.vehicles import QUAD
+from models.vehicle import Rotor, load_vehicle
 from replay.cli import main
+from replay.flightlog import FlightLog, Series
+from replay.residual.log_state import equal_outputs
 
 THRUST_TO_MASS = {"payload", "thrust_scale", "air_density"}
 THROTTLE = """
@@ -308,3 +313,44 @@ def test_a_second_flight_without_the_effect_leaves_it_a_candidate(ask):
     told = ask({"heavy.tlog": quad_flight(mass_kg=3.3), "light.tlog": quad_flight(seed=3)})
     (effect,) = told.answer["effects"]
     assert effect["status"] == "candidate"
+
+
+def test_a_model_of_another_fan_is_said_first(ask):
+    told = ask({"a.tlog": quad_flight(20.0)}, "--model", "default")
+    assert told.code == 0
+    first = told.answer["log_faults"][0]
+    assert first["channel"] == "model"
+    assert "rotor radius 0.165 m in the model, 0.14 m in the vehicle file" in first["what"]
+    assert any("times the lift that flew" in fault["what"] for fault in told.answer["log_faults"])
+
+
+def test_without_a_name_such_a_vehicle_is_diagnosed_without_model(tmp_path, capsys):
+    write_tlog(tmp_path / "a.tlog", quad_flight(20.0))
+    target = tmp_path / "answer.json"
+    arguments = ["diagnose", str(tmp_path / "a.tlog"), "--vehicle", str(QUAD), "--json", str(target)]
+    assert main(arguments) == 0
+    answer = json.loads(target.read_text())
+    assert answer["log_faults"] == []
+    assert "another fan" in answer["notes"][0]
+    assert "another fan" in capsys.readouterr().out
+    assert main(["run", str(tmp_path / "a.tlog"), "--vehicle", str(QUAD), "--json", str(target), "--quiet"]) == 0
+    report = json.loads(target.read_text())
+    assert report["model"] == "none"
+    assert "another fan" in report["notes"][0]
+
+
+def test_a_vehicle_file_whose_lift_did_not_fly_is_said(ask, tmp_path):
+    strong = tmp_path / "strong.toml"
+    strong.write_text(QUAD.read_text().replace("ct = 0.0140", "ct = 0.0400"))
+    told = ask({"a.tlog": quad_flight(20.0)}, vehicle=strong)
+    assert told.answer["log_faults"][0]["channel"] == "vehicle file"
+
+
+def test_outputs_that_are_not_sent_warn_of_nothing(recwarn):
+    """A PX4 log may hold outputs that are NaN in every row."""
+    outputs = Series(np.arange(50) / 10.0, np.full((50, 16), np.nan))
+    log = FlightLog(path=Path("x"), system=1, boot=0, start_s=0.0, end_s=5.0, servo=outputs)
+    quad = load_vehicle(QUAD)
+    by_servo = tuple(replace(f, rotors=tuple(Rotor(r.spin, servo=r.esc) for r in f.rotors)) for f in quad.fans)
+    assert not equal_outputs(log, replace(quad, fans=by_servo))
+    assert not [w for w in recwarn if issubclass(w.category, RuntimeWarning)]

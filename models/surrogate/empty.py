@@ -1,0 +1,48 @@
+"""The empty model: rotors in free air as the vehicle file declares them, and nothing else (``--model none``)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.air_state import blank_state
+from models.effects import Context
+from models.surrogate.coordinates import Coordinates
+from models.surrogate.domain import NODES, Domain
+from models.surrogate.fan_identity import identity
+from models.surrogate.fan_surrogate import Calibration, FanSurrogate
+from models.surrogate.free_air import FreeAir
+from models.surrogate.polynomial import PolynomialRegressor
+from models.vehicle import Vehicle
+
+REFERENCE_RPM = 4000.0
+
+
+def empty_model(vehicle: Vehicle) -> FanSurrogate:
+    """A surrogate without increments. Fans of unequal ``ct`` lift their mean.
+
+    Raises ConfigError where rotor speeds are telemetered and a fan has no ``ct``.
+    """
+    thrust = declared_thrust(vehicle)
+    zero = (0.0,) * 6
+    law = FreeAir(float(thrust.mean()), REFERENCE_RPM, 0.0, (0.0, 0.0, 1.0, 0.0, 0.0, 0.0), zero, "vehicle file")
+    fan = identity(law, vehicle.rotor_radius_m, vehicle.fans[0].lip_radius_m)
+    return FanSurrogate(
+        law,
+        Coordinates(0.0, 0.0, 0.0, 0.0, 1.0, 1e5, True),
+        PolynomialRegressor(1, np.zeros((4, 6)), np.zeros(6)),
+        Calibration(zero, zero, (1.0,) * 6),
+        Domain(np.ones((NODES, NODES)), 0.0, 0.0, 1.0, 1e5),
+        info={"method": "none", "data_hash": "", "metrics": {}, "fan": fan.as_info()},
+    )
+
+
+def declared_thrust(vehicle: Vehicle) -> np.ndarray:
+    """Free-air thrust [N] (fans,) at ``REFERENCE_RPM`` as the vehicle file declares it."""
+    state = blank_state((), len(vehicle.fans), len(vehicle.rotors))
+    state.rpm[...] = REFERENCE_RPM
+    return Context(state, vehicle).thrust
+
+
+def is_empty(model: FanSurrogate) -> bool:
+    """True for a model that says nothing about ground and wall and has no adopted effect."""
+    return not model.effects and getattr(model, "info", {}).get("method") == "none"

@@ -1,0 +1,86 @@
+"""Which fan a model is of, and whether that is the fan of a vehicle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from models.frames import GRAVITY
+from models.surrogate.fan_surrogate import FanSurrogate
+from models.surrogate.free_air import FreeAir
+from models.vehicle import RHO_SEA_LEVEL, Vehicle
+
+_RADIUS_SHARE, _LIP_SHARE = 0.05, 0.10
+"""Sizes further apart than this share are of two fans; drawings and rulers agree better."""
+_LIFT_RATIO = 1.35
+"""Lift at hover over weight, or its inverse, above which model and vehicle file contradict each other: a coefficient
+from a thrust stand is 10 to 20 % off in flight."""
+
+
+@dataclass(frozen=True)
+class FanIdentity:
+    """Rotor radius [m], outer lip radius [m] and free-air C_T = T/(rho A Omega^2 R^2) of the whole fan."""
+
+    radius_m: float
+    lip_radius_m: float
+    ct: float
+
+    def as_info(self) -> dict[str, float]:
+        """What ``model.json`` keeps under ``fan``."""
+        return {name: float(f"{value:.6g}") for name, value in asdict(self).items()}
+
+
+def identity(free_air: FreeAir, radius_m: float, lip_radius_m: float) -> FanIdentity:
+    """The fan of a free-air law, given its sizes."""
+    omega = free_air.rpm_ref * 2.0 * math.pi / 60.0
+    ct = free_air.lift_n / (RHO_SEA_LEVEL * math.pi * radius_m**2 * (omega * radius_m) ** 2)
+    return FanIdentity(radius_m, lip_radius_m, ct)
+
+
+def identity_of(info: Mapping[str, Any]) -> FanIdentity | None:
+    """The fan that a model's ``info`` names, or None where it names none (or not in numbers)."""
+    fan = info.get("fan")
+    try:
+        return None if fan is None else FanIdentity(*(float(fan[k]) for k in ("radius_m", "lip_radius_m", "ct")))
+    except (TypeError, KeyError, ValueError):
+        return None
+
+
+def contradictions(vehicle: Vehicle, model: FanSurrogate) -> tuple[str, ...]:
+    """How ``vehicle`` and ``model`` contradict each other, a few words each; empty where they may be of one fan.
+
+    Compared are the sizes that the model names, and, where the vehicle file gives ``ct``, the model's lift at the rotor
+    speed at which the vehicle hovers with the vehicle's weight.
+    """
+    out = []
+    fan = identity_of(model.info)
+    if fan is not None:
+        if _apart(fan.radius_m, vehicle.rotor_radius_m, _RADIUS_SHARE):
+            out.append(
+                f"rotor radius {fan.radius_m:g} m in the model, {vehicle.rotor_radius_m:g} m in the vehicle file"
+            )
+        lips = sorted({f.lip_radius_m for f in vehicle.fans})
+        if any(_apart(fan.lip_radius_m, lip, _LIP_SHARE) for lip in lips):
+            told = " and ".join(f"{lip:g}" for lip in lips)
+            out.append(f"lip radius {fan.lip_radius_m:g} m in the model, {told} m in the vehicle file")
+    ratio = lift_over_weight(vehicle, model)
+    if ratio is not None and not 1.0 / _LIFT_RATIO <= ratio <= _LIFT_RATIO:
+        out.append(f"modelled lift at hover is {ratio:.2g} times the weight")
+    return tuple(out)
+
+
+def lift_over_weight(vehicle: Vehicle, model: FanSurrogate) -> float | None:
+    """Modelled lift over weight where the rotors turn as fast as ``ct`` says they do in hover; None without ``ct``."""
+    unit = RHO_SEA_LEVEL * vehicle.disc_area_m2 * vehicle.rotor_radius_m**2
+    known = [fan.ct for fan in vehicle.fans if fan.ct is not None]
+    if len(known) < len(vehicle.fans):
+        return None
+    weight = vehicle.mass_kg * GRAVITY
+    rpm = math.sqrt(weight / (sum(known) * unit)) * 60.0 / (2.0 * math.pi)
+    return float(model.free_air_law.lift(rpm)) * len(vehicle.fans) / weight
+
+
+def _apart(a: float, b: float, share: float) -> bool:
+    return abs(a - b) > share * max(a, b)

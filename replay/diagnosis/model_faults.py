@@ -1,0 +1,33 @@
+"""A model or vehicle file of another vehicle: said before anything that the search would make of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from models.choice import Choice
+from models.frames import GRAVITY
+from replay.residual.record import Record
+
+_LIFT_RATIO = (0.6, 1.6)
+"""Modelled free-air lift over the lift that flew: thrust coefficients, loads, ground and air density stay inside."""
+
+
+def model_faults(records: Sequence[Record], chosen: Choice | None) -> list[dict[str, str]]:
+    """Entries for ``log_faults``: sizes that contradict each other, and a modelled lift that did not fly."""
+    out = [] if chosen is None else [
+        {"channel": "model", "what": f"is of another fan than the vehicle file: {wrong}"}
+        for wrong in chosen.contradictions
+    ]  # fmt: skip
+    for record in records:
+        context, valid = record.context, record.valid
+        felt = context.vehicle.mass_kg * np.linalg.norm(context.state.specific_force, axis=1)
+        lift = context.thrust.sum(axis=1)
+        share = lift[valid] / np.maximum(felt[valid], 0.1 * context.vehicle.mass_kg * GRAVITY)
+        ratio = float(np.nanmedian(share)) if np.isfinite(share).any() else 1.0
+        if not _LIFT_RATIO[0] <= ratio <= _LIFT_RATIO[1]:
+            source = "vehicle file" if context.model is None else "model"
+            what = f"{record.name}: modelled lift is {ratio:.2g} times the lift that flew; of another vehicle?"
+            out.append({"channel": source, "what": what})
+    return out

@@ -1,0 +1,131 @@
+"""What the pilot reads: whole words, which range, no repeats, no alarm that is none."""
+
+from __future__ import annotations
+
+import pytest
+from fake_autopilot import FakeAutopilot, free_port
+from flying import Bench, bench
+from hypothesis import given
+from hypothesis import strategies as st
+from test_flight import Run
+
+from companion.control.authority import Notice, Reason
+from companion.mavlink.dialect import mavlink
+from companion.mavlink.firmware import Stack
+from companion.mavlink.samples import Attitude, Heartbeat
+from companion.mavlink.stream_rates import StreamKeeper, wanted_streams
+from companion.pipeline import initial_state, step
+from companion.telemetry.status import StatusReporter
+from companion.telemetry.statustext import chunks, messages
+from companion.vehicles import default_vehicle
+
+MAV = mavlink.MAVLink(None, srcSystem=1, srcComponent=191)
+SENTENCES = [r.value for r in Reason] + [n.value for n in Notice]
+
+
+@given(st.lists(st.text("abcdefghij", min_size=1, max_size=49), min_size=1, max_size=30).map(" ".join))
+def test_chunks_end_between_words_and_join_again(text):
+    pieces = chunks(text)
+    assert all(len(piece) == 50 for piece in pieces[:-1]), "a piece that is not full ends the text"
+    assert 0 < len(pieces[-1]) <= 50
+    assert " ".join("".join(pieces).split()) == text
+
+
+@given(st.text(max_size=300))
+def test_any_text_can_be_sent(text):
+    for message in messages(MAV, 4, text, 7):
+        assert len(message.text) <= 50
+        message.pack(MAV)
+
+
+@pytest.mark.parametrize("sentence", SENTENCES)
+def test_no_sentence_is_cut(sentence):
+    text = f"companion: no offset, {sentence}"
+    sent = list(messages(MAV, 4, text, 7))
+    joined = "".join(m.text if isinstance(m.text, str) else m.text.decode() for m in sent)
+    assert " ".join(joined.split()) == text
+    assert [m.chunk_seq for m in sent] == list(range(len(sent)))
+    assert all((m.id == 7) is (len(sent) > 1) for m in sent)
+
+
+def told(b: Bench, seconds: float, reporter: StatusReporter) -> list[str]:
+    out = []
+    for _ in range(round(seconds / 0.02)):
+        decision = b.tick()
+        out += [text for _, text in reporter.messages(MAV, b.state, decision) if text is not None]
+    return out
+
+
+def test_it_says_which_range_is_old():
+    b, reporter = bench(height=0.3), StatusReporter()
+    told(b, 4.0, reporter)
+    b.send_range = False
+    assert told(b, 2.0, reporter) == ["companion: no offset, range to the ground and the wall old or invalid"]
+    b.send_range, b.wall = True, 60.0
+    texts = told(b, 3.0, reporter)
+    assert any("range to the wall lost" in text for text in texts), texts
+
+
+def test_nothing_is_said_twice_for_one_cause():
+    b, reporter = bench(armed=False, landed=1, rpm=0.0), StatusReporter()
+    texts = told(b, 2.0, reporter)
+    b.send_rpm = False
+    texts += told(b, 2.0, reporter)
+    b.landed = 2
+    texts += told(b, 2.0, reporter)
+    assert texts.count("companion: no offset, not armed") == 1
+    assert len([t for t in texts if "not armed" in t]) == 1
+
+
+def test_a_state_that_comes_and_goes_is_not_repeated_all_the_time():
+    b, reporter = bench(height=0.3), StatusReporter()
+    texts = []
+    for k in range(12):
+        b.send_rpm = k % 2 == 0
+        texts += told(b, 1.5, reporter)
+    assert texts.count("companion: no offset, rotor speeds missing or old") <= 4
+
+
+def test_late_data_are_told_in_milliseconds():
+    b, reporter = bench(height=0.3), StatusReporter()
+    told(b, 4.0, reporter)
+    b.late = 0.22
+    assert "companion: no offset, telemetry arrives late (220 ms)" in told(b, 2.0, reporter)
+
+
+def test_a_heartbeat_before_the_first_stamp_counts():
+    """Before the autopilot stamped a message the axis is unknown, and times are 0."""
+    b = bench()
+    state, _ = step(initial_state(b.config), Heartbeat(0.0, 1, 1, True, 4, 128, 3, 2, 4), b.config)
+    state, decision = step(state, Attitude(4321.0, 1, 1, (1.0, 0.0, 0.0, 0.0), (0, 0, 0), "ATTITUDE"), b.config)
+    assert Reason.NO_HEARTBEAT not in decision.reasons
+    later = Attitude(4326.0, 1, 1, (1.0, 0.0, 0.0, 0.0), (0, 0, 0), "ATTITUDE")
+    assert Reason.NO_HEARTBEAT in step(state, later, b.config)[1].reasons
+
+
+def test_a_needed_message_that_stays_slow_is_named():
+    keeper = StreamKeeper(wanted_streams(default_vehicle(), Stack.ARDUPILOT))
+    now = 0.0
+    while now < 9.0:
+        for wanted in keeper.wanted:
+            if wanted.message_id != mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED or round(now * 50) % 5 == 0:
+                keeper.heard(wanted.message_id, now)
+        keeper.due(now)
+        now += 0.02
+    assert keeper.in_vain == {"LOCAL_POSITION_NED": pytest.approx(10.0, abs=1.0)}
+
+
+def test_a_target_for_the_autopilot_is_answered_with_the_right_address():
+    port = free_port()
+    with FakeAutopilot(port) as autopilot, Run(port):
+        autopilot.wait_for("SET_ATTITUDE_TARGET", 5)
+        place = (1.0, 0.0, -1.0)
+        target = mavlink.MAVLink_set_position_target_local_ned_message(
+            0, 1, 1, 1, 0x0DF8, *place, *(0.0,) * 3, *(0.0,) * 3, 0.0, 0.0
+        )
+        autopilot.send(target)
+        autopilot.wait_for("STATUSTEXT", 3)
+        end = [m.text for m in autopilot.wait_for("STATUSTEXT", 4)]
+    joined = " ".join("".join(end).split())
+    assert "191 moves the hold" in joined
+    assert "position targets to component 191" in joined
