@@ -40,6 +40,7 @@ def parser() -> argparse.ArgumentParser:
         "--setpoint", choices=("hold", "upstream"), default="hold",
         help="decide at every attitude (hold) or at every recorded SET_ATTITUDE_TARGET (upstream)",
     )  # fmt: skip
+    run.add_argument("--survey", metavar="BOX", help="the box of a recorded companion --survey")
     run.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
     run.add_argument(
         "--param", action="append", default=[], metavar="NAME=VALUE",
@@ -75,6 +76,7 @@ def _run(a: argparse.Namespace) -> int:
     # Imported here so that --help answers at once.
     import models
     from companion.config import Base, PipelineConfig
+    from companion.control.survey_box import read_box
     from companion.vehicles import default_vehicle
     from models.vehicle import load_vehicle
     from replay.rerun.report import run
@@ -84,6 +86,7 @@ def _run(a: argparse.Namespace) -> int:
         model=models.load(a.model),
         base=Base.HOLD if a.setpoint == "hold" else Base.UPSTREAM,
         dry_run=True,
+        survey=None if a.survey is None else read_box(a.survey),
     )
     report = run(
         a.log, config, a.model or "shipped", a.target_system, _assumed(a.param), quiet=a.quiet or a.json == "-"
