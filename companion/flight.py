@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from companion.config import Base, PipelineConfig
-from companion.control.survey import Phase
+from companion.control.survey import Phase, Survey
 from companion.last_word import LastWord
 from companion.mavlink.firmware import Stack, mode_name, needed_parameters, stack_of
 from companion.mavlink.frames import Frame
@@ -175,6 +175,11 @@ class Flight:
             self._send(outgoing)
             if text is not None:
                 self._say(text)
+
+    @property
+    def survey(self) -> Survey:
+        """How far a survey has come."""
+        return self._state.survey
 
     def _tell_survey(self) -> None:
         survey = self._state.survey
