@@ -48,6 +48,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--carrier", choices=("attitude", "acceleration"), default="attitude",
                    help="how offsets travel; acceleration is for PX4")  # fmt: skip
     p.add_argument("--record", type=Path, metavar="FILE.tlog", help="record both directions of the link")
+    p.add_argument("--survey", metavar="BOX",
+                   help="move the hold slowly through HEIGHT_MIN:HEIGHT_MAX[:WALL_MIN:WALL_MAX] metres and back, "
+                   "to learn ground and wall from the recording; another mode or target ends it")  # fmt: skip
     p.add_argument("--duration", type=float, metavar="S", help="stop after this many seconds")
     p.add_argument("--signing-key", type=Path, metavar="FILE", help="MAVLink 2 signing key: 32 bytes or 64 hex digits")
     p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's system id (default: the first heard)")
@@ -83,6 +86,8 @@ def _check(a: argparse.Namespace) -> None:
         raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
     if a.carrier == "acceleration" and a.setpoint != "hold":
         raise ConfigError("--carrier acceleration: works with --setpoint hold only")
+    if a.survey is not None and (a.record is None or a.setpoint != "hold" or a.dry_run):
+        raise ConfigError("--survey: needs --record FILE.tlog, --setpoint hold and no --dry-run")
     if a.connect.startswith("sim:"):
         from companion.sim.scenario import NAMES
 
@@ -96,6 +101,7 @@ def _fly(a: argparse.Namespace) -> int:
     _check(a)
     # Imported here so that --help answers at once.
     from companion.config import Base, Carrier, PipelineConfig
+    from companion.control.survey_box import read_box
     from companion.flight import Flight, FlightOptions
     from companion.mavlink.link import Arrivals, open_link, read_signing_key
     from companion.mavlink.tlog_writer import Recorder
@@ -113,6 +119,7 @@ def _fly(a: argparse.Namespace) -> int:
         carrier=Carrier(a.carrier),
         dry_run=a.dry_run,
         offsets=not a.no_offsets,
+        survey=None if a.survey is None else read_box(a.survey),
     )
     key = None if a.signing_key is None else read_signing_key(a.signing_key)
     arrivals = Arrivals()

@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass, field
 from enum import Enum
 
+from companion.control.survey_box import SurveyBox
 from companion.estimation.kalman import TrackModel
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
@@ -192,6 +193,8 @@ class PipelineConfig:
     dry_run: bool = False
     offsets: bool = True
     """False flies the bare hold: for comparison only."""
+    survey: SurveyBox | None = None
+    """The hold is moved through this box once it flies."""
 
     @property
     def damping_1_s(self) -> float:

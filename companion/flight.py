@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from companion.config import Base, PipelineConfig
+from companion.control.survey import Phase, Survey
 from companion.last_word import LastWord
 from companion.mavlink.firmware import Stack, mode_name, needed_parameters, stack_of
 from companion.mavlink.frames import Frame
@@ -24,6 +25,7 @@ from companion.telemetry.status import StatusReporter
 from companion.telemetry.summary import Summary
 
 _ONBOARD_CONTROLLER, _NO_AUTOPILOT, _ACTIVE = 18, 8, 4
+_INFO = 6
 _LOST_S = 3.0
 _STOP_S = 3.0
 """At most so long for offsets to fade and the vehicle to come to rest after a stop."""
@@ -87,6 +89,7 @@ class Flight:
         self._complained = False
         self._beat_s = self._asked_s = self._flushed_s = -math.inf
         self._asked = 0
+        self._survey_told: tuple[Phase, str] = (Phase.WAITING, "")
         self._stop_s: float | None = None
         self._latency = LatencyHistogram()
         self._hurried = False
@@ -166,6 +169,7 @@ class Flight:
         if isinstance(sample, SetPositionTarget) and sample.target_component not in (0, OWN_COMPONENT):
             self._stray_target(sample)
         self._state, decision = step(self._state, sample, self._config)
+        self._tell_survey()
         if decision is None:
             return
         if decision.command is not None and not self._config.dry_run:
@@ -175,6 +179,20 @@ class Flight:
             self._send(outgoing)
             if text is not None:
                 self._say(text)
+
+    @property
+    def survey(self) -> Survey:
+        """How far a survey has come."""
+        return self._state.survey
+
+    def _tell_survey(self) -> None:
+        survey = self._state.survey
+        if self._config.survey is None or (survey.phase, survey.why) == self._survey_told:
+            return
+        self._survey_told = (survey.phase, survey.why)
+        text = f"companion: {survey.phase.value}" + (f": {survey.why}" if survey.why else "")
+        self._send(self._link.mav.statustext_encode(_INFO, text[:50].encode()))
+        self._say(text)
 
     @property
     def _system(self) -> int:
@@ -333,5 +351,6 @@ class Flight:
             else {"p50": self._latency.percentile_ms(50.0), "p99": self._latency.percentile_ms(99.0)},
             "asked_again": {} if self._streams is None else dict(self._streams.asked_again),
             "slow_messages_hz": {} if self._streams is None else dict(self._streams.in_vain),
+            **({} if self._config.survey is None else {"survey": self._state.survey.as_json()}),
             **self.summary.as_json(),
         }

@@ -23,6 +23,8 @@ from companion.control.position_hold import BaseSetpoint, Motion, engage, fly, s
 from companion.control.position_target import read_target, stay
 from companion.control.refusals import lateness, refusals, upstream_silent
 from companion.control.state import Decision, PipelineState
+from companion.control.survey import Whereabouts, aborted, advance, as_message, level_direction
+from companion.control.survey_box import SurveyBox
 from companion.estimation import estimator as est
 from companion.estimation.estimator import blank_estimates
 from companion.mavlink.firmware import Stack, ThrustMap, mode_name, stack_of, takes_setpoints, thrust_map
@@ -105,6 +107,8 @@ def step(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[
             state = replace(initial_state(config), stopping=state.stopping)
         state = replace(state, stamped_s=max(state.stamped_s, sample.t_s))
     state = _take(state, sample, config)
+    if config.survey is not None:
+        state = _surveyed(state, sample, config, config.survey)
     if isinstance(sample, LocalPosition) and sample.t_s - state.pushed_s >= config.tuning.push_period_s:
         state = _renew_push(state, sample.t_s, config)
     if not _calls_for_decision(state, sample, config):
@@ -182,6 +186,24 @@ def _take_heartbeat(state: PipelineState, sample: Heartbeat) -> PipelineState:
         # Another mode, another beginning: a hold that swung under the last one may try again.
         state = replace(state, swing=swing_detector.SwingDetector())
     return replace(state, heartbeat=sample, engagement=seen)
+
+
+def _surveyed(state: PipelineState, sample: Sample, config: PipelineConfig, box: SurveyBox) -> PipelineState:
+    """A survey moves the hold by the messages that a pilot would send; a pilot's own message ends it."""
+    if isinstance(sample, SetPositionTarget) and sample.target_component == OWN_COMPONENT:
+        return replace(state, survey=aborted(state.survey, "a target came from outside"))
+    position, push = state.estimates.position, state.push
+    if not isinstance(sample, LocalPosition) or position is None:
+        return state
+    height, wall, towards = math.nan, math.nan, None
+    if push is not None:
+        height = float(push.h_m.min()) if push.ground.known else math.nan
+        wall = float(push.d_m.min()) if push.wall.known else math.nan
+        towards = level_direction(push.wall.normal_ned)
+    seen = Whereabouts(sample.t_s, state.hold is not None, np.asarray(position.position_ned), height, wall, towards)
+    survey, wanted = advance(state.survey, box, seen)
+    state = replace(state, survey=survey)
+    return state if wanted is None else _take(state, as_message(wanted, sample, OWN_COMPONENT), config)
 
 
 def _follow_reset(state: PipelineState, t_s: float) -> PipelineState:

@@ -40,6 +40,7 @@ def parser() -> argparse.ArgumentParser:
         "--setpoint", choices=("hold", "upstream"), default="hold",
         help="decide at every attitude (hold) or at every recorded SET_ATTITUDE_TARGET (upstream)",
     )  # fmt: skip
+    run.add_argument("--survey", metavar="BOX", help="the box of a recorded companion --survey")
     run.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
     run.add_argument(
         "--param", action="append", default=[], metavar="NAME=VALUE",
@@ -74,6 +75,7 @@ def _run(a: argparse.Namespace) -> int:
         raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
     # Imported here so that --help answers at once.
     from companion.config import Base, PipelineConfig
+    from companion.control.survey_box import read_box
     from companion.vehicles import default_vehicle
     from models.choice import choose
     from models.vehicle import load_vehicle
@@ -87,6 +89,7 @@ def _run(a: argparse.Namespace) -> int:
         model=chosen.model,
         base=Base.HOLD if a.setpoint == "hold" else Base.UPSTREAM,
         dry_run=True,
+        survey=None if a.survey is None else read_box(a.survey),
     )
     report = run(a.log, config, chosen.name, a.target_system, _assumed(a.param), quiet=a.quiet or a.json == "-")
     report.notes[:0] = [

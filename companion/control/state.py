@@ -15,6 +15,7 @@ from companion.control.hand_over import Parting
 from companion.control.hover_thrust import HoverThrust
 from companion.control.plant import AttitudeLoop, HoldTuning, Timing
 from companion.control.position_hold import BaseSetpoint, Hold
+from companion.control.survey import Survey
 from companion.control.swing_detector import SwingDetector
 from companion.estimation.estimator import Estimates
 from companion.mavlink.samples import Heartbeat, SetAttitudeTarget
@@ -65,6 +66,7 @@ class PipelineState:
     """Modelled free-air lift over the weight, averaged while the vehicle flies."""
     late_since_s: float = math.inf
     """Since when attitude or position have been too late to fly on; inf while they are not."""
+    survey: Survey = field(default_factory=Survey)
     stopping: bool = False
     notice: tuple[Notice, float] | None = None
     """The newest notice and its time."""

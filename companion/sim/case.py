@@ -30,7 +30,7 @@ VELOCITY_ONLY = 0x7 | 0x1C0 | 0x400 | 0x800
 TARGET_PERIOD_S = 0.1
 STICK_PERIOD_S = 0.05
 TAKE_OFF_LIMIT_S = 20.0
-END_S = 180.0
+END_S = 600.0
 WIRE_S = 0.010
 """Delay each way: with it an attitude answers its setpoint as late as in the recordings of both real firmwares."""
 

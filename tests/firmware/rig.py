@@ -116,11 +116,14 @@ class Rig:
         flag, port = ("--px4-hil", 4560) if self.px4 else ("--ardupilot-json", 9002)
         physics = [sys.executable, "-m", "companion.sim", "--vehicle", QUAD, "--scenario", "corner"]
         self._start("physics", [*physics, flag, port, "--truth", self.folder / "truth.csv"])
-        time.sleep(3.0)
+        give_up = time.monotonic() + 60.0
+        while b"{" not in (self.folder / "physics.log").read_bytes():
+            assert time.monotonic() < give_up, f"the physics did not start; see {self.folder}/physics.log"
+            time.sleep(0.1)
         (self._boot_px4 if self.px4 else self._boot_arducopter)()
         station = 14550 if self.px4 else 14551
         self._link = mavutil.mavlink_connection(f"udpin:127.0.0.1:{station}", source_system=255, source_component=190)
-        if self._link.wait_heartbeat(timeout=120) is None:
+        if self._link.wait_heartbeat(timeout=180) is None:
             raise RuntimeError(f"no heartbeat; see {self.folder}/firmware.log")
         threading.Thread(target=self._listen, daemon=True).start()
         threading.Thread(target=self._beat, daemon=True).start()
