@@ -60,7 +60,8 @@ class HoldGains:
     target_age_s: float = 0.5
     """The velocity that goes with a position target counts for this long after it was sent; the position stays."""
     velocity_age_s: float = 1.2
-    """A velocity target without a position lasts this long: senders repeat it at 1 Hz or faster."""
+    """A velocity target without a position lasts two and a half periods of its sender, at most this long: senders
+    repeat it at 1 Hz or faster."""
     follow_m: float = 0.15
     """A target that leaps less than this is followed as it is; a larger leap is approached within the limits."""
     caught_up_m: float = 0.02

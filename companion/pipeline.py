@@ -156,7 +156,7 @@ def _take_request(state: PipelineState, sample: Sample, config: PipelineConfig) 
         case Parameter():
             return replace(state, parameters={**state.parameters, sample.name: sample.value})
         case SetPositionTarget() if sample.target_component == OWN_COMPONENT:
-            return _retarget(state, sample)
+            return _retarget(state, sample, config)
         case SetAttitudeTarget() if config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT:
             return replace(state, upstream=sample)
     return state
@@ -214,13 +214,13 @@ def _follow_reset(state: PipelineState, t_s: float) -> PipelineState:
     return replace(state, hold=shifted(hold, np.asarray(reset.by_ned)))
 
 
-def _retarget(state: PipelineState, sample: SetPositionTarget) -> PipelineState:
+def _retarget(state: PipelineState, sample: SetPositionTarget, config: PipelineConfig) -> PipelineState:
     """A target moves the hold that is engaged; one that came before is not kept."""
     position, rotation = state.estimates.position, state.estimates.rotation
     if state.hold is None or state.stopping or position is None or rotation is None:
         return state
     yaw = math.atan2(rotation[1, 0], rotation[0, 0])
-    target = read_target(sample, state.hold.target, np.asarray(position.position_ned), yaw)
+    target = read_target(sample, state.hold.target, np.asarray(position.position_ned), yaw, config.tuning.hold)
     if target is None:
         return replace(state, notice=(Notice.FRAME_REFUSED, sample.t_s))
     return replace(state, hold=replace(state.hold, target=target))

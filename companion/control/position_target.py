@@ -47,6 +47,8 @@ class Target:
     yaw: float
     """Heading [rad]."""
     set_s: float
+    lasts_s: float = math.inf
+    """How long a velocity without a position counts: two and a half periods of the sender."""
 
 
 def stay(yaw: float, t_s: float) -> Target:
@@ -54,7 +56,7 @@ def stay(yaw: float, t_s: float) -> Target:
     return Target(_NOWHERE, np.zeros(3), yaw, t_s)
 
 
-def read_target(sample: SetPositionTarget, old: Target, position: Array, yaw: float) -> Target | None:
+def read_target(sample: SetPositionTarget, old: Target, position: Array, yaw: float, gains: HoldGains) -> Target | None:
     """The target that a message asks for, or None where its frame is not one of the four.
 
     ``position`` (3,) [m] and ``yaw`` [rad] are the vehicle's own; ``old`` gives what the message leaves out. An axis
@@ -76,7 +78,8 @@ def read_target(sample: SetPositionTarget, old: Target, position: Array, yaw: fl
     heading = old.yaw
     if not mask & _IGNORE_YAW and math.isfinite(sample.yaw):
         heading = sample.yaw + (yaw if frame.along_nose else 0.0)
-    return Target(place, np.where(no_speed, 0.0, speed), heading, sample.t_s)
+    lasts = min(max(2.5 * (sample.t_s - old.set_s), gains.target_age_s), gains.velocity_age_s)
+    return Target(place, np.where(no_speed, 0.0, speed), heading, sample.t_s, lasts)
 
 
 def _turned(vector: Array, yaw: float) -> Array:
@@ -107,12 +110,12 @@ def advance(
 ) -> Reference:
     """The reference ``dt_s`` later: on the target where the vehicle can follow it, else on the way there.
 
-    A velocity counts for ``target_age_s`` after its message where it goes with a position, ``velocity_age_s`` where
-    it stands alone.
+    A velocity counts for ``target_age_s`` after its message where it goes with a position, ``Target.lasts_s`` where it
+    stands alone.
     """
     age = max(t_s - target.set_s, 0.0)
     moved = np.isnan(target.position)
-    valid = np.where(moved, age <= gains.velocity_age_s, age <= gains.target_age_s)
+    valid = np.where(moved, age <= target.lasts_s, age <= gains.target_age_s)
     speed = np.where(valid, _limited(target.velocity, limits.speed_m_s, limits.climb_m_s), 0.0)
     # Between two messages a moving target moves on at its own velocity.
     place = target.position + speed * min(age, gains.target_age_s)

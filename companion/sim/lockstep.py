@@ -87,6 +87,10 @@ class _KilledError(Exception):
     """The companion's process has ended where it stood."""
 
 
+class _OverError(Exception):
+    """The flight has come to its end: nobody looks at what the companion does after it."""
+
+
 class Lockstep:
     """One simulated flight from boot to its end, with a companion or without.
 
@@ -108,6 +112,8 @@ class Lockstep:
         self.link = VehicleLink(flight, lambda frame: self.wire.send_down(frame, flight.time_s))
         self.start_companion_s = 0.0
         """Boot time at which the companion is started."""
+        self.last_word = True
+        """False: no second process stands by."""
         self.companion: CompanionFlight | None = None
         """The companion that runs, or ran last."""
         self._truth = None if truth is None else TruthFile(truth, flight)
@@ -157,8 +163,15 @@ class Lockstep:
         self.companion = CompanionFlight(config, link, None, recorder, arrivals, FlightOptions(quiet=True))
         try:
             self.companion.run()
-        except _KilledError:
+        except _OverError:
             return
+        except _KilledError:
+            self._say_last_word(self.companion.last_word)
+
+    def _say_last_word(self, frame: bytes) -> None:
+        """What the companion's second process does (companion/last_word.py): the pipe breaks, it speaks."""
+        if frame and self.last_word:
+            self.write(frame)
 
     def _step(self) -> None:
         """One physics step of everything but the companion."""
@@ -186,7 +199,7 @@ class Lockstep:
         if self._killed:
             raise _KilledError
         if self._pilot.over:
-            self.interrupt()
+            raise _OverError
 
     def monotonic_ns(self) -> int:
         """Nanoseconds since the vehicle's boot."""

@@ -14,6 +14,9 @@ from models.frames import quaternion_from_euler
 class FakeAutopilot:
     """Sends a hovering vehicle's messages to ``port`` at 50 Hz from a thread; ``boot_s`` may be set back (a reboot)."""
 
+    autopilot = 3
+    """MAV_AUTOPILOT: ArduPilot."""
+
     def __init__(self, port: int, system: int = 1, parameters: dict[str, float] | None = None, rate_hz: float = 50.0):
         self.system = system
         self.parameters = {"GUID_OPTIONS": 8.0, "GUID_TIMEOUT": 0.5} if parameters is None else parameters
@@ -78,7 +81,7 @@ class FakeAutopilot:
     def _tick(self, tick: int) -> None:
         m, ms = self._mav, int(self.boot_s * 1000)
         if tick % 10 == 0:
-            self.send(m.heartbeat_encode(2, 3, 128 if self.armed else 0, self.mode, 4))
+            self.send(m.heartbeat_encode(2, self.autopilot, 128 if self.armed else 0, self.mode, 4))
             self.send(m.extended_sys_state_encode(0, 2))
         self.send(m.local_position_ned_encode(ms, 0.0, 0.0, -self.height, 0.0, 0.0, 0.0))
         for number, orientation, distance in ((0, 25, self.height - 0.05), (1, 2, self.wall)):

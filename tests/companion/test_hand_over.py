@@ -1,0 +1,135 @@
+"""The end of a flight: Ctrl-C, --on-exit hold, kill -9, and parameters that are asked for until they come."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import time
+
+import pytest
+from fake_autopilot import FakeAutopilot, free_port
+from test_flight import Run
+
+from companion.flight import FlightOptions
+from companion.last_word import LastWord
+
+OFFBOARD = 6 << 16
+
+
+class Px4(FakeAutopilot):
+    """PX4 in OFFBOARD, as far as messages tell."""
+
+    autopilot = 12
+
+
+def ended(run):
+    run.flight.stop()
+    run.thread.join(6.0)
+    assert not run.thread.is_alive()
+
+
+def test_ctrl_c_hands_over_to_a_place_and_leaves_no_tilt():
+    port = free_port()
+    with FakeAutopilot(port) as autopilot, Run(port) as run:
+        autopilot.wait_for("SET_ATTITUDE_TARGET", 30)
+        ended(run)
+        kinds = [m.get_type() for m in list(autopilot.received) if m.get_type().startswith("SET_")]
+        places = autopilot.of_type("SET_POSITION_TARGET_LOCAL_NED")
+    assert kinds[-1] == "SET_POSITION_TARGET_LOCAL_NED"
+    assert kinds.count("SET_POSITION_TARGET_LOCAL_NED") >= 5, "one lost message must not matter"
+    assert (places[-1].x, places[-1].y, places[-1].z) == pytest.approx((0.0, 0.0, -0.3), abs=0.02)
+    assert places[-1].target_component == 1
+    assert not [m for m in autopilot.of_type("COMMAND_LONG") if m.command == 176], "the mode is not ours"
+
+
+def test_on_exit_hold_asks_px4_for_its_hold_mode():
+    port = free_port()
+    options = FlightOptions(quiet=True, hold_on_exit=True)
+    with Px4(port) as autopilot, Run(port, options=options) as run:
+        autopilot.mode = OFFBOARD
+        autopilot.wait_for("SET_ATTITUDE_TARGET", 30)
+        assert not [m for m in autopilot.of_type("COMMAND_LONG") if m.command == 176]
+        ended(run)
+        time.sleep(0.1)
+        modes = [m for m in autopilot.of_type("COMMAND_LONG") if m.command == 176]
+    assert {(m.param1, m.param2, m.param3) for m in modes} == {(1.0, 4.0, 3.0)}
+
+
+def test_parameters_are_asked_for_as_long_as_they_are_missing(monkeypatch):
+    monkeypatch.setattr("companion.flight._PARAMETER_RETRY_S", 0.05)
+    monkeypatch.setattr("companion.flight._PARAMETER_SLOW_RETRY_S", 0.05)
+    port = free_port()
+    with FakeAutopilot(port, parameters={}) as autopilot, Run(port):
+        asked = autopilot.wait_for("PARAM_REQUEST_READ", 400)
+        assert sum(m.param_id == "GUID_OPTIONS" for m in asked) > 15
+        autopilot.parameters["GUID_OPTIONS"] = 8.0
+        autopilot.wait_for("SET_ATTITUDE_TARGET", 5)
+
+
+def test_the_second_process_speaks_once_the_first_is_dead_and_only_then():
+    """A parent that is killed outright; its child inherits the socket."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
+        vehicle.bind(("127.0.0.1", 0))
+        vehicle.settimeout(10.0)
+        code = (
+            "import socket, sys, time; from companion.last_word import LastWord\n"
+            "s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM); w = LastWord(s.fileno())\n"
+            f"w.renew(b'old', [('127.0.0.1', {vehicle.getsockname()[1]})])\n"
+            f"w.renew(b'stay here', [('127.0.0.1', {vehicle.getsockname()[1]})])\n"
+            "print(w.pid, flush=True); time.sleep(60)\n"
+        )
+        with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as parent:
+            child = int(parent.stdout.readline())
+            time.sleep(0.3)
+            vehicle.setblocking(False)
+            with pytest.raises(BlockingIOError):
+                vehicle.recv(100)
+            vehicle.setblocking(True)
+            vehicle.settimeout(10.0)
+            parent.kill()
+            assert {vehicle.recv(100) for _ in range(5)} == {b"stay here"}
+        end = time.monotonic() + 10.0
+        while time.monotonic() < end and os.path.exists(f"/proc/{child}/cmdline") and _alive(child):
+            time.sleep(0.1)
+        assert not _alive(child), "it leaves nothing running"
+
+
+def _alive(pid: int) -> bool:
+    try:
+        with open(f"/proc/{pid}/stat", encoding="utf-8") as file:
+            return file.read().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_an_orderly_end_says_nothing_more():
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as own,
+    ):
+        vehicle.bind(("127.0.0.1", 0))
+        word = LastWord(own.fileno())
+        word.renew(b"stay here", [vehicle.getsockname()])
+        word.close()
+        assert not _alive(word.pid)
+        vehicle.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            vehicle.recv(100)
+
+
+def test_a_killed_companion_leaves_the_autopilot_holding_its_place():
+    """The whole program, killed outright on loopback."""
+    port = free_port()
+    command = [sys.executable, "-m", "companion", "--connect", f"udpin:127.0.0.1:{port}", "--quiet"]
+    with FakeAutopilot(port) as autopilot, subprocess.Popen(command) as companion:
+        try:
+            autopilot.wait_for("SET_ATTITUDE_TARGET", 50)
+            time.sleep(0.5)
+        finally:
+            companion.send_signal(signal.SIGKILL)
+        place = autopilot.wait_for("SET_POSITION_TARGET_LOCAL_NED", 3, timeout=10.0)[-1]
+    assert (place.x, place.y, place.z) == pytest.approx((0.0, 0.0, -0.3), abs=0.02)
+    assert (place.target_component, place.coordinate_frame) == (1, 1)
