@@ -33,14 +33,14 @@ class Base(Enum):
 class HoldGains:
     """The position hold: horizontal and vertical loops about a reference. SI."""
 
-    position_1_s: float = 1.8
+    position_1_s: float = 2.2
     """Horizontal speed asked for per metre of error."""
-    velocity_1_s: float = 4.0
+    velocity_1_s: float = 5.0
     """Horizontal acceleration per m/s of error: the damping that bounds what may be fed forward near a wall."""
-    integral_1_s2: float = 1.35
-    height_1_s: float = 3.0
-    climb_1_s: float = 6.0
-    climb_integral_1_s2: float = 3.0
+    integral_1_s2: float = 2.0
+    height_1_s: float = 3.3
+    climb_1_s: float = 7.0
+    climb_integral_1_s2: float = 4.0
     max_tilt_rad: float = math.radians(15.0)
     """Of the hold, before offsets: 2.6 m/s^2."""
     max_climb_acceleration_m_s2: float = 3.0
@@ -52,9 +52,9 @@ class HoldGains:
     """The same as a share of the loop's own lag, once that is known."""
     climb_lead_s: float = 0.05
     """The same vertically, from the acceleration that was asked for: about what motors are late."""
-    tilt_mean_s: float = 1.5
-    """A tilt that lasts longer than this balances something and accelerates nothing. At 0.4 s the phase margin would
-    be 20 degrees lower (docs/control.md)."""
+    tilt_mean_s: float = 0.8
+    """A tilt that lasts longer than this balances something and accelerates nothing. At half of it the phase
+    margin is 5 degrees lower, at twice of it a slow push is answered later (docs/control.md)."""
     shape_s: tuple[float, float, float] = (0.25, 0.25, 0.12)
     """Time over which a change of the velocity target is fed forward as an acceleration, by axis NED."""
     target_age_s: float = 0.5
@@ -67,13 +67,14 @@ class HoldGains:
     caught_up_m: float = 0.02
     caught_up_m_s: float = 0.03
     """An approach is over this near to the target in place and velocity."""
-    jerk_m_s3: float = 4.0
-    """Of an approach: 0.5 degrees of tilt from one setpoint to the next at 50 Hz, 0.9 with the lead."""
-    wanted_gain_margin: float = 2.0
-    wanted_phase_margin_deg: float = 30.0
-    """Gains are chosen to have these; textbooks ask for 2 and 30 to 60 degrees (Astrom and Murray 2021, 10.3)."""
-    least_gain_margin: float = 1.4
-    least_phase_margin_deg: float = 18.0
+    jerk_m_s3: float = 3.5
+    """Of an approach: 0.4 degrees of tilt from one setpoint to the next at 50 Hz, 0.95 with the lead."""
+    wanted_gain_margin: float = 1.7
+    wanted_phase_margin_deg: float = 25.0
+    """Gains are chosen to have at least these. Textbooks ask for 2 and 30 degrees (Astrom and Murray 2021, 10.3), which
+    the full gains have on quick loops; on slow ones softer gains are drawn to a wall sooner than they would swing."""
+    least_gain_margin: float = 1.3
+    least_phase_margin_deg: float = 15.0
     """With less than these at the softest gains there is no hold."""
     gap_s: float = 0.5
     """After a longer silence the vehicle may be anywhere: the way to the target begins where it is."""

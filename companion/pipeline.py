@@ -49,7 +49,7 @@ from companion.mavlink.samples import (
 )
 from companion.mavlink.setpoints import AccelerationCommand, AttitudeCommand, Command, tilt_by
 from models.evolve import replace
-from models.frames import GRAVITY, quaternion_from_euler
+from models.frames import GRAVITY, Array, quaternion_from_euler
 
 __all__ = ["Decision", "PipelineState", "initial_state", "level_command", "ready_to_leave", "step", "stopped"]
 
@@ -396,6 +396,7 @@ def _base(
         rotation[:, 2],
         math.atan2(rotation[1, 0], rotation[0, 0]),
         t_s - estimates.position.t_s,
+        _offset_acceleration(state, rotation),
     )
     assert state.tuned is not None
     gains, hold = state.tuned.gains, state.hold
@@ -406,6 +407,15 @@ def _base(
     hold, base = fly(hold, gains, config.vehicle.limits, t_s, motion, thrust)
     state = replace(state, hold=hold)
     return (state if config.dry_run else _watch_swing(state, base, t_s, config)), base
+
+
+def _offset_acceleration(state: PipelineState, rotation: Array) -> tuple[float, float]:
+    """North and east [m/s^2]: what the tilt of the applied offset gives."""
+    offset = state.offset.scaled(state.authority)
+    forward, right = -GRAVITY * math.tan(offset.pitch), GRAVITY * math.tan(offset.roll)
+    yaw = math.atan2(rotation[1, 0], rotation[0, 0])
+    c, s = math.cos(yaw), math.sin(yaw)
+    return c * forward - s * right, s * forward + c * right
 
 
 def _watch_swing(state: PipelineState, base: BaseSetpoint, t_s: float, config: PipelineConfig) -> PipelineState:

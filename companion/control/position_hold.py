@@ -33,6 +33,8 @@ class Motion:
     """The body's down axis (3,)."""
     yaw: float
     age_s: float = 0.0
+    offset: tuple[float, float] = (0.0, 0.0)
+    """North and east acceleration [m/s^2] of the offset that is applied: a part of the tilt that balances something."""
 
 
 @dataclass(frozen=True)
@@ -45,10 +47,11 @@ class Hold:
     """What balances wind, trim and a wrong hover thrust, (3,)."""
     t_s: float
     tilt_mean: Array
-    """What the tilt gives on average, north and east."""
+    """What the tilt gives on average, north and east, beyond offsets and the reference's own acceleration."""
     climb_mean: float
+    """Average of the vertical acceleration that was asked for beyond the reference's own."""
     climb_command: float
-    """Vertical acceleration last asked for, integral included, and its average: what tells a late velocity on."""
+    """Vertical acceleration last asked for, integral included: what tells a late velocity on."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,7 @@ def engage(t_s: float, motion: Motion, balance: Array, thrust_now: float, thrust
     rest = np.clip(tilt - integral[:2], -limit, limit)
     reference = start_reference(motion.position, motion.velocity, np.array([rest[0], rest[1], 0.0]))
     climb = float(integral[2])
-    return Hold(stay(motion.yaw, t_s), reference, integral, t_s, tilt, climb, climb)
+    return Hold(stay(motion.yaw, t_s), reference, integral, t_s, tilt - rest, climb, climb)
 
 
 def resume(hold: Hold, motion: Motion) -> Hold:
@@ -103,10 +106,14 @@ def fly(
     if t_s - hold.t_s > gains.gap_s:
         hold, dt = resume(hold, motion), 0.0
     reference = advance(hold.reference, hold.target, gains, limits, t_s, dt)
-    tilt = tilt_acceleration(motion.body_down)
-    tilt_mean = hold.tilt_mean + (tilt - hold.tilt_mean) * min(dt / gains.tilt_mean_s, 1.0)
-    climb_mean = hold.climb_mean + (hold.climb_command - hold.climb_mean) * min(dt / gains.tilt_mean_s, 1.0)
-    position, velocity = _predicted(motion, tilt - tilt_mean, hold.climb_command - climb_mean)
+    share = min(dt / gains.tilt_mean_s, 1.0)
+    # Tilt and thrust that are neither fed forward nor lasting: what will change the velocity unasked.
+    tilt = tilt_acceleration(motion.body_down) - motion.offset - reference.acceleration[:2]
+    climb = hold.climb_command - float(reference.acceleration[2])
+    tilt_mean = hold.tilt_mean + (tilt - hold.tilt_mean) * share
+    climb_mean = hold.climb_mean + (climb - hold.climb_mean) * share
+    extra = np.array([tilt[0] - tilt_mean[0], tilt[1] - tilt_mean[1], climb - climb_mean])
+    position, velocity = _predicted(motion, extra + reference.acceleration)
 
     error = reference.position - position
     demand = error * (gains.position_1_s, gains.position_1_s, gains.height_1_s)
@@ -116,8 +123,7 @@ def fly(
     demand[2] = min(max(demand[2], -limits.climb_m_s), limits.climb_m_s)
     slip = demand + reference.velocity - velocity
     # Attitude and motors answer late: look at the velocity that the present tilt and thrust lead to.
-    slip[:2] -= gains.tilt_lead_s * (tilt - tilt_mean - reference.acceleration[:2])
-    slip[2] -= gains.climb_lead_s * (hold.climb_command - climb_mean - reference.acceleration[2])
+    slip -= extra * (gains.tilt_lead_s, gains.tilt_lead_s, gains.climb_lead_s)
     damping = np.array([gains.velocity_1_s, gains.velocity_1_s, gains.climb_1_s])
     acceleration, saturated = _limited(slip * damping + hold.integral + reference.acceleration, gains)
     integral = hold.integral
@@ -137,12 +143,12 @@ def tilt_acceleration(body_down: Array) -> Array:
     return out
 
 
-def _predicted(motion: Motion, extra_tilt: Array, extra_climb: float) -> tuple[Array, Array]:
-    """Position and velocity now, from the late ones and what has accelerated the vehicle since."""
+def _predicted(motion: Motion, acceleration: Array) -> tuple[Array, Array]:
+    """Position and velocity now, from the late ones and what has accelerated the vehicle (3,) since."""
     age = min(max(motion.age_s, 0.0), _MAX_PREDICTION_S)
     if age == 0.0:
         return motion.position, motion.velocity
-    gained = age * np.array([extra_tilt[0], extra_tilt[1], extra_climb])
+    gained = age * acceleration
     return motion.position + age * (motion.velocity + 0.5 * gained), motion.velocity + gained
 
 

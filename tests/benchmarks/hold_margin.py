@@ -125,10 +125,11 @@ class Craft:
         ])  # fmt: skip
         self.velocity = self.velocity + DT * (GRAVITY * force - 0.15 * self.velocity + self.gust)
         self.position = self.position + DT * self.velocity
-        if self.position[2] > 0.0 or self.position[0] > WALL_AT_M:
+        touching = self.position > [WALL_AT_M, np.inf, 0.0]
+        if touching.any():
             self.contact_s += DT
             self.position = np.minimum(self.position, [WALL_AT_M, np.inf, 0.0])
-            self.velocity = np.minimum(self.velocity, [0.0, np.inf, 0.0])
+            self.velocity = np.where(touching, np.minimum(self.velocity, 0.0), self.velocity)
 
     def messages(self, k: int, t: float) -> list[Sample]:
         """What arrives now."""
