@@ -76,9 +76,7 @@ def test_an_unstable_loop_has_no_margin():
 def test_the_recorded_slow_loop_rang_as_its_margin_says():
     """A firmware with ATC_INPUT_TC 0.3 (fitted: tau 0.16 s, delay 0.02 s) rang at 0.4 Hz, 0.77 a cycle, flown with a
     lead of 0.15 s and a mean of 0.4 s: a damping ratio of 0.04, or 4 degrees of phase margin."""
-    flown = replace(
-        GAINS, tilt_lead_s=0.15, tilt_mean_s=0.4, position_1_s=1.8, velocity_1_s=4.0, integral_1_s2=1.35
-    )
+    flown = replace(GAINS, tilt_lead_s=0.15, tilt_mean_s=0.4, position_1_s=1.8, velocity_1_s=4.0, integral_1_s2=1.35)
     assert margin_of(horizontal_loop(flown, AttitudeLoop(0.16, 0.02), 0.01)).phase_deg == pytest.approx(4.0, abs=1.5)
     chosen = tune(GAINS, AttitudeLoop(0.16, 0.02), Timing())
     assert chosen.margin.phase_deg >= GAINS.wanted_phase_margin_deg
@@ -186,3 +184,13 @@ def test_a_swinging_hold_gets_softer_gains_no_offsets_and_says_so():
     b.state = replace(b.state, swing=replace(b.state.swing, level=b.config.tuning.swing_levels + 1))
     assert Reason.SWINGS_ON in b.tick().reasons
     assert Notice.SOFTENED.value.startswith("swinging")
+
+
+def test_a_measured_loop_is_kept_while_the_vehicle_hovers_too_quietly_to_measure_it_again():
+    b = bench()
+    b.run(2.0)
+    slow = AttitudeLoop(0.22, 0.12, source=Source.MEASURED)
+    b.state = replace(b.state, loop=slow, tuned_s=-math.inf)
+    decision = b.run(3.0)
+    assert decision.tuned.loop.lag_s == pytest.approx(slow.lag_s)
+    assert decision.tuned.share < 1.0
