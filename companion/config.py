@@ -67,14 +67,14 @@ class HoldGains:
     caught_up_m: float = 0.02
     caught_up_m_s: float = 0.03
     """An approach is over this near to the target in place and velocity."""
-    jerk_m_s3: float = 3.5
-    """Of an approach: 0.4 degrees of tilt from one setpoint to the next at 50 Hz, 0.95 with the lead."""
-    wanted_gain_margin: float = 1.7
-    wanted_phase_margin_deg: float = 25.0
+    jerk_m_s3: float = 3.0
+    """Of an approach: 0.35 degrees of tilt from one setpoint to the next at 50 Hz, 0.9 with the lead."""
+    wanted_gain_margin: float = 1.6
+    wanted_phase_margin_deg: float = 18.0
     """Gains are chosen to have at least these. Textbooks ask for 2 and 30 degrees (Astrom and Murray 2021, 10.3), which
     the full gains have on quick loops; on slow ones softer gains are drawn to a wall sooner than they would swing."""
-    least_gain_margin: float = 1.3
-    least_phase_margin_deg: float = 15.0
+    least_gain_margin: float = 1.25
+    least_phase_margin_deg: float = 10.0
     """With less than these at the softest gains there is no hold."""
     gap_s: float = 0.5
     """After a longer silence the vehicle may be anywhere: the way to the target begins where it is."""

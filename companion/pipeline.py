@@ -18,7 +18,7 @@ from companion.control.compensation import Offset, slewed, wanted_offset
 from companion.control.disturbance import Push, modelled_push
 from companion.control.engagement import IN_AIR, ON_GROUND, waits_for_mode
 from companion.control.hand_over import part, parting_command
-from companion.control.plant import declared_loop, hear_attitude, hear_position, tune
+from companion.control.plant import Source, declared_loop, hear_attitude, hear_position, tune
 from companion.control.position_hold import BaseSetpoint, Motion, engage, fly, shifted
 from companion.control.position_target import read_target, stay
 from companion.control.refusals import lateness, refusals, upstream_silent
@@ -297,7 +297,13 @@ def _retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> Pipeli
     if config.base is not Base.HOLD or 0.0 <= t_s - state.tuned_s < _TUNE_PERIOD_S:
         return state
     stack = Stack.OTHER if state.heartbeat is None else stack_of(state.heartbeat)
-    loop = attitude_response.measured_loop(state.response) or declared_loop(stack, state.parameters)
+    loop = attitude_response.measured_loop(state.response)
+    if loop is None:  # too little to see now: what was measured stays true
+        measured = state.loop.source is Source.MEASURED
+        loop = state.loop if measured else declared_loop(stack, state.parameters)
+    elif state.loop.source is not Source.MEASURED:
+        # A swing under gains for another loop says nothing about this one's.
+        state = replace(state, swing=replace(state.swing, level=0))
     if loop.source is state.loop.source and abs(loop.lag_s - state.loop.lag_s) < _OTHER_LAG * state.loop.lag_s:
         loop = state.loop
     softer = config.tuning.swing_softer ** min(state.swing.level, config.tuning.swing_levels)

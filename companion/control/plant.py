@@ -220,7 +220,8 @@ def tune(gains: HoldGains, loop: AttitudeLoop, timing: Timing, softer: float = 1
     Where none has, the ones with the largest margin: whoever flies decides by ``HoldGains.least_*``.
     """
     step = 0.005
-    extra = max(timing.attitude_period_s - _NOMINAL_PERIOD_S, 0.0) / 2.0
+    # A setpoint is held for a period, and the tilt that it was computed from may be a period old.
+    extra = max(timing.attitude_period_s - _NOMINAL_PERIOD_S, 0.0)
     rounded = AttitudeLoop(
         round(loop.tau_s, 3), round(round((loop.delay_s + extra) / step) * step, 4), round(loop.gain, 2), loop.source
     )

@@ -170,7 +170,7 @@ def test_engaging_in_motion_brakes_within_the_limits():
         command = flown.tick().command
         tilts.append(2.0 * math.asin(command.q_ned_frd[2]))
         reference = flown.bench.state.hold.reference
-        flown.position, flown.velocity = reference.position, reference.velocity
+        flown.position, flown.velocity = reference.position + 0.02 * reference.velocity, reference.velocity
         flown.bench.pitch += 0.2 * (tilts[-1] - flown.bench.pitch)
     assert max(abs(np.diff(tilts))) < math.radians(1.0)
     assert abs(flown.velocity[0]) < 0.1

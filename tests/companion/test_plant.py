@@ -184,3 +184,13 @@ def test_a_swinging_hold_gets_softer_gains_no_offsets_and_says_so():
     b.state = replace(b.state, swing=replace(b.state.swing, level=b.config.tuning.swing_levels + 1))
     assert Reason.SWINGS_ON in b.tick().reasons
     assert Notice.SOFTENED.value.startswith("swinging")
+
+
+def test_a_measured_loop_is_kept_while_the_vehicle_hovers_too_quietly_to_measure_it_again():
+    b = bench()
+    b.run(2.0)
+    slow = AttitudeLoop(0.22, 0.12, source=Source.MEASURED)
+    b.state = replace(b.state, loop=slow, tuned_s=-math.inf)
+    decision = b.run(3.0)
+    assert decision.tuned.loop.lag_s == pytest.approx(slow.lag_s)
+    assert decision.tuned.share < 1.0
