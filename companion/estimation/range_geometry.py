@@ -73,7 +73,8 @@ def plane_distance(
         along = level
     else:
         down = 1.0 if target == "ground" else -1.0
-        normal = np.broadcast_to(np.array([0.0, 0.0, down]), beam.shape)
+        normal = np.zeros_like(beam)
+        normal[..., 2] = down
         along = beam[..., 2] * down
     with np.errstate(invalid="ignore"):
         lever = np.einsum("...i,...ij,j->...", normal, rotation, mount)
