@@ -21,7 +21,7 @@ import models
 from companion.config import PipelineConfig
 from companion.control.survey import Phase
 from companion.control.survey_box import read_box
-from companion.sim.air import PAPER_CQ, PAPER_CT, disturbed
+from companion.sim.air import disturbed
 from companion.sim.body import Body
 from companion.sim.case import Case, CasePilot, surroundings
 from companion.sim.compare import AXES, UNITS, Flown, Leg, flown, read_truth
@@ -39,15 +39,6 @@ AIR, BUILD = 11, 11
 """The seeds of the one air and of the one vehicle."""
 WALL_M = 1.2
 LIMIT_S = 400.0
-
-
-def tandem_with_ct(folder: Path) -> Path:
-    """The shipped tandem as a file for ``--model none``: its fans say what they lift in free air."""
-    path, fan = folder / "tandem_with_ct.toml", "lip_radius_m = 0.21"
-    text = TANDEM.read_text(encoding="utf-8")
-    assert fan in text
-    path.write_text(text.replace(fan, f"{fan}\nct = {PAPER_CT}\ncq = {PAPER_CQ}"), encoding="utf-8")
-    return path
 
 
 def one_vehicle(vehicle: Vehicle, scenario: Any, seed: int) -> Flight:
@@ -128,7 +119,7 @@ def measure(path: Path, box: str, seeds: int, folder: Path) -> dict[str, Any]:
 def main() -> int:
     """Fly and print."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("--vehicle", type=Path, help="vehicle file with ct (default: the shipped tandem with its own)")
+    p.add_argument("--vehicle", type=Path, default=TANDEM)
     p.add_argument("--box", default="0.3:1.1:0.2:0.9")
     p.add_argument("--seeds", type=int, default=2)
     p.add_argument("--keep", type=Path, metavar="DIR")
@@ -138,7 +129,7 @@ def main() -> int:
         folder = a.keep or Path(scratch)
         folder.mkdir(parents=True, exist_ok=True)
         try:
-            result = measure(a.vehicle or tandem_with_ct(folder), a.box, a.seeds, folder)
+            result = measure(a.vehicle, a.box, a.seeds, folder)
         except UserError as error:
             print(f"survey_chain: {error}", file=sys.stderr)
             return error.exit_code
