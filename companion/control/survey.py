@@ -24,7 +24,7 @@ SETTLE_S = 3.0
 """For so long the hold must have been flying before the survey begins."""
 HEIGHTS, DISTANCES = 5, 4
 MARGIN_M = 0.06
-"""Closer than the box by this: back to where it began at once. Half is given to the hold, half to the sensors."""
+"""Closer than the box by this, or by a third of the box's least distance: back to where it began at once."""
 OFF_COURSE_M = 0.40
 """Further than this from where the survey wants the vehicle: back, too."""
 _PLACE_AND_VELOCITY = 0x1C0 | 0x400 | 0x800
@@ -224,15 +224,19 @@ def _watch(survey: Survey, box: SurveyBox, seen: Whereabouts) -> Survey:
     why = ""
     if math.isnan(seen.height_m) or (box.with_wall and math.isnan(seen.wall_m)):
         why = "a distance was lost"
-    elif not into_box and seen.height_m < box.height_min_m - MARGIN_M:
+    elif not into_box and seen.height_m < box.height_min_m - _margin(box.height_min_m):
         why = "too low"
-    elif survey.leg > 1 and box.with_wall and seen.wall_m < box.wall_min_m - MARGIN_M:
+    elif survey.leg > 1 and box.with_wall and seen.wall_m < box.wall_min_m - _margin(box.wall_min_m):
         why = "too close to the wall"
     else:
         wanted = _wanted(survey, seen.t_s)
         if float(np.linalg.norm(wanted.position - seen.position)) > OFF_COURSE_M:
             why = "the vehicle did not follow"
     return _turn_back(survey, seen, why) if why else survey
+
+
+def _margin(least_m: float) -> float:
+    return min(MARGIN_M, least_m / 3.0)
 
 
 def _turn_back(survey: Survey, seen: Whereabouts, why: str) -> Survey:

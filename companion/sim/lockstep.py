@@ -25,6 +25,8 @@ from companion.sim.link import VehicleLink
 
 EPOCH_S = 1_767_225_600.0
 """Unix time of the vehicle's boot: 1 January 2026."""
+LAST_WORD_DELAY_S = 0.01
+"""From the end of the companion to the first frame of its watchdog: a broken pipe wakes it at once."""
 BUFFER_DATAGRAMS = 277
 """What a UDP socket of Linux holds by default: 212 992 bytes, 768 for each small datagram. The newest are lost."""
 
@@ -118,6 +120,9 @@ class Lockstep:
         """The companion that runs, or ran last."""
         self._truth = None if truth is None else TruthFile(truth, flight)
         self._pilot = pilot(self)
+        self.last_word = True
+        """Whether the companion runs with its watchdog process, as it does by default."""
+        self._words: deque[tuple[float, bytes]] = deque()
         self._stalled_until_s = -math.inf
         self._killed = False
 
@@ -128,8 +133,15 @@ class Lockstep:
         self._stalled_until_s = self.flight.time_s + seconds
 
     def kill(self, restart_after_s: float = math.inf) -> None:
-        """The companion ends where it stands (SIGKILL, power); started anew after ``restart_after_s``."""
+        """The companion ends where it stands (SIGKILL); started anew after ``restart_after_s``.
+
+        Its watchdog process lives on and says the last word.
+        """
         self._killed = True
+        frame = b"" if self.companion is None or not self.last_word else self.companion.last_word
+        if frame:
+            now = self.flight.time_s
+            self._words.extend((now + LAST_WORD_DELAY_S + 0.1 * k, frame) for k in range(10))
         self.start_companion_s = self.flight.time_s + restart_after_s
 
     def interrupt(self) -> None:
@@ -175,13 +187,15 @@ class Lockstep:
 
     def _step(self) -> None:
         """One physics step of everything but the companion."""
+        while self._words and self._words[0][0] <= self.flight.time_s:
+            self.wire.send_up(self._words.popleft()[1], self.flight.time_s)
         data = self.wire.read_up(self.flight.time_s)
         if data:
             self.link.receive(data)
         self.flight.step()
         self._pilot.step()
         self.link.step()
-        if self._truth is not None:
+        if self._truth is not None and not self._pilot.over:  # the hand-over at the end is not judged
             self._truth.step()
 
     # -- the companion's clock --------------------------------------------------------------------------------------

@@ -1,6 +1,6 @@
 """One command from a flight to a model: survey a box, diagnose with no model, fly what was found.
 
-``python tests/benchmarks/survey_chain.py [--vehicle FILE.toml] [--seeds 2] [--box 0.25:1.1:0.2:0.9] [--json FILE]``.
+``python tests/benchmarks/survey_chain.py [--vehicle FILE.toml] [--seeds 2] [--box 0.3:1.1:0.2:0.9] [--json FILE]``.
 Everything is simulated, in lockstep. The survey flies one vehicle in one air; judged are corner approaches of the same
 vehicle in the same air, with other turbulence and sensor errors.
 """
@@ -29,7 +29,7 @@ from companion.sim.flight import Flight
 from companion.sim.lockstep import Lockstep
 from companion.sim.pilot import Hand, ScriptedPilot
 from companion.sim.scenario import build
-from companion.vehicles import QUAD
+from companion.vehicles import TANDEM
 from models.errors import UserError
 from models.vehicle import Vehicle, load_vehicle
 from replay.cli import main as replay
@@ -119,8 +119,8 @@ def measure(path: Path, box: str, seeds: int, folder: Path) -> dict[str, Any]:
 def main() -> int:
     """Fly and print."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("--vehicle", type=Path, default=QUAD)
-    p.add_argument("--box", default="0.25:1.1:0.2:0.9")
+    p.add_argument("--vehicle", type=Path, default=TANDEM)
+    p.add_argument("--box", default="0.3:1.1:0.2:0.9")
     p.add_argument("--seeds", type=int, default=2)
     p.add_argument("--keep", type=Path, metavar="DIR")
     p.add_argument("--json", metavar="FILE", help="- for stdout")

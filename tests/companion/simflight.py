@@ -12,11 +12,16 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 import companion
+from companion.config import PipelineConfig
+from companion.mavlink.frames import cut
+from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, encode
 from companion.sim.autopilot import Mode
 from companion.sim.flight import Flight
 from companion.sim.link import VehicleLink, quaternion
 from companion.sim.scenario import build
 from models.vehicle import Vehicle, load_vehicle
+from replay.logs.tlog import read_tlog
+from replay.rerun.harness import Replay
 
 VEHICLES = Path(companion.__file__).parent / "vehicles"
 HEIGHT_M = 1.5
@@ -106,3 +111,12 @@ def hovering(
 ) -> Peer:
     """A vehicle that hovers under GUIDED at 1.5 m."""
     return Peer(copy.deepcopy(_hovering(name, scenario, air, seed, px4)))
+
+
+def sent_and_decided(log: Path, config: PipelineConfig) -> tuple[list[bytes], list[bytes]]:
+    """Payloads of the setpoints that a recorded flight sent, and of those that its replay decides."""
+    decisions = Replay(config).decisions(read_tlog(log).frames())
+    decided = [encode(d.command, 1) for d in decisions if d.command is not None]
+    frames = [cut(raw, 0) for _, raw in read_tlog(log).frames()]
+    sent = [f.payload for f in frames if f.component == 191 and f.id == SET_ATTITUDE_TARGET]
+    return [p.ljust(40, b"\0") for p in sent], [p.ljust(40, b"\0") for i, p in decided if i == SET_ATTITUDE_TARGET]
