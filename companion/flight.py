@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from companion.config import Base, PipelineConfig
 from companion.control.survey import Phase, Survey
 from companion.last_word import LastWord
-from companion.mavlink.firmware import Stack, mode_name, needed_parameters, stack_of
+from companion.mavlink.firmware import Stack, mode_name, needed_parameters, stack_of, takes_setpoints
 from companion.mavlink.frames import Frame
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
@@ -18,8 +19,8 @@ from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Heartbeat, SetPositionTarget
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, Command, PositionCommand, encode
 from companion.mavlink.stream_rates import StreamKeeper, interval_request, wanted_streams
-from companion.mavlink.tlog_writer import Recorder
-from companion.pipeline import initial_state, level_command, ready_to_leave, step, stopped
+from companion.mavlink.tlog_writer import Records
+from companion.pipeline import Decision, initial_state, level_command, ready_to_leave, step, stopped
 from companion.telemetry.latency import LatencyHistogram
 from companion.telemetry.status import StatusReporter
 from companion.telemetry.summary import Summary
@@ -53,6 +54,8 @@ class FlightOptions:
     """Ask PX4 for its HOLD mode at the end: the only change of mode there is, and only where the user wants it."""
     last_word: bool = False
     """Start the second process that tells the autopilot where to stay if this one is killed."""
+    watch: Callable[[Decision], None] | None = None
+    """Called with every decision."""
 
 
 class Flight:
@@ -63,7 +66,7 @@ class Flight:
         config: PipelineConfig,
         link: Link,
         upstream: Link | None,
-        recorder: Recorder | None,
+        recorder: Records | None,
         arrivals: Arrivals,
         options: FlightOptions,
     ) -> None:
@@ -175,6 +178,8 @@ class Flight:
         if decision.command is not None and not self._config.dry_run:
             self._latency.add(self._send_command(decision.command) - arrival_us)
         self.summary.add(decision)
+        if self._options.watch is not None:
+            self._options.watch(decision)
         for outgoing, text in self._status.messages(self._link.mav, self._state, decision):
             self._send(outgoing)
             if text is not None:
@@ -314,6 +319,15 @@ class Flight:
             for arrival_us, frame in self._link.drain():
                 if self._recorder is not None:
                     self._recorder.write(arrival_us, frame.raw)
+                if self._taken_away(arrival_us, frame):
+                    return
+
+    def _taken_away(self, arrival_us: int, frame: Frame) -> bool:
+        """Whether this says that the vehicle is disarmed, or in a mode in which it is not ours."""
+        sample = self._intake.sample(frame, arrival_us) if frame.id in LAYOUTS else None
+        if not isinstance(sample, Heartbeat) or sample.component != AUTOPILOT_COMPONENT:
+            return False
+        return not (sample.armed and takes_setpoints(sample))
 
     def _mode_request(self, main: int, sub: int) -> Any:
         return self._link.mav.command_long_encode(
