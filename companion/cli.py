@@ -13,12 +13,13 @@ from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
-from models.errors import ConfigError, UserError
+from models.errors import ConfigError, LinkError, UserError
 from models.version import VersionAction
 
 _INTERRUPTED = 130
-_EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable; 4 link could not be opened;
-130 interrupted. It never arms, and changes the mode only where --on-exit hold asks for it."""
+_EPILOG = """exit codes: 0 done; 1 --check found a fault; 2 bad arguments, vehicle or model file; 3 log unreadable;
+4 link could not be opened, or no autopilot was heard on it; 130 interrupted. It never arms, and changes the mode only
+where --on-exit hold asks for it."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -47,7 +48,11 @@ def parser() -> argparse.ArgumentParser:
                    "SET_ATTITUDE_TARGET, forwarded with the offset added")  # fmt: skip
     p.add_argument("--carrier", choices=("attitude", "acceleration"), default="attitude",
                    help="how offsets travel; acceleration is for PX4")  # fmt: skip
-    p.add_argument("--record", type=Path, metavar="FILE.tlog", help="record both directions of the link")
+    p.add_argument("--record", type=Path, metavar="FILE.tlog",
+                   help="record both directions of the link; a folder, or a name with {date} and {boot}, is filled in; "
+                   "no file is ever overwritten: -2, -3 ... is added to the name")  # fmt: skip
+    p.add_argument("--record-limit", type=int, metavar="MIB",
+                   help="remove the oldest recordings of the folder so that they stay below this")  # fmt: skip
     p.add_argument("--survey", metavar="BOX",
                    help="move the hold slowly through HEIGHT_MIN:HEIGHT_MAX[:WALL_MIN:WALL_MAX] metres and back, "
                    "to learn ground and wall from the recording; another mode or target ends it")  # fmt: skip
@@ -84,6 +89,8 @@ def _check(a: argparse.Namespace) -> None:
         raise ConfigError(f"--duration {a.duration:g}: must be a positive number of seconds")
     if a.target_system is not None and not 1 <= a.target_system <= 255:
         raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
+    if a.record_limit is not None and (a.record is None or a.record_limit < 1):
+        raise ConfigError(f"--record-limit {a.record_limit}: must be at least 1 MiB, and needs --record FOLDER")
     if a.carrier == "acceleration" and a.setpoint != "hold":
         raise ConfigError("--carrier acceleration: works with --setpoint hold only")
     if a.survey is not None and (a.record is None or a.setpoint != "hold" or a.dry_run):
@@ -106,6 +113,7 @@ def _fly(a: argparse.Namespace) -> int:
     from companion.mavlink.link import Arrivals, open_link, read_signing_key
     from companion.mavlink.tlog_writer import Recorder
     from companion.vehicles import default_vehicle
+    from companion.watchdog import Watchdog
     from models.choice import choose_to_fly
     from models.vehicle import load_vehicle
     from models.vehicle_plausibility import warnings
@@ -135,10 +143,12 @@ def _fly(a: argparse.Namespace) -> int:
         upstream = None
         if config.base is Base.UPSTREAM:
             upstream = stack.enter_context(closing(open_link(a.setpoint, arrivals, baud=a.baud, number=1)))
-        recorder = None if a.record is None else stack.enter_context(Recorder(a.record))
+        recorder = None if a.record is None else stack.enter_context(Recorder(a.record, _record_limits(a)))
+        watchdog = stack.enter_context(closing(Watchdog()))
         options = FlightOptions(
-            a.duration, a.target_system, a.quiet, hold_on_exit=a.on_exit == "hold", last_word=not a.no_last_word
-        )
+            a.duration, a.target_system, a.quiet, hold_on_exit=a.on_exit == "hold", last_word=not a.no_last_word,
+            watchdog=watchdog,
+        )  # fmt: skip
         if not a.quiet:  # after all that may refuse, so that a refusal is one line
             for line in [*([chosen.note] if chosen.note else []), *(f"{a.vehicle}: {w}" for w in warnings(vehicle))]:
                 print(f"companion: {line}", file=sys.stderr)
@@ -156,7 +166,19 @@ def _fly(a: argparse.Namespace) -> int:
         gc.freeze()
         flight.run()
         _report(a, flight)
+        if flight.unheard is not None:
+            print(f"companion: {a.connect}: {flight.unheard}", file=sys.stderr)
+            return _INTERRUPTED if interrupted else LinkError.exit_code
     return _INTERRUPTED if interrupted else 0
+
+
+def _record_limits(a: argparse.Namespace) -> Any:
+    from companion.mavlink.tlog_writer import RecordLimits
+
+    if a.record_limit is None:
+        return RecordLimits()
+    most = a.record_limit << 20
+    return RecordLimits(file_bytes=min(most // 4, RecordLimits.file_bytes), folder_bytes=most)
 
 
 def _report(a: argparse.Namespace, flight: Any) -> None:

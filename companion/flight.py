@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from companion.config import Base, PipelineConfig
 from companion.control.survey import Phase, Survey
 from companion.last_word import LastWord
-from companion.mavlink.firmware import Stack, mode_name, needed_parameters, stack_of
+from companion.mavlink.firmware import Stack, mode_name, needed_parameters, stack_of, takes_setpoints
 from companion.mavlink.frames import Frame
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
@@ -18,11 +19,12 @@ from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Heartbeat, SetPositionTarget
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, Command, PositionCommand, encode
 from companion.mavlink.stream_rates import StreamKeeper, interval_request, wanted_streams
-from companion.mavlink.tlog_writer import Recorder
-from companion.pipeline import initial_state, level_command, ready_to_leave, step, stopped
+from companion.mavlink.tlog_writer import Recorder, Records
+from companion.pipeline import Decision, initial_state, level_command, ready_to_leave, step, stopped
 from companion.telemetry.latency import LatencyHistogram
 from companion.telemetry.status import StatusReporter
 from companion.telemetry.summary import Summary
+from companion.watchdog import Watchdog
 
 _ONBOARD_CONTROLLER, _NO_AUTOPILOT, _ACTIVE = 18, 8, 4
 _INFO = 6
@@ -53,6 +55,10 @@ class FlightOptions:
     """Ask PX4 for its HOLD mode at the end: the only change of mode there is, and only where the user wants it."""
     last_word: bool = False
     """Start the second process that tells the autopilot where to stay if this one is killed."""
+    watch: Callable[[Decision], None] | None = None
+    """Called with every decision."""
+    watchdog: Watchdog | None = None
+    """Told that the loop runs."""
 
 
 class Flight:
@@ -63,11 +69,11 @@ class Flight:
         config: PipelineConfig,
         link: Link,
         upstream: Link | None,
-        recorder: Recorder | None,
+        recorder: Records | None,
         arrivals: Arrivals,
         options: FlightOptions,
     ) -> None:
-        self.summary = Summary()
+        self.summary = Summary(config.dry_run)
         self.reboots = 0
         self.unused = 0
         """Frames of messages that nobody here reads."""
@@ -77,6 +83,7 @@ class Flight:
         self._recorder = recorder
         self._arrivals = arrivals
         self._options = options
+        self._watchdog = options.watchdog
         self._intake = Intake(options.target_system)
         self._state = initial_state(config)
         self._status = StatusReporter()
@@ -117,8 +124,12 @@ class Flight:
     def _fly(self) -> None:
         links = [self._link] if self._upstream is None else [self._link, self._upstream]
         start = self._arrivals.now_s()
+        if self._watchdog is not None:
+            self._watchdog.ready()
         while True:
             now = self._arrivals.now_s()
+            if self._watchdog is not None:
+                self._watchdog.alive(now)
             if self._options.duration_s is not None and now - start >= self._options.duration_s:
                 self.stop()
             if self._stop_s is not None:
@@ -133,6 +144,8 @@ class Flight:
                 for arrival_us, frame in self._upstream.drain():
                     self._take_upstream(arrival_us, frame)
             self._housekeeping(self._arrivals.now_s())
+        if self._watchdog is not None:
+            self._watchdog.stopping()
         self._hand_over()
 
     def _take(self, arrival_us: int, frame: Frame) -> None:
@@ -175,6 +188,8 @@ class Flight:
         if decision.command is not None and not self._config.dry_run:
             self._latency.add(self._send_command(decision.command) - arrival_us)
         self.summary.add(decision)
+        if self._options.watch is not None:
+            self._options.watch(decision)
         for outgoing, text in self._status.messages(self._link.mav, self._state, decision):
             self._send(outgoing)
             if text is not None:
@@ -304,6 +319,8 @@ class Flight:
         asked_s = -math.inf
         while True:
             now = self._arrivals.now_s()
+            if self._watchdog is not None:
+                self._watchdog.alive(now)
             self._send_command(command)
             if self._options.hold_on_exit and self._stack is Stack.PX4 and now - asked_s >= 0.3:
                 asked_s = now
@@ -314,6 +331,15 @@ class Flight:
             for arrival_us, frame in self._link.drain():
                 if self._recorder is not None:
                     self._recorder.write(arrival_us, frame.raw)
+                if self._taken_away(arrival_us, frame):
+                    return
+
+    def _taken_away(self, arrival_us: int, frame: Frame) -> bool:
+        """Whether this says that the vehicle is disarmed, or in a mode in which it is not ours."""
+        sample = self._intake.sample(frame, arrival_us) if frame.id in LAYOUTS else None
+        if not isinstance(sample, Heartbeat) or sample.component != AUTOPILOT_COMPONENT:
+            return False
+        return not (sample.armed and takes_setpoints(sample))
 
     def _mode_request(self, main: int, sub: int) -> Any:
         return self._link.mav.command_long_encode(
@@ -327,7 +353,21 @@ class Flight:
             if words is not None:
                 self._say(words)
 
+    @property
+    def unheard(self) -> str | None:
+        """Why nothing was flown at all, in words; None where an autopilot was heard."""
+        if self._streams is not None:
+            return None
+        if not self._link.received and not self._link.bad:
+            return "nothing was heard; does the autopilot send there?"
+        if not self._link.received:
+            return f"{self._link.bad} damaged or unsigned frames and no good one: check baud rate and signing key"
+        who = f" of system {self._options.target_system}" if self._options.target_system else ""
+        return f"{self._link.received} messages but no HEARTBEAT of an autopilot{who}: check --target-system, routing"
+
     def _say(self, text: str) -> None:
+        if self._watchdog is not None:
+            self._watchdog.status(text)
         if not self._options.quiet:
             print(text, file=sys.stderr, flush=True)
 
@@ -349,6 +389,7 @@ class Flight:
             "latency_ms": None
             if not self._latency.count
             else {"p50": self._latency.percentile_ms(50.0), "p99": self._latency.percentile_ms(99.0)},
+            "record": self._recorder.as_json() if isinstance(self._recorder, Recorder) else None,
             "asked_again": {} if self._streams is None else dict(self._streams.asked_again),
             "slow_messages_hz": {} if self._streams is None else dict(self._streams.in_vain),
             **({} if self._config.survey is None else {"survey": self._state.survey.as_json()}),

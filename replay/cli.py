@@ -28,7 +28,7 @@ def parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
     )  # fmt: skip
     p.add_argument("--version", action=VersionAction, nargs=0, help="print the version and exit")
-    commands = p.add_subparsers(dest="command", required=True, metavar="run|diagnose")
+    commands = p.add_subparsers(dest="command", required=True, metavar="run|diagnose|audit")
     run = commands.add_parser(
         "run", help="feed a log through the pipeline of flight and report its decisions", epilog=_EPILOG,
         description="Feed a recorded log through the same pipeline as in flight, with the same decisions.",
@@ -50,6 +50,7 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument("--quiet", action="store_true", help="no progress bar and no text report")
     if find_spec("replay.diagnosis.cli") is not None:
         import_module("replay.diagnosis.cli").add_parser(commands)
+    import_module("replay.audit").add_parser(commands)
     return p
 
 
@@ -59,6 +60,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if arguments.command == "diagnose":
             return int(import_module("replay.diagnosis.cli").run(arguments))
+        if arguments.command == "audit":
+            return int(import_module("replay.audit").run(arguments))
         return _run(arguments)
     except UserError as error:
         print(f"replay: {error}", file=sys.stderr)

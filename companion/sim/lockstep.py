@@ -17,9 +17,11 @@ from companion.clock import Readable
 from companion.config import PipelineConfig
 from companion.flight import Flight as CompanionFlight
 from companion.flight import FlightOptions
+from companion.invariants import Auditor
 from companion.mavlink.dialect import mavlink
+from companion.mavlink.frames import cut
 from companion.mavlink.link import Arrivals, Link
-from companion.mavlink.tlog_writer import Recorder
+from companion.mavlink.tlog_writer import Recorder, Records
 from companion.sim.flight import Flight, TruthFile
 from companion.sim.link import VehicleLink
 
@@ -85,6 +87,22 @@ def _arrived(queue: deque[tuple[float, bytes]], now_s: float) -> bytes:
     return bytes(out)
 
 
+class _Audited:
+    """A recording that is checked as it is written."""
+
+    def __init__(self, auditor: Auditor, inner: Records | None) -> None:
+        self._auditor, self._inner = auditor, inner
+
+    def write(self, arrival_us: int, raw: bytes) -> None:
+        self._auditor.frame(arrival_us, cut(raw, 0))
+        if self._inner is not None:
+            self._inner.write(arrival_us, raw)
+
+    def flush(self) -> None:
+        if self._inner is not None:
+            self._inner.flush()
+
+
 class _KilledError(Exception):
     """The companion's process has ended where it stood."""
 
@@ -118,6 +136,8 @@ class Lockstep:
         """False: no second process stands by."""
         self.companion: CompanionFlight | None = None
         """The companion that runs, or ran last."""
+        self.auditor: Auditor | None = None
+        """Checks everything that is sent and decided, where one is given."""
         self._truth = None if truth is None else TruthFile(truth, flight)
         self._pilot = pilot(self)
         self.last_word = True
@@ -167,12 +187,15 @@ class Lockstep:
                 else:
                     self._step()
 
-    def _run_companion(self, config: PipelineConfig, recorder: Recorder | None) -> None:
+    def _run_companion(self, config: PipelineConfig, recorder: Records | None) -> None:
         arrivals = Arrivals(self)
         link = Link(self, "lockstep", arrivals)
         self._killed = False
         self.wire.read_down(self.flight.time_s)  # sent before its socket was open
-        self.companion = CompanionFlight(config, link, None, recorder, arrivals, FlightOptions(quiet=True))
+        watch = None if self.auditor is None else self.auditor.decision
+        recorder = recorder if self.auditor is None else _Audited(self.auditor, recorder)
+        options = FlightOptions(quiet=True, watch=watch)
+        self.companion = CompanionFlight(config, link, None, recorder, arrivals, options)
         try:
             self.companion.run()
         except _OverError:

@@ -11,14 +11,21 @@ from companion.control.plant import HoldTuning, Margin
 from companion.pipeline import Decision
 
 _GAP_S = 0.5
+_ORDER = {reason: place for place, reason in enumerate(Reason)}
+"""Gravest first: those that hold back everything come before those that only fade the offsets."""
 
 
 class Summary:
-    """Accumulates decisions. Durations are on the vehicle's boot axis [s]; a gap above 0.5 s counts for nothing."""
+    """Accumulates decisions. Durations are on the vehicle's boot axis [s]; a gap above 0.5 s counts for nothing.
 
-    def __init__(self) -> None:
+    ``dry_run``: nothing of it was sent.
+    """
+
+    def __init__(self, dry_run: bool = False) -> None:
+        self._dry_run = dry_run
         self.decisions = self.commands = 0
         self._seconds: dict[Reason, float] = defaultdict(float)
+        self._gravest: dict[Reason, float] = defaultdict(float)
         self._compensated_s = self._total_s = 0.0
         self._last_s: float | None = None
         self._tuned: HoldTuning | None = None
@@ -39,6 +46,8 @@ class Summary:
         self._compensated_s += dt * (decision.authority > 0.0 and not decision.reasons)
         for reason in decision.reasons:
             self._seconds[reason] += dt
+        if decision.reasons:
+            self._gravest[min(decision.reasons, key=_ORDER.__getitem__)] += dt
         self._add_margin(decision)
         for i, value in enumerate(_shown(decision)):
             if math.isfinite(value):
@@ -90,6 +99,7 @@ class Summary:
             "commands": self.commands,
             "duration_s": round(self._total_s, 3),
             "compensated_s": round(self._compensated_s, 3),
+            "gravest_s": {r.name.lower(): round(s, 3) for r, s in sorted(self._gravest.items(), key=lambda x: -x[1])},
             "refusals_s": {r.name.lower(): round(s, 3) for r, s in sorted(self._seconds.items(), key=lambda x: -x[1])},
             "margin": self._margin_as_json(),
             "notices": {notice.name.lower(): count for notice, count in self.notices.items()},
@@ -98,12 +108,15 @@ class Summary:
 
     def as_text(self) -> str:
         """A few lines for a person."""
-        out = [
-            f"{self.decisions} decisions over {self._total_s:.1f} s, {self.commands} setpoints, "
-            f"compensated {self._compensated_s:.1f} s"
-        ]
-        for reason, seconds in sorted(self._seconds.items(), key=lambda x: -x[1]):
+        sent = f"{self.commands} setpoints, compensated {self._compensated_s:.1f} s"
+        if self._dry_run:
+            sent = f"nothing sent (dry run); would have compensated {self._compensated_s:.1f} s"
+        out = [f"{self.decisions} decisions over {self._total_s:.1f} s, {sent}"]
+        for reason, seconds in sorted(self._gravest.items(), key=lambda x: -x[1]):
             out.append(f"  {seconds:7.1f} s  {reason.value}")
+        hidden = [r.value for r in self._seconds if r not in self._gravest]
+        if hidden:
+            out.append(f"  at the same time, less grave: {'; '.join(hidden)}")
         for name, numbers in self.as_json().items():
             if isinstance(numbers, dict) and "mean" in numbers:
                 out.append(f"  {name:<10} {numbers['min']:+8.3f} {numbers['mean']:+8.3f} {numbers['max']:+8.3f}")

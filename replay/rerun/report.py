@@ -108,7 +108,7 @@ def run(
 
 
 def _summarised(decisions: Iterator[Decision]) -> Summary:
-    summary = Summary()
+    summary = Summary(dry_run=True)
     for decision in decisions:
         summary.add(decision)
     return summary

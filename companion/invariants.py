@@ -1,0 +1,445 @@
+"""What the flight program promises of everything it sends, checked on what it heard and what it sent.
+
+One checker for simulated flights, tests and recordings: it takes the frames of both directions in order, as a .tlog
+holds them, and where they are at hand the decisions. It knows nothing of the program's state, only of the protocol: a
+promise counts as kept where the messages themselves show it. docs/safety.md says what each promise means.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import Any
+
+from companion.config import Tuning
+from companion.mavlink.firmware import Stack, stack_of, takes_setpoints
+from companion.mavlink.frames import Frame
+from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
+from companion.mavlink.message_table import LAYOUTS
+from companion.mavlink.range_beams import orientation_direction
+from companion.mavlink.samples import (
+    Attitude,
+    Heartbeat,
+    LandedState,
+    LocalPosition,
+    Quaternion,
+    Range,
+    RangeVerdict,
+    RotorSpeeds,
+    Sample,
+    ServoOutput,
+    SetAttitudeTarget,
+    Vector3,
+)
+from companion.mavlink.setpoints import ATTITUDE_IGNORED, RATES_IGNORED, SET_ATTITUDE_TARGET, SET_POSITION_TARGET
+from companion.pipeline import Decision
+from models.frames import GRAVITY
+from models.vehicle import Limits, Vehicle
+
+_HEARTBEAT, _PARAM_REQUEST_READ, _COMMAND_LONG, _NAMED_VALUE_FLOAT, _STATUSTEXT = 0, 20, 76, 251, 253
+_SET_MESSAGE_INTERVAL, _DO_SET_MODE, _PX4_HOLD = 511, 176, (4.0, 3.0)
+_DECLARED = (
+    _HEARTBEAT, _PARAM_REQUEST_READ, _COMMAND_LONG, SET_ATTITUDE_TARGET, SET_POSITION_TARGET, _NAMED_VALUE_FLOAT,
+    _STATUSTEXT,
+)  # fmt: skip
+_THROTTLE_IGNORED, _ON_GROUND, _INVALID = 64, 1, 8
+_ATTITUDE, _POSITION = struct.Struct("<I8fBBB"), struct.Struct("<I11fHBBB")
+_COMMAND, _NAMED = struct.Struct("<7fHBBB"), struct.Struct("<If10s")
+
+ZERO_AFTER_S = 0.5
+"""An offset is zero so long after an input that it needs was lost."""
+_PERIOD_S = 0.03
+"""One setpoint: what is true at a loss is seen at the next attitude."""
+_OLD_S = 0.3
+"""A setpoint answers an attitude not older than this."""
+_HAND_OVER_S = 1.6
+"""At the end the same place (or level) is told again and again, for a second."""
+_LINK_S = 3.6
+"""Three seconds without a heartbeat, and half a second of letting go."""
+_LEVEL_RAD = math.radians(0.5)
+_UNIT = 1e-3
+"""ArduPilot and PX4 refuse quaternions that are further from 1 than this."""
+_NOTHING = 1e-6
+_WIRE = 1e-6
+"""Rounding of 32-bit floats, at the size of angles and thrusts."""
+_SAME_BEAM_COS = 0.98
+_SLEW_GAP_S = 0.1
+"""A longer time between two decisions counts as this."""
+
+
+class Promise(Enum):
+    """What is promised; the value is what the report says."""
+
+    LIMITS = "offsets stay inside the limits of the vehicle file"
+    SLEW = "offsets move no faster than the slew rates of the vehicle file"
+    QUATERNION = "every attitude sent is a finite unit quaternion"
+    THRUST = "every thrust sent lies between floor and ceiling"
+    INPUT_LOST = "offsets are zero 0.5 s after an input that they need was lost"
+    FRESH = "no setpoint is stale, and none is sent a second time"
+    ARMED = "no setpoint unless the autopilot says that it is armed"
+    MODE = "no setpoint outside GUIDED and OFFBOARD (PX4 before OFFBOARD: no offset and no place)"
+    LANDED = "no setpoint while the autopilot says that it stands on the ground"
+    LINK = "no setpoint after the autopilot's heartbeats have stopped"
+    DRY_RUN = "a dry run sends no setpoint"
+    FORM = "rates are ignored all or none, thrust never; places are finite; addressed to the autopilot"
+    DECLARED = "no message outside the declared set; never arms"
+
+
+@dataclass(slots=True)
+class Kept:
+    """How often one promise was looked at, and how often it did not hold."""
+
+    checked: int = 0
+    broken: int = 0
+    first_s: float = math.nan
+    """When it was first broken: seconds since the first message."""
+    first: str = ""
+
+
+@dataclass(frozen=True)
+class Audit:
+    """The answer."""
+
+    promises: dict[Promise, Kept]
+    sent: int
+    setpoints: int
+    offsets: int
+    """How many offsets were seen: in decisions, or four times a second in the messages."""
+
+    @property
+    def kept(self) -> bool:
+        """Whether every promise held."""
+        return not any(k.broken for k in self.promises.values())
+
+    def broken(self) -> list[str]:
+        """One line for each broken promise."""
+        return [
+            f"{p.name.lower()}: {k.broken} of {k.checked}, first at {k.first_s:.2f} s: {k.first}"
+            for p, k in self.promises.items()
+            if k.broken
+        ]
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain numbers."""
+        return {
+            "kept": self.kept,
+            "sent": self.sent,
+            "setpoints": self.setpoints,
+            "offsets": self.offsets,
+            "promises": {
+                p.name.lower(): {
+                    "promise": p.value,
+                    "checked": k.checked,
+                    "broken": k.broken,
+                    "first_s": None if not k.broken else round(k.first_s, 3),
+                    "first": k.first or None,
+                }
+                for p, k in self.promises.items()
+            },
+        }
+
+
+@dataclass
+class _Heard:
+    """What the vehicle said last, on its boot axis [s]."""
+
+    heartbeat: Heartbeat | None = None
+    beat_us: int = 0
+    """When it arrived."""
+    landed_state: int = 0
+    now_s: float = -math.inf
+    """Stamp of the newest attitude."""
+    basis_s: float = -math.inf
+    """Stamp of the attitude, or of the upstream setpoint, that the next setpoint answers."""
+    upstream: SetAttitudeTarget | None = None
+    inputs_s: dict[str, float] = field(default_factory=dict)
+    counts: dict[int, int] = field(default_factory=dict)
+    """Telemetry packets of each ESC: one that does not count on repeats an old value."""
+
+
+class Auditor:
+    """Takes frames and decisions in order; ``report`` says how it stands.
+
+    ``vehicle`` None: limits are the defaults of a vehicle file, and only rangefinders as a whole can be missed.
+    ``hold`` False: setpoints of an upstream controller are forwarded, whose thrust and positions are its own business.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle | None = None,
+        *,
+        hold: bool = True,
+        dry_run: bool = False,
+        system: int | None = None,
+        tuning: Tuning | None = None,
+    ) -> None:
+        self._limits = Limits() if vehicle is None else vehicle.limits
+        self._tuning = tuning or Tuning()
+        self._needs = _needed_inputs(vehicle, hold)
+        self._vehicle = vehicle
+        self._hold, self._dry_run = hold, dry_run
+        self._intake = Intake(system)
+        self._heard = _Heard()
+        self._start_us: int | None = None
+        self._now_us = 0
+        self._boot = 0
+        self._last_stamp_ms: int | None = None
+        self._last: Decision | None = None
+        self._named: dict[str, float] = {}
+        self._promises = {p: Kept() for p in Promise}
+        self._sent = self._setpoints = self._offsets = 0
+
+    def report(self) -> Audit:
+        """What has been found so far."""
+        return Audit(self._promises, self._sent, self._setpoints, self._offsets)
+
+    # -- what comes in ----------------------------------------------------------------------------------------------
+
+    def frame(self, arrival_us: int, frame: Frame) -> None:
+        """One frame of either direction."""
+        self._start_us = arrival_us if self._start_us is None else self._start_us
+        self._now_us = arrival_us
+        if frame.component == OWN_COMPONENT:
+            if self._intake.system in (None, frame.system):
+                self._own(frame)
+            return
+        if frame.id not in LAYOUTS:
+            return
+        sample = self._intake.sample(frame, arrival_us)
+        if self._intake.clock.boot != self._boot:
+            self._boot = self._intake.clock.boot
+            self._heard, self._last_stamp_ms, self._last = _Heard(), None, None
+        if sample is not None:
+            self._take(sample)
+
+    def decision(self, decision: Decision) -> None:
+        """What was decided on the frames so far; its offset is then checked exactly and at every setpoint."""
+        o, before = decision.offset, self._last
+        self._last = decision
+        if decision.command is None:
+            return
+        self._offsets += 1
+        limits = self._limits
+        tilt, rate = math.radians(limits.tilt_deg), math.radians(limits.slew_tilt_deg_per_s)
+        parts = [(o.thrust, limits.thrust), (o.roll, tilt), (o.pitch, tilt)]
+        parts += [(a, GRAVITY * math.tan(tilt)) for a in o.acceleration]
+        text = f"thrust {o.thrust:+.4f}, roll {math.degrees(o.roll):+.2f}, pitch {math.degrees(o.pitch):+.2f} deg"
+        self._check(Promise.LIMITS, all(abs(v) <= most + _WIRE for v, most in parts), text)
+        self._check_lost(any(abs(v) > _NOTHING for v, _ in parts), decision.t_s)
+        if before is None or before.command is None:
+            return
+        dt, b = min(max(decision.t_s - before.t_s, 0.0), _SLEW_GAP_S), before.offset
+        moves = ((o.thrust - b.thrust, limits.slew_thrust_per_s), (o.roll - b.roll, rate), (o.pitch - b.pitch, rate))
+        inside = all(abs(move) <= most * dt + _WIRE for move, most in moves)
+        moved = ", ".join(f"{move:+.4f}" for move, _ in moves)
+        self._check(Promise.SLEW, inside, f"thrust, roll, pitch moved {moved} in {dt:.3f} s")
+
+    def _take(self, sample: Sample) -> None:
+        heard = self._heard
+        match sample:
+            case Heartbeat() if sample.component == AUTOPILOT_COMPONENT and sample.autopilot != _INVALID:
+                heard.heartbeat, heard.beat_us = sample, self._now_us
+            case LandedState():
+                heard.landed_state = sample.landed_state
+            case Attitude():
+                heard.now_s = heard.basis_s = sample.t_s
+                heard.inputs_s["attitude"] = sample.t_s
+                if sample.late_s <= self._tuning.late_fade_s:
+                    heard.inputs_s["timely telemetry"] = sample.t_s
+            case LocalPosition():
+                heard.inputs_s["position"] = sample.t_s
+            case SetAttitudeTarget():
+                heard.upstream, heard.basis_s = sample, sample.t_s
+            case Range() if sample.verdict in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX):
+                for name in self._beams(sample):
+                    heard.inputs_s[name] = sample.t_s
+            case RotorSpeeds():
+                for name in self._rotors(sample):
+                    heard.inputs_s[name] = sample.t_s
+            case ServoOutput():
+                heard.inputs_s["servo outputs"] = sample.t_s
+
+    def _beams(self, sample: Range) -> Iterator[str]:
+        yield "rangefinders"
+        if self._vehicle is None or sample.direction_frd is None:
+            return
+        for sensor in self._vehicle.rangefinders:
+            beam = orientation_direction(sensor.orientation)
+            if beam is not None and _dot(beam, sample.direction_frd) > _SAME_BEAM_COS:
+                yield f"rangefinder {sensor.orientation}"
+
+    def _rotors(self, sample: RotorSpeeds) -> Iterator[str]:
+        yield "rotor speeds"
+        for i, rpm in enumerate(sample.rpm):
+            esc = sample.first_esc + i
+            count = None if sample.count is None else sample.count[i]
+            repeated = count is not None and self._heard.counts.get(esc) == count
+            if count is not None:
+                self._heard.counts[esc] = count
+            if math.isfinite(rpm) and not repeated:
+                yield f"rotor speed {esc}"
+
+    # -- what goes out ----------------------------------------------------------------------------------------------
+
+    def _own(self, frame: Frame) -> None:
+        self._sent += 1
+        if frame.id == SET_ATTITUDE_TARGET:
+            self._attitude(_unpack(_ATTITUDE, frame.payload))
+        elif frame.id == SET_POSITION_TARGET:
+            self._position(_unpack(_POSITION, frame.payload))
+        elif frame.id == _NAMED_VALUE_FLOAT:
+            _, value, name = _unpack(_NAMED, frame.payload)
+            self._named_value(name.rstrip(b"\0").decode("ascii", "replace"), value)
+        self._check(Promise.DECLARED, _declared(frame), f"message {frame.id}, {frame.payload[:33].hex()}")
+
+    def _attitude(self, fields: tuple[Any, ...]) -> None:
+        stamp_ms, q, thrust, (system, component, mask) = fields[0], fields[1:5], fields[8], fields[9:12]
+        size = math.sqrt(sum(c * c for c in q))
+        proper = abs(size - 1.0) <= _UNIT
+        rates_only = bool(mask & ATTITUDE_IGNORED)
+        self._check(Promise.QUATERNION, proper or rates_only, f"|q| = {size:g}")
+        low, high = (self._tuning.min_thrust, self._tuning.max_thrust) if self._hold else (0.0, 1.0)
+        self._check(Promise.THRUST, low - _WIRE <= thrust <= high + _WIRE, f"thrust {thrust:g}")
+        whole = mask & RATES_IGNORED in (0, RATES_IGNORED) and not mask & _THROTTLE_IGNORED
+        self._check(Promise.FORM, whole and self._addressed(system, component), f"mask {mask}, to {system}/{component}")
+        level = proper and _tilt(q) <= _LEVEL_RAD
+        bare = level if self._hold else self._is_upstreams(q, thrust)
+        self._setpoint(bare, f"attitude tilted by {math.degrees(_tilt(q)):.1f} deg")
+        self._fresh(stamp_ms, level)
+        if not self._hold:
+            self._beside_upstream(q, thrust)
+
+    def _position(self, fields: tuple[Any, ...]) -> None:
+        stamp_ms, place, (system, component) = fields[0], fields[1:4], fields[13:15]
+        finite = all(math.isfinite(v) for v in fields[1:12])
+        self._check(Promise.FORM, finite and self._addressed(system, component), f"place {place}")
+        self._setpoint(False, f"a place to fly to, {place[0]:.2f} {place[1]:.2f} {place[2]:.2f}")
+        self._check(Promise.FRESH, self._age_s(stamp_ms) <= _HAND_OVER_S, f"{self._age_s(stamp_ms):.2f} s old")
+
+    def _setpoint(self, bare: bool, what: str) -> None:
+        """``bare``: carries no offset and no place, only "stay as you are"."""
+        self._setpoints += 1
+        heard, beat = self._heard, self._heard.heartbeat
+        if self._dry_run:
+            self._check(Promise.DRY_RUN, False, what)
+        self._check(Promise.ARMED, beat is not None and beat.armed, what)
+        waiting = beat is not None and stack_of(beat) is Stack.PX4 and bare
+        mode = "no heartbeat yet" if beat is None else f"mode {beat.custom_mode:#x}"
+        self._check(Promise.MODE, beat is not None and (takes_setpoints(beat) or waiting), f"{what} in {mode}")
+        self._check(Promise.LANDED, heard.landed_state != _ON_GROUND, what)
+        # By arrival where the first one came before the vehicle's clock was known.
+        age_s = math.inf if beat is None else min(heard.now_s - beat.t_s, (self._now_us - heard.beat_us) / 1e6)
+        self._check(Promise.LINK, age_s <= _LINK_S, f"{what}, {age_s:.1f} s after the last heartbeat")
+
+    def _fresh(self, stamp_ms: int, level: bool) -> None:
+        age_s, last = self._age_s(stamp_ms), self._last_stamp_ms
+        again = last is not None and _ms_between(last, stamp_ms) <= 0
+        self._last_stamp_ms = stamp_ms if not again else last
+        if level:  # the end of a hold where places are not taken
+            self._check(Promise.FRESH, age_s <= _HAND_OVER_S, f"{age_s:.2f} s old")
+        else:
+            words = f"stamped {stamp_ms / 1000.0:.3f} s, {age_s:.2f} s old" + (", a second time" if again else "")
+            self._check(Promise.FRESH, age_s <= _OLD_S and not again, words)
+
+    def _age_s(self, stamp_ms: int) -> float:
+        if math.isinf(self._heard.basis_s):
+            return math.inf
+        return abs(_ms_between(stamp_ms, round(self._heard.basis_s * 1000.0))) / 1000.0
+
+    def _is_upstreams(self, q: Quaternion, thrust: float) -> bool:
+        upstream = self._heard.upstream
+        return (
+            upstream is not None
+            and _angle(q, upstream.q_ned_frd) <= _LEVEL_RAD
+            and abs(thrust - upstream.thrust) <= _UNIT
+        )
+
+    def _beside_upstream(self, q: Quaternion, thrust: float) -> None:
+        """What is forwarded differs from what upstream sent by no more than the limits."""
+        upstream, limits = self._heard.upstream, self._limits
+        if upstream is None or upstream.type_mask & ATTITUDE_IGNORED:
+            return
+        angle, change = _angle(q, upstream.q_ned_frd), thrust - upstream.thrust
+        most = math.sqrt(2.0) * math.radians(limits.tilt_deg) + _LEVEL_RAD
+        inside = angle <= most and abs(change) <= limits.thrust + _UNIT
+        self._check(Promise.LIMITS, inside, f"{math.degrees(angle):.2f} deg and {change:+.3f} from upstream's")
+
+    def _named_value(self, name: str, value: float) -> None:
+        """The offsets as they are told; thrust, roll and pitch come one after the other."""
+        if name not in ("cc_thrust", "cc_roll", "cc_pitch"):
+            return
+        self._named[name] = value
+        most = self._limits.thrust if name == "cc_thrust" else math.radians(self._limits.tilt_deg)
+        self._check(Promise.LIMITS, abs(value) <= most + _WIRE, f"{name} {value:+.4f}")
+        if name == "cc_pitch":
+            self._offsets += self._last is None
+            self._check_lost(any(abs(v) > _NOTHING for v in self._named.values()), self._heard.now_s)
+
+    def _check_lost(self, offset: bool, t_s: float) -> None:
+        if not offset:
+            self._promises[Promise.INPUT_LOST].checked += 1
+            return
+        late = {name: t_s - self._heard.inputs_s.get(name, -math.inf) for name in self._needs}
+        silent = {name: age for name, age in late.items() if age > ZERO_AFTER_S + _PERIOD_S}
+        words = ", ".join(f"{name} silent for {age:.2f} s" for name, age in silent.items())
+        self._check(Promise.INPUT_LOST, not silent, words)
+
+    def _addressed(self, system: int, component: int) -> bool:
+        return component == AUTOPILOT_COMPONENT and system == (self._intake.system or system)
+
+    def _check(self, promise: Promise, holds: bool, text: str) -> None:
+        kept = self._promises[promise]
+        kept.checked += 1
+        if holds:
+            return
+        if not kept.broken:
+            kept.first_s, kept.first = (self._now_us - (self._start_us or 0)) / 1e6, text
+        kept.broken += 1
+
+
+def _needed_inputs(vehicle: Vehicle | None, hold: bool) -> tuple[str, ...]:
+    """Names of what an offset needs."""
+    out = ["attitude", "timely telemetry", *(["position"] if hold else [])]
+    if vehicle is None:
+        return (*out, "rangefinders")
+    out += [f"rangefinder {r.orientation}" for r in vehicle.rangefinders if r.target in ("ground", "wall")]
+    if not vehicle.telemetered:
+        return (*out, "servo outputs")
+    return (*out, *(f"rotor speed {rotor.esc}" for rotor in vehicle.rotors))
+
+
+def _declared(frame: Frame) -> bool:
+    if frame.id != _COMMAND_LONG:
+        return frame.id in _DECLARED
+    fields = _unpack(_COMMAND, frame.payload)
+    if fields[7] == _SET_MESSAGE_INTERVAL:
+        return True
+    # The only change of mode: PX4's HOLD, where the user asked for it with --on-exit.
+    return bool(fields[7] == _DO_SET_MODE and fields[1:3] == _PX4_HOLD)
+
+
+def _unpack(layout: struct.Struct, payload: bytes) -> tuple[Any, ...]:
+    return layout.unpack(payload[: layout.size].ljust(layout.size, b"\0"))
+
+
+def _dot(a: Vector3, b: Vector3) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _ms_between(first: int, second: int) -> int:
+    """``second`` - ``first``, of 32-bit milliseconds that wrap."""
+    return (second - first + 0x80000000) % 0x100000000 - 0x80000000
+
+
+def _tilt(q: Quaternion) -> float:
+    """Angle [rad] between the body's down axis and the world's."""
+    _, x, y, _ = q
+    return math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y))))
+
+
+def _angle(a: Quaternion, b: Quaternion) -> float:
+    """Angle [rad] between two attitudes."""
+    return 2.0 * math.acos(min(1.0, abs(sum(x * y for x, y in zip(a, b, strict=True)))))

@@ -1,0 +1,117 @@
+"""``replay audit``: did a recorded flight keep the promises of docs/safety.md? By companion/invariants.py."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from models.errors import ConfigError, LogError
+from models.progress import Bars
+
+if TYPE_CHECKING:
+    from companion.invariants import Audit
+    from models.vehicle import Vehicle
+
+_EPILOG = """exit codes: 0 every promise was kept; 1 one was not; 2 bad arguments or vehicle file; 3 log unreadable, or
+without the companion's own messages; 130 interrupted. What the promises mean: docs/safety.md."""
+_BROKEN = 1
+_EVERY = 20_000
+
+
+def add_parser(commands: Any) -> None:
+    """Register ``audit`` with the subparsers of ``replay``."""
+    p: argparse.ArgumentParser = commands.add_parser(
+        "audit", help="say whether a recorded flight kept the promises of safety", epilog=_EPILOG,
+        description="Check everything that the companion sent in a recorded flight against what it heard. The "
+        "recording must hold both directions, as companion --record and ground stations write them.",
+    )  # fmt: skip
+    p.add_argument("logs", nargs="+", type=Path, metavar="FLIGHT.tlog")
+    p.add_argument(
+        "--vehicle", type=Path, metavar="FILE.toml",
+        help="vehicle file flown: its limits, and which sensors are needed (default: the default limits; any sensor)",
+    )  # fmt: skip
+    p.add_argument("--dry-run", action="store_true", help="it was flown with --dry-run: no setpoint may be there")
+    p.add_argument(
+        "--setpoint", choices=("hold", "upstream"),
+        help="what was flown (default: upstream where another station's SET_ATTITUDE_TARGET is in the log)",
+    )  # fmt: skip
+    p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: the first heard)")
+    p.add_argument("--json", metavar="FILE", help="write the answer as JSON (- for stdout)")
+    p.add_argument("--quiet", action="store_true", help="no progress bar and no text")
+
+
+def run(a: argparse.Namespace) -> int:
+    """Run the command; UserErrors are reported by the caller."""
+    if a.target_system is not None and not 1 <= a.target_system <= 255:
+        raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
+    # Imported here so that --help answers at once.
+    from models.vehicle import load_vehicle
+    from replay.cli import write_json
+
+    vehicle = None if a.vehicle is None else load_vehicle(a.vehicle)
+    hold = None if a.setpoint is None else a.setpoint == "hold"
+    quiet = a.quiet or a.json == "-"
+    audits = [audit(log, vehicle, a.target_system, hold, dry_run=a.dry_run, quiet=quiet) for log in a.logs]
+    kept = all(one.kept for one in audits)
+    if a.json is not None:
+        answers = [{"log": str(log), **one.as_json()} for log, one in zip(a.logs, audits, strict=True)]
+        write_json({"kept": kept, "logs": answers}, a.json)
+    if not quiet:
+        print(as_text(a.logs, audits))
+    return 0 if kept else _BROKEN
+
+
+def audit(
+    path: Path,
+    vehicle: Vehicle | None = None,
+    system: int | None = None,
+    hold: bool | None = None,
+    *,
+    dry_run: bool = False,
+    quiet: bool = True,
+) -> Audit:
+    """Check one recording.
+
+    Raises LogError where it cannot be read, or holds nothing that the companion sent.
+    """
+    from companion.invariants import Auditor
+    from companion.mavlink.frames import cut
+    from companion.mavlink.message_filter import OWN_COMPONENT
+    from companion.mavlink.setpoints import SET_ATTITUDE_TARGET
+    from replay.logs.formats import suffix_of
+    from replay.logs.tlog import read_tlog
+
+    if suffix_of(path) != ".tlog" and path.exists():
+        raise LogError(f"{path}: only a .tlog holds both directions of the link; record one with companion --record")
+    log = read_tlog(path)
+    own = log.component == OWN_COMPONENT
+    if system is not None:
+        own &= log.system == system
+    if not own.any():
+        raise LogError(f"{path}: holds no message of the companion (component {OWN_COMPONENT}): nothing to audit")
+    if hold is None:
+        hold = not (~own & (log.message_id == SET_ATTITUDE_TARGET)).any()
+    auditor = Auditor(vehicle, hold=hold, dry_run=dry_run, system=system)
+    bars = Bars(quiet)
+    for i, (arrival_us, raw) in enumerate(log.frames()):
+        if i % _EVERY == 0:
+            bars(path.name, i, len(log))
+        auditor.frame(arrival_us, cut(raw, 0))
+    bars.close()
+    return auditor.report()
+
+
+def as_text(logs: Sequence[Path], audits: Sequence[Audit]) -> str:
+    """A table for a person."""
+    out = []
+    for log, one in zip(logs, audits, strict=True):
+        out.append(f"{log.name}: {'kept' if one.kept else 'NOT KEPT'}; {one.sent} sent, {one.setpoints} setpoints")
+        for promise, kept in one.promises.items():
+            state = f"{kept.broken:7} broken" if kept.broken else "     ok"
+            seen = f"{kept.checked:8}" if kept.checked else "       -"
+            out.append(f"  {seen} {state:14}  {promise.value}")
+            if kept.broken:
+                out.append(f"  {'':24} at {kept.first_s:.2f} s: {kept.first}")
+    return "\n".join(out)

@@ -1,0 +1,40 @@
+"""Simulated flights whose every output is checked against the promises of companion/invariants.py."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+from simflight import vehicle
+
+import models
+from companion.config import PipelineConfig
+from companion.invariants import Audit, Auditor
+from companion.sim.case import Case, CasePilot, surroundings
+from companion.sim.flight import Flight
+from companion.sim.lockstep import Lockstep
+
+
+@cache
+def config(name: str = "quad") -> PipelineConfig:
+    return PipelineConfig(vehicle(name), models.load())
+
+
+def fly_audited(
+    case: Case, seed: int = 1, record: Path | None = None, name: str = "quad", **changes: bool
+) -> tuple[Lockstep, CasePilot, Audit]:
+    """One case in lockstep; the pilot holds what truly happened."""
+    from dataclasses import replace
+
+    own = replace(config(name), **changes)
+    flight = Flight(own.vehicle, surroundings(case, own.vehicle), seed, px4=case.px4, parameters=case.parameters)
+    pilots: list[CasePilot] = []
+
+    def pilot(world: Lockstep) -> CasePilot:
+        pilots.append(CasePilot(world, case.script))
+        return pilots[0]
+
+    world = Lockstep(flight, pilot)
+    world.auditor = Auditor(own.vehicle, dry_run=own.dry_run)
+    world.fly(own, record)
+    return world, pilots[0], world.auditor.report()
