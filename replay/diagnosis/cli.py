@@ -37,6 +37,7 @@ def add_parser(commands: Any) -> None:
     p.add_argument("--seed", type=int, default=0, metavar="N", help="of the null draws and the bootstrap (default 0)")
     p.add_argument("--json", metavar="FILE", help="write the answer as JSON (- for stdout)")
     p.add_argument("--quiet", action="store_true", help="no progress bar and no text")
+    p.set_defaults(run=run)
 
 
 def run(a: argparse.Namespace) -> int:
