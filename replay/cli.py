@@ -95,7 +95,9 @@ def _run(a: argparse.Namespace) -> int:
         dry_run=True,
         survey=None if a.survey is None else read_box(a.survey),
     )
-    report = run(a.log, config, chosen.name, a.target_system, assumed_parameters(a.param), quiet=a.quiet or a.json == "-")
+    report = run(
+        a.log, config, chosen.name, a.target_system, assumed_parameters(a.param), quiet=a.quiet or a.json == "-"
+    )
     report.notes[:0] = [
         *([chosen.note] if chosen.note else []),
         *(f"the model is of another fan than the vehicle file: {wrong}" for wrong in chosen.contradictions),

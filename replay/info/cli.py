@@ -39,23 +39,21 @@ def run(a: argparse.Namespace) -> int:
     # Imported here so that --help answers at once.
     from tqdm import tqdm
 
-    import models
     from companion.vehicles import default_vehicle
+    from models.choice import choose
     from models.vehicle import load_vehicle
     from replay.cli import assumed_parameters, write_json
     from replay.info.info import inspect
-    from replay.residual.record import check_model
 
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
-    model = None if a.model == "none" else models.load(a.model)
-    check_model(vehicle, model)
+    chosen = choose(vehicle, a.model)
     shown = sys.stderr.isatty() and not a.quiet and len(a.logs) > 1
     assumed = assumed_parameters(a.param)
     answers: list[dict[str, Any]] = []
     failed = 0
     for path in tqdm(a.logs, unit="log", disable=not shown, leave=False, file=sys.stderr):
         try:
-            answer = inspect(path, vehicle, model, a.target_system, assumed)
+            answer = inspect(path, vehicle, chosen, a.target_system, assumed)
         except LogError as error:
             failed = error.exit_code
             answers.append({"log": str(path), "error": str(error)})
@@ -64,6 +62,8 @@ def run(a: argparse.Namespace) -> int:
         answers.append(answer.as_json())
         if a.json != "-" and not a.quiet:
             print(answer.as_text())
+    if a.json != "-" and not a.quiet and chosen.note:
+        print(chosen.note)
     if a.json != "-" and not a.quiet and a.vehicle is None:
         print("no --vehicle was given: judged as the paper's tandem; give your own for answers about your vehicle")
     if a.json is not None:

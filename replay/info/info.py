@@ -11,6 +11,7 @@ from companion.config import PipelineConfig
 from companion.mavlink.firmware import Stack, mode_name
 from companion.mavlink.samples import Heartbeat
 from companion.telemetry.summary import Summary
+from models.choice import NONE, Choice
 from models.errors import LogError
 from models.frames import AXES
 from models.surrogate.fan_surrogate import FanSurrogate
@@ -127,18 +128,19 @@ class LogInfo:
 def inspect(
     path: Path,
     vehicle: Vehicle,
-    model: FanSurrogate | None,
+    chosen: Choice,
     target_system: int | None = None,
     assumed: Mapping[str, float] | None = None,
 ) -> LogInfo:
-    """Read one log; ``assumed`` parameters hold where it does not tell them. ``model`` None: rotors in free air.
+    """Read one log as ``vehicle`` with a model; ``assumed`` parameters hold where the log does not tell them.
 
     Raises LogError where the log cannot be read; what it lacks is in the answer.
     """
-    boots = tuple(_boot(log, vehicle, model) for log in read_flightlogs(path, target_system))
-    if model is None:
-        return LogInfo(path, vehicle.name, boots, None, "the empty model has nothing to compensate")
-    config = PipelineConfig(vehicle=vehicle, model=model, dry_run=True)
+    boots = tuple(
+        _boot(log, vehicle, None if chosen.name == NONE else chosen.model)
+        for log in read_flightlogs(path, target_system)
+    )
+    config = PipelineConfig(vehicle=vehicle, model=chosen.model, dry_run=True)
     flight, refusal = None, ""
     try:
         flight = run(path, config, "", target_system, assumed).summary
