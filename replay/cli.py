@@ -14,6 +14,8 @@ from typing import Any
 
 from models.errors import ConfigError, UserError
 from models.version import VersionAction
+from replay.fleet.folder import add_options, run_folder
+from replay.fleet.jobs import Kind
 
 _INTERRUPTED = 130
 _COMMANDS = (
@@ -38,7 +40,7 @@ def parser() -> argparse.ArgumentParser:
         "run", help="feed a log through the pipeline of flight and report its decisions", epilog=_EPILOG,
         description="Feed a recorded log through the same pipeline as in flight, with the same decisions.",
     )  # fmt: skip
-    run.add_argument("log", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg")
+    run.add_argument("log", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg; or a folder of them")
     run.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: the paper's tandem)")
     run.add_argument("--model", metavar="DIR", help="model directory, or none (default: the shipped model)")
     run.add_argument(
@@ -53,6 +55,7 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     run.add_argument("--json", metavar="FILE", help="write the report as JSON (- for stdout)")
     run.add_argument("--quiet", action="store_true", help="no progress bar and no text report")
+    add_options(run)
     run.set_defaults(run=_run)
     for module in _COMMANDS:
         import_module(module).add_parser(commands)
@@ -77,6 +80,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(a: argparse.Namespace) -> int:
     if a.target_system is not None and not 1 <= a.target_system <= 255:
         raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
+    if a.log.is_dir():
+        assumed = tuple(sorted(assumed_parameters(a.param).items()))
+        return run_folder(a, a.log, Kind.RUN, setpoint=a.setpoint, assumed=assumed)
     # Imported here so that --help answers at once.
     from companion.config import Base, PipelineConfig
     from companion.control.survey_box import read_box

@@ -11,10 +11,14 @@ from replay.flightlog import FlightLog
 READERS = {".tlog": "replay.logs.tlog_flightlog", ".bin": "replay.logs.bin", ".ulg": "replay.logs.ulg"}
 """Suffix (lower case) to the module that reads it; imported when needed."""
 
+_PACKED = (".gz", ".xz", ".bz2", ".zst", ".zip", ".7z")
+
 
 def suffix_of(path: Path) -> str:
     """The known suffix of a log, or LogError."""
     suffix = path.suffix.lower()
+    if suffix in _PACKED:
+        raise LogError(f"{path}: is compressed: unpack it first")
     if suffix not in READERS:
         what = f"'{path.suffix}'" if path.suffix else "no suffix"
         raise LogError(f"{path}: {what} is no known log format; known: {', '.join(READERS)}")
