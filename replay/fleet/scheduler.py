@@ -55,7 +55,7 @@ def run_dask(jobs: Sequence[Job], address: str) -> Iterator[tuple[Job, dict[str,
             "--scheduler: needs the package distributed: pip install 'corner-compensator[cluster]'"
         ) from None
     try:
-        client = Client(address, timeout="10s", set_as_default=False)
+        client = Client(address, timeout="10s")
     except (OSError, TimeoutError, ValueError) as error:
         raise ConfigError(f"--scheduler {address}: no Dask scheduler there ({error})") from None
     with client:
