@@ -40,6 +40,7 @@ def add_parser(commands: Any) -> None:
     p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: the first heard)")
     p.add_argument("--json", metavar="FILE", help="write the answer as JSON (- for stdout)")
     p.add_argument("--quiet", action="store_true", help="no progress bar and no text")
+    p.set_defaults(run=run)
 
 
 def run(a: argparse.Namespace) -> int:

@@ -9,14 +9,22 @@ import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 from models.errors import ConfigError, UserError
 from models.version import VersionAction
+from replay.fleet.folder import add_options, run_folder
+from replay.fleet.jobs import Kind
 
 _INTERRUPTED = 130
+_COMMANDS = (
+    "replay.diagnosis.cli",
+    "replay.info.cli",
+    "replay.export.cli",
+    "replay.audit",
+)
+"""Modules with ``add_parser(commands)``, which sets ``run``."""
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
 messages; 130 interrupted. Logs: .tlog, .BIN, .ulg."""
 
@@ -28,12 +36,12 @@ def parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
     )  # fmt: skip
     p.add_argument("--version", action=VersionAction, nargs=0, help="print the version and exit")
-    commands = p.add_subparsers(dest="command", required=True, metavar="run|diagnose|audit")
+    commands = p.add_subparsers(dest="command", required=True, metavar="COMMAND")
     run = commands.add_parser(
         "run", help="feed a log through the pipeline of flight and report its decisions", epilog=_EPILOG,
         description="Feed a recorded log through the same pipeline as in flight, with the same decisions.",
     )  # fmt: skip
-    run.add_argument("log", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg")
+    run.add_argument("log", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg; or a folder of them")
     run.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: the paper's tandem)")
     run.add_argument("--model", metavar="DIR", help="model directory, or none (default: the shipped model)")
     run.add_argument(
@@ -48,9 +56,10 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     run.add_argument("--json", metavar="FILE", help="write the report as JSON (- for stdout)")
     run.add_argument("--quiet", action="store_true", help="no progress bar and no text report")
-    if find_spec("replay.diagnosis.cli") is not None:
-        import_module("replay.diagnosis.cli").add_parser(commands)
-    import_module("replay.audit").add_parser(commands)
+    add_options(run)
+    run.set_defaults(run=_run)
+    for module in _COMMANDS:
+        import_module(module).add_parser(commands)
     return p
 
 
@@ -58,11 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     arguments = parser().parse_args(argv)
     try:
-        if arguments.command == "diagnose":
-            return int(import_module("replay.diagnosis.cli").run(arguments))
-        if arguments.command == "audit":
-            return int(import_module("replay.audit").run(arguments))
-        return _run(arguments)
+        return int(arguments.run(arguments))
     except UserError as error:
         print(f"replay: {error}", file=sys.stderr)
         return error.exit_code
@@ -76,6 +81,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(a: argparse.Namespace) -> int:
     if a.target_system is not None and not 1 <= a.target_system <= 255:
         raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
+    if a.log.is_dir():
+        assumed = tuple(sorted(assumed_parameters(a.param).items()))
+        return run_folder(a, a.log, Kind.RUN, setpoint=a.setpoint, assumed=assumed)
     # Imported here so that --help answers at once.
     from companion.config import Base, PipelineConfig
     from companion.control.survey_box import read_box
@@ -94,7 +102,9 @@ def _run(a: argparse.Namespace) -> int:
         dry_run=True,
         survey=None if a.survey is None else read_box(a.survey),
     )
-    report = run(a.log, config, chosen.name, a.target_system, _assumed(a.param), quiet=a.quiet or a.json == "-")
+    report = run(
+        a.log, config, chosen.name, a.target_system, assumed_parameters(a.param), quiet=a.quiet or a.json == "-"
+    )
     report.notes[:0] = [
         *([chosen.note] if chosen.note else []),
         *(f"the model is of another fan than the vehicle file: {wrong}" for wrong in chosen.contradictions),
@@ -107,7 +117,8 @@ def _run(a: argparse.Namespace) -> int:
     return 0
 
 
-def _assumed(pairs: Sequence[str]) -> dict[str, float]:
+def assumed_parameters(pairs: Sequence[str]) -> dict[str, float]:
+    """``NAME=VALUE`` of the command line; ConfigError where one is no number."""
     out = {}
     for pair in pairs:
         name, _, value = pair.partition("=")
@@ -120,7 +131,7 @@ def _assumed(pairs: Sequence[str]) -> dict[str, float]:
     return out
 
 
-def write_json(report: dict[str, Any], target: str) -> None:
+def write_json(report: dict[str, Any] | list[dict[str, Any]], target: str) -> None:
     """A report as JSON to a file, or to stdout where ``target`` is ``-``."""
     text = json.dumps(report, indent=2, allow_nan=False)
     if target == "-":

@@ -26,7 +26,8 @@ class Summary:
         self.decisions = self.commands = 0
         self._seconds: dict[Reason, float] = defaultdict(float)
         self._gravest: dict[Reason, float] = defaultdict(float)
-        self._compensated_s = self._total_s = 0.0
+        self._compensated_s = self._total_s = self._gaps_s = 0.0
+        self._gaps = 0
         self._last_s: float | None = None
         self._tuned: HoldTuning | None = None
         self._least_margin: Margin | None = None
@@ -38,6 +39,9 @@ class Summary:
     def add(self, decision: Decision) -> None:
         """Take in one decision."""
         dt = 0.0 if self._last_s is None else decision.t_s - self._last_s
+        if dt > _GAP_S:
+            self._gaps_s += dt
+            self._gaps += 1
         dt = dt if 0.0 <= dt <= _GAP_S else 0.0
         self._last_s = decision.t_s
         self.decisions += 1
@@ -99,19 +103,30 @@ class Summary:
             "commands": self.commands,
             "duration_s": round(self._total_s, 3),
             "compensated_s": round(self._compensated_s, 3),
+            "gaps_s": round(self._gaps_s, 3),
             "gravest_s": {r.name.lower(): round(s, 3) for r, s in sorted(self._gravest.items(), key=lambda x: -x[1])},
-            "refusals_s": {r.name.lower(): round(s, 3) for r, s in sorted(self._seconds.items(), key=lambda x: -x[1])},
+            "refusals_s": {r.name.lower(): round(s, 3) for r, s in self.refusals()},
             "margin": self._margin_as_json(),
             "notices": {notice.name.lower(): count for notice, count in self.notices.items()},
             **ranges,
         }
+
+    def refusals(self) -> list[tuple[Reason, float]]:
+        """Every reason with its seconds, the longest first."""
+        return sorted(self._seconds.items(), key=lambda x: -x[1])
 
     def as_text(self) -> str:
         """A few lines for a person."""
         sent = f"{self.commands} setpoints, compensated {self._compensated_s:.1f} s"
         if self._dry_run:
             sent = f"nothing sent (dry run); would have compensated {self._compensated_s:.1f} s"
-        out = [f"{self.decisions} decisions over {self._total_s:.1f} s, {sent}"]
+        out = [f"{self.decisions} decisions over {self._total_s + self._gaps_s:.1f} s, {sent}"]
+        if self._gaps_s > self._total_s:
+            apart = self._gaps_s / max(self._gaps, 1)
+            out.append(
+                f"  {self._gaps_s:7.1f} s  counted for nothing: attitudes come {apart:.1f} s apart, and 0.2 s is what "
+                "flight needs; stream ATTITUDE_QUATERNION at 50 Hz"
+            )
         for reason, seconds in sorted(self._gravest.items(), key=lambda x: -x[1]):
             out.append(f"  {seconds:7.1f} s  {reason.value}")
         hidden = [r.value for r in self._seconds if r not in self._gravest]

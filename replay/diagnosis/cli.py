@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from models.errors import ConfigError
+from replay.fleet.folder import add_options, run_folder
+from replay.fleet.jobs import Kind
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -26,7 +28,13 @@ def add_parser(commands: Any) -> None:
         description="Measured minus modelled wrench of recorded flights: which physical effect is missing, how large "
         "it is, and the error before and after adding it, on time that the fit never saw.",
     )  # fmt: skip
-    p.add_argument("logs", nargs="+", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg; several: confirm each other")
+    p.add_argument(
+        "logs",
+        nargs="+",
+        type=Path,
+        metavar="LOG",
+        help=".tlog, .BIN or .ulg; several confirm each other; a folder: each by itself",
+    )
     p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: the paper's tandem)")
     p.add_argument(
         "--model", metavar="DIR", help="declared model, or none: rotors in free air (default: the shipped model)"
@@ -37,6 +45,8 @@ def add_parser(commands: Any) -> None:
     p.add_argument("--seed", type=int, default=0, metavar="N", help="of the null draws and the bootstrap (default 0)")
     p.add_argument("--json", metavar="FILE", help="write the answer as JSON (- for stdout)")
     p.add_argument("--quiet", action="store_true", help="no progress bar and no text")
+    add_options(p)
+    p.set_defaults(run=run)
 
 
 def run(a: argparse.Namespace) -> int:
@@ -48,6 +58,8 @@ def run(a: argparse.Namespace) -> int:
     for option, target in (("--json", a.json), ("--save-model", a.save_model), ("--report", a.report)):
         if target is not None and str(target) != "-":
             _check_target(option, Path(target), folder=option != "--json")
+    if any(log.is_dir() for log in a.logs):
+        return _folder(a)
     # Imported here so that --help answers at once.
     from companion.vehicles import default_vehicle
     from models.choice import choose
@@ -95,6 +107,15 @@ def run(a: argparse.Namespace) -> int:
         if a.report is not None:
             print(f"report: {a.report / 'report.html'}")
     return 0
+
+
+def _folder(a: argparse.Namespace) -> int:
+    if len(a.logs) > 1:
+        raise ConfigError("a folder is diagnosed log by log: give it alone, or name the logs that belong together")
+    for option, value in (("--save-model", a.save_model), ("--report", a.report)):
+        if value is not None:
+            raise ConfigError(f"{option}: needs logs by name; a folder's page and table go to --out")
+    return run_folder(a, a.logs[0], Kind.DIAGNOSE, seed=a.seed)
 
 
 def _check_target(option: str, target: Path, *, folder: bool) -> None:

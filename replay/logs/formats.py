@@ -11,13 +11,16 @@ from replay.flightlog import FlightLog
 READERS = {".tlog": "replay.logs.tlog_flightlog", ".bin": "replay.logs.bin", ".ulg": "replay.logs.ulg"}
 """Suffix (lower case) to the module that reads it; imported when needed."""
 
+_PACKED = (".gz", ".xz", ".bz2", ".zst", ".zip", ".7z")
+
 
 def suffix_of(path: Path) -> str:
     """The known suffix of a log, or LogError."""
     suffix = path.suffix.lower()
     if suffix not in READERS:
+        advice = "; unpack it first" if suffix in _PACKED else ""
         what = f"'{path.suffix}'" if path.suffix else "no suffix"
-        raise LogError(f"{path}: {what} is no known log format; known: {', '.join(READERS)}")
+        raise LogError(f"{path}: {what} is no known log format; known: {', '.join(READERS)}{advice}")
     return suffix
 
 

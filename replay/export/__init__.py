@@ -1,0 +1,1 @@
+"""``replay export``: a log as a table for other tools."""

@@ -1,0 +1,60 @@
+"""``replay export``: arguments and files."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from models.errors import ConfigError
+
+_EPILOG = """exit codes: 0 done; 2 bad arguments, or pyarrow is missing; 3 log unreadable; 130 interrupted.
+Columns and units: docs/logs.md."""
+
+
+def add_parser(commands: Any) -> None:
+    """Register ``export`` with the subparsers of ``replay``."""
+    p: argparse.ArgumentParser = commands.add_parser(
+        "export", help="a log as one Parquet or CSV table, with units", epilog=_EPILOG,
+        description="Everything a log holds as one table in SI units on the vehicle's boot clock.",
+    )  # fmt: skip
+    p.add_argument("log", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg")
+    p.add_argument("--to", required=True, choices=("parquet", "csv"), help="format")
+    p.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: the log's name, in this folder)")
+    p.add_argument(
+        "--rate", type=float, metavar="HZ", help="an even clock, linear in between (default: every sample as it was)"
+    )
+    p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
+    p.add_argument("--quiet", action="store_true", help="no text")
+    p.set_defaults(run=run)
+
+
+def run(a: argparse.Namespace) -> int:
+    """Run the command; UserErrors are reported by the caller."""
+    if a.rate is not None and not 0.0 < a.rate <= 1000.0:
+        raise ConfigError(f"--rate {a.rate:g}: must be above 0 and at most 1000 Hz")
+    if a.target_system is not None and not 1 <= a.target_system <= 255:
+        raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
+    from models.version import installed_version
+    from replay.export.columns import table
+    from replay.export.files import write_csv, write_parquet
+    from replay.logs.formats import read_flightlogs
+
+    logs = read_flightlogs(a.log, a.target_system)
+    tables = [table(log, a.rate) for log in logs]
+    target = Path(f"{a.log.stem}.{a.to}") if a.out is None else a.out
+    about = {
+        "log": a.log.name,
+        "system": str(logs[0].system),
+        "made_by": f"corner-compensator {installed_version()}",
+        "frames": "world NED, body FRD, SI units",
+        "rate_hz": "as recorded" if a.rate is None else f"{a.rate:g}",
+    }
+    try:
+        rows = (write_csv if a.to == "csv" else write_parquet)(target, tables, about)
+    except OSError as error:
+        raise ConfigError(f"--out {target}: cannot be written ({error.strerror or error})") from None
+    if not a.quiet:
+        names = {c.name for t in tables for c in t.columns}
+        print(f"{target}: {rows} rows, {len(names)} columns and time_s, {len(logs)} boot(s)")
+    return 0

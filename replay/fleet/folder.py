@@ -1,0 +1,101 @@
+"""A whole folder: find the logs, do what is not done yet, write the table and the page."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from models.errors import ConfigError, LogError
+from replay.fleet.jobs import Job, Kind
+from replay.fleet.page import write_page
+from replay.fleet.results import Results, logs_in, split
+from replay.fleet.rows import row, write_table
+from replay.fleet.scheduler import run_dask, run_local
+
+
+def add_options(p: argparse.ArgumentParser) -> None:
+    """The options that only a folder has."""
+    g = p.add_argument_group("of a folder of logs")
+    g.add_argument("--out", type=Path, metavar="DIR", help="table, page and answers (default: NAME-COMMAND, here)")
+    g.add_argument("--workers", type=int, metavar="N", help="local processes (default: one a core)")
+    g.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster that sees the same files")
+
+
+def run_folder(a: argparse.Namespace, folder: Path, kind: Kind, **options: Any) -> int:
+    """The command on every log below ``folder``. 0 where one log at least could be used, else 3.
+
+    An interrupted run goes on where it stopped: answers that are in ``--out`` are not computed again.
+    """
+    if a.workers is not None and not 1 <= a.workers <= 1024:
+        raise ConfigError(f"--workers {a.workers}: must be 1 to 1024")
+    if a.scheduler is not None and "://" not in a.scheduler:
+        raise ConfigError(f"--scheduler {a.scheduler}: must be an address such as tcp://10.0.0.5:8786")
+    _check_declared(a)
+    paths, notes = logs_in(folder)
+    out = Path(f"{folder.resolve().name}-{kind.value}") if a.out is None else a.out
+    results = Results(out)
+    vehicle = None if a.vehicle is None else str(a.vehicle.resolve())
+    model = a.model if a.model is None or not Path(a.model).is_dir() else str(Path(a.model).resolve())
+    jobs = [Job(kind.value, str(p.resolve()), vehicle, model, a.target_system, **options) for p in paths]
+    waiting, answers = split(results, jobs)
+    for job, answer in _progress(_work(a, waiting), len(jobs), len(answers), a.quiet):
+        results.keep(job, answer)
+        answers[job] = answer
+    ordered = [answers[job] for job in jobs]
+    return _tell(a, folder, out, kind, ordered, notes, len(jobs) - len(waiting))
+
+
+def _check_declared(a: argparse.Namespace) -> None:
+    """A wrong vehicle file or model is said once, before the work."""
+    from companion.vehicles import default_vehicle
+    from models.choice import choose
+    from models.vehicle import load_vehicle
+
+    choose(default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle), a.model)
+
+
+def _work(a: argparse.Namespace, jobs: Sequence[Job]) -> Any:
+    if not jobs:
+        return ()
+    if a.scheduler is not None:
+        return run_dask(jobs, a.scheduler)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return run_local(jobs, min(a.workers or cores, len(jobs)))
+
+
+def _progress(work: Any, total: int, done: int, quiet: bool) -> Any:
+    from tqdm import tqdm
+
+    shown = sys.stderr.isatty() and not quiet
+    return tqdm(work, total=total, initial=done, unit="log", disable=not shown, leave=False, file=sys.stderr)
+
+
+def _tell(
+    a: argparse.Namespace,
+    folder: Path,
+    out: Path,
+    kind: Kind,
+    answers: list[dict[str, Any]],
+    notes: list[str],
+    old: int,
+) -> int:
+    from replay.cli import write_json
+
+    try:
+        table = write_table(out, [row(answer) for answer in answers])
+        page = write_page(out, f"replay {kind.value}: {folder.resolve().name}", answers)
+    except OSError as error:
+        raise ConfigError(f"--out {out}: cannot be written ({error.strerror})") from None
+    bad = [answer for answer in answers if "error" in answer]
+    for line in [*notes, *(f"{answer['log']}: {answer['error']}" for answer in bad)]:
+        print(f"replay: {line}", file=sys.stderr)
+    if a.json is not None:
+        write_json({"folder": str(folder), "logs": answers, "table": str(table), "page": str(page)}, a.json)
+    if a.json != "-" and not a.quiet:
+        again = f" ({old} of them known from before)" if old else ""
+        print(f"{len(answers) - len(bad)} of {len(answers)} logs{again}\ntable: {table}\npage: {page}")
+    return 0 if len(bad) < len(answers) else LogError.exit_code

@@ -1,0 +1,105 @@
+"""The work on one log of a folder, as a function of plain values: it runs in any process on any machine."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+import time
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from models.errors import UserError
+from models.version import installed_version
+
+_EARLIEST_US, _LATEST_US = 1_100_000_000_000_000, 4_000_000_000_000_000
+"""2004 and 2096: receiver stamps outside are no date."""
+
+
+class Kind(Enum):
+    """What is asked of every log."""
+
+    RUN = "run"
+    DIAGNOSE = "diagnose"
+
+
+@dataclass(frozen=True)
+class Job:
+    """One log and everything that its answer depends on."""
+
+    kind: str
+    path: str
+    vehicle: str | None
+    model: str | None
+    target_system: int | None = None
+    seed: int = 0
+    setpoint: str = "hold"
+    assumed: tuple[tuple[str, float], ...] = ()
+
+    def key(self) -> str:
+        """Changes with log, vehicle file, model, options and program: an old answer is then void."""
+        stat = Path(self.path).stat()
+        told = {**asdict(self), "version": installed_version(), "size": stat.st_size, "changed_ns": stat.st_mtime_ns}
+        digest = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
+        for name in (self.vehicle, *(f"{self.model}/{f}" for f in ("model.json", "weights.npz") if self.model)):
+            if name is not None and Path(name).is_file():
+                digest.update(Path(name).read_bytes())
+        return digest.hexdigest()[:20]
+
+
+def perform(job: Job) -> dict[str, Any]:
+    """The answer on one log as JSON; a log that cannot be used gives ``error`` instead. Never raises for a bad log."""
+    start = time.monotonic()
+    head = {"log": job.path, **_date(Path(job.path))}
+    try:
+        answer = _answer(job)
+    except UserError as error:
+        answer = {"error": str(error).removeprefix(f"{job.path}: ")}
+    except MemoryError:
+        answer = {"error": "needs more memory than there is: cut it, or use another machine"}
+    except Exception as error:  # a log that breaks the reader must not stop the others
+        answer = {"error": f"broke the program ({type(error).__name__}: {error}); please report it"}
+    return {**head, **answer, "wall_s": round(time.monotonic() - start, 2)}
+
+
+def _answer(job: Job) -> dict[str, Any]:
+    from companion.vehicles import default_vehicle
+    from models.choice import NONE, choose
+    from models.vehicle import load_vehicle
+
+    vehicle = default_vehicle() if job.vehicle is None else load_vehicle(job.vehicle)
+    chosen = choose(vehicle, job.model)
+    if job.kind == Kind.DIAGNOSE.value:
+        from replay.diagnosis.diagnose import diagnose
+
+        model = None if chosen.name == NONE else chosen.model
+        answer = diagnose([Path(job.path)], vehicle, model, target_system=job.target_system, seed=job.seed)
+        return {"vehicle": vehicle.name, **answer.as_json(None)}
+    from companion.config import Base, PipelineConfig
+    from replay.rerun.report import run
+
+    base = Base.HOLD if job.setpoint == "hold" else Base.UPSTREAM
+    config = PipelineConfig(vehicle=vehicle, model=chosen.model, base=base, dry_run=True)
+    return run(Path(job.path), config, chosen.name, job.target_system, dict(job.assumed)).as_json()
+
+
+def _date(path: Path) -> dict[str, str]:
+    """When the log was recorded: the first receiver stamp of a .tlog, else when the file was last changed."""
+    stamp = None
+    try:
+        if path.suffix.lower() == ".tlog":
+            with path.open("rb") as file:
+                head = file.read(8)
+            stamp = struct.unpack(">Q", head)[0] if len(head) == 8 else None
+        if stamp is None or not _EARLIEST_US < stamp < _LATEST_US:
+            return {"date": _text(path.stat().st_mtime), "date_from": "file"}
+    except OSError:
+        return {"date": "", "date_from": "unknown"}
+    return {"date": _text(stamp / 1e6), "date_from": "log"}
+
+
+def _text(epoch_s: float) -> str:
+    return datetime.fromtimestamp(epoch_s, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

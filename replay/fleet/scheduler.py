@@ -1,0 +1,143 @@
+"""Runs jobs on the processes of this machine, or on a Dask cluster; a job that dies takes nothing else with it."""
+
+from __future__ import annotations
+
+import multiprocessing as mp
+import os
+import resource
+import signal
+import threading
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any
+
+from models.errors import ConfigError
+from replay.fleet.jobs import Job, perform
+
+_PRELOAD = ["numpy", "replay.fleet.jobs", "replay.diagnosis.diagnose", "replay.rerun.report", "scipy.linalg"]
+_MEMORY_SHARE = 0.8
+_BYTES_PER_LOG_BYTE = 12.0
+"""Peak memory of a process over the size of its log; measured at 5 to 9 for .tlog (docs/logs.md)."""
+_BASE_BYTES = 250e6
+
+
+def run_local(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, dict[str, Any]]]:
+    """Answers in the order in which they come. One fresh process a log, so that memory is given back after each.
+
+    Logs wait for one another where together they would not fit into memory.
+    """
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process a core is enough
+    context = mp.get_context("forkserver")
+    context.set_forkserver_preload(_PRELOAD)
+    memory = _Memory(_physical_bytes() * _MEMORY_SHARE)
+    stop = threading.Event()
+    pool = ThreadPoolExecutor(workers)
+    try:
+        futures: dict[Future[dict[str, Any]], Job] = {
+            pool.submit(_in_process, context, job, memory, stop): job for job in jobs
+        }
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    finally:
+        stop.set()
+        pool.shutdown(cancel_futures=True)
+
+
+def run_dask(jobs: Sequence[Job], address: str) -> Iterator[tuple[Job, dict[str, Any]]]:
+    """The same on a cluster: its workers must see the logs under the same paths, and have this package."""
+    try:
+        from distributed import Client
+        from distributed import as_completed as completed
+    except ImportError:
+        raise ConfigError(
+            "--scheduler: needs the package distributed: pip install 'corner-compensator[cluster]'"
+        ) from None
+    try:
+        client = Client(address, timeout="10s")
+    except (OSError, TimeoutError, ValueError) as error:
+        raise ConfigError(f"--scheduler {address}: no Dask scheduler there ({error})") from None
+    with client:
+        futures = {client.submit(perform, job, pure=False, retries=1): job for job in jobs}
+        for future in completed(list(futures)):
+            try:
+                answer = future.result()
+            except Exception as error:  # the worker died with it
+                answer = {"log": futures[future].path, "error": f"its worker failed ({type(error).__name__}: {error})"}
+            yield futures[future], answer
+
+
+class _Memory:
+    """Lets a job begin when what runs and it fit together; one alone may always begin."""
+
+    def __init__(self, total: float) -> None:
+        self._total = total
+        self._used = 0.0
+        self._running = 0
+        self._changed = threading.Condition()
+
+    def take(self, size: float, stop: threading.Event) -> None:
+        with self._changed:
+            while self._running and self._used + size > self._total and not stop.is_set():
+                self._changed.wait(0.5)
+            self._used += size
+            self._running += 1
+
+    def give(self, size: float) -> None:
+        with self._changed:
+            self._used -= size
+            self._running -= 1
+            self._changed.notify_all()
+
+
+def _physical_bytes() -> float:
+    return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
+
+
+def _in_process(context: Any, job: Job, memory: _Memory, stop: threading.Event) -> dict[str, Any]:
+    try:
+        size = _BASE_BYTES + _BYTES_PER_LOG_BYTE * Path(job.path).stat().st_size
+    except OSError:
+        size = _BASE_BYTES
+    memory.take(size, stop)
+    try:
+        return {"log": job.path, "error": "interrupted"} if stop.is_set() else _wait_for(context, job, stop)
+    finally:
+        memory.give(size)
+
+
+def _wait_for(context: Any, job: Job, stop: threading.Event) -> dict[str, Any]:
+    ours, theirs = context.Pipe(duplex=False)
+    process = context.Process(target=_child, args=(job, theirs), daemon=True)
+    process.start()
+    theirs.close()
+    answer: dict[str, Any] | None = None
+    try:
+        while not stop.is_set():
+            if ours.poll(0.2):
+                answer = ours.recv()
+                break
+    except EOFError:
+        pass
+    finally:
+        ours.close()
+        if stop.is_set():
+            process.terminate()
+        process.join()
+    if answer is not None:
+        return answer
+    if stop.is_set():
+        return {"log": job.path, "error": "interrupted"}
+    reason = f"signal {-process.exitcode}" if process.exitcode < 0 else f"exit code {process.exitcode}"
+    return {"log": job.path, "error": f"its process died ({reason}); out of memory?"}
+
+
+def _child(job: Job, answers: Connection) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides when to end
+    limit = int(_physical_bytes() * _MEMORY_SHARE)
+    resource.setrlimit(resource.RLIMIT_DATA, (limit, limit))  # MemoryError rather than the kernel's killer
+    answer = perform(job)
+    answer["peak_mib"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+    answers.send(answer)
+    answers.close()

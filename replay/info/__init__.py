@@ -1,0 +1,1 @@
+"""``replay info``: what is in a log and what it can answer."""

@@ -1,0 +1,169 @@
+"""What a log can answer: each question with yes, partly or no, why, and the setting that would change it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+from typing import Any
+
+from models.vehicle import Vehicle
+from replay.flightlog import Beam, FlightLog, Series
+from replay.info.settings import ARDUPILOT, change_for
+from replay.residual.record import FORCE_RATE_HZ, MOMENT_RATE_HZ
+
+_GOOD_IMU_HZ = 25.0
+"""Up to 2 Hz is judged with it; slower accelerometers are judged up to a quarter of their rate."""
+_RANGE_HZ, _RPM_HZ = 5.0, 5.0
+_SIDES = ("forward", "right", "back", "left")
+
+
+class Answer(Enum):
+    """How well a log answers a question."""
+
+    YES = "yes"
+    PARTLY = "partly"
+    NO = "no"
+
+
+@dataclass(frozen=True)
+class Ability:
+    """One question to a log. ``change`` is empty where the answer is yes."""
+
+    question: str
+    answer: Answer
+    why: str
+    change: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain text."""
+        return {"question": self.question, "answer": self.answer.value, "why": self.why, "change": self.change}
+
+
+def abilities(log: FlightLog, vehicle: Vehicle) -> tuple[Ability, ...]:
+    """Every question that a diagnosis or a flight asks of one boot."""
+    return (
+        _forces(log),
+        _moments(log),
+        _rotors(log, vehicle),
+        _surface(log, "height over ground", "down"),
+        _wall(log),
+        _surface(log, "ceiling", "up"),
+        *_channels(log),
+        _meaning_of_thrust(log),
+    )
+
+
+def _imu_rate(log: FlightLog) -> float:
+    return max((i.specific_force.rate_hz for i in log.imus if len(i.specific_force) > 1), default=0.0)
+
+
+def _forces(log: FlightLog) -> Ability:
+    question = "forces (Fx Fy Fz)"
+    if log.attitude is None:
+        return Ability(question, Answer.NO, "no attitude", change_for(log, "attitude"))
+    rate = _imu_rate(log)
+    if rate == 0.0:
+        return Ability(question, Answer.NO, "no accelerometer", change_for(log, "imu"))
+    if rate < FORCE_RATE_HZ:
+        why = f"accelerometer at {rate:.1f} Hz; {FORCE_RATE_HZ:.0f} Hz are needed"
+        return Ability(question, Answer.NO, why, change_for(log, "imu"))
+    clipped = max(log.imus, key=lambda i: i.specific_force.rate_hz).clipped
+    if clipped:
+        why = f"the accelerometer clipped {clipped} times: its mean is not to be trusted"
+        return Ability(question, Answer.PARTLY, why, "damp the autopilot's mount; balance the propellers")
+    if rate < _GOOD_IMU_HZ:
+        why = f"accelerometer at {rate:.1f} Hz: slow changes only"
+        return Ability(question, Answer.PARTLY, why, change_for(log, "imu"))
+    return Ability(question, Answer.YES, f"accelerometer at {rate:.0f} Hz")
+
+
+def _moments(log: FlightLog) -> Ability:
+    question = "moments (Mx My Mz)"
+    rates = [_rate(i.gyro) for i in log.imus] + [_rate(log.rates)]
+    rate = max(rates)
+    if rate < MOMENT_RATE_HZ:
+        why = f"angular rates at {rate:.1f} Hz; {MOMENT_RATE_HZ:.0f} Hz are needed" if rate else "no angular rates"
+        return Ability(question, Answer.NO, why, change_for(log, "imu"))
+    return Ability(question, Answer.YES, f"angular rates at {rate:.0f} Hz")
+
+
+def _rate(series: Series | None) -> float:
+    return series.rate_hz if series is not None and len(series) > 1 else 0.0
+
+
+def _rotors(log: FlightLog, vehicle: Vehicle) -> Ability:
+    question = "thrust of the rotors"
+    speeds = {number: _rate(esc.rpm) for number, esc in log.escs.items() if esc.rpm is not None}
+    wanted = [rotor.esc for rotor in vehicle.rotors if rotor.esc is not None]
+    if wanted and all(n in speeds for n in wanted):
+        slowest = min(speeds[n] for n in wanted)
+        why = f"speeds of ESC {', '.join(map(str, wanted))} at {slowest:.0f} Hz"
+        if slowest < _RPM_HZ:
+            return Ability(question, Answer.PARTLY, why + ": slow", change_for(log, "rpm"))
+        return Ability(question, Answer.YES, why)
+    if not wanted and log.servo is not None:
+        return Ability(question, Answer.YES, f"servo outputs at {_rate(log.servo):.0f} Hz and [throttle]")
+    lacking = [n for n in wanted if n not in speeds]
+    why = f"no speed of ESC {', '.join(map(str, lacking))}" if wanted else "no servo outputs"
+    if wanted and log.servo is not None:
+        why += "; servo outputs are there"
+        return Ability(
+            question, Answer.PARTLY, why,
+            f"{change_for(log, 'rpm')}; or name the rotors by servo and add [throttle] (replay vehicle fits it)",
+        )  # fmt: skip
+    return Ability(question, Answer.NO, why, change_for(log, "rpm" if wanted else "servo"))
+
+
+def _surface(log: FlightLog, question: str, direction: str) -> Ability:
+    return _beam_ability(log, question, log.beam(direction), direction)
+
+
+def _wall(log: FlightLog) -> Ability:
+    beams = [(d, log.beam(d)) for d in _SIDES]
+    seen = [(d, b) for d, b in beams if b is not None]
+    best = max(seen, key=lambda item: len(item[1].good), default=("to a side", None))
+    return _beam_ability(log, "distance to a wall", best[1], best[0])
+
+
+def _beam_ability(log: FlightLog, question: str, beam: Beam | None, direction: str) -> Ability:
+    if beam is None:
+        return Ability(question, Answer.NO, f"no rangefinder looks {direction}", change_for(log, "range"))
+    rate, share = _rate(beam.distance), beam.share_good
+    why = f"{beam.source} {direction} at {rate:.0f} Hz, {share:.0%} of the readings good"
+    if not len(beam.good):
+        return Ability(question, Answer.NO, why, "nothing, if nothing was in reach; else check the sensor's limits")
+    if rate < _RANGE_HZ:
+        return Ability(question, Answer.PARTLY, why, change_for(log, "range"))
+    return Ability(question, Answer.YES, why)
+
+
+def _channels(log: FlightLog) -> Iterator[Ability]:
+    temperature = any(esc.temperature_c is not None for esc in log.escs.values())
+    battery = log.battery is not None and math.isfinite(float(log.battery.values[:, 0].max(initial=-math.inf)))
+    for question, there, quantity, there_text in (
+        ("wind and drag", log.velocity is not None, "position", "velocity in the log"),
+        ("battery sag", battery, "battery", "battery voltage in the log"),
+        ("thermal derating", temperature, "temperature", "ESC temperatures in the log"),
+        ("air density", log.pressure is not None, "pressure", "static pressure in the log"),
+        ("hover thrust", log.thrust_command is not None, "thrust", "thrust command in the log"),
+    ):
+        if there:
+            yield Ability(question, Answer.YES, there_text)
+        else:
+            yield Ability(question, Answer.NO, "not in the log", change_for(log, quantity))
+
+
+def _meaning_of_thrust(log: FlightLog) -> Ability:
+    question, name = "meaning of thrust", "GUID_OPTIONS"
+    if log.autopilot == ARDUPILOT and name not in log.parameters:
+        why = f"{name} is not among the {len(log.parameters)} parameters in the log"
+        change = f"{change_for(log, 'parameters')}; replay run --param {name}=8 takes it as given"
+        return Ability(question, Answer.NO, why, change)
+    if log.autopilot == ARDUPILOT and not int(log.parameters[name]) & 8:
+        why = f"{name} is {log.parameters[name]:g}: thrust is a climb rate"
+        return Ability(question, Answer.NO, why, f"{name} with bit 3 (value 8)")
+    if not log.parameters:
+        return Ability(question, Answer.NO, "no parameters in the log", change_for(log, "parameters"))
+    return Ability(question, Answer.YES, f"{len(log.parameters)} parameters in the log")

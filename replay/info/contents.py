@@ -1,0 +1,98 @@
+"""What a flight log holds: every quantity with its count, rate and gaps."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from replay.flightlog import FlightLog, Series
+
+_GAP_PERIODS = 5.0
+_GAP_S = 0.3
+"""A silence is a gap from five periods and 0.3 s on: shorter ones are interpolated by whoever reads."""
+
+
+@dataclass(frozen=True)
+class Stream:
+    """One quantity of a log."""
+
+    name: str
+    source: str
+    """Message or topic that it was read from."""
+    count: int
+    rate_hz: float | None
+    """One over the median step; None below two samples."""
+    gaps: int
+    longest_gap_s: float
+    start_s: float
+    end_s: float
+    share_good: float | None = None
+    """Of a rangefinder: readings that are neither too near, too far nor weak."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain numbers."""
+        out: dict[str, Any] = {
+            "name": self.name,
+            "source": self.source,
+            "count": self.count,
+            "rate_hz": None if self.rate_hz is None else round(self.rate_hz, 3),
+            "gaps": self.gaps,
+            "longest_gap_s": round(self.longest_gap_s, 3),
+            "start_s": round(self.start_s, 3),
+            "end_s": round(self.end_s, 3),
+        }
+        return out if self.share_good is None else {**out, "share_good": round(self.share_good, 4)}
+
+
+def stream(name: str, series: Series, share_good: float | None = None) -> Stream:
+    """The numbers of one series that is not empty."""
+    steps = np.diff(series.t_s)
+    rate = series.rate_hz
+    period = float(np.median(steps)) if steps.size else 0.0
+    return Stream(
+        name=name,
+        source=series.source,
+        count=len(series),
+        rate_hz=rate if math.isfinite(rate) else None,
+        gaps=int((steps > max(_GAP_PERIODS * period, _GAP_S)).sum()),
+        longest_gap_s=float(steps.max()) if steps.size else 0.0,
+        start_s=float(series.t_s[0]),
+        end_s=float(series.t_s[-1]),
+        share_good=share_good,
+    )
+
+
+def streams(log: FlightLog) -> tuple[Stream, ...]:
+    """Every quantity of one boot that holds a sample."""
+    return tuple(
+        stream(name, series, good) for name, series, good in _series(log) if series is not None and len(series)
+    )
+
+
+def _series(log: FlightLog) -> Iterator[tuple[str, Series | None, float | None]]:
+    for name in ("attitude", "rates", "position", "velocity"):
+        yield name, getattr(log, name), None
+    for imu in log.imus:
+        yield "specific force", imu.specific_force, None
+        yield "gyro", imu.gyro, None
+    for beam in log.beams:
+        # 8 m of nothing are an answer too, but not one that tells a height.
+        yield f"range {beam.name}", beam.distance, beam.share_good
+    for number, esc in sorted(log.escs.items()):
+        yield f"rotor speed {number}", esc.rpm, None
+        yield f"ESC temperature {number}", esc.temperature_c, None
+    for port, servo in sorted(log.servo_ports.items()):
+        yield f"servo outputs{'' if not port else f' of port {port}'}", servo, None
+    if not log.servo_ports:
+        yield "servo outputs", log.servo, None
+    for name in ("battery", "pressure"):
+        yield name, getattr(log, name), None
+    yield "thrust command", log.thrust_command, None
+    yield "attitude target", log.attitude_target, None
+    yield "commands to the vehicle", log.commands, None
+    for name in ("wind", "vibration"):
+        yield name, getattr(log, name), None

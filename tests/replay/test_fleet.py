@@ -1,0 +1,200 @@
+"""Folders of logs: every log judged as by itself, bad ones said, nothing computed twice."""
+
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from log_writers import flight, quad_flight, write_tlog
+
+from companion.vehicles import QUAD
+from replay.cli import main
+from replay.fleet.jobs import Job, perform
+from replay.fleet.results import Results, logs_in
+from replay.fleet.rows import row, write_table
+from replay.fleet.scheduler import run_local
+from replay.fleet.trends import trends
+
+DAY_US = 86_400_000_000
+
+
+@pytest.fixture
+def folder(tmp_path):
+    logs = tmp_path / "season"
+    (logs / "may").mkdir(parents=True)
+    write_tlog(logs / "a.tlog", flight(3.0))
+    write_tlog(logs / "may" / "b.tlog", flight(4.0, arrival_us=1_767_225_600_000_000 + 3 * DAY_US))
+    (logs / "bad.tlog").write_bytes(b"\x00" * 500)
+    (logs / "notes.txt").write_text("windy")
+    (logs / "c.tlog.gz").write_bytes(b"\x1f\x8b")
+    return logs
+
+
+def test_every_log_is_judged_as_by_itself_and_a_bad_one_stops_nothing(folder, tmp_path, capsys):
+    out = tmp_path / "out"
+    assert main(["run", str(folder), "--out", str(out), "--workers", "2", "--json", "-"]) == 0
+    told = capsys.readouterr()
+    answers = {os.path.basename(a["log"]): a for a in json.loads(told.out)["logs"]}
+    assert set(answers) == {"a.tlog", "b.tlog", "bad.tlog"}
+    assert "error" in answers["bad.tlog"]
+    errors = told.err.strip().splitlines()
+    assert [line for line in errors if "bad.tlog" in line]
+    assert [line for line in errors if "c.tlog.gz" in line and "unpack" in line]
+    main(["run", str(folder / "a.tlog"), "--json", "-"])
+    alone = json.loads(capsys.readouterr().out)
+    assert {k: answers["a.tlog"][k] for k in alone if k != "log"} == {k: v for k, v in alone.items() if k != "log"}
+    assert answers["b.tlog"]["date"].startswith("2026-01-04")
+    assert answers["b.tlog"]["date_from"] == "log"
+
+
+def test_table_and_page_hold_every_log(folder, tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed (extra: export)")
+    out = tmp_path / "out"
+    assert main(["run", str(folder), "--out", str(out), "--workers", "1", "--quiet"]) == 0
+    table = parquet.read_table(out / "table.parquet").to_pydict()
+    assert len(table["log"]) == 3
+    assert [e is not None for e in table["error"]].count(True) == 1
+    assert max(d for d in table["duration_s"] if d is not None) == pytest.approx(3.98, abs=0.05)
+    page = (out / "report.html").read_text()
+    assert all(name in page for name in ("a.tlog", "b.tlog", "bad.tlog"))
+    assert "http" not in page.replace("http-equiv", "")
+    assert "<script" not in page
+
+
+def test_what_is_known_is_not_computed_again_until_it_changes(folder, tmp_path, capsys):
+    out = tmp_path / "out"
+    arguments = ["run", str(folder), "--out", str(out), "--workers", "1"]
+    assert main(arguments) == 0
+    first = {p.name: p.stat().st_mtime_ns for p in (out / "results").iterdir()}
+    capsys.readouterr()
+    assert main(arguments) == 0
+    assert "3 of them known from before" in capsys.readouterr().out
+    assert {p.name: p.stat().st_mtime_ns for p in (out / "results").iterdir()} == first
+    write_tlog(folder / "a.tlog", flight(5.0))
+    assert main(arguments) == 0
+    assert "2 of them known from before" in capsys.readouterr().out
+    assert main([*arguments, "--param", "GUID_OPTIONS=8"]) == 0
+    assert "known from before" not in capsys.readouterr().out
+
+
+def test_folder_of_diagnoses(tmp_path, capsys):
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    write_tlog(logs / "heavy.tlog", quad_flight(40.0, mass_kg=3.6))
+    out = tmp_path / "out"
+    arguments = ["diagnose", str(logs), "--vehicle", str(QUAD), "--model", "none", "--out", str(out), "--json", "-"]
+    assert main(arguments) == 0
+    (answer,) = json.loads(capsys.readouterr().out)["logs"]
+    main(["diagnose", str(logs / "heavy.tlog"), "--vehicle", str(QUAD), "--model", "none", "--json", "-"])
+    alone = json.loads(capsys.readouterr().out)
+    assert answer["verdict"] == alone["verdict"]
+    assert answer["effects"] == alone["effects"]
+    assert f"<h3>{answer['effects'][0]['name']}" in (out / "report.html").read_text()
+
+
+def test_a_process_that_dies_is_one_line(tmp_path, monkeypatch):
+    write_tlog(tmp_path / "a.tlog", flight(2.0))
+    jobs = [
+        Job("run", str(tmp_path / "a.tlog"), None, "/no/such/model"),
+        Job("run", str(tmp_path / "a.tlog"), None, None),
+    ]
+    answers = dict(run_local(jobs, 2))
+    assert "error" in answers[jobs[0]]
+    assert answers[jobs[1]]["decisions"] > 0
+    assert answers[jobs[1]]["peak_mib"] > 20
+    # A job that cannot even be unpacked by its process: the process dies, and says so.
+    monkeypatch.setattr("replay.fleet.scheduler._child", _dies)
+    (answer,) = [a for _, a in run_local(jobs[1:], 1)]
+    assert "process died" in answer["error"]
+
+
+def _dies(job, answers):
+    os._exit(7)
+
+
+def test_bad_arguments(folder, tmp_path, capsys):
+    (tmp_path / "empty").mkdir()
+    assert main(["run", str(tmp_path / "empty")]) == 3
+    assert main(["run", str(folder), "--workers", "0"]) == 2
+    assert main(["run", str(folder), "--scheduler", "nowhere"]) == 2
+    assert main(["run", str(folder), "--model", str(tmp_path / "none")]) == 2
+    assert main(["diagnose", str(folder), str(folder / "a.tlog")]) == 2
+    assert main(["diagnose", str(folder), "--save-model", str(tmp_path / "m")]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 6
+
+
+def test_table_without_pyarrow_is_csv(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    rows = [row({"log": "a", "error": "bad"}), row({"log": "b", "duration_s": 2.0, "refusals_s": {"landed": 1.0}})]
+    assert write_table(tmp_path, rows).read_text().splitlines() == [
+        "log,error,duration_s,refusal_landed_s",
+        "a,bad,,",
+        "b,,2.0,1.0",
+    ]
+
+
+def answers_of(values, half=0.01, days=None, vehicle="quad"):
+    for k, value in enumerate(values):
+        day = k if days is None else days[k]
+        date = np.datetime64("2026-01-01") + np.timedelta64(day, "D")
+        estimate = {"value": value, "ci95": [value - half, value + half], "unit": "kg"}
+        effect = {"name": "payload", "explains": 0.5, "parameters": {"mass_kg": estimate}}
+        yield {
+            "log": f"{k}.tlog",
+            "vehicle": vehicle,
+            "date": f"{date}T00:00:00Z",
+            "verdict": "explained",
+            "effects": [effect],
+        }
+
+
+def test_trends_tell_common_from_varying_from_drifting():
+    rng = np.random.default_rng(1)
+    (same,) = trends(list(answers_of(0.3 + 0.005 * rng.standard_normal(8))))
+    assert not same.varies
+    assert same.drift_per_day is None
+    (spread,) = trends(list(answers_of(0.3 + 0.1 * rng.standard_normal(8))))
+    assert spread.varies
+    (season,) = trends(list(answers_of(0.3 + 0.02 * np.arange(8) + 0.003 * rng.standard_normal(8))))
+    assert season.drift_per_day == pytest.approx(0.02, abs=0.002)
+    assert "drifts by +0.6" in season.in_words()
+
+
+def test_no_drift_is_seen_in_noise():
+    rng = np.random.default_rng(2)
+    found = sum(trends(list(answers_of(rng.standard_normal(12))))[0].drift_per_day is not None for _ in range(200))
+    assert found <= 6
+
+
+def test_interrupted_folder_keeps_what_was_done(folder, tmp_path):
+    jobs = [Job("run", str(p), None, None) for p in logs_in(folder)[0]]
+    results = Results(tmp_path / "out")
+    results.keep(jobs[0], perform(jobs[0]))
+    (results.folder / "x.part").write_text('{"half')
+    assert results.known(jobs[0])["decisions"] > 0
+    assert results.known(jobs[1]) is None
+
+
+def test_dask_does_the_same_work(folder, tmp_path, capsys):
+    distributed = pytest.importorskip("distributed", reason="distributed is not installed (extra: cluster)")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+    ) as cluster:
+        out = tmp_path / "out"
+        code = main(["run", str(folder), "--out", str(out), "--scheduler", cluster.scheduler_address, "--json", "-"])
+    assert code == 0
+    answers = json.loads(capsys.readouterr().out)["logs"]
+    assert sorted("error" in a for a in answers) == [False, False, True]
+
+
+def test_as_a_command(folder, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "replay", "run", folder, "--out", tmp_path / "out", "--workers", "2"],
+        capture_output=True,
+        text=True,
+        timeout=100,
+    )
+    assert done.returncode == 0
+    assert "2 of 3 logs" in done.stdout

@@ -1,0 +1,120 @@
+"""``replay info``: contents, what can be judged, and whether companion would have engaged."""
+
+import json
+
+import pytest
+from log_writers import bin_flight, flight, quad_flight, ulg_flight, write_tlog
+
+from companion.mavlink.frames import cut
+from companion.vehicles import QUAD
+from replay.cli import main
+
+
+def info(capsys, *arguments):
+    code = main(["info", *map(str, arguments), "--json", "-"])
+    out = capsys.readouterr()
+    return code, json.loads(out.out), out.err
+
+
+def by_name(boot):
+    return {s["name"]: s for s in boot["streams"]}
+
+
+def judged(boot):
+    return {j["question"]: j for j in boot["judges"]}
+
+
+def test_rates_gaps_and_share_of_good_readings(tmp_path, capsys):
+    messages = flight(10.0)
+    first = messages[0][0]
+    # Two seconds without an attitude.
+    lost = [m for m in messages if not (cut(m[1], 0).id == 30 and 4e6 <= m[0] - first < 6e6)]
+    write_tlog(tmp_path / "a.tlog", lost)
+    code, (answer,), _ = info(capsys, tmp_path / "a.tlog")
+    streams = by_name(answer["boots"][0])
+    assert code == 0
+    assert streams["attitude"]["rate_hz"] == pytest.approx(50.0, abs=0.5)
+    assert streams["attitude"]["gaps"] == 1
+    assert streams["attitude"]["longest_gap_s"] == pytest.approx(2.0, abs=0.05)
+    assert streams["position"]["gaps"] == 0
+    assert streams["range right"]["share_good"] == pytest.approx(0.9, abs=0.05)  # every tenth reads too far
+    assert streams["rotor speed 1"]["rate_hz"] == pytest.approx(25.0, abs=1.0)
+
+
+def test_what_companion_would_have_done(tmp_path, capsys):
+    write_tlog(tmp_path / "a.tlog", flight(10.0))
+    _, (answer,), _ = info(capsys, tmp_path / "a.tlog")
+    main(["run", str(tmp_path / "a.tlog"), "--json", "-"])
+    run = json.loads(capsys.readouterr().out)
+    assert answer["companion"]["compensated_s"] == run["compensated_s"]
+    assert answer["companion"]["refusals_s"] == run["refusals_s"]
+    assert answer["companion"]["engages"] == (run["compensated_s"] > 0.0)
+
+
+def test_what_is_missing_is_named_with_the_parameter_that_brings_it(tmp_path, capsys):
+    write_tlog(tmp_path / "a.tlog", quad_flight(20.0, rpm=False))
+    _, (answer,), _ = info(capsys, tmp_path / "a.tlog", "--vehicle", QUAD)
+    boot = answer["boots"][0]
+    rotors = judged(boot)["thrust of the rotors"]
+    assert rotors["answer"] == "partly"
+    assert "ESC 1, 2, 3, 4" in rotors["why"]
+    assert "SERVO_BLH_AUTO" in rotors["change"]
+    assert "[throttle]" in rotors["change"]
+    assert "RNGFNDn_ORIENT" in judged(boot)["height over ground"]["change"]
+    assert judged(boot)["meaning of thrust"]["answer"] == "no"
+    assert "GUID_OPTIONS" in judged(boot)["meaning of thrust"]["why"]
+    assert boot["diagnose"]["axes"] == []
+    assert "rotor speed" in boot["diagnose"]["refusal"]
+
+
+def test_px4_gets_px4_names(tmp_path, capsys):
+    (tmp_path / "a.ulg").write_bytes(ulg_flight())
+    _, (answer,), _ = info(capsys, tmp_path / "a.ulg")
+    change = judged(answer["boots"][0])["thrust of the rotors"]["change"]
+    assert "DSHOT_TEL_CFG" in change
+    assert "SERVO_BLH" not in change
+
+
+def test_what_a_diagnosis_would_take(tmp_path, capsys):
+    write_tlog(tmp_path / "a.tlog", quad_flight(30.0))
+    _, (answer,), _ = info(capsys, tmp_path / "a.tlog", "--vehicle", QUAD, "--model", "none")
+    diagnose = answer["boots"][0]["diagnose"]
+    assert diagnose["refusal"] is None
+    assert diagnose["axes"] == ["Fx", "Fy", "Fz", "Mx", "My", "Mz"]
+    assert 20.0 < diagnose["seconds"] <= 30.0
+
+
+def test_a_bad_log_does_not_stop_the_others(tmp_path, capsys):
+    (tmp_path / "bad.tlog").write_bytes(b"no log at all")
+    (tmp_path / "good.BIN").write_bytes(bin_flight())
+    code, answers, err = info(capsys, tmp_path / "bad.tlog", tmp_path / "good.BIN")
+    assert code == 3
+    assert len(err.strip().splitlines()) == 1
+    assert "bad.tlog" in err
+    assert "error" in answers[0]
+    assert by_name(answers[1]["boots"][0])["attitude"]["count"] == 200
+
+
+def test_a_page_for_a_person(tmp_path, capsys):
+    write_tlog(tmp_path / "a.tlog", flight(5.0))
+    assert main(["info", str(tmp_path / "a.tlog")]) == 0
+    out = capsys.readouterr().out
+    assert "50.0 Hz" in out
+    assert "companion with 'tandem coaxial ducted fan' would" in out
+    assert "no --vehicle was given" in out
+
+
+def test_attitudes_once_a_second_are_said_to_be_too_slow(tmp_path, capsys):
+    slow, last = [], -1
+    for stamp, raw in flight(20.0):
+        second = (stamp - 1_767_225_600_000_000) // 1_000_000
+        if cut(raw, 0).id != 30:
+            slow.append((stamp, raw))
+        elif second != last:
+            last = second
+            slow.append((stamp, raw))
+    write_tlog(tmp_path / "a.tlog", slow)
+    assert main(["run", str(tmp_path / "a.tlog")]) == 0
+    out = capsys.readouterr().out
+    assert "over 0.0 s" not in out
+    assert "attitudes come 1.0 s apart" in out
