@@ -13,8 +13,9 @@ import numpy as np
 
 from models.cfd import case, foam
 from models.cfd.config import Setup
-from models.cfd.polars import Station
+from models.cfd.polars import Blades
 from models.cfd.position import Position, check
+from models.cfd.wedge import TURN
 from models.frames import Array
 
 STATE = "state.npz"
@@ -66,7 +67,7 @@ def compute(
     folder: Path,
     setup: Setup,
     position: Position,
-    stations: tuple[Station, ...],
+    blades: Blades,
     neighbour: Path | None = None,
     *,
     march: bool = True,
@@ -81,7 +82,7 @@ def compute(
     began = time.monotonic()
     run = _Case(folder, setup, position)
     try:
-        run.prepare(stations, neighbour)
+        run.prepare(blades, neighbour)
         run.iterate(report)
         if march and run.status() == "cycling":
             run.march(report)
@@ -104,7 +105,7 @@ class _Case:
         if (folder / STATE).exists():
             self._restore()
 
-    def prepare(self, stations: tuple[Station, ...], neighbour: Path | None) -> None:
+    def prepare(self, blades: Blades, neighbour: Path | None) -> None:
         """Mesh and start fields, unless they are there."""
         if self.cells:
             # A run that was stopped within a chunk leaves states that may be cut short.
@@ -112,7 +113,7 @@ class _Case:
             foam.forget(self.folder, [t for t in foam.times(self.folder) if float(t) > reached + 1e-6])
             return
         shutil.rmtree(self.folder, ignore_errors=True)
-        case.write(self.folder, self.setup, self.position, stations)
+        case.write(self.folder, self.setup, self.position, blades)
         foam.run(self.folder, "blockMesh")
         foam.run(self.folder, "topoSet")
         for what in ("writeCellVolumes", "writeCellCentres"):
@@ -187,12 +188,17 @@ class _Case:
             discs = [self._disc(state, disc, volume, centre) for disc in case.DISCS]
             total = surface + discs[0] + discs[1]
             parts = np.array([discs[0][2], discs[1][2], surface[2]])
-            if not self.position.swirl:
-                total, parts = 2 * total * [1, 0, 1, 0, 1, 0], 2 * parts
+            total, parts = self._whole(total, parts)
             self.samples.at.append(at)
             self.samples.wrench.append(total)
             self.samples.parts.append(parts)
         foam.forget(self.folder, states[:-1])
+
+    def _whole(self, wrench: Array, parts: Array) -> tuple[Array, Array]:
+        """Loads on the whole fan from those on the part that is meshed."""
+        if self.position.wedge:
+            return TURN * wrench * [0, 0, 1, 0, 0, float(self.position.swirl)], TURN * parts
+        return (wrench, parts) if self.position.swirl else (2 * wrench * [1, 0, 1, 0, 1, 0], 2 * parts)
 
     def _disc(self, state: str, disc: str, volume: Array, centre: Array) -> Array:
         """Force and moment (6,) of the air on one disc: the solver's source per volume and density, summed."""

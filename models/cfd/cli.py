@@ -25,6 +25,7 @@ def add(commands: Any, finish: Finish) -> None:
     run = what.add_parser("run", help="compute all cases that are not there yet; Ctrl-C and run again to go on")
     _common(run)
     run.add_argument("--work", required=True, type=Path, metavar="DIR", help="cases, their logs and states")
+    _model(run)
     run.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="solvers at a time (all cores)")
     run.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler; its workers must share DIR")
     run.add_argument("--no-march", action="store_true", help="leave cases that still move as they are")
@@ -43,8 +44,9 @@ def add(commands: Any, finish: Finish) -> None:
     check.add_argument("--report", type=Path, metavar="DIR", help="write the report and its figures here")
     check.set_defaults(run=lambda args: finish(args, _check(args)))
 
-    trim = what.add_parser("trim", help="find the tip pitch that gives the fan its lift")
+    trim = what.add_parser("trim", help="find the tip pitch that gives the fan its lift, with swirl without net torque")
     _common(trim)
+    _model(trim)
     trim.add_argument("--work", required=True, type=Path, metavar="DIR", help="cases, their logs and states")
     trim.set_defaults(run=lambda args: finish(args, _trim(args)))
 
@@ -53,6 +55,15 @@ def _common(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fan", type=Path, metavar="FILE", help="fan file (default: the built-in fan)")
     parser.add_argument("--json", metavar="FILE", help="write the numbers as JSON here, '-' for stdout")
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no text")
+
+
+def _model(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--model",
+        choices=("half", "full", "wedge"),
+        default="half",
+        help="half models without swirl (default), full models with swirl, or wedges: no wall, swirl, meshes, variants",
+    )
 
 
 def _cases(parser: argparse.ArgumentParser) -> None:
@@ -72,7 +83,7 @@ def _run(args: argparse.Namespace) -> Any:
     if args.jobs < 1:
         raise ConfigError(f"--jobs {args.jobs}: must be at least 1")
     setup = config.load(args.fan)
-    positions = campaign.plan(setup)
+    positions = campaign.plan(setup, args.model)
     if args.dry_run:
         if _speak(args):
             print("\n".join(p.key for p in positions))
@@ -172,9 +183,12 @@ def _trim(args: argparse.Namespace) -> Any:
     setup = config.load(args.fan)
     section = polars.neural_section(setup.rotor.section)
 
-    def report(pitch: float, lift: float) -> None:
+    def report(pitch: tuple[float, ...], result: Any) -> None:
         if _speak(args):
-            print(f"tip_pitch_deg {pitch:.3f}: {lift:.3f} N", flush=True)
+            degrees = ", ".join(f"{p:.3f}" for p in pitch)
+            torque = "" if args.model == "half" else f", {result.wrench[5]:+.4f} N m"
+            print(f"tip pitch {degrees} deg: {result.wrench[2]:.3f} N{torque}", flush=True)
 
-    pitch, lift = trim.trim(args.work, setup, section, report)
-    return {"tip_pitch_deg": pitch, "lift_N": lift}
+    pitch, result = trim.trim(args.work, setup, section, args.model, report)
+    key = "tip_pitch_deg" if args.model == "half" else "swirl_tip_pitch_deg"
+    return {key: pitch[0] if args.model == "half" else pitch, "lift_N": result.wrench[2], "torque_Nm": result.wrench[5]}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,10 @@ from models.errors import ConfigError
 
 @dataclass(frozen=True)
 class Fan:
-    """Duct and hub; lengths over ``radius_m`` unless in m, heights above the reference point, z up."""
+    """Duct and hub; lengths over ``radius_m`` unless in m, heights above the reference point, z up.
+
+    ``hub_nose``, ``hub_tail``: length of the paraboloids above the upper and below the lower disc; 0 is a flat end.
+    """
 
     name: str
     radius_m: float
@@ -24,6 +27,8 @@ class Fan:
     exit_radius: float
     exit_skin: float
     hub_radius: float
+    hub_nose: float
+    hub_tail: float
 
     @property
     def lip_radius(self) -> float:
@@ -38,12 +43,16 @@ class Fan:
 
 @dataclass(frozen=True)
 class Rotor:
-    """Two equal discs; pitch linear from the hub to the tip."""
+    """Two equal discs; pitch linear from the hub to the tip.
+
+    ``tip_pitch_deg`` of both without swirl; ``swirl_tip_pitch_deg`` of upper and lower disc with it.
+    """
 
     blades: int
     chord_m: float
     root_pitch_deg: float
     tip_pitch_deg: float
+    swirl_tip_pitch_deg: tuple[float, ...]
     section: str
     thickness: float
     upper_height: float
@@ -55,10 +64,12 @@ class Rotor:
 
 @dataclass(frozen=True)
 class Air:
-    """The fluid."""
+    """The fluid; ``far_k`` [m2/s2] and ``far_omega`` [1/s] are the turbulence of the air that enters from afar."""
 
     density_kg_m3: float
     viscosity_m2_s: float
+    far_k: float
+    far_omega: float
 
 
 @dataclass(frozen=True)
@@ -116,9 +127,18 @@ class Campaign:
     rpm_at: tuple[tuple[float, float], ...]
     grid_levels: tuple[float, ...]
     grid_at: tuple[tuple[float, float], ...]
-    swirl_at: tuple[tuple[float, float], ...]
     again_from_far: tuple[tuple[float, float], ...]
     again_from_wall: tuple[tuple[float, float], ...]
+    full_level: float
+    full_at: tuple[tuple[float, float], ...]
+    full_other_rpm_at: tuple[tuple[float, float], ...]
+    full_grid_levels: tuple[float, ...]
+    full_grid_at: tuple[tuple[float, float], ...]
+    wedge_h: tuple[float, ...]
+    wedge_levels: tuple[float, ...]
+    wedge_fine_levels: tuple[float, ...]
+    wedge_fine_h: tuple[float, ...]
+    wedge_variant_h: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -132,6 +152,12 @@ class Setup:
     solver: Solver
     converged: Converged
     campaign: Campaign
+    variants: Mapping[str, Setup] = field(default_factory=dict)
+    """The same fan with other geometry, air or pitch, by name, for the wedge."""
+
+    def of(self, variant: str) -> Setup:
+        """Setup of a variant; of the fan itself for an empty name."""
+        return self.variants[variant] if variant else self
 
 
 _SECTIONS: Mapping[str, type] = {
@@ -158,12 +184,28 @@ def load(path: Path | None = None) -> Setup:
         raise ConfigError(f"fan file {name}: cannot be read ({reason})") from None
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"fan file {name}: not TOML ({error})") from None
+    variants = table.pop("variant", {})
+    if not isinstance(variants, dict):
+        raise ConfigError(f"fan file {name}: [variant] must hold sections such as [variant.NAME.fan]")
+    setup = _setup(name, table)
+    return replace(setup, variants={v: _variant(name, v, changes, table) for v, changes in variants.items()})
+
+
+def _setup(name: str, table: Mapping[str, Any]) -> Setup:
     unknown = set(table) - set(_SECTIONS)
     if unknown:
         raise ConfigError(f"fan file {name}: unknown section [{min(unknown)}]")
     setup = Setup(**{section: _section(name, section, kind, table) for section, kind in _SECTIONS.items()})
     _check(name, setup)
     return setup
+
+
+def _variant(name: str, variant: str, changes: Any, table: Mapping[str, Any]) -> Setup:
+    """The fan file with the keys of one variant in place of its own."""
+    where = f"{name}: variant {variant}"
+    if not isinstance(changes, dict) or not all(isinstance(keys, dict) for keys in changes.values()):
+        raise ConfigError(f"fan file {where}: must hold sections such as [variant.{variant}.fan]")
+    return _setup(where, {**table, **{section: table.get(section, {}) | keys for section, keys in changes.items()}})
 
 
 def _section(name: str, section: str, kind: type, table: Mapping[str, Any]) -> Any:
