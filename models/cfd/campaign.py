@@ -231,13 +231,26 @@ def _claim(folder: Path, setup: Setup, positions: Sequence[Position]) -> None:
         raise ConfigError(f"work folder {folder}: cannot be written ({error.strerror})") from None
     except ValueError as error:
         raise ConfigError(f"work folder {folder}: {path} is not JSON ({error})") from None
-    there = known.get("model") if isinstance(known, dict) else None
+    there = model_of(folder)
     if there != model:
         raise ConfigError(
-            f"work folder {folder}: holds {there or 'unknown'} models, not {model} models ({path}); use another folder"
+            f"work folder {folder}: holds {there} models, not {model} models ({path}); use another folder"
         )
     if known != mine:
         raise ConfigError(f"work folder {folder}: holds cases of another fan or mesh ({path}); use another folder")
+
+
+def model_of(folder: Path) -> str:
+    """What a work folder holds, one of ``CAMPAIGNS``; ``half`` where there is nothing yet."""
+    path = folder / FAN
+    try:
+        known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"model": CAMPAIGNS[0]}
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"work folder {folder}: {path} cannot be read ({error})") from None
+    model = known.get("model") if isinstance(known, dict) else None
+    if model not in CAMPAIGNS:
+        raise ConfigError(f"work folder {folder}: {path} names no model of {', '.join(CAMPAIGNS)}")
+    return str(model)
 
 
 def _content(setup: Setup, model: str) -> dict[str, Any]:

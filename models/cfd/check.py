@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from models.cfd.assemble import LABELLED, Label, Law, fit_law, labels
+from models.cfd.assemble import Label, Law, fit_law, full_kind, labels
 from models.cfd.campaign import Row
 from models.cfd.config import Setup
+from models.cfd.fidelity import FREE
 from models.cfd.grid import Study, spread
 from models.cfd.position import Place
 from models.errors import ModelError
 from models.frames import AXES, Array
 
-FREE: Place = (math.inf, math.inf)
 AGREES, DISAGREES, OPEN = "agrees", "disagrees", "within uncertainty"
 
 
@@ -72,13 +72,10 @@ def check(rows: Sequence[Row], setup: Setup) -> Checked:
     parts = {
         r.position.place: np.array(r.result.parts)
         for r in rows
-        if not r.position.swirl and (r.position.level, r.position.rpm, r.position.approach) == (1.0, c.rpm, "near")
+        if r.position.model == "half"
+        and (r.position.level, r.position.rpm, r.position.approach) == (1.0, c.rpm, "near")
     }
-    whole = {
-        r.position.place: np.array(r.result.wrench)
-        for r in rows
-        if r.position.swirl and r.position.rpm == c.rpm and r.result.status in LABELLED
-    }
+    whole = {place: label.wrench for place, label in labels(rows, c.rpm, full_kind(rows, c.rpm)).items()}
     study = spread(rows, setup)
     bare = Checked(known, parts, study, law, whole, (), {}, tip_pressure, tip_pressure * setup.fan.radius_m)
     said = tuple(_statements(bare))
@@ -87,7 +84,7 @@ def check(rows: Sequence[Row], setup: Setup) -> Checked:
 
 def _summary(rows: Sequence[Row], c: Checked, said: Sequence[Statement]) -> dict[str, Any]:
     """The figures a program reads."""
-    half = [r for r in rows if not r.position.swirl]
+    half = [r for r in rows if r.position.model == "half"]
     usual = [r.result for r in half if r.position.level == 1.0]
     swing = np.array([label.amplitude for label in c.labels.values()])
     return {

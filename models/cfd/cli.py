@@ -13,6 +13,7 @@ from models.errors import ConfigError, LinkError
 
 Finish = Callable[[argparse.Namespace, Any], int]
 
+SHIPPED_CASES = Path(__file__).parents[1] / "data" / "corner_cfd_cases.csv"
 CONNECT_S = 10.0
 """How long to look for a scheduler."""
 
@@ -67,9 +68,16 @@ def _model(parser: argparse.ArgumentParser) -> None:
 
 
 def _cases(parser: argparse.ArgumentParser) -> None:
-    source = parser.add_mutually_exclusive_group()
-    source.add_argument("--work", type=Path, metavar="DIR", help="folder of 'models cfd run'")
-    source.add_argument("--cases", type=Path, metavar="CSV", help="case table (default: the shipped one)")
+    parser.add_argument(
+        "--work",
+        type=Path,
+        action="append",
+        metavar="DIR",
+        help="folder of 'models cfd run'; may be given several times",
+    )
+    parser.add_argument(
+        "--cases", type=Path, metavar="CSV", help="case table, completed by --work (default: the shipped one alone)"
+    )
 
 
 def _speak(args: argparse.Namespace) -> bool:
@@ -122,14 +130,15 @@ def _cluster(address: str) -> Iterator[tuple[Any, int]]:
 def _rows(args: argparse.Namespace, setup: Any) -> Any:
     from models.cfd import campaign, table
 
-    if args.work is not None:
-        rows = campaign.rows(args.work, campaign.plan(setup))
-        if not rows:
-            raise ConfigError(
-                f"--work {args.work}: no finished cases of this fan; run 'models cfd run --work {args.work}'"
-            )
-        return rows
-    return table.read(args.cases or Path(__file__).parents[1] / "data" / "corner_cfd_cases.csv")
+    if args.work is None:
+        return table.read(args.cases or SHIPPED_CASES)
+    found = {row.position: row for row in (table.read(args.cases) if args.cases else [])}
+    for folder in args.work:
+        here = campaign.rows(folder, campaign.plan(setup, campaign.model_of(folder)))
+        if not here:
+            raise ConfigError(f"--work {folder}: no finished cases of this fan; run 'models cfd run --work {folder}'")
+        found |= {row.position: row for row in here}
+    return list(found.values())
 
 
 def _assemble(args: argparse.Namespace) -> Any:

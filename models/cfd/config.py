@@ -261,6 +261,9 @@ def _check(name: str, setup: Setup) -> None:
     need(0 < fan.hub_radius < 0.9, "[fan] hub_radius must lie between 0 and 0.9")
     need(1.0 <= fan.exit_radius < fan.exit_skin <= fan.lip_radius, "[fan] needs 1 <= exit_radius < exit_skin <= lip")
     top_disc = rotor.upper_height + rotor.thickness
+    need(len(rotor.swirl_tip_pitch_deg) == 2, "[rotor] swirl_tip_pitch_deg needs two pitches: upper and lower disc")
+    need(0 <= fan.hub_nose < fan.lip_top - top_disc, "[fan] hub_nose must end below the top of the lip")
+    need(0 <= fan.hub_tail < rotor.lower_height - fan.exit_height, "[fan] hub_tail must end above the duct's exit")
     lip_centre = fan.lip_top - fan.lip_thickness / 2
     need(
         fan.exit_height < rotor.lower_height < rotor.lower_height + rotor.thickness < rotor.upper_height,

@@ -76,6 +76,8 @@ class _Cases:
                 pitch += math.copysign(FIRST_STEP_DEG, rotor.hover_lift_n - lift)
             else:
                 (a, lift_a), (b, lift_b) = known[-2:]
+                if lift_a == lift_b:
+                    break
                 pitch = b + (rotor.hover_lift_n - lift_b) * (b - a) / (lift_b - lift_a)
             if not _possible(pitch):
                 break

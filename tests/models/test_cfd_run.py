@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -11,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.cfd import campaign, case, cli, config, foam, polars
-from models.cfd.case_run import compute
+from models.cfd import campaign, case, cli, config, foam, polars, trim
+from models.cfd.case_run import Result, compute
 from models.cfd.position import Position, check
 from models.cli import main
 from models.errors import ConfigError, LinkError
@@ -28,7 +29,7 @@ def section(angle_deg, reynolds):
     return 5.5 * np.radians(np.clip(angle_deg, -12, 12)), np.full_like(angle_deg, 0.02)
 
 
-TABLE = polars.stations(SETUP, 4000.0, section)
+TABLE = polars.blades(SETUP, 4000.0, section, swirl=False)
 
 
 @pytest.fixture
@@ -159,6 +160,73 @@ def test_a_folder_of_another_fan_is_refused(tmp_path, solver):
         campaign.run(tmp_path, other, section, [FREE])
 
 
+def test_a_folder_of_half_models_is_not_continued_with_full_ones(tmp_path, solver):
+    campaign.run(tmp_path, SETUP, section, [FREE])
+    full = campaign.plan(SETUP, "full")[:1]
+    with pytest.raises(ConfigError, match="holds half models, not full models"):
+        campaign.run(tmp_path, SETUP, section, full)
+    assert not (tmp_path / full[0].key).exists()
+    assert campaign.model_of(tmp_path) == "half"
+
+
+def test_a_wedge_stands_for_the_whole_turn_and_keeps_lift_and_torque(tmp_path, solver):
+    position = replace(FREE, swirl=True, wedge=True)
+    turn = compute(tmp_path / position.key, SETUP, position, TABLE).wrench
+    # 5 N and 7 N m on the surface, 1 N in each of 6 sources, 60 sectors in a turn.
+    assert turn == pytest.approx((0.0, 0.0, 60 * 11.0, 0.0, 0.0, 60 * 7.0), rel=0.01)
+    without = replace(position, swirl=False)
+    assert compute(tmp_path / without.key, SETUP, without, TABLE).wrench[5] == 0.0
+    with pytest.raises(ConfigError, match="has no wall"):
+        check(SETUP, replace(position, d=1.0))
+
+
+def test_a_variant_is_computed_with_its_own_geometry_and_claimed_by_the_folder(tmp_path, solver):
+    plan = [p for p in campaign.plan(SETUP, "wedge") if p.place == (INF, INF) and p.variant in ("", "wide_exit")]
+    campaign.run(tmp_path, SETUP, section, plan[:3])
+    vertices = {p.variant: (tmp_path / p.key / "system/blockMeshDict").read_text() for p in plan[:3]}
+    assert vertices[""] != vertices["wide_exit"]
+    changed = SETUP.variants["wide_exit"]
+    other = replace(SETUP, variants={"wide_exit": replace(changed, fan=replace(changed.fan, exit_radius=1.08))})
+    with pytest.raises(ConfigError, match="another fan or mesh"):
+        campaign.run(tmp_path, other, section, plan[:1])
+
+
+def test_the_pair_is_trimmed_for_lift_and_torque(tmp_path, monkeypatch, solver):
+    asked = []
+
+    def fan(folder, setup, position, tables, neighbour, *, march):
+        """A smooth fan: the lower disc works in the upper one's swirl."""
+        upper, lower = setup.rotor.swirl_tip_pitch_deg
+        asked.append((upper, lower))
+        lift = 22.6 + 0.9 * (upper - 12) + 0.8 * (lower - 11) + 0.03 * (upper - 12) ** 2
+        torque = 0.07 * (upper - 12) - 0.05 * (lower - 11) + 0.004 * (lower - 11) ** 2
+        return Result((0, 0, lift, 0, 0, torque), (0,) * 6, (0,) * 6, (0, 0, 0), "steady", 6, 96, 0, 1.0, "rest")
+
+    monkeypatch.setattr(trim, "compute", fan)
+    (upper, lower), result = trim.trim(tmp_path, SETUP, section, "full")
+    assert result.wrench[2] == pytest.approx(22.6, rel=trim.TOLERANCE)
+    assert abs(result.wrench[5]) < trim.TOLERANCE * 22.6 * SETUP.fan.radius_m
+    assert asked[-1] == (upper, lower)
+    assert len(asked) <= 7
+
+
+@pytest.mark.parametrize("model", ["half", "full", "wedge"])
+def test_a_trim_that_does_not_converge_is_refused(tmp_path, solver, capsys, monkeypatch, model):
+    # The stand-in lifts the same at every pitch.
+    monkeypatch.setattr(polars, "neural_section", lambda name: section)
+    assert main(["cfd", "trim", "--model", model, "--work", str(tmp_path / "work")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert ("no tip pitch" if model == "half" else "does not converge") in line
+
+
+def test_no_cell_of_a_disc_is_left_without_lift(tmp_path, solver):
+    # The solver's disc takes the lift from cells at or beyond this share of its outermost cell's radius.
+    compute(tmp_path / FREE.key, SETUP, FREE, TABLE)
+    shares = re.findall(r"tipEffect ([\d.]+);", (tmp_path / FREE.key / "constant/fvOptions").read_text())
+    assert len(shares) == 12
+    assert all(float(s) > 1.0 for s in shares)
+
+
 def test_a_broken_result_is_named(tmp_path, solver):
     campaign.run(tmp_path, SETUP, section, [FREE])
     (tmp_path / FREE.key / campaign.RESULT).write_text("{}")
@@ -185,6 +253,10 @@ def test_without_a_solver_one_line_names_the_package(tmp_path, monkeypatch, caps
         ("hub_radius = 0.20", "hub_radius = 0.95", "hub_radius"),
         ("[air]", "[water]", "unknown section [water]"),
         ("chord_m", "chord_mm", "unknown key 'chord_mm'"),
+        ("[13.06, 10.98]", "[13.06]", "two pitches"),
+        ("hub_tail = 0.0 ", "hub_tail = 0.5 ", "hub_tail"),
+        ("hub_tail = 0.20", "hub_length = 0.20", "variant round_hub"),
+        ("exit_radius = 1.0\n", "exit_radius = 0.9\n", "variant straight_exit"),
     ],
 )
 def test_a_wrong_fan_file_is_refused_before_any_work(tmp_path, capsys, old, new, word):
@@ -207,7 +279,7 @@ def test_the_wall_cannot_be_touched():
 def test_the_plan_has_what_the_set_needs(capsys):
     assert main(["cfd", "run", "--work", "unused", "--dry-run", "--json", "-"]) == 0
     keys = json.loads(capsys.readouterr().out)["cases"]
-    positions = campaign.plan(SETUP)
+    positions = campaign.plan(SETUP, "half")
     assert keys == [p.key for p in positions]
     assert len(set(keys)) == len(keys)
     plain = {p.place for p in positions if p.rpm == 4000 and not p.swirl and p.level == 1.0}
