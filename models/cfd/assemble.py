@@ -27,7 +27,7 @@ ODD = np.array([False, True, False, True, False, True])
 # Without a wall the fan stands on an axis of symmetry: no side force, no tilt.
 TILT = np.array([True, True, False, True, True, False])
 # Worst first.
-LABELLED = ("cycling", "drifting", "marched", "steady")
+LABELLED = ("cycling", "drifting", "averaged", "marched", "steady")
 
 
 @dataclass(frozen=True)
@@ -35,11 +35,13 @@ class Label:
     """What a position is labelled with, wrench and amplitude (6,) in N and N m.
 
     ``amplitude`` is what the label leaves out: half the difference of two states, or the swing of a flow that never
-    stands still. ``status`` of the worst case that went in; ``starts`` their number.
+    stands still. ``error`` is that of the mean: by block averages, where they were taken; else the amplitude.
+    ``status`` of the worst case that went in; ``starts`` their number.
     """
 
     wrench: Array
     amplitude: Array
+    error: Array
     status: str
     starts: int
 
@@ -120,15 +122,19 @@ def labels(rows: Sequence[Row], rpm: float, kind: Kind = HALF) -> dict[Place, La
         wrenches = np.array([r.result.wrench for r in states])
         # A drift dies out over about a hundred iterations, twice the span it is taken over.
         swing = np.max([np.maximum(r.result.swing, 2 * np.array(r.result.drift)) for r in states], axis=0)
-        amplitude = np.maximum(np.ptp(wrenches, axis=0) / 2, swing)
+        apart = np.ptp(wrenches, axis=0) / 2
+        amplitude = np.maximum(apart, swing)
+        means = np.array([r.result.error for r in states])
+        error = np.maximum(apart, np.where(np.isnan(means).any(axis=0), swing, means.max(axis=0)))
         wrench = np.where(ODD & (kind[0] == "half"), 0.0, wrenches.mean(axis=0))
         if math.isinf(place[1]):
             # The mirrored state is a solution as well: the mean of the two is zero, half their difference the state.
             amplitude = np.where(TILT, np.maximum(np.abs(wrench), amplitude), amplitude)
+            error = np.where(TILT, np.maximum(np.abs(wrench), error), error)
             wrench = np.where(TILT, 0.0, wrench)
         found_status = {r.result.status for r in states}
         status = next(s for s in LABELLED if s in found_status)
-        out[place] = Label(wrench, amplitude, status, len(states))
+        out[place] = Label(wrench, amplitude, error, status, len(states))
     return out
 
 
@@ -185,7 +191,7 @@ class _Maker:
         added, amplitude, error, label = self._full(place, rpm) or self._half(place, rpm) or self._by_law(place, rpm)
         if math.isinf(place[1]):
             added = np.where(TILT, 0.0, added)
-        sigma = np.sqrt((self.mesh * (rpm / self.rpm) ** 2) ** 2 + amplitude**2 + error**2)
+        sigma = np.hypot(self.mesh * (rpm / self.rpm) ** 2, error)
         even, odd = self._made_even(place, rpm), self._made_odd(place, rpm)
         return self.free(rpm) + added, Mark(even, odd, label.status, label.starts, amplitude, sigma)
 
@@ -194,7 +200,7 @@ class _Maker:
         if not self._solved(place, rpm):
             return None
         label = self.full[rpm][place]
-        added, error = label.wrench - self.full[rpm][FREE].wrench, np.zeros(6)
+        added, error = label.wrench - self.full[rpm][FREE].wrench, label.error
         rest = None if self.mixed.all() else self._half(place, rpm) or self._by_law(place, rpm)
         if rest is None:
             return added, label.amplitude, error, label
@@ -209,7 +215,7 @@ class _Maker:
             return None
         label, square = self.half[rpm][place], (rpm / self.rpm) ** 2
         added = label.wrench - self.half[rpm][FREE].wrench + square * self.correction.at(place)
-        return added, label.amplitude, square * self.correction.error_at(place), label
+        return added, label.amplitude, np.hypot(label.error, square * self.correction.error_at(place)), label
 
     def _by_law(self, place: Place, rpm: float) -> _Part:
         """The same from the campaign's speed."""
@@ -221,7 +227,7 @@ class _Maker:
         added, amplitude, error, label = base
         square = (rpm / self.rpm) ** 2
         scale = square * (rpm / self.rpm) ** self.law.exponent
-        return added * scale, amplitude * scale, np.hypot(error, self.law.left) * square, label
+        return added * scale, amplitude * scale, np.hypot(error * scale, self.law.left * square), label
 
     def _solved(self, place: Place, rpm: float) -> bool:
         """Whether a full model gives the row; free air of a variant does not count."""

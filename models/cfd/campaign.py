@@ -32,8 +32,8 @@ class Row:
 
     @property
     def usable(self) -> bool:
-        """True where the numbers stand still."""
-        return self.result.status in ("steady", "marched")
+        """True where the numbers stand still, or their mean is known."""
+        return self.result.status in ("steady", "marched", "averaged")
 
 
 CAMPAIGNS = ("half", "full", "wedge")
@@ -112,7 +112,7 @@ def load(folder: Path, position: Position) -> Row | None:
         return None
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        for name in ("wrench", "swing", "drift", "parts"):
+        for name in ("wrench", "swing", "drift", "parts", "error"):
             content[name] = tuple(float("nan") if v is None else float(v) for v in content[name])
         return Row(position, Result(**content))
     except (ValueError, TypeError, KeyError) as error:
@@ -269,7 +269,7 @@ def _wanted(row: Row | None, setup: Setup, marching: bool) -> bool:
         return not marching
     result = row.result
     if marching:
-        return result.status == "cycling" and result.steps == 0
+        return result.status == "cycling" and result.steps < setup.solver.march_limit
     cut_short = result.steps == 0 and result.iterations < iteration_limit(setup, result.start)
     return result.status == "killed" or (result.status == "drifting" and cut_short)
 

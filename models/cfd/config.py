@@ -107,9 +107,13 @@ class Solver:
 
 @dataclass(frozen=True)
 class Converged:
-    """What counts as converged: shares of hover lift (forces) and hover lift times R (moments), or of the effect."""
+    """What counts as converged: shares of hover lift (forces) and hover lift times R (moments), or of the effect.
+
+    ``mean``: error of the mean of a flow that swings on, as a share of hover lift.
+    """
 
     drift: float
+    mean: float
     drift_free: float
     swing: float
     drift_of_effect: float

@@ -22,6 +22,7 @@ COLUMNS = (
     *(f"swing_{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)),
     *(f"drift_{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)),
     *(f"Fz_{part}_N" for part in PARTS),
+    *(f"error_{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)),
     *("cells", "iterations", "steps", "seconds", "start", "note"),
 )
 
@@ -32,7 +33,7 @@ def write(path: Path, rows: Sequence[Row]) -> None:
     out = csv.writer(text, lineterminator="\n")
     out.writerow(COLUMNS)
     for p, r in ((row.position, row.result) for row in rows):
-        numbers = (*r.wrench, *r.swing, *r.drift, *r.parts)
+        numbers = (*r.wrench, *r.swing, *r.drift, *r.parts, *r.error)
         out.writerow(
             [
                 *(p.model, p.variant, f"{p.h:g}", f"{p.d:g}", f"{p.rpm:g}", f"{p.level:g}", p.approach),
@@ -90,5 +91,6 @@ def _row(cell: dict[str, str]) -> Row:
             seconds=float(cell["seconds"]),
             start=cell["start"],
             note=cell["note"],
+            error=six("error_"),
         ),
     )

@@ -78,6 +78,27 @@ def test_a_case_that_moves_is_marched_in_time(tmp_path, solver):
     assert marched.swing[2] < 0.01
 
 
+def test_a_flow_that_swings_on_is_marched_until_its_mean_is_known(tmp_path, solver):
+    solver("swing")
+    result = compute(tmp_path / FREE.key, SETUP, FREE, TABLE)
+    assert result.status == "averaged"
+    assert result.steps < SETUP.solver.march_limit
+    # 34 N and a wave of 2 N (half model doubled) that the mean must not follow.
+    assert result.swing[2] > 1.5
+    assert 0 < result.error[2] <= SETUP.converged.mean * SETUP.rotor.hover_lift_n
+    assert result.wrench[2] == pytest.approx(34.0, abs=3 * result.error[2])
+    # Asked for more than the limit allows, it stays without a known mean, and goes on when the limit is raised.
+    strict = replace(SETUP, converged=replace(SETUP.converged, mean=1e-9, drift_of_effect=1e-9))
+    short = replace(strict, solver=replace(strict.solver, march_limit=160))
+    campaign.run(tmp_path / "short", short, section, [FREE])
+    (row,) = campaign.rows(tmp_path / "short", [FREE])
+    assert (row.result.status, row.result.steps) == ("cycling", 160)
+    campaign.run(tmp_path / "short", SETUP, section, [FREE])
+    (row,) = campaign.rows(tmp_path / "short", [FREE])
+    assert row.result.status == "averaged"
+    assert row.usable
+
+
 def test_a_diverged_case_is_marked_with_the_solvers_words(tmp_path, solver):
     solver("diverge")
     result = compute(tmp_path / FREE.key, SETUP, FREE, TABLE)

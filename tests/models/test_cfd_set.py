@@ -13,6 +13,7 @@ import pytest
 from models import dataset
 from models.cfd import campaign, config, table
 from models.cfd.assemble import assemble, full_kind, labels, write_data, write_marks
+from models.cfd.averages import error_of_mean
 from models.cfd.campaign import Row
 from models.cfd.case_run import Result
 from models.cfd.check import AGREES, DISAGREES, check, text
@@ -145,6 +146,36 @@ def test_a_case_that_still_moves_is_marked_and_a_diverged_one_left_out(rows):
     assert mark.sigma[2] >= 0.9
     with pytest.raises(ValueError, match="unpack"):
         at(made, 4.0, 0.5, 4000.0)
+
+
+def test_the_error_of_the_mean_covers_it_for_correlated_samples():
+    rng = np.random.default_rng(1)
+    inside, stated, plain, runs = 0, 0.0, 0.0, 300
+    for _ in range(runs):
+        samples, x = np.empty(256), 0.0
+        for i in range(len(samples)):
+            x = 0.8 * x + rng.normal()
+            samples[i] = x
+        error = error_of_mean(samples[:, None])[0]
+        stated, plain = stated + error, plain + samples.std() / 16
+        inside += abs(samples.mean()) < 2 * error
+    # Uncorrelated samples of the same spread would give a third of the error; blocks find the rest.
+    assert stated > 2 * plain
+    assert 0.9 < inside / runs < 1.0
+    assert np.isnan(error_of_mean(np.ones((3, 6)))).all()
+
+
+def test_sigma_is_the_error_of_the_mean_and_amplitude_the_swing(rows):
+    place = Position(1.75, 1.0, 4000.0)
+    swing = {"swing": (0.2, 0, 0.9, 0, 0.02, 0), "error": (0.02, 0, 0.05, 0, 0.002, 0)}
+    changed = [row(place, "averaged", **swing) if r.position == place else r for r in rows]
+    made, before = assemble(changed, SETUP), assemble(rows, SETUP)
+    index = at(made, 1.75, 1.0, 4000.0)
+    mark, usual = made.marks[index], before.marks[index]
+    assert mark.status == "averaged"
+    assert mark.amplitude[2] == pytest.approx(0.9)
+    expected = math.sqrt(usual.sigma[2] ** 2 - 0.02**2 + 0.05**2)
+    assert mark.sigma[2] == pytest.approx(expected, abs=1e-6)
 
 
 def test_what_full_models_add_is_learnt_and_its_error_is_that_of_places_left_out(rows):
