@@ -170,8 +170,9 @@ def run(
 ) -> None:
     """Compute what is not there yet: first every case in steady iterations, then in time those that still move.
 
-    ``executor`` None: ``jobs`` threads of this process, each with one solver. A case that is stopped from outside goes
-    on from its last chunk; after that it is marked ``killed``. Ctrl-C keeps what every case has reached.
+    ``executor`` None: ``jobs`` threads of this process, each with one solver. A case that is stopped from outside, or
+    whose worker on a cluster died, goes on from its last chunk; after that it is marked ``killed``. Ctrl-C keeps what
+    every case has reached.
     """
     foam.require()
     _claim(folder, setup, positions)
@@ -179,6 +180,7 @@ def run(
     own = executor is None
     pool = executor or ThreadPoolExecutor(jobs)
     done = {row.position: row for row in rows(folder, positions)}
+    lost = _lost()
     try:
         for marching in (False, True) if march else (False,):
             todo = iter([p for p in positions if _wanted(done.get(p), setup, marching)])
@@ -200,7 +202,7 @@ def run(
                     position, start = running.pop(future)
                     try:
                         result = future.result()
-                    except foam.StoppedError as error:
+                    except lost as error:
                         killed[position] = killed.get(position, 0) + 1
                         if killed[position] < KILLED_LIMIT:
                             table = tables[position.rpm, position.swirl, position.variant]
@@ -215,6 +217,15 @@ def run(
     finally:
         if own:
             pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _lost() -> tuple[type[Exception], ...]:
+    """Errors after which a case is taken up again: its solver was stopped, or workers died under it too often."""
+    try:
+        from distributed.scheduler import KilledWorker
+    except ImportError:
+        return (foam.StoppedError,)
+    return foam.StoppedError, KilledWorker
 
 
 def _claim(folder: Path, setup: Setup, positions: Sequence[Position]) -> None:

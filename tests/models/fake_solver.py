@@ -2,7 +2,7 @@
 
 Called by the name of the program it stands in for. The file ``behave`` beside it says how: ``steady``; ``diverge``
 (ends with the solver's error); ``killed`` (kills itself once per case); ``cycle`` (never settles in iterations);
-``swing`` (nor in time);
+``swing`` (nor in time); ``slow`` (takes half a second for each part);
 ``drift`` (goes slowly on until iteration 300).
 """
 
@@ -12,6 +12,7 @@ import re
 import signal
 import struct
 import sys
+import time
 from pathlib import Path
 
 CELLS = 6
@@ -39,6 +40,9 @@ def march(program: str, behave: str) -> None:
     if behave == "killed" and not Path("was_killed").exists():
         Path("was_killed").touch()
         os.kill(os.getpid(), signal.SIGKILL)
+    if behave == "slow":
+        Path("running").write_text(str(os.getpid()))
+        time.sleep(0.5)
     loads = Path(f"postProcessing/loads/{start:.10g}")
     loads.mkdir(parents=True)
     names = re.findall(r"^(\w+\d[pn])$", Path("constant/fvOptions").read_text(), re.M)
