@@ -6,7 +6,7 @@ import csv
 import io
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +65,10 @@ class Law:
 
 @dataclass(frozen=True)
 class Mark:
-    """How a row was made; ``amplitude`` and ``sigma`` (6,) in N and N m.
+    """How a row was made; ``amplitude``, ``scatter`` and ``sigma`` (6,) in N and N m.
+
+    ``scatter``: error of the flow's mean and of the mesh, which differs from row to row. ``sigma``: with it what full
+    models differ by where none was solved, and what the law of rotor speed leaves.
 
     ``even`` (Fx, Fz, My): ``solved`` in a full model with swirl (``solved_NAME``: of a variant of the fan);
     ``corrected``: a half model and what full models add, learnt at other positions; ``half``: a half model alone;
@@ -78,6 +81,7 @@ class Mark:
     status: str
     starts: int
     amplitude: Array
+    scatter: Array
     sigma: Array
 
 
@@ -191,9 +195,10 @@ class _Maker:
         added, amplitude, error, label = self._full(place, rpm) or self._half(place, rpm) or self._by_law(place, rpm)
         if math.isinf(place[1]):
             added = np.where(TILT, 0.0, added)
-        sigma = np.hypot(self.mesh * (rpm / self.rpm) ** 2, error)
+        square = (rpm / self.rpm) ** 2
+        scatter, sigma = (np.hypot(self.mesh * square, e) for e in (label.error, error))
         even, odd = self._made_even(place, rpm), self._made_odd(place, rpm)
-        return self.free(rpm) + added, Mark(even, odd, label.status, label.starts, amplitude, sigma)
+        return self.free(rpm) + added, Mark(even, odd, label.status, label.starts, amplitude, scatter, sigma)
 
     def _full(self, place: Place, rpm: float) -> _Part | None:
         """Increment, amplitude, error (6,) and label of a full model, where it counts."""
@@ -227,7 +232,8 @@ class _Maker:
         added, amplitude, error, label = base
         square = (rpm / self.rpm) ** 2
         scale = square * (rpm / self.rpm) ** self.law.exponent
-        return added * scale, amplitude * scale, np.hypot(error * scale, self.law.left * square), label
+        moved = replace(label, error=label.error * scale)
+        return added * scale, amplitude * scale, np.hypot(error * scale, self.law.left * square), moved
 
     def _solved(self, place: Place, rpm: float) -> bool:
         """Whether a full model gives the row; free air of a variant does not count."""
@@ -314,11 +320,12 @@ def write_marks(path: Path, made: Assembled) -> None:
         [
             *("h_m", "d_m", "rpm", "even", "odd", "status", "starts"),
             *(f"amplitude_{n}" for n in names),
+            *(f"scatter_{n}" for n in names),
             *(f"sigma_{n}" for n in names),
         ]
     )
     for row, mark in zip(made.table, made.marks, strict=True):
-        numbers = [f"{v:.3g}" for v in (*mark.amplitude, *mark.sigma)]
+        numbers = [f"{v:.3g}" for v in (*mark.amplitude, *mark.scatter, *mark.sigma)]
         out.writerow([*(f"{v:.6g}" for v in row[:3]), mark.even, mark.odd, mark.status, mark.starts, *numbers])
     path.write_text(text.getvalue(), encoding="utf-8")
 
@@ -326,3 +333,21 @@ def write_marks(path: Path, made: Assembled) -> None:
 def solved_share(made: Assembled) -> NDArray[np.bool_]:
     """Which rows (n,) have Fx, Fz and My from the solver itself, at that speed."""
     return np.array([m.even != "law" for m in made.marks])
+
+
+def ceilings(made: Assembled) -> tuple[Array, Array]:
+    """R2 (6,) of increments that a perfect surrogate reaches: against these rows, and against full models.
+
+    1 - mean of the squared error / variance of the increments over free air, both over the lift at that speed. The
+    error is the rows' ``scatter``, and their ``sigma``. nan where increments or errors are not known.
+    """
+    rpm, wrench = made.table[:, 2], made.table[:, 3:]
+    free = np.isinf(made.table[:, :2]).all(axis=1)
+    at = {n: wrench[free & (rpm == n)][0] for n in np.unique(rpm)}
+    base = np.array([at[n] for n in rpm])
+    lift = base[~free, 2:3]
+    variance = np.var((wrench - base)[~free] / lift, axis=0)
+    errors = (np.array([getattr(m, name) for m in made.marks])[~free] / lift for name in ("scatter", "sigma"))
+    known = variance > 1e-12
+    one, two = (np.where(known, 1.0 - np.mean(e**2, axis=0) / np.where(known, variance, 1.0), np.nan) for e in errors)
+    return one, two

@@ -12,7 +12,7 @@ import pytest
 
 from models import dataset
 from models.cfd import campaign, config, table
-from models.cfd.assemble import assemble, full_kind, labels, write_data, write_marks
+from models.cfd.assemble import assemble, ceilings, full_kind, labels, write_data, write_marks
 from models.cfd.averages import error_of_mean
 from models.cfd.campaign import Row
 from models.cfd.case_run import Result
@@ -176,6 +176,29 @@ def test_sigma_is_the_error_of_the_mean_and_amplitude_the_swing(rows):
     assert mark.amplitude[2] == pytest.approx(0.9)
     expected = math.sqrt(usual.sigma[2] ** 2 - 0.02**2 + 0.05**2)
     assert mark.sigma[2] == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_ceiling_of_r2_is_what_rows_of_that_scatter_allow(rows):
+    """Rows with a known random error: the truth itself scores what the ceiling says."""
+    rng = np.random.default_rng(3)
+    spread_fx = 0.2
+
+    def scattered(r):
+        if r.position.place in ((INF, INF), *SETUP.campaign.grid_at):
+            return r
+        fx = r.result.wrench[0] + spread_fx * rng.normal() * (r.position.rpm / 4000) ** 2
+        known = {"wrench": (fx, *r.result.wrench[1:]), "error": (spread_fx * (r.position.rpm / 4000) ** 2, *(0.0,) * 5)}
+        return replace(r, result=replace(r.result, status="averaged", **known))
+
+    half = [r for r in rows if not r.position.swirl]
+    truth, made = assemble(half, SETUP), assemble([scattered(r) for r in half], SETUP)
+    here = (made.table[:, 2] == 4000.0) & ~np.isinf(made.table[:, :2]).all(axis=1)
+    fx, real = made.table[here, 3], truth.table[here, 3]
+    reached = 1 - np.mean((fx - real) ** 2) / np.var(fx)
+    assert ceilings(made)[0][0] == pytest.approx(reached, abs=0.05)
+    assert 0.3 < reached < 0.97
+    assert ceilings(made)[0][2] > 0.999
+    assert np.isnan(ceilings(made)[0][1])
 
 
 def test_what_full_models_add_is_learnt_and_its_error_is_that_of_places_left_out(rows):
