@@ -8,12 +8,13 @@ from pathlib import Path
 from models.cfd.config import Setup
 from models.cfd.meridian import LAYERS
 from models.cfd.mesh import block_mesh
-from models.cfd.polars import Blades, foam_table
+from models.cfd.polars import Blades, Station, foam_table
 from models.cfd.position import Position
 from models.cfd.wedge import AXIS, wedge_mesh
 
 DISCS = ("upper", "lower")
-MOVING = ("U", "p", "k", "omega", "nut")
+# Blades end within this length.
+EDGE_M, NO_CHORD_M = 1e-5, 1e-9
 
 
 def write(folder: Path, setup: Setup, position: Position, blades: Blades) -> None:
@@ -145,10 +146,7 @@ def _rotors(setup: Setup, position: Position, blades: Blades) -> str:
     out = []
     for name, where, sense, share in sources(position):
         disc = where[:-1]
-        blade = " ".join(
-            f"(section{i} ({s.radius_m:.8g} {s.pitch_deg:.8g} {rotor.chord_m * share:.8g}))"
-            for i, s in enumerate(table[disc])
-        )
+        blade = _blade(setup, table[disc], rotor.chord_m * share)
         z = m * (height[disc] + rotor.thickness / 2)
         out.append(
             f"{name}\n{{\ntype rotorDisk; active true; selectionMode cellZone; cellZone {where};\n"
@@ -160,6 +158,20 @@ def _rotors(setup: Setup, position: Position, blades: Blades) -> str:
             f"blade {{ data ( {blade} ); }}\nprofiles {{\n{profiles[disc, sense]}\n}}\n}}\n"
         )
     return "".join(out)
+
+
+def _blade(setup: Setup, stations: tuple[Station, ...], chord_m: float) -> str:
+    """Radius, pitch and chord along the blade. The solver goes on beyond the ends with what it finds there.
+
+    That is no chord, where there is a gap; a blade that reaches the bore follows the diffuser.
+    """
+    rows = [(i, s.radius_m, s.pitch_deg, chord_m) for i, s in enumerate(stations)]
+    (root, *_), (*_, tip) = rows, rows
+    if setup.rotor.root_radius > setup.fan.hub_radius:
+        rows.insert(0, (root[0], root[1] - EDGE_M, root[2], NO_CHORD_M))
+    if setup.rotor.tip_radius < 1.0:
+        rows.append((tip[0], tip[1] + EDGE_M, tip[2], NO_CHORD_M))
+    return " ".join(f"(section{i} ({r:.8g} {pitch:.8g} {chord:.8g}))" for i, r, pitch, chord in rows)
 
 
 def _kind(name: str) -> str:

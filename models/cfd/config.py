@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from importlib import resources
 from pathlib import Path
@@ -45,11 +45,14 @@ class Fan:
 class Rotor:
     """Two equal discs; pitch linear from the hub to the tip.
 
+    Blades reach from ``root_radius`` to ``tip_radius`` (over R); between them and hub or duct lies a gap.
     ``tip_pitch_deg`` of both without swirl; ``swirl_tip_pitch_deg`` of upper and lower disc with it.
     """
 
     blades: int
     chord_m: float
+    root_radius: float
+    tip_radius: float
     root_pitch_deg: float
     tip_pitch_deg: float
     swirl_tip_pitch_deg: tuple[float, ...]
@@ -264,18 +267,28 @@ def _check(name: str, setup: Setup) -> None:
     need(fan.lip_thickness > 0.05, "[fan] lip_radius_m must exceed radius_m by 5 % or more")
     need(0 < fan.hub_radius < 0.9, "[fan] hub_radius must lie between 0 and 0.9")
     need(1.0 <= fan.exit_radius < fan.exit_skin <= fan.lip_radius, "[fan] needs 1 <= exit_radius < exit_skin <= lip")
-    top_disc = rotor.upper_height + rotor.thickness
-    need(len(rotor.swirl_tip_pitch_deg) == 2, "[rotor] swirl_tip_pitch_deg needs two pitches: upper and lower disc")
-    need(0 <= fan.hub_nose < fan.lip_top - top_disc, "[fan] hub_nose must end below the top of the lip")
-    need(0 <= fan.hub_tail < rotor.lower_height - fan.exit_height, "[fan] hub_tail must end above the duct's exit")
-    lip_centre = fan.lip_top - fan.lip_thickness / 2
-    need(
-        fan.exit_height < rotor.lower_height < rotor.lower_height + rotor.thickness < rotor.upper_height,
-        "the lower disc must lie between the duct's exit and the upper disc",
-    )
-    need(top_disc < lip_centre, "the upper disc must lie below the curved part of the lip")
-    need(len(mesh.duct) == 5 and mesh.duct[1] == mesh.duct[3] == 3, "[mesh] duct needs five counts, 3 for each disc")
     need(rotor.stations >= 2 and rotor.blades >= 1 and rotor.chord_m > 0, "[rotor] stations, blades, chord_m too small")
+    need(len(rotor.swirl_tip_pitch_deg) == 2, "[rotor] swirl_tip_pitch_deg needs two pitches: upper and lower disc")
+    _check_rotors(fan, rotor, need)
+    need(len(mesh.duct) == 5 and mesh.duct[1] == mesh.duct[3] == 3, "[mesh] duct needs five counts, 3 for each disc")
     need(setup.air.density_kg_m3 > 0 and setup.air.viscosity_m2_s > 0, "[air] must be positive")
     need(mesh.box > fan.lip_radius + 0.2 and mesh.far > mesh.box + 1, "[mesh] needs lip + 0.2 < box and box + 1 < far")
     need(setup.solver.sample_every <= setup.solver.chunk // 3, "[solver] sample_every must be a third of chunk or less")
+
+
+def _check_rotors(fan: Fan, rotor: Rotor, need: Callable[[bool, str], None]) -> None:
+    """Refuse rotors that cut into the hub, the duct or each other, and a hub that leaves the duct."""
+    top_disc = rotor.upper_height + rotor.thickness
+    need(
+        fan.exit_height < rotor.lower_height < rotor.lower_height + rotor.thickness < rotor.upper_height,
+        "the rotors cut into each other or leave the duct: exit_height < lower disc < upper disc is needed",
+    )
+    need(rotor.root_radius >= fan.hub_radius, "the rotors cut into the hub: [rotor] root_radius is below hub_radius")
+    need(rotor.tip_radius <= 1.0, "the rotors cut into the duct: [rotor] tip_radius is beyond the bore, 1")
+    need(rotor.root_radius < rotor.tip_radius - 0.1, "[rotor] root_radius must lie 0.1 or more below tip_radius")
+    need(
+        top_disc < fan.lip_top - fan.lip_thickness / 2,
+        "the rotors cut into the duct: the upper disc must lie below the curved part of the lip",
+    )
+    need(0 <= fan.hub_nose < fan.lip_top - top_disc, "[fan] hub_nose must end below the top of the lip")
+    need(0 <= fan.hub_tail < rotor.lower_height - fan.exit_height, "[fan] hub_tail must end above the duct's exit")

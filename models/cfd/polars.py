@@ -58,8 +58,8 @@ def stations(setup: Setup, rpm: float, section: Section, tip_pitch_deg: float) -
     fan, rotor = setup.fan, setup.rotor
     tip_speed = rpm * 2 * math.pi / 60 * fan.radius_m
     out = []
-    for x in np.linspace(fan.hub_radius, 1.0, rotor.stations):
-        share = (x - fan.hub_radius) / (1 - fan.hub_radius)
+    for x in np.linspace(rotor.root_radius, rotor.tip_radius, rotor.stations):
+        share = (x - rotor.root_radius) / (rotor.tip_radius - rotor.root_radius)
         pitch = rotor.root_pitch_deg + share * (tip_pitch_deg - rotor.root_pitch_deg)
         speed = tip_speed * math.hypot(x, INFLOW_RATIO)
         reynolds = speed * rotor.chord_m / setup.air.viscosity_m2_s

@@ -299,6 +299,19 @@ def test_a_trim_that_does_not_converge_is_refused(tmp_path, solver, capsys, monk
     assert ("no tip pitch" if model == "half" else "does not converge") in line
 
 
+def test_blades_end_at_root_and_tip(tmp_path, solver):
+    short = replace(SETUP, rotor=replace(SETUP.rotor, root_radius=0.3, tip_radius=0.95))
+    tables = polars.blades(short, 4000.0, section, swirl=False)
+    compute(tmp_path / FREE.key, short, FREE, tables)
+    blade = re.search(r"blade {(.*?)}", (tmp_path / FREE.key / "constant/fvOptions").read_text())[1]
+    radius, _, chord = np.array(re.findall(r"\(([\d.]+) ([\d.]+) ([\d.e-]+)\)", blade), dtype=float).T
+    there = chord > 1e-6
+    assert radius[there] / short.fan.radius_m == pytest.approx(np.linspace(0.3, 0.95, 7))
+    assert list(there) == [False, *[True] * 7, False]
+    # Blades that reach hub and bore have no such ends: in the diffuser the bore is wider than at the upper disc.
+    assert case._blade(SETUP, tables[0], 0.01).count("section") == SETUP.rotor.stations
+
+
 def test_no_cell_of_a_disc_is_left_without_lift(tmp_path, solver):
     # The solver's disc takes the lift from cells at or beyond this share of its outermost cell's radius.
     compute(tmp_path / FREE.key, SETUP, FREE, TABLE)
@@ -333,6 +346,10 @@ def test_without_a_solver_one_line_names_the_package(tmp_path, monkeypatch, caps
         ("hub_radius = 0.20", "hub_radius = 0.95", "hub_radius"),
         ("[air]", "[water]", "unknown section [water]"),
         ("chord_m", "chord_mm", "unknown key 'chord_mm'"),
+        ("root_radius = 0.20", "root_radius = 0.15", "rotors cut into the hub"),
+        ("tip_radius = 1.0 ", "tip_radius = 1.02 ", "rotors cut into the duct"),
+        ("lower_height = -0.40", "lower_height = -0.05", "rotors cut into each other"),
+        ("lower_height = -0.40", "lower_height = -0.70", "leave the duct"),
         ("[13.06, 10.98]", "[13.06]", "two pitches"),
         ("hub_tail = 0.0 ", "hub_tail = 0.5 ", "hub_tail"),
         ("hub_tail = 0.20", "hub_length = 0.20", "variant round_hub"),
