@@ -6,7 +6,7 @@ import csv
 import io
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from models.cfd.campaign import Row
 from models.cfd.config import Setup
+from models.cfd.fidelity import FREE, Correction, learn
 from models.cfd.grid import spread
-from models.cfd.position import Place, near
+from models.cfd.position import Place, Position
 from models.cfd.table import UNITS
 from models.dataset import COLUMNS
 from models.errors import ModelError
@@ -26,7 +27,7 @@ ODD = np.array([False, True, False, True, False, True])
 # Without a wall the fan stands on an axis of symmetry: no side force, no tilt.
 TILT = np.array([True, True, False, True, True, False])
 # Worst first.
-LABELLED = ("cycling", "drifting", "marched", "steady")
+LABELLED = ("cycling", "drifting", "averaged", "marched", "steady")
 
 
 @dataclass(frozen=True)
@@ -34,11 +35,13 @@ class Label:
     """What a position is labelled with, wrench and amplitude (6,) in N and N m.
 
     ``amplitude`` is what the label leaves out: half the difference of two states, or the swing of a flow that never
-    stands still. ``status`` of the worst case that went in; ``starts`` their number.
+    stands still. ``error`` is that of the mean: by block averages, where they were taken; else the amplitude.
+    ``status`` of the worst case that went in; ``starts`` their number.
     """
 
     wrench: Array
     amplitude: Array
+    error: Array
     status: str
     starts: int
 
@@ -62,9 +65,15 @@ class Law:
 
 @dataclass(frozen=True)
 class Mark:
-    """How a row was made.
+    """How a row was made; ``amplitude``, ``scatter`` and ``sigma`` (6,) in N and N m.
 
-    ``even`` (Fx, Fz, My): ``solved`` or by ``law``; ``odd`` (Fy, Mx, Mz): ``solved`` or ``filled``.
+    ``scatter``: error of the flow's mean and of the mesh, which differs from row to row. ``sigma``: with it what full
+    models differ by where none was solved, and what the law of rotor speed leaves.
+
+    ``even`` (Fx, Fz, My): ``solved`` in a full model with swirl (``solved_NAME``: of a variant of the fan);
+    ``corrected``: a half model and what full models add, learnt at other positions; ``half``: a half model alone;
+    ``law``: from the campaign's speed by the law of rotor speed. ``odd`` (Fy, Mx, Mz): ``solved`` in a full model at
+    that speed, ``law``, ``filled`` by what is learnt at other positions, or zero by the ``symmetry`` of half models.
     """
 
     even: str
@@ -72,6 +81,7 @@ class Mark:
     status: str
     starts: int
     amplitude: Array
+    scatter: Array
     sigma: Array
 
 
@@ -82,63 +92,170 @@ class Assembled:
     table: Array
     marks: tuple[Mark, ...]
     law: Law
+    correction: Correction
 
 
-def labels(rows: Sequence[Row], rpm: float) -> dict[Place, Label]:
-    """The half model's label of every position at one speed on the mesh of level 1; diverged cases give none."""
+Kind = tuple[str, float, str]
+"""Model, level of the mesh and variant."""
+HALF: Kind = ("half", 1.0, "")
+
+
+def kind_of(position: Position) -> Kind:
+    """Kind of a case."""
+    return position.model, position.level, position.variant
+
+
+def full_kind(rows: Sequence[Row], rpm: float) -> Kind:
+    """The kind of full model that was computed at most positions; the fan itself where two are equal."""
+    places: dict[Kind, set[Place]] = {}
+    for row in rows:
+        if row.position.model == "full" and row.position.rpm == rpm and row.result.status in LABELLED:
+            places.setdefault(kind_of(row.position), set()).add(row.position.place)
+    return max(places, key=lambda kind: (len(places[kind]), not kind[2], kind[1]), default=("full", 1.0, ""))
+
+
+def labels(rows: Sequence[Row], rpm: float, kind: Kind = HALF) -> dict[Place, Label]:
+    """The label of every position computed in one kind of case at one speed; diverged cases give none."""
     out: dict[Place, Label] = {}
     found: dict[Place, list[Row]] = {}
     for row in rows:
         p = row.position
-        if not p.swirl and p.level == 1.0 and p.rpm == rpm and row.result.status in LABELLED:
+        if kind_of(p) == kind and p.rpm == rpm and row.result.status in LABELLED:
             found.setdefault(p.place, []).append(row)
     for place, states in found.items():
         wrenches = np.array([r.result.wrench for r in states])
         # A drift dies out over about a hundred iterations, twice the span it is taken over.
         swing = np.max([np.maximum(r.result.swing, 2 * np.array(r.result.drift)) for r in states], axis=0)
-        amplitude = np.maximum(np.ptp(wrenches, axis=0) / 2, swing)
-        wrench = np.where(ODD, 0.0, wrenches.mean(axis=0))
+        apart = np.ptp(wrenches, axis=0) / 2
+        amplitude = np.maximum(apart, swing)
+        means = np.array([r.result.error for r in states])
+        error = np.maximum(apart, np.where(np.isnan(means).any(axis=0), swing, means.max(axis=0)))
+        wrench = np.where(ODD & (kind[0] == "half"), 0.0, wrenches.mean(axis=0))
         if math.isinf(place[1]):
             # The mirrored state is a solution as well: the mean of the two is zero, half their difference the state.
             amplitude = np.where(TILT, np.maximum(np.abs(wrench), amplitude), amplitude)
+            error = np.where(TILT, np.maximum(np.abs(wrench), error), error)
             wrench = np.where(TILT, 0.0, wrench)
         found_status = {r.result.status for r in states}
         status = next(s for s in LABELLED if s in found_status)
-        out[place] = Label(wrench, amplitude, status, len(states))
+        out[place] = Label(wrench, amplitude, error, status, len(states))
     return out
 
 
 def assemble(rows: Sequence[Row], setup: Setup) -> Assembled:
     """The data set from all cases. Raises ModelError without free air or without a case at another speed."""
-    c = setup.campaign
-    speeds = (c.rpm, *c.other_rpm)
-    solved = {rpm: labels(rows, rpm) for rpm in speeds}
-    for rpm in speeds:
-        if (math.inf, math.inf) not in solved[rpm]:
-            raise ModelError(f"the cases lack free air (h = inf, d = inf) at {rpm:g} rpm; run the campaign on")
-    law = fit_law(solved, c.rpm)
-    odd = _Odd(rows, c.rpm)
-    grid = spread(rows, setup).increment
+    maker = _Maker(rows, setup)
+    radius, rpm_of = setup.fan.radius_m, (setup.campaign.rpm, *setup.campaign.other_rpm)
     table, marks = [], []
-    for rpm in sorted(speeds):
-        ratio = rpm / c.rpm
-        free = solved[rpm][math.inf, math.inf]
-        for place in sorted(solved[c.rpm]):
-            base = solved[c.rpm][place]
-            here = solved[rpm].get(place)
-            scale = ratio ** (2.0 + law.exponent)
-            increment = (base.wrench - solved[c.rpm][math.inf, math.inf].wrench) * scale
-            label = here or Label(free.wrench + increment, base.amplitude * scale, base.status, base.starts)
-            sideways, odd_made = odd.at(place)
-            wrench = np.where(ODD, sideways * ratio**2, label.wrench)
-            by_law = np.zeros(6) if here else law.left * ratio**2
-            sigma = np.sqrt((grid * ratio**2) ** 2 + label.amplitude**2 + by_law**2)
-            sigma[ODD] = np.nan
-            table.append([place[0] * setup.fan.radius_m, place[1] * setup.fan.radius_m, rpm, *wrench])
-            even = "solved" if here else "law"
-            odd_here = odd_made if rpm == c.rpm else "filled"
-            marks.append(Mark(even, odd_here, label.status, label.starts, label.amplitude, sigma))
-    return Assembled(np.array(table), tuple(marks), law)
+    for rpm in sorted(rpm_of):
+        for place in maker.places:
+            wrench, mark = maker.row(place, rpm)
+            table.append([place[0] * radius, place[1] * radius, rpm, *wrench])
+            marks.append(mark)
+    return Assembled(np.array(table), tuple(marks), maker.law, maker.correction)
+
+
+_Part = tuple[Array, Array, Array, Label]
+
+
+class _Maker:
+    """Labels of both models, the law of rotor speed and the correction; makes one row after the other."""
+
+    def __init__(self, rows: Sequence[Row], setup: Setup) -> None:
+        c = setup.campaign
+        speeds = (c.rpm, *c.other_rpm)
+        self.rpm = c.rpm
+        self.half = {rpm: labels(rows, rpm) for rpm in speeds}
+        for rpm in speeds:
+            if FREE not in self.half[rpm]:
+                raise ModelError(f"the cases lack free air (h = inf, d = inf) at {rpm:g} rpm; run the campaign on")
+        kind = full_kind(rows, c.rpm)
+        self.variant = kind[2]
+        self.full = {rpm: labels(rows, rpm, kind) for rpm in speeds}
+        self.law = fit_law(self.half, c.rpm)
+        both = ({p: label.wrench for p, label in of[c.rpm].items()} for of in (self.full, self.half))
+        self.correction = learn(*both)
+        self.mesh = spread(rows, setup).increment
+        self.places = sorted(self.half[c.rpm] | self.full[c.rpm])
+        # Full models among half ones would be steps: they enter the set where their difference can be learnt.
+        learnt = self.correction.learnt
+        self.mixed = np.where(ODD, np.any(learnt[ODD]), np.any(learnt[~ODD]))
+        # Free air of a variant is another fan's.
+        half, full = (of[c.rpm][FREE].wrench if FREE in of[c.rpm] else np.zeros(6) for of in (self.half, self.full))
+        self.base = half if self.variant else np.where(self.mixed, full, half)
+
+    def free(self, rpm: float) -> Array:
+        """Free air (6,): the base, with the law of the half model's lift; everything else as rpm^2."""
+        ratio = self.half[rpm][FREE].wrench[2] / self.half[self.rpm][FREE].wrench[2]
+        out: Array = self.base * np.where(np.arange(6) == 2, ratio, (rpm / self.rpm) ** 2)
+        return out
+
+    def row(self, place: Place, rpm: float) -> tuple[Array, Mark]:
+        """Wrench (6,) and mark of one row."""
+        added, amplitude, error, label = self._full(place, rpm) or self._half(place, rpm) or self._by_law(place, rpm)
+        if math.isinf(place[1]):
+            added = np.where(TILT, 0.0, added)
+        square = (rpm / self.rpm) ** 2
+        scatter, sigma = (np.hypot(self.mesh * square, e) for e in (label.error, error))
+        even, odd = self._made_even(place, rpm), self._made_odd(place, rpm)
+        return self.free(rpm) + added, Mark(even, odd, label.status, label.starts, amplitude, scatter, sigma)
+
+    def _full(self, place: Place, rpm: float) -> _Part | None:
+        """Increment, amplitude, error (6,) and label of a full model, where it counts."""
+        if not self._solved(place, rpm):
+            return None
+        label = self.full[rpm][place]
+        added, error = label.wrench - self.full[rpm][FREE].wrench, label.error
+        rest = None if self.mixed.all() else self._half(place, rpm) or self._by_law(place, rpm)
+        if rest is None:
+            return added, label.amplitude, error, label
+        mixed = [
+            np.where(self.mixed, a, b) for a, b in ((added, rest[0]), (label.amplitude, rest[1]), (error, rest[2]))
+        ]
+        return mixed[0], mixed[1], mixed[2], label
+
+    def _half(self, place: Place, rpm: float) -> _Part | None:
+        """The same of a half model at that speed, with what full models add."""
+        if place not in self.half[rpm]:
+            return None
+        label, square = self.half[rpm][place], (rpm / self.rpm) ** 2
+        added = label.wrench - self.half[rpm][FREE].wrench + square * self.correction.at(place)
+        return added, label.amplitude, np.hypot(label.error, square * self.correction.error_at(place)), label
+
+    def _by_law(self, place: Place, rpm: float) -> _Part:
+        """The same from the campaign's speed."""
+        base = self._full(place, self.rpm) or self._half(place, self.rpm)
+        if base is None:
+            raise ModelError(
+                f"no case at h = {place[0]:g} R, d = {place[1]:g} R and {self.rpm:g} rpm; run the campaign on"
+            )
+        added, amplitude, error, label = base
+        square = (rpm / self.rpm) ** 2
+        scale = square * (rpm / self.rpm) ** self.law.exponent
+        moved = replace(label, error=label.error * scale)
+        return added * scale, amplitude * scale, np.hypot(error * scale, self.law.left * square), moved
+
+    def _solved(self, place: Place, rpm: float) -> bool:
+        """Whether a full model gives the row; free air of a variant does not count."""
+        here = self.full[rpm]
+        return bool(self.mixed.any()) and place in here and FREE in here and not (place == FREE and bool(self.variant))
+
+    def _solved_as(self) -> str:
+        return f"solved_{self.variant}" if self.variant else "solved"
+
+    def _made_even(self, place: Place, rpm: float) -> str:
+        if self.mixed[2] and self._solved(place, rpm):
+            return self._solved_as()
+        if place in self.half[rpm]:
+            return "corrected" if self.mixed[2] else "half"
+        return "law"
+
+    def _made_odd(self, place: Place, rpm: float) -> str:
+        if not self.mixed[1]:
+            return "symmetry"
+        if self._solved(place, rpm):
+            return self._solved_as()
+        return "law" if self._solved(place, self.rpm) else "filled"
 
 
 def fit_law(solved: dict[float, dict[Place, Label]], reference: float) -> Law:
@@ -189,30 +306,6 @@ def _exponent(logs: Array, x: Array, y: Array, weight: Array) -> float:
     return a
 
 
-class _Odd:
-    """Fy, Mx, Mz from the cases with swirl: solved where there is one, else weighted by nearness to those there are."""
-
-    def __init__(self, rows: Sequence[Row], rpm: float) -> None:
-        full = [r for r in rows if r.position.swirl and r.position.rpm == rpm and r.result.status in LABELLED]
-        self.known = {r.position.place: np.array(r.result.wrench) for r in full}
-
-    def at(self, place: Place) -> tuple[Array, str]:
-        """Wrench (6,) of which the odd components count, and how it was made."""
-        made = "solved" if place in self.known else "filled"
-        if not self.known:
-            return np.zeros(6), made
-        if made == "solved":
-            wrench = self.known[place]
-        else:
-            where = np.array([near(k) for k in self.known])
-            apart = np.linalg.norm(where - near(place), axis=1)
-            weight = apart**-3.0
-            wrench = weight @ np.array(list(self.known.values())) / weight.sum()
-        if math.isinf(place[1]):
-            wrench = np.where(TILT, 0.0, wrench)
-        return wrench, made
-
-
 def write_data(path: Path, made: Assembled) -> None:
     """Write the data set in the format of docs/formats.md."""
     np.savetxt(path, made.table, fmt="%.6g", delimiter=",", header=",".join(COLUMNS), comments="")
@@ -227,15 +320,34 @@ def write_marks(path: Path, made: Assembled) -> None:
         [
             *("h_m", "d_m", "rpm", "even", "odd", "status", "starts"),
             *(f"amplitude_{n}" for n in names),
+            *(f"scatter_{n}" for n in names),
             *(f"sigma_{n}" for n in names),
         ]
     )
     for row, mark in zip(made.table, made.marks, strict=True):
-        numbers = [f"{v:.3g}" for v in (*mark.amplitude, *mark.sigma)]
+        numbers = [f"{v:.3g}" for v in (*mark.amplitude, *mark.scatter, *mark.sigma)]
         out.writerow([*(f"{v:.6g}" for v in row[:3]), mark.even, mark.odd, mark.status, mark.starts, *numbers])
     path.write_text(text.getvalue(), encoding="utf-8")
 
 
 def solved_share(made: Assembled) -> NDArray[np.bool_]:
-    """Which rows (n,) have Fx, Fz and My from the solver itself."""
-    return np.array([m.even == "solved" for m in made.marks])
+    """Which rows (n,) have Fx, Fz and My from the solver itself, at that speed."""
+    return np.array([m.even != "law" for m in made.marks])
+
+
+def ceilings(made: Assembled) -> tuple[Array, Array]:
+    """R2 (6,) of increments that a perfect surrogate reaches: against these rows, and against full models.
+
+    1 - mean of the squared error / variance of the increments over free air, both over the lift at that speed. The
+    error is the rows' ``scatter``, and their ``sigma``. nan where increments or errors are not known.
+    """
+    rpm, wrench = made.table[:, 2], made.table[:, 3:]
+    free = np.isinf(made.table[:, :2]).all(axis=1)
+    at = {n: wrench[free & (rpm == n)][0] for n in np.unique(rpm)}
+    base = np.array([at[n] for n in rpm])
+    lift = base[~free, 2:3]
+    variance = np.var((wrench - base)[~free] / lift, axis=0)
+    errors = (np.array([getattr(m, name) for m in made.marks])[~free] / lift for name in ("scatter", "sigma"))
+    known = variance > 1e-12
+    one, two = (np.where(known, 1.0 - np.mean(e**2, axis=0) / np.where(known, variance, 1.0), np.nan) for e in errors)
+    return one, two

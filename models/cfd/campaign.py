@@ -8,11 +8,12 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 from models.cfd import foam
 from models.cfd.case_run import Result, compute, iteration_limit
 from models.cfd.config import Setup
-from models.cfd.polars import Section, Station, stations
+from models.cfd.polars import Blades, Section, blades
 from models.cfd.position import Position, check, near
 from models.errors import ConfigError
 
@@ -31,41 +32,77 @@ class Row:
 
     @property
     def usable(self) -> bool:
-        """True where the numbers stand still."""
-        return self.result.status in ("steady", "marched")
+        """True where the numbers stand still, or their mean is known."""
+        return self.result.status in ("steady", "marched", "averaged")
 
 
-def plan(setup: Setup) -> list[Position]:
-    """Every case of the campaign, most useful first; refuses positions that cannot be meshed before any work.
+CAMPAIGNS = ("half", "full", "wedge")
+"""What a work folder can hold: half models, full models, or wedges with swirl and without."""
 
-    Free air; wall without ground; ground without wall; corners coarse to fine; other speeds; other meshes; swirl;
-    second starts where the flow may have two states. Heights go up: near the ground the jet opens to a hollow cone
-    around air that rises to the hub, a state that starts from above reach only after very many iterations.
-    """
-    c = setup.campaign
-    inf = math.inf
-    order: dict[Position, None] = {}
 
-    def add(*positions: Position) -> None:
-        order.update(dict.fromkeys(positions))
-
-    add(Position(inf, inf, c.rpm))
-    add(*(Position(inf, d, c.rpm) for d in sorted(c.d, reverse=True)))
-    add(*(Position(h, inf, c.rpm) for h in sorted(c.h)))
-    for step_h, step_d in ((4, 4), (2, 2), (2, 1), (1, 1)):
-        for h in sorted(c.h[::step_h]):
-            # From far to near, so that a start is at hand.
-            add(*(Position(h, d, c.rpm) for d in sorted(c.d[::step_d], reverse=True)))
-        if (step_h, step_d) == (2, 2):
-            add(*(Position(h, d, rpm) for rpm in c.other_rpm for h, d in c.rpm_at))
-            add(*(Position(h, d, c.rpm, level=level) for level in sorted(c.grid_levels) for h, d in c.grid_at))
-            add(*(Position(h, d, c.rpm, swirl=True) for h, d in c.swirl_at))
-    add(*(Position(h, d, c.rpm) for h, d in (*c.rpm_at, *c.grid_at, *c.swirl_at)))
-    add(*(Position(h, d, c.rpm, approach="far") for h, d in c.again_from_far))
-    add(*(Position(h, d, c.rpm, approach="wall") for h, d in c.again_from_wall))
+def plan(setup: Setup, model: str) -> list[Position]:
+    """Every case of one campaign, most useful first; refuses positions that cannot be meshed before any work."""
+    order = dict.fromkeys({"half": _plan_half, "full": _plan_full, "wedge": _plan_wedge}[model](setup))
     for position in order:
         check(setup, position)
     return list(order)
+
+
+def _plan_half(setup: Setup) -> Iterator[Position]:
+    """Half models: free air; wall without ground; ground without wall; corners coarse to fine; other speeds; other
+    meshes; second starts where the flow may have two states.
+
+    Heights go up: near the ground the jet opens to a hollow cone around air that rises to the hub, a state that starts
+    from above reach only after very many iterations.
+    """
+    c, inf = setup.campaign, math.inf
+    yield Position(inf, inf, c.rpm)
+    yield from (Position(inf, d, c.rpm) for d in sorted(c.d, reverse=True))
+    yield from (Position(h, inf, c.rpm) for h in sorted(c.h))
+    for step_h, step_d in ((4, 4), (2, 2), (2, 1), (1, 1)):
+        for h in sorted(c.h[::step_h]):
+            # From far to near, so that a start is at hand.
+            yield from (Position(h, d, c.rpm) for d in sorted(c.d[::step_d], reverse=True))
+        if (step_h, step_d) == (2, 2):
+            yield from (Position(h, d, rpm) for rpm in c.other_rpm for h, d in c.rpm_at)
+            yield from (Position(h, d, c.rpm, level=level) for level in sorted(c.grid_levels) for h, d in c.grid_at)
+    yield from (Position(h, d, c.rpm) for h, d in (*c.rpm_at, *c.grid_at, *c.full_at))
+    yield from (Position(h, d, c.rpm, approach="far") for h, d in c.again_from_far)
+    yield from (Position(h, d, c.rpm, approach="wall") for h, d in c.again_from_wall)
+
+
+def _plan_full(setup: Setup) -> Iterator[Position]:
+    """Full models: a part of the positions, other speeds, the rest, other meshes."""
+    c = setup.campaign
+    positions = [Position(h, d, c.rpm, swirl=True, level=c.full_level) for h, d in c.full_at]
+    first = len(positions) // 2
+    yield from positions[:first]
+    for rpm in c.other_rpm:
+        yield from (Position(h, d, rpm, swirl=True, level=c.full_level) for h, d in c.full_other_rpm_at)
+    yield from positions[first:]
+    for level in c.full_grid_levels:
+        yield from (Position(h, d, c.rpm, swirl=True, level=level) for h, d in c.full_grid_at)
+
+
+def _plan_wedge(setup: Setup) -> Iterator[Position]:
+    """Wedges with swirl and without, the variants, second starts from the jet of free air, finer meshes."""
+    c, inf = setup.campaign, math.inf
+    first, *others = c.wedge_levels
+
+    def column(heights: tuple[float, ...], level: float, swirl: bool = True, variant: str = "") -> Iterator[Position]:
+        for h in (inf, *sorted(heights)):
+            yield Position(h, inf, c.rpm, swirl, level, wedge=True, variant=variant)
+
+    for swirl in (True, False):
+        yield from column(c.wedge_h, first, swirl)
+    for variant in setup.variants:
+        yield from column(c.wedge_variant_h, first, variant=variant)
+    yield from (Position(h, inf, c.rpm, True, first, "far", wedge=True) for h in sorted(c.wedge_variant_h) if h < inf)
+    for level in others:
+        for swirl in (True, False):
+            yield from column(c.wedge_h, level, swirl)
+    for level in c.wedge_fine_levels:
+        yield from column(c.wedge_fine_h, level)
 
 
 def load(folder: Path, position: Position) -> Row | None:
@@ -75,7 +112,7 @@ def load(folder: Path, position: Position) -> Row | None:
         return None
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        for name in ("wrench", "swing", "drift", "parts"):
+        for name in ("wrench", "swing", "drift", "parts", "error"):
             content[name] = tuple(float("nan") if v is None else float(v) for v in content[name])
         return Row(position, Result(**content))
     except (ValueError, TypeError, KeyError) as error:
@@ -91,9 +128,16 @@ def rows(folder: Path, positions: Sequence[Position]) -> list[Row]:
 
 def start_for(position: Position, finished: Sequence[Row]) -> Position | None:
     """The finished case whose state is nearest: the same mesh at another speed, else the nearest position."""
-    able = [r.position for r in finished if r.result.status != "diverged" and r.position.swirl == position.swirl]
+    able = [
+        r.position
+        for r in finished
+        if r.result.status not in ("diverged", "killed") and r.position.model == position.model
+    ]
     same = [
-        p for p in able if p.place == position.place and p.level == position.level and p.approach == position.approach
+        p
+        for p in able
+        if (p.place, p.level, p.approach, p.variant)
+        == (position.place, position.level, position.approach, position.variant)
     ]
     if same:
         return min(same, key=lambda p: abs(p.rpm - position.rpm))
@@ -108,7 +152,8 @@ def start_for(position: Position, finished: Sequence[Row]) -> Position | None:
 
 
 def _apart(a: Position, b: Position) -> float:
-    return math.dist(near(a.place), near(b.place)) + 0.01 * abs(a.level - b.level)
+    other = 0.0 if a.variant == b.variant else 0.02
+    return math.dist(near(a.place), near(b.place)) + 0.01 * abs(a.level - b.level) + other
 
 
 def run(
@@ -125,15 +170,17 @@ def run(
 ) -> None:
     """Compute what is not there yet: first every case in steady iterations, then in time those that still move.
 
-    ``executor`` None: ``jobs`` threads of this process, each with one solver. A case that is stopped from outside goes
-    on from its last chunk; after that it is marked ``killed``. Ctrl-C keeps what every case has reached.
+    ``executor`` None: ``jobs`` threads of this process, each with one solver. A case that is stopped from outside, or
+    whose worker on a cluster died, goes on from its last chunk; after that it is marked ``killed``. Ctrl-C keeps what
+    every case has reached.
     """
     foam.require()
-    _claim(folder, setup)
-    tables: dict[float, tuple[Station, ...]] = {}
+    _claim(folder, setup, positions)
+    tables: dict[tuple[float, bool, str], Blades] = {}
     own = executor is None
     pool = executor or ThreadPoolExecutor(jobs)
     done = {row.position: row for row in rows(folder, positions)}
+    lost = _lost()
     try:
         for marching in (False, True) if march else (False,):
             todo = iter([p for p in positions if _wanted(done.get(p), setup, marching)])
@@ -141,10 +188,12 @@ def run(
             killed: dict[Position, int] = {}
             while True:
                 for position in _fill(todo, jobs - len(running)):
-                    if position.rpm not in tables:
-                        tables[position.rpm] = stations(setup, position.rpm, section)
+                    kind = position.rpm, position.swirl, position.variant
+                    if kind not in tables:
+                        here = setup.of(position.variant)
+                        tables[kind] = blades(here, position.rpm, section, swirl=position.swirl)
                     start = start_for(position, list(done.values()))
-                    future = _submit(pool, folder, setup, position, tables[position.rpm], start, marching)
+                    future = _submit(pool, folder, setup, position, tables[kind], start, marching)
                     running[future] = position, start
                 if not running:
                     break
@@ -153,10 +202,11 @@ def run(
                     position, start = running.pop(future)
                     try:
                         result = future.result()
-                    except foam.StoppedError as error:
+                    except lost as error:
                         killed[position] = killed.get(position, 0) + 1
                         if killed[position] < KILLED_LIMIT:
-                            again = _submit(pool, folder, setup, position, tables[position.rpm], start, marching)
+                            table = tables[position.rpm, position.swirl, position.variant]
+                            again = _submit(pool, folder, setup, position, table, start, marching)
                             running[again] = position, start
                             continue
                         result = _marked(str(error))
@@ -169,19 +219,59 @@ def run(
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _claim(folder: Path, setup: Setup) -> None:
-    """Make the folder this fan's own; refuse one that holds cases of another fan or mesh."""
-    mine = {name: asdict(getattr(setup, name)) for name in ("fan", "rotor", "air", "mesh")}
-    text = json.dumps(mine, indent=1)
+def _lost() -> tuple[type[Exception], ...]:
+    """Errors after which a case is taken up again: its solver was stopped, or workers died under it too often."""
+    try:
+        from distributed.scheduler import KilledWorker
+    except ImportError:
+        return (foam.StoppedError,)
+    return foam.StoppedError, KilledWorker
+
+
+def _claim(folder: Path, setup: Setup, positions: Sequence[Position]) -> None:
+    """Make the folder this fan's and this model's own; refuse one that holds cases of another."""
+    model = next((name for name in CAMPAIGNS for p in positions if p.model.startswith(name)), CAMPAIGNS[0])
+    mine = _content(setup, model)
     path = folder / FAN
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not path.exists():
-            path.write_text(text, encoding="utf-8")
-        elif path.read_text(encoding="utf-8") != text:
-            raise ConfigError(f"work folder {folder}: holds cases of another fan or mesh ({path}); use another folder")
+            path.write_text(json.dumps(mine, indent=1), encoding="utf-8")
+        known = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ConfigError(f"work folder {folder}: cannot be written ({error.strerror})") from None
+    except ValueError as error:
+        raise ConfigError(f"work folder {folder}: {path} is not JSON ({error})") from None
+    there = model_of(folder)
+    if there != model:
+        raise ConfigError(
+            f"work folder {folder}: holds {there} models, not {model} models ({path}); use another folder"
+        )
+    if known != mine:
+        raise ConfigError(f"work folder {folder}: holds cases of another fan or mesh ({path}); use another folder")
+
+
+def model_of(folder: Path) -> str:
+    """What a work folder holds, one of ``CAMPAIGNS``; ``half`` where there is nothing yet."""
+    path = folder / FAN
+    try:
+        known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"model": CAMPAIGNS[0]}
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"work folder {folder}: {path} cannot be read ({error})") from None
+    model = known.get("model") if isinstance(known, dict) else None
+    if model not in CAMPAIGNS:
+        raise ConfigError(f"work folder {folder}: {path} names no model of {', '.join(CAMPAIGNS)}")
+    return str(model)
+
+
+def _content(setup: Setup, model: str) -> dict[str, Any]:
+    """What the cases of a folder have in common, as it comes back from JSON."""
+    sections = ("fan", "rotor", "air", "mesh")
+    mine: dict[str, Any] = {"model": model} | {name: asdict(getattr(setup, name)) for name in sections}
+    if model == "wedge":
+        mine["variants"] = {v: {n: asdict(getattr(s, n)) for n in sections} for v, s in setup.variants.items()}
+    content: dict[str, Any] = json.loads(json.dumps(mine))
+    return content
 
 
 def _wanted(row: Row | None, setup: Setup, marching: bool) -> bool:
@@ -190,7 +280,7 @@ def _wanted(row: Row | None, setup: Setup, marching: bool) -> bool:
         return not marching
     result = row.result
     if marching:
-        return result.status == "cycling" and result.steps == 0
+        return result.status == "cycling" and result.steps < setup.solver.march_limit
     cut_short = result.steps == 0 and result.iterations < iteration_limit(setup, result.start)
     return result.status == "killed" or (result.status == "drifting" and cut_short)
 
@@ -204,12 +294,14 @@ def _submit(
     folder: Path,
     setup: Setup,
     position: Position,
-    table: tuple[Station, ...],
+    table: Blades,
     start: Position | None,
     march: bool,
 ) -> Future[Result]:
     neighbour = folder / start.key if start is not None else None
-    return pool.submit(compute, folder / position.key, setup, position, table, neighbour, march=march)
+    return pool.submit(
+        compute, folder / position.key, setup.of(position.variant), position, table, neighbour, march=march
+    )
 
 
 def _marked(note: str) -> Result:

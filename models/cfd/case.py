@@ -6,20 +6,21 @@ import math
 from pathlib import Path
 
 from models.cfd.config import Setup
-from models.cfd.mesh import LAYERS, block_mesh
-from models.cfd.polars import Station, foam_table
+from models.cfd.meridian import LAYERS
+from models.cfd.mesh import block_mesh
+from models.cfd.polars import Blades, Station, foam_table
 from models.cfd.position import Position
+from models.cfd.wedge import AXIS, wedge_mesh
 
 DISCS = ("upper", "lower")
-MOVING = ("U", "p", "k", "omega", "nut")
-# Free-stream turbulence: still air.
-K_FAR, OMEGA_FAR = 1e-3, 10.0
+# Blades end within this length.
+EDGE_M, NO_CHORD_M = 1e-5, 1e-9
 
 
-def write(folder: Path, setup: Setup, position: Position, stations: tuple[Station, ...]) -> None:
+def write(folder: Path, setup: Setup, position: Position, blades: Blades) -> None:
     """Write system, constant and 0 of a case; an old case in ``folder`` is overwritten file by file."""
     files = {
-        "system/blockMeshDict": ("dictionary", block_mesh(setup, position)),
+        "system/blockMeshDict": ("dictionary", (wedge_mesh if position.wedge else block_mesh)(setup, position)),
         "system/topoSetDict": ("dictionary", _layers(setup)),
         "system/fvSchemes": ("dictionary", schemes(steady=True)),
         "system/fvSolution": ("dictionary", _solution(setup)),
@@ -32,8 +33,8 @@ def write(folder: Path, setup: Setup, position: Position, stations: tuple[Statio
             "dictionary",
             "simulationType RAS;\nRAS { RASModel kOmegaSST; turbulence on; printCoeffs off; }\n",
         ),
-        "constant/fvOptions": ("dictionary", _rotors(setup, position, stations)),
-        **{f"0/{name}": (_kind(name), text) for name, text in _fields(position).items()},
+        "constant/fvOptions": ("dictionary", _rotors(setup, position, blades)),
+        **{f"0/{name}": (_kind(name), text) for name, text in _fields(setup, position).items()},
     }
     for name, (kind, text) in files.items():
         put(folder / name, kind, text)
@@ -130,62 +131,80 @@ def sources(position: Position) -> list[tuple[str, str, int, float]]:
     return out
 
 
-def _rotors(setup: Setup, position: Position, stations: tuple[Station, ...]) -> str:
+def _rotors(setup: Setup, position: Position, blades: Blades) -> str:
     rotor, m = setup.rotor, setup.fan.radius_m
     height = dict(zip(DISCS, (rotor.upper_height, rotor.lower_height), strict=True))
+    table = dict(zip(DISCS, blades, strict=True))
     profiles = {
-        sense: "\n".join(
+        (disc, sense): "\n".join(
             f"section{i} {{ type lookup; data (\n{foam_table(s, backwards=sense < 0)}\n); }}"
-            for i, s in enumerate(stations)
+            for i, s in enumerate(table[disc])
         )
+        for disc in DISCS
         for sense in (1, -1)
     }
     out = []
     for name, where, sense, share in sources(position):
-        blade = " ".join(
-            f"(section{i} ({s.radius_m:.8g} {s.pitch_deg:.8g} {rotor.chord_m * share:.8g}))"
-            for i, s in enumerate(stations)
-        )
-        z = m * (height[where[:-1]] + rotor.thickness / 2)
+        disc = where[:-1]
+        blade = _blade(setup, table[disc], rotor.chord_m * share)
+        z = m * (height[disc] + rotor.thickness / 2)
         out.append(
             f"{name}\n{{\ntype rotorDisk; active true; selectionMode cellZone; cellZone {where};\n"
-            f"fields (U); nBlades {rotor.blades}; tipEffect 1.0; inletFlowType local; inflowVelocity (0 0 0);\n"
+            f"fields (U); nBlades {rotor.blades}; tipEffect 1.1; inletFlowType local; inflowVelocity (0 0 0);\n"
             f"geometryMode specified; origin (0 0 {z:.8g}); axis (0 0 1); refDirection (1 0 0);\n"
             f"rpm {sense * position.rpm:.8g}; rhoRef {setup.air.density_kg_m3:g}; rhoInf {setup.air.density_kg_m3:g};\n"
             "trimModel fixedTrim; fixedTrimCoeffs { theta0 0; theta1c 0; theta1s 0; }\n"
             "flapCoeffs { beta0 0; beta1c 0; beta2s 0; }\n"
-            f"blade {{ data ( {blade} ); }}\nprofiles {{\n{profiles[sense]}\n}}\n}}\n"
+            f"blade {{ data ( {blade} ); }}\nprofiles {{\n{profiles[disc, sense]}\n}}\n}}\n"
         )
     return "".join(out)
+
+
+def _blade(setup: Setup, stations: tuple[Station, ...], chord_m: float) -> str:
+    """Radius, pitch and chord along the blade. The solver goes on beyond the ends with what it finds there.
+
+    That is no chord, where there is a gap; a blade that reaches the bore follows the diffuser.
+    """
+    rows = [(i, s.radius_m, s.pitch_deg, chord_m) for i, s in enumerate(stations)]
+    (root, *_), (*_, tip) = rows, rows
+    if setup.rotor.root_radius > setup.fan.hub_radius:
+        rows.insert(0, (root[0], root[1] - EDGE_M, root[2], NO_CHORD_M))
+    if setup.rotor.tip_radius < 1.0:
+        rows.append((tip[0], tip[1] + EDGE_M, tip[2], NO_CHORD_M))
+    return " ".join(f"(section{i} ({r:.8g} {pitch:.8g} {chord:.8g}))" for i, r, pitch, chord in rows)
 
 
 def _kind(name: str) -> str:
     return "volVectorField" if name == "U" else "volScalarField"
 
 
-def _fields(position: Position) -> dict[str, str]:
+def _fields(setup: Setup, position: Position) -> dict[str, str]:
     """Start fields and boundary conditions."""
     solid = ["duct", "hub"]
     solid += ["ground"] if math.isfinite(position.h) else []
     solid += ["wall"] if math.isfinite(position.d) else []
     names = '"(' + "|".join(solid) + ')"'
-    mirror = "" if position.swirl else "mirror { type symmetryPlane; } "
+    if position.wedge:
+        sides = f"front {{ type cyclic; }} back {{ type cyclic; }} {AXIS} {{ type slip; }} "
+    else:
+        sides = "" if position.swirl else "mirror { type symmetryPlane; } "
+    k, w = setup.air.far_k, setup.air.far_omega
 
     def text(dimensions: str, value: str, wall: str, far: str) -> str:
         return (
             f"dimensions [{dimensions}];\ninternalField uniform {value};\n"
-            f"boundaryField {{ {names} {{ {wall} }} far {{ {far} }} {mirror}}}\n"
+            f"boundaryField {{ {names} {{ {wall} }} far {{ {far} }} {sides}}}\n"
         )
 
-    still = f"type inletOutlet; inletValue uniform {K_FAR}; value uniform {K_FAR};"
-    omega = f"type inletOutlet; inletValue uniform {OMEGA_FAR}; value uniform {OMEGA_FAR};"
+    still = f"type inletOutlet; inletValue uniform {k:g}; value uniform {k:g};"
+    omega = f"type inletOutlet; inletValue uniform {w:g}; value uniform {w:g};"
     return {
         "U": text(
             "0 1 -1 0 0 0 0", "(0 0 0)", "type noSlip;", "type pressureInletOutletVelocity; value uniform (0 0 0);"
         ),
         "p": text("0 2 -2 0 0 0 0", "0", "type zeroGradient;", "type totalPressure; p0 uniform 0; value uniform 0;"),
-        "k": text("0 2 -2 0 0 0 0", f"{K_FAR}", f"type kqRWallFunction; value uniform {K_FAR};", still),
-        "omega": text("0 0 -1 0 0 0 0", f"{OMEGA_FAR}", f"type omegaWallFunction; value uniform {OMEGA_FAR};", omega),
+        "k": text("0 2 -2 0 0 0 0", f"{k:g}", f"type kqRWallFunction; value uniform {k:g};", still),
+        "omega": text("0 0 -1 0 0 0 0", f"{w:g}", f"type omegaWallFunction; value uniform {w:g};", omega),
         "nut": text(
             "0 2 -1 0 0 0 0",
             "0",

@@ -12,9 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from models.cfd import case, foam
+from models.cfd.averages import error_of_mean
 from models.cfd.config import Setup
-from models.cfd.polars import Station
+from models.cfd.polars import Blades
 from models.cfd.position import Position, check
+from models.cfd.wedge import TURN
 from models.frames import Array
 
 STATE = "state.npz"
@@ -22,16 +24,20 @@ STATE = "state.npz"
 FROM_REST = 2
 # A swing that has kept this much of its size over two chunks does not die out.
 STILL_SWINGING = 0.7
+# A flow that swings is marched this many chunks at least, before its mean is taken.
+LEAST_CHUNKS = 5
 # Powers of the rotor speed with which a state scales to another speed.
 SPEED_POWER = {"U": 1, "phi": 1, "p": 2, "k": 2, "omega": 1, "nut": 1}
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a case gave.
+    """What a case gave. N, N m, corner frame, one fan.
 
-    ``wrench`` (6,) mean over the last two chunks; ``swing`` (6,) half of its peak-to-peak there; ``drift`` (6,) change
-    of the mean between them. N, N m, corner frame, one fan. ``parts``: Fz of upper disc, lower disc, duct with hub [N].
+    ``wrench`` (6,) mean over the last two chunks, of a flow that swings on over everything marched but the first chunk;
+    ``swing`` (6,) half of its peak-to-peak there; ``drift`` (6,) change of the mean between the halves; ``error`` (6,)
+    standard error of the mean by block averages, nan where it is not known. ``parts``: Fz of upper disc, lower disc,
+    duct with hub [N].
     """
 
     wrench: tuple[float, ...]
@@ -39,13 +45,15 @@ class Result:
     drift: tuple[float, ...]
     parts: tuple[float, float, float]
     status: str
-    """``steady``, ``marched`` (steady in time), ``cycling`` (to and fro), ``drifting`` (slowly on), ``diverged``."""
+    """``steady``; ``marched`` (steady in time); ``averaged`` (swings on in time, mean known); ``cycling`` (to and fro,
+    mean not known); ``drifting`` (slowly on); ``diverged``; ``killed``."""
     cells: int
     iterations: int
     steps: int
     seconds: float
     start: str
     note: str = ""
+    error: tuple[float, ...] = (math.nan,) * 6
 
 
 @dataclass
@@ -66,7 +74,7 @@ def compute(
     folder: Path,
     setup: Setup,
     position: Position,
-    stations: tuple[Station, ...],
+    blades: Blades,
     neighbour: Path | None = None,
     *,
     march: bool = True,
@@ -81,7 +89,7 @@ def compute(
     began = time.monotonic()
     run = _Case(folder, setup, position)
     try:
-        run.prepare(stations, neighbour)
+        run.prepare(blades, neighbour)
         run.iterate(report)
         if march and run.status() == "cycling":
             run.march(report)
@@ -104,7 +112,7 @@ class _Case:
         if (folder / STATE).exists():
             self._restore()
 
-    def prepare(self, stations: tuple[Station, ...], neighbour: Path | None) -> None:
+    def prepare(self, blades: Blades, neighbour: Path | None) -> None:
         """Mesh and start fields, unless they are there."""
         if self.cells:
             # A run that was stopped within a chunk leaves states that may be cut short.
@@ -112,7 +120,7 @@ class _Case:
             foam.forget(self.folder, [t for t in foam.times(self.folder) if float(t) > reached + 1e-6])
             return
         shutil.rmtree(self.folder, ignore_errors=True)
-        case.write(self.folder, self.setup, self.position, stations)
+        case.write(self.folder, self.setup, self.position, blades)
         foam.run(self.folder, "blockMesh")
         foam.run(self.folder, "topoSet")
         for what in ("writeCellVolumes", "writeCellCentres"):
@@ -158,12 +166,15 @@ class _Case:
         """Go on in time from the newest state."""
         solver = self.setup.solver
         case.put(self.folder / "system/fvSchemes", "dictionary", case.schemes(steady=False))
-        while (self.steps == 0 or not self.settled()) and self.steps < solver.march_limit and self.finite():
+        while not self._marched() and self.steps < solver.march_limit and self.finite():
             end = self.iterations + (self.steps + solver.march_chunk) * solver.time_step_s
             self._advance("pimpleFoam", case.control(self.setup, end, steady=False))
             self.steps += solver.march_chunk
             self._keep()
             report(f"{self.steps} time steps")
+
+    def _marched(self) -> bool:
+        return self.steps > 0 and (self.settled() or self.averaged())
 
     def _advance(self, program: str, control: str) -> None:
         began = time.monotonic()
@@ -187,12 +198,17 @@ class _Case:
             discs = [self._disc(state, disc, volume, centre) for disc in case.DISCS]
             total = surface + discs[0] + discs[1]
             parts = np.array([discs[0][2], discs[1][2], surface[2]])
-            if not self.position.swirl:
-                total, parts = 2 * total * [1, 0, 1, 0, 1, 0], 2 * parts
+            total, parts = self._whole(total, parts)
             self.samples.at.append(at)
             self.samples.wrench.append(total)
             self.samples.parts.append(parts)
         foam.forget(self.folder, states[:-1])
+
+    def _whole(self, wrench: Array, parts: Array) -> tuple[Array, Array]:
+        """Loads on the whole fan from those on the part that is meshed."""
+        if self.position.wedge:
+            return TURN * wrench * [0, 0, 1, 0, 0, float(self.position.swirl)], TURN * parts
+        return (wrench, parts) if self.position.swirl else (2 * wrench * [1, 0, 1, 0, 1, 0], 2 * parts)
 
     def _disc(self, state: str, disc: str, volume: Array, centre: Array) -> Array:
         """Force and moment (6,) of the air on one disc: the solver's source per volume and density, summed."""
@@ -214,6 +230,19 @@ class _Case:
         per_chunk = 8 if self.steps else solver.chunk // solver.sample_every
         return np.array(self.samples.wrench[-chunks * per_chunk :]).reshape(-1, 6)
 
+    def _window(self) -> Array:
+        """Samples (n, 6) that the mean is taken over: the last two chunks, or of a flow that swings all but one."""
+        chunks = max(2, self.steps // self.setup.solver.march_chunk - 1) if not self.settled() else 2
+        return self._last(chunks)
+
+    def averaged(self) -> bool:
+        """True where a flow that swings on in time has a mean that is known: blocks enough and a small error."""
+        if self.steps < LEAST_CHUNKS * self.setup.solver.march_chunk:
+            return False
+        limit = self.setup.converged
+        allowed = np.maximum(limit.mean * self._scale(), limit.drift_of_effect * self._effect())
+        return bool(np.all(error_of_mean(self._window()) <= allowed))
+
     def _scale(self) -> Array:
         rotor = self.setup.rotor
         lift = rotor.hover_lift_n * (self.position.rpm / rotor.hover_rpm) ** 2
@@ -221,11 +250,7 @@ class _Case:
 
     def _moves(self) -> tuple[Array, Array]:
         """Drift and swing (6,) over the last two chunks."""
-        last = self._last(2)
-        if len(last) < 2:
-            return np.full(6, np.inf), np.full(6, np.inf)
-        half = len(last) // 2
-        return np.abs(last[half:].mean(axis=0) - last[:half].mean(axis=0)), np.ptp(last, axis=0) / 2
+        return _moves(self._last(2))
 
     def settled(self) -> bool:
         """True where the wrench stands still over the last two chunks."""
@@ -271,7 +296,9 @@ class _Case:
         if not self.finite():
             return "diverged"
         if not self.settled():
-            return "cycling" if np.any(self._moves()[1] > self._allowed_swing()) else "drifting"
+            if not np.any(self._moves()[1] > self._allowed_swing()):
+                return "drifting"
+            return "averaged" if self.averaged() else "cycling"
         return "marched" if self.steps else "steady"
 
     def result(self, status: str, seconds: float, note: str) -> Result:
@@ -281,7 +308,9 @@ class _Case:
             return Result(
                 nothing, nothing, nothing, nothing[:3], "diverged", self.cells, 0, 0, seconds, self.start, note
             )
-        drift, swing = self._moves()
+        if status in ("averaged", "cycling"):
+            last = self._window()
+        drift, swing = _moves(last)
         parts = np.mean(self.samples.parts[-len(last) :], axis=0)
         return Result(
             wrench=_floats(last.mean(axis=0)),
@@ -295,6 +324,7 @@ class _Case:
             seconds=self.seconds,
             start=self.start,
             note=note,
+            error=_floats(error_of_mean(last)) if status in ("averaged", "cycling") and self.steps else (math.nan,) * 6,
         )
 
     # Keeping
@@ -318,6 +348,14 @@ class _Case:
             self.samples = _Samples(list(kept["at"]), list(kept["wrench"]), list(kept["parts"]))
             self.iterations, self.steps, self.cells = (int(c) for c in kept["counts"])
             self.seconds, self.start = float(kept["seconds"]), str(kept["start"])
+
+
+def _moves(samples: Array) -> tuple[Array, Array]:
+    """Change of the mean from the first half to the second, and half of the peak-to-peak, (6,) each."""
+    if len(samples) < 2:
+        return np.full(6, np.inf), np.full(6, np.inf)
+    half = len(samples) // 2
+    return np.abs(samples[half:].mean(axis=0) - samples[:half].mean(axis=0)), np.ptp(samples, axis=0) / 2
 
 
 def _floats(values: Array) -> tuple[float, ...]:

@@ -6,20 +6,20 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from models.cfd.assemble import LABELLED, Label, Law, fit_law, labels
+from models.cfd.assemble import Label, Law, assemble, ceilings, fit_law, full_kind, labels
 from models.cfd.campaign import Row
 from models.cfd.config import Setup
+from models.cfd.fidelity import FREE, Correction, learn
 from models.cfd.grid import Study, spread
 from models.cfd.position import Place
 from models.errors import ModelError
 from models.frames import AXES, Array
 
-FREE: Place = (math.inf, math.inf)
 AGREES, DISAGREES, OPEN = "agrees", "disagrees", "within uncertainty"
 
 
@@ -43,6 +43,8 @@ class Checked:
     law: Law | None
     swirl: dict[Place, Array]
     statements: tuple[Statement, ...]
+    correction: Correction
+    ceilings: tuple[Array, Array] | None
     summary: dict[str, Any]
     force_unit: float
     moment_unit: float
@@ -72,22 +74,23 @@ def check(rows: Sequence[Row], setup: Setup) -> Checked:
     parts = {
         r.position.place: np.array(r.result.parts)
         for r in rows
-        if not r.position.swirl and (r.position.level, r.position.rpm, r.position.approach) == (1.0, c.rpm, "near")
+        if r.position.model == "half"
+        and (r.position.level, r.position.rpm, r.position.approach) == (1.0, c.rpm, "near")
     }
-    whole = {
-        r.position.place: np.array(r.result.wrench)
-        for r in rows
-        if r.position.swirl and r.position.rpm == c.rpm and r.result.status in LABELLED
-    }
+    half, kind = {p: label.wrench for p, label in known.items()}, full_kind(rows, c.rpm)
+    whole = {place: label.wrench for place, label in labels(rows, c.rpm, kind).items()}
     study = spread(rows, setup)
-    bare = Checked(known, parts, study, law, whole, (), {}, tip_pressure, tip_pressure * setup.fan.radius_m)
+    correction = learn(whole, half)
+    able = ceilings(assemble(rows, setup)) if len(speeds) == 1 + len(c.other_rpm) and law is not None else None
+    unit = tip_pressure, tip_pressure * setup.fan.radius_m
+    bare = Checked(known, parts, study, law, whole, (), correction, able, {}, *unit)
     said = tuple(_statements(bare))
-    return Checked(known, parts, study, law, whole, said, _summary(rows, bare, said), bare.force_unit, bare.moment_unit)
+    return replace(bare, statements=said, summary=_summary(rows, bare, said))
 
 
 def _summary(rows: Sequence[Row], c: Checked, said: Sequence[Statement]) -> dict[str, Any]:
     """The figures a program reads."""
-    half = [r for r in rows if not r.position.swirl]
+    half = [r for r in rows if r.position.model == "half"]
     usual = [r.result for r in half if r.position.level == 1.0]
     swing = np.array([label.amplitude for label in c.labels.values()])
     return {
@@ -120,6 +123,15 @@ def _summary(rows: Sequence[Row], c: Checked, said: Sequence[Statement]) -> dict
             "left_rms": _by_axis(c.law.left, odd=False),
             "positions": c.law.positions,
         },
+        "fidelity": {
+            "full_models": len(c.swirl),
+            "half_model_misses": _by_axis(c.correction.plain),
+            "corrected_misses": _by_axis(c.correction.error),
+            "learnt": [a for a, learnt in zip(AXES, c.correction.learnt, strict=True) if learnt],
+        },
+        "r2_ceiling": None
+        if c.ceilings is None
+        else dict(zip(("rows", "full_models"), (_by_axis(v, odd=False) for v in c.ceilings), strict=True)),
         "agreement": [asdict(s) for s in said],
         "verdicts": dict(Counter(s.verdict for s in said)),
     }
@@ -392,7 +404,25 @@ def text(c: Checked) -> str:
             f"rotor speed: free lift as rpm^{law['free_lift_exponent']:.3f}, increments of {by} "
             f"({law['positions']} positions)"
         )
+    if c.correction.places:
+        learnt = ", ".join(s["fidelity"]["learnt"]) or "nothing"
+        lines.append(
+            f"full models at {len(c.correction.places)} places and in free air; half models alone miss their "
+            "increments by "
+            + _listed(c.correction.plain)
+            + f"; corrected and left out by {_listed(c.correction.error)}; "
+            f"learnt: {learnt}"
+        )
+    if c.ceilings is not None:
+        for ceiling, against in zip(c.ceilings, ("against these rows", "against full models"), strict=True):
+            by = ", ".join(f"{a} {v:.3f}" for a, v in zip(AXES[::2], ceiling[::2], strict=True))
+            lines.append(f"R2 of increments that a perfect surrogate of this set reaches {against}: {by}")
     lines.append("")
     for said in c.statements:
         lines.append(f"[{said.verdict}] {said.claim} ({said.source}): {said.ours}")
     return "\n".join(lines)
+
+
+def _listed(values: Array) -> str:
+    """Six numbers with their units."""
+    return ", ".join(f"{a} {v:.3f}" for a, v in zip(AXES, values, strict=True)) + " (N, N m)"

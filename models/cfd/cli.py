@@ -13,6 +13,7 @@ from models.errors import ConfigError, LinkError
 
 Finish = Callable[[argparse.Namespace, Any], int]
 
+SHIPPED_CASES = Path(__file__).parents[1] / "data" / "corner_cfd_cases.csv"
 CONNECT_S = 10.0
 """How long to look for a scheduler."""
 
@@ -25,6 +26,7 @@ def add(commands: Any, finish: Finish) -> None:
     run = what.add_parser("run", help="compute all cases that are not there yet; Ctrl-C and run again to go on")
     _common(run)
     run.add_argument("--work", required=True, type=Path, metavar="DIR", help="cases, their logs and states")
+    _model(run)
     run.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="solvers at a time (all cores)")
     run.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler; its workers must share DIR")
     run.add_argument("--no-march", action="store_true", help="leave cases that still move as they are")
@@ -43,8 +45,9 @@ def add(commands: Any, finish: Finish) -> None:
     check.add_argument("--report", type=Path, metavar="DIR", help="write the report and its figures here")
     check.set_defaults(run=lambda args: finish(args, _check(args)))
 
-    trim = what.add_parser("trim", help="find the tip pitch that gives the fan its lift")
+    trim = what.add_parser("trim", help="find the tip pitch that gives the fan its lift, with swirl without net torque")
     _common(trim)
+    _model(trim)
     trim.add_argument("--work", required=True, type=Path, metavar="DIR", help="cases, their logs and states")
     trim.set_defaults(run=lambda args: finish(args, _trim(args)))
 
@@ -55,10 +58,26 @@ def _common(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no text")
 
 
+def _model(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--model",
+        choices=("half", "full", "wedge"),
+        default="half",
+        help="half models without swirl (default), full models with swirl, or wedges: no wall, swirl, meshes, variants",
+    )
+
+
 def _cases(parser: argparse.ArgumentParser) -> None:
-    source = parser.add_mutually_exclusive_group()
-    source.add_argument("--work", type=Path, metavar="DIR", help="folder of 'models cfd run'")
-    source.add_argument("--cases", type=Path, metavar="CSV", help="case table (default: the shipped one)")
+    parser.add_argument(
+        "--work",
+        type=Path,
+        action="append",
+        metavar="DIR",
+        help="folder of 'models cfd run'; may be given several times",
+    )
+    parser.add_argument(
+        "--cases", type=Path, metavar="CSV", help="case table, completed by --work (default: the shipped one alone)"
+    )
 
 
 def _speak(args: argparse.Namespace) -> bool:
@@ -72,7 +91,7 @@ def _run(args: argparse.Namespace) -> Any:
     if args.jobs < 1:
         raise ConfigError(f"--jobs {args.jobs}: must be at least 1")
     setup = config.load(args.fan)
-    positions = campaign.plan(setup)
+    positions = campaign.plan(setup, args.model)
     if args.dry_run:
         if _speak(args):
             print("\n".join(p.key for p in positions))
@@ -111,14 +130,15 @@ def _cluster(address: str) -> Iterator[tuple[Any, int]]:
 def _rows(args: argparse.Namespace, setup: Any) -> Any:
     from models.cfd import campaign, table
 
-    if args.work is not None:
-        rows = campaign.rows(args.work, campaign.plan(setup))
-        if not rows:
-            raise ConfigError(
-                f"--work {args.work}: no finished cases of this fan; run 'models cfd run --work {args.work}'"
-            )
-        return rows
-    return table.read(args.cases or Path(__file__).parents[1] / "data" / "corner_cfd_cases.csv")
+    if args.work is None:
+        return table.read(args.cases or SHIPPED_CASES)
+    found = {row.position: row for row in (table.read(args.cases) if args.cases else [])}
+    for folder in args.work:
+        here = campaign.rows(folder, campaign.plan(setup, campaign.model_of(folder)))
+        if not here:
+            raise ConfigError(f"--work {folder}: no finished cases of this fan; run 'models cfd run --work {folder}'")
+        found |= {row.position: row for row in here}
+    return list(found.values())
 
 
 def _assemble(args: argparse.Namespace) -> Any:
@@ -172,9 +192,12 @@ def _trim(args: argparse.Namespace) -> Any:
     setup = config.load(args.fan)
     section = polars.neural_section(setup.rotor.section)
 
-    def report(pitch: float, lift: float) -> None:
+    def report(pitch: tuple[float, ...], result: Any) -> None:
         if _speak(args):
-            print(f"tip_pitch_deg {pitch:.3f}: {lift:.3f} N", flush=True)
+            degrees = ", ".join(f"{p:.3f}" for p in pitch)
+            torque = "" if args.model == "half" else f", {result.wrench[5]:+.4f} N m"
+            print(f"tip pitch {degrees} deg: {result.wrench[2]:.3f} N{torque}", flush=True)
 
-    pitch, lift = trim.trim(args.work, setup, section, report)
-    return {"tip_pitch_deg": pitch, "lift_N": lift}
+    pitch, result = trim.trim(args.work, setup, section, args.model, report)
+    key = "tip_pitch_deg" if args.model == "half" else "swirl_tip_pitch_deg"
+    return {key: pitch[0] if args.model == "half" else pitch, "lift_N": result.wrench[2], "torque_Nm": result.wrench[5]}

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,10 @@ from models.errors import ConfigError
 
 @dataclass(frozen=True)
 class Fan:
-    """Duct and hub; lengths over ``radius_m`` unless in m, heights above the reference point, z up."""
+    """Duct and hub; lengths over ``radius_m`` unless in m, heights above the reference point, z up.
+
+    ``hub_nose``, ``hub_tail``: length of the paraboloids above the upper and below the lower disc; 0 is a flat end.
+    """
 
     name: str
     radius_m: float
@@ -24,6 +27,8 @@ class Fan:
     exit_radius: float
     exit_skin: float
     hub_radius: float
+    hub_nose: float
+    hub_tail: float
 
     @property
     def lip_radius(self) -> float:
@@ -38,12 +43,19 @@ class Fan:
 
 @dataclass(frozen=True)
 class Rotor:
-    """Two equal discs; pitch linear from the hub to the tip."""
+    """Two equal discs; pitch linear from the hub to the tip.
+
+    Blades reach from ``root_radius`` to ``tip_radius`` (over R); between them and hub or duct lies a gap.
+    ``tip_pitch_deg`` of both without swirl; ``swirl_tip_pitch_deg`` of upper and lower disc with it.
+    """
 
     blades: int
     chord_m: float
+    root_radius: float
+    tip_radius: float
     root_pitch_deg: float
     tip_pitch_deg: float
+    swirl_tip_pitch_deg: tuple[float, ...]
     section: str
     thickness: float
     upper_height: float
@@ -55,10 +67,12 @@ class Rotor:
 
 @dataclass(frozen=True)
 class Air:
-    """The fluid."""
+    """The fluid; ``far_k`` [m2/s2] and ``far_omega`` [1/s] are the turbulence of the air that enters from afar."""
 
     density_kg_m3: float
     viscosity_m2_s: float
+    far_k: float
+    far_omega: float
 
 
 @dataclass(frozen=True)
@@ -96,9 +110,13 @@ class Solver:
 
 @dataclass(frozen=True)
 class Converged:
-    """What counts as converged: shares of hover lift (forces) and hover lift times R (moments), or of the effect."""
+    """What counts as converged: shares of hover lift (forces) and hover lift times R (moments), or of the effect.
+
+    ``mean``: error of the mean of a flow that swings on, as a share of hover lift.
+    """
 
     drift: float
+    mean: float
     drift_free: float
     swing: float
     drift_of_effect: float
@@ -116,9 +134,18 @@ class Campaign:
     rpm_at: tuple[tuple[float, float], ...]
     grid_levels: tuple[float, ...]
     grid_at: tuple[tuple[float, float], ...]
-    swirl_at: tuple[tuple[float, float], ...]
     again_from_far: tuple[tuple[float, float], ...]
     again_from_wall: tuple[tuple[float, float], ...]
+    full_level: float
+    full_at: tuple[tuple[float, float], ...]
+    full_other_rpm_at: tuple[tuple[float, float], ...]
+    full_grid_levels: tuple[float, ...]
+    full_grid_at: tuple[tuple[float, float], ...]
+    wedge_h: tuple[float, ...]
+    wedge_levels: tuple[float, ...]
+    wedge_fine_levels: tuple[float, ...]
+    wedge_fine_h: tuple[float, ...]
+    wedge_variant_h: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -132,6 +159,12 @@ class Setup:
     solver: Solver
     converged: Converged
     campaign: Campaign
+    variants: Mapping[str, Setup] = field(default_factory=dict)
+    """The same fan with other geometry, air or pitch, by name, for the wedge."""
+
+    def of(self, variant: str) -> Setup:
+        """Setup of a variant; of the fan itself for an empty name."""
+        return self.variants[variant] if variant else self
 
 
 _SECTIONS: Mapping[str, type] = {
@@ -158,12 +191,28 @@ def load(path: Path | None = None) -> Setup:
         raise ConfigError(f"fan file {name}: cannot be read ({reason})") from None
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"fan file {name}: not TOML ({error})") from None
+    variants = table.pop("variant", {})
+    if not isinstance(variants, dict):
+        raise ConfigError(f"fan file {name}: [variant] must hold sections such as [variant.NAME.fan]")
+    setup = _setup(name, table)
+    return replace(setup, variants={v: _variant(name, v, changes, table) for v, changes in variants.items()})
+
+
+def _setup(name: str, table: Mapping[str, Any]) -> Setup:
     unknown = set(table) - set(_SECTIONS)
     if unknown:
         raise ConfigError(f"fan file {name}: unknown section [{min(unknown)}]")
     setup = Setup(**{section: _section(name, section, kind, table) for section, kind in _SECTIONS.items()})
     _check(name, setup)
     return setup
+
+
+def _variant(name: str, variant: str, changes: Any, table: Mapping[str, Any]) -> Setup:
+    """The fan file with the keys of one variant in place of its own."""
+    where = f"{name}: variant {variant}"
+    if not isinstance(changes, dict) or not all(isinstance(keys, dict) for keys in changes.values()):
+        raise ConfigError(f"fan file {where}: must hold sections such as [variant.{variant}.fan]")
+    return _setup(where, {**table, **{section: table.get(section, {}) | keys for section, keys in changes.items()}})
 
 
 def _section(name: str, section: str, kind: type, table: Mapping[str, Any]) -> Any:
@@ -218,15 +267,28 @@ def _check(name: str, setup: Setup) -> None:
     need(fan.lip_thickness > 0.05, "[fan] lip_radius_m must exceed radius_m by 5 % or more")
     need(0 < fan.hub_radius < 0.9, "[fan] hub_radius must lie between 0 and 0.9")
     need(1.0 <= fan.exit_radius < fan.exit_skin <= fan.lip_radius, "[fan] needs 1 <= exit_radius < exit_skin <= lip")
-    top_disc = rotor.upper_height + rotor.thickness
-    lip_centre = fan.lip_top - fan.lip_thickness / 2
-    need(
-        fan.exit_height < rotor.lower_height < rotor.lower_height + rotor.thickness < rotor.upper_height,
-        "the lower disc must lie between the duct's exit and the upper disc",
-    )
-    need(top_disc < lip_centre, "the upper disc must lie below the curved part of the lip")
-    need(len(mesh.duct) == 5 and mesh.duct[1] == mesh.duct[3] == 3, "[mesh] duct needs five counts, 3 for each disc")
     need(rotor.stations >= 2 and rotor.blades >= 1 and rotor.chord_m > 0, "[rotor] stations, blades, chord_m too small")
+    need(len(rotor.swirl_tip_pitch_deg) == 2, "[rotor] swirl_tip_pitch_deg needs two pitches: upper and lower disc")
+    _check_rotors(fan, rotor, need)
+    need(len(mesh.duct) == 5 and mesh.duct[1] == mesh.duct[3] == 3, "[mesh] duct needs five counts, 3 for each disc")
     need(setup.air.density_kg_m3 > 0 and setup.air.viscosity_m2_s > 0, "[air] must be positive")
     need(mesh.box > fan.lip_radius + 0.2 and mesh.far > mesh.box + 1, "[mesh] needs lip + 0.2 < box and box + 1 < far")
     need(setup.solver.sample_every <= setup.solver.chunk // 3, "[solver] sample_every must be a third of chunk or less")
+
+
+def _check_rotors(fan: Fan, rotor: Rotor, need: Callable[[bool, str], None]) -> None:
+    """Refuse rotors that cut into the hub, the duct or each other, and a hub that leaves the duct."""
+    top_disc = rotor.upper_height + rotor.thickness
+    need(
+        fan.exit_height < rotor.lower_height < rotor.lower_height + rotor.thickness < rotor.upper_height,
+        "the rotors cut into each other or leave the duct: exit_height < lower disc < upper disc is needed",
+    )
+    need(rotor.root_radius >= fan.hub_radius, "the rotors cut into the hub: [rotor] root_radius is below hub_radius")
+    need(rotor.tip_radius <= 1.0, "the rotors cut into the duct: [rotor] tip_radius is beyond the bore, 1")
+    need(rotor.root_radius < rotor.tip_radius - 0.1, "[rotor] root_radius must lie 0.1 or more below tip_radius")
+    need(
+        top_disc < fan.lip_top - fan.lip_thickness / 2,
+        "the rotors cut into the duct: the upper disc must lie below the curved part of the lip",
+    )
+    need(0 <= fan.hub_nose < fan.lip_top - top_disc, "[fan] hub_nose must end below the top of the lip")
+    need(0 <= fan.hub_tail < rotor.lower_height - fan.exit_height, "[fan] hub_tail must end above the duct's exit")

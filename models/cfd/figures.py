@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from models.cfd.check import FREE, Checked, text
+from models.cfd.check import Checked, text
 from models.cfd.config import Setup
+from models.cfd.fidelity import FREE
 
 GROUND_LIMIT, WALL_LIMIT = 4.0, 3.8
 """Where the paper's effects of ground and wall end, over R."""

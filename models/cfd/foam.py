@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import re
 import shutil
 import signal
 import subprocess
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -28,6 +30,8 @@ class StoppedError(UserError):
     """A program of the solver was stopped from outside; the case can go on from its last chunk."""
 
 
+# Of prctl(2).
+_SET_DEATH_SIGNAL = 1
 # Signals that somebody sends; others (a division by zero) are the solver's own end.
 _FROM_OUTSIDE = {signal.SIGINT, signal.SIGTERM, signal.SIGKILL, signal.SIGHUP}
 
@@ -56,6 +60,7 @@ def run(folder: Path, program: str, *arguments: str) -> str:
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         check=False,
+        preexec_fn=_die_with_parent if sys.platform == "linux" else None,
     )
     output = done.stdout.decode("utf-8", "replace")
     with (folder / "log").open("a", encoding="utf-8") as log:
@@ -67,6 +72,12 @@ def run(folder: Path, program: str, *arguments: str) -> str:
         reason = " ".join(fatal[1].split()) if fatal else f"exit code {done.returncode}"
         raise SolverError(f"case {folder.name}: {program} failed ({reason[:160]}); see {folder / 'log'}")
     return output
+
+
+def _die_with_parent() -> None:
+    """Linux: end with the process that asked for it. A worker that is killed must not leave a solver that writes into
+    the case which another worker takes up."""
+    ctypes.CDLL(None).prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
 
 
 def times(folder: Path) -> list[str]:

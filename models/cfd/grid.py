@@ -38,7 +38,7 @@ def spread(rows: Sequence[Row], setup: Setup) -> Study:
     for row in rows:
         p = row.position
         usable = math.isfinite(row.result.wrench[2])
-        if not p.swirl and p.rpm == c.rpm and p.approach == "near" and p.place in c.grid_at and usable:
+        if p.model == "half" and p.rpm == c.rpm and p.approach == "near" and p.place in c.grid_at and usable:
             found.setdefault(p.place, {})[p.level] = np.array(row.result.wrench)
     whole = {place: by for place, by in found.items() if all(level in by for level in levels)}
     free = whole.get((math.inf, math.inf))

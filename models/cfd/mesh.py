@@ -1,83 +1,26 @@
 """The block mesh of one case: a fan of rings around the axis, a box around the rings, Cartesian blocks around the box.
 
-The meridian plane is a table of points, rows (heights) by columns (radii); every column is turned about the axis. The
-column lines are the hub, the bore and the outer skin of the duct; the row that meets the lip does so at 45 deg of its
-semicircle on either side, so that no cell is flattened where the curve runs along a mesh line. Around the axis lies a
-core of quadrilaterals: cells that collapse onto the axis let a jet of twice the fan's own speed grow there.
+The table of points of ``meridian`` is turned about the axis. Around the axis lies a core of quadrilaterals: cells that
+collapse onto the axis let a jet of twice the fan's own speed grow there.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 
 import numpy as np
 
+from models.cfd.blocks import Blocks
 from models.cfd.config import Setup
+from models.cfd.meridian import CURVE_POINTS, KINDS, LOWER_ROW, SOLID, UPPER_ROW, Meridian, both_ends, growing
 from models.cfd.position import Position
 from models.frames import Array
 
-UPPER_ROW, LOWER_ROW = 4, 2
-"""Rows of cells (counted from the ground) that are the rotor discs."""
-LAYERS = 3
-# A wall or ground closer to the box than this becomes the box's side.
+# A wall closer to the box than this becomes the box's side.
 BOX_MERGE = 0.6
-# First cell at a wall or ground against the mean cell of its direction.
-CLUSTER = 4.0
-CURVE_POINTS = 10
 # Radius of the core over the hub's.
 CORE = 0.5
-
-Point = tuple[float, float, float]
-
-
-@dataclass
-class Blocks:
-    """Collects vertices, curved edges, blocks and patches; writes the dictionary."""
-
-    vertices: list[Point] = field(default_factory=list)
-    index: dict[tuple[int, int, int], int] = field(default_factory=dict)
-    blocks: list[str] = field(default_factory=list)
-    edges: dict[tuple[int, int], str] = field(default_factory=dict)
-    patches: dict[str, list[str]] = field(default_factory=dict)
-
-    def vertex(self, p: Iterable[float]) -> int:
-        """Number of the vertex at ``p``; one at a place."""
-        x, y, z = (float(v) for v in p)
-        key = (round(x * 1e7), round(y * 1e7), round(z * 1e7))
-        if key not in self.index:
-            self.index[key] = len(self.vertices)
-            self.vertices.append((x, y, z))
-        return self.index[key]
-
-    def curve(self, a: int, b: int, points: Array) -> None:
-        """A curved edge from ``a`` to ``b`` through ``points`` (n, 3)."""
-        if a != b and (a, b) not in self.edges and (b, a) not in self.edges:
-            inner = " ".join(_point(p) for p in points)
-            self.edges[a, b] = f"polyLine {a} {b} ({inner})"
-
-    def block(self, corners: Sequence[int], zone: str, cells: Sequence[int], grading: Sequence[str]) -> None:
-        """One hexahedron, corners in the mesher's order."""
-        self.blocks.append(f"hex ({_join(corners)}) {zone} ({_join(cells)}) simpleGrading ({_join(grading)})")
-
-    def face(self, patch: str, corners: Sequence[int]) -> None:
-        """A boundary face."""
-        self.patches.setdefault(patch, []).append(f"({_join(corners)})")
-
-    def text(self, kinds: dict[str, str]) -> str:
-        """The mesh dictionary's content; ``kinds`` gives each patch's type."""
-        patches = "\n".join(
-            f"{name} {{ type {kinds[name]}; faces ( {' '.join(faces)} ); }}" for name, faces in self.patches.items()
-        )
-        return (
-            f"scale 1;\nvertices\n(\n{chr(10).join(_point(v) for v in self.vertices)}\n);\n"
-            f"blocks\n(\n{chr(10).join(self.blocks)}\n);\nedges\n(\n{chr(10).join(self.edges.values())}\n);\n"
-            f"boundary\n(\n{patches}\n);\nmergePatchPairs ();\n"
-        )
-
-
-KINDS = {"ground": "wall", "wall": "wall", "duct": "wall", "hub": "wall", "far": "patch", "mirror": "symmetryPlane"}
 
 
 def block_mesh(setup: Setup, position: Position) -> str:
@@ -89,18 +32,10 @@ class _Builder:
     """One case's geometry; see ``block_mesh``."""
 
     def __init__(self, setup: Setup, position: Position) -> None:
-        fan, rotor, mesh = setup.fan, setup.rotor, setup.mesh
+        fan, mesh = setup.fan, setup.mesh
         self.setup, self.position, self.out = setup, position, Blocks()
-        r = fan.radius_m
-        centre = fan.lip_top - fan.lip_thickness / 2
-        rotors = (rotor.lower_height, rotor.lower_height + rotor.thickness)
-        upper = (rotor.upper_height, rotor.upper_height + rotor.thickness)
-        bottom = -position.h if math.isfinite(position.h) else -mesh.far_below
-        # Rows of points from the ground up; row 6 lies at 45 deg of the lip.
-        lip_z = centre + fan.lip_thickness / 2 * math.sin(math.pi / 4)
-        self.z = np.array([bottom, fan.exit_height, *rotors, *upper, lip_z, mesh.far])
-        self.centre = centre
-        self.bore, self.skin = self._column_radii()
+        self.meridian = Meridian(setup, position)
+        self.n, self.rows = self.meridian.n, self.meridian.rows
         # The box: to the wall where it is near.
         wall = fan.lip_radius + position.d
         self.box_right = wall if wall < mesh.box + BOX_MERGE else mesh.box
@@ -108,38 +43,9 @@ class _Builder:
         corner = math.atan2(mesh.box, self.box_right)
         half = [0.0, corner, 0.75 * math.pi, math.pi]
         self.angles = half if not position.swirl else [*half, 1.25 * math.pi, 2 * math.pi - corner, 2 * math.pi]
-        self.scale_m = r
+        self.scale_m = self.meridian.scale_m
         # Sides of a core that face each other need equal counts.
         self.around = self.n(mesh.azimuth / 3)
-        self.rows = self._row_cells()
-
-    def n(self, count: float) -> int:
-        """Cells at this case's level."""
-        return max(2, round(count * self.position.level))
-
-    def _column_radii(self) -> tuple[Array, Array]:
-        """Radii over R of the bore line and of the skin line at each row of points."""
-        fan = self.setup.fan
-        quarter = fan.lip_thickness / 2 * (1 - math.cos(math.pi / 4))
-        bore, skin = np.ones(8), np.zeros(8)
-        bore[1] = fan.exit_radius
-        inside = (self.z > fan.exit_height) & (self.z < 0.0)
-        bore[inside] = fan.exit_radius + (1 - fan.exit_radius) * (self.z[inside] - fan.exit_height) / -fan.exit_height
-        along = (self.z[1:6] - fan.exit_height) / (self.centre - fan.exit_height)
-        skin[1:6] = fan.exit_skin + along * (fan.lip_radius - fan.exit_skin)
-        bore[6], skin[6] = 1 + quarter, fan.lip_radius - quarter
-        # The lines open below the duct and above the lip.
-        bore[0], skin[0] = 0.97, min(fan.exit_skin + 0.12, fan.lip_radius)
-        bore[7], skin[7] = 1.0, fan.lip_radius
-        return bore, skin
-
-    def _row_cells(self) -> list[int]:
-        mesh = self.setup.mesh
-        gap = self.z[1] - self.z[0]
-        # Few cells in a thin gap, the full number from 3 R on.
-        below = mesh.below * min(1.0, 0.45 + 0.55 * gap / 3.0)
-        duct = [LAYERS if i in (1, 3) else self.n(c) for i, c in enumerate(mesh.duct)]
-        return [self.n(below), *duct, self.n(mesh.above)]
 
     def build(self) -> str:
         sectors = list(zip(self.angles[:-1], self.angles[1:], strict=True))
@@ -159,7 +65,8 @@ class _Builder:
 
     def _on_circle(self, row: int, radius: float, angle: float) -> int:
         m = self.scale_m
-        return self.out.vertex((m * radius * math.cos(angle), m * radius * math.sin(angle), m * self.z[row]))
+        z = self.meridian.height(row, radius)
+        return self.out.vertex((m * radius * math.cos(angle), m * radius * math.sin(angle), m * z))
 
     def _on_box(self, row: int, angle: float) -> int:
         c, s = math.cos(angle), math.sin(angle)
@@ -171,7 +78,7 @@ class _Builder:
 
     def _cartesian(self, row: int, x: float, y: float) -> int:
         m = self.scale_m
-        return self.out.vertex((m * x, m * y, m * self.z[row]))
+        return self.out.vertex((m * x, m * y, m * self.meridian.z[row]))
 
     # Core and rings
 
@@ -179,9 +86,11 @@ class _Builder:
         """The quadrilateral of one half, above or below the hub."""
         radius = CORE * self.setup.fan.hub_radius
         lo, hi = ([self._on_circle(row + k, radius, t) for t in angles] for k in (0, 1))
-        self.out.block([*lo, *hi], "", [self.around, self.around, self.rows[row]], ["1", "1", self._grade_z(row)])
+        self.out.block(
+            [*lo, *hi], "", [self.around, self.around, self.rows[row]], ["1", "1", self.meridian.grade_z(row)]
+        )
         if row == 0:
-            self.out.face(self._bottom, lo)
+            self.out.face(self.meridian.bottom, lo)
         if row == 6:
             self.out.face("far", hi)
         if row in (1, 5):
@@ -193,10 +102,10 @@ class _Builder:
         """The four blocks of one sector in one row: hub, bore, lip column, ring to the box."""
         mesh = self.setup.mesh
         hub = np.full(8, self.setup.fan.hub_radius)
-        radii = [CORE * hub, hub, self.bore, self.skin]
+        radii = [CORE * hub, hub, self.meridian.bore, self.meridian.skin]
         counts = [self.n(mesh.hub), self.n(mesh.bore), self.n(mesh.lip), self.n(mesh.ring)]
-        solid = {0: row in (2, 3, 4), 2: row in (1, 2, 3, 4, 5)}
-        grade_z = self._grade_z(row)
+        solid = {column: row in rows for column, rows in SOLID.items()}
+        grade_z = self.meridian.grade_z(row)
         for column in range(4):
             if solid.get(column, False):
                 continue
@@ -204,7 +113,7 @@ class _Builder:
             zone = ""
             if column == 1 and row in (LOWER_ROW, UPPER_ROW):
                 zone = "lowerDisc" if row == LOWER_ROW else "upperDisc"
-            grade_r = self._grade_r(column, row)
+            grade_r = self._grade_r(column)
             self.out.block([*lo, *hi], zone, [counts[column], self.around, self.rows[row]], [grade_r, "1", grade_z])
             for k, r in enumerate((row, row + 1)):
                 corners = (lo, hi)[k]
@@ -212,7 +121,7 @@ class _Builder:
                     self._arc(corners[1], corners[2], r, radii[column + 1][r], a, b)
                 if column > 0:
                     self._arc(corners[0], corners[3], r, radii[column][r], a, b)
-            self._lip_curves(row, column, (a, b), lo, hi)
+            self._curves(row, column, (a, b), lo, hi)
             self._ring_patches(row, column, lo, hi)
         if not self.position.swirl and row < 7:
             self._mirror_rings(row, a, b, radii, solid)
@@ -228,61 +137,36 @@ class _Builder:
     def _arc(self, p: int, q: int, row: int, radius: float, a: float, b: float) -> None:
         t = np.linspace(a, b, CURVE_POINTS + 2)[1:-1]
         m = self.scale_m
-        points = np.column_stack([m * radius * np.cos(t), m * radius * np.sin(t), np.full_like(t, m * self.z[row])])
+        points = np.column_stack(
+            [m * radius * np.cos(t), m * radius * np.sin(t), np.full_like(t, m * self.meridian.height(row, radius))]
+        )
         self.out.curve(p, q, points)
 
-    def _lip_curves(self, row: int, column: int, angles: tuple[float, float], lo: list[int], hi: list[int]) -> None:
-        """The semicircle: its inner and outer eighths belong to row 5, the cap to the lip column of row 6."""
-        r = self.setup.fan.lip_thickness / 2
-        middle = 1 + r
+    def _curves(self, row: int, column: int, angles: tuple[float, float], lo: list[int], hi: list[int]) -> None:
+        """The hub's ends, and the lip: its inner and outer eighths belong to row 5, the cap to the column of row 6."""
+        line, core = self.meridian, CORE * self.setup.fan.hub_radius
         for k, angle in enumerate(angles):
             near, far = (0, 1) if k == 0 else (3, 2)
-            if row == 5 and column == 1:
-                self._meridian(lo[far], hi[far], angle, self._flank(self.z[5], 1.0, middle, r, -1.0))
+            if row == UPPER_ROW + 1 and column == 0 and self.setup.fan.hub_nose:
+                self._curve(lo[near], lo[far], angle, line.hub_end(row, core))
+            elif row == LOWER_ROW - 1 and column == 0 and self.setup.fan.hub_tail:
+                self._curve(hi[near], hi[far], angle, line.hub_end(LOWER_ROW, core))
+            elif row == 5 and column == 1:
+                self._curve(lo[far], hi[far], angle, line.flank(outer=False))
             elif row == 5 and column == 3:
-                self._meridian(lo[near], hi[near], angle, self._flank(self.z[5], self.skin[5], middle, r, 1.0))
+                self._curve(lo[near], hi[near], angle, line.flank(outer=True))
             elif row == 6 and column == 2:
-                t = np.linspace(0.75 * math.pi, 0.25 * math.pi, 2 * CURVE_POINTS + 2)[1:-1]
-                cap = np.column_stack([middle + r * np.cos(t), self.centre + r * np.sin(t)])
-                self._meridian(lo[near], lo[far], angle, cap)
+                self._curve(lo[near], lo[far], angle, line.cap())
 
-    def _flank(self, z0: float, r0: float, middle: float, r: float, side: float) -> Array:
-        """Points (n, 2) = (radius, z) from the disc's height up the straight part and an eighth of the circle."""
-        straight = np.linspace(0, 1, 6)[1:, None] * [middle + side * r - r0, self.centre - z0] + [r0, z0]
-        t = np.linspace(0, math.pi / 4, CURVE_POINTS + 1)[1:-1]
-        bend = np.column_stack([middle + side * r * np.cos(t), self.centre + r * np.sin(t)])
-        return np.concatenate([straight, bend])
-
-    def _meridian(self, p: int, q: int, angle: float, points: Array) -> None:
-        m = self.scale_m
-        xyz = np.column_stack(
-            [m * points[:, 0] * math.cos(angle), m * points[:, 0] * math.sin(angle), m * points[:, 1]]
-        )
-        self.out.curve(p, q, xyz)
+    def _curve(self, p: int, q: int, angle: float, points: Array) -> None:
+        self.out.turned(p, q, points, angle, self.scale_m)
 
     def _ring_patches(self, row: int, column: int, lo: list[int], hi: list[int]) -> None:
-        inner = [lo[0], lo[3], hi[3], hi[0]]
-        outer = [lo[1], hi[1], hi[2], lo[2]]
-        if row == 0:
-            self.out.face(self._bottom, lo)
-        if row == 6:
-            self.out.face("far", hi)
-        if column == 0 and row == 1:
-            self.out.face("hub", hi)
-        if column == 0 and row == 5:
-            self.out.face("hub", lo)
-        if column == 1 and row in (2, 3, 4):
-            self.out.face("hub", inner)
-        if column == 1 and 1 <= row <= 5:
-            self.out.face("duct", outer)
-        if column == 3 and 1 <= row <= 5:
-            self.out.face("duct", inner)
-        if column == 2 and row == 0:
-            self.out.face("duct", hi)
-        if column == 2 and row == 6:
-            self.out.face("duct", lo)
+        sides = {"low": lo, "high": hi, "inner": [lo[0], lo[3], hi[3], hi[0]], "outer": [lo[1], hi[1], hi[2], lo[2]]}
+        for side, name in self.meridian.patch(row, column).items():
+            self.out.face(name, sides[side])
         if column == 3 and self._box_is_wall and self._faces_wall(lo):
-            self.out.face("wall", outer)
+            self.out.face("wall", sides["outer"])
 
     def _mirror_rings(self, row: int, a: float, b: float, radii: Sequence[Array], solid: dict[int, bool]) -> None:
         for angle in (a, b):
@@ -295,10 +179,6 @@ class _Builder:
                 self.out.face("mirror", [lo[0], lo[1], hi[1], hi[0]])
 
     @property
-    def _bottom(self) -> str:
-        return "ground" if math.isfinite(self.position.h) else "far"
-
-    @property
     def _box_is_wall(self) -> bool:
         return self.box_right == self.right and math.isfinite(self.position.d)
 
@@ -308,22 +188,8 @@ class _Builder:
 
     # Grading
 
-    def _grade_z(self, row: int) -> str:
-        if row == 0 and math.isfinite(self.position.h):
-            return _both_ends(CLUSTER)
-        if row == 0:
-            return _growing(self.z[1] - self.z[0], self.rows[0], 0.06, downwards=True)
-        if row == 6:
-            return _growing(self.z[7] - self.z[6], self.rows[6], 0.05)
-        return "1"
-
-    def _grade_r(self, column: int, row: int) -> str:
-        if column == 1:
-            return "((0.3 0.25 1) (0.7 0.75 0.35))"
-        if column == 3:
-            near = self._box_is_wall
-            return _both_ends(3.0) if near else _growing(self.setup.mesh.box - 1.3, self.n(self.setup.mesh.ring), 0.03)
-        return "1"
+    def _grade_r(self, column: int) -> str:
+        return both_ends(3.0) if column == 3 and self._box_is_wall else self.meridian.grade_r(column)
 
     # Outside the box
 
@@ -332,22 +198,20 @@ class _Builder:
         box, far = mesh.box, mesh.far
         n_outer = self.n(mesh.outer)
         middle = (-box, self.box_right, self.around, "1")
-        left = (-far, -box, n_outer, _growing(far - box, n_outer, 0.2, downwards=True))
+        left = (-far, -box, n_outer, growing(far - box, n_outer, 0.2, downwards=True))
         columns = [left, middle]
         if self.right > self.box_right:
             room = self.right - self.box_right
             cells = max(3, round(n_outer * min(1.0, 0.35 + 0.65 * room / (far - box))))
             if math.isfinite(self.position.d):
-                columns.append((self.box_right, self.right, cells, _both_ends(2.0)))
+                columns.append((self.box_right, self.right, cells, both_ends(2.0)))
             else:
-                columns.append((self.box_right, self.right, cells, _growing(room, cells, 0.2)))
+                columns.append((self.box_right, self.right, cells, growing(room, cells, 0.2)))
         for x0, x1, nx, gx in columns:
             inner = (x0, x1) == (-box, self.box_right)
             if not inner:
                 self._cuboid(row, (x0, x1), (0.0, side * box), (nx, self.around), (gx, "1"))
-            self._cuboid(
-                row, (x0, x1), (side * box, side * far), (nx, n_outer), (gx, _growing(far - box, n_outer, 0.2))
-            )
+            self._cuboid(row, (x0, x1), (side * box, side * far), (nx, n_outer), (gx, growing(far - box, n_outer, 0.2)))
 
     def _cuboid(
         self,
@@ -367,9 +231,9 @@ class _Builder:
             # Mirrored side: y runs first so that the block stays right-handed.
             order, n, g = [0, 3, 2, 1], (cells[1], cells[0]), (grading[1], grading[0])
         corners = [*(lo[i] for i in order), *(hi[i] for i in order)]
-        self.out.block(corners, "", [*n, self.rows[row]], [*g, self._grade_z(row)])
+        self.out.block(corners, "", [*n, self.rows[row]], [*g, self.meridian.grade_z(row)])
         if row == 0:
-            self.out.face(self._bottom, lo)
+            self.out.face(self.meridian.bottom, lo)
         if row == 6:
             self.out.face("far", hi)
         if abs(x0) == self.setup.mesh.far and x0 < 0:
@@ -380,29 +244,3 @@ class _Builder:
             self.out.face("far", [lo[3], lo[2], hi[2], hi[3]])
         if y0 == 0.0 and not self.position.swirl:
             self.out.face("mirror", [lo[0], lo[1], hi[1], hi[0]])
-
-
-def _both_ends(ratio: float) -> str:
-    """Cells grow by ``ratio`` from either end to the middle."""
-    return f"((0.5 0.5 {ratio:g}) (0.5 0.5 {1 / ratio:g}))"
-
-
-def _growing(length: float, cells: int, first: float, *, downwards: bool = False) -> str:
-    """Expansion (last over first cell) for which the first of ``cells`` cells over ``length`` measures ``first``."""
-    if first * cells >= length:
-        return "1"
-    low, high = 1.0, 3.0
-    for _ in range(60):
-        ratio = (low + high) / 2
-        total = first * cells if ratio == 1.0 else first * (ratio**cells - 1) / (ratio - 1)
-        low, high = (ratio, high) if total < length else (low, ratio)
-    expansion = ((low + high) / 2) ** (cells - 1)
-    return f"{1 / expansion if downwards else expansion:.6g}"
-
-
-def _point(p: Iterable[float]) -> str:
-    return "(" + " ".join(f"{v:.8g}" for v in p) + ")"
-
-
-def _join(items: Iterable[object]) -> str:
-    return " ".join(str(i) for i in items)

@@ -42,14 +42,25 @@ class Station:
     tangential: Array
 
 
-def stations(setup: Setup, rpm: float, section: Section) -> tuple[Station, ...]:
-    """Tables for one rotor speed, from hub to tip."""
+Blades = tuple[tuple[Station, ...], tuple[Station, ...]]
+"""Tables of the upper and of the lower disc."""
+
+
+def blades(setup: Setup, rpm: float, section: Section, *, swirl: bool) -> Blades:
+    """Tables of both discs for one rotor speed; with swirl each has its own pitch."""
+    rotor = setup.rotor
+    upper, lower = rotor.swirl_tip_pitch_deg if swirl else (rotor.tip_pitch_deg,) * 2
+    return stations(setup, rpm, section, upper), stations(setup, rpm, section, lower)
+
+
+def stations(setup: Setup, rpm: float, section: Section, tip_pitch_deg: float) -> tuple[Station, ...]:
+    """Tables of one disc for one rotor speed, from hub to tip."""
     fan, rotor = setup.fan, setup.rotor
     tip_speed = rpm * 2 * math.pi / 60 * fan.radius_m
     out = []
-    for x in np.linspace(fan.hub_radius, 1.0, rotor.stations):
-        share = (x - fan.hub_radius) / (1 - fan.hub_radius)
-        pitch = rotor.root_pitch_deg + share * (rotor.tip_pitch_deg - rotor.root_pitch_deg)
+    for x in np.linspace(rotor.root_radius, rotor.tip_radius, rotor.stations):
+        share = (x - rotor.root_radius) / (rotor.tip_radius - rotor.root_radius)
+        pitch = rotor.root_pitch_deg + share * (tip_pitch_deg - rotor.root_pitch_deg)
         speed = tip_speed * math.hypot(x, INFLOW_RATIO)
         reynolds = speed * rotor.chord_m / setup.air.viscosity_m2_s
         cl, cd = _smooth(section, reynolds)

@@ -23,13 +23,22 @@ def near(place: Place) -> Array:
     return np.array([1.0 / (0.5 + v) for v in place])
 
 
+MODELS = {
+    "half": (False, False),
+    "full": (False, True),
+    "wedge": (True, True),
+    "wedge_no_swirl": (True, False),
+}
+"""Name of a model -> (wedge, swirl)."""
+
+
 @dataclass(frozen=True)
 class Position:
     """One case. ``h`` and ``d`` over R, ``inf`` without ground or wall; ``level`` multiplies the mesh's cell counts.
 
     ``swirl`` False: half model, mirror plane y = 0, rotors without swirl (each disc half this way, half that way
     round), so Fy = Mx = Mz = 0 by symmetry. True: whole fan, upper rotor turns clockwise seen from above, the lower
-    one against it.
+    one against it. ``wedge``: axisymmetric, with swirl or without, ``d`` = inf.
     """
 
     h: float
@@ -39,13 +48,21 @@ class Position:
     level: float = 1.0
     approach: str = "near"
     """The start: ``near`` (nearest finished case), ``wall`` (one nearer to the wall), ``far`` (no ground), ``rest``."""
+    wedge: bool = False
+    variant: str = ""
+    """Name of a variant of the fan file, or the fan itself."""
+
+    @property
+    def model(self) -> str:
+        """``half``, ``full``, ``wedge`` or ``wedge_no_swirl``."""
+        return next(name for name, kind in MODELS.items() if kind == (self.wedge, self.swirl))
 
     @property
     def key(self) -> str:
         """Name of the case's folder and of its row."""
-        kind = "full" if self.swirl else "half"
+        variant = f"_{self.variant}" if self.variant else ""
         start = "" if self.approach == "near" else f"_from_{self.approach}"
-        return f"{kind}_h{self.h:g}_d{self.d:g}_l{self.level:g}{start}_n{self.rpm:g}"
+        return f"{self.model}_h{self.h:g}_d{self.d:g}_l{self.level:g}{variant}{start}_n{self.rpm:g}"
 
     @property
     def place(self) -> Place:
@@ -68,5 +85,7 @@ def check(setup: Setup, position: Position) -> None:
             f"{'intersects' if position.d <= 0 else 'is too close to'} the wall; "
             f"use more than {LEAST_GAP:g} R"
         )
+    if position.wedge and math.isfinite(position.d):
+        raise ConfigError(f"case {position.key}: a wedge stands for the whole turn and has no wall; use d = inf")
     if not (math.isfinite(position.rpm) and position.rpm > 0):
         raise ConfigError(f"case {position.key}: rpm must be positive")

@@ -10,18 +10,19 @@ from pathlib import Path
 
 from models.cfd.campaign import Row
 from models.cfd.case_run import Result
-from models.cfd.position import Position
+from models.cfd.position import MODELS, Position
 from models.errors import ModelError
 from models.frames import AXES
 
 UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
 PARTS = ("upper", "lower", "duct")
 COLUMNS = (
-    *("model", "h_over_r", "d_over_r", "rpm", "level", "approach", "status"),
+    *("model", "variant", "h_over_r", "d_over_r", "rpm", "level", "approach", "status"),
     *(f"{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)),
     *(f"swing_{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)),
     *(f"drift_{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)),
     *(f"Fz_{part}_N" for part in PARTS),
+    *(f"error_{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)),
     *("cells", "iterations", "steps", "seconds", "start", "note"),
 )
 
@@ -32,10 +33,10 @@ def write(path: Path, rows: Sequence[Row]) -> None:
     out = csv.writer(text, lineterminator="\n")
     out.writerow(COLUMNS)
     for p, r in ((row.position, row.result) for row in rows):
-        numbers = (*r.wrench, *r.swing, *r.drift, *r.parts)
+        numbers = (*r.wrench, *r.swing, *r.drift, *r.parts, *r.error)
         out.writerow(
             [
-                *("full" if p.swirl else "half", f"{p.h:g}", f"{p.d:g}", f"{p.rpm:g}", f"{p.level:g}", p.approach),
+                *(p.model, p.variant, f"{p.h:g}", f"{p.d:g}", f"{p.rpm:g}", f"{p.level:g}", p.approach),
                 *(r.status, *(f"{v:.6g}" for v in numbers), r.cells, r.iterations, r.steps, f"{r.seconds:.0f}"),
                 *(r.start, r.note),
             ]
@@ -69,14 +70,15 @@ def _row(cell: dict[str, str]) -> Row:
     def six(kind: str) -> tuple[float, ...]:
         return tuple(float(cell[f"{kind}{a}_{u}"]) for a, u in zip(AXES, UNITS, strict=True))
 
-    if cell["model"] not in ("half", "full"):
-        raise ValueError(f"model '{cell['model']}' is neither half nor full")
+    if cell["model"] not in MODELS:
+        raise ValueError(f"model '{cell['model']}' is none of {', '.join(MODELS)}")
+    wedge, swirl = MODELS[cell["model"]]
     h, d, rpm, level = (float(cell[name]) for name in ("h_over_r", "d_over_r", "rpm", "level"))
     if any(math.isnan(v) for v in (h, d, rpm, level)):
         raise ValueError("h, d, rpm and level must be numbers")
     upper, lower, duct = (float(cell[f"Fz_{part}_N"]) for part in PARTS)
     return Row(
-        Position(h, d, rpm, cell["model"] == "full", level, cell["approach"]),
+        Position(h, d, rpm, swirl, level, cell["approach"], wedge=wedge, variant=cell["variant"]),
         Result(
             wrench=six(""),
             swing=six("swing_"),
@@ -89,5 +91,6 @@ def _row(cell: dict[str, str]) -> Row:
             seconds=float(cell["seconds"]),
             start=cell["start"],
             note=cell["note"],
+            error=six("error_"),
         ),
     )

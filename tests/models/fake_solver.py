@@ -2,6 +2,7 @@
 
 Called by the name of the program it stands in for. The file ``behave`` beside it says how: ``steady``; ``diverge``
 (ends with the solver's error); ``killed`` (kills itself once per case); ``cycle`` (never settles in iterations);
+``swing`` (nor in time); ``slow`` (takes half a second for each part);
 ``drift`` (goes slowly on until iteration 300).
 """
 
@@ -11,6 +12,7 @@ import re
 import signal
 import struct
 import sys
+import time
 from pathlib import Path
 
 CELLS = 6
@@ -38,13 +40,19 @@ def march(program: str, behave: str) -> None:
     if behave == "killed" and not Path("was_killed").exists():
         Path("was_killed").touch()
         os.kill(os.getpid(), signal.SIGKILL)
+    if behave == "slow":
+        Path("running").write_text(str(os.getpid()))
+        time.sleep(0.5)
     loads = Path(f"postProcessing/loads/{start:.10g}")
     loads.mkdir(parents=True)
     names = re.findall(r"^(\w+\d[pn])$", Path("constant/fvOptions").read_text(), re.M)
     force, moment = [], []
     for n in range(1, round((end - start) / step) + 1):
         at = start + n * step
-        wave = math.sin(at / 7.0) if behave == "cycle" and program == "simpleFoam" else 0.0
+        steady = program == "simpleFoam"
+        wave = math.sin(at / 7.0) if behave in ("cycle", "swing") and steady else 0.0
+        if behave == "swing" and not steady:
+            wave = math.sin(at / 0.0085) * (1 + 0.2 * math.sin(at / 0.05))
         slow = 0.0013 * min(at, 300.0) if behave == "drift" else 0.0
         lift = LIFT_SURFACE * (1 + 0.5 * math.exp(-at / 8)) + wave + slow
         force.append(f"{at:.10g} (0.25 7 {lift}) (0 0 0) (0 0 0)")

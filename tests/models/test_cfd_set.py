@@ -12,12 +12,13 @@ import pytest
 
 from models import dataset
 from models.cfd import campaign, config, table
-from models.cfd.assemble import assemble, labels, write_data, write_marks
+from models.cfd.assemble import assemble, ceilings, full_kind, labels, write_data, write_marks
+from models.cfd.averages import error_of_mean
 from models.cfd.campaign import Row
 from models.cfd.case_run import Result
 from models.cfd.check import AGREES, DISAGREES, check, text
 from models.cfd.grid import spread
-from models.cfd.position import Position
+from models.cfd.position import Position, near
 from models.cli import main
 from models.errors import ModelError
 
@@ -42,7 +43,7 @@ def wrench(position: Position) -> np.ndarray:
     out = increment(position.h, position.d)
     for k, a in EXPONENT.items():
         out[k] *= ratio ** (2 + a)
-    out[2] += 22.6 * ratio ** (2 + FREE_EXPONENT) * (1 + 0.01 * (position.level - 1.0))
+    out[2] += 22.6 * ratio ** (2 + FREE_EXPONENT) * (1 + (0.0 if position.swirl else 0.01) * (position.level - 1.0))
     if position.swirl:
         out += [0.0, 0.05 * position.d if math.isfinite(position.d) else 0.4, 0.0, 0.01, 0.0, 0.03]
     return out
@@ -67,7 +68,7 @@ def row(position: Position, status: str = "steady", **changes) -> Row:
 
 @pytest.fixture(scope="module")
 def rows() -> list[Row]:
-    return [row(p) for p in campaign.plan(SETUP)]
+    return [row(p) for model in ("half", "full") for p in campaign.plan(SETUP, model)]
 
 
 def at(made, h: float, d: float, rpm: float) -> int:
@@ -89,9 +90,12 @@ def test_the_law_of_rotor_speed_is_recovered_and_its_rows_are_marked(rows):
     assert made.table[filled, 3:] == pytest.approx(
         wrench(Position(1.25, 0.5, 5200.0)) * [1, 0, 1, 0, 1, 0] + made.table[filled, 3:] * [0, 1, 0, 1, 0, 1], abs=1e-3
     )
-    solved = at(made, 2.0, 1.0, 2800.0)
-    assert made.marks[solved].even == "solved"
-    assert sum(m.even == "solved" for m in made.marks) == 110 + 2 * 12
+    other_speed = at(made, 2.0, 1.0, 2800.0)
+    assert made.marks[other_speed].even == "corrected"
+    count = {kind: sum(m.even == kind for m in made.marks) for kind in ("solved", "corrected", "law")}
+    assert count["solved"] == len(SETUP.campaign.full_at) + 2 * len(SETUP.campaign.full_other_rpm_at)
+    assert count["solved"] + count["corrected"] == 110 + 2 * 13
+    assert sum(count.values()) == len(made.marks)
 
 
 def test_the_set_is_read_by_the_trainer_and_the_marks_lie_beside_it(tmp_path, rows):
@@ -126,7 +130,7 @@ def test_two_states_give_their_mean_and_half_their_difference():
 
 
 def test_a_case_that_still_moves_is_marked_and_a_diverged_one_left_out(rows):
-    moving, gone = Position(3.0, 0.5, 4000.0), Position(4.0, 0.3, 4000.0)
+    moving, gone = Position(3.0, 1.0, 4000.0), Position(4.0, 0.5, 4000.0)
     changed = [
         row(moving, "cycling", swing=(0.4, 0, 0.9, 0, 0.05, 0))
         if r.position == moving
@@ -136,12 +140,118 @@ def test_a_case_that_still_moves_is_marked_and_a_diverged_one_left_out(rows):
         for r in rows
     ]
     made = assemble(changed, SETUP)
-    mark = made.marks[at(made, 3.0, 0.5, 4000.0)]
+    mark = made.marks[at(made, 3.0, 1.0, 4000.0)]
     assert mark.status == "cycling"
     assert mark.amplitude[2] >= 0.9
     assert mark.sigma[2] >= 0.9
     with pytest.raises(ValueError, match="unpack"):
-        at(made, 4.0, 0.3, 4000.0)
+        at(made, 4.0, 0.5, 4000.0)
+
+
+def test_the_error_of_the_mean_covers_it_for_correlated_samples():
+    rng = np.random.default_rng(1)
+    inside, stated, plain, runs = 0, 0.0, 0.0, 300
+    for _ in range(runs):
+        samples, x = np.empty(256), 0.0
+        for i in range(len(samples)):
+            x = 0.8 * x + rng.normal()
+            samples[i] = x
+        error = error_of_mean(samples[:, None])[0]
+        stated, plain = stated + error, plain + samples.std() / 16
+        inside += abs(samples.mean()) < 2 * error
+    # Uncorrelated samples of the same spread would give a third of the error; blocks find the rest.
+    assert stated > 2 * plain
+    assert 0.9 < inside / runs < 1.0
+    assert np.isnan(error_of_mean(np.ones((3, 6)))).all()
+
+
+def test_sigma_is_the_error_of_the_mean_and_amplitude_the_swing(rows):
+    place = Position(1.75, 1.0, 4000.0)
+    swing = {"swing": (0.2, 0, 0.9, 0, 0.02, 0), "error": (0.02, 0, 0.05, 0, 0.002, 0)}
+    changed = [row(place, "averaged", **swing) if r.position == place else r for r in rows]
+    made, before = assemble(changed, SETUP), assemble(rows, SETUP)
+    index = at(made, 1.75, 1.0, 4000.0)
+    mark, usual = made.marks[index], before.marks[index]
+    assert mark.status == "averaged"
+    assert mark.amplitude[2] == pytest.approx(0.9)
+    expected = math.sqrt(usual.sigma[2] ** 2 - 0.02**2 + 0.05**2)
+    assert mark.sigma[2] == pytest.approx(expected, abs=1e-6)
+
+
+def test_the_ceiling_of_r2_is_what_rows_of_that_scatter_allow(rows):
+    """Rows with a known random error: the truth itself scores what the ceiling says."""
+    rng = np.random.default_rng(3)
+    spread_fx = 0.2
+
+    def scattered(r):
+        if r.position.place in ((INF, INF), *SETUP.campaign.grid_at):
+            return r
+        fx = r.result.wrench[0] + spread_fx * rng.normal() * (r.position.rpm / 4000) ** 2
+        known = {"wrench": (fx, *r.result.wrench[1:]), "error": (spread_fx * (r.position.rpm / 4000) ** 2, *(0.0,) * 5)}
+        return replace(r, result=replace(r.result, status="averaged", **known))
+
+    half = [r for r in rows if not r.position.swirl]
+    truth, made = assemble(half, SETUP), assemble([scattered(r) for r in half], SETUP)
+    here = (made.table[:, 2] == 4000.0) & ~np.isinf(made.table[:, :2]).all(axis=1)
+    fx, real = made.table[here, 3], truth.table[here, 3]
+    reached = 1 - np.mean((fx - real) ** 2) / np.var(fx)
+    assert ceilings(made)[0][0] == pytest.approx(reached, abs=0.05)
+    assert 0.3 < reached < 0.97
+    assert ceilings(made)[0][2] > 0.999
+    assert np.isnan(ceilings(made)[0][1])
+
+
+def test_what_full_models_add_is_learnt_and_its_error_is_that_of_places_left_out(rows):
+    def added(h, d):
+        """Made-up effect of swirl: a smooth lift lost near the ground, and a pull."""
+        x, y = near((h, d))
+        return np.array([0.3 * x * y, 0.0, -2.0 * x**2, 0.0, 0.0, 0.0])
+
+    def swirling(r):
+        p = r.position
+        return row(p, wrench=tuple(np.array(r.result.wrench) + added(p.h, p.d))) if p.swirl else r
+
+    made = assemble([swirling(r) for r in rows], SETUP)
+    assert made.correction.learnt[2]
+    assert made.correction.error[2] < 0.2 * made.correction.plain[2]
+    here = at(made, 1.75, 1.0, 4000.0)
+    assert made.marks[here].even == "corrected"
+    truth = wrench(Position(1.75, 1.0, 4000.0))[2] + added(1.75, 1.0)[2]
+    assert made.table[here, 5] == pytest.approx(truth, abs=0.1)
+    solved = at(made, 1.5, 0.3, 4000.0)
+    assert made.marks[solved].even == made.marks[solved].odd == "solved"
+    assert made.table[solved, 5] == pytest.approx(wrench(Position(1.5, 0.3, 4000.0))[2] + added(1.5, 0.3)[2])
+    # A row that nobody solved in full is less sure by what full models left out show.
+    assert made.marks[here].sigma[2] > made.marks[solved].sigma[2]
+
+
+def test_a_difference_that_cannot_be_learnt_leaves_half_models_alone_and_stands_in_their_sigma(rows):
+    rng = np.random.default_rng(5)
+    noisy = [
+        row(r.position, wrench=tuple(np.array(r.result.wrench) + rng.normal(0, [0.5, 0, 0.8, 0, 0.05, 0.02])))
+        if r.position.swirl and r.position.place in SETUP.campaign.full_at[1:6]
+        else r
+        for r in rows
+        if not r.position.swirl or r.position.place in SETUP.campaign.full_at[:6]
+    ]
+    rest = [replace(r, position=replace(r.position, variant="equal_pitch")) if r.position.swirl else r for r in noisy]
+    made = assemble(rest, SETUP)
+    assert not made.correction.learnt[[0, 2, 4]].any()
+    assert {m.even for m in made.marks} == {"half", "law"}
+    # Their side force can: it is learnt, and solved where it was.
+    assert {m.odd for m in made.marks} == {"solved_equal_pitch", "filled", "law"}
+    assert made.table[at(made, 2.0, 1.0, 4000.0), 4] == pytest.approx(0.05)
+    with_ground = at(made, 1.75, 1.0, 4000.0)
+    assert made.marks[with_ground].sigma[2] > 0.3
+    assert made.table[with_ground, 5] == pytest.approx(wrench(Position(1.75, 1.0, 4000.0))[2])
+
+
+def test_the_fan_itself_counts_where_as_many_of_a_variant_were_computed(rows):
+    full = [r for r in rows if r.position.swirl and r.position.rpm == 4000.0]
+    variant = [replace(r, position=replace(r.position, variant="equal_pitch")) for r in full]
+    own = ("full", SETUP.campaign.full_level, "")
+    assert full_kind([*variant, *full], 4000.0) == own
+    assert full_kind([*variant, *full[:3]], 4000.0) == ("full", SETUP.campaign.full_level, "equal_pitch")
 
 
 def test_what_symmetry_forbids_comes_from_the_cases_with_swirl(rows):
@@ -232,7 +342,7 @@ def test_the_commands_write_set_and_report(tmp_path, rows, capsys):
     table.write(tmp_path / "cases.csv", rows)
     source = ["--cases", str(tmp_path / "cases.csv")]
     assert main(["cfd", "assemble", *source, "--out", str(tmp_path / "out")]) == 0
-    assert "134 from the solver" in capsys.readouterr().out
+    assert "136 from the solver" in capsys.readouterr().out
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["corner_cfd.csv", "corner_cfd_rows.csv"]
     assert main(["cfd", "check", *source, "--report", str(tmp_path / "report"), "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["positions"] == 110

@@ -1,0 +1,172 @@
+"""The fan cut through its axis: heights and radii of the mesh lines, cells along them and how the cells grow.
+
+A table of points, rows (heights) by columns (radii), which every mesh turns about the axis. The column lines are the
+hub, the bore and the outer skin of the duct; the row that meets the lip does so at 45 deg of its semicircle on either
+side, so that no cell is flattened where the curve runs along a mesh line.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from models.cfd.config import Setup
+from models.cfd.position import Position
+from models.frames import Array
+
+UPPER_ROW, LOWER_ROW = 4, 2
+"""Rows of cells (counted from the ground) that are the rotor discs."""
+LAYERS = 3
+# First cell at a wall or ground against the mean cell of its direction.
+CLUSTER = 4.0
+CURVE_POINTS = 10
+# Cells of duct and hub that are solid, by column (axis to hub, hub to bore, bore to skin, skin to box): the rows.
+SOLID: dict[int, tuple[int, ...]] = {0: (2, 3, 4), 2: (1, 2, 3, 4, 5)}
+_TURN = "cyclic; transform rotational; rotationAxis (0 0 1); rotationCentre (0 0 0); neighbourPatch"
+KINDS = {
+    **dict.fromkeys(("ground", "wall", "duct", "hub"), "wall;"),
+    **{"far": "patch;", "mirror": "symmetryPlane;", "axis": "patch;"},
+    **{"front": f"{_TURN} back;", "back": f"{_TURN} front;"},
+}
+"""Type of each patch."""
+
+
+class Meridian:
+    """Lengths over R. ``z`` (8,) heights of the rows of points from the ground up, ``bore`` and ``skin`` (8,) radii."""
+
+    def __init__(self, setup: Setup, position: Position) -> None:
+        fan, rotor, mesh = setup.fan, setup.rotor, setup.mesh
+        self.setup, self.position = setup, position
+        self.scale_m = fan.radius_m
+        self.centre = fan.lip_top - fan.lip_thickness / 2
+        lower = (rotor.lower_height, rotor.lower_height + rotor.thickness)
+        upper = (rotor.upper_height, rotor.upper_height + rotor.thickness)
+        bottom = -position.h if math.isfinite(position.h) else -mesh.far_below
+        # Row 6 lies at 45 deg of the lip.
+        lip_z = self.centre + fan.lip_thickness / 2 * math.sin(math.pi / 4)
+        self.z = np.array([bottom, fan.exit_height, *lower, *upper, lip_z, mesh.far])
+        self.bore, self.skin = self._column_radii()
+        self.rows = self._row_cells()
+
+    @property
+    def bottom(self) -> str:
+        """Patch of the lowest row."""
+        return "ground" if math.isfinite(self.position.h) else "far"
+
+    def n(self, count: float) -> int:
+        """Cells at this case's level."""
+        return max(2, round(count * self.position.level))
+
+    def first(self, cell: float) -> float:
+        """First cell of a growing row; in the wedge's mesh study all meshes are alike."""
+        return cell / self.position.level if self.position.wedge else cell
+
+    def height(self, row: int, radius: float) -> float:
+        """Height of a point: the row's, but on the paraboloids that end the hub."""
+        fan = self.setup.fan
+        inside = max(0.0, 1.0 - (radius / fan.hub_radius) ** 2)
+        ends = {LOWER_ROW: -fan.hub_tail, UPPER_ROW + 1: fan.hub_nose}
+        return float(self.z[row] + ends.get(row, 0.0) * inside)
+
+    def hub_end(self, row: int, inner: float) -> Array:
+        """Points (n, 2) = (radius, z) between ``inner`` and the hub's radius on the end of the hub in that row."""
+        r = np.linspace(inner, self.setup.fan.hub_radius, CURVE_POINTS + 2)[1:-1]
+        return np.column_stack([r, [self.height(row, x) for x in r]])
+
+    def cap(self) -> Array:
+        """Points (n, 2) over the top of the lip from 45 deg inside to 45 deg outside."""
+        r = self.setup.fan.lip_thickness / 2
+        t = np.linspace(0.75 * math.pi, 0.25 * math.pi, 2 * CURVE_POINTS + 2)[1:-1]
+        return np.column_stack([1 + r + r * np.cos(t), self.centre + r * np.sin(t)])
+
+    def flank(self, *, outer: bool) -> Array:
+        """Points (n, 2) from the upper disc's height up the straight part and an eighth of the lip's circle."""
+        r = self.setup.fan.lip_thickness / 2
+        middle, side = 1 + r, 1.0 if outer else -1.0
+        r0, z0 = (self.skin[5] if outer else 1.0), self.z[5]
+        straight = np.linspace(0, 1, 6)[1:, None] * [middle + side * r - r0, self.centre - z0] + [r0, z0]
+        t = np.linspace(0, math.pi / 4, CURVE_POINTS + 1)[1:-1]
+        bend = np.column_stack([middle + side * r * np.cos(t), self.centre + r * np.sin(t)])
+        return np.concatenate([straight, bend])
+
+    def grade_z(self, row: int) -> str:
+        """Grading of a row's cells in height."""
+        if row == 0 and math.isfinite(self.position.h):
+            return both_ends(CLUSTER)
+        if row == 0:
+            return growing(self.z[1] - self.z[0], self.rows[0], self.first(0.06), downwards=True)
+        if row == 6:
+            return growing(self.z[7] - self.z[6], self.rows[6], self.first(0.05))
+        return "1"
+
+    def grade_r(self, column: int) -> str:
+        """Grading of a column's cells in radius."""
+        if column == 1:
+            return "((0.3 0.25 1) (0.7 0.75 0.35))"
+        if column == 3:
+            return growing(self.setup.mesh.box - 1.3, self.n(self.setup.mesh.ring), self.first(0.03))
+        if column == 4:
+            room = self.setup.mesh.far - self.setup.mesh.box
+            return growing(room, self.n(self.setup.mesh.outer), self.first(0.2))
+        return "1"
+
+    def patch(self, row: int, column: int) -> dict[str, str]:
+        """Patches of a ring's sides: ``low``, ``high``, ``inner``, ``outer``, where they are not inside the air."""
+        return {
+            side: name
+            for side, name, here in (
+                ("low", self.bottom, row == 0),
+                ("low", "hub", column == 0 and row == UPPER_ROW + 1),
+                ("low", "duct", column == 2 and row == 6),
+                ("high", "far", row == 6),
+                ("high", "hub", column == 0 and row == LOWER_ROW - 1),
+                ("high", "duct", column == 2 and row == 0),
+                ("inner", "hub", column == 1 and row in SOLID[0]),
+                ("inner", "duct", column == 3 and row in SOLID[2]),
+                ("outer", "duct", column == 1 and row in SOLID[2]),
+            )
+            if here
+        }
+
+    def _column_radii(self) -> tuple[Array, Array]:
+        """Radii over R of the bore line and of the skin line at each row of points."""
+        fan = self.setup.fan
+        quarter = fan.lip_thickness / 2 * (1 - math.cos(math.pi / 4))
+        bore, skin = np.ones(8), np.zeros(8)
+        bore[1] = fan.exit_radius
+        inside = (self.z > fan.exit_height) & (self.z < 0.0)
+        bore[inside] = fan.exit_radius + (1 - fan.exit_radius) * (self.z[inside] - fan.exit_height) / -fan.exit_height
+        along = (self.z[1:6] - fan.exit_height) / (self.centre - fan.exit_height)
+        skin[1:6] = fan.exit_skin + along * (fan.lip_radius - fan.exit_skin)
+        bore[6], skin[6] = 1 + quarter, fan.lip_radius - quarter
+        # The lines open below the duct and above the lip.
+        bore[0], skin[0] = 0.97, min(fan.exit_skin + 0.12, fan.lip_radius)
+        bore[7], skin[7] = 1.0, fan.lip_radius
+        return bore, skin
+
+    def _row_cells(self) -> list[int]:
+        mesh = self.setup.mesh
+        gap = self.z[1] - self.z[0]
+        # Few cells in a thin gap, the full number from 3 R on.
+        below = mesh.below * min(1.0, 0.45 + 0.55 * gap / 3.0)
+        duct = [LAYERS if i in (1, 3) else self.n(c) for i, c in enumerate(mesh.duct)]
+        return [self.n(below), *duct, self.n(mesh.above)]
+
+
+def both_ends(ratio: float) -> str:
+    """Cells grow by ``ratio`` from either end to the middle."""
+    return f"((0.5 0.5 {ratio:g}) (0.5 0.5 {1 / ratio:g}))"
+
+
+def growing(length: float, cells: int, first: float, *, downwards: bool = False) -> str:
+    """Expansion (last over first cell) for which the first of ``cells`` cells over ``length`` measures ``first``."""
+    if first * cells >= length:
+        return "1"
+    low, high = 1.0, 3.0
+    for _ in range(60):
+        ratio = (low + high) / 2
+        total = first * cells if ratio == 1.0 else first * (ratio**cells - 1) / (ratio - 1)
+        low, high = (ratio, high) if total < length else (low, ratio)
+    expansion = ((low + high) / 2) ** (cells - 1)
+    return f"{1 / expansion if downwards else expansion:.6g}"
