@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
@@ -151,9 +152,11 @@ class FanSurrogate:
             type(h) in _NUMBERS and type(d) in _NUMBERS and type(rpm) in _NUMBERS
         ):
             return self._point(h, d, rpm)  # type: ignore[arg-type]
-        arrays = np.broadcast_arrays(*(np.asarray(v, dtype=float) for v in (h, d, rpm)))
-        shape, n = arrays[0].shape, arrays[0].size
-        h, d, rpm = (a.ravel() for a in arrays)
+        arrays = [np.asarray(v, dtype=float) for v in (h, d, rpm)]
+        shape = np.broadcast_shapes(*(a.shape for a in arrays))
+        n = math.prod(shape)
+        # Adding zeros broadcasts as numpy's broadcast_to does, which keeps some memory of each call.
+        h, d, rpm = ((a if a.shape == shape else a + np.zeros(shape)).ravel() for a in arrays)
         wrench, sigma, trust = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
         if n <= FEW:
             for i, point in enumerate(zip(h.tolist(), d.tolist(), rpm.tolist(), strict=True)):
