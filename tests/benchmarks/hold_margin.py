@@ -177,7 +177,8 @@ def fly(plant: Plant, seed: int, *, full: bool = False) -> Flown:
                 w, x, y, z = decision.command.q_ned_frd
                 roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
                 craft.wanted = np.array([roll, math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))])
-                craft.wanted_thrust, last = decision.command.thrust, decision
+                craft.wanted_thrust = decision.command.thrust
+            last = decision or last
         if t > 7.0 and k % 10 == 0:
             place, speed = reference(t - START_S)
             state, _ = step(state, SetPositionTarget(t, 255, 190, 0x1C0 | 0xC00, 1, tuple(place), tuple(speed),
@@ -198,7 +199,8 @@ def fly(plant: Plant, seed: int, *, full: bool = False) -> Flown:
     return Flown(
         float(np.sqrt(np.mean(level**2))), float(level.max()), float(np.sqrt(np.mean(e[:, 2] ** 2))),
         float(np.abs(e[:, 2]).max()), math.degrees(max(tilts, default=math.nan)), craft.contact_s,
-        last.tuned.margin.gain, last.tuned.margin.phase_deg, last.tuned.share, last.tuned.loop.lag_s, last.tuned.loop.source.value,
+        last.tuned.margin.gain, last.tuned.margin.phase_deg, last.tuned.share, last.tuned.loop.lag_s,
+        last.tuned.loop.source.value,
         float(np.mean(engaged)) if engaged else 0.0,
     )  # fmt: skip
 
