@@ -76,6 +76,11 @@ class HoldGains:
     least_gain_margin: float = 1.25
     least_phase_margin_deg: float = 10.0
     """With less than these at the softest gains there is no hold."""
+    least_share: float = 0.42
+    """Of the full gains, to engage: softer, the hold is weaker than an autopilot's own (ArduPilot's PSC_POSXY_P 1.0
+    times PSC_VELXY_P 2.0 is 2 1/s^2), and a wall's pull grows faster than it holds."""
+    kept_share: float = 0.35
+    """The same for a hold that flies already."""
     gap_s: float = 0.5
     """After a longer silence the vehicle may be anywhere: the way to the target begins where it is."""
 

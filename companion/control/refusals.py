@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 
-from companion.config import Base, Carrier, PipelineConfig
+from companion.config import Base, Carrier, HoldGains, PipelineConfig
 from companion.control.authority import Reason
 from companion.control.disturbance import Push
 from companion.control.hover_thrust import hover_parameter, is_known
+from companion.control.plant import HoldTuning
 from companion.control.state import PipelineState
 from companion.estimation.estimator import Estimates, Seen
 from companion.mavlink.firmware import Stack, ThrustMeaning, stack_of, takes_setpoints, thrust_meaning
@@ -23,14 +24,7 @@ def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[
         out.append(Reason.NO_HEARTBEAT)
     else:
         out.extend(_autopilot(state, heartbeat, config))
-    if estimates.attitude is None or t_s - estimates.attitude.t_s > tuning.attitude_age_s:
-        out.append(Reason.ATTITUDE_STALE)
-    if t_s - state.late_since_s >= tuning.late_stop_for_s:
-        out.append(Reason.TOO_LATE)
-    elif lateness(estimates, config) > tuning.late_fade_s:
-        out.append(Reason.LATE)
-    if config.base is Base.UPSTREAM and upstream_silent(state, config, t_s):
-        out.append(Reason.UPSTREAM_STALE)
+    out.extend(_arrivals(state, config, t_s))
     if t_s - state.airborne_since_s < tuning.airborne_after_s:
         out.append(Reason.LANDED)
     if config.base is Base.HOLD:
@@ -55,6 +49,21 @@ def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[
     elif is_empty(config.model):
         out.append(Reason.NO_MODEL)
     return tuple(out)
+
+
+def _arrivals(state: PipelineState, config: PipelineConfig, t_s: float) -> list[Reason]:
+    """What does not come, or comes late."""
+    out: list[Reason] = []
+    estimates, tuning = state.estimates, config.tuning
+    if estimates.attitude is None or t_s - estimates.attitude.t_s > tuning.attitude_age_s:
+        out.append(Reason.ATTITUDE_STALE)
+    if t_s - state.late_since_s >= tuning.late_stop_for_s:
+        out.append(Reason.TOO_LATE)
+    elif lateness(estimates, config) > tuning.late_fade_s:
+        out.append(Reason.LATE)
+    if config.base is Base.UPSTREAM and upstream_silent(state, config, t_s):
+        out.append(Reason.UPSTREAM_STALE)
+    return out
 
 
 def lateness(estimates: Estimates, config: PipelineConfig) -> float:
@@ -102,9 +111,7 @@ def _hold(state: PipelineState, config: PipelineConfig, t_s: float) -> list[Reas
         out.append(Reason.POSITION_STALE)
     elif not state.estimates.trust.trusted:
         out.append(Reason.POSITION_UNTRUSTED)
-    if state.tuned is not None and not state.tuned.margin.meets(
-        tuning.hold.least_gain_margin, tuning.hold.least_phase_margin_deg
-    ):
+    if state.tuned is not None and not _firm_enough(state.tuned, tuning.hold, state.hold is not None):
         out.append(Reason.NO_MARGIN)
     if state.swing.level > tuning.swing_levels:
         out.append(Reason.SWINGS_ON)
@@ -118,6 +125,12 @@ def _hold(state: PipelineState, config: PipelineConfig, t_s: float) -> list[Reas
             told = t_s - state.hover.now_s < tuning.hover_heard_age_s or hover_parameter(state.parameters) is None
             out.append(Reason.HOVER_UNKNOWN if told else Reason.HOVER_IMPLAUSIBLE)
     return out
+
+
+def _firm_enough(tuned: HoldTuning, gains: HoldGains, engaged: bool) -> bool:
+    """Whether the hold is stable, and no weaker than what would fly without it."""
+    least = gains.kept_share if engaged else gains.least_share
+    return tuned.margin.meets(gains.least_gain_margin, gains.least_phase_margin_deg) and tuned.share >= least
 
 
 def _surfaces(push: Push, step_s: float, t_s: float) -> list[Reason]:

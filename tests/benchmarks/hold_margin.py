@@ -5,8 +5,7 @@
 Everything is simulated, and the vehicle is cheap on purpose: a point mass, an attitude of two equal lags and a dead
 time, thrust with a lag, ground and wall air as exponentials of the distance. The flight program's own ``step`` flies
 it and is told nothing of the loop: it reads no parameter and has to measure the attitude's answer. Offsets are off.
-``full``: the
-same with the full gains whatever the margin is.
+``full``: the same with the full gains whatever the margin is. ``refused``: the hold let go, or did not engage.
 """
 
 from __future__ import annotations
@@ -160,7 +159,7 @@ def fly(plant: Plant, seed: int, *, full: bool = False) -> Flown:
     if full:
         anything = replace(
             tuning.hold, wanted_gain_margin=-1e9, wanted_phase_margin_deg=-1e9,
-            least_gain_margin=-1e9, least_phase_margin_deg=-1e9,
+            least_gain_margin=-1e9, least_phase_margin_deg=-1e9, least_share=0.0, kept_share=0.0,
         )  # fmt: skip
         tuning = replace(tuning, hold=anything, swing_levels=10**6, swing_softer=1.0)
     config = PipelineConfig(vehicle, empty_model(vehicle), tuning=tuning, offsets=False)
@@ -178,25 +177,31 @@ def fly(plant: Plant, seed: int, *, full: bool = False) -> Flown:
                 w, x, y, z = decision.command.q_ned_frd
                 roll = math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y))
                 craft.wanted = np.array([roll, math.asin(min(max(2.0 * (w * y - z * x), -1.0), 1.0))])
-                craft.wanted_thrust, last = decision.command.thrust, decision
+                craft.wanted_thrust = decision.command.thrust
+            last = decision or last
         if t > 7.0 and k % 10 == 0:
             place, speed = reference(t - START_S)
             state, _ = step(state, SetPositionTarget(t, 255, 190, 0x1C0 | 0xC00, 1, tuple(place), tuple(speed),
                                                      (0.0,) * 3, 0.0, 0.0, 1, 191), config)  # fmt: skip
         craft.step()
+        if t >= START_S and state.hold is None:
+            break  # refused: from here on the autopilot would fly, and there is none
         if t >= START_S:
             errors.append(craft.position - reference(t - START_S)[0])
             tilts.append(float(np.hypot(*craft.tilt)))
             engaged.append(state.hold is not None)
-    e = 1e3 * np.array(errors)
-    level = np.hypot(e[:, 0], e[:, 1])
     assert last is not None
     assert last.tuned is not None
+    if t < end_s - 1.0:
+        errors, engaged = [np.full(3, np.nan)], [False]
+    e = 1e3 * np.array(errors)
+    level = np.hypot(e[:, 0], e[:, 1])
     return Flown(
         float(np.sqrt(np.mean(level**2))), float(level.max()), float(np.sqrt(np.mean(e[:, 2] ** 2))),
-        float(np.abs(e[:, 2]).max()), math.degrees(max(tilts)), craft.contact_s, last.tuned.margin.gain,
-        last.tuned.margin.phase_deg, last.tuned.share, last.tuned.loop.lag_s, last.tuned.loop.source.value,
-        float(np.mean(engaged)),
+        float(np.abs(e[:, 2]).max()), math.degrees(max(tilts, default=math.nan)), craft.contact_s,
+        last.tuned.margin.gain, last.tuned.margin.phase_deg, last.tuned.share, last.tuned.loop.lag_s,
+        last.tuned.loop.source.value,
+        float(np.mean(engaged)) if engaged else 0.0,
     )  # fmt: skip
 
 
@@ -220,7 +225,20 @@ def main() -> int:
         flights = [fly(plant, seed, full=full) for seed in range(a.seeds)]
         mean = {k: float(np.mean([asdict(f)[k] for f in flights])) for k in asdict(flights[0]) if k != "loop_from"}
         peak = max(f.peak_mm for f in flights)
-        rows.append({**asdict(plant), "full": full, **mean, "peak_mm": peak, "loop_from": flights[0].loop_from})
+        refused = mean["engaged_share"] < 1.0
+        rows.append(
+            {
+                **asdict(plant),
+                "full": full,
+                **mean,
+                "peak_mm": peak,
+                "loop_from": flights[0].loop_from,
+                "refused": refused,
+            }
+        )
+        if refused:
+            print(f"{plant.speed:5.1f} {plant.position_hz:4.0f} {1e3 * plant.late_s:4.0f} chosen  refused", flush=True)
+            continue
         print(
             f"{plant.speed:5.1f} {plant.position_hz:4.0f} {1e3 * plant.late_s:4.0f} {'full' if full else 'chosen':>6} "
             f"{mean['share']:5.2f} {mean['gain_margin']:4.1f} {mean['phase_margin_deg']:4.0f}° {mean['lag_s']:6.2f} "

@@ -194,3 +194,15 @@ def test_a_measured_loop_is_kept_while_the_vehicle_hovers_too_quietly_to_measure
     decision = b.run(3.0)
     assert decision.tuned.loop.lag_s == pytest.approx(slow.lag_s)
     assert decision.tuned.share < 1.0
+
+
+def test_a_hold_weaker_than_the_autopilots_own_does_not_engage():
+    b = bench(mode=5)
+    b.run(2.0)
+    b.state = replace(b.state, loop=AttitudeLoop(0.22, 0.20, source=Source.MEASURED), tuned_s=-math.inf)
+    b.mode = 4
+    decision = b.run(1.5)
+    assert decision.tuned.margin.meets(GAINS.wanted_gain_margin, GAINS.wanted_phase_margin_deg), "stable, and too soft"
+    assert decision.tuned.share < GAINS.least_share
+    assert Reason.NO_MARGIN in decision.reasons
+    assert decision.command is None
