@@ -102,6 +102,8 @@ def _hold(state: PipelineState, config: PipelineConfig, t_s: float) -> list[Reas
         out.append(Reason.POSITION_STALE)
     elif not state.estimates.trust.trusted:
         out.append(Reason.POSITION_UNTRUSTED)
+    elif t_s - position.t_s > tuning.position_fade_age_s:
+        out.append(Reason.POSITION_OLD)
     if state.tuned is not None and not state.tuned.margin.meets(
         tuning.hold.least_gain_margin, tuning.hold.least_phase_margin_deg
     ):
