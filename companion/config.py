@@ -106,8 +106,11 @@ class Tuning:
     """Three heartbeats at the 1 Hz of the protocol."""
     attitude_age_s: float = 0.2
     position_age_s: float = 0.5
-    range_age_s: float = 0.3
-    rotor_age_s: float = 0.4
+    position_fade_age_s: float = 0.28
+    """Older than this the offsets fade, before the hold lets go. Above the 0.2 s of positions at 5 Hz."""
+    range_age_s: float = 0.22
+    """With ``fade_out_s`` and one setpoint, offsets are zero 0.5 s after the last reading. Above two periods at 10 Hz."""
+    rotor_age_s: float = 0.22
     upstream_age_s: float = 0.5
     lift_time_s: float = 2.0
     """Over which the modelled lift of a flying vehicle is averaged before it is compared with the weight."""
@@ -126,7 +129,8 @@ class Tuning:
     # Fading
     fade_in_s: float = 1.0
     """As slowly as the integrators adapt, so that nothing is counted twice."""
-    fade_out_s: float = 0.4
+    fade_out_s: float = 0.2
+    """As fast as the slew rates of a vehicle file's defaults allow a full offset to go."""
     max_tilt_rad: float = math.radians(25.0)
     """Beyond, the small-angle law of the offsets no longer holds: they fade."""
     airborne_after_s: float = 1.0

@@ -15,6 +15,7 @@ from enum import Enum
 from typing import Any
 
 from companion.config import Tuning
+from companion.control.authority import HOLDS_BACK_EVERYTHING
 from companion.mavlink.firmware import Stack, stack_of, takes_setpoints
 from companion.mavlink.frames import Frame
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
@@ -229,8 +230,9 @@ class Auditor:
         text = f"thrust {o.thrust:+.4f}, roll {math.degrees(o.roll):+.2f}, pitch {math.degrees(o.pitch):+.2f} deg"
         self._check(Promise.LIMITS, all(abs(v) <= most + _WIRE for v, most in parts), text)
         self._check_lost(any(abs(v) > _NOTHING for v, _ in parts), decision.t_s)
-        if before is None or before.command is None:
-            return
+        held_back = not HOLDS_BACK_EVERYTHING.isdisjoint(decision.reasons)
+        if before is None or before.command is None or held_back:
+            return  # what is sent then fades by itself from what was sent last, or is nobody's to obey
         dt, b = min(max(decision.t_s - before.t_s, 0.0), _SLEW_GAP_S), before.offset
         moves = ((o.thrust - b.thrust, limits.slew_thrust_per_s), (o.roll - b.roll, rate), (o.pitch - b.pitch, rate))
         inside = all(abs(move) <= most * dt + _WIRE for move, most in moves)

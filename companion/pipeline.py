@@ -288,8 +288,11 @@ def _offsets(
     trusted = 1.0 if usable else 0.0
     authority = 0.0 if held_back else fade(state.authority, trusted, dt_s, tuning.fade_in_s, tuning.fade_out_s)
     offset = slewed(state.offset, wanted, config, dt_s) if authority > 0.0 else Offset()
-    state = replace(state, authority=authority, offset=offset, wanted=wanted, washout=washout)
-    return state, offset.scaled(authority)
+    # A fade adds to the slew of what fades: the sum is held to the slew rates too.
+    faded = offset.scaled(authority)
+    applied = Offset() if held_back else slewed(state.applied, faded, config, dt_s)
+    state = replace(state, authority=authority, offset=offset, applied=applied, wanted=wanted, washout=washout)
+    return state, applied
 
 
 def _retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> PipelineState:

@@ -34,6 +34,7 @@ class Reason(Enum):
     RANGE_FROZEN = "range frozen: the vehicle moves, the reading does not"
     RANGE_STALE = "range old or invalid"
     LATE = "telemetry arrives late"
+    POSITION_OLD = "local position is late"
     RPM_MISSING = "rotor speeds missing or old"
     SURFACE_STEP = "ground or wall jumped"
     OUT_OF_DOMAIN = "outside the data of the model"

@@ -111,6 +111,8 @@ def _hold(state: PipelineState, config: PipelineConfig, t_s: float) -> list[Reas
         out.append(Reason.POSITION_STALE)
     elif not state.estimates.trust.trusted:
         out.append(Reason.POSITION_UNTRUSTED)
+    elif t_s - position.t_s > tuning.position_fade_age_s:
+        out.append(Reason.POSITION_OLD)
     if state.tuned is not None and not _firm_enough(state.tuned, tuning.hold, state.hold is not None):
         out.append(Reason.NO_MARGIN)
     if state.swing.level > tuning.swing_levels:

@@ -57,6 +57,8 @@ class PipelineState:
     authority: float = 0.0
     offset: Offset = Offset()
     wanted: Offset = Offset()
+    applied: Offset = Offset()
+    """What went out last: with trust and fade, again within the slew rates."""
     washout: MomentWashout = MomentWashout()
     decided_s: float = -math.inf
     push: Push | None = None

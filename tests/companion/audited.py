@@ -16,12 +16,12 @@ from companion.sim.lockstep import Lockstep
 
 
 @cache
-def config(name: str = "quad") -> PipelineConfig:
+def config(name: str = "tandem") -> PipelineConfig:
     return PipelineConfig(vehicle(name), models.load())
 
 
 def fly_audited(
-    case: Case, seed: int = 1, record: Path | None = None, name: str = "quad", **changes: bool
+    case: Case, seed: int = 1, record: Path | None = None, name: str = "tandem", **changes: bool
 ) -> tuple[Lockstep, CasePilot, Audit]:
     """One case in lockstep; the pilot holds what truly happened."""
     from dataclasses import replace

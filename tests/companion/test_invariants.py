@@ -44,7 +44,7 @@ def test_a_whole_flight_keeps_every_promise_on_every_output(px4, tmp_path: Path)
     looked_at = {p for p, kept in audit.promises.items() if kept.checked}
     assert looked_at == set(Promise) - {Promise.DRY_RUN}
     # The recording alone tells the same, but for what only decisions hold.
-    recorded = Auditor(vehicle("quad"))
+    recorded = Auditor(vehicle())
     for arrival_us, raw in read_tlog(log).frames():
         recorded.frame(arrival_us, next(FrameReader().feed(raw)))
     assert recorded.report().broken() == []

@@ -1,0 +1,241 @@
+"""Flies one fault beside a wall and tells when it was noticed, what the output did, and when all was well again."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, field, replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import models
+from companion.config import PipelineConfig
+from companion.invariants import Auditor, Promise
+from companion.pipeline import Decision
+from companion.sim.case import Case, CasePilot, surroundings
+from companion.sim.flight import Flight
+from companion.sim.lockstep import Lockstep
+from companion.vehicles import default_vehicle
+from faults.tamper import Tamper
+
+HEIGHT_M, WALL_M, GAP_M, LOW_M = 0.9, 1.2, 0.30, 0.45
+"""Take-off, wall from the lip at the origin, lip to wall while the fault lasts, height of the CG there."""
+RECOVERY_S = 9.0
+_SILENCE_S = 0.15
+_BACK = 0.95
+"""Of the authority: compensating again."""
+
+
+@dataclass
+class Bench:
+    """What a fault may lay hands on."""
+
+    world: Lockstep
+    pilot: CasePilot
+    tamper: Tamper
+    folder: Path
+
+    @property
+    def flight(self) -> Flight:
+        """The vehicle."""
+        return self.world.flight
+
+    @property
+    def now_s(self) -> float:
+        """Boot time."""
+        return self.world.flight.time_s
+
+
+Act = Callable[[Bench], None]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing that goes wrong: ``begin``, ``each`` physics step while it lasts, ``end``."""
+
+    name: str
+    what: str
+    begin: Act
+    end: Act = lambda b: b.tamper.clear()
+    each: Act | None = None
+    seconds: float = 3.0
+    noticed: bool = True
+    """Offsets must go, or the stream stop. False: what is wrong cannot be seen, or does no harm."""
+    recovers: bool = True
+    off_m: float = 0.25
+    """How far it may drive the vehicle."""
+    clock_ms: int = 0
+    """The autopilot's clock when the simulation starts."""
+    stacks: tuple[str, ...] = ("ardupilot", "px4")
+
+
+@dataclass
+class Seen:
+    """One decision, and when."""
+
+    at_s: float
+    reasons: tuple[Any, ...]
+    authority: float
+    thrust: float
+    tilt_rad: float
+    sent: bool
+
+
+class Observer(Auditor):
+    """The auditor, remembering decisions."""
+
+    def __init__(self, clock: Callable[[], float], **options: Any) -> None:
+        super().__init__(**options)
+        self._clock = clock
+        self.seen: list[Seen] = []
+
+    def decision(self, decision: Decision) -> None:
+        """One decision of the flight program."""
+        super().decision(decision)
+        o = decision.offset
+        self.seen.append(
+            Seen(
+                self._clock(), decision.reasons, decision.authority, abs(o.thrust), math.hypot(o.roll, o.pitch),
+                decision.command is not None,
+            )
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Result:
+    """A row of the table. Times in seconds after the fault began, or ended; None: never."""
+
+    fault: str
+    stack: str
+    compensated_before: bool
+    noticed_s: float | None
+    why: str
+    thrust: float
+    """Largest offsets while the fault lasted."""
+    tilt_deg: float
+    off_m: float
+    """Furthest from where it was to be, from the fault to the end."""
+    contact_s: float
+    recovered_s: float | None
+    outputs: int
+    broken: tuple[str, ...] = field(default_factory=tuple)
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain numbers."""
+        return asdict(self)
+
+
+@cache
+def config() -> PipelineConfig:
+    """The paper's vehicle with its model: offsets of a few per cent of thrust and a degree or two."""
+    return PipelineConfig(default_vehicle(), models.load())
+
+
+def fly(fault: Fault, stack: str, seed: int = 1) -> Result:
+    """One fault, in simulated time: the same seed gives the same result."""
+    own, times = config(), [math.inf, math.inf]
+    benches: list[Bench] = []
+
+    def script(p: CasePilot) -> Iterator[float]:
+        yield from p.take_off(HEIGHT_M)
+        yield from p.hand_over()
+        for k in range(1, 13):
+            p.go(0.0, (WALL_M - GAP_M) * k / 12, HEIGHT_M + (LOW_M - HEIGHT_M) * k / 12)
+            yield 0.5
+        yield 3.0
+        p.judge()
+        bench = benches[0]
+        times[0] = bench.now_s
+        fault.begin(bench)
+        for _ in range(round(fault.seconds / 0.01)):
+            if fault.each is not None:
+                fault.each(bench)
+            yield 0.01
+        times[1] = bench.now_s
+        fault.end(bench)
+        yield RECOVERY_S
+
+    case = Case(fault.name, fault.what, script, px4=stack == "px4", wall_m=WALL_M)
+    flight = Flight(own.vehicle, surroundings(case, own.vehicle), seed, px4=case.px4)
+
+    def pilot(world: Lockstep) -> CasePilot:
+        p = _Pilot(world, script)
+        benches.append(Bench(world, p, Tamper(world.wire, seed), Path(folder)))
+        p.bench = benches[0]
+        p.bench.tamper.clock_ms = fault.clock_ms
+        return p
+
+    with TemporaryDirectory() as folder:
+        world = Lockstep(flight, pilot)
+        observer = Observer(lambda: flight.time_s, vehicle=own.vehicle)
+        world.auditor = observer
+        world.fly(replace(own, vehicle=own.vehicle), None)
+    return _result(fault, stack, observer, benches[0].pilot, *times)
+
+
+class _Pilot(CasePilot):
+    bench: Bench
+
+    def step(self) -> None:
+        super().step()
+        self.bench.tamper.step(self.bench.now_s)
+
+
+def _result(fault: Fault, stack: str, observer: Observer, pilot: CasePilot, begun_s: float, ended_s: float) -> Result:
+    seen = observer.seen
+    before = [s for s in seen if begun_s - 0.5 <= s.at_s < begun_s]
+    during = [s for s in seen if begun_s <= s.at_s < max(ended_s, begun_s + 1.0)]
+    noticed, why = _noticed(seen, begun_s, ended_s)
+    after = next((s for s in seen if s.at_s > ended_s and not s.reasons and s.authority > _BACK and s.sent), None)
+    report = observer.report()
+    return Result(
+        fault.name,
+        stack,
+        bool(before) and all(s.authority > 0.5 for s in before),
+        noticed,
+        why,
+        round(max((s.thrust for s in during), default=0.0), 4),
+        round(math.degrees(max((s.tilt_rad for s in during), default=0.0)), 2),
+        round(max(pilot.judgement.off_m, pilot.judgement.height_loss_m, pilot.judgement.rise_m), 3),
+        round(pilot.judgement.contact_s, 3),
+        None if after is None else round(after.at_s - ended_s, 2),
+        report.setpoints,
+        tuple(report.broken()),
+    )
+
+
+def _noticed(seen: list[Seen], begun_s: float, ended_s: float) -> tuple[float | None, str]:
+    """When offsets began to go, or the stream of decisions stopped, and why."""
+    last_s = begun_s
+    for s in seen:
+        if s.at_s < begun_s:
+            continue
+        if s.at_s - last_s > _SILENCE_S:
+            return round(last_s + _SILENCE_S - begun_s, 2), "silent"
+        if s.at_s > ended_s + _SILENCE_S:
+            return None, ""
+        if s.reasons:
+            return round(s.at_s - begun_s, 2), s.reasons[0].name.lower()
+        last_s = s.at_s
+    return (None, "") if last_s >= ended_s else (round(last_s + _SILENCE_S - begun_s, 2), "silent")
+
+
+def complaints(fault: Fault, r: Result) -> list[str]:
+    """What a result says against the program; empty where all is as promised."""
+    out = list(r.broken)
+    if not r.compensated_before:
+        out.append("was not compensating before the fault")
+    if fault.noticed and r.noticed_s is None:
+        out.append("was not noticed")
+    if fault.recovers and r.recovered_s is None:
+        out.append(f"did not compensate again within {RECOVERY_S:g} s")
+    if r.contact_s > 0.01:
+        out.append(f"touched something for {r.contact_s:.2f} s")
+    if r.off_m > fault.off_m:
+        out.append(f"driven {r.off_m:.2f} m off, {fault.off_m:g} m allowed")
+    return out
+
+
+__all__ = ["Bench", "Fault", "Promise", "Result", "complaints", "fly"]
