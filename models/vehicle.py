@@ -192,11 +192,16 @@ def load_vehicle(path: Path | str) -> Vehicle:
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise ConfigError(f"vehicle file {path}: cannot be read ({reason})") from None
+    return parse_vehicle(text, str(path))
+
+
+def parse_vehicle(text: str, file: str) -> Vehicle:
+    """``load_vehicle`` of a text; ``file`` is what errors name."""
     try:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"vehicle file {path}: not valid TOML: {error}") from None
-    return _vehicle(_Table(table, str(path), ""))
+        raise ConfigError(f"vehicle file {file}: not valid TOML: {error}") from None
+    return _vehicle(_Table(table, file, ""))
 
 
 _KEYS = frozenset(f.name for kind in (Rotor, Fan, Vane, Throttle, Rangefinder, Limits) for f in fields(kind)) | {

@@ -23,6 +23,7 @@ _COMMANDS = (
     "replay.info.cli",
     "replay.export.cli",
     "replay.audit",
+    "replay.vehicle.cli",
 )
 """Modules with ``add_parser(commands)``, which sets ``run``."""
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
@@ -82,6 +83,8 @@ def _run(a: argparse.Namespace) -> int:
     if a.target_system is not None and not 1 <= a.target_system <= 255:
         raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
     if a.log.is_dir():
+        if a.survey is not None:
+            raise ConfigError("--survey: is of one log; name the log")
         assumed = tuple(sorted(assumed_parameters(a.param).items()))
         return run_folder(a, a.log, Kind.RUN, setpoint=a.setpoint, assumed=assumed)
     # Imported here so that --help answers at once.

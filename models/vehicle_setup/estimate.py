@@ -1,0 +1,78 @@
+"""First numbers for what nobody has measured: inertia, thrust at hover, rotor coefficient, and how sure they are."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from models.frames import GRAVITY
+from models.vehicle import RHO_SEA_LEVEL, Vector3
+from models.vehicle_setup.frames import Motor
+
+OPEN_ROTOR_CT = 0.0130
+"""C_T = T/(rho A Omega^2 R^2) of an open two-blade propeller in hover; 0.010 to 0.017 were measured on propellers of
+drones (static data of Brandt and Selig 2011 in these units)."""
+EXPO = 0.65
+"""Thrust over throttle of an ESC with a common propeller: ArduPilot's default of MOT_THST_EXPO."""
+_AT_ROTORS = 0.35
+"""Share of the mass that sits at the arms' ends: motors, propellers, ESCs and the outer halves of the arms."""
+_BODY_RADIUS = 0.40
+"""Of the rest, a flat disc of this share of the arm's length, and ``_BODY_HEIGHT`` high."""
+_BODY_HEIGHT = 0.30
+
+
+def inertia(mass_kg: float, arm_m: float, motors: Sequence[Motor]) -> Vector3:
+    """Ixx, Iyy, Izz [kg m^2]: points at the rotors and a flat disc in the middle. Right to about 30 %.
+
+    Moments of inertia only matter for moments; forces do not need them.
+    """
+    point = _AT_ROTORS * mass_kg / len(motors)
+    body, radius, height = (1.0 - _AT_ROTORS) * mass_kg, _BODY_RADIUS * arm_m, _BODY_HEIGHT * arm_m
+    side = body * (radius**2 / 4.0 + height**2 / 12.0)
+    xx = side + point * sum((m.right * arm_m) ** 2 for m in motors)
+    yy = side + point * sum((m.forward * arm_m) ** 2 for m in motors)
+    zz = body * radius**2 / 2.0 + point * sum((m.right**2 + m.forward**2) * arm_m**2 for m in motors)
+    return (_round(xx), _round(yy), _round(zz))
+
+
+def ct_of_hover(mass_kg: float, rotors: int, radius_m: float, hover_rpm: float) -> float:
+    """C_T of one rotor from the rotor speed at which ``rotors`` of them carry the vehicle."""
+    tip = hover_rpm * 2.0 * math.pi / 60.0 * radius_m
+    return _round(mass_kg * GRAVITY / rotors / (RHO_SEA_LEVEL * math.pi * radius_m**2 * tip**2))
+
+
+def throttle_output(parameters: Mapping[str, float], hover: float) -> tuple[float, float]:
+    """(expo, output 0...1 at hover) of the curve between output and thrust, by the autopilot's own parameters.
+
+    ArduPilot linearises: thrust command = e x^2 + (1 - e) x, output = SPIN_MIN + (SPIN_MAX - SPIN_MIN) x. PX4:
+    THR_MDL_FAC in the place of e, from 0; at 0 it commands the output itself, and a common propeller is assumed.
+    """
+    if "MOT_THST_EXPO" in parameters:
+        expo = min(max(parameters["MOT_THST_EXPO"], 0.0), 1.0)
+        low, high = parameters.get("MOT_SPIN_MIN", 0.15), parameters.get("MOT_SPIN_MAX", 0.95)
+        return expo, low + (high - low) * _inverse(expo, hover)
+    factor = parameters.get("THR_MDL_FAC", 0.0)
+    return (factor, _inverse(factor, hover)) if factor > 0.0 else (EXPO, hover)
+
+
+def _inverse(expo: float, thrust: float) -> float:
+    """x of expo x^2 + (1 - expo) x = thrust."""
+    if expo < 1e-3:
+        return thrust
+    return ((expo - 1.0) + math.sqrt((1.0 - expo) ** 2 + 4.0 * expo * thrust)) / (2.0 * expo)
+
+
+def max_thrust(mass_kg: float, rotors: int, expo: float, output: float) -> float:
+    """Thrust [N] of one rotor at full output, where ``output`` carries the vehicle."""
+    return _round(mass_kg * GRAVITY / rotors / ((1.0 - expo) * output + expo * output**2))
+
+
+def pwm_range(parameters: Mapping[str, float]) -> tuple[float, float]:
+    """Pulse widths [us] of zero and full output, by MOT_PWM_MIN and MAX or PWM_MAIN_MIN1 and MAX1."""
+    low = parameters.get("MOT_PWM_MIN") or parameters.get("PWM_MAIN_MIN1") or 1000.0
+    high = parameters.get("MOT_PWM_MAX") or parameters.get("PWM_MAIN_MAX1") or 2000.0
+    return float(low), float(high)
+
+
+def _round(value: float) -> float:
+    return float(f"{value:.4g}")

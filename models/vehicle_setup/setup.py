@@ -1,0 +1,161 @@
+"""From answers to a checked vehicle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from models.errors import ConfigError
+from models.vehicle import Fan, Limits, Rangefinder, Rotor, Throttle, Vehicle
+from models.vehicle_setup.estimate import (
+    OPEN_ROTOR_CT,
+    ct_of_hover,
+    inertia,
+    max_thrust,
+    pwm_range,
+    throttle_output,
+)
+from models.vehicle_setup.frames import FRAMES, Motor, outputs, px4_motors
+
+_GROUND, _CEILING, _LEVEL = 25, 24, range(8)
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What a person or a parameter file says."""
+
+    name: str
+    mass_kg: float
+    propeller_m: float
+    """Diameter."""
+    frame: str | None = None
+    arm_m: float | None = None
+    """Centre to motor axis; None where PX4's parameters give the places."""
+    rotor_down_m: float = -0.05
+    """Height of the rotors relative to the CG, positive down."""
+    lip_radius_m: float | None = None
+    """Outer duct; None for open rotors."""
+    telemetered: bool = True
+    hover_thrust: float | None = None
+    hover_rpm: float | None = None
+    voltage_v: float = 0.0
+    ranges: tuple[Rangefinder, ...] = ()
+    parameters: Mapping[str, float] = field(default_factory=dict)
+
+
+def build(a: Answers) -> tuple[Vehicle, dict[str, str]]:
+    """The vehicle, and by key where its numbers came from."""
+    motors, arm = _motors(a)
+    said = {"position_m": f"from the CG, forward right down; motor {motors[0].number}"}
+    hover, said["hover_thrust"] = _hover(a)
+    radius = a.propeller_m / 2.0
+    lip = radius if a.lip_radius_m is None else a.lip_radius_m
+    said["rotor_radius_m"] = "half the propeller's diameter"
+    said["lip_radius_m"] = "outer edge of the duct" if a.lip_radius_m is not None else "open rotor: the rotor's radius"
+    said["inertia_kgm2"] = "estimated from mass and arm, +-30 %; only moments need it"
+    ct, throttle = None, None
+    if a.telemetered:
+        ct, said["ct"] = _ct(a, motors, radius)
+    else:
+        throttle = _throttle(a, len(motors), hover, said)
+    vehicle = Vehicle(
+        name=a.name,
+        mass_kg=a.mass_kg,
+        inertia_kgm2=inertia(a.mass_kg, arm, motors),
+        hover_thrust=hover,
+        rotor_radius_m=radius,
+        fans=_fans(a, motors, arm, lip, ct),
+        throttle=throttle,
+        rangefinders=a.ranges or parameter_ranges(a.parameters),
+        limits=Limits(),
+    )
+    said["rotors"] = "esc counts from 1 as in the telemetry; spin seen from above"
+    return vehicle, said
+
+
+def _motors(a: Answers) -> tuple[tuple[Motor, ...], float]:
+    told = px4_motors(a.parameters)
+    if a.frame is None and told is not None:
+        motors, arm = told
+        return motors, arm if a.arm_m is None else a.arm_m
+    if a.frame is None or a.arm_m is None:
+        raise ConfigError("--frame and --span: needed where no PX4 parameters (CA_ROTORn_PX …) give the places")
+    return FRAMES[a.frame], a.arm_m
+
+
+def _hover(a: Answers) -> tuple[float, str]:
+    if a.hover_thrust is not None:
+        return a.hover_thrust, "given"
+    for name in ("MOT_THST_HOVER", "MPC_THR_HOVER"):
+        if 0.05 < a.parameters.get(name, 0.0) < 0.95:
+            return round(a.parameters[name], 3), name
+    return 0.5, "a guess: replay vehicle LOG measures it"
+
+
+def _ct(a: Answers, motors: tuple[Motor, ...], radius: float) -> tuple[float, str]:
+    per_fan = len(motors) // len(_places(motors))
+    if a.hover_rpm is not None:
+        return ct_of_hover(a.mass_kg, len(motors), radius, a.hover_rpm) * per_fan, f"from hover at {a.hover_rpm:g} rpm"
+    return OPEN_ROTOR_CT * per_fan, "a guess, +-30 %: replay vehicle LOG measures it"
+
+
+def _throttle(a: Answers, rotors: int, hover: float, said: dict[str, str]) -> Throttle:
+    expo, output = throttle_output(a.parameters, hover)
+    low, high = pwm_range(a.parameters)
+    if a.voltage_v <= 0.0:
+        raise ConfigError("--voltage: needed without rotor speeds: the battery's voltage in hover")
+    said["max_thrust_n"] = "of one rotor, so that hover_thrust hovers: replay vehicle LOG measures it"
+    said["expo"] = next((n for n in ("MOT_THST_EXPO", "THR_MDL_FAC") if a.parameters.get(n)), "common propellers")
+    said["voltage_v"] = "of the battery in hover"
+    return Throttle(max_thrust(a.mass_kg, rotors, expo, output), expo, low, high, a.voltage_v)
+
+
+def _places(motors: tuple[Motor, ...]) -> dict[tuple[float, float], list[Motor]]:
+    """Motors by place: two in one place are a coaxial fan."""
+    out: dict[tuple[float, float], list[Motor]] = {}
+    for motor in motors:
+        out.setdefault((round(motor.forward, 6), round(motor.right, 6)), []).append(motor)
+    return out
+
+
+def _fans(a: Answers, motors: tuple[Motor, ...], arm: float, lip: float, ct: float | None) -> tuple[Fan, ...]:
+    channel = outputs(a.parameters, len(motors))
+    ardupilot = any(name.startswith("SERVO") and name.endswith("_FUNCTION") for name in a.parameters)
+
+    def rotor(motor: Motor) -> Rotor:
+        if not a.telemetered:
+            return Rotor(motor.spin, servo=channel[motor.number])
+        # ArduPilot counts ESCs by output, PX4 by motor.
+        return Rotor(motor.spin, esc=channel[motor.number] if ardupilot else motor.number)
+
+    return tuple(
+        Fan(
+            (round(x * arm, 4), round(y * arm, 4), round(a.rotor_down_m + min(m.down for m in here) * arm, 4)),
+            lip,
+            tuple(rotor(m) for m in here),
+            ct,
+        )
+        for (x, y), here in _places(motors).items()
+    )
+
+
+def target_of(orientation: int) -> str:
+    """What a rangefinder of this MAV_SENSOR_ORIENTATION looks at, as a rule."""
+    if orientation == _GROUND:
+        return "ground"
+    if orientation == _CEILING:
+        return "ceiling"
+    return "wall" if orientation in _LEVEL else "none"
+
+
+def parameter_ranges(parameters: Mapping[str, float]) -> tuple[Rangefinder, ...]:
+    """Rangefinders that ArduPilot's RNGFNDn_TYPE, _ORIENT and _POS_X, Y, Z name."""
+    out = []
+    for k in (*map(str, range(1, 10)), "A"):
+        if parameters.get(f"RNGFND{k}_TYPE", 0.0) > 0.0:
+            orientation = int(parameters.get(f"RNGFND{k}_ORIENT", _GROUND))
+            place = (parameters.get(f"RNGFND{k}_POS_{axis}", 0.0) for axis in "XYZ")
+            x, y, z = (float(p) if math.isfinite(p) else 0.0 for p in place)
+            out.append(Rangefinder(orientation, target_of(orientation), (x, y, z)))
+    return tuple(out)
