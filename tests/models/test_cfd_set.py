@@ -367,7 +367,10 @@ def test_the_commands_write_set_and_report(tmp_path, rows, capsys):
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["corner_cfd.csv", "corner_cfd_rows.csv"]
     assert main(["cfd", "check", *source, "--report", str(tmp_path / "report"), "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["positions"] == 110
-    assert "corner.png" in (tmp_path / "report" / "report.md").read_text()
+    page = (tmp_path / "report" / "report.md").read_text()
+    for figure in ("fig5_9", "fig6_10", "fig7", "corner.png"):
+        after = page.split(f"]({figure}", 1)[1]
+        assert "| published | here | |" in after.split("![", 1)[0], figure
     for figure in (tmp_path / "report").glob("*.png"):
         assert figure.stat().st_size > 5000
     assert main(["cfd", "assemble", "--work", str(tmp_path / "nothing"), "--out", str(tmp_path)]) == 2
