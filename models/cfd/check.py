@@ -11,7 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from models.cfd import axisymmetric
 from models.cfd.assemble import Label, Law, assemble, ceilings, fit_law, full_kind, labels
+from models.cfd.axisymmetric import Series
 from models.cfd.campaign import Row
 from models.cfd.config import Setup
 from models.cfd.fidelity import FREE, Correction, learn
@@ -45,6 +47,7 @@ class Checked:
     statements: tuple[Statement, ...]
     correction: Correction
     ceilings: tuple[Array, Array] | None
+    wedges: tuple[Series, ...]
     summary: dict[str, Any]
     force_unit: float
     moment_unit: float
@@ -83,7 +86,8 @@ def check(rows: Sequence[Row], setup: Setup) -> Checked:
     correction = learn(whole, half)
     able = ceilings(assemble(rows, setup)) if len(speeds) == 1 + len(c.other_rpm) and law is not None else None
     unit = tip_pressure, tip_pressure * setup.fan.radius_m
-    bare = Checked(known, parts, study, law, whole, (), correction, able, {}, *unit)
+    wedges = tuple(axisymmetric.series(rows))
+    bare = Checked(known, parts, study, law, whole, (), correction, able, wedges, {}, *unit)
     said = tuple(_statements(bare))
     return replace(bare, statements=said, summary=_summary(rows, bare, said))
 
@@ -132,6 +136,7 @@ def _summary(rows: Sequence[Row], c: Checked, said: Sequence[Statement]) -> dict
         "r2_ceiling": None
         if c.ceilings is None
         else dict(zip(("rows", "full_models"), (_by_axis(v, odd=False) for v in c.ceilings), strict=True)),
+        "wedges": [asdict(s) for s in c.wedges],
         "agreement": [asdict(s) for s in said],
         "verdicts": dict(Counter(s.verdict for s in said)),
     }
@@ -417,6 +422,7 @@ def text(c: Checked) -> str:
         for ceiling, against in zip(c.ceilings, ("against these rows", "against full models"), strict=True):
             by = ", ".join(f"{a} {v:.3f}" for a, v in zip(AXES[::2], ceiling[::2], strict=True))
             lines.append(f"R2 of increments that a perfect surrogate of this set reaches {against}: {by}")
+    lines += axisymmetric.text(c.wedges)
     lines.append("")
     for said in c.statements:
         lines.append(f"[{said.verdict}] {said.claim} ({said.source}): {said.ours}")

@@ -17,8 +17,17 @@ GROUND_LIMIT, WALL_LIMIT = 4.0, 3.8
 """Where the paper's effects of ground and wall end, over R."""
 
 
+SAID = {
+    "fig5_9_lift_ratio_ground.png": ("figs 5 and 9", "Zhou", "estimate for this fan", "section 2.2"),
+    "fig6_10_lift_coefficient_wall.png": ("figs 6 and 10", "section 2.3"),
+    "fig7_tilting_moment_wall.png": ("fig. 7", "lip suction"),
+    "corner.png": ("section 2.4", "Vertex"),
+}
+"""Which statements, by a part of their source, stand beside which figure."""
+
+
 def write_report(directory: Path, c: Checked, setup: Setup) -> None:
-    """Write report.md and its figures into ``directory``."""
+    """Write report.md and its figures into ``directory``: beside each figure what was published and what came out."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -29,12 +38,37 @@ def write_report(directory: Path, c: Checked, setup: Setup) -> None:
         "corner.png": _corner(c),
         "mesh.png": _mesh(c),
     }
+    if c.wedges:
+        figures["wedge.png"] = _wedges(c)
     for name, figure in figures.items():
         figure.savefig(directory / name, dpi=110)
         figure.clear()
-    links = [f"![{name.removesuffix('.png').replace('_', ' ')}]({name})" for name in figures]
-    page = "\n\n".join([f"# Flow simulation of the {setup.fan.name}", f"```\n{text(c)}\n```", *links])
-    (directory / "report.md").write_text(page + "\n", encoding="utf-8")
+    parts = [f"# Flow simulation of the {setup.fan.name}", f"```\n{text(c)}\n```"]
+    for name in figures:
+        title = name.removesuffix(".png").replace("_", " ")
+        parts += [f"![{title}]({name})", *_beside(c, SAID.get(name, ()))]
+    (directory / "report.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+
+
+def _beside(c: Checked, sources: Sequence[str]) -> list[str]:
+    """A table of the statements from these sources; none without any."""
+    said = [s for s in c.statements if any(source in s.source for source in sources)]
+    if not said:
+        return []
+    rows = [f"| {s.claim} ({s.source}) | {s.ours} | {s.verdict} |" for s in said]
+    return ["\n".join(["| published | here | |", "|---|---|---|", *rows])]
+
+
+def _wedges(c: Checked) -> Any:
+    figure, (panel,) = _panels(1, (7, 4.5))
+    for s in c.wedges:
+        style = "o-" if s.level == c.wedges[0].level else ".--"
+        panel.errorbar(s.heights, s.ratio, s.error, fmt=style, capsize=3, lw=1, label=f"{s.name}, mesh {s.level:g}")
+    heights = sorted(h for h, d in c.labels if math.isinf(d) and math.isfinite(h))
+    panel.plot(heights, [c.ratio(h) for h in heights], "k:", label="half models, no swirl")
+    panel.set(xlabel="h / R", ylabel="T_IGE / T_OGE", title="Without a wall: what swirl and the fan's shape change")
+    panel.legend(fontsize=7)
+    return figure
 
 
 def _panels(columns: int, size: tuple[float, float]) -> tuple[Any, Sequence[Any]]:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from models import dataset
-from models.cfd import campaign, config, table
+from models.cfd import axisymmetric, campaign, config, table
 from models.cfd.assemble import assemble, ceilings, full_kind, labels, write_data, write_marks
 from models.cfd.averages import error_of_mean
 from models.cfd.campaign import Row
@@ -254,6 +254,27 @@ def test_the_fan_itself_counts_where_as_many_of_a_variant_were_computed(rows):
     assert full_kind([*variant, *full[:3]], 4000.0) == ("full", SETUP.campaign.full_level, "equal_pitch")
 
 
+def test_wedges_are_told_apart_and_compared_with_their_own_free_air(rows):
+    def wedge(h, lift, status="steady", **kind):
+        error = (math.nan,) * 6 if status == "steady" else (0.0, 0.0, 0.3, 0.0, 0.0, 0.0)
+        return row(Position(h, INF, 4000.0, wedge=True, **kind), status, wrench=(0, 0, lift, 0, 0, 0), error=error)
+
+    cases = [
+        *(wedge(INF, 23.0, swirl=True), wedge(2.0, 27.6, "averaged", swirl=True), wedge(1.0, 28.75, swirl=True)),
+        *(wedge(INF, 20.0, variant="round_hub", swirl=True), wedge(2.0, 24.0, variant="round_hub", swirl=True)),
+        wedge(2.0, 24.0, swirl=True, approach="far"),
+        wedge(2.0, 24.0),
+    ]
+    found = {s.name: s for s in axisymmetric.series([*rows, *cases])}
+    # Without free air of its own a series says nothing.
+    assert set(found) == {"swirl", "swirl, round_hub", "swirl, from far"}
+    assert found["swirl"].heights == (1.0, 2.0)
+    assert found["swirl"].ratio == pytest.approx((1.25, 1.2))
+    assert found["swirl"].error == pytest.approx((0.02 / 23, 0.3 / 23))
+    assert found["swirl, from far"].free_n == 23.0
+    assert "swirl, round_hub, mesh 1: free 20.00 N, lift x 1.200" in text(check([*rows, *cases], SETUP))
+
+
 def test_what_symmetry_forbids_comes_from_the_cases_with_swirl(rows):
     made = assemble(rows, SETUP)
     here = at(made, 2.0, 1.0, 4000.0)
@@ -346,7 +367,10 @@ def test_the_commands_write_set_and_report(tmp_path, rows, capsys):
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["corner_cfd.csv", "corner_cfd_rows.csv"]
     assert main(["cfd", "check", *source, "--report", str(tmp_path / "report"), "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["positions"] == 110
-    assert "corner.png" in (tmp_path / "report" / "report.md").read_text()
+    page = (tmp_path / "report" / "report.md").read_text()
+    for figure in ("fig5_9", "fig6_10", "fig7", "corner.png"):
+        after = page.split(f"]({figure}", 1)[1]
+        assert "| published | here | |" in after.split("![", 1)[0], figure
     for figure in (tmp_path / "report").glob("*.png"):
         assert figure.stat().st_size > 5000
     assert main(["cfd", "assemble", "--work", str(tmp_path / "nothing"), "--out", str(tmp_path)]) == 2
