@@ -109,7 +109,7 @@ class Tuning:
     position_fade_age_s: float = 0.28
     """Older than this the offsets fade, before the hold lets go. Above the 0.2 s of positions at 5 Hz."""
     range_age_s: float = 0.22
-    """With ``fade_out_s`` and one setpoint, offsets are zero 0.5 s after the last reading. Two periods at 10 Hz fit in."""
+    """With ``fade_out_s`` and one setpoint, offsets are zero 0.5 s after the last reading; 10 Hz is enough."""
     rotor_age_s: float = 0.22
     upstream_age_s: float = 0.5
     lift_time_s: float = 2.0
