@@ -1,7 +1,7 @@
 """Fly seeds of the second simulator (``independent/``) and see what ``replay diagnose`` makes of them.
 
 ``python tests/benchmarks/diagnose_independent.py --seed 1 2 [--only TEXT...] [--jobs N] [--json FILE]``. Flights go to
-a cache folder (or ``--keep DIR``), once. Seeds from 100 on are sealed. Everything is simulated.
+a cache folder (or ``--keep DIR``), once. Seeds from 100 on are held out. Everything is simulated.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from zlib import crc32
 
-from independent.cases import SEALED, Case
+from independent.cases import HELD_OUT, Case
 from independent.judge import NEEDED, Judgement, judge, needed_of, share
 from independent.make import make, read_truth, stem
 
@@ -57,7 +57,9 @@ def main() -> int:
 
 def _parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("--seed", type=int, nargs="+", default=[1], help=f"which sets of flights; from {SEALED} on: sealed")
+    p.add_argument(
+        "--seed", type=int, nargs="+", default=[1], help=f"which sets of flights; from {HELD_OUT} on: held out"
+    )
     p.add_argument("--only", nargs="*", default=[], metavar="TEXT", help="only flights whose name contains it")
     p.add_argument("--keep", type=Path, metavar="DIR", help="where flights are kept (default: a temporary folder)")
     p.add_argument("--method", default="ensemble", help="how the guarded quadrotor's declared model is trained")
@@ -128,10 +130,10 @@ def summary(rows: list[Row]) -> str:
     """The figures, with Wilson 95 % intervals."""
     by = {g: [r.judgement for r in rows if r.group == g] for g in ("null", "single", "pair", "unknown")}
     every = [r.judgement for r in rows]
-    sealed = any(r.seed >= SEALED for r in rows)
+    held_out = any(r.seed >= HELD_OUT for r in rows)
     needed = [name in r.judgement.named for r in rows for name in r.needed if not name.startswith("x_")]
     lines = [
-        f"{len(rows)} simulated flights (second simulator), {'sealed' if sealed else 'open'} seeds",
+        f"{len(rows)} simulated flights (second simulator), {'held-out' if held_out else 'open'} seeds",
         f"flights answered right                    {share(j.right for j in every)}",
         f"  of these without an alias entry         {share(j.exact for j in every)}",
         f"  one effect made large                   {share(j.right for j in by['single'])}",

@@ -22,7 +22,7 @@ from zlib import crc32
 
 from flights.judge import Judgement, judge, share
 from flights.make import make_round
-from flights.scenarios import SEALED_ROUND, scenarios
+from flights.scenarios import HELD_OUT_ROUND, scenarios
 
 REPO = Path(__file__).resolve().parents[2]
 GOAL_SIZE = 0.02
@@ -60,7 +60,7 @@ def main() -> int:
                 rows.append(replace(row, name=tag + row.name))
                 print(line(rows[-1]), flush=True)
     print()
-    print(summary(rows, sealed=any(n >= SEALED_ROUND for n in args.round)))
+    print(summary(rows, held_out=any(n >= HELD_OUT_ROUND for n in args.round)))
     if args.json:
         text = json.dumps([asdict(r) for r in rows], indent=1)
         if args.json == "-":
@@ -72,9 +72,11 @@ def main() -> int:
 
 def _parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("--round", type=int, nargs="+", default=[1], help=f"sets of seeds; from {SEALED_ROUND} on: sealed")
+    p.add_argument(
+        "--round", type=int, nargs="+", default=[1], help=f"sets of seeds; from {HELD_OUT_ROUND} on: held out"
+    )
     p.add_argument("--only", nargs="*", default=[], metavar="NAME", help="only these flights")
-    p.add_argument("--group", nargs="*", default=[], help="only null, single, pair, stranger or bad flights")
+    p.add_argument("--group", nargs="*", default=[], help="only null, single, pair, unlisted or bad flights")
     p.add_argument("--keep", type=Path, metavar="DIR", help="where flights are kept (default: a temporary folder)")
     p.add_argument("--method", default="ensemble", help="how the declared model is trained on the flights' table")
     p.add_argument("--jobs", type=int, default=1, help="diagnoses at a time")
@@ -139,16 +141,16 @@ def line(row: Row) -> str:
     return f"{mark} {row.name:28s} {row.seconds:5.1f} s  rms/oracle {j.rms_ratio:5.2f}  {j.note}"
 
 
-def summary(rows: list[Row], *, sealed: bool) -> str:
+def summary(rows: list[Row], *, held_out: bool) -> str:
     """The figures, with Wilson 95 % intervals."""
-    by = {g: [r.judgement for r in rows if r.group == g] for g in ("null", "single", "pair", "stranger", "bad")}
+    by = {g: [r.judgement for r in rows if r.group == g] for g in ("null", "single", "pair", "unlisted", "bad")}
     effects = by["single"] + by["pair"]
     visible = [r.judgement for r in rows if r.group in ("single", "pair") and r.size_of_weight >= GOAL_SIZE]
     ratios = [j.rms_ratio for j in effects if j.right and j.rms_ratio == j.rms_ratio]
     blank = [j.rms_ratio for j in by["null"] if j.rms_ratio == j.rms_ratio]
     times = [r.seconds for r in rows]
     lines = [
-        f"{len(rows)} simulated flights, {'sealed' if sealed else 'open'} seeds",
+        f"{len(rows)} simulated flights, {'held-out' if held_out else 'open'} seeds",
         f"named right (all effects, nothing else)   {share(j.right for j in effects)}",
         f"  of these without an alias entry         {share(j.exact for j in effects)}",
         f"  of {GOAL_SIZE:.0%} of the weight or more             {share(j.right for j in visible)}",
@@ -157,8 +159,8 @@ def summary(rows: list[Row], *, sealed: bool) -> str:
         f"flights with a wrong name                 {share(bool(j.wrong_names) for j in effects)}",
         f"flights with a missed effect              {share(bool(j.missed) for j in effects)}",
         f"false alarms on nulls                     {share(not j.right for j in by['null'])}",
-        f"outside every catalogue, answered right   {share(j.right for j in by['stranger'])}",
-        f"  given a wrong name                      {share(bool(j.wrong_names) for j in by['stranger'])}",
+        f"outside every catalogue, answered right   {share(j.right for j in by['unlisted'])}",
+        f"  given a wrong name                      {share(bool(j.wrong_names) for j in by['unlisted'])}",
         f"bad input answered right                  {share(j.right for j in by['bad'])}",
         f"RMS after <= 1.1 x oracle, where right    {share(r <= 1.1 for r in ratios)}",
     ]

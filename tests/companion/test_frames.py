@@ -109,11 +109,11 @@ def test_unwanted_ids_are_counted_and_not_cut_out():
 
 
 def test_a_message_of_another_dialect_is_vouched_for_by_what_follows():
-    stranger = bytes((V2, 2, 0, 0, 1, 1, 1, 0xFF, 0xFF, 0x7F, 9, 9, 0, 0))
+    unlisted = bytes((V2, 2, 0, 0, 1, 1, 1, 0xFF, 0xFF, 0x7F, 9, 9, 0, 0))
     counts = Counts()
-    starts, rest = walk(stranger + STREAM[0], counts)
-    assert list(starts) == [0, len(stranger)]
-    assert rest == len(stranger + STREAM[0])
+    starts, rest = walk(unlisted + STREAM[0], counts)
+    assert list(starts) == [0, len(unlisted)]
+    assert rest == len(unlisted + STREAM[0])
     assert counts.unknown == 1
 
 

@@ -61,8 +61,8 @@ def test_a_large_flight_goes_on_in_the_next_file_and_whole_frames_only(tmp_path:
 
 
 def test_a_folder_is_kept_below_its_limit_and_strangers_are_left_alone(tmp_path: Path):
-    stranger = tmp_path / "my best flight.tlog"
-    stranger.write_bytes(bytes(100_000))
+    unlisted = tmp_path / "my best flight.tlog"
+    unlisted.write_bytes(bytes(100_000))
     for k in range(6):
         old = tmp_path / f"2026-01-0{k + 1}_10-00-00_boot-00000000.tlog"
         old.write_bytes(bytes(1000))
@@ -71,7 +71,7 @@ def test_a_folder_is_kept_below_its_limit_and_strangers_are_left_alone(tmp_path:
         fill(recorder, 1)
     left = sorted(p.name[:10] for p in tmp_path.glob("2026-01-0*"))
     assert left == ["2026-01-04", "2026-01-05", "2026-01-06"]
-    assert stranger.stat().st_size == 100_000
+    assert unlisted.stat().st_size == 100_000
 
 
 def test_a_limit_of_the_folder_needs_names_that_can_be_told_apart(tmp_path: Path):

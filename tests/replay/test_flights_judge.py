@@ -61,10 +61,10 @@ def test_nulls_must_stay_silent():
 
 
 def test_strangers_need_the_verdict_and_a_right_channel_and_no_name():
-    stranger = truth("stranger", channels=["yaw_rad", "rpm_*"])
-    assert judge("x", stranger, answer(verdict="unexplained", channels=["rpm_3"]), 0).right
-    assert not judge("x", stranger, answer(verdict="unexplained", channels=["time_s"]), 0).right
-    assert not judge("x", stranger, answer("wind", verdict="partly_explained", channels=["yaw_rad"]), 0).right
+    unlisted = truth("unlisted", channels=["yaw_rad", "rpm_*"])
+    assert judge("x", unlisted, answer(verdict="unexplained", channels=["rpm_3"]), 0).right
+    assert not judge("x", unlisted, answer(verdict="unexplained", channels=["time_s"]), 0).right
+    assert not judge("x", unlisted, answer("wind", verdict="partly_explained", channels=["yaw_rad"]), 0).right
 
 
 def test_only_flights_without_the_needed_messages_may_be_refused():

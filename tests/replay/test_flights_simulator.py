@@ -12,7 +12,7 @@ from flights.plan import Leg
 from flights.power import Battery
 from flights.recorder import Logging, frames, sense, write_tlog
 from flights.scenarios import scenarios
-from flights.strangers import STRANGERS
+from flights.unlisted import UNLISTED
 from flights.world import Job, World
 
 from models.dataset import read
@@ -28,10 +28,10 @@ def fly(craft, jobs, seconds=1.5):
 @pytest.fixture(scope="module")
 def every_effect():
     """All effects side by side, each in its own short hover over the home point."""
-    names = [None, *CATALOGUE, *STRANGERS]
+    names = [None, *CATALOGUE, *UNLISTED]
     jobs = []
     for k, name in enumerate(names):
-        kind = (CATALOGUE | STRANGERS).get(name)
+        kind = (CATALOGUE | UNLISTED).get(name)
         jobs.append(Job(k, HOVER, {name: kind.draw(np.random.default_rng(k), TANDEM)} if kind else {}))
     return dict(zip(names, range(len(names)), strict=True)), fly(TANDEM, jobs)
 
@@ -62,7 +62,7 @@ def test_every_catalogue_name_of_the_contract_is_flown():
     assert sorted(CATALOGUE) == sorted(contract)
     flown = {e for s in scenarios(1) if s.group == "single" for e in s.effects}
     assert flown == set(contract)
-    assert sum(s.group == "stranger" for s in scenarios(1)) >= 6
+    assert sum(s.group == "unlisted" for s in scenarios(1)) >= 6
 
 
 @pytest.mark.parametrize(("name", "axis", "newtons"), [("payload", 2, 0.0), ("imu_bias", 0, 0.1), ("wind", 0, 0.05)])

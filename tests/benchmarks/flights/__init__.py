@@ -4,7 +4,7 @@ It shares no formula with the effect catalogue and imports nothing of the projec
 MAVLink files. Every flight is simulated; nothing is measured. ``docs/diagnose-suite.md`` says what is assumed.
 
 Layout: ``craft`` (vehicles), ``near_wall`` (declared air and its table), ``plan`` (manoeuvres), ``rotor_flow``
-(momentum and blade-element theory), ``effects`` and ``strangers`` (what is undeclared), ``power`` (battery, motors),
+(momentum and blade-element theory), ``effects`` and ``unlisted`` (what is undeclared), ``power`` (battery, motors),
 ``pilot`` (autopilot), ``world`` (the 6-DOF loop, all flights of a batch side by side), ``recorder`` (sensors, tlog),
 ``oracle`` (residual before and after removing the true effect), ``scenarios`` (which flights), ``judge`` (which answers
 are right), ``make`` (files).

@@ -63,7 +63,7 @@ def _judge(name: str, truth: Mapping[str, Any], answer: Mapping[str, Any]) -> Ju
     if group == "null" or (group == "bad" and not truth["effects"]):
         right = not reported and verdict == "nothing_missing"
         return Judgement(right, right, tuple(sorted(reported)), (), note, ratio)
-    if group == "stranger":
+    if group == "unlisted":
         named = [str(c["name"]) for c in answer.get("unexplained", {}).get("channels", [])][:TOP_CHANNELS]
         found = any(_matches(c, wanted) for c in named for wanted in truth["channels"])
         right = verdict == "unexplained" and not reported and found

@@ -16,7 +16,7 @@ from .effects import CATALOGUE
 from .oracle import residual, rms_table
 from .recorder import Sensed, frames, sense, write_mixed, write_tlog
 from .scenarios import Scenario, scenarios
-from .strangers import STRANGERS
+from .unlisted import UNLISTED
 from .world import Tape, World
 
 AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
@@ -77,7 +77,7 @@ def _write(folder: Path, scenario: Scenario, round_number: int, tape: Tape, k: i
         "group": scenario.group,
         "verdict": scenario.verdict,
         "effects": list(scenario.truth),
-        "outside": [e for e in scenario.effects if e in STRANGERS],
+        "outside": [e for e in scenario.effects if e in UNLISTED],
         "what": "; ".join(_sentence(e) for e in scenario.effects) or "nothing",
         "parameters": parameters,
         "axes_carrying_it": carrying or None,
@@ -92,7 +92,7 @@ def _write(folder: Path, scenario: Scenario, round_number: int, tape: Tape, k: i
 
 
 def _sentence(name: str) -> str:
-    doc = (CATALOGUE | STRANGERS)[name].__doc__ or ""
+    doc = (CATALOGUE | UNLISTED)[name].__doc__ or ""
     return " ".join(doc.split())
 
 

@@ -1,6 +1,6 @@
 """Which flights there are, and what a right answer to each is. Fixed before any diagnosis was run on them.
 
-A *round* is one full set of flights with its own seeds; rounds from ``SEALED_ROUND`` on are shown to nobody who works
+A *round* is one full set of flights with its own seeds; rounds from ``HELD_OUT_ROUND`` on are shown to nobody who works
 on the diagnosis and serve for the final figures only.
 """
 
@@ -15,10 +15,10 @@ from .craft import QUAD, TANDEM, Craft
 from .effects import CATALOGUE
 from .plan import STANDARD, draw_plan
 from .recorder import Logging
-from .strangers import STRANGERS
+from .unlisted import UNLISTED
 from .world import Job
 
-SEALED_ROUND = 100
+HELD_OUT_ROUND = 100
 FLIGHT_S = 170.0
 
 ALIAS_CLASSES: tuple[tuple[frozenset[str], str], ...] = (
@@ -37,7 +37,7 @@ class Scenario:
     """One flight of a round."""
 
     name: str
-    group: str  # null | single | pair | stranger | bad
+    group: str  # null | single | pair | unlisted | bad
     craft: Craft = TANDEM
     effects: tuple[str, ...] = ()
     by_servo: bool = False
@@ -62,7 +62,7 @@ class Scenario:
         """The right verdict."""
         if self.mass_factor != 1.0:
             return "explained"
-        if self.group == "stranger":
+        if self.group == "unlisted":
             return "unexplained"
         return "explained" if self.effects else "nothing_missing"
 
@@ -76,13 +76,13 @@ class Scenario:
     @property
     def channels(self) -> tuple[str, ...]:
         """Channels that carry what is in no catalogue."""
-        return tuple(c for e in self.effects if e in STRANGERS for c in STRANGERS[e].channels)
+        return tuple(c for e in self.effects if e in UNLISTED for c in UNLISTED[e].channels)
 
     def job(self, round_number: int) -> Job:
         """The flight itself: plan and parameters drawn from the seed."""
         seed = self.seed(round_number)
         rng = np.random.default_rng([seed, 3])
-        kinds = [(CATALOGUE | STRANGERS)[name] for name in self.effects]
+        kinds = [(CATALOGUE | UNLISTED)[name] for name in self.effects]
         first = tuple(dict.fromkeys(b for kind in kinds for b in kind.blocks if self.blocks == STANDARD))
         avoid = {b for kind in kinds for b in kind.without}
         blocks = tuple(b for b in dict.fromkeys((*self.blocks, *first)) if b not in avoid)
@@ -124,7 +124,7 @@ def scenarios(round_number: int) -> list[Scenario]:
     for name in (ON_QUAD * 2)[start : start + 4]:
         out.append(Scenario(f"{name}_quad", "single", QUAD, (name,)))
     out += [Scenario("+".join(pair), "pair", effects=pair) for pair in PAIRS]
-    out += [Scenario(name, "stranger", effects=(name,)) for name in STRANGERS]
+    out += [Scenario(name, "unlisted", effects=(name,)) for name in UNLISTED]
     return out + _bad()
 
 

@@ -18,7 +18,7 @@ from .effects import CATALOGUE, Effect
 from .pilot import Pilot, rotor_thrust
 from .plan import CEILING_HEIGHT, EDGE_HEIGHT, WALL_EAST, WALL_NORTH, Leg
 from .power import Battery, Heat
-from .strangers import STRANGERS
+from .unlisted import UNLISTED
 
 DT = 0.004
 TICK = 5  # steps between telemetry samples
@@ -356,7 +356,7 @@ def cross(a: Array, b: Array) -> Array:
 def _gather(craft: Craft, jobs: Sequence[Job]) -> list[Effect]:
     """One effect object per name, over the flights that have it."""
     out: list[Effect] = []
-    for name, kind in {**CATALOGUE, **STRANGERS}.items():
+    for name, kind in {**CATALOGUE, **UNLISTED}.items():
         index = np.array([k for k, job in enumerate(jobs) if name in job.effects], dtype=int)
         if index.size:
             keys = jobs[index[0]].effects[name]

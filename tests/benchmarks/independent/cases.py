@@ -1,6 +1,6 @@
 """Which flights one seed stands for: nulls, one effect made large, pairs, and forces that are in no catalogue.
 
-Seeds below ``SEALED`` are open; from there on nobody who works on the diagnosis looks before it is frozen.
+Seeds below ``HELD_OUT`` are open; from there on nobody who works on the diagnosis looks before it is frozen.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from .conditions import DRAWS, Conditions, healthy
 from .flight import DT, Sortie
 from .script import WALL_M, reference, targets
 
-SEALED = 100
+HELD_OUT = 100
 SECONDS = 90.0
 
 VEHICLES: dict[str, tuple[str, ...]] = {

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from .world import World
 
 
-class Stranger(Effect):
+class UnlistedForce(Effect):
     """Base: an effect outside the catalogue. ``channels``: any of them is a right answer (a trailing * is a prefix)."""
 
     channels: ClassVar[tuple[str, ...]]
@@ -27,7 +27,7 @@ def _size(rng: Rng, low: float = 0.025, high: float = 0.045) -> float:
     return signed(rng, low, high)
 
 
-class HeadingForce(Stranger):
+class HeadingForce(UnlistedForce):
     """A vertical force that swings twice per turn of the vehicle."""
 
     name = "x_heading_force"
@@ -41,7 +41,7 @@ class HeadingForce(Stranger):
         s.force[2, self.i] += self.newtons(1.0) * self.p["share"] * np.sin(2.0 * s.yaw[self.i] + self.p["phase"])
 
 
-class Hum(Stranger):
+class Hum(UnlistedForce):
     """A side force periodic in time, at a frequency tied to nothing."""
 
     name = "x_hum"
@@ -55,7 +55,7 @@ class Hum(Stranger):
         s.force[0, self.i] += self.newtons(1.0) * self.p["share"] * np.sin(2.0 * np.pi * self.p["hz"] * s.t)
 
 
-class NorthForce(Stranger):
+class NorthForce(UnlistedForce):
     """A vertical force that depends on where the vehicle is along north, like a grating in the floor."""
 
     name = "x_north_force"
@@ -70,7 +70,7 @@ class NorthForce(Stranger):
         s.force[2, self.i] += self.newtons(1.0) * self.p["share"] * np.tanh(s.p[0, self.i] / self.p["width"])
 
 
-class CurrentYaw(Stranger):
+class CurrentYaw(UnlistedForce):
     """The supply cable's field turns the hull: yaw torque with battery current, which a heater switches besides."""
 
     name = "x_current_yaw"
@@ -87,7 +87,7 @@ class CurrentYaw(Stranger):
         s.moment[2, i] += torque * (s.current[i] - 30.0) / 5.0
 
 
-class RateHysteresis(Stranger):
+class RateHysteresis(UnlistedForce):
     """The stream flips sides with the sign of the rotors' acceleration: a forward force with rpm rate."""
 
     name = "x_rpm_rate"
@@ -107,7 +107,7 @@ class RateHysteresis(Stranger):
         s.force[0, self.i] += self.newtons(1.0) * self.p["share"] * np.tanh((mean - self.slow) / 20.0)
 
 
-class LatePull(Stranger):
+class LatePull(UnlistedForce):
     """A side force that sets in long after take-off and stays: a hose that ices up."""
 
     name = "x_late_pull"
@@ -122,7 +122,7 @@ class LatePull(Stranger):
         s.force[1, self.i] += self.newtons(1.0) * self.p["share"] * grown
 
 
-class PressurePulse(Stranger):
+class PressurePulse(UnlistedForce):
     """Doors slam in the building: a vertical force with the cabin's pressure, which wanders by a few hPa."""
 
     name = "x_pressure"
@@ -140,7 +140,7 @@ class PressurePulse(Stranger):
         s.force[2, i] += self.newtons(1.0) * self.p["share"] * wave
 
 
-class Shelf(Stranger):
+class Shelf(UnlistedForce):
     """Standing layers of air: a side force that waves with height, at all distances from the floor."""
 
     name = "x_height_wave"
@@ -156,7 +156,7 @@ class Shelf(Stranger):
         s.force[0, i] += self.newtons(1.0) * self.p["share"] * np.sin(2.0 * np.pi * s.p[2, i] / self.p["wave_m"])
 
 
-class VaneFlap(Stranger):
+class VaneFlap(UnlistedForce):
     """Vanes that lift their stream: a vertical force with the square of the deflection."""
 
     name = "x_vane_square"
@@ -172,7 +172,7 @@ class VaneFlap(Stranger):
         s.force[2, i] += self.newtons(1.0) * self.p["share"] * np.tanh((deflection / 0.06) ** 2).mean(axis=0)
 
 
-STRANGERS: dict[str, type[Stranger]] = {
+UNLISTED: dict[str, type[UnlistedForce]] = {
     kind.name: kind
     for kind in (
         HeadingForce, Hum, NorthForce, CurrentYaw, RateHysteresis, LatePull, PressurePulse, Shelf, VaneFlap,
