@@ -31,7 +31,7 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("--version", action=VersionAction, nargs=0, help="print the version and exit")
     p.add_argument(
-        "--connect", required=True, metavar="ENDPOINT",
+        "--connect", metavar="ENDPOINT",
         help="udp:0.0.0.0:14550, udpin:…, udpout:…, tcp:HOST:PORT, /dev/ttyAMA0, or sim:corner (built-in vehicle)",
     )  # fmt: skip
     p.add_argument("--baud", type=int, default=115200, help="of a serial port (default 115200)")
@@ -42,6 +42,9 @@ def parser() -> argparse.ArgumentParser:
         help="model directory, or none: no offsets (default: the shipped "
         "model, and none for a vehicle with another fan)",
     )
+    p.add_argument("--check", nargs="?", const=True, metavar="FLIGHT.tlog",
+                   help="listen for ten seconds, or read a log, and say per item whether to fly and what to set; "
+                   "sends no setpoint")  # fmt: skip
     p.add_argument("--dry-run", action="store_true", help="compute and report, send no setpoint")
     p.add_argument("--setpoint", default="hold", metavar="hold|ENDPOINT",
                    help="hold: built-in hold where it engaged; or an endpoint on which an upstream controller sends "
@@ -75,7 +78,11 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     arguments = parser().parse_args(argv)
+    if arguments.connect is None and arguments.check in (None, True):
+        parser().error("the following arguments are required: --connect")
     try:
+        if arguments.check is not None:
+            return _preflight(arguments)
         return _compare(arguments) if arguments.compare else _fly(arguments)
     except UserError as error:
         print(f"companion: {error}", file=sys.stderr)
@@ -85,6 +92,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _check(a: argparse.Namespace) -> None:
+    """Refuse arguments that do not fit together."""
     if a.duration is not None and not 0.0 < a.duration < float("inf"):
         raise ConfigError(f"--duration {a.duration:g}: must be a positive number of seconds")
     if a.target_system is not None and not 1 <= a.target_system <= 255:
@@ -95,13 +103,64 @@ def _check(a: argparse.Namespace) -> None:
         raise ConfigError("--carrier acceleration: works with --setpoint hold only")
     if a.survey is not None and (a.record is None or a.setpoint != "hold" or a.dry_run):
         raise ConfigError("--survey: needs --record FILE.tlog, --setpoint hold and no --dry-run")
-    if a.connect.startswith("sim:"):
+    if a.connect is not None and a.connect.startswith("sim:"):
         from companion.sim.scenario import NAMES
 
         if a.connect.removeprefix("sim:") not in NAMES:
             raise ConfigError(f"--connect {a.connect}: no such flight; there are {', '.join(NAMES)}")
     if a.compare and not a.connect.startswith("sim:"):
         raise ConfigError("--compare: needs --connect sim:NAME, the built-in vehicle")
+
+
+def _preflight(a: argparse.Namespace) -> int:
+    """``--check``: a dry run that is looked at, or a log."""
+    _check(a)
+    # Imported here so that --help answers at once.
+    from companion import check
+    from companion.config import Base, Carrier, PipelineConfig
+    from companion.flight import Flight, FlightOptions
+    from companion.mavlink.link import Arrivals, open_link, read_signing_key
+    from companion.vehicles import default_vehicle
+    from models.choice import choose_to_fly
+    from models.vehicle import load_vehicle
+
+    vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
+    chosen = choose_to_fly(vehicle, a.model)
+    base = Base.HOLD if a.setpoint == "hold" else Base.UPSTREAM
+    config = PipelineConfig(vehicle, chosen.model, base=base, carrier=Carrier(a.carrier), dry_run=True)
+    key = None if a.signing_key is None else read_signing_key(a.signing_key)
+    listener = check.Listener(config, a.target_system)
+    log = a.check if a.check is not True else a.connect if a.connect.endswith(".tlog") else None
+    if log is not None:
+        check.read_log(Path(log), listener)
+    else:
+        with ExitStack() as stack:
+            endpoint, arrivals = _endpoint(a, stack), Arrivals()
+            link = stack.enter_context(closing(open_link(endpoint, arrivals, baud=a.baud, signing_key=key)))
+            options = FlightOptions(a.duration or check.LISTEN_S, a.target_system, quiet=True)
+            if not a.quiet and sys.stderr.isatty():
+                print(f"companion: listening for {options.duration_s:g} s", file=sys.stderr)
+            Flight(config, link, None, listener, arrivals, options).run()
+    name = "default vehicle" if a.vehicle is None else str(a.vehicle)
+    setup = check.Setup(config, name, chosen.note, a.record, signed=key is not None, live=log is None)
+    found = check.items(listener, setup)
+    if a.json is not None:
+        _write_json(check.as_json(found), a.json)
+    if a.json != "-" and not a.quiet:
+        print(check.as_text(found))
+    return 0 if check.may_fly(found) else 1
+
+
+def _endpoint(a: argparse.Namespace, stack: ExitStack) -> str:
+    """The endpoint to open; the built-in vehicle is started where it is meant."""
+    endpoint: str = a.connect
+    if not endpoint.startswith("sim:"):
+        return endpoint
+    from companion.sim.launch import launch
+
+    simulator = launch(endpoint.removeprefix("sim:"), seed=a.seed, vehicle=a.vehicle, pilot="companion")
+    started: str = stack.enter_context(simulator).endpoint
+    return started
 
 
 def _fly(a: argparse.Namespace) -> int:
@@ -133,12 +192,7 @@ def _fly(a: argparse.Namespace) -> int:
     arrivals = Arrivals()
     interrupted = False
     with ExitStack() as stack:
-        endpoint = a.connect
-        if endpoint.startswith("sim:"):
-            from companion.sim.launch import launch
-
-            simulator = launch(endpoint.removeprefix("sim:"), seed=a.seed, vehicle=a.vehicle, pilot="companion")
-            endpoint = stack.enter_context(simulator).endpoint
+        endpoint = _endpoint(a, stack)
         link = stack.enter_context(closing(open_link(endpoint, arrivals, baud=a.baud, signing_key=key)))
         upstream = None
         if config.base is Base.UPSTREAM:
@@ -183,16 +237,20 @@ def _record_limits(a: argparse.Namespace) -> Any:
 
 def _report(a: argparse.Namespace, flight: Any) -> None:
     if a.json is not None:
-        text = json.dumps(flight.as_json(), indent=2)
-        if a.json == "-":
-            print(text)
-        else:
-            try:
-                Path(a.json).write_text(text + os.linesep, encoding="utf-8")
-            except OSError as error:
-                raise ConfigError(f"--json {a.json}: cannot be written ({error.strerror})") from None
+        _write_json(flight.as_json(), a.json)
     elif not a.quiet:
         print(flight.summary.as_text())
+
+
+def _write_json(report: dict[str, Any], target: str) -> None:
+    text = json.dumps(report, indent=2)
+    if target == "-":
+        print(text)
+        return
+    try:
+        Path(target).write_text(text + os.linesep, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"--json {target}: cannot be written ({error.strerror})") from None
 
 
 def _compare(a: argparse.Namespace) -> int:

@@ -16,7 +16,7 @@ from companion.mavlink.frames import Frame
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
-from companion.mavlink.samples import Heartbeat, SetPositionTarget
+from companion.mavlink.samples import Attitude, Heartbeat, SetPositionTarget
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, Command, PositionCommand, encode
 from companion.mavlink.stream_rates import StreamKeeper, interval_request, wanted_streams
 from companion.mavlink.tlog_writer import Recorder, Records
@@ -35,6 +35,8 @@ _HAND_OVER_S = 1.0
 """For so long the autopilot is told where to stay: PX4's controller has settled before the stream ends."""
 _HAND_OVER_PERIOD_S = 0.05
 _LAST_WORD_PERIOD_S = 0.2
+_DEAF_S, _DEAF_UNTIL_S, _DEAF_PERIOD_S = 0.3, 1.5, 0.1
+"""Without attitudes for so long, and until then, the autopilot is told where to stay: it would fly the last tilt on."""
 _PARAMETER_RETRY_S = 1.0
 _PARAMETER_SLOW_RETRY_S = 5.0
 """After ten tries the ones still missing are asked for this seldom, but never given up."""
@@ -91,7 +93,7 @@ class Flight:
         self._told_stray = False
         self._streams: StreamKeeper | None = None
         self._stack = Stack.OTHER
-        self._heard_s = -math.inf
+        self._heard_s = self._attitude_s = self._told_place_s = -math.inf
         self._started_s = arrivals.now_s()
         self._complained = False
         self._beat_s = self._asked_s = self._flushed_s = -math.inf
@@ -175,6 +177,8 @@ class Flight:
             self._say(f"companion: ignoring system {frame.system}; flying with system {intake.system}")
         if sample is None:
             return
+        if isinstance(sample, Attitude):
+            self._attitude_s = self._arrivals.now_s()
         if isinstance(sample, Heartbeat) and sample.component == AUTOPILOT_COMPONENT:
             self._connected(sample)
         if self._streams is not None:
@@ -250,6 +254,7 @@ class Flight:
         if now_s - self._renewed_s >= _LAST_WORD_PERIOD_S and self._last_word is not None:
             self._renewed_s = now_s
             self._last_word.renew(self.last_word, self._link.peers)
+        self._stay_while_deaf(now_s)
         if now_s - self._heard_s > _LOST_S:
             self._streams.forget()
             return
@@ -266,6 +271,14 @@ class Flight:
                 self._send(
                     self._link.mav.param_request_read_encode(self._system, AUTOPILOT_COMPONENT, name.encode(), -1)
                 )
+
+    def _stay_while_deaf(self, now_s: float) -> None:
+        place = self._place
+        if place is None or not _DEAF_S <= now_s - self._attitude_s <= _DEAF_UNTIL_S:
+            return
+        if now_s - self._told_place_s >= _DEAF_PERIOD_S:
+            self._told_place_s = now_s
+            self._send_command(place)
 
     def _missing_parameters(self) -> list[str]:
         """What to ask for: what is not known, as long as it is not; GUID_OPTIONS until its bit is set, even if late."""

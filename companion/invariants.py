@@ -159,6 +159,8 @@ class _Heard:
     inputs_s: dict[str, float] = field(default_factory=dict)
     counts: dict[int, int] = field(default_factory=dict)
     """Telemetry packets of each ESC: one that does not count on repeats an old value."""
+    counting: set[int] = field(default_factory=set)
+    """ESCs whose counter is known to move: some never do."""
 
 
 class Auditor:
@@ -278,7 +280,10 @@ class Auditor:
         for i, rpm in enumerate(sample.rpm):
             esc = sample.first_esc + i
             count = None if sample.count is None else sample.count[i]
-            repeated = count is not None and self._heard.counts.get(esc) == count
+            before = self._heard.counts.get(esc)
+            if before is not None and before != count:
+                self._heard.counting.add(esc)
+            repeated = count is not None and before == count and esc in self._heard.counting
             if count is not None:
                 self._heard.counts[esc] = count
             if math.isfinite(rpm) and not repeated:

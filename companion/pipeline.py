@@ -17,7 +17,7 @@ from companion.control.authority import HOLDS_BACK_EVERYTHING, Notice, Reason, f
 from companion.control.compensation import Offset, slewed, wanted_offset
 from companion.control.disturbance import Push, modelled_push
 from companion.control.engagement import IN_AIR, ON_GROUND, waits_for_mode
-from companion.control.hand_over import part, parting_command
+from companion.control.hand_over import NOT_OURS, part, parting_command
 from companion.control.plant import Source, declared_loop, hear_attitude, hear_position, tune
 from companion.control.position_hold import BaseSetpoint, Motion, engage, fly, shifted
 from companion.control.position_target import read_target, stay
@@ -106,6 +106,8 @@ def step(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[
         if sample.t_s < state.stamped_s - _REBOOT_S:
             state = replace(initial_state(config), stopping=state.stopping)
         state = replace(state, stamped_s=max(state.stamped_s, sample.t_s))
+        if _overtaken(state, sample):
+            return state, None
     state = _take(state, sample, config)
     if config.survey is not None:
         state = _surveyed(state, sample, config, config.survey)
@@ -114,6 +116,12 @@ def step(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[
     if not _calls_for_decision(state, sample, config):
         return state, None
     return _decide(state, sample.t_s, config)
+
+
+def _overtaken(state: PipelineState, sample: Attitude | LocalPosition | AttitudeTarget) -> bool:
+    """Whether a newer one has arrived already: what comes out of order is no news."""
+    newest = state.estimates.attitude if isinstance(sample, Attitude) else state.estimates.position
+    return not isinstance(sample, AttitudeTarget) and newest is not None and sample.t_s < newest.t_s
 
 
 def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> PipelineState:
@@ -254,7 +262,7 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
     command: Command | None = None
     if held_back:
         if had_hold:
-            state = _let_go(state, held_back, t_s)
+            state = _let_go(state, held_back, config, t_s)
         command = _command_held_back(state, held_back, thrust, config, t_s)
     elif base is not None:
         command = _command(state, base, applied, thrust, config, t_s)
@@ -437,10 +445,10 @@ def _watch_swing(state: PipelineState, base: BaseSetpoint, t_s: float, config: P
     return replace(state, swing=swing, tuned_s=-math.inf, notice=(Notice.SOFTENED, t_s))
 
 
-def _let_go(state: PipelineState, held_back: set[Reason], t_s: float) -> PipelineState:
+def _let_go(state: PipelineState, held_back: set[Reason], config: PipelineConfig, t_s: float) -> PipelineState:
     assert state.hold is not None
-    if state.last is None:
-        return state
+    if state.last is None or not 0.0 <= t_s - state.decided_s <= config.tuning.parting_s:
+        return state  # after a gap the autopilot has long let go of what was sent last
     places = state.heartbeat is not None and mode_name(state.heartbeat) != "GUIDED_NOGPS"
     return replace(state, parting=part(state.hold, state.last, held_back, t_s, places))
 
@@ -449,7 +457,7 @@ def _command_held_back(
     state: PipelineState, held_back: set[Reason], thrust: ThrustMap, config: PipelineConfig, t_s: float
 ) -> Command | None:
     """What is sent although nothing is compensated: the end of a hold, or what PX4 needs before OFFBOARD."""
-    if state.parting is not None:
+    if state.parting is not None and not held_back & NOT_OURS:
         return parting_command(state.parting, thrust, held_back, t_s, config.tuning.parting_s)
     if not waits_for_mode(state.heartbeat, held_back) or state.estimates.rotation is None:
         return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache
@@ -114,6 +115,14 @@ class Surface:
         return self.seen in (Seen.SURFACE, Seen.NOTHING, Seen.UNDECLARED)
 
 
+@dataclass(frozen=True, slots=True)
+class Packets:
+    """An ESC's counter of telemetry packets, and whether it has ever moved: some never do."""
+
+    count: int
+    moves: bool
+
+
 @dataclass(frozen=True)
 class Estimates:
     """State of the estimator. Empty until messages arrive."""
@@ -129,6 +138,8 @@ class Estimates:
     servo_rpm: Array | None = None
     battery: Battery | None = None
     pressure: Pressure | None = None
+    packets: Mapping[int, Packets] = field(default_factory=dict)
+    """Telemetry packets by ESC."""
     undeclared_s: float = -math.inf
     """When an ESC that the vehicle file does not name last turned."""
     esc_temperature_c: float | None = None
@@ -274,23 +285,44 @@ def _read_beam(estimates: Estimates, beam: BeamTrack, index: int, sample: Range,
 
 
 def take_rotors(estimates: Estimates, sample: RotorSpeeds, config: PipelineConfig) -> Estimates:
-    """Speeds by ESC number; a zero of a rotor that was spinning is a lost frame, not a stopped rotor."""
+    """Speeds by ESC number.
+
+    A zero of a rotor that was spinning, or while others spin, is a lost frame, not a stopped rotor. Telemetry that
+    counts its packets and does not count on repeats an old value.
+    """
     tuning = config.tuning
+    declared = {rotor.esc for rotor in config.vehicle.rotors}
+    named = [rpm for k, rpm in enumerate(sample.rpm) if sample.first_esc + k in declared]
+    some_spin = any(abs(rpm) > _SPINNING_RPM for rpm in named)
+    estimates, repeated = _counted(estimates, sample)
     rotors = list(estimates.rotors)
     for k, rotor in enumerate(config.vehicle.rotors):
         slot = -1 if rotor.esc is None else rotor.esc - sample.first_esc
-        if not 0 <= slot < len(sample.rpm):
+        if not 0 <= slot < len(sample.rpm) or repeated[slot]:
             continue
         rpm, track = abs(sample.rpm[slot]), rotors[k]
-        if track is not None and track.value > _SPINNING_RPM and rpm < _STOPPED_RPM and track.age(sample.t_s) < 1.0:
+        spun = track is not None and track.value > _SPINNING_RPM and track.age(sample.t_s) < 1.0
+        if rpm < _STOPPED_RPM and (some_spin or spun):
             continue
         rotors[k], _ = measure(track, tuning.rotor_track, sample.t_s, rpm, tuning.rotor_sigma_rpm, tuning.rotor_delay_s)
     estimates = replace(estimates, rotors=tuple(rotors))
-    if config.vehicle.telemetered:
-        declared = {rotor.esc for rotor in config.vehicle.rotors}
-        if any(abs(rpm) > _SPINNING_RPM and sample.first_esc + k not in declared for k, rpm in enumerate(sample.rpm)):
-            estimates = replace(estimates, undeclared_s=sample.t_s)
+    strange = any(abs(v) > _SPINNING_RPM and sample.first_esc + k not in declared for k, v in enumerate(sample.rpm))
+    if config.vehicle.telemetered and strange:
+        estimates = replace(estimates, undeclared_s=sample.t_s)
     return estimates if sample.health is None else take_health(estimates, sample.health)
+
+
+def _counted(estimates: Estimates, sample: RotorSpeeds) -> tuple[Estimates, list[bool]]:
+    """Which places of ``sample`` repeat an old value: of counters that are known to count."""
+    if sample.count is None:
+        return estimates, [False] * len(sample.rpm)
+    counts, repeated = dict(estimates.packets), []
+    for k, count in enumerate(sample.count):
+        before = counts.get(sample.first_esc + k)
+        moves = before is not None and (before.moves or count != before.count)
+        repeated.append(moves and before is not None and count == before.count)
+        counts[sample.first_esc + k] = Packets(count, moves)
+    return replace(estimates, packets=counts), repeated
 
 
 def take_servo(estimates: Estimates, sample: ServoOutput, config: PipelineConfig) -> Estimates:
