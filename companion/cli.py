@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from models.errors import ConfigError, LinkError, UserError
 from models.version import VersionAction
@@ -91,6 +91,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _INTERRUPTED
 
 
+def scenario_name(endpoint: str) -> str:
+    """The flight that ``sim:NAME`` names; ``sim:`` alone is the corner."""
+    return endpoint.removeprefix("sim:") or "corner"
+
+
 def _check(a: argparse.Namespace) -> None:
     """Refuse arguments that do not fit together."""
     if a.duration is not None and not 0.0 < a.duration < float("inf"):
@@ -106,7 +111,7 @@ def _check(a: argparse.Namespace) -> None:
     if a.connect is not None and a.connect.startswith("sim:"):
         from companion.sim.scenario import NAMES
 
-        if a.connect.removeprefix("sim:") not in NAMES:
+        if scenario_name(a.connect) not in NAMES:
             raise ConfigError(f"--connect {a.connect}: no such flight; there are {', '.join(NAMES)}")
     if a.compare and not a.connect.startswith("sim:"):
         raise ConfigError("--compare: needs --connect sim:NAME, the built-in vehicle")
@@ -135,7 +140,8 @@ def _preflight(a: argparse.Namespace) -> int:
         check.read_log(Path(log), listener)
     else:
         with ExitStack() as stack:
-            endpoint, arrivals = _endpoint(a, stack), Arrivals()
+            endpoint, _ = _endpoint(a, stack)
+            arrivals = Arrivals()
             link = stack.enter_context(closing(open_link(endpoint, arrivals, baud=a.baud, signing_key=key)))
             options = FlightOptions(a.duration or check.LISTEN_S, a.target_system, quiet=True)
             if not a.quiet and sys.stderr.isatty():
@@ -149,18 +155,6 @@ def _preflight(a: argparse.Namespace) -> int:
     if a.json != "-" and not a.quiet:
         print(check.as_text(found))
     return 0 if check.may_fly(found) else 1
-
-
-def _endpoint(a: argparse.Namespace, stack: ExitStack) -> str:
-    """The endpoint to open; the built-in vehicle is started where it is meant."""
-    endpoint: str = a.connect
-    if not endpoint.startswith("sim:"):
-        return endpoint
-    from companion.sim.launch import launch
-
-    simulator = launch(endpoint.removeprefix("sim:"), seed=a.seed, vehicle=a.vehicle, pilot="companion")
-    started: str = stack.enter_context(simulator).endpoint
-    return started
 
 
 def _fly(a: argparse.Namespace) -> int:
@@ -192,7 +186,7 @@ def _fly(a: argparse.Namespace) -> int:
     arrivals = Arrivals()
     interrupted = False
     with ExitStack() as stack:
-        endpoint = _endpoint(a, stack)
+        endpoint, told = _endpoint(a, stack)
         link = stack.enter_context(closing(open_link(endpoint, arrivals, baud=a.baud, signing_key=key)))
         upstream = None
         if config.base is Base.UPSTREAM:
@@ -213,6 +207,10 @@ def _fly(a: argparse.Namespace) -> int:
             interrupted = True
             flight.stop()
 
+        if told is not None:
+            from companion.sim.narrator import follow
+
+            follow(told, lambda text: None if a.quiet else print(text, file=sys.stderr, flush=True), flight.stop)
         signal.signal(signal.SIGINT, interrupt)
         signal.signal(signal.SIGTERM, interrupt)
         # What was loaded stays for the whole flight: the collector need not look at it at every pass.
@@ -224,6 +222,19 @@ def _fly(a: argparse.Namespace) -> int:
             print(f"companion: {a.connect}: {flight.unheard}", file=sys.stderr)
             return _INTERRUPTED if interrupted else LinkError.exit_code
     return _INTERRUPTED if interrupted else 0
+
+
+def _endpoint(a: argparse.Namespace, stack: ExitStack) -> tuple[str, IO[str] | None]:
+    """Where to connect. ``sim:`` starts the built-in vehicle; without --duration it tells when its script is over."""
+    if not a.connect.startswith("sim:"):
+        return a.connect, None
+    from companion.sim.launch import launch
+
+    scripted = a.duration is None
+    sim = stack.enter_context(
+        launch(scenario_name(a.connect), seed=a.seed, vehicle=a.vehicle, pilot="companion", narrate=scripted)
+    )
+    return sim.endpoint, sim.process.stdout if scripted else None
 
 
 def _record_limits(a: argparse.Namespace) -> Any:
@@ -258,5 +269,5 @@ def _compare(a: argparse.Namespace) -> int:
     from companion.sim.compare import main as compare
 
     return compare(
-        a.connect.removeprefix("sim:"), seed=a.seed, vehicle=a.vehicle, model=a.model, json_path=a.json, quiet=a.quiet
+        scenario_name(a.connect), seed=a.seed, vehicle=a.vehicle, model=a.model, json_path=a.json, quiet=a.quiet
     )

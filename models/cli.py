@@ -221,7 +221,18 @@ def _data(name: str) -> tuple[Any, dict[str, Any]]:
         return ClosedForm().data_set(), dict(FIDELITY)
     from models.dataset import read
 
-    return read(name), {"level": None, "label": "not stated"}
+    return read(name), _shipped_fidelity(Path(name)) or {"level": None, "label": "not stated: --label says it"}
+
+
+def _shipped_fidelity(path: Path) -> dict[str, Any] | None:
+    """What is known of the data set that ships, wherever its copy lies."""
+    import models
+
+    home = Path(models.__file__).parent
+    if path.read_bytes() != (home / "data" / "corner_cfd.csv").read_bytes():
+        return None
+    info: dict[str, Any] = json.loads((home / "weights" / "corner_cfd" / "model.json").read_text(encoding="utf-8"))
+    return dict(info["fidelity"])
 
 
 def _fan_radii(args: argparse.Namespace) -> tuple[float, float] | None:

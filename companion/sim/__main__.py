@@ -45,6 +45,7 @@ def parser() -> argparse.ArgumentParser:
         metavar="PORT",
         help="instead, be the simulator that PX4 connects to on this TCP port (theirs is 4560), in lockstep",
     )
+    p.add_argument("--narrate", action="store_true", help="print every phase of the script, and its end, as JSON")
     p.add_argument("--until-stdin-closes", action="store_true", help="end when the parent process ends")
     return p
 
@@ -95,6 +96,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 duration_s=a.duration,
                 px4=a.px4,
                 until_stdin_closes=a.until_stdin_closes,
+                narrate=a.narrate,
             )
         )
     except UserError as error:

@@ -58,9 +58,12 @@ def launch(
     vehicle: Path | None = None,
     px4: bool = False,
     port: int | None = None,
+    narrate: bool = False,
     timeout_s: float = 20.0,
 ) -> Iterator[SimProcess]:
     """Run ``python -m companion.sim`` for the length of a ``with`` block.
+
+    With ``narrate`` its standard output must be read (``companion.sim.narrator.follow``).
 
     Raises LinkError with the simulator's own words when it does not start.
     """
@@ -70,8 +73,7 @@ def launch(
     for flag, value in (("--truth", truth), ("--duration", duration_s), ("--vehicle", vehicle)):
         if value is not None:
             command += [flag, str(value)]
-    if px4:
-        command.append("--px4")
+    command += [flag for flag, wanted in (("--px4", px4), ("--narrate", narrate)) if wanted]
     process = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=1
     )

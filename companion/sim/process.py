@@ -17,6 +17,7 @@ from companion.sim.air import surrogate_error
 from companion.sim.body import DT
 from companion.sim.flight import Flight, TruthFile
 from companion.sim.link import VehicleLink
+from companion.sim.narrator import Narrator
 from companion.sim.pilot import Hand, ScriptedPilot
 from companion.sim.scenario import build
 from models.errors import LinkError
@@ -47,6 +48,7 @@ class Options:
     duration_s: float | None = None
     px4: bool = False
     until_stdin_closes: bool = False
+    narrate: bool = False
 
 
 def run(options: Options) -> int:
@@ -73,7 +75,7 @@ def run(options: Options) -> int:
         )
         truth = stack.enter_context(contextlib.closing(TruthFile(options.truth, flight))) if options.truth else None
         print(json.dumps(_announcement(options, flight)), flush=True)
-        _loop(options, flight, link, pilot, truth, sock)
+        _loop(options, flight, link, pilot, truth, sock, Narrator(flight) if options.narrate else None)
     return 0
 
 
@@ -105,6 +107,7 @@ def _loop(
     pilot: ScriptedPilot,
     truth: TruthFile | None,
     sock: socket.socket,
+    narrator: Narrator | None,
 ) -> None:
     wall_dt = DT / options.speed
     clock = time.monotonic
@@ -127,6 +130,8 @@ def _loop(
         link.step()
         if truth is not None:
             truth.step()
+        if narrator is not None:
+            narrator.step()
         if options.until_stdin_closes and now - checked > 0.2:
             checked = now
             if select.select([sys.stdin.fileno()], [], [], 0.0)[0] and not os.read(sys.stdin.fileno(), 1024):

@@ -16,6 +16,7 @@ from models.frames import AXES, Array
 from models.surrogate import free_air, kriging, polynomial
 from models.surrogate.fan_surrogate import Regressor
 from models.surrogate.net_ensemble import NetEnsemble
+from models.training.recommend import recommend
 from models.training.train import (
     HIDDEN,
     MEMBERS,
@@ -138,6 +139,7 @@ def compare(
         "notes": notes,
     }
     numbers["claims"] = claims(numbers)
+    numbers["use"] = recommend(numbers).as_json()
     numbers["seconds"] = round(time.perf_counter() - start, 1)
     return Comparison(numbers, tuple(tasks), answers, surfaces, grid_h, grid_d)
 
@@ -443,6 +445,8 @@ def text(numbers: Mapping[str, Any]) -> str:
         f"{numbers['rows']} rows at {numbers['places']} places (h, d) of {numbers['data']}, seed {numbers['seed']}, "
         f"{numbers['splits']} splits by place, {numbers['epochs']} epochs, {numbers['seconds']} s",
         *(f"Note: {note}" for note in numbers["notes"]),
+        "",
+        f"Use this one: {numbers['use']['method']}. {numbers['use']['why']}.",
         "",
         "Table 2, honest: held-out R^2 of the increments, mean +- sd over splits, nothing chosen on test rows.",
         "",

@@ -1,0 +1,130 @@
+"""Every command in the documents exists with its options, and the guide's are run, in order, in an empty folder."""
+
+import re
+import shlex
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+from log_writers import flight, quad_flight, write_tlog
+
+import companion.cli
+import companion.sim.__main__
+import models.cli
+import replay.cli
+from models import dataset
+from models.corner_law import ClosedForm
+from models.vehicle import Fan, Limits, Rangefinder, Rotor, Throttle, Vane, Vehicle
+from models.vehicle_setup.parameters import read_parameters
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCUMENTS = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+ON_THE_VEHICLE = "# on the vehicle"
+PARSERS = {
+    "companion": companion.cli.parser,
+    "replay": replay.cli.parser,
+    "models": models.cli._parser,
+    "companion.sim": companion.sim.__main__.parser,
+}
+
+
+def commands(document):
+    """The lines of every sh block."""
+    for block in re.findall(r"```sh\n(.*?)```", document.read_text(encoding="utf-8"), re.S):
+        for line in block.replace("\\\n", " ").splitlines():
+            if line.strip() and not line.strip().startswith("#"):
+                yield line.strip()
+
+
+ALL = [(document.name, line) for document in DOCUMENTS for line in commands(document)]
+GUIDE = [line for name, line in ALL if name == "guide.md"]
+
+
+def parts(line):
+    """Programs and arguments of a line, without comments, variables and optional brackets."""
+    text = re.sub(r"\s#.*$", "", line).replace("…", "").replace("[", "").replace("]", "")
+    for part in text.split("&&"):
+        words = [w for w in shlex.split(part) if not re.match(r"^[A-Z_0-9]+=", w)]
+        if words:
+            program = Path(words[0]).name
+            if program.startswith("python") and words[1:2] == ["-m"]:
+                program, words = words[2], words[2:]
+            yield program, words[1:]
+
+
+@pytest.mark.parametrize(("document", "line"), ALL, ids=[f"{d}: {c[:60]}" for d, c in ALL])
+def test_every_documented_command_exists_with_its_options(document, line, capsys):
+    for program, arguments in parts(line):
+        if program in PARSERS:
+            try:
+                PARSERS[program]().parse_args(arguments)
+            except SystemExit as stop:
+                pytest.fail(f"{document}: {line}: {stop.code} {capsys.readouterr().err}")
+        elif program.startswith("python") and arguments and arguments[0].startswith("tests/"):
+            assert (ROOT / arguments[0]).exists(), f"{document}: {arguments[0]}"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """An empty folder with what a reader of the guide has by then: recordings, and the data of a fan."""
+    monkeypatch.chdir(tmp_path)
+    write_tlog(tmp_path / "sim.tlog", flight(20.0))
+    write_tlog(tmp_path / "hover.tlog", quad_flight(60.0))
+    write_tlog(tmp_path / "flight.tlog", quad_flight(40.0, mass_kg=3.4, seed=2))
+    (tmp_path / "logs").mkdir()
+    write_tlog(tmp_path / "logs" / "monday.tlog", quad_flight(25.0, seed=3))
+    data = ClosedForm().data_set()
+    dataset.write(tmp_path / "fan.csv", data)
+    return tmp_path
+
+
+def test_the_guide_runs_word_by_word(folder, capsys):
+    """The flight of the built-in vehicle is cut to four seconds; what it would have recorded lies there already."""
+    ran = 0
+    for line in GUIDE:
+        if ON_THE_VEHICLE in line:
+            continue
+        for program, arguments in parts(line):
+            if program == "companion":
+                cut = [*arguments, "--duration", "4"]
+                cut[cut.index("sim.tlog")] = "short.tlog"
+                code = companion.cli.main(cut)
+            else:
+                code = {"replay": replay.cli.main, "models": models.cli.main}[program](arguments)
+            assert code == 0, f"{line}: exit code {code}: {capsys.readouterr().err}"
+            ran += 1
+    assert ran >= 12
+    for made in ("hover.csv", "my.toml", "report/report.html", "my-model/model.json", "season/report.html", "my-fan"):
+        assert (folder / made).exists(), made
+
+
+def test_what_runs_in_the_guide_is_said_to_need_a_vehicle_only_where_it_does():
+    for line in GUIDE:
+        if "udp:" in line or "/dev/" in line:
+            assert ON_THE_VEHICLE in line
+
+
+def test_every_key_of_a_vehicle_file_is_explained():
+    text = (ROOT / "docs" / "vehicle.md").read_text(encoding="utf-8")
+    keys = {f.name for kind in (Rotor, Fan, Vane, Throttle, Rangefinder, Limits) for f in fields(kind)}
+    keys |= {f.name for f in fields(Vehicle)} - {"fans", "vanes", "rangefinders", "throttle", "limits"}
+    for key in sorted(keys):
+        assert f"`{key}`" in text, key
+    for table in ("[[fan]]", "[[vane]]", "[[rangefinder]]", "[throttle]", "[limits]"):
+        assert f"`{table}`" in text
+
+
+def test_parameter_files_load_and_say_what_the_companion_asks_for():
+    ardupilot = read_parameters(ROOT / "docs" / "params" / "ardupilot.param")
+    assert int(ardupilot["GUID_OPTIONS"]) & 8
+    assert ardupilot["GUID_TIMEOUT"] <= 1.0
+    assert ardupilot["RNGFND1_ORIENT"] == 25.0
+    px4 = read_parameters(ROOT / "docs" / "params" / "px4.params")
+    assert px4["SER_TEL2_BAUD"] == 921600.0
+    assert px4["COM_OF_LOSS_T"] <= 1.0
+
+
+def test_links_between_documents_lead_somewhere():
+    for document in DOCUMENTS:
+        for target in re.findall(r"\]\(([^)#:]+)\)", document.read_text(encoding="utf-8")):
+            assert (document.parent / target).exists(), f"{document.name}: {target}"
