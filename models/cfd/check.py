@@ -99,6 +99,7 @@ def _summary(rows: Sequence[Row], c: Checked, said: Sequence[Statement]) -> dict
     swing = np.array([label.amplitude for label in c.labels.values()])
     return {
         "cases": len(rows),
+        "models": dict(Counter(r.position.model for r in rows)),
         "positions": len(c.labels),
         "status": dict(Counter(r.result.status for r in rows)),
         "usable": sum(r.usable for r in rows),
@@ -381,10 +382,12 @@ def _fan(c: Checked) -> list[Statement]:
 def text(c: Checked) -> str:
     """The report in words."""
     s = c.summary
+    models = ", ".join(f"{n} {model}" for model, n in s["models"].items())
     unit = ("N", "N", "N", "N m", "N m", "N m")
     lines = [
-        f"{s['cases']} cases, {s['positions']} positions at the campaign's speed, {s['usable']} stand still, "
-        f"{s['cpu_hours']:.1f} CPU hours: " + ", ".join(f"{n} {k}" for k, n in s["status"].items()),
+        f"{s['cases']} cases ({models}), {s['positions']} positions at the campaign's speed, {s['usable']} stand still "
+        f"or have a known mean, {s['cpu_hours']:.1f} hours in the solver: "
+        + ", ".join(f"{n} {k}" for k, n in s["status"].items()),
         f"free lift {c.free:.2f} N, C_T {s['C_T']:.4f} (trimmed, no evidence)",
     ]
     if s["seconds_per_half_case"]:

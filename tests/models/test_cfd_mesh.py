@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 import re
+import shutil
 
 import numpy as np
 import pytest
 
-from models.cfd import config, polars
+from models.cfd import case, config, foam, polars
 from models.cfd.mesh import block_mesh
 from models.cfd.position import Position
-from models.cfd.wedge import wedge_mesh
+from models.cfd.wedge import TURN, wedge_mesh
 
 INF = math.inf
 SETUP = config.load()
@@ -171,3 +172,22 @@ def test_an_unknown_section_is_refused():
     pytest.importorskip("aerosandbox", reason="blade polars (extra cfd) are not installed")
     with pytest.raises(config.ConfigError, match="nosuchsection"):
         polars.neural_section("nosuchsection")
+
+
+@pytest.mark.skipif(shutil.which("checkMesh") is None, reason="no flow solver here: apt-get install openfoam")
+@pytest.mark.parametrize("position", [p for p in POSITIONS if p.wedge], ids=lambda p: p.key)
+def test_the_solver_itself_finds_nothing_wrong_with_a_wedge(position, tmp_path):
+    def section(angle_deg, reynolds):
+        return np.zeros_like(angle_deg), np.zeros_like(angle_deg)
+
+    setup = SETUP.of(position.variant)
+    case.write(tmp_path, setup, position, polars.blades(setup, 4000.0, section, swirl=position.swirl))
+    for program in ("blockMesh", "topoSet"):
+        foam.run(tmp_path, program)
+    said = foam.run(tmp_path, "checkMesh")
+    assert "Mesh OK." in said
+    volume = float(re.search(r"Total volume = ([\d.e+-]*\d)", said)[1])
+    lowest = position.h if math.isfinite(position.h) else SETUP.mesh.far_below
+    domain = math.pi * (SETUP.mesh.far * R) ** 2 * (SETUP.mesh.far + lowest) * R / TURN
+    # The whole domain less hub and duct.
+    assert volume == pytest.approx(domain, rel=0.02)
