@@ -11,10 +11,13 @@ import sys
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
 
 from models.errors import ConfigError, LinkError, UserError
 from models.version import VersionAction
+
+if TYPE_CHECKING:
+    from companion.page.feed import PageFeed
 
 _INTERRUPTED = 130
 _EPILOG = """exit codes: 0 done; 1 --check found a fault; 2 bad arguments, vehicle or model file; 3 log unreadable;
@@ -56,6 +59,8 @@ def parser() -> argparse.ArgumentParser:
                    "no file is ever overwritten: -2, -3 ... is added to the name")  # fmt: skip
     p.add_argument("--record-limit", type=int, metavar="MIB",
                    help="remove the oldest recordings of the folder so that they stay below this")  # fmt: skip
+    p.add_argument("--page", metavar="[HOST]:PORT",
+                   help="serve a live page, :8080 for this machine, 0.0.0.0:8080 for the network")  # fmt: skip
     p.add_argument("--survey", metavar="BOX",
                    help="move the hold slowly through HEIGHT_MIN:HEIGHT_MAX[:WALL_MIN:WALL_MAX] metres and back, "
                    "to learn ground and wall from the recording; another mode or target ends it")  # fmt: skip
@@ -195,7 +200,7 @@ def _fly(a: argparse.Namespace) -> int:
         watchdog = stack.enter_context(closing(Watchdog()))
         options = FlightOptions(
             a.duration, a.target_system, a.quiet, hold_on_exit=a.on_exit == "hold", last_word=not a.no_last_word,
-            watchdog=watchdog,
+            watchdog=watchdog, page=_page(a, stack),
         )  # fmt: skip
         if not a.quiet:  # after all that may refuse, so that a refusal is one line
             for line in [*([chosen.note] if chosen.note else []), *(f"{a.vehicle}: {w}" for w in warnings(vehicle))]:
@@ -235,6 +240,18 @@ def _endpoint(a: argparse.Namespace, stack: ExitStack) -> tuple[str, IO[str] | N
         launch(scenario_name(a.connect), seed=a.seed, vehicle=a.vehicle, pilot="companion", narrate=scripted)
     )
     return sim.endpoint, sim.process.stdout if scripted else None
+
+
+def _page(a: argparse.Namespace, stack: ExitStack) -> PageFeed | None:
+    if a.page is None:
+        return None
+    from companion.page.address import read_address
+    from companion.page.feed import PageFeed
+
+    feed = stack.enter_context(closing(PageFeed(read_address(a.page))))
+    if not a.quiet:
+        print(f"companion: live page at {feed.url}", file=sys.stderr)
+    return feed
 
 
 def _record_limits(a: argparse.Namespace) -> Any:

@@ -20,6 +20,8 @@ from companion.mavlink.samples import Attitude, Heartbeat, SetPositionTarget
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, Command, PositionCommand, encode
 from companion.mavlink.stream_rates import StreamKeeper, interval_request, wanted_streams
 from companion.mavlink.tlog_writer import Recorder, Records
+from companion.page.feed import PageFeed
+from companion.page.snapshot import snapshot
 from companion.pipeline import Decision, initial_state, level_command, ready_to_leave, step, stopped
 from companion.telemetry.latency import LatencyHistogram
 from companion.telemetry.status import StatusReporter
@@ -61,6 +63,8 @@ class FlightOptions:
     """Called with every decision."""
     watchdog: Watchdog | None = None
     """Told that the loop runs."""
+    page: PageFeed | None = None
+    """Shown what is decided."""
 
 
 class Flight:
@@ -194,6 +198,9 @@ class Flight:
         self.summary.add(decision)
         if self._options.watch is not None:
             self._options.watch(decision)
+        if self._options.page is not None:
+            now_s = self._arrivals.now_s()
+            self._options.page.offer(lambda: snapshot(decision, self._state, self._config, self._streams, now_s))
         for outgoing, text in self._status.messages(self._link.mav, self._state, decision):
             self._send(outgoing)
             if text is not None:

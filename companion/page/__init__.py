@@ -1,0 +1,1 @@
+"""The live page: ``companion --page [HOST]:PORT``."""

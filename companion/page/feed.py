@@ -1,0 +1,68 @@
+"""The flight program's end: snapshots into a pipe that never waits. What the page's process cannot take is dropped."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+from companion.page.address import Address
+from models.errors import LinkError
+
+PERIOD_S = 0.1
+_ATOMIC = select.PIPE_BUF
+"""A write of no more than this goes into a pipe whole or not at all."""
+_START_S = 10.0
+
+
+class PageFeed:
+    """Owns the page's process. ``offer`` costs what making one line costs, ten times a second."""
+
+    def __init__(self, address: Address) -> None:
+        self.dropped = self.sent = 0
+        self._due_s = -1.0
+        command = [sys.executable, "-m", "companion.page", address.host, str(address.port)]
+        self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        ready, _, _ = select.select([self._process.stdout], [], [], _START_S)
+        line = self._process.stdout.readline().decode() if ready else ""
+        if not line.startswith("http"):
+            self._process.kill()
+            self._process.wait()
+            raise LinkError(f"--page {address}: {line.strip() or 'the page did not start'}")
+        self.url = line.strip()
+        self._pipe = self._process.stdin.fileno()
+        os.set_blocking(self._pipe, False)
+
+    def offer(self, make: Callable[[], dict[str, Any]]) -> None:
+        """Send ``make()`` where a snapshot is due and the pipe takes it."""
+        now = time.monotonic()
+        if now < self._due_s:
+            return
+        self._due_s = now + PERIOD_S
+        line = json.dumps(make(), separators=(",", ":"), allow_nan=False).encode() + b"\n"
+        try:
+            if len(line) > _ATOMIC:
+                raise BlockingIOError
+            os.write(self._pipe, line)
+            self.sent += 1
+        except OSError:  # full, or its reader is gone: the flight goes on
+            self.dropped += 1
+
+    def close(self) -> None:
+        """End the page's process."""
+        assert self._process.stdin is not None
+        try:
+            self._process.stdin.close()
+            self._process.wait(2.0)
+        except (OSError, subprocess.TimeoutExpired):
+            self._process.kill()
+            self._process.wait()
+        if self._process.stdout is not None:
+            self._process.stdout.close()

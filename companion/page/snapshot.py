@@ -1,0 +1,85 @@
+"""What the page shows of one decision, as plain numbers; None where something is not known or not there."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from companion.config import PipelineConfig
+from companion.control.state import Decision, PipelineState
+from companion.estimation.estimator import Surface
+from companion.mavlink.firmware import mode_name
+from companion.mavlink.stream_rates import StreamKeeper, message_name
+from models.frames import Array
+
+
+def snapshot(
+    decision: Decision, state: PipelineState, config: PipelineConfig, streams: StreamKeeper | None, now_s: float
+) -> dict[str, Any]:
+    """``now_s`` is the receiver's clock, for the rates of the link."""
+    offset, push, heartbeat = decision.offset, decision.push, state.heartbeat
+    out: dict[str, Any] = {
+        "t_s": round(decision.t_s, 3),
+        "vehicle": config.vehicle.name,
+        "mode": None if heartbeat is None else mode_name(heartbeat),
+        "armed": heartbeat is not None and heartbeat.armed,
+        "dry_run": config.dry_run,
+        "authority": _number(decision.authority),
+        "reasons": [reason.value for reason in decision.reasons],
+        "offset": {
+            "thrust": _number(offset.thrust, 4),
+            "roll_deg": _number(math.degrees(offset.roll)),
+            "pitch_deg": _number(math.degrees(offset.pitch)),
+        },
+        "late_s": _number(decision.late_s),
+        "rpm": [None if track is None else round(track.value) for track in state.estimates.rotors],
+        "rates": _rates(streams, now_s),
+        "push": None,
+    }
+    if push is not None:
+        out["push"] = {
+            "wrench": [_number(v, 4) for v in push.wrench.tolist()],
+            "trust": _number(push.trust),
+            "ground": _surface(push.ground),
+            "wall": _surface(push.wall),
+            "fans": _fans(push.wall, state.estimates.rotation, config, push.h_m, push.d_m),
+        }
+    return out
+
+
+def _number(value: float, digits: int = 3) -> float | None:
+    return round(float(value), digits) if math.isfinite(value) else None
+
+
+def _surface(surface: Surface) -> dict[str, Any]:
+    return {
+        "seen": surface.seen.value,
+        "distance_m": _number(surface.distance_m),
+        "sigma_m": _number(surface.sigma_m),
+        "rate_m_s": _number(surface.rate_m_s),
+    }
+
+
+def _fans(wall: Surface, rotation: Array | None, config: PipelineConfig, h_m: Array, d_m: Array) -> list[list[Any]]:
+    """For the drawing, of each fan: place towards the wall (without one: forward) and its lip radius, h and d [m]."""
+    towards = np.array([1.0, 0.0, 0.0])
+    if wall.normal_ned is not None and rotation is not None:
+        body = -rotation.T @ wall.normal_ned
+        size = math.hypot(body[0], body[1])
+        towards = np.array([body[0] / size, body[1] / size, 0.0]) if size > 0.1 else towards
+    places = config.vehicle.fan_positions_m @ towards
+    return [
+        [_number(place), _number(lip), _number(h), _number(d)]
+        for place, lip, h, d in zip(
+            places.tolist(), config.vehicle.lip_radii_m.tolist(), h_m.tolist(), d_m.tolist(), strict=True
+        )
+    ]
+
+
+def _rates(streams: StreamKeeper | None, now_s: float) -> list[list[Any]]:
+    """Name, messages a second, and what was asked for."""
+    if streams is None:
+        return []
+    return [[message_name(w.message_id), round(streams.rate(w.message_id, now_s), 1), w.hz] for w in streams.wanted]

@@ -1,0 +1,195 @@
+"""The live page: what is sent is what is shown, in a real browser; the flight never waits for it."""
+
+import html
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.request
+from pathlib import Path
+
+import pytest
+
+import companion.page
+from companion.cli import main
+from companion.config import PipelineConfig
+from companion.page.address import read_address
+from companion.page.feed import PageFeed
+from companion.page.server import KEPT, Store
+from companion.page.snapshot import snapshot
+from companion.pipeline import initial_state, step
+from companion.sim.launch import free_port
+from companion.vehicles import default_vehicle
+from models.errors import ConfigError, LinkError
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "replay"))
+from log_writers import flight, write_tlog
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
+def get(feed, path):
+    with urllib.request.urlopen(feed.url + path, timeout=10) as reply:
+        return reply.read()
+
+
+def wait_for(feed, number):
+    for _ in range(200):
+        told = json.loads(get(feed, "snapshots?since=0"))
+        if told["last"] >= number:
+            return told
+        time.sleep(0.05)
+    raise AssertionError("the page never got the snapshots")
+
+
+def put(feed, told):
+    feed._due_s = -1.0
+    feed.offer(lambda: told)
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    """The last snapshot of a recorded hover near ground and wall."""
+    import models
+    from replay.logs.formats import read_flightlogs
+    from replay.rerun.log_samples import samples_of
+
+    path = tmp_path_factory.mktemp("log") / "a.tlog"
+    write_tlog(path, flight(6.0))
+    config = PipelineConfig(vehicle=default_vehicle(), model=models.load(), dry_run=True)
+    state, out = initial_state(config), None
+    for sample in samples_of(read_flightlogs(path)[0]):
+        state, decision = step(state, sample, config)
+        if decision is not None and decision.push is not None:
+            out = snapshot(decision, state, config, None, 0.0)
+    assert out is not None
+    return out
+
+
+@pytest.fixture
+def feed():
+    feed = PageFeed(read_address(":0"))
+    yield feed
+    feed.close()
+
+
+def test_a_snapshot_is_plain_numbers_that_fit_a_pipe(told):
+    text = json.dumps(told, allow_nan=False)
+    assert len(text) < 3000
+    assert told["push"]["ground"]["seen"] == "surface"
+    assert told["push"]["fans"][0][2] == pytest.approx(0.45, abs=0.15)
+    assert len(told["rpm"]) == 4
+    assert isinstance(told["reasons"], list)
+
+
+def test_what_is_sent_is_what_is_served(feed, told):
+    put(feed, told)
+    put(feed, {**told, "t_s": 99.5})
+    answer = wait_for(feed, 2)
+    assert answer["snapshots"] == [told, {**told, "t_s": 99.5}]
+    assert json.loads(get(feed, "snapshots?since=1"))["snapshots"] == [{**told, "t_s": 99.5}]
+    assert json.loads(get(feed, "snapshots?since=77"))["last"] == 2
+    assert json.loads(get(feed, "snapshots?since=x"))["last"] == 2
+
+
+def test_the_page_asks_nobody_else():
+    page = (Path(companion.page.__file__).parent / "page.html").read_text()
+    assert re.findall(r"https?://[^\"'\s]+", page) == ["http://www.w3.org/2000/svg"]
+    assert len(page) < 20_000
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
+@pytest.mark.parametrize("size", ["400,800", "1280,900"])
+def test_a_real_browser_shows_the_values_that_were_sent(feed, told, size, tmp_path):
+    told = {**told, "reasons": ["not armed", "ground or wall jumped <b>"]}
+    for k in range(20):
+        put(feed, {**told, "t_s": 10.0 + 0.1 * k, "rates": [["ATTITUDE", 12.0, 50.0]]})
+    wait_for(feed, 20)
+    done = subprocess.run(
+        [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking",
+         f"--user-data-dir={tmp_path}", f"--window-size={size}", "--enable-logging=stderr", "--v=0",
+         "--virtual-time-budget=3000", "--dump-dom", feed.url],
+        capture_output=True, text=True, timeout=100,
+    )  # fmt: skip
+    shown = {i: re.sub(r"<[^>]*>", "", v) for i, v in re.findall(r'<b id="(\w+)">(.*?)</b>', done.stdout)}
+    push = told["push"]
+    assert shown["h"] == f"{min(f[2] for f in push['fans']):.2f} m"
+    assert shown["d"] == f"{min(f[3] for f in push['fans']):.2f} m"
+    assert shown["thrust"] == f"{told['offset']['thrust'] * 100:.1f} %"
+    assert shown["lift"] == f"{-push['wrench'][2]:.2f} N"
+    for rpm in told["rpm"]:
+        assert f"<td>{rpm} rpm</td>" in done.stdout
+    for reason in told["reasons"]:
+        assert f"<li>{html.escape(reason)}</li>" in done.stdout
+    assert '<tr class="slow"><td>ATTITUDE</td><td>12 of 50 Hz</td>' in done.stdout
+    assert done.stdout.count("<polyline") == 6
+    assert "t 11.9 s" in done.stdout
+    assert "CONSOLE" not in done.stderr, done.stderr
+
+
+def test_a_page_that_hangs_costs_the_flight_nothing_but_lines(feed, told):
+    os.kill(feed._process.pid, signal.SIGSTOP)
+    try:
+        longest = 0.0
+        for _ in range(300):
+            begin = time.perf_counter()
+            put(feed, told)
+            longest = max(longest, time.perf_counter() - begin)
+    finally:
+        os.kill(feed._process.pid, signal.SIGCONT)
+    assert feed.dropped > 0
+    assert feed.sent > 10
+    # What arrives after all is whole lines.
+    assert all(s == told for s in wait_for(feed, feed.sent)["snapshots"])
+
+
+def test_a_page_that_dies_is_survived(feed, told):
+    os.kill(feed._process.pid, signal.SIGKILL)
+    feed._process.wait()
+    put(feed, told)
+    assert feed.dropped == 1
+
+
+def test_a_browser_that_leaves_and_ten_that_stay(feed, told):
+    put(feed, told)
+    wait_for(feed, 1)
+    port = int(feed.url.rsplit(":", 1)[1].strip("/"))
+    with socket.create_connection(("127.0.0.1", port)) as gone:
+        gone.sendall(b"GET /snap")
+    stay = [socket.create_connection(("127.0.0.1", port)) for _ in range(10)]
+    assert json.loads(get(feed, "snapshots?since=0"))["last"] == 1
+    for s in stay:
+        s.close()
+
+
+def test_bad_addresses_and_a_port_that_is_taken(capsys):
+    for text in ("8080", ":99999", "here:", "::1:80"):
+        with pytest.raises(ConfigError):
+            read_address(text)
+    link = f"udpin:127.0.0.1:{free_port()}"
+    assert read_address(":8080").host == "127.0.0.1"
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        address = f":{taken.getsockname()[1]}"
+        with pytest.raises(LinkError, match="port is taken"):
+            PageFeed(read_address(address))
+        assert main(["--connect", link, "--duration", "1", "--page", address]) == 4
+    err = capsys.readouterr().err
+    assert len(err.strip().splitlines()) == 1
+    assert main(["--connect", link, "--page", "nowhere"]) == 2
+
+
+def test_the_store_keeps_five_minutes_and_no_nonsense():
+    store = Store()
+    store.add(b"{half")
+    for k in range(KEPT + 10):
+        store.add(b'{"t_s":%d}' % k)
+    answer = json.loads(store.since(KEPT + 5))
+    assert [s["t_s"] for s in answer["snapshots"]] == [KEPT + 5 + k for k in range(5)]
+    assert len(json.loads(store.since(0))["snapshots"]) == 600
