@@ -14,14 +14,15 @@ from typing import Any
 from companion.page.address import Address
 from models.errors import LinkError
 
-PERIOD_S = 0.1
+PERIOD_S = 0.2
+"""A browser asks as often."""
 _ATOMIC = select.PIPE_BUF
 """A write of no more than this goes into a pipe whole or not at all."""
 _START_S = 10.0
 
 
 class PageFeed:
-    """Owns the page's process. ``offer`` costs what making one line costs, ten times a second."""
+    """Owns the page's process. ``offer`` costs what making one line costs, five times a second."""
 
     def __init__(self, address: Address) -> None:
         self.dropped = self.sent = 0

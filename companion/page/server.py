@@ -17,8 +17,8 @@ from importlib import resources
 from typing import IO
 from urllib.parse import parse_qs, urlsplit
 
-KEPT = 3000
-"""Snapshots: five minutes at ten a second."""
+KEPT = 1500
+"""Snapshots: five minutes at five a second."""
 _MOST_A_REPLY = 600
 _BROWSER_S = 5.0
 _POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; connect-src 'self'; img-src data:"
