@@ -22,9 +22,10 @@ h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:2rem}.wide{overflow-x:auto}
 table{border-collapse:collapse;width:100%}
 th,td{text-align:left;padding:.3rem .6rem;border-bottom:1px solid var(--line);vertical-align:top}
 .dim{color:var(--dim)}.bad{color:var(--bad)}
-svg{width:100%;height:auto}svg text{fill:var(--dim);font:14px system-ui,sans-serif}svg .a{stroke:var(--line)}
+svg{width:100%;max-width:38rem;height:auto;display:block}svg text{fill:var(--dim);font:14px system-ui,sans-serif}
+svg .a{stroke:var(--line)}
 svg .p{stroke:var(--mark);fill:var(--mark)}@media print{body{max-width:none}}"""
-_W, _H, _LEFT, _BOTTOM, _TOP = 640, 200, 76, 30, 12
+_W, _H, _LEFT, _BOTTOM, _TOP = 400, 190, 84, 30, 12
 
 
 def write_page(folder: Path, title: str, answers: Sequence[Mapping[str, Any]]) -> Path:
@@ -60,7 +61,7 @@ def _effects(found: Sequence[Trend]) -> list[str]:
     out = ["<h2>What the logs have in common</h2>"]
     for t in found:
         out.append(f"<h3>{html.escape(t.effect)}: {html.escape(t.parameter)}</h3>")
-        out.append(f"<p>{html.escape(t.in_words())}</p>{_chart(t)}")
+        out.append(f"<p>{html.escape(t.in_words())}</p>{_chart(t) if len(t.points) > 1 else ''}")
     return out
 
 
@@ -85,7 +86,8 @@ def _chart(t: Trend) -> str:
     for value in (low, 0.0, high):
         out.append(f"<line class=a x1={_LEFT} x2={_W} y1={y(value):.1f} y2={y(value):.1f} />")
         out.append(f"<text x={_LEFT - 6} y={y(value) + 5:.1f} text-anchor=end>{value:.3g}{html.escape(unit)}</text>")
-    for day, anchor in ((first, "start"), (last, "end")):
+    ends = ((first, "start"), (last, "end")) if last - first >= 1.0 else ((first, "start"),)
+    for day, anchor in ends:
         date = datetime.fromtimestamp(day * 86_400.0, UTC).strftime("%Y-%m-%d")
         out.append(f"<text x={x(day):.1f} y={_H - 6} text-anchor={anchor}>{date}</text>")
     for p, h in zip(t.points, half, strict=True):
@@ -109,16 +111,15 @@ def _failed(a: Mapping[str, Any]) -> str:
 
 
 def _diagnosed_rows(answers: Sequence[Mapping[str, Any]]) -> list[str]:
-    out = [_cells("log", "date", "judged", "verdict", "effects", kind="th")]
+    out = [_cells("log", "verdict", "effects", "judged", "date", kind="th")]
     for a in answers:
         if "error" in a:
             out.append(_failed(a))
             continue
         effects = ", ".join(html.escape(e["name"]) for e in a["effects"]) or "<span class=dim>none</span>"
         verdict = html.escape(str(a["verdict"]).replace("_", " "))
-        out.append(
-            _cells(html.escape(Path(a["log"]).name), a["date"][:10], f"{a['duration_s']:.0f} s", verdict, effects)
-        )
+        name = html.escape(Path(a["log"]).name)
+        out.append(_cells(name, verdict, effects, f"{a['duration_s']:.0f} s", a["date"][:10]))
     return out
 
 

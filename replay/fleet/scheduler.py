@@ -129,8 +129,9 @@ def _wait_for(context: Any, job: Job, stop: threading.Event) -> dict[str, Any]:
         return answer
     if stop.is_set():
         return {"log": job.path, "error": "interrupted"}
-    reason = f"signal {-process.exitcode}" if process.exitcode < 0 else f"exit code {process.exitcode}"
-    return {"log": job.path, "error": f"its process died ({reason}); out of memory?"}
+    killed = process.exitcode < 0
+    reason = f"signal {-process.exitcode}; out of memory?" if killed else f"exit code {process.exitcode}"
+    return {"log": job.path, "error": f"its process died ({reason})"}
 
 
 def _child(job: Job, answers: Connection) -> None:

@@ -15,6 +15,8 @@ from models.frames import Array
 _DAY_S = 86_400.0
 _ENOUGH = 5
 """Logs from which on a drift is looked for."""
+_MOMENTS = ("from_s",)
+"""When something began in one flight: no property of the vehicle."""
 _DRIFT_Z = 3.0
 """Slope over its standard error; several effects are tried, so 2 would find too many."""
 
@@ -99,6 +101,8 @@ def trends(answers: Sequence[Mapping[str, Any]]) -> list[Trend]:
         day = datetime.fromisoformat(a["date"]).timestamp() / _DAY_S if a.get("date") else 0.0
         for effect in a["effects"]:
             for name, estimate in effect["parameters"].items():
+                if name in _MOMENTS:
+                    continue
                 low, high = estimate.get("ci95") or (math.nan, math.nan)
                 half = 0.5 * (high - low) if low is not None and high is not None else math.nan
                 point = Point(a["log"], str(a.get("vehicle", "")), day, estimate["value"], half)

@@ -198,3 +198,15 @@ def test_as_a_command(folder, tmp_path):
     )
     assert done.returncode == 0
     assert "2 of 3 logs" in done.stdout
+
+
+def test_stamps_of_another_millennium_and_joined_logs_are_no_hindrance(tmp_path):
+    joined, future = tmp_path / "joined.tlog", tmp_path / "future.tlog"
+    data = write_tlog(tmp_path / "a.tlog", flight(3.0))
+    joined.write_bytes(data + data)
+    write_tlog(future, flight(3.0, arrival_us=25_970_000_000_000_000))
+    for path, date_from in ((joined, "log"), (future, "file")):
+        answer = perform(Job("run", str(path), None, None))
+        assert answer["decisions"] > 100
+        assert answer["date_from"] == date_from
+        assert answer["date"].startswith("20")
