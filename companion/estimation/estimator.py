@@ -41,6 +41,8 @@ from models.vehicle_wrench import rpm_from_servos
 
 _STOPPED_RPM = 100.0
 _SPINNING_RPM = 500.0
+_SOUND_M_S = 340.0
+"""Blade tips are never faster: such a speed is no speed but a damaged or saturated number."""
 _CLEAR_AFTER_S = 0.5
 _POSITION_NEAR_S = 0.3
 """A position further off in time says nothing about a reading's motion."""
@@ -288,19 +290,22 @@ def take_rotors(estimates: Estimates, sample: RotorSpeeds, config: PipelineConfi
     """Speeds by ESC number.
 
     A zero of a rotor that was spinning, or while others spin, is a lost frame, not a stopped rotor. Telemetry that
-    counts its packets and does not count on repeats an old value.
+    counts its packets and does not count on repeats an old value. Blade tips beyond the speed of sound are no speed.
     """
     tuning = config.tuning
     declared = {rotor.esc for rotor in config.vehicle.rotors}
     named = [rpm for k, rpm in enumerate(sample.rpm) if sample.first_esc + k in declared]
     some_spin = any(abs(rpm) > _SPINNING_RPM for rpm in named)
     estimates, repeated = _counted(estimates, sample)
+    fastest_rpm = _SOUND_M_S / config.vehicle.rotor_radius_m * 30.0 / math.pi
     rotors = list(estimates.rotors)
     for k, rotor in enumerate(config.vehicle.rotors):
         slot = -1 if rotor.esc is None else rotor.esc - sample.first_esc
         if not 0 <= slot < len(sample.rpm) or repeated[slot]:
             continue
         rpm, track = abs(sample.rpm[slot]), rotors[k]
+        if rpm > fastest_rpm:
+            continue
         spun = track is not None and track.value > _SPINNING_RPM and track.age(sample.t_s) < 1.0
         if rpm < _STOPPED_RPM and (some_spin or spun):
             continue

@@ -1,0 +1,43 @@
+"""The fault campaign as tests: all of it with ``pytest -m faults``, a few faults every time."""
+
+from __future__ import annotations
+
+import pytest
+from faults.campaign import complaints, fly
+from faults.catalog import BY_NAME, FAULTS
+
+ALWAYS = (
+    ("range_down_silent", "px4"),
+    ("rotors_frozen", "ardupilot"),
+    ("rotors_absurd", "ardupilot"),
+    ("link_lost_10s", "ardupilot"),
+    ("link_lost_3s", "px4"),
+    ("position_silent", "ardupilot"),
+    ("killed_restarted", "px4"),
+)
+"""One of each kind, those first that once went wrong."""
+STACKS = ("ardupilot", "px4")
+
+
+def check(name: str, stack: str) -> None:
+    result = fly(BY_NAME[name], stack)
+    assert result.outputs > 500
+    assert complaints(BY_NAME[name], result) == []
+
+
+@pytest.mark.parametrize(("name", "stack"), ALWAYS)
+def test_a_few_faults_every_time(name, stack):
+    check(name, stack)
+
+
+@pytest.mark.faults
+@pytest.mark.parametrize("stack", STACKS)
+@pytest.mark.parametrize("name", [f.name for f in FAULTS])
+def test_every_fault_with_both_manners(name, stack):
+    if stack not in BY_NAME[name].stacks:
+        pytest.skip(f"only with {', '.join(BY_NAME[name].stacks)}")
+    check(name, stack)
+
+
+def test_there_are_as_many_faults_as_are_promised():
+    assert len(BY_NAME) == len(FAULTS) >= 40
