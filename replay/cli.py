@@ -14,8 +14,7 @@ from typing import Any
 
 from models.errors import ConfigError, UserError
 from models.version import VersionAction
-from replay.fleet.folder import add_options, run_folder
-from replay.fleet.jobs import Kind
+from replay.fleet.options import add_options
 
 _INTERRUPTED = 130
 _COMMANDS = (
@@ -86,6 +85,9 @@ def _run(a: argparse.Namespace) -> int:
         if a.survey is not None:
             raise ConfigError("--survey: is of one log; name the log")
         assumed = tuple(sorted(assumed_parameters(a.param).items()))
+        from replay.fleet.folder import run_folder
+        from replay.fleet.jobs import Kind
+
         return run_folder(a, a.log, Kind.RUN, setpoint=a.setpoint, assumed=assumed)
     # Imported here so that --help answers at once.
     from companion.config import Base, PipelineConfig

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from models.errors import ConfigError
-from replay.fleet.folder import add_options, run_folder
-from replay.fleet.jobs import Kind
+from replay.fleet.options import add_options
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -115,6 +114,9 @@ def _folder(a: argparse.Namespace) -> int:
     for option, value in (("--save-model", a.save_model), ("--report", a.report)):
         if value is not None:
             raise ConfigError(f"{option}: needs logs by name; a folder's page and table go to --out")
+    from replay.fleet.folder import run_folder
+    from replay.fleet.jobs import Kind
+
     return run_folder(a, a.logs[0], Kind.DIAGNOSE, seed=a.seed)
 
 

@@ -17,14 +17,6 @@ from replay.fleet.rows import row, write_table
 from replay.fleet.scheduler import run_dask, run_local
 
 
-def add_options(p: argparse.ArgumentParser) -> None:
-    """The options that only a folder has."""
-    g = p.add_argument_group("of a folder of logs")
-    g.add_argument("--out", type=Path, metavar="DIR", help="table, page and answers (default: NAME-COMMAND, here)")
-    g.add_argument("--workers", type=int, metavar="N", help="local processes (default: one a core)")
-    g.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster that sees the same files")
-
-
 def run_folder(a: argparse.Namespace, folder: Path, kind: Kind, **options: Any) -> int:
     """The command on every log below ``folder``. 0 where one log at least could be used, else 3.
 

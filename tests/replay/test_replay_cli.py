@@ -99,7 +99,7 @@ def bad_inputs(folder):
         ([run, "noise.bin"], 3, "dataflash"),
         ([run, "noise.ulg"], 3, "PX4 log"),
         ([run, "flight.csv"], 3, "known:"),
-        ([run, "folder.tlog"], 3, "directory"),
+        ([run, "folder.tlog"], 3, "holds no log"),
         ([run, "beats.tlog"], 3, "ATTITUDE"),
         ([run, "station.tlog"], 3, "no vehicle"),
         ([run, "good.tlog", "--target-system", "9"], 3, "no vehicle with system id 9"),
