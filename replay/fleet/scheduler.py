@@ -18,9 +18,10 @@ from replay.fleet.jobs import Job, perform
 
 _PRELOAD = ["numpy", "replay.fleet.jobs", "replay.diagnosis.diagnose", "replay.rerun.report", "scipy.linalg"]
 _MEMORY_SHARE = 0.8
-_BYTES_PER_LOG_BYTE = 12.0
-"""Peak memory of a process over the size of its log; measured at 5 to 9 for .tlog (docs/logs.md)."""
-_BASE_BYTES = 250e6
+_BYTES_PER_LOG_BYTE = 4.0
+"""Growth of a process' peak memory with the size of its log: 3.0 measured on .tlogs of 5 and 37 MB (docs/logs.md)."""
+_BASE_BYTES = 420e6
+"""Of a diagnosis of a small log; a replay takes 60 MiB."""
 
 
 def run_local(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, dict[str, Any]]]:
