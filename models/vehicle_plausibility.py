@@ -30,6 +30,8 @@ _OFF_CENTRE = 0.25
 _THRUST_TO_WEIGHT = (1.1, 1.3, 25.0)
 """Below the first it cannot fly, below the second hardly; above the last the numbers do not fit each other."""
 _UPSIDE_M = 0.02
+_GONE_S = 0.2
+"""A full offset is to be gone so long after a sensor was found lost."""
 
 
 class Severity(Enum):
@@ -50,7 +52,7 @@ class Finding:
 
 def findings(vehicle: Vehicle) -> tuple[Finding, ...]:
     """Everything that is odd about ``vehicle``, errors first."""
-    checks = (_masses, _places, _spins, _rotor_speed, _throttle, _ranges, _vertical)
+    checks = (_masses, _places, _spins, _rotor_speed, _throttle, _ranges, _vertical, _slews)
     return tuple(sorted((f for check in checks for f in check(vehicle)), key=lambda f: f.severity is Severity.WARNING))
 
 
@@ -200,4 +202,18 @@ def _vertical(vehicle: Vehicle) -> Iterator[Finding]:
         if sensor.target == "ceiling" and z > bottom + 5 * _UPSIDE_M:
             yield _warning(
                 f"rangefinder[{i}].position_m", "looks up from below the rotors: z is positive down, is a sign flipped?"
+            )
+
+
+def _slews(vehicle: Vehicle) -> Iterator[Finding]:
+    limits = vehicle.limits
+    for most, rate, key in (
+        (limits.thrust, limits.slew_thrust_per_s, "slew_thrust_per_s"),
+        (limits.tilt_deg, limits.slew_tilt_deg_per_s, "slew_tilt_deg_per_s"),
+    ):
+        if most / rate > _GONE_S * (1.0 + 1e-9):
+            yield _warning(
+                f"limits.{key}",
+                f"{rate:g} takes {most / rate:.2g} s to take back a full offset: after a lost sensor offsets are to be "
+                f"gone within {_GONE_S:g} s",
             )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -106,3 +107,10 @@ def test_vehicles_of_real_flights_are_sound(shared_data: Path):
     assert files
     for path in files:
         assert all("rangefinder" in line for line in warnings(load_vehicle(path))), path
+
+
+def test_slew_rates_that_cannot_take_an_offset_back_in_time_are_said():
+    quick = load_vehicle(TANDEM)
+    assert not [w for w in warnings(quick) if "slew" in w]
+    slow = replace(quick, limits=replace(quick.limits, slew_thrust_per_s=0.1))
+    assert "takes 1 s" in next(w for w in warnings(slow) if "limits.slew_thrust_per_s" in w)

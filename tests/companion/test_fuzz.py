@@ -1,0 +1,58 @@
+"""Any bytes through the live decoder and the flight program: no exception, and nothing unsound is sent."""
+
+from __future__ import annotations
+
+import random
+
+from flying import CONFIG
+from fuzz import RAW, proper_frame, sound_flight
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from companion.mavlink.frames import FrameReader
+from companion.mavlink.message_filter import Intake
+from companion.mavlink.message_table import LAYOUTS
+from companion.mavlink.setpoints import AttitudeCommand
+from companion.pipeline import initial_state, step
+
+NUMBERS = sorted(LAYOUTS)
+
+
+def run(pieces: list[bytes]) -> int:
+    reader, intake, state, now_us, seen = FrameReader(), Intake(), initial_state(CONFIG), 10**15, 0
+    for piece in pieces:
+        now_us += 20_000
+        for frame in reader.feed(piece):
+            sample = intake.sample(frame, now_us)
+            if sample is None:
+                continue
+            state, decision = step(state, sample, CONFIG)
+            seen += decision is not None
+            if decision is not None and isinstance(decision.command, AttitudeCommand):
+                assert abs(sum(c * c for c in decision.command.q_ned_frd) - 1.0) < 1e-6
+                assert 0.0 <= decision.command.thrust <= 1.0
+    return seen
+
+
+@given(st.lists(st.binary(max_size=300), max_size=10))
+@settings(max_examples=60, deadline=None)
+def test_any_bytes_between_a_sound_flight(junk):
+    pieces = [part for k, some in enumerate(junk) for part in (some, sound_flight(2 * k), sound_flight(2 * k + 1))]
+    run(pieces)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=60, deadline=None)
+def test_proper_frames_of_any_content_and_damaged_ones(seed):
+    rng = random.Random(seed)
+    pieces = []
+    for k in range(12):
+        raw = proper_frame(rng.choice(NUMBERS), rng)
+        if rng.random() < 0.5:
+            raw = bytes(rng.choice(RAW)(bytearray(raw), rng))
+        pieces += [raw, sound_flight(k)]
+    run(pieces)
+
+
+def test_the_sound_flight_brings_decisions():
+    assert run([sound_flight(k) for k in range(20)]) > 10
