@@ -69,6 +69,8 @@ class HoldGains:
     """An approach is over this near to the target in place and velocity."""
     jerk_m_s3: float = 3.0
     """Of an approach: 0.35 degrees of tilt from one setpoint to the next at 50 Hz, 0.9 with the lead."""
+    closing_1_s: float = 1.0
+    """Of an approach: speed per metre left, near the end; 5 cm take a second."""
     wanted_gain_margin: float = 1.6
     wanted_phase_margin_deg: float = 18.0
     """Gains are chosen to have at least these. Textbooks ask for 2 and 30 degrees (Astrom and Murray 2021, 10.3), which

@@ -258,9 +258,7 @@ class Flight:
                 self._complained = True
                 self._say(f"companion: no heartbeat on {self._link.endpoint} yet; does the autopilot send there?")
             return
-        if now_s - self._renewed_s >= _LAST_WORD_PERIOD_S and self._last_word is not None:
-            self._renewed_s = now_s
-            self._last_word.renew(self.last_word, self._link.peers)
+        self._renew_last_word(now_s)
         self._stay_while_deaf(now_s)
         if now_s - self._heard_s > _LOST_S:
             self._streams.forget()
@@ -286,6 +284,11 @@ class Flight:
         if now_s - self._told_place_s >= _DEAF_PERIOD_S:
             self._told_place_s = now_s
             self._send_command(place)
+
+    def _renew_last_word(self, now_s: float) -> None:
+        if now_s - self._renewed_s >= _LAST_WORD_PERIOD_S and self._last_word is not None:
+            self._renewed_s = now_s
+            self._last_word.renew(self.last_word, self._link.peers)
 
     def _missing_parameters(self) -> list[str]:
         """What to ask for: what is not known, as long as it is not; GUID_OPTIONS until its bit is set, even if late."""
@@ -341,6 +344,7 @@ class Flight:
             now = self._arrivals.now_s()
             if self._watchdog is not None:
                 self._watchdog.alive(now)
+            self._renew_last_word(now)
             self._send_command(command)
             if self._options.hold_on_exit and self._stack is Stack.PX4 and now - asked_s >= 0.3:
                 asked_s = now

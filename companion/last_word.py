@@ -1,8 +1,9 @@
-"""A second, tiny process that speaks once the first one is dead: it tells the autopilot where to stay.
+"""A second, tiny process that speaks once the first one is dead or silent: it tells the autopilot where to stay.
 
-Killed outright (``kill -9``, out of memory) a companion leaves its last tilt behind, for all of GUID_TIMEOUT on
-ArduPilot, which then levels and drifts. The child inherits the link and holds one finished frame, a position target at
-the hold point, renewed five times a second; when the pipe to its parent breaks it sends that frame, and ends.
+Killed outright (``kill -9``, out of memory) or not scheduled (swap, a slow SD card) a companion leaves its last tilt
+behind, for all of GUID_TIMEOUT on ArduPilot, which then levels and drifts. The child inherits the link and holds one
+finished frame, a position target at the hold point, renewed five times a second. When no renewal comes for half a
+second it sends that frame for a second, or until the parent is back; when the pipe breaks, likewise, and it ends.
 
 The child runs this file by itself: nothing but the standard library, some 10 MB. It does not help where the whole
 computer stops, nor on a signed link, where a frame made earlier counts as a replay and is refused.
@@ -21,8 +22,10 @@ from collections.abc import Sequence
 
 _HEADER = struct.Struct("<HH")
 """Lengths of address and frame. Both 0: nothing is to be said."""
-_TIMES, _PERIOD_S = 10, 0.1
+TIMES, PERIOD_S = 10, 0.1
 """A lost datagram must not be the end; the autopilot takes a repeated target as the same."""
+SILENCE_S = 0.5
+"""Without a renewal this long the parent stands still: two missed, and as long as GUID_TIMEOUT should be."""
 
 
 class LastWord:
@@ -77,29 +80,39 @@ def _take_records(data: bytes, said: tuple[bytes, bytes]) -> tuple[bytes, tuple[
     return data, said
 
 
+def _say(fd: int, peer: bytes, frame: bytes) -> None:
+    """Once, to every peer."""
+    try:
+        if not peer:
+            os.write(fd, frame)
+        for line in peer.decode().splitlines():
+            host, port = line.rsplit(" ", 1)
+            with socket.socket(fileno=os.dup(fd)) as link:
+                link.sendto(frame, (host, int(port)))
+    except OSError:
+        pass  # the link may be gone as well; the next try costs nothing
+
+
 def main(fd: int) -> None:
-    """The child: read until the parent is gone, then say the last word."""
+    """The child: read what the parent renews, say the last word when that stops, end when the parent has ended."""
     data, said = b"", (b"", b"")
+    left = 0
     while True:
-        select.select([0], [], [])
-        more = os.read(0, 65536)
-        if not more:
-            break
-        data, said = _take_records(data + more, said)
-    peer, frame = said
-    if not frame:
-        return
-    for _ in range(_TIMES):
-        try:
-            if not peer:
-                os.write(fd, frame)
-            for line in peer.decode().splitlines():
-                host, port = line.rsplit(" ", 1)
-                with socket.socket(fileno=os.dup(fd)) as link:
-                    link.sendto(frame, (host, int(port)))
-        except OSError:
-            pass  # the link may be gone as well; the next try costs nothing
-        time.sleep(_PERIOD_S)
+        patience_s = PERIOD_S if left else SILENCE_S if said[1] else None
+        if select.select([0], [], [], patience_s)[0]:
+            more = os.read(0, 65536)
+            if not more:
+                break
+            data, said = _take_records(data + more, said)
+            left = 0
+            continue
+        left = (left or TIMES) - 1
+        _say(fd, *said)
+        if not left:
+            said = b"", b""  # enough, until the parent is back
+    for _ in range(TIMES if said[1] else 0):
+        _say(fd, *said)
+        time.sleep(PERIOD_S)
 
 
 if __name__ == "__main__":

@@ -152,16 +152,21 @@ def _followed(reference: Reference, place: Array, speed: Array, gains: HoldGains
 def _approached(
     reference: Reference, to_go: Array, speed: Array, gains: HoldGains, limits: Limits, dt_s: float
 ) -> Reference:
-    """A step of a motion limited in speed, acceleration and jerk that ends on the target without overshoot."""
+    """A step of a motion limited in speed, acceleration and jerk that ends on the target without overshoot.
+
+    Near the end it is linear and critically damped: acceleration follows the velocity error at four times the rate at
+    which velocity follows the distance.
+    """
     most, jerk = limits.acceleration_m_s2, gains.jerk_m_s3
     wanted = speed.copy()
-    closing = 0.5 * jerk / most
+    closing = gains.closing_1_s
+    brake = min(0.75 * most, 0.25 * jerk)  # gentle enough for the jerk that braking begins with
     distance = math.hypot(to_go[0], to_go[1])
     if distance > 1e-9:
-        wanted[:2] += to_go[:2] * (_eased(distance, closing, 0.75 * most) / distance)
-    wanted[2] += math.copysign(_eased(abs(to_go[2]), closing, 0.75 * most), to_go[2])
+        wanted[:2] += to_go[:2] * (_eased(distance, closing, brake) / distance)
+    wanted[2] += math.copysign(_eased(abs(to_go[2]), closing, brake), to_go[2])
     slip = _limited(wanted, limits.speed_m_s, limits.climb_m_s) - reference.velocity
-    demand = np.array([math.copysign(_eased(abs(s), jerk / most, jerk), s) for s in slip])
+    demand = np.array([math.copysign(_eased(abs(s), 4.0 * closing, jerk), s) for s in slip])
     demand = _limited(demand, most, most)
     step = jerk * dt_s
     acceleration = reference.acceleration + np.clip(demand - reference.acceleration, -step, step)

@@ -13,6 +13,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Protocol
 
+from companion import last_word
 from companion.clock import Readable
 from companion.config import PipelineConfig
 from companion.flight import Flight as CompanionFlight
@@ -149,8 +150,13 @@ class Lockstep:
     # -- what may happen to the companion's process -----------------------------------------------------------------
 
     def stall(self, seconds: float) -> None:
-        """The companion is not scheduled (swap, SD card, SIGSTOP); what the vehicle sends piles up in the socket."""
-        self._stalled_until_s = self.flight.time_s + seconds
+        """The companion is not scheduled (swap, SD card, SIGSTOP); what the vehicle sends piles up in the socket.
+
+        Its watchdog process says where to stay once it has missed its renewals.
+        """
+        now = self.flight.time_s
+        self._stalled_until_s = now + seconds
+        self._speak(now + last_word.SILENCE_S, now + seconds)
 
     def kill(self, restart_after_s: float = math.inf) -> None:
         """The companion ends where it stands (SIGKILL); started anew after ``restart_after_s``.
@@ -158,11 +164,14 @@ class Lockstep:
         Its watchdog process lives on and says the last word.
         """
         self._killed = True
-        frame = b"" if self.companion is None or not self.last_word else self.companion.last_word
-        if frame:
-            now = self.flight.time_s
-            self._words.extend((now + LAST_WORD_DELAY_S + 0.1 * k, frame) for k in range(10))
+        self._speak(self.flight.time_s + LAST_WORD_DELAY_S, math.inf)
         self.start_companion_s = self.flight.time_s + restart_after_s
+
+    def _speak(self, start_s: float, end_s: float) -> None:
+        """The watchdog process's frames, from a boot time on."""
+        frame = b"" if self.companion is None or not self.last_word else self.companion.last_word
+        times = (start_s + last_word.PERIOD_S * k for k in range(last_word.TIMES))
+        self._words.extend((t, frame) for t in times if frame and t < end_s)
 
     def interrupt(self) -> None:
         """Ctrl-C."""

@@ -19,6 +19,9 @@ MERGED = 0.9
 """One effect in place of two has to keep this much of what the smaller one adds."""
 WORSE = 0.1
 """Share by which the held-out energy of an axis may grow before it tells against what carries that axis."""
+FELT = 0.1
+"""Of the smallest wrench worth a name: what an axis grows by less than this tells against nothing. A simulated flight's
+yaw torque is quiet to 1e-4 N m, and any wall or ground model is off by more."""
 MEAN_OF_CURVE = 2.0
 """A constant below so many times the RMS of an unknown curve on its axis may be that curve's mean."""
 
@@ -79,7 +82,9 @@ def sound(w: Workspace, chosen: list[Candidate]) -> list[Candidate]:
                 break
         if bad is None:
             valid = w.record.valid
-            grown = (w.held_out(columns)[valid] ** 2).sum(axis=0) / (w.y[valid] ** 2).sum(axis=0)
+            before, after = ((x[valid] ** 2).mean(axis=0) for x in (w.y, w.held_out(columns)))
+            felt = np.sqrt(np.maximum(after - before, 0.0)) > FELT * w.worth_a_name
+            grown = np.where(felt, after / before, 0.0)
             rms = np.array([w.strength(c, size) for c, size in zip(chosen, sizes, strict=True)])
             blamed = np.where(rms > CARRIES * rms.max(axis=1, keepdims=True), rms, 0.0)
             worst = np.where(blamed.any(axis=0), grown, 0.0)

@@ -224,10 +224,14 @@ class Workspace:
 
     def large(self, contribution: Array) -> bool:
         """Whether a wrench (n, axes) is worth a name on any axis."""
-        weight = self.record.context.vehicle.mass_kg * GRAVITY
-        limits = np.array([SMALLEST * weight * (1.0 if a < 3 else self.lever) for a in self.record.axes])
         top = np.percentile(np.abs(contribution[self.record.valid]), 99, axis=0)
-        return bool((top >= limits).any())
+        return bool((top >= self.worth_a_name).any())
+
+    @property
+    def worth_a_name(self) -> Array:
+        """The smallest force and torque (axes,) that count: a share of the weight, and that at the rotors' lever."""
+        weight = self.record.context.vehicle.mass_kg * GRAVITY
+        return np.array([SMALLEST * weight * (1.0 if a < 3 else self.lever) for a in self.record.axes])
 
     def energy_on_axes_of(self, contribution: Array, rest: Array) -> float:
         """Energy of ``rest`` (n, axes), in units of the noise, on the axes that carry a contribution."""

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from flying import bench
 
+from companion.config import HoldGains
 from companion.control.authority import Notice, Reason
+from companion.control.position_target import Target, advance, start_reference
 from companion.mavlink.samples import (
     Attitude,
     AttitudeTarget,
@@ -21,6 +23,7 @@ from companion.mavlink.samples import (
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand
 from companion.pipeline import ready_to_leave, stopped
 from models.frames import quaternion_from_euler
+from models.vehicle import Limits
 
 OFFBOARD, POSCTL = 6 << 16, 3 << 16
 POSITION_ONLY = 0x38 | 0x1C0 | 0x400 | 0x800
@@ -316,6 +319,24 @@ def test_a_far_target_is_approached_within_the_limits_of_the_vehicle_file():
     assert np.max(speeds, axis=0)[0] <= limits.speed_m_s + 0.05
     assert np.max(speeds, axis=0)[1] <= limits.climb_m_s + 0.05
     assert max(steps[:-300]) <= limits.acceleration_m_s2 * 1.05 + 0.05
+
+
+@pytest.mark.parametrize("acceleration", [0.5, 2.0, 4.0])
+@pytest.mark.parametrize("speed", [0.5, 1.5, 4.0])
+@pytest.mark.parametrize(("way", "moving"), [(0.05, 0.0), (0.3, 0.0), (0.3, 0.4), (1.0, 0.0), (8.0, 0.0)])
+def test_an_approach_neither_overshoots_nor_creeps(acceleration, speed, way, moving):
+    """A centimetre too far is the wall's: the way ends on the target, and 5 cm are done in 1.2 s."""
+    limits = Limits(speed_m_s=speed, climb_m_s=speed, acceleration_m_s2=acceleration)
+    target = Target(np.array([way, 0.0, -way]), np.zeros(3), 0.0, 0.0)
+    reference = start_reference(np.zeros(3), np.array([moving, 0.0, -moving]), np.zeros(3))
+    gone = []
+    for k in range(1, 1501):
+        reference = advance(reference, target, HoldGains(follow_m=0.0), limits, 0.02 * k, 0.02)
+        gone.append(reference.position[[0, 2]] * (1.0, -1.0))
+    assert np.max(gone) < way + 0.005
+    assert gone[-1] == pytest.approx([way, way], abs=0.01)
+    if way == 0.05:
+        assert np.min(gone[60]) > way - 0.02
 
 
 def test_the_limits_of_the_way_are_optional_keys_of_the_vehicle_file(tmp_path):

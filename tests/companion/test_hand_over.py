@@ -97,6 +97,34 @@ def test_the_second_process_speaks_once_the_first_is_dead_and_only_then():
         assert not _alive(child), "it leaves nothing running"
 
 
+def test_the_second_process_speaks_while_the_first_stands_still_and_is_quiet_again_when_it_is_back():
+    """A parent that renews five times a second, stopped as swap or a slow SD card would."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as vehicle:
+        vehicle.bind(("127.0.0.1", 0))
+        code = (
+            "import socket, time; from companion.last_word import LastWord\n"
+            "s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM); w = LastWord(s.fileno())\n"
+            f"a = [('127.0.0.1', {vehicle.getsockname()[1]})]\n"
+            "while True: w.renew(b'stay here', a); s.sendto(b'renewed', a[0]); time.sleep(0.1)\n"
+        )
+        vehicle.settimeout(20.0)
+        with subprocess.Popen([sys.executable, "-c", code]) as parent:
+            try:
+                assert {vehicle.recv(100) for _ in range(3)} == {b"renewed"}
+                parent.send_signal(signal.SIGSTOP)
+                words = []
+                while words.count(b"stay here") < 10:
+                    words.append(vehicle.recv(100))
+                vehicle.settimeout(1.0)
+                with pytest.raises(TimeoutError):
+                    vehicle.recv(100)  # said for a second, and enough
+                parent.send_signal(signal.SIGCONT)
+                vehicle.settimeout(20.0)
+                assert {vehicle.recv(100) for _ in range(5)} == {b"renewed"}
+            finally:
+                parent.kill()
+
+
 def _alive(pid: int) -> bool:
     try:
         with open(f"/proc/{pid}/stat", encoding="utf-8") as file:

@@ -109,6 +109,11 @@ def test_a_stalled_companion_sends_nothing_and_what_does_not_fit_into_the_socket
     assert world.wire.lost > 0
 
 
+def test_the_watchdog_of_a_stalled_companion_tells_the_autopilot_where_to_stay(tmp_path):
+    world = short_flight(tmp_path, then="stall 1.5", end_s=15.2)
+    assert world.flight.autopilot.guided.value == "position"
+
+
 def test_the_wire_delays_and_keeps_order():
     wire = Wire()
     wire.down_delay_s = 0.5

@@ -240,3 +240,12 @@ def test_a_scale_with_a_little_drift_stays_a_scale(quiet: Record) -> None:
     effects = some("battery_sag", "thrust_scale", "thermal_derating")
     assert names(trace(added(quiet, "battery_sag", (24.5,), 0.1, -0.05), effects)) == {"thrust_scale"}
     assert names(trace(added(quiet, "battery_sag", (24.5,), 1.5, -0.05), effects)) == {"battery_sag"}
+
+
+def test_a_torque_that_nothing_feels_tells_against_no_effect(quiet: Record) -> None:
+    """The simulated yaw torque of a real firmware's flight is quiet to 1e-4 N m: a wall leaves more than that."""
+    flight = added(quiet, "wall_effect", (1.2,), 0.3, 0.0)
+    still = flight.residual.copy()
+    still[:, 5] = 2e-3 * quiet.residual[:, 5]
+    answer = trace(replace(flight, residual=still), some("wall_effect", "wind"))
+    assert names(answer) == {"wall_effect"}
