@@ -32,14 +32,29 @@ class InFlight(Enum):
     NONE = "not compensated in flight"
 
 
+Size = float | Callable[["Context"], float]
+"""A number, or one that follows from the vehicle and the flight."""
+
+
 @dataclass(frozen=True)
 class Coefficient:
-    """One linear coefficient: name, unit, and the range in which physics expects it."""
+    """One linear coefficient: name, unit, the range in which physics expects it, and its prior.
+
+    The prior is a Gaussian about ``centre`` with standard deviation ``typical`` (before any flight was seen), cut off
+    at ``low`` and ``high``. ``of_day``: every flight has its own.
+    """
 
     name: str
     unit: str
     low: float
     high: float
+    typical: Size = 1.0
+    centre: float = 0.0
+    of_day: bool = False
+
+    def spread(self, ctx: Context) -> float:
+        """Standard deviation of the prior."""
+        return self.typical(ctx) if callable(self.typical) else self.typical
 
 
 @dataclass(frozen=True)
@@ -65,6 +80,10 @@ class Context:
     state: AirState
     vehicle: Vehicle
     model: FanModel | None = None
+    clock_moved_s: float = 0.0
+    """How much later than stamped the rotor speeds were taken to be."""
+    only_answers: bool = False
+    """Whether rotor speeds mostly answer noise, as in a flight that only hovers."""
 
     @property
     def record(self) -> bool:
@@ -152,6 +171,12 @@ class Context:
         """Declared weight [N]."""
         return self.vehicle.mass_kg * 9.80665
 
+    @property
+    def lever(self) -> float:
+        """Farthest fan from the CG, or the rotor's radius where that is larger [m]: unit of arms."""
+        arms = [float(np.linalg.norm(fan.position_m)) for fan in self.vehicle.fans]
+        return max(*arms, self.vehicle.rotor_radius_m)
+
     def push(self, forces: Array, above_m: float = 0.0) -> Array:
         """Wrench about the CG (..., 6) of body forces (..., fans, 3) that act ``above_m`` over the reference points."""
         total = np.zeros((*forces.shape[:-2], 6))
@@ -215,6 +240,14 @@ class Effect:
     """The shape that theory gives: another one must be clearly better."""
     at_shape: bool = False
     """The one coefficient is a length at which the one shape linearises: both have to agree."""
+    odds: float = 0.05
+    """How often such a thing is undeclared, before any flight was seen."""
+    of_day: bool = False
+    """Of the flight, not of the vehicle: every flight has its own."""
+    contains: tuple[str, ...] = ()
+    """Effects whose terms it has among its own."""
+    told: Callable[[Context, tuple[float, ...]], Array] | None = None
+    """(3, k): what it adds to accelerometer minus what velocity and attitude imply [m/s^2]; None: nothing."""
 
     def parameters(self, coefficients: ArrayLike, shape: tuple[float, ...]) -> dict[str, float]:
         """Names to numbers, as a model directory keeps them."""

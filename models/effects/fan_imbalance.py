@@ -34,7 +34,7 @@ EFFECT = Effect(
     axes=("Fz", "Mx", "My", "Mz"),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="pitch and roll steps: one fan's speed against the others'",
-    coefficients=(Coefficient("scale", "1", -0.6, 0.3),),
+    coefficients=(Coefficient("scale", "1", -0.6, 0.3, typical=0.1),),
     regressors=_regressors,
     needs_moments=True,
     shapes=(Shape("fan", "1", continuous=False),),

@@ -14,6 +14,10 @@ def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
     return out
 
 
+def _told(_: Context, __: tuple[float, ...]) -> Array:
+    return np.eye(3)
+
+
 EFFECT = Effect(
     name="imu_bias",
     equation="dF = m b, b constant in the body",
@@ -23,8 +27,10 @@ EFFECT = Effect(
     axes=("Fx", "Fy", "Fz"),
     channels=("ax_m_s2", "ay_m_s2", "az_m_s2"),
     excite="turn by 180 degrees: a bias turns with the vehicle, wind does not",
-    coefficients=tuple(Coefficient(a, "m/s^2", -1.5, 1.5) for a in "xyz"),
+    coefficients=tuple(Coefficient(a, "m/s^2", -1.5, 1.5, typical=0.3) for a in "xyz"),
     regressors=_regressors,
     aliases=("wind", "payload", "thrust_scale"),
     in_flight=InFlight.NONE,
+    of_day=True,
+    told=_told,
 )

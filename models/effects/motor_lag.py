@@ -31,7 +31,7 @@ EFFECT = Effect(
     axes=("Fz", "Mx", "My"),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4", "thrust_command"),
     excite="vertical steps, quick ones",
-    coefficients=(Coefficient("gain", "1", 0.4, 1.8),),
+    coefficients=(Coefficient("gain", "1", 0.4, 1.8, typical=0.15, centre=1.0),),
     regressors=_regressors,
     shapes=(Shape("tau_s", "s"),),
     shape_grid=_grid,

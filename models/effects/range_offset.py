@@ -41,7 +41,7 @@ EFFECT = Effect(
     axes=("Fx", "Fy", "Fz", "Mx", "My", "Mz"),
     channels=("range_down_m", "rpm_1"),
     excite="hover at three heights or more between 0.7 and 4 radii",
-    coefficients=(Coefficient("offset_m", "m", -0.15, 0.15),),
+    coefficients=(Coefficient("offset_m", "m", -0.15, 0.15, typical=0.05),),
     regressors=_regressors,
     shapes=(Shape("secant_m", "m"),),
     shape_grid=_grid,

@@ -27,7 +27,7 @@ EFFECT = Effect(
     axes=("Fz",),
     channels=("vd_m_s", "rpm_1"),
     excite="climb and sink at 0.5 m/s or more, away from the ground",
-    coefficients=(Coefficient("slope", "1", 0.2, 20.0), Coefficient("turning", "1", -20.0, 20.0)),
+    coefficients=(Coefficient("slope", "1", 0.2, 20.0, typical=4.0), Coefficient("turning", "1", -20.0, 20.0, typical=4.0)),
     main=("slope",),
     regressors=_regressors,
     aliases=("range_offset",),

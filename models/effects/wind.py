@@ -39,9 +39,9 @@ EFFECT = Effect(
     channels=("yaw_rad", "vn_m_s", "ve_m_s", "rpm_1"),
     excite="turn through 180 degrees or more in hover",
     coefficients=(
-        Coefficient("north", "m/s", -25.0, 25.0),
-        Coefficient("east", "m/s", -25.0, 25.0),
-        Coefficient("own_motion", "1", -0.3, 3.0),
+        Coefficient("north", "m/s", -25.0, 25.0, typical=4.0),
+        Coefficient("east", "m/s", -25.0, 25.0, typical=4.0),
+        Coefficient("own_motion", "1", -0.3, 3.0, typical=0.7, centre=0.7),
         Coefficient("turning", "1", -6.0, 6.0),
     ),
     regressors=_regressors,
@@ -49,4 +49,6 @@ EFFECT = Effect(
     shape_grid=_grid,
     aliases=("imu_bias", "rotor_drag"),
     main=("north", "east"),
+    of_day=True,
+    contains=("rotor_drag",),
 )

@@ -1,0 +1,272 @@
+"""Evidence of a set of terms: marginal likelihood with every coefficient integrated out and the noise fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve
+from scipy.special import log_ndtr
+
+from models.frames import Array
+from replay.search.disturbance import ORDER, spectra
+from replay.search.terms import STEP_S, TOLD_S, Library, Term
+
+FORM = 0.12
+"""Error of form of an effect, as a share of what it contributes: less than that beside it is not believed."""
+SOFT = 0.15
+FLOOR = 0.3
+"""Smallest RMS of the noise in hundredths of the weight: the declared model is no better than that."""
+FLOOR_WEIGHT = 20.0
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Spectrum and standard deviation of every channel."""
+
+    spectrum: tuple[int, ...]
+    sigma: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A set of terms, fitted: scaled coefficients ``b`` with covariance, the noise, and the log posterior."""
+
+    terms: tuple[Term, ...]
+    b: Array
+    cov: Array
+    noise: Noise
+    evidence: float
+    """Log marginal likelihood."""
+    worth: float
+    score: float
+    """Log posterior: evidence, cut-offs, worth and priors."""
+
+    def part(self, term: Term) -> slice:
+        """Where a term's coefficients stand in ``b``."""
+        start = 0
+        for t in self.terms:
+            if t is term:
+                break
+            start += len(t.columns)
+        return slice(start, start + len(term.columns))
+
+
+class Evidence:
+    """Evidence of sets from one library."""
+
+    def __init__(self, library: Library) -> None:
+        self.library = library
+        self.spectra = spectra(STEP_S)
+        self._white: dict[tuple[int, int], Array] = {}
+        self._white_y: dict[tuple[int, int], Array] = {}
+        self._blocks: dict[tuple[int, int], list[Array]] = {}
+        self._det = [[s.log_determinant(c.run) for s in self.spectra] for c in library.channels]
+        self.calls = 0
+
+    def white(self, c: int, s: int) -> Array:
+        if (c, s) not in self._white:
+            channel = self.library.channels[c]
+            self._white[c, s] = self.spectra[s].whiten(channel.x, channel.run)
+        return self._white[c, s]
+
+    def white_y(self, c: int, s: int) -> Array:
+        if (c, s) not in self._white_y:
+            channel = self.library.channels[c]
+            self._white_y[c, s] = self.spectra[s].whiten(channel.y, channel.run)
+        return self._white_y[c, s]
+
+    def start(self) -> Noise:
+        """Noise of the residual as it is."""
+        return self._noise([c.y for c in self.library.channels])
+
+    def _noise(self, rest: Sequence[Array]) -> Noise:
+        which, sigmas = [], []
+        for c, e in enumerate(rest):
+            channel = self.library.channels[c]
+            best, least, sigma_best = 0, np.inf, 1.0
+            for s, spectrum in enumerate(self.spectra):
+                w = spectrum.whiten(e, channel.run)
+                q = float(w @ w) + FLOOR_WEIGHT * (FLOOR * channel.limit) ** 2
+                n = channel.count + FLOOR_WEIGHT
+                sigma2 = q / n
+                cost = n * np.log(sigma2) + self._det[c][s]
+                if cost < least - 1e-9:
+                    best, least, sigma_best = s, cost, float(np.sqrt(sigma2))
+            which.append(best)
+            sigmas.append(sigma_best)
+        return Noise(tuple(which), tuple(sigmas))
+
+    def fit(self, terms: Sequence[Term], noise: Noise, rounds: int = 2) -> Fit:
+        """Fit a set, its noise included, from a first guess of it."""
+        self.calls += 1
+        for _ in range(rounds):
+            b, _, _ = self._posterior(terms, noise)
+            fresh = self._noise(self.rest(terms, b))
+            if fresh.spectrum == noise.spectrum and np.allclose(fresh.sigma, noise.sigma, rtol=0.01):
+                break
+            noise = fresh
+        b, cov, evidence = self._posterior(terms, noise)
+        worth = self._worth(terms, b)
+        prior = sum(self._prior(t) for t in terms)
+        score = evidence + self._cut(terms, b, cov) + worth + prior
+        return Fit(tuple(terms), b, cov, noise, evidence, worth, score)
+
+    def _prior(self, term: Term) -> float:
+        odds = term.effect.odds if term.effect is not None else 0.002
+        return float(np.log(odds / (1.0 - odds))) + term.log_shape
+
+    def rest(self, terms: Sequence[Term], b: Array) -> list[Array]:
+        """What a set leaves of every channel."""
+        columns = columns_of(terms)
+        out = []
+        for channel in self.library.channels:
+            local = channel.where[columns]
+            on = local >= 0
+            out.append(channel.y - channel.x[:, local[on]] @ b[on] if on.any() else channel.y)
+        return out
+
+    def _posterior(self, terms: Sequence[Term], noise: Noise) -> tuple[Array, Array, float]:
+        columns = columns_of(terms)
+        k = len(columns)
+        mean = np.concatenate([t.centre for t in terms]) if terms else np.empty(0)
+        a, r = np.eye(k), mean.copy()
+        value = 0.0
+        for c, channel in enumerate(self.library.channels):
+            s, sigma2 = noise.spectrum[c], noise.sigma[c] ** 2
+            yw = self.white_y(c, s)
+            value -= 0.5 * (channel.count * np.log(2.0 * np.pi * sigma2) + self._det[c][s] + float(yw @ yw) / sigma2)
+            local = channel.where[columns]
+            on = np.flatnonzero(local >= 0)
+            if not on.size:
+                continue
+            x = self.white(c, s)[:, local[on]]
+            a[np.ix_(on, on)] += x.T @ x / sigma2
+            r[on] += x.T @ yw / sigma2
+        for y, x_all in zip(self.library.told_y, self.library.told_x, strict=True):
+            if not np.isfinite(y).all():
+                continue
+            x = x_all[:, columns] / TOLD_S
+            yt = y / TOLD_S
+            value -= 0.5 * float(yt @ yt)
+            a += x.T @ x
+            r += x.T @ yt
+        if not k:
+            return mean, np.zeros((0, 0)), value
+        factor = cho_factor(a, lower=True)
+        b = cho_solve(factor, r)
+        cov = cho_solve(factor, np.eye(k))
+        value += 0.5 * float(r @ b) - 0.5 * float(mean @ mean) - float(np.log(np.diag(factor[0])).sum())
+        return b, cov, value
+
+    def _cut(self, terms: Sequence[Term], b: Array, cov: Array) -> float:
+        """Log share of the posterior within the bounds, over that of the prior."""
+        if not terms:
+            return 0.0
+        low = np.concatenate([t.low for t in terms])
+        high = np.concatenate([t.high for t in terms])
+        mean = np.concatenate([t.centre for t in terms])
+        sd = np.sqrt(np.diag(cov))
+        return float((_log_mass(low, high, b, sd) - _log_mass(low, high, mean, np.ones_like(sd))).sum())
+
+    def _worth(self, terms: Sequence[Term], b: Array) -> float:
+        """Log share of what is worth a name, softly: a term has to stand out of a hundredth of the weight."""
+        if not terms:
+            return 0.0
+        tops = self.tops(terms, b)
+        out = 0.0
+        for i in range(len(terms)):
+            others = np.delete(tops, i, axis=0)
+            allowed = np.sqrt(1.0 + FORM**2 * (others**2).sum(axis=0))
+            z = float((tops[i] / allowed).max())
+            out -= 0.5 * max((1.0 - z) / SOFT, 0.0) ** 2
+        return out
+
+    def tops(self, terms: Sequence[Term], b: Array) -> Array:
+        """99th percentile of every term's contribution to every channel (terms, channels), in its limit."""
+        out = np.zeros((len(terms), len(self.library.channels)))
+        start = 0
+        for i, term in enumerate(terms):
+            part = b[start : start + len(term.columns)]
+            if term.effect is not None and term.effect.main:
+                keep = np.array([c.name in term.effect.main for c in term.effect.coefficients])
+                part = np.where(keep, part, 0.0) if len(keep) == len(part) else part
+            start += len(term.columns)
+            for c, channel in enumerate(self.library.channels):
+                local = channel.where[term.columns]
+                on = local >= 0
+                if on.any():
+                    u = np.abs(channel.x[:, local[on]] @ part[on])
+                    m = max(len(u) // 100, 1)
+                    out[i, c] = np.partition(u, -m)[-m] / channel.limit
+        return out
+
+    def screen(self, fit: Fit, terms: Sequence[Term]) -> Array:
+        """Gain in log evidence of each of ``terms`` beside a fitted set, its noise kept (m,)."""
+        library, noise = self.library, fit.noise
+        columns = columns_of(fit.terms)
+        size = library.size
+        cross, d = np.zeros((size, len(columns))), np.zeros(size)
+        for c, channel in enumerate(library.channels):
+            if not channel.x.shape[1]:
+                continue
+            s, sigma2 = noise.spectrum[c], noise.sigma[c] ** 2
+            x = self.white(c, s)
+            back = np.flatnonzero(channel.where >= 0)
+            order = channel.where[back]
+            d[back] += (x.T @ self.white_y(c, s))[order] / sigma2
+            local = channel.where[columns]
+            on = np.flatnonzero(local >= 0)
+            if on.size:
+                cross[np.ix_(back, on)] += (x.T @ x[:, local[on]])[order] / sigma2
+        for y, x_all in zip(library.told_y, library.told_x, strict=True):
+            if np.isfinite(y).all():
+                d += x_all.T @ y / TOLD_S**2
+                if len(columns):
+                    cross += x_all.T @ x_all[:, columns] / TOLD_S**2
+        g = d - cross @ fit.b if len(columns) else d
+        out = np.empty(len(terms))
+        for i, term in enumerate(terms):
+            k = term.columns
+            own = np.zeros((len(k), len(k)))
+            for c in range(len(library.channels)):
+                own += self._block(c, noise.spectrum[c], term) / noise.sigma[c] ** 2
+            for y, x_all in zip(library.told_y, library.told_x, strict=True):
+                if np.isfinite(y).all():
+                    own += x_all[:, k].T @ x_all[:, k] / TOLD_S**2
+            if len(columns):
+                own -= cross[k] @ fit.cov @ cross[k].T
+            m = own + np.eye(len(k))
+            v = g[k] + term.centre
+            sign, logdet = np.linalg.slogdet(m)
+            out[i] = 0.5 * float(v @ np.linalg.solve(m, v)) - 0.5 * float(term.centre @ term.centre) - 0.5 * logdet
+        return out
+
+    def _block(self, c: int, s: int, term: Term) -> Array:
+        key = (c, s, int(term.columns[0]))
+        found = self._blocks.get(key)
+        if found is None:
+            channel = self.library.channels[c]
+            local = channel.where[term.columns]
+            on = np.flatnonzero(local >= 0)
+            found = np.zeros((len(local), len(local)))
+            if on.size:
+                x = self.white(c, s)[:, local[on]]
+                found[np.ix_(on, on)] = x.T @ x
+            self._blocks[key] = found
+        return found
+
+
+def columns_of(terms: Sequence[Term]) -> np.ndarray:
+    """Columns of several terms, one after the other."""
+    return np.concatenate([t.columns for t in terms]) if terms else np.empty(0, np.int64)
+
+
+def _log_mass(low: Array, high: Array, mean: Array, sd: Array) -> Array:
+    """Log of the probability of N(mean, sd) between low and high, element by element."""
+    lo, hi = (low - mean) / sd, (high - mean) / sd
+    flip = lo > 0.0
+    lo, hi = np.where(flip, -hi, lo), np.where(flip, -lo, hi)
+    upper, lower = log_ndtr(hi), log_ndtr(lo)
+    return upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-12)))

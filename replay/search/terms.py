@@ -1,0 +1,191 @@
+"""What may make up a residual: every effect in every shape, and free curves of single channels, as columns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.effects import Effect
+from models.frames import AXES, Array
+from replay.residual.record import Record
+from replay.search.disturbance import runs
+
+Columns = NDArray[np.int64]
+STEP_S = 0.2
+"""Spacing of the samples that are searched: the residual holds nothing above 2 Hz."""
+TOLD_S = 0.15
+"""How well velocity and attitude tell of the accelerometer's offset [m/s^2]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """One effect in one shape (or one free curve): Gaussian prior on its coefficients, cut off at bounds.
+
+    Columns are in units of the prior's standard deviation: a coefficient has prior N(``centre``, 1) there.
+    """
+
+    name: str
+    effect: Effect | None
+    shape: tuple[float, ...]
+    columns: Columns
+    scale: Array
+    centre: Array
+    low: Array
+    high: Array
+    log_shape: float
+    """Log prior of this shape among the effect's."""
+    flight: int | None = None
+    axis: str | None = None
+    """Of a free curve."""
+
+    @property
+    def key(self) -> tuple[str, int | None, str | None]:
+        """What may be there only once."""
+        return (self.name, self.flight, self.axis)
+
+    def coefficients(self, b: Array) -> Array:
+        """Of scaled coefficients."""
+        return b * self.scale
+
+
+@dataclass
+class Channel:
+    """One axis of one flight: residual (n,) and the columns that act on it."""
+
+    flight: int
+    axis: int
+    y: Array
+    x: Array
+    """(n, k)."""
+    where: Columns
+    """(K,) place of a column of the library in ``x``, or -1."""
+    run: NDArray[np.int64]
+    limit: float
+    """One hundredth of the weight (times the lever, for moments)."""
+    count: int = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.count = int((self.run >= 0).sum())
+
+
+class Library:
+    """All terms of some flights, and the channels that they act on."""
+
+    def __init__(self, records: Sequence[Record], effects: Sequence[Effect]) -> None:
+        self.records = list(records)
+        self.every = [max(round(STEP_S / r.step_s), 1) for r in records]
+        self.terms: list[Term] = []
+        self.lacking: dict[str, str] = {}
+        self.size = 0
+        self._parts: dict[tuple[int, int], list[tuple[Columns, Array]]] = {}
+        self._told: dict[int, list[tuple[Columns, Array]]] = {}
+        for effect in effects:
+            self._add_effect(effect)
+        self.told_y = [self._told_mean(r) for r in records]
+        self.channels: list[Channel] = []
+        self._build()
+
+    def take_in(self, todo: Sequence[tuple[Effect, int | None, tuple[float, ...]]]) -> None:
+        """More shapes of effects."""
+        for effect, flight, shape in todo:
+            flights = range(len(self.records)) if flight is None else [flight]
+            usable = [f for f in flights if self._reason(effect, self.records[f]) is None]
+            self._add(effect, flight, usable, shape, np.log(1e-3))
+        self._build()
+
+    def _reason(self, effect: Effect, record: Record) -> str | None:
+        if effect.needs_moments and 3 not in record.axes:
+            return "this log cannot judge moments"
+        forces = {AXES.index(a) for a in effect.axes} & {0, 1, 2}
+        if forces and not forces & set(record.axes):
+            return "this log cannot judge the force that it makes"
+        return effect.lacking(record.context)
+
+    def _add_effect(self, effect: Effect) -> None:
+        reasons = [self._reason(effect, r) for r in self.records]
+        usable = [f for f, reason in enumerate(reasons) if reason is None]
+        if not usable:
+            self.lacking[effect.name] = next(r for r in reasons if r is not None)
+            return
+        groups = [(f, [f]) for f in usable] if effect.of_day else [(None, usable)]
+        for flight, flights in groups:
+            shapes = list(dict.fromkeys(s for f in flights[:1] for s in effect.shape_grid(self.records[f].context)))
+            kinds = [s for s in shapes if any(v in p.kinds for v, p in zip(s, effect.shapes, strict=True))]
+            for shape in shapes:
+                if not kinds:
+                    log_shape = -np.log(len(shapes))
+                elif shape in kinds:
+                    log_shape = np.log(0.5 / len(kinds))
+                else:
+                    log_shape = np.log(0.5 / (len(shapes) - len(kinds)))
+                self._add(effect, flight, flights, shape, float(log_shape))
+
+    def _add(
+        self, effect: Effect, flight: int | None, flights: Sequence[int], shape: tuple[float, ...], log_shape: float
+    ) -> None:
+        context = self.records[flights[0]].context
+        spread = np.array([c.spread(context) for c in effect.coefficients])
+        centre = np.array([c.centre for c in effect.coefficients])
+        if effect.at_shape:
+            spread[0], centre[0] = 0.15 * abs(shape[0]), shape[0]
+        columns: list[int] = []
+        scale: list[float] = []
+        mean: list[float] = []
+        low: list[float] = []
+        high: list[float] = []
+        place: dict[int, Columns] = {f: np.empty(len(spread), np.int64) for f in flights}
+        for i, c in enumerate(effect.coefficients):
+            for j, f in enumerate(flights):
+                if j == 0 or (c.of_day and not effect.of_day):
+                    columns.append(self.size)
+                    scale.append(spread[i])
+                    mean.append(centre[i] / spread[i])
+                    low.append(c.low / spread[i])
+                    high.append(c.high / spread[i])
+                    self.size += 1
+                place[f][i] = self.size - 1
+        for f in flights:
+            record = self.records[f]
+            with np.errstate(invalid="ignore", over="ignore"):
+                x = effect.regressors(record.context, shape)[:: self.every[f]]
+            x = np.nan_to_num(x, posinf=0.0, neginf=0.0) * spread
+            for a in record.axes:
+                live = np.flatnonzero(np.abs(x[:, a]).max(axis=0) > 0.0)
+                if live.size:
+                    self._parts.setdefault((f, a), []).append((place[f][live], x[:, a][:, live]))
+            if effect.told is not None:
+                self._told.setdefault(f, []).append((place[f], effect.told(record.context, shape) * spread))
+        self.terms.append(
+            Term(effect.name, effect, shape, np.array(columns), np.array(scale), np.array(mean), np.array(low),
+                 np.array(high), log_shape, flight)
+        )  # fmt: skip
+
+    def _told_mean(self, record: Record) -> Array:
+        told = record.kinematic_bias[record.valid]
+        return np.nanmean(told, axis=0) if np.isfinite(told).any() else np.full(3, np.nan)
+
+    def _build(self) -> None:
+        self.channels = []
+        for f, record in enumerate(self.records):
+            every = self.every[f]
+            run = runs(record.valid[::every])
+            for a in record.axes:
+                parts = self._parts.get((f, a), [])
+                where = np.full(self.size, -1)
+                columns = np.concatenate([c for c, _ in parts]) if parts else np.empty(0, np.int64)
+                where[columns] = np.arange(len(columns))
+                n = len(run)
+                x = np.concatenate([p for _, p in parts], axis=1) if parts else np.zeros((n, 0))
+                y = np.nan_to_num(record.residual[::every, a])
+                limit = 0.01 * record.context.weight * (1.0 if a < 3 else record.context.lever)
+                ok = (run >= 0)[:, None]
+                self.channels.append(Channel(f, a, np.where(ok[:, 0], y, 0.0), np.where(ok, x, 0.0), where, run, limit))
+        self.told_x = []
+        for f in range(len(self.records)):
+            x = np.zeros((3, self.size))
+            for columns, part in self._told.get(f, []):
+                x[:, columns] += part
+            self.told_x.append(x)
