@@ -18,7 +18,7 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
 
 
 def _grid(_: Context) -> Sequence[tuple[float, ...]]:
-    return tuple((s,) for s in (0.03, 0.05, 0.08, 0.12, 0.2))
+    return tuple((s,) for s in (0.03, 0.05, 0.08, 0.12, 0.2, 0.3, 0.45))
 
 
 EFFECT = Effect(

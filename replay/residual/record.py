@@ -141,7 +141,10 @@ def build_record(
     record = Record(
         name=name or log.path.name,
         log=log,
-        context=Context(small, vehicle, model),
+        context=Context(
+            small, vehicle, model, clock_moved_s=max(rpm_delay.seconds, 0.0) if rpm_delay.corrected else 0.0,
+            only_answers=rpm_delay.correlation < COMMANDED,
+        ),
         residual=residual,
         measured=grid.smooth(np.where(valid[:, None], measured, np.nan)),
         valid=keep,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -50,6 +51,25 @@ class Spectrum:
         """Of the covariance of the valid samples, unit variance."""
         order = np.minimum(run[run >= 0], ORDER)
         return float(np.log(self.innovations[order]).sum())
+
+
+def lag_products(x: Array, run: NDArray[np.int64]) -> list[Array]:
+    """Inner products of a signal (n,) with itself at lags 0 to ``order``, over the samples of every order."""
+    out = []
+    for order in range(ORDER + 1):
+        rows = np.flatnonzero(run >= ORDER) if order == ORDER else np.flatnonzero(run == order)
+        lags = np.stack([x[rows - i] for i in range(order + 1)])
+        out.append(lags @ lags.T)
+    return out
+
+
+def bank_energy(bank: Sequence[Spectrum], products: Sequence[Array]) -> Array:
+    """Sum of squares of the innovations by every spectrum, from ``lag_products`` of a signal."""
+    out = np.zeros(len(bank))
+    for order, product in enumerate(products):
+        f = np.array([[1.0, *-s.predictors[order]] for s in bank])
+        out += ((f @ product) * f).sum(axis=1) / np.array([s.innovations[order] for s in bank])
+    return out
 
 
 @lru_cache(maxsize=8)

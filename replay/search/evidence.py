@@ -10,12 +10,14 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.special import log_ndtr
 
 from models.frames import Array
-from replay.search.disturbance import ORDER, spectra
+from replay.search.disturbance import bank_energy, lag_products, spectra
 from replay.search.terms import STEP_S, TOLD_S, Library, Term
 
 FORM = 0.12
 """Error of form of an effect, as a share of what it contributes: less than that beside it is not believed."""
-SOFT = 0.15
+FORM_LEFT = 0.06
+"""RMS that an effect leaves by its error of form, as a share of its own."""
+SOFT = 0.05
 FLOOR = 0.3
 """Smallest RMS of the noise in hundredths of the weight: the declared model is no better than that."""
 FLOOR_WEIGHT = 20.0
@@ -79,19 +81,37 @@ class Evidence:
 
     def start(self) -> Noise:
         """Noise of the residual as it is."""
-        return self._noise([c.y for c in self.library.channels])
+        return self._noise([c.y for c in self.library.channels], np.zeros(len(self.library.channels)))
 
-    def _noise(self, rest: Sequence[Array]) -> Noise:
+    def form_floor(self, terms: Sequence[Term], b: Array) -> Array:
+        """Variance (channels,) of what is left by the terms' errors of form."""
+        out = np.zeros(len(self.library.channels))
+        start = 0
+        for term in terms:
+            part = b[start : start + len(term.columns)]
+            start += len(term.columns)
+            if term.effect is None:
+                continue
+            for c, channel in enumerate(self.library.channels):
+                local = channel.where[term.columns]
+                on = local >= 0
+                if on.any():
+                    u = channel.x[:, local[on]] @ part[on]
+                    out[c] += FORM_LEFT**2 * float(u @ u) / channel.count
+        return out
+
+    def _noise(self, rest: Sequence[Array], floor: Array) -> Noise:
         which, sigmas = [], []
         for c, e in enumerate(rest):
             channel = self.library.channels[c]
             best, least, sigma_best = 0, np.inf, 1.0
-            for s, spectrum in enumerate(self.spectra):
-                w = spectrum.whiten(e, channel.run)
-                q = float(w @ w) + FLOOR_WEIGHT * (FLOOR * channel.limit) ** 2
+            products = lag_products(e, channel.run)
+            energies = bank_energy(self.spectra, products)
+            for s in range(len(self.spectra)):
+                q = energies[s] + FLOOR_WEIGHT * (FLOOR * channel.limit) ** 2
                 n = channel.count + FLOOR_WEIGHT
-                sigma2 = q / n
-                cost = n * np.log(sigma2) + self._det[c][s]
+                sigma2 = max(q / n, floor[c])
+                cost = n * np.log(sigma2) + q / sigma2 + self._det[c][s]
                 if cost < least - 1e-9:
                     best, least, sigma_best = s, cost, float(np.sqrt(sigma2))
             which.append(best)
@@ -103,7 +123,7 @@ class Evidence:
         self.calls += 1
         for _ in range(rounds):
             b, _, _ = self._posterior(terms, noise)
-            fresh = self._noise(self.rest(terms, b))
+            fresh = self._noise(self.rest(terms, b), self.form_floor(terms, b))
             if fresh.spectrum == noise.spectrum and np.allclose(fresh.sigma, noise.sigma, rtol=0.01):
                 break
             noise = fresh
@@ -114,7 +134,9 @@ class Evidence:
         return Fit(tuple(terms), b, cov, noise, evidence, worth, score)
 
     def _prior(self, term: Term) -> float:
-        odds = term.effect.odds if term.effect is not None else 0.002
+        if term.effect is None:
+            return term.log_shape
+        odds = term.effect.odds
         return float(np.log(odds / (1.0 - odds))) + term.log_shape
 
     def rest(self, terms: Sequence[Term], b: Array) -> list[Array]:
@@ -180,7 +202,7 @@ class Evidence:
             others = np.delete(tops, i, axis=0)
             allowed = np.sqrt(1.0 + FORM**2 * (others**2).sum(axis=0))
             z = float((tops[i] / allowed).max())
-            out -= 0.5 * max((1.0 - z) / SOFT, 0.0) ** 2
+            out -= 0.5 * max((1.0 - z) / SOFT, 0.0) ** 2 + 1e4 * max(0.8 - z, 0.0)
         return out
 
     def tops(self, terms: Sequence[Term], b: Array) -> Array:
@@ -265,7 +287,7 @@ def columns_of(terms: Sequence[Term]) -> np.ndarray:
 
 def _log_mass(low: Array, high: Array, mean: Array, sd: Array) -> Array:
     """Log of the probability of N(mean, sd) between low and high, element by element."""
-    lo, hi = (low - mean) / sd, (high - mean) / sd
+    lo, hi = np.maximum((low - mean) / sd, -1e8), np.minimum((high - mean) / sd, 1e8)
     flip = lo > 0.0
     lo, hi = np.where(flip, -hi, lo), np.where(flip, -lo, hi)
     upper, lower = log_ndtr(hi), log_ndtr(lo)

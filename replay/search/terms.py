@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from models.effects import Effect
 from models.frames import AXES, Array
 from replay.residual.record import Record
+from replay.search.curves import AMPLITUDE, Curve, curves
 from replay.search.disturbance import runs
 
 Columns = NDArray[np.int64]
 STEP_S = 0.2
 """Spacing of the samples that are searched: the residual holds nothing above 2 Hz."""
-TOLD_S = 0.15
+TOLD_S = 0.08
 """How well velocity and attitude tell of the accelerometer's offset [m/s^2]."""
 
 
@@ -84,6 +85,8 @@ class Library:
         self._told: dict[int, list[tuple[Columns, Array]]] = {}
         for effect in effects:
             self._add_effect(effect)
+        for curve in curves(self.records):
+            self._add_curve(curve)
         self.told_y = [self._told_mean(r) for r in records]
         self.channels: list[Channel] = []
         self._build()
@@ -161,6 +164,21 @@ class Library:
         self.terms.append(
             Term(effect.name, effect, shape, np.array(columns), np.array(scale), np.array(mean), np.array(low),
                  np.array(high), log_shape, flight)
+        )  # fmt: skip
+
+    def _add_curve(self, curve: Curve) -> None:
+        widths = {p.shape[1] for p in curve.parts if p is not None}
+        columns = np.arange(self.size, self.size + max(widths))
+        self.size += len(columns)
+        for f, (record, part) in enumerate(zip(self.records, curve.parts, strict=True)):
+            if part is None or curve.axis not in record.axes:
+                continue
+            amplitude = AMPLITUDE * 0.01 * record.context.weight * (1.0 if curve.axis < 3 else record.context.lever)
+            self._parts.setdefault((f, curve.axis), []).append((columns, amplitude * part[:: self.every[f]]))
+        one = np.ones(len(columns))
+        self.terms.append(
+            Term(curve.name, None, (), columns, one, 0.0 * one, -np.inf * one, np.inf * one,
+                 float(np.log(curve.odds)), None, AXES[curve.axis])
         )  # fmt: skip
 
     def _told_mean(self, record: Record) -> Array:
