@@ -246,6 +246,8 @@ class Effect:
     """Of the flight, not of the vehicle: every flight has its own."""
     contains: tuple[str, ...] = ()
     """Effects whose terms it has among its own."""
+    searched: tuple[str, ...] = ()
+    """Axes by which it is looked for, where others would only answer disturbances; empty: all that it acts on."""
     told: Callable[[Context, tuple[float, ...]], Array] | None = None
     """(3, k): what it adds to accelerometer minus what velocity and attitude imply [m/s^2]; None: nothing."""
 

@@ -8,17 +8,19 @@ import numpy as np
 
 from models.effects.effect import DOWNWARD, Coefficient, Context, Effect, Shape, columns
 from models.frames import Array
-from models.vehicle_wrench import fan_torques
+from models.vehicle_wrench import fan_torques, vane_wrench
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     one = np.zeros_like(ctx.thrust)
     fan = round(shape[0]) - 1
     one[..., fan] = ctx.thrust[..., fan]
-    wrench = ctx.push(-one[..., None] * DOWNWARD)
-    # A blade that lifts less is also dragged less: thrust and torque go together.
-    wrench[..., 5] += fan_torques(ctx.vehicle, ctx.rotor_rpm)[..., fan]
-    return columns(wrench)
+    # The vanes in its stream lose with it.
+    wrench = ctx.push(-one[..., None] * DOWNWARD) + np.nan_to_num(vane_wrench(ctx.vehicle, ctx.state.servo_us, one))
+    # A blade that lifts less is mostly dragged less, too, but not in the same measure.
+    torque = np.zeros_like(wrench)
+    torque[..., 5] = fan_torques(ctx.vehicle, ctx.rotor_rpm)[..., fan]
+    return columns(wrench, torque)
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
@@ -27,14 +29,18 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
 
 EFFECT = Effect(
     name="fan_imbalance",
-    equation="dF = e F_fan, dM = r_fan x dF + e Q_fan",
+    equation="dF = e F_fan, dM = r_fan x dF + q Q_fan",
     sign="scale < 0: that fan is weaker than declared",
     source="blade-element theory: a blade that lifts less is dragged less; Leishman 2006, ch. 3",
     valid="everywhere",
     axes=("Fz", "Mx", "My", "Mz"),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="pitch and roll steps: one fan's speed against the others'",
-    coefficients=(Coefficient("scale", "1", -0.6, 0.3, typical=0.1),),
+    coefficients=(
+        Coefficient("scale", "1", -0.6, 0.3, typical=0.1),
+        Coefficient("torque", "1", -0.6, 0.6, typical=0.1),
+    ),
+    main=("scale",),
     regressors=_regressors,
     needs_moments=True,
     shapes=(Shape("fan", "1", continuous=False),),

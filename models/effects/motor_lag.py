@@ -9,6 +9,8 @@ import numpy as np
 from models.effects.effect import Coefficient, Context, Effect, InFlight, Shape, columns, through
 from models.frames import Array
 
+LAG_DOUBT_S = 0.035
+
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     wrench = ctx.rotor_wrench
@@ -17,8 +19,14 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     return columns(through(ctx, wrench, lambda omega: 1.0 / (1.0 + 1j * omega * shape[0]) - 1.0))
 
 
-def _grid(_: Context) -> Sequence[tuple[float, ...]]:
-    return tuple((s,) for s in (0.03, 0.05, 0.08, 0.12, 0.2, 0.3, 0.45))
+def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
+    # A lag hardly longer than what the clock was set right by may be of that correction's making.
+    shortest = ctx.clock_moved_s + LAG_DOUBT_S
+    return tuple((s,) for s in (0.04, 0.055, 0.08, 0.12, 0.17, 0.25, 0.36) if s >= shortest)
+
+
+def _lacking(ctx: Context) -> str | None:
+    return "the thrust varied hardly more than it answers disturbances" if ctx.only_answers else None
 
 
 EFFECT = Effect(
@@ -35,5 +43,7 @@ EFFECT = Effect(
     regressors=_regressors,
     shapes=(Shape("tau_s", "s"),),
     shape_grid=_grid,
+    lacking=_lacking,
+    searched=("Fz",),
     in_flight=InFlight.NONE,
 )

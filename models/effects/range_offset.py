@@ -48,5 +48,6 @@ EFFECT = Effect(
     at_shape=True,
     lacking=_lacking,
     aliases=("ground_effect", "vertical_inflow"),
+    odds=0.03,
     in_flight=InFlight.MEASUREMENT,
 )

@@ -33,6 +33,7 @@ REACTIONS = {
 DRIFTS = ("north_m", "east_m", "down_m", "yaw_rad", "range_")
 """Channels that nothing but disturbances move in a flight that only hovers."""
 ODDS, REACTION_ODDS = 2e-3, 1e-5
+SHARE, REACTION_SHARE = 0.06, 0.25
 
 
 @dataclass(frozen=True)
@@ -43,6 +44,11 @@ class Curve:
     axis: int
     parts: tuple[Array | None, ...]
     odds: float
+
+    @property
+    def share(self) -> float:
+        """Smallest share of the axis' energy that it has to carry."""
+        return SHARE if self.odds == ODDS else REACTION_SHARE
 
 
 def curves(records: Sequence[Record]) -> Iterator[Curve]:

@@ -17,7 +17,11 @@ FORM = 0.12
 """Error of form of an effect, as a share of what it contributes: less than that beside it is not believed."""
 FORM_LEFT = 0.06
 """RMS that an effect leaves by its error of form, as a share of its own."""
-SOFT = 0.05
+CURVE_FORM = 0.6
+"""The same of a free curve: it has no mean, and one beside it may be its."""
+SOFT = 0.02
+TRUST = 0.35
+"""Power of the likelihood: neither noise nor effects are quite of the assumed form."""
 FLOOR = 0.3
 """Smallest RMS of the noise in hundredths of the weight: the declared model is no better than that."""
 FLOOR_WEIGHT = 20.0
@@ -68,10 +72,15 @@ class Evidence:
         self.calls = 0
 
     def white(self, c: int, s: int) -> Array:
-        if (c, s) not in self._white:
-            channel = self.library.channels[c]
-            self._white[c, s] = self.spectra[s].whiten(channel.x, channel.run)
-        return self._white[c, s]
+        x, run = self.library.channels[c].x, self.library.channels[c].run
+        known = self._white.get((c, s))
+        have = 0 if known is None else known.shape[1]
+        if known is None or have < x.shape[1]:
+            # Columns are only ever added behind those there are.
+            fresh = self.spectra[s].whiten(x[:, have:], run)
+            known = fresh if known is None else np.concatenate([known, fresh], axis=1)
+            self._white[c, s] = known
+        return known
 
     def white_y(self, c: int, s: int) -> Array:
         if (c, s) not in self._white_y:
@@ -97,7 +106,8 @@ class Evidence:
                 on = local >= 0
                 if on.any():
                     u = channel.x[:, local[on]] @ part[on]
-                    out[c] += FORM_LEFT**2 * float(u @ u) / channel.count
+                    moved = u[channel.run >= 0]
+                    out[c] += FORM_LEFT**2 * float(moved.var())
         return out
 
     def _noise(self, rest: Sequence[Array], floor: Array) -> Noise:
@@ -106,11 +116,12 @@ class Evidence:
             channel = self.library.channels[c]
             best, least, sigma_best = 0, np.inf, 1.0
             products = lag_products(e, channel.run)
+            raw = float(e @ e) / max(channel.count, 1)
             energies = bank_energy(self.spectra, products)
             for s in range(len(self.spectra)):
                 q = energies[s] + FLOOR_WEIGHT * (FLOOR * channel.limit) ** 2
                 n = channel.count + FLOOR_WEIGHT
-                sigma2 = max(q / n, floor[c])
+                sigma2 = max(q / n, raw, floor[c])
                 cost = n * np.log(sigma2) + q / sigma2 + self._det[c][s]
                 if cost < least - 1e-9:
                     best, least, sigma_best = s, cost, float(np.sqrt(sigma2))
@@ -130,8 +141,13 @@ class Evidence:
         b, cov, evidence = self._posterior(terms, noise)
         worth = self._worth(terms, b)
         prior = sum(self._prior(t) for t in terms)
-        score = evidence + self._cut(terms, b, cov) + worth + prior
+        score = TRUST * evidence + self._cut(terms, b, cov) + worth + prior
         return Fit(tuple(terms), b, cov, noise, evidence, worth, score)
+
+    def refit(self, terms: Sequence[Term], noise: Noise) -> Fit:
+        """Coefficients beside a given noise, without a score."""
+        b, cov, evidence = self._posterior(terms, noise)
+        return Fit(tuple(terms), b, cov, noise, evidence, 0.0, evidence)
 
     def _prior(self, term: Term) -> float:
         if term.effect is None:
@@ -193,36 +209,51 @@ class Evidence:
         return float((_log_mass(low, high, b, sd) - _log_mass(low, high, mean, np.ones_like(sd))).sum())
 
     def _worth(self, terms: Sequence[Term], b: Array) -> float:
-        """Log share of what is worth a name, softly: a term has to stand out of a hundredth of the weight."""
-        if not terms:
-            return 0.0
-        tops = self.tops(terms, b)
+        """Log share of what is worth a name, softly.
+
+        Some axis must carry a hundredth of the weight of it, more than what the others may leave by their form, and a
+        part of what is left there without it.
+        """
         out = 0.0
-        for i in range(len(terms)):
-            others = np.delete(tops, i, axis=0)
-            allowed = np.sqrt(1.0 + FORM**2 * (others**2).sum(axis=0))
-            z = float((tops[i] / allowed).max())
-            out -= 0.5 * max((1.0 - z) / SOFT, 0.0) ** 2 + 1e4 * max(0.8 - z, 0.0)
+        for z in self.standing(terms, b):
+            out -= 0.5 * max((1.0 - z) / SOFT, 0.0) ** 2 + 1e3 * max(0.9 - z, 0.0)
         return out
 
-    def tops(self, terms: Sequence[Term], b: Array) -> Array:
-        """99th percentile of every term's contribution to every channel (terms, channels), in its limit."""
-        out = np.zeros((len(terms), len(self.library.channels)))
+    def standing(self, terms: Sequence[Term], b: Array) -> Array:
+        """How far every term stands out, (terms,): 1 is just worth a name."""
+        if not terms:
+            return np.empty(0)
+        tops, shares = self._tops(terms, b)
+        form = np.array([FORM if t.effect is not None else CURVE_FORM for t in terms])
+        out = np.empty(len(terms))
+        for i, term in enumerate(terms):
+            others = np.delete(tops * form[:, None], i, axis=0)
+            allowed = np.sqrt(1.0 + (others**2).sum(axis=0))
+            out[i] = np.minimum(tops[i] / allowed, shares[i] / term.share).max()
+        return out
+
+    def _tops(self, terms: Sequence[Term], b: Array) -> tuple[Array, Array]:
+        """Of every term (terms, channels): 99th percentile in the channel's limit, share of the energy without it."""
+        tops = np.zeros((len(terms), len(self.library.channels)))
+        shares = np.zeros_like(tops)
+        rest = self.rest(terms, b)
+        energy = [float(e @ e) for e in rest]
         start = 0
         for i, term in enumerate(terms):
-            part = b[start : start + len(term.columns)]
-            if term.effect is not None and term.effect.main:
-                keep = np.array([c.name in term.effect.main for c in term.effect.coefficients])
-                part = np.where(keep, part, 0.0) if len(keep) == len(part) else part
+            part = b[start : start + len(term.columns)] * term.main
             start += len(term.columns)
             for c, channel in enumerate(self.library.channels):
                 local = channel.where[term.columns]
                 on = local >= 0
-                if on.any():
-                    u = np.abs(channel.x[:, local[on]] @ part[on])
-                    m = max(len(u) // 100, 1)
-                    out[i, c] = np.partition(u, -m)[-m] / channel.limit
-        return out
+                if not on.any():
+                    continue
+                u = channel.x[:, local[on]] @ part[on]
+                with_it = float((rest[c] + u) @ (rest[c] + u))
+                shares[i, c] = 1.0 - energy[c] / max(with_it, 1e-30)
+                u = np.abs(u)
+                m = max(channel.count // 100, 1)
+                tops[i, c] = np.partition(u, -m)[-m] / channel.limit
+        return tops, shares
 
     def screen(self, fit: Fit, terms: Sequence[Term]) -> Array:
         """Gain in log evidence of each of ``terms`` beside a fitted set, its noise kept (m,)."""

@@ -15,6 +15,12 @@ from replay.search.curves import AMPLITUDE, Curve, curves
 from replay.search.disturbance import runs
 
 Columns = NDArray[np.int64]
+FORM_PRIOR = 0.25
+"""Prior standard deviation of an effect's error of form, as a share of its typical size."""
+FORM_LEAST = 0.1
+"""Share by which an effect's size has to vary for its form to matter."""
+SHARE = 0.04
+"""Smallest share of an axis' energy that an effect has to take off."""
 STEP_S = 0.2
 """Spacing of the samples that are searched: the residual holds nothing above 2 Hz."""
 TOLD_S = 0.08
@@ -38,6 +44,10 @@ class Term:
     high: Array
     log_shape: float
     """Log prior of this shape among the effect's."""
+    main: Array
+    """(k,) 1 for coefficients that make the effect what it is, else 0."""
+    share: float
+    """Smallest share of an axis' energy that it has to take off."""
     flight: int | None = None
     axis: str | None = None
     """Of a free curve."""
@@ -72,6 +82,30 @@ class Channel:
         self.count = int((self.run >= 0).sum())
 
 
+def _bent(x: Array, record: Record, every: int) -> list[Array]:
+    """What a wrong form adds to a contribution (n, 6): a gain that goes with its size, orthogonal to itself."""
+    valid = record.valid[::every]
+    weight = record.context.weight
+    size = np.sqrt((x[:, :3] ** 2).sum(axis=1) + (x[:, 3:] ** 2).sum(axis=1) / record.context.lever**2)
+    top = float(np.quantile(size[valid], 0.99)) if valid.any() else 0.0
+    if top < 1e-9 * weight:
+        return []
+    u = np.minimum(size / top, 1.0)
+    energy = np.where(valid, size**2, 0.0)
+    out = []
+    basis = [np.ones_like(u)]
+    for power in (1, 2):
+        phi = u**power
+        for known in basis:
+            phi = phi - known * float((energy * phi * known).sum() / (energy * known**2).sum())
+        if float((energy * phi**2).sum()) < (FORM_LEAST**2) * float(energy.sum()):
+            break
+        basis.append(phi)
+        spread = float(np.sqrt((energy * phi**2).sum() / energy.sum()))
+        out.append(x * (FORM_PRIOR * phi / spread)[:, None])
+    return out
+
+
 class Library:
     """All terms of some flights, and the channels that they act on."""
 
@@ -91,13 +125,28 @@ class Library:
         self.channels: list[Channel] = []
         self._build()
 
-    def take_in(self, todo: Sequence[tuple[Effect, int | None, tuple[float, ...]]]) -> None:
-        """More shapes of effects."""
-        for effect, flight, shape in todo:
-            flights = range(len(self.records)) if flight is None else [flight]
-            usable = [f for f in flights if self._reason(effect, self.records[f]) is None]
-            self._add(effect, flight, usable, shape, np.log(1e-3))
+    def finer(self, term: Term, share: float) -> list[Term]:
+        """Terms between a term's shape and its neighbours on the grid, ``share`` of the way; all terms taken in."""
+        effect = term.effect
+        if effect is None:
+            return []
+        out: list[Term] = []
+        flights = range(len(self.records)) if term.flight is None else [term.flight]
+        usable = [f for f in flights if self._reason(effect, self.records[f]) is None]
+        for i, (parameter, value) in enumerate(zip(effect.shapes, term.shape, strict=True)):
+            if not parameter.continuous or value in parameter.kinds:
+                continue
+            grid = sorted({t.shape[i] for t in self.terms if t.key == term.key} - set(parameter.kinds))
+            at = grid.index(value)
+            for near in grid[max(at - 1, 0) : at] + grid[at + 1 : at + 2]:
+                between = float(value + share * (near - value))
+                if any(abs(between - g) < 1e-9 for g in grid):
+                    continue
+                shape = (*term.shape[:i], between, *term.shape[i + 1 :])
+                self._add(effect, term.flight, usable, shape, term.log_shape)
+                out.append(self.terms[-1])
         self._build()
+        return out
 
     def _reason(self, effect: Effect, record: Record) -> str | None:
         if effect.needs_moments and 3 not in record.axes:
@@ -139,6 +188,7 @@ class Library:
         mean: list[float] = []
         low: list[float] = []
         high: list[float] = []
+        main: list[float] = []
         place: dict[int, Columns] = {f: np.empty(len(spread), np.int64) for f in flights}
         for i, c in enumerate(effect.coefficients):
             for j, f in enumerate(flights):
@@ -148,22 +198,42 @@ class Library:
                     mean.append(centre[i] / spread[i])
                     low.append(c.low / spread[i])
                     high.append(c.high / spread[i])
+                    main.append(float(not effect.main or c.name in effect.main))
                     self.size += 1
                 place[f][i] = self.size - 1
+        bends = [i for i, c in enumerate(effect.coefficients) if not effect.main or c.name in effect.main]
+        form: list[list[tuple[int, Array]]] = []
         for f in flights:
             record = self.records[f]
             with np.errstate(invalid="ignore", over="ignore"):
                 x = effect.regressors(record.context, shape)[:: self.every[f]]
             x = np.nan_to_num(x, posinf=0.0, neginf=0.0) * spread
+            form.append([(i, bent) for i in bends for bent in _bent(x[:, :, i], record, self.every[f])])
             for a in record.axes:
+                if effect.searched and AXES[a] not in effect.searched:
+                    continue
                 live = np.flatnonzero(np.abs(x[:, a]).max(axis=0) > 0.0)
                 if live.size:
                     self._parts.setdefault((f, a), []).append((place[f][live], x[:, a][:, live]))
             if effect.told is not None:
                 self._told.setdefault(f, []).append((place[f], effect.told(record.context, shape) * spread))
+        for j in range(max(len(parts) for parts in form)):
+            for f, parts in zip(flights, form, strict=True):
+                if j < len(parts):
+                    bent = parts[j][1]
+                    for a in self.records[f].axes:
+                        if (not effect.searched or AXES[a] in effect.searched) and np.abs(bent[:, a]).max() > 0.0:
+                            self._parts.setdefault((f, a), []).append((np.array([self.size]), bent[:, a : a + 1]))
+            columns.append(self.size)
+            scale.append(FORM_PRIOR)
+            mean.append(0.0)
+            low.append(-np.inf)
+            high.append(np.inf)
+            main.append(0.0)
+            self.size += 1
         self.terms.append(
             Term(effect.name, effect, shape, np.array(columns), np.array(scale), np.array(mean), np.array(low),
-                 np.array(high), log_shape, flight)
+                 np.array(high), log_shape, np.array(main), SHARE, flight)
         )  # fmt: skip
 
     def _add_curve(self, curve: Curve) -> None:
@@ -178,7 +248,7 @@ class Library:
         one = np.ones(len(columns))
         self.terms.append(
             Term(curve.name, None, (), columns, one, 0.0 * one, -np.inf * one, np.inf * one,
-                 float(np.log(curve.odds)), None, AXES[curve.axis])
+                 float(np.log(curve.odds)), one, curve.share, None, AXES[curve.axis])
         )  # fmt: skip
 
     def _told_mean(self, record: Record) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 
 from models.effects import Effect
 from replay.residual.record import Record
-from replay.search.evidence import Evidence, Fit
+from replay.search.evidence import TRUST, Evidence, Fit, Noise
 from replay.search.terms import Library, Term
 
 MOST = 9
@@ -41,12 +41,13 @@ def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
         return fits[key]
 
     empty = evidence.fit([], evidence.start())
+    quiet = _quiet(evidence, empty)
     fits[frozenset()] = empty
     beam = [empty]
     for _ in range(MOST):
         grown: list[Fit] = []
         for fit in beam:
-            for term in _best_additions(evidence, fit)[:TRIED]:
+            for term in _best_additions(evidence, fit, quiet):
                 new = weigh([*fit.terms, term], fit)
                 if new.score > fit.score:
                     grown.append(new)
@@ -62,7 +63,19 @@ def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
         beam = list({frozenset(t.key for t in f.terms): f for f in beam}.values())
     best = max(fits.values(), key=lambda f: f.score)
     best = _settled(evidence, best, weigh)
+    best = _sharpened(evidence, best, weigh)
+    best = _settled(evidence, best, weigh)
     return Walked(evidence, fits, best)
+
+
+def _quiet(evidence: Evidence, fit: Fit) -> Noise:
+    """Noise of what the best few terms leave: beside it, shapes show that a set without them takes for a drift."""
+    for _ in range(MOST):
+        grown = [evidence.fit([*fit.terms, t], fit.noise) for t in _best_additions(evidence, fit)[:1]]
+        if not grown or grown[0].evidence < fit.evidence + 10.0:
+            break
+        fit = grown[0]
+    return fit.noise
 
 
 def _excluded(fit: Fit) -> set[str]:
@@ -78,38 +91,51 @@ def _contains_taken(term: Term, fit: Fit) -> bool:
     return term.effect is not None and bool(names & set(term.effect.contains))
 
 
-def _best_additions(evidence: Evidence, fit: Fit, replace: Term | None = None) -> list[Term]:
+def _best_additions(evidence: Evidence, fit: Fit, quiet: Noise | None = None) -> list[Term]:
     """The best shape of every term that is not in the set, best first."""
     taken = {t.key for t in fit.terms}
     out = _excluded(fit)
     open_ = [t for t in evidence.library.terms if t.key not in taken and t.name not in out and not _contains_taken(t, fit)]
     if not open_:
         return []
-    gain = evidence.screen(fit, open_) + np.array([evidence._prior(t) for t in open_])
-    best: dict[tuple, tuple[float, Term]] = {}
-    for g, term in zip(gain, open_, strict=True):
-        if term.key not in best or g > best[term.key][0] + 1e-9:
-            best[term.key] = (float(g), term)
-    ranked = sorted(best.values(), key=lambda p: -p[0])
-    return [t for g, t in ranked if g > -3.0]
+    out_terms: list[Term] = []
+    for noise in dict.fromkeys((fit.noise, quiet or fit.noise)):
+        near = fit if noise is fit.noise else evidence.refit(fit.terms, noise)
+        gain = TRUST * evidence.screen(near, open_) + np.array([evidence._prior(t) for t in open_])
+        best: dict[tuple, tuple[float, Term]] = {}
+        for g, term in zip(gain, open_, strict=True):
+            if term.key not in best or g > best[term.key][0] + 1e-9:
+                best[term.key] = (float(g), term)
+        ranked = sorted(best.values(), key=lambda p: -p[0])
+        out_terms += [t for g, t in ranked[:TRIED] if g > -3.0 and t not in out_terms]
+    return out_terms
 
 
-def _reshaped(evidence: Evidence, fit: Fit, weigh) -> Fit:
+def _reshaped(evidence: Evidence, fit: Fit, weigh, only: tuple | None = None) -> Fit:
     """Every member's best shape beside the others."""
     for term in list(fit.terms):
-        if term not in fit.terms:
+        if term not in fit.terms or (only is not None and term.key != only):
             continue
         others = [t for t in fit.terms if t is not term]
         base = evidence.fit(others, fit.noise, rounds=0)
         rivals = [t for t in evidence.library.terms if t.key == term.key]
         if len(rivals) < 2:
             continue
-        gain = evidence.screen(base, rivals) + np.array([t.log_shape for t in rivals])
+        gain = TRUST * evidence.screen(base, rivals) + np.array([t.log_shape for t in rivals])
         rival = rivals[int(np.argmax(np.round(gain, 6)))]
         if rival is not term:
             new = weigh([*others, rival], fit)
             if new.score > fit.score:
                 fit = new
+    return fit
+
+
+def _sharpened(evidence: Evidence, fit: Fit, weigh) -> Fit:
+    """Shapes between the points of the grid, halved twice."""
+    for _ in range(2):
+        for term in list(fit.terms):
+            if term.shape and term in fit.terms and evidence.library.finer(term, 0.5):
+                fit = _reshaped(evidence, fit, weigh, only=term.key)
     return fit
 
 
@@ -138,7 +164,7 @@ def _settled(evidence: Evidence, fit: Fit, weigh) -> Fit:
                 new = weigh([*less.terms, other], less)
                 if new.score > best.score:
                     best = new
-        for other in _best_additions(evidence, fit)[:TRIED]:
+        for other in _best_additions(evidence, fit):
             new = weigh([*fit.terms, other], fit)
             if new.score > best.score:
                 best = new
