@@ -8,15 +8,14 @@ import numpy as np
 
 from models.effects.effect import DOWNWARD, Coefficient, Context, Effect, Shape, columns
 from models.frames import Array
-from models.vehicle_wrench import fan_torques, vane_wrench
+from models.vehicle_wrench import fan_torques
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     one = np.zeros_like(ctx.thrust)
     fan = round(shape[0]) - 1
     one[..., fan] = ctx.thrust[..., fan]
-    # The vanes in its stream lose with it.
-    wrench = ctx.push(-one[..., None] * DOWNWARD) + np.nan_to_num(vane_wrench(ctx.vehicle, ctx.state.servo_us, one))
+    wrench = ctx.push(-one[..., None] * DOWNWARD)
     # A blade that lifts less is mostly dragged less, too, but not in the same measure.
     torque = np.zeros_like(wrench)
     torque[..., 5] = fan_torques(ctx.vehicle, ctx.rotor_rpm)[..., fan]

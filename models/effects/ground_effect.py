@@ -31,7 +31,7 @@ EFFECT = Effect(
     "length fitted",
     valid="h above 0.3 radii",
     axes=("Fz",),
-    channels=("range_down_m", "rpm_1"),
+    channels=("range_down_m", "down_m", "rpm_1"),
     excite="hover at three heights or more between 0.7 and 4 radii",
     coefficients=(Coefficient("gain", "1", -1.0, 3.0, typical=0.2, centre=0.1),),
     regressors=_regressors,

@@ -29,6 +29,7 @@ EFFECT = Effect(
         Coefficient("curvature", "1", -3.0, 3.0, typical=0.4),
     ),
     main=("slope", "curvature"),
+    odds=0.03,
     regressors=_regressors,
     lacking=_lacking,
     aliases=("thrust_scale", "battery_sag"),

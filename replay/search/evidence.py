@@ -20,11 +20,10 @@ FORM_LEFT = 0.06
 CURVE_FORM = 0.6
 """The same of a free curve: it has no mean, and one beside it may be its."""
 SOFT = 0.02
-TRUST = 0.35
+TRUST = 0.3
 """Power of the likelihood: neither noise nor effects are quite of the assumed form."""
 FLOOR = 0.3
 """Smallest RMS of the noise in hundredths of the weight: the declared model is no better than that."""
-FLOOR_WEIGHT = 20.0
 
 
 @dataclass(frozen=True)
@@ -116,12 +115,12 @@ class Evidence:
             channel = self.library.channels[c]
             best, least, sigma_best = 0, np.inf, 1.0
             products = lag_products(e, channel.run)
+            smallest = max((FLOOR * channel.limit) ** 2, floor[c])
             raw = float(e @ e) / max(channel.count, 1)
             energies = bank_energy(self.spectra, products)
             for s in range(len(self.spectra)):
-                q = energies[s] + FLOOR_WEIGHT * (FLOOR * channel.limit) ** 2
-                n = channel.count + FLOOR_WEIGHT
-                sigma2 = max(q / n, raw, floor[c])
+                q, n = float(energies[s]), max(channel.count, 1)
+                sigma2 = max(q / n, raw, smallest)
                 cost = n * np.log(sigma2) + q / sigma2 + self._det[c][s]
                 if cost < least - 1e-9:
                     best, least, sigma_best = s, cost, float(np.sqrt(sigma2))

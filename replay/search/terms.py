@@ -15,11 +15,13 @@ from replay.search.curves import AMPLITUDE, Curve, curves
 from replay.search.disturbance import runs
 
 Columns = NDArray[np.int64]
+KNOWN = 0.05
+"""Odds of an unknown force that goes with a channel, where the catalogue has an effect that does."""
 FORM_PRIOR = 0.25
 """Prior standard deviation of an effect's error of form, as a share of its typical size."""
 FORM_LEAST = 0.1
 """Share by which an effect's size has to vary for its form to matter."""
-SHARE = 0.04
+SHARE = 0.05
 """Smallest share of an axis' energy that an effect has to take off."""
 STEP_S = 0.2
 """Spacing of the samples that are searched: the residual holds nothing above 2 Hz."""
@@ -119,8 +121,12 @@ class Library:
         self._told: dict[int, list[tuple[Columns, Array]]] = {}
         for effect in effects:
             self._add_effect(effect)
+        known = {
+            (channel, axis) for t in self.terms if t.effect is not None for channel in t.effect.channels
+            for axis in t.effect.axes
+        }  # fmt: skip
         for curve in curves(self.records):
-            self._add_curve(curve)
+            self._add_curve(curve, (curve.name, AXES[curve.axis]) in known)
         self.told_y = [self._told_mean(r) for r in records]
         self.channels: list[Channel] = []
         self._build()
@@ -236,7 +242,7 @@ class Library:
                  np.array(high), log_shape, np.array(main), SHARE, flight)
         )  # fmt: skip
 
-    def _add_curve(self, curve: Curve) -> None:
+    def _add_curve(self, curve: Curve, known: bool) -> None:
         widths = {p.shape[1] for p in curve.parts if p is not None}
         columns = np.arange(self.size, self.size + max(widths))
         self.size += len(columns)
@@ -248,7 +254,7 @@ class Library:
         one = np.ones(len(columns))
         self.terms.append(
             Term(curve.name, None, (), columns, one, 0.0 * one, -np.inf * one, np.inf * one,
-                 float(np.log(curve.odds)), one, curve.share, None, AXES[curve.axis])
+                 float(np.log(curve.odds * (KNOWN if known else 1.0))), one, curve.share, None, AXES[curve.axis])
         )  # fmt: skip
 
     def _told_mean(self, record: Record) -> Array:

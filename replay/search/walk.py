@@ -58,6 +58,7 @@ def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
         beam = []
         for fit in top:
             fit = _reshaped(evidence, fit, weigh)
+            fit = _sharpened(evidence, fit, weigh)
             fit = _lighter(fit, weigh)
             beam.append(fit)
         beam = list({frozenset(t.key for t in f.terms): f for f in beam}.values())
@@ -71,10 +72,11 @@ def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
 def _quiet(evidence: Evidence, fit: Fit) -> Noise:
     """Noise of what the best few terms leave: beside it, shapes show that a set without them takes for a drift."""
     for _ in range(MOST):
-        grown = [evidence.fit([*fit.terms, t], fit.noise) for t in _best_additions(evidence, fit)[:1]]
-        if not grown or grown[0].evidence < fit.evidence + 10.0:
+        grown = [evidence.fit([*fit.terms, t], fit.noise) for t in _best_additions(evidence, fit)[:4]]
+        best = max(grown, key=lambda f: f.evidence, default=fit)
+        if best.evidence < fit.evidence + 10.0:
             break
-        fit = grown[0]
+        fit = best
     return fit.noise
 
 
