@@ -15,6 +15,10 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     one = np.zeros_like(ctx.thrust)
     fan = round(shape[0]) - 1
     one[..., fan] = ctx.thrust[..., fan]
+    if ctx.record:
+        # What one fan does more than its mean share answers disturbances of the moment, and tells nothing of the fan.
+        total = ctx.thrust.sum(axis=-1)
+        one[..., fan] = total * np.nanmean(one[..., fan]) / np.nanmean(total)
     wrench = ctx.push(-one[..., None] * DOWNWARD)
     # A blade that lifts less is mostly dragged less, too, but not in the same measure.
     torque = np.zeros_like(wrench)

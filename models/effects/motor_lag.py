@@ -16,13 +16,14 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     wrench = ctx.rotor_wrench
     if not ctx.record:
         return columns(np.zeros_like(wrench))
-    return columns(through(ctx, wrench, lambda omega: 1.0 / (1.0 + 1j * omega * shape[0]) - 1.0))
+    return columns(through(ctx, wrench, lambda omega: np.exp(-1j * omega * shape[1]) / (1.0 + 1j * omega * shape[0]) - 1.0))
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
     # A lag hardly longer than what the clock was set right by may be of that correction's making.
     shortest = ctx.clock_moved_s + LAG_DOUBT_S
-    return tuple((s,) for s in (0.04, 0.055, 0.08, 0.12, 0.17, 0.25, 0.36) if s >= shortest)
+    lags = (0.0, 0.04, 0.07, 0.12, 0.2, 0.35)
+    return tuple((tau, dead) for dead in (0.0, 0.04, 0.1) for tau in lags if tau + dead >= shortest)
 
 
 def _lacking(ctx: Context) -> str | None:
@@ -31,17 +32,16 @@ def _lacking(ctx: Context) -> str | None:
 
 EFFECT = Effect(
     name="motor_lag",
-    equation="dF = F_rotors(filtered, 1/(1 + tau s)) - F_rotors",
-    sign="gain 1: a first-order lag",
+    equation="dF = F_rotors(filtered, exp(-d s)/(1 + tau s)) - F_rotors",
+    sign="gain 1: dead time and a first-order lag",
     source="Mahony, Kumar & Corke 2012, IEEE Robotics & Automation Magazine 19(3), 20-32: rotor speed as first "
-    "order lag",
     valid="logs of 20 Hz or more",
     axes=("Fz", "Mx", "My"),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4", "thrust_command"),
     excite="vertical steps, quick ones",
-    coefficients=(Coefficient("gain", "1", 0.4, 1.8, typical=0.15, centre=1.0),),
+    coefficients=(Coefficient("gain", "1", 0.6, 1.4, typical=0.15, centre=1.0),),
     regressors=_regressors,
-    shapes=(Shape("tau_s", "s"),),
+    shapes=(Shape("tau_s", "s"), Shape("dead_s", "s")),
     shape_grid=_grid,
     lacking=_lacking,
     searched=("Fz",),

@@ -17,6 +17,9 @@ FORM = 0.12
 """Error of form of an effect, as a share of what it contributes: less than that beside it is not believed."""
 FORM_LEFT = 0.06
 """RMS that an effect leaves by its error of form, as a share of its own."""
+CANCEL, CANCEL_COST = 1.5, 40.0
+"""Effects may not be larger (root of the sum of squares) than what they take off together by more than this."""
+QUIET_S, QUIET = 4.0, 4
 CURVE_FORM = 0.6
 """The same of a free curve: it has no mean, and one beside it may be its."""
 SOFT = 0.02
@@ -90,6 +93,17 @@ class Evidence:
     def start(self) -> Noise:
         """Noise of the residual as it is."""
         return self._noise([c.y for c in self.library.channels], np.zeros(len(self.library.channels)))
+
+    def quiet(self) -> Noise:
+        """Noise as what varies within seconds tells it: beside it, slow effects show that pass for a disturbance."""
+        sigma = []
+        for channel in self.library.channels:
+            known = (channel.run >= 0).astype(float)
+            kernel = np.ones(min(round(QUIET_S / STEP_S), len(known)))
+            mean = np.convolve(channel.y, kernel, "same") / np.maximum(np.convolve(known, kernel, "same"), 1.0)
+            fast = np.where(known > 0, channel.y - mean, 0.0)
+            sigma.append(float(np.sqrt(fast @ fast / max(channel.count, 1) + (FLOOR * channel.limit) ** 2)))
+        return Noise((QUIET,) * len(sigma), tuple(sigma))
 
     def form_floor(self, terms: Sequence[Term], b: Array) -> Array:
         """Variance (channels,) of what is left by the terms' errors of form."""
@@ -213,10 +227,26 @@ class Evidence:
         Some axis must carry a hundredth of the weight of it, more than what the others may leave by their form, and a
         part of what is left there without it.
         """
-        out = 0.0
+        out = -CANCEL_COST * max(self.cancelled(terms, b) - CANCEL, 0.0)
         for z in self.standing(terms, b):
             out -= 0.5 * max((1.0 - z) / SOFT, 0.0) ** 2 + 1e3 * max(0.9 - z, 0.0)
         return out
+
+    def cancelled(self, terms: Sequence[Term], b: Array) -> float:
+        """Contributions over what they take off together, on the axis where that ratio is largest."""
+        columns = columns_of(terms)
+        owner = np.repeat(np.arange(len(terms)), [len(t.columns) for t in terms])
+        worst = 0.0
+        for channel in self.library.channels:
+            local = channel.where[columns]
+            on = local >= 0
+            if not on.any():
+                continue
+            parts = channel.x[:, local[on]] * b[on]
+            each = sum(float((parts[:, owner[on] == i].sum(axis=1) ** 2).sum()) for i in np.unique(owner[on]))
+            both = float((parts.sum(axis=1) ** 2).sum()) + channel.count * channel.limit**2
+            worst = max(worst, float(np.sqrt(each / both)))
+        return worst
 
     def standing(self, terms: Sequence[Term], b: Array) -> Array:
         """How far every term stands out, (terms,): 1 is just worth a name."""

@@ -25,7 +25,7 @@ SHARE = 0.05
 """Smallest share of an axis' energy that an effect has to take off."""
 STEP_S = 0.2
 """Spacing of the samples that are searched: the residual holds nothing above 2 Hz."""
-TOLD_S = 0.08
+TOLD_S = 0.05
 """How well velocity and attitude tell of the accelerometer's offset [m/s^2]."""
 
 

@@ -41,7 +41,7 @@ def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
         return fits[key]
 
     empty = evidence.fit([], evidence.start())
-    quiet = _quiet(evidence, empty)
+    quiet = evidence.quiet()
     fits[frozenset()] = empty
     beam = [empty]
     for _ in range(MOST):
@@ -63,21 +63,10 @@ def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
             beam.append(fit)
         beam = list({frozenset(t.key for t in f.terms): f for f in beam}.values())
     best = max(fits.values(), key=lambda f: f.score)
-    best = _settled(evidence, best, weigh)
+    best = _settled(evidence, best, weigh, quiet)
     best = _sharpened(evidence, best, weigh)
-    best = _settled(evidence, best, weigh)
+    best = _settled(evidence, best, weigh, quiet)
     return Walked(evidence, fits, best)
-
-
-def _quiet(evidence: Evidence, fit: Fit) -> Noise:
-    """Noise of what the best few terms leave: beside it, shapes show that a set without them takes for a drift."""
-    for _ in range(MOST):
-        grown = [evidence.fit([*fit.terms, t], fit.noise) for t in _best_additions(evidence, fit)[:4]]
-        best = max(grown, key=lambda f: f.evidence, default=fit)
-        if best.evidence < fit.evidence + 10.0:
-            break
-        fit = best
-    return fit.noise
 
 
 def _excluded(fit: Fit) -> set[str]:
@@ -93,7 +82,7 @@ def _contains_taken(term: Term, fit: Fit) -> bool:
     return term.effect is not None and bool(names & set(term.effect.contains))
 
 
-def _best_additions(evidence: Evidence, fit: Fit, quiet: Noise | None = None) -> list[Term]:
+def _best_additions(evidence: Evidence, fit: Fit, quiet: Noise, tried: int = TRIED) -> list[Term]:
     """The best shape of every term that is not in the set, best first."""
     taken = {t.key for t in fit.terms}
     out = _excluded(fit)
@@ -101,7 +90,7 @@ def _best_additions(evidence: Evidence, fit: Fit, quiet: Noise | None = None) ->
     if not open_:
         return []
     out_terms: list[Term] = []
-    for noise in dict.fromkeys((fit.noise, quiet or fit.noise)):
+    for noise in dict.fromkeys((fit.noise, quiet)):
         near = fit if noise is fit.noise else evidence.refit(fit.terms, noise)
         gain = TRUST * evidence.screen(near, open_) + np.array([evidence._prior(t) for t in open_])
         best: dict[tuple, tuple[float, Term]] = {}
@@ -109,7 +98,7 @@ def _best_additions(evidence: Evidence, fit: Fit, quiet: Noise | None = None) ->
             if term.key not in best or g > best[term.key][0] + 1e-9:
                 best[term.key] = (float(g), term)
         ranked = sorted(best.values(), key=lambda p: -p[0])
-        out_terms += [t for g, t in ranked[:TRIED] if g > -3.0 and t not in out_terms]
+        out_terms += [t for g, t in ranked[:tried] if g > -3.0 and t not in out_terms]
     return out_terms
 
 
@@ -154,7 +143,7 @@ def _lighter(fit: Fit, weigh) -> Fit:
     return fit
 
 
-def _settled(evidence: Evidence, fit: Fit, weigh) -> Fit:
+def _settled(evidence: Evidence, fit: Fit, weigh, quiet: Noise) -> Fit:
     """Exchange, add and take away one at a time until nothing is better."""
     for _ in range(6):
         best = fit
@@ -162,11 +151,11 @@ def _settled(evidence: Evidence, fit: Fit, weigh) -> Fit:
             less = weigh([t for t in fit.terms if t is not term], fit)
             if less.score > best.score:
                 best = less
-            for other in _best_additions(evidence, less)[:4]:
+            for other in _best_additions(evidence, less, quiet, 4):
                 new = weigh([*less.terms, other], less)
                 if new.score > best.score:
                     best = new
-        for other in _best_additions(evidence, fit):
+        for other in _best_additions(evidence, fit, quiet):
             new = weigh([*fit.terms, other], fit)
             if new.score > best.score:
                 best = new
