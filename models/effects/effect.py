@@ -68,6 +68,8 @@ class Shape:
     unit: str
     continuous: bool = True
     kinds: tuple[float, ...] = ()
+    free_at_zero: bool = False
+    """Zero is a value like others (there is no dead time), not the edge of what was tried."""
 
 
 @dataclass(frozen=True)
@@ -248,6 +250,8 @@ class Effect:
     """Effects whose terms it has among its own."""
     searched: tuple[str, ...] = ()
     """Axes by which it is looked for, where others would only answer disturbances; empty: all that it acts on."""
+    explain: Callable[[Mapping[str, tuple[float, float, float]]], str | None] | None = None
+    """A remark on parameters that were found, each (value, low, high)."""
     told: Callable[[Context, tuple[float, ...]], Array] | None = None
     """(3, k): what it adds to accelerometer minus what velocity and attitude imply [m/s^2]; None: nothing."""
 

@@ -25,7 +25,7 @@ EFFECT = Effect(
     channels=("thrust_command", "servo_1", "rpm_1", "az_m_s2"),
     excite="climb and sink with quick starts and stops: thrust well above and below hover",
     coefficients=(
-        Coefficient("slope", "1", -0.5, 1.5, typical=0.25),
+        Coefficient("slope", "1", -0.4, 1.5, typical=0.25, centre=0.1),
         Coefficient("curvature", "1", -3.0, 3.0, typical=0.4),
     ),
     main=("slope", "curvature"),

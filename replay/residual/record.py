@@ -14,6 +14,7 @@ from models.vehicle import Vehicle
 from models.vehicle_wrench import modelled_wrench
 from replay.flightlog import FlightLog, ImuRecord
 from replay.residual.channels import named_channels
+from replay.residual.faults import LogFault
 from replay.residual.delays import Delay, range_delay_of, rotor_delay
 from replay.residual.distances import MAX_GAP_S, distances, unseen_surfaces
 from replay.residual.grid import CUT_OFF_HZ, Grid, Mask, rate_of_change
@@ -22,7 +23,10 @@ from replay.residual.validity import Excluded, judged_time
 
 MOMENT_RATE_HZ = 20.0
 FORCE_RATE_HZ = 4.0
-SHORTEST_S = 12.0
+SHORTEST_S = 4.0
+"""Shortest flight that is looked at beside others."""
+ENOUGH_S = 12.0
+"""What all flights together have to hold."""
 COMMANDED = 0.6
 """Correlation of lift with the accelerometer below which rotor speeds mostly answer noise, and motions are drift."""
 
@@ -48,6 +52,8 @@ class Record:
     delays: tuple[Delay, ...]
     excluded: tuple[Excluded, ...]
     notes: tuple[str, ...] = field(default=())
+    faults: tuple[LogFault, ...] = field(default=())
+    """What is wrong with the log or the vehicle file, and is named as no effect."""
 
     @property
     def time_s(self) -> Array:
@@ -79,7 +85,7 @@ def build_record(
     end = min(imu.specific_force.t_s[-1], log.attitude.t_s[-1])
     if end - start < SHORTEST_S:
         raise LogError(
-            f"{log.path}: only {max(end - start, 0.0):.0f} s with IMU and attitude; record {SHORTEST_S:.0f} s at least"
+            f"{log.path}: only {max(end - start, 0.0):.0f} s with IMU and attitude; record {ENOUGH_S:.0f} s at least"
         )
     notes: list[str] = []
     rate = min(imu.specific_force.rate_hz, 100.0)
@@ -157,12 +163,17 @@ def build_record(
         notes=tuple(notes),
     )
     if record.seconds < SHORTEST_S:
-        worst = max(excluded, key=lambda e: e.seconds).reason if excluded else "gaps"
-        raise LogError(
-            f"{log.path}: only {record.seconds:.0f} s of flight can be judged (most time lost to: {worst}); "
-            f"{SHORTEST_S:.0f} s are needed"
-        )
+        raise too_short(record)
     return record
+
+
+def too_short(record: Record) -> LogError:
+    """What to say of a flight that does not last."""
+    worst = max(record.excluded, key=lambda e: e.seconds).reason if record.excluded else "gaps"
+    return LogError(
+        f"{record.log.path}: only {record.seconds:.0f} s of flight can be judged (most time lost to: {worst}); "
+        f"{ENOUGH_S:.0f} s are needed"
+    )
 
 
 def _imu(log: FlightLog) -> ImuRecord:

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 from scipy.special import log_ndtr
 
 from models.frames import Array
 from replay.search.disturbance import bank_energy, lag_products, spectra
-from replay.search.terms import STEP_S, TOLD_S, Library, Term
+from replay.search.terms import STEP_S, TOLD_S, Columns, Key, Library, Term
 
 FORM = 0.12
 """Error of form of an effect, as a share of what it contributes: less than that beside it is not believed."""
 FORM_LEFT = 0.06
 """RMS that an effect leaves by its error of form, as a share of its own."""
-CANCEL, CANCEL_COST = 1.5, 40.0
+CANCEL, CANCEL_COST = 3.0, 40.0
 """Effects may not be larger (root of the sum of squares) than what they take off together by more than this."""
+NOTHING_LEFT_OUT: Mapping[int, NDArray[np.bool_]] = {}
 QUIET_S, QUIET = 4.0, 4
-CURVE_FORM = 0.6
+CURVE_FORM = 1.2
 """The same of a free curve: it has no mean, and one beside it may be its."""
 SOFT = 0.02
 TRUST = 0.3
@@ -48,8 +50,14 @@ class Fit:
     evidence: float
     """Log marginal likelihood."""
     worth: float
+    prior: float
     score: float
     """Log posterior: evidence, cut-offs, worth and priors."""
+
+    @property
+    def key(self) -> frozenset[Key]:
+        """Keys of its terms."""
+        return frozenset(t.key for t in self.terms)
 
     def part(self, term: Term) -> slice:
         """Where a term's coefficients stand in ``b``."""
@@ -153,24 +161,30 @@ class Evidence:
             noise = fresh
         b, cov, evidence = self._posterior(terms, noise)
         worth = self._worth(terms, b)
-        prior = sum(self._prior(t) for t in terms)
+        prior = sum(self.prior(t) for t in terms)
         score = TRUST * evidence + self._cut(terms, b, cov) + worth + prior
-        return Fit(tuple(terms), b, cov, noise, evidence, worth, score)
+        return Fit(tuple(terms), b, cov, noise, evidence, worth, prior, score)
 
-    def refit(self, terms: Sequence[Term], noise: Noise) -> Fit:
-        """Coefficients beside a given noise, without a score."""
-        b, cov, evidence = self._posterior(terms, noise)
-        return Fit(tuple(terms), b, cov, noise, evidence, 0.0, evidence)
+    def refit(
+        self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, NDArray[np.bool_]] | None = None
+    ) -> Fit:
+        """Coefficients beside a given noise, without a score; rows of flights in ``left_out`` (n,) are not looked at."""
+        b, cov, evidence = self._posterior(terms, noise, left_out or {})
+        return Fit(tuple(terms), b, cov, noise, evidence, 0.0, 0.0, evidence)
 
-    def _prior(self, term: Term) -> float:
+    def prior(self, term: Term) -> float:
+        """Log odds of a term in its shape, before any flight was seen."""
         if term.effect is None:
             return term.log_shape
         odds = term.effect.odds
         return float(np.log(odds / (1.0 - odds))) + term.log_shape
 
+    def _with_trim(self, terms: Sequence[Term]) -> Columns:
+        return np.concatenate([columns_of(terms), self.library.trim])
+
     def rest(self, terms: Sequence[Term], b: Array) -> list[Array]:
         """What a set leaves of every channel."""
-        columns = columns_of(terms)
+        columns = self._with_trim(terms)
         out = []
         for channel in self.library.channels:
             local = channel.where[columns]
@@ -178,10 +192,12 @@ class Evidence:
             out.append(channel.y - channel.x[:, local[on]] @ b[on] if on.any() else channel.y)
         return out
 
-    def _posterior(self, terms: Sequence[Term], noise: Noise) -> tuple[Array, Array, float]:
-        columns = columns_of(terms)
+    def _posterior(
+        self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, NDArray[np.bool_]] = NOTHING_LEFT_OUT
+    ) -> tuple[Array, Array, float]:
+        columns = self._with_trim(terms)
         k = len(columns)
-        mean = np.concatenate([t.centre for t in terms]) if terms else np.empty(0)
+        mean = np.concatenate([*(t.centre for t in terms), np.zeros(len(self.library.trim))])
         a, r = np.eye(k), mean.copy()
         value = 0.0
         for c, channel in enumerate(self.library.channels):
@@ -193,6 +209,9 @@ class Evidence:
             if not on.size:
                 continue
             x = self.white(c, s)[:, local[on]]
+            if channel.flight in left_out:
+                kept = ~left_out[channel.flight]
+                x, yw = x[kept], yw[kept]
             a[np.ix_(on, on)] += x.T @ x / sigma2
             r[on] += x.T @ yw / sigma2
         for y, x_all in zip(self.library.told_y, self.library.told_x, strict=True):
@@ -215,6 +234,8 @@ class Evidence:
         """Log share of the posterior within the bounds, over that of the prior."""
         if not terms:
             return 0.0
+        k = len(columns_of(terms))
+        b, cov = b[:k], cov[:k, :k]
         low = np.concatenate([t.low for t in terms])
         high = np.concatenate([t.high for t in terms])
         mean = np.concatenate([t.centre for t in terms])
@@ -242,7 +263,7 @@ class Evidence:
             on = local >= 0
             if not on.any():
                 continue
-            parts = channel.x[:, local[on]] * b[on]
+            parts = channel.x[:, local[on]] * b[: len(columns)][on]
             each = sum(float((parts[:, owner[on] == i].sum(axis=1) ** 2).sum()) for i in np.unique(owner[on]))
             both = float((parts.sum(axis=1) ** 2).sum()) + channel.count * channel.limit**2
             worst = max(worst, float(np.sqrt(each / both)))
@@ -284,10 +305,19 @@ class Evidence:
                 tops[i, c] = np.partition(u, -m)[-m] / channel.limit
         return tops, shares
 
+    def unit_tops(self, term: Term) -> Array:
+        """99th percentile (k,) of every scaled coefficient's column, in the limit of the axis where it is largest."""
+        out = np.zeros(len(term.columns))
+        for channel in self.library.channels:
+            local = channel.where[term.columns]
+            for i in np.flatnonzero(local >= 0):
+                out[i] = max(out[i], float(np.quantile(np.abs(channel.x[:, local[i]]), 0.99)) / channel.limit)
+        return out
+
     def screen(self, fit: Fit, terms: Sequence[Term]) -> Array:
         """Gain in log evidence of each of ``terms`` beside a fitted set, its noise kept (m,)."""
         library, noise = self.library, fit.noise
-        columns = columns_of(fit.terms)
+        columns = self._with_trim(fit.terms)
         size = library.size
         cross, d = np.zeros((size, len(columns))), np.zeros(size)
         for c, channel in enumerate(library.channels):

@@ -24,7 +24,7 @@ from replay.search.noise import (
     fold_of_block,
     training_blocks,
 )
-from replay.search.null import p_value
+from replay.search.noise import p_value
 
 KNOTS = 5
 MANY_KNOTS = 12

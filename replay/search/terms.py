@@ -8,15 +8,19 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from models.effects import Effect
+from models.effects import Context, Effect
 from models.frames import AXES, Array
 from replay.residual.record import Record
 from replay.search.curves import AMPLITUDE, Curve, curves
 from replay.search.disturbance import runs
 
 Columns = NDArray[np.int64]
+Key = tuple[str, int | None, str | None]
+"""Name, flight (of an effect of the day) and axis (of a free curve): what may be in a set only once."""
 KNOWN = 0.05
 """Odds of an unknown force that goes with a channel, where the catalogue has an effect that does."""
+TRIM = 0.5
+"""Standard deviation of the trim moment that every vehicle has, in hundredths of the weight times the lever."""
 FORM_PRIOR = 0.25
 """Prior standard deviation of an effect's error of form, as a share of its typical size."""
 FORM_LEAST = 0.1
@@ -50,12 +54,14 @@ class Term:
     """(k,) 1 for coefficients that make the effect what it is, else 0."""
     share: float
     """Smallest share of an axis' energy that it has to take off."""
+    places: dict[int, Columns]
+    """Of every flight that it acts on: columns of its coefficients there, in their order."""
     flight: int | None = None
     axis: str | None = None
     """Of a free curve."""
 
     @property
-    def key(self) -> tuple[str, int | None, str | None]:
+    def key(self) -> Key:
         """What may be there only once."""
         return (self.name, self.flight, self.axis)
 
@@ -84,9 +90,15 @@ class Channel:
         self.count = int((self.run >= 0).sum())
 
 
-def _bent(x: Array, record: Record, every: int) -> list[Array]:
+def _regressors(effect: Effect, record: Record, shape: tuple[float, ...]) -> Array:
+    with np.errstate(invalid="ignore", over="ignore"):
+        x = effect.regressors(record.context, shape)
+    return np.nan_to_num(x, posinf=0.0, neginf=0.0)
+
+
+def _bent(x: Array, record: Record) -> list[Array]:
     """What a wrong form adds to a contribution (n, 6): a gain that goes with its size, orthogonal to itself."""
-    valid = record.valid[::every]
+    valid = record.valid
     weight = record.context.weight
     size = np.sqrt((x[:, :3] ** 2).sum(axis=1) + (x[:, 3:] ** 2).sum(axis=1) / record.context.lever**2)
     top = float(np.quantile(size[valid], 0.99)) if valid.any() else 0.0
@@ -116,8 +128,10 @@ class Library:
         self.every = [max(round(STEP_S / r.step_s), 1) for r in records]
         self.terms: list[Term] = []
         self.lacking: dict[str, str] = {}
+        self._trims: list[tuple[int, int]] = []
         self.size = 0
         self._parts: dict[tuple[int, int], list[tuple[Columns, Array]]] = {}
+        self._curves: dict[tuple[int, int], Array] = {}
         self._told: dict[int, list[tuple[Columns, Array]]] = {}
         for effect in effects:
             self._add_effect(effect)
@@ -127,6 +141,7 @@ class Library:
         }  # fmt: skip
         for curve in curves(self.records):
             self._add_curve(curve, (curve.name, AXES[curve.axis]) in known)
+        self.trim = self._add_trim()
         self.told_y = [self._told_mean(r) for r in records]
         self.channels: list[Channel] = []
         self._build()
@@ -211,10 +226,9 @@ class Library:
         form: list[list[tuple[int, Array]]] = []
         for f in flights:
             record = self.records[f]
-            with np.errstate(invalid="ignore", over="ignore"):
-                x = effect.regressors(record.context, shape)[:: self.every[f]]
-            x = np.nan_to_num(x, posinf=0.0, neginf=0.0) * spread
-            form.append([(i, bent) for i in bends for bent in _bent(x[:, :, i], record, self.every[f])])
+            x = _regressors(effect, record, shape) * spread
+            form.append([(i, bent[:: self.every[f]]) for i in bends for bent in _bent(x[:, :, i], record)])
+            x = x[:: self.every[f]]
             for a in record.axes:
                 if effect.searched and AXES[a] not in effect.searched:
                     continue
@@ -239,22 +253,69 @@ class Library:
             self.size += 1
         self.terms.append(
             Term(effect.name, effect, shape, np.array(columns), np.array(scale), np.array(mean), np.array(low),
-                 np.array(high), log_shape, np.array(main), SHARE, flight)
+                 np.array(high), log_shape, np.array(main), SHARE, place, flight)
         )  # fmt: skip
+
+    def _add_trim(self) -> Columns:
+        """Constant moments of every flight that a vehicle has without any effect: columns of no term."""
+        first = self.size
+        for f, record in enumerate(self.records):
+            for a in (a for a in record.axes if a >= 3):
+                constant = np.full((len(record.valid[:: self.every[f]]), 1), TRIM / AMPLITUDE * self._amplitude(f, a))
+                self._parts.setdefault((f, a), []).append((np.array([self.size]), constant))
+                self._trims.append((f, a))
+                self.size += 1
+        return np.arange(first, self.size)
+
+    def trim_wrench(self, flight: int, b: Array) -> Array:
+        """Trim moments (6,) of a flight by the scaled coefficients of all trims."""
+        out = np.zeros(6)
+        for (f, a), value in zip(self._trims, b, strict=True):
+            if f == flight:
+                out[a] = value * TRIM / AMPLITUDE * self._amplitude(f, a)
+        return out
+
+    def _amplitude(self, flight: int, axis: int) -> float:
+        context = self.context(flight)
+        return AMPLITUDE * 0.01 * context.weight * (1.0 if axis < 3 else context.lever)
+
+    def context(self, flight: int) -> Context:
+        """Of a flight."""
+        return self.records[flight].context
+
+    def curve(self, term: Term, flight: int) -> Array:
+        """Columns (n, k) of a free curve at the record's rate."""
+        return self._curves[int(term.columns[0]), flight]
+
+    def wrenches(self, term: Term, flight: int) -> tuple[Array, Array]:
+        """Wrenches (n, 6, k) per coefficient of an effect at the record's rate, and (n, 6, m) of its errors of form."""
+        effect, record = term.effect, self.records[flight]
+        assert effect is not None
+        x = _regressors(effect, record, term.shape)
+        spread = term.scale[np.searchsorted(term.columns, term.places[flight])]
+        bends = [i for i, c in enumerate(effect.coefficients) if not effect.main or c.name in effect.main]
+        bent = [part for i in bends for part in _bent(x[:, :, i] * spread[i], record)]
+        forms = len(term.columns) - len({int(c) for p in term.places.values() for c in p})
+        out = np.zeros((len(x), 6, forms))
+        for j, part in enumerate(bent[:forms]):
+            out[:, :, j] = part
+        return x, out
 
     def _add_curve(self, curve: Curve, known: bool) -> None:
         widths = {p.shape[1] for p in curve.parts if p is not None}
         columns = np.arange(self.size, self.size + max(widths))
         self.size += len(columns)
+        places: dict[int, Columns] = {}
         for f, (record, part) in enumerate(zip(self.records, curve.parts, strict=True)):
             if part is None or curve.axis not in record.axes:
                 continue
-            amplitude = AMPLITUDE * 0.01 * record.context.weight * (1.0 if curve.axis < 3 else record.context.lever)
-            self._parts.setdefault((f, curve.axis), []).append((columns, amplitude * part[:: self.every[f]]))
+            places[f] = columns
+            self._curves[int(columns[0]), f] = self._amplitude(f, curve.axis) * part
+            self._parts.setdefault((f, curve.axis), []).append((columns, self._curves[int(columns[0]), f][:: self.every[f]]))
         one = np.ones(len(columns))
         self.terms.append(
             Term(curve.name, None, (), columns, one, 0.0 * one, -np.inf * one, np.inf * one,
-                 float(np.log(curve.odds * (KNOWN if known else 1.0))), one, curve.share, None, AXES[curve.axis])
+                 float(np.log(curve.odds * (KNOWN if known else 1.0))), one, curve.share, places, None, AXES[curve.axis])
         )  # fmt: skip
 
     def _told_mean(self, record: Record) -> Array:
