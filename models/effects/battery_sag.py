@@ -45,6 +45,7 @@ EFFECT = Effect(
     shapes=(Shape("reference_v", "V", continuous=False),),
     shape_grid=_grid,
     lacking=_lacking,
+    odds=lambda ctx: ctx.by_kind(0.03, 0.15),
     contains=("thrust_scale",),
     aliases=("thermal_derating", "thrust_scale"),
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -168,6 +169,10 @@ class Context:
         """Momentum theory's mass flow of every fan in hover, sqrt(rho A T) [kg/s], (..., fans)."""
         return np.sqrt(RHO_SEA_LEVEL * self.vehicle.disc_area_m2 * np.maximum(self.thrust, 0.0))
 
+    def by_kind(self, speeds: float, outputs: float) -> float:
+        """One of two numbers: where thrust is declared by rotor speeds, or by servo outputs, which tell less."""
+        return speeds if self.vehicle.telemetered else outputs
+
     @property
     def weight(self) -> float:
         """Declared weight [N]."""
@@ -242,8 +247,10 @@ class Effect:
     """The shape that theory gives: another one must be clearly better."""
     at_shape: bool = False
     """The one coefficient is a length at which the one shape linearises: both have to agree."""
-    odds: float = 0.05
+    odds: Size = 0.05
     """How often such a thing is undeclared, before any flight was seen."""
+    least_share: float = 0.05
+    """Smallest share of an axis' energy that it has to take off to be named."""
     of_day: bool = False
     """Of the flight, not of the vehicle: every flight has its own."""
     contains: tuple[str, ...] = ()
@@ -254,6 +261,11 @@ class Effect:
     """A remark on parameters that were found, each (value, low, high)."""
     told: Callable[[Context, tuple[float, ...]], Array] | None = None
     """(3, k): what it adds to accelerometer minus what velocity and attitude imply [m/s^2]; None: nothing."""
+
+    def log_odds(self, ctx: Context) -> float:
+        """Of its being there, before any flight was seen."""
+        odds = self.odds(ctx) if callable(self.odds) else self.odds
+        return math.log(odds / (1.0 - odds))
 
     def parameters(self, coefficients: ArrayLike, shape: tuple[float, ...]) -> dict[str, float]:
         """Names to numbers, as a model directory keeps them."""

@@ -33,7 +33,7 @@ EFFECT = Effect(
     axes=("Fz",),
     channels=("range_down_m", "down_m", "rpm_1"),
     excite="hover at three heights or more between 0.7 and 4 radii",
-    coefficients=(Coefficient("gain", "1", -1.0, 3.0, typical=0.2, centre=0.1),),
+    coefficients=(Coefficient("gain", "1", -1.0, 3.0, typical=0.15, centre=0.15),),
     regressors=_regressors,
     shapes=(Shape("length_radii", "1"),),
     shape_grid=_grid,

@@ -32,5 +32,6 @@ EFFECT = Effect(
     aliases=("wind", "payload", "thrust_scale"),
     in_flight=InFlight.NONE,
     of_day=True,
+    odds=0.1,
     told=_told,
 )

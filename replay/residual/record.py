@@ -14,7 +14,7 @@ from models.vehicle import Vehicle
 from models.vehicle_wrench import modelled_wrench
 from replay.flightlog import FlightLog, ImuRecord
 from replay.residual.channels import named_channels
-from replay.residual.faults import LogFault
+from replay.residual.faults import LogFault, derived_accelerometer
 from replay.residual.delays import Delay, range_delay_of, rotor_delay
 from replay.residual.distances import MAX_GAP_S, distances, unseen_surfaces
 from replay.residual.grid import CUT_OFF_HZ, Grid, Mask, rate_of_change
@@ -141,6 +141,11 @@ def build_record(
         raw[:, 3:] = 0.0
     residual = grid.smooth(raw)
     kinematic = _kinematic_bias(force, rotation, velocity, grid)
+    kinematic = grid.smooth(np.where(valid[:, None], kinematic, np.nan))
+    faults: list[LogFault] = []
+    if derived_accelerometer(kinematic):
+        faults.append(LogFault("ax_m_s2", "is derived from the velocity: it tells nothing that velocity does not"))
+        kinematic[:] = np.nan
     small = decimated(state, grid)
     keep = np.isfinite(residual).all(axis=1) & grid.pick(valid)
     channels = named_channels(log, vehicle, small)
@@ -156,11 +161,12 @@ def build_record(
         valid=keep,
         axes=tuple(axes),
         step_s=grid.every / grid.rate,
-        kinematic_bias=grid.smooth(np.where(valid[:, None], kinematic, np.nan)),
+        kinematic_bias=kinematic,
         channels=channels,
         delays=tuple(delays),
         excluded=tuple(excluded),
         notes=tuple(notes),
+        faults=tuple(faults),
     )
     if record.seconds < SHORTEST_S:
         raise too_short(record)

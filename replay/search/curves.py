@@ -32,7 +32,7 @@ REACTIONS = {
 """Channels that answer a disturbance of that axis within the loop."""
 DRIFTS = ("north_m", "east_m", "down_m", "yaw_rad", "range_")
 """Channels that nothing but disturbances move in a flight that only hovers."""
-ODDS, REACTION_ODDS = 5e-4, 1e-5
+ODDS, REACTION_ODDS = 2e-4, 1e-5
 SHARE, REACTION_SHARE = 0.08, 0.25
 
 

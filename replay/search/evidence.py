@@ -18,7 +18,7 @@ FORM = 0.12
 """Error of form of an effect, as a share of what it contributes: less than that beside it is not believed."""
 FORM_LEFT = 0.06
 """RMS that an effect leaves by its error of form, as a share of its own."""
-CANCEL, CANCEL_COST = 3.0, 40.0
+CANCEL, CANCEL_COST = 2.0, 40.0
 """Effects may not be larger (root of the sum of squares) than what they take off together by more than this."""
 NOTHING_LEFT_OUT: Mapping[int, NDArray[np.bool_]] = {}
 QUIET_S, QUIET = 4.0, 4
@@ -176,8 +176,7 @@ class Evidence:
         """Log odds of a term in its shape, before any flight was seen."""
         if term.effect is None:
             return term.log_shape
-        odds = term.effect.odds
-        return float(np.log(odds / (1.0 - odds))) + term.log_shape
+        return term.effect.log_odds(self.library.context(min(term.places))) + term.log_shape
 
     def _with_trim(self, terms: Sequence[Term]) -> Columns:
         return np.concatenate([columns_of(terms), self.library.trim])
@@ -265,7 +264,7 @@ class Evidence:
                 continue
             parts = channel.x[:, local[on]] * b[: len(columns)][on]
             each = sum(float((parts[:, owner[on] == i].sum(axis=1) ** 2).sum()) for i in np.unique(owner[on]))
-            both = float((parts.sum(axis=1) ** 2).sum()) + channel.count * channel.limit**2
+            both = float((parts.sum(axis=1) ** 2).sum()) + channel.count * (2.0 * channel.limit) ** 2
             worst = max(worst, float(np.sqrt(each / both)))
         return worst
 

@@ -18,6 +18,8 @@ Broadband unsteadiness of the air and the declared model's own error leave about
 """
 LOUD = 1.5
 """Intervals are told where the remainder exceeds the limit by this factor."""
+SUDDEN, SUDDEN_S = 5.0, 0.5
+"""Short pushes are told, too: so many times what is usual in the flight, for so long in all."""
 JOIN_S, SHORTEST_S, MOST = 2.0, 0.5, 12
 
 
@@ -43,8 +45,12 @@ def outside(record: Record, rest: Array) -> tuple[Outside, ...]:
         slow = np.where(valid, total / np.maximum(weight, 1.0), 0.0)
         rms = float(np.sqrt(np.mean(slow[valid] ** 2)))
         limit = unit * (FORCE_LIMIT if a < 3 else MOMENT_LIMIT)
+        usual = 1.4826 * float(np.median(np.abs(slow[valid])))
+        struck = np.abs(slow) > max(LOUD * limit, SUDDEN * usual)
         if rms > limit:
             out.append(Outside(AXES[a], rms, _intervals(record.time_s, np.abs(slow) > LOUD * limit)))
+        elif struck.sum() * record.step_s > SUDDEN_S:
+            out.append(Outside(AXES[a], rms, _intervals(record.time_s, struck)))
     return tuple(out)
 
 

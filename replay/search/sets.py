@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from replay.search.terms import Key
     from replay.search.walk import Walked
 
-ALIAS_NATS = 4.0
+ALIAS_NATS = 5.0
 """Sets less likely by this much (log) than the best are no alternative."""
 
 
@@ -44,7 +44,7 @@ def rivals_of(walked: Walked) -> list[Rival]:
 
 
 def canonical(fits: list[Fit], margin: float) -> Fit:
-    """Of the sets within ``margin`` of the best: the fewest terms, then the likeliest beforehand, then by name."""
+    """Of the sets within ``margin`` of the best: the fewest terms, then the likeliest, then by name."""
     top = max(f.score for f in fits)
     near = [f for f in fits if f.score > top - margin]
-    return min(near, key=lambda f: (len(f.terms), -round(f.prior, 3), tuple(t.key[0] for t in f.terms)))
+    return min(near, key=lambda f: (len(f.terms), -round(f.score), tuple(t.key[0] for t in f.terms)))

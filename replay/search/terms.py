@@ -17,7 +17,7 @@ from replay.search.disturbance import runs
 Columns = NDArray[np.int64]
 Key = tuple[str, int | None, str | None]
 """Name, flight (of an effect of the day) and axis (of a free curve): what may be in a set only once."""
-KNOWN = 0.05
+KNOWN = 0.02
 """Odds of an unknown force that goes with a channel, where the catalogue has an effect that does."""
 TRIM = 0.5
 """Standard deviation of the trim moment that every vehicle has, in hundredths of the weight times the lever."""
@@ -25,8 +25,6 @@ FORM_PRIOR = 0.25
 """Prior standard deviation of an effect's error of form, as a share of its typical size."""
 FORM_LEAST = 0.1
 """Share by which an effect's size has to vary for its form to matter."""
-SHARE = 0.05
-"""Smallest share of an axis' energy that an effect has to take off."""
 STEP_S = 0.2
 """Spacing of the samples that are searched: the residual holds nothing above 2 Hz."""
 TOLD_S = 0.05
@@ -253,7 +251,7 @@ class Library:
             self.size += 1
         self.terms.append(
             Term(effect.name, effect, shape, np.array(columns), np.array(scale), np.array(mean), np.array(low),
-                 np.array(high), log_shape, np.array(main), SHARE, place, flight)
+                 np.array(high), log_shape, np.array(main), effect.least_share, place, flight)
         )  # fmt: skip
 
     def _add_trim(self) -> Columns:

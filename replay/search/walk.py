@@ -22,7 +22,7 @@ TRIED = 6
 """How many additions to a set are weighed in full, for each noise that they are screened beside."""
 WORTH_A_LOOK = -3.0
 """Log posterior odds by screening from which on a term is weighed."""
-MARGIN = 2.0
+MARGIN = 3.0
 """Sets as likely as the best but for this much (log) count as equal."""
 SURE = 0.995
 """No more than this is claimed: the models are wrong more often than numbers in a model can tell."""
