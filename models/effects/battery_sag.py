@@ -39,7 +39,10 @@ EFFECT = Effect(
     axes=("Fz",),
     channels=("battery_voltage_v", "servo_1", "rpm_1"),
     excite="fly on a full and on an empty battery",
-    coefficients=(Coefficient("power", "1", 0.0, 4.0, typical=1.5, centre=1.0), Coefficient("at_reference", "1", -0.3, 0.3, typical=0.08, of_day=True)),
+    coefficients=(
+        Coefficient("power", "1", 0.0, 4.0, typical=1.5, centre=1.0),
+        Coefficient("at_reference", "1", -0.3, 0.3, typical=0.08, of_day=True),
+    ),
     main=("power",),
     regressors=_regressors,
     shapes=(Shape("reference_v", "V", continuous=False),),

@@ -46,7 +46,10 @@ EFFECT = Effect(
     axes=("Fx", "Fy", "Mx", "My", "Mz"),
     channels=("range_right_m", "range_left_m", "range_forward_m", "range_back_m"),
     excite="touch the wall gently, several times",
-    coefficients=(Coefficient("stiffness", "N/m", 1.0, 1e4, typical=_stiff), Coefficient("damping", "N s/m", -100.0, 1e3, typical=_damped)),
+    coefficients=(
+        Coefficient("stiffness", "N/m", 1.0, 1e4, typical=_stiff),
+        Coefficient("damping", "N s/m", -100.0, 1e3, typical=_damped),
+    ),
     regressors=_regressors,
     shapes=(Shape("reach_m", "m"),),
     shape_grid=_grid,

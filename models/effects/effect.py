@@ -69,6 +69,8 @@ class Shape:
     unit: str
     continuous: bool = True
     kinds: tuple[float, ...] = ()
+    typical: float | None = None
+    """Standard deviation of the prior about zero; None: all values are as likely."""
     free_at_zero: bool = False
     """Zero is a value like others (there is no dead time), not the edge of what was tried."""
 

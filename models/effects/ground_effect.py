@@ -38,5 +38,6 @@ EFFECT = Effect(
     shapes=(Shape("length_radii", "1"),),
     shape_grid=_grid,
     lacking=_lacking,
+    odds=0.08,
     aliases=("range_offset", "partial_ground"),
 )

@@ -16,7 +16,9 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     wrench = ctx.rotor_wrench
     if not ctx.record:
         return columns(np.zeros_like(wrench))
-    return columns(through(ctx, wrench, lambda omega: np.exp(-1j * omega * shape[1]) / (1.0 + 1j * omega * shape[0]) - 1.0))
+    return columns(
+        through(ctx, wrench, lambda omega: np.exp(-1j * omega * shape[1]) / (1.0 + 1j * omega * shape[0]) - 1.0)
+    )
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:

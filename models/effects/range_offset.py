@@ -43,7 +43,7 @@ EFFECT = Effect(
     excite="hover at three heights or more between 0.7 and 4 radii",
     coefficients=(Coefficient("offset_m", "m", -0.15, 0.15, typical=0.05),),
     regressors=_regressors,
-    shapes=(Shape("secant_m", "m"),),
+    shapes=(Shape("secant_m", "m", typical=0.04),),
     shape_grid=_grid,
     at_shape=True,
     lacking=_lacking,

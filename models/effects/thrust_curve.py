@@ -30,7 +30,7 @@ EFFECT = Effect(
     ),
     main=("slope", "curvature"),
     odds=lambda ctx: ctx.by_kind(0.02, 0.15),
-    least_share=0.12,
+    least_share=0.25,
     regressors=_regressors,
     lacking=_lacking,
     aliases=("thrust_scale", "battery_sag"),

@@ -197,8 +197,8 @@ def _effect(n: Named, answer: Diagnosis) -> str:
     )
     out = [
         f"<h2>{escape(_plain(f.effect.name))}</h2><p>{sure} It acts on {escape(', '.join(f.axes))} and removes "
-        f"{n.explains:.0%} of the error's energy (each axis in hundredths of the weight). That it, or what it may stand "
-        f"for, acts has a probability of {f.probability:.2f}.</p>",
+        f"{n.explains:.0%} of the error's energy (each axis in hundredths of the weight). That it, or what may "
+        f"stand for it, acts has a probability of {f.probability:.2f}.</p>",
         f"<table><tr><th>parameter</th><th>value</th><th>95 % interval</th><th>unit</th></tr>{rows}</table>",
     ]
     if f.aliases:

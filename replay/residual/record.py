@@ -14,9 +14,9 @@ from models.vehicle import Vehicle
 from models.vehicle_wrench import modelled_wrench
 from replay.flightlog import FlightLog, ImuRecord
 from replay.residual.channels import named_channels
-from replay.residual.faults import LogFault, derived_accelerometer
 from replay.residual.delays import Delay, range_delay_of, rotor_delay
 from replay.residual.distances import MAX_GAP_S, distances, unseen_surfaces
+from replay.residual.faults import LogFault, derived_accelerometer
 from replay.residual.grid import CUT_OFF_HZ, Grid, Mask, rate_of_change
 from replay.residual.log_state import decimated, equal_outputs, neutral_servos, raw_state, rotor_columns
 from replay.residual.validity import Excluded, judged_time
@@ -153,7 +153,10 @@ def build_record(
         name=name or log.path.name,
         log=log,
         context=Context(
-            small, vehicle, model, clock_moved_s=max(rpm_delay.seconds, 0.0) if rpm_delay.corrected else 0.0,
+            small,
+            vehicle,
+            model,
+            clock_moved_s=max(rpm_delay.seconds, 0.0) if rpm_delay.corrected else 0.0,
             only_answers=rpm_delay.correlation < COMMANDED,
         ),
         residual=residual,

@@ -80,9 +80,7 @@ def _odds(name: str, axis: str, records: Sequence[Record]) -> float:
 def _basis(records: Sequence[Record], name: str) -> tuple[Array | None, ...] | None:
     """Smooth curves over the channel's range (n, k) a flight, less their mean; None where it does not vary."""
     values = [r.channels.get(name) for r in records]
-    known = np.concatenate(
-        [v[r.valid & np.isfinite(v)] for v, r in zip(values, records, strict=True) if v is not None]
-    )
+    known = np.concatenate([v[r.valid & np.isfinite(v)] for v, r in zip(values, records, strict=True) if v is not None])
     if len(known) < 50:
         return None
     if name == "yaw_rad":
@@ -99,14 +97,13 @@ def _basis(records: Sequence[Record], name: str) -> tuple[Array | None, ...] | N
     at = at[np.concatenate([[True], np.diff(at) > 0.02 * (high - low)])]
     distance = np.abs(at[:, None] - at) / (LENGTH * (high - low))
     factor = np.linalg.cholesky(np.exp(-distance) + 1e-9 * np.eye(len(at)))
-    out = []
+    out: list[Array | None] = []
     for v, r in zip(values, records, strict=True):
         if v is None:
             out.append(None)
             continue
         x = np.clip(np.where(np.isfinite(v), v, np.median(known)), low, high)
         hats = np.stack([np.interp(x, at, row) for row in np.eye(len(at))], axis=1)
-        # The strongest few directions of the prior are enough.
         out.append(_centred(hats @ factor, r))
     return tuple(out)
 

@@ -22,9 +22,9 @@ from replay.search.noise import (
     embargo_blocks,
     fit_noise,
     fold_of_block,
+    p_value,
     training_blocks,
 )
-from replay.search.noise import p_value
 
 KNOTS = 5
 MANY_KNOTS = 12

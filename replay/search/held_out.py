@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from models.frames import AXES, Array
 from replay.residual.record import Record
-from replay.search.evidence import Evidence, Fit, Noise
+from replay.search.evidence import Evidence, Fit
 from replay.search.free_curves import Channel
 from replay.search.noise import FOLDS, block_numbers, embargo_blocks, fold_of_block, training_blocks
-from replay.search.terms import Key, Term
+from replay.search.terms import Key
 from replay.search.walk import Walked
 
 CARRIES = 0.25
@@ -49,7 +50,20 @@ class FlightFit:
     def loud(self, axis: str, share: float) -> bool:
         """Whether that share of what is left on an axis is worth a pilot's attention."""
         a = AXES.index(axis)
-        return float(share * (self.rest[self.record.valid, a] ** 2).mean()) > (LOUD * self.unit[a]) ** 2
+        left = share * float((self.rest[self.record.valid, a] ** 2).mean())
+        return left > (LOUD * float(self.unit[a])) ** 2
+
+    def left(self, channel: Channel) -> float:
+        """Energy that a channel carries of what is left on its axis, in hundredths of the weight."""
+        return channel.score * self._energy_of(self.rest, channel.axis)
+
+    def removed(self, axis: str) -> float:
+        """Energy that the effects took off an axis, in hundredths of the weight."""
+        return max(self._energy_of(self.before, axis) - self._energy_of(self.rest, axis), 0.0)
+
+    def _energy_of(self, residual: Array, axis: str) -> float:
+        a = AXES.index(axis)
+        return float(((residual[self.record.valid, a] / self.unit[a]) ** 2).sum())
 
     def energy(self, residual: Array) -> float:
         """Of the judged axes, in hundredths of the weight."""
@@ -70,7 +84,6 @@ def flight_fits(walked: Walked, best: Fit) -> list[FlightFit]:
 
 def _one(evidence: Evidence, best: Fit, f: int, record: Record) -> FlightFit:
     library = evidence.library
-    n = len(record.time_s)
     unit = 0.01 * record.context.weight * np.where(np.arange(6) < 3, 1.0, record.context.lever)
     judged = np.isin(np.arange(6), record.axes)
     before = np.where(judged, np.nan_to_num(record.residual), 0.0)
@@ -122,11 +135,10 @@ def _one(evidence: Evidence, best: Fit, f: int, record: Record) -> FlightFit:
     trim = library.trim_wrench(f, best.b[len(best.b) - len(library.trim) :])
     fit.unexplained -= trim
     fit.rest -= trim
-    del n
     return fit
 
 
-def _folds(evidence: Evidence, best: Fit, f: int, record: Record) -> tuple[list[Array], Array]:
+def _folds(evidence: Evidence, best: Fit, f: int, record: Record) -> tuple[list[Array], NDArray[np.int64]]:
     """Coefficients without every fold of one flight, and the fold of every sample (n,)."""
     block = block_numbers(record.valid, record.step_s, BLOCK_S)
     count = int(block.max()) + 1
@@ -171,6 +183,3 @@ def _removes(fit: FlightFit, residual: Array, wrench: Array) -> bool:
     blocks = np.array([part.sum() for part in np.array_split(gain, count)])
     draws = np.random.default_rng(0).choice(blocks, (1000, count)).sum(axis=1)
     return bool(np.percentile(draws, 2.5) > 0.0 and gain.sum() > CONFIRM_SHARE * (left**2).sum())
-
-
-__all__ = ["FlightFit", "Noise", "Term", "flight_fits"]

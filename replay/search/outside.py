@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.frames import AXES, Array
+from replay.residual.grid import Mask
 from replay.residual.record import Record
 
 SLOW_S = 1.0
@@ -54,7 +55,7 @@ def outside(record: Record, rest: Array) -> tuple[Outside, ...]:
     return tuple(out)
 
 
-def _intervals(time_s: Array, loud: Array) -> tuple[tuple[float, float], ...]:
+def _intervals(time_s: Array, loud: Mask) -> tuple[tuple[float, float], ...]:
     """The longest runs of ``loud``, short gaps bridged, in the order of time."""
     index = np.flatnonzero(loud)
     if not index.size:

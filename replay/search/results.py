@@ -18,6 +18,7 @@ from replay.search.outside import Outside, outside
 from replay.search.sets import Rival, rivals_of
 from replay.search.terms import Term
 from replay.search.walk import Walked
+from replay.search.worth import top
 
 CARRIES = 0.25
 """An effect carries an axis where it is this strong beside its strongest axis, in hundredths of the weight."""
@@ -115,33 +116,29 @@ def _trace(walked: Walked, fit: FlightFit, seed: int) -> Trace:
     rest = fit.rest[:, axes]
     noise = fit_noise(rest, record.valid, record.step_s)
     free = free_search(record, rest, noise, seed) if axes else NOTHING
-    return Trace(
-        record, fit.before, fit.after, noise, free, _riddle(walked, fit, free), outside(record, fit.unexplained)
-    )
+    return Trace(record, fit.before, fit.after, noise, free, _riddle(fit, free), outside(record, fit.unexplained))
 
 
-def _riddle(walked: Walked, fit: FlightFit, free: Leftover) -> tuple[Channel, ...]:
-    """Channels that carry what is left: the free curves of the answer, and what a search of the rest finds."""
-    channels = dict.fromkeys(c.name for c in fit.curves)
-    out = list(fit.curves)
-    if free.significant:
-        removed = fit.energy(fit.before) - fit.energy(fit.rest)
-        strong = not any(t.effect is not None for t in walked.best.terms) or free.gain >= FORM_SHARE * removed
-        carried = {axis for axes in fit.carried.values() for axis in axes}
-        extra = [
-            c
-            for c in free.channels
-            if c.name not in channels and (strong or c.axis not in carried) and fit.loud(c.axis, c.score)
-        ]
-        out = [*extra, *out] if strong and free.gain > fit.curve_gain else [*out, *extra]
-    return tuple(out)
+def _riddle(fit: FlightFit, free: Leftover) -> tuple[Channel, ...]:
+    """Channels that carry what is left: the free curves of the answer, and what a search of the rest finds.
+
+    What is left on an axis below a share of what the effects took off there is their error of form, not a riddle.
+    """
+    known = {c.name for c in fit.curves}
+    carried = {axis for axes in fit.carried.values() for axis in axes}
+    extra = [
+        c
+        for c in (free.channels if free.significant else ())
+        if c.name not in known
+        and fit.loud(c.axis, c.score)
+        and (c.axis not in carried or fit.left(c) >= FORM_SHARE * fit.removed(c.axis))
+    ]
+    first = extra and max(fit.left(c) for c in extra) > fit.curve_gain
+    return (*extra, *fit.curves) if first else (*fit.curves, *extra)
 
 
-def _found(
-    walked: Walked, term: Term, fits: Sequence[FlightFit], rivals: Sequence[Rival], total: float
-) -> Found:
+def _found(walked: Walked, term: Term, fits: Sequence[FlightFit], rivals: Sequence[Rival], total: float) -> Found:
     assert term.effect is not None
-    best = walked.best
     carried = {a for f in fits for a in f.carried.get(term.key, ())}
     explains = sum(f.energy(f.without[term.key]) - f.energy(f.after) for f in fits if term.key in f.without) / total
     mine = [r for r in rivals if term.key in r.instead_of]
@@ -178,7 +175,9 @@ def _estimates(walked: Walked, term: Term, fits: Sequence[FlightFit]) -> tuple[E
     out = []
     for c, m, v in zip(effect.coefficients, mean, variance, strict=True):
         value, half = float(np.clip(m, c.low, c.high)), 1.96 * float(np.sqrt(v))
-        at = min(value - c.low, c.high - value) < BOUND_SHARE * min(c.high - c.low, 10.0 * c.spread(library.context(first)))
+        at = min(value - c.low, c.high - value) < BOUND_SHARE * min(
+            c.high - c.low, 10.0 * c.spread(library.context(first))
+        )
         at = at and half > 0.0 and (not effect.main or c.name in effect.main)
         out.append(Estimate(c.name, value, (min(value, m - half), max(value, m + half)), c.unit, at))
     for i, shape in enumerate(effect.shapes):
@@ -214,7 +213,8 @@ def _shape_interval(walked: Walked, term: Term, i: int) -> tuple[float, float, b
     rivals = sorted((t for t in rivals if t.shape[i] in tried), key=lambda t: t.shape[i])
     others = [t for t in walked.best.terms if t is not term]
     evidence = walked.evidence
-    gain = TRUST * evidence.screen(evidence.refit(others, walked.best.noise), rivals)
+    screened = evidence.screen(evidence.refit(others, walked.best.noise))
+    gain = TRUST * np.array([screened[evidence.library.terms.index(t)] for t in rivals])
     weight = np.exp(gain - gain.max())
     edges = np.concatenate([tried[:1], (tried[1:] + tried[:-1]) / 2.0, tried[-1:]])
     total = np.concatenate([[0.0], np.cumsum(weight * np.diff(edges))])
@@ -226,16 +226,14 @@ def _shape_interval(walked: Walked, term: Term, i: int) -> tuple[float, float, b
 def _rejected(walked: Walked, taken: set[str]) -> tuple[Rejected, ...]:
     library, best = walked.evidence.library, walked.best
     out = [Rejected(name, reason, False) for name, reason in library.lacking.items()]
-    terms = [t for t in library.terms if t.effect is not None and t.name not in taken]
-    if not terms:
-        return tuple(out)
-    gain = walked.evidence.screen(best, terms)
+    gain = walked.evidence.screen(best)
     by_name: dict[str, list[int]] = {}
-    for i, t in enumerate(terms):
-        by_name.setdefault(t.name, []).append(i)
+    for i, t in enumerate(library.terms):
+        if t.effect is not None and t.name not in taken:
+            by_name.setdefault(t.name, []).append(i)
     for name, index in by_name.items():
         chance = walked.probability(name, ())
-        term = terms[max(index, key=lambda i: float(gain[i]))]
+        term = library.terms[max(index, key=lambda i: float(gain[i]))]
         effect = term.effect
         assert effect is not None
         if not _excited(walked, best, term):
@@ -253,5 +251,9 @@ def _excited(walked: Walked, best: Fit, term: Term) -> bool:
     error = np.sqrt(np.diag(fit.cov[part, part]) / TRUST)
     # Where the prior alone says as much, the flight has said nothing.
     told = error < 0.7 / np.sqrt(TRUST)
-    unit = evidence.unit_tops(term)
+    unit = np.zeros(len(term.columns))
+    for channel in evidence.library.channels:
+        for i, at in enumerate(channel.where[term.columns]):
+            if at >= 0:
+                unit[i] = max(unit[i], top(channel.x[:, at], channel.count) / channel.limit)
     return bool((told & (term.main > 0) & (error * unit < 1.0)).any())

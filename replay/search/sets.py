@@ -44,7 +44,10 @@ def rivals_of(walked: Walked) -> list[Rival]:
 
 
 def canonical(fits: list[Fit], margin: float) -> Fit:
-    """Of the sets within ``margin`` of the best: the fewest terms, then the likeliest, then by name."""
-    top = max(f.score for f in fits)
-    near = [f for f in fits if f.score > top - margin]
+    """Of the best set and others within ``margin`` of it that are no part of it.
+
+    The fewest terms, then the likeliest, then by name: a near tie does not hang on the last bit of a sum.
+    """
+    best = max(fits, key=lambda f: f.score)
+    near = [best, *(f for f in fits if f.score > best.score - margin and not f.key < best.key)]
     return min(near, key=lambda f: (len(f.terms), -round(f.score), tuple(t.key[0] for t in f.terms)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from models.effects import Context, Effect
 from models.frames import AXES, Array
 from replay.residual.record import Record
+from replay.search.channel import Channel, Columns
 from replay.search.curves import AMPLITUDE, Curve, curves
 from replay.search.disturbance import runs
 
-Columns = NDArray[np.int64]
 Key = tuple[str, int | None, str | None]
 """Name, flight (of an effect of the day) and axis (of a free curve): what may be in a set only once."""
 KNOWN = 0.02
@@ -68,26 +68,6 @@ class Term:
         return b * self.scale
 
 
-@dataclass
-class Channel:
-    """One axis of one flight: residual (n,) and the columns that act on it."""
-
-    flight: int
-    axis: int
-    y: Array
-    x: Array
-    """(n, k)."""
-    where: Columns
-    """(K,) place of a column of the library in ``x``, or -1."""
-    run: NDArray[np.int64]
-    limit: float
-    """One hundredth of the weight (times the lever, for moments)."""
-    count: int = field(init=False)
-
-    def __post_init__(self) -> None:
-        self.count = int((self.run >= 0).sum())
-
-
 def _regressors(effect: Effect, record: Record, shape: tuple[float, ...]) -> Array:
     with np.errstate(invalid="ignore", over="ignore"):
         x = effect.regressors(record.context, shape)
@@ -118,6 +98,25 @@ def _bent(x: Array, record: Record) -> list[Array]:
     return out
 
 
+def _mean(x: Array) -> Array:
+    return np.asarray(np.nanmean(x, axis=0)) if np.isfinite(x).any() else np.full(3, np.nan)
+
+
+def _log_shapes(effect: Effect, shapes: Sequence[tuple[float, ...]]) -> list[float]:
+    """Log prior of every shape of the grid: half of it to kinds, the rest as the shapes' own priors say."""
+    kind = np.array([any(v in p.kinds for v, p in zip(s, effect.shapes, strict=True)) for s in shapes])
+    weight = np.array(
+        [
+            np.exp(-0.5 * sum((v / p.typical) ** 2 for v, p in zip(s, effect.shapes, strict=True) if p.typical))
+            for s in shapes
+        ]
+    )
+    for part in (kind, ~kind):
+        if part.any():
+            weight[part] *= (0.5 if kind.any() and not kind.all() else 1.0) / weight[part].sum()
+    return [float(v) for v in np.log(weight)]
+
+
 class Library:
     """All terms of some flights, and the channels that they act on."""
 
@@ -128,7 +127,8 @@ class Library:
         self.lacking: dict[str, str] = {}
         self._trims: list[tuple[int, int]] = []
         self.size = 0
-        self._parts: dict[tuple[int, int], list[tuple[Columns, Array]]] = {}
+        self.channels = [self._channel(f, a) for f, r in enumerate(records) for a in r.axes]
+        self._at = {(c.flight, c.axis): c for c in self.channels}
         self._curves: dict[tuple[int, int], Array] = {}
         self._told: dict[int, list[tuple[Columns, Array]]] = {}
         for effect in effects:
@@ -140,9 +140,9 @@ class Library:
         for curve in curves(self.records):
             self._add_curve(curve, (curve.name, AXES[curve.axis]) in known)
         self.trim = self._add_trim()
-        self.told_y = [self._told_mean(r) for r in records]
-        self.channels: list[Channel] = []
-        self._build()
+        self._told_mean = [_mean(r.kinematic_bias[r.valid]) for r in records]
+        self._told_rows: list[tuple[Array, Array]] = []
+        self._reach()
 
     def finer(self, term: Term, share: float) -> list[Term]:
         """Terms between a term's shape and its neighbours on the grid, ``share`` of the way; all terms taken in."""
@@ -164,7 +164,8 @@ class Library:
                 shape = (*term.shape[:i], between, *term.shape[i + 1 :])
                 self._add(effect, term.flight, usable, shape, term.log_shape)
                 out.append(self.terms[-1])
-        self._build()
+        if out:
+            self._reach()
         return out
 
     def _reason(self, effect: Effect, record: Record) -> str | None:
@@ -184,15 +185,8 @@ class Library:
         groups = [(f, [f]) for f in usable] if effect.of_day else [(None, usable)]
         for flight, flights in groups:
             shapes = list(dict.fromkeys(s for f in flights[:1] for s in effect.shape_grid(self.records[f].context)))
-            kinds = [s for s in shapes if any(v in p.kinds for v, p in zip(s, effect.shapes, strict=True))]
-            for shape in shapes:
-                if not kinds:
-                    log_shape = -np.log(len(shapes))
-                elif shape in kinds:
-                    log_shape = np.log(0.5 / len(kinds))
-                else:
-                    log_shape = np.log(0.5 / (len(shapes) - len(kinds)))
-                self._add(effect, flight, flights, shape, float(log_shape))
+            for shape, log_shape in zip(shapes, _log_shapes(effect, shapes), strict=True):
+                self._add(effect, flight, flights, shape, log_shape)
 
     def _add(
         self, effect: Effect, flight: int | None, flights: Sequence[int], shape: tuple[float, ...], log_shape: float
@@ -232,7 +226,7 @@ class Library:
                     continue
                 live = np.flatnonzero(np.abs(x[:, a]).max(axis=0) > 0.0)
                 if live.size:
-                    self._parts.setdefault((f, a), []).append((place[f][live], x[:, a][:, live]))
+                    self._at[f, a].add(place[f][live], x[:, a][:, live])
             if effect.told is not None:
                 self._told.setdefault(f, []).append((place[f], effect.told(record.context, shape) * spread))
         for j in range(max(len(parts) for parts in form)):
@@ -241,7 +235,7 @@ class Library:
                     bent = parts[j][1]
                     for a in self.records[f].axes:
                         if (not effect.searched or AXES[a] in effect.searched) and np.abs(bent[:, a]).max() > 0.0:
-                            self._parts.setdefault((f, a), []).append((np.array([self.size]), bent[:, a : a + 1]))
+                            self._at[f, a].add(np.array([self.size]), bent[:, a : a + 1])
             columns.append(self.size)
             scale.append(FORM_PRIOR)
             mean.append(0.0)
@@ -254,13 +248,18 @@ class Library:
                  np.array(high), log_shape, np.array(main), effect.least_share, place, flight)
         )  # fmt: skip
 
+    def _channel(self, f: int, a: int) -> Channel:
+        record, every = self.records[f], self.every[f]
+        limit = 0.01 * record.context.weight * (1.0 if a < 3 else record.context.lever)
+        return Channel(f, a, np.nan_to_num(record.residual[::every, a]), runs(record.valid[::every]), limit)
+
     def _add_trim(self) -> Columns:
         """Constant moments of every flight that a vehicle has without any effect: columns of no term."""
         first = self.size
         for f, record in enumerate(self.records):
             for a in (a for a in record.axes if a >= 3):
                 constant = np.full((len(record.valid[:: self.every[f]]), 1), TRIM / AMPLITUDE * self._amplitude(f, a))
-                self._parts.setdefault((f, a), []).append((np.array([self.size]), constant))
+                self._at[f, a].add(np.array([self.size]), constant)
                 self._trims.append((f, a))
                 self.size += 1
         return np.arange(first, self.size)
@@ -276,6 +275,17 @@ class Library:
     def _amplitude(self, flight: int, axis: int) -> float:
         context = self.context(flight)
         return AMPLITUDE * 0.01 * context.weight * (1.0 if axis < 3 else context.lever)
+
+    def told(self) -> list[tuple[Array, Array]]:
+        """What velocity and attitude tell of every accelerometer (3,), and columns (3, K), in units of their error."""
+        return self._told_rows
+
+    def groups(self) -> dict[int, tuple[list[int], NDArray[np.int64]]]:
+        """Terms by how many columns they have: their numbers (m,) and columns (m, width)."""
+        out: dict[int, list[int]] = {}
+        for i, term in enumerate(self.terms):
+            out.setdefault(len(term.columns), []).append(i)
+        return {width: (index, np.stack([self.terms[i].columns for i in index])) for width, index in out.items()}
 
     def context(self, flight: int) -> Context:
         """Of a flight."""
@@ -309,36 +319,22 @@ class Library:
                 continue
             places[f] = columns
             self._curves[int(columns[0]), f] = self._amplitude(f, curve.axis) * part
-            self._parts.setdefault((f, curve.axis), []).append((columns, self._curves[int(columns[0]), f][:: self.every[f]]))
+            self._at[f, curve.axis].add(columns, self._curves[int(columns[0]), f][:: self.every[f]])
         one = np.ones(len(columns))
+        odds = float(np.log(curve.odds * (KNOWN if known else 1.0)))
         self.terms.append(
-            Term(curve.name, None, (), columns, one, 0.0 * one, -np.inf * one, np.inf * one,
-                 float(np.log(curve.odds * (KNOWN if known else 1.0))), one, curve.share, places, None, AXES[curve.axis])
+            Term(curve.name, None, (), columns, one, 0.0 * one, -np.inf * one, np.inf * one, odds, one, curve.share,
+                 places, None, AXES[curve.axis])
         )  # fmt: skip
 
-    def _told_mean(self, record: Record) -> Array:
-        told = record.kinematic_bias[record.valid]
-        return np.nanmean(told, axis=0) if np.isfinite(told).any() else np.full(3, np.nan)
-
-    def _build(self) -> None:
-        self.channels = []
-        for f, record in enumerate(self.records):
-            every = self.every[f]
-            run = runs(record.valid[::every])
-            for a in record.axes:
-                parts = self._parts.get((f, a), [])
-                where = np.full(self.size, -1)
-                columns = np.concatenate([c for c, _ in parts]) if parts else np.empty(0, np.int64)
-                where[columns] = np.arange(len(columns))
-                n = len(run)
-                x = np.concatenate([p for _, p in parts], axis=1) if parts else np.zeros((n, 0))
-                y = np.nan_to_num(record.residual[::every, a])
-                limit = 0.01 * record.context.weight * (1.0 if a < 3 else record.context.lever)
-                ok = (run >= 0)[:, None]
-                self.channels.append(Channel(f, a, np.where(ok[:, 0], y, 0.0), np.where(ok, x, 0.0), where, run, limit))
-        self.told_x = []
-        for f in range(len(self.records)):
-            x = np.zeros((3, self.size))
-            for columns, part in self._told.get(f, []):
-                x[:, columns] += part
-            self.told_x.append(x)
+    def _reach(self) -> None:
+        """Let every channel know of all columns."""
+        for channel in self.channels:
+            channel.reach(self.size)
+        self._told_rows = []
+        for f, mean in enumerate(self._told_mean):
+            if np.isfinite(mean).all():
+                x = np.zeros((3, self.size))
+                for columns, part in self._told.get(f, []):
+                    x[:, columns] += part
+                self._told_rows.append((mean / TOLD_S, x / TOLD_S))

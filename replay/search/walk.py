@@ -81,7 +81,7 @@ def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
     """Weigh sets of effects over all flights together."""
     evidence = Evidence(Library(records, effects))
     walked = Walked(evidence, evidence.quiet())
-    empty = evidence.fit([], evidence.start())
+    empty = evidence.fit([], evidence.unfitted())
     walked.fits[empty.key] = empty
     beam = [empty]
     for _ in range(MOST):
@@ -114,22 +114,22 @@ def _additions(walked: Walked, fit: Fit, tried: int) -> list[Term]:
     taken = {t.key for t in fit.terms}
     inside = {name for t in fit.terms if t.effect is not None for name in t.effect.contains}
     names = {t.name for t in fit.terms}
+    terms = evidence.library.terms
     rivals = [
-        t for t in evidence.library.terms
+        i for i, t in enumerate(terms)
         if t.key not in taken and t.name not in inside
         and (t.effect is None or not names & set(t.effect.contains))
     ]  # fmt: skip
-    if not rivals:
-        return []
-    prior = np.array([evidence.prior(t) for t in rivals])
+    prior = {i: evidence.prior(terms[i]) for i in rivals}
     out: list[Term] = []
     for noise in dict.fromkeys((fit.noise, walked.quiet)):
         near = fit if noise is fit.noise else evidence.refit(fit.terms, noise)
-        gain = np.round(TRUST * evidence.screen(near, rivals) + prior, 6)
+        screened = evidence.screen(near)
         best: dict[Key, tuple[float, Term]] = {}
-        for g, term in zip(gain, rivals, strict=True):
+        for i in rivals:
+            g, term = round(TRUST * float(screened[i]) + prior[i], 6), terms[i]
             if term.key not in best or g > best[term.key][0]:
-                best[term.key] = (float(g), term)
+                best[term.key] = (g, term)
         ranked = sorted(best.values(), key=lambda p: (-p[0], str(p[1].key)))
         out += [t for g, t in ranked[:tried] if g > WORTH_A_LOOK and t not in out]
     return out
@@ -141,13 +141,13 @@ def _reshaped(walked: Walked, fit: Fit, only: Key | None = None) -> Fit:
     for term in fit.terms:
         if only is not None and term.key != only:
             continue
-        rivals = [t for t in evidence.library.terms if t.key == term.key]
+        terms = evidence.library.terms
+        rivals = [i for i, t in enumerate(terms) if t.key == term.key]
         if len(rivals) < 2 or term not in fit.terms:
             continue
         others = [t for t in fit.terms if t is not term]
-        gain = TRUST * evidence.screen(evidence.refit(others, fit.noise), rivals)
-        gain += np.array([t.log_shape for t in rivals])
-        rival = rivals[int(np.argmax(np.round(gain, 6)))]
+        screened = evidence.screen(evidence.refit(others, fit.noise))
+        rival = terms[max(rivals, key=lambda i: round(TRUST * float(screened[i]) + terms[i].log_shape, 6))]
         if rival is not term:
             new = walked.weigh([*others, rival], fit)
             if new.score > fit.score:
