@@ -17,7 +17,15 @@ from models.errors import ConfigError
 from models.frames import Array, at_cg, corner_to_body
 from models.surrogate.fan_surrogate import AdoptedEffect
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
-from models.vehicle_wrench import FanModel, fan_rpm, free_air_thrust, rpm_from_servos, servo_thrust, vane_wrench
+from models.vehicle_wrench import (
+    FanModel,
+    fan_rpm,
+    fan_torques,
+    free_air_thrust,
+    rpm_from_servos,
+    servo_thrust,
+    vane_wrench,
+)
 
 __all__ = ["AdoptedEffect", "Coefficient", "Context", "Effect", "InFlight", "Shape"]
 
@@ -131,6 +139,13 @@ class Context:
     def rotor_wrench(self) -> Array:
         """Declared free-air wrench of all rotors about the CG, (..., 6)."""
         return self.push(-self.thrust[..., None] * DOWNWARD)
+
+    @cached_property
+    def rotor_moment(self) -> Array:
+        """Declared moment of all rotors about the CG, their torques included, (..., 3)."""
+        out: Array = self.rotor_wrench[..., 3:].copy()
+        out[..., 2] += fan_torques(self.vehicle, self.rotor_rpm).sum(axis=-1)
+        return out
 
     @cached_property
     def rotor_force(self) -> Array:

@@ -20,7 +20,7 @@ EFFECT = Effect(
     axes=("Fz",),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="weigh the vehicle: one flight sees only the ratio of thrust to mass",
-    coefficients=(Coefficient("scale", "1", -0.6, 0.6, typical=0.08),),
+    coefficients=(Coefficient("scale", "1", -0.6, 0.6, typical=0.06),),
     regressors=_regressors,
     aliases=("payload", "air_density", "battery_sag", "thermal_derating"),
 )

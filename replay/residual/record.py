@@ -16,7 +16,7 @@ from replay.flightlog import FlightLog, ImuRecord
 from replay.residual.channels import named_channels
 from replay.residual.delays import Delay, range_delay_of, rotor_delay
 from replay.residual.distances import MAX_GAP_S, distances, unseen_surfaces
-from replay.residual.faults import LogFault, derived_accelerometer
+from replay.residual.faults import LogFault, derived_accelerometer, doubted, without_stuck_beams
 from replay.residual.grid import CUT_OFF_HZ, Grid, Mask, rate_of_change
 from replay.residual.log_state import decimated, equal_outputs, neutral_servos, raw_state, rotor_columns
 from replay.residual.validity import Excluded, judged_time
@@ -54,6 +54,8 @@ class Record:
     notes: tuple[str, ...] = field(default=())
     faults: tuple[LogFault, ...] = field(default=())
     """What is wrong with the log or the vehicle file, and is named as no effect."""
+    blind: tuple[int, ...] = ()
+    """Axes that are not judged because of a fault, but on which something acts all the same."""
 
     @property
     def time_s(self) -> Array:
@@ -80,6 +82,7 @@ def build_record(
 ) -> Record:
     """The residual of one flight. Raises LogError in one line where the log lacks what is needed."""
     imu = _imu(log)
+    log, stuck = without_stuck_beams(log)
     assert log.attitude is not None
     start = max(imu.specific_force.t_s[0], log.attitude.t_s[0])
     end = min(imu.specific_force.t_s[-1], log.attitude.t_s[-1])
@@ -136,13 +139,17 @@ def build_record(
         modelled = modelled + adopted_wrench(effects, context)
     measured = measured_wrench(force, gyro, rate_of_change(gyro, grid.rate), vehicle.mass_kg, vehicle.inertia_kgm2)
     valid, excluded = judged_time(log, context, grid, force, modelled, notes, axes)
-    raw = np.where(valid[:, None], measured - modelled, np.nan)
-    if 3 not in axes:
-        raw[:, 3:] = 0.0
-    residual = grid.smooth(raw)
+    doubts = doubted(log, context, grid, valid, axes)
+    if (valid & doubts.left_out).any():
+        reason = "at full command, or after a crash: thrust tells nothing"
+        excluded.append(Excluded(reason, float((valid & doubts.left_out).sum() / grid.rate)))
+    valid &= ~doubts.left_out
+    axes = list(doubts.axes)
+    residual = grid.smooth(np.where(valid[:, None], measured - modelled, np.nan))
+    residual[:, [a for a in range(6) if a not in axes and a not in doubts.blind]] = 0.0
     kinematic = _kinematic_bias(force, rotation, velocity, grid)
     kinematic = grid.smooth(np.where(valid[:, None], kinematic, np.nan))
-    faults: list[LogFault] = []
+    faults = [*stuck, *doubts.faults]
     if derived_accelerometer(kinematic):
         faults.append(LogFault("ax_m_s2", "is derived from the velocity: it tells nothing that velocity does not"))
         kinematic[:] = np.nan
@@ -170,6 +177,7 @@ def build_record(
         excluded=tuple(excluded),
         notes=tuple(notes),
         faults=tuple(faults),
+        blind=doubts.blind,
     )
     if record.seconds < SHORTEST_S:
         raise too_short(record)

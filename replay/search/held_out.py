@@ -86,7 +86,8 @@ def _one(evidence: Evidence, best: Fit, f: int, record: Record) -> FlightFit:
     library = evidence.library
     unit = 0.01 * record.context.weight * np.where(np.arange(6) < 3, 1.0, record.context.lever)
     judged = np.isin(np.arange(6), record.axes)
-    before = np.where(judged, np.nan_to_num(record.residual), 0.0)
+    seen = judged | np.isin(np.arange(6), record.blind)
+    before = np.where(seen, np.nan_to_num(record.residual), 0.0)
     terms = [t for t in best.terms if t.effect is not None and f in t.places]
     wrench = {t.key: library.wrenches(t, f) for t in terms}
     folds, fold_of = _folds(evidence, best, f, record)

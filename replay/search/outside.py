@@ -40,7 +40,7 @@ def outside(record: Record, rest: Array) -> tuple[Outside, ...]:
     width = max(round(SLOW_S / record.step_s), 1)
     kernel = np.ones(width)
     weight = np.convolve(valid.astype(float), kernel, "same")
-    for a in record.axes:
+    for a in (*record.axes, *record.blind):
         unit = 0.01 * record.context.weight * (1.0 if a < 3 else record.context.lever)
         total = np.convolve(np.where(valid, rest[:, a], 0.0), kernel, "same")
         slow = np.where(valid, total / np.maximum(weight, 1.0), 0.0)
