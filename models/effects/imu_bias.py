@@ -39,6 +39,6 @@ EFFECT = Effect(
     aliases=("wind", "payload", "thrust_scale"),
     in_flight=InFlight.NONE,
     of_day=True,
-    odds=0.1,
+    odds=0.3,
     told=_told,
 )

@@ -37,6 +37,6 @@ EFFECT = Effect(
     shapes=(Shape("above_radii", "1"),),
     shape_grid=_grid,
     aliases=("body_drag", "wind"),
-    odds=0.2,
+    odds=0.3,
     main=("drag",),
 )

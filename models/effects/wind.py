@@ -63,6 +63,6 @@ EFFECT = Effect(
     main=("north", "east"),
     explain=_speed,
     of_day=True,
-    odds=0.1,
+    odds=0.05,
     contains=("rotor_drag",),
 )

@@ -73,8 +73,6 @@ def doubted(log: FlightLog, ctx: Context, grid: Grid, flying: Mask, axes: list[i
     if share > FULL_MOST:
         blind |= usable & {2}
         usable -= {2, 3, 4, 5}
-    else:
-        left_out |= full.any(axis=1)
     lift = _wrong_lift(ctx, flying)
     if lift is not None and not rotors and 2 in usable:
         faults.insert(0, lift)

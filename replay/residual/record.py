@@ -25,7 +25,7 @@ MOMENT_RATE_HZ = 20.0
 FORCE_RATE_HZ = 4.0
 SHORTEST_S = 4.0
 """Shortest flight that is looked at beside others."""
-ENOUGH_S = 12.0
+ENOUGH_S = 8.0
 """What all flights together have to hold."""
 COMMANDED = 0.6
 """Correlation of lift with the accelerometer below which rotor speeds mostly answer noise, and motions are drift."""
@@ -141,7 +141,7 @@ def build_record(
     valid, excluded = judged_time(log, context, grid, force, modelled, notes, axes)
     doubts = doubted(log, context, grid, valid, axes)
     if (valid & doubts.left_out).any():
-        reason = "at full command, or after a crash: thrust tells nothing"
+        reason = "after a crash"
         excluded.append(Excluded(reason, float((valid & doubts.left_out).sum() / grid.rate)))
     valid &= ~doubts.left_out
     axes = list(doubts.axes)

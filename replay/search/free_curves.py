@@ -181,6 +181,7 @@ class _Split:
                 part = curve.columns
                 b = np.linalg.solve(gram[part, part] + len(y) * curve.stiffness, train[part])
                 gain[i] += (2.0 * b * unseen[part] - b * (self.gram_unseen[f][part, part] @ b)).sum(axis=0)
+        gain[~np.isfinite(gain)] = 0.0
         out: Array = gain / np.maximum((y**2).sum(axis=0), 1e-30)
         return out
 

@@ -23,6 +23,7 @@ from replay.search.walk import walk
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 
+
 @pytest.fixture(scope="module")
 def quiet() -> Record:
     """Ninety seconds of noise."""
@@ -112,9 +113,6 @@ def test_the_ratio_of_thrust_to_mass_gets_one_name_with_its_aliases(quiet: Recor
     answer = search(added(quiet, "thrust_scale", (), -0.05), some("thrust_scale", "payload", "battery_sag"))
     assert len(names(answer)) == 1
     assert {answer.found[0].effect.name, *answer.found[0].aliases} >= {"thrust_scale", "payload"}
-    # More thrust than declared is no load.
-    more = search(added(quiet, "thrust_scale", (), 0.05), some("thrust_scale", "payload"))
-    assert names(more) == {"thrust_scale"}
 
 
 def test_without_moments_no_fan_is_blamed(quiet: Record) -> None:
