@@ -180,7 +180,7 @@ def test_without_a_turn_an_offset_and_drag_pass_for_wind(quiet: Record) -> None:
 
 def test_velocity_decides_what_is_the_accelerometers_own(quiet: Record) -> None:
     offset = np.array([0.4, -0.3, 0.0])
-    biased = added(straight(quiet), "imu_bias", (), *offset)
+    biased = added(straight(quiet), "imu_bias", (), *offset, 0.0, 0.0)
     told = replace(biased, kinematic_bias=np.broadcast_to(offset, quiet.kinematic_bias.shape))
     assert names(search(told, some("imu_bias", "wind", "rotor_drag"))) == {"imu_bias"}
 
