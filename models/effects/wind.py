@@ -57,7 +57,7 @@ EFFECT = Effect(
         Coefficient("turning", "1", -6.0, 6.0),
     ),
     regressors=_regressors,
-    shapes=(Shape("above_radii", "1"),),
+    shapes=(Shape("above_radii", "1", free_at_zero=True),),
     shape_grid=_grid,
     aliases=("imu_bias", "rotor_drag"),
     main=("north", "east"),

@@ -14,8 +14,8 @@ from replay.search.evidence import TRUST, Evidence, Fit, Noise
 from replay.search.sets import canonical
 from replay.search.terms import Key, Library, Term
 
-MOST = 9
-"""Terms of a set."""
+MOST, MOST_A_FLIGHT = 9, 3
+"""Terms of a set: of one flight, and more for every other."""
 BEAM = 5
 """Sets that are carried on."""
 TRIED = 6
@@ -84,7 +84,7 @@ def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
     empty = evidence.fit([], evidence.unfitted())
     walked.fits[empty.key] = empty
     beam = [empty]
-    for _ in range(MOST):
+    for _ in range(MOST + MOST_A_FLIGHT * (len(records) - 1)):
         grown: dict[frozenset[Key], Fit] = {}
         for fit in beam:
             for term in _additions(walked, fit, TRIED):
