@@ -42,6 +42,14 @@ def answer_json(answer: Diagnosis, model: str | None) -> dict[str, Any]:
             for t in answer.traces
             for o in t.outside
         ],
+        "regimes": [
+            {
+                "log": t.record.name, "regime": r.name, "seconds": number(r.seconds),
+                "axes": {a: {"rms_before": number(r.before[a]), "rms_after": number(r.after[a])} for a in r.before},
+            }
+            for t in answer.traces
+            for r in t.regimes
+        ],
         "log_faults": [{"channel": f.channel, "what": f.what} for f in answer.faults],
         "model": model,
         "rejected": [

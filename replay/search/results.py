@@ -15,6 +15,7 @@ from replay.search.free_curves import NOTHING, Channel, Leftover, free_search
 from replay.search.held_out import FlightFit, flight_fits
 from replay.search.noise import Noise, fit_noise
 from replay.search.outside import Outside, outside
+from replay.search.regimes import Regime, held_out_regimes
 from replay.search.sets import Rival, rivals_of
 from replay.search.terms import Term
 from replay.search.walk import Walked
@@ -87,6 +88,7 @@ class Trace:
     leftover: Leftover
     riddle: tuple[Channel, ...]
     outside: tuple[Outside, ...]
+    regimes: tuple[Regime, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,10 @@ def _trace(walked: Walked, fit: FlightFit, seed: int) -> Trace:
     rest = fit.rest[:, axes]
     noise = fit_noise(rest, record.valid, record.step_s)
     free = free_search(record, rest, noise, seed) if axes else NOTHING
-    return Trace(record, fit.before, fit.after, noise, free, _riddle(fit, free), outside(record, fit.unexplained))
+    return Trace(
+        record, fit.before, fit.after, noise, free, _riddle(fit, free), outside(record, fit.unexplained),
+        held_out_regimes(walked.evidence, walked.best, fit.index),
+    )  # fmt: skip
 
 
 def _riddle(fit: FlightFit, free: Leftover) -> tuple[Channel, ...]:

@@ -291,3 +291,16 @@ def test_every_linear_algebra_kernel_gives_the_same_answer(kernel: str) -> None:
         ).stdout  # fmt: skip
 
     assert run(OPENBLAS_CORETYPE=kernel) == run(OPENBLAS_CORETYPE="Nehalem") != ""
+
+
+def test_what_was_learnt_elsewhere_holds_in_a_regime_or_is_seen_not_to(quiet: Record) -> None:
+    wind = search(added(quiet, "wind", (0.0,), 0.8, 0.5, 1.0, 0.0), some("wind"))
+    regimes = {r.name: r for r in wind.traces[0].regimes}
+    assert "near the ground" in regimes
+    for regime in regimes.values():
+        assert regime.after["Fx"] < 0.7 * regime.before["Fx"]
+    # A push that acts low only is not what a scale learnt high would take off.
+    low = np.nan_to_num(quiet.context.state.h_m).min(axis=1) < 4.0 * quiet.context.vehicle.rotor_radius_m
+    pushed = replace(quiet, residual=quiet.residual + np.where(low[:, None], 4.0, 0.0) * np.eye(6)[2])
+    only = {r.name: r for r in search(pushed, some("thrust_scale")).traces[0].regimes}
+    assert not only or only["near the ground"].after["Fz"] > 0.8 * only["near the ground"].before["Fz"]
