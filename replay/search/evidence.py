@@ -12,7 +12,7 @@ from scipy.linalg import cho_factor, cho_solve
 from models.frames import Array
 from replay.residual.grid import Mask
 from replay.search.channel import Columns, Growing
-from replay.search.disturbance import bank_energy, lag_products, spectra
+from replay.search.disturbance import FITTED_SHARE, bank_energy, lag_products, spectra
 from replay.search.terms import STEP_S, Key, Library, Term
 from replay.search.worth import Contributions, beyond_bounds, form_variance, worth
 
@@ -20,8 +20,8 @@ TRUST = 0.3
 """Power of the likelihood: neither noise nor effects are quite of the assumed form (Miller & Dunson 2019)."""
 FLOOR = 0.3
 """Smallest RMS of the noise in hundredths of the weight: the declared model is no better than that."""
-QUIET_S, QUIET_SPECTRUM = 4.0, 4
-"""Quiet noise is what the residual does within this time, with this spectrum of the grid."""
+QUIET_S, QUIET_SPECTRUM = 4.0, (1.0, 0.75)
+"""Quiet noise is what the residual does within this time, with this spectrum (time, share) of the grid."""
 ROUNDS = 2
 NOTHING: Mapping[int, Mask] = {}
 
@@ -75,6 +75,7 @@ class Evidence:
         self._white: dict[tuple[int, int], Growing] = {}
         self._white_y: dict[tuple[int, int], Array] = {}
         self._blocks: dict[tuple[int, int, int], Array] = {}
+        self._fitted = np.array([s.slow_share <= FITTED_SHARE for s in self.spectra])
         self._det = [[s.log_determinant(c.run) for s in self.spectra] for c in library.channels]
 
     def unfitted(self) -> Noise:
@@ -90,7 +91,8 @@ class Evidence:
             mean = np.convolve(channel.y, kernel, "same") / np.maximum(np.convolve(known, kernel, "same"), 1.0)
             fast = np.where(known > 0, channel.y - mean, 0.0)
             sigma.append(float(np.sqrt(fast @ fast / max(channel.count, 1) + (FLOOR * channel.limit) ** 2)))
-        return Noise((QUIET_SPECTRUM,) * len(sigma), tuple(sigma))
+        number = [(s.slow_s, s.slow_share) for s in self.spectra].index(QUIET_SPECTRUM)
+        return Noise((number,) * len(sigma), tuple(sigma))
 
     def fit(self, terms: Sequence[Term], noise: Noise) -> Fit:
         """Fit a set, its noise included, from a first guess of it."""
@@ -100,8 +102,10 @@ class Evidence:
             if fresh.spectrum == noise.spectrum and np.allclose(fresh.sigma, noise.sigma, rtol=0.01):
                 break
             noise = fresh
-        b, cov, evidence = self._posterior(terms, noise)
-        worthy = worth(Contributions(self.library, terms, b), self.rest(terms, b))
+        b, cov, _ = self._posterior(terms, noise)
+        u, rest = Contributions(self.library, terms, b), self.rest(terms, b)
+        evidence = self._laplace(terms, b, cov, rest, form_variance(u))
+        worthy = worth(u, rest)
         prior = sum(self.prior(t) for t in terms)
         score = TRUST * evidence + beyond_bounds(terms, b, cov) + worthy + prior
         return Fit(tuple(terms), b, cov, noise, evidence, worthy, prior, score)
@@ -170,10 +174,28 @@ class Evidence:
             smallest = max(float(e @ e) / count, float(form[c]), (FLOOR * channel.limit) ** 2)
             variance = np.maximum(energies / count, smallest)
             cost = count * np.log(variance) + energies / variance + np.array(self._det[c])
-            best = int(np.argmin(np.round(cost, 6)))
+            best = int(np.argmin(np.where(self._fitted, np.round(cost, 6), np.inf)))
             which.append(best)
             sigmas.append(float(np.sqrt(variance[best])))
         return Noise(tuple(which), tuple(sigmas))
+
+    def _laplace(self, terms: Sequence[Term], b: Array, cov: Array, rest: Sequence[Array], form: Array) -> float:
+        """Log marginal likelihood by Laplace's approximation: likelihood of what is left by its own best spectrum."""
+        value = 0.0
+        for c, e in enumerate(rest):
+            channel = self.library.channels[c]
+            count = max(channel.count, 1)
+            energies = bank_energy(self.spectra, lag_products(e, channel.run))
+            variance = np.maximum(energies / count, max(float(form[c]), (FLOOR * channel.limit) ** 2))
+            cost = count * np.log(2.0 * np.pi * variance) + energies / variance + np.array(self._det[c])
+            value -= 0.5 * float(cost.min())
+        columns = self._with_trim(terms)
+        for told, x_told in self.library.told():
+            left = told - x_told[:, columns] @ b
+            value -= 0.5 * float(left @ left)
+        off = b - np.concatenate([*(t.centre for t in terms), np.zeros(len(self.library.trim))])
+        value -= 0.5 * float(off @ off)
+        return value + 0.5 * float(np.linalg.slogdet(cov)[1]) if len(b) else value
 
     def _with_trim(self, terms: Sequence[Term]) -> Columns:
         return np.concatenate([*(t.columns for t in terms), self.library.trim])
