@@ -20,7 +20,7 @@ CURVE_FORM = 1.2
 SLOW_S = 2.0
 SOFT = 0.02
 """How sharp the threshold of attention is."""
-CANCEL, CANCEL_COST, CANCEL_FREE = 2.0, 40.0, 2.0
+CANCEL, CANCEL_COST, CANCEL_FREE = 2.6, 40.0, 2.0
 """Terms (root of the sum of squares) may exceed what they take off together by this factor; each more costs so much.
 
 What is below ``CANCEL_FREE`` hundredths of the weight does not count.
