@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from replay.search.terms import Key
     from replay.search.walk import Walked
 
-ALIAS_NATS = 5.0
+ALIAS_NATS = 9.0
 """Sets less likely by this much (log) than the best are no alternative."""
 
 

@@ -22,7 +22,9 @@ TRIED = 6
 """How many additions to a set are weighed in full, for each noise that they are screened beside."""
 WORTH_A_LOOK = -3.0
 """Log posterior odds by screening from which on a term is weighed."""
-MARGIN = 3.0
+BETWEEN = 30.0
+"""A term this much (log) short of being worth it may be so between the points of its grid."""
+MARGIN = 4.0
 """Sets as likely as the best but for this much (log) count as equal."""
 SURE = 0.995
 """No more than this is claimed: the models are wrong more often than numbers in a model can tell."""
@@ -89,6 +91,8 @@ def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
         for fit in beam:
             for term in _additions(walked, fit, TRIED):
                 new = walked.weigh([*fit.terms, term], fit)
+                if fit.score - BETWEEN < new.score <= fit.score:
+                    new = _sharpened(walked, new, only=term.key)
                 if new.score > fit.score:
                     grown[new.key] = new
         if not grown:
@@ -155,10 +159,12 @@ def _reshaped(walked: Walked, fit: Fit, only: Key | None = None) -> Fit:
     return fit
 
 
-def _sharpened(walked: Walked, fit: Fit) -> Fit:
+def _sharpened(walked: Walked, fit: Fit, only: Key | None = None) -> Fit:
     """Shapes between the points of the grid, halved twice."""
     for _ in range(2):
         for term in fit.terms:
+            if only is not None and term.key != only:
+                continue
             if term in fit.terms and walked.evidence.library.finer(term, 0.5):
                 fit = _reshaped(walked, fit, only=term.key)
     return fit
