@@ -159,7 +159,8 @@ class Library:
             at = grid.index(value)
             for near in grid[max(at - 1, 0) : at] + grid[at + 1 : at + 2]:
                 between = float(value + share * (near - value))
-                if any(abs(between - g) < 1e-9 for g in grid):
+                # A length at which a curve is linearised may not pass through none.
+                if any(abs(between - g) < 1e-9 for g in grid) or (effect.at_shape and value * near < 0.0):
                     continue
                 shape = (*term.shape[:i], between, *term.shape[i + 1 :])
                 self._add(effect, term.flight, usable, shape, term.log_shape)
