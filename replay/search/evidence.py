@@ -16,7 +16,7 @@ from replay.search.disturbance import FITTED_SHARE, bank_energy, lag_products, s
 from replay.search.terms import STEP_S, Key, Library, Term
 from replay.search.worth import Contributions, beyond_bounds, form_variance, worth
 
-TRUST = 0.7
+TRUST = 0.5
 """Power of the likelihood: neither noise nor effects are quite of the assumed form (Miller & Dunson 2019)."""
 FLOOR = 0.2
 """Smallest RMS of the fast part of the noise in hundredths of the weight: the declared model is no better than that."""
