@@ -29,7 +29,7 @@ EFFECT = Effect(
     axes=("Fz",),
     channels=("pressure_pa", "air_temperature_c", "rpm_1"),
     excite="known from pressure and temperature; weigh the vehicle to be sure",
-    coefficients=(Coefficient("gain", "1", 0.4, 1.6),),
+    coefficients=(Coefficient("gain", "1", 0.4, 1.6, typical=0.1, centre=1.0),),
     regressors=_regressors,
     lacking=_lacking,
     aliases=("thrust_scale", "payload"),

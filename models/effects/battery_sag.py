@@ -39,11 +39,16 @@ EFFECT = Effect(
     axes=("Fz",),
     channels=("battery_voltage_v", "servo_1", "rpm_1"),
     excite="fly on a full and on an empty battery",
-    coefficients=(Coefficient("power", "1", 0.0, 4.0), Coefficient("at_reference", "1", -0.3, 0.3)),
+    coefficients=(
+        Coefficient("power", "1", 0.0, 4.0, typical=1.5, centre=1.0),
+        Coefficient("at_reference", "1", -0.3, 0.3, typical=0.08, of_day=True),
+    ),
     main=("power",),
     regressors=_regressors,
     shapes=(Shape("reference_v", "V", continuous=False),),
     shape_grid=_grid,
     lacking=_lacking,
+    odds=lambda ctx: ctx.by_kind(0.03, 0.15),
+    contains=("thrust_scale",),
     aliases=("thermal_derating", "thrust_scale"),
 )

@@ -27,7 +27,10 @@ EFFECT = Effect(
     axes=("Fx", "Fy"),
     channels=("vn_m_s", "ve_m_s"),
     excite="fly at more than 2 m/s forward and sideways",
-    coefficients=(Coefficient("front", "1", -0.1, 10.0), Coefficient("side", "1", -0.1, 10.0)),
+    coefficients=(
+        Coefficient("front", "1", -0.1, 10.0, typical=1.5),
+        Coefficient("side", "1", -0.1, 10.0, typical=1.5),
+    ),
     regressors=_regressors,
     aliases=("rotor_drag",),
 )

@@ -34,7 +34,7 @@ EFFECT = Effect(
     axes=("Fz",),
     channels=("range_up_m", "rpm_1"),
     excite="hover at three gaps below two radii under the ceiling, with an up-looking rangefinder",
-    coefficients=(Coefficient("gain", "1", 0.05, 10.0),),
+    coefficients=(Coefficient("gain", "1", 0.05, 10.0, typical=0.6, centre=1.0),),
     regressors=_regressors,
     shapes=(Shape("scale", "1"),),
     usual=(1.0,),

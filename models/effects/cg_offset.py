@@ -16,6 +16,10 @@ def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
     return columns(x, y)
 
 
+def _likely(ctx: Context) -> float:
+    return 0.05 * ctx.lever
+
+
 EFFECT = Effect(
     name="cg_offset",
     equation="dM = -r x F, F of rotors and vanes",
@@ -25,7 +29,7 @@ EFFECT = Effect(
     axes=("Mx", "My"),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="vary the thrust: quick climbs and stops",
-    coefficients=(Coefficient("x", "m", -0.3, 0.3), Coefficient("y", "m", -0.3, 0.3)),
+    coefficients=(Coefficient("x", "m", -0.3, 0.3, typical=_likely), Coefficient("y", "m", -0.3, 0.3, typical=_likely)),
     regressors=_regressors,
     needs_moments=True,
     aliases=("fan_imbalance", "wall_effect"),

@@ -29,6 +29,14 @@ def _lacking(ctx: Context) -> str | None:
     return None if _grid(ctx) else "never within 10 cm of a wall"
 
 
+def _stiff(ctx: Context) -> float:
+    return ctx.weight / 0.05 / len(ctx.vehicle.fans)
+
+
+def _damped(ctx: Context) -> float:
+    return 0.1 * ctx.weight / len(ctx.vehicle.fans)
+
+
 EFFECT = Effect(
     name="contact",
     equation="dF = -k max(d0 - d, 0) + c d' where d < d0, towards the wall, at every fan",
@@ -38,7 +46,10 @@ EFFECT = Effect(
     axes=("Fx", "Fy", "Mx", "My", "Mz"),
     channels=("range_right_m", "range_left_m", "range_forward_m", "range_back_m"),
     excite="touch the wall gently, several times",
-    coefficients=(Coefficient("stiffness", "N/m", 1.0, 1e4), Coefficient("damping", "N s/m", -100.0, 1e3)),
+    coefficients=(
+        Coefficient("stiffness", "N/m", 1.0, 1e4, typical=_stiff),
+        Coefficient("damping", "N s/m", -100.0, 1e3, typical=_damped),
+    ),
     regressors=_regressors,
     shapes=(Shape("reach_m", "m"),),
     shape_grid=_grid,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -16,7 +17,15 @@ from models.errors import ConfigError
 from models.frames import Array, at_cg, corner_to_body
 from models.surrogate.fan_surrogate import AdoptedEffect
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
-from models.vehicle_wrench import FanModel, fan_rpm, free_air_thrust, rpm_from_servos, servo_thrust, vane_wrench
+from models.vehicle_wrench import (
+    FanModel,
+    fan_rpm,
+    fan_torques,
+    free_air_thrust,
+    rpm_from_servos,
+    servo_thrust,
+    vane_wrench,
+)
 
 __all__ = ["AdoptedEffect", "Coefficient", "Context", "Effect", "InFlight", "Shape"]
 
@@ -32,14 +41,29 @@ class InFlight(Enum):
     NONE = "not compensated in flight"
 
 
+Size = float | Callable[["Context"], float]
+"""A number, or one that follows from the vehicle and the flight."""
+
+
 @dataclass(frozen=True)
 class Coefficient:
-    """One linear coefficient: name, unit, and the range in which physics expects it."""
+    """One linear coefficient: name, unit, the range in which physics expects it, and its prior.
+
+    The prior is a Gaussian about ``centre`` with standard deviation ``typical`` (before any flight was seen), cut off
+    at ``low`` and ``high``. ``of_day``: every flight has its own.
+    """
 
     name: str
     unit: str
     low: float
     high: float
+    typical: Size = 1.0
+    centre: float = 0.0
+    of_day: bool = False
+
+    def spread(self, ctx: Context) -> float:
+        """Standard deviation of the prior."""
+        return self.typical(ctx) if callable(self.typical) else self.typical
 
 
 @dataclass(frozen=True)
@@ -53,6 +77,10 @@ class Shape:
     unit: str
     continuous: bool = True
     kinds: tuple[float, ...] = ()
+    typical: float | None = None
+    """Standard deviation of the prior about zero; None: all values are as likely."""
+    free_at_zero: bool = False
+    """Zero is a value like others (there is no dead time), not the edge of what was tried."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +93,10 @@ class Context:
     state: AirState
     vehicle: Vehicle
     model: FanModel | None = None
+    clock_moved_s: float = 0.0
+    """How much later than stamped the rotor speeds were taken to be."""
+    only_answers: bool = False
+    """Whether rotor speeds mostly answer noise, as in a flight that only hovers."""
 
     @property
     def record(self) -> bool:
@@ -109,6 +141,13 @@ class Context:
         return self.push(-self.thrust[..., None] * DOWNWARD)
 
     @cached_property
+    def rotor_moment(self) -> Array:
+        """Declared moment of all rotors about the CG, their torques included, (..., 3)."""
+        out: Array = self.rotor_wrench[..., 3:].copy()
+        out[..., 2] += fan_torques(self.vehicle, self.rotor_rpm).sum(axis=-1)
+        return out
+
+    @cached_property
     def rotor_force(self) -> Array:
         """``rotor_wrench`` without its moments (..., 6).
 
@@ -147,10 +186,20 @@ class Context:
         """Momentum theory's mass flow of every fan in hover, sqrt(rho A T) [kg/s], (..., fans)."""
         return np.sqrt(RHO_SEA_LEVEL * self.vehicle.disc_area_m2 * np.maximum(self.thrust, 0.0))
 
+    def by_kind(self, speeds: float, outputs: float) -> float:
+        """One of two numbers: where thrust is declared by rotor speeds, or by servo outputs, which tell less."""
+        return speeds if self.vehicle.telemetered else outputs
+
     @property
     def weight(self) -> float:
         """Declared weight [N]."""
         return self.vehicle.mass_kg * 9.80665
+
+    @property
+    def lever(self) -> float:
+        """Farthest fan from the CG, or the rotor's radius where that is larger [m]: unit of arms."""
+        arms = [float(np.linalg.norm(fan.position_m)) for fan in self.vehicle.fans]
+        return max(*arms, self.vehicle.rotor_radius_m)
 
     def push(self, forces: Array, above_m: float = 0.0) -> Array:
         """Wrench about the CG (..., 6) of body forces (..., fans, 3) that act ``above_m`` over the reference points."""
@@ -215,6 +264,25 @@ class Effect:
     """The shape that theory gives: another one must be clearly better."""
     at_shape: bool = False
     """The one coefficient is a length at which the one shape linearises: both have to agree."""
+    odds: Size = 0.05
+    """How often such a thing is undeclared, before any flight was seen."""
+    least_share: float = 0.05
+    """Smallest share of an axis' energy that it has to take off to be named."""
+    of_day: bool = False
+    """Of the flight, not of the vehicle: every flight has its own."""
+    contains: tuple[str, ...] = ()
+    """Effects whose terms it has among its own."""
+    searched: tuple[str, ...] = ()
+    """Axes by which it is looked for, where others would only answer disturbances; empty: all that it acts on."""
+    explain: Callable[[Mapping[str, tuple[float, float, float]]], str | None] | None = None
+    """A remark on parameters that were found, each (value, low, high)."""
+    told: Callable[[Context, tuple[float, ...]], Array] | None = None
+    """(3, k): what it adds to accelerometer minus what velocity and attitude imply [m/s^2]; None: nothing."""
+
+    def log_odds(self, ctx: Context) -> float:
+        """Of its being there, before any flight was seen."""
+        odds = self.odds(ctx) if callable(self.odds) else self.odds
+        return math.log(odds / (1.0 - odds))
 
     def parameters(self, coefficients: ArrayLike, shape: tuple[float, ...]) -> dict[str, float]:
         """Names to numbers, as a model directory keeps them."""

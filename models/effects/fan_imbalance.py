@@ -15,10 +15,15 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     one = np.zeros_like(ctx.thrust)
     fan = round(shape[0]) - 1
     one[..., fan] = ctx.thrust[..., fan]
+    if ctx.record:
+        # What one fan does more than its mean share answers disturbances of the moment, and tells nothing of the fan.
+        total = ctx.thrust.sum(axis=-1)
+        one[..., fan] = total * np.nanmean(one[..., fan]) / np.nanmean(total)
     wrench = ctx.push(-one[..., None] * DOWNWARD)
-    # A blade that lifts less is also dragged less: thrust and torque go together.
-    wrench[..., 5] += fan_torques(ctx.vehicle, ctx.rotor_rpm)[..., fan]
-    return columns(wrench)
+    # A blade that lifts less is mostly dragged less, too, but not in the same measure.
+    torque = np.zeros_like(wrench)
+    torque[..., 5] = fan_torques(ctx.vehicle, ctx.rotor_rpm)[..., fan]
+    return columns(wrench, torque)
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
@@ -27,14 +32,18 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
 
 EFFECT = Effect(
     name="fan_imbalance",
-    equation="dF = e F_fan, dM = r_fan x dF + e Q_fan",
+    equation="dF = e F_fan, dM = r_fan x dF + q Q_fan",
     sign="scale < 0: that fan is weaker than declared",
     source="blade-element theory: a blade that lifts less is dragged less; Leishman 2006, ch. 3",
     valid="everywhere",
     axes=("Fz", "Mx", "My", "Mz"),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="pitch and roll steps: one fan's speed against the others'",
-    coefficients=(Coefficient("scale", "1", -0.6, 0.3),),
+    coefficients=(
+        Coefficient("scale", "1", -0.6, 0.3, typical=0.1),
+        Coefficient("torque", "1", -0.6, 0.6, typical=0.1),
+    ),
+    main=("scale",),
     regressors=_regressors,
     needs_moments=True,
     shapes=(Shape("fan", "1", continuous=False),),

@@ -25,6 +25,10 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
     return ((0.0,), (1.0,))
 
 
+def _likely(ctx: Context) -> float:
+    return 0.005 * ctx.vehicle.mass_kg * ctx.vehicle.rotor_radius_m**2
+
+
 EFFECT = Effect(
     name="gyroscopic",
     equation="dM = -w x H - dH/dt, H = J sum s_i Omega_i (s_i the declared spins, or all alike)",
@@ -35,7 +39,7 @@ EFFECT = Effect(
     axes=("Mx", "My", "Mz"),
     channels=("p_rad_s", "q_rad_s", "rpm_1", "rpm_2"),
     excite="quick roll and pitch steps, and steps of the thrust",
-    coefficients=(Coefficient("inertia", "kg m^2", -0.1, 0.1),),
+    coefficients=(Coefficient("inertia", "kg m^2", -0.1, 0.1, typical=_likely),),
     regressors=_regressors,
     needs_moments=True,
     shapes=(Shape("all_alike", "1", continuous=False),),

@@ -1,4 +1,4 @@
-"""The accelerometer reads a constant too much in body axes."""
+"""The accelerometer reads a constant too much in body axes, or stands askew on the rotors."""
 
 from __future__ import annotations
 
@@ -9,22 +9,36 @@ from models.frames import Array
 
 
 def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
-    out = np.zeros((*ctx.state.time_s.shape, 6, 3))
-    out[..., :3, :] = ctx.vehicle.mass_kg * np.eye(3)
+    out = np.zeros((*ctx.state.time_s.shape, 6, 5))
+    out[..., :3, :3] = ctx.vehicle.mass_kg * np.eye(3)
+    # Rotors that do not stand square to the accelerometer: a part of the thrust along its level axes.
+    lift = ctx.thrust.sum(axis=-1)
+    out[..., 0, 3], out[..., 1, 4] = lift, -lift
     return out
+
+
+def _told(_: Context, __: tuple[float, ...]) -> Array:
+    # Attitude is the accelerometer's own: how it is mounted shows in no velocity.
+    return np.eye(3, 5)
 
 
 EFFECT = Effect(
     name="imu_bias",
-    equation="dF = m b, b constant in the body",
-    sign="b > 0: the accelerometer reads too much along that axis",
+    equation="dF = m b + T (pitch, -roll, 0), b constant in the body",
+    sign="b > 0: the accelerometer reads too much along that axis; pitch > 0: rotors lean forward of it",
     source="Woodman 2007, University of Cambridge UCAM-CL-TR-696, section 4: accelerometer bias",
     valid="constant temperature",
     axes=("Fx", "Fy", "Fz"),
     channels=("ax_m_s2", "ay_m_s2", "az_m_s2"),
     excite="turn by 180 degrees: a bias turns with the vehicle, wind does not",
-    coefficients=tuple(Coefficient(a, "m/s^2", -1.5, 1.5) for a in "xyz"),
+    coefficients=(
+        *(Coefficient(a, "m/s^2", -1.5, 1.5, typical=0.3) for a in "xyz"),
+        *(Coefficient(a, "rad", -0.15, 0.15, typical=0.02) for a in ("pitch", "roll")),
+    ),
     regressors=_regressors,
     aliases=("wind", "payload", "thrust_scale"),
     in_flight=InFlight.NONE,
+    of_day=True,
+    odds=0.3,
+    told=_told,
 )

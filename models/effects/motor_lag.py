@@ -9,31 +9,45 @@ import numpy as np
 from models.effects.effect import Coefficient, Context, Effect, InFlight, Shape, columns, through
 from models.frames import Array
 
+LAG_DOUBT_S = 0.035
+
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     wrench = ctx.rotor_wrench
     if not ctx.record:
         return columns(np.zeros_like(wrench))
-    return columns(through(ctx, wrench, lambda omega: 1.0 / (1.0 + 1j * omega * shape[0]) - 1.0))
+    return columns(
+        through(ctx, wrench, lambda omega: np.exp(-1j * omega * shape[1]) / (1.0 + 1j * omega * shape[0]) - 1.0)
+    )
 
 
-def _grid(_: Context) -> Sequence[tuple[float, ...]]:
-    return tuple((s,) for s in (0.03, 0.05, 0.08, 0.12, 0.2))
+def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
+    # A lag hardly longer than what the clock was set right by may be of that correction's making.
+    shortest = ctx.clock_moved_s + LAG_DOUBT_S
+    lags = (0.0, 0.04, 0.07, 0.12, 0.2, 0.35)
+    return tuple((tau, dead) for dead in (0.0, 0.04, 0.1) for tau in lags if tau + dead >= shortest)
+
+
+def _lacking(ctx: Context) -> str | None:
+    return "the thrust varied hardly more than it answers disturbances" if ctx.only_answers else None
 
 
 EFFECT = Effect(
     name="motor_lag",
-    equation="dF = F_rotors(filtered, 1/(1 + tau s)) - F_rotors",
-    sign="gain 1: a first-order lag",
+    equation="dF = F_rotors(filtered, exp(-d s)/(1 + tau s)) - F_rotors",
+    sign="gain 1: dead time and a first-order lag",
     source="Mahony, Kumar & Corke 2012, IEEE Robotics & Automation Magazine 19(3), 20-32: rotor speed as first "
     "order lag",
     valid="logs of 20 Hz or more",
     axes=("Fz", "Mx", "My"),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4", "thrust_command"),
     excite="vertical steps, quick ones",
-    coefficients=(Coefficient("gain", "1", 0.4, 1.8),),
+    coefficients=(Coefficient("gain", "1", 0.6, 1.4, typical=0.15, centre=1.0),),
     regressors=_regressors,
-    shapes=(Shape("tau_s", "s"),),
+    shapes=(Shape("tau_s", "s", free_at_zero=True), Shape("dead_s", "s", free_at_zero=True)),
     shape_grid=_grid,
+    lacking=_lacking,
+    odds=lambda ctx: ctx.by_kind(0.04, 0.2),
+    searched=("Fz",),
     in_flight=InFlight.NONE,
 )

@@ -26,6 +26,10 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
     return ((0.0,), *((float(s),) for s in inner))
 
 
+def _likely(ctx: Context) -> float:
+    return 0.2 * ctx.vehicle.mass_kg
+
+
 EFFECT = Effect(
     name="payload",
     equation="dF = -dm f, f the specific force, from a time on",
@@ -35,9 +39,11 @@ EFFECT = Effect(
     axes=("Fz",),
     channels=("az_m_s2", "rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="weigh the vehicle, or pick the load up in flight",
-    coefficients=(Coefficient("mass", "kg", -1e3, 1e3),),
+    coefficients=(Coefficient("mass", "kg", -1e3, 1e3, typical=_likely),),
     regressors=_regressors,
     shapes=(Shape("from_s", "s", kinds=(0.0,)),),
     shape_grid=_grid,
     aliases=("thrust_scale", "air_density"),
+    of_day=True,
+    odds=0.045,
 )

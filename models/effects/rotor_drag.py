@@ -32,10 +32,11 @@ EFFECT = Effect(
     axes=("Fx", "Fy", "Mx", "My"),
     channels=("vn_m_s", "ve_m_s", "rpm_1"),
     excite="fly to and fro sideways and forward, faster than 0.5 m/s",
-    coefficients=(Coefficient("drag", "1", 0.05, 6.0), Coefficient("turning", "1", -6.0, 6.0)),
+    coefficients=(Coefficient("drag", "1", 0.05, 6.0, typical=1.0), Coefficient("turning", "1", -6.0, 6.0)),
     regressors=_regressors,
-    shapes=(Shape("above_radii", "1"),),
+    shapes=(Shape("above_radii", "1", free_at_zero=True),),
     shape_grid=_grid,
     aliases=("body_drag", "wind"),
+    odds=0.3,
     main=("drag",),
 )

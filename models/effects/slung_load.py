@@ -39,6 +39,14 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
     return tuple((s,) for s in (0.25, 0.35, 0.45, 0.55, 0.7, 0.9, 1.2)) if ctx.record else ((1.0,),)
 
 
+def _likely(ctx: Context) -> float:
+    return 0.15 * ctx.vehicle.mass_kg
+
+
+def _hook(ctx: Context) -> float:
+    return 0.3 * ctx.lever
+
+
 EFFECT = Effect(
     name="slung_load",
     equation="dF_xy = m w0^2 x, x'' + 2 z w0 x' + w0^2 x = -a_xy, w0 = sqrt(g/L); dF_z = m g; dM = b z x dF",
@@ -49,9 +57,9 @@ EFFECT = Effect(
     channels=("vn_m_s", "ve_m_s", "roll_rad", "pitch_rad"),
     excite="sideways steps and stops, then hover and wait",
     coefficients=(
-        Coefficient("swinging", "kg", 0.0, 1e3),
-        Coefficient("mass", "kg", -1e3, 1e3),
-        Coefficient("hook", "kg m", -1e3, 1e3),
+        Coefficient("swinging", "kg", 0.0, 1e3, typical=_likely),
+        Coefficient("mass", "kg", -1e3, 1e3, typical=_likely),
+        Coefficient("hook", "kg m", -1e3, 1e3, typical=_hook),
     ),
     regressors=_regressors,
     shapes=(Shape("rope_m", "m"),),
@@ -59,4 +67,6 @@ EFFECT = Effect(
     aliases=("payload",),
     in_flight=InFlight.NONE,
     main=("swinging",),
+    of_day=True,
+    contains=("payload",),
 )

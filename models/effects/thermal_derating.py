@@ -39,11 +39,15 @@ EFFECT = Effect(
     axes=("Fz",),
     channels=("esc_temperature_c", "rpm_1"),
     excite="a long flight from cold; rest with the battery connected separates heat from charge",
-    coefficients=(Coefficient("slope", "1", -0.5, 0.0), Coefficient("start", "1", -0.3, 0.3)),
+    coefficients=(
+        Coefficient("slope", "1", -0.5, 0.0, typical=0.06),
+        Coefficient("start", "1", -0.3, 0.3, typical=0.05, of_day=True),
+    ),
     main=("slope",),
     regressors=_regressors,
     shapes=(Shape("reference_c", "degC", continuous=False),),
     shape_grid=_grid,
     lacking=_lacking,
+    contains=("thrust_scale",),
     aliases=("battery_sag",),
 )

@@ -10,6 +10,11 @@ def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
     return columns(ctx.rotor_force)
 
 
+def _likely(ctx: Context) -> float:
+    # Outputs are declared by a hover of this vehicle, rotor speeds by a coefficient of a data sheet.
+    return ctx.by_kind(0.15, 0.06)
+
+
 EFFECT = Effect(
     name="thrust_scale",
     equation="dF = e F_rotors",
@@ -20,7 +25,7 @@ EFFECT = Effect(
     axes=("Fz",),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="weigh the vehicle: one flight sees only the ratio of thrust to mass",
-    coefficients=(Coefficient("scale", "1", -0.6, 0.6),),
+    coefficients=(Coefficient("scale", "1", -0.6, 0.6, typical=_likely),),
     regressors=_regressors,
     aliases=("payload", "air_density", "battery_sag", "thermal_derating"),
 )

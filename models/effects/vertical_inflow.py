@@ -1,4 +1,4 @@
-"""Climbing takes lift from a fan at the same speed, sinking adds some."""
+"""Air along the rotor axis: climbing, or leaning into wind, takes lift from a fan at the same speed; sinking adds."""
 
 from __future__ import annotations
 
@@ -15,20 +15,28 @@ def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
     def loss(velocity: Array) -> Array:
         return ctx.push((ctx.thrust * -velocity[..., 2] / np.maximum(tip, 1.0))[..., None] * DOWNWARD)
 
-    return columns(loss(ctx.velocity[..., None, :]), loss(ctx.turning))
+    # The wind's part along the axis: the vehicle moves against it.
+    north, east = (-ctx.state.rotation[..., None, axis, :] for axis in (0, 1))
+    return columns(loss(ctx.velocity[..., None, :]), loss(ctx.turning), loss(north), loss(east))
 
 
 EFFECT = Effect(
     name="vertical_inflow",
-    equation="dF_z = T (c v_up + t (omega x r)_up) / (Omega R) per fan",
-    sign="slope > 0: lift is lost in a climb",
+    equation="dF_z = T (c v_up - (c w)_up + t (omega x r)_up) / (Omega R) per fan, w the wind, up along the rotor axis",
+    sign="slope > 0: lift is lost in a climb; north, east: slope times the wind's speed",
     source="blade-element momentum theory in climb: Leishman 2006, ch. 3",
     valid="slow climbs and descents, no vortex ring",
     axes=("Fz",),
-    channels=("vd_m_s", "rpm_1"),
+    channels=("vd_m_s", "pitch_rad", "roll_rad", "rpm_1"),
     excite="climb and sink at 0.5 m/s or more, away from the ground",
-    coefficients=(Coefficient("slope", "1", 0.2, 20.0), Coefficient("turning", "1", -20.0, 20.0)),
-    main=("slope",),
+    coefficients=(
+        Coefficient("slope", "1", 0.2, 20.0, typical=2.5, centre=4.0),
+        Coefficient("turning", "1", -20.0, 20.0, typical=4.0),
+        Coefficient("north", "m/s", -200.0, 200.0, typical=16.0, of_day=True),
+        Coefficient("east", "m/s", -200.0, 200.0, typical=16.0, of_day=True),
+    ),
+    main=("slope", "north", "east"),
+    odds=0.1,
     regressors=_regressors,
     aliases=("range_offset",),
 )

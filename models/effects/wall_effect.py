@@ -38,7 +38,7 @@ EFFECT = Effect(
     axes=("Fx", "Fy", "Mx", "My"),
     channels=("range_right_m", "range_left_m", "range_forward_m", "range_back_m", "rpm_1"),
     excite="approach and leave a wall between 0.3 and 4 radii, with and without ground near",
-    coefficients=(Coefficient("pull", "1", -1.0, 1.0), Coefficient("tilt", "1", -2.0, 2.0)),
+    coefficients=(Coefficient("pull", "1", -1.0, 1.0, typical=0.08), Coefficient("tilt", "1", -2.0, 2.0, typical=0.15)),
     regressors=_regressors,
     shapes=(Shape("length_radii", "1"),),
     shape_grid=_grid,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -28,6 +28,18 @@ def _grid(_: Context) -> Sequence[tuple[float, ...]]:
     return tuple((s,) for s in (0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7))
 
 
+def _speed(found: Mapping[str, tuple[float, float, float]]) -> str | None:
+    """The wind by the vehicle's own drag, where that is clearly not momentum theory's, in which it is given."""
+    drag, low, high = found["own_motion"]
+    if low <= 0.0 or low <= 1.0 <= high:
+        return None
+    north, east = found["north"][0] / drag, found["east"][0] / drag
+    return (
+        f"drag on the own motion is {drag:.2g} of momentum theory's; if the wind meets the same, it blows at "
+        f"{north:.2g} m/s to the north, {east:.2g} m/s to the east"
+    )
+
+
 EFFECT = Effect(
     name="wind",
     equation="dF_xy = sum sqrt(rho A T) (w - k v - t omega x r)_xy, acting above the fans' reference points",
@@ -39,14 +51,18 @@ EFFECT = Effect(
     channels=("yaw_rad", "vn_m_s", "ve_m_s", "rpm_1"),
     excite="turn through 180 degrees or more in hover",
     coefficients=(
-        Coefficient("north", "m/s", -25.0, 25.0),
-        Coefficient("east", "m/s", -25.0, 25.0),
-        Coefficient("own_motion", "1", -0.3, 3.0),
+        Coefficient("north", "m/s", -25.0, 25.0, typical=4.0),
+        Coefficient("east", "m/s", -25.0, 25.0, typical=4.0),
+        Coefficient("own_motion", "1", -0.3, 3.0, typical=0.7, centre=0.7),
         Coefficient("turning", "1", -6.0, 6.0),
     ),
     regressors=_regressors,
-    shapes=(Shape("above_radii", "1"),),
+    shapes=(Shape("above_radii", "1", free_at_zero=True),),
     shape_grid=_grid,
     aliases=("imu_bias", "rotor_drag"),
     main=("north", "east"),
+    explain=_speed,
+    of_day=True,
+    odds=0.05,
+    contains=("rotor_drag",),
 )

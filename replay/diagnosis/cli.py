@@ -12,9 +12,7 @@ from models.errors import ConfigError
 from replay.fleet.options import add_options
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from replay.residual.record import Record
+    from collections.abc import Iterable, Sequence
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
 messages; 130 interrupted. Logs: .tlog, .BIN, .ulg. How to read the answer: docs/diagnose.md."""
@@ -74,10 +72,10 @@ def run(a: argparse.Namespace) -> int:
     model = None if chosen is None or chosen.name == "none" else chosen.model
     shown = sys.stderr.isatty() and not a.quiet
 
-    def progress(records: list[Record]) -> Iterable[Record]:
+    def progress(logs: Sequence[Path]) -> Iterable[Path]:
         from tqdm import tqdm
 
-        bar: Iterable[Record] = tqdm(records, desc="searching", unit="flight", disable=not shown, file=sys.stderr)
+        bar: Iterable[Path] = tqdm(logs, desc="reading", unit="log", disable=not shown, file=sys.stderr)
         return bar
 
     answer = diagnose(a.logs, vehicle, model, target_system=a.target_system, seed=a.seed, progress=progress)

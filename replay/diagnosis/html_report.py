@@ -14,7 +14,7 @@ from models.frames import AXES, Array
 from models.vehicle import Vehicle
 from replay.diagnosis.diagnose import UNITS, Diagnosis, Named
 from replay.diagnosis.svg import AFTER, BEFORE, Line, plot
-from replay.search.search import Estimate, Trace
+from replay.search.results import Estimate, Trace
 
 Mask = NDArray[np.bool_]
 BINS = 12
@@ -197,8 +197,8 @@ def _effect(n: Named, answer: Diagnosis) -> str:
     )
     out = [
         f"<h2>{escape(_plain(f.effect.name))}</h2><p>{sure} It acts on {escape(', '.join(f.axes))} and removes "
-        f"{n.explains:.0%} of the error's energy (in units of each axis' noise). By chance alone something like it "
-        f"would show up with a probability of {f.q_value:.2g}.</p>",
+        f"{n.explains:.0%} of the error's energy (each axis in hundredths of the weight). That it, or what may "
+        f"stand for it, acts has a probability of {f.probability:.2f}.</p>",
         f"<table><tr><th>parameter</th><th>value</th><th>95 % interval</th><th>unit</th></tr>{rows}</table>",
     ]
     if f.aliases:

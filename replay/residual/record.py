@@ -16,13 +16,17 @@ from replay.flightlog import FlightLog, ImuRecord
 from replay.residual.channels import named_channels
 from replay.residual.delays import Delay, range_delay_of, rotor_delay
 from replay.residual.distances import MAX_GAP_S, distances, unseen_surfaces
+from replay.residual.faults import LogFault, derived_accelerometer, doubted, without_stuck_beams
 from replay.residual.grid import CUT_OFF_HZ, Grid, Mask, rate_of_change
 from replay.residual.log_state import decimated, equal_outputs, neutral_servos, raw_state, rotor_columns
 from replay.residual.validity import Excluded, judged_time
 
 MOMENT_RATE_HZ = 20.0
 FORCE_RATE_HZ = 4.0
-SHORTEST_S = 12.0
+SHORTEST_S = 4.0
+"""Shortest flight that is looked at beside others."""
+ENOUGH_S = 8.0
+"""What all flights together have to hold."""
 COMMANDED = 0.6
 """Correlation of lift with the accelerometer below which rotor speeds mostly answer noise, and motions are drift."""
 
@@ -48,6 +52,10 @@ class Record:
     delays: tuple[Delay, ...]
     excluded: tuple[Excluded, ...]
     notes: tuple[str, ...] = field(default=())
+    faults: tuple[LogFault, ...] = field(default=())
+    """What is wrong with the log or the vehicle file, and is named as no effect."""
+    blind: tuple[int, ...] = ()
+    """Axes that are not judged because of a fault, but on which something acts all the same."""
 
     @property
     def time_s(self) -> Array:
@@ -74,12 +82,13 @@ def build_record(
 ) -> Record:
     """The residual of one flight. Raises LogError in one line where the log lacks what is needed."""
     imu = _imu(log)
+    log, stuck = without_stuck_beams(log)
     assert log.attitude is not None
     start = max(imu.specific_force.t_s[0], log.attitude.t_s[0])
     end = min(imu.specific_force.t_s[-1], log.attitude.t_s[-1])
     if end - start < SHORTEST_S:
         raise LogError(
-            f"{log.path}: only {max(end - start, 0.0):.0f} s with IMU and attitude; record {SHORTEST_S:.0f} s at least"
+            f"{log.path}: only {max(end - start, 0.0):.0f} s with IMU and attitude; record {ENOUGH_S:.0f} s at least"
         )
     notes: list[str] = []
     rate = min(imu.specific_force.rate_hz, 100.0)
@@ -130,36 +139,58 @@ def build_record(
         modelled = modelled + adopted_wrench(effects, context)
     measured = measured_wrench(force, gyro, rate_of_change(gyro, grid.rate), vehicle.mass_kg, vehicle.inertia_kgm2)
     valid, excluded = judged_time(log, context, grid, force, modelled, notes, axes)
-    raw = np.where(valid[:, None], measured - modelled, np.nan)
-    if 3 not in axes:
-        raw[:, 3:] = 0.0
-    residual = grid.smooth(raw)
+    doubts = doubted(log, context, grid, valid, axes)
+    if (valid & doubts.left_out).any():
+        reason = "after a crash"
+        excluded.append(Excluded(reason, float((valid & doubts.left_out).sum() / grid.rate)))
+    valid &= ~doubts.left_out
+    axes = list(doubts.axes)
+    residual = grid.smooth(np.where(valid[:, None], measured - modelled, np.nan))
+    residual[:, [a for a in range(6) if a not in axes and a not in doubts.blind]] = 0.0
     kinematic = _kinematic_bias(force, rotation, velocity, grid)
+    kinematic = grid.smooth(np.where(valid[:, None], kinematic, np.nan))
+    faults = [*stuck, *doubts.faults]
+    if derived_accelerometer(kinematic):
+        faults.append(LogFault("ax_m_s2", "is derived from the velocity: it tells nothing that velocity does not"))
+        kinematic[:] = np.nan
     small = decimated(state, grid)
     keep = np.isfinite(residual).all(axis=1) & grid.pick(valid)
     channels = named_channels(log, vehicle, small)
     record = Record(
         name=name or log.path.name,
         log=log,
-        context=Context(small, vehicle, model),
+        context=Context(
+            small,
+            vehicle,
+            model,
+            clock_moved_s=max(rpm_delay.seconds, 0.0) if rpm_delay.corrected else 0.0,
+            only_answers=rpm_delay.correlation < COMMANDED,
+        ),
         residual=residual,
         measured=grid.smooth(np.where(valid[:, None], measured, np.nan)),
         valid=keep,
         axes=tuple(axes),
         step_s=grid.every / grid.rate,
-        kinematic_bias=grid.smooth(np.where(valid[:, None], kinematic, np.nan)),
+        kinematic_bias=kinematic,
         channels=channels,
         delays=tuple(delays),
         excluded=tuple(excluded),
         notes=tuple(notes),
+        faults=tuple(faults),
+        blind=doubts.blind,
     )
     if record.seconds < SHORTEST_S:
-        worst = max(excluded, key=lambda e: e.seconds).reason if excluded else "gaps"
-        raise LogError(
-            f"{log.path}: only {record.seconds:.0f} s of flight can be judged (most time lost to: {worst}); "
-            f"{SHORTEST_S:.0f} s are needed"
-        )
+        raise too_short(record)
     return record
+
+
+def too_short(record: Record) -> LogError:
+    """What to say of a flight that does not last."""
+    worst = max(record.excluded, key=lambda e: e.seconds).reason if record.excluded else "gaps"
+    return LogError(
+        f"{record.log.path}: only {record.seconds:.0f} s of flight can be judged (most time lost to: {worst}); "
+        f"{ENOUGH_S:.0f} s are needed"
+    )
 
 
 def _imu(log: FlightLog) -> ImuRecord:

@@ -22,9 +22,9 @@ from replay.search.noise import (
     embargo_blocks,
     fit_noise,
     fold_of_block,
+    p_value,
     training_blocks,
 )
-from replay.search.null import p_value
 
 KNOTS = 5
 MANY_KNOTS = 12
@@ -181,6 +181,7 @@ class _Split:
                 part = curve.columns
                 b = np.linalg.solve(gram[part, part] + len(y) * curve.stiffness, train[part])
                 gain[i] += (2.0 * b * unseen[part] - b * (self.gram_unseen[f][part, part] @ b)).sum(axis=0)
+        gain[~np.isfinite(gain)] = 0.0
         out: Array = gain / np.maximum((y**2).sum(axis=0), 1e-30)
         return out
 

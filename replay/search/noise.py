@@ -1,11 +1,11 @@
-"""Noise and time: autoregressive whitening per axis, contiguous blocks, folds with embargo."""
+"""Noise and time: an autoregression per axis, contiguous blocks, folds with embargo, chance by rank."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from models.frames import Array
 
@@ -61,21 +61,6 @@ def _integrated(correlation: Array) -> float:
     return float(1.0 + 2.0 * correlation[1:end].sum())
 
 
-def whiten(x: Array, valid: Mask, noise: Noise) -> tuple[Array, Mask]:
-    """Innovations over their standard deviation of (n, axes, ...), and where they are known (n,)."""
-    y = np.where(valid.reshape(-1, *[1] * (x.ndim - 1)), x, 0.0)
-    out = y.copy()
-    good = valid.copy()
-    shape = (1, x.shape[1], *[1] * (x.ndim - 2))
-    for j in range(ORDER):
-        out[j + 1 :] -= noise.ar[:, j].reshape(shape) * y[: -j - 1]
-        good[j + 1 :] &= valid[: -j - 1]
-    good[:ORDER] = False
-    out /= noise.innovation.reshape(shape)
-    out[~good] = 0.0
-    return out, good
-
-
 def block_numbers(valid: Mask, step_s: float, length_s: float, most: int = 400) -> NDArray[np.int64]:
     """Number of the contiguous block of every sample (n,), blocks of equal shares of the valid time."""
     known = np.cumsum(valid)
@@ -105,3 +90,8 @@ def training_blocks(folds: NDArray[np.int64], fold: int, embargo: int) -> Mask:
 def embargo_blocks(tau_s: float, block_s: float) -> int:
     """Blocks to leave out beside a fold: three correlation times, at most ``LONGEST_EMBARGO_S``."""
     return max(int(np.ceil(min(3.0 * tau_s, LONGEST_EMBARGO_S) / block_s)), 1)
+
+
+def p_value(null: ArrayLike, observed: float) -> float:
+    """(1 + exceedances)/(1 + draws)."""
+    return float((1 + np.sum(np.asarray(null) >= observed)) / (1 + np.size(null)))

@@ -1,61 +1,75 @@
-"""What a search found in one record: sizes with intervals, aliases, and why the rest was rejected."""
+"""What a search found in some flights: sizes with intervals, probabilities, aliases, and what is left."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from models.effects import Effect
-from models.frames import Array
+from models.frames import AXES, Array
 from replay.residual.record import Record
-from replay.search.free_curves import Channel, Leftover
-from replay.search.gram import inverse
-from replay.search.library import Candidate, columns_of, out_of_range, same_kind
-from replay.search.noise import Noise
-from replay.search.shapes import best_shape
-from replay.search.workspace import ALIAS_BIC, ALIAS_OF_SCORE, CLASS_SHARE, THRUST_TO_MASS, Workspace
+from replay.search.evidence import TRUST, Fit
+from replay.search.free_curves import NOTHING, Channel, Leftover, free_search
+from replay.search.held_out import FlightFit, flight_fits
+from replay.search.noise import Noise, fit_noise
+from replay.search.outside import Outside, outside
+from replay.search.regimes import Regime, held_out_regimes
+from replay.search.sets import Rival, rivals_of
+from replay.search.terms import Term
+from replay.search.walk import Walked
+from replay.search.worth import top
 
-ALIAS_SHARE = 0.15
-"""An alias takes as much off held-out time, less this share."""
-OFFSET_AND_DRAG = ("imu_bias", "rotor_drag")
-"""What a flight without a turn cannot tell from wind: a force fixed to the body, and drag on the own motion."""
+CARRIES = 0.25
+"""An effect carries an axis where it is this strong beside its strongest axis, in hundredths of the weight."""
+BOUND_SHARE = 0.01
+"""Distance to a bound, as a share of the range, within which a coefficient stands at it."""
+FORM_SHARE = 0.15
+"""A leftover below this share of what the effects took out is their error of form, not a second riddle."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """One parameter with its 95 % interval."""
+    """One parameter with its 95 % interval; ``at_bound``: at the edge of what was tried or is possible."""
 
     name: str
     value: float
     ci95: tuple[float, float]
     unit: str
+    at_bound: bool = False
 
 
 @dataclass(frozen=True)
 class Found:
-    """An effect that was adopted."""
+    """An effect that was adopted. Of one of the day, ``flight`` says which; None: of the vehicle."""
 
     effect: Effect
-    shape: tuple[float, ...]
-    coefficients: Array
     estimates: tuple[Estimate, ...]
     axes: tuple[str, ...]
     explains: float
-    q_value: float
-    stability: float
+    probability: float
     aliases: tuple[str, ...]
+    flight: int | None
+    borne_out: tuple[int, ...] = ()
+    """Flights whose residual it lowers where it was fitted on the others."""
+    of_flight: dict[int, dict[str, float]] = field(default_factory=dict)
+    """Parameters of every flight on which it acts."""
 
     @property
     def parameters(self) -> dict[str, float]:
         """As a model directory keeps them."""
-        return self.effect.parameters(self.coefficients, self.shape)
+        return {e.name: e.value for e in self.estimates}
+
+    @property
+    def at_bound(self) -> bool:
+        """Whether a parameter stands at the edge of what was tried."""
+        return any(e.at_bound for e in self.estimates)
 
 
 @dataclass(frozen=True)
 class Rejected:
-    """An effect that was not adopted, and why; ``excited`` is False where the flight could not have shown it."""
+    """An effect that was not adopted, and why; ``excited`` is False where the flights could not have shown it."""
 
     name: str
     reason: str
@@ -65,189 +79,186 @@ class Rejected:
 
 @dataclass(frozen=True)
 class Trace:
-    """What the search found in one record. ``before``, ``after``: residuals on held-out time (n, 6).
-
-    ``leftover`` is what free curves find beside the effects, ``riddle`` its channels but for errors of form.
-    """
+    """One flight: residuals on held-out time without and with the effects, (n, 6), and the noise of its axes."""
 
     record: Record
-    found: tuple[Found, ...]
-    rejected: tuple[Rejected, ...]
-    leftover: Leftover
-    riddle: tuple[Channel, ...]
     before: Array
     after: Array
     noise: Noise
-
-    def rms(self, residual: Array) -> Array:
-        """RMS per axis over the judged time, (6,)."""
-        out: Array = np.sqrt(np.mean(residual[self.record.valid] ** 2, axis=0))
-        return out
-
-
-def report(w: Workspace, chosen: list[Candidate], p_of: dict[str, float]) -> Trace:
-    """What was found in the record, with everything that a reader needs to judge it."""
-    record, gram = w.record, w.gram
-    columns = columns_of(chosen)
-    n = len(record.time_s)
-    after = w.held_out(columns)
-    empty = max(float(gram.held_out(np.empty(0, np.int64)).sum()), 1e-12)
-    found = [
-        _found(w, candidate, chosen, size, cost / empty, p_of[candidate.effect.name])
-        for candidate, size, cost in zip(chosen, w.sizes(chosen), w.costs(chosen), strict=True)
-    ]
-    before6, after6 = np.zeros((n, 6)), np.zeros((n, 6))
-    before6[:, list(record.axes)], after6[:, list(record.axes)] = w.y, after
-    rejected = _rejected(w, chosen)
-    return Trace(record, tuple(found), rejected, w.free(chosen), w.riddle(chosen), before6, after6, gram.noise)
+    leftover: Leftover
+    riddle: tuple[Channel, ...]
+    outside: tuple[Outside, ...]
+    regimes: tuple[Regime, ...] = ()
 
 
-def _bootstrap(w: Workspace, candidate: Candidate, chosen: list[Candidate], draws: int = 200) -> tuple[Array, Array]:
-    """Coefficients (draws, k) and shapes (draws, s) of fits to blocks drawn with replacement.
+@dataclass(frozen=True)
+class Searched:
+    """The answer of a search over some flights together."""
 
-    Every draw takes its own best shape, so that the interval of a coefficient holds what the shape leaves open.
+    traces: tuple[Trace, ...]
+    found: tuple[Found, ...]
+    rejected: tuple[Rejected, ...]
+
+
+def summarise(walked: Walked, seed: int) -> Searched:
+    """Everything that a reader needs to judge what was found."""
+    best = walked.best
+    chosen = [t for t in best.terms if t.effect is not None]
+    fits = flight_fits(walked, best)
+    traces = tuple(_trace(walked, fit, seed) for fit in fits)
+    rivals = rivals_of(walked)
+    total = max(sum(f.energy(f.before) for f in fits), 1e-12)
+    found = [_found(walked, term, fits, rivals, total) for term in chosen]
+    return Searched(traces, tuple(found), _rejected(walked, {t.name for t in chosen}))
+
+
+def _trace(walked: Walked, fit: FlightFit, seed: int) -> Trace:
+    record = fit.record
+    axes = list(record.axes)
+    rest = fit.rest[:, axes]
+    noise = fit_noise(rest, record.valid, record.step_s)
+    free = free_search(record, rest, noise, seed) if axes else NOTHING
+    return Trace(
+        record, fit.before, fit.after, noise, free, _riddle(fit, free), outside(record, fit.unexplained),
+        held_out_regimes(walked.evidence, walked.best, fit.index),
+    )  # fmt: skip
+
+
+def _riddle(fit: FlightFit, free: Leftover) -> tuple[Channel, ...]:
+    """Channels that carry what is left: the free curves of the answer, and what a search of the rest finds.
+
+    What is left on an axis below a share of what the effects took off there is their error of form, not a riddle.
     """
-    rng = np.random.default_rng(w.seed + 1)
-    count = len(w.gram.folds)
-    weight = rng.multinomial(count, np.full(count, 1.0 / count), draws).astype(float)
-    others = columns_of([c for c in chosen if c is not candidate])
-    rivals = [candidate] if candidate.held else [c for c in w.library.candidates if same_kind(c, candidate)]
-    columns = np.concatenate([others, columns_of(rivals)])
-    r = np.tensordot(weight, w.gram.r[:, columns][:, :, columns], 1)
-    ry = weight @ w.gram.ry[:, columns]
-    most = np.full(draws, -np.inf)
-    sizes = np.zeros((draws, len(candidate.columns)))
-    shapes = np.tile(np.asarray(candidate.shape, dtype=float), (draws, 1))
-    at = len(others)
-    for rival in rivals:
-        use = np.concatenate([np.arange(len(others)), np.arange(at, at + len(rival.columns))])
-        at += len(rival.columns)
-        block = r[:, use][:, :, use]
-        # A draw may hold no block in which a rare effect acts: it then says nothing of it, not an error.
-        fit = (np.linalg.pinv(block, rcond=1e-9, hermitian=True) @ ry[:, use, None])[..., 0]
-        gain = (fit * ry[:, use]).sum(axis=1)
-        own = fit[:, len(others) :] / w.library.scale[rival.columns]
-        if rival is not candidate:
-            gain[[out_of_range(rival, size) is not None for size in own]] = -np.inf
-        better = gain > most
-        most[better], sizes[better], shapes[better] = gain[better], own[better], np.asarray(rival.shape)
-    return sizes, shapes
+    known = {c.name for c in fit.curves}
+    carried = {axis for axes in fit.carried.values() for axis in axes}
+    extra = [
+        c
+        for c in (free.channels if free.significant else ())
+        if c.name not in known
+        and fit.loud(c.axis, c.score)
+        and (c.axis not in carried or fit.left(c) >= FORM_SHARE * fit.removed(c.axis))
+    ]
+    first = extra and max(fit.left(c) for c in extra) > fit.curve_gain
+    return (*extra, *fit.curves) if first else (*fit.curves, *extra)
 
 
-def _found(
-    w: Workspace, candidate: Candidate, chosen: list[Candidate], coefficients: Array, explains: float, p: float
-) -> Found:
-    effect = candidate.effect
-    spread, shapes = _bootstrap(w, candidate, chosen)
-    low, high = np.percentile(spread, [2.5, 97.5], axis=0)
-    estimates = [
-        Estimate(c.name, float(v), (float(a), float(b)), c.unit)
-        for c, v, a, b in zip(effect.coefficients, coefficients, low, high, strict=True)
-    ]
-    estimates += [
-        Estimate(shape.name, value, _resolved(w, candidate, i, shapes[:, i]), shape.unit)
-        for i, (shape, value) in enumerate(zip(effect.shapes, candidate.shape, strict=True))
-    ]
-    same = np.sign(spread) == np.sign(coefficients)
+def _found(walked: Walked, term: Term, fits: Sequence[FlightFit], rivals: Sequence[Rival], total: float) -> Found:
+    assert term.effect is not None
+    carried = {a for f in fits for a in f.carried.get(term.key, ())}
+    explains = sum(f.energy(f.without[term.key]) - f.energy(f.after) for f in fits if term.key in f.without) / total
+    mine = [r for r in rivals if term.key in r.instead_of]
+    aliases = tuple(dict.fromkeys(name for r in mine for name in r.names if name != term.name))
+    estimates = _estimates(walked, term, fits)
     return Found(
-        effect=effect,
-        shape=candidate.shape,
-        coefficients=coefficients,
-        estimates=tuple(estimates),
-        axes=w.carries(candidate, coefficients),
-        explains=explains,
-        q_value=p,
-        stability=float(same.mean(0).max()),
-        aliases=_aliases(w, candidate, chosen),
+        effect=term.effect,
+        estimates=estimates,
+        axes=tuple(a for a in AXES if a in carried),
+        explains=float(explains),
+        probability=walked.probability(term.name, aliases),
+        aliases=aliases,
+        flight=term.flight,
+        borne_out=tuple(i for i, f in enumerate(fits) if f.borne_out.get(term.key, False)),
+        of_flight={i: f.parameters[term.key] for i, f in enumerate(fits) if term.key in f.parameters},
     )
 
 
-def _resolved(w: Workspace, candidate: Candidate, i: int, drawn: Array) -> tuple[float, float]:
-    """95 % interval of a shape parameter; to half way to the next value tried, as a grid tells no more."""
-    others = [c.shape[i] for c in w.library.candidates if same_kind(c, candidate)]
-    tried = np.unique([candidate.shape[i], *others])
-    edges = np.concatenate([tried[:1], (tried[1:] + tried[:-1]) / 2.0, tried[-1:]])
-    low, high = np.percentile(drawn, [2.5, 97.5], method="nearest")
-    low, high = min(low, candidate.shape[i]), max(high, candidate.shape[i])
-    return float(edges[np.searchsorted(tried, low)]), float(edges[np.searchsorted(tried, high) + 1])
-
-
-def _aliases(w: Workspace, candidate: Candidate, chosen: list[Candidate]) -> tuple[str, ...]:
-    """Effects that would do as well in its place."""
-    others = [c for c in chosen if c is not candidate]
-    columns = columns_of(others)
-    scores = w.scores(w.gram, columns, {c.effect.name for c in others})
-    own = next((s.value for s in scores if s.candidate.effect.name == candidate.effect.name), None)
-    if own is None:
-        return ()
-    limit = max(ALIAS_BIC, ALIAS_OF_SCORE * own)
-    ratio = candidate.effect.name in THRUST_TO_MASS and w.from_start(candidate)
-    without = w.gram.held_out(columns).sum()
-    gain = without - w.gram.held_out(columns_of(chosen)).sum()
+def _estimates(walked: Walked, term: Term, fits: Sequence[FlightFit]) -> tuple[Estimate, ...]:
+    """Coefficients of the first flight on which the effect acts, then its shape."""
+    effect, best = term.effect, walked.best
+    assert effect is not None
+    library = walked.evidence.library
+    first = min(term.places)
+    part = best.part(term)
+    place = np.searchsorted(term.columns, term.places[first])
+    mean = best.b[part][place] * term.scale[place]
+    variance = np.diag(best.cov[part, part])[place] * term.scale[place] ** 2 / TRUST
+    drawn = np.array([f.folds[term.key] for f in fits if f.index == first and term.key in f.folds])
+    if drawn.size:
+        spread = drawn[0] - drawn[0].mean(axis=0)
+        variance = np.maximum(variance, (len(spread) - 1) / len(spread) * (spread**2).sum(axis=0))
+    variance = variance + _between(walked, term, first, mean)
     out = []
-    for score in scores:
-        name = score.candidate.effect.name
-        near = max(limit, CLASS_SHARE * own) if ratio and name in THRUST_TO_MASS else limit
-        if name == candidate.effect.name or score.value < own - near:
-            continue
-        instead = columns_of([*others, score.candidate])
-        if without - w.gram.held_out(instead).sum() < (1.0 - ALIAS_SHARE) * gain:
-            continue
-        coefficients = w.size_beside(score.candidate, others)
-        if (
-            out_of_range(score.candidate, coefficients) is None
-            and (
-                (name, candidate.effect.name) == ("imu_bias", "wind")  # velocity may come from that very IMU
-                or w.kinematics(score.candidate, coefficients) is None
-            )
-            and w.core_large(score.candidate, coefficients)
-        ):
-            out.append(name)
-    if candidate.effect.name == "wind":
-        together = _together(w, OFFSET_AND_DRAG, others)
-        if together and without - w.gram.held_out(columns_of([*others, *together])).sum() >= (
-            (1.0 - ALIAS_SHARE) * gain
-        ):
-            out += [name for name in OFFSET_AND_DRAG if name not in out]
+    for c, m, v in zip(effect.coefficients, mean, variance, strict=True):
+        value, half = float(np.clip(m, c.low, c.high)), 1.96 * float(np.sqrt(v))
+        at = min(value - c.low, c.high - value) < BOUND_SHARE * min(
+            c.high - c.low, 10.0 * c.spread(library.context(first))
+        )
+        at = at and half > 0.0 and (not effect.main or c.name in effect.main)
+        out.append(Estimate(c.name, value, (min(value, m - half), max(value, m + half)), c.unit, at))
+    for i, shape in enumerate(effect.shapes):
+        low, high, at = _shape_interval(walked, term, i)
+        out.append(Estimate(shape.name, float(term.shape[i]), (low, high), shape.unit, at))
     return tuple(out)
 
 
-def _together(w: Workspace, names: Sequence[str], others: list[Candidate]) -> list[Candidate]:
-    """Candidates of these effects, each with its best shape beside those before it; empty where one is not fit."""
-    out: list[Candidate] = []
-    if {c.effect.name for c in others} & set(names):
-        return out
-    for name in names:
-        best = best_shape(w, name, columns_of([*others, *out]), set())
-        if best is None:
-            return []
-        out.append(best)
-    return out
+def _between(walked: Walked, term: Term, first: int, mean: Array) -> Array:
+    """Variance of the coefficients over the sets that hold the effect, by their probability."""
+    out, total = np.zeros_like(mean), 0.0
+    for fit, weight in walked.weighted():
+        for t in fit.terms:
+            if t.key == term.key and first in t.places:
+                place = np.searchsorted(t.columns, t.places[first])
+                value = fit.b[fit.part(t)][place] * t.scale[place]
+                out += weight * (value - mean) ** 2
+                total += weight
+    return out / max(total, 1e-12)
 
 
-def _rejected(w: Workspace, chosen: list[Candidate]) -> tuple[Rejected, ...]:
-    taken = {c.effect.name for c in chosen}
-    out = [Rejected(name, reason, False) for name, reason in w.library.lacking.items()]
-    for score in w.scores(w.gram, columns_of(chosen), taken):
-        name = score.candidate.effect.name
-        reason, p = w.reasons.get(name, ("no better than chance", None))
-        floor = _detectable(w, score.candidate, chosen)
-        if not floor:
-            reason = "this flight hardly excites it: " + score.candidate.effect.excite
-        out.append(Rejected(name, reason, floor, p))
+def _shape_interval(walked: Walked, term: Term, i: int) -> tuple[float, float, bool]:
+    """95 % interval of a shape parameter beside the others, to half way to the next value tried; at the grid's edge."""
+    assert term.effect is not None
+    shape, value = term.effect.shapes[i], term.shape[i]
+    rivals = [
+        t for t in walked.evidence.library.terms
+        if t.key == term.key and all(a == b for j, (a, b) in enumerate(zip(t.shape, term.shape, strict=True)) if j != i)
+    ]  # fmt: skip
+    tried = np.array(sorted({t.shape[i] for t in rivals} - (set(shape.kinds) - {value})))
+    if not shape.continuous or value in shape.kinds or len(tried) < 2:
+        return float(value), float(value), False
+    rivals = sorted((t for t in rivals if t.shape[i] in tried), key=lambda t: t.shape[i])
+    others = [t for t in walked.best.terms if t is not term]
+    evidence = walked.evidence
+    screened = evidence.screen(evidence.refit(others, walked.best.noise))
+    gain = TRUST * np.array([screened[evidence.library.terms.index(t)] for t in rivals])
+    weight = np.exp(gain - gain.max())
+    edges = np.concatenate([tried[:1], (tried[1:] + tried[:-1]) / 2.0, tried[-1:]])
+    total = np.concatenate([[0.0], np.cumsum(weight * np.diff(edges))])
+    low, high = np.interp([0.025, 0.975], total / total[-1], edges)
+    at = value in (tried[0], tried[-1]) and not (value == 0.0 and shape.free_at_zero)
+    return float(min(low, value)), float(max(high, value)), bool(at)
+
+
+def _rejected(walked: Walked, taken: set[str]) -> tuple[Rejected, ...]:
+    library, best = walked.evidence.library, walked.best
+    out = [Rejected(name, reason, False) for name, reason in library.lacking.items()]
+    gain = walked.evidence.screen(best)
+    by_name: dict[str, list[int]] = {}
+    for i, t in enumerate(library.terms):
+        if t.effect is not None and t.name not in taken:
+            by_name.setdefault(t.name, []).append(i)
+    for name, index in by_name.items():
+        chance = walked.probability(name, ())
+        term = library.terms[max(index, key=lambda i: float(gain[i]))]
+        effect = term.effect
+        assert effect is not None
+        if not _excited(walked, best, term):
+            out.append(Rejected(name, "this flight hardly excites it: " + effect.excite, False, chance))
+        else:
+            out.append(Rejected(name, walked.why_not(name), True, chance))
     return tuple(out)
 
 
-def _detectable(w: Workspace, candidate: Candidate, chosen: list[Candidate]) -> bool:
-    """Whether an effect of the smallest size worth a name would have stood out (three standard errors)."""
-    schur, _, _ = w.gram.project(columns_of(chosen))
-    cov = inverse(schur, w.gram.total_w, candidate.columns)
-    if not cov.any():
-        return False
-    error = np.sqrt(np.maximum(np.diag(cov), 0.0)) / w.library.scale[candidate.columns]
-    for j in range(len(error)):
-        unit = np.zeros(len(error))
-        unit[j] = 3.0 * error[j]
-        if error[j] > 0 and not w.large(0.34 * w.contribution(candidate, unit)):
-            return True
-    return False
+def _excited(walked: Walked, best: Fit, term: Term) -> bool:
+    """Whether one of its coefficients would be told to a third of the smallest effect worth a name."""
+    evidence = walked.evidence
+    fit = evidence.refit([*best.terms, term], best.noise)
+    part = fit.part(term)
+    error = np.sqrt(np.diag(fit.cov[part, part]) / TRUST)
+    # Where the prior alone says as much, the flight has said nothing.
+    told = error < 0.7 / np.sqrt(TRUST)
+    unit = np.zeros(len(term.columns))
+    for channel in evidence.library.channels:
+        for i, at in enumerate(channel.where[term.columns]):
+            if at >= 0:
+                unit[i] = max(unit[i], top(channel.x[:, at], channel.count) / channel.limit)
+    return bool((told & (term.main > 0) & (error * unit < 1.0)).any())

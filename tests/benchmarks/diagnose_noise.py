@@ -30,7 +30,6 @@ from replay.flightlog import FlightLog
 from replay.residual.channels import named_channels
 from replay.residual.grid import RATE_HZ
 from replay.residual.record import Record
-from replay.search.search import trace
 
 TAUS_S = (0.3, 1.0, 3.0)
 LEVEL = (0.30, 0.30, 0.45, 0.022, 0.14, 0.013)
@@ -208,7 +207,7 @@ def one(job: tuple[int, float, bool]) -> Outcome:
     record, true = noise_record(seed, seconds, tau), None
     if add:
         record, true = with_effect(record, seed)
-    answer = conclude([trace(record, seed=seed)])
+    answer = conclude([record], seed=seed)
     named = tuple(n.found.effect.name for n in answer.named)
     return Outcome(seed, tau, answer.verdict, named, true, tuple(tuple(a) for a in answer.aliases))
 

@@ -118,7 +118,7 @@ def test_a_weak_fan_also_turns_the_body_less() -> None:
     state = replace(blank_state((), 4, 4), rpm=np.full(4, 5000.0))
     weak = Context(state, vehicle)
     clockwise = [fan.rotors[0].spin > 0 for fan in vehicle.fans].index(True)
-    lost = get("fan_imbalance").wrench(weak, {"scale": -0.1, "fan": clockwise + 1.0})
+    lost = get("fan_imbalance").wrench(weak, {"scale": -0.1, "torque": -0.1, "fan": clockwise + 1.0})
     assert lost[2] > 0.0  # less lift
     assert lost[5] > 0.0  # a clockwise rotor turned the body counter-clockwise
 

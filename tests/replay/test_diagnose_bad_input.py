@@ -120,7 +120,10 @@ def test_every_start_of_a_vehicle_is_a_flight_of_its_own(ask):
     assert (told.code, told.answer["verdict"]) == (0, "nothing_missing")
     assert told.answer["duration_s"] == pytest.approx(60.0, abs=2.0)
     assert "started 2 times" in told.notes
-    short = quad_flight(5.0, 3_000, EPOCH_US + 36_000_000)
+    # A short flight counts beside a long one; one that is hardly any is left out.
+    told = ask({"c.tlog": [*first, *quad_flight(6.0, 3_000, EPOCH_US + 36_000_000)]})
+    assert (told.code, told.answer["duration_s"]) == (0, pytest.approx(36.0, abs=1.5))
+    short = quad_flight(3.0, 3_000, EPOCH_US + 36_000_000)
     told = ask({"b.tlog": [*first, *short]})
     assert (told.code, told.answer["duration_s"]) == (0, pytest.approx(30.0, abs=1.0))
     assert "left out" in told.notes
@@ -304,7 +307,7 @@ def test_one_flight_gives_a_candidate_two_confirm_it_and_their_numbers_are_poole
     for key in ("rms_before", "rms_after"):
         squares = [answer["axes"]["Fz"][key] ** 2 for answer in single]
         pooled = (sum(n * s for n, s in zip(counts, squares, strict=True)) / sum(counts)) ** 0.5
-        assert both["axes"]["Fz"][key] == pytest.approx(pooled, rel=1e-3)
+        assert both["axes"]["Fz"][key] == pytest.approx(pooled, rel=1e-2)
     shares = [answer["effects"][0]["explains"] for answer in single]
     assert min(shares) - 1e-6 <= both["effects"][0]["explains"] <= max(shares) + 1e-6
 

@@ -14,7 +14,6 @@ from models.effects import catalogue, get
 from replay.diagnosis.diagnose import Diagnosis, conclude
 from replay.diagnosis.html_report import blocks, page
 from replay.residual.record import Record
-from replay.search.search import trace
 
 FEW = [e for e in catalogue() if e.name in ("wind", "thrust_scale", "payload", "ceiling", "thermal_derating")]
 
@@ -27,7 +26,7 @@ def quiet() -> Record:
 
 @pytest.fixture(scope="module")
 def calm(quiet: Record) -> Diagnosis:
-    return conclude([trace(quiet, FEW)])
+    return conclude([quiet], effects=FEW)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +34,7 @@ def weak(quiet: Record) -> Diagnosis:
     """Five percent less thrust than declared, put in as the catalogue's own term: this tests the page."""
     effect = get("thrust_scale")
     push = effect.regressors(quiet.context, ())[:, :, 0] * -0.05
-    return conclude([trace(replace(quiet, residual=quiet.residual + push), FEW)])
+    return conclude([replace(quiet, residual=quiet.residual + push)], effects=FEW)
 
 
 def text(answer: Diagnosis) -> str:

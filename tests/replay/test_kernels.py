@@ -28,9 +28,6 @@ def usable() -> tuple[Kernel, ...]:
     return found
 
 
-@pytest.mark.xfail(
-    reason="payload and thrust_scale tie to the last bit, and which of them is named depends on the kernel", strict=True
-)
 @pytest.mark.timeout(900)
 def test_names_and_sizes_do_not_depend_on_the_kernel(usable: tuple[Kernel, ...], tmp_path: Path) -> None:
     for name, messages in FLIGHTS.items():

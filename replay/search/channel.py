@@ -1,0 +1,69 @@
+"""One axis of one flight: its residual and the columns that act on it, which may grow."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.frames import Array
+
+Columns = NDArray[np.int64]
+
+
+class Growing:
+    """Columns (n, k) of an array to which more are added behind, with room to spare."""
+
+    def __init__(self, rows: int) -> None:
+        self._room = np.zeros((rows, 64))
+        self.count = 0
+
+    @property
+    def x(self) -> Array:
+        """(n, k)."""
+        return self._room[:, : self.count]
+
+    def add(self, columns: Array) -> None:
+        """More columns (n, m)."""
+        end = self.count + columns.shape[1]
+        if end > self._room.shape[1]:
+            room = np.zeros((len(self._room), 2 * end))
+            room[:, : self.count] = self.x
+            self._room = room
+        self._room[:, self.count : end] = columns
+        self.count = end
+
+
+class Channel:
+    """One axis of one flight: residual ``y`` (n,) and columns ``x`` (n, k), both 0 where not valid.
+
+    ``run`` (n,): valid samples directly before, -1 where not valid. ``limit``: one hundredth of the weight (times the
+    lever, for moments) [N or N m]. ``where`` (K,): place of a column of the library in ``x``, or -1.
+    """
+
+    def __init__(self, flight: int, axis: int, y: Array, run: NDArray[np.int64], limit: float) -> None:
+        self.flight = flight
+        self.axis = axis
+        self.valid = run >= 0
+        self.y = np.where(self.valid, y, 0.0)
+        self.run = run
+        self.limit = limit
+        self.count = int(self.valid.sum())
+        self.where = np.empty(0, np.int64)
+        self._columns = Growing(len(y))
+
+    @property
+    def x(self) -> Array:
+        """(n, k)."""
+        return self._columns.x
+
+    def add(self, columns: Columns, x: Array) -> None:
+        """Columns (n, m) of the library with these numbers."""
+        first = self._columns.count
+        self._columns.add(np.where(self.valid[:, None], x, 0.0))
+        self.reach(int(columns.max()) + 1)
+        self.where[columns] = np.arange(first, first + len(columns))
+
+    def reach(self, size: int) -> None:
+        """Let ``where`` know of a library of ``size`` columns."""
+        if size > len(self.where):
+            self.where = np.concatenate([self.where, np.full(size - len(self.where), -1)])

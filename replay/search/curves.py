@@ -1,0 +1,114 @@
+"""Free curves: an unknown force along one axis that follows one logged channel. What no effect of the catalogue is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.frames import AXES, Array
+from replay.residual.record import Record
+
+KNOTS = 7
+LENGTH = 0.5
+"""Correlation length of a curve, as a share of the channel's range."""
+AMPLITUDE = 3.0
+"""Prior standard deviation of a curve, in hundredths of the weight."""
+LAG_S = 0.4
+SAME_SENSOR = {
+    "ax_m_s2": ("Fx",), "ay_m_s2": ("Fy",), "az_m_s2": ("Fz",), "p_rad_s": ("Mx",), "q_rad_s": ("My",),
+    "r_rad_s": ("Mz",),
+}  # fmt: skip
+"""Channels whose own noise is in the residual of that axis."""
+REACTIONS = {
+    "Fx": ("vn_", "ve_", "pitch", "roll", "q_", "servo", "rpm", "thrust", "battery_current"),
+    "Fy": ("vn_", "ve_", "roll", "pitch", "p_", "servo", "rpm", "thrust", "battery_current"),
+    "Fz": ("vd_", "servo", "rpm", "thrust", "battery_current", "az_"),
+    "Mx": ("roll", "pitch", "p_", "q_", "r_", "ax_", "ay_", "servo", "rpm", "thrust", "ve_", "vn_"),
+    "My": ("pitch", "roll", "p_", "q_", "r_", "ax_", "ay_", "servo", "rpm", "thrust", "ve_", "vn_"),
+    "Mz": ("p_", "q_", "r_", "servo", "rpm", "thrust"),
+}
+"""Channels that answer a disturbance of that axis within the loop."""
+DRIFTS = ("north_m", "east_m", "down_m", "yaw_rad", "range_")
+"""Channels that nothing but disturbances move in a flight that only hovers."""
+ODDS, REACTION_ODDS = 2e-4, 1e-5
+SHARE, REACTION_SHARE = 0.08, 0.25
+
+
+@dataclass(frozen=True)
+class Curve:
+    """Columns (n,) a flight of one channel on one axis, prior N(0, 1) each, and its prior odds."""
+
+    name: str
+    axis: int
+    parts: tuple[Array | None, ...]
+    odds: float
+
+    @property
+    def share(self) -> float:
+        """Smallest share of the axis' energy that it has to carry."""
+        return SHARE if self.odds == ODDS else REACTION_SHARE
+
+
+def curves(records: Sequence[Record]) -> Iterator[Curve]:
+    """Every curve that may stand for an unknown force."""
+    names = list(dict.fromkeys(name for r in records for name in r.channels))
+    for name in names:
+        if name == "time_s" and len(records) > 1:
+            continue
+        basis = _basis(records, name)
+        if basis is None:
+            continue
+        for axis in sorted({a for r in records for a in r.axes}):
+            odds = _odds(name, AXES[axis], records)
+            if odds > 0.0:
+                yield Curve(name, axis, basis, odds)
+
+
+def _odds(name: str, axis: str, records: Sequence[Record]) -> float:
+    if axis in SAME_SENSOR.get(name, ()):
+        return 0.0
+    vanes = {f"servo_{v.servo}" for v in records[0].context.vehicle.vanes}
+    if name.startswith(REACTIONS[axis]) and not (axis == "Fz" and name in vanes):
+        return REACTION_ODDS if axis.startswith("F") else 0.0
+    if name.startswith(DRIFTS) and all(r.only_answers for r in records):
+        return 0.0
+    return ODDS
+
+
+def _basis(records: Sequence[Record], name: str) -> tuple[Array | None, ...] | None:
+    """Smooth curves over the channel's range (n, k) a flight, less their mean; None where it does not vary."""
+    values = [r.channels.get(name) for r in records]
+    known = np.concatenate([v[r.valid & np.isfinite(v)] for v, r in zip(values, records, strict=True) if v is not None])
+    if len(known) < 50:
+        return None
+    if name == "yaw_rad":
+        if np.ptp(np.unwrap(known)) < 0.5:
+            return None
+        return tuple(
+            None if v is None else _centred(np.stack([f(m * v) for m in (1, 2) for f in (np.sin, np.cos)], 1), r)
+            for v, r in zip(values, records, strict=True)
+        )
+    low, high = np.quantile(known, [0.01, 0.99])
+    if high - low < 1e-9:
+        return None
+    at = np.unique(np.concatenate([np.linspace(low, high, KNOTS), np.quantile(known, np.linspace(0.01, 0.99, KNOTS))]))
+    at = at[np.concatenate([[True], np.diff(at) > 0.02 * (high - low)])]
+    distance = np.abs(at[:, None] - at) / (LENGTH * (high - low))
+    factor = np.linalg.cholesky(np.exp(-distance) + 1e-9 * np.eye(len(at)))
+    out: list[Array | None] = []
+    for v, r in zip(values, records, strict=True):
+        if v is None:
+            out.append(None)
+            continue
+        x = np.clip(np.where(np.isfinite(v), v, np.median(known)), low, high)
+        hats = np.stack([np.interp(x, at, row) for row in np.eye(len(at))], axis=1)
+        out.append(_centred(hats @ factor, r))
+    return tuple(out)
+
+
+def _centred(x: Array, record: Record) -> Array:
+    x = np.nan_to_num(x)
+    out: Array = x - x[record.valid].mean(axis=0)
+    return out

@@ -1,0 +1,67 @@
+"""What acts and is in no logged channel: a slow remainder above what quiet flights leave, how large, where, when."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.frames import AXES, Array
+from replay.residual.grid import Mask
+from replay.residual.record import Record
+
+SLOW_S = 1.0
+"""The remainder is averaged over this time."""
+FORCE_LIMIT, MOMENT_LIMIT = 2.0, 4.0
+"""RMS of the slow remainder, in hundredths of the weight (times the lever), up to which a flight counts as explained.
+
+Broadband unsteadiness of the air and the declared model's own error leave about one hundredth.
+"""
+LOUD = 1.5
+"""Intervals are told where the remainder exceeds the limit by this factor."""
+SUDDEN, SUDDEN_S = 5.0, 0.5
+"""Short pushes are told, too: so many times what is usual in the flight, for so long in all."""
+JOIN_S, SHORTEST_S, MOST = 2.0, 0.5, 12
+
+
+@dataclass(frozen=True)
+class Outside:
+    """A slow remainder of one axis [N or N m]."""
+
+    axis: str
+    rms: float
+    intervals_s: tuple[tuple[float, float], ...]
+
+
+def outside(record: Record, rest: Array) -> tuple[Outside, ...]:
+    """Axes of the unexplained ``rest`` (n, 6) that hold more than quiet flights leave."""
+    out = []
+    valid = record.valid
+    width = max(round(SLOW_S / record.step_s), 1)
+    kernel = np.ones(width)
+    weight = np.convolve(valid.astype(float), kernel, "same")
+    for a in (*record.axes, *record.blind):
+        unit = 0.01 * record.context.weight * (1.0 if a < 3 else record.context.lever)
+        total = np.convolve(np.where(valid, rest[:, a], 0.0), kernel, "same")
+        slow = np.where(valid, total / np.maximum(weight, 1.0), 0.0)
+        rms = float(np.sqrt(np.mean(slow[valid] ** 2)))
+        limit = unit * (FORCE_LIMIT if a < 3 else MOMENT_LIMIT)
+        usual = 1.4826 * float(np.median(np.abs(slow[valid])))
+        struck = np.abs(slow) > max(LOUD * limit, SUDDEN * usual)
+        if rms > limit:
+            out.append(Outside(AXES[a], rms, _intervals(record.time_s, np.abs(slow) > LOUD * limit)))
+        elif struck.sum() * record.step_s > SUDDEN_S:
+            out.append(Outside(AXES[a], rms, _intervals(record.time_s, struck)))
+    return tuple(out)
+
+
+def _intervals(time_s: Array, loud: Mask) -> tuple[tuple[float, float], ...]:
+    """The longest runs of ``loud``, short gaps bridged, in the order of time."""
+    index = np.flatnonzero(loud)
+    if not index.size:
+        return ()
+    breaks = np.flatnonzero(np.diff(time_s[index]) > JOIN_S)
+    starts, ends = np.concatenate([[0], breaks + 1]), np.concatenate([breaks, [len(index) - 1]])
+    spans = [(float(time_s[index[s]]), float(time_s[index[e]])) for s, e in zip(starts, ends, strict=True)]
+    longest = sorted((s for s in spans if s[1] - s[0] >= SHORTEST_S), key=lambda s: s[0] - s[1])[:MOST]
+    return tuple(sorted(longest))

@@ -1,0 +1,134 @@
+"""What deserves a name: contributions of a set's terms against the weight, each other, and physical bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.special import log_ndtr
+
+from models.frames import Array
+from replay.search.channel import Channel
+from replay.search.terms import STEP_S, Library, Term
+
+FORM_LEFT = 0.06
+"""RMS that an effect leaves by its error of form, as a share of its own."""
+FORM = 0.12
+"""What an effect may leave at most by its error of form: an addition below that share of it is not believed."""
+CURVE_FORM = 1.2
+"""The same of a free curve: it has no mean, and what is beside it may be that."""
+SLOW_S = 2.0
+SOFT = 0.02
+"""How sharp the threshold of attention is."""
+CANCEL, CANCEL_COST, CANCEL_FREE = 2.6, 40.0, 2.0
+"""Terms (root of the sum of squares) may exceed what they take off together by this factor; each more costs so much.
+
+What is below ``CANCEL_FREE`` hundredths of the weight does not count.
+"""
+
+
+class Contributions:
+    """What every term of a set does to every channel it acts on."""
+
+    def __init__(self, library: Library, terms: Sequence[Term], b: Array) -> None:
+        self.library = library
+        self.terms = terms
+        self.whole: dict[tuple[int, int], Array] = {}
+        """(term, channel) to (n,)."""
+        self.main: dict[tuple[int, int], Array] = {}
+        """The same of the coefficients that make the effect what it is."""
+        start = 0
+        for i, term in enumerate(terms):
+            part = b[start : start + len(term.columns)]
+            start += len(term.columns)
+            for c, channel in enumerate(library.channels):
+                local = channel.where[term.columns]
+                on = local >= 0
+                if on.any():
+                    x = channel.x[:, local[on]]
+                    self.whole[i, c] = x @ part[on]
+                    self.main[i, c] = x @ (part[on] * term.main[on]) if (term.main == 0.0).any() else self.whole[i, c]
+
+
+def form_variance(u: Contributions) -> Array:
+    """Variance (channels,) of what is left by the effects' errors of form."""
+    out = np.zeros(len(u.library.channels))
+    for (i, c), own in u.whole.items():
+        if u.terms[i].effect is not None:
+            out[c] += FORM_LEFT**2 * float(own[u.library.channels[c].run >= 0].var())
+    return out
+
+
+def worth(u: Contributions, rest: Sequence[Array]) -> float:
+    """Log share of what is worth a name, softly, and of what does not cancel.
+
+    Some axis must carry a hundredth of the weight of a term, more than what the others may leave by their form and than
+    what acts there unexplained, and a part of what is left there without it.
+    """
+    out = -CANCEL_COST * max(cancelled(u) - CANCEL, 0.0)
+    for z in standing(u, rest):
+        out -= 0.5 * max((1.0 - z) / SOFT, 0.0) ** 2 + 1e3 * max(0.9 - z, 0.0)
+    return float(out)
+
+
+def cancelled(u: Contributions) -> float:
+    """Contributions over what they take off together, on the axis where that ratio is largest."""
+    worst = 0.0
+    for c, channel in enumerate(u.library.channels):
+        parts = [own for (_, at), own in u.whole.items() if at == c]
+        if len(parts) > 1:
+            both = float((np.sum(parts, axis=0) ** 2).sum()) + channel.count * (CANCEL_FREE * channel.limit) ** 2
+            worst = max(worst, float(np.sqrt(sum(float(p @ p) for p in parts) / both)))
+    return worst
+
+
+def standing(u: Contributions, rest: Sequence[Array]) -> Array:
+    """How far every term stands out, (terms,): 1 is just worth a name."""
+    if not u.terms:
+        return np.empty(0)
+    channels = u.library.channels
+    tops, shares = np.zeros((len(u.terms), len(channels))), np.zeros((len(u.terms), len(channels)))
+    for (i, c), own in u.main.items():
+        without = rest[c] + own
+        shares[i, c] = 1.0 - float(rest[c] @ rest[c]) / max(float(without @ without), 1e-30)
+        tops[i, c] = top(own, channels[c].count) / channels[c].limit
+    form = np.array([FORM if t.effect is not None else CURVE_FORM for t in u.terms])
+    left = (tops * form[:, None]) ** 2
+    open_ = np.array([slow_rms(e, c) / c.limit for e, c in zip(rest, channels, strict=True)])
+    allowed = np.sqrt(1.0 + left.sum(axis=0) - left + open_**2)
+    least = np.array([[t.share] for t in u.terms])
+    return np.asarray(np.minimum(tops / allowed, shares / least).max(axis=1))
+
+
+def slow_rms(rest: Array, channel: Channel) -> float:
+    """RMS of what is left of a channel, averaged over ``SLOW_S``."""
+    width = max(round(SLOW_S / STEP_S), 1)
+    total, known = (np.concatenate([[0.0], np.cumsum(v)]) for v in (rest, channel.valid))
+    mean = (total[width:] - total[:-width]) / np.maximum(known[width:] - known[:-width], 1.0)
+    return float(np.sqrt(mean @ mean / max(len(mean), 1)))
+
+
+def top(x: Array, count: int) -> float:
+    """About the 99th percentile of the size of (n,), of which ``count`` samples are valid and the rest 0."""
+    size = np.abs(x)
+    m = max(count // 100, 1)
+    return float(np.partition(size, -m)[-m])
+
+
+def beyond_bounds(terms: Sequence[Term], b: Array, cov: Array) -> float:
+    """Log share of the posterior within the bounds, over that of the prior."""
+    if not terms:
+        return 0.0
+    low, high, mean = (np.concatenate(v) for v in zip(*((t.low, t.high, t.centre) for t in terms), strict=True))
+    k = len(low)
+    sd = np.sqrt(np.diag(cov)[:k])
+    return float((_log_mass(low, high, b[:k], sd) - _log_mass(low, high, mean, np.ones(k))).sum())
+
+
+def _log_mass(low: Array, high: Array, mean: Array, sd: Array) -> Array:
+    """Log of the probability of N(mean, sd) between low and high, element by element."""
+    lo, hi = np.maximum((low - mean) / sd, -1e8), np.minimum((high - mean) / sd, 1e8)
+    flip = lo > 0.0
+    lo, hi = np.where(flip, -hi, lo), np.where(flip, -lo, hi)
+    upper, lower = log_ndtr(hi), log_ndtr(lo)
+    return np.asarray(upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-12))))
