@@ -122,8 +122,9 @@ class Tuning:
     late_fade_s: float = 0.15
     """Attitudes or positions that arrive later than this by their own stamps fade the offsets: a hover offset moves by
     its own size within about 0.5 s, and the attitude loop behind it has some 20 degrees of phase left."""
-    late_stop_s: float = 0.3
-    """Later than this, for ``late_stop_for_s``, the hold lets go: its velocity loop (4 1/s) turns unstable there."""
+    late_stop_s: float = 0.18
+    """Later than this, for ``late_stop_for_s``, the hold lets go: at 0.2 s it swung into a wall 0.3 m away in the
+    simulation (``link_late_0.2s`` of the fault campaign)."""
     late_stop_for_s: float = 0.2
     """On the vehicle's clock: a short burst after a gap of the link is caught up with instead."""
     surface_step_s: float = 1.5

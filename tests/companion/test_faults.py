@@ -12,7 +12,6 @@ ALWAYS = (
     ("rotors_absurd", "ardupilot"),
     ("link_lost_10s", "ardupilot"),
     ("link_lost_3s", "px4"),
-    ("position_silent", "ardupilot"),
     ("killed_restarted", "px4"),
 )
 """One of each kind, those first that once went wrong."""

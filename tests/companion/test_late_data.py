@@ -74,12 +74,12 @@ def test_a_reboot_starts_the_measure_anew():
 def test_late_data_fade_the_offsets_and_say_why():
     b = bench(height=0.2)
     assert b.run(4.0).offset.thrust < -0.01
-    b.late = 0.2
+    b.late = 0.17
     decision = b.run(0.6)
     assert Reason.LATE in decision.reasons
     assert decision.offset.thrust == 0.0
     assert decision.command is not None
-    assert decision.late_s == 0.2
+    assert decision.late_s == 0.17
 
 
 @pytest.mark.parametrize("base", [Base.HOLD, Base.UPSTREAM])

@@ -107,3 +107,10 @@ def test_applied_offsets_keep_the_slew_rates_while_they_fade():
         assert abs(now.thrust - before.thrust) <= 0.05 * 0.02 + 1e-9
         assert abs(now.roll - before.roll) <= math.radians(limits.slew_tilt_deg_per_s) * 0.02 + 1e-9
         before = now
+
+
+def test_a_hold_lets_go_of_data_a_fifth_of_a_second_late():
+    """At that the simulated vehicle swung into a wall 0.3 m away."""
+    b = compensating()
+    b.late = 0.2
+    assert Reason.TOO_LATE in b.run(0.6).reasons
