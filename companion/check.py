@@ -205,8 +205,8 @@ class Listener:
 
     def _decided(self, decision: Decision) -> None:
         self.reasons.update(decision.reasons)
-        if self.hovering and decision.push is not None:
-            self.lift.append(decision.push.free_lift_n / (self.config.vehicle.mass_kg * GRAVITY))
+        if self.hovering and decision.disturbance is not None:
+            self.lift.append(decision.disturbance.free_lift_n / (self.config.vehicle.mass_kg * GRAVITY))
 
     def rate(self, message_id: int) -> float:
         """Messages per second from the first to the last, stamps that repeat counted once; 0 for fewer than two."""

@@ -183,7 +183,7 @@ class Tuning:
     residual_delay_s: float = 0.06
     """What is left of the delay of a side force behind the lead."""
     # Sending
-    push_period_s: float = 0.03
+    disturbance_period_s: float = 0.03
     """The model is asked this often, after a position, so that an attitude is answered without waiting for it."""
     max_decision_rate_hz: float = 110.0
     """A little above the 100 Hz that a companion link carries."""

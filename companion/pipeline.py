@@ -15,7 +15,7 @@ from companion.config import Base, Carrier, PipelineConfig
 from companion.control import attitude_response, engagement, hover_thrust, swing_detector
 from companion.control.authority import HOLDS_BACK_EVERYTHING, Notice, Reason, fade
 from companion.control.compensation import Offset, slewed, wanted_offset
-from companion.control.disturbance import Push, modelled_push
+from companion.control.disturbance import Disturbance, modelled_disturbance
 from companion.control.engagement import IN_AIR, ON_GROUND, waits_for_mode
 from companion.control.hand_over import NOT_OURS, part, parting_command
 from companion.control.plant import Source, declared_loop, hear_attitude, hear_position, tune
@@ -111,8 +111,8 @@ def step(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[
     state = _take(state, sample, config)
     if config.survey is not None:
         state = _surveyed(state, sample, config, config.survey)
-    if isinstance(sample, LocalPosition) and sample.t_s - state.pushed_s >= config.tuning.push_period_s:
-        state = _renew_push(state, sample.t_s, config)
+    if isinstance(sample, LocalPosition) and sample.t_s - state.disturbance_s >= config.tuning.disturbance_period_s:
+        state = _renew_disturbance(state, sample.t_s, config)
     if not _calls_for_decision(state, sample, config):
         return state, None
     return _decide(state, sample.t_s, config)
@@ -200,14 +200,14 @@ def _surveyed(state: PipelineState, sample: Sample, config: PipelineConfig, box:
     """A survey moves the hold by the messages that a pilot would send; a pilot's own message ends it."""
     if isinstance(sample, SetPositionTarget) and sample.target_component == OWN_COMPONENT:
         return replace(state, survey=aborted(state.survey, "a target came from outside"))
-    position, push = state.estimates.position, state.push
+    position, disturbance = state.estimates.position, state.disturbance
     if not isinstance(sample, LocalPosition) or position is None:
         return state
     height, wall, towards = math.nan, math.nan, None
-    if push is not None:
-        height = float(push.h_m.min()) if push.ground.known else math.nan
-        wall = float(push.d_m.min()) if push.wall.known else math.nan
-        towards = level_direction(push.wall.normal_ned)
+    if disturbance is not None:
+        height = float(disturbance.h_m.min()) if disturbance.ground.known else math.nan
+        wall = float(disturbance.d_m.min()) if disturbance.wall.known else math.nan
+        towards = level_direction(disturbance.wall.normal_ned)
     seen = Whereabouts(sample.t_s, state.hold is not None, np.asarray(position.position_ned), height, wall, towards)
     survey, wanted = advance(state.survey, box, seen)
     state = replace(state, survey=survey)
@@ -247,8 +247,8 @@ def _calls_for_decision(state: PipelineState, sample: Sample, config: PipelineCo
 def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[PipelineState, Decision]:
     tuning = config.tuning
     dt = min(max(t_s - state.decided_s, 0.0), 0.1)
-    if not 0.0 <= t_s - state.pushed_s <= 2.0 * tuning.push_period_s:
-        state = _renew_push(state, t_s, config)
+    if not 0.0 <= t_s - state.disturbance_s <= 2.0 * tuning.disturbance_period_s:
+        state = _renew_disturbance(state, t_s, config)
     state = _retuned(_airborne(state, config, t_s), config, t_s)
     late_s = lateness(state.estimates, config)
     state = replace(state, late_since_s=min(state.late_since_s, t_s) if late_s > tuning.late_stop_s else math.inf)
@@ -272,7 +272,7 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
         state = replace(state, parting=None)
     tuned = state.tuned if config.base is Base.HOLD else None
     return state, Decision(
-        t_s, command, reasons, state.authority, applied, base, state.push, late_s, tuned, state.notice
+        t_s, command, reasons, state.authority, applied, base, state.disturbance, late_s, tuned, state.notice
     )
 
 
@@ -286,11 +286,11 @@ def _offsets(
     dt_s: float,
 ) -> tuple[PipelineState, Offset]:
     """The offset to apply, one step on."""
-    tuning, push, rotation = config.tuning, state.push, state.estimates.rotation
-    usable = push is not None and not reasons
+    tuning, disturbance, rotation = config.tuning, state.disturbance, state.estimates.rotation
+    usable = disturbance is not None and not reasons
     wanted, washout = state.wanted, state.washout
-    if push is not None and rotation is not None and base is not None:
-        fresh, washout = wanted_offset(push, washout, config, thrust, base.thrust, rotation, dt_s)
+    if disturbance is not None and rotation is not None and base is not None:
+        fresh, washout = wanted_offset(disturbance, washout, config, thrust, base.thrust, rotation, dt_s)
         if usable:
             wanted = fresh  # otherwise the last good one stays while the authority fades
     trusted = 1.0 if usable else 0.0
@@ -329,17 +329,17 @@ def _retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> Pipeli
     return replace(state, loop=loop, tuned=tuned, tuned_s=t_s)
 
 
-def _renew_push(state: PipelineState, t_s: float, config: PipelineConfig) -> PipelineState:
+def _renew_disturbance(state: PipelineState, t_s: float, config: PipelineConfig) -> PipelineState:
     rotors, rotation = est.rotor_speeds(state.estimates, config, t_s), state.estimates.rotation
     if rotors is None or rotation is None:
-        return replace(state, push=None, pushed_s=t_s)
+        return replace(state, disturbance=None, disturbance_s=t_s)
     damping = config.damping_1_s if state.tuned is None else state.tuned.gains.velocity_1_s
-    push = modelled_push(state.estimates, config, rotors, rotation, t_s, damping)
+    disturbance = modelled_disturbance(state.estimates, config, rotors, rotation, t_s, damping)
     share = state.lift_share
     if t_s - state.airborne_since_s >= config.tuning.airborne_after_s:
-        now = push.free_lift_n / (config.vehicle.mass_kg * GRAVITY)
-        share += min(max(t_s - state.pushed_s, 0.0) / config.tuning.lift_time_s, 1.0) * (now - share)
-    return replace(state, push=push, pushed_s=t_s, lift_share=share)
+        now = disturbance.free_lift_n / (config.vehicle.mass_kg * GRAVITY)
+        share += min(max(t_s - state.disturbance_s, 0.0) / config.tuning.lift_time_s, 1.0) * (now - share)
+    return replace(state, disturbance=disturbance, disturbance_s=t_s, lift_share=share)
 
 
 def _airborne(state: PipelineState, config: PipelineConfig, t_s: float) -> PipelineState:
@@ -349,7 +349,7 @@ def _airborne(state: PipelineState, config: PipelineConfig, t_s: float) -> Pipel
     """
     tuning, position = config.tuning, state.estimates.position
     since, carried = state.airborne_since_s, state.carried_s
-    if _carries(state.push, config) or state.landed_state == IN_AIR:
+    if _carries(state.disturbance, config) or state.landed_state == IN_AIR:
         carried = t_s
     if state.landed_state == ON_GROUND:
         since = math.inf
@@ -362,9 +362,9 @@ def _airborne(state: PipelineState, config: PipelineConfig, t_s: float) -> Pipel
     return replace(state, airborne_since_s=since, carried_s=carried, engagement=seen)
 
 
-def _carries(push: Push | None, config: PipelineConfig) -> bool:
+def _carries(disturbance: Disturbance | None, config: PipelineConfig) -> bool:
     weight = config.vehicle.mass_kg * GRAVITY
-    return push is not None and push.free_lift_n > config.tuning.airborne_lift_share * weight
+    return disturbance is not None and disturbance.free_lift_n > config.tuning.airborne_lift_share * weight
 
 
 def _thrust_map(state: PipelineState, config: PipelineConfig) -> ThrustMap:

@@ -13,7 +13,7 @@ import numpy as np
 
 from companion.config import PipelineConfig
 from companion.control.authority import slew
-from companion.control.disturbance import Push
+from companion.control.disturbance import Disturbance
 from companion.mavlink.firmware import ThrustMap
 from models.frames import GRAVITY, Array
 
@@ -49,7 +49,7 @@ class MomentWashout:
 
 
 def wanted_offset(
-    push: Push,
+    disturbance: Disturbance,
     washout: MomentWashout,
     config: PipelineConfig,
     thrust: ThrustMap,
@@ -59,10 +59,10 @@ def wanted_offset(
 ) -> tuple[Offset, MomentWashout]:
     """The offset that cancels the push, before limits, slew and fades; and the moment wash-out one step on."""
     vehicle = config.vehicle
-    weight = push.gain * push.trust
-    fx, fy, fz, mx, my, _ = (float(v) for v in push.wrench * weight)
+    weight = disturbance.gain * disturbance.trust
+    fx, fy, fz, mx, my, _ = (float(v) for v in disturbance.wrench * weight)
     own_weight = vehicle.mass_kg * GRAVITY
-    ratio = 1.0 - fz / max(push.free_lift_n, 0.5 * own_weight)
+    ratio = 1.0 - fz / max(disturbance.free_lift_n, 0.5 * own_weight)
     lift_share = 1.0 + thrust.slope * (base_thrust - thrust.hover)
     roll_bias, pitch_bias, washout = _moment_bias(mx, my, washout, config, dt_s)
     force_ned = rotation @ np.array([fx, fy, fz])

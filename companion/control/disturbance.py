@@ -25,7 +25,7 @@ _SURE_SIGMA_M, _UNSURE_SIGMA_M = 0.05, 0.10
 
 
 @dataclass(frozen=True, slots=True)
-class Push:
+class Disturbance:
     """What the surroundings do to the vehicle: body FRD about the CG, and how far that is to be believed."""
 
     wrench: Array
@@ -42,9 +42,9 @@ class Push:
     """Watched only where an adopted effect knows of ceilings."""
 
 
-def modelled_push(
+def modelled_disturbance(
     estimates: Estimates, config: PipelineConfig, rotor_rpm: Array, rotation: Array, t_s: float, damping_1_s: float
-) -> Push:
+) -> Disturbance:
     """Query the surrogate for every fan, at the two leads, in free air, and a little further from the wall."""
     vehicle, model, tuning = config.vehicle, config.model, config.tuning
     ground = surface(estimates, config, "ground", t_s)
@@ -61,7 +61,7 @@ def modelled_push(
         moved = corrected_state(model.effects, now)
         shift = np.where(np.isfinite(now.h_m), moved.h_m, 0.0) - np.where(np.isfinite(now.h_m), now.h_m, 0.0)
         soon, later = replace(soon, h_m=soon.h_m + shift), replace(later, h_m=later.h_m + shift)
-        adopted = adopted_push(model, moved, vehicle, tuning, damping_1_s)
+        adopted = adopted_disturbance(model, moved, vehicle, tuning, damping_1_s)
     else:
         adopted = np.zeros(6)
     answer = model.query(
@@ -78,7 +78,7 @@ def modelled_push(
     pull = float(rows[1, :, 0].sum() - rows[2, :, 0].sum()) / _STIFFNESS_STEP_M
     known = np.isfinite(soon.h_m) | np.isfinite(soon.d_m)
     trust = float(np.min(answer.trust[0], initial=1.0, where=known)) if known.any() else 1.0
-    return Push(
+    return Disturbance(
         wrench=total,
         free_lift_n=float(rows[3, :, 2].sum()),
         trust=trust * _sensor_weight(ground) * _sensor_weight(wall),
@@ -91,7 +91,9 @@ def modelled_push(
     )
 
 
-def adopted_push(model: FanSurrogate, state: AirState, vehicle: Vehicle, tuning: Tuning, damping_1_s: float) -> Array:
+def adopted_disturbance(
+    model: FanSurrogate, state: AirState, vehicle: Vehicle, tuning: Tuning, damping_1_s: float
+) -> Array:
     """What the adopted effects push (6,), with a ceiling's pull no stronger than delay allows.
 
     As if the vehicle stood still in the air's own motion: drag on its own velocity damps the loop, and feeding it
@@ -99,17 +101,17 @@ def adopted_push(model: FanSurrogate, state: AirState, vehicle: Vehicle, tuning:
     """
     still = replace(state, velocity_ned=np.zeros(3), rates=np.zeros(3))
 
-    def push(ceiling_m: Array) -> Array:
+    def disturbance(ceiling_m: Array) -> Array:
         return adopted_wrench(
             model.effects, Context(replace(still, ceiling_m=ceiling_m), vehicle, model), in_flight=True
         )
 
-    near = push(state.ceiling_m)
+    near = disturbance(state.ceiling_m)
     if not np.isfinite(np.min(state.ceiling_m)):
         return near
-    pull = float(push(state.ceiling_m + _STIFFNESS_STEP_M)[2] - near[2]) / _STIFFNESS_STEP_M
+    pull = float(disturbance(state.ceiling_m + _STIFFNESS_STEP_M)[2] - near[2]) / _STIFFNESS_STEP_M
     share = _stable_gain(pull, vehicle, tuning, damping_1_s) / tuning.gain if tuning.gain > 0.0 else 0.0
-    open_air = push(np.full_like(state.ceiling_m, np.inf))
+    open_air = disturbance(np.full_like(state.ceiling_m, np.inf))
     out: Array = open_air + share * (near - open_air)
     return out
 

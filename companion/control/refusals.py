@@ -6,7 +6,7 @@ import math
 
 from companion.config import Base, Carrier, HoldGains, PipelineConfig
 from companion.control.authority import Reason
-from companion.control.disturbance import Push
+from companion.control.disturbance import Disturbance
 from companion.control.hover_thrust import hover_parameter, is_known
 from companion.control.plant import HoldTuning
 from companion.control.state import PipelineState
@@ -19,7 +19,7 @@ from models.surrogate.empty import is_empty
 def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[Reason, ...]:
     """Why nothing is sent, or why offsets fade."""
     out: list[Reason] = []
-    estimates, tuning, heartbeat, push = state.estimates, config.tuning, state.heartbeat, state.push
+    estimates, tuning, heartbeat, disturbance = state.estimates, config.tuning, state.heartbeat, state.disturbance
     if heartbeat is None or t_s - heartbeat.t_s > tuning.heartbeat_age_s:
         out.append(Reason.NO_HEARTBEAT)
     else:
@@ -29,10 +29,10 @@ def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[
         out.append(Reason.LANDED)
     if config.base is Base.HOLD:
         out.extend(_hold(state, config, t_s))
-    if push is None:
+    if disturbance is None:
         out.append(Reason.RPM_MISSING)
     else:
-        out.extend(_surfaces(push, tuning.surface_step_s, t_s))
+        out.extend(_surfaces(disturbance, tuning.surface_step_s, t_s))
     if estimates.rotation is not None and estimates.rotation[2, 2] < math.cos(tuning.max_tilt_rad):
         out.append(Reason.TILTED)
     if config.base is Base.HOLD and t_s - state.swing.swung_s < tuning.swing_pause_s:
@@ -135,9 +135,9 @@ def _firm_enough(tuned: HoldTuning, gains: HoldGains, engaged: bool) -> bool:
     return tuned.margin.meets(gains.least_gain_margin, gains.least_phase_margin_deg) and tuned.share >= least
 
 
-def _surfaces(push: Push, step_s: float, t_s: float) -> list[Reason]:
+def _surfaces(disturbance: Disturbance, step_s: float, t_s: float) -> list[Reason]:
     out: list[Reason] = []
-    for surface in (push.ground, push.wall, push.ceiling):
+    for surface in (disturbance.ground, disturbance.wall, disturbance.ceiling):
         if surface.seen is Seen.MISSING:
             out.append(Reason.RANGE_MISSING)
         elif surface.seen is Seen.STALE:
@@ -148,6 +148,6 @@ def _surfaces(push: Push, step_s: float, t_s: float) -> list[Reason]:
             out.append(Reason.RANGE_FROZEN)
         elif t_s - surface.stepped_s < step_s:
             out.append(Reason.SURFACE_STEP)
-    if push.trust <= 0.0:
+    if disturbance.trust <= 0.0:
         out.append(Reason.OUT_OF_DOMAIN)
     return list(dict.fromkeys(out))

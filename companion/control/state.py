@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from companion.control.attitude_response import AttitudeResponse
 from companion.control.authority import Notice, Reason
 from companion.control.compensation import MomentWashout, Offset
-from companion.control.disturbance import Push
+from companion.control.disturbance import Disturbance
 from companion.control.engagement import Balance, Engagement
 from companion.control.hand_over import Parting
 from companion.control.hover_thrust import HoverThrust
@@ -61,8 +61,8 @@ class PipelineState:
     """What went out last: with trust and fade, again within the slew rates."""
     washout: MomentWashout = MomentWashout()
     decided_s: float = -math.inf
-    push: Push | None = None
-    pushed_s: float = -math.inf
+    disturbance: Disturbance | None = None
+    disturbance_s: float = -math.inf
     """When ``push`` was computed: after a position, so that an attitude is answered without waiting for the model."""
     lift_share: float = 1.0
     """Modelled free-air lift over the weight, averaged while the vehicle flies."""
@@ -85,7 +85,7 @@ class Decision:
     offset: Offset
     """Applied: after trust, limits, slew and fade."""
     base: BaseSetpoint | None
-    push: Push | None
+    disturbance: Disturbance | None
     late_s: float = 0.0
     """How late the attitude or position behind it arrived."""
     tuned: HoldTuning | None = None

@@ -19,7 +19,7 @@ def snapshot(
     decision: Decision, state: PipelineState, config: PipelineConfig, streams: StreamKeeper | None, now_s: float
 ) -> dict[str, Any]:
     """``now_s`` is the receiver's clock, for the rates of the link."""
-    offset, push, heartbeat = decision.offset, decision.push, state.heartbeat
+    offset, disturbance, heartbeat = decision.offset, decision.disturbance, state.heartbeat
     out: dict[str, Any] = {
         "t_s": round(decision.t_s, 3),
         "vehicle": config.vehicle.name,
@@ -38,13 +38,13 @@ def snapshot(
         "rates": _rates(streams, now_s),
         "push": None,
     }
-    if push is not None:
+    if disturbance is not None:
         out["push"] = {
-            "wrench": [_number(v, 4) for v in push.wrench.tolist()],
-            "trust": _number(push.trust),
-            "ground": _surface(push.ground),
-            "wall": _surface(push.wall),
-            "fans": _fans(push.wall, state.estimates.rotation, config, push.h_m, push.d_m),
+            "wrench": [_number(v, 4) for v in disturbance.wrench.tolist()],
+            "trust": _number(disturbance.trust),
+            "ground": _surface(disturbance.ground),
+            "wall": _surface(disturbance.wall),
+            "fans": _fans(disturbance.wall, state.estimates.rotation, config, disturbance.h_m, disturbance.d_m),
         }
     return out
 

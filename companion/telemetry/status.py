@@ -35,13 +35,13 @@ def named_values(decision: Decision) -> Iterator[tuple[str, float]]:
     yield "cc_pitch", decision.offset.pitch
     if decision.tuned is not None:
         yield "cc_margin", decision.tuned.margin.gain
-    push = decision.push
-    if push is not None:
-        yield "cc_h", _finite(float(np.min(push.h_m)))
-        yield "cc_d", _finite(float(np.min(push.d_m)))
-        yield "cc_lift", -float(push.wrench[2])
-        yield "cc_side", float(np.hypot(push.wrench[0], push.wrench[1]))
-        yield "cc_trust", push.trust
+    disturbance = decision.disturbance
+    if disturbance is not None:
+        yield "cc_h", _finite(float(np.min(disturbance.h_m)))
+        yield "cc_d", _finite(float(np.min(disturbance.d_m)))
+        yield "cc_lift", -float(disturbance.wrench[2])
+        yield "cc_side", float(np.hypot(disturbance.wrench[0], disturbance.wrench[1]))
+        yield "cc_trust", disturbance.trust
 
 
 def _finite(value: float) -> float:
@@ -115,9 +115,9 @@ def said_of(state: PipelineState, decision: Decision) -> str:
     reason = decision.reasons[0]
     what = reason.value
     seen = _ABOUT_RANGES.get(reason)
-    if seen is not None and decision.push is not None:
-        push = decision.push
-        surfaces = {"the ground": push.ground, "the wall": push.wall, "the ceiling": push.ceiling}
+    if seen is not None and decision.disturbance is not None:
+        disturbance = decision.disturbance
+        surfaces = {"the ground": disturbance.ground, "the wall": disturbance.wall, "the ceiling": disturbance.ceiling}
         about = " and ".join(name for name, surface in surfaces.items() if surface.seen is seen)
         what = re.sub("^(range(finder)?)", rf"\1 to {about}", what) if about else what
     if reason is Reason.WRONG_MODE and state.heartbeat is not None:

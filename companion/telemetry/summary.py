@@ -140,9 +140,16 @@ class Summary:
 
 def _shown(decision: Decision) -> tuple[float, ...]:
     """Offset (thrust, roll [deg], pitch [deg]), nearest h and d [m], trust, lift and side force [N]; NaN: not known."""
-    offset, push = decision.offset, decision.push
+    offset, disturbance = decision.offset, decision.disturbance
     own = (offset.thrust, math.degrees(offset.roll), math.degrees(offset.pitch))
-    if push is None:
+    if disturbance is None:
         return (*own, *(math.nan,) * 5)
-    fx, fy, fz = push.wrench[:3].tolist()
-    return (*own, min(push.h_m.tolist()), min(push.d_m.tolist()), push.trust, -fz, math.hypot(fx, fy))
+    fx, fy, fz = disturbance.wrench[:3].tolist()
+    return (
+        *own,
+        min(disturbance.h_m.tolist()),
+        min(disturbance.d_m.tolist()),
+        disturbance.trust,
+        -fz,
+        math.hypot(fx, fy),
+    )

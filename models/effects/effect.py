@@ -138,7 +138,7 @@ class Context:
     @cached_property
     def rotor_wrench(self) -> Array:
         """Declared free-air wrench of all rotors about the CG, (..., 6)."""
-        return self.push(-self.thrust[..., None] * DOWNWARD)
+        return self.wrench_at_cg(-self.thrust[..., None] * DOWNWARD)
 
     @cached_property
     def rotor_moment(self) -> Array:
@@ -201,7 +201,7 @@ class Context:
         arms = [float(np.linalg.norm(fan.position_m)) for fan in self.vehicle.fans]
         return max(*arms, self.vehicle.rotor_radius_m)
 
-    def push(self, forces: Array, above_m: float = 0.0) -> Array:
+    def wrench_at_cg(self, forces: Array, above_m: float = 0.0) -> Array:
         """Wrench about the CG (..., 6) of body forces (..., fans, 3) that act ``above_m`` over the reference points."""
         total = np.zeros((*forces.shape[:-2], 6))
         for i, fan in enumerate(self.vehicle.fans):

@@ -19,7 +19,7 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
         # What one fan does more than its mean share answers disturbances of the moment, and tells nothing of the fan.
         total = ctx.thrust.sum(axis=-1)
         one[..., fan] = total * np.nanmean(one[..., fan]) / np.nanmean(total)
-    wrench = ctx.push(-one[..., None] * DOWNWARD)
+    wrench = ctx.wrench_at_cg(-one[..., None] * DOWNWARD)
     # A blade that lifts less is mostly dragged less, too, but not in the same measure.
     torque = np.zeros_like(wrench)
     torque[..., 5] = fan_torques(ctx.vehicle, ctx.rotor_rpm)[..., fan]

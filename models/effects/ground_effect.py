@@ -12,7 +12,7 @@ from models.frames import Array
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     size = -ctx.thrust * decay(ctx.state.h_m, shape[0] * ctx.vehicle.rotor_radius_m)
-    return columns(ctx.push(size[..., None] * DOWNWARD))
+    return columns(ctx.wrench_at_cg(size[..., None] * DOWNWARD))
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:

@@ -70,7 +70,7 @@ def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
     if ctx.model is None:
         lift = ctx.thrust * (cover * decay(h_over, radius) + (1.0 - cover) * decay(h_floor, radius))
         seen = ctx.thrust * decay(ctx.state.h_m, radius)
-        return columns(ctx.push(-(lift - seen)[..., None] * DOWNWARD))
+        return columns(ctx.wrench_at_cg(-(lift - seen)[..., None] * DOWNWARD))
     state = replace(ctx.state, rpm=ctx.rotor_rpm)
     total = np.zeros_like(out)
     for i in range(len(ctx.vehicle.fans)):

@@ -14,7 +14,7 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     def ram(velocity: Array) -> Array:
         level = -velocity
         level[..., 2] = 0.0
-        return ctx.push(ctx.mass_flow[..., None] * level, above)
+        return ctx.wrench_at_cg(ctx.mass_flow[..., None] * level, above)
 
     return columns(ram(ctx.velocity[..., None, :]), ram(ctx.turning))
 

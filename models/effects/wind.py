@@ -16,7 +16,7 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     def ram(air: Array) -> Array:
         level = np.array(air)
         level[..., 2] = 0.0
-        return ctx.push(ctx.mass_flow[..., None] * level, above)
+        return ctx.wrench_at_cg(ctx.mass_flow[..., None] * level, above)
 
     rotation = ctx.state.rotation
     own = ctx.velocity[..., None, :]

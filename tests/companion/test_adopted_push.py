@@ -9,7 +9,7 @@ import pytest
 
 import models
 from companion.config import Base, PipelineConfig, Tuning
-from companion.control.disturbance import adopted_push
+from companion.control.disturbance import adopted_disturbance
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
 from models.surrogate.fan_surrogate import AdoptedEffect
@@ -34,11 +34,11 @@ def state(gap_m: float = np.inf, velocity=(0.0, 0.0, 0.0), rates=(0.0, 0.0, 0.0)
 
 
 def push(effects, *args, **kwargs):
-    return adopted_push(MODEL.with_effects(effects), state(*args, **kwargs), VEHICLE, TUNING, DAMPING_1_S)
+    return adopted_disturbance(MODEL.with_effects(effects), state(*args, **kwargs), VEHICLE, TUNING, DAMPING_1_S)
 
 
 def test_the_drag_on_its_own_climb_is_left_to_damp_the_loop():
-    inflow = (AdoptedEffect("vertical_inflow", {"slope": 4.8, "turning": 1.4}),)
+    inflow = (AdoptedEffect("vertical_inflow", {"slope": 4.8, "turning": 1.4, "north": 0.0, "east": 0.0}),)
     climbing = push(inflow, velocity=(0.3, 0.0, -1.0), rates=(0.2, 0.1, 0.0))
     assert climbing == pytest.approx(np.zeros(6), abs=1e-12)
 
@@ -56,7 +56,7 @@ def test_a_ceiling_is_followed_in_full_far_off_and_in_part_close_by_without_a_st
     gaps = np.linspace(0.3, 3.0, 271) * radius
     ours = np.array([push(ceiling, gap)[2] for gap in gaps])
     prompt, model = replace(TUNING, residual_delay_s=1e-6), MODEL.with_effects(ceiling)
-    whole = np.array([adopted_push(model, state(gap), VEHICLE, prompt, DAMPING_1_S)[2] for gap in gaps])
+    whole = np.array([adopted_disturbance(model, state(gap), VEHICLE, prompt, DAMPING_1_S)[2] for gap in gaps])
     share = ours / whole
     assert share[-1] == pytest.approx(1.0)
     assert share[0] < 0.5
@@ -68,8 +68,8 @@ def test_a_ceiling_is_followed_in_full_far_off_and_in_part_close_by_without_a_st
 def test_the_feed_forward_near_a_surface_is_bounded_by_the_damping_that_the_hold_flies_with():
     ceiling = (AdoptedEffect("ceiling", {"gain": 1.0, "scale": 1.0}),)
     model, near = MODEL.with_effects(ceiling), 0.4 * VEHICLE.rotor_radius_m
-    soft = adopted_push(model, state(near), VEHICLE, TUNING, 0.5 * DAMPING_1_S)[2]
-    firm = adopted_push(model, state(near), VEHICLE, TUNING, DAMPING_1_S)[2]
+    soft = adopted_disturbance(model, state(near), VEHICLE, TUNING, 0.5 * DAMPING_1_S)[2]
+    firm = adopted_disturbance(model, state(near), VEHICLE, TUNING, DAMPING_1_S)[2]
     assert soft == pytest.approx(0.5 * firm)
     hold = PipelineConfig(VEHICLE, MODEL)
     assert hold.damping_1_s == hold.tuning.hold.velocity_1_s

@@ -65,7 +65,7 @@ def told(tmp_path_factory):
     state, out = initial_state(config), None
     for sample in samples_of(read_flightlogs(path)[0]):
         state, decision = step(state, sample, config)
-        if decision is not None and decision.push is not None:
+        if decision is not None and decision.disturbance is not None:
             out = snapshot(decision, state, config, None, 0.0)
     assert out is not None
     return out

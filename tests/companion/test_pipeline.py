@@ -36,15 +36,16 @@ def test_near_the_ground_thrust_is_taken_off_and_at_the_wall_it_leans_away():
     assert decision.authority == 1.0
     # By hand: h = 0.3 gives +5 % lift, taken out multiplicatively at gain 0.95.
     lift = 1.0 + 0.05 * CONFIG.tuning.gain
-    assert decision.push.wrench[2] == pytest.approx(-0.05 * 2 * 22.555, rel=0.01)
+    assert decision.disturbance.wrench[2] == pytest.approx(-0.05 * 2 * 22.555, rel=0.01)
     assert decision.offset.thrust < 0.0
     slope_share = (1.0 / lift - 1.0) * 1.0
     assert decision.offset.thrust == pytest.approx(slope_share / 1.55, rel=0.15)
     # The wall is on the right and pulls there: lean left.
-    assert decision.push.wrench[1] > 0.0
+    assert decision.disturbance.wrench[1] > 0.0
     assert decision.offset.roll < 0.0
     assert decision.offset.roll == pytest.approx(
-        -math.atan2(decision.push.wrench[1] * decision.push.trust * decision.push.gain, 45.11), rel=0.05
+        -math.atan2(decision.disturbance.wrench[1] * decision.disturbance.trust * decision.disturbance.gain, 45.11),
+        rel=0.05,
     )
     assert abs(decision.offset.pitch) < 1e-6
 
@@ -61,7 +62,7 @@ def test_a_wall_beyond_the_sensors_range_is_no_wall_and_no_refusal():
     b.range_verdict = RangeVerdict.ABOVE_MAX
     decision = b.run(2.0)
     assert decision.reasons == ()
-    assert math.isinf(decision.push.d_m[0])
+    assert math.isinf(decision.disturbance.d_m[0])
 
 
 @pytest.mark.parametrize(
@@ -195,7 +196,7 @@ def test_what_is_published_is_what_is_applied(believed):
     b = bench(model=PlainModel(believed=believed), height=0.3, wall=0.3)
     decision = b.run(4.0)
     published = dict(named_values(decision))["cc_auth"]
-    assert published == pytest.approx(believed * decision.push.gain, abs=0.01)
+    assert published == pytest.approx(believed * decision.disturbance.gain, abs=0.01)
     assert published == pytest.approx(-decision.offset.thrust / full_thrust(), rel=0.06)
     b.state = stopped(b.state)
     assert dict(named_values(b.run(1.0)))["cc_auth"] == 0.0

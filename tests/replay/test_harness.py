@@ -115,7 +115,11 @@ def test_columns_turned_into_samples_decide_alike(tmp_path):
     pairs = [(d, late[d.t_s]) for d in direct if d.t_s in late][60:]
     assert len(pairs) > 100
     assert np.mean([set(a.reasons) == set(b.reasons) for a, b in pairs]) > 0.9
-    close = [np.allclose(a.push.h_m, b.push.h_m, atol=0.01) for a, b in pairs if a.push and b.push]
+    close = [
+        np.allclose(a.disturbance.h_m, b.disturbance.h_m, atol=0.01)
+        for a, b in pairs
+        if a.disturbance and b.disturbance
+    ]
     assert np.mean(close) > 0.95
 
 
