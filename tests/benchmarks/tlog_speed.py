@@ -69,7 +69,7 @@ def peak_memory(path: Path) -> float:
     code = (
         "import sys; sys.path[:0] = sys.argv[2:]\n"
         "from pathlib import Path; import tlog_speed, numpy\n"
-        "import companion.messages, replay.tlog\n"
+        "import companion.mavlink.decoders, replay.logs.tlog\n"
         "def peak(): return int(Path('/proc/self/status').read_text().split('VmHWM:')[1].split()[0]) * 1024\n"
         "before = peak(); tlog_speed.ours(Path(sys.argv[1])); print(peak() - before)"
     )

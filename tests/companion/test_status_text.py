@@ -89,8 +89,8 @@ def test_a_state_that_comes_and_goes_is_not_repeated_all_the_time():
 def test_late_data_are_told_in_milliseconds():
     b, reporter = bench(height=0.3), StatusReporter()
     told(b, 4.0, reporter)
-    b.late = 0.22
-    assert "companion: no offset, telemetry arrives late (220 ms)" in told(b, 2.0, reporter)
+    b.late = 0.165
+    assert "companion: no offset, telemetry arrives late (165 ms)" in told(b, 2.0, reporter)
 
 
 def test_a_heartbeat_before_the_first_stamp_counts():
