@@ -1,4 +1,4 @@
-"""A diagnosis as JSON (contract, sections 6 and 7) and as a few lines of text."""
+"""A diagnosis as JSON (docs/formats.md) and as a few lines of text."""
 
 from __future__ import annotations
 

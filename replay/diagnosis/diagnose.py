@@ -179,10 +179,10 @@ def _named(searched: Searched) -> list[Named]:
 def _channels(traces: Sequence[Trace]) -> tuple[Channel, ...]:
     """Channels that carry what is left, best first."""
     best: dict[str, Channel] = {}
-    for c in (c for t in traces for c in t.riddle):
+    for c in (c for t in traces for c in t.carriers):
         if c.name not in best or c.score > best[c.name].score:
             best[c.name] = c
-    order = {name: i for i, name in enumerate(dict.fromkeys(c.name for t in traces for c in t.riddle))}
+    order = {name: i for i, name in enumerate(dict.fromkeys(c.name for t in traces for c in t.carriers))}
     return tuple(sorted(best.values(), key=lambda c: order[c.name]))
 
 

@@ -62,7 +62,7 @@ before they count (``REACTIVE_SHARE``)."""
 
 @dataclass(frozen=True)
 class Channel:
-    """A channel that carries part of the leftover: ``score`` is the share of its axis' energy on held-out time."""
+    """A channel that carries part of the remainder: ``score`` is the share of its axis' energy on held-out time."""
 
     name: str
     score: float
@@ -72,7 +72,7 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Leftover:
+class Remainder:
     """``significant``: more than noise. ``gain``: held-out energy of the best channel, in units of the noise."""
 
     significant: bool
@@ -82,7 +82,7 @@ class Leftover:
     r2: float
 
 
-NOTHING = Leftover(False, 0.0, 1.0, (), 0.0)
+NOTHING = Remainder(False, 0.0, 1.0, (), 0.0)
 
 
 @dataclass(frozen=True)
@@ -95,8 +95,8 @@ class _Curve:
     peak_hz: float | None = None
 
 
-def free_search(record: Record, rest: Array, noise: Noise, seed: int) -> Leftover:
-    """Curves of one channel on one axis in the leftover ``rest`` (n, axes); ``noise`` gives the unit of the gain."""
+def free_search(record: Record, rest: Array, noise: Noise, seed: int) -> Remainder:
+    """Curves of one channel on one axis in the remainder ``rest`` (n, axes); ``noise`` gives the unit of the gain."""
     curves, x = _curves(record)
     if not curves:
         return NOTHING
@@ -125,7 +125,7 @@ def free_search(record: Record, rest: Array, noise: Noise, seed: int) -> Leftove
             channel = Channel(curves[i].name, min(share, 1.0), axes[k], curves[i].lag_s, curves[i].peak_hz)
             found.append((channel, share * float(energy[k]), limit > SMALLEST_SHARE))
     if p > ALPHA or not found:
-        return Leftover(False, 0.0, p, (), 0.0)
+        return Remainder(False, 0.0, p, (), 0.0)
     # Reactions repeat what disturbs: where a channel that nothing drives does nearly as well, it is the cause.
     causes = [gain for _, gain, reactive in found if not reactive]
     lead = max(causes, default=0.0)
@@ -134,7 +134,7 @@ def free_search(record: Record, rest: Array, noise: Noise, seed: int) -> Leftove
     names: dict[str, Channel] = {}
     for channel, _, _ in found:
         names.setdefault(channel.name, channel)
-    return Leftover(True, top, p, tuple(names.values())[:MOST_CHANNELS], found[0][0].score)
+    return Remainder(True, top, p, tuple(names.values())[:MOST_CHANNELS], found[0][0].score)
 
 
 def smallest_share(channel: str, axis: str, vehicle: Vehicle) -> float:

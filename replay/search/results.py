@@ -11,7 +11,7 @@ from models.effects import Effect
 from models.frames import AXES, Array
 from replay.residual.record import Record
 from replay.search.evidence import TRUST, Fit
-from replay.search.free_curves import NOTHING, Channel, Leftover, free_search
+from replay.search.free_curves import NOTHING, Channel, Remainder, free_search
 from replay.search.held_out import FlightFit, flight_fits
 from replay.search.noise import Noise, fit_noise
 from replay.search.outside import Outside, outside
@@ -26,7 +26,7 @@ CARRIES = 0.25
 BOUND_SHARE = 0.01
 """Distance to a bound, as a share of the range, within which a coefficient stands at it."""
 FORM_SHARE = 0.15
-"""A leftover below this share of what the effects took out is their error of form, not a second riddle."""
+"""A remainder below this share of what the effects took out is their error of form, not a second carriers."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +85,8 @@ class Trace:
     before: Array
     after: Array
     noise: Noise
-    leftover: Leftover
-    riddle: tuple[Channel, ...]
+    remainder: Remainder
+    carriers: tuple[Channel, ...]
     outside: tuple[Outside, ...]
     regimes: tuple[Regime, ...] = ()
 
@@ -124,10 +124,10 @@ def _trace(walked: Walked, fit: FlightFit, seed: int) -> Trace:
     )  # fmt: skip
 
 
-def _riddle(fit: FlightFit, free: Leftover) -> tuple[Channel, ...]:
+def _riddle(fit: FlightFit, free: Remainder) -> tuple[Channel, ...]:
     """Channels that carry what is left: the free curves of the answer, and what a search of the rest finds.
 
-    What is left on an axis below a share of what the effects took off there is their error of form, not a riddle.
+    What is left on an axis below a share of what the effects took off there is their error of form, not a carriers.
     """
     known = {c.name for c in fit.curves}
     carried = {axis for axes in fit.carried.values() for axis in axes}

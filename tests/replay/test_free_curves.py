@@ -11,7 +11,7 @@ from diagnose_noise import noise_record
 from models.frames import Array
 from replay.residual.delays import Delay
 from replay.residual.record import Record
-from replay.search.free_curves import REACTIVE_SHARE, SMALLEST_SHARE, Leftover, free_search, smallest_share
+from replay.search.free_curves import REACTIVE_SHARE, SMALLEST_SHARE, Remainder, free_search, smallest_share
 from replay.search.noise import fit_noise
 
 
@@ -21,7 +21,7 @@ def quiet() -> Record:
     return noise_record(21, 120.0, 0.3)
 
 
-def search(record: Record, force: Array | None = None, axis: int = 2) -> Leftover:
+def search(record: Record, force: Array | None = None, axis: int = 2) -> Remainder:
     """The free search of the record's residual, with ``force`` (n,) added on one axis."""
     rest = record.residual.copy()
     if force is not None:

@@ -76,7 +76,7 @@ def reason(answer: Searched, name: str) -> tuple[str, bool]:
 def test_noise_has_no_name(quiet: Record) -> None:
     answer = search(quiet, list(catalogue()))
     assert names(answer) == set()
-    assert answer.traces[0].riddle == ()
+    assert answer.traces[0].carriers == ()
     assert answer.traces[0].outside == ()
 
 
@@ -206,7 +206,7 @@ def test_an_unknown_force_is_a_channel_and_no_name(quiet: Record) -> None:
     record, _ = strange(quiet, 1.0)
     answer = search(record, list(catalogue()))
     assert names(answer) == set()
-    assert "pressure_pa" in [c.name for c in answer.traces[0].riddle][:3]
+    assert "pressure_pa" in [c.name for c in answer.traces[0].carriers][:3]
 
 
 def test_a_constant_beside_an_unknown_force_may_be_its_mean(quiet: Record) -> None:
