@@ -312,6 +312,16 @@ def test_one_flight_gives_a_candidate_two_confirm_it_and_their_numbers_are_poole
     assert min(shares) - 1e-6 <= both["effects"][0]["explains"] <= max(shares) + 1e-6
 
 
+def test_the_same_logs_with_the_amended_model_lack_nothing(ask, tmp_path):
+    """Diagnose, adopt, diagnose: a fixed point, with one name for what thrust and mass have in common."""
+    logs = {"one.tlog": quad_flight(30.0, mass_kg=3.3), "other.tlog": quad_flight(60.0, mass_kg=3.3, seed=3)}
+    first = ask(logs, "--save-model", str(tmp_path / "amended")).answer
+    assert len(first["effects"]) == 1
+    again = ask(logs, "--model", str(tmp_path / "amended")).answer
+    assert again["effects"] == []
+    assert again["verdict"] == "nothing_missing"
+
+
 def test_a_second_flight_without_the_effect_leaves_it_a_candidate(ask):
     told = ask({"heavy.tlog": quad_flight(mass_kg=3.3), "light.tlog": quad_flight(seed=3)})
     (effect,) = told.answer["effects"]
