@@ -157,14 +157,7 @@ def train(
     part = data.take(train_rows)
     problem = frame(part)
     rng = np.random.default_rng(seed)
-    learnt = problem
-    notes = list(data.notes)
-    if len(problem) > MAX_ROWS:
-        learnt = problem.take(np.sort(rng.choice(len(problem), MAX_ROWS, replace=False)))
-        notes.append(f"{MAX_ROWS} of {len(problem)} training rows, drawn at random, were learnt")
-    if problem.free_air.origin != "free-air rows":
-        notes.append("no free-air rows (h and d both inf): the outermost rows stand for free air")
-    notes += constant_notes(problem.live)
+    learnt = _at_most(problem, rng)
     choices: dict[str, Any] = {}
     if method in PAPER_METHODS or method == "ensemble":
         if hidden is None:
@@ -172,6 +165,7 @@ def train(
             choices["hidden_scan"] = {str(size): round(error, 6) for size, error in table.items()}
         choices["hidden"] = hidden
     regressor, calibrated = _fit(learnt, method, rng, hidden or HIDDEN, epochs, progress, choices)
+    notes = _notes(data, problem, learnt)
     info = {
         "method": method,
         "seed": seed,
@@ -184,21 +178,44 @@ def train(
         info["fan"] = identity(problem.free_air, *fan_radii_m).as_info()
     where = domain.fit(problem.x, part.h, part.d, part.rpm)
     model = FanSurrogate(problem.free_air, problem.coordinates, regressor, calibrated, where, info=info)
-    sets = {"train": part, "test": data.take(test_rows)}
-    measured = {name: measure(model, rows, problem.live) for name, rows in sets.items()}
-    report = {
-        "method": method,
-        "seed": seed,
-        "rows": len(data),
-        **{name: m["wrench"] for name, m in measured.items()},
-        "seconds": round(time.perf_counter() - start, 3),
-        "increments": {name: m["increments"] for name, m in measured.items()},
-        "coverage_95": {name: m["coverage_95"] for name, m in measured.items()},
-        **choices,
-        "notes": notes,
+    measured = {
+        name: measure(model, rows, problem.live) for name, rows in (("train", part), ("test", data.take(test_rows)))
     }
+    report = _report(info, measured, time.perf_counter() - start)
     model.info = {**info, "metrics": {k: report[k] for k in ("train", "test", "increments", "coverage_95")}}
     return Trained(model, report)
+
+
+def _report(info: Mapping[str, Any], measured: Mapping[str, Mapping[str, Any]], seconds: float) -> dict[str, Any]:
+    """The JSON of ``models train``; ``measured`` is ``measure`` of the learnt and of the held-out rows."""
+    return {
+        "method": info["method"],
+        "seed": info["seed"],
+        "rows": info["data"]["rows"],
+        **{name: m["wrench"] for name, m in measured.items()},
+        "seconds": round(seconds, 3),
+        "increments": {name: m["increments"] for name, m in measured.items()},
+        "coverage_95": {name: m["coverage_95"] for name, m in measured.items()},
+        **info["choices"],
+        "notes": info["notes"],
+    }
+
+
+def _at_most(problem: Problem, rng: np.random.Generator) -> Problem:
+    """The problem, or ``MAX_ROWS`` of its rows drawn at random."""
+    if len(problem) <= MAX_ROWS:
+        return problem
+    return problem.take(np.sort(rng.choice(len(problem), MAX_ROWS, replace=False)))
+
+
+def _notes(data: DataSet, problem: Problem, learnt: Problem) -> list[str]:
+    """What a user should know of the data and of what was made of them."""
+    notes = list(data.notes)
+    if len(learnt) < len(problem):
+        notes.append(f"{len(learnt)} of {len(problem)} training rows, drawn at random, were learnt")
+    if problem.free_air.origin != "free-air rows":
+        notes.append("no free-air rows (h and d both inf): the outermost rows are taken for free air")
+    return notes + constant_notes(problem.live)
 
 
 def constant_notes(live: NDArray[np.bool_]) -> list[str]:

@@ -342,7 +342,7 @@ def test_without_a_solver_one_line_names_the_package(tmp_path, monkeypatch, caps
         ("h = [1.0,", "h = [0.7,", "too thin a gap"),
         ("d = [0.15,", "d = [0.02,", "too close to the wall"),
         ("blades = 4", "blades = 0", "at least 1"),
-        ("radius_m = 0.165", 'radius_m = "wide"', "must be float"),
+        ("radius_m = 0.165", 'radius_m = "wide"', "must be a number"),
         ("hub_radius = 0.20", "hub_radius = 0.95", "hub_radius"),
         ("[air]", "[water]", "unknown section [water]"),
         ("chord_m", "chord_mm", "unknown key 'chord_mm'"),
