@@ -25,7 +25,7 @@ _TIP_SPEED_M_S = (8.0, 320.0)
 _GYRATION_OVER_REACH = 1.0
 """sqrt(I/m) over the vehicle's reach: 0.2 to 0.5 is usual; at 1 all mass would sit at the outermost lips."""
 _SMALL_GYRATION = 0.05
-"""The same ratio below which the inertia was probably given in another unit: a tenth of the usual one."""
+"""The same ratio below which the inertia was probably given in another unit."""
 _SAME_HEIGHT_M = 0.03
 """Fans closer in height than this lie in one plane: the thickness of a rotor with its motor."""
 _SAME_PLACE_M = 0.01

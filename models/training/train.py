@@ -25,19 +25,25 @@ from models.training.calibration import Unseen
 
 PAPER_METHODS = ("bp", "ga-bp", "adam-bp", "ga-adam-bp")
 METHODS = (*PAPER_METHODS, "kriging", "polynomial", "ensemble")
+# Nets of an ensemble, each without another fifth of the places: the paper's 8:2 split, five times.
 MEMBERS = 5
+# Two places for each fold.
 MIN_PLACES = 2 * MEMBERS
+# The paper's number, and the range of its eq. 2.
 HIDDEN = 9
 HIDDEN_SCAN = tuple(range(2, 13))
+# Chosen: the paper prints neither.
 EPOCHS = 3000
 ADAM_RATE = 0.03
 # Weight decays to choose from: one within the first factor of the least error on unseen places is as good, beyond the
 # second weaker ones are not tried.
 DECAYS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 NEARLY, HOPELESS = 1.05, 1.5
+# Folds on which each decay is tried: enough to rank decays that lie a factor of ten apart.
 TRIAL_FOLDS = 3
 # Calibration leaves out whole blocks of a grid of this many by this many over the distances.
 BLOCKS = 4
+# Rows on which the nets of calibration are trained at most.
 CALIBRATION_ROWS = 600
 # Beyond this many rows a random part trains, and all of them measure; the genetic algorithm looks at fewer still.
 MAX_ROWS = 3000

@@ -1,4 +1,4 @@
-"""Running cases: with programs that stand in for the solver, so that no solver is needed."""
+"""Running cases: with small programs in place of the solver, so that no solver is needed."""
 
 from __future__ import annotations
 
@@ -292,7 +292,7 @@ def test_the_pair_is_trimmed_for_lift_and_torque(tmp_path, monkeypatch, solver):
 
 @pytest.mark.parametrize("model", ["half", "full", "wedge"])
 def test_a_trim_that_does_not_converge_is_refused(tmp_path, solver, capsys, monkeypatch, model):
-    # The stand-in lifts the same at every pitch.
+    # The replacement lifts the same at every pitch.
     monkeypatch.setattr(polars, "neural_section", lambda name: section)
     assert main(["cfd", "trim", "--model", model, "--work", str(tmp_path / "work")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
