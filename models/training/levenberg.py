@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt for one small tanh net: damped Gauss-Newton, which reaches where Adam is still on its way."""
+"""Levenberg-Marquardt for one small tanh net: damped Gauss-Newton, which converges where Adam has not yet."""
 
 from __future__ import annotations
 

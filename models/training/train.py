@@ -447,7 +447,7 @@ def choose_decays(
 ) -> tuple[float, ...]:
     """Weight decay (6) of the nets of each component: the strongest that is nearly as good as any on unseen places.
 
-    Few and noisy data want a strong one, or 46 weights draw waves between them.
+    Few and noisy data want a strong one, or 46 weights make waves between them.
     """
     if len(problem) > CALIBRATION_ROWS:
         problem = problem.take(np.sort(rng.choice(len(problem), CALIBRATION_ROWS, replace=False)))
