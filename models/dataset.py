@@ -14,8 +14,9 @@ from models.frames import AXES, Array
 
 COLUMNS = ("h_m", "d_m", "rpm", "Fx_N", "Fy_N", "Fz_N", "Mx_Nm", "My_Nm", "Mz_Nm")
 HEADER = ",".join(COLUMNS)
+# Fewer do not determine six surfaces over (h, d); part of the format, docs/formats.md.
 MIN_ROWS = 30
-# Two rows at one point may differ by rounding in the file, not by more.
+# Two rows at one point may differ by rounding in the file (share of the wrench), not by more.
 DUPLICATE_TOLERANCE = 1e-6
 
 

@@ -19,7 +19,7 @@ from models.vehicle_plausibility import Severity, findings
 
 MAV_ORIENTATION_UP = 24  # MAV_SENSOR_ROTATION_PITCH_90
 TARGETS = ("ground", "wall", "ceiling", "none")
-RHO_SEA_LEVEL = 1.225
+RHO_SEA_LEVEL = 1.225  # kg/m^3, ISO 2533
 Vector3 = tuple[float, float, float]
 
 

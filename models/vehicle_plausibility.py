@@ -17,19 +17,42 @@ if TYPE_CHECKING:
     from models.vehicle import Vehicle
 
 _GRAVITY, _DENSITY = 9.80665, 1.225
+"""Standard gravity [m/s^2] and air at sea level [kg/m^3] (ISO 2533)."""
 _DISC_LOADING_N_M2 = (3.0, 3000.0)
 """Weight over disc area. Crazyflie 40, camera quadrotors 50 to 100, ducted fans 250, electric jets 1500 N/m^2."""
 _TIP_SPEED_M_S = (8.0, 320.0)
 """Of the hover that ``ct`` implies; the upper end is just below the speed of sound. Drones 50 to 150."""
 _GYRATION_OVER_REACH = 1.0
 """sqrt(I/m) over the vehicle's reach: 0.2 to 0.5 is usual; at 1 all mass would sit at the outermost lips."""
+_SMALL_GYRATION = 0.05
+"""The same ratio below which the inertia was probably given in another unit."""
 _SAME_HEIGHT_M = 0.03
+"""Fans closer in height than this lie in one plane: the thickness of a rotor with its motor."""
 _SAME_PLACE_M = 0.01
+"""Fans nearer than this are one place: below the accuracy of a tape measure."""
+_TOUCHING = 0.98
+"""Share of the sum of the lip radii at which fans touch; less is an overlap, the rest is rounding in the file."""
 _OFF_CENTRE = 0.25
 """Distance of the fans' centre from the CG over the reach, above which hover needs very unequal thrusts."""
 _THRUST_TO_WEIGHT = (1.1, 1.3, 25.0)
 """Below the first it cannot fly, below the second hardly; above the last the numbers do not fit each other."""
 _UPSIDE_M = 0.02
+"""How far above its fan a vane must lie before the sign of z is in doubt."""
+_SENSOR_ABOVE_M, _SENSOR_BELOW_M = 0.005, 0.10
+"""The same for a down-looking sensor above all rotors, and an up-looking one below them (on landing legs)."""
+_LOOKS_UP, _LOOKS_DOWN, _LOOKS_LEVEL = 24, 25, range(8)
+"""MAV_SENSOR_ORIENTATION: PITCH_90, PITCH_270, and the eight yaw angles in steps of 45 deg."""
+_TARGET_NEEDS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "ground": ("25 looks down", ("up", "to the side")),
+    "ceiling": ("24 looks up", ("down", "to the side")),
+    "wall": ("0 looks ahead", ("up", "down")),
+}
+"""Target of a rangefinder: what it usually needs, and the directions that cannot see it."""
+_WITH_ARTICLE = {"ground": "ground", "ceiling": "ceiling", "wall": "a wall"}
+_FAR_OUTSIDE = 3.0
+"""Distance of a sensor from the CG over the reach at which the unit is in doubt."""
+_HOVER_LIFT_OFF = 0.5
+"""``hover_thrust`` contradicts ``[throttle]`` where it lifts more or less than the weight by this share."""
 _GONE_S = 0.2
 """A full offset is to be gone so long after a sensor was found lost."""
 
@@ -89,7 +112,7 @@ def _masses(vehicle: Vehicle) -> Iterator[Finding]:
             f"{max(vehicle.inertia_kgm2):g} kg m^2 needs all {vehicle.mass_kg:g} kg to sit {gyration:.2f} m from the "
             f"CG, and the vehicle reaches {reach:.2f} m",
         )
-    elif gyration < 0.05 * reach:
+    elif gyration < _SMALL_GYRATION * reach:
         yield _warning("inertia_kgm2", f"is very small for {vehicle.mass_kg:g} kg over {reach:.2f} m: in kg m^2?")
 
 
@@ -100,7 +123,7 @@ def _places(vehicle: Vehicle) -> Iterator[Finding]:
             continue  # rotors above each other may overlap
         if apart < _SAME_PLACE_M:
             yield _error(f"fan[{j}].position_m", f"is the place of fan[{i}]: two fans cannot be in one place")
-        elif apart < 0.98 * (a.lip_radius_m + b.lip_radius_m):
+        elif apart < _TOUCHING * (a.lip_radius_m + b.lip_radius_m):
             yield _error(
                 f"fan[{j}].lip_radius_m",
                 f"fan[{i}] and fan[{j}] are {apart:.3g} m apart and overlap with lips of {a.lip_radius_m:g} and "
@@ -157,32 +180,34 @@ def _throttle(vehicle: Vehicle) -> Iterator[Finding]:
     if ratio >= impossible:
         e, u = throttle.expo, vehicle.hover_thrust
         lift = ratio * ((1.0 - e) * u + e * u * u)
-        if abs(lift - 1.0) > 0.5:
+        if abs(lift - 1.0) > _HOVER_LIFT_OFF:
             yield _warning("hover_thrust", f"{u:g} lifts {lift:.2g} of the weight by [throttle]")
 
 
 def _ranges(vehicle: Vehicle) -> Iterator[Finding]:
-    # Here, because the wire's orientations are the companion's business and only up and down matter.
-    down, up = 25, 24
-    level = range(8)
     if not vehicle.rangefinders:
         yield _warning("rangefinder", "none is declared: nothing is known of ground and wall, no offset will be given")
     for i, sensor in enumerate(vehicle.rangefinders, 1):
-        key, o = f"rangefinder[{i}].orientation", sensor.orientation
-        if sensor.target == "ground" and (o == up or o in level):
+        looks = _direction(sensor.orientation)
+        usual, wrong = _TARGET_NEEDS.get(sensor.target, ("", ()))
+        if looks in wrong:
             yield _error(
-                key, f"{o} looks {'up' if o == up else 'to the side'}, and the target is ground: 25 looks down"
+                f"rangefinder[{i}].orientation",
+                f"{sensor.orientation} looks {looks}, and the target is {_WITH_ARTICLE[sensor.target]}: {usual}",
             )
-        elif sensor.target == "ceiling" and (o == down or o in level):
-            yield _error(
-                key, f"{o} looks {'down' if o == down else 'to the side'}, and the target is ceiling: 24 looks up"
-            )
-        elif sensor.target == "wall" and o in (up, down):
-            yield _error(key, f"{o} looks {'up' if o == up else 'down'}, and the target is a wall: 0 looks ahead")
-        if math.hypot(*sensor.position_m) > 3.0 * _reach(vehicle):
+        if math.hypot(*sensor.position_m) > _FAR_OUTSIDE * _reach(vehicle):
             yield _warning(f"rangefinder[{i}].position_m", "is far outside the vehicle: in m from the CG?")
     if vehicle.rangefinders and not vehicle.rangefinders_for("ground"):
         yield _warning("rangefinder", "none looks at the ground: its effect is not compensated")
+
+
+def _direction(orientation: int) -> str:
+    """Where a MAV_SENSOR_ORIENTATION looks: ``up``, ``down``, ``to the side``, or empty where it is inclined."""
+    if orientation == _LOOKS_DOWN:
+        return "down"
+    if orientation == _LOOKS_UP:
+        return "up"
+    return "to the side" if orientation in _LOOKS_LEVEL else ""
 
 
 def _vertical(vehicle: Vehicle) -> Iterator[Finding]:
@@ -194,12 +219,12 @@ def _vertical(vehicle: Vehicle) -> Iterator[Finding]:
     bottom = max(fan.position_m[2] for fan in vehicle.fans)
     for i, sensor in enumerate(vehicle.rangefinders, 1):
         z = sensor.position_m[2]
-        if sensor.target == "ground" and z < top - 0.25 * _UPSIDE_M:
+        if sensor.target == "ground" and z < top - _SENSOR_ABOVE_M:
             yield _warning(
                 f"rangefinder[{i}].position_m",
                 "looks down from above the rotors: z is positive down; is a sign flipped?",
             )
-        if sensor.target == "ceiling" and z > bottom + 5 * _UPSIDE_M:
+        if sensor.target == "ceiling" and z > bottom + _SENSOR_BELOW_M:
             yield _warning(
                 f"rangefinder[{i}].position_m", "looks up from below the rotors: z is positive down, is a sign flipped?"
             )

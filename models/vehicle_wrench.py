@@ -155,7 +155,7 @@ def _dynamic_force(vehicle: Vehicle, rpm: Array) -> Array:
 
 
 def _reference_thrust(vehicle: Vehicle, model: FanModel | None, fan: Fan, rpm: float) -> float:
-    """Free-air thrust [N] of a fan at ``rpm``; where neither model nor ``ct`` tells, a fan that hovers there."""
+    """Free-air thrust [N] of a fan at ``rpm``; where neither model nor ``ct`` gives it, a fan that hovers there."""
     if model is None and fan.ct is None:
         if vehicle.telemetered:
             free_air_thrust(vehicle, model, fan, rpm)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -176,47 +177,81 @@ def run(
     """
     foam.require()
     _claim(folder, setup, positions)
-    tables: dict[tuple[float, bool, str], Blades] = {}
-    own = executor is None
     pool = executor or ThreadPoolExecutor(jobs)
     done = {row.position: row for row in rows(folder, positions)}
-    lost = _lost()
+
+    def keep(row: Row, what: str) -> None:
+        done[row.position] = row
+        _store(folder, row.position, row.result)
+        progress(what, len(done), len(positions))
+        finished(row)
+
     try:
         for marching in (False, True) if march else (False,):
-            todo = iter([p for p in positions if _wanted(done.get(p), setup, marching)])
-            running: dict[Future[Result], tuple[Position, Position | None]] = {}
-            killed: dict[Position, int] = {}
-            while True:
-                for position in _fill(todo, jobs - len(running)):
-                    kind = position.rpm, position.swirl, position.variant
-                    if kind not in tables:
-                        here = setup.of(position.variant)
-                        tables[kind] = blades(here, position.rpm, section, swirl=position.swirl)
-                    start = start_for(position, list(done.values()))
-                    future = _submit(pool, folder, setup, position, tables[kind], start, marching)
-                    running[future] = position, start
-                if not running:
-                    break
-                ready, _ = wait(running, return_when=FIRST_COMPLETED)
-                for future in ready:
-                    position, start = running.pop(future)
-                    try:
-                        result = future.result()
-                    except lost as error:
-                        killed[position] = killed.get(position, 0) + 1
-                        if killed[position] < KILLED_LIMIT:
-                            table = tables[position.rpm, position.swirl, position.variant]
-                            again = _submit(pool, folder, setup, position, table, start, marching)
-                            running[again] = position, start
-                            continue
-                        result = _marked(str(error))
-                    done[position] = Row(position, result)
-                    _store(folder, position, result)
-                    progress("cases in time" if marching else "cases", len(done), len(positions))
-                    finished(done[position])
+            what = "cases in time" if marching else "cases"
+            todo = [p for p in positions if _wanted(done.get(p), setup, marching)]
+            work = _Work(pool, folder, setup, section, marching)
+            for row in work.through(todo, done, jobs):
+                keep(row, what)
     finally:
-        if own:
+        if executor is None:
             pool.shutdown(wait=False, cancel_futures=True)
+
+
+_Job = tuple[Position, Position | None]
+"""A case and the finished one that it starts from."""
+
+
+@dataclass
+class _Work:
+    """One round of a campaign: hands cases to the workers and takes them up again where a worker died."""
+
+    pool: Executor
+    folder: Path
+    setup: Setup
+    section: Section
+    marching: bool
+    tables: dict[tuple[float, bool, str], Blades] = field(default_factory=dict)
+    killed: dict[Position, int] = field(default_factory=dict)
+
+    def through(self, todo: Sequence[Position], done: Mapping[Position, Row], jobs: int) -> Iterator[Row]:
+        """Compute ``todo``, ``jobs`` at a time, each from the nearest case in ``done``; yields as they finish."""
+        waiting = iter(todo)
+        running: dict[Future[Result], _Job] = {}
+        while True:
+            for position in itertools.islice(waiting, jobs - len(running)):
+                job = position, start_for(position, list(done.values()))
+                running[self._submit(job)] = job
+            if not running:
+                return
+            ready, _ = wait(running, return_when=FIRST_COMPLETED)
+            for future in ready:
+                job = running.pop(future)
+                try:
+                    result = future.result()
+                except _lost() as error:
+                    again = self._again(job)
+                    if again is not None:
+                        running[again] = job
+                        continue
+                    result = _marked(str(error))
+                yield Row(job[0], result)
+
+    def _again(self, job: _Job) -> Future[Result] | None:
+        """The case taken up again, or None where it was stopped too often."""
+        position, _ = job
+        self.killed[position] = self.killed.get(position, 0) + 1
+        return self._submit(job) if self.killed[position] < KILLED_LIMIT else None
+
+    def _submit(self, job: _Job) -> Future[Result]:
+        position, start = job
+        here = self.setup.of(position.variant)
+        kind = position.rpm, position.swirl, position.variant
+        if kind not in self.tables:
+            self.tables[kind] = blades(here, position.rpm, self.section, swirl=position.swirl)
+        neighbour = self.folder / start.key if start is not None else None
+        target = self.folder / position.key
+        return self.pool.submit(compute, target, here, position, self.tables[kind], neighbour, march=self.marching)
 
 
 def _lost() -> tuple[type[Exception], ...]:
@@ -283,25 +318,6 @@ def _wanted(row: Row | None, setup: Setup, marching: bool) -> bool:
         return result.status == "cycling" and result.steps < setup.solver.march_limit
     cut_short = result.steps == 0 and result.iterations < iteration_limit(setup, result.start)
     return result.status == "killed" or (result.status == "drifting" and cut_short)
-
-
-def _fill(todo: Iterator[Position], free: int) -> list[Position]:
-    return [p for _, p in zip(range(free), todo, strict=False)]
-
-
-def _submit(
-    pool: Executor,
-    folder: Path,
-    setup: Setup,
-    position: Position,
-    table: Blades,
-    start: Position | None,
-    march: bool,
-) -> Future[Result]:
-    neighbour = folder / start.key if start is not None else None
-    return pool.submit(
-        compute, folder / position.key, setup.of(position.variant), position, table, neighbour, march=march
-    )
 
 
 def _marked(note: str) -> Result:

@@ -13,8 +13,10 @@ from models.cfd.position import Position
 from models.cfd.wedge import AXIS, wedge_mesh
 
 DISCS = ("upper", "lower")
-# Blades end within this length.
+# Blades end within this length [m]; the solver's table of chords wants a number above zero beyond.
 EDGE_M, NO_CHORD_M = 1e-5, 1e-9
+# Radius over the outermost cell's from which the solver's disc gives no lift. Above 1: it never does.
+TIP_EFFECT = 1.1
 
 
 def write(folder: Path, setup: Setup, position: Position, blades: Blades) -> None:
@@ -150,7 +152,8 @@ def _rotors(setup: Setup, position: Position, blades: Blades) -> str:
         z = m * (height[disc] + rotor.thickness / 2)
         out.append(
             f"{name}\n{{\ntype rotorDisk; active true; selectionMode cellZone; cellZone {where};\n"
-            f"fields (U); nBlades {rotor.blades}; tipEffect 1.1; inletFlowType local; inflowVelocity (0 0 0);\n"
+            f"fields (U); nBlades {rotor.blades}; tipEffect {TIP_EFFECT:g}; inletFlowType local; "
+            "inflowVelocity (0 0 0);\n"
             f"geometryMode specified; origin (0 0 {z:.8g}); axis (0 0 1); refDirection (1 0 0);\n"
             f"rpm {sense * position.rpm:.8g}; rhoRef {setup.air.density_kg_m3:g}; rhoInf {setup.air.density_kg_m3:g};\n"
             "trimModel fixedTrim; fixedTrimCoeffs { theta0 0; theta1c 0; theta1s 0; }\n"

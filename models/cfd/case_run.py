@@ -20,11 +20,12 @@ from models.cfd.wedge import TURN
 from models.frames import Array
 
 STATE = "state.npz"
-# A start from rest may take this many times the iterations.
+# A start from rest may take this many times the iterations: the jet has to grow to the ground first.
 FROM_REST = 2
-# A swing that has kept this much of its size over two chunks does not die out.
+# A swing that has kept this much of its size over two chunks does not die out before the limit.
 STILL_SWINGING = 0.7
-# A flow that swings is marched this many chunks at least, before its mean is taken.
+# A flow that swings is marched this many chunks at least, before its mean is taken: the first is left out, and four
+# blocks are needed.
 LEAST_CHUNKS = 5
 # Powers of the rotor speed with which a state scales to another speed.
 SPEED_POWER = {"U": 1, "phi": 1, "p": 2, "k": 2, "omega": 1, "nut": 1}

@@ -22,6 +22,10 @@ from models.cfd.position import Place
 from models.errors import ModelError
 from models.frames import AXES, Array
 
+GROUND_LIMIT, WALL_LIMIT = 4.0, 3.8
+"""Where the effects of ground and wall end, over R (corner-effect paper, sections 2.2 and 2.3)."""
+LIP_SUCTION = {0.5: 1.72e-3, 1.0: 1.09e-3, 2.0: 0.44e-3}
+"""C_My over d / R of an estimate: the lip's suction is lost on the side that the wall shields."""
 AGREES, DISAGREES, OPEN = "agrees", "disagrees", "within uncertainty"
 
 
@@ -116,31 +120,42 @@ def _summary(rows: Sequence[Row], c: Checked, said: Sequence[Statement]) -> dict
             "note": "Fy, Mx, Mz are zero by symmetry in the half model; mesh numbers are half-spreads over the levels",
         },
         "mesh_levels": list(c.study.levels),
-        "richardson_free_lift": None
-        if c.study.richardson is None
-        else {"lift_N": c.study.richardson[0], "order": c.study.richardson[1]},
-        "rpm_law": None
-        if c.law is None
-        else {
-            "free_lift_exponent": 2 + c.law.free,
-            "increment_exponent": _by_axis(2 + c.law.exponent, odd=False),
-            "standard_error": _by_axis(c.law.error, odd=False),
-            "left_rms": _by_axis(c.law.left, odd=False),
-            "positions": c.law.positions,
-        },
+        "richardson_free_lift": _richardson(c),
+        "rpm_law": _law(c.law),
         "fidelity": {
             "full_models": len(c.swirl),
             "half_model_misses": _by_axis(c.correction.plain),
             "corrected_misses": _by_axis(c.correction.error),
             "learnt": [a for a, learnt in zip(AXES, c.correction.learnt, strict=True) if learnt],
         },
-        "r2_ceiling": None
-        if c.ceilings is None
-        else dict(zip(("rows", "full_models"), (_by_axis(v, odd=False) for v in c.ceilings), strict=True)),
+        "r2_ceiling": _ceilings(c.ceilings),
         "wedges": [asdict(s) for s in c.wedges],
         "agreement": [asdict(s) for s in said],
         "verdicts": dict(Counter(s.verdict for s in said)),
     }
+
+
+def _richardson(c: Checked) -> dict[str, float] | None:
+    found = c.study.richardson
+    return None if found is None else {"lift_N": found[0], "order": found[1]}
+
+
+def _law(law: Law | None) -> dict[str, Any] | None:
+    if law is None:
+        return None
+    return {
+        "free_lift_exponent": 2 + law.free,
+        "increment_exponent": _by_axis(2 + law.exponent, odd=False),
+        "standard_error": _by_axis(law.error, odd=False),
+        "left_rms": _by_axis(law.left, odd=False),
+        "positions": law.positions,
+    }
+
+
+def _ceilings(found: tuple[Array, Array] | None) -> dict[str, dict[str, float]] | None:
+    if found is None:
+        return None
+    return dict(zip(("rows", "full_models"), (_by_axis(v, odd=False) for v in found), strict=True))
 
 
 def _quartiles(values: Sequence[float]) -> list[float]:
@@ -179,7 +194,7 @@ def _ground(c: Checked, heights: list[float], noise: float) -> list[Statement]:
     out = [
         Statement("lift ratio rises as the ground comes near", "paper, figs 5 and 9", listed + " R", _verdict(falls)),
     ]
-    far = [h for h in heights if h >= 4.0]
+    far = [h for h in heights if h >= GROUND_LIMIT]
     if far:
         worst = max((abs(ratios[h] - 1.0), h) for h in far)
         out.append(
@@ -253,31 +268,42 @@ def _wall(c: Checked, walls: list[float], noise: Array) -> list[Statement]:
             OPEN if not sure else _verdict(0 < rise[1] < 4),
         )
     )
-    far = [d for d in walls if d >= 3.8]
-    if far:
-        d = far[0]
-        out.append(
-            Statement(
-                "wall effect negligible from 3.8 R on (taken as 10 % of the nearest tilt, 0.5 % of the lift)",
-                "paper, section 2.3",
-                f"tilt {100 * at[d][4] / tilt[0]:.0f} %, lift {lift[d]:+.2f} % at {d:g} R",
-                OPEN
-                if 0.1 * tilt[0] <= abs(at[d][4]) < 0.1 * tilt[0] + noise[4] and abs(lift[d]) < 0.5
-                else _verdict(abs(at[d][4]) < 0.1 * tilt[0] and abs(lift[d]) < 0.5),
-            )
+    return [*out, *_wall_far(c, walls, noise), *_wall_size(c, walls)]
+
+
+def _wall_far(c: Checked, walls: list[float], noise: Array) -> list[Statement]:
+    """Where the wall's effect ends."""
+    far = [d for d in walls if d >= WALL_LIMIT]
+    if not far:
+        return []
+    d = far[0]
+    nearest, here = c.labels[math.inf, walls[0]].wrench[4], c.labels[math.inf, d].wrench
+    tilt, lift = abs(here[4]), 100 * (here[2] / c.free - 1)
+    most = 0.1 * nearest
+    open_ = most <= tilt < most + noise[4] and abs(lift) < 0.5
+    return [
+        Statement(
+            "wall effect negligible from 3.8 R on (taken as 10 % of the nearest tilt, 0.5 % of the lift)",
+            "paper, section 2.3",
+            f"tilt {100 * here[4] / nearest:.0f} %, lift {lift:+.2f} % at {d:g} R",
+            OPEN if open_ else _verdict(tilt < most and abs(lift) < 0.5),
         )
-    model = {0.5: 1.72e-3, 1.0: 1.09e-3, 2.0: 0.44e-3}
-    ours = {d: float(at[d][4]) / c.moment_unit for d in model if d in at}
-    if ours:
-        out.append(
-            Statement(
-                "C_My 1.72e-3 at 0.5 R, 1.09e-3 at 1 R, 0.44e-3 at 2 R, each within x 0.4 to x 2",
-                "lip suction estimate",
-                ", ".join(f"{1e3 * v:.2f}e-3 at {d:g} R" for d, v in ours.items()),
-                _verdict(all(0.4 <= v / model[d] <= 2 for d, v in ours.items())),
-            )
+    ]
+
+
+def _wall_size(c: Checked, walls: list[float]) -> list[Statement]:
+    """The size of the tilting moment."""
+    ours = {d: float(c.labels[math.inf, d].wrench[4]) / c.moment_unit for d in LIP_SUCTION if d in walls}
+    if not ours:
+        return []
+    return [
+        Statement(
+            "C_My 1.72e-3 at 0.5 R, 1.09e-3 at 1 R, 0.44e-3 at 2 R, each within x 0.4 to x 2",
+            "lip suction estimate",
+            ", ".join(f"{1e3 * v:.2f}e-3 at {d:g} R" for d, v in ours.items()),
+            _verdict(all(0.4 <= v / LIP_SUCTION[d] <= 2 for d, v in ours.items())),
         )
-    return out
+    ]
 
 
 def _corner(c: Checked, corners: list[Place], noise: Array) -> list[Statement]:

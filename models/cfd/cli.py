@@ -15,7 +15,7 @@ Finish = Callable[[argparse.Namespace, Any], int]
 
 SHIPPED_CASES = Path(__file__).parents[1] / "data" / "corner_cfd_cases.csv"
 CONNECT_S = 10.0
-"""How long to look for a scheduler."""
+"""How long to look for a scheduler: starting one on a cluster takes seconds."""
 
 
 def add(commands: Any, finish: Finish) -> None:

@@ -232,27 +232,49 @@ def _section(name: str, section: str, kind: type, table: Mapping[str, Any]) -> A
 
 
 def _value(where: str, value: Any, kind: str) -> Any:
-    if kind == "str" and isinstance(value, str):
-        return value
-    if kind == "float" and _number(value):
-        return float(value)
-    if kind == "int" and isinstance(value, int) and not isinstance(value, bool):
-        if value < 1:
-            raise ConfigError(f"{where}: must be at least 1, not {value}")
-        return value
-    if kind == "tuple[int, ...]" and isinstance(value, list) and all(isinstance(v, int) and v > 0 for v in value):
-        return tuple(value)
-    if kind == "tuple[float, ...]" and isinstance(value, list) and all(_number(v) and v > 0 for v in value):
-        return tuple(float(v) for v in value)
-    if kind.startswith("tuple[tuple") and isinstance(value, list):
-        if all(isinstance(v, list) and len(v) == 2 and all(_number(x) for x in v) for v in value):
-            return tuple((float(h), float(d)) for h, d in value)
-        raise ConfigError(f"{where}: must be a list of [h, d]")
-    raise ConfigError(f"{where}: must be {kind}, not {value!r}")
+    """``value`` as the type named ``kind``. Raises ConfigError that begins with ``where``."""
+    if kind == "int" and _whole(value) and value < 1:
+        raise ConfigError(f"{where}: must be at least 1, not {value}")
+    accepts, convert = _KINDS[kind]
+    if not accepts(value):
+        raise ConfigError(f"{where}: must be {_WORDS.get(kind, kind)}, not {value!r}")
+    return convert(value)
+
+
+def _list_of(accepts: Callable[[Any], bool]) -> Callable[[Any], bool]:
+    return lambda value: isinstance(value, list) and all(accepts(v) for v in value)
+
+
+def _whole(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool)
 
 
 def _number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and value == value
+
+
+def _pair(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(_number(v) for v in value)
+
+
+_PAIRS = "tuple[tuple[float, float], ...]"
+_KINDS: Mapping[str, tuple[Callable[[Any], bool], Callable[[Any], Any]]] = {
+    "str": (lambda value: isinstance(value, str), str),
+    "float": (_number, float),
+    "int": (_whole, int),
+    "tuple[int, ...]": (_list_of(lambda v: _whole(v) and v > 0), tuple),
+    "tuple[float, ...]": (_list_of(lambda v: _number(v) and v > 0), lambda value: tuple(float(v) for v in value)),
+    _PAIRS: (_list_of(_pair), lambda value: tuple((float(h), float(d)) for h, d in value)),
+}
+"""Type of a field as written in its class: what TOML gives for it, and how it is converted."""
+_WORDS = {
+    "str": "text",
+    "float": "a number",
+    "int": "a whole number",
+    "tuple[int, ...]": "a list of whole numbers above 0",
+    "tuple[float, ...]": "a list of numbers above 0",
+    _PAIRS: "a list of [h, d]",
+}
 
 
 def _check(name: str, setup: Setup) -> None:

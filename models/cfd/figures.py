@@ -9,13 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from models.cfd.check import Checked, text
+from models.cfd.check import GROUND_LIMIT, WALL_LIMIT, Checked, text
 from models.cfd.config import Setup
 from models.cfd.fidelity import FREE
-
-GROUND_LIMIT, WALL_LIMIT = 4.0, 3.8
-"""Where the paper's effects of ground and wall end, over R."""
-
 
 SAID = {
     "fig5_9_lift_ratio_ground.png": ("figs 5 and 9", "Zhou", "estimate for this fan", "section 2.2"),

@@ -18,8 +18,10 @@ from models.frames import Array
 UPPER_ROW, LOWER_ROW = 4, 2
 """Rows of cells (counted from the ground) that are the rotor discs."""
 LAYERS = 3
+"""Layers of cells in a disc: with one the source is unstable."""
 # First cell at a wall or ground against the mean cell of its direction.
 CLUSTER = 4.0
+# Points on a curved edge of a block.
 CURVE_POINTS = 10
 # Cells of duct and hub that are solid, by column (axis to hub, hub to bore, bore to skin, skin to box): the rows.
 SOLID: dict[int, tuple[int, ...]] = {0: (2, 3, 4), 2: (1, 2, 3, 4, 5)}

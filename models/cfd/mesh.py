@@ -17,9 +17,9 @@ from models.cfd.meridian import CURVE_POINTS, KINDS, LOWER_ROW, SOLID, UPPER_ROW
 from models.cfd.position import Position
 from models.frames import Array
 
-# A wall closer to the box than this becomes the box's side.
+# A wall closer to the box than this (over R) becomes the box's side: a thinner strip would have flat cells.
 BOX_MERGE = 0.6
-# Radius of the core over the hub's.
+# Radius of the core over the hub's; chosen.
 CORE = 0.5
 
 

@@ -18,10 +18,13 @@ from models.errors import ConfigError
 from models.frames import Array
 
 FIRST_STEP_DEG = 1.0
+"""First change of a pitch."""
 TOLERANCE = 0.002
 """Of the lift, and of lift times R for the net torque."""
 MOST = 6
+"""Cases of a secant search for one pitch before it is refused."""
 MOST_PAIR = 8
+"""The same for two pitches, whose first three cases only give the slopes."""
 
 Report = Callable[[tuple[float, ...], Result], None]
 

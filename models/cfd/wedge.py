@@ -12,6 +12,7 @@ from models.cfd.meridian import KINDS, LOWER_ROW, SOLID, UPPER_ROW, Meridian
 from models.cfd.position import Position
 
 HALF_ANGLE = math.radians(3.0)
+"""Half of the sector; chosen."""
 TURN = math.pi / HALF_ANGLE
 """Sectors in a turn."""
 AXIS = "axis"

@@ -9,12 +9,15 @@ import numpy as np
 
 from models.frames import Array
 
+# Nodes along each side of the table of trust: a cell is 1/64 of the range of the scaled distances.
 NODES = 65
 PER_UNIT, LAST_CELL = (NODES - 1) / 2.0, NODES - 2
 # Trust is whole up to one typical gap of the data from the nearest row, and none at this many gaps.
 GAPS_TO_NOTHING = 3.0
 # Outside the rotor speeds of the data trust fades over this share of them; so below the nearest distances.
+# Chosen, not fitted: forces go as rpm^2 far beyond the data, but nothing was checked there.
 SPEED_MARGIN = 0.25
+# Chosen: at half the nearest distance nothing is trusted.
 NEAR_MARGIN = 0.5
 
 

@@ -14,6 +14,7 @@ from models.surrogate.free_air import FreeAir
 from models.surrogate.polynomial import PolynomialRegressor
 from models.vehicle import Vehicle
 
+# Any speed would do: without a model thrust goes as rpm^2.
 REFERENCE_RPM = 4000.0
 
 

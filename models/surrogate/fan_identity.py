@@ -63,8 +63,8 @@ def contradictions(vehicle: Vehicle, model: FanSurrogate) -> tuple[str, ...]:
             )
         lips = sorted({f.lip_radius_m for f in vehicle.fans})
         if any(_apart(fan.lip_radius_m, lip, _LIP_SHARE) for lip in lips):
-            told = " and ".join(f"{lip:g}" for lip in lips)
-            out.append(f"lip radius {fan.lip_radius_m:g} m in the model, {told} m in the vehicle file")
+            listed = " and ".join(f"{lip:g}" for lip in lips)
+            out.append(f"lip radius {fan.lip_radius_m:g} m in the model, {listed} m in the vehicle file")
     ratio = lift_over_weight(vehicle, model)
     if ratio is not None and not 1.0 / _LIFT_RATIO <= ratio <= _LIFT_RATIO:
         out.append(f"modelled lift at hover is {ratio:.2g} times the weight")

@@ -16,6 +16,7 @@ from models.surrogate.domain import Domain
 from models.surrogate.free_air import HORIZONTAL, FreeAir
 from models.surrogate.net_ensemble import NetEnsemble
 
+# Points computed at once: bounds the memory.
 CHUNK = 65536
 # Up to this many points, one after another is quicker than all at once.
 FEW = 8

@@ -18,6 +18,7 @@ HORIZONTAL = np.array([True, True, False, True, True, False])
 # share of its largest value, else an offset of the data; it stands if its mean is this many standard errors from zero.
 ASYMMETRY_SHARE = 0.05
 SIGNIFICANT = 4.0
+# Without free-air rows those beyond this share of the largest distances are taken for it.
 OUTER_SHARE = 0.9
 
 
@@ -123,7 +124,7 @@ def free_rows(data: DataSet) -> tuple[NDArray[np.bool_], str]:
 
 
 def is_axisymmetric(law: FreeAir, live: NDArray[np.bool_]) -> bool:
-    """True where no live horizontal component stands in free air: then only a wall can cause any.
+    """True where no live horizontal component is non-zero in free air: then only a wall can cause any.
 
     Physics has it so for one fan (the X-Z mirror plane becomes every vertical plane), whatever the data say over bare
     ground; a tilted fan breaks it.

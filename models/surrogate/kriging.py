@@ -14,6 +14,7 @@ from models.frames import Array
 # Fitting costs rows^3: length scales are fitted on the first number of rows, predictions rest on the second.
 ROWS_FOR_LENGTHS = 200
 ROWS = 800
+# Points at a time: their covariances with all rows take 13 MB.
 CHUNK = 2048
 # Rows whose gate is nearly closed say nothing about the process behind it.
 LEAST_GATE = 0.02

@@ -7,7 +7,9 @@ from typing import Any, Protocol
 
 # The paper gives none of these (a full batch each step): step from ALPHA to ALPHA_END on a cosine.
 ALPHA, ALPHA_END = 1e-2, 1e-4
+# Kingma and Ba 2015, algorithm 1.
 DECAY_1, DECAY_2, EPSILON = 0.9, 0.999, 1e-8
+# Chosen: the paper prints none.
 DESCENT_RATE = 0.05
 
 

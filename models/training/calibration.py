@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 from models.frames import Array
 from models.surrogate.fan_surrogate import Calibration
 
+# Factors on the members' spread to choose from: from spread ignored to spread 20 times too small, steps of a tenth.
 GAINS = np.concatenate([[0.0], np.geomspace(0.05, 20.0, 60)])
+# Share of the errors within this many sigma: 95 % of a normal distribution.
 COVER = 0.95
 COVER_SIGMAS = 1.96
+# Least sigma as a share of the lift: below the rounding of any data file.
 SMALLEST = 1e-6
 
 

@@ -11,8 +11,10 @@ from models.surrogate import polynomial
 # A component is learnt if simple models explain at least this share of it at places that they have not seen.
 LEAST_SHARE = 0.1
 DEGREES = (1, 2, 3, 4)
+# The places around one on a grid.
 NEIGHBOURS = 4
 FOLDS = 5
+# A sample of this many rows decides: seconds instead of minutes on large tables.
 ROWS = 1500
 
 

@@ -1,4 +1,4 @@
-"""Levenberg-Marquardt for one small tanh net: damped Gauss-Newton, which reaches where Adam is still on its way."""
+"""Levenberg-Marquardt for one small tanh net: damped Gauss-Newton, which converges where Adam has not yet."""
 
 from __future__ import annotations
 
@@ -6,12 +6,17 @@ import numpy as np
 
 from models.frames import Array
 
+# Most steps of one net.
 ITERATIONS = 150
 # Over where this many steps take off less than half a per cent.
 PATIENCE, STANDSTILL = 10, 0.995
+# Keeps the normal equations regular; far below what smooths.
 LEAST_DECAY = 1e-7
 DAMPING = (1e-2, 3.0, 4.0)
-"""Start, divisor after a step that helps, factor after one that does not."""
+"""Start, divisor after a step that helps, factor after one that does not (Marquardt 1963; any values near these do)."""
+LEAST_DAMPING = 1e-9
+TRIALS = 8
+"""Dampings tried for one step: the last is 4^8 times the first, a step along the gradient."""
 
 
 def train(
@@ -49,13 +54,13 @@ def train(
         normal[np.diag_indices_from(normal)] += decay
         gradient = jacobian.T @ error / n + decay * theta
         before = cost
-        for _ in range(8):
+        for _ in range(TRIALS):
             step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
             trial = forward(theta - step)
             if trial[2] < cost:
                 theta = theta - step
                 z, error, cost = trial
-                damping = max(damping / relax, 1e-9)
+                damping = max(damping / relax, LEAST_DAMPING)
                 break
             damping *= stiffen
         if cost >= before:

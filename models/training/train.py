@@ -25,19 +25,25 @@ from models.training.calibration import Unseen
 
 PAPER_METHODS = ("bp", "ga-bp", "adam-bp", "ga-adam-bp")
 METHODS = (*PAPER_METHODS, "kriging", "polynomial", "ensemble")
+# Nets of an ensemble, each without another fifth of the places: the paper's 8:2 split, five times.
 MEMBERS = 5
+# Two places for each fold.
 MIN_PLACES = 2 * MEMBERS
+# The paper's number, and the range of its eq. 2.
 HIDDEN = 9
 HIDDEN_SCAN = tuple(range(2, 13))
+# Chosen: the paper prints neither.
 EPOCHS = 3000
 ADAM_RATE = 0.03
 # Weight decays to choose from: one within the first factor of the least error on unseen places is as good, beyond the
 # second weaker ones are not tried.
 DECAYS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 NEARLY, HOPELESS = 1.05, 1.5
+# Folds on which each decay is tried: enough to rank decays that lie a factor of ten apart.
 TRIAL_FOLDS = 3
 # Calibration leaves out whole blocks of a grid of this many by this many over the distances.
 BLOCKS = 4
+# Rows on which the nets of calibration are trained at most.
 CALIBRATION_ROWS = 600
 # Beyond this many rows a random part trains, and all of them measure; the genetic algorithm looks at fewer still.
 MAX_ROWS = 3000
@@ -157,14 +163,7 @@ def train(
     part = data.take(train_rows)
     problem = frame(part)
     rng = np.random.default_rng(seed)
-    learnt = problem
-    notes = list(data.notes)
-    if len(problem) > MAX_ROWS:
-        learnt = problem.take(np.sort(rng.choice(len(problem), MAX_ROWS, replace=False)))
-        notes.append(f"{MAX_ROWS} of {len(problem)} training rows, drawn at random, were learnt")
-    if problem.free_air.origin != "free-air rows":
-        notes.append("no free-air rows (h and d both inf): the outermost rows stand for free air")
-    notes += constant_notes(problem.live)
+    learnt = _at_most(problem, rng)
     choices: dict[str, Any] = {}
     if method in PAPER_METHODS or method == "ensemble":
         if hidden is None:
@@ -172,6 +171,7 @@ def train(
             choices["hidden_scan"] = {str(size): round(error, 6) for size, error in table.items()}
         choices["hidden"] = hidden
     regressor, calibrated = _fit(learnt, method, rng, hidden or HIDDEN, epochs, progress, choices)
+    notes = _notes(data, problem, learnt)
     info = {
         "method": method,
         "seed": seed,
@@ -184,21 +184,44 @@ def train(
         info["fan"] = identity(problem.free_air, *fan_radii_m).as_info()
     where = domain.fit(problem.x, part.h, part.d, part.rpm)
     model = FanSurrogate(problem.free_air, problem.coordinates, regressor, calibrated, where, info=info)
-    sets = {"train": part, "test": data.take(test_rows)}
-    measured = {name: measure(model, rows, problem.live) for name, rows in sets.items()}
-    report = {
-        "method": method,
-        "seed": seed,
-        "rows": len(data),
-        **{name: m["wrench"] for name, m in measured.items()},
-        "seconds": round(time.perf_counter() - start, 3),
-        "increments": {name: m["increments"] for name, m in measured.items()},
-        "coverage_95": {name: m["coverage_95"] for name, m in measured.items()},
-        **choices,
-        "notes": notes,
+    measured = {
+        name: measure(model, rows, problem.live) for name, rows in (("train", part), ("test", data.take(test_rows)))
     }
+    report = _report(info, measured, time.perf_counter() - start)
     model.info = {**info, "metrics": {k: report[k] for k in ("train", "test", "increments", "coverage_95")}}
     return Trained(model, report)
+
+
+def _report(info: Mapping[str, Any], measured: Mapping[str, Mapping[str, Any]], seconds: float) -> dict[str, Any]:
+    """The JSON of ``models train``; ``measured`` is ``measure`` of the learnt and of the held-out rows."""
+    return {
+        "method": info["method"],
+        "seed": info["seed"],
+        "rows": info["data"]["rows"],
+        **{name: m["wrench"] for name, m in measured.items()},
+        "seconds": round(seconds, 3),
+        "increments": {name: m["increments"] for name, m in measured.items()},
+        "coverage_95": {name: m["coverage_95"] for name, m in measured.items()},
+        **info["choices"],
+        "notes": info["notes"],
+    }
+
+
+def _at_most(problem: Problem, rng: np.random.Generator) -> Problem:
+    """The problem, or ``MAX_ROWS`` of its rows drawn at random."""
+    if len(problem) <= MAX_ROWS:
+        return problem
+    return problem.take(np.sort(rng.choice(len(problem), MAX_ROWS, replace=False)))
+
+
+def _notes(data: DataSet, problem: Problem, learnt: Problem) -> list[str]:
+    """What a user should know of the data and of what was made of them."""
+    notes = list(data.notes)
+    if len(learnt) < len(problem):
+        notes.append(f"{len(learnt)} of {len(problem)} training rows, drawn at random, were learnt")
+    if problem.free_air.origin != "free-air rows":
+        notes.append("no free-air rows (h and d both inf): the outermost rows are taken for free air")
+    return notes + constant_notes(problem.live)
 
 
 def constant_notes(live: NDArray[np.bool_]) -> list[str]:
@@ -424,7 +447,7 @@ def choose_decays(
 ) -> tuple[float, ...]:
     """Weight decay (6) of the nets of each component: the strongest that is nearly as good as any on unseen places.
 
-    Few and noisy data want a strong one, or 46 weights draw waves between them.
+    Few and noisy data want a strong one, or 46 weights make waves between them.
     """
     if len(problem) > CALIBRATION_ROWS:
         problem = problem.take(np.sort(rng.choice(len(problem), CALIBRATION_ROWS, replace=False)))

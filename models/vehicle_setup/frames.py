@@ -50,9 +50,10 @@ _ARDUPILOT = {
     (3, 1): "octo-x", (4, 1): "octaquad-x",
 }  # fmt: skip
 """(FRAME_CLASS, FRAME_TYPE)."""
-_MOTOR_1 = 33
-_PX4_MOTOR_1 = 101
+_MOTOR_1, _PX4_MOTOR_1 = 33, 101
+"""Motor 1 in SERVOn_FUNCTION (ArduPilot) and in PWM_MAIN_FUNCn (PX4); the others follow."""
 _OUTPUTS = 16
+"""Outputs that SERVO_OUTPUT_RAW carries."""
 
 
 def ardupilot_frame(parameters: Mapping[str, float]) -> str | None:

@@ -75,9 +75,9 @@ def build(a: Answers) -> tuple[Vehicle, dict[str, str]]:
 
 
 def _motors(a: Answers) -> tuple[tuple[Motor, ...], float]:
-    told = px4_motors(a.parameters)
-    if a.frame is None and told is not None:
-        motors, arm = told
+    declared = px4_motors(a.parameters)
+    if a.frame is None and declared is not None:
+        motors, arm = declared
         return motors, arm if a.arm_m is None else a.arm_m
     if a.frame is None or a.arm_m is None:
         raise ConfigError("--frame and --span: needed where no PX4 parameters (CA_ROTORn_PX …) give the places")

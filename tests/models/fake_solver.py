@@ -1,6 +1,6 @@
-"""Stands in for the flow solver's programs: writes the files they write, with a wrench that settles as it is told.
+"""Replaces the flow solver's programs: writes the files they write, with a wrench that settles as ``behave`` says.
 
-Called by the name of the program it stands in for. The file ``behave`` beside it says how: ``steady``; ``diverge``
+Called by the name of the program it replaces. The file ``behave`` beside it says how: ``steady``; ``diverge``
 (ends with the solver's error); ``killed`` (kills itself once per case); ``cycle`` (never settles in iterations);
 ``swing`` (nor in time); ``slow`` (takes half a second for each part);
 ``drift`` (goes slowly on until iteration 300).
@@ -62,7 +62,7 @@ def march(program: str, behave: str) -> None:
                 width = 3 if name == "U" else 1
                 field(f"{at:.10g}/{name}", [1.0] * CELLS * width, width)
             for name in names:
-                # Each source pushes one cell of volume 1.
+                # Each source acts on one cell of volume 1.
                 field(f"{at:.10g}/{name}:rotorForce", [0.0, 0.0, LIFT_CELL / 1.225] + [0.0] * 3 * (CELLS - 1), 3)
     for name, lines in (("force", force), ("moment", moment)):
         (loads / f"{name}.dat").write_text("# Time\n" + "\n".join(lines) + "\n")

@@ -19,7 +19,7 @@ def noisy_campaign(noise: float = 0.005, *, seed: int = 0, mirrored: bool = True
     """About a hundred places; ``noise`` is the sd of Fz over the hover lift, a third of it in the other components.
 
     ``mirrored``: half models, Fy = Mx = Mz = 0; else those three are noise about 0, 0 and a constant. ``pitch_bias``
-    [N m] stands in My everywhere, as a lopsided mesh leaves it.
+    [N m] is added to My everywhere, as an asymmetric mesh does.
     """
     rng = np.random.default_rng(seed)
     h, d = (a.ravel() for a in np.meshgrid(HEIGHTS, WALLS, indexing="ij"))

@@ -1,4 +1,4 @@
-"""Running cases: with programs that stand in for the solver, so that no solver is needed."""
+"""Running cases: with small programs in place of the solver, so that no solver is needed."""
 
 from __future__ import annotations
 
@@ -292,7 +292,7 @@ def test_the_pair_is_trimmed_for_lift_and_torque(tmp_path, monkeypatch, solver):
 
 @pytest.mark.parametrize("model", ["half", "full", "wedge"])
 def test_a_trim_that_does_not_converge_is_refused(tmp_path, solver, capsys, monkeypatch, model):
-    # The stand-in lifts the same at every pitch.
+    # The replacement lifts the same at every pitch.
     monkeypatch.setattr(polars, "neural_section", lambda name: section)
     assert main(["cfd", "trim", "--model", model, "--work", str(tmp_path / "work")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
@@ -342,7 +342,7 @@ def test_without_a_solver_one_line_names_the_package(tmp_path, monkeypatch, caps
         ("h = [1.0,", "h = [0.7,", "too thin a gap"),
         ("d = [0.15,", "d = [0.02,", "too close to the wall"),
         ("blades = 4", "blades = 0", "at least 1"),
-        ("radius_m = 0.165", 'radius_m = "wide"', "must be float"),
+        ("radius_m = 0.165", 'radius_m = "wide"', "must be a number"),
         ("hub_radius = 0.20", "hub_radius = 0.95", "hub_radius"),
         ("[air]", "[water]", "unknown section [water]"),
         ("chord_m", "chord_mm", "unknown key 'chord_mm'"),

@@ -31,9 +31,9 @@ def test_shipped_models_name_their_fan_and_fit_the_shipped_vehicle(name):
 
 def test_another_fan_is_refused_in_flight_by_size_and_lift():
     quad = load_vehicle(QUAD)
-    told = "; ".join(contradictions(quad, models.load()))
+    said = "; ".join(contradictions(quad, models.load()))
     for word in ("rotor radius", "lip radius", "times the weight"):
-        assert word in told
+        assert word in said
     with pytest.raises(ConfigError, match="--model default: is of another fan") as refused:
         choose_to_fly(quad, "default")
     assert refused.value.exit_code == 2
@@ -100,8 +100,8 @@ def test_a_trained_model_is_told_its_fan(tmp_path, capsys):
 def test_query_of_no_model(tmp_path, capsys):
     place = ["--h", "0.2", "--d", "inf", "--rpm", "4000", "--json", "-"]
     assert main(["query", "none", "--vehicle", str(QUAD), *place]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["wrench"] == told["free_air"]
+    said = json.loads(capsys.readouterr().out)
+    assert said["wrench"] == said["free_air"]
     assert main(["query", "none", *place]) == 2
 
 

@@ -1,4 +1,4 @@
-"""Which method ``models compare`` tells to use."""
+"""Which method ``models compare`` recommends."""
 
 import pytest
 
@@ -17,13 +17,13 @@ def numbers(scores, sd, outside):
     ids=["clearly better wins", "among equals the one that is best outside the data"],
 )
 def test_best_held_out_then_best_outside(sd, method):
-    told = recommend(
+    advice = recommend(
         numbers({"bp": 0.90, "kriging": 0.98, "ensemble": 0.97}, sd, {"bp": 0.1, "kriging": 0.9, "ensemble": 0.3})
     )
-    assert told.method == method
-    assert "held-out R^2" in told.why
+    assert advice.method == method
+    assert "held-out R^2" in advice.why
 
 
 def test_without_regions_the_best_held_out():
-    told = numbers({"bp": 0.90, "kriging": 0.98}, 0.001, {})
-    assert recommend({**told, "regions": {}}).method == "kriging"
+    found = numbers({"bp": 0.90, "kriging": 0.98}, 0.001, {})
+    assert recommend({**found, "regions": {}}).method == "kriging"

@@ -73,8 +73,8 @@ def test_an_unknown_key_names_the_one_that_is_meant(tmp_path):
     ],
 )
 def test_what_is_odd_is_said(tmp_path, source, pairs, said):
-    told = warnings(load(tmp_path, source, *pairs))
-    assert any(said in line for line in told), told
+    warned = warnings(load(tmp_path, source, *pairs))
+    assert any(said in line for line in warned), warned
 
 
 def test_no_rangefinder_at_all_is_said(tmp_path):

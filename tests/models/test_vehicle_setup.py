@@ -77,10 +77,10 @@ def test_px4_parameters_give_places_and_spins(tmp_path):
     params = tmp_path / "px4.params"
     rows = ["# Onboard parameters", "# Vehicle-Id Component-Id Name Value Type"]
     places = [(0.2, 0.25, 0.05), (-0.2, -0.2, 0.05), (0.2, -0.25, -0.05), (-0.2, 0.2, -0.05)]
-    told = {"CA_ROTOR_COUNT": 4.0, "MPC_THR_HOVER": 0.45}
+    given = {"CA_ROTOR_COUNT": 4.0, "MPC_THR_HOVER": 0.45}
     for k, (x, y, km) in enumerate(places):
-        told |= {f"CA_ROTOR{k}_PX": x, f"CA_ROTOR{k}_PY": y, f"CA_ROTOR{k}_KM": km}
-    rows += [f"1\t1\t{name}\t{value:g}\t9" for name, value in told.items()]
+        given |= {f"CA_ROTOR{k}_PX": x, f"CA_ROTOR{k}_PY": y, f"CA_ROTOR{k}_KM": km}
+    rows += [f"1\t1\t{name}\t{value:g}\t9" for name, value in given.items()]
     params.write_text("\n".join(rows))
     out = tmp_path / "v.toml"
     arguments = ["--params", str(params), "--mass", "2", "--propeller", "10", "--hover-rpm", "5000", "--quiet"]
