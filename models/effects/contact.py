@@ -1,4 +1,4 @@
-"""A bumper touches the wall: a spring and a damper that push away, nothing beyond their reach."""
+"""A bumper touches the wall: a spring and a damper with a force away from it, none beyond their reach."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def _damped(ctx: Context) -> float:
 EFFECT = Effect(
     name="contact",
     equation="dF = -k max(d0 - d, 0) + c d' where d < d0, towards the wall, at every fan",
-    sign="stiffness > 0: pushes away from the wall",
+    sign="stiffness > 0: force away from the wall",
     source="Hunt & Crossley 1975, J. Applied Mechanics 42(2), 440-445, linearised: spring and damper at a contact",
     valid="a soft bumper",
     axes=("Fx", "Fy", "Mx", "My", "Mz"),

@@ -151,7 +151,7 @@ class Context:
     def rotor_force(self) -> Array:
         """``rotor_wrench`` without its moments (..., 6).
 
-        For scales of the whole thrust: differential thrust tells more of inertia and geometry than of a common scale.
+        For scales of the whole thrust: differential thrust depends on inertia and geometry more than on a common scale.
         """
         out = self.rotor_wrench.copy()
         out[..., 3:] = 0.0
@@ -187,7 +187,7 @@ class Context:
         return np.sqrt(RHO_SEA_LEVEL * self.vehicle.disc_area_m2 * np.maximum(self.thrust, 0.0))
 
     def by_kind(self, speeds: float, outputs: float) -> float:
-        """One of two numbers: where thrust is declared by rotor speeds, or by servo outputs, which tell less."""
+        """One of two numbers: where thrust is declared by rotor speeds, or by servo outputs, which say less."""
         return speeds if self.vehicle.telemetered else outputs
 
     @property
@@ -257,7 +257,7 @@ class Effect:
     aliases: tuple[str, ...] = ()
     in_flight: InFlight = InFlight.WRENCH
     needs_moments: bool = False
-    """Without moments it cannot be told from others."""
+    """Without moments it cannot be distinguished from others."""
     main: tuple[str, ...] = ()
     """Coefficients of which at least one must be significant; empty: any."""
     usual: tuple[float, ...] | None = None
@@ -276,8 +276,12 @@ class Effect:
     """Axes by which it is looked for, where others would only answer disturbances; empty: all that it acts on."""
     explain: Callable[[Mapping[str, tuple[float, float, float]]], str | None] | None = None
     """A remark on parameters that were found, each (value, low, high)."""
-    told: Callable[[Context, tuple[float, ...]], Array] | None = None
+    kinematic_bias: Callable[[Context, tuple[float, ...]], Array] | None = None
     """(3, k): what it adds to accelerometer minus what velocity and attitude imply [m/s^2]; None: nothing."""
+
+    def is_main(self, coefficient: Coefficient) -> bool:
+        """Whether the effect is not there without it."""
+        return not self.main or coefficient.name in self.main
 
     def log_odds(self, ctx: Context) -> float:
         """Of its being there, before any flight was seen."""

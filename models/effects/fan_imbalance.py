@@ -16,7 +16,7 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     fan = round(shape[0]) - 1
     one[..., fan] = ctx.thrust[..., fan]
     if ctx.record:
-        # What one fan does more than its mean share answers disturbances of the moment, and tells nothing of the fan.
+        # What one fan does more than its mean share answers disturbances of the moment, and says nothing about the fan.
         total = ctx.thrust.sum(axis=-1)
         one[..., fan] = total * np.nanmean(one[..., fan]) / np.nanmean(total)
     wrench = ctx.wrench_at_cg(-one[..., None] * DOWNWARD)

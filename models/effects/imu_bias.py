@@ -17,7 +17,7 @@ def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
     return out
 
 
-def _told(_: Context, __: tuple[float, ...]) -> Array:
+def _kinematic_bias(_: Context, __: tuple[float, ...]) -> Array:
     # Attitude is the accelerometer's own: how it is mounted shows in no velocity.
     return np.eye(3, 5)
 
@@ -25,7 +25,7 @@ def _told(_: Context, __: tuple[float, ...]) -> Array:
 EFFECT = Effect(
     name="imu_bias",
     equation="dF = m b + T (pitch, -roll, 0), b constant in the body",
-    sign="b > 0: the accelerometer reads too much along that axis; pitch > 0: rotors lean forward of it",
+    sign="b > 0: the accelerometer reads too much along that axis; pitch > 0: rotors are tilted forward of it",
     source="Woodman 2007, University of Cambridge UCAM-CL-TR-696, section 4: accelerometer bias",
     valid="constant temperature",
     axes=("Fx", "Fy", "Fz"),
@@ -40,5 +40,5 @@ EFFECT = Effect(
     in_flight=InFlight.NONE,
     of_day=True,
     odds=0.3,
-    told=_told,
+    kinematic_bias=_kinematic_bias,
 )

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from models.frames import AXES
 from replay.search.free_curves import Channel
-from replay.search.results import Estimate
+from replay.search.outside import Outside
+from replay.search.results import Estimate, Trace
 
 if TYPE_CHECKING:
     from replay.diagnosis.diagnose import Diagnosis, Named
+    from replay.residual.record import Record
 
 UNITS = ("N", "N", "N", "N m", "N m", "N m")
 
 
 def answer_json(answer: Diagnosis, model: str | None) -> dict[str, Any]:
-    """Contract, sections 6 and 7; ``status``, ``rejected``, ``delays``, ``excluded`` and ``notes`` are additions."""
+    """The JSON that docs/formats.md describes."""
     before, after = answer.rms(after=False), answer.rms(after=True)
     judged = [i for i in range(6) if np.isfinite(before[i])]
     return {
@@ -25,56 +28,76 @@ def answer_json(answer: Diagnosis, model: str | None) -> dict[str, Any]:
         "samples": int(sum(r.valid.sum() for r in answer.records)),
         "duration_s": round(sum(r.seconds for r in answer.records), 3),
         "verdict": answer.verdict,
-        "axes": {
-            AXES[i]: {"rms_before": number(before[i]), "rms_after": number(after[i]), "unit": UNITS[i]} for i in judged
-        },
+        "axes": {AXES[i]: _rms(before[i], after[i]) | {"unit": UNITS[i]} for i in judged},
         "effects": [_effect(n, answer) for n in answer.named],
         "aliases": answer.aliases,
         "unexplained": {
             "rms": {AXES[i]: number(after[i]) for i in judged},
             "channels": [_channel(c) for c in answer.channels],
         },
-        "outside": [
-            {
-                "log": t.record.name, "axes": [o.axis], "rms": number(o.rms), "unit": UNITS[AXES.index(o.axis)],
-                "intervals_s": [[number(a), number(b)] for a, b in o.intervals_s],
-            }
-            for t in answer.traces
-            for o in t.outside
-        ],
-        "regimes": [
-            {
-                "log": t.record.name, "regime": r.name, "seconds": number(r.seconds),
-                "axes": {a: {"rms_before": number(r.before[a]), "rms_after": number(r.after[a])} for a in r.before},
-            }
-            for t in answer.traces
-            for r in t.regimes
-        ],
+        "outside": list(chain.from_iterable(map(_outside, answer.traces))),
+        "regimes": list(chain.from_iterable(map(_regimes, answer.traces))),
         "log_faults": [{"channel": f.channel, "what": f.what} for f in answer.faults],
         "model": model,
-        "rejected": [
-            {"name": r.name, "reason": r.reason, "excited": r.excited, "p": r.p} for r in answer.rejected
-        ],
-        "noise": {
-            AXES[a]: {"rms": number(t.noise.total[k]), "correlation_s": number(t.noise.tau_s[k])}
-            for t in answer.traces[:1]
-            for k, a in enumerate(t.record.axes)
-        },
-        "delays": [
-            {
-                "log": r.name, "signal": d.signal, "seconds": number(d.seconds),
-                "correlation": number(d.correlation), "corrected": d.corrected,
-            }
-            for r in answer.records
-            for d in r.delays
-        ],
-        "excluded": [
-            {"log": r.name, "reason": e.reason, "seconds": number(e.seconds)}
-            for r in answer.records
-            for e in r.excluded
-        ],
+        "rejected": [{"name": r.name, "reason": r.reason, "excited": r.excited, "p": r.p} for r in answer.rejected],
+        "noise": _noise(answer.traces[0]) if answer.traces else {},
+        "delays": list(chain.from_iterable(map(_delays, answer.records))),
+        "excluded": list(chain.from_iterable(map(_excluded, answer.records))),
         "notes": list(answer.notes),
-    }  # fmt: skip
+    }
+
+
+def _rms(before: float, after: float) -> dict[str, Any]:
+    return {"rms_before": number(before), "rms_after": number(after)}
+
+
+def _excluded(r: Record) -> list[dict[str, Any]]:
+    return [{"log": r.name, "reason": e.reason, "seconds": number(e.seconds)} for e in r.excluded]
+
+
+def _outside(t: Trace) -> list[dict[str, Any]]:
+    return [
+        {
+            "log": t.record.name,
+            "axes": [o.axis],
+            "rms": number(o.rms),
+            "unit": UNITS[AXES.index(o.axis)],
+            "intervals_s": [[number(a), number(b)] for a, b in o.intervals_s],
+        }
+        for o in t.outside
+    ]
+
+
+def _regimes(t: Trace) -> list[dict[str, Any]]:
+    return [
+        {
+            "log": t.record.name,
+            "regime": r.name,
+            "seconds": number(r.seconds),
+            "axes": {a: _rms(r.before[a], r.after[a]) for a in r.before},
+        }
+        for r in t.regimes
+    ]
+
+
+def _noise(t: Trace) -> dict[str, Any]:
+    return {
+        AXES[a]: {"rms": number(t.noise.total[k]), "correlation_s": number(t.noise.tau_s[k])}
+        for k, a in enumerate(t.record.axes)
+    }
+
+
+def _delays(r: Record) -> list[dict[str, Any]]:
+    return [
+        {
+            "log": r.name,
+            "signal": d.signal,
+            "seconds": number(d.seconds),
+            "correlation": number(d.correlation),
+            "corrected": d.corrected,
+        }
+        for d in r.delays
+    ]
 
 
 def answer_text(answer: Diagnosis) -> str:
@@ -83,28 +106,38 @@ def answer_text(answer: Diagnosis) -> str:
     seconds = sum(r.seconds for r in answer.records)
     lines = [f"{answer.verdict.replace('_', ' ')}  ({seconds:.0f} s of flight judged)"]
     lines += [f"  the log is not to be believed: {f.channel} {f.what}" for f in answer.faults]
-    for name, b, a, unit in zip(AXES, before, after, UNITS, strict=True):
-        if np.isfinite(b):
-            lines.append(f"  {name:3s} {b:8.3f} -> {a:8.3f} {unit}")
-    for n in answer.named:
-        f = n.found
-        numbers = ", ".join(_estimate_text(e) for e in f.estimates)
-        sure = f"{n.status}, probability {f.probability:.2f}"
-        lines.append(f"  {f.effect.name} ({sure}): {numbers}; explains {n.explains:.0%}")
-        if f.aliases:
-            lines.append(f"    or {', '.join(f.aliases)}: to tell, {f.effect.excite}")
-    for c in answer.channels:
-        lines.append(f"  unexplained in {c.axis}: {c.name}" + (f" at {c.peak_hz:.2f} Hz" if c.peak_hz else ""))
-    for t in answer.traces:
-        for o in t.outside:
-            when = ", ".join(f"{a:.0f}-{b:.0f} s" for a, b in o.intervals_s[:4]) or "all along"
-            unit = UNITS[AXES.index(o.axis)]
-            lines.append(f"  something acts that the log does not record: {o.axis} {o.rms:.3g} {unit}, {when}")
+    lines += [
+        f"  {name:3s} {b:8.3f} -> {a:8.3f} {unit}"
+        for name, b, a, unit in zip(AXES, before, after, UNITS, strict=True)
+        if np.isfinite(b)
+    ]
+    lines += [text for n in answer.named for text in _effect_text(n)]
+    lines += [
+        f"  unexplained in {c.axis}: {c.name}" + (f" at {c.peak_hz:.2f} Hz" if c.peak_hz else "")
+        for c in answer.channels
+    ]
+    lines += [_outside_text(o) for t in answer.traces for o in t.outside]
     return "\n".join([*lines, *(f"  note: {note}" for note in answer.notes)])
 
 
+def _effect_text(n: Named) -> list[str]:
+    f = n.found
+    numbers = ", ".join(_estimate_text(e) for e in f.estimates)
+    sure = f"{n.status}, probability {f.probability:.2f}"
+    lines = [f"  {f.effect.name} ({sure}): {numbers}; explains {n.explains:.0%}"]
+    if f.aliases:
+        lines.append(f"    or {', '.join(f.aliases)}; to separate them: {f.effect.excite}")
+    return lines
+
+
+def _outside_text(o: Outside) -> str:
+    when = ", ".join(f"{a:.0f}-{b:.0f} s" for a, b in o.intervals_s[:4]) or "all along"
+    unit = UNITS[AXES.index(o.axis)]
+    return f"  something acts that the log does not record: {o.axis} {o.rms:.3g} {unit}, {when}"
+
+
 def number(x: float) -> float:
-    """Six digits are more than a log can tell."""
+    """Rounded to six digits, more than a log can give; 0 where there is none."""
     return float(f"{float(x):.6g}") if np.isfinite(x) else 0.0
 
 

@@ -12,7 +12,10 @@ from models.errors import ConfigError
 from replay.fleet.options import add_options
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
+
+    from models.vehicle import Vehicle
+    from replay.diagnosis.diagnose import Diagnosis
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
 messages; 130 interrupted. Logs: .tlog, .BIN, .ulg. How to read the answer: docs/diagnose.md."""
@@ -48,13 +51,7 @@ def add_parser(commands: Any) -> None:
 
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
-    if a.target_system is not None and not 1 <= a.target_system <= 255:
-        raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
-    if a.seed < 0:
-        raise ConfigError(f"--seed {a.seed}: must not be negative")
-    for option, target in (("--json", a.json), ("--save-model", a.save_model), ("--report", a.report)):
-        if target is not None and str(target) != "-":
-            _check_target(option, Path(target), folder=option != "--json")
+    _check_arguments(a)
     if any(log.is_dir() for log in a.logs):
         return _folder(a)
     # Imported here so that --help answers at once.
@@ -62,48 +59,73 @@ def run(a: argparse.Namespace) -> int:
     from models.choice import choose
     from models.vehicle import load_vehicle
     from models.vehicle_plausibility import warnings
-    from replay.cli import write_json
     from replay.diagnosis.amended_model import save_amended
-    from replay.diagnosis.diagnose import diagnose, flown
+    from replay.diagnosis.diagnose import diagnose
     from replay.diagnosis.model_faults import model_faults
 
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
     chosen = None if a.model == "none" else choose(vehicle, a.model)
     model = None if chosen is None or chosen.name == "none" else chosen.model
-    shown = sys.stderr.isatty() and not a.quiet
+    progress = _progress(shown=sys.stderr.isatty() and not a.quiet)
+    answer = diagnose(a.logs, vehicle, model, target_system=a.target_system, seed=a.seed, progress=progress)
+    if a.save_model is not None:
+        save_amended(a.save_model, model, vehicle, answer.adopted)
+    faults = model_faults(answer.records, chosen)
+    notes = [*([] if chosen is None or chosen.note is None else [chosen.note]), *warnings(vehicle)]
+    _write(a, answer, vehicle, faults, notes)
+    if a.json != "-" and not a.quiet:
+        _print(a, answer, faults, notes)
+    return 0
 
+
+def _check_arguments(a: argparse.Namespace) -> None:
+    if a.target_system is not None and not 1 <= a.target_system <= 255:
+        raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
+    if a.seed < 0:
+        raise ConfigError(f"--seed {a.seed}: must not be negative")
+    for option, target in (("--json", a.json), ("--save-model", a.save_model), ("--report", a.report)):
+        if target is not None and str(target) != "-":
+            _check_target(option, Path(target), folder=option != "--json")
+
+
+def _progress(*, shown: bool) -> Callable[[Sequence[Path]], Iterable[Path]]:
     def progress(logs: Sequence[Path]) -> Iterable[Path]:
         from tqdm import tqdm
 
         bar: Iterable[Path] = tqdm(logs, desc="reading", unit="log", disable=not shown, file=sys.stderr)
         return bar
 
-    answer = diagnose(a.logs, vehicle, model, target_system=a.target_system, seed=a.seed, progress=progress)
-    if a.save_model is not None:
-        save_amended(a.save_model, model, vehicle, answer.adopted)
-    faults = model_faults(answer.records, chosen)
-    notes = [*([] if chosen is None or chosen.note is None else [chosen.note]), *warnings(vehicle)]
+    return progress
+
+
+def _write(
+    a: argparse.Namespace, answer: Diagnosis, vehicle: Vehicle, faults: list[dict[str, str]], notes: Sequence[str]
+) -> None:
+    """The files that were asked for; ``faults`` and ``notes`` of model and vehicle come first in the JSON."""
     if a.json is not None:
-        told = answer.as_json(None if a.save_model is None else str(a.save_model))
-        told["log_faults"] = [*faults, *told.get("log_faults", [])]
-        told["notes"] = [*notes, *told["notes"]]
-        write_json(told, a.json)
+        from replay.cli import write_json
+
+        out = answer.as_json(None if a.save_model is None else str(a.save_model))
+        out["log_faults"] = [*faults, *out["log_faults"]]
+        out["notes"] = [*notes, *out["notes"]]
+        write_json(out, a.json)
     if a.report is not None:
         from replay.diagnosis.html_report import write_report
 
         write_report(a.report, answer, vehicle)
-    if a.json != "-" and not a.quiet:
-        for line in [*(f"{f['channel']}: {f['what']}" for f in faults), *notes]:
-            print(line)
-        print(answer.as_text())
-        if a.save_model is not None:
-            idle = [e.name for e in answer.adopted if not flown(e)]
-            print(
-                f"amended model: {a.save_model}" + (f" (not compensated in flight: {', '.join(idle)})" if idle else "")
-            )
-        if a.report is not None:
-            print(f"report: {a.report / 'report.html'}")
-    return 0
+
+
+def _print(a: argparse.Namespace, answer: Diagnosis, faults: list[dict[str, str]], notes: Sequence[str]) -> None:
+    from replay.diagnosis.diagnose import flown
+
+    for line in [*(f"{f['channel']}: {f['what']}" for f in faults), *notes]:
+        print(line)
+    print(answer.as_text())
+    if a.save_model is not None:
+        idle = [e.name for e in answer.adopted if not flown(e)]
+        print(f"amended model: {a.save_model}" + (f" (not compensated in flight: {', '.join(idle)})" if idle else ""))
+    if a.report is not None:
+        print(f"report: {a.report / 'report.html'}")
 
 
 def _folder(a: argparse.Namespace) -> int:

@@ -11,11 +11,11 @@ from models.frames import AXES, Array
 from replay.residual.record import Record
 
 KNOTS = 7
+"""Of a curve: so many evenly over the channel's range, and as many on its quantiles."""
 LENGTH = 0.5
 """Correlation length of a curve, as a share of the channel's range."""
 AMPLITUDE = 3.0
 """Prior standard deviation of a curve, in hundredths of the weight."""
-LAG_S = 0.4
 SAME_SENSOR = {
     "ax_m_s2": ("Fx",), "ay_m_s2": ("Fy",), "az_m_s2": ("Fz",), "p_rad_s": ("Mx",), "q_rad_s": ("My",),
     "r_rad_s": ("Mz",),
@@ -33,7 +33,16 @@ REACTIONS = {
 DRIFTS = ("north_m", "east_m", "down_m", "yaw_rad", "range_")
 """Channels that nothing but disturbances move in a flight that only hovers."""
 ODDS, REACTION_ODDS = 2e-4, 1e-5
+"""Prior odds of a curve over one channel on one axis: rarer than every effect, as there are a hundred such curves; and
+of one over a channel that answers disturbances."""
 SHARE, REACTION_SHARE = 0.08, 0.25
+"""Smallest share of the axis' energy that such a curve has to carry."""
+FEWEST = 50
+"""Samples of a channel without which no curve is laid through it."""
+LEAST_TURN_RAD = 0.5
+"""Range of headings from which on a force may go with them."""
+CLOSEST = 0.02
+"""Smallest distance of two knots, as a share of the channel's range."""
 
 
 @dataclass(frozen=True)
@@ -81,10 +90,10 @@ def _basis(records: Sequence[Record], name: str) -> tuple[Array | None, ...] | N
     """Smooth curves over the channel's range (n, k) a flight, less their mean; None where it does not vary."""
     values = [r.channels.get(name) for r in records]
     known = np.concatenate([v[r.valid & np.isfinite(v)] for v, r in zip(values, records, strict=True) if v is not None])
-    if len(known) < 50:
+    if len(known) < FEWEST:
         return None
     if name == "yaw_rad":
-        if np.ptp(np.unwrap(known)) < 0.5:
+        if np.ptp(np.unwrap(known)) < LEAST_TURN_RAD:
             return None
         return tuple(
             None if v is None else _centred(np.stack([f(m * v) for m in (1, 2) for f in (np.sin, np.cos)], 1), r)
@@ -94,7 +103,7 @@ def _basis(records: Sequence[Record], name: str) -> tuple[Array | None, ...] | N
     if high - low < 1e-9:
         return None
     at = np.unique(np.concatenate([np.linspace(low, high, KNOTS), np.quantile(known, np.linspace(0.01, 0.99, KNOTS))]))
-    at = at[np.concatenate([[True], np.diff(at) > 0.02 * (high - low)])]
+    at = at[np.concatenate([[True], np.diff(at) > CLOSEST * (high - low)])]
     distance = np.abs(at[:, None] - at) / (LENGTH * (high - low))
     factor = np.linalg.cholesky(np.exp(-distance) + 1e-9 * np.eye(len(at)))
     out: list[Array | None] = []

@@ -13,14 +13,17 @@ from models.frames import Array
 from replay.residual.grid import Mask
 
 ORDER = 4
+"""Of the whitening filters: 0.8 s of samples, longer than the smoother reaches."""
 SLOW_S = (0.3, 1.0, 3.0, 10.0)
-"""Correlation times of the slow disturbance (Ornstein-Uhlenbeck) that are tried."""
+"""Correlation times of the slow disturbance (Ornstein-Uhlenbeck) that are tried [s]."""
 SLOW_SHARE = (0.4, 0.75, 0.95, 0.99)
 """Shares of the variance that the slow disturbance may have; the rest is sensor noise, white through the smoother."""
 FITTED_SHARE = 0.75
 """Sizes are fitted beside no slower noise: else only the fast part would count, in which loops answer disturbances."""
 SMOOTHER_S = 0.066
-"""Time constant sigma of the 2 Hz Gaussian smoother that the residual went through."""
+"""Standard deviation of the 2 Hz Gaussian smoother that the residual went through [s]."""
+NUGGET = 1e-3
+"""White share of the variance, so that no combination of samples is free of noise."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,7 @@ def runs(valid: Mask) -> NDArray[np.int64]:
 def _spectrum(slow_s: float, share: float, autocovariance: Array) -> Spectrum:
     """Levinson's recursion: best predictors of every order."""
     r = autocovariance / autocovariance[0]
-    r[0] += 1e-3  # so that no direction is free of noise
+    r[0] += NUGGET
     a = np.empty(0)
     predictors, innovations = [a], [r[0]]
     for k in range(1, ORDER + 1):

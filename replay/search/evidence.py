@@ -13,7 +13,8 @@ from models.frames import Array
 from replay.residual.grid import Mask
 from replay.search.channel import Columns, Growing
 from replay.search.disturbance import FITTED_SHARE, bank_energy, lag_products, spectra
-from replay.search.terms import STEP_S, Key, Library, Term
+from replay.search.library import Library
+from replay.search.terms import STEP_S, Key, Term
 from replay.search.worth import Contributions, beyond_bounds, form_variance, worth
 
 TRUST = 0.5
@@ -21,8 +22,11 @@ TRUST = 0.5
 FLOOR = 0.2
 """Smallest RMS of the fast part of the noise in hundredths of the weight: the declared model is no better than that."""
 QUIET_S, QUIET_SPECTRUM = 4.0, (1.0, 0.75)
-"""Quiet noise is what the residual does within this time, with this spectrum (time, share) of the grid."""
+"""Quiet noise is what the residual does within this time [s], with this spectrum (time [s], share) of the grid."""
 ROUNDS = 2
+"""Noise and coefficients are fitted in turn, at most so often."""
+SETTLED = 0.01
+"""Relative change of the noise below which they agree."""
 NOTHING: Mapping[int, Mask] = {}
 
 
@@ -84,7 +88,7 @@ class Evidence:
         return self._noise([c.y for c in self.library.channels], np.zeros(len(self.library.channels)))
 
     def quiet(self) -> Noise:
-        """Noise as what varies within seconds tells it: beside it, slow effects show that pass for a disturbance."""
+        """Noise by what varies within seconds: beside it, slow effects show that pass for a disturbance."""
         sigma = []
         for channel in self.library.channels:
             known = (channel.run >= 0).astype(float)
@@ -100,7 +104,7 @@ class Evidence:
         for _ in range(ROUNDS):
             b, _, _ = self._posterior(terms, noise)
             fresh = self._noise(self.rest(terms, b), form_variance(Contributions(self.library, terms, b)))
-            if fresh.spectrum == noise.spectrum and np.allclose(fresh.sigma, noise.sigma, rtol=0.01):
+            if fresh.spectrum == noise.spectrum and np.allclose(fresh.sigma, noise.sigma, rtol=SETTLED):
                 break
             noise = fresh
         b, cov, _ = self._posterior(terms, noise)
@@ -139,7 +143,7 @@ class Evidence:
         g = g - cross @ fit.b
         out = np.zeros(len(self.library.terms))
         for width, (index, of_term) in self.library.groups().items():
-            own = self._told_blocks(of_term)
+            own = self._bias_blocks(of_term)
             for c in range(len(self.library.channels)):
                 own = own + self._stack(c, fit.noise.spectrum[c], width, of_term) / fit.noise.sigma[c] ** 2
             beside = cross[of_term]
@@ -191,8 +195,8 @@ class Evidence:
             cost = count * np.log(2.0 * np.pi * variance) + energies / variance + np.array(self._det[c])
             value -= 0.5 * float(cost.min())
         columns = self._with_trim(terms)
-        for told, x_told in self.library.told():
-            left = told - x_told[:, columns] @ b
+        for bias, x_bias in self.library.biases():
+            left = bias - x_bias[:, columns] @ b
             value -= 0.5 * float(left @ left)
         off = b - np.concatenate([*(t.centre for t in terms), np.zeros(len(self.library.trim))])
         value -= 0.5 * float(off @ off)
@@ -224,10 +228,10 @@ class Evidence:
                 x, y = x[kept], y[kept]
             a[np.ix_(on, on)] += x.T @ x / variance
             r[on] += x.T @ y / variance
-        for told, x_told in self.library.told():
-            value -= 0.5 * float(told @ told)
-            a += x_told[:, columns].T @ x_told[:, columns]
-            r += x_told[:, columns].T @ told
+        for bias, x_bias in self.library.biases():
+            value -= 0.5 * float(bias @ bias)
+            a += x_bias[:, columns].T @ x_bias[:, columns]
+            r += x_bias[:, columns].T @ bias
         if not k:
             return mean, np.zeros((0, 0)), value
         factor = cho_factor(a, lower=True)
@@ -251,15 +255,15 @@ class Evidence:
             on = np.flatnonzero(local >= 0)
             if on.size:
                 cross[np.ix_(back, on)] += (x.T @ x[:, local[on]])[order] / variance
-        for told, x_told in self.library.told():
-            g += x_told.T @ told
-            cross += x_told.T @ x_told[:, columns]
+        for bias, x_bias in self.library.biases():
+            g += x_bias.T @ bias
+            cross += x_bias.T @ x_bias[:, columns]
         return cross, g
 
-    def _told_blocks(self, of_term: NDArray[np.int64]) -> Array:
+    def _bias_blocks(self, of_term: NDArray[np.int64]) -> Array:
         out = np.zeros((*of_term.shape, of_term.shape[1]))
-        for _, x_told in self.library.told():
-            x = x_told[:, of_term].transpose(1, 0, 2)
+        for _, x_bias in self.library.biases():
+            x = x_bias[:, of_term].transpose(1, 0, 2)
             out += x.transpose(0, 2, 1) @ x
         return out
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from models.frames import AXES, Array
 from models.vehicle import Vehicle
 from replay.residual.record import Record
+from replay.search.curves import DRIFTS, SAME_SENSOR
 from replay.search.noise import (
     FOLDS,
     ORDER,
@@ -26,28 +27,34 @@ from replay.search.noise import (
     training_blocks,
 )
 
-KNOTS = 5
-MANY_KNOTS = 12
+KNOTS, MANY_KNOTS = 5, 12
+"""Of a curve on quantiles of a channel, and of a fine one evenly over its range."""
 FINE = ("time_s", "north_m", "east_m", "down_m", "range_down_m")
+"""Channels over which a force may change within a small part of their range."""
 BLOCK_S = 1.5
+"""Unit of the time that is held out [s]."""
 DRAWS = 199
+"""Of noise alone: the smallest p-value is one in 200."""
 ALPHA = 0.005
+"""Chance with which noise alone has a channel."""
 SMALLEST_SHARE = 0.06
+"""Share of an axis' energy on unseen time from which on a channel counts."""
 REACTIVE_SHARE = 0.25
-DRIFTS = ("north_m", "east_m", "down_m", "yaw_rad", "range_")
-"""Channels that nothing but disturbances move in a flight that only hovers."""
+"""The same of a channel that answers disturbances within the control loop."""
 NEVER = 2.0
+"""A share that nothing reaches."""
 CAUSE_SHARE = 0.6
 """A channel that nothing drives comes before reactions that carry up to this much (as a ratio) more."""
 LAG_S = 0.4
+"""Rates of outputs and speeds are differences to their mean over this time [s]."""
 MOST_CHANNELS = 3
+"""Channels that are listed."""
 STIFFNESS = 0.01
+"""Ridge on the differences of a curve's knots, as a share of its energy."""
 BURN_IN = 200
-SAME_SENSOR = {
-    "ax_m_s2": ("Fx",), "ay_m_s2": ("Fy",), "az_m_s2": ("Fz",), "p_rad_s": ("Mx",), "q_rad_s": ("My",),
-    "r_rad_s": ("Mz",),
-}  # fmt: skip
-"""Channels whose own noise is in the residual of that axis."""
+"""Samples of surrogate noise that are dropped before it counts as stationary."""
+LINES_HZ, LINES = (0.15, 2.0), 400
+"""Spectral lines: lowest and highest frequency [Hz], and how many at most."""
 REACTIONS = {
     "Fx": ("vn_", "ve_", "pitch", "roll", "q_", "servo", "rpm", "thrust", "battery_"),
     "Fy": ("vn_", "ve_", "roll", "pitch", "p_", "servo", "rpm", "thrust", "battery_"),
@@ -114,33 +121,57 @@ def free_search(record: Record, rest: Array, noise: Noise, seed: int) -> Remaind
     surprise = np.where(allowed, (seen - middle) / width, -np.inf)
     null = np.where(allowed[..., None], (chance - middle[..., None]) / width[..., None], -np.inf).max(axis=(0, 1))
     p = p_value(null, float(surprise.max()))
-    energy = (y[valid] ** 2).sum(axis=0) / noise.total**2
-    vehicle = record.context.vehicle
-    found = []
-    for i, k in zip(*np.nonzero(surprise > np.quantile(null, 1.0 - ALPHA)), strict=True):
-        share, limit = float(seen[i, k]), smallest_share(curves[i].name, axes[k], vehicle)
-        if record.only_answers and (limit > SMALLEST_SHARE or curves[i].name.startswith(DRIFTS)):
-            limit = NEVER
-        if share >= limit:
-            channel = Channel(curves[i].name, min(share, 1.0), axes[k], curves[i].lag_s, curves[i].peak_hz)
-            found.append((channel, share * float(energy[k]), limit > SMALLEST_SHARE))
-    if p > ALPHA or not found:
+    if p > ALPHA:
         return Remainder(False, 0.0, p, (), 0.0)
-    # Reactions repeat what disturbs: where a channel that nothing drives does nearly as well, it is the cause.
-    causes = [gain for _, gain, reactive in found if not reactive]
-    lead = max(causes, default=0.0)
-    top = max(gain for _, gain, _ in found)
-    found.sort(key=lambda f: (f[2] and lead >= CAUSE_SHARE * top, -f[1]))
+    energy = (y[valid] ** 2).sum(axis=0) / noise.total**2
+    found = [
+        _Found(Channel(c.name, min(float(seen[i, k]), 1.0), axes[k], c.lag_s, c.peak_hz), float(seen[i, k] * energy[k]))
+        for i, k in zip(*np.nonzero(surprise > np.quantile(null, 1.0 - ALPHA)), strict=True)
+        for c in [curves[i]]
+        if seen[i, k] >= _limit(c.name, axes[k], record)
+    ]
+    return _ranked(found, p, record.context.vehicle)
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A channel that carries more than chance, and its held-out energy in units of the noise."""
+
+    channel: Channel
+    gain: float
+
+
+def _limit(channel: str, axis: str, record: Record) -> float:
+    """Smallest share that counts; none where a flight that only hovers lets nothing but disturbances move a channel."""
+    limit = smallest_share(channel, axis, record.context.vehicle)
+    return NEVER if record.only_answers and (limit > SMALLEST_SHARE or channel.startswith(DRIFTS)) else limit
+
+
+def _ranked(found: list[_Found], p: float, vehicle: Vehicle) -> Remainder:
+    """The channels that carry most, a cause before what answers it.
+
+    Channels that answer a disturbance go along with it: where one that nothing drives does nearly as well, it is the
+    cause.
+    """
+    if not found:
+        return Remainder(False, 0.0, p, (), 0.0)
+
+    def answers(f: _Found) -> bool:
+        return smallest_share(f.channel.name, f.channel.axis, vehicle) > SMALLEST_SHARE
+
+    lead = max((f.gain for f in found if not answers(f)), default=0.0)
+    top = max(f.gain for f in found)
+    found.sort(key=lambda f: (answers(f) and lead >= CAUSE_SHARE * top, -f.gain))
     names: dict[str, Channel] = {}
-    for channel, _, _ in found:
-        names.setdefault(channel.name, channel)
-    return Remainder(True, top, p, tuple(names.values())[:MOST_CHANNELS], found[0][0].score)
+    for f in found:
+        names.setdefault(f.channel.name, f.channel)
+    return Remainder(True, top, p, tuple(names.values())[:MOST_CHANNELS], found[0].channel.score)
 
 
 def smallest_share(channel: str, axis: str, vehicle: Vehicle) -> float:
     """Share of an axis' energy from which on a channel counts as its carrier.
 
-    In closed loop the controller answers a disturbance, so that speeds, vanes and lean repeat its noise; such a channel
+    In closed loop the controller answers a disturbance, so that speeds, vanes and tilt repeat its noise; such a channel
     has to carry much more than one that nothing drives. In hover every moment is mirrored by what balances it, so that
     a reaction proves no moment at all. Vanes do not answer what lifts.
     """
@@ -243,8 +274,9 @@ def _curves(record: Record) -> tuple[list[_Curve], Array]:
             slow = _slow(values, max(int(LAG_S / record.step_s), 1))
             add(name, _hats(values - slow, record.valid, 3), LAG_S)
     t = record.time_s - record.time_s[0]
-    lines = np.arange(np.log(0.15), np.log(min(2.0, 0.4 / record.step_s)), 0.5 / (0.2 * record.seconds))
-    for hz in np.exp(lines[:400]):
+    low, high = LINES_HZ
+    lines = np.arange(np.log(low), np.log(min(high, 0.4 / record.step_s)), 0.5 / (0.2 * record.seconds))
+    for hz in np.exp(lines[:LINES]):
         phase = 2.0 * np.pi * hz * t
         add("time_s", np.stack([np.sin(phase), np.cos(phase)], axis=1), None, float(hz))
     if not parts:

@@ -11,16 +11,25 @@ from models.frames import AXES, Array
 from replay.residual.record import Record
 from replay.search.evidence import Evidence, Fit
 from replay.search.free_curves import Channel
+from replay.search.library import Library
 from replay.search.noise import FOLDS, block_numbers, embargo_blocks, fold_of_block, training_blocks
-from replay.search.terms import Key
+from replay.search.terms import Key, Term
 from replay.search.walk import Walked
 
 CARRIES = 0.25
+"""An effect carries an axis where it is this strong beside its strongest axis, in hundredths of the weight."""
 BLOCK_S = 1.5
+"""Unit of the time that is held out [s]."""
+EMBARGO_S = 1.0
+"""Correlation time of the remainder that the embargo beside it is set by [s]."""
 LOUD = 0.4
-"""RMS of a free curve, in hundredths of the weight, from which on it is told."""
+"""RMS of a free curve, in hundredths of the weight, from which on it is reported."""
 CONFIRM_SHARE = 0.01
+"""Smallest share of the energy that an effect has to take off a flight that confirms it."""
 CONFIRM_BLOCK_S = 5.0
+"""Blocks of the bootstrap [s]: longer than the remainder is correlated."""
+DRAWS = 1000
+"""Of the bootstrap."""
 
 
 @dataclass
@@ -88,55 +97,65 @@ def _one(evidence: Evidence, best: Fit, f: int, record: Record) -> FlightFit:
     judged = np.isin(np.arange(6), record.axes)
     seen = judged | np.isin(np.arange(6), record.blind)
     before = np.where(seen, np.nan_to_num(record.residual), 0.0)
-    terms = [t for t in best.terms if t.effect is not None and f in t.places]
-    wrench = {t.key: library.wrenches(t, f) for t in terms}
-    folds, fold_of = _folds(evidence, best, f, record)
     fit = FlightFit(record, f, before, before.copy(), before.copy(), before.copy(), unit)
-    for t in terms:
-        x, form = wrench[t.key]
-        place = np.searchsorted(t.columns, t.places[f])
-        part = best.part(t)
-        own = x @ (best.b[part][place] * t.scale[place])
-        # On axes by which it is not looked for it counts where it helps.
-        assert t.effect is not None
-        blind = [a for a in range(6) if t.effect.searched and AXES[a] not in t.effect.searched]
-        for a in blind:
-            y = before[record.valid, a]
-            if ((y - own[record.valid, a]) ** 2).sum() > (y**2).sum():
-                x[:, a] = 0.0
-                own[:, a] = 0.0
-        fit.folds[t.key] = np.stack([b[part][place] * t.scale[place] for b in folds])
-        per_fold = np.einsum("nak,fk->fna", x, fit.folds[t.key])
-        held = np.take_along_axis(per_fold, fold_of[None, :, None], axis=0)[0]
-        fit.after -= np.where(judged, held, 0.0)
-        fit.without[t.key] = held
-        bent = form @ best.b[part][len(t.columns) - form.shape[2] :] if form.shape[2] else 0.0
-        fit.rest -= np.where(judged, own + bent, 0.0)
-        strength = np.sqrt((own[record.valid] ** 2).mean(axis=0)) / unit
-        fit.carried[t.key] = tuple(
-            AXES[a] for a in record.axes if strength[a] > CARRIES * strength[list(record.axes)].max() > 0.0
-        )
-        fit.parameters[t.key] = t.effect.parameters(best.b[part][place] * t.scale[place], t.shape)
+    folds = _folds(evidence, best, f, record)
+    for t in best.terms:
+        if t.effect is not None and f in t.places:
+            _take_off(fit, evidence, best, t, folds)
     for key, held in fit.without.items():
         fit.without[key] = fit.after + np.where(judged, held, 0.0)
     fit.unexplained = fit.rest.copy()
-    curves = []
-    for t in (t for t in best.terms if t.effect is None and f in t.places):
-        a = AXES.index(t.axis or "")
-        own = library.curve(t, f) @ best.b[best.part(t)]
-        valid = record.valid
-        with_it = float((fit.unexplained[valid, a] ** 2).sum())
-        fit.unexplained[:, a] -= own
-        gain = with_it - float((fit.unexplained[valid, a] ** 2).sum())
-        share = gain / max(float(((fit.rest[valid, a]) ** 2).sum()), 1e-30)
-        curves.append((gain / unit[a] ** 2, Channel(t.name, float(np.clip(share, 0.0, 1.0)), AXES[a])))
-    curves.sort(key=lambda c: -c[0])
-    fit.curves = tuple(c for _, c in curves)
-    fit.curve_gain = max((g for g, _ in curves), default=0.0)
+    _take_off_curves(fit, library, best)
     trim = library.trim_wrench(f, best.b[len(best.b) - len(library.trim) :])
     fit.unexplained -= trim
     fit.rest -= trim
     return fit
+
+
+def _take_off(
+    fit: FlightFit, evidence: Evidence, best: Fit, t: Term, folds: tuple[list[Array], NDArray[np.int64]]
+) -> None:
+    """One effect off the residuals of a flight: by all time, and on every fold by the others."""
+    assert t.effect is not None
+    record, f = fit.record, fit.index
+    judged = np.isin(np.arange(6), record.axes)
+    x, form = evidence.library.wrenches(t, f)
+    place, part = np.searchsorted(t.columns, t.places[f]), best.part(t)
+    scale = t.scale[place]
+    own = x @ (best.b[part][place] * scale)
+    # On axes by which it is not looked for it counts where it helps.
+    for a in (a for a in range(6) if t.effect.searched and AXES[a] not in t.effect.searched):
+        y = fit.before[record.valid, a]
+        if ((y - own[record.valid, a]) ** 2).sum() > (y**2).sum():
+            x[:, a] = 0.0
+            own[:, a] = 0.0
+    coefficients, fold_of = folds
+    fit.folds[t.key] = np.stack([b[part][place] * scale for b in coefficients])
+    per_fold = np.einsum("nak,fk->fna", x, fit.folds[t.key])
+    held = np.take_along_axis(per_fold, fold_of[None, :, None], axis=0)[0]
+    fit.after -= np.where(judged, held, 0.0)
+    fit.without[t.key] = held
+    bent = form @ best.b[part][len(t.columns) - form.shape[2] :] if form.shape[2] else 0.0
+    fit.rest -= np.where(judged, own + bent, 0.0)
+    strength = np.sqrt((own[record.valid] ** 2).mean(axis=0)) / fit.unit
+    strongest = strength[list(record.axes)].max()
+    fit.carried[t.key] = tuple(AXES[a] for a in record.axes if strength[a] > CARRIES * strongest > 0.0)
+    fit.parameters[t.key] = t.effect.parameters(best.b[part][place] * scale, t.shape)
+
+
+def _take_off_curves(fit: FlightFit, library: Library, best: Fit) -> None:
+    """The free curves off what is unexplained, and which of them carries how much of it."""
+    valid, curves = fit.record.valid, []
+    for t in (t for t in best.terms if t.effect is None and fit.index in t.places):
+        a = AXES.index(t.axis or "")
+        with_it = float((fit.unexplained[valid, a] ** 2).sum())
+        fit.unexplained[:, a] -= library.curve(t, fit.index) @ best.b[best.part(t)]
+        gain = with_it - float((fit.unexplained[valid, a] ** 2).sum())
+        share = gain / max(float(((fit.rest[valid, a]) ** 2).sum()), 1e-30)
+        curves.append((gain / fit.unit[a] ** 2, Channel(t.name, float(np.clip(share, 0.0, 1.0)), AXES[a])))
+    curves.sort(key=lambda c: -c[0])
+    fit.curves = tuple(c for _, c in curves)
+    fit.curve_gain = max((g for g, _ in curves), default=0.0)
 
 
 def _folds(evidence: Evidence, best: Fit, f: int, record: Record) -> tuple[list[Array], NDArray[np.int64]]:
@@ -145,7 +164,7 @@ def _folds(evidence: Evidence, best: Fit, f: int, record: Record) -> tuple[list[
     count = int(block.max()) + 1
     length = record.seconds / count
     folds = fold_of_block(count, length)
-    embargo = embargo_blocks(1.0, length)
+    embargo = embargo_blocks(EMBARGO_S, length)
     every = evidence.library.every[f]
     small = block[::every]
     out = [
@@ -182,5 +201,5 @@ def _removes(fit: FlightFit, residual: Array, wrench: Array) -> bool:
     gain = (left**2 - (left - wrench[valid][:, axes] / fit.unit[axes]) ** 2).sum(axis=1)
     count = max(int(fit.record.seconds / CONFIRM_BLOCK_S), 2)
     blocks = np.array([part.sum() for part in np.array_split(gain, count)])
-    draws = np.random.default_rng(0).choice(blocks, (1000, count)).sum(axis=1)
+    draws = np.random.default_rng(0).choice(blocks, (DRAWS, count)).sum(axis=1)
     return bool(np.percentile(draws, 2.5) > 0.0 and gain.sum() > CONFIRM_SHARE * (left**2).sum())

@@ -11,9 +11,12 @@ from models.frames import Array
 
 Mask = NDArray[np.bool_]
 ORDER = 3
+"""Of the autoregression."""
 FOLDS = 8
 FOLD_S = 6.0
+"""Length of a run of time that is held out [s]."""
 LONGEST_EMBARGO_S = 4.0
+"""Time beside it that is fitted on neither [s]: a flight of a minute has to keep half of it."""
 
 
 @dataclass(frozen=True)

@@ -11,17 +11,20 @@ from replay.residual.grid import Mask
 from replay.residual.record import Record
 
 SLOW_S = 1.0
-"""The remainder is averaged over this time."""
+"""The remainder is averaged over this time [s]."""
 FORCE_LIMIT, MOMENT_LIMIT = 2.0, 4.0
 """RMS of the slow remainder, in hundredths of the weight (times the lever), up to which a flight counts as explained.
 
 Broadband unsteadiness of the air and the declared model's own error leave about one hundredth.
 """
 LOUD = 1.5
-"""Intervals are told where the remainder exceeds the limit by this factor."""
+"""Intervals are given where the remainder exceeds the limit by this factor."""
 SUDDEN, SUDDEN_S = 5.0, 0.5
-"""Short pushes are told, too: so many times what is usual in the flight, for so long in all."""
+"""Short disturbances are reported, too: so many times what is usual in the flight, for so long in all [s]."""
 JOIN_S, SHORTEST_S, MOST = 2.0, 0.5, 12
+"""Gaps up to this are bridged [s]; shorter intervals are left out [s]; intervals that are listed, the longest first."""
+MAD_TO_SD = 1.4826
+"""Standard deviation of a Gaussian over its median absolute deviation."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +49,7 @@ def outside(record: Record, rest: Array) -> tuple[Outside, ...]:
         slow = np.where(valid, total / np.maximum(weight, 1.0), 0.0)
         rms = float(np.sqrt(np.mean(slow[valid] ** 2)))
         limit = unit * (FORCE_LIMIT if a < 3 else MOMENT_LIMIT)
-        usual = 1.4826 * float(np.median(np.abs(slow[valid])))
+        usual = MAD_TO_SD * float(np.median(np.abs(slow[valid])))
         struck = np.abs(slow) > max(LOUD * limit, SUDDEN * usual)
         if rms > limit:
             out.append(Outside(AXES[a], rms, _intervals(record.time_s, np.abs(slow) > LOUD * limit)))

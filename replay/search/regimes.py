@@ -12,9 +12,9 @@ from replay.residual.record import Record
 from replay.search.evidence import Evidence, Fit
 
 NEAR_GROUND, NEAR_WALL, FAST_M_S = 4.0, 3.8, 1.0
-"""Reach of ground (h/r) and wall (d/r) in radii, as in the paper; a speed above which a flight is fast."""
+"""Reach of ground (h/r) and wall (d/r) in radii (Ai et al. 2020, Sensors 20, 5805); speed of a fast flight [m/s]."""
 LEAST_S = 6.0
-"""A regime and the rest of the flight have to last so long each."""
+"""A regime and the rest of the flight have to last so long each [s]."""
 
 
 @dataclass(frozen=True)

@@ -21,12 +21,12 @@ from replay.search.terms import Term
 from replay.search.walk import Walked
 from replay.search.worth import top
 
-CARRIES = 0.25
-"""An effect carries an axis where it is this strong beside its strongest axis, in hundredths of the weight."""
 BOUND_SHARE = 0.01
 """Distance to a bound, as a share of the range, within which a coefficient stands at it."""
+LEARNT = 0.7
+"""Posterior over prior standard deviation above which a flight has said nothing about a coefficient."""
 FORM_SHARE = 0.15
-"""A remainder below this share of what the effects took out is their error of form, not a second carriers."""
+"""A remainder below this share of what the effects took out is their error of form, not a second force."""
 
 
 @dataclass(frozen=True)
@@ -119,15 +119,15 @@ def _trace(walked: Walked, fit: FlightFit, seed: int) -> Trace:
     noise = fit_noise(rest, record.valid, record.step_s)
     free = free_search(record, rest, noise, seed) if axes else NOTHING
     return Trace(
-        record, fit.before, fit.after, noise, free, _riddle(fit, free), outside(record, fit.unexplained),
+        record, fit.before, fit.after, noise, free, _carriers(fit, free), outside(record, fit.unexplained),
         held_out_regimes(walked.evidence, walked.best, fit.index),
     )  # fmt: skip
 
 
-def _riddle(fit: FlightFit, free: Remainder) -> tuple[Channel, ...]:
+def _carriers(fit: FlightFit, free: Remainder) -> tuple[Channel, ...]:
     """Channels that carry what is left: the free curves of the answer, and what a search of the rest finds.
 
-    What is left on an axis below a share of what the effects took off there is their error of form, not a carriers.
+    What is left on an axis below a share of what the effects took off there is their error of form, no other force.
     """
     known = {c.name for c in fit.curves}
     carried = {axis for axes in fit.carried.values() for axis in axes}
@@ -249,16 +249,16 @@ def _rejected(walked: Walked, taken: set[str]) -> tuple[Rejected, ...]:
 
 
 def _excited(walked: Walked, best: Fit, term: Term) -> bool:
-    """Whether one of its coefficients would be told to a third of the smallest effect worth a name."""
+    """Whether one of its coefficients would be known to a third of the smallest effect worth a name."""
     evidence = walked.evidence
     fit = evidence.refit([*best.terms, term], best.noise)
     part = fit.part(term)
     error = np.sqrt(np.diag(fit.cov[part, part]) / TRUST)
     # Where the prior alone says as much, the flight has said nothing.
-    told = error < 0.7 / np.sqrt(TRUST)
+    known = error < LEARNT / np.sqrt(TRUST)
     unit = np.zeros(len(term.columns))
     for channel in evidence.library.channels:
         for i, at in enumerate(channel.where[term.columns]):
             if at >= 0:
                 unit[i] = max(unit[i], top(channel.x[:, at], channel.count) / channel.limit)
-    return bool((told & (term.main > 0) & (error * unit < 1.0)).any())
+    return bool((known & (term.main > 0) & (error * unit < 1.0)).any())

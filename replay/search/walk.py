@@ -11,8 +11,9 @@ import numpy as np
 from models.effects import Effect
 from replay.residual.record import Record
 from replay.search.evidence import TRUST, Evidence, Fit, Noise
+from replay.search.library import Library
 from replay.search.sets import canonical
-from replay.search.terms import Key, Library, Term
+from replay.search.terms import Key, Term
 
 MOST, MOST_A_FLIGHT = 9, 3
 """Terms of a set: of one flight, and more for every other."""
@@ -27,7 +28,7 @@ BETWEEN = 30.0
 MARGIN = 4.0
 """Sets as likely as the best but for this much (log) count as equal."""
 SURE = 0.995
-"""No more than this is claimed: the models are wrong more often than numbers in a model can tell."""
+"""No more than this is claimed: models are wrong more often than the probabilities inside a model say."""
 
 
 @dataclass

@@ -9,7 +9,8 @@ from scipy.special import log_ndtr
 
 from models.frames import Array
 from replay.search.channel import Channel
-from replay.search.terms import STEP_S, Library, Term
+from replay.search.library import Library
+from replay.search.terms import STEP_S, Term
 
 FORM_LEFT = 0.06
 """RMS that an effect leaves by its error of form, as a share of its own."""
@@ -18,8 +19,11 @@ FORM = 0.12
 CURVE_FORM = 1.2
 """The same of a free curve: it has no mean, and what is beside it may be that."""
 SLOW_S = 2.0
+"""What is left is averaged over this time before it counts as acting unexplained [s]."""
 SOFT = 0.02
-"""How sharp the threshold of attention is."""
+"""Width of the threshold of attention, as a share of it: a size on the threshold must not decide by its last digits."""
+NEARLY, FAR_COST = 0.9, 1e3
+"""Below this share of the threshold each more costs so much (log): no evidence makes up for it."""
 CANCEL, CANCEL_COST, CANCEL_FREE = 2.6, 40.0, 2.0
 """Terms (root of the sum of squares) may exceed what they take off together by this factor; each more costs so much.
 
@@ -67,7 +71,7 @@ def worth(u: Contributions, rest: Sequence[Array]) -> float:
     """
     out = -CANCEL_COST * max(cancelled(u) - CANCEL, 0.0)
     for z in standing(u, rest):
-        out -= 0.5 * max((1.0 - z) / SOFT, 0.0) ** 2 + 1e3 * max(0.9 - z, 0.0)
+        out -= 0.5 * max((1.0 - z) / SOFT, 0.0) ** 2 + FAR_COST * max(NEARLY - z, 0.0)
     return float(out)
 
 

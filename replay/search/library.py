@@ -1,0 +1,247 @@
+"""The library: every effect in every shape and free curves of single channels, as columns of every flight's axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import zip_longest
+
+import numpy as np
+from numpy.typing import NDArray
+
+from models.effects import Context, Effect
+from models.frames import AXES, Array
+from replay.residual.record import Record
+from replay.search.channel import Channel, Columns
+from replay.search.curves import AMPLITUDE, Curve, curves
+from replay.search.disturbance import runs
+from replay.search.terms import FORM_PRIOR, STEP_S, Priors, Term, bent_forms, log_shapes, prior_of, regressors_of
+
+KNOWN = 0.02
+"""Odds of an unknown force that goes with a channel, where the catalogue has an effect that does."""
+TRIM = 0.5
+"""Standard deviation of the trim moment that every vehicle has, in hundredths of the weight times the lever."""
+KINEMATIC_SD_M_S2 = 0.05
+"""Standard deviation with which velocity and attitude show the accelerometer's mean offset [m/s^2]: 0.3 deg of tilt."""
+
+
+class Library:
+    """All terms of some flights, and the channels that they act on."""
+
+    def __init__(self, records: Sequence[Record], effects: Sequence[Effect]) -> None:
+        self.records = list(records)
+        self.every = [max(round(STEP_S / r.step_s), 1) for r in records]
+        self.terms: list[Term] = []
+        self.lacking: dict[str, str] = {}
+        self._trims: list[tuple[int, int]] = []
+        self.size = 0
+        self.channels = [self._channel(f, a) for f, r in enumerate(records) for a in r.axes]
+        self._at = {(c.flight, c.axis): c for c in self.channels}
+        self._curves: dict[tuple[int, int], Array] = {}
+        self._bias_columns: dict[int, list[tuple[Columns, Array]]] = {}
+        for effect in effects:
+            self._add_effect(effect)
+        known = {
+            (channel, axis) for t in self.terms if t.effect is not None for channel in t.effect.channels
+            for axis in t.effect.axes
+        }  # fmt: skip
+        for curve in curves(self.records):
+            self._add_curve(curve, (curve.name, AXES[curve.axis]) in known)
+        self.trim = self._add_trim()
+        self._bias_mean = [_mean(r.kinematic_bias[r.valid]) for r in records]
+        self._bias_rows: list[tuple[Array, Array]] = []
+        self._reach()
+
+    def finer(self, term: Term, share: float) -> list[Term]:
+        """Terms between a term's shape and its neighbours on the grid, ``share`` of the way; all terms taken in."""
+        effect = term.effect
+        if effect is None:
+            return []
+        out: list[Term] = []
+        flights = range(len(self.records)) if term.flight is None else [term.flight]
+        usable = [f for f in flights if self._reason(effect, self.records[f]) is None]
+        for i, (parameter, value) in enumerate(zip(effect.shapes, term.shape, strict=True)):
+            if not parameter.continuous or value in parameter.kinds:
+                continue
+            grid = sorted({t.shape[i] for t in self.terms if t.key == term.key} - set(parameter.kinds))
+            at = grid.index(value)
+            for near in grid[max(at - 1, 0) : at] + grid[at + 1 : at + 2]:
+                between = float(value + share * (near - value))
+                # A length at which a curve is linearised may not pass through none.
+                if any(abs(between - g) < 1e-9 for g in grid) or (effect.at_shape and value * near < 0.0):
+                    continue
+                shape = (*term.shape[:i], between, *term.shape[i + 1 :])
+                self._add(effect, term.flight, usable, shape, term.log_shape)
+                out.append(self.terms[-1])
+        if out:
+            self._reach()
+        return out
+
+    def _reason(self, effect: Effect, record: Record) -> str | None:
+        if effect.needs_moments and 3 not in record.axes:
+            return "this log cannot judge moments"
+        forces = {AXES.index(a) for a in effect.axes} & {0, 1, 2}
+        if forces and not forces & set(record.axes):
+            return "this log cannot judge the force that it makes"
+        return effect.lacking(record.context)
+
+    def _add_effect(self, effect: Effect) -> None:
+        reasons = [self._reason(effect, r) for r in self.records]
+        usable = [f for f, reason in enumerate(reasons) if reason is None]
+        if not usable:
+            self.lacking[effect.name] = next(r for r in reasons if r is not None)
+            return
+        groups = [(f, [f]) for f in usable] if effect.of_day else [(None, usable)]
+        for flight, flights in groups:
+            shapes = list(dict.fromkeys(s for f in flights[:1] for s in effect.shape_grid(self.records[f].context)))
+            for shape, log_shape in zip(shapes, log_shapes(effect, shapes), strict=True):
+                self._add(effect, flight, flights, shape, log_shape)
+
+    def _add(
+        self, effect: Effect, flight: int | None, flights: Sequence[int], shape: tuple[float, ...], log_shape: float
+    ) -> None:
+        """One shape of an effect: numbers for its coefficients and errors of form, and its columns in every channel."""
+        spread, centre = prior_of(effect, self.records[flights[0]].context, shape)
+        priors = Priors()
+        places = self._numbered(effect, flights, spread, centre, priors)
+        bent = [self._write(effect, f, shape, spread, places[f]) for f in flights]
+        for parts in zip_longest(*bent):
+            for f, part in zip(flights, parts, strict=True):
+                if part is not None:
+                    self._write_form(effect, f, part)
+            priors.add(self.size, FORM_PRIOR)
+            self.size += 1
+        self.terms.append(priors.term(effect, shape, log_shape, places, flight))
+
+    def _numbered(
+        self, effect: Effect, flights: Sequence[int], spread: Array, centre: Array, priors: Priors
+    ) -> dict[int, Columns]:
+        """Numbers of an effect's coefficients on every flight: the same on all, but for those of the day."""
+        places: dict[int, Columns] = {f: np.empty(len(spread), np.int64) for f in flights}
+        for i, c in enumerate(effect.coefficients):
+            for j, f in enumerate(flights):
+                if j == 0 or (c.of_day and not effect.of_day):
+                    low, high = c.low / spread[i], c.high / spread[i]
+                    priors.add(self.size, spread[i], centre[i] / spread[i], low, high, float(effect.is_main(c)))
+                    self.size += 1
+                places[f][i] = self.size - 1
+        return places
+
+    def _write(self, effect: Effect, f: int, shape: tuple[float, ...], spread: Array, place: Columns) -> list[Array]:
+        """Columns of an effect in the channels of one flight; what its errors of form are there, (n, 6) each."""
+        record = self.records[f]
+        x = regressors_of(effect, record, shape) * spread
+        mains = [i for i, c in enumerate(effect.coefficients) if effect.is_main(c)]
+        bent = [part[:: self.every[f]] for i in mains for part in bent_forms(x[:, :, i], record)]
+        x = x[:: self.every[f]]
+        for a in self._searched_axes(effect, f):
+            live = np.flatnonzero(np.abs(x[:, a]).max(axis=0) > 0.0)
+            if live.size:
+                self._at[f, a].add(place[live], x[:, a][:, live])
+        if effect.kinematic_bias is not None:
+            part = effect.kinematic_bias(record.context, shape) * spread
+            self._bias_columns.setdefault(f, []).append((place, part))
+        return bent
+
+    def _write_form(self, effect: Effect, f: int, bent: Array) -> None:
+        """One error of form (n, 6) in the channels of one flight, as the column that comes next."""
+        for a in self._searched_axes(effect, f):
+            if np.abs(bent[:, a]).max() > 0.0:
+                self._at[f, a].add(np.array([self.size]), bent[:, a : a + 1])
+
+    def _searched_axes(self, effect: Effect, f: int) -> list[int]:
+        return [a for a in self.records[f].axes if not effect.searched or AXES[a] in effect.searched]
+
+    def _channel(self, f: int, a: int) -> Channel:
+        record, every = self.records[f], self.every[f]
+        limit = 0.01 * record.context.weight * (1.0 if a < 3 else record.context.lever)
+        return Channel(f, a, np.nan_to_num(record.residual[::every, a]), runs(record.valid[::every]), limit)
+
+    def _add_trim(self) -> Columns:
+        """Constant moments of every flight that a vehicle has without any effect: columns of no term."""
+        first = self.size
+        for f, record in enumerate(self.records):
+            for a in (a for a in record.axes if a >= 3):
+                constant = np.full((len(record.valid[:: self.every[f]]), 1), TRIM / AMPLITUDE * self._amplitude(f, a))
+                self._at[f, a].add(np.array([self.size]), constant)
+                self._trims.append((f, a))
+                self.size += 1
+        return np.arange(first, self.size)
+
+    def trim_wrench(self, flight: int, b: Array) -> Array:
+        """Trim moments (6,) of a flight by the scaled coefficients of all trims."""
+        out = np.zeros(6)
+        for (f, a), value in zip(self._trims, b, strict=True):
+            if f == flight:
+                out[a] = value * TRIM / AMPLITUDE * self._amplitude(f, a)
+        return out
+
+    def _amplitude(self, flight: int, axis: int) -> float:
+        context = self.context(flight)
+        return AMPLITUDE * 0.01 * context.weight * (1.0 if axis < 3 else context.lever)
+
+    def biases(self) -> list[tuple[Array, Array]]:
+        """Offset of every accelerometer by velocity and attitude (3,), and columns (3, K), over its error."""
+        return self._bias_rows
+
+    def groups(self) -> dict[int, tuple[list[int], NDArray[np.int64]]]:
+        """Terms by how many columns they have: their numbers (m,) and columns (m, width)."""
+        out: dict[int, list[int]] = {}
+        for i, term in enumerate(self.terms):
+            out.setdefault(len(term.columns), []).append(i)
+        return {width: (index, np.stack([self.terms[i].columns for i in index])) for width, index in out.items()}
+
+    def context(self, flight: int) -> Context:
+        """Of a flight."""
+        return self.records[flight].context
+
+    def curve(self, term: Term, flight: int) -> Array:
+        """Columns (n, k) of a free curve at the record's rate."""
+        return self._curves[int(term.columns[0]), flight]
+
+    def wrenches(self, term: Term, flight: int) -> tuple[Array, Array]:
+        """Wrenches (n, 6, k) per coefficient of an effect at the record's rate, and (n, 6, m) of its errors of form."""
+        effect, record = term.effect, self.records[flight]
+        assert effect is not None
+        x = regressors_of(effect, record, term.shape)
+        spread = term.scale[np.searchsorted(term.columns, term.places[flight])]
+        mains = [i for i, c in enumerate(effect.coefficients) if effect.is_main(c)]
+        bent = [part for i in mains for part in bent_forms(x[:, :, i] * spread[i], record)]
+        forms = len(term.columns) - len({int(c) for p in term.places.values() for c in p})
+        out = np.zeros((len(x), 6, forms))
+        for j, part in enumerate(bent[:forms]):
+            out[:, :, j] = part
+        return x, out
+
+    def _add_curve(self, curve: Curve, known: bool) -> None:
+        widths = {p.shape[1] for p in curve.parts if p is not None}
+        columns = np.arange(self.size, self.size + max(widths))
+        self.size += len(columns)
+        places: dict[int, Columns] = {}
+        for f, (record, part) in enumerate(zip(self.records, curve.parts, strict=True)):
+            if part is None or curve.axis not in record.axes:
+                continue
+            places[f] = columns
+            self._curves[int(columns[0]), f] = self._amplitude(f, curve.axis) * part
+            self._at[f, curve.axis].add(columns, self._curves[int(columns[0]), f][:: self.every[f]])
+        one = np.ones(len(columns))
+        odds = float(np.log(curve.odds * (KNOWN if known else 1.0)))
+        self.terms.append(
+            Term(curve.name, None, (), columns, one, 0.0 * one, -np.inf * one, np.inf * one, odds, one, curve.share,
+                 places, None, AXES[curve.axis])
+        )  # fmt: skip
+
+    def _reach(self) -> None:
+        """Let every channel know of all columns."""
+        for channel in self.channels:
+            channel.reach(self.size)
+        self._bias_rows = []
+        for f, mean in enumerate(self._bias_mean):
+            if np.isfinite(mean).all():
+                x = np.zeros((3, self.size))
+                for columns, part in self._bias_columns.get(f, []):
+                    x[:, columns] += part
+                self._bias_rows.append((mean / KINEMATIC_SD_M_S2, x / KINEMATIC_SD_M_S2))
+
+
+def _mean(x: Array) -> Array:
+    return np.asarray(np.nanmean(x, axis=0)) if np.isfinite(x).any() else np.full(3, np.nan)
