@@ -16,7 +16,8 @@ from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from replay.logs.formats import read_flightlogs
 from replay.residual.faults import LogFault
-from replay.residual.record import ENOUGH_S, Record, build_record, check_model, too_short
+from replay.residual.motion import ENOUGH_S
+from replay.residual.record import Record, build_record, check_model, too_short
 from replay.search.free_curves import Channel
 from replay.search.results import Found, Rejected, Searched, Trace, summarise
 from replay.search.walk import walk

@@ -11,7 +11,7 @@ from typing import Any
 from models.vehicle import Vehicle
 from replay.flightlog import Beam, FlightLog, Series
 from replay.info.settings import ARDUPILOT, change_for
-from replay.residual.record import FORCE_RATE_HZ, MOMENT_RATE_HZ
+from replay.residual.motion import FORCE_RATE_HZ, MOMENT_RATE_HZ
 
 _GOOD_IMU_HZ = 25.0
 """Up to 2 Hz is judged with it; slower accelerometers are judged up to a quarter of their rate."""

@@ -25,7 +25,7 @@ class Replay:
     system: int | None = None
     """None: the first autopilot heard, as in flight."""
     assumed: Mapping[str, float] = field(default_factory=dict)
-    """Parameters taken as given until the recording tells them: a log cannot be asked."""
+    """Parameters taken as given until the recording gives them: a log cannot be asked."""
     samples: Counter[str] = field(default_factory=Counter)
     """How many samples of each kind reached the pipeline."""
 
@@ -46,15 +46,15 @@ class Replay:
                 yield decision
 
     def _with_assumed(self, samples: Iterable[Sample]) -> Iterator[Sample]:
-        told: set[str] = set()
+        heard: set[str] = set()
         for sample in samples:
             yield sample
             if isinstance(sample, Parameter):
-                told.add(sample.name)
+                heard.add(sample.name)
             elif isinstance(sample, Heartbeat):
                 # At every heartbeat, because a reboot forgets.
                 for name, value in self.assumed.items():
-                    if name not in told:
+                    if name not in heard:
                         yield Parameter(sample.t_s, sample.system, sample.component, name, value, 0, 0)
 
     def _sampled(self, frames: Iterable[tuple[int, bytes]]) -> Iterator[Sample]:

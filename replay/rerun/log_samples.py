@@ -24,8 +24,11 @@ from companion.mavlink.samples import (
 from replay.flightlog import Beam, EscRecord, FlightLog, Interval, Series
 
 _COMPONENT = 1
+"""Component of an autopilot (MAV_COMP_ID_AUTOPILOT1)."""
 _HEARTBEAT_S = 1.0
+"""Rate of an autopilot's heartbeat."""
 _SAME_MESSAGE_S = 0.1
+"""Two columns no further apart are taken to come of one message."""
 
 
 def samples_of(log: FlightLog) -> Iterator[Sample]:

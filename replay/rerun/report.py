@@ -79,7 +79,7 @@ def run(
     *,
     quiet: bool = True,
 ) -> RunReport:
-    """Replay one log; ``assumed`` parameters hold where the log does not tell them.
+    """Replay one log; ``assumed`` parameters hold where the log does not give them.
 
     Raises LogError in one line where it cannot be read or lacks what every decision needs.
     """

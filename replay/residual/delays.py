@@ -14,9 +14,17 @@ from replay.residual.distances import ground_height
 from replay.residual.grid import Grid, running_mean
 
 LONGEST_DELAY_S = 0.3
-
-
+"""Longest delay that is looked for: telemetry at 5 Hz is stamped a fifth of a second late at most."""
 FILTER_DELAY_S = 0.035
+"""By which an IMU's low-pass may be behind the rotors: two poles at 20 Hz, a common default, are 0.02 s late."""
+SEEN_ROTORS, SEEN_RANGES = 0.3, 0.5
+"""Correlations from which on a delay is believed; ranges against velocity are cleaner than lift against the IMU."""
+DETREND_S, SMOOTH_S = 0.7, 0.03
+"""Half widths of the running means between which signals are compared: about 0.5 to 10 Hz."""
+CLIMB_S, FASTEST_CLIMB_M_S = 0.1, 2.0
+"""Half width over which ranges are differentiated, and the rate beyond which the range has jumped."""
+FEWEST_SAMPLES = 100
+"""Common samples from which on a correlation is taken."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +36,14 @@ class Delay:
     correlation: float
     corrected: bool
 
+    @property
+    def correction_s(self) -> float:
+        """By how much later the signal is read than it is stamped."""
+        return self.seconds if self.corrected else 0.0
+
 
 def _overlap(a: Array, b: Array, k: int) -> float:
+    """Inner product of (n,) ``a`` and ``b``, the latter taken ``k`` samples later."""
     return float(a[max(0, -k) : len(a) - max(0, k)] @ b[max(0, k) : len(b) - max(0, -k)])
 
 
@@ -42,7 +56,7 @@ def rotor_delay(ctx: Context, grid: Grid) -> Delay:
     lift = ctx.thrust.sum(axis=1)
     heave = -ctx.vehicle.mass_kg * ctx.state.specific_force[:, 2]
     best, correlation = _lag(heave, lift, grid.rate)
-    corrected = bool(correlation > 0.3 and best > -FILTER_DELAY_S)
+    corrected = bool(correlation > SEEN_ROTORS and best > -FILTER_DELAY_S)
     return Delay("rotor speed" if ctx.vehicle.telemetered else "servo outputs", best, correlation, corrected)
 
 
@@ -54,18 +68,18 @@ def range_delay_of(
     if cg is None or not np.isfinite(velocity[:, 2]).any():
         return None
     rate = 1.0 / float(t[1] - t[0])
-    climb = np.gradient(running_mean(cg, max(int(0.1 * rate), 1)), 1.0 / rate)
-    climb = np.where(np.abs(climb) < 2.0, climb, np.nan)
+    climb = np.gradient(running_mean(cg, max(int(CLIMB_S * rate), 1)), 1.0 / rate)
+    climb = np.where(np.abs(climb) < FASTEST_CLIMB_M_S, climb, np.nan)
     best, correlation = _lag(-velocity[:, 2], climb, rate)
-    return Delay("ground range", best, correlation, bool(correlation > 0.5 and best > 0.0))
+    return Delay("ground range", best, correlation, bool(correlation > SEEN_RANGES and best > 0.0))
 
 
 def _lag(reference: Array, signal: Array, rate: float) -> tuple[float, float]:
     """Lag [s] by which ``signal`` is behind ``reference`` (positive: late), and the correlation there."""
-    width = max(int(0.7 * rate), 1)
-    a, b = (running_mean(x, max(int(0.03 * rate), 0)) - running_mean(x, width) for x in (reference, signal))
+    width = max(int(DETREND_S * rate), 1)
+    a, b = (running_mean(x, int(SMOOTH_S * rate)) - running_mean(x, width) for x in (reference, signal))
     both = np.isfinite(a) & np.isfinite(b)
-    if both.sum() < 100:
+    if both.sum() < FEWEST_SAMPLES:
         return 0.0, 0.0
     a, b = np.where(both, a, 0.0), np.where(both, b, 0.0)
     reach = max(int(LONGEST_DELAY_S * rate), 1)
@@ -75,9 +89,13 @@ def _lag(reference: Array, signal: Array, rate: float) -> tuple[float, float]:
     lags = np.arange(-reach, reach + 1)
     scores = np.array([_overlap(a, b, int(k)) / norm for k in lags])
     i = int(scores.argmax())
-    shift = 0.0
-    if 0 < i < len(lags) - 1:
-        left, mid, right = scores[i - 1 : i + 2]
-        bend = left - 2 * mid + right
-        shift = float(0.5 * (left - right) / bend) if bend < 0 else 0.0
-    return float((lags[i] + shift) / rate), float(scores[i])
+    return float((lags[i] + _between(scores, i)) / rate), float(scores[i])
+
+
+def _between(scores: Array, i: int) -> float:
+    """Where the parabola through the scores about ``i`` has its top, in steps from ``i``."""
+    if not 0 < i < len(scores) - 1:
+        return 0.0
+    left, mid, right = scores[i - 1 : i + 2]
+    bend = left - 2 * mid + right
+    return float(0.5 * (left - right) / bend) if bend < 0 else 0.0

@@ -22,21 +22,22 @@ from models.vehicle import Vehicle
 from replay.flightlog import Beam, FlightLog
 
 MAX_GAP_S = 0.5
+"""Longest gap between two samples that is interpolated: a period of the 2 Hz that are judged."""
 
 
 def beam_reading(beam: Beam, t: Array) -> Array:
-    """Slant range (n,): inf where the sensor says that nothing is there, NaN where it tells nothing."""
+    """Slant range (n,): inf where the sensor says that nothing is there, NaN where it says nothing."""
     good = beam.good
     out = good.at(t, MAX_GAP_S)[:, 0] if len(good) > 1 else np.full(len(t), np.nan)
-    told = beam.distance.t_s
+    times = beam.distance.t_s
     far = np.array([v is RangeVerdict.ABOVE_MAX for v in beam.verdicts])
     known = np.array([v in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX) for v in beam.verdicts])
     if known.any():
-        nearest = np.clip(np.searchsorted(told[known], t), 0, int(known.sum()) - 1)
+        usable = times[known]
+        nearest = np.clip(np.searchsorted(usable, t), 0, len(usable) - 1)
         before = np.maximum(nearest - 1, 0)
-        times = told[known]
-        pick = np.where(np.abs(times[before] - t) < np.abs(times[nearest] - t), before, nearest)
-        close = np.abs(times[pick] - t) <= MAX_GAP_S
+        pick = np.where(np.abs(usable[before] - t) < np.abs(usable[nearest] - t), before, nearest)
+        close = np.abs(usable[pick] - t) <= MAX_GAP_S
         out = np.where(close & far[known][pick], np.inf, out)
     return out
 
@@ -63,7 +64,7 @@ def _planes(
     out = []
     for sensor in vehicle.watched:
         beam = _beam_of(log, sensor.orientation) if sensor.target == target else None
-        if beam is None or not _ever_spoke(beam):
+        if beam is None or not _ever_measured(beam):
             continue
         slant = beam_reading(beam, t + late_s)
         floor = np.inf if height is None else height
@@ -75,7 +76,7 @@ def _planes(
     return out
 
 
-def _ever_spoke(beam: Beam) -> bool:
+def _ever_measured(beam: Beam) -> bool:
     return any(v in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX) for v in beam.verdicts)
 
 

@@ -1,4 +1,4 @@
-"""Faults of a log, or of the vehicle file it is read with: told, left out, and never named as an effect."""
+"""Faults of a log, or of the vehicle file it is read with: reported, left out, and never named as an effect."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ DERIVED_M_S2 = 0.004
 DEAD_SHARE, STUCK_SHARE = 0.05, 1e-3
 """A rotor is dead below this share of the others' speed, stuck if it varies by less than this share."""
 ROTOR_RATE_HZ = 5.0
-"""Rotor speeds or outputs slower than this tell no moments."""
-FULL, FULL_TOLD, FULL_MOST = 0.985, 0.2, 0.5
-"""Command from which on thrust does not follow; shares of the time of it that are told, and that leave no lift."""
+"""Rotor speeds or outputs slower than this carry no moments."""
+FULL, FULL_REPORTED, FULL_MOST = 0.985, 0.2, 0.5
+"""Command from which on thrust does not follow; share of the flight at it that is reported, that leaves no lift."""
 OPPOSED = -0.5
 """Correlation of declared moment and angular acceleration from which on a vehicle file is mirrored."""
 DISAGREE = 0.7
@@ -38,6 +38,9 @@ class LogFault:
 
     channel: str
     what: str
+
+
+DERIVED_ACCELEROMETER = LogFault("ax_m_s2", "is derived from the velocity: it measures nothing of its own")
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,7 @@ def doubted(log: FlightLog, ctx: Context, grid: Grid, flying: Mask, axes: list[i
         blind |= usable & {2}
         usable -= {2, 3, 4, 5}
     full, share = _at_full_command(ctx, flying)
-    if share > FULL_TOLD:
+    if share > FULL_REPORTED:
         faults.append(_full_fault(ctx, full & flying[:, None], share))
     if share > FULL_MOST:
         blind |= usable & {2}
@@ -128,8 +131,8 @@ def _rotors(log: FlightLog, ctx: Context, flying: Mask) -> list[LogFault]:
         usual = float(np.nanmedian(typical[others]))
         varies = float(np.nanmedian(np.nanstd(speed[:, others], axis=0)))
         if typical[k] < DEAD_SHARE * usual:
-            told = _output_of(log, ctx, k, flying)
-            out.append(LogFault(_name(vehicle, k), f"reads {typical[k]:.0f} rpm in flight{told}"))
+            output = _output_of(log, ctx, k, flying)
+            out.append(LogFault(_name(vehicle, k), f"reads {typical[k]:.0f} rpm in flight{output}"))
         elif np.nanstd(speed[:, k]) < STUCK_SHARE * usual < 0.1 * varies:
             out.append(LogFault(_name(vehicle, k), f"stays at {typical[k]:.0f} rpm while the others vary"))
     known = {rotor.esc for rotor in vehicle.rotors}
@@ -195,11 +198,11 @@ def _gyro(state: AirState, grid: Grid, flying: Mask) -> list[LogFault]:
     """Gyro axes that do not turn as the attitude does."""
     turn = rate_of_change(state.rotation, grid.rate)
     skew = np.einsum("nji,njk->nik", state.rotation, turn)
-    told = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+    turning = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
     half = max(int(0.1 * grid.rate), 1)
     out = []
     for axis, name in enumerate(("p_rad_s", "q_rad_s", "r_rad_s")):
-        gyro, attitude = (running_mean(v[:, axis], half) for v in (state.rates, told))
+        gyro, attitude = (running_mean(v[:, axis], half) for v in (state.rates, turning))
         both = flying & np.isfinite(gyro) & np.isfinite(attitude)
         if both.sum() < 100:
             continue
@@ -218,12 +221,15 @@ def _mirrored(ctx: Context, grid: Grid, flying: Mask) -> list[LogFault]:
         if not flying.any() or float(np.nanstd(ctx.rotor_moment[flying, axis])) < 1e-3 * ctx.weight * ctx.lever:
             continue
         turned = rate_of_change(running_mean(rates[:, axis], half), grid.rate)
-        pushed = running_mean(ctx.rotor_moment[:, axis], half)
-        turned, pushed = (v - running_mean(v, wide) for v in (turned, pushed))
-        found = _strongest(pushed, turned, flying, int(0.2 * grid.rate))
+        moment = running_mean(ctx.rotor_moment[:, axis], half)
+        turned, moment = (v - running_mean(v, wide) for v in (turned, moment))
+        found = _strongest(moment, turned, flying, int(0.2 * grid.rate))
         if found < OPPOSED:
             out.append(
-                LogFault("vehicle file", f"rotors push against the turning: {what} are exchanged (r = {found:.2f})")
+                LogFault(
+                    "vehicle file",
+                    f"declared moments oppose the angular acceleration: {what} are exchanged (r = {found:.2f})",
+                )
             )
     return out
 

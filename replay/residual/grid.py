@@ -13,9 +13,11 @@ Mask = NDArray[np.bool_]
 
 
 RATE_HZ = 10.0
-
-
+"""Rate of a record: five samples a period at the cut-off."""
 CUT_OFF_HZ = 2.0
+"""-3 dB of the low-pass. Above it rotor speeds, IMU and estimator are not of one time within their phases."""
+KNOWN_SHARE = 0.4
+"""Share of the filter's weight that must be known: less than half, so that the edge of a gap is still smoothed."""
 
 
 class Grid:
@@ -24,7 +26,7 @@ class Grid:
     def __init__(self, start: float, end: float, rate: float, cut_off_hz: float) -> None:
         self.rate = rate
         self.t = start + np.arange(max(int((end - start) * rate), 1)) / rate
-        sigma = 0.1325 / cut_off_hz * rate  # Gaussian: -3 dB at 0.1325/sigma_t
+        sigma = 0.1325 / cut_off_hz * rate  # -3 dB of a Gaussian: sqrt(ln 2) / (2 pi sigma_t)
         half = max(int(4 * sigma), 1)
         kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / sigma) ** 2)
         self.kernel = kernel / kernel.sum()
@@ -45,7 +47,7 @@ class Grid:
                 weight, y = np.convolve(known.astype(float), self.kernel, "same"), np.where(known, flat[:, k], 0.0)
             total = np.convolve(y, self.kernel, "same")
             with np.errstate(invalid="ignore", divide="ignore"):
-                out[:, k] = np.where(weight > 0.4, total / weight, np.nan)[:: self.every]
+                out[:, k] = np.where(weight > KNOWN_SHARE, total / weight, np.nan)[:: self.every]
         return out.reshape(-1, *x.shape[1:])
 
     def pick(self, x: Any) -> Any:

@@ -6,27 +6,29 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from models.air_state import AirState
 from models.effects import AdoptedEffect, Context, adopted_wrench, corrected_state
 from models.errors import ConfigError, LogError
-from models.frames import GRAVITY, Array, measured_wrench, rotation_from_quaternion
+from models.frames import Array, measured_wrench
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from models.vehicle_wrench import modelled_wrench
-from replay.flightlog import FlightLog, ImuRecord
+from replay.flightlog import FlightLog
 from replay.residual.channels import named_channels
 from replay.residual.delays import Delay, range_delay_of, rotor_delay
-from replay.residual.distances import MAX_GAP_S, distances, unseen_surfaces
-from replay.residual.faults import LogFault, derived_accelerometer, doubted, without_stuck_beams
-from replay.residual.grid import CUT_OFF_HZ, Grid, Mask, rate_of_change
-from replay.residual.log_state import decimated, equal_outputs, neutral_servos, raw_state, rotor_columns
+from replay.residual.distances import distances, unseen_surfaces
+from replay.residual.faults import (
+    DERIVED_ACCELEROMETER,
+    LogFault,
+    derived_accelerometer,
+    doubted,
+    without_stuck_beams,
+)
+from replay.residual.grid import Mask, rate_of_change
+from replay.residual.log_state import decimated, neutral_servos, raw_state, rotor_columns
+from replay.residual.motion import ENOUGH_S, SHORTEST_S, Motion, judged_axes, read_motion
 from replay.residual.validity import Excluded, judged_time
 
-MOMENT_RATE_HZ = 20.0
-FORCE_RATE_HZ = 4.0
-SHORTEST_S = 4.0
-"""Shortest flight that is looked at beside others."""
-ENOUGH_S = 8.0
-"""What all flights together have to hold."""
 COMMANDED = 0.6
 """Correlation of lift with the accelerometer below which rotor speeds mostly answer noise, and motions are drift."""
 
@@ -81,81 +83,26 @@ def build_record(
     name: str = "",
 ) -> Record:
     """The residual of one flight. Raises LogError in one line where the log lacks what is needed."""
-    imu = _imu(log)
+    motion = read_motion(log)
     log, stuck = without_stuck_beams(log)
-    assert log.attitude is not None
-    start = max(imu.specific_force.t_s[0], log.attitude.t_s[0])
-    end = min(imu.specific_force.t_s[-1], log.attitude.t_s[-1])
-    if end - start < SHORTEST_S:
-        raise LogError(
-            f"{log.path}: only {max(end - start, 0.0):.0f} s with IMU and attitude; record {ENOUGH_S:.0f} s at least"
-        )
-    notes: list[str] = []
-    rate = min(imu.specific_force.rate_hz, 100.0)
-    if rate < FORCE_RATE_HZ:
-        raise LogError(
-            f"{log.path}: {imu.source} at {rate:.1f} Hz is too slow for forces; ask for {FORCE_RATE_HZ:.0f} Hz or more"
-        )
-    grid = Grid(start, end, rate, min(CUT_OFF_HZ, rate / 4.0))
-    t = grid.t
-    force = imu.specific_force.at(t, MAX_GAP_S)
-    gyro_series = imu.gyro if len(imu.gyro) and np.isfinite(imu.gyro.values).any() else log.rates
-    gyro = gyro_series.at(t, MAX_GAP_S) if gyro_series is not None else np.full((len(t), 3), np.nan)
-    axes = list(range(6))
-    gyro_rate = 0.0 if gyro_series is None else gyro_series.rate_hz
-    if gyro_rate < MOMENT_RATE_HZ:
-        axes = [0, 1, 2]
-        notes.append(f"gyro at {gyro_rate:.0f} Hz: too slow for moments ({MOMENT_RATE_HZ:.0f} Hz needed), forces only")
-    elif vehicle.throttle is not None and equal_outputs(log, vehicle):
-        axes = [0, 1, 2]
-        notes.append("all servo outputs are copies of one number: moments cannot be judged, forces only")
-    rotation = rotation_from_quaternion(_unit(log.attitude.at(t, MAX_GAP_S)))
-    position = log.position.at(t, 1.0) if log.position is not None else np.full((len(t), 3), np.nan)
-    velocity = log.velocity.at(t, 1.0) if log.velocity is not None else np.full((len(t), 3), np.nan)
-    state = raw_state(log, vehicle, t, force, gyro, rotation, position, velocity)
-    context = Context(state, vehicle, model)
-    rpm_delay = rotor_delay(context, grid)
-    delays = [rpm_delay]
-    range_delay = range_delay_of(log, vehicle, t, rotation, velocity, position)
-    if range_delay is not None:
-        delays.append(range_delay)
-    state = replace(
-        state,
-        **rotor_columns(log, vehicle, t, rpm_delay.seconds if rpm_delay.corrected else 0.0),
-        **distances(
-            log, vehicle, t, rotation, position,
-            range_delay.seconds if range_delay is not None and range_delay.corrected else 0.0,
-        ),
-    )  # fmt: skip
-    notes += unseen_surfaces(log, vehicle)
+    grid = motion.grid
+    axes, notes = judged_axes(log, vehicle, motion)
+    state, delays = _on_one_clock(log, vehicle, model, motion)
     state = corrected_state(effects, state)
     context = Context(state, vehicle, model)
-    with_rpm = replace(state, rpm=context.rotor_rpm)
-    servo_filled = replace(
-        with_rpm, servo_us=np.where(np.isfinite(state.servo_us), state.servo_us, neutral_servos(vehicle))
+    modelled = _modelled(context, effects)
+    measured = measured_wrench(
+        motion.force, motion.gyro, rate_of_change(motion.gyro, grid.rate), vehicle.mass_kg, vehicle.inertia_kgm2
     )
-    modelled = modelled_wrench(vehicle, model, servo_filled)
-    if effects:
-        modelled = modelled + adopted_wrench(effects, context)
-    measured = measured_wrench(force, gyro, rate_of_change(gyro, grid.rate), vehicle.mass_kg, vehicle.inertia_kgm2)
-    valid, excluded = judged_time(log, context, grid, force, modelled, notes, axes)
-    doubts = doubted(log, context, grid, valid, axes)
-    if (valid & doubts.left_out).any():
-        reason = "after a crash"
-        excluded.append(Excluded(reason, float((valid & doubts.left_out).sum() / grid.rate)))
-    valid &= ~doubts.left_out
-    axes = list(doubts.axes)
-    residual = grid.smooth(np.where(valid[:, None], measured - modelled, np.nan))
-    residual[:, [a for a in range(6) if a not in axes and a not in doubts.blind]] = 0.0
-    kinematic = _kinematic_bias(force, rotation, velocity, grid)
-    kinematic = grid.smooth(np.where(valid[:, None], kinematic, np.nan))
-    faults = [*stuck, *doubts.faults]
-    if derived_accelerometer(kinematic):
-        faults.append(LogFault("ax_m_s2", "is derived from the velocity: it tells nothing that velocity does not"))
-        kinematic[:] = np.nan
+    time = judged_time(log, context, grid, motion.force, modelled)
+    doubts = doubted(log, context, grid, time.valid, [a for a in axes if a not in time.unjudged_axes])
+    time = time.without("after a crash", doubts.left_out, grid.rate)
+    residual = grid.smooth(np.where(time.valid[:, None], measured - modelled, np.nan))
+    residual[:, [a for a in range(6) if a not in doubts.axes and a not in doubts.blind]] = 0.0
+    kinematic = grid.smooth(np.where(time.valid[:, None], motion.kinematic_bias, np.nan))
+    derived = derived_accelerometer(kinematic)
     small = decimated(state, grid)
-    keep = np.isfinite(residual).all(axis=1) & grid.pick(valid)
-    channels = named_channels(log, vehicle, small)
+    rotors = delays[0]
     record = Record(
         name=name or log.path.name,
         log=log,
@@ -163,25 +110,53 @@ def build_record(
             small,
             vehicle,
             model,
-            clock_moved_s=max(rpm_delay.seconds, 0.0) if rpm_delay.corrected else 0.0,
-            only_answers=rpm_delay.correlation < COMMANDED,
+            clock_moved_s=max(rotors.correction_s, 0.0),
+            only_answers=rotors.correlation < COMMANDED,
         ),
         residual=residual,
-        measured=grid.smooth(np.where(valid[:, None], measured, np.nan)),
-        valid=keep,
-        axes=tuple(axes),
+        measured=grid.smooth(np.where(time.valid[:, None], measured, np.nan)),
+        valid=np.isfinite(residual).all(axis=1) & grid.pick(time.valid),
+        axes=doubts.axes,
         step_s=grid.every / grid.rate,
-        kinematic_bias=kinematic,
-        channels=channels,
-        delays=tuple(delays),
-        excluded=tuple(excluded),
-        notes=tuple(notes),
-        faults=tuple(faults),
+        kinematic_bias=np.full_like(kinematic, np.nan) if derived else kinematic,
+        channels=named_channels(log, vehicle, small),
+        delays=delays,
+        excluded=time.excluded,
+        notes=(*notes, *unseen_surfaces(log, vehicle), *time.notes),
+        faults=(*stuck, *doubts.faults, *([DERIVED_ACCELEROMETER] if derived else [])),
         blind=doubts.blind,
     )
     if record.seconds < SHORTEST_S:
         raise too_short(record)
     return record
+
+
+def _on_one_clock(
+    log: FlightLog, vehicle: Vehicle, model: FanSurrogate | None, motion: Motion
+) -> tuple[AirState, tuple[Delay, ...]]:
+    """The flight at the raw rate with the delays of rotor speeds and ranges taken out, and those delays, rotors first.
+
+    The rotors' delay is found without distances: near a surface lift changes too slowly to move it.
+    """
+    t, rotation = motion.grid.t, motion.rotation
+    state = raw_state(log, vehicle, t, motion.force, motion.gyro, rotation, motion.position, motion.velocity)
+    rotors = rotor_delay(Context(state, vehicle, model), motion.grid)
+    ranges = range_delay_of(log, vehicle, t, rotation, motion.velocity, motion.position)
+    range_late_s = 0.0 if ranges is None else ranges.correction_s
+    state = replace(
+        state,
+        **rotor_columns(log, vehicle, t, rotors.correction_s),
+        **distances(log, vehicle, t, rotation, motion.position, range_late_s),
+    )
+    return state, (rotors,) if ranges is None else (rotors, ranges)
+
+
+def _modelled(context: Context, effects: tuple[AdoptedEffect, ...]) -> Array:
+    """Modelled wrench (n, 6). A vane whose output is not in the log is taken to be straight."""
+    state = replace(context.state, rpm=context.rotor_rpm)
+    straight = np.where(np.isfinite(state.servo_us), state.servo_us, neutral_servos(context.vehicle))
+    out = modelled_wrench(context.vehicle, context.model, replace(state, servo_us=straight))
+    return out + adopted_wrench(effects, context) if effects else out
 
 
 def too_short(record: Record) -> LogError:
@@ -191,29 +166,6 @@ def too_short(record: Record) -> LogError:
         f"{record.log.path}: only {record.seconds:.0f} s of flight can be judged (most time lost to: {worst}); "
         f"{ENOUGH_S:.0f} s are needed"
     )
-
-
-def _imu(log: FlightLog) -> ImuRecord:
-    if not log.imus:
-        raise LogError(f"{log.path}: no HIGHRES_IMU, RAW_IMU or SCALED_IMU: a log without accelerometer tells no force")
-    if log.attitude is None:
-        raise LogError(f"{log.path}: no ATTITUDE or ATTITUDE_QUATERNION; stream one of them")
-    return max(log.imus, key=lambda i: (i.specific_force.rate_hz >= FORCE_RATE_HZ, i is log.imus[0]))
-
-
-def _unit(q: Array) -> Array:
-    with np.errstate(invalid="ignore"):
-        unit: Array = q / np.linalg.norm(q, axis=1, keepdims=True)
-    return unit
-
-
-def _kinematic_bias(force: Array, rotation: Array, velocity: Array, grid: Grid) -> Array:
-    if not np.isfinite(velocity).any():
-        return np.full_like(force, np.nan)
-    accel = rate_of_change(velocity, grid.rate)
-    accel[:, 2] -= GRAVITY
-    out: Array = force - np.einsum("nji,nj->ni", rotation, accel)
-    return out
 
 
 def check_model(vehicle: Vehicle, model: FanSurrogate | None) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,19 @@ from replay.flightlog import FlightLog
 from replay.residual.grid import Grid, Mask, rate_of_change, running_mean
 
 AIRBORNE_SHARE = 0.5
+"""Modelled lift over weight above which a vehicle flies: half leaves room for any undeclared effect."""
+LIFT_S, TAKE_OFF_S, CONTACT_S, JUMP_S, CLIP_S = 0.2, 1.0, 0.3, 0.2, 0.3
+"""Half width of the mean of lift; time around take-off and landing, contact, a jump and a clipped sample left out."""
+ARMED_S = 1.0
+"""Time around the armed interval that is still looked at: heartbeats come once a second."""
+TOUCHING_RADII = 0.1
+"""Height over the ground [rotor radii] below which feet may touch; no published ground effect was measured below."""
+FASTEST_GROUND_M_S = 2.5
+"""Speed of the ground below the vehicle beyond which the beam has jumped to another surface."""
+SHORTEST_GAP_S = 0.05
+"""Time that is not worth a line among what was left out."""
+CLIPPED_SHARE, CLIPPED_SAMPLES, CLIPPED_M_S2, BIASED_SHARE = 0.004, 20, 0.5, 0.02
+"""Share and number of samples at the very top from which on a sensor is at its limit; share that moves its mean."""
 
 
 @dataclass(frozen=True)
@@ -23,56 +36,89 @@ class Excluded:
     seconds: float
 
 
-def judged_time(
-    log: FlightLog, ctx: Context, grid: Grid, force: Array, modelled: Array, notes: list[str], axes: list[int]
-) -> tuple[Mask, list[Excluded]]:
-    """Rows that can be judged (n,), and the time left out by reason; adds to ``notes``, takes unusable axes away."""
-    state, rate, t = ctx.state, grid.rate, grid.t
-    valid = np.ones(len(t), bool)
-    excluded: list[Excluded] = []
+@dataclass(frozen=True)
+class JudgedTime:
+    """Rows that can be judged (n,), time left out by reason, axes that cannot be judged at all, and why."""
 
-    def leave_out(reason: str, bad: Any, around_s: float = 0.0) -> None:
+    valid: Mask
+    excluded: tuple[Excluded, ...] = ()
+    unjudged_axes: tuple[int, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def without(self, reason: str, bad: Mask, rate: float, around_s: float = 0.0) -> JudgedTime:
+        """Leave out the samples ``bad`` (n,) and the time around them."""
         if around_s > 0.0 and bad.any():
             bad = np.convolve(bad, np.ones(2 * int(around_s * rate) + 1), "same") > 0.5
-        new = valid & bad
-        if new.sum() / rate >= 0.05:
-            excluded.append(Excluded(reason, float(new.sum() / rate)))
-        valid[bad] = False
+        seconds = float((self.valid & bad).sum() / rate)
+        new = (Excluded(reason, seconds),) if seconds >= SHORTEST_GAP_S else ()
+        return replace(self, valid=self.valid & ~bad, excluded=self.excluded + new)
 
-    leave_out("no IMU, attitude or rotor speed (gap in the log)", ~np.isfinite(force).all(axis=1)
-              | ~np.isfinite(state.rotation).all(axis=(1, 2)) | ~np.isfinite(ctx.thrust).all(axis=1))  # fmt: skip
+
+def judged_time(log: FlightLog, ctx: Context, grid: Grid, force: Array, modelled: Array) -> JudgedTime:
+    """The time of flight with all that is needed: ``force`` (n, 3) specific force, ``modelled`` (n, 6) wrench."""
+    state = ctx.state
+    heights = np.where(np.isfinite(state.h_m), state.h_m, np.inf)
+    unknown = _incomplete(force) | _incomplete(state.rotation) | _incomplete(ctx.thrust)
+    reasons: tuple[tuple[str, Any, float], ...] = (
+        ("no IMU, attitude or rotor speed (gap in the log)", unknown, 0.0),
+        ("on the ground, or taking off or landing", ~_flying(log, ctx, grid), TAKE_OFF_S),
+        (
+            "at the ground (closer than a tenth of a rotor radius)",
+            heights.min(axis=1) < TOUCHING_RADII * ctx.vehicle.rotor_radius_m,
+            CONTACT_S,
+        ),
+        ("no height over ground", np.isnan(state.h_m).any(axis=1), 0.0),
+        ("no distance to the wall", np.isnan(state.d_m).any(axis=1), 0.0),
+        ("the ground under the rangefinder jumped", _jumps(ctx, grid), JUMP_S),
+    )
+    out = JudgedTime(np.ones(len(grid.t), bool))
+    for reason, bad, around_s in reasons:
+        out = out.without(reason, bad, grid.rate, around_s)
+    for axis in range(3):
+        out = _without_clipped(out, force[:, axis], axis, grid.rate)
+    return out.without("the model has no answer", _incomplete(modelled[:, :3]), grid.rate)
+
+
+def _incomplete(x: Array) -> Mask:
+    """Rows (n,) of (n, ...) that lack a number."""
+    return np.asarray(~np.isfinite(x.reshape(len(x), -1)).all(axis=1))
+
+
+def _flying(log: FlightLog, ctx: Context, grid: Grid) -> Mask:
+    """Samples (n,) with lift, armed, and not said to be on the ground by the autopilot."""
+    t = grid.t
     with np.errstate(invalid="ignore"):
-        lift = ctx.thrust.sum(axis=1)
-        flying = running_mean(lift, int(0.2 * rate)) > AIRBORNE_SHARE * ctx.weight
+        flying = running_mean(ctx.thrust.sum(axis=1), int(LIFT_S * grid.rate)) > AIRBORNE_SHARE * ctx.weight
     for interval in log.landed:
         if interval.value == 1:
             flying &= ~((t >= interval.start_s) & (t < interval.end_s))
     if log.armed:
-        armed = np.zeros(len(t), bool)
-        for interval in log.armed:
-            armed |= (t >= interval.start_s - 1.0) & (t <= interval.end_s + 1.0)
-        flying &= armed
-    leave_out("on the ground, or taking off or landing", ~flying, 1.0)
-    touching = np.nanmin(np.where(np.isfinite(state.h_m), state.h_m, np.inf), axis=1) < 0.1 * ctx.vehicle.rotor_radius_m
-    leave_out("at the ground (closer than a tenth of a rotor radius)", touching, 0.3)
-    leave_out("no height over ground", np.isnan(state.h_m).any(axis=1))
-    leave_out("no distance to the wall", np.isnan(state.d_m).any(axis=1))
-    finite_h = np.where(np.isfinite(state.h_m[:, 0]), state.h_m[:, 0], np.nan)
-    if np.isfinite(finite_h).any() and np.isfinite(state.velocity_ned[:, 2]).any():
-        with np.errstate(invalid="ignore"):
-            jump = np.abs(rate_of_change(finite_h[:, None], rate)[:, 0] + state.velocity_ned[:, 2]) > 2.5
-        leave_out("the ground under the rangefinder jumped", jump, 0.2)
-    for axis in range(3):
-        size = np.abs(force[:, axis])
-        top = np.nanmax(size) if np.isfinite(size).any() else 0.0
-        clipped = size >= top * (1.0 - 1e-6)
-        if clipped.sum() >= max(20, 0.004 * len(size)) and top > 0.5:
-            share = float(np.mean(clipped))
-            notes.append(f"accelerometer {'xyz'[axis]} clipped at {top:.1f} m/s^2 in {share:.0%} of the samples")
-            if share > 0.02 and axis in axes:
-                axes.remove(axis)
-                notes.append(f"F{'xyz'[axis]} is not judged: its mean is not to be trusted")
-            else:
-                leave_out("the accelerometer was clipped", clipped, 0.3)
-    leave_out("the model has no answer", ~np.isfinite(modelled[:, :3]).all(axis=1))
-    return valid, excluded
+        armed = [(t >= i.start_s - ARMED_S) & (t <= i.end_s + ARMED_S) for i in log.armed]
+        flying &= np.logical_or.reduce(armed)
+    return flying
+
+
+def _jumps(ctx: Context, grid: Grid) -> Mask:
+    """Samples (n,) at which the ground moves under the vehicle."""
+    height = np.where(np.isfinite(ctx.state.h_m[:, 0]), ctx.state.h_m[:, 0], np.nan)
+    climb = -ctx.state.velocity_ned[:, 2]
+    if not (np.isfinite(height).any() and np.isfinite(climb).any()):
+        return np.zeros(len(grid.t), bool)
+    with np.errstate(invalid="ignore"):
+        out: Mask = np.abs(rate_of_change(height[:, None], grid.rate)[:, 0] - climb) > FASTEST_GROUND_M_S
+    return out
+
+
+def _without_clipped(time: JudgedTime, force: Array, axis: int, rate: float) -> JudgedTime:
+    """Leave out samples at the accelerometer's limit, or the axis where there are so many that its mean is wrong."""
+    size = np.abs(force)
+    top = float(np.nanmax(size)) if np.isfinite(size).any() else 0.0
+    clipped = size >= top * (1.0 - 1e-6)
+    if clipped.sum() < max(CLIPPED_SAMPLES, CLIPPED_SHARE * len(size)) or top <= CLIPPED_M_S2:
+        return time
+    share = float(np.mean(clipped))
+    note = f"accelerometer {'xyz'[axis]} clipped at {top:.1f} m/s^2 in {share:.0%} of the samples"
+    if share <= BIASED_SHARE:
+        return replace(time, notes=(*time.notes, note)).without("the accelerometer was clipped", clipped, rate, CLIP_S)
+    distrust = f"F{'xyz'[axis]} is not judged: its mean is not to be trusted"
+    return replace(time, notes=(*time.notes, note, distrust), unjudged_axes=(*time.unjudged_axes, axis))

@@ -74,13 +74,13 @@ def processor_flags() -> frozenset[str]:
 
 
 def usable() -> tuple[Kernel, ...]:
-    """The kernels that this processor can run and that numpy's OpenBLAS takes when told to."""
+    """The kernels that this processor can run and that numpy's OpenBLAS takes when asked."""
     flags = processor_flags()
     return tuple(k for k in KERNELS if k.flags <= flags and _taken(k) in (k.name, k.also_called))
 
 
 def _taken(kernel: Kernel) -> str:
-    """The kernel that numpy runs with when told to take this one."""
+    """The kernel that numpy runs with when asked for this one."""
     program = (
         "import numpy; from threadpoolctl import threadpool_info as found;"
         "print(next((i['architecture'] for i in found() if i['internal_api'] == 'openblas'), ''))"
@@ -105,8 +105,8 @@ def differences(answers: Mapping[str, Asked]) -> list[str]:
 
 
 def _compared(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[tuple[str, str]]:
-    if _told(one) != _told(other):
-        return [(_told(one), _told(other))]
+    if _said(one) != _said(other):
+        return [(_said(one), _said(other))]
     out = []
     for a, b in zip(one["effects"], other["effects"], strict=True):
         for key, p in a.get("parameters", {}).items():
@@ -117,7 +117,7 @@ def _compared(one: Mapping[str, Any], other: Mapping[str, Any]) -> list[tuple[st
     return out
 
 
-def _told(answer: Mapping[str, Any]) -> str:
+def _said(answer: Mapping[str, Any]) -> str:
     """What a person acts on: verdict, names in their order, aliases."""
     names = ", ".join(str(e["name"]) for e in answer["effects"])
     aliases = "; ".join(sorted("/".join(sorted(map(str, a))) for a in answer.get("aliases", [])))
@@ -164,11 +164,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     jobs = [Job(log.stem, (log,), args.vehicle) for log in args.logs] or _measured(args)
     found = {name: differences(answers) for name, answers in run(jobs, kernels, args.jobs, args.timeout).items()}
-    for name, told in found.items():
-        print(f"{'--' if told else 'ok'}  {name}" + "".join(f"\n      {line}" for line in told))
-    unlike = sum(bool(told) for told in found.values())
-    print(f"{unlike} of {len(jobs)} flights are answered otherwise under another kernel")
-    return 1 if unlike else 0
+    for name, unlike in found.items():
+        print(f"{'--' if unlike else 'ok'}  {name}" + "".join(f"\n      {line}" for line in unlike))
+    others = sum(bool(unlike) for unlike in found.values())
+    print(f"{others} of {len(jobs)} flights are answered otherwise under another kernel")
+    return 1 if others else 0
 
 
 def _measured(args: argparse.Namespace) -> list[Job]:

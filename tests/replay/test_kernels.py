@@ -36,7 +36,7 @@ def test_names_and_sizes_do_not_depend_on_the_kernel(usable: tuple[Kernel, ...],
     jobs.append(Job("together", tuple(tmp_path / f"{name}.tlog" for name in TOGETHER), Path(str(QUAD))))
     answers = kernels.run(jobs, usable, at_a_time=2, timeout_s=600.0)
     assert {a.exit_code for of_job in answers.values() for a in of_job.values()} == {0}
-    assert {name: told for name, of_job in answers.items() if (told := kernels.differences(of_job))} == {}
+    assert {name: unlike for name, of_job in answers.items() if (unlike := kernels.differences(of_job))} == {}
 
 
 def asked(*names: str, value: float = 1.0, verdict: str = "explained") -> Asked:
@@ -49,8 +49,8 @@ def test_another_name_another_verdict_or_another_size_is_a_difference() -> None:
     assert not kernels.differences({"Haswell": one, "SkylakeX": asked("wind", value=1.0005)})
     for other in (asked("payload"), asked("wind", "payload"), asked("wind", verdict="unexplained")):
         assert kernels.differences({"Haswell": one, "SkylakeX": other})
-    (told,) = kernels.differences({"Haswell": one, "SkylakeX": asked("wind", value=1.05)})
-    assert "wind.gain 1.05" in told
+    (unlike,) = kernels.differences({"Haswell": one, "SkylakeX": asked("wind", value=1.05)})
+    assert "wind.gain 1.05" in unlike
 
 
 def test_a_refusal_under_one_kernel_alone_is_a_difference() -> None:

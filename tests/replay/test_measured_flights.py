@@ -195,9 +195,9 @@ def test_without_probabilities_the_q_value_stands_in_and_is_called_so():
 
 def test_absent_flights_are_left_out_by_name(tmp_path, capsys):
     assert measured_flights.main(["--data", str(tmp_path), "--source", "neighbour"]) == 0
-    told = capsys.readouterr().err
-    assert "ns_pair_swap_ll_cf101_02" in told
-    assert "not part of the project" in told
+    said = capsys.readouterr().err
+    assert "ns_pair_swap_ll_cf101_02" in said
+    assert "not part of the project" in said
 
 
 def test_an_unknown_source_is_refused_with_the_names_there_are(capsys):

@@ -88,11 +88,11 @@ def judge_refusal(flight: Flight, exit_code: int, complaint: str, seconds: float
     """Judge a command that gave no answer: exit code 3 is a refusal, any other a failure."""
     refused = exit_code == 3
     faults = [n.partition(":")[2] for group in flight.must for n in group if n.startswith("fault:")]
-    told = refused and any(f in complaint for f in faults)
+    reported = refused and any(f in complaint for f in faults)
     return Judgement(
         flight.source, flight.kind, flight.name, flight.again, "refused" if refused else "failed",
-        complaint or f"exit code {exit_code}, silent", refused=not told, excused=refused and flight.short and not told,
-        seconds=seconds,
+        complaint or f"exit code {exit_code}, silent", refused=not reported,
+        excused=refused and flight.short and not reported, seconds=seconds,
     )  # fmt: skip
 
 

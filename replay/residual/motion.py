@@ -1,0 +1,108 @@
+"""How the vehicle moved, by IMU and estimator, on one clock; and which axes of the wrench that can judge."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from models.errors import LogError
+from models.frames import GRAVITY, Array, rotation_from_quaternion
+from models.vehicle import Vehicle
+from replay.flightlog import FlightLog, ImuRecord, Series
+from replay.residual.distances import MAX_GAP_S
+from replay.residual.grid import CUT_OFF_HZ, Grid, rate_of_change
+from replay.residual.log_state import equal_outputs
+
+MOMENT_RATE_HZ = 20.0
+"""Slowest gyro whose derivative is an angular acceleration: ten samples a period of the 2 Hz that are judged."""
+FORCE_RATE_HZ = 4.0
+"""Slowest accelerometer for forces: its half is the 2 Hz that are judged (Nyquist)."""
+FASTEST_HZ = 100.0
+"""Rate of the clock at most: fifty times what is judged, and a longer log costs no more than that."""
+POSITION_GAP_S = 1.0
+"""Longest gap of the estimator's position and velocity that is interpolated: both are smooth over a second."""
+SHORTEST_S = 4.0
+"""Shortest flight that is looked at beside others."""
+ENOUGH_S = 8.0
+"""What all flights together have to hold."""
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What the log says of the motion at the ``n`` times ``grid.t``; NaN where it says nothing.
+
+    ``force`` (n, 3) specific force [m/s^2] and ``gyro`` (n, 3) [rad/s], body FRD; ``rotation`` (n, 3, 3) body to world;
+    ``position`` (n, 3) [m] and ``velocity`` (n, 3) [m/s], world NED. ``gyro_hz`` is 0 without a gyro.
+    """
+
+    grid: Grid
+    force: Array
+    gyro: Array
+    gyro_hz: float
+    rotation: Array
+    position: Array
+    velocity: Array
+
+    @property
+    def kinematic_bias(self) -> Array:
+        """Accelerometer minus the specific force of velocity and attitude (n, 3) [m/s^2], body FRD; NaN without."""
+        if not np.isfinite(self.velocity).any():
+            return np.full_like(self.force, np.nan)
+        accel = rate_of_change(self.velocity, self.grid.rate)
+        accel[:, 2] -= GRAVITY
+        out: Array = self.force - np.einsum("nji,nj->ni", self.rotation, accel)
+        return out
+
+
+def read_motion(log: FlightLog) -> Motion:
+    """The motion over the time with IMU and attitude. Raises LogError in one line where one is missing or too slow."""
+    if not log.imus:
+        raise LogError(
+            f"{log.path}: no HIGHRES_IMU, RAW_IMU or SCALED_IMU: without an accelerometer no force can be judged"
+        )
+    if log.attitude is None:
+        raise LogError(f"{log.path}: no ATTITUDE or ATTITUDE_QUATERNION; stream one of them")
+    imu: ImuRecord = max(log.imus, key=lambda i: (i.specific_force.rate_hz >= FORCE_RATE_HZ, i is log.imus[0]))
+    start = max(imu.specific_force.t_s[0], log.attitude.t_s[0])
+    end = min(imu.specific_force.t_s[-1], log.attitude.t_s[-1])
+    if end - start < SHORTEST_S:
+        raise LogError(
+            f"{log.path}: only {max(end - start, 0.0):.0f} s with IMU and attitude; record {ENOUGH_S:.0f} s at least"
+        )
+    rate = min(imu.specific_force.rate_hz, FASTEST_HZ)
+    if rate < FORCE_RATE_HZ:
+        raise LogError(
+            f"{log.path}: {imu.source} at {rate:.1f} Hz is too slow for forces; ask for {FORCE_RATE_HZ:.0f} Hz or more"
+        )
+    grid = Grid(start, end, rate, min(CUT_OFF_HZ, rate / 4.0))
+    gyro = imu.gyro if len(imu.gyro) and np.isfinite(imu.gyro.values).any() else log.rates
+    return Motion(
+        grid,
+        imu.specific_force.at(grid.t, MAX_GAP_S),
+        _columns(gyro, grid.t, MAX_GAP_S),
+        0.0 if gyro is None else gyro.rate_hz,
+        rotation_from_quaternion(_unit(log.attitude.at(grid.t, MAX_GAP_S))),
+        _columns(log.position, grid.t, POSITION_GAP_S),
+        _columns(log.velocity, grid.t, POSITION_GAP_S),
+    )
+
+
+def judged_axes(log: FlightLog, vehicle: Vehicle, motion: Motion) -> tuple[list[int], list[str]]:
+    """Axes of the wrench that the log can judge, and a note where it is not all six."""
+    if motion.gyro_hz < MOMENT_RATE_HZ:
+        needed = f"{MOMENT_RATE_HZ:.0f} Hz needed"
+        return [0, 1, 2], [f"gyro at {motion.gyro_hz:.0f} Hz: too slow for moments ({needed}), forces only"]
+    if vehicle.throttle is not None and equal_outputs(log, vehicle):
+        return [0, 1, 2], ["all servo outputs are copies of one number: moments cannot be judged, forces only"]
+    return list(range(6)), []
+
+
+def _columns(series: Series | None, t: Array, gap_s: float) -> Array:
+    return np.full((len(t), 3), np.nan) if series is None else series.at(t, gap_s)
+
+
+def _unit(q: Array) -> Array:
+    with np.errstate(invalid="ignore"):
+        unit: Array = q / np.linalg.norm(q, axis=1, keepdims=True)
+    return unit
