@@ -45,16 +45,31 @@ from models.vehicle import Rangefinder
 from models.vehicle_plausibility import warnings
 
 LISTEN_S = 10.0
+"""Long enough for a heartbeat and a parameter's answer several times over."""
 _IN_AIR = 2
+"""MAV_LANDED_STATE_IN_AIR."""
 _DATE_S = 1_704_067_200.0
 """1 January 2024: a computer whose clock says less has not been set since its start."""
 _FREE_BYTES = 1 << 30
+"""An hour of flight is recorded in some 200 MB; less than this is said."""
 _HOVER_SHARE = 0.15
+"""Disagreement of hover thrusts that is said: Tuning.hover_disagreement."""
+_LEAST_HZ = 5.0
+"""Of ranges and rotor speeds: slower, every single reading is too old for the next (Tuning.range_age_s)."""
+_RANGE_HZ = 10.0
+"""From here on a lost reading is not missed."""
+_USABLE = 0.5
+"""Share of the readings that must be usable."""
+_REACH_M = (1.0, 0.5)
+"""A rangefinder must reach this far, and begin this near: the air of ground and wall is felt in between."""
+_ALIKE = (0.6, 1.6)
+"""Speed of a rotor over the median of all: beyond, a pole count or an ESC number is wrong."""
 _LIFT = (0.75, 1.3)
 """Modelled lift over weight in hover: beyond, rotor speeds, model and mass do not belong to one vehicle."""
 _CLIMB_M_S = 0.3
+"""Faster than this vertically, it does not hover."""
 _SEEN_S = 2.0
-"""So long in the air tells about hover."""
+"""Hover is judged after so long in the air."""
 
 
 class Verdict(Enum):
@@ -371,6 +386,7 @@ def _same_way(a: int, b: int) -> bool:
 
 
 def _range(sensor: Rangefinder, heard: Listener) -> Item:
+    """One declared rangefinder."""
     name = f"range {sensor.orientation}"
     readings = [r for o, rs in heard.ranges.items() if _same_way(o, sensor.orientation) for r in rs]
     if not readings:
@@ -380,21 +396,30 @@ def _range(sensor: Rangefinder, heard: Listener) -> Item:
             f"set RNGFNDn_ORIENT (PX4: SENS_*_ROT) to {sensor.orientation}, or mend the vehicle file",
         )  # fmt: skip
     hz = len({r.t_s for r in readings}) / max(heard.duration_s, 1e-3)
-    usable = sum(r.verdict in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX) for r in readings) / len(readings)
     low, high = readings[-1].min_m, readings[-1].max_m
     values = [r.distance_m for r in readings if r.verdict is RangeVerdict.OK]
     shown = f"{median(values):.2f} m" if values else "nothing in reach"
     text = f"to the {sensor.target}: {shown}, limits {low:g} to {high:g} m, {hz:.1f} Hz"
-    if hz < 5.0:
-        return _bad(name, f"{text}; at least 5 Hz needed", "raise the rate of DISTANCE_SENSOR on this port")
-    if usable < 0.5:
-        worst = Counter(r.verdict.value for r in readings).most_common(1)[0][0]
-        if worst == RangeVerdict.BELOW_MIN.value and not heard.flying:
-            return _odd(name, f"{text}; below its least distance on the ground", "RNGFNDn_MIN, or a look in hover")
-        return _bad(name, f"{text}; {100.0 * (1.0 - usable):.0f} % not usable ({worst})", "RNGFNDn_MIN and RNGFNDn_MAX")
-    if high < 1.0 or low > 0.5:
+    if hz < _LEAST_HZ:
+        return _bad(name, f"{text}; at least {_LEAST_HZ:g} Hz needed", "raise the rate of DISTANCE_SENSOR on this port")
+    unusable = _unusable(name, text, readings, heard.flying)
+    if unusable is not None:
+        return unusable
+    if high < _REACH_M[0] or low > _REACH_M[1]:
         return _odd(name, f"{text}: too narrow for ground and wall", "RNGFNDn_MIN and RNGFNDn_MAX")
-    return _good(name, text) if hz >= 10.0 else _odd(name, f"{text}; 10 Hz wanted", "DISTANCE_SENSOR's rate")
+    good = hz >= _RANGE_HZ
+    return _good(name, text) if good else _odd(name, f"{text}; {_RANGE_HZ:g} Hz wanted", "DISTANCE_SENSOR's rate")
+
+
+def _unusable(name: str, text: str, readings: list[Range], flying: bool) -> Item | None:
+    """What is said where most readings cannot be used; None where they can."""
+    usable = sum(r.verdict in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX) for r in readings) / len(readings)
+    if usable >= _USABLE:
+        return None
+    worst = Counter(r.verdict.value for r in readings).most_common(1)[0][0]
+    if worst == RangeVerdict.BELOW_MIN.value and not flying:
+        return _odd(name, f"{text}; below its least distance on the ground", "RNGFNDn_MIN, or a look in hover")
+    return _bad(name, f"{text}; {100.0 * (1.0 - usable):.0f} % not usable ({worst})", "RNGFNDn_MIN and RNGFNDn_MAX")
 
 
 def _rotors(heard: Listener, setup: Setup) -> Iterator[Item]:
@@ -411,24 +436,30 @@ def _rotors(heard: Listener, setup: Setup) -> Iterator[Item]:
         )  # fmt: skip
         return
     hz = len(heard.rpm[escs[0]]) / max(heard.duration_s, 1e-3)
-    if hz < 5.0:
-        yield _bad("rotor speeds", f"{hz:.1f} Hz; at least 5 Hz needed", "the rate of ESC_TELEMETRY or ESC_STATUS")
-        return
-    if not heard.flying:
+    if hz < _LEAST_HZ:
+        text = f"{hz:.1f} Hz; at least {_LEAST_HZ:g} Hz needed"
+        yield _bad("rotor speeds", text, "the rate of ESC_TELEMETRY or ESC_STATUS")
+    elif not heard.flying:
         yield _good("rotor speeds", f"from {len(escs)} ESCs at {hz:.1f} Hz; how they fit the lift is seen in the air")
-        return
-    speeds = {esc: median(abs(v) for v in heard.rpm[esc] if not math.isnan(v)) for esc in escs}
-    zero = [esc for esc, rpm in speeds.items() if rpm < 1.0]
-    usual = median(speeds.values())
-    far = [esc for esc, rpm in speeds.items() if esc not in zero and not 0.6 < rpm / max(usual, 1.0) < 1.6]
-    if zero:
-        yield _bad("rotor speeds", f"ESC {', '.join(map(str, zero))} reads 0 in the air", "its wire or number")
-    elif far:
-        shown = ", ".join(f"{esc}: {speeds[esc]:.0f}" for esc in escs)
-        yield _odd("rotor speeds", f"far from the others: {', '.join(map(str, far))} of {shown} rpm", "poles per motor")
     else:
-        yield _good("rotor speeds", f"{min(speeds.values()):.0f} to {max(speeds.values()):.0f} rpm at {hz:.1f} Hz")
-    yield from _lift(heard)
+        yield _speeds_in_the_air(escs, hz, heard)
+        yield from _lift(heard)
+
+
+def _speeds_in_the_air(escs: list[int], hz: float, heard: Listener) -> Item:
+    """Whether every rotor turns, and all about alike."""
+    speeds = {esc: median([abs(v) for v in heard.rpm[esc] if not math.isnan(v)] or [0.0]) for esc in escs}
+    zero = [esc for esc, rpm in speeds.items() if rpm < 1.0]
+    if zero:
+        return _bad("rotor speeds", f"ESC {', '.join(map(str, zero))} reads 0 in the air", "its wire or number")
+    usual, (low, high) = median(speeds.values()), _ALIKE
+    far = [esc for esc, rpm in speeds.items() if not low < rpm / max(usual, 1.0) < high]
+    if far:
+        shown = ", ".join(f"{esc}: {speeds[esc]:.0f}" for esc in escs)
+        return _odd(
+            "rotor speeds", f"far from the others: {', '.join(map(str, far))} of {shown} rpm", "poles per motor"
+        )
+    return _good("rotor speeds", f"{min(speeds.values()):.0f} to {max(speeds.values()):.0f} rpm at {hz:.1f} Hz")
 
 
 def _lift(heard: Listener) -> Iterator[Item]:

@@ -42,11 +42,13 @@ from models.vehicle import Limits, Vehicle
 
 _HEARTBEAT, _PARAM_REQUEST_READ, _COMMAND_LONG, _NAMED_VALUE_FLOAT, _STATUSTEXT = 0, 20, 76, 251, 253
 _SET_MESSAGE_INTERVAL, _DO_SET_MODE, _PX4_HOLD = 511, 176, (4.0, 3.0)
+"""MAVLink numbers: messages, commands, and PX4's main and sub mode of Hold."""
 _DECLARED = (
     _HEARTBEAT, _PARAM_REQUEST_READ, _COMMAND_LONG, SET_ATTITUDE_TARGET, SET_POSITION_TARGET, _NAMED_VALUE_FLOAT,
     _STATUSTEXT,
 )  # fmt: skip
 _THROTTLE_IGNORED, _ON_GROUND, _INVALID = 64, 1, 8
+"""ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE, MAV_LANDED_STATE_ON_GROUND, MAV_AUTOPILOT_INVALID."""
 _ATTITUDE, _POSITION = struct.Struct("<I8fBBB"), struct.Struct("<I11fHBBB")
 _COMMAND, _NAMED = struct.Struct("<7fHBBB"), struct.Struct("<If10s")
 
@@ -57,16 +59,19 @@ _PERIOD_S = 0.03
 _OLD_S = 0.3
 """A setpoint answers an attitude not older than this."""
 _HAND_OVER_S = 1.6
-"""At the end the same place (or level) is told again and again, for a second."""
+"""At the end the same place (or level) is sent again and again, for a second."""
 _LINK_S = 3.6
 """Three seconds without a heartbeat, and half a second of letting go."""
 _LEVEL_RAD = math.radians(0.5)
+"""Tilt below which a setpoint counts as level."""
 _UNIT = 1e-3
 """ArduPilot and PX4 refuse quaternions that are further from 1 than this."""
 _NOTHING = 1e-6
+"""Offsets below this (of full throttle, rad) are zero."""
 _WIRE = 1e-6
 """Rounding of 32-bit floats, at the size of angles and thrusts."""
 _SAME_BEAM_COS = 0.98
+"""Two beams within 11 degrees look the same way."""
 _SLEW_GAP_S = 0.1
 """A longer time between two decisions counts as this."""
 
@@ -375,7 +380,7 @@ class Auditor:
         self._check(Promise.LIMITS, inside, f"{math.degrees(angle):.2f} deg and {change:+.3f} from upstream's")
 
     def _named_value(self, name: str, value: float) -> None:
-        """The offsets as they are told; thrust, roll and pitch come one after the other."""
+        """The offsets as telemetry has them; thrust, roll and pitch come one after the other."""
         if name not in ("cc_thrust", "cc_roll", "cc_pitch"):
             return
         self._named[name] = value

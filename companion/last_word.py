@@ -1,4 +1,4 @@
-"""A second, tiny process that speaks once the first one is dead or silent: it tells the autopilot where to stay.
+"""A second, small process that speaks once the first one is dead or silent: it says to the autopilot where to stay.
 
 Killed outright (``kill -9``, out of memory) or not scheduled (swap, a slow SD card) a companion leaves its last tilt
 behind, for all of GUID_TIMEOUT on ArduPilot, which then levels and drifts. The child inherits the link and holds one

@@ -1,4 +1,4 @@
-"""Tells systemd that the flight loop is alive (sd_notify(3)): one datagram to the socket in $NOTIFY_SOCKET.
+"""Reports to systemd that the flight loop is alive (sd_notify(3)): one datagram to the socket in $NOTIFY_SOCKET.
 
 With WatchdogSec= in the unit, systemd restarts a loop that hangs. Without the variable, as on a terminal, nothing is
 sent. The protocol is a line of text a message, so no library is needed.

@@ -18,6 +18,7 @@ _EPILOG = """exit codes: 0 every promise was kept; 1 one was not; 2 bad argument
 without the companion's own messages; 130 interrupted. What the promises mean: docs/safety.md."""
 _BROKEN = 1
 _EVERY = 20_000
+"""Frames between two moves of the progress bar."""
 
 
 def add_parser(commands: Any) -> None:

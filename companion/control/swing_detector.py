@@ -19,9 +19,11 @@ _SHORTEST_S, _LONGEST_S = 0.15, 2.5
 _ALIKE = 2.2
 """Longest over shortest of the half waves of one swing."""
 _KEPT = 0.9
-"""Two half waves at least this share of the two before: a swing that dies out by itself is let be."""
+"""Two half waves at least this share of the two before: a swing that dies out by itself is left alone."""
 _HALVES = 4
+"""Half waves that make a swing: two whole ones."""
 _FORGET_S = 6.0
+"""A half wave that lasts longer than this ends the count."""
 
 
 @dataclass(frozen=True)

@@ -28,14 +28,21 @@ import numpy as np
 from models.corner_law import ClosedForm
 
 RPM_HOVER = 4000.0
-PAPER_CT = 0.0450662  # T/(rho A Omega^2 R^2) of the paper's coaxial fan: half of 4.6 kg at 4000 rpm
+"""Rotor speed at which the paper's vehicle hovers."""
+PAPER_CT = 0.0450662
+"""T/(rho A Omega^2 R^2) of the paper's coaxial fan: half of 4.6 kg at 4000 rpm."""
 PAPER_CQ = 0.0079722
+"""Q/(rho A Omega^2 R^3) of one rotor of it: an engineering estimate."""
 REYNOLDS_EXPONENT = 0.055
+"""Growth of C_T with rotor speed, a power of it: an engineering estimate, other than the surrogate's."""
 
 
 @dataclass(frozen=True)
 class LawConstants:
-    """Constants of the law: lengths in rotor radii, strengths as shares of free-air thrust (moments: of T0 R)."""
+    """Constants of the law: lengths in rotor radii, strengths as shares of free-air thrust (moments: of T0 R).
+
+    ``ground_curve`` is Hayden's; all others are engineering estimates (see the head of this file).
+    """
 
     ground_gain: float = 1.15
     ground_curve: float = 0.152

@@ -24,9 +24,12 @@ from models.errors import LinkError
 from models.vehicle import Vehicle
 
 MAGIC_16, MAGIC_32 = 18458, 29569
+"""First number of a packet with 16 or 32 servo outputs (ArduPilot, SITL JSON interface)."""
 _HEADER = struct.Struct("<HHI")
 RATES_HZ = (50, 4000)
+"""Frame rates that are taken for real."""
 SENSORS_MAX = 6
+"""Rangefinders that the interface carries."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +107,7 @@ class JsonPhysics:
 
 
 def serve(physics: JsonPhysics, port: int, announce: Callable[[int], None], truth: Path | None = None) -> NoReturn:
-    """Answer on UDP ``port`` (0: any) until interrupted; ``announce`` is told the port, ``truth`` is written."""
+    """Answer on UDP ``port`` (0: any) until interrupted; ``announce`` gets the port, ``truth`` is written."""
     record: BodyTruthFile | None = None
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         try:

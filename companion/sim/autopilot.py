@@ -34,7 +34,29 @@ class Mode(IntEnum):
 STICK_MODES = (Mode.LOITER, Mode.POSHOLD)
 """Modes in which centred sticks hold the place and others fly a velocity."""
 STICKS_LOST_S = 0.5
+"""Sticks heard longer ago than this count as centred [s]."""
 TAKE_OFF_ACCEL = 1.0
+"""Of a take-off [m/s^2]: ArduCopter's WPNAV_ACCEL_Z."""
+LAND_SPEED_M_S = 0.3
+"""Sinking in LAND: ArduCopter's LAND_SPEED is 0.5; less, since the script lands beside a wall."""
+SPOOL_S = 0.5
+"""From idle to full throttle: ArduCopter's MOT_SPOOL_TIME."""
+SPOOL_UP_1_S, SPOOL_UP_MOST = 0.25, 0.3
+"""Throttle added per second, and at most, beyond hover while a take-off waits on the ground."""
+LANDED_THROTTLE, LANDED_M_S, LANDED_S, AIRBORNE_S = 0.6, 0.2, 0.5, 0.1
+"""Land detector: throttle below this share of hover and vertical speed below this [m/s] for so long [s]; and how long
+[s] off the ground until it is in the air. ArduCopter waits for 1 s."""
+ARRIVED_M = 0.1
+"""A take-off is over this near to its height [m]."""
+MAX_TILT_RAD = math.radians(30.0)
+"""Of the position controller: ArduCopter's ANGLE_MAX."""
+VEL_I_MOST, RATE_I_MOST, THR_I_MOST = 4.0, 8.0, 0.5
+"""Most that integrators hold: horizontal acceleration [m/s^2], angular acceleration [rad/s^2], throttle [1]."""
+YAW_RATE_RAD_S = 1.0
+"""Most that the heading's target turns."""
+SHARE_20_HZ, SHARE_5_HZ = 0.27, 0.075
+"""Of the change per step of DT: first-order low passes of 20 Hz (ArduCopter's rate and PSC_ACCZ filters) and 5 Hz
+(PSC_VELXY_FLTE)."""
 
 
 class Guided(Enum):
@@ -48,7 +70,11 @@ class Guided(Enum):
 
 @dataclass
 class Gains:
-    """Position controller and attitude controller, named after ArduCopter's parameters."""
+    """Position controller and attitude controller, named after ArduCopter's parameters; SI and radians.
+
+    Chosen so that the answers come near those measured on ArduCopter 4.6 with its defaults (docs/simulator.md).
+    ``rate_*`` are angular accelerations per rad/s: the real ones act on normalised outputs.
+    """
 
     pos_xy: float = 1.2
     vel_xy_p: float = 2.5
@@ -161,6 +187,7 @@ class Autopilot:
     guid_timeout_s: float = 3.0
     speed_up_m_s: float = 2.5
     speed_down_m_s: float = 1.5
+    """Defaults of GUID_TIMEOUT, PILOT_SPEED_UP and PILOT_SPEED_DN."""
     lift_off_lead_m: float = 0.3
     """How far above the origin the target of a take-off waits until the vehicle has left the ground."""
     dt: float = DT
@@ -330,7 +357,7 @@ class Autopilot:
     def step(self, now: Estimate, touching: bool, time_s: float) -> list[float]:
         """One control step; returns the servo outputs [us]."""
         self.time_s = time_s
-        self._acc_filtered += (now.down_acceleration - self._acc_filtered) * 0.27  # 20 Hz
+        self._acc_filtered += (now.down_acceleration - self._acc_filtered) * SHARE_20_HZ
         self._watch_ground(now, touching)
         self._failsafe(now)
         if not self.armed:
@@ -344,7 +371,7 @@ class Autopilot:
             self.mixer.idle()
             self._relax(now)
             return self.mixer.pwm
-        self._spool = min(1.0, self._spool + self.dt / 0.5)
+        self._spool = min(1.0, self._spool + self.dt / SPOOL_S)
         self.throttle = min(throttle, self._spool)
         boost = self._boost()
         roll, pitch, yaw = self._inner(now)
@@ -352,20 +379,20 @@ class Autopilot:
         return self.mixer.pwm
 
     def _boost(self) -> float:
-        """Throttle is divided by this, so that a lean costs no lift."""
+        """Throttle is divided by this, so that a tilt costs no lift."""
         return max(0.5, math.cos(self.shaped[0]) * math.cos(self.shaped[1]))
 
     def _watch_ground(self, now: Estimate, touching: bool) -> None:
-        if touching and self.throttle < 0.6 * self.hover and abs(now.velocity[2]) < 0.2:
+        if touching and self.throttle < LANDED_THROTTLE * self.hover and abs(now.velocity[2]) < LANDED_M_S:
             self._grounded_s += self.dt
         else:
             self._grounded_s = 0.0
-        if self._grounded_s > 0.5:
+        if self._grounded_s > LANDED_S:
             self.landed = True
             if self.mode is Mode.LAND:
                 self.armed = False
         self._airborne_s = 0.0 if touching else self._airborne_s + self.dt
-        if self._airborne_s > 0.1:
+        if self._airborne_s > AIRBORNE_S:
             self.landed = False
 
     def _relax(self, now: Estimate) -> None:
@@ -377,7 +404,7 @@ class Autopilot:
             self._reset_position(now)
 
     def _reset_position(self, now: Estimate) -> None:
-        """Hand-over to the position controller without a kick: the present lean and throttle become its integrators."""
+        """Hand-over to the position controller without a kick: the present tilt and throttle become its integrators."""
         self._north.reset(now.position[0], now.velocity[0])
         self._east.reset(now.position[1], now.velocity[1])
         self._down.reset(now.position[2], now.velocity[2])
@@ -397,22 +424,30 @@ class Autopilot:
         elif self.mode is Mode.RTL:
             self._return_home(now)
         if self.mode is Mode.LAND:
-            if not self.position_trusted:
-                self._demand_attitude(0.0, 0.0, self.shaped[2])
-                return self._climb(now, -0.3)
-            self.target.position = (self.target.position[0], self.target.position[1], None)
-            self.target.velocity = (0.0, 0.0, 0.3)
-            return self._position(now)
+            return self._land(now)
         if self.guided is Guided.ATTITUDE and self.mode in (Mode.GUIDED, Mode.GUIDED_NOGPS):
             return self._attitude_command(now)
         if self.mode is Mode.GUIDED_NOGPS:
             self._demand_attitude(0.0, 0.0, self.shaped[2])
             return self._climb(now, 0.0) if not self.landed else 0.0
+        return self._to_target(now)
+
+    def _land(self, now: Estimate) -> float:
+        """Sink where it is; level without a position."""
+        if not self.position_trusted:
+            self._demand_attitude(0.0, 0.0, self.shaped[2])
+            return self._climb(now, -LAND_SPEED_M_S)
+        self.target.position = (self.target.position[0], self.target.position[1], None)
+        self.target.velocity = (0.0, 0.0, LAND_SPEED_M_S)
+        return self._position(now)
+
+    def _to_target(self, now: Estimate) -> float:
+        """Position control, take-off included."""
         if self.landed and self.guided is not Guided.TAKEOFF:
             return 0.0
         if self.guided is Guided.TAKEOFF and self.landed:
             # Spool up on the ground, then let the position controller lift off.
-            self._thr_i = min(0.3, self._thr_i + 0.25 * self.dt)
+            self._thr_i = min(SPOOL_UP_MOST, self._thr_i + SPOOL_UP_1_S * self.dt)
         self._climb_away()
         self._end_take_off(now)
         stale = self.time_s - self.target.time_s > self.guid_timeout_s
@@ -429,7 +464,7 @@ class Autopilot:
 
     def _end_take_off(self, now: Estimate) -> None:
         height = self.target.position[2]
-        if self.taking_off and height is not None and abs(now.position[2] - height) < 0.1:
+        if self.taking_off and height is not None and abs(now.position[2] - height) < ARRIVED_M:
             self.guided = Guided.HOLD
 
     def _follow_sticks(self, now: Estimate) -> None:
@@ -504,14 +539,14 @@ class Autopilot:
         for i, axis in enumerate((self._north, self._east)):
             wanted = axis.velocity + g.pos_xy * (axis.position - now.position[i])
             error = wanted - now.velocity[i]
-            self._vel_i[i] = max(-4.0, min(4.0, self._vel_i[i] + g.vel_xy_i * error * dt))
+            self._vel_i[i] = max(-VEL_I_MOST, min(VEL_I_MOST, self._vel_i[i] + g.vel_xy_i * error * dt))
             slope = (error - self._vel_old[i]) / dt
             self._vel_old[i] = error
-            self._vel_slope[i] += (slope - self._vel_slope[i]) * 0.075  # 5 Hz
+            self._vel_slope[i] += (slope - self._vel_slope[i]) * SHARE_5_HZ
             demand[i] = axis.accel + g.vel_xy_p * error + self._vel_i[i] + g.vel_xy_d * self._vel_slope[i]
         c, s = math.cos(now.yaw), math.sin(now.yaw)
         ahead, right = c * demand[0] + s * demand[1], -s * demand[0] + c * demand[1]
-        limit = math.radians(30.0)
+        limit = MAX_TILT_RAD
         pitch = max(-limit, min(limit, -math.atan(ahead / GRAVITY)))
         roll = max(-limit, min(limit, math.atan(right * math.cos(pitch) / GRAVITY)))
         self._demand_attitude(roll, pitch, self.shaped[2] if t.yaw is None else t.yaw)
@@ -523,7 +558,7 @@ class Autopilot:
         accel = axis.accel + g.vel_z * (wanted - now.velocity[2])
         error = self._acc_filtered - accel  # positive: more throttle
         if not self.landed:
-            self._thr_i = max(-self.hover, min(0.5, self._thr_i + g.acc_z_i * error * self.dt))
+            self._thr_i = max(-self.hover, min(THR_I_MOST, self._thr_i + g.acc_z_i * error * self.dt))
         return max(0.0, min(1.0, self.hover + self._thr_i + g.acc_z_p * error))
 
     # -- attitude ---------------------------------------------------------------------------------------------------
@@ -539,7 +574,7 @@ class Autopilot:
             limit = g.accel_max[i]
             rate = square_root(error, 1.0 / g.input_tc, limit)
             if i == 2:
-                rate = max(-1.0, min(1.0, rate))
+                rate = max(-YAW_RATE_RAD_S, min(YAW_RATE_RAD_S, rate))
             self._shaped_rate[i] = towards(self._shaped_rate[i], rate, limit * dt)
             self.shaped[i] += self._shaped_rate[i] * dt
         self.shaped[2] = wrap(self.shaped[2])
@@ -562,13 +597,13 @@ class Autopilot:
         wanted = (er - sp * ey, cr * ep + sr * cp * ey, -sr * ep + cr * cp * ey)
         out = [0.0, 0.0, 0.0]
         for i in range(3):
-            self._rate_filtered[i] += (now.rates[i] - self._rate_filtered[i]) * 0.27  # 20 Hz
+            self._rate_filtered[i] += (now.rates[i] - self._rate_filtered[i]) * SHARE_20_HZ
             error = wanted[i] - self._rate_filtered[i]
             if not self.mixer.saturated and not self.landed:
-                self._rate_i[i] = max(-8.0, min(8.0, self._rate_i[i] + g.rate_i[i] * error * dt))
+                self._rate_i[i] = max(-RATE_I_MOST, min(RATE_I_MOST, self._rate_i[i] + g.rate_i[i] * error * dt))
             slope = (error - self._rate_error_old[i]) / dt
             self._rate_error_old[i] = error
-            self._rate_slope[i] += (slope - self._rate_slope[i]) * 0.27
+            self._rate_slope[i] += (slope - self._rate_slope[i]) * SHARE_20_HZ
             out[i] = g.rate_p[i] * error + self._rate_i[i] + g.rate_d[i] * self._rate_slope[i]
         ix, iy, iz = self.vehicle.inertia_kgm2
         return (ix * out[0], iy * out[1], iz * out[2])

@@ -22,16 +22,56 @@ from companion.sim.air import (
     Unsteadiness,
     increments,
 )
+from companion.sim.fan_wrench import (
+    DRAG_ARM_RADII,
+    INFLOW_PER_M_S,
+    ZERO6,
+    SimFan,
+    Wrench6,
+    added,
+    corner_wrench,
+    momentum_drag,
+    unsteady_wrench,
+)
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
 
 GRAVITY = 9.80665
+"""Standard gravity [m/s^2]."""
 DT = 0.0025
+"""Step [s]: ArduCopter's own main loop runs at 400 Hz."""
+SPIN_UP_S, SPIN_DOWN_S, SERVO_S = 0.04, 0.05, 0.025
+"""Time constants of a rotor that speeds up, slows down, and of a vane's servo [s]: usual for 0.33 m rotors on ESCs
+that do not brake, and for a digital servo; the companion is given none of them."""
+COEFFICIENT_SD, VANE_SD, HOVER_SD = 0.01, 0.03, 0.02
+"""Standard deviations of what the vehicle file has wrong, as shares: rotor coefficients, vanes, hover throttle."""
+PWM_LOW_US, PWM_SPAN_US = 1000.0, 1000.0
+"""Servo output of a stopped motor and from there to full [us], where the vehicle file has no [throttle]."""
+DUCTED_LIP = 1.1
+"""A lip this many rotor radii from the axis is a duct's."""
+OPEN_RAM = 0.35
+"""Share of the momentum drag of a duct that an open rotor has [1]: it turns only part of its flow. A choice."""
+FIGURE_OF_MERIT = 0.6
+"""Ideal over real power of a small rotor with its motor [1]: Leishman 2006, ch. 2, less the motor's losses."""
+AVIONICS_W = 15.0
+"""Drawn by everything that is no rotor [W]."""
+CURRENT_SHARE = 0.2
+"""Of a change of the current per step [1]: the battery's voltage follows within some 10 ms."""
+VANE_LIMIT_RAD = 0.5
+"""Mechanical stop of a vane [rad]: a choice."""
 GEAR_M = 0.13
 """The feet stand this far below the CG."""
+LEAST_STANCE_M = 0.15
+"""The feet stand at least this far from the CG, forward and sideways [m]."""
 GROUND_FRICTION, WALL_FRICTION = 0.6, 0.15
 """Rubber feet; a smooth bumper on the lip."""
 CONTACT_STIFFNESS = 50.0**2
 """Stiffness of a contact over the vehicle's mass [1/s^2]: it settles by 4 mm under its weight."""
+CONTACT_DAMPING = 0.7
+"""Damping ratio of a contact [1]: one small bounce."""
+NEAR_GROUND_M, NEAR_WALL_M = 0.2, 1.0
+"""Nearer than this to its feet the ground, and to its CG the wall, are looked at [m]; saves time further away."""
+SLIDE_M_S = 0.02
+"""Friction is proportional to the sliding speed below this [m/s]: keeps it smooth at rest."""
 
 SPIN_MIN, SPIN_MAX, THRUST_EXPO = 0.15, 0.95, 0.65
 """ArduPilot's defaults of MOT_SPIN_MIN, MOT_SPIN_MAX and MOT_THST_EXPO: where a motor idles, ends, and how it bends."""
@@ -57,8 +97,6 @@ PX4_MOTOR = MotorOutput(0.0, 1.0, 0.0)
 """PX4's default THR_MDL_FAC is 0: the command is the output, so lift is not proportional to it."""
 
 Vec = tuple[float, float, float]
-Wrench6 = tuple[float, float, float, float, float, float]
-ZERO6: Wrench6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -96,7 +134,7 @@ class Causes:
 
 @dataclass
 class Pack:
-    """A battery: open-circuit voltage falling with charge, behind a resistance."""
+    """A six-cell battery: open-circuit voltage falling with charge, behind a resistance (typical of LiPo packs)."""
 
     full_v: float = 25.0
     empty_v: float = 21.0
@@ -109,23 +147,9 @@ class Pack:
     def draw(self, power_w: float, dt: float) -> None:
         """Supply ``power_w`` for ``dt`` seconds."""
         open_v = self.full_v - (self.full_v - self.empty_v) * min(1.0, self.used_ah / self.capacity_ah)
-        self.current_a += (power_w / self.voltage_v - self.current_a) * 0.2
+        self.current_a += (power_w / self.voltage_v - self.current_a) * CURRENT_SHARE
         self.voltage_v = open_v - self.resistance_ohm * self.current_a
         self.used_ah += self.current_a * dt / 3600.0
-
-
-@dataclass(frozen=True)
-class _Fan:
-    """A fan prepared for the inner loop."""
-
-    x: float
-    y: float
-    z: float
-    lip: float
-    rotors: tuple[int, ...]
-    ct: float
-    cq_torque: tuple[float, ...]  # N m per rpm^2 and rotor, signed: the reaction on the body
-    net_torque: float  # N m per rpm^2 of a whole fan: scale of the law's unbalanced torque
 
 
 @dataclass(frozen=True)
@@ -172,64 +196,75 @@ class Body:
         self.radius = v.rotor_radius_m
         self._area = v.disc_area_m2
         self.density = RHO_SEA_LEVEL
-        per_rpm2 = RHO_SEA_LEVEL * self._area * (2.0 * math.pi / 60.0 * self.radius) ** 2
-        self._per_rpm2 = per_rpm2
-        self._fans: list[_Fan] = []
-        first = 0
-        for fan in v.fans:
-            count = len(fan.rotors)
-            each = (fan.cq or 0.0) / count * per_rpm2 * self.radius
-            self._fans.append(
-                _Fan(
-                    *fan.position_m,
-                    lip=fan.lip_radius_m,
-                    rotors=tuple(range(first, first + count)),
-                    ct=(fan.ct or PAPER_CT) * rng.gauss(1.0, 0.01),
-                    cq_torque=tuple(-r.spin * each for r in fan.rotors),
-                    net_torque=(fan.cq or PAPER_CQ) * per_rpm2 * self.radius * (fan.ct is None),
-                )
-            )
-            first += count
+        self._per_rpm2 = RHO_SEA_LEVEL * self._area * (2.0 * math.pi / 60.0 * self.radius) ** 2
+        self._fans = self._prepared_fans(rng)
         self._vanes = [
             _Vane(
                 n.servo - 1,
                 n.fan - 1,
                 n.position_m,
                 n.axis,
-                n.force_per_thrust_rad * rng.gauss(1.0, 0.03),
+                n.force_per_thrust_rad * rng.gauss(1.0, VANE_SD),
                 n.neutral_us,
                 n.rad_per_us,
             )
             for n in v.vanes
         ]
-        self.rotor_channels = tuple((r.esc or r.servo or 1) - 1 for r in v.rotors)
-        self._rotor_gain = [rng.gauss(1.0, 0.01) for _ in v.rotors]
-        curve = v.throttle
-        self._pwm_low = curve.pwm_min_us if curve else 1000.0
-        self._pwm_span = (curve.pwm_max_us - curve.pwm_min_us) if curve else 1000.0
-        self._expo = curve.expo if curve else THRUST_EXPO
-        # Full thrust such that the file's hover throttle hovers, a few percent off: nobody weighs before each flight.
-        hover = v.hover_thrust * rng.gauss(1.0, 0.02)
-        weight_each = v.mass_kg * GRAVITY / len(v.fans)
-        full = weight_each / thrust_share(self.motor.output(hover), self._expo)
-        if curve:
-            full = curve.max_thrust_n * len(v.fans[0].rotors)
-        self._rpm_full = math.sqrt(full / (per_rpm2 * self._fans[0].ct))
-        self._ducted = v.fans[0].lip_radius_m > 1.1 * self.radius
-        self._ram = 1.0 if self._ducted else 0.35  # an open rotor turns only part of its flow
-        ideal = math.sqrt((4.0 if self._ducted else 2.0) * RHO_SEA_LEVEL * self._area)
-        self._power_per_thrust15 = 1.0 / (ideal * 0.6)
-        hover_power = len(v.fans) * weight_each**1.5 * self._power_per_thrust15
-        self._hover_v = self.pack.full_v - self.pack.resistance_ohm * hover_power / self.pack.full_v
+        self._prepare_rotors(rng)
         self.rpm = [0.0] * len(v.rotors)
         self.deflection = [0.0] * len(v.vanes)
         self._unsteady = Unsteadiness(f"unsteady {self.seed}", 6 * len(v.fans), self.dt)
         self.change_step(self.dt)
-        reach_x = max(0.15, max(abs(f.x) for f in self._fans))
-        reach_y = max(0.15, max(abs(f.y) for f in self._fans))
+        self._prepare_contacts()
+
+    def _prepared_fans(self, rng: random.Random) -> list[SimFan]:
+        fans: list[SimFan] = []
+        first = 0
+        for fan in self.vehicle.fans:
+            count = len(fan.rotors)
+            each = (fan.cq or 0.0) / count * self._per_rpm2 * self.radius
+            fans.append(
+                SimFan(
+                    *fan.position_m,
+                    lip=fan.lip_radius_m,
+                    rotors=tuple(range(first, first + count)),
+                    ct=(fan.ct or PAPER_CT) * rng.gauss(1.0, COEFFICIENT_SD),
+                    cq_torque=tuple(-r.spin * each for r in fan.rotors),
+                    net_torque=(fan.cq or PAPER_CQ) * self._per_rpm2 * self.radius * (fan.ct is None),
+                )
+            )
+            first += count
+        return fans
+
+    def _prepare_rotors(self, rng: random.Random) -> None:
+        """From output to speed, and the power that it draws."""
+        v, curve = self.vehicle, self.vehicle.throttle
+        self.rotor_channels = tuple((r.esc or r.servo or 1) - 1 for r in v.rotors)
+        self._rotor_gain = [rng.gauss(1.0, COEFFICIENT_SD) for _ in v.rotors]
+        self._pwm_low = curve.pwm_min_us if curve else PWM_LOW_US
+        self._pwm_span = (curve.pwm_max_us - curve.pwm_min_us) if curve else PWM_SPAN_US
+        self._expo = curve.expo if curve else THRUST_EXPO
+        # Full thrust such that the file's hover throttle hovers, a few percent off: nobody weighs before each flight.
+        hover = v.hover_thrust * rng.gauss(1.0, HOVER_SD)
+        weight_each = v.mass_kg * GRAVITY / len(v.fans)
+        full = weight_each / thrust_share(self.motor.output(hover), self._expo)
+        if curve:
+            full = curve.max_thrust_n * len(v.fans[0].rotors)
+        self._rpm_full = math.sqrt(full / (self._per_rpm2 * self._fans[0].ct))
+        self._ducted = v.fans[0].lip_radius_m > DUCTED_LIP * self.radius
+        self._ram = 1.0 if self._ducted else OPEN_RAM
+        ideal = math.sqrt((4.0 if self._ducted else 2.0) * RHO_SEA_LEVEL * self._area)
+        self._power_per_thrust15 = 1.0 / (ideal * FIGURE_OF_MERIT)
+        hover_power = len(v.fans) * weight_each**1.5 * self._power_per_thrust15
+        self._hover_v = self.pack.full_v - self.pack.resistance_ohm * hover_power / self.pack.full_v
+
+    def _prepare_contacts(self) -> None:
+        reach_x = max(LEAST_STANCE_M, max(abs(f.x) for f in self._fans))
+        reach_y = max(LEAST_STANCE_M, max(abs(f.y) for f in self._fans))
         self._feet = [(sx * reach_x, sy * reach_y, GEAR_M) for sx in (-1, 1) for sy in (-1, 1)]
-        self._spring = v.mass_kg * CONTACT_STIFFNESS / 4.0
-        self._damper = 2.0 * 0.7 * v.mass_kg * 50.0 / 4.0
+        each = self.vehicle.mass_kg / len(self._feet)
+        self._spring = each * CONTACT_STIFFNESS
+        self._damper = 2.0 * CONTACT_DAMPING * each * math.sqrt(CONTACT_STIFFNESS)
         self._wall_cos = math.cos(self.surroundings.wall_azimuth_rad)
         self._wall_sin = math.sin(self.surroundings.wall_azimuth_rad)
 
@@ -237,9 +272,9 @@ class Body:
         """Steps of another length [s] from here on."""
         self.dt = dt
         self._unsteady.change_step(dt)
-        self._spin_up = 1.0 - math.exp(-dt / 0.04)
-        self._spin_down = 1.0 - math.exp(-dt / 0.05)
-        self._servo = 1.0 - math.exp(-dt / 0.025)
+        self._spin_up = 1.0 - math.exp(-dt / SPIN_UP_S)
+        self._spin_down = 1.0 - math.exp(-dt / SPIN_DOWN_S)
+        self._servo = 1.0 - math.exp(-dt / SERVO_S)
 
     @property
     def lip_reach_m(self) -> float:
@@ -255,7 +290,7 @@ class Body:
     @property
     def drag_arm_m(self) -> float:
         """How far above the CG the momentum drag acts."""
-        return 0.75 * self.radius - sum(f.z for f in self._fans) / len(self._fans)
+        return DRAG_ARM_RADII * self.radius - sum(f.z for f in self._fans) / len(self._fans)
 
     @property
     def clearance_m(self) -> float:
@@ -313,86 +348,56 @@ class Body:
 
     def _air(self, pwm: Sequence[float], rot: tuple[float, ...]) -> None:
         """Everything the air does, by cause."""
-        px, py, pz = self.position
         vn, ve, vd = (v - w for v, w in zip(self.velocity, self.wind, strict=True))
-        s, radius = self.surroundings, self.radius
         # velocity through the air, body axes
         u = rot[0] * vn + rot[3] * ve + rot[6] * vd
         v = rot[1] * vn + rot[4] * ve + rot[7] * vd
         w = rot[2] * vn + rot[5] * ve + rot[8] * vd
-        yaw = math.atan2(rot[3], rot[0])
-        bearing = s.wall_azimuth_rad - yaw
+        bearing = self.surroundings.wall_azimuth_rad - math.atan2(rot[3], rot[0])
         cb, sb = math.cos(bearing), math.sin(bearing)
-        cosa, sina = self._wall_cos, self._wall_sin
-        fz = mx = my = mz = 0.0
-        cx = cy = cz = cmx = cmy = cmz = 0.0
-        ux = uy = uz = umx = umy = umz = 0.0
-        dx = dy = dmx = dmy = dmz = 0.0
-        noise = self._unsteady.step()
+        noise, radius, rpm = self._unsteady.step(), self.radius, self.rpm
+        inflow = 1.0 + INFLOW_PER_M_S * w
+        fz = mx = my = mz = power = 0.0
+        corner = unsteady = drag = ZERO6
         lifts = []
-        power = 0.0
-        rpm = self.rpm
-        inflow = 1.0 + 0.062 * w  # climbing (w < 0) unloads a rotor, 6 % per m/s
         for i, fan in enumerate(self._fans):
             square = 0.0
             for k in fan.rotors:
                 square += rpm[k] * rpm[k]
             square /= len(fan.rotors)
-            speed = math.sqrt(square)
-            t0 = fan.ct * self._per_rpm2 * square * (max(speed, 1.0) / RPM_HOVER) ** REYNOLDS_EXPONENT * inflow
+            reynolds = (max(math.sqrt(square), 1.0) / RPM_HOVER) ** REYNOLDS_EXPONENT
+            t0 = fan.ct * self._per_rpm2 * square * reynolds * inflow
             power += max(t0, 0.0) ** 1.5 * self._power_per_thrust15
-            if s.air:
-                n = px + rot[0] * fan.x + rot[1] * fan.y + rot[2] * fan.z
-                e = py + rot[3] * fan.x + rot[4] * fan.y + rot[5] * fan.z
-                h = -(pz + rot[6] * fan.x + rot[7] * fan.y + rot[8] * fan.z)
-                d = s.wall_m - n * cosa - e * sina - fan.lip
-                inc = self._increments(h / radius, d / radius, -n * sina + e * cosa)
-            else:
-                inc = Increments(rms=self.law.rms_free)
+            inc = self._near_air(fan, rot)
             # the free fan
             fz -= t0
             mx -= fan.y * t0
             my += fan.x * t0
             for k, torque in zip(fan.rotors, fan.cq_torque, strict=True):
                 mz += torque * rpm[k] * rpm[k]
-            # what ground and wall add: corner frame -> body, then to the CG
-            a, b, c = t0 * inc.x, t0 * inc.y, t0 * inc.z
-            ma, mb = t0 * radius * inc.mx, t0 * radius * inc.my
-            bx, by, bz = cb * a + sb * b, sb * a - cb * b, -c
-            cx += bx
-            cy += by
-            cz += bz
-            cmx += cb * ma + sb * mb + fan.y * bz - fan.z * by
-            cmy += sb * ma - cb * mb + fan.z * bx - fan.x * bz
-            cmz += fan.x * by - fan.y * bx - fan.net_torque * square * inc.mz
-            # unsteadiness: thrust by the law's rms, side force and tilt a third of it
-            scale = t0 * inc.rms
-            j = 6 * i
-            bx, by, bz = 0.33 * scale * noise[j], 0.33 * scale * noise[j + 1], -scale * noise[j + 2]
-            third = 0.33 * scale * radius
-            ux += bx
-            uy += by
-            uz += bz
-            umx += third * noise[j + 3] + fan.y * bz - fan.z * by
-            umy += third * noise[j + 4] + fan.z * bx - fan.x * bz
-            umz += 0.3 * third * noise[j + 5] + fan.x * by - fan.y * bx
-            # momentum drag of the air taken in, acting three quarters of a radius above the fan
             flow = math.sqrt(self.density * self._area * max(t0, 0.0)) * self._ram
-            bx, by, arm = -flow * u, -flow * v, fan.z - 0.75 * radius
-            dx += bx
-            dy += by
-            dmx -= arm * by
-            dmy += arm * bx
-            dmz += fan.x * by - fan.y * bx
-            lifts.append(t0 * (1.0 + inc.z + inc.rms * noise[j + 2]))
-        vane_wrench = self._vane_wrench(pwm, lifts)
+            corner = added(corner, corner_wrench(fan, t0, square, inc, radius, cb, sb))
+            unsteady = added(unsteady, unsteady_wrench(fan, t0 * inc.rms, noise, 6 * i, radius))
+            drag = added(drag, momentum_drag(fan, flow, u, v, radius))
+            lifts.append(t0 * (1.0 + inc.z + inc.rms * noise[6 * i + 2]))
         causes = self.causes
         causes.free = (0.0, 0.0, fz, mx, my, mz)
-        causes.corner = (cx, cy, cz, cmx, cmy, cmz)
-        causes.unsteady = (ux, uy, uz, umx, umy, umz)
-        causes.drag = (dx, dy, 0.0, dmx, dmy, dmz)
-        causes.vanes = vane_wrench
-        self.pack.draw(power + 15.0, self.dt)
+        causes.corner, causes.unsteady, causes.drag = corner, unsteady, drag
+        causes.vanes = self._vane_wrench(pwm, lifts)
+        self.pack.draw(power + AVIONICS_W, self.dt)
+
+    def _near_air(self, fan: SimFan, rot: tuple[float, ...]) -> Increments:
+        """What ground and wall do to one fan where it is."""
+        s = self.surroundings
+        if not s.air:
+            return Increments(rms=self.law.rms_free)
+        px, py, pz = self.position
+        n = px + rot[0] * fan.x + rot[1] * fan.y + rot[2] * fan.z
+        e = py + rot[3] * fan.x + rot[4] * fan.y + rot[5] * fan.z
+        h = -(pz + rot[6] * fan.x + rot[7] * fan.y + rot[8] * fan.z)
+        d = s.wall_m - n * self._wall_cos - e * self._wall_sin - fan.lip
+        along = -n * self._wall_sin + e * self._wall_cos
+        return self._increments(h / self.radius, d / self.radius, along)
 
     def _increments(self, eta: float, delta: float, along_m: float) -> Increments:
         share = self.surroundings.wall_share(along_m, self.radius)
@@ -411,7 +416,7 @@ class Body:
         for k, vane in enumerate(self._vanes):
             us = pwm[vane.channel]
             target = vane.per_us * (us - vane.neutral) if us > 0.0 else 0.0  # 0: no pulse, the vane stays
-            self.deflection[k] += (max(-0.5, min(0.5, target)) - self.deflection[k]) * self._servo
+            self.deflection[k] += (max(-VANE_LIMIT_RAD, min(VANE_LIMIT_RAD, target)) - self.deflection[k]) * self._servo
             side = vane.gain * self.deflection[k] * lifts[vane.fan]
             bx, by, bz = side * vane.axis[0], side * vane.axis[1], side * vane.axis[2]
             x, y, z = vane.position
@@ -426,8 +431,8 @@ class Body:
     def _contact(self, rot: tuple[float, ...]) -> None:
         """Feet on the ground and lips on the wall: spring, damper and friction."""
         pz = self.position[2]
-        near_ground = pz > -(GEAR_M + 0.2)
-        near_wall = self.wall_gap_m < 1.0
+        near_ground = pz > -(GEAR_M + NEAR_GROUND_M)
+        near_wall = self.wall_gap_m < NEAR_WALL_M
         self.contact = self.wall_contact = False
         if not near_ground and not near_wall:
             self.causes.contact = ZERO6
@@ -437,7 +442,7 @@ class Body:
             for point in self._feet:
                 depth = pz + rot[6] * point[0] + rot[7] * point[1] + rot[8] * point[2]
                 if depth > 0.0:
-                    self._push(total, rot, point, (0.0, 0.0, 1.0), depth, GROUND_FRICTION)
+                    self._press(total, rot, point, (0.0, 0.0, 1.0), depth, GROUND_FRICTION)
         if near_wall:
             into = (self._wall_cos, self._wall_sin, 0.0)
             bx, by = rot[0] * into[0] + rot[3] * into[1], rot[1] * into[0] + rot[4] * into[1]
@@ -450,13 +455,13 @@ class Body:
                 beside = -(self.position[0] + n) * into[1] + (self.position[1] + e) * into[0]
                 if depth > 0.0 and abs(beside) < self.surroundings.wall_half_width_m:
                     self.wall_contact = True
-                    self._push(total, rot, lip, into, depth, WALL_FRICTION)
+                    self._press(total, rot, lip, into, depth, WALL_FRICTION)
         self.causes.contact = (total[0], total[1], total[2], total[3], total[4], total[5])
 
-    def _push(
+    def _press(
         self, total: list[float], rot: tuple[float, ...], point: Vec, into: Vec, depth: float, friction: float
     ) -> None:
-        """Add the push of a surface whose inward normal (NED) is ``into`` on a body point ``depth`` inside it."""
+        """Add the force of a surface whose inward normal (NED) is ``into`` on a body point ``depth`` [m] inside it."""
         self.contact = True
         x, y, z = point
         p, q, r = self.rates
@@ -466,7 +471,7 @@ class Body:
         inward = v[0] * into[0] + v[1] * into[1] + v[2] * into[2]
         normal = max(0.0, self._spring * depth + self._damper * inward)
         slide = [v[i] - inward * into[i] for i in range(3)]
-        size = math.hypot(*slide) + 0.02
+        size = math.hypot(*slide) + SLIDE_M_S
         f = [-normal * into[i] - friction * normal * slide[i] / size for i in range(3)]
         b = [rot[i] * f[0] + rot[3 + i] * f[1] + rot[6 + i] * f[2] for i in range(3)]
         total[0] += b[0]

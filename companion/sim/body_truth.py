@@ -10,6 +10,7 @@ from models.errors import ConfigError
 
 COLUMNS = ("time_s", "n", "e", "d", "vn", "ve", "vd", "roll", "pitch", "yaw", "clearance_m", "contact", "wall_contact")
 PERIOD_S = 0.02
+"""Of the rows, in simulated time."""
 
 
 class BodyTruthFile:

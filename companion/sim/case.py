@@ -27,10 +27,14 @@ from models.vehicle import Vehicle
 
 POSITION_ONLY = 0x38 | 0x1C0 | 0x400 | 0x800
 VELOCITY_ONLY = 0x7 | 0x1C0 | 0x400 | 0x800
+"""type_mask of SET_POSITION_TARGET_LOCAL_NED: everything else is ignored."""
 TARGET_PERIOD_S = 0.1
 STICK_PERIOD_S = 0.05
+"""Targets at 10 Hz and sticks at 20 Hz, as ground stations and radios send them."""
 TAKE_OFF_LIMIT_S = 20.0
+"""A take-off that is not over by then is given up."""
 END_S = 600.0
+"""A script that has not ended by then is ended (simulated time)."""
 WIRE_S = 0.010
 """Delay each way: with it an attitude answers its setpoint as late as in the recordings of both real firmwares."""
 
@@ -141,7 +145,7 @@ class CasePilot:
         self._sticks = (forward, right, up)
 
     def go(self, north: float, east: float, height: float) -> None:
-        """Send the companion a place, again and again, until told otherwise."""
+        """Send the companion a place, again and again, until another target is given."""
         self._place = (north, east, -height)
         self._target = lambda: self._position(mavlink.MAV_FRAME_LOCAL_NED, POSITION_ONLY, north, east, -height)
 

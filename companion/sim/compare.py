@@ -39,6 +39,7 @@ Array = NDArray[np.float64]
 SETTLE_S = (2.0, 5.5)
 """Script time over which each flight's own position error is taken out: the EKF's offset is nobody's merit."""
 STEP_S = 0.02
+"""Grid on which the flights of one seed are compared: the period of the truth file."""
 
 
 class Leg(Enum):
@@ -58,7 +59,7 @@ UNITS = {"height": "mm", "lateral": "mm", "tilt": "deg"}
 class Flown:
     """One leg: errors on a grid of script time, height [m], lateral (north, east) [m], tilt (roll, pitch) [rad].
 
-    Tilt error is the true lean minus the lean that balances the true air at that instant, vanes included.
+    Tilt error is the true tilt minus the tilt that balances the true air at that instant, vanes included.
     """
 
     leg: Leg

@@ -75,7 +75,7 @@ class Flight:
         """Roll and pitch [rad] that balance the true air at this instant, on the reference's straight line.
 
         The side force of ground and wall, the momentum drag at the reference velocity, and the side force of the vanes
-        that hold the moments of both: what an all-knowing pilot would lean by.
+        that hold the moments of both: the tilt of a pilot who knows everything.
         """
         body, c = self.body, self.body.causes
         yaw = body.euler()[2]
@@ -137,7 +137,7 @@ COLUMNS = (
 class TruthFile:
     """The truth as CSV at 50 Hz: SI, radians, world NED, wrenches by cause about the CG in body FRD.
 
-    ``need_*`` is the lean that balances the true air, ``command_*`` the last attitude command taken (its own position
+    ``need_*`` is the tilt that balances the true air, ``command_*`` the last attitude command taken (its own position
     controller's where the autopilot flies), ``hand`` who flies, ``gap_m`` lip to wall.
     """
 

@@ -21,13 +21,17 @@ from companion.sim.sensors import RANGE_MAX_M, RANGE_MIN_M, Estimate
 SYSTEM = 1
 COMPANION = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 PILOT_SYSTEM, PILOT_COMPONENT = 255, mavlink.MAV_COMP_ID_MISSIONPLANNER
+"""Ids that ground stations use by default."""
 MESSAGES_PER_S = 1290.0
 """What the link carries at most, as measured on the real ones: ArduCopter; PX4 below."""
 SHORTEST_INTERVAL_S = 0.003
+"""ArduPilot refuses a shorter one."""
 GUID_OPTION_THRUST = 8
+"""Bit 3 of GUID_OPTIONS: SET_ATTITUDE_TARGET.thrust is thrust."""
 
 ESC_INFO, ESC_STATUS = 290, 291
 ESC_INFO_CRC, ESC_STATUS_CRC = 251, 10
+"""Message ids and extra CRC bytes (MAVLink development.xml) of what pymavlink's dialect lacks."""
 
 PX4_MODES = {
     Mode.GUIDED: (6, 0),  # OFFBOARD
@@ -41,9 +45,11 @@ PX4_MODES = {
 }
 """PX4's (main, sub) mode of each of ours."""
 PX4_MESSAGES_PER_S = 573.0
+"""Messages per second on PX4's onboard link, as measured on the real one."""
 _TRUSTED = 0x33F
 """ESTIMATOR_STATUS and EKF_STATUS_REPORT: attitude, velocities, positions relative and absolute, their forecasts."""
 _DEAD_RECKONED = _TRUSTED & ~(8 | 16 | 256 | 512)
+"""The same without horizontal positions, relative, absolute and forecast."""
 _FRAMES = (
     mavlink.MAV_FRAME_LOCAL_NED,
     mavlink.MAV_FRAME_LOCAL_OFFSET_NED,
@@ -109,7 +115,7 @@ class VehicleLink:
         self._last_s = now
         changed = self._flight.autopilot.mode is not self._mode_said and not self._flight.px4
         if now >= self._heartbeat_s or changed:
-            # ArduPilot tells a change of mode at once, PX4 at its next beat.
+            # ArduPilot announces a change of mode at once, PX4 with its next heartbeat.
             self._heartbeat_s += 0.0 if changed else 1.0
             self._mode_said = self._flight.autopilot.mode
             self._out(self._heartbeat())

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.sim.body import ARDUPILOT_MOTOR, GRAVITY, MotorOutput
+from companion.sim.body import ARDUPILOT_MOTOR, GRAVITY, PWM_LOW_US, PWM_SPAN_US, VANE_LIMIT_RAD, MotorOutput
 from models.errors import ConfigError
 from models.frames import Array
 from models.vehicle import Vehicle
 
 SPIN_ARM = 0.10
+"""Output of an idle motor: ArduPilot's MOT_SPIN_ARM."""
 
 
 class Mixer:
@@ -33,10 +34,12 @@ class Mixer:
         self._hover = hover
         self._motor = motor
         self._fans = [[(r.esc or r.servo or 1) - 1 for r in fan.rotors] for fan in fans]
-        self._vanes = [(v.servo - 1, v.neutral_us, (0.5 / v.rad_per_us) if v.rad_per_us else 0.0) for v in vanes]
+        self._vanes = [
+            (v.servo - 1, v.neutral_us, (VANE_LIMIT_RAD / v.rad_per_us) if v.rad_per_us else 0.0) for v in vanes
+        ]
         curve = vehicle.throttle
-        self._low = curve.pwm_min_us if curve else 1000.0
-        self._span = (curve.pwm_max_us - curve.pwm_min_us) if curve else 1000.0
+        self._low = curve.pwm_min_us if curve else PWM_LOW_US
+        self._span = (curve.pwm_max_us - curve.pwm_min_us) if curve else PWM_SPAN_US
         self.pwm = [0.0] * 16
         self.saturated = False
         self.stop()
@@ -84,6 +87,6 @@ def effectiveness(vehicle: Vehicle) -> Array:
         columns.append((1.0, -y, x, torque))
     for vane in vehicle.vanes:
         columns.append((0.0, *np.cross(vane.position_m, vane.axis)))
-        scale.append(vane.force_per_thrust_rad * lift_each * 0.5)  # at the end of travel, 0.5 rad
+        scale.append(vane.force_per_thrust_rad * lift_each * VANE_LIMIT_RAD)  # at the end of travel
     out: Array = np.array(columns).T * np.array(scale)
     return out

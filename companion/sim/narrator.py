@@ -1,4 +1,4 @@
-"""Tells on standard output, a line of JSON each, which phase of the script is flown and when it is over."""
+"""Writes to standard output, a line of JSON each, which phase of the script is flown and when it is over."""
 
 from __future__ import annotations
 
@@ -38,10 +38,10 @@ def follow(lines: IO[str], say: Callable[[str], None], over: Callable[[], None])
     def listen() -> None:
         try:
             for line in lines:
-                told = json.loads(line)
-                if "phase" in told:
-                    say(f"sim: {told['phase']} ({told['left_s']} s to go)")
-                if "over_s" in told:
+                event = json.loads(line)
+                if "phase" in event:
+                    say(f"sim: {event['phase']} ({event['left_s']} s to go)")
+                if "over_s" in event:
                     say("sim: the flight is over; --duration S goes on longer")
                     over()
         except ValueError:

@@ -23,7 +23,9 @@ from companion.sim.px4 import Px4
 POSITION_AND_VELOCITY = 0x1C0 | 0x800
 """type_mask: position, velocity and yaw are commanded; acceleration and yaw rate are not."""
 PERIOD_S = 0.05
+"""Targets at 20 Hz."""
 TAKE_OFF_S = 2.0
+"""Boot time at which it takes off."""
 SCRIPT_S = 12.0
 """Boot time at which the script begins, when the companion is ready by then."""
 SETTLED_S = 3.0

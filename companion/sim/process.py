@@ -52,7 +52,7 @@ class Options:
 
 
 def run(options: Options) -> int:
-    """Fly until the duration is over, the script has ended (with a truth file), or we are told to stop."""
+    """Fly until the duration is over, the script has ended (with a truth file), or it is interrupted."""
     flight = Flight(
         options.vehicle, build(options.scenario, options.vehicle, air=options.air), options.seed, px4=options.px4
     )
@@ -80,7 +80,7 @@ def run(options: Options) -> int:
 
 
 def _announcement(options: Options, flight: Flight) -> dict[str, object]:
-    """The line that says the vehicle is up; it also tells how wrong the law behind the model is in this air."""
+    """The line that says the vehicle is up; it also says how wrong the law behind the model is in this air."""
     wrong = surrogate_error(flight.body.law)
     return {
         "endpoint": f"udpin:127.0.0.1:{options.port}",
@@ -152,7 +152,8 @@ class _Patience:
 
     On a busy machine a companion that is scheduled 20 ms late would at fourfold speed fly with 80 ms of delay that no
     real vehicle has, and one with a backlog would stay behind for good. So the clock stands while the companion's last
-    setpoint was computed from news older than ``STREAM_GAP_S`` (its ``time_boot_ms``). At real time nothing waits.
+    setpoint was computed from an attitude older than ``STREAM_GAP_S`` (its ``time_boot_ms``). At real time nothing
+    waits.
     """
 
     def __init__(self, link: VehicleLink, sock: socket.socket) -> None:

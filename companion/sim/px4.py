@@ -10,6 +10,8 @@ import math
 from dataclasses import dataclass, field
 
 from companion.sim.autopilot import (
+    MAX_TILT_RAD,
+    SHARE_5_HZ,
     STICKS_LOST_S,
     Autopilot,
     Gains,
@@ -155,8 +157,8 @@ class Px4(Autopilot):
         if self.landed or touching or not self.parameters["MPC_USE_HTE"] or self.throttle < 0.1:
             return
         lift = max(0.3, 1.0 - self._acc_filtered / GRAVITY)
-        lean = math.cos(self.shaped[0]) * math.cos(self.shaped[1])
-        seen = min(0.9, max(0.1, self.throttle * lean / lift))
+        upright = math.cos(self.shaped[0]) * math.cos(self.shaped[1])
+        seen = min(0.9, max(0.1, self.throttle * upright / lift))
         self.hover += (seen - self.hover) * self.dt / HOVER_TIME_S
 
     def _boost(self) -> float:
@@ -208,11 +210,11 @@ class Px4(Autopilot):
             if i < 2:
                 slope = (now.velocity[i] - self._vel_old[i]) / dt
                 self._vel_old[i] = now.velocity[i]
-                self._vel_slope[i] += (slope - self._vel_slope[i]) * 0.075
+                self._vel_slope[i] += (slope - self._vel_slope[i]) * SHARE_5_HZ
                 demand[i] -= p["MPC_XY_VEL_D_ACC"] * self._vel_slope[i]
         c, s = math.cos(now.yaw), math.sin(now.yaw)
         ahead, right = c * demand[0] + s * demand[1], -s * demand[0] + c * demand[1]
-        limit = math.radians(30.0)
+        limit = MAX_TILT_RAD
         pitch = max(-limit, min(limit, -math.atan(ahead / GRAVITY)))
         roll = max(-limit, min(limit, math.atan(right * math.cos(pitch) / GRAVITY)))
         self._demand_attitude(roll, pitch, self.shaped[2] if t.yaw is None else t.yaw)

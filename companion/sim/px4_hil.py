@@ -27,17 +27,27 @@ from models.errors import LinkError
 from models.vehicle import Vehicle
 
 PORT = 4560
+"""TCP port on which PX4 looks for its simulator."""
 STEP_S, SUBSTEPS = 0.004, 2
+"""PX4's lockstep runs at 250 Hz; the physics twice as fast."""
 HOME_LAT_DEG, HOME_LON_DEG, HOME_ALT_M = 47.397742, 8.545594, 488.0
+"""PX4's default home of simulations: Zurich."""
 FIELD_NED_GAUSS = (0.2126, 0.0118, 0.4254)
 """The earth's magnetic field there (World Magnetic Model); PX4 checks strength and inclination."""
 METRES_PER_DEG = 111_319.49
+"""Of latitude, and of longitude at the equator: WGS 84, 6 378 137 m of radius."""
 ARMED = 128
+"""MAV_MODE_FLAG_SAFETY_ARMED."""
 _IMU, _MAG, _BARO = 0x3F, 0x1C0, 0x200 | 0x800 | 0x1000
+"""HIL_SENSOR.fields_updated."""
 _MAG_EVERY, _BARO_EVERY, _RANGE_EVERY, _GPS_EVERY, _BEAT_EVERY = 2, 5, 5, 25, 250
+"""Steps between two messages: 125, 50, 50, 10 and 1 Hz."""
 _ANSWERS_BEFORE_PATIENCE = 50
+"""PX4 answers not every step while it boots."""
 _PATIENCE_S, _IMPATIENCE_S = 0.4, STEP_S
+"""Wall-clock time that an answer is waited for: once PX4 runs, and before."""
 _VANE_TRAVEL_RAD = 0.5
+"""Of a full output."""
 
 
 class Px4Physics:
@@ -139,7 +149,7 @@ def serve(
     duration_s: float | None = None,
     truth: BodyTruthFile | None = None,
 ) -> None:
-    """Wait for PX4 on TCP ``port`` (0: any), then fly with it until it leaves; ``announce`` is told the port.
+    """Wait for PX4 on TCP ``port`` (0: any), then fly with it until it leaves; ``announce`` gets the port.
 
     Raises LinkError where the port cannot be opened.
     """

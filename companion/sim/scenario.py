@@ -13,10 +13,12 @@ from models.errors import ConfigError
 from models.vehicle import Vehicle
 
 START_HEIGHT_M = 1.2
+"""Above the ground's air for every shipped vehicle."""
 START_GAP_M = 1.6
 """Distance from lip to wall at the start: far outside the wall's air for every shipped vehicle."""
 
 CREEP_M_S = 0.1
+"""Speed of the last part of an approach."""
 ROUNDING_S = 0.6
 """0.3 m/s within 0.6 s: 0.5 m/s^2. The scenario ``ramps`` is ``corner`` without it, sharp corners and all."""
 

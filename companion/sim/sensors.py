@@ -13,11 +13,13 @@ from companion.sim.body import GRAVITY, Body, Vec
 from models.vehicle import Rangefinder
 
 OUT_OF_RANGE_M = 60.0
+"""What a lidar reports without an echo: beyond its greatest distance, as real ones do."""
 DISTRUST_S = 5.0
 """Without GPS: after this long the real PX4's ESTIMATOR_STATUS clears its position flags."""
 DEAD_RECKONING_M_S2 = 0.0086
 """1.9 m in 21 s, as the real PX4 went astray."""
 RANGE_MIN_M, RANGE_MAX_M = 0.03, 40.0
+"""Least and greatest distance of the simulated lidar, as it announces them."""
 BEAM_DIRECTIONS: dict[int, Vec] = {
     **{k: (math.cos(k * math.pi / 4), math.sin(k * math.pi / 4), 0.0) for k in range(8)},
     12: (-1.0, 0.0, 0.0),

@@ -4,7 +4,7 @@
 
 Everything is simulated, and the vehicle is cheap on purpose: a point mass, an attitude of two equal lags and a dead
 time, thrust with a lag, ground and wall air as exponentials of the distance. The flight program's own ``step`` flies
-it and is told nothing of the loop: it reads no parameter and has to measure the attitude's answer. Offsets are off.
+it and is given nothing of the loop: it reads no parameter and has to measure the attitude's answer. Offsets are off.
 ``full``: the same with the full gains whatever the margin is. ``refused``: the hold let go, or did not engage.
 """
 

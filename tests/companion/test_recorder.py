@@ -60,7 +60,7 @@ def test_a_large_flight_goes_on_in_the_next_file_and_whole_frames_only(tmp_path:
     assert [len(read_tlog(p)) for p in recorder.files] == [10, 10, 5]
 
 
-def test_a_folder_is_kept_below_its_limit_and_strangers_are_left_alone(tmp_path: Path):
+def test_a_folder_is_kept_below_its_limit_and_other_files_are_left_alone(tmp_path: Path):
     unlisted = tmp_path / "my best flight.tlog"
     unlisted.write_bytes(bytes(100_000))
     for k in range(6):

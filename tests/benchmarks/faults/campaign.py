@@ -1,4 +1,4 @@
-"""Flies one fault beside a wall and tells when it was noticed, what the output did, and when all was well again."""
+"""Flies one fault beside a wall and says when it was noticed, what the output did, and when all was well again."""
 
 from __future__ import annotations
 

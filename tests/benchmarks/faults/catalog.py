@@ -483,6 +483,6 @@ BY_NAME = {fault.name: fault for fault in FAULTS}
 
 
 def fly_named(job: tuple[str, str, int]) -> Result:
-    """Name, stack and seed: what a worker process is told."""
+    """Name, stack and seed: what a worker process gets."""
     name, stack, seed = job
     return fly(BY_NAME[name], stack, seed)
