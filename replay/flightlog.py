@@ -79,7 +79,7 @@ class ImuRecord:
     specific_force: Series
     gyro: Series
     force_step: float
-    """Smallest step of the specific force [m/s^2], 1 mg in RAW_IMU and SCALED_IMU; 0 where finer than can be told."""
+    """Smallest step of the specific force [m/s^2], 1 mg in RAW_IMU and SCALED_IMU; 0 where none can be seen."""
     clipped: int
     """Samples that the autopilot counted as clipped (VIBRATION), or that stand at the record's extreme three times or
     more above 3 g. Above 0 the mean of the specific force is not to be trusted."""
@@ -101,9 +101,9 @@ class Beam:
     min_m: float
     max_m: float
     sigma_m: float
-    """Median of what the sensor says of itself; NaN where it says nothing."""
+    """Median of what the sensor says of itself; NaN where it gives none."""
     step_m: float
-    """Smallest step of the readings, 0 where finer than can be told."""
+    """Smallest step of the readings, 0 where none can be seen."""
 
     @property
     def name(self) -> str:
@@ -203,7 +203,7 @@ class FlightLog:
     attitude_target: Series | None = None
     """(n, 4) quaternion of ATTITUDE_TARGET."""
     commands: Series | None = None
-    """(n, 5) quaternion and thrust of SET_ATTITUDE_TARGET sent to the vehicle, by whomever."""
+    """(n, 5) quaternion and thrust of SET_ATTITUDE_TARGET sent to the vehicle, by any sender."""
     wind: Series | None = None
     """(n, 3) m/s NED, where the air moves to; the autopilot's estimate."""
     vibration: Series | None = None
@@ -213,7 +213,7 @@ class FlightLog:
     modes: tuple[Interval, ...] = ()
     """Value: custom_mode."""
     landed: tuple[Interval, ...] = ()
-    """Value: MAV_LANDED_STATE; empty where the autopilot does not tell."""
+    """Value: MAV_LANDED_STATE; empty where the autopilot does not report it."""
     parameters: Mapping[str, float] = field(default_factory=dict)
     texts: tuple[tuple[float, int, str], ...] = ()
     """STATUSTEXT: time [s], severity, text."""
