@@ -10,21 +10,19 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from companion.mavlink.range_beams import orientation_direction, range_verdict
+from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict
 from models.air_state import DIRECTIONS
-from models.frames import GRAVITY, Array
-from replay.logs.tlog import outliers
+from models.frames import Array
 
 _AXES = dict(zip(DIRECTIONS, (25, 24, 0, 2, 4, 6), strict=True))
-_DAY_S = 86_400.0
-_CLIP_AT = 3.0 * GRAVITY
+"""MAV_SENSOR_ORIENTATION of each body axis."""
 _SAME_DIRECTION = math.cos(math.radians(20.0))
+"""A beam belongs to the body axis within 20 degrees of it: mounts are seldom truer, neighbouring orientations are 45
+degrees apart."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +79,7 @@ class ImuRecord:
     specific_force: Series
     gyro: Series
     force_step: float
-    """Smallest step of the specific force [m/s^2], 1 mg in RAW_IMU and SCALED_IMU; 0 where finer than can be told."""
+    """Smallest step of the specific force [m/s^2], 1 mg in RAW_IMU and SCALED_IMU; 0 where none can be seen."""
     clipped: int
     """Samples that the autopilot counted as clipped (VIBRATION), or that stand at the record's extreme three times or
     more above 3 g. Above 0 the mean of the specific force is not to be trusted."""
@@ -103,9 +101,9 @@ class Beam:
     min_m: float
     max_m: float
     sigma_m: float
-    """Median of what the sensor says of itself; NaN where it says nothing."""
+    """Median of what the sensor says of itself; NaN where it gives none."""
     step_m: float
-    """Smallest step of the readings, 0 where finer than can be told."""
+    """Smallest step of the readings, 0 where none can be seen."""
 
     @property
     def name(self) -> str:
@@ -205,7 +203,7 @@ class FlightLog:
     attitude_target: Series | None = None
     """(n, 4) quaternion of ATTITUDE_TARGET."""
     commands: Series | None = None
-    """(n, 5) quaternion and thrust of SET_ATTITUDE_TARGET sent to the vehicle, by whomever."""
+    """(n, 5) quaternion and thrust of SET_ATTITUDE_TARGET sent to the vehicle, by any sender."""
     wind: Series | None = None
     """(n, 3) m/s NED, where the air moves to; the autopilot's estimate."""
     vibration: Series | None = None
@@ -215,7 +213,7 @@ class FlightLog:
     modes: tuple[Interval, ...] = ()
     """Value: custom_mode."""
     landed: tuple[Interval, ...] = ()
-    """Value: MAV_LANDED_STATE; empty where the autopilot does not tell."""
+    """Value: MAV_LANDED_STATE; empty where the autopilot does not report it."""
     parameters: Mapping[str, float] = field(default_factory=dict)
     texts: tuple[tuple[float, int, str], ...] = ()
     """STATUSTEXT: time [s], severity, text."""
@@ -269,96 +267,3 @@ def best_beam(beams: list[Beam]) -> Beam | None:
     difference = np.abs(old.good.at(best.good.t_s) - best.good.values)
     same = bool(np.nanmedian(difference) <= best.step_m) if np.isfinite(difference).any() else False
     return old if finer and same else best
-
-
-def quaternions(euler: Array) -> Array:
-    """Quaternions (n, 4) of roll, pitch, yaw (n, 3) [rad], aerospace 3-2-1."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(euler / 2.0).T, np.sin(euler / 2.0).T
-    return np.stack(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ],
-        axis=-1,
-    )
-
-
-def clipped_at_extreme(values: Array) -> int:
-    """Samples of (n, 3) that stand exactly at an axis' extreme, where that is above 3 g and hit three times or more."""
-    total = 0
-    for axis in np.abs(values).T:
-        known = axis[np.isfinite(axis)]
-        if known.size and known.max() >= _CLIP_AT:
-            hits = int((known == known.max()).sum())
-            total += hits if hits >= 3 else 0
-    return total
-
-
-def verdicts_of(distance: Array, low: float, high: float, quality: NDArray[Any]) -> tuple[RangeVerdict, ...]:
-    """``range_verdict`` of every reading (n,); readings repeat, so each kind is judged once."""
-    judged: dict[tuple[float, int], RangeVerdict] = {}
-    out = []
-    for key in zip(distance.tolist(), quality.tolist(), strict=True):
-        if key not in judged:
-            judged[key] = range_verdict(key[0], low, high, int(key[1]), True)
-        out.append(judged[key])
-    return tuple(out)
-
-
-def tidy(t_s: Array, values: Array, source: str) -> Series | None:
-    """A Series sorted by time, repeats of a stamp and samples without a number dropped; None where nothing is left."""
-    values = values[:, None] if values.ndim == 1 else values
-    keep = np.isfinite(t_s) & ~np.isnan(values).all(axis=1)
-    t_s, values = t_s[keep], values[keep]
-    if t_s.size > 1 and not (np.diff(t_s) > 0.0).all():
-        t_s, first = np.unique(t_s, return_index=True)
-        values = values[first]
-    return Series(t_s, values, source) if t_s.size else None
-
-
-def believable(t_s: Array) -> Array:
-    """Times (n,) with NaN where one cannot be true: a day off the middle, or a second off its neighbours' median."""
-    out = np.where(np.isfinite(t_s) & (t_s >= 0.0), t_s, np.nan)
-    known = np.flatnonzero(~np.isnan(out))
-    if not known.size:
-        return out
-    far = np.abs(out[known] - np.median(out[known])) > _DAY_S
-    out[known[far]] = np.nan
-    known = known[~far]
-    out[known[outliers(np.rint(out[known] * 1e6).astype(np.int64), 1_000_000)]] = np.nan
-    return out
-
-
-def smallest_step(values: Array) -> float:
-    """The grid that (n,) values stand on, 0 where there is none to be seen."""
-    distinct = np.unique(values[np.isfinite(values)][:20_000])
-    if distinct.size < 10:
-        return 0.0  # too few to tell a grid from chance
-    steps = np.diff(distinct)
-    step = float(steps.min())
-    on_grid = np.abs(steps / step - np.rint(steps / step)) < 0.1
-    scale = float(np.abs(distinct).max())
-    return step if step > 1e-5 * max(scale, 1e-3) and on_grid.mean() > 0.98 else 0.0
-
-
-def runs(t_s: Array, values: NDArray[Any], end_s: float) -> tuple[Interval, ...]:
-    """Intervals over which whole-number ``values`` (n,) stay the same; the last ends at ``end_s``."""
-    if not len(t_s):
-        return ()
-    starts = np.concatenate([[0], np.flatnonzero(np.diff(values) != 0) + 1])
-    ends = np.append(t_s[starts[1:]], max(end_s, t_s[-1]))
-    return tuple(Interval(float(t_s[i]), float(e), int(values[i])) for i, e in zip(starts, ends, strict=True))
-
-
-def unflipped(q: Array) -> Array:
-    """Quaternions (n, 4) of length 1 without sign jumps from one to the next, so that they can be interpolated."""
-    norm = np.linalg.norm(q, axis=1, keepdims=True)
-    q = np.where((norm > 0.9) & (norm < 1.1), q / np.where(norm > 0.0, norm, 1.0), np.nan)
-    known = ~np.isnan(q[:, 0])
-    dots = np.einsum("ij,ij->i", q[known][1:], q[known][:-1])
-    signs = np.concatenate([[1.0], np.cumprod(np.where(dots < 0.0, -1.0, 1.0))]) if known.any() else np.empty(0)
-    out = q.copy()
-    out[known] *= signs[:, None]
-    return out

@@ -19,6 +19,7 @@ PERIOD_S = 0.2
 _ATOMIC = select.PIPE_BUF
 """A write of no more than this goes into a pipe whole or not at all."""
 _START_S = 10.0
+"""Python and a socket take 0.3 s on a desktop; a Raspberry Pi under load takes ten times as long."""
 
 
 class PageFeed:

@@ -36,10 +36,10 @@ def snapshot(
         "late_s": _number(decision.late_s),
         "rpm": [None if track is None else round(track.value) for track in state.estimates.rotors],
         "rates": _rates(streams, now_s),
-        "push": None,
+        "air": None,
     }
     if disturbance is not None:
-        out["push"] = {
+        out["air"] = {
             "wrench": [_number(v, 4) for v in disturbance.wrench.tolist()],
             "trust": _number(disturbance.trust),
             "ground": _surface(disturbance.ground),

@@ -60,6 +60,7 @@ def table(log: FlightLog, rate_hz: float | None = None) -> Table:
 
 
 _GAP_S = 0.5
+"""No value is interpolated over a longer gap: a vehicle moves 0.5 m in it at 1 m/s."""
 _STATES = ("armed", "mode", "landed_state")
 _NED = ("north", "east", "down")
 

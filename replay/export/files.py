@@ -16,6 +16,7 @@ from models.frames import Array
 from replay.export.columns import Column, Table
 
 _ROWS = 50_000
+"""Rows in memory at a time: about 40 MB with 100 columns."""
 
 
 def write_csv(path: Path, tables: Sequence[Table], metadata: dict[str, str]) -> int:

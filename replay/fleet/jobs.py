@@ -42,8 +42,13 @@ class Job:
     def key(self) -> str:
         """Changes with log, vehicle file, model, options and program: an old answer is then void."""
         stat = Path(self.path).stat()
-        told = {**asdict(self), "version": installed_version(), "size": stat.st_size, "changed_ns": stat.st_mtime_ns}
-        digest = hashlib.sha256(json.dumps(told, sort_keys=True).encode())
+        question = {
+            **asdict(self),
+            "version": installed_version(),
+            "size": stat.st_size,
+            "changed_ns": stat.st_mtime_ns,
+        }
+        digest = hashlib.sha256(json.dumps(question, sort_keys=True).encode())
         for name in (self.vehicle, *(f"{self.model}/{f}" for f in ("model.json", "weights.npz") if self.model)):
             if name is not None and Path(name).is_file():
                 digest.update(Path(name).read_bytes())

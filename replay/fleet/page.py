@@ -26,6 +26,7 @@ svg{width:100%;max-width:38rem;height:auto;display:block}svg text{fill:var(--dim
 svg .a{stroke:var(--line)}
 svg .p{stroke:var(--mark);fill:var(--mark)}@media print{body{max-width:none}}"""
 _W, _H, _LEFT, _BOTTOM, _TOP = 400, 190, 84, 30, 12
+"""Of a chart [px]: as wide as a phone, so that its text is readable there."""
 
 
 def write_page(folder: Path, title: str, answers: Sequence[Mapping[str, Any]]) -> Path:

@@ -18,6 +18,7 @@ from replay.fleet.jobs import Job, perform
 
 _PRELOAD = ["numpy", "replay.fleet.jobs", "replay.diagnosis.diagnose", "replay.rerun.report", "scipy.linalg"]
 _MEMORY_SHARE = 0.8
+"""Of the machine's memory; the rest is for the system and the file cache."""
 _BYTES_PER_LOG_BYTE = 4.0
 """Growth of a process' peak memory with the size of its log: 3.0 measured on .tlogs of 5 and 37 MB (docs/logs.md)."""
 _BASE_BYTES = 420e6

@@ -16,6 +16,7 @@ from replay.residual.motion import FORCE_RATE_HZ, MOMENT_RATE_HZ
 _GOOD_IMU_HZ = 25.0
 """Up to 2 Hz is judged with it; slower accelerometers are judged up to a quarter of their rate."""
 _RANGE_HZ, _RPM_HZ = 5.0, 5.0
+"""Slower than 5 Hz, a vehicle at 0.5 m/s moves 0.1 m between readings: half of a small ground effect's length."""
 _SIDES = ("forward", "right", "back", "left")
 
 
@@ -71,7 +72,7 @@ def _forces(log: FlightLog) -> Ability:
         return Ability(question, Answer.NO, why, change_for(log, "imu"))
     clipped = max(log.imus, key=lambda i: i.specific_force.rate_hz).clipped
     if clipped:
-        why = f"the accelerometer clipped {clipped} times: its mean is not to be trusted"
+        why = f"the accelerometer clipped {clipped} times: its mean cannot be trusted"
         return Ability(question, Answer.PARTLY, why, "damp the autopilot's mount; balance the propellers")
     if rate < _GOOD_IMU_HZ:
         why = f"accelerometer at {rate:.1f} Hz: slow changes only"

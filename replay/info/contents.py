@@ -13,7 +13,7 @@ from replay.flightlog import FlightLog, Series
 
 _GAP_PERIODS = 5.0
 _GAP_S = 0.3
-"""A silence is a gap from five periods and 0.3 s on: shorter ones are interpolated by whoever reads."""
+"""A pause is a gap where it lasts five periods and 0.3 s or more. Shorter pauses are interpolated by those who read."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def _series(log: FlightLog) -> Iterator[tuple[str, Series | None, float | None]]
         yield "specific force", imu.specific_force, None
         yield "gyro", imu.gyro, None
     for beam in log.beams:
-        # 8 m of nothing are an answer too, but not one that tells a height.
+        # A reading out of range counts as a sample, but gives no height: the share of good readings says so.
         yield f"range {beam.name}", beam.distance, beam.share_good
     for number, esc in sorted(log.escs.items()):
         yield f"rotor speed {number}", esc.rpm, None

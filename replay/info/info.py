@@ -24,6 +24,7 @@ from replay.rerun.report import run
 from replay.residual.record import build_record
 
 _SHOWN_REASONS = 5
+"""The longest ones; all are in the JSON."""
 
 
 @dataclass(frozen=True)
@@ -132,7 +133,7 @@ def inspect(
     target_system: int | None = None,
     assumed: Mapping[str, float] | None = None,
 ) -> LogInfo:
-    """Read one log as ``vehicle`` with a model; ``assumed`` parameters hold where the log does not tell them.
+    """Read one log as ``vehicle`` with a model; ``assumed`` parameters hold where the log lacks them.
 
     Raises LogError where the log cannot be read; what it lacks is in the answer.
     """

@@ -18,10 +18,15 @@ from replay.logs.tlog import AUTOPILOT, Tlog, outliers
 
 Micros = NDArray[np.int64]
 _WINDOW_US = 2_000_000
+"""In two seconds some message passes a link without delay, and two clocks drift apart by less than 0.2 ms (100 ppm)."""
 _BACK_MS = 1000
+"""Stamps that go back by more are of another boot (or damaged); less is disorder on the way."""
 _AGREE_US = 10_000_000
+"""A stamp this close to where its arrival puts it is of the boot clock; links never delay by ten seconds."""
 _UNIX_US = 10**15
+"""Above, a stamp counts from 1970 (1e15 us is 2001), not from boot (32 years)."""
 _WRAP_MS = 2**32
+"""time_boot_ms has 32 bits."""
 
 
 class Envelope:

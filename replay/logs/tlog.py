@@ -21,16 +21,24 @@ from companion.mavlink.esc_messages import BY_ID as ESC_BY_ID
 from companion.mavlink.frames import V2, Counts, frame_bytes, walk
 from companion.mavlink.wire_format import wire_format
 from models.errors import LogError
+from replay.logs.files import read_bytes
 
 AUTOPILOT = 1
+"""MAV_COMP_ID_AUTOPILOT1."""
 _STAMP = 8
+"""Bytes of the receiver's stamp before every frame."""
 _STAMP_TOLERANCE_US = 500_000
+"""Links seldom hold messages back for half a second; a damaged stamp is off by far more."""
 
 _MOTION = (27, 30, 31, 32, 105)
 """RAW_IMU, ATTITUDE, ATTITUDE_QUATERNION, LOCAL_POSITION_NED, HIGHRES_IMU."""
 _SPEEDS = (*range(11030, 11033), *range(11040, 11045), 291)
 """ESC_TELEMETRY_1_TO_4 ... 29_TO_32, ESC_STATUS."""
 _SERVOS, _IDLE_US = 36, 30
+"""SERVO_OUTPUT_RAW; outputs that never move by more than 30 us, of some 1000, drive nothing."""
+_SERVO_COUNT = 8
+_NO_STAMP = np.uint64(2**62)
+"""Larger numbers are no time in microseconds (146 000 years), and would overflow signed 64 bits."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +59,7 @@ class Report:
     """Backward steps of the receiver's clock that lasted."""
 
     def notes(self) -> list[str]:
-        """What is worth telling, in words."""
+        """What a reader should know, in words."""
         out = []
         if self.bad_crc or self.skipped_bytes:
             out.append(f"{self.bad_crc} frames with a wrong checksum dropped, {self.skipped_bytes} bytes skipped")
@@ -157,26 +165,13 @@ def read_tlog(path: Path | str) -> Tlog:
     return Tlog(path, data, magic, arrival, ids, bytes_[source], bytes_[source + 1], report)
 
 
-def read_bytes(path: Path) -> bytes:
-    """A log's bytes, or LogError in one line."""
-    try:
-        data = path.read_bytes()
-    except IsADirectoryError:
-        raise LogError(f"{path}: is a directory, not a log") from None
-    except OSError as error:
-        raise LogError(f"{path}: cannot be read ({error.strerror or error})") from None
-    if not data:
-        raise LogError(f"{path}: is empty")
-    return data
-
-
 def repair_stamps(stamps: NDArray[np.uint64]) -> tuple[NDArray[np.int64], int, int]:
     """Receiver stamps (n,) with the impossible ones interpolated; how many; how often the clock was set back.
 
     A stamp is impossible where it differs by more than half a second from the median of itself and its two neighbours
     on either side: gaps and lasting steps of the clock pass, single damaged stamps (back in time, year 2793) do not.
     """
-    stamps_us = np.minimum(stamps, np.uint64(2**62)).astype(np.int64)
+    stamps_us = np.minimum(stamps, _NO_STAMP).astype(np.int64)
     bad = outliers(stamps_us, _STAMP_TOLERANCE_US)
     good = np.ones(len(stamps_us), bool)
     good[bad] = False
@@ -217,7 +212,7 @@ class Choice:
     heartbeat: bool = True
 
     def notes(self) -> list[str]:
-        """What is worth telling, in words."""
+        """What a reader should know, in words."""
         out = []
         if self.others:
             rest = ", ".join(map(str, self.others))
@@ -266,4 +261,8 @@ def _flies(log: Tlog, system: int) -> bool:
     if any(s.size for s in speeds):
         return any(bool(s.any()) for s in speeds)
     outputs = log.records(_SERVOS, log.indices(_SERVOS, system))
-    return any(np.ptp(outputs[f"servo{k}_raw"].astype(int)) > _IDLE_US for k in range(1, 9)) if outputs.size else False
+    return (
+        any(np.ptp(outputs[f"servo{k}_raw"].astype(int)) > _IDLE_US for k in range(1, _SERVO_COUNT + 1))
+        if outputs.size
+        else False
+    )

@@ -16,30 +16,30 @@ from companion.mavlink.range_beams import beam_direction
 from companion.mavlink.sample_builders import parameter_value
 from companion.mavlink.wire_layout import PER_SI
 from models.frames import Array
-from replay.flightlog import (
-    Beam,
-    EscRecord,
-    FlightLog,
-    ImuRecord,
-    Interval,
-    LogSummary,
-    MessageCount,
-    Series,
-    clipped_at_extreme,
+from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, LogSummary, Series
+from replay.logs.columns import (
+    imu_record,
+    message_counts,
     quaternions,
+    range_beam,
     runs,
-    smallest_step,
     tidy,
     unflipped,
-    verdicts_of,
 )
 from replay.logs.timeline import Timeline
 from replay.logs.tlog import AUTOPILOT, Choice, Tlog, choose_system, message_name, read_tlog
 
 _IDS = {layout.name: layout.id for layout in LAYOUTS.values()}
 _GCS = 190
+"""MAV_COMP_ID_MISSIONPLANNER."""
 _WIRE_STEP = 1.0 / PER_SI["mG"]
 _WIRE_STEP_M = 1.0 / PER_SI["cm"]
+"""Grids of accelerations [m/s^2] and distances [m] on the link."""
+_STAMPED = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "SCALED_IMU", "SCALED_PRESSURE", "SCALED_IMU2")
+"""Messages on the boot clock that show how long the vehicle was there."""
+_DOWN, _DOWNWARD = (0.0, 0.0, 1.0), 25
+_LEAST_MOVING = 0.02
+"""Share of ESC samples whose packet count moves, below which a count is not kept at all."""
 
 
 def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
@@ -142,14 +142,7 @@ class _Boot:
     def _span(self) -> tuple[float, float]:
         """First and last boot time of the vehicle's stamped messages."""
         low, high = math.inf, -math.inf
-        for name in (
-            "ATTITUDE",
-            "ATTITUDE_QUATERNION",
-            "LOCAL_POSITION_NED",
-            "SCALED_IMU",
-            "SCALED_PRESSURE",
-            "SCALED_IMU2",
-        ):
+        for name in _STAMPED:
             t = self._autopilot(name).t_s
             if t.size:
                 low, high = min(low, float(t.min())), max(high, float(t.max()))
@@ -184,16 +177,10 @@ class _Boot:
             force[updated[:, :3] == 0] = np.nan
             gyro[updated[:, 3:] == 0] = np.nan
         forces, gyros = tidy(table.t_s, force, source), tidy(table.t_s, gyro, source)
-        if forces is None or gyros is None:
-            return None
-        step = _WIRE_STEP if table.name != "HIGHRES_IMU" else smallest_step(forces.values.ravel())
         counter = vibration.values.get(f"clipping_{number}") if number < 3 else None
         # The counter runs from boot; what counts is how far it went in this record.
-        counted = (
-            0 if counter is None or not counter.size else int(np.maximum(np.diff(counter.astype(np.int64)), 0).sum())
-        )
-        extremes = clipped_at_extreme(forces.values)
-        return ImuRecord(source, forces, gyros, step, max(counted, extremes))
+        counted = 0 if counter is None else int(np.maximum(np.diff(counter.astype(np.int64)), 0).sum())
+        return imu_record(source, forces, gyros, counted, None if table.name == "HIGHRES_IMU" else _WIRE_STEP)
 
     def _beams(self) -> tuple[Beam, ...]:
         out = list(self._distance_beams(self._table("DISTANCE_SENSOR")))
@@ -202,11 +189,7 @@ class _Boot:
         low, high = (limits.min_m, limits.max_m) if limits else (math.nan, math.nan)
         distance = table.series("distance")
         if distance is not None:
-            verdicts = verdicts_of(distance.values[:, 0], low, high, np.zeros(len(distance), int))
-            step = smallest_step(distance.values[:, 0])
-            out.append(
-                Beam((0.0, 0.0, 1.0), AUTOPILOT, 0, 25, table.name, distance, verdicts, low, high, math.nan, step)
-            )
+            out.append(range_beam(_DOWN, (AUTOPILOT, 0, _DOWNWARD), distance, (low, high)))
         return tuple(out)
 
     def _distance_beams(self, table: _Table) -> Iterable[Beam]:
@@ -223,14 +206,15 @@ class _Boot:
                 continue
             order = np.unique(one.t_s, return_index=True)[1]
             low, high = (float(v) for v in np.median(one["limits"], axis=0))
-            low, high = (low, high) if high > 0.0 else (math.nan, math.nan)
-            distance = one["distance"][order]
-            yield Beam(
-                direction, int(component), int(sensor), int(orientation), one.name,
-                Series(one.t_s[order], distance, one.name),
-                verdicts_of(distance[:, 0], low, high, one["signal_quality"][order]),
-                low, high, _median(np.sqrt(one["variance"])), _WIRE_STEP_M,
-            )  # fmt: skip
+            yield range_beam(
+                direction,
+                (int(component), int(sensor), int(orientation)),
+                Series(one.t_s[order], one["distance"][order], one.name),
+                (low, high),
+                one["signal_quality"][order],
+                _median(np.sqrt(one["variance"])),
+                _WIRE_STEP_M,
+            )
 
     def _escs(self) -> dict[int, EscRecord]:
         speeds: dict[int, list[tuple[Array, Array]]] = {}
@@ -248,7 +232,7 @@ class _Boot:
         self._px4_escs(speeds, health)
         if not speeds:
             self._rpm_sensors(speeds)
-        # A speed controller may tell its temperature and no speed.
+        # A speed controller may report its temperature and no speed.
         return {
             esc: EscRecord(
                 _joined(speeds.get(esc, []), "rpm"), *[_joined(h.get(esc, []), name) for name, h in health.items()]
@@ -280,7 +264,7 @@ class _Boot:
                     health["temperature"].setdefault(int(first) + slot + 1, []).append((one.t_s, warm))
 
     def _rpm_sensors(self, speeds: dict[int, list[tuple[Array, Array]]]) -> None:
-        """RPM and RAW_RPM: rotor sensors by number, where no ESC telemeters."""
+        """RPM and RAW_RPM: rotor sensors by number, where no ESC reports a speed."""
         raw = self._table("RAW_RPM")
         for index in np.unique(raw["index"]):
             one = raw.where(raw["index"] == index)
@@ -368,10 +352,12 @@ class _Boot:
         key = self._log.message_id[here].astype(np.int64) << 16
         key |= self._log.system[here].astype(np.int64) << 8 | self._log.component[here]
         values, counts = np.unique(key, return_counts=True)
-        span = max(end - start, 1e-3)
-        messages = tuple(
-            MessageCount(int(v) >> 8 & 255, int(v) & 255, message_name(int(v) >> 16), int(n), float(n / span))
-            for v, n in zip(values, counts, strict=True)
+        messages = message_counts(
+            (
+                (int(v) >> 8 & 255, int(v) & 255, message_name(int(v) >> 16), int(n))
+                for v, n in zip(values, counts, strict=True)
+            ),
+            end - start,
         )
         return LogSummary(self._log.report.bytes, int(here.sum()), messages, tuple(self._notes))
 
@@ -382,11 +368,11 @@ def _median(values: Array) -> float:
 
 
 def _fresh(count: NDArray[Any], rpm: Array) -> NDArray[np.bool_]:
-    """Which ESC_TELEMETRY samples are news: a count that moves; an ESC that never counts nor turns is not there."""
+    """Which ESC_TELEMETRY samples are new: their packet count moved. None are where an ESC never counts nor turns."""
     if not count.any() and not np.nan_to_num(rpm).any():
         return np.zeros(len(rpm), bool)
     moved = np.concatenate([[True], np.diff(count.astype(np.int64)) != 0])
-    return moved if moved.mean() > 0.02 else np.ones(len(rpm), bool)
+    return moved if moved.mean() > _LEAST_MOVING else np.ones(len(rpm), bool)
 
 
 def _joined(rows: list[tuple[Array, Array]], source: str) -> Series | None:

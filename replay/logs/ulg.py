@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import io
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,28 +15,29 @@ from numpy.typing import NDArray
 from companion.mavlink.range_beams import beam_direction
 from models.errors import LogError
 from models.frames import Array
-from replay.flightlog import (
-    Beam,
-    EscRecord,
-    FlightLog,
-    ImuRecord,
-    Interval,
-    LogSummary,
-    MessageCount,
-    Series,
+from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, LogSummary, Series
+from replay.logs.columns import (
     believable,
-    clipped_at_extreme,
+    imu_record,
+    message_counts,
+    range_beam,
     runs,
-    smallest_step,
     tidy,
+    time_span,
     unflipped,
-    verdicts_of,
 )
-from replay.logs.tlog import read_bytes
+from replay.logs.files import size_of
 
 _PX4 = 12
+"""MAV_AUTOPILOT_PX4."""
 _MAIN_MODE = {0: 1, 1: 2, 2: 3, 10: 5, 14: 6, 15: 7}
 """nav_state to the main mode in HEARTBEAT.custom_mode; what is not here is AUTO (4)."""
+_AUTO, _MAIN_MODE_BITS = 4, 16
+_ARMED, _GROUND, _AIR = 2, 1, 2
+"""arming_state; MAV_LANDED_STATE_ON_GROUND and _IN_AIR."""
+_OUTPUTS, _ESCS = 16, 8
+"""Fields of actuator_outputs and esc_status."""
+_DOWN, _DOWNWARD = (0.0, 0.0, 1.0), 25
 _TOPICS = [
     "vehicle_attitude", "vehicle_angular_velocity", "sensor_combined", "vehicle_local_position", "distance_sensor",
     "esc_status", "actuator_outputs", "battery_status", "vehicle_air_data", "vehicle_status", "vehicle_land_detected",
@@ -45,9 +47,7 @@ _TOPICS = [
 
 def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
     """The one boot in the file. ``target_system`` is for links; a .ulg holds one vehicle."""
-    data = read_bytes(path)
-    if data[:4] != b"ULog":
-        raise LogError(f"{path}: is no PX4 log (it does not start with ULog)")
+    size = size_of(path, b"ULog", "PX4 log")
     try:
         from pyulog import ULog
     except ImportError:
@@ -58,7 +58,7 @@ def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
         except Exception as error:  # pyulog raises whatever a damaged file makes of it
             raise LogError(f"{path}: cannot be read as a PX4 log ({error})") from None
     try:
-        return [_Reader(path, log, len(data)).flightlog()]
+        return [_Reader(path, log, size).flightlog()]
     except (KeyError, ValueError, TypeError, OverflowError) as error:
         raise LogError(f"{path}: its topics make no sense ({type(error).__name__}: {error}); damaged?") from None
 
@@ -114,19 +114,15 @@ class _Reader:
 
     def flightlog(self) -> FlightLog:
         """All columns."""
-        spans = [t.t_s for n in ("vehicle_attitude", "sensor_combined") for t in self._topics.get(n, [])]
-        if not spans:
-            raise LogError(f"{self._path}: holds neither vehicle_attitude nor sensor_combined: nothing to replay")
-        stamped = believable(np.concatenate(spans))
-        if not np.isfinite(stamped).any():
-            raise LogError(f"{self._path}: no believable time stamp in it; damaged?")
-        start, end = float(np.nanmin(stamped)), float(np.nanmax(stamped))
+        names = ("vehicle_attitude", "sensor_combined")
+        stamps = [t.t_s for n in names for t in self._topics.get(n, [])]
+        start, end = time_span(self._path, stamps, " or ".join(names))
         status, attitude = self._first("vehicle_status"), self._first("vehicle_attitude")
         setpoint = self._first("vehicle_attitude_setpoint")
         servos = {
             port: series
             for port, topic in enumerate(self._topics.get("actuator_outputs", []))
-            if (series := topic.series(topic.array("output", 16))) is not None
+            if (series := topic.series(topic.array("output", _OUTPUTS))) is not None
         }
         position, velocity = self._position()
         return FlightLog(
@@ -179,11 +175,9 @@ class _Reader:
         if topic is None:
             return ()
         force, gyro = topic.series(topic.array("accelerometer_m_s2", 3)), topic.series(topic.array("gyro_rad", 3))
-        if force is None or gyro is None:
-            return ()
-        flagged = np.nan_to_num(topic.columns("accelerometer_clipping")) > 0.0
-        clipped = max(int(flagged.sum()), clipped_at_extreme(force.values))
-        return (ImuRecord(topic.name, force, gyro, smallest_step(force.values.ravel()), clipped),)
+        flagged = int((np.nan_to_num(topic.columns("accelerometer_clipping")) > 0.0).sum())
+        record = imu_record(topic.name, force, gyro, flagged)
+        return () if record is None else (record,)
 
     def _beams(self) -> tuple[Beam, ...]:
         out = []
@@ -196,19 +190,13 @@ class _Reader:
                 self._notes.append(f"distance_sensor {number}: orientation {orientation} cannot be resolved; ignored")
                 continue
             low, high = (float(v) for v in np.median(topic.columns("min_distance", "max_distance"), axis=0))
-            low, high = (low, high) if high > 0.0 else (math.nan, math.nan)
-            distance, quality = series.values[:, 0], series.values[:, 1]
+            quality = series.values[:, 1]
             # uORB says -1 for "not known" and 0 for "no signal"; on MAVLink these are 0 and 1.
-            wire = np.where(quality < 0.0, 0.0, np.maximum(quality, 1.0))
+            wire = np.nan_to_num(np.where(quality < 0.0, 0.0, np.maximum(quality, 1.0)))
             variance = topic.columns("variance")[:, 0]
             sigma = math.sqrt(float(np.median(variance))) if (variance > 0.0).all() else math.nan
-            out.append(
-                Beam(
-                    direction, 1, number, orientation, topic.name,
-                    Series(series.t_s, series.values[:, :1], topic.name),
-                    verdicts_of(distance, low, high, np.nan_to_num(wire)), low, high, sigma, smallest_step(distance),
-                )
-            )  # fmt: skip
+            distance = Series(series.t_s, series.values[:, :1], topic.name)
+            out.append(range_beam(direction, (1, number, orientation), distance, (low, high), wire, sigma))
         return tuple(out) or self._terrain()
 
     def _terrain(self) -> tuple[Beam, ...]:
@@ -224,15 +212,14 @@ class _Reader:
         self._notes.append(
             "no distance_sensor: height over ground from the estimator (dist_bottom), vertical, not slant"
         )
-        verdicts = verdicts_of(series.values[:, 0], math.nan, math.nan, np.zeros(len(series), int))
-        return (Beam((0.0, 0.0, 1.0), 1, 0, 25, "dist_bottom", series, verdicts, math.nan, math.nan, math.nan, 0.0),)
+        return (range_beam(_DOWN, (1, 0, _DOWNWARD), replace(series, source="dist_bottom"), step_m=0.0),)
 
     def _escs(self) -> dict[int, EscRecord]:
         topic = self._first("esc_status")
         if topic is None:
             return {}
         out = {}
-        for i in range(8):
+        for i in range(_ESCS):
             rpm = topic.columns(f"esc[{i}].esc_rpm")
             if not np.nan_to_num(rpm).any():
                 continue
@@ -259,30 +246,27 @@ class _Reader:
         return topic.series(np.hstack([horizontal, np.full((len(horizontal), 1), np.nan)]))
 
     def _armed(self, status: _Topic, end: float) -> tuple[Interval, ...]:
-        armed = (status.columns("arming_state")[:, 0] == 2.0).astype(int)
-        return tuple(i for i in self._runs(status, armed, end) if i.value)
+        armed = (status.columns("arming_state")[:, 0] == _ARMED).astype(int)
+        return tuple(i for i in runs(status.t_s, armed, end) if i.value)
 
     def _modes(self, status: _Topic, end: float) -> tuple[Interval, ...]:
-        modes = [_MAIN_MODE.get(int(s), 4) << 16 for s in np.nan_to_num(status.columns("nav_state")[:, 0])]
-        return self._runs(status, np.array(modes), end)
-
-    @staticmethod
-    def _runs(topic: _Topic, values: NDArray[Any], end: float) -> tuple[Interval, ...]:
-        known = np.isfinite(topic.t_s)
-        return runs(topic.t_s[known], values[known], end)
+        states = np.nan_to_num(status.columns("nav_state")[:, 0]).astype(int).tolist()
+        modes = [_MAIN_MODE.get(s, _AUTO) << _MAIN_MODE_BITS for s in states]
+        return runs(status.t_s, np.array(modes), end)
 
     def _landed(self, end: float) -> tuple[Interval, ...]:
         topic = self._first("vehicle_land_detected")
         if topic is None:
             return ()
-        return self._runs(topic, np.where(topic.columns("landed")[:, 0] > 0.0, 1, 2), end)
+        return runs(topic.t_s, np.where(topic.columns("landed")[:, 0] > 0.0, _GROUND, _AIR), end)
 
     def _summary(self, span: float) -> LogSummary:
-        messages = tuple(
-            MessageCount(
-                1, 1, t.name if len(topics) == 1 else f"{t.name}:{i}", len(t.t_s), len(t.t_s) / max(span, 1e-3)
-            )
-            for topics in self._topics.values()
-            for i, t in enumerate(topics)
+        messages = message_counts(
+            (
+                (1, 1, t.name if len(topics) == 1 else f"{t.name}:{i}", len(t.t_s))
+                for topics in self._topics.values()
+                for i, t in enumerate(topics)
+            ),
+            span,
         )
         return LogSummary(self._size, sum(m.count for m in messages), messages, tuple(self._notes))

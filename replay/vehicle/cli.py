@@ -47,8 +47,8 @@ def run(a: argparse.Namespace) -> int:
         except OSError as error:
             raise ConfigError(f"--out {a.out}: cannot be written ({error.strerror})") from None
     if a.json is not None:
-        told = {e.key: e.as_json() for e in found.estimates}
-        write_json({"hover_s": round(found.hover_s, 3), "vehicle": told, "notes": list(found.notes)}, a.json)
+        numbers = {e.key: e.as_json() for e in found.estimates}
+        write_json({"hover_s": round(found.hover_s, 3), "vehicle": numbers, "notes": list(found.notes)}, a.json)
     if a.json != "-" and not a.quiet:
         print(f"{found.hover_s:.0f} s of free hover")
         for estimate in found.estimates:

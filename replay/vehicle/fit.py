@@ -27,14 +27,16 @@ _CLIMB_M_S, _SPEED_M_S, _TILT_COS = 0.3, 1.0, 0.985
 _HIGH, _FAR = 4.0, 4.0
 """In rotor radii from ground, wall and ceiling: lift there is within 2 % of free air (Cheeseman and Bennett 1955)."""
 _BLOCK_S = 5.0
+"""Blocks this long are nearly independent: gusts and corrections of a hover last a second or two."""
 _ENOUGH_S = 8.0
+"""As a diagnosis (residual.record.ENOUGH_S)."""
 _EXPO_SD = 0.10
-"""The bend is taken from the log where it comes out this sure; else the file's stays."""
+"""expo is taken from the log where its standard deviation is below this; else the file's stays."""
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A number of the vehicle file: before, measured, and its 95 % interval (None: not told apart from the others)."""
+    """A number of the vehicle file: before, measured, and half its 95 % interval (None: the log gives none)."""
 
     key: str
     before: float | None
@@ -110,10 +112,10 @@ def fit(paths: Sequence[Path], vehicle: Vehicle, target_system: int | None = Non
     estimates = [_ct(start, vehicle, pooled)] if vehicle.telemetered else _throttle(start, pooled)
     hover = _hover_thrust(vehicle, pooled)
     notes += [f"left out: {p}" for p in problems]
-    told = (*estimates, *([hover] if hover else []))
+    found = (*estimates, *([hover] if hover else []))
     if hover is None:
         notes.append("no believable thrust command in the logs: hover_thrust stays")
-    return Fit(_applied(start, told), told, seconds, tuple(dict.fromkeys(notes)))
+    return Fit(_applied(start, found), found, seconds, tuple(dict.fromkeys(notes)))
 
 
 def hovering(record: Record) -> NDArray[np.bool_]:
@@ -180,7 +182,7 @@ def _ratio(y: Array, x: Array, block: NDArray[np.int64]) -> tuple[float, float |
 
 
 def _throttle(vehicle: Vehicle, h: _Hover) -> list[Estimate]:
-    """``max_thrust_n``, ``voltage_v``, and ``expo`` where the outputs vary enough to tell it."""
+    """``max_thrust_n``, ``voltage_v``, and ``expo`` where the outputs vary enough to show it."""
     curve = vehicle.throttle
     assert curve is not None
     out = []
@@ -200,7 +202,7 @@ def _throttle(vehicle: Vehicle, h: _Hover) -> list[Estimate]:
 
 
 def _bend(h: _Hover, linear: Array, square: Array) -> tuple[float, float] | None:
-    """expo and its 95 % half width, from lift = a sum(u) + b sum(u^2); None where the log cannot tell it."""
+    """expo and its 95 % half width, from lift = a sum(u) + b sum(u^2); None where the log cannot show it."""
 
     def expo(rows: NDArray[np.bool_]) -> float:
         a, b = np.linalg.lstsq(np.column_stack([linear[rows], square[rows]]), h.lift[rows], rcond=None)[0]
@@ -225,10 +227,10 @@ def _hover_thrust(vehicle: Vehicle, h: _Hover) -> Estimate | None:
 
 
 def _applied(vehicle: Vehicle, estimates: Sequence[Estimate]) -> Vehicle:
-    told = {e.key: float(f"{e.value:.4g}") for e in estimates}
+    values = {e.key: float(f"{e.value:.4g}") for e in estimates}
     out = vehicle
-    if "ct" in told:
-        scale = told["ct"] / (vehicle.fans[0].ct or OPEN_ROTOR_CT)
+    if "ct" in values:
+        scale = values["ct"] / (vehicle.fans[0].ct or OPEN_ROTOR_CT)
         fans = [replace(f, ct=float(f"{(f.ct or 0.0) * scale:.4g}")) for f in vehicle.fans]
         out = replace(out, fans=tuple(fans))
     if vehicle.throttle is not None:
@@ -236,8 +238,8 @@ def _applied(vehicle: Vehicle, estimates: Sequence[Estimate]) -> Vehicle:
         out = replace(
             out,
             throttle=Throttle(
-                told.get("max_thrust_n", t.max_thrust_n), told.get("expo", t.expo), t.pwm_min_us, t.pwm_max_us,
-                told.get("voltage_v", t.voltage_v),
+                values.get("max_thrust_n", t.max_thrust_n), values.get("expo", t.expo), t.pwm_min_us, t.pwm_max_us,
+                values.get("voltage_v", t.voltage_v),
             ),
         )  # fmt: skip
-    return replace(out, hover_thrust=told.get("hover_thrust", vehicle.hover_thrust))
+    return replace(out, hover_thrust=values.get("hover_thrust", vehicle.hover_thrust))

@@ -40,20 +40,20 @@ def get(feed, path):
 
 def wait_for(feed, number):
     for _ in range(200):
-        told = json.loads(get(feed, "snapshots?since=0"))
-        if told["last"] >= number:
-            return told
+        sent = json.loads(get(feed, "snapshots?since=0"))
+        if sent["last"] >= number:
+            return sent
         time.sleep(0.05)
     raise AssertionError("the page never got the snapshots")
 
 
-def put(feed, told):
+def put(feed, sent):
     feed._due_s = -1.0
-    feed.offer(lambda: told)
+    feed.offer(lambda: sent)
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory):
+def sent(tmp_path_factory):
     """The last snapshot of a recorded hover near ground and wall."""
     import models
     from replay.logs.formats import read_flightlogs
@@ -78,21 +78,21 @@ def feed():
     feed.close()
 
 
-def test_a_snapshot_is_plain_numbers_that_fit_a_pipe(told):
-    text = json.dumps(told, allow_nan=False)
+def test_a_snapshot_is_plain_numbers_that_fit_a_pipe(sent):
+    text = json.dumps(sent, allow_nan=False)
     assert len(text) < 3000
-    assert told["push"]["ground"]["seen"] == "surface"
-    assert told["push"]["fans"][0][2] == pytest.approx(0.45, abs=0.15)
-    assert len(told["rpm"]) == 4
-    assert isinstance(told["reasons"], list)
+    assert sent["air"]["ground"]["seen"] == "surface"
+    assert sent["air"]["fans"][0][2] == pytest.approx(0.45, abs=0.15)
+    assert len(sent["rpm"]) == 4
+    assert isinstance(sent["reasons"], list)
 
 
-def test_what_is_sent_is_what_is_served(feed, told):
-    put(feed, told)
-    put(feed, {**told, "t_s": 99.5})
+def test_what_is_sent_is_what_is_served(feed, sent):
+    put(feed, sent)
+    put(feed, {**sent, "t_s": 99.5})
     answer = wait_for(feed, 2)
-    assert answer["snapshots"] == [told, {**told, "t_s": 99.5}]
-    assert json.loads(get(feed, "snapshots?since=1"))["snapshots"] == [{**told, "t_s": 99.5}]
+    assert answer["snapshots"] == [sent, {**sent, "t_s": 99.5}]
+    assert json.loads(get(feed, "snapshots?since=1"))["snapshots"] == [{**sent, "t_s": 99.5}]
     assert json.loads(get(feed, "snapshots?since=77"))["last"] == 2
     assert json.loads(get(feed, "snapshots?since=x"))["last"] == 2
 
@@ -105,10 +105,10 @@ def test_the_page_asks_nobody_else():
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
 @pytest.mark.parametrize("size", ["400,800", "1280,900"])
-def test_a_real_browser_shows_the_values_that_were_sent(feed, told, size, tmp_path):
-    told = {**told, "reasons": ["not armed", "ground or wall jumped <b>"]}
+def test_a_real_browser_shows_the_values_that_were_sent(feed, sent, size, tmp_path):
+    sent = {**sent, "reasons": ["not armed", "ground or wall jumped <b>"]}
     for k in range(20):
-        put(feed, {**told, "t_s": 10.0 + 0.1 * k, "rates": [["ATTITUDE", 12.0, 50.0]]})
+        put(feed, {**sent, "t_s": 10.0 + 0.1 * k, "rates": [["ATTITUDE", 12.0, 50.0]]})
     wait_for(feed, 20)
     done = subprocess.run(
         [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking",
@@ -117,14 +117,14 @@ def test_a_real_browser_shows_the_values_that_were_sent(feed, told, size, tmp_pa
         capture_output=True, text=True, timeout=100,
     )  # fmt: skip
     shown = {i: re.sub(r"<[^>]*>", "", v) for i, v in re.findall(r'<b id="(\w+)">(.*?)</b>', done.stdout)}
-    push = told["push"]
+    push = sent["air"]
     assert shown["h"] == f"{min(f[2] for f in push['fans']):.2f} m"
     assert shown["d"] == f"{min(f[3] for f in push['fans']):.2f} m"
-    assert shown["thrust"] == f"{told['offset']['thrust'] * 100:.1f} %"
+    assert shown["thrust"] == f"{sent['offset']['thrust'] * 100:.1f} %"
     assert shown["lift"] == f"{-push['wrench'][2]:.2f} N"
-    for rpm in told["rpm"]:
+    for rpm in sent["rpm"]:
         assert f"<td>{rpm} rpm</td>" in done.stdout
-    for reason in told["reasons"]:
+    for reason in sent["reasons"]:
         assert f"<li>{html.escape(reason)}</li>" in done.stdout
     assert '<tr class="slow"><td>ATTITUDE</td><td>12 of 50 Hz</td>' in done.stdout
     assert done.stdout.count("<polyline") == 6
@@ -132,31 +132,31 @@ def test_a_real_browser_shows_the_values_that_were_sent(feed, told, size, tmp_pa
     assert "CONSOLE" not in done.stderr, done.stderr
 
 
-def test_a_page_that_hangs_costs_the_flight_nothing_but_lines(feed, told):
+def test_a_page_that_hangs_costs_the_flight_nothing_but_lines(feed, sent):
     os.kill(feed._process.pid, signal.SIGSTOP)
     try:
         longest = 0.0
         for _ in range(300):
             begin = time.perf_counter()
-            put(feed, told)
+            put(feed, sent)
             longest = max(longest, time.perf_counter() - begin)
     finally:
         os.kill(feed._process.pid, signal.SIGCONT)
     assert feed.dropped > 0
     assert feed.sent > 10
     # What arrives after all is whole lines.
-    assert all(s == told for s in wait_for(feed, feed.sent)["snapshots"])
+    assert all(s == sent for s in wait_for(feed, feed.sent)["snapshots"])
 
 
-def test_a_page_that_dies_is_survived(feed, told):
+def test_a_page_that_dies_is_survived(feed, sent):
     os.kill(feed._process.pid, signal.SIGKILL)
     feed._process.wait()
-    put(feed, told)
+    put(feed, sent)
     assert feed.dropped == 1
 
 
-def test_a_browser_that_leaves_and_ten_that_stay(feed, told):
-    put(feed, told)
+def test_a_browser_that_leaves_and_ten_that_stay(feed, sent):
+    put(feed, sent)
     wait_for(feed, 1)
     port = int(feed.url.rsplit(":", 1)[1].strip("/"))
     with socket.create_connection(("127.0.0.1", port)) as gone:

@@ -1,0 +1,175 @@
+"""What every format does alike: clean columns, and the parts of a FlightLog made from them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.mavlink.range_beams import range_verdict
+from companion.mavlink.samples import RangeVerdict
+from models.errors import LogError
+from models.frames import GRAVITY, Array
+from replay.flightlog import Beam, ImuRecord, Interval, MessageCount, Series
+from replay.logs.tlog import outliers
+
+_DAY_S = 86_400.0
+"""No flight lasts a day: a stamp further from the median of its column is damaged."""
+_STRAY_US = 1_000_000
+"""A stamp one second off the median of its neighbours is damaged: columns are faster than 1 Hz, and a step of the clock
+moves the neighbours too."""
+_CLIP_AT_M_S2 = 3.0 * GRAVITY
+"""No multirotor in a hover or a gentle flight reaches 3 g by moving; vibration that does is near the sensor's range."""
+_CLIP_HITS = 3
+"""One sample at the extreme is the extreme; exactly the same value three times is a stop."""
+_STEP_SAMPLES = 20_000
+"""Samples that show a grid; more change nothing."""
+
+
+def time_span(path: Path, stamps: Sequence[Array], names: str) -> tuple[float, float]:
+    """First and last believable time [s] of several columns. Raises LogError where there is none."""
+    known = believable(np.concatenate(stamps)) if stamps else np.empty(0)
+    if not np.isfinite(known).any():
+        raise LogError(f"{path}: holds no {names} with a believable time: nothing to replay or diagnose")
+    return float(np.nanmin(known)), float(np.nanmax(known))
+
+
+def imu_record(
+    source: str, force: Series | None, gyro: Series | None, counted: int, step: float | None = None
+) -> ImuRecord | None:
+    """An accelerometer with its gyro, or None without either. ``counted``: clipped samples by the autopilot's counter.
+
+    ``step`` [m/s^2] is the grid that the format stores; None: as the samples show it.
+    """
+    if force is None or gyro is None:
+        return None
+    step = smallest_step(force.values.ravel()) if step is None else step
+    return ImuRecord(source, force, gyro, step, max(counted, clipped_at_extreme(force.values)))
+
+
+def range_beam(
+    direction: tuple[float, float, float],
+    sensor: tuple[int, int, int],
+    readings: Series,
+    limits: tuple[float, float] = (math.nan, math.nan),
+    quality: NDArray[Any] | None = None,
+    sigma_m: float = math.nan,
+    step_m: float | None = None,
+) -> Beam:
+    """A rangefinder. ``sensor``: component, id, orientation; ``readings`` (n, 1) slant [m]; ``limits`` min, max [m].
+
+    ``quality`` (n,) as on MAVLink: 0 unknown, 1 none. ``step_m``: the grid of the format; None: as
+    the readings show it.
+    """
+    distance = readings.values[:, 0]
+    low, high = limits if limits[1] > 0.0 else (math.nan, math.nan)
+    quality = np.zeros(len(distance), int) if quality is None else quality
+    step_m = smallest_step(distance) if step_m is None else step_m
+    verdicts = verdicts_of(distance, low, high, quality)
+    return Beam(direction, *sensor, readings.source, readings, verdicts, low, high, sigma_m, step_m)
+
+
+def message_counts(counts: Iterable[tuple[int, int, str, int]], span_s: float) -> tuple[MessageCount, ...]:
+    """Rates from (system, component, name, count) over the log's length."""
+    length_s = max(span_s, 1e-3)  # a log of one message has no length, and no rate
+    return tuple(MessageCount(system, component, name, n, n / length_s) for system, component, name, n in counts)
+
+
+def quaternions(euler: Array) -> Array:
+    """Quaternions (n, 4) of roll, pitch, yaw (n, 3) [rad], aerospace 3-2-1."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(euler / 2.0).T, np.sin(euler / 2.0).T
+    return np.stack(
+        [
+            cr * cp * cy + sr * sp * sy,
+            sr * cp * cy - cr * sp * sy,
+            cr * sp * cy + sr * cp * sy,
+            cr * cp * sy - sr * sp * cy,
+        ],
+        axis=-1,
+    )
+
+
+def clipped_at_extreme(values: Array) -> int:
+    """Samples of (n, 3) that stand exactly at an axis' extreme, where that is above 3 g and hit three times or more."""
+    total = 0
+    for axis in np.abs(values).T:
+        known = axis[np.isfinite(axis)]
+        if known.size and known.max() >= _CLIP_AT_M_S2:
+            hits = int((known == known.max()).sum())
+            total += hits if hits >= _CLIP_HITS else 0
+    return total
+
+
+def verdicts_of(distance: Array, low: float, high: float, quality: NDArray[Any]) -> tuple[RangeVerdict, ...]:
+    """``range_verdict`` of every reading (n,); readings repeat, so each kind is judged once."""
+    judged: dict[tuple[float, int], RangeVerdict] = {}
+    out = []
+    for key in zip(distance.tolist(), quality.tolist(), strict=True):
+        if key not in judged:
+            judged[key] = range_verdict(key[0], low, high, int(key[1]), True)
+        out.append(judged[key])
+    return tuple(out)
+
+
+def tidy(t_s: Array, values: Array, source: str) -> Series | None:
+    """A Series sorted by time, repeats of a stamp and samples without a number dropped; None where nothing is left."""
+    values = values[:, None] if values.ndim == 1 else values
+    keep = np.isfinite(t_s) & ~np.isnan(values).all(axis=1)
+    t_s, values = t_s[keep], values[keep]
+    if t_s.size > 1 and not (np.diff(t_s) > 0.0).all():
+        t_s, first = np.unique(t_s, return_index=True)
+        values = values[first]
+    return Series(t_s, values, source) if t_s.size else None
+
+
+def believable(t_s: Array) -> Array:
+    """Times (n,) with NaN where one cannot be true: a day off the middle, or a second off its neighbours' median."""
+    out = np.where(np.isfinite(t_s) & (t_s >= 0.0), t_s, np.nan)
+    known = np.flatnonzero(~np.isnan(out))
+    if not known.size:
+        return out
+    far = np.abs(out[known] - np.median(out[known])) > _DAY_S
+    out[known[far]] = np.nan
+    known = known[~far]
+    out[known[outliers(np.rint(out[known] * 1e6).astype(np.int64), _STRAY_US)]] = np.nan
+    return out
+
+
+def smallest_step(values: Array) -> float:
+    """The grid that (n,) values stand on, 0 where there is none to be seen."""
+    distinct = np.unique(values[np.isfinite(values)][:_STEP_SAMPLES])
+    if distinct.size < 10:
+        return 0.0  # too few to tell a grid from chance
+    steps = np.diff(distinct)
+    step = float(steps.min())
+    on_grid = np.abs(steps / step - np.rint(steps / step)) < 0.1
+    scale = float(np.abs(distinct).max())
+    return step if step > 1e-5 * max(scale, 1e-3) and on_grid.mean() > 0.98 else 0.0
+
+
+def runs(t_s: Array, values: NDArray[Any], end_s: float) -> tuple[Interval, ...]:
+    """Intervals over which whole-number ``values`` (n,) stay the same; the last ends at ``end_s``. NaN times
+    are left out."""
+    known = np.isfinite(t_s)
+    t_s, values = t_s[known], values[known]
+    if not len(t_s):
+        return ()
+    starts = np.concatenate([[0], np.flatnonzero(np.diff(values) != 0) + 1])
+    ends = np.append(t_s[starts[1:]], max(end_s, t_s[-1]))
+    return tuple(Interval(float(t_s[i]), float(e), int(values[i])) for i, e in zip(starts, ends, strict=True))
+
+
+def unflipped(q: Array) -> Array:
+    """Quaternions (n, 4) of length 1 without sign jumps from one to the next, so that they can be interpolated."""
+    norm = np.linalg.norm(q, axis=1, keepdims=True)
+    q = np.where((norm > 0.9) & (norm < 1.1), q / np.where(norm > 0.0, norm, 1.0), np.nan)
+    known = ~np.isnan(q[:, 0])
+    dots = np.einsum("ij,ij->i", q[known][1:], q[known][:-1])
+    signs = np.concatenate([[1.0], np.cumprod(np.where(dots < 0.0, -1.0, 1.0))]) if known.any() else np.empty(0)
+    out = q.copy()
+    out[known] *= signs[:, None]
+    return out
