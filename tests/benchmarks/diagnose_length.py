@@ -18,7 +18,6 @@ import time
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "replay"))
 from log_writers import quad_flight, write_tlog
 
 from companion.vehicles import QUAD

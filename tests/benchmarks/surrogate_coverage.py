@@ -15,6 +15,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from noisy_campaign import noisy_campaign
 
 from models import dataset
 from models.dataset import DataSet
@@ -38,9 +39,6 @@ def sixteenths(data: DataSet) -> list[Array]:
 
 def campaign() -> DataSet:
     """The tests' simulated campaign."""
-    sys.path.insert(0, str(Path(__file__).parents[1] / "models"))
-    from noisy_campaign import noisy_campaign
-
     return noisy_campaign()
 
 

@@ -18,6 +18,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from log_writers import flight, write_tlog
+
 GOAL_RATIO, GOAL_MEMORY = 10.0, 8.0
 FRAMES = 200_000
 
@@ -83,9 +85,6 @@ def peak_memory(path: Path) -> float:
 
 def synthetic(path: Path) -> None:
     """A flight of FRAMES frames by the writer of the tests."""
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "replay"))
-    from log_writers import flight, write_tlog
-
     messages = flight(FRAMES / 325.0)
     write_tlog(path, messages)
 

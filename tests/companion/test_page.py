@@ -8,12 +8,12 @@ import shutil
 import signal
 import socket
 import subprocess
-import sys
 import time
 import urllib.request
 from pathlib import Path
 
 import pytest
+from log_writers import flight, write_tlog
 
 import companion.page
 from companion.cli import main
@@ -26,9 +26,6 @@ from companion.pipeline import initial_state, step
 from companion.sim.launch import free_port
 from companion.vehicles import default_vehicle
 from models.errors import ConfigError, LinkError
-
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "replay"))
-from log_writers import flight, write_tlog
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 
