@@ -52,7 +52,8 @@ def watch_take_off(
     airborne_since_s: float,
     tuning: Tuning,
 ) -> Engagement:
-    """Whether a take-off is over: steady for a second, or flown in another mode since; never while one is told.
+    """Whether a take-off is over: steady for a second, or flown in another mode since; never while the
+    autopilot reports one.
 
     ``airborne_since_s`` is inf on the ground, which makes the next flight begin with a take-off again.
     """

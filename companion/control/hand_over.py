@@ -1,4 +1,4 @@
-"""Letting go without a bump: the autopilot is told the place to stay at, or the setpoint fades to level."""
+"""Letting go without a bump: the autopilot is sent the place to stay at, or the setpoint fades to level."""
 
 from __future__ import annotations
 

@@ -124,8 +124,8 @@ def _hold(state: PipelineState, config: PipelineConfig, t_s: float) -> list[Reas
     elif config.carrier is Carrier.ATTITUDE:
         declared = config.vehicle.hover_thrust
         if not is_known(state.hover, t_s, state.parameters, declared, tuning):
-            told = t_s - state.hover.now_s < tuning.hover_heard_age_s or hover_parameter(state.parameters) is None
-            out.append(Reason.HOVER_UNKNOWN if told else Reason.HOVER_IMPLAUSIBLE)
+            heard = t_s - state.hover.now_s < tuning.hover_heard_age_s or hover_parameter(state.parameters) is None
+            out.append(Reason.HOVER_UNKNOWN if heard else Reason.HOVER_IMPLAUSIBLE)
     return out
 
 

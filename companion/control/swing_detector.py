@@ -21,7 +21,9 @@ _ALIKE = 2.2
 _KEPT = 0.9
 """Two half waves at least this share of the two before: a swing that dies out by itself is let be."""
 _HALVES = 4
+"""Two whole waves."""
 _FORGET_S = 6.0
+"""More than two of the longest half waves: after it a wave is a new beginning."""
 
 
 @dataclass(frozen=True)
