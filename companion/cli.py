@@ -5,10 +5,11 @@ from __future__ import annotations
 import argparse
 import gc
 import json
+import math
 import os
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -17,9 +18,13 @@ from models.errors import ConfigError, LinkError, UserError
 from models.version import VersionAction
 
 if TYPE_CHECKING:
+    from companion.config import PipelineConfig
+    from companion.flight import Flight
+    from companion.mavlink.tlog_writer import Recorder
     from companion.page.feed import PageFeed
 
 _INTERRUPTED = 130
+"""128 + SIGINT, as shells have it."""
 _EPILOG = """exit codes: 0 done; 1 --check found a fault; 2 bad arguments, vehicle or model file; 3 log unreadable;
 4 link could not be opened, or no autopilot was heard on it; 130 interrupted. It never arms, and changes the mode only
 where --on-exit hold asks for it."""
@@ -29,7 +34,7 @@ def parser() -> argparse.ArgumentParser:
     """The command line of ``companion``."""
     p = argparse.ArgumentParser(
         prog="companion",
-        description="Compensate the push of ground, wall and corner on a hovering vehicle, over MAVLink.",
+        description="Compensate the disturbance by ground, wall and corner on a hovering vehicle, over MAVLink.",
         epilog=_EPILOG,
     )
     p.add_argument("--version", action=VersionAction, nargs=0, help="print the version and exit")
@@ -70,7 +75,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--on-exit", choices=("none", "hold"), default="none",
                    help="hold: ask PX4 for its HOLD mode when ending; by default the mode is left alone")  # fmt: skip
     p.add_argument("--no-last-word", action="store_true",
-                   help="no second process that tells the autopilot where to stay if this one is killed")  # fmt: skip
+                   help="no second process that sends a place to stay at if this one is killed")  # fmt: skip
     p.add_argument("--no-offsets", action="store_true", help="fly the bare hold, for comparison")
     p.add_argument("--compare", action="store_true",
                    help="with sim:NAME: fly the approach three ways and print the errors")  # fmt: skip
@@ -103,23 +108,34 @@ def scenario_name(endpoint: str) -> str:
 
 def _check(a: argparse.Namespace) -> None:
     """Refuse arguments that do not fit together."""
-    if a.duration is not None and not 0.0 < a.duration < float("inf"):
-        raise ConfigError(f"--duration {a.duration:g}: must be a positive number of seconds")
-    if a.target_system is not None and not 1 <= a.target_system <= 255:
-        raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
-    if a.record_limit is not None and (a.record is None or a.record_limit < 1):
-        raise ConfigError(f"--record-limit {a.record_limit}: must be at least 1 MiB, and needs --record FOLDER")
-    if a.carrier == "acceleration" and a.setpoint != "hold":
-        raise ConfigError("--carrier acceleration: works with --setpoint hold only")
-    if a.survey is not None and (a.record is None or a.setpoint != "hold" or a.dry_run):
-        raise ConfigError("--survey: needs --record FILE.tlog, --setpoint hold and no --dry-run")
+    for wrong, words in _faults(a):
+        if wrong:
+            raise ConfigError(words)
     if a.connect is not None and a.connect.startswith("sim:"):
         from companion.sim.scenario import NAMES
 
         if scenario_name(a.connect) not in NAMES:
             raise ConfigError(f"--connect {a.connect}: no such flight; there are {', '.join(NAMES)}")
-    if a.compare and not a.connect.startswith("sim:"):
-        raise ConfigError("--compare: needs --connect sim:NAME, the built-in vehicle")
+
+
+def _faults(a: argparse.Namespace) -> Iterator[tuple[bool, str]]:
+    """(whether it is so, what is wrong with the arguments then)."""
+    hold = a.setpoint == "hold"
+    if a.duration is not None:
+        yield not 0.0 < a.duration < math.inf, f"--duration {a.duration:g}: must be a positive number of seconds"
+    if a.target_system is not None:
+        yield not 1 <= a.target_system <= 255, f"--target-system {a.target_system}: must be 1 to 255"
+    if a.record_limit is not None:
+        refused = a.record is None or a.record_limit < 1
+        yield refused, f"--record-limit {a.record_limit}: must be at least 1 MiB, and needs --record FOLDER"
+    yield a.carrier == "acceleration" and not hold, "--carrier acceleration: works with --setpoint hold only"
+    unfit = a.record is None or not hold or a.dry_run
+    yield (
+        a.survey is not None and unfit,
+        "--survey: needs --record FILE.tlog, --setpoint hold and no --dry-run",
+    )
+    simulated = a.connect is not None and a.connect.startswith("sim:")
+    yield a.compare and not simulated, "--compare: needs --connect sim:NAME, the built-in vehicle"
 
 
 def _preflight(a: argparse.Namespace) -> int:
@@ -165,13 +181,47 @@ def _preflight(a: argparse.Namespace) -> int:
 def _fly(a: argparse.Namespace) -> int:
     _check(a)
     # Imported here so that --help answers at once.
-    from companion.config import Base, Carrier, PipelineConfig
-    from companion.control.survey_box import read_box
+    from companion.config import Base
     from companion.flight import Flight, FlightOptions
     from companion.mavlink.link import Arrivals, open_link, read_signing_key
-    from companion.mavlink.tlog_writer import Recorder
-    from companion.vehicles import default_vehicle
     from companion.watchdog import Watchdog
+
+    config, notes = _flight_config(a)
+    key = None if a.signing_key is None else read_signing_key(a.signing_key)
+    arrivals = Arrivals()
+    with ExitStack() as stack:
+        endpoint, narration = _endpoint(a, stack)
+        link = stack.enter_context(closing(open_link(endpoint, arrivals, baud=a.baud, signing_key=key)))
+        upstream = None
+        if config.base is Base.UPSTREAM:
+            upstream = stack.enter_context(closing(open_link(a.setpoint, arrivals, baud=a.baud, number=1)))
+        recorder = _recorder(a, stack)
+        watchdog = stack.enter_context(closing(Watchdog()))
+        options = FlightOptions(
+            a.duration, a.target_system, a.quiet, hold_on_exit=a.on_exit == "hold", last_word=not a.no_last_word,
+            watchdog=watchdog, page=_page(a, stack),
+        )  # fmt: skip
+        if not a.quiet:  # after all that may refuse, so that a refusal is one line
+            for line in notes:
+                print(f"companion: {line}", file=sys.stderr)
+        flight = Flight(config, link, upstream, recorder, arrivals, options)
+        if narration is not None:
+            from companion.sim.narrator import follow
+
+            follow(narration, lambda text: None if a.quiet else print(text, file=sys.stderr, flush=True), flight.stop)
+        interrupted = _run(flight)
+        _report(a, flight)
+        if flight.unheard is not None:
+            print(f"companion: {a.connect}: {flight.unheard}", file=sys.stderr)
+            return _INTERRUPTED if interrupted else LinkError.exit_code
+    return _INTERRUPTED if interrupted else 0
+
+
+def _flight_config(a: argparse.Namespace) -> tuple[PipelineConfig, list[str]]:
+    """What does not change during the flight, and what is to be said about vehicle and model."""
+    from companion.config import Base, Carrier, PipelineConfig
+    from companion.control.survey_box import read_box
+    from companion.vehicles import default_vehicle
     from models.choice import choose_to_fly
     from models.vehicle import load_vehicle
     from models.vehicle_plausibility import warnings
@@ -187,50 +237,30 @@ def _fly(a: argparse.Namespace) -> int:
         offsets=not a.no_offsets,
         survey=None if a.survey is None else read_box(a.survey),
     )
-    key = None if a.signing_key is None else read_signing_key(a.signing_key)
-    arrivals = Arrivals()
+    notes = [chosen.note] if chosen.note else []
+    return config, [*notes, *(f"{a.vehicle}: {w}" for w in warnings(vehicle))]
+
+
+def _run(flight: Flight) -> bool:
+    """Fly until the end; returns whether a signal asked for it."""
     interrupted = False
-    with ExitStack() as stack:
-        endpoint, told = _endpoint(a, stack)
-        link = stack.enter_context(closing(open_link(endpoint, arrivals, baud=a.baud, signing_key=key)))
-        upstream = None
-        if config.base is Base.UPSTREAM:
-            upstream = stack.enter_context(closing(open_link(a.setpoint, arrivals, baud=a.baud, number=1)))
-        recorder = None if a.record is None else stack.enter_context(Recorder(a.record, _record_limits(a)))
-        watchdog = stack.enter_context(closing(Watchdog()))
-        options = FlightOptions(
-            a.duration, a.target_system, a.quiet, hold_on_exit=a.on_exit == "hold", last_word=not a.no_last_word,
-            watchdog=watchdog, page=_page(a, stack),
-        )  # fmt: skip
-        if not a.quiet:  # after all that may refuse, so that a refusal is one line
-            for line in [*([chosen.note] if chosen.note else []), *(f"{a.vehicle}: {w}" for w in warnings(vehicle))]:
-                print(f"companion: {line}", file=sys.stderr)
-        flight = Flight(config, link, upstream, recorder, arrivals, options)
 
-        def interrupt(*_: object) -> None:
-            nonlocal interrupted
-            interrupted = True
-            flight.stop()
+    def interrupt(*_: object) -> None:
+        nonlocal interrupted
+        interrupted = True
+        flight.stop()
 
-        if told is not None:
-            from companion.sim.narrator import follow
-
-            follow(told, lambda text: None if a.quiet else print(text, file=sys.stderr, flush=True), flight.stop)
-        signal.signal(signal.SIGINT, interrupt)
-        signal.signal(signal.SIGTERM, interrupt)
-        # What was loaded stays for the whole flight: the collector need not look at it at every pass.
-        gc.collect()
-        gc.freeze()
-        flight.run()
-        _report(a, flight)
-        if flight.unheard is not None:
-            print(f"companion: {a.connect}: {flight.unheard}", file=sys.stderr)
-            return _INTERRUPTED if interrupted else LinkError.exit_code
-    return _INTERRUPTED if interrupted else 0
+    signal.signal(signal.SIGINT, interrupt)
+    signal.signal(signal.SIGTERM, interrupt)
+    # What was loaded stays for the whole flight: the collector need not look at it at every pass.
+    gc.collect()
+    gc.freeze()
+    flight.run()
+    return interrupted
 
 
 def _endpoint(a: argparse.Namespace, stack: ExitStack) -> tuple[str, IO[str] | None]:
-    """Where to connect. ``sim:`` starts the built-in vehicle; without --duration it tells when its script is over."""
+    """Where to connect, and what the built-in vehicle says. Without --duration it says when its script is over."""
     if not a.connect.startswith("sim:"):
         return a.connect, None
     from companion.sim.launch import launch
@@ -254,16 +284,19 @@ def _page(a: argparse.Namespace, stack: ExitStack) -> PageFeed | None:
     return feed
 
 
-def _record_limits(a: argparse.Namespace) -> Any:
-    from companion.mavlink.tlog_writer import RecordLimits
+def _recorder(a: argparse.Namespace, stack: ExitStack) -> Recorder | None:
+    if a.record is None:
+        return None
+    from companion.mavlink.tlog_writer import Recorder, RecordLimits
 
-    if a.record_limit is None:
-        return RecordLimits()
-    most = a.record_limit << 20
-    return RecordLimits(file_bytes=min(most // 4, RecordLimits.file_bytes), folder_bytes=most)
+    limits = RecordLimits()
+    if a.record_limit is not None:
+        most = a.record_limit << 20  # MiB
+        limits = RecordLimits(file_bytes=min(most // 4, RecordLimits.file_bytes), folder_bytes=most)
+    return stack.enter_context(Recorder(a.record, limits))
 
 
-def _report(a: argparse.Namespace, flight: Any) -> None:
+def _report(a: argparse.Namespace, flight: Flight) -> None:
     if a.json is not None:
         _write_json(flight.as_json(), a.json)
     elif not a.quiet:

@@ -54,7 +54,7 @@ class HoldGains:
     """The same vertically, from the acceleration that was asked for: about what motors are late."""
     tilt_mean_s: float = 0.8
     """A tilt that lasts longer than this balances something and accelerates nothing. At half of it the phase
-    margin is 5 degrees lower, at twice of it a slow push is answered later (docs/control.md)."""
+    margin is 5 degrees lower, at twice of it a slow disturbance is answered later (docs/control.md)."""
     shape_s: tuple[float, float, float] = (0.25, 0.25, 0.12)
     """Time over which a change of the velocity target is fed forward as an acceleration, by axis NED."""
     target_age_s: float = 0.5
@@ -157,7 +157,7 @@ class Tuning:
     balance_mean_s: float = 1.0
     """Average of the tilt that balances wind before the hold engages."""
     parting_s: float = 0.5
-    """Letting go takes so long: level by degrees, or the place told to the autopilot several times."""
+    """Letting go takes so long: level by degrees, or the place sent to the autopilot several times."""
     # When the hold swings by itself
     swing_softer: float = 0.6
     """Of the gains, after each swing that was noticed."""

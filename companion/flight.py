@@ -16,7 +16,7 @@ from companion.mavlink.frames import Frame
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
-from companion.mavlink.samples import Attitude, Heartbeat, SetPositionTarget
+from companion.mavlink.samples import Attitude, Heartbeat, Sample, SetPositionTarget
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, Command, PositionCommand, encode
 from companion.mavlink.stream_rates import StreamKeeper, interval_request, wanted_streams
 from companion.mavlink.tlog_writer import Recorder, Records
@@ -29,21 +29,30 @@ from companion.telemetry.summary import Summary
 from companion.watchdog import Watchdog
 
 _ONBOARD_CONTROLLER, _NO_AUTOPILOT, _ACTIVE = 18, 8, 4
+"""MAV_TYPE, MAV_AUTOPILOT and MAV_STATE of our heartbeat."""
 _INFO = 6
+"""MAV_SEVERITY of what is no warning."""
+_WAIT_S = 0.02
+"""The loop passes at least this often: what is due by time alone is late by no more than one setpoint."""
 _LOST_S = 3.0
+"""Three heartbeats at the 1 Hz of the protocol."""
 _STOP_S = 3.0
 """At most so long for offsets to fade and the vehicle to come to rest after a stop."""
 _HAND_OVER_S = 1.0
-"""For so long the autopilot is told where to stay: PX4's controller has settled before the stream ends."""
+"""For so long the autopilot is sent the place to stay at: PX4's controller has settled before the stream ends."""
 _HAND_OVER_PERIOD_S = 0.05
+"""As often as attitudes bring setpoints, or a little less."""
 _LAST_WORD_PERIOD_S = 0.2
+"""Two in the silence after which the second process speaks (last_word.SILENCE_S)."""
 _DEAF_S, _DEAF_UNTIL_S, _DEAF_PERIOD_S = 0.3, 1.5, 0.1
-"""Without attitudes for so long, and until then, the autopilot is told where to stay: it would fly the last tilt on."""
+"""Without attitudes for so long, and until then, the autopilot is sent a place: it would keep the last tilt."""
 _PARAMETER_RETRY_S = 1.0
+"""An answer takes 0.1 s on a link that is not full."""
 _PARAMETER_SLOW_RETRY_S = 5.0
 """After ten tries the ones still missing are asked for this seldom, but never given up."""
 _PARAMETER_TRIES = 10
 _DO_SET_MODE, _CUSTOM_MODE = 176, 1
+"""MAV_CMD_DO_SET_MODE and MAV_MODE_FLAG_CUSTOM_MODE_ENABLED."""
 _PX4_HOLD = (4, 3)
 """PX4's main and sub mode AUTO, LOITER."""
 
@@ -58,11 +67,11 @@ class FlightOptions:
     hold_on_exit: bool = False
     """Ask PX4 for its HOLD mode at the end: the only change of mode there is, and only where the user wants it."""
     last_word: bool = False
-    """Start the second process that tells the autopilot where to stay if this one is killed."""
+    """Start the second process that sends the autopilot a place to stay at if this one is killed."""
     watch: Callable[[Decision], None] | None = None
     """Called with every decision."""
     watchdog: Watchdog | None = None
-    """Told that the loop runs."""
+    """Kept informed that the loop runs."""
     page: PageFeed | None = None
     """Shown what is decided."""
 
@@ -93,16 +102,16 @@ class Flight:
         self._intake = Intake(options.target_system)
         self._state = initial_state(config)
         self._status = StatusReporter()
-        self._told_slow: set[str] = set()
-        self._told_stray = False
+        self._reported_slow: set[str] = set()
+        self._reported_stray = False
         self._streams: StreamKeeper | None = None
         self._stack = Stack.OTHER
-        self._heard_s = self._attitude_s = self._told_place_s = -math.inf
+        self._heard_s = self._attitude_s = self._sent_place_s = -math.inf
         self._started_s = arrivals.now_s()
         self._complained = False
         self._beat_s = self._asked_s = self._flushed_s = -math.inf
         self._asked = 0
-        self._survey_told: tuple[Phase, str] = (Phase.WAITING, "")
+        self._survey_reported: tuple[Phase, str] = (Phase.WAITING, "")
         self._stop_s: float | None = None
         self._latency = LatencyHistogram()
         self._hurried = False
@@ -143,7 +152,7 @@ class Flight:
                     self._state = stopped(self._state)
                 if self._hurried or ready_to_leave(self._state) or now - self._stop_s > _STOP_S:
                     break
-            self._arrivals.clock.wait(links, 0.02)
+            self._arrivals.clock.wait(links, _WAIT_S)
             for arrival_us, frame in self._link.drain():
                 self._take(arrival_us, frame)
             if self._upstream is not None:
@@ -172,6 +181,19 @@ class Flight:
         self._feed(arrival_us, frame)
 
     def _feed(self, arrival_us: int, frame: Frame) -> None:
+        """One frame into ``step``; a setpoint that it brings is sent before anything else is done."""
+        sample = self._sample(arrival_us, frame)
+        if sample is None:
+            return
+        self._state, decision = step(self._state, sample, self._config)
+        if decision is not None and decision.command is not None and not self._config.dry_run:
+            self._latency.add(self._send_command(decision.command) - arrival_us)
+        self._note(frame, sample)
+        if decision is not None:
+            self._report(decision)
+
+    def _sample(self, arrival_us: int, frame: Frame) -> Sample | None:
+        """What the intake makes of a frame; says where a vehicle rebooted or another one is ignored."""
         intake = self._intake
         boot, ignored = intake.clock.boot, len(intake.others)
         sample = intake.sample(frame, arrival_us)
@@ -179,22 +201,25 @@ class Flight:
             self._rebooted()
         if len(intake.others) > ignored:
             self._say(f"companion: ignoring system {frame.system}; flying with system {intake.system}")
-        if sample is None:
-            return
-        if isinstance(sample, Attitude):
-            self._attitude_s = self._arrivals.now_s()
-        if isinstance(sample, Heartbeat) and sample.component == AUTOPILOT_COMPONENT:
-            self._connected(sample)
+        return sample
+
+    def _note(self, frame: Frame, sample: Sample) -> None:
+        """Keep the books of what was heard: streams, heartbeats, targets to others, a survey's progress."""
+        now_s = self._arrivals.now_s()
         if self._streams is not None:
-            self._streams.heard(frame.id, self._arrivals.now_s())
-        if isinstance(sample, SetPositionTarget) and sample.target_component not in (0, OWN_COMPONENT):
+            self._streams.heard(frame.id, now_s)
+        kind = type(sample)
+        if kind is Attitude:
+            self._attitude_s = now_s
+        elif isinstance(sample, Heartbeat) and sample.component == AUTOPILOT_COMPONENT:
+            self._connected(sample)
+        elif isinstance(sample, SetPositionTarget) and sample.target_component not in (0, OWN_COMPONENT):
             self._stray_target(sample)
-        self._state, decision = step(self._state, sample, self._config)
-        self._tell_survey()
-        if decision is None:
-            return
-        if decision.command is not None and not self._config.dry_run:
-            self._latency.add(self._send_command(decision.command) - arrival_us)
+        if self._config.survey is not None:
+            self._report_survey(self._state.survey)
+
+    def _report(self, decision: Decision) -> None:
+        """Tell summary, watchers, ground station and terminal of a decision."""
         self.summary.add(decision)
         if self._options.watch is not None:
             self._options.watch(decision)
@@ -211,11 +236,10 @@ class Flight:
         """How far a survey has come."""
         return self._state.survey
 
-    def _tell_survey(self) -> None:
-        survey = self._state.survey
-        if self._config.survey is None or (survey.phase, survey.why) == self._survey_told:
+    def _report_survey(self, survey: Survey) -> None:
+        if (survey.phase, survey.why) == self._survey_reported:
             return
-        self._survey_told = (survey.phase, survey.why)
+        self._survey_reported = (survey.phase, survey.why)
         text = f"companion: {survey.phase.value}" + (f": {survey.why}" if survey.why else "")
         self._send(self._link.mav.statustext_encode(_INFO, text[:50].encode()))
         self._say(text)
@@ -235,8 +259,8 @@ class Flight:
             self._say(f"companion: connected to system {self._system} ({stack.name.lower()})")
 
     def _stray_target(self, target: SetPositionTarget) -> None:
-        if not self._told_stray and self._state.hold is not None:
-            self._told_stray = True
+        if not self._reported_stray and self._state.hold is not None:
+            self._reported_stray = True
             self._tell(f"companion: that target went to component {target.target_component}; 191 moves the hold")
 
     def _rebooted(self) -> None:
@@ -266,8 +290,8 @@ class Flight:
         for wanted in self._streams.due(now_s):
             self._send(interval_request(self._link.mav, wanted, self._system))
         for name, hz in self._streams.in_vain.items():
-            if name not in self._told_slow:
-                self._told_slow.add(name)
+            if name not in self._reported_slow:
+                self._reported_slow.add(name)
                 self._tell(f"companion: {name} comes at {hz:.0f} Hz only, however often asked for")
         retry_s = _PARAMETER_RETRY_S if self._asked <= _PARAMETER_TRIES else _PARAMETER_SLOW_RETRY_S
         if now_s - self._asked_s >= retry_s:
@@ -281,8 +305,8 @@ class Flight:
         place = self._place
         if place is None or not _DEAF_S <= now_s - self._attitude_s <= _DEAF_UNTIL_S:
             return
-        if now_s - self._told_place_s >= _DEAF_PERIOD_S:
-            self._told_place_s = now_s
+        if now_s - self._sent_place_s >= _DEAF_PERIOD_S:
+            self._sent_place_s = now_s
             self._send_command(place)
 
     def _renew_last_word(self, now_s: float) -> None:
@@ -330,7 +354,7 @@ class Flight:
         return b"" if place is None else self._link.frame(*encode(place, self._system))
 
     def _hand_over(self) -> None:
-        """Never leave a tilt behind: tell the autopilot where to stay, until its own controller has settled.
+        """Never leave a tilt behind: send the autopilot the place to stay at, until its own controller has settled.
 
         Where it takes no places (GUIDED_NOGPS), a level setpoint at hover thrust.
         """

@@ -58,8 +58,9 @@ _REBOOT_S = 1.0
 _AUTOPILOT_INVALID = 8
 """MAV_AUTOPILOT_INVALID: the sender is no flight controller."""
 _TUNE_PERIOD_S = 1.0
+"""A plant does not change faster, and choosing gains takes milliseconds where it is new."""
 _SLOW_SHARE = 0.6
-"""Softer gains than this are told to the pilot: the hold is then looser than the autopilot's own."""
+"""Softer gains than this are reported to the pilot: the hold is then looser than the autopilot's own."""
 _OTHER_LAG = 0.15
 """A measured attitude loop counts once its lag is this share off the one in use: noise changes no gains."""
 
@@ -119,7 +120,7 @@ def step(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[
 
 
 def _overtaken(state: PipelineState, sample: Attitude | LocalPosition | AttitudeTarget) -> bool:
-    """Whether a newer one has arrived already: what comes out of order is no news."""
+    """Whether a newer one has arrived already: a message out of order is left out."""
     newest = state.estimates.attitude if isinstance(sample, Attitude) else state.estimates.position
     return not isinstance(sample, AttitudeTarget) and newest is not None and sample.t_s < newest.t_s
 
@@ -147,7 +148,7 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
         case Pressure():
             return replace(state, t_s=now, estimates=replace(estimates, pressure=sample))
         case EstimatorStatus():
-            return replace(state, t_s=now, estimates=replace(estimates, trust=estimates.trust.told(sample)))
+            return replace(state, t_s=now, estimates=replace(estimates, trust=estimates.trust.after(sample)))
         case EscHealth():
             return replace(state, t_s=now, estimates=est.take_health(estimates, sample))
         case AttitudeTarget():
@@ -483,8 +484,8 @@ def _remember_sent(
     last = replace(base, roll=base.roll + offset.roll, pitch=base.pitch + offset.pitch, thrust=command.thrust)
     if config.dry_run:
         return replace(state, last=last)
-    told = attitude_response.sent(state.response, t_s, np.array([last.roll, last.pitch]))
-    return replace(state, last=last, response=told)
+    response = attitude_response.sent(state.response, t_s, np.array([last.roll, last.pitch]))
+    return replace(state, last=last, response=response)
 
 
 def _command(
@@ -502,7 +503,7 @@ def _command(
     if config.base is Base.UPSTREAM:
         upstream = state.upstream
         assert upstream is not None
-        # An upstream controller's own extremes are its business; the offset never pushes past the limits.
+        # An upstream controller's own extremes are its business; the offset never goes past the limits.
         value = base.thrust + min(max(offset.thrust, min(floor - base.thrust, 0.0)), max(ceiling - base.thrust, 0.0))
         return AttitudeCommand(
             t_s,

@@ -16,9 +16,11 @@ from models.frames import Array
 
 _TAUS = np.array([0.03, 0.045, 0.065, 0.09, 0.12, 0.16, 0.22, 0.30])
 _DELAYS = np.array([0.02, 0.05, 0.08, 0.12, 0.17, 0.24, 0.34])
+"""Candidates of lag and dead time [s], in steps of a third: from a racing quadrotor's to a slow heavy vehicle's."""
 _MEAN_S = 2.0
 """Slower parts are trim and wind, not the answer to a setpoint."""
 _MEMORY_S = 30.0
+"""A sum forgets in this time: long enough for manoeuvres, short enough for a parameter that was changed."""
 _LEAST_S = 8.0
 """Seconds of flight before a measurement counts ..."""
 _LEAST_RAD = math.radians(0.35)
@@ -28,6 +30,7 @@ _MOST_UNEXPLAINED = 0.35
 _KEPT_S = 0.5
 """History of setpoints: longer than the longest delay."""
 _GAINS = (0.7, 1.6)
+"""Of a loop that follows its setpoint; what lies outside is another thing that moves the vehicle."""
 
 
 def _zeros() -> Array:

@@ -73,7 +73,7 @@ HOLDS_BACK_EVERYTHING = frozenset(
 
 
 class Notice(Enum):
-    """What the pilot is told beside the state; nothing stops because of it."""
+    """Messages to the pilot beside the state; nothing stops because of them."""
 
     FRAME_REFUSED = "target refused: its frame is none of LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED"
     SOFTENED = "swinging: gains softened, offsets off for now"

@@ -1,6 +1,6 @@
-"""From the modelled push of ground and wall to an offset of thrust and attitude.
+"""From the modelled disturbance by ground and wall to an offset of thrust and attitude.
 
-Thrust is corrected multiplicatively (T/k, no algebraic loop), a lateral force by a lean against it, a moment by a bias
+Thrust is corrected multiplicatively (T/k, no algebraic loop), a lateral force by a tilt against it, a moment by a bias
 of the attitude, washed out because the autopilot's rate integrator owns its steady part. See docs/control.md.
 """
 
@@ -57,7 +57,7 @@ def wanted_offset(
     rotation: Array,
     dt_s: float,
 ) -> tuple[Offset, MomentWashout]:
-    """The offset that cancels the push, before limits, slew and fades; and the moment wash-out one step on."""
+    """The offset that cancels the disturbance, before limits, slew and fades; and the moment wash-out one step on."""
     vehicle = config.vehicle
     weight = disturbance.gain * disturbance.trust
     fx, fy, fz, mx, my, _ = (float(v) for v in disturbance.wrench * weight)

@@ -94,7 +94,7 @@ def modelled_disturbance(
 def adopted_disturbance(
     model: FanSurrogate, state: AirState, vehicle: Vehicle, tuning: Tuning, damping_1_s: float
 ) -> Array:
-    """What the adopted effects push (6,), with a ceiling's pull no stronger than delay allows.
+    """Wrench (6,) of the adopted effects, with a ceiling's pull no stronger than delay allows.
 
     As if the vehicle stood still in the air's own motion: drag on its own velocity damps the loop, and feeding it
     forward would take that damping away.
@@ -120,8 +120,8 @@ def adopted_disturbance(
 def trim_reaction(vehicle: Vehicle) -> Array:
     """Force (3,) per moment (3,) that the vanes exert in holding a moment off: shape (3, 3), zero without vanes.
 
-    A vane is a side force at its station. Balancing a wall's roll moment with vanes below the CG pushes the vehicle
-    towards that wall, harder than the wall itself pulls: 6.7 N per N m on the paper's vehicle.
+    A vane is a side force at its station. Balancing a wall's roll moment with vanes below the CG moves the vehicle
+    towards that wall, with more force than the wall's own: 6.7 N per N m on the paper's vehicle.
     """
     if not vehicle.vanes:
         return np.zeros((3, 3))

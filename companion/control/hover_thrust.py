@@ -17,7 +17,7 @@ _MIN_SHARE = 0.005
 
 @dataclass(frozen=True)
 class HoverThrust:
-    """What ATTITUDE_TARGET told: the average while the autopilot hovered, and what it asks for now."""
+    """From ATTITUDE_TARGET: the average while the autopilot hovered, and what it asks for now."""
 
     learned: float | None = None
     """Free of what the ground gave."""
@@ -61,7 +61,7 @@ def best_hover(hover: HoverThrust, parameters: Mapping[str, float], declared: fl
 def is_known(hover: HoverThrust, t_s: float, parameters: Mapping[str, float], declared: float, tuning: Tuning) -> bool:
     """Whether the hover thrust is good enough to engage with.
 
-    Where the autopilot tells its thrust, that must have been learned: parameters are off by a tenth (ArduPilot) or
+    Where the autopilot sends its thrust, that must have been learned: parameters are off by a tenth (ArduPilot) or
     never set (PX4's default is 0.5 on every vehicle). Where it does not, parameter and vehicle file must agree.
     """
     if hover.seconds >= tuning.hover_learned_s:

@@ -15,6 +15,7 @@ from models.frames import Array
 from models.vehicle import Limits
 
 _IGNORE_POSITION, _IGNORE_VELOCITY, _IGNORE_YAW = (1, 2, 4), (8, 16, 32), 1024
+"""Bits of POSITION_TARGET_TYPEMASK, by axis."""
 _NOWHERE = np.full(3, np.nan)
 
 

@@ -63,7 +63,7 @@ class PipelineState:
     decided_s: float = -math.inf
     disturbance: Disturbance | None = None
     disturbance_s: float = -math.inf
-    """When ``push`` was computed: after a position, so that an attitude is answered without waiting for the model."""
+    """When it was computed: after a position, so that an attitude is answered without waiting for the model."""
     lift_share: float = 1.0
     """Modelled free-air lift over the weight, averaged while the vehicle flies."""
     late_since_s: float = math.inf

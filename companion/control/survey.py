@@ -1,6 +1,6 @@
 """Flies a box of heights and wall distances, slowly, so that one flight shows what ground and wall do to a vehicle.
 
-A pure generator of position targets: plan once, then a place and a velocity for every instant. It is told where the
+A pure generator of position targets: plan once, then a place and a velocity for every instant. Its input is where the
 vehicle is and how far ground and wall are; it begins and ends at the same place. Distances are those that the pilot
 sees as cc_h and cc_d: the lowest fan's reference point over the ground, the nearest lip to the wall.
 """
@@ -19,10 +19,13 @@ from models.evolve import replace
 from models.frames import Array
 
 SPEED_M_S = 0.15
+"""Mean speed of a move: the vehicle's own drag stays below what ground and wall do."""
 DWELL_S = 3.0
+"""At each place: ten times what the hold takes to come to rest."""
 SETTLE_S = 3.0
 """For so long the hold must have been flying before the survey begins."""
 HEIGHTS, DISTANCES = 5, 4
+"""Places of the grid: enough to tell a decay length from a size."""
 MARGIN_M = 0.06
 """Closer than the box by this, or by a third of the box's least distance: back to where it began at once."""
 OFF_COURSE_M = 0.40
@@ -30,6 +33,7 @@ OFF_COURSE_M = 0.40
 _PLACE_AND_VELOCITY = 0x1C0 | 0x400 | 0x800
 """type_mask: acceleration, yaw and yaw rate are not commanded."""
 _LOCAL_NED = 1
+"""MAV_FRAME_LOCAL_NED."""
 _PEAK = 1.875
 """Peak over mean speed of a minimum-jerk move."""
 
@@ -93,7 +97,7 @@ class Survey:
 
 @dataclass(frozen=True)
 class Whereabouts:
-    """What a survey is told: the vehicle's place (3,) NED, h and d [m] (inf: nothing there, nan: not known)."""
+    """What a survey needs to know: the vehicle's place (3,) NED, h and d [m] (inf: nothing there, nan: not known)."""
 
     t_s: float
     engaged: bool

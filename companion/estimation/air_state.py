@@ -12,7 +12,7 @@ from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, l
 from companion.estimation.range_geometry import fan_ceilings
 from companion.mavlink.range_beams import orientation_direction
 from models.air_state import DIRECTIONS, AirState, blank_state
-from models.frames import Array
+from models.frames import GRAVITY, Array
 
 _BEAMS = {(0, 0, 1): "down", (0, 0, -1): "up", (1, 0, 0): "forward", (0, 1, 0): "right", (-1, 0, 0): "back",
           (0, -1, 0): "left"}  # fmt: skip
@@ -64,7 +64,7 @@ def air_state(
     if estimates.esc_temperature_c is not None:
         changes["esc_temperature_c"] = np.asarray(estimates.esc_temperature_c)
     # The specific force that a steady vehicle feels: the accelerometer's own noise must not become a command.
-    changes["specific_force"] = -9.80665 * rotation[2]
+    changes["specific_force"] = -GRAVITY * rotation[2]
     return replace(state, **changes)
 
 

@@ -40,16 +40,23 @@ from models.vehicle import Vehicle
 from models.vehicle_wrench import rpm_from_servos
 
 _STOPPED_RPM = 100.0
+"""A zero, and what an ESC reports of a rotor that coasts: a tenth of the slowest idle speeds."""
 _SPINNING_RPM = 500.0
+"""Half of the slowest idle speeds; no rotor lifts anything below it."""
+_SPUN_S = 1.0
+"""A rotor that turned this short ago still does: none stops faster by itself."""
 _SOUND_M_S = 340.0
 """Blade tips are never faster: such a speed is no speed but a damaged or saturated number."""
 _CLEAR_AFTER_S = 0.5
+"""A near surface has gone after readings without an echo for so long: a single lost echo at 10 Hz is no clear sight."""
 _POSITION_NEAR_S = 0.3
 """A position further off in time says nothing about a reading's motion."""
 _SAME_READING_M = 0.0005
+"""Half a millimetre: readings are sent in centimetres or, on some links, in millimetres."""
 _FROZEN_MOVE_M = 0.10
 """Ten of the centimetres in which ranges are sent: a reading that did not change over this motion is frozen."""
 _TURNED_COS = math.cos(math.radians(15.0))
+"""A beam that turned further looks at another place: half of the 30 degrees at which an echo is lost."""
 _PAST_EDGE_M = 0.3
 """A wall may end this far to the side ..."""
 _OVER_EDGE_M = 1.0
@@ -79,7 +86,7 @@ class Sighting:
 
 @dataclass(frozen=True)
 class BeamTrack:
-    """One declared rangefinder: the distance of the CG to the plane it sees, and when it last said what."""
+    """One declared rangefinder: the distance of the CG to the plane it sees, and its newest verdict."""
 
     track: Track | None = None
     normal_ned: Array | None = None
@@ -164,7 +171,7 @@ def take_attitude(estimates: Estimates, sample: Attitude) -> Estimates:
 
 
 def take_position(estimates: Estimates, sample: LocalPosition, tuning: Tuning) -> Estimates:
-    """Position and velocity; the vehicle's own velocity tells every track its rate."""
+    """Position and velocity; the vehicle's own velocity measures the rate of every track."""
     velocity = np.asarray(sample.velocity_ned)
     beams = tuple(
         beam
@@ -292,42 +299,58 @@ def take_rotors(estimates: Estimates, sample: RotorSpeeds, config: PipelineConfi
     A zero of a rotor that was spinning, or while others spin, is a lost frame, not a stopped rotor. Telemetry that
     counts its packets and does not count on repeats an old value. Blade tips beyond the speed of sound are no speed.
     """
-    tuning = config.tuning
-    declared = {rotor.esc for rotor in config.vehicle.rotors}
-    named = [rpm for k, rpm in enumerate(sample.rpm) if sample.first_esc + k in declared]
-    some_spin = any(abs(rpm) > _SPINNING_RPM for rpm in named)
-    estimates, repeated = _counted(estimates, sample)
-    fastest_rpm = _SOUND_M_S / config.vehicle.rotor_radius_m * 30.0 / math.pi
+    vehicle, tuning, first = config.vehicle, config.tuning, sample.first_esc
+    spinning = [first + k for k, rpm in enumerate(sample.rpm) if abs(rpm) > _SPINNING_RPM]
+    places = _rotor_places(vehicle)
+    some_spin = any(esc in places for esc in spinning)
+    packets, repeated = _counted(estimates, sample)
+    fastest_rpm = _SOUND_M_S / vehicle.rotor_radius_m * 30.0 / math.pi
     rotors = list(estimates.rotors)
-    for k, rotor in enumerate(config.vehicle.rotors):
-        slot = -1 if rotor.esc is None else rotor.esc - sample.first_esc
-        if not 0 <= slot < len(sample.rpm) or repeated[slot]:
+    for slot, signed_rpm in enumerate(sample.rpm):
+        rpm = abs(signed_rpm)
+        if repeated[slot] or rpm > fastest_rpm:
             continue
-        rpm, track = abs(sample.rpm[slot]), rotors[k]
-        if rpm > fastest_rpm:
-            continue
-        spun = track is not None and track.value > _SPINNING_RPM and track.age(sample.t_s) < 1.0
-        if rpm < _STOPPED_RPM and (some_spin or spun):
-            continue
-        rotors[k], _ = measure(track, tuning.rotor_track, sample.t_s, rpm, tuning.rotor_sigma_rpm, tuning.rotor_delay_s)
-    estimates = replace(estimates, rotors=tuple(rotors))
-    strange = any(abs(v) > _SPINNING_RPM and sample.first_esc + k not in declared for k, v in enumerate(sample.rpm))
-    if config.vehicle.telemetered and strange:
-        estimates = replace(estimates, undeclared_s=sample.t_s)
+        for k in places.get(first + slot, ()):
+            if rpm >= _STOPPED_RPM or not (some_spin or _spun(rotors[k], sample.t_s)):
+                rotors[k], _ = measure(
+                    rotors[k], tuning.rotor_track, sample.t_s, rpm, tuning.rotor_sigma_rpm, tuning.rotor_delay_s
+                )
+    undeclared = vehicle.telemetered and any(esc not in places for esc in spinning)
+    estimates = replace(
+        estimates,
+        rotors=tuple(rotors),
+        packets=packets,
+        undeclared_s=sample.t_s if undeclared else estimates.undeclared_s,
+    )
     return estimates if sample.health is None else take_health(estimates, sample.health)
 
 
-def _counted(estimates: Estimates, sample: RotorSpeeds) -> tuple[Estimates, list[bool]]:
-    """Which places of ``sample`` repeat an old value: of counters that are known to count."""
+@lru_cache(maxsize=4)
+def _rotor_places(vehicle: Vehicle) -> dict[int, list[int]]:
+    """Places in ``vehicle.rotors`` by ESC number."""
+    places: dict[int, list[int]] = {}
+    for place, rotor in enumerate(vehicle.rotors):
+        if rotor.esc is not None:
+            places.setdefault(rotor.esc, []).append(place)
+    return places
+
+
+def _spun(track: Track | None, t_s: float) -> bool:
+    """Whether a rotor turned within the last second."""
+    return track is not None and track.value > _SPINNING_RPM and track.age(t_s) < _SPUN_S
+
+
+def _counted(estimates: Estimates, sample: RotorSpeeds) -> tuple[Mapping[int, Packets], list[bool]]:
+    """Packets so far, and which places of ``sample`` repeat an old value: of counters that are known to count."""
     if sample.count is None:
-        return estimates, [False] * len(sample.rpm)
+        return estimates.packets, [False] * len(sample.rpm)
     counts, repeated = dict(estimates.packets), []
     for k, count in enumerate(sample.count):
         before = counts.get(sample.first_esc + k)
         moves = before is not None and (before.moves or count != before.count)
         repeated.append(moves and before is not None and count == before.count)
         counts[sample.first_esc + k] = Packets(count, moves)
-    return replace(estimates, packets=counts), repeated
+    return counts, repeated
 
 
 def take_servo(estimates: Estimates, sample: ServoOutput, config: PipelineConfig) -> Estimates:
@@ -339,7 +362,7 @@ def take_servo(estimates: Estimates, sample: ServoOutput, config: PipelineConfig
 
 
 def take_health(estimates: Estimates, sample: EscHealth) -> Estimates:
-    """ESC temperatures; NaN where none is told."""
+    """The hottest ESC; places that read NaN are left out."""
     known = [t for t in sample.temperature_c if math.isfinite(t)]
     return replace(estimates, esc_temperature_c=max(known)) if known else estimates
 

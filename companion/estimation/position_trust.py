@@ -22,6 +22,7 @@ _INNOVATION = 1.0
 _RESET_M = 0.3
 """A jump past what the velocity explains, larger than any noise of an estimator at 5 to 50 Hz."""
 _RESET_WITHIN_S = 0.5
+"""Two and a half positions at 5 Hz; over a longer gap a velocity says too little."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +32,7 @@ class PositionTrust:
     status: EstimatorStatus | None = None
     best_accuracy_m: float = math.inf
 
-    def told(self, status: EstimatorStatus) -> PositionTrust:
+    def after(self, status: EstimatorStatus) -> PositionTrust:
         """After one more status."""
         accuracy = status.horizontal_accuracy_m
         return PositionTrust(status, min(self.best_accuracy_m, accuracy) if accuracy > 0.0 else self.best_accuracy_m)

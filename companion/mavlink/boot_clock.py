@@ -25,13 +25,13 @@ AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1
 _WINDOW_US = 2_000_000  # an offset lives one to two windows: clock drift of 100 ppm then costs 0.4 ms
 _BACK_US = 1_000_000  # samples are stamped up to some 0.3 s before they are sent, in any order
 _AHEAD_US = 10_000_000  # no stamp runs further ahead of the receiver's clock
-_SLOPE_WINDOW_US = 500_000
-_SLOPES = 16
+_SLOPE_WINDOW_US = 500_000  # long enough for 25 stamps at 50 Hz, the earliest of which was hardly delayed
+_SLOPES = 16  # eight seconds
 _LEARNING = 4  # the first slopes only teach: 2 s
-_FASTEST_DRIFT = 0.5
+_FASTEST_DRIFT = 0.5  # a simulator at half of real time
 _QUARTZ = 1e-3  # ten times what two quartz clocks drift apart
 _UNIX_US = 10**15  # as Unix time September 2001, as boot time 31 years
-_SAME_CLOCK_US = 5_000_000
+_SAME_CLOCK_US = 5_000_000  # two counters of one boot differ by less than it takes to start
 _WRAP_MS_US = 2**32 * 1000
 _WRAP_US = 2**32
 

@@ -20,6 +20,7 @@ from companion.mavlink.esc_messages import BY_ID as ESC_BY_ID
 V1, V2 = 0xFE, 0xFD
 """First byte of a frame."""
 SIGNATURE_BYTES = 13
+"""Link id, 6 of time, 6 of the digest."""
 _V1_AROUND, _V2_AROUND = 8, 12
 """Bytes of header and checksum around a payload."""
 _SEARCH_BYTES = 1 << 20
@@ -81,38 +82,15 @@ def walk(data: bytes, counts: Counts, ahead: int = 0, *, whole: bool = True) -> 
     ``ahead``: bytes that precede every frame (8 in a .tlog: its stamp); offsets are of these. ``whole`` False: more
     bytes may follow, so a frame that cannot be checked yet is left in the rest.
     """
-    n, i, after = len(data), 0, ahead + 1
+    n, i = len(data), 0
     starts = array("q")
-    append, crc, extra_v2, extra_v1 = starts.append, crc16, _EXTRA_V2, _EXTRA_V1
-    smallest = ahead + _V1_AROUND
-    while i + smallest <= n:
-        magic = data[i + ahead]
-        following, extra = n + 1, None
-        if magic == V2:
-            if i + ahead + _V2_AROUND <= n:
-                end = i + ahead + 10 + data[i + after]
-                following = end + 2 + SIGNATURE_BYTES if data[i + ahead + 2] & 1 else end + 2
-                if following <= n:
-                    extra = extra_v2.get(data[i + ahead + 7 : i + ahead + 10])
-                    if extra is not None and crc(data[i + after : end] + extra) == data[end] | data[end + 1] << 8:
-                        append(i)
-                        i = following
-                        continue
-        elif magic == V1:
-            end = i + ahead + 6 + data[i + after]
-            following = end + 2
-            if following <= n:
-                extra = extra_v1.get(data[i + ahead + 5])
-                if extra is not None and crc(data[i + after : end] + extra) == data[end] | data[end + 1] << 8:
-                    append(i)
-                    i = following
-                    continue
-        proper = following == n or (following + ahead < n and data[following + ahead] in (V1, V2))
-        if following <= n and proper:
-            if extra is None:
+    while (i := _good_run(data, i, ahead, starts)) + ahead + _V1_AROUND <= n:
+        magic, following, known = _header(data, i + ahead)
+        if following <= n and _proper_end(data, following, ahead):
+            if not known:
                 # A message of another dialect cannot be checked; the frame after it vouches for its length.
                 counts.unknown += 1
-                append(i)
+                starts.append(i)
                 i = following
                 continue
             counts.bad_crc += 1
@@ -126,6 +104,49 @@ def walk(data: bytes, counts: Counts, ahead: int = 0, *, whole: bool = True) -> 
         counts.skipped_bytes += found - i
         i = found
     return starts, i
+
+
+def _good_run(data: bytes, i: int, ahead: int, starts: array[int]) -> int:
+    """Append the offsets of the frames from ``i`` on that follow each other with a right checksum; where they end."""
+    n, after = len(data), ahead + 1
+    append, crc, extra_v2, extra_v1 = starts.append, crc16, _EXTRA_V2, _EXTRA_V1
+    while i + ahead + _V1_AROUND <= n:
+        magic = data[i + ahead]
+        if magic == V2 and i + ahead + _V2_AROUND <= n:
+            end = i + ahead + 10 + data[i + after]
+            following = end + 2 + SIGNATURE_BYTES if data[i + ahead + 2] & 1 else end + 2
+            extra = extra_v2.get(data[i + ahead + 7 : i + ahead + 10])
+        elif magic == V1:
+            end = i + ahead + 6 + data[i + after]
+            following = end + 2
+            extra = extra_v1.get(data[i + ahead + 5])
+        else:
+            return i
+        if following > n or extra is None:
+            return i
+        if crc(data[i + after : end] + extra) != data[end] | data[end + 1] << 8:
+            return i
+        append(i)
+        i = following
+    return i
+
+
+def _header(data: bytes, at: int) -> tuple[int, int, bool]:
+    """First byte, end, and whether the dialect knows the message, of what should be a frame at ``at``.
+
+    The end is beyond ``data`` where this is no frame or its header is not complete.
+    """
+    magic, beyond = data[at], len(data) + 1
+    if magic == V1:
+        return magic, at + frame_bytes(data, at), data[at + 5] in _EXTRA_V1
+    if magic == V2 and at + _V2_AROUND <= len(data):
+        return magic, at + frame_bytes(data, at), data[at + 7 : at + 10] in _EXTRA_V2
+    return magic, beyond, False
+
+
+def _proper_end(data: bytes, following: int, ahead: int) -> bool:
+    """Whether another frame, or the end of the data, is where a frame ends."""
+    return following == len(data) or (following + ahead < len(data) and data[following + ahead] in (V1, V2))
 
 
 def _unfinished(data: bytes, i: int) -> int:

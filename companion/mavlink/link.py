@@ -18,7 +18,9 @@ from models.errors import ConfigError, LinkError
 
 _NETWORK = ("udp", "udpin", "udpout", "tcp", "tcpin", "udpbcast", "mcast")
 _SYSTEM_UNKNOWN = 1
+"""We send as this system until the vehicle's own is heard."""
 _READ = 65536
+"""Bytes of one read: more than a datagram holds, and 0.7 s of a serial port at 921600 baud."""
 
 
 class Arrivals:

@@ -9,10 +9,15 @@ from companion.mavlink.samples import Range, Sample
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, SET_POSITION_TARGET
 
 AUTOPILOT_COMPONENT = 1
+"""MAV_COMP_ID_AUTOPILOT1."""
 OWN_COMPONENT = 191
+"""MAV_COMP_ID_ONBOARD_COMPUTER."""
 _NO_AUTOPILOT = 8
+"""MAV_AUTOPILOT_INVALID."""
 _DOWN_COS = 0.94
+"""A beam within 20 degrees of straight down."""
 _HEARTBEAT, _AUTOPILOT_BYTE = 0, 5
+"""Message id, and the place of ``autopilot`` in its payload."""
 _SETPOINTS = (SET_ATTITUDE_TARGET, SET_POSITION_TARGET)
 
 

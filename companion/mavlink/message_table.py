@@ -52,6 +52,7 @@ from companion.mavlink.samples import Sample
 from companion.mavlink.wire_layout import Layout, Quantity, Raw
 
 _ACC_LIMIT, _GYRO_LIMIT, _RPM_LIMIT = 2000.0, 200.0, 200_000.0
+"""m/s^2, rad/s, rpm: ten times what sensors reach, and what no hobby motor does; a larger number is damage."""
 
 
 def _q(

@@ -16,6 +16,7 @@ DOWN = (0.0, 0.0, 1.0)
 
 
 CUSTOM_ORIENTATION = 100
+"""MAV_SENSOR_ROTATION_CUSTOM: the quaternion has the direction."""
 
 
 LOW_QUALITY_BELOW = 10
@@ -50,7 +51,7 @@ def orientation_direction(orientation: int) -> Vector3 | None:
 
 
 def beam_direction(orientation: int, quaternion: Quaternion) -> Vector3 | None:
-    """Unit beam (FRD) of a DISTANCE_SENSOR; a CUSTOM one by its quaternion. None where it cannot be told."""
+    """Unit beam (FRD) of a DISTANCE_SENSOR; a CUSTOM one by its quaternion. None where it cannot be resolved."""
     if orientation != CUSTOM_ORIENTATION:
         return _BEAMS.get(orientation)
     q = unit_quaternion(quaternion)

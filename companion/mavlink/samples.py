@@ -14,7 +14,7 @@ Quaternion = tuple[float, float, float, float]
 
 
 class RangeVerdict(Enum):
-    """What one range reading is worth. The first five are told by the message, the last two by the filter."""
+    """What one range reading is worth. The message gives the first five, the filter the last two."""
 
     OK = "ok"
     BELOW_MIN = "below min"
@@ -94,7 +94,7 @@ class Range(_Sample):
 
 @dataclass(frozen=True, slots=True)
 class EscHealth(_Sample):
-    """What ESCs tell beside their speed. ESC ``first_esc + i`` (from 1) at place i; NaN where unknown."""
+    """What ESCs report beside their speed. ESC ``first_esc + i`` (from 1) at place i; NaN where unknown."""
 
     first_esc: int
     temperature_c: tuple[float, ...]
@@ -244,7 +244,7 @@ class EstimatorStatus(_Sample):
     flags: int
     """EKF_STATUS_FLAGS or ESTIMATOR_STATUS_FLAGS; the first eight bits mean the same in both."""
     horizontal_accuracy_m: float
-    """One standard deviation; NaN where not told (ArduPilot)."""
+    """One standard deviation; NaN where not sent (ArduPilot)."""
     innovation: float
     """Largest of the test ratios of horizontal position and velocity: above 1 measurements are rejected. May be NaN."""
     source: str

@@ -11,9 +11,11 @@ from models.vehicle import Vector3
 Quaternion = tuple[float, float, float, float]
 RATES_IGNORED = 7
 ATTITUDE_IGNORED = 128
+"""Bits of ATTITUDE_TARGET_TYPEMASK."""
 _POSITION_AND_ACCELERATION = 8 | 16 | 32 | 2048  # ignore velocity and yaw rate; bit 512 off: acceleration, not force
 _POSITION_AND_YAW = 8 | 16 | 32 | 64 | 128 | 256 | 2048
 _LOCAL_NED = 1
+"""MAV_FRAME_LOCAL_NED; the masks above are of POSITION_TARGET_TYPEMASK."""
 SET_ATTITUDE_TARGET, SET_POSITION_TARGET = 82, 84
 """Message ids."""
 _ATTITUDE = struct.Struct("<I8fBBB")

@@ -12,11 +12,15 @@ from companion.mavlink.firmware import Stack
 from models.vehicle import Vehicle
 
 _CHECK_S = 2.0
+"""Rates are counted over this time: the slowest stream asked for sends two messages in it."""
 _IN_VAIN = 3
-"""Requests after which a slow stream is told to the pilot."""
+"""Requests after which a slow stream is reported to the pilot."""
 _ENOUGH = 0.7
+"""Of the rate asked for: autopilots round periods to their own loop, and links lose messages."""
 _SET_MESSAGE_INTERVAL = 511
+"""MAV_CMD_SET_MESSAGE_INTERVAL."""
 _ESC_GROUPS = (11030, 11031, 11032, 11040, 11041, 11042, 11043, 11044)
+"""ESC_TELEMETRY_1_TO_4 to 29_TO_32."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +67,7 @@ def message_name(message_id: int) -> str:
 
 
 class StreamKeeper:
-    """Counts arrivals by id and tells which requests to (re)send. Times are the receiver's clock [s]."""
+    """Counts arrivals by id and says which requests to send again. Times are the receiver's clock [s]."""
 
     def __init__(self, wanted: tuple[Wanted, ...]) -> None:
         self.wanted = wanted

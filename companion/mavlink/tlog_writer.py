@@ -1,7 +1,7 @@
 """Writes a flight to .tlog files: 8-byte big-endian microseconds, then the frame, for both directions of the link.
 
 Each frame goes to the system at once: a process that is killed loses nothing. No file is ever overwritten. A disk that
-is full or read-only ends the recording, is told once, and never ends the flight.
+is full or read-only ends the recording, is reported once, and never ends the flight.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ _DEFAULT_NAME = "{date}_boot-{boot}.tlog"
 _OTHERS_FAULT = (errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOSPC, errno.EDQUOT, errno.EIO)
 """What a disk may come to between two flights; a folder that does not exist is a wrong argument."""
 _MOST_COPIES = 100_000
+"""Files of one name: more is a mistake in the name."""
 _MIB = 1 << 20
 
 
@@ -58,7 +59,7 @@ class Recorder:
     """An open recording.
 
     ``path``: a file, a folder, or a name with ``{date}`` and ``{boot}``. Where the file exists, -2, -3 ... is added to
-    the name. ``say`` is told once that nothing more can be recorded.
+    the name. ``say`` is called once when nothing more can be recorded.
 
     Raises ConfigError where the folder does not exist or the name cannot be one.
     """

@@ -11,6 +11,7 @@ from companion.control.plant import HoldTuning, Margin
 from companion.pipeline import Decision
 
 _GAP_S = 0.5
+"""A longer gap between decisions is a pause of the stream, not time flown."""
 _ORDER = {reason: place for place, reason in enumerate(Reason)}
 """Gravest first: those that hold back everything come before those that only fade the offsets."""
 

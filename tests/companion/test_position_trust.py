@@ -71,15 +71,15 @@ def test_the_estimators_status_is_asked_for(stack):
     ],
 )
 def test_what_a_status_is_worth(told, trusted):
-    assert PositionTrust().told(told).trusted is trusted
+    assert PositionTrust().after(told).trusted is trusted
 
 
 def test_an_accuracy_that_grows_is_dead_reckoning():
     trust = PositionTrust()
     for accuracy in (0.5, 0.45, 0.5, 0.9, 1.5):
-        trust = trust.told(status(GOOD, accuracy))
+        trust = trust.after(status(GOOD, accuracy))
         assert trust.trusted, accuracy
-    assert not trust.told(status(GOOD, 2.0)).trusted
+    assert not trust.after(status(GOOD, 2.0)).trusted
 
 
 def test_an_untrusted_position_ends_the_hold():

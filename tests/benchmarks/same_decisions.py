@@ -1,0 +1,146 @@
+"""Whether the pipeline still decides the same on every recorded flight of a folder.
+
+    python tests/benchmarks/same_decisions.py FOLDER --out BEFORE.npz              # every number of every decision
+    python tests/benchmarks/same_decisions.py FOLDER --against BEFORE.npz          # exit code 1 where one differs
+
+Run the first in one checkout and the second in another. Every log is flown by the hold with setpoints switched on; with
+an upstream controller where the log holds one's setpoints; and with adopted effects where its name tells of a ceiling.
+Prints for each log whether all decisions are equal to the last bit, else the largest difference as a share of the
+number (of 1 where the number is smaller).
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import sys
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from same_answers import vehicle_of
+from tqdm import tqdm
+
+import models
+from companion.config import Base, PipelineConfig
+from companion.control.authority import Reason
+from companion.mavlink.samples import Sample
+from companion.mavlink.setpoints import encode
+from companion.pipeline import Decision
+from companion.vehicles import default_vehicle
+from models.errors import UserError
+from models.surrogate.fan_surrogate import AdoptedEffect
+from models.vehicle import load_vehicle
+from replay.logs.formats import READERS, read_flightlogs, suffix_of
+from replay.logs.tlog import read_tlog
+from replay.rerun.harness import Replay
+from replay.rerun.log_samples import samples_of
+
+_CLOSE = 1e-9
+_CEILING = (AdoptedEffect("ceiling", {"gain": 1.0}), AdoptedEffect("second_wall", {"gain": 1.0}))
+
+
+def numbers(decision: Decision) -> list[float]:
+    """Everything that a decision says, as numbers; NaN where it says nothing."""
+    out = [decision.t_s, decision.authority, decision.late_s, *_flat(decision.offset)]
+    out += [float(list(Reason).index(reason)) for reason in decision.reasons]
+    out += list(encode(decision.command, 1)[1]) if decision.command is not None else [-1.0]
+    for part in (decision.command, decision.base, decision.tuned):
+        out += [np.nan] if part is None else _flat(part)
+    d = decision.disturbance
+    if d is None:
+        return [*out, np.nan]
+    surfaces = [v for s in (d.ground, d.wall, d.ceiling) for v in (s.distance_m, s.rate_m_s, s.sigma_m, s.stepped_s)]
+    values = [d.wrench, d.free_lift_n, d.trust, d.gain, d.h_m, d.d_m, *surfaces]
+    return [*out, *np.concatenate([np.ravel(v) for v in values]).tolist()]
+
+
+def _flat(record: object) -> list[float]:
+    """All numbers in a dataclass, depth first."""
+    out: list[float] = []
+    for field in dataclasses.fields(record):  # type: ignore[arg-type]
+        value = getattr(record, field.name)
+        if dataclasses.is_dataclass(value):
+            out += _flat(value)
+        elif not isinstance(value, bool | str) and np.asarray(value).dtype.kind in "fiu":
+            out += np.ravel(value).astype(float).tolist()
+    return out
+
+
+def flown(log: Path, way: str) -> list[list[float]]:
+    """The decisions on one log."""
+    file = vehicle_of(log)
+    vehicle = default_vehicle() if file is None else load_vehicle(file)
+    model = models.load().with_effects(_CEILING) if way == "effects" else models.load()
+    config = PipelineConfig(vehicle, model, base=Base.UPSTREAM if way == "upstream" else Base.HOLD)
+    replay = Replay(config, None, {"GUID_OPTIONS": 8.0})
+    if suffix_of(log) == ".tlog":
+        decisions: Iterable[Decision] = replay.decisions(read_tlog(log).frames())
+    else:
+        decisions = replay.decisions_on(_samples(log))
+    return [numbers(decision) for decision in decisions]
+
+
+def _samples(log: Path) -> Iterator[Sample]:
+    for one in read_flightlogs(log, None):
+        yield from samples_of(one)
+
+
+def job(work: tuple[Path, str]) -> tuple[np.ndarray, np.ndarray] | None:
+    """(all numbers in a row, how many each decision has), or None where a log cannot be flown that way."""
+    try:
+        rows = flown(*work)
+    except UserError:
+        return None
+    return np.array([v for row in rows for v in row]), np.array([len(row) for row in rows])
+
+
+def ways(log: Path) -> list[str]:
+    """How a log is flown."""
+    upstream = log.suffix == ".tlog" and read_tlog(log).indices(82).size > 0
+    return ["hold", *(["upstream"] if upstream else []), *(["effects"] if "ceiling" in log.stem else [])]
+
+
+def difference(new: np.ndarray, old: np.ndarray) -> float:
+    """Largest difference of two rows of numbers as a share of the larger number, or of 1; inf where one is missing."""
+    if new.shape != old.shape:
+        return np.inf
+    with np.errstate(invalid="ignore"):
+        apart = np.abs(new - old) / np.maximum(1.0, np.abs(old))
+    return float(np.max(np.where((new == old) | (np.isnan(new) & np.isnan(old)), 0.0, apart), initial=0.0))
+
+
+def main() -> int:
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("folder", type=Path)
+    p.add_argument("--out", type=Path)
+    p.add_argument("--against", type=Path)
+    p.add_argument("--only", default="", help="logs with this in their path")
+    p.add_argument("--jobs", type=int, default=1)
+    a = p.parse_args()
+    logs = sorted(q for q in a.folder.rglob("*") if q.suffix.lower() in READERS and a.only in str(q))
+    work = [(log, way) for log in logs for way in ways(log)]
+    stored: dict[str, np.ndarray] = {}
+    before = {} if a.against is None else np.load(a.against)
+    worst, decisions = 0.0, 0
+    with ProcessPoolExecutor(a.jobs) as pool:
+        for (log, way), done in zip(work, tqdm(pool.map(job, work), total=len(work), disable=None), strict=True):
+            if done is None:
+                continue
+            name = f"{log.relative_to(a.folder)}:{way}".replace("/", "|")
+            stored[name], stored[f"{name}:rows"] = done
+            decisions += len(done[1])
+            if a.against is not None:
+                same_rows = np.array_equal(done[1], before.get(f"{name}:rows"))
+                apart = difference(done[0], before[name]) if same_rows else np.inf
+                worst = max(worst, apart)
+                print(f"{name:<70}{len(done[1]):>7} decisions  {'equal' if apart == 0.0 else f'{apart:.1e}'}")
+    if a.out is not None:
+        np.savez_compressed(a.out, **stored)
+    print(f"{len(stored) // 2} flights, {decisions} decisions, largest difference {worst:.1e}")
+    return int(worst > _CLOSE)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
