@@ -13,8 +13,8 @@ from models.frames import quaternion_from_euler
 
 NOT_OURS = frozenset({Reason.NOT_ARMED, Reason.WRONG_MODE, Reason.LANDED})
 """Refusals after which somebody else flies, or nobody does: nothing is sent."""
-NO_PLACE = frozenset({Reason.POSITION_STALE, Reason.POSITION_UNTRUSTED})
-"""Refusals that make a place worthless."""
+NO_PLACE = frozenset({Reason.POSITION_UNTRUSTED})
+"""Refusals that make a place worthless. A position that only does not arrive here is still known to the autopilot."""
 _CLIMB_RATE_ZERO = 0.5
 """Thrust where ArduPilot reads it as a climb rate: neither up nor down."""
 

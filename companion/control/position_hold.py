@@ -21,6 +21,8 @@ from models.vehicle import Limits
 
 _MAX_PREDICTION_S = 0.4
 """A position older than this is not predicted further: the tilt since then says too little."""
+_SAME_STAMP_S = 1e-4
+"""Positions whose stamps differ by less are one: stamps count milliseconds."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +40,15 @@ class Motion:
 
 
 @dataclass(frozen=True)
+class Since:
+    """What accelerations have added since the newest position was measured: to its velocity and to its place, (3,)."""
+
+    stamp_s: float
+    velocity: Array
+    place: Array
+
+
+@dataclass(frozen=True)
 class Hold:
     """State of an engaged hold. Accelerations are NED, m/s^2."""
 
@@ -51,7 +62,8 @@ class Hold:
     climb_mean: float
     """Average of the vertical acceleration that was asked for beyond the reference's own."""
     climb_command: float
-    """Vertical acceleration last asked for, integral included: what tells a late velocity on."""
+    """Vertical acceleration last asked for, integral included: what carries a late velocity on."""
+    since: Since | None = None
 
 
 @dataclass(frozen=True)
@@ -113,7 +125,9 @@ def fly(
     tilt_mean = hold.tilt_mean + (tilt - hold.tilt_mean) * share
     climb_mean = hold.climb_mean + (climb - hold.climb_mean) * share
     extra = np.array([tilt[0] - tilt_mean[0], tilt[1] - tilt_mean[1], climb - climb_mean])
-    position, velocity = _predicted(motion, extra + reference.acceleration)
+    since = _followed(hold.since, t_s - motion.age_s, motion.age_s, dt, extra + reference.acceleration)
+    velocity = motion.velocity + since.velocity
+    position = motion.position + min(motion.age_s, _MAX_PREDICTION_S) * motion.velocity + since.place
 
     error = reference.position - position
     demand = error * (gains.position_1_s, gains.position_1_s, gains.height_1_s)
@@ -134,7 +148,7 @@ def fly(
     roll, pitch = _acceleration_to_tilt(north, east, motion.yaw)
     command = thrust.hover + thrust.change(-down / GRAVITY)
     setpoint = BaseSetpoint(roll, pitch, hold.target.yaw, command, (north, east, down))
-    return Hold(hold.target, reference, integral, t_s, tilt_mean, climb_mean, down), setpoint
+    return Hold(hold.target, reference, integral, t_s, tilt_mean, climb_mean, down, since), setpoint
 
 
 def tilt_acceleration(body_down: Array) -> Array:
@@ -143,13 +157,20 @@ def tilt_acceleration(body_down: Array) -> Array:
     return out
 
 
-def _predicted(motion: Motion, acceleration: Array) -> tuple[Array, Array]:
-    """Position and velocity now, from the late ones and what has accelerated the vehicle (3,) since."""
-    age = min(max(motion.age_s, 0.0), _MAX_PREDICTION_S)
-    if age == 0.0:
-        return motion.position, motion.velocity
-    gained = age * acceleration
-    return motion.position + age * (motion.velocity + 0.5 * gained), motion.velocity + gained
+def _followed(since: Since | None, stamp_s: float, age_s: float, dt: float, acceleration: Array) -> Since:
+    """One step further from a late position, by what accelerates the vehicle now (3,).
+
+    Between two positions it is summed step by step. The present acceleration over the whole age would be an algebraic
+    loop: a setpoint would be answered by its own forecast, and thrust would leap from limit to limit at every step
+    once damping times age exceeds 1.
+    """
+    if since is None or stamp_s > since.stamp_s + _SAME_STAMP_S:
+        age = min(max(age_s, 0.0), _MAX_PREDICTION_S)
+        gained = age * acceleration
+        return Since(stamp_s, gained, 0.5 * age * gained)
+    if age_s > _MAX_PREDICTION_S:
+        return since
+    return Since(since.stamp_s, since.velocity + dt * acceleration, since.place + dt * since.velocity)
 
 
 def _limited(acceleration: Array, gains: HoldGains) -> tuple[Array, bool]:

@@ -107,11 +107,12 @@ def _hold(state: PipelineState, config: PipelineConfig, t_s: float) -> list[Reas
     """What the hold by itself needs: places, a margin, and before it engages the end of a take-off and a thrust."""
     out: list[Reason] = []
     tuning, position = config.tuning, state.estimates.position
-    if position is None or t_s - position.t_s > tuning.position_age_s:
+    age_s = math.inf if position is None else t_s - position.t_s
+    if age_s > tuning.position_age_s:
         out.append(Reason.POSITION_STALE)
-    elif not state.estimates.trust.trusted:
+    if not state.estimates.trust.trusted:
         out.append(Reason.POSITION_UNTRUSTED)
-    elif t_s - position.t_s > tuning.position_fade_age_s:
+    if not out and age_s > tuning.position_fade_age_s:
         out.append(Reason.POSITION_OLD)
     if state.tuned is not None and not _firm_enough(state.tuned, tuning.hold, state.hold is not None):
         out.append(Reason.NO_MARGIN)

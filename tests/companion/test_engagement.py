@@ -181,8 +181,8 @@ def test_engaging_in_motion_brakes_within_the_limits():
     assert flown.position[0] > 4.0 * 1.2
 
 
-def test_letting_go_leaves_no_tilt_behind():
-    flown = Flown()
+def test_letting_go_leaves_no_tilt_behind_where_no_place_can_be_given():
+    flown = Flown(mode=20)  # GUIDED_NOGPS takes no places
     flown.run(3.0)
     flown.target(POSITION_ONLY, (3.0, 0.0, -1.0))
     before = flown.run(0.6, move=False)[-1]
@@ -191,7 +191,7 @@ def test_letting_go_leaves_no_tilt_behind():
     sent = []
     for _ in range(60):  # positions stop, attitudes go on
         b.t += 0.02
-        b.feed(Heartbeat(b.t, 1, 1, True, 4, 128, 3, 2, 4))
+        b.feed(Heartbeat(b.t, 1, 1, True, b.mode, 128, 3, 2, 4))
         q = quaternion_from_euler(0.0, 0.0, 0.0)
         sent.append(b.feed(Attitude(b.t, 1, 1, q, (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION")))
     commands = [d.command for d in sent if d.command is not None]
@@ -199,6 +199,34 @@ def test_letting_go_leaves_no_tilt_behind():
     assert sent[-1].command is None
     assert tilt_deg(commands[-1]) < 0.01
     assert max(abs(np.diff([tilt_deg(c) for c in parting]))) < 1.0
+
+
+def test_thrust_does_not_leap_while_positions_are_late():
+    flown = Flown()
+    flown.run(3.0)
+    flown.velocity = np.array([0.0, 0.0, 0.03])  # sinks a little when positions stop
+    flown.run(0.1)
+    b, thrusts = flown.bench, []
+    for _ in range(24):
+        b.t += 0.02
+        b.feed(Heartbeat(b.t, 1, 1, True, 4, 128, 3, 2, 4))
+        decision = b.feed(Attitude(b.t, 1, 1, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION"))
+        thrusts.append(decision.command.thrust)
+    assert np.abs(np.diff(thrusts)).max() < 0.02
+
+
+def test_positions_that_stop_while_the_autopilot_trusts_its_own_leave_it_the_place():
+    flown = Flown()
+    flown.run(3.0)
+    b, commands = flown.bench, []
+    for _ in range(60):
+        b.t += 0.02
+        b.feed(Heartbeat(b.t, 1, 1, True, 4, 128, 3, 2, 4))
+        decision = b.feed(Attitude(b.t, 1, 1, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION"))
+        commands += [] if decision.command is None else [decision.command]
+    assert isinstance(commands[0], AttitudeCommand)
+    assert isinstance(commands[-1], PositionCommand)
+    assert commands[-1].position_ned == pytest.approx((0.0, 0.0, -1.0), abs=0.02)
 
 
 def test_a_hold_that_is_refused_tells_the_autopilot_where_to_stay():
