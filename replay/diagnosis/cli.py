@@ -91,7 +91,7 @@ def run(a: argparse.Namespace) -> int:
     if a.report is not None:
         from replay.diagnosis.html_report import write_report
 
-        write_report(a.report, answer, vehicle)
+        write_report(a.report, answer, vehicle, faults)
     if a.json != "-" and not a.quiet:
         for line in [*(f"{f['channel']}: {f['what']}" for f in faults), *notes]:
             print(line)
