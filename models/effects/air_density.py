@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from models.effects.effect import Coefficient, Context, Effect, columns
+from models.effects.pictures import mean, more, over_thrust
 from models.frames import Array
 from models.vehicle import RHO_SEA_LEVEL
 
@@ -20,6 +23,11 @@ def _lacking(ctx: Context) -> str | None:
     return None if abs(float(np.nanmean(share))) > 0.01 else "the air has the model's density within 1 %"
 
 
+def _words(ctx: Context, p: Mapping[str, float]) -> str:
+    share = mean(ctx.density) / RHO_SEA_LEVEL - 1.0
+    return f"the air is {more(share, 'denser', 'thinner')} than at sea level: {more(p['gain'] * share)} thrust"
+
+
 EFFECT = Effect(
     name="air_density",
     equation="dF = g F_rotors (rho/1.225 - 1), rho = p/(287.05 T)",
@@ -33,4 +41,6 @@ EFFECT = Effect(
     regressors=_regressors,
     lacking=_lacking,
     aliases=("thrust_scale", "payload"),
+    drawn=over_thrust,
+    in_words=_words,
 )

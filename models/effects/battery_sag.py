@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, Shape, columns
+from models.effects.effect import Coefficient, Context, Drawn, Effect, Shape, columns
+from models.effects.pictures import more, nearest, over
 from models.frames import Array
 
 
@@ -27,6 +28,16 @@ def _lacking(ctx: Context) -> str | None:
     if not known.size:
         return "no battery voltage in the log"
     return None if np.ptp(known) > 0.005 * float(np.median(known)) else "the battery voltage did not change"
+
+
+def _drawn(ctx: Context, axis: str) -> Drawn:
+    return over("battery [V]", ctx.state.battery_voltage_v, axis)
+
+
+def _words(ctx: Context, p: Mapping[str, float]) -> str:
+    low = nearest(ctx.state.battery_voltage_v)
+    share = p["power"] * (low / p["reference_v"] - 1.0)
+    return f"at {low:.1f} V the rotors give {more(share)} thrust than at {p['reference_v']:.1f} V"
 
 
 EFFECT = Effect(
@@ -51,4 +62,6 @@ EFFECT = Effect(
     odds=lambda ctx: ctx.by_kind(0.03, 0.15),
     contains=("thrust_scale",),
     aliases=("thermal_derating", "thrust_scale"),
+    drawn=_drawn,
+    in_words=_words,
 )

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from models.effects.effect import Coefficient, Context, Effect, columns
+from models.effects.pictures import over_speed
 from models.frames import Array
 from models.vehicle import RHO_SEA_LEVEL
 
@@ -16,6 +19,11 @@ def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
     front, side = np.zeros((*v.shape[:-1], 6)), np.zeros((*v.shape[:-1], 6))
     front[..., 0], side[..., 1] = pressure[..., 0], pressure[..., 1]
     return columns(front, side)
+
+
+def _words(ctx: Context, p: Mapping[str, float]) -> str:
+    pressure = 0.5 * RHO_SEA_LEVEL * ctx.vehicle.disc_area_m2 * len(ctx.vehicle.fans) * 3.0**2
+    return f"at 3 m/s the body brakes with {p['front'] * pressure:.2g} N forward, {p['side'] * pressure:.2g} N sideways"
 
 
 EFFECT = Effect(
@@ -33,4 +41,6 @@ EFFECT = Effect(
     ),
     regressors=_regressors,
     aliases=("rotor_drag",),
+    drawn=over_speed,
+    in_words=_words,
 )

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, Coefficient, Context, Effect, Shape, columns
+from models.effects.effect import DOWNWARD, Coefficient, Context, Drawn, Effect, Shape, columns
+from models.effects.pictures import fan_mean, more, nearest, over
 from models.frames import Array
 
 
@@ -25,6 +26,17 @@ def _lacking(ctx: Context) -> str | None:
     return None if np.isfinite(ctx.state.ceiling_m).any() else "no rangefinder saw a ceiling"
 
 
+def _drawn(ctx: Context, axis: str) -> Drawn:
+    return over("gap to the ceiling [m]", fan_mean(ctx.state.ceiling_m), axis)
+
+
+def _words(ctx: Context, p: Mapping[str, float]) -> str:
+    z = max(nearest(ctx.state.ceiling_m), 0.02)
+    gap = z / (p["scale"] * ctx.vehicle.rotor_radius_m)
+    gain = 0.5 + 0.5 * np.sqrt(1.0 + 1.0 / (8.0 * gap * gap))
+    return f"lifts {more(p['gain'] * (float(gain) ** (2.0 / 3.0) - 1.0))} at {z:.2f} m below the ceiling"
+
+
 EFFECT = Effect(
     name="ceiling",
     equation="dF_z = -g sum T (gamma(z/a)^(2/3) - 1), gamma = 1/2 + 1/2 sqrt(1 + (a R/z)^2/8)",
@@ -41,4 +53,6 @@ EFFECT = Effect(
     shape_grid=_grid,
     lacking=_lacking,
     aliases=("thrust_scale",),
+    drawn=_drawn,
+    in_words=_words,
 )

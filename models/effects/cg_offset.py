@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from models.effects.effect import Coefficient, Context, Effect, columns
+from models.effects.pictures import over_thrust
 from models.frames import Array
 
 
@@ -20,6 +23,12 @@ def _likely(ctx: Context) -> float:
     return 0.05 * ctx.lever
 
 
+def _words(_: Context, p: Mapping[str, float]) -> str:
+    x = f"{abs(p['x']) * 1e3:.0f} mm {'ahead of' if p['x'] > 0.0 else 'behind'}"
+    y = f"{abs(p['y']) * 1e3:.0f} mm to the {'right' if p['y'] > 0.0 else 'left'} of"
+    return f"the centre of gravity is {x} and {y} the place in the vehicle file"
+
+
 EFFECT = Effect(
     name="cg_offset",
     equation="dM = -r x F, F of rotors and vanes",
@@ -33,4 +42,6 @@ EFFECT = Effect(
     regressors=_regressors,
     needs_moments=True,
     aliases=("fan_imbalance", "wall_effect"),
+    drawn=over_thrust,
+    in_words=_words,
 )

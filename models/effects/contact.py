@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, InFlight, Shape, columns
+from models.effects.effect import Coefficient, Context, Drawn, Effect, InFlight, Shape, columns
+from models.effects.pictures import over_wall
 from models.frames import Array
 
 AWAY = (-1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -37,6 +38,17 @@ def _damped(ctx: Context) -> float:
     return 0.1 * ctx.weight / len(ctx.vehicle.fans)
 
 
+def _drawn(ctx: Context, axis: str) -> Drawn:
+    return over_wall("distance to the wall [m]", ctx.state.d_m, ctx.state.wall_bearing_rad, axis)
+
+
+def _words(_: Context, p: Mapping[str, float]) -> str:
+    return (
+        f"something touches the wall at {p['reach_m'] * 100.0:.0f} cm: every centimetre nearer presses back with "
+        f"{p['stiffness'] * 0.01:.2g} N for each fan"
+    )
+
+
 EFFECT = Effect(
     name="contact",
     equation="dF = -k max(d0 - d, 0) + c d' where d < d0, towards the wall, at every fan",
@@ -57,4 +69,6 @@ EFFECT = Effect(
     aliases=("wall_effect",),
     in_flight=InFlight.NONE,
     main=("stiffness",),
+    drawn=_drawn,
+    in_words=_words,
 )

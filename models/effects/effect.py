@@ -234,6 +234,19 @@ def always(_: Context) -> str | None:
 
 
 @dataclass(frozen=True)
+class Drawn:
+    """How a record shows an effect: force or moment in ``direction`` (6,) or (n, 6) over a quantity ``values`` (n,)."""
+
+    label: str
+    """Of the quantity, with its unit."""
+    values: Array
+    force_label: str
+    direction: Array
+    mark: str = ""
+    """The parameter that is a place on the quantity, such as the moment at which a load was picked up."""
+
+
+@dataclass(frozen=True)
 class Effect:
     """One entry of the catalogue. ``regressors(ctx, shape)`` -> (..., 6, k), body FRD about the CG, N and N m.
 
@@ -278,6 +291,10 @@ class Effect:
     """A remark on parameters that were found, each (value, low, high)."""
     kinematic_bias: Callable[[Context, tuple[float, ...]], Array] | None = None
     """(3, k): what it adds to accelerometer minus what velocity and attitude imply [m/s^2]; None: nothing."""
+    drawn: Callable[[Context, str], Drawn] | None = None
+    """The picture that shows it on one axis; None: over time."""
+    in_words: Callable[[Context, Mapping[str, float]], str] | None = None
+    """Its size on a record as a pilot says it; None: by its parameters."""
 
     def is_main(self, coefficient: Coefficient) -> bool:
         """Whether the effect is not there without it."""

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from models.effects.effect import DOWNWARD, Coefficient, Context, Effect, Shape, columns
+from models.effects.pictures import more, over_thrust
 from models.frames import Array
 from models.vehicle_wrench import fan_torques
 
@@ -30,6 +31,10 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
     return tuple((float(i + 1),) for i in range(len(ctx.vehicle.fans))) if len(ctx.vehicle.fans) > 1 else ()
 
 
+def _words(_: Context, p: Mapping[str, float]) -> str:
+    return f"fan {p['fan']:.0f} gives {more(p['scale'])} thrust than declared"
+
+
 EFFECT = Effect(
     name="fan_imbalance",
     equation="dF = e F_fan, dM = r_fan x dF + q Q_fan",
@@ -49,4 +54,6 @@ EFFECT = Effect(
     shapes=(Shape("fan", "1", continuous=False),),
     shape_grid=_grid,
     aliases=("cg_offset",),
+    drawn=over_thrust,
+    in_words=_words,
 )

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from models.effects.effect import DOWNWARD, Coefficient, Context, Effect, Shape, columns, decay
+from models.effects.pictures import more, nearest, over_height
 from models.frames import Array
 
 
@@ -21,6 +22,12 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
 
 def _lacking(ctx: Context) -> str | None:
     return None if np.isfinite(ctx.state.h_m).any() else "no height over ground in the log"
+
+
+def _words(ctx: Context, p: Mapping[str, float]) -> str:
+    length, h = p["length_radii"] * ctx.vehicle.rotor_radius_m, nearest(ctx.state.h_m)
+    extra = p["gain"] * float(np.exp(-h / length))
+    return f"lifts {more(extra)} than the model at {h:.2f} m above ground, half of it {0.69 * length:.2f} m higher"
 
 
 EFFECT = Effect(
@@ -40,4 +47,6 @@ EFFECT = Effect(
     lacking=_lacking,
     odds=0.08,
     aliases=("range_offset", "partial_ground"),
+    drawn=over_height,
+    in_words=_words,
 )

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, InFlight, Shape, columns
+from models.effects.effect import Coefficient, Context, Drawn, Effect, InFlight, Shape, columns
+from models.effects.pictures import mean, over
 from models.frames import Array
 from models.vehicle_wrench import RPM_TO_RAD_S
 
@@ -29,6 +30,17 @@ def _likely(ctx: Context) -> float:
     return 0.005 * ctx.vehicle.mass_kg * ctx.vehicle.rotor_radius_m**2
 
 
+def _drawn(ctx: Context, axis: str) -> Drawn:
+    pitch = axis == "Mx"
+    label = "pitch rate [deg/s]" if pitch else "roll rate [deg/s]"
+    return over(label, np.degrees(ctx.state.rates[..., 1 if pitch else 0]), axis)
+
+
+def _words(ctx: Context, p: Mapping[str, float]) -> str:
+    spin = mean(ctx.rotor_rpm) * RPM_TO_RAD_S * abs(p["inertia"])
+    return f"a rotor whose spin nothing cancels gives {spin * np.radians(90.0):.2g} N m when turned at 90 deg/s"
+
+
 EFFECT = Effect(
     name="gyroscopic",
     equation="dM = -w x H - dH/dt, H = J sum s_i Omega_i (s_i the declared spins, or all alike)",
@@ -45,4 +57,6 @@ EFFECT = Effect(
     shapes=(Shape("all_alike", "1", continuous=False),),
     shape_grid=_grid,
     in_flight=InFlight.NONE,
+    drawn=_drawn,
+    in_words=_words,
 )

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from models.effects.effect import Coefficient, Context, Effect, InFlight
+from models.effects.pictures import over_time
 from models.frames import Array
 
 
@@ -20,6 +23,13 @@ def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
 def _kinematic_bias(_: Context, __: tuple[float, ...]) -> Array:
     # Attitude is the accelerometer's own: how it is mounted shows in no velocity.
     return np.eye(3, 5)
+
+
+def _words(_: Context, p: Mapping[str, float]) -> str:
+    names = (("x", "forward"), ("y", "to the right"), ("z", "downwards"))
+    size = ", ".join(f"{p[key]:+.2f} m/s² {name}" for key, name in names)
+    tilt = f"{np.degrees(p['pitch']):+.1f} and {np.degrees(p['roll']):+.1f} degrees"
+    return f"the accelerometer reads {size} too much; against it the rotors stand {tilt} off in pitch and roll"
 
 
 EFFECT = Effect(
@@ -41,4 +51,6 @@ EFFECT = Effect(
     of_day=True,
     odds=0.3,
     kinematic_bias=_kinematic_bias,
+    drawn=over_time,
+    in_words=_words,
 )

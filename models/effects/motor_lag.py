@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from models.effects.effect import Coefficient, Context, Effect, InFlight, Shape, columns, through
+from models.effects.pictures import over_time
 from models.frames import Array
 
 LAG_DOUBT_S = 0.035
@@ -32,6 +33,11 @@ def _lacking(ctx: Context) -> str | None:
     return "the thrust varied hardly more than it answers disturbances" if ctx.only_answers else None
 
 
+def _words(_: Context, p: Mapping[str, float]) -> str:
+    dead, tau = p["dead_s"] * 1e3, p["tau_s"] * 1e3
+    return f"thrust comes {dead:.0f} ms late, then takes {tau:.0f} ms for two thirds of a step"
+
+
 EFFECT = Effect(
     name="motor_lag",
     equation="dF = F_rotors(filtered, exp(-d s)/(1 + tau s)) - F_rotors",
@@ -50,4 +56,6 @@ EFFECT = Effect(
     odds=lambda ctx: ctx.by_kind(0.04, 0.2),
     searched=("Fz",),
     in_flight=InFlight.NONE,
+    drawn=over_time,
+    in_words=_words,
 )

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from models.effects.effect import DOWNWARD, Coefficient, Context, Effect, InFlight, columns, decay
+from models.effects.pictures import over_height
 from models.frames import Array
 from models.vehicle_wrench import disturbance_wrench
 
@@ -90,6 +92,10 @@ def _lacking(ctx: Context) -> str | None:
     return None if _edge(ctx) is not None else "the ground had no step under the track"
 
 
+def _words(_: Context, p: Mapping[str, float]) -> str:
+    return f"fans over the edge lift {p['gain']:.2g} times what the ground effect of the model says for each"
+
+
 EFFECT = Effect(
     name="partial_ground",
     equation="dF = sum over fans of c F(h_table) + (1 - c) F(h_floor) - F(h seen), c the disc's share over the table",
@@ -105,4 +111,6 @@ EFFECT = Effect(
     lacking=_lacking,
     aliases=("ground_effect", "cg_offset"),
     in_flight=InFlight.NONE,
+    drawn=over_height,
+    in_words=_words,
 )

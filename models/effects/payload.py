@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, Shape, columns
+from models.effects.effect import Coefficient, Context, Drawn, Effect, Shape, columns
+from models.effects.pictures import over, percent
 from models.frames import Array
 
 
@@ -30,6 +31,17 @@ def _likely(ctx: Context) -> float:
     return 0.2 * ctx.vehicle.mass_kg
 
 
+def _drawn(ctx: Context, axis: str) -> Drawn:
+    return over("time since boot [s]", ctx.state.time_s, axis, mark="from_s")
+
+
+def _words(ctx: Context, p: Mapping[str, float]) -> str:
+    size = f"{abs(p['mass']):.2f} kg {'heavier' if p['mass'] > 0.0 else 'lighter'} than the vehicle file says"
+    share = percent(p["mass"] / ctx.vehicle.mass_kg)
+    start = f", from {p['from_s']:.0f} s on" if p["from_s"] > 0.0 else ""
+    return f"{size} ({share} of {ctx.vehicle.mass_kg:.2f} kg){start}"
+
+
 EFFECT = Effect(
     name="payload",
     equation="dF = -dm f, f the specific force, from a time on",
@@ -46,4 +58,6 @@ EFFECT = Effect(
     aliases=("thrust_scale", "air_density"),
     of_day=True,
     odds=0.045,
+    drawn=_drawn,
+    in_words=_words,
 )

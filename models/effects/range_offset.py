@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from models.effects.effect import Coefficient, Context, Effect, InFlight, Shape, columns, shifted_heights
+from models.effects.pictures import over_height
 from models.frames import Array
 from models.vehicle_wrench import disturbance_wrench
 
@@ -32,6 +33,11 @@ def _lacking(ctx: Context) -> str | None:
     return None if np.isfinite(ctx.state.h_m).any() else "no height over ground in the log"
 
 
+def _words(_: Context, p: Mapping[str, float]) -> str:
+    size = p["offset_m"]
+    return f"the rangefinder to the ground reads {abs(size) * 100.0:.1f} cm too {'much' if size > 0.0 else 'little'}"
+
+
 EFFECT = Effect(
     name="range_offset",
     equation="dF = o (F_model(h - a) - F_model(h))/a, taken where a = o",
@@ -50,4 +56,6 @@ EFFECT = Effect(
     aliases=("ground_effect", "vertical_inflow"),
     odds=0.03,
     in_flight=InFlight.MEASUREMENT,
+    drawn=over_height,
+    in_words=_words,
 )

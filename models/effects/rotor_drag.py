@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from models.effects.effect import Coefficient, Context, Effect, Shape, columns
+from models.effects.pictures import mean, over_speed
 from models.frames import Array
 
 
@@ -23,6 +24,10 @@ def _grid(_: Context) -> Sequence[tuple[float, ...]]:
     return tuple((s,) for s in (0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7))
 
 
+def _words(ctx: Context, p: Mapping[str, float]) -> str:
+    return f"at 1 m/s the rotors brake with {p['drag'] * mean(ctx.mass_flow.sum(axis=-1)):.2g} N"
+
+
 EFFECT = Effect(
     name="rotor_drag",
     equation="dF_xy = -sum sqrt(rho A T) (c v + t omega x r)_xy per fan",
@@ -39,4 +44,6 @@ EFFECT = Effect(
     aliases=("body_drag", "wind"),
     odds=0.3,
     main=("drag",),
+    drawn=over_speed,
+    in_words=_words,
 )

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, Shape, columns, decay
+from models.effects.effect import Coefficient, Context, Drawn, Effect, Shape, columns, decay
+from models.effects.pictures import nearest, over_wall, percent
 from models.frames import Array
 
 
@@ -32,6 +33,17 @@ def _lacking(ctx: Context) -> str | None:
     return None if seen else "no second wall was seen by a second horizontal rangefinder"
 
 
+def _drawn(ctx: Context, axis: str) -> Drawn:
+    return over_wall("distance to the second wall [m]", ctx.state.second_d_m, ctx.state.second_bearing_rad, axis)
+
+
+def _words(ctx: Context, p: Mapping[str, float]) -> str:
+    d = nearest(ctx.state.second_d_m)
+    share = p["pull"] * float(np.exp(-d / (p["length_radii"] * ctx.vehicle.rotor_radius_m)))
+    verb = "pulls towards it" if share > 0.0 else "presses away from it"
+    return f"at {d:.2f} m from the second wall it {verb} with {percent(share)} of the thrust"
+
+
 EFFECT = Effect(
     name="second_wall",
     equation="at its bearing (pull, R tilt, lift) sum T exp(-d2/L); loss of lift in the vertex sum T exp(-(d+d2)/3L)",
@@ -52,4 +64,6 @@ EFFECT = Effect(
     shape_grid=_grid,
     lacking=_lacking,
     aliases=("wall_effect",),
+    drawn=_drawn,
+    in_words=_words,
 )

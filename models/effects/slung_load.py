@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from models.effects.effect import Coefficient, Context, Effect, InFlight, Shape, columns, through
+from models.effects.pictures import over_time
 from models.frames import GRAVITY, Array
 
 DAMPING = 0.04
@@ -47,6 +48,10 @@ def _hook(ctx: Context) -> float:
     return 0.3 * ctx.lever
 
 
+def _words(_: Context, p: Mapping[str, float]) -> str:
+    return f"a load of {abs(p['swinging']):.2f} kg swings on a rope of {p['rope_m']:.2f} m"
+
+
 EFFECT = Effect(
     name="slung_load",
     equation="dF_xy = m w0^2 x, x'' + 2 z w0 x' + w0^2 x = -a_xy, w0 = sqrt(g/L); dF_z = m g; dM = b z x dF",
@@ -69,4 +74,6 @@ EFFECT = Effect(
     main=("swinging",),
     of_day=True,
     contains=("payload",),
+    drawn=over_time,
+    in_words=_words,
 )

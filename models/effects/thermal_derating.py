@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, Shape, columns
+from models.effects.effect import Coefficient, Context, Drawn, Effect, Shape, columns
+from models.effects.pictures import more, nearest, over
 from models.frames import Array
 
 STEP_C = 30.0
@@ -27,6 +28,16 @@ def _lacking(ctx: Context) -> str | None:
     if not known.size:
         return "no ESC temperature in the log"
     return None if np.ptp(known) > 2.0 else "the ESC temperature did not change"
+
+
+def _drawn(ctx: Context, axis: str) -> Drawn:
+    return over("ESC temperature [°C]", ctx.state.esc_temperature_c, axis)
+
+
+def _words(ctx: Context, p: Mapping[str, float]) -> str:
+    hot = -nearest(-ctx.state.esc_temperature_c)
+    share = p["slope"] * (hot - p["reference_c"]) / STEP_C
+    return f"at {hot:.0f} °C the rotors give {more(share)} thrust than at {p['reference_c']:.0f} °C"
 
 
 EFFECT = Effect(
@@ -50,4 +61,6 @@ EFFECT = Effect(
     lacking=_lacking,
     contains=("thrust_scale",),
     aliases=("battery_sag",),
+    drawn=_drawn,
+    in_words=_words,
 )

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from models.effects.effect import Coefficient, Context, Effect, columns
+from models.effects.pictures import more, over_thrust
 from models.frames import Array
 
 
@@ -13,6 +16,11 @@ def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
 
 def _lacking(ctx: Context) -> str | None:
     return "the thrust varied hardly more than it answers disturbances" if ctx.only_answers else None
+
+
+def _words(_: Context, p: Mapping[str, float]) -> str:
+    high, low = (p["slope"] * u + p["curvature"] * u**2 for u in (0.2, -0.2))
+    return f"at 1.2 times hover thrust the rotors give {more(high)} than declared, at 0.8 times {more(low)}"
 
 
 EFFECT = Effect(
@@ -34,4 +42,6 @@ EFFECT = Effect(
     regressors=_regressors,
     lacking=_lacking,
     aliases=("thrust_scale", "battery_sag"),
+    drawn=over_thrust,
+    in_words=_words,
 )

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from models.effects.effect import Coefficient, Context, Effect, columns
+from models.effects.pictures import more, over_thrust
 from models.frames import Array
 
 
@@ -13,6 +16,10 @@ def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
 def _likely(ctx: Context) -> float:
     # Outputs are declared by a hover of this vehicle, rotor speeds by a coefficient of a data sheet.
     return ctx.by_kind(0.15, 0.06)
+
+
+def _words(ctx: Context, p: Mapping[str, float]) -> str:
+    return f"the rotors give {more(p['scale'])} thrust than declared ({abs(p['scale']) * ctx.weight:.2g} N in hover)"
 
 
 EFFECT = Effect(
@@ -28,4 +35,6 @@ EFFECT = Effect(
     coefficients=(Coefficient("scale", "1", -0.6, 0.6, typical=_likely),),
     regressors=_regressors,
     aliases=("payload", "air_density", "battery_sag", "thermal_derating"),
+    drawn=over_thrust,
+    in_words=_words,
 )

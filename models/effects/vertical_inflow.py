@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
-from models.effects.effect import DOWNWARD, Coefficient, Context, Effect, columns
+from models.effects.effect import DOWNWARD, Coefficient, Context, Drawn, Effect, columns
+from models.effects.pictures import mean, over, percent
 from models.frames import Array
 from models.vehicle_wrench import RPM_TO_RAD_S
 
@@ -18,6 +21,15 @@ def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
     # The wind's part along the axis: the vehicle moves against it.
     north, east = (-ctx.state.rotation[..., None, axis, :] for axis in (0, 1))
     return columns(loss(ctx.velocity[..., None, :]), loss(ctx.turning), loss(north), loss(east))
+
+
+def _drawn(ctx: Context, axis: str) -> Drawn:
+    return over("climb along the rotor axis [m/s]", -ctx.velocity[..., 2], axis)
+
+
+def _words(ctx: Context, p: Mapping[str, float]) -> str:
+    tip = mean(ctx.rpm) * RPM_TO_RAD_S * ctx.vehicle.rotor_radius_m
+    return f"a climb at 1 m/s takes {percent(p['slope'] / tip)} of the lift; sinking adds as much"
 
 
 EFFECT = Effect(
@@ -39,4 +51,6 @@ EFFECT = Effect(
     odds=0.1,
     regressors=_regressors,
     aliases=("range_offset",),
+    drawn=_drawn,
+    in_words=_words,
 )

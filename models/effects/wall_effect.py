@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, Shape, columns, decay
+from models.effects.effect import Coefficient, Context, Drawn, Effect, Shape, columns, decay
+from models.effects.pictures import nearest, over_wall, percent
 from models.frames import Array
 
 
@@ -28,6 +29,17 @@ def _lacking(ctx: Context) -> str | None:
     return None if np.isfinite(ctx.state.d_m).any() else "no wall was seen"
 
 
+def _drawn(ctx: Context, axis: str) -> Drawn:
+    return over_wall("distance to the wall [m]", ctx.state.d_m, ctx.state.wall_bearing_rad, axis)
+
+
+def _words(ctx: Context, p: Mapping[str, float]) -> str:
+    d = nearest(ctx.state.d_m)
+    share = p["pull"] * float(np.exp(-d / (p["length_radii"] * ctx.vehicle.rotor_radius_m)))
+    verb = "pulls towards it" if share > 0.0 else "presses away from it"
+    return f"at {d:.2f} m from the wall it {verb} with {percent(share)} of the thrust ({abs(share) * ctx.weight:.2g} N)"
+
+
 EFFECT = Effect(
     name="wall_effect",
     equation="dF = p sum T exp(-d/L) towards the wall, dM = t R sum T exp(-d/L)",
@@ -44,4 +56,6 @@ EFFECT = Effect(
     shape_grid=_grid,
     lacking=_lacking,
     aliases=("contact", "wind"),
+    drawn=_drawn,
+    in_words=_words,
 )

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, Shape, columns
+from models.effects.effect import Coefficient, Context, Drawn, Effect, Shape, columns
+from models.effects.pictures import compass, over
 from models.frames import Array
 
 
@@ -40,6 +41,17 @@ def _speed(found: Mapping[str, tuple[float, float, float]]) -> str | None:
     )
 
 
+def _drawn(ctx: Context, axis: str) -> Drawn:
+    r = ctx.state.rotation
+    heading = np.degrees(np.arctan2(r[..., 1, 0], r[..., 0, 0])) % 360.0
+    return over("heading [deg]", heading, axis)
+
+
+def _words(_: Context, p: Mapping[str, float]) -> str:
+    north, east = p["north"], p["east"]
+    return f"wind of {np.hypot(north, east):.1f} m/s from the {compass(-north, -east)}"
+
+
 EFFECT = Effect(
     name="wind",
     equation="dF_xy = sum sqrt(rho A T) (w - k v - t omega x r)_xy, acting above the fans' reference points",
@@ -65,4 +77,6 @@ EFFECT = Effect(
     of_day=True,
     odds=0.05,
     contains=("rotor_drag",),
+    drawn=_drawn,
+    in_words=_words,
 )

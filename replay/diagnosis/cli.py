@@ -112,7 +112,7 @@ def _write(
     if a.report is not None:
         from replay.diagnosis.html_report import write_report
 
-        write_report(a.report, answer, vehicle)
+        write_report(a.report, answer, vehicle, faults)
 
 
 def _print(a: argparse.Namespace, answer: Diagnosis, faults: list[dict[str, str]], notes: Sequence[str]) -> None:

@@ -5,15 +5,23 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
+from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import CHROMIUM, DESKTOP, PHONE, Browser
 from diagnose_noise import noise_record
 
-from models.effects import catalogue, get
-from replay.diagnosis.diagnose import Diagnosis, conclude
-from replay.diagnosis.html_report import blocks, page
+from models.effects import Context, Effect, catalogue, get
+from models.effects.pictures import over_time
+from replay.diagnosis.diagnose import Diagnosis, Named, conclude
+from replay.diagnosis.html_report import page
+from replay.diagnosis.next_step import next_step
+from replay.diagnosis.pictures import PIXELS, acts, blocks, effect_picture, envelope, phases, without
+from replay.diagnosis.words import channel_words, estimate_words
+from replay.residual.faults import LogFault
 from replay.residual.record import Record
+from replay.search.results import Estimate
 
 FEW = [e for e in catalogue() if e.name in ("wind", "thrust_scale", "payload", "ceiling", "thermal_derating")]
 
@@ -37,6 +45,21 @@ def weak(quiet: Record) -> Diagnosis:
     return conclude([replace(quiet, residual=quiet.residual + push)], effects=FEW)
 
 
+@pytest.fixture(scope="module")
+def rich(quiet: Record) -> Context:
+    """The same flight with every quantity that an effect may be drawn over."""
+    ctx, n = quiet.context, len(quiet.time_s)
+    fans = len(ctx.vehicle.fans)
+    ramp = np.linspace(0.0, 1.0, n)
+    near = np.repeat((0.2 + ramp)[:, None], fans, axis=1)
+    state = replace(
+        ctx.state, h_m=near, d_m=near, ceiling_m=near, second_d_m=near, wall_bearing_rad=3.0 * ramp,
+        second_bearing_rad=3.0 * ramp, battery_voltage_v=16.0 - ramp, esc_temperature_c=30.0 + 40.0 * ramp,
+        pressure_pa=np.full(n, 9e4), air_temperature_c=np.full(n, 20.0),
+    )  # fmt: skip
+    return replace(ctx, state=state)
+
+
 def text(answer: Diagnosis) -> str:
     return page(answer, answer.records[0].context.vehicle)
 
@@ -49,7 +72,7 @@ def plain(html: str) -> str:
 class Balance(HTMLParser):
     """Fails on a tag that is closed but not open."""
 
-    EMPTY = frozenset({"meta", "br", "line", "circle", "polyline"})
+    EMPTY = frozenset({"meta", "br", "line", "circle", "polyline", "rect"})
 
     def __init__(self) -> None:
         super().__init__()
@@ -75,39 +98,116 @@ def test_the_page_is_well_formed_and_needs_nothing_else(weak: Diagnosis, calm: D
         assert "nan" not in plain(html).lower().replace("nance", "")
 
 
-def test_the_verdict_comes_first_in_plain_words_with_what_to_do(weak: Diagnosis, calm: Diagnosis) -> None:
+def test_the_verdict_comes_first_with_the_one_next_action(weak: Diagnosis, calm: Diagnosis) -> None:
     seen = plain(text(calm))
-    assert (
-        seen.index("Nothing is missing.") < seen.index("There is nothing to change") < seen.index("Error of the model")
-    )
-    assert "In short" not in seen
+    head, action = "Nothing is missing", "Next: There is nothing to change"
+    assert seen.index(head) < seen.index(action) < seen.index("Error of the model")
     seen = plain(text(weak))
-    name = weak.named[0].found.effect.name
-    told = f"What is missing has a name: {name.replace('_', ' ')}"
-    assert seen.index(told) < seen.index("--save-model") < seen.index("In short") < seen.index("Error of the model")
+    (named,) = weak.named
+    name = named.found.effect.name.replace("_", " ")
+    assert f"The model lacks: {name}." in seen
+    assert seen.index("The model lacks: ") < seen.index("Next: ") < seen.index("Numbers and formula")
+    assert seen.count("Next: ") == 1
 
 
-def test_every_effect_has_its_size_interval_and_how_sure_it_is(weak: Diagnosis) -> None:
+def test_the_next_action_depends_on_how_sure_the_answer_is(weak: Diagnosis) -> None:
+    (named,) = weak.named
+    alone = replace(named, found=replace(named.found, aliases=(), probability=0.99))
+
+    def action(n: Named, **changes: object) -> str:
+        return next_step(replace(weak, named=(n,), verdict="explained", **changes)).action
+
+    assert "once more" in action(alone)
+    assert "--save-model" in action(replace(alone, status="confirmed"))
+    open_ = replace(alone, found=replace(alone.found, aliases=("payload",)))
+    assert action(open_).startswith("Tell ")
+    assert "payload" in action(open_)
+    for unsure in (
+        replace(alone, found=replace(alone.found, probability=0.6)),
+        replace(alone, status="confirmed", explains=-0.1),
+        replace(alone, found=replace(alone.found, estimates=(replace(alone.found.estimates[0], at_bound=True),))),
+    ):
+        assert "--save-model" not in action(unsure)
+        assert alone.found.effect.excite in action(unsure)
+    fault = (LogFault("rpm_1", "reads 0"),)
+    assert "Check this" in action(replace(alone, status="confirmed"), faults=fault)
+    step = next_step(replace(weak, named=(), verdict="unexplained"))
+    assert "--save-model" not in step.action
+    assert "no effect of the catalogue" in step.verdict
+
+
+def test_every_effect_has_its_size_in_words_its_numbers_and_how_sure_it_is(weak: Diagnosis) -> None:
     (named,) = weak.named
     seen = plain(text(weak))
-    short = seen[seen.index("In short") : seen.index("Error of the model")]
+    effect = named.found.effect
+    words = effect.in_words(weak.records[0].context, named.found.parameters)
+    part = seen[seen.index(words[1:]) : seen.index("Error of the model")]
     for estimate in named.found.estimates:
         if estimate.ci95[1] > estimate.ci95[0]:
-            assert f"{estimate.value:.3g}" in short
-            assert f"({estimate.ci95[0]:.3g} to {estimate.ci95[1]:.3g})" in short
-    assert "candidate" in short
-    assert f"{named.explains:.0%}" in short
+            assert f"{estimate.value:.4g} {estimate.ci95[0]:.4g} to {estimate.ci95[1]:.4g}" in part
+    assert f"probability {named.found.probability:.2f}" in part
+    assert f"{named.explains:.0%}" in part
     for other in named.found.aliases:
-        assert other.replace("_", " ") in short
+        assert other.replace("_", " ") in part
+    # What it does to the error: in newtons and as acceleration.
+    assert re.search(r"Error of the force down: [0-9.]+ N \([0-9.]+ m/s²\) without it, [0-9.]+ N", part)
+    assert effect.equation in part
+
+
+def test_the_picture_shows_the_points_and_the_fitted_curve(weak: Diagnosis) -> None:
+    (named,) = weak.named
+    a = acts(named, weak.traces)
+    assert a is not None
+    picture = effect_picture(named, a)
+    assert picture.count("<circle") > 5
+    assert picture.count("<polyline") == 1
+    (fz,) = [row for row in without(named, a) if row[0] == 2]
+    assert fz[2] < 0.9 * fz[1]
+    # The points scatter about the curve: without the effect the residual is what the effect says.
+    t = a.trace
+    left = (t.after + a.wrench)[t.record.valid, 2]
+    assert left.mean() == pytest.approx(a.wrench[t.record.valid, 2].mean(), rel=0.2)
+
+
+@pytest.mark.parametrize("effect", catalogue(), ids=lambda e: e.name)
+def test_every_effect_of_the_catalogue_has_words_and_a_picture(effect: Effect, rich: Context) -> None:
+    middle = {c.name: 0.5 * (max(c.low, -0.2) + min(c.high, 0.4)) for c in effect.coefficients}
+    shapes = {s.name: 1.0 for s in effect.shapes}
+    assert effect.in_words is not None, "a sentence for the pilot: field in_words"
+    words = effect.in_words(rich, middle | shapes)
+    assert len(words.split()) > 4
+    assert not re.search(r"nan|inf\b|_|[0-9]{6}", words), words
+    for axis in effect.axes:
+        drawn = (effect.drawn or over_time)(rich, axis)
+        assert drawn.values.shape == rich.state.time_s.shape
+        assert np.isfinite(drawn.values).all(), drawn.label
+        assert "_" not in drawn.label + drawn.force_label
+        assert np.broadcast_to(drawn.direction, (len(drawn.values), 6)).shape[1] == 6
+        assert not drawn.mark or drawn.mark in shapes
+
+
+def test_the_direction_of_a_picture_is_the_one_that_its_label_says(rich: Context) -> None:
+    """A wall on the right draws to the right and tilts the right side down; ahead it draws forward, nose down."""
+    right = replace(rich, state=replace(rich.state, wall_bearing_rad=np.full(len(rich.state), np.pi / 2)))
+    ahead = replace(rich, state=replace(rich.state, wall_bearing_rad=np.zeros(len(rich.state))))
+    wall = get("wall_effect")
+    p = {"pull": 0.1, "tilt": 0.1, "length_radii": 1.0}
+    for ctx in (right, ahead):
+        wrench = wall.wrench(ctx, p)
+        for axis in ("Fx", "Mx"):
+            assert ((wrench * wall.drawn(ctx, axis).direction).sum(axis=1) > 0.0).all()
+    lift = get("ground_effect")
+    up = lift.wrench(rich, {"gain": 0.2, "length_radii": 1.0})
+    assert ((up * lift.drawn(rich, "Fz").direction).sum(axis=1) > 0.0).all()
 
 
 def test_the_error_of_every_judged_axis_stands_there_before_and_after(weak: Diagnosis) -> None:
     seen = plain(text(weak))
     table = seen[seen.index("Error of the model") :]
     before, after = weak.rms(after=False), weak.rms(after=True)
-    for axis, word in (("Fx", "forward"), ("Fz", "down"), ("My", "pitch")):
+    for axis, word in (("Fx", "force forward"), ("Fz", "force down"), ("My", "pitch moment")):
         i = ("Fx", "Fy", "Fz", "Mx", "My", "Mz").index(axis)
-        row = re.search(rf"{axis} {word} ([0-9.]+) \[([0-9.]+), ([0-9.]+)\] ([0-9.]+)", table)
+        row = re.search(rf"{word} {axis} \[N(?: m)?\] ([0-9.]+) \[([0-9.]+), ([0-9.]+)\] ([0-9.]+)", table)
         assert row is not None, axis
         assert float(row[1]) == pytest.approx(before[i], abs=1e-3)
         assert float(row[2]) <= float(row[1]) <= float(row[3])
@@ -129,11 +229,59 @@ def test_what_the_flight_could_not_have_shown_comes_with_the_flight_that_would(c
     seen = plain(text(calm))
     idle = [r for r in calm.rejected if not r.excited]
     assert idle
-    part = seen[seen.index("Not excited") : seen.index("By place")]
+    part = seen[seen.index("and how to find out") : seen.index("By place")]
     for r in idle:
         assert f"{r.name.replace('_', ' ')} " in part
     shown = [r for r in calm.rejected if r.excited]
-    why = seen[seen.index("Every other effect") :]
+    why = seen[seen.index("What else was tried") :]
     assert shown
     for r in shown:
         assert r.name.replace("_", " ") in why
+
+
+def test_names_and_units_are_those_of_people(weak: Diagnosis) -> None:
+    seen = plain(text(weak))
+    assert not re.search(r"\b[a-z]+_[a-z0-9_]*(m_s2|rad_s|_m|_v|_c)\b", seen)
+    assert channel_words("az_m_s2") == "acceleration down [m/s²]"
+    assert channel_words("rpm_3") == "speed of ESC 3 [rpm]"
+    assert channel_words("range_down_m") == "range down [m]"
+    assert estimate_words(Estimate("scale", -0.05, (-0.06, -0.04), "1")) == "scale -0.05 (-0.06 to -0.04)"
+
+
+def test_phases_of_the_flight_are_shaded(weak: Diagnosis) -> None:
+    bands = phases(weak.traces[0])
+    assert {band.label for band in bands} <= {"in the corner", "near the ground", "near a wall", "faster than 1 m/s"}
+    assert len(bands) > 2
+    assert all(band.end > band.start for band in bands)
+
+
+def test_a_long_series_keeps_its_extremes() -> None:
+    x = np.arange(20_000.0)
+    y = np.sin(x / 50.0)
+    y[7777], y[8000:9000] = 9.0, np.nan
+    at, shown = envelope(x, y)
+    assert len(at) <= 2 * PIXELS
+    assert np.nanmax(shown) == 9.0
+    assert np.isnan(shown).any(), "a gap stays a gap"
+    assert (np.diff(at) >= 0.0).all()
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
+def test_a_real_browser_shows_the_page_on_phone_and_desktop_dark_and_light(weak: Diagnosis, tmp_path: Path) -> None:
+    path = tmp_path / "report.html"
+    path.write_text(text(weak), encoding="utf-8")
+    papers = set()
+    with Browser() as browser:
+        for size in (PHONE, DESKTOP):
+            for dark in (False, True):
+                seen = browser.open(path.as_uri(), size, dark=dark)
+                assert seen.width <= size[0], "nothing is cut"
+                assert seen.cut_cells == 0
+                assert seen.outside == ()
+                assert seen.smallest_text_px > 11.0
+                assert seen.console == ()
+                assert seen.requests == ()
+                assert "Next: " in seen.text
+                papers.add((seen.paper, seen.ink))
+        assert len(papers) == 2, "dark and light differ"
+        assert browser.print().startswith(b"%PDF")

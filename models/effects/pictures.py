@@ -1,0 +1,99 @@
+"""What the pictures and words of effects share: the quantity on the x axis, and numbers as a pilot says them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.effects.effect import Context, Drawn
+from models.frames import AXES, Array
+
+_WORDS = {
+    "Fx": "extra force forward [N]", "Fy": "extra force to the right [N]", "Fz": "extra lift [N]",
+    "Mx": "extra moment, right side down [N m]", "My": "extra moment, nose up [N m]",
+    "Mz": "extra moment, nose right [N m]",
+}  # fmt: skip
+"""What the residual of an axis is to a pilot; lift is up, Fz down."""
+_NEAR = 5.0
+"""Percentile that stands for "as near as it flew": single readings may be wrong."""
+_POINTS = ("north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
+
+
+def along(axis: str) -> Array:
+    """Direction (6,) in which an axis is drawn."""
+    out = np.zeros(6)
+    out[AXES.index(axis)] = -1.0 if axis == "Fz" else 1.0
+    return out
+
+
+def over(label: str, values: Array, axis: str, mark: str = "") -> Drawn:
+    """An axis over a quantity (n,); ``mark`` is the parameter that is a place on it."""
+    return Drawn(label, np.asarray(values, dtype=float), _WORDS[axis], along(axis), mark)
+
+
+def over_time(ctx: Context, axis: str) -> Drawn:
+    """For what has no quantity of its own."""
+    return over("time since boot [s]", ctx.state.time_s, axis)
+
+
+def over_height(ctx: Context, axis: str) -> Drawn:
+    """Mean height of the fans over ground."""
+    return over("height over ground [m]", fan_mean(ctx.state.h_m), axis)
+
+
+def over_speed(ctx: Context, axis: str) -> Drawn:
+    """Speed along the axis of the force, or for the moment that goes with it."""
+    side = axis in ("Fy", "Mx")
+    label = "speed to the right [m/s]" if side else "speed forward [m/s]"
+    return over(label, ctx.velocity[..., 1 if side else 0], axis)
+
+
+def over_thrust(ctx: Context, axis: str) -> Drawn:
+    """Declared thrust of all fans."""
+    return over("declared thrust / weight", ctx.thrust.sum(axis=-1) / ctx.weight, axis)
+
+
+def over_wall(label: str, distance: Array, bearing: Array, axis: str) -> Drawn:
+    """Force towards a wall at ``bearing`` [rad] (n,), or the moment that tilts to it, over its distance (n, fans)."""
+    c, s, out = np.cos(bearing), np.sin(bearing), np.zeros((len(bearing), 6))
+    if axis in ("Mx", "My"):
+        # Towards the wall ahead is nose down, towards the wall on the right is right side down.
+        out[:, 3], out[:, 4] = s, -c
+        return Drawn(label, fan_mean(distance), "extra moment towards the wall [N m]", out)
+    if axis == "Fz":
+        return over(label, fan_mean(distance), axis)
+    out[:, 0], out[:, 1] = c, s
+    return Drawn(label, fan_mean(distance), "extra force towards the wall [N]", out)
+
+
+def fan_mean(distance: Array) -> Array:
+    """Mean over the fans (n,) of distances (n, fans); NaN where nothing is seen."""
+    known = np.where(np.isfinite(distance), distance, np.nan)
+    total, count = np.nansum(known, axis=-1), np.isfinite(known).sum(axis=-1)
+    return np.asarray(np.where(count > 0, total / np.maximum(count, 1), np.nan))
+
+
+def nearest(values: Array) -> float:
+    """As near as the vehicle flew; NaN where nothing was seen."""
+    known = values[np.isfinite(values)]
+    return float(np.percentile(known, _NEAR)) if known.size else float("nan")
+
+
+def percent(share: float) -> str:
+    """``9 %``, without sign."""
+    return f"{abs(share) * 100.0:.2g} %" if abs(share) < 0.1 else f"{abs(share) * 100.0:.0f} %"
+
+
+def more(share: float, positive: str = "more", negative: str = "less") -> str:
+    """A share in words: ``9 % more``."""
+    return f"{percent(share)} {positive if share >= 0.0 else negative}"
+
+
+def compass(north: float, east: float) -> str:
+    """Name of the direction towards which a level vector points."""
+    return _POINTS[round(float(np.degrees(np.arctan2(east, north))) / 45.0) % 8]
+
+
+def mean(values: Array) -> float:
+    """Of the finite ones; NaN without any."""
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else float("nan")

@@ -1,0 +1,92 @@
+"""One HTML page for people: dark and light, phone and paper, no script, no outside request."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from html import escape
+from pathlib import Path
+
+from models.errors import ConfigError
+
+_STYLE = """
+:root{color-scheme:light dark;--ink:#1b1f24;--paper:#fff;--dim:#57606a;--line:#d0d7de;--card:#f3f6f9;--mark:#0969da;
+--before:#bc4c00;--after:#0969da;--fit:#1a7f37;--bad:#b42318;--a:#8250df;--b:#9a6700;--c:#1f7a8c;--d:#57606a}
+@media(prefers-color-scheme:dark){:root{--ink:#e6edf3;--paper:#0d1117;--dim:#a3acb6;--line:#3d444d;--card:#171c24;
+--mark:#58a6ff;--before:#f0883e;--after:#58a6ff;--fit:#56d364;--bad:#ff8a7a;--a:#bc8cff;--b:#e3b341;--c:#56c8d8;
+--d:#a3acb6}}
+*{box-sizing:border-box}
+body{font:16px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);max-width:64rem;margin:1rem auto;
+padding:0 1rem;overflow-wrap:break-word}
+h1{font-size:1.5rem;line-height:1.25}h2{font-size:1.2rem;margin:2rem 0 .4rem}h3{font-size:1.05rem;margin:1.2rem 0 .3rem}
+.verdict{padding:.7rem 1rem;border-left:.4rem solid var(--mark);background:var(--card);margin:1rem 0}
+.verdict b{font-size:1.15rem}.verdict p{margin:.4rem 0 0}.verdict.bad{border-color:var(--bad)}
+.dim{color:var(--dim)}.bad{color:var(--bad)}.small{font-size:.8rem;white-space:nowrap}
+.wide{overflow-x:auto}table{border-collapse:collapse;margin:.6rem 0;max-width:100%}
+th,td{text-align:left;padding:.3rem .6rem;border-bottom:1px solid var(--line);vertical-align:top}
+th:first-child,td:first-child{padding-left:0}td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}
+.plots{display:grid;gap:.4rem 1.2rem;grid-template-columns:repeat(auto-fit,minmax(min(21rem,100%),1fr))}
+figure{margin:.4rem 0;break-inside:avoid}figcaption{font-size:.95rem}
+.key{margin-left:.7rem;white-space:nowrap}.keys{font-size:.95rem}.keys .key:first-child{margin-left:0}
+.key::before{content:"";display:inline-block;width:.8rem;height:.25rem;margin-right:.3rem;vertical-align:middle;
+background:currentColor}.key.band::before{height:.7rem;opacity:.35}
+svg{width:100%;max-width:30rem;height:auto;display:block}svg text{fill:var(--dim);font:13px system-ui,sans-serif}
+svg .grid{stroke:var(--line)}svg .mark{stroke:var(--ink);stroke-dasharray:4 3}svg text.mark{fill:var(--ink);stroke:none}
+svg .line{fill:none;stroke:currentColor;stroke-width:1.5}svg .thick{stroke-width:2.5}
+svg .dot{fill:currentColor;stroke:currentColor}svg .band{fill:currentColor;opacity:.16}
+.before{color:var(--before)}.after{color:var(--after)}.fit{color:var(--fit)}
+.a{color:var(--a)}.b{color:var(--b)}.c{color:var(--c)}.d{color:var(--d)}
+details{margin:1rem 0;border-top:1px solid var(--line);padding-top:.5rem}summary{cursor:pointer;font-weight:600}
+img{max-width:100%;height:auto;background:#fff;border-radius:.3rem}code{font-size:.9em}pre{overflow-x:auto;
+background:var(--card);padding:.6rem .8rem}
+@media(max-width:30rem){th,td{padding:.3rem .35rem;font-size:.92rem}}
+@media print{:root{--ink:#000;--paper:#fff;--dim:#444;--line:#bbb;--card:#fff}body{max-width:none}h2{break-after:avoid}}
+"""
+
+
+def document(title: str, parts: Iterable[str]) -> str:
+    """The whole page around ``parts``, which are HTML already."""
+    return (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width,initial-scale=1">'
+        f"<title>{escape(title)}</title><style>{_STYLE}</style></head>\n<body>{''.join(parts)}</body></html>\n"
+    )
+
+
+def write_document(option: str, target: Path, text: str) -> Path:
+    """Write a page, its folder created. Raises ConfigError, which names the ``option``, where that fails."""
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{option} {target.parent}: cannot be written ({error.strerror})") from None
+    return target
+
+
+def verdict(head: str, sentences: Sequence[str], *, bad: bool = False) -> str:
+    """The first thing on a page: what came out, and what to do next. Plain text."""
+    rest = "".join(f"<p>{escape(s)}</p>" for s in sentences)
+    return f'<div class="verdict{" bad" if bad else ""}"><b>{escape(head)}</b>{rest}</div>'
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: Iterable[int] = ()) -> str:
+    """A table in a box that scrolls sideways. Cells are HTML; columns in ``numbers`` are set flush right."""
+    right = set(numbers)
+
+    def row(kind: str, cells: Sequence[str]) -> str:
+        marked = [f"<{kind}{' class=n' if i in right else ''}>{c}</{kind}>" for i, c in enumerate(cells)]
+        return f"<tr>{''.join(marked)}</tr>"
+
+    body = "".join(row("td", r) for r in rows)
+    first = row("th", [escape(h) for h in head]) if any(head) else ""
+    return f'<div class="wide"><table>{first}{body}</table></div>' if body else ""
+
+
+def folded(summary: str, content: str) -> str:
+    """Detail that opens with a click; nothing where there is no content."""
+    return f"<details><summary>{escape(summary)}</summary>{content}</details>" if content else ""
+
+
+def items(lines: Iterable[str]) -> str:
+    """A list of plain sentences; nothing where there are none."""
+    body = "".join(f"<li>{escape(line)}</li>" for line in lines)
+    return f"<ul>{body}</ul>" if body else ""

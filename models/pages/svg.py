@@ -1,0 +1,179 @@
+"""Small plots as SVG: lines, points with bars, shaded intervals and marked moments. No library, so a page needs none.
+
+A chart is 400 units wide: on a phone its text has the size that it is given, on a wide screen two stand side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+
+from models.frames import Array
+
+WIDTH, HEIGHT = 400, 190
+_LEFT, _RIGHT, _TOP, _BOTTOM = 52, 10, 22, 36
+_TICKS = 4
+_CHARACTER = 6.6
+"""Mean width of a character at 13 px [px]."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One curve: x, y (n,), NaN breaks it; ``points`` draws dots, with a 95 % bar of half-length ``error``.
+
+    ``kind`` is a colour of the page: ``before``, ``after``, ``fit``, ``a`` … ``d``.
+    """
+
+    x: Array
+    y: Array
+    kind: str
+    label: str = ""
+    points: bool = False
+    error: Array | None = None
+    thick: bool = False
+
+
+@dataclass(frozen=True)
+class Band:
+    """A shaded interval of x; several may carry one label."""
+
+    start: float
+    end: float
+    kind: str
+    label: str
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A moment, or another place on x, with a few words."""
+
+    x: float
+    label: str
+
+
+def figure(
+    title: str,
+    lines: Sequence[Line],
+    x_label: str,
+    y_label: str,
+    bands: Sequence[Band] = (),
+    marks: Sequence[Mark] = (),
+    *,
+    keyed: bool = True,
+) -> str:
+    """A plot with its title and, if ``keyed``, its colours above it, where they wrap as text does."""
+    named = keys(lines, bands) if keyed else ""
+    caption = f"<figcaption><b>{escape(title)}</b>{named}</figcaption>"
+    return f"<figure>{caption}{plot(title, lines, x_label, y_label, bands, marks)}</figure>"
+
+
+def keys(lines: Sequence[Line], bands: Sequence[Band] = ()) -> str:
+    """What the colours mean, once each."""
+    curves = {line.label: line.kind for line in lines if line.label}
+    shaded = {band.label: band.kind for band in bands if band.label}
+    named = [f'<span class="key {kind}">{escape(label)}</span>' for label, kind in curves.items()]
+    named += [f'<span class="key band {kind}">{escape(label)}</span>' for label, kind in shaded.items()]
+    return "".join(named)
+
+
+def plot(
+    title: str,
+    lines: Sequence[Line],
+    x_label: str,
+    y_label: str,
+    bands: Sequence[Band] = (),
+    marks: Sequence[Mark] = (),
+) -> str:
+    """One panel as an SVG element."""
+    errors = [np.zeros(len(line.x)) if line.error is None else line.error for line in lines]
+    x = np.concatenate([line.x for line in lines])
+    low = np.concatenate([line.y - e for line, e in zip(lines, errors, strict=True)])
+    high = np.concatenate([line.y + e for line, e in zip(lines, errors, strict=True)])
+    xs, ys = _Scale(x, _LEFT, WIDTH - _RIGHT), _Scale(np.concatenate([low, high, [0.0]]), HEIGHT - _BOTTOM, _TOP)
+    parts = [_band(band, xs) for band in bands]
+    parts.append(_frame(xs, ys, x_label, y_label))
+    parts += [_dots(line, e, xs, ys) if line.points else _polyline(line, xs, ys)
+              for line, e in zip(lines, errors, strict=True)]  # fmt: skip
+    parts += [_mark(mark, xs) for mark in marks]
+    return f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}">{"".join(parts)}</svg>'
+
+
+class _Scale:
+    def __init__(self, values: Array, start: float, end: float) -> None:
+        known = values[np.isfinite(values)]
+        low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+        if high - low < 1e-12:
+            low, high = low - 0.5, high + 0.5
+        self.low, self.high, self.start, self.end = low, high, start, end
+
+    def __call__(self, value: Array) -> Array:
+        return self.start + (value - self.low) / (self.high - self.low) * (self.end - self.start)
+
+    def at(self, value: float) -> float:
+        return float(self(np.array(value)))
+
+    def ticks(self) -> list[float]:
+        raw = (self.high - self.low) / _TICKS
+        size = 10.0 ** np.floor(np.log10(raw))
+        step = size * min((s for s in (1.0, 2.0, 5.0, 10.0) if s * size >= raw), default=10.0)
+        first = np.ceil(self.low / step - 1e-9)
+        # Adding zero turns a minus zero into a plain one.
+        return [float(v) for v in np.arange(first, np.floor(self.high / step + 1e-9) + 1) * step + 0.0]
+
+
+def _frame(xs: _Scale, ys: _Scale, x_label: str, y_label: str) -> str:
+    out = [f'<text x="2" y="13">{escape(y_label)}</text>']
+    for v in ys.ticks():
+        y = ys.at(v)
+        out.append(f'<line class="grid" x1="{_LEFT}" x2="{WIDTH - _RIGHT}" y1="{y:.1f}" y2="{y:.1f}"/>')
+        out.append(f'<text x="{_LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">{v:.4g}</text>')
+    for v in xs.ticks():
+        x = min(xs.at(v), WIDTH - 2 - 0.5 * _CHARACTER * len(f"{v:.4g}"))
+        out.append(f'<text x="{x:.1f}" y="{HEIGHT - 20}" text-anchor="middle">{v:.4g}</text>')
+    out.append(f'<text x="{(_LEFT + WIDTH) / 2}" y="{HEIGHT - 4}" text-anchor="middle">{escape(x_label)}</text>')
+    return "".join(out)
+
+
+def _band(band: Band, xs: _Scale) -> str:
+    a, b = (min(max(xs.at(v), _LEFT), WIDTH - _RIGHT) for v in (band.start, band.end))
+    if b <= a:
+        return ""
+    size = f'width="{b - a:.1f}" height="{HEIGHT - _TOP - _BOTTOM}"'
+    return f'<rect class="band {band.kind}" x="{a:.1f}" y="{_TOP}" {size}/>'
+
+
+def _mark(mark: Mark, xs: _Scale) -> str:
+    x = xs.at(mark.x)
+    wide = _CHARACTER * len(mark.label)
+    left = x + 4 + wide > WIDTH
+    at, anchor = (x - 4, "end") if left else (x + 4, "start")
+    return (
+        f'<line class="mark" x1="{x:.1f}" x2="{x:.1f}" y1="{_TOP}" y2="{HEIGHT - _BOTTOM}"/>'
+        f'<text class="mark" x="{at:.1f}" y="{_TOP + 12}" text-anchor="{anchor}">{escape(mark.label)}</text>'
+    )
+
+
+def _polyline(line: Line, xs: _Scale, ys: _Scale) -> str:
+    px, py = xs(line.x), ys(line.y)
+    good = np.isfinite(px) & np.isfinite(py)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
+    runs = [
+        " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(px[i:j], py[i:j], strict=True))
+        for i, j in zip(edges[::2], edges[1::2], strict=True)
+    ]
+    kind = f"line {line.kind}{' thick' if line.thick else ''}"
+    return "".join(f'<polyline class="{kind}" points="{run}"/>' for run in runs)
+
+
+def _dots(line: Line, error: Array, xs: _Scale, ys: _Scale) -> str:
+    out = []
+    for x, y, e in zip(line.x, line.y, error, strict=True):
+        if not np.isfinite(x + y + e):
+            continue
+        a, b, c, m = (float(v) for v in (xs(x), ys(y - e), ys(y + e), ys(y)))
+        bar = f'<line x1="{a:.1f}" x2="{a:.1f}" y1="{b:.1f}" y2="{c:.1f}"/>' if e > 0.0 else ""
+        out.append(f'<g class="dot {line.kind}">{bar}<circle cx="{a:.1f}" cy="{m:.1f}" r="3"/></g>')
+    return "".join(out)

@@ -1,0 +1,130 @@
+"""What to do next, by how sure the answer is: one action, and the reason for it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from models.effects import InFlight
+from replay.diagnosis.diagnose import CONFIRMED, Diagnosis, Named
+from replay.diagnosis.words import channel_words, listed, plain
+
+SURE, LIKELY = 0.95, 0.75
+"""Probability from which an effect may be adopted after a look, and below which it is only a hint (README: names were
+wrong on one flight in ten)."""
+
+
+_FAULTY = "The log or the vehicle file has a fault."
+
+
+@dataclass(frozen=True)
+class NextStep:
+    """The first lines of the page."""
+
+    verdict: str
+    action: str
+    reasons: tuple[str, ...]
+    bad: bool = False
+    """Whether the log or the vehicle file is to be mended first."""
+
+
+def next_step(answer: Diagnosis, model_faults: Sequence[Mapping[str, str]] = ()) -> NextStep:
+    """The verdict in words, and the one thing to do. ``model_faults``: of a model or file of another vehicle."""
+    names = listed([plain(n.found.effect.name) for n in answer.named])
+    faults = [*((f["channel"], f["what"]) for f in model_faults), *((f.channel, f.what) for f in answer.faults)]
+    if faults:
+        wrong = tuple(f"{channel_words(channel)}: {what}." for channel, what in faults)
+        action = "Check this in the log and the vehicle file first: what is named below may follow from it."
+        head = f"The model lacks {names}, but the log or the vehicle file has a fault." if names else _FAULTY
+        return NextStep(head, action, wrong, bad=True)
+    if answer.verdict == "nothing_missing":
+        return NextStep(
+            "Nothing is missing: the model explains this flight.", "There is nothing to change.", _not_shown(answer)
+        )
+    if answer.verdict == "unexplained":
+        return NextStep(
+            "Something acts that the model lacks, and no effect of the catalogue fits it.", _look(answer),
+            ("Adopt nothing: there is no name for it.",),
+        )  # fmt: skip
+    rest = answer.verdict == "partly_explained"
+    head = f"The model lacks: {names}." + (" Something else remains." if rest else "")
+    action, *reasons = _act(answer)
+    return NextStep(head, action, (*reasons, *((_look(answer),) if rest else ())))
+
+
+def certainty(n: Named) -> str:
+    """How sure a name is, in a sentence."""
+    chance = f"probability {n.found.probability:.2f}"
+    if n.found.at_bound:
+        return f"Uncertain ({chance}): a parameter stands at the edge of what was tried."
+    if n.status == CONFIRMED:
+        return f"Confirmed ({chance}): as found on one flight, it also removes error from another."
+    if n.found.probability >= SURE:
+        return f"Likely ({chance}), seen on one flight."
+    return f"{'Possible' if n.found.probability >= LIKELY else 'A hint only'} ({chance}), seen on one flight."
+
+
+def _act(answer: Diagnosis) -> list[str]:
+    """The action, then reasons; the least sure effect decides."""
+    weak = min(answer.named, key=lambda n: n.found.probability)
+    open_ = [n for n in answer.named if n.found.aliases]
+    if open_:
+        f = open_[0].found
+        others = listed([plain(name) for name in f.aliases])
+        return [
+            f"Tell {plain(f.effect.name)} from {others}: {f.effect.excite}. Then diagnose again, with both logs.",
+            "This flight alone cannot tell them apart: do not adopt any of them before.",
+        ]
+    worse = [n for n in answer.named if n.explains <= 0.0]
+    if worse:
+        name = plain(worse[0].found.effect.name)
+        return [
+            f"Fly this: {worse[0].found.effect.excite}. Then diagnose both logs together.",
+            f"On time that the fit had not seen, {name} does not lower the error: do not adopt it.",
+        ]
+    if any(n.found.at_bound for n in answer.named):
+        effect = next(n for n in answer.named if n.found.at_bound).found.effect
+        return [
+            f"Fly this: {effect.excite}. Then diagnose both logs together.",
+            f"A parameter of {plain(effect.name)} stands at the edge of what was tried: do not adopt it.",
+        ]
+    if all(n.status == CONFIRMED for n in answer.named) and weak.found.probability >= SURE:
+        return [_adopt(answer), "Every effect was found on one flight and removed error from another."]
+    if weak.found.probability >= SURE:
+        return [
+            "Fly the same once more and diagnose both logs together; adopt the effect if it is confirmed.",
+            "It is likely, but seen on one flight. If it makes sense for this vehicle (a known load, a known wall), "
+            "the amended model may be tried high above the ground first.",
+        ]
+    excite = weak.found.effect.excite
+    return [
+        f"Fly this: {excite}. Then diagnose both logs together.",
+        f"{plain(weak.found.effect.name)} has a probability of {weak.found.probability:.2f}: do not adopt it yet.",
+    ]
+
+
+def _adopt(answer: Diagnosis) -> str:
+    idle = [plain(n.found.effect.name) for n in answer.named if n.found.effect.in_flight is InFlight.NONE]
+    text = "Adopt it: run the same command with --save-model DIR, then fly companion --model DIR, first with --dry-run."
+    return text + (f" Not compensated in flight: {listed(idle)}." if idle else "")
+
+
+def _look(answer: Diagnosis) -> str:
+    if answer.channels:
+        names = listed([channel_words(c.name) for c in answer.channels[:3]])
+        return f"Look at what changes on the vehicle, or around it, together with: {names}."
+    spans = [(t.record.name, o) for t in answer.traces for o in t.outside if o.intervals_s]
+    if spans:
+        name, first = spans[0]
+        when = ", ".join(f"{a:.0f} to {b:.0f} s" for a, b in first.intervals_s[:3])
+        return f"No logged quantity carries it. Remember, or look in a video, what happened at {when} ({name})."
+    return "No logged quantity carries it: gusts, a rope, a person's hand, or a sensor that is not in the log."
+
+
+def _not_shown(answer: Diagnosis) -> tuple[str, ...]:
+    missing = [r.name for r in answer.rejected if not r.excited]
+    if not missing:
+        return ()
+    names = listed([plain(name) for name in missing[:4]])
+    more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
+    return (f"This flight could not have shown {names}{more}; what to fly for each is listed below.",)

@@ -1,0 +1,65 @@
+"""Axes, channels and numbers of a diagnosis as a pilot says them."""
+
+from __future__ import annotations
+
+import re
+
+from replay.search.results import Estimate
+
+AXIS_WORDS = ("force forward", "force to the right", "force down", "roll moment", "pitch moment", "yaw moment")
+"""Fx Fy Fz Mx My Mz, body FRD."""
+_CHANNELS = {
+    "time_s": "time [s]",
+    "north_m": "position north [m]", "east_m": "position east [m]", "down_m": "position down [m]",
+    "vn_m_s": "speed north [m/s]", "ve_m_s": "speed east [m/s]", "vd_m_s": "speed down [m/s]",
+    "roll_rad": "roll angle [rad]", "pitch_rad": "pitch angle [rad]", "yaw_rad": "heading [rad]",
+    "p_rad_s": "roll rate [rad/s]", "q_rad_s": "pitch rate [rad/s]", "r_rad_s": "yaw rate [rad/s]",
+    "ax_m_s2": "acceleration forward [m/s²]", "ay_m_s2": "acceleration to the right [m/s²]",
+    "az_m_s2": "acceleration down [m/s²]", "thrust_command": "thrust command [0 to 1]",
+    "battery_voltage_v": "battery voltage [V]", "battery_current_a": "battery current [A]",
+    "esc_temperature_c": "ESC temperature [°C]", "pressure_pa": "air pressure [Pa]",
+    "air_temperature_c": "air temperature [°C]",
+}  # fmt: skip
+_CAPITALS = {"imu": "IMU", "cg": "CG", "esc": "ESC"}
+_NUMBERED = {"rpm": "speed of ESC {} [rpm]", "servo": "servo output {} [µs]"}
+_UNITS = {"N m": "N m", "m/s^2": "m/s²", "kg m^2": "kg m²", "degC": "°C", "1": ""}
+
+
+def channel_words(name: str) -> str:
+    """``az_m_s2`` as ``acceleration down [m/s²]``; a name that is not known as it is, with spaces."""
+    if name in _CHANNELS:
+        return _CHANNELS[name]
+    numbered = re.fullmatch(r"(rpm|servo)_(\d+)", name)
+    if numbered:
+        return _NUMBERED[numbered[1]].format(numbered[2])
+    ranged = re.fullmatch(r"range_(\w+)_m", name)
+    return f"range {ranged[1]} [m]" if ranged else plain(name)
+
+
+def plain(name: str) -> str:
+    """A name of the JSON with spaces, and what is said in capitals."""
+    return " ".join(_CAPITALS.get(word, word) for word in name.split("_"))
+
+
+def listed(names: list[str]) -> str:
+    """``a``, ``a and b``, ``a, b and c``."""
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
+
+
+def unit_words(unit: str) -> str:
+    """A unit as printed; a plain number has none."""
+    return _UNITS.get(unit, unit)
+
+
+def estimate_words(e: Estimate) -> str:
+    """``mass 0.42 kg (0.38 to 0.46)``."""
+    interval = f" ({e.ci95[0]:.3g} to {e.ci95[1]:.3g})" if e.ci95[1] > e.ci95[0] else ""
+    unit = unit_words(e.unit)
+    return f"{plain(e.name)} {e.value:.3g}{f' {unit}' if unit else ''}{interval}"
+
+
+def rough(value: float) -> str:
+    """Two digits that count: more would claim more than a log shows."""
+    if value == 0.0:
+        return "0"
+    return f"{value:.2g}" if abs(value) < 10.0 else f"{value:.0f}"
