@@ -1,4 +1,4 @@
-"""Air along the rotor axis: climbing, or leaning into wind, takes lift from a fan at the same speed; sinking adds."""
+"""Air along the rotor axis: climbing, or tilting into wind, takes lift from a fan at the same speed; sinking adds."""
 
 from __future__ import annotations
 

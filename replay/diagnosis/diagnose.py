@@ -79,7 +79,7 @@ class Diagnosis:
         return [[n.found.effect.name, *n.found.aliases] for n in self.named if n.found.aliases]
 
     def as_json(self, model: str | None) -> dict[str, Any]:
-        """Contract, sections 6 and 7; what is added to it is in docs/diagnose.md."""
+        """The JSON that docs/formats.md describes."""
         from replay.diagnosis.answer import answer_json
 
         return answer_json(self, model)

@@ -1,4 +1,4 @@
-"""The data set: contract, section 4, each refusal by its own test."""
+"""The data set: its form in docs/formats.md, each refusal by its own test."""
 
 from __future__ import annotations
 

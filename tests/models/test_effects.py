@@ -72,7 +72,7 @@ def fz(name: str, ctx: Context, **parameters: float) -> float:
     return float(adopted_wrench([AdoptedEffect(name, parameters)], ctx)[:, 2].mean())
 
 
-def test_the_contracts_names_are_all_there() -> None:
+def test_the_agreed_names_are_all_there() -> None:
     assert {e.name for e in catalogue()} >= set(NAMES)
 
 

@@ -1,4 +1,4 @@
-"""The ``models`` command: contract, sections 2 and 4, as a user meets it."""
+"""The ``models`` command: as a user meets it."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def csv(tmp_path: Path) -> Path:
     return tmp_path / "fan.csv"
 
 
-def test_train_writes_a_model_and_the_json_of_the_contract(csv: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_train_writes_a_model_and_the_json_of_the_documents(csv: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = csv.parent / "model"
     argv = ["train", "--data", str(csv), "--method", "polynomial", "--out", str(out), "--seed", "3", "--json", "-"]
     assert cli.main(argv) == 0
