@@ -19,7 +19,7 @@ from companion.control.disturbance import Disturbance, modelled_disturbance
 from companion.control.engagement import IN_AIR, ON_GROUND, waits_for_mode
 from companion.control.hand_over import NOT_OURS, part, parting_command
 from companion.control.plant import Source, declared_loop, hear_attitude, hear_position, tune
-from companion.control.position_hold import BaseSetpoint, Motion, engage, fly, shifted
+from companion.control.position_hold import BaseSetpoint, Motion, balanced, engage, fly, shifted
 from companion.control.position_target import read_target, stay
 from companion.control.refusals import lateness, refusals, upstream_silent
 from companion.control.state import Decision, PipelineState
@@ -259,7 +259,10 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
 
     had_hold = state.hold is not None
     state, base = _base(state, bool(held_back), thrust, config, t_s)
+    before = state.applied
     state, applied = _offsets(state, base, reasons, bool(held_back), thrust, config, dt)
+    if reasons and not held_back:
+        state = _keep_balance(state, before, applied, thrust, config)
     command: Command | None = None
     if held_back:
         if had_hold:
@@ -429,11 +432,29 @@ def _base(
 
 def _offset_acceleration(state: PipelineState, rotation: Array) -> tuple[float, float]:
     """North and east [m/s^2]: what the tilt of the applied offset gives."""
-    offset = state.offset.scaled(state.authority)
+    return _level_acceleration(state.offset.scaled(state.authority), rotation)
+
+
+def _level_acceleration(offset: Offset, rotation: Array) -> tuple[float, float]:
+    """North and east [m/s^2]: what the tilt of an offset gives."""
     forward, right = -GRAVITY * math.tan(offset.pitch), GRAVITY * math.tan(offset.roll)
     yaw = math.atan2(rotation[1, 0], rotation[0, 0])
     c, s = math.cos(yaw), math.sin(yaw)
     return c * forward - s * right, s * forward + c * right
+
+
+def _keep_balance(
+    state: PipelineState, before: Offset, after: Offset, thrust: ThrustMap, config: PipelineConfig
+) -> PipelineState:
+    """What an offset that fades out balanced, the hold balances from here on: the air did not change with the input."""
+    hold, rotation = state.hold, state.estimates.rotation
+    if hold is None or rotation is None or config.carrier is not Carrier.ATTITUDE:
+        return state
+    lost = Offset(before.thrust - after.thrust, before.roll - after.roll, before.pitch - after.pitch)
+    north, east = _level_acceleration(lost, rotation)
+    gains = config.tuning.hold if state.tuned is None else state.tuned.gains
+    down = -lost.thrust * thrust.slope * GRAVITY
+    return replace(state, hold=balanced(hold, np.array([north, east, down]), gains))
 
 
 def _watch_swing(state: PipelineState, base: BaseSetpoint, t_s: float, config: PipelineConfig) -> PipelineState:

@@ -104,6 +104,19 @@ def resume(hold: Hold, motion: Motion) -> Hold:
     return replace(hold, target=replace(old, position=place, velocity=np.zeros(3)), reference=reference)
 
 
+def balanced(hold: Hold, acceleration: Array, gains: HoldGains) -> Hold:
+    """The hold after it took over what another part of the setpoint balanced: (3,) NED m/s^2, into its integral."""
+    most = gains.max_integral_m_s2
+    taken = np.clip(hold.integral + acceleration, -most, most) - hold.integral
+    return replace(
+        hold,
+        integral=hold.integral + taken,
+        tilt_mean=hold.tilt_mean + taken[:2],
+        climb_mean=hold.climb_mean + float(taken[2]),
+        climb_command=hold.climb_command + float(taken[2]),
+    )
+
+
 def shifted(hold: Hold, by_ned: Array) -> Hold:
     """The hold after the origin of positions moved: everything stays where it is over the ground."""
     reference = replace(hold.reference, position=hold.reference.position + by_ned)

@@ -114,3 +114,18 @@ def test_a_hold_lets_go_of_data_a_fifth_of_a_second_late():
     b = compensating()
     b.late = 0.2
     assert Reason.TOO_LATE in b.run(0.6).reasons
+
+
+@pytest.mark.parametrize("lost", ["send_range", "send_rpm"])
+def test_what_a_fading_offset_balanced_the_hold_balances(lost):
+    """The air does not change because a sensor is silent: neither does the sum of tilt and thrust."""
+    b = compensating()
+    whole = b.tick()
+    offset, base = whole.offset, whole.base
+    assert abs(offset.roll) > math.radians(0.5)
+    assert abs(offset.thrust) > 0.005
+    setattr(b, lost, False)
+    without = b.run(0.6)
+    assert without.offset.roll == without.offset.thrust == 0.0
+    assert without.base.roll == pytest.approx(base.roll + offset.roll, abs=0.1 * abs(offset.roll))
+    assert without.base.thrust == pytest.approx(whole.command.thrust, abs=0.1 * abs(offset.thrust))
