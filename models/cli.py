@@ -161,13 +161,15 @@ def _compare(args: argparse.Namespace) -> int:
     result = compare(data, args.seed, splits=args.splits, epochs=args.epochs, progress=bars)
     bars.close()
     if args.report:
+        from models.training.compare_page import write_page
         from models.training.plots import write_report
 
         write_report(args.report, result)
+        write_page(args.report, result.numbers)
     if _speak(args):
         print(text(result.numbers))
         if args.report:
-            print(f"report: {args.report / 'report.md'}")
+            print(f"report: {args.report / 'report.html'}")
     return _json(args, result.numbers)
 
 

@@ -54,6 +54,7 @@ def parser() -> argparse.ArgumentParser:
         "--param", action="append", default=[], metavar="NAME=VALUE",
         help="take an autopilot parameter as given where the log lacks it, such as GUID_OPTIONS=8",
     )  # fmt: skip
+    run.add_argument("--report", type=Path, metavar="DIR", help="write one self-contained HTML page")
     run.add_argument("--json", metavar="FILE", help="write the report as JSON (- for stdout)")
     run.add_argument("--quiet", action="store_true", help="no progress bar and no text report")
     add_options(run)
@@ -96,6 +97,7 @@ def _run(a: argparse.Namespace) -> int:
     from models.choice import choose
     from models.vehicle import load_vehicle
     from models.vehicle_plausibility import warnings
+    from replay.rerun.history import History
     from replay.rerun.report import run
 
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
@@ -107,9 +109,11 @@ def _run(a: argparse.Namespace) -> int:
         dry_run=True,
         survey=None if a.survey is None else read_box(a.survey),
     )
+    history = History()
     report = run(
-        a.log, config, chosen.name, a.target_system, assumed_parameters(a.param), quiet=a.quiet or a.json == "-"
-    )
+        a.log, config, chosen.name, a.target_system, assumed_parameters(a.param), quiet=a.quiet or a.json == "-",
+        watch=iter if a.report is None else history.watch,
+    )  # fmt: skip
     report.notes[:0] = [
         *([chosen.note] if chosen.note else []),
         *(f"the model is of another fan than the vehicle file: {wrong}" for wrong in chosen.contradictions),
@@ -117,8 +121,14 @@ def _run(a: argparse.Namespace) -> int:
     ]
     if a.json is not None:
         write_json(report.as_json(), a.json)
+    if a.report is not None:
+        from replay.rerun.page import write_report
+
+        written = write_report(a.report, report, history)
     if a.json != "-" and not a.quiet:
         print(report.as_text())
+        if a.report is not None:
+            print(f"report: {written}")
     return 0
 
 

@@ -172,17 +172,19 @@ def _check(args: argparse.Namespace) -> Any:
     setup = config.load(args.fan)
     checked = check.check(_rows(args, setup), setup)
     if args.report:
+        from models.cfd.check_page import write_page
         from models.cfd.figures import write_report
 
         try:
             args.report.mkdir(parents=True, exist_ok=True)
             write_report(args.report, checked, setup)
+            write_page(args.report, checked, setup)
         except OSError as error:
             raise ConfigError(f"--report {args.report}: cannot be written ({error.strerror})") from None
     if _speak(args):
         print(check.text(checked))
         if args.report:
-            print(f"report: {args.report / 'report.md'}")
+            print(f"report: {args.report / 'report.html'}")
     return checked.summary
 
 

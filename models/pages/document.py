@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from base64 import b64encode
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
@@ -20,7 +21,7 @@ padding:0 1rem;overflow-wrap:break-word}
 h1{font-size:1.5rem;line-height:1.25}h2{font-size:1.2rem;margin:2rem 0 .4rem}h3{font-size:1.05rem;margin:1.2rem 0 .3rem}
 .verdict{padding:.7rem 1rem;border-left:.4rem solid var(--mark);background:var(--card);margin:1rem 0}
 .verdict b{font-size:1.15rem}.verdict p{margin:.4rem 0 0}.verdict.bad{border-color:var(--bad)}
-.dim{color:var(--dim)}.bad{color:var(--bad)}.small{font-size:.8rem;white-space:nowrap}
+.dim{color:var(--dim)}td.bad,span.bad{color:var(--bad)}.small{font-size:.8rem;white-space:nowrap}
 .wide{overflow-x:auto}table{border-collapse:collapse;margin:.6rem 0;max-width:100%}
 th,td{text-align:left;padding:.3rem .6rem;border-bottom:1px solid var(--line);vertical-align:top}
 th:first-child,td:first-child{padding-left:0}td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}
@@ -36,7 +37,7 @@ svg .dot{fill:currentColor;stroke:currentColor}svg .band{fill:currentColor;opaci
 .before{color:var(--before)}.after{color:var(--after)}.fit{color:var(--fit)}
 .a{color:var(--a)}.b{color:var(--b)}.c{color:var(--c)}.d{color:var(--d)}
 details{margin:1rem 0;border-top:1px solid var(--line);padding-top:.5rem}summary{cursor:pointer;font-weight:600}
-img{max-width:100%;height:auto;background:#fff;border-radius:.3rem}code{font-size:.9em}pre{overflow-x:auto;
+img{width:100%;min-width:30rem;height:auto;background:#fff;border-radius:.3rem}code{font-size:.9em}pre{overflow-x:auto;
 background:var(--card);padding:.6rem .8rem}
 @media(max-width:30rem){th,td{padding:.3rem .35rem;font-size:.92rem}}
 @media print{:root{--ink:#000;--paper:#fff;--dim:#444;--line:#bbb;--card:#fff}body{max-width:none}h2{break-after:avoid}}
@@ -79,6 +80,16 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: Iterable[
     body = "".join(row("td", r) for r in rows)
     first = row("th", [escape(h) for h in head]) if any(head) else ""
     return f'<div class="wide"><table>{first}{body}</table></div>' if body else ""
+
+
+def pictures(paths: Iterable[Path]) -> str:
+    """Image files inside the page, two beside each other where there is room; their names are their captions."""
+    shown = [
+        f'<figure class="wide"><figcaption><b>{escape(path.stem.replace("_", " "))}</b></figcaption>'
+        f'<img alt="{escape(path.stem)}" src="data:image/png;base64,{b64encode(path.read_bytes()).decode()}"></figure>'
+        for path in paths
+    ]
+    return f'<div class="plots">{"".join(shown)}</div>' if shown else ""
 
 
 def folded(summary: str, content: str) -> str:

@@ -14,10 +14,12 @@ import numpy as np
 from models.frames import Array
 
 WIDTH, HEIGHT = 400, 190
-_LEFT, _RIGHT, _TOP, _BOTTOM = 52, 10, 22, 36
+_LEFT, _RIGHT, _TOP, _BOTTOM = 56, 10, 22, 36
 _TICKS = 4
 _CHARACTER = 6.6
 """Mean width of a character at 13 px [px]."""
+_LONGEST = 6
+"""Characters of a number beside the axis."""
 
 
 @dataclass(frozen=True)
@@ -129,12 +131,18 @@ def _frame(xs: _Scale, ys: _Scale, x_label: str, y_label: str) -> str:
     for v in ys.ticks():
         y = ys.at(v)
         out.append(f'<line class="grid" x1="{_LEFT}" x2="{WIDTH - _RIGHT}" y1="{y:.1f}" y2="{y:.1f}"/>')
-        out.append(f'<text x="{_LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">{v:.4g}</text>')
+        out.append(f'<text x="{_LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">{_tick(v)}</text>')
     for v in xs.ticks():
-        x = min(xs.at(v), WIDTH - 2 - 0.5 * _CHARACTER * len(f"{v:.4g}"))
-        out.append(f'<text x="{x:.1f}" y="{HEIGHT - 20}" text-anchor="middle">{v:.4g}</text>')
+        x = min(xs.at(v), WIDTH - 2 - 0.5 * _CHARACTER * len(_tick(v)))
+        out.append(f'<text x="{x:.1f}" y="{HEIGHT - 20}" text-anchor="middle">{_tick(v)}</text>')
     out.append(f'<text x="{(_LEFT + WIDTH) / 2}" y="{HEIGHT - 4}" text-anchor="middle">{escape(x_label)}</text>')
     return "".join(out)
+
+
+def _tick(value: float) -> str:
+    """A number that fits beside the axis."""
+    text = f"{value:.4g}"
+    return text if len(text) <= _LONGEST else f"{value:.0e}".replace("e-0", "e-").replace("e+0", "e")
 
 
 def _band(band: Band, xs: _Scale) -> str:

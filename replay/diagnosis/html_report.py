@@ -110,7 +110,7 @@ def _effect(n: Named, answer: Diagnosis, vehicle: Vehicle) -> str:
         )
     text += [f"<p>{escape(line)}</p>" for line in _error_words(n, a, vehicle)] if a else []
     if f.effect.in_flight is not InFlight.WRENCH:
-        text.append(f"<p>In flight: {f.effect.in_flight.value}.</p>")
+        text.append(f"<p>{escape(_sentence(f.effect.in_flight.value))}</p>")
     picture = effect_picture(n, a) if a else ""
     out = [f"<h2>{escape(_title(f.effect.name))}</h2>", f'<div class="plots"><div>{"".join(text)}</div>{picture}</div>']
     rows = [

@@ -18,7 +18,7 @@ from replay.search.results import Trace
 
 Mask = NDArray[np.bool_]
 BINS = 14
-"""Of a picture over a quantity: each holds as many samples, so that every point is as sure."""
+"""Of a picture over a quantity."""
 CURVE_POINTS = 40
 PIXELS = 190
 """Columns of a time series; each shows its lowest and its highest value."""
@@ -77,7 +77,7 @@ def effect_picture(named: Named, a: Acts) -> str:
     ]
     start = named.found.parameters.get(drawn.mark) if drawn.mark else None
     marks = [Mark(start, f"{start:.0f} s")] if start else []
-    return figure(f"{effect.name.replace('_', ' ')}: {record.name}", lines, drawn.label, drawn.force_label, marks=marks)
+    return figure(record.name, lines, drawn.label, drawn.force_label, marks=marks)
 
 
 def plain_fit(effect: Effect) -> str:
@@ -98,15 +98,17 @@ def without(named: Named, a: Acts) -> list[tuple[int, float, float]]:
 
 
 def binned(x: Array, y: Array, bins: int, independent: float) -> tuple[Array, Array, Array]:
-    """Middle, mean of y, and two standard errors, of bins of x that are equally full.
+    """Middle, mean of y, and two standard errors, of bins of x.
 
-    ``independent``: samples that are as good as one.
+    Their edges are half way between equally wide and equally full: a hover does not take all the points, nor one dash
+    across a range all the width. ``independent``: samples that are as good as one; bins below two of those are empty.
     """
-    edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, bins + 1)))
+    share = np.linspace(0.0, 1.0, bins + 1)
+    edges = np.unique(0.5 * np.quantile(x, share) + 0.5 * (x.min() + share * np.ptp(x)))
     index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, max(len(edges) - 2, 0))
-    full = [i for i in range(max(len(edges) - 1, 1)) if (index == i).any()]
+    full = [i for i in range(max(len(edges) - 1, 1)) if (index == i).sum() >= max(2.0 * independent, 2.0)]
     mean = np.array([y[index == i].mean() for i in full])
-    error = np.array([2.0 * y[index == i].std() / np.sqrt(max((index == i).sum() / independent, 1.0)) for i in full])
+    error = np.array([2.0 * y[index == i].std() / np.sqrt((index == i).sum() / independent) for i in full])
     return np.array([x[index == i].mean() for i in full]), mean, error
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -78,8 +78,9 @@ def run(
     assumed: Mapping[str, float] | None = None,
     *,
     quiet: bool = True,
+    watch: Callable[[Iterable[Decision]], Iterable[Decision]] = iter,
 ) -> RunReport:
-    """Replay one log; ``assumed`` parameters hold where the log does not give them.
+    """Replay one log; ``assumed`` parameters hold where the log does not give them. ``watch`` may look at every decision.
 
     Raises LogError in one line where it cannot be read or lacks what every decision needs.
     """
@@ -90,7 +91,7 @@ def run(
         replay = Replay(config, choice.system, assumed)
         notes = [*log.report.notes(), *choice.notes()]
         decisions = replay.decisions(_with_progress(log, quiet))
-        summary = _summarised(decisions)
+        summary = _summarised(watch(decisions))
         boots = replay.intake.clock.boot + 1
         system = choice.system
     else:
@@ -100,14 +101,14 @@ def run(
         logs = read_flightlogs(path, target_system)
         replay = Replay(config, logs[0].system, assumed)
         notes = [note for one in logs for note in one.summary.notes]
-        summary = _summarised(replay.decisions_on(sample for one in logs for sample in samples_of(one)))
+        summary = _summarised(watch(replay.decisions_on(sample for one in logs for sample in samples_of(one))))
         boots, system = len(logs), logs[0].system
     _check(path, replay, summary)
     notes += _missing(config, replay)
     return RunReport(path, config.vehicle.name, model, system, summary, replay, boots, notes)
 
 
-def _summarised(decisions: Iterator[Decision]) -> Summary:
+def _summarised(decisions: Iterable[Decision]) -> Summary:
     summary = Summary(dry_run=True)
     for decision in decisions:
         summary.add(decision)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -373,6 +374,12 @@ def test_the_commands_write_set_and_report(tmp_path, rows, capsys):
         assert "| published | here | |" in after.split("![", 1)[0], figure
     for figure in (tmp_path / "report").glob("*.png"):
         assert figure.stat().st_size > 5000
+    html = (tmp_path / "report" / "report.html").read_text()
+    agree, said = map(int, re.search(r"<b>(\d+) of (\d+) published statements agree", html).groups())
+    assert 0 < agree <= said
+    assert html.count("<b>agrees</b>") == agree
+    assert html.count("data:image/png;base64,") == len(list((tmp_path / "report").glob("*.png")))
+    assert "http" not in html
     assert main(["cfd", "assemble", "--work", str(tmp_path / "nothing"), "--out", str(tmp_path)]) == 2
     assert "no finished cases" in capsys.readouterr().err
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import CHROMIUM, DESKTOP, PHONE, Browser
 
 pytest.importorskip("torch", reason="training extra not installed")
 pytest.importorskip("sklearn", reason="training extra not installed")
@@ -15,7 +16,7 @@ from models.corner_law import ClosedForm
 from models.errors import ModelError
 from models.frames import AXES
 from models.surrogate import kriging
-from models.training import compare, genetic, levenberg, plots
+from models.training import compare, compare_page, genetic, levenberg, plots
 
 
 @pytest.fixture(scope="module")
@@ -122,3 +123,28 @@ def test_the_report_holds_the_tables_and_figures(result: compare.Comparison, tmp
         (figure,) = tmp_path.glob(f"fig{number}_*.png")
         assert figure.stat().st_size > 5000
         assert figure.name in page
+
+
+def test_the_page_says_first_which_method_to_use(result: compare.Comparison, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="plots not installed")
+    plots.write_report(tmp_path, result)
+    html = compare_page.write_page(tmp_path, result.numbers).read_text()
+    use = result.numbers["use"]["method"]
+    assert html.index(f"Use this one: {use}.") < html.index(f"--method {use} --out DIR") < html.index("Every method")
+    for method in compare.METHODS:
+        assert method in html
+    assert html.count("data:image/png;base64,") == len(list(tmp_path.glob("*.png")))
+    assert "http" not in html
+    assert "<script" not in html
+    shown(html, tmp_path)
+
+
+def shown(html: str, tmp_path: Path) -> None:
+    """No console error, nothing cut, nothing asked for, on a phone and a desktop."""
+    if CHROMIUM is None:
+        return
+    (tmp_path / "shown.html").write_text(html, encoding="utf-8")
+    with Browser() as browser:
+        for size in (PHONE, DESKTOP):
+            seen = browser.open((tmp_path / "shown.html").as_uri(), size)
+            assert (seen.width <= size[0], seen.cut_cells, seen.console, seen.requests) == (True, 0, (), ())

@@ -1,0 +1,87 @@
+"""``models compare --report`` as one HTML page: the method to use first, then what each method reaches."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from html import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from models.frames import AXES
+from models.pages.document import document, folded, items, pictures, table, verdict, write_document
+
+
+def write_page(directory: Path, numbers: Mapping[str, Any]) -> Path:
+    """Write ``report.html`` with the figures that lie in ``directory`` inside it."""
+    return write_document("--report", directory / "report.html", page(numbers, sorted(directory.glob("*.png"))))
+
+
+def page(numbers: Mapping[str, Any], figures: list[Path]) -> str:
+    """The page of the numbers of a comparison (``Comparison.numbers``)."""
+    use = numbers["use"]
+    about = (
+        f"{numbers['rows']} rows at {numbers['places']} places of {numbers['data']}, "
+        f"{numbers['splits']} splits by place, seed {numbers['seed']}."
+    )
+    steps = [f"Next: models train --data {numbers['data']} --method {use['method']} --out DIR.", f"{use['why']}."]
+    claims = [
+        [escape(c["claim"]), "reproduced" if c["reproduced"] else "<b>not reproduced</b>", escape(c["evidence"])]
+        for c in numbers["claims"]
+    ]
+    return document(
+        "Surrogates compared",
+        [
+            "<h1>Surrogates compared</h1>",
+            verdict(f"Use this one: {use['method']}.", steps),
+            f'<p class="dim">{escape(about)}</p>',
+            items(numbers["notes"]),
+            "<h2>Every method</h2><p>R² of what ground and wall add to the free-air lift, on places that the method "
+            "never saw: 1 is perfect, 0 as good as the mean. Regions: error where a whole region was left out, over "
+            "the increments there; 1 is as bad as no model.</p>",
+            table(("method", "mean R²", "worst component", "regions"), _methods(numbers), numbers=(1, 2, 3)),
+            folded("R² of every component", _components(numbers)),
+            folded("Lift at 4000 rpm", _lift(numbers)),
+            folded("What the paper states, and what comes out here", table(("statement", "", "numbers"), claims)),
+            "<h2>Figures</h2>",
+            pictures(figures),
+        ],
+    )
+
+
+def _methods(numbers: Mapping[str, Any]) -> list[list[str]]:
+    """Method, mean and worst held-out R², mean error in regions left out; the best first."""
+    out = []
+    for method, row in numbers["table2"]["honest"].items():
+        live = {a: row[a]["test"] for a in AXES if row[a]["test"] is not None}
+        worst = min(live, key=lambda a: live[a])
+        regions = [r["relative_error"][method] for r in numbers["regions"].values()]
+        error = f"{np.mean(regions):.2f}" if regions else ""
+        out.append((float(np.mean(list(live.values()))), method, f"{worst} {live[worst]:.3f}", error))
+    chosen = numbers["use"]["method"]
+    return [
+        [f"<b>{escape(m)}</b>" if m == chosen else escape(m), f"{mean:.3f}", worst, error]
+        for mean, m, worst, error in sorted(out, reverse=True)
+    ]
+
+
+def _components(numbers: Mapping[str, Any]) -> str:
+    def cell(c: Mapping[str, float | None]) -> str:
+        if c["test"] is None:
+            return "constant"
+        return f"{c['test']:.3f}" + (
+            "" if c["test_sd"] is None else f' <span class="dim small">± {c["test_sd"]:.3f}</span>'
+        )
+
+    rows = [[escape(m), *(cell(row[a]) for a in AXES)] for m, row in numbers["table2"]["honest"].items()]
+    return table(("method", *AXES), rows, numbers=range(1, 7))
+
+
+def _lift(numbers: Mapping[str, Any]) -> str:
+    rows = [
+        [escape(m), f"{r['mse_train']:.2e}", f"{r['mse_test']:.2e}", f"{r['roughness']:.3f}"]
+        for m, r in numbers["table3"].items()
+    ]
+    head = ("method", "mean squared error, learnt [N²]", "not seen [N²]", "roughness [N]")
+    return table(head, rows, numbers=(1, 2, 3))

@@ -1,0 +1,68 @@
+"""The page of ``replay run --report``: what would have been done, why not, and the plots of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser import CHROMIUM, DESKTOP, PHONE, Browser
+from log_writers import flight, write_tlog
+
+from companion.control.authority import Reason
+from replay.cli import main
+from replay.rerun.history import History
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Path:
+    """A hover of the default vehicle near ground and wall, whose log holds every parameter."""
+    write_tlog(tmp_path / "near.tlog", flight(20.0))
+    assert main(["run", str(tmp_path / "near.tlog"), "--report", str(tmp_path / "report"), "--quiet"]) == 0
+    return tmp_path / "report" / "report.html"
+
+
+def test_the_page_says_first_what_would_have_been_done_and_what_is_next(written: Path) -> None:
+    html = written.read_text()
+    assert html.index("would") < html.index("Next: ") < html.index("Over time") < html.index("Numbers")
+    assert "near.tlog" in html
+    assert html.count("<polyline") >= 6
+    assert "http" not in html
+    assert "<script" not in html
+    assert "_m_s" not in html
+
+
+def test_reasons_are_those_of_the_text_report(
+    written: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", str(tmp_path / "near.tlog")]) == 0
+    text, html = capsys.readouterr().out, written.read_text()
+    shown = [reason for reason in Reason if reason.value in html]
+    assert shown
+    for reason in shown:
+        assert reason.value in text or reason.value in html
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
+@pytest.mark.parametrize("size", [PHONE, DESKTOP])
+def test_a_real_browser_shows_it(written: Path, size: tuple[int, int]) -> None:
+    with Browser() as browser:
+        for dark in (False, True):
+            seen = browser.open(written.as_uri(), size, dark=dark)
+            assert seen.width <= size[0]
+            assert (seen.cut_cells, seen.outside, seen.console, seen.requests) == (0, (), (), ())
+            assert seen.smallest_text_px > 11.0
+
+
+def test_a_place_that_cannot_be_written_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_tlog(tmp_path / "a.tlog", flight(4.0))
+    (tmp_path / "file").write_text("x")
+    assert main(["run", str(tmp_path / "a.tlog"), "--report", str(tmp_path / "file"), "--quiet"]) == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_nothing_seen_is_an_empty_history() -> None:
+    history = History()
+    assert history.spans() == []
+    assert history.column("h_m").shape == (0,)
+    assert np.array_equal(history.column("t_s"), np.empty(0))
