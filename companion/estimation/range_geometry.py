@@ -98,8 +98,8 @@ def plane_distance_now(
     rotation: Array,
     height_cg_m: float = math.inf,
     rotor_radius_m: float = math.inf,
-) -> tuple[float, Array]:
-    """``plane_distance`` of one instant in plain floats: distance [m] and normal (3,). Runs for every reading."""
+) -> tuple[float, Vector3]:
+    """``plane_distance`` of one instant in plain floats: distance [m] and normal. Runs for every reading."""
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
     x, y, z = direction_frd
     north, east, down = a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
@@ -112,7 +112,7 @@ def plane_distance_now(
         normal, along = (0.0, 0.0, sign), down * sign
     return _along_normal(
         target, range_m, position_m, rotation, normal, along, down, height_cg_m, rotor_radius_m
-    ), np.array(normal)
+    ), normal
 
 
 def _along_normal(
