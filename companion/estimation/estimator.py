@@ -17,11 +17,10 @@ from companion.estimation.position_trust import PositionReset, PositionTrust, po
 from companion.estimation.range_geometry import (
     NO_MATTER_RADII,
     choose_walls,
-    fan_heights,
-    fan_wall_distances,
+    fan_heights_now,
+    fan_wall_distances_now,
     nearest_level_now,
     plane_distance_now,
-    wall_bearing,
 )
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import (
@@ -464,20 +463,19 @@ class FanQuery:
 
 def fan_query(vehicle: Vehicle, ground: Surface, wall: Surface, rotation: Array, rpm: Array, lead_s: float) -> FanQuery:
     """Per-fan distances ``lead_s`` ahead, by the tracks' own rates."""
-    h = np.full(len(vehicle.fans), np.inf)
+    h = [math.inf] * len(vehicle.fans)
     if ground.seen is Seen.SURFACE:
-        h = fan_heights(vehicle, ground.distance_m + ground.rate_m_s * lead_s, rotation)
+        h = fan_heights_now(vehicle, ground.distance_m + ground.rate_m_s * lead_s, rotation)
     d, bearing = lips_to_wall(vehicle, wall, rotation, lead_s)
-    return FanQuery(h, d, rpm, bearing)
+    return FanQuery(np.array(h), np.array(d), rpm, bearing)
 
 
-def lips_to_wall(vehicle: Vehicle, wall: Surface, rotation: Array, lead_s: float) -> tuple[Array, float]:
-    """Outer lip of every fan to a wall [m] (fans,), ``lead_s`` ahead, and its bearing [rad]; inf, 0 without a wall."""
+def lips_to_wall(vehicle: Vehicle, wall: Surface, rotation: Array, lead_s: float) -> tuple[list[float], float]:
+    """Outer lip of every fan to a wall [m], ``lead_s`` ahead, and its bearing [rad]; inf, 0 without a wall."""
     if wall.seen is not Seen.SURFACE or wall.normal_ned is None:
-        return np.full(len(vehicle.fans), np.inf), 0.0
+        return [math.inf] * len(vehicle.fans), 0.0
     distance = wall.distance_m + wall.rate_m_s * lead_s
-    normal = np.array(wall.normal_ned)
-    return fan_wall_distances(vehicle, distance, normal, rotation), float(wall_bearing(normal, rotation))
+    return fan_wall_distances_now(vehicle, distance, wall.normal_ned, rotation)
 
 
 def rotor_speeds(estimates: Estimates, config: PipelineConfig, t_s: float) -> Array | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
@@ -145,6 +145,15 @@ class FanSurrogate:
     def free_air(self, rpm: ArrayLike) -> Array:
         """Wrench (..., 6) with neither ground nor wall."""
         return self.free_air_law.wrench(rpm)
+
+    def free_air_now(self, rpm: Sequence[float]) -> list[list[float]]:
+        """Free-air wrench (6) at some speeds, in plain floats; to the last bit what ``query`` gives far from both."""
+        if self._nets is None:
+            far: list[list[float]] = self.query(math.inf, math.inf, np.array(rpm)).wrench.tolist()
+            return far
+        share = self.free_air_law.share
+        lifts = [self._lift_n * (speed / self._rpm_ref) ** self._power for speed in rpm]
+        return [[lift * part for part in share] for lift in lifts]
 
     def query(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Answer:
         """Wrench, spread and trust at once: one pass through the regressor."""
