@@ -344,8 +344,7 @@ class Flight:
             return None
         if self._config.dry_run or self._config.base is not Base.HOLD:
             return None
-        north, east, down = map(float, state.hold.reference.position)
-        return PositionCommand(state.t_s, (north, east, down), state.hold.target.yaw)
+        return PositionCommand(state.t_s, state.hold.reference.position, state.hold.target.yaw)
 
     @property
     def last_word(self) -> bytes:

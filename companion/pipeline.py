@@ -49,12 +49,14 @@ from companion.mavlink.samples import (
 )
 from companion.mavlink.setpoints import AccelerationCommand, AttitudeCommand, Command, tilt_by
 from models.evolve import replace
-from models.frames import GRAVITY, Array, quaternion_from_euler
+from models.frames import GRAVITY, quaternion_from_euler
 
 __all__ = ["Decision", "PipelineState", "initial_state", "level_command", "ready_to_leave", "step", "stopped"]
 
 _REBOOT_S = 1.0
 """The autopilot's own stamps come in order to some 0.3 s: further back, its clock has started anew."""
+_STAMPED = (Attitude, LocalPosition, AttitudeTarget)
+"""What carries the autopilot's own stamp of milliseconds and comes in order."""
 _AUTOPILOT_INVALID = 8
 """MAV_AUTOPILOT_INVALID: the sender is no flight controller."""
 _TUNE_PERIOD_S = 1.0
@@ -83,7 +85,7 @@ def ready_to_leave(state: PipelineState) -> bool:
     position = state.estimates.position
     if state.hold is None or position is None:
         return state.parting is None
-    moving = max(float(np.abs(state.hold.reference.velocity).max()), math.hypot(*position.velocity_ned))
+    moving = max(*map(abs, state.hold.reference.velocity), math.hypot(*position.velocity_ned))
     return moving < 0.1
 
 
@@ -103,7 +105,7 @@ def step(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[
     if state.heartbeat is not None and state.t_s <= 0.0 < sample.t_s:
         # Heard before the first stamp, so at an unknown time, moments ago.
         state = replace(state, heartbeat=dataclasses.replace(state.heartbeat, t_s=sample.t_s))
-    if isinstance(sample, Attitude | LocalPosition | AttitudeTarget):
+    if isinstance(sample, _STAMPED):
         if sample.t_s < state.stamped_s - _REBOOT_S:
             state = replace(initial_state(config), stopping=state.stopping)
         state = replace(state, stamped_s=max(state.stamped_s, sample.t_s))
@@ -130,11 +132,14 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
     estimates = state.estimates
     match sample:
         case Attitude():
-            return _take_attitude(replace(state, t_s=now), sample, config)
+            return _take_attitude(state, sample, config, now)
         case LocalPosition():
             timing = hear_position(state.timing, sample.t_s, sample.late_s, config.tuning.position_age_s)
             estimates = est.take_position(estimates, sample, config.tuning)
-            return _follow_reset(replace(state, t_s=now, estimates=estimates, timing=timing), sample.t_s)
+            # The bank of attitude loops takes its tilts in here, where no setpoint waits.
+            response = attitude_response.settled(state.response)
+            state = replace(state, t_s=now, estimates=estimates, timing=timing, response=response)
+            return _follow_reset(state, sample.t_s)
         case Range():
             return replace(state, t_s=now, estimates=est.take_range(estimates, sample, config))
         case RotorSpeeds():
@@ -171,22 +176,19 @@ def _take_request(state: PipelineState, sample: Sample, config: PipelineConfig) 
     return state
 
 
-def _take_attitude(state: PipelineState, sample: Attitude, config: PipelineConfig) -> PipelineState:
-    state = replace(
-        state,
-        estimates=est.take_attitude(state.estimates, sample),
-        timing=hear_attitude(state.timing, sample.t_s, config.tuning.attitude_age_s),
-    )
-    rotation = state.estimates.rotation
-    assert rotation is not None
-    if state.estimates.position is not None:
-        velocity = np.asarray(state.estimates.position.velocity_ned)
-        balance = engagement.watch_balance(state.balance, sample.t_s, velocity, rotation[:, 2], config.tuning)
-        state = replace(state, balance=balance)
+def _take_attitude(state: PipelineState, sample: Attitude, config: PipelineConfig, now_s: float) -> PipelineState:
+    estimates = est.take_attitude(state.estimates, sample)
+    timing = hear_attitude(state.timing, sample.t_s, config.tuning.attitude_age_s)
+    assert estimates.rotation is not None
+    (_, _, x), (_, _, y), (sp, sr, z) = estimates.rotation.tolist()
+    balance, response = state.balance, state.response
+    if estimates.position is not None:
+        velocity = estimates.position.velocity_ned
+        balance = engagement.watch_balance(balance, sample.t_s, velocity, (x, y, z), config.tuning)
     if config.base is Base.HOLD and not config.dry_run:
-        tilt = np.array([math.atan2(rotation[2, 1], rotation[2, 2]), -math.asin(min(max(rotation[2, 0], -1.0), 1.0))])
-        state = replace(state, response=attitude_response.hear_tilt(state.response, sample.t_s, tilt))
-    return state
+        roll, pitch = math.atan2(sr, z), -math.asin(min(max(sp, -1.0), 1.0))
+        response = attitude_response.hear_tilt(response, sample.t_s, roll, pitch)
+    return replace(state, t_s=now_s, estimates=estimates, timing=timing, balance=balance, response=response)
 
 
 def _take_heartbeat(state: PipelineState, sample: Heartbeat) -> PipelineState:
@@ -220,7 +222,7 @@ def _follow_reset(state: PipelineState, t_s: float) -> PipelineState:
     reset, hold = state.estimates.reset, state.hold
     if reset is None or reset.t_s != t_s or hold is None:
         return state
-    return replace(state, hold=shifted(hold, np.asarray(reset.by_ned)))
+    return replace(state, hold=shifted(hold, reset.by_ned))
 
 
 def _retarget(state: PipelineState, sample: SetPositionTarget, config: PipelineConfig) -> PipelineState:
@@ -229,7 +231,7 @@ def _retarget(state: PipelineState, sample: SetPositionTarget, config: PipelineC
     if state.hold is None or state.stopping or position is None or rotation is None:
         return state
     yaw = math.atan2(rotation[1, 0], rotation[0, 0])
-    target = read_target(sample, state.hold.target, np.asarray(position.position_ned), yaw, config.tuning.hold)
+    target = read_target(sample, state.hold.target, position.position_ned, yaw, config.tuning.hold)
     if target is None:
         return replace(state, notice=(Notice.FRAME_REFUSED, sample.t_s))
     return replace(state, hold=replace(state.hold, target=target))
@@ -411,13 +413,16 @@ def _base(
         # Nothing flies, but the thrust it would ask for lets the report say what the offset would be.
         return state, BaseSetpoint(math.nan, math.nan, math.nan, thrust.hover)
     rotation = estimates.rotation
+    (north, _, x), (east, _, y), (_, _, z) = rotation.tolist()
+    yaw = math.atan2(east, north)
+    position = estimates.position
     motion = Motion(
-        np.asarray(estimates.position.position_ned),
-        np.asarray(estimates.position.velocity_ned),
-        rotation[:, 2],
-        math.atan2(rotation[1, 0], rotation[0, 0]),
-        t_s - estimates.position.t_s,
-        _offset_acceleration(state, rotation),
+        position.position_ned,
+        position.velocity_ned,
+        (x, y, z),
+        yaw,
+        t_s - position.t_s,
+        _offset_acceleration(state, yaw),
     )
     assert state.tuned is not None
     gains, hold = state.tuned.gains, state.hold
@@ -430,15 +435,14 @@ def _base(
     return (state if config.dry_run else _watch_swing(state, base, t_s, config)), base
 
 
-def _offset_acceleration(state: PipelineState, rotation: Array) -> tuple[float, float]:
+def _offset_acceleration(state: PipelineState, yaw: float) -> tuple[float, float]:
     """North and east [m/s^2]: what the tilt of the applied offset gives."""
-    return _level_acceleration(state.offset.scaled(state.authority), rotation)
+    return _level_acceleration(state.offset.scaled(state.authority), yaw)
 
 
-def _level_acceleration(offset: Offset, rotation: Array) -> tuple[float, float]:
+def _level_acceleration(offset: Offset, yaw: float) -> tuple[float, float]:
     """North and east [m/s^2]: what the tilt of an offset gives."""
     forward, right = -GRAVITY * math.tan(offset.pitch), GRAVITY * math.tan(offset.roll)
-    yaw = math.atan2(rotation[1, 0], rotation[0, 0])
     c, s = math.cos(yaw), math.sin(yaw)
     return c * forward - s * right, s * forward + c * right
 
@@ -451,17 +455,17 @@ def _keep_balance(
     if hold is None or rotation is None or config.carrier is not Carrier.ATTITUDE:
         return state
     lost = Offset(before.thrust - after.thrust, before.roll - after.roll, before.pitch - after.pitch)
-    north, east = _level_acceleration(lost, rotation)
+    north, east = _level_acceleration(lost, math.atan2(rotation[1, 0], rotation[0, 0]))
     gains = config.tuning.hold if state.tuned is None else state.tuned.gains
     down = -lost.thrust * thrust.slope * GRAVITY
-    return replace(state, hold=balanced(hold, np.array([north, east, down]), gains))
+    return replace(state, hold=balanced(hold, (north, east, down), gains))
 
 
 def _watch_swing(state: PipelineState, base: BaseSetpoint, t_s: float, config: PipelineConfig) -> PipelineState:
     """A hold that swings by itself gets softer gains at once."""
     assert state.hold is not None
-    feedback = np.array(base.acceleration) - state.hold.reference.acceleration
-    swing = swing_detector.watch(state.swing, t_s, feedback)
+    (north, east, down), (x, y, z) = base.acceleration, state.hold.reference.acceleration
+    swing = swing_detector.watch(state.swing, t_s, (north - x, east - y, down - z))
     if swing.level == state.swing.level:
         return replace(state, swing=swing)
     return replace(state, swing=swing, tuned_s=-math.inf, notice=(Notice.SOFTENED, t_s))
@@ -505,7 +509,7 @@ def _remember_sent(
     last = replace(base, roll=base.roll + offset.roll, pitch=base.pitch + offset.pitch, thrust=command.thrust)
     if config.dry_run:
         return replace(state, last=last)
-    response = attitude_response.sent(state.response, t_s, np.array([last.roll, last.pitch]))
+    response = attitude_response.sent(state.response, t_s, last.roll, last.pitch)
     return replace(state, last=last, response=response)
 
 
@@ -515,8 +519,7 @@ def _command(
     if config.carrier is Carrier.ACCELERATION:
         if state.hold is None:
             return None
-        north, east, down = map(float, state.hold.reference.position)
-        return AccelerationCommand(t_s, (north, east, down), offset.acceleration, state.hold.target.yaw)
+        return AccelerationCommand(t_s, state.hold.reference.position, offset.acceleration, state.hold.target.yaw)
     tuning = config.tuning
     floor = max(tuning.min_thrust_share * thrust.hover, tuning.min_thrust)
     ceiling = min(thrust.hover + tuning.max_thrust_above_hover, tuning.max_thrust)

@@ -1,13 +1,15 @@
 """The attitude loop measured in flight: a bank of candidate loops fed with our own setpoints, the best one counts.
 
 Every candidate is a dead time and two equal lags. Its output is compared with the measured tilt, both without their
-slow means, over the last half minute; the gain is the least-squares one.
+slow means, over the last half minute; the gain is the least-squares one. Tilts are noted when they arrive and worked
+into the bank some at a time (``settled``), where no setpoint waits for it.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +29,8 @@ _LEAST_RAD = math.radians(0.35)
 """... and RMS of the setpoints in them: below, turbulence is as large as the answer."""
 _MOST_UNEXPLAINED = 0.35
 """RMS of what the best candidate leaves over that of the tilt: above, something else moves the vehicle."""
+_SETTLE_AT = 8
+"""Tilts noted before the bank takes them in: an eighth of a second, a tenth of a millisecond of work."""
 _KEPT_S = 0.5
 """History of setpoints: longer than the longest delay."""
 _GAINS = (0.7, 1.6)
@@ -37,82 +41,126 @@ def _zeros() -> Array:
     return np.zeros((2, 2, len(_TAUS), len(_DELAYS)))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class AttitudeResponse:
-    """Sums so far. Arrays over (stage or sum, axis roll pitch, tau, delay)."""
+Sent = tuple[float, float, float]
+"""(time, roll, pitch) of a setpoint, without its slow mean."""
 
-    commands: tuple[tuple[float, float, float], ...] = ()
-    """(time, roll, pitch) of the newest setpoints, without their slow mean."""
-    command_mean: Array = field(default_factory=lambda: np.zeros(2))
-    tilt_mean: Array = field(default_factory=lambda: np.zeros(2))
+
+class Heard(NamedTuple):
+    """A tilt that the bank has not taken in yet, and the setpoints that were known when it came."""
+
+    t_s: float
+    dt_s: float
+    roll: float
+    """Without its slow mean [rad]."""
+    pitch: float
+    commands: tuple[Sent, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bank:
+    """Sums of the candidates so far. Arrays over (stage or sum, axis roll pitch, tau, delay)."""
+
     stages: Array = field(default_factory=_zeros)
     sums: Array = field(default_factory=_zeros)
     """Model times tilt, and model squared, with forgetting."""
     tilt_power: float = 0.0
     command_power: float = 0.0
     seconds: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AttitudeResponse:
+    """Setpoints of the last half second, slow means, and the bank with the tilts that it has still to take in."""
+
+    commands: tuple[Sent, ...] = ()
+    command_mean: tuple[float, float] = (0.0, 0.0)
+    tilt_mean: tuple[float, float] = (0.0, 0.0)
     t_s: float = -math.inf
+    heard: tuple[Heard, ...] = ()
+    bank: Bank = field(default_factory=Bank)
 
 
-def hear_tilt(response: AttitudeResponse, t_s: float, tilt: Array) -> AttitudeResponse:
-    """Take in a measured roll and pitch (2,) [rad]; without setpoints in the half second before, start again."""
-    dt = t_s - response.t_s
-    if not response.commands or not 0.0 < dt <= 0.3:
-        fresh = AttitudeResponse(
-            commands=response.commands, command_mean=response.command_mean, tilt_mean=tilt, t_s=t_s
-        )
-        return fresh if response.commands else AttitudeResponse(tilt_mean=tilt, t_s=t_s)
-    mean = response.tilt_mean + (tilt - response.tilt_mean) * min(dt / _MEAN_S, 1.0)
-    off = tilt - mean
-    times, roll, pitch = np.array(response.commands).T
-    delayed = np.array([np.interp(t_s - _DELAYS, times, roll), np.interp(t_s - _DELAYS, times, pitch)])
-    share = 1.0 - np.exp(-dt / _TAUS)[None, :, None]
-    first = response.stages[0] + share * (delayed[:, None, :] - response.stages[0])
-    second = response.stages[1] + share * (first - response.stages[1])
-    forget = math.exp(-dt / _MEMORY_S)
-    sums = forget * response.sums + dt * np.stack([second * off[:, None, None], second**2])
-    newest = response.commands[-1]
+_EMPTY = Bank()
+
+
+def hear_tilt(response: AttitudeResponse, t_s: float, roll: float, pitch: float) -> AttitudeResponse:
+    """Note a measured roll and pitch [rad]; without setpoints in the half second before, start again."""
+    commands, dt = response.commands, t_s - response.t_s
+    if not commands or not 0.0 < dt <= 0.3:
+        mean = response.command_mean if commands else (0.0, 0.0)
+        return AttitudeResponse(commands, mean, (roll, pitch), t_s, (), _EMPTY)
+    share = min(dt / _MEAN_S, 1.0)
+    mean_roll, mean_pitch = response.tilt_mean
+    mean_roll, mean_pitch = mean_roll + (roll - mean_roll) * share, mean_pitch + (pitch - mean_pitch) * share
+    heard = (*response.heard, Heard(t_s, dt, roll - mean_roll, pitch - mean_pitch, commands))
+    return AttitudeResponse(commands, response.command_mean, (mean_roll, mean_pitch), t_s, heard, response.bank)
+
+
+def sent(response: AttitudeResponse, t_s: float, roll: float, pitch: float) -> AttitudeResponse:
+    """Remember a setpoint [rad]."""
+    kept = [c for c in response.commands if t_s - _KEPT_S <= c[0] < t_s]
+    if kept:
+        share = min((t_s - kept[-1][0]) / _MEAN_S, 1.0)
+        mean_roll, mean_pitch = response.command_mean
+        mean_roll, mean_pitch = mean_roll + (roll - mean_roll) * share, mean_pitch + (pitch - mean_pitch) * share
+    else:
+        mean_roll, mean_pitch = roll, pitch
+    kept.append((t_s, roll - mean_roll, pitch - mean_pitch))
     return AttitudeResponse(
-        commands=response.commands,
-        command_mean=response.command_mean,
-        tilt_mean=mean,
-        stages=np.stack([first, second]),
-        sums=sums,
-        tilt_power=forget * response.tilt_power + dt * float(off @ off),
-        command_power=forget * response.command_power + dt * (newest[1] ** 2 + newest[2] ** 2),
-        seconds=forget * response.seconds + dt,
-        t_s=t_s,
+        tuple(kept), (mean_roll, mean_pitch), response.tilt_mean, response.t_s, response.heard, response.bank
     )
 
 
-def sent(response: AttitudeResponse, t_s: float, command: Array) -> AttitudeResponse:
-    """Remember a setpoint: roll and pitch (2,) [rad]."""
-    kept = tuple(c for c in response.commands if t_s - _KEPT_S <= c[0] < t_s)
-    dt = t_s - kept[-1][0] if kept else 0.0
-    mean = response.command_mean + (command - response.command_mean) * min(dt / _MEAN_S, 1.0) if kept else command
-    off = command - mean
-    return AttitudeResponse(
-        commands=(*kept, (t_s, float(off[0]), float(off[1]))),
-        command_mean=mean,
-        tilt_mean=response.tilt_mean,
-        stages=response.stages,
-        sums=response.sums,
-        tilt_power=response.tilt_power,
-        command_power=response.command_power,
-        seconds=response.seconds,
-        t_s=response.t_s,
-    )
+def settled(response: AttitudeResponse, at_least: int = _SETTLE_AT) -> AttitudeResponse:
+    """With what was heard taken into the bank, once it is ``at_least`` so many tilts."""
+    heard, bank = response.heard, response.bank
+    if len(heard) < max(at_least, 1):
+        return response
+    delayed, shares = _delayed(heard), 1.0 - np.exp(-np.array([one.dt_s for one in heard])[:, None] / _TAUS)
+    first, second, sums = bank.stages[0], bank.stages[1], bank.sums
+    tilt_power, command_power, seconds = bank.tilt_power, bank.command_power, bank.seconds
+    for k, (_, dt, roll, pitch, commands) in enumerate(heard):
+        share = shares[k][None, :, None]
+        first = first + share * (delayed[k][:, None, :] - first)
+        second = second + share * (first - second)
+        forget = math.exp(-dt / _MEMORY_S)
+        fresh = np.empty_like(sums)
+        np.multiply(second, np.array([[[roll]], [[pitch]]]), out=fresh[0])
+        np.multiply(second, second, out=fresh[1])
+        sums = forget * sums + dt * fresh
+        newest = commands[-1]
+        tilt_power = forget * tilt_power + dt * (roll * roll + pitch * pitch)
+        command_power = forget * command_power + dt * (newest[1] ** 2 + newest[2] ** 2)
+        seconds = forget * seconds + dt
+    bank = Bank(np.stack([first, second]), sums, tilt_power, command_power, seconds)
+    return AttitudeResponse(response.commands, response.command_mean, response.tilt_mean, response.t_s, (), bank)
+
+
+def _delayed(heard: tuple[Heard, ...]) -> Array:
+    """The setpoints as every candidate's dead time delays them: shape (heard, axis, delay).
+
+    Each tilt sees the setpoints that were known when it came, the first and the last of them held.
+    """
+    known = list(heard[0].commands)
+    for one in heard[1:]:
+        last_s = known[-1][0]
+        known += [c for c in one.commands if c[0] > last_s]
+    times, roll, pitch = np.array(known).T
+    at = np.array([one.t_s for one in heard])[:, None] - _DELAYS
+    at = np.clip(at, [[one.commands[0][0]] for one in heard], [[one.commands[-1][0]] for one in heard])
+    return np.stack([np.interp(at, times, roll), np.interp(at, times, pitch)], axis=1)
 
 
 def measured_loop(response: AttitudeResponse) -> AttitudeLoop | None:
     """The loop that explains the tilt best, or None while there was too little to see."""
-    if response.seconds < _LEAST_S or response.command_power < response.seconds * _LEAST_RAD**2:
+    bank = settled(response, 1).bank
+    if bank.seconds < _LEAST_S or bank.command_power < bank.seconds * _LEAST_RAD**2:
         return None
-    cross, square = response.sums.sum(axis=1)
+    cross, square = bank.sums.sum(axis=1)
     gain = np.clip(cross / np.maximum(square, 1e-12), *_GAINS)
-    left = response.tilt_power - 2.0 * gain * cross + gain**2 * square
+    left = bank.tilt_power - 2.0 * gain * cross + gain**2 * square
     best = np.unravel_index(int(np.argmin(left)), left.shape)
-    if left[best] > _MOST_UNEXPLAINED**2 * response.tilt_power:
+    if left[best] > _MOST_UNEXPLAINED**2 * bank.tilt_power:
         return None
     return AttitudeLoop(
         float(_TAUS[best[0]]), float(_DELAYS[best[1]]), round(float(gain[best]), 1), source=Source.MEASURED

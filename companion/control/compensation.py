@@ -9,8 +9,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from companion.config import PipelineConfig
 from companion.control.authority import slew
 from companion.control.disturbance import Disturbance
@@ -60,21 +58,17 @@ def wanted_offset(
     """The offset that cancels the disturbance, before limits, slew and fades; and the moment wash-out one step on."""
     vehicle = config.vehicle
     weight = disturbance.gain * disturbance.trust
-    fx, fy, fz, mx, my, _ = (float(v) for v in disturbance.wrench * weight)
+    fx, fy, fz, mx, my, _ = [v * weight for v in disturbance.wrench.tolist()]
     own_weight = vehicle.mass_kg * GRAVITY
     ratio = 1.0 - fz / max(disturbance.free_lift_n, 0.5 * own_weight)
     lift_share = 1.0 + thrust.slope * (base_thrust - thrust.hover)
     roll_bias, pitch_bias, washout = _moment_bias(mx, my, washout, config, dt_s)
-    force_ned = rotation @ np.array([fx, fy, fz])
+    north, east, down = [(a * fx + b * fy + c * fz) / vehicle.mass_kg for a, b, c in rotation.tolist()]
     return Offset(
         thrust=thrust.change(max(lift_share, 0.0) * (1.0 / ratio - 1.0)),
         roll=-math.atan2(fy, own_weight) + roll_bias,
         pitch=math.atan2(fx, own_weight) + pitch_bias,
-        acceleration=(
-            -float(force_ned[0]) / vehicle.mass_kg,
-            -float(force_ned[1]) / vehicle.mass_kg,
-            -float(force_ned[2]) / vehicle.mass_kg,
-        ),
+        acceleration=(-north, -east, -down),
         share=weight,
     ), washout
 
@@ -98,9 +92,9 @@ def slewed(old: Offset, wanted: Offset, config: PipelineConfig, dt_s: float) -> 
     limits = config.vehicle.limits
     tilt, tilt_rate = math.radians(limits.tilt_deg), math.radians(limits.slew_tilt_deg_per_s)
     most, rate = GRAVITY * math.tan(tilt), GRAVITY * tilt_rate
-    north, east, down = (
-        slew(o, w, most, rate, dt_s) for o, w in zip(old.acceleration, wanted.acceleration, strict=True)
-    )
+    (north, east, down), (x, y, z) = old.acceleration, wanted.acceleration
+    north, east = slew(north, x, most, rate, dt_s), slew(east, y, most, rate, dt_s)
+    down = slew(down, z, most, rate, dt_s)
     thrust = slew(old.thrust, wanted.thrust, limits.thrust, limits.slew_thrust_per_s, dt_s)
     roll = slew(old.roll, wanted.roll, tilt, tilt_rate, dt_s)
     pitch = slew(old.pitch, wanted.pitch, tilt, tilt_rate, dt_s)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -9,12 +10,12 @@ import numpy as np
 
 from companion.config import PipelineConfig, Tuning
 from companion.estimation.air_state import air_state
-from companion.estimation.estimator import Estimates, Seen, Surface, fan_query, surface
+from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, fan_query, surface
 from models.air_state import AirState
 from models.effects import Context, adopted_wrench, corrected_state
 from models.evolve import replace
-from models.frames import Array, at_cg, corner_to_body
-from models.surrogate.fan_surrogate import FanSurrogate
+from models.frames import Array
+from models.surrogate.fan_surrogate import Answer, FanSurrogate
 from models.vehicle import Vehicle
 from models.vehicle_wrench import fan_rpm
 
@@ -45,16 +46,15 @@ class Disturbance:
 def modelled_disturbance(
     estimates: Estimates, config: PipelineConfig, rotor_rpm: Array, rotation: Array, t_s: float, damping_1_s: float
 ) -> Disturbance:
-    """Query the surrogate for every fan, at the two leads, in free air, and a little further from the wall."""
+    """Query the surrogate for every fan, at the two leads, in free air, and a little further from a wall."""
     vehicle, model, tuning = config.vehicle, config.model, config.tuning
     ground = surface(estimates, config, "ground", t_s)
     wall = surface(estimates, config, "wall", t_s)
+    ceiling = Surface(Seen.UNDECLARED)
     rpm = fan_rpm(vehicle, rotor_rpm)
     soon = fan_query(vehicle, ground, wall, rotation, rpm, tuning.thrust_lead_s)
     later = fan_query(vehicle, ground, wall, rotation, rpm, tuning.tilt_lead_s)
-    free = np.full_like(rpm, np.inf)
-    # One batched query: rows are (thrust lead, tilt lead, tilt lead a step further off, free air).
-    ceiling = Surface(Seen.UNDECLARED)
+    adopted = None
     if model.effects:
         ceiling = surface(estimates, config, "ceiling", t_s)
         now = air_state(estimates, config, soon, ceiling, rotor_rpm, t_s, tuning.thrust_lead_s)
@@ -62,33 +62,60 @@ def modelled_disturbance(
         shift = np.where(np.isfinite(now.h_m), moved.h_m, 0.0) - np.where(np.isfinite(now.h_m), now.h_m, 0.0)
         soon, later = replace(soon, h_m=soon.h_m + shift), replace(later, h_m=later.h_m + shift)
         adopted = adopted_disturbance(model, moved, vehicle, tuning, damping_1_s)
-    else:
-        adopted = np.zeros(6)
-    answer = model.query(
-        np.stack([soon.h_m, later.h_m, later.h_m, free]),
-        np.stack([soon.d_m, later.d_m, later.d_m + _STIFFNESS_STEP_M, free]),
-        rpm,
-    )
-    rows = answer.wrench
-    change = rows[1] - rows[3]
-    change[:, 2] = rows[0, :, 2] - rows[3, :, 2]
-    at_fans = corner_to_body(change, later.wall_bearing_rad)
-    total = at_cg(at_fans, vehicle.fan_positions_m).sum(axis=0) + adopted
-    total[:3] += trim_reaction(vehicle) @ total[3:]
-    pull = float(rows[1, :, 0].sum() - rows[2, :, 0].sum()) / _STIFFNESS_STEP_M
-    known = np.isfinite(soon.h_m) | np.isfinite(soon.d_m)
-    trust = float(np.min(answer.trust[0], initial=1.0, where=known)) if known.any() else 1.0
+    answer = _asked(model, soon, later, wall.seen is Seen.SURFACE)
+    free = model.free_air_now(rpm.tolist())
+    total = _about_cg(vehicle, answer.wrench[0].tolist(), answer.wrench[1].tolist(), free, later.wall_bearing_rad)
+    wrench = np.array(total) if adopted is None else np.array(total) + adopted
+    if vehicle.vanes:
+        wrench[:3] += trim_reaction(vehicle) @ wrench[3:]
+    gain = tuning.gain
+    if wall.seen is Seen.SURFACE:
+        pull = float(answer.wrench[1, :, 0].sum() - answer.wrench[2, :, 0].sum()) / _STIFFNESS_STEP_M
+        gain = _stable_gain(pull, vehicle, tuning, damping_1_s)
+    near = [h < math.inf or d < math.inf for h, d in zip(soon.h_m.tolist(), soon.d_m.tolist(), strict=True)]
+    trust = min([t for t, one in zip(answer.trust[0].tolist(), near, strict=True) if one], default=1.0)
     return Disturbance(
-        wrench=total,
-        free_lift_n=float(rows[3, :, 2].sum()),
-        trust=trust * _sensor_weight(ground) * _sensor_weight(wall),
-        gain=_stable_gain(pull, vehicle, tuning, damping_1_s) if wall.seen is Seen.SURFACE else tuning.gain,
+        wrench=wrench,
+        free_lift_n=sum([fan[2] for fan in free]),
+        trust=min(trust, 1.0) * _sensor_weight(ground) * _sensor_weight(wall),
+        gain=gain,
         h_m=soon.h_m,
         d_m=soon.d_m,
         ground=ground,
         wall=wall,
         ceiling=ceiling,
     )
+
+
+def _asked(model: FanSurrogate, soon: FanQuery, later: FanQuery, beside_wall: bool) -> Answer:
+    """One query, shape (rows, fans): at the lead of thrust, of tilt, and beside a wall a step further off at that."""
+    h, d = [soon.h_m, later.h_m], [soon.d_m, later.d_m]
+    if beside_wall:
+        h, d = [*h, later.h_m], [*d, later.d_m + _STIFFNESS_STEP_M]
+    return model.query(np.array(h), np.array(d), soon.rpm)
+
+
+Wrenches = list[list[float]]
+"""(fans, 6), corner frame."""
+
+
+def _about_cg(vehicle: Vehicle, soon: Wrenches, later: Wrenches, free: Wrenches, bearing_rad: float) -> list[float]:
+    """What the surroundings add to the free-air wrenches: body FRD about the CG, shape (6,), in plain floats.
+
+    The lift is that of ``soon``, all else of ``later``. As ``corner_to_body`` and ``at_cg`` have it for arrays.
+    """
+    c, s = math.cos(bearing_rad), math.sin(bearing_rad)
+    fx = fy = fz = mx = my = mz = 0.0
+    for fan, first, wrench, alone in zip(vehicle.fans, soon, later, free, strict=True):
+        x, y, roll, pitch, yaw = [wrench[i] - alone[i] for i in (0, 1, 3, 4, 5)]
+        east, down = s * x - c * y, alone[2] - first[2]
+        north = c * x + s * y
+        px, py, pz = fan.position_m
+        fx, fy, fz = fx + north, fy + east, fz + down
+        mx += c * roll + s * pitch + (py * down - pz * east)
+        my += s * roll - c * pitch + (pz * north - px * down)
+        mz += -yaw + (px * east - py * north)
+    return [fx, fy, fz, mx, my, mz]
 
 
 def adopted_disturbance(

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-
-import numpy as np
+from dataclasses import dataclass
 
 from companion.config import Tuning
 from companion.control.authority import Reason
 from companion.control.position_hold import tilt_acceleration
 from companion.mavlink.firmware import Stack, stack_of, takes_setpoints
-from companion.mavlink.samples import Heartbeat
+from companion.mavlink.samples import Heartbeat, Vector3
 from models.evolve import replace
-from models.frames import Array
 
 ON_GROUND, IN_AIR, TAKE_OFF, LANDING = 1, 2, 3, 4
 """MAV_LANDED_STATE."""
@@ -78,24 +75,28 @@ def waits_for_mode(heartbeat: Heartbeat | None, refusals: set[Reason]) -> bool:
 
 @dataclass(frozen=True)
 class Balance:
-    """Which part of the tilt balances wind and walls: averages of what the tilt gives and of the velocity (2,)."""
+    """The part of the tilt that balances wind and walls: averages of its acceleration and of the velocity."""
 
-    tilt: Array = field(default_factory=lambda: np.zeros(2))
-    velocity: Array = field(default_factory=lambda: np.zeros(2))
+    tilt: tuple[float, float] = (0.0, 0.0)
+    velocity: tuple[float, float] = (0.0, 0.0)
     t_s: float = -math.inf
-    acceleration: Array = field(default_factory=lambda: np.zeros(2))
+    acceleration: tuple[float, float] = (0.0, 0.0)
     """The tilt's average acceleration less the vehicle's own [m/s^2]."""
 
 
-def watch_balance(balance: Balance, t_s: float, velocity: Array, body_down: Array, tuning: Tuning) -> Balance:
-    """Take in velocity (3,) and the body's down axis (3,), NED."""
-    tilt = tilt_acceleration(body_down)
+def watch_balance(balance: Balance, t_s: float, velocity: Vector3, body_down: Vector3, tuning: Tuning) -> Balance:
+    """Take in velocity and the body's down axis, NED."""
+    north, east = tilt_acceleration(body_down)
+    vn, ve, _ = velocity
     dt = t_s - balance.t_s
     if not 0.0 < dt <= 1.0:
-        return Balance(tilt, velocity[:2].copy(), t_s, np.zeros(2))
-    share = min(dt / tuning.balance_mean_s, 1.0)
-    tilt_mean = balance.tilt + share * (tilt - balance.tilt)
-    mean = balance.velocity + share * (velocity[:2] - balance.velocity)
+        return Balance((north, east), (vn, ve), t_s)
+    time_s = tuning.balance_mean_s
+    share = min(dt / time_s, 1.0)
+    tilt_n, tilt_e = balance.tilt
+    tilt_n, tilt_e = tilt_n + share * (north - tilt_n), tilt_e + share * (east - tilt_e)
+    mean_n, mean_e = balance.velocity
+    mean_n, mean_e = mean_n + share * (vn - mean_n), mean_e + share * (ve - mean_e)
     # The mean of a derivative under a first-order average: what the quantity is ahead of its own mean, over the time.
-    own = (velocity[:2] - mean) / tuning.balance_mean_s
-    return Balance(tilt_mean, mean, t_s, tilt_mean - own)
+    own = ((vn - mean_n) / time_s, (ve - mean_e) / time_s)
+    return Balance((tilt_n, tilt_e), (mean_n, mean_e), t_s, (tilt_n - own[0], tilt_e - own[1]))

@@ -34,9 +34,8 @@ def part(hold: Hold, last: BaseSetpoint, refusals: set[Reason], t_s: float, list
     """Begin to let go, or None where others fly."""
     if refusals & NOT_OURS:
         return None
-    north, east, down = map(float, hold.reference.position)
     known = listens_to_places and not refusals & NO_PLACE
-    return Parting(t_s, last, (north, east, down) if known else None)
+    return Parting(t_s, last, hold.reference.position if known else None)
 
 
 def parting_command(

@@ -10,29 +10,29 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from companion.config import HoldGains
 from companion.control.position_target import Reference, Target, advance, start_reference, stay
 from companion.mavlink.firmware import ThrustMap
+from companion.mavlink.samples import Vector3
 from models.evolve import replace
-from models.frames import GRAVITY, Array
+from models.frames import GRAVITY
 from models.vehicle import Limits
 
 _MAX_PREDICTION_S = 0.4
 """A position older than this is not predicted further: the tilt since then says too little."""
 _SAME_STAMP_S = 1e-4
 """Positions whose stamps differ by less are one: stamps count milliseconds."""
+_AT_REST = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Motion:
-    """What is measured, NED: position [m] and velocity [m/s] (3,) as they were ``age_s`` ago, and the attitude now."""
+    """What is measured, NED: position [m] and velocity [m/s] as they were ``age_s`` ago, and the attitude now."""
 
-    position: Array
-    velocity: Array
-    body_down: Array
-    """The body's down axis (3,)."""
+    position: Vector3
+    velocity: Vector3
+    body_down: Vector3
+    """The body's down axis."""
     yaw: float
     age_s: float = 0.0
     offset: tuple[float, float] = (0.0, 0.0)
@@ -41,11 +41,11 @@ class Motion:
 
 @dataclass(frozen=True)
 class Since:
-    """What accelerations have added since the newest position was measured: to its velocity and to its place, (3,)."""
+    """What accelerations have added since the newest position was measured: to its velocity and to its place, NED."""
 
     stamp_s: float
-    velocity: Array
-    place: Array
+    velocity: Vector3
+    place: Vector3
 
 
 @dataclass(frozen=True)
@@ -54,10 +54,10 @@ class Hold:
 
     target: Target
     reference: Reference
-    integral: Array
-    """What balances wind, trim and a wrong hover thrust, (3,)."""
+    integral: Vector3
+    """What balances wind, trim and a wrong hover thrust."""
     t_s: float
-    tilt_mean: Array
+    tilt_mean: tuple[float, float]
     """What the tilt gives on average, north and east, beyond offsets and the reference's own acceleration."""
     climb_mean: float
     """Average of the vertical acceleration that was asked for beyond the reference's own."""
@@ -78,100 +78,123 @@ class BaseSetpoint:
     """What it stands for, NED m/s^2, beyond balancing gravity."""
 
 
-def engage(t_s: float, motion: Motion, balance: Array, thrust_now: float, thrust: ThrustMap, gains: HoldGains) -> Hold:
+def engage(
+    t_s: float, motion: Motion, balance: tuple[float, float], thrust_now: float, thrust: ThrustMap, gains: HoldGains
+) -> Hold:
     """Hold here, bumplessly: the first setpoint is the tilt and the thrust that fly now.
 
-    ``balance`` (2,) is the part of the tilt's acceleration that balances wind rather than moving the vehicle; the
-    integrals start with it, and the rest of the tilt starts the reference, which brakes from there. ``thrust_now`` is
-    the thrust 0...1 that flies.
+    ``balance`` is the part of the tilt's acceleration, north and east, that balances wind rather than moving the
+    vehicle; the integrals start with it, and the rest of the tilt starts the reference, which brakes from there.
+    ``thrust_now`` is the thrust 0...1 that flies.
     """
-    tilt = tilt_acceleration(motion.body_down)
+    tilt_n, tilt_e = tilt_acceleration(motion.body_down)
     up = (thrust_now - thrust.hover) * thrust.slope * GRAVITY
     most = gains.max_integral_m_s2
-    integral = np.clip(np.array([balance[0], balance[1], -up]), -most, most)
+    integral = (_clipped(balance[0], most), _clipped(balance[1], most), _clipped(-up, most))
     limit = GRAVITY * math.tan(gains.max_tilt_rad)
-    rest = np.clip(tilt - integral[:2], -limit, limit)
-    reference = start_reference(motion.position, motion.velocity, np.array([rest[0], rest[1], 0.0]))
-    climb = float(integral[2])
-    return Hold(stay(motion.yaw, t_s), reference, integral, t_s, tilt - rest, climb, climb)
+    rest_n, rest_e = _clipped(tilt_n - integral[0], limit), _clipped(tilt_e - integral[1], limit)
+    reference = start_reference(motion.position, motion.velocity, (rest_n, rest_e, 0.0))
+    climb = integral[2]
+    return Hold(stay(motion.yaw, t_s), reference, integral, t_s, (tilt_n - rest_n, tilt_e - rest_e), climb, climb)
 
 
 def resume(hold: Hold, motion: Motion) -> Hold:
     """Go on after a gap: to the same target, on a way that begins where the vehicle is."""
-    old = hold.target
-    place = np.where(np.isnan(old.position), hold.reference.position, old.position)
-    reference = start_reference(motion.position, motion.velocity, np.zeros(3))
-    return replace(hold, target=replace(old, position=place, velocity=np.zeros(3)), reference=reference)
+    old, at = hold.target, hold.reference.position
+    north, east, down = (kept if wanted != wanted else wanted for wanted, kept in zip(old.position, at, strict=True))
+    reference = start_reference(motion.position, motion.velocity, _AT_REST)
+    target = replace(old, position=(north, east, down), velocity=_AT_REST)
+    return replace(hold, target=target, reference=reference)
 
 
-def balanced(hold: Hold, acceleration: Array, gains: HoldGains) -> Hold:
-    """The hold after it took over what another part of the setpoint balanced: (3,) NED m/s^2, into its integral."""
-    most = gains.max_integral_m_s2
-    taken = np.clip(hold.integral + acceleration, -most, most) - hold.integral
+def balanced(hold: Hold, acceleration: Vector3, gains: HoldGains) -> Hold:
+    """The hold after it took over what another part of the setpoint balanced: NED m/s^2, into its integral."""
+    most, (x, y, z) = gains.max_integral_m_s2, hold.integral
+    north, east, down = acceleration
+    integral = (_clipped(x + north, most), _clipped(y + east, most), _clipped(z + down, most))
+    north, east, down = integral[0] - x, integral[1] - y, integral[2] - z
     return replace(
         hold,
-        integral=hold.integral + taken,
-        tilt_mean=hold.tilt_mean + taken[:2],
-        climb_mean=hold.climb_mean + float(taken[2]),
-        climb_command=hold.climb_command + float(taken[2]),
+        integral=integral,
+        tilt_mean=(hold.tilt_mean[0] + north, hold.tilt_mean[1] + east),
+        climb_mean=hold.climb_mean + down,
+        climb_command=hold.climb_command + down,
     )
 
 
-def shifted(hold: Hold, by_ned: Array) -> Hold:
+def shifted(hold: Hold, by_ned: Vector3) -> Hold:
     """The hold after the origin of positions moved: everything stays where it is over the ground."""
-    reference = replace(hold.reference, position=hold.reference.position + by_ned)
-    return replace(hold, reference=reference, target=replace(hold.target, position=hold.target.position + by_ned))
+    reference = replace(hold.reference, position=_sum(hold.reference.position, by_ned))
+    return replace(hold, reference=reference, target=replace(hold.target, position=_sum(hold.target.position, by_ned)))
 
 
 def fly(
     hold: Hold, gains: HoldGains, limits: Limits, t_s: float, motion: Motion, thrust: ThrustMap
 ) -> tuple[Hold, BaseSetpoint]:
-    """One step of the cascade; returns the hold one step on and the setpoint."""
+    """One step of the cascade; returns the hold one step on and the setpoint. Plain floats: it runs for every one."""
     dt = min(max(t_s - hold.t_s, 0.0), 0.1)
     if t_s - hold.t_s > gains.gap_s:
         hold, dt = resume(hold, motion), 0.0
     reference = advance(hold.reference, hold.target, gains, limits, t_s, dt)
+    forward_n, forward_e, forward_d = reference.acceleration
     share = min(dt / gains.tilt_mean_s, 1.0)
     # Tilt and thrust that are neither fed forward nor lasting: what will change the velocity unasked.
-    tilt = tilt_acceleration(motion.body_down) - motion.offset - reference.acceleration[:2]
-    climb = hold.climb_command - float(reference.acceleration[2])
-    tilt_mean = hold.tilt_mean + (tilt - hold.tilt_mean) * share
-    climb_mean = hold.climb_mean + (climb - hold.climb_mean) * share
-    extra = np.array([tilt[0] - tilt_mean[0], tilt[1] - tilt_mean[1], climb - climb_mean])
-    since = _followed(hold.since, t_s - motion.age_s, motion.age_s, dt, extra + reference.acceleration)
-    velocity = motion.velocity + since.velocity
-    position = motion.position + min(motion.age_s, _MAX_PREDICTION_S) * motion.velocity + since.place
-
-    error = reference.position - position
-    demand = error * (gains.position_1_s, gains.position_1_s, gains.height_1_s)
-    speed = math.hypot(demand[0], demand[1])
-    if speed > limits.speed_m_s:
-        demand[:2] *= limits.speed_m_s / speed
-    demand[2] = min(max(demand[2], -limits.climb_m_s), limits.climb_m_s)
-    slip = demand + reference.velocity - velocity
-    # Attitude and motors answer late: look at the velocity that the present tilt and thrust lead to.
-    slip -= extra * (gains.tilt_lead_s, gains.tilt_lead_s, gains.climb_lead_s)
-    damping = np.array([gains.velocity_1_s, gains.velocity_1_s, gains.climb_1_s])
-    acceleration, saturated = _limited(slip * damping + hold.integral + reference.acceleration, gains)
-    integral = hold.integral
+    tilt_n, tilt_e = tilt_acceleration(motion.body_down)
+    tilt_n, tilt_e = tilt_n - motion.offset[0] - forward_n, tilt_e - motion.offset[1] - forward_e
+    climb = hold.climb_command - forward_d
+    mean_n, mean_e = hold.tilt_mean
+    mean_n, mean_e = mean_n + (tilt_n - mean_n) * share, mean_e + (tilt_e - mean_e) * share
+    mean_d = hold.climb_mean + (climb - hold.climb_mean) * share
+    extra = (tilt_n - mean_n, tilt_e - mean_e, climb - mean_d)
+    since = _followed(hold.since, t_s - motion.age_s, motion.age_s, dt, _sum(extra, reference.acceleration))
+    position, velocity = _predicted(motion, since)
+    slip = _slip(reference, position, velocity, extra, gains, limits)
+    old = hold.integral
+    acceleration, saturated = _limited(
+        (
+            slip[0] * gains.velocity_1_s + old[0] + forward_n,
+            slip[1] * gains.velocity_1_s + old[1] + forward_e,
+            slip[2] * gains.climb_1_s + old[2] + forward_d,
+        ),
+        gains,
+    )
+    integral, most = old, gains.max_integral_m_s2
     if not saturated:
-        rate = slip * (gains.integral_1_s2, gains.integral_1_s2, gains.climb_integral_1_s2)
-        integral = np.clip(integral + rate * dt, -gains.max_integral_m_s2, gains.max_integral_m_s2)
-    north, east, down = map(float, acceleration)
+        integral = (
+            _clipped(old[0] + slip[0] * gains.integral_1_s2 * dt, most),
+            _clipped(old[1] + slip[1] * gains.integral_1_s2 * dt, most),
+            _clipped(old[2] + slip[2] * gains.climb_integral_1_s2 * dt, most),
+        )
+    north, east, down = acceleration
     roll, pitch = _acceleration_to_tilt(north, east, motion.yaw)
     command = thrust.hover + thrust.change(-down / GRAVITY)
-    setpoint = BaseSetpoint(roll, pitch, hold.target.yaw, command, (north, east, down))
-    return Hold(hold.target, reference, integral, t_s, tilt_mean, climb_mean, down, since), setpoint
+    setpoint = BaseSetpoint(roll, pitch, hold.target.yaw, command, acceleration)
+    return Hold(hold.target, reference, integral, t_s, (mean_n, mean_e), mean_d, down, since), setpoint
 
 
-def tilt_acceleration(body_down: Array) -> Array:
-    """What a tilt gives, north and east [m/s^2] (2,), while the lift holds the weight."""
-    out: Array = -GRAVITY * body_down[:2] / max(float(body_down[2]), 0.5)
-    return out
+def _slip(
+    reference: Reference, position: Vector3, velocity: Vector3, extra: Vector3, gains: HoldGains, limits: Limits
+) -> Vector3:
+    """The velocity that is missing [m/s], NED: towards the reference, and on with it."""
+    (rx, ry, rz), (x, y, z) = reference.position, position
+    north, east = (rx - x) * gains.position_1_s, (ry - y) * gains.position_1_s
+    down = min(max((rz - z) * gains.height_1_s, -limits.climb_m_s), limits.climb_m_s)
+    speed = math.hypot(north, east)
+    if speed > limits.speed_m_s:
+        share = limits.speed_m_s / speed
+        north, east = north * share, east * share
+    (rvx, rvy, rvz), (vx, vy, vz) = reference.velocity, velocity
+    # Attitude and motors answer late: look at the velocity that the present tilt and thrust lead to.
+    lead, climb_lead = gains.tilt_lead_s, gains.climb_lead_s
+    return (
+        north + rvx - vx - extra[0] * lead,
+        east + rvy - vy - extra[1] * lead,
+        down + rvz - vz - extra[2] * climb_lead,
+    )
 
 
-def _followed(since: Since | None, stamp_s: float, age_s: float, dt: float, acceleration: Array) -> Since:
-    """One step further from a late position, by what accelerates the vehicle now (3,).
+def _followed(since: Since | None, stamp_s: float, age_s: float, dt: float, acceleration: Vector3) -> Since:
+    """One step further from a late position, by what accelerates the vehicle now NED m/s^2.
 
     Between two positions it is summed step by step. The present acceleration over the whole age would be an algebraic
     loop: a setpoint would be answered by its own forecast, and thrust would leap from limit to limit at every step
@@ -179,22 +202,49 @@ def _followed(since: Since | None, stamp_s: float, age_s: float, dt: float, acce
     """
     if since is None or stamp_s > since.stamp_s + _SAME_STAMP_S:
         age = min(max(age_s, 0.0), _MAX_PREDICTION_S)
-        gained = age * acceleration
-        return Since(stamp_s, gained, 0.5 * age * gained)
+        gained = _scaled(acceleration, age)
+        return Since(stamp_s, gained, _scaled(gained, 0.5 * age))
     if age_s > _MAX_PREDICTION_S:
         return since
-    return Since(since.stamp_s, since.velocity + dt * acceleration, since.place + dt * since.velocity)
+    velocity = _sum(since.velocity, _scaled(acceleration, dt))
+    return Since(since.stamp_s, velocity, _sum(since.place, _scaled(since.velocity, dt)))
 
 
-def _limited(acceleration: Array, gains: HoldGains) -> tuple[Array, bool]:
+def tilt_acceleration(body_down: Vector3) -> tuple[float, float]:
+    """What a tilt gives, north and east [m/s^2], while the lift holds the weight."""
+    north, east, down = body_down
+    lift = max(down, 0.5)
+    return -GRAVITY * north / lift, -GRAVITY * east / lift
+
+
+def _sum(a: Vector3, b: Vector3) -> Vector3:
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def _clipped(value: float, most: float) -> float:
+    return min(max(value, -most), most)
+
+
+def _scaled(a: Vector3, by: float) -> Vector3:
+    return a[0] * by, a[1] * by, a[2] * by
+
+
+def _predicted(motion: Motion, since: Since) -> tuple[Vector3, Vector3]:
+    """Position and velocity now, from the late ones and what has accelerated the vehicle since."""
+    straight = _scaled(motion.velocity, min(motion.age_s, _MAX_PREDICTION_S))
+    return _sum(_sum(motion.position, straight), since.place), _sum(motion.velocity, since.velocity)
+
+
+def _limited(acceleration: Vector3, gains: HoldGains) -> tuple[Vector3, bool]:
     """The acceleration within tilt and climb limits, and whether a limit was met."""
+    north, east, down = acceleration
     limit, most = GRAVITY * math.tan(gains.max_tilt_rad), gains.max_climb_acceleration_m_s2
-    level = math.hypot(acceleration[0], acceleration[1])
-    saturated = level > limit or abs(acceleration[2]) > most
+    level = math.hypot(north, east)
+    saturated = level > limit or abs(down) > most
     if level > limit:
-        acceleration[:2] *= limit / level
-    acceleration[2] = min(max(acceleration[2], -most), most)
-    return acceleration, saturated
+        share = limit / level
+        north, east = north * share, east * share
+    return (north, east, min(max(down, -most), most)), saturated
 
 
 def _acceleration_to_tilt(north: float, east: float, yaw: float) -> tuple[float, float]:

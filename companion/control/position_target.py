@@ -6,17 +6,14 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
-import numpy as np
-
 from companion.config import HoldGains
-from companion.mavlink.samples import SetPositionTarget
-from models.evolve import replace
-from models.frames import Array
+from companion.mavlink.samples import SetPositionTarget, Vector3
 from models.vehicle import Limits
 
 _IGNORE_POSITION, _IGNORE_VELOCITY, _IGNORE_YAW = (1, 2, 4), (8, 16, 32), 1024
 """Bits of POSITION_TARGET_TYPEMASK, by axis."""
-_NOWHERE = np.full(3, np.nan)
+_NOWHERE = (math.nan, math.nan, math.nan)
+_AT_REST = (0.0, 0.0, 0.0)
 
 
 class TargetFrame(Enum):
@@ -41,10 +38,10 @@ class TargetFrame(Enum):
 
 @dataclass(frozen=True)
 class Target:
-    """What is asked for, NED: position [m] (3,), NaN in an axis that only a velocity moves; velocity [m/s] (3,)."""
+    """What is asked for, NED: position [m], NaN in an axis that only a velocity moves; velocity [m/s]."""
 
-    position: Array
-    velocity: Array
+    position: Vector3
+    velocity: Vector3
     yaw: float
     """Heading [rad]."""
     set_s: float
@@ -54,56 +51,64 @@ class Target:
 
 def stay(yaw: float, t_s: float) -> Target:
     """Stop as soon as the limits allow, and stay there."""
-    return Target(_NOWHERE, np.zeros(3), yaw, t_s)
+    return Target(_NOWHERE, _AT_REST, yaw, t_s)
 
 
-def read_target(sample: SetPositionTarget, old: Target, position: Array, yaw: float, gains: HoldGains) -> Target | None:
+def read_target(
+    sample: SetPositionTarget, old: Target, position: Vector3, yaw: float, gains: HoldGains
+) -> Target | None:
     """The target that a message asks for, or None where its frame is not one of the four.
 
-    ``position`` (3,) [m] and ``yaw`` [rad] are the vehicle's own; ``old`` gives what the message leaves out. An axis
-    with neither position nor velocity keeps its place.
+    ``position`` [m] and ``yaw`` [rad] are the vehicle's own; ``old`` gives what the message leaves out. An axis with
+    neither position nor velocity keeps its place.
     """
     try:
         frame = TargetFrame(sample.frame)
     except ValueError:
         return None
     mask = sample.type_mask
-    asked, speed = np.array(sample.position), np.array(sample.velocity)
+    asked, speed = sample.position, sample.velocity
     if frame.along_nose:
         asked, speed = _turned(asked, yaw), _turned(speed, yaw)
     if frame.from_vehicle:
-        asked = asked + position
-    no_place = np.array([bool(mask & bit) for bit in _IGNORE_POSITION]) | ~np.isfinite(asked)
-    no_speed = np.array([bool(mask & bit) for bit in _IGNORE_VELOCITY]) | ~np.isfinite(speed)
-    place = np.where(no_place, np.where(no_speed, old.position, np.nan), asked)
+        asked = (asked[0] + position[0], asked[1] + position[1], asked[2] + position[2])
+    north, east, down = (_axis(mask, axis, asked[axis], speed[axis], old.position[axis]) for axis in range(3))
     heading = old.yaw
     if not mask & _IGNORE_YAW and math.isfinite(sample.yaw):
         heading = sample.yaw + (yaw if frame.along_nose else 0.0)
     lasts = min(max(2.5 * (sample.t_s - old.set_s), gains.target_age_s), gains.velocity_age_s)
-    return Target(place, np.where(no_speed, 0.0, speed), heading, sample.t_s, lasts)
+    return Target((north[0], east[0], down[0]), (north[1], east[1], down[1]), heading, sample.t_s, lasts)
 
 
-def _turned(vector: Array, yaw: float) -> Array:
+def _axis(mask: int, axis: int, asked: float, speed: float, old: float) -> tuple[float, float]:
+    """Position and velocity that a message asks for along one axis."""
+    has_speed = not mask & _IGNORE_VELOCITY[axis] and math.isfinite(speed)
+    has_place = not mask & _IGNORE_POSITION[axis] and math.isfinite(asked)
+    unmoved = math.nan if has_speed else old
+    return asked if has_place else unmoved, speed if has_speed else 0.0
+
+
+def _turned(vector: Vector3, yaw: float) -> Vector3:
     c, s = math.cos(yaw), math.sin(yaw)
-    return np.array([c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2]])
+    return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2]
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Where the hold is to be at this instant, NED: position [m], velocity [m/s], acceleration [m/s^2], (3,) each."""
+    """Where the hold is to be at this instant, NED: position [m], velocity [m/s], acceleration [m/s^2]."""
 
-    position: Array
-    velocity: Array
-    acceleration: Array
-    shaped_velocity: Array
+    position: Vector3
+    velocity: Vector3
+    acceleration: Vector3
+    shaped_velocity: Vector3
     """The velocity behind the shaping of ``HoldGains.shape_s``."""
     following: bool = False
     """True on a target that moves as the vehicle can: it is followed as it is. Any other is approached."""
 
 
-def start_reference(position: Array, velocity: Array, acceleration: Array) -> Reference:
+def start_reference(position: Vector3, velocity: Vector3, acceleration: Vector3) -> Reference:
     """Begin where the vehicle is, moving as it moves."""
-    return Reference(position.copy(), velocity.copy(), acceleration.copy(), velocity.copy())
+    return Reference(position, velocity, acceleration, velocity)
 
 
 def advance(
@@ -115,71 +120,105 @@ def advance(
     stands alone.
     """
     age = max(t_s - target.set_s, 0.0)
-    moved = np.isnan(target.position)
-    valid = np.where(moved, age <= target.lasts_s, age <= gains.target_age_s)
-    speed = np.where(valid, _limited(target.velocity, limits.speed_m_s, limits.climb_m_s), 0.0)
+    # NaN differs from itself: an axis that only a velocity moves.
+    moved = [p != p for p in target.position]
+    asked = _limited(target.velocity, limits.speed_m_s, limits.climb_m_s)
+    north, east, down = [
+        v if age <= (target.lasts_s if alone else gains.target_age_s) else 0.0
+        for v, alone in zip(asked, moved, strict=True)
+    ]
     # Between two messages a moving target moves on at its own velocity.
-    place = target.position + speed * min(age, gains.target_age_s)
-    to_go = np.where(moved, 0.0, np.where(np.isnan(place), 0.0, place - reference.position))
-    near = float(np.abs(to_go).max()) <= gains.follow_m
-    if not moved.any() and near and (reference.following or _caught_up(reference, to_go, speed, gains)):
+    on = min(age, gains.target_age_s)
+    (x, y, z), (px, py, pz) = target.position, reference.position
+    place = (x + north * on, y + east * on, z + down * on)
+    to_go = (
+        0.0 if moved[0] else place[0] - px,
+        0.0 if moved[1] else place[1] - py,
+        0.0 if moved[2] else place[2] - pz,
+    )
+    speed = (north, east, down)
+    far = _largest(to_go)
+    if (
+        not any(moved)
+        and far <= gains.follow_m
+        and (reference.following or (far < gains.caught_up_m and _slip(reference, speed) < gains.caught_up_m_s))
+    ):
         return _followed(reference, place, speed, gains, dt_s)
     return _approached(reference, to_go, speed, gains, limits, dt_s)
 
 
-def _limited(vector: Array, level: float, vertical: float) -> Array:
+def _limited(vector: Vector3, level: float, vertical: float) -> Vector3:
     """Horizontal length at most ``level``, vertical part at most ``vertical``."""
-    out = vector.copy()
-    size = math.hypot(out[0], out[1])
+    north, east, down = vector
+    size = math.hypot(north, east)
     if size > level:
-        out[:2] *= level / size
-    out[2] = min(max(out[2], -vertical), vertical)
-    return out
+        share = level / size
+        north, east = north * share, east * share
+    return north, east, min(max(down, -vertical), vertical)
 
 
-def _caught_up(reference: Reference, to_go: Array, speed: Array, gains: HoldGains) -> bool:
-    slip = float(np.abs(speed - reference.velocity).max())
-    return float(np.abs(to_go).max()) < gains.caught_up_m and slip < gains.caught_up_m_s
+def _largest(vector: Vector3) -> float:
+    return max(abs(vector[0]), abs(vector[1]), abs(vector[2]))
 
 
-def _followed(reference: Reference, place: Array, speed: Array, gains: HoldGains, dt_s: float) -> Reference:
+def _slip(reference: Reference, speed: Vector3) -> float:
+    v = reference.velocity
+    return _largest((speed[0] - v[0], speed[1] - v[1], speed[2] - v[2]))
+
+
+def _followed(reference: Reference, place: Vector3, speed: Vector3, gains: HoldGains, dt_s: float) -> Reference:
     # A target that changes its velocity asks for an acceleration: give it rather than wait for the error.
-    shape = np.asarray(gains.shape_s)
-    acceleration = (speed - reference.shaped_velocity) / shape
-    shaped = reference.shaped_velocity + acceleration * np.minimum(dt_s, shape)
-    return Reference(place, speed, acceleration, shaped, following=True)
+    shaped, (shape_n, shape_e, shape_d) = reference.shaped_velocity, gains.shape_s
+    north, east = (speed[0] - shaped[0]) / shape_n, (speed[1] - shaped[1]) / shape_e
+    down = (speed[2] - shaped[2]) / shape_d
+    passed = (
+        shaped[0] + north * min(dt_s, shape_n),
+        shaped[1] + east * min(dt_s, shape_e),
+        shaped[2] + down * min(dt_s, shape_d),
+    )
+    return Reference(place, speed, (north, east, down), passed, following=True)
 
 
 def _approached(
-    reference: Reference, to_go: Array, speed: Array, gains: HoldGains, limits: Limits, dt_s: float
+    reference: Reference, to_go: Vector3, speed: Vector3, gains: HoldGains, limits: Limits, dt_s: float
 ) -> Reference:
     """A step of a motion limited in speed, acceleration and jerk that ends on the target without overshoot.
 
     Near the end it is linear and critically damped: acceleration follows the velocity error at four times the rate at
     which velocity follows the distance.
     """
-    most, jerk = limits.acceleration_m_s2, gains.jerk_m_s3
-    wanted = speed.copy()
-    closing = gains.closing_1_s
+    most, jerk, closing = limits.acceleration_m_s2, gains.jerk_m_s3, gains.closing_1_s
     brake = min(0.75 * most, 0.25 * jerk)  # gentle enough for the jerk that braking begins with
+    north, east, down = speed
     distance = math.hypot(to_go[0], to_go[1])
     if distance > 1e-9:
-        wanted[:2] += to_go[:2] * (_eased(distance, closing, brake) / distance)
-    wanted[2] += math.copysign(_eased(abs(to_go[2]), closing, brake), to_go[2])
-    slip = _limited(wanted, limits.speed_m_s, limits.climb_m_s) - reference.velocity
-    demand = np.array([math.copysign(_eased(abs(s), 4.0 * closing, jerk), s) for s in slip])
-    demand = _limited(demand, most, most)
-    step = jerk * dt_s
-    acceleration = reference.acceleration + np.clip(demand - reference.acceleration, -step, step)
-    velocity = reference.velocity + acceleration * dt_s
-    return replace(
-        reference,
-        position=reference.position + velocity * dt_s,
-        velocity=velocity,
-        acceleration=acceleration,
-        shaped_velocity=velocity,
-        following=False,
+        share = _eased(distance, closing, brake) / distance
+        north, east = north + to_go[0] * share, east + to_go[1] * share
+    down += math.copysign(_eased(abs(to_go[2]), closing, brake), to_go[2])
+    wanted = _limited((north, east, down), limits.speed_m_s, limits.climb_m_s)
+    rate, (vx, vy, vz), (ax, ay, az) = 4.0 * closing, reference.velocity, reference.acceleration
+    demand = _limited(
+        (
+            _towards(wanted[0] - vx, rate, jerk),
+            _towards(wanted[1] - vy, rate, jerk),
+            _towards(wanted[2] - vz, rate, jerk),
+        ),
+        most,
+        most,
     )
+    step = jerk * dt_s
+    ax += min(max(demand[0] - ax, -step), step)
+    ay += min(max(demand[1] - ay, -step), step)
+    az += min(max(demand[2] - az, -step), step)
+    vx, vy, vz = vx + ax * dt_s, vy + ay * dt_s, vz + az * dt_s
+    px, py, pz = reference.position
+    velocity = (vx, vy, vz)
+    return Reference((px + vx * dt_s, py + vy * dt_s, pz + vz * dt_s), velocity, (ax, ay, az), velocity)
+
+
+def _towards(error: float, slope: float, limit: float) -> float:
+    """``_eased`` with the error's sign."""
+    return math.copysign(_eased(abs(error), slope, limit), error)
 
 
 def _eased(error: float, slope: float, limit: float) -> float:

@@ -14,7 +14,7 @@ from enum import Enum
 import numpy as np
 
 from companion.control.survey_box import TRAVEL_M, SurveyBox
-from companion.mavlink.samples import LocalPosition, SetPositionTarget
+from companion.mavlink.samples import LocalPosition, SetPositionTarget, Vector3
 from models.evolve import replace
 from models.frames import Array
 
@@ -116,12 +116,12 @@ class Wanted:
     velocity: Array
 
 
-def level_direction(normal_ned: Array | None) -> Array | None:
+def level_direction(normal_ned: Vector3 | None) -> Array | None:
     """Unit vector (2,) of a wall's direction; None where it has none."""
     if normal_ned is None:
         return None
-    size = float(np.hypot(normal_ned[0], normal_ned[1]))
-    return normal_ned[:2] / size if size > 0.1 else None
+    size = math.hypot(normal_ned[0], normal_ned[1])
+    return np.array(normal_ned[:2]) / size if size > 0.1 else None
 
 
 def as_message(wanted: Wanted, heard: LocalPosition, component: int) -> SetPositionTarget:

@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
+from companion.mavlink.samples import Vector3
 from models.evolve import replace
-from models.frames import Array
 
 _MEAN_S = 3.0
 """What lasts longer is no swing but a balance of wind or trim."""
@@ -47,15 +45,15 @@ class SwingDetector:
     t_s: float = -math.inf
 
 
-def watch(detector: SwingDetector, t_s: float, feedback: Array) -> SwingDetector:
-    """Take in the acceleration (3,) [m/s^2, NED] that the hold asks for beyond its reference's own.
+def watch(detector: SwingDetector, t_s: float, feedback: Vector3) -> SwingDetector:
+    """Take in the acceleration [m/s^2, NED] that the hold asks for beyond its reference's own.
 
     Where an axis swings, ``level`` goes up by one and the half waves are counted anew.
     """
     dt = t_s - detector.t_s
     if not 0.0 < dt <= 0.5:
         return replace(detector, axes=SwingDetector().axes, t_s=t_s)
-    axes = [_one(axis, t_s, dt, float(value)) for axis, value in zip(detector.axes, feedback, strict=True)]
+    axes = [_one(axis, t_s, dt, value) for axis, value in zip(detector.axes, feedback, strict=True)]
     if not any(_swings(axis) for axis in axes):
         return replace(detector, axes=(axes[0], axes[1], axes[2]), t_s=t_s)
     return SwingDetector(level=detector.level + 1, swung_s=t_s, t_s=t_s)
@@ -77,6 +75,7 @@ def _one(axis: SwingAxis, t_s: float, dt: float, value: float) -> SwingAxis:
 def _swings(axis: SwingAxis) -> bool:
     if len(axis.halves) < _HALVES:
         return False
-    lengths, peaks = np.array(axis.halves).T
-    alike = lengths.max() <= _ALIKE * lengths.min() and lengths.min() >= _SHORTEST_S and lengths.max() <= _LONGEST_S
-    return bool(alike and peaks.min() >= _LEAST_M_S2 and peaks[2:].sum() >= _KEPT * peaks[:2].sum())
+    lengths, peaks = zip(*axis.halves, strict=True)
+    shortest, longest = min(lengths), max(lengths)
+    alike = longest <= _ALIKE * shortest and shortest >= _SHORTEST_S and longest <= _LONGEST_S
+    return bool(alike and min(peaks) >= _LEAST_M_S2 and sum(peaks[2:]) >= _KEPT * sum(peaks[:2]))

@@ -42,7 +42,7 @@ def air_state(
         "h_m": query.h_m,
         "d_m": query.d_m,
         "wall_bearing_rad": np.asarray(query.wall_bearing_rad),
-        "second_d_m": second_d,
+        "second_d_m": np.array(second_d),
         "second_bearing_rad": np.asarray(second_bearing),
         "ceiling_m": fan_ceilings(vehicle, _ahead(ceiling, lead_s), rotation),
         "rpm": rotor_rpm,

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -16,11 +17,10 @@ from companion.estimation.position_trust import PositionReset, PositionTrust, po
 from companion.estimation.range_geometry import (
     NO_MATTER_RADII,
     choose_walls,
-    fan_heights,
-    fan_wall_distances,
+    fan_heights_now,
+    fan_wall_distances_now,
     nearest_level_now,
     plane_distance_now,
-    wall_bearing,
 )
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import (
@@ -33,6 +33,7 @@ from companion.mavlink.samples import (
     RangeVerdict,
     RotorSpeeds,
     ServoOutput,
+    Vector3,
 )
 from models.evolve import replace
 from models.frames import Array, rotation_from_quaternion
@@ -80,8 +81,8 @@ class Sighting:
     """Where the vehicle was and where the beam looked (NED) when it read ``slant_m``."""
 
     slant_m: float
-    position_ned: Array
-    beam_ned: Array
+    position_ned: Vector3
+    beam_ned: Vector3
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,8 @@ class BeamTrack:
     """One declared rangefinder: the distance of the CG to the plane it sees, and its newest verdict."""
 
     track: Track | None = None
-    normal_ned: Array | None = None
+    normal_ned: Vector3 | None = None
+    """Unit vector towards the plane."""
     verdict: RangeVerdict | None = None
     heard_s: float = -math.inf
     clear_since_s: float = math.inf
@@ -113,7 +115,7 @@ class Surface:
     distance_m: float = math.inf
     rate_m_s: float = 0.0
     sigma_m: float = 0.0
-    normal_ned: Array | None = None
+    normal_ned: Vector3 | None = None
     stepped_s: float = -math.inf
     slant_m: float = math.nan
     """What the sensor itself last read."""
@@ -172,21 +174,16 @@ def take_attitude(estimates: Estimates, sample: Attitude) -> Estimates:
 
 def take_position(estimates: Estimates, sample: LocalPosition, tuning: Tuning) -> Estimates:
     """Position and velocity; the vehicle's own velocity measures the rate of every track."""
-    velocity = np.asarray(sample.velocity_ned)
+    model, sigma, velocity = tuning.range_track, tuning.velocity_sigma_m_s, sample.velocity_ned
     beams = tuple(
-        beam
-        if beam.track is None or beam.normal_ned is None
-        else replace(
-            beam,
-            track=measure_rate(
-                beam.track,
-                tuning.range_track,
-                sample.t_s,
-                -float(velocity @ beam.normal_ned),
-                tuning.velocity_sigma_m_s,
-            ),
-        )
-        for beam in estimates.beams
+        [
+            beam
+            if beam.track is None or beam.normal_ned is None
+            else replace(
+                beam, track=measure_rate(beam.track, model, sample.t_s, -_dot(velocity, beam.normal_ned), sigma)
+            )
+            for beam in estimates.beams
+        ]
     )
     reset = None if estimates.position is None else position_reset(estimates.position, sample)
     if reset is not None:  # the vehicle itself did not move
@@ -199,23 +196,33 @@ def take_range(estimates: Estimates, sample: Range, config: PipelineConfig) -> E
     index = _match(estimates, sample, config.vehicle)
     if index is None or estimates.rotation is None:
         return estimates
+    verdict = sample.verdict
+    slant = math.inf if verdict is RangeVerdict.ABOVE_MAX else sample.distance_m
+    readable = verdict in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX) and slant == slant
+    old = estimates.beams[index]
+    doubt = (
+        _doubt(estimates, old, slant, index, sample, config.vehicle)
+        if readable
+        else Doubt(old.doubt, old.same_since, old.sight)
+    )
     beam = replace(
-        estimates.beams[index], verdict=sample.verdict, heard_s=sample.t_s, sensor=(sample.component, sample.sensor_id),
-        slant_m=math.nan,
-    )  # fmt: skip
-    slant = math.inf if sample.verdict is RangeVerdict.ABOVE_MAX else sample.distance_m
-    if sample.verdict in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX) and not math.isnan(slant):
-        beam = _doubted(estimates, replace(beam, slant_m=slant), index, sample, config.vehicle)
-        if beam.doubt is None:
-            beam = _read_beam(estimates, beam, index, sample, config)
-        else:
-            beam = replace(beam, clear_since_s=math.inf)
+        old,
+        verdict=verdict,
+        heard_s=sample.t_s,
+        sensor=(sample.component, sample.sensor_id),
+        slant_m=slant if readable else math.nan,
+        doubt=doubt.doubt,
+        same_since=doubt.same_since,
+        sight=doubt.sight,
+    )
+    if readable and beam.doubt is None:
+        beam = _read_beam(estimates, beam, index, sample, config)
     else:
         beam = replace(beam, clear_since_s=math.inf)
     return replace(estimates, beams=(*estimates.beams[:index], beam, *estimates.beams[index + 1 :]))
 
 
-def _dot(a: tuple[float, float, float], b: tuple[float, float, float]) -> float:
+def _dot(a: Vector3, b: Vector3) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
@@ -233,35 +240,50 @@ def _match(estimates: Estimates, sample: Range, vehicle: Vehicle) -> int | None:
     return None
 
 
-def _doubted(estimates: Estimates, beam: BeamTrack, index: int, sample: Range, vehicle: Vehicle) -> BeamTrack:
-    """The beam with ``doubt`` set anew: an echo that was lost, a reading that froze. Both are seen by own motion."""
-    position, rotation, slant = estimates.position, estimates.rotation, beam.slant_m
+class Doubt(NamedTuple):
+    """Whether a reading is believed, and the readings that tell of the next one."""
+
+    doubt: Seen | None
+    same_since: Sighting | None
+    sight: Sighting | None
+
+
+def _doubt(estimates: Estimates, beam: BeamTrack, slant: float, index: int, sample: Range, vehicle: Vehicle) -> Doubt:
+    """An echo that was lost, a reading that froze: both are seen by the vehicle's own motion."""
+    position, rotation = estimates.position, estimates.rotation
     assert rotation is not None
-    if position is None or abs(sample.t_s - position.t_s) > _POSITION_NEAR_S or not estimates.trust.trusted:
-        return replace(beam, doubt=None, same_since=None)
-    here = Sighting(slant, np.asarray(position.position_ned), rotation @ np.asarray(sample.direction_frd))
-    matters = NO_MATTER_RADII * vehicle.rotor_radius_m
+    assert sample.direction_frd is not None
     last, run = beam.sight, beam.same_since
+    if position is None or abs(sample.t_s - position.t_s) > _POSITION_NEAR_S or not estimates.trust.trusted:
+        return Doubt(None, None, last)
+    x, y, z = sample.direction_frd
+    north, east, down = [a * x + b * y + c * z for a, b, c in rotation.tolist()]
+    here = Sighting(slant, position.position_ned, (north, east, down))
+    matters = NO_MATTER_RADII * vehicle.rotor_radius_m
     if (
         last is not None
         and last.slant_m < matters < slant - last.slant_m
         and not _left(last, here, matters, vehicle.watched[index].target)
     ):
-        return replace(beam, doubt=Seen.LOST, same_since=None)
+        return Doubt(Seen.LOST, None, last)
     if run is None or abs(slant - run.slant_m) > _SAME_READING_M:
         run = here
-    moved = float((here.position_ned - run.position_ned) @ run.beam_ned)
-    if slant < matters and abs(moved) > _FROZEN_MOVE_M:
-        return replace(beam, doubt=Seen.FROZEN, same_since=run)
-    return replace(beam, doubt=None, same_since=run, sight=here)
+    if slant < matters and abs(_dot(_moved(run, here), run.beam_ned)) > _FROZEN_MOVE_M:
+        return Doubt(Seen.FROZEN, run, last)
+    return Doubt(None, run, here)
+
+
+def _moved(before: Sighting, after: Sighting) -> Vector3:
+    (x0, y0, z0), (x1, y1, z1) = before.position_ned, after.position_ned
+    return x1 - x0, y1 - y0, z1 - z0
 
 
 def _left(last: Sighting, here: Sighting, matters_m: float, target: str) -> bool:
     """Whether the vehicle's own motion explains that a near surface is out of sight."""
-    moved = here.position_ned - last.position_ned
-    away = -float(moved @ last.beam_ned)
-    aside = float(np.linalg.norm(moved + away * last.beam_ned))
-    turned = float(here.beam_ned @ last.beam_ned) < _TURNED_COS
+    moved, beam = _moved(last, here), last.beam_ned
+    away = -_dot(moved, beam)
+    aside = math.hypot(moved[0] + away * beam[0], moved[1] + away * beam[1], moved[2] + away * beam[2])
+    turned = _dot(here.beam_ned, beam) < _TURNED_COS
     return turned or last.slant_m + away > matters_m or aside > (_OVER_EDGE_M if target == "ground" else _PAST_EDGE_M)
 
 
@@ -279,18 +301,17 @@ def _read_beam(estimates: Estimates, beam: BeamTrack, index: int, sample: Range,
     )  # fmt: skip
     if math.isinf(distance):
         return replace(beam, clear_since_s=min(beam.clear_since_s, sample.t_s))
-    beam = replace(beam, clear_since_s=math.inf)
     if math.isnan(distance):
-        return replace(beam, verdict=RangeVerdict.LOW_QUALITY)
+        return replace(beam, clear_since_s=math.inf, verdict=RangeVerdict.LOW_QUALITY)
     tuning = config.tuning
     own = sample.sigma_m if sample.sigma_m is not None else tuning.range_sigma_m
     # 1 cm steps on the wire add a uniform error of 1/sqrt(12) cm.
     sigma = math.sqrt(own**2 + (tuning.range_sigma_share * sample.distance_m) ** 2 + 0.01**2 / 12.0)
     track, verdict = measure(beam.track, tuning.range_track, sample.t_s, distance, sigma, tuning.range_delay_s)
     if verdict is Verdict.RESTARTED and beam.track is None and track is not None:
-        track = replace(track, restarted_s=-math.inf)  # the first sight of a surface is not a step of it
+        track = track._replace(restarted_s=-math.inf)  # the first sight of a surface is not a step of it
     jumped = RangeVerdict.JUMP if verdict is Verdict.OUTLIER else sample.verdict
-    return replace(beam, track=track, normal_ned=normal, verdict=jumped)
+    return replace(beam, clear_since_s=math.inf, track=track, normal_ned=normal, verdict=jumped)
 
 
 def take_rotors(estimates: Estimates, sample: RotorSpeeds, config: PipelineConfig) -> Estimates:
@@ -390,7 +411,7 @@ def walls(estimates: Estimates, config: PipelineConfig, t_s: float) -> tuple[Sur
         return lost, lost
     if len(seen) == 1:
         return seen[0], Surface(Seen.UNDECLARED)
-    up = np.array([0.0, 0.0, -1.0])
+    up = (0.0, 0.0, -1.0)
     chosen = choose_walls(
         [one.distance_m for one in seen], [up if one.normal_ned is None else one.normal_ned for one in seen]
     )
@@ -442,20 +463,19 @@ class FanQuery:
 
 def fan_query(vehicle: Vehicle, ground: Surface, wall: Surface, rotation: Array, rpm: Array, lead_s: float) -> FanQuery:
     """Per-fan distances ``lead_s`` ahead, by the tracks' own rates."""
-    h = np.full(len(vehicle.fans), np.inf)
+    h = [math.inf] * len(vehicle.fans)
     if ground.seen is Seen.SURFACE:
-        h = fan_heights(vehicle, ground.distance_m + ground.rate_m_s * lead_s, rotation)
+        h = fan_heights_now(vehicle, ground.distance_m + ground.rate_m_s * lead_s, rotation)
     d, bearing = lips_to_wall(vehicle, wall, rotation, lead_s)
-    return FanQuery(h, d, rpm, bearing)
+    return FanQuery(np.array(h), np.array(d), rpm, bearing)
 
 
-def lips_to_wall(vehicle: Vehicle, wall: Surface, rotation: Array, lead_s: float) -> tuple[Array, float]:
-    """Outer lip of every fan to a wall [m] (fans,), ``lead_s`` ahead, and its bearing [rad]; inf, 0 without a wall."""
+def lips_to_wall(vehicle: Vehicle, wall: Surface, rotation: Array, lead_s: float) -> tuple[list[float], float]:
+    """Outer lip of every fan to a wall [m], ``lead_s`` ahead, and its bearing [rad]; inf, 0 without a wall."""
     if wall.seen is not Seen.SURFACE or wall.normal_ned is None:
-        return np.full(len(vehicle.fans), np.inf), 0.0
+        return [math.inf] * len(vehicle.fans), 0.0
     distance = wall.distance_m + wall.rate_m_s * lead_s
-    lips = fan_wall_distances(vehicle, distance, wall.normal_ned, rotation)
-    return lips, float(wall_bearing(wall.normal_ned, rotation))
+    return fan_wall_distances_now(vehicle, distance, wall.normal_ned, rotation)
 
 
 def rotor_speeds(estimates: Estimates, config: PipelineConfig, t_s: float) -> Array | None:

@@ -11,8 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import Enum
-
-from models.evolve import replace
+from typing import NamedTuple
 
 
 class Verdict(Enum):
@@ -37,11 +36,10 @@ class TrackModel:
     """Consecutive outliers within this many units of each other restart the track there."""
 
 
-@dataclass(frozen=True)
-class Track:
+class Track(NamedTuple):
     """State at ``t_s``: value and rate with their covariance; ``updated_s`` stamps the last accepted sample.
 
-    Plain floats: two numbers are too few for an array to be quick.
+    Plain floats in a tuple: made several times at every message, and two numbers are too few for an array to be quick.
     """
 
     t_s: float
@@ -80,37 +78,49 @@ def predict(track: Track, model: TrackModel, t_s: float) -> Track:
     if dt <= 0.0:
         return track
     q = model.acceleration_sd * model.acceleration_sd * dt * dt
-    p11, p12, p22 = track.value_variance, track.covariance, track.rate_variance
-    return replace(
-        track,
-        t_s=t_s,
-        value=track.value + dt * track.rate,
-        value_variance=p11 + dt * (2.0 * p12 + dt * p22) + 0.25 * q * dt * dt,
-        covariance=p12 + dt * p22 + 0.5 * q * dt,
-        rate_variance=p22 + q,
+    _, value, rate, p11, p12, p22, updated_s, outliers, restarted_s = track
+    return Track(
+        t_s,
+        value + dt * rate,
+        rate,
+        p11 + dt * (2.0 * p12 + dt * p22) + 0.25 * q * dt * dt,
+        p12 + dt * p22 + 0.5 * q * dt,
+        p22 + q,
+        updated_s,
+        outliers,
+        restarted_s,
     )
 
 
-def update(track: Track, measured: float, variance: float, on_value: float, on_rate: float) -> dict[str, float]:
-    """Fields of the track after ``measured`` = on_value * value + on_rate * rate + noise of ``variance``.
+def update(
+    track: Track, measured: float, variance: float, on_value: float, on_rate: float, seen_s: float | None = None
+) -> Track:
+    """The track after ``measured`` = on_value * value + on_rate * rate + noise of ``variance``.
 
     Joseph's form of the covariance, (1 - K h) P (1 - K h)' + R K K', stays symmetric and positive for any gain.
+    ``seen_s`` stamps a measurement of the value itself, which ends a run of outliers.
     """
-    p11, p12, p22 = track.value_variance, track.covariance, track.rate_variance
+    t_s, value, rate, p11, p12, p22, updated_s, outliers, restarted_s = track
     ph1, ph2 = p11 * on_value + p12 * on_rate, p12 * on_value + p22 * on_rate
     total = on_value * ph1 + on_rate * ph2 + variance
     k1, k2 = ph1 / total, ph2 / total
-    innovation = measured - (on_value * track.value + on_rate * track.rate)
+    innovation = measured - (on_value * value + on_rate * rate)
     a11, a12, a21, a22 = 1.0 - k1 * on_value, -k1 * on_rate, -k2 * on_value, 1.0 - k2 * on_rate
     b11, b12 = a11 * p11 + a12 * p12, a11 * p12 + a12 * p22
     b21, b22 = a21 * p11 + a22 * p12, a21 * p12 + a22 * p22
-    return {
-        "value": track.value + k1 * innovation,
-        "rate": track.rate + k2 * innovation,
-        "value_variance": b11 * a11 + b12 * a12 + variance * k1 * k1,
-        "covariance": b11 * a21 + b12 * a22 + variance * k1 * k2,
-        "rate_variance": b21 * a21 + b22 * a22 + variance * k2 * k2,
-    }
+    if seen_s is not None:
+        updated_s, outliers = seen_s, ()
+    return Track(
+        t_s,
+        value + k1 * innovation,
+        rate + k2 * innovation,
+        b11 * a11 + b12 * a12 + variance * k1 * k1,
+        b11 * a21 + b12 * a22 + variance * k1 * k2,
+        b21 * a21 + b22 * a22 + variance * k2 * k2,
+        updated_s,
+        outliers,
+        restarted_s,
+    )
 
 
 def begin(model: TrackModel, t_s: float, value: float, sigma: float) -> Track:
@@ -134,16 +144,13 @@ def measure(
     if innovation * innovation > model.gate * spread:
         outliers = (*track.outliers, value)[-model.restart_after :]
         if len(outliers) == model.restart_after and max(outliers) - min(outliers) <= model.agree_within:
-            return replace(begin(model, t_s, value, sigma), restarted_s=t_s), Verdict.RESTARTED
-        return replace(ahead, outliers=outliers), Verdict.OUTLIER
-    fields = update(ahead, value, sigma * sigma, 1.0, -delay_s)
-    return replace(ahead, updated_s=t_s, outliers=(), **fields), Verdict.ACCEPTED
+            return begin(model, t_s, value, sigma)._replace(restarted_s=t_s), Verdict.RESTARTED
+        return ahead._replace(outliers=outliers), Verdict.OUTLIER
+    return update(ahead, value, sigma * sigma, 1.0, -delay_s, seen_s=t_s), Verdict.ACCEPTED
 
 
 def measure_rate(track: Track, model: TrackModel, t_s: float, rate: float, sigma: float) -> Track:
     """Take in a measurement of the rate (the vehicle's own velocity along the beam); does not refresh the age."""
     if not (math.isfinite(rate) and math.isfinite(sigma)) or t_s < track.t_s - 0.5:
         return track
-    ahead = predict(track, model, t_s)
-    fields = update(ahead, rate, sigma * sigma, 0.0, 1.0)
-    return replace(ahead, outliers=ahead.outliers, **fields)
+    return update(predict(track, model, t_s), rate, sigma * sigma, 0.0, 1.0)

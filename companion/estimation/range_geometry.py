@@ -98,8 +98,8 @@ def plane_distance_now(
     rotation: Array,
     height_cg_m: float = math.inf,
     rotor_radius_m: float = math.inf,
-) -> tuple[float, Array]:
-    """``plane_distance`` of one instant in plain floats: distance [m] and normal (3,). Runs for every reading."""
+) -> tuple[float, Vector3]:
+    """``plane_distance`` of one instant in plain floats: distance [m] and normal. Runs for every reading."""
     (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
     x, y, z = direction_frd
     north, east, down = a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
@@ -112,7 +112,7 @@ def plane_distance_now(
         normal, along = (0.0, 0.0, sign), down * sign
     return _along_normal(
         target, range_m, position_m, rotation, normal, along, down, height_cg_m, rotor_radius_m
-    ), np.array(normal)
+    ), normal
 
 
 def _along_normal(
@@ -187,6 +187,12 @@ def fan_heights(vehicle: Vehicle, height_cg_m: ArrayLike, rotation: Array) -> Ar
     return np.asarray(np.maximum(np.asarray(height_cg_m, dtype=float)[..., None] - below, 0.0))
 
 
+def fan_heights_now(vehicle: Vehicle, height_cg_m: float, rotation: Array) -> list[float]:
+    """``fan_heights`` of one instant in plain floats."""
+    a, b, c = rotation[2].tolist()
+    return [max(height_cg_m - (a * x + b * y + c * z), 0.0) for x, y, z in (fan.position_m for fan in vehicle.fans)]
+
+
 def fan_ceilings(vehicle: Vehicle, ceiling_cg_m: ArrayLike, rotation: Array) -> Array:
     """Reference point to ceiling [m], shape (..., fans), never below 0, from the distance of the CG (...)."""
     below = rotation[..., 2, :] @ vehicle.fan_positions_m.T
@@ -197,6 +203,20 @@ def fan_wall_distances(vehicle: Vehicle, wall_cg_m: ArrayLike, normal_ned: Array
     """Outer lip to wall [m], shape (..., fans), never below 0, from the distance of the CG (...)."""
     toward = np.einsum("...i,...ij->...j", normal_ned, rotation) @ vehicle.fan_positions_m.T
     return np.asarray(np.maximum(np.asarray(wall_cg_m, dtype=float)[..., None] - toward - vehicle.lip_radii_m, 0.0))
+
+
+def fan_wall_distances_now(
+    vehicle: Vehicle, wall_cg_m: float, normal_ned: Vector3, rotation: Array
+) -> tuple[list[float], float]:
+    """``fan_wall_distances`` and ``wall_bearing`` of one instant in plain floats."""
+    north, east, down = normal_ned
+    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    x, y, z = north * a + east * d + down * g, north * b + east * e + down * h, north * c + east * f + down * i
+    lips = []
+    for fan in vehicle.fans:
+        px, py, pz = fan.position_m
+        lips.append(max(wall_cg_m - (x * px + y * py + z * pz) - fan.lip_radius_m, 0.0))
+    return lips, math.atan2(y, x)
 
 
 def wall_bearing(normal_ned: Array, rotation: Array) -> Array:

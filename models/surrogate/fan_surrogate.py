@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
@@ -18,8 +18,8 @@ from models.surrogate.net_ensemble import NetEnsemble
 
 # Points computed at once: bounds the memory.
 CHUNK = 65536
-# Up to this many points, one after another is quicker than all at once.
-FEW = 8
+# Up to this many points, plain floats for what is a number a point are quicker than arrays throughout.
+FEW = 32
 _multiply, _sqrt = np.multiply, np.sqrt
 # A named tuple made without its own constructor, which takes twice as long.
 _answer = tuple.__new__
@@ -147,6 +147,15 @@ class FanSurrogate:
         """Wrench (..., 6) with neither ground nor wall."""
         return self.free_air_law.wrench(rpm)
 
+    def free_air_now(self, rpm: Sequence[float]) -> list[list[float]]:
+        """Free-air wrench (6) at some speeds, in plain floats; to the last bit what ``query`` gives far from both."""
+        if self._nets is None:
+            far: list[list[float]] = self.query(math.inf, math.inf, np.array(rpm)).wrench.tolist()
+            return far
+        share = self.free_air_law.share
+        lifts = [self._lift_n * (speed / self._rpm_ref) ** self._power for speed in rpm]
+        return [[lift * part for part in share] for lift in lifts]
+
     def query(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Answer:
         """Wrench, spread and trust at once: one pass through the regressor."""
         if type(h) is type(d) is type(rpm) is float or (
@@ -158,11 +167,10 @@ class FanSurrogate:
         n = math.prod(shape)
         # Adding zeros broadcasts as numpy's broadcast_to does, which keeps some memory of each call.
         h, d, rpm = ((a if a.shape == shape else a + np.zeros(shape)).ravel() for a in arrays)
-        wrench, sigma, trust = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
-        if n <= FEW:
-            for i, point in enumerate(zip(h.tolist(), d.tolist(), rpm.tolist(), strict=True)):
-                wrench[i], sigma[i], trust[i] = self._point(*point)
+        if 0 < n <= FEW and self._nets is not None:
+            wrench, sigma, trust = self._few(h, d, rpm, self._nets)
             return Answer(wrench.reshape(*shape, 6), sigma.reshape(*shape, 6), trust.reshape(shape))
+        wrench, sigma, trust = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
         for start in range(0, n, CHUNK):
             part = slice(start, start + CHUNK)
             wrench[part], sigma[part], trust[part] = self._batch(h[part], d[part], rpm[part])
@@ -190,18 +198,7 @@ class FanSurrogate:
         if nets is None:
             one = self._batch(np.array([h]), np.array([d]), np.array([float(rpm)]))
             return Answer(one[0][0], one[1][0], float(one[2][0]))
-        h_near, h_far, d_near, d_far, rpm_low, rpm_high = self._bounds
-        th = (h - h_near) / (h_far - h_near) if h_near < h < h_far else _outside(h, h_near, h_far)
-        td = (d - d_near) / (d_far - d_near) if d_near < d < d_far else _outside(d, d_near, d_far)
-        xr = 0.0
-        if rpm_low < rpm_high:
-            held = rpm_low if rpm < rpm_low else rpm_high if rpm > rpm_high else rpm
-            xr = 2.0 * (held - rpm_low) / (rpm_high - rpm_low) - 1.0
-        uh, ud = 1.0 - th, 1.0 - td
-        xh, xd = 1.0 - 2.0 * uh * uh, 1.0 - 2.0 * ud * ud
-        ah, ad = 1.0 - th * th, 1.0 - td * td
-        wall = ad * ad * ad
-        surface = 1.0 - (1.0 - ah * ah * ah) * (1.0 - wall)
+        xh, xd, xr, surface, wall = self._located(h, d, rpm)
         lift = self._lift_n * (rpm / self._rpm_ref) ** self._power
         six, surface_lift, wall_lift = self._six, surface * lift, wall * lift
         six[0] = surface_lift
@@ -222,6 +219,47 @@ class FanSurrogate:
         if lift2 > 0.0:
             trust *= lift2 / (lift2 + doubt)
         return _answer(Answer, (out[:6], sigma, trust))
+
+    def _located(self, h: float, d: float, rpm: float) -> tuple[float, float, float, float, float]:
+        """Inputs of the nets and the gates of surface and wall at one point: ``Coordinates.inputs`` in plain floats."""
+        h_near, h_far, d_near, d_far, rpm_low, rpm_high = self._bounds
+        th = (h - h_near) / (h_far - h_near) if h_near < h < h_far else _outside(h, h_near, h_far)
+        td = (d - d_near) / (d_far - d_near) if d_near < d < d_far else _outside(d, d_near, d_far)
+        xr = 0.0
+        if rpm_low < rpm_high:
+            held = rpm_low if rpm < rpm_low else rpm_high if rpm > rpm_high else rpm
+            xr = 2.0 * (held - rpm_low) / (rpm_high - rpm_low) - 1.0
+        uh, ud = 1.0 - th, 1.0 - td
+        ah, ad = 1.0 - th * th, 1.0 - td * td
+        wall = ad * ad * ad
+        surface = 1.0 - (1.0 - ah * ah * ah) * (1.0 - wall)
+        return 1.0 - 2.0 * uh * uh, 1.0 - 2.0 * ud * ud, xr, surface, wall
+
+    def _few(self, h: Array, d: Array, rpm: Array, nets: NetEnsemble) -> tuple[Array, Array, Array]:
+        """``_point`` at some points at once: what is a number each in plain floats, what is twelve in one product."""
+        n = len(h)
+        x, six, where = [], [], []
+        for h_m, d_m, speed in zip(h.tolist(), d.tolist(), rpm.tolist(), strict=True):
+            known = h_m >= 0.0 and d_m >= 0.0 and 0.0 <= speed < math.inf
+            if not known:
+                h_m, d_m, speed = math.inf, math.inf, 0.0
+            xh, xd, xr, surface, wall = self._located(h_m, d_m, speed)
+            lift = self._lift_n * (speed / self._rpm_ref) ** self._power
+            lift2, surface_lift, wall_lift = lift * lift, surface * lift, wall * lift
+            x.append((xh, xd, xr, 1.0))
+            six.append((surface_lift, wall_lift, surface_lift * surface_lift, wall_lift * wall_lift, lift, lift2))
+            where.append((known, self.domain.point(xh, xd, h_m, d_m, speed), lift2))
+        terms = np.array(six) @ self._gates
+        both = nets.few(np.array(x)) * terms[:, :12]
+        doubts = (both @ self._per_size2_of_variance).tolist()
+        both += terms[:, 12:]
+        _sqrt(both[:, 6:], both[:, 6:])
+        trust = np.empty(n)
+        for i, ((known, near, lift2), doubt) in enumerate(zip(where, doubts, strict=True)):
+            trust[i] = near * (lift2 / (lift2 + doubt) if lift2 > 0.0 else 1.0) if known else 0.0
+            if not known:
+                both[i] = np.nan
+        return both[:, :6], both[:, 6:], trust
 
 
 def _outside(value: float, low: float, high: float) -> float:

@@ -80,7 +80,7 @@ def run(
     quiet: bool = True,
     watch: Callable[[Iterable[Decision]], Iterable[Decision]] = iter,
 ) -> RunReport:
-    """Replay one log; ``assumed`` parameters hold where the log does not give them. ``watch`` may look at every decision.
+    """Replay one log; ``assumed`` parameters hold where the log gives none. ``watch`` may look at every decision.
 
     Raises LogError in one line where it cannot be read or lacks what every decision needs.
     """

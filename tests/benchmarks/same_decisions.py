@@ -38,7 +38,7 @@ from replay.rerun.harness import Replay
 from replay.rerun.log_samples import samples_of
 
 _CLOSE = 1e-9
-_CEILING = (AdoptedEffect("ceiling", {"gain": 1.0}), AdoptedEffect("second_wall", {"gain": 1.0}))
+_CEILING = (AdoptedEffect("ceiling", {"gain": 1.0, "scale": 1.0}), AdoptedEffect("thrust_scale", {"scale": 0.05}))
 
 
 def numbers(decision: Decision) -> list[float]:

@@ -173,7 +173,8 @@ def test_engaging_in_motion_brakes_within_the_limits():
         command = flown.tick().command
         tilts.append(2.0 * math.asin(command.q_ned_frd[2]))
         reference = flown.bench.state.hold.reference
-        flown.position, flown.velocity = reference.position + 0.02 * reference.velocity, reference.velocity
+        flown.velocity = np.array(reference.velocity)
+        flown.position = reference.position + 0.02 * flown.velocity
         flown.bench.pitch += 0.2 * (tilts[-1] - flown.bench.pitch)
     assert max(abs(np.diff(tilts))) < math.radians(1.0)
     assert abs(flown.velocity[0]) < 0.1
@@ -307,12 +308,12 @@ def test_velocity_targets_move_the_hold_while_they_last():
         for _ in range(5):
             flown.tick()
             reference = flown.bench.state.hold.reference
-            flown.position, flown.velocity = reference.position, reference.velocity
+            flown.position, flown.velocity = np.array(reference.position), np.array(reference.velocity)
     assert flown.position[0] == pytest.approx(1.35, abs=0.1), "1.5 m less the start within the limits"
     for _ in range(150):
         flown.tick()
         reference = flown.bench.state.hold.reference
-        flown.position, flown.velocity = reference.position, reference.velocity
+        flown.position, flown.velocity = np.array(reference.position), np.array(reference.velocity)
     assert np.abs(flown.velocity).max() < 0.01
     assert 1.4 < flown.position[0] < 1.75, "it stays where it was brought"
 
@@ -339,9 +340,9 @@ def test_a_far_target_is_approached_within_the_limits_of_the_vehicle_file():
     for _ in range(1200):
         flown.tick()
         reference = flown.bench.state.hold.reference
-        flown.position, flown.velocity = reference.position, reference.velocity
+        flown.position, flown.velocity = np.array(reference.position), np.array(reference.velocity)
         speeds.append([math.hypot(*reference.velocity[:2]), abs(reference.velocity[2])])
-        steps.append(np.abs(reference.velocity - old).max() / 0.02)
+        steps.append(np.abs(np.subtract(reference.velocity, old)).max() / 0.02)
         old = reference.velocity
     assert flown.position == pytest.approx([6.0, -8.0, -3.0], abs=0.02)
     assert np.max(speeds, axis=0)[0] <= limits.speed_m_s + 0.05
@@ -355,12 +356,12 @@ def test_a_far_target_is_approached_within_the_limits_of_the_vehicle_file():
 def test_an_approach_neither_overshoots_nor_creeps(acceleration, speed, way, moving):
     """A centimetre too far is the wall's: the way ends on the target, and 5 cm are done in 1.2 s."""
     limits = Limits(speed_m_s=speed, climb_m_s=speed, acceleration_m_s2=acceleration)
-    target = Target(np.array([way, 0.0, -way]), np.zeros(3), 0.0, 0.0)
-    reference = start_reference(np.zeros(3), np.array([moving, 0.0, -moving]), np.zeros(3))
+    target = Target((way, 0.0, -way), (0.0, 0.0, 0.0), 0.0, 0.0)
+    reference = start_reference((0.0, 0.0, 0.0), (moving, 0.0, -moving), (0.0, 0.0, 0.0))
     gone = []
     for k in range(1, 1501):
         reference = advance(reference, target, HoldGains(follow_m=0.0), limits, 0.02 * k, 0.02)
-        gone.append(reference.position[[0, 2]] * (1.0, -1.0))
+        gone.append(np.array([reference.position[0], -reference.position[2]]))
     assert np.max(gone) < way + 0.005
     assert gone[-1] == pytest.approx([way, way], abs=0.01)
     if way == 0.05:
@@ -392,7 +393,7 @@ def test_a_stop_brings_the_vehicle_to_rest_before_it_leaves():
     for _ in range(100):
         flown.tick()
         reference = flown.bench.state.hold.reference
-        flown.position, flown.velocity = reference.position, reference.velocity
+        flown.position, flown.velocity = np.array(reference.position), np.array(reference.velocity)
     assert flown.velocity[0] > 0.5
     flown.bench.state = stopped(flown.bench.state)
     flown.tick()
@@ -401,7 +402,7 @@ def test_a_stop_brings_the_vehicle_to_rest_before_it_leaves():
     for _ in range(150):
         flown.tick()
         reference = flown.bench.state.hold.reference
-        flown.position, flown.velocity = reference.position, reference.velocity
+        flown.position, flown.velocity = np.array(reference.position), np.array(reference.velocity)
     assert ready_to_leave(flown.bench.state)
     assert flown.position[0] < 3.5
 

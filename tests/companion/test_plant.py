@@ -134,10 +134,10 @@ def test_the_attitude_loop_is_measured_from_its_own_setpoints(tau, delay, gain):
     first, tilt = np.zeros(2), np.zeros(2)
     for k in range(1500):
         t = 10.0 + dt * k
-        response = hear_tilt(response, t, tilt + 0.001 * rng.normal(size=2) + [0.02, -0.01])
+        response = hear_tilt(response, t, *(tilt + 0.001 * rng.normal(size=2) + [0.02, -0.01]))
         if k % 25 == 0:
             wanted = math.radians(2.0) * rng.normal(size=2)
-        response = sent(response, t, wanted)
+        response = sent(response, t, *wanted)
         waiting.append(wanted)
         first = first + (1.0 - math.exp(-dt / tau)) * (gain * waiting[0] - first)
         tilt = tilt + (1.0 - math.exp(-dt / tau)) * (first - tilt)
@@ -151,8 +151,8 @@ def test_nothing_is_measured_without_setpoints_or_from_noise():
     response = AttitudeResponse()
     rng = np.random.default_rng(4)
     for k in range(1000):
-        response = hear_tilt(response, 0.02 * k + 1.0, 0.02 * rng.normal(size=2))
-        response = sent(response, 0.02 * k + 1.0, 0.02 * rng.normal(size=2))
+        response = hear_tilt(response, 0.02 * k + 1.0, *(0.02 * rng.normal(size=2)))
+        response = sent(response, 0.02 * k + 1.0, *(0.02 * rng.normal(size=2)))
     assert measured_loop(response) is None
 
 

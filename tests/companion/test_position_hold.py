@@ -6,7 +6,6 @@ import math
 from collections import deque
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from companion.config import HoldGains
@@ -28,15 +27,15 @@ def swing(
     A ceiling or wall near by does this: it pulls harder at the fan that tilts towards it. ``every``: steps between
     two attitudes that the hold is told.
     """
-    level = Motion(np.zeros(3), np.zeros(3), np.array([0.0, 0.0, 1.0]), 0.0)
-    hold = engage(0.0, level, np.zeros(2), THRUST.hover, THRUST, gains)
+    level = Motion((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.0)
+    hold = engage(0.0, level, (0.0, 0.0), THRUST.hover, THRUST, gains)
     north, speed, pitch, rate = 0.0, 0.1, 0.0, 0.0
     setpoints = deque([0.0] * (1 + round(late_s / STEP_S)), maxlen=1 + round(late_s / STEP_S))
     out = []
     for k in range(round(seconds / STEP_S)):
         if k % every == 0:
-            down = np.array([math.sin(pitch), 0.0, math.cos(pitch)])
-        place, velocity = np.array([north, 0.0, 0.0]), np.array([speed, 0.0, 0.0])
+            down = (math.sin(pitch), 0.0, math.cos(pitch))
+        place, velocity = (north, 0.0, 0.0), (speed, 0.0, 0.0)
         hold, setpoint = fly(hold, gains, Limits(), k * STEP_S, Motion(place, velocity, down, 0.0), THRUST)
         setpoints.append(setpoint.pitch)
         rate += STEP_S * (36.0 * (overshoot * setpoints[0] - pitch) - 8.0 * rate)

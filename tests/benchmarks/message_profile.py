@@ -1,0 +1,90 @@
+"""What one message costs in flight: median microseconds of decoding and of ``step``, by kind, on a recorded flight.
+
+    python tests/benchmarks/message_profile.py LOG.tlog [--vehicle FILE.toml] [--rounds 3] [--json FILE]
+
+No socket, no system call: the part of the work that is this program's. Medians, so that a busy machine counts little;
+to compare two versions run them in turns. ``per second`` is what the log's own rates add up to.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections import defaultdict
+from pathlib import Path
+from statistics import median
+
+import models
+from companion.config import PipelineConfig
+from companion.mavlink.frames import cut
+from companion.mavlink.message_filter import Intake
+from companion.mavlink.message_table import LAYOUTS
+from companion.mavlink.samples import Parameter
+from companion.mavlink.setpoints import encode
+from companion.pipeline import initial_state, step
+from companion.vehicles import default_vehicle
+from models.vehicle import load_vehicle
+from replay.logs.tlog import message_name, read_tlog
+
+Times = dict[str, list[int]]
+
+
+def one_round(log: Path, config: PipelineConfig, decoding: Times, stepping: Times) -> float:
+    """Fly the log once; returns its length [s]."""
+    intake, state, clock = Intake(), initial_state(config), time.perf_counter_ns
+    first = last = None
+    for arrival, raw in read_tlog(log).frames():
+        first, last = arrival if first is None else first, arrival
+        start = clock()
+        frame = cut(raw, 0)
+        sample = intake.sample(frame, arrival) if frame.id in LAYOUTS else None
+        decoded = clock()
+        name = message_name(frame.id)
+        decoding[name].append(decoded - start)
+        if sample is None:
+            continue
+        start = clock()
+        state, decision = step(state, sample, config)
+        if decision is not None and decision.command is not None:
+            encode(decision.command, 1)
+            name += ", with a setpoint"
+        stepping[name].append(clock() - start)
+        if name == "HEARTBEAT" and "GUID_OPTIONS" not in state.parameters:
+            told = Parameter(sample.t_s, sample.system, sample.component, "GUID_OPTIONS", 8.0, 0, 0)
+            state, _ = step(state, told, config)
+    return 0.0 if first is None or last is None else (last - first) / 1e6
+
+
+def main() -> None:
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("log", type=Path)
+    p.add_argument("--vehicle", type=Path)
+    p.add_argument("--rounds", type=int, default=3)
+    p.add_argument("--json", type=Path, metavar="FILE")
+    a = p.parse_args()
+    vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
+    config = PipelineConfig(vehicle, models.load())
+    decoding: Times = defaultdict(list)
+    stepping: Times = defaultdict(list)
+    seconds = sum(one_round(a.log, config, decoding, stepping) for _ in range(a.rounds))
+    rows = {}
+    for name in sorted({*decoding, *stepping}, key=lambda n: -sum(decoding.get(n, [])) - sum(stepping.get(n, []))):
+        decode_us = median(decoding.get(name.split(",")[0], [0])) / 1e3
+        step_us = median(stepping.get(name, [0])) / 1e3
+        count = len(stepping.get(name, ())) or len(decoding.get(name, ()))
+        rows[name] = {"per_second": count / seconds, "decode_us": decode_us, "step_us": step_us}
+    total = 0.0
+    print(f"{'message':<44}{'per second':>11}{'decode us':>11}{'step us':>9}{'ms/s':>7}")
+    for name, row in rows.items():
+        ms = row["per_second"] * (row["decode_us"] + row["step_us"]) / 1e3
+        total += ms
+        if ms >= 0.01:
+            print(f"{name:<44}{row['per_second']:>11.1f}{row['decode_us']:>11.1f}{row['step_us']:>9.1f}{ms:>7.2f}")
+    print(f"{'all':<44}{'':>31}{total:>7.2f}")
+    if a.json is not None:
+        a.json.write_text(json.dumps(rows, indent=2) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
