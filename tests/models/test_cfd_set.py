@@ -220,9 +220,37 @@ def test_what_full_models_add_is_learnt_and_its_error_is_that_of_places_left_out
     assert made.table[here, 5] == pytest.approx(truth, abs=0.1)
     solved = at(made, 1.5, 0.3, 4000.0)
     assert made.marks[solved].even == made.marks[solved].odd == "solved"
-    assert made.table[solved, 5] == pytest.approx(wrench(Position(1.5, 0.3, 4000.0))[2] + added(1.5, 0.3)[2])
+    assert made.table[solved, 5] == pytest.approx(wrench(Position(1.5, 0.3, 4000.0))[2] + added(1.5, 0.3)[2], abs=0.02)
     # A row that nobody solved in full is less sure by what full models left out show.
     assert made.marks[here].sigma[2] > made.marks[solved].sigma[2]
+
+
+def test_a_full_model_that_swings_is_weighted_with_what_the_other_places_give(rows):
+    swinging = Position(1.5, 0.3, 4000.0, swirl=True, level=SETUP.campaign.full_level)
+    lift = -2.0
+
+    def changed(off: float, error: float) -> list[Row]:
+        """All full models lose a lift; one swings, and its mean is off by so much, known to that error."""
+        out = []
+        for r in rows:
+            p = r.position
+            if p.swirl and math.isfinite(p.h):
+                w = np.array(r.result.wrench) + np.array([0, 0, lift + off * (p == swinging), 0, 0, 0])
+                errors = (0.0, 0.0, error, 0.0, 0.0, 0.0)
+                r = row(p, "cycling", wrench=tuple(w), error=errors) if p == swinging else row(p, wrench=tuple(w))
+            out.append(r)
+        return out
+
+    def got(off: float, error: float) -> tuple[float, float]:
+        made = assemble(changed(off, error), SETUP)
+        here = at(made, 1.5, 0.3, 4000.0)
+        truth = wrench(Position(1.5, 0.3, 4000.0))[2] + lift
+        return made.table[here, 5] - truth, made.marks[here].sigma[2]
+
+    sure, doubtful = got(0.8, 0.01), got(0.8, 3.0)
+    assert abs(doubtful[0]) < 0.2 * abs(sure[0])
+    assert sure[0] > 0.5
+    assert doubtful[1] < 1.0
 
 
 def test_a_difference_that_cannot_be_learnt_leaves_half_models_alone_and_stands_in_their_sigma(rows):
