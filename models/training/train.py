@@ -233,6 +233,8 @@ def _notes(data: DataSet, problem: Problem, learnt: Problem) -> list[str]:
     notes = list(data.notes)
     if len(learnt) < len(problem):
         notes.append(f"{len(learnt)} of {len(problem)} training rows, drawn at random, were learnt")
+    if data.sigma is not None:
+        notes.append("rows are weighted by their sigma")
     if problem.free_air.origin != "free-air rows":
         notes.append("no free-air rows (h and d both inf): the outermost rows are taken for free air")
     return notes + constant_notes(problem.live)

@@ -378,6 +378,24 @@ def test_the_check_says_what_agrees_and_what_does_not(rows):
     json.dumps(checked.summary)
 
 
+def test_the_check_judges_the_set_not_the_half_models_alone(rows):
+    """Full models that gain less near the ground than half models: the ratio said is the set's."""
+    less = [
+        row(r.position, wrench=tuple(np.array(r.result.wrench) - [0, 0, 3.0 * near(r.position.place)[0] ** 2, 0, 0, 0]))
+        if r.position.swirl
+        else r
+        for r in rows
+    ]
+    checked = check(less, SETUP)
+    assert checked.made[1.0, INF] == "solved"
+    assert checked.made[1.25, INF] == "corrected"
+    half = checked.half[1.0, INF].wrench[2] / checked.half[INF, INF].wrench[2]
+    assert checked.ratio(1.0) == pytest.approx(half - 3.0 * near((1.0, INF))[0] ** 2 / 22.6, abs=0.005)
+    truth = (wrench(Position(1.25, INF, 4000.0))[2] - 3.0 * near((1.25, INF))[0] ** 2) / 22.6
+    assert checked.ratio(1.25) == pytest.approx(truth, abs=0.01)
+    assert checked.summary["made"]["solved"] == len(SETUP.campaign.full_at)
+
+
 def test_the_check_of_few_cases_says_what_it_can(rows):
     few = [r for r in rows if r.position.place == (INF, INF) and r.position.level == 1.0 and not r.position.swirl]
     checked = check(few[:1], SETUP)
@@ -401,6 +419,11 @@ def test_the_commands_write_set_and_report(tmp_path, rows, capsys):
         assert "| published | here | |" in after.split("![", 1)[0], figure
     for figure in (tmp_path / "report").glob("*.png"):
         assert figure.stat().st_size > 5000
+    paper = (tmp_path / "report" / "paper.md").read_text()
+    for title in ("Figs 5 and 9", "Figs 6 and 10", "Fig. 7", "Fig. 8"):
+        (section,) = (part for part in paper.split("\n## ")[1:] if part.startswith(title))
+        assert "| the paper | here | |" in section
+        assert ("| agrees |" in section) or ("| disagrees |" in section) or title == "Fig. 8"
     assert main(["cfd", "assemble", "--work", str(tmp_path / "nothing"), "--out", str(tmp_path)]) == 2
     assert "no finished cases" in capsys.readouterr().err
 
