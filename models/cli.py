@@ -53,6 +53,7 @@ def _parser() -> argparse.ArgumentParser:
 
     train = commands.add_parser("train", help="train a surrogate on a data set and write a model directory")
     _data_option(train)
+    _sigma_option(train)
     train.add_argument(
         "--method", required=True, choices=METHODS, help="'ensemble' is what flies: see docs/surrogates.md"
     )
@@ -69,6 +70,7 @@ def _parser() -> argparse.ArgumentParser:
 
     compare = commands.add_parser("compare", help="train all methods, honestly compared, with the paper's tables")
     _data_option(compare)
+    _sigma_option(compare)
     compare.add_argument("--report", type=Path, metavar="DIR", help="write the report and its figures here")
     compare.add_argument("--splits", type=_positive, default=20, metavar="N", help="random splits (default 20)")
     compare.add_argument(
@@ -101,6 +103,13 @@ def _data_option(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _sigma_option(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--sigma", type=Path, metavar="CSV",
+        help="how sure each row is, as 'models cfd assemble' writes it: the rows of the ensemble are weighted by it",
+    )  # fmt: skip
+
+
 def _common_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of splits and starts (default 0)")
     parser.add_argument("--json", metavar="FILE", help="write the numbers as JSON here, '-' for stdout")
@@ -120,7 +129,7 @@ def _train(args: argparse.Namespace) -> int:
     from models.surrogate import store
     from models.training.train import train
 
-    data, fidelity = _data(args.data)
+    data, fidelity = _data(args.data, args.sigma)
     _check_writable(args.out)
     if args.label:
         fidelity = {**fidelity, "label": args.label}
@@ -154,7 +163,7 @@ def _compare(args: argparse.Namespace) -> int:
     from models.progress import Bars
     from models.training.compare import compare, text
 
-    data, _ = _data(args.data)
+    data, _ = _data(args.data, args.sigma)
     if args.report:
         _check_writable(args.report)
     bars = Bars(args.quiet)
@@ -215,15 +224,19 @@ def _query(args: argparse.Namespace) -> int:
     return _json(args, result)
 
 
-def _data(name: str) -> tuple[Any, dict[str, Any]]:
-    """The data set and what is known of its fidelity."""
+def _data(name: str, sigma: Path | None = None) -> tuple[Any, dict[str, Any]]:
+    """The data set, with sigma where that is given, and what is known of its fidelity."""
     if name == CLOSED_FORM:
         from models.corner_law import FIDELITY, ClosedForm
 
+        if sigma is not None:
+            raise ConfigError(f"--sigma {sigma}: the closed form has none; give it with the CSV that it belongs to")
         return ClosedForm().data_set(), dict(FIDELITY)
-    from models.dataset import read
+    from models.dataset import read, with_sigma
 
-    return read(name), _shipped_fidelity(Path(name)) or {"level": None, "label": "not stated: --label says it"}
+    data = read(name)
+    fidelity = _shipped_fidelity(Path(name)) or {"level": None, "label": "not stated: --label says it"}
+    return data if sigma is None else with_sigma(data, sigma), fidelity
 
 
 def _shipped_fidelity(path: Path) -> dict[str, Any] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,6 +19,8 @@ HEADER = ",".join(COLUMNS)
 MIN_ROWS = 30
 # Two rows at one point may differ by rounding in the file (share of the wrench), not by more.
 DUPLICATE_TOLERANCE = 1e-6
+# Two files give the same place and speed where they agree to this share.
+ROUNDING = 1e-4
 
 
 @dataclass(frozen=True)
@@ -25,7 +28,8 @@ class DataSet:
     """Rows of one fan in its corner frame (docs/formats.md).
 
     ``h`` and ``d`` shape (n,) in m, ``inf`` where there is no ground or wall; ``rpm`` shape (n,), positive;
-    ``wrench`` shape (n, 6) in N and N m. ``notes`` says in words what was done to the file's rows.
+    ``wrench`` shape (n, 6) in N and N m. ``notes`` says in words what was done to the file's rows. ``sigma`` (n, 6) in
+    N and N m where it is known how sure each row is.
     """
 
     h: Array
@@ -35,13 +39,17 @@ class DataSet:
     source: str
     sha256: str
     notes: tuple[str, ...] = ()
+    sigma: Array | None = None
 
     def __len__(self) -> int:
         return int(self.h.shape[0])
 
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> DataSet:
         """The rows ``index`` (integers or mask)."""
-        return replace(self, h=self.h[index], d=self.d[index], rpm=self.rpm[index], wrench=self.wrench[index])
+        sigma = None if self.sigma is None else self.sigma[index]
+        return replace(
+            self, h=self.h[index], d=self.d[index], rpm=self.rpm[index], wrench=self.wrench[index], sigma=sigma
+        )
 
     @property
     def free_air(self) -> NDArray[np.bool_]:
@@ -92,6 +100,40 @@ def read(path: Path | str) -> DataSet:
         sha256=hashlib.sha256(raw).hexdigest(),
         notes=tuple(notes),
     )
+
+
+def with_sigma(data: DataSet, path: Path | str) -> DataSet:
+    """``data`` with the sigma of each row, from the table that ``models cfd assemble`` writes beside a set.
+
+    Rows are found by ``h_m``, ``d_m`` and ``rpm``. Raises ModelError for a table that cannot be read, a missing column,
+    a field that is no number or negative, and a row of the set that the table lacks.
+    """
+    path = Path(path)
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            lines = list(csv.DictReader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        reason = error.strerror if isinstance(error, OSError) else "not a CSV table"
+        raise ModelError(f"sigma table {path}: cannot be read ({reason})") from None
+    names = [f"sigma_{name}" for name in COLUMNS[3:]]
+    values = np.empty((len(lines), 9))
+    for number, line in enumerate(lines):
+        try:
+            values[number] = [float(line[name]) for name in (*COLUMNS[:3], *names)]
+        except KeyError as error:
+            raise ModelError(f"sigma table {path}: lacks the column {error}") from None
+        except (TypeError, ValueError):
+            raise ModelError(f"sigma table {path}: line {number + 2} has a field that is no number") from None
+        if not (np.isfinite(values[number, 3:]).all() and (values[number, 3:] >= 0.0).all()):
+            raise ModelError(f"sigma table {path}: line {number + 2}: sigma must be finite and not negative")
+    sigma = np.empty_like(data.wrench)
+    for i, here in enumerate(np.column_stack([data.h, data.d, data.rpm])):
+        found = np.flatnonzero(np.isclose(values[:, :3], here, rtol=ROUNDING, atol=0.0).all(axis=1))
+        if not len(found):
+            h, d, rpm = here
+            raise ModelError(f"sigma table {path}: has no line for h_m {h:g}, d_m {d:g}, rpm {rpm:g} of the set")
+        sigma[i] = values[found[0], 3:]
+    return replace(data, sigma=sigma)
 
 
 def write(path: Path | str, data: DataSet) -> None:

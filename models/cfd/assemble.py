@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -26,6 +26,8 @@ from models.frames import AXES, Array
 ODD = np.array([False, True, False, True, False, True])
 # Without a wall the fan stands on an axis of symmetry: no side force, no tilt.
 TILT = np.array([True, True, False, True, True, False])
+# Variance [N^2, N^2 m^2] far below that of any row, so that two exact ones can be weighted.
+TINY = 1e-12
 # Worst first.
 LABELLED = ("cycling", "drifting", "averaged", "marched", "steady")
 
@@ -70,7 +72,8 @@ class Mark:
     ``scatter``: error of the flow's mean and of the mesh, which differs from row to row. ``sigma``: with it what full
     models differ by where none was solved, and what the law of rotor speed leaves.
 
-    ``even`` (Fx, Fz, My): ``solved`` in a full model with swirl (``solved_NAME``: of a variant of the fan);
+    ``even`` (Fx, Fz, My): ``solved`` in a full model with swirl (``solved_NAME``: of a variant of the fan), where it
+    swings weighted with what ``corrected`` gives without it;
     ``corrected``: a half model and what full models add, learnt at other positions; ``half``: a half model alone;
     ``law``: from the campaign's speed by the law of rotor speed. ``odd`` (Fy, Mx, Mz): ``solved`` in a full model at
     that speed, ``law``, ``filled`` by what is learnt at other positions, or zero by the ``symmetry`` of half models.
@@ -173,8 +176,7 @@ class _Maker:
         self.variant = kind[2]
         self.full = {rpm: labels(rows, rpm, kind) for rpm in speeds}
         self.law = fit_law(self.half, c.rpm)
-        both = ({p: label.wrench for p, label in of[c.rpm].items()} for of in (self.full, self.half))
-        self.correction = learn(*both)
+        self.correction = correction(self.full[c.rpm], self.half[c.rpm])
         self.mesh = spread(rows, setup).increment
         self.places = sorted(self.half[c.rpm] | self.full[c.rpm])
         # Full models among half ones would be steps: they enter the set where their difference can be learnt.
@@ -192,7 +194,12 @@ class _Maker:
 
     def row(self, place: Place, rpm: float) -> tuple[Array, Mark]:
         """Wrench (6,) and mark of one row."""
-        added, amplitude, error, label = self._full(place, rpm) or self._half(place, rpm) or self._by_law(place, rpm)
+        part = self._full(place, rpm) or self._half(place, rpm) or self._by_law(place, rpm)
+        if part is None:
+            raise ModelError(
+                f"no case at h = {place[0]:g} R, d = {place[1]:g} R and {self.rpm:g} rpm; run the campaign on"
+            )
+        added, amplitude, error, label = part
         if math.isinf(place[1]):
             added = np.where(TILT, 0.0, added)
         square = (rpm / self.rpm) ** 2
@@ -201,34 +208,39 @@ class _Maker:
         return self.free(rpm) + added, Mark(even, odd, label.status, label.starts, amplitude, scatter, sigma)
 
     def _full(self, place: Place, rpm: float) -> _Part | None:
-        """Increment, amplitude, error (6,) and label of a full model, where it counts."""
+        """Increment, amplitude, error (6,) and label of a full model, where it counts.
+
+        A full model that swings is not known better than a half model and what others add to it: both means are
+        weighted by their errors.
+        """
         if not self._solved(place, rpm):
             return None
         label = self.full[rpm][place]
-        added, error = label.wrench - self.full[rpm][FREE].wrench, label.error
-        rest = None if self.mixed.all() else self._half(place, rpm) or self._by_law(place, rpm)
-        if rest is None:
-            return added, label.amplitude, error, label
-        mixed = [
-            np.where(self.mixed, a, b) for a, b in ((added, rest[0]), (label.amplitude, rest[1]), (error, rest[2]))
-        ]
-        return mixed[0], mixed[1], mixed[2], label
+        added = label.wrench - self.full[rpm][FREE].wrench
+        other = self._half(place, rpm, alone=True) or self._by_law(place, rpm, alone=True)
+        if place == FREE or other is None:
+            return added, label.amplitude, label.error, label
+        one, two = label.error**2 + TINY, other[2] ** 2 + TINY
+        share = np.where(self.mixed, two / (one + two), 0.0)
+        added, amplitude = (share * x + (1 - share) * y for x, y in ((added, other[0]), (label.amplitude, other[1])))
+        error = np.sqrt(share**2 * one + (1 - share) ** 2 * two)
+        return added, amplitude, error, replace(label, error=error)
 
-    def _half(self, place: Place, rpm: float) -> _Part | None:
-        """The same of a half model at that speed, with what full models add."""
+    def _half(self, place: Place, rpm: float, alone: bool = False) -> _Part | None:
+        """The same of a half model at that speed, with what full models add; ``alone``: those at other places."""
         if place not in self.half[rpm]:
             return None
         label, square = self.half[rpm][place], (rpm / self.rpm) ** 2
-        added = label.wrench - self.half[rpm][FREE].wrench + square * self.correction.at(place)
+        change = self.correction.left_out(place) if alone else self.correction.at(place)
+        added = label.wrench - self.half[rpm][FREE].wrench + square * change
         return added, label.amplitude, np.hypot(label.error, square * self.correction.error_at(place)), label
 
-    def _by_law(self, place: Place, rpm: float) -> _Part:
-        """The same from the campaign's speed."""
-        base = self._full(place, self.rpm) or self._half(place, self.rpm)
+    def _by_law(self, place: Place, rpm: float, alone: bool = False) -> _Part | None:
+        """The same from the campaign's speed; None without a half model where that is asked ``alone``."""
+        half = self._half(place, self.rpm, alone)
+        base = half if alone else self._full(place, self.rpm) or half
         if base is None:
-            raise ModelError(
-                f"no case at h = {place[0]:g} R, d = {place[1]:g} R and {self.rpm:g} rpm; run the campaign on"
-            )
+            return None
         added, amplitude, error, label = base
         square = (rpm / self.rpm) ** 2
         scale = square * (rpm / self.rpm) ** self.law.exponent
@@ -256,6 +268,17 @@ class _Maker:
         if self._solved(place, rpm):
             return self._solved_as()
         return "law" if self._solved(place, self.rpm) else "filled"
+
+
+def correction(full: Mapping[Place, Label], half: Mapping[Place, Label]) -> Correction:
+    """What full models add to half ones, from the labels of both. Zeros by symmetry are exact."""
+
+    def doubt(place: Place) -> Array:
+        error = np.hypot(full[place].error, half[place].error)
+        return np.where(TILT, 0.0, error) if math.isinf(place[1]) else error
+
+    error = {p: doubt(p) for p in full if p in half}
+    return learn({p: label.wrench for p, label in full.items()}, {p: label.wrench for p, label in half.items()}, error)
 
 
 def fit_law(solved: dict[float, dict[Place, Label]], reference: float) -> Law:

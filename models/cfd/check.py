@@ -12,11 +12,24 @@ from typing import Any
 import numpy as np
 
 from models.cfd import axisymmetric
-from models.cfd.assemble import Label, Law, assemble, ceilings, fit_law, full_kind, labels
+from models.cfd.assemble import (
+    HALF,
+    Assembled,
+    Kind,
+    Label,
+    Law,
+    assemble,
+    ceilings,
+    correction,
+    fit_law,
+    full_kind,
+    kind_of,
+    labels,
+)
 from models.cfd.axisymmetric import Series
 from models.cfd.campaign import Row
 from models.cfd.config import Setup
-from models.cfd.fidelity import FREE, Correction, learn
+from models.cfd.fidelity import FREE, Correction
 from models.cfd.grid import Study, spread
 from models.cfd.position import Place
 from models.errors import ModelError
@@ -41,13 +54,20 @@ class Statement:
 
 @dataclass(frozen=True)
 class Checked:
-    """Everything ``models cfd check`` reports. ``labels`` at the campaign's speed; ``free`` lift in N."""
+    """Everything ``models cfd check`` reports, at the campaign's speed.
+
+    ``labels``: the set's rows, their ``error`` the row's sigma; ``made`` how each was made (see ``assemble.Mark``).
+    ``half`` and ``full``: labels of each model alone. ``parts`` (3,): lift of upper disc, lower disc and duct [N], of
+    full models where they give the set's ground column, else of half models.
+    """
 
     labels: dict[Place, Label]
+    made: dict[Place, str]
+    half: dict[Place, Label]
+    full: dict[Place, Label]
     parts: dict[Place, Array]
     study: Study
     law: Law | None
-    swirl: dict[Place, Array]
     statements: tuple[Statement, ...]
     correction: Correction
     ceilings: tuple[Array, Array] | None
@@ -70,30 +90,52 @@ class Checked:
 def check(rows: Sequence[Row], setup: Setup) -> Checked:
     """Judge all cases. Raises ModelError where free air is missing: nothing can be said without it."""
     c = setup.campaign
-    known = labels(rows, c.rpm)
-    if FREE not in known:
+    half, kind = labels(rows, c.rpm), full_kind(rows, c.rpm)
+    if FREE not in half:
         raise ModelError(f"the cases lack free air (h = inf, d = inf) at {c.rpm:g} rpm; run the campaign on")
     omega = c.rpm * 2 * math.pi / 60
     tip_pressure = setup.air.density_kg_m3 * math.pi * setup.fan.radius_m**2 * (omega * setup.fan.radius_m) ** 2
     solved = {rpm: labels(rows, rpm) for rpm in (c.rpm, *c.other_rpm)}
     speeds = {rpm: found for rpm, found in solved.items() if FREE in found}
     law = fit_law(speeds, c.rpm) if len(speeds) > 1 else None
-    parts = {
-        r.position.place: np.array(r.result.parts)
-        for r in rows
-        if r.position.model == "half"
-        and (r.position.level, r.position.rpm, r.position.approach) == (1.0, c.rpm, "near")
-    }
-    half, kind = {p: label.wrench for p, label in known.items()}, full_kind(rows, c.rpm)
-    whole = {place: label.wrench for place, label in labels(rows, c.rpm, kind).items()}
-    study = spread(rows, setup)
-    correction = learn(whole, half)
-    able = ceilings(assemble(rows, setup)) if len(speeds) == 1 + len(c.other_rpm) and law is not None else None
-    unit = tip_pressure, tip_pressure * setup.fan.radius_m
-    wedges = tuple(axisymmetric.series(rows))
-    bare = Checked(known, parts, study, law, whole, (), correction, able, wedges, {}, *unit)
+    full = labels(rows, c.rpm, kind)
+    whole = assemble(rows, setup) if len(speeds) == 1 + len(c.other_rpm) and law is not None else None
+    known, made = (half, dict.fromkeys(half, "half")) if whole is None else _of_set(whole, setup)
+    bare = Checked(
+        labels=known,
+        made=made,
+        half=half,
+        full=full,
+        parts=_parts(rows, c.rpm, kind if made[FREE].startswith("solved") else HALF),
+        study=spread(rows, setup),
+        law=law,
+        statements=(),
+        correction=correction(full, half),
+        ceilings=ceilings(whole) if whole is not None else None,
+        wedges=tuple(axisymmetric.series(rows)),
+        summary={},
+        force_unit=tip_pressure,
+        moment_unit=tip_pressure * setup.fan.radius_m,
+    )
     said = tuple(_statements(bare))
     return replace(bare, statements=said, summary=_summary(rows, bare, said))
+
+
+def _of_set(whole: Assembled, setup: Setup) -> tuple[dict[Place, Label], dict[Place, str]]:
+    """Labels and making of the set's rows at the campaign's speed."""
+    out, made = {}, {}
+    for row, mark in zip(whole.table, whole.marks, strict=True):
+        if row[2] == setup.campaign.rpm:
+            h, d = (round(float(v) / setup.fan.radius_m, 9) for v in row[:2])
+            out[h, d] = Label(row[3:], mark.amplitude, mark.sigma, mark.status, mark.starts)
+            made[h, d] = mark.even
+    return out, made
+
+
+def _parts(rows: Sequence[Row], rpm: float, kind: Kind) -> dict[Place, Array]:
+    """Lift (3,) of upper disc, lower disc and duct [N] by place, of one kind of case."""
+    usual = (r for r in rows if kind_of(r.position) == kind and (r.position.rpm, r.position.approach) == (rpm, "near"))
+    return {r.position.place: np.array(r.result.parts) for r in usual}
 
 
 def _summary(rows: Sequence[Row], c: Checked, said: Sequence[Statement]) -> dict[str, Any]:
@@ -105,6 +147,7 @@ def _summary(rows: Sequence[Row], c: Checked, said: Sequence[Statement]) -> dict
         "cases": len(rows),
         "models": dict(Counter(r.position.model for r in rows)),
         "positions": len(c.labels),
+        "made": dict(Counter(c.made.values())),
         "status": dict(Counter(r.result.status for r in rows)),
         "usable": sum(r.usable for r in rows),
         "cpu_hours": sum(r.result.seconds for r in rows) / 3600,
@@ -123,7 +166,7 @@ def _summary(rows: Sequence[Row], c: Checked, said: Sequence[Statement]) -> dict
         "richardson_free_lift": _richardson(c),
         "rpm_law": _law(c.law),
         "fidelity": {
-            "full_models": len(c.swirl),
+            "full_models": len(c.full),
             "half_model_misses": _by_axis(c.correction.plain),
             "corrected_misses": _by_axis(c.correction.error),
             "learnt": [a for a, learnt in zip(AXES, c.correction.learnt, strict=True) if learnt],
@@ -389,16 +432,17 @@ def _fan(c: Checked) -> list[Statement]:
                 _verdict(abs(c.law.free) < 0.02 and abs(c.law.exponent[2]) < 2 * c.law.error[2] + 0.02),
             )
         )
-    if c.swirl:
-        pairs = [(c.swirl[p], c.labels[p].wrench) for p in c.swirl if p in c.labels]
+    pairs = [(c.full[p].wrench, c.half[p].wrench) for p in c.full if p in c.half and p != FREE]
+    if pairs and FREE in c.full:
         side = max(abs(w[1]) for w, _ in pairs)
         change = max(abs(w[4] - half[4]) for w, half in pairs)
+        torque = max((w[5] for w, _ in pairs), key=abs)
         out.append(
             Statement(
                 "all six components respond to the corner",
                 "paper, table 2",
-                f"with swirl: side force up to {side:.2f} N, net torque {pairs[0][0][5]:+.3f} N m, "
-                f"tilt changed by up to {change:.3f} N m",
+                f"with swirl: side force up to {side:.2f} N, net torque up to {torque:+.3f} N m "
+                f"({c.full[FREE].wrench[5]:+.3f} in free air), tilt changed by up to {change:.3f} N m",
                 _verdict(side > 2 * float(c.study.increment[0])),
             )
         )

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from models import paper_page
+from models.cfd.assemble import Label
 from models.cfd.check import GROUND_LIMIT, WALL_LIMIT, Checked, text
 from models.cfd.config import Setup
 from models.cfd.fidelity import FREE
+from models.cfd.position import Place
+from models.paper_page import Entry
 
 SAID = {
     "fig5_9_lift_ratio_ground.png": ("figs 5 and 9", "Zhou", "estimate for this fan", "section 2.2"),
@@ -20,10 +24,11 @@ SAID = {
     "corner.png": ("section 2.4", "Vertex"),
 }
 """Which statements, by a part of their source, stand beside which figure."""
+DOTS_PER_INCH = 80
 
 
 def write_report(directory: Path, c: Checked, setup: Setup) -> None:
-    """Write report.md and its figures into ``directory``: beside each figure what was published and what came out."""
+    """Write report.md, the figures and their page beside the paper's statements into ``directory``."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -32,18 +37,42 @@ def write_report(directory: Path, c: Checked, setup: Setup) -> None:
         "fig6_10_lift_coefficient_wall.png": _wall(c, 2, "C_T", c.force_unit),
         "fig7_tilting_moment_wall.png": _wall(c, 4, "C_My", c.moment_unit),
         "corner.png": _corner(c),
+        "fidelity.png": _fidelity(c),
         "mesh.png": _mesh(c),
     }
     if c.wedges:
         figures["wedge.png"] = _wedges(c)
     for name, figure in figures.items():
-        figure.savefig(directory / name, dpi=110)
+        figure.savefig(directory / name, dpi=DOTS_PER_INCH)
         figure.clear()
     parts = [f"# Flow simulation of the {setup.fan.name}", f"```\n{text(c)}\n```"]
     for name in figures:
         title = name.removesuffix(".png").replace("_", " ")
         parts += [f"![{title}]({name})", *_beside(c, SAID.get(name, ()))]
     (directory / "report.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
+    paper_page.add(directory, entries(c))
+
+
+def entries(c: Checked) -> list[Entry]:
+    """Figs 5 to 10 beside what the paper says of them; those whose positions were computed."""
+    by_source = {s.source: s for s in c.statements}
+    drawn = (
+        (5, "Figs 5 and 9: lift ratio over height", "fig5_9_lift_ratio_ground.png", "paper, figs 5 and 9"),
+        (
+            6,
+            "Figs 6 and 10: lift coefficient beside a wall",
+            "fig6_10_lift_coefficient_wall.png",
+            "paper, figs 6 and 10",
+        ),
+        (7, "Fig. 7: tilting moment beside a wall", "fig7_tilting_moment_wall.png", "paper, fig. 7"),
+    )
+    out = []
+    for number, title, image, source in drawn:
+        if source in by_source:
+            said = by_source[source]
+            out.append(Entry(number, title, image, said.claim, said.ours, said.verdict))
+    bench = "a photograph of the test bench: nothing to draw; its measurements are figs 5 and 6, not printed as numbers"
+    return [*out, Entry(8, "Fig. 8: the test bench", "", bench, "no bench", "not comparable")] if out else out
 
 
 def _beside(c: Checked, sources: Sequence[str]) -> list[str]:
@@ -60,10 +89,40 @@ def _wedges(c: Checked) -> Any:
     for s in c.wedges:
         style = "o-" if s.level == c.wedges[0].level else ".--"
         panel.errorbar(s.heights, s.ratio, s.error, fmt=style, capsize=3, lw=1, label=f"{s.name}, mesh {s.level:g}")
-    heights = sorted(h for h, d in c.labels if math.isinf(d) and math.isfinite(h))
-    panel.plot(heights, [c.ratio(h) for h in heights], "k:", label="half models, no swirl")
+    _ground_column(panel, c, c.half, "k:", "half models, no swirl")
+    _ground_column(panel, c, c.full, "ks", "full models, swirl")
     panel.set(xlabel="h / R", ylabel="T_IGE / T_OGE", title="Without a wall: what swirl and the fan's shape change")
     panel.legend(fontsize=7)
+    return figure
+
+
+def _ground_column(panel: Any, c: Checked, labels: Mapping[Place, Label], style: str, name: str) -> None:
+    """Lift over the same model's free lift at the heights without a wall."""
+    heights = sorted(h for h, d in labels if math.isinf(d) and math.isfinite(h))
+    if FREE not in labels or not heights:
+        return
+    free = labels[FREE].wrench[2]
+    found = [labels[h, math.inf] for h in heights]
+    ratio, error = [x.wrench[2] / free for x in found], [x.error[2] / free for x in found]
+    panel.errorbar(heights, ratio, error, fmt=style, capsize=3, lw=1, ms=4, label=name)
+
+
+def _fidelity(c: Checked) -> Any:
+    """Increments of full models over those of half models, and what the correction gives without that place."""
+    figure, panels = _panels(3, (12, 4))
+    for panel, axis, name in zip(panels, (0, 2, 4), ("Fx [N]", "Fz [N]", "My [N m]"), strict=True):
+        places = c.correction.places
+        half = np.array([(c.half[p].wrench - c.half[FREE].wrench)[axis] for p in places])
+        full = np.array([(c.full[p].wrench - c.full[FREE].wrench)[axis] for p in places])
+        left_out = half + np.array([c.correction.left_out(p)[axis] for p in places])
+        ends = [min([0.0, *full, *half]), max([0.0, *full, *half])]
+        panel.plot(ends, ends, "k-", lw=0.8)
+        bars = [c.full[p].error[axis] for p in places]
+        panel.errorbar(half, full, bars, fmt="o", mfc="none", lw=0.7, label="half model alone")
+        panel.plot(left_out, full, "C3.", label="corrected, learnt elsewhere")
+        panel.set(xlabel=f"{name} predicted", ylabel=f"{name} of the full model")
+    panels[0].legend(fontsize=8)
+    figure.suptitle("Increments over free air: full models against what half models give")
     return figure
 
 
@@ -75,17 +134,14 @@ def _panels(columns: int, size: tuple[float, float]) -> tuple[Any, Sequence[Any]
 
 
 def _ground(c: Checked) -> Any:
-    figure, (panel,) = _panels(1, (6, 4))
-    heights = sorted(h for h, d in c.labels if math.isinf(d) and math.isfinite(h))
-    error = [max(c.labels[h, math.inf].amplitude[2], c.study.increment[2]) / c.free for h in heights]
-    panel.errorbar(
-        heights, [c.ratio(h) for h in heights], error, fmt="o-", capsize=3, label="simulated, constant speed"
-    )
+    figure, (panel,) = _panels(1, (7, 4.5))
+    _ground_column(panel, c, c.labels, "o-", "the set, constant speed")
+    _ground_column(panel, c, c.half, "k:", "half models, no swirl")
     z = np.linspace(0.5, 5, 100)
     panel.plot(
         z, 1 / (1 - (1 / (4 * z)) ** 2), "--", color="0.5", label="Cheeseman-Bennett, open rotor, constant power"
     )
-    panel.plot([2.1], [1.032], "s", color="C3", label="Zhou 2025, ducted fan")
+    panel.plot([2.1], [1.032], "s", color="C3", label="Zhou 2025, ducted fan, measured")
     panel.axvline(GROUND_LIMIT, color="0.7", lw=0.8)
     panel.text(GROUND_LIMIT, panel.get_ylim()[1], " paper: fades by 4 R", va="top", fontsize=8)
     panel.set(xlabel="h / R", ylabel="T_IGE / T_OGE", title="Lift near the ground (paper's figs 5 and 9)")
@@ -94,10 +150,13 @@ def _ground(c: Checked) -> Any:
 
 
 def _wall(c: Checked, axis: int, name: str, unit: float) -> Any:
-    figure, (panel,) = _panels(1, (6, 4))
+    figure, (panel,) = _panels(1, (7, 4.5))
     walls = sorted(d for h, d in c.labels if math.isinf(h) and math.isfinite(d))
-    values = [c.labels[math.inf, d].wrench[axis] / unit for d in walls]
-    panel.errorbar(walls, values, c.study.increment[axis] / unit, fmt="o-", capsize=3, label="simulated")
+    found = [c.labels[math.inf, d] for d in walls]
+    panel.errorbar(
+        walls, [x.wrench[axis] / unit for x in found], [x.error[axis] / unit for x in found],
+        fmt="o-", capsize=3, label="the set",
+    )  # fmt: skip
     panel.axhline(c.labels[FREE].wrench[axis] / unit, color="0.5", ls="--", label="free air")
     panel.axvline(WALL_LIMIT, color="0.7", lw=0.8)
     panel.text(WALL_LIMIT, panel.get_ylim()[1], " paper: fades by 3.8 R", va="top", fontsize=8)
@@ -108,21 +167,25 @@ def _wall(c: Checked, axis: int, name: str, unit: float) -> Any:
 
 
 def _corner(c: Checked) -> Any:
-    figure, panels = _panels(3, (13, 4.2))
+    figure, panels = _panels(3, (14, 4.6))
     heights = sorted({h for h, _ in c.labels})
     for panel, axis, name in zip(panels, (0, 2, 4), ("Fx [N]", "Fz [N]", "My [N m]"), strict=True):
         for k, h in enumerate(heights):
             row = sorted(d for hh, d in c.labels if hh == h and math.isfinite(d))
             if not row:
                 continue
-            values = [c.labels[h, d].wrench[axis] for d in row]
-            error = [c.labels[h, d].amplitude[axis] for d in row]
             colour = f"C{k}" if math.isfinite(h) else "k"
             label = f"h = {h:g} R" if math.isfinite(h) else "no ground"
-            panel.errorbar(row, values, error, fmt=".-", lw=1, capsize=2, color=colour, label=label)
+            panel.plot(row, [c.labels[h, d].wrench[axis] for d in row], "-", lw=1, color=colour, label=label)
+            for d in row:
+                point, solved = c.labels[h, d], c.made[h, d].startswith("solved")
+                panel.errorbar(
+                    [d], [point.wrench[axis]], [point.error[axis]],
+                    fmt="s" if solved else ".", ms=5, lw=0.5, mfc=colour if solved else "none", color=colour,
+                )  # fmt: skip
         panel.set(xlabel="d / R", ylabel=name)
     panels[-1].legend(fontsize=7, ncols=2)
-    figure.suptitle("Corner, bars: swing or half difference of two states")
+    figure.suptitle("Corner: squares solved in full models, dots from half models; bars: sigma of the row")
     return figure
 
 

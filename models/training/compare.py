@@ -33,6 +33,7 @@ from models.training.train import (
     levenberg_nets,
     r_squared,
     scan_hidden,
+    weights,
 )
 
 # Table 2 of the paper: R^2 train/test of Fx ... Mz, and table 3: MSE of the lift.
@@ -98,6 +99,8 @@ class Comparison:
     """Lift [N] at 4000 rpm per method, (GRID, GRID) over ``grid_h`` and ``grid_d`` [m]."""
     grid_h: Array
     grid_d: Array
+    places: Array
+    """(h, d) [m] of the data with ground and wall, shape (n, 2)."""
 
 
 def compare(
@@ -147,7 +150,9 @@ def compare(
     numbers["claims"] = claims(numbers)
     numbers["use"] = recommend(numbers).as_json()
     numbers["seconds"] = round(time.perf_counter() - start, 1)
-    return Comparison(numbers, tuple(tasks), answers, surfaces, grid_h, grid_d)
+    places = np.unique(np.column_stack([data.h, data.d]), axis=0)
+    near = places[np.isfinite(places).all(axis=1)]
+    return Comparison(numbers, tuple(tasks), answers, surfaces, grid_h, grid_d, near)
 
 
 def _tasks(data: DataSet, live: Mask, splits: int, rng: np.random.Generator) -> list[Task]:
@@ -176,7 +181,7 @@ def _task(data: DataSet, live: Mask, name: str, kind: str, target: str, test: Ma
         y = data.wrench / law.lift(data.rpm)[:, None] - np.asarray(law.share)
         scale = learnt.scale
     y = np.where(live, y, 0.0)
-    problem = Problem(law, learnt.coordinates, x, gate, y, scale, data.locations, live)
+    problem = Problem(law, learnt.coordinates, x, gate, y, scale, data.locations, live, weights(data, law))
     return Task(name, kind, target, ~test, test, problem)
 
 

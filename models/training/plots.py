@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from models import paper_page
 from models.frames import AXES, Array
-from models.training.compare import LIFT, RPM, Comparison, text
-from models.training.train import PAPER_METHODS
+from models.paper_page import Entry
+from models.training.compare import LIFT, PAPER_TABLE_2, RPM, Comparison, text
+from models.training.train import PAPER_METHODS, r_squared
 
 # Percentage errors are undefined where a component crosses zero: the divisor is never below this share of its range.
 LEAST_SHARE = 0.02
+DOTS_PER_INCH = 80
 NAMES = {"bp": "BP", "ga-bp": "GA-BP", "adam-bp": "Adam-BP", "ga-adam-bp": "GA-Adam-BP"}
 
 
 def write_report(directory: Path, result: Comparison) -> None:
-    """Write report.md and its figures into ``directory``."""
+    """Write report.md, the figures and their page beside the paper's statements into ``directory``."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -31,11 +35,100 @@ def write_report(directory: Path, result: Comparison) -> None:
         "surface_ensemble.png": _surface(result, "ensemble"),
     }
     for name, figure in figures.items():
-        figure.savefig(directory / name, dpi=110)
+        figure.savefig(directory / name, dpi=DOTS_PER_INCH)
         figure.clear()
     links = [f"![{name.removesuffix('.png').replace('_', ' ')}]({name})" for name in figures]
     page = "\n\n".join(["# Surrogates compared", text(result.numbers), *links])
     (directory / "report.md").write_text(page + "\n", encoding="utf-8")
+    paper_page.add(directory, entries(result))
+
+
+def entries(result: Comparison) -> list[Entry]:
+    """Figs 14 to 19 beside what the paper says of them, judged on the lift of the first split."""
+    learnt, unseen = (_lift_r2(result, held_out) for held_out in (False, True))
+    share = {m: _within_ten_percent(result, m) for m in PAPER_METHODS}
+    table = result.numbers["table3"]
+    rough, mse = ({m: row[key] for m, row in table.items()} for key in ("roughness", "mse_train"))
+    rivals = ("kriging", "ga-adam-bp", "polynomial")
+
+    def ordered(values: Mapping[str, float]) -> str:
+        return _verdict(values["ga-adam-bp"] >= values["adam-bp"] > values["ga-bp"] > values["bp"])
+
+    def lift(values: Mapping[str, float]) -> str:
+        return "R² of the lift's increment: " + ", ".join(f"{NAMES[m]} {v:.3f}" for m, v in values.items())
+
+    def surface(method: str) -> str:
+        return f"mean squared error {mse[method]:.2g} N² on learnt rows, roughness {1e3 * rough[method]:.0f} mN"
+
+    said = {m: ", ".join(f"{PAPER_TABLE_2[k]['Fz'][m]:.3f}" for k in PAPER_METHODS) for m in ("train", "test")}
+    return [
+        Entry(
+            14,
+            "Fig. 14: answers over truth, learnt rows",
+            "fig14_regression_train.png",
+            f"R² of the lift {said['train']} for BP, GA-BP, Adam-BP, GA-Adam-BP: each better than the one before",
+            lift(learnt),
+            ordered(learnt),
+        ),
+        Entry(
+            15,
+            "Fig. 15: answers over truth, held-out rows",
+            "fig15_regression_test.png",
+            f"R² of the lift {said['test']}, the same order",
+            lift(unseen),
+            ordered(unseen),
+        ),
+        Entry(
+            16,
+            "Fig. 16: percentage error on the learnt rows",
+            "fig16_error_histograms.png",
+            "most rows of all four within 10 %",
+            "lift within 10 %: " + ", ".join(f"{NAMES[m]} {100 * v:.0f} % of the rows" for m, v in share.items()),
+            _verdict(min(share.values()) > 0.5),
+        ),
+        Entry(
+            17,
+            "Fig. 17: lift by kriging",
+            "fig17_surface_kriging.png",
+            "the least mean squared error of the three (1.3e-4), but waves between the points",
+            surface("kriging"),
+            _verdict(mse["kriging"] == min(mse[m] for m in rivals) and rough["kriging"] > rough["ga-adam-bp"]),
+        ),
+        Entry(
+            18,
+            "Fig. 18: lift by GA-Adam-BP",
+            "fig18_surface_ga_adam_bp.png",
+            "smooth, error between kriging and polynomial (4.3e-3)",
+            surface("ga-adam-bp"),
+            _verdict(mse["kriging"] < mse["ga-adam-bp"] < mse["polynomial"]),
+        ),
+        Entry(
+            19,
+            "Fig. 19: lift by a polynomial",
+            "fig19_surface_polynomial.png",
+            "the largest error of the three (0.24)",
+            surface("polynomial"),
+            _verdict(mse["polynomial"] == max(mse[m] for m in rivals)),
+        ),
+    ]
+
+
+def _verdict(holds: bool) -> str:
+    return "agrees" if holds else "disagrees"
+
+
+def _lift_r2(result: Comparison, held_out: bool) -> dict[str, float]:
+    task = result.tasks[0]
+    rows = task.test if held_out else task.train
+    truth = task.problem.y[rows, LIFT]
+    return {m: float(r_squared(truth, result.answers[m][0][rows, LIFT])) for m in PAPER_METHODS}
+
+
+def _within_ten_percent(result: Comparison, method: str) -> float:
+    """Share of the learnt rows of the first split whose lift is answered within 10 %."""
+    task = result.tasks[0]
+    error = percent_error(task.problem.y[task.train], result.answers[method][0][task.train])
+    return float(np.mean(error[:, LIFT] <= 10.0))
 
 
 def percent_error(truth: Array, answer: Array) -> Array:
@@ -66,6 +159,7 @@ def _regression(result: Comparison, held_out: bool) -> Any:
             if not task.problem.live[c]:
                 _constant(panel)
                 continue
+            panel.set_title(f"{NAMES[method]} {axis}, R² {float(r_squared(truth, answer)):.3f}", fontsize=8)
             panel.plot(ends, ends, "k-", lw=0.8)
             panel.plot(truth, answer, ".", ms=2)
             panel.tick_params(labelsize=6)
@@ -107,6 +201,8 @@ def _surface(result: Comparison, method: str) -> Any:
     filled = panel.contourf(d, h, result.surfaces[method], 24, cmap="viridis")
     panel.contour(d, h, result.surfaces[method], 24, colors="k", linewidths=0.3)
     figure.colorbar(filled, label=f"{AXES[LIFT]} [N]")
+    panel.plot(result.places[:, 1], result.places[:, 0], "k.", ms=3)
+    panel.set(xlim=(d.min(), d.max()), ylim=(h.min(), h.max()))
     panel.set_xlabel("lip to wall d [m]")
     panel.set_ylabel("height h [m]")
     panel.set_title(f"Lift at {RPM:g} rpm, {method}")

@@ -59,7 +59,7 @@ class Problem:
 
     ``x`` (n, 3) in [-1, 1], ``gate`` and ``y`` (n, 6), ``scale`` (6,) the largest |y| (1 where y is nothing),
     ``locations`` (n,) one number per distinct (h, d), ``live`` (6,) the components that depend on the place; y of the
-    others is zero, their constant is the free-air law's share.
+    others is zero, their constant is the free-air law's share. ``weight`` (n, 6), mean 1: how much a row counts.
     """
 
     free_air: FreeAir
@@ -70,13 +70,15 @@ class Problem:
     scale: Array
     locations: Index
     live: NDArray[np.bool_]
+    weight: Array
 
     def __len__(self) -> int:
         return len(self.x)
 
     def take(self, index: Index) -> Problem:
         """The rows ``index``."""
-        return replace(self, x=self.x[index], gate=self.gate[index], y=self.y[index], locations=self.locations[index])
+        rows = {name: getattr(self, name)[index] for name in ("x", "gate", "y", "locations", "weight")}
+        return replace(self, **rows)
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,19 @@ def frame(data: DataSet, live: NDArray[np.bool_] | None = None) -> Problem:
     coords = coordinates.fit(data, y, free_air.is_axisymmetric(law, live))
     x, gate = coords.inputs(data.h, data.d, data.rpm)
     size = np.abs(y).max(axis=0)
-    return Problem(law, coords, x, gate, y, np.where(size > 1e-9, size, 1.0), locations, live)
+    return Problem(law, coords, x, gate, y, np.where(size > 1e-9, size, 1.0), locations, live, weights(data, law))
+
+
+def weights(data: DataSet, law: FreeAir) -> Array:
+    """Weight (n, 6) of each row in training, mean 1: 1 / (median^2 + sigma^2), sigma over the lift.
+
+    The median keeps a few very sure rows from being all that counts: the nets' own error does not go below it.
+    """
+    if data.sigma is None:
+        return np.ones_like(data.wrench)
+    sigma = data.sigma / law.lift(data.rpm)[:, None]
+    out = 1.0 / (np.median(sigma, axis=0) ** 2 + sigma**2 + 1e-12)
+    return np.asarray(out / out.mean(axis=0))
 
 
 def _with_constants(law: FreeAir, data: DataSet, live: NDArray[np.bool_]) -> FreeAir:
@@ -219,6 +233,8 @@ def _notes(data: DataSet, problem: Problem, learnt: Problem) -> list[str]:
     notes = list(data.notes)
     if len(learnt) < len(problem):
         notes.append(f"{len(learnt)} of {len(problem)} training rows, drawn at random, were learnt")
+    if data.sigma is not None:
+        notes.append("rows are weighted by their sigma")
     if problem.free_air.origin != "free-air rows":
         notes.append("no free-air rows (h and d both inf): the outermost rows are taken for free air")
     return notes + constant_notes(problem.live)
@@ -454,7 +470,8 @@ def choose_decays(
     fold, seed = folds(problem, MEMBERS, rng), int(rng.integers(2**31))
     out = [DECAYS[-1]] * 6
     for c in np.flatnonzero(problem.live).tolist():
-        target, gate = problem.y[:, c] / problem.scale[c], problem.gate[:, c]
+        root = np.sqrt(problem.weight[:, c])
+        target, gate = root * problem.y[:, c] / problem.scale[c], root * problem.gate[:, c]
         left = np.full(len(DECAYS), np.inf)
         for i, decay in enumerate(DECAYS):
             left[i] = 0.0
@@ -487,7 +504,8 @@ def levenberg_nets(
         rows = fold != k
         x = problem.x[rows]
         for c in np.flatnonzero(problem.live).tolist():
-            target, gate = problem.y[rows, c] / problem.scale[c], problem.gate[rows, c]
+            root = np.sqrt(problem.weight[rows, c])
+            target, gate = root * problem.y[rows, c] / problem.scale[c], root * problem.gate[rows, c]
             w1[k, c], b1[k, c], w2[k, c], b2[k, c] = levenberg.train(x, target, gate, hidden, rng, decays[c])
             if progress:
                 progress("nets", 6 * k + c + 1, 6 * MEMBERS)

@@ -154,3 +154,54 @@ def test_the_split_is_eight_to_two_and_reproducible() -> None:
     assert not data.free_air[test].any()
     assert np.array_equal(train, again)
     assert np.array_equal(np.sort(np.concatenate([train, test])), np.arange(len(data)))
+
+
+SIGMA_NAMES = [f"sigma_{name}" for name in dataset.COLUMNS[3:]]
+
+
+def sigma_table(path, data, **changes):
+    """The table of sigma that belongs to ``data``: 0.1 everywhere."""
+    lines = [",".join(["h_m", "d_m", "rpm", "even", *SIGMA_NAMES])]
+    for h, d, rpm in zip(data.h, data.d, data.rpm, strict=True):
+        lines.append(",".join([f"{h:g}", f"{d:g}", f"{rpm:g}", "half", *["0.1"] * 6]))
+    text = "\n".join(lines) + "\n"
+    for old, new in changes.get("replace", ()):
+        assert old in text
+        text = text.replace(old, new, 1)
+    path.write_text(text)
+    return path
+
+
+def test_sigma_is_found_by_place_and_speed(tmp_path):
+    data = ClosedForm().data_set()
+    data = data.take(np.flatnonzero(data.rpm == data.rpm[0])[::3])
+    path = sigma_table(tmp_path / "sigma.csv", data)
+    shuffled = data.take(np.random.default_rng(0).permutation(len(data)))
+    path.write_text(path.read_text().replace(",half,0.1,", ",half,0.7,", 1))
+    known = dataset.with_sigma(shuffled, path)
+    first = (shuffled.h == data.h[0]) & (shuffled.d == data.d[0])
+    assert known.sigma.shape == (len(data), 6)
+    assert known.sigma[first, 0] == pytest.approx(0.7)
+    assert known.sigma[~first] == pytest.approx(0.1)
+    assert dataset.with_sigma(shuffled, path).take(np.flatnonzero(first)).sigma[0, 0] == pytest.approx(0.7)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "word"),
+    [
+        ("sigma_Fz_N", "sigma_F", "lacks the column 'sigma_Fz_N'"),
+        (",half,0.1,", ",half,much,", "line 2 has a field that is no number"),
+        (",half,0.1,", ",half,-1,", "line 2: sigma must be finite and not negative"),
+        (",half,0.1,", ",half,nan,", "line 2: sigma must be finite and not negative"),
+        ("\n0", "\n7", "has no line for h_m"),
+    ],
+)
+def test_a_wrong_table_of_sigma_is_named(tmp_path, old, new, word):
+    data = ClosedForm().data_set()
+    data = data.take(np.flatnonzero((data.rpm == data.rpm[0]) & np.isfinite(data.h))[::3])
+    path = sigma_table(tmp_path / "sigma.csv", data, replace=[(old, new)])
+    with pytest.raises(ModelError, match=r"sigma table .*sigma\.csv") as found:
+        dataset.with_sigma(data, path)
+    assert word in str(found.value)
+    with pytest.raises(ModelError, match="cannot be read"):
+        dataset.with_sigma(data, tmp_path / "none.csv")

@@ -210,3 +210,18 @@ def test_reference_data_train_to_the_goal(shared_data: Path, monkeypatch: pytest
     report = train.train(data.take(data.rpm != 3200.0), "ensemble", 0).report
     assert min(report["test"][a]["r2"] for a in AXES) >= 0.99
     assert min(report["increments"]["test"][a]["r2"] for a in AXES) >= 0.99
+
+
+def test_rows_that_are_known_badly_count_less(small: DataSet) -> None:
+    """Places with a large error and a sigma that says so: the nets answer nearer to the truth than without it."""
+    rng = np.random.default_rng(3)
+    bad = np.isin(small.locations, rng.permutation(np.unique(small.locations))[::3]) & ~small.free_air
+    noise = rng.normal(0.0, 1.0, small.wrench.shape) * np.array([0.5, 0.5, 2.0, 0.05, 0.05, 0.05])
+    noisy = replace(small, wrench=small.wrench + noise * bad[:, None])
+    sigma = np.where(bad[:, None], [0.5, 0.5, 2.0, 0.05, 0.05, 0.05], [0.02, 0.02, 0.02, 0.002, 0.002, 0.002])
+
+    def miss(data: DataSet) -> float:
+        model = train.train(data, "ensemble", seed=1).model
+        return float(np.sqrt(np.mean((model.wrench(small.h, small.d, small.rpm) - small.wrench)[:, 2] ** 2)))
+
+    assert miss(replace(noisy, sigma=sigma)) < 0.7 * miss(noisy)

@@ -1,0 +1,105 @@
+"""R2 of the flying ensemble on places held out, beside what the rows' own errors allow at most.
+
+    python tests/benchmarks/surrogate_ceiling.py [--data CSV --rows CSV] [--splits 20] [--seed N] [--json FILE]
+
+Random 8:2 splits by place (h, d). R2 of the increments over free air, per component, mean and standard deviation over
+the splits; nets learnt with every row alike and weighted by sigma. A perfect surrogate reaches
+1 - mean(e^2) / variance, with e the rows' scatter (error of the mean and of the mesh) or their sigma (with it, what
+full models left out show).
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+
+import models
+from models import dataset
+from models.dataset import DataSet
+from models.frames import AXES, Array
+from models.surrogate import free_air
+from models.training import train
+
+SHIPPED = Path(models.__file__).parent / "data"
+
+
+def scatter_of(path: Path, count: int) -> Array:
+    """The rows' scatter (n, 6), in the order of the set."""
+    with path.open(encoding="utf-8", newline="") as file:
+        lines = list(csv.DictReader(file))
+    out = np.array([[float(line[f"scatter_{name}"]) for name in dataset.COLUMNS[3:]] for line in lines])
+    assert len(out) == count, "the table belongs to another set"
+    return out
+
+
+def held_out_r2(data: DataSet, seed: int) -> tuple[Array, Array]:
+    """R2 (6,) of the increments on held-out places, and the mask (n,) of their rows; nan for what is not live."""
+    learnt_rows, test_rows = dataset.holdout(data, seed)
+    problem = train.frame(data.take(learnt_rows))
+    rng = np.random.default_rng(seed)
+    decays = train.choose_decays(problem, rng, train.HIDDEN)
+    nets = train.levenberg_nets(problem, train.folds(problem, train.MEMBERS, rng), rng, train.HIDDEN, decays)
+    test = data.take(test_rows)
+    x, gate = problem.coordinates.inputs(test.h, test.d, test.rpm)
+    truth = train.increments(test.wrench, test.rpm, problem.free_air)
+    r2 = train.r_squared(truth, gate * nets.predict(x)[0])
+    mask = np.zeros(len(data), dtype=bool)
+    mask[test_rows] = True
+    return np.where(problem.live, r2, np.nan), mask
+
+
+def ceiling(data: DataSet, error: Array, rows: Array) -> Array:
+    """R2 (6,) of a perfect surrogate on ``rows``; nan where the component does not vary."""
+    law = free_air.fit(data)
+    truth, lift = train.increments(data.wrench, data.rpm, law)[rows], law.lift(data.rpm)[rows, None]
+    variance = truth.var(axis=0)
+    known = variance > 1e-12
+    return np.where(known, 1.0 - np.mean((error[rows] / lift) ** 2, axis=0) / np.where(known, variance, 1.0), np.nan)
+
+
+def main() -> None:
+    """Train on every split and print one table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, default=SHIPPED / "corner_cfd.csv")
+    parser.add_argument("--rows", type=Path, default=SHIPPED / "corner_cfd_rows.csv")
+    parser.add_argument("--splits", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", type=Path)
+    args = parser.parse_args()
+    plain = dataset.read(args.data)
+    scatter = scatter_of(args.rows, len(plain))
+    weighted = dataset.with_sigma(plain, args.rows)
+    assert weighted.sigma is not None
+    found: dict[str, list[Array]] = {
+        "rows alike": [],
+        "weighted by sigma": [],
+        "ceiling, scatter": [],
+        "ceiling, sigma": [],
+    }
+    for split in range(args.splits):
+        for name, data in (("rows alike", plain), ("weighted by sigma", weighted)):
+            r2, test = held_out_r2(free_air.level(data), args.seed + split)
+            found[name].append(r2)
+        found["ceiling, scatter"].append(ceiling(plain, scatter, test))
+        found["ceiling, sigma"].append(ceiling(plain, weighted.sigma, test))
+    known = {name: (np.nanmean(values, axis=0), np.nanstd(values, axis=0)) for name, values in found.items()}
+    print(f"{args.splits} splits by place, {len(plain)} rows of {args.data.name}; R2 of increments on held-out places")
+    print(f"{'':20}" + "".join(f"{axis:>16}" for axis in AXES))
+    for name, (mean, sd) in known.items():
+        print(f"{name:20}" + "".join(f"{m:9.3f} +-{s:5.3f}" for m, s in zip(mean, sd, strict=True)))
+    best, most = known["weighted by sigma"][0], known["ceiling, sigma"][0]
+    print(f"{'share of the ceiling':20}" + "".join(f"{b / m:16.3f}" for b, m in zip(best, most, strict=True)))
+    if args.json:
+        content = {
+            name: {key: dict(zip(AXES, map(train.defined, v), strict=True)) for key, v in (("mean", m), ("sd", s))}
+            for name, (m, s) in known.items()
+        }
+        args.json.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
