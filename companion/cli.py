@@ -10,6 +10,7 @@ import signal
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack, closing
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from models.errors import ConfigError, LinkError, UserError
 from models.version import VersionAction
 
 if TYPE_CHECKING:
+    from companion.mavlink.tlog_writer import Recorder
     from companion.page.feed import PageFeed
 
 _INTERRUPTED = 130
@@ -64,6 +66,12 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--survey", metavar="BOX",
                    help="move the hold slowly through HEIGHT_MIN:HEIGHT_MAX[:WALL_MIN:WALL_MAX] metres and back, "
                    "to learn ground and wall from the recording; another mode or target ends it")  # fmt: skip
+    p.add_argument("--adapt", choices=("off", "gate", "full"), default="off",
+                   help="measure the sizes of the model's effects in flight; gate: only ever compensate less than the "
+                   "model says, full: also more, up to 1.5 of it")  # fmt: skip
+    p.add_argument("--save-model", type=Path, metavar="DIR",
+                   help="with --adapt: write the model with the sizes that were measured, the priors of its next "
+                   "flight")  # fmt: skip
     p.add_argument("--duration", type=float, metavar="S", help="stop after this many seconds")
     p.add_argument("--signing-key", type=Path, metavar="FILE", help="MAVLink 2 signing key: 32 bytes or 64 hex digits")
     p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's system id (default: the first heard)")
@@ -111,6 +119,8 @@ def _check(a: argparse.Namespace) -> None:
         raise ConfigError(f"--record-limit {a.record_limit}: must be at least 1 MiB, and needs --record FOLDER")
     if a.carrier == "acceleration" and a.setpoint != "hold":
         raise ConfigError("--carrier acceleration: works with --setpoint hold only")
+    if a.save_model is not None and a.adapt == "off":
+        raise ConfigError("--save-model: saves what --adapt gate or full has measured; give one of them")
     if a.survey is not None and (a.record is None or a.setpoint != "hold" or a.dry_run):
         raise ConfigError("--survey: needs --record FILE.tlog, --setpoint hold and no --dry-run")
     if a.connect is not None and a.connect.startswith("sim:"):
@@ -165,6 +175,7 @@ def _preflight(a: argparse.Namespace) -> int:
 def _fly(a: argparse.Namespace) -> int:
     _check(a)
     # Imported here so that --help answers at once.
+    from companion.adaptation.options import Adapt
     from companion.config import Base, Carrier, PipelineConfig
     from companion.control.survey_box import read_box
     from companion.flight import Flight, FlightOptions
@@ -186,6 +197,7 @@ def _fly(a: argparse.Namespace) -> int:
         dry_run=a.dry_run,
         offsets=not a.no_offsets,
         survey=None if a.survey is None else read_box(a.survey),
+        adapt=Adapt(a.adapt),
     )
     key = None if a.signing_key is None else read_signing_key(a.signing_key)
     arrivals = Arrivals()
@@ -223,6 +235,10 @@ def _fly(a: argparse.Namespace) -> int:
         gc.freeze()
         flight.run()
         _report(a, flight)
+        if a.save_model is not None:
+            from companion.adaptation.saved import save_sizes
+
+            save_sizes(a.save_model, chosen.model, flight.summary.adaptation, _flown(a, recorder))
         if flight.unheard is not None:
             print(f"companion: {a.connect}: {flight.unheard}", file=sys.stderr)
             return _INTERRUPTED if interrupted else LinkError.exit_code
@@ -261,6 +277,13 @@ def _record_limits(a: argparse.Namespace) -> Any:
         return RecordLimits()
     most = a.record_limit << 20
     return RecordLimits(file_bytes=min(most // 4, RecordLimits.file_bytes), folder_bytes=most)
+
+
+def _flown(a: argparse.Namespace, recorder: Recorder | None) -> list[str]:
+    """What this flight is called: its recording, or when it was flown and by which link."""
+    if recorder is not None and recorder.files:
+        return [path.name for path in recorder.files]
+    return [f"{a.connect}, {datetime.now(UTC).strftime('%Y-%m-%dT%H:%M:%SZ')}"]
 
 
 def _report(a: argparse.Namespace, flight: Any) -> None:

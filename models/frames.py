@@ -89,12 +89,24 @@ def measured_wrench(
     """
     f, w, wd = (np.moveaxis(np.asarray(a, dtype=float), -1, 0) for a in (specific_force, rates, rate_derivatives))
     ix, iy, iz = np.asarray(inertia_kgm2, dtype=float).tolist()
-    return np.stack(wrench_of_motion(*f, *w, *wd, mass_kg, ix, iy, iz), axis=-1)
+    (fx, fy, fz), (p, q, r), (pd, qd, rd) = f, w, wd
+    return np.stack(wrench_of_motion(fx, fy, fz, p, q, r, pd, qd, rd, mass_kg, ix, iy, iz), axis=-1)
 
 
 def wrench_of_motion(
-    fx: Any, fy: Any, fz: Any, p: Any, q: Any, r: Any, pd: Any, qd: Any, rd: Any,
-    mass_kg: float, ixx: float, iyy: float, izz: float,
+    fx: Any,
+    fy: Any,
+    fz: Any,
+    p: Any,
+    q: Any,
+    r: Any,
+    pd: Any,
+    qd: Any,
+    rd: Any,
+    mass_kg: float,
+    ixx: float,
+    iyy: float,
+    izz: float,
 ) -> tuple[Any, Any, Any, Any, Any, Any]:
     """``measured_wrench`` by components, the same for floats (one instant in flight) and arrays (a record)."""
     return (

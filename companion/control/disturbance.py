@@ -7,6 +7,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from companion.adaptation.parts import Parts, at_the_cg, split
+from companion.adaptation.sizes import effects_with_size
 from companion.config import PipelineConfig, Tuning
 from companion.estimation.air_state import air_state
 from companion.estimation.estimator import Estimates, Seen, Surface, fan_query, surface
@@ -14,9 +16,9 @@ from models.air_state import AirState
 from models.effects import Context, adopted_wrench, corrected_state
 from models.evolve import replace
 from models.frames import Array, at_cg, corner_to_body
-from models.surrogate.fan_surrogate import FanSurrogate
+from models.surrogate.fan_surrogate import AdoptedEffect, FanSurrogate
 from models.vehicle import Vehicle
-from models.vehicle_wrench import fan_rpm
+from models.vehicle_wrench import RPM_TO_RAD_S, fan_rpm
 
 _STIFFNESS_STEP_M = 0.02
 """Step of the difference quotient of a wall's pull: above the noise of a surrogate, below its e-fold of 0.1 m."""
@@ -40,12 +42,18 @@ class Disturbance:
     wall: Surface
     ceiling: Surface
     """Watched only where an adopted effect knows of ceilings."""
+    parts: Parts | None = None
+    """What adaptation measures by; None without it."""
 
 
 def modelled_disturbance(
-    estimates: Estimates, config: PipelineConfig, rotor_rpm: Array, rotation: Array, t_s: float, damping_1_s: float
-) -> Disturbance:
-    """Query the surrogate for every fan, at the two leads, in free air, and a little further from the wall."""
+    estimates: Estimates, config: PipelineConfig, rotor_rpm: Array, rotation: Array, t_s: float, damping_1_s: float,
+    shares: tuple[float, ...] | None = None,
+) -> Disturbance:  # fmt: skip
+    """Query the surrogate for every fan, at the two leads, in free air, and a little further from the wall.
+
+    ``shares`` of lift, pull, tilt and each adopted effect with a size; None: all as modelled, and no parts.
+    """
     vehicle, model, tuning = config.vehicle, config.model, config.tuning
     ground = surface(estimates, config, "ground", t_s)
     wall = surface(estimates, config, "wall", t_s)
@@ -74,8 +82,14 @@ def modelled_disturbance(
     change[:, 2] = rows[0, :, 2] - rows[3, :, 2]
     at_fans = corner_to_body(change, later.wall_bearing_rad)
     total = at_cg(at_fans, vehicle.fan_positions_m).sum(axis=0) + adopted
-    total[:3] += trim_reaction(vehicle) @ total[3:]
     pull = float(rows[1, :, 0].sum() - rows[2, :, 0].sum()) / _STIFFNESS_STEP_M
+    parts = None
+    if shares is not None:
+        effects = _adopted_parts(config, moved, damping_1_s) if model.effects else np.zeros((0, 6))
+        parts = _parts(vehicle, rows, at_fans, later.wall_bearing_rad, effects, rpm)
+        total -= (1.0 - np.array(shares)) @ parts.ahead
+        pull *= shares[1]
+    total[:3] += trim_reaction(vehicle) @ total[3:]
     known = np.isfinite(soon.h_m) | np.isfinite(soon.d_m)
     trust = float(np.min(answer.trust[0], initial=1.0, where=known)) if known.any() else 1.0
     return Disturbance(
@@ -88,23 +102,50 @@ def modelled_disturbance(
         ground=ground,
         wall=wall,
         ceiling=ceiling,
+        parts=parts,
     )
 
 
+def _parts(
+    vehicle: Vehicle, rows: Array, ahead_at_fans: Array, bearing_rad: float, effects: Array, rpm: Array
+) -> Parts:
+    """The same wrench in parts, at this instant and at the leads; ``rows`` as queried (4, fans, 6)."""
+    now = corner_to_body(rows[1] - rows[3], bearing_rad)
+    free = at_the_cg(vehicle, corner_to_body(rows[3], bearing_rad))
+    return Parts(
+        now=np.concatenate([split(vehicle, now), free[None], effects]),
+        ahead=np.concatenate([split(vehicle, ahead_at_fans), effects]),
+        fan_lift_n=rows[1][:, 2].copy(),
+        tip_m_s=float(rpm.mean()) * RPM_TO_RAD_S * vehicle.rotor_radius_m,
+    )
+
+
+def _adopted_parts(config: PipelineConfig, state: AirState, damping_1_s: float) -> Array:
+    """Wrench (k, 6) of every adopted effect that has a size."""
+    model = config.model
+    return np.array(
+        [
+            adopted_disturbance(model, state, config.vehicle, config.tuning, damping_1_s, (model.effects[k],))
+            for k in effects_with_size(model)
+        ]
+    ).reshape(-1, 6)
+
+
 def adopted_disturbance(
-    model: FanSurrogate, state: AirState, vehicle: Vehicle, tuning: Tuning, damping_1_s: float
-) -> Array:
+    model: FanSurrogate, state: AirState, vehicle: Vehicle, tuning: Tuning, damping_1_s: float,
+    effects: tuple[AdoptedEffect, ...] | None = None,
+) -> Array:  # fmt: skip
     """What the adopted effects push (6,), with a ceiling's pull no stronger than delay allows.
 
     As if the vehicle stood still in the air's own motion: drag on its own velocity damps the loop, and feeding it
-    forward would take that damping away.
+    forward would take that damping away. ``effects``: only these of the model's.
     """
+    chosen = model.effects if effects is None else effects
     still = replace(state, velocity_ned=np.zeros(3), rates=np.zeros(3))
 
     def disturbance(ceiling_m: Array) -> Array:
-        return adopted_wrench(
-            model.effects, Context(replace(still, ceiling_m=ceiling_m), vehicle, model), in_flight=True
-        )
+        context = Context(replace(still, ceiling_m=ceiling_m), vehicle, model)
+        return adopted_wrench(chosen, context, in_flight=True)
 
     near = disturbance(state.ceiling_m)
     if not np.isfinite(np.min(state.ceiling_m)):
