@@ -11,6 +11,7 @@ import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -69,6 +70,12 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--survey", metavar="BOX",
                    help="move the hold slowly through HEIGHT_MIN:HEIGHT_MAX[:WALL_MIN:WALL_MAX] metres and back, "
                    "to learn ground and wall from the recording; another mode or target ends it")  # fmt: skip
+    p.add_argument("--adapt", choices=("off", "gate", "full"), default="off",
+                   help="measure the sizes of the model's effects in flight; gate: only ever compensate less than the "
+                   "model says, full: also more, up to 1.5 of it")  # fmt: skip
+    p.add_argument("--save-model", type=Path, metavar="DIR",
+                   help="with --adapt: write the model with the sizes that were measured, the priors of its next "
+                   "flight")  # fmt: skip
     p.add_argument("--duration", type=float, metavar="S", help="stop after this many seconds")
     p.add_argument("--signing-key", type=Path, metavar="FILE", help="MAVLink 2 signing key: 32 bytes or 64 hex digits")
     p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's system id (default: the first heard)")
@@ -128,6 +135,8 @@ def _faults(a: argparse.Namespace) -> Iterator[tuple[bool, str]]:
     if a.record_limit is not None:
         refused = a.record is None or a.record_limit < 1
         yield refused, f"--record-limit {a.record_limit}: must be at least 1 MiB, and needs --record FOLDER"
+    unmeasured = a.save_model is not None and a.adapt == "off"
+    yield unmeasured, "--save-model: saves what --adapt gate or full has measured; give one of them"
     yield a.carrier == "acceleration" and not hold, "--carrier acceleration: works with --setpoint hold only"
     unfit = a.record is None or not hold or a.dry_run
     yield (
@@ -211,6 +220,10 @@ def _fly(a: argparse.Namespace) -> int:
             follow(narration, lambda text: None if a.quiet else print(text, file=sys.stderr, flush=True), flight.stop)
         interrupted = _run(flight)
         _report(a, flight)
+        if a.save_model is not None:
+            from companion.adaptation.saved import save_sizes
+
+            save_sizes(a.save_model, config.model, flight.summary.adaptation, _flown(a, recorder))
         if flight.unheard is not None:
             print(f"companion: {a.connect}: {flight.unheard}", file=sys.stderr)
             return _INTERRUPTED if interrupted else LinkError.exit_code
@@ -219,6 +232,7 @@ def _fly(a: argparse.Namespace) -> int:
 
 def _flight_config(a: argparse.Namespace) -> tuple[PipelineConfig, list[str]]:
     """What does not change during the flight, and what is to be said about vehicle and model."""
+    from companion.adaptation.options import Adapt
     from companion.config import Base, Carrier, PipelineConfig
     from companion.control.survey_box import read_box
     from companion.vehicles import default_vehicle
@@ -236,6 +250,7 @@ def _flight_config(a: argparse.Namespace) -> tuple[PipelineConfig, list[str]]:
         dry_run=a.dry_run,
         offsets=not a.no_offsets,
         survey=None if a.survey is None else read_box(a.survey),
+        adapt=Adapt(a.adapt),
     )
     notes = [chosen.note] if chosen.note else []
     return config, [*notes, *(f"{a.vehicle}: {w}" for w in warnings(vehicle))]
@@ -294,6 +309,13 @@ def _recorder(a: argparse.Namespace, stack: ExitStack) -> Recorder | None:
         most = a.record_limit << 20  # MiB
         limits = RecordLimits(file_bytes=min(most // 4, RecordLimits.file_bytes), folder_bytes=most)
     return stack.enter_context(Recorder(a.record, limits))
+
+
+def _flown(a: argparse.Namespace, recorder: Recorder | None) -> list[str]:
+    """What this flight is called: its recording, or when it was flown and by which link."""
+    if recorder is not None and recorder.files:
+        return [path.name for path in recorder.files]
+    return [f"{a.connect}, {datetime.now(UTC).strftime('%Y-%m-%dT%H:%M:%SZ')}"]
 
 
 def _report(a: argparse.Namespace, flight: Flight) -> None:

@@ -9,6 +9,7 @@ import math
 from dataclasses import dataclass, field
 from enum import Enum
 
+from companion.adaptation.options import Adapt, AdaptTuning
 from companion.control.survey_box import SurveyBox
 from companion.estimation.kalman import TrackModel
 from models.surrogate.fan_surrogate import FanSurrogate
@@ -209,6 +210,9 @@ class PipelineConfig:
     """False flies the bare hold: for comparison only."""
     survey: SurveyBox | None = None
     """The hold is moved through this box once it flies."""
+    adapt: Adapt = Adapt.OFF
+    """What the sizes measured in flight do to the offsets."""
+    adapt_tuning: AdaptTuning = field(default_factory=AdaptTuning)
 
     @property
     def damping_1_s(self) -> float:

@@ -11,6 +11,7 @@ import math
 
 import numpy as np
 
+from companion.adaptation import adapt
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control import attitude_response, engagement, hover_thrust, swing_detector
 from companion.control.authority import HOLDS_BACK_EVERYTHING, Notice, Reason, fade
@@ -36,6 +37,7 @@ from companion.mavlink.samples import (
     EscHealth,
     EstimatorStatus,
     Heartbeat,
+    Imu,
     LandedState,
     LocalPosition,
     Parameter,
@@ -69,7 +71,7 @@ _OTHER_LAG = 0.15
 
 def initial_state(config: PipelineConfig) -> PipelineState:
     """Nothing heard yet."""
-    return PipelineState(blank_estimates(config.vehicle))
+    return PipelineState(blank_estimates(config.vehicle), adaptation=adapt.initial(config))
 
 
 def stopped(state: PipelineState) -> PipelineState:
@@ -158,6 +160,8 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
             return replace(state, t_s=now, estimates=est.take_health(estimates, sample))
         case AttitudeTarget():
             return replace(_learn_hover(state, sample, config), t_s=now)
+        case Imu() if state.adaptation is not None:
+            return replace(state, adaptation=adapt.hear(state, sample, config))
         case LandedState():
             return replace(state, t_s=now, landed_state=sample.landed_state)
         case _:
@@ -278,7 +282,17 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
         state = replace(state, parting=None)
     tuned = state.tuned if config.base is Base.HOLD else None
     return state, Decision(
-        t_s, command, reasons, state.authority, applied, base, state.disturbance, late_s, tuned, state.notice
+        t_s,
+        command,
+        reasons,
+        state.authority,
+        applied,
+        base,
+        state.disturbance,
+        late_s,
+        tuned,
+        state.notice,
+        state.adaptation,
     )
 
 
@@ -340,7 +354,8 @@ def _renew_disturbance(state: PipelineState, t_s: float, config: PipelineConfig)
     if rotors is None or rotation is None:
         return replace(state, disturbance=None, disturbance_s=t_s)
     damping = config.damping_1_s if state.tuned is None else state.tuned.gains.velocity_1_s
-    disturbance = modelled_disturbance(state.estimates, config, rotors, rotation, t_s, damping)
+    shares = None if state.adaptation is None else state.adaptation.shares
+    disturbance = modelled_disturbance(state.estimates, config, rotors, rotation, t_s, damping, shares)
     share = state.lift_share
     if t_s - state.airborne_since_s >= config.tuning.airborne_after_s:
         now = disturbance.free_lift_n / (config.vehicle.mass_kg * GRAVITY)

@@ -48,6 +48,11 @@ def parser() -> argparse.ArgumentParser:
         "--setpoint", choices=("hold", "upstream"), default="hold",
         help="decide at every attitude (hold) or at every recorded SET_ATTITUDE_TARGET (upstream)",
     )  # fmt: skip
+    run.add_argument(
+        "--adapt", choices=("off", "gate", "full"), default="off",
+        help="measure the sizes of the model's effects as the flight program does: what would have been learned",
+    )  # fmt: skip
+    run.add_argument("--save-model", type=Path, metavar="DIR", help="with --adapt: write the model with these sizes")
     run.add_argument("--survey", metavar="BOX", help="the box of a recorded companion --survey")
     run.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
     run.add_argument(
@@ -89,8 +94,13 @@ def _run(a: argparse.Namespace) -> int:
         from replay.fleet.folder import run_folder
         from replay.fleet.jobs import Kind
 
-        return run_folder(a, a.log, Kind.RUN, setpoint=a.setpoint, assumed=assumed)
+        if a.save_model is not None:
+            raise ConfigError("--save-model: is of one log; name the log")
+        return run_folder(a, a.log, Kind.RUN, setpoint=a.setpoint, assumed=assumed, adapt=a.adapt)
+    if a.save_model is not None and a.adapt == "off":
+        raise ConfigError("--save-model: saves what --adapt gate or full has measured; give one of them")
     # Imported here so that --help answers at once.
+    from companion.adaptation.options import Adapt
     from companion.config import Base, PipelineConfig
     from companion.control.survey_box import read_box
     from companion.vehicles import default_vehicle
@@ -108,6 +118,7 @@ def _run(a: argparse.Namespace) -> int:
         base=Base.HOLD if a.setpoint == "hold" else Base.UPSTREAM,
         dry_run=True,
         survey=None if a.survey is None else read_box(a.survey),
+        adapt=Adapt(a.adapt),
     )
     history = History()
     report = run(
@@ -119,6 +130,10 @@ def _run(a: argparse.Namespace) -> int:
         *(f"the model is of another fan than the vehicle file: {wrong}" for wrong in chosen.contradictions),
         *(f"vehicle file: {line}" for line in warnings(vehicle)),
     ]
+    if a.save_model is not None:
+        from companion.adaptation.saved import save_sizes
+
+        save_sizes(a.save_model, chosen.model, report.summary.adaptation, [a.log.name])
     if a.json is not None:
         write_json(report.as_json(), a.json)
     if a.report is not None:

@@ -8,16 +8,18 @@ from functools import lru_cache
 
 import numpy as np
 
+from companion.adaptation.parts import Parts, at_the_cg, split
+from companion.adaptation.sizes import effects_with_size
 from companion.config import PipelineConfig, Tuning
 from companion.estimation.air_state import air_state
 from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, fan_query, surface
 from models.air_state import AirState
 from models.effects import Context, adopted_wrench, corrected_state
 from models.evolve import replace
-from models.frames import Array
-from models.surrogate.fan_surrogate import Answer, FanSurrogate
+from models.frames import Array, corner_to_body
+from models.surrogate.fan_surrogate import AdoptedEffect, Answer, FanSurrogate
 from models.vehicle import Vehicle
-from models.vehicle_wrench import fan_rpm
+from models.vehicle_wrench import RPM_TO_RAD_S, fan_rpm
 
 _STIFFNESS_STEP_M = 0.02
 """Step of the difference quotient of a wall's pull: above the noise of a surrogate, below its e-fold of 0.1 m."""
@@ -41,12 +43,18 @@ class Disturbance:
     wall: Surface
     ceiling: Surface
     """Watched only where an adopted effect knows of ceilings."""
+    parts: Parts | None = None
+    """What adaptation measures by; None without it."""
 
 
 def modelled_disturbance(
-    estimates: Estimates, config: PipelineConfig, rotor_rpm: Array, rotation: Array, t_s: float, damping_1_s: float
-) -> Disturbance:
-    """Query the surrogate for every fan, at the two leads, in free air, and a little further from a wall."""
+    estimates: Estimates, config: PipelineConfig, rotor_rpm: Array, rotation: Array, t_s: float, damping_1_s: float,
+    shares: tuple[float, ...] | None = None,
+) -> Disturbance:  # fmt: skip
+    """Query the surrogate for every fan, at the two leads, in free air, and a little further from a wall.
+
+    ``shares`` of lift, pull, tilt and each adopted effect with a size; None: all as modelled, and no parts.
+    """
     vehicle, model, tuning = config.vehicle, config.model, config.tuning
     ground = surface(estimates, config, "ground", t_s)
     wall = surface(estimates, config, "wall", t_s)
@@ -66,11 +74,17 @@ def modelled_disturbance(
     free = model.free_air_now(rpm.tolist())
     total = _about_cg(vehicle, answer.wrench[0].tolist(), answer.wrench[1].tolist(), free, later.wall_bearing_rad)
     wrench = np.array(total) if adopted is None else np.array(total) + adopted
+    parts = None
+    if shares is not None:
+        effects = _adopted_parts(config, moved, damping_1_s) if model.effects else np.zeros((0, 6))
+        parts = _parts(vehicle, answer.wrench, np.array(free), later.wall_bearing_rad, effects, rpm)
+        wrench -= (1.0 - np.array(shares)) @ parts.ahead
     if vehicle.vanes:
         wrench[:3] += trim_reaction(vehicle) @ wrench[3:]
     gain = tuning.gain
     if wall.seen is Seen.SURFACE:
         pull = float(answer.wrench[1, :, 0].sum() - answer.wrench[2, :, 0].sum()) / _STIFFNESS_STEP_M
+        pull *= 1.0 if shares is None else shares[1]
         gain = _stable_gain(pull, vehicle, tuning, damping_1_s)
     near = [h < math.inf or d < math.inf for h, d in zip(soon.h_m.tolist(), soon.d_m.tolist(), strict=True)]
     trust = min([t for t, one in zip(answer.trust[0].tolist(), near, strict=True) if one], default=1.0)
@@ -84,6 +98,7 @@ def modelled_disturbance(
         ground=ground,
         wall=wall,
         ceiling=ceiling,
+        parts=parts,
     )
 
 
@@ -118,20 +133,47 @@ def _about_cg(vehicle: Vehicle, soon: Wrenches, later: Wrenches, free: Wrenches,
     return [fx, fy, fz, mx, my, mz]
 
 
+def _parts(vehicle: Vehicle, rows: Array, free: Array, bearing_rad: float, effects: Array, rpm: Array) -> Parts:
+    """The same wrench in parts, at this instant and at the leads; ``rows`` as queried (2 or 3, fans, 6)."""
+    now = rows[1] - free
+    ahead = now.copy()
+    ahead[:, 2] = rows[0, :, 2] - free[:, 2]
+    ahead_at_fans = corner_to_body(ahead, bearing_rad)
+    alone = at_the_cg(vehicle, corner_to_body(free, bearing_rad))
+    return Parts(
+        now=np.concatenate([split(vehicle, corner_to_body(now, bearing_rad)), alone[None], effects]),
+        ahead=np.concatenate([split(vehicle, ahead_at_fans), effects]),
+        fan_lift_n=rows[1][:, 2].copy(),
+        tip_m_s=float(rpm.mean()) * RPM_TO_RAD_S * vehicle.rotor_radius_m,
+    )
+
+
+def _adopted_parts(config: PipelineConfig, state: AirState, damping_1_s: float) -> Array:
+    """Wrench (k, 6) of every adopted effect that has a size."""
+    model = config.model
+    return np.array(
+        [
+            adopted_disturbance(model, state, config.vehicle, config.tuning, damping_1_s, (model.effects[k],))
+            for k in effects_with_size(model)
+        ]
+    ).reshape(-1, 6)
+
+
 def adopted_disturbance(
-    model: FanSurrogate, state: AirState, vehicle: Vehicle, tuning: Tuning, damping_1_s: float
-) -> Array:
+    model: FanSurrogate, state: AirState, vehicle: Vehicle, tuning: Tuning, damping_1_s: float,
+    effects: tuple[AdoptedEffect, ...] | None = None,
+) -> Array:  # fmt: skip
     """Wrench (6,) of the adopted effects, with a ceiling's pull no stronger than delay allows.
 
     As if the vehicle stood still in the air's own motion: drag on its own velocity damps the loop, and feeding it
-    forward would take that damping away.
+    forward would take that damping away. ``effects``: only these of the model's.
     """
+    chosen = model.effects if effects is None else effects
     still = replace(state, velocity_ned=np.zeros(3), rates=np.zeros(3))
 
     def disturbance(ceiling_m: Array) -> Array:
-        return adopted_wrench(
-            model.effects, Context(replace(still, ceiling_m=ceiling_m), vehicle, model), in_flight=True
-        )
+        context = Context(replace(still, ceiling_m=ceiling_m), vehicle, model)
+        return adopted_wrench(chosen, context, in_flight=True)
 
     near = disturbance(state.ceiling_m)
     if not np.isfinite(np.min(state.ceiling_m)):

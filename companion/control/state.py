@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 from companion.control.attitude_response import AttitudeResponse
 from companion.control.authority import Notice, Reason
@@ -20,6 +21,9 @@ from companion.control.swing_detector import SwingDetector
 from companion.estimation.estimator import Estimates
 from companion.mavlink.samples import Heartbeat, SetAttitudeTarget
 from companion.mavlink.setpoints import Command
+
+if TYPE_CHECKING:
+    from companion.adaptation.adapt import Adaptation
 
 _NO_BALANCE, _NO_RESPONSE = Balance(), AttitudeResponse()
 
@@ -72,6 +76,8 @@ class PipelineState:
     stopping: bool = False
     notice: tuple[Notice, float] | None = None
     """The newest notice and its time."""
+    adaptation: Adaptation | None = None
+    """The sizes measured in flight; None where nothing is to be measured."""
 
 
 @dataclass(frozen=True)
@@ -91,3 +97,5 @@ class Decision:
     tuned: HoldTuning | None = None
     """Gains of the hold and their margin; None for an upstream controller."""
     notice: tuple[Notice, float] | None = None
+    adaptation: Adaptation | None = None
+    """The sizes measured so far."""

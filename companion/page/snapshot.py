@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from companion.adaptation.adapt import Adaptation
 from companion.config import PipelineConfig
 from companion.control.state import Decision, PipelineState
 from companion.estimation.estimator import Surface
@@ -37,6 +38,7 @@ def snapshot(
         "rpm": [None if track is None else round(track.value) for track in state.estimates.rotors],
         "rates": _rates(streams, now_s),
         "air": None,
+        "sizes": None if decision.adaptation is None else _sizes(decision.adaptation),
     }
     if disturbance is not None:
         out["air"] = {
@@ -47,6 +49,16 @@ def snapshot(
             "fans": _fans(disturbance.wall, state.estimates.rotation, config, disturbance.h_m, disturbance.d_m),
         }
     return out
+
+
+def _sizes(known: Adaptation) -> dict[str, Any]:
+    """Why nothing is learned now (None: it is), and rows of name, value, sd, unit, share compensated or None."""
+    shares = known.share_by_name()
+    rows = [
+        [name.replace("_", " "), _number(e.value), _number(e.sd), "" if e.unit == "1" else e.unit, shares.get(name)]
+        for name, e in known.told().items()
+    ]
+    return {"paused": None if known.paused is None else known.paused.value, "rows": rows}
 
 
 def _number(value: float, digits: int = 3) -> float | None:

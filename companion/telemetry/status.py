@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from companion.adaptation import words
 from companion.control.authority import Notice, Reason
 from companion.estimation.estimator import Seen
 from companion.mavlink.firmware import advice, mode_name, stack_of
@@ -46,6 +47,8 @@ def named_values(decision: Decision) -> Iterator[tuple[str, float]]:
         yield "cc_lift", -float(disturbance.wrench[2])
         yield "cc_side", float(np.hypot(disturbance.wrench[0], disturbance.wrench[1]))
         yield "cc_trust", disturbance.trust
+    if decision.adaptation is not None:
+        yield from words.named_values(decision.adaptation)
 
 
 def _finite(value: float) -> float:
@@ -65,6 +68,8 @@ class StatusReporter:
         self._advised = self._led = False
         self._noticed: tuple[Notice, float] | None = None
         self._number = 0
+        self._shares: dict[str, float] = {}
+        """What was last told of a channel's share."""
 
     def messages(self, mav: Any, state: PipelineState, decision: Decision) -> Iterator[tuple[Any, str | None]]:
         """(MAVLink message, its text for stderr or None) due at this decision."""
@@ -79,6 +84,10 @@ class StatusReporter:
         if decision.notice is not None and decision.notice != self._noticed:
             self._noticed = decision.notice
             yield from self.tell(mav, f"companion: {decision.notice[0].value}")
+        if decision.adaptation is not None:
+            for size, share, sentence in words.sentences(decision.adaptation, self._shares):
+                self._shares[size] = share
+                yield from self.tell(mav, f"companion: {sentence}")
         if decision.command is not None and state.hold is not None and not self._led:
             self._led = True
             yield from self.tell(mav, "companion: holding; position targets to component 191 move it", warning=False)

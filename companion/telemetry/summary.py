@@ -6,6 +6,7 @@ import math
 from collections import defaultdict
 from typing import Any
 
+from companion.adaptation.adapt import Adaptation
 from companion.control.authority import Notice, Reason
 from companion.control.plant import HoldTuning, Margin
 from companion.pipeline import Decision
@@ -34,6 +35,8 @@ class Summary:
         self._least_margin: Margin | None = None
         self.notices: dict[Notice, int] = {}
         self._noticed: tuple[Notice, float] | None = None
+        self.adaptation: Adaptation | None = None
+        """The newest."""
         self._low, self._high = [math.inf] * 8, [-math.inf] * 8
         self._sum, self._count = [0.0] * 8, [0] * 8
 
@@ -54,6 +57,7 @@ class Summary:
         if decision.reasons:
             self._gravest[min(decision.reasons, key=_ORDER.__getitem__)] += dt
         self._add_margin(decision)
+        self.adaptation = decision.adaptation
         for i, value in enumerate(_shown(decision)):
             if math.isfinite(value):
                 self._low[i], self._high[i] = min(self._low[i], value), max(self._high[i], value)
@@ -110,6 +114,7 @@ class Summary:
             "margin": self._margin_as_json(),
             "notices": {notice.name.lower(): count for notice, count in self.notices.items()},
             **ranges,
+            **({} if self.adaptation is None else {"adapted": self.adaptation.as_json()}),
         }
 
     def refusals(self) -> list[tuple[Reason, float]]:
@@ -136,7 +141,19 @@ class Summary:
         for name, numbers in self.as_json().items():
             if isinstance(numbers, dict) and "mean" in numbers:
                 out.append(f"  {name:<10} {numbers['min']:+8.3f} {numbers['mean']:+8.3f} {numbers['max']:+8.3f}")
+        if self.adaptation is not None:
+            out += adapted_text(self.adaptation)
         return "\n".join(out)
+
+
+def adapted_text(known: Adaptation) -> list[str]:
+    """A line for each size: value, sd, unit, and the share of the model that is compensated by it."""
+    shares = known.share_by_name()
+    out = [f"  sizes, measured over {known.seconds:.0f} s of flight:"]
+    for name, e in known.told().items():
+        told = f", compensated {shares[name]:.2f}" if name in shares else ""
+        out.append(f"  {name:<16} {e.value:+8.3f} +- {e.sd:.3f} {'' if e.unit == '1' else e.unit}{told}".rstrip())
+    return out
 
 
 def _shown(decision: Decision) -> tuple[float, ...]:

@@ -38,6 +38,7 @@ class Job:
     seed: int = 0
     setpoint: str = "hold"
     assumed: tuple[tuple[str, float], ...] = ()
+    adapt: str = "off"
 
     def key(self) -> str:
         """Changes with log, vehicle file, model, options and program: an old answer is then void."""
@@ -83,11 +84,12 @@ def _answer(job: Job) -> dict[str, Any]:
         model = None if chosen.name == NONE else chosen.model
         answer = diagnose([Path(job.path)], vehicle, model, target_system=job.target_system, seed=job.seed)
         return {"vehicle": vehicle.name, **answer.as_json(None)}
+    from companion.adaptation.options import Adapt
     from companion.config import Base, PipelineConfig
     from replay.rerun.report import run
 
     base = Base.HOLD if job.setpoint == "hold" else Base.UPSTREAM
-    config = PipelineConfig(vehicle=vehicle, model=chosen.model, base=base, dry_run=True)
+    config = PipelineConfig(vehicle=vehicle, model=chosen.model, base=base, dry_run=True, adapt=Adapt(job.adapt))
     return run(Path(job.path), config, chosen.name, job.target_system, dict(job.assumed)).as_json()
 
 

@@ -12,6 +12,7 @@ from companion.mavlink.samples import (
     AttitudeTarget,
     Battery,
     Heartbeat,
+    Imu,
     LandedState,
     LocalPosition,
     Parameter,
@@ -21,7 +22,7 @@ from companion.mavlink.samples import (
     ServoOutput,
     SetAttitudeTarget,
 )
-from replay.flightlog import Beam, EscRecord, FlightLog, Interval, Series
+from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, Series
 
 _COMPONENT = 1
 """Component of an autopilot (MAV_COMP_ID_AUTOPILOT1)."""
@@ -39,6 +40,7 @@ def samples_of(log: FlightLog) -> Iterator[Sample]:
     streams += [_speeds(number, esc, head) for number, esc in log.escs.items()]
     streams += [_servos(port, series, head) for port, series in log.servo_ports.items()]
     streams += [_batteries(log.battery, head), _targets(log, head), _commands(log, head), _landed(log, head)]
+    streams += [_imu(one, head) for one in log.imus[:1]]
     yield from _parameters(log, head)
     yield from heapq.merge(*streams, key=lambda sample: sample.t_s)
 
@@ -49,6 +51,14 @@ Head = tuple[int, int]
 def _rows(series: Series | None) -> Iterator[tuple[float, list[float]]]:
     if series is not None:
         yield from zip(series.t_s.tolist(), series.values.tolist(), strict=True)
+
+
+def _imu(imu: ImuRecord, head: Head) -> Iterator[Sample]:
+    """The first accelerometer; its gyro is taken where it was sampled with it."""
+    force = imu.specific_force
+    gyro = imu.gyro.at(force.t_s) if len(imu.gyro) else np.full((len(force), 3), np.nan)
+    for (t, (x, y, z)), (p, q, r) in zip(_rows(force), gyro.tolist(), strict=True):
+        yield Imu(t, *head, (x, y, z), (p, q, r), imu.source)
 
 
 def _parameters(log: FlightLog, head: Head) -> Iterator[Sample]:

@@ -1,0 +1,189 @@
+"""One sample of the accelerometer on: block, residual, filter, shares. Pure; plain data in, plain data out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from companion.adaptation import residual as block_of
+from companion.adaptation.apply import towards, wanted_shares
+from companion.adaptation.filter import expected, later, update
+from companion.adaptation.gates import Pause, pause
+from companion.adaptation.options import Adapt, AdaptTuning
+from companion.adaptation.sizes import Estimate, Size, Sizes, channels, prior, size_table, told
+from companion.config import PipelineConfig
+from companion.control.state import PipelineState
+from companion.mavlink.samples import Imu
+from models.evolve import replace
+from models.frames import GRAVITY, Array
+from models.vehicle import Vehicle
+
+_SOURCE_SILENT_S = 1.0
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What an axis' residual scatters by from one block to the next: variance (5,), and the newest innovations (5,)."""
+
+    variance: Array
+    innovation: Array | None = None
+
+
+@dataclass(frozen=True)
+class Adaptation:
+    """All that is remembered of sizes. ``shares``: of lift, pull, tilt and every adopted effect with a size."""
+
+    table: tuple[Size, ...]
+    sizes: Sizes
+    shares: tuple[float, ...]
+    noise: Noise
+    learned: tuple[bool, ...]
+    """Whether a channel was ever excited."""
+    block: block_of.Block | None = None
+    modelled: Array | None = None
+    """(5,): of the newest block."""
+    source: str = ""
+    """The accelerometer that is listened to: the first that speaks."""
+    heard_s: float = -math.inf
+    paused: Pause | None = Pause.NO_IMU
+    paused_s: float = -math.inf
+    """When a reason not to learn last held."""
+    updated_s: float = -math.inf
+    blocks: int = 0
+    """How many blocks were learned from."""
+
+    def told(self) -> dict[str, Estimate]:
+        """Every size by its name."""
+        return told(self.table, self.sizes)
+
+    @property
+    def seconds(self) -> float:
+        """Time of flight that was learned from."""
+        return self.blocks * AdaptTuning().block_s
+
+    def share_by_name(self) -> dict[str, float]:
+        """The share of the model's wrench that is compensated, by the size it follows."""
+        return {self.table[k].name: share for k, share in zip(channels(self.table), self.shares, strict=True)}
+
+    def as_json(self) -> dict[str, Any]:
+        """``{name: {"value", "sd", "unit"}}``."""
+        return {
+            name: {"value": round(e.value, 4), "sd": round(e.sd, 4), "unit": e.unit} for name, e in self.told().items()
+        }
+
+
+def initial(config: PipelineConfig) -> Adaptation | None:
+    """Before the first sample; None where nothing is to be learned."""
+    if config.adapt is Adapt.OFF:
+        return None
+    table = size_table(config.vehicle, config.model, config.adapt_tuning)
+    places = channels(table)
+    saved: Mapping[str, Any] = getattr(config.model, "info", {}).get("sizes", {})
+    floor = floors(config.vehicle, config.adapt_tuning)
+    state = Adaptation(
+        table, prior(table), (1.0,) * len(places), Noise(floor), tuple(table[k].name in saved for k in places)
+    )
+    return replace(state, shares=_wanted(state, config))
+
+
+def floors(vehicle: Vehicle, tuning: AdaptTuning) -> Array:
+    """Least variance of a block (5,)."""
+    weight = vehicle.mass_kg * GRAVITY
+    lever = max(float(np.abs(vehicle.fan_positions_m).max()), vehicle.rotor_radius_m)
+    force, moment = tuning.force_floor * weight, tuning.moment_floor * weight * lever
+    out: Array = np.array([force, force, force, moment, moment]) ** 2
+    return out
+
+
+def hear(state: PipelineState, imu: Imu, config: PipelineConfig) -> Adaptation | None:
+    """The adaptation one sample of an accelerometer on."""
+    known = state.adaptation
+    if known is None:
+        return None
+    if imu.source != known.source:
+        if imu.t_s - known.heard_s < _SOURCE_SILENT_S:
+            return known
+        known = replace(known, source=imu.source, block=None)
+    known = replace(known, heard_s=imu.t_s)
+    why, tuning = pause(state, imu, config), config.adapt_tuning
+    if why is not None:
+        return replace(known, paused=why, paused_s=imu.t_s, block=None, noise=Noise(known.noise.variance))
+    if imu.t_s - known.paused_s < tuning.pause_s:
+        return known
+    block = known.block
+    if block is None or not 0.0 < imu.t_s - block.end_s <= tuning.imu_gap_s:
+        repeated = block is not None and imu.t_s == block.end_s
+        return known if repeated else replace(known, paused=None, block=block_of.begin(imu))
+    disturbance, position, servo = state.disturbance, state.estimates.position, state.estimates.servo
+    assert disturbance is not None
+    assert disturbance.parts is not None
+    assert position is not None
+    vanes: tuple[float, ...] = ()
+    if config.vehicle.vanes:
+        silent = (math.nan,) * 16
+        vanes = block_of.deflections(config.vehicle, silent if servo is None else servo.pwm_us)
+    block = block_of.add(block, imu, disturbance.parts, position.velocity_ned, vanes, tuning.imu_lag_s)
+    if block.end_s - block.start_s < tuning.block_s - 1e-6:
+        return replace(known, block=block, paused=None)
+    learned = known if block.samples < tuning.least_samples else _learn(known, block, state, config)
+    return replace(learned, block=block_of.follow(block), paused=None)
+
+
+def _learn(known: Adaptation, block: block_of.Block, state: PipelineState, config: PipelineConfig) -> Adaptation:
+    """Take in a full block."""
+    tuning, table, rotation = config.adapt_tuning, known.table, state.estimates.rotation
+    assert rotation is not None
+    seen = block_of.see(block, config.vehicle, rotation, len(table))
+    seconds = block.end_s - (known.updated_s if known.updated_s > -math.inf else block.start_s)
+    sizes = later(table, known.sizes, max(seconds, 0.0))
+    changed = 0.0 if known.modelled is None else seen.modelled - known.modelled
+    doubt = (tuning.lag_doubt_s / tuning.block_s * changed) ** 2
+    variance = tuning.alike * known.noise.variance + doubt
+    innovation = np.array([r - expected(sizes, row) for r, row in zip(seen.residual, seen.regressors, strict=True)])
+    for axis in range(block_of.AXES):
+        sizes = update(
+            table, sizes, float(seen.residual[axis]), seen.regressors[axis], float(variance[axis]),
+            excited=tuning.excited, robust_sigmas=tuning.robust_sigmas,
+        )  # fmt: skip
+    known = replace(
+        known,
+        sizes=sizes,
+        noise=_noise(known.noise, innovation, config),
+        modelled=seen.modelled,
+        updated_s=block.end_s,
+        blocks=known.blocks + 1,
+        learned=_learned(known, sizes),
+    )
+    return replace(known, shares=towards(known.shares, _wanted(known, config), tuning.block_s, tuning))
+
+
+def _noise(noise: Noise, innovation: Array, config: PipelineConfig) -> Noise:
+    """Half the mean square of differences between neighbours (von Neumann 1941, Ann. Math. Statist. 12, 367): what a
+    size is still wrong by is in both and does not count."""
+    tuning = config.adapt_tuning
+    if noise.innovation is None:
+        return Noise(noise.variance, innovation)
+    change = innovation - noise.innovation
+    share = tuning.block_s / tuning.noise_mean_s
+    fresh = np.where(np.isfinite(change), 0.5 * change * change, noise.variance)
+    variance = np.maximum(noise.variance + share * (fresh - noise.variance), floors(config.vehicle, tuning))
+    return Noise(variance, innovation)
+
+
+def _learned(known: Adaptation, sizes: Sizes) -> tuple[bool, ...]:
+    """A channel is measured once its sd is clearly less than the prior's."""
+    places = channels(known.table)
+    return tuple(
+        before or sizes.sd(k) < 0.9 * known.table[k].sd for before, k in zip(known.learned, places, strict=True)
+    )
+
+
+def _wanted(known: Adaptation, config: PipelineConfig) -> tuple[float, ...]:
+    places = channels(known.table)
+    values = [known.table[k].as_modelled + float(known.sizes.offset[k]) for k in places]
+    sds = [known.sizes.sd(k) for k in places]
+    return wanted_shares(config.adapt, values, sds, known.learned, config.adapt_tuning)

@@ -1,0 +1,77 @@
+"""When nothing may be learned: the wrench that is measured is then not only that of the air and of the vehicle."""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+
+from companion.adaptation.options import AdaptTuning
+from companion.config import PipelineConfig
+from companion.control.disturbance import Disturbance
+from companion.control.state import PipelineState
+from companion.mavlink.samples import Imu
+
+_TAKING_OFF, _LANDING = 3, 4
+"""MAV_LANDED_STATE."""
+
+
+class Pause(Enum):
+    """Why nothing is learned now; the value is what the pilot reads."""
+
+    NO_IMU = "no accelerometer"
+    NO_ROTORS = "rotor speeds missing or old"
+    STALE = "attitude or position old"
+    NOT_FLYING = "not flying, or taking off or landing"
+    SURFACE_UNKNOWN = "a range is not believed"
+    SURFACE_STEP = "ground or wall jumped"
+    CONTACT = "so near that it may touch"
+    OUTSIDE = "outside the data of the model"
+    TILTED = "tilted beyond 30 degrees"
+    CLIPPED = "bump, or accelerometer clipped"
+    EXTERNAL = "a force that is neither the rotors' nor the air's: held or touched"
+
+
+def pause(state: PipelineState, imu: Imu, config: PipelineConfig) -> Pause | None:
+    """The reason not to learn from this sample of the accelerometer."""
+    tuning, estimates, now = config.adapt_tuning, state.estimates, imu.t_s
+    disturbance, attitude, position = state.disturbance, estimates.attitude, estimates.position
+    if disturbance is None or disturbance.parts is None:
+        return Pause.NO_ROTORS
+    if attitude is None or position is None or now - state.disturbance_s > config.tuning.attitude_age_s:
+        return Pause.STALE
+    old_attitude = now - attitude.t_s > config.tuning.attitude_age_s
+    if old_attitude or now - position.t_s > config.tuning.position_age_s or not estimates.trust.trusted:
+        return Pause.STALE
+    if not math.isfinite(sum(imu.specific_force_frd)):
+        return Pause.NO_IMU
+    rotation = estimates.rotation
+    if now - state.airborne_since_s < tuning.airborne_s or state.landed_state in (_TAKING_OFF, _LANDING):
+        return Pause.NOT_FLYING
+    if rotation is None or rotation[2, 2] < tuning.tilt_cos:
+        return Pause.TILTED
+    return _surroundings(disturbance, config, tuning, now) or _pushed(disturbance, imu, config, tuning)
+
+
+def _surroundings(disturbance: Disturbance, config: PipelineConfig, tuning: AdaptTuning, now_s: float) -> Pause | None:
+    for surface in (disturbance.ground, disturbance.wall, disturbance.ceiling):
+        if not surface.known:
+            return Pause.SURFACE_UNKNOWN
+        if now_s - surface.stepped_s < config.tuning.surface_step_s:
+            return Pause.SURFACE_STEP
+    radius = config.vehicle.rotor_radius_m
+    if min(disturbance.h_m.tolist()) < tuning.near_ground_radii * radius:
+        return Pause.CONTACT
+    if min(disturbance.d_m.tolist()) < tuning.near_wall_m:
+        return Pause.CONTACT
+    return Pause.OUTSIDE if disturbance.trust <= 0.0 else None
+
+
+def _pushed(disturbance: Disturbance, imu: Imu, config: PipelineConfig, tuning: AdaptTuning) -> Pause | None:
+    if max(map(abs, imu.specific_force_frd)) > tuning.clipped_m_s2:
+        return Pause.CLIPPED
+    assert disturbance.parts is not None
+    weight, mass = config.vehicle.mass_kg * 9.80665, config.vehicle.mass_kg
+    modelled = float(disturbance.parts.now[:, 2].sum())
+    if abs(mass * imu.specific_force_frd[2] - modelled) > tuning.external_share * weight:
+        return Pause.EXTERNAL
+    return None

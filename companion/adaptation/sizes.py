@@ -1,0 +1,148 @@
+"""The named sizes: what each is, its prior, and what is believed of all of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from companion.adaptation.options import AdaptTuning
+from models.effects import get
+from models.errors import ModelError
+from models.frames import Array
+from models.surrogate.fan_surrogate import FanSurrogate
+from models.vehicle import Vehicle
+
+GAINS = ("ground_lift", "wall_pull", "wall_tilt")
+"""Gains on what the surrogate says of ground and wall: its vertical forces, its level forces, its moments."""
+LIFT, PULL, TILT, THRUST, NORTH, EAST, CG_X, CG_Y, DRAG, DRAG_ARM, INFLOW = range(11)
+"""Places of the sizes that every vehicle has; those of adopted effects come after."""
+FIRST_EFFECT = 11
+_MEASURED_BY_OTHERS = frozenset(
+    {"thrust_scale", "payload", "air_density", "battery_sag", "thermal_derating", "wind", "rotor_drag", "body_drag",
+     "cg_offset", "fan_imbalance", "vertical_inflow", "thrust_curve", "range_offset"}
+)  # fmt: skip
+"""Adopted effects without a size of their own: what they are wrong by is measured as one of the eleven."""
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """One named size: the value at which everything is as modelled, its prior, how fast it may change, its bounds.
+
+    ``per_minute``: standard deviation of its change within a minute.
+    """
+
+    name: str
+    unit: str
+    as_modelled: float
+    mean: float
+    sd: float
+    per_minute: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """What is believed: ``offset`` (n,) from the values as modelled, ``covariance`` (n, n). Never changed in place."""
+
+    offset: Array
+    covariance: Array
+
+    def sd(self, index: int) -> float:
+        """Standard deviation of one size."""
+        return math.sqrt(max(float(self.covariance[index, index]), 0.0))
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One size as it is told."""
+
+    value: float
+    sd: float
+    unit: str
+
+
+def channels(table: tuple[Size, ...]) -> tuple[int, ...]:
+    """Places of the sizes by which something is compensated: the three gains and the adopted effects."""
+    return (*range(len(GAINS)), *range(FIRST_EFFECT, len(table)))
+
+
+def effects_with_size(model: FanSurrogate) -> tuple[int, ...]:
+    """Places in ``model.effects`` of the adopted effects that have a size of their own."""
+    return tuple(k for k, e in enumerate(getattr(model, "effects", ())) if e.name not in _MEASURED_BY_OTHERS)
+
+
+@lru_cache(maxsize=8)
+def size_table(vehicle: Vehicle, model: FanSurrogate, tuning: AdaptTuning) -> tuple[Size, ...]:
+    """Every size of this vehicle and model, with the priors of the catalogue, or of the flights saved with the model.
+
+    A gain's prior is ``tuning.heavy`` and the model's own scatter; its change per minute lets it follow a law whose
+    form is wrong from place to place.
+    """
+    lever = max(float(np.abs(vehicle.fan_positions_m).max()), vehicle.rotor_radius_m)
+    table = [
+        Size(name, "1", 1.0, 1.0, math.hypot(tuning.heavy, scatter), 0.15, -2.0, 4.0)
+        for name, scatter in zip(GAINS, _scatter(model), strict=True)
+    ]
+    scale = 0.15 if vehicle.telemetered else 0.06
+    table += [
+        Size("thrust_scale", "1", 1.0, 1.0, scale, 0.02, 0.4, 1.6),
+        Size("wind_north", "m/s", 0.0, 0.0, 4.0, 1.0, -25.0, 25.0),
+        Size("wind_east", "m/s", 0.0, 0.0, 4.0, 1.0, -25.0, 25.0),
+        Size("cg_offset_x", "m", 0.0, 0.0, 0.05 * lever, 0.005 * lever, -0.3 * lever, 0.3 * lever),
+        Size("cg_offset_y", "m", 0.0, 0.0, 0.05 * lever, 0.005 * lever, -0.3 * lever, 0.3 * lever),
+        Size("rotor_drag", "1", 0.0, 0.7, 0.7, 0.1, -1.0, 6.0),
+        Size("drag_above", "rotor radii", 0.0, 0.5, 0.7, 0.1, -3.0, 6.0),
+        Size("vertical_inflow", "1", 0.0, 4.0, 2.5, 0.5, -5.0, 20.0),
+    ]
+    for k in effects_with_size(model):
+        name = model.effects[k].name
+        get(name)  # refuses what the catalogue does not know
+        table.append(Size(name, "1", 1.0, 1.0, tuning.heavy, 0.1, -2.0, 4.0))
+    saved = getattr(model, "info", {}).get("sizes", {})
+    return tuple(_with_saved(size, saved.get(size.name)) for size in table)
+
+
+def _scatter(model: FanSurrogate) -> tuple[float, float, float]:
+    """Unexplained share of the increments: of lift, level forces, moments. 0 where the model does not say."""
+    calibration = getattr(model, "calibration", None)
+    if calibration is None:
+        return 0.0, 0.0, 0.0
+    share = [min(f / s, 1.0) if s > 0.0 else 0.0 for f, s in zip(calibration.floor, calibration.size, strict=True)]
+    return share[2], max(share[0], share[1]), max(share[3], share[4])
+
+
+def _with_saved(size: Size, saved: Mapping[str, float] | None) -> Size:
+    """The prior after flights that were saved: their value, and their sd widened by a minute of another day."""
+    if saved is None:
+        return size
+    try:
+        value, sd = float(saved["value"]), float(saved["sd"])
+    except (KeyError, TypeError, ValueError):
+        value = sd = math.nan
+    if not (math.isfinite(value) and 0.0 <= sd < math.inf):
+        raise ModelError(f"model.json: key 'sizes.{size.name}' must have a finite value and sd; train or fly it again")
+    other_day = 4.0 if size.unit == "m/s" else 2.0 * size.per_minute
+    return Size(
+        size.name, size.unit, size.as_modelled, min(max(value, size.low), size.high),
+        min(math.hypot(sd, other_day), size.sd), size.per_minute, size.low, size.high,
+    )  # fmt: skip
+
+
+def prior(table: tuple[Size, ...]) -> Sizes:
+    """What is believed before any flight."""
+    return Sizes(
+        np.array([size.mean - size.as_modelled for size in table]), np.diag([size.sd * size.sd for size in table])
+    )
+
+
+def told(table: tuple[Size, ...], sizes: Sizes) -> dict[str, Estimate]:
+    """Every size by its name."""
+    return {
+        size.name: Estimate(size.as_modelled + float(sizes.offset[k]), sizes.sd(k), size.unit)
+        for k, size in enumerate(table)
+    }

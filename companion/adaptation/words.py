@@ -1,0 +1,50 @@
+"""What the pilot is told of the sizes: numbers for a ground station, a sentence where a model is contradicted."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from companion.adaptation.adapt import Adaptation
+from companion.adaptation.sizes import channels
+
+NAMED = (
+    ("ad_gnd", "ground_lift"),
+    ("ad_wall", "wall_pull"),
+    ("ad_tilt", "wall_tilt"),
+    ("ad_thr", "thrust_scale"),
+    ("ad_wn", "wind_north"),
+    ("ad_we", "wind_east"),
+)
+"""NAMED_VALUE_FLOAT and the size it tells."""
+_TELL, _SURE = 0.25, 2.0
+"""A share that moved by so much is told anew, once the size is so many standard deviations from the model's."""
+
+
+def named_values(known: Adaptation) -> Iterator[tuple[str, float]]:
+    """(name of at most 10 characters, value): gains and thrust scale, 1 as modelled; wind in m/s."""
+    sizes = known.told()
+    for name, size in NAMED:
+        yield name, sizes[size].value
+
+
+def sentences(known: Adaptation, told: dict[str, float]) -> Iterator[tuple[str, float, str]]:
+    """(size, share, sentence) of every channel whose share has left what was last ``told`` of it."""
+    for k, share, learned in zip(channels(known.table), known.shares, known.learned, strict=True):
+        size = known.table[k]
+        if not learned or abs(share - told.get(size.name, 1.0)) < _TELL:
+            continue
+        value, sd = size.as_modelled + float(known.sizes.offset[k]), known.sizes.sd(k)
+        back = abs(share - 1.0) < _TELL
+        if not back and abs(value - 1.0) < _SURE * sd:
+            continue
+        yield size.name, share, sentence(size.name, value, share)
+
+
+def sentence(name: str, value: float, share: float) -> str:
+    """``ground lift measured 0.2 of the model's: compensating with that``."""
+    what = f"{name.replace('_', ' ')} measured {value:.1f} of the model's"
+    if share < 0.05:
+        return f"{what}: not compensating it"
+    if value - share < 0.15:
+        return f"{what}: compensating with that"
+    return f"{what}: compensating with {share:.1f}"
