@@ -10,11 +10,15 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from models.errors import ConfigError, UserError
 from models.version import VersionAction
 from replay.fleet.options import add_options
+
+if TYPE_CHECKING:
+    from companion.config import PipelineConfig
+    from models.choice import Choice
 
 _INTERRUPTED = 130
 _COMMANDS = (
@@ -88,52 +92,24 @@ def _run(a: argparse.Namespace) -> int:
     if a.target_system is not None and not 1 <= a.target_system <= 255:
         raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
     if a.log.is_dir():
-        if a.survey is not None:
-            raise ConfigError("--survey: is of one log; name the log")
-        assumed = tuple(sorted(assumed_parameters(a.param).items()))
-        from replay.fleet.folder import run_folder
-        from replay.fleet.jobs import Kind
-
-        if a.save_model is not None:
-            raise ConfigError("--save-model: is of one log; name the log")
-        return run_folder(a, a.log, Kind.RUN, setpoint=a.setpoint, assumed=assumed, adapt=a.adapt)
+        return _run_folder(a)
     if a.save_model is not None and a.adapt == "off":
         raise ConfigError("--save-model: saves what --adapt gate or full has measured; give one of them")
     # Imported here so that --help answers at once.
-    from companion.adaptation.options import Adapt
-    from companion.config import Base, PipelineConfig
-    from companion.control.survey_box import read_box
-    from companion.vehicles import default_vehicle
-    from models.choice import choose
-    from models.vehicle import load_vehicle
-    from models.vehicle_plausibility import warnings
     from replay.rerun.history import History
     from replay.rerun.report import run
 
-    vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
-    chosen = choose(vehicle, a.model)
-    config = PipelineConfig(
-        vehicle=vehicle,
-        model=chosen.model,
-        base=Base.HOLD if a.setpoint == "hold" else Base.UPSTREAM,
-        dry_run=True,
-        survey=None if a.survey is None else read_box(a.survey),
-        adapt=Adapt(a.adapt),
-    )
+    config, chosen, notes = _run_config(a)
     history = History()
     report = run(
         a.log, config, chosen.name, a.target_system, assumed_parameters(a.param), quiet=a.quiet or a.json == "-",
         watch=iter if a.report is None else history.watch,
     )  # fmt: skip
-    report.notes[:0] = [
-        *([chosen.note] if chosen.note else []),
-        *(f"the model is of another fan than the vehicle file: {wrong}" for wrong in chosen.contradictions),
-        *(f"vehicle file: {line}" for line in warnings(vehicle)),
-    ]
+    report.notes[:0] = notes
     if a.save_model is not None:
         from companion.adaptation.saved import save_sizes
 
-        save_sizes(a.save_model, chosen.model, report.summary.adaptation, [a.log.name])
+        save_sizes(a.save_model, config.model, report.summary.adaptation, [a.log.name])
     if a.json is not None:
         write_json(report.as_json(), a.json)
     if a.report is not None:
@@ -145,6 +121,45 @@ def _run(a: argparse.Namespace) -> int:
         if a.report is not None:
             print(f"report: {written}")
     return 0
+
+
+def _run_folder(a: argparse.Namespace) -> int:
+    for option, value in (("--survey", a.survey), ("--save-model", a.save_model)):
+        if value is not None:
+            raise ConfigError(f"{option}: is of one log; name the log")
+    from replay.fleet.folder import run_folder
+    from replay.fleet.jobs import Kind
+
+    assumed = tuple(sorted(assumed_parameters(a.param).items()))
+    return run_folder(a, a.log, Kind.RUN, setpoint=a.setpoint, assumed=assumed, adapt=a.adapt)
+
+
+def _run_config(a: argparse.Namespace) -> tuple[PipelineConfig, Choice, list[str]]:
+    """What does not change over the log, the model that was chosen, and what is to be said about model and vehicle."""
+    from companion.adaptation.options import Adapt
+    from companion.config import Base, PipelineConfig
+    from companion.control.survey_box import read_box
+    from companion.vehicles import default_vehicle
+    from models.choice import choose
+    from models.vehicle import load_vehicle
+    from models.vehicle_plausibility import warnings
+
+    vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
+    chosen = choose(vehicle, a.model)
+    config = PipelineConfig(
+        vehicle=vehicle,
+        model=chosen.model,
+        base=Base.HOLD if a.setpoint == "hold" else Base.UPSTREAM,
+        dry_run=True,
+        survey=None if a.survey is None else read_box(a.survey),
+        adapt=Adapt(a.adapt),
+    )
+    notes = [
+        *([chosen.note] if chosen.note else []),
+        *(f"the model is of another fan than the vehicle file: {wrong}" for wrong in chosen.contradictions),
+        *(f"vehicle file: {line}" for line in warnings(vehicle)),
+    ]
+    return config, chosen, notes
 
 
 def assumed_parameters(pairs: Sequence[str]) -> dict[str, float]:
