@@ -17,6 +17,8 @@ from models.frames import GRAVITY, Array
 from replay.flightlog import Beam, ImuRecord, Interval, MessageCount, Series
 from replay.logs.tlog import outliers
 
+_NEVER_S = 1e10
+"""No clock of a vehicle shows this: 317 years."""
 _DAY_S = 86_400.0
 """No flight lasts a day: a stamp further from the median of its column is damaged."""
 _STRAY_US = 1_000_000
@@ -128,7 +130,7 @@ def tidy(t_s: Array, values: Array, source: str) -> Series | None:
 
 def believable(t_s: Array) -> Array:
     """Times (n,) with NaN where one cannot be true: a day off the middle, or a second off its neighbours' median."""
-    out = np.where(np.isfinite(t_s) & (t_s >= 0.0), t_s, np.nan)
+    out = np.where((t_s >= 0.0) & (t_s < _NEVER_S), t_s, np.nan)
     known = np.flatnonzero(~np.isnan(out))
     if not known.size:
         return out

@@ -1,38 +1,60 @@
 """Mutated MAVLink through the live decoder and the flight program, and mutated files through every log reader.
 
-``python tests/benchmarks/fuzz.py [--frames 1000000] [--files 2000] [--seed 0]``. Nothing may raise (readers: but for
-UserError), take longer than --hang seconds for one input, or keep memory. An input that fails is written to --keep.
+``python tests/benchmarks/fuzz.py [--frames 1000000] [--flight-frames 1000000] [--files 3000] [--seed 0]``
+
+Three stages:
+
+- decoder: frames of every message that is read, of any content and with a right checksum, run together into a stream;
+  in every other stream bytes are changed, cut out, inserted and repeated. Fed in pieces of any length.
+- flight: between the messages of a vehicle that hovers, their own payloads with some bytes changed, frames of any
+  content, and damaged ones, all through ``step``. Setpoints that come out must be sound.
+- files: small logs of each format with damage all over, through the reader of their suffix.
+
+Nothing may raise (readers: but for UserError), warn, take longer than --hang seconds for one input, or keep memory. An
+input that fails is written to --keep, as the seed of a test.
 """
 
 from __future__ import annotations
 
 import argparse
+import gc
 import json
+import math
 import random
-import resource
 import struct
 import sys
 import tempfile
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from log_writers import bin_flight, ulg_flight
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 import models
 from companion.config import PipelineConfig
-from companion.mavlink.frames import FrameReader
+from companion.mavlink.frames import FrameReader, cut, pack
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS
-from companion.mavlink.setpoints import AttitudeCommand
+from companion.mavlink.setpoints import AttitudeCommand, Command
 from companion.pipeline import initial_state, step
 from companion.vehicles import default_vehicle
 from models.errors import UserError
 from models.progress import Bars
 
 Mutation = Callable[[bytearray, random.Random], bytearray]
+
+STREAM_FRAMES = 2000
+"""Frames of one stream of the first stage; reader and intake are new for each."""
+TICKS = 600
+"""Of 20 ms: the vehicle that hovers, 12 s; then everything is new."""
+MUTATED_PER_TICK = 16
+START_US = 1_700_000_000_000_000
 
 
 def flip_bits(data: bytearray, rng: random.Random) -> bytearray:
@@ -41,7 +63,7 @@ def flip_bits(data: bytearray, rng: random.Random) -> bytearray:
     return data
 
 
-def cut(data: bytearray, rng: random.Random) -> bytearray:
+def cut_off(data: bytearray, rng: random.Random) -> bytearray:
     return data[: rng.randrange(1, len(data) + 1)]
 
 
@@ -61,8 +83,11 @@ def noise(data: bytearray, rng: random.Random) -> bytearray:
     return data
 
 
-RAW: tuple[Mutation, ...] = (flip_bits, cut, insert, repeat, noise)
+RAW: tuple[Mutation, ...] = (flip_bits, cut_off, insert, repeat, noise)
 SPECIAL = (0x00, 0xFF, 0x7F, 0x80)
+ODD_FLOATS = struct.pack("<4f", math.nan, math.inf, -math.inf, 3.4e38)
+NUMBERS = sorted(LAYOUTS)
+SENDERS = ((1, 1), (1, 1), (1, 1), (1, 50), (2, 1), (255, 190), (1, 191))
 
 
 def payload_of(length: int, rng: random.Random) -> bytes:
@@ -73,8 +98,7 @@ def payload_of(length: int, rng: random.Random) -> bytes:
     if way == 1:
         return bytes([rng.choice(SPECIAL)]) * length
     if way == 2:
-        odd = struct.pack("<4f", float("nan"), float("inf"), -float("inf"), 3.4e38)
-        return (odd * (length // 16 + 1))[:length]
+        return (ODD_FLOATS * (length // 16 + 1))[:length]
     data = bytearray(length)
     for _ in range(rng.randrange(1, 6)):
         data[rng.randrange(length)] = rng.randrange(256)
@@ -83,12 +107,19 @@ def payload_of(length: int, rng: random.Random) -> bytes:
 
 def proper_frame(number: int, rng: random.Random) -> bytes:
     """A frame with a right checksum and any payload: what gets past the checksum."""
-    from companion.mavlink.frames import pack
-
     size = LAYOUTS[number].wire.unpacker.size
     payload = payload_of(rng.choice((size, size, size, rng.randrange(1, 256))), rng)
-    system, component = rng.choice(((1, 1), (1, 1), (1, 1), (1, 50), (2, 1), (255, 190), (1, 191)))
+    system, component = rng.choice(SENDERS)
     return pack(number, payload, system, component, rng.randrange(256))
+
+
+def changed(payload: bytes, rng: random.Random) -> bytes:
+    """A sound payload with up to four bytes changed, its first four (a time stamp, mostly) as they are, mostly."""
+    data = bytearray(payload)
+    first = 0 if rng.random() < 0.02 or len(data) < 6 else 4
+    for _ in range(rng.randrange(1, 5)):
+        data[rng.randrange(first, len(data))] = rng.choice((*SPECIAL, rng.randrange(256)))
+    return bytes(data)
 
 
 @dataclass
@@ -103,147 +134,255 @@ class Counts:
     refused: int = 0
     failures: list[str] = field(default_factory=list)
     slowest_s: float = 0.0
+    memory_mib: list[float] = field(default_factory=list)
+    """Resident, a sample at every twentieth of the stage."""
+
+    def fail(self, folder: Path, name: str, data: bytes, error: Exception) -> None:
+        """Keep an input that failed."""
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(data)
+        self.failures.append(f"{name}: {type(error).__name__}: {error}")
+
+    def took(self, seconds: float, hang_s: float, what: str) -> None:
+        """Note how long one input took."""
+        self.slowest_s = max(self.slowest_s, seconds)
+        if seconds > hang_s:
+            self.failures.append(f"{what}: {seconds:.1f} s")
+
+    def progress(self, done: int, total: int, name: str, bars: Bars) -> None:
+        """Show how far it is, and sample the memory."""
+        bars(name, done, total)
+        if done * 20 >= len(self.memory_mib) * total:
+            gc.collect()
+            self.memory_mib.append(round(resident_mib(), 1))
 
 
-def heartbeat() -> bytes:
-    return bytes(mavlink.MAVLink_heartbeat_message(2, 3, 128, 4, 4, 3).pack(mavlink.MAVLink(None, 1, 1)))
+def resident_mib() -> float:
+    """Resident set of this process."""
+    line = next(s for s in Path("/proc/self/status").read_text().splitlines() if s.startswith("VmRSS"))
+    return int(line.split()[1]) / 1024.0
 
 
+@dataclass(frozen=True)
+class Limits:
+    """What every stage is held to."""
+
+    seed: int
+    hang_s: float
+    keep: Path
+    bars: Bars
+
+
+@cache
+def sound_payloads(k: int) -> tuple[tuple[int, bytes], ...]:
+    """What a vehicle that hovers 0.5 m over the ground, 0.6 m from a wall, says at tick ``k``."""
+    ms = 20 * (k + 1)
+    messages: list[Any] = [
+        mavlink.MAVLink_heartbeat_message(2, 3, 128, 4, 4, 3),
+        mavlink.MAVLink_extended_sys_state_message(0, 2),
+        mavlink.MAVLink_param_value_message(b"GUID_OPTIONS", 8.0, 9, 1, 0),
+        mavlink.MAVLink_distance_sensor_message(ms, 3, 4000, 45 + k % 2, 0, 0, 25, 255),
+        mavlink.MAVLink_distance_sensor_message(ms, 3, 4000, 60 + k % 2, 0, 1, 2, 255),
+        mavlink.MAVLink_esc_telemetry_1_to_4_message([20] * 4, [0] * 4, [0] * 4, [0] * 4, [4000] * 4, [k] * 4),
+        mavlink.MAVLink_local_position_ned_message(ms, 0.0, 0.0, -0.5, 0.0, 0.0, 0.0),
+        mavlink.MAVLink_attitude_target_message(ms, 0, [1.0, 0.0, 0.0, 0.0], 0.0, 0.0, 0.0, 0.5),
+        mavlink.MAVLink_attitude_quaternion_message(ms, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    ]
+    mav = mavlink.MAVLink(None, 1, 1)
+    return tuple((m.get_msgId(), cut(m.pack(mav), 0).payload) for m in messages)
+
+
+@cache
 def sound_flight(k: int) -> bytes:
-    """What a vehicle at rest says in between, so that the flight program decides."""
-    mav, ms = mavlink.MAVLink(None, 1, 1), 20 * k % 2**32
-    attitude = mavlink.MAVLink_attitude_quaternion_message(ms, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    position = mavlink.MAVLink_local_position_ned_message(ms, 0.0, 0.0, -0.5, 0.0, 0.0, 0.0)
-    return heartbeat() + bytes(position.pack(mav)) + bytes(attitude.pack(mav))
+    """The same as frames."""
+    return b"".join(pack(number, payload, 1, 1, k % 256) for number, payload in sound_payloads(k))
 
 
-def live(frames: int, seed: int, hang_s: float, keep: Path, bars: Bars) -> Counts:
-    """``frames`` mutated frames through reader, intake and ``step``."""
-    rng, counts = random.Random(f"live {seed}"), Counts()
+def mutated(k: int, rng: random.Random) -> bytes:
+    """One mutated frame at tick ``k``: a sound payload changed, a frame of any content, or a damaged one."""
+    way = rng.random()
+    if way < 0.6:
+        # Heartbeat and land detector seldom: a vehicle that lands at every tick is never flown.
+        number, payload = rng.choice(sound_payloads(k)[2 if rng.random() < 0.98 else 0 :])
+        return pack(number, changed(payload, rng), 1, 1, rng.randrange(256))
+    raw = proper_frame(rng.choice(NUMBERS), rng)
+    if way < 0.62:
+        return raw
+    return bytes(rng.choice(RAW)(bytearray(raw), rng))
+
+
+def damaged_stream(frames: list[bytes], rng: random.Random) -> bytes:
+    """Frames run together, every third or so hit by a changed byte, some lost, doubled or shifted."""
+    data = np.frombuffer(b"".join(frames), np.uint8).copy()
+    shots = np.random.default_rng(rng.getrandbits(64))
+    hits = shots.integers(0, len(data), len(frames) // 3)
+    data[hits] = shots.integers(0, 256, len(hits), dtype=np.uint8)
+    pieces, at = [], 0
+    for end in sorted(rng.randrange(len(data)) for _ in range(len(frames) // 50)):
+        pieces.append(data[at:end].tobytes())
+        at = end + rng.choice((0, 0, 1, 7, 40)) - rng.choice((0, 0, 3, 60))
+        at = min(max(at, 0), len(data))
+        if rng.random() < 0.3:
+            pieces.append(rng.randbytes(rng.randrange(1, 20)))
+    return b"".join((*pieces, data[at:].tobytes()))
+
+
+def decoder(number: int, limits: Limits) -> Counts:
+    """``number`` frames through reader and intake."""
+    rng, counts = random.Random(f"decoder {limits.seed}"), Counts()
+    while counts.inputs < number:
+        counts.progress(counts.inputs, number, "decoder", limits.bars)
+        frames = [sound_flight(0), *(proper_frame(rng.choice(NUMBERS), rng) for _ in range(STREAM_FRAMES))]
+        whole = counts.inputs // STREAM_FRAMES % 2 == 0
+        data = b"".join(frames) if whole else damaged_stream(frames, rng)
+        counts.inputs += STREAM_FRAMES
+        reader, intake, now_us, at = FrameReader(), Intake(), START_US, 0
+        started = time.perf_counter()
+        try:
+            while at < len(data):
+                end = at + rng.randrange(1, 3000)
+                now_us += 20_000
+                for frame in reader.feed(data[at:end]):
+                    counts.frames += 1
+                    counts.samples += intake.sample(frame, now_us) is not None
+                at = end
+        except Exception as error:
+            counts.fail(limits.keep, f"decoder-{limits.seed}-{counts.inputs}.bin", data, error)
+        counts.took(time.perf_counter() - started, limits.hang_s, f"decoder input {counts.inputs}")
+    return counts
+
+
+def live(number: int, limits: Limits) -> Counts:
+    """``number`` mutated frames through reader, intake and ``step``, between those of a vehicle that hovers."""
+    rng, counts = random.Random(f"live {limits.seed}"), Counts()
     config = PipelineConfig(default_vehicle(), models.load())
-    numbers = sorted(LAYOUTS)
-    reader, intake, state, now_us = FrameReader(), Intake(), initial_state(config), 1_700_000_000_000_000
-    while counts.inputs < frames:
-        if counts.inputs % 20_000 == 0:
+    reader, intake, state = FrameReader(), Intake(), initial_state(config)
+    k = 0
+    while counts.inputs < number:
+        if k % TICKS == 0:
+            counts.progress(counts.inputs, number, "flight", limits.bars)
             reader, intake, state = FrameReader(), Intake(), initial_state(config)
-            bars("frames", counts.inputs, frames)
-        data = b""
-        for _ in range(8):
-            raw = proper_frame(rng.choice(numbers), rng)
-            if rng.random() < 0.5:
-                raw = bytes(rng.choice(RAW)(bytearray(raw), rng))
-            data += raw
-        counts.inputs += 8
-        data += sound_flight(counts.inputs // 8)
-        now_us += 20_000
+        # The first three seconds are quiet, so that the hold engages.
+        hit = MUTATED_PER_TICK if k % TICKS > 150 else 0
+        data = sound_flight(k % TICKS) + b"".join(mutated(k % TICKS, rng) for _ in range(hit))
+        counts.inputs += hit
         started = time.perf_counter()
         try:
             for frame in reader.feed(data):
                 counts.frames += 1
-                sample = intake.sample(frame, now_us)
+                sample = intake.sample(frame, START_US + 20_000 * k)
                 if sample is None:
                     continue
                 counts.samples += 1
                 state, decision = step(state, sample, config)
-                if decision is None:
-                    continue
-                counts.decisions += 1
-                counts.commands += decision.command is not None
-                _sound(decision.command)
+                if decision is not None:
+                    counts.decisions += 1
+                    counts.commands += decision.command is not None
+                    check_sound(decision.command)
         except Exception as error:
-            _keep(keep, f"live-{seed}-{counts.inputs}.bin", data, error, counts)
+            counts.fail(limits.keep, f"live-{limits.seed}-{counts.inputs}.bin", data, error)
             reader, intake, state = FrameReader(), Intake(), initial_state(config)
-        _time(time.perf_counter() - started, hang_s, f"live input {counts.inputs}", counts)
+        counts.took(time.perf_counter() - started, limits.hang_s, f"live input {counts.inputs}")
+        k += 1
     return counts
 
 
-def _sound(command: Any) -> None:
+def check_sound(command: Command | None) -> None:
+    """Raise AssertionError where an attitude is no unit quaternion, or a thrust out of bounds."""
     if isinstance(command, AttitudeCommand):
         size = sum(c * c for c in command.q_ned_frd)
-        if not (abs(size - 1.0) < 1e-6 and 0.0 <= command.thrust <= 1.0):
-            raise AssertionError(f"sends {command}")
-
-
-def _keep(folder: Path, name: str, data: bytes, error: Exception, counts: Counts) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / name).write_bytes(data)
-    counts.failures.append(f"{name}: {type(error).__name__}: {error}")
-
-
-def _time(seconds: float, hang_s: float, what: str, counts: Counts) -> None:
-    counts.slowest_s = max(counts.slowest_s, seconds)
-    if seconds > hang_s:
-        counts.failures.append(f"{what}: {seconds:.1f} s")
+        assert abs(size - 1.0) < 1e-6, command
+        assert 0.0 <= command.thrust <= 1.0, command
 
 
 def seeds_of_logs(folder: Path | None) -> Iterator[tuple[str, bytes]]:
-    """Small good files: one made here, and recorded ones where a folder is given."""
-    log = b"".join(struct.pack(">Q", 1_700_000_000_000_000 + 20_000 * k) + sound_flight(k) for k in range(50))
-    yield ".tlog", log
+    """Small good files: one of each format made here, and recorded ones where a folder is given."""
+    stamps = (struct.pack(">Q", START_US + 20_000 * k) for k in range(150))
+    yield ".tlog", b"".join(stamp + frame for k, stamp in enumerate(stamps) for frame in each(k))
+    yield ".bin", bin_flight()
+    yield ".ulg", ulg_flight()
     if folder is not None:
         for path in sorted(folder.rglob("*")):
             if path.suffix.lower() in (".tlog", ".bin", ".ulg"):
-                yield path.suffix, path.read_bytes()[:200_000]
+                yield path.suffix.lower(), path.read_bytes()[:200_000]
 
 
-def files(number: int, seed: int, hang_s: float, keep: Path, logs: Path | None, bars: Bars) -> Counts:
+def each(k: int) -> list[bytes]:
+    """The frames of one tick."""
+    return [pack(number, payload, 1, 1, k % 256) for number, payload in sound_payloads(k)]
+
+
+def files(number: int, limits: Limits, logs: Path | None) -> Counts:
     """``number`` mutated files through the log readers."""
     from replay.logs.formats import read_flightlogs
 
-    rng, counts, good = random.Random(f"files {seed}"), Counts(), list(seeds_of_logs(logs))
+    rng, counts, good = random.Random(f"files {limits.seed}"), Counts(), list(seeds_of_logs(logs))
     with tempfile.TemporaryDirectory() as folder:
         for k in range(number):
-            bars("files", k, number)
-            suffix, data = rng.choice(good)
+            counts.progress(k, number, "files", limits.bars)
+            suffix, data = good[k % len(good)]
             damaged = bytearray(data)
-            for _ in range(rng.randrange(1, 30)):
+            for _ in range(rng.choice((1, 3, 10, 100))):
                 damaged = rng.choice(RAW)(damaged, rng) or bytearray(b"\0")
+                if len(damaged) > 4 * len(data):
+                    break
             path = Path(folder) / f"f{suffix}"
             path.write_bytes(damaged)
             counts.inputs += 1
             started = time.perf_counter()
             try:
-                counts.frames += len(read_flightlogs(path))
+                counts.samples += len(read_flightlogs(path))
             except UserError:
                 counts.refused += 1
             except Exception as error:
-                _keep(keep, f"file-{seed}-{k}{suffix}", bytes(damaged), error, counts)
-            _time(time.perf_counter() - started, hang_s, f"file {k}", counts)
+                counts.fail(limits.keep, f"file-{limits.seed}-{k}{suffix}", bytes(damaged), error)
+            counts.took(time.perf_counter() - started, limits.hang_s, f"file {k}")
     return counts
+
+
+def as_text(name: str, c: Counts) -> str:
+    """One line, and one for each failure."""
+    early, late = c.memory_mib[len(c.memory_mib) // 4], c.memory_mib[-1]
+    seen = {
+        "decoder": f"{c.inputs} frames sent, {c.frames} good ones cut out, {c.samples} samples",
+        "flight": f"{c.inputs} mutated frames, {c.samples} samples, {c.decisions} decisions, {c.commands} setpoints",
+        "files": f"{c.inputs} files, {c.samples} flights read, {c.refused} refused in one line",
+    }[name]
+    line = (
+        f"{name}: {seen}; {len(c.failures)} failures; slowest input {c.slowest_s:.3f} s; memory {early:.0f} MiB after "
+        f"a quarter, {late:.0f} at the end"
+    )
+    return "\n".join([line, *c.failures[:20]])
 
 
 def main() -> int:
     """Fuzz and print."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("--frames", type=int, default=1_000_000)
-    p.add_argument("--files", type=int, default=2000)
-    p.add_argument("--logs", type=Path, metavar="DIR", help="recorded logs as seeds, beside one that is made here")
+    p.add_argument("--frames", type=int, default=1_000_000, help="through the decoder")
+    p.add_argument("--flight-frames", type=int, default=1_000_000, help="through the flight program")
+    p.add_argument("--files", type=int, default=3000)
+    p.add_argument("--logs", type=Path, metavar="DIR", help="recorded logs as seeds, beside those that are made here")
     p.add_argument("--seed", type=int, default=0)
     p.add_argument("--hang", type=float, default=10.0, metavar="S")
     p.add_argument("--keep", type=Path, default=Path("fuzz-failures"), metavar="DIR")
     p.add_argument("--json", type=Path, metavar="FILE")
     a = p.parse_args()
-    bars, out = Bars(), {}
-    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    live(min(a.frames, 40_000), a.seed + 1, a.hang, a.keep, bars)
-    warm = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    for name, counts in (
-        ("live", live(a.frames, a.seed, a.hang, a.keep, bars)),
-        ("files", files(a.files, a.seed, a.hang, a.keep, a.logs, bars)),
-    ):
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-        bars.close()
-        out[name] = vars(counts) | {"peak_mib": round(peak / 1024, 1)}
-        print(
-            f"{name}: {counts.inputs} inputs, {counts.frames} frames or logs read, {counts.samples} samples, "
-            f"{counts.decisions} decisions, {counts.commands} setpoints, {counts.refused} refused in one line, "
-            f"{len(counts.failures)} failures; slowest {counts.slowest_s:.3f} s; peak memory {peak / 1024:.0f} MiB "
-            f"({before / 1024:.0f} at start, {warm / 1024:.0f} after 40 000 frames)"
-        )
-        print("\n".join(counts.failures[:20]), end="\n" if counts.failures else "")
+    warnings.simplefilter("error", RuntimeWarning)  # of numpy: something unsound was computed with
+    limits = Limits(a.seed, a.hang, a.keep, Bars())
+    stages = {
+        "decoder": lambda: decoder(a.frames, limits),
+        "flight": lambda: live(a.flight_frames, limits),
+        "files": lambda: files(a.files, limits, a.logs),
+    }
+    out: dict[str, Counts] = {}
+    for name, stage in stages.items():
+        started = time.monotonic()
+        out[name] = stage()
+        limits.bars.close()
+        print(f"{as_text(name, out[name])}; {time.monotonic() - started:.0f} s", flush=True)
     if a.json is not None:
-        a.json.write_text(json.dumps(out, indent=1) + "\n", encoding="utf-8")
-    return 1 if any(o["failures"] for o in out.values()) else 0
+        a.json.write_text(json.dumps({k: vars(c) for k, c in out.items()}, indent=1) + "\n", encoding="utf-8")
+    return 1 if any(c.failures for c in out.values()) else 0
 
 
 if __name__ == "__main__":
