@@ -12,7 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from models.errors import ConfigError, UserError
+from models.errors import ConfigError, LogError, UserError
 from models.version import VersionAction
 from replay.fleet.options import add_options
 
@@ -81,6 +81,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     except UserError as error:
         print(f"replay: {error}", file=sys.stderr)
         return error.exit_code
+    except MemoryError:
+        print("replay: the log needs more memory than there is: cut it, or use a machine with more", file=sys.stderr)
+        return LogError.exit_code
     except KeyboardInterrupt:
         return _INTERRUPTED
     except BrokenPipeError:  # the reader of our output left

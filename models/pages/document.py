@@ -9,6 +9,8 @@ from pathlib import Path
 
 from models.errors import ConfigError
 
+_WIDE_PX = 700
+"""Images above this width hold several panels."""
 _STYLE = """
 :root{color-scheme:light dark;--ink:#1b1f24;--paper:#fff;--dim:#57606a;--line:#d0d7de;--card:#f3f6f9;--mark:#0969da;
 --before:#bc4c00;--after:#0969da;--fit:#1a7f37;--bad:#b42318;--a:#8250df;--b:#9a6700;--c:#1f7a8c;--d:#57606a}
@@ -37,7 +39,8 @@ svg .dot{fill:currentColor;stroke:currentColor}svg .band{fill:currentColor;opaci
 .before{color:var(--before)}.after{color:var(--after)}.fit{color:var(--fit)}
 .a{color:var(--a)}.b{color:var(--b)}.c{color:var(--c)}.d{color:var(--d)}
 details{margin:1rem 0;border-top:1px solid var(--line);padding-top:.5rem}summary{cursor:pointer;font-weight:600}
-img{width:100%;min-width:30rem;height:auto;background:#fff;border-radius:.3rem}code{font-size:.9em}pre{overflow-x:auto;
+.full{grid-column:1/-1}.full img{min-width:56rem}
+img{width:100%;min-width:26rem;height:auto;background:#fff;border-radius:.3rem}code{font-size:.9em}pre{overflow-x:auto;
 background:var(--card);padding:.6rem .8rem}
 @media(max-width:30rem){th,td{padding:.3rem .35rem;font-size:.92rem}}
 @media print{:root{--ink:#000;--paper:#fff;--dim:#444;--line:#bbb;--card:#fff}body{max-width:none}h2{break-after:avoid}}
@@ -83,12 +86,17 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: Iterable[
 
 
 def pictures(paths: Iterable[Path]) -> str:
-    """Image files inside the page, two beside each other where there is room; their names are their captions."""
-    shown = [
-        f'<figure class="wide"><figcaption><b>{escape(path.stem.replace("_", " "))}</b></figcaption>'
-        f'<img alt="{escape(path.stem)}" src="data:image/png;base64,{b64encode(path.read_bytes()).decode()}"></figure>'
-        for path in paths
-    ]
+    """PNG files inside the page, two beside each other where there is room, wide ones alone; captions are their names.
+
+    Where an image is wider than the screen its box scrolls, so that its text keeps a size that can be read.
+    """
+    shown = []
+    for path in paths:
+        data = path.read_bytes()
+        wide = int.from_bytes(data[16:20], "big") > _WIDE_PX
+        caption = f"<figcaption><b>{escape(path.stem.replace('_', ' '))}</b></figcaption>"
+        image = f'<img alt="{escape(path.stem)}" src="data:image/png;base64,{b64encode(data).decode()}">'
+        shown.append(f'<figure class="wide{" full" if wide else ""}">{caption}{image}</figure>')
     return f'<div class="plots">{"".join(shown)}</div>' if shown else ""
 
 

@@ -40,7 +40,9 @@ def add_parser(commands: Any) -> None:
         "--model", metavar="DIR", help="declared model, or none: rotors in free air (default: the shipped model)"
     )
     p.add_argument("--save-model", type=Path, metavar="DIR", help="write the amended model; companion --model flies it")
-    p.add_argument("--report", type=Path, metavar="DIR", help="write one self-contained HTML page")
+    p.add_argument(
+        "--report", type=Path, metavar="DIR", help="write a self-contained HTML page; for a folder, of each log"
+    )
     p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
     p.add_argument("--seed", type=int, default=0, metavar="N", help="of the null draws and the bootstrap (default 0)")
     p.add_argument("--json", metavar="FILE", help="write the answer as JSON (- for stdout)")
@@ -131,9 +133,8 @@ def _print(a: argparse.Namespace, answer: Diagnosis, faults: list[dict[str, str]
 def _folder(a: argparse.Namespace) -> int:
     if len(a.logs) > 1:
         raise ConfigError("a folder is diagnosed log by log: give it alone, or name the logs that belong together")
-    for option, value in (("--save-model", a.save_model), ("--report", a.report)):
-        if value is not None:
-            raise ConfigError(f"{option}: needs logs by name; a folder's page and table go to --out")
+    if a.save_model is not None:
+        raise ConfigError("--save-model: needs logs by name, as a folder's logs may be of several vehicles")
     from replay.fleet.folder import run_folder
     from replay.fleet.jobs import Kind
 

@@ -32,7 +32,10 @@ def run_folder(a: argparse.Namespace, folder: Path, kind: Kind, **options: Any) 
     results = Results(out)
     vehicle = None if a.vehicle is None else str(a.vehicle.resolve())
     model = a.model if a.model is None or not Path(a.model).is_dir() else str(Path(a.model).resolve())
-    jobs = [Job(kind.value, str(p.resolve()), vehicle, model, a.target_system, **options) for p in paths]
+    pages = None
+    if a.report is not None and kind is Kind.DIAGNOSE:
+        pages = str((a.report / "logs").resolve())
+    jobs = [Job(kind.value, str(p.resolve()), vehicle, model, a.target_system, pages=pages, **options) for p in paths]
     waiting, answers = split(results, jobs)
     for job, answer in _progress(_work(a, waiting), len(jobs), len(answers), a.quiet):
         results.keep(job, answer)
@@ -79,9 +82,12 @@ def _tell(
 
     try:
         table = write_table(out, [row(answer) for answer in answers])
-        page = write_page(out, f"replay {kind.value}: {folder.resolve().name}", answers)
+        target = out if a.report is None else a.report
+        target.mkdir(parents=True, exist_ok=True)
+        page = write_page(target, f"replay {kind.value}: {folder.resolve().name}", answers)
     except OSError as error:
-        raise ConfigError(f"--out {out}: cannot be written ({error.strerror})") from None
+        option = f"--out {out}" if a.report is None else f"--out {out} or --report {a.report}"
+        raise ConfigError(f"{option}: cannot be written ({error.strerror})") from None
     bad = [answer for answer in answers if "error" in answer]
     for line in [*notes, *(f"{answer['log']}: {answer['error']}" for answer in bad)]:
         print(f"replay: {line}", file=sys.stderr)

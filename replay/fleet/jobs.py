@@ -10,10 +10,14 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from enum import Enum
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from models.errors import UserError
+from models.vehicle import Vehicle
 from models.version import installed_version
+
+if TYPE_CHECKING:
+    from replay.diagnosis.diagnose import Diagnosis
 
 _EARLIEST_US, _LATEST_US = 1_100_000_000_000_000, 4_000_000_000_000_000
 """2004 and 2096: receiver stamps outside are no date."""
@@ -39,6 +43,8 @@ class Job:
     setpoint: str = "hold"
     assumed: tuple[tuple[str, float], ...] = ()
     adapt: str = "off"
+    pages: str | None = None
+    """Folder for the page of this log; None: no page."""
 
     def key(self) -> str:
         """Changes with log, vehicle file, model, options and program: an old answer is then void."""
@@ -83,7 +89,8 @@ def _answer(job: Job) -> dict[str, Any]:
 
         model = None if chosen.name == NONE else chosen.model
         answer = diagnose([Path(job.path)], vehicle, model, target_system=job.target_system, seed=job.seed)
-        return {"vehicle": vehicle.name, **answer.as_json(None)}
+        page = {} if job.pages is None else {"page": _write_page(job, answer, vehicle)}
+        return {"vehicle": vehicle.name, **answer.as_json(None), **page}
     from companion.adaptation.options import Adapt
     from companion.config import Base, PipelineConfig
     from replay.rerun.report import run
@@ -91,6 +98,16 @@ def _answer(job: Job) -> dict[str, Any]:
     base = Base.HOLD if job.setpoint == "hold" else Base.UPSTREAM
     config = PipelineConfig(vehicle=vehicle, model=chosen.model, base=base, dry_run=True, adapt=Adapt(job.adapt))
     return run(Path(job.path), config, chosen.name, job.target_system, dict(job.assumed)).as_json()
+
+
+def _write_page(job: Job, answer: Diagnosis, vehicle: Vehicle) -> str:
+    """The log's own page; its name carries the job's key, as logs of several folders may have one name."""
+    from models.pages.document import write_document
+    from replay.diagnosis.html_report import page
+
+    assert job.pages is not None
+    target = Path(job.pages) / f"{Path(job.path).stem}-{job.key()}.html"
+    return str(write_document("--report", target, page(answer, vehicle)))
 
 
 def _date(path: Path) -> dict[str, str]:

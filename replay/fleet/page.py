@@ -1,49 +1,107 @@
-"""The page of a folder: one self-contained HTML file, no script, no outside request."""
+"""The page of a folder: what its logs have in common, what differs, what drifts, and every log in a row."""
 
 from __future__ import annotations
 
-import html
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
+from html import escape
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from models.pages.document import document, table, verdict
+from models.pages.svg import Line, figure
 from replay.fleet.trends import Trend, trends
 
-_STYLE = """
-:root{color-scheme:light dark;--ink:#1b1f24;--paper:#fff;--dim:#59636e;--line:#d1d9e0;--mark:#0969da;--bad:#b42318}
-@media(prefers-color-scheme:dark){
-:root{--ink:#e6edf3;--paper:#0d1117;--dim:#9198a1;--line:#3d444d;--mark:#58a6ff;--bad:#ff8a7a}}
-body{font:16px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);max-width:60rem;margin:1rem auto;
-padding:0 1rem}
-h1{font-size:1.5rem}h2{font-size:1.15rem;margin-top:2rem}.wide{overflow-x:auto}
-table{border-collapse:collapse;width:100%}
-th,td{text-align:left;padding:.3rem .6rem;border-bottom:1px solid var(--line);vertical-align:top}
-.dim{color:var(--dim)}.bad{color:var(--bad)}
-svg{width:100%;max-width:38rem;height:auto;display:block}svg text{fill:var(--dim);font:14px system-ui,sans-serif}
-svg .a{stroke:var(--line)}
-svg .p{stroke:var(--mark);fill:var(--mark)}@media print{body{max-width:none}}"""
-_W, _H, _LEFT, _BOTTOM, _TOP = 400, 190, 84, 30, 12
-"""Of a chart [px]: as wide as a phone, so that its text is readable there."""
+_DAY_S = 86_400.0
+_COMMON = 0.5
+"""Share of the judged logs from which an effect is the vehicle's rather than a day's."""
 
 
 def write_page(folder: Path, title: str, answers: Sequence[Mapping[str, Any]]) -> Path:
-    """``report.html`` with what the logs have in common, what differs, and every log in a row."""
-    body = [f"<h1>{html.escape(title)}</h1>", _counts(answers)]
-    diagnosed = [a for a in answers if "verdict" in a]
-    if diagnosed:
-        body += _effects(trends(answers))
-    rows = _diagnosed_rows if diagnosed else _run_rows
-    body += ["<h2>Every log</h2>", "<div class=wide><table>", *rows(answers), "</table></div>"]
-    text = (
-        f"<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content='width=device-width'>"
-        f"<title>{html.escape(title)}</title><style>{_STYLE}</style><body>{''.join(body)}</body></html>\n"
-    )
+    """Write ``report.html`` into ``folder``."""
     target = folder / "report.html"
-    target.write_text(text, encoding="utf-8")
+    target.write_text(page(folder, title, answers), encoding="utf-8")
     return target
+
+
+def page(folder: Path, title: str, answers: Sequence[Mapping[str, Any]]) -> str:
+    """The whole page; ``folder`` is where it will lie, for links to the pages of single logs."""
+    diagnosed = any("verdict" in a for a in answers)
+    found = trends(answers) if diagnosed else []
+    head, step = _diagnosed(answers) if diagnosed else _replayed(answers)
+    rows = [_failed(a) if "error" in a else (_row(a, folder) if diagnosed else _run_row(a)) for a in answers]
+    names = (
+        ("log", "verdict", "effects", "judged", "date")
+        if diagnosed
+        else ("log", "date", "decided", "compensated", "held back longest by")
+    )
+    return document(
+        title,
+        [
+            f"<h1>{escape(title)}</h1>",
+            verdict(head, [f"Next: {step}"]),
+            f'<p class="dim">{escape(_counts(answers))}</p>',
+            *(_trend(t) for t in found),
+            "<h2>Every log</h2>",
+            table(names, rows),
+        ],
+    )
+
+
+def _diagnosed(answers: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
+    """Verdict and next action from the effects that the logs show."""
+    judged = [a for a in answers if "verdict" in a]
+    if not any(a["effects"] for a in judged):
+        return "No log shows an effect that the model lacks.", "there is nothing to change."
+    common = common_effects(judged)
+    if not common:
+        return (
+            "Some logs show an effect, most do not: it is of the day, not of the vehicle.",
+            "look at those logs one by one; adopt nothing for the whole fleet.",
+        )
+    names = "; ".join(" or ".join(name.replace("_", " ") for name in group) for group in common)
+    return (
+        f"Most logs lack the same: {names}.",
+        "diagnose a few of these logs together, by their names: that confirms it and gives one size for the vehicle.",
+    )
+
+
+def common_effects(judged: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """Effects that half of the logs name, or cannot tell from one that they name; these stand together in a list."""
+    seen: Counter[str] = Counter()
+    named: Counter[str] = Counter()
+    groups = [set(group) for a in judged for group in a.get("aliases", [])]
+    for a in judged:
+        names = {e["name"] for e in a["effects"]}
+        named.update(names)
+        seen.update(names | {other for group in a.get("aliases", []) if names & set(group) for other in group})
+    out: list[list[str]] = []
+    for name, _ in named.most_common():
+        if seen[name] < max(_COMMON * len(judged), 2.0):
+            continue
+        beside = next((known for known in out if any({name, known[0]} <= group for group in groups)), None)
+        if beside is None:
+            out.append([name])
+        else:
+            beside.append(name)
+    return out
+
+
+def _replayed(answers: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
+    good = [a for a in answers if "error" not in a]
+    acted = sum(a["compensated_s"] > 0.0 for a in good)
+    seconds: Counter[str] = Counter()
+    for a in good:
+        seconds.update(a["refusals_s"])
+    head = f"The companion would have compensated in {acted} of {len(good)} logs."
+    if not seconds:
+        return head, "nothing held it back."
+    reason, total = seconds.most_common(1)[0]
+    return head, f"mend what held it back longest in all: {reason.replace('_', ' ')}, {total / 60.0:.0f} minutes."
 
 
 def _counts(answers: Sequence[Mapping[str, Any]]) -> str:
@@ -53,85 +111,46 @@ def _counts(answers: Sequence[Mapping[str, Any]]) -> str:
     verdicts = Counter(str(a["verdict"]).replace("_", " ") for a in good if "verdict" in a)
     if verdicts:
         text += " Verdicts: " + ", ".join(f"{name} {count}" for name, count in verdicts.most_common()) + "."
-    return f"<p>{html.escape(text)}</p>"
+    return text
 
 
-def _effects(found: Sequence[Trend]) -> list[str]:
-    if not found:
-        return ["<p>No log shows an effect that the model lacks.</p>"]
-    out = ["<h2>What the logs have in common</h2>"]
-    for t in found:
-        out.append(f"<h3>{html.escape(t.effect)}: {html.escape(t.parameter)}</h3>")
-        out.append(f"<p>{html.escape(t.in_words())}</p>{_chart(t) if len(t.points) > 1 else ''}")
-    return out
+def _trend(t: Trend) -> str:
+    name = escape(f"{t.effect}: {t.parameter}".replace("_", " "))
+    return f"<h2>{name}</h2><p>{escape(t.in_words())}.</p>{_chart(t) if len(t.points) > 1 else ''}"
 
 
 def _chart(t: Trend) -> str:
-    """Size over date with its 95 % interval."""
-    half = [p.half if math.isfinite(p.half) else 0.0 for p in t.points]
-    low = min(p.value - h for p, h in zip(t.points, half, strict=True))
-    high = max(p.value + h for p, h in zip(t.points, half, strict=True))
-    low, high = min(low, 0.0), max(high, 0.0)
-    span = (high - low) or 1.0
-    first, last = min(p.day for p in t.points), max(p.day for p in t.points)
-    days = (last - first) or 1.0
-
-    def x(day: float) -> float:
-        return _LEFT + 12 + (day - first) / days * (_W - _LEFT - 30)
-
-    def y(value: float) -> float:
-        return _TOP + (high - value) / span * (_H - _TOP - _BOTTOM)
-
-    unit = "" if t.unit == "1" else f" {t.unit}"
-    out = [f"<svg viewBox='0 0 {_W} {_H}' role=img aria-label='{html.escape(t.effect)} over date'>"]
-    for value in (low, 0.0, high):
-        out.append(f"<line class=a x1={_LEFT} x2={_W} y1={y(value):.1f} y2={y(value):.1f} />")
-        out.append(f"<text x={_LEFT - 6} y={y(value) + 5:.1f} text-anchor=end>{value:.3g}{html.escape(unit)}</text>")
-    ends = ((first, "start"), (last, "end")) if last - first >= 1.0 else ((first, "start"),)
-    for day, anchor in ends:
-        date = datetime.fromtimestamp(day * 86_400.0, UTC).strftime("%Y-%m-%d")
-        out.append(f"<text x={x(day):.1f} y={_H - 6} text-anchor={anchor}>{date}</text>")
-    for p, h in zip(t.points, half, strict=True):
-        out.append(
-            f"<g class=p><title>{html.escape(Path(p.log).name)}: {p.value:.4g} ± {h:.2g}{html.escape(unit)}</title>"
-        )
-        out.append(
-            f"<line x1={x(p.day):.1f} x2={x(p.day):.1f} y1={y(p.value - h):.1f} y2={y(p.value + h):.1f} />"
-            f"<circle cx={x(p.day):.1f} cy={y(p.value):.1f} r=4 /></g>"
-        )
-    return "".join([*out, "</svg>"])
+    """Size over days with its 95 % interval."""
+    days = np.array([p.day for p in t.points])
+    half = np.array([p.half if math.isfinite(p.half) else 0.0 for p in t.points])
+    first = datetime.fromtimestamp(float(days.min()) * _DAY_S, UTC).strftime("%Y-%m-%d")
+    line = Line(days - days.min(), t.values, "after", points=True, error=half)
+    unit = f" [{t.unit}]" if t.unit != "1" else ""
+    return figure(f"{t.parameter.replace('_', ' ')}{unit}", [line], f"days since {first}", "")
 
 
-def _cells(*cells: object, kind: str = "td") -> str:
-    return "<tr>" + "".join(f"<{kind}>{c}</{kind}>" for c in cells) + "</tr>"
+def _failed(a: Mapping[str, Any]) -> list[str]:
+    return [escape(Path(a["log"]).name), f'<span class="bad">{escape(a["error"])}</span>', "", "", ""]
 
 
-def _failed(a: Mapping[str, Any]) -> str:
-    name, error = html.escape(Path(a["log"]).name), html.escape(a["error"])
-    return f"<tr><td>{name}</td><td colspan=4 class=bad>{error}</td></tr>"
+def _row(a: Mapping[str, Any], folder: Path) -> list[str]:
+    effects = ", ".join(escape(e["name"].replace("_", " ")) for e in a["effects"]) or '<span class="dim">none</span>'
+    name = escape(Path(a["log"]).name)
+    if a.get("page"):
+        name = f'<a href="{escape(_relative(Path(a["page"]), folder))}">{name}</a>'
+    return [name, escape(str(a["verdict"]).replace("_", " ")), effects, f"{a['duration_s']:.0f} s", a["date"][:10]]
 
 
-def _diagnosed_rows(answers: Sequence[Mapping[str, Any]]) -> list[str]:
-    out = [_cells("log", "verdict", "effects", "judged", "date", kind="th")]
-    for a in answers:
-        if "error" in a:
-            out.append(_failed(a))
-            continue
-        effects = ", ".join(html.escape(e["name"]) for e in a["effects"]) or "<span class=dim>none</span>"
-        verdict = html.escape(str(a["verdict"]).replace("_", " "))
-        name = html.escape(Path(a["log"]).name)
-        out.append(_cells(name, verdict, effects, f"{a['duration_s']:.0f} s", a["date"][:10]))
-    return out
+def _relative(target: Path, folder: Path) -> str:
+    """A link that still works when the folder is moved."""
+    try:
+        return target.relative_to(folder.resolve()).as_posix()
+    except ValueError:
+        return target.as_uri()
 
 
-def _run_rows(answers: Sequence[Mapping[str, Any]]) -> list[str]:
-    out = [_cells("log", "date", "decided", "compensated", "held back longest by", kind="th")]
-    for a in answers:
-        if "error" in a:
-            out.append(_failed(a))
-            continue
-        refusals = sorted(a["refusals_s"].items(), key=lambda item: -item[1])[:2]
-        why = ", ".join(f"{html.escape(name.replace('_', ' '))} {s:.0f} s" for name, s in refusals)
-        share = f"{a['compensated_s']:.0f} s ({a['share_compensated']:.0%})"
-        out.append(_cells(html.escape(Path(a["log"]).name), a["date"][:10], f"{a['duration_s']:.0f} s", share, why))
-    return out
+def _run_row(a: Mapping[str, Any]) -> list[str]:
+    refusals = sorted(a["refusals_s"].items(), key=lambda item: -item[1])[:2]
+    why = ", ".join(f"{name.replace('_', ' ')} {s:.0f} s" for name, s in refusals)
+    duration, done = a["duration_s"], a["compensated_s"]
+    return [escape(Path(a["log"]).name), a["date"][:10], f"{duration:.0f} s", f"{done:.0f} s", escape(why)]

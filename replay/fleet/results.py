@@ -32,7 +32,9 @@ class Results:
             answer = json.loads(self._file(job).read_text(encoding="utf-8"))
         except (OSError, ValueError):
             return None
-        return answer if isinstance(answer, dict) else None
+        if not isinstance(answer, dict) or (job.pages and "page" in answer and not Path(answer["page"]).is_file()):
+            return None
+        return answer
 
     def keep(self, job: Job, answer: dict[str, Any]) -> None:
         """Write an answer; an interruption leaves the whole file or none."""

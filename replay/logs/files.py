@@ -6,6 +6,14 @@ from pathlib import Path
 
 from models.errors import LogError
 
+PACKED = {
+    b"\x1f\x8b": "gzip", b"\xfd7zXZ\x00": "xz", b"BZh": "bzip2", b"\x28\xb5\x2f\xfd": "zstd", b"PK\x03\x04": "zip",
+    b"7z\xbc\xaf": "7z",
+}  # fmt: skip
+"""First bytes of compressed files, whatever their names are."""
+_HEAD = 6
+"""Bytes that tell a compressed file."""
+
 
 def read_bytes(path: Path) -> bytes:
     """Everything in the file. Raises LogError where it cannot be read or is empty."""
@@ -14,7 +22,7 @@ def read_bytes(path: Path) -> bytes:
 
 def size_of(path: Path, head: bytes, kind: str) -> int:
     """Size in bytes of a file that starts with ``head``. Raises LogError where it cannot be read or is no ``kind``."""
-    if _read(path, len(head)) != head:
+    if not _read(path, max(len(head), _HEAD)).startswith(head):
         raise LogError(f"{path}: is no {kind}: it does not start with {_shown(head)}")
     return path.stat().st_size
 
@@ -29,6 +37,9 @@ def _read(path: Path, count: int) -> bytes:
         raise LogError(f"{path}: cannot be read ({error.strerror or error})") from None
     if not data:
         raise LogError(f"{path}: is empty")
+    packed = next((name for magic, name in PACKED.items() if data.startswith(magic)), None)
+    if packed is not None:
+        raise LogError(f"{path}: is compressed ({packed}): unpack it first")
     return data
 
 

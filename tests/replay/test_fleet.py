@@ -2,16 +2,19 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+from browser import CHROMIUM, DESKTOP, PHONE, Browser
 from log_writers import flight, quad_flight, write_tlog
 
 from companion.vehicles import QUAD
 from replay.cli import main
 from replay.fleet.jobs import Job, perform
+from replay.fleet.page import common_effects
 from replay.fleet.results import Results, logs_in
 from replay.fleet.rows import row, write_table
 from replay.fleet.scheduler import run_local
@@ -91,7 +94,57 @@ def test_folder_of_diagnoses(tmp_path, capsys):
     alone = json.loads(capsys.readouterr().out)
     assert answer["verdict"] == alone["verdict"]
     assert answer["effects"] == alone["effects"]
-    assert f"<h3>{answer['effects'][0]['name']}" in (out / "report.html").read_text()
+    page = (out / "report.html").read_text()
+    assert f"<h2>{answer['effects'][0]['name']}".replace("_", " ") in page
+    assert page.index("Next: ") < page.index("Every log")
+
+
+def test_report_of_a_folder_is_one_page_of_all_that_leads_to_one_of_every_log(tmp_path, capsys):
+    logs, report = tmp_path / "logs", tmp_path / "report"
+    logs.mkdir()
+    for k in range(2):
+        write_tlog(logs / f"heavy{k}.tlog", quad_flight(40.0, mass_kg=3.6, seed=k))
+    (logs / "bad.tlog").write_bytes(b"\x00" * 500)
+    arguments = ["diagnose", str(logs), "--vehicle", str(QUAD), "--model", "none", "--out", str(tmp_path / "out")]
+    assert main([*arguments, "--report", str(report), "--quiet"]) == 0
+    page = (report / "report.html").read_text()
+    assert "Most logs lack the same" in page
+    assert page.index("Most logs lack") < page.index("Next: ") < page.index("Every log")
+    links = re.findall(r'href="(logs/heavy\d-\w+\.html)"', page)
+    assert len(links) == 2
+    for link in links:
+        assert "What the model lacks" in (report / link).read_text()
+    assert str(tmp_path) not in page.split("<table>")[-1].replace(str(logs), ""), "the folder may be moved"
+    # A page that was deleted is made again; the others are known from before.
+    (report / links[0]).unlink()
+    capsys.readouterr()
+    assert main([*arguments, "--report", str(report)]) == 0
+    assert "2 of them known from before" in capsys.readouterr().out
+    assert (report / links[0]).is_file()
+    assert main([*arguments, "--save-model", str(tmp_path / "m")]) == 2
+    assert "--save-model: needs logs by name" in capsys.readouterr().err
+
+
+def test_what_logs_cannot_tell_apart_counts_as_one():
+    def log(name, *aliases):
+        return {"verdict": "explained", "effects": [{"name": name}], "aliases": [[name, *aliases]] if aliases else []}
+
+    assert common_effects([log("payload", "thrust_scale"), log("thrust_scale", "payload")]) == [
+        ["payload", "thrust_scale"]
+    ]
+    assert common_effects([log("payload"), log("wind"), log("ceiling")]) == []
+    assert common_effects([log("wind"), log("wind"), log("payload")]) == [["wind"]]
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
+def test_a_real_browser_shows_the_page_of_a_folder(folder, tmp_path):
+    out = tmp_path / "out"
+    assert main(["run", str(folder), "--out", str(out), "--workers", "2", "--quiet"]) == 0
+    with Browser() as browser:
+        for size in (PHONE, DESKTOP):
+            seen = browser.open((out / "report.html").as_uri(), size)
+            assert seen.width <= size[0]
+            assert (seen.cut_cells, seen.outside, seen.console, seen.requests) == (0, (), (), ())
 
 
 def test_a_process_that_dies_is_one_line(tmp_path, monkeypatch):
