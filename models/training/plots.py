@@ -45,20 +45,19 @@ def write_report(directory: Path, result: Comparison) -> None:
 
 def entries(result: Comparison) -> list[Entry]:
     """Figs 14 to 19 beside what the paper says of them, judged on the lift of the first split."""
+    return [*_regression_entries(result), *_surface_entries(result)]
+
+
+def _regression_entries(result: Comparison) -> list[Entry]:
+    """Figs 14 to 16: the paper's four methods on learnt and held-out rows."""
     learnt, unseen = (_lift_r2(result, held_out) for held_out in (False, True))
     share = {m: _within_ten_percent(result, m) for m in PAPER_METHODS}
-    table = result.numbers["table3"]
-    rough, mse = ({m: row[key] for m, row in table.items()} for key in ("roughness", "mse_train"))
-    rivals = ("kriging", "ga-adam-bp", "polynomial")
 
     def ordered(values: Mapping[str, float]) -> str:
         return _verdict(values["ga-adam-bp"] >= values["adam-bp"] > values["ga-bp"] > values["bp"])
 
     def lift(values: Mapping[str, float]) -> str:
         return "R² of the lift's increment: " + ", ".join(f"{NAMES[m]} {v:.3f}" for m, v in values.items())
-
-    def surface(method: str) -> str:
-        return f"mean squared error {mse[method]:.2g} N² on learnt rows, roughness {1e3 * rough[method]:.0f} mN"
 
     said = {m: ", ".join(f"{PAPER_TABLE_2[k]['Fz'][m]:.3f}" for k in PAPER_METHODS) for m in ("train", "test")}
     return [
@@ -86,29 +85,42 @@ def entries(result: Comparison) -> list[Entry]:
             "lift within 10 %: " + ", ".join(f"{NAMES[m]} {100 * v:.0f} % of the rows" for m, v in share.items()),
             _verdict(min(share.values()) > 0.5),
         ),
+    ]
+
+
+def _surface_entries(result: Comparison) -> list[Entry]:
+    """Figs 17 to 19: the lift over height and wall distance by three methods."""
+    table = result.numbers["table3"]
+    rough, mse = ({m: row[key] for m, row in table.items()} for key in ("roughness", "mse_train"))
+    kriging, net, polynomial = (mse[m] for m in ("kriging", "ga-adam-bp", "polynomial"))
+
+    def here(method: str) -> str:
+        return f"mean squared error {mse[method]:.2g} N² on learnt rows, roughness {1e3 * rough[method]:.0f} mN"
+
+    return [
         Entry(
             17,
             "Fig. 17: lift by kriging",
             "fig17_surface_kriging.png",
             "the least mean squared error of the three (1.3e-4), but waves between the points",
-            surface("kriging"),
-            _verdict(mse["kriging"] == min(mse[m] for m in rivals) and rough["kriging"] > rough["ga-adam-bp"]),
+            here("kriging"),
+            _verdict(kriging <= min(net, polynomial) and rough["kriging"] > rough["ga-adam-bp"]),
         ),
         Entry(
             18,
             "Fig. 18: lift by GA-Adam-BP",
             "fig18_surface_ga_adam_bp.png",
             "smooth, error between kriging and polynomial (4.3e-3)",
-            surface("ga-adam-bp"),
-            _verdict(mse["kriging"] < mse["ga-adam-bp"] < mse["polynomial"]),
+            here("ga-adam-bp"),
+            _verdict(kriging < net < polynomial),
         ),
         Entry(
             19,
             "Fig. 19: lift by a polynomial",
             "fig19_surface_polynomial.png",
             "the largest error of the three (0.24)",
-            surface("polynomial"),
-            _verdict(mse["polynomial"] == max(mse[m] for m in rivals)),
+            here("polynomial"),
+            _verdict(polynomial >= max(kriging, net)),
         ),
     ]
 
