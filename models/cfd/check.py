@@ -244,7 +244,8 @@ def _verdict(holds: bool) -> str:
 
 def _ground(c: Checked, heights: list[float], noise: float) -> list[Statement]:
     ratios = {h: c.ratio(h) for h in heights}
-    falls = all(ratios[b] <= ratios[a] + noise for a, b in itertools.pairwise(heights))
+    doubt = {h: max(noise, float(c.labels[h, math.inf].error[2]) / c.free) for h in heights}
+    falls = all(ratios[b] <= ratios[a] + math.hypot(doubt[a], doubt[b]) for a, b in itertools.pairwise(heights))
     listed = ", ".join(f"{ratios[h]:.3f} at {h:g}" for h in heights)
     out = [
         Statement("lift ratio rises as the ground comes near", "paper, figs 5 and 9", listed + " R", _verdict(falls)),
