@@ -187,8 +187,10 @@ class _Maker:
         self.base = half if self.variant else np.where(self.mixed, full, half)
 
     def free(self, rpm: float) -> Array:
-        """Free air (6,): the base, with the law of the half model's lift; everything else as rpm^2."""
-        ratio = self.half[rpm][FREE].wrench[2] / self.half[self.rpm][FREE].wrench[2]
+        """Free air (6,): the base, its lift as a full model at that speed has it, else a half one; others rpm^2."""
+        solved = self.mixed[2] and not self.variant and FREE in self.full[rpm]
+        model = self.full if solved else self.half
+        ratio = model[rpm][FREE].wrench[2] / model[self.rpm][FREE].wrench[2]
         out: Array = self.base * np.where(np.arange(6) == 2, ratio, (rpm / self.rpm) ** 2)
         return out
 

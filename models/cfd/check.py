@@ -68,6 +68,7 @@ class Checked:
     parts: dict[Place, Array]
     study: Study
     law: Law | None
+    full_law: Law | None
     statements: tuple[Statement, ...]
     correction: Correction
     ceilings: tuple[Array, Array] | None
@@ -109,6 +110,7 @@ def check(rows: Sequence[Row], setup: Setup) -> Checked:
         parts=_parts(rows, c.rpm, kind if made[FREE].startswith("solved") else HALF),
         study=spread(rows, setup),
         law=law,
+        full_law=_full_law(rows, setup, kind),
         statements=(),
         correction=correction(full, half),
         ceilings=ceilings(whole) if whole is not None else None,
@@ -119,6 +121,15 @@ def check(rows: Sequence[Row], setup: Setup) -> Checked:
     )
     said = tuple(_statements(bare))
     return replace(bare, statements=said, summary=_summary(rows, bare, said))
+
+
+def _full_law(rows: Sequence[Row], setup: Setup, kind: Kind) -> Law | None:
+    """The law of rotor speed of full models alone; None without free air and a position at another speed."""
+    c = setup.campaign
+    speeds = {rpm: labels(rows, rpm, kind) for rpm in (c.rpm, *c.other_rpm)}
+    speeds = {rpm: found for rpm, found in speeds.items() if FREE in found}
+    others = [p for rpm, found in speeds.items() if rpm != c.rpm for p in found if p != FREE]
+    return fit_law(speeds, c.rpm) if c.rpm in speeds and others else None
 
 
 def _of_set(whole: Assembled, setup: Setup) -> tuple[dict[Place, Label], dict[Place, str]]:
@@ -165,6 +176,7 @@ def _summary(rows: Sequence[Row], c: Checked, said: Sequence[Statement]) -> dict
         "mesh_levels": list(c.study.levels),
         "richardson_free_lift": _richardson(c),
         "rpm_law": _law(c.law),
+        "rpm_law_of_full_models": _law(c.full_law),
         "fidelity": {
             "full_models": len(c.full),
             "half_model_misses": _by_axis(c.correction.plain),
@@ -232,7 +244,8 @@ def _verdict(holds: bool) -> str:
 
 def _ground(c: Checked, heights: list[float], noise: float) -> list[Statement]:
     ratios = {h: c.ratio(h) for h in heights}
-    falls = all(ratios[b] <= ratios[a] + noise for a, b in itertools.pairwise(heights))
+    doubt = {h: max(noise, float(c.labels[h, math.inf].error[2]) / c.free) for h in heights}
+    falls = all(ratios[b] <= ratios[a] + math.hypot(doubt[a], doubt[b]) for a, b in itertools.pairwise(heights))
     listed = ", ".join(f"{ratios[h]:.3f} at {h:g}" for h in heights)
     out = [
         Statement("lift ratio rises as the ground comes near", "paper, figs 5 and 9", listed + " R", _verdict(falls)),
@@ -475,13 +488,7 @@ def text(c: Checked) -> str:
     if s["richardson_free_lift"]:
         r = s["richardson_free_lift"]
         lines.append(f"free lift on an infinitely fine mesh {r['lift_N']:.2f} N (order {r['order']:.1f})")
-    if c.law is not None:
-        law = s["rpm_law"]
-        by = ", ".join(f"{a} {law['increment_exponent'][a]:.2f} +- {law['standard_error'][a]:.2f}" for a in AXES[::2])
-        lines.append(
-            f"rotor speed: free lift as rpm^{law['free_lift_exponent']:.3f}, increments of {by} "
-            f"({law['positions']} positions)"
-        )
+    lines += _law_lines(s)
     if c.correction.places:
         learnt = ", ".join(s["fidelity"]["learnt"]) or "nothing"
         lines.append(
@@ -500,6 +507,21 @@ def text(c: Checked) -> str:
     for said in c.statements:
         lines.append(f"[{said.verdict}] {said.claim} ({said.source}): {said.ours}")
     return "\n".join(lines)
+
+
+def _law_lines(summary: dict[str, Any]) -> list[str]:
+    """How lift and increments grow with rotor speed, of half models and of full ones where they were computed."""
+    lines = []
+    for key, models in (("rpm_law", "half models"), ("rpm_law_of_full_models", "full models")):
+        law = summary[key]
+        if law is None:
+            continue
+        by = ", ".join(f"{a} {law['increment_exponent'][a]:.2f} +- {law['standard_error'][a]:.2f}" for a in AXES[::2])
+        lines.append(
+            f"rotor speed, {models}: free lift as rpm^{law['free_lift_exponent']:.3f}, increments of {by} "
+            f"({law['positions']} positions)"
+        )
+    return lines
 
 
 def _listed(values: Array) -> str:

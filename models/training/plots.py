@@ -45,11 +45,11 @@ def write_report(directory: Path, result: Comparison) -> None:
 
 def entries(result: Comparison) -> list[Entry]:
     """Figs 14 to 19 beside what the paper says of them, judged on the lift of the first split."""
-    return [*_accuracy(result), *_smoothness(result)]
+    return [*_regression_entries(result), *_surface_entries(result)]
 
 
-def _accuracy(result: Comparison) -> list[Entry]:
-    """Figs 14 to 16: the four trainings on learnt and held-out rows."""
+def _regression_entries(result: Comparison) -> list[Entry]:
+    """Figs 14 to 16: the paper's four methods on learnt and held-out rows."""
     learnt, unseen = (_lift_r2(result, held_out) for held_out in (False, True))
     share = {m: _within_ten_percent(result, m) for m in PAPER_METHODS}
 
@@ -88,13 +88,13 @@ def _accuracy(result: Comparison) -> list[Entry]:
     ]
 
 
-def _smoothness(result: Comparison) -> list[Entry]:
-    """Figs 17 to 19: the surfaces of kriging, network and polynomial."""
+def _surface_entries(result: Comparison) -> list[Entry]:
+    """Figs 17 to 19: the lift over height and wall distance by three methods."""
     table = result.numbers["table3"]
     rough, mse = ({m: row[key] for m, row in table.items()} for key in ("roughness", "mse_train"))
-    rivals = ("kriging", "ga-adam-bp", "polynomial")
+    kriging, net, polynomial = (mse[m] for m in ("kriging", "ga-adam-bp", "polynomial"))
 
-    def surface(method: str) -> str:
+    def here(method: str) -> str:
         return f"mean squared error {mse[method]:.2g} N² on learnt rows, roughness {1e3 * rough[method]:.0f} mN"
 
     return [
@@ -103,24 +103,24 @@ def _smoothness(result: Comparison) -> list[Entry]:
             "Fig. 17: lift by kriging",
             "fig17_surface_kriging.png",
             "the least mean squared error of the three (1.3e-4), but waves between the points",
-            surface("kriging"),
-            _verdict(mse["kriging"] == min(mse[m] for m in rivals) and rough["kriging"] > rough["ga-adam-bp"]),
+            here("kriging"),
+            _verdict(kriging <= min(net, polynomial) and rough["kriging"] > rough["ga-adam-bp"]),
         ),
         Entry(
             18,
             "Fig. 18: lift by GA-Adam-BP",
             "fig18_surface_ga_adam_bp.png",
             "smooth, error between kriging and polynomial (4.3e-3)",
-            surface("ga-adam-bp"),
-            _verdict(mse["kriging"] < mse["ga-adam-bp"] < mse["polynomial"]),
+            here("ga-adam-bp"),
+            _verdict(kriging < net < polynomial),
         ),
         Entry(
             19,
             "Fig. 19: lift by a polynomial",
             "fig19_surface_polynomial.png",
             "the largest error of the three (0.24)",
-            surface("polynomial"),
-            _verdict(mse["polynomial"] == max(mse[m] for m in rivals)),
+            here("polynomial"),
+            _verdict(polynomial >= max(kriging, net)),
         ),
     ]
 

@@ -373,7 +373,9 @@ def test_the_check_says_what_agrees_and_what_does_not(rows):
     assert verdict["lift rises slightly near the wall"] == DISAGREES
     assert checked.summary["usable"] == len(rows)
     assert checked.summary["C_T"] == pytest.approx(0.0451, abs=2e-4)
-    assert checked.summary["rpm_law"]["increment_exponent"]["Fx"] == pytest.approx(2.3, abs=1e-3)
+    for law in ("rpm_law", "rpm_law_of_full_models"):
+        assert checked.summary[law]["increment_exponent"]["Fx"] == pytest.approx(2.3, abs=1e-3)
+    assert checked.summary["rpm_law_of_full_models"]["positions"] == len(SETUP.campaign.full_other_rpm_at) - 1
     for statement in checked.statements:
         assert statement.claim in text(checked)
     json.dumps(checked.summary)
