@@ -11,10 +11,10 @@ import numpy as np
 
 from companion.adaptation import residual as block_of
 from companion.adaptation.apply import towards, wanted_shares
-from companion.adaptation.filter import expected, later, update
+from companion.adaptation.filter import expected, later, opened, surprises, update
 from companion.adaptation.gates import Pause, pause
 from companion.adaptation.options import Adapt, AdaptTuning
-from companion.adaptation.sizes import Estimate, Size, Sizes, channels, prior, size_table, told
+from companion.adaptation.sizes import EAST, NORTH, Estimate, Size, Sizes, channels, prior, size_table, told
 from companion.config import PipelineConfig
 from companion.control.state import PipelineState
 from companion.mavlink.samples import Imu
@@ -46,6 +46,8 @@ class Adaptation:
     block: block_of.Block | None = None
     modelled: Array | None = None
     """(5,): of the newest block."""
+    surprised: tuple[int, ...] = (0,) * block_of.AXES
+    """For how many blocks in a row each axis has been far off to one side."""
     source: str = ""
     """The accelerometer that is listened to: the first that speaks."""
     heard_s: float = -math.inf
@@ -137,13 +139,16 @@ def _learn(known: Adaptation, block: block_of.Block, state: PipelineState, confi
     """Take in a full block."""
     tuning, table, rotation = config.adapt_tuning, known.table, state.estimates.rotation
     assert rotation is not None
-    seen = block_of.see(block, config.vehicle, rotation, len(table))
+    wind = (float(known.sizes.offset[NORTH]), float(known.sizes.offset[EAST]))
+    seen = block_of.see(block, config.vehicle, rotation, len(table), wind)
     seconds = block.end_s - (known.updated_s if known.updated_s > -math.inf else block.start_s)
     sizes = later(table, known.sizes, max(seconds, 0.0))
     changed = 0.0 if known.modelled is None else seen.modelled - known.modelled
     doubt = (tuning.lag_doubt_s / tuning.block_s * changed) ** 2
     variance = tuning.alike * known.noise.variance + doubt
     innovation = np.array([r - expected(sizes, row) for r, row in zip(seen.residual, seen.regressors, strict=True)])
+    surprised = surprises(sizes, innovation, seen.regressors, variance, known.surprised, tuning.robust_sigmas)
+    sizes = opened(table, sizes, surprised, tuning.surprised_blocks)
     for axis in range(block_of.AXES):
         sizes = update(
             table, sizes, float(seen.residual[axis]), seen.regressors[axis], float(variance[axis]),
@@ -154,6 +159,7 @@ def _learn(known: Adaptation, block: block_of.Block, state: PipelineState, confi
         sizes=sizes,
         noise=_noise(known.noise, innovation, config),
         modelled=seen.modelled,
+        surprised=surprised,
         updated_s=block.end_s,
         blocks=known.blocks + 1,
         learned=_learned(known, sizes),

@@ -12,6 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from companion.adaptation import sizes as at
 from companion.adaptation.sizes import Size, Sizes
 from models.frames import Array
 
@@ -33,6 +34,44 @@ def later(table: tuple[Size, ...], sizes: Sizes, seconds: float) -> Sizes:
     variance = np.diagonal(sizes.covariance)
     grown = np.minimum(seconds * per_s, np.maximum(most - variance, 0.0))
     return Sizes(sizes.offset, sizes.covariance + np.diag(grown))
+
+
+_JUMPS = ((at.NORTH, at.EAST), (at.NORTH, at.EAST), (at.THRUST,), (at.CG_Y,), (at.CG_X,))
+"""What may change at once, by axis: a gust front, a load, what shifts in a bay."""
+_JUMP_VARIANCE = 0.1
+"""Of the prior's: what a block adds to the variance while an axis is surprised."""
+_GAIN_EXPLAINS = 1.5
+"""A residual smaller than this many times what ground and wall do by the model may be the model's fault."""
+
+
+def surprises(
+    sizes: Sizes, innovation: Array, regressors: Array, variance: Array, before: tuple[int, ...], sigmas: float
+) -> tuple[int, ...]:
+    """For how many blocks in a row each axis has been off by more than ``sigmas`` to the same side: +n or -n.
+
+    What a gain on the model can explain is no surprise.
+    """
+    spread = np.sqrt(((regressors @ sizes.covariance) * regressors).sum(axis=1) + variance)
+    by_gains = _GAIN_EXPLAINS * np.abs(regressors[:, : at.THRUST]).sum(axis=1)
+    out = []
+    for count, off, sd, known in zip(before, innovation.tolist(), spread.tolist(), by_gains.tolist(), strict=True):
+        side = 1 if off > 0.0 else -1
+        far = abs(off) > sigmas * sd and abs(off) > known
+        out.append((count + side if count * side > 0 else side) if far else 0)
+    return tuple(out)
+
+
+def opened(table: tuple[Size, ...], sizes: Sizes, surprised: tuple[int, ...], after: int) -> Sizes:
+    """The same, less sure of what may have jumped on axes that have been surprised for ``after`` blocks."""
+    axes = [k for k, count in enumerate(surprised) if abs(count) >= after]
+    if not axes:
+        return sizes
+    _, _, most, _ = _limits(table)
+    more = np.zeros(len(table))
+    for axis in axes:
+        for place in _JUMPS[axis]:
+            more[place] = min(_JUMP_VARIANCE * most[place], max(most[place] - sizes.covariance[place, place], 0.0))
+    return Sizes(sizes.offset, sizes.covariance + np.diag(more))
 
 
 def expected(sizes: Sizes, regressors: Array) -> float:

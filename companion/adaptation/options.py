@@ -31,7 +31,7 @@ class AdaptTuning:
     """The accelerometer is delayed by this, which is how late rotor speeds are (``Tuning.rotor_delay_s``)."""
     lag_doubt_s: float = 0.03
     """What may be left of that: a modelled wrench that changes quickly is trusted less."""
-    alike: float = 10.0
+    alike: float = 4.0
     """Variance of a block's noise over that of its differences: errors of neighbours are alike. Chosen such that the
     90 % intervals of simulated flights cover (docs/adaptation.md)."""
     noise_mean_s: float = 20.0
@@ -42,6 +42,8 @@ class AdaptTuning:
     """The same, of the weight times the farthest fan's arm."""
     robust_sigmas: float = 2.5
     """A residual counts no more than this many standard deviations (Huber 1964, Ann. Math. Statist. 35, 73)."""
+    surprised_blocks: int = 4
+    """After so many of them in a row to one side something has jumped: a load, a gust front."""
     excited: float = 0.2
     """A size learns from an axis where its prior's sd would move the axis by this share of the axis' noise."""
     pause_s: float = 0.6

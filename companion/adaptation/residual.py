@@ -97,8 +97,8 @@ class Seen:
     """Free-air lift of all fans."""
 
 
-def see(block: Block, vehicle: Vehicle, rotation: Array, sizes: int) -> Seen:
-    """The residual of a full block. ``rotation`` FRD -> NED at its end."""
+def see(block: Block, vehicle: Vehicle, rotation: Array, sizes: int, wind_ne: tuple[float, float] = (0.0, 0.0)) -> Seen:
+    """The residual of a full block. ``rotation`` FRD -> NED at its end; ``wind_ne`` as believed [m/s]."""
     assert block.parts is not None
     assert block.fan_lift is not None
     share = 1.0 / block.samples
@@ -114,8 +114,12 @@ def see(block: Block, vehicle: Vehicle, rotation: Array, sizes: int) -> Seen:
     regressors[:, : at.THRUST] = parts[:3, :AXES].T
     regressors[:, at.FIRST_EFFECT :] = parts[4:, :AXES].T
     free = parts[3]
+    north, east = wind_ne
+    climb = float(velocity[2]) - north * float(rotation[0, 2]) - east * float(rotation[1, 2])
     lifted = float(modelled[2] - parts[:3, 2].sum())
-    _common(regressors, vehicle, rotation, velocity.tolist(), free.tolist(), lifted, block.tip_m_s * share)
+    _common(
+        regressors, vehicle, rotation, [*velocity.tolist()[:2], climb], free.tolist(), lifted, block.tip_m_s * share
+    )
     return Seen(wrench - modelled, regressors, modelled, -float(free[2]))
 
 
@@ -139,7 +143,8 @@ def _common(
 ) -> None:  # fmt: skip
     """Fill in the columns of the sizes that every vehicle has; the catalogue's regressors (see the tests).
 
-    ``lifted``: declared vertical force of rotors and vanes in free air, body FRD.
+    ``velocity``: along x and y over ground, along the rotors' axis through the air. ``lifted``: declared vertical force
+    of rotors and vanes in free air, body FRD.
     """
     lift = max(-free[2], 0.0)
     out[2, at.THRUST] = free[2]

@@ -13,7 +13,7 @@ import argparse
 import json
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -92,103 +92,107 @@ def fly(vehicle: Vehicle, kind: str, mode: str, seed: int, scenario: str, approa
 
 
 @dataclass(frozen=True)
-class Row:
-    """One kind and mode over all seeds, in one approach: value and its 90 % interval."""
+class Cell:
+    """One flight in one approach (0: all of them) on one axis: RMS with and without [mm], squares left and of all."""
 
     kind: str
     mode: str
+    seed: int
     axis: str
     approach: int
-    rms: tuple[float, float, float]
-    worse: tuple[float, float, float]
-    gone: tuple[float, float, float]
-    worst_seed: float
-    """Largest ``worse`` of any seed."""
+    rms: float
+    rms_off: float
+    left: float
+    air: float
 
 
-def gone(legs: Sequence[Leg3], off: Sequence[Leg3], free: Sequence[Leg3], axis: str, approach: int) -> Array:
-    """(seeds, 2): squares of what is left of the air's error, and of all of it."""
+def cells(ours: Leg3, off: Leg3, free: Leg3, approaches: int) -> list[Cell]:
+    """Everything that the tables need of one flight."""
+    n = min(len(f.flown.time_s) for f in (ours, off, free))
     out = []
-    for one, without, calm in zip(legs, off, free, strict=True):
-        n = min(len(f.flown.time_s) for f in (one, without, calm))
-        here = one.window(approach)[:n]
-        a, b, c = (getattr(f.flown, axis)[:n][here] for f in (one, without, calm))
-        out.append((float(np.sum((a - c) ** 2)), float(np.sum((b - c) ** 2))))
-    return np.array(out)
+    for axis in AXES:
+        for k in range(-1, approaches):
+            here = ours.window(k)[:n]
+            a, b, c = (getattr(f.flown, axis)[:n][here] for f in (ours, off, free))
+            left, air = float(np.sum((a - c) ** 2)), float(np.sum((b - c) ** 2))
+            out.append(
+                Cell(ours.kind, ours.mode, ours.seed, axis, k + 1, ours.rms(axis, k), off.rms(axis, k), left, air)
+            )
+    return out
 
 
-def interval(values: Array, draw: Array, of: Any) -> tuple[float, float, float]:
-    """``of`` all seeds, and the 90 % interval over bootstrap draws of them."""
+def interval(values: Array, of: Callable[[Array], float]) -> tuple[float, float, float]:
+    """``of`` all seeds, and its 90 % interval over bootstrap draws of them."""
+    draw = np.random.default_rng(1).integers(0, len(values), (2000, len(values)))
     drawn = np.array([of(values[d]) for d in draw])
     return float(of(values)), float(np.percentile(drawn, 5)), float(np.percentile(drawn, 95))
 
 
-def rows(legs: Sequence[Leg3], seeds: Sequence[int], approaches: int) -> list[Row]:
-    """The table."""
-    by = {(leg.kind, leg.mode, leg.seed): leg for leg in legs}
-    draw = np.random.default_rng(1).integers(0, len(seeds), (2000, len(seeds)))
-    off = [by["", "off", s] for s in seeds]
-    free = [by["", "free", s] for s in seeds]
-    out = []
-    for kind in KINDS:
-        for mode in MODES:
-            if (kind, mode, seeds[0]) not in by:
-                continue
-            ours = [by[kind, mode, s] for s in seeds]
-            for axis in AXES:
-                for k in (*range(approaches), -1):
-                    rms = np.array([(o.rms(axis, k), w.rms(axis, k)) for o, w in zip(ours, off, strict=True)])
-                    left = gone(ours, off, free, axis, k)
-                    out.append(
-                        Row(
-                            kind, mode, axis, k + 1,
-                            interval(rms, draw, lambda v: np.sqrt(np.mean(v[:, 0] ** 2))),
-                            interval(rms, draw, lambda v: np.sqrt(np.mean(v[:, 0] ** 2) / np.mean(v[:, 1] ** 2)) - 1),
-                            interval(left, draw, lambda v: 1.0 - v[:, 0].sum() / v[:, 1].sum()),
-                            float(np.max(rms[:, 0] / rms[:, 1]) - 1.0),
-                        )
-                    )  # fmt: skip
-    return out
+def report(found: Sequence[Cell]) -> str:
+    """The tables."""
+    seeds = sorted({c.seed for c in found})
+    lines = [
+        f"simulated, {len(seeds)} seeds ({seeds[0]} to {seeds[-1]}); value [90 % interval]",
+        f"{'model':11} {'mode':5} {'axis':8} {'no.':4} {'RMS mm':>20} {'off mm':>7} {'worse than off %':>22} "
+        f"{'worst seed %':>12} {'air part gone %':>22}",
+    ]
+    for axis in AXES:
+        for kind in KINDS:
+            for mode in MODES:
+                for k in sorted({c.approach for c in found}, key=lambda n: (n == 0, n)):
+                    here = [c for c in found if (c.kind, c.mode, c.axis, c.approach) == (kind, mode, axis, k)]
+                    if here:
+                        lines.append(_line(here))
+    return "\n".join(lines)
+
+
+def _line(here: Sequence[Cell]) -> str:
+    first, v = here[0], np.array([(c.rms, c.rms_off, c.left, c.air) for c in here])
+    rms = interval(v, lambda x: float(np.sqrt(np.mean(x[:, 0] ** 2))))
+    worse = interval(v, lambda x: 100.0 * float(np.sqrt(np.sum(x[:, 0] ** 2) / np.sum(x[:, 1] ** 2)) - 1.0))
+    gone = interval(v, lambda x: 100.0 * float(1.0 - x[:, 2].sum() / x[:, 3].sum()))
+    off = float(np.sqrt(np.mean(v[:, 1] ** 2)))
+    number = str(first.approach) if first.approach else "all"
+    return (
+        f"{first.kind:11} {first.mode:5} {first.axis:8} {number:4} {_shown(rms):>20} {off:7.1f} {_shown(worse):>22} "
+        f"{100.0 * float(np.max(v[:, 0] / v[:, 1]) - 1.0):>+12.1f} {_shown(gone):>22}"
+    )
 
 
 def main() -> int:
-    """Fly and print."""
+    """Fly what is not in ``--keep`` yet, and print."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("--seeds", type=int, default=10, help="how many, from --first on")
+    p.add_argument("--seeds", type=int, default=10, help="how many, from --first on; 0 only prints what is kept")
     p.add_argument("--first", type=int, default=101)
     p.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
     p.add_argument("--modes", nargs="+", choices=MODES, default=list(MODES))
     p.add_argument("--scenario", default="corner")
     p.add_argument("--approaches", type=int, default=APPROACHES)
     p.add_argument("--vehicle", type=Path)
-    p.add_argument("--json", type=Path, metavar="FILE")
+    p.add_argument("--keep", nargs="+", type=Path, default=[], metavar="FILE.json",
+                   help="results so far; new ones are added to the first")  # fmt: skip
     a = p.parse_args()
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
-    seeds = range(a.first, a.first + a.seeds)
-    jobs = [("", mode, seed) for seed in seeds for mode in ("off", "free")]
-    jobs += [(kind, mode, seed) for seed in seeds for kind in a.kinds for mode in a.modes]
-    legs = [
-        fly(vehicle, *job, a.scenario, a.approaches)
-        for job in tqdm(jobs, unit="flight", file=sys.stderr, disable=not sys.stderr.isatty())
-    ]
-    table = rows(legs, seeds, a.approaches)
-    print(f"sim:{a.scenario}, simulated, {a.approaches} approaches, seeds {seeds[0]} to {seeds[-1]}; [90 % interval]")
-    head = f"{'RMS mm':>22} {'worse than off %':>22} {'worst seed':>10} {'air part gone %':>24}"
-    print(f"{'model':11} {'mode':5} {'axis':8} {'no.':4} {head}")
-    for r in table:
-        number = "all" if r.approach == 0 else str(r.approach)
-        print(
-            f"{r.kind:11} {r.mode:5} {r.axis:8} {number:4} {_shown(r.rms):>22} {_shown(r.worse, 100.0):>22} "
-            f"{100.0 * r.worst_seed:>+10.1f} {_shown(r.gone, 100.0):>24}"
-        )
-    if a.json is not None:
-        told = [{"kind": x.kind, "mode": x.mode, "seed": x.seed, "sizes": x.sizes} for x in legs if x.sizes]
-        a.json.write_text(json.dumps({"rows": [asdict(r) for r in table], "sizes": told}, indent=1))
+    found = [Cell(**c) for path in a.keep if path.exists() for c in json.loads(path.read_text())]
+    done = {(c.kind, c.mode, c.seed) for c in found}
+    fresh: list[Cell] = []
+    for seed in tqdm(range(a.first, a.first + a.seeds), unit="seed", file=sys.stderr, disable=not sys.stderr.isatty()):
+        jobs = [(kind, mode) for kind in a.kinds for mode in a.modes if (kind, mode, seed) not in done]
+        if not jobs:
+            continue
+        off, free = (fly(vehicle, "", mode, seed, a.scenario, a.approaches) for mode in ("off", "free"))
+        for kind, mode in jobs:
+            fresh += cells(fly(vehicle, kind, mode, seed, a.scenario, a.approaches), off, free, a.approaches)
+        if a.keep:
+            old = [Cell(**c) for c in json.loads(a.keep[0].read_text())] if a.keep[0].exists() else []
+            of_seed = [c for c in fresh if c.seed == seed]
+            a.keep[0].write_text(json.dumps([asdict(c) for c in (*old, *of_seed)]))
+    print(report([*found, *fresh]))
     return 0
 
 
-def _shown(value: tuple[float, float, float], scale: float = 1.0) -> str:
-    middle, low, high = (scale * v for v in value)
+def _shown(value: tuple[float, float, float]) -> str:
+    middle, low, high = value
     return f"{middle:.1f} [{low:.1f}, {high:.1f}]"
 
 
