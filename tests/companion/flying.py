@@ -50,6 +50,9 @@ class PlainModel:
         wrench = self.wrench(h, d, rpm)
         return Answer(wrench, 0.01 * np.abs(wrench), np.full(wrench.shape[:-1], self.believed))
 
+    def free_air_now(self, rpm):
+        return self.wrench(np.inf, np.inf, rpm).tolist()
+
 
 CONFIG = PipelineConfig(vehicle=default_vehicle(), model=PlainModel())
 
