@@ -16,6 +16,7 @@ from companion.mavlink.frames import Frame
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
+from companion.mavlink.outgoing import Message, command_long, heartbeat, param_request_read, statustext
 from companion.mavlink.samples import Attitude, Heartbeat, Sample, SetPositionTarget
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, Command, PositionCommand, encode
 from companion.mavlink.stream_rates import StreamKeeper, interval_request, wanted_streams
@@ -28,8 +29,6 @@ from companion.telemetry.status import StatusReporter
 from companion.telemetry.summary import Summary
 from companion.watchdog import Watchdog
 
-_ONBOARD_CONTROLLER, _NO_AUTOPILOT, _ACTIVE = 18, 8, 4
-"""MAV_TYPE, MAV_AUTOPILOT and MAV_STATE of our heartbeat."""
 _INFO = 6
 """MAV_SEVERITY of what is no warning."""
 _WAIT_S = 0.02
@@ -226,7 +225,7 @@ class Flight:
         if self._options.page is not None:
             now_s = self._arrivals.now_s()
             self._options.page.offer(lambda: snapshot(decision, self._state, self._config, self._streams, now_s))
-        for outgoing, text in self._status.messages(self._link.mav, self._state, decision):
+        for outgoing, text in self._status.messages(self._state, decision):
             self._send(outgoing)
             if text is not None:
                 self._say(text)
@@ -241,7 +240,7 @@ class Flight:
             return
         self._survey_reported = (survey.phase, survey.why)
         text = f"companion: {survey.phase.value}" + (f": {survey.why}" if survey.why else "")
-        self._send(self._link.mav.statustext_encode(_INFO, text[:50].encode()))
+        self._send(statustext(_INFO, text[:50]))
         self._say(text)
 
     @property
@@ -276,7 +275,7 @@ class Flight:
             self._recorder.flush()
         if now_s - self._beat_s >= 1.0:
             self._beat_s = now_s
-            self._send(self._link.mav.heartbeat_encode(_ONBOARD_CONTROLLER, _NO_AUTOPILOT, 0, 0, _ACTIVE))
+            self._send(heartbeat())
         if self._streams is None:
             if not self._complained and now_s - self._started_s > _LOST_S:
                 self._complained = True
@@ -288,7 +287,7 @@ class Flight:
             self._streams.forget()
             return
         for wanted in self._streams.due(now_s):
-            self._send(interval_request(self._link.mav, wanted, self._system))
+            self._send(interval_request(wanted, self._system))
         for name, hz in self._streams.in_vain.items():
             if name not in self._reported_slow:
                 self._reported_slow.add(name)
@@ -297,9 +296,7 @@ class Flight:
         if now_s - self._asked_s >= retry_s:
             self._asked_s = now_s
             for name in self._missing_parameters():
-                self._send(
-                    self._link.mav.param_request_read_encode(self._system, AUTOPILOT_COMPONENT, name.encode(), -1)
-                )
+                self._send(param_request_read(self._system, AUTOPILOT_COMPONENT, name))
 
     def _stay_while_deaf(self, now_s: float) -> None:
         place = self._place
@@ -323,14 +320,14 @@ class Flight:
             out.append("GUID_OPTIONS")
         return out
 
-    def _send(self, message: Any) -> None:
-        raw = self._link.send(message)
+    def _send(self, message: Message) -> None:
+        raw = self._link.send(*message)
         if self._recorder is not None:
             self._recorder.write(self._arrivals.stamp(), raw)
 
     def _send_command(self, command: Command) -> int:
         """Send and record a setpoint; returns when it was sent [us]."""
-        raw = self._link.send_payload(*encode(command, self._system))
+        raw = self._link.send(*encode(command, self._system))
         sent_us = self._arrivals.stamp()
         if self._recorder is not None:
             self._recorder.write(sent_us, raw)
@@ -388,14 +385,12 @@ class Flight:
             return False
         return not (sample.armed and takes_setpoints(sample))
 
-    def _mode_request(self, main: int, sub: int) -> Any:
-        return self._link.mav.command_long_encode(
-            self._system, AUTOPILOT_COMPONENT, _DO_SET_MODE, 0, _CUSTOM_MODE, main, sub, 0, 0, 0, 0
-        )
+    def _mode_request(self, main: int, sub: int) -> Message:
+        return command_long(self._system, AUTOPILOT_COMPONENT, _DO_SET_MODE, _CUSTOM_MODE, main, sub)
 
     def _tell(self, text: str) -> None:
         """To the ground station and to stderr."""
-        for outgoing, words in self._status.tell(self._link.mav, text):
+        for outgoing, words in self._status.tell(text):
             self._send(outgoing)
             if words is not None:
                 self._say(words)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from fastcrc.crc16 import mcrf4xx as crc16
 
-from companion.mavlink.dialect import mavlink
+from companion.mavlink.definitions import CRC_EXTRAS as _DIALECT
 from companion.mavlink.esc_messages import BY_ID as ESC_BY_ID
 
 V1, V2 = 0xFE, 0xFD
@@ -26,9 +26,8 @@ _V1_AROUND, _V2_AROUND = 8, 12
 _SEARCH_BYTES = 1 << 20
 """Data without one good frame in its first MiB is no MAVLink."""
 
-CRC_EXTRAS: dict[int, int] = {number: kind.crc_extra for number, kind in mavlink.mavlink_map.items() if number >= 0}
+CRC_EXTRAS: dict[int, int] = {**_DIALECT, **{number: kind.crc_extra for number, kind in ESC_BY_ID.items()}}
 """Checksum extra of every message, by id."""
-CRC_EXTRAS.update({number: kind.crc_extra for number, kind in ESC_BY_ID.items()})
 _EXTRA_V2 = {number.to_bytes(3, "little"): bytes([extra]) for number, extra in CRC_EXTRAS.items()}
 _EXTRA_V1 = {number: bytes([extra]) for number, extra in CRC_EXTRAS.items() if number < 256}
 

@@ -5,18 +5,19 @@ from __future__ import annotations
 import errno
 import os
 import socket
+import sys
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
 from companion.clock import Clock, SystemClock
-from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import Frame, FrameReader, pack
 from companion.mavlink.signing import Signatures
 from models.errors import ConfigError, LinkError
 
 _NETWORK = ("udp", "udpin", "udpout", "tcp", "tcpin", "udpbcast", "mcast")
+_UNION = "pymavlink.dialects.v10.all"
 _SYSTEM_UNKNOWN = 1
 """We send as this system until the vehicle's own is heard."""
 _READ = 65536
@@ -62,7 +63,7 @@ class Link:
 
     @property
     def mav(self) -> Any:
-        """pymavlink's encoder of this link (sequence numbers, signing)."""
+        """pymavlink's state of this link: who we are, sequence number, signing."""
         return self._connection.mav
 
     @property
@@ -97,15 +98,8 @@ class Link:
             raise LinkError(f"{self.endpoint}: lost ({error}); plug it in again and restart") from None
         return bytes(data) if data else b""
 
-    def send(self, message: Any) -> bytes:
-        """Encode and send; returns the bytes for the recorder."""
-        raw = bytes(message.pack(self.mav))
-        self.mav.seq = (self.mav.seq + 1) % 256
-        self.forward(raw)
-        return raw
-
-    def send_payload(self, message_id: int, payload: bytes) -> bytes:
-        """Send a payload that is encoded already; returns the frame for the recorder."""
+    def send(self, message_id: int, payload: bytes) -> bytes:
+        """Send one message; returns the frame for the recorder."""
         mav, signatures = self.mav, self.signatures
         raw = pack(message_id, payload, mav.srcSystem, mav.srcComponent, mav.seq, signed=signatures is not None)
         if signatures is not None:
@@ -161,20 +155,31 @@ def open_link(
         raise LinkError(f"{endpoint}: needs the package {error.name}: pip install pyserial") from None
     except Exception as error:  # pyserial and pymavlink raise their own
         raise LinkError(f"{endpoint}: cannot be opened: {error}") from None
-    # Whatever dialect pymavlink was started with in this process, what is sent is encoded by ours.
-    connection.mav = mavlink.MAVLink(connection, srcSystem=_SYSTEM_UNKNOWN, srcComponent=191)
+    # Whatever dialect and version pymavlink was started with in this process.
+    from pymavlink.dialects.v20.minimal import MAVLink
+
+    connection.mav = MAVLink(connection, srcSystem=_SYSTEM_UNKNOWN, srcComponent=191)
     if signing_key is not None:
         connection.setup_signing(signing_key, sign_outgoing=True)
     return Link(connection, endpoint, arrivals, number)
 
 
 def _mavutil() -> Any:
-    """pymavlink's endpoints. Its import reads MAVLINK_DIALECT, fails on names that it does not know, and sets it."""
+    """pymavlink's endpoints, without any of its large dialects: frames are decoded and packed here (definitions.py).
+
+    Its import reads MAVLINK20 and MAVLINK_DIALECT, fails on names that it does not know, and sets the latter. It also
+    imports the union of all dialects for the sake of packaging tools, and does without where there is none: 12 MiB.
+    """
     before = os.environ.get("MAVLINK_DIALECT")
-    os.environ["MAVLINK_DIALECT"] = "ardupilotmega"
+    os.environ["MAVLINK20"], os.environ["MAVLINK_DIALECT"] = "1", "minimal"
+    hidden = _UNION not in sys.modules
+    if hidden:
+        sys.modules[_UNION] = None  # type: ignore[assignment]  # Python's way to say that there is no such module
     try:
         from pymavlink import mavutil
     finally:
+        if hidden:
+            del sys.modules[_UNION]
         if before is None:
             del os.environ["MAVLINK_DIALECT"]
         else:

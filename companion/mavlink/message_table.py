@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable
 
 from companion.mavlink.boot_clock import Stamp
-from companion.mavlink.dialect import mavlink
+from companion.mavlink.definitions import ID_OF
 from companion.mavlink.esc_messages import BY_ID as ESC_BY_ID
 from companion.mavlink.sample_builders import (
     build_attitude,
@@ -68,8 +68,7 @@ def _q(
 
 
 def _layout(name: str, stamp: Stamp | None, build: Callable[..., Sample | None], *quantities: Quantity | Raw) -> Layout:
-    known = {kind.msgname: number for number, kind in mavlink.mavlink_map.items()}
-    return Layout(known[name], name, stamp, quantities, build)
+    return Layout(ID_OF[name], name, stamp, quantities, build)
 
 
 def _esc(message_id: int, build: Callable[..., Sample | None], *quantities: Quantity | Raw) -> Layout:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from companion.mavlink.dialect import mavlink
+from companion.mavlink.definitions import PITCH_YAW_DEG
 from companion.mavlink.samples import (
     Quaternion,
     RangeVerdict,
@@ -23,18 +23,6 @@ LOW_QUALITY_BELOW = 10
 """signal_quality is 1 (invalid) to 100 (best); 0 is "not given"."""
 
 
-def _pitch_yaw() -> dict[int, tuple[int, int]]:
-    """Pitch and yaw [deg] of every MAV_SENSOR_ORIENTATION, from the dialect's names; roll does not turn the beam."""
-    out = {}
-    for value, entry in mavlink.enums["MAV_SENSOR_ORIENTATION"].items():
-        words = entry.name.removeprefix("MAV_SENSOR_ROTATION_").split("_")
-        if not entry.name.startswith("MAV_SENSOR_ROTATION_") or words == ["CUSTOM"]:
-            continue
-        angles = dict(zip(words[::2], words[1::2], strict=False))
-        out[value] = (int(angles.get("PITCH", 0)), int(angles.get("YAW", 0)))
-    return out
-
-
 def _beam(pitch_deg: float, yaw_deg: float) -> Vector3:
     pitch, yaw = math.radians(pitch_deg), math.radians(yaw_deg)
     # + 0.0 turns -0.0 into 0.0; rounding takes the 1e-17 out of cos 90 deg.
@@ -42,7 +30,7 @@ def _beam(pitch_deg: float, yaw_deg: float) -> Vector3:
     return (round(x, 15) + 0.0, round(y, 15) + 0.0, round(z, 15) + 0.0)
 
 
-_BEAMS = {value: _beam(*angles) for value, angles in _pitch_yaw().items()}
+_BEAMS = {value: _beam(*angles) for value, angles in PITCH_YAW_DEG.items()}
 
 
 def orientation_direction(orientation: int) -> Vector3 | None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Any
 
-from companion.mavlink.dialect import mavlink
-from companion.mavlink.esc_messages import BY_ID as ESC_BY_ID
+from companion.mavlink.definitions import ID_OF
 from companion.mavlink.firmware import Stack
+from companion.mavlink.message_table import LAYOUTS
+from companion.mavlink.outgoing import Message, command_long
 from models.vehicle import Vehicle
 
 _CHECK_S = 2.0
@@ -35,23 +35,23 @@ class Wanted:
 def wanted_streams(vehicle: Vehicle, stack: Stack) -> tuple[Wanted, ...]:
     """What to ask for; ESC groups by the ESC numbers of the vehicle file, PX4's ESC dialect on PX4."""
     out = [
-        Wanted(mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, 50.0, True),
-        Wanted(mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, 50.0, True),
-        Wanted(mavlink.MAVLINK_MSG_ID_HIGHRES_IMU, 50.0, False),
-        Wanted(mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW, 50.0, not vehicle.telemetered),
-        Wanted(mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET, 20.0, False),
+        Wanted(ID_OF["ATTITUDE_QUATERNION"], 50.0, True),
+        Wanted(ID_OF["LOCAL_POSITION_NED"], 50.0, True),
+        Wanted(ID_OF["HIGHRES_IMU"], 50.0, False),
+        Wanted(ID_OF["SERVO_OUTPUT_RAW"], 50.0, not vehicle.telemetered),
+        Wanted(ID_OF["ATTITUDE_TARGET"], 20.0, False),
         # A change of mode is known after a fifth of a second rather than after one.
-        Wanted(mavlink.MAVLINK_MSG_ID_HEARTBEAT, 5.0, False),
-        Wanted(mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE, 2.0, False),
-        Wanted(mavlink.MAVLINK_MSG_ID_BATTERY_STATUS, 2.0, False),
-        Wanted(mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE, 1.0, False),
+        Wanted(ID_OF["HEARTBEAT"], 5.0, False),
+        Wanted(ID_OF["EXTENDED_SYS_STATE"], 2.0, False),
+        Wanted(ID_OF["BATTERY_STATUS"], 2.0, False),
+        Wanted(ID_OF["SCALED_PRESSURE"], 1.0, False),
     ]
     if vehicle.rangefinders:
-        out.append(Wanted(mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR, 25.0, True))
+        out.append(Wanted(ID_OF["DISTANCE_SENSOR"], 25.0, True))
     if stack is Stack.PX4:
-        out.append(Wanted(mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS, 5.0, False))
+        out.append(Wanted(ID_OF["ESTIMATOR_STATUS"], 5.0, False))
     else:
-        out.append(Wanted(mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT, 5.0, False))
+        out.append(Wanted(ID_OF["EKF_STATUS_REPORT"], 5.0, False))
     escs = [rotor.esc for rotor in vehicle.rotors if rotor.esc is not None]
     if escs and stack is Stack.PX4:
         out += [Wanted(291, 25.0, True), Wanted(290, 1.0, False)]
@@ -62,8 +62,7 @@ def wanted_streams(vehicle: Vehicle, stack: Stack) -> tuple[Wanted, ...]:
 
 def message_name(message_id: int) -> str:
     """A message by its name."""
-    kind = mavlink.mavlink_map.get(message_id)
-    return ESC_BY_ID[message_id].name if kind is None and message_id in ESC_BY_ID else str(kind.msgname)
+    return LAYOUTS[message_id].name
 
 
 class StreamKeeper:
@@ -107,8 +106,6 @@ class StreamKeeper:
         self._checked_s = None
 
 
-def interval_request(mav: Any, wanted: Wanted, system: int) -> Any:
+def interval_request(wanted: Wanted, system: int) -> Message:
     """SET_MESSAGE_INTERVAL as a command to the autopilot."""
-    return mav.command_long_encode(
-        system, 1, _SET_MESSAGE_INTERVAL, 0, wanted.message_id, round(1e6 / wanted.hz), 0, 0, 0, 0, 0
-    )
+    return command_long(system, 1, _SET_MESSAGE_INTERVAL, float(wanted.message_id), float(round(1e6 / wanted.hz)))

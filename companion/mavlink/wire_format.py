@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from companion.mavlink.dialect import mavlink
+from companion.mavlink.definitions import MESSAGES
 from companion.mavlink.esc_messages import BY_ID as ESC_BY_ID
 
 _SCALARS = {
@@ -32,11 +33,7 @@ class WireFormat:
 @lru_cache(maxsize=512)
 def wire_format(message_id: int) -> WireFormat:
     """The layout of a message's payload, extension fields included. KeyError where the dialect has no such message."""
-    if message_id in mavlink.mavlink_map:
-        kind = mavlink.mavlink_map[message_id]
-        names, text = kind.ordered_fieldnames, kind.unpacker.format
-    else:
-        names, text = ESC_BY_ID[message_id].fields, ESC_BY_ID[message_id].payload.format
+    names, text = _fields(message_id)
     places: dict[str, slice] = {}
     types: list[Any] = []
     at = 0
@@ -49,6 +46,19 @@ def wire_format(message_id: int) -> WireFormat:
         else:
             types.append((name, (_SCALARS[code], (repeat,))) if repeat else (name, _SCALARS[code]))
     return WireFormat(struct.Struct(text), places, np.dtype(types))
+
+
+def _fields(message_id: int) -> tuple[Sequence[str], str]:
+    """Field names and struct format, in wire order."""
+    if message_id in MESSAGES:
+        return MESSAGES[message_id].fields, MESSAGES[message_id].format
+    if message_id in ESC_BY_ID:
+        return ESC_BY_ID[message_id].fields, ESC_BY_ID[message_id].payload.format
+    # Not decoded in flight: only who reads a log asks for it, and has the dialect.
+    from companion.mavlink.dialect import mavlink
+
+    kind = mavlink.mavlink_map[message_id]
+    return kind.ordered_fieldnames, kind.unpacker.format
 
 
 def _codes(text: str) -> list[tuple[int, str]]:

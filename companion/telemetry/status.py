@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
@@ -12,6 +11,7 @@ from companion.adaptation import words
 from companion.control.authority import Notice, Reason
 from companion.estimation.estimator import Seen
 from companion.mavlink.firmware import advice, mode_name, stack_of
+from companion.mavlink.outgoing import Message, named_value_float
 from companion.pipeline import Decision, PipelineState
 from companion.telemetry import statustext
 
@@ -71,35 +71,35 @@ class StatusReporter:
         self._shares: dict[str, float] = {}
         """What was last told of a channel's share."""
 
-    def messages(self, mav: Any, state: PipelineState, decision: Decision) -> Iterator[tuple[Any, str | None]]:
-        """(MAVLink message, its text for stderr or None) due at this decision."""
+    def messages(self, state: PipelineState, decision: Decision) -> Iterator[tuple[Message, str | None]]:
+        """(message, its text for stderr or None) due at this decision."""
         if decision.t_s - self._named_s >= _PERIOD_S or decision.t_s < self._named_s:
             self._named_s = decision.t_s
             boot_ms = int(max(decision.t_s, 0.0) * 1000.0) & 0xFFFFFFFF
             for name, value in named_values(decision):
-                yield mav.named_value_float_encode(boot_ms, name.encode(), value), None
+                yield named_value_float(boot_ms, name, value), None
         text = self._change(state, decision)
         if text is not None:
-            yield from self.tell(mav, text, warning=bool(decision.reasons))
+            yield from self.tell(text, warning=bool(decision.reasons))
         if decision.notice is not None and decision.notice != self._noticed:
             self._noticed = decision.notice
-            yield from self.tell(mav, f"companion: {decision.notice[0].value}")
+            yield from self.tell(f"companion: {decision.notice[0].value}")
         if decision.adaptation is not None:
             for size, share, sentence in words.sentences(decision.adaptation, self._shares):
                 self._shares[size] = share
-                yield from self.tell(mav, f"companion: {sentence}")
+                yield from self.tell(f"companion: {sentence}")
         if decision.command is not None and state.hold is not None and not self._led:
             self._led = True
-            yield from self.tell(mav, "companion: holding; position targets to component 191 move it", warning=False)
+            yield from self.tell("companion: holding; position targets to component 191 move it", warning=False)
         hint = None if self._advised or state.heartbeat is None else advice(stack_of(state.heartbeat), state.parameters)
         if hint is not None:
             self._advised = True
-            yield from self.tell(mav, hint)
+            yield from self.tell(hint)
 
-    def tell(self, mav: Any, text: str, *, warning: bool = True) -> Iterator[tuple[Any, str | None]]:
+    def tell(self, text: str, *, warning: bool = True) -> Iterator[tuple[Message, str | None]]:
         """One text for ground station and stderr."""
         self._number = self._number % 65535 + 1
-        for place, message in enumerate(statustext.messages(mav, _WARNING if warning else _INFO, text, self._number)):
+        for place, message in enumerate(statustext.messages(_WARNING if warning else _INFO, text, self._number)):
             yield message, text if place == 0 else None
 
     def _change(self, state: PipelineState, decision: Decision) -> str | None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
+
+from companion.mavlink.outgoing import Message, statustext
 
 _CHUNK = 50
 """Bytes of text in one STATUSTEXT."""
@@ -30,11 +31,11 @@ def chunks(text: str) -> list[str]:
     return [*pieces, line]
 
 
-def messages(mav: Any, severity: int, text: str, number: int) -> Iterator[Any]:
+def messages(severity: int, text: str, number: int) -> Iterator[Message]:
     """The STATUSTEXT messages of one text. ``number`` 1...65535 tells texts of several chunks apart."""
     plain = text.encode("ascii", "replace").decode("ascii")
     if len(plain) <= _CHUNK:
-        yield mav.statustext_encode(severity, plain.encode())
+        yield statustext(severity, plain)
         return
     for place, piece in enumerate(chunks(plain)):
-        yield mav.statustext_encode(severity, piece.encode(), number, place)
+        yield statustext(severity, piece, number, place)

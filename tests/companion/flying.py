@@ -46,12 +46,12 @@ class PlainModel:
         out[..., 4] = 0.02 * free * wall
         return out
 
-    def free_air_now(self, rpm):
-        return self.wrench(np.inf, np.inf, np.array(rpm)).tolist()
-
     def query(self, h, d, rpm):
         wrench = self.wrench(h, d, rpm)
         return Answer(wrench, 0.01 * np.abs(wrench), np.full(wrench.shape[:-1], self.believed))
+
+    def free_air_now(self, rpm):
+        return self.wrench(np.inf, np.inf, rpm).tolist()
 
 
 CONFIG = PipelineConfig(vehicle=default_vehicle(), model=PlainModel())

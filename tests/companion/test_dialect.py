@@ -16,6 +16,7 @@ from companion.mavlink.esc_messages import ESC_STATUS
 from companion.mavlink.frames import pack
 from companion.mavlink.link import Arrivals, open_link
 from companion.mavlink.message_filter import Intake
+from companion.mavlink.outgoing import command_long
 from companion.mavlink.dialect import mavlink
 
 with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -31,7 +32,7 @@ intake, seen, end = Intake(), [], time.monotonic() + 20.0
 while len(seen) < 2 and time.monotonic() < end:
     for arrival_us, frame in link.drain():
         seen.append(type(intake.sample(frame, arrival_us)).__name__)
-link.send(link.mav.command_long_encode(1, 1, 511, 0, 291, 40000, 0, 0, 0, 0, 0))
+link.send(*command_long(1, 1, 511, 291.0, 40000.0))
 peer.settimeout(20.0)
 print(seen, peer.recv(300)[0] == 0xFD, os.environ.get("MAVLINK_DIALECT"))
 """

@@ -26,11 +26,7 @@ class Wire:
     def identify(self, system, component):
         pass
 
-    def send(self, message):
-        self.sent += 1
-        return b""
-
-    def send_payload(self, message_id, payload):
+    def send(self, message_id, payload):
         self.sent += 1
         return b""
 
