@@ -425,6 +425,7 @@ class Flight:
                 "sent": self._link.sent,
                 "bad": self._link.bad,
                 "unused": self.unused,
+                "ignored": self._intake.ignored,
             },
             "reboots": self.reboots,
             "ignored_systems": sorted(self._intake.others),

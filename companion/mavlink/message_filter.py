@@ -41,6 +41,8 @@ class Intake:
         self.system = system
         self.clock = BootClock(system)
         self.others: set[int] = set()
+        self.ignored = 0
+        """Frames of other systems that were left out."""
         self._heard = False
         self._down_heard = False
 
@@ -56,6 +58,7 @@ class Intake:
             if component == OWN_COMPONENT:
                 return None
         elif frame.id not in _SETPOINTS:
+            self.ignored += 1
             if is_autopilot_heartbeat(frame):
                 self.others.add(system)
             return None

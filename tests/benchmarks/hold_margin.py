@@ -1,11 +1,15 @@
 """The hold on slow loops and late positions: a corner approach on a small vehicle model, margins beside what was flown.
 
-``python tests/benchmarks/hold_margin.py [--speed 0.5 1 2] [--hz 50 10 5] [--late 20 80 150] [--seeds 2] [--json FILE]``
+``python tests/benchmarks/hold_margin.py [--speed 0.5 1 2] [--hz 50 10 5] [--late 20 80 150] [--slope 0.7 1 1.3]
+[--seeds 2] [--stiff] [--json FILE]``
 
 Everything is simulated, and the vehicle is cheap on purpose: a point mass, an attitude of two equal lags and a dead
 time, thrust with a lag, ground and wall air as exponentials of the distance. The flight program's own ``step`` flies
 it and is given nothing of the loop: it reads no parameter and has to measure the attitude's answer. Offsets are off.
-``full``: the same with the full gains whatever the margin is. ``refused``: the hold let go, or did not engage.
+``full``: the same with the full gains whatever the margin is, and no swing detector; ``stiff``: full gains that only
+the swing detector softens. ``refused``: the hold let go, or did not engage. ``rest``: RMS tilt about its mean while the
+vehicle is to stand still: noise and gusts alone make some 1 degree, a swing 2.6 and more. ``soft``: how often the
+swing detector softened the gains.
 """
 
 from __future__ import annotations
@@ -52,6 +56,8 @@ PATH = ((0.0, 0.0, 1.0), (4.0, 0.0, 1.0), (7.0, 0.0, 0.15), (10.0, 0.0, 0.15), (
         (19.5, 1.05, 1.0), (22.5, 1.05, 1.0), (25.5, 1.05, 0.15), (28.5, 1.05, 0.15), (32.0, 0.0, 0.15),
         (36.0, 0.0, 1.0), (39.0, 0.0, 1.0))  # fmt: skip
 """Time [s], metres towards the wall, height [m]: 0.3 m/s down and back, to the wall, down into the corner, back."""
+RESTS = ((8.5, 10.0), (14.5, 16.0), (24.0, 25.5), (30.0, 31.7), (37.5, 39.0))
+"""Path time [s] in which it stands still, settled."""
 ROUNDING_S = 0.6
 START_S = 12.0
 """Of flight before the path begins: take-over and settling."""
@@ -59,11 +65,13 @@ START_S = 12.0
 
 @dataclass(frozen=True)
 class Plant:
-    """Speed of the attitude loop, rate [Hz] and lateness [s] of positions."""
+    """Speed of the attitude loop, rate [Hz] and lateness [s] of positions, and how steep thrust is."""
 
     speed: float
     position_hz: float
     late_s: float
+    thrust_slope: float = 1.0
+    """Change of lift per change of thrust about hover, over what the flight program believes."""
 
 
 @dataclass(frozen=True)
@@ -75,6 +83,8 @@ class Flown:
     height_rms_mm: float
     height_peak_mm: float
     tilt_deg: float
+    rest_deg: float
+    softened: int
     contact_s: float
     gain_margin: float
     phase_margin_deg: float
@@ -119,7 +129,9 @@ class Craft:
         self.thrust += DT / THRUST_LAG_S * (self.wanted_thrust - self.thrust)
         self.gust += DT / 2.0 * (-self.gust) + math.sqrt(DT) * 0.05 * self.rng.normal(size=3)
         height, gap = max(-self.position[2], 0.0), max(WALL_AT_M - self.position[0], 0.0)
-        lift = self.thrust / HOVER * (1.0 + GROUND_SHARE * math.exp(-height / GROUND_M))
+        lift = (1.0 + self.plant.thrust_slope * (self.thrust / HOVER - 1.0)) * (
+            1.0 + GROUND_SHARE * math.exp(-height / GROUND_M)
+        )
         force = np.array([
             -math.tan(self.tilt[1]) + WALL_SHARE * math.exp(-gap / WALL_M), math.tan(self.tilt[0]), 1.0 - lift,
         ])  # fmt: skip
@@ -152,22 +164,29 @@ class Craft:
         return out
 
 
-def fly(plant: Plant, seed: int, *, full: bool = False) -> Flown:
+def tuning_of(gains: str) -> Tuning:
+    """``chosen`` as it flies, ``full`` and ``stiff`` as the head of this file says."""
+    tuning = Tuning()
+    if gains == "chosen":
+        return tuning
+    anything = replace(
+        tuning.hold, wanted_gain_margin=-1e9, wanted_phase_margin_deg=-1e9,
+        least_gain_margin=-1e9, least_phase_margin_deg=-1e9, least_share=0.0, kept_share=0.0,
+    )  # fmt: skip
+    tuning = replace(tuning, hold=anything)
+    return tuning if gains == "stiff" else replace(tuning, swing_levels=10**6, swing_softer=1.0)
+
+
+def fly(plant: Plant, seed: int, gains: str = "chosen") -> Flown:
     """One approach."""
     vehicle = replace(load_vehicle(QUAD), rangefinders=())
-    tuning = Tuning()
-    if full:
-        anything = replace(
-            tuning.hold, wanted_gain_margin=-1e9, wanted_phase_margin_deg=-1e9,
-            least_gain_margin=-1e9, least_phase_margin_deg=-1e9, least_share=0.0, kept_share=0.0,
-        )  # fmt: skip
-        tuning = replace(tuning, hold=anything, swing_levels=10**6, swing_softer=1.0)
-    config = PipelineConfig(vehicle, empty_model(vehicle), tuning=tuning, offsets=False)
+    config = PipelineConfig(vehicle, empty_model(vehicle), tuning=tuning_of(gains), offsets=False)
     state, craft = initial_state(config), Craft(plant, seed)
     # Thrust over weight is proportional here: spin-min 0 and no expo say so to the thrust map.
     for name, value in (("GUID_OPTIONS", 8.0), ("MOT_SPIN_MIN", 0.0), ("MOT_THST_EXPO", 0.0)):
         state, _ = step(state, Parameter(0.0, 1, 1, name, value, 0, 0), config)
     errors, tilts, engaged, decision, last = [], [], [], None, None
+    softened = 0
     end_s = START_S + PATH[-1][0]
     for k in range(round(end_s / DT)):
         t = k * DT
@@ -188,7 +207,8 @@ def fly(plant: Plant, seed: int, *, full: bool = False) -> Flown:
             break  # refused: from here on the autopilot would fly, and there is none
         if t >= START_S:
             errors.append(craft.position - reference(t - START_S)[0])
-            tilts.append(float(np.hypot(*craft.tilt)))
+            tilts.append(craft.tilt.copy())
+            softened = max(softened, state.swing.level)
             engaged.append(state.hold is not None)
     assert last is not None
     assert last.tuned is not None
@@ -198,11 +218,34 @@ def fly(plant: Plant, seed: int, *, full: bool = False) -> Flown:
     level = np.hypot(e[:, 0], e[:, 1])
     return Flown(
         float(np.sqrt(np.mean(level**2))), float(level.max()), float(np.sqrt(np.mean(e[:, 2] ** 2))),
-        float(np.abs(e[:, 2]).max()), math.degrees(max(tilts, default=math.nan)), craft.contact_s,
+        float(np.abs(e[:, 2]).max()), math.degrees(max((math.hypot(*tilt) for tilt in tilts), default=math.nan)),
+        rest_tilt_deg(tilts), softened, craft.contact_s,
         last.tuned.margin.gain, last.tuned.margin.phase_deg, last.tuned.share, last.tuned.loop.lag_s,
         last.tuned.loop.source.value,
         float(np.mean(engaged)) if engaged else 0.0,
     )  # fmt: skip
+
+
+def rest_tilt_deg(tilts: list[np.ndarray]) -> float:
+    """RMS of the tilt about its mean while the path stands still; the largest of the rests."""
+    out = []
+    for begin, end in RESTS:
+        part = np.array(tilts[round(begin / DT) : round(end / DT)])
+        if len(part) == round(end / DT) - round(begin / DT):
+            out.append(float(np.sqrt(np.mean(np.sum((part - part.mean(axis=0)) ** 2, axis=1)))))
+    return math.degrees(max(out, default=math.nan))
+
+
+def as_line(plant: Plant, gains: str, m: dict[str, float], refused: bool) -> str:
+    """One row of the table."""
+    head = f"{plant.speed:5.1f} {plant.position_hz:4.0f} {1e3 * plant.late_s:4.0f} {plant.thrust_slope:5.2f} {gains:>6}"
+    if refused:
+        return f"{head} refused"
+    return (
+        f"{head} {m['share']:5.2f} {m['gain_margin']:4.1f} {m['phase_margin_deg']:4.0f}° {m['lag_s']:6.2f} "
+        f"{m['rms_mm']:6.0f} {m['peak_mm']:7.0f} {m['height_rms_mm']:6.0f} {m['height_peak_mm']:7.0f} "
+        f"{m['tilt_deg']:5.1f} {m['rest_deg']:5.1f} {m['softened']:4.0f} {m['contact_s']:6.1f} s"
+    )
 
 
 def main() -> int:
@@ -211,41 +254,26 @@ def main() -> int:
     p.add_argument("--speed", type=float, nargs="+", default=[0.5, 1.0, 2.0], help="of the attitude loop")
     p.add_argument("--hz", type=float, nargs="+", default=[50.0, 10.0, 5.0], help="of positions")
     p.add_argument("--late", type=float, nargs="+", default=[20.0, 80.0, 150.0], help="of positions [ms]")
+    p.add_argument("--slope", type=float, nargs="+", default=[1.0], help="of thrust about hover, over the believed one")
     p.add_argument("--seeds", type=int, default=1)
     p.add_argument("--full", action="store_true", help="the full gains as well, whatever their margin")
+    p.add_argument("--stiff", action="store_true", help="full gains that only the swing detector softens, as well")
     p.add_argument("--json", type=Path)
     a = p.parse_args()
-    plants = [Plant(s, hz, late / 1e3) for s in a.speed for hz in a.hz for late in a.late]
-    jobs = [(plant, full) for plant in plants for full in ((False, True) if a.full else (False,))]
+    plants = [Plant(s, hz, late / 1e3, k) for s in a.speed for hz in a.hz for late in a.late for k in a.slope]
+    ways = ["chosen", *(["full"] if a.full else []), *(["stiff"] if a.stiff else [])]
+    jobs = [(plant, gains) for plant in plants for gains in ways]
     print("simulated; offsets off; RMS / peak in mm, level and height")
-    print(f"{'speed':>5} {'Hz':>4} {'late':>4} {'gains':>6} {'share':>5} {'margin':>11} {'lag':>6} "
-          f"{'level':>14} {'height':>14} {'tilt':>5} {'contact':>8}")  # fmt: skip
+    print(f"{'speed':>5} {'Hz':>4} {'late':>4} {'slope':>5} {'gains':>6} {'share':>5} {'margin':>11} {'lag':>6} "
+          f"{'level':>14} {'height':>14} {'tilt':>5} {'rest':>5} {'soft':>4} {'contact':>8}")  # fmt: skip
     rows = []
-    for plant, full in tqdm(jobs, file=sys.stderr, disable=not sys.stderr.isatty()):
-        flights = [fly(plant, seed, full=full) for seed in range(a.seeds)]
+    for plant, gains in tqdm(jobs, file=sys.stderr, disable=not sys.stderr.isatty()):
+        flights = [fly(plant, seed, gains) for seed in range(a.seeds)]
         mean = {k: float(np.mean([asdict(f)[k] for f in flights])) for k in asdict(flights[0]) if k != "loop_from"}
-        peak = max(f.peak_mm for f in flights)
+        mean["peak_mm"], mean["softened"] = max(f.peak_mm for f in flights), max(f.softened for f in flights)
         refused = mean["engaged_share"] < 1.0
-        rows.append(
-            {
-                **asdict(plant),
-                "full": full,
-                **mean,
-                "peak_mm": peak,
-                "loop_from": flights[0].loop_from,
-                "refused": refused,
-            }
-        )
-        if refused:
-            print(f"{plant.speed:5.1f} {plant.position_hz:4.0f} {1e3 * plant.late_s:4.0f} chosen  refused", flush=True)
-            continue
-        print(
-            f"{plant.speed:5.1f} {plant.position_hz:4.0f} {1e3 * plant.late_s:4.0f} {'full' if full else 'chosen':>6} "
-            f"{mean['share']:5.2f} {mean['gain_margin']:4.1f} {mean['phase_margin_deg']:4.0f}° {mean['lag_s']:6.2f} "
-            f"{mean['rms_mm']:6.0f} {peak:7.0f} {mean['height_rms_mm']:6.0f} {mean['height_peak_mm']:7.0f} "
-            f"{mean['tilt_deg']:5.1f} {mean['contact_s']:6.1f} s",
-            flush=True,
-        )
+        rows.append({**asdict(plant), "gains": gains, **mean, "loop_from": flights[0].loop_from, "refused": refused})
+        print(as_line(plant, gains, mean, refused), flush=True)
     if a.json is not None:
         a.json.write_text(json.dumps({"simulated": True, "flights": rows}, indent=2), encoding="utf-8")
     return 0

@@ -13,6 +13,8 @@ ALWAYS = (
     ("link_lost_10s", "ardupilot"),
     ("link_lost_3s", "px4"),
     ("killed_restarted", "px4"),
+    ("position_silent", "px4"),
+    ("replayed_packets", "ardupilot"),
 )
 """One of each kind, those first that once went wrong."""
 STACKS = ("ardupilot", "px4")

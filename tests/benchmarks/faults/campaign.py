@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, replace
 from functools import cache
@@ -18,11 +19,13 @@ from companion.sim.case import Case, CasePilot, surroundings
 from companion.sim.flight import Flight
 from companion.sim.lockstep import Lockstep
 from companion.vehicles import default_vehicle
-from faults.tamper import Tamper
+from faults.tamper import Tamper, signer
+from models.surrogate.store import DEFAULT
 
 HEIGHT_M, WALL_M, GAP_M, LOW_M = 0.9, 1.2, 0.30, 0.45
 """Take-off, wall from the lip at the origin, lip to wall while the fault lasts, height of the CG there."""
 RECOVERY_S = 9.0
+STACKS = ("ardupilot", "px4")
 _SILENCE_S = 0.15
 _BACK = 0.95
 """Of the authority: compensating again."""
@@ -60,15 +63,23 @@ class Fault:
     begin: Act
     end: Act = lambda b: b.tamper.clear()
     each: Act | None = None
+    during: Callable[[Bench], Iterator[float]] | None = None
+    """In place of ``each``: a script, for as long as it takes."""
     seconds: float = 3.0
     noticed: bool = True
     """Offsets must go, or the stream stop. False: what is wrong cannot be seen, or does no harm."""
     recovers: bool = True
+    lands: tuple[str, ...] = ()
+    """Stacks that land by themselves, or by the pilot's will: on the ground is no contact then."""
+    key: bytes | None = None
+    """Of a signed link."""
+    own_model: bool = False
+    """The model is read from a copy of its own, in ``Bench.folder``."""
     off_m: float = 0.25
     """How far it may drive the vehicle."""
     clock_ms: int = 0
     """The autopilot's clock when the simulation starts."""
-    stacks: tuple[str, ...] = ("ardupilot", "px4")
+    stacks: tuple[str, ...] = STACKS
 
 
 @dataclass
@@ -117,7 +128,9 @@ class Result:
     tilt_deg: float
     off_m: float
     """Furthest from where it was to be, from the fault to the end."""
-    contact_s: float
+    wall_s: float
+    """Contact with the wall, and with the ground."""
+    ground_s: float
     recovered_s: float | None
     outputs: int
     broken: tuple[str, ...] = field(default_factory=tuple)
@@ -133,9 +146,21 @@ def config() -> PipelineConfig:
     return PipelineConfig(default_vehicle(), models.load())
 
 
+def copied_model(folder: Path) -> Path:
+    """The shipped model in a folder of its own."""
+    return Path(shutil.copytree(DEFAULT, folder / "model"))
+
+
 def fly(fault: Fault, stack: str, seed: int = 1) -> Result:
     """One fault, in simulated time: the same seed gives the same result."""
+    with TemporaryDirectory() as folder:
+        return _fly(fault, stack, seed, Path(folder))
+
+
+def _fly(fault: Fault, stack: str, seed: int, folder: Path) -> Result:
     own, times = config(), [math.inf, math.inf]
+    if fault.own_model:
+        own = replace(own, model=models.load(copied_model(folder)))
     benches: list[Bench] = []
 
     def script(p: CasePilot) -> Iterator[float]:
@@ -149,10 +174,13 @@ def fly(fault: Fault, stack: str, seed: int = 1) -> Result:
         bench = benches[0]
         times[0] = bench.now_s
         fault.begin(bench)
-        for _ in range(round(fault.seconds / 0.01)):
-            if fault.each is not None:
-                fault.each(bench)
-            yield 0.01
+        if fault.during is not None:
+            yield from fault.during(bench)
+        else:
+            for _ in range(round(fault.seconds / 0.01)):
+                if fault.each is not None:
+                    fault.each(bench)
+                yield 0.01
         times[1] = bench.now_s
         fault.end(bench)
         yield RECOVERY_S
@@ -162,16 +190,18 @@ def fly(fault: Fault, stack: str, seed: int = 1) -> Result:
 
     def pilot(world: Lockstep) -> CasePilot:
         p = _Pilot(world, script)
-        benches.append(Bench(world, p, Tamper(world.wire, seed), Path(folder)))
+        benches.append(Bench(world, p, Tamper(world.wire, seed), folder))
         p.bench = benches[0]
         p.bench.tamper.clock_ms = fault.clock_ms
+        if fault.key is not None:
+            world.mav.signing.secret_key, world.mav.signing.sign_outgoing = fault.key, True
+            p.bench.tamper.signatures = signer(fault.key)
         return p
 
-    with TemporaryDirectory() as folder:
-        world = Lockstep(flight, pilot)
-        observer = Observer(lambda: flight.time_s, vehicle=own.vehicle)
-        world.auditor = observer
-        world.fly(replace(own, vehicle=own.vehicle), None)
+    world = Lockstep(flight, pilot)
+    observer = Observer(lambda: flight.time_s, vehicle=own.vehicle)
+    world.auditor = observer
+    world.fly(own, None)
     return _result(fault, stack, observer, benches[0].pilot, *times)
 
 
@@ -199,7 +229,8 @@ def _result(fault: Fault, stack: str, observer: Observer, pilot: CasePilot, begu
         round(max((s.thrust for s in during), default=0.0), 4),
         round(math.degrees(max((s.tilt_rad for s in during), default=0.0)), 2),
         round(max(pilot.judgement.off_m, pilot.judgement.height_loss_m, pilot.judgement.rise_m), 3),
-        round(pilot.judgement.contact_s, 3),
+        round(pilot.judgement.wall_s, 3),
+        round(pilot.judgement.ground_s, 3),
         None if after is None else round(after.at_s - ended_s, 2),
         report.setpoints,
         tuple(report.broken()),
@@ -229,10 +260,13 @@ def complaints(fault: Fault, r: Result) -> list[str]:
         out.append("was not compensating before the fault")
     if fault.noticed and r.noticed_s is None:
         out.append("was not noticed")
-    if fault.recovers and r.recovered_s is None:
+    lands = r.stack in fault.lands
+    if fault.recovers and not (lands and fault.during is None) and r.recovered_s is None:
         out.append(f"did not compensate again within {RECOVERY_S:g} s")
-    if r.contact_s > 0.01:
-        out.append(f"touched something for {r.contact_s:.2f} s")
+    if r.wall_s > 0.01:
+        out.append(f"touched the wall for {r.wall_s:.2f} s")
+    if r.ground_s > 0.01 and not lands:
+        out.append(f"touched the ground for {r.ground_s:.2f} s")
     if r.off_m > fault.off_m:
         out.append(f"driven {r.off_m:.2f} m off, {fault.off_m:g} m allowed")
     return out

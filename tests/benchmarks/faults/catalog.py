@@ -6,14 +6,15 @@ import errno
 import math
 import os
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.tlog_writer import Recorder
 from companion.sim.autopilot import Mode
-from faults.campaign import Act, Bench, Fault, Result, fly
+from faults.campaign import LOW_M, WALL_M, Act, Bench, Fault, Result, fly
+from faults.tamper import signed, signer
 
 HEARTBEAT, ATTITUDE, POSITION, RANGE = 0, 31, 32, 132
 ESC, ESC_STATUS, ESC_INFO, LANDED = 11030, 291, 290, 245
@@ -97,6 +98,16 @@ def frozen_then_move(orientation: int, east: float, up: float) -> Act:
         b.pilot.judge(east=east, up=up)
 
     return begin
+
+
+def frozen_position(b: Bench) -> None:
+    held: list[tuple[float, ...]] = []
+
+    def edit(m: Any) -> None:
+        held.append((m.x, m.y, m.z, m.vx, m.vy, m.vz))
+        m.x, m.y, m.z, m.vx, m.vy, m.vz = held[0]
+
+    b.tamper.edits[POSITION] = edit
 
 
 def swapped(b: Bench) -> None:
@@ -211,6 +222,66 @@ def cut_short(frame: bytes, b: Bench) -> list[tuple[float, bytes]]:
     return [(0.0, frame[: b.tamper.rng.randrange(1, len(frame))] if b.tamper.rng.random() < 0.1 else frame)]
 
 
+def forged(key: bytes | None) -> Act:
+    """Somebody speaks as the vehicle: tilted by 74 degrees, 12 cm high, disarmed. Unsigned, or with another key."""
+
+    def each(b: Bench) -> None:
+        ms, sign = round(b.now_s * 1000.0), None if key is None else signer(key)
+        for message in (
+            mavlink.MAVLink_heartbeat_message(2, 3, 0, 5, 3, 3),
+            mavlink.MAVLink_attitude_quaternion_message(ms, 0.8, 0.6, 0.0, 0.0, 0.0, 0.0, 0.0),
+            mavlink.MAVLink_distance_sensor_message(ms, 3, 4000, 12, 0, 0, DOWN, 255, 0.0, 0.0, [0.0] * 4, 100),
+        ):
+            raw = message.pack(mavlink.MAVLink(None, 1, 1))
+            b.tamper.inject(raw if sign is None else signed(raw, sign), b.now_s)
+
+    return each
+
+
+def replayed() -> tuple[Act, Act]:
+    """(begin, each): what the vehicle signed and sent is heard, and sent again two seconds later."""
+    heard: list[tuple[float, bytes]] = []
+
+    def begin(b: Bench) -> None:
+        heard.clear()
+        send = b.tamper._send
+
+        def listen(frame: bytes, now_s: float) -> None:
+            heard.append((now_s, frame))
+            send(frame, now_s)
+
+        b.tamper._send = listen
+
+    def each(b: Bench) -> None:
+        while heard and heard[0][0] <= b.now_s - 2.0:
+            b.world.wire._down.append((b.now_s, heard.pop(0)[1]))
+
+    return begin, each
+
+
+def land_and_take_off(b: Bench) -> Iterator[float]:
+    """Down beside the wall, up again there, 0.55 m from it: nearer PX4's own take-off drifts against the wall."""
+    place = WALL_M - 0.55
+    b.pilot.go(0.0, place, LOW_M)
+    yield 2.0
+    b.pilot.judge()
+    b.pilot.mode(Mode.LAND)
+    for _ in range(100):
+        yield 0.1
+        if b.flight.autopilot.landed and not b.flight.autopilot.armed:
+            break
+    if b.flight.px4:
+        b.pilot.mode(Mode.POSHOLD)  # armed in LAND it would disarm again
+    yield from b.pilot.take_off(LOW_M)
+    yield from b.pilot.hand_over()
+
+
+def replaced_model(b: Bench) -> None:
+    """Somebody writes another file over the model that flies."""
+    for path in (b.folder / "model").iterdir():
+        path.write_bytes(b"another model" * 100)
+
+
 def second_autopilot(b: Bench) -> None:
     ms = round(b.now_s * 1000.0)
     if ms % 100 < 10:
@@ -238,6 +309,12 @@ def moved_position(north: float) -> Act:
     return begin
 
 
+def reset_position(b: Bench) -> None:
+    """The pilot sends no more targets: those would be places of the old frame, and be flown to."""
+    b.pilot.silent()
+    moved_position(1.0)(b)
+
+
 def drifting_height(b: Bench) -> None:
     start = b.now_s
 
@@ -263,6 +340,25 @@ def long_quaternion(b: Bench) -> None:
         m.q1, m.q2, m.q3, m.q4 = (3.0 * q for q in (m.q1, m.q2, m.q3, m.q4))
 
     b.tamper.edits[ATTITUDE] = edit
+
+
+def biased_attitude(roll_rad: float) -> Act:
+    """Attitudes say that the vehicle rolls more than it does."""
+
+    def begin(b: Bench) -> None:
+        c, s = math.cos(0.5 * roll_rad), math.sin(0.5 * roll_rad)
+
+        def edit(m: Any) -> None:
+            m.q1, m.q2, m.q3, m.q4 = (
+                m.q1 * c - m.q2 * s,
+                m.q2 * c + m.q1 * s,
+                m.q3 * c + m.q4 * s,
+                m.q4 * c - m.q3 * s,
+            )
+
+        b.tamper.edits[ATTITUDE] = edit
+
+    return begin
 
 
 def frozen_attitude(b: Bench) -> None:
@@ -385,6 +481,8 @@ def nothing(_: Bench) -> None:
 
 
 AP, PX4 = ("ardupilot",), ("px4",)
+KEY = bytes(range(32))
+REPLAY = replayed()
 
 FAULTS = (
     # ranges
@@ -419,6 +517,12 @@ FAULTS = (
     Fault("rotors_zero", "all rotor speeds read 0", rotors(lambda rpm, _: [0.0] * 4)),
     Fault("rotor_one_zero", "one rotor speed reads 0", rotors(lambda rpm, _: [0.0, *rpm[1:]])),
     Fault("rotors_doubled", "rotor speeds doubled (pole count)", rotors(lambda rpm, _: [2.0 * v for v in rpm])),
+    Fault("rotors_biased", "rotor speeds 5 % too high", rotors(lambda rpm, _: [1.05 * v for v in rpm]),
+          noticed=False),
+    Fault("rotors_quantised", "rotor speeds in steps of 400 rpm",
+          rotors(lambda rpm, _: [400.0 * round(v / 400.0) for v in rpm]), noticed=False),
+    Fault("rotors_drop_out", "every third reading of the rotor speeds is 0",
+          rotors(lambda rpm, b: [0.0] * 4 if b.tamper.rng.random() < 0.33 else rpm), noticed=False),
     Fault("rotors_next_motor", "every speed credited to the next motor", rotors(lambda rpm, _: [*rpm[1:], rpm[0]]),
           noticed=False),
     Fault("rotors_esc_shift", "ESCs come as numbers 5 to 8", shifted_group),
@@ -438,19 +542,28 @@ FAULTS = (
     Fault("link_lossy", "every fifth datagram is lost", every_frame(some_lost), noticed=False),
     Fault("link_bits_flipped", "a bit flipped in every tenth frame", every_frame(bits_flipped), noticed=False),
     Fault("link_cut_short", "every tenth frame cut short", every_frame(cut_short), noticed=False),
+    Fault("unsigned_packets", "signed link; somebody speaks unsigned as the vehicle", nothing, each=forged(None),
+          key=KEY, noticed=False),
+    Fault("wrong_key_packets", "signed link; somebody speaks as the vehicle with another key", nothing,
+          each=forged(bytes(32)), key=KEY, noticed=False),
+    Fault("replayed_packets", "signed link; what the vehicle said is said again 2 s later", REPLAY[0], each=REPLAY[1],
+          key=KEY, noticed=False, seconds=6.0),
     # autopilot
     Fault("attitude_silent", "attitudes stop", silent(ATTITUDE, 30)),
     Fault("attitude_nan", "attitudes are not numbers", not_a_number(ATTITUDE, "q1", "q2")),
     Fault("attitude_not_unit", "quaternions three times too long", long_quaternion, noticed=False),
+    Fault("attitude_biased", "attitudes say 3 degrees more roll", biased_attitude(math.radians(3.0)), noticed=False),
     Fault("attitude_frozen", "the attitude repeats itself under fresh stamps", frozen_attitude, seconds=1.0,
           noticed=False, off_m=0.5),
     Fault("position_silent", "local positions stop", silent(POSITION), seconds=2.0),
     Fault("position_nan", "local positions are not numbers", not_a_number(POSITION, "x", "vx"), seconds=2.0),
-    Fault("position_reset_1m", "the position estimate leaps by 1 m", moved_position(1.0), end=nothing, noticed=False),
+    Fault("position_frozen", "the position repeats itself under fresh stamps", frozen_position, seconds=1.0,
+          noticed=False),
+    Fault("position_reset_1m", "the position estimate leaps by 1 m", reset_position, end=nothing, noticed=False),
     Fault("height_drifts", "the EKF's height drifts by 0.1 m/s against the range", drifting_height, seconds=4.0,
           noticed=False, off_m=0.6),
     Fault("gps_lost", "GPS lost for 6 s", lambda b: setattr(b.flight.estimator, "gps", False),
-          end=lambda b: setattr(b.flight.estimator, "gps", True), seconds=6.0, noticed=False, off_m=0.6),
+          end=lambda b: setattr(b.flight.estimator, "gps", True), seconds=6.0, noticed=False, off_m=0.6, lands=AP),
     Fault("heartbeat_silent", "heartbeats stop", silent(HEARTBEAT), seconds=5.0),
     Fault("clock_back_5s", "the autopilot's clock leaps back by 5 s", clock_back, end=nothing, recovers=False),
     Fault("clock_ahead_30s", "the autopilot's clock leaps ahead by 30 s", clock_ahead, end=nothing, noticed=False),
@@ -463,7 +576,10 @@ FAULTS = (
     Fault("says_disarmed", "heartbeats say disarmed", says_disarmed),
     Fault("says_landed", "the land detector is wrong", says_landed, recovers=False),
     Fault("mode_change", "the pilot takes over in LOITER", to_loiter, end=to_guided),
-    Fault("landing", "the pilot lands beside the wall", to_land, recovers=False, seconds=8.0, off_m=0.6),
+    Fault("landing", "the pilot lands beside the wall", to_land, recovers=False, seconds=8.0, off_m=0.6,
+          lands=(*AP, *PX4)),
+    Fault("take_off_beside_wall", "lands beside the wall, and takes off there", nothing, during=land_and_take_off,
+          off_m=0.6, lands=(*AP, *PX4)),
     Fault("guid_options_cleared", "GUID_OPTIONS bit 3 is cleared in flight", bit_cleared, end=bit_set, stacks=AP,
           off_m=0.4),
     Fault("wind_gust", "a gust of 2.5 m/s", wind, end=calm, noticed=False, off_m=0.3),
@@ -474,6 +590,8 @@ FAULTS = (
     Fault("starved", "the companion gets its turn every 80 ms", nothing, each=starved, noticed=False),
     Fault("killed_restarted", "SIGKILL in the air, back after 1 s", killed, recovers=False, off_m=1.0),
     Fault("interrupted", "SIGTERM in the air", lambda b: b.world.interrupt(), recovers=False, off_m=0.4),
+    Fault("model_replaced", "another file is written over the model that flies", replaced_model, own_model=True,
+          noticed=False),
     Fault("disk_full", "the disk runs full", disk(errno.ENOSPC), noticed=False),
     Fault("disk_read_only", "the record folder turns read-only", disk(errno.EROFS), noticed=False),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""A hand in the wire from the vehicle to the companion: messages changed, dropped, doubled, delayed, added."""
+"""Interference on the wire from the vehicle to the companion: messages changed, dropped, doubled, delayed, added."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.mavlink.frames import cut
+from companion.mavlink.frames import cut, pack
+from companion.mavlink.signing import Signatures
 from companion.sim.lockstep import Wire
 
 Edit = Callable[[Any], bool | None]
@@ -26,6 +27,8 @@ class Tamper:
         self.rng = random.Random(f"tamper {seed}")
         self.edits: dict[int, Edit] = {}
         self.paths: list[Path] = []
+        self.signatures: Signatures | None = None
+        """Signs what the vehicle sends."""
         self.clock_ms = 0
         """What the autopilot's clock is ahead of the simulation's."""
         self._send = wire.send_down
@@ -46,6 +49,10 @@ class Tamper:
         self._send(message.pack(self._writer), now_s)
         self._writer.seq = (self._writer.seq + 1) % 256
 
+    def inject(self, raw: bytes, now_s: float) -> None:
+        """Add bytes of anybody's."""
+        self._send(raw, now_s)
+
     def step(self, now_s: float) -> None:
         """Deliver what was delayed. Call at every physics step."""
         while self._later and self._later[0][0] <= now_s:
@@ -55,6 +62,8 @@ class Tamper:
         edited = self._edited(frame)
         if edited is None:
             return
+        if self.signatures is not None:
+            edited = signed(edited, self.signatures)
         ways = [(0.0, edited)]
         for path in self.paths:
             ways = [(before + after, out) for before, one in ways for after, out in path(one)]
@@ -82,3 +91,16 @@ class Tamper:
         out: bytes = message.pack(self._writer)
         self._writer.seq = (self._writer.seq + 1) % 256
         return out
+
+
+def signer(key: bytes) -> Signatures:
+    """Signatures of a sender of its own, its clock at 0 as in every simulated flight."""
+    state = mavlink.MAVLink(None).signing
+    state.secret_key = key
+    return Signatures(state)
+
+
+def signed(frame: bytes, signatures: Signatures) -> bytes:
+    """The same message in a signed frame."""
+    f = cut(frame, 0)
+    return signatures.sign(pack(f.id, f.payload, f.system, f.component, frame[4], signed=True))
