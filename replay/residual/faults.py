@@ -12,9 +12,12 @@ from models.frames import Array
 from models.vehicle import Vehicle
 from replay.flightlog import Beam, FlightLog
 from replay.residual.grid import Grid, Mask, rate_of_change, running_mean
+from replay.residual.log_state import rotor_rate_hz
+from replay.residual.motion import Motion
 
-DERIVED_M_S2 = 0.004
-"""RMS disagreement with the velocity's own derivative below which no accelerometer has measured."""
+DERIVED_OVER_S, DERIVED_M_S2, DERIVED_SHARE = (0.5, 5.0), 0.003, 0.2
+"""Times over which accelerometer and derivative of the velocity are compared; spread of their difference over the
+longer, and its share of that over the shorter (a tenth for derivatives), below which no accelerometer has measured."""
 DEAD_SHARE, STUCK_SHARE = 0.05, 1e-3
 """A rotor is dead below this share of the others' speed, stuck if it varies by less than this share."""
 ROTOR_RATE_HZ = 5.0
@@ -54,10 +57,25 @@ class Doubts:
     """Axes that are not judged, but on which something acts all the same."""
 
 
-def derived_accelerometer(kinematic_bias: Array) -> bool:
-    """Whether the specific force is the derivative of the logged velocity; (n, 3), NaN where unknown."""
-    known = kinematic_bias[np.isfinite(kinematic_bias).all(axis=1)]
-    return bool(len(known) > 50 and np.sqrt(np.median(known**2, axis=0)).max() < DERIVED_M_S2)
+def derived_accelerometer(motion: Motion, flying: Mask) -> bool:
+    """Whether the specific force is a derivative of the logged velocity.
+
+    Two derivatives of one velocity differ by how they smooth it, so that their difference averages out as one over the
+    time; the offset of an accelerometer and the tilt error of an estimator do not average out.
+    """
+    rate = motion.grid.rate
+    difference = np.einsum("nij,nj->ni", motion.rotation, motion.kinematic_bias)
+    difference[~flying] = np.nan
+    spread = []
+    for seconds in DERIVED_OVER_S:
+        half = int(seconds / 2.0 * rate)
+        mean = np.stack([running_mean(difference[:, a], half) for a in range(3)], axis=1)
+        mean = mean[np.convolve(flying, np.ones(2 * half + 1), "same") > 2 * half]
+        if len(mean) < DERIVED_OVER_S[1] * rate:
+            return False
+        spread.append(np.nanstd(mean, axis=0))
+    short, long = spread
+    return bool((long < DERIVED_M_S2).all() and (long < DERIVED_SHARE * short).all())
 
 
 def doubted(log: FlightLog, ctx: Context, grid: Grid, flying: Mask, axes: list[int]) -> Doubts:
@@ -184,14 +202,10 @@ def _wrong_lift(ctx: Context, flying: Mask) -> LogFault | None:
 
 
 def _slow_rotors(log: FlightLog, vehicle: Vehicle) -> list[LogFault]:
-    if vehicle.telemetered:
-        series = [log.escs[r.esc].rpm for r in vehicle.rotors if r.esc is not None and r.esc in log.escs]
-        rates = [s.rate_hz for s in series if s is not None]
-    else:
-        rates = [log.servo.rate_hz] if log.servo is not None else []
-    if not rates or min(rates) >= ROTOR_RATE_HZ:
+    rate = rotor_rate_hz(log, vehicle)
+    if rate >= ROTOR_RATE_HZ:
         return []
-    return [LogFault(_name(vehicle, 0), f"comes at {min(rates):.1f} Hz: too slow for moments")]
+    return [LogFault(_name(vehicle, 0), f"comes at {rate:.1f} Hz: too slow for moments")]
 
 
 def _gyro(state: AirState, grid: Grid, flying: Mask) -> list[LogFault]:

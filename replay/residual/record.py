@@ -83,7 +83,7 @@ def build_record(
     name: str = "",
 ) -> Record:
     """The residual of one flight. Raises LogError in one line where the log lacks what is needed."""
-    motion = read_motion(log)
+    motion = read_motion(log, vehicle)
     log, stuck = without_stuck_beams(log)
     grid = motion.grid
     axes, notes = judged_axes(log, vehicle, motion)
@@ -94,13 +94,13 @@ def build_record(
     measured = measured_wrench(
         motion.force, motion.gyro, rate_of_change(motion.gyro, grid.rate), vehicle.mass_kg, vehicle.inertia_kgm2
     )
-    time = judged_time(log, context, grid, motion.force, modelled)
+    time = judged_time(log, context, motion, modelled)
     doubts = doubted(log, context, grid, time.valid, [a for a in axes if a not in time.unjudged_axes])
     time = time.without("after a crash", doubts.left_out, grid.rate)
     residual = grid.smooth(np.where(time.valid[:, None], measured - modelled, np.nan))
     residual[:, [a for a in range(6) if a not in doubts.axes and a not in doubts.blind]] = 0.0
     kinematic = grid.smooth(np.where(time.valid[:, None], motion.kinematic_bias, np.nan))
-    derived = derived_accelerometer(kinematic)
+    derived = derived_accelerometer(motion, time.valid)
     small = decimated(state, grid)
     rotors = delays[0]
     record = Record(
@@ -118,7 +118,7 @@ def build_record(
         valid=np.isfinite(residual).all(axis=1) & grid.pick(time.valid),
         axes=doubts.axes,
         step_s=grid.every / grid.rate,
-        kinematic_bias=np.full_like(kinematic, np.nan) if derived else kinematic,
+        kinematic_bias=kinematic,
         channels=named_channels(log, vehicle, small),
         delays=delays,
         excluded=time.excluded,

@@ -11,6 +11,9 @@ from models.effects import Context
 from models.frames import Array
 from replay.flightlog import FlightLog
 from replay.residual.grid import Grid, Mask, rate_of_change, running_mean
+from replay.residual.log_state import rotor_rate_hz
+from replay.residual.motion import Motion
+from replay.residual.standing import standing
 
 AIRBORNE_SHARE = 0.5
 """Modelled lift over weight above which a vehicle flies: half leaves room for any undeclared effect."""
@@ -54,14 +57,14 @@ class JudgedTime:
         return replace(self, valid=self.valid & ~bad, excluded=self.excluded + new)
 
 
-def judged_time(log: FlightLog, ctx: Context, grid: Grid, force: Array, modelled: Array) -> JudgedTime:
-    """The time of flight with all that is needed: ``force`` (n, 3) specific force, ``modelled`` (n, 6) wrench."""
-    state = ctx.state
+def judged_time(log: FlightLog, ctx: Context, motion: Motion, modelled: Array) -> JudgedTime:
+    """The time of flight with all that is needed; ``modelled`` (n, 6) wrench."""
+    state, grid, force = ctx.state, motion.grid, motion.force
     heights = np.where(np.isfinite(state.h_m), state.h_m, np.inf)
     unknown = _incomplete(force) | _incomplete(state.rotation) | _incomplete(ctx.thrust)
     reasons: tuple[tuple[str, Any, float], ...] = (
         ("no IMU, attitude or rotor speed (gap in the log)", unknown, 0.0),
-        ("on the ground, or taking off or landing", ~_flying(log, ctx, grid), TAKE_OFF_S),
+        ("on the ground, or taking off or landing", ~_flying(log, ctx, motion), TAKE_OFF_S),
         (
             "at the ground (closer than a tenth of a rotor radius)",
             heights.min(axis=1) < TOUCHING_RADII * ctx.vehicle.rotor_radius_m,
@@ -84,8 +87,9 @@ def _incomplete(x: Array) -> Mask:
     return np.asarray(~np.isfinite(x.reshape(len(x), -1)).all(axis=1))
 
 
-def _flying(log: FlightLog, ctx: Context, grid: Grid) -> Mask:
-    """Samples (n,) with lift, armed, and not said to be on the ground by the autopilot."""
+def _flying(log: FlightLog, ctx: Context, motion: Motion) -> Mask:
+    """Samples (n,) with lift, armed, and not on the ground, by the autopilot or by what the rotors do not move."""
+    grid = motion.grid
     t = grid.t
     with np.errstate(invalid="ignore"):
         flying = running_mean(ctx.thrust.sum(axis=1), int(LIFT_S * grid.rate)) > AIRBORNE_SHARE * ctx.weight
@@ -95,7 +99,7 @@ def _flying(log: FlightLog, ctx: Context, grid: Grid) -> Mask:
     if log.armed:
         armed = [(t >= i.start_s - ARMED_S) & (t <= i.end_s + ARMED_S) for i in log.armed]
         flying &= np.logical_or.reduce(armed)
-    return flying
+    return flying & ~standing(ctx, motion, rotor_rate_hz(log, ctx.vehicle))
 
 
 def _jumps(ctx: Context, grid: Grid) -> Mask:
