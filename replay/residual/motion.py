@@ -12,7 +12,7 @@ from models.vehicle import Vehicle
 from replay.flightlog import FlightLog, ImuRecord, Series
 from replay.residual.distances import MAX_GAP_S
 from replay.residual.grid import CUT_OFF_HZ, Grid, rate_of_change
-from replay.residual.log_state import equal_outputs, rotor_rate_hz
+from replay.residual.log_state import rotor_rate_hz
 
 MOMENT_RATE_HZ = 20.0
 """Slowest gyro whose derivative is an angular acceleration: ten samples a period of the 2 Hz that are judged."""
@@ -89,13 +89,11 @@ def read_motion(log: FlightLog, vehicle: Vehicle) -> Motion:
     )
 
 
-def judged_axes(log: FlightLog, vehicle: Vehicle, motion: Motion) -> tuple[list[int], list[str]]:
+def judged_axes(motion: Motion) -> tuple[list[int], list[str]]:
     """Axes of the wrench that the log can judge, and a note where it is not all six."""
     if motion.gyro_hz < MOMENT_RATE_HZ:
         needed = f"{MOMENT_RATE_HZ:.0f} Hz needed"
         return [0, 1, 2], [f"gyro at {motion.gyro_hz:.0f} Hz: too slow for moments ({needed}), forces only"]
-    if vehicle.throttle is not None and equal_outputs(log, vehicle):
-        return [0, 1, 2], ["all servo outputs are copies of one number: moments cannot be judged, forces only"]
     return list(range(6)), []
 
 

@@ -17,16 +17,12 @@ from replay.flightlog import FlightLog
 from replay.residual.channels import named_channels
 from replay.residual.delays import Delay, range_delay_of, rotor_delay
 from replay.residual.distances import distances, unseen_surfaces
-from replay.residual.faults import (
-    DERIVED_ACCELEROMETER,
-    LogFault,
-    derived_accelerometer,
-    doubted,
-    without_stuck_beams,
-)
+from replay.residual.fault import LogFault
+from replay.residual.faults import doubted, without_stuck_beams
 from replay.residual.grid import Mask, rate_of_change
 from replay.residual.log_state import decimated, neutral_servos, raw_state, rotor_columns
 from replay.residual.motion import ENOUGH_S, SHORTEST_S, Motion, judged_axes, read_motion
+from replay.residual.motion_faults import DERIVED_ACCELEROMETER, derived_accelerometer
 from replay.residual.validity import Excluded, judged_time
 
 COMMANDED = 0.6
@@ -86,7 +82,7 @@ def build_record(
     motion = read_motion(log, vehicle)
     log, stuck = without_stuck_beams(log)
     grid = motion.grid
-    axes, notes = judged_axes(log, vehicle, motion)
+    axes, notes = judged_axes(motion)
     state, delays = _on_one_clock(log, vehicle, model, motion)
     state = corrected_state(effects, state)
     context = Context(state, vehicle, model)
@@ -95,7 +91,7 @@ def build_record(
         motion.force, motion.gyro, rate_of_change(motion.gyro, grid.rate), vehicle.mass_kg, vehicle.inertia_kgm2
     )
     time = judged_time(log, context, motion, modelled)
-    doubts = doubted(log, context, grid, time.valid, [a for a in axes if a not in time.unjudged_axes])
+    doubts = doubted(log, context, motion, time.valid, [a for a in axes if a not in time.unjudged_axes])
     time = time.without("after a crash", doubts.left_out, grid.rate)
     residual = grid.smooth(np.where(time.valid[:, None], measured - modelled, np.nan))
     residual[:, [a for a in range(6) if a not in doubts.axes and a not in doubts.blind]] = 0.0

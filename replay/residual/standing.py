@@ -27,8 +27,9 @@ FASTEST_HZ = 8.0
 """Rate of rotor speeds from which on they show that band (Nyquist)."""
 EXCITED_SHARE = 0.003
 """RMS of lift over weight (moment over weight and lever) from which on a vehicle in the air would visibly move."""
-UNANSWERED = 0.2
-"""Share of the modelled acceleration below which nothing in the air moves; flights measured so far: 0.26 and more."""
+UNANSWERED, STILL = 0.2, 0.01
+"""Share of the modelled acceleration below which nothing in the air moves (flights measured so far: 0.26 and more), and
+size over the weight (times the lever) that it may have: a file of another vehicle models too much, not a standstill."""
 
 
 def standing(ctx: Context, motion: Motion, rotor_hz: float) -> Mask:
@@ -61,7 +62,7 @@ def _unanswered(ctx: Context, motion: Motion, lift: Array) -> Mask:
     for modelled, measured in pairs:
         asked, answered = (_unsteady(x, rate) for x in (modelled, measured))
         with np.errstate(invalid="ignore"):
-            out &= (asked > EXCITED_SHARE) & (answered < UNANSWERED * asked)
+            out &= (asked > EXCITED_SHARE) & (answered < np.minimum(UNANSWERED * asked, STILL))
     return out
 
 
