@@ -114,7 +114,7 @@ def build_record(
         valid=np.isfinite(residual).all(axis=1) & grid.pick(time.valid),
         axes=doubts.axes,
         step_s=grid.every / grid.rate,
-        kinematic_bias=kinematic,
+        kinematic_bias=np.full_like(kinematic, np.nan) if derived else kinematic,
         channels=named_channels(log, vehicle, small),
         delays=delays,
         excluded=time.excluded,
