@@ -15,7 +15,7 @@ from models.frames import Array
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from replay.logs.formats import read_flightlogs
-from replay.residual.faults import LogFault
+from replay.residual.fault import LogFault
 from replay.residual.motion import ENOUGH_S
 from replay.residual.record import Record, build_record, check_model, too_short
 from replay.search.free_curves import Channel

@@ -15,8 +15,9 @@ from replay.residual.grid import Grid, running_mean
 
 LONGEST_DELAY_S = 0.3
 """Longest delay that is looked for: telemetry at 5 Hz is stamped a fifth of a second late at most."""
-FILTER_DELAY_S = 0.035
-"""By which an IMU's low-pass may be behind the rotors: two poles at 20 Hz, a common default, are 0.02 s late."""
+SPEED_LEAD_S, OUTPUT_LEAD_S = 0.045, 0.035
+"""By which an IMU's low-pass may be behind rotor speeds: sqrt(2) / (2 pi f) of a second-order Butterworth low-pass at
+5 Hz, the lowest in common use. Outputs less, because they lead the thrust by the motors' own lag, too."""
 SEEN_ROTORS, SEEN_RANGES = 0.3, 0.5
 """Correlations from which on a delay is believed; ranges against velocity are cleaner than lift against the IMU."""
 DETREND_S, SMOOTH_S = 0.7, 0.03
@@ -56,7 +57,7 @@ def rotor_delay(ctx: Context, grid: Grid) -> Delay:
     lift = ctx.thrust.sum(axis=1)
     heave = -ctx.vehicle.mass_kg * ctx.state.specific_force[:, 2]
     best, correlation = _lag(heave, lift, grid.rate)
-    corrected = bool(correlation > SEEN_ROTORS and best > -FILTER_DELAY_S)
+    corrected = bool(correlation > SEEN_ROTORS and best > -(SPEED_LEAD_S if ctx.vehicle.telemetered else OUTPUT_LEAD_S))
     return Delay("rotor speed" if ctx.vehicle.telemetered else "servo outputs", best, correlation, corrected)
 
 

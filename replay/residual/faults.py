@@ -1,4 +1,7 @@
-"""Faults of a log, or of the vehicle file it is read with: reported, left out, and never named as an effect."""
+"""Faults of a log, or of the vehicle file it is read with: reported, left out, and never named as an effect.
+
+Every kind is one function of ``rotor_faults``, ``motion_faults`` or ``vehicle_faults``; here stands what each costs.
+"""
 
 from __future__ import annotations
 
@@ -6,41 +9,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from models.air_state import AirState
 from models.effects import Context
-from models.frames import Array
-from models.vehicle import Vehicle
 from replay.flightlog import Beam, FlightLog
-from replay.residual.grid import Grid, Mask, rate_of_change, running_mean
+from replay.residual.fault import LogFault
+from replay.residual.grid import Mask
+from replay.residual.motion import Motion
+from replay.residual.motion_faults import accelerometer_faults, first_upside_down, gyro_faults
+from replay.residual.rotor_faults import (
+    copies,
+    exchanged_outputs,
+    full_command,
+    implausible_speeds,
+    silent_speeds,
+    slow_rotors,
+    undeclared_rotors,
+)
+from replay.residual.vehicle_faults import exchanged_fans, exchanged_spins, wrong_lift
 
-DERIVED_M_S2 = 0.004
-"""RMS disagreement with the velocity's own derivative below which no accelerometer has measured."""
-DEAD_SHARE, STUCK_SHARE = 0.05, 1e-3
-"""A rotor is dead below this share of the others' speed, stuck if it varies by less than this share."""
-ROTOR_RATE_HZ = 5.0
-"""Rotor speeds or outputs slower than this carry no moments."""
-FULL, FULL_REPORTED, FULL_MOST = 0.985, 0.2, 0.5
-"""Command from which on thrust does not follow; share of the flight at it that is reported, that leaves no lift."""
-OPPOSED = -0.5
-"""Correlation of declared moment and angular acceleration from which on a vehicle file is mirrored."""
-DISAGREE = 0.7
-"""RMS difference of gyro and turning attitude, as a share of the gyro's, from which on one of them is wrong."""
-LIFT_RANGE = (0.5, 1.8)
-"""Declared lift over weight, on average in flight, outside which the file is another vehicle's."""
+FULL_MOST = 0.5
+"""Share of the flight at full command from which on no lift can be judged."""
 STUCK_BEAM_M, MOVED_M = 0.002, 0.4
-UPSIDE_DOWN = 0.3
-"""Cosine of the tilt below which nothing flies."""
-
-
-@dataclass(frozen=True)
-class LogFault:
-    """A channel that is not to be believed, and why."""
-
-    channel: str
-    what: str
-
-
-DERIVED_ACCELEROMETER = LogFault("ax_m_s2", "is derived from the velocity: it measures nothing of its own")
+"""A range that spans less than the first while the vehicle rises by more than the second [m] is stuck."""
+STUCK_BEAM_SAMPLES = 20
+"""Fewest readings for that."""
+LIFT_AND_MOMENTS, MOMENTS = frozenset({2, 3, 4, 5}), frozenset({3, 4, 5})
 
 
 @dataclass(frozen=True)
@@ -54,41 +46,44 @@ class Doubts:
     """Axes that are not judged, but on which something acts all the same."""
 
 
-def derived_accelerometer(kinematic_bias: Array) -> bool:
-    """Whether the specific force is the derivative of the logged velocity; (n, 3), NaN where unknown."""
-    known = kinematic_bias[np.isfinite(kinematic_bias).all(axis=1)]
-    return bool(len(known) > 50 and np.sqrt(np.median(known**2, axis=0)).max() < DERIVED_M_S2)
-
-
-def doubted(log: FlightLog, ctx: Context, grid: Grid, flying: Mask, axes: list[int]) -> Doubts:
+def doubted(log: FlightLog, ctx: Context, motion: Motion, flying: Mask, axes: list[int]) -> Doubts:
     """Doubt the log before anything is fitted. ``flying`` (n,): airborne samples of the grid."""
     faults: list[LogFault] = []
-    left_out = np.zeros(len(grid.t), bool)
     usable, blind = set(axes), set[int]()
-    rotors = _rotors(log, ctx, flying)
+    for axis, fault in accelerometer_faults(motion, flying):
+        faults.append(fault)
+        usable -= {axis}
+    rotors = [*silent_speeds(ctx, flying), *implausible_speeds(ctx, flying), *undeclared_rotors(log, ctx)]
     if rotors:
         faults += rotors
         blind |= usable & {2}
-        usable -= {2, 3, 4, 5}
-    full, share = _at_full_command(ctx, flying)
-    if share > FULL_REPORTED:
-        faults.append(_full_fault(ctx, full & flying[:, None], share))
+        usable -= LIFT_AND_MOMENTS
+    full, share = full_command(ctx, flying)
+    faults += full
     if share > FULL_MOST:
         blind |= usable & {2}
-        usable -= {2, 3, 4, 5}
-    lift = _wrong_lift(ctx, flying)
-    if lift is not None and not rotors and 2 in usable:
-        faults.insert(0, lift)
-        usable -= {2, 3, 4, 5}
-    if usable & {3, 4, 5}:
-        moments = [*_slow_rotors(log, ctx.vehicle), *_gyro(ctx.state, grid, flying), *_mirrored(ctx, grid, flying)]
+        usable -= LIFT_AND_MOMENTS
+    lift = wrong_lift(ctx, flying) if not rotors and 2 in usable else []
+    if lift:
+        faults = [*lift, *faults]
+        usable -= LIFT_AND_MOMENTS
+    copied = copies(log, ctx, motion, flying)
+    faults += copied
+    if copied:
+        usable -= MOMENTS
+    if usable & MOMENTS:
+        moments = [*slow_rotors(log, ctx.vehicle), *gyro_faults(motion, flying)]
+        moments = moments or [*exchanged_fans(ctx, motion, flying), *exchanged_outputs(ctx, motion, flying)]
+        moments = moments or exchanged_spins(ctx, motion, flying)
         if moments:
             faults += moments
-            usable -= {3, 4, 5}
-    crash = _crash(ctx.state, grid)
+            usable -= MOMENTS
+    left_out = np.zeros(len(flying), bool)
+    crash = first_upside_down(motion)
     if crash is not None:
-        faults.append(LogFault("roll_rad", f"upside down from {grid.t[crash]:.0f} s on: what follows is no flight"))
-        left_out[max(crash - int(grid.rate), 0) :] = True
+        when = f"upside down from {motion.grid.t[crash]:.0f} s on: what follows is no flight"
+        faults.append(LogFault("roll_rad", when))
+        left_out[max(crash - int(motion.grid.rate), 0) :] = True
     return Doubts(tuple(faults), tuple(sorted(usable)), left_out, tuple(sorted(blind)))
 
 
@@ -107,152 +102,5 @@ def without_stuck_beams(log: FlightLog) -> tuple[FlightLog, list[LogFault]]:
 
 def _stuck(beam: Beam) -> bool:
     good = beam.good
-    return beam.name in ("down", "up") and len(good) > 20 and float(np.ptp(good.values)) < STUCK_BEAM_M
-
-
-def _name(vehicle: Vehicle, k: int) -> str:
-    """Channel of a rotor: its speed, or its output."""
-    rotor = vehicle.rotors[k]
-    return f"rpm_{rotor.esc}" if rotor.servo is None else f"servo_{rotor.servo}"
-
-
-def _rotors(log: FlightLog, ctx: Context, flying: Mask) -> list[LogFault]:
-    """Rotor speeds that read nothing, or stand still while the others move; rotors that the file does not know."""
-    vehicle = ctx.vehicle
-    if not vehicle.telemetered or flying.sum() < 50:
-        return []
-    speed = ctx.state.rpm[flying]
-    typical = np.nanmedian(speed, axis=0)
-    out = []
-    for k in range(len(vehicle.rotors)):
-        others = np.delete(np.arange(len(vehicle.rotors)), k)
-        if not others.size or not np.isfinite(typical[others]).any():
-            continue
-        usual = float(np.nanmedian(typical[others]))
-        varies = float(np.nanmedian(np.nanstd(speed[:, others], axis=0)))
-        if typical[k] < DEAD_SHARE * usual:
-            output = _output_of(log, ctx, k, flying)
-            out.append(LogFault(_name(vehicle, k), f"reads {typical[k]:.0f} rpm in flight{output}"))
-        elif np.nanstd(speed[:, k]) < STUCK_SHARE * usual < 0.1 * varies:
-            out.append(LogFault(_name(vehicle, k), f"stays at {typical[k]:.0f} rpm while the others vary"))
-    known = {rotor.esc for rotor in vehicle.rotors}
-    for number, esc in log.escs.items():
-        if number in known or esc.rpm is None or not typical.size:
-            continue
-        if float(np.nanmedian(esc.rpm.values)) > 0.3 * float(np.nanmedian(typical)):
-            out.append(LogFault(f"rpm_{number}", "turns in flight, and the vehicle file knows no such rotor"))
-    return out
-
-
-def _output_of(log: FlightLog, ctx: Context, k: int, flying: Mask) -> str:
-    """What the output of the same number says, in words; empty where there is none."""
-    esc = ctx.vehicle.rotors[k].esc
-    if log.servo is None or esc is None or esc > ctx.state.servo_us.shape[1]:
-        return ""
-    known = ctx.state.servo_us[flying, esc - 1]
-    known = known[np.isfinite(known)]
-    return f" while output {esc} is at {float(np.median(known)):.0f} us" if known.size else ""
-
-
-def _at_full_command(ctx: Context, flying: Mask) -> tuple[Mask, float]:
-    """Samples (n, rotors) at full command, and the share of the flight in which any rotor is."""
-    curve = ctx.vehicle.throttle
-    n = len(flying)
-    if curve is None:
-        return np.zeros((n, 1), bool), 0.0
-    outputs = np.stack([ctx.state.servo_us[:, (r.servo or 1) - 1] for r in ctx.vehicle.rotors], axis=1)
-    with np.errstate(invalid="ignore"):
-        full = (outputs - curve.pwm_min_us) / (curve.pwm_max_us - curve.pwm_min_us) >= FULL
-    return full, float(full[flying].any(axis=1).mean()) if flying.any() else 0.0
-
-
-def _full_fault(ctx: Context, full: Mask, share: float) -> LogFault:
-    worst = int(full.sum(axis=0).argmax())
-    return LogFault(_name(ctx.vehicle, worst), f"at full command in {share:.0%} of the flight: thrust does not follow")
-
-
-def _wrong_lift(ctx: Context, flying: Mask) -> LogFault | None:
-    if flying.sum() < 50:
-        return None
-    measured = -ctx.vehicle.mass_kg * float(np.nanmean(ctx.state.specific_force[flying, 2]))
-    ratio = float(np.nanmean(ctx.thrust.sum(axis=1)[flying])) / max(measured, 1e-6)
-    if not np.isfinite(ratio) or LIFT_RANGE[0] <= ratio <= LIFT_RANGE[1]:
-        return None
-    return LogFault(
-        "vehicle file", f"declares {ratio:.2g} of the lift that flew: mass, rotors or thrust of another vehicle"
-    )
-
-
-def _slow_rotors(log: FlightLog, vehicle: Vehicle) -> list[LogFault]:
-    if vehicle.telemetered:
-        series = [log.escs[r.esc].rpm for r in vehicle.rotors if r.esc is not None and r.esc in log.escs]
-        rates = [s.rate_hz for s in series if s is not None]
-    else:
-        rates = [log.servo.rate_hz] if log.servo is not None else []
-    if not rates or min(rates) >= ROTOR_RATE_HZ:
-        return []
-    return [LogFault(_name(vehicle, 0), f"comes at {min(rates):.1f} Hz: too slow for moments")]
-
-
-def _gyro(state: AirState, grid: Grid, flying: Mask) -> list[LogFault]:
-    """Gyro axes that do not turn as the attitude does."""
-    turn = rate_of_change(state.rotation, grid.rate)
-    skew = np.einsum("nji,njk->nik", state.rotation, turn)
-    turning = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
-    half = max(int(0.1 * grid.rate), 1)
-    out = []
-    for axis, name in enumerate(("p_rad_s", "q_rad_s", "r_rad_s")):
-        gyro, attitude = (running_mean(v[:, axis], half) for v in (state.rates, turning))
-        both = flying & np.isfinite(gyro) & np.isfinite(attitude)
-        if both.sum() < 100:
-            continue
-        size = float(gyro[both].std())
-        if size > 0.05 and float((gyro - attitude)[both].std()) > DISAGREE * size:
-            out.append(LogFault(name, "disagrees with the rate at which the attitude turns"))
-    return out
-
-
-def _mirrored(ctx: Context, grid: Grid, flying: Mask) -> list[LogFault]:
-    """Axes on which declared rotor moments oppose the angular acceleration: order mirrored, or spins exchanged."""
-    half, wide = max(int(0.05 * grid.rate), 1), max(int(0.5 * grid.rate), 1)
-    rates = ctx.state.rates
-    out = []
-    for axis, what in enumerate(("left and right", "front and back", "clockwise and counter-clockwise")):
-        if not flying.any() or float(np.nanstd(ctx.rotor_moment[flying, axis])) < 1e-3 * ctx.weight * ctx.lever:
-            continue
-        turned = rate_of_change(running_mean(rates[:, axis], half), grid.rate)
-        moment = running_mean(ctx.rotor_moment[:, axis], half)
-        turned, moment = (v - running_mean(v, wide) for v in (turned, moment))
-        found = _strongest(moment, turned, flying, int(0.2 * grid.rate))
-        if found < OPPOSED:
-            out.append(
-                LogFault(
-                    "vehicle file",
-                    f"declared moments oppose the angular acceleration: {what} are exchanged (r = {found:.2f})",
-                )
-            )
-    return out
-
-
-def _strongest(cause: Array, effect: Array, flying: Mask, most: int) -> float:
-    """Correlation of largest size of an effect 0 to ``most`` samples behind its cause."""
-    best = 0.0
-    for lag in range(0, most + 1, max(most // 10, 1)):
-        a, b = cause[: len(cause) - lag], effect[lag:]
-        use = flying[lag:] & np.isfinite(a) & np.isfinite(b)
-        if use.sum() < 200:
-            continue
-        r = float(np.corrcoef(a[use], b[use])[0, 1])
-        if np.isfinite(r) and abs(r) > abs(best):
-            best = r
-    return best
-
-
-def _crash(state: AirState, grid: Grid) -> int | None:
-    """First sample of a log that ends upside down."""
-    with np.errstate(invalid="ignore"):
-        over = state.rotation[:, 2, 2] < UPSIDE_DOWN
-    if over.sum() < 0.3 * grid.rate:
-        return None
-    first = int(np.argmax(over))
-    return first if over[first:].mean() > 0.3 or first > 0.8 * len(over) else None
+    vertical = beam.name in ("down", "up")
+    return vertical and len(good) > STUCK_BEAM_SAMPLES and float(np.ptp(good.values)) < STUCK_BEAM_M

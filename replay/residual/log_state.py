@@ -36,6 +36,14 @@ def rotor_columns(log: FlightLog, vehicle: Vehicle, t: Array, late_s: float) -> 
     return {"rpm": rpm, "servo_us": servo}
 
 
+def rotor_rate_hz(log: FlightLog, vehicle: Vehicle) -> float:
+    """Rate of the slowest rotor speed, or of the outputs where they declare the thrust; inf without either."""
+    if vehicle.telemetered:
+        series = [log.escs[r.esc].rpm for r in vehicle.rotors if r.esc is not None and r.esc in log.escs]
+        return min((s.rate_hz for s in series if s is not None), default=np.inf)
+    return log.servo.rate_hz if log.servo is not None else np.inf
+
+
 def raw_state(
     log: FlightLog, vehicle: Vehicle, t: Array, force: Array, gyro: Array, rotation: Array, position: Array,
     velocity: Array,

@@ -12,7 +12,7 @@ from models.vehicle import Vehicle
 from replay.flightlog import FlightLog, ImuRecord, Series
 from replay.residual.distances import MAX_GAP_S
 from replay.residual.grid import CUT_OFF_HZ, Grid, rate_of_change
-from replay.residual.log_state import equal_outputs
+from replay.residual.log_state import rotor_rate_hz
 
 MOMENT_RATE_HZ = 20.0
 """Slowest gyro whose derivative is an angular acceleration: ten samples a period of the 2 Hz that are judged."""
@@ -55,7 +55,7 @@ class Motion:
         return out
 
 
-def read_motion(log: FlightLog) -> Motion:
+def read_motion(log: FlightLog, vehicle: Vehicle) -> Motion:
     """The motion over the time with IMU and attitude. Raises LogError in one line where one is missing or too slow."""
     if not log.imus:
         raise LogError(
@@ -75,7 +75,8 @@ def read_motion(log: FlightLog) -> Motion:
         raise LogError(
             f"{log.path}: {imu.source} at {rate:.1f} Hz is too slow for forces; ask for {FORCE_RATE_HZ:.0f} Hz or more"
         )
-    grid = Grid(start, end, rate, min(CUT_OFF_HZ, rate / 4.0))
+    # A quarter of the rate is carried by linear interpolation; rotor speeds are no better known than they are sent.
+    grid = Grid(start, end, rate, min(CUT_OFF_HZ, rate / 4.0, rotor_rate_hz(log, vehicle) / 4.0))
     gyro = imu.gyro if len(imu.gyro) and np.isfinite(imu.gyro.values).any() else log.rates
     return Motion(
         grid,
@@ -88,13 +89,11 @@ def read_motion(log: FlightLog) -> Motion:
     )
 
 
-def judged_axes(log: FlightLog, vehicle: Vehicle, motion: Motion) -> tuple[list[int], list[str]]:
+def judged_axes(motion: Motion) -> tuple[list[int], list[str]]:
     """Axes of the wrench that the log can judge, and a note where it is not all six."""
     if motion.gyro_hz < MOMENT_RATE_HZ:
         needed = f"{MOMENT_RATE_HZ:.0f} Hz needed"
         return [0, 1, 2], [f"gyro at {motion.gyro_hz:.0f} Hz: too slow for moments ({needed}), forces only"]
-    if vehicle.throttle is not None and equal_outputs(log, vehicle):
-        return [0, 1, 2], ["all servo outputs are copies of one number: moments cannot be judged, forces only"]
     return list(range(6)), []
 
 

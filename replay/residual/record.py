@@ -17,16 +17,12 @@ from replay.flightlog import FlightLog
 from replay.residual.channels import named_channels
 from replay.residual.delays import Delay, range_delay_of, rotor_delay
 from replay.residual.distances import distances, unseen_surfaces
-from replay.residual.faults import (
-    DERIVED_ACCELEROMETER,
-    LogFault,
-    derived_accelerometer,
-    doubted,
-    without_stuck_beams,
-)
+from replay.residual.fault import LogFault
+from replay.residual.faults import doubted, without_stuck_beams
 from replay.residual.grid import Mask, rate_of_change
 from replay.residual.log_state import decimated, neutral_servos, raw_state, rotor_columns
 from replay.residual.motion import ENOUGH_S, SHORTEST_S, Motion, judged_axes, read_motion
+from replay.residual.motion_faults import DERIVED_ACCELEROMETER, derived_accelerometer
 from replay.residual.validity import Excluded, judged_time
 
 COMMANDED = 0.6
@@ -83,10 +79,10 @@ def build_record(
     name: str = "",
 ) -> Record:
     """The residual of one flight. Raises LogError in one line where the log lacks what is needed."""
-    motion = read_motion(log)
+    motion = read_motion(log, vehicle)
     log, stuck = without_stuck_beams(log)
     grid = motion.grid
-    axes, notes = judged_axes(log, vehicle, motion)
+    axes, notes = judged_axes(motion)
     state, delays = _on_one_clock(log, vehicle, model, motion)
     state = corrected_state(effects, state)
     context = Context(state, vehicle, model)
@@ -94,13 +90,13 @@ def build_record(
     measured = measured_wrench(
         motion.force, motion.gyro, rate_of_change(motion.gyro, grid.rate), vehicle.mass_kg, vehicle.inertia_kgm2
     )
-    time = judged_time(log, context, grid, motion.force, modelled)
-    doubts = doubted(log, context, grid, time.valid, [a for a in axes if a not in time.unjudged_axes])
+    time = judged_time(log, context, motion, modelled)
+    doubts = doubted(log, context, motion, time.valid, [a for a in axes if a not in time.unjudged_axes])
     time = time.without("after a crash", doubts.left_out, grid.rate)
     residual = grid.smooth(np.where(time.valid[:, None], measured - modelled, np.nan))
     residual[:, [a for a in range(6) if a not in doubts.axes and a not in doubts.blind]] = 0.0
     kinematic = grid.smooth(np.where(time.valid[:, None], motion.kinematic_bias, np.nan))
-    derived = derived_accelerometer(kinematic)
+    derived = derived_accelerometer(motion, time.valid)
     small = decimated(state, grid)
     rotors = delays[0]
     record = Record(

@@ -11,9 +11,14 @@ from models.effects import Context
 from models.frames import Array
 from replay.flightlog import FlightLog
 from replay.residual.grid import Grid, Mask, rate_of_change, running_mean
+from replay.residual.log_state import rotor_rate_hz
+from replay.residual.motion import Motion
+from replay.residual.standing import ROTORS_OFF_SHARE, standing
 
 AIRBORNE_SHARE = 0.5
 """Modelled lift over weight above which a vehicle flies: half leaves room for any undeclared effect."""
+ROSE_M = 0.5
+"""Change of height that proves a flight."""
 LIFT_S, TAKE_OFF_S, CONTACT_S, JUMP_S, CLIP_S = 0.2, 1.0, 0.3, 0.2, 0.3
 """Half width of the mean of lift; time around take-off and landing, contact, a jump and a clipped sample left out."""
 ARMED_S = 1.0
@@ -54,14 +59,14 @@ class JudgedTime:
         return replace(self, valid=self.valid & ~bad, excluded=self.excluded + new)
 
 
-def judged_time(log: FlightLog, ctx: Context, grid: Grid, force: Array, modelled: Array) -> JudgedTime:
-    """The time of flight with all that is needed: ``force`` (n, 3) specific force, ``modelled`` (n, 6) wrench."""
-    state = ctx.state
+def judged_time(log: FlightLog, ctx: Context, motion: Motion, modelled: Array) -> JudgedTime:
+    """The time of flight with all that is needed; ``modelled`` (n, 6) wrench."""
+    state, grid, force = ctx.state, motion.grid, motion.force
     heights = np.where(np.isfinite(state.h_m), state.h_m, np.inf)
     unknown = _incomplete(force) | _incomplete(state.rotation) | _incomplete(ctx.thrust)
     reasons: tuple[tuple[str, Any, float], ...] = (
         ("no IMU, attitude or rotor speed (gap in the log)", unknown, 0.0),
-        ("on the ground, or taking off or landing", ~_flying(log, ctx, grid), TAKE_OFF_S),
+        ("on the ground, or taking off or landing", ~_flying(log, ctx, motion), TAKE_OFF_S),
         (
             "at the ground (closer than a tenth of a rotor radius)",
             heights.min(axis=1) < TOUCHING_RADII * ctx.vehicle.rotor_radius_m,
@@ -84,18 +89,29 @@ def _incomplete(x: Array) -> Mask:
     return np.asarray(~np.isfinite(x.reshape(len(x), -1)).all(axis=1))
 
 
-def _flying(log: FlightLog, ctx: Context, grid: Grid) -> Mask:
-    """Samples (n,) with lift, armed, and not said to be on the ground by the autopilot."""
-    t = grid.t
+def _flying(log: FlightLog, ctx: Context, motion: Motion) -> Mask:
+    """Samples (n,) with lift, armed, and not on the ground, by the autopilot or by what the rotors do not move."""
+    grid = motion.grid
+    t, lift = grid.t, ctx.thrust.sum(axis=1)
     with np.errstate(invalid="ignore"):
-        flying = running_mean(ctx.thrust.sum(axis=1), int(LIFT_S * grid.rate)) > AIRBORNE_SHARE * ctx.weight
+        flying = running_mean(lift, int(LIFT_S * grid.rate)) > AIRBORNE_SHARE * _needed_lift(ctx, lift)
     for interval in log.landed:
         if interval.value == 1:
             flying &= ~((t >= interval.start_s) & (t < interval.end_s))
     if log.armed:
         armed = [(t >= i.start_s - ARMED_S) & (t <= i.end_s + ARMED_S) for i in log.armed]
         flying &= np.logical_or.reduce(armed)
-    return flying
+    return flying & ~standing(ctx, motion, rotor_rate_hz(log, ctx.vehicle))
+
+
+def _needed_lift(ctx: Context, lift: Array) -> float:
+    """The weight, or what was modelled at most where the vehicle rose with less: then the file is another vehicle's."""
+    height = ctx.state.position_ned[:, 2]
+    if not (np.isfinite(lift).any() and np.isfinite(height).any()):
+        return ctx.weight
+    most = float(np.nanquantile(lift, 0.9))
+    rose = float(np.nanmax(height) - np.nanmin(height)) > ROSE_M
+    return most if rose and ROTORS_OFF_SHARE * ctx.weight < most < AIRBORNE_SHARE * ctx.weight else ctx.weight
 
 
 def _jumps(ctx: Context, grid: Grid) -> Mask:

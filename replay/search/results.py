@@ -29,6 +29,10 @@ FORM_SHARE = 0.15
 """A remainder below this share of what the effects took out is their error of form, not a second force."""
 
 
+WORSE_SHARE = 0.005
+"""Share of the residual's energy by which an effect may make unseen time worse: noise, where it is hardly excited."""
+
+
 @dataclass(frozen=True)
 class Estimate:
     """One parameter with its 95 % interval; ``at_bound``: at the edge of what was tried or is possible."""
@@ -102,14 +106,29 @@ class Searched:
 
 def summarise(walked: Walked, seed: int) -> Searched:
     """Everything that a reader needs to judge what was found."""
-    best = walked.best
-    chosen = [t for t in best.terms if t.effect is not None]
-    fits = flight_fits(walked, best)
+    fits = _borne_by_unseen_time(walked)
+    chosen = [t for t in walked.best.terms if t.effect is not None]
     traces = tuple(_trace(walked, fit, seed) for fit in fits)
     rivals = rivals_of(walked)
     total = max(sum(f.energy(f.before) for f in fits), 1e-12)
     found = [_found(walked, term, fits, rivals, total) for term in chosen]
     return Searched(traces, tuple(found), _rejected(walked, {t.name for t in chosen}))
+
+
+def _borne_by_unseen_time(walked: Walked) -> list[FlightFit]:
+    """Every flight under the best set, which loses one by one the effects that make unseen time worse."""
+    while True:
+        fits = flight_fits(walked, walked.best)
+        before = max(sum(f.energy(f.before) for f in fits), 1e-12)
+        gains = {
+            key: round(sum(f.energy(f.without[key]) - f.energy(f.after) for f in fits if key in f.without) / before, 9)
+            for key in (t.key for t in walked.best.terms if t.effect is not None)
+        }
+        worst = min(gains, key=lambda key: gains[key], default=None)
+        if worst is None or gains[worst] > -WORSE_SHARE:
+            return fits
+        walked.worse.add(worst[0])
+        walked.best = walked.weigh([t for t in walked.best.terms if t.key != worst], walked.best)
 
 
 def _trace(walked: Walked, fit: FlightFit, seed: int) -> Trace:

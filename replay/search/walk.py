@@ -39,6 +39,8 @@ class Walked:
     quiet: Noise
     fits: dict[frozenset[Key], Fit] = field(default_factory=dict)
     best: Fit = field(init=False)
+    worse: set[str] = field(default_factory=set)
+    """Effects that were taken out because they made unseen time worse."""
 
     def weigh(self, terms: Sequence[Term], near: Fit) -> Fit:
         """The fit of a set, the best of its shapes so far."""
@@ -69,6 +71,8 @@ class Walked:
 
     def why_not(self, name: str) -> str:
         """Why an effect is not in the answer."""
+        if name in self.worse:
+            return "fitted on a part of the time it makes the rest worse"
         with_it = [f for f in self.ranked() if name in {t.name for t in f.terms}]
         if not with_it:
             return "no better than chance"

@@ -103,7 +103,7 @@ def test_no_rotor_speeds_is_refused_and_names_the_way_by_servo_outputs(ask, tmp_
     assert told.code == 0
     assert told.answer["verdict"] == "nothing_missing"
     assert set(told.answer["axes"]) == {"Fx", "Fy", "Fz"}
-    assert "copies of one number" in told.notes
+    assert any("copies of one number" in f["what"] for f in told.answer["log_faults"])
     refused(ask({"b.tlog": quad_flight(servo=False)}, vehicle=vehicle), "b.tlog", "SERVO_OUTPUT_RAW")
 
 

@@ -1,0 +1,105 @@
+"""Gyro, accelerometer, attitude and velocity that do not belong together, and logs that end upside down."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.frames import Array
+from replay.residual.fault import LogFault
+from replay.residual.grid import Mask, rate_of_change, running_mean
+from replay.residual.motion import Motion
+
+FEWEST_SAMPLES = 100
+"""Airborne samples from which on two sensors are compared."""
+GYRO_S, GYRO_LEAST_RAD_S, GYRO_DISAGREE = 0.1, 0.05, 0.7
+"""Half width of the mean over which gyro and attitude are compared; turning that is needed; RMS of the difference, as a
+share of the gyro's, from which on one of them is wrong (1 for a dead gyro, 2 for a reversed one)."""
+FORCE_S, FORCE_LEAST_M_S2, FORCE_DISAGREE = (0.25, 2.0), (0.6, 0.6, 0.15), 0.9
+"""The same for accelerometer and rate of the velocity, between two half widths, by axis: slower than that, and on the
+level axes, errors of the attitude count (3 degrees are 0.5 m/s^2)."""
+ASKEW_M_S2 = 2.5
+"""Mean difference of accelerometer and velocity that no offset and no tilt error makes: 15 degrees, or a quarter g."""
+DERIVED_OVER_S, DERIVED_M_S2, DERIVED_SHARE = (0.5, 5.0), 0.003, 0.2
+"""Times over which accelerometer and derivative of the velocity are compared; spread of their difference over the
+longer, and its share of that over the shorter (a tenth for derivatives), below which no accelerometer has measured."""
+UPSIDE_DOWN, OVER_S, OVER_SHARE, END_SHARE = 0.3, 0.3, 0.3, 0.8
+"""Cosine of the tilt below which nothing flies; for how long; share of the rest of the log, or place of the first in
+the log, from which on it is the end of the flight rather than a flip."""
+DERIVED_ACCELEROMETER = LogFault("ax_m_s2", "is derived from the velocity: it measures nothing of its own")
+
+
+def gyro_faults(motion: Motion, flying: Mask) -> list[LogFault]:
+    """Gyro axes that do not turn as the attitude does."""
+    rate = motion.grid.rate
+    skew = np.einsum("nji,njk->nik", motion.rotation, rate_of_change(motion.rotation, rate))
+    turning = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+    half = max(int(GYRO_S * rate), 1)
+    out = []
+    for axis, name in enumerate(("p_rad_s", "q_rad_s", "r_rad_s")):
+        gyro, attitude = (running_mean(v[:, axis], half) for v in (motion.gyro, turning))
+        both = flying & np.isfinite(gyro) & np.isfinite(attitude)
+        if both.sum() < FEWEST_SAMPLES:
+            continue
+        size = float(max(gyro[both].std(), attitude[both].std()))
+        if size > GYRO_LEAST_RAD_S and float((gyro - attitude)[both].std()) > GYRO_DISAGREE * size:
+            out.append(LogFault(name, "disagrees with the rate at which the attitude turns"))
+    return out
+
+
+def accelerometer_faults(motion: Motion, flying: Mask) -> list[tuple[int, LogFault]]:
+    """Axes of the accelerometer that do not follow the rate of the velocity, seen in the attitude's body frame."""
+    rate = motion.grid.rate
+    fast, slow = (int(s * rate) for s in FORCE_S)
+    implied = motion.force - motion.kinematic_bias
+    out = []
+    for axis, name in enumerate(("ax_m_s2", "ay_m_s2", "az_m_s2")):
+        measured, kinematic = (
+            running_mean(v, fast) - running_mean(v, slow) for v in (motion.force[:, axis], implied[:, axis])
+        )
+        both = flying & np.isfinite(measured) & np.isfinite(kinematic)
+        if both.sum() < FEWEST_SAMPLES:
+            continue
+        size = max(_usual(measured[both]), _usual(kinematic[both]))
+        offset = abs(float(np.median((motion.force - implied)[both, axis])))
+        unlike = size > FORCE_LEAST_M_S2[axis] and _usual((measured - kinematic)[both]) > FORCE_DISAGREE * size
+        if unlike or offset > ASKEW_M_S2:
+            out.append((axis, LogFault(name, "disagrees with velocity and attitude: one of them is wrong")))
+    return out
+
+
+def _usual(x: Array) -> float:
+    """Standard deviation by the middle two thirds: blows count once."""
+    low, high = np.percentile(x, (15.87, 84.13))
+    return float(high - low) / 2.0
+
+
+def derived_accelerometer(motion: Motion, flying: Mask) -> bool:
+    """Whether the specific force is a derivative of the logged velocity.
+
+    Two derivatives of one velocity differ by how they smooth it, so that their difference averages out as one over the
+    time; the offset of an accelerometer and the tilt error of an estimator do not average out.
+    """
+    rate = motion.grid.rate
+    difference = np.einsum("nij,nj->ni", motion.rotation, motion.kinematic_bias)
+    difference[~flying] = np.nan
+    short, long = (_spread(difference, flying, seconds, rate) for seconds in DERIVED_OVER_S)
+    return bool((long < DERIVED_M_S2).all() and (long < DERIVED_SHARE * short).all())
+
+
+def _spread(x: Array, flying: Mask, seconds: float, rate: float) -> Array:
+    """Standard deviation (3,) of the mean of (n, 3) over ``seconds`` of unbroken flight; inf where there is little."""
+    half = int(seconds / 2.0 * rate)
+    whole = np.convolve(flying, np.ones(2 * half + 1), "same") > 2 * half
+    if whole.sum() < FEWEST_SAMPLES or not np.isfinite(x[whole]).any():
+        return np.full(3, np.inf)
+    return np.array([float(np.nanstd(running_mean(x[:, axis], half)[whole])) for axis in range(3)])
+
+
+def first_upside_down(motion: Motion) -> int | None:
+    """First sample of the end of a log that ends upside down."""
+    with np.errstate(invalid="ignore"):
+        over = motion.rotation[:, 2, 2] < UPSIDE_DOWN
+    if over.sum() < OVER_S * motion.grid.rate:
+        return None
+    first = int(np.argmax(over))
+    return first if over[first:].mean() > OVER_SHARE or first > END_SHARE * len(over) else None

@@ -1,0 +1,168 @@
+"""Rotor speeds and outputs that are not to be believed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from models.effects import Context
+from models.frames import Array
+from models.vehicle import Vehicle
+from replay.flightlog import FlightLog
+from replay.residual.fault import LogFault, band, correlations, rotor_channel
+from replay.residual.grid import Mask
+from replay.residual.log_state import equal_outputs, rotor_rate_hz
+from replay.residual.motion import Motion
+
+FEWEST_SAMPLES = 50
+"""Airborne samples from which on rotors are compared."""
+DEAD_SHARE, STUCK_SHARE, STUCK_BESIDE = 0.05, 1e-3, 0.1
+"""A rotor is dead below this share of the others' speed, stuck if it varies by less than this share, and by less than
+this share of what the others do."""
+OTHER_SPEED = (0.6, 1.7)
+"""Speed over the others' median outside which no trim explains it: thrust goes with its square, 0.4 and 2.9."""
+SOUND_M_S = 340.0
+"""A tip faster than sound is no propeller's (ISA sea level)."""
+TURNING_SHARE = 0.3
+"""Speed over the declared rotors' from which on an undeclared one takes part."""
+ROTOR_RATE_HZ = 5.0
+"""Rotor speeds or outputs slower than this carry no moments: attitude loops answer within a fifth of a second."""
+FULL, FULL_REPORTED = 0.985, 0.2
+"""Command from which on thrust does not follow, and share of the flight at it that is reported."""
+EQUAL_RPM, TURNS_RAD_S = 1.0, 0.05
+"""Speeds that never differ by more while the vehicle rolls or pitches by more (RMS) are copies of one number."""
+FOLLOWS, FOLLOWS_MORE = 0.7, 0.5
+"""Correlation of a speed with another rotor's output, and by how much it exceeds that with its own."""
+DIFFERENCE_S = (0.05, 1.0)
+"""Half widths of running means between which speeds and outputs are compared [s]."""
+
+
+def silent_speeds(ctx: Context, flying: Mask) -> list[LogFault]:
+    """Rotor speeds that read nothing, or stand still while the others move."""
+    if not ctx.vehicle.telemetered or flying.sum() < FEWEST_SAMPLES:
+        return []
+    speed = ctx.state.rpm[flying]
+    typical, spread = np.nanmedian(speed, axis=0), np.nanstd(speed, axis=0)
+    out = []
+    for k in range(speed.shape[1]):
+        others = np.delete(np.arange(speed.shape[1]), k)
+        if not others.size or not np.isfinite(typical[others]).any():
+            continue
+        usual, varies = float(np.nanmedian(typical[others])), float(np.nanmedian(spread[others]))
+        if typical[k] < DEAD_SHARE * usual:
+            reading = f"reads {typical[k]:.0f} rpm in flight{_output_of(ctx, k, flying)}"
+            out.append(LogFault(rotor_channel(ctx.vehicle, k), reading))
+        elif spread[k] < STUCK_SHARE * usual and spread[k] < STUCK_BESIDE * varies:
+            reading = f"stays at {typical[k]:.0f} rpm while the others vary"
+            out.append(LogFault(rotor_channel(ctx.vehicle, k), reading))
+    return out
+
+
+def implausible_speeds(ctx: Context, flying: Mask) -> list[LogFault]:
+    """Speeds faster than sound at the tip, or another multiple than the other rotors' (poles, gear)."""
+    vehicle = ctx.vehicle
+    if not vehicle.telemetered or flying.sum() < FEWEST_SAMPLES:
+        return []
+    typical = np.nanmedian(ctx.state.rpm[flying], axis=0)
+    out = []
+    for k, rpm in enumerate(typical):
+        others = float(np.nanmedian(np.delete(typical, k))) if len(typical) > 2 else np.nan
+        tip = vehicle.rotor_radius_m * rpm * 2.0 * np.pi / 60.0
+        if tip > SOUND_M_S:
+            what = f"is {rpm:.0f} rpm, {tip:.0f} m/s at the tip: not the speed of this rotor (poles, gear, unit)"
+            out.append(LogFault(rotor_channel(vehicle, k), what))
+        elif DEAD_SHARE * others < rpm < OTHER_SPEED[0] * others or rpm > OTHER_SPEED[1] * others:
+            what = f"is {rpm / others:.2g} times the other rotors': not the speed of this rotor (poles, gear, unit)"
+            out.append(LogFault(rotor_channel(vehicle, k), what))
+    return out
+
+
+def undeclared_rotors(log: FlightLog, ctx: Context) -> list[LogFault]:
+    """Rotors that turn and that the vehicle file does not know."""
+    if not ctx.vehicle.telemetered:
+        return []
+    usual = float(np.nanmedian(ctx.state.rpm)) if np.isfinite(ctx.state.rpm).any() else np.inf
+    known = {rotor.esc for rotor in ctx.vehicle.rotors}
+    return [
+        LogFault(f"rpm_{number}", "turns in flight, and the vehicle file knows no such rotor")
+        for number, esc in log.escs.items()
+        if number not in known and esc.rpm is not None and float(np.nanmedian(esc.rpm.values)) > TURNING_SHARE * usual
+    ]
+
+
+def full_command(ctx: Context, flying: Mask) -> tuple[list[LogFault], float]:
+    """Outputs at full command, and the share of the flight in which any rotor is at it."""
+    curve = ctx.vehicle.throttle
+    if curve is None or not flying.any():
+        return [], 0.0
+    outputs = np.stack([ctx.state.servo_us[:, (r.servo or 1) - 1] for r in ctx.vehicle.rotors], axis=1)[flying]
+    with np.errstate(invalid="ignore"):
+        full = (outputs - curve.pwm_min_us) / (curve.pwm_max_us - curve.pwm_min_us) >= FULL
+    share = float(full.any(axis=1).mean())
+    if share <= FULL_REPORTED:
+        return [], share
+    channel = rotor_channel(ctx.vehicle, int(full.sum(axis=0).argmax()))
+    return [LogFault(channel, f"at full command in {share:.0%} of the flight: thrust does not follow")], share
+
+
+def slow_rotors(log: FlightLog, vehicle: Vehicle) -> list[LogFault]:
+    """Rotor speeds or outputs that come too slowly for moments."""
+    rate = rotor_rate_hz(log, vehicle)
+    if rate >= ROTOR_RATE_HZ:
+        return []
+    return [LogFault(rotor_channel(vehicle, 0), f"comes at {rate:.1f} Hz: too slow for moments")]
+
+
+def copies(log: FlightLog, ctx: Context, motion: Motion, flying: Mask) -> list[LogFault]:
+    """All outputs, or all speeds of a vehicle that turns, are one number: no moment can be modelled."""
+    vehicle = ctx.vehicle
+    if not vehicle.telemetered:
+        if not equal_outputs(log, vehicle):
+            return []
+        what = "all servo outputs are copies of one number: moments cannot be judged"
+        return [LogFault(rotor_channel(vehicle, 0), what)]
+    speed = ctx.state.rpm[flying]
+    speed = speed[np.isfinite(speed).all(axis=1)]
+    if speed.shape[1] < 2 or len(speed) < FEWEST_SAMPLES or np.ptp(speed, axis=1).max() > EQUAL_RPM:
+        return []
+    if not np.nanstd(motion.gyro[flying, :2], axis=0).max() > TURNS_RAD_S:
+        return []
+    what = "all rotor speeds are copies of one number while the vehicle turns: moments cannot be judged"
+    return [LogFault(rotor_channel(vehicle, 0), what)]
+
+
+def exchanged_outputs(ctx: Context, motion: Motion, flying: Mask) -> list[LogFault]:
+    """Two speeds of which each follows the other's output, while all others follow their own."""
+    vehicle = ctx.vehicle
+    if not vehicle.telemetered or any(r.esc is None or r.esc > 16 for r in vehicle.rotors) or len(vehicle.rotors) < 3:
+        return []
+    outputs = ctx.state.servo_us[:, [(r.esc or 1) - 1 for r in vehicle.rotors]]
+    if not np.isfinite(outputs[flying]).all(axis=1).any():
+        return []
+    rate = motion.grid.rate
+    asked, turned = (_differences(x, rate) for x in (outputs, ctx.state.rpm))
+    n = len(vehicle.rotors)
+    r = np.array(
+        [[correlations(asked[:, j], turned[:, k], flying, int(0.2 * rate)).max() for j in range(n)] for k in range(n)]
+    )
+    best = r.argmax(axis=1)
+    moved = [k for k in range(n) if best[k] != k and r[k, best[k]] > max(FOLLOWS, r[k, k] + FOLLOWS_MORE)]
+    own = [k for k in range(n) if best[k] == k and r[k, k] > FOLLOWS]
+    if len(moved) != 2 or len(moved) + len(own) != n or best[moved[0]] != moved[1]:
+        return []
+    one, two = (rotor_channel(vehicle, k) for k in moved)
+    return [LogFault(one, f"follows the output of {two}, and the other way round: two speeds are exchanged")]
+
+
+def _differences(x: Array, rate: float) -> Array:
+    """What rotors (n, rotors) do beside their mean, fast."""
+    return np.stack([band(column, rate, *DIFFERENCE_S) for column in (x - x.mean(axis=1, keepdims=True)).T], axis=1)
+
+
+def _output_of(ctx: Context, k: int, flying: Mask) -> str:
+    """What the output of the same number says, in words; empty where there is none."""
+    esc = ctx.vehicle.rotors[k].esc
+    if esc is None or esc > ctx.state.servo_us.shape[1]:
+        return ""
+    known = ctx.state.servo_us[flying, esc - 1]
+    known = known[np.isfinite(known)]
+    return f" while output {esc} is at {float(np.median(known)):.0f} us" if known.size else ""

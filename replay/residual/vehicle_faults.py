@@ -1,0 +1,113 @@
+"""A vehicle file of another vehicle: its lift, the places of its rotors, the sense in which they turn."""
+
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+
+from models.effects import Context
+from models.frames import Array
+from replay.residual.fault import LogFault, band, correlations
+from replay.residual.grid import Mask, rate_of_change
+from replay.residual.motion import Motion
+
+LIFT_RANGE = (0.5, 1.8)
+"""Declared lift over weight, on average in flight, outside which the file is another vehicle's."""
+FEWEST_SAMPLES = 50
+"""Airborne samples for that."""
+BAND_S = (0.05, 0.5)
+"""Half widths of running means between which moments and angular accelerations are compared: about 1 to 8 Hz."""
+ANSWER_S = 0.2
+"""Time within which a vehicle answers a moment: telemetry and motors."""
+EXCITED = 1e-3
+"""RMS of a moment over weight and lever from which on it is compared."""
+OPPOSED = -0.5
+"""Correlation of declared yaw moment and angular acceleration from which on the spins are exchanged."""
+FITS, FITS_MORE = 0.6, 0.4
+"""Correlation of roll and pitch with another order of the rotors, and by how much it exceeds that of the declared."""
+SAME_PLACE = 0.3
+"""Distance over lever within which a turned or mirrored fan stands on another one's place."""
+MIRRORS = {
+    "left and right": (1.0, -1.0), "front and back": (-1.0, 1.0), "left and right, front and back": (-1.0, -1.0),
+}  # fmt: skip
+Order = tuple[int, ...]
+
+
+def wrong_lift(ctx: Context, flying: Mask) -> list[LogFault]:
+    """A declared lift that is far from the one that flew."""
+    if flying.sum() < FEWEST_SAMPLES:
+        return []
+    measured = -ctx.vehicle.mass_kg * float(np.nanmean(ctx.state.specific_force[flying, 2]))
+    ratio = float(np.nanmean(ctx.thrust.sum(axis=1)[flying])) / max(measured, 1e-6)
+    if not np.isfinite(ratio) or LIFT_RANGE[0] <= ratio <= LIFT_RANGE[1]:
+        return []
+    what = f"declares {ratio:.2g} of the lift that flew: mass, rotors or thrust of another vehicle"
+    return [LogFault("vehicle file", what)]
+
+
+def exchanged_fans(ctx: Context, motion: Motion, flying: Mask) -> list[LogFault]:
+    """Another order of the fans explains roll and pitch, and the declared one does not."""
+    if len(ctx.vehicle.fans) < 3 or not flying.any():
+        return []
+    rate = motion.grid.rate
+    places = np.array([fan.position_m[:2] for fan in ctx.vehicle.fans])
+    thrust = np.stack([band(ctx.thrust[:, k], rate, *BAND_S) for k in range(len(places))], axis=1)
+    turning = rate_of_change(motion.gyro, rate)
+    turned = [band(turning[:, axis], rate, *BAND_S) for axis in (0, 1)]
+    declared = tuple(range(len(places)))
+    orders = {declared: "", **_orders(places, ctx.lever)}
+    size = {o: np.nanstd(_moments(thrust, places, o)[flying], axis=0) for o in orders}
+    if not (np.max(list(size.values()), axis=0) > EXCITED * ctx.weight * ctx.lever).all():
+        return []
+    most = int(ANSWER_S * rate)
+    fit = {
+        o: min(correlations(_moments(thrust, places, o)[:, a], turned[a], flying, most).max() for a in (0, 1))
+        for o in orders
+    }
+    best = max(orders, key=lambda o: round(fit[o], 6))
+    if best == declared or fit[best] < FITS or fit[best] < fit[declared] + FITS_MORE:
+        return []
+    what = f"declared moments oppose the angular acceleration: {orders[best]} are exchanged (r = {fit[best]:.2f} so)"
+    return [LogFault("vehicle file", what)]
+
+
+def exchanged_spins(ctx: Context, motion: Motion, flying: Mask) -> list[LogFault]:
+    """Rotor torques that oppose the angular acceleration about the vertical."""
+    moment = ctx.rotor_moment[:, 2]
+    if not flying.any() or not float(np.nanstd(moment[flying])) > EXCITED * ctx.weight * ctx.lever:
+        return []
+    rate = motion.grid.rate
+    turned = band(rate_of_change(motion.gyro[:, 2], rate), rate, *BAND_S)
+    found = correlations(band(moment, rate, *BAND_S), turned, flying, int(ANSWER_S * rate))
+    r = float(found[np.abs(found).argmax()])
+    if r >= OPPOSED:
+        return []
+    spins = "clockwise and counter-clockwise are exchanged"
+    return [LogFault("vehicle file", f"declared moments oppose the angular acceleration: {spins} (r = {r:.2f})")]
+
+
+def _moments(thrust: Array, places: Array, order: Order) -> Array:
+    """Roll and pitch moment (n, 2) of thrusts (n, fans) if fan ``k`` stood where ``order[k]`` is declared."""
+    at = places[list(order)]
+    return np.asarray(thrust @ np.stack([-at[:, 1], at[:, 0]], axis=1))
+
+
+def _orders(places: Array, lever: float) -> dict[Order, str]:
+    """Orders of the fans that a mistake makes, in words: two exchanged, mirrored, turned by a quarter."""
+    n = len(places)
+    out: dict[Order, str] = {}
+    for i, j in combinations(range(n), 2):
+        pair = list(range(n))
+        pair[i], pair[j] = j, i
+        out[tuple(pair)] = f"fans {i + 1} and {j + 1}"
+    moved = {what: places * np.array(sign) for what, sign in MIRRORS.items()}
+    moved["front and right"] = np.stack([-places[:, 1], places[:, 0]], axis=1)
+    moved["front and left"] = np.stack([places[:, 1], -places[:, 0]], axis=1)
+    for what, where in moved.items():
+        distance = np.linalg.norm(where[:, None] - places[None], axis=2)
+        order = tuple(int(k) for k in distance.argmin(axis=1))
+        if len(set(order)) == n and distance.min(axis=1).max() < SAME_PLACE * lever and order not in out:
+            out[order] = what
+    out.pop(tuple(range(n)), None)
+    return out
