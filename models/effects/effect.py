@@ -136,6 +136,19 @@ class Context:
         return np.stack(columns, axis=-1)
 
     @cached_property
+    def shared_thrust(self) -> Array:
+        """Declared free-air thrust of every fan by its mean share of the total in a record [N], (..., fans).
+
+        What a fan does more than its share answers disturbances of the moment within the control loop: an effect that
+        scales it would be fitted to those. In flight (one instant) it is ``thrust``.
+        """
+        if not self.record:
+            return self.thrust
+        total = self.thrust.sum(axis=-1)
+        share = np.nanmean(self.thrust, axis=0) / np.nanmean(total)
+        return np.asarray(total[..., None] * share)
+
+    @cached_property
     def rotor_wrench(self) -> Array:
         """Declared free-air wrench of all rotors about the CG, (..., 6)."""
         return self.wrench_at_cg(-self.thrust[..., None] * DOWNWARD)

@@ -11,7 +11,7 @@ from models.frames import Array
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
-    size = -ctx.thrust * decay(ctx.state.h_m, shape[0] * ctx.vehicle.rotor_radius_m)
+    size = -ctx.shared_thrust * decay(ctx.state.h_m, shape[0] * ctx.vehicle.rotor_radius_m)
     return columns(ctx.wrench_at_cg(size[..., None] * DOWNWARD))
 
 

@@ -11,7 +11,7 @@ from models.frames import Array
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
-    size = ctx.thrust * decay(ctx.state.d_m, shape[0] * ctx.vehicle.rotor_radius_m)
+    size = ctx.shared_thrust * decay(ctx.state.d_m, shape[0] * ctx.vehicle.rotor_radius_m)
     bearing = ctx.state.wall_bearing_rad
     tilt = ctx.vehicle.rotor_radius_m * size
     return columns(

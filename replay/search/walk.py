@@ -25,8 +25,6 @@ WORTH_A_LOOK = -3.0
 """Log posterior odds by screening from which on a term is weighed."""
 BETWEEN = 30.0
 """A term this much (log) short of being worth it may be so between the points of its grid."""
-MARGIN = 4.0
-"""Sets as likely as the best but for this much (log) count as equal."""
 SURE = 0.995
 """No more than this is claimed: models are wrong more often than the probabilities inside a model say."""
 
@@ -105,10 +103,10 @@ def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
     for _ in range(3):
         best = _sharpened(walked, _settled(walked, best))
         _exchanged(walked, best)
-        choice = canonical(list(walked.fits.values()), MARGIN)
-        if choice.key == best.key:
+        known = best.key
+        best = canonical(list(walked.fits.values()))
+        if best.key <= known:
             break
-        best = choice
     walked.best = walked.fits[best.key]
     return walked
 
