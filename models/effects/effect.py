@@ -60,6 +60,8 @@ class Coefficient:
     typical: Size = 1.0
     centre: float = 0.0
     of_day: bool = False
+    optional: bool = False
+    """A model directory may lack it: 0 there."""
 
     def spread(self, ctx: Context) -> float:
         """Standard deviation of the prior."""

@@ -97,7 +97,7 @@ def test_whitening_leaves_unit_variance_and_is_exact_after_gaps() -> None:
 
 
 def test_a_lag_is_refused_where_the_thrust_only_answers_noise(quiet: Record) -> None:
-    late = added(quiet, "motor_lag", (0.12, 0.0), 1.0)
+    late = added(quiet, "motor_lag", (0.2, 0.0), 1.0)
     assert names(search(with_context(late, only_answers=False), some("motor_lag", "wind"))) == {"motor_lag"}
     answer = search(with_context(late, only_answers=True), some("motor_lag", "wind"))
     assert names(answer) == set()
@@ -159,7 +159,7 @@ def test_a_parameter_at_the_edge_of_what_was_tried_is_marked(quiet: Record) -> N
     answer = search(slow, some("motor_lag"))
     edge = {e.name: e.at_bound for e in found(answer, "motor_lag").estimates}
     assert edge["tau_s"] or edge["gain"]
-    inside = search(added(with_context(quiet, only_answers=False), "motor_lag", (0.12, 0.0), 1.0), some("motor_lag"))
+    inside = search(added(with_context(quiet, only_answers=False), "motor_lag", (0.2, 0.0), 1.0), some("motor_lag"))
     assert not found(inside, "motor_lag").at_bound
 
 
@@ -228,14 +228,14 @@ def test_a_slow_push_that_no_channel_carries_is_told_with_when(quiet: Record) ->
 
 
 def test_a_drift_is_not_a_scale_and_a_step(quiet: Record) -> None:
-    sagging = added(quiet, "battery_sag", (25.0,), 2.0, -0.05)
+    sagging = added(quiet, "battery_sag", (25.0,), 2.0, -0.05, 0.0)
     assert names(search(sagging, some("battery_sag", "thrust_scale", "payload"))) == {"battery_sag"}
 
 
 def test_a_scale_with_a_little_drift_stays_a_scale(quiet: Record) -> None:
     effects = some("battery_sag", "thrust_scale", "thermal_derating")
-    assert names(search(added(quiet, "battery_sag", (24.5,), 0.1, -0.05), effects)) == {"thrust_scale"}
-    assert names(search(added(quiet, "battery_sag", (24.5,), 1.5, -0.05), effects)) == {"battery_sag"}
+    assert names(search(added(quiet, "battery_sag", (24.5,), 0.1, -0.05, 0.0), effects)) == {"thrust_scale"}
+    assert names(search(added(quiet, "battery_sag", (24.5,), 1.5, -0.05, 0.0), effects)) == {"battery_sag"}
 
 
 def test_flights_share_what_is_of_the_vehicle_and_not_what_is_of_the_day(quiet: Record) -> None:
