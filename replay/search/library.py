@@ -19,9 +19,12 @@ from replay.search.terms import FORM_PRIOR, STEP_S, Priors, Term, bent_forms, lo
 KNOWN = 0.02
 """Odds of an unknown force that goes with a channel, where the catalogue has an effect that does."""
 TRIM = 0.5
-"""Standard deviation of the trim moment that every vehicle has, in hundredths of the weight times the lever."""
+"""Standard deviation of the trims that every vehicle has, in hundredths of the weight (times the lever, for moments).
+
+Of level forces that is an accelerometer mounted 0.3 degrees askew.
+"""
 LIFT = AXES.index("Fz")
-CLOCK_SD_S = 0.02
+CLOCK_SD_S = 0.035
 """Standard deviation of what is left of the rotor speeds' delay after it was estimated by cross-correlation [s]."""
 KINEMATIC_SD_M_S2 = 0.05
 """Standard deviation with which velocity and attitude show the accelerometer's mean offset [m/s^2]: 0.3 deg of tilt."""
@@ -160,10 +163,10 @@ class Library:
         return Channel(f, a, residual, runs(record.valid[::every]), self._percent(f, a))
 
     def _add_trim(self) -> Columns:
-        """What every flight has without any effect, as columns of no term: constant moments, a clock that is off."""
+        """What every flight has without any effect, as columns of no term: constant trims, a clock that is off."""
         first = self.size
         for f, record in enumerate(self.records):
-            trims = [(a, np.full(len(record.valid), TRIM * self._percent(f, a))) for a in record.axes if a >= 3]
+            trims = [(a, np.full(len(record.valid), TRIM * self._percent(f, a))) for a in record.axes if a != LIFT]
             if LIFT in record.axes:
                 lift = np.nan_to_num(record.context.rotor_force[:, LIFT])
                 trims.append((LIFT, CLOCK_SD_S * np.gradient(lift, record.step_s)))

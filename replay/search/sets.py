@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 MARGIN = 4.0
 """Sets as likely as the best but for this much (log) count as equal."""
-NAMED = 2.0
-"""The same of sets that lack a term of the best: odds of seven to one for what is named."""
+NAMED = 1.0
+"""The same of sets that lack a term of the best: a name is stated from odds of e to one on."""
 ALIAS_NATS = 9.0
 """Sets less likely by this much (log) than the best are no alternative."""
 
