@@ -38,6 +38,6 @@ EFFECT = Effect(
     shapes=(Shape("length_radii", "1"),),
     shape_grid=_grid,
     lacking=_lacking,
-    odds=0.08,
+    odds=lambda ctx: ctx.by_model(0.04, 0.3),
     aliases=("range_offset", "partial_ground"),
 )

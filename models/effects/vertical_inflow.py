@@ -36,7 +36,7 @@ EFFECT = Effect(
         Coefficient("east", "m/s", -200.0, 200.0, typical=16.0, of_day=True),
     ),
     main=("slope", "north", "east"),
-    odds=0.1,
+    odds=0.3,
     regressors=_regressors,
     aliases=("range_offset",),
 )

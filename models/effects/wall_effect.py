@@ -43,5 +43,6 @@ EFFECT = Effect(
     shapes=(Shape("length_radii", "1"),),
     shape_grid=_grid,
     lacking=_lacking,
+    odds=lambda ctx: ctx.by_model(0.05, 0.3),
     aliases=("contact", "wind"),
 )

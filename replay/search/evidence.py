@@ -23,6 +23,8 @@ FLOOR = 0.2
 """Smallest RMS of the fast and of the slow part of the noise, in hundredths of the weight: no model is better."""
 QUIET_S, QUIET_SPECTRUM = 4.0, (1.0, 0.75)
 """Quiet noise is what the residual does within this time [s], with this spectrum (time [s], share) of the grid."""
+UNWORTHY = 6.0
+"""Largest cost (log) of what is not worth a name while a set grows."""
 ROUNDS = 2
 """Noise and coefficients are fitted in turn, at most so often."""
 SETTLED = 0.01
@@ -54,6 +56,11 @@ class Fit:
     worth: float = 0.0
     prior: float = 0.0
     score: float = 0.0
+
+    @property
+    def promise(self) -> float:
+        """Score of a set that is still to grow: another term may make worth a name what is not yet."""
+        return self.score - self.worth + max(self.worth, -UNWORTHY)
 
     @property
     def key(self) -> frozenset[Key]:

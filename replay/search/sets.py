@@ -50,8 +50,10 @@ def rivals_of(walked: Walked) -> list[Rival]:
 def canonical(fits: list[Fit]) -> Fit:
     """Of the best set and others that are nearly as likely: the fewest terms, then the likeliest, then by name.
 
-    A near tie does not hang on the last bit of a sum, and a name is stated only where it is clearly better than none.
+    A near tie does not hang on the last bit of a sum. A part of the best set answers only where its other terms are
+    hardly better than nothing.
     """
     best = max(fits, key=lambda f: f.score)
-    near = [f for f in fits if f.score >= best.score - (NAMED if f.key < best.key else MARGIN)]
-    return min(near, key=lambda f: (len(f.terms), -round(f.score), tuple(t.key[0] for t in f.terms)))
+    near = [f for f in fits if f.score >= best.score - MARGIN]
+    least = min(near, key=lambda f: (len(f.terms), -round(f.score), tuple(t.key[0] for t in f.terms)))
+    return best if least.key < best.key and least.score < best.score - NAMED else least

@@ -92,11 +92,11 @@ def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
                 new = walked.weigh([*fit.terms, term], fit)
                 if fit.score - BETWEEN < new.score <= fit.score:
                     new = _sharpened(walked, new, only=term.key)
-                if new.score > fit.score:
+                if new.promise > fit.promise:
                     grown[new.key] = new
         if not grown:
             break
-        top = sorted(grown.values(), key=lambda f: -round(f.score, 6))[:BEAM]
+        top = sorted(grown.values(), key=lambda f: -round(f.promise, 6))[:BEAM]
         polished = (_lighter(walked, _sharpened(walked, _reshaped(walked, fit))) for fit in top)
         beam = list({f.key: f for f in polished}.values())
     best = max(walked.fits.values(), key=lambda f: f.score)
@@ -174,7 +174,7 @@ def _lighter(walked: Walked, fit: Fit) -> Fit:
     for term in fit.terms:
         if term in fit.terms and len(fit.terms) > 1:
             new = walked.weigh([t for t in fit.terms if t.key != term.key], fit)
-            if new.score > fit.score:
+            if new.promise > fit.promise:
                 return _lighter(walked, new)
     return fit
 
@@ -205,8 +205,6 @@ def _exchanged(walked: Walked, fit: Fit) -> None:
     for pair in combinations(fit.terms, 2):
         reshaped([t for t in fit.terms if t not in pair], fit, lambda less: _additions(walked, less, 2))
     for term in fit.terms:
-        if term.effect is None:
-            continue
         for grown in reshaped([t for t in fit.terms if t is not term], fit, lambda less: _additions(walked, less, 3)):
             if term.key not in grown.key and grown.score > fit.score - 60.0:
                 for other in _additions(walked, grown, 2):
