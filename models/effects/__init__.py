@@ -37,11 +37,12 @@ def get(name: str) -> Effect:
 
 
 def adopted(name: str, parameters: Mapping[str, float]) -> AdoptedEffect:
-    """The effect with these parameters; ModelError where one is missing, unknown or not finite.
+    """The effect with these parameters, optional ones 0; ModelError where one is missing, unknown or not finite.
 
     Models are adopted on the ground and flown later, perhaps by another version: this refuses before take-off.
     """
     effect = get(name)
+    parameters = {c.name: 0.0 for c in effect.coefficients if c.optional} | dict(parameters)
     known = {c.name for c in effect.coefficients} | {s.name for s in effect.shapes}
     for wrong, what in ((known - parameters.keys(), "lacks"), (parameters.keys() - known, "does not know")):
         if wrong:
@@ -49,7 +50,7 @@ def adopted(name: str, parameters: Mapping[str, float]) -> AdoptedEffect:
     for key, value in parameters.items():
         if not math.isfinite(value):
             raise ModelError(f"effect {name!r}: parameter {key!r} is {value}; diagnose the flight with this version")
-    return AdoptedEffect(name, dict(parameters))
+    return AdoptedEffect(name, parameters)
 
 
 def adopted_wrench(effects: Sequence[AdoptedEffect], ctx: Context, *, in_flight: bool = False) -> Array:

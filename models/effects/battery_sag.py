@@ -13,7 +13,9 @@ from models.frames import Array
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     fuller = ctx.state.battery_voltage_v / shape[0] - 1.0
-    return columns(ctx.rotor_force * fuller[..., None], ctx.rotor_force)
+    # Telemetry is too slow for the drop over the pack's resistance when the current rises with the thrust.
+    above = ctx.thrust.sum(axis=-1) / ctx.weight - 1.0
+    return columns(ctx.rotor_force * fuller[..., None], ctx.rotor_force, -ctx.rotor_force * above[..., None])
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
@@ -42,8 +44,8 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="battery_sag",
-    equation="dF = F_rotors (p (V/V0 - 1) + e), e at the reference voltage",
-    sign="power > 0: thrust falls with the voltage",
+    equation="dF = F_rotors (p (V/V0 - 1) + e - r (u - 1)), e at the reference voltage, u declared thrust over weight",
+    sign="power > 0: thrust falls with the voltage; ohmic > 0: and with the current, faster than the voltage is logged",
     source="brushless motor at constant duty: speed follows the voltage, thrust its square; Hughes & Drury "
     "2013, Electric Motors and Drives, ch. 3",
     valid="V within 30 % of V0",
@@ -53,6 +55,7 @@ EFFECT = Effect(
     coefficients=(
         Coefficient("power", "1", 0.0, 4.0, typical=1.5, centre=1.0),
         Coefficient("at_reference", "1", -0.3, 0.3, typical=0.08, of_day=True),
+        Coefficient("ohmic", "1", 0.0, 0.4, typical=lambda ctx: ctx.by_kind(0.01, 0.1), optional=True),
     ),
     main=("power",),
     regressors=_regressors,

@@ -14,7 +14,7 @@ from models.frames import Array
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     gap = np.maximum(ctx.state.ceiling_m, 0.02) / (shape[0] * ctx.vehicle.rotor_radius_m)
     gain = 0.5 + 0.5 * np.sqrt(1.0 + 1.0 / (8.0 * gap * gap))
-    extra = ctx.thrust * (gain ** (2.0 / 3.0) - 1.0)
+    extra = ctx.shared_thrust * (gain ** (2.0 / 3.0) - 1.0)
     return columns(ctx.wrench_at_cg(-extra[..., None] * DOWNWARD))
 
 

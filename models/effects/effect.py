@@ -60,6 +60,8 @@ class Coefficient:
     typical: Size = 1.0
     centre: float = 0.0
     of_day: bool = False
+    optional: bool = False
+    """A model directory may lack it: 0 there."""
 
     def spread(self, ctx: Context) -> float:
         """Standard deviation of the prior."""
@@ -136,6 +138,26 @@ class Context:
         return np.stack(columns, axis=-1)
 
     @cached_property
+    def shared_thrust(self) -> Array:
+        """Declared free-air thrust of every fan by its mean share of the total in a record [N], (..., fans).
+
+        What a fan does more than its share answers disturbances of the moment within the control loop: an effect that
+        scales it would be fitted to those. In flight (one instant) it is ``thrust``.
+        """
+        if not self.record:
+            return self.thrust
+        total = self.thrust.sum(axis=-1)
+        share = np.nanmean(self.thrust, axis=0) / np.nanmean(total)
+        return np.asarray(total[..., None] * share)
+
+    @cached_property
+    def shared_rpm(self) -> Array:
+        """Rotor speeds (..., rotors) at which every fan gives its ``shared_thrust``."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = np.sqrt(self.shared_thrust / self.thrust)
+        return self.rotor_rpm * np.where(np.isfinite(ratio), ratio, 1.0)[..., np.asarray(self.vehicle.rotor_fan)]
+
+    @cached_property
     def rotor_wrench(self) -> Array:
         """Declared free-air wrench of all rotors about the CG, (..., 6)."""
         return self.wrench_at_cg(-self.thrust[..., None] * DOWNWARD)
@@ -185,6 +207,10 @@ class Context:
     def mass_flow(self) -> Array:
         """Momentum theory's mass flow of every fan in hover, sqrt(rho A T) [kg/s], (..., fans)."""
         return np.sqrt(RHO_SEA_LEVEL * self.vehicle.disc_area_m2 * np.maximum(self.thrust, 0.0))
+
+    def by_model(self, declared: float, empty: float) -> float:
+        """One of two numbers: where a model of the surroundings is declared, or none, so that all of it is missing."""
+        return empty if self.model is None else declared
 
     def by_kind(self, speeds: float, outputs: float) -> float:
         """One of two numbers: where thrust is declared by rotor speeds, or by servo outputs, which say less."""

@@ -9,18 +9,16 @@ import numpy as np
 from models.effects.effect import DOWNWARD, Coefficient, Context, Effect, Shape, columns
 from models.effects.pictures import more, over_thrust
 from models.frames import Array
-from models.vehicle_wrench import fan_torques
+from models.vehicle_wrench import fan_torques, vane_wrench
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     one = np.zeros_like(ctx.thrust)
     fan = round(shape[0]) - 1
-    one[..., fan] = ctx.thrust[..., fan]
-    if ctx.record:
-        # What one fan does more than its mean share answers disturbances of the moment, and says nothing about the fan.
-        total = ctx.thrust.sum(axis=-1)
-        one[..., fan] = total * np.nanmean(one[..., fan]) / np.nanmean(total)
+    one[..., fan] = ctx.shared_thrust[..., fan]
+    # Vanes turn what the fan blows: their force goes with its lift.
     wrench = ctx.wrench_at_cg(-one[..., None] * DOWNWARD)
+    wrench = wrench + np.nan_to_num(vane_wrench(ctx.vehicle, ctx.state.servo_us, one))
     # A blade that lifts less is mostly dragged less, too, but not in the same measure.
     torque = np.zeros_like(wrench)
     torque[..., 5] = fan_torques(ctx.vehicle, ctx.rotor_rpm)[..., fan]
@@ -37,7 +35,7 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="fan_imbalance",
-    equation="dF = e F_fan, dM = r_fan x dF + q Q_fan",
+    equation="dF = e (F_fan + F_vanes), dM = r x dF + q Q_fan",
     sign="scale < 0: that fan is weaker than declared",
     source="blade-element theory: a blade that lifts less is dragged less; Leishman 2006, ch. 3",
     valid="everywhere",

@@ -12,7 +12,7 @@ from models.frames import Array
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
-    size = -ctx.thrust * decay(ctx.state.h_m, shape[0] * ctx.vehicle.rotor_radius_m)
+    size = -ctx.shared_thrust * decay(ctx.state.h_m, shape[0] * ctx.vehicle.rotor_radius_m)
     return columns(ctx.wrench_at_cg(size[..., None] * DOWNWARD))
 
 
@@ -45,7 +45,7 @@ EFFECT = Effect(
     shapes=(Shape("length_radii", "1"),),
     shape_grid=_grid,
     lacking=_lacking,
-    odds=0.08,
+    odds=lambda ctx: ctx.by_model(0.04, 0.3),
     aliases=("range_offset", "partial_ground"),
     drawn=over_height,
     in_words=_words,

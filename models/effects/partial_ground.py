@@ -70,10 +70,10 @@ def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
         floor.append(np.maximum(low - down, 0.0))
     cover, h_over, h_floor = (np.stack(v, axis=-1) for v in (share, over, floor))
     if ctx.model is None:
-        lift = ctx.thrust * (cover * decay(h_over, radius) + (1.0 - cover) * decay(h_floor, radius))
-        seen = ctx.thrust * decay(ctx.state.h_m, radius)
+        lift = ctx.shared_thrust * (cover * decay(h_over, radius) + (1.0 - cover) * decay(h_floor, radius))
+        seen = ctx.shared_thrust * decay(ctx.state.h_m, radius)
         return columns(ctx.wrench_at_cg(-(lift - seen)[..., None] * DOWNWARD))
-    state = replace(ctx.state, rpm=ctx.rotor_rpm)
+    state = replace(ctx.state, rpm=ctx.shared_rpm)
     total = np.zeros_like(out)
     for i in range(len(ctx.vehicle.fans)):
         only = np.full_like(state.h_m, np.inf)

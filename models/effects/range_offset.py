@@ -15,7 +15,7 @@ from models.vehicle_wrench import disturbance_wrench
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     assert ctx.model is not None
-    state = replace(ctx.state, rpm=ctx.rotor_rpm)
+    state = replace(ctx.state, rpm=ctx.shared_rpm)
     moved = shifted_heights(state, -shape[0])
     moved = replace(moved, h_m=np.maximum(moved.h_m, 0.0))
     change = disturbance_wrench(ctx.vehicle, ctx.model, moved) - disturbance_wrench(ctx.vehicle, ctx.model, state)

@@ -14,8 +14,8 @@ from models.frames import Array
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     length = shape[0] * ctx.vehicle.rotor_radius_m
     d, bearing = ctx.state.second_d_m, ctx.state.second_bearing_rad
-    size = ctx.thrust * decay(d, length)
-    both = ctx.thrust * decay(np.maximum(d, 0.0) + np.maximum(ctx.state.d_m, 0.0), 3.0 * length)
+    size = ctx.shared_thrust * decay(d, length)
+    both = ctx.shared_thrust * decay(np.maximum(d, 0.0) + np.maximum(ctx.state.d_m, 0.0), 3.0 * length)
     return columns(
         ctx.corner((1.0, 0.0, 0.0, 0.0, 0.0, 0.0), size, bearing),
         ctx.corner((0.0, 0.0, 0.0, 0.0, 1.0, 0.0), ctx.vehicle.rotor_radius_m * size, bearing),

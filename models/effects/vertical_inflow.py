@@ -16,7 +16,7 @@ def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
     tip = ctx.rpm * RPM_TO_RAD_S * ctx.vehicle.rotor_radius_m
 
     def loss(velocity: Array) -> Array:
-        return ctx.wrench_at_cg((ctx.thrust * -velocity[..., 2] / np.maximum(tip, 1.0))[..., None] * DOWNWARD)
+        return ctx.wrench_at_cg((ctx.shared_thrust * -velocity[..., 2] / np.maximum(tip, 1.0))[..., None] * DOWNWARD)
 
     # The wind's part along the axis: the vehicle moves against it.
     north, east = (-ctx.state.rotation[..., None, axis, :] for axis in (0, 1))
@@ -48,7 +48,7 @@ EFFECT = Effect(
         Coefficient("east", "m/s", -200.0, 200.0, typical=16.0, of_day=True),
     ),
     main=("slope", "north", "east"),
-    odds=0.1,
+    odds=0.3,
     regressors=_regressors,
     aliases=("range_offset",),
     drawn=_drawn,

@@ -12,7 +12,7 @@ from models.frames import Array
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
-    size = ctx.thrust * decay(ctx.state.d_m, shape[0] * ctx.vehicle.rotor_radius_m)
+    size = ctx.shared_thrust * decay(ctx.state.d_m, shape[0] * ctx.vehicle.rotor_radius_m)
     bearing = ctx.state.wall_bearing_rad
     tilt = ctx.vehicle.rotor_radius_m * size
     return columns(
@@ -55,6 +55,7 @@ EFFECT = Effect(
     shapes=(Shape("length_radii", "1"),),
     shape_grid=_grid,
     lacking=_lacking,
+    odds=lambda ctx: ctx.by_model(0.05, 0.3),
     aliases=("contact", "wind"),
     drawn=_drawn,
     in_words=_words,

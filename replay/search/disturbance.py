@@ -79,10 +79,10 @@ def bank_energy(bank: Sequence[Spectrum], products: Sequence[Array]) -> Array:
 
 @lru_cache(maxsize=8)
 def spectra(step_s: float) -> tuple[Spectrum, ...]:
-    """The grid for samples ``step_s`` apart; the first is sensor noise alone."""
+    """The grid for samples ``step_s`` apart."""
     lag = step_s * np.arange(ORDER + 1)
     fast = np.exp(-(lag**2) / (4.0 * SMOOTHER_S**2))
-    out = [_spectrum(1.0, 0.0, fast)]
+    out = []
     for slow_s in SLOW_S:
         slow = np.exp(-lag / slow_s)
         out += [_spectrum(slow_s, share, share * slow + (1.0 - share) * fast) for share in SLOW_SHARE]

@@ -20,9 +20,11 @@ from replay.search.worth import Contributions, beyond_bounds, form_variance, wor
 TRUST = 0.5
 """Power of the likelihood: neither noise nor effects are quite of the assumed form (Miller & Dunson 2019)."""
 FLOOR = 0.2
-"""Smallest RMS of the fast part of the noise in hundredths of the weight: the declared model is no better than that."""
+"""Smallest RMS of the fast and of the slow part of the noise, in hundredths of the weight: no model is better."""
 QUIET_S, QUIET_SPECTRUM = 4.0, (1.0, 0.75)
 """Quiet noise is what the residual does within this time [s], with this spectrum (time [s], share) of the grid."""
+UNWORTHY = 6.0
+"""Largest cost (log) of what is not worth a name while a set grows."""
 ROUNDS = 2
 """Noise and coefficients are fitted in turn, at most so often."""
 SETTLED = 0.01
@@ -56,6 +58,11 @@ class Fit:
     score: float = 0.0
 
     @property
+    def promise(self) -> float:
+        """Score of a set that is still to grow: another term may make worth a name what is not yet."""
+        return self.score - self.worth + max(self.worth, -UNWORTHY)
+
+    @property
     def key(self) -> frozenset[Key]:
         """Keys of its terms."""
         return frozenset(t.key for t in self.terms)
@@ -79,7 +86,7 @@ class Evidence:
         self._white: dict[tuple[int, int], Growing] = {}
         self._white_y: dict[tuple[int, int], Array] = {}
         self._blocks: dict[tuple[int, int, int], Array] = {}
-        self._fast = np.array([1.0 - s.slow_share for s in self.spectra])
+        self._smaller = np.array([min(s.slow_share, 1.0 - s.slow_share) for s in self.spectra])
         self._fitted = np.array([s.slow_share <= FITTED_SHARE for s in self.spectra])
         self._det = [[s.log_determinant(c.run) for s in self.spectra] for c in library.channels]
 
@@ -177,7 +184,7 @@ class Evidence:
             count = max(channel.count, 1)
             energies = bank_energy(self.spectra, lag_products(e, channel.run))
             smallest = max(float(e @ e) / count, float(form[c]))
-            variance = np.maximum(np.maximum(energies / count, smallest), (FLOOR * channel.limit) ** 2 / self._fast)
+            variance = np.maximum(np.maximum(energies / count, smallest), (FLOOR * channel.limit) ** 2 / self._smaller)
             cost = count * np.log(variance) + energies / variance + np.array(self._det[c])
             best = int(np.argmin(np.where(self._fitted, np.round(cost, 6), np.inf)))
             which.append(best)
@@ -191,7 +198,7 @@ class Evidence:
             channel = self.library.channels[c]
             count = max(channel.count, 1)
             energies = bank_energy(self.spectra, lag_products(e, channel.run))
-            variance = np.maximum(np.maximum(energies / count, form[c]), (FLOOR * channel.limit) ** 2 / self._fast)
+            variance = np.maximum(np.maximum(energies / count, form[c]), (FLOOR * channel.limit) ** 2 / self._smaller)
             cost = count * np.log(2.0 * np.pi * variance) + energies / variance + np.array(self._det[c])
             value -= 0.5 * float(cost.min())
         columns = self._with_trim(terms)

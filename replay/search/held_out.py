@@ -44,7 +44,7 @@ class FlightFit:
     rest: Array
     """With every effect and its error of form, fitted on all time."""
     unexplained: Array
-    """``rest`` less the free curves."""
+    """``after`` less the free curves and the trims: no error of form is forgiven."""
     unit: Array
     """One hundredth of the weight (times the lever), (6,)."""
     without: dict[Key, Array] = field(default_factory=dict)
@@ -104,7 +104,7 @@ def _one(evidence: Evidence, best: Fit, f: int, record: Record) -> FlightFit:
             _take_off(fit, evidence, best, t, folds)
     for key, held in fit.without.items():
         fit.without[key] = fit.after + np.where(judged, held, 0.0)
-    fit.unexplained = fit.rest.copy()
+    fit.unexplained = fit.after.copy()
     _take_off_curves(fit, library, best)
     trim = library.trim_wrench(f, best.b[len(best.b) - len(library.trim) :])
     fit.unexplained -= trim

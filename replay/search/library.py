@@ -19,7 +19,13 @@ from replay.search.terms import FORM_PRIOR, STEP_S, Priors, Term, bent_forms, lo
 KNOWN = 0.02
 """Odds of an unknown force that goes with a channel, where the catalogue has an effect that does."""
 TRIM = 0.5
-"""Standard deviation of the trim moment that every vehicle has, in hundredths of the weight times the lever."""
+"""Standard deviation of the trims that every vehicle has, in hundredths of the weight (times the lever, for moments).
+
+Of level forces that is an accelerometer mounted 0.3 degrees askew.
+"""
+LIFT = AXES.index("Fz")
+CLOCK_SD_S = 0.035
+"""Standard deviation of what is left of the rotor speeds' delay after it was estimated by cross-correlation [s]."""
 KINEMATIC_SD_M_S2 = 0.05
 """Standard deviation with which velocity and attitude show the accelerometer's mean offset [m/s^2]: 0.3 deg of tilt."""
 
@@ -32,7 +38,7 @@ class Library:
         self.every = [max(round(STEP_S / r.step_s), 1) for r in records]
         self.terms: list[Term] = []
         self.lacking: dict[str, str] = {}
-        self._trims: list[tuple[int, int]] = []
+        self._trims: list[tuple[int, int, Array]] = []
         self.size = 0
         self.channels = [self._channel(f, a) for f, r in enumerate(records) for a in r.axes]
         self._at = {(c.flight, c.axis): c for c in self.channels}
@@ -153,31 +159,35 @@ class Library:
 
     def _channel(self, f: int, a: int) -> Channel:
         record, every = self.records[f], self.every[f]
-        limit = 0.01 * record.context.weight * (1.0 if a < 3 else record.context.lever)
-        return Channel(f, a, np.nan_to_num(record.residual[::every, a]), runs(record.valid[::every]), limit)
+        residual = np.nan_to_num(record.residual[::every, a])
+        return Channel(f, a, residual, runs(record.valid[::every]), self._percent(f, a))
 
     def _add_trim(self) -> Columns:
-        """Constant moments of every flight that a vehicle has without any effect: columns of no term."""
+        """What every flight has without any effect, as columns of no term: constant trims, a clock that is off."""
         first = self.size
         for f, record in enumerate(self.records):
-            for a in (a for a in record.axes if a >= 3):
-                constant = np.full((len(record.valid[:: self.every[f]]), 1), TRIM / AMPLITUDE * self._amplitude(f, a))
-                self._at[f, a].add(np.array([self.size]), constant)
-                self._trims.append((f, a))
+            trims = [(a, np.full(len(record.valid), TRIM * self._percent(f, a))) for a in record.axes if a != LIFT]
+            if LIFT in record.axes:
+                lift = np.nan_to_num(record.context.rotor_force[:, LIFT])
+                trims.append((LIFT, CLOCK_SD_S * np.gradient(lift, record.step_s)))
+            for a, x in trims:
+                self._at[f, a].add(np.array([self.size]), x[:: self.every[f], None])
+                self._trims.append((f, a, x))
                 self.size += 1
         return np.arange(first, self.size)
 
     def trim_wrench(self, flight: int, b: Array) -> Array:
-        """Trim moments (6,) of a flight by the scaled coefficients of all trims."""
-        out = np.zeros(6)
-        for (f, a), value in zip(self._trims, b, strict=True):
+        """Trims (n, 6) of a flight at the record's rate, by the scaled coefficients of all trims."""
+        out = np.zeros((len(self.records[flight].valid), 6))
+        for (f, a, x), value in zip(self._trims, b, strict=True):
             if f == flight:
-                out[a] = value * TRIM / AMPLITUDE * self._amplitude(f, a)
+                out[:, a] += value * x
         return out
 
-    def _amplitude(self, flight: int, axis: int) -> float:
+    def _percent(self, flight: int, axis: int) -> float:
+        """One hundredth of the weight (times the lever, for moments) [N or N m]."""
         context = self.context(flight)
-        return AMPLITUDE * 0.01 * context.weight * (1.0 if axis < 3 else context.lever)
+        return 0.01 * context.weight * (1.0 if axis < 3 else context.lever)
 
     def biases(self) -> list[tuple[Array, Array]]:
         """Offset of every accelerometer by velocity and attitude (3,), and columns (3, K), over its error."""
@@ -221,7 +231,7 @@ class Library:
             if part is None or curve.axis not in record.axes:
                 continue
             places[f] = columns
-            self._curves[int(columns[0]), f] = self._amplitude(f, curve.axis) * part
+            self._curves[int(columns[0]), f] = AMPLITUDE * self._percent(f, curve.axis) * part
             self._at[f, curve.axis].add(columns, self._curves[int(columns[0]), f][:: self.every[f]])
         one = np.ones(len(columns))
         odds = float(np.log(curve.odds * (KNOWN if known else 1.0)))

@@ -17,6 +17,8 @@ FORCE_LIMIT, MOMENT_LIMIT = 2.0, 4.0
 
 Broadband unsteadiness of the air and the declared model's own error leave about one hundredth.
 """
+WHOLE_LIMIT = 3.0
+"""The same for the RMS of the whole remainder below 2 Hz, sensors' noise included."""
 LOUD = 1.5
 """Intervals are given where the remainder exceeds the limit by this factor."""
 SUDDEN, SUDDEN_S = 5.0, 0.5
@@ -49,9 +51,11 @@ def outside(record: Record, rest: Array) -> tuple[Outside, ...]:
         slow = np.where(valid, total / np.maximum(weight, 1.0), 0.0)
         rms = float(np.sqrt(np.mean(slow[valid] ** 2)))
         limit = unit * (FORCE_LIMIT if a < 3 else MOMENT_LIMIT)
+        whole = float(np.sqrt(np.mean(rest[valid, a] ** 2)))
         usual = MAD_TO_SD * float(np.median(np.abs(slow[valid])))
         struck = np.abs(slow) > max(LOUD * limit, SUDDEN * usual)
-        if rms > limit:
+        if rms > limit or (a < 3 and whole > WHOLE_LIMIT * unit):
+            rms = rms if rms > limit else whole
             out.append(Outside(AXES[a], rms, _intervals(record.time_s, np.abs(slow) > LOUD * limit)))
         elif struck.sum() * record.step_s > SUDDEN_S:
             out.append(Outside(AXES[a], rms, _intervals(record.time_s, struck)))

@@ -10,6 +10,10 @@ if TYPE_CHECKING:
     from replay.search.terms import Key
     from replay.search.walk import Walked
 
+MARGIN = 4.0
+"""Sets as likely as the best but for this much (log) count as equal."""
+NAMED = 1.0
+"""The same of sets that lack a term of the best: a name is stated from odds of e to one on."""
 ALIAS_NATS = 9.0
 """Sets less likely by this much (log) than the best are no alternative."""
 
@@ -43,11 +47,13 @@ def rivals_of(walked: Walked) -> list[Rival]:
     return out
 
 
-def canonical(fits: list[Fit], margin: float) -> Fit:
-    """Of the best set and others within ``margin`` of it that are no part of it.
+def canonical(fits: list[Fit]) -> Fit:
+    """Of the best set and others that are nearly as likely: the fewest terms, then the likeliest, then by name.
 
-    The fewest terms, then the likeliest, then by name: a near tie does not hang on the last bit of a sum.
+    A near tie does not hang on the last bit of a sum. A part of the best set answers only where its other terms are
+    hardly better than nothing.
     """
     best = max(fits, key=lambda f: f.score)
-    near = [best, *(f for f in fits if f.score > best.score - margin and not f.key < best.key)]
-    return min(near, key=lambda f: (len(f.terms), -round(f.score), tuple(t.key[0] for t in f.terms)))
+    near = [f for f in fits if f.score >= best.score - MARGIN]
+    least = min(near, key=lambda f: (len(f.terms), -round(f.score), tuple(t.key[0] for t in f.terms)))
+    return best if least.key < best.key and least.score < best.score - NAMED else least

@@ -25,8 +25,6 @@ WORTH_A_LOOK = -3.0
 """Log posterior odds by screening from which on a term is weighed."""
 BETWEEN = 30.0
 """A term this much (log) short of being worth it may be so between the points of its grid."""
-MARGIN = 4.0
-"""Sets as likely as the best but for this much (log) count as equal."""
 SURE = 0.995
 """No more than this is claimed: models are wrong more often than the probabilities inside a model say."""
 
@@ -98,21 +96,21 @@ def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
                 new = walked.weigh([*fit.terms, term], fit)
                 if fit.score - BETWEEN < new.score <= fit.score:
                     new = _sharpened(walked, new, only=term.key)
-                if new.score > fit.score:
+                if new.promise > fit.promise:
                     grown[new.key] = new
         if not grown:
             break
-        top = sorted(grown.values(), key=lambda f: -round(f.score, 6))[:BEAM]
+        top = sorted(grown.values(), key=lambda f: -round(f.promise, 6))[:BEAM]
         polished = (_lighter(walked, _sharpened(walked, _reshaped(walked, fit))) for fit in top)
         beam = list({f.key: f for f in polished}.values())
     best = max(walked.fits.values(), key=lambda f: f.score)
     for _ in range(3):
         best = _sharpened(walked, _settled(walked, best))
         _exchanged(walked, best)
-        choice = canonical(list(walked.fits.values()), MARGIN)
-        if choice.key == best.key:
+        known = best.key
+        best = canonical(list(walked.fits.values()))
+        if best.key <= known:
             break
-        best = choice
     walked.best = walked.fits[best.key]
     return walked
 
@@ -180,7 +178,7 @@ def _lighter(walked: Walked, fit: Fit) -> Fit:
     for term in fit.terms:
         if term in fit.terms and len(fit.terms) > 1:
             new = walked.weigh([t for t in fit.terms if t.key != term.key], fit)
-            if new.score > fit.score:
+            if new.promise > fit.promise:
                 return _lighter(walked, new)
     return fit
 
@@ -211,8 +209,6 @@ def _exchanged(walked: Walked, fit: Fit) -> None:
     for pair in combinations(fit.terms, 2):
         reshaped([t for t in fit.terms if t not in pair], fit, lambda less: _additions(walked, less, 2))
     for term in fit.terms:
-        if term.effect is None:
-            continue
         for grown in reshaped([t for t in fit.terms if t is not term], fit, lambda less: _additions(walked, less, 3)):
             if term.key not in grown.key and grown.score > fit.score - 60.0:
                 for other in _additions(walked, grown, 2):

@@ -12,7 +12,7 @@ import models
 from companion import vehicles
 from companion.vehicles import default_vehicle
 from models.air_state import AirState, blank_state
-from models.effects import AdoptedEffect, Context, adopted_wrench, catalogue, corrected_state, get
+from models.effects import AdoptedEffect, Context, adopted, adopted_wrench, catalogue, corrected_state, get
 from models.errors import ModelError
 from models.frames import AXES
 from models.vehicle import load_vehicle
@@ -170,3 +170,33 @@ def test_what_is_not_measured_adds_nothing(ctx: Context) -> None:
 def test_an_unknown_name_is_refused() -> None:
     with pytest.raises(ModelError, match="not in the catalogue"):
         get("phlogiston")
+
+
+def test_a_model_directory_may_lack_an_optional_parameter() -> None:
+    known = {"power": 2.0, "at_reference": 0.0, "reference_v": 16.0}
+    assert adopted("battery_sag", known).parameters == known | {"ohmic": 0.0}
+    with pytest.raises(ModelError, match="lacks parameter 'power'"):
+        adopted("battery_sag", {"at_reference": 0.0, "reference_v": 16.0})
+
+
+def test_vanes_in_the_stream_of_a_weak_fan_are_weak_too(ctx: Context) -> None:
+    servo = np.full_like(ctx.state.servo_us, 1500.0)
+    vane = ctx.vehicle.vanes[0]
+    servo[..., vane.servo - 1] = 1700.0
+    deflected = Context(replace(ctx.state, servo_us=servo), ctx.vehicle, ctx.model)
+    neutral = Context(replace(ctx.state, servo_us=np.full_like(servo, 1500.0)), ctx.vehicle, ctx.model)
+    weak = {"scale": -0.1, "torque": 0.0, "fan": float(vane.fan)}
+    change = get("fan_imbalance").wrench(deflected, weak) - get("fan_imbalance").wrench(neutral, weak)
+    side = 0.1 * vane.force_per_thrust_rad * vane.rad_per_us * 200.0 * deflected.shared_thrust[:, vane.fan - 1]
+    assert change[:, :3] == pytest.approx(-side[:, None] * np.asarray(vane.axis))
+
+
+def test_scales_of_thrust_in_a_record_do_not_follow_the_difference_between_fans(ctx: Context) -> None:
+    nodding = ctx.state.rpm.copy()
+    nodding[:, : nodding.shape[1] // 2] *= 1.0 + 0.02 * np.sin(np.arange(len(nodding)))[:, None]
+    record = Context(replace(ctx.state, rpm=nodding), ctx.vehicle, ctx.model)
+    assert record.shared_thrust.sum(axis=1) == pytest.approx(record.thrust.sum(axis=1))
+    share = record.shared_thrust / record.shared_thrust.sum(axis=1, keepdims=True)
+    assert np.ptp(share, axis=0).max() < 1e-12
+    instant = Context(record.state.take(3), ctx.vehicle, ctx.model)
+    assert instant.shared_thrust == pytest.approx(instant.thrust)
