@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-import math
-from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict
-from models.frames import Array
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, LogSummary, Series
-from replay.logs.bin import EKF, ESCS, IMUS, Dataflash, Row
+from replay.logs.bin import EKF, ESCS, IMUS, Dataflash
 from replay.logs.columns import (
-    believable,
+    Messages,
     imu_record,
     message_counts,
     quaternions,
     range_beam,
     runs,
-    tidy,
     time_span,
     unflipped,
 )
@@ -38,52 +36,43 @@ _RANGE_STATES = {
     0: RangeVerdict.LOW_QUALITY, 1: RangeVerdict.LOW_QUALITY, 2: RangeVerdict.BELOW_MIN, 3: RangeVerdict.ABOVE_MAX
 }  # fmt: skip
 _CENTI, _MILLI = 0.01, 0.001
-_CHANNELS, _FIRST_PORT = 16, 0
+_CHANNELS, _FIRST_PORT, _UNKNOWN = 16, 0, 255
 
 
 def flightlog(data: Dataflash) -> FlightLog:
     """All columns. Raises LogError without attitude, IMU and filter output."""
-    rows = data.rows
-    start, end = time_span(data.path, [_times(rows[k]) for k in ("ATT", *IMUS, *EKF)], "ATT, IMU or EKF message")
-    imus = _imus(rows)
-    ekf_kind = next((kind for kind in EKF if rows[kind]), EKF[-1])
-    ekf = _of(rows[ekf_kind], "C")
-    servo = _servo(rows["RCOU"])
+    spanning = [data.of(kind).t_s for kind in ("ATT", *IMUS, *EKF)]
+    start, end = time_span(data.path, spanning, "ATT, IMU or EKF message")
+    imus = _imus(data)
+    ekf_kind = next((kind for kind in EKF if len(data.of(kind))), EKF[-1])
+    ekf = _of(data.of(ekf_kind), "C")
+    baro, vibration, modes = _of(data.of("BARO"), "I"), _of(data.of("VIBE"), "IMU"), data.of("MODE")
+    servo = _servo(data.of("RCOU"))
     return FlightLog(
         path=data.path, system=1, boot=0, start_s=start, end_s=end, autopilot=_ARDUPILOT,
-        vehicle_type=_vehicle_type(rows["MSG"]),
-        attitude=_attitude(rows),
+        vehicle_type=_QUADROTOR if any("QUAD" in text.upper() for _, text in data.texts) else None,
+        attitude=_attitude(data),
         # RATE is in deg/s or cdeg/s, by version; the gyro is in rad/s in all.
         rates=imus[0].gyro if imus else None,
-        position=_series(ekf, ekf_kind, ("PN", "PE", "PD")),
-        velocity=_series(ekf, ekf_kind, ("VN", "VE", "VD")),
+        position=ekf.series(ekf.columns("PN", "PE", "PD")),
+        velocity=ekf.series(ekf.columns("VN", "VE", "VD")),
         imus=imus,
-        beams=_beams(rows["RFND"]),
-        escs=_escs(rows),
+        beams=_beams(data.of("RFND")),
+        escs=_escs(data),
         servo=servo,
         servo_ports={} if servo is None else {_FIRST_PORT: servo},
-        battery=_battery(rows),
-        pressure=_series(_of(rows["BARO"], "I"), "BARO", ("Press", "Temp")),
-        thrust_command=_thrust(rows["CTUN"]),
-        attitude_target=_target(rows["ATT"]),
-        vibration=_series(_of(rows["VIBE"], "IMU"), "VIBE", ("VibeX", "VibeY", "VibeZ")),
-        armed=tuple(i for i in _armed(rows, end) if i.value),
-        modes=_states(rows["MODE"], [int(r.get("ModeNum", 0)) for r in rows["MODE"]], end),
-        landed=_events(rows["EV"], {_LANDED: 1, _AIRBORNE: 2}, end),
-        parameters=_parameters(rows["PARM"]),
-        texts=tuple((_time(r), _INFO, str(r.get("Message", ""))) for r in rows["MSG"]),
+        battery=_battery(data),
+        pressure=baro.series(baro.columns("Press", "Temp")),
+        thrust_command=_thrust(data.of("CTUN")),
+        attitude_target=_angles(data.of("ATT"), "DesRoll", "DesPitch", "DesYaw"),
+        vibration=vibration.series(vibration.columns("VibeX", "VibeY", "VibeZ")),
+        armed=tuple(i for i in _armed(data, end) if i.value),
+        modes=runs(modes.t_s, _whole(modes, "ModeNum", 0), end),
+        landed=_events(data.of("EV"), {_LANDED: 1, _AIRBORNE: 2}, end),
+        parameters=data.parameters,
+        texts=tuple((t_s, _INFO, text) for t_s, text in data.texts),
         summary=_summary(data, end - start),
     )  # fmt: skip
-
-
-def _vehicle_type(texts: Sequence[Row]) -> int | None:
-    """Only the boot text names the frame."""
-    return _QUADROTOR if any("QUAD" in str(r.get("Message", "")).upper() for r in texts) else None
-
-
-def _parameters(rows: Sequence[Row]) -> dict[str, float]:
-    numbers = {str(r["Name"]): float(r.get("Value", math.nan)) for r in rows}
-    return {name: value for name, value in numbers.items() if math.isfinite(value)}
 
 
 def _summary(data: Dataflash, span_s: float) -> LogSummary:
@@ -92,141 +81,126 @@ def _summary(data: Dataflash, span_s: float) -> LogSummary:
     return LogSummary(data.bytes, sum(data.counts.values()), counts, notes)
 
 
-def _of(rows: Sequence[Row], field: str, instance: int = 0) -> list[Row]:
-    """Rows of one instance; old messages have no such field and are all of the first."""
-    return [r for r in rows if r.get(field, 0) == instance]
+def _whole(messages: Messages, field: str, missing: int) -> NDArray[np.int64]:
+    """A whole-number field (n,); ``missing`` where this version of the message has none."""
+    return np.nan_to_num(messages.column(field), nan=missing).astype(np.int64)
 
 
-def _time(row: Row) -> float:
-    return float(row["t_s"])
+def _of(messages: Messages, field: str, instance: int = 0) -> Messages:
+    """Messages of one instance; old ones have no such field and are all of the first."""
+    return messages.where(_whole(messages, field, 0) == instance)
 
 
-def _times(rows: Sequence[Row]) -> Array:
-    return believable(np.array([_time(r) for r in rows], dtype=float))
-
-
-def _values(rows: Sequence[Row], names: Sequence[str]) -> Array:
-    return np.array([[float(r.get(n, math.nan)) for n in names] for r in rows], dtype=float).reshape(-1, len(names))
-
-
-def _series(rows: Sequence[Row], source: str, names: Sequence[str], scale: float = 1.0) -> Series | None:
-    return tidy(_times(rows), _values(rows, names) * scale, source)
-
-
-def _attitude(rows: Mapping[str, list[Row]]) -> Series | None:
+def _attitude(data: Dataflash) -> Series | None:
     """The first EKF core's quaternion, or ATT's angles, whichever is faster."""
-    kind = "XKQ" if rows["XKQ"] else "NKQ"
-    core = _of(rows[kind], "C")
-    if len(core) >= len(rows["ATT"]) and core:
-        return tidy(_times(core), unflipped(_values(core, ("Q1", "Q2", "Q3", "Q4"))), kind)
-    return _angles(rows["ATT"], ("Roll", "Pitch", "Yaw"))
+    core = _of(data.of("XKQ") if len(data.of("XKQ")) else data.of("NKQ"), "C")
+    if len(core) >= len(data.of("ATT")) and len(core):
+        return core.series(unflipped(core.columns("Q1", "Q2", "Q3", "Q4")))
+    return _angles(data.of("ATT"), "Roll", "Pitch", "Yaw")
 
 
-def _target(rows: Sequence[Row]) -> Series | None:
-    return _angles(rows, ("DesRoll", "DesPitch", "DesYaw"))
-
-
-def _angles(rows: Sequence[Row], names: Sequence[str]) -> Series | None:
+def _angles(messages: Messages, *names: str) -> Series | None:
     """ATT's angles [deg] as quaternions."""
-    return tidy(_times(rows), unflipped(quaternions(np.radians(_values(rows, names)))), "ATT")
+    return messages.series(unflipped(quaternions(np.radians(messages.columns(*names)))))
 
 
-def _imus(rows: Mapping[str, list[Row]]) -> tuple[ImuRecord, ...]:
+def _imus(data: Dataflash) -> tuple[ImuRecord, ...]:
     out = []
     for number, kind in enumerate(IMUS):
-        for instance in sorted({int(r.get("I", 0)) for r in rows[kind]}):
-            own = _of(rows[kind], "I", instance)
+        messages = data.of(kind)
+        for instance in np.unique(_whole(messages, "I", 0)).tolist():
+            own = _of(messages, "I", instance)
             source = f"{kind}:{instance}" if instance else kind
-            force = _series(own, source, ("AccX", "AccY", "AccZ"))
-            gyro = _series(own, source, ("GyrX", "GyrY", "GyrZ"))
-            record = imu_record(source, force, gyro, _clip_count(rows["VIBE"], number or instance))
+            force = own.series(own.columns("AccX", "AccY", "AccZ"), source)
+            gyro = own.series(own.columns("GyrX", "GyrY", "GyrZ"), source)
+            record = imu_record(source, force, gyro, _clip_count(data.of("VIBE"), number or instance))
             out += [] if record is None else [record]
     return tuple(out)
 
 
-def _clip_count(rows: Sequence[Row], imu: int) -> int:
+def _clip_count(vibration: Messages, imu: int) -> int:
     """How far the clip counter of one IMU went: ``Clip`` by instance, or ``Clip0 Clip1 Clip2`` in one message."""
-    counts = [r["Clip"] for r in _of(rows, "IMU", imu) if "Clip" in r]
-    counts = counts or [r[f"Clip{imu}"] for r in rows if f"Clip{imu}" in r]
-    return int(counts[-1] - counts[0]) if counts else 0
+    counts = _of(vibration, "IMU", imu).column("Clip") if "Clip" in vibration else vibration.column(f"Clip{imu}")
+    known = counts[np.isfinite(counts)]
+    return int(known[-1] - known[0]) if known.size else 0
 
 
-def _servo(rows: Sequence[Row]) -> Series | None:
-    prefix = "C" if rows and "C1" in rows[0] else "Ch"
-    values = _values(rows, [f"{prefix}{i}" for i in range(1, _CHANNELS + 1)])
+def _servo(outputs: Messages) -> Series | None:
+    prefix = "C" if "C1" in outputs else "Ch"
+    values = outputs.columns(*[f"{prefix}{i}" for i in range(1, _CHANNELS + 1)])
     # A channel that is not in the message gives no pulse.
-    return tidy(_times(rows), np.nan_to_num(values), "RCOU")
+    return outputs.series(np.nan_to_num(values))
 
 
-def _battery(rows: Mapping[str, list[Row]]) -> Series | None:
-    first = _of(rows["BAT"], "Instance")
-    if first:
-        return _series(first, "BAT", ("Volt", "Curr"))
+def _battery(data: Dataflash) -> Series | None:
+    first = _of(data.of("BAT"), "Instance")
+    if len(first):
+        return first.series(first.columns("Volt", "Curr"))
     # Old CURR has centivolts and centiamperes as whole numbers, later ones V and A.
-    whole = bool(rows["CURR"]) and isinstance(rows["CURR"][0].get("Volt"), int)
-    return _series(rows["CURR"], "CURR", ("Volt", "Curr"), _CENTI if whole else 1.0)
+    old = data.of("CURR")
+    return old.series(old.columns("Volt", "Curr") * (_CENTI if ("CURR", "Volt") in data.whole else 1.0))
 
 
-def _thrust(rows: Sequence[Row]) -> Series | None:
-    if rows and "ThrOut" in rows[0]:
-        return _series(rows, "CTUN", ("ThrOut",), _MILLI)
-    return _series(rows, "CTUN", ("ThO",))
+def _thrust(tuning: Messages) -> Series | None:
+    if "ThrOut" in tuning:
+        return tuning.series(tuning.column("ThrOut") * _MILLI)
+    return tuning.series(tuning.column("ThO"))
 
 
-def _beams(rows: Sequence[Row]) -> tuple[Beam, ...]:
+def _beams(ranges: Messages) -> tuple[Beam, ...]:
     """RFND: one message per sensor (Instance, Dist, Stat, Orient), or two sensors in one (Dist1, Orient1 ...)."""
-    readings: dict[tuple[int, int], list[tuple[float, float, int]]] = defaultdict(list)
-    for r in rows:
-        if "Dist" in r:
-            key = (int(r.get("Instance", 0)), int(r.get("Orient", 255)))
-            readings[key].append((_time(r), float(r["Dist"]), int(r.get("Stat", _RANGE_GOOD))))
-        for i in (1, 2):
-            if f"Dist{i}" in r:
-                key = (i - 1, int(r.get(f"Orient{i}", 255)))
-                readings[key].append((_time(r), float(r[f"Dist{i}"]), _RANGE_GOOD))
-    beams = (_beam(sensor, orientation, own) for (sensor, orientation), own in sorted(readings.items()))
-    return tuple(b for b in beams if b is not None)
+    columns = [("Dist", _whole(ranges, "Instance", 0), "Orient", _whole(ranges, "Stat", _RANGE_GOOD))] + [
+        (f"Dist{i}", np.full(len(ranges), i - 1), f"Orient{i}", np.full(len(ranges), _RANGE_GOOD)) for i in (1, 2)
+    ]
+    out: dict[tuple[int, int], Beam] = {}
+    for field, sensor, facing, status in columns:
+        orientation = _whole(ranges, facing, _UNKNOWN)
+        for key in sorted(set(zip(sensor.tolist(), orientation.tolist(), strict=True))):
+            own = (sensor == key[0]) & (orientation == key[1]) & np.isfinite(ranges.column(field))
+            beam = _beam(*key, ranges.where(own), field, status[own])
+            out |= {} if beam is None else {key: beam}
+    return tuple(beam for _, beam in sorted(out.items(), key=lambda item: item[0]))
 
 
-def _beam(sensor: int, orientation: int, readings: Sequence[tuple[float, float, int]]) -> Beam | None:
-    """One sensor from (time [s], distance [m], status); None where its direction is unknown."""
+def _beam(sensor: int, orientation: int, own: Messages, field: str, status: NDArray[Any]) -> Beam | None:
+    """One sensor; None where it has no reading or its direction is unknown."""
     direction = orientation_direction(orientation)
-    series = tidy(np.array([t for t, _, _ in readings]), np.array([[d, s] for _, d, s in readings], float), "RFND")
+    series = own.series(np.stack([own.column(field), status], axis=-1))
     if direction is None or series is None:
         return None
-    beam = range_beam(direction, (1, sensor, orientation), Series(series.t_s, series.values[:, :1], "RFND"))
+    beam = range_beam(direction, (1, sensor, orientation), Series(series.t_s, series.values[:, :1], series.source))
     states = series.values[:, 1].astype(int).tolist()
     verdicts = tuple(_RANGE_STATES.get(s, v) for s, v in zip(states, beam.verdicts, strict=True))
     return replace(beam, verdicts=verdicts)
 
 
-def _escs(rows: Mapping[str, list[Row]]) -> dict[int, EscRecord]:
-    by_esc: dict[int, list[Row]] = defaultdict(list)
-    for kind in ESCS:
-        for r in rows[kind]:
-            by_esc[int(r.get("Instance", 0)) + 1 if kind == "ESC" else int(kind[3:])].append(r)
+def _escs(data: Dataflash) -> dict[int, EscRecord]:
+    by_esc: dict[int, Messages] = {}
+    together = data.of("ESC")
+    for instance in np.unique(_whole(together, "Instance", 0)).tolist():
+        by_esc[instance + 1] = _of(together, "Instance", instance)
+    by_esc |= {int(kind[3:]): data.of(kind) for kind in ESCS[1:] if len(data.of(kind))}
     if not by_esc:
+        sensors = data.of("RPM")
         for i in (1, 2):
-            own: list[Row] = [{**r, "RPM": r[f"rpm{i}"]} for r in rows["RPM"] if float(r.get(f"rpm{i}", -1.0)) >= 0.0]
-            if any(r["RPM"] for r in own):
-                by_esc[i] = own
+            rpm = sensors.column(f"rpm{i}")
+            known = rpm >= 0.0
+            by_esc[i] = Messages("RPM", sensors.t_s[known], {"RPM": rpm[known]})
     return {
-        esc: EscRecord(*(_series(own, "ESC", (name,)) for name in ("RPM", "Temp", "Volt", "Curr")))
+        esc: EscRecord(*(own.series(own.column(name), "ESC") for name in ("RPM", "Temp", "Volt", "Curr")))
         for esc, own in sorted(by_esc.items())
-        if any(r.get("RPM", 0) for r in own)
+        if np.nan_to_num(own.column("RPM")).any()
     }
 
 
-def _states(rows: Sequence[Row], values: Sequence[int], end: float) -> tuple[Interval, ...]:
-    return runs(_times(rows), np.array(values, dtype=int), end)
+def _events(events: Messages, meaning: Mapping[int, int], end: float) -> tuple[Interval, ...]:
+    number = _whole(events, "Id", -1)
+    known = np.isin(number, list(meaning))
+    return runs(events.t_s[known], np.array([meaning[n] for n in number[known].tolist()], dtype=np.int64), end)
 
 
-def _events(rows: Sequence[Row], meaning: Mapping[int, int], end: float) -> tuple[Interval, ...]:
-    own = [r for r in rows if int(r.get("Id", -1)) in meaning]
-    return _states(own, [meaning[int(r["Id"])] for r in own], end)
-
-
-def _armed(rows: Mapping[str, list[Row]], end: float) -> tuple[Interval, ...]:
-    if rows["ARM"]:
-        return _states(rows["ARM"], [int(r.get("ArmState", 0)) for r in rows["ARM"]], end)
-    return _events(rows["EV"], {_ARMED: 1, _DISARMED: 0}, end)
+def _armed(data: Dataflash, end: float) -> tuple[Interval, ...]:
+    arming = data.of("ARM")
+    if len(arming):
+        return runs(arming.t_s, _whole(arming, "ArmState", 0), end)
+    return _events(data.of("EV"), {_ARMED: 1, _DISARMED: 0}, end)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +24,49 @@ _DAY_S = 86_400.0
 _STRAY_US = 1_000_000
 """A stamp one second off the median of its neighbours is damaged: columns are faster than 1 Hz, and a step of the clock
 moves the neighbours too."""
+_SPARSE_S = 0.5
+"""Median step above which neighbours say nothing about a stamp."""
 _CLIP_AT_M_S2 = 3.0 * GRAVITY
 """No multirotor in a hover or a gentle flight reaches 3 g by moving; vibration that does is near the sensor's range."""
 _CLIP_HITS = 3
 """One sample at the extreme is the extreme; exactly the same value three times is a stop."""
 _STEP_SAMPLES = 20_000
 """Samples that show a grid; more change nothing."""
+
+
+class Messages:
+    """All messages of one kind: boot times (n,) and fields (n,) by name; a field that this version lacks is NaN."""
+
+    def __init__(self, name: str, t_s: Array, data: Mapping[str, NDArray[Any]]) -> None:
+        self.name = name
+        self.t_s = t_s
+        self.data = data
+
+    def __len__(self) -> int:
+        return len(self.t_s)
+
+    def __contains__(self, field: str) -> bool:
+        return field in self.data
+
+    def column(self, field: str) -> Array:
+        """One field (n,)."""
+        return np.asarray(self.data[field], dtype=float) if field in self.data else np.full(len(self), np.nan)
+
+    def columns(self, *fields: str) -> Array:
+        """(n, k)."""
+        return np.stack([self.column(f) for f in fields], axis=-1)
+
+    def array(self, field: str, count: int) -> Array:
+        """(n, count) of an array field, ``field[0]`` and on."""
+        return self.columns(*[f"{field}[{i}]" for i in range(count)])
+
+    def where(self, mask: NDArray[np.bool_]) -> Messages:
+        """Some of the messages."""
+        return Messages(self.name, self.t_s[mask], {name: values[mask] for name, values in self.data.items()})
+
+    def series(self, values: Array, source: str = "") -> Series | None:
+        """Values (n,) or (n, k) at the times of the messages."""
+        return tidy(self.t_s, values, source or self.name)
 
 
 def time_span(path: Path, stamps: Sequence[Array], names: str) -> tuple[float, float]:
@@ -129,7 +166,10 @@ def tidy(t_s: Array, values: Array, source: str) -> Series | None:
 
 
 def believable(t_s: Array) -> Array:
-    """Times (n,) with NaN where one cannot be true: a day off the middle, or a second off its neighbours' median."""
+    """Times (n,) with NaN where one cannot be true: a day off the middle, or a second off its neighbours' median.
+
+    Messages that come once in a while (modes, events) have no neighbours to compare with.
+    """
     out = np.where((t_s >= 0.0) & (t_s < _NEVER_S), t_s, np.nan)
     known = np.flatnonzero(~np.isnan(out))
     if not known.size:
@@ -137,6 +177,8 @@ def believable(t_s: Array) -> Array:
     far = np.abs(out[known] - np.median(out[known])) > _DAY_S
     out[known[far]] = np.nan
     known = known[~far]
+    if known.size < 2 or np.median(np.abs(np.diff(out[known]))) > _SPARSE_S:
+        return out
     out[known[outliers(np.rint(out[known] * 1e6).astype(np.int64), _STRAY_US)]] = np.nan
     return out
 

@@ -187,7 +187,8 @@ def repair_stamps(stamps: NDArray[np.uint64]) -> tuple[NDArray[np.int64], int, i
 def outliers(values: NDArray[np.int64], tolerance: int) -> NDArray[np.int64]:
     """Places of (n,) that differ by more than ``tolerance`` from the median of themselves and two neighbours each side.
 
-    In a sequence that only grows nothing does, however large its steps.
+    In a sequence that only grows none does, however large its steps, except the first and the last: beyond them there
+    is nothing to compare with.
     """
     n = len(values)
     steps = np.diff(values)

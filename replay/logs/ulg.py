@@ -14,15 +14,14 @@ from numpy.typing import NDArray
 
 from companion.mavlink.range_beams import beam_direction
 from models.errors import LogError
-from models.frames import Array
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, LogSummary, Series
 from replay.logs.columns import (
+    Messages,
     believable,
     imu_record,
     message_counts,
     range_beam,
     runs,
-    tidy,
     time_span,
     unflipped,
 )
@@ -63,30 +62,10 @@ def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
         raise LogError(f"{path}: its topics make no sense ({type(error).__name__}: {error}); damaged?") from None
 
 
-class _Topic:
-    """One topic: times and fields."""
-
-    def __init__(self, name: str, data: dict[str, NDArray[Any]]) -> None:
-        self.name = name
-        self.data = data
-        stamp = data.get("timestamp_sample", data["timestamp"])
-        # Some topics leave timestamp_sample at 0.
-        self.t_s: Array = believable(np.where(stamp > 0, stamp, data["timestamp"]).astype(float) / 1e6)
-
-    def __contains__(self, field: str) -> bool:
-        return field in self.data
-
-    def columns(self, *fields: str) -> Array:
-        """(n, k); NaN for a field that this version of the topic lacks."""
-        nan = np.full(len(self.t_s), np.nan)
-        return np.stack([self.data.get(f, nan).astype(float) for f in fields], axis=-1)
-
-    def array(self, field: str, count: int) -> Array:
-        """(n, count) of an array field."""
-        return self.columns(*[f"{field}[{i}]" for i in range(count)])
-
-    def series(self, values: Array) -> Series | None:
-        return tidy(self.t_s, values, self.name)
+def _topic(name: str, data: dict[str, NDArray[Any]]) -> Messages:
+    stamp = data.get("timestamp_sample", data["timestamp"])
+    # Some topics leave timestamp_sample at 0.
+    return Messages(name, believable(np.where(stamp > 0, stamp, data["timestamp"]).astype(float) / 1e6), data)
 
 
 class _Reader:
@@ -94,10 +73,10 @@ class _Reader:
 
     def __init__(self, path: Path, log: Any, size: int) -> None:
         self._path, self._log, self._size = path, log, size
-        self._topics: dict[str, list[_Topic]] = {}
+        self._topics: dict[str, list[Messages]] = {}
         for item in sorted(log.data_list, key=lambda d: d.multi_id):
             if len(item.data.get("timestamp", ())):
-                self._topics.setdefault(item.name, []).append(_Topic(item.name, item.data))
+                self._topics.setdefault(item.name, []).append(_topic(item.name, item.data))
         self._notes: list[str] = []
         if log.file_corruption:
             self._notes.append("the file is damaged in places; what could be read was")
@@ -105,7 +84,7 @@ class _Reader:
             lost = sum(d.duration for d in log.dropouts) / 1000.0
             self._notes.append(f"{len(log.dropouts)} dropouts of the logger, {lost:.1f} s in all")
 
-    def _first(self, name: str) -> _Topic | None:
+    def _first(self, name: str) -> Messages | None:
         return next(iter(self._topics.get(name, [])), None)
 
     def _series(self, name: str, *fields: str) -> Series | None:
@@ -245,11 +224,11 @@ class _Reader:
         horizontal = topic.columns("windspeed_north", "windspeed_east")
         return topic.series(np.hstack([horizontal, np.full((len(horizontal), 1), np.nan)]))
 
-    def _armed(self, status: _Topic, end: float) -> tuple[Interval, ...]:
+    def _armed(self, status: Messages, end: float) -> tuple[Interval, ...]:
         armed = (status.columns("arming_state")[:, 0] == _ARMED).astype(int)
         return tuple(i for i in runs(status.t_s, armed, end) if i.value)
 
-    def _modes(self, status: _Topic, end: float) -> tuple[Interval, ...]:
+    def _modes(self, status: Messages, end: float) -> tuple[Interval, ...]:
         states = np.nan_to_num(status.columns("nav_state")[:, 0]).astype(int).tolist()
         modes = [_MAIN_MODE.get(s, _AUTO) << _MAIN_MODE_BITS for s in states]
         return runs(status.t_s, np.array(modes), end)

@@ -1,4 +1,4 @@
-"""Files from the field: packed, cut, joined, wrong stamps. One clear line, and the rest is read."""
+"""Files from the field: packed, cut, joined, stamps of another millennium. One clear line, and the rest is read."""
 
 from __future__ import annotations
 

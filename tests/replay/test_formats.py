@@ -1,10 +1,11 @@
 """The registry, and .BIN and .ulg with known content."""
 
 import math
+import tracemalloc
 
 import numpy as np
 import pytest
-from log_writers import bin_flight, ulg_flight
+from log_writers import BinWriter, bin_flight, ulg_flight
 
 from companion.mavlink.samples import RangeVerdict
 from models.errors import LogError
@@ -122,3 +123,33 @@ def test_a_damaged_bin_is_read_around_the_damage_without_a_word(tmp_path, capfd)
     (log,) = load(tmp_path / "hurt.bin")
     assert len(log.attitude) > 150
     assert capfd.readouterr() == ("", "")
+
+
+def test_mode_changes_and_events_far_apart_are_all_kept(tmp_path):
+    w = BinWriter()
+    w.kind("ATT", "Qffffff", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw")
+    w.kind("MODE", "QBB", "TimeUS,Mode,ModeNum")
+    w.kind("EV", "QB", "TimeUS,Id")
+    for k in range(3500):
+        us = 10_000_000 + 20_000 * k
+        if k % 500 == 0:
+            w.row("MODE", us, k // 500, k // 500)
+            w.row("EV", us, 28 if k % 1000 else 18)
+        w.row("ATT", us, 0.0, 2.0, 0.0, -1.0, 90.0, 90.0)
+    path = tmp_path / "modes.bin"
+    path.write_bytes(w.bytes())
+    (log,) = load(path)
+    assert [i.value for i in log.modes] == [0, 1, 2, 3, 4, 5, 6]
+    assert [i.value for i in log.landed] == [1, 2, 1, 2, 1, 2, 1]
+    assert [round(i.start_s) for i in log.modes] == [10, 20, 30, 40, 50, 60, 70]
+
+
+def test_a_dataflash_log_is_kept_as_numbers_not_as_objects(tmp_path):
+    """Peak of what the reader allocates, over the size of the file: rows of Python objects would be above twenty."""
+    path = tmp_path / "long.bin"
+    path.write_bytes(bin_flight(200.0))
+    tracemalloc.start()
+    load(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 12.0 * path.stat().st_size
