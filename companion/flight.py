@@ -14,7 +14,7 @@ from companion.last_word import LastWord
 from companion.mavlink.firmware import Stack, mode_name, needed_parameters, stack_of, takes_setpoints
 from companion.mavlink.frames import Frame
 from companion.mavlink.link import Arrivals, Link
-from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
+from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, NOT_FOR_STEP, OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.outgoing import Message, command_long, heartbeat, param_request_read, statustext
 from companion.mavlink.samples import Attitude, Heartbeat, Sample, SetPositionTarget
@@ -98,7 +98,7 @@ class Flight:
         self._arrivals = arrivals
         self._options = options
         self._watchdog = options.watchdog
-        self._intake = Intake(options.target_system)
+        self._intake = Intake(options.target_system, NOT_FOR_STEP)
         self._state = initial_state(config)
         self._status = StatusReporter()
         self._reported_slow: set[str] = set()
@@ -183,6 +183,8 @@ class Flight:
         """One frame into ``step``; a setpoint that it brings is sent before anything else is done."""
         sample = self._sample(arrival_us, frame)
         if sample is None:
+            if frame.id in NOT_FOR_STEP and frame.system == self._intake.system and self._streams is not None:
+                self._streams.heard(frame.id, self._arrivals.now_s())
             return
         self._state, decision = step(self._state, sample, self._config)
         if decision is not None and decision.command is not None and not self._config.dry_run:

@@ -15,6 +15,18 @@ from companion.mavlink.firmware import Stack, ThrustMeaning, stack_of, takes_set
 from companion.mavlink.samples import Heartbeat
 from models.surrogate.empty import is_empty
 
+_ABOUT_RANGES = {
+    Seen.MISSING: Reason.RANGE_MISSING,
+    Seen.STALE: Reason.RANGE_STALE,
+    Seen.LOST: Reason.RANGE_LOST,
+    Seen.FROZEN: Reason.RANGE_FROZEN,
+}
+_ABOUT_THRUST = {
+    ThrustMeaning.CLIMB_RATE: Reason.THRUST_IS_CLIMB_RATE,
+    ThrustMeaning.IGNORED: Reason.TYPE_IGNORED,
+    ThrustMeaning.UNKNOWN: Reason.THRUST_UNKNOWN,
+}
+
 
 def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[Reason, ...]:
     """Why nothing is sent, or why offsets fade."""
@@ -93,13 +105,8 @@ def _autopilot(state: PipelineState, heartbeat: Heartbeat, config: PipelineConfi
             out.append(Reason.CARRIER_REFUSED)
         return out
     meaning = thrust_meaning(heartbeat, state.parameters)
-    refusal = {
-        ThrustMeaning.CLIMB_RATE: Reason.THRUST_IS_CLIMB_RATE,
-        ThrustMeaning.IGNORED: Reason.TYPE_IGNORED,
-        ThrustMeaning.UNKNOWN: Reason.THRUST_UNKNOWN,
-    }.get(meaning)
-    if refusal is not None and stack is not Stack.OTHER:
-        out.append(refusal)
+    if meaning is not ThrustMeaning.THRUST and stack is not Stack.OTHER:
+        out.append(_ABOUT_THRUST[meaning])
     return out
 
 
@@ -139,16 +146,10 @@ def _firm_enough(tuned: HoldTuning, gains: HoldGains, engaged: bool) -> bool:
 def _surfaces(disturbance: Disturbance, step_s: float, t_s: float) -> list[Reason]:
     out: list[Reason] = []
     for surface in (disturbance.ground, disturbance.wall, disturbance.ceiling):
-        if surface.seen is Seen.MISSING:
-            out.append(Reason.RANGE_MISSING)
-        elif surface.seen is Seen.STALE:
-            out.append(Reason.RANGE_STALE)
-        elif surface.seen is Seen.LOST:
-            out.append(Reason.RANGE_LOST)
-        elif surface.seen is Seen.FROZEN:
-            out.append(Reason.RANGE_FROZEN)
+        if not surface.known:
+            out.append(_ABOUT_RANGES[surface.seen])
         elif t_s - surface.stepped_s < step_s:
             out.append(Reason.SURFACE_STEP)
     if disturbance.trust <= 0.0:
         out.append(Reason.OUT_OF_DOMAIN)
-    return list(dict.fromkeys(out))
+    return list(dict.fromkeys(out)) if len(out) > 1 else out

@@ -123,7 +123,8 @@ class Surface:
     @property
     def known(self) -> bool:
         """False where the direction should be watched and is not."""
-        return self.seen in (Seen.SURFACE, Seen.NOTHING, Seen.UNDECLARED)
+        seen = self.seen
+        return seen is Seen.SURFACE or seen is Seen.NOTHING or seen is Seen.UNDECLARED
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,10 +22,7 @@ def decode(frame: Frame, arrival_us: int, clock: BootClock) -> Sample | None:
     layout = LAYOUTS.get(frame.id)
     if layout is None:
         return None
-    payload, unpacker = frame.payload, layout.wire.unpacker
-    if len(payload) != unpacker.size:
-        payload = payload[: unpacker.size].ljust(unpacker.size, b"\0")
-    fields = unpacker.unpack(payload)
+    fields = _unpacked(layout, frame.payload)
     if layout.stamp is None:
         t_s = clock.unstamped(arrival_us)
     else:
@@ -35,6 +32,22 @@ def decode(frame: Frame, arrival_us: int, clock: BootClock) -> Sample | None:
         # Nobody else has seen the sample yet; a copy of it costs more than all the rest of its decoding.
         object.__setattr__(sample, "late_s", clock.late(t_s, arrival_us))
     return sample
+
+
+def stamp_of(frame: Frame, arrival_us: int, clock: BootClock) -> None:
+    """Advance ``clock`` by the stamp of a frame whose content is not wanted, as ``decode`` would."""
+    layout = LAYOUTS[frame.id]
+    if layout.stamp is not None:
+        stamp = _unpacked(layout, frame.payload)[layout.stamp_place]
+        clock.stamped(frame.system, frame.component, layout.stamp, stamp, arrival_us)
+
+
+def _unpacked(layout: Layout, payload: bytes) -> tuple[Any, ...]:
+    """The fields on the wire, one after another; trailing zeros filled up, fields of a later version left out."""
+    unpacker = layout.wire.unpacker
+    if len(payload) != unpacker.size:
+        payload = payload[: unpacker.size].ljust(unpacker.size, b"\0")
+    return unpacker.unpack(payload)
 
 
 def columns(layout: Layout, records: NDArray[Any]) -> dict[str, NDArray[Any]]:

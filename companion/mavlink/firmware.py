@@ -39,6 +39,9 @@ class Stack(Enum):
     OTHER = 0
 
 
+_STACKS = {stack.value: stack for stack in Stack}
+
+
 class ThrustMeaning(Enum):
     """What the autopilot does with SET_ATTITUDE_TARGET.thrust."""
 
@@ -62,17 +65,14 @@ class ThrustMap:
 
 def stack_of(heartbeat: Heartbeat) -> Stack:
     """The firmware a heartbeat names."""
-    try:
-        return Stack(heartbeat.autopilot)
-    except ValueError:
-        return Stack.OTHER
+    return _STACKS.get(heartbeat.autopilot, Stack.OTHER)
 
 
 def mode_name(heartbeat: Heartbeat) -> str:
     """The flight mode in words."""
     if stack_of(heartbeat) is Stack.PX4:
-        return _PX4_MODES.get((heartbeat.custom_mode >> 16) & 0xFF, f"mode {heartbeat.custom_mode:#x}")
-    return _ARDUCOPTER_MODES.get(heartbeat.custom_mode, f"mode {heartbeat.custom_mode}")
+        return _PX4_MODES.get((heartbeat.custom_mode >> 16) & 0xFF) or f"mode {heartbeat.custom_mode:#x}"
+    return _ARDUCOPTER_MODES.get(heartbeat.custom_mode) or f"mode {heartbeat.custom_mode}"
 
 
 def takes_setpoints(heartbeat: Heartbeat) -> bool:

@@ -53,6 +53,7 @@ class Link:
         self._arrivals = arrivals
         self._number = number
         self._frames = FrameReader()
+        self._prints = endpoint.startswith("tcp")  # pymavlink prints its reconnects
         signing = connection.mav.signing
         self.signatures = Signatures(signing) if signing.secret_key is not None else None
 
@@ -88,7 +89,10 @@ class Link:
 
     def _read(self) -> bytes:
         try:
-            with redirect_stdout(None):  # pymavlink prints its reconnects
+            if self._prints:
+                with redirect_stdout(None):
+                    data = self._connection.recv(_READ)
+            else:
                 data = self._connection.recv(_READ)
         except OSError as error:
             if error.errno in (errno.EAGAIN, errno.EWOULDBLOCK, errno.ECONNREFUSED, errno.ECONNRESET, errno.EBADF):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from companion.mavlink.boot_clock import BootClock
-from companion.mavlink.decoders import decode
+from companion.mavlink.decoders import decode, stamp_of
 from companion.mavlink.frames import Frame
+from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Range, Sample
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, SET_POSITION_TARGET
 
@@ -19,6 +20,13 @@ _DOWN_COS = 0.94
 _HEARTBEAT, _AUTOPILOT_BYTE = 0, 5
 """Message id, and the place of ``autopilot`` in its payload."""
 _SETPOINTS = (SET_ATTITUDE_TARGET, SET_POSITION_TARGET)
+
+_NEVER_READ = (
+    "HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "WIND", "WIND_COV", "VIBRATION",
+    "COMMAND_ACK", "TIMESYNC", "STATUSTEXT",
+)  # fmt: skip
+NOT_FOR_STEP = frozenset(number for number, layout in LAYOUTS.items() if layout.name in _NEVER_READ)
+"""Messages that the pipeline never reads; some are recorded for the diagnosis. Of these only the stamp is taken."""
 
 
 def is_autopilot_heartbeat(frame: Frame) -> bool:
@@ -35,10 +43,12 @@ class Intake:
     ``system`` None: the first autopilot heard. What comes before its first heartbeat, from other systems, and from this
     component itself (a log holds both directions) is left out. ``others`` are the autopilots that were ignored.
     RANGEFINDER repeats a downward DISTANCE_SENSOR, without its limits and stamp: left out once one was heard.
+    ``unread``: ids whose content nobody wants. Their stamps still move the clock, so that it does not depend on it.
     """
 
-    def __init__(self, system: int | None = None) -> None:
+    def __init__(self, system: int | None = None, unread: frozenset[int] = frozenset()) -> None:
         self.system = system
+        self.unread = unread
         self.clock = BootClock(system)
         self.others: set[int] = set()
         self.ignored = 0
@@ -62,8 +72,11 @@ class Intake:
             if is_autopilot_heartbeat(frame):
                 self.others.add(system)
             return None
+        if frame.id in self.unread:
+            stamp_of(frame, arrival_us, self.clock)
+            return None
         sample = decode(frame, arrival_us, self.clock)
-        if isinstance(sample, Range):
+        if type(sample) is Range:
             if sample.source == "RANGEFINDER":
                 return None if self._down_heard else sample
             self._down_heard |= sample.direction_frd is not None and sample.direction_frd[2] > _DOWN_COS

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 
 from companion.mavlink.definitions import ID_OF
@@ -13,6 +12,7 @@ from models.vehicle import Vehicle
 
 _CHECK_S = 2.0
 """Rates are counted over this time: the slowest stream asked for sends two messages in it."""
+_PARTS = 8
 _IN_VAIN = 3
 """Requests after which a slow stream is reported to the pilot."""
 _ENOUGH = 0.7
@@ -65,12 +65,38 @@ def message_name(message_id: int) -> str:
     return LAYOUTS[message_id].name
 
 
+class _Counter:
+    """Arrivals of the last two seconds, in eighths of them: the same memory whatever the rate."""
+
+    __slots__ = ("_at", "_counts")
+
+    def __init__(self) -> None:
+        self._counts = [0] * _PARTS
+        self._at = 0
+
+    def add(self, now_s: float) -> None:
+        """Count one."""
+        self._move(now_s)
+        self._counts[self._at % _PARTS] += 1
+
+    def over(self, now_s: float) -> int:
+        """How many arrived in the last two seconds."""
+        self._move(now_s)
+        return sum(self._counts)
+
+    def _move(self, now_s: float) -> None:
+        at = int(now_s * (_PARTS / _CHECK_S))
+        for part in range(max(self._at + 1, at - _PARTS + 1), at + 1):
+            self._counts[part % _PARTS] = 0
+        self._at = max(at, self._at)
+
+
 class StreamKeeper:
     """Counts arrivals by id and says which requests to send again. Times are the receiver's clock [s]."""
 
     def __init__(self, wanted: tuple[Wanted, ...]) -> None:
         self.wanted = wanted
-        self._seen: dict[int, deque[float]] = {w.message_id: deque(maxlen=400) for w in wanted}
+        self._seen = {w.message_id: _Counter() for w in wanted}
         self._checked_s: float | None = None
         self.asked_again: dict[int, int] = {}
         self.in_vain: dict[str, float] = {}
@@ -78,13 +104,14 @@ class StreamKeeper:
 
     def heard(self, message_id: int, now_s: float) -> None:
         """Count one arrival."""
-        stamps = self._seen.get(message_id)
-        if stamps is not None:
-            stamps.append(now_s)
+        counter = self._seen.get(message_id)
+        if counter is not None:
+            counter.add(now_s)
 
     def rate(self, message_id: int, now_s: float) -> float:
         """Messages of one id per second over the last two seconds."""
-        return sum(1 for t in self._seen[message_id] if now_s - t <= _CHECK_S) / _CHECK_S
+        part = now_s * (_PARTS / _CHECK_S) % 1.0  # of the eighth that has begun
+        return self._seen[message_id].over(now_s) / (_CHECK_S * (_PARTS - 1 + part) / _PARTS)
 
     def due(self, now_s: float) -> list[Wanted]:
         """What to ask for now: everything at first, then every 2 s what arrives at less than 70 % of its rate."""

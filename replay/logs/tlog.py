@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.esc_messages import BY_ID as ESC_BY_ID
-from companion.mavlink.frames import V2, Counts, frame_bytes, walk
+from companion.mavlink.frame_batch import walk_file
+from companion.mavlink.frames import V2, Counts, frame_bytes
 from companion.mavlink.wire_format import wire_format
 from models.errors import LogError
 from replay.logs.files import read_bytes
@@ -146,7 +147,7 @@ def read_tlog(path: Path | str) -> Tlog:
     path = Path(path)
     data = read_bytes(path)
     counts = Counts()
-    starts, rest = walk(data, counts, _STAMP)
+    starts, rest = walk_file(data, counts, _STAMP)
     if not starts:
         raise LogError(f"{path}: holds no MAVLink frame: not a .tlog, or damaged throughout")
     start = np.frombuffer(starts, np.int64)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 from companion.config import PipelineConfig
 from companion.mavlink.frames import cut
-from companion.mavlink.message_filter import Intake
+from companion.mavlink.message_filter import NOT_FOR_STEP, Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Heartbeat, Parameter, Sample
 from companion.pipeline import Decision, PipelineState, initial_state, step
@@ -30,7 +30,7 @@ class Replay:
     """How many samples of each kind reached the pipeline."""
 
     def __post_init__(self) -> None:
-        self.intake = Intake(self.system)
+        self.intake = Intake(self.system, NOT_FOR_STEP)
 
     def decisions(self, frames: Iterable[tuple[int, bytes]]) -> Iterator[Decision]:
         """The decisions on a recorded link."""

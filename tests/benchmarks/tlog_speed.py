@@ -2,7 +2,7 @@
 
     python tests/benchmarks/tlog_speed.py [FILE.tlog] [--json FILE]
 
-Without a file: some 200 000 synthetic frames (10 minutes of flight). Prints frames per second, the ratio (goal >= 10)
+Without a file: some 200 000 synthetic frames (10 minutes of flight). Prints frames per second, the ratio (goal >= 40)
 and the peak memory of our reader as a multiple of the file (goal <= 8; in a process of its own, what the imports need
 taken off; Linux only).
 """
@@ -20,7 +20,7 @@ from pathlib import Path
 
 from log_writers import flight, write_tlog
 
-GOAL_RATIO, GOAL_MEMORY = 10.0, 8.0
+GOAL_RATIO, GOAL_MEMORY = 40.0, 8.0
 FRAMES = 200_000
 
 
@@ -57,12 +57,12 @@ def theirs(path: Path) -> int:
 
 
 def best_of(work: Callable[[Path], int], path: Path, times: int = 3) -> tuple[int, float]:
-    """(frames, shortest seconds)."""
+    """(frames, fewest seconds of this process's own CPU time: on a shared machine a wall clock measures the others)."""
     seconds = []
     for _ in range(times):
-        start = time.perf_counter()
+        start = time.process_time()
         count = work(path)
-        seconds.append(time.perf_counter() - start)
+        seconds.append(time.process_time() - start)
     return count, min(seconds)
 
 
