@@ -358,3 +358,13 @@ def test_what_was_learnt_elsewhere_holds_in_a_regime_or_is_seen_not_to(quiet: Re
     pushed = replace(quiet, residual=quiet.residual + np.where(low[:, None], 4.0, 0.0) * np.eye(6)[2])
     only = {r.name: r for r in search(pushed, some("thrust_scale")).traces[0].regimes}
     assert not only or only["near the ground"].after["Fz"] > 0.8 * only["near the ground"].before["Fz"]
+
+
+def test_an_effect_that_makes_unseen_time_worse_is_not_named() -> None:
+    """Twelve seconds of slow noise, and a set that fitted its drift: on the other folds it does harm."""
+    walked = walk([noise_record(4, 12.0, 3.0)], some("rotor_drag", "wind"))
+    term = next(t for t in walked.evidence.library.terms if t.name == "wind")
+    walked.best = walked.weigh([term], walked.best)
+    answer = summarise(walked, 0)
+    assert names(answer) == set()
+    assert reason(answer, "wind")[0] == "fitted on a part of the time it makes the rest worse"
