@@ -12,7 +12,8 @@ from companion.invariants import Promise
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
-ROWS = [line for line in PAGE.splitlines() if line.startswith("| ") and not line.startswith("| promise")]
+PROMISES = PAGE.split("## Promises")[1].split("## Not promised")[0]
+ROWS = [line for line in PROMISES.splitlines() if line.startswith("| ") and not line.startswith("| promise")]
 LINK = re.compile(r"\[[^]]+\]\(\.\./(tests/[\w/]+\.py)#(\w+)\)")
 
 
