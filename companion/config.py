@@ -164,6 +164,8 @@ class Tuning:
     """Of the gains, after each swing that was noticed."""
     swing_levels: int = 3
     """So often the gains are softened; after one more swing the hold lets go."""
+    swing_calm_s: float = 120.0
+    """After so long without a swing the gains go one step back; after two swings twice as long, and so on."""
     swing_pause_s: float = 6.0
     """Offsets stay away for so long after a swing."""
     # Offsets

@@ -327,6 +327,8 @@ def _retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> Pipeli
     """Gains for the plant as it is known now, once a second."""
     if config.base is not Base.HOLD or 0.0 <= t_s - state.tuned_s < _TUNE_PERIOD_S:
         return state
+    tuning = config.tuning
+    state = replace(state, swing=swing_detector.calmed(state.swing, t_s, tuning.swing_calm_s, tuning.swing_levels))
     stack = Stack.OTHER if state.heartbeat is None else stack_of(state.heartbeat)
     loop = attitude_response.measured_loop(state.response)
     if loop is None:  # too little to see now: what was measured stays true
@@ -337,8 +339,8 @@ def _retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> Pipeli
         state = replace(state, swing=replace(state.swing, level=0))
     if loop.source is state.loop.source and abs(loop.lag_s - state.loop.lag_s) < _OTHER_LAG * state.loop.lag_s:
         loop = state.loop
-    softer = config.tuning.swing_softer ** min(state.swing.level, config.tuning.swing_levels)
-    tuned = tune(config.tuning.hold, loop, state.timing, softer)
+    softer = tuning.swing_softer ** min(state.swing.level, tuning.swing_levels)
+    tuned = tune(tuning.hold, loop, state.timing, softer)
     soft, before = min(tuned.share, tuned.climb_share), state.tuned
     if (
         state.swing.level == 0

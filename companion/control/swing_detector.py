@@ -42,6 +42,10 @@ class SwingDetector:
     axes: tuple[SwingAxis, SwingAxis, SwingAxis] = (SwingAxis(), SwingAxis(), SwingAxis())
     level: int = 0
     swung_s: float = -math.inf
+    swings: int = 0
+    """All that were noticed: each doubles the calm that the next step back takes."""
+    stepped_s: float = -math.inf
+    """When the level last changed."""
     t_s: float = -math.inf
 
 
@@ -56,7 +60,18 @@ def watch(detector: SwingDetector, t_s: float, feedback: Vector3) -> SwingDetect
     axes = [_one(axis, t_s, dt, value) for axis, value in zip(detector.axes, feedback, strict=True)]
     if not any(_swings(axis) for axis in axes):
         return replace(detector, axes=(axes[0], axes[1], axes[2]), t_s=t_s)
-    return SwingDetector(level=detector.level + 1, swung_s=t_s, t_s=t_s)
+    return SwingDetector(level=detector.level + 1, swung_s=t_s, swings=detector.swings + 1, stepped_s=t_s, t_s=t_s)
+
+
+def calmed(detector: SwingDetector, t_s: float, calm_s: float, levels: int) -> SwingDetector:
+    """One level back after a calm of ``calm_s``, twice that after two swings, and so on.
+
+    A swing that a gust or a busy computer caused does not soften the hold for ever; one of the loop's own comes back
+    ever more seldom. Above ``levels`` the hold has let go, and nothing brings it back but another mode.
+    """
+    if not 0 < detector.level <= levels or t_s - detector.stepped_s < calm_s * 2.0 ** (detector.swings - 1):
+        return detector
+    return replace(detector, level=detector.level - 1, stepped_s=t_s)
 
 
 def _one(axis: SwingAxis, t_s: float, dt: float, value: float) -> SwingAxis:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Protocol
 
@@ -133,8 +133,6 @@ class Lockstep:
         self.link = VehicleLink(flight, lambda frame: self.wire.send_down(frame, flight.time_s))
         self.start_companion_s = 0.0
         """Boot time at which the companion is started."""
-        self.last_word = True
-        """False: no second process stands by."""
         self.companion: CompanionFlight | None = None
         """The companion that runs, or ran last."""
         self.auditor: Auditor | None = None
@@ -205,17 +203,8 @@ class Lockstep:
         recorder = recorder if self.auditor is None else _Audited(self.auditor, recorder)
         options = FlightOptions(quiet=True, watch=watch)
         self.companion = CompanionFlight(config, link, None, recorder, arrivals, options)
-        try:
+        with suppress(_OverError, _KilledError):
             self.companion.run()
-        except _OverError:
-            return
-        except _KilledError:
-            self._say_last_word(self.companion.last_word)
-
-    def _say_last_word(self, frame: bytes) -> None:
-        """What the companion's second process does (companion/last_word.py): the pipe breaks, it speaks."""
-        if frame and self.last_word:
-            self.write(frame)
 
     def _step(self) -> None:
         """One physics step of everything but the companion."""

@@ -20,7 +20,9 @@ _PERIOD_S = 0.25
 _CALM_S = 0.5
 """A state counts once it has lasted this long: a flicker is no message."""
 _REPEAT_S = 5.0
-"""The same words at most this often."""
+"""The same words at most this often, and a change of lesser refusals alone."""
+_LESSER_CALM_S = 2.0
+"""Lesser refusals count once they have lasted this long."""
 _ABOUT_RANGES = {
     Reason.RANGE_MISSING: Seen.MISSING,
     Reason.RANGE_STALE: Seen.STALE,
@@ -61,7 +63,9 @@ class StatusReporter:
 
     def __init__(self) -> None:
         self._named_s = -np.inf
-        self._said: str | None = None
+        self._said: tuple[str, str] | None = None
+        """The gravest refusal, and all of them, as last said."""
+        self._any_said_s = -np.inf
         self._said_s: dict[str, float] = {}
         self._pending: str | None = None
         self._pending_s = 0.0
@@ -103,29 +107,41 @@ class StatusReporter:
             yield message, text if place == 0 else None
 
     def _change(self, state: PipelineState, decision: Decision) -> str | None:
-        """The new state in words, once it has lasted half a second, and no more often than every five seconds."""
-        words = said_of(state, decision)
-        if words == self._said:
+        """The new state in words, once it has lasted half a second, and no more often than every five seconds.
+
+        A change of lesser refusals alone waits longer: it changes nothing in what is flown.
+        """
+        gravest, words = said_of(state, decision)
+        if self._said == (gravest, words):
             self._pending = None
             return None
-        if words != self._pending:
-            self._pending, self._pending_s = words, decision.t_s
+        graver = self._said is None or gravest != self._said[0]
+        awaited, t_s = gravest if graver else words, decision.t_s
+        if awaited != self._pending:
+            self._pending, self._pending_s = awaited, t_s
             return None
-        if decision.t_s - self._pending_s < _CALM_S:
+        if t_s - self._pending_s < (_CALM_S if graver else _LESSER_CALM_S):
             return None
-        if 0.0 <= decision.t_s - self._said_s.get(words, -np.inf) < _REPEAT_S:
+        last_s = self._said_s.get(words, -np.inf) if graver else self._any_said_s
+        if 0.0 <= t_s - last_s < _REPEAT_S:
             return None
-        self._said, self._pending = words, None
-        self._said_s[words] = decision.t_s
+        self._said, self._pending = (gravest, words), None
+        self._said_s[words] = self._any_said_s = t_s
         late = f" ({1000.0 * decision.late_s:.0f} ms)" if decision.reasons[:1] in _LATENESS else ""
-        return words + late
+        return words.replace(gravest, gravest + late, 1)
 
 
-def said_of(state: PipelineState, decision: Decision) -> str:
-    """The state of the offsets in words: the gravest refusal, and which range or mode it is about."""
+def said_of(state: PipelineState, decision: Decision) -> tuple[str, str]:
+    """The state of the offsets in words: with the gravest refusal alone, and with all of them, the gravest first."""
     if not decision.reasons:
-        return "companion: compensating"
-    reason = decision.reasons[0]
+        return "companion: compensating", "companion: compensating"
+    gravest, *lesser = (_words(reason, state, decision) for reason in decision.reasons)
+    alone = f"companion: no offset, {gravest}"
+    return alone, f"{alone}; also: {'; '.join(lesser)}" if lesser else alone
+
+
+def _words(reason: Reason, state: PipelineState, decision: Decision) -> str:
+    """One refusal, and which range or mode it is about."""
     what = reason.value
     seen = _ABOUT_RANGES.get(reason)
     if seen is not None and decision.disturbance is not None:
@@ -135,4 +151,4 @@ def said_of(state: PipelineState, decision: Decision) -> str:
         what = re.sub("^(range(finder)?)", rf"\1 to {about}", what) if about else what
     if reason is Reason.WRONG_MODE and state.heartbeat is not None:
         what += f" (now {mode_name(state.heartbeat)})"
-    return f"companion: no offset, {what}"
+    return what

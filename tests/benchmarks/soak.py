@@ -80,7 +80,12 @@ class Soak:
     @property
     def latency_slope_ms_h(self) -> float:
         """Of the median."""
-        return slope([(w.end_s, w.p50_ms) for w in self.windows]) * 3600.0
+        return slope([(w.end_s, w.p50_ms) for w in self.answered_windows]) * 3600.0
+
+    @property
+    def answered_windows(self) -> list[Window]:
+        """Minutes in which the flight program flew."""
+        return [w for w in self.windows if w.answered]
 
 
 def slope(points: list[tuple[float, float]]) -> float:
@@ -234,7 +239,7 @@ def as_text(soak: Soak, own: dict[str, object]) -> str:
     messages = own["messages"]
     assert isinstance(messages, dict)
     first, last = soak.rss[0][1], soak.rss[-1][1]
-    p50s, p99s = [w.p50_ms for w in soak.windows], [w.p99_ms for w in soak.windows]
+    p50s, p99s = [w.p50_ms for w in soak.answered_windows], [w.p99_ms for w in soak.answered_windows]
     attitudes, answered = sum(w.attitudes for w in soak.windows), sum(w.answered for w in soak.windows)
     lines = [
         f"{soak.seconds:.0f} s at {soak.passed_on / soak.seconds:.0f} messages/s, {100.0 * soak.cpu_share:.0f} % of a "
@@ -244,7 +249,7 @@ def as_text(soak: Soak, own: dict[str, object]) -> str:
         f"messages   {soak.passed_on} passed on, {messages['received']} received, {soak.kernel_dropped} dropped by the "
         f"kernel, {messages['bad']} damaged",
     ]
-    if soak.windows:
+    if p50s:
         lines.append(
             f"latency    p50 {p50s[0]:.2f} ms in the first minute, {p50s[-1]:.2f} in the last, {min(p50s):.2f} to "
             f"{max(p50s):.2f} between; slope {soak.latency_slope_ms_h:+.3f} ms/h; p99 {np.median(p99s):.2f} "

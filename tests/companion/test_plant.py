@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from flying import bench
 
-from companion.config import HoldGains
+from companion.config import HoldGains, Tuning
 from companion.control.attitude_response import AttitudeResponse, hear_tilt, measured_loop, sent
 from companion.control.authority import Notice, Reason
 from companion.control.plant import (
@@ -23,7 +23,7 @@ from companion.control.plant import (
     margin_of,
     tune,
 )
-from companion.control.swing_detector import SwingDetector, watch
+from companion.control.swing_detector import SwingDetector, calmed, watch
 from companion.mavlink.firmware import Stack
 
 GAINS = HoldGains()
@@ -175,7 +175,7 @@ def test_a_growing_or_steady_swing_is_noticed_and_one_that_dies_out_is_not():
 def test_a_swinging_hold_gets_softer_gains_no_offsets_and_says_so():
     b = bench(height=0.3, wall=0.3)
     full = b.run(4.0).tuned.share
-    b.state = replace(b.state, swing=replace(b.state.swing, level=1, swung_s=b.t), tuned_s=-math.inf)
+    b.state = replace(b.state, swing=SwingDetector(level=1, swings=1, swung_s=b.t, stepped_s=b.t), tuned_s=-math.inf)
     decision = b.run(0.6)
     assert decision.tuned.share <= 0.61 * full
     assert Reason.SWINGING in decision.reasons
@@ -184,6 +184,29 @@ def test_a_swinging_hold_gets_softer_gains_no_offsets_and_says_so():
     b.state = replace(b.state, swing=replace(b.state.swing, level=b.config.tuning.swing_levels + 1))
     assert Reason.SWINGS_ON in b.tick().reasons
     assert Notice.SOFTENED.value.startswith("swinging")
+
+
+def test_the_gains_come_back_after_a_calm_twice_as_long_after_each_swing():
+    """An hour of flight on a busy computer: one swing, and the hold stayed soft until it was refused for good."""
+    calm_s = Tuning().swing_calm_s
+    once = fed(lambda t: 1.2 * math.sin(2.5 * t) if t < 8.0 else 0.0)
+    assert (once.level, once.swings) == (1, 1)
+    assert calmed(once, once.swung_s + 0.9 * calm_s, calm_s, 3).level == 1
+    back = calmed(once, once.swung_s + 1.1 * calm_s, calm_s, 3)
+    assert (back.level, back.swings) == (0, 1)
+    twice = replace(once, level=1, swings=2)
+    assert calmed(twice, once.swung_s + 1.1 * calm_s, calm_s, 3).level == 1
+    assert calmed(twice, once.swung_s + 2.1 * calm_s, calm_s, 3).level == 0
+    gone = replace(once, level=4, swings=4)
+    assert calmed(gone, 1e6, calm_s, 3).level == 4, "a hold that let go for it comes back in another mode only"
+
+
+def test_a_hold_that_swung_once_is_firm_again_two_minutes_later():
+    b = bench(height=0.3, wall=0.3)
+    full = b.run(4.0).tuned.share
+    b.state = replace(b.state, swing=SwingDetector(level=1, swings=1, swung_s=b.t, stepped_s=b.t), tuned_s=-math.inf)
+    assert b.run(1.5).tuned.share < 0.7 * full
+    assert b.run(b.config.tuning.swing_calm_s).tuned.share == pytest.approx(full)
 
 
 def test_a_measured_loop_is_kept_while_the_vehicle_hovers_too_quietly_to_measure_it_again():
