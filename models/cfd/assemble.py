@@ -77,6 +77,7 @@ class Mark:
     ``corrected``: a half model and what full models add, learnt at other positions; ``half``: a half model alone;
     ``law``: from the campaign's speed by the law of rotor speed. ``odd`` (Fy, Mx, Mz): ``solved`` in a full model at
     that speed, ``law``, ``filled`` by what is learnt at other positions, or zero by the ``symmetry`` of half models.
+    Components for which nothing can be learnt are those of the half model in every row.
     """
 
     even: str
@@ -179,9 +180,8 @@ class _Maker:
         self.correction = correction(self.full[c.rpm], self.half[c.rpm])
         self.mesh = spread(rows, setup).increment
         self.places = sorted(self.half[c.rpm] | self.full[c.rpm])
-        # Full models among half ones would be steps: they enter the set where their difference can be learnt.
-        learnt = self.correction.learnt
-        self.mixed = np.where(ODD, np.any(learnt[ODD]), np.any(learnt[~ODD]))
+        # Full models among half ones would be steps: components enter the set where their difference can be learnt.
+        self.mixed = self.correction.learnt
         # Free air of a variant is another fan's.
         half, full = (of[c.rpm][FREE].wrench if FREE in of[c.rpm] else np.zeros(6) for of in (self.half, self.full))
         self.base = half if self.variant else np.where(self.mixed, full, half)
@@ -225,8 +225,8 @@ class _Maker:
         one, two = label.error**2 + TINY, other[2] ** 2 + TINY
         share = np.where(self.mixed, two / (one + two), 0.0)
         added, amplitude = (share * x + (1 - share) * y for x, y in ((added, other[0]), (label.amplitude, other[1])))
-        error = np.sqrt(share**2 * one + (1 - share) ** 2 * two)
-        return added, amplitude, error, replace(label, error=error)
+        error, scatter = (np.sqrt(share**2 * one + (1 - share) ** 2 * e) for e in (two, other[3].error ** 2))
+        return added, amplitude, error, replace(label, error=scatter)
 
     def _half(self, place: Place, rpm: float, alone: bool = False) -> _Part | None:
         """The same of a half model at that speed, with what full models add; ``alone``: those at other places."""
@@ -258,14 +258,15 @@ class _Maker:
         return f"solved_{self.variant}" if self.variant else "solved"
 
     def _made_even(self, place: Place, rpm: float) -> str:
-        if self.mixed[2] and self._solved(place, rpm):
+        mixed = bool(self.mixed[~ODD].any())
+        if mixed and self._solved(place, rpm):
             return self._solved_as()
         if place in self.half[rpm]:
-            return "corrected" if self.mixed[2] else "half"
+            return "corrected" if mixed else "half"
         return "law"
 
     def _made_odd(self, place: Place, rpm: float) -> str:
-        if not self.mixed[1]:
+        if not self.mixed[ODD].any():
             return "symmetry"
         if self._solved(place, rpm):
             return self._solved_as()

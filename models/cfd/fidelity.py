@@ -3,8 +3,8 @@
 Zero-mean Gaussian process on the difference of the increments over free air (Kennedy and O'Hagan 2000, with the scale
 of the cheap model kept at one). Its prior fades to nothing as the ground goes away, where full and half models agree
 (the places computed both ways say how well). A difference counts the less, the worse its own mean is known. The error
-is that of full models left out, with length, fading and noise chosen without them; where it is larger than without a
-correction, the half model stays as it is.
+is that of full models left out, with length, fading and noise chosen without them; where it is not less than without a
+correction, by two standard errors, the half model stays as it is.
 """
 
 from __future__ import annotations
@@ -27,6 +27,8 @@ POWERS = (1, 2, 3)
 NOISES = (0.01, 0.1, 0.5, 2.0, math.inf)
 LEAST = 4
 """Fewest positions, free air aside, from which anything is learnt."""
+SIGNIFICANT = 2.0
+"""Standard errors by which the correction must miss less than the half model alone."""
 LEAST_FADE = 1e-3
 """The prior without ground over that at h = 1 R: above zero, so that a set without any ground can be learnt."""
 NEAR = 0.3
@@ -130,7 +132,9 @@ def learn(
     for k in range(len(AXES)):
         data = _data(bare, k)
         left_out = data.left_out()
-        if np.sum(left_out**2) <= np.sum(change[:, k] ** 2):
+        gain = change[:, k] ** 2 - left_out**2
+        sure = np.mean(gain) > SIGNIFICANT * np.std(gain, ddof=1) / math.sqrt(len(gain))
+        if sure or not np.any(change[:, k]):
             missed[:, k], choice[k] = left_out, data.choose()
     return Correction(places, change, known, missed, tuple(choice))
 

@@ -178,7 +178,8 @@ def _corner(c: Checked) -> Any:
             label = f"h = {h:g} R" if math.isfinite(h) else "no ground"
             panel.plot(row, [c.labels[h, d].wrench[axis] for d in row], "-", lw=1, color=colour, label=label)
             for d in row:
-                point, solved = c.labels[h, d], c.made[h, d].startswith("solved")
+                point = c.labels[h, d]
+                solved = c.made[h, d].startswith("solved") and c.correction.learnt[axis]
                 panel.errorbar(
                     [d], [point.wrench[axis]], [point.error[axis]],
                     fmt="s" if solved else ".", ms=5, lw=0.5, mfc=colour if solved else "none", color=colour,

@@ -61,6 +61,11 @@ def ceiling(data: DataSet, error: Array, rows: Array) -> Array:
     return np.where(known, 1.0 - np.mean((error[rows] / lift) ** 2, axis=0) / np.where(known, variance, 1.0), np.nan)
 
 
+def _mean_sd(values: Array) -> tuple[Array, Array]:
+    """Mean and standard deviation (6,) over the splits (n, 6); nan for a component that is not live in all of them."""
+    return values.mean(axis=0), values.std(axis=0)
+
+
 def main() -> None:
     """Train on every split and print one table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -86,13 +91,13 @@ def main() -> None:
             found[name].append(r2)
         found["ceiling, scatter"].append(ceiling(plain, scatter, test))
         found["ceiling, sigma"].append(ceiling(plain, weighted.sigma, test))
-    known = {name: (np.nanmean(values, axis=0), np.nanstd(values, axis=0)) for name, values in found.items()}
+    known = {name: _mean_sd(np.array(values)) for name, values in found.items()}
     print(f"{args.splits} splits by place, {len(plain)} rows of {args.data.name}; R2 of increments on held-out places")
     print(f"{'':20}" + "".join(f"{axis:>16}" for axis in AXES))
     for name, (mean, sd) in known.items():
         print(f"{name:20}" + "".join(f"{m:9.3f} +-{s:5.3f}" for m, s in zip(mean, sd, strict=True)))
-    best, most = known["weighted by sigma"][0], known["ceiling, sigma"][0]
-    print(f"{'share of the ceiling':20}" + "".join(f"{b / m:16.3f}" for b, m in zip(best, most, strict=True)))
+    best, most = known["weighted by sigma"][0], known["ceiling, scatter"][0]
+    print(f"{'of scatter ceiling':20}" + "".join(f"{b / m:16.3f}" for b, m in zip(best, most, strict=True)))
     if args.json:
         content = {
             name: {key: dict(zip(AXES, map(train.defined, v), strict=True)) for key, v in (("mean", m), ("sd", s))}

@@ -275,6 +275,29 @@ def test_a_difference_that_cannot_be_learnt_leaves_half_models_alone_and_stands_
     assert made.table[with_ground, 5] == pytest.approx(wrench(Position(1.75, 1.0, 4000.0))[2])
 
 
+def test_a_component_that_cannot_be_learnt_stays_that_of_half_models_beside_one_that_can(rows):
+    """Full models lose lift smoothly near the ground and gain a pull at random: lift is corrected, pull is not."""
+    rng = np.random.default_rng(2)
+
+    def added(p: Position) -> np.ndarray:
+        out = np.zeros(6)
+        if p.swirl and math.isfinite(p.h):
+            out[0], out[2] = rng.normal(0, 0.6), -6 * near(p.place)[0] ** 2
+        return out
+
+    changed = [row(r.position, wrench=tuple(np.array(r.result.wrench) + added(r.position))) for r in rows]
+    made = assemble(changed, SETUP)
+    assert made.correction.learnt[2]
+    assert not made.correction.learnt[0]
+    solved = at(made, 1.5, 0.3, 4000.0)
+    assert made.marks[solved].even == "solved"
+    truth = wrench(Position(1.5, 0.3, 4000.0))
+    assert made.table[solved, 3] == pytest.approx(truth[0], abs=1e-6)
+    assert made.table[solved, 5] == pytest.approx(truth[2] - 6 * near((1.5, 0.3))[0] ** 2, abs=0.05)
+    assert made.marks[solved].sigma[0] > 0.3
+    assert made.marks[solved].scatter[0] < 0.1
+
+
 def test_the_fan_itself_counts_where_as_many_of_a_variant_were_computed(rows):
     full = [r for r in rows if r.position.swirl and r.position.rpm == 4000.0]
     variant = [replace(r, position=replace(r.position, variant="equal_pitch")) for r in full]
