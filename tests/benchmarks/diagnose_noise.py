@@ -158,13 +158,15 @@ def with_effect(record: Record, seed: int) -> tuple[Record, str]:
         grid = effect.shape_grid(record.context)
         if effect.lacking(record.context) is not None or not grid:
             continue
-        x = np.nan_to_num(effect.regressors(record.context, grid[int(rng.integers(len(grid)))]))
+        shape = grid[int(rng.integers(len(grid)))]
+        x = np.nan_to_num(effect.regressors(record.context, shape))
         coefficients = _coefficients(effect, x, share, record, rng)
         if coefficients is None:
             continue
         # An error of the accelerometer is one that velocity and attitude contradict.
-        told = coefficients if effect.name == "imu_bias" else np.zeros(3)
-        bias = record.kinematic_bias + told
+        bias = record.kinematic_bias
+        if effect.kinematic_bias is not None:
+            bias = bias + effect.kinematic_bias(record.context, shape) @ coefficients
         return replace(record, residual=record.residual + x @ coefficients, kinematic_bias=bias), effect.name
 
 
