@@ -56,7 +56,7 @@ def main() -> int:
         for line in install[:2]:
             subprocess.run(line, shell=True, cwd=copy, check=True)
         print(f"installed in {time.perf_counter() - start:.0f} s", flush=True)
-        script = WRITE.format(tests=str(copy / "tests" / "replay"), root=str(copy))
+        script = WRITE.format(tests=str(copy / "tests" / "benchmarks"), root=str(copy))
         subprocess.run([sys.executable, "-c", script], cwd=here, check=True)
         environment = {**os.environ, "PATH": f"{copy / '.venv' / 'bin'}:{os.environ['PATH']}"}
         environment.pop("PYTHONPATH", None)
