@@ -29,11 +29,10 @@ from companion.mavlink.frames import V2
 from companion.mavlink.wire_format import wire_format
 
 SECONDS = 60.0
-"""Of the flight that is repeated."""
 COMMANDS = {
     "info": ["info", "{log}"],
     "run": ["run", "{log}", "--quiet"],
-    "export": ["export", "{log}", "--to", "csv", "--rate", "1", "--out", "{out}", "--quiet"],
+    "export": ["export", "{log}", "--to", "csv", "--rate", "10", "--out", "{out}", "--quiet"],
     "diagnose": ["diagnose", "{log}", "--model", "none", "--quiet"],
 }
 
@@ -66,8 +65,8 @@ def stamps(block: bytes) -> list[Stamp]:
     return out
 
 
-def write_log(path: Path, size: int, *, joined: bool = False) -> float:
-    """A log of about ``size`` bytes, one long flight or short ones ``joined``; returns the time in it [s]."""
+def write_log(path: Path, size: int) -> float:
+    """One long flight of about ``size`` bytes; returns its length [s]."""
     write_tlog(path, flight(SECONDS))
     block = bytearray(path.read_bytes())
     starts, i = [], 0
@@ -80,8 +79,6 @@ def write_log(path: Path, size: int, *, joined: bool = False) -> float:
     with path.open("wb") as file:
         for _ in range(rounds):
             file.write(block)
-            if joined:
-                continue
             for s in starts:
                 block[s : s + 8] = (int.from_bytes(block[s : s + 8], "big") + round(SECONDS * 1e6)).to_bytes(8, "big")
             for t in times:
@@ -120,13 +117,12 @@ def main() -> int:
     p.add_argument("--megabytes", type=float, default=2000.0)
     p.add_argument("--commands", nargs="+", choices=sorted(COMMANDS), default=["export", "run"])
     p.add_argument("--limit", type=float, default=600.0, metavar="S")
-    p.add_argument("--joined", action="store_true", help="short flights joined: quick to write, as many boots")
     p.add_argument("--json", type=Path)
     a = p.parse_args()
     out = []
     with tempfile.TemporaryDirectory() as folder:
         log = Path(folder) / "large.tlog"
-        length_s = write_log(log, round(a.megabytes * 1e6), joined=a.joined)
+        length_s = write_log(log, round(a.megabytes * 1e6))
         size = log.stat().st_size
         print(f"{size / 1e6:.0f} MB, {length_s / 3600.0:.1f} h of flight", flush=True)
         for name in a.commands:
