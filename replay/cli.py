@@ -81,6 +81,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except UserError as error:
         print(f"replay: {error}", file=sys.stderr)
         return error.exit_code
+    except ModuleNotFoundError as error:
+        if (error.name or "").split(".")[0] in ("companion", "models", "replay"):
+            raise
+        print(f"replay: this needs the package {error.name}: pip install 'corner-compensator[replay]'", file=sys.stderr)
+        return ConfigError.exit_code
     except MemoryError:
         print("replay: the log needs more memory than there is: cut it, or use a machine with more", file=sys.stderr)
         return LogError.exit_code

@@ -18,6 +18,8 @@ _LEFT, _RIGHT, _TOP, _BOTTOM = 56, 10, 22, 36
 _TICKS = 4
 _CHARACTER = 6.6
 """Mean width of a character at 13 px [px]."""
+_LABELLED = 200
+"""Width above a chart that the label of its vertical axis may take [px]."""
 _LONGEST = 6
 """Characters of a number beside the axis."""
 
@@ -120,7 +122,7 @@ class _Scale:
     def ticks(self) -> list[float]:
         raw = (self.high - self.low) / _TICKS
         size = 10.0 ** np.floor(np.log10(raw))
-        step = size * min((s for s in (1.0, 2.0, 5.0, 10.0) if s * size >= raw), default=10.0)
+        step = size * min((s for s in (1.0, 2.0, 2.5, 5.0, 10.0) if s * size >= raw), default=10.0)
         first = np.ceil(self.low / step - 1e-9)
         # Adding zero turns a minus zero into a plain one.
         return [float(v) for v in np.arange(first, np.floor(self.high / step + 1e-9) + 1) * step + 0.0]
@@ -158,9 +160,11 @@ def _mark(mark: Mark, xs: _Scale) -> str:
     wide = _CHARACTER * len(mark.label)
     left = x + 4 + wide > WIDTH
     at, anchor = (x - 4, "end") if left else (x + 4, "start")
+    # Above the curves; where the label of the axis stands there, among them.
+    y = _TOP - 5 if x - wide > _LABELLED else _TOP + 12
     return (
         f'<line class="mark" x1="{x:.1f}" x2="{x:.1f}" y1="{_TOP}" y2="{HEIGHT - _BOTTOM}"/>'
-        f'<text class="mark" x="{at:.1f}" y="{_TOP + 12}" text-anchor="{anchor}">{escape(mark.label)}</text>'
+        f'<text class="mark" x="{at:.1f}" y="{y}" text-anchor="{anchor}">{escape(mark.label)}</text>'
     )
 
 

@@ -6,6 +6,7 @@ import argparse
 import os
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,8 @@ def run_folder(a: argparse.Namespace, folder: Path, kind: Kind, **options: Any) 
     if a.scheduler is not None and "://" not in a.scheduler:
         raise ConfigError(f"--scheduler {a.scheduler}: must be an address such as tcp://10.0.0.5:8786")
     _check_declared(a)
+    if kind is Kind.DIAGNOSE:
+        import_module("replay.diagnosis.diagnose")  # a missing package is said once, before the work
     paths, notes = logs_in(folder)
     out = Path(f"{folder.resolve().name}-{kind.value}") if a.out is None else a.out
     results = Results(out)

@@ -10,10 +10,14 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 
 from companion.sim.compare import Flown, Leg, Settings, run_compare, write
+from companion.sim.scenario import build
+from companion.vehicles import default_vehicle
 from models.errors import UserError
+from models.vehicle import load_vehicle
 
 
 def main() -> int:
@@ -33,7 +37,7 @@ def main() -> int:
     try:
         flights = run_compare(range(a.first, a.first + a.seeds), settings, workers=a.workers, quiet=a.quiet)
         if a.plot is not None:
-            plot(flights, a.first, a.plot)
+            plot(flights, a.first, a.plot, places(settings))
         return write(flights, settings, a.json)
     except UserError as error:
         print(f"corner_compare: {error}", file=sys.stderr)
@@ -42,21 +46,37 @@ def main() -> int:
         return 130
 
 
-def plot(flights: Sequence[Flown], seed: int, path: Path) -> None:
-    """Height and lateral error of one seed's legs over the script, as a picture."""
+def places(settings: Settings) -> list[tuple[float, float, str]]:
+    """Start [s], end [s] and name of the phases in which the vehicle stays at ground, wall or corner."""
+    vehicle = default_vehicle() if settings.vehicle is None else load_vehicle(settings.vehicle)
+    knots = build(settings.scenario, vehicle).knots
+    named = ("ground", "wall", "corner")
+    return [(k.time_s, after.time_s, k.name) for k, after in pairwise(knots) if k.name in named]
+
+
+def plot(flights: Sequence[Flown], seed: int, path: Path, phases: Sequence[tuple[float, float, str]]) -> None:
+    """Height and lateral error of one seed's legs over the script, its phases shaded, as a picture."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9, 4.2), layout="constrained")
+    figure = Figure(figsize=(9, 4.6), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True)
     styles = {Leg.AUTOPILOT: ("0.6", 1.0), Leg.OFF: ("tab:orange", 1.2), Leg.ON: ("tab:blue", 1.6)}
     for flight in (f for f in flights if f.seed == seed and f.leg in styles):
         colour, width = styles[flight.leg]
         for axis, name in zip(axes, ("height", "lateral"), strict=True):
-            axis.plot(flight.time_s, flight.size(name), color=colour, lw=width, label=flight.leg.value)
+            size = flight.size(name)
+            axis.plot(flight.time_s, size, color=colour, lw=width)
             axis.set_ylabel(f"{name} error [mm]")
             axis.grid(alpha=0.3)
-    axes[0].legend(ncols=3, loc="upper right", frameon=False)
-    axes[1].set_xlabel(f"time [s]: to the ground, up, to the wall, down into the corner, back (simulated, seed {seed})")
+            # The name on the line, at its largest value; the three lie apart where they differ most.
+            at = int(size.argmax())
+            place = (float(flight.time_s[at]), float(size[at]))
+            axis.annotate(flight.leg.value, place, (4, 2), textcoords="offset points", color=colour, fontsize=9)
+    for start, end, phase in phases:
+        for axis in axes:
+            axis.axvspan(start, end, color="0.5", alpha=0.12, lw=0)
+        axes[0].text(0.5 * (start + end), 1.02, phase, ha="center", transform=axes[0].get_xaxis_transform(), fontsize=9)
+    axes[1].set_xlabel(f"time since the start of the approach [s] (simulated, seed {seed})")
     figure.savefig(path, metadata={"Date": None})
 
 

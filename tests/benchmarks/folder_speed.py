@@ -13,10 +13,11 @@ from __future__ import annotations
 import argparse
 import json
 import multiprocessing as mp
-import sys
 import tempfile
 import time
 from pathlib import Path
+
+from log_writers import quad_flight, write_tlog
 
 from replay.fleet.jobs import Job
 from replay.fleet.scheduler import run_local
@@ -48,9 +49,6 @@ def folder_s(jobs: list[Job], workers: int) -> tuple[float, int]:
 
 def write_logs(folder: Path, count: int) -> None:
     """Simulated hovers of the shipped quadrotor, some of them heavier than declared."""
-    sys.path.insert(0, str(ROOT / "tests" / "replay"))
-    from log_writers import quad_flight, write_tlog
-
     for k in range(count):
         write_tlog(folder / f"log{k:03d}.tlog", quad_flight(40.0, mass_kg=3.0 + 0.1 * (k % 4), seed=k))
 

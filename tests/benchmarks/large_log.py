@@ -22,17 +22,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fastcrc.crc16 import mcrf4xx as crc
+from log_writers import flight, write_tlog
 
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import V2
 from companion.mavlink.wire_format import wire_format
 
-ROOT = Path(__file__).resolve().parents[2]
 SECONDS = 60.0
 COMMANDS = {
     "info": ["info", "{log}"],
     "run": ["run", "{log}", "--quiet"],
-    "export": ["export", "{log}", "--to", "csv", "--rate", "10", "--out", "{out}", "--quiet"],
+    "export": ["export", "{log}", "--to", "csv", "--rate", "1", "--out", "{out}", "--quiet"],
     "diagnose": ["diagnose", "{log}", "--model", "none", "--quiet"],
 }
 
@@ -67,11 +67,7 @@ def stamps(block: bytes) -> list[Stamp]:
 
 def write_log(path: Path, size: int) -> float:
     """One long flight of about ``size`` bytes; returns its length [s]."""
-    sys.path.insert(0, str(ROOT / "tests" / "replay"))
-    from log_writers import flight
-    from log_writers import write_tlog as write
-
-    write(path, flight(SECONDS))
+    write_tlog(path, flight(SECONDS))
     block = bytearray(path.read_bytes())
     starts, i = [], 0
     while i < len(block):

@@ -176,3 +176,18 @@ def test_the_start_of_every_recorded_flight_runs(shared_data, tmp_path, capsys):
         report = json.loads(capsys.readouterr().out)
         assert report["decisions"] > 5, path
         assert any("cut off" in note for note in report["notes"])
+
+
+@pytest.mark.parametrize("folder", [False, True])
+def test_a_package_that_is_not_installed_is_one_line_that_says_what_to_install(folder, log, capsys, monkeypatch):
+    def missing(*_: object, **__: object) -> None:
+        raise ModuleNotFoundError("No module named 'scipy'", name="scipy.linalg")
+
+    if folder:
+        monkeypatch.setattr("replay.fleet.folder.import_module", missing)
+    else:
+        monkeypatch.setattr("replay.diagnosis.diagnose.diagnose", missing)
+    out = ["--out", str(log.parent / "out")] if folder else []
+    assert main(["diagnose", str(log.parent if folder else log), *out]) == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line == "replay: this needs the package scipy.linalg: pip install 'corner-compensator[replay]'"
