@@ -102,7 +102,7 @@ class Flight:
         self._state = initial_state(config)
         self._status = StatusReporter()
         self._reported_slow: set[str] = set()
-        self._reported_stray = False
+        self._reported_stray = self._reported_full = False
         self._streams: StreamKeeper | None = None
         self._stack = Stack.OTHER
         self._heard_s = self._attitude_s = self._sent_place_s = -math.inf
@@ -285,6 +285,9 @@ class Flight:
             return
         self._renew_last_word(now_s)
         self._stay_while_deaf(now_s)
+        if self._link.dropped and not self._reported_full:
+            self._reported_full = True
+            self._say(f"companion: {self._link.endpoint} is full: messages are dropped; a higher --baud, fewer streams")
         if now_s - self._heard_s > _LOST_S:
             self._streams.forget()
             return
@@ -427,6 +430,7 @@ class Flight:
                 "sent": self._link.sent,
                 "bad": self._link.bad,
                 "unused": self.unused,
+                "dropped": self._link.dropped,
             },
             "reboots": self.reboots,
             "ignored_systems": sorted(self._intake.others),
