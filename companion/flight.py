@@ -256,7 +256,9 @@ class Flight:
         stack = stack_of(heartbeat)
         if self._streams is None or stack is not self._stack:
             self._stack = stack
-            self._streams = StreamKeeper(wanted_streams(self._config.vehicle, stack))
+            self._streams = StreamKeeper(
+                wanted_streams(self._config.vehicle, stack, recorded=self._recorder is not None)
+            )
             self._say(f"companion: connected to system {self._system} ({stack.name.lower()})")
 
     def _stray_target(self, target: SetPositionTarget) -> None:
