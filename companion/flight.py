@@ -102,7 +102,7 @@ class Flight:
         self._state = initial_state(config)
         self._status = StatusReporter()
         self._reported_slow: set[str] = set()
-        self._reported_stray = False
+        self._reported_stray = self._reported_full = False
         self._streams: StreamKeeper | None = None
         self._stack = Stack.OTHER
         self._heard_s = self._attitude_s = self._sent_place_s = -math.inf
@@ -256,7 +256,9 @@ class Flight:
         stack = stack_of(heartbeat)
         if self._streams is None or stack is not self._stack:
             self._stack = stack
-            self._streams = StreamKeeper(wanted_streams(self._config.vehicle, stack))
+            self._streams = StreamKeeper(
+                wanted_streams(self._config.vehicle, stack, recorded=self._recorder is not None)
+            )
             self._say(f"companion: connected to system {self._system} ({stack.name.lower()})")
 
     def _stray_target(self, target: SetPositionTarget) -> None:
@@ -285,6 +287,9 @@ class Flight:
             return
         self._renew_last_word(now_s)
         self._stay_while_deaf(now_s)
+        if self._link.dropped and not self._reported_full:
+            self._reported_full = True
+            self._say(f"companion: {self._link.endpoint} is full: messages are dropped; a higher --baud, fewer streams")
         if now_s - self._heard_s > _LOST_S:
             self._streams.forget()
             return
@@ -428,6 +433,7 @@ class Flight:
                 "bad": self._link.bad,
                 "unused": self.unused,
                 "ignored": self._intake.ignored,
+                "dropped": self._link.dropped,
             },
             "reboots": self.reboots,
             "ignored_systems": sorted(self._intake.others),

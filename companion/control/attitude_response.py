@@ -117,6 +117,7 @@ def settled(response: AttitudeResponse, at_least: int = _SETTLE_AT) -> AttitudeR
     if len(heard) < max(at_least, 1):
         return response
     delayed, shares = _delayed(heard), 1.0 - np.exp(-np.array([one.dt_s for one in heard])[:, None] / _TAUS)
+    tilts = np.array([(one.roll, one.pitch) for one in heard])[:, :, None, None]
     first, second, sums = bank.stages[0], bank.stages[1], bank.sums
     tilt_power, command_power, seconds = bank.tilt_power, bank.command_power, bank.seconds
     for k, (_, dt, roll, pitch, commands) in enumerate(heard):
@@ -125,7 +126,7 @@ def settled(response: AttitudeResponse, at_least: int = _SETTLE_AT) -> AttitudeR
         second = second + share * (first - second)
         forget = math.exp(-dt / _MEMORY_S)
         fresh = np.empty_like(sums)
-        np.multiply(second, np.array([[[roll]], [[pitch]]]), out=fresh[0])
+        np.multiply(second, tilts[k], out=fresh[0])
         np.multiply(second, second, out=fresh[1])
         sums = forget * sums + dt * fresh
         newest = commands[-1]
@@ -143,8 +144,10 @@ def _delayed(heard: tuple[Heard, ...]) -> Array:
     """
     known = list(heard[0].commands)
     for one in heard[1:]:
-        last_s = known[-1][0]
-        known += [c for c in one.commands if c[0] > last_s]
+        last_s, fresh = known[-1][0], len(one.commands)
+        while fresh and one.commands[fresh - 1][0] > last_s:
+            fresh -= 1
+        known += one.commands[fresh:]
     times, roll, pitch = np.array(known).T
     at = np.array([one.t_s for one in heard])[:, None] - _DELAYS
     at = np.clip(at, [[one.commands[0][0]] for one in heard], [[one.commands[-1][0]] for one in heard])

@@ -197,6 +197,18 @@ def _resync(data: bytes, i: int, ahead: int, *, searched: bool) -> int:
     return -1
 
 
+def only_frame(data: bytes) -> Frame | None:
+    """The one good MAVLink 2 frame that ``data`` is, as a datagram mostly is; None where it is anything else."""
+    n = len(data)
+    if n < _V2_AROUND or data[0] != V2 or n != data[1] + (_V2_AROUND + SIGNATURE_BYTES if data[2] & 1 else _V2_AROUND):
+        return None
+    number, end = data[7:10], 10 + data[1]
+    extra = _EXTRA_V2.get(number)
+    if extra is None or crc16(data[1:end] + extra) != data[end] | data[end + 1] << 8:
+        return None
+    return Frame(int.from_bytes(number, "little"), data[5], data[6], data[10:end], data)
+
+
 class FrameReader:
     """Frames out of a link's bytes, whatever the pieces they arrive in.
 
@@ -211,11 +223,17 @@ class FrameReader:
 
     def feed(self, data: bytes) -> Iterator[Frame]:
         """The whole frames that ``data`` completes, in order."""
+        wanted = self._wanted
         if self._rest:
             data = self._rest + data
+        elif (frame := only_frame(data)) is not None:
+            if wanted is None or frame.id in wanted:
+                yield frame
+            else:
+                self.skipped += 1
+            return
         starts, rest = walk(data, self.counts, whole=False)
         self._rest = data[rest:]
-        wanted = self._wanted
         for i in starts:
             if wanted is None or _id_at(data, i) in wanted:
                 yield cut(data, i)

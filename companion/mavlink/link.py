@@ -54,6 +54,10 @@ class Link:
         self._number = number
         self._frames = FrameReader()
         self._prints = endpoint.startswith("tcp")  # pymavlink prints its reconnects
+        self._serial = endpoint.startswith("/dev/")
+        self._unsent = b""
+        self.dropped = 0
+        """Frames that a full serial port did not take."""
         signing = connection.mav.signing
         self.signatures = Signatures(signing) if signing.secret_key is not None else None
 
@@ -127,12 +131,37 @@ class Link:
         return pack(message_id, payload, mav.srcSystem, mav.srcComponent, mav.seq, signed=False)
 
     def forward(self, raw: bytes) -> None:
-        """Send bytes as they are."""
+        """Send a frame as it is."""
         try:
-            self._connection.write(raw)
+            if self._serial and not self._write_now(raw):
+                self.dropped += 1
+                return
+            if not self._serial:
+                self._connection.write(raw)
         except OSError as error:
             raise LinkError(f"{self.endpoint}: cannot send ({error.strerror or error})") from None
         self.sent += 1
+
+    def _write_now(self, raw: bytes) -> bool:
+        """Give a frame to a serial port without waiting; False where it takes none, or not yet the end of the last one.
+
+        pyserial's own write waits until the port is ready again, which a port that is stuck never is.
+        """
+        self._unsent = self._unsent[self._taken(self._unsent) :]
+        if self._unsent:
+            return False
+        taken = self._taken(raw)
+        if not taken:
+            return False
+        self._unsent = raw[taken:]
+        return True
+
+    def _taken(self, data: bytes) -> int:
+        """How many bytes the port takes at once."""
+        try:
+            return os.write(self.fileno, data) if data else 0
+        except BlockingIOError:
+            return 0
 
     def close(self) -> None:
         """Close the endpoint."""

@@ -32,13 +32,14 @@ class Wanted:
     needed: bool
 
 
-def wanted_streams(vehicle: Vehicle, stack: Stack) -> tuple[Wanted, ...]:
-    """What to ask for; ESC groups by the ESC numbers of the vehicle file, PX4's ESC dialect on PX4."""
+def wanted_streams(vehicle: Vehicle, stack: Stack, *, recorded: bool) -> tuple[Wanted, ...]:
+    """What to ask for; ESC groups by the ESC numbers of the vehicle file, PX4's ESC dialect on PX4.
+
+    ``recorded``: the diagnosis will want accelerations and outputs, which control does not need (docs/autopilots.md).
+    """
     out = [
         Wanted(ID_OF["ATTITUDE_QUATERNION"], 50.0, True),
         Wanted(ID_OF["LOCAL_POSITION_NED"], 50.0, True),
-        Wanted(ID_OF["HIGHRES_IMU"], 50.0, False),
-        Wanted(ID_OF["SERVO_OUTPUT_RAW"], 50.0, not vehicle.telemetered),
         Wanted(ID_OF["ATTITUDE_TARGET"], 20.0, False),
         # A change of mode is known after a fifth of a second rather than after one.
         Wanted(ID_OF["HEARTBEAT"], 5.0, False),
@@ -46,6 +47,10 @@ def wanted_streams(vehicle: Vehicle, stack: Stack) -> tuple[Wanted, ...]:
         Wanted(ID_OF["BATTERY_STATUS"], 2.0, False),
         Wanted(ID_OF["SCALED_PRESSURE"], 1.0, False),
     ]
+    if recorded:
+        out.append(Wanted(ID_OF["HIGHRES_IMU"], 50.0, False))
+    if recorded or vehicle.vanes or not vehicle.telemetered:
+        out.append(Wanted(ID_OF["SERVO_OUTPUT_RAW"], 50.0, not vehicle.telemetered))
     if vehicle.rangefinders:
         out.append(Wanted(ID_OF["DISTANCE_SENSOR"], 25.0, True))
     if stack is Stack.PX4:

@@ -21,6 +21,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from pathlib import Path
@@ -55,9 +56,15 @@ def main() -> None:
     a = parser.parse_args()
     answer = {f"{rate:g}": compare(a.seconds, rate) for rate in a.rate}
     if a.held_to is not None:
-        p50, p99, _, share, _ = measure("companion", a.seconds, a.rate[0], a.held_to)
-        print(f"held to {a.held_to:g} of a core: p50 {p50:.1f} ms, p99 {p99:.1f} ms, answered {share:.3f}")
-        answer["held"] = {"share_of_core": a.held_to, "p50_ms": p50, "p99_ms": p99, "answered": share}
+        with tempfile.TemporaryDirectory() as folder:
+            p50, p99, _, share, _ = measure("companion", a.seconds, a.rate[0], a.held_to, Path(folder))
+            print(f"held to {a.held_to:g} of a core: p50 {p50:.1f} ms, p99 {p99:.1f} ms, answered {share:.3f}")
+            answer["held"] = {"share_of_core": a.held_to, "p50_ms": p50, "p99_ms": p99, "answered": share}
+            print((Path(folder) / "said").read_text())
+            with contextlib.suppress(OSError):  # the report of a process that was too slow to end in time
+                report = json.loads((Path(folder) / "report.json").read_text())
+                wanted = ("decisions", "commands", "compensated_s", "gravest_s", "refusals_s", "latency_ms")
+                print(json.dumps({key: report[key] for key in wanted}, indent=1))
     if a.json is not None:
         a.json.write_text(json.dumps(answer, indent=2) + "\n")
 
@@ -87,8 +94,13 @@ def hold_back(pid: int, share: float, over: threading.Event) -> None:
             time.sleep(0.02 * share)
 
 
-def measure(name: str, seconds: float, rate: float, held_to: float = 1.0) -> tuple[float, float, float, float, float]:
-    """(p50 ms, p99 ms, CPU %, share answered, peak RSS MiB) of one answering process."""
+def measure(
+    name: str, seconds: float, rate: float, held_to: float = 1.0, folder: Path | None = None
+) -> tuple[float, float, float, float, float]:
+    """(p50 ms, p99 ms, CPU %, share answered, peak RSS MiB) of one answering process.
+
+    ``folder`` takes what the companion says and its report.
+    """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
@@ -102,13 +114,16 @@ def measure(name: str, seconds: float, rate: float, held_to: float = 1.0) -> tup
             "companion",
             "--connect",
             endpoint,
-            "--quiet",
             "--duration",
             str(seconds + 8.0),
+            *(["--quiet"] if folder is None else ["--json", str(folder / "report.json")]),
         ]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     start = time.monotonic()
-    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, env={**os.environ, "OMP_NUM_THREADS": "1"})
+    with open(os.devnull if folder is None else folder / "said", "w", encoding="utf-8") as said:
+        environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+        stderr = None if folder is None else said
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=stderr, env=environment)
     over = threading.Event()
     if held_to < 1.0:
         threading.Thread(target=hold_back, args=(process.pid, held_to, over), daemon=True).start()

@@ -18,7 +18,7 @@ from companion.vehicles import default_vehicle
 class Wire:
     """A link without a socket: keeps nothing of what is sent."""
 
-    endpoint, received, sent, bad = "test", 0, 0, 0
+    endpoint, received, sent, bad, dropped = "test", 0, 0, 0, 0
 
     def __init__(self):
         self.mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=191)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 
 import pytest
@@ -128,7 +129,7 @@ def test_a_heartbeat_before_the_first_stamp_counts():
 
 
 def test_a_needed_message_that_stays_slow_is_named():
-    keeper = StreamKeeper(wanted_streams(default_vehicle(), Stack.ARDUPILOT))
+    keeper = StreamKeeper(wanted_streams(default_vehicle(), Stack.ARDUPILOT, recorded=True))
     now = 0.0
     while now < 9.0:
         for wanted in keeper.wanted:
@@ -155,3 +156,13 @@ def test_a_target_for_the_autopilot_is_answered_with_the_right_address():
             time.sleep(0.05)
     assert "191 moves the hold" in joined
     assert "position targets to component 191" in joined
+
+
+def test_accelerations_are_asked_for_only_where_they_are_recorded():
+    vehicle = default_vehicle()
+    flown = {w.message_id for w in wanted_streams(vehicle, Stack.ARDUPILOT, recorded=False)}
+    kept = {w.message_id for w in wanted_streams(vehicle, Stack.ARDUPILOT, recorded=True)}
+    assert kept - flown == {mavlink.MAVLINK_MSG_ID_HIGHRES_IMU}, "vanes of this vehicle need its outputs"
+    bare = dataclasses.replace(vehicle, vanes=())
+    needed = {w.message_id for w in wanted_streams(bare, Stack.ARDUPILOT, recorded=False)}
+    assert flown - needed == {mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW}
