@@ -69,11 +69,10 @@ class Learned:
 
     @property
     def gained(self) -> tuple[float, float]:
-        """Share of the RMS that the sizes take away: of forces, of moments."""
-        return tuple(
-            1.0 - float(np.sqrt(np.nansum(self.with_sizes[a] ** 2) / max(np.nansum(self.as_modelled[a] ** 2), 1e-12)))
-            for a in (slice(0, 3), slice(3, 5))
-        )  # type: ignore[return-value]
+        """Share of the RMS that the sizes take away: of forces, of moments; NaN where they are not judged."""
+        left = self.with_sizes**2, self.as_modelled**2
+        forces, moments = (1.0 - float(np.sqrt(left[0][a].sum() / left[1][a].sum())) for a in (slice(3), slice(3, 5)))
+        return forces, moments
 
 
 def learn(vehicle_file: Path, log: Path, model: str = NONE) -> Learned:
@@ -124,7 +123,7 @@ def predicted(blocks: list[tuple[float, Seen, Any]]) -> tuple[Any, Any]:
             better.append((seen.residual - seen.regressors @ offset) ** 2)
     if not plain:
         return np.full(5, np.nan), np.full(5, np.nan)
-    return np.sqrt(np.nanmean(plain, axis=0)), np.sqrt(np.nanmean(better, axis=0))
+    return np.sqrt(np.mean(plain, axis=0)), np.sqrt(np.mean(better, axis=0))
 
 
 def diagnosed(vehicle_file: Path, log: Path) -> dict[str, Any]:
