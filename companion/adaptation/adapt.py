@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -92,6 +93,7 @@ def initial(config: PipelineConfig) -> Adaptation | None:
     return replace(state, shares=_wanted(state, config))
 
 
+@lru_cache(maxsize=4)
 def floors(vehicle: Vehicle, tuning: AdaptTuning) -> Array:
     """Least variance of a block (5,)."""
     weight = vehicle.mass_kg * GRAVITY

@@ -10,6 +10,8 @@ from companion.config import PipelineConfig
 from companion.control.disturbance import Disturbance
 from companion.control.state import PipelineState
 from companion.mavlink.samples import Imu
+from models.frames import GRAVITY
+from models.surrogate.empty import is_empty
 
 _TAKING_OFF, _LANDING = 3, 4
 """MAV_LANDED_STATE."""
@@ -25,6 +27,7 @@ class Pause(Enum):
     SURFACE_UNKNOWN = "a range is not believed"
     SURFACE_STEP = "ground or wall jumped"
     CONTACT = "so near that it may touch"
+    UNMODELLED = "near ground or wall, of which the model says nothing"
     OUTSIDE = "outside the data of the model"
     TILTED = "tilted beyond 30 degrees"
     CLIPPED = "bump, or accelerometer clipped"
@@ -63,6 +66,11 @@ def _surroundings(disturbance: Disturbance, config: PipelineConfig, tuning: Adap
         return Pause.CONTACT
     if min(disturbance.d_m.tolist()) < tuning.near_wall_m:
         return Pause.CONTACT
+    if (
+        is_empty(config.model)
+        and min(*disturbance.h_m.tolist(), *disturbance.d_m.tolist()) < tuning.reach_radii * radius
+    ):
+        return Pause.UNMODELLED
     return Pause.OUTSIDE if disturbance.trust <= 0.0 else None
 
 
@@ -70,8 +78,7 @@ def _pushed(disturbance: Disturbance, imu: Imu, config: PipelineConfig, tuning: 
     if max(map(abs, imu.specific_force_frd)) > tuning.clipped_m_s2:
         return Pause.CLIPPED
     assert disturbance.parts is not None
-    weight, mass = config.vehicle.mass_kg * 9.80665, config.vehicle.mass_kg
-    modelled = float(disturbance.parts.now[:, 2].sum())
-    if abs(mass * imu.specific_force_frd[2] - modelled) > tuning.external_share * weight:
+    mass = config.vehicle.mass_kg
+    if abs(mass * imu.specific_force_frd[2] - disturbance.parts.vertical_n) > tuning.external_share * mass * GRAVITY:
         return Pause.EXTERNAL
     return None

@@ -53,6 +53,8 @@ class AdaptTuning:
     """Lip to wall: nearer, it may touch."""
     near_ground_radii: float = 0.1
     """The same for the ground, in rotor radii, as in diagnosis."""
+    reach_radii: float = 4.0
+    """So far ground and wall reach (Ai et al. 2020): nearer, a model without them explains nothing."""
     clipped_m_s2: float = 60.0
     """Of an accelerometer: a bump, or the end of its scale."""
     tilt_cos: float = 0.87

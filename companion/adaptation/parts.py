@@ -9,6 +9,7 @@ import numpy as np
 
 from models.frames import Array, at_cg
 from models.vehicle import Vehicle
+from models.vehicle_wrench import RPM_TO_RAD_S
 
 _LIFT = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 _PULL = (1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
@@ -31,20 +32,31 @@ class Parts:
     """(fans,): lift of every fan with what ground and wall add, for the vanes in its stream."""
     tip_m_s: float
     """Mean speed of the blade tips."""
+    vertical_n: float
+    """Sum of ``now``'s vertical forces, body FRD."""
 
 
 @lru_cache(maxsize=8)
-def _positions(vehicle: Vehicle) -> Array:
-    return vehicle.fan_positions_m[None, :, :]
+def _maps(vehicle: Vehicle) -> Array:
+    """(6 fans, 18): from wrenches at the fans, one after another, to lift, pull and tilt about the CG."""
+    fans = len(vehicle.fans)
+    unit = np.eye(6 * fans).reshape(6 * fans, 1, fans, 6)
+    out: Array = at_cg(_MASKS * unit, vehicle.fan_positions_m).sum(axis=2).reshape(6 * fans, 18)
+    return out
 
 
 def split(vehicle: Vehicle, at_fans: Array) -> Array:
-    """(3, 6): lift, pull and tilt about the CG of what ground and wall do at every fan (fans, 6), body FRD."""
-    out: Array = at_cg(_MASKS * at_fans, _positions(vehicle)).sum(axis=1)
-    return out
+    """(..., 3, 6): lift, pull and tilt about the CG of wrenches at the fans (..., fans, 6), body FRD."""
+    flat = at_fans.reshape(*at_fans.shape[:-2], -1)
+    return (flat @ _maps(vehicle)).reshape(*at_fans.shape[:-2], 3, 6)
 
 
-def at_the_cg(vehicle: Vehicle, at_fans: Array) -> Array:
-    """(6,): wrenches of the fans (fans, 6) about the CG."""
-    out: Array = at_cg(at_fans, vehicle.fan_positions_m).sum(axis=0)
-    return out
+def parts_of(
+    vehicle: Vehicle, now: Array, ahead: Array, free: Array, effects: Array, fan_lift_n: Array, rpm: Array
+) -> Parts:
+    """Parts of what ground and wall do at every fan (fans, 6), now and at the leads, of the fans in free air (fans, 6),
+    and of adopted effects (k, 6) about the CG; body FRD."""
+    both = split(vehicle, np.stack([now, ahead, free]))
+    rows = np.concatenate([both[0], both[2].sum(axis=0, keepdims=True), effects])
+    tip = float(rpm.mean()) * RPM_TO_RAD_S * vehicle.rotor_radius_m
+    return Parts(rows, np.concatenate([both[1], effects]), fan_lift_n, tip, float(rows[:, 2].sum()))

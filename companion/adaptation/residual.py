@@ -24,6 +24,10 @@ AXES = 5
 """Fx Fy Fz Mx My: no size acts by the yaw moment."""
 
 
+_EQUAL = 1e-9
+"""N m per kg: rotors that never differ are copies of one number, and tell no moments, as in diagnosis."""
+
+
 @dataclass(frozen=True, slots=True)
 class Block:
     """Sums over the samples of the accelerometer since ``start_s``; immutable, so that ``step`` stays pure."""
@@ -110,6 +114,8 @@ def see(block: Block, vehicle: Vehicle, rotation: Array, sizes: int, wind_ne: tu
             vehicle, [v * share for v in block.vanes], (block.fan_lift * share).tolist()
         )[:AXES]  # fmt: skip
     velocity = (np.array(block.velocity) * share) @ rotation
+    if not vehicle.vanes and float(np.abs(parts[3, 3:AXES]).sum()) < _EQUAL * vehicle.mass_kg:
+        wrench[3:] = np.nan
     regressors = np.zeros((AXES, sizes))
     regressors[:, : at.THRUST] = parts[:3, :AXES].T
     regressors[:, at.FIRST_EFFECT :] = parts[4:, :AXES].T

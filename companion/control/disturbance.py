@@ -8,7 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from companion.adaptation.parts import Parts, at_the_cg, split
+from companion.adaptation.parts import Parts, parts_of
 from companion.adaptation.sizes import effects_with_size
 from companion.config import PipelineConfig, Tuning
 from companion.estimation.air_state import air_state
@@ -19,7 +19,7 @@ from models.evolve import replace
 from models.frames import Array, corner_to_body
 from models.surrogate.fan_surrogate import AdoptedEffect, Answer, FanSurrogate
 from models.vehicle import Vehicle
-from models.vehicle_wrench import RPM_TO_RAD_S, fan_rpm
+from models.vehicle_wrench import fan_rpm
 
 _STIFFNESS_STEP_M = 0.02
 """Step of the difference quotient of a wall's pull: above the noise of a surrogate, below its e-fold of 0.1 m."""
@@ -135,17 +135,10 @@ def _about_cg(vehicle: Vehicle, soon: Wrenches, later: Wrenches, free: Wrenches,
 
 def _parts(vehicle: Vehicle, rows: Array, free: Array, bearing_rad: float, effects: Array, rpm: Array) -> Parts:
     """The same wrench in parts, at this instant and at the leads; ``rows`` as queried (2 or 3, fans, 6)."""
-    now = rows[1] - free
+    now = corner_to_body(rows[1] - free, bearing_rad)
     ahead = now.copy()
-    ahead[:, 2] = rows[0, :, 2] - free[:, 2]
-    ahead_at_fans = corner_to_body(ahead, bearing_rad)
-    alone = at_the_cg(vehicle, corner_to_body(free, bearing_rad))
-    return Parts(
-        now=np.concatenate([split(vehicle, corner_to_body(now, bearing_rad)), alone[None], effects]),
-        ahead=np.concatenate([split(vehicle, ahead_at_fans), effects]),
-        fan_lift_n=rows[1][:, 2].copy(),
-        tip_m_s=float(rpm.mean()) * RPM_TO_RAD_S * vehicle.rotor_radius_m,
-    )
+    ahead[:, 2] = free[:, 2] - rows[0, :, 2]  # all but the lift is at the tilt's lead already
+    return parts_of(vehicle, now, ahead, corner_to_body(free, bearing_rad), effects, rows[1, :, 2].copy(), rpm)
 
 
 def _adopted_parts(config: PipelineConfig, state: AirState, damping_1_s: float) -> Array:

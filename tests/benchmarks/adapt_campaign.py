@@ -14,7 +14,7 @@ import json
 import sys
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -159,35 +159,45 @@ def _line(here: Sequence[Cell]) -> str:
     )
 
 
+def kept(folder: Path | None, vehicle: Vehicle, kind: str, mode: str, seed: int, a: argparse.Namespace) -> Leg3:
+    """A leg from ``folder``, flown and kept there where it is not."""
+    if folder is None:
+        return fly(vehicle, kind, mode, seed, a.scenario, a.approaches)
+    path = folder / f"{a.scenario}_{a.approaches}_{kind or 'none'}_{mode}_{seed}.npz"
+    if not path.exists():
+        leg = fly(vehicle, kind, mode, seed, a.scenario, a.approaches)
+        f = leg.flown
+        np.savez_compressed(
+            path, time_s=f.time_s, height=f.height, lateral=f.lateral, tilt=f.tilt, touched_s=f.touched_s,
+            sizes=json.dumps(leg.sizes), approach_s=leg.approach_s,
+        )  # fmt: skip
+        return leg
+    with np.load(path) as found:
+        axes = (found["height"], found["lateral"], found["tilt"])
+        result = Flown(Leg.ON, seed, found["time_s"], *axes, float(found["touched_s"]), {})
+        return Leg3(kind, mode, seed, result, json.loads(str(found["sizes"])), float(found["approach_s"]))
+
+
 def main() -> int:
-    """Fly what is not in ``--keep`` yet, and print."""
+    """Fly what is not kept yet, and print."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    p.add_argument("--seeds", type=int, default=10, help="how many, from --first on; 0 only prints what is kept")
+    p.add_argument("--seeds", type=int, default=10, help="how many, from --first on")
     p.add_argument("--first", type=int, default=101)
     p.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
     p.add_argument("--modes", nargs="+", choices=MODES, default=list(MODES))
     p.add_argument("--scenario", default="corner")
     p.add_argument("--approaches", type=int, default=APPROACHES)
     p.add_argument("--vehicle", type=Path)
-    p.add_argument("--keep", nargs="+", type=Path, default=[], metavar="FILE.json",
-                   help="results so far; new ones are added to the first")  # fmt: skip
+    p.add_argument("--legs", type=Path, metavar="DIR", help="keep flown legs here, and do not fly them again")
     a = p.parse_args()
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
-    found = [Cell(**c) for path in a.keep if path.exists() for c in json.loads(path.read_text())]
-    done = {(c.kind, c.mode, c.seed) for c in found}
-    fresh: list[Cell] = []
+    found: list[Cell] = []
     for seed in tqdm(range(a.first, a.first + a.seeds), unit="seed", file=sys.stderr, disable=not sys.stderr.isatty()):
-        jobs = [(kind, mode) for kind in a.kinds for mode in a.modes if (kind, mode, seed) not in done]
-        if not jobs:
-            continue
-        off, free = (fly(vehicle, "", mode, seed, a.scenario, a.approaches) for mode in ("off", "free"))
-        for kind, mode in jobs:
-            fresh += cells(fly(vehicle, kind, mode, seed, a.scenario, a.approaches), off, free, a.approaches)
-        if a.keep:
-            old = [Cell(**c) for c in json.loads(a.keep[0].read_text())] if a.keep[0].exists() else []
-            of_seed = [c for c in fresh if c.seed == seed]
-            a.keep[0].write_text(json.dumps([asdict(c) for c in (*old, *of_seed)]))
-    print(report([*found, *fresh]))
+        off, free = (kept(a.legs, vehicle, "", mode, seed, a) for mode in ("off", "free"))
+        for kind in a.kinds:
+            for mode in a.modes:
+                found += cells(kept(a.legs, vehicle, kind, mode, seed, a), off, free, a.approaches)
+    print(report(found))
     return 0
 
 

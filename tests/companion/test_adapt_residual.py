@@ -12,7 +12,7 @@ import models
 from companion.adaptation import residual
 from companion.adaptation import sizes as at
 from companion.adaptation.options import AdaptTuning
-from companion.adaptation.parts import Parts, at_the_cg, split
+from companion.adaptation.parts import Parts, parts_of
 from companion.adaptation.residual import Block, add, begin, deflections, follow, see, vanes_wrench
 from companion.mavlink.samples import Imu
 from companion.vehicles import default_vehicle
@@ -20,7 +20,7 @@ from models.air_state import blank_state
 from models.effects import Context, get
 from models.frames import corner_to_body, measured_wrench, quaternion_from_euler, rotation_from_quaternion
 from models.vehicle import Vehicle, load_vehicle
-from models.vehicle_wrench import RPM_TO_RAD_S, modelled_wrench, vane_wrench
+from models.vehicle_wrench import modelled_wrench, vane_wrench
 
 RNG = np.random.default_rng(11)
 TANDEM = default_vehicle()
@@ -31,10 +31,8 @@ SIZES = at.FIRST_EFFECT
 def parts_at(vehicle: Vehicle, model: object, h: np.ndarray, d: np.ndarray, rpm: np.ndarray, bearing: float) -> Parts:
     near = model.query(h, d, rpm).wrench  # type: ignore[attr-defined]
     free = model.query(np.full_like(h, np.inf), np.full_like(d, np.inf), rpm).wrench  # type: ignore[attr-defined]
-    now = split(vehicle, corner_to_body(near - free, bearing))
-    whole = at_the_cg(vehicle, corner_to_body(free, bearing))
-    tip = float(rpm.mean()) * RPM_TO_RAD_S * vehicle.rotor_radius_m
-    return Parts(np.concatenate([now, whole[None]]), now, near[:, 2], tip)
+    now, far = corner_to_body(near - free, bearing), corner_to_body(free, bearing)
+    return parts_of(vehicle, now, now, far, np.zeros((0, 6)), near[:, 2], rpm)
 
 
 def block_of(parts: Parts, velocity: np.ndarray, vanes: tuple[float, ...] = ()) -> Block:
@@ -121,11 +119,13 @@ def test_the_parts_add_up_to_the_whole():
     assert not tilt[:3].any()
 
 
-def test_a_quadrotor_without_vanes_is_seen_too():
-    model = models.load()
-    parts = parts_at(QUAD, model, np.full(4, 0.3), np.full(4, 0.4), np.full(4, 5000.0), 0.3)
+@pytest.mark.parametrize("apart", [0.0, 30.0])
+def test_a_quadrotors_moments_are_seen_unless_its_outputs_are_copies_of_one_number(apart):
+    model, rpm = models.load(), 5000.0 + apart * np.array([1.0, -1.0, 0.5, -0.7])
+    parts = parts_at(QUAD, model, np.full(4, 0.3), np.full(4, 0.4), rpm, 0.3)
     seen = see(block_of(parts, np.zeros(3)), QUAD, np.eye(3), SIZES)
-    assert np.isfinite(seen.residual).all()
+    assert np.isfinite(seen.residual[:3]).all()
+    assert np.isfinite(seen.residual[3:]).all() == (apart > 0.0)
 
 
 def imu(t: float, f: tuple[float, float, float], w: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Imu:
@@ -133,7 +133,7 @@ def imu(t: float, f: tuple[float, float, float], w: tuple[float, float, float] =
 
 
 def test_the_lag_delays_a_ramp_by_what_it_says():
-    parts = Parts(np.zeros((4, 6)), np.zeros((3, 6)), np.full(2, 20.0), 70.0)
+    parts = Parts(np.zeros((4, 6)), np.zeros((3, 6)), np.full(2, 20.0), 70.0, 0.0)
     lag = AdaptTuning().imu_lag_s
     block = begin(imu(0.0, (0.0, 0.0, 0.0)))
     for k in range(1, 101):

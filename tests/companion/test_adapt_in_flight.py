@@ -1,0 +1,129 @@
+"""Adaptation on the built-in vehicle: what it claims (docs/adaptation.md), one test a claim."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from adapt_flights import Watch, fly
+from adapt_models import TrueModel, WarpedModel
+from simflight import sent_and_decided
+from test_adapt_bad_input import VEHICLE, low_hover
+
+import models
+from companion.adaptation import adapt
+from companion.adaptation.apply import towards
+from companion.adaptation.options import Adapt, AdaptTuning
+from companion.adaptation.sizes import DRAG, THRUST, Sizes, channels
+from companion.adaptation.words import named_values, sentences
+from companion.config import HoldGains, PipelineConfig, Tuning
+from companion.control import disturbance as push
+from companion.pipeline import initial_state
+from companion.sim.air import NOMINAL
+from models.effects import adopted
+
+END_S = 24.0
+
+
+@cache
+def flown(kind: str, mode: Adapt, *, offsets: bool = True) -> Watch:
+    true = TrueModel(VEHICLE, NOMINAL)
+    model = true if kind == "right" else WarpedModel(true, gain=float(kind))
+    config = PipelineConfig(VEHICLE, model, adapt=mode, offsets=offsets)  # type: ignore[arg-type]
+    return fly(low_hover(), config, END_S)
+
+
+def last(watch: Watch, name: str) -> tuple[float, float]:
+    told = watch.seen[-1][1].told()[name]
+    return told.value, told.sd
+
+
+def test_a_right_model_is_found_right_and_stays_as_it_is():
+    value, sd = last(flown("right", Adapt.FULL), "ground_lift")
+    assert abs(value - 1.0) < 3.0 * sd
+    assert sd < 0.2
+    assert flown("right", Adapt.FULL).seen[-1][1].shares[0] > 0.85
+
+
+def test_a_model_that_is_too_strong_is_measured_and_reduced():
+    value, sd = last(flown("1.6", Adapt.GATE), "ground_lift")
+    assert abs(value - 1.0 / 1.6) < 3.0 * sd
+    assert flown("1.6", Adapt.GATE).seen[-1][1].shares[0] < 0.75
+
+
+def test_a_model_of_the_wrong_sign_is_not_compensated_and_the_pilot_reads_so():
+    watch = flown("-1.0", Adapt.FULL)
+    known = watch.seen[-1][1]
+    assert known.told()["ground_lift"].value < -0.4
+    assert known.shares[0] == 0.0
+    (name, share, text), *_ = sentences(known, {})
+    assert (name, share) == ("ground_lift", 0.0)
+    assert text.startswith("ground lift measured -")
+    assert text.endswith("of the model's: not compensating it")
+    assert not list(sentences(known, {"ground_lift": 0.0}))
+
+
+def test_what_is_applied_does_not_change_what_is_measured():
+    """Accelerometer and rotor speeds both feel an offset: no loop closes through the estimate."""
+    for kind in ("right", "-1.0"):
+        (on, sd), (off, _) = (last(flown(kind, Adapt.FULL, offsets=o), "ground_lift") for o in (True, False))
+        assert abs(on - off) < 2.0 * sd
+
+
+def test_only_the_three_gains_and_adopted_effects_change_an_offset():
+    """Thrust scale, wind, centre of gravity and drag are told, not used: the integrators hold them already."""
+    config = PipelineConfig(VEHICLE, models.load(), adapt=Adapt.FULL)
+    known = adapt.initial(config)
+    assert known is not None
+    assert channels(known.table) == (0, 1, 2)
+    moved = known.sizes.offset.copy()
+    moved[THRUST : DRAG + 1] += 0.2
+    other = replace(known, sizes=Sizes(moved, known.sizes.covariance), learned=(True,) * 3)
+    same = replace(known, learned=(True,) * 3)
+    assert adapt._wanted(other, config) == adapt._wanted(same, config)
+    with_ceiling = models.load().with_effects((adopted("ceiling", {"gain": 1.0, "scale": 1.0}),))
+    more = adapt.initial(replace(config, model=with_ceiling))
+    assert more is not None
+    assert [more.table[k].name for k in channels(more.table)][-1] == "ceiling"
+
+
+def test_a_share_grows_slower_than_the_holds_integrators_answer():
+    tuning, gains = AdaptTuning(), HoldGains()
+    integrators = (gains.velocity_1_s / gains.integral_1_s2, gains.climb_1_s / gains.climb_integral_1_s2)
+    assert 1.0 / tuning.give_1_s > 1.5 * max(integrators)
+    assert towards((0.0,), (1.5,), tuning.block_s, tuning)[0] <= tuning.block_s / (1.5 * max(integrators))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 1.0, 1.5])
+def test_delayed_feed_forward_to_a_wall_stays_within_its_share_of_the_damping(share):
+    tuning, damping, pull = Tuning(), 5.0, 60.0
+    gain = push._stable_gain(pull * share, VEHICLE, tuning, damping)
+    taken = gain * pull * share * tuning.residual_delay_s / VEHICLE.mass_kg
+    assert taken <= tuning.damping_share * damping * (1.0 + 1e-9)
+
+
+def test_the_recording_replays_to_the_same_setpoints(tmp_path: Path):
+    model = WarpedModel(TrueModel(VEHICLE, NOMINAL), gain=-1.0)
+    config = PipelineConfig(VEHICLE, model, adapt=Adapt.FULL)  # type: ignore[arg-type]
+    log = tmp_path / "a.tlog"
+    watch = fly(low_hover(), config, 20.0, record=log)
+    assert watch.seen[-1][1].shares[0] < 1.0
+    sent, decided = sent_and_decided(log, config)
+    assert len(sent) > 300
+    assert sent[:-60] == decided[: len(sent) - 60]
+
+
+def test_off_measures_nothing():
+    config = PipelineConfig(VEHICLE, models.load())
+    assert initial_state(config).adaptation is None
+
+
+def test_ground_stations_get_six_numbers_of_at_most_ten_characters():
+    known = flown("right", Adapt.FULL).seen[-1][1]
+    told = dict(named_values(known))
+    assert list(told) == ["ad_gnd", "ad_wall", "ad_tilt", "ad_thr", "ad_wn", "ad_we"]
+    assert told["ad_gnd"] == known.told()["ground_lift"].value
+    assert all(np.isfinite(v) for v in told.values())
