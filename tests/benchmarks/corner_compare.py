@@ -68,10 +68,17 @@ def plot(flights: Sequence[Flown], seed: int, path: Path, phases: Sequence[tuple
             axis.plot(flight.time_s, size, color=colour, lw=width)
             axis.set_ylabel(f"{name} error [mm]")
             axis.grid(alpha=0.3)
-            # The name on the line, at its largest value; the three lie apart where they differ most.
+            if name == "height":
+                continue  # the lines lie apart in the lower panel only: their names stand there
             at = int(size.argmax())
             place = (float(flight.time_s[at]), float(size[at]))
-            axis.annotate(flight.leg.value, place, (4, 2), textcoords="offset points", color=colour, fontsize=9)
+            late = flight.time_s[at] > 0.75 * flight.time_s[-1]
+            axis.annotate(
+                flight.leg.value, place, (-4 if late else 4, 2), textcoords="offset points", color=colour, fontsize=9,
+                ha="right" if late else "left",
+            )  # fmt: skip
+    for axis in axes:
+        axis.margins(y=0.12)
     for start, end, phase in phases:
         for axis in axes:
             axis.axvspan(start, end, color="0.5", alpha=0.12, lw=0)
