@@ -144,13 +144,22 @@ def exchanged_outputs(ctx: Context, motion: Motion, flying: Mask) -> list[LogFau
     r = np.array(
         [[correlations(asked[:, j], turned[:, k], flying, int(0.2 * rate)).max() for j in range(n)] for k in range(n)]
     )
+    pair = _exchanged(r)
+    if pair is None:
+        return []
+    one, two = (rotor_channel(vehicle, k) for k in pair)
+    return [LogFault(one, f"follows the output of {two}, and the other way round: two speeds are exchanged")]
+
+
+def _exchanged(r: Array) -> tuple[int, int] | None:
+    """The two rotors whose speeds follow each other's output; ``r`` (speeds, outputs) how well each follows each."""
+    n = len(r)
     best = r.argmax(axis=1)
     moved = [k for k in range(n) if best[k] != k and r[k, best[k]] > max(FOLLOWS, r[k, k] + FOLLOWS_MORE)]
     own = [k for k in range(n) if best[k] == k and r[k, k] > FOLLOWS]
     if len(moved) != 2 or len(moved) + len(own) != n or best[moved[0]] != moved[1]:
-        return []
-    one, two = (rotor_channel(vehicle, k) for k in moved)
-    return [LogFault(one, f"follows the output of {two}, and the other way round: two speeds are exchanged")]
+        return None
+    return moved[0], moved[1]
 
 
 def _differences(x: Array, rate: float) -> Array:
