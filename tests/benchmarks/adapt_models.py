@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -46,6 +46,11 @@ class TrueModel:
         """(..., 6)."""
         return self.query(h, d, rpm).wrench
 
+    def free_air_now(self, rpm: Sequence[float]) -> list[list[float]]:
+        """(fans, 6), with neither ground nor wall."""
+        far: list[list[float]] = self.query(np.inf, np.inf, np.array(rpm)).wrench.tolist()
+        return far
+
 
 class WarpedModel:
     """A model with what it says of ground and wall multiplied, and asked at other distances and with another lift."""
@@ -66,6 +71,11 @@ class WarpedModel:
     def wrench(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
         """(..., 6)."""
         return self.query(h, d, rpm).wrench
+
+    def free_air_now(self, rpm: Sequence[float]) -> list[list[float]]:
+        """(fans, 6), with neither ground nor wall."""
+        far: list[list[float]] = self.query(np.inf, np.inf, np.array(rpm)).wrench.tolist()
+        return far
 
 
 KINDS = ("right", "default", "corner_cfd", "mirrored", "other")
