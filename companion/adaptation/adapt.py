@@ -17,6 +17,7 @@ from companion.adaptation.gates import Pause, pause
 from companion.adaptation.options import Adapt, AdaptTuning
 from companion.adaptation.sizes import EAST, NORTH, Estimate, Size, Sizes, channels, prior, size_table, told
 from companion.config import PipelineConfig
+from companion.control.disturbance import Disturbance
 from companion.control.state import PipelineState
 from companion.mavlink.samples import Imu
 from models.evolve import replace
@@ -24,6 +25,8 @@ from models.frames import GRAVITY, Array
 from models.vehicle import Vehicle
 
 _SOURCE_SILENT_S = 1.0
+_NO_VANES: tuple[float, ...] = ()
+_SILENT = (math.nan,) * 16
 
 
 @dataclass(frozen=True)
@@ -55,6 +58,8 @@ class Adaptation:
     paused: Pause | None = Pause.NO_IMU
     paused_s: float = -math.inf
     """When a reason not to learn last held."""
+    clear: Disturbance | None = None
+    """The newest surroundings among which something may be learned: looked at once."""
     updated_s: float = -math.inf
     blocks: int = 0
     """How many blocks were learned from."""
@@ -105,36 +110,42 @@ def floors(vehicle: Vehicle, tuning: AdaptTuning) -> Array:
 
 def hear(state: PipelineState, imu: Imu, config: PipelineConfig) -> Adaptation | None:
     """The adaptation one sample of an accelerometer on."""
-    known = state.adaptation
+    known, now_s = state.adaptation, imu.t_s
     if known is None:
         return None
     if imu.source != known.source:
-        if imu.t_s - known.heard_s < _SOURCE_SILENT_S:
+        if now_s - known.heard_s < _SOURCE_SILENT_S:
             return known
         known = replace(known, source=imu.source, block=None)
-    known = replace(known, heard_s=imu.t_s)
-    why, tuning = pause(state, imu, config), config.adapt_tuning
+    tuning, disturbance = config.adapt_tuning, state.disturbance
+    why = pause(state, imu, config, known.clear)
     if why is not None:
-        return replace(known, paused=why, paused_s=imu.t_s, block=None, noise=Noise(known.noise.variance))
-    if imu.t_s - known.paused_s < tuning.pause_s:
-        return known
+        noise = Noise(known.noise.variance)
+        return replace(known, heard_s=now_s, paused=why, paused_s=now_s, block=None, noise=noise, clear=None)
+    if now_s - known.paused_s < tuning.pause_s:
+        return replace(known, heard_s=now_s)
     block = known.block
-    if block is None or not 0.0 < imu.t_s - block.end_s <= tuning.imu_gap_s:
-        repeated = block is not None and imu.t_s == block.end_s
-        return known if repeated else replace(known, paused=None, block=block_of.begin(imu))
+    if block is None or not 0.0 < now_s - block.end_s <= tuning.imu_gap_s:
+        if block is not None and now_s == block.end_s:
+            return known  # told twice
+        return replace(known, heard_s=now_s, paused=None, block=block_of.begin(imu), clear=disturbance)
+    block = _longer(block, state, imu, config)
+    if block.end_s - block.start_s < tuning.block_s - 1e-6:
+        return replace(known, heard_s=now_s, paused=None, block=block, clear=disturbance)
+    learned = known if block.samples < tuning.least_samples else _learn(known, block, state, config)
+    return replace(learned, heard_s=now_s, paused=None, block=block_of.follow(block), clear=disturbance)
+
+
+def _longer(block: block_of.Block, state: PipelineState, imu: Imu, config: PipelineConfig) -> block_of.Block:
+    """The block with what is known at this sample."""
     disturbance, position, servo = state.disturbance, state.estimates.position, state.estimates.servo
     assert disturbance is not None
     assert disturbance.parts is not None
     assert position is not None
-    vanes: tuple[float, ...] = ()
+    vanes = _NO_VANES
     if config.vehicle.vanes:
-        silent = (math.nan,) * 16
-        vanes = block_of.deflections(config.vehicle, silent if servo is None else servo.pwm_us)
-    block = block_of.add(block, imu, disturbance.parts, position.velocity_ned, vanes, tuning.imu_lag_s)
-    if block.end_s - block.start_s < tuning.block_s - 1e-6:
-        return replace(known, block=block, paused=None)
-    learned = known if block.samples < tuning.least_samples else _learn(known, block, state, config)
-    return replace(learned, block=block_of.follow(block), paused=None)
+        vanes = block_of.deflections(config.vehicle, _SILENT if servo is None else servo.pwm_us)
+    return block_of.add(block, imu, disturbance.parts, position.velocity_ned, vanes, config.adapt_tuning.imu_lag_s)
 
 
 def _learn(known: Adaptation, block: block_of.Block, state: PipelineState, config: PipelineConfig) -> Adaptation:

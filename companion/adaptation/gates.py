@@ -34,8 +34,8 @@ class Pause(Enum):
     EXTERNAL = "a force that is neither the rotors' nor the air's: held or touched"
 
 
-def pause(state: PipelineState, imu: Imu, config: PipelineConfig) -> Pause | None:
-    """The reason not to learn from this sample of the accelerometer."""
+def pause(state: PipelineState, imu: Imu, config: PipelineConfig, clear: Disturbance | None = None) -> Pause | None:
+    """The reason not to learn from this sample; the surroundings of ``clear`` have been looked at already."""
     tuning, estimates, now = config.adapt_tuning, state.estimates, imu.t_s
     disturbance, attitude, position = state.disturbance, estimates.attitude, estimates.position
     if disturbance is None or disturbance.parts is None:
@@ -52,7 +52,8 @@ def pause(state: PipelineState, imu: Imu, config: PipelineConfig) -> Pause | Non
         return Pause.NOT_FLYING
     if rotation is None or rotation[2, 2] < tuning.tilt_cos:
         return Pause.TILTED
-    return _surroundings(disturbance, config, tuning, now) or _pushed(disturbance, imu, config, tuning)
+    around = None if disturbance is clear else _surroundings(disturbance, config, tuning, now)
+    return around or _pushed(disturbance.parts.vertical_n, imu, config, tuning)
 
 
 def _surroundings(disturbance: Disturbance, config: PipelineConfig, tuning: AdaptTuning, now_s: float) -> Pause | None:
@@ -74,11 +75,11 @@ def _surroundings(disturbance: Disturbance, config: PipelineConfig, tuning: Adap
     return Pause.OUTSIDE if disturbance.trust <= 0.0 else None
 
 
-def _pushed(disturbance: Disturbance, imu: Imu, config: PipelineConfig, tuning: AdaptTuning) -> Pause | None:
-    if max(map(abs, imu.specific_force_frd)) > tuning.clipped_m_s2:
+def _pushed(vertical_n: float, imu: Imu, config: PipelineConfig, tuning: AdaptTuning) -> Pause | None:
+    fx, fy, fz = imu.specific_force_frd
+    if fx * fx + fy * fy + fz * fz > tuning.clipped_m_s2**2:
         return Pause.CLIPPED
-    assert disturbance.parts is not None
     mass = config.vehicle.mass_kg
-    if abs(mass * imu.specific_force_frd[2] - disturbance.parts.vertical_n) > tuning.external_share * mass * GRAVITY:
+    if abs(mass * fz - vertical_n) > tuning.external_share * mass * GRAVITY:
         return Pause.EXTERNAL
     return None

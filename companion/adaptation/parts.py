@@ -58,5 +58,6 @@ def parts_of(
     and of adopted effects (k, 6) about the CG; body FRD."""
     both = split(vehicle, np.stack([now, ahead, free]))
     rows = np.concatenate([both[0], both[2].sum(axis=0, keepdims=True), effects])
+    shared = np.concatenate([both[1], effects]) if len(effects) else both[1]
     tip = float(rpm.mean()) * RPM_TO_RAD_S * vehicle.rotor_radius_m
-    return Parts(rows, np.concatenate([both[1], effects]), fan_lift_n, tip, float(rows[:, 2].sum()))
+    return Parts(rows, shared, fan_lift_n, tip, float(rows[:, 2].sum()))

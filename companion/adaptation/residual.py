@@ -203,4 +203,9 @@ def vanes_wrench(vehicle: Vehicle, deflections: list[float], fan_lift_n: list[fl
 
 def deflections(vehicle: Vehicle, pwm_us: tuple[float, ...]) -> tuple[float, ...]:
     """Of every vane [rad]; NaN where its output is not told."""
-    return tuple(vane.rad_per_us * ((pwm_us[vane.servo - 1] or math.nan) - vane.neutral_us) for vane in vehicle.vanes)
+    return tuple([(pwm_us[k] or math.nan) * per_us - straight for k, per_us, straight in _vane_scales(vehicle)])
+
+
+@lru_cache(maxsize=8)
+def _vane_scales(vehicle: Vehicle) -> tuple[tuple[int, float, float], ...]:
+    return tuple((v.servo - 1, v.rad_per_us, v.rad_per_us * v.neutral_us) for v in vehicle.vanes)

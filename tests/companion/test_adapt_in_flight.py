@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from adapt_flights import Watch, fly
 from adapt_models import TrueModel, WarpedModel
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from simflight import sent_and_decided
 from test_adapt_bad_input import VEHICLE, low_hover
 
@@ -21,8 +23,10 @@ from companion.adaptation.sizes import DRAG, THRUST, Sizes, channels
 from companion.adaptation.words import named_values, sentences
 from companion.config import HoldGains, PipelineConfig, Tuning
 from companion.control import disturbance as push
+from companion.page.snapshot import snapshot
 from companion.pipeline import initial_state
 from companion.sim.air import NOMINAL
+from companion.telemetry.status import StatusReporter
 from models.effects import adopted
 
 END_S = 24.0
@@ -127,3 +131,28 @@ def test_ground_stations_get_six_numbers_of_at_most_ten_characters():
     assert list(told) == ["ad_gnd", "ad_wall", "ad_tilt", "ad_thr", "ad_wn", "ad_we"]
     assert told["ad_gnd"] == known.told()["ground_lift"].value
     assert all(np.isfinite(v) for v in told.values())
+
+
+def test_the_page_shows_every_size_with_its_sd_and_what_is_compensated():
+    decision = flown("1.6", Adapt.GATE).decisions[-1]
+    config = PipelineConfig(VEHICLE, models.load(), adapt=Adapt.GATE)
+    told = snapshot(decision, initial_state(config), config, None, 0.0)["sizes"]
+    assert told["paused"] is None
+    rows = {row[0]: row[1:] for row in told["rows"]}
+    value, sd, unit, share = rows["ground lift"]
+    assert (value, sd) == pytest.approx(last(flown("1.6", Adapt.GATE), "ground_lift"), abs=1e-3)
+    assert unit == ""
+    assert 0.0 <= share < 1.0
+    assert rows["wind north"][2:] == ["m/s", None]
+    assert len(json.dumps(told)) < 1500  # the whole line has to go through a pipe at once
+
+
+def test_the_pilot_is_told_once_of_each_change():
+    reporter, mav = StatusReporter(), mavlink.MAVLink(None, srcSystem=1)
+    config = PipelineConfig(VEHICLE, models.load(), adapt=Adapt.FULL)
+    told = []
+    for decision in flown("-1.0", Adapt.FULL).decisions:
+        told += [text for _, text in reporter.messages(mav, initial_state(config), decision) if text]
+    about = [text for text in told if "ground lift" in text]
+    assert 1 <= len(about) <= 4
+    assert about[-1].endswith("not compensating it")
