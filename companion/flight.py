@@ -8,13 +8,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from companion.adaptation.options import Adapt
 from companion.config import Base, PipelineConfig
 from companion.control.survey import Phase, Survey
 from companion.last_word import LastWord
 from companion.mavlink.firmware import Stack, mode_name, needed_parameters, stack_of, takes_setpoints
 from companion.mavlink.frames import Frame
 from companion.mavlink.link import Arrivals, Link
-from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, NOT_FOR_STEP, OWN_COMPONENT, Intake
+from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake, unread
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.outgoing import Message, command_long, heartbeat, param_request_read, statustext
 from companion.mavlink.samples import Attitude, Heartbeat, Sample, SetPositionTarget
@@ -98,7 +99,8 @@ class Flight:
         self._arrivals = arrivals
         self._options = options
         self._watchdog = options.watchdog
-        self._intake = Intake(options.target_system, NOT_FOR_STEP)
+        self._adapting = config.adapt is not Adapt.OFF
+        self._intake = Intake(options.target_system, unread(adapting=self._adapting))
         self._state = initial_state(config)
         self._status = StatusReporter()
         self._reported_slow: set[str] = set()
@@ -183,7 +185,7 @@ class Flight:
         """One frame into ``step``; a setpoint that it brings is sent before anything else is done."""
         sample = self._sample(arrival_us, frame)
         if sample is None:
-            if frame.id in NOT_FOR_STEP and frame.system == self._intake.system and self._streams is not None:
+            if frame.id in self._intake.unread and frame.system == self._intake.system and self._streams is not None:
                 self._streams.heard(frame.id, self._arrivals.now_s())
             return
         self._state, decision = step(self._state, sample, self._config)
@@ -257,7 +259,9 @@ class Flight:
         if self._streams is None or stack is not self._stack:
             self._stack = stack
             self._streams = StreamKeeper(
-                wanted_streams(self._config.vehicle, stack, recorded=self._recorder is not None)
+                wanted_streams(
+                    self._config.vehicle, stack, recorded=self._recorder is not None, adapting=self._adapting
+                )
             )
             self._say(f"companion: connected to system {self._system} ({stack.name.lower()})")
 

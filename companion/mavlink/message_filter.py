@@ -21,12 +21,17 @@ _HEARTBEAT, _AUTOPILOT_BYTE = 0, 5
 """Message id, and the place of ``autopilot`` in its payload."""
 _SETPOINTS = (SET_ATTITUDE_TARGET, SET_POSITION_TARGET)
 
-_NEVER_READ = (
-    "HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3", "WIND", "WIND_COV", "VIBRATION",
-    "COMMAND_ACK", "TIMESYNC", "STATUSTEXT",
-)  # fmt: skip
-NOT_FOR_STEP = frozenset(number for number, layout in LAYOUTS.items() if layout.name in _NEVER_READ)
-"""Messages that the pipeline never reads; some are recorded for the diagnosis. Of these only the stamp is taken."""
+_ACCELERATIONS = ("HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3")
+_NEVER_READ = ("WIND", "WIND_COV", "VIBRATION", "COMMAND_ACK", "TIMESYNC", "STATUSTEXT")
+
+
+def unread(*, adapting: bool) -> frozenset[int]:
+    """Ids of messages that the pipeline does not read; some are recorded for the diagnosis.
+
+    Of these only the stamp is taken. Accelerations are read where sizes of effects are measured in flight.
+    """
+    names = _NEVER_READ if adapting else _NEVER_READ + _ACCELERATIONS
+    return frozenset(number for number, layout in LAYOUTS.items() if layout.name in names)
 
 
 def is_autopilot_heartbeat(frame: Frame) -> bool:

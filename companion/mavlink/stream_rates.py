@@ -32,10 +32,13 @@ class Wanted:
     needed: bool
 
 
-def wanted_streams(vehicle: Vehicle, stack: Stack, *, recorded: bool) -> tuple[Wanted, ...]:
+def wanted_streams(
+    vehicle: Vehicle, stack: Stack, *, recorded: bool = False, adapting: bool = False
+) -> tuple[Wanted, ...]:
     """What to ask for; ESC groups by the ESC numbers of the vehicle file, PX4's ESC dialect on PX4.
 
     ``recorded``: the diagnosis will want accelerations and outputs, which control does not need (docs/autopilots.md).
+    ``adapting``: sizes of effects are measured in flight, from accelerations.
     """
     out = [
         Wanted(ID_OF["ATTITUDE_QUATERNION"], 50.0, True),
@@ -47,7 +50,7 @@ def wanted_streams(vehicle: Vehicle, stack: Stack, *, recorded: bool) -> tuple[W
         Wanted(ID_OF["BATTERY_STATUS"], 2.0, False),
         Wanted(ID_OF["SCALED_PRESSURE"], 1.0, False),
     ]
-    if recorded:
+    if recorded or adapting:
         out.append(Wanted(ID_OF["HIGHRES_IMU"], 50.0, False))
     if recorded or vehicle.vanes or not vehicle.telemetered:
         out.append(Wanted(ID_OF["SERVO_OUTPUT_RAW"], 50.0, not vehicle.telemetered))

@@ -9,9 +9,10 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 
+from companion.adaptation.options import Adapt
 from companion.config import PipelineConfig
 from companion.mavlink.frames import cut
-from companion.mavlink.message_filter import NOT_FOR_STEP, Intake
+from companion.mavlink.message_filter import Intake, unread
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Heartbeat, Parameter, Sample
 from companion.pipeline import Decision, PipelineState, initial_state, step
@@ -30,7 +31,7 @@ class Replay:
     """How many samples of each kind reached the pipeline."""
 
     def __post_init__(self) -> None:
-        self.intake = Intake(self.system, NOT_FOR_STEP)
+        self.intake = Intake(self.system, unread(adapting=self.config.adapt is not Adapt.OFF))
 
     def decisions(self, frames: Iterable[tuple[int, bytes]]) -> Iterator[Decision]:
         """The decisions on a recorded link."""

@@ -18,7 +18,7 @@ from statistics import median
 import models
 from companion.config import PipelineConfig
 from companion.mavlink.frames import cut
-from companion.mavlink.message_filter import NOT_FOR_STEP, Intake
+from companion.mavlink.message_filter import Intake, unread
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Parameter
 from companion.mavlink.setpoints import encode
@@ -32,7 +32,7 @@ Times = dict[str, list[int]]
 
 def one_round(log: Path, config: PipelineConfig, decoding: Times, stepping: Times) -> float:
     """Fly the log once; returns its length [s]."""
-    intake, state, clock = Intake(None, NOT_FOR_STEP), initial_state(config), time.perf_counter_ns
+    intake, state, clock = Intake(None, unread(adapting=False)), initial_state(config), time.perf_counter_ns
     first = last = None
     for arrival, raw in read_tlog(log).frames():
         first, last = arrival if first is None else first, arrival

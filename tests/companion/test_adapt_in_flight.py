@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from adapt_flights import Watch, fly
 from adapt_models import TrueModel, WarpedModel
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from simflight import sent_and_decided
 from test_adapt_bad_input import VEHICLE, low_hover
 
@@ -148,11 +147,11 @@ def test_the_page_shows_every_size_with_its_sd_and_what_is_compensated():
 
 
 def test_the_pilot_is_told_once_of_each_change():
-    reporter, mav = StatusReporter(), mavlink.MAVLink(None, srcSystem=1)
+    reporter = StatusReporter()
     config = PipelineConfig(VEHICLE, models.load(), adapt=Adapt.FULL)
     told = []
     for decision in flown("-1.0", Adapt.FULL).decisions:
-        told += [text for _, text in reporter.messages(mav, initial_state(config), decision) if text]
+        told += [text for _, text in reporter.messages(initial_state(config), decision) if text]
     about = [text for text in told if "ground lift" in text]
     assert 1 <= len(about) <= 4
     assert about[-1].endswith("not compensating it")
