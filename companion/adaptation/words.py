@@ -31,7 +31,9 @@ def sentences(known: Adaptation, told: dict[str, float]) -> Iterator[tuple[str, 
     """(size, share, sentence) of every channel whose share has left what was last ``told`` of it."""
     for k, share, learned in zip(channels(known.table), known.shares, known.learned, strict=True):
         size = known.table[k]
-        if not learned or abs(share - told.get(size.name, 1.0)) < _TELL:
+        before = told.get(size.name, 1.0)
+        ended = share == 0.0 < before
+        if not learned or (abs(share - before) < _TELL and not ended):
             continue
         value, sd = size.as_modelled + float(known.sizes.offset[k]), known.sizes.sd(k)
         back = abs(share - 1.0) < _TELL
