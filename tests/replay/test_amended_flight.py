@@ -21,8 +21,8 @@ def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def recording(vehicle: Path) -> Path:
-    """Ten seconds: up to a gap of 1.2 radii, and down. Simulated."""
-    gaps = ((0.0, 1.4), (2.0, 1.4), (5.0, 0.2), (8.0, 0.2), (10.0, 0.8))
+    """Eighteen seconds: twice up to a gap of 1.2 radii, so that one visit can be held out, and down. Simulated."""
+    gaps = ((0.0, 1.4), (2.0, 1.4), (5.0, 0.2), (8.0, 0.2), (10.0, 0.8), (13.0, 0.2), (16.0, 0.2), (18.0, 0.8))
     knots = tuple(Knot(at, 0.0, amended_hover.CEILING_M - gap) for at, gap in gaps)
     log = vehicle.parent / "flight.tlog"
     flown = amended_hover.fly(5, None, vehicle, vehicle.parent, log, Scenario("up", Surroundings(), knots, ROUNDING_S))
