@@ -43,9 +43,9 @@ EFFECT = Effect(
     excite="climb and sink at 0.5 m/s or more, away from the ground",
     coefficients=(
         Coefficient("slope", "1", 0.2, 20.0, typical=2.5, centre=4.0),
-        Coefficient("turning", "1", -20.0, 20.0, typical=4.0),
-        Coefficient("north", "m/s", -200.0, 200.0, typical=16.0, of_day=True),
-        Coefficient("east", "m/s", -200.0, 200.0, typical=16.0, of_day=True),
+        Coefficient("turning", "1", -20.0, 20.0, typical=4.0, optional=True),
+        Coefficient("north", "m/s", -200.0, 200.0, typical=16.0, of_day=True, optional=True),
+        Coefficient("east", "m/s", -200.0, 200.0, typical=16.0, of_day=True, optional=True),
     ),
     main=("slope", "north", "east"),
     odds=0.3,
