@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,15 @@ if os.environ.get("CI"):
     settings.load_profile("ci")
 
 SHARED = Path(os.environ.get("CORNER_SHARED", Path(__file__).resolve().parents[2] / "shared"))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def nothing_left_behind() -> Iterator[None]:
+    """Tests write into their own folders: where pytest was started nothing new may lie in the end."""
+    before = {path.name for path in Path.cwd().iterdir()}
+    yield
+    new = {path.name for path in Path.cwd().iterdir()} - before
+    assert not {name for name in new if not name.startswith(".")}
 
 
 @pytest.fixture(scope="session")

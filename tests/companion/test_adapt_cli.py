@@ -58,8 +58,9 @@ def test_saved_sizes_are_loaded_with_the_flights_they_came_from(log, tmp_path):
     assert models.load(tmp_path / "n").info["sizes_from"] == ["low.tlog", "low.tlog"]
 
 
-def test_a_folder_of_logs_is_measured_too(log, capsys):
-    assert replay(["run", str(log.parent), "--adapt", "full", "--json", "-", "--quiet"]) == 0
+def test_a_folder_of_logs_is_measured_too(log, tmp_path, capsys):
+    out = str(tmp_path / "folder")
+    assert replay(["run", str(log.parent), "--adapt", "full", "--out", out, "--json", "-", "--quiet"]) == 0
     told = json.loads(capsys.readouterr().out)
     (one,) = [row for row in told["logs"] if row["log"].endswith("low.tlog")]
     assert "ground_lift" in one["adapted"]
