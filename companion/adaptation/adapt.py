@@ -61,17 +61,12 @@ class Adaptation:
     clear: Disturbance | None = None
     """The newest surroundings among which something may be learned: looked at once."""
     updated_s: float = -math.inf
-    blocks: int = 0
-    """How many blocks were learned from."""
+    learned_s: float = 0.0
+    """Time of flight that was learned from."""
 
     def told(self) -> dict[str, Estimate]:
         """Every size by its name."""
         return told(self.table, self.sizes)
-
-    @property
-    def seconds(self) -> float:
-        """Time of flight that was learned from."""
-        return self.blocks * AdaptTuning().block_s
 
     def share_by_name(self) -> dict[str, float]:
         """The share of the model's wrench that is compensated, by the size it follows."""
@@ -174,7 +169,7 @@ def _learn(known: Adaptation, block: block_of.Block, state: PipelineState, confi
         modelled=seen.modelled,
         surprised=surprised,
         updated_s=block.end_s,
-        blocks=known.blocks + 1,
+        learned_s=known.learned_s + block.end_s - block.start_s,
         learned=_learned(known, sizes),
     )
     return replace(known, shares=towards(known.shares, _wanted(known, config), tuning.block_s, tuning))

@@ -29,6 +29,6 @@ def with_sizes(model: FanSurrogate, known: Adaptation, flights: Sequence[str]) -
 
 def save_sizes(directory: Path, model: FanSurrogate, known: Adaptation | None, flights: Sequence[str]) -> None:
     """Write the model with its sizes. ConfigError where nothing was measured."""
-    if known is None or not known.blocks:
+    if known is None or not known.learned_s:
         raise ConfigError(f"--save-model {directory}: nothing was measured in this flight, so nothing is saved")
     save_model(directory, with_sizes(model, known, flights))

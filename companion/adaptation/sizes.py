@@ -21,11 +21,6 @@ GAINS = ("ground_lift", "wall_pull", "wall_tilt")
 LIFT, PULL, TILT, THRUST, NORTH, EAST, CG_X, CG_Y, DRAG, DRAG_ARM, INFLOW = range(11)
 """Places of the sizes that every vehicle has; those of adopted effects come after."""
 FIRST_EFFECT = 11
-_MEASURED_BY_OTHERS = frozenset(
-    {"thrust_scale", "payload", "air_density", "battery_sag", "thermal_derating", "wind", "rotor_drag", "body_drag",
-     "cg_offset", "fan_imbalance", "vertical_inflow", "thrust_curve", "range_offset"}
-)  # fmt: skip
-"""Adopted effects without a size of their own: what they are wrong by is measured as one of the eleven."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,8 +67,11 @@ def channels(table: tuple[Size, ...]) -> tuple[int, ...]:
 
 
 def effects_with_size(model: FanSurrogate) -> tuple[int, ...]:
-    """Places in ``model.effects`` of the adopted effects that have a size of their own."""
-    return tuple(k for k, e in enumerate(getattr(model, "effects", ())) if e.name not in _MEASURED_BY_OTHERS)
+    """Places in ``model.effects`` of the adopted effects that have a size of their own.
+
+    What the others are wrong by is measured as one of the eleven, or not compensated in flight at all.
+    """
+    return tuple(k for k, e in enumerate(model.effects) if get(e.name).gain_in_flight)
 
 
 @lru_cache(maxsize=8)
@@ -103,9 +101,7 @@ def size_table(vehicle: Vehicle, model: FanSurrogate, tuning: AdaptTuning) -> tu
         Size("vertical_inflow", "1", 0.0, 4.0, 2.5, 0.5, -5.0, 20.0),
     ]
     for k in effects_with_size(model):
-        name = model.effects[k].name
-        get(name)  # refuses what the catalogue does not know
-        table.append(Size(name, "1", 1.0, 1.0, tuning.heavy, 0.1, -2.0, 4.0))
+        table.append(Size(model.effects[k].name, "1", 1.0, 1.0, tuning.heavy, 0.1, -2.0, 4.0))
     saved = getattr(model, "info", {}).get("sizes", {})
     return tuple(_with_saved(size, saved.get(size.name)) for size in table)
 

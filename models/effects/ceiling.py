@@ -48,6 +48,7 @@ EFFECT = Effect(
     excite="hover at three gaps below two radii under the ceiling, with an up-looking rangefinder",
     coefficients=(Coefficient("gain", "1", 0.05, 10.0, typical=0.6, centre=1.0),),
     regressors=_regressors,
+    gain_in_flight=True,
     shapes=(Shape("scale", "1"),),
     usual=(1.0,),
     shape_grid=_grid,

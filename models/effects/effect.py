@@ -317,6 +317,8 @@ class Effect:
     """A remark on parameters that were found, each (value, low, high)."""
     kinematic_bias: Callable[[Context, tuple[float, ...]], Array] | None = None
     """(3, k): what it adds to accelerometer minus what velocity and attitude imply [m/s^2]; None: nothing."""
+    gain_in_flight: bool = False
+    """A gain on it is measured in flight (``--adapt``): it comes with a place, so nothing steady is taken for it."""
     drawn: Callable[[Context, str], Drawn] | None = None
     """The picture that shows it on one axis; None: over time."""
     in_words: Callable[[Context, Mapping[str, float]], str] | None = None

@@ -42,6 +42,7 @@ EFFECT = Effect(
     excite="hover at three heights or more between 0.7 and 4 radii",
     coefficients=(Coefficient("gain", "1", -1.0, 3.0, typical=0.15, centre=0.15),),
     regressors=_regressors,
+    gain_in_flight=True,
     shapes=(Shape("length_radii", "1"),),
     shape_grid=_grid,
     lacking=_lacking,

@@ -60,6 +60,7 @@ EFFECT = Effect(
         Coefficient("loss", "1", -1.0, 1.0, typical=0.1),
     ),
     regressors=_regressors,
+    gain_in_flight=True,
     shapes=(Shape("length_radii", "1"),),
     shape_grid=_grid,
     lacking=_lacking,

@@ -52,6 +52,7 @@ EFFECT = Effect(
     excite="approach and leave a wall between 0.3 and 4 radii, with and without ground near",
     coefficients=(Coefficient("pull", "1", -1.0, 1.0, typical=0.08), Coefficient("tilt", "1", -2.0, 2.0, typical=0.15)),
     regressors=_regressors,
+    gain_in_flight=True,
     shapes=(Shape("length_radii", "1"),),
     shape_grid=_grid,
     lacking=_lacking,

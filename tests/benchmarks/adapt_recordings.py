@@ -92,14 +92,14 @@ def learn(vehicle_file: Path, log: Path, model: str = NONE) -> Learned:
     try:
         for decision in decisions(log, config):
             fresh = decision.adaptation
-            if fresh is not None and (known is None or fresh.blocks != known.blocks) and seen:
+            if fresh is not None and (known is None or fresh.learned_s != known.learned_s) and seen:
                 blocks.append((fresh.updated_s, seen[-1], fresh.sizes.offset))
             known = fresh or known
     finally:
         adapt.block_of.see = inner
     assert known is not None
     as_modelled, with_sizes = predicted(blocks)
-    return Learned(log.name, known, as_modelled, with_sizes, 0.2 * known.blocks)
+    return Learned(log.name, known, as_modelled, with_sizes, known.learned_s)
 
 
 def decisions(log: Path, config: PipelineConfig) -> Iterator[Decision]:

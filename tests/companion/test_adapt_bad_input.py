@@ -102,4 +102,4 @@ def test_landing_and_standing_teach_nothing():
     assert abs(ground(watch, END_S - 1.0)[-1] - 1.0) < 0.3
     assert abs(last.told()["thrust_scale"].value - 1.0) < 0.06
     touched = next(t for t, known in watch.seen if t > HAPPENS_S and known.paused is Pause.NOT_FLYING)
-    assert watch.seen[-1][1].blocks == next(known.blocks for t, known in watch.seen if t > touched + 1.0)
+    assert watch.seen[-1][1].learned_s == next(known.learned_s for t, known in watch.seen if t > touched + 1.0)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from companion.adaptation.filter import later, update
 from companion.adaptation.options import AdaptTuning
-from companion.adaptation.sizes import FIRST_EFFECT, GAINS, Size, Sizes, prior, size_table, told
+from companion.adaptation.sizes import FIRST_EFFECT, GAINS, Size, Sizes, effects_with_size, prior, size_table, told
 from companion.vehicles import default_vehicle
 from models import load
+from models.effects import InFlight, catalogue, get
 from models.errors import ModelError
+from models.surrogate.fan_surrogate import AdoptedEffect
 
 RNG = np.random.default_rng(5)
 FREE = {"excited": 0.0, "robust_sigmas": 1e9}
@@ -128,3 +132,11 @@ def test_sizes_are_never_changed_in_place():
     later(table(), believed, 3.0)
     assert np.array_equal(believed.offset, before.offset)
     assert np.array_equal(believed.covariance, before.covariance)
+
+
+def test_only_effects_that_say_so_have_a_size_of_their_own():
+    """What is not compensated in flight, or is steady, has none; a new effect has none unless its file says so."""
+    effects = tuple(AdoptedEffect(e.name) for e in catalogue())
+    named = [effects[k].name for k in effects_with_size(SimpleNamespace(effects=effects))]
+    assert sorted(named) == ["ceiling", "ground_effect", "second_wall", "wall_effect"]
+    assert all(get(name).in_flight is InFlight.WRENCH for name in named)
