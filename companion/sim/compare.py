@@ -10,6 +10,7 @@ import json
 import math
 import multiprocessing
 import os
+import signal
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -176,9 +177,19 @@ def run_compare(
         results = (fly(settings, *job) for job in jobs)
         return list(_watched(results, len(jobs), quiet))
     fresh = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(workers, len(jobs)), mp_context=fresh) as pool:
+    with ProcessPoolExecutor(min(workers, len(jobs)), mp_context=fresh, initializer=_leave_quietly) as pool:
         pending = pool.map(fly, repeat(settings), *zip(*jobs, strict=True))
-        return list(_watched(pending, len(jobs), quiet))
+        try:
+            return list(_watched(pending, len(jobs), quiet))
+        except KeyboardInterrupt:
+            for worker in multiprocessing.active_children():
+                worker.terminate()
+            raise
+
+
+def _leave_quietly() -> None:
+    """Ctrl-C reaches every process of the terminal: a worker ends without a word, the command says what there is."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def _watched(flights: Iterable[Flown], total: int, quiet: bool) -> Iterator[Flown]:
