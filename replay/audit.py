@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from models.errors import ConfigError, LogError
+from models.errors import LogError
 from models.progress import Bars
 
 if TYPE_CHECKING:
@@ -46,8 +46,6 @@ def add_parser(commands: Any) -> None:
 
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
-    if a.target_system is not None and not 1 <= a.target_system <= 255:
-        raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
     # Imported here so that --help answers at once.
     from models.vehicle import load_vehicle
     from replay.cli import write_json

@@ -77,6 +77,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     arguments = parser().parse_args(argv)
     try:
+        if arguments.target_system is not None and not 1 <= arguments.target_system <= 255:
+            raise ConfigError(f"--target-system {arguments.target_system}: must be 1 to 255")
         return int(arguments.run(arguments))
     except UserError as error:
         print(f"replay: {error}", file=sys.stderr)
@@ -97,8 +99,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _run(a: argparse.Namespace) -> int:
-    if a.target_system is not None and not 1 <= a.target_system <= 255:
-        raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
     if a.log.is_dir():
         return _run_folder(a)
     if a.save_model is not None and a.adapt == "off":

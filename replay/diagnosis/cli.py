@@ -81,8 +81,6 @@ def run(a: argparse.Namespace) -> int:
 
 
 def _check_arguments(a: argparse.Namespace) -> None:
-    if a.target_system is not None and not 1 <= a.target_system <= 255:
-        raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
     if a.seed < 0:
         raise ConfigError(f"--seed {a.seed}: must not be negative")
     for option, target in (("--json", a.json), ("--save-model", a.save_model), ("--report", a.report)):

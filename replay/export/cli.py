@@ -33,8 +33,6 @@ def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     if a.rate is not None and not 0.0 < a.rate <= 1000.0:
         raise ConfigError(f"--rate {a.rate:g}: must be above 0 and at most 1000 Hz")
-    if a.target_system is not None and not 1 <= a.target_system <= 255:
-        raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
     from models.version import installed_version
     from replay.export.columns import table
     from replay.export.files import write_csv, write_parquet

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from models.errors import ConfigError, LogError
+from models.errors import LogError
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 a log was unreadable; 130 interrupted."""
 
@@ -34,8 +34,6 @@ def add_parser(commands: Any) -> None:
 
 def run(a: argparse.Namespace) -> int:
     """Run the command. A log that cannot be read is one line on stderr, and the others are still read."""
-    if a.target_system is not None and not 1 <= a.target_system <= 255:
-        raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
     # Imported here so that --help answers at once.
     from tqdm import tqdm
 

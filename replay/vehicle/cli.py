@@ -29,8 +29,6 @@ def add_parser(commands: Any) -> None:
 
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
-    if a.target_system is not None and not 1 <= a.target_system <= 255:
-        raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
     from models.vehicle import load_vehicle, parse_vehicle
     from models.vehicle_plausibility import warnings
     from models.vehicle_setup.toml_text import vehicle_text
