@@ -60,6 +60,9 @@ def _parser() -> argparse.ArgumentParser:
         "--answers", type=Path, metavar="DIR", help="keep answers here, and judge those that are kept already"
     )
     p.add_argument("--together", action="store_true", help="all flights of a vehicle file as one data set")
+    p.add_argument(
+        "--setting", nargs="*", default=[], metavar="NAME=VALUE", help="another number in the search (replay.search)"
+    )
     p.add_argument("--jobs", type=int, default=1, metavar="N", help="diagnoses at a time")
     p.add_argument("--timeout", type=float, default=300.0, metavar="S", help="of one diagnosis")
     p.add_argument("--json", type=Path, metavar="FILE", help="write every judgement")
@@ -77,12 +80,13 @@ def _run(flights: Sequence[Flight], known: Known, args: argparse.Namespace) -> l
     for name in {f.table for f in flights if f.table}:
         _model(args.data / name)  # before the threads: trained once
     with ThreadPoolExecutor(args.jobs) as pool:
-        futures = [pool.submit(_one, f, known, args) for f in flights]
+        futures = [pool.submit(judged, f, known, args) for f in flights]
         shown = tqdm(futures, unit="flight", file=sys.stderr, disable=not sys.stderr.isatty())
         return [future.result() for future in shown]
 
 
-def _one(flight: Flight, known: Known, args: argparse.Namespace) -> Judgement:
+def judged(flight: Flight, known: Known, args: argparse.Namespace) -> Judgement:
+    """The judgement of one flight's answer, asked for or kept."""
     asked = _answer(flight, args)
     if asked.answer is None:
         return judge_refusal(flight, asked.exit_code, asked.complaint, asked.seconds)
@@ -94,7 +98,8 @@ def _answer(flight: Flight, args: argparse.Namespace) -> Asked:
     if kept is not None and kept.is_file():
         return Asked(**json.loads(kept.read_text()))
     model = str(_model(args.data / flight.table)) if flight.table else flight.model
-    asked = ask([args.data / log for log in flight.logs], args.data / flight.vehicle, model, args.timeout)
+    logs = [args.data / log for log in flight.logs]
+    asked = ask(logs, args.data / flight.vehicle, model, args.timeout, settings=args.setting)
     if kept is not None:
         kept.parent.mkdir(parents=True, exist_ok=True)
         kept.write_text(json.dumps(asdict(asked)))

@@ -9,7 +9,7 @@ import sys
 import tempfile
 import time
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,13 +32,18 @@ class Asked:
 
 
 def ask(
-    logs: list[Path], vehicle: Path, model: str, timeout_s: float, environment: Mapping[str, str] | None = None
-) -> Asked:
-    """Run the command on ``logs``; its exit code is -1 where it did not answer in time."""
+    logs: list[Path], vehicle: Path, model: str, timeout_s: float, environment: Mapping[str, str] | None = None,
+    settings: Sequence[str] = (),
+) -> Asked:  # fmt: skip
+    """Run the command on ``logs``; its exit code is -1 where it did not answer in time.
+
+    ``settings``: numbers of the search that are others than its own, ``NAME=VALUE`` each.
+    """
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "answer.json"
+        program = [str(Path(__file__).with_name("settings.py")), *settings, "--"] if settings else ["-m", "replay"]
         command = [
-            sys.executable, "-m", "replay", "diagnose", *map(str, logs), "--vehicle", str(vehicle), "--model", model,
+            sys.executable, *program, "diagnose", *map(str, logs), "--vehicle", str(vehicle), "--model", model,
             "--json", str(out), "--quiet",
         ]  # fmt: skip
         begun = time.perf_counter()

@@ -1,0 +1,66 @@
+"""A number of the search is judged on a source that it was not chosen on."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pkgutil import iter_modules
+
+import leave_one_source_out as held
+import pytest
+from measured.answers import ask
+from measured.judge import Judgement
+from measured.settings import parse, use
+
+import replay.search.evidence
+import replay.search.walk
+
+
+def flight(source: str, right: bool) -> Judgement:
+    return Judgement(source, "measured", "flight", False, "explained", "", refused=not right)
+
+
+def test_what_a_source_says_does_not_choose_the_number_it_is_judged_by():
+    """One setting is right only on source a, the other only on b: each is judged by the one it did not favour."""
+    for_a = [flight("a", True), flight("a", True), flight("b", False)]
+    for_b = [flight("a", False), flight("a", False), flight("b", True)]
+    by_setting = {"favours a": for_a, "favours b": for_b}
+    assert held.chosen(by_setting, "a") == "favours b"
+    assert held.chosen(by_setting, "b") == "favours a"
+    assert "0/3" in held.report(by_setting).splitlines()[-1]
+
+
+def test_of_equals_the_search_as_it_is_stays():
+    rows = [flight("a", False), flight("b", False)]
+    assert held.chosen({"": rows, "TRUST=1.0": rows}, "a") == ""
+
+
+def test_the_same_people_under_another_name_are_left_out_together():
+    own = [flight("neural-swarm", False), flight("x", False)]
+    other = [flight("neighbour", True), flight("x", False)]
+    assert held.chosen({"": own, "TRUST=1.0": other}, "neural-swarm") == ""
+
+
+def test_a_setting_reaches_every_module_that_holds_the_number(monkeypatch):
+    for module in (replay.search.evidence, replay.search.walk):
+        monkeypatch.setattr(module, "TRUST", module.TRUST)
+    use(parse(["TRUST=0.25"]))
+    assert replay.search.evidence.TRUST == replay.search.walk.TRUST == 0.25
+
+
+def test_a_number_that_no_module_has_is_refused_by_name():
+    with pytest.raises(ValueError, match="TRUTS"):
+        use(parse(["TRUTS=0.25"]))
+
+
+def test_every_setting_is_a_number_that_the_search_has_and_changes_it():
+    modules = [import_module(f"replay.search.{m.name}") for m in iter_modules(replay.search.__path__)]
+    for setting in held.SETTINGS:
+        for name, value in parse(setting.split()).items():
+            assert any(getattr(m, name, value) != value for m in modules), setting
+
+
+def test_a_flight_is_asked_with_the_setting(tmp_path):
+    """The command's own answer to a log that is not there: the settings do not stand in its way."""
+    asked = ask([tmp_path / "none.tlog"], tmp_path / "none.toml", "none", 60.0, settings=["TRUST=0.25"])
+    assert asked.exit_code == 2
+    assert "none.toml" in asked.complaint
