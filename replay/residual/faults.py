@@ -16,6 +16,7 @@ from replay.residual.grid import Mask
 from replay.residual.motion import Motion
 from replay.residual.motion_faults import accelerometer_faults, first_upside_down, gyro_faults
 from replay.residual.rotor_faults import (
+    FULL_MOST,
     copies,
     exchanged_outputs,
     full_command,
@@ -26,8 +27,8 @@ from replay.residual.rotor_faults import (
 )
 from replay.residual.vehicle_faults import exchanged_fans, exchanged_spins, wrong_lift
 
-FULL_MOST = 0.5
-"""Share of the flight at full command from which on no lift can be judged."""
+FOLLOWS_AGAIN_S = 0.3
+"""So long after full command [s] thrust follows the outputs again: the slowest motor lag of small vehicles."""
 STUCK_BEAM_M, MOVED_M = 0.002, 0.4
 """A range that spans less than the first while the vehicle rises by more than the second [m] is stuck."""
 STUCK_BEAM_SAMPLES = 20
@@ -58,9 +59,9 @@ def doubted(log: FlightLog, ctx: Context, motion: Motion, flying: Mask, axes: li
         faults += rotors
         blind |= usable & {2}
         usable -= LIFT_AND_MOMENTS
-    full, share = full_command(ctx, flying)
-    faults += full
-    if share > FULL_MOST:
+    stopped, full = full_command(ctx, flying)
+    faults += stopped
+    if full.sum() > FULL_MOST * flying.sum():
         blind |= usable & {2}
         usable -= LIFT_AND_MOMENTS
     lift = wrong_lift(ctx, flying) if not rotors and 2 in usable else []
@@ -79,6 +80,8 @@ def doubted(log: FlightLog, ctx: Context, motion: Motion, flying: Mask, axes: li
             faults += moments
             usable -= MOMENTS
     left_out = np.zeros(len(flying), bool)
+    if usable & LIFT_AND_MOMENTS:
+        left_out |= np.convolve(full, np.ones(round(FOLLOWS_AGAIN_S * motion.grid.rate) + 1))[: len(full)] > 0.5
     crash = first_upside_down(motion)
     if crash is not None:
         when = f"upside down from {motion.grid.t[crash]:.0f} s on: what follows is no flight"

@@ -26,8 +26,9 @@ TURNING_SHARE = 0.3
 """Speed over the declared rotors' from which on an undeclared one takes part."""
 ROTOR_RATE_HZ = 5.0
 """Rotor speeds or outputs slower than this carry no moments: attitude loops answer within a fifth of a second."""
-FULL, FULL_REPORTED = 0.985, 0.2
-"""Command from which on thrust does not follow, and share of the flight at it that is reported."""
+FULL, FULL_REPORTED, FULL_MOST = 0.985, 0.2, 0.5
+"""Command from which on thrust does not follow; share of the flight at it that is reported and left out; share from
+which on no lift can be judged."""
 EQUAL_RPM, TURNS_RAD_S = 1.0, 0.05
 """Speeds that never differ by more while the vehicle rolls or pitches by more (RMS) are copies of one number."""
 FOLLOWS, FOLLOWS_MORE = 0.7, 0.5
@@ -89,19 +90,23 @@ def undeclared_rotors(log: FlightLog, ctx: Context) -> list[LogFault]:
     ]
 
 
-def full_command(ctx: Context, flying: Mask) -> tuple[list[LogFault], float]:
-    """Outputs at full command, and the share of the flight in which any rotor is at it."""
+def full_command(ctx: Context, flying: Mask) -> tuple[list[LogFault], Mask]:
+    """Outputs at full command in a good part of the flight, and when any rotor is at it (n,)."""
+    full = np.zeros(len(flying), bool)
     curve = ctx.vehicle.throttle
     if curve is None or not flying.any():
-        return [], 0.0
-    outputs = np.stack([ctx.state.servo_us[:, (r.servo or 1) - 1] for r in ctx.vehicle.rotors], axis=1)[flying]
+        return [], full
+    outputs = np.stack([ctx.state.servo_us[:, (r.servo or 1) - 1] for r in ctx.vehicle.rotors], axis=1)
     with np.errstate(invalid="ignore"):
-        full = (outputs - curve.pwm_min_us) / (curve.pwm_max_us - curve.pwm_min_us) >= FULL
-    share = float(full.any(axis=1).mean())
+        at_stop = (outputs - curve.pwm_min_us) / (curve.pwm_max_us - curve.pwm_min_us) >= FULL
+    at_stop &= flying[:, None]
+    share = float(at_stop.any(axis=1).sum() / flying.sum())
     if share <= FULL_REPORTED:
-        return [], share
-    channel = rotor_channel(ctx.vehicle, int(full.sum(axis=0).argmax()))
-    return [LogFault(channel, f"at full command in {share:.0%} of the flight: thrust does not follow")], share
+        return [], full
+    channel = rotor_channel(ctx.vehicle, int(at_stop.sum(axis=0).argmax()))
+    what = f"at full command in {share:.0%} of the flight: thrust does not follow"
+    full |= at_stop.any(axis=1)
+    return [LogFault(channel, what)], full
 
 
 def slow_rotors(log: FlightLog, vehicle: Vehicle) -> list[LogFault]:

@@ -13,6 +13,7 @@ from rigid_flight import Motion, fly, logged, speeds, with_speed
 from companion.mavlink.samples import RangeVerdict
 from companion.vehicles import QUAD
 from models.vehicle import Fan, Rotor, Throttle, Vehicle, load_vehicle
+from replay.diagnosis.diagnose import conclude
 from replay.flightlog import FlightLog, Series
 from replay.residual.record import build_record
 
@@ -186,6 +187,15 @@ def test_a_fault_is_found_said_and_left_out(kind, flown):
     assert record.axes == fault.axes
     left = [a for a in range(6) if a not in record.axes and a not in record.blind]
     assert np.all(record.residual[record.valid][:, left] == 0.0)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_fault_of_the_log_is_named_as_an_effect_of_the_vehicle(kind, flown):
+    """Nothing acts in the flight but what the vehicle file says."""
+    fault = KINDS[kind]
+    answer = conclude([build_record(fault.make(logged(flown, QUADROTOR, Path("a.tlog"))), fault.vehicle, None)])
+    assert [n.found.effect.name for n in answer.named] == []
+    assert answer.verdict != "explained"
 
 
 @pytest.mark.parametrize("vehicle", [QUADROTOR, by_outputs()], ids=["by speeds", "by outputs"])
