@@ -73,7 +73,7 @@ def _plan_half(setup: Setup) -> Iterator[Position]:
 
 
 def _plan_full(setup: Setup) -> Iterator[Position]:
-    """Full models: a part of the positions, other speeds, the rest, other meshes."""
+    """Full models: half of a spread of positions, other speeds, the other half, other meshes, every position."""
     c = setup.campaign
     positions = [Position(h, d, c.rpm, swirl=True, level=c.full_level) for h, d in c.full_at]
     first = len(positions) // 2
@@ -83,6 +83,7 @@ def _plan_full(setup: Setup) -> Iterator[Position]:
     yield from positions[first:]
     for level in c.full_grid_levels:
         yield from (Position(h, d, c.rpm, swirl=True, level=level) for h, d in c.full_grid_at)
+    yield from (Position(p.h, p.d, c.rpm, swirl=True, level=c.full_level) for p in _plan_half(setup))
 
 
 def _plan_wedge(setup: Setup) -> Iterator[Position]:

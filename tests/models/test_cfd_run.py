@@ -387,6 +387,15 @@ def test_the_plan_has_what_the_set_needs(capsys):
     assert positions[0].place == (INF, INF)
 
 
+def test_full_models_come_to_every_position_the_spread_first():
+    c = SETUP.campaign
+    half = {p.place for p in campaign.plan(SETUP, "half") if p.rpm == c.rpm}
+    full = [p for p in campaign.plan(SETUP, "full") if p.rpm == c.rpm and p.level == c.full_level]
+    assert [p.place for p in full[: len(c.full_at)]] == list(c.full_at)
+    assert {p.place for p in full} == half
+    assert len(full) == len(half)
+
+
 def test_a_bad_number_of_jobs_is_refused(tmp_path, capsys):
     assert main(["cfd", "run", "--work", str(tmp_path), "--jobs", "0"]) == 2
     assert "--jobs 0" in capsys.readouterr().err

@@ -69,7 +69,11 @@ def row(position: Position, status: str = "steady", **changes) -> Row:
 
 @pytest.fixture(scope="module")
 def rows() -> list[Row]:
-    return [row(p) for model in ("half", "full") for p in campaign.plan(SETUP, model)]
+    """Every half model, and full ones at the spread of positions that come first."""
+    c = SETUP.campaign
+    others = len(c.other_rpm) * len(c.full_other_rpm_at) + len(c.full_grid_levels) * len(c.full_grid_at)
+    full = campaign.plan(SETUP, "full")[: len(c.full_at) + others]
+    return [row(p) for p in (*campaign.plan(SETUP, "half"), *full)]
 
 
 def at(made, h: float, d: float, rpm: float) -> int:
