@@ -81,18 +81,19 @@ def audit(
     from companion.mavlink.message_filter import OWN_COMPONENT
     from companion.mavlink.setpoints import SET_ATTITUDE_TARGET
     from replay.logs.formats import suffix_of
-    from replay.logs.tlog import read_tlog
+    from replay.logs.tlog_blocks import TlogFile
 
     if suffix_of(path) != ".tlog" and path.exists():
         raise LogError(f"{path}: only a .tlog holds both directions of the link; record one with companion --record")
-    log = read_tlog(path)
-    own = log.component == OWN_COMPONENT
-    if system is not None:
-        own &= log.system == system
-    if not own.any():
+    log = TlogFile(path)
+    senders = log.census.counts
+    if not any(component == OWN_COMPONENT and system in (None, sender) for sender, component, _ in senders):
         raise LogError(f"{path}: holds no message of the companion (component {OWN_COMPONENT}): nothing to audit")
     if hold is None:
-        hold = not (~own & (log.message_id == SET_ATTITUDE_TARGET)).any()
+        hold = not any(
+            number == SET_ATTITUDE_TARGET and not (component == OWN_COMPONENT and system in (None, sender))
+            for sender, component, number in senders
+        )
     auditor = Auditor(vehicle, hold=hold, dry_run=dry_run, system=system)
     bars = Bars(quiet)
     for i, (arrival_us, raw) in enumerate(log.frames()):

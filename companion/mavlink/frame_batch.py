@@ -25,9 +25,9 @@ _POLYNOMIAL = 0x8408
 """x^16 + x^12 + x^5 + 1, bits reversed: CRC-16/MCRF4XX, as MAVLink has it."""
 
 
-def walk_file(data: bytes, counts: Counts, ahead: int = 0) -> tuple[array[int], int]:
-    """``frames.walk`` of a whole file: the same offsets and counts."""
-    return walk(data, counts, ahead, run=_BlockRun(data))
+def walk_file(data: bytes, counts: Counts, ahead: int = 0, *, whole: bool = True) -> tuple[array[int], int]:
+    """``frames.walk`` of a file, or of a stretch of one (``whole`` False): the same offsets and counts."""
+    return walk(data, counts, ahead, whole=whole, run=_BlockRun(data))
 
 
 class _BlockRun:

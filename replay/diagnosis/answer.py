@@ -24,7 +24,7 @@ def answer_json(answer: Diagnosis, model: str | None) -> dict[str, Any]:
     before, after = answer.rms(after=False), answer.rms(after=True)
     judged = [i for i in range(6) if np.isfinite(before[i])]
     return {
-        "logs": list(dict.fromkeys(str(r.log.path) for r in answer.records)),
+        "logs": list(dict.fromkeys(str(r.path) for r in answer.records)),
         "samples": int(sum(r.valid.sum() for r in answer.records)),
         "duration_s": round(sum(r.seconds for r in answer.records), 3),
         "verdict": answer.verdict,

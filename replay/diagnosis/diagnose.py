@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,8 @@ from models.errors import LogError
 from models.frames import Array
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
-from replay.logs.formats import read_flightlogs
+from replay.logs.formats import read_pieces
+from replay.logs.pieces import Piece
 from replay.residual.fault import LogFault
 from replay.residual.motion import ENOUGH_S
 from replay.residual.record import Record, build_record, check_model, too_short
@@ -140,25 +142,37 @@ def _records(
     problems: list[LogError] = []
     effects = () if model is None else model.effects
     for path in paths:
+        told: dict[str, None] = {}
+        own: list[Record] = []
+        boot = 0
         try:
-            boots = read_flightlogs(path, target_system)
+            for piece in read_pieces(path, target_system):
+                log, boot = piece.own(), piece.log.boot
+                told |= dict.fromkeys(log.summary.notes)
+                try:
+                    own.append(build_record(log, vehicle, model, effects, _name(piece)))
+                except LogError as error:
+                    problems.append(error)
         except LogError as error:
             problems.append(error)
-            continue
-        for log in boots:
-            name = path.name if len(boots) == 1 else f"{path.name} (boot {log.boot + 1})"
-            try:
-                records.append(build_record(log, vehicle, model, effects, name))
-            except LogError as error:
-                problems.append(error)
-        if len(boots) > 1:
-            notes.append(f"{path.name}: the vehicle started {len(boots)} times; every start is a flight of its own")
-        notes += [f"{path.name}: {note}" for note in dict.fromkeys(n for log in boots for n in log.summary.notes)]
+        records += own if boot else [replace(r, name=path.name) for r in own] if len(own) == 1 else own
+        if boot:
+            notes.append(f"{path.name}: the vehicle started {boot + 1} times; every start is a flight of its own")
+        notes += [f"{path.name}: {note}" for note in told]
     if not records:
         raise problems[0]
     if sum(r.seconds for r in records) < ENOUGH_S:
         raise too_short(max(records, key=lambda r: r.seconds))
     return records, notes + [f"left out: {p}" for p in problems]
+
+
+def _name(piece: Piece) -> str:
+    """Of a record: file and boot, and which time of it where a boot comes in pieces."""
+    log = piece.log
+    if piece.start_s == -math.inf and piece.end_s == math.inf:
+        return f"{log.path.name} (boot {log.boot + 1})"
+    since = max(piece.start_s, piece.origin_s) - piece.origin_s
+    return f"{log.path.name} (boot {log.boot + 1}, from {since / 60.0:.0f} min)"
 
 
 def _named(searched: Searched) -> list[Named]:

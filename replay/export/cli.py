@@ -34,25 +34,22 @@ def run(a: argparse.Namespace) -> int:
     if a.rate is not None and not 0.0 < a.rate <= 1000.0:
         raise ConfigError(f"--rate {a.rate:g}: must be above 0 and at most 1000 Hz")
     from models.version import installed_version
-    from replay.export.columns import table
     from replay.export.files import write_csv, write_parquet
-    from replay.logs.formats import read_flightlogs
+    from replay.export.tables import Tables
 
-    logs = read_flightlogs(a.log, a.target_system)
-    tables = [table(log, a.rate) for log in logs]
+    tables = Tables(a.log, a.target_system, a.rate)
     target = Path(f"{a.log.stem}.{a.to}") if a.out is None else a.out
     about = {
         "log": a.log.name,
-        "system": str(logs[0].system),
+        "system": str(tables.system),
         "made_by": f"corner-compensator {installed_version()}",
         "frames": "world NED, body FRD, SI units",
         "rate_hz": "as recorded" if a.rate is None else f"{a.rate:g}",
     }
     try:
-        rows = (write_csv if a.to == "csv" else write_parquet)(target, tables, about)
+        written = (write_csv if a.to == "csv" else write_parquet)(target, tables, about)
     except OSError as error:
         raise ConfigError(f"--out {target}: cannot be written ({error.strerror or error})") from None
     if not a.quiet:
-        names = {c.name for t in tables for c in t.columns}
-        print(f"{target}: {rows} rows, {len(names)} columns and time_s, {len(logs)} boot(s)")
+        print(f"{target}: {written.rows} rows, {written.columns} columns and time_s, {tables.boots} boot(s)")
     return 0

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from models.air_state import DIRECTIONS
 from models.frames import Array
 from replay.flightlog import FlightLog, Interval, Series
+from replay.logs.pieces import Piece
 
 
 @dataclass(frozen=True)
@@ -44,19 +46,33 @@ class Table:
         return out
 
 
-def table(log: FlightLog, rate_hz: float | None = None) -> Table:
-    """Everything a boot holds. With ``rate_hz`` on an even clock, linear in between (states: the previous one)."""
+def table(piece: Piece, rate_hz: float | None = None) -> Table:
+    """Everything a boot, or a piece of it, holds. With ``rate_hz`` on an even clock that begins with the boot: linear
+    in between (states: the previous one).
+    """
+    log = piece.log
     columns = tuple(_columns(log))
     if rate_hz is not None:
-        t = log.start_s + np.arange(int((log.end_s - log.start_s) * rate_hz) + 1) / rate_hz
+        origin = log.start_s if math.isnan(piece.origin_s) else piece.origin_s
+        first = math.ceil(max((piece.start_s - origin) * rate_hz, 0.0))
+        beyond = int((log.end_s - origin) * rate_hz) + 1
+        if piece.end_s < math.inf:
+            beyond = min(beyond, math.ceil((piece.end_s - origin) * rate_hz))
+        t = origin + np.arange(first, beyond) / rate_hz
         even = []
         for c in columns:
             held = c.name in _STATES
             values = Series(c.t_s, c.values[:, None]).at(t, np.inf if held else _GAP_S, hold=held)[:, 0]
             even.append(Column(c.name, c.unit, c.description, t, values))
         return Table(log.boot, t, tuple(even))
+    columns = tuple(own for c in columns if len((own := _within(c, piece.start_s, piece.end_s)).t_s))
     stamps = [c.t_s for c in columns]
     return Table(log.boot, np.unique(np.concatenate(stamps)) if stamps else np.empty(0), columns)
+
+
+def _within(column: Column, start_s: float, end_s: float) -> Column:
+    i, j = np.searchsorted(column.t_s, (start_s, end_s))
+    return replace(column, t_s=column.t_s[i:j], values=column.values[i:j])
 
 
 _GAP_S = 0.5

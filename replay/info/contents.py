@@ -66,6 +66,28 @@ def stream(name: str, series: Series, share_good: float | None = None) -> Stream
     )
 
 
+def joined(first: Stream, then: Stream) -> Stream:
+    """One quantity of two stretches of a boot, one after the other; the rate is of the longer one."""
+    rate = first.rate_hz if first.count >= then.count else then.rate_hz
+    between = then.start_s - first.end_s
+    pause = rate is not None and between > max(_GAP_PERIODS / rate, _GAP_S)
+    good = None
+    if first.share_good is not None and then.share_good is not None:
+        count = first.count + then.count
+        good = (first.share_good * first.count + then.share_good * then.count) / count
+    return Stream(
+        name=first.name,
+        source=first.source,
+        count=first.count + then.count,
+        rate_hz=rate,
+        gaps=first.gaps + then.gaps + pause,
+        longest_gap_s=max(first.longest_gap_s, then.longest_gap_s, between),
+        start_s=first.start_s,
+        end_s=then.end_s,
+        share_good=good,
+    )
+
+
 def streams(log: FlightLog) -> tuple[Stream, ...]:
     """Every quantity of one boot that holds a sample."""
     return tuple(

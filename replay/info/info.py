@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,8 @@ from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from replay.flightlog import FlightLog
 from replay.info.abilities import Ability, Answer, abilities
-from replay.info.contents import Stream, streams
-from replay.logs.formats import read_flightlogs
+from replay.info.contents import Stream, joined, streams
+from replay.logs.formats import read_pieces
 from replay.rerun.report import run
 from replay.residual.record import build_record
 
@@ -48,44 +48,37 @@ class Judged:
 
 @dataclass(frozen=True)
 class BootInfo:
-    """One boot."""
+    """One boot, or a piece of a long one."""
 
-    log: FlightLog
+    boot: int
+    system: int
+    autopilot: str
+    start_s: float
+    duration_s: float
+    armed_s: float
+    modes: Mapping[str, float]
+    """Seconds by flight mode."""
+    parameters: int
     streams: tuple[Stream, ...]
     abilities: tuple[Ability, ...]
     judged: Judged
-
-    @property
-    def modes(self) -> dict[str, float]:
-        """Seconds by flight mode."""
-        out: dict[str, float] = {}
-        for interval in self.log.modes:
-            heartbeat = Heartbeat(0.0, 1, 1, True, interval.value, 129, self.log.autopilot or 0, 0, 0)
-            name = mode_name(heartbeat)
-            out[name] = out.get(name, 0.0) + interval.end_s - interval.start_s
-        return out
-
-    @property
-    def armed_s(self) -> float:
-        """Time armed."""
-        return sum(i.end_s - i.start_s for i in self.log.armed)
+    notes: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers."""
-        log = self.log
         return {
-            "boot": log.boot,
-            "system": log.system,
-            "autopilot": _autopilot(log),
-            "start_s": round(log.start_s, 3),
-            "duration_s": round(log.duration_s, 3),
+            "boot": self.boot,
+            "system": self.system,
+            "autopilot": self.autopilot,
+            "start_s": round(self.start_s, 3),
+            "duration_s": round(self.duration_s, 3),
             "armed_s": round(self.armed_s, 3),
             "modes_s": {name: round(s, 3) for name, s in self.modes.items()},
-            "parameters": len(log.parameters),
+            "parameters": self.parameters,
             "streams": [s.as_json() for s in self.streams],
             "judges": [a.as_json() for a in self.abilities],
             "diagnose": self.judged.as_json(),
-            "notes": list(log.summary.notes),
+            "notes": list(self.notes),
         }
 
 
@@ -94,6 +87,7 @@ class LogInfo:
     """One file."""
 
     path: Path
+    bytes: int
     vehicle: str
     boots: tuple[BootInfo, ...]
     flight: Summary | None
@@ -106,7 +100,7 @@ class LogInfo:
         numbers = None if self.flight is None else self.flight.as_json()
         return {
             "log": str(self.path),
-            "bytes": self.boots[0].log.summary.bytes,
+            "bytes": self.bytes,
             "vehicle": self.vehicle,
             "boots": [b.as_json() for b in self.boots],
             "companion": {
@@ -120,7 +114,7 @@ class LogInfo:
 
     def as_text(self) -> str:
         """A page for a person."""
-        out = [f"{self.path.name}: {self.boots[0].log.summary.bytes / 1e6:.1f} MB, {len(self.boots)} boot(s)"]
+        out = [f"{self.path.name}: {self.bytes / 1e6:.1f} MB, {len(self.boots)} boot(s)"]
         for boot in self.boots:
             out += _boot_text(boot)
         return "\n".join([*out, *_flight_text(self)])
@@ -137,17 +131,17 @@ def inspect(
 
     Raises LogError where the log cannot be read; what it lacks is in the answer.
     """
-    boots = tuple(
-        _boot(log, vehicle, None if chosen.name == NONE else chosen.model)
-        for log in read_flightlogs(path, target_system)
-    )
+    boots: list[BootInfo] = []
+    for piece in read_pieces(path, target_system):
+        one = _boot(piece.own(), vehicle, None if chosen.name == NONE else chosen.model)
+        boots[-1:] = [_joined(boots[-1], one)] if boots and boots[-1].boot == one.boot else [*boots[-1:], one]
     config = PipelineConfig(vehicle=vehicle, model=chosen.model, dry_run=True)
     flight, refusal = None, ""
     try:
         flight = run(path, config, "", target_system, assumed).summary
     except LogError as error:
         refusal = _without_path(error, path)
-    return LogInfo(path, vehicle.name, boots, flight, refusal)
+    return LogInfo(path, path.stat().st_size, vehicle.name, tuple(boots), flight, refusal)
 
 
 def _boot(log: FlightLog, vehicle: Vehicle, model: FanSurrogate | None) -> BootInfo:
@@ -157,7 +151,54 @@ def _boot(log: FlightLog, vehicle: Vehicle, model: FanSurrogate | None) -> BootI
         judged = Judged(record.seconds, tuple(AXES[i] for i in record.axes), "", left_out)
     except LogError as error:
         judged = Judged(0.0, (), _without_path(error, log.path), ())
-    return BootInfo(log, streams(log), abilities(log, vehicle), judged)
+    return BootInfo(
+        boot=log.boot,
+        system=log.system,
+        autopilot=_autopilot(log),
+        start_s=log.start_s,
+        duration_s=log.duration_s,
+        armed_s=sum(i.end_s - i.start_s for i in log.armed),
+        modes=_modes(log),
+        parameters=len(log.parameters),
+        streams=streams(log),
+        abilities=abilities(log, vehicle),
+        judged=judged,
+        notes=log.summary.notes,
+    )
+
+
+def _modes(log: FlightLog) -> dict[str, float]:
+    out: dict[str, float] = {}
+    for interval in log.modes:
+        name = mode_name(Heartbeat(0.0, 1, 1, True, interval.value, 129, log.autopilot or 0, 0, 0))
+        out[name] = out.get(name, 0.0) + interval.end_s - interval.start_s
+    return out
+
+
+def _joined(first: BootInfo, then: BootInfo) -> BootInfo:
+    """Two pieces of a boot as one; a question is answered as in the longer piece."""
+    longer = first if first.duration_s >= then.duration_s else then
+    later = {(s.name, s.source): s for s in then.streams}
+    both = [joined(s, later.pop(key)) if (key := (s.name, s.source)) in later else s for s in first.streams]
+    left_out: dict[str, float] = {}
+    for reason, seconds in (*first.judged.left_out_s, *then.judged.left_out_s):
+        left_out[reason] = left_out.get(reason, 0.0) + seconds
+    judged = Judged(
+        first.judged.seconds + then.judged.seconds,
+        tuple(a for a in AXES if a in first.judged.axes or a in then.judged.axes),
+        first.judged.refusal if not (first.judged.axes or then.judged.axes) else "",
+        tuple(left_out.items()),
+    )
+    return replace(
+        longer,
+        start_s=first.start_s,
+        duration_s=then.start_s + then.duration_s - first.start_s,
+        armed_s=first.armed_s + then.armed_s,
+        modes={m: first.modes.get(m, 0.0) + then.modes.get(m, 0.0) for m in {**first.modes, **then.modes}},
+        streams=(*both, *later.values()),
+        judged=judged,
+        notes=tuple(dict.fromkeys((*first.notes, *then.notes))),
+    )
 
 
 def _without_path(error: LogError, path: Path) -> str:
@@ -174,11 +215,10 @@ def _autopilot(log: FlightLog) -> str:
 
 
 def _boot_text(boot: BootInfo) -> list[str]:
-    log = boot.log
     modes = ", ".join(f"{name} {s:.0f} s" for name, s in boot.modes.items())
     out = [
-        f"boot {log.boot + 1}: system {log.system}, {_autopilot(log)}, {log.duration_s:.1f} s, armed "
-        f"{boot.armed_s:.1f} s{f' ({modes})' if modes else ''}, {len(log.parameters)} parameters",
+        f"boot {boot.boot + 1}: system {boot.system}, {boot.autopilot}, {boot.duration_s:.1f} s, armed "
+        f"{boot.armed_s:.1f} s{f' ({modes})' if modes else ''}, {boot.parameters} parameters",
         f"  {'holds':<26} {'samples':>8} {'rate':>9} {'gaps':>5} {'longest':>8}  from",
     ]
     for s in boot.streams:
@@ -196,7 +236,7 @@ def _boot_text(boot: BootInfo) -> list[str]:
     else:
         out.append(f"  replay diagnose judges {judged.seconds:.0f} s of it in {' '.join(judged.axes)}")
         out += [f"    {s:6.1f} s left out: {reason}" for reason, s in judged.left_out_s]
-    return [*out, *(f"  note: {note}" for note in log.summary.notes)]
+    return [*out, *(f"  note: {note}" for note in boot.notes)]
 
 
 def _flight_text(info: LogInfo) -> list[str]:

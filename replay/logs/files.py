@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import BinaryIO
 
 from models.errors import LogError
 
@@ -16,8 +17,14 @@ _HEAD = 6
 
 
 def read_bytes(path: Path) -> bytes:
-    """Everything in the file. Raises LogError where it cannot be read or is empty."""
+    """Everything in the file. Raises LogError where it cannot be read, is empty or compressed."""
     return _read(path, -1)
+
+
+def open_file(path: Path) -> BinaryIO:
+    """The file, open at its begin. Raises LogError where it cannot be read, is empty or compressed."""
+    _read(path, _HEAD)
+    return path.open("rb")
 
 
 def size_of(path: Path, head: bytes, kind: str) -> int:

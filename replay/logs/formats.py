@@ -1,12 +1,18 @@
-"""Log formats by suffix. A new one is a line here and a module with ``read(path, target_system)``."""
+"""Log formats by suffix. A new one is a line here and a module with ``read(path, target_system)``.
+
+A module may have ``pieces(path, target_system)`` beside it, for logs of any length within a fixed memory.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from models.errors import LogError
 from replay.flightlog import FlightLog
+from replay.logs.pieces import Piece
 
 READERS = {".tlog": "replay.logs.tlog_flightlog", ".bin": "replay.logs.bin", ".ulg": "replay.logs.ulg"}
 """Suffix (lower case) to the module that reads it; imported when needed."""
@@ -25,10 +31,23 @@ def suffix_of(path: Path) -> str:
 
 
 def read_flightlogs(path: Path, target_system: int | None = None) -> list[FlightLog]:
-    """Every boot in the log, in order. Raises LogError in one line where it cannot be read."""
+    """Every boot in the log, in order, each as a whole. Raises LogError in one line where it cannot be read."""
+    logs: list[FlightLog] = _reader(path).read(path, target_system)
+    return logs
+
+
+def read_pieces(path: Path, target_system: int | None = None) -> Iterator[Piece]:
+    """Every boot in the log, in order, a long one in several pieces; raises as ``read_flightlogs``."""
+    reader = _reader(path)
+    if hasattr(reader, "pieces"):
+        yield from reader.pieces(path, target_system)
+    else:
+        yield from map(Piece, reader.read(path, target_system))
+
+
+def _reader(path: Path) -> Any:
     if path.is_dir():
         raise LogError(f"{path}: is a directory, not a log")
     if not path.exists():
         raise LogError(f"{path}: cannot be read (No such file or directory)")
-    logs: list[FlightLog] = import_module(READERS[suffix_of(path)]).read(path, target_system)
-    return logs
+    return import_module(READERS[suffix_of(path)])

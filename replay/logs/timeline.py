@@ -6,6 +6,8 @@ sides. Stamped autopilot messages have the same times in both. Reboots split the
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
@@ -54,66 +56,70 @@ class Envelope:
         return out
 
 
-class Timeline:
-    """Boot number and boot time of every message of one vehicle in a log."""
+@dataclass(frozen=True)
+class Stamps:
+    """Boot stamps of the autopilot in file order, damaged ones out: places (n,) of their frames, milliseconds (n,)."""
 
-    def __init__(self, log: Tlog, system: int) -> None:
+    place: Micros
+    ms: Micros
+
+    def starts(self) -> Micros:
+        """Places of the frames at which each boot after the first begins."""
+        return self.place[1:][np.diff(self.ms) < -_BACK_MS]
+
+
+def main_stamps(log: Tlog, system: int, before: tuple[int, int] | None = None) -> Stamps:
+    """The stamps of one vehicle, the wraps of 32 bits undone. Raises LogError where there is none to believe.
+
+    ``before``: arrival [us] and unwrapped stamp [ms] of an earlier one, where ``log`` is not the begin of its file.
+    """
+    places, stamps = [], []
+    for layout in LAYOUTS.values():
+        if layout.stamp is not Stamp.BOOT_MS:
+            continue
+        index = log.indices(layout.id, system)
+        index = index[log.component[index] == AUTOPILOT]
+        if index.size:
+            places.append(index)
+            stamps.append(log.records(layout.id, index)["time_boot_ms"].astype(np.int64))
+    if not places:
+        raise LogError(f"{log.path}: no stamped message of the autopilot (system {system}): no time axis")
+    place, stamp = np.concatenate(places), np.concatenate(stamps)
+    order = np.argsort(place)
+    place, stamp = place[order], stamp[order]
+    good = stamp > 0
+    good[outliers(stamp, _BACK_MS)] = False
+    place, stamp = place[good], stamp[good]
+    if not place.size:
+        raise LogError(f"{log.path}: no believable boot time in the autopilot's messages: no time axis")
+    arrival = log.arrival_us[place]
+    known = (int(arrival[0]), int(stamp[0])) if before is None else before
+    # A step back that the receiver's clock saw as a small step forward is the wrap of 32 bits, not a reboot.
+    elapsed = np.diff(arrival, prepend=known[0]) // 1000 + _AGREE_US // 1000
+    steps = np.diff(stamp, prepend=known[1] % _WRAP_MS)
+    wraps = (steps < 0) & (steps + _WRAP_MS <= elapsed)
+    stamp += (known[1] // _WRAP_MS + np.cumsum(wraps)) * _WRAP_MS
+    return Stamps(place, stamp)
+
+
+class BootAxis:
+    """Boot times of the messages of one vehicle in a stretch of a log that holds one boot."""
+
+    def __init__(self, log: Tlog, system: int, stamps: Stamps) -> None:
         self._log = log
         self._system = system
-        place, stamp_ms = self._main_stamps()
-        back = np.diff(stamp_ms) < -_BACK_MS
-        self._starts = place[1:][back]
-        """Frame at which each boot after the first begins."""
-        self.boots = int(back.sum()) + 1
-        boot = np.concatenate([[0], np.cumsum(back)])
-        arrival = log.arrival_us[place]
-        self._envelopes = [
-            Envelope(arrival[boot == b], stamp_ms[boot == b].astype(np.int64) * 1000) for b in range(self.boots)
-        ]
+        self._envelope = Envelope(log.arrival_us[stamps.place], stamps.ms * 1000)
         self.stamps_repaired = 0
 
-    def _main_stamps(self) -> tuple[Micros, Micros]:
-        """Places and unwrapped boot milliseconds of all stamped autopilot messages, in file order, damaged ones out."""
-        places, stamps = [], []
-        for layout in LAYOUTS.values():
-            if layout.stamp is not Stamp.BOOT_MS:
-                continue
-            index = self._log.indices(layout.id, self._system)
-            index = index[self._log.component[index] == AUTOPILOT]
-            if index.size:
-                places.append(index)
-                stamps.append(self._log.records(layout.id, index)["time_boot_ms"].astype(np.int64))
-        if not places:
-            raise LogError(
-                f"{self._log.path}: no stamped message of the autopilot (system {self._system}): no time axis"
-            )
-        place, stamp = np.concatenate(places), np.concatenate(stamps)
-        order = np.argsort(place)
-        place, stamp = place[order], stamp[order]
-        good = stamp > 0
-        good[outliers(stamp, _BACK_MS)] = False
-        place, stamp = place[good], stamp[good]
-        # A step back that the receiver's clock saw as a small step forward is the wrap of 32 bits, not a reboot.
-        elapsed = np.diff(self._log.arrival_us[place]) // 1000 + _AGREE_US // 1000
-        wraps = (np.diff(stamp) < 0) & (np.diff(stamp) + _WRAP_MS <= elapsed)
-        stamp += np.concatenate([[0], np.cumsum(wraps)]) * _WRAP_MS
-        if not place.size:
-            raise LogError(f"{self._log.path}: no believable boot time in the autopilot's messages: no time axis")
-        return place, stamp
-
-    def boot(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Boot number, from 0, of the frames at ``index``."""
-        return np.searchsorted(self._starts, index, side="right")
+    def by_arrival(self, index: NDArray[np.int64]) -> Micros:
+        """Boot times [us] (n,) at which frames would have arrived without delay."""
+        arrival = self._log.arrival_us[index]
+        out: Micros = np.maximum(arrival - self._envelope.offset_us(arrival), 0)
+        return out
 
     def times(self, layout: Layout, index: NDArray[np.int64], stamps: NDArray[np.uint64] | None) -> NDArray[np.float64]:
         """Boot times [s] of messages of one layout, shape (n,). ``stamps``: the time field as on the wire."""
-        arrival = self._log.arrival_us[index]
-        boots = self.boot(index)
-        offset = np.empty(len(index), np.int64)
-        for b in range(self.boots):
-            rows = boots == b
-            offset[rows] = self._envelopes[b].offset_us(arrival[rows])
-        by_arrival = np.maximum(arrival - offset, 0)
+        by_arrival = self.by_arrival(index)
         if layout.stamp is None or stamps is None:
             seconds: NDArray[np.float64] = by_arrival / 1e6
             return seconds
@@ -127,12 +133,14 @@ class Timeline:
         ours = (component == AUTOPILOT) & (self._log.system[index] == self._system)
         direct = ours & (np.abs(stamp - by_arrival) <= _AGREE_US) & (stamp > 0)
         out = np.where(direct, stamp, by_arrival)
+        arrival = self._log.arrival_us[index]
         for key in np.unique(component[~direct]):
             rows = np.flatnonzero(~direct & (component == key) & (stamp > 0))
             if not rows.size or (key == AUTOPILOT and not (stamp[rows] > _UNIX_US).all()):
                 self.stamps_repaired += int(rows.size)
                 continue
             foreign = Envelope(arrival[rows], stamp[rows]).offset_us(arrival[rows])
-            out[rows] = np.maximum(stamp[rows] + foreign - offset[rows], 0)
+            offset = self._envelope.offset_us(arrival[rows])
+            out[rows] = np.maximum(stamp[rows] + foreign - offset, 0)
         result: NDArray[np.float64] = out / 1e6
         return result

@@ -6,9 +6,10 @@ repaired from their neighbours. What was dropped or repaired is counted (``Repor
 
 from __future__ import annotations
 
+from array import array
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,20 +25,15 @@ from companion.mavlink.wire_format import wire_format
 from models.errors import LogError
 from replay.logs.files import read_bytes
 
-AUTOPILOT = 1
-"""MAV_COMP_ID_AUTOPILOT1."""
-_STAMP = 8
+AUTOPILOT, GROUND_STATION = 1, 190
+"""MAV_COMP_ID_AUTOPILOT1, MAV_COMP_ID_MISSIONPLANNER."""
+STAMP = 8
 """Bytes of the receiver's stamp before every frame."""
 _STAMP_TOLERANCE_US = 500_000
 """Links seldom hold messages back for half a second; a damaged stamp is off by far more."""
 
-_MOTION = (27, 30, 31, 32, 105)
-"""RAW_IMU, ATTITUDE, ATTITUDE_QUATERNION, LOCAL_POSITION_NED, HIGHRES_IMU."""
-_SPEEDS = (*range(11030, 11033), *range(11040, 11045), 291)
-"""ESC_TELEMETRY_1_TO_4 ... 29_TO_32, ESC_STATUS."""
-_SERVOS, _IDLE_US = 36, 30
-"""SERVO_OUTPUT_RAW; outputs that never move by more than 30 us, of some 1000, drive nothing."""
-_SERVO_COUNT = 8
+_AT_ONCE = 10_000
+"""Numbers made Python objects at a time: each is then 32 bytes."""
 _NO_STAMP = np.uint64(2**62)
 """Larger numbers are no time in microseconds (146 000 years), and would overflow signed 64 bits."""
 
@@ -58,6 +54,11 @@ class Report:
     stamps_repaired: int = 0
     clock_steps: int = 0
     """Backward steps of the receiver's clock that lasted."""
+
+    @classmethod
+    def of(cls, counts: Counts, bytes_: int, truncated: int) -> Report:
+        """What a walk counted."""
+        return cls(bytes_, 0, counts.bad_crc, counts.unknown, counts.skipped_bytes, truncated)
 
     def notes(self) -> list[str]:
         """What a reader should know, in words."""
@@ -90,6 +91,12 @@ class Tlog:
     def __len__(self) -> int:
         return len(self.start)
 
+    def part(self, first: int, end: int) -> Tlog:
+        """The frames ``first`` <= i < ``end``, as views."""
+        own = slice(first, end)
+        arrays = (self.start[own], self.arrival_us[own], self.message_id[own], self.system[own], self.component[own])
+        return Tlog(self.path, self.data, *arrays, self.report)
+
     def frame(self, index: int) -> bytes:
         """The bytes of one frame, signature included."""
         i = int(self.start[index])
@@ -98,8 +105,10 @@ class Tlog:
     def frames(self) -> Iterator[tuple[int, bytes]]:
         """(arrival stamp [us], frame) in file order."""
         data = self.data
-        for arrival, i in zip(self.arrival_us.tolist(), self.start.tolist(), strict=True):
-            yield arrival, data[i : i + frame_bytes(data, i)]
+        for k in range(0, len(self), _AT_ONCE):
+            few = slice(k, k + _AT_ONCE)
+            for arrival, i in zip(self.arrival_us[few].tolist(), self.start[few].tolist(), strict=True):
+                yield arrival, data[i : i + frame_bytes(data, i)]
 
     def indices(self, message_id: int, system: int | None = None) -> NDArray[np.int64]:
         """Places of the frames of one message, of one system if given."""
@@ -122,15 +131,12 @@ class Tlog:
                 raw[rows, :size] = sliding_window_view(bytes_, int(size))[payload[rows]]
         return raw.view(dtype).reshape(-1)
 
-    def counts(self) -> Counter[tuple[int, int, str]]:
-        """How many frames of each (system, component, message name)."""
+    def counts(self) -> Counter[tuple[int, int, int]]:
+        """How many frames of each (system, component, message id), by message id."""
         key = self.message_id.astype(np.int64) << 16 | self.system.astype(np.int64) << 8 | self.component
         values, count = np.unique(key, return_counts=True)
         return Counter(
-            {
-                (int(v) >> 8 & 255, int(v) & 255, message_name(int(v) >> 16)): int(c)
-                for v, c in zip(values, count, strict=True)
-            }
+            {(int(v) >> 8 & 255, int(v) & 255, int(v) >> 16): int(c) for v, c in zip(values, count, strict=True)}
         )
 
 
@@ -143,26 +149,40 @@ def message_name(message_id: int) -> str:
 
 
 def read_tlog(path: Path | str) -> Tlog:
-    """Read and walk a file. Raises LogError where it cannot be read, is empty, or holds no MAVLink frame."""
+    """Read and walk a whole file. Raises LogError where it cannot be read, is empty, or holds no MAVLink frame.
+
+    Memory is about twice the file's size; ``tlog_blocks.py`` reads large ones in blocks.
+    """
     path = Path(path)
     data = read_bytes(path)
     counts = Counts()
-    starts, rest = walk_file(data, counts, _STAMP)
+    starts, rest = walk_file(data, counts, STAMP)
     if not starts:
-        raise LogError(f"{path}: holds no MAVLink frame: not a .tlog, or damaged throughout")
+        raise no_frame(path)
+    return tlog_of(path, data, starts, Report.of(counts, len(data), len(data) - rest))
+
+
+def no_frame(path: Path) -> LogError:
+    """A file without a single frame."""
+    return LogError(f"{path}: holds no MAVLink frame: not a .tlog, or damaged throughout")
+
+
+def tlog_of(path: Path, data: bytes, starts: array[int], report: Report) -> Tlog:
+    """The frames of a walked file; ``starts`` are the offsets of their stamps, one at least.
+
+    Counts of ``report`` that are of stamps are found here.
+    """
     start = np.frombuffer(starts, np.int64)
     bytes_ = np.frombuffer(data, np.uint8)
-    stamps = sliding_window_view(bytes_, _STAMP)[start].copy().view(">u8").reshape(-1)
+    stamps = sliding_window_view(bytes_, STAMP)[start].copy().view(">u8").reshape(-1)
     arrival, repaired, steps = repair_stamps(stamps.astype(np.uint64))
-    magic = start + _STAMP
+    magic = start + STAMP
     v2 = bytes_[magic] == V2
     source = magic + np.where(v2, 5, 3)
     ids = bytes_[source + 2].astype(np.int32)
     wide = np.flatnonzero(v2)
     ids[wide] |= bytes_[source[wide] + 3].astype(np.int32) << 8 | bytes_[source[wide] + 4].astype(np.int32) << 16
-    report = Report(
-        len(data), len(start), counts.bad_crc, counts.unknown, counts.skipped_bytes, len(data) - rest, repaired, steps
-    )
+    report = replace(report, frames=len(start), stamps_repaired=repaired, clock_steps=steps)
     return Tlog(path, data, magic, arrival, ids, bytes_[source], bytes_[source + 1], report)
 
 
@@ -201,70 +221,3 @@ def outliers(values: NDArray[np.int64], tolerance: int) -> NDArray[np.int64]:
     median = np.median(sliding_window_view(padded, 5)[near], axis=1)
     out: NDArray[np.int64] = near[np.abs(values[near] - median) > tolerance]
     return out
-
-
-@dataclass(frozen=True)
-class Choice:
-    """The vehicle that a log is read for, and whether it was chosen among several."""
-
-    system: int
-    others: tuple[int, ...] = ()
-    flying: bool = False
-    """Whether one of the others flies as well."""
-    heartbeat: bool = True
-
-    def notes(self) -> list[str]:
-        """What a reader should know, in words."""
-        out = []
-        if self.others:
-            rest = ", ".join(map(str, self.others))
-            more = "; more than one of them flies" if self.flying else ""
-            out.append(
-                f"system {self.system} chosen (flying, most data); also in the log: {rest}{more}; "
-                "--target-system N reads it"
-            )
-        if not self.heartbeat:
-            out.append(f"no autopilot HEARTBEAT; system {self.system} taken from its telemetry")
-        return out
-
-
-def choose_system(log: Tlog, target: int | None = None) -> Choice:
-    """The vehicle to read: ``target``, or of those that fly (of all, where none does) the one with most motion data.
-
-    A vehicle is a system whose component 1 sends HEARTBEAT with an autopilot; without any, one that sends attitudes.
-    """
-    autopilots = log.component == AUTOPILOT
-    beats = np.flatnonzero(autopilots & (log.message_id == 0))
-    alive = log.records(0, beats)["autopilot"] != mavlink.MAV_AUTOPILOT_INVALID
-    systems = np.unique(log.system[beats[alive]])
-    heartbeat = systems.size > 0
-    motion = np.isin(log.message_id, _MOTION) & autopilots
-    if not heartbeat:
-        systems = np.unique(log.system[motion])
-    if not systems.size:
-        raise LogError(f"{log.path}: no vehicle in it: neither HEARTBEAT nor attitude of an autopilot (component 1)")
-    frames = np.bincount(log.system[motion], minlength=256)
-    flying = {int(s): _flies(log, int(s)) for s in systems} if systems.size > 1 else {int(systems[0]): True}
-    ranked = sorted(flying, key=lambda s: (-flying[s], -int(frames[s]), s))
-    if target is None:
-        return Choice(ranked[0], tuple(ranked[1:]), any(flying[s] for s in ranked[1:]), heartbeat)
-    if target not in ranked:
-        raise LogError(f"{log.path}: no vehicle with system id {target}; it holds {', '.join(map(str, ranked))}")
-    return Choice(target, heartbeat=heartbeat)
-
-
-def _flies(log: Tlog, system: int) -> bool:
-    """Whether a vehicle is armed at some time and its rotors turn: by their speeds, or by servo outputs that move."""
-    beats = log.indices(0, system)
-    modes = log.records(0, beats[log.component[beats] == AUTOPILOT])["base_mode"]
-    if not (modes & mavlink.MAV_MODE_FLAG_SAFETY_ARMED).any():
-        return False
-    speeds = [log.records(n, log.indices(n, system))["rpm"] for n in _SPEEDS]
-    if any(s.size for s in speeds):
-        return any(bool(s.any()) for s in speeds)
-    outputs = log.records(_SERVOS, log.indices(_SERVOS, system))
-    return (
-        any(np.ptp(outputs[f"servo{k}_raw"].astype(int)) > _IDLE_US for k in range(1, _SERVO_COUNT + 1))
-        if outputs.size
-        else False
-    )

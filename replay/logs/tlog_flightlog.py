@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterable
+import sys
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,8 +17,8 @@ from numpy.typing import NDArray
 from companion.mavlink.decoders import columns
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.range_beams import beam_direction
-from companion.mavlink.sample_builders import parameter_value
 from companion.mavlink.wire_layout import PER_SI
+from models.errors import LogError
 from models.frames import Array
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, LogSummary, Series
 from replay.logs.columns import (
@@ -26,12 +30,13 @@ from replay.logs.columns import (
     tidy,
     unflipped,
 )
-from replay.logs.timeline import Timeline
-from replay.logs.tlog import AUTOPILOT, Choice, Tlog, choose_system, message_name, read_tlog
+from replay.logs.pieces import Piece
+from replay.logs.timeline import BootAxis, Stamps, main_stamps
+from replay.logs.tlog import AUTOPILOT, Tlog, message_name
+from replay.logs.tlog_blocks import Block, TlogFile
+from replay.logs.tlog_vehicle import Choice
 
 _IDS = {layout.name: layout.id for layout in LAYOUTS.values()}
-_GCS = 190
-"""MAV_COMP_ID_MISSIONPLANNER."""
 _WIRE_STEP = 1.0 / PER_SI["mG"]
 _WIRE_STEP_M = 1.0 / PER_SI["cm"]
 """Grids of accelerations [m/s^2] and distances [m] on the link."""
@@ -43,11 +48,82 @@ _LEAST_MOVING = 0.02
 
 
 def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
-    """Every boot of the chosen vehicle, in order."""
-    log = read_tlog(path)
-    choice = choose_system(log, target_system)
-    timeline = Timeline(log, choice.system)
-    return [_Boot(log, choice, timeline, boot).flightlog() for boot in range(timeline.boots)]
+    """Every boot of the chosen vehicle, in order, each as a whole: memory grows with the file."""
+    return [piece.log for piece in pieces(path, target_system, sys.maxsize)]
+
+
+def pieces(path: Path, target_system: int | None = None, block_bytes: int | None = None) -> Iterator[Piece]:
+    """Every boot of the chosen vehicle in order, a long one in several pieces: memory is that of a block.
+
+    Raises LogError as ``TlogFile``, without a vehicle, and without boot times.
+    """
+    file = TlogFile(path, block_bytes)
+    choice = file.census.choose(path, target_system)
+    parameters = file.census.parameters(choice.system)
+    seam = _Seam()
+    unusable: LogError | None = None
+    for block in file.blocks():
+        try:
+            stamps = main_stamps(block.log, choice.system, seam.stamp)
+        except LogError as error:  # a stretch without the vehicle
+            unusable = error
+            continue
+        bounds = [0, *stamps.starts().tolist(), len(block.log)]
+        for first, end in itertools.pairwise(bounds):
+            if end > block.first and first < block.end:
+                new = seam.boot < 0 or (first > 0 and first >= block.first)
+                yield _piece(block, (first, end), choice, stamps, parameters, seam, new=new)
+        seam.stamp = _last_stamp(block, stamps)
+    if seam.boot < 0:
+        assert unusable is not None
+        raise unusable
+
+
+@dataclass
+class _Seam:
+    """What one block tells the next."""
+
+    boot: int = -1
+    origin_s: float = -math.inf
+    """First boot time of this boot."""
+    until_s: float = -math.inf
+    """Boot time up to which it was read."""
+    stamp: tuple[int, int] | None = None
+    """Arrival [us] and boot stamp [ms] before the next block's first frames."""
+
+
+def _last_stamp(block: Block, stamps: Stamps) -> tuple[int, int] | None:
+    """The last stamp of a block that the next block does not see, if there is one."""
+    # The next block begins a margin before this one's end; half of this one is before that.
+    k = int(np.searchsorted(stamps.place, (block.first + block.end) // 2)) - 1
+    return None if k < 0 else (int(block.log.arrival_us[stamps.place[k]]), int(stamps.ms[k]))
+
+
+def _piece(
+    block: Block,
+    bounds: tuple[int, int],
+    choice: Choice,
+    stamps: Stamps,
+    parameters: dict[str, float],
+    seam: _Seam,
+    *,
+    new: bool,
+) -> Piece:
+    """The part of a block that is of one boot, frames ``bounds``; ``new``: the boot begins in it."""
+    first, end = bounds
+    log = block.log.part(first, end)
+    i, j = np.searchsorted(stamps.place, bounds).tolist()
+    axis = BootAxis(log, choice.system, Stamps(stamps.place[i:j] - first, stamps.ms[i:j]))
+    if new:
+        seam.boot, seam.until_s = seam.boot + 1, -math.inf
+    start_s, end_s = seam.until_s, math.inf
+    if not block.is_last and end > block.end:
+        seam.until_s = end_s = float(axis.by_arrival(np.array([block.end - first]))[0]) / 1e6
+    own = log.part(max(block.first - first, 0), min(block.end, end) - first)
+    boot = _Boot(log, choice, axis, seam.boot, parameters).flightlog(own.counts())
+    if new:
+        seam.origin_s = boot.start_s
+    return Piece(boot, start_s, end_s, seam.origin_s)
 
 
 class _Table:
@@ -75,28 +151,26 @@ class _Table:
 class _Boot:
     """Builds one FlightLog."""
 
-    def __init__(self, log: Tlog, choice: Choice, timeline: Timeline, boot: int) -> None:
-        self._log, self._choice, self._timeline, self._number = log, choice, timeline, boot
+    def __init__(self, log: Tlog, choice: Choice, axis: BootAxis, boot: int, parameters: dict[str, float]) -> None:
+        self._log, self._choice, self._axis, self._number = log, choice, axis, boot
+        self._parameters = parameters
         self._notes = [*log.report.notes(), *choice.notes()]
-        if timeline.boots > 1:
-            self._notes.append(f"boot {boot + 1} of {timeline.boots} in the file")
 
     def _table(self, name: str, *, foreign: bool = False) -> _Table:
         """Messages of the vehicle, or (``foreign``) of everyone."""
         layout = LAYOUTS[_IDS[name]]
         index = self._log.indices(layout.id, None if foreign else self._choice.system)
-        index = index[self._timeline.boot(index) == self._number]
         records = self._log.records(layout.id, index)
         stamps = None if layout.stamp is None else records[layout.stamp_field]
-        times = self._timeline.times(layout, index, stamps)
+        times = self._axis.times(layout, index, stamps)
         return _Table(name, times, self._log.component[index], columns(layout, records))
 
     def _autopilot(self, name: str) -> _Table:
         table = self._table(name)
         return table.where(table.component == AUTOPILOT)
 
-    def flightlog(self) -> FlightLog:
-        """All columns."""
+    def flightlog(self, counts: Counter[tuple[int, int, int]]) -> FlightLog:
+        """All columns; ``counts`` of the messages, for the summary."""
         beats = self._autopilot("HEARTBEAT")
         attitude, rates = self._attitude()
         position = self._autopilot("LOCAL_POSITION_NED")
@@ -134,9 +208,9 @@ class _Boot:
             armed=self._armed(beats, end),
             modes=runs(beats.t_s, beats["custom_mode"], end),
             landed=self._landed(end),
-            parameters=self._parameters(),
+            parameters=self._parameters,
             texts=self._texts(),
-            summary=self._summary(start, end),
+            summary=self._summary(counts, end - start),
         )
 
     def _span(self) -> tuple[float, float]:
@@ -319,23 +393,6 @@ class _Boot:
         table = table.where(table["landed_state"] > 0)
         return runs(table.t_s, table["landed_state"], end)
 
-    def _parameters(self) -> dict[str, float]:
-        """The autopilot's parameters of the whole file; a ground station's own copy of them where it sent none."""
-        out: dict[str, float] = {}
-        layout = LAYOUTS[_IDS["PARAM_VALUE"]]
-        index = self._log.indices(layout.id)
-        component = self._log.component[index]
-        own = (self._log.system[index] == self._choice.system) & (component == AUTOPILOT)
-        for rows in (index[component == _GCS], index[own]):
-            records = self._log.records(layout.id, rows)
-            for name, value, kind in zip(
-                records["param_id"], records["param_value"], records["param_type"], strict=True
-            ):
-                number = parameter_value(float(value), int(kind))
-                if math.isfinite(number):
-                    out[bytes(name).split(b"\0")[0].decode("ascii", "replace")] = number
-        return out
-
     def _texts(self) -> tuple[tuple[float, int, str], ...]:
         table = self._autopilot("STATUSTEXT")
         return tuple(
@@ -344,22 +401,13 @@ class _Boot:
         )
 
     def _repairs(self) -> None:
-        if self._timeline.stamps_repaired:
-            self._notes.append(f"{self._timeline.stamps_repaired} impossible boot stamps replaced by arrival times")
+        if self._axis.stamps_repaired:
+            self._notes.append(f"{self._axis.stamps_repaired} impossible boot stamps replaced by arrival times")
 
-    def _summary(self, start: float, end: float) -> LogSummary:
-        here = self._timeline.boot(np.arange(len(self._log))) == self._number
-        key = self._log.message_id[here].astype(np.int64) << 16
-        key |= self._log.system[here].astype(np.int64) << 8 | self._log.component[here]
-        values, counts = np.unique(key, return_counts=True)
-        messages = message_counts(
-            (
-                (int(v) >> 8 & 255, int(v) & 255, message_name(int(v) >> 16), int(n))
-                for v, n in zip(values, counts, strict=True)
-            ),
-            end - start,
-        )
-        return LogSummary(self._log.report.bytes, int(here.sum()), messages, tuple(self._notes))
+    def _summary(self, counts: Counter[tuple[int, int, int]], span_s: float) -> LogSummary:
+        named = ((system, component, message_name(number), n) for (system, component, number), n in counts.items())
+        messages = message_counts(named, span_s)
+        return LogSummary(self._log.report.bytes, counts.total(), messages, tuple(self._notes))
 
 
 def _median(values: Array) -> float:

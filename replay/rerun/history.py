@@ -1,4 +1,4 @@
-"""What a replay decided over time: a few numbers ten times a second, for plots."""
+"""What a replay decided over time: a few numbers ten times a second (less often over hours), for plots."""
 
 from __future__ import annotations
 
@@ -14,6 +14,8 @@ from models.frames import Array
 
 _PERIOD_S = 0.1
 """Finer than a plot of minutes can show."""
+_MOST_ROWS = 36_000
+"""An hour. In a longer flight every second row is dropped, and the period is doubled: memory stays at some 20 MB."""
 _NAMES = ("t_s", "h_m", "d_m", "thrust", "roll_deg", "pitch_deg", "lift_n", "side_n", "trust", "authority")
 _SHORTEST_S = 0.3
 """Shorter interruptions are joined with what surrounds them."""
@@ -35,11 +37,15 @@ class History:
     def __init__(self) -> None:
         self._rows: list[tuple[float, ...]] = []
         self._reasons: list[Reason | None] = []
+        self._period_s = _PERIOD_S
 
     def add(self, decision: Decision) -> None:
-        """Keep a decision where the last one kept is a tenth of a second old."""
-        if self._rows and 0.0 <= decision.t_s - self._rows[-1][0] < _PERIOD_S:
+        """Keep a decision where the last one kept is a period old."""
+        if self._rows and 0.0 <= decision.t_s - self._rows[-1][0] < self._period_s:
             return
+        if len(self._rows) >= _MOST_ROWS:
+            del self._rows[1::2], self._reasons[1::2]
+            self._period_s *= 2.0
         self._rows.append(_row(decision))
         acts = decision.authority > 0.0 and not decision.reasons
         gravest = min(decision.reasons, key=list(Reason).index, default=Reason.LANDED)

@@ -12,7 +12,7 @@ from companion.pipeline import Decision
 from companion.telemetry.summary import Summary
 from models.errors import LogError
 from replay.logs.formats import read_flightlogs, suffix_of
-from replay.logs.tlog import Tlog, choose_system, read_tlog
+from replay.logs.tlog_blocks import TlogFile
 from replay.rerun.harness import Replay
 
 _NEEDED = {
@@ -86,8 +86,8 @@ def run(
     """
     assumed = assumed or {}
     if suffix_of(path) == ".tlog":
-        log = read_tlog(path)
-        choice = choose_system(log, target_system)
+        log = TlogFile(path)
+        choice = log.census.choose(path, target_system)
         replay = Replay(config, choice.system, assumed)
         notes = [*log.report.notes(), *choice.notes()]
         decisions = replay.decisions(_with_progress(log, quiet))
@@ -115,7 +115,7 @@ def _summarised(decisions: Iterable[Decision]) -> Summary:
     return summary
 
 
-def _with_progress(log: Tlog, quiet: bool) -> Iterator[tuple[int, bytes]]:
+def _with_progress(log: TlogFile, quiet: bool) -> Iterator[tuple[int, bytes]]:
     from tqdm import tqdm
 
     # disable=None: only to a terminal.

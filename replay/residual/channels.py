@@ -7,10 +7,9 @@ import numpy as np
 from models.air_state import DIRECTIONS, AirState
 from models.frames import Array
 from models.vehicle import Vehicle
-from replay.flightlog import FlightLog
 
 
-def named_channels(log: FlightLog, vehicle: Vehicle, state: AirState) -> dict[str, Array]:
+def named_channels(vehicle: Vehicle, state: AirState) -> dict[str, Array]:
     """What the flexible search may look at, by the channel names of docs/formats.md."""
     r = state.rotation
     with np.errstate(invalid="ignore"):

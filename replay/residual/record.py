@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -38,7 +39,7 @@ class Record:
     """
 
     name: str
-    log: FlightLog
+    path: Path
     context: Context
     residual: Array
     measured: Array
@@ -101,7 +102,7 @@ def build_record(
     rotors = delays[0]
     record = Record(
         name=name or log.path.name,
-        log=log,
+        path=log.path,
         context=Context(
             small,
             vehicle,
@@ -115,7 +116,7 @@ def build_record(
         axes=doubts.axes,
         step_s=grid.every / grid.rate,
         kinematic_bias=np.full_like(kinematic, np.nan) if derived else kinematic,
-        channels=named_channels(log, vehicle, small),
+        channels=named_channels(vehicle, small),
         delays=delays,
         excluded=time.excluded,
         notes=(*notes, *unseen_surfaces(log, vehicle), *time.notes),
@@ -159,7 +160,7 @@ def too_short(record: Record) -> LogError:
     """What to say of a flight that does not last."""
     worst = max(record.excluded, key=lambda e: e.seconds).reason if record.excluded else "gaps"
     return LogError(
-        f"{record.log.path}: only {record.seconds:.0f} s of flight can be judged (most time lost to: {worst}); "
+        f"{record.path}: only {record.seconds:.0f} s of flight can be judged (most time lost to: {worst}); "
         f"{ENOUGH_S:.0f} s are needed"
     )
 

@@ -19,7 +19,7 @@ from models.errors import LogError
 from models.frames import Array
 from models.vehicle import Throttle, Vehicle
 from models.vehicle_setup.estimate import OPEN_ROTOR_CT
-from replay.logs.formats import read_flightlogs
+from replay.logs.formats import read_pieces
 from replay.residual.record import Record, build_record
 
 _CLIMB_M_S, _SPEED_M_S, _TILT_COS = 0.3, 1.0, 0.985
@@ -91,7 +91,7 @@ def fit(paths: Sequence[Path], vehicle: Vehicle, target_system: int | None = Non
     problems: list[LogError] = []
     for path in paths:
         try:
-            records = [build_record(log, start, None) for log in read_flightlogs(path, target_system)]
+            records = [build_record(piece.own(), start, None) for piece in read_pieces(path, target_system)]
         except LogError as error:
             problems.append(error)
             continue

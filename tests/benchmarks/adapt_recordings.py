@@ -32,7 +32,8 @@ from models.choice import NONE, choose
 from models.errors import UserError
 from models.vehicle import load_vehicle
 from replay.logs.formats import read_flightlogs, suffix_of
-from replay.logs.tlog import choose_system, read_tlog
+from replay.logs.tlog import read_tlog
+from replay.logs.tlog_vehicle import choose_system
 from replay.rerun.harness import Replay
 from replay.rerun.log_samples import samples_of
 

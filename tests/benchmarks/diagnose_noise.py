@@ -26,7 +26,6 @@ from models.air_state import blank_state
 from models.effects import Coefficient, Context, Effect, catalogue
 from models.frames import Array, quaternion_from_euler, rotation_from_quaternion
 from replay.diagnosis.diagnose import conclude
-from replay.flightlog import FlightLog
 from replay.residual.channels import named_channels
 from replay.residual.grid import RATE_HZ
 from replay.residual.record import Record
@@ -136,11 +135,11 @@ def noise_record(seed: int, seconds: float, tau_s: float) -> Record:
         pressure_pa=np.full(n, 101325.0) + 20.0 * coloured(rng, n, 20.0, step), air_temperature_c=np.full(n, 15.0),
     )  # fmt: skip
     residual = np.stack([s * coloured(rng, n, tau_s, step) for s in LEVEL], axis=1)
-    log = FlightLog(path=Path(f"noise-{seed}"), system=1, boot=0, start_s=t[0], end_s=t[-1])
     return Record(
-        name=log.path.name, log=log, context=Context(state, vehicle, model), residual=residual, measured=residual,
+        name=f"noise-{seed}", path=Path(f"noise-{seed}"), context=Context(state, vehicle, model),
+        residual=residual, measured=residual,
         valid=np.ones(n, bool), axes=tuple(range(6)), step_s=step, kinematic_bias=np.zeros((n, 3)),
-        channels=named_channels(log, vehicle, state), delays=(), excluded=(),
+        channels=named_channels(vehicle, state), delays=(), excluded=(),
     )  # fmt: skip
 
 
@@ -187,7 +186,7 @@ def _thinner(record: Record, share: float) -> Record:
     """The same flight in air that is thinner by a share."""
     context = record.context
     state = replace(context.state, pressure_pa=context.state.pressure_pa * (1.0 - share))
-    channels = named_channels(record.log, context.vehicle, state)
+    channels = named_channels(context.vehicle, state)
     return replace(record, context=replace(context, state=state), channels=channels)
 
 

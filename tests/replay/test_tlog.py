@@ -16,7 +16,8 @@ from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import cut
 from companion.mavlink.message_table import LAYOUTS
 from models.errors import LogError
-from replay.logs.tlog import choose_system, read_tlog, repair_stamps
+from replay.logs.tlog import read_tlog, repair_stamps
+from replay.logs.tlog_vehicle import choose_system
 
 FLIGHT = flight(4.0)
 
@@ -32,7 +33,7 @@ def test_frames_and_stamps_come_back(flown):
     assert list(flown.frames()) == FLIGHT
     assert flown.frame(3) == FLIGHT[3][1]
     assert flown.report.notes() == []
-    assert flown.counts()[(1, 1, "ATTITUDE")] == 200
+    assert flown.counts()[(1, 1, 30)] == 200
 
 
 def same(a, b):
