@@ -32,10 +32,15 @@ _WRAP_MS = 2**32
 
 
 class Envelope:
-    """The smallest (arrival - stamp) around each moment: what separates two clocks, latency taken out."""
+    """The smallest (arrival - stamp) around each moment: what separates two clocks, latency taken out.
 
-    def __init__(self, arrival_us: Micros, stamp_us: Micros) -> None:
-        window = (stamp_us - stamp_us.min()) // _WINDOW_US
+    ``origin_us``: stamp at which a window begins; None: the earliest. Stretches of one log that overlap by some windows
+    of one origin give the same offsets there.
+    """
+
+    def __init__(self, arrival_us: Micros, stamp_us: Micros, origin_us: int | None = None) -> None:
+        origin = int(stamp_us.min()) if origin_us is None else origin_us
+        window = (stamp_us - origin) // _WINDOW_US
         order = np.argsort(window, kind="stable")
         windows, first = np.unique(window[order], return_index=True)
         latency = (arrival_us - stamp_us)[order]
@@ -43,7 +48,7 @@ class Envelope:
         if len(windows) > 2:
             # A window of its own may hold only late messages; its neighbours know better.
             smallest = sliding_window_view(np.pad(smallest, 1, mode="edge"), 3).min(axis=1)
-        middle = stamp_us.min() + windows * _WINDOW_US + _WINDOW_US // 2
+        middle = origin + windows * _WINDOW_US + _WINDOW_US // 2
         self._origin = int(smallest[0])
         at = middle + smallest
         keep = np.concatenate([[True], np.diff(np.maximum.accumulate(at)) > 0])
@@ -105,10 +110,11 @@ def main_stamps(log: Tlog, system: int, before: tuple[int, int] | None = None) -
 class BootAxis:
     """Boot times of the messages of one vehicle in a stretch of a log that holds one boot."""
 
-    def __init__(self, log: Tlog, system: int, stamps: Stamps) -> None:
+    def __init__(self, log: Tlog, system: int, stamps: Stamps, origin_us: int | None = None) -> None:
         self._log = log
         self._system = system
-        self._envelope = Envelope(log.arrival_us[stamps.place], stamps.ms * 1000)
+        self.origin_us = int(stamps.ms.min()) * 1000 if origin_us is None else origin_us
+        self._envelope = Envelope(log.arrival_us[stamps.place], stamps.ms * 1000, self.origin_us)
         self.stamps_repaired = 0
 
     def by_arrival(self, index: NDArray[np.int64]) -> Micros:

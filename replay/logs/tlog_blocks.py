@@ -53,7 +53,7 @@ class TlogFile:
         self._places: list[_Place] = []
         self._only: Tlog | None = None
         """The whole file, where it is one block."""
-        self._margin = min(MARGIN_BYTES, block_bytes // 4)
+        self._margin = min(MARGIN_BYTES, block_bytes // 2)
         self.report = self._walked(block_bytes)
 
     def __len__(self) -> int:

@@ -88,6 +88,8 @@ class _Seam:
     """First boot time of this boot."""
     until_s: float = -math.inf
     """Boot time up to which it was read."""
+    windows_us: int | None = None
+    """Where the windows begin in which the delays of the link are looked for."""
     stamp: tuple[int, int] | None = None
     """Arrival [us] and boot stamp [ms] before the next block's first frames."""
 
@@ -113,9 +115,10 @@ def _piece(
     first, end = bounds
     log = block.log.part(first, end)
     i, j = np.searchsorted(stamps.place, bounds).tolist()
-    axis = BootAxis(log, choice.system, Stamps(stamps.place[i:j] - first, stamps.ms[i:j]))
     if new:
-        seam.boot, seam.until_s = seam.boot + 1, -math.inf
+        seam.boot, seam.until_s, seam.windows_us = seam.boot + 1, -math.inf, None
+    axis = BootAxis(log, choice.system, Stamps(stamps.place[i:j] - first, stamps.ms[i:j]), seam.windows_us)
+    seam.windows_us = axis.origin_us
     start_s, end_s = seam.until_s, math.inf
     if not block.is_last and end > block.end:
         seam.until_s = end_s = float(axis.by_arrival(np.array([block.end - first]))[0]) / 1e6
