@@ -44,6 +44,9 @@ class HoldGains:
     climb_integral_1_s2: float = 4.0
     max_tilt_rad: float = math.radians(15.0)
     """Of the hold, before offsets: 2.6 m/s^2."""
+    pressed_tilt_rad: float = math.radians(24.0)
+    """The same away from a wall that it cannot stop before, 4.4 m/s^2. Not everywhere: large tilts are answered later,
+    and the hold that leans so far to all sides swings."""
     max_climb_acceleration_m_s2: float = 3.0
     max_integral_m_s2: float = 2.5
     """A steady 25 % of the weight: a wind of 10 m/s on a vehicle of 3 kg."""

@@ -26,6 +26,7 @@ from companion.control.refusals import lateness, refusals, upstream_silent
 from companion.control.state import Decision, PipelineState
 from companion.control.survey import Whereabouts, aborted, advance, as_message, level_direction
 from companion.control.survey_box import SurveyBox
+from companion.control.wall_guard import watch_wall
 from companion.estimation import estimator as est
 from companion.estimation.estimator import blank_estimates
 from companion.mavlink.firmware import Stack, ThrustMap, mode_name, stack_of, takes_setpoints, thrust_map
@@ -433,6 +434,7 @@ def _base(
     (north, _, x), (east, _, y), (_, _, z) = rotation.tolist()
     yaw = math.atan2(east, north)
     position = estimates.position
+    pressed = watch_wall(state.pressed, state.disturbance, position.velocity_ned, t_s)
     motion = Motion(
         position.position_ned,
         position.velocity_ned,
@@ -440,6 +442,7 @@ def _base(
         yaw,
         t_s - position.t_s,
         _offset_acceleration(state, yaw),
+        pressed,
     )
     assert state.tuned is not None
     gains, hold = state.tuned.gains, state.hold
@@ -448,7 +451,7 @@ def _base(
         thrust_now = state.hover.now if fresh else thrust.hover
         hold = engage(t_s, motion, state.balance.acceleration, thrust_now, thrust, gains)
     hold, base = fly(hold, gains, config.vehicle.limits, t_s, motion, thrust)
-    state = replace(state, hold=hold)
+    state = replace(state, hold=hold, pressed=pressed)
     return (state if config.dry_run else _watch_swing(state, base, t_s, config)), base
 
 

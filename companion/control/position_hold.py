@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 from companion.config import HoldGains
 from companion.control.position_target import Reference, Target, advance, start_reference, stay
+from companion.control.wall_guard import Pressed
 from companion.mavlink.firmware import ThrustMap
 from companion.mavlink.samples import Vector3
 from models.evolve import replace
@@ -37,6 +38,8 @@ class Motion:
     age_s: float = 0.0
     offset: tuple[float, float] = (0.0, 0.0)
     """North and east acceleration [m/s^2] of the offset that is applied: a part of the tilt that balances something."""
+    wall: Pressed | None = None
+    """A wall that it is driven to."""
 
 
 @dataclass(frozen=True)
@@ -157,6 +160,7 @@ def fly(
             slip[2] * gains.climb_1_s + old[2] + forward_d,
         ),
         gains,
+        motion.wall,
     )
     integral, most = old, gains.max_integral_m_s2
     if not saturated:
@@ -235,16 +239,33 @@ def _predicted(motion: Motion, since: Since) -> tuple[Vector3, Vector3]:
     return _sum(_sum(motion.position, straight), since.place), _sum(motion.velocity, since.velocity)
 
 
-def _limited(acceleration: Vector3, gains: HoldGains) -> tuple[Vector3, bool]:
+def _limited(
+    acceleration: Vector3, gains: HoldGains, wall: Pressed | None
+) -> tuple[Vector3, bool]:
     """The acceleration within tilt and climb limits, and whether a limit was met."""
     north, east, down = acceleration
     limit, most = GRAVITY * math.tan(gains.max_tilt_rad), gains.max_climb_acceleration_m_s2
     level = math.hypot(north, east)
     saturated = level > limit or abs(down) > most
     if level > limit:
-        share = limit / level
-        north, east = north * share, east * share
+        away = 0.0 if wall is None else -(north * wall.north + east * wall.east)
+        if wall is not None and away > 0.0:
+            north, east = _away_first(north, east, away, GRAVITY * math.tan(gains.pressed_tilt_rad), wall)
+        else:
+            share = limit / level
+            north, east = north * share, east * share
     return (north, east, min(max(down, -most), most)), saturated
+
+
+def _away_first(
+    north: float, east: float, away: float, limit: float, wall: Pressed
+) -> tuple[float, float]:
+    """``away`` of the acceleration leads off the wall: all of it, as far as ``limit`` goes; along the wall the rest."""
+    along_n, along_e = north + away * wall.north, east + away * wall.east
+    kept = min(away, limit)
+    along = math.hypot(along_n, along_e)
+    share = min(math.sqrt(max(limit * limit - kept * kept, 0.0)) / along, 1.0) if along > 0.0 else 0.0
+    return along_n * share - kept * wall.north, along_e * share - kept * wall.east
 
 
 def _acceleration_to_tilt(north: float, east: float, yaw: float) -> tuple[float, float]:

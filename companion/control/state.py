@@ -18,6 +18,7 @@ from companion.control.plant import AttitudeLoop, HoldTuning, Timing
 from companion.control.position_hold import BaseSetpoint, Hold
 from companion.control.survey import Survey
 from companion.control.swing_detector import SwingDetector
+from companion.control.wall_guard import Pressed
 from companion.estimation.estimator import Estimates
 from companion.mavlink.samples import Heartbeat, SetAttitudeTarget
 from companion.mavlink.setpoints import Command
@@ -55,6 +56,8 @@ class PipelineState:
     swing: SwingDetector = field(default_factory=SwingDetector)
     upstream: SetAttitudeTarget | None = None
     hold: Hold | None = None
+    pressed: Pressed | None = None
+    """A wall that the held vehicle is driven to."""
     last: BaseSetpoint | None = None
     """What was sent last, offsets included."""
     parting: Parting | None = None

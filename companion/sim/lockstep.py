@@ -142,7 +142,11 @@ class Lockstep:
         self.last_word = True
         """Whether the companion runs with its watchdog process, as it does by default."""
         self._words: deque[tuple[float, bytes]] = deque()
-        self._stalled_until_s = -math.inf
+        self.stalled_until_s = -math.inf
+        """Until then the companion is not scheduled."""
+        self._turn_s = math.inf
+        self._said = 0
+        """When the companion last had its turn, and how often its watchdog process has spoken since."""
         self._killed = False
 
     # -- what may happen to the companion's process -----------------------------------------------------------------
@@ -152,9 +156,7 @@ class Lockstep:
 
         Its watchdog process says where to stay once it has missed its renewals.
         """
-        now = self.flight.time_s
-        self._stalled_until_s = now + seconds
-        self._speak(now + last_word.SILENCE_S, now + seconds)
+        self.stalled_until_s = self.flight.time_s + seconds
 
     def kill(self, restart_after_s: float = math.inf) -> None:
         """The companion ends where it stands (SIGKILL); started anew after ``restart_after_s``.
@@ -162,14 +164,22 @@ class Lockstep:
         Its watchdog process lives on and says the last word.
         """
         self._killed = True
-        self._speak(self.flight.time_s + LAST_WORD_DELAY_S, math.inf)
+        self._turn_s = math.inf
+        start_s, frame = self.flight.time_s + LAST_WORD_DELAY_S, self._last_frame
+        self._words.extend((start_s + last_word.PERIOD_S * k, frame) for k in range(last_word.TIMES) if frame)
         self.start_companion_s = self.flight.time_s + restart_after_s
 
-    def _speak(self, start_s: float, end_s: float) -> None:
-        """The watchdog process's frames, from a boot time on."""
-        frame = b"" if self.companion is None or not self.last_word else self.companion.last_word
-        times = (start_s + last_word.PERIOD_S * k for k in range(last_word.TIMES))
-        self._words.extend((t, frame) for t in times if frame and t < end_s)
+    @property
+    def _last_frame(self) -> bytes:
+        """What the watchdog process holds."""
+        return b"" if self.companion is None or not self.last_word else self.companion.last_word
+
+    def _speak_for_a_silent_companion(self) -> None:
+        due_s = self._turn_s + last_word.SILENCE_S + last_word.PERIOD_S * self._said
+        if self.flight.time_s >= due_s and self._said < last_word.TIMES:
+            self._said += 1
+            if self._last_frame:
+                self.wire.send_up(self._last_frame, self.flight.time_s)
 
     def interrupt(self) -> None:
         """Ctrl-C."""
@@ -210,6 +220,7 @@ class Lockstep:
         """One physics step of everything but the companion."""
         while self._words and self._words[0][0] <= self.flight.time_s:
             self.wire.send_up(self._words.popleft()[1], self.flight.time_s)
+        self._speak_for_a_silent_companion()
         data = self.wire.read_up(self.flight.time_s)
         if data:
             self.link.receive(data)
@@ -225,10 +236,11 @@ class Lockstep:
         """Let the vehicle fly until it has said something."""
         flight = self.flight
         until = flight.time_s + timeout_s
-        while flight.time_s < self._stalled_until_s or not self.wire.ready(flight.time_s):
+        self._turn_s, self._said = flight.time_s, 0
+        while flight.time_s < self.stalled_until_s or not self.wire.ready(flight.time_s):
             if self._killed:
                 raise _KilledError
-            if flight.time_s >= max(until, self._stalled_until_s):
+            if flight.time_s >= max(until, self.stalled_until_s):
                 break
             self._step()
         if self._killed:

@@ -413,10 +413,14 @@ def stalled(seconds: float) -> Act:
     return lambda b: b.world.stall(seconds)
 
 
-def starved(b: Bench) -> None:
-    """The companion gets its turn every 80 ms."""
-    if round(b.now_s * 100.0) % 8 == 0:
-        b.world.stall(0.08)
+def starved(period_s: float) -> Act:
+    """The companion gets its turn once in a period, for 5 ms."""
+
+    def each(b: Bench) -> None:
+        if b.now_s >= b.world.stalled_until_s + 0.005:
+            b.world.stall(period_s - 0.005)
+
+    return each
 
 
 def killed(b: Bench) -> None:
@@ -587,7 +591,8 @@ FAULTS = (
     Fault("stalled_0.5s", "the companion stands still for 0.5 s", stalled(0.5)),
     Fault("stalled_1.5s", "the companion stands still for 1.5 s", stalled(1.5)),
     Fault("stalled_3s", "the companion stands still for 3 s", stalled(3.0), recovers=False, off_m=1.0),
-    Fault("starved", "the companion gets its turn every 80 ms", nothing, each=starved, noticed=False),
+    Fault("starved", "the companion gets its turn every 80 ms", nothing, each=starved(0.08), noticed=False),
+    Fault("starved_0.8s", "the companion gets its turn every 0.8 s", nothing, each=starved(0.8)),
     Fault("killed_restarted", "SIGKILL in the air, back after 1 s", killed, recovers=False, off_m=1.0),
     Fault("interrupted", "SIGTERM in the air", lambda b: b.world.interrupt(), recovers=False, off_m=0.4),
     Fault("model_replaced", "another file is written over the model that flies", replaced_model, own_model=True,
