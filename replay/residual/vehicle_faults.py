@@ -80,8 +80,10 @@ def exchanged_spins(ctx: Context, motion: Motion, flying: Mask) -> list[LogFault
     rate = motion.grid.rate
     turned = band(rate_of_change(motion.gyro[:, 2], rate), rate, *BAND_S)
     found = correlations(band(moment, rate, *BAND_S), turned, flying, int(ANSWER_S * rate))
-    r = float(found[np.abs(found).argmax()])
-    if r >= OPPOSED:
+    at = int(np.abs(found).argmax())
+    r = float(found[at])
+    # What still grows at the longest delay is the control loop, which opposes what turned the vehicle before.
+    if r >= OPPOSED or at == len(found) - 1:
         return []
     spins = "clockwise and counter-clockwise are exchanged"
     return [LogFault("vehicle file", f"declared moments oppose the angular acceleration: {spins} (r = {r:.2f})")]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,9 @@ from companion.vehicles import QUAD
 from models.vehicle import Fan, Rotor, Throttle, Vehicle, load_vehicle
 from replay.diagnosis.diagnose import conclude
 from replay.flightlog import FlightLog, Series
+from replay.residual.fault import LogFault
 from replay.residual.record import build_record
+from replay.residual.vehicle_faults import exchanged_spins
 
 QUADROTOR = load_vehicle(QUAD)
 FORCES, ALL = (0, 1, 2), (0, 1, 2, 3, 4, 5)
@@ -282,3 +285,19 @@ def test_a_range_that_holds_still_with_the_vehicle_is_no_fault(flown):
     still = Series(beam.distance.t_s, np.full_like(beam.distance.values, 2.0))
     held = replace(log, beams=(replace(beam, distance=still, verdicts=(RangeVerdict.OK,) * len(still)),))
     assert build_record(held, QUADROTOR, None).faults == ()
+
+
+def test_yaw_that_the_loop_opposes_is_no_exchanged_spin():
+    """Rotors that damp a swing oppose the angular acceleration a quarter of a period later, not at once."""
+    t = np.arange(6000) / 100.0
+    swing = 2.0 * np.pi * 1.1
+    gyro = np.outer(np.sin(swing * t), [0.0, 0.0, 0.3])
+
+    def opposed(delay_s: float) -> list[LogFault]:
+        moment = np.outer(-np.cos(swing * (t + delay_s)), [0.0, 0.0, 0.1])
+        ctx = SimpleNamespace(rotor_moment=moment, weight=30.0, lever=0.3)
+        motion = SimpleNamespace(grid=SimpleNamespace(rate=100.0), gyro=gyro)
+        return exchanged_spins(ctx, motion, np.ones(len(t), bool))
+
+    assert len(opposed(0.05)) == 1
+    assert opposed(0.3) == []
