@@ -239,9 +239,7 @@ def _predicted(motion: Motion, since: Since) -> tuple[Vector3, Vector3]:
     return _sum(_sum(motion.position, straight), since.place), _sum(motion.velocity, since.velocity)
 
 
-def _limited(
-    acceleration: Vector3, gains: HoldGains, wall: Pressed | None
-) -> tuple[Vector3, bool]:
+def _limited(acceleration: Vector3, gains: HoldGains, wall: Pressed | None) -> tuple[Vector3, bool]:
     """The acceleration within tilt and climb limits, and whether a limit was met."""
     north, east, down = acceleration
     limit, most = GRAVITY * math.tan(gains.max_tilt_rad), gains.max_climb_acceleration_m_s2
@@ -257,9 +255,7 @@ def _limited(
     return (north, east, min(max(down, -most), most)), saturated
 
 
-def _away_first(
-    north: float, east: float, away: float, limit: float, wall: Pressed
-) -> tuple[float, float]:
+def _away_first(north: float, east: float, away: float, limit: float, wall: Pressed) -> tuple[float, float]:
     """``away`` of the acceleration leads off the wall: all of it, as far as ``limit`` goes; along the wall the rest."""
     along_n, along_e = north + away * wall.north, east + away * wall.east
     kept = min(away, limit)
