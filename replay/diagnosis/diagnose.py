@@ -15,6 +15,7 @@ from models.errors import LogError
 from models.frames import Array
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
+from replay.diagnosis.stretches import Stretches
 from replay.logs.formats import read_pieces
 from replay.logs.pieces import Piece
 from replay.residual.fault import LogFault
@@ -143,22 +144,26 @@ def _records(
     effects = () if model is None else model.effects
     for path in paths:
         told: dict[str, None] = {}
-        own: list[Record] = []
+        own = Stretches()
         boot = 0
         try:
             for piece in read_pieces(path, target_system):
-                log, boot = piece.own(), piece.log.boot
+                boot = piece.log.boot
+                if not own.wants_next():
+                    continue
+                log = piece.own()
                 told |= dict.fromkeys(log.summary.notes)
                 try:
-                    own.append(build_record(log, vehicle, model, effects, _name(piece)))
+                    own.add(build_record(log, vehicle, model, effects, _name(piece)))
                 except LogError as error:
                     problems.append(error)
         except LogError as error:
             problems.append(error)
-        records += own if boot else [replace(r, name=path.name) for r in own] if len(own) == 1 else own
+        alone = len(own.records) == 1 and not boot
+        records += [replace(own.records[0], name=path.name)] if alone else own.records
         if boot:
             notes.append(f"{path.name}: the vehicle started {boot + 1} times; every start is a flight of its own")
-        notes += [f"{path.name}: {note}" for note in told]
+        notes += [f"{path.name}: {note}" for note in (*own.notes(), *told)]
     if not records:
         raise problems[0]
     if sum(r.seconds for r in records) < ENOUGH_S:

@@ -49,7 +49,7 @@ def flightlog(data: Dataflash) -> FlightLog:
     baro, vibration, modes = _of(data.of("BARO"), "I"), _of(data.of("VIBE"), "IMU"), data.of("MODE")
     servo = _servo(data.of("RCOU"))
     return FlightLog(
-        path=data.path, system=1, boot=0, start_s=start, end_s=end, autopilot=_ARDUPILOT,
+        path=data.path, system=1, boot=data.boot, start_s=start, end_s=end, autopilot=_ARDUPILOT,
         vehicle_type=_QUADROTOR if any("QUAD" in text.upper() for _, text in data.texts) else None,
         attitude=_attitude(data),
         # RATE is in deg/s or cdeg/s, by version; the gyro is in rad/s in all.
@@ -76,7 +76,7 @@ def flightlog(data: Dataflash) -> FlightLog:
 
 
 def _summary(data: Dataflash, span_s: float) -> LogSummary:
-    notes = ("the file is damaged; read up to the damage",) if data.damaged else ()
+    notes = (f"{data.damaged} bytes that are no message skipped",) if data.damaged else ()
     counts = message_counts(((1, 1, kind, n) for kind, n in sorted(data.counts.items())), span_s)
     return LogSummary(data.bytes, sum(data.counts.values()), counts, notes)
 

@@ -1,18 +1,23 @@
 """Logs of any length: blocks and pieces hold what the whole log holds, memory is that of a block, boots cost what they
 hold."""
 
+import csv
 import itertools
+import json
 import tracemalloc
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from log_writers import EPOCH_US, flight, write_tlog
+from log_writers import EPOCH_US, BinWriter, bin_flight, flight, write_tlog
 
 from models.errors import LogError
 from replay.cli import main
+from replay.diagnosis.stretches import MOST_S, Stretches
 from replay.export.tables import Tables
 from replay.flightlog import load
 from replay.logs import tlog_blocks
+from replay.logs.bin import pieces as read_bin
 from replay.logs.formats import read_pieces
 from replay.logs.tlog import Tlog, read_tlog
 from replay.logs.tlog_blocks import TlogFile
@@ -157,8 +162,6 @@ def test_an_export_in_pieces_is_the_export_of_the_whole(three_boots, tmp_path, r
     assert main([*command, "--out", str(whole)]) == 0
     monkeypatch.setattr(tlog_blocks, "BLOCK_BYTES", SMALL)
     assert main([*command, "--out", str(parts)]) == 0
-    import csv
-
     with whole.open() as one, parts.open() as other:
         rows, again = list(csv.DictReader(one)), list(csv.DictReader(other))
     assert again[0].keys() == rows[0].keys()
@@ -171,8 +174,6 @@ def test_an_export_in_pieces_is_the_export_of_the_whole(three_boots, tmp_path, r
 
 
 def test_info_and_replay_of_pieces_say_what_they_say_of_the_whole(three_boots, tmp_path, monkeypatch):
-    import json
-
     def answers():
         out = []
         for command in ("info", "run"):
@@ -262,3 +263,64 @@ def test_boots_cost_what_they_hold(tmp_path, monkeypatch):
         assert len(load(path)) == boots
         work.append(looked_at)
     assert work[1] < 5 * work[0]
+
+
+@pytest.fixture
+def dataflash(tmp_path):
+    path = tmp_path / "long.bin"
+    path.write_bytes(bin_flight(120.0))
+    return path
+
+
+@pytest.mark.parametrize("name", ["attitude", "position", "servo", "battery"])
+def test_pieces_of_a_dataflash_log_hold_what_it_holds(dataflash, name):
+    (whole,) = load(dataflash)
+    parts = [piece.own() for piece in read_bin(dataflash, None, SMALL)]
+    assert len(parts) > 5
+    t, values = joined(parts, name)
+    assert np.array_equal(t, getattr(whole, name).t_s)
+    assert np.array_equal(values, getattr(whole, name).values)
+    assert sum(len(p.escs[2].rpm) for p in parts) == len(whole.escs[2].rpm)
+    assert sum(p.summary.frames for p in parts) == whole.summary.frames
+    assert all(p.parameters == whole.parameters for p in parts)
+    assert sum(i.end_s - i.start_s for p in parts for i in p.armed) == pytest.approx(2.0)
+    assert sum(i.end_s - i.start_s for p in parts for i in p.modes) == pytest.approx(whole.duration_s)
+
+
+def test_joined_dataflash_logs_are_flights_of_their_own(tmp_path):
+    path = tmp_path / "joined.bin"
+    path.write_bytes(bin_flight(4.0) + bin_flight(8.0))
+    first, second = load(path)
+    assert (first.boot, second.boot) == (0, 1)
+    assert (round(first.duration_s, 2), round(second.duration_s, 2)) == (3.98, 7.98)
+    assert (len(first.attitude), len(second.attitude)) == (200, 400)
+
+
+def test_a_message_that_is_declared_anew_is_read_by_its_new_declaration(tmp_path):
+    w = BinWriter()
+    w.kind("ATT", "Qffffff", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw")
+    for k in range(100):
+        w.row("ATT", 10_000_000 + 20_000 * k, 0.0, 2.0, 0.0, -1.0, 90.0, 90.0)
+    again = BinWriter()
+    again.kind("ATT", "Qcccccc", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw")
+    for k in range(100, 200):
+        again.row("ATT", 10_000_000 + 20_000 * k, 0, 200, 0, -100, 9000, 9000)
+    path = tmp_path / "anew.bin"
+    path.write_bytes(w.bytes() + again.bytes()[89:])  # without what begins a log
+    (log,) = load(path)
+    assert len(log.attitude) == 200
+    assert np.allclose(log.attitude.values, log.attitude.values[0])
+
+
+@pytest.mark.parametrize("minutes", [100, 150, 1200])
+def test_a_diagnosis_takes_stretches_from_all_of_a_long_log(minutes):
+    own = Stretches()
+    for k in range(minutes // 30):
+        if own.wants_next():
+            own.add(SimpleNamespace(seconds=1800.0, name=k))
+    names = [r.name for r in own.records]
+    assert sum(r.seconds for r in own.records) <= MOST_S
+    assert names[0] == 0
+    assert len(set(np.diff(names))) == 1
+    assert names[-1] + names[1] >= minutes // 30
+    assert bool(own.notes()) == (minutes > 120)
