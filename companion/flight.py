@@ -10,6 +10,7 @@ from typing import Any
 
 from companion.adaptation.options import Adapt
 from companion.config import Base, PipelineConfig
+from companion.control.hand_over import place_of
 from companion.control.survey import Phase, Survey
 from companion.last_word import LastWord
 from companion.mavlink.firmware import Stack, mode_name, needed_parameters, stack_of, takes_setpoints
@@ -352,7 +353,8 @@ class Flight:
             return None
         if self._config.dry_run or self._config.base is not Base.HOLD:
             return None
-        return PositionCommand(state.t_s, state.hold.reference.position, state.hold.target.yaw)
+        place = place_of(state.hold, state.drift.correction_m)
+        return PositionCommand(state.t_s, place, state.hold.target.yaw)
 
     @property
     def last_word(self) -> bytes:

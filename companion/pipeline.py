@@ -18,7 +18,7 @@ from companion.control.authority import HOLDS_BACK_EVERYTHING, Notice, Reason, f
 from companion.control.compensation import Offset, slewed, wanted_offset
 from companion.control.disturbance import Disturbance, modelled_disturbance
 from companion.control.engagement import IN_AIR, ON_GROUND, waits_for_mode
-from companion.control.hand_over import NOT_OURS, part, parting_command
+from companion.control.hand_over import NOT_OURS, part, parting_command, place_of
 from companion.control.plant import Source, declared_loop, hear_attitude, hear_position, tune
 from companion.control.position_hold import BaseSetpoint, Motion, balanced, engage, fly, shifted
 from companion.control.position_target import read_target, stay
@@ -28,6 +28,7 @@ from companion.control.survey import Whereabouts, aborted, advance, as_message, 
 from companion.control.survey_box import SurveyBox
 from companion.control.wall_guard import watch_wall
 from companion.estimation import estimator as est
+from companion.estimation import height_drift
 from companion.estimation.estimator import blank_estimates
 from companion.mavlink.firmware import Stack, ThrustMap, mode_name, stack_of, takes_setpoints, thrust_map
 from companion.mavlink.message_filter import OWN_COMPONENT
@@ -118,7 +119,7 @@ def step(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[
     if config.survey is not None:
         state = _surveyed(state, sample, config, config.survey)
     if isinstance(sample, LocalPosition) and sample.t_s - state.disturbance_s >= config.tuning.disturbance_period_s:
-        state = _renew_disturbance(state, sample.t_s, config)
+        state = _compared(_renew_disturbance(state, sample.t_s, config), config)
     if not _calls_for_decision(state, sample, config):
         return state, None
     return _decide(state, sample.t_s, config)
@@ -138,10 +139,13 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
             return _take_attitude(state, sample, config, now)
         case LocalPosition():
             timing = hear_position(state.timing, sample.t_s, sample.late_s, config.tuning.position_age_s)
+            drift = height_drift.NO_DRIFT
+            if state.hold is not None:
+                drift, sample = height_drift.hear(state.drift, sample)
             estimates = est.take_position(estimates, sample, config.tuning)
             # The bank of attitude loops takes its tilts in here, where no setpoint waits.
             response = attitude_response.settled(state.response)
-            state = replace(state, t_s=now, estimates=estimates, timing=timing, response=response)
+            state = replace(state, t_s=now, estimates=estimates, timing=timing, response=response, drift=drift)
             return _follow_reset(state, sample.t_s)
         case Range():
             return replace(state, t_s=now, estimates=est.take_range(estimates, sample, config))
@@ -220,6 +224,16 @@ def _surveyed(state: PipelineState, sample: Sample, config: PipelineConfig, box:
     survey, wanted = advance(state.survey, box, seen)
     state = replace(state, survey=survey)
     return state if wanted is None else _take(state, as_message(wanted, sample, OWN_COMPONENT), config)
+
+
+def _compared(state: PipelineState, config: PipelineConfig) -> PipelineState:
+    """The ground range beside the newest position, while the hold flies by it."""
+    position, disturbance = state.estimates.position, state.disturbance
+    if state.hold is None or position is None:
+        return state
+    t_s = position.t_s
+    ground = est.surface(state.estimates, config, "ground", t_s) if disturbance is None else disturbance.ground
+    return replace(state, drift=height_drift.compare(state.drift, ground, position))
 
 
 def _follow_reset(state: PipelineState, t_s: float) -> PipelineState:
@@ -496,7 +510,7 @@ def _let_go(state: PipelineState, held_back: set[Reason], config: PipelineConfig
     if state.last is None or not 0.0 <= t_s - state.decided_s <= config.tuning.parting_s:
         return state  # after a gap the autopilot has long let go of what was sent last
     places = state.heartbeat is not None and mode_name(state.heartbeat) != "GUIDED_NOGPS"
-    return replace(state, parting=part(state.hold, state.last, held_back, t_s, places))
+    return replace(state, parting=part(state.hold, state.last, held_back, t_s, places, state.drift.correction_m))
 
 
 def _command_held_back(
@@ -539,7 +553,8 @@ def _command(
     if config.carrier is Carrier.ACCELERATION:
         if state.hold is None:
             return None
-        return AccelerationCommand(t_s, state.hold.reference.position, offset.acceleration, state.hold.target.yaw)
+        place = place_of(state.hold, state.drift.correction_m)
+        return AccelerationCommand(t_s, place, offset.acceleration, state.hold.target.yaw)
     tuning = config.tuning
     floor = max(tuning.min_thrust_share * thrust.hover, tuning.min_thrust)
     ceiling = min(thrust.hover + tuning.max_thrust_above_hover, tuning.max_thrust)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from companion.control.authority import Reason
 from companion.control.position_hold import BaseSetpoint, Hold
 from companion.mavlink.firmware import ThrustMap
+from companion.mavlink.samples import Vector3
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand
 from models.frames import quaternion_from_euler
 
@@ -30,12 +31,20 @@ class Parting:
     """NED, or None where positions are not to be believed."""
 
 
-def part(hold: Hold, last: BaseSetpoint, refusals: set[Reason], t_s: float, listens_to_places: bool) -> Parting | None:
-    """Begin to let go, or None where others fly."""
+def place_of(hold: Hold, correction_m: float) -> Vector3:
+    """Where the vehicle is to stay, NED as the autopilot counts it; ``correction_m``: ``HeightDrift.correction_m``."""
+    north, east, down = hold.reference.position
+    return north, east, down - correction_m
+
+
+def part(
+    hold: Hold, last: BaseSetpoint, refusals: set[Reason], t_s: float, listens_to_places: bool, correction_m: float
+) -> Parting | None:
+    """Begin to let go, or None where others fly. ``correction_m`` as of ``place_of``."""
     if refusals & NOT_OURS:
         return None
     known = listens_to_places and not refusals & NO_PLACE
-    return Parting(t_s, last, hold.reference.position if known else None)
+    return Parting(t_s, last, place_of(hold, correction_m) if known else None)
 
 
 def parting_command(

@@ -11,6 +11,7 @@ from companion.control.hover_thrust import hover_parameter, is_known
 from companion.control.plant import HoldTuning
 from companion.control.state import PipelineState
 from companion.estimation.estimator import Estimates, Seen
+from companion.estimation.height_drift import FADE_M_S
 from companion.mavlink.firmware import Stack, ThrustMeaning, stack_of, takes_setpoints, thrust_meaning
 from companion.mavlink.samples import Heartbeat
 from models.surrogate.empty import is_empty
@@ -45,6 +46,8 @@ def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[
         out.append(Reason.RPM_MISSING)
     else:
         out.extend(_surfaces(disturbance, tuning.surface_step_s, t_s))
+    if state.drift.drifts and abs(state.drift.rate_m_s) >= FADE_M_S:
+        out.append(Reason.HEIGHT_DRIFTS)
     if estimates.rotation is not None and estimates.rotation[2, 2] < math.cos(tuning.max_tilt_rad):
         out.append(Reason.TILTED)
     if config.base is Base.HOLD and t_s - state.swing.swung_s < tuning.swing_pause_s:

@@ -20,6 +20,7 @@ from companion.control.survey import Survey
 from companion.control.swing_detector import SwingDetector
 from companion.control.wall_guard import Pressed
 from companion.estimation.estimator import Estimates
+from companion.estimation.height_drift import NO_DRIFT, HeightDrift
 from companion.mavlink.samples import Heartbeat, SetAttitudeTarget
 from companion.mavlink.setpoints import Command
 
@@ -56,6 +57,8 @@ class PipelineState:
     swing: SwingDetector = field(default_factory=SwingDetector)
     upstream: SetAttitudeTarget | None = None
     hold: Hold | None = None
+    drift: HeightDrift = NO_DRIFT
+    """Of the autopilot's height against the ground range, while the hold flies."""
     pressed: Pressed | None = None
     """A wall that the held vehicle is driven to."""
     last: BaseSetpoint | None = None

@@ -149,6 +149,8 @@ def _words(reason: Reason, state: PipelineState, decision: Decision) -> str:
         surfaces = {"the ground": disturbance.ground, "the wall": disturbance.wall, "the ceiling": disturbance.ceiling}
         about = " and ".join(name for name, surface in surfaces.items() if surface.seen is seen)
         what = re.sub("^(range(finder)?)", rf"\1 to {about}", what) if about else what
+    if reason is Reason.HEIGHT_DRIFTS:
+        what = what.replace("drifts", f"drifts {abs(state.drift.rate_m_s):.1f} m/s")
     if reason is Reason.WRONG_MODE and state.heartbeat is not None:
         what += f" (now {mode_name(state.heartbeat)})"
     return what
