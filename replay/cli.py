@@ -134,7 +134,7 @@ def _run(a: argparse.Namespace) -> int:
 def _run_folder(a: argparse.Namespace) -> int:
     for option, value in (("--survey", a.survey), ("--save-model", a.save_model)):
         if value is not None:
-            raise ConfigError(f"{option}: is of one log; name the log")
+            raise ConfigError(f"{option}: is of one flight; name one log instead of the folder {a.log}")
     from replay.fleet.folder import run_folder
     from replay.fleet.jobs import Kind
 

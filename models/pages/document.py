@@ -14,8 +14,8 @@ _WIDE_PX = 700
 _STYLE = """
 :root{color-scheme:light dark;--ink:#1b1f24;--paper:#fff;--dim:#57606a;--line:#d0d7de;--card:#f3f6f9;--mark:#0969da;
 --before:#bc4c00;--after:#0969da;--fit:#1a7f37;--bad:#b42318;--a:#8250df;--b:#9a6700;--c:#1f7a8c;--d:#57606a}
-@media(prefers-color-scheme:dark){:root{--ink:#e6edf3;--paper:#0d1117;--dim:#a3acb6;--line:#3d444d;--card:#171c24;
---mark:#58a6ff;--before:#f0883e;--after:#58a6ff;--fit:#56d364;--bad:#ff8a7a;--a:#bc8cff;--b:#e3b341;--c:#56c8d8;
+@media screen and (prefers-color-scheme:dark){:root{--ink:#e6edf3;--paper:#0d1117;--dim:#a3acb6;--line:#3d444d;
+--card:#171c24;--mark:#58a6ff;--before:#f0883e;--after:#58a6ff;--fit:#56d364;--bad:#ff8a7a;--a:#bc8cff;--b:#e3b341;--c:#56c8d8;
 --d:#a3acb6}}
 *{box-sizing:border-box}
 body{font:16px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);max-width:64rem;margin:1rem auto;
@@ -43,7 +43,9 @@ details{margin:1rem 0;border-top:1px solid var(--line);padding-top:.5rem}summary
 img{width:100%;min-width:26rem;height:auto;background:#fff;border-radius:.3rem}code{font-size:.9em}pre{overflow-x:auto;
 background:var(--card);padding:.6rem .8rem}
 @media(max-width:30rem){th,td{padding:.3rem .35rem;font-size:.92rem}}
-@media print{:root{--ink:#000;--paper:#fff;--dim:#444;--line:#bbb;--card:#fff}body{max-width:none}h2{break-after:avoid}}
+@media print{:root{color-scheme:light;--ink:#000;--dim:#444}body{max-width:none;font-size:11pt;print-color-adjust:exact}
+h2,h3{break-after:avoid}table,tr,.verdict{break-inside:avoid}details,ul{break-before:avoid}
+.plots{grid-template-columns:1fr 1fr}}
 """
 
 

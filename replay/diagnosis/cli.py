@@ -132,7 +132,10 @@ def _folder(a: argparse.Namespace) -> int:
     if len(a.logs) > 1:
         raise ConfigError("a folder is diagnosed log by log: give it alone, or name the logs that belong together")
     if a.save_model is not None:
-        raise ConfigError("--save-model: needs logs by name, as a folder's logs may be of several vehicles")
+        raise ConfigError(
+            "--save-model: a folder's logs may be of several vehicles; give those of one vehicle by name, as in "
+            f"replay diagnose {a.logs[0]}/*.tlog --save-model {a.save_model}"
+        )
     from replay.fleet.folder import run_folder
     from replay.fleet.jobs import Kind
 

@@ -117,8 +117,12 @@ def _look(answer: Diagnosis) -> str:
     if spans:
         name, first = spans[0]
         when = ", ".join(f"{a:.0f} to {b:.0f} s" for a, b in first.intervals_s[:3])
-        return f"No logged quantity carries it. Remember, or look in a video, what happened at {when} ({name})."
-    return "No logged quantity carries it: gusts, a rope, a person's hand, or a sensor that is not in the log."
+        return (
+            f"What remains follows no logged quantity. Remember, or look in a video, what happened at {when} ({name})."
+        )
+    return (
+        "What remains follows no logged quantity: gusts, a rope, a person's hand, or a sensor that is not in the log."
+    )
 
 
 def _not_shown(answer: Diagnosis) -> tuple[str, ...]:

@@ -18,7 +18,10 @@ from replay.search.results import Trace
 
 Mask = NDArray[np.bool_]
 BINS = 14
+FEWER_BINS = (BINS, 10, 7, 5, 4, 3)
 """Of a picture over a quantity."""
+LEAST = 2.0
+"""Independent samples of a bin."""
 CURVE_POINTS = 40
 PIXELS = 190
 """Columns of a time series; each shows its lowest and its highest value."""
@@ -69,7 +72,7 @@ def effect_picture(named: Named, a: Acts) -> str:
     left = ((a.trace.after * drawn.direction).sum(axis=1))[good]
     k = record.axes.index(a.axis)
     independent = max(float(a.trace.noise.tau_s[k]) / record.step_s, 1.0)
-    middle, mean, error = binned(x, own + left, BINS, independent)
+    middle, mean, error = well_binned(x, own + left, independent)
     at, curve, _ = binned(x, own, CURVE_POINTS, 1.0)
     lines = [
         Line(middle, mean, "before", "measured without it", points=True, error=error),
@@ -97,19 +100,33 @@ def without(named: Named, a: Acts) -> list[tuple[int, float, float]]:
     return out
 
 
-def binned(x: Array, y: Array, bins: int, independent: float) -> tuple[Array, Array, Array]:
+def binned(x: Array, y: Array, bins: int, independent: float, least: float = LEAST) -> tuple[Array, Array, Array]:
     """Middle, mean of y, and two standard errors, of bins of x.
 
     Their edges are half way between equally wide and equally full: a hover does not take all the points, nor one dash
-    across a range all the width. ``independent``: samples that are as good as one; bins below two of those are empty.
+    across a range all the width. ``independent``: samples that are as good as one; bins below
+    ``least`` of those are empty.
     """
     share = np.linspace(0.0, 1.0, bins + 1)
     edges = np.unique(0.5 * np.quantile(x, share) + 0.5 * (x.min() + share * np.ptp(x)))
     index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, max(len(edges) - 2, 0))
-    full = [i for i in range(max(len(edges) - 1, 1)) if (index == i).sum() >= max(2.0 * independent, 2.0)]
+    full = [i for i in range(max(len(edges) - 1, 1)) if (index == i).sum() >= max(least * independent, 2.0)]
     mean = np.array([y[index == i].mean() for i in full])
-    error = np.array([2.0 * y[index == i].std() / np.sqrt((index == i).sum() / independent) for i in full])
+    count = np.array([max((index == i).sum() / independent, 1.0) for i in full])
+    error = np.array([2.0 * y[index == i].std() for i in full]) / np.sqrt(count)
     return np.array([x[index == i].mean() for i in full]), mean, error
+
+
+def well_binned(x: Array, y: Array, independent: float) -> tuple[Array, Array, Array]:
+    """``binned`` with as many bins as the samples can fill: those of a short flight hang together over seconds.
+
+    Where three bins cannot be filled, bins are shown that hold less, with an interval as wide as their scatter.
+    """
+    for least in (LEAST, 0.5, 0.1):
+        found = max((binned(x, y, bins, independent, least) for bins in FEWER_BINS), key=lambda found: len(found[0]))
+        if len(found[0]) >= FEWER_BINS[-1]:
+            break
+    return found
 
 
 def against(t: Trace, channel: str, axis: int) -> str:
@@ -122,7 +139,7 @@ def against(t: Trace, channel: str, axis: int) -> str:
     independent = max(float(t.noise.tau_s[k]) / t.record.step_s, 1.0)
     lines = []
     for residual, kind in ((t.before, "before"), (t.after, "after")):
-        middle, mean, error = binned(x[good], residual[good, axis], BINS, independent)
+        middle, mean, error = well_binned(x[good], residual[good, axis], independent)
         lines.append(Line(middle, mean, kind, kind, points=True, error=error))
     title = f"{AXIS_WORDS[axis].capitalize()}: {t.record.name}"
     return figure(title, lines, channel_words(channel), f"error [{UNITS[axis]}]")

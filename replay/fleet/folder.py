@@ -43,8 +43,14 @@ def run_folder(a: argparse.Namespace, folder: Path, kind: Kind, **options: Any) 
     for job, answer in _progress(_work(a, waiting), len(jobs), len(answers), a.quiet):
         results.keep(job, answer)
         answers[job] = answer
-    ordered = [answers[job] for job in jobs]
+    ordered = [{**answers[job], "craft": _craft(answers[job], folder.resolve())} for job in jobs]
     return _tell(a, folder, out, kind, ordered, notes, len(jobs) - len(waiting))
+
+
+def _craft(answer: dict[str, Any], folder: Path) -> str:
+    """Which vehicle flew: the folder below ``folder`` in which the log lies, else the system id."""
+    below = Path(answer["log"]).relative_to(folder).parts[:-1]
+    return below[0] if below else f"system {answer.get('system', '?')}"
 
 
 def _check_declared(a: argparse.Namespace) -> None:

@@ -90,7 +90,7 @@ def _answer(job: Job) -> dict[str, Any]:
         model = None if chosen.name == NONE else chosen.model
         answer = diagnose([Path(job.path)], vehicle, model, target_system=job.target_system, seed=job.seed)
         page = {} if job.pages is None else {"page": _write_page(job, answer, vehicle)}
-        return {"vehicle": vehicle.name, **answer.as_json(None), **page}
+        return {"vehicle": vehicle.name, "system": answer.records[0].system, **answer.as_json(None), **page}
     from companion.adaptation.options import Adapt
     from companion.config import Base, PipelineConfig
     from replay.rerun.report import run

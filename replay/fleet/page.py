@@ -12,11 +12,14 @@ from typing import Any
 
 import numpy as np
 
+from models.effects import get
 from models.pages.document import document, table, verdict
 from models.pages.svg import Line, figure
 from replay.fleet.trends import Trend, trends
 
 _DAY_S = 86_400.0
+_COLOURS = ("after", "before", "a", "fit", "b", "c", "d")
+"""Of the vehicles, as the style of the pages names them."""
 _COMMON = 0.5
 """Share of the judged logs from which an effect is the vehicle's rather than a day's."""
 
@@ -34,11 +37,7 @@ def page(folder: Path, title: str, answers: Sequence[Mapping[str, Any]]) -> str:
     found = trends(answers) if diagnosed else []
     head, step = _diagnosed(answers) if diagnosed else _replayed(answers)
     rows = [_failed(a) if "error" in a else (_row(a, folder) if diagnosed else _run_row(a)) for a in answers]
-    names = (
-        ("log", "verdict", "effects", "judged", "date")
-        if diagnosed
-        else ("log", "date", "decided", "compensated", "held back longest by")
-    )
+    names = ("log", "answer", "judged") if diagnosed else ("log", "compensated", "held back longest by")
     return document(
         title,
         [
@@ -116,29 +115,43 @@ def _counts(answers: Sequence[Mapping[str, Any]]) -> str:
 
 def _trend(t: Trend) -> str:
     name = escape(f"{t.effect}: {t.parameter}".replace("_", " "))
-    return f"<h2>{name}</h2><p>{escape(t.in_words())}.</p>{_chart(t) if len(t.points) > 1 else ''}"
+    said = get(t.effect).sign
+    sign = f'<p class="dim">{escape(said)}.</p>' if said.startswith(t.parameter) else ""
+    return f"<h2>{name}</h2><p>{escape(t.in_words())}.</p>{sign}{_chart(t) if len(t.points) > 1 else ''}"
 
 
 def _chart(t: Trend) -> str:
-    """Size over days with its 95 % interval."""
-    days = np.array([p.day for p in t.points])
-    half = np.array([p.half if math.isfinite(p.half) else 0.0 for p in t.points])
-    first = datetime.fromtimestamp(float(days.min()) * _DAY_S, UTC).strftime("%Y-%m-%d")
-    line = Line(days - days.min(), t.values, "after", points=True, error=half)
+    """Size over days with its 95 % interval, a colour for each vehicle."""
+    start = min(p.day for p in t.points)
+    first = datetime.fromtimestamp(start * _DAY_S, UTC).strftime("%Y-%m-%d")
+    lines = []
+    for k, craft in enumerate(t.vehicles):
+        own = [p for p in t.points if p.vehicle == craft]
+        half = np.array([p.half if math.isfinite(p.half) else 0.0 for p in own])
+        days, values = np.array([p.day - start for p in own]), np.array([p.value for p in own])
+        lines.append(Line(days, values, _COLOURS[k % len(_COLOURS)], craft, points=True, error=half))
     unit = f" [{t.unit}]" if t.unit != "1" else ""
-    return figure(f"{t.parameter.replace('_', ' ')}{unit}", [line], f"days since {first}", "")
+    return figure(f"{t.parameter.replace('_', ' ')}{unit}", lines, f"days since {first}", "")
 
 
 def _failed(a: Mapping[str, Any]) -> list[str]:
-    return [escape(Path(a["log"]).name), f'<span class="bad">{escape(a["error"])}</span>', "", "", ""]
+    return [_log_cell(a), f'<span class="bad">{escape(a["error"])}</span>', ""]
+
+
+def _log_cell(a: Mapping[str, Any], link: str = "") -> str:
+    """Name of the log, and below it vehicle and date."""
+    name = escape(Path(a["log"]).name)
+    known = "error" not in a
+    below = ", ".join(str(part) for part in ((a.get("craft"), a["date"][:10]) if known else ()) if part)
+    name = f'<a href="{escape(link)}">{name}</a>' if link else name
+    return f'{name}<br><span class="dim small">{escape(below)}</span>' if below else name
 
 
 def _row(a: Mapping[str, Any], folder: Path) -> list[str]:
-    effects = ", ".join(escape(e["name"].replace("_", " ")) for e in a["effects"]) or '<span class="dim">none</span>'
-    name = escape(Path(a["log"]).name)
-    if a.get("page"):
-        name = f'<a href="{escape(_relative(Path(a["page"]), folder))}">{name}</a>'
-    return [name, escape(str(a["verdict"]).replace("_", " ")), effects, f"{a['duration_s']:.0f} s", a["date"][:10]]
+    effects = ", ".join(escape(e["name"].replace("_", " ")) for e in a["effects"])
+    said = escape(str(a["verdict"]).replace("_", " ")) + (f": <b>{effects}</b>" if effects else "")
+    link = _relative(Path(a["page"]), folder) if a.get("page") else ""
+    return [_log_cell(a, link), said, f"{a['duration_s']:.0f}&nbsp;s"]
 
 
 def _relative(target: Path, folder: Path) -> str:
@@ -153,4 +166,4 @@ def _run_row(a: Mapping[str, Any]) -> list[str]:
     refusals = sorted(a["refusals_s"].items(), key=lambda item: -item[1])[:2]
     why = ", ".join(f"{name.replace('_', ' ')} {s:.0f} s" for name, s in refusals)
     duration, done = a["duration_s"], a["compensated_s"]
-    return [escape(Path(a["log"]).name), a["date"][:10], f"{duration:.0f} s", f"{done:.0f} s", escape(why)]
+    return [_log_cell(a), f"{done:.0f} of {duration:.0f}&nbsp;s", escape(why)]

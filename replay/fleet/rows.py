@@ -12,7 +12,19 @@ Row = dict[str, Any]
 
 def row(answer: Mapping[str, Any]) -> Row:
     """Flat names with units: ``rms_before_fz_n``, ``payload.mass_kg``, ``refusal_wrong_mode_s`` …"""
-    names = ("log", "date", "date_from", "vehicle", "system", "error", "verdict", "duration_s", "wall_s", "peak_mib")
+    names = (
+        "log",
+        "date",
+        "date_from",
+        "vehicle",
+        "craft",
+        "system",
+        "error",
+        "verdict",
+        "duration_s",
+        "wall_s",
+        "peak_mib",
+    )
     out: Row = {name: answer[name] for name in names if answer.get(name) is not None}
     for axis, numbers in answer.get("axes", {}).items():
         unit = "n" if numbers["unit"] == "N" else "nm"

@@ -27,6 +27,7 @@ class Point:
 
     log: str
     vehicle: str
+    """As ``craft`` in the answers: the logs' own folder, or the system id."""
     day: float
     """Since 1970, UTC."""
     value: float
@@ -79,13 +80,16 @@ class Trend:
 
     def in_words(self) -> str:
         """One sentence."""
-        text = f"{len(self.points)} of {self.logs} logs, median {self.median:.3g} {self.unit}"
+        text = f"{len(self.points)} of {self.logs} logs, median {self._size(self.median)}"
         text += "; differs between logs by more than its own uncertainty" if self.varies else ""
         by_vehicle = {v: np.median([p.value for p in self.points if p.vehicle == v]) for v in self.vehicles}
         if len(by_vehicle) > 1:
-            text += "; by vehicle: " + ", ".join(f"{v} {m:.3g}" for v, m in by_vehicle.items())
+            text += "; by vehicle: " + ", ".join(f"{v} {self._size(m)}" for v, m in by_vehicle.items())
         drift = self.drift_per_day
-        return text if drift is None else f"{text}; drifts by {30.0 * drift:+.2g} {self.unit} in 30 days"
+        return text if drift is None else f"{text}; drifts by {self._size(30.0 * drift, '+.2g')} in 30 days"
+
+    def _size(self, value: float, form: str = ".3g") -> str:
+        return f"{value:{form}}" + ("" if self.unit == "1" else f" {self.unit}")
 
     @property
     def vehicles(self) -> list[str]:
@@ -105,7 +109,7 @@ def trends(answers: Sequence[Mapping[str, Any]]) -> list[Trend]:
                     continue
                 low, high = estimate.get("ci95") or (math.nan, math.nan)
                 half = 0.5 * (high - low) if low is not None and high is not None else math.nan
-                point = Point(a["log"], str(a.get("vehicle", "")), day, estimate["value"], half)
+                point = Point(a["log"], str(a.get("craft", "")), day, estimate["value"], half)
                 points.setdefault((effect["name"], name, estimate.get("unit", "")), []).append(point)
     out = [Trend(effect, name, unit, tuple(p), len(judged)) for (effect, name, unit), p in points.items()]
     return sorted(out, key=lambda t: -len(t.points))

@@ -30,6 +30,9 @@ _ROWS = {
     "side_n": "side force of the air [N]",
 }  # fmt: skip
 
+_SHOWN_S = 0.05
+"""Less is 0.0 s in a table."""
+
 
 def write_report(directory: Path, report: RunReport, history: History) -> Path:
     """Write ``report.html`` into ``directory`` (created); raises ConfigError where that fails."""
@@ -75,14 +78,19 @@ def _verdict(report: RunReport, numbers: dict[str, Any]) -> tuple[str, list[str]
         return head, [f"Next: mend what held it back longest ({reason}), then fly and replay again."]
     thrust = max((abs(numbers["thrust"][k]) for k in ("min", "max")), default=0.0)
     tilt = max(abs(numbers[n][k]) for n in ("roll_deg", "pitch_deg") for k in ("min", "max"))
-    size = f"largest offsets {thrust:.1%} thrust, {tilt:.1f} degrees"
+    size = f"largest offsets ({thrust:.1%} of full thrust, {tilt:.1f} degrees)"
     if thrust > _SMALL_THRUST or tilt > _SMALL_TILT_DEG:
-        return head, [f"Next: look at the moments of the {size}. Is the distance right there? Fly with less first."]
+        return head, [
+            f"Next: look at the moments of the {size}: are height and wall distance right there? For the first flight "
+            "set smaller ones under [limits] in the vehicle file."
+        ]
     return head, [f"Next: the {size} are small enough for a first flight with offsets: checklist in docs/install.md."]
 
 
 def _reasons(report: RunReport) -> str:
-    rows = [[escape(reason.value), f"{seconds:.1f} s"] for reason, seconds in report.summary.refusals()]
+    rows = [
+        [escape(reason.value), f"{seconds:.1f} s"] for reason, seconds in report.summary.refusals() if seconds >= 0.05
+    ]
     return table(("reason", "time"), rows, numbers=(1,))
 
 

@@ -55,6 +55,8 @@ class Record:
     """What is wrong with the log or the vehicle file, and is named as no effect."""
     blind: tuple[int, ...] = ()
     """Axes that are not judged because of a fault, but on which something acts all the same."""
+    system: int = 1
+    """The vehicle's id on the link."""
 
     @property
     def time_s(self) -> Array:
@@ -122,6 +124,7 @@ def build_record(
         notes=(*notes, *unseen_surfaces(log, vehicle), *time.notes),
         faults=(*stuck, *doubts.faults, *([DERIVED_ACCELEROMETER] if derived else [])),
         blind=doubts.blind,
+        system=log.system,
     )
     if record.seconds < SHORTEST_S:
         raise too_short(record)

@@ -18,7 +18,7 @@ from replay.fleet.page import common_effects
 from replay.fleet.results import Results, logs_in
 from replay.fleet.rows import row, write_table
 from replay.fleet.scheduler import run_local
-from replay.fleet.trends import trends
+from replay.fleet.trends import Point, Trend, trends
 
 DAY_US = 86_400_000_000
 
@@ -122,7 +122,9 @@ def test_report_of_a_folder_is_one_page_of_all_that_leads_to_one_of_every_log(tm
     assert "2 of them known from before" in capsys.readouterr().out
     assert (report / links[0]).is_file()
     assert main([*arguments, "--save-model", str(tmp_path / "m")]) == 2
-    assert "--save-model: needs logs by name" in capsys.readouterr().err
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "--save-model" in line
+    assert f"replay diagnose {logs}/*.tlog --save-model" in line, "what to type instead"
 
 
 def test_what_logs_cannot_tell_apart_counts_as_one():
@@ -263,3 +265,22 @@ def test_stamps_of_another_millennium_and_joined_logs_are_no_hindrance(tmp_path)
         assert answer["decisions"] > 100
         assert answer["date_from"] == date_from
         assert answer["date"].startswith("20")
+
+
+def test_vehicles_of_a_fleet_are_told_apart_by_folder_or_system_id(tmp_path, capsys):
+    logs = tmp_path / "logs"
+    (logs / "alpha").mkdir(parents=True)
+    write_tlog(logs / "alpha" / "one.tlog", quad_flight(40.0, mass_kg=3.6))
+    write_tlog(logs / "two.tlog", quad_flight(40.0, mass_kg=3.6, system=7, seed=2))
+    out = tmp_path / "out"
+    assert main(["diagnose", str(logs), "--vehicle", str(QUAD), "--model", "none", "--out", str(out), "--quiet"]) == 0
+    page = (out / "report.html").read_text()
+    assert "by vehicle: " in page
+    assert "alpha, 2026-01-01" in page
+    assert "system 7, 2026-01-01" in page
+    assert not re.search(r"\d 1[;.<]", page), "a number without unit has no unit"
+
+
+def test_a_size_without_unit_is_a_number():
+    trend = Trend("thrust_scale", "scale", "1", (Point("a", "x", 0.0, -0.08, 0.01),), 1)
+    assert trend.in_words() == "1 of 1 logs, median -0.08"

@@ -17,7 +17,7 @@ from models.effects.pictures import over_time
 from replay.diagnosis.diagnose import Diagnosis, Named, conclude
 from replay.diagnosis.html_report import page
 from replay.diagnosis.next_step import next_step
-from replay.diagnosis.pictures import PIXELS, acts, blocks, effect_picture, envelope, phases, without
+from replay.diagnosis.pictures import PIXELS, acts, blocks, effect_picture, envelope, phases, well_binned, without
 from replay.diagnosis.words import channel_words, estimate_words
 from replay.residual.faults import LogFault
 from replay.residual.record import Record
@@ -285,3 +285,15 @@ def test_a_real_browser_shows_the_page_on_phone_and_desktop_dark_and_light(weak:
                 papers.add((seen.paper, seen.ink))
         assert len(papers) == 2, "dark and light differ"
         assert browser.print().startswith(b"%PDF")
+        browser.ask("Emulation.setEmulatedMedia", media="print")
+        printed = browser.value("getComputedStyle(document.documentElement).getPropertyValue('--after')")
+        assert printed == "#0969da", "on paper the colours for light, whatever the screen had"
+
+
+def test_samples_that_hang_together_fill_fewer_bins() -> None:
+    x = np.linspace(0.0, 1.0, 600)
+    middle, mean, error = well_binned(x, 2.0 * x, 50.0)
+    assert len(middle) >= 4, "a flight of a minute whose noise lasts 5 s still shows a slope"
+    assert np.allclose(mean, 2.0 * middle)
+    assert (error > 0.0).all()
+    assert len(well_binned(x, 2.0 * x, 400.0)[0]) >= 3, "noise as long as the flight: points with wide intervals"
