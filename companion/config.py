@@ -144,6 +144,8 @@ class Tuning:
     airborne_lift_share: float = 0.75
     """Of the weight: rotors that lift this much carry the vehicle, ground effect included."""
     idle_is_landed_s: float = 2.0
+    carried_age_s: float = 0.3
+    """Rotors that carried the weight so lately speak against a land detector."""
     # Hover thrust, learned while the autopilot flies
     hover_mean_s: float = 2.0
     """Time constant of the average."""

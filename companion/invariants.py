@@ -74,6 +74,10 @@ _SAME_BEAM_COS = 0.98
 """Two beams within 11 degrees look the same way."""
 _SLEW_GAP_S = 0.1
 """A longer time between two decisions counts as this."""
+_FLIES_SHARE, _FLOWN_SHARE, _ABOVE_STANDING_M = 0.6, 0.02, 0.08
+"""Lift, as the square of rotor speeds, that carries a vehicle, of that in flight; share of a new value in its average;
+and how much further away the ground is than where the vehicle stood."""
+_DOWN = (0.0, 0.0, 1.0)
 
 
 class Promise(Enum):
@@ -87,7 +91,7 @@ class Promise(Enum):
     FRESH = "no setpoint is stale, and none is sent a second time"
     ARMED = "no setpoint unless the autopilot says that it is armed"
     MODE = "no setpoint outside GUIDED and OFFBOARD (PX4 before OFFBOARD: no offset and no place)"
-    LANDED = "no setpoint while the autopilot says that it stands on the ground"
+    LANDED = "no setpoint while the autopilot says that it stands on the ground, unless range and rotors contradict it"
     LINK = "no setpoint after the autopilot's heartbeats have stopped"
     DRY_RUN = "a dry run sends no setpoint"
     FORM = "rates are ignored all or none, thrust never; places are finite; addressed to the autopilot"
@@ -148,6 +152,45 @@ class Audit:
         }
 
 
+@dataclass(slots=True)
+class AirEvidence:
+    """What range and rotors say about being in the air, beside the autopilot's land detector. Lengths in metres."""
+
+    landed_state: int = 0
+    down_m: float = math.nan
+    standing_m: float = math.nan
+    """What the ground range read as the vehicle stood."""
+    rpm2: dict[int, float] = field(default_factory=dict)
+    """Square of the newest speed of each ESC."""
+    flown_rpm2: float = math.nan
+    """Their mean in the air, averaged."""
+
+    def hear_range(self, distance_m: float) -> None:
+        """A reading of the ground range."""
+        self.down_m = distance_m
+        if self.landed_state == _ON_GROUND and not self._turns_as_in_flight():
+            self.standing_m = distance_m
+
+    def hear_rotors(self, sample: RotorSpeeds) -> None:
+        """Rotor speeds."""
+        for i, rpm in enumerate(sample.rpm):
+            if math.isfinite(rpm):
+                self.rpm2[sample.first_esc + i] = rpm * rpm
+        mean = sum(self.rpm2.values()) / max(len(self.rpm2), 1)
+        if self.landed_state != _ON_GROUND and mean > 0.0:
+            old = mean if math.isnan(self.flown_rpm2) else self.flown_rpm2
+            self.flown_rpm2 = old + _FLOWN_SHARE * (mean - old)
+
+    def _turns_as_in_flight(self) -> bool:
+        mean = sum(self.rpm2.values()) / max(len(self.rpm2), 1)
+        return mean >= _FLIES_SHARE * self.flown_rpm2  # False while that is not known
+
+    @property
+    def contradicts_landing(self) -> bool:
+        """Whether it cannot stand on the ground."""
+        return self._turns_as_in_flight() and self.down_m > self.standing_m + _ABOVE_STANDING_M
+
+
 @dataclass
 class _Heard:
     """What the vehicle said last, on its boot axis [s]."""
@@ -166,6 +209,7 @@ class _Heard:
     """Telemetry packets of each ESC: one that does not count on repeats an old value."""
     counting: set[int] = field(default_factory=set)
     """ESCs whose counter is known to move: some never do."""
+    air: AirEvidence = field(default_factory=AirEvidence)
 
 
 class Auditor:
@@ -252,7 +296,7 @@ class Auditor:
             case Heartbeat() if sample.component == AUTOPILOT_COMPONENT and sample.autopilot != _INVALID:
                 heard.heartbeat, heard.beat_us = sample, self._now_us
             case LandedState():
-                heard.landed_state = sample.landed_state
+                heard.landed_state = heard.air.landed_state = sample.landed_state
             case Attitude():
                 heard.now_s = heard.basis_s = sample.t_s
                 heard.inputs_s["attitude"] = sample.t_s
@@ -265,7 +309,11 @@ class Auditor:
             case Range() if sample.verdict in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX):
                 for name in self._beams(sample):
                     heard.inputs_s[name] = sample.t_s
+                sees = sample.verdict is RangeVerdict.OK and sample.direction_frd is not None
+                if sees and _dot(sample.direction_frd or _DOWN, _DOWN) > _SAME_BEAM_COS:
+                    heard.air.hear_range(sample.distance_m)
             case RotorSpeeds():
+                heard.air.hear_rotors(sample)
                 for name in self._rotors(sample):
                     heard.inputs_s[name] = sample.t_s
             case ServoOutput():
@@ -341,7 +389,8 @@ class Auditor:
         waiting = beat is not None and stack_of(beat) is Stack.PX4 and bare
         mode = "no heartbeat yet" if beat is None else f"mode {beat.custom_mode:#x}"
         self._check(Promise.MODE, beat is not None and (takes_setpoints(beat) or waiting), f"{what} in {mode}")
-        self._check(Promise.LANDED, heard.landed_state != _ON_GROUND, what)
+        standing = heard.landed_state == _ON_GROUND and not heard.air.contradicts_landing
+        self._check(Promise.LANDED, not standing, what)
         # By arrival where the first one came before the vehicle's clock was known.
         age_s = math.inf if beat is None else min(heard.now_s - beat.t_s, (self._now_us - heard.beat_us) / 1e6)
         self._check(Promise.LINK, age_s <= _LINK_S, f"{what}, {age_s:.1f} s after the last heartbeat")

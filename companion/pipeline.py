@@ -19,6 +19,7 @@ from companion.control.compensation import Offset, slewed, wanted_offset
 from companion.control.disturbance import Disturbance, modelled_disturbance
 from companion.control.engagement import IN_AIR, ON_GROUND, waits_for_mode
 from companion.control.hand_over import NOT_OURS, part, parting_command, place_of
+from companion.control.landed import flies_all_the_same, standing_height
 from companion.control.plant import Source, declared_loop, hear_attitude, hear_position, tune
 from companion.control.position_hold import BaseSetpoint, Motion, balanced, engage, fly, shifted
 from companion.control.position_target import read_target, stay
@@ -389,15 +390,25 @@ def _airborne(state: PipelineState, config: PipelineConfig, t_s: float) -> Pipel
     since, carried = state.airborne_since_s, state.carried_s
     if _carries(state.disturbance, config) or state.landed_state == IN_AIR:
         carried = t_s
+    standing, notice = state.standing_m, state.notice
+    ground = None if state.disturbance is None else state.disturbance.ground
+    if ground is not None:
+        standing = standing_height(standing, ground, since < math.inf)
     if state.landed_state == ON_GROUND:
-        since = math.inf
+        carries = config.vehicle.telemetered and t_s - carried < tuning.carried_age_s
+        if ground is None or not flies_all_the_same(ground, standing, carries, state.hold is not None):
+            since = math.inf
+        elif notice is None or notice[0] is not Notice.LANDED_OVERRULED:
+            notice = (Notice.LANDED_OVERRULED, t_s)
     elif since == math.inf:
         since = t_s if carried == t_s else since
     elif state.landed_state == 0 and t_s - carried > tuning.idle_is_landed_s:
         since = math.inf
     climb = None if position is None else position.velocity_ned[2]
     seen = engagement.watch_take_off(state.engagement, t_s, climb, state.landed_state, since, tuning)
-    return replace(state, airborne_since_s=since, carried_s=carried, engagement=seen)
+    return replace(
+        state, airborne_since_s=since, carried_s=carried, engagement=seen, standing_m=standing, notice=notice
+    )
 
 
 def _carries(disturbance: Disturbance | None, config: PipelineConfig) -> bool:

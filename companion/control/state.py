@@ -46,6 +46,8 @@ class PipelineState:
     airborne_since_s: float = math.inf
     carried_s: float = -math.inf
     """When the rotors last carried the weight, or the autopilot last said so."""
+    standing_m: float = math.nan
+    """Height of the CG over ground as the vehicle stood before take-off; NaN where that was not seen."""
     engagement: Engagement = field(default_factory=Engagement)
     balance: Balance = _NO_BALANCE
     timing: Timing = field(default_factory=Timing)

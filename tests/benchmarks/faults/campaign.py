@@ -77,6 +77,10 @@ class Fault:
     """The model is read from a copy of its own, in ``Bench.folder``."""
     off_m: float = 0.25
     """How far it may drive the vehicle."""
+    silent_off_m: float | None = None
+    """The same with the manners of ArduPilot where the program has promised to be silent: see ``silent_drift_m``."""
+    touches_s: float = 0.0
+    """Contact with the wall that physics does not let it avoid: the fault's own words say why."""
     clock_ms: int = 0
     """The autopilot's clock when the simulation starts."""
     stacks: tuple[str, ...] = STACKS
@@ -138,6 +142,15 @@ class Result:
     def as_json(self) -> dict[str, Any]:
         """Plain numbers."""
         return asdict(self)
+
+
+def silent_drift_m(seconds: float) -> float:
+    """How far a vehicle flies on its last setpoint, as ArduPilot does for GUID_TIMEOUT once the stream ends.
+
+    At rest the hold's tilt is 1 degree RMS about its mean (docs/safety.md); whatever it is at the last setpoint goes on
+    accelerating the vehicle.
+    """
+    return 0.5 * 9.80665 * math.tan(math.radians(1.0)) * seconds**2
 
 
 @cache
@@ -263,12 +276,13 @@ def complaints(fault: Fault, r: Result) -> list[str]:
     lands = r.stack in fault.lands
     if fault.recovers and not (lands and fault.during is None) and r.recovered_s is None:
         out.append(f"did not compensate again within {RECOVERY_S:g} s")
-    if r.wall_s > 0.01:
+    if r.wall_s > max(fault.touches_s, 0.01):
         out.append(f"touched the wall for {r.wall_s:.2f} s")
     if r.ground_s > 0.01 and not lands:
         out.append(f"touched the ground for {r.ground_s:.2f} s")
-    if r.off_m > fault.off_m:
-        out.append(f"driven {r.off_m:.2f} m off, {fault.off_m:g} m allowed")
+    allowed = fault.silent_off_m if fault.silent_off_m is not None and r.stack == "ardupilot" else fault.off_m
+    if r.off_m > allowed:
+        out.append(f"driven {r.off_m:.2f} m off, {allowed:.2g} m allowed")
     return out
 
 
