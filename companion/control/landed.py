@@ -20,7 +20,7 @@ def flies_all_the_same(ground: Surface, standing_m: float, carried: bool, holdin
 
     It was held in the air a moment ago, its rotors carry its weight, and the ground is clearly further away than it
     was before take-off. All three, or the autopilot is believed: what stands has rotors at the least thrust, because
-    it does not answer to less. Going silent would be no help: an autopilot that believes in its landing idles its motors.
+    it does not answer to less. Silence would be no help: an autopilot that believes it has landed idles its motors.
     """
     if not holding or not carried or ground.seen is not Seen.SURFACE or math.isnan(standing_m):
         return False

@@ -1,7 +1,7 @@
 """What the vehicle can do against a gust at best: ``python -m faults.gust_limit`` in tests/benchmarks.
 
-The full tilt away from the wall is commanded in the very instant of the gust, past link and sensors: how much nearer
-to the wall does the vehicle come before it stops? Simulated; nothing of the flight program is in it but the hover before.
+The full tilt away from the wall is commanded in the very instant of the gust, past link and sensors. How much nearer
+does the vehicle come before it stops? Simulated; of the flight program it holds the hover before the gust alone.
 """
 
 from __future__ import annotations
