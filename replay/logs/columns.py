@@ -50,7 +50,10 @@ class Messages:
 
     def column(self, field: str) -> Array:
         """One field (n,)."""
-        return np.asarray(self.data[field], dtype=float) if field in self.data else np.full(len(self), np.nan)
+        if field not in self.data:
+            return np.full(len(self), np.nan)
+        with np.errstate(invalid="ignore"):  # damage may make a NaN of the kind that signals
+            return np.asarray(self.data[field], dtype=float)
 
     def columns(self, *fields: str) -> Array:
         """(n, k)."""
@@ -119,7 +122,8 @@ def message_counts(counts: Iterable[tuple[int, int, str, int]], span_s: float) -
 
 
 def quaternions(euler: Array) -> Array:
-    """Quaternions (n, 4) of roll, pitch, yaw (n, 3) [rad], aerospace 3-2-1."""
+    """Quaternions (n, 4) of roll, pitch, yaw (n, 3) [rad], aerospace 3-2-1; an angle that is no number makes NaN."""
+    euler = np.where(np.isfinite(euler), euler, np.nan)
     (cr, cp, cy), (sr, sp, sy) = np.cos(euler / 2.0).T, np.sin(euler / 2.0).T
     return np.stack(
         [
@@ -209,8 +213,9 @@ def runs(t_s: Array, values: NDArray[Any], end_s: float) -> tuple[Interval, ...]
 
 def unflipped(q: Array) -> Array:
     """Quaternions (n, 4) of length 1 without sign jumps from one to the next, so that they can be interpolated."""
-    norm = np.linalg.norm(q, axis=1, keepdims=True)
-    q = np.where((norm > 0.9) & (norm < 1.1), q / np.where(norm > 0.0, norm, 1.0), np.nan)
+    norm = np.linalg.norm(np.where(np.abs(q) < 2.0, q, np.nan), axis=1, keepdims=True)
+    sound = (norm > 0.9) & (norm < 1.1)
+    q = np.where(sound, q / np.where(sound, norm, 1.0), np.nan)
     known = ~np.isnan(q[:, 0])
     dots = np.einsum("ij,ij->i", q[known][1:], q[known][:-1])
     signs = np.concatenate([[1.0], np.cumprod(np.where(dots < 0.0, -1.0, 1.0))]) if known.any() else np.empty(0)

@@ -1,13 +1,16 @@
 """Mutated MAVLink through the live decoder and the flight program, and mutated files through every log reader.
 
-``python tests/benchmarks/fuzz.py [--frames 1000000] [--flight-frames 1000000] [--files 3000] [--seed 0]``
+``python tests/benchmarks/fuzz.py [--frames 1000000] [--flight-frames 1000000] [--log-frames 1000000] [--files 300]
+[--seed 0]``
 
-Three stages:
+Stages:
 
 - decoder: frames of every message that is read, of any content and with a right checksum, run together into a stream;
   in every other stream bytes are changed, cut out, inserted and repeated. Fed in pieces of any length.
 - flight: between the messages of a vehicle that hovers, their own payloads with some bytes changed, frames of any
   content, and damaged ones, all through ``step``. Setpoints that come out must be sound.
+- tlog, bin, ulg: small logs whose records are mutated one by one, mostly with their framing and checksum right,
+  through the reader of each format.
 - files: small logs of each format with damage all over, through the reader of their suffix.
 
 Nothing may raise (readers: but for UserError), warn, take longer than --hang seconds for one input, or keep memory. An
@@ -28,11 +31,12 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from fuzz_logs import LogKind, bin_kind, tlog_kind, ulg_kind
 from log_writers import bin_flight, ulg_flight
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
@@ -340,12 +344,51 @@ def files(number: int, limits: Limits, logs: Path | None) -> Counts:
     return counts
 
 
+def log_kinds() -> tuple[LogKind, ...]:
+    """A good log of each format, in records."""
+    stamps = (struct.pack(">Q", START_US + 20_000 * k) for k in range(150))
+    return (
+        tlog_kind([stamp + frame for k, stamp in enumerate(stamps) for frame in each(k)]),
+        bin_kind(bin_flight()),
+        ulg_kind(ulg_flight()),
+    )
+
+
+def records(number: int, limits: Limits, kind: LogKind) -> Counts:
+    """``number`` mutated records through the reader of one format, some hundred in a file."""
+    from replay.logs.formats import read_flightlogs
+
+    name = kind.suffix[1:]
+    rng, counts = random.Random(f"{name} {limits.seed}"), Counts()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"f{kind.suffix}"
+        while counts.inputs < number:
+            counts.progress(counts.inputs, number, name, limits.bars)
+            data, hit = kind.mutated(rng, changed, lambda r, g: bytes(g.choice(RAW)(bytearray(r), g)))
+            path.write_bytes(data)
+            counts.inputs += hit
+            counts.frames += 1
+            started = time.perf_counter()
+            try:
+                counts.samples += len(read_flightlogs(path))
+            except UserError:
+                counts.refused += 1
+            except Exception as error:
+                counts.fail(limits.keep, f"{name}-{limits.seed}-{counts.inputs}{kind.suffix}", data, error)
+            counts.took(time.perf_counter() - started, limits.hang_s, f"{name} input {counts.inputs}")
+    return counts
+
+
 def as_text(name: str, c: Counts) -> str:
     """One line, and one for each failure."""
     early, late = c.memory_mib[len(c.memory_mib) // 4], c.memory_mib[-1]
     seen = {
         "decoder": f"{c.inputs} frames sent, {c.frames} good ones cut out, {c.samples} samples",
         "flight": f"{c.inputs} mutated frames, {c.samples} samples, {c.decisions} decisions, {c.commands} setpoints",
+        **{
+            kind: f"{c.inputs} mutated records in {c.frames} files, {c.samples} flights read, {c.refused} files refused"
+            for kind in ("tlog", "bin", "ulg")
+        },
         "files": f"{c.inputs} files, {c.samples} flights read, {c.refused} refused in one line",
     }[name]
     line = (
@@ -360,8 +403,10 @@ def main() -> int:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--frames", type=int, default=1_000_000, help="through the decoder")
     p.add_argument("--flight-frames", type=int, default=1_000_000, help="through the flight program")
-    p.add_argument("--files", type=int, default=3000)
+    p.add_argument("--log-frames", type=int, default=1_000_000, help="through each log reader")
+    p.add_argument("--files", type=int, default=300, help="damaged as a whole")
     p.add_argument("--logs", type=Path, metavar="DIR", help="recorded logs as seeds, beside those that are made here")
+    p.add_argument("--only", action="append", metavar="STAGE", help="this stage; may be repeated")
     p.add_argument("--seed", type=int, default=0)
     p.add_argument("--hang", type=float, default=10.0, metavar="S")
     p.add_argument("--keep", type=Path, default=Path("fuzz-failures"), metavar="DIR")
@@ -372,10 +417,13 @@ def main() -> int:
     stages = {
         "decoder": lambda: decoder(a.frames, limits),
         "flight": lambda: live(a.flight_frames, limits),
+        **{kind.suffix[1:]: partial(records, a.log_frames, limits, kind) for kind in log_kinds()},
         "files": lambda: files(a.files, limits, a.logs),
     }
     out: dict[str, Counts] = {}
     for name, stage in stages.items():
+        if a.only and name not in a.only:
+            continue
         started = time.monotonic()
         out[name] = stage()
         limits.bars.close()

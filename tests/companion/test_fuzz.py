@@ -6,8 +6,9 @@ import random
 import warnings
 
 import numpy as np
+import pytest
 from flying import CONFIG
-from fuzz import RAW, check_sound, proper_frame, sound_flight
+from fuzz import RAW, Limits, check_sound, log_kinds, proper_frame, records, sound_flight
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -15,7 +16,8 @@ from companion.mavlink.frames import FrameReader
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.pipeline import initial_state, step
-from replay.logs.columns import believable
+from models.progress import Bars
+from replay.logs.columns import Messages, believable, quaternions, unflipped
 
 NUMBERS = sorted(LAYOUTS)
 
@@ -66,3 +68,26 @@ def test_times_that_no_clock_shows_are_none_without_a_warning():
         out = believable(np.array([1e300, 1e300, np.inf, np.nan, -1.0]))
         assert np.isnan(out).all()
         assert believable(np.array([1.0, 1.02, 1e300])).tolist()[:2] == [1.0, 1.02]
+
+
+@pytest.mark.parametrize("kind", log_kinds(), ids=lambda kind: kind.suffix)
+def test_mutated_records_of_a_log_are_read_or_refused_without_a_warning(kind, tmp_path):
+    limits = Limits(seed=5, hang_s=60.0, keep=tmp_path / "failures", bars=Bars())
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        counts = records(3000, limits, kind)
+    assert counts.failures == []
+    assert counts.inputs >= 3000
+    assert counts.samples > 0
+
+
+def test_numbers_that_a_damaged_log_holds_are_none_without_a_warning():
+    """Found by the fuzzer: infinite angles, a quaternion with an infinite part, a NaN that signals."""
+    signalling = np.array([0x7F800001, 0x3F800000], np.uint32).view(np.float32)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert np.isnan(quaternions(np.array([[np.inf, 0.0, 0.0], [0.1, 0.2, -np.inf]]))).all(axis=1).all()
+        assert np.isnan(unflipped(np.array([[np.inf, 0.0, 0.0, 0.0], [1.0, 0.0, 0.0, np.nan]]))).all()
+        column = Messages("any", np.zeros(2), {"value": signalling}).column("value")
+    assert np.isnan(column[0])
+    assert column[1] == 1.0
