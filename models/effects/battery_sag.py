@@ -6,14 +6,22 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Drawn, Effect, Shape, columns
+from models.effects.effect import Coefficient, Context, Drawn, Effect, Shape, columns, through
 from models.effects.pictures import more, nearest, over
 from models.frames import Array
 
 
+SLOW_S = 3.0
+"""Standard deviation of the Gaussian that the voltage goes through: a pack empties over minutes, telemetry is noisy [s]."""
+
+
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
-    fuller = ctx.state.battery_voltage_v / shape[0] - 1.0
-    # Telemetry is too slow for the drop over the pack's resistance when the current rises with the thrust.
+    volts = ctx.state.battery_voltage_v
+    if ctx.record:
+        # Noise of the voltage would be fitted instead of what the pack does, and make its power too small.
+        volts = through(ctx, volts[:, None], lambda omega: np.exp(-0.5 * (SLOW_S * omega) ** 2))[:, 0]
+    fuller = volts / shape[0] - 1.0
+    # The drop over the pack's resistance, when the current rises with the thrust, is faster than that.
     above = ctx.thrust.sum(axis=-1) / ctx.weight - 1.0
     return columns(ctx.rotor_force * fuller[..., None], ctx.rotor_force, -ctx.rotor_force * above[..., None])
 
@@ -45,7 +53,8 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 EFFECT = Effect(
     name="battery_sag",
     equation="dF = F_rotors (p (V/V0 - 1) + e - r (u - 1)), e at the reference voltage, u declared thrust over weight",
-    sign="power > 0: thrust falls with the voltage; ohmic > 0: and with the current, faster than the voltage is logged",
+    sign="power > 0: thrust falls with the voltage; ohmic > 0: and with the current, faster than the voltage is logged; "
+    "< 0: the declared curve holds that drop already",
     source="brushless motor at constant duty: speed follows the voltage, thrust its square; Hughes & Drury "
     "2013, Electric Motors and Drives, ch. 3",
     valid="V within 30 % of V0",
@@ -55,7 +64,7 @@ EFFECT = Effect(
     coefficients=(
         Coefficient("power", "1", 0.0, 4.0, typical=1.5, centre=1.0),
         Coefficient("at_reference", "1", -0.3, 0.3, typical=0.08, of_day=True),
-        Coefficient("ohmic", "1", 0.0, 0.4, typical=lambda ctx: ctx.by_kind(0.01, 0.1), optional=True),
+        Coefficient("ohmic", "1", -0.2, 0.4, typical=lambda ctx: ctx.by_kind(0.01, 0.1), optional=True),
     ),
     main=("power",),
     regressors=_regressors,

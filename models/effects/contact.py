@@ -67,6 +67,8 @@ EFFECT = Effect(
     shape_grid=_grid,
     lacking=_lacking,
     aliases=("wall_effect",),
+    # Bumpers are neither linear nor alike, and ranges of a few centimetres are coarse.
+    form=0.25,
     in_flight=InFlight.NONE,
     main=("stiffness",),
     drawn=_drawn,

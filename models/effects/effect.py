@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from models.air_state import AirState
 from models.errors import ConfigError
-from models.frames import Array, at_cg, corner_to_body
+from models.frames import GRAVITY, Array, at_cg, corner_to_body
 from models.surrogate.fan_surrogate import AdoptedEffect
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
 from models.vehicle_wrench import (
@@ -31,6 +31,8 @@ __all__ = ["AdoptedEffect", "Coefficient", "Context", "Effect", "InFlight", "Sha
 
 GAS_CONSTANT_AIR = 287.05
 DOWNWARD = np.array([0.0, 0.0, 1.0])
+APART_S = 0.5
+"""Time over which changes of thrust and specific force are compared: what drifts does not count [s]."""
 
 
 class InFlight(Enum):
@@ -58,7 +60,7 @@ class Coefficient:
     low: float
     high: float
     typical: Size = 1.0
-    centre: float = 0.0
+    centre: Size = 0.0
     of_day: bool = False
     optional: bool = False
     """A model directory may lack it: 0 there."""
@@ -66,6 +68,10 @@ class Coefficient:
     def spread(self, ctx: Context) -> float:
         """Standard deviation of the prior."""
         return self.typical(ctx) if callable(self.typical) else self.typical
+
+    def mean(self, ctx: Context) -> float:
+        """Mean of the prior."""
+        return self.centre(ctx) if callable(self.centre) else self.centre
 
 
 @dataclass(frozen=True)
@@ -149,6 +155,20 @@ class Context:
         total = self.thrust.sum(axis=-1)
         share = np.nanmean(self.thrust, axis=0) / np.nanmean(total)
         return np.asarray(total[..., None] * share)
+
+    @cached_property
+    def felt_thrust(self) -> Array:
+        """Declared thrust over the weight of a record (n,), as far as it goes with the measured specific force.
+
+        First stage of two-stage least squares (Wooldridge 2010, Econometric Analysis of Cross Section and Panel Data,
+        ch. 5): thrust that answers a disturbance of the lift within the control loop is not felt.
+        """
+        thrust, felt = self.thrust.sum(axis=-1) / self.weight, -self.state.specific_force[:, 2] / GRAVITY
+        apart = max(round(APART_S / float(np.median(np.diff(self.state.time_s)))), 1)
+        a, b = (x[apart:] - x[:-apart] for x in (thrust, felt))
+        known = np.isfinite(a) & np.isfinite(b)
+        share = float(a[known] @ b[known]) / max(float(b[known] @ b[known]), 1e-12)
+        return np.asarray(np.nanmean(thrust) + share * (felt - np.nanmean(felt)))
 
     @cached_property
     def shared_rpm(self) -> Array:
@@ -294,6 +314,8 @@ class Effect:
     shape_grid: Grid = no_shape
     lacking: Callable[[Context], str | None] = always
     aliases: tuple[str, ...] = ()
+    fitted_by: Regressors | None = None
+    """Regressors to fit a record by, where those of the wrench answer disturbances within the control loop."""
     in_flight: InFlight = InFlight.WRENCH
     needs_moments: bool = False
     """Without moments it cannot be distinguished from others."""
@@ -301,10 +323,14 @@ class Effect:
     """Coefficients of which at least one must be significant; empty: any."""
     usual: tuple[float, ...] | None = None
     """The shape that theory gives: another one must be clearly better."""
+    halvings: int = 2
+    """How often the grid of its shapes is halved about the best."""
     at_shape: bool = False
     """The one coefficient is a length at which the one shape linearises: both have to agree."""
     odds: Size = 0.05
     """How often such a thing is undeclared, before any flight was seen."""
+    form: float = 0.12
+    """What it may leave at most by an error of its form, as a share of its own: less is not believed beside it."""
     least_share: float = 0.05
     """Smallest share of an axis' energy that it has to take off to be named."""
     of_day: bool = False

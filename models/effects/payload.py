@@ -55,6 +55,7 @@ EFFECT = Effect(
     regressors=_regressors,
     shapes=(Shape("from_s", "s", kinds=(0.0,)),),
     shape_grid=_grid,
+    halvings=4,
     aliases=("thrust_scale", "air_density"),
     of_day=True,
     odds=0.045,

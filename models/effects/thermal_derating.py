@@ -51,7 +51,7 @@ EFFECT = Effect(
     channels=("esc_temperature_c", "rpm_1"),
     excite="a long flight from cold; rest with the battery connected separates heat from charge",
     coefficients=(
-        Coefficient("slope", "1", -0.5, 0.0, typical=0.06),
+        Coefficient("slope", "1", -0.2, 0.0, typical=0.03),
         Coefficient("start", "1", -0.3, 0.3, typical=0.05, of_day=True),
     ),
     main=("slope",),

@@ -10,12 +10,26 @@ from models.frames import Array
 
 
 def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
-    above = (ctx.thrust.sum(axis=-1) / ctx.weight - 1.0)[..., None]
+    return _about_hover(ctx, ctx.thrust.sum(axis=-1) / ctx.weight)
+
+
+def _about_hover(ctx: Context, thrust: Array) -> Array:
+    above = (thrust - 1.0)[..., None]
     return columns(ctx.rotor_force * above, ctx.rotor_force * above**2)
+
+
+def _fitted_by(ctx: Context, _: tuple[float, ...]) -> Array:
+    # A loop that holds the height answers a loss of lift by more thrust: that loss would pass for a flat curve.
+    return _about_hover(ctx, ctx.felt_thrust)
 
 
 def _lacking(ctx: Context) -> str | None:
     return "the thrust varied hardly more than it answers disturbances" if ctx.only_answers else None
+
+
+def _likely(ctx: Context) -> float:
+    # At a speed, thrust goes with its square but for what the blades do with Reynolds number and bending.
+    return ctx.by_kind(0.1, 0.25)
 
 
 def _words(_: Context, p: Mapping[str, float]) -> str:
@@ -33,13 +47,14 @@ EFFECT = Effect(
     channels=("thrust_command", "servo_1", "rpm_1", "az_m_s2"),
     excite="climb and sink with quick starts and stops: thrust well above and below hover",
     coefficients=(
-        Coefficient("slope", "1", -0.4, 1.5, typical=0.25, centre=0.1),
-        Coefficient("curvature", "1", -3.0, 3.0, typical=0.4),
+        Coefficient("slope", "1", -0.4, 1.5, typical=_likely, centre=lambda ctx: ctx.by_kind(0.0, 0.1)),
+        Coefficient("curvature", "1", -3.0, 3.0, typical=lambda ctx: ctx.by_kind(0.15, 0.4)),
     ),
     main=("slope", "curvature"),
     odds=lambda ctx: ctx.by_kind(0.02, 0.3),
     least_share=0.25,
     regressors=_regressors,
+    fitted_by=_fitted_by,
     lacking=_lacking,
     aliases=("thrust_scale", "battery_sag"),
     drawn=over_thrust,

@@ -109,13 +109,13 @@ class Evidence:
     def fit(self, terms: Sequence[Term], noise: Noise) -> Fit:
         """Fit a set, its noise included, from a first guess of it."""
         for _ in range(ROUNDS):
-            b, _, _ = self._posterior(terms, noise)
-            fresh = self._noise(self.rest(terms, b), form_variance(Contributions(self.library, terms, b)))
+            b, cov, _ = self._posterior(terms, noise)
+            fresh = self._noise(self.rest(terms, b), form_variance(Contributions(self.library, terms, b, cov)))
             if fresh.spectrum == noise.spectrum and np.allclose(fresh.sigma, noise.sigma, rtol=SETTLED):
                 break
             noise = fresh
         b, cov, _ = self._posterior(terms, noise)
-        u, rest = Contributions(self.library, terms, b), self.rest(terms, b)
+        u, rest = Contributions(self.library, terms, b, cov), self.rest(terms, b)
         evidence = self._laplace(terms, b, cov, rest, form_variance(u))
         worthy = worth(u, rest)
         prior = sum(self.prior(t) for t in terms)

@@ -9,6 +9,7 @@ import numpy as np
 
 from models.effects import Context, Effect
 from models.frames import Array
+from replay.residual.grid import Mask
 from replay.residual.record import Record
 from replay.search.channel import Columns
 
@@ -52,6 +53,11 @@ class Term:
     """Of a free curve."""
 
     @property
+    def form(self) -> Mask:
+        """(k,) whether a coefficient is an error of form."""
+        return ~np.isin(self.columns, [*(c for p in self.places.values() for c in p)])
+
+    @property
     def key(self) -> Key:
         """What may be there only once."""
         return (self.name, self.flight, self.axis)
@@ -64,7 +70,7 @@ class Term:
 def prior_of(effect: Effect, context: Context, shape: tuple[float, ...]) -> tuple[Array, Array]:
     """Standard deviation and mean of the prior of every coefficient (k,), in the coefficients' own units."""
     spread = np.array([c.spread(context) for c in effect.coefficients])
-    centre = np.array([c.centre for c in effect.coefficients])
+    centre = np.array([c.mean(context) for c in effect.coefficients])
     if effect.at_shape:
         spread[0], centre[0] = AT_SHAPE_SPREAD * abs(shape[0]), shape[0]
     return spread, centre
@@ -72,8 +78,9 @@ def prior_of(effect: Effect, context: Context, shape: tuple[float, ...]) -> tupl
 
 def regressors_of(effect: Effect, record: Record, shape: tuple[float, ...]) -> Array:
     """Wrenches (n, 6, k) per coefficient [N, N m], 0 where a measurement is missing."""
+    regressors = effect.fitted_by or effect.regressors
     with np.errstate(invalid="ignore", over="ignore"):
-        x = effect.regressors(record.context, shape)
+        x = regressors(record.context, shape)
     return np.nan_to_num(x, posinf=0.0, neginf=0.0)
 
 

@@ -163,10 +163,10 @@ def _reshaped(walked: Walked, fit: Fit, only: Key | None = None) -> Fit:
 
 
 def _sharpened(walked: Walked, fit: Fit, only: Key | None = None) -> Fit:
-    """Shapes between the points of the grid, halved twice."""
-    for _ in range(2):
+    """Shapes between the points of the grid."""
+    for done in range(max((t.effect.halvings for t in fit.terms if t.effect is not None), default=0)):
         for term in fit.terms:
-            if only is not None and term.key != only:
+            if (only is not None and term.key != only) or term.effect is None or term.effect.halvings <= done:
                 continue
             if term in fit.terms and walked.evidence.library.finer(term, 0.5):
                 fit = _reshaped(walked, fit, only=term.key)

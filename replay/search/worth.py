@@ -8,18 +8,20 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from models.frames import Array
-from replay.search.channel import Channel
+from replay.search.channel import Channel, Columns
 from replay.search.library import Library
 from replay.search.terms import STEP_S, Term
 
 FORM_LEFT = 0.06
 """RMS that an effect leaves by its error of form, as a share of its own."""
-FORM = 0.12
-"""What an effect may leave at most by its error of form: an addition below that share of it is not believed."""
 CURVE_FORM = 1.2
-"""The same of a free curve: it has no mean, and what is beside it may be that."""
+"""What a free curve may leave by its form, as a share of its own: it has no mean, and what is beside it may be that."""
 SLOW_S = 2.0
 """What is left is averaged over this time before it counts as acting unexplained [s]."""
+OWN = 0.5
+"""What no other term would take over of a term, in hundredths of the weight: no model is better than that."""
+USUAL, USUAL_TRIM = 2.0, 1.0
+"""Coefficients and trims that take over stay within so many standard deviations of their prior."""
 SOFT = 0.02
 """Width of the threshold of attention, as a share of it: a size on the threshold must not decide by its last digits."""
 NEARLY, FAR_COST = 0.9, 1e3
@@ -32,11 +34,12 @@ What is below ``CANCEL_FREE`` hundredths of the weight does not count.
 
 
 class Contributions:
-    """What every term of a set does to every channel it acts on."""
+    """What every term of a set does to every channel it acts on; ``b`` (k,) and ``cov`` (k, k) with the trims' behind."""
 
-    def __init__(self, library: Library, terms: Sequence[Term], b: Array) -> None:
+    def __init__(self, library: Library, terms: Sequence[Term], b: Array, cov: Array) -> None:
         self.library = library
         self.terms = terms
+        self._b, self._cov = b, cov
         self.whole: dict[tuple[int, int], Array] = {}
         """(term, channel) to (n,)."""
         self.main: dict[tuple[int, int], Array] = {}
@@ -52,6 +55,31 @@ class Contributions:
                     x = channel.x[:, local[on]]
                     self.whole[i, c] = x @ part[on]
                     self.main[i, c] = x @ (part[on] * term.main[on]) if (term.main == 0.0).any() else self.whole[i, c]
+
+    def own(self) -> dict[tuple[int, int], Array]:
+        """What no other term would take over, by (term, channel): (n,).
+
+        The posterior of the others given that a term's main coefficients and errors of form are zero, no farther out
+        than ``USUAL`` standard deviations of their prior.
+        """
+        trims = len(self.library.trim)
+        columns = np.concatenate([*(t.columns for t in self.terms), self.library.trim])
+        centre = np.concatenate([*(t.centre for t in self.terms), np.zeros(trims)])
+        usual = np.where(np.arange(len(columns)) < len(columns) - trims, USUAL, USUAL_TRIM)
+        low, high = np.minimum(self._b, centre - usual), np.maximum(self._b, centre + usual)
+        out: dict[tuple[int, int], Array] = {}
+        start = 0
+        for i, term in enumerate(self.terms):
+            gone = start + np.flatnonzero((term.main > 0.0) | term.form)
+            start += len(term.columns)
+            taken = self._cov[:, gone] @ np.linalg.solve(self._cov[np.ix_(gone, gone)], self._b[gone])
+            others = np.clip(self._b - taken, low, high)
+            others[gone] = 0.0
+            for c in (c for k, c in self.main if k == i):
+                local = self.library.channels[c].where[columns]
+                on = local >= 0
+                out[i, c] = self.library.channels[c].x[:, local[on]] @ (self._b - others)[on]
+        return out
 
 
 def form_variance(u: Contributions) -> Array:
@@ -92,16 +120,22 @@ def standing(u: Contributions, rest: Sequence[Array]) -> Array:
         return np.empty(0)
     channels = u.library.channels
     tops, shares = np.zeros((len(u.terms), len(channels))), np.zeros((len(u.terms), len(channels)))
-    for (i, c), own in u.main.items():
-        without = rest[c] + own
+    own = np.zeros_like(tops)
+    for (i, c), part in u.main.items():
+        without = rest[c] + part
         shares[i, c] = 1.0 - float(rest[c] @ rest[c]) / max(float(without @ without), 1e-30)
-        tops[i, c] = top(own, channels[c].count) / channels[c].limit
-    form = np.array([FORM if t.effect is not None else CURVE_FORM for t in u.terms])
+        tops[i, c] = top(part, channels[c].count) / channels[c].limit
+    for (i, c), part in u.own().items():
+        own[i, c] = top(part, channels[c].count) / channels[c].limit
+    # Of an effect with a reference the level is arbitrary: what nothing else can take over counts at least.
+    tops = np.maximum(tops, own)
+    form = np.array([CURVE_FORM if t.effect is None else t.effect.form for t in u.terms])
     left = (tops * form[:, None]) ** 2
     open_ = np.array([slow_rms(e, c) / c.limit for e, c in zip(rest, channels, strict=True)])
-    allowed = np.sqrt(1.0 + left.sum(axis=0) - left + open_**2)
+    beside = left.sum(axis=0) - left + open_**2
     least = np.array([[t.share] for t in u.terms])
-    return np.asarray(np.minimum(tops / allowed, shares / least).max(axis=1))
+    large = np.minimum(tops / np.sqrt(1.0 + beside), own / np.sqrt(OWN**2 + beside))
+    return np.asarray(np.minimum(large, shares / least).max(axis=1))
 
 
 def slow_rms(rest: Array, channel: Channel) -> float:

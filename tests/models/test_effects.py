@@ -89,7 +89,7 @@ def test_an_entry_is_complete_and_its_regressors_have_the_declared_shape(name: s
         pytest.skip(f"this record cannot show it: {effect.lacking(ctx)}")
     for shape in list(effect.shape_grid(ctx))[:3]:
         assert len(shape) == len(effect.shapes)
-        x = effect.regressors(ctx, shape)
+        x = (effect.fitted_by or effect.regressors)(ctx, shape)
         assert x.shape == (len(ctx.state), 6, len(effect.coefficients))
 
 

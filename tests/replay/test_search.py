@@ -49,6 +49,17 @@ def with_context(record: Record, **changes: object) -> Record:
     return replace(record, context=replace(record.context, **changes))
 
 
+def pumped(record: Record, felt: bool = True) -> Record:
+    """The record with quick changes of thrust, which the accelerometer feels, or which take off a disturbance."""
+    state = record.context.state
+    rng = np.random.default_rng(7)
+    kernel = np.hanning(9) / np.hanning(9).sum()
+    more = 1.0 + 0.05 * np.convolve(coloured(rng, len(record.time_s), 0.5, record.step_s), kernel, "same")[:, None]
+    force = state.specific_force * more if felt else state.specific_force
+    changed = replace(state, rpm=state.rpm * np.sqrt(more), specific_force=force)
+    return with_context(record, state=changed, only_answers=False)
+
+
 def search(records: Record | list[Record], effects: list[Effect]) -> Searched:
     """The answer to one record or several."""
     return summarise(walk(records if isinstance(records, list) else [records], effects), 0)
@@ -100,11 +111,23 @@ def test_whitening_leaves_unit_variance_and_is_exact_after_gaps() -> None:
 
 
 def test_a_lag_is_refused_where_the_thrust_only_answers_noise(quiet: Record) -> None:
-    late = added(quiet, "motor_lag", (0.2, 0.0), 1.0)
-    assert names(search(with_context(late, only_answers=False), some("motor_lag", "wind"))) == {"motor_lag"}
+    late = added(pumped(quiet), "motor_lag", (0.2, 0.0), 1.0)
+    assert names(search(late, some("motor_lag", "wind"))) == {"motor_lag"}
     answer = search(with_context(late, only_answers=True), some("motor_lag", "wind"))
     assert names(answer) == set()
     assert not reason(answer, "motor_lag")[1]
+
+
+@pytest.mark.parametrize("felt", [True, False])
+def test_thrust_that_answers_a_loss_of_lift_is_no_flat_curve(quiet: Record, felt: bool) -> None:
+    """Lift that the accelerometer lacks goes with more thrust either way: by the curve, or because the loop answers."""
+    flown = pumped(quiet, felt)
+    flat = added(flown, "thrust_curve", (), -0.3, 0.0)
+    assert names(search(flat, some("thrust_curve", "motor_lag"))) == ({"thrust_curve"} if felt else set())
+    if felt:
+        low, value, high = estimate(search(flat, some("thrust_curve")), "thrust_curve", "slope")
+        assert low < -0.3 < high
+        assert value == pytest.approx(-0.3, abs=0.06)
 
 
 def test_a_lag_that_the_clock_may_have_made_is_not_tried(quiet: Record) -> None:
@@ -158,11 +181,11 @@ def test_a_moment_in_time_has_an_interval_that_holds_it(quiet: Record) -> None:
 
 
 def test_a_parameter_at_the_edge_of_what_was_tried_is_marked(quiet: Record) -> None:
-    slow = added(with_context(quiet, only_answers=False), "motor_lag", (0.7, 0.0), 1.0)
+    slow = added(pumped(quiet), "motor_lag", (0.7, 0.0), 1.0)
     answer = search(slow, some("motor_lag"))
     edge = {e.name: e.at_bound for e in found(answer, "motor_lag").estimates}
     assert edge["tau_s"] or edge["gain"]
-    inside = search(added(with_context(quiet, only_answers=False), "motor_lag", (0.2, 0.0), 1.0), some("motor_lag"))
+    inside = search(added(pumped(quiet), "motor_lag", (0.2, 0.0), 1.0), some("motor_lag"))
     assert not found(inside, "motor_lag").at_bound
 
 
@@ -267,8 +290,7 @@ def test_a_set_that_grows_keeps_what_is_not_worth_a_name_yet() -> None:
 
 
 def test_a_clock_that_is_off_is_no_lag(quiet: Record) -> None:
-    commanded = with_context(quiet, only_answers=False)
-    late = added(commanded, "motor_lag", (0.0, 0.04), 1.0)
+    late = added(pumped(quiet), "motor_lag", (0.0, 0.04), 1.0)
     assert names(search(late, some("motor_lag"))) == set()
 
 
