@@ -14,14 +14,16 @@ import numpy as np
 from companion.adaptation import adapt
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control import attitude_response, engagement, hover_thrust, swing_detector
+from companion.control.attitude_response import AttitudeResponse
 from companion.control.authority import HOLDS_BACK_EVERYTHING, Notice, Reason, fade
 from companion.control.compensation import Offset, slewed, wanted_offset
 from companion.control.disturbance import Disturbance, modelled_disturbance
 from companion.control.engagement import IN_AIR, ON_GROUND, waits_for_mode
 from companion.control.hand_over import NOT_OURS, part, parting_command, place_of
+from companion.control.hover_thrust import HoverThrust
 from companion.control.landed import flies_all_the_same, standing_height
 from companion.control.plant import Source, declared_loop, hear_attitude, hear_position, tune
-from companion.control.position_hold import BaseSetpoint, Motion, balanced, engage, fly, shifted
+from companion.control.position_hold import BaseSetpoint, Hold, Motion, balanced, engage, fly, shifted
 from companion.control.position_target import read_target, stay
 from companion.control.refusals import lateness, refusals, upstream_silent
 from companion.control.state import Decision, PipelineState
@@ -58,6 +60,8 @@ from models.frames import GRAVITY, quaternion_from_euler
 
 __all__ = ["Decision", "PipelineState", "initial_state", "level_command", "ready_to_leave", "step", "stopped"]
 
+_HOLD, _UPSTREAM = Base.HOLD, Base.UPSTREAM
+"""A member of an enum by its class takes ten times as long as a name: these are asked for at every message."""
 _REBOOT_S = 1.0
 """The autopilot's own stamps come in order to some 0.3 s: further back, its clock has started anew."""
 _STAMPED = (Attitude, LocalPosition, AttitudeTarget)
@@ -79,7 +83,7 @@ def initial_state(config: PipelineConfig) -> PipelineState:
 
 def stopped(state: PipelineState) -> PipelineState:
     """Ask for the end: offsets fade, and the vehicle comes to rest where it is."""
-    hold = None if state.hold is None else replace(state.hold, target=stay(state.hold.target.yaw, state.t_s))
+    hold = None if state.hold is None else state.hold._replace(target=stay(state.hold.target.yaw, state.t_s))
     return replace(state, stopping=True, hold=hold)
 
 
@@ -113,7 +117,6 @@ def step(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[
     if isinstance(sample, _STAMPED):
         if sample.t_s < state.stamped_s - _REBOOT_S:
             state = replace(initial_state(config), stopping=state.stopping)
-        state = replace(state, stamped_s=max(state.stamped_s, sample.t_s))
         if _overtaken(state, sample):
             return state, None
     state = _take(state, sample, config)
@@ -146,7 +149,10 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
             estimates = est.take_position(estimates, sample, config.tuning)
             # The bank of attitude loops takes its tilts in here, where no setpoint waits.
             response = attitude_response.settled(state.response)
-            state = replace(state, t_s=now, estimates=estimates, timing=timing, response=response, drift=drift)
+            stamped_s = max(state.stamped_s, sample.t_s)
+            state = replace(
+                state, t_s=now, stamped_s=stamped_s, estimates=estimates, timing=timing, response=response, drift=drift
+            )
             return _follow_reset(state, sample.t_s)
         case Range():
             return replace(state, t_s=now, estimates=est.take_range(estimates, sample, config))
@@ -165,7 +171,8 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
         case EscHealth():
             return replace(state, t_s=now, estimates=est.take_health(estimates, sample))
         case AttitudeTarget():
-            return replace(_learn_hover(state, sample, config), t_s=now)
+            stamped_s, hover = max(state.stamped_s, sample.t_s), _learned_hover(state, sample, config)
+            return replace(state, t_s=now, stamped_s=stamped_s, hover=hover)
         case Imu() if state.adaptation is not None:
             return replace(state, adaptation=adapt.hear(state, sample, config))
         case LandedState():
@@ -189,16 +196,19 @@ def _take_request(state: PipelineState, sample: Sample, config: PipelineConfig) 
 def _take_attitude(state: PipelineState, sample: Attitude, config: PipelineConfig, now_s: float) -> PipelineState:
     estimates = est.take_attitude(state.estimates, sample)
     timing = hear_attitude(state.timing, sample.t_s, config.tuning.attitude_age_s)
-    assert estimates.rotation is not None
-    (_, _, x), (_, _, y), (sp, sr, z) = estimates.rotation.tolist()
+    assert estimates.rows is not None
+    (_, _, x), (_, _, y), (sp, sr, z) = estimates.rows
     balance, response = state.balance, state.response
     if estimates.position is not None:
         velocity = estimates.position.velocity_ned
         balance = engagement.watch_balance(balance, sample.t_s, velocity, (x, y, z), config.tuning)
-    if config.base is Base.HOLD and not config.dry_run:
+    if config.base is _HOLD and not config.dry_run:
         roll, pitch = math.atan2(sr, z), -math.asin(min(max(sp, -1.0), 1.0))
         response = attitude_response.hear_tilt(response, sample.t_s, roll, pitch)
-    return replace(state, t_s=now_s, estimates=estimates, timing=timing, balance=balance, response=response)
+    stamped_s = max(state.stamped_s, sample.t_s)
+    return replace(
+        state, t_s=now_s, stamped_s=stamped_s, estimates=estimates, timing=timing, balance=balance, response=response
+    )
 
 
 def _take_heartbeat(state: PipelineState, sample: Heartbeat) -> PipelineState:
@@ -247,14 +257,14 @@ def _follow_reset(state: PipelineState, t_s: float) -> PipelineState:
 
 def _retarget(state: PipelineState, sample: SetPositionTarget, config: PipelineConfig) -> PipelineState:
     """A target moves the hold that is engaged; one that came before is not kept."""
-    position, rotation = state.estimates.position, state.estimates.rotation
-    if state.hold is None or state.stopping or position is None or rotation is None:
+    position, rows = state.estimates.position, state.estimates.rows
+    if state.hold is None or state.stopping or position is None or rows is None:
         return state
-    yaw = math.atan2(rotation[1, 0], rotation[0, 0])
+    yaw = math.atan2(rows[1][0], rows[0][0])
     target = read_target(sample, state.hold.target, position.position_ned, yaw, config.tuning.hold)
     if target is None:
         return replace(state, notice=(Notice.FRAME_REFUSED, sample.t_s))
-    return replace(state, hold=replace(state.hold, target=target))
+    return replace(state, hold=state.hold._replace(target=target))
 
 
 def _calls_for_decision(state: PipelineState, sample: Sample, config: PipelineConfig) -> bool:
@@ -262,7 +272,7 @@ def _calls_for_decision(state: PipelineState, sample: Sample, config: PipelineCo
         return config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT
     if not isinstance(sample, Attitude):
         return False
-    if config.base is Base.UPSTREAM and not upstream_silent(state, config, sample.t_s):
+    if config.base is _UPSTREAM and not upstream_silent(state, config, sample.t_s):
         return False
     return not 0.0 <= sample.t_s - state.decided_s < 1.0 / config.tuning.max_decision_rate_hz
 
@@ -272,9 +282,9 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
     dt = min(max(t_s - state.decided_s, 0.0), 0.1)
     if not 0.0 <= t_s - state.disturbance_s <= 2.0 * tuning.disturbance_period_s:
         state = _renew_disturbance(state, t_s, config)
-    state = _retuned(_airborne(state, config, t_s), config, t_s)
     late_s = lateness(state.estimates, config)
-    state = replace(state, late_since_s=min(state.late_since_s, t_s) if late_s > tuning.late_stop_s else math.inf)
+    late_since_s = min(state.late_since_s, t_s) if late_s > tuning.late_stop_s else math.inf
+    state = _retuned(_airborne(state, config, t_s, late_since_s), config, t_s)
     thrust = _thrust_map(state, config)
     reasons = refusals(state, config, t_s)
     held_back = {reason for reason in reasons if reason in HOLDS_BACK_EVERYTHING}
@@ -286,17 +296,18 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
     if reasons and not held_back:
         state = _keep_balance(state, before, applied, thrust, config)
     command: Command | None = None
+    parting, last, response = None, state.last, state.response
     if held_back:
         if had_hold:
             state = _let_go(state, held_back, config, t_s)
         command = _command_held_back(state, held_back, thrust, config, t_s)
+        parting = None if command is None else state.parting
     elif base is not None:
         command = _command(state, base, applied, thrust, config, t_s)
-        state = _remember_sent(state, base, applied, command, config, t_s)
-    state = replace(state, decided_s=t_s, hold=None if held_back else state.hold)
-    if command is None or not held_back:
-        state = replace(state, parting=None)
-    tuned = state.tuned if config.base is Base.HOLD else None
+        last, response = _remember_sent(response, base, applied, command, config, t_s)
+    hold = None if held_back else state.hold
+    state = replace(state, decided_s=t_s, hold=hold, parting=parting, last=last, response=response)
+    tuned = state.tuned if config.base is _HOLD else None
     return state, Decision(
         t_s,
         command,
@@ -322,18 +333,18 @@ def _offsets(
     dt_s: float,
 ) -> tuple[PipelineState, Offset]:
     """The offset to apply, one step on."""
-    tuning, disturbance, rotation = config.tuning, state.disturbance, state.estimates.rotation
+    tuning, disturbance, rows = config.tuning, state.disturbance, state.estimates.rows
     usable = disturbance is not None and not reasons
     wanted, washout = state.wanted, state.washout
-    if disturbance is not None and rotation is not None and base is not None:
-        fresh, washout = wanted_offset(disturbance, washout, config, thrust, base.thrust, rotation, dt_s)
+    if disturbance is not None and rows is not None and base is not None:
+        fresh, washout = wanted_offset(disturbance, washout, config, thrust, base.thrust, rows, dt_s)
         if usable:
             wanted = fresh  # otherwise the last good one stays while the authority fades
     trusted = 1.0 if usable else 0.0
     authority = 0.0 if held_back else fade(state.authority, trusted, dt_s, tuning.fade_in_s, tuning.fade_out_s)
     offset = slewed(state.offset, wanted, config, dt_s) if authority > 0.0 else Offset()
     # A fade adds to the slew of what fades: the sum is held to the slew rates too.
-    faded = offset.scaled(authority)
+    faded = offset if authority == 1.0 else offset.scaled(authority)
     applied = Offset() if held_back else slewed(state.applied, faded, config, dt_s)
     state = replace(state, authority=authority, offset=offset, applied=applied, wanted=wanted, washout=washout)
     return state, applied
@@ -341,7 +352,7 @@ def _offsets(
 
 def _retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> PipelineState:
     """Gains for the plant as it is known now, once a second."""
-    if config.base is not Base.HOLD or 0.0 <= t_s - state.tuned_s < _TUNE_PERIOD_S:
+    if 0.0 <= t_s - state.tuned_s < _TUNE_PERIOD_S or config.base is not _HOLD:
         return state
     tuning = config.tuning
     state = replace(state, swing=swing_detector.calmed(state.swing, t_s, tuning.swing_calm_s, tuning.swing_levels))
@@ -368,12 +379,12 @@ def _retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> Pipeli
 
 
 def _renew_disturbance(state: PipelineState, t_s: float, config: PipelineConfig) -> PipelineState:
-    rotors, rotation = est.rotor_speeds(state.estimates, config, t_s), state.estimates.rotation
-    if rotors is None or rotation is None:
+    rotors, rows = est.rotor_speeds(state.estimates, config, t_s), state.estimates.rows
+    if rotors is None or rows is None:
         return replace(state, disturbance=None, disturbance_s=t_s)
     damping = config.damping_1_s if state.tuned is None else state.tuned.gains.velocity_1_s
     shares = None if state.adaptation is None else state.adaptation.shares
-    disturbance = modelled_disturbance(state.estimates, config, rotors, rotation, t_s, damping, shares)
+    disturbance = modelled_disturbance(state.estimates, config, rotors, rows, t_s, damping, shares)
     share = state.lift_share
     if t_s - state.airborne_since_s >= config.tuning.airborne_after_s:
         now = disturbance.free_lift_n / (config.vehicle.mass_kg * GRAVITY)
@@ -381,8 +392,10 @@ def _renew_disturbance(state: PipelineState, t_s: float, config: PipelineConfig)
     return replace(state, disturbance=disturbance, disturbance_s=t_s, lift_share=share)
 
 
-def _airborne(state: PipelineState, config: PipelineConfig, t_s: float) -> PipelineState:
-    """The autopilot's own land detector decides; where it says nothing, the rotors must carry the weight to lift off.
+def _airborne(state: PipelineState, config: PipelineConfig, t_s: float, late_since_s: float) -> PipelineState:
+    """Whether the vehicle flies, and since when its telemetry is late.
+
+    The autopilot's own land detector decides; where it says nothing, the rotors must carry the weight to lift off.
 
     In the air a low lift alone is no landing (a hard descent has it too): taking it for one would stop the stream.
     """
@@ -407,8 +420,9 @@ def _airborne(state: PipelineState, config: PipelineConfig, t_s: float) -> Pipel
     climb = None if position is None else position.velocity_ned[2]
     seen = engagement.watch_take_off(state.engagement, t_s, climb, state.landed_state, since, tuning)
     return replace(
-        state, airborne_since_s=since, carried_s=carried, engagement=seen, standing_m=standing, notice=notice
-    )
+        state, airborne_since_s=since, carried_s=carried, engagement=seen, standing_m=standing, notice=notice,
+        late_since_s=late_since_s,
+    )  # fmt: skip
 
 
 def _carries(disturbance: Disturbance | None, config: PipelineConfig) -> bool:
@@ -422,7 +436,7 @@ def _thrust_map(state: PipelineState, config: PipelineConfig) -> ThrustMap:
     return thrust_map(stack, state.parameters, hover)
 
 
-def _learn_hover(state: PipelineState, sample: AttitudeTarget, config: PipelineConfig) -> PipelineState:
+def _learned_hover(state: PipelineState, sample: AttitudeTarget, config: PipelineConfig) -> HoverThrust:
     """The autopilot's own hover command, free of what the ground gives, while it still flies by itself."""
     position, heartbeat, tuning = state.estimates.position, state.heartbeat, config.tuning
     own = heartbeat is not None and (stack_of(heartbeat) is not Stack.PX4 or not takes_setpoints(heartbeat))
@@ -435,28 +449,27 @@ def _learn_hover(state: PipelineState, sample: AttitudeTarget, config: PipelineC
         and abs(position.velocity_ned[2]) <= tuning.hover_climb_m_s
     )
     if not hovers:
-        return replace(state, hover=hover_thrust.heard(state.hover, sample.t_s, sample.thrust))
+        return hover_thrust.heard(state.hover, sample.t_s, sample.thrust)
     cushion = state.wanted.thrust
-    return replace(state, hover=hover_thrust.learn(state.hover, sample.t_s, sample.thrust, cushion, tuning))
+    return hover_thrust.learn(state.hover, sample.t_s, sample.thrust, cushion, tuning)
 
 
 def _base(
     state: PipelineState, held_back: bool, thrust: ThrustMap, config: PipelineConfig, t_s: float
 ) -> tuple[PipelineState, BaseSetpoint | None]:
     """The setpoint that the offset is added to, and the hold one step on."""
-    if config.base is Base.UPSTREAM:
+    if config.base is _UPSTREAM:
         upstream = state.upstream
         if upstream is None:
             return state, None
         return state, BaseSetpoint(math.nan, math.nan, math.nan, upstream.thrust)
     estimates = state.estimates
-    if estimates.attitude is None or estimates.position is None or estimates.rotation is None:
+    if estimates.attitude is None or estimates.position is None or estimates.rows is None:
         return state, None
     if held_back:
         # Nothing flies, but the thrust it would ask for lets the report say what the offset would be.
         return state, BaseSetpoint(math.nan, math.nan, math.nan, thrust.hover)
-    rotation = estimates.rotation
-    (north, _, x), (east, _, y), (_, _, z) = rotation.tolist()
+    (north, _, x), (east, _, y), (_, _, z) = estimates.rows
     yaw = math.atan2(east, north)
     position = estimates.position
     pressed = watch_wall(state.pressed, state.disturbance, position.velocity_ned, t_s)
@@ -466,7 +479,7 @@ def _base(
         (x, y, z),
         yaw,
         t_s - position.t_s,
-        _offset_acceleration(state, yaw),
+        _level_acceleration(state.offset.roll * state.authority, state.offset.pitch * state.authority, yaw),
         pressed,
     )
     assert state.tuned is not None
@@ -477,17 +490,12 @@ def _base(
         hold = engage(t_s, motion, state.balance.acceleration, thrust_now, thrust, gains)
     hold, base = fly(hold, gains, config.vehicle.limits, t_s, motion, thrust)
     state = replace(state, hold=hold, pressed=pressed)
-    return (state if config.dry_run else _watch_swing(state, base, t_s, config)), base
+    return (state if config.dry_run else _watch_swing(state, hold, base, t_s)), base
 
 
-def _offset_acceleration(state: PipelineState, yaw: float) -> tuple[float, float]:
-    """North and east [m/s^2]: what the tilt of the applied offset gives."""
-    return _level_acceleration(state.offset.scaled(state.authority), yaw)
-
-
-def _level_acceleration(offset: Offset, yaw: float) -> tuple[float, float]:
+def _level_acceleration(roll: float, pitch: float, yaw: float) -> tuple[float, float]:
     """North and east [m/s^2]: what the tilt of an offset gives."""
-    forward, right = -GRAVITY * math.tan(offset.pitch), GRAVITY * math.tan(offset.roll)
+    forward, right = -GRAVITY * math.tan(pitch), GRAVITY * math.tan(roll)
     c, s = math.cos(yaw), math.sin(yaw)
     return c * forward - s * right, s * forward + c * right
 
@@ -496,24 +504,23 @@ def _keep_balance(
     state: PipelineState, before: Offset, after: Offset, thrust: ThrustMap, config: PipelineConfig
 ) -> PipelineState:
     """What an offset that fades out balanced, the hold balances from here on: the air did not change with the input."""
-    hold, rotation = state.hold, state.estimates.rotation
-    if hold is None or rotation is None or config.carrier is not Carrier.ATTITUDE:
+    hold, rows = state.hold, state.estimates.rows
+    lost, roll, pitch = before.thrust - after.thrust, before.roll - after.roll, before.pitch - after.pitch
+    if hold is None or rows is None or config.carrier is not Carrier.ATTITUDE or lost == roll == pitch == 0.0:
         return state
-    lost = Offset(before.thrust - after.thrust, before.roll - after.roll, before.pitch - after.pitch)
-    north, east = _level_acceleration(lost, math.atan2(rotation[1, 0], rotation[0, 0]))
+    north, east = _level_acceleration(roll, pitch, math.atan2(rows[1][0], rows[0][0]))
     gains = config.tuning.hold if state.tuned is None else state.tuned.gains
-    down = -lost.thrust * thrust.slope * GRAVITY
+    down = -lost * thrust.slope * GRAVITY
     return replace(state, hold=balanced(hold, (north, east, down), gains))
 
 
-def _watch_swing(state: PipelineState, base: BaseSetpoint, t_s: float, config: PipelineConfig) -> PipelineState:
-    """A hold that swings by itself gets softer gains at once."""
-    assert state.hold is not None
-    (north, east, down), (x, y, z) = base.acceleration, state.hold.reference.acceleration
+def _watch_swing(state: PipelineState, hold: Hold, base: BaseSetpoint, t_s: float) -> PipelineState:
+    """The hold one step on; one that swings by itself gets softer gains at once."""
+    (north, east, down), (x, y, z) = base.acceleration, hold.reference.acceleration
     swing = swing_detector.watch(state.swing, t_s, (north - x, east - y, down - z))
     if swing.level == state.swing.level:
-        return replace(state, swing=swing)
-    return replace(state, swing=swing, tuned_s=-math.inf, notice=(Notice.SOFTENED, t_s))
+        return replace(state, hold=hold, swing=swing)
+    return replace(state, hold=hold, swing=swing, tuned_s=-math.inf, notice=(Notice.SOFTENED, t_s))
 
 
 def _let_go(state: PipelineState, held_back: set[Reason], config: PipelineConfig, t_s: float) -> PipelineState:
@@ -530,32 +537,31 @@ def _command_held_back(
     """What is sent although nothing is compensated: the end of a hold, or what PX4 needs before OFFBOARD."""
     if state.parting is not None and not held_back & NOT_OURS:
         return parting_command(state.parting, thrust, held_back, t_s, config.tuning.parting_s)
-    if not waits_for_mode(state.heartbeat, held_back) or state.estimates.rotation is None:
+    rows = state.estimates.rows
+    if not waits_for_mode(state.heartbeat, held_back) or rows is None:
         return None
     if config.base is Base.UPSTREAM:
         upstream = state.upstream
         assert upstream is not None
         return AttitudeCommand(t_s, upstream.q_ned_frd, upstream.thrust, upstream.type_mask, upstream.rates_frd)
-    yaw = math.atan2(state.estimates.rotation[1, 0], state.estimates.rotation[0, 0])
+    yaw = math.atan2(rows[1][0], rows[0][0])
     return AttitudeCommand(t_s, quaternion_from_euler(0.0, 0.0, yaw), thrust.hover)
 
 
 def _remember_sent(
-    state: PipelineState,
+    response: AttitudeResponse,
     base: BaseSetpoint,
     offset: Offset,
     command: Command | None,
     config: PipelineConfig,
     t_s: float,
-) -> PipelineState:
+) -> tuple[BaseSetpoint, AttitudeResponse]:
     """What a parting begins with, and what the attitude is to answer to."""
-    if config.base is not Base.HOLD or not isinstance(command, AttitudeCommand):
-        return replace(state, last=base)
-    last = replace(base, roll=base.roll + offset.roll, pitch=base.pitch + offset.pitch, thrust=command.thrust)
-    if config.dry_run:
-        return replace(state, last=last)
-    response = attitude_response.sent(state.response, t_s, last.roll, last.pitch)
-    return replace(state, last=last, response=response)
+    if config.base is not _HOLD or not isinstance(command, AttitudeCommand):
+        return base, response
+    roll, pitch = base.roll + offset.roll, base.pitch + offset.pitch
+    last = BaseSetpoint(roll, pitch, base.yaw, command.thrust, base.acceleration)
+    return last, response if config.dry_run else attitude_response.sent(response, t_s, roll, pitch)
 
 
 def _command(
@@ -570,7 +576,7 @@ def _command(
     floor = max(tuning.min_thrust_share * thrust.hover, tuning.min_thrust)
     ceiling = min(thrust.hover + tuning.max_thrust_above_hover, tuning.max_thrust)
     value = base.thrust + offset.thrust
-    if config.base is Base.UPSTREAM:
+    if config.base is _UPSTREAM:
         upstream = state.upstream
         assert upstream is not None
         # An upstream controller's own extremes are its business; the offset never goes past the limits.

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Row = tuple[float, float, float]
+Rows = tuple[Row, Row, Row]
+"""A rotation matrix in plain floats, row by row."""
+AnyRow = tuple[Any, Any, Any]
+"""The same of floats or of arrays."""
+LEVEL: Rows = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""No rotation."""
 AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 GRAVITY = 9.80665
 
@@ -45,28 +53,31 @@ def at_cg(wrench: ArrayLike, position_m: ArrayLike) -> Array:
 def rotation_from_quaternion(q: ArrayLike) -> Array:
     """Rotation matrices (..., 3, 3), body FRD to world NED, of unit quaternions (..., 4), w first (MAVLink's order)."""
     parts = np.asarray(q, dtype=float)
-    # Plain floats for the one attitude of a flight: ten times faster than 0-d arrays.
-    w, x, y, z = parts.tolist() if parts.ndim == 1 else np.moveaxis(parts, -1, 0)
-    rows = (
+    if parts.ndim == 1:
+        return np.array(rotation_rows(*parts.tolist()))
+    rows = rotation_rows(*np.moveaxis(parts, -1, 0))
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def rotation_rows(w: Any, x: Any, y: Any, z: Any) -> tuple[AnyRow, AnyRow, AnyRow]:
+    """The three rows of the rotation of a unit quaternion, body FRD to world NED: of floats, or of arrays (...)."""
+    return (
         (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
         (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
         (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
     )
-    if parts.ndim == 1:
-        return np.array(rows)
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
 def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
     """Unit quaternion (w, x, y, z), FRD to NED, of the aerospace 3-2-1 angles in rad."""
-    cr, sr = np.cos(roll / 2), np.sin(roll / 2)
-    cp, sp = np.cos(pitch / 2), np.sin(pitch / 2)
-    cy, sy = np.cos(yaw / 2), np.sin(yaw / 2)
+    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
+    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
+    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
     return (
-        float(cr * cp * cy + sr * sp * sy),
-        float(sr * cp * cy - cr * sp * sy),
-        float(cr * sp * cy + sr * cp * sy),
-        float(cr * cp * sy - sr * sp * cy),
+        cr * cp * cy + sr * sp * sy,
+        sr * cp * cy - cr * sp * sy,
+        cr * sp * cy + sr * cp * sy,
+        cr * cp * sy - sr * sp * cy,
     )
 
 

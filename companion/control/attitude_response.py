@@ -68,8 +68,10 @@ class Bank:
     seconds: float = 0.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class AttitudeResponse:
+_EMPTY = Bank()
+
+
+class AttitudeResponse(NamedTuple):
     """Setpoints of the last half second, slow means, and the bank with the tilts that it has still to take in."""
 
     commands: tuple[Sent, ...] = ()
@@ -77,10 +79,7 @@ class AttitudeResponse:
     tilt_mean: tuple[float, float] = (0.0, 0.0)
     t_s: float = -math.inf
     heard: tuple[Heard, ...] = ()
-    bank: Bank = field(default_factory=Bank)
-
-
-_EMPTY = Bank()
+    bank: Bank = _EMPTY
 
 
 def hear_tilt(response: AttitudeResponse, t_s: float, roll: float, pitch: float) -> AttitudeResponse:
@@ -98,7 +97,8 @@ def hear_tilt(response: AttitudeResponse, t_s: float, roll: float, pitch: float)
 
 def sent(response: AttitudeResponse, t_s: float, roll: float, pitch: float) -> AttitudeResponse:
     """Remember a setpoint [rad]."""
-    kept = [c for c in response.commands if t_s - _KEPT_S <= c[0] < t_s]
+    oldest = t_s - _KEPT_S
+    kept = [c for c in response.commands if oldest <= c[0] < t_s]
     if kept:
         share = min((t_s - kept[-1][0]) / _MEAN_S, 1.0)
         mean_roll, mean_pitch = response.command_mean

@@ -7,17 +7,16 @@ of the attitude, washed out because the autopilot's rate integrator owns its ste
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from companion.config import PipelineConfig
-from companion.control.authority import slew
+from companion.control.authority import clipped, slew
 from companion.control.disturbance import Disturbance
 from companion.mavlink.firmware import ThrustMap
-from models.frames import GRAVITY, Array
+from models.frames import GRAVITY, Rows
 
 
-@dataclass(frozen=True)
-class Offset:
+class Offset(NamedTuple):
     """What is added to the base: thrust (share of full throttle), roll and pitch [rad], or an NED acceleration."""
 
     thrust: float = 0.0
@@ -39,8 +38,7 @@ class Offset:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class MomentWashout:
+class MomentWashout(NamedTuple):
     """The slow part of the roll and pitch moments [N m], which the autopilot's integrator holds."""
 
     low: tuple[float, float] | None = None
@@ -52,7 +50,7 @@ def wanted_offset(
     config: PipelineConfig,
     thrust: ThrustMap,
     base_thrust: float,
-    rotation: Array,
+    rotation: Rows,
     dt_s: float,
 ) -> tuple[Offset, MomentWashout]:
     """The offset that cancels the disturbance, before limits, slew and fades; and the moment wash-out one step on."""
@@ -63,13 +61,13 @@ def wanted_offset(
     ratio = 1.0 - fz / max(disturbance.free_lift_n, 0.5 * own_weight)
     lift_share = 1.0 + thrust.slope * (base_thrust - thrust.hover)
     roll_bias, pitch_bias, washout = _moment_bias(mx, my, washout, config, dt_s)
-    north, east, down = [(a * fx + b * fy + c * fz) / vehicle.mass_kg for a, b, c in rotation.tolist()]
+    north, east, down = [(a * fx + b * fy + c * fz) / vehicle.mass_kg for a, b, c in rotation]
     return Offset(
-        thrust=thrust.change(max(lift_share, 0.0) * (1.0 / ratio - 1.0)),
-        roll=-math.atan2(fy, own_weight) + roll_bias,
-        pitch=math.atan2(fx, own_weight) + pitch_bias,
-        acceleration=(-north, -east, -down),
-        share=weight,
+        thrust.change(max(lift_share, 0.0) * (1.0 / ratio - 1.0)),
+        -math.atan2(fy, own_weight) + roll_bias,
+        math.atan2(fx, own_weight) + pitch_bias,
+        (-north, -east, -down),
+        weight,
     ), washout
 
 
@@ -82,9 +80,8 @@ def _moment_bias(
     low_x, low_y = low_x + share * (mx - low_x), low_y + share * (my - low_y)
     limit = tuning.moment_limit_rad
     stiffness = tuning.moment_stiffness_1_s2
-    roll = min(max(-(mx - low_x) / (stiffness * inertia[0]), -limit), limit)
-    pitch = min(max(-(my - low_y) / (stiffness * inertia[1]), -limit), limit)
-    return roll, pitch, MomentWashout((low_x, low_y))
+    roll, pitch = -(mx - low_x) / (stiffness * inertia[0]), -(my - low_y) / (stiffness * inertia[1])
+    return clipped(roll, limit), clipped(pitch, limit), MomentWashout((low_x, low_y))
 
 
 def slewed(old: Offset, wanted: Offset, config: PipelineConfig, dt_s: float) -> Offset:
@@ -92,15 +89,15 @@ def slewed(old: Offset, wanted: Offset, config: PipelineConfig, dt_s: float) -> 
     limits = config.vehicle.limits
     tilt, tilt_rate = math.radians(limits.tilt_deg), math.radians(limits.slew_tilt_deg_per_s)
     most, rate = GRAVITY * math.tan(tilt), GRAVITY * tilt_rate
-    (north, east, down), (x, y, z) = old.acceleration, wanted.acceleration
-    north, east = slew(north, x, most, rate, dt_s), slew(east, y, most, rate, dt_s)
-    down = slew(down, z, most, rate, dt_s)
-    thrust = slew(old.thrust, wanted.thrust, limits.thrust, limits.slew_thrust_per_s, dt_s)
-    roll = slew(old.roll, wanted.roll, tilt, tilt_rate, dt_s)
-    pitch = slew(old.pitch, wanted.pitch, tilt, tilt_rate, dt_s)
-    asked = _size(wanted.thrust, wanted.roll, wanted.pitch)
+    thrust, roll, pitch, (north, east, down), _ = old
+    wanted_thrust, wanted_roll, wanted_pitch, (x, y, z), share = wanted
+    step, tilt_step = rate * dt_s, tilt_rate * dt_s
+    north, east, down = slew(north, x, most, step), slew(east, y, most, step), slew(down, z, most, step)
+    thrust = slew(thrust, wanted_thrust, limits.thrust, limits.slew_thrust_per_s * dt_s)
+    roll, pitch = slew(roll, wanted_roll, tilt, tilt_step), slew(pitch, wanted_pitch, tilt, tilt_step)
+    asked = _size(wanted_thrust, wanted_roll, wanted_pitch)
     passed = min(_size(thrust, roll, pitch) / asked, 1.0) if asked > 0.0 else 1.0
-    return Offset(thrust, roll, pitch, (north, east, down), wanted.share * passed)
+    return Offset(thrust, roll, pitch, (north, east, down), share * passed)
 
 
 def _size(thrust: float, roll: float, pitch: float) -> float:

@@ -16,7 +16,7 @@ from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, f
 from models.air_state import AirState
 from models.effects import Context, adopted_wrench, corrected_state
 from models.evolve import replace
-from models.frames import Array, corner_to_body
+from models.frames import Array, Rows, corner_to_body
 from models.surrogate.fan_surrogate import AdoptedEffect, Answer, FanSurrogate
 from models.vehicle import Vehicle
 from models.vehicle_wrench import fan_rpm
@@ -48,7 +48,7 @@ class Disturbance:
 
 
 def modelled_disturbance(
-    estimates: Estimates, config: PipelineConfig, rotor_rpm: Array, rotation: Array, t_s: float, damping_1_s: float,
+    estimates: Estimates, config: PipelineConfig, rotor_rpm: Array, rotation: Rows, t_s: float, damping_1_s: float,
     shares: tuple[float, ...] | None = None,
 ) -> Disturbance:  # fmt: skip
     """Query the surrogate for every fan, at the two leads, in free air, and a little further from a wall.

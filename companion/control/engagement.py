@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from companion.config import Tuning
 from companion.control.authority import Reason
@@ -73,8 +74,7 @@ def waits_for_mode(heartbeat: Heartbeat | None, refusals: set[Reason]) -> bool:
     return heartbeat is not None and stack_of(heartbeat) is Stack.PX4 and refusals == {Reason.WRONG_MODE}
 
 
-@dataclass(frozen=True)
-class Balance:
+class Balance(NamedTuple):
     """The part of the tilt that balances wind and walls: averages of its acceleration and of the velocity."""
 
     tilt: tuple[float, float] = (0.0, 0.0)

@@ -7,11 +7,12 @@ acceleration command (Astrom and Murray, Feedback Systems, 2nd ed. 2021, chapter
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,15 +91,14 @@ def declared_loop(stack: Stack, parameters: Mapping[str, float]) -> AttitudeLoop
     return AttitudeLoop()
 
 
-@dataclass(frozen=True)
-class Timing:
+class Timing(NamedTuple):
     """Rates and lateness as they arrive: averages that rise at once and sink slowly."""
 
     position_period_s: float = _NOMINAL_PERIOD_S
     position_late_s: float = 0.0
     attitude_period_s: float = _NOMINAL_PERIOD_S
-    position_s: float = -np.inf
-    attitude_s: float = -np.inf
+    position_s: float = -math.inf
+    attitude_s: float = -math.inf
 
 
 def _risen(old: float, new: float) -> float:
@@ -108,21 +108,21 @@ def _risen(old: float, new: float) -> float:
 
 def hear_position(timing: Timing, t_s: float, late_s: float, most_s: float) -> Timing:
     """Take in a position stamped ``t_s`` that arrives ``late_s`` later; a gap above ``most_s`` is no period."""
-    period = t_s - timing.position_s
-    late = min(max(late_s, 0.0), most_s)
-    timing = replace(timing, position_s=t_s, position_late_s=_risen(timing.position_late_s, late))
-    if not 0.0 < period <= most_s:
-        return timing
-    return replace(timing, position_period_s=_risen(timing.position_period_s, period))
+    position_period_s, position_late_s, attitude_period_s, position_s, attitude_s = timing
+    period = t_s - position_s
+    late = _risen(position_late_s, min(max(late_s, 0.0), most_s))
+    if 0.0 < period <= most_s:
+        position_period_s = _risen(position_period_s, period)
+    return Timing(position_period_s, late, attitude_period_s, t_s, attitude_s)
 
 
 def hear_attitude(timing: Timing, t_s: float, most_s: float) -> Timing:
     """Take in an attitude stamped ``t_s``."""
-    period = t_s - timing.attitude_s
-    timing = replace(timing, attitude_s=t_s)
-    if not 0.0 < period <= most_s:
-        return timing
-    return replace(timing, attitude_period_s=_risen(timing.attitude_period_s, period))
+    position_period_s, position_late_s, attitude_period_s, position_s, attitude_s = timing
+    period = t_s - attitude_s
+    if 0.0 < period <= most_s:
+        attitude_period_s = _risen(attitude_period_s, period)
+    return Timing(position_period_s, position_late_s, attitude_period_s, position_s, t_s)
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,10 @@ is worse than none (docs/control.md).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from companion.config import HoldGains
+from companion.control.authority import clipped
 from companion.control.position_target import Reference, Target, advance, start_reference, stay
 from companion.control.wall_guard import Pressed
 from companion.mavlink.firmware import ThrustMap
@@ -26,8 +27,7 @@ _SAME_STAMP_S = 1e-4
 _AT_REST = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True)
-class Motion:
+class Motion(NamedTuple):
     """What is measured, NED: position [m] and velocity [m/s] as they were ``age_s`` ago, and the attitude now."""
 
     position: Vector3
@@ -42,8 +42,7 @@ class Motion:
     """A wall that it is driven to."""
 
 
-@dataclass(frozen=True)
-class Since:
+class Since(NamedTuple):
     """What accelerations have added since the newest position was measured: to its velocity and to its place, NED."""
 
     stamp_s: float
@@ -51,8 +50,7 @@ class Since:
     place: Vector3
 
 
-@dataclass(frozen=True)
-class Hold:
+class Hold(NamedTuple):
     """State of an engaged hold. Accelerations are NED, m/s^2."""
 
     target: Target
@@ -69,8 +67,7 @@ class Hold:
     since: Since | None = None
 
 
-@dataclass(frozen=True)
-class BaseSetpoint:
+class BaseSetpoint(NamedTuple):
     """Roll, pitch, yaw [rad] and thrust 0...1 that the base asks for, before any offset."""
 
     roll: float
@@ -93,9 +90,9 @@ def engage(
     tilt_n, tilt_e = tilt_acceleration(motion.body_down)
     up = (thrust_now - thrust.hover) * thrust.slope * GRAVITY
     most = gains.max_integral_m_s2
-    integral = (_clipped(balance[0], most), _clipped(balance[1], most), _clipped(-up, most))
+    integral = (clipped(balance[0], most), clipped(balance[1], most), clipped(-up, most))
     limit = GRAVITY * math.tan(gains.max_tilt_rad)
-    rest_n, rest_e = _clipped(tilt_n - integral[0], limit), _clipped(tilt_e - integral[1], limit)
+    rest_n, rest_e = clipped(tilt_n - integral[0], limit), clipped(tilt_e - integral[1], limit)
     reference = start_reference(motion.position, motion.velocity, (rest_n, rest_e, 0.0))
     climb = integral[2]
     return Hold(stay(motion.yaw, t_s), reference, integral, t_s, (tilt_n - rest_n, tilt_e - rest_e), climb, climb)
@@ -107,17 +104,16 @@ def resume(hold: Hold, motion: Motion) -> Hold:
     north, east, down = (kept if wanted != wanted else wanted for wanted, kept in zip(old.position, at, strict=True))
     reference = start_reference(motion.position, motion.velocity, _AT_REST)
     target = replace(old, position=(north, east, down), velocity=_AT_REST)
-    return replace(hold, target=target, reference=reference)
+    return hold._replace(target=target, reference=reference)
 
 
 def balanced(hold: Hold, acceleration: Vector3, gains: HoldGains) -> Hold:
     """The hold after it took over what another part of the setpoint balanced: NED m/s^2, into its integral."""
     most, (x, y, z) = gains.max_integral_m_s2, hold.integral
     north, east, down = acceleration
-    integral = (_clipped(x + north, most), _clipped(y + east, most), _clipped(z + down, most))
+    integral = (clipped(x + north, most), clipped(y + east, most), clipped(z + down, most))
     north, east, down = integral[0] - x, integral[1] - y, integral[2] - z
-    return replace(
-        hold,
+    return hold._replace(
         integral=integral,
         tilt_mean=(hold.tilt_mean[0] + north, hold.tilt_mean[1] + east),
         climb_mean=hold.climb_mean + down,
@@ -127,8 +123,8 @@ def balanced(hold: Hold, acceleration: Vector3, gains: HoldGains) -> Hold:
 
 def shifted(hold: Hold, by_ned: Vector3) -> Hold:
     """The hold after the origin of positions moved: everything stays where it is over the ground."""
-    reference = replace(hold.reference, position=_sum(hold.reference.position, by_ned))
-    return replace(hold, reference=reference, target=replace(hold.target, position=_sum(hold.target.position, by_ned)))
+    reference = hold.reference._replace(position=_sum(hold.reference.position, by_ned))
+    return hold._replace(reference=reference, target=replace(hold.target, position=_sum(hold.target.position, by_ned)))
 
 
 def fly(
@@ -165,9 +161,9 @@ def fly(
     integral, most = old, gains.max_integral_m_s2
     if not saturated:
         integral = (
-            _clipped(old[0] + slip[0] * gains.integral_1_s2 * dt, most),
-            _clipped(old[1] + slip[1] * gains.integral_1_s2 * dt, most),
-            _clipped(old[2] + slip[2] * gains.climb_integral_1_s2 * dt, most),
+            clipped(old[0] + slip[0] * gains.integral_1_s2 * dt, most),
+            clipped(old[1] + slip[1] * gains.integral_1_s2 * dt, most),
+            clipped(old[2] + slip[2] * gains.climb_integral_1_s2 * dt, most),
         )
     north, east, down = acceleration
     roll, pitch = _acceleration_to_tilt(north, east, motion.yaw)
@@ -182,7 +178,7 @@ def _slip(
     """The velocity that is missing [m/s], NED: towards the reference, and on with it."""
     (rx, ry, rz), (x, y, z) = reference.position, position
     north, east = (rx - x) * gains.position_1_s, (ry - y) * gains.position_1_s
-    down = min(max((rz - z) * gains.height_1_s, -limits.climb_m_s), limits.climb_m_s)
+    down = clipped((rz - z) * gains.height_1_s, limits.climb_m_s)
     speed = math.hypot(north, east)
     if speed > limits.speed_m_s:
         share = limits.speed_m_s / speed
@@ -217,16 +213,12 @@ def _followed(since: Since | None, stamp_s: float, age_s: float, dt: float, acce
 def tilt_acceleration(body_down: Vector3) -> tuple[float, float]:
     """What a tilt gives, north and east [m/s^2], while the lift holds the weight."""
     north, east, down = body_down
-    lift = max(down, 0.5)
+    lift = 0.5 if down < 0.5 else down
     return -GRAVITY * north / lift, -GRAVITY * east / lift
 
 
 def _sum(a: Vector3, b: Vector3) -> Vector3:
     return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-def _clipped(value: float, most: float) -> float:
-    return min(max(value, -most), most)
 
 
 def _scaled(a: Vector3, by: float) -> Vector3:
@@ -252,7 +244,7 @@ def _limited(acceleration: Vector3, gains: HoldGains, wall: Pressed | None) -> t
         else:
             share = limit / level
             north, east = north * share, east * share
-    return (north, east, min(max(down, -most), most)), saturated
+    return (north, east, clipped(down, most)), saturated
 
 
 def _away_first(north: float, east: float, away: float, limit: float, wall: Pressed) -> tuple[float, float]:

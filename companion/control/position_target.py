@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import Enum
+from typing import NamedTuple
 
 from companion.config import HoldGains
 from companion.mavlink.samples import SetPositionTarget, Vector3
@@ -93,8 +94,7 @@ def _turned(vector: Vector3, yaw: float) -> Vector3:
     return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2]
 
 
-@dataclass(frozen=True)
-class Reference:
+class Reference(NamedTuple):
     """Where the hold is to be at this instant, NED: position [m], velocity [m/s], acceleration [m/s^2]."""
 
     position: Vector3
@@ -154,7 +154,7 @@ def _limited(vector: Vector3, level: float, vertical: float) -> Vector3:
     if size > level:
         share = level / size
         north, east = north * share, east * share
-    return north, east, min(max(down, -vertical), vertical)
+    return north, east, -vertical if down < -vertical else vertical if down > vertical else down
 
 
 def _largest(vector: Vector3) -> float:
@@ -206,10 +206,10 @@ def _approached(
         most,
         most,
     )
-    step = jerk * dt_s
-    ax += min(max(demand[0] - ax, -step), step)
-    ay += min(max(demand[1] - ay, -step), step)
-    az += min(max(demand[2] - az, -step), step)
+    step, (x, y, z) = jerk * dt_s, demand
+    ax += -step if x - ax < -step else step if x - ax > step else x - ax
+    ay += -step if y - ay < -step else step if y - ay > step else y - ay
+    az += -step if z - az < -step else step if z - az > step else z - az
     vx, vy, vz = vx + ax * dt_s, vy + ay * dt_s, vz + az * dt_s
     px, py, pz = reference.position
     velocity = (vx, vy, vz)

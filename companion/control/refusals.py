@@ -28,29 +28,34 @@ _ABOUT_THRUST = {
     ThrustMeaning.UNKNOWN: Reason.THRUST_UNKNOWN,
 }
 
+_HOLD, _UPSTREAM, _ACCELERATION = Base.HOLD, Base.UPSTREAM, Carrier.ACCELERATION
+_OTHER, _THRUST = Stack.OTHER, ThrustMeaning.THRUST
+"""A member of an enum by its class takes ten times as long as a name: these are asked for at every setpoint."""
+
 
 def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[Reason, ...]:
     """Why nothing is sent, or why offsets fade."""
     out: list[Reason] = []
     estimates, tuning, heartbeat, disturbance = state.estimates, config.tuning, state.heartbeat, state.disturbance
+    holds = config.base is _HOLD
     if heartbeat is None or t_s - heartbeat.t_s > tuning.heartbeat_age_s:
         out.append(Reason.NO_HEARTBEAT)
     else:
-        out.extend(_autopilot(state, heartbeat, config))
-    out.extend(_arrivals(state, config, t_s))
+        _autopilot(out, state, heartbeat, config)
+    _arrivals(out, state, config, t_s)
     if t_s - state.airborne_since_s < tuning.airborne_after_s:
         out.append(Reason.LANDED)
-    if config.base is Base.HOLD:
-        out.extend(_hold(state, config, t_s))
+    if holds:
+        _hold(out, state, config, t_s)
     if disturbance is None:
         out.append(Reason.RPM_MISSING)
     else:
-        out.extend(_surfaces(disturbance, tuning.surface_step_s, t_s))
+        _surfaces(out, disturbance, tuning.surface_step_s, t_s)
     if state.drift.drifts and abs(state.drift.rate_m_s) >= FADE_M_S:
         out.append(Reason.HEIGHT_DRIFTS)
-    if estimates.rotation is not None and estimates.rotation[2, 2] < math.cos(tuning.max_tilt_rad):
+    if estimates.rows is not None and estimates.rows[2][2] < math.cos(tuning.max_tilt_rad):
         out.append(Reason.TILTED)
-    if config.base is Base.HOLD and t_s - state.swing.swung_s < tuning.swing_pause_s:
+    if holds and t_s - state.swing.swung_s < tuning.swing_pause_s:
         out.append(Reason.SWINGING)
     if state.stopping:
         out.append(Reason.STOPPING)
@@ -66,9 +71,8 @@ def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[
     return tuple(out)
 
 
-def _arrivals(state: PipelineState, config: PipelineConfig, t_s: float) -> list[Reason]:
+def _arrivals(out: list[Reason], state: PipelineState, config: PipelineConfig, t_s: float) -> None:
     """What does not come, or comes late."""
-    out: list[Reason] = []
     estimates, tuning = state.estimates, config.tuning
     if estimates.attitude is None or t_s - estimates.attitude.t_s > tuning.attitude_age_s:
         out.append(Reason.ATTITUDE_STALE)
@@ -76,16 +80,16 @@ def _arrivals(state: PipelineState, config: PipelineConfig, t_s: float) -> list[
         out.append(Reason.TOO_LATE)
     elif lateness(estimates, config) > tuning.late_fade_s:
         out.append(Reason.LATE)
-    if config.base is Base.UPSTREAM and upstream_silent(state, config, t_s):
+    if config.base is _UPSTREAM and upstream_silent(state, config, t_s):
         out.append(Reason.UPSTREAM_STALE)
-    return out
 
 
 def lateness(estimates: Estimates, config: PipelineConfig) -> float:
     """How late [s] the newest attitude, and for the hold the newest position, arrived."""
-    late_s = 0.0 if estimates.attitude is None else estimates.attitude.late_s
-    if config.base is Base.HOLD and estimates.position is not None:
-        late_s = max(late_s, estimates.position.late_s)
+    attitude, position = estimates.attitude, estimates.position
+    late_s = 0.0 if attitude is None else attitude.late_s
+    if position is not None and position.late_s > late_s and config.base is _HOLD:
+        return position.late_s
     return late_s
 
 
@@ -94,42 +98,40 @@ def upstream_silent(state: PipelineState, config: PipelineConfig, t_s: float) ->
     return state.upstream is None or t_s - state.upstream.t_s > config.tuning.upstream_age_s
 
 
-def _autopilot(state: PipelineState, heartbeat: Heartbeat, config: PipelineConfig) -> list[Reason]:
-    out: list[Reason] = []
+def _autopilot(out: list[Reason], state: PipelineState, heartbeat: Heartbeat, config: PipelineConfig) -> None:
     stack = stack_of(heartbeat)
-    if stack is Stack.OTHER:
+    if stack is _OTHER:
         out.append(Reason.STACK_UNKNOWN)
     if not heartbeat.armed:
         out.append(Reason.NOT_ARMED)
     if not takes_setpoints(heartbeat):
         out.append(Reason.WRONG_MODE)
-    if config.carrier is Carrier.ACCELERATION:
+    if config.carrier is _ACCELERATION:
         if stack is Stack.ARDUPILOT:
             out.append(Reason.CARRIER_REFUSED)
-        return out
+        return
     meaning = thrust_meaning(heartbeat, state.parameters)
-    if meaning is not ThrustMeaning.THRUST and stack is not Stack.OTHER:
+    if meaning is not _THRUST and stack is not _OTHER:
         out.append(_ABOUT_THRUST[meaning])
-    return out
 
 
-def _hold(state: PipelineState, config: PipelineConfig, t_s: float) -> list[Reason]:
+def _hold(out: list[Reason], state: PipelineState, config: PipelineConfig, t_s: float) -> None:
     """What the hold by itself needs: places, a margin, and before it engages the end of a take-off and a thrust."""
-    out: list[Reason] = []
     tuning, position = config.tuning, state.estimates.position
     age_s = math.inf if position is None else t_s - position.t_s
+    trusted = state.estimates.trust.trusted
     if age_s > tuning.position_age_s:
         out.append(Reason.POSITION_STALE)
-    if not state.estimates.trust.trusted:
+    if not trusted:
         out.append(Reason.POSITION_UNTRUSTED)
-    if not out and age_s > tuning.position_fade_age_s:
+    elif tuning.position_fade_age_s < age_s <= tuning.position_age_s:
         out.append(Reason.POSITION_OLD)
     if state.tuned is not None and not _firm_enough(state.tuned, tuning.hold, state.hold is not None):
         out.append(Reason.NO_MARGIN)
     if state.swing.level > tuning.swing_levels:
         out.append(Reason.SWINGS_ON)
     if state.hold is not None:
-        return out
+        return
     if not state.engagement.out_of_take_off:
         out.append(Reason.TAKING_OFF)
     elif config.carrier is Carrier.ATTITUDE:
@@ -137,7 +139,6 @@ def _hold(state: PipelineState, config: PipelineConfig, t_s: float) -> list[Reas
         if not is_known(state.hover, t_s, state.parameters, declared, tuning):
             awaited = t_s - state.hover.now_s < tuning.hover_heard_age_s or hover_parameter(state.parameters) is None
             out.append(Reason.HOVER_UNKNOWN if awaited else Reason.HOVER_IMPLAUSIBLE)
-    return out
 
 
 def _firm_enough(tuned: HoldTuning, gains: HoldGains, engaged: bool) -> bool:
@@ -146,13 +147,16 @@ def _firm_enough(tuned: HoldTuning, gains: HoldGains, engaged: bool) -> bool:
     return tuned.margin.meets(gains.least_gain_margin, gains.least_phase_margin_deg) and tuned.share >= least
 
 
-def _surfaces(disturbance: Disturbance, step_s: float, t_s: float) -> list[Reason]:
-    out: list[Reason] = []
+def _surfaces(out: list[Reason], disturbance: Disturbance, step_s: float, t_s: float) -> None:
+    """Each refusal once, though several surfaces may have it."""
     for surface in (disturbance.ground, disturbance.wall, disturbance.ceiling):
         if not surface.known:
-            out.append(_ABOUT_RANGES[surface.seen])
+            reason = _ABOUT_RANGES[surface.seen]
         elif t_s - surface.stepped_s < step_s:
-            out.append(Reason.SURFACE_STEP)
+            reason = Reason.SURFACE_STEP
+        else:
+            continue
+        if reason not in out:
+            out.append(reason)
     if disturbance.trust <= 0.0:
         out.append(Reason.OUT_OF_DOMAIN)
-    return list(dict.fromkeys(out)) if len(out) > 1 else out

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from companion.control.attitude_response import AttitudeResponse
 from companion.control.authority import Notice, Reason
@@ -88,8 +88,7 @@ class PipelineState:
     """The sizes measured in flight; None where nothing is to be measured."""
 
 
-@dataclass(frozen=True)
-class Decision:
+class Decision(NamedTuple):
     """What was decided at ``t_s``, and all that a pilot or an analyst wants to know about why."""
 
     t_s: float

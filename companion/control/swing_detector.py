@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from companion.mavlink.samples import Vector3
 from models.evolve import replace
@@ -24,8 +25,7 @@ _FORGET_S = 6.0
 """A half wave that lasts longer than this ends the count."""
 
 
-@dataclass(frozen=True)
-class SwingAxis:
+class SwingAxis(NamedTuple):
     """One axis: its slow mean, and the half waves so far as (length [s], peak)."""
 
     mean: float = 0.0
@@ -57,9 +57,10 @@ def watch(detector: SwingDetector, t_s: float, feedback: Vector3) -> SwingDetect
     dt = t_s - detector.t_s
     if not 0.0 < dt <= 0.5:
         return replace(detector, axes=SwingDetector().axes, t_s=t_s)
-    axes = [_one(axis, t_s, dt, value) for axis, value in zip(detector.axes, feedback, strict=True)]
-    if not any(_swings(axis) for axis in axes):
-        return replace(detector, axes=(axes[0], axes[1], axes[2]), t_s=t_s)
+    (north, east, down), (x, y, z) = detector.axes, feedback
+    axes = _one(north, t_s, dt, x), _one(east, t_s, dt, y), _one(down, t_s, dt, z)
+    if not (_swings(axes[0]) or _swings(axes[1]) or _swings(axes[2])):
+        return replace(detector, axes=axes, t_s=t_s)
     return SwingDetector(level=detector.level + 1, swung_s=t_s, swings=detector.swings + 1, stepped_s=t_s, t_s=t_s)
 
 
@@ -75,16 +76,17 @@ def calmed(detector: SwingDetector, t_s: float, calm_s: float, levels: int) -> S
 
 
 def _one(axis: SwingAxis, t_s: float, dt: float, value: float) -> SwingAxis:
-    if axis.sign == 0:
+    mean, sign, since_s, peak, halves = axis
+    if sign == 0:
         return SwingAxis(value, 1, t_s, 0.0)
-    mean = axis.mean + (value - axis.mean) * min(dt / _MEAN_S, 1.0)
+    mean += (value - mean) * (dt / _MEAN_S)
     off = value - mean
     # A quarter of the least peak as hysteresis: noise about zero makes no half waves.
-    if off * axis.sign < -0.25 * _LEAST_M_S2:
-        halves = (*axis.halves, (t_s - axis.since_s, axis.peak))[-_HALVES:]
-        return SwingAxis(mean, -axis.sign, t_s, abs(off), halves)
-    halves = axis.halves if t_s - axis.since_s < _FORGET_S else ()
-    return SwingAxis(mean, axis.sign, axis.since_s, max(axis.peak, off * axis.sign), halves)
+    if off * sign < -0.25 * _LEAST_M_S2:
+        return SwingAxis(mean, -sign, t_s, abs(off), (*halves, (t_s - since_s, peak))[-_HALVES:])
+    if t_s - since_s >= _FORGET_S:
+        halves = ()
+    return SwingAxis(mean, sign, since_s, off * sign if off * sign > peak else peak, halves)
 
 
 def _swings(axis: SwingAxis) -> bool:

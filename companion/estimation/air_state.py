@@ -12,7 +12,7 @@ from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, l
 from companion.estimation.range_geometry import fan_ceilings
 from companion.mavlink.range_beams import orientation_direction
 from models.air_state import DIRECTIONS, AirState, blank_state
-from models.frames import GRAVITY, Array
+from models.frames import GRAVITY, LEVEL, Array
 
 _BEAMS = {(0, 0, 1): "down", (0, 0, -1): "up", (1, 0, 0): "forward", (0, 1, 0): "right", (-1, 0, 0): "back",
           (0, -1, 0): "left"}  # fmt: skip
@@ -34,8 +34,9 @@ def air_state(
     """
     vehicle = config.vehicle
     state = blank_state((), len(vehicle.fans), len(vehicle.rotors))
-    rotation = estimates.rotation if estimates.rotation is not None else state.rotation
-    second_d, second_bearing = lips_to_wall(vehicle, walls(estimates, config, t_s)[1], rotation, lead_s)
+    rows = LEVEL if estimates.rows is None else estimates.rows
+    rotation = np.array(rows)
+    second_d, second_bearing = lips_to_wall(vehicle, walls(estimates, config, t_s)[1], rows, lead_s)
     changes: dict[str, Array] = {
         "time_s": np.asarray(t_s),
         "rotation": rotation,

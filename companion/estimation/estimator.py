@@ -36,7 +36,7 @@ from companion.mavlink.samples import (
     Vector3,
 )
 from models.evolve import replace
-from models.frames import Array, rotation_from_quaternion
+from models.frames import Array, Rows, rotation_rows
 from models.vehicle import Vehicle
 from models.vehicle_wrench import rpm_from_servos
 
@@ -76,8 +76,11 @@ class Seen(Enum):
     FROZEN = "frozen"
 
 
-@dataclass(frozen=True, slots=True)
-class Sighting:
+_SURFACE, _NOTHING, _UNDECLARED = Seen.SURFACE, Seen.NOTHING, Seen.UNDECLARED
+"""A member of an enum by its class takes ten times as long as a name."""
+
+
+class Sighting(NamedTuple):
     """Where the vehicle was and where the beam looked (NED) when it read ``slant_m``."""
 
     slant_m: float
@@ -107,8 +110,7 @@ class BeamTrack:
     """``LOST`` or ``FROZEN`` while the newest reading is not believed for that."""
 
 
-@dataclass(frozen=True, slots=True)
-class Surface:
+class Surface(NamedTuple):
     """Ground, wall or ceiling at one instant: distance of the CG [m] (inf: nothing), closing rate, sigma, direction."""
 
     seen: Seen
@@ -124,7 +126,7 @@ class Surface:
     def known(self) -> bool:
         """False where the direction should be watched and is not."""
         seen = self.seen
-        return seen is Seen.SURFACE or seen is Seen.NOTHING or seen is Seen.UNDECLARED
+        return seen is _SURFACE or seen is _NOTHING or seen is _UNDECLARED
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +144,8 @@ class Estimates:
     beams: tuple[BeamTrack, ...]
     rotors: tuple[Track | None, ...]
     attitude: Attitude | None = None
-    rotation: Array | None = None
+    rows: Rows | None = None
+    """Of the rotation body FRD to world NED: the newest attitude's."""
     position: LocalPosition | None = None
     trust: PositionTrust = field(default_factory=PositionTrust)
     reset: PositionReset | None = None
@@ -157,6 +160,11 @@ class Estimates:
     esc_temperature_c: float | None = None
     """The hottest ESC."""
 
+    @property
+    def rotation(self) -> Array | None:
+        """``rows`` as an array (3, 3)."""
+        return None if self.rows is None else np.array(self.rows)
+
 
 def blank_estimates(vehicle: Vehicle) -> Estimates:
     """Nothing heard yet."""
@@ -169,8 +177,8 @@ def _direction(orientation: int) -> tuple[float, float, float] | None:
 
 
 def take_attitude(estimates: Estimates, sample: Attitude) -> Estimates:
-    """The newest attitude; the rotation is kept beside it."""
-    return replace(estimates, attitude=sample, rotation=rotation_from_quaternion(sample.q_ned_frd))
+    """The newest attitude; the rotation is kept beside it, in plain floats."""
+    return replace(estimates, attitude=sample, rows=rotation_rows(*sample.q_ned_frd))
 
 
 def take_position(estimates: Estimates, sample: LocalPosition, tuning: Tuning) -> Estimates:
@@ -195,7 +203,7 @@ def take_position(estimates: Estimates, sample: LocalPosition, tuning: Tuning) -
 def take_range(estimates: Estimates, sample: Range, config: PipelineConfig) -> Estimates:
     """A range goes to the watched rangefinder that looks the same way; others are ignored, never guessed."""
     index = _match(estimates, sample, config.vehicle)
-    if index is None or estimates.rotation is None:
+    if index is None or estimates.rows is None:
         return estimates
     verdict = sample.verdict
     slant = math.inf if verdict is RangeVerdict.ABOVE_MAX else sample.distance_m
@@ -251,14 +259,14 @@ class Doubt(NamedTuple):
 
 def _doubt(estimates: Estimates, beam: BeamTrack, slant: float, index: int, sample: Range, vehicle: Vehicle) -> Doubt:
     """An echo that was lost, a reading that froze: both are seen by the vehicle's own motion."""
-    position, rotation = estimates.position, estimates.rotation
-    assert rotation is not None
+    position, rows = estimates.position, estimates.rows
+    assert rows is not None
     assert sample.direction_frd is not None
     last, run = beam.sight, beam.same_since
     if position is None or abs(sample.t_s - position.t_s) > _POSITION_NEAR_S or not estimates.trust.trusted:
         return Doubt(None, None, last)
     x, y, z = sample.direction_frd
-    north, east, down = [a * x + b * y + c * z for a, b, c in rotation.tolist()]
+    north, east, down = [a * x + b * y + c * z for a, b, c in rows]
     here = Sighting(slant, position.position_ned, (north, east, down))
     matters = NO_MATTER_RADII * vehicle.rotor_radius_m
     if (
@@ -291,13 +299,13 @@ def _left(last: Sighting, here: Sighting, matters_m: float, target: str) -> bool
 def _read_beam(estimates: Estimates, beam: BeamTrack, index: int, sample: Range, config: PipelineConfig) -> BeamTrack:
     """The beam after a reading that the sensor itself believes; ``beam.slant_m`` is inf where nothing is in range."""
     declared = config.vehicle.watched[index]
-    assert estimates.rotation is not None
+    assert estimates.rows is not None
     assert sample.direction_frd is not None
     ground = math.inf
     if declared.target == "wall" and math.isfinite(beam.slant_m):
         ground = surface(estimates, config, "ground", sample.t_s).distance_m
     distance, normal = plane_distance_now(
-        declared.target, sample.direction_frd, declared.position_m, beam.slant_m, estimates.rotation, ground,
+        declared.target, sample.direction_frd, declared.position_m, beam.slant_m, estimates.rows, ground,
         config.vehicle.rotor_radius_m,
     )  # fmt: skip
     if math.isinf(distance):
@@ -395,7 +403,7 @@ def surface(estimates: Estimates, config: PipelineConfig, target: str, t_s: floa
         return walls(estimates, config, t_s)[0]
     seen = _seen_by(estimates, config, target, t_s)
     if not seen:
-        return Surface(Seen.UNDECLARED)
+        return Surface(_UNDECLARED)
     distance = nearest_level_now([_distance(one) for one in seen])
     if math.isnan(distance):
         return next(one for one in seen if not one.known)
@@ -406,20 +414,20 @@ def walls(estimates: Estimates, config: PipelineConfig, t_s: float) -> tuple[Sur
     """The nearest wall at ``t_s``, and the nearest at another bearing, seen from the CG."""
     seen = _seen_by(estimates, config, "wall", t_s)
     if not seen:
-        return Surface(Seen.UNDECLARED), Surface(Seen.UNDECLARED)
+        return Surface(_UNDECLARED), Surface(_UNDECLARED)
     lost = next((one for one in seen if not one.known), None)
     if lost is not None:
         return lost, lost
     if len(seen) == 1:
-        return seen[0], Surface(Seen.UNDECLARED)
+        return seen[0], Surface(_UNDECLARED)
     up = (0.0, 0.0, -1.0)
     chosen = choose_walls(
         [one.distance_m for one in seen], [up if one.normal_ned is None else one.normal_ned for one in seen]
     )
     first, second = int(chosen.first), int(chosen.second)
     return (
-        seen[first] if first >= 0 else Surface(Seen.NOTHING),
-        seen[second] if second >= 0 else Surface(Seen.NOTHING),
+        seen[first] if first >= 0 else Surface(_NOTHING),
+        seen[second] if second >= 0 else Surface(_NOTHING),
     )
 
 
@@ -442,10 +450,10 @@ def _beam_surface(beam: BeamTrack, config: PipelineConfig, t_s: float) -> Surfac
     heard = t_s - beam.heard_s
     was_near = track is not None and track.value < NO_MATTER_RADII * config.vehicle.rotor_radius_m
     if heard <= tuning.range_age_s and t_s - beam.clear_since_s >= (_CLEAR_AFTER_S if was_near else 0.0):
-        return Surface(Seen.NOTHING, slant_m=math.inf)
+        return Surface(_NOTHING, slant_m=math.inf)
     if track is not None and track.age(t_s) <= tuning.range_age_s:
         return Surface(
-            Seen.SURFACE, track.at(t_s), track.rate, track.sigma, beam.normal_ned, track.restarted_s, beam.slant_m
+            _SURFACE, track.at(t_s), track.rate, track.sigma, beam.normal_ned, track.restarted_s, beam.slant_m
         )
     if beam.doubt is not None and heard <= tuning.range_age_s:
         return Surface(beam.doubt)
@@ -462,18 +470,18 @@ class FanQuery:
     wall_bearing_rad: float
 
 
-def fan_query(vehicle: Vehicle, ground: Surface, wall: Surface, rotation: Array, rpm: Array, lead_s: float) -> FanQuery:
+def fan_query(vehicle: Vehicle, ground: Surface, wall: Surface, rotation: Rows, rpm: Array, lead_s: float) -> FanQuery:
     """Per-fan distances ``lead_s`` ahead, by the tracks' own rates."""
     h = [math.inf] * len(vehicle.fans)
-    if ground.seen is Seen.SURFACE:
+    if ground.seen is _SURFACE:
         h = fan_heights_now(vehicle, ground.distance_m + ground.rate_m_s * lead_s, rotation)
     d, bearing = lips_to_wall(vehicle, wall, rotation, lead_s)
     return FanQuery(np.array(h), np.array(d), rpm, bearing)
 
 
-def lips_to_wall(vehicle: Vehicle, wall: Surface, rotation: Array, lead_s: float) -> tuple[list[float], float]:
+def lips_to_wall(vehicle: Vehicle, wall: Surface, rotation: Rows, lead_s: float) -> tuple[list[float], float]:
     """Outer lip of every fan to a wall [m], ``lead_s`` ahead, and its bearing [rad]; inf, 0 without a wall."""
-    if wall.seen is not Seen.SURFACE or wall.normal_ned is None:
+    if wall.seen is not _SURFACE or wall.normal_ned is None:
         return [math.inf] * len(vehicle.fans), 0.0
     distance = wall.distance_m + wall.rate_m_s * lead_s
     return fan_wall_distances_now(vehicle, distance, wall.normal_ned, rotation)

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from models.frames import Array
+from models.frames import Array, Rows
 from models.vehicle import Vector3, Vehicle
 
 MAX_INCIDENCE_RAD = math.radians(30.0)
@@ -95,12 +95,12 @@ def plane_distance_now(
     direction_frd: Vector3,
     position_m: Vector3,
     range_m: float,
-    rotation: Array,
+    rotation: Rows,
     height_cg_m: float = math.inf,
     rotor_radius_m: float = math.inf,
 ) -> tuple[float, Vector3]:
     """``plane_distance`` of one instant in plain floats: distance [m] and normal. Runs for every reading."""
-    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    (a, b, c), (d, e, f), (g, h, i) = rotation
     x, y, z = direction_frd
     north, east, down = a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
     level = math.hypot(north, east)
@@ -116,7 +116,7 @@ def plane_distance_now(
 
 
 def _along_normal(
-    target: str, slant: float, position_m: Vector3, rotation: Array, normal: Vector3, along: float, down: float,
+    target: str, slant: float, position_m: Vector3, rotation: Rows, normal: Vector3, along: float, down: float,
     height_cg_m: float, rotor_radius_m: float,
 ) -> float:  # fmt: skip
     """Distance of the CG along a plane's normal; ``along`` is the beam's part along it, ``down`` its part downwards."""
@@ -126,9 +126,10 @@ def _along_normal(
         return math.inf
     if along < _COS_INCIDENCE or math.isnan(slant):
         return math.nan
-    mount: list[float] = (rotation @ position_m).tolist()
-    distance = normal[0] * mount[0] + normal[1] * mount[1] + normal[2] * mount[2] + slant * along
-    if target == "wall" and mount[2] + slant * down > height_cg_m - GROUND_MARGIN_M:
+    x, y, z = position_m
+    north, east, below = [a * x + b * y + c * z for a, b, c in rotation]  # of the sensor under the CG
+    distance = normal[0] * north + normal[1] * east + normal[2] * below + slant * along
+    if target == "wall" and below + slant * down > height_cg_m - GROUND_MARGIN_M:
         return math.inf if distance > NO_MATTER_RADII * rotor_radius_m else math.nan
     return distance
 
@@ -187,9 +188,9 @@ def fan_heights(vehicle: Vehicle, height_cg_m: ArrayLike, rotation: Array) -> Ar
     return np.asarray(np.maximum(np.asarray(height_cg_m, dtype=float)[..., None] - below, 0.0))
 
 
-def fan_heights_now(vehicle: Vehicle, height_cg_m: float, rotation: Array) -> list[float]:
+def fan_heights_now(vehicle: Vehicle, height_cg_m: float, rotation: Rows) -> list[float]:
     """``fan_heights`` of one instant in plain floats."""
-    a, b, c = rotation[2].tolist()
+    a, b, c = rotation[2]
     return [max(height_cg_m - (a * x + b * y + c * z), 0.0) for x, y, z in (fan.position_m for fan in vehicle.fans)]
 
 
@@ -206,11 +207,11 @@ def fan_wall_distances(vehicle: Vehicle, wall_cg_m: ArrayLike, normal_ned: Array
 
 
 def fan_wall_distances_now(
-    vehicle: Vehicle, wall_cg_m: float, normal_ned: Vector3, rotation: Array
+    vehicle: Vehicle, wall_cg_m: float, normal_ned: Vector3, rotation: Rows
 ) -> tuple[list[float], float]:
     """``fan_wall_distances`` and ``wall_bearing`` of one instant in plain floats."""
     north, east, down = normal_ned
-    (a, b, c), (d, e, f), (g, h, i) = rotation.tolist()
+    (a, b, c), (d, e, f), (g, h, i) = rotation
     x, y, z = north * a + east * d + down * g, north * b + east * e + down * h, north * c + east * f + down * i
     lips = []
     for fan in vehicle.fans:

@@ -22,13 +22,14 @@ def decode(frame: Frame, arrival_us: int, clock: BootClock) -> Sample | None:
     layout = LAYOUTS.get(frame.id)
     if layout is None:
         return None
-    fields = _unpacked(layout, frame.payload)
-    if layout.stamp is None:
+    _, system, component, payload, _ = frame
+    fields, stamp = _unpacked(layout, payload), layout.stamp
+    if stamp is None:
         t_s = clock.unstamped(arrival_us)
     else:
-        t_s = clock.stamped(frame.system, frame.component, layout.stamp, fields[layout.stamp_place], arrival_us)
-    sample = layout.build((t_s, frame.system, frame.component), layout.name, *[read(fields) for read in layout.readers])
-    if sample is not None and layout.stamp is not None:
+        t_s = clock.stamped(system, component, stamp, fields[layout.stamp_place], arrival_us)
+    sample = layout.build((t_s, system, component), layout.name, *[read(fields) for read in layout.readers])
+    if sample is not None and stamp is not None:
         # Nobody else has seen the sample yet; a copy of it costs more than all the rest of its decoding.
         object.__setattr__(sample, "late_s", clock.late(t_s, arrival_us))
     return sample

@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
+from functools import lru_cache
 
 from companion.mavlink.samples import Heartbeat
 
@@ -118,9 +119,14 @@ def thrust_map(stack: Stack, parameters: Mapping[str, float], hover: float) -> T
     hover = min(max(hover, 0.05), 0.95)
     if stack is not Stack.ARDUPILOT:
         return ThrustMap(hover, 1.0 / hover)
-    low = parameters.get("MOT_SPIN_MIN", 0.15)
-    high = parameters.get("MOT_SPIN_MAX", 0.95)
-    e = min(max(parameters.get("MOT_THST_EXPO", 0.65), 0.0), 1.0)
+    low, high = parameters.get("MOT_SPIN_MIN", 0.15), parameters.get("MOT_SPIN_MAX", 0.95)
+    return _linearised(hover, low, high, parameters.get("MOT_THST_EXPO", 0.65))
+
+
+@lru_cache(maxsize=16)
+def _linearised(hover: float, low: float, high: float, expo: float) -> ThrustMap:
+    """ArduPilot's thrust about ``hover``; asked for at every setpoint, changed by few."""
+    e = min(max(expo, 0.0), 1.0)
     x = hover if e < 1e-3 else ((e - 1.0) + math.sqrt((1.0 - e) ** 2 + 4.0 * e * hover)) / (2.0 * e)
     span = max(high - low, 0.1)
     output = low + span * x

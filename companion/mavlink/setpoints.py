@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import struct
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from models.vehicle import Vector3
 
@@ -24,8 +25,7 @@ _POSITION = struct.Struct("<I11fHBBB")
 """SET_POSITION_TARGET_LOCAL_NED: boot time, position, velocity, acceleration, yaw, yaw rate, mask, target, frame."""
 
 
-@dataclass(frozen=True, slots=True)
-class AttitudeCommand:
+class AttitudeCommand(NamedTuple):
     """SET_ATTITUDE_TARGET: attitude FRD to NED, thrust 0...1, stamped with the sample's boot time."""
 
     t_s: float
@@ -68,7 +68,7 @@ def tilt_by(q: Quaternion, roll: float, pitch: float) -> Quaternion:
         w * oy - x * oz + y * ow + z * ox,
         w * oz + x * oy - y * ox + z * ow,
     )
-    size = math.sqrt(sum(c * c for c in out))
+    size = math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2] + out[3] * out[3])
     if not math.isfinite(size) or size < 1e-6:
         return q
     return (out[0] / size, out[1] / size, out[2] / size, out[3] / size)

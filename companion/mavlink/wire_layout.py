@@ -60,6 +60,13 @@ class Quantity:
             return lambda fields: tuple(
                 [v if x not in unknown and -limit <= (v := x / per) <= limit else NAN for x in pick(fields)]
             )
+        if per == 1.0 and limit == sys.float_info.max and all(wire.dtype[f].base.kind == "f" for f in self.fields):
+            # Most messages: numbers that are taken as they are. The sum is finite where all of them are.
+            return lambda fields: (
+                values
+                if (total := sum(values := pick(fields))) - total == 0.0
+                else tuple([x if -limit <= x <= limit else NAN for x in values])
+            )
         if len(places) == 1:
             return lambda fields: (v if -limit <= (v := fields[first] / per) <= limit else NAN,)
         return lambda fields: tuple([v if -limit <= (v := x / per) <= limit else NAN for x in pick(fields)])
@@ -134,8 +141,11 @@ class Layout:
 
 def finite(*groups: tuple[float, ...]) -> bool:
     """True where there is no NaN (inf never gets this far, and the limits keep the sum from reaching it)."""
-    total = sum([sum(group) for group in groups])
-    return total == total
+    for group in groups:
+        total = sum(group)
+        if total != total:
+            return False
+    return True
 
 
 def unit_quaternion(q: tuple[float, ...]) -> Quaternion | None:

@@ -57,15 +57,21 @@ def numbers(decision: Decision) -> list[float]:
 
 
 def _flat(record: object) -> list[float]:
-    """All numbers in a dataclass, depth first."""
+    """All numbers in a dataclass or a named tuple, depth first."""
     out: list[float] = []
-    for field in dataclasses.fields(record):  # type: ignore[arg-type]
-        value = getattr(record, field.name)
-        if dataclasses.is_dataclass(value):
+    for name in _names(record):
+        value = getattr(record, name)
+        if dataclasses.is_dataclass(value) or hasattr(value, "_fields"):
             out += _flat(value)
         elif not isinstance(value, bool | str) and np.asarray(value).dtype.kind in "fiu":
             out += np.ravel(value).astype(float).tolist()
     return out
+
+
+def _names(record: object) -> tuple[str, ...]:
+    if dataclasses.is_dataclass(record):
+        return tuple(field.name for field in dataclasses.fields(record))
+    return record._fields  # type: ignore[attr-defined]
 
 
 def flown(log: Path, way: str) -> list[list[float]]:

@@ -60,10 +60,10 @@ def test_a_long_flight_needs_no_more_memory_than_a_short_one():
 
     fly(0, 300)
     tracemalloc.start()
-    fly(300, 300)  # the state that is alive is traced from here on
+    fly(300, 900)  # the state that is alive is traced from here on; its longest memory is of 12 s
     gc.collect()
     before, _ = tracemalloc.get_traced_memory()
-    fly(600, 600)
+    fly(1200, 600)
     gc.collect()
     after, _ = tracemalloc.get_traced_memory()
     tracemalloc.stop()

@@ -132,7 +132,7 @@ def test_the_form_in_plain_floats_says_the_same(target, beam, mount, slant, roll
     beam = tuple(x / size for x in beam)
     rotation = rotation_from_quaternion(quaternion_from_euler(roll, pitch, yaw))
     plane = plane_distance(target, beam, mount, slant, rotation, height, 0.165)
-    distance, normal = plane_distance_now(target, beam, mount, slant, rotation, height, 0.165)
+    distance, normal = plane_distance_now(target, beam, mount, slant, rotation.tolist(), height, 0.165)
     assert distance == pytest.approx(float(plane.distance_m), rel=1e-9, abs=1e-9, nan_ok=True)
     np.testing.assert_allclose(normal, plane.normal_ned, atol=1e-9)
 

@@ -28,7 +28,7 @@ from companion.mavlink.samples import Attitude, Range, RangeVerdict
 from companion.vehicles import default_vehicle
 from models.air_state import AirState
 from models.effects import AdoptedEffect, Context, adopted_wrench
-from models.frames import quaternion_from_euler, rotation_from_quaternion
+from models.frames import quaternion_from_euler, rotation_from_quaternion, rotation_rows
 from models.vehicle import Rangefinder, Vehicle
 from replay.flightlog import Beam, FlightLog, Series
 from replay.residual.distances import distances
@@ -76,7 +76,7 @@ def flown(sensors: list[Sensor], q: tuple[float, float, float, float]) -> tuple[
         sample = Range(t, 1, 1, direction, sensor.orientation, k, distance, 0.05, 40.0, None, None, verdict, "x")
         estimates = take_range(estimates, sample, config)
     ground, wall, ceiling = (surface(estimates, config, kind, END_S) for kind in ("ground", "wall", "ceiling"))
-    rotation, rotors = rotation_from_quaternion(q), np.full(4, 4000.0)
+    rotation, rotors = rotation_rows(*q), np.full(4, 4000.0)
     query = fan_query(config.vehicle, ground, wall, rotation, np.full(2, 4000.0), 0.0)
     return air_state(estimates, config, query, ceiling, rotors, END_S), estimates, config
 
