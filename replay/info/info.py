@@ -248,5 +248,5 @@ def _flight_text(info: LogInfo) -> list[str]:
         f"would have compensated {done:.1f} of {numbers['duration_s']:.1f} s" if done else "would not have engaged"
     )
     out = [f"companion with '{info.vehicle}' {verdict}"]
-    reasons = info.flight.refusals()[:_SHOWN_REASONS]
+    reasons = [(reason, s) for reason, s in info.flight.refusals() if s >= 0.05][:_SHOWN_REASONS]
     return [*out, *(f"  {s:7.1f} s held back: {reason.value}" for reason, s in reasons)]

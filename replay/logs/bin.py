@@ -53,6 +53,8 @@ class Dataflash:
     """Messages of every name, also of those that are not read."""
     damaged: int
     """Bytes that are no message."""
+    cut: int
+    """Bytes of a last message that is not complete."""
 
     def of(self, kind: str) -> Messages:
         """All messages of a name; none where there are none."""
@@ -197,7 +199,7 @@ def _part(block: _Block, first: int, end: int, boot: _Boot) -> _Part:
     kinds = {name: _joined(name, parts) for name, parts in {**named, **boot.sparse}.items()}
     data = Dataflash(
         block.path, block.size, boot.number, kinds, tuple(boot.texts), dict(boot.parameters), frozenset(whole), counts,
-        block.damaged,
+        block.damaged, len(block.data) - block.found.rest if block.is_last else 0,
     )  # fmt: skip
     return _Part(data, start_s, end_s, boot.origin_s)
 

@@ -76,7 +76,10 @@ def flightlog(data: Dataflash) -> FlightLog:
 
 
 def _summary(data: Dataflash, span_s: float) -> LogSummary:
-    notes = (f"{data.damaged} bytes that are no message skipped",) if data.damaged else ()
+    notes = (
+        *([f"{data.damaged} bytes that are no message skipped"] if data.damaged else []),
+        *([f"last message cut off ({data.cut} bytes)"] if data.cut else []),
+    )
     counts = message_counts(((1, 1, kind, n) for kind, n in sorted(data.counts.items())), span_s)
     return LogSummary(data.bytes, sum(data.counts.values()), counts, notes)
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import io
+import itertools
 import math
+import mmap
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +29,7 @@ from replay.logs.columns import (
 )
 from replay.logs.files import size_of
 
+_HEAD = b"ULog\x01\x12\x35"
 _PX4 = 12
 """MAV_AUTOPILOT_PX4."""
 _MAIN_MODE = {0: 1, 1: 2, 2: 3, 10: 5, 14: 6, 15: 7}
@@ -45,19 +48,45 @@ _TOPICS = [
 
 
 def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
-    """The one boot in the file. ``target_system`` is for links; a .ulg holds one vehicle."""
-    size = size_of(path, b"ULog", "PX4 log")
+    """The boots in the file, more than one where logs were joined. ``target_system`` is for links."""
+    size = size_of(path, _HEAD[:4], "PX4 log")
+    begins = _begins(path)
+    if len(begins) == 1:
+        return [_boot(path, str(path), size)]
+    data = path.read_bytes()
+    logs: list[FlightLog] = []
+    problems: list[LogError] = []
+    for start, end in itertools.pairwise([*begins, size]):
+        try:
+            logs.append(replace(_boot(path, io.BytesIO(data[start:end]), size), boot=len(logs)))
+        except LogError as error:
+            problems.append(error)
+    if not logs:
+        raise problems[0]
+    return logs
+
+
+def _begins(path: Path) -> list[int]:
+    """Where logs begin in a file: at 0, and further on where logs were joined."""
+    out = [0]
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        while (at := data.find(_HEAD, out[-1] + 1)) > 0:
+            out.append(at)
+    return out
+
+
+def _boot(path: Path, source: str | io.BytesIO, size: int) -> FlightLog:
     try:
         from pyulog import ULog
     except ImportError:
         raise LogError(f"{path}: .ulg needs the package pyulog: pip install pyulog") from None
     with contextlib.redirect_stdout(io.StringIO()):
         try:
-            log: Any = ULog(str(path), _TOPICS)
+            log: Any = ULog(source, _TOPICS)
         except Exception as error:  # pyulog raises whatever a damaged file makes of it
             raise LogError(f"{path}: cannot be read as a PX4 log ({error})") from None
     try:
-        return [_Reader(path, log, size).flightlog()]
+        return _Reader(path, log, size).flightlog()
     except (KeyError, ValueError, TypeError, OverflowError) as error:
         raise LogError(f"{path}: its topics make no sense ({type(error).__name__}: {error}); damaged?") from None
 

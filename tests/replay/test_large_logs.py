@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from log_writers import EPOCH_US, BinWriter, bin_flight, flight, write_tlog
+from log_writers import EPOCH_US, BinWriter, bin_flight, flight, ulg_flight, write_tlog
 
 from models.errors import LogError
 from replay.cli import main
@@ -324,3 +324,31 @@ def test_a_diagnosis_takes_stretches_from_all_of_a_long_log(minutes):
     assert len(set(np.diff(names))) == 1
     assert names[-1] + names[1] >= minutes // 30
     assert bool(own.notes()) == (minutes > 120)
+
+
+def test_joined_px4_logs_are_flights_of_their_own(tmp_path):
+    pytest.importorskip("pyulog")
+    path = tmp_path / "joined.ulg"
+    path.write_bytes(ulg_flight(4.0) + ulg_flight(8.0))
+    first, second = load(path)
+    assert (first.boot, second.boot) == (0, 1)
+    assert (len(first.attitude), len(second.attitude)) == (200, 400)
+    assert first.summary.bytes == second.summary.bytes == path.stat().st_size
+
+
+def test_a_cut_dataflash_log_says_so(tmp_path):
+    path = tmp_path / "cut.bin"
+    path.write_bytes(bin_flight(4.0)[:-7])
+    (log,) = load(path)
+    assert any("cut off" in note for note in log.summary.notes)
+
+
+@pytest.mark.parametrize(("arrival_us", "told"), [(25_970_000_000_000_000, "year 2792"), (5_000_000, "year 1970")])
+def test_stamps_of_another_century_are_one_line_and_everything_is_read(tmp_path, arrival_us, told):
+    path = tmp_path / "future.tlog"
+    write_tlog(path, flight(5.0, arrival_us=arrival_us))
+    (log,) = load(path)
+    assert len(log.attitude) == 250
+    assert log.start_s == pytest.approx(40.0)
+    (note,) = log.summary.notes
+    assert told in note
