@@ -169,14 +169,17 @@ def _compare(args: argparse.Namespace) -> int:
     bars = Bars(args.quiet)
     result = compare(data, args.seed, splits=args.splits, epochs=args.epochs, progress=bars)
     bars.close()
+    sigma = "" if args.sigma is None else f" --sigma {args.sigma}"
+    command = f"models train --data {args.data}{sigma} --method {result.numbers['use']['method']} --out DIR"
     if args.report:
         from models.training.compare_page import write_page
         from models.training.plots import write_report
 
         write_report(args.report, result)
-        write_page(args.report, result.numbers)
+        write_page(args.report, result.numbers, command)
     if _speak(args):
         print(text(result.numbers))
+        print(f"next: {command}")
         if args.report:
             print(f"report: {args.report / 'report.html'}")
     return _json(args, result.numbers)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -96,10 +97,18 @@ def pictures(paths: Iterable[Path]) -> str:
     for path in paths:
         data = path.read_bytes()
         wide = int.from_bytes(data[16:20], "big") > _WIDE_PX
-        caption = f"<figcaption><b>{escape(path.stem.replace('_', ' '))}</b></figcaption>"
+        caption = f"<figcaption><b>{escape(_caption(path.stem))}</b></figcaption>"
         image = f'<img alt="{escape(path.stem)}" src="data:image/png;base64,{b64encode(data).decode()}">'
         shown.append(f'<figure class="wide{" full" if wide else ""}">{caption}{image}</figure>')
     return f'<div class="plots">{"".join(shown)}</div>' if shown else ""
+
+
+def _caption(stem: str) -> str:
+    """``fig5_9_lift_ratio`` and ``mesh`` as words; the numbers are the paper's."""
+    numbered = re.fullmatch(r"fig(\d+(?:_\d+)*)_(.+)", stem)
+    words = stem if numbered is None else numbered[2]
+    of_paper = "" if numbered is None else f", as figure {numbered[1].replace('_', ' and ')} of the paper"
+    return words.replace("_", " ").capitalize() + of_paper
 
 
 def folded(summary: str, content: str) -> str:

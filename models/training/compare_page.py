@@ -13,19 +13,20 @@ from models.frames import AXES
 from models.pages.document import document, folded, items, pictures, table, verdict, write_document
 
 
-def write_page(directory: Path, numbers: Mapping[str, Any]) -> Path:
-    """Write ``report.html`` with the figures that lie in ``directory`` inside it."""
-    return write_document("--report", directory / "report.html", page(numbers, sorted(directory.glob("*.png"))))
+def write_page(directory: Path, numbers: Mapping[str, Any], command: str) -> Path:
+    """Write ``report.html`` with the figures that lie in ``directory`` inside it; ``command``: what to type next."""
+    figures = sorted(directory.glob("*.png"))
+    return write_document("--report", directory / "report.html", page(numbers, figures, command))
 
 
-def page(numbers: Mapping[str, Any], figures: list[Path]) -> str:
+def page(numbers: Mapping[str, Any], figures: list[Path], command: str) -> str:
     """The page of the numbers of a comparison (``Comparison.numbers``)."""
     use = numbers["use"]
     about = (
         f"{numbers['rows']} rows at {numbers['places']} places of {numbers['data']}, "
         f"{numbers['splits']} splits by place, seed {numbers['seed']}."
     )
-    steps = [f"Next: models train --data {numbers['data']} --method {use['method']} --out DIR.", f"{use['why']}."]
+    steps = [f"Next: {command}", f"Why: {use['why']}."]
     claims = [
         [escape(c["claim"]), "reproduced" if c["reproduced"] else "<b>not reproduced</b>", escape(c["evidence"])]
         for c in numbers["claims"]

@@ -152,9 +152,8 @@ def percent_error(truth: Array, answer: Array) -> Array:
 def _figure(rows: int, columns: int, size: tuple[float, float]) -> tuple[Any, Any]:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=size)
-    axes = figure.subplots(rows, columns, squeeze=False, gridspec_kw={"hspace": 0.35, "wspace": 0.35})
-    return figure, axes
+    figure = Figure(figsize=size, layout="constrained")
+    return figure, figure.subplots(rows, columns, squeeze=False)
 
 
 def _regression(result: Comparison, held_out: bool) -> Any:

@@ -14,15 +14,14 @@ from pathlib import Path
 from typing import Any
 
 from models.errors import ConfigError
-from replay.fleet.jobs import Job, perform
+from replay.fleet.jobs import Job, Kind, perform
 
 _PRELOAD = ["numpy", "replay.fleet.jobs", "replay.diagnosis.diagnose", "replay.rerun.report", "scipy.linalg"]
 _MEMORY_SHARE = 0.8
 """Of the machine's memory; the rest is for the system and the file cache."""
-_BYTES_PER_LOG_BYTE = 4.0
-"""Growth of a process' peak memory with the size of its log: 3.0 measured on .tlogs of 5 and 37 MB (docs/logs.md)."""
-_BASE_BYTES = 420e6
-"""Of a diagnosis of a small log; a replay takes 60 MiB."""
+_NEEDS = {Kind.RUN.value: (70e6, 3.0, 400e6), Kind.DIAGNOSE.value: (420e6, 10.0, 2.0e9)}
+"""Bytes for a small log, for every byte of a longer one, and at most: logs are read in blocks, of a long one two hours
+are diagnosed (docs/logs.md)."""
 
 
 def run_local(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, dict[str, Any]]]:
@@ -98,10 +97,11 @@ def _physical_bytes() -> float:
 
 
 def _in_process(context: Any, job: Job, memory: _Memory, stop: threading.Event) -> dict[str, Any]:
+    base, per_byte, most = _NEEDS[job.kind]
     try:
-        size = _BASE_BYTES + _BYTES_PER_LOG_BYTE * Path(job.path).stat().st_size
+        size = min(base + per_byte * Path(job.path).stat().st_size, most)
     except OSError:
-        size = _BASE_BYTES
+        size = base
     memory.take(size, stop)
     try:
         return {"log": job.path, "error": "interrupted"} if stop.is_set() else _wait_for(context, job, stop)

@@ -134,8 +134,10 @@ def test_the_report_holds_the_tables_and_figures(result: compare.Comparison, tmp
 def test_the_page_says_first_which_method_to_use(result: compare.Comparison, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="plots not installed")
     plots.write_report(tmp_path, result)
-    html = compare_page.write_page(tmp_path, result.numbers).read_text()
     use = result.numbers["use"]["method"]
+    command = f"models train --data fan.csv --method {use} --out DIR"
+    html = compare_page.write_page(tmp_path, result.numbers, command).read_text()
+    assert f"Next: {command}" in html
     assert html.index(f"Use this one: {use}.") < html.index(f"--method {use} --out DIR") < html.index("Every method")
     for method in compare.METHODS:
         assert method in html
