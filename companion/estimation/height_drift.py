@@ -25,9 +25,10 @@ LOW_M = 4.0
 FADE_M_S = 0.05
 """A faster drift makes one of the two sensors a broken one: offsets, which are looked up by the range, go away."""
 _MARK_S = 0.1
-_WINDOWS = (4, 12, 120)
-"""In marks: 0.4 s for a drift that reaches the ground within a second, 1.2 s for 0.1 m/s, 12 s for 0.01 m/s."""
-_LEAST_M = 0.12
+_WINDOWS = (4, 8, 16, 32, 64, 128)
+"""In marks: from 0.4 s, for a drift that reaches the ground within a second, to 12.8 s, for one of 0.01 m/s."""
+_RATE_MARKS = 12
+_LEAST_M = 0.10
 """Differences below this are noise of the range, a mat on the floor, or an estimator's wander."""
 _HALF_SHARE = 0.25
 """Of a window's change, in each half of it: all of it in one half is a step."""
@@ -45,10 +46,11 @@ _CALM_S, _CALM_M_S = 5.0, 0.02
 
 
 class Mark(NamedTuple):
-    """One comparison: the ground in the estimator's frame by its height and by its velocity, and where it was."""
+    """One comparison: the ground in the estimator's frame, also corrected and by velocity, and where it was."""
 
     t_s: float
     ground_m: float
+    corrected_m: float
     ground_by_velocity_m: float
     north_m: float
     east_m: float
@@ -116,7 +118,9 @@ def compare(drift: HeightDrift, ground: Surface, position: LocalPosition) -> Hei
     (north, east, _), (vn, ve, _) = position.position_ned, position.velocity_ned
     if ground.seen is not Seen.SURFACE or ground.distance_m > LOW_M or math.hypot(vn, ve) > _MOVES_M_S:
         return replace(drift, marks=(), compared_s=t_s) if marks else drift  # the correction stays as it is
-    now = Mark(t_s, ground.distance_m + drift.down[1], ground.distance_m + drift.sunk_m, north, east, ground.distance_m)
+    height = ground.distance_m
+    level = height + drift.down[1]
+    now = Mark(t_s, level, level + drift.correction_m, height + drift.sunk_m, north, east, height)
     if marks and ground.stepped_s > marks[0].t_s:
         marks = ()
     if drift.drifts:
@@ -135,12 +139,12 @@ def _noticed(drift: HeightDrift) -> HeightDrift:
         if len(marks) <= length:
             break
         first, half, last = marks[-1 - length], marks[-1 - length // 2], marks[-1]
-        change = last.ground_m - first.ground_m
+        change, early = last.corrected_m - first.corrected_m, half.corrected_m - first.corrected_m
         travel = max(math.hypot(m.north_m - last.north_m, m.east_m - last.east_m) for m in (first, half))
         climb = max(abs(m.height_m - last.height_m) for m in (first, half))
-        least = _LEAST_M + _SLOPE * travel + _RANGE_SCALE * climb
-        even = min((half.ground_m - first.ground_m) / change, (last.ground_m - half.ground_m) / change) if change else 0
-        if abs(change) < least or even < _HALF_SHARE:
+        if abs(change) < _LEAST_M + _SLOPE * travel + _RANGE_SCALE * climb:
+            continue
+        if not _HALF_SHARE <= early / change <= 1.0 - _HALF_SHARE:
             continue
         seconds = last.t_s - first.t_s
         by_velocity = last.ground_by_velocity_m - first.ground_by_velocity_m
@@ -149,7 +153,7 @@ def _noticed(drift: HeightDrift) -> HeightDrift:
             drift,
             since_s=last.t_s,
             rate_m_s=-change / seconds,
-            level_m=first.ground_m + drift.correction_m,
+            level_m=first.corrected_m,
             led_down=alone,
             velocity_m_s=0.0 if alone or change > 0.0 else -by_velocity / seconds,
             calm_since_s=math.inf,
@@ -171,9 +175,9 @@ def _followed(drift: HeightDrift, now: Mark) -> HeightDrift:
 def _calmed(drift: HeightDrift) -> HeightDrift:
     """The present rate, and whether the drift is over."""
     marks = drift.marks
-    if len(marks) <= _WINDOWS[1]:
+    if len(marks) <= _RATE_MARKS:
         return drift
-    first, last = marks[-1 - _WINDOWS[1]], marks[-1]
+    first, last = marks[-1 - _RATE_MARKS], marks[-1]
     rate = -(last.ground_m - first.ground_m) / (last.t_s - first.t_s)
     since = min(drift.calm_since_s, last.t_s) if abs(rate) < _CALM_M_S else math.inf
     if last.t_s - since >= _CALM_S:

@@ -80,6 +80,8 @@ class Bench:
     range_verdict: RangeVerdict = RangeVerdict.OK
     late: float = 0.0
     position: tuple[float, float] = (0.0, 0.0)
+    estimate_above: float = 0.0
+    """The autopilot believes that it is this much higher than it is."""
     state: PipelineState = None  # type: ignore[assignment]
 
     def __post_init__(self) -> None:
@@ -103,7 +105,7 @@ class Bench:
         self.feed(Heartbeat(self.t, 1, 1, self.armed, self.mode, base, self.autopilot, self.vehicle_type, 4))
         self.feed(LandedState(self.t, 1, 1, self.landed))
         if self.send_position:
-            place = (*self.position, -self.height)
+            place = (*self.position, -self.height - self.estimate_above)
             self.feed(LocalPosition(self.t, 1, 1, place, (0.0, 0.0, 0.0), late_s=self.late))
         if self.send_range:
             # The shipped vehicle's sensors sit 0.05 m below and 0.21 m right of the CG.
