@@ -15,6 +15,10 @@ ALWAYS = (
     ("killed_restarted", "px4"),
     ("position_silent", "px4"),
     ("replayed_packets", "ardupilot"),
+    ("height_drifts", "ardupilot"),
+    ("says_landed", "ardupilot"),
+    ("starved_0.8s", "ardupilot"),
+    ("wind_gust", "px4"),
 )
 """One of each kind, those first that once went wrong."""
 STACKS = ("ardupilot", "px4")

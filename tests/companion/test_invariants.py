@@ -71,6 +71,7 @@ class Wire:
         self.auditor = Auditor(vehicle("quad"), **options)  # type: ignore[arg-type]
         self.us, self.mav = 1_700_000_000_000_000, mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
         self.px4 = px4
+        self.down_cm, self.rpm = 40, 4000
         self.tick(mode=6 << 16 if px4 else 4)
 
     @property
@@ -94,11 +95,12 @@ class Wire:
             self.say(m.MAVLink_attitude_quaternion_message(ms, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
         self.say(m.MAVLink_local_position_ned_message(ms, 0.0, 0.0, -0.4, 0.0, 0.0, 0.0))
         for sensor in vehicle("quad").rangefinders:
+            cm = self.down_cm if sensor.orientation == 25 else 40
             if not silent.get("ranges"):
-                self.say(m.MAVLink_distance_sensor_message(ms, 5, 800, 40, 0, 0, sensor.orientation, 0))
+                self.say(m.MAVLink_distance_sensor_message(ms, 5, 800, cm, 0, 0, sensor.orientation, 0))
         if not silent.get("rotors"):
             count = [ms // 20 & 0xFFFF] * 4
-            self.say(m.MAVLink_esc_telemetry_1_to_4_message([20] * 4, [0] * 4, [0] * 4, [0] * 4, [4000] * 4, count))
+            self.say(m.MAVLink_esc_telemetry_1_to_4_message([20] * 4, [0] * 4, [0] * 4, [0] * 4, [self.rpm] * 4, count))
 
     def own(self, number: int, payload: bytes) -> None:
         raw = pack(number, payload, 1, 191, 0)
@@ -206,6 +208,24 @@ def test_every_broken_promise_is_found_and_no_other(name):
     wire.tick()
     act(wire)
     assert wire.broken() == expected
+
+
+@pytest.mark.parametrize(
+    ("down_cm", "rpm", "broken"),
+    [(40, 4000, set()), (14, 4000, {Promise.LANDED}), (40, 1000, {Promise.LANDED})],
+    ids=["in the air by both", "by rotors alone", "by the range alone"],
+)
+def test_a_land_detector_is_wrong_only_where_range_and_rotors_both_say_so(down_cm, rpm, broken):
+    wire = Wire()
+    wire.down_cm, wire.rpm = 12, 0
+    for _ in range(5):
+        wire.tick(landed=1)
+    wire.down_cm, wire.rpm = 40, 4000
+    run(1.0, wire)
+    wire.down_cm, wire.rpm = down_cm, rpm
+    wire.tick(landed=1)
+    wire.attitude()
+    assert wire.broken() == broken
 
 
 def test_px4_before_offboard_may_be_told_to_stay_level_but_no_more():
