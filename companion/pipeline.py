@@ -383,8 +383,8 @@ def _renew_disturbance(state: PipelineState, t_s: float, config: PipelineConfig)
     if rotors is None or rows is None:
         return replace(state, disturbance=None, disturbance_s=t_s)
     damping = config.damping_1_s if state.tuned is None else state.tuned.gains.velocity_1_s
-    shares = None if state.adaptation is None else state.adaptation.shares
-    disturbance = modelled_disturbance(state.estimates, config, rotors, rows, t_s, damping, shares)
+    applied = None if state.adaptation is None else state.adaptation.applied
+    disturbance = modelled_disturbance(state.estimates, config, rotors, rows, t_s, damping, applied)
     share = state.lift_share
     if t_s - state.airborne_since_s >= config.tuning.airborne_after_s:
         now = disturbance.free_lift_n / (config.vehicle.mass_kg * GRAVITY)

@@ -10,12 +10,17 @@ from typing import Any
 
 import numpy as np
 
+from companion.adaptation import judge
 from companion.adaptation import residual as block_of
-from companion.adaptation.apply import towards, wanted_shares
+from companion.adaptation.apply import Applied, share_of, towards
 from companion.adaptation.filter import expected, later, opened, surprises, update
 from companion.adaptation.gates import Pause, pause
+from companion.adaptation.near_map import NearField
 from companion.adaptation.options import Adapt, AdaptTuning
-from companion.adaptation.sizes import EAST, NORTH, Estimate, Size, Sizes, channels, prior, size_table, told
+from companion.adaptation.parts import Around
+from companion.adaptation.sizes import (
+    EAST, FIRST_EFFECT, GAINS, LIFT, NORTH, Estimate, Size, Sizes, channels, prior, size_table, told,
+)  # fmt: skip
 from companion.config import PipelineConfig
 from companion.control.disturbance import Disturbance
 from companion.control.state import PipelineState
@@ -39,11 +44,13 @@ class Noise:
 
 @dataclass(frozen=True)
 class Adaptation:
-    """All that is remembered of sizes. ``shares``: of lift, pull, tilt and every adopted effect with a size."""
+    """All that is remembered of sizes."""
 
     table: tuple[Size, ...]
     sizes: Sizes
-    shares: tuple[float, ...]
+    judged: tuple[judge.Judged, ...]
+    """Of lift, pull and tilt."""
+    applied: Applied
     noise: Noise
     learned: tuple[bool, ...]
     """Whether a channel was ever excited."""
@@ -63,6 +70,11 @@ class Adaptation:
     updated_s: float = -math.inf
     learned_s: float = 0.0
     """Time of flight that was learned from."""
+
+    @property
+    def shares(self) -> tuple[float, ...]:
+        """Of the model's lift, pull, tilt and of every adopted effect with a size: what is compensated."""
+        return self.applied.shares
 
     def told(self) -> dict[str, Estimate]:
         """Every size by its name."""
@@ -84,13 +96,14 @@ def initial(config: PipelineConfig) -> Adaptation | None:
     if config.adapt is Adapt.OFF:
         return None
     table = size_table(config.vehicle, config.model, config.adapt_tuning)
-    places = channels(table)
+    places, tuning = channels(table), config.adapt_tuning
     saved: Mapping[str, Any] = getattr(config.model, "info", {}).get("sizes", {})
-    floor = floors(config.vehicle, config.adapt_tuning)
-    state = Adaptation(
-        table, prior(table), (1.0,) * len(places), Noise(floor), tuple(table[k].name in saved for k in places)
-    )
-    return replace(state, shares=_wanted(state, config))
+    odds = [tuning.proven_odds if name in saved else tuning.odds for name in GAINS]
+    judged = tuple(map(judge.initial, judge.channels_of(table, tuning), odds))
+    known = tuple(table[k].name in saved for k in places)
+    gate, floor = config.adapt is Adapt.GATE, floors(config.vehicle, tuning)
+    state = Adaptation(table, prior(table), judged, Applied((1.0,) * len(places), gate=gate), Noise(floor), known)
+    return replace(state, applied=_wanted(state, config))
 
 
 @lru_cache(maxsize=4)
@@ -146,7 +159,9 @@ def _longer(block: block_of.Block, state: PipelineState, imu: Imu, config: Pipel
 def _learn(known: Adaptation, block: block_of.Block, state: PipelineState, config: PipelineConfig) -> Adaptation:
     """Take in a full block."""
     tuning, table, rotation = config.adapt_tuning, known.table, state.estimates.rotation
+    disturbance = state.disturbance
     assert rotation is not None
+    assert disturbance is not None
     wind = (float(known.sizes.offset[NORTH]), float(known.sizes.offset[EAST]))
     seen = block_of.see(block, config.vehicle, rotation, len(table), wind)
     seconds = block.end_s - (known.updated_s if known.updated_s > -math.inf else block.start_s)
@@ -171,8 +186,54 @@ def _learn(known: Adaptation, block: block_of.Block, state: PipelineState, confi
         updated_s=block.end_s,
         learned_s=known.learned_s + block.end_s - block.start_s,
         learned=_learned(known, sizes),
+        judged=_judged(known, seen, variance, max(seconds, 0.0), disturbance, config),
     )
-    return replace(known, shares=towards(known.shares, _wanted(known, config), tuning.block_s, tuning))
+    return replace(known, applied=towards(known.applied, _wanted(known, config), tuning.block_s, tuning))
+
+
+def _judged(
+    known: Adaptation, seen: block_of.Seen, variance: Array, seconds: float, here: Disturbance, config: PipelineConfig
+) -> tuple[judge.Judged, ...]:
+    """With the model or without it: lift first, whose moments at fans fore and aft are not tilt."""
+    tuning, vehicle = config.adapt_tuning, config.vehicle
+    around = _in_the_middle(here, config)
+    effects = seen.regressors[:, FIRST_EFFECT:] @ known.sizes.offset[FIRST_EFFECT:]
+    rest = seen.residual + seen.regressors[:, : len(GAINS)].sum(axis=1) - effects
+    out: list[judge.Judged] = []
+    near = _near(known.judged, known.table, tuning)
+    for channel, before in zip(judge.channels_of(known.table, tuning), known.judged, strict=True):
+        others = near[0].wrenches(vehicle, around)[:, : block_of.AXES] + near[1] * seen.regressors[:, : len(GAINS)].T
+        value = rest - others.sum(axis=0) + others[channel.own]
+        rows = judge.rows(channel, seen.regressors, around, vehicle.rotor_radius_m)
+        told = [(float(value[a]), row, float(variance[a])) for a, row in zip(channel.axes, rows, strict=True)]
+        out.append(judge.learn(channel, before, seconds, told, tuning))
+    return tuple(out)
+
+
+def _in_the_middle(here: Disturbance, config: PipelineConfig) -> Around:
+    """Where the fans were in the middle of a block that ends here."""
+    assert here.parts is not None
+    around = here.parts.around
+    assert around is not None
+    back = (0.5 * config.adapt_tuning.block_s + config.tuning.thrust_lead_s) / config.vehicle.rotor_radius_m
+    lower, nearer = (0.0 if not math.isfinite(s.rate_m_s) else s.rate_m_s * back for s in (here.ground, here.wall))
+    return replace_places(around, lower, nearer)
+
+
+def replace_places(around: Around, height_radii: float, gap_radii: float) -> Around:
+    """The same, so much lower and nearer to the wall."""
+    heights = tuple([h - height_radii for h in around.heights])
+    gaps = tuple([d - gap_radii for d in around.gaps])
+    return Around(heights, gaps, around.free_lift_n, around.bearing_rad)
+
+
+def _near(
+    judged: tuple[judge.Judged, ...], table: tuple[Size, ...], tuning: AdaptTuning
+) -> tuple[NearField, Array]:
+    """What is believed beside the model, and the gains (3, 1) on it."""
+    found = [judge.believed(c, j) for c, j in zip(judge.channels_of(table, tuning), judged, strict=True)]
+    maps = [tuple(cells.tolist()) for _, _, cells in found]
+    return NearField(found[LIFT][1], maps[0], maps[1], maps[2]), np.array([[gain] for gain, _, _ in found])
 
 
 def _noise(noise: Noise, innovation: Array, config: PipelineConfig) -> Noise:
@@ -196,8 +257,12 @@ def _learned(known: Adaptation, sizes: Sizes) -> tuple[bool, ...]:
     )
 
 
-def _wanted(known: Adaptation, config: PipelineConfig) -> tuple[float, ...]:
-    places = channels(known.table)
-    values = [known.table[k].as_modelled + float(known.sizes.offset[k]) for k in places]
-    sds = [known.sizes.sd(k) for k in places]
-    return wanted_shares(config.adapt, values, sds, known.learned, config.adapt_tuning)
+def _wanted(known: Adaptation, config: PipelineConfig) -> Applied:
+    """What is believed. An adopted effect that never was excited stays as modelled."""
+    tuning, gate = config.adapt_tuning, config.adapt is Adapt.GATE
+    near, gains = _near(known.judged, known.table, tuning)
+    shares = [min(max(gain, 0.0), tuning.most) for gain in gains[:, 0].tolist()]
+    for k, seen in zip(range(FIRST_EFFECT, len(known.table)), known.learned[len(GAINS) :], strict=True):
+        value, highest = known.table[k].as_modelled + float(known.sizes.offset[k]), 1.0 if gate else tuning.most
+        shares.append(share_of(value, known.sizes.sd(k), highest, tuning.form) if seen else 1.0)
+    return Applied(tuple(shares), near, gate)

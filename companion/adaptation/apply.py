@@ -4,8 +4,40 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-from companion.adaptation.options import Adapt, AdaptTuning
+import numpy as np
+
+from companion.adaptation.near_map import NOTHING, NearField
+from companion.adaptation.options import AdaptTuning
+from companion.adaptation.parts import Parts
+from models.frames import Array
+from models.vehicle import Vehicle
+
+
+@dataclass(frozen=True, slots=True)
+class Applied:
+    """What offsets follow: shares of the model's lift, pull, tilt and adopted effects, and what is measured beside."""
+
+    shares: tuple[float, ...]
+    near: NearField = NOTHING
+    gate: bool = False
+    """Whether offsets may only become smaller than the model's."""
+
+    def change(self, vehicle: Vehicle, parts: Parts) -> Array:
+        """(6,): what is compensated minus what is modelled, body FRD about the CG."""
+        assert parts.around is not None
+        ahead, around = parts.ahead, parts.around
+        kept = np.array(self.shares)
+        near = self.near.wrenches(vehicle, around)
+        if not self.gate:
+            out: Array = (kept - 1.0) @ ahead + near.sum(axis=0)
+            return out
+        # The part of what is measured that points as the model does, and no more than the model.
+        size = np.maximum((ahead[:3] * ahead[:3]).sum(axis=1), 1e-12)
+        kept[:3] = np.minimum(np.maximum(kept[:3] + (near * ahead[:3]).sum(axis=1) / size, 0.0), 1.0)
+        out = (kept - 1.0) @ ahead
+        return out
 
 
 def share_of(value: float, sd: float, most: float, form: float) -> float:
@@ -21,20 +53,19 @@ def share_of(value: float, sd: float, most: float, form: float) -> float:
     return min(value / (1.0 + doubt * doubt), most)
 
 
-def wanted_shares(
-    adapt: Adapt, values: Sequence[float], sds: Sequence[float], learned: Sequence[bool], tuning: AdaptTuning
-) -> tuple[float, ...]:
-    """The share of every channel. One that never was excited stays as modelled: without evidence nothing changes."""
-    highest = 1.0 if adapt is Adapt.GATE else tuning.most
-    return tuple(
-        share_of(value, sd, highest, tuning.form) if seen else 1.0
-        for value, sd, seen in zip(values, sds, learned, strict=True)
-    )
-
-
-def towards(
-    shares: tuple[float, ...], wanted: tuple[float, ...], dt_s: float, tuning: AdaptTuning
-) -> tuple[float, ...]:
-    """``shares`` moved to ``wanted`` within their rates."""
+def towards(now: Applied, wanted: Applied, dt_s: float, tuning: AdaptTuning) -> Applied:
+    """``now`` moved to ``wanted`` within the rates of shares and of what is measured beside the model."""
     down, up = tuning.take_1_s * dt_s, tuning.give_1_s * dt_s
-    return tuple(min(max(goal, share - down), share + up) for share, goal in zip(shares, wanted, strict=True))
+    shares = tuple(min(max(goal, share - down), share + up) for share, goal in zip(now.shares, wanted.shares, strict=True))
+    old, new, most = now.near, wanted.near, tuning.map_1_s * dt_s
+    near = NearField(
+        min(max(new.ground, old.ground - up), old.ground + up),
+        _slewed(old.lift, new.lift, most),
+        _slewed(old.pull, new.pull, most),
+        _slewed(old.tilt, new.tilt, most),
+    )
+    return Applied(shares, near, wanted.gate)
+
+
+def _slewed(old: Sequence[float], new: Sequence[float], most: float) -> tuple[float, ...]:
+    return tuple([min(max(goal, value - most), value + most) for value, goal in zip(old, new, strict=True)])

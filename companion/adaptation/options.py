@@ -69,6 +69,27 @@ class AdaptTuning:
     """How fast it may shrink: a fade like others (``Tuning.fade_in_s``)."""
     form: float = 0.5
     """A model whose size is wrong is wrong in form too: sd of the gain from place to place, by its distance from 1."""
+    map_sd: tuple[float, float, float] = (0.05, 0.012, 0.05)
+    """Prior sd of what is measured of lift, pull (of a fan's thrust) and tilt (of that times the radius) without a
+    model, within two rotor radii: half of the largest that is published (Ai et al. 2020; docs/adaptation.md)."""
+    left_sd: tuple[float, float, float] = (0.015, 0.004, 0.015)
+    """The same of what a right model leaves: its law is 10 to 30 % off."""
+    ground_sd: float = 1.0
+    """Prior sd of the ground's lift in Cheeseman and Bennett's; its mean is 0, so that nothing is applied unseen."""
+    drift: float = 0.3
+    """Change of gain, ground's lift and map in a minute, of their prior sd."""
+    calm_wind: float = 0.25
+    """Change of the wind in a minute while the pull is judged, of what it may change otherwise: a gust is a jump."""
+    odds: float = 1.0
+    """Of a model against none before any flight."""
+    proven_odds: float = 9.0
+    """The same where sizes of earlier flights were saved with the model."""
+    evidence: float = 0.5
+    """Of a block's log likelihood: neighbours are alike."""
+    most_log_odds: float = 4.0
+    """Bound of the odds, so that a model that was contradicted can come back: 0.02 to 0.98."""
+    map_1_s: float = 0.02
+    """How fast what is applied of the map may change, of a fan's thrust: 0.08 in four seconds, as shares grow."""
     heavy: float = 0.3
     """Prior sd of a gain on the model: its law is that of another fan in another place. 10 to 30 % is what the built-in
     vehicle's air differs by (docs/simulator.md)."""

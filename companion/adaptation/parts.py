@@ -19,6 +19,16 @@ _MASKS = np.array([_LIFT, _PULL, _TILT])[:, None, :]
 
 
 @dataclass(frozen=True, slots=True)
+class Around:
+    """Where the fans are: heights and gaps in rotor radii, lift in free air [N], the wall's bearing (0: no wall)."""
+
+    heights: tuple[float, ...]
+    gaps: tuple[float, ...]
+    free_lift_n: tuple[float, ...]
+    bearing_rad: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class Parts:
     """Rows of wrenches about the CG, body FRD: ``now`` (3 + 1 + k, 6) for measuring, ``ahead`` (3 + k, 6) for offsets.
 
@@ -34,6 +44,8 @@ class Parts:
     """Mean speed of the blade tips."""
     vertical_n: float
     """Sum of ``now``'s vertical forces, body FRD."""
+    around: Around | None = None
+    """At the lead of thrust."""
 
 
 @lru_cache(maxsize=8)
@@ -52,12 +64,13 @@ def split(vehicle: Vehicle, at_fans: Array) -> Array:
 
 
 def parts_of(
-    vehicle: Vehicle, now: Array, ahead: Array, free: Array, effects: Array, fan_lift_n: Array, rpm: Array
-) -> Parts:
+    vehicle: Vehicle, now: Array, ahead: Array, free: Array, effects: Array, fan_lift_n: Array, rpm: Array,
+    around: Around | None = None,
+) -> Parts:  # fmt: skip
     """Parts of what ground and wall do at every fan (fans, 6), now and at the leads, of the fans in free air (fans, 6),
     and of adopted effects (k, 6) about the CG; body FRD."""
     both = split(vehicle, np.stack([now, ahead, free]))
     rows = np.concatenate([both[0], both[2].sum(axis=0, keepdims=True), effects])
     shared = np.concatenate([both[1], effects]) if len(effects) else both[1]
     tip = float(rpm.mean()) * RPM_TO_RAD_S * vehicle.rotor_radius_m
-    return Parts(rows, shared, fan_lift_n, tip, float(rows[:, 2].sum()))
+    return Parts(rows, shared, fan_lift_n, tip, float(rows[:, 2].sum()), around)

@@ -8,7 +8,8 @@ from functools import lru_cache
 
 import numpy as np
 
-from companion.adaptation.parts import Parts, parts_of
+from companion.adaptation.apply import Applied
+from companion.adaptation.parts import Around, Parts, parts_of
 from companion.adaptation.sizes import effects_with_size
 from companion.config import PipelineConfig, Tuning
 from companion.estimation.air_state import air_state
@@ -49,11 +50,11 @@ class Disturbance:
 
 def modelled_disturbance(
     estimates: Estimates, config: PipelineConfig, rotor_rpm: Array, rotation: Rows, t_s: float, damping_1_s: float,
-    shares: tuple[float, ...] | None = None,
+    applied: Applied | None = None,
 ) -> Disturbance:  # fmt: skip
     """Query the surrogate for every fan, at the two leads, in free air, and a little further from a wall.
 
-    ``shares`` of lift, pull, tilt and each adopted effect with a size; None: all as modelled, and no parts.
+    ``applied``: what adaptation makes of it; None: all as modelled, and no parts.
     """
     vehicle, model, tuning = config.vehicle, config.model, config.tuning
     ground = surface(estimates, config, "ground", t_s)
@@ -75,17 +76,20 @@ def modelled_disturbance(
     total = _about_cg(vehicle, answer.wrench[0].tolist(), answer.wrench[1].tolist(), free, later.wall_bearing_rad)
     wrench = np.array(total) if adopted is None else np.array(total) + adopted
     parts = None
-    if shares is not None:
+    if applied is not None:
         effects = _adopted_parts(config, moved, damping_1_s) if model.effects else np.zeros((0, 6))
-        parts = _parts(vehicle, answer.wrench, np.array(free), later.wall_bearing_rad, effects, rpm)
-        wrench -= (1.0 - np.array(shares)) @ parts.ahead
+        parts = _parts(vehicle, answer.wrench, np.array(free), soon, effects)
+        wrench += applied.change(vehicle, parts)
     if vehicle.vanes:
         wrench[:3] += trim_reaction(vehicle) @ wrench[3:]
     gain = tuning.gain
     if wall.seen is Seen.SURFACE:
-        pull = float(answer.wrench[1, :, 0].sum() - answer.wrench[2, :, 0].sum()) / _STIFFNESS_STEP_M
-        pull *= 1.0 if shares is None else shares[1]
-        gain = _stable_gain(pull, vehicle, tuning, damping_1_s)
+        change = float(answer.wrench[1, :, 0].sum() - answer.wrench[2, :, 0].sum())
+        if applied is not None and parts is not None and parts.around is not None:
+            change *= applied.shares[1]
+            if not applied.gate:
+                change += applied.near.pull_change_n(parts.around, _STIFFNESS_STEP_M / vehicle.rotor_radius_m)
+        gain = _stable_gain(change / _STIFFNESS_STEP_M, vehicle, tuning, damping_1_s)
     near = [h < math.inf or d < math.inf for h, d in zip(soon.h_m.tolist(), soon.d_m.tolist(), strict=True)]
     trust = min([t for t, one in zip(answer.trust[0].tolist(), near, strict=True) if one], default=1.0)
     return Disturbance(
@@ -133,12 +137,16 @@ def _about_cg(vehicle: Vehicle, soon: Wrenches, later: Wrenches, free: Wrenches,
     return [fx, fy, fz, mx, my, mz]
 
 
-def _parts(vehicle: Vehicle, rows: Array, free: Array, bearing_rad: float, effects: Array, rpm: Array) -> Parts:
+def _parts(vehicle: Vehicle, rows: Array, free: Array, soon: FanQuery, effects: Array) -> Parts:
     """The same wrench in parts, at this instant and at the leads; ``rows`` as queried (2 or 3, fans, 6)."""
-    now = corner_to_body(rows[1] - free, bearing_rad)
+    bearing, radius = soon.wall_bearing_rad, vehicle.rotor_radius_m
+    around = Around(
+        tuple((soon.h_m / radius).tolist()), tuple((soon.d_m / radius).tolist()), tuple(free[:, 2].tolist()), bearing
+    )
+    now = corner_to_body(rows[1] - free, bearing)
     ahead = now.copy()
     ahead[:, 2] = free[:, 2] - rows[0, :, 2]  # all but the lift is at the tilt's lead already
-    return parts_of(vehicle, now, ahead, corner_to_body(free, bearing_rad), effects, rows[1, :, 2].copy(), rpm)
+    return parts_of(vehicle, now, ahead, corner_to_body(free, bearing), effects, rows[1, :, 2].copy(), soon.rpm, around)
 
 
 def _adopted_parts(config: PipelineConfig, state: AirState, damping_1_s: float) -> Array:
