@@ -18,8 +18,20 @@ from companion.adaptation.gates import Pause, pause
 from companion.adaptation.near_map import NearField
 from companion.adaptation.options import Adapt, AdaptTuning
 from companion.adaptation.parts import Around
+from companion.adaptation.saved import kept_with
 from companion.adaptation.sizes import (
-    EAST, FIRST_EFFECT, GAINS, LIFT, NORTH, Estimate, Size, Sizes, channels, prior, size_table, told,
+    EAST,
+    FIRST_EFFECT,
+    GAINS,
+    LIFT,
+    NORTH,
+    Estimate,
+    Size,
+    Sizes,
+    channels,
+    prior,
+    size_table,
+    told,
 )  # fmt: skip
 from companion.config import PipelineConfig
 from companion.control.disturbance import Disturbance
@@ -30,6 +42,8 @@ from models.frames import GRAVITY, Array
 from models.vehicle import Vehicle
 
 _SOURCE_SILENT_S = 1.0
+MODELS = ("lift_model", "pull_model", "tilt_model")
+"""Names of the probabilities that the model is right in a channel, and not only none."""
 _NO_VANES: tuple[float, ...] = ()
 _SILENT = (math.nan,) * 16
 
@@ -48,8 +62,10 @@ class Adaptation:
 
     table: tuple[Size, ...]
     sizes: Sizes
+    channels: tuple[judge.Channel, ...]
+    """Lift, pull and tilt."""
     judged: tuple[judge.Judged, ...]
-    """Of lift, pull and tilt."""
+    """What is believed of each."""
     applied: Applied
     noise: Noise
     learned: tuple[bool, ...]
@@ -77,8 +93,13 @@ class Adaptation:
         return self.applied.shares
 
     def told(self) -> dict[str, Estimate]:
-        """Every size by its name."""
-        return told(self.table, self.sizes)
+        """Every size by its name; then the ground's lift where no model is believed, and how far a model is."""
+        out = told(self.table, self.sizes)
+        out["cheeseman_bennett"] = Estimate(*judge.ground_measured(self.channels[LIFT], self.judged[LIFT]), "1")
+        for name, judged in zip(MODELS, self.judged, strict=True):
+            p = judged.probability
+            out[name] = Estimate(p, math.sqrt(p * (1.0 - p)), "probability")
+        return out
 
     def share_by_name(self) -> dict[str, float]:
         """The share of the model's wrench that is compensated, by the size it follows."""
@@ -98,11 +119,12 @@ def initial(config: PipelineConfig) -> Adaptation | None:
     table = size_table(config.vehicle, config.model, config.adapt_tuning)
     places, tuning = channels(table), config.adapt_tuning
     saved: Mapping[str, Any] = getattr(config.model, "info", {}).get("sizes", {})
-    odds = [tuning.proven_odds if name in saved else tuning.odds for name in GAINS]
-    judged = tuple(map(judge.initial, judge.channels_of(table, tuning), odds))
+    through = judge.channels_of(table, tuning)
+    judged = tuple(judge.initial(c, k, tuning) for c, k in zip(through, kept_with(config.model), strict=True))
     known = tuple(table[k].name in saved for k in places)
     gate, floor = config.adapt is Adapt.GATE, floors(config.vehicle, tuning)
-    state = Adaptation(table, prior(table), judged, Applied((1.0,) * len(places), gate=gate), Noise(floor), known)
+    shares = Applied((1.0,) * len(places), gate=gate)
+    state = Adaptation(table, prior(table), through, judged, shares, Noise(floor), known)
     return replace(state, applied=_wanted(state, config))
 
 
@@ -162,10 +184,11 @@ def _learn(known: Adaptation, block: block_of.Block, state: PipelineState, confi
     disturbance = state.disturbance
     assert rotation is not None
     assert disturbance is not None
+    assert disturbance.parts is not None
     wind = (float(known.sizes.offset[NORTH]), float(known.sizes.offset[EAST]))
-    seen = block_of.see(block, config.vehicle, rotation, len(table), wind)
-    seconds = block.end_s - (known.updated_s if known.updated_s > -math.inf else block.start_s)
-    sizes = later(table, known.sizes, max(seconds, 0.0))
+    seen = block_of.see(block, config.vehicle, rotation, disturbance.parts.around.bearing_rad, len(table), wind)
+    seconds = max(block.end_s - (known.updated_s if known.updated_s > -math.inf else block.start_s), 0.0)
+    sizes = later(table, known.sizes, seconds)
     changed = 0.0 if known.modelled is None else seen.modelled - known.modelled
     doubt = (tuning.lag_doubt_s / tuning.block_s * changed) ** 2
     variance = tuning.alike * known.noise.variance + doubt
@@ -186,7 +209,7 @@ def _learn(known: Adaptation, block: block_of.Block, state: PipelineState, confi
         updated_s=block.end_s,
         learned_s=known.learned_s + block.end_s - block.start_s,
         learned=_learned(known, sizes),
-        judged=_judged(known, seen, variance, max(seconds, 0.0), disturbance, config),
+        judged=_judged(known, seen, tuning.alike_near * known.noise.variance + doubt, seconds, disturbance, config),
     )
     return replace(known, applied=towards(known.applied, _wanted(known, config), tuning.block_s, tuning))
 
@@ -194,18 +217,19 @@ def _learn(known: Adaptation, block: block_of.Block, state: PipelineState, confi
 def _judged(
     known: Adaptation, seen: block_of.Seen, variance: Array, seconds: float, here: Disturbance, config: PipelineConfig
 ) -> tuple[judge.Judged, ...]:
-    """With the model or without it: lift first, whose moments at fans fore and aft are not tilt."""
+    """With the model or without it: what one channel does in the axes of another is taken away first."""
     tuning, vehicle = config.adapt_tuning, config.vehicle
     around = _in_the_middle(here, config)
-    effects = seen.regressors[:, FIRST_EFFECT:] @ known.sizes.offset[FIRST_EFFECT:]
-    rest = seen.residual + seen.regressors[:, : len(GAINS)].sum(axis=1) - effects
-    out: list[judge.Judged] = []
-    near = _near(known.judged, known.table, tuning)
-    for channel, before in zip(judge.channels_of(known.table, tuning), known.judged, strict=True):
-        others = near[0].wrenches(vehicle, around)[:, : block_of.AXES] + near[1] * seen.regressors[:, : len(GAINS)].T
-        value = rest - others.sum(axis=0) + others[channel.own]
-        rows = judge.rows(channel, seen.regressors, around, vehicle.rotor_radius_m)
-        told = [(float(value[a]), row, float(variance[a])) for a, row in zip(channel.axes, rows, strict=True)]
+    place = judge.place_of(around)
+    gains, near = _believed(known)
+    model = seen.regressors[:, : len(GAINS)].T
+    parts = np.array(near.rows(vehicle, around))[:, : block_of.AXES] + np.array(gains)[:, None] * model
+    rest = seen.residual + model.sum(axis=0) - seen.regressors[:, FIRST_EFFECT:] @ known.sizes.offset[FIRST_EFFECT:]
+    out = []
+    for channel, before in zip(known.channels, known.judged, strict=True):
+        value = (rest - parts.sum(axis=0) + parts[channel.own]).tolist()
+        rows = judge.rows(channel, seen.regressors, place, vehicle.rotor_radius_m)
+        told = [(value[a], row, float(variance[a])) for a, row in zip(channel.axes, rows, strict=True)]
         out.append(judge.learn(channel, before, seconds, told, tuning))
     return tuple(out)
 
@@ -214,26 +238,17 @@ def _in_the_middle(here: Disturbance, config: PipelineConfig) -> Around:
     """Where the fans were in the middle of a block that ends here."""
     assert here.parts is not None
     around = here.parts.around
-    assert around is not None
     back = (0.5 * config.adapt_tuning.block_s + config.tuning.thrust_lead_s) / config.vehicle.rotor_radius_m
     lower, nearer = (0.0 if not math.isfinite(s.rate_m_s) else s.rate_m_s * back for s in (here.ground, here.wall))
-    return replace_places(around, lower, nearer)
-
-
-def replace_places(around: Around, height_radii: float, gap_radii: float) -> Around:
-    """The same, so much lower and nearer to the wall."""
-    heights = tuple([h - height_radii for h in around.heights])
-    gaps = tuple([d - gap_radii for d in around.gaps])
+    heights, gaps = tuple([h - lower for h in around.heights]), tuple([d - nearer for d in around.gaps])
     return Around(heights, gaps, around.free_lift_n, around.bearing_rad)
 
 
-def _near(
-    judged: tuple[judge.Judged, ...], table: tuple[Size, ...], tuning: AdaptTuning
-) -> tuple[NearField, Array]:
-    """What is believed beside the model, and the gains (3, 1) on it."""
-    found = [judge.believed(c, j) for c, j in zip(judge.channels_of(table, tuning), judged, strict=True)]
-    maps = [tuple(cells.tolist()) for _, _, cells in found]
-    return NearField(found[LIFT][1], maps[0], maps[1], maps[2]), np.array([[gain] for gain, _, _ in found])
+def _believed(known: Adaptation) -> tuple[list[float], NearField]:
+    """Gains on the model's lift, pull and tilt, and what is measured beside."""
+    found = [judge.believed(c, j) for c, j in zip(known.channels, known.judged, strict=True)]
+    lift, pull, tilt = [tuple(cells) for _, _, cells in found]
+    return [gain for gain, _, _ in found], NearField(found[LIFT][1], lift, pull, tilt)
 
 
 def _noise(noise: Noise, innovation: Array, config: PipelineConfig) -> Noise:
@@ -260,8 +275,8 @@ def _learned(known: Adaptation, sizes: Sizes) -> tuple[bool, ...]:
 def _wanted(known: Adaptation, config: PipelineConfig) -> Applied:
     """What is believed. An adopted effect that never was excited stays as modelled."""
     tuning, gate = config.adapt_tuning, config.adapt is Adapt.GATE
-    near, gains = _near(known.judged, known.table, tuning)
-    shares = [min(max(gain, 0.0), tuning.most) for gain in gains[:, 0].tolist()]
+    gains, near = _believed(known)
+    shares = [0.0 if gain < tuning.nothing else min(gain, tuning.most) for gain in gains]
     for k, seen in zip(range(FIRST_EFFECT, len(known.table)), known.learned[len(GAINS) :], strict=True):
         value, highest = known.table[k].as_modelled + float(known.sizes.offset[k]), 1.0 if gate else tuning.most
         shares.append(share_of(value, known.sizes.sd(k), highest, tuning.form) if seen else 1.0)

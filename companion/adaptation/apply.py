@@ -10,7 +10,7 @@ import numpy as np
 
 from companion.adaptation.near_map import NOTHING, NearField
 from companion.adaptation.options import AdaptTuning
-from companion.adaptation.parts import Parts
+from companion.adaptation.parts import Around
 from models.frames import Array
 from models.vehicle import Vehicle
 
@@ -24,19 +24,24 @@ class Applied:
     gate: bool = False
     """Whether offsets may only become smaller than the model's."""
 
-    def change(self, vehicle: Vehicle, parts: Parts) -> Array:
-        """(6,): what is compensated minus what is modelled, body FRD about the CG."""
-        assert parts.around is not None
-        ahead, around = parts.ahead, parts.around
-        kept = np.array(self.shares)
-        near = self.near.wrenches(vehicle, around)
-        if not self.gate:
-            out: Array = (kept - 1.0) @ ahead + near.sum(axis=0)
-            return out
-        # The part of what is measured that points as the model does, and no more than the model.
-        size = np.maximum((ahead[:3] * ahead[:3]).sum(axis=1), 1e-12)
-        kept[:3] = np.minimum(np.maximum(kept[:3] + (near * ahead[:3]).sum(axis=1) / size, 0.0), 1.0)
-        out = (kept - 1.0) @ ahead
+    def change(self, vehicle: Vehicle, ahead: Sequence[Sequence[float]], around: Around, effects: Array) -> list[float]:
+        """(6,): what is compensated minus what is modelled, body FRD about the CG.
+
+        ``ahead``: the model's lift, pull and tilt (3, 6) at their leads; ``effects`` (k, 6).
+        """
+        out = [0.0] * 6
+        for share, modelled, beside in zip(self.shares, ahead, self.near.rows(vehicle, around), strict=False):
+            if self.gate:
+                # The part of what is measured that points as the model does, and no more than the model.
+                size = sum([a * a for a in modelled])
+                along = sum([a * b for a, b in zip(modelled, beside, strict=True)]) / size if size > 1e-12 else 0.0
+                kept = min(max(share + along, 0.0), 1.0) - 1.0
+                out = [v + kept * a for v, a in zip(out, modelled, strict=True)]
+            else:
+                out = [v + (share - 1.0) * a + b for v, a, b in zip(out, modelled, beside, strict=True)]
+        if len(effects):
+            more = (np.array(self.shares[3:]) - 1.0) @ effects
+            out = [v + a for v, a in zip(out, more.tolist(), strict=True)]
         return out
 
 
@@ -56,7 +61,9 @@ def share_of(value: float, sd: float, most: float, form: float) -> float:
 def towards(now: Applied, wanted: Applied, dt_s: float, tuning: AdaptTuning) -> Applied:
     """``now`` moved to ``wanted`` within the rates of shares and of what is measured beside the model."""
     down, up = tuning.take_1_s * dt_s, tuning.give_1_s * dt_s
-    shares = tuple(min(max(goal, share - down), share + up) for share, goal in zip(now.shares, wanted.shares, strict=True))
+    shares = tuple(
+        min(max(goal, share - down), share + up) for share, goal in zip(now.shares, wanted.shares, strict=True)
+    )
     old, new, most = now.near, wanted.near, tuning.map_1_s * dt_s
     near = NearField(
         min(max(new.ground, old.ground - up), old.ground + up),

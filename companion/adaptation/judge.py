@@ -21,21 +21,34 @@ from companion.adaptation.parts import Around
 from companion.adaptation.sizes import Size
 from models.frames import Array
 
+_ALONG = ((at.THRUST, at.INFLOW), (at.NORTH, at.EAST, at.DRAG), (at.CG_X, at.CG_Y, at.DRAG_ARM))
+_AXES = ((2,), (0, 1), (3, 4))
+_WIND = (at.NORTH, at.EAST)
+_LOW_RADII = 1.6
+"""Where the ground's lift is told: low, and yet where most flights have been."""
+_OPENED = 0.1
+"""Of the prior's variance: what a block adds to that of steady things after a jump."""
+
 
 @dataclass(frozen=True, slots=True)
 class Channel:
     """One of lift, pull and tilt: the axes it is seen in, the sizes estimated along, and the column of its gain.
 
-    A state holds those sizes, the gain, the ground's lift in Cheeseman and Bennett's, and the cells of the map.
-    ``means`` and ``covariances`` (with the model, without it), ``growth`` of their variances in a second.
+    A state (n,) holds those sizes, the gain, the ground's lift in Cheeseman and Bennett's, and the cells of the map.
+    First row: with the model; second: without it.
     """
 
     axes: tuple[int, ...]
     along: tuple[int, ...]
     own: int
-    means: tuple[Array, Array]
-    covariances: tuple[Array, Array]
-    growth: tuple[Array, Array]
+    mean: Array
+    """(2, n) before anything is seen."""
+    covariance: Array
+    """(2, n, n)."""
+    variance: Array
+    """(2, n): its diagonal."""
+    growth_1_s: Array
+    """(2, n): of the variances."""
 
     @property
     def gain(self) -> int:
@@ -45,10 +58,10 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """What is believed of one channel: with the model and without it, and the odds between the two."""
+    """What is believed of one channel: ``mean`` (2, n) and ``covariance`` (2, n, n) as in ``Channel``, and the odds."""
 
-    means: tuple[Array, Array]
-    covariances: tuple[Array, Array]
+    mean: Array
+    covariance: Array
     log_odds: float
     """Of the model against none."""
     surprised: tuple[int, ...]
@@ -60,65 +73,90 @@ class Judged:
         return 1.0 / (1.0 + math.exp(-self.log_odds))
 
 
-_ALONG = ((at.THRUST, at.INFLOW), (at.NORTH, at.EAST, at.DRAG), (at.CG_X, at.CG_Y, at.DRAG_ARM))
-_AXES = ((2,), (0, 1), (3, 4))
-
-
 @lru_cache(maxsize=8)
 def channels_of(table: tuple[Size, ...], tuning: AdaptTuning) -> tuple[Channel, Channel, Channel]:
     """Lift, pull and tilt."""
-    out = []
-    for own, (axes, along) in enumerate(zip(_AXES, _ALONG, strict=True)):
-        wind = tuning.calm_wind if own == at.PULL else 1.0
-        beside = [
-            (table[k].mean - table[k].as_modelled, table[k].sd, table[k].per_minute * (wind if k in _WIND else 1.0))
-            for k in along
-        ]
-        means, covariances, growth = [], [], []
-        for gain, sd, ground, near in (
-            (table[own].mean, table[own].sd, 0.0, tuning.left_sd[own]),
-            (0.0, 0.0, tuning.ground_sd if own == at.LIFT else 0.0, tuning.map_sd[own]),
-        ):
-            cell = prior_covariance(near, of_wall=own != at.LIFT)
-            mean, variance = [*[m for m, _, _ in beside], gain, 0.0], [*[s * s for _, s, _ in beside], sd**2, ground**2]
-            drift = [*[d for _, _, d in beside], tuning.drift * sd, tuning.drift * ground]
-            covariance = np.zeros((len(mean) + CELLS,) * 2)
-            np.fill_diagonal(covariance, [*variance, *[0.0] * CELLS])
-            covariance[len(mean) :, len(mean) :] = cell
-            means.append(np.array([*mean, *[0.0] * CELLS]))
-            covariances.append(covariance)
-            growth.append(np.array([*[d * d for d in drift], *(tuning.drift**2 * np.diagonal(cell))]) / 60.0)
-        out.append(
-            Channel(axes, along, own, (means[0], means[1]), (covariances[0], covariances[1]), (growth[0], growth[1]))
-        )
-    return out[0], out[1], out[2]
+    lift, pull, tilt = [_channel(table, tuning, own) for own in (at.LIFT, at.PULL, at.TILT)]
+    return lift, pull, tilt
 
 
-_WIND = (at.NORTH, at.EAST)
+def _channel(table: tuple[Size, ...], tuning: AdaptTuning, own: int) -> Channel:
+    along, drift = _ALONG[own], tuning.drift
+    calm = [tuning.calm_wind if k in _WIND and own == at.PULL else 1.0 for k in along]
+    steady = [table[k].mean - table[k].as_modelled for k in along]
+    sds = [table[k].sd for k in along]
+    a_minute = [table[k].per_minute * share for k, share in zip(along, calm, strict=True)]
+    form = tuning.ground_sd if own == at.LIFT else 0.0
+    n = len(along) + 2 + CELLS
+    mean, covariance, growth = np.zeros((2, n)), np.zeros((2, n, n)), np.zeros((2, n))
+    for k, (gain, sd, ground, near) in enumerate(
+        ((table[own].mean, table[own].sd, 0.0, tuning.left_sd[own]), (0.0, 0.0, form, tuning.map_sd[own]))
+    ):
+        cell = prior_covariance(near, of_wall=own != at.LIFT)
+        mean[k, : n - CELLS] = [*steady, gain, 0.0]
+        np.fill_diagonal(covariance[k], [*[s * s for s in sds], sd * sd, ground * ground, *[0.0] * CELLS])
+        covariance[k, n - CELLS :, n - CELLS :] = cell
+        moves = [*a_minute, drift * sd, drift * ground, *(drift * np.sqrt(np.diagonal(cell))).tolist()]
+        growth[k] = np.square(moves) / 60.0
+    variance = np.array([np.diagonal(c) for c in covariance])
+    return Channel(_AXES[own], along, own, mean, covariance, variance, growth)
 
 
-def initial(channel: Channel, odds: float) -> Judged:
-    """Before anything is seen; ``odds`` of the model against none."""
-    return Judged(channel.means, channel.covariances, math.log(odds), (0,) * len(channel.axes))
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """What flights that were saved with a model left of one channel: (2, 2 + CELLS) of its mean, from the gain on."""
+
+    mean: Array
+    log_odds: float
 
 
-def rows(channel: Channel, regressors: Array, around: Around, radius_m: float) -> list[Array]:
-    """What a state adds to each axis of the channel: shape (n,) each."""
-    weights = np.zeros(CELLS)
-    form = 0.0
+def initial(channel: Channel, kept: Kept | None, tuning: AdaptTuning) -> Judged:
+    """Before anything is seen in this flight."""
+    quiet = (0,) * len(channel.axes)
+    if kept is None:
+        return Judged(channel.mean, channel.covariance, math.log(tuning.odds), quiet)
+    mean, covariance = channel.mean.copy(), channel.covariance.copy()
+    mean[:, channel.gain :] = kept.mean
+    covariance[:, channel.gain :, channel.gain :] *= tuning.another_day**2
+    return Judged(mean, covariance, min(max(kept.log_odds, -tuning.most_log_odds), tuning.most_log_odds), quiet)
+
+
+def to_keep(channel: Channel, judged: Judged) -> Kept:
+    """What the next flight with the model begins with."""
+    return Kept(judged.mean[:, channel.gain :], judged.log_odds)
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """What a unit of every cell and of Cheeseman and Bennett's lift does with the fans where they are [N]."""
+
+    weights: Array
+    form: float
+    towards: tuple[float, float]
+    """The wall in body x and y."""
+
+
+def place_of(around: Around) -> Place:
+    """The fans' place on the map."""
+    weights, form = [0.0] * CELLS, 0.0
     for height, gap, thrust in zip(around.heights, around.gaps, around.free_lift_n, strict=True):
         form += thrust * cheeseman_bennett(height)
         for k, weight in cells(height, gap):
             weights[k] += weight * thrust
-    c, s = math.cos(around.bearing_rad), math.sin(around.bearing_rad)
-    along = {0: c, 1: s, 2: -1.0, 3: s * radius_m, 4: -c * radius_m}
+    return Place(np.array(weights), form, (math.cos(around.bearing_rad), math.sin(around.bearing_rad)))
+
+
+def rows(channel: Channel, regressors: Array, place: Place, radius_m: float) -> list[Array]:
+    """What a state adds to each axis of the channel: shape (n,) each."""
+    c, s = place.towards
+    along = (c, s, -1.0, s * radius_m, -c * radius_m)
     out = []
     for axis in channel.axes:
         row = np.empty(channel.gain + 2 + CELLS)
         row[: channel.gain] = regressors[axis, channel.along]
         row[channel.gain] = regressors[axis, channel.own]
-        row[channel.gain + 1] = -form if channel.own == at.LIFT else 0.0
-        row[channel.gain + 2 :] = along[axis] * weights
+        row[channel.gain + 1] = -place.form if channel.own == at.LIFT else 0.0
+        row[channel.gain + 2 :] = along[axis] * place.weights
         out.append(row)
     return out
 
@@ -127,76 +165,61 @@ def learn(
     channel: Channel, judged: Judged, seconds: float, seen: Sequence[tuple[float, Array, float]], tuning: AdaptTuning
 ) -> Judged:
     """One block on: (value, row, variance) of each axis of the channel; an axis that is not a number tells nothing."""
-    means, covariances = list(judged.means), [
-        _later(p, g, seconds, first)
-        for p, g, first in zip(judged.covariances, channel.growth, channel.covariances, strict=True)
-    ]  # fmt: skip
-    log_odds, surprised = judged.log_odds, []
+    # No variance grows beyond that before any flight.
+    covariance = judged.covariance.copy()
+    n = covariance.shape[1]
+    diagonal = covariance.reshape(2, -1)[:, :: n + 1]
+    diagonal += np.minimum(channel.growth_1_s * seconds, np.maximum(channel.variance - diagonal, 0.0))
+    mean, log_odds, surprised = judged.mean, judged.log_odds, []
+    sigmas, half_clip = tuning.robust_sigmas, tuning.robust_sigmas**2
     for (value, row, variance), before in zip(seen, judged.surprised, strict=True):
         if not math.isfinite(value) or not variance > 0.0:
             surprised.append(0)
             continue
-        likely, sides = [], []
-        for k in (0, 1):
-            means[k], covariances[k], off, log_likelihood = _updated(
-                means[k], covariances[k], value, row, variance, tuning.robust_sigmas
-            )
-            likely.append(log_likelihood)
-            sides.append(off)
+        shared = covariance @ row
+        spread = [s + variance for s in (shared @ row).tolist()]
+        innovation = [value - e for e in (mean @ row).tolist()]
+        off = [i / math.sqrt(s) for i, s in zip(innovation, spread, strict=True)]
+        weight = [min(1.0, sigmas / abs(z)) if z else 1.0 for z in off]
+        likely = [-0.5 * math.log(s) - min(0.5 * z * z, half_clip) for z, s in zip(off, spread, strict=True)]
         log_odds += tuning.evidence * (likely[0] - likely[1])
-        far = min(sides) > tuning.robust_sigmas or max(sides) < -tuning.robust_sigmas
-        side = 1 if sides[0] > 0.0 else -1
+        gain = np.array([w * i / s for w, i, s in zip(weight, innovation, spread, strict=True)])
+        # Joseph's form for the gain that the weight has made smaller.
+        less = np.array([(2.0 - w) * w / s for w, s in zip(weight, spread, strict=True)])
+        mean = mean + gain[:, None] * shared
+        covariance = covariance - (less[:, None] * shared)[:, :, None] * shared[:, None, :]
+        side = 1 if off[0] > 0.0 else -1
+        far = min(off) > sigmas or max(off) < -sigmas
         surprised.append((before + side if before * side > 0 else side) if far else 0)
-    gain = channel.gain
-    means[0][gain] = min(max(means[0][gain], 0.0), tuning.most)  # a fresh array: see _updated
+    if mean is not judged.mean:
+        mean[0, channel.gain] = min(max(float(mean[0, channel.gain]), 0.0), tuning.most)
+    if any(abs(count) >= tuning.surprised_blocks for count in surprised):
+        covariance = _opened(channel, covariance)
     log_odds = min(max(log_odds, -tuning.most_log_odds), tuning.most_log_odds)
-    if any(abs(n) >= tuning.surprised_blocks for n in surprised):
-        covariances = [_opened(p, first, gain) for p, first in zip(covariances, channel.covariances, strict=True)]
-    return Judged((means[0], means[1]), (covariances[0], covariances[1]), log_odds, tuple(surprised))
+    return Judged(mean, covariance, log_odds, tuple(surprised))
 
 
-def _later(covariance: Array, growth: Array, seconds: float, first: Array) -> Array:
-    """The covariance after some time; no variance beyond that before any flight."""
+def _opened(channel: Channel, covariance: Array) -> Array:
+    """Less sure of what is steady: a load, a gust front, something that shifts in a bay."""
     out = covariance.copy()
-    n = len(growth)
-    diagonal = out.reshape(-1)[:: n + 1]
-    diagonal += np.minimum(growth * seconds, np.maximum(first.reshape(-1)[:: n + 1] - diagonal, 0.0))
+    for k in range(channel.gain):
+        more = np.maximum(channel.variance[:, k] - out[:, k, k], 0.0)
+        out[:, k, k] += np.minimum(_OPENED * channel.variance[:, k], more)
     return out
 
 
-_OPENED = 0.1
-"""Of the prior's variance: what a block adds to that of steady things after a jump."""
-
-
-def _opened(covariance: Array, first: Array, steady: int) -> Array:
-    out = covariance.copy()
-    for k in range(steady):
-        out[k, k] += min(_OPENED * first[k, k], max(first[k, k] - out[k, k], 0.0))
-    return out
-
-
-def _updated(
-    mean: Array, covariance: Array, value: float, row: Array, variance: float, sigmas: float
-) -> tuple[Array, Array, float, float]:
-    """Mean and covariance after a value; how many standard deviations off it was, and its log likelihood before."""
-    shared = covariance @ row
-    spread = float(row @ shared) + variance
-    innovation = value - float(row @ mean)
-    off = innovation / math.sqrt(spread)
-    weight = min(1.0, sigmas / abs(off)) if off else 1.0
-    # Joseph's form for the weighted gain w shared / spread.
-    less = (2.0 - weight) * weight / spread
-    log_likelihood = -0.5 * math.log(spread) - 0.5 * min(off * off, 2.0 * sigmas * sigmas)
-    return (
-        mean + (weight * innovation / spread) * shared,
-        covariance - less * (shared[:, None] * shared),
-        off,
-        log_likelihood,
-    )
-
-
-def believed(channel: Channel, judged: Judged) -> tuple[float, float, Array]:
+def believed(channel: Channel, judged: Judged) -> tuple[float, float, list[float]]:
     """Gain on the model, the ground's lift in Cheeseman and Bennett's, and the map (CELLS,): both hypotheses' mean."""
     p, gain = judged.probability, channel.gain
-    mixed = p * judged.means[0] + (1.0 - p) * judged.means[1]
-    return float(mixed[gain]), float(mixed[gain + 1]), mixed[gain + 2 :]
+    mixed = (p * judged.mean[0] + (1.0 - p) * judged.mean[1]).tolist()
+    return mixed[gain], mixed[gain + 1], mixed[gain + 2 :]
+
+
+def ground_measured(channel: Channel, judged: Judged) -> tuple[float, float]:
+    """The ground's lift 1.6 radii above it, in Cheeseman and Bennett's, as measured without a model; and its sd."""
+    row = np.zeros(channel.mean.shape[1])
+    row[channel.gain + 1] = 1.0
+    for k, weight in cells(_LOW_RADII, math.inf):
+        row[channel.gain + 2 + k] = weight / cheeseman_bennett(_LOW_RADII)
+    variance = float(row @ judged.covariance[1] @ row)
+    return float(row @ judged.mean[1]), math.sqrt(max(variance, 0.0))

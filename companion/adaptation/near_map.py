@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.adaptation.parts import Around, split
+from companion.adaptation.parts import Around, about_cg
 from models.frames import Array
 from models.vehicle import Vehicle
 
@@ -40,13 +40,14 @@ def cheeseman_bennett(height_radii: float) -> float:
     return q / (1.0 - q)
 
 
-def cells(height_radii: float, gap_radii: float) -> tuple[tuple[int, float], ...]:
+def cells(height_radii: float, gap_radii: float) -> list[tuple[int, float]]:
     """Up to four cells around a place and their weights, which add up to 1."""
-    return tuple(
+    across = _between(gap_radii, GAPS, _LOG_GAPS)
+    return [
         (row * len(GAPS) + column, a * b)
         for row, a in _between(height_radii, HEIGHTS, _LOG_HEIGHTS)
-        for column, b in _between(gap_radii, GAPS, _LOG_GAPS)
-    )
+        for column, b in across
+    ]
 
 
 def _between(value: float, knots: Sequence[float], logs: Sequence[float]) -> tuple[tuple[int, float], ...]:
@@ -85,7 +86,9 @@ class NearField:
     tilt: tuple[float, ...]
 
     def at_fan(self, height_radii: float, gap_radii: float) -> tuple[float, float, float]:
-        """Lift, pull and tilt at one fan."""
+        """Lift, pull and tilt at one fan, as shares."""
+        if height_radii >= HEIGHTS[-1] and gap_radii >= GAPS[-1]:
+            return 0.0, 0.0, 0.0
         lift, pull, tilt = self.ground * cheeseman_bennett(height_radii), 0.0, 0.0
         for k, weight in cells(height_radii, gap_radii):
             lift += weight * self.lift[k]
@@ -95,18 +98,20 @@ class NearField:
 
     def pull_change_n(self, around: Around, further_radii: float) -> float:
         """How much less all fans are drawn to the wall further off [N]."""
-        places = zip(around.free_lift_n, around.heights, around.gaps, strict=True)
-        return sum([t * (self.at_fan(h, d)[1] - self.at_fan(h, d + further_radii)[1]) for t, h, d in places])
+        out = 0.0
+        for thrust, height, gap in zip(around.free_lift_n, around.heights, around.gaps, strict=True):
+            if gap < GAPS[-1]:
+                for sign, d in ((thrust, gap), (-thrust, gap + further_radii)):
+                    out += sign * sum([weight * self.pull[k] for k, weight in cells(height, d)])
+        return out
 
-    def wrenches(self, vehicle: Vehicle, around: Around) -> Array:
-        """(3, 6): lift, pull and tilt of all fans, body FRD about the CG."""
-        c, s = math.cos(around.bearing_rad), math.sin(around.bearing_rad)
+    def rows(self, vehicle: Vehicle, around: Around) -> list[list[float]]:
+        """Lift, pull and tilt (3, 6) of all fans, body FRD about the CG."""
         at_fans = []
         for thrust, height, gap in zip(around.free_lift_n, around.heights, around.gaps, strict=True):
-            lift, pull, tilt = [share * thrust for share in self.at_fan(height, gap)]
-            tilt *= vehicle.rotor_radius_m
-            at_fans.append((c * pull, s * pull, -lift, s * tilt, -c * tilt, 0.0))
-        return split(vehicle, np.array(at_fans))
+            lift, pull, tilt = self.at_fan(height, gap)
+            at_fans.append((pull * thrust, 0.0, lift * thrust, 0.0, tilt * thrust * vehicle.rotor_radius_m, 0.0))
+        return about_cg(vehicle, at_fans, around.bearing_rad)
 
 
 NOTHING = NearField(0.0, (0.0,) * CELLS, (0.0,) * CELLS, (0.0,) * CELLS)

@@ -34,6 +34,8 @@ class AdaptTuning:
     alike: float = 4.0
     """Variance of a block's noise over that of its differences: errors of neighbours are alike. Chosen such that the
     90 % intervals of simulated flights cover (docs/adaptation.md)."""
+    alike_near: float = 4.0
+    """The same for the map, which is wrong by what bilinear cells cannot follow, too."""
     noise_mean_s: float = 20.0
     """Over which the noise of an axis is averaged."""
     force_floor: float = 0.003
@@ -61,6 +63,8 @@ class AdaptTuning:
     """Cosine of 30 degrees: beyond, nobody hovers."""
     external_share: float = 0.40
     """Of the weight: more force than this that is not the rotors' is a hand or a surface."""
+    nothing: float = 0.05
+    """A smaller share of the model is none."""
     most: float = 1.5
     """Of the model's wrench, in any channel."""
     give_1_s: float = 0.25
@@ -81,9 +85,9 @@ class AdaptTuning:
     calm_wind: float = 0.25
     """Change of the wind in a minute while the pull is judged, of what it may change otherwise: a gust is a jump."""
     odds: float = 1.0
-    """Of a model against none before any flight."""
-    proven_odds: float = 9.0
-    """The same where sizes of earlier flights were saved with the model."""
+    """Of a model against none before any flight that was saved with it."""
+    another_day: float = 0.5
+    """Sd of a map, gain or ground's lift that was saved, of the prior's."""
     evidence: float = 0.5
     """Of a block's log likelihood: neighbours are alike."""
     most_log_odds: float = 4.0

@@ -1,15 +1,16 @@
-"""The modelled wrench in parts: one for each gain, what is left in free air, and one for each adopted effect."""
+"""The modelled wrench in parts: lift, pull and tilt of ground and wall, what is left in free air, adopted effects."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from models.frames import Array, at_cg
+from models.frames import Array, at_cg, corner_to_body
 from models.vehicle import Vehicle
-from models.vehicle_wrench import RPM_TO_RAD_S
 
 _LIFT = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 _PULL = (1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
@@ -30,21 +31,17 @@ class Around:
 
 @dataclass(frozen=True, slots=True)
 class Parts:
-    """Rows of wrenches about the CG, body FRD: ``now`` (3 + 1 + k, 6) for measuring, ``ahead`` (3 + k, 6) for offsets.
+    """What surrogate and adopted effects say at one instant, as they say it: it is worked on once a block."""
 
-    Rows of ``now``: lift, pull and tilt of ground and wall, all fans in free air, then each adopted effect that has a
-    size. ``ahead`` is without the free air, at the leads of the offsets.
-    """
-
-    now: Array
-    ahead: Array
-    fan_lift_n: Array
-    """(fans,): lift of every fan with what ground and wall add, for the vanes in its stream."""
+    at_fans: Array
+    """(2, fans, 6): with ground and wall, and in free air, corner frame."""
+    effects: Array
+    """(k, 6): of each adopted effect that has a size, body FRD about the CG."""
     tip_m_s: float
     """Mean speed of the blade tips."""
     vertical_n: float
-    """Sum of ``now``'s vertical forces, body FRD."""
-    around: Around | None = None
+    """Sum of all vertical forces, body FRD."""
+    around: Around
     """At the lead of thrust."""
 
 
@@ -57,20 +54,27 @@ def _maps(vehicle: Vehicle) -> Array:
     return out
 
 
-def split(vehicle: Vehicle, at_fans: Array) -> Array:
-    """(..., 3, 6): lift, pull and tilt about the CG of wrenches at the fans (..., fans, 6), body FRD."""
-    flat = at_fans.reshape(*at_fans.shape[:-2], -1)
-    return (flat @ _maps(vehicle)).reshape(*at_fans.shape[:-2], 3, 6)
+def rows_of(vehicle: Vehicle, at_fans: Array, effects: Array, bearing_rad: float) -> Array:
+    """(4 + k, 6), body FRD about the CG: lift, pull and tilt of ground and wall, free air, adopted effects.
+
+    ``at_fans`` and ``effects`` as in ``Parts``, or means of them.
+    """
+    near, free = corner_to_body(at_fans, bearing_rad)
+    both = (np.stack([near - free, free]).reshape(2, -1) @ _maps(vehicle)).reshape(2, 3, 6)
+    return np.concatenate([both[0], both[1].sum(axis=0, keepdims=True), effects])
 
 
-def parts_of(
-    vehicle: Vehicle, now: Array, ahead: Array, free: Array, effects: Array, fan_lift_n: Array, rpm: Array,
-    around: Around | None = None,
-) -> Parts:  # fmt: skip
-    """Parts of what ground and wall do at every fan (fans, 6), now and at the leads, of the fans in free air (fans, 6),
-    and of adopted effects (k, 6) about the CG; body FRD."""
-    both = split(vehicle, np.stack([now, ahead, free]))
-    rows = np.concatenate([both[0], both[2].sum(axis=0, keepdims=True), effects])
-    shared = np.concatenate([both[1], effects]) if len(effects) else both[1]
-    tip = float(rpm.mean()) * RPM_TO_RAD_S * vehicle.rotor_radius_m
-    return Parts(rows, shared, fan_lift_n, tip, float(rows[:, 2].sum()), around)
+def about_cg(vehicle: Vehicle, at_fans: Iterable[Sequence[float]], bearing_rad: float) -> list[list[float]]:
+    """Lift, pull and tilt (3, 6), body FRD about the CG, of wrenches at the fans (fans, 6), corner frame.
+
+    The same as the first rows of ``rows_of``, in plain floats.
+    """
+    c, s = math.cos(bearing_rad), math.sin(bearing_rad)
+    lz = lx = ly = px = py = pmx = pmy = pmz = tx = ty = tz = 0.0
+    for fan, (x, y, lift, roll, pitch, yaw) in zip(vehicle.fans, at_fans, strict=True):
+        ax, ay, az = fan.position_m
+        north, east = c * x + s * y, s * x - c * y
+        lz, lx, ly = lz - lift, lx - ay * lift, ly + ax * lift
+        px, py, pmx, pmy, pmz = px + north, py + east, pmx - az * east, pmy + az * north, pmz + ax * east - ay * north
+        tx, ty, tz = tx + c * roll + s * pitch, ty + s * roll - c * pitch, tz - yaw
+    return [[0.0, 0.0, lz, lx, ly, 0.0], [px, py, 0.0, pmx, pmy, pmz], [0.0, 0.0, 0.0, tx, ty, tz]]

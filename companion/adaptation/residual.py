@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from companion.adaptation import sizes as at
-from companion.adaptation.parts import Parts
+from companion.adaptation.parts import Parts, rows_of
 from companion.mavlink.samples import Imu, Vector3
 from models.frames import Array, wrench_of_motion
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
@@ -42,8 +42,9 @@ class Block:
     rates: Vector3
     velocity: Vector3
     vanes: tuple[float, ...]
-    parts: Array | None
-    fan_lift: Array | None
+    at_fans: Array | None
+    """Of ``Parts``: (2, fans, 6)."""
+    effects: Array | None
     tip_m_s: float
 
 
@@ -84,8 +85,8 @@ def add(block: Block, imu: Imu, parts: Parts, velocity: Vector3, vanes: tuple[fl
         (sp + p, sq + q, sr + r),
         (vn + n, ve + e, vd + d),
         vanes if not block.vanes else tuple(x + y for x, y in zip(block.vanes, vanes, strict=True)),
-        parts.now if block.parts is None else block.parts + parts.now,
-        parts.fan_lift_n if block.fan_lift is None else block.fan_lift + parts.fan_lift_n,
+        parts.at_fans if block.at_fans is None else block.at_fans + parts.at_fans,
+        parts.effects if block.effects is None or not len(parts.effects) else block.effects + parts.effects,
         block.tip_m_s + parts.tip_m_s,
     )
 
@@ -101,17 +102,22 @@ class Seen:
     """Free-air lift of all fans."""
 
 
-def see(block: Block, vehicle: Vehicle, rotation: Array, sizes: int, wind_ne: tuple[float, float] = (0.0, 0.0)) -> Seen:
-    """The residual of a full block. ``rotation`` FRD -> NED at its end; ``wind_ne`` as believed [m/s]."""
-    assert block.parts is not None
-    assert block.fan_lift is not None
+def see(
+    block: Block, vehicle: Vehicle, rotation: Array, bearing_rad: float, sizes: int,
+    wind_ne: tuple[float, float] = (0.0, 0.0),
+) -> Seen:  # fmt: skip
+    """The residual of a full block. ``rotation`` FRD -> NED and the wall's bearing at its end; ``wind_ne`` as believed
+    [m/s]."""
+    assert block.at_fans is not None
+    assert block.effects is not None
     share = 1.0 / block.samples
-    parts = block.parts * share
+    at_fans = block.at_fans * share
+    parts = rows_of(vehicle, at_fans, block.effects * share, bearing_rad)
     wrench = measured(block, vehicle)
     modelled = parts.sum(axis=0)[:AXES]
     if vehicle.vanes:
         modelled = modelled + vanes_wrench(
-            vehicle, [v * share for v in block.vanes], (block.fan_lift * share).tolist()
+            vehicle, [v * share for v in block.vanes], at_fans[0, :, 2].tolist()
         )[:AXES]  # fmt: skip
     velocity = (np.array(block.velocity) * share) @ rotation
     if not vehicle.vanes and float(np.abs(parts[3, 3:AXES]).sum()) < _EQUAL * vehicle.mass_kg:

@@ -23,11 +23,11 @@ LIFT, PULL, TILT, THRUST, NORTH, EAST, CG_X, CG_Y, DRAG, DRAG_ARM, INFLOW = rang
 FIRST_EFFECT = 11
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Size:
     """One named size: the value at which everything is as modelled, its prior, how fast it may change, its bounds.
 
-    ``per_minute``: standard deviation of its change within a minute.
+    ``per_minute``: standard deviation of its change within a minute. A table of them is told from another by identity.
     """
 
     name: str

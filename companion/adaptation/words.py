@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from companion.adaptation.adapt import Adaptation
-from companion.adaptation.sizes import channels
+from companion.adaptation.judge import ground_measured
+from companion.adaptation.sizes import GAINS, LIFT, channels
 
 NAMED = (
     ("ad_gnd", "ground_lift"),
@@ -18,6 +19,8 @@ NAMED = (
 """NAMED_VALUE_FLOAT and the size it tells."""
 _TELL, _SURE = 0.25, 2.0
 """A share that moved by so much is told anew, once the size is so many standard deviations from the model's."""
+_CONTRADICTED = 0.5
+"""Probability of the model in a channel, below which the pilot reads that it is contradicted."""
 
 
 def named_values(known: Adaptation) -> Iterator[tuple[str, float]]:
@@ -29,17 +32,32 @@ def named_values(known: Adaptation) -> Iterator[tuple[str, float]]:
 
 def sentences(known: Adaptation, told: dict[str, float]) -> Iterator[tuple[str, float, str]]:
     """(size, share, sentence) of every channel whose share has left what was last ``told`` of it."""
-    for k, share, learned in zip(channels(known.table), known.shares, known.learned, strict=True):
+    for n, (k, share, learned) in enumerate(zip(channels(known.table), known.shares, known.learned, strict=True)):
         size = known.table[k]
         before = told.get(size.name, 1.0)
         ended = share == 0.0 < before
         if not learned or (abs(share - before) < _TELL and not ended):
             continue
         value, sd = size.as_modelled + float(known.sizes.offset[k]), known.sizes.sd(k)
+        if n < len(GAINS) and known.judged[n].probability < _CONTRADICTED:
+            yield size.name, share, contradicted(size.name, value, known)
+            continue
         back = abs(share - 1.0) < _TELL
         if not back and abs(value - 1.0) < _SURE * sd:
             continue
         yield size.name, share, sentence(size.name, value, share)
+
+
+def contradicted(name: str, value: float, known: Adaptation) -> str:
+    """``ground lift: model contradicted (0.1); measured as 0.8 of Cheeseman-Bennett``."""
+    what = f"{name.replace('_', ' ')}: model contradicted ({value:.1f})"
+    if known.applied.gate:
+        return f"{what}; never more of it than is measured"
+    if name == GAINS[LIFT]:
+        ground, sd = ground_measured(known.channels[LIFT], known.judged[LIFT])
+        if abs(ground) > _SURE * sd:
+            return f"{what}; measured as {ground:.1f} of Cheeseman-Bennett"
+    return f"{what}; compensating what is measured"
 
 
 def sentence(name: str, value: float, share: float) -> str:

@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from companion.adaptation.apply import Applied
-from companion.adaptation.parts import Around, Parts, parts_of
+from companion.adaptation.parts import Around, Parts, about_cg
 from companion.adaptation.sizes import effects_with_size
 from companion.config import PipelineConfig, Tuning
 from companion.estimation.air_state import air_state
@@ -17,13 +17,14 @@ from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, f
 from models.air_state import AirState
 from models.effects import Context, adopted_wrench, corrected_state
 from models.evolve import replace
-from models.frames import Array, Rows, corner_to_body
+from models.frames import Array, Rows
 from models.surrogate.fan_surrogate import AdoptedEffect, Answer, FanSurrogate
 from models.vehicle import Vehicle
-from models.vehicle_wrench import fan_rpm
+from models.vehicle_wrench import RPM_TO_RAD_S, fan_rpm
 
 _STIFFNESS_STEP_M = 0.02
 """Step of the difference quotient of a wall's pull: above the noise of a surrogate, below its e-fold of 0.1 m."""
+_NO_EFFECTS = np.zeros((0, 6))
 _SURE_SIGMA_M, _UNSURE_SIGMA_M = 0.05, 0.10
 """A distance this sure is believed in full; this unsure not at all: half of what the effects reach."""
 
@@ -73,19 +74,21 @@ def modelled_disturbance(
         adopted = adopted_disturbance(model, moved, vehicle, tuning, damping_1_s)
     answer = _asked(model, soon, later, wall.seen is Seen.SURFACE)
     free = model.free_air_now(rpm.tolist())
-    total = _about_cg(vehicle, answer.wrench[0].tolist(), answer.wrench[1].tolist(), free, later.wall_bearing_rad)
+    ahead, now = answer.wrench[0].tolist(), answer.wrench[1].tolist()
+    total = _about_cg(vehicle, ahead, now, free, later.wall_bearing_rad)
     wrench = np.array(total) if adopted is None else np.array(total) + adopted
     parts = None
     if applied is not None:
-        effects = _adopted_parts(config, moved, damping_1_s) if model.effects else np.zeros((0, 6))
-        parts = _parts(vehicle, answer.wrench, np.array(free), soon, effects)
-        wrench += applied.change(vehicle, parts)
+        effects = _adopted_parts(config, moved, damping_1_s) if model.effects else _NO_EFFECTS
+        parts = _parts(vehicle, now, free, soon, effects)
+        modelled = about_cg(vehicle, _above_free(ahead, now, free), later.wall_bearing_rad)
+        wrench += applied.change(vehicle, modelled, parts.around, effects)
     if vehicle.vanes:
         wrench[:3] += trim_reaction(vehicle) @ wrench[3:]
     gain = tuning.gain
     if wall.seen is Seen.SURFACE:
         change = float(answer.wrench[1, :, 0].sum() - answer.wrench[2, :, 0].sum())
-        if applied is not None and parts is not None and parts.around is not None:
+        if applied is not None and parts is not None:
             change *= applied.shares[1]
             if not applied.gate:
                 change += applied.near.pull_change_n(parts.around, _STIFFNESS_STEP_M / vehicle.rotor_radius_m)
@@ -137,16 +140,35 @@ def _about_cg(vehicle: Vehicle, soon: Wrenches, later: Wrenches, free: Wrenches,
     return [fx, fy, fz, mx, my, mz]
 
 
-def _parts(vehicle: Vehicle, rows: Array, free: Array, soon: FanQuery, effects: Array) -> Parts:
-    """The same wrench in parts, at this instant and at the leads; ``rows`` as queried (2 or 3, fans, 6)."""
-    bearing, radius = soon.wall_bearing_rad, vehicle.rotor_radius_m
+def _above_free(soon: Wrenches, later: Wrenches, free: Wrenches) -> Wrenches:
+    """(fans, 6), corner frame: what the surroundings add to free air, the lift of ``soon``, all else of ``later``."""
+    return [
+        [
+            second[0] - alone[0],
+            second[1] - alone[1],
+            first[2] - alone[2],
+            second[3] - alone[3],
+            second[4] - alone[4],
+            second[5] - alone[5],
+        ]
+        for first, second, alone in zip(soon, later, free, strict=True)
+    ]
+
+
+def _parts(vehicle: Vehicle, now: Wrenches, free: Wrenches, soon: FanQuery, effects: Array) -> Parts:
+    """What adaptation measures by: all but the lift is at the tilt's lead, which is near enough to this instant."""
+    radius, rpm = vehicle.rotor_radius_m, soon.rpm.tolist()
     around = Around(
-        tuple((soon.h_m / radius).tolist()), tuple((soon.d_m / radius).tolist()), tuple(free[:, 2].tolist()), bearing
+        tuple([h / radius for h in soon.h_m.tolist()]),
+        tuple([d / radius for d in soon.d_m.tolist()]),
+        tuple([alone[2] for alone in free]),
+        soon.wall_bearing_rad,
     )
-    now = corner_to_body(rows[1] - free, bearing)
-    ahead = now.copy()
-    ahead[:, 2] = free[:, 2] - rows[0, :, 2]  # all but the lift is at the tilt's lead already
-    return parts_of(vehicle, now, ahead, corner_to_body(free, bearing), effects, rows[1, :, 2].copy(), soon.rpm, around)
+    vertical = -sum([fan[2] for fan in now])
+    if len(effects):
+        vertical += float(effects[:, 2].sum())
+    tip = sum(rpm) / len(rpm) * RPM_TO_RAD_S * radius
+    return Parts(np.array([now, free]), effects, tip, vertical, around)
 
 
 def _adopted_parts(config: PipelineConfig, state: AirState, damping_1_s: float) -> Array:

@@ -1,14 +1,28 @@
-"""What is believed becomes a share of the model: less where little is known, bounded, slow."""
+"""What is believed becomes a share of the model and something measured beside: bounded, slow, and in gate only less."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
-from companion.adaptation.apply import share_of, towards, wanted_shares
-from companion.adaptation.options import Adapt, AdaptTuning
+from companion.adaptation.apply import Applied, share_of, towards
+from companion.adaptation.near_map import CELLS, NOTHING, NearField
+from companion.adaptation.options import AdaptTuning
+from companion.adaptation.parts import Around
 from companion.adaptation.words import sentence
+from companion.vehicles import default_vehicle
 
 TUNING = AdaptTuning()
+TANDEM = default_vehicle()
+AROUND = Around((1.3, 1.4), (0.7, 0.8), (22.0, 23.0), 1.2)
+AHEAD = [
+    [0.0, 0.0, -3.0, 0.1, 0.2, 0.0],
+    [0.2, 1.0, 0.0, 0.01, 0.02, 0.0],
+    [0.0, 0.0, 0.0, 0.3, -0.1, 0.0],
+]
+NO_EFFECTS = np.zeros((0, 6))
 
 
 def test_a_sure_size_is_compensated_as_it_is_and_an_unsure_one_less():
@@ -18,33 +32,64 @@ def test_a_sure_size_is_compensated_as_it_is_and_an_unsure_one_less():
     assert shares == sorted(shares, reverse=True)
 
 
-def test_a_contradicted_model_is_not_compensated_at_all():
+def test_a_contradicted_effect_is_not_compensated_at_all():
     assert share_of(-0.9, 0.1, 1.5, 0.5) == 0.0
     assert share_of(0.0, 0.1, 1.5, 0.5) == 0.0
     assert share_of(0.2, 0.03, 1.5, 0.5) < 0.05
     assert share_of(9.0, 0.0, 1.5, 0.0) == 1.5
 
 
-@pytest.mark.parametrize("adapt", [Adapt.GATE, Adapt.FULL])
-def test_without_evidence_nothing_changes(adapt):
-    assert wanted_shares(adapt, (0.4, 1.3), (0.3, 0.3), (False, False), TUNING) == (1.0, 1.0)
+def change(applied: Applied) -> list[float]:
+    return applied.change(TANDEM, AHEAD, AROUND, NO_EFFECTS)
 
 
-def test_gate_only_takes_away():
-    values, sds, seen = (0.8, 1.3), (0.02, 0.02), (True, True)
-    gate = wanted_shares(Adapt.GATE, values, sds, seen, TUNING)
-    full = wanted_shares(Adapt.FULL, values, sds, seen, TUNING)
-    assert gate[0] == full[0] < 1.0
-    assert gate[1] == 1.0 < full[1] <= TUNING.most
+def near(size: float) -> NearField:
+    return NearField(size, (0.3 * size,) * CELLS, (0.1 * size,) * CELLS, (0.2 * size,) * CELLS)
 
 
-def test_shares_grow_slowly_and_fade_like_other_offsets():
-    shares, seconds = (0.0,), 0.0
-    while shares[0] < 1.0:
-        shares, seconds = towards(shares, (1.0,), 0.2, TUNING), seconds + 0.2
+def test_as_modelled_changes_nothing_and_shares_scale_each_part():
+    assert change(Applied((1.0, 1.0, 1.0))) == [0.0] * 6
+    halved = np.array(change(Applied((0.5, 1.0, 0.0))))
+    assert halved == pytest.approx(-0.5 * np.array(AHEAD[0]) - np.array(AHEAD[2]))
+
+
+def test_what_is_measured_comes_beside_the_model():
+    rows = np.array(near(0.5).rows(TANDEM, AROUND))
+    assert rows[0, 2] < 0.0  # lift is negative down
+    assert rows[1] @ np.array(AHEAD[1]) > 0.0 or rows[1, :2].any()
+    assert change(Applied((1.0, 1.0, 1.0), near(0.5))) == pytest.approx(rows.sum(axis=0))
+
+
+@pytest.mark.parametrize("size", [-2.0, -0.3, 0.0, 0.2, 3.0])
+@pytest.mark.parametrize("share", [0.0, 0.6, 1.3])
+def test_gate_only_takes_away(size, share):
+    """In every part what remains of the model is between nothing and all of it, whatever was measured beside."""
+    for part in range(3):
+        alone = [row if k == part else [0.0] * 6 for k, row in enumerate(AHEAD)]
+        applied = Applied((share, share, share), near(size), gate=True)
+        less = np.array(applied.change(TANDEM, alone, AROUND, NO_EFFECTS))
+        kept = 1.0 + less @ np.array(AHEAD[part]) / np.dot(AHEAD[part], AHEAD[part])
+        assert -1e-9 <= kept <= 1.0 + 1e-9
+        assert less == pytest.approx((kept - 1.0) * np.array(AHEAD[part]))
+
+
+def test_an_adopted_effect_follows_its_own_share():
+    effects = np.arange(6.0).reshape(1, 6)
+    applied = Applied((1.0, 1.0, 1.0, 0.25))
+    assert applied.change(TANDEM, AHEAD, AROUND, effects) == pytest.approx(-0.75 * effects[0])
+
+
+def test_shares_and_what_is_measured_grow_slowly_and_shares_fade_like_other_offsets():
+    now, wanted, seconds = Applied((0.0,) * 3), Applied((1.0,) * 3, near(1.0)), 0.0
+    while now.shares[0] < 1.0:
+        now, seconds = towards(now, wanted, 0.2, TUNING), seconds + 0.2
     assert seconds == pytest.approx(4.0)
-    assert towards((1.0,), (0.0,), 0.2, TUNING)[0] == pytest.approx(0.8)
-    assert towards((0.5,), (0.52,), 0.2, TUNING) == (0.52,)
+    assert now.near.lift[0] == pytest.approx(4.0 * TUNING.map_1_s)
+    assert now.near.ground == pytest.approx(4.0 * TUNING.give_1_s)
+    faded = towards(Applied((1.0,) * 3), replace(wanted, shares=(0.0,) * 3, near=NOTHING), 0.2, TUNING)
+    assert faded.shares[0] == pytest.approx(0.8)
+    close = towards(Applied((0.5,) * 3), Applied((0.52,) * 3), 0.2, TUNING)
+    assert close.shares == (0.52,) * 3
 
 
 def test_the_pilot_reads_which_effect_and_what_is_done():

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import math
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -12,11 +14,12 @@ import pytest
 from adapt_flights import Watch, fly
 from adapt_models import TrueModel, WarpedModel
 from simflight import sent_and_decided
-from test_adapt_bad_input import VEHICLE, low_hover
+from test_adapt_bad_input import LOW_M, VEHICLE, low_hover
 
 import models
 from companion.adaptation import adapt
-from companion.adaptation.apply import towards
+from companion.adaptation.apply import Applied, towards
+from companion.adaptation.near_map import CELLS, NearField
 from companion.adaptation.options import Adapt, AdaptTuning
 from companion.adaptation.sizes import DRAG, THRUST, Sizes, channels
 from companion.adaptation.words import named_values, sentences
@@ -24,7 +27,7 @@ from companion.config import HoldGains, PipelineConfig, Tuning
 from companion.control import disturbance as push
 from companion.page.snapshot import snapshot
 from companion.pipeline import initial_state
-from companion.sim.air import NOMINAL
+from companion.sim.air import NOMINAL, increments
 from companion.telemetry.status import StatusReporter
 from models.effects import adopted
 
@@ -44,29 +47,54 @@ def last(watch: Watch, name: str) -> tuple[float, float]:
     return told.value, told.sd
 
 
+HEIGHT_RADII = LOW_M / VEHICLE.rotor_radius_m
+
+
+def lift_of_the_air() -> float:
+    """At the lowest height, as a share of the thrust."""
+    return increments(NOMINAL, HEIGHT_RADII, math.inf).z
+
+
+def lift_compensated(known: adapt.Adaptation, gain: float) -> float:
+    """The same, of what offsets follow, with a model that says ``gain`` times the truth."""
+    lift, _, _ = known.applied.near.at_fan(HEIGHT_RADII, math.inf)
+    return known.shares[0] * gain * lift_of_the_air() + lift
+
+
 def test_a_right_model_is_found_right_and_stays_as_it_is():
     value, sd = last(flown("right", Adapt.FULL), "ground_lift")
     assert abs(value - 1.0) < 3.0 * sd
     assert sd < 0.2
-    assert flown("right", Adapt.FULL).seen[-1][1].shares[0] > 0.85
+    known = flown("right", Adapt.FULL).seen[-1][1]
+    assert known.judged[0].probability > 0.75
+    assert lift_compensated(known, 1.0) == pytest.approx(lift_of_the_air(), rel=0.1)
 
 
 def test_a_model_that_is_too_strong_is_measured_and_reduced():
     value, sd = last(flown("1.6", Adapt.GATE), "ground_lift")
     assert abs(value - 1.0 / 1.6) < 3.0 * sd
-    assert flown("1.6", Adapt.GATE).seen[-1][1].shares[0] < 0.75
+    assert lift_compensated(flown("1.6", Adapt.FULL).seen[-1][1], 1.6) == pytest.approx(lift_of_the_air(), rel=0.15)
 
 
-def test_a_model_of_the_wrong_sign_is_not_compensated_and_the_pilot_reads_so():
+def test_with_a_model_of_the_wrong_sign_what_is_measured_is_compensated_and_the_pilot_reads_so():
     watch = flown("-1.0", Adapt.FULL)
     known = watch.seen[-1][1]
     assert known.told()["ground_lift"].value < -0.4
     assert known.shares[0] == 0.0
     (name, share, text), *_ = sentences(known, {})
     assert (name, share) == ("ground_lift", 0.0)
-    assert text.startswith("ground lift measured -")
-    assert text.endswith("of the model's: not compensating it")
+    assert re.fullmatch(r"ground lift: model contradicted \(-\d\.\d\); measured as \d\.\d of Cheeseman-Bennett", text)
     assert not list(sentences(known, {"ground_lift": 0.0}))
+    assert lift_compensated(known, -1.0) == pytest.approx(lift_of_the_air(), rel=0.2)
+
+
+def test_in_gate_a_model_of_the_wrong_sign_is_not_compensated_and_nothing_takes_its_place():
+    watch = flown("-1.0", Adapt.GATE)
+    known = watch.seen[-1][1]
+    disturbance = watch.decisions[-1].disturbance
+    assert known.shares[0] == 0.0
+    assert disturbance is not None
+    assert abs(disturbance.wrench[2]) < 0.02 * abs(disturbance.free_lift_n) * lift_of_the_air()
 
 
 def test_what_is_applied_does_not_change_what_is_measured():
@@ -77,14 +105,20 @@ def test_what_is_applied_does_not_change_what_is_measured():
 
 
 def test_only_the_three_gains_and_adopted_effects_change_an_offset():
-    """Thrust scale, wind, centre of gravity and drag are told, not used: the integrators hold them already."""
+    """Thrust scale, wind, centre of gravity and drag are told, not used: the integrators hold them already. What is
+    estimated along with a channel is not either."""
     config = PipelineConfig(VEHICLE, models.load(), adapt=Adapt.FULL)
     known = adapt.initial(config)
     assert known is not None
     assert channels(known.table) == (0, 1, 2)
     moved = known.sizes.offset.copy()
     moved[THRUST : DRAG + 1] += 0.2
-    other = replace(known, sizes=Sizes(moved, known.sizes.covariance), learned=(True,) * 3)
+    beside = []
+    for channel, judged in zip(known.channels, known.judged, strict=True):
+        mean = judged.mean.copy()
+        mean[:, : channel.gain] += 0.2
+        beside.append(replace(judged, mean=mean))
+    other = replace(known, sizes=Sizes(moved, known.sizes.covariance), judged=tuple(beside), learned=(True,) * 3)
     same = replace(known, learned=(True,) * 3)
     assert adapt._wanted(other, config) == adapt._wanted(same, config)
     with_ceiling = models.load().with_effects((adopted("ceiling", {"gain": 1.0, "scale": 1.0}),))
@@ -97,7 +131,11 @@ def test_a_share_grows_slower_than_the_holds_integrators_answer():
     tuning, gains = AdaptTuning(), HoldGains()
     integrators = (gains.velocity_1_s / gains.integral_1_s2, gains.climb_1_s / gains.climb_integral_1_s2)
     assert 1.0 / tuning.give_1_s > 1.5 * max(integrators)
-    assert towards((0.0,), (1.5,), tuning.block_s, tuning)[0] <= tuning.block_s / (1.5 * max(integrators))
+    all_at_once = Applied((1.5,) * 3, NearField(3.0, *((0.1,) * CELLS,) * 3))
+    grown = towards(Applied((0.0,) * 3), all_at_once, tuning.block_s, tuning)
+    slowest = tuning.block_s / (1.5 * max(integrators))
+    assert max(*grown.shares, grown.near.ground) <= slowest
+    assert grown.near.lift[0] / 0.1 <= slowest  # of the largest lift that the simulated ground gives
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0, 1.5])
@@ -154,4 +192,4 @@ def test_the_pilot_is_told_once_of_each_change():
         told += [text for _, text in reporter.messages(initial_state(config), decision) if text]
     about = [text for text in told if "ground lift" in text]
     assert 1 <= len(about) <= 4
-    assert about[-1].endswith("not compensating it")
+    assert about[-1].endswith("of Cheeseman-Bennett")

@@ -12,15 +12,15 @@ import models
 from companion.adaptation import residual
 from companion.adaptation import sizes as at
 from companion.adaptation.options import AdaptTuning
-from companion.adaptation.parts import Parts, parts_of
+from companion.adaptation.parts import Around, Parts, about_cg, rows_of
 from companion.adaptation.residual import Block, add, begin, deflections, follow, see, vanes_wrench
 from companion.mavlink.samples import Imu
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
 from models.effects import Context, get
-from models.frames import corner_to_body, measured_wrench, quaternion_from_euler, rotation_from_quaternion
+from models.frames import measured_wrench, quaternion_from_euler, rotation_from_quaternion
 from models.vehicle import Vehicle, load_vehicle
-from models.vehicle_wrench import modelled_wrench, vane_wrench
+from models.vehicle_wrench import RPM_TO_RAD_S, modelled_wrench, vane_wrench
 
 RNG = np.random.default_rng(11)
 TANDEM = default_vehicle()
@@ -31,8 +31,15 @@ SIZES = at.FIRST_EFFECT
 def parts_at(vehicle: Vehicle, model: object, h: np.ndarray, d: np.ndarray, rpm: np.ndarray, bearing: float) -> Parts:
     near = model.query(h, d, rpm).wrench  # type: ignore[attr-defined]
     free = model.query(np.full_like(h, np.inf), np.full_like(d, np.inf), rpm).wrench  # type: ignore[attr-defined]
-    now, far = corner_to_body(near - free, bearing), corner_to_body(free, bearing)
-    return parts_of(vehicle, now, now, far, np.zeros((0, 6)), near[:, 2], rpm)
+    radius = vehicle.rotor_radius_m
+    around = Around(tuple(h / radius), tuple(d / radius), tuple(free[:, 2]), bearing)
+    return Parts(
+        np.array([near, free]),
+        np.zeros((0, 6)),
+        float(rpm.mean()) * RPM_TO_RAD_S * radius,
+        float(-near[:, 2].sum()),
+        around,
+    )
 
 
 def block_of(parts: Parts, velocity: np.ndarray, vanes: tuple[float, ...] = ()) -> Block:
@@ -40,7 +47,7 @@ def block_of(parts: Parts, velocity: np.ndarray, vanes: tuple[float, ...] = ()) 
     force, rates = RNG.normal(size=3), RNG.normal(size=3)
     return Block(
         0.0, 0.2, (*force, *(rates + 0.1)), tuple(rates - 0.1), 1, tuple(force), tuple(rates), tuple(velocity), vanes,
-        parts.now, parts.fan_lift_n, parts.tip_m_s,
+        parts.at_fans, parts.effects, parts.tip_m_s,
     )  # type: ignore[arg-type]  # fmt: skip
 
 
@@ -60,10 +67,14 @@ def moment() -> tuple[Parts, np.ndarray, np.ndarray, Block, Context]:
     return parts, rotation, velocity, block, Context(state, TANDEM, model)
 
 
+def bearing_of(ctx: Context) -> float:
+    return float(ctx.state.wall_bearing_rad)
+
+
 def test_modelled_and_measured_are_those_of_diagnosis():
     for _ in range(5):
         _, rotation, _, block, ctx = moment()
-        seen = see(block, TANDEM, rotation, SIZES)
+        seen = see(block, TANDEM, rotation, bearing_of(ctx), SIZES)
         assert np.allclose(seen.modelled, modelled_wrench(TANDEM, ctx.model, ctx.state)[:5], atol=1e-9)  # type: ignore[arg-type]
         told = measured_wrench(
             block.force, block.rates, np.full(3, 1.0), TANDEM.mass_kg, TANDEM.inertia_kgm2
@@ -97,14 +108,14 @@ def test_every_common_size_acts_as_the_catalogue_says(column, effect, shape, pla
     # Beside a wall a modelled lift differs from the declared one, by which the catalogue goes.
     free = models.load().query(np.full(2, np.inf), np.full(2, np.inf), ctx.rpm).wrench[:, 2]
     assert np.allclose(ctx.thrust, free)
-    ours = see(block, TANDEM, rotation, SIZES).regressors[:, column]
+    ours = see(block, TANDEM, rotation, bearing_of(ctx), SIZES).regressors[:, column]
     theirs = get(effect).regressors(ctx, shape)[:5, place]
     assert ours == pytest.approx(theirs, rel=0.02, abs=0.02 * np.abs(theirs).max() + 1e-9)
 
 
 def test_drag_above_is_the_arm_of_the_drag():
     _, rotation, _, block, ctx = moment()
-    rows = see(block, TANDEM, rotation, SIZES).regressors
+    rows = see(block, TANDEM, rotation, bearing_of(ctx), SIZES).regressors
     at_half = get("rotor_drag").regressors(ctx, (0.5,))[:5, 0]
     assert rows[:, at.DRAG] + 0.5 * rows[:, at.DRAG_ARM] == pytest.approx(at_half, rel=0.02, abs=1e-3)
 
@@ -112,8 +123,11 @@ def test_drag_above_is_the_arm_of_the_drag():
 def test_the_parts_add_up_to_the_whole():
     parts, _, _, _, ctx = moment()
     whole = modelled_wrench(TANDEM, ctx.model, replace(ctx.state, servo_us=np.full(16, 1500.0)))  # type: ignore[arg-type]
-    assert np.allclose(parts.now.sum(axis=0), whole, atol=1e-9)
-    lift, pull, tilt = parts.now[:3]
+    rows = rows_of(TANDEM, parts.at_fans, parts.effects, bearing_of(ctx))
+    assert np.allclose(rows.sum(axis=0), whole, atol=1e-9)
+    lift, pull, tilt = rows[:3]
+    at_fans = (parts.at_fans[0] - parts.at_fans[1]).tolist()
+    assert np.allclose(about_cg(TANDEM, at_fans, bearing_of(ctx)), rows[:3], atol=1e-12)
     assert lift[0] == lift[1] == 0.0
     assert pull[2] == 0.0
     assert not tilt[:3].any()
@@ -123,7 +137,7 @@ def test_the_parts_add_up_to_the_whole():
 def test_a_quadrotors_moments_are_seen_unless_its_outputs_are_copies_of_one_number(apart):
     model, rpm = models.load(), 5000.0 + apart * np.array([1.0, -1.0, 0.5, -0.7])
     parts = parts_at(QUAD, model, np.full(4, 0.3), np.full(4, 0.4), rpm, 0.3)
-    seen = see(block_of(parts, np.zeros(3)), QUAD, np.eye(3), SIZES)
+    seen = see(block_of(parts, np.zeros(3)), QUAD, np.eye(3), 0.3, SIZES)
     assert np.isfinite(seen.residual[:3]).all()
     assert np.isfinite(seen.residual[3:]).all() == (apart > 0.0)
 
@@ -133,7 +147,7 @@ def imu(t: float, f: tuple[float, float, float], w: tuple[float, float, float] =
 
 
 def test_the_lag_delays_a_ramp_by_what_it_says():
-    parts = Parts(np.zeros((4, 6)), np.zeros((3, 6)), np.full(2, 20.0), 70.0, 0.0)
+    parts = Parts(np.zeros((2, 2, 6)), np.zeros((0, 6)), 70.0, 0.0, Around((9.0,) * 2, (9.0,) * 2, (20.0,) * 2))
     lag = AdaptTuning().imu_lag_s
     block = begin(imu(0.0, (0.0, 0.0, 0.0)))
     for k in range(1, 101):
