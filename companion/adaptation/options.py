@@ -31,7 +31,7 @@ class AdaptTuning:
     """The accelerometer is delayed by this, which is how late rotor speeds are (``Tuning.rotor_delay_s``)."""
     lag_doubt_s: float = 0.03
     """What may be left of that: a modelled wrench that changes quickly is trusted less."""
-    alike: float = 4.0
+    alike: float = 2.0
     """Variance of a block's noise over that of its differences: errors of neighbours are alike. Chosen such that the
     90 % intervals of simulated flights cover (docs/adaptation.md)."""
     alike_near: float = 4.0

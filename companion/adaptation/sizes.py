@@ -89,14 +89,15 @@ def size_table(vehicle: Vehicle, model: FanSurrogate, tuning: AdaptTuning) -> tu
     # Outputs tell less of the thrust than speeds do: a battery sags within minutes.
     scale, sags = (0.15, 0.02) if vehicle.telemetered else (0.06, 0.1)
     # A duct turns all of the stream it takes in, an open rotor a part of it.
-    drag = 0.7 if vehicle.fans[0].lip_radius_m > 1.1 * vehicle.rotor_radius_m else 0.3
+    ducted = vehicle.fans[0].lip_radius_m > 1.1 * vehicle.rotor_radius_m
+    drag, drag_sd = (1.0, 0.15) if ducted else (0.3, 0.5)
     table += [
         Size("thrust_scale", "1", 1.0, 1.0, scale, sags, 0.4, 1.6),
         Size("wind_north", "m/s", 0.0, 0.0, 4.0, 2.0, -25.0, 25.0),
         Size("wind_east", "m/s", 0.0, 0.0, 4.0, 2.0, -25.0, 25.0),
         Size("cg_offset_x", "m", 0.0, 0.0, 0.05 * lever, 0.005 * lever, -0.3 * lever, 0.3 * lever),
         Size("cg_offset_y", "m", 0.0, 0.0, 0.05 * lever, 0.005 * lever, -0.3 * lever, 0.3 * lever),
-        Size("rotor_drag", "1", 0.0, drag, 0.5, 0.05, 0.0, 6.0),
+        Size("rotor_drag", "1", 0.0, drag, drag_sd, 0.05, 0.0, 6.0),
         Size("drag_above", "rotor radii", 0.0, 0.5, 0.7, 0.1, -3.0, 6.0),
         Size("vertical_inflow", "1", 0.0, 4.0, 2.5, 0.5, -5.0, 20.0),
     ]
