@@ -17,6 +17,8 @@ from companion.mavlink.frames import CRC_EXTRAS, SIGNATURE_BYTES, V1, V2, Counts
 
 _BLOCK = 16384
 """Frames checked together: their bytes stay in the processor's cache."""
+_CHUNK = 1 << 18
+"""Bytes searched together, for the same reason."""
 _ONE_BY_ONE = 2048
 """After damage so many are checked one by one first: where it is dense, blocks would be checked in vain."""
 _LONGEST = 9 + 255 + 1
@@ -35,47 +37,56 @@ class _BlockRun:
 
     def __init__(self, data: bytes) -> None:
         self._bytes = np.frombuffer(data, np.uint8)
+        self._chain: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None
 
     def __call__(self, data: bytes, i: int, ahead: int, starts: array[int]) -> int:
-        before = len(starts)
-        i = good_run(data, i, ahead, starts, _ONE_BY_ONE)
-        if len(starts) - before < _ONE_BY_ONE:
-            return i
         while True:
-            places, end = _hop(data, i, ahead)
-            if not places:
+            before = len(starts)
+            i = good_run(data, i, ahead, starts, _ONE_BY_ONE)
+            if len(starts) - before < _ONE_BY_ONE:
                 return i
-            good = _good(self._bytes, np.array(places, np.int64) + ahead)
-            count = len(places) if good.all() else int(good.argmin())
-            starts.extend(places[:count])
-            if count < len(places):
-                return places[count]
-            i = end
+            while len(places := self._following(i, ahead)) > _ONE_BY_ONE:
+                good = _good(self._bytes, places[:-1] + ahead)
+                count = len(good) if good.all() else int(good.argmin())
+                starts.frombytes(places[:count].tobytes())
+                i = int(places[count])
+                if count < len(good):
+                    return i
+
+    def _following(self, i: int, ahead: int) -> NDArray[np.int64]:
+        """Offsets of frames from ``i`` on, a block at most, each where the last one ends, and where the last ends."""
+        if self._chain is None:
+            self._chain = _chained(self._bytes, ahead)
+        magic, end = self._chain
+        first = int(np.searchsorted(magic, i + ahead))
+        starts, ends = magic[first : first + _BLOCK] - ahead, end[first : first + _BLOCK]
+        apart = np.flatnonzero(np.concatenate([[i], ends[:-1]]) != starts)
+        count = int(apart[0]) if apart.size else len(starts)
+        return np.concatenate([starts[:count], ends[count - 1 : count]])
 
 
-def _hop(data: bytes, i: int, ahead: int) -> tuple[list[int], int]:
-    """Offsets of up to a block of whole frames from ``i`` on by their lengths alone, and where they end."""
-    n = len(data) - 1
-    places: list[int] = []
-    append, around = places.append, 12 + ahead
-    try:
-        for _ in range(_BLOCK):
-            magic = data[i + ahead]
-            if magic == V2:
-                following = i + around + data[i + ahead + 1]
-                if data[i + ahead + 2] & 1:
-                    following += SIGNATURE_BYTES
-            elif magic == V1:
-                following = i + around - 4 + data[i + ahead + 1]
-            else:
-                break
-            if following > n + 1:
-                break
-            append(i)
-            i = following
-    except IndexError:
-        pass  # a header that is not complete: the walk says what it is
-    return places, i
+def _chained(data: NDArray[np.uint8], ahead: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Places of the bytes that may begin a frame, and where it ends.
+
+    Of all bytes that look like the first of a frame these are followed, and all but the first of a run preceded, by
+    another at the distance that their lengths say. That leaves hardly any but true ones.
+    """
+    n = len(data)
+    parts = [np.flatnonzero(data[k : k + _CHUNK] >= V2) + k for k in range(0, n, _CHUNK)]
+    magic = np.concatenate([*parts, np.empty(0, np.int64)])
+    magic = magic[magic <= n - 3]
+    magic = magic[data[magic] <= V1]
+    length = data[magic + 1].astype(np.int64)
+    v2 = data[magic] == V2
+    end = magic + length + np.where(v2, np.where(data[magic + 2] & 1, 12 + SIGNATURE_BYTES, 12), 8)
+    lead = data[np.minimum(end + ahead, n - 1)]
+    kept = (end == n) | (end + ahead < n) & ((lead == V2) | (lead == V1))
+    magic, end = magic[kept], end[kept]
+    reached = np.zeros(n + ahead + 1, bool)
+    reached[end + ahead] = True
+    # The first of a run, after damage or at the start, was found good before the run became a block.
+    kept = reached[magic]
+    return magic[kept], end[kept]
 
 
 def _good(data: NDArray[np.uint8], magic: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -88,7 +99,7 @@ def _good(data: NDArray[np.uint8], magic: NDArray[np.int64]) -> NDArray[np.bool_
     number[v2] |= data[wide + 8].astype(np.int64) << 8 | data[wide + 9].astype(np.int64) << 16
     extra = np.where(number < len(extras), extras[np.minimum(number, len(extras) - 1)], -1)
     length = data[magic + 1] + head
-    order = np.argsort(-length, kind="stable")
+    order = np.argsort((-length).astype(np.int16), kind="stable")  # of 16 bits: numpy sorts these by their digits
     end = (magic + 1 + length)[order]
     # How many frames are longer than k, for every k: those whose byte at distance k counts.
     longer = len(length) - np.cumsum(np.bincount(length, minlength=_LONGEST))

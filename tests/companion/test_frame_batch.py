@@ -68,3 +68,17 @@ def test_recordings_give_the_same_frames(name):
         data = path.read_bytes()[:600_000]
         same(data)
         same(data[: len(data) // 2] + data[len(data) // 2 + 5 :])
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 10**6), st.floats(0, 1))
+def test_frames_inside_payloads_are_no_frames_of_the_log(seed, kept):
+    # A tunnel, or a log that is sent as a file: stamped frames one after another within the payloads of others.
+    rng, inner = random.Random(seed), recording(400, seed)
+    out, at = bytearray(), 0
+    while at < len(inner):
+        size = rng.choice([60, 120, 250])
+        out += b"8 bytes " + pack(385, inner[at : at + size], 1, 1, at & 255)
+        at += size
+    same(bytes(out))
+    same(bytes(out[: int(kept * len(out))]))
