@@ -50,6 +50,8 @@ class HoldGains:
     max_climb_acceleration_m_s2: float = 3.0
     max_integral_m_s2: float = 2.5
     """A steady 25 % of the weight: a wind of 10 m/s on a vehicle of 3 kg."""
+    balance_s: float = 0.25
+    """Time over which the integral goes to what the tilt is seen to balance, while a limit is met."""
     tilt_lead_s: float = 0.19
     """How far ahead velocity is predicted from the tilt that there is, in a loop that is 0.24 s late."""
     tilt_lead_share: float = 0.8

@@ -481,6 +481,7 @@ def _base(
         t_s - position.t_s,
         _level_acceleration(state.offset.roll * state.authority, state.offset.pitch * state.authority, yaw),
         pressed,
+        state.balance.acceleration,
     )
     assert state.tuned is not None
     gains, hold = state.tuned.gains, state.hold

@@ -40,6 +40,8 @@ class Motion(NamedTuple):
     """North and east acceleration [m/s^2] of the offset that is applied: a part of the tilt that balances something."""
     wall: Pressed | None = None
     """A wall that it is driven to."""
+    balance: tuple[float, float] | None = None
+    """North and east acceleration [m/s^2] by which the tilt, on average, balances wind and walls; None: not known."""
 
 
 class Since(NamedTuple):
@@ -164,6 +166,15 @@ def fly(
             clipped(old[0] + slip[0] * gains.integral_1_s2 * dt, most),
             clipped(old[1] + slip[1] * gains.integral_1_s2 * dt, most),
             clipped(old[2] + slip[2] * gains.climb_integral_1_s2 * dt, most),
+        )
+    elif motion.balance is not None:
+        # The error says too much at a limit, and would wind the integral up. What the tilt was seen to balance does not.
+        share = min(dt / gains.balance_s, 1.0)
+        (n, e), (off_n, off_e) = motion.balance, motion.offset
+        integral = (
+            _clipped(old[0] + (n - off_n - old[0]) * share, most),
+            _clipped(old[1] + (e - off_e - old[1]) * share, most),
+            old[2],
         )
     north, east, down = acceleration
     roll, pitch = _acceleration_to_tilt(north, east, motion.yaw)

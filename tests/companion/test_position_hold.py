@@ -63,3 +63,15 @@ def test_a_late_attitude_that_overshoots_does_not_make_the_hold_swing() -> None:
 
 def test_a_steady_push_is_held_off_without_standing_aside() -> None:
     assert swing(HoldGains(), overshoot=1.0, late_s=0.0, seconds=30.0, push=0.5)[-1] == pytest.approx(0.0, abs=2e-3)
+
+
+def test_at_the_limit_of_tilt_the_integral_goes_to_what_the_tilt_balances_and_does_not_wind_up() -> None:
+    gains = HoldGains()
+    level = Motion((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.0)
+    far = replace(level, position=(1.0, 0.0, 0.0), offset=(-0.3, 0.0), balance=(-1.5, 0.2))
+    for seconds, expected in ((0.1, (-0.4, 0.07)), (3.0, (-1.2, 0.2))):
+        hold = engage(0.0, level, (0.0, 0.0), THRUST.hover, THRUST, gains)
+        for k in range(round(seconds / STEP_S)):
+            hold, setpoint = fly(hold, gains, Limits(), (k + 1) * STEP_S, far, THRUST)
+            assert math.hypot(setpoint.roll, setpoint.pitch) == pytest.approx(gains.max_tilt_rad, abs=0.01)
+        assert hold.integral[:2] == pytest.approx(expected, abs=0.05)

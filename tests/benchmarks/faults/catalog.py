@@ -470,6 +470,20 @@ def wind(b: Bench) -> None:
     b.flight.body.wind = (2.0, 1.5, 0.0)
 
 
+def rising_wind() -> tuple[Act, Act]:
+    """(begin, each): as strong, within a second, as outdoors."""
+    start: list[float] = []
+
+    def begin(b: Bench) -> None:
+        start[:] = [b.now_s]
+
+    def each(b: Bench) -> None:
+        share = min(b.now_s - start[0], 1.0)
+        b.flight.body.wind = (2.0 * share, 1.5 * share, 0.0)
+
+    return begin, each
+
+
 def calm(b: Bench) -> None:
     b.flight.body.wind = (0.0, 0.0, 0.0)
 
@@ -493,6 +507,10 @@ def nothing(_: Bench) -> None:
 AP, PX4 = ("ardupilot",), ("px4",)
 KEY = bytes(range(32))
 REPLAY = replayed()
+RISING = rising_wind()
+PUSHED_OFF_M = 0.45
+"""The same push, 2.6 m/s^2 in all, against a position stiffness of 2.2 times 5 1/s^2 is 0.24 m until the integral has it,
+and more while the tilt is at its limit of 15 degrees."""
 GUST_OFF_M, GUST_TOUCHES_S = 0.5, 0.5
 """A gust that is there at once pushes the ducts and, through vanes that hold their moment off, the vehicle: 2.3 m/s^2
 towards the wall. It is 0.30 m away. The full tilt away from it, commanded in the very instant of the gust, lets the
@@ -601,6 +619,8 @@ FAULTS = (
           off_m=0.4),
     Fault("wind_gust", "a gust of 2.5 m/s", wind, end=calm, noticed=False, off_m=GUST_OFF_M,
           touches_s=GUST_TOUCHES_S),
+    Fault("wind_rises", "a wind that rises to 2.5 m/s within a second", RISING[0], each=RISING[1], end=calm,
+          noticed=False, off_m=PUSHED_OFF_M),
     # the computer
     Fault("stalled_0.5s", "the companion stands still for 0.5 s", stalled(0.5)),
     Fault("stalled_1.5s", "the companion stands still for 1.5 s", stalled(1.5)),
