@@ -168,7 +168,7 @@ def fly(
             clipped(old[2] + slip[2] * gains.climb_integral_1_s2 * dt, most),
         )
     elif motion.balance is not None:
-        # The error says too much at a limit, and would wind the integral up. What the tilt was seen to balance does not.
+        # At a limit the error says too much and would wind the integral up; what the tilt is seen to balance does not.
         share = min(dt / gains.balance_s, 1.0)
         (n, e), (off_n, off_e) = motion.balance, motion.offset
         integral = (

@@ -509,7 +509,7 @@ KEY = bytes(range(32))
 REPLAY = replayed()
 RISING = rising_wind()
 PUSHED_OFF_M = 0.45
-"""The same push, 2.6 m/s^2 in all, against a position stiffness of 2.2 times 5 1/s^2 is 0.24 m until the integral has it,
+"""The same push, 2.6 m/s^2 in all, against a position stiffness of 2.2 x 5 1/s^2 is 0.24 m until the integral has it,
 and more while the tilt is at its limit of 15 degrees."""
 GUST_OFF_M, GUST_TOUCHES_S = 0.5, 0.5
 """A gust that is there at once pushes the ducts and, through vanes that hold their moment off, the vehicle: 2.3 m/s^2
