@@ -32,6 +32,8 @@ _SPARSE = {"MODE", "EV", "ARM"}
 _KINDS = {
     "ATT", "XKQ", "NKQ", *IMUS, *EKF, "RCOU", "BAT", "CURR", "BARO", "RFND", *ESCS, "RPM", *_SPARSE, "CTUN", "VIBE",
 }  # fmt: skip
+_TEXT, _NUMBER = ("S", "V"), ("f", "i", "u")
+"""numpy's letters for a field that holds text, and for one that holds a number."""
 _MIDDLE_OF = 101
 """Messages whose median time is the time of a place in the file: one damaged stamp does not move it."""
 
@@ -184,9 +186,9 @@ def _part(block: _Block, first: int, end: int, boot: _Boot) -> _Part:
         t_s = _times(content, kind, offsets[rows], clock)
         if kind.name == "PARM":
             _add_parameters(boot.parameters, content)
-        elif kind.name == "MSG":
+        elif kind.name == "MSG" and _kind_of(content, "Message") in _TEXT:
             boot.texts += zip(t_s.tolist(), map(_text, content["Message"]), strict=True)
-        else:
+        elif kind.name != "MSG":
             target = boot.sparse if kind.name in _SPARSE else named
             target.setdefault(kind.name, []).append(Messages(kind.name, believable(t_s), _fields(content, kind)))
             whole |= {(kind.name, f) for f in kind.whole}
@@ -279,7 +281,14 @@ def _joined(name: str, parts: list[Messages]) -> Messages:
     return Messages(name, t_s, {f: np.concatenate([part.column(f) for part in parts]) for f in fields})
 
 
+def _kind_of(content: NDArray[Any], field: str) -> str:
+    """numpy's letter for what a field holds; "" where there is none of that name, as in a damaged declaration."""
+    return content.dtype[field].kind if field in (content.dtype.names or ()) else ""
+
+
 def _add_parameters(out: dict[str, float], content: NDArray[Any]) -> None:
+    if _kind_of(content, "Name") not in _TEXT or _kind_of(content, "Value") not in _NUMBER:
+        return
     for name, value in zip(content["Name"], content["Value"].tolist(), strict=True):
         if math.isfinite(value):
             out[_text(name)] = float(value)

@@ -11,6 +11,7 @@ from flying import CONFIG
 from fuzz import RAW, Limits, check_sound, log_kinds, proper_frame, records, sound_flight
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from log_writers import bin_flight
 
 from companion.mavlink.frames import FrameReader
 from companion.mavlink.message_filter import Intake
@@ -18,6 +19,7 @@ from companion.mavlink.message_table import LAYOUTS
 from companion.pipeline import initial_state, step
 from models.progress import Bars
 from replay.logs.columns import Messages, believable, quaternions, unflipped
+from replay.logs.formats import read_flightlogs
 
 NUMBERS = sorted(LAYOUTS)
 
@@ -91,3 +93,11 @@ def test_numbers_that_a_damaged_log_holds_are_none_without_a_warning():
         column = Messages("any", np.zeros(2), {"value": signalling}).column("value")
     assert np.isnan(column[0])
     assert column[1] == 1.0
+
+
+@pytest.mark.parametrize("columns", ["TimeUS,Name,Walue", "TimeUS,Mame,Value", "TimeUS,Value,Name"])
+def test_parameters_whose_declaration_is_damaged_are_left_out(columns, tmp_path):
+    """Found by the fuzzer: FMT of PARM with a name changed."""
+    path = tmp_path / "flight.bin"
+    path.write_bytes(bin_flight().replace(b"TimeUS,Name,Value", columns.encode()))
+    assert read_flightlogs(path)[0].parameters == {}
