@@ -172,8 +172,8 @@ def fly(
         share = min(dt / gains.balance_s, 1.0)
         (n, e), (off_n, off_e) = motion.balance, motion.offset
         integral = (
-            _clipped(old[0] + (n - off_n - old[0]) * share, most),
-            _clipped(old[1] + (e - off_e - old[1]) * share, most),
+            clipped(old[0] + (n - off_n - old[0]) * share, most),
+            clipped(old[1] + (e - off_e - old[1]) * share, most),
             old[2],
         )
     north, east, down = acceleration

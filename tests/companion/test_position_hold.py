@@ -68,7 +68,7 @@ def test_a_steady_push_is_held_off_without_standing_aside() -> None:
 def test_at_the_limit_of_tilt_the_integral_goes_to_what_the_tilt_balances_and_does_not_wind_up() -> None:
     gains = HoldGains()
     level = Motion((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 0.0)
-    far = replace(level, position=(1.0, 0.0, 0.0), offset=(-0.3, 0.0), balance=(-1.5, 0.2))
+    far = level._replace(position=(1.0, 0.0, 0.0), offset=(-0.3, 0.0), balance=(-1.5, 0.2))
     for seconds, expected in ((0.1, (-0.4, 0.07)), (3.0, (-1.2, 0.2))):
         hold = engage(0.0, level, (0.0, 0.0), THRUST.hover, THRUST, gains)
         for k in range(round(seconds / STEP_S)):
