@@ -25,7 +25,7 @@ from companion.mavlink.stream_rates import StreamKeeper, interval_request, wante
 from companion.mavlink.tlog_writer import Recorder, Records
 from companion.page.feed import PageFeed
 from companion.page.snapshot import snapshot
-from companion.pipeline import Decision, initial_state, level_command, ready_to_leave, step, stopped
+from companion.pipeline import Decision, answer, initial_state, level_command, ready_to_leave, settle, stopped
 from companion.telemetry.latency import LatencyHistogram
 from companion.telemetry.status import StatusReporter
 from companion.telemetry.summary import Summary
@@ -183,15 +183,16 @@ class Flight:
         self._feed(arrival_us, frame)
 
     def _feed(self, arrival_us: int, frame: Frame) -> None:
-        """One frame into ``step``; a setpoint that it brings is sent before anything else is done."""
+        """One frame into the pipeline; a setpoint that it brings is sent before anything else is done."""
         sample = self._sample(arrival_us, frame)
         if sample is None:
             if frame.id in self._intake.unread and frame.system == self._intake.system and self._streams is not None:
                 self._streams.heard(frame.id, self._arrivals.now_s())
             return
-        self._state, decision = step(self._state, sample, self._config)
+        self._state, decision = answer(self._state, sample, self._config)
         if decision is not None and decision.command is not None and not self._config.dry_run:
             self._latency.add(self._send_command(decision.command) - arrival_us)
+        self._state = settle(self._state, self._config)
         self._note(frame, sample)
         if decision is not None:
             self._report(decision)

@@ -1,5 +1,8 @@
 """The pure heart, live and in replay: ``step(state, sample, config) -> (state, decision)``.
 
+``step`` is ``answer`` and then ``settle``. Flight sends the setpoint between the two: what only later setpoints depend
+on is worked out while this one is on its way.
+
 No clock, no socket, no file. Time is the vehicle's boot axis, carried by the samples; without a sample nothing happens,
 so no old output is ever sent again.
 """
@@ -14,7 +17,6 @@ import numpy as np
 from companion.adaptation import adapt
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control import attitude_response, engagement, hover_thrust, swing_detector
-from companion.control.attitude_response import AttitudeResponse
 from companion.control.authority import HOLDS_BACK_EVERYTHING, Notice, Reason, fade
 from companion.control.compensation import Offset, slewed, wanted_offset
 from companion.control.disturbance import Disturbance, modelled_disturbance
@@ -22,11 +24,11 @@ from companion.control.engagement import IN_AIR, ON_GROUND, waits_for_mode
 from companion.control.hand_over import NOT_OURS, part, parting_command, place_of
 from companion.control.hover_thrust import HoverThrust
 from companion.control.landed import flies_all_the_same, standing_height
-from companion.control.plant import Source, declared_loop, hear_attitude, hear_position, tune
-from companion.control.position_hold import BaseSetpoint, Hold, Motion, balanced, engage, fly, shifted
+from companion.control.plant import hear_position
+from companion.control.position_hold import BaseSetpoint, Motion, balanced, engage, fly, shifted
 from companion.control.position_target import read_target, stay
 from companion.control.refusals import lateness, refusals, upstream_silent
-from companion.control.state import Decision, PipelineState
+from companion.control.state import Decision, Due, PipelineState
 from companion.control.survey import Whereabouts, aborted, advance, as_message, level_direction
 from companion.control.survey_box import SurveyBox
 from companion.control.wall_guard import watch_wall
@@ -55,10 +57,21 @@ from companion.mavlink.samples import (
     SetPositionTarget,
 )
 from companion.mavlink.setpoints import AccelerationCommand, AttitudeCommand, Command, tilt_by
+from companion.settle import retuned, settle
 from models.evolve import replace
 from models.frames import GRAVITY, quaternion_from_euler
 
-__all__ = ["Decision", "PipelineState", "initial_state", "level_command", "ready_to_leave", "step", "stopped"]
+__all__ = [
+    "Decision",
+    "PipelineState",
+    "answer",
+    "initial_state",
+    "level_command",
+    "ready_to_leave",
+    "settle",
+    "step",
+    "stopped",
+]
 
 _HOLD, _UPSTREAM = Base.HOLD, Base.UPSTREAM
 """A member of an enum by its class takes ten times as long as a name: these are asked for at every message."""
@@ -68,12 +81,6 @@ _STAMPED = (Attitude, LocalPosition, AttitudeTarget)
 """What carries the autopilot's own stamp of milliseconds and comes in order."""
 _AUTOPILOT_INVALID = 8
 """MAV_AUTOPILOT_INVALID: the sender is no flight controller."""
-_TUNE_PERIOD_S = 1.0
-"""A plant does not change faster, and choosing gains takes milliseconds where it is new."""
-_SLOW_SHARE = 0.6
-"""Softer gains than this are reported to the pilot: the hold is then looser than the autopilot's own."""
-_OTHER_LAG = 0.15
-"""A measured attitude loop counts once its lag is this share off the one in use: noise changes no gains."""
 
 
 def initial_state(config: PipelineConfig) -> PipelineState:
@@ -105,7 +112,13 @@ def level_command(state: PipelineState, config: PipelineConfig) -> AttitudeComma
 
 
 def step(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[PipelineState, Decision | None]:
-    """Take in one sample; decide where the sample calls for a decision.
+    """Take in one sample; decide where the sample calls for a decision."""
+    state, decision = answer(state, sample, config)
+    return settle(state, config), decision
+
+
+def answer(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[PipelineState, Decision | None]:
+    """What ``step`` decides, and the state for ``settle``, which is due before the next sample.
 
     A decision follows an attitude (``Base.HOLD``) or an upstream setpoint (``Base.UPSTREAM``; while upstream is silent,
     attitudes bring decisions that say so). Stamps of the autopilot that go back by more than a second are a reboot: all
@@ -140,7 +153,7 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
     estimates = state.estimates
     match sample:
         case Attitude():
-            return _take_attitude(state, sample, config, now)
+            return _take_attitude(state, sample, now)
         case LocalPosition():
             timing = hear_position(state.timing, sample.t_s, sample.late_s, config.tuning.position_age_s)
             drift = height_drift.NO_DRIFT
@@ -193,22 +206,9 @@ def _take_request(state: PipelineState, sample: Sample, config: PipelineConfig) 
     return state
 
 
-def _take_attitude(state: PipelineState, sample: Attitude, config: PipelineConfig, now_s: float) -> PipelineState:
-    estimates = est.take_attitude(state.estimates, sample)
-    timing = hear_attitude(state.timing, sample.t_s, config.tuning.attitude_age_s)
-    assert estimates.rows is not None
-    (_, _, x), (_, _, y), (sp, sr, z) = estimates.rows
-    balance, response = state.balance, state.response
-    if estimates.position is not None:
-        velocity = estimates.position.velocity_ned
-        balance = engagement.watch_balance(balance, sample.t_s, velocity, (x, y, z), config.tuning)
-    if config.base is _HOLD and not config.dry_run:
-        roll, pitch = math.atan2(sr, z), -math.asin(min(max(sp, -1.0), 1.0))
-        response = attitude_response.hear_tilt(response, sample.t_s, roll, pitch)
-    stamped_s = max(state.stamped_s, sample.t_s)
-    return replace(
-        state, t_s=now_s, stamped_s=stamped_s, estimates=estimates, timing=timing, balance=balance, response=response
-    )
+def _take_attitude(state: PipelineState, sample: Attitude, now_s: float) -> PipelineState:
+    stamped_s, estimates = max(state.stamped_s, sample.t_s), est.take_attitude(state.estimates, sample)
+    return replace(state, t_s=now_s, stamped_s=stamped_s, estimates=estimates, due=Due(sample))
 
 
 def _take_heartbeat(state: PipelineState, sample: Heartbeat) -> PipelineState:
@@ -284,7 +284,9 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
         state = _renew_disturbance(state, t_s, config)
     late_s = lateness(state.estimates, config)
     late_since_s = min(state.late_since_s, t_s) if late_s > tuning.late_stop_s else math.inf
-    state = _retuned(_airborne(state, config, t_s, late_since_s), config, t_s)
+    state = _airborne(state, config, t_s, late_since_s)
+    if state.tuned is None:
+        state = retuned(state, config, t_s)
     thrust = _thrust_map(state, config)
     reasons = refusals(state, config, t_s)
     held_back = {reason for reason in reasons if reason in HOLDS_BACK_EVERYTHING}
@@ -296,7 +298,7 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
     if reasons and not held_back:
         state = _keep_balance(state, before, applied, thrust, config)
     command: Command | None = None
-    parting, last, response = None, state.last, state.response
+    parting, due = None, state.due
     if held_back:
         if had_hold:
             state = _let_go(state, held_back, config, t_s)
@@ -304,9 +306,9 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
         parting = None if command is None else state.parting
     elif base is not None:
         command = _command(state, base, applied, thrust, config, t_s)
-        last, response = _remember_sent(response, base, applied, command, config, t_s)
+        due = None if due is None else Due(due.attitude, base, command)
     hold = None if held_back else state.hold
-    state = replace(state, decided_s=t_s, hold=hold, parting=parting, last=last, response=response)
+    state = replace(state, decided_s=t_s, hold=hold, parting=parting, due=due)
     tuned = state.tuned if config.base is _HOLD else None
     return state, Decision(
         t_s,
@@ -348,34 +350,6 @@ def _offsets(
     applied = Offset() if held_back else slewed(state.applied, faded, config, dt_s)
     state = replace(state, authority=authority, offset=offset, applied=applied, wanted=wanted, washout=washout)
     return state, applied
-
-
-def _retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> PipelineState:
-    """Gains for the plant as it is known now, once a second."""
-    if 0.0 <= t_s - state.tuned_s < _TUNE_PERIOD_S or config.base is not _HOLD:
-        return state
-    tuning = config.tuning
-    state = replace(state, swing=swing_detector.calmed(state.swing, t_s, tuning.swing_calm_s, tuning.swing_levels))
-    stack = Stack.OTHER if state.heartbeat is None else stack_of(state.heartbeat)
-    loop = attitude_response.measured_loop(state.response)
-    if loop is None:  # too little to see now: what was measured stays true
-        measured = state.loop.source is Source.MEASURED
-        loop = state.loop if measured else declared_loop(stack, state.parameters)
-    elif state.loop.source is not Source.MEASURED:
-        # A swing under gains for another loop says nothing about this one's.
-        state = replace(state, swing=replace(state.swing, level=0))
-    if loop.source is state.loop.source and abs(loop.lag_s - state.loop.lag_s) < _OTHER_LAG * state.loop.lag_s:
-        loop = state.loop
-    softer = tuning.swing_softer ** min(state.swing.level, tuning.swing_levels)
-    tuned = tune(tuning.hold, loop, state.timing, softer)
-    soft, before = min(tuned.share, tuned.climb_share), state.tuned
-    if (
-        state.swing.level == 0
-        and soft < _SLOW_SHARE
-        and (before is None or min(before.share, before.climb_share) >= _SLOW_SHARE)
-    ):
-        state = replace(state, notice=(Notice.SLOW_PLANT, t_s))
-    return replace(state, loop=loop, tuned=tuned, tuned_s=t_s)
 
 
 def _renew_disturbance(state: PipelineState, t_s: float, config: PipelineConfig) -> PipelineState:
@@ -488,10 +462,10 @@ def _base(
     if hold is None:
         fresh = t_s - state.hover.now_s < config.tuning.hover_heard_age_s
         thrust_now = state.hover.now if fresh else thrust.hover
-        hold = engage(t_s, motion, state.balance.acceleration, thrust_now, thrust, gains)
+        balance = engagement.watch_balance(state.balance, t_s, motion.velocity, motion.body_down, config.tuning)
+        hold = engage(t_s, motion, balance.acceleration, thrust_now, thrust, gains)
     hold, base = fly(hold, gains, config.vehicle.limits, t_s, motion, thrust)
-    state = replace(state, hold=hold, pressed=pressed)
-    return (state if config.dry_run else _watch_swing(state, hold, base, t_s)), base
+    return replace(state, hold=hold, pressed=pressed), base
 
 
 def _level_acceleration(roll: float, pitch: float, yaw: float) -> tuple[float, float]:
@@ -513,15 +487,6 @@ def _keep_balance(
     gains = config.tuning.hold if state.tuned is None else state.tuned.gains
     down = -lost * thrust.slope * GRAVITY
     return replace(state, hold=balanced(hold, (north, east, down), gains))
-
-
-def _watch_swing(state: PipelineState, hold: Hold, base: BaseSetpoint, t_s: float) -> PipelineState:
-    """The hold one step on; one that swings by itself gets softer gains at once."""
-    (north, east, down), (x, y, z) = base.acceleration, hold.reference.acceleration
-    swing = swing_detector.watch(state.swing, t_s, (north - x, east - y, down - z))
-    if swing.level == state.swing.level:
-        return replace(state, hold=hold, swing=swing)
-    return replace(state, hold=hold, swing=swing, tuned_s=-math.inf, notice=(Notice.SOFTENED, t_s))
 
 
 def _let_go(state: PipelineState, held_back: set[Reason], config: PipelineConfig, t_s: float) -> PipelineState:
@@ -547,22 +512,6 @@ def _command_held_back(
         return AttitudeCommand(t_s, upstream.q_ned_frd, upstream.thrust, upstream.type_mask, upstream.rates_frd)
     yaw = math.atan2(rows[1][0], rows[0][0])
     return AttitudeCommand(t_s, quaternion_from_euler(0.0, 0.0, yaw), thrust.hover)
-
-
-def _remember_sent(
-    response: AttitudeResponse,
-    base: BaseSetpoint,
-    offset: Offset,
-    command: Command | None,
-    config: PipelineConfig,
-    t_s: float,
-) -> tuple[BaseSetpoint, AttitudeResponse]:
-    """What a parting begins with, and what the attitude is to answer to."""
-    if config.base is not _HOLD or not isinstance(command, AttitudeCommand):
-        return base, response
-    roll, pitch = base.roll + offset.roll, base.pitch + offset.pitch
-    last = BaseSetpoint(roll, pitch, base.yaw, command.thrust, base.acceleration)
-    return last, response if config.dry_run else attitude_response.sent(response, t_s, roll, pitch)
 
 
 def _command(

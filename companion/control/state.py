@@ -21,13 +21,22 @@ from companion.control.swing_detector import SwingDetector
 from companion.control.wall_guard import Pressed
 from companion.estimation.estimator import Estimates
 from companion.estimation.height_drift import NO_DRIFT, HeightDrift
-from companion.mavlink.samples import Heartbeat, SetAttitudeTarget
+from companion.mavlink.samples import Attitude, Heartbeat, SetAttitudeTarget
 from companion.mavlink.setpoints import Command
 
 if TYPE_CHECKING:
     from companion.adaptation.adapt import Adaptation
 
 _NO_BALANCE, _NO_RESPONSE = Balance(), AttitudeResponse()
+
+
+class Due(NamedTuple):
+    """An attitude that only its own setpoint knows of yet (``settle``)."""
+
+    attitude: Attitude
+    base: BaseSetpoint | None = None
+    """What flies; None where nothing was decided, or everything was held back."""
+    command: Command | None = None
 
 
 @dataclass(frozen=True)
@@ -73,6 +82,8 @@ class PipelineState:
     """What went out last: with trust and fade, again within the slew rates."""
     washout: MomentWashout = MomentWashout()
     decided_s: float = -math.inf
+    due: Due | None = None
+    """What is left for ``settle``; None between samples."""
     disturbance: Disturbance | None = None
     disturbance_s: float = -math.inf
     """When it was computed: after a position, so that an attitude is answered without waiting for the model."""

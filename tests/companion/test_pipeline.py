@@ -7,7 +7,9 @@ from flying import CONFIG, DOWN, PlainModel, bench
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import companion.settle as settle_module
 from companion.config import Base, Carrier
+from companion.control import attitude_response, swing_detector
 from companion.control.authority import Reason
 from companion.control.compensation import Offset, slewed
 from companion.mavlink.samples import (
@@ -24,7 +26,7 @@ from companion.mavlink.samples import (
     SetPositionTarget,
 )
 from companion.mavlink.setpoints import AccelerationCommand, AttitudeCommand
-from companion.pipeline import initial_state, step, stopped
+from companion.pipeline import answer, initial_state, settle, step, stopped
 from companion.telemetry.status import named_values
 from models.frames import quaternion_from_euler
 
@@ -328,3 +330,33 @@ def test_the_state_is_never_changed_in_place():
     twin = initial_state(CONFIG)
     step(state, Attitude(1.0, 1, 1, (1.0, 0.0, 0.0, 0.0), (0, 0, 0), "ATTITUDE"), CONFIG)
     assert state == twin
+
+
+def test_what_only_later_setpoints_depend_on_waits_until_the_setpoint_has_left(monkeypatch):
+    b = bench()
+    b.run(3.0)
+    assert b.state.hold is not None
+    done = []
+    watched = {settle_module: "tune", swing_detector: "watch", attitude_response: "hear_tilt"}
+    for module, name in watched.items():
+        was = getattr(module, name)
+        monkeypatch.setattr(module, name, lambda *a, was=was, name=name: (done.append(name), was(*a))[1])
+    commands = 0
+
+    def feed(sample):
+        nonlocal commands
+        done.clear()
+        state, decision = answer(b.state, sample, b.config)
+        commands += decision is not None and decision.command is not None
+        assert not done, "nothing of this before the setpoint leaves"
+        b.state = settle(state, b.config)
+        seen.update(done)
+        assert b.state.due is None
+        assert settle(b.state, b.config) is b.state
+        return decision
+
+    seen = set()
+    monkeypatch.setattr(b, "feed", feed)
+    b.run(1.5)
+    assert commands == 75
+    assert seen == set(watched.values()), "all of it once the setpoint has left"

@@ -14,7 +14,7 @@ from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import FrameReader, cut
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.tlog_writer import Recorder
-from companion.pipeline import initial_state, step
+from companion.pipeline import answer, initial_state, settle
 from companion.vehicles import default_vehicle
 from replay.flightlog import load
 from replay.logs.tlog import read_tlog
@@ -48,7 +48,9 @@ def live(messages, path, config, cuts):
                 sample = intake.sample(arrived, arrival)
                 if sample is None:
                     continue
-                state, decision = step(state, sample, config)
+                state, decision = answer(state, sample, config)
+                # Here flight sends the setpoint.
+                state = settle(state, config)
                 if decision is not None:
                     decisions.append(decision)
                     # What is sent is recorded too, and must not be taken for input.

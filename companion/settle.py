@@ -1,0 +1,99 @@
+"""What an attitude changes for later setpoints only, worked out once its own is on its way: see ``pipeline.step``."""
+
+from __future__ import annotations
+
+import math
+
+from companion.config import Base, PipelineConfig
+from companion.control import attitude_response, engagement, swing_detector
+from companion.control.attitude_response import AttitudeResponse
+from companion.control.authority import Notice
+from companion.control.plant import Source, declared_loop, hear_attitude, tune
+from companion.control.position_hold import BaseSetpoint
+from companion.control.state import Due, PipelineState
+from companion.mavlink.firmware import Stack, stack_of
+from companion.mavlink.setpoints import AttitudeCommand
+from models.evolve import replace
+
+_HOLD = Base.HOLD
+_TUNE_PERIOD_S = 1.0
+"""A plant does not change faster, and choosing gains takes milliseconds where it is new."""
+_SLOW_SHARE = 0.6
+"""Softer gains than this are reported to the pilot: the hold is then looser than the autopilot's own."""
+_OTHER_LAG = 0.15
+"""A measured attitude loop counts once its lag is this share off the one in use: noise changes no gains."""
+
+
+def settle(state: PipelineState, config: PipelineConfig) -> PipelineState:
+    """Take the newest attitude, and the setpoint that answered it, into averages, measured loop, swings and gains."""
+    due, estimates = state.due, state.estimates
+    if due is None:
+        return state
+    t_s, rows = due.attitude.t_s, estimates.rows
+    assert rows is not None
+    (_, _, x), (_, _, y), (sp, sr, z) = rows
+    timing, balance, response = state.timing, state.balance, state.response
+    timing = hear_attitude(timing, t_s, config.tuning.attitude_age_s)
+    if estimates.position is not None:
+        balance = engagement.watch_balance(balance, t_s, estimates.position.velocity_ned, (x, y, z), config.tuning)
+    if config.base is not _HOLD:
+        return replace(state, due=None, timing=timing, balance=balance)
+    if not config.dry_run:
+        response = attitude_response.hear_tilt(response, t_s, math.atan2(sr, z), -math.asin(min(max(sp, -1.0), 1.0)))
+    last = state.last
+    if due.base is not None:
+        last, response = _remembered(state, due, due.base, response, config)
+    state = replace(state, due=None, timing=timing, balance=balance, response=response, last=last)
+    if due.base is not None and not config.dry_run:
+        state = _watch_swing(state, due.base, t_s)
+    return retuned(state, config, t_s) if state.decided_s == t_s else state
+
+
+def _remembered(
+    state: PipelineState, due: Due, base: BaseSetpoint, response: AttitudeResponse, config: PipelineConfig
+) -> tuple[BaseSetpoint, AttitudeResponse]:
+    """What a parting begins with, and what the attitude is to answer to."""
+    command = due.command
+    if not isinstance(command, AttitudeCommand):
+        return base, response
+    roll, pitch = base.roll + state.applied.roll, base.pitch + state.applied.pitch
+    last = BaseSetpoint(roll, pitch, base.yaw, command.thrust, base.acceleration)
+    return last, response if config.dry_run else attitude_response.sent(response, due.attitude.t_s, roll, pitch)
+
+
+def _watch_swing(state: PipelineState, base: BaseSetpoint, t_s: float) -> PipelineState:
+    """A hold that swings by itself gets softer gains at once."""
+    assert state.hold is not None
+    (north, east, down), (x, y, z) = base.acceleration, state.hold.reference.acceleration
+    swing = swing_detector.watch(state.swing, t_s, (north - x, east - y, down - z))
+    if swing.level == state.swing.level:
+        return replace(state, swing=swing)
+    return replace(state, swing=swing, tuned_s=-math.inf, notice=(Notice.SOFTENED, t_s))
+
+
+def retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> PipelineState:
+    """Gains for the plant as it is known now, once a second."""
+    if 0.0 <= t_s - state.tuned_s < _TUNE_PERIOD_S or config.base is not _HOLD:
+        return state
+    tuning = config.tuning
+    state = replace(state, swing=swing_detector.calmed(state.swing, t_s, tuning.swing_calm_s, tuning.swing_levels))
+    stack = Stack.OTHER if state.heartbeat is None else stack_of(state.heartbeat)
+    loop = attitude_response.measured_loop(state.response)
+    if loop is None:  # too little to see now: what was measured stays true
+        measured = state.loop.source is Source.MEASURED
+        loop = state.loop if measured else declared_loop(stack, state.parameters)
+    elif state.loop.source is not Source.MEASURED:
+        # A swing under gains for another loop says nothing about this one's.
+        state = replace(state, swing=replace(state.swing, level=0))
+    if loop.source is state.loop.source and abs(loop.lag_s - state.loop.lag_s) < _OTHER_LAG * state.loop.lag_s:
+        loop = state.loop
+    softer = tuning.swing_softer ** min(state.swing.level, tuning.swing_levels)
+    tuned = tune(tuning.hold, loop, state.timing, softer)
+    soft, before = min(tuned.share, tuned.climb_share), state.tuned
+    if (
+        state.swing.level == 0
+        and soft < _SLOW_SHARE
+        and (before is None or min(before.share, before.climb_share) >= _SLOW_SHARE)
+    ):
+        state = replace(state, notice=(Notice.SLOW_PLANT, t_s))
+    return replace(state, loop=loop, tuned=tuned, tuned_s=t_s)
