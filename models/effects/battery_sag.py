@@ -11,7 +11,7 @@ from models.effects.pictures import more, nearest, over
 from models.frames import Array
 
 SLOW_S = 3.0
-"""Standard deviation [s] of the Gaussian that smooths the voltage: a pack empties over minutes, telemetry is noisy."""
+"""Standard deviation of the Gaussian that voltage goes through: packs empty over minutes, telemetry is noisy [s]."""
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
@@ -52,8 +52,8 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 EFFECT = Effect(
     name="battery_sag",
     equation="dF = F_rotors (p (V/V0 - 1) + e - r (u - 1)), e at the reference voltage, u declared thrust over weight",
-    sign="power > 0: thrust falls with the voltage; ohmic > 0: and with the current, faster than voltage is logged; "
-    "< 0: the declared curve holds that drop already",
+    sign="power > 0: thrust falls with the voltage; ohmic > 0: and with the current, faster than the voltage is "
+    "logged; ohmic < 0: the declared curve holds that drop already",
     source="brushless motor at constant duty: speed follows the voltage, thrust its square; Hughes & Drury "
     "2013, Electric Motors and Drives, ch. 3",
     valid="V within 30 % of V0",

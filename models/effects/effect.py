@@ -57,7 +57,7 @@ class Coefficient:
 
     name: str
     unit: str
-    low: float
+    low: Size
     high: float
     typical: Size = 1.0
     centre: Size = 0.0
@@ -68,6 +68,10 @@ class Coefficient:
     def spread(self, ctx: Context) -> float:
         """Standard deviation of the prior."""
         return self.typical(ctx) if callable(self.typical) else self.typical
+
+    def least(self, ctx: Context) -> float:
+        """Lower end of what physics expects."""
+        return self.low(ctx) if callable(self.low) else self.low
 
     def mean(self, ctx: Context) -> float:
         """Mean of the prior."""
@@ -157,18 +161,18 @@ class Context:
         return np.asarray(total[..., None] * share)
 
     @cached_property
-    def felt_thrust(self) -> Array:
-        """Declared thrust over the weight of a record (n,), as far as it goes with the measured specific force.
+    def felt_slope(self) -> float:
+        """How much more than declared a change of thrust does in a record, by what the accelerometer feels of it.
 
-        First stage of two-stage least squares (Wooldridge 2010, Econometric Analysis of Cross Section and Panel Data,
-        ch. 5): thrust that answers a disturbance of the lift within the control loop is not felt.
+        Two-stage least squares with the specific force as instrument (Wooldridge 2010, Econometric Analysis of Cross
+        Section and Panel Data, ch. 5): thrust that takes off a disturbance within the control loop is not felt. Noise
+        of the accelerometer makes it too large, nothing makes it too small.
         """
         thrust, felt = self.thrust.sum(axis=-1) / self.weight, -self.state.specific_force[:, 2] / GRAVITY
         apart = max(round(APART_S / float(np.median(np.diff(self.state.time_s)))), 1)
         a, b = (x[apart:] - x[:-apart] for x in (thrust, felt))
         known = np.isfinite(a) & np.isfinite(b)
-        share = float(a[known] @ b[known]) / max(float(b[known] @ b[known]), 1e-12)
-        return np.asarray(np.nanmean(thrust) + share * (felt - np.nanmean(felt)))
+        return float(b[known] @ b[known]) / max(float(a[known] @ b[known]), 1e-12) - 1.0
 
     @cached_property
     def shared_rpm(self) -> Array:
@@ -314,8 +318,6 @@ class Effect:
     shape_grid: Grid = no_shape
     lacking: Callable[[Context], str | None] = always
     aliases: tuple[str, ...] = ()
-    fitted_by: Regressors | None = None
-    """Regressors to fit a record by, where those of the wrench answer disturbances within the control loop."""
     in_flight: InFlight = InFlight.WRENCH
     needs_moments: bool = False
     """Without moments it cannot be distinguished from others."""

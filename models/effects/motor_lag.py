@@ -15,17 +15,8 @@ LAG_DOUBT_S = 0.035
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     wrench = ctx.rotor_wrench
-    return _late(ctx, wrench, shape) if ctx.record else columns(np.zeros_like(wrench))
-
-
-def _fitted_by(ctx: Context, shape: tuple[float, ...]) -> Array:
-    # A loop that answers a loss of lift does so late, whatever the motors do.
-    wrench = ctx.rotor_wrench.copy()
-    wrench[:, 2] = -ctx.weight * ctx.felt_thrust
-    return _late(ctx, wrench, shape)
-
-
-def _late(ctx: Context, wrench: Array, shape: tuple[float, ...]) -> Array:
+    if not ctx.record:
+        return columns(np.zeros_like(wrench))
     return columns(
         through(ctx, wrench, lambda omega: np.exp(-1j * omega * shape[1]) / (1.0 + 1j * omega * shape[0]) - 1.0)
     )
@@ -59,7 +50,6 @@ EFFECT = Effect(
     excite="vertical steps, quick ones",
     coefficients=(Coefficient("gain", "1", 0.6, 1.4, typical=0.15, centre=1.0),),
     regressors=_regressors,
-    fitted_by=_fitted_by,
     shapes=(Shape("tau_s", "s", free_at_zero=True), Shape("dead_s", "s", free_at_zero=True)),
     shape_grid=_grid,
     lacking=_lacking,

@@ -8,19 +8,18 @@ from models.effects.effect import Coefficient, Context, Effect, columns
 from models.effects.pictures import more, over_thrust
 from models.frames import Array
 
+FLATTEST, FELT_WITHIN = -0.4, 0.1
+"""Smallest slope, and by how much it may be less than what the accelerometer feels."""
+
 
 def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
-    return _about_hover(ctx, ctx.thrust.sum(axis=-1) / ctx.weight)
-
-
-def _about_hover(ctx: Context, thrust: Array) -> Array:
-    above = (thrust - 1.0)[..., None]
+    above = (ctx.thrust.sum(axis=-1) / ctx.weight - 1.0)[..., None]
     return columns(ctx.rotor_force * above, ctx.rotor_force * above**2)
 
 
-def _fitted_by(ctx: Context, _: tuple[float, ...]) -> Array:
-    # A loop that holds the height answers a loss of lift by more thrust: that loss would pass for a flat curve.
-    return _about_hover(ctx, ctx.felt_thrust)
+def _flattest(ctx: Context) -> float:
+    # A loop that holds the height answers a loss of lift by more thrust: that passes for a flat curve, but is not felt.
+    return max(min(ctx.felt_slope, 0.0) - FELT_WITHIN, FLATTEST) if ctx.record else FLATTEST
 
 
 def _lacking(ctx: Context) -> str | None:
@@ -47,14 +46,13 @@ EFFECT = Effect(
     channels=("thrust_command", "servo_1", "rpm_1", "az_m_s2"),
     excite="climb and sink with quick starts and stops: thrust well above and below hover",
     coefficients=(
-        Coefficient("slope", "1", -0.4, 1.5, typical=_likely, centre=lambda ctx: ctx.by_kind(0.0, 0.1)),
+        Coefficient("slope", "1", _flattest, 1.5, typical=_likely, centre=lambda ctx: ctx.by_kind(0.0, 0.1)),
         Coefficient("curvature", "1", -3.0, 3.0, typical=lambda ctx: ctx.by_kind(0.15, 0.4)),
     ),
     main=("slope", "curvature"),
     odds=lambda ctx: ctx.by_kind(0.02, 0.3),
     least_share=0.25,
     regressors=_regressors,
-    fitted_by=_fitted_by,
     lacking=_lacking,
     aliases=("thrust_scale", "battery_sag"),
     drawn=over_thrust,

@@ -126,7 +126,7 @@ class Library:
         for i, c in enumerate(effect.coefficients):
             for j, f in enumerate(flights):
                 if j == 0 or (c.of_day and not effect.of_day):
-                    low, high = c.low / spread[i], c.high / spread[i]
+                    low, high = c.least(self.context(f)) / spread[i], c.high / spread[i]
                     priors.add(self.size, spread[i], centre[i] / spread[i], low, high, float(effect.is_main(c)))
                     self.size += 1
                 places[f][i] = self.size - 1

@@ -198,10 +198,9 @@ def _estimates(walked: Walked, term: Term, fits: Sequence[FlightFit]) -> tuple[E
     variance = variance + _between(walked, term, first, mean)
     out = []
     for c, m, v in zip(effect.coefficients, mean, variance, strict=True):
-        value, half = float(np.clip(m, c.low, c.high)), 1.96 * float(np.sqrt(v))
-        at = min(value - c.low, c.high - value) < BOUND_SHARE * min(
-            c.high - c.low, 10.0 * c.spread(library.context(first))
-        )
+        low = c.least(library.context(first))
+        value, half = float(np.clip(m, low, c.high)), 1.96 * float(np.sqrt(v))
+        at = min(value - low, c.high - value) < BOUND_SHARE * min(c.high - low, 10.0 * c.spread(library.context(first)))
         at = at and half > 0.0 and (not effect.main or c.name in effect.main)
         out.append(Estimate(c.name, value, (min(value, m - half), max(value, m + half)), c.unit, at))
     for i, shape in enumerate(effect.shapes):

@@ -78,9 +78,8 @@ def prior_of(effect: Effect, context: Context, shape: tuple[float, ...]) -> tupl
 
 def regressors_of(effect: Effect, record: Record, shape: tuple[float, ...]) -> Array:
     """Wrenches (n, 6, k) per coefficient [N, N m], 0 where a measurement is missing."""
-    regressors = effect.fitted_by or effect.regressors
     with np.errstate(invalid="ignore", over="ignore"):
-        x = regressors(record.context, shape)
+        x = effect.regressors(record.context, shape)
     return np.nan_to_num(x, posinf=0.0, neginf=0.0)
 
 

@@ -34,7 +34,7 @@ What is below ``CANCEL_FREE`` hundredths of the weight does not count.
 
 
 class Contributions:
-    """What every term of a set does to its channels; ``b`` (k,) and ``cov`` (k, k) with the trims' behind."""
+    """What every term of a set does to every channel it acts on; ``b`` (k,), ``cov`` (k, k) with the trims behind."""
 
     def __init__(self, library: Library, terms: Sequence[Term], b: Array, cov: Array) -> None:
         self.library = library

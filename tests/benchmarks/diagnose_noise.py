@@ -171,7 +171,7 @@ def with_effect(record: Record, seed: int) -> tuple[Record, str]:
 
 def _coefficients(effect: Effect, x: Array, share: float, record: Record, rng: np.random.Generator) -> Array | None:
     """Coefficients with which an effect is a share of the weight; None where it may not have them."""
-    centre = np.array([_centre(effect, c, rng) for c in effect.coefficients])
+    centre = np.array([_centre(effect, c, record, rng) for c in effect.coefficients])
     vehicle = record.context.vehicle
     lever = max(float(np.linalg.norm(f.position_m)) for f in vehicle.fans)
     limits = vehicle.mass_kg * 9.80665 * np.array([1.0, 1.0, 1.0, lever, lever, lever])
@@ -179,7 +179,11 @@ def _coefficients(effect: Effect, x: Array, share: float, record: Record, rng: n
     if size < 1e-9:
         return None
     out: Array = share / size * centre
-    return out if all(c.low <= v <= c.high for c, v in zip(effect.coefficients, out, strict=True)) else None
+    return (
+        out
+        if all(c.least(record.context) <= v <= c.high for c, v in zip(effect.coefficients, out, strict=True))
+        else None
+    )
 
 
 def _thinner(record: Record, share: float) -> Record:
@@ -190,11 +194,11 @@ def _thinner(record: Record, share: float) -> Record:
     return replace(record, context=replace(context, state=state), channels=channels)
 
 
-def _centre(effect: Effect, coefficient: Coefficient, rng: np.random.Generator) -> float:
+def _centre(effect: Effect, coefficient: Coefficient, record: Record, rng: np.random.Generator) -> float:
     """A coefficient before scaling: what makes the effect what it is, by a sign it may have; no side terms."""
     if effect.main and coefficient.name not in effect.main:
         return 0.0
-    low, high = coefficient.low, coefficient.high
+    low, high = coefficient.least(record.context), coefficient.high
     if low > 0.0:
         return low
     wide = high if high > -low else low

@@ -84,12 +84,12 @@ def test_an_entry_is_complete_and_its_regressors_have_the_declared_shape(name: s
     assert effect.coefficients
     assert set(effect.axes) <= set(AXES)
     assert effect.channels
-    assert all(c.low < c.high for c in effect.coefficients)
+    assert all(c.least(ctx) < c.high for c in effect.coefficients)
     if effect.lacking(ctx) is not None:
         pytest.skip(f"this record cannot show it: {effect.lacking(ctx)}")
     for shape in list(effect.shape_grid(ctx))[:3]:
         assert len(shape) == len(effect.shapes)
-        x = (effect.fitted_by or effect.regressors)(ctx, shape)
+        x = effect.regressors(ctx, shape)
         assert x.shape == (len(ctx.state), 6, len(effect.coefficients))
 
 
