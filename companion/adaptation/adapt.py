@@ -25,6 +25,7 @@ from companion.adaptation.sizes import (
     GAINS,
     LIFT,
     NORTH,
+    THRUST,
     Estimate,
     Size,
     Sizes,
@@ -32,7 +33,7 @@ from companion.adaptation.sizes import (
     prior,
     size_table,
     told,
-)  # fmt: skip
+)
 from companion.config import PipelineConfig
 from companion.control.disturbance import Disturbance
 from companion.control.state import PipelineState
@@ -220,15 +221,15 @@ def _judged(
     """With the model or without it: what one channel does in the axes of another is taken away first."""
     tuning, vehicle = config.adapt_tuning, config.vehicle
     around = _in_the_middle(here, config)
-    place = judge.place_of(around)
+    place, thrust = judge.place_of(around), 1.0 + float(known.sizes.offset[THRUST])
     gains, near = _believed(known)
     model = seen.regressors[:, : len(GAINS)].T
-    parts = np.array(near.rows(vehicle, around))[:, : block_of.AXES] + np.array(gains)[:, None] * model
+    parts = thrust * (np.array(near.rows(vehicle, around))[:, : block_of.AXES] + np.array(gains)[:, None] * model)
     rest = seen.residual + model.sum(axis=0) - seen.regressors[:, FIRST_EFFECT:] @ known.sizes.offset[FIRST_EFFECT:]
     out = []
     for channel, before in zip(known.channels, known.judged, strict=True):
         value = (rest - parts.sum(axis=0) + parts[channel.own]).tolist()
-        rows = judge.rows(channel, seen.regressors, place, vehicle.rotor_radius_m)
+        rows = judge.rows(channel, seen.regressors, place, vehicle.rotor_radius_m, thrust)
         told = [(value[a], row, float(variance[a])) for a, row in zip(channel.axes, rows, strict=True)]
         out.append(judge.learn(channel, before, seconds, told, tuning))
     return tuple(out)

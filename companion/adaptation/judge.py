@@ -146,8 +146,8 @@ def place_of(around: Around) -> Place:
     return Place(np.array(weights), form, (math.cos(around.bearing_rad), math.sin(around.bearing_rad)))
 
 
-def rows(channel: Channel, regressors: Array, place: Place, radius_m: float) -> list[Array]:
-    """What a state adds to each axis of the channel: shape (n,) each."""
+def rows(channel: Channel, regressors: Array, place: Place, radius_m: float, thrust_scale: float = 1.0) -> list[Array]:
+    """What a state adds to each axis of the channel: shape (n,) each. Ground and wall act on the true thrust."""
     c, s = place.towards
     along = (c, s, -1.0, s * radius_m, -c * radius_m)
     out = []
@@ -157,6 +157,7 @@ def rows(channel: Channel, regressors: Array, place: Place, radius_m: float) -> 
         row[channel.gain] = regressors[axis, channel.own]
         row[channel.gain + 1] = -place.form if channel.own == at.LIFT else 0.0
         row[channel.gain + 2 :] = along[axis] * place.weights
+        row[channel.gain :] *= thrust_scale
         out.append(row)
     return out
 
@@ -181,16 +182,22 @@ def learn(
         innovation = [value - e for e in (mean @ row).tolist()]
         off = [i / math.sqrt(s) for i, s in zip(innovation, spread, strict=True)]
         weight = [min(1.0, sigmas / abs(z)) if z else 1.0 for z in off]
-        likely = [-0.5 * math.log(s) - min(0.5 * z * z, half_clip) for z, s in zip(off, spread, strict=True)]
-        log_odds += tuning.evidence * (likely[0] - likely[1])
-        gain = np.array([w * i / s for w, i, s in zip(weight, innovation, spread, strict=True)])
-        # Joseph's form for the gain that the weight has made smaller.
-        less = np.array([(2.0 - w) * w / s for w, s in zip(weight, spread, strict=True)])
-        mean = mean + gain[:, None] * shared
-        covariance = covariance - (less[:, None] * shared)[:, :, None] * shared[:, None, :]
-        side = 1 if off[0] > 0.0 else -1
+        gain = np.array([w / s for w, s in zip(weight, spread, strict=True)])[:, None] * shared
         far = min(off) > sigmas or max(off) < -sigmas
-        surprised.append((before + side if before * side > 0 else side) if far else 0)
+        if far:
+            # What comes at once is no surface: a load, a hand, a gust.
+            gain[:, channel.gain :] = 0.0
+            side = 1 if off[0] > 0.0 else -1
+            surprised.append(before + side if before * side > 0 else side)
+        else:
+            likely = [-0.5 * math.log(s) - min(0.5 * z * z, half_clip) for z, s in zip(off, spread, strict=True)]
+            log_odds += tuning.evidence * (likely[0] - likely[1])
+            surprised.append(0)
+        mean = mean + np.array(innovation)[:, None] * gain
+        # Joseph's form, which is right for any gain.
+        cross = gain[:, :, None] * shared[:, None, :]
+        again = (np.array(spread)[:, None] * gain)[:, :, None] * gain[:, None, :]
+        covariance = covariance - (cross + cross.transpose(0, 2, 1)) + again
     if mean is not judged.mean:
         mean[0, channel.gain] = min(max(float(mean[0, channel.gain]), 0.0), tuning.most)
     if any(abs(count) >= tuning.surprised_blocks for count in surprised):

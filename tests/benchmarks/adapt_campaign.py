@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from adapt_models import KINDS, model_of
+from adapt_models import KINDS, FlowAir, model_of
 from tqdm import tqdm
 
 from companion.adaptation.options import Adapt
@@ -69,11 +69,15 @@ class Leg3:
         return float(np.sqrt(np.mean(self.flown.size(axis)[self.window(approach)] ** 2)))
 
 
-def fly(vehicle: Vehicle, kind: str, mode: str, seed: int, scenario: str, approaches: int) -> Leg3:
-    """Fly one leg; ``mode`` off, free (off, in air without ground and wall), on, gate or full."""
+def fly(
+    vehicle: Vehicle, kind: str, mode: str, seed: int, scenario: str, approaches: int, air: str = "law"
+) -> Leg3:  # fmt: skip
+    """Fly one leg; ``mode`` off, free (off, in air without ground and wall), on, gate or full; ``air`` law or flow."""
     once = build(scenario, vehicle, air=mode != "free")
     law = disturbed(seed)
     flight = Flight(vehicle, repeated(once, approaches), seed, law=law)
+    if air == "flow":
+        flight.body._increments = FlowAir(vehicle).increments  # type: ignore[method-assign]
     config = PipelineConfig(
         vehicle,
         model_of(kind, vehicle, law),
@@ -162,10 +166,11 @@ def _line(here: Sequence[Cell]) -> str:
 def kept(folder: Path | None, vehicle: Vehicle, kind: str, mode: str, seed: int, a: argparse.Namespace) -> Leg3:
     """A leg from ``folder``, flown and kept there where it is not."""
     if folder is None:
-        return fly(vehicle, kind, mode, seed, a.scenario, a.approaches)
-    path = folder / f"{a.scenario}_{a.approaches}_{kind or 'none'}_{mode}_{seed}.npz"
+        return fly(vehicle, kind, mode, seed, a.scenario, a.approaches, a.air)
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f"{a.scenario}_{a.approaches}_{a.air}_{kind or 'none'}_{mode}_{seed}.npz"
     if not path.exists():
-        leg = fly(vehicle, kind, mode, seed, a.scenario, a.approaches)
+        leg = fly(vehicle, kind, mode, seed, a.scenario, a.approaches, a.air)
         f = leg.flown
         np.savez_compressed(
             path, time_s=f.time_s, height=f.height, lateral=f.lateral, tilt=f.tilt, touched_s=f.touched_s,
@@ -188,6 +193,9 @@ def main() -> int:
     p.add_argument("--scenario", default="corner")
     p.add_argument("--approaches", type=int, default=APPROACHES)
     p.add_argument("--vehicle", type=Path)
+    p.add_argument(
+        "--air", choices=("law", "flow"), default="law", help="the simulator's own law, or flow simulation's"
+    )
     p.add_argument("--legs", type=Path, metavar="DIR", help="keep flown legs here, and do not fly them again")
     a = p.parse_args()
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)

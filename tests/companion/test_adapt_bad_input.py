@@ -9,10 +9,11 @@ import pytest
 from adapt_flights import Change, Watch, bump, dead_rotor, fly, hand, lying_range, push
 from adapt_models import TrueModel
 
+from companion.adaptation.adapt import Adaptation
 from companion.adaptation.gates import Pause
 from companion.adaptation.options import Adapt
 from companion.config import PipelineConfig
-from companion.sim.air import NOMINAL
+from companion.sim.air import NOMINAL, increments
 from companion.sim.flight import Flight
 from companion.sim.scenario import Knot, build
 from companion.vehicles import default_vehicle
@@ -43,7 +44,17 @@ def ground(watch: Watch, after_s: float, before_s: float = math.inf) -> list[flo
     return [value for _, value, _ in watch.size("ground_lift", after_s, before_s)]
 
 
+def compensated(known: Adaptation) -> float:
+    """Lift over ground that offsets follow at ``LOW_M``, in the true one, with a model that is right."""
+    height = LOW_M / VEHICLE.rotor_radius_m
+    lift, _, _ = known.applied.near.at_fan(height, math.inf)
+    return known.shares[0] + lift / increments(NOMINAL, height, math.inf).z
+
+
 def assert_bounded_and_back(watch: Watch) -> None:
+    lifts = [(t, compensated(known)) for t, known in watch.seen]
+    assert all(-0.5 < lift < 2.0 for _, lift in lifts)
+    assert abs(lifts[-1][1] - 1.0) < 0.25
     before, after = ground(watch, HAPPENS_S - 2.0, HAPPENS_S)[-1], ground(watch, END_S - 1.0)[-1]
     assert abs(before - 1.0) < 0.25
     assert abs(after - 1.0) < 0.3
@@ -92,6 +103,7 @@ def test_a_mass_that_is_a_third_off_is_a_thrust_scale_and_no_ground_effect():
     last = watch.seen[-1][1].told()
     assert last["thrust_scale"].value == pytest.approx(1.3, abs=0.06)
     assert all(0.6 < value < 1.5 for value in ground(watch, 12.0))
+    assert compensated(watch.seen[-1][1]) == pytest.approx(1.0, abs=0.15)
 
 
 def test_landing_and_standing_teach_nothing():
