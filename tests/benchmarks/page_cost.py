@@ -4,7 +4,8 @@
 
 Both get the same stream at the same time on the same machine, each from a generator process of its own. Latency: from
 an attitude sent to the setpoint that answers it. CPU: of the flight process alone (the page's own process is given
-beside it). Also bytes of the page, and the time to fetch it over loopback.
+beside it). Also bytes of the page, the time to fetch it over loopback, and the time to the first paint in a real
+browser (with a Chromium on this machine; median of five, after the latencies).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from browser import CHROMIUM, Browser
 from latency import stream
 
 _TICKS = os.sysconf("SC_CLK_TCK")
@@ -75,6 +77,20 @@ def generate(port: int, seconds: float, rate: float, pid: int, answers: Any) -> 
     answers.send(stream(port, seconds, rate, pid))
 
 
+def first_paint_ms(url: str) -> float:
+    """From the begin of the navigation to the first contentful paint, median of five."""
+    times = []
+    with Browser() as browser:
+        for _ in range(5):
+            browser.open(url)
+            paint = None
+            while paint is None:
+                paint = browser.value("performance.getEntriesByName('first-contentful-paint')[0]?.startTime")
+                time.sleep(0.05)
+            times.append(float(paint))
+    return float(np.median(times))
+
+
 def main() -> int:
     """Run both and print."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -115,6 +131,8 @@ def main() -> int:
             "cpu_percent": 100.0 * used[name] / wall, "answered": len(latencies) / max(sent, 1), "rss_mib": rss,
         }  # fmt: skip
     over.set()
+    if CHROMIUM is not None and served is not None:
+        seen["first_paint_ms"] = first_paint_ms(f"http://127.0.0.1:{page}/")
     for process, _ in running.values():
         process.kill()
         process.wait()
