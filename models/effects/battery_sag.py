@@ -10,7 +10,7 @@ from models.effects.effect import Coefficient, Context, Drawn, Effect, Shape, co
 from models.effects.pictures import more, nearest, over
 from models.frames import Array
 
-SLOW_S = 3.0
+SLOW_S = 1.0
 """Standard deviation of the Gaussian that voltage goes through: packs empty over minutes, telemetry is noisy [s]."""
 
 

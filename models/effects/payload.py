@@ -28,7 +28,12 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
 
 
 def _likely(ctx: Context) -> float:
-    return 0.2 * ctx.vehicle.mass_kg
+    return 0.15 * ctx.vehicle.mass_kg
+
+
+def _usual(ctx: Context) -> float:
+    # Loads are added more often than taken off.
+    return 0.1 * ctx.vehicle.mass_kg
 
 
 def _drawn(ctx: Context, axis: str) -> Drawn:
@@ -51,7 +56,7 @@ EFFECT = Effect(
     axes=("Fz",),
     channels=("az_m_s2", "rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="weigh the vehicle, or pick the load up in flight",
-    coefficients=(Coefficient("mass", "kg", -1e3, 1e3, typical=_likely),),
+    coefficients=(Coefficient("mass", "kg", -1e3, 1e3, typical=_likely, centre=_usual),),
     regressors=_regressors,
     shapes=(Shape("from_s", "s", kinds=(0.0,)),),
     shape_grid=_grid,

@@ -138,6 +138,34 @@ def test_the_ratio_of_thrust_to_mass_gets_one_name_with_its_aliases(quiet: Recor
     assert {answer.found[0].effect.name, *answer.found[0].aliases} >= {"thrust_scale", "payload"}
 
 
+def test_more_lift_than_declared_is_no_load(quiet: Record) -> None:
+    assert names(search(added(quiet, "thrust_scale", (), 0.05), some("thrust_scale", "payload"))) == {"thrust_scale"}
+
+
+def test_noise_of_the_voltage_leaves_the_packs_power(quiet: Record) -> None:
+    """Thrust follows the pack's voltage; telemetry adds noise as large as what the pack does within seconds."""
+    state = quiet.context.state
+    true = 25.0 - 1.0 * (state.time_s - state.time_s[0]) / np.ptp(state.time_s)
+    noisy = true + 0.1 * np.random.default_rng(5).standard_normal(len(true))
+    sagging = added(
+        with_context(quiet, state=replace(state, battery_voltage_v=true)), "battery_sag", (25.0,), 2.0, 0, 0
+    )
+    seen = with_context(sagging, state=replace(state, battery_voltage_v=noisy))
+    low, value, high = estimate(search(seen, some("battery_sag", "thermal_derating")), "battery_sag", "power")
+    assert low < 2.0 < high
+    assert value == pytest.approx(2.0, abs=0.4)
+
+
+def test_what_another_effect_would_take_over_is_no_name_but_its_alias(quiet: Record) -> None:
+    """Linear drag, and a little of quadratic drag, which linear drag takes over to a few per mille of the weight."""
+    fast = with_context(quiet, state=replace(quiet.context.state, velocity_ned=4.0 * quiet.context.state.velocity_ned))
+    calm = replace(fast, residual=0.1 * fast.residual)
+    both = added(added(calm, "rotor_drag", (0.0,), 0.6, 0.0), "body_drag", (), 0.05, 0.05)
+    answer = search(both, some("rotor_drag", "body_drag"))
+    assert names(answer) == {"rotor_drag"}
+    assert "body_drag" in found(answer, "rotor_drag").aliases
+
+
 def test_without_moments_no_fan_is_blamed(quiet: Record) -> None:
     forces = replace(quiet, axes=(0, 1, 2))
     weak = added(forces, "fan_imbalance", (1.0,), -0.1, 0.0)
