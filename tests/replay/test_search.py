@@ -7,6 +7,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,12 +18,14 @@ from models.effects import Effect, catalogue, get
 from models.frames import Array
 from replay.residual.record import Record
 from replay.search.disturbance import bank_energy, lag_products, runs, spectra
-from replay.search.evidence import Fit, Noise
+from replay.search.evidence import Evidence, Fit, Noise
+from replay.search.library import Library
 from replay.search.outside import outside
 from replay.search.results import Found, Searched, summarise
-from replay.search.sets import canonical
+from replay.search.sets import canonical, rivals_of
 from replay.search.terms import Term
 from replay.search.walk import walk
+from replay.search.worth import Contributions
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 
@@ -156,14 +159,33 @@ def test_noise_of_the_voltage_leaves_the_packs_power(quiet: Record) -> None:
     assert value == pytest.approx(2.0, abs=0.4)
 
 
-def test_what_another_effect_would_take_over_is_no_name_but_its_alias(quiet: Record) -> None:
-    """Linear drag, and a little of quadratic drag, which linear drag takes over to a few per mille of the weight."""
-    fast = with_context(quiet, state=replace(quiet.context.state, velocity_ned=4.0 * quiet.context.state.velocity_ned))
-    calm = replace(fast, residual=0.1 * fast.residual)
-    both = added(added(calm, "rotor_drag", (0.0,), 0.6, 0.0), "body_drag", (), 0.05, 0.05)
-    answer = search(both, some("rotor_drag", "body_drag"))
-    assert names(answer) == {"rotor_drag"}
-    assert "body_drag" in found(answer, "rotor_drag").aliases
+def test_what_another_effect_would_take_over_is_not_its_own(quiet: Record) -> None:
+    """A scale takes over the mean of a thrust that grows with the throttle; drag takes over nothing of it."""
+    flown = added(added(pumped(quiet), "thrust_curve", (), 0.3, 0.0), "thrust_scale", (), -0.1)
+    evidence = Evidence(Library([flown], some("thrust_scale", "payload", "rotor_drag")))
+    terms = {t.name: t for t in reversed(evidence.library.terms) if t.effect is not None}
+
+    def own_share(name: str, beside: str) -> float:
+        fit = evidence.fit([terms[name], terms[beside]], evidence.quiet())
+        u = Contributions(evidence.library, fit.terms, fit.b, fit.cov)
+        fz = next(i for i, c in enumerate(evidence.library.channels) if c.axis == 2)
+        return float(np.abs(u.own()[0, fz]).max() / np.abs(u.main[0, fz]).max())
+
+    assert own_share("thrust_scale", "rotor_drag") > 0.9
+    assert own_share("thrust_scale", "payload") < 0.5
+
+
+def test_what_fits_into_another_effects_error_of_form_is_its_alias() -> None:
+    def weighed(score: float, worth: float, *names: str) -> Fit:
+        (fit,) = sets(a=score)
+        (one,) = fit.terms
+        return replace(fit, worth=worth, terms=tuple(replace(one, name=n, effect=get(n)) for n in names))
+
+    best, other = weighed(100.0, 0.0, "rotor_drag"), weighed(70.0, -40.0, "rotor_drag", "body_drag")
+    chance, far = replace(other, worth=-5.0), weighed(70.0, -40.0, "rotor_drag", "ceiling")
+    for fit, names_of_rivals in ((other, [("body_drag",)]), (chance, []), (far, [])):
+        walked = SimpleNamespace(best=best, ranked=lambda fit=fit: [best, fit])
+        assert [r.names for r in rivals_of(walked)] == names_of_rivals
 
 
 def test_without_moments_no_fan_is_blamed(quiet: Record) -> None:
