@@ -153,7 +153,7 @@ def rows(channel: Channel, regressors: Array, place: Place, radius_m: float, thr
     out = []
     for axis in channel.axes:
         row = np.empty(channel.gain + 2 + CELLS)
-        row[: channel.gain] = regressors[axis, channel.along]
+        row[: channel.gain] = regressors[axis].take(channel.along)
         row[channel.gain] = regressors[axis, channel.own]
         row[channel.gain + 1] = -place.form if channel.own == at.LIFT else 0.0
         row[channel.gain + 2 :] = along[axis] * place.weights
@@ -194,16 +194,28 @@ def learn(
             log_odds += tuning.evidence * (likely[0] - likely[1])
             surprised.append(0)
         mean = mean + np.array(innovation)[:, None] * gain
-        # Joseph's form, which is right for any gain.
-        cross = gain[:, :, None] * shared[:, None, :]
-        again = (np.array(spread)[:, None] * gain)[:, :, None] * gain[:, None, :]
-        covariance = covariance - (cross + cross.transpose(0, 2, 1)) + again
+        covariance = _less(covariance, shared, gain, spread, weight, far)
     if mean is not judged.mean:
         mean[0, channel.gain] = min(max(float(mean[0, channel.gain]), 0.0), tuning.most)
     if any(abs(count) >= tuning.surprised_blocks for count in surprised):
         covariance = _opened(channel, covariance)
     log_odds = min(max(log_odds, -tuning.most_log_odds), tuning.most_log_odds)
     return Judged(mean, covariance, log_odds, tuple(surprised))
+
+
+def _less(
+    covariance: Array, shared: Array, gain: Array, spread: list[float], weight: list[float], far: bool
+) -> Array:  # fmt: skip
+    """The covariance after an update, by Joseph's form, which is right for any gain."""
+    if far:
+        cross = gain[:, :, None] * shared[:, None, :]
+        again = (np.array(spread)[:, None] * gain)[:, :, None] * gain[:, None, :]
+        held: Array = covariance - (cross + cross.transpose(0, 2, 1)) + again
+        return held
+    # The same where the gain is ``weight`` of the best: one product in place of two.
+    less = np.array([(2.0 - w) * w / s for w, s in zip(weight, spread, strict=True)])
+    out: Array = covariance - (less[:, None] * shared)[:, :, None] * shared[:, None, :]
+    return out
 
 
 def _opened(channel: Channel, covariance: Array) -> Array:
