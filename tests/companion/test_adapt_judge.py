@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from companion.adaptation import judge
+from companion.adaptation import adapt, judge
 from companion.adaptation import sizes as at
 from companion.adaptation.judge import Judged, believed, channels_of, learn, place_of, rows
 from companion.adaptation.near_map import (
@@ -21,12 +22,16 @@ from companion.adaptation.near_map import (
     cheeseman_bennett,
     prior_covariance,
 )  # fmt: skip
-from companion.adaptation.options import AdaptTuning
+from companion.adaptation.options import Adapt, AdaptTuning
 from companion.adaptation.parts import Around
+from companion.adaptation.saved import kept_with, save_sizes
 from companion.adaptation.sizes import size_table
+from companion.config import PipelineConfig
 from companion.vehicles import default_vehicle
 from models import load
 from models.corner_law import ClosedForm
+from models.errors import ModelError
+from models.surrogate.fan_surrogate import FanSurrogate
 
 TUNING = AdaptTuning()
 TANDEM = default_vehicle()
@@ -183,3 +188,52 @@ def test_the_map_turns_with_the_wall():
     assert law.wrench(9.9, 0.05, 4000.0)[4] > 0.0
     assert near.pull_change_n(around(9.0, 0.5), 0.1) == pytest.approx(0.0)
     assert NOTHING.rows(TANDEM, around(9.0, 9.0)) == [[0.0] * 6] * 3
+
+
+def test_the_maps_pull_counts_among_what_may_eat_the_damping():
+    """As much as the map itself changes over the step: what the bound on delayed feed-forward is told."""
+    by_gap = (0.1, 0.05, 0.01, 0.0) * len(HEIGHTS)
+    near = NearField(0.0, NOTHING.lift, by_gap, NOTHING.tilt)
+    here, further = around(1.2, 0.5), around(1.2, 0.6)
+    expected = sum(
+        t * (near.at_fan(h, d)[1] - near.at_fan(h, e)[1])
+        for t, h, d, e in zip(here.free_lift_n, here.heights, here.gaps, further.gaps, strict=True)
+    )
+    assert near.pull_change_n(here, 0.1) == pytest.approx(expected)
+    assert expected > 0.0
+    assert NOTHING.pull_change_n(here, 0.1) == 0.0
+
+
+def measured(model: FanSurrogate) -> adapt.Adaptation:
+    """After three approaches in an air that is not the model's."""
+    known = adapt.initial(PipelineConfig(TANDEM, model, adapt=Adapt.FULL))
+    assert known is not None
+    judged = tuple(flown(c, ground, lambda h, d: -ground(h, d)) for c in known.channels)
+    return replace(known, judged=judged, learned_s=60.0)
+
+
+def test_what_was_measured_is_kept_with_the_model_and_begins_the_next_flight(tmp_path):
+    known = measured(load())
+    save_sizes(tmp_path / "kept", load(), known, ["a.tlog"])
+    again = adapt.initial(PipelineConfig(TANDEM, load(tmp_path / "kept"), adapt=Adapt.FULL))
+    assert again is not None
+    for channel, before, after in zip(known.channels, known.judged, again.judged, strict=True):
+        assert after.probability == pytest.approx(before.probability, abs=1e-3)
+        assert after.mean[:, channel.gain :] == pytest.approx(before.mean[:, channel.gain :], abs=1e-4)
+        assert (after.mean[:, : channel.gain] == channel.mean[:, : channel.gain]).all()
+        near = slice(channel.gain + 2, None)
+        assert (np.diagonal(after.covariance[1])[near] <= channel.variance[1][near]).all()
+    assert again.shares[0] < 0.1
+    assert compensated(known.channels[0], again.judged[0], lambda h, d: -ground(h, d), 1.2) == pytest.approx(
+        ground(1.2, 0.5), abs=0.012
+    )
+
+
+@pytest.mark.parametrize(
+    "bad", [{"log_odds": 1.0}, {"mean": [[0.0]], "log_odds": 1.0}, {"mean": "much", "log_odds": 0.0}, 3.0, []]
+)
+def test_a_kept_map_that_was_spoiled_is_refused_by_its_key(bad):
+    model = load()
+    model.info = {**model.info, "near_field": {"wall_tilt": bad}}
+    with pytest.raises(ModelError, match=r"near_field\.wall_tilt"):
+        kept_with(model)
