@@ -1,7 +1,9 @@
 """What one message costs in flight: median microseconds of decoding and of ``step``, by kind, on a recorded flight.
 
-    python tests/benchmarks/message_profile.py LOG.tlog [--vehicle FILE.toml] [--rounds 3] [--json FILE]
+    python tests/benchmarks/message_profile.py LOG.tlog [--vehicle FILE.toml] [--rounds 3] [--asleep 0.01] [--json FILE]
 
+What follows a setpoint (``settle``) is a row of its own. ``--asleep`` sleeps for so long [s] before every attitude, as
+flight does: the processor's caches are then filled anew, which costs more than the work itself.
 No socket, no system call: the part of the work that is this program's. Medians, so that a busy machine counts little;
 to compare two versions run them in turns. ``per second`` is what the log's own rates add up to.
 """
@@ -22,20 +24,24 @@ from companion.mavlink.message_filter import Intake, unread
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Parameter
 from companion.mavlink.setpoints import encode
-from companion.pipeline import initial_state, step
+from companion.pipeline import answer, initial_state, settle, step
 from companion.vehicles import default_vehicle
 from models.vehicle import load_vehicle
 from replay.logs.tlog import message_name, read_tlog
 
 Times = dict[str, list[int]]
+_ATTITUDE = (31).to_bytes(3, "little")
+"""ATTITUDE_QUATERNION's id in a frame of MAVLink 2."""
 
 
-def one_round(log: Path, config: PipelineConfig, decoding: Times, stepping: Times) -> float:
+def one_round(log: Path, config: PipelineConfig, asleep_s: float, decoding: Times, stepping: Times) -> float:
     """Fly the log once; returns its length [s]."""
     intake, state, clock = Intake(None, unread(adapting=False)), initial_state(config), time.perf_counter_ns
     first = last = None
     for arrival, raw in read_tlog(log).frames():
         first, last = arrival if first is None else first, arrival
+        if asleep_s and raw[7:10] == _ATTITUDE:
+            time.sleep(asleep_s)
         start = clock()
         frame = cut(raw, 0)
         sample = intake.sample(frame, arrival) if frame.id in LAYOUTS else None
@@ -45,11 +51,16 @@ def one_round(log: Path, config: PipelineConfig, decoding: Times, stepping: Time
         if sample is None:
             continue
         start = clock()
-        state, decision = step(state, sample, config)
+        state, decision = answer(state, sample, config)
         if decision is not None and decision.command is not None:
             encode(decision.command, 1)
             name += ", with a setpoint"
-        stepping[name].append(clock() - start)
+        answered = clock()
+        due = state.due is not None
+        state = settle(state, config)
+        stepping[name].append(answered - start)
+        if due:
+            stepping[f"{name.split(',')[0]}, once answered"].append(clock() - answered)
         if name == "HEARTBEAT" and "GUID_OPTIONS" not in state.parameters:
             told = Parameter(sample.t_s, sample.system, sample.component, "GUID_OPTIONS", 8.0, 0, 0)
             state, _ = step(state, told, config)
@@ -61,16 +72,17 @@ def main() -> None:
     p.add_argument("log", type=Path)
     p.add_argument("--vehicle", type=Path)
     p.add_argument("--rounds", type=int, default=3)
+    p.add_argument("--asleep", type=float, default=0.0, metavar="SECONDS")
     p.add_argument("--json", type=Path, metavar="FILE")
     a = p.parse_args()
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
     config = PipelineConfig(vehicle, models.load())
     decoding: Times = defaultdict(list)
     stepping: Times = defaultdict(list)
-    seconds = sum(one_round(a.log, config, decoding, stepping) for _ in range(a.rounds))
+    seconds = sum(one_round(a.log, config, a.asleep, decoding, stepping) for _ in range(a.rounds))
     rows = {}
     for name in sorted({*decoding, *stepping}, key=lambda n: -sum(decoding.get(n, [])) - sum(stepping.get(n, []))):
-        decode_us = median(decoding.get(name.split(",")[0], [0])) / 1e3
+        decode_us = 0.0 if name.endswith("answered") else median(decoding.get(name.split(",")[0], [0])) / 1e3
         step_us = median(stepping.get(name, [0])) / 1e3
         count = len(stepping.get(name, ())) or len(decoding.get(name, ()))
         rows[name] = {"per_second": count / seconds, "decode_us": decode_us, "step_us": step_us}
