@@ -2,8 +2,9 @@
 
     python tests/benchmarks/message_profile.py LOG.tlog [--vehicle FILE.toml] [--rounds 3] [--asleep 0.01] [--json FILE]
 
-What follows a setpoint (``settle``) is a row of its own. ``--asleep`` sleeps for so long [s] before every attitude, as
-flight does: the processor's caches are then filled anew, which costs more than the work itself.
+What follows a setpoint (``settle``) is a row of its own, and so is a message that asks the model. ``--asleep`` sleeps
+for so long [s] before every attitude, as flight does: the processor's caches are then filled anew, which costs more
+than the work itself.
 No socket, no system call: the part of the work that is this program's. Medians, so that a busy machine counts little;
 to compare two versions run them in turns. ``per second`` is what the log's own rates add up to.
 """
@@ -51,7 +52,10 @@ def one_round(log: Path, config: PipelineConfig, asleep_s: float, decoding: Time
         if sample is None:
             continue
         start = clock()
+        known = state.disturbance
         state, decision = answer(state, sample, config)
+        if state.disturbance is not known:
+            name += ", asking the model"
         if decision is not None and decision.command is not None:
             encode(decision.command, 1)
             name += ", with a setpoint"
