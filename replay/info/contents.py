@@ -67,8 +67,9 @@ def stream(name: str, series: Series, share_good: float | None = None) -> Stream
 
 
 def joined(first: Stream, then: Stream) -> Stream:
-    """One quantity of two stretches of a boot, one after the other; the rate is of the longer one."""
-    rate = first.rate_hz if first.count >= then.count else then.rate_hz
+    """One quantity of two stretches of a boot, one after the other; the rate is the mean of both by their samples."""
+    rates = [(s.rate_hz, s.count) for s in (first, then) if s.rate_hz is not None]
+    rate = sum(r * n for r, n in rates) / sum(n for _, n in rates) if rates else None
     between = then.start_s - first.end_s
     pause = rate is not None and between > max(_GAP_PERIODS / rate, _GAP_S)
     good = None

@@ -23,6 +23,7 @@ from replay.logs.formats import read_pieces
 from replay.rerun.report import run
 from replay.residual.record import build_record
 
+_BEST = (Answer.YES, Answer.PARTLY, Answer.NO)
 _SHOWN_REASONS = 5
 """The longest ones; all are in the JSON."""
 
@@ -134,7 +135,10 @@ def inspect(
     boots: list[BootInfo] = []
     for piece in read_pieces(path, target_system):
         one = _boot(piece.own(), vehicle, None if chosen.name == NONE else chosen.model)
-        boots[-1:] = [_joined(boots[-1], one)] if boots and boots[-1].boot == one.boot else [*boots[-1:], one]
+        if boots and boots[-1].boot == one.boot:
+            boots[-1] = _joined(boots[-1], one)
+        else:
+            boots.append(one)
     config = PipelineConfig(vehicle=vehicle, model=chosen.model, dry_run=True)
     flight, refusal = None, ""
     try:
@@ -176,8 +180,10 @@ def _modes(log: FlightLog) -> dict[str, float]:
 
 
 def _joined(first: BootInfo, then: BootInfo) -> BootInfo:
-    """Two pieces of a boot as one; a question is answered as in the longer piece."""
-    longer = first if first.duration_s >= then.duration_s else then
+    """Two pieces of a boot as one; every question is answered as by the piece that answers it better."""
+    answers = [
+        min(pair, key=lambda a: _BEST.index(a.answer)) for pair in zip(first.abilities, then.abilities, strict=True)
+    ]
     later = {(s.name, s.source): s for s in then.streams}
     both = [joined(s, later.pop(key)) if (key := (s.name, s.source)) in later else s for s in first.streams]
     left_out: dict[str, float] = {}
@@ -190,12 +196,13 @@ def _joined(first: BootInfo, then: BootInfo) -> BootInfo:
         tuple(left_out.items()),
     )
     return replace(
-        longer,
+        first,
         start_s=first.start_s,
         duration_s=then.start_s + then.duration_s - first.start_s,
         armed_s=first.armed_s + then.armed_s,
         modes={m: first.modes.get(m, 0.0) + then.modes.get(m, 0.0) for m in {**first.modes, **then.modes}},
         streams=(*both, *later.values()),
+        abilities=tuple(answers),
         judged=judged,
         notes=tuple(dict.fromkeys((*first.notes, *then.notes))),
     )

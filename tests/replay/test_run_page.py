@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from log_writers import flight, write_tlog
 
 from companion.control.authority import Reason
 from replay.cli import main
+from replay.rerun import history
 from replay.rerun.history import History
 
 
@@ -66,3 +68,18 @@ def test_nothing_seen_is_an_empty_history() -> None:
     assert history.spans() == []
     assert history.column("h_m").shape == (0,)
     assert np.array_equal(history.column("t_s"), np.empty(0))
+
+
+def test_a_flight_of_many_hours_is_plotted_from_fewer_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(history, "_MOST_ROWS", 100)
+    kept = History()
+    offset = SimpleNamespace(thrust=0.0, roll=0.0, pitch=0.0)
+    for k in range(10_000):
+        kept.add(SimpleNamespace(t_s=0.1 * k, offset=offset, disturbance=None, authority=1.0, reasons=frozenset()))
+    t_s = kept.column("t_s")
+    assert 40 < len(t_s) <= 101
+    assert t_s[0] == 0.0
+    assert t_s[-1] > 970.0
+    assert np.ptp(np.diff(t_s)) < 0.2 * np.diff(t_s).mean(), "one period"
+    (span,) = kept.spans()
+    assert span.reason is None
