@@ -80,6 +80,6 @@ def test_a_flight_of_many_hours_is_plotted_from_fewer_rows(monkeypatch: pytest.M
     assert 40 < len(t_s) <= 101
     assert t_s[0] == 0.0
     assert t_s[-1] > 970.0
-    assert np.ptp(np.diff(t_s)) < 0.2 * np.diff(t_s).mean(), "one period"
+    assert np.diff(t_s).max() < 2.0 * np.diff(t_s).min(), "one period, but where it was doubled"
     (span,) = kept.spans()
     assert span.reason is None
