@@ -5,6 +5,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -275,7 +276,6 @@ def test_vehicles_of_a_fleet_are_told_apart_by_folder_or_system_id(tmp_path, cap
     out = tmp_path / "out"
     assert main(["diagnose", str(logs), "--vehicle", str(QUAD), "--model", "none", "--out", str(out), "--quiet"]) == 0
     page = (out / "report.html").read_text()
-    assert "by vehicle: " in page
     assert "alpha, 2026-01-01" in page
     assert "system 7, 2026-01-01" in page
     assert not re.search(r"\d 1[;.<]", page), "a number without unit has no unit"
@@ -284,3 +284,5 @@ def test_vehicles_of_a_fleet_are_told_apart_by_folder_or_system_id(tmp_path, cap
 def test_a_size_without_unit_is_a_number():
     trend = Trend("thrust_scale", "scale", "1", (Point("a", "x", 0.0, -0.08, 0.01),), 1)
     assert trend.in_words() == "1 of 1 logs, median -0.08"
+    other = replace(trend, points=(*trend.points, Point("b", "y", 1.0, 0.02, 0.01)), logs=2)
+    assert "; by vehicle: x -0.08, y 0.02" in other.in_words()
