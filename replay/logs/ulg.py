@@ -40,6 +40,8 @@ _ARMED, _GROUND, _AIR = 2, 1, 2
 _OUTPUTS, _ESCS = 16, 8
 """Fields of actuator_outputs and esc_status."""
 _DOWN, _DOWNWARD = (0.0, 0.0, 1.0), 25
+_ROUNDS, _SPARE = 16, 1 << 28
+"""A sound log is read twice at most, a damaged one again from every byte of the damage [bytes]."""
 _TOPICS = [
     "vehicle_attitude", "vehicle_angular_velocity", "sensor_combined", "vehicle_local_position", "distance_sensor",
     "esc_status", "actuator_outputs", "battery_status", "vehicle_air_data", "vehicle_status", "vehicle_land_detected",
@@ -75,6 +77,28 @@ def _begins(path: Path) -> list[int]:
     return out
 
 
+class _Bounded(io.BufferedReader):
+    """A file of which so much may be read; then EOFError. A damaged length leads pyulog back and forth for ever."""
+
+    left: int
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """The next bytes, counted."""
+        data = super().read(size)
+        self.left -= len(data)
+        if self.left < 0:
+            raise EOFError("a damaged length leads in circles")
+        return data
+
+
+def _bounded(source: str | io.BytesIO, size: int) -> _Bounded:
+    """A source that is given up after ``_ROUNDS`` times its own size, and ``_SPARE`` more."""
+    raw: Any = io.FileIO(source) if isinstance(source, str) else source
+    out = _Bounded(raw)
+    out.left = _ROUNDS * size + _SPARE
+    return out
+
+
 def _boot(path: Path, source: str | io.BytesIO, size: int) -> FlightLog:
     try:
         from pyulog import ULog
@@ -82,7 +106,7 @@ def _boot(path: Path, source: str | io.BytesIO, size: int) -> FlightLog:
         raise LogError(f"{path}: .ulg needs the package pyulog: pip install pyulog") from None
     with contextlib.redirect_stdout(io.StringIO()):
         try:
-            log: Any = ULog(source, _TOPICS)
+            log: Any = ULog(_bounded(source, size), _TOPICS)
         except Exception as error:  # pyulog raises whatever a damaged file makes of it
             raise LogError(f"{path}: cannot be read as a PX4 log ({error})") from None
     try:

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import random
+import struct
 import warnings
 
 import numpy as np
 import pytest
 from flying import CONFIG
 from fuzz import RAW, Limits, check_sound, log_kinds, proper_frame, records, sound_flight
+from fuzz_logs import ulg_kind
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from log_writers import bin_flight
+from log_writers import bin_flight, ulg_flight
 
 from companion.mavlink.frames import FrameReader
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.pipeline import initial_state, step
+from models.errors import LogError
 from models.progress import Bars
 from replay.logs.columns import Messages, believable, quaternions, unflipped
 from replay.logs.formats import read_flightlogs
@@ -101,3 +104,14 @@ def test_parameters_whose_declaration_is_damaged_are_left_out(columns, tmp_path)
     path = tmp_path / "flight.bin"
     path.write_bytes(bin_flight().replace(b"TimeUS,Name,Value", columns.encode()))
     assert read_flightlogs(path)[0].parameters == {}
+
+
+def test_a_ulg_whose_last_length_points_beyond_its_end_is_refused_and_read_no_longer(tmp_path):
+    """Found by the fuzzer: pyulog goes back by a length that it could not read, and comes by the same place again."""
+    sound = ulg_kind(ulg_flight())
+    formats = [record for record in sound.definitions if record[2] == ord("F")]
+    long = struct.pack("<HB", 200, ord("F")) + b"x:" + bytes(198)
+    path = tmp_path / "flight.ulg"
+    path.write_bytes(sound.head + b"".join(formats) + 320 * long + struct.pack("<HB", 60_000, 1) + bytes(10))
+    with pytest.raises(LogError, match="leads in circles"):
+        read_flightlogs(path)
