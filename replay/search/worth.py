@@ -18,7 +18,7 @@ CURVE_FORM = 1.2
 """What a free curve may leave by its form, as a share of its own: it has no mean, and what is beside it may be that."""
 SLOW_S = 2.0
 """What is left is averaged over this time before it counts as acting unexplained [s]."""
-OWN = 0.5
+OWN = 0.75
 """What no other term would take over of a term, in hundredths of the weight: no model is better than that."""
 USUAL, USUAL_TRIM = 2.0, 1.0
 """Coefficients and trims that take over stay within so many standard deviations of their prior."""
@@ -128,13 +128,14 @@ def standing(u: Contributions, rest: Sequence[Array]) -> Array:
     for (i, c), part in u.own().items():
         own[i, c] = top(part, channels[c].count) / channels[c].limit
     # Of an effect with a reference the level is arbitrary: what nothing else can take over counts at least.
-    tops = np.maximum(tops, own)
+    level = np.array([t.effect is not None and len(t.effect.contains) > 0 for t in u.terms])
+    tops[level] = np.maximum(tops, own)[level]
     form = np.array([CURVE_FORM if t.effect is None else t.effect.form for t in u.terms])
     left = (tops * form[:, None]) ** 2
     open_ = np.array([slow_rms(e, c) / c.limit for e, c in zip(rest, channels, strict=True)])
     beside = left.sum(axis=0) - left + open_**2
     least = np.array([[t.share] for t in u.terms])
-    large = np.minimum(tops / np.sqrt(1.0 + beside), own / np.sqrt(OWN**2 + beside))
+    large = np.minimum(tops / np.sqrt(1.0 + beside), own / OWN)
     return np.asarray(np.minimum(large, shares / least).max(axis=1))
 
 
