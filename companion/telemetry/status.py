@@ -153,7 +153,7 @@ def _words(reason: Reason, state: PipelineState, decision: Decision) -> str:
     if reason is Reason.HEIGHT_DRIFTS:
         what = what.replace("drifts", f"drifts {abs(state.drift.rate_m_s):.1f} m/s")
     if reason is Reason.NOT_ARMED and state.airborne_since_s < math.inf and state.carried_s == decision.t_s:
-        what += ", though the rotors carry the vehicle: nothing is sent, take over"
+        what += ", though the vehicle flies: nothing is sent, take over"
     if reason is Reason.WRONG_MODE and state.heartbeat is not None:
         what += f" (now {mode_name(state.heartbeat)})"
     return what

@@ -259,7 +259,7 @@ def _rejected(walked: Walked, taken: set[str]) -> tuple[Rejected, ...]:
         term = library.terms[max(index, key=lambda i: float(gain[i]))]
         effect = term.effect
         assert effect is not None
-        if not _excited(walked, best, term):
+        if name not in walked.worse and not _excited(walked, best, term):
             out.append(Rejected(name, "this flight hardly excites it: " + effect.excite, False, chance))
         else:
             out.append(Rejected(name, walked.why_not(name), True, chance))

@@ -24,7 +24,7 @@ from measured_flights import judged
 from tqdm import tqdm
 
 SETTINGS = (
-    "", "TRUST=0.25", "TRUST=0.35", "TRUST=0.7", "TRUST=1.0", "FLOOR=0.1", "FLOOR=0.4", "FORM=0.06", "FORM=0.24",
+    "", "TRUST=0.25", "TRUST=0.35", "TRUST=0.7", "TRUST=1.0", "FLOOR=0.1", "FLOOR=0.4", "OWN=0.5", "OWN=1.0",
     "FORM_LEFT=0.03", "FORM_LEFT=0.12",
 )  # fmt: skip
 """What is tried: the search as it is first, then one number changed at a time."""

@@ -81,10 +81,11 @@ def test_nothing_is_said_twice_for_one_cause():
     texts = told(b, 2.0, reporter)
     b.send_rpm = False
     texts += told(b, 2.0, reporter)
-    b.landed = 2
-    texts += told(b, 2.0, reporter)
     assert len(texts) == len(set(texts)) <= 2
     assert all(t.startswith("companion: no offset, not armed; also: on the ground") for t in texts)
+    b.landed = 2
+    (contradiction,) = told(b, 2.0, reporter)
+    assert contradiction.startswith("companion: no offset, not armed, though the vehicle flies: nothing is sent")
 
 
 def test_all_refusals_are_said_and_a_lesser_one_that_flickers_is_not():
