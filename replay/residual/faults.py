@@ -13,7 +13,7 @@ from models.effects import Context
 from replay.flightlog import Beam, FlightLog
 from replay.residual.fault import LogFault
 from replay.residual.grid import Mask
-from replay.residual.motion import Motion
+from replay.residual.motion import ENOUGH_S, Motion
 from replay.residual.motion_faults import accelerometer_faults, first_upside_down, gyro_faults
 from replay.residual.rotor_faults import (
     FULL_MOST,
@@ -38,11 +38,11 @@ LIFT_AND_MOMENTS, MOMENTS = frozenset({2, 3, 4, 5}), frozenset({3, 4, 5})
 
 @dataclass(frozen=True)
 class Doubts:
-    """What was found wrong, the axes that can still be judged, and samples that are left out (n,)."""
+    """What was found wrong, the axes that can still be judged, and samples that are left out, (n,) by their reason."""
 
     faults: tuple[LogFault, ...]
     axes: tuple[int, ...]
-    left_out: Mask
+    left_out: tuple[tuple[str, Mask], ...]
     blind: tuple[int, ...] = ()
     """Axes that are not judged, but on which something acts all the same."""
 
@@ -79,15 +79,17 @@ def doubted(log: FlightLog, ctx: Context, motion: Motion, flying: Mask, axes: li
         if moments:
             faults += moments
             usable -= MOMENTS
-    left_out = np.zeros(len(flying), bool)
-    if usable & LIFT_AND_MOMENTS:
-        left_out |= np.convolve(full, np.ones(round(FOLLOWS_AGAIN_S * motion.grid.rate) + 1))[: len(full)] > 0.5
+    left_out = []
+    at_stop = np.convolve(full, np.ones(round(FOLLOWS_AGAIN_S * motion.grid.rate) + 1))[: len(full)] > 0.5
+    if usable & LIFT_AND_MOMENTS and (flying & ~at_stop).sum() >= ENOUGH_S * motion.grid.rate:
+        left_out.append(("at full command", at_stop))
     crash = first_upside_down(motion)
     if crash is not None:
         when = f"upside down from {motion.grid.t[crash]:.0f} s on: what follows is no flight"
         faults.append(LogFault("roll_rad", when))
-        left_out[max(crash - int(motion.grid.rate), 0) :] = True
-    return Doubts(tuple(faults), tuple(sorted(usable)), left_out, tuple(sorted(blind)))
+        after = np.arange(len(flying)) >= crash - int(motion.grid.rate)
+        left_out.append(("after a crash", after))
+    return Doubts(tuple(faults), tuple(sorted(usable)), tuple(left_out), tuple(sorted(blind)))
 
 
 def without_stuck_beams(log: FlightLog) -> tuple[FlightLog, list[LogFault]]:

@@ -95,7 +95,8 @@ def build_record(
     )
     time = judged_time(log, context, motion, modelled)
     doubts = doubted(log, context, motion, time.valid, [a for a in axes if a not in time.unjudged_axes])
-    time = time.without("after a crash", doubts.left_out, grid.rate)
+    for why, when in doubts.left_out:
+        time = time.without(why, when, grid.rate)
     residual = grid.smooth(np.where(time.valid[:, None], measured - modelled, np.nan))
     residual[:, [a for a in range(6) if a not in doubts.axes and a not in doubts.blind]] = 0.0
     kinematic = grid.smooth(np.where(time.valid[:, None], motion.kinematic_bias, np.nan))

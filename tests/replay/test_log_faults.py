@@ -192,6 +192,33 @@ def test_a_fault_is_found_said_and_left_out(kind, flown):
     assert np.all(record.residual[record.valid][:, left] == 0.0)
 
 
+def test_a_short_flight_mostly_at_full_command_is_judged_and_time_left_out_has_its_reason(flown):
+    """Of twelve seconds five are left: too few to judge alone, so all of them count and the fault is said."""
+
+    def first_seconds(log: FlightLog, seconds: float) -> FlightLog:
+        def cut(series: Series | None) -> Series | None:
+            return None if series is None else Series(*(x[series.t_s < seconds] for x in (series.t_s, series.values)))
+
+        (one,) = log.imus
+        return replace(
+            log, attitude=cut(log.attitude), rates=cut(log.rates), position=cut(log.position),
+            velocity=cut(log.velocity), servo=cut(log.servo),
+            imus=(replace(one, specific_force=cut(one.specific_force), gyro=cut(one.gyro)),),
+            escs={k: replace(e, rpm=cut(e.rpm)) for k, e in log.escs.items()},
+        )  # fmt: skip
+
+    log = logged(flown, QUADROTOR, Path("a.tlog"))
+    record = build_record(at_the_stop(log), by_outputs(), None)
+    assert {e.reason: e.seconds for e in record.excluded}["at full command"] > 10.0
+    short = first_seconds(log, 16.0)
+    assert short.servo is not None
+    values = short.servo.values.copy()
+    values[len(values) * 55 // 100 :, 1] = 2000.0
+    record = build_record(replace(short, servo=replace(short.servo, values=values)), by_outputs(), None)
+    assert any("at full command" in f.what for f in record.faults)
+    assert "at full command" not in {e.reason for e in record.excluded}
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_fault_of_the_log_is_named_as_an_effect_of_the_vehicle(kind, flown):
     """Nothing acts in the flight but what the vehicle file says."""
