@@ -30,9 +30,6 @@ _ROWS = {
     "side_n": "side force of the air [N]",
 }  # fmt: skip
 
-_SHOWN_S = 0.05
-"""Less is 0.0 s in a table."""
-
 
 def write_report(directory: Path, report: RunReport, history: History) -> Path:
     """Write ``report.html`` into ``directory`` (created); raises ConfigError where that fails."""

@@ -318,8 +318,6 @@ def each(k: int) -> list[bytes]:
 
 def files(number: int, limits: Limits, logs: Path | None) -> Counts:
     """``number`` mutated files through the log readers."""
-    from replay.logs.formats import read_flightlogs
-
     rng, counts, good = random.Random(f"files {limits.seed}"), Counts(), list(seeds_of_logs(logs))
     with tempfile.TemporaryDirectory() as folder:
         for k in range(number):
@@ -333,15 +331,22 @@ def files(number: int, limits: Limits, logs: Path | None) -> Counts:
             path = Path(folder) / f"f{suffix}"
             path.write_bytes(damaged)
             counts.inputs += 1
-            started = time.perf_counter()
-            try:
-                counts.samples += len(read_flightlogs(path))
-            except UserError:
-                counts.refused += 1
-            except Exception as error:
-                counts.fail(limits.keep, f"file-{limits.seed}-{k}{suffix}", bytes(damaged), error)
-            counts.took(time.perf_counter() - started, limits.hang_s, f"file {k}")
+            _read(path, counts, limits, f"file-{limits.seed}-{k}")
     return counts
+
+
+def _read(path: Path, counts: Counts, limits: Limits, label: str) -> None:
+    """One damaged file through its reader; what fails is kept under ``label``."""
+    from replay.logs.formats import read_flightlogs
+
+    started = time.perf_counter()
+    try:
+        counts.samples += len(read_flightlogs(path))
+    except UserError:
+        counts.refused += 1
+    except Exception as error:
+        counts.fail(limits.keep, f"{label}{path.suffix}", path.read_bytes(), error)
+    counts.took(time.perf_counter() - started, limits.hang_s, label)
 
 
 def log_kinds() -> tuple[LogKind, ...]:
@@ -356,8 +361,6 @@ def log_kinds() -> tuple[LogKind, ...]:
 
 def records(number: int, limits: Limits, kind: LogKind) -> Counts:
     """``number`` mutated records through the reader of one format, some hundred in a file."""
-    from replay.logs.formats import read_flightlogs
-
     name = kind.suffix[1:]
     rng, counts = random.Random(f"{name} {limits.seed}"), Counts()
     with tempfile.TemporaryDirectory() as folder:
@@ -368,14 +371,7 @@ def records(number: int, limits: Limits, kind: LogKind) -> Counts:
             path.write_bytes(data)
             counts.inputs += hit
             counts.frames += 1
-            started = time.perf_counter()
-            try:
-                counts.samples += len(read_flightlogs(path))
-            except UserError:
-                counts.refused += 1
-            except Exception as error:
-                counts.fail(limits.keep, f"{name}-{limits.seed}-{counts.inputs}{kind.suffix}", data, error)
-            counts.took(time.perf_counter() - started, limits.hang_s, f"{name} input {counts.inputs}")
+            _read(path, counts, limits, f"{name}-{limits.seed}-{counts.inputs}")
     return counts
 
 
