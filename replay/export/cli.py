@@ -25,7 +25,7 @@ def add_parser(commands: Any) -> None:
         "--rate", type=float, metavar="HZ", help="an even clock, linear in between (default: every sample as it was)"
     )
     p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
-    p.add_argument("--quiet", action="store_true", help="no text")
+    p.add_argument("--quiet", action="store_true", help="no progress bar and no text")
     p.set_defaults(run=run)
 
 
@@ -37,7 +37,7 @@ def run(a: argparse.Namespace) -> int:
     from replay.export.files import write_csv, write_parquet
     from replay.export.tables import Tables
 
-    tables = Tables(a.log, a.target_system, a.rate)
+    tables = Tables(a.log, a.target_system, a.rate, quiet=a.quiet)
     target = Path(f"{a.log.stem}.{a.to}") if a.out is None else a.out
     about = {
         "log": a.log.name,

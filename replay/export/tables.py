@@ -9,6 +9,7 @@ from pathlib import Path
 from replay.export.columns import Table, table
 from replay.logs.formats import read_pieces
 from replay.logs.pieces import Piece
+from replay.logs.progress import with_progress
 
 _KEPT = 1
 """Pieces that are kept in memory."""
@@ -17,8 +18,11 @@ _KEPT = 1
 class Tables:
     """Iterate as often as wanted. Raises LogError where the log cannot be read."""
 
-    def __init__(self, path: Path, target_system: int | None = None, rate_hz: float | None = None) -> None:
-        self._path, self._target, self._rate = path, target_system, rate_hz
+    def __init__(
+        self, path: Path, target_system: int | None = None, rate_hz: float | None = None, *, quiet: bool = True
+    ) -> None:
+        self._path, self._target, self._rate, self._quiet = path, target_system, rate_hz, quiet
+        self._times = 0
         head = list(itertools.islice(read_pieces(path, target_system), _KEPT + 1))
         self._all = list(map(self._table, head)) if len(head) <= _KEPT else None
         self.system = head[0].log.system
@@ -32,6 +36,8 @@ class Tables:
         if self._all is not None:
             yield from self._all
             return
-        for piece in read_pieces(self._path, self._target):
+        self._times += 1
+        what = f"reading, time {self._times} of 2"  # names of the columns, then rows (files.py)
+        for piece in with_progress(self._path, read_pieces(self._path, self._target), what, quiet=self._quiet):
             self.boots = max(self.boots, piece.log.boot + 1)
             yield self._table(piece)

@@ -51,7 +51,7 @@ def run(a: argparse.Namespace) -> int:
     failed = 0
     for path in tqdm(a.logs, unit="log", disable=not shown, leave=False, file=sys.stderr):
         try:
-            answer = inspect(path, vehicle, chosen, a.target_system, assumed)
+            answer = inspect(path, vehicle, chosen, a.target_system, assumed, quiet=a.quiet)
         except LogError as error:
             failed = error.exit_code
             answers.append({"log": str(path), "error": str(error)})

@@ -10,7 +10,6 @@ from typing import Any
 from companion.config import PipelineConfig
 from companion.mavlink.firmware import Stack, mode_name
 from companion.mavlink.samples import Heartbeat
-from companion.telemetry.summary import Summary
 from models.choice import NONE, Choice
 from models.errors import LogError
 from models.frames import AXES
@@ -19,13 +18,12 @@ from models.vehicle import Vehicle
 from replay.flightlog import FlightLog
 from replay.info.abilities import Ability, Answer, abilities
 from replay.info.contents import Stream, joined, streams
+from replay.info.engagement import Engagement, engagement, refused
 from replay.logs.formats import read_pieces
-from replay.rerun.report import run
+from replay.logs.progress import with_progress
 from replay.residual.record import build_record
 
 _BEST = (Answer.YES, Answer.PARTLY, Answer.NO)
-_SHOWN_REASONS = 5
-"""The longest ones; all are in the JSON."""
 
 
 @dataclass(frozen=True)
@@ -91,26 +89,19 @@ class LogInfo:
     bytes: int
     vehicle: str
     boots: tuple[BootInfo, ...]
-    flight: Summary | None
+    flight: Engagement | None
     """What the pipeline of flight decided; None where it could not decide."""
     refusal: str
     """Why it could not."""
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers."""
-        numbers = None if self.flight is None else self.flight.as_json()
         return {
             "log": str(self.path),
             "bytes": self.bytes,
             "vehicle": self.vehicle,
             "boots": [b.as_json() for b in self.boots],
-            "companion": {
-                "engages": numbers is not None and numbers["compensated_s"] > 0.0,
-                "compensated_s": 0.0 if numbers is None else numbers["compensated_s"],
-                "duration_s": 0.0 if numbers is None else numbers["duration_s"],
-                "refusals_s": {} if numbers is None else numbers["refusals_s"],
-                "refusal": self.refusal or None,
-            },
+            "companion": refused(self.refusal) if self.flight is None else self.flight.as_json(),
         }
 
     def as_text(self) -> str:
@@ -118,7 +109,10 @@ class LogInfo:
         out = [f"{self.path.name}: {self.bytes / 1e6:.1f} MB, {len(self.boots)} boot(s)"]
         for boot in self.boots:
             out += _boot_text(boot)
-        return "\n".join([*out, *_flight_text(self)])
+        if self.flight is None:
+            return "\n".join([*out, f"companion would not engage: {self.refusal}"])
+        verdict, *reasons = self.flight.as_text()
+        return "\n".join([*out, f"companion with '{self.vehicle}' {verdict}", *reasons])
 
 
 def inspect(
@@ -127,13 +121,15 @@ def inspect(
     chosen: Choice,
     target_system: int | None = None,
     assumed: Mapping[str, float] | None = None,
+    *,
+    quiet: bool = True,
 ) -> LogInfo:
     """Read one log as ``vehicle`` with a model; ``assumed`` parameters hold where the log lacks them.
 
     Raises LogError where the log cannot be read; what it lacks is in the answer.
     """
     boots: list[BootInfo] = []
-    for piece in read_pieces(path, target_system):
+    for piece in with_progress(path, read_pieces(path, target_system), "reading", quiet=quiet):
         one = _boot(piece.own(), vehicle, None if chosen.name == NONE else chosen.model)
         if boots and boots[-1].boot == one.boot:
             boots[-1] = _joined(boots[-1], one)
@@ -142,7 +138,8 @@ def inspect(
     config = PipelineConfig(vehicle=vehicle, model=chosen.model, dry_run=True)
     flight, refusal = None, ""
     try:
-        flight = run(path, config, "", target_system, assumed).summary
+        length_s, armed = sum(b.duration_s for b in boots), any(b.armed_s > 0.0 for b in boots)
+        flight = engagement(path, config, length_s, target_system, assumed, armed=armed, quiet=quiet)
     except LogError as error:
         refusal = _without_path(error, path)
     return LogInfo(path, path.stat().st_size, vehicle.name, tuple(boots), flight, refusal)
@@ -244,16 +241,3 @@ def _boot_text(boot: BootInfo) -> list[str]:
         out.append(f"  replay diagnose judges {judged.seconds:.0f} s of it in {' '.join(judged.axes)}")
         out += [f"    {s:6.1f} s left out: {reason}" for reason, s in judged.left_out_s]
     return [*out, *(f"  note: {note}" for note in boot.notes)]
-
-
-def _flight_text(info: LogInfo) -> list[str]:
-    if info.flight is None:
-        return [f"companion would not engage: {info.refusal}"]
-    numbers = info.flight.as_json()
-    done = numbers["compensated_s"]
-    verdict = (
-        f"would have compensated {done:.1f} of {numbers['duration_s']:.1f} s" if done else "would not have engaged"
-    )
-    out = [f"companion with '{info.vehicle}' {verdict}"]
-    reasons = [(reason, s) for reason, s in info.flight.refusals() if s >= 0.05][:_SHOWN_REASONS]
-    return [*out, *(f"  {s:7.1f} s held back: {reason.value}" for reason, s in reasons)]

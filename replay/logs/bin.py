@@ -89,7 +89,7 @@ def pieces(path: Path, target_system: int | None = None, block_bytes: int | None
             raise LogError(f"{path}: its messages make no sense ({type(error).__name__}: {error}); damaged?") from None
         told = True
         origin = log.start_s if part.start_s == -math.inf else part.origin_s
-        yield Piece(log, part.start_s, part.end_s, origin)
+        yield Piece(log, part.start_s, part.end_s, origin, part.share_read)
     if not told:
         raise unusable or LogError(
             f"{path}: holds no flight data (no ATT, IMU or XKF1): record with LOG_DISARMED or arm the vehicle"
@@ -104,6 +104,7 @@ class _Part:
     start_s: float
     end_s: float
     origin_s: float
+    share_read: float
 
 
 @dataclass
@@ -133,7 +134,8 @@ def _parts(path: Path, size: int, block_bytes: int) -> Iterator[_Part]:
             at = found.offsets + tail
             first = int(np.searchsorted(at, begin))
             end = len(at) if last else int(np.searchsorted(at, begin + block_bytes))
-            yield from _boots(_Block(path, size, data, formats, found, first, end, last, damaged), boots)
+            share = 1.0 if last or end >= len(at) else int(at[end]) / size
+            yield from _boots(_Block(path, size, data, formats, found, first, end, last, damaged, share), boots)
             if last or end >= len(at):
                 return
             begin = int(at[end])
@@ -153,6 +155,8 @@ class _Block:
     end: int
     is_last: bool
     damaged: int
+    share_read: float
+    """Of the file, up to the end of this block."""
 
 
 def _boots(block: _Block, boots: list[_Boot]) -> Iterator[_Part]:
@@ -203,7 +207,7 @@ def _part(block: _Block, first: int, end: int, boot: _Boot) -> _Part:
         block.path, block.size, boot.number, kinds, tuple(boot.texts), dict(boot.parameters), frozenset(whole), counts,
         block.damaged, len(block.data) - block.found.rest if block.is_last else 0,
     )  # fmt: skip
-    return _Part(data, start_s, end_s, boot.origin_s)
+    return _Part(data, start_s, end_s, boot.origin_s, block.share_read)
 
 
 def _offset(block: _Block, number: int) -> int:

@@ -17,6 +17,8 @@ class Piece:
     end_s: float = math.inf
     origin_s: float = math.nan
     """First time of the boot; NaN where the log is all of it."""
+    share_read: float = 1.0
+    """Of the file, up to the end of this piece."""
 
     def own(self) -> FlightLog:
         """The log without what is of the neighbours."""

@@ -32,6 +32,8 @@ class Block:
     first: int
     end: int
     is_last: bool
+    share_read: float
+    """Of the file, up to the end of this block."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ class TlogFile:
     def blocks(self) -> Iterator[Block]:
         """The blocks in file order."""
         if self._only is not None:
-            yield Block(self._only, 0, len(self._only), True)
+            yield Block(self._only, 0, len(self._only), True, 1.0)
             return
         with open_file(self.path) as file:
             for k, place in enumerate(self._places):
@@ -106,9 +108,12 @@ class TlogFile:
                 at = np.frombuffer(starts, np.int64) + begin
                 first, end = np.searchsorted(at, (place.begin, place.end)).tolist()
                 log = replace(tlog_of(self.path, data, starts, self.report), report=self.report)
-                yield Block(log, first, end, last)
+                yield Block(log, first, end, last, place.end / self.report.bytes)
 
-    def frames(self) -> Iterator[tuple[int, bytes]]:
-        """(arrival stamp [us], frame) in file order."""
+    def frames(self, since: int = 0) -> Iterator[tuple[int, bytes]]:
+        """(arrival stamp [us], frame) in file order; ``since``: how many are passed over."""
+        before = 0
         for block in self.blocks():
-            yield from block.log.part(block.first, block.end).frames()
+            own = block.log.part(block.first, block.end)
+            yield from own.part(max(since - before, 0), len(own)).frames()
+            before += len(own)

@@ -126,7 +126,7 @@ def _piece(
     boot = _Boot(log, choice, axis, seam.boot, parameters).flightlog(own.counts())
     if new:
         seam.origin_s = boot.start_s
-    return Piece(boot, start_s, end_s, seam.origin_s)
+    return Piece(boot, start_s, end_s, seam.origin_s, block.share_read)
 
 
 class _Table:

@@ -30,7 +30,8 @@ class _System:
 
     autopilot: bool = False
     """Its component 1 sent HEARTBEAT with an autopilot."""
-    armed: bool = False
+    armed_at: int | None = None
+    """Number of the frame, from 0, that first said so."""
     speeds_sent: bool = False
     turned: bool = False
     """A rotor speed above 0."""
@@ -42,7 +43,7 @@ class _System:
     @property
     def flies(self) -> bool:
         """Whether it was armed at some time and its rotors turned: by their speeds, or by servo outputs that moved."""
-        if not self.armed:
+        if self.armed_at is None:
             return False
         if self.speeds_sent:
             return self.turned
@@ -60,6 +61,7 @@ class Census:
 
     def add(self, log: Tlog) -> None:
         """Count a stretch of the file; stretches come in file order."""
+        before = self.counts.total()
         self.counts.update(log.counts())
         beats = log.indices(0)
         beats = beats[log.component[beats] == AUTOPILOT]
@@ -68,7 +70,9 @@ class Census:
             own = log.system[beats] == number
             one = self._systems[number]
             one.autopilot |= bool((records["autopilot"][own] != mavlink.MAV_AUTOPILOT_INVALID).any())
-            one.armed |= bool((records["base_mode"][own] & mavlink.MAV_MODE_FLAG_SAFETY_ARMED).any())
+            armed = beats[own & (records["base_mode"] & mavlink.MAV_MODE_FLAG_SAFETY_ARMED).astype(bool)]
+            if one.armed_at is None and armed.size:
+                one.armed_at = before + int(armed[0])
         motion = np.isin(log.message_id, _MOTION) & (log.component == AUTOPILOT)
         for number in np.unique(log.system[motion]).tolist():
             self._systems[number].motion += int((log.system[motion] == number).sum())
@@ -108,6 +112,10 @@ class Census:
     def parameters(self, system: int) -> dict[str, float]:
         """The autopilot's parameters of the whole file; a ground station's own copy of them where it sent none."""
         return {**self._parameters[0, GROUND_STATION], **self._parameters[system, AUTOPILOT]}
+
+    def armed_at(self, system: int) -> int | None:
+        """Number of the frame, from 0, that first said that a vehicle is armed; None where none did."""
+        return self._systems[system].armed_at
 
     def choose(self, path: Path, target: int | None = None) -> Choice:
         """The vehicle to read: ``target``, or of those that fly (of all, where none does) the one with most motion

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator
+import math
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from companion.mavlink.samples import (
     SetAttitudeTarget,
 )
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, Series
+from replay.logs.pieces import Piece
 
 _COMPONENT = 1
 """Component of an autopilot (MAV_COMP_ID_AUTOPILOT1)."""
@@ -34,14 +36,40 @@ _SAME_MESSAGE_S = 0.1
 
 def samples_of(log: FlightLog) -> Iterator[Sample]:
     """Samples in order of time. Heartbeats come once a second, parameters at the start."""
+    yield from _parameters(log, log.parameters, log.start_s)
+    yield from _merged(log, log.start_s)
+
+
+def samples_of_pieces(pieces: Iterable[Piece], *, from_arming: bool = False) -> Iterator[Sample]:
+    """The samples that ``samples_of`` gives of whole boots, in the memory of a piece.
+
+    ``from_arming``: what comes before the vehicle is first armed is left out, but for parameters.
+    """
+    boot, told = -1, dict[str, float]()
+    waiting = from_arming
+    for piece in pieces:
+        log, start_s = piece.log, max(piece.start_s, piece.log.start_s)
+        if waiting:
+            armed = [i.start_s for i in log.armed if i.value and i.start_s < piece.end_s and i.end_s > start_s]
+            if not armed:
+                continue
+            waiting, start_s = False, max(start_s, min(armed))
+        if log.boot != boot:
+            boot, told = log.boot, {}
+        yield from _parameters(log, {n: v for n, v in log.parameters.items() if told.get(n) != v}, start_s)
+        told.update(log.parameters)
+        origin_s = log.start_s if math.isnan(piece.origin_s) else piece.origin_s
+        yield from (s for s in _merged(log, origin_s) if start_s <= s.t_s < piece.end_s)
+
+
+def _merged(log: FlightLog, origin_s: float) -> Iterator[Sample]:
     head = (log.system, _COMPONENT)
-    streams: list[Iterator[Sample]] = [_heartbeats(log), _attitudes(log, head), _positions(log, head)]
+    streams: list[Iterator[Sample]] = [_heartbeats(log, origin_s), _attitudes(log, head), _positions(log, head)]
     streams += [_ranges(beam, head) for beam in log.beams if beam.source != "RANGEFINDER"]
     streams += [_speeds(number, esc, head) for number, esc in log.escs.items()]
     streams += [_servos(port, series, head) for port, series in log.servo_ports.items()]
     streams += [_batteries(log.battery, head), _targets(log, head), _commands(log, head), _landed(log, head)]
     streams += [_imu(one, head) for one in log.imus[:1]]
-    yield from _parameters(log, head)
     yield from heapq.merge(*streams, key=lambda sample: sample.t_s)
 
 
@@ -61,20 +89,21 @@ def _imu(imu: ImuRecord, head: Head) -> Iterator[Sample]:
         yield Imu(t, *head, (x, y, z), (p, q, r), imu.source)
 
 
-def _parameters(log: FlightLog, head: Head) -> Iterator[Sample]:
-    count = len(log.parameters)
-    for index, (name, value) in enumerate(log.parameters.items()):
-        yield Parameter(log.start_s, *head, name, value, index, count)
+def _parameters(log: FlightLog, values: Mapping[str, float], t_s: float) -> Iterator[Sample]:
+    for index, (name, value) in enumerate(values.items()):
+        yield Parameter(t_s, log.system, _COMPONENT, name, value, index, len(values))
 
 
 def _value(intervals: tuple[Interval, ...], t: float, default: int) -> int:
     return next((i.value for i in intervals if i.start_s <= t < i.end_s), default)
 
 
-def _heartbeats(log: FlightLog) -> Iterator[Sample]:
+def _heartbeats(log: FlightLog, origin_s: float) -> Iterator[Sample]:
+    """``origin_s``: of the first one of the boot."""
     if log.autopilot is None:
         return
-    for t in np.arange(log.start_s, log.end_s, _HEARTBEAT_S).tolist():
+    times = np.arange(origin_s, log.end_s, _HEARTBEAT_S)
+    for t in times[times >= log.start_s].tolist():
         armed = _value(log.armed, t, 0) != 0
         mode = _value(log.modes, t, 0)
         yield Heartbeat(t, log.system, _COMPONENT, armed, mode, 128 * armed, log.autopilot, log.vehicle_type or 0, 0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +12,9 @@ from companion.config import PipelineConfig
 from companion.pipeline import Decision
 from companion.telemetry.summary import Summary
 from models.errors import LogError
-from replay.logs.formats import read_flightlogs, suffix_of
+from replay.logs.formats import read_pieces, suffix_of
+from replay.logs.pieces import Piece
+from replay.logs.progress import with_progress
 from replay.logs.tlog_blocks import TlogFile
 from replay.rerun.harness import Replay
 
@@ -78,34 +81,72 @@ def run(
     assumed: Mapping[str, float] | None = None,
     *,
     quiet: bool = True,
+    from_arming: bool = False,
     watch: Callable[[Iterable[Decision]], Iterable[Decision]] = iter,
 ) -> RunReport:
     """Replay one log; ``assumed`` parameters hold where the log gives none. ``watch`` may look at every decision.
 
+    ``from_arming``: what comes before the vehicle is first armed is left out, but for parameters. Where ``watch`` stops
+    asking for decisions, the rest of the log is not replayed.
     Raises LogError in one line where it cannot be read or lacks what every decision needs.
     """
-    assumed = assumed or {}
-    if suffix_of(path) == ".tlog":
-        log = TlogFile(path)
-        choice = log.census.choose(path, target_system)
-        replay = Replay(config, choice.system, assumed)
-        notes = [*log.report.notes(), *choice.notes()]
-        decisions = replay.decisions(_with_progress(log, quiet))
-        summary = _summarised(watch(decisions))
-        boots = replay.intake.clock.boot + 1
-        system = choice.system
-    else:
-        # These hold no MAVLink: their columns are turned into the samples that a link would have given.
-        from replay.rerun.log_samples import samples_of
-
-        logs = read_flightlogs(path, target_system)
-        replay = Replay(config, logs[0].system, assumed)
-        notes = [note for one in logs for note in one.summary.notes]
-        summary = _summarised(watch(replay.decisions_on(sample for one in logs for sample in samples_of(one))))
-        boots, system = len(logs), logs[0].system
+    source = _of_link if suffix_of(path) == ".tlog" else _of_columns
+    played = source(path, config, target_system, assumed or {}, quiet=quiet, from_arming=from_arming)
+    replay = played.replay
+    summary = _summarised(watch(played.decisions))
     _check(path, replay, summary)
-    notes += _missing(config, replay)
-    return RunReport(path, config.vehicle.name, model, system, summary, replay, boots, notes)
+    notes = [*played.notes, *_missing(config, replay)]
+    assert replay.system is not None
+    return RunReport(path, config.vehicle.name, model, replay.system, summary, replay, played.boots(), notes)
+
+
+@dataclass
+class _Played:
+    """A log on its way through the pipeline; ``notes`` and ``boots`` are whole when ``decisions`` has ended."""
+
+    replay: Replay
+    decisions: Iterator[Decision]
+    notes: list[str]
+    boots: Callable[[], int]
+
+
+def _of_link(
+    path: Path, config: PipelineConfig, target: int | None, assumed: Mapping[str, float], *, quiet: bool,
+    from_arming: bool,
+) -> _Played:  # fmt: skip
+    log = TlogFile(path)
+    choice = log.census.choose(path, target)
+    since = (log.census.armed_at(choice.system) or 0) if from_arming else 0
+    if since:
+        assumed = {**log.census.parameters(choice.system), **assumed}
+    replay = Replay(config, choice.system, assumed)
+    decisions = replay.decisions(_with_progress(log, since, quiet))
+    notes = [*log.report.notes(), *choice.notes()]
+    return _Played(replay, decisions, notes, lambda: replay.intake.clock.boot + 1)
+
+
+def _of_columns(
+    path: Path, config: PipelineConfig, target: int | None, assumed: Mapping[str, float], *, quiet: bool,
+    from_arming: bool,
+) -> _Played:  # fmt: skip
+    """These logs hold no MAVLink: their columns are turned into the samples that a link would have given."""
+    from replay.rerun.log_samples import samples_of_pieces
+
+    notes: list[str] = []
+    boots = set[int]()
+
+    def noted(pieces: Iterable[Piece]) -> Iterator[Piece]:
+        for piece in pieces:
+            boots.add(piece.log.boot)
+            notes.extend(n for n in piece.log.summary.notes if n not in notes)
+            yield piece
+
+    pieces = read_pieces(path, target)
+    first = next(pieces)
+    every = noted(with_progress(path, itertools.chain([first], pieces), "deciding", quiet=quiet))
+    replay = Replay(config, first.log.system, assumed)
+    decisions = replay.decisions_on(samples_of_pieces(every, from_arming=from_arming))
+    return _Played(replay, decisions, notes, lambda: len(boots))
 
 
 def _summarised(decisions: Iterable[Decision]) -> Summary:
@@ -115,11 +156,12 @@ def _summarised(decisions: Iterable[Decision]) -> Summary:
     return summary
 
 
-def _with_progress(log: TlogFile, quiet: bool) -> Iterator[tuple[int, bytes]]:
+def _with_progress(log: TlogFile, since: int, quiet: bool) -> Iterator[tuple[int, bytes]]:
     from tqdm import tqdm
 
     # disable=None: only to a terminal.
-    yield from tqdm(log.frames(), total=len(log), unit="frame", disable=True if quiet else None, leave=False)
+    bar = True if quiet else None
+    yield from tqdm(log.frames(since), total=len(log) - since, unit="frame", disable=bar, leave=False)
 
 
 def _check(path: Path, replay: Replay, summary: Summary) -> None:

@@ -7,7 +7,7 @@ the outputs vary enough.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -90,12 +90,7 @@ def fit(paths: Sequence[Path], vehicle: Vehicle, target_system: int | None = Non
     seconds = 0.0
     problems: list[LogError] = []
     for path in paths:
-        try:
-            records = [build_record(piece.own(), start, None) for piece in read_pieces(path, target_system)]
-        except LogError as error:
-            problems.append(error)
-            continue
-        for record in records:
+        for record in _records(path, start, target_system, problems):
             rows = hovering(record)
             seconds += float(rows.sum()) * record.step_s
             hovers.append(_rows(record, rows, len(hovers)))
@@ -116,6 +111,18 @@ def fit(paths: Sequence[Path], vehicle: Vehicle, target_system: int | None = Non
     if hover is None:
         notes.append("no believable thrust command in the logs: hover_thrust stays")
     return Fit(_applied(start, found), found, seconds, tuple(dict.fromkeys(notes)))
+
+
+def _records(path: Path, vehicle: Vehicle, target_system: int | None, problems: list[LogError]) -> Iterator[Record]:
+    """Of every stretch of a log that can be judged; ``problems`` gets why others cannot."""
+    try:
+        for piece in read_pieces(path, target_system):
+            try:
+                yield build_record(piece.own(), vehicle, None)
+            except LogError as error:
+                problems.append(error)
+    except LogError as error:
+        problems.append(error)
 
 
 def hovering(record: Record) -> NDArray[np.bool_]:

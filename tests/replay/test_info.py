@@ -3,11 +3,12 @@
 import json
 
 import pytest
-from log_writers import bin_flight, flight, quad_flight, ulg_flight, write_tlog
+from log_writers import EPOCH_US, bin_flight, flight, quad_flight, ulg_flight, write_tlog
 
 from companion.mavlink.frames import cut
 from companion.vehicles import QUAD
 from replay.cli import main
+from replay.info import engagement
 
 
 def info(capsys, *arguments):
@@ -49,6 +50,43 @@ def test_what_companion_would_have_done(tmp_path, capsys):
     assert answer["companion"]["compensated_s"] == run["compensated_s"]
     assert answer["companion"]["refusals_s"] == run["refusals_s"]
     assert answer["companion"]["engages"] == (run["compensated_s"] > 0.0)
+
+
+def test_of_a_long_log_the_first_minutes_from_arming_on_are_decided(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(engagement, "_DECIDED_S", 10.0)
+    standing, flying = flight(30.0, armed=False), flight(40.0, start_ms=70_000, arrival_us=EPOCH_US + 30_000_000)
+    write_tlog(tmp_path / "a.tlog", [*standing, *flying])
+    _, (answer,), _ = info(capsys, tmp_path / "a.tlog")
+    seen = answer["companion"]
+    assert not seen["whole_log"]
+    assert seen["duration_s"] == pytest.approx(10.0, abs=0.05)
+    assert seen["from_s"] == pytest.approx(70.0, abs=0.1)
+    assert "disarmed" not in seen["refusals_s"]
+    assert main(["info", str(tmp_path / "a.tlog")]) == 0
+    out = capsys.readouterr().out
+    assert "of the first 10 s from arming on" in out
+    assert "replay run decides on all 70 s" in out
+
+
+@pytest.mark.parametrize("suffix", ["bin", "ulg"])
+def test_logs_of_other_formats_are_decided_on_from_arming_on(tmp_path, capsys, monkeypatch, suffix):
+    monkeypatch.setattr(engagement, "_DECIDED_S", 1.0)
+    path = tmp_path / f"a.{suffix}"
+    path.write_bytes(bin_flight() if suffix == "bin" else ulg_flight())
+    _, (answer,), _ = info(capsys, path)
+    seen = answer["companion"]
+    assert not seen["whole_log"]
+    assert seen["from_s"] == pytest.approx(11.0 if suffix == "bin" else 20.22, abs=0.05)
+    assert 0.9 < seen["duration_s"] <= 1.05
+
+
+def test_a_long_log_in_which_nothing_was_armed_is_decided_on_from_its_start(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(engagement, "_DECIDED_S", 5.0)
+    write_tlog(tmp_path / "a.tlog", flight(20.0, armed=False))
+    _, (answer,), _ = info(capsys, tmp_path / "a.tlog")
+    assert not answer["companion"]["engages"]
+    assert answer["companion"]["from_s"] == pytest.approx(40.0, abs=0.1)
+    assert answer["companion"]["refusals_s"]
 
 
 def test_what_is_missing_is_named_with_the_parameter_that_brings_it(tmp_path, capsys):

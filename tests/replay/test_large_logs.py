@@ -16,7 +16,7 @@ from replay.cli import main
 from replay.diagnosis.stretches import MOST_S, Stretches
 from replay.export.tables import Tables
 from replay.flightlog import load
-from replay.logs import tlog_blocks
+from replay.logs import tlog_blocks, ulg
 from replay.logs.bin import pieces as read_bin
 from replay.logs.formats import read_pieces
 from replay.logs.tlog import Tlog, read_tlog
@@ -287,6 +287,26 @@ def test_pieces_of_a_dataflash_log_hold_what_it_holds(dataflash, name):
     assert sum(i.end_s - i.start_s for p in parts for i in p.modes) == pytest.approx(whole.duration_s)
 
 
+def decided(path, tmp_path):
+    target = tmp_path / "run.json"
+    assert main(["run", str(path), "--quiet", "--json", str(target)]) == 0
+    return json.loads(target.read_text())
+
+
+def test_a_dataflash_log_in_pieces_is_decided_on_as_the_whole(dataflash, tmp_path, monkeypatch):
+    whole = decided(dataflash, tmp_path)
+    monkeypatch.setattr(tlog_blocks, "BLOCK_BYTES", SMALL)
+    assert len(list(read_pieces(dataflash))) > 5
+    assert decided(dataflash, tmp_path) == whole
+
+
+def test_the_memory_of_a_run_does_not_grow_with_a_dataflash_log(dataflash, small_blocks, tmp_path):
+    short = tmp_path / "short.bin"
+    short.write_bytes(bin_flight(60.0))
+    decided(short, tmp_path)  # imports and caches
+    assert peak(lambda: decided(dataflash, tmp_path)) < 1.25 * peak(lambda: decided(short, tmp_path))
+
+
 def test_joined_dataflash_logs_are_flights_of_their_own(tmp_path):
     path = tmp_path / "joined.bin"
     path.write_bytes(bin_flight(4.0) + bin_flight(8.0))
@@ -334,6 +354,43 @@ def test_joined_px4_logs_are_flights_of_their_own(tmp_path):
     assert (first.boot, second.boot) == (0, 1)
     assert (len(first.attitude), len(second.attitude)) == (200, 400)
     assert first.summary.bytes == second.summary.bytes == path.stat().st_size
+
+
+@pytest.fixture
+def ulog(tmp_path, monkeypatch):
+    pytest.importorskip("pyulog")
+    monkeypatch.setattr(ulg, "PIECE_S", 15.0)
+    monkeypatch.setattr(ulg, "MARGIN_S", 3.0)
+    path = tmp_path / "long.ulg"
+    path.write_bytes(ulg_flight(40.0))
+    return path
+
+
+@pytest.mark.parametrize("name", ["attitude", "position", "servo", "battery"])
+def test_pieces_of_a_px4_log_hold_what_it_holds(ulog, name):
+    (whole,) = load(ulog)
+    parts = [piece.own() for piece in read_pieces(ulog)]
+    assert len(parts) == 3
+    t, values = joined(parts, name)
+    assert np.array_equal(t, getattr(whole, name).t_s)
+    assert np.array_equal(values, getattr(whole, name).values, equal_nan=True)
+    assert sum(p.duration_s for p in parts) == pytest.approx(whole.duration_s)
+    assert all(p.parameters == whole.parameters for p in parts)
+
+
+def test_a_px4_log_in_pieces_is_decided_on_as_the_whole(ulog, tmp_path, monkeypatch):
+    parts = decided(ulog, tmp_path)
+    monkeypatch.setattr(ulg, "PIECE_S", 1e6)
+    assert len(list(read_pieces(ulog))) == 1
+    assert decided(ulog, tmp_path) == parts
+
+
+def test_a_px4_log_that_does_not_fit_into_memory_is_refused_with_the_numbers(ulog, monkeypatch, capsys):
+    monkeypatch.setattr(ulg, "free_bytes", lambda: 1_000_000.0)
+    assert main(["info", str(ulog)]) == 3
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "needs some 2 MB of memory to be read" in line
+    assert "1 MB are free" in line
 
 
 def test_a_cut_dataflash_log_says_so(tmp_path):

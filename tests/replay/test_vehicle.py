@@ -4,13 +4,14 @@ import json
 from dataclasses import replace
 
 import pytest
-from log_writers import QUAD_CT, QUAD_MASS_KG, flight, quad_flight, write_tlog
+from log_writers import EPOCH_US, QUAD_CT, QUAD_MASS_KG, flight, quad_flight, write_tlog
 
 from companion.vehicles import QUAD
 from models.frames import GRAVITY
 from models.vehicle import Rotor, Throttle, load_vehicle
 from models.vehicle_setup.toml_text import vehicle_text
 from replay.cli import main
+from replay.logs import tlog_blocks
 
 
 @pytest.fixture
@@ -44,6 +45,16 @@ def test_ct_comes_back_from_a_wrong_file_and_from_one_without(log, tmp_path, cap
         assert all(f.ct == pytest.approx(QUAD_CT, rel=0.01) for f in made.fans)
         assert made.fans[0].position_m == shipped.fans[0].position_m
     assert "measured in hover.tlog" in (tmp_path / "new.toml").read_text()
+
+
+def test_a_stretch_on_the_bench_does_not_cost_the_rest_of_a_long_log(tmp_path, capsys, monkeypatch):
+    parked = quad_flight(60.0, parked=True)
+    later = 60_000_000 + EPOCH_US
+    write_tlog(tmp_path / "long.tlog", [*parked, *quad_flight(80.0, start_ms=100_000, arrival_us=later)])
+    monkeypatch.setattr(tlog_blocks, "BLOCK_BYTES", 256 * 1024)
+    told = numbers(capsys, tmp_path / "long.tlog", "--vehicle", QUAD)
+    assert told["vehicle"]["ct"]["value"] == pytest.approx(QUAD_CT, rel=0.01)
+    assert any(note.startswith("left out: ") for note in told["notes"])
 
 
 def test_throttle_curve_comes_back(log, tmp_path, capsys):
