@@ -15,6 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+from models.arguments import Parser
 from models.errors import ConfigError, LinkError, UserError
 from models.version import VersionAction
 
@@ -33,7 +34,7 @@ where --on-exit hold asks for it."""
 
 def parser() -> argparse.ArgumentParser:
     """The command line of ``companion``."""
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="companion",
         description="Compensate the disturbance by ground, wall and corner on a hovering vehicle, over MAVLink.",
         epilog=_EPILOG,

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from models.arguments import Parser
 from models.cfd import cli as cfd
 from models.errors import ConfigError, UserError
 from models.vehicle_setup import cli as vehicle_setup
@@ -45,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="models", description="Surrogates of a fan near ground and wall: train, compare, query, compute data."
     )
     parser.add_argument("--version", action=VersionAction, nargs=0, help="print the version and exit")

@@ -12,6 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from models.arguments import Parser
 from models.errors import ConfigError, LogError, UserError
 from models.version import VersionAction
 from replay.fleet.options import add_options
@@ -35,7 +36,7 @@ messages; 130 interrupted. Logs: .tlog, .BIN, .ulg."""
 
 def parser() -> argparse.ArgumentParser:
     """The command line of ``replay``."""
-    p = argparse.ArgumentParser(
+    p = Parser(
         prog="replay", description="Recorded flights: what the companion decides on them, and what its model lacks.",
         epilog=_EPILOG,
     )  # fmt: skip

@@ -16,13 +16,14 @@ from companion.sim.process import Options, run
 from companion.sim.px4_hil import Px4Physics
 from companion.sim.px4_hil import serve as serve_px4
 from companion.sim.scenario import NAMES, build
+from models.arguments import Parser
 from models.errors import ConfigError, UserError
 from models.vehicle import Vehicle, load_vehicle
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line."""
-    p = argparse.ArgumentParser(prog="python -m companion.sim", description=__doc__)
+    p = Parser(prog="python -m companion.sim", description=__doc__)
     p.add_argument("--scenario", choices=NAMES, default="corner")
     p.add_argument("--port", type=int, default=14550, help="UDP port on 127.0.0.1 at which the companion listens")
     p.add_argument("--seed", type=int, default=0, help="draws the air, the turbulence and every sensor's errors")

@@ -13,6 +13,8 @@ from companion.pipeline import Decision
 
 _GAP_S = 0.5
 """A longer gap between decisions is a pause of the stream, not time flown."""
+_SHOWN_S = 0.05
+"""Shorter ones have no line of their own."""
 _ORDER = {reason: place for place, reason in enumerate(Reason)}
 """Gravest first: those that hold back everything come before those that only fade the offsets."""
 
@@ -117,6 +119,17 @@ class Summary:
             **({} if self.adaptation is None else {"adapted": self.adaptation.as_json()}),
         }
 
+    @property
+    def too_slow(self) -> str:
+        """Why most of the flight counts for nothing, where attitudes come too slowly; else empty."""
+        if self._gaps_s <= self._total_s:
+            return ""
+        apart = self._gaps_s / max(self._gaps, 1)
+        return (
+            f"counted for nothing: attitudes come {apart:.1f} s apart, and 0.2 s is what flight needs; stream "
+            "ATTITUDE_QUATERNION at 50 Hz"
+        )
+
     def refusals(self) -> list[tuple[Reason, float]]:
         """Every reason with its seconds, the longest first."""
         return sorted(self._seconds.items(), key=lambda x: -x[1])
@@ -127,20 +140,18 @@ class Summary:
         if self._dry_run:
             sent = f"nothing sent (dry run); would have compensated {self._compensated_s:.1f} s"
         out = [f"{self.decisions} decisions over {self._total_s + self._gaps_s:.1f} s, {sent}"]
-        if self._gaps_s > self._total_s:
-            apart = self._gaps_s / max(self._gaps, 1)
-            out.append(
-                f"  {self._gaps_s:7.1f} s  counted for nothing: attitudes come {apart:.1f} s apart, and 0.2 s is what "
-                "flight needs; stream ATTITUDE_QUATERNION at 50 Hz"
-            )
+        if self.too_slow:
+            out.append(f"  {self._gaps_s:7.1f} s  {self.too_slow}")
         for reason, seconds in sorted(self._gravest.items(), key=lambda x: -x[1]):
-            out.append(f"  {seconds:7.1f} s  {reason.value}")
-        hidden = [r.value for r in self._seconds if r not in self._gravest]
+            if seconds >= _SHOWN_S:
+                out.append(f"  {seconds:7.1f} s  {reason.value}")
+        hidden = [r.value for r in self._seconds if self._gravest.get(r, 0.0) < _SHOWN_S]
         if hidden:
             out.append(f"  at the same time, less grave: {'; '.join(hidden)}")
-        for name, numbers in self.as_json().items():
-            if isinstance(numbers, dict) and "mean" in numbers:
-                out.append(f"  {name:<10} {numbers['min']:+8.3f} {numbers['mean']:+8.3f} {numbers['max']:+8.3f}")
+        rows = [(name, n) for name, n in self.as_json().items() if isinstance(n, dict) and "mean" in n]
+        if rows:
+            out.append(f"  {'':<10} {'min':>8} {'mean':>8} {'max':>8}")
+        out += [f"  {name:<10} {n['min']:+8.3f} {n['mean']:+8.3f} {n['max']:+8.3f}" for name, n in rows]
         if self.adaptation is not None:
             out += adapted_text(self.adaptation)
         return "\n".join(out)

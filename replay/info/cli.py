@@ -48,7 +48,7 @@ def run(a: argparse.Namespace) -> int:
     shown = sys.stderr.isatty() and not a.quiet and len(a.logs) > 1
     assumed = assumed_parameters(a.param)
     answers: list[dict[str, Any]] = []
-    failed = 0
+    failed = read = 0
     for path in tqdm(a.logs, unit="log", disable=not shown, leave=False, file=sys.stderr):
         try:
             answer = inspect(path, vehicle, chosen, a.target_system, assumed, quiet=a.quiet)
@@ -57,12 +57,14 @@ def run(a: argparse.Namespace) -> int:
             answers.append({"log": str(path), "error": str(error)})
             print(f"replay: {error}", file=sys.stderr)
             continue
+        read += 1
         answers.append(answer.as_json())
         if a.json != "-" and not a.quiet:
             print(answer.as_text())
-    if a.json != "-" and not a.quiet and chosen.note:
+    told = read > 0 and a.json != "-" and not a.quiet
+    if told and chosen.note:
         print(chosen.note)
-    if a.json != "-" and not a.quiet and a.vehicle is None:
+    if told and a.vehicle is None:
         print("no --vehicle was given: judged as the paper's tandem; give your own for answers about your vehicle")
     if a.json is not None:
         write_json(answers, a.json)

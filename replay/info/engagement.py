@@ -63,6 +63,8 @@ class Engagement:
             head = f"would have compensated {done:.1f} of" if done else "would not have engaged in"
             out = [f"{head} {stretch}", f"  replay run decides on all {self.log_s:.0f} s"]
         reasons = [(reason, s) for reason, s in self.summary.refusals() if s >= 0.05][:_SHOWN_REASONS]
+        if self.summary.too_slow:
+            out.append(f"  {self.summary.too_slow}")
         return [*out, *(f"  {s:7.1f} s held back: {reason.value}" for reason, s in reasons)]
 
 

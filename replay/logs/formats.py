@@ -47,7 +47,7 @@ def read_pieces(path: Path, target_system: int | None = None) -> Iterator[Piece]
 
 def _reader(path: Path) -> Any:
     if path.is_dir():
-        raise LogError(f"{path}: is a directory, not a log")
+        raise LogError(f"{path}: is a directory: name the logs in it; replay run and replay diagnose take directories")
     if not path.exists():
         raise LogError(f"{path}: cannot be read (No such file or directory)")
     return import_module(READERS[suffix_of(path)])

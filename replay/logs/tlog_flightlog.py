@@ -294,8 +294,8 @@ class _Boot:
             )
 
     def _escs(self) -> dict[int, EscRecord]:
-        speeds: dict[int, list[tuple[Array, Array]]] = {}
-        health: dict[str, dict[int, list[tuple[Array, Array]]]] = {"temperature": {}, "voltage": {}, "current": {}}
+        speeds: dict[int, list[Series]] = {}
+        health: dict[str, dict[int, list[Series]]] = {"temperature": {}, "voltage": {}, "current": {}}
         for first in range(1, 30, 4):
             table = self._table(f"ESC_TELEMETRY_{first}_TO_{first + 3}")
             for slot in range(4):
@@ -303,24 +303,22 @@ class _Boot:
                 if not alive.any():
                     continue
                 esc = first + slot
-                speeds.setdefault(esc, []).append((table.t_s[alive], table["rpm"][alive, slot]))
+                speeds.setdefault(esc, []).append(Series(table.t_s[alive], table["rpm"][alive, slot], table.name))
                 for name, by_esc in health.items():
-                    by_esc.setdefault(esc, []).append((table.t_s[alive], table[name][alive, slot]))
+                    by_esc.setdefault(esc, []).append(Series(table.t_s[alive], table[name][alive, slot], table.name))
         self._px4_escs(speeds, health)
         if not speeds:
             self._rpm_sensors(speeds)
         # A speed controller may report its temperature and no speed.
         return {
-            esc: EscRecord(
-                _joined(speeds.get(esc, []), "rpm"), *[_joined(h.get(esc, []), name) for name, h in health.items()]
-            )
+            esc: EscRecord(_joined(speeds.get(esc, [])), *[_joined(by_esc.get(esc, [])) for by_esc in health.values()])
             for esc in sorted({*speeds, *health["temperature"]})
         }
 
     def _px4_escs(
         self,
-        speeds: dict[int, list[tuple[Array, Array]]],
-        health: dict[str, dict[int, list[tuple[Array, Array]]]],
+        speeds: dict[int, list[Series]],
+        health: dict[str, dict[int, list[Series]]],
     ) -> None:
         table = self._table("ESC_STATUS")
         for first in np.unique(table["index"]):
@@ -329,28 +327,28 @@ class _Boot:
                 if not np.nan_to_num(one["rpm"][:, slot]).any():
                     continue
                 esc = int(first) + slot + 1
-                speeds.setdefault(esc, []).append((one.t_s, one["rpm"][:, slot]))
+                speeds.setdefault(esc, []).append(Series(one.t_s, one["rpm"][:, slot], one.name))
                 for name in ("voltage", "current"):
-                    health[name].setdefault(esc, []).append((one.t_s, one[name][:, slot]))
+                    health[name].setdefault(esc, []).append(Series(one.t_s, one[name][:, slot], one.name))
         info = self._table("ESC_INFO")
         for first in np.unique(info["index"]):
             one = info.where(info["index"] == first)
             for slot in range(4):
                 warm = one["temperature"][:, slot]
                 if np.isfinite(warm).any():
-                    health["temperature"].setdefault(int(first) + slot + 1, []).append((one.t_s, warm))
+                    health["temperature"].setdefault(int(first) + slot + 1, []).append(Series(one.t_s, warm, one.name))
 
-    def _rpm_sensors(self, speeds: dict[int, list[tuple[Array, Array]]]) -> None:
+    def _rpm_sensors(self, speeds: dict[int, list[Series]]) -> None:
         """RPM and RAW_RPM: rotor sensors by number, where no ESC reports a speed."""
         raw = self._table("RAW_RPM")
         for index in np.unique(raw["index"]):
             one = raw.where(raw["index"] == index)
-            speeds.setdefault(int(index) + 1, []).append((one.t_s, one["rpm"][:, 0]))
+            speeds.setdefault(int(index) + 1, []).append(Series(one.t_s, one["rpm"][:, 0], one.name))
         pair = self._table("RPM")
         for slot in range(2):
             rpm = np.where(pair["rpm"][:, slot] >= 0.0, pair["rpm"][:, slot], np.nan)
             if np.nan_to_num(rpm).any() and slot + 1 not in speeds:
-                speeds[slot + 1] = [(pair.t_s, rpm)]
+                speeds[slot + 1] = [Series(pair.t_s, rpm, pair.name)]
 
     def _servos(self) -> dict[int, Series]:
         table = self._autopilot("SERVO_OUTPUT_RAW")
@@ -426,7 +424,8 @@ def _fresh(count: NDArray[Any], rpm: Array) -> NDArray[np.bool_]:
     return moved if moved.mean() > _LEAST_MOVING else np.ones(len(rpm), bool)
 
 
-def _joined(rows: list[tuple[Array, Array]], source: str) -> Series | None:
-    if not rows:
+def _joined(parts: list[Series]) -> Series | None:
+    if not parts:
         return None
-    return tidy(np.concatenate([t for t, _ in rows]), np.concatenate([v for _, v in rows]), source)
+    t_s, values = np.concatenate([p.t_s for p in parts]), np.concatenate([p.values for p in parts])
+    return tidy(t_s, values, parts[0].source)

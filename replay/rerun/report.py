@@ -67,10 +67,7 @@ class RunReport:
             f"{100.0 * numbers['share_compensated']:.1f} % of the time compensated",
         ]
         head += [f"  note: {note}" for note in self.notes]
-        body = self.summary.as_text().splitlines()
-        numbered = next((i for i, line in enumerate(body) if line.startswith("  thrust ")), len(body))
-        body.insert(numbered, f"  {'':<10} {'min':>8} {'mean':>8} {'max':>8}")
-        return "\n".join([*head, *body])
+        return "\n".join([*head, self.summary.as_text()])
 
 
 def run(

@@ -44,6 +44,8 @@ def test_flight_imports_neither_torch_nor_scipy():
     ("arguments", "code", "words"),
     [
         (["--connect", "udpx:1:2"], 2, ["udpx:1:2"]),
+        (["--connect"], 2, ["--connect", "--help"]),
+        (["--conect", "sim:"], 2, ["--help"]),
         (["--connect", "udp:127.0.0.1"], 2, ["HOST:PORT"]),
         (["--connect", "sim:nowhere"], 2, ["nowhere"]),
         (["--connect", "/dev/ttyNONE7"], 4, ["/dev/ttyNONE7", "no such device"]),

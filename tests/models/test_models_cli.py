@@ -91,6 +91,9 @@ def test_bad_arguments_exit_with_two(argv: list[str], capsys: pytest.CaptureFixt
     with pytest.raises(SystemExit) as stop:
         cli.main(argv)
     assert stop.value.code == 2
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert line.startswith("models")
+    assert "--help" in line
 
 
 def test_without_torch_the_message_says_what_to_install(

@@ -122,6 +122,24 @@ def test_what_a_diagnosis_would_take(tmp_path, capsys):
     assert 20.0 < diagnose["seconds"] <= 30.0
 
 
+def test_every_quantity_names_the_message_that_it_came_from(tmp_path, capsys):
+    write_tlog(tmp_path / "a.tlog", flight(5.0))
+    write_tlog(tmp_path / "px4.tlog", flight(5.0, px4=True))
+    _, answers, _ = info(capsys, tmp_path / "a.tlog", tmp_path / "px4.tlog")
+    ardupilot, px4 = (by_name(answer["boots"][0]) for answer in answers)
+    assert ardupilot["rotor speed 2"]["source"] == ardupilot["ESC temperature 2"]["source"] == "ESC_TELEMETRY_1_TO_4"
+    assert px4["rotor speed 2"]["source"] == "ESC_STATUS"
+    assert px4["ESC temperature 2"]["source"] == "ESC_INFO"
+
+
+def test_a_folder_is_one_line_and_nothing_is_said_of_a_vehicle(tmp_path, capsys):
+    assert main(["info", str(tmp_path)]) == 3
+    out = capsys.readouterr()
+    assert out.out == ""
+    (line,) = out.err.strip().splitlines()
+    assert "is a directory" in line
+
+
 def test_a_bad_log_does_not_stop_the_others(tmp_path, capsys):
     (tmp_path / "bad.tlog").write_bytes(b"no log at all")
     (tmp_path / "good.BIN").write_bytes(bin_flight())
@@ -156,3 +174,6 @@ def test_attitudes_once_a_second_are_said_to_be_too_slow(tmp_path, capsys):
     out = capsys.readouterr().out
     assert "over 0.0 s" not in out
     assert "attitudes come 1.0 s apart" in out
+    assert "  0.0 s  " not in out
+    assert main(["info", str(tmp_path / "a.tlog")]) == 0
+    assert "attitudes come 1.0 s apart" in capsys.readouterr().out

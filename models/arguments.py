@@ -1,0 +1,14 @@
+"""The command line parser of the three programs: a wrong argument is one line, as every other error."""
+
+from __future__ import annotations
+
+import argparse
+from typing import NoReturn
+
+
+class Parser(argparse.ArgumentParser):
+    """As argparse's, but an error names the argument and where help is, without the whole usage. Exit code 2."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print one line on stderr and leave."""
+        self.exit(2, f"{self.prog}: {message}; see: {self.prog} --help\n")
