@@ -126,8 +126,7 @@ class Summary:
             return ""
         apart = self._gaps_s / max(self._gaps, 1)
         return (
-            f"counted for nothing: attitudes come {apart:.1f} s apart, and 0.2 s is what flight needs; stream "
-            "ATTITUDE_QUATERNION at 50 Hz"
+            f"attitudes come {apart:.1f} s apart, and 0.2 s is what flight needs: stream ATTITUDE_QUATERNION at 50 Hz"
         )
 
     def refusals(self) -> list[tuple[Reason, float]]:
@@ -141,7 +140,7 @@ class Summary:
             sent = f"nothing sent (dry run); would have compensated {self._compensated_s:.1f} s"
         out = [f"{self.decisions} decisions over {self._total_s + self._gaps_s:.1f} s, {sent}"]
         if self.too_slow:
-            out.append(f"  {self._gaps_s:7.1f} s  {self.too_slow}")
+            out.append(f"  {self._gaps_s:7.1f} s  counted for nothing: {self.too_slow}")
         for reason, seconds in sorted(self._gravest.items(), key=lambda x: -x[1]):
             if seconds >= _SHOWN_S:
                 out.append(f"  {seconds:7.1f} s  {reason.value}")

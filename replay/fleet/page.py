@@ -12,14 +12,18 @@ from typing import Any
 
 import numpy as np
 
+from companion.control.authority import Reason
 from models.effects import get
 from models.pages.document import document, table, verdict
 from models.pages.svg import Line, figure
 from replay.fleet.trends import Trend, trends
+from replay.rerun.mend import lasted, to_mend
 
 _DAY_S = 86_400.0
 _COLOURS = ("after", "before", "a", "fit", "b", "c", "d")
 """Of the vehicles, as the style of the pages names them."""
+_REASONS = {reason.name.lower(): reason for reason in Reason}
+"""By their names in the JSON of a log, which may be of another version."""
 _COMMON = 0.5
 """Share of the judged logs from which an effect is the vehicle's rather than a day's."""
 
@@ -93,20 +97,21 @@ def common_effects(judged: Sequence[Mapping[str, Any]]) -> list[list[str]]:
 def _replayed(answers: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
     good = [a for a in answers if "error" not in a]
     acted = sum(a["compensated_s"] > 0.0 for a in good)
-    seconds: Counter[str] = Counter()
+    total: Counter[str] = Counter()
     for a in good:
-        seconds.update(a["refusals_s"])
+        total.update(a["refusals_s"])
     head = f"The companion would have compensated in {acted} of {len(good)} logs."
-    if not seconds:
-        return head, "nothing held it back."
-    reason, total = seconds.most_common(1)[0]
-    return head, f"mend what held it back longest in all: {reason.replace('_', ' ')}, {total / 60.0:.0f} minutes."
+    first = to_mend((_REASONS[name], s) for name, s in total.items() if name in _REASONS)
+    if first is None:
+        return head, "nothing but take-off and landing held it back."
+    reason, seconds = first
+    return head, f"mend what held it back longest in all: {reason.value} ({lasted(seconds)})."
 
 
 def _counts(answers: Sequence[Mapping[str, Any]]) -> str:
     good = [a for a in answers if "error" not in a]
     seconds = sum(float(a.get("duration_s", 0.0)) for a in good)
-    text = f"{len(good)} of {len(answers)} logs could be used, {seconds / 60.0:.0f} minutes in all."
+    text = f"{len(good)} of {len(answers)} logs could be used, {lasted(seconds)} in all."
     verdicts = Counter(str(a["verdict"]).replace("_", " ") for a in good if "verdict" in a)
     if verdicts:
         text += " Verdicts: " + ", ".join(f"{name} {count}" for name, count in verdicts.most_common()) + "."
@@ -163,7 +168,7 @@ def _relative(target: Path, folder: Path) -> str:
 
 
 def _run_row(a: Mapping[str, Any]) -> list[str]:
-    refusals = sorted(a["refusals_s"].items(), key=lambda item: -item[1])[:2]
-    why = ", ".join(f"{name.replace('_', ' ')} {s:.0f} s" for name, s in refusals)
+    first = to_mend((_REASONS[name], s) for name, s in a["refusals_s"].items() if name in _REASONS)
+    why = "" if first is None or first[1] < 1.0 else f"{first[0].value}, {lasted(first[1])}"
     duration, done = a["duration_s"], a["compensated_s"]
     return [_log_cell(a), f"{done:.0f} of {duration:.0f}&nbsp;s", escape(why)]

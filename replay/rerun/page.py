@@ -11,6 +11,7 @@ import numpy as np
 from models.pages.document import document, folded, items, table, verdict, write_document
 from models.pages.svg import Band, Line, figure, keys
 from replay.rerun.history import History
+from replay.rerun.mend import lasted, to_mend
 from replay.rerun.report import RunReport
 
 _SMALL_THRUST, _SMALL_TILT_DEG = 0.05, 3.0
@@ -70,9 +71,15 @@ def _verdict(report: RunReport, numbers: dict[str, Any]) -> tuple[str, list[str]
     else:
         head = f"It would have compensated {share:.0%} of {duration:.0f} s."
     if share < _MOSTLY:
-        longest = report.summary.refusals()
-        reason = longest[0][0].value if longest else "no decision was made"
-        return head, [f"Next: mend what held it back longest ({reason}), then fly and replay again."]
+        first = to_mend(report.summary.refusals())
+        if report.summary.too_slow:
+            return head, [f"Next: {report.summary.too_slow}."]
+        if first is None:
+            return head, ["Next: replay a longer flight; nothing but take-off and landing held it back."]
+        reason, seconds = first
+        return head, [
+            f"Next: mend what held it back longest ({reason.value}, {lasted(seconds)}); then fly and replay again."
+        ]
     thrust = max((abs(numbers["thrust"][k]) for k in ("min", "max")), default=0.0)
     tilt = max(abs(numbers[n][k]) for n in ("roll_deg", "pitch_deg") for k in ("min", "max"))
     size = f"largest offsets ({thrust:.1%} of full thrust, {tilt:.1f} degrees)"

@@ -12,6 +12,8 @@ import pytest
 from browser import CHROMIUM, DESKTOP, PHONE, Browser
 from log_writers import flight, quad_flight, write_tlog
 
+from companion.control.authority import Reason
+from companion.mavlink.frames import cut
 from companion.vehicles import QUAD
 from replay.cli import main
 from replay.fleet.jobs import Job, perform
@@ -65,6 +67,18 @@ def test_table_and_page_hold_every_log(folder, tmp_path):
     assert all(name in page for name in ("a.tlog", "b.tlog", "bad.tlog"))
     assert "http" not in page.replace("http-equiv", "")
     assert "<script" not in page
+
+
+def test_the_page_of_replays_names_what_to_mend_in_words(tmp_path):
+    logs = tmp_path / "logs"
+    logs.mkdir()
+    for name in ("a", "b"):
+        write_tlog(logs / f"{name}.tlog", [m for m in flight(20.0) if cut(m[1], 0).id != 132])
+    assert main(["run", str(logs), "--out", str(tmp_path / "out"), "--workers", "1", "--quiet"]) == 0
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert f"mend what held it back longest in all: {Reason.RANGE_MISSING.value}" in page
+    assert page.count(f"{Reason.RANGE_MISSING.value}, 20 s") == 2
+    assert "40 s in all" in page
 
 
 def test_what_is_known_is_not_computed_again_until_it_changes(folder, tmp_path, capsys):

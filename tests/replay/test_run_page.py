@@ -8,9 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from browser import CHROMIUM, DESKTOP, PHONE, Browser
-from log_writers import flight, write_tlog
+from log_writers import EPOCH_US, flight, write_tlog
 
 from companion.control.authority import Reason
+from companion.mavlink.frames import cut
 from replay.cli import main
 from replay.rerun import history
 from replay.rerun.history import History
@@ -54,6 +55,30 @@ def test_a_real_browser_shows_it(written: Path, size: tuple[int, int]) -> None:
             assert seen.width <= size[0]
             assert (seen.cut_cells, seen.outside, seen.console, seen.requests) == (0, (), (), ())
             assert seen.smallest_text_px > 11.0
+
+
+def test_what_is_to_be_mended_is_no_take_off(tmp_path: Path) -> None:
+    """Half a minute on the ground, disarmed; in the air it lacks both rangefinders."""
+    standing = flight(30.0, armed=False)
+    flying = flight(20.0, start_ms=70_000, arrival_us=EPOCH_US + 30_000_000)
+    write_tlog(tmp_path / "a.tlog", [m for m in [*standing, *flying] if cut(m[1], 0).id != 132])
+    assert main(["run", str(tmp_path / "a.tlog"), "--report", str(tmp_path), "--quiet"]) == 0
+    html = (tmp_path / "report.html").read_text()
+    assert f"Next: mend what held it back longest ({Reason.RANGE_MISSING.value}" in html
+    assert f"longest ({Reason.NOT_ARMED.value}" not in html
+
+
+def test_attitudes_that_come_too_slowly_are_what_is_to_be_mended(tmp_path: Path) -> None:
+    seen: set[tuple[int, int]] = set()
+    slow = []
+    for arrival_us, raw in flight(20.0):
+        key = ((arrival_us - EPOCH_US) // 1_000_000, cut(raw, 0).id)
+        if key not in seen:
+            seen.add(key)
+            slow.append((arrival_us, raw))
+    write_tlog(tmp_path / "a.tlog", slow)
+    assert main(["run", str(tmp_path / "a.tlog"), "--report", str(tmp_path), "--quiet"]) == 0
+    assert "Next: attitudes come 1.0 s apart" in (tmp_path / "report.html").read_text()
 
 
 def test_a_place_that_cannot_be_written_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
