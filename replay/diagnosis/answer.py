@@ -179,4 +179,5 @@ def _channel(c: Channel) -> dict[str, Any]:
 
 def _estimate_text(e: Estimate) -> str:
     interval = f" [{e.ci95[0]:.3g}, {e.ci95[1]:.3g}]" if e.ci95[1] > e.ci95[0] else ""
-    return f"{e.name} = {e.value:.3g}{interval} {e.unit}" + (" (at its bound)" if e.at_bound else "")
+    unit = "" if e.unit == "1" else f" {e.unit}"
+    return f"{e.name} = {e.value:.3g}{interval}{unit}" + (" (at its bound)" if e.at_bound else "")

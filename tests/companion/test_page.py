@@ -104,6 +104,7 @@ def test_the_page_asks_nobody_else():
 @pytest.mark.parametrize("size", ["400,800", "1280,900"])
 def test_a_real_browser_shows_the_values_that_were_sent(feed, sent, size, tmp_path):
     sent = {**sent, "reasons": ["not armed", "ground or wall jumped <b>"]}
+    sent["air"] = {**sent["air"], "wrench": [*sent["air"]["wrench"][:5], -1e-5]}
     for k in range(20):
         put(feed, {**sent, "t_s": 10.0 + 0.1 * k, "rates": [["ATTITUDE", 12.0, 50.0]]})
     wait_for(feed, 20)
@@ -126,6 +127,8 @@ def test_a_real_browser_shows_the_values_that_were_sent(feed, sent, size, tmp_pa
     assert '<tr class="slow"><td>ATTITUDE</td><td>12 of 50 Hz</td>' in done.stdout
     assert done.stdout.count("<polyline") == 6
     assert "t 11.9 s" in done.stdout
+    assert "-0.000" not in done.stdout
+    assert "<td>Mz</td><td>0.000 N m</td>" in done.stdout
     assert "CONSOLE" not in done.stderr, done.stderr
 
 

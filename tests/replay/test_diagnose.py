@@ -13,6 +13,7 @@ from diagnose_noise import noise_record
 import models
 from models.effects import catalogue, get
 from replay.cli import main
+from replay.diagnosis.answer import answer_text
 from replay.diagnosis.diagnose import Diagnosis, conclude
 from replay.diagnosis.html_report import page, rms_interval
 from replay.residual.record import Record
@@ -56,6 +57,13 @@ def test_wind_is_named_with_its_size_and_takes_the_residual_down(windy: Diagnosi
     noise = np.sqrt((quiet.residual**2).mean(axis=0))
     assert windy.rms(after=True)[:2] == pytest.approx(noise[:2], rel=0.2)
     assert windy.rms(after=False)[0] > 1.5 * noise[0]
+
+
+def test_a_size_without_unit_is_a_plain_number_in_the_text(windy: Diagnosis) -> None:
+    line = next(text for text in answer_text(windy).splitlines() if text.startswith("  wind "))
+    assert "north = " in line
+    assert "turning = " in line
+    assert "] 1" not in line
 
 
 def test_the_json_is_the_contracts(windy: Diagnosis) -> None:
