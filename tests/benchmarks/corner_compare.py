@@ -57,7 +57,9 @@ def places(settings: Settings) -> list[tuple[float, float, str]]:
 def plot(flights: Sequence[Flown], seed: int, path: Path, phases: Sequence[tuple[float, float, str]]) -> None:
     """Height and lateral error of one seed's legs over the script, its phases shaded, as a picture."""
     from matplotlib.figure import Figure
+    from matplotlib.patheffects import withStroke
 
+    behind = [withStroke(linewidth=3.0, foreground="white")]  # a name stays readable where a line crosses it
     figure = Figure(figsize=(9, 4.6), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True)
     styles = {Leg.AUTOPILOT: ("0.6", 1.0), Leg.OFF: ("tab:orange", 1.2), Leg.ON: ("tab:blue", 1.6)}
@@ -75,7 +77,7 @@ def plot(flights: Sequence[Flown], seed: int, path: Path, phases: Sequence[tuple
             late = flight.time_s[at] > 0.75 * flight.time_s[-1]
             axis.annotate(
                 flight.leg.value, place, (-4 if late else 4, 2), textcoords="offset points", color=colour, fontsize=9,
-                ha="right" if late else "left",
+                ha="right" if late else "left", path_effects=behind, zorder=5,
             )  # fmt: skip
     for axis in axes:
         axis.margins(y=0.12)
