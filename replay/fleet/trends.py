@@ -68,15 +68,26 @@ class Trend:
 
     @property
     def drift_per_day(self) -> float | None:
-        """Slope over the days, where there are logs enough and it stands out of their scatter; else None."""
-        days = np.array([p.day for p in self.points])
-        if len(days) < _ENOUGH or np.ptp(days) < 1.0:
+        """Slope over the days, where there are logs enough and it stands out of their scatter; else None.
+
+        One slope for all vehicles, each about its own mean: vehicles that were flown in turn are no drift.
+        """
+        x, y = self._within(np.array([p.day for p in self.points])), self._within(self.values)
+        freedom = len(x) - len(self.vehicles) - 1
+        if freedom < _ENOUGH - 2 or np.ptp(x) < 1.0:
             return None
-        x = days - days.mean()
-        slope = float(x @ (self.values - self.values.mean()) / (x @ x))
-        left = self.values - self.values.mean() - slope * x
-        se = math.sqrt(float(left @ left) / (len(x) - 2) / float(x @ x))
+        slope = float(x @ y / (x @ x))
+        left = y - slope * x
+        se = math.sqrt(float(left @ left) / freedom / float(x @ x))
         return slope if abs(slope) > _DRIFT_Z * se else None
+
+    def _within(self, numbers: Array) -> Array:
+        """Numbers (n,) of the points, less the mean of each vehicle."""
+        out = np.array(numbers, dtype=float)
+        for vehicle in self.vehicles:
+            own = [p.vehicle == vehicle for p in self.points]
+            out[own] -= out[own].mean()
+        return out
 
     def in_words(self) -> str:
         """One sentence."""

@@ -232,6 +232,26 @@ def test_trends_tell_common_from_varying_from_drifting():
     assert "drifts by +0.6" in season.in_words()
 
 
+def test_a_drift_is_of_a_vehicle_not_of_one_vehicle_flown_after_another():
+    rng = np.random.default_rng(3)
+
+    def trend(sizes_of):
+        points = [
+            Point(f"{vehicle}{k}", vehicle, day, size + 0.003 * rng.standard_normal(), 0.01)
+            for vehicle, begin, size_at in sizes_of
+            for k in range(5)
+            for day in [begin + 3.0 * k]
+            for size in [size_at(day)]
+        ]
+        return Trend("payload", "mass", "kg", tuple(points), len(points))
+
+    steady = trend([("a", 0.0, lambda day: 0.1), ("b", 30.0, lambda day: 0.4)])
+    assert steady.varies
+    assert steady.drift_per_day is None
+    drifting = trend([("a", 0.0, lambda day: 0.1 + 0.01 * day), ("b", 30.0, lambda day: -0.5 + 0.01 * day)])
+    assert drifting.drift_per_day == pytest.approx(0.01, abs=0.001)
+
+
 def test_no_drift_is_seen_in_noise():
     rng = np.random.default_rng(2)
     found = sum(trends(list(answers_of(rng.standard_normal(12))))[0].drift_per_day is not None for _ in range(200))
