@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from models.errors import ConfigError
+from models.vehicle_setup.questions import FRAMES, MOST, completed
 
-_FRAMES = ("quad-x", "quad-plus", "hexa-x", "hexa-plus", "octo-x", "octo-plus", "octaquad-x")
-# Spelled out here so that --help imports nothing.
 _EPILOG = """A person at a terminal is asked for what the options do not say. Every key: docs/vehicle.md. Afterwards
 `replay vehicle LOG --vehicle FILE` measures thrust and hover in a log of a hover."""
 
@@ -28,7 +26,7 @@ def add(commands: Any) -> None:
         "--params", type=Path, metavar="FILE", help="parameters as Mission Planner or QGroundControl save them"
     )
     p.add_argument("--name", metavar="TEXT", help="what the vehicle is called")
-    p.add_argument("--frame", choices=_FRAMES, help="motors by ArduPilot's numbers (default: as --params say)")
+    p.add_argument("--frame", choices=FRAMES, help="motors by ArduPilot's numbers (default: as --params say)")
     p.add_argument("--mass", type=float, metavar="KG", help="ready to fly, with battery")
     p.add_argument("--span", type=float, metavar="M", help="diagonal: motor axis to the opposite motor's axis")
     p.add_argument("--propeller", type=float, metavar="INCH", help="diameter")
@@ -44,24 +42,6 @@ def add(commands: Any) -> None:
     p.add_argument("--force", action="store_true", help="overwrite FILE.toml")
     p.add_argument("--quiet", action="store_true", help="no text")
     p.set_defaults(run=run)
-
-
-@dataclass(frozen=True)
-class _Question:
-    option: str
-    text: str
-    kind: Callable[[str], Any]
-    required: bool = True
-
-
-_QUESTIONS = (
-    _Question("name", "What is the vehicle called?", str),
-    _Question("mass", "Mass ready to fly, with battery [kg]?", float),
-    _Question("frame", f"Frame ({', '.join(_FRAMES)})?", str),
-    _Question("span", "Span: motor axis to the opposite motor's axis [m]?", float),
-    _Question("propeller", "Diameter of the propellers [inch]?", float),
-    _Question("voltage", "Battery voltage in hover [V]?", float),
-)
 
 
 def run(a: argparse.Namespace) -> int:
@@ -99,49 +79,21 @@ def _asked(given: Mapping[str, Any], parameters: Mapping[str, float]) -> dict[st
     placed = out["frame"] is None and px4_motors(parameters) is not None
     if out["frame"] is None:
         out["frame"] = ardupilot_frame(parameters)
-    if out["name"] is None and not sys.stdin.isatty():
+    if sys.stdin.isatty():
+        return completed(out, placed, sensed=any(name.startswith("RNGFND") for name in parameters))
+    if out["name"] is None:
         out["name"] = Path(out["out"]).stem
-    skip = {"frame", "span"} if placed else set()
-    skip |= set() if out["no_rpm"] else {"voltage"}
-    missing = [q for q in _QUESTIONS if out[q.option] is None and q.option not in skip]
-    if missing and not sys.stdin.isatty():
-        raise ConfigError(f"{', '.join('--' + q.option for q in missing)}: needed")
-    for question in missing:
-        out[question.option] = _ask(question)
-    if missing and not out["range"] and not any(name.startswith("RNGFND") for name in parameters):
-        out["range"] = _ask_ranges()
-    return out
-
-
-def _ask(question: _Question) -> Any:
-    while True:
-        text = input(f"{question.text} ").strip()
-        try:
-            value = question.kind(text)
-        except ValueError:
-            print("a number, please", file=sys.stderr)
-            continue
-        if text and (question.option != "frame" or value in _FRAMES):
-            return value
-
-
-def _ask_ranges() -> list[str]:
-    out = []
-    for what, orientation in (("looks down", "25"), ("looks at the wall (0 ahead, 2 right, 4 back, 6 left)", "")):
-        chosen = orientation or input(f"Orientation of the rangefinder that {what} (empty: none)? ").strip()
-        if chosen:
-            place = input(f"Where does the one with orientation {chosen} sit: forward, right, down [m] (empty: none)? ")
-            out += [f"{chosen}:{place.strip()}"] if place.strip() else []
+    needed = ["mass", *([] if placed else ["frame", "span"]), "propeller", *(["voltage"] if out["no_rpm"] else [])]
+    missing = [f"--{option}" for option in needed if out[option] is None]
+    if missing:
+        raise ConfigError(f"{', '.join(missing)}: needed")
     return out
 
 
 def _answers(g: Mapping[str, Any], parameters: Mapping[str, float]) -> Any:
     from models.vehicle_setup.setup import Answers
 
-    for option, high in (
-        ("mass", 1e4), ("span", 20.0), ("propeller", 200.0), ("duct", 10.0), ("hover_rpm", 2e5), ("voltage", 1000.0),
-        ("hover_thrust", 1.0),
-    ):  # fmt: skip
+    for option, high in MOST.items():
         value = g[option]
         if value is not None and not 0.0 < value <= high:
             raise ConfigError(f"--{option.replace('_', '-')} {value:g}: must be above 0 and at most {high:g}")
