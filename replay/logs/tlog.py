@@ -31,6 +31,7 @@ STAMP = 8
 """Bytes of the receiver's stamp before every frame."""
 _STAMP_TOLERANCE_US = 500_000
 """Links seldom hold messages back for half a second; a damaged stamp is off by far more."""
+_LONGEST_PAUSE_US = 3_600_000_000
 
 _YEAR_US = 365.2425 * 86_400e6
 _FIRST_YEAR, _LAST_YEAR = 2004, 2095
@@ -203,9 +204,11 @@ def repair_stamps(stamps: NDArray[np.uint64]) -> tuple[NDArray[np.int64], int, i
 
     A stamp is impossible where it differs by more than half a second from the median of itself and its two neighbours
     on either side: gaps and lasting steps of the clock pass, single damaged stamps (back in time, year 2793) do not.
+    The first and the last have neighbours on one side only: up to an hour from them, in order, is taken as a pause.
     """
     stamps_us = np.minimum(stamps, _NO_STAMP).astype(np.int64)
     bad = outliers(stamps_us, _STAMP_TOLERANCE_US)
+    bad = bad[[not _behind_a_pause(stamps_us, int(i)) for i in bad]]
     good = np.ones(len(stamps_us), bool)
     good[bad] = False
     if len(bad):
@@ -215,6 +218,13 @@ def repair_stamps(stamps: NDArray[np.uint64]) -> tuple[NDArray[np.int64], int, i
         stamps_us[bad] = origin + np.rint(fitted).astype(np.int64)
     set_back = int((np.diff(stamps_us) < -_STAMP_TOLERANCE_US).sum())
     return stamps_us, len(bad), set_back
+
+
+def _behind_a_pause(stamps_us: NDArray[np.int64], i: int) -> bool:
+    """Whether a stamp is the first or the last, and in order: a link that begins or ends with one frame and a pause."""
+    n = len(stamps_us)
+    ends = {0: stamps_us[1] - stamps_us[0], n - 1: stamps_us[-1] - stamps_us[-2]}
+    return i in ends and 0 <= ends[i] <= _LONGEST_PAUSE_US
 
 
 def outliers(values: NDArray[np.int64], tolerance: int) -> NDArray[np.int64]:

@@ -152,6 +152,18 @@ def test_a_clock_that_was_set_back_for_good_is_reported_not_repaired():
     assert np.array_equal(repaired, stamps.astype(np.int64))
 
 
+@pytest.mark.parametrize("place", [0, -1])
+@pytest.mark.parametrize(("moved_s", "repaired"), [(0.8, 0), (-0.8, 1), (5.0e9, 1)])
+def test_a_pause_after_the_first_frame_or_before_the_last_is_no_damage(tmp_path, place, moved_s, repaired):
+    """``moved_s``: away from the others in time, or (below 0) past them."""
+    messages = list(FLIGHT)
+    arrival_us, raw = messages[place]
+    messages[place] = (round(arrival_us + moved_s * 1e6 * (1 if place else -1)) % 2**64, raw)
+    path = tmp_path / "pause.tlog"
+    write_tlog(path, messages)
+    assert read_tlog(path).report.stamps_repaired == repaired
+
+
 def test_vehicles_are_told_from_ground_stations_and_from_each_other(tmp_path):
     other = flight(1.0, system=7)
     station = [(EPOCH_US, frame(heartbeat(autopilot=8), 255, 190))]
