@@ -144,7 +144,7 @@ def _records(
     effects = () if model is None else model.effects
     for path in paths:
         told: dict[str, None] = {}
-        own = Stretches()
+        own = Stretches[Record]()
         boot = 0
         try:
             for piece in read_pieces(path, target_system):

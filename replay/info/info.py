@@ -12,37 +12,16 @@ from companion.mavlink.firmware import Stack, mode_name
 from companion.mavlink.samples import Heartbeat
 from models.choice import NONE, Choice
 from models.errors import LogError
-from models.frames import AXES
-from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from replay.flightlog import FlightLog
 from replay.info.abilities import Ability, Answer, abilities
 from replay.info.contents import Stream, joined, streams
 from replay.info.engagement import Engagement, engagement, refused
+from replay.info.judged import Judge, Judged
 from replay.logs.formats import read_pieces
 from replay.logs.progress import with_progress
-from replay.residual.record import build_record
 
 _BEST = (Answer.YES, Answer.PARTLY, Answer.NO)
-
-
-@dataclass(frozen=True)
-class Judged:
-    """What ``replay diagnose`` would take from a boot: seconds and axes, or the line that refuses it."""
-
-    seconds: float
-    axes: tuple[str, ...]
-    refusal: str
-    left_out_s: tuple[tuple[str, float], ...]
-
-    def as_json(self) -> dict[str, Any]:
-        """Plain numbers."""
-        return {
-            "seconds": round(self.seconds, 3),
-            "axes": list(self.axes),
-            "refusal": self.refusal or None,
-            "left_out_s": {reason: round(s, 3) for reason, s in self.left_out_s},
-        }
 
 
 @dataclass(frozen=True)
@@ -60,7 +39,8 @@ class BootInfo:
     parameters: int
     streams: tuple[Stream, ...]
     abilities: tuple[Ability, ...]
-    judged: Judged
+    judged: Judged | None
+    """What a diagnosis takes of it; None of a piece."""
     notes: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
@@ -76,7 +56,7 @@ class BootInfo:
             "parameters": self.parameters,
             "streams": [s.as_json() for s in self.streams],
             "judges": [a.as_json() for a in self.abilities],
-            "diagnose": self.judged.as_json(),
+            "diagnose": None if self.judged is None else self.judged.as_json(),
             "notes": list(self.notes),
         }
 
@@ -129,29 +109,27 @@ def inspect(
     Raises LogError where the log cannot be read; what it lacks is in the answer.
     """
     boots: list[BootInfo] = []
+    judge = Judge(vehicle, None if chosen.name == NONE else chosen.model)
     for piece in with_progress(path, read_pieces(path, target_system), "reading", quiet=quiet):
-        one = _boot(piece.own(), vehicle, None if chosen.name == NONE else chosen.model)
+        log = piece.own()
+        judge.add(log)
+        one = _boot(log, vehicle)
         if boots and boots[-1].boot == one.boot:
             boots[-1] = _joined(boots[-1], one)
         else:
             boots.append(one)
+    boots = [replace(boot, judged=judge.of(boot.boot)) for boot in boots]
     config = PipelineConfig(vehicle=vehicle, model=chosen.model, dry_run=True)
     flight, refusal = None, ""
     try:
         length_s, armed = sum(b.duration_s for b in boots), any(b.armed_s > 0.0 for b in boots)
         flight = engagement(path, config, length_s, target_system, assumed, armed=armed, quiet=quiet)
     except LogError as error:
-        refusal = _without_path(error, path)
+        refusal = str(error).removeprefix(f"{path}: ")
     return LogInfo(path, path.stat().st_size, vehicle.name, tuple(boots), flight, refusal)
 
 
-def _boot(log: FlightLog, vehicle: Vehicle, model: FanSurrogate | None) -> BootInfo:
-    try:
-        record = build_record(log, vehicle, model, () if model is None else model.effects)
-        left_out = tuple((e.reason, e.seconds) for e in record.excluded)
-        judged = Judged(record.seconds, tuple(AXES[i] for i in record.axes), "", left_out)
-    except LogError as error:
-        judged = Judged(0.0, (), _without_path(error, log.path), ())
+def _boot(log: FlightLog, vehicle: Vehicle) -> BootInfo:
     return BootInfo(
         boot=log.boot,
         system=log.system,
@@ -163,7 +141,7 @@ def _boot(log: FlightLog, vehicle: Vehicle, model: FanSurrogate | None) -> BootI
         parameters=len(log.parameters),
         streams=streams(log),
         abilities=abilities(log, vehicle),
-        judged=judged,
+        judged=None,
         notes=log.summary.notes,
     )
 
@@ -183,15 +161,6 @@ def _joined(first: BootInfo, then: BootInfo) -> BootInfo:
     ]
     later = {(s.name, s.source): s for s in then.streams}
     both = [joined(s, later.pop(key)) if (key := (s.name, s.source)) in later else s for s in first.streams]
-    left_out: dict[str, float] = {}
-    for reason, seconds in (*first.judged.left_out_s, *then.judged.left_out_s):
-        left_out[reason] = left_out.get(reason, 0.0) + seconds
-    judged = Judged(
-        first.judged.seconds + then.judged.seconds,
-        tuple(a for a in AXES if a in first.judged.axes or a in then.judged.axes),
-        first.judged.refusal if not (first.judged.axes or then.judged.axes) else "",
-        tuple(left_out.items()),
-    )
     return replace(
         first,
         start_s=first.start_s,
@@ -200,13 +169,8 @@ def _joined(first: BootInfo, then: BootInfo) -> BootInfo:
         modes={m: first.modes.get(m, 0.0) + then.modes.get(m, 0.0) for m in {**first.modes, **then.modes}},
         streams=(*both, *later.values()),
         abilities=tuple(answers),
-        judged=judged,
         notes=tuple(dict.fromkeys((*first.notes, *then.notes))),
     )
-
-
-def _without_path(error: LogError, path: Path) -> str:
-    return str(error).removeprefix(f"{path}: ")
 
 
 def _autopilot(log: FlightLog) -> str:
@@ -234,10 +198,5 @@ def _boot_text(boot: BootInfo) -> list[str]:
         out.append(f"  {a.answer.value:<6} {a.question}: {a.why}")
         if a.answer is not Answer.YES:
             out.append(f"         to change it: {a.change}")
-    judged = boot.judged
-    if judged.refusal:
-        out.append(f"  replay diagnose refuses it: {judged.refusal}")
-    else:
-        out.append(f"  replay diagnose judges {judged.seconds:.0f} s of it in {' '.join(judged.axes)}")
-        out += [f"    {s:6.1f} s left out: {reason}" for reason, s in judged.left_out_s]
+    out += [] if boot.judged is None else boot.judged.as_text()
     return [*out, *(f"  note: {note}" for note in boot.notes)]

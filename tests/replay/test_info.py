@@ -8,7 +8,9 @@ from log_writers import EPOCH_US, bin_flight, flight, quad_flight, ulg_flight, w
 from companion.mavlink.frames import cut
 from companion.vehicles import QUAD
 from replay.cli import main
+from replay.diagnosis import stretches
 from replay.info import engagement
+from replay.logs import tlog_blocks
 
 
 def info(capsys, *arguments):
@@ -138,6 +140,22 @@ def test_a_folder_is_one_line_and_nothing_is_said_of_a_vehicle(tmp_path, capsys)
     assert out.out == ""
     (line,) = out.err.strip().splitlines()
     assert "is a directory" in line
+
+
+def test_of_a_long_log_the_stretches_are_those_of_a_diagnosis(tmp_path, capsys, monkeypatch):
+    """Twelve blocks of some ten seconds, of which a diagnosis takes 40 s at most."""
+    monkeypatch.setattr(tlog_blocks, "BLOCK_BYTES", 128 * 1024)
+    monkeypatch.setattr(stretches, "MOST_S", 40.0)
+    path = tmp_path / "long.tlog"
+    write_tlog(path, quad_flight(160.0))
+    _, (answer,), _ = info(capsys, path, "--vehicle", QUAD, "--model", "none")
+    seen = answer["boots"][0]["diagnose"]
+    assert seen["one_of"] > 1
+    assert main(["diagnose", str(path), "--vehicle", str(QUAD), "--model", "none", "--json", "-", "--quiet"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert seen["seconds"] == pytest.approx(told["duration_s"], abs=0.5)
+    assert main(["info", str(path), "--vehicle", str(QUAD), "--model", "none"]) == 0
+    assert f"(one of every {seen['one_of']} stretches: a long log)" in capsys.readouterr().out
 
 
 def test_a_bad_log_does_not_stop_the_others(tmp_path, capsys):
