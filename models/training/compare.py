@@ -314,10 +314,7 @@ def _table2(tasks: list[Task], answers: Mapping[str, list[Array]]) -> dict[str, 
                 axis: {"train": defined(five[best[c], 0, c]), "test": defined(five[best[c], 1, c])}
                 for c, axis in enumerate(AXES)
             }
-        mean, sd = (
-            scores["increments"].mean(axis=0),
-            scores["increments"].std(axis=0, ddof=min(1, len(scores["increments"]) - 1)),
-        )
+        mean, sd = scores["increments"].mean(axis=0), spread(scores["increments"])
         out["honest"][method] = {
             axis: {
                 "train": defined(mean[0, c]),
@@ -328,6 +325,11 @@ def _table2(tasks: list[Task], answers: Mapping[str, list[Array]]) -> dict[str, 
             for c, axis in enumerate(AXES)
         }
     return out
+
+
+def spread(scores: Array) -> Array:
+    """Standard deviation over splits (n, ...) -> (...); one split has none: NaN."""
+    return scores.std(axis=0, ddof=1) if len(scores) > 1 else np.full(scores.shape[1:], np.nan)
 
 
 def _table3(tasks: list[Task], answers: Mapping[str, list[Array]], surfaces: Mapping[str, Array]) -> dict[str, Any]:

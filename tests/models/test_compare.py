@@ -76,6 +76,11 @@ def _numbers(order: tuple[float, float, float, float], rough: float = 2.0) -> di
     return {"table2": {"honest": cell, "like_for_like": cell}, "table3": lift, "hidden_scan": {"best": 9}}
 
 
+def test_a_single_split_has_no_standard_deviation() -> None:
+    assert np.isnan(compare.spread(np.ones((1, 2, 6)))).all()
+    np.testing.assert_allclose(compare.spread(np.array([[1.0], [3.0]])), [np.sqrt(2.0)])
+
+
 def test_claims_follow_the_numbers() -> None:
     verdicts = {c["claim"]: c["reproduced"] for c in compare.claims(_numbers((0.8, 0.85, 0.95, 0.97)))}
     assert verdicts["GA-Adam-BP >= Adam-BP > GA-BP > BP in R^2"]
