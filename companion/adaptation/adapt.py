@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from companion.adaptation import judge
 from companion.adaptation import residual as block_of
 from companion.adaptation.apply import Applied, share_of, towards
-from companion.adaptation.filter import expected, later, opened, surprises, update
+from companion.adaptation.filter import later, opened, surprises, update
 from companion.adaptation.gates import Pause, pause
 from companion.adaptation.near_map import NearField
 from companion.adaptation.options import Adapt, AdaptTuning
@@ -57,6 +57,13 @@ class Noise:
     innovation: Array | None = None
 
 
+class Believed(NamedTuple):
+    """Both hypotheses' mean: gains on the model's lift, pull and tilt, and what is measured beside."""
+
+    gains: tuple[float, ...]
+    near: NearField
+
+
 @dataclass(frozen=True)
 class Adaptation:
     """All that is remembered of sizes."""
@@ -67,6 +74,7 @@ class Adaptation:
     """Lift, pull and tilt."""
     judged: tuple[judge.Judged, ...]
     """What is believed of each."""
+    believed: Believed
     applied: Applied
     noise: Noise
     learned: tuple[bool, ...]
@@ -124,8 +132,9 @@ def initial(config: PipelineConfig) -> Adaptation | None:
     judged = tuple(judge.initial(c, k, tuning) for c, k in zip(through, kept_with(config.model), strict=True))
     known = tuple(table[k].name in saved for k in places)
     gate, floor = config.adapt is Adapt.GATE, floors(config.vehicle, tuning)
+    believed = _believed(through, judged)
     shares = Applied((1.0,) * len(places), gate=gate)
-    state = Adaptation(table, prior(table), through, judged, shares, Noise(floor), known)
+    state = Adaptation(table, prior(table), through, judged, believed, shares, Noise(floor), known)
     return replace(state, applied=_wanted(state, config))
 
 
@@ -175,13 +184,13 @@ def _longer(block: block_of.Block, state: PipelineState, imu: Imu, config: Pipel
     assert position is not None
     vanes = _NO_VANES
     if config.vehicle.vanes:
-        vanes = block_of.deflections(config.vehicle, _SILENT if servo is None else servo.pwm_us)
+        vanes = block_of.vane_outputs(config.vehicle, _SILENT if servo is None else servo.pwm_us)
     return block_of.add(block, imu, disturbance.parts, position.velocity_ned, vanes, config.adapt_tuning.imu_lag_s)
 
 
 def _learn(known: Adaptation, block: block_of.Block, state: PipelineState, config: PipelineConfig) -> Adaptation:
     """Take in a full block."""
-    tuning, table, rotation = config.adapt_tuning, known.table, state.estimates.rotation
+    tuning, table, rotation = config.adapt_tuning, known.table, state.estimates.rows
     disturbance = state.disturbance
     assert rotation is not None
     assert disturbance is not None
@@ -193,14 +202,14 @@ def _learn(known: Adaptation, block: block_of.Block, state: PipelineState, confi
     changed = 0.0 if known.modelled is None else seen.modelled - known.modelled
     doubt = (tuning.lag_doubt_s / tuning.block_s * changed) ** 2
     variance = tuning.alike * known.noise.variance + doubt
-    innovation = np.array([r - expected(sizes, row) for r, row in zip(seen.residual, seen.regressors, strict=True)])
+    innovation = seen.residual - seen.regressors @ sizes.offset
     surprised = surprises(sizes, innovation, seen.regressors, variance, known.surprised, tuning.robust_sigmas)
     sizes = opened(table, sizes, surprised, tuning.surprised_blocks)
-    for axis in range(block_of.AXES):
+    for value, row, noise in zip(seen.residual.tolist(), seen.regressors, variance.tolist(), strict=True):
         sizes = update(
-            table, sizes, float(seen.residual[axis]), seen.regressors[axis], float(variance[axis]),
-            excited=tuning.excited, robust_sigmas=tuning.robust_sigmas,
+            table, sizes, value, row, noise, excited=tuning.excited, robust_sigmas=tuning.robust_sigmas
         )  # fmt: skip
+    judged = _judged(known, seen, tuning.alike_near * known.noise.variance + doubt, seconds, disturbance, config)
     known = replace(
         known,
         sizes=sizes,
@@ -210,7 +219,8 @@ def _learn(known: Adaptation, block: block_of.Block, state: PipelineState, confi
         updated_s=block.end_s,
         learned_s=known.learned_s + block.end_s - block.start_s,
         learned=_learned(known, sizes),
-        judged=_judged(known, seen, tuning.alike_near * known.noise.variance + doubt, seconds, disturbance, config),
+        judged=judged,
+        believed=_believed(known.channels, judged),
     )
     return replace(known, applied=towards(known.applied, _wanted(known, config), tuning.block_s, tuning))
 
@@ -222,15 +232,22 @@ def _judged(
     tuning, vehicle = config.adapt_tuning, config.vehicle
     around = _in_the_middle(here, config)
     place, thrust = judge.place_of(around), 1.0 + float(known.sizes.offset[THRUST])
-    gains, near = _believed(known)
-    model = seen.regressors[:, : len(GAINS)].T
-    parts = thrust * (np.array(near.rows(vehicle, around))[:, : block_of.AXES] + np.array(gains)[:, None] * model)
-    rest = seen.residual + model.sum(axis=0) - seen.regressors[:, FIRST_EFFECT:] @ known.sizes.offset[FIRST_EFFECT:]
+    gains, near = known.believed
+    beside = near.rows(vehicle, around)
+    effects = seen.regressors[:, FIRST_EFFECT:] @ known.sizes.offset[FIRST_EFFECT:]
+    rest, noise, regressors = (seen.residual - effects).tolist(), variance.tolist(), seen.regressors.tolist()
     out = []
     for channel, before in zip(known.channels, known.judged, strict=True):
-        value = (rest - parts.sum(axis=0) + parts[channel.own]).tolist()
-        rows = judge.rows(channel, seen.regressors, place, vehicle.rotor_radius_m, thrust)
-        told = [(value[a], row, float(variance[a])) for a, row in zip(channel.axes, rows, strict=True)]
+        told = []
+        for axis, row in zip(
+            channel.axes, judge.rows(channel, regressors, place, vehicle.rotor_radius_m, thrust), strict=True
+        ):
+            model = regressors[axis]
+            value = rest[axis] + model[channel.own]
+            for k in range(len(GAINS)):
+                if k != channel.own:
+                    value += model[k] - thrust * (beside[k][axis] + gains[k] * model[k])
+            told.append((value, row, noise[axis]))
         out.append(judge.learn(channel, before, seconds, told, tuning))
     return tuple(out)
 
@@ -245,11 +262,10 @@ def _in_the_middle(here: Disturbance, config: PipelineConfig) -> Around:
     return Around(heights, gaps, around.free_lift_n, around.bearing_rad)
 
 
-def _believed(known: Adaptation) -> tuple[list[float], NearField]:
-    """Gains on the model's lift, pull and tilt, and what is measured beside."""
-    found = [judge.believed(c, j) for c, j in zip(known.channels, known.judged, strict=True)]
+def _believed(channels: Sequence[judge.Channel], judged: Sequence[judge.Judged]) -> Believed:
+    found = [judge.believed(c, j) for c, j in zip(channels, judged, strict=True)]
     lift, pull, tilt = [tuple(cells) for _, _, cells in found]
-    return [gain for gain, _, _ in found], NearField(found[LIFT][1], lift, pull, tilt)
+    return Believed(tuple([gain for gain, _, _ in found]), NearField(found[LIFT][1], lift, pull, tilt))
 
 
 def _noise(noise: Noise, innovation: Array, config: PipelineConfig) -> Noise:
@@ -276,7 +292,7 @@ def _learned(known: Adaptation, sizes: Sizes) -> tuple[bool, ...]:
 def _wanted(known: Adaptation, config: PipelineConfig) -> Applied:
     """What is believed. An adopted effect that never was excited stays as modelled."""
     tuning, gate = config.adapt_tuning, config.adapt is Adapt.GATE
-    gains, near = _believed(known)
+    gains, near = known.believed
     shares = [0.0 if gain < tuning.nothing else min(gain, tuning.most) for gain in gains]
     for k, seen in zip(range(FIRST_EFFECT, len(known.table)), known.learned[len(GAINS) :], strict=True):
         value, highest = known.table[k].as_modelled + float(known.sizes.offset[k]), 1.0 if gate else tuning.most

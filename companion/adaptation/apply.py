@@ -10,7 +10,7 @@ import numpy as np
 
 from companion.adaptation.near_map import NOTHING, NearField
 from companion.adaptation.options import AdaptTuning
-from companion.adaptation.parts import Around
+from companion.adaptation.parts import Around, about_cg
 from models.frames import Array
 from models.vehicle import Vehicle
 
@@ -24,24 +24,48 @@ class Applied:
     gate: bool = False
     """Whether offsets may only become smaller than the model's."""
 
-    def change(self, vehicle: Vehicle, ahead: Sequence[Sequence[float]], around: Around, effects: Array) -> list[float]:
-        """(6,): what is compensated minus what is modelled, body FRD about the CG.
+    def compensated(self, vehicle: Vehicle, above: Sequence[Sequence[float]], around: Around, effects: Array) -> Array:
+        """(6,), body FRD about the CG: what is compensated of ground, wall and adopted effects.
 
-        ``ahead``: the model's lift, pull and tilt (3, 6) at their leads; ``effects`` (k, 6).
+        ``above`` (fans, 6): what the model says of ground and wall at each fan, corner frame, at its lead. Of adopted
+        effects, (k, 6), what goes beyond all of them or stays below.
         """
-        out = [0.0] * 6
-        for share, modelled, beside in zip(self.shares, ahead, self.near.rows(vehicle, around), strict=False):
-            if self.gate:
-                # The part of what is measured that points as the model does, and no more than the model.
-                size = sum([a * a for a in modelled])
-                along = sum([a * b for a, b in zip(modelled, beside, strict=True)]) / size if size > 1e-12 else 0.0
-                kept = min(max(share + along, 0.0), 1.0) - 1.0
-                out = [v + kept * a for v, a in zip(out, modelled, strict=True)]
-            else:
-                out = [v + (share - 1.0) * a + b for v, a, b in zip(out, modelled, beside, strict=True)]
-        if len(effects):
-            more = (np.array(self.shares[3:]) - 1.0) @ effects
-            out = [v + a for v, a in zip(out, more.tolist(), strict=True)]
+        if self.gate:
+            out = self._gated(vehicle, above, around)
+        else:
+            lift, pull, tilt = about_cg(vehicle, self._at_fans(vehicle, above, around), around.bearing_rad)
+            out = [a + b + c for a, b, c in zip(lift, pull, tilt, strict=True)]
+        total: Array = np.array(out)
+        if effects.size:
+            total += (np.array(self.shares[3:]) - 1.0) @ effects
+        return total
+
+    def _at_fans(self, vehicle: Vehicle, above: Sequence[Sequence[float]], around: Around) -> list[tuple[float, ...]]:
+        """(fans, 6), corner frame."""
+        of_lift, of_pull, of_tilt = self.shares[:3]
+        radius = vehicle.rotor_radius_m
+        return [
+            (
+                of_pull * x + pull * thrust,
+                of_pull * y,
+                of_lift * z + lift * thrust,
+                of_tilt * roll,
+                of_tilt * pitch + tilt * thrust * radius,
+                of_tilt * yaw,
+            )
+            for (x, y, z, roll, pitch, yaw), (lift, pull, tilt), thrust in zip(
+                above, self.near.at_fans(around), around.free_lift_n, strict=True
+            )
+        ]
+
+    def _gated(self, vehicle: Vehicle, above: Sequence[Sequence[float]], around: Around) -> list[float]:
+        """Of what is measured, the part that points as the model does, and no more than the model."""
+        modelled, out = about_cg(vehicle, above, around.bearing_rad), [0.0] * 6
+        for share, row, beside in zip(self.shares, modelled, self.near.rows(vehicle, around), strict=False):
+            size = sum([a * a for a in row])
+            along = sum([a * b for a, b in zip(row, beside, strict=True)]) / size if size > 1e-12 else 0.0
+            kept = min(max(share + along, 0.0), 1.0)
+            out = [v + kept * a for v, a in zip(out, row, strict=True)]
         return out
 
 
@@ -75,4 +99,9 @@ def towards(now: Applied, wanted: Applied, dt_s: float, tuning: AdaptTuning) -> 
 
 
 def _slewed(old: Sequence[float], new: Sequence[float], most: float) -> tuple[float, ...]:
-    return tuple([min(max(goal, value - most), value + most) for value, goal in zip(old, new, strict=True)])
+    return tuple(
+        [
+            goal if -most <= goal - value <= most else value + most if goal > value else value - most
+            for value, goal in zip(old, new, strict=True)
+        ]
+    )

@@ -31,9 +31,10 @@ def _limits(table: tuple[Size, ...]) -> tuple[Array, Array, Array, Array]:
 def later(table: tuple[Size, ...], sizes: Sizes, seconds: float) -> Sizes:
     """The same after some time: less sure, but never less than before any flight."""
     _, _, most, per_s = _limits(table)
-    variance = np.diagonal(sizes.covariance)
-    grown = np.minimum(seconds * per_s, np.maximum(most - variance, 0.0))
-    return Sizes(sizes.offset, sizes.covariance + np.diag(grown))
+    covariance = sizes.covariance.copy()
+    diagonal = covariance.reshape(-1)[:: len(table) + 1]
+    diagonal += np.minimum(seconds * per_s, np.maximum(most - diagonal, 0.0))
+    return Sizes(sizes.offset, covariance)
 
 
 _JUMPS = ((at.NORTH, at.EAST), (at.NORTH, at.EAST), (at.THRUST,), (at.CG_Y,), (at.CG_X,))
@@ -74,11 +75,6 @@ def opened(table: tuple[Size, ...], sizes: Sizes, surprised: tuple[int, ...], af
     return Sizes(sizes.offset, sizes.covariance + np.diag(more))
 
 
-def expected(sizes: Sizes, regressors: Array) -> float:
-    """The residual that the sizes explain."""
-    return float(regressors @ sizes.offset)
-
-
 def update(
     table: tuple[Size, ...],
     sizes: Sizes,
@@ -96,15 +92,15 @@ def update(
     """
     low, high, most, _ = _limits(table)
     moves = regressors * regressors * most > excited * excited * variance
-    if not moves.any() or not math.isfinite(residual) or not variance > 0.0:
+    if not math.isfinite(residual) or not variance > 0.0 or True not in moves.tolist():
         return sizes
     covariance = sizes.covariance
     shared = covariance @ regressors
     spread = float(regressors @ shared) + variance
     innovation = residual - float(regressors @ sizes.offset)
-    gain = np.where(moves, shared / spread, 0.0)
     weight = min(1.0, robust_sigmas * math.sqrt(spread) / abs(innovation)) if innovation else 1.0
-    gain *= weight
-    offset = np.minimum(np.maximum(sizes.offset + gain * innovation, low), high)
-    cross = gain[:, None] * shared
-    return Sizes(offset, covariance - (cross + cross.T) + spread * (gain[:, None] * gain))
+    gain = moves * shared * (weight / spread)
+    offset = np.minimum(np.maximum(sizes.offset + innovation * gain, low), high)
+    # Joseph's form: C - g s' - s g' + spread g g', written so that it stays symmetric to the last bit.
+    half = gain[:, None] * (shared - (0.5 * spread) * gain)
+    return Sizes(offset, covariance - (half + half.T))

@@ -47,10 +47,10 @@ def pause(state: PipelineState, imu: Imu, config: PipelineConfig, clear: Disturb
         return Pause.STALE
     if not math.isfinite(sum(imu.specific_force_frd)):
         return Pause.NO_IMU
-    rotation = estimates.rotation
+    rows = estimates.rows
     if now - state.airborne_since_s < tuning.airborne_s or state.landed_state in (_TAKING_OFF, _LANDING):
         return Pause.NOT_FLYING
-    if rotation is None or rotation[2, 2] < tuning.tilt_cos:
+    if rows is None or rows[2][2] < tuning.tilt_cos:
         return Pause.TILTED
     around = None if disturbance is clear else _surroundings(disturbance, config, tuning, now)
     return around or _pushed(disturbance.parts.vertical_n, imu, config, tuning)

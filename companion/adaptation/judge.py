@@ -11,6 +11,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -146,18 +147,20 @@ def place_of(around: Around) -> Place:
     return Place(np.array(weights), form, (math.cos(around.bearing_rad), math.sin(around.bearing_rad)))
 
 
-def rows(channel: Channel, regressors: Array, place: Place, radius_m: float, thrust_scale: float = 1.0) -> list[Array]:
+def rows(
+    channel: Channel, regressors: Sequence[Sequence[float]], place: Place, radius_m: float, thrust_scale: float = 1.0
+) -> list[Array]:  # fmt: skip
     """What a state adds to each axis of the channel: shape (n,) each. Ground and wall act on the true thrust."""
     c, s = place.towards
     along = (c, s, -1.0, s * radius_m, -c * radius_m)
+    first = channel.gain
+    form = -place.form * thrust_scale if channel.own == at.LIFT else 0.0
     out = []
     for axis in channel.axes:
-        row = np.empty(channel.gain + 2 + CELLS)
-        row[: channel.gain] = regressors[axis].take(channel.along)
-        row[channel.gain] = regressors[axis, channel.own]
-        row[channel.gain + 1] = -place.form if channel.own == at.LIFT else 0.0
-        row[channel.gain + 2 :] = along[axis] * place.weights
-        row[channel.gain :] *= thrust_scale
+        seen = regressors[axis]
+        row = np.empty(first + 2 + CELLS)
+        row[: first + 2] = [*[seen[k] for k in channel.along], seen[channel.own] * thrust_scale, form]
+        np.multiply(place.weights, along[axis] * thrust_scale, out=row[first + 2 :])
         out.append(row)
     return out
 
@@ -166,55 +169,80 @@ def learn(
     channel: Channel, judged: Judged, seconds: float, seen: Sequence[tuple[float, Array, float]], tuning: AdaptTuning
 ) -> Judged:
     """One block on: (value, row, variance) of each axis of the channel; an axis that is not a number tells nothing."""
-    # No variance grows beyond that before any flight.
     covariance = judged.covariance.copy()
-    n = covariance.shape[1]
-    diagonal = covariance.reshape(2, -1)[:, :: n + 1]
+    diagonal = covariance.reshape(2, -1)[:, :: covariance.shape[1] + 1]
+    # No variance grows beyond that before any flight.
     diagonal += np.minimum(channel.growth_1_s * seconds, np.maximum(channel.variance - diagonal, 0.0))
     mean, log_odds, surprised = judged.mean, judged.log_odds, []
-    sigmas, half_clip = tuning.robust_sigmas, tuning.robust_sigmas**2
     for (value, row, variance), before in zip(seen, judged.surprised, strict=True):
         if not math.isfinite(value) or not variance > 0.0:
             surprised.append(0)
             continue
         shared = covariance @ row
-        spread = [s + variance for s in (shared @ row).tolist()]
-        innovation = [value - e for e in (mean @ row).tolist()]
-        off = [i / math.sqrt(s) for i, s in zip(innovation, spread, strict=True)]
-        weight = [min(1.0, sigmas / abs(z)) if z else 1.0 for z in off]
-        gain = np.array([w / s for w, s in zip(weight, spread, strict=True)])[:, None] * shared
-        far = min(off) > sigmas or max(off) < -sigmas
-        if far:
-            # What comes at once is no surface: a load, a hand, a gust.
-            gain[:, channel.gain :] = 0.0
-            side = 1 if off[0] > 0.0 else -1
-            surprised.append(before + side if before * side > 0 else side)
-        else:
-            likely = [-0.5 * math.log(s) - min(0.5 * z * z, half_clip) for z, s in zip(off, spread, strict=True)]
-            log_odds += tuning.evidence * (likely[0] - likely[1])
-            surprised.append(0)
-        mean = mean + np.array(innovation)[:, None] * gain
-        covariance = _less(covariance, shared, gain, spread, weight, far)
+        off = _off(value, (mean @ row).tolist(), (shared @ row).tolist(), variance, tuning.robust_sigmas)
+        if off.side:
+            mean = _jumped(channel, mean, covariance, shared, off)
+            surprised.append(before + off.side if before * off.side > 0 else off.side)
+            continue
+        by_mean, by_covariance = off.by
+        mean = mean + by_mean * shared
+        # Joseph's form with a gain that is ``weight`` of the best: one product, symmetric to the last bit.
+        shared *= by_covariance
+        covariance -= shared[:, :, None] * shared[:, None, :]
+        log_odds += tuning.evidence * off.evidence
+        surprised.append(0)
     if mean is not judged.mean:
         mean[0, channel.gain] = min(max(float(mean[0, channel.gain]), 0.0), tuning.most)
-    if any(abs(count) >= tuning.surprised_blocks for count in surprised):
+    if max(surprised) >= tuning.surprised_blocks or min(surprised) <= -tuning.surprised_blocks:
         covariance = _opened(channel, covariance)
     log_odds = min(max(log_odds, -tuning.most_log_odds), tuning.most_log_odds)
     return Judged(mean, covariance, log_odds, tuple(surprised))
 
 
-def _less(
-    covariance: Array, shared: Array, gain: Array, spread: list[float], weight: list[float], far: bool
-) -> Array:  # fmt: skip
-    """The covariance after an update, by Joseph's form, which is right for any gain."""
-    if far:
-        cross = gain[:, :, None] * shared[:, None, :]
-        again = (np.array(spread)[:, None] * gain)[:, :, None] * gain[:, None, :]
-        held: Array = covariance - (cross + cross.transpose(0, 2, 1)) + again
-        return held
-    # The same where the gain is ``weight`` of the best: one product in place of two.
-    less = np.array([(2.0 - w) * w / s for w, s in zip(weight, spread, strict=True)])
-    out: Array = covariance - (less[:, None] * shared)[:, :, None] * shared[:, None, :]
+class _Off(NamedTuple):
+    """How far a value is from what both hypotheses say, each by itself."""
+
+    innovation: tuple[float, float]
+    spread: tuple[float, float]
+    """Variance of the innovation."""
+    weight: tuple[float, float]
+    """Huber's, of the best gain."""
+    side: int
+    """+1 or -1 where both are further off than noise, to the same side."""
+    evidence: float
+    """Log likelihood with the model minus that without it."""
+
+    @property
+    def by(self) -> Array:
+        """(2, 2, 1): of the shared covariance, what goes to the mean, and the root of what leaves the covariance."""
+        (i, j), (s, t), (v, w) = self.innovation, self.spread, self.weight
+        root, other = math.sqrt((2.0 - v) * v / s), math.sqrt((2.0 - w) * w / t)
+        return np.array((((i * v / s,), (j * w / t,)), ((root,), (other,))))
+
+
+def _off(value: float, expected: list[float], known: list[float], variance: float, sigmas: float) -> _Off:
+    (e, f), (s, t) = expected, known
+    s, t, i, j = s + variance, t + variance, value - e, value - f
+    y, z = abs(i) / math.sqrt(s), abs(j) / math.sqrt(t)
+    v, w = sigmas / y if y > sigmas else 1.0, sigmas / z if z > sigmas else 1.0
+    side = (1 if i > 0.0 else -1) if y > sigmas and z > sigmas and i * j > 0.0 else 0
+    most = sigmas * sigmas
+    evidence = 0.5 * math.log(t / s) + min(0.5 * z * z, most) - min(0.5 * y * y, most)
+    return _Off((i, j), (s, t), (v, w), side, evidence)
+
+
+def _jumped(channel: Channel, mean: Array, covariance: Array, shared: Array, off: _Off) -> Array:
+    """The mean after something that came at once, which is no surface: a load, a hand, a gust; ``covariance`` becomes
+    what it then is.
+
+    Joseph's form, which is right for any gain: here that of the gain on the model, the ground and the map is zero.
+    """
+    spread = np.array(off.spread)[:, None]
+    gain = np.array(off.weight)[:, None] / spread * shared
+    gain[:, channel.gain :] = 0.0
+    half = gain[:, :, None] * (shared - 0.5 * spread * gain)[:, None, :]
+    covariance -= half + half.transpose(0, 2, 1)
+    out: Array = mean + np.array(off.innovation)[:, None] * gain
     return out
 
 

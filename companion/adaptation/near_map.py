@@ -96,21 +96,26 @@ class NearField:
             tilt += weight * self.tilt[k]
         return lift, pull, tilt
 
+    def at_fans(self, around: Around) -> list[tuple[float, float, float]]:
+        """The same at all fans."""
+        return [self.at_fan(height, gap) for height, gap in zip(around.heights, around.gaps, strict=True)]
+
     def pull_change_n(self, around: Around, further_radii: float) -> float:
         """How much less all fans are drawn to the wall further off [N]."""
-        out = 0.0
+        out, pull = 0.0, self.pull
         for thrust, height, gap in zip(around.free_lift_n, around.heights, around.gaps, strict=True):
             if gap < GAPS[-1]:
-                for sign, d in ((thrust, gap), (-thrust, gap + further_radii)):
-                    out += sign * sum([weight * self.pull[k] for k, weight in cells(height, d)])
+                here = sum([weight * pull[k] for k, weight in cells(height, gap)])
+                out += thrust * (here - sum([weight * pull[k] for k, weight in cells(height, gap + further_radii)]))
         return out
 
     def rows(self, vehicle: Vehicle, around: Around) -> list[list[float]]:
         """Lift, pull and tilt (3, 6) of all fans, body FRD about the CG."""
-        at_fans = []
-        for thrust, height, gap in zip(around.free_lift_n, around.heights, around.gaps, strict=True):
-            lift, pull, tilt = self.at_fan(height, gap)
-            at_fans.append((pull * thrust, 0.0, lift * thrust, 0.0, tilt * thrust * vehicle.rotor_radius_m, 0.0))
+        radius = vehicle.rotor_radius_m
+        at_fans = [
+            (pull * thrust, 0.0, lift * thrust, 0.0, tilt * thrust * radius, 0.0)
+            for thrust, (lift, pull, tilt) in zip(around.free_lift_n, self.at_fans(around), strict=True)
+        ]
         return about_cg(vehicle, at_fans, around.bearing_rad)
 
 

@@ -4,23 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from typing import NamedTuple
 
-import numpy as np
-
-from models.frames import Array, at_cg, corner_to_body
+from models.frames import Array
 from models.vehicle import Vehicle
 
-_LIFT = (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-_PULL = (1.0, 1.0, 0.0, 0.0, 0.0, 0.0)
-_TILT = (0.0, 0.0, 0.0, 1.0, 1.0, 1.0)
-_MASKS = np.array([_LIFT, _PULL, _TILT])[:, None, :]
-"""Components of a fan's own wrench that make a part; lift acts at its fan, so that its moments belong to it."""
 
-
-@dataclass(frozen=True, slots=True)
-class Around:
+class Around(NamedTuple):
     """Where the fans are: heights and gaps in rotor radii, lift in free air [N], the wall's bearing (0: no wall)."""
 
     heights: tuple[float, ...]
@@ -29,8 +19,7 @@ class Around:
     bearing_rad: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class Parts:
+class Parts(NamedTuple):
     """What surrogate and adopted effects say at one instant, as they say it: it is worked on once a block."""
 
     at_fans: Array
@@ -45,29 +34,11 @@ class Parts:
     """At the lead of thrust."""
 
 
-@lru_cache(maxsize=8)
-def _maps(vehicle: Vehicle) -> Array:
-    """(6 fans, 18): from wrenches at the fans, one after another, to lift, pull and tilt about the CG."""
-    fans = len(vehicle.fans)
-    unit = np.eye(6 * fans).reshape(6 * fans, 1, fans, 6)
-    out: Array = at_cg(_MASKS * unit, vehicle.fan_positions_m).sum(axis=2).reshape(6 * fans, 18)
-    return out
-
-
-def rows_of(vehicle: Vehicle, at_fans: Array, effects: Array, bearing_rad: float) -> Array:
-    """(4 + k, 6), body FRD about the CG: lift, pull and tilt of ground and wall, free air, adopted effects.
-
-    ``at_fans`` and ``effects`` as in ``Parts``, or means of them.
-    """
-    near, free = corner_to_body(at_fans, bearing_rad)
-    both = (np.stack([near - free, free]).reshape(2, -1) @ _maps(vehicle)).reshape(2, 3, 6)
-    return np.concatenate([both[0], both[1].sum(axis=0, keepdims=True), effects])
-
-
 def about_cg(vehicle: Vehicle, at_fans: Iterable[Sequence[float]], bearing_rad: float) -> list[list[float]]:
     """Lift, pull and tilt (3, 6), body FRD about the CG, of wrenches at the fans (fans, 6), corner frame.
 
-    The same as the first rows of ``rows_of``, in plain floats.
+    Vertical forces make the lift, level ones the pull; both act at their fans, so their moments belong to them. As
+    ``models.frames.corner_to_body`` and ``at_cg`` have it for arrays.
     """
     c, s = math.cos(bearing_rad), math.sin(bearing_rad)
     lz = lx = ly = px = py = pmx = pmy = pmz = tx = ty = tz = 0.0

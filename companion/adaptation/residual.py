@@ -8,15 +8,17 @@ record, and the delay of rotor speeds is a lag of the accelerometer.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from companion.adaptation import sizes as at
-from companion.adaptation.parts import Parts, rows_of
+from companion.adaptation.parts import Parts, about_cg
 from companion.mavlink.samples import Imu, Vector3
-from models.frames import Array, wrench_of_motion
+from models.frames import Array, Rows, wrench_of_motion
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
 from models.vehicle_wrench import vane_wrench
 
@@ -28,8 +30,7 @@ _EQUAL = 1e-9
 """N m per kg: rotors that never differ are copies of one number, and tell no moments, as in diagnosis."""
 
 
-@dataclass(frozen=True, slots=True)
-class Block:
+class Block(NamedTuple):
     """Sums over the samples of the accelerometer since ``start_s``; immutable, so that ``step`` stays pure."""
 
     start_s: float
@@ -41,7 +42,8 @@ class Block:
     force: Vector3
     rates: Vector3
     velocity: Vector3
-    vanes: tuple[float, ...]
+    vanes_us: tuple[float, ...]
+    """Outputs of the vanes' servos."""
     at_fans: Array | None
     """Of ``Parts``: (2, fans, 6)."""
     effects: Array | None
@@ -61,8 +63,8 @@ def follow(block: Block) -> Block:
     return Block(block.end_s, block.end_s, block.lagged, (p, q, r), 0, zero, zero, zero, (), None, None, 0.0)
 
 
-def add(block: Block, imu: Imu, parts: Parts, velocity: Vector3, vanes: tuple[float, ...], lag_s: float) -> Block:
-    """The block with one sample more; ``vanes`` are their deflections [rad], ``velocity`` NED."""
+def add(block: Block, imu: Imu, parts: Parts, velocity: Vector3, vanes_us: tuple[float, ...], lag_s: float) -> Block:
+    """The block with one sample more; ``vanes_us`` as ``vane_outputs`` has them, ``velocity`` NED."""
     dt = imu.t_s - block.end_s
     share = dt / (lag_s + dt)
     a, b, c, p, q, r = block.lagged
@@ -84,9 +86,9 @@ def add(block: Block, imu: Imu, parts: Parts, velocity: Vector3, vanes: tuple[fl
         (sa + a, sb + b, sc + c),
         (sp + p, sq + q, sr + r),
         (vn + n, ve + e, vd + d),
-        vanes if not block.vanes else tuple(x + y for x, y in zip(block.vanes, vanes, strict=True)),
+        vanes_us if not block.vanes_us else tuple([x + y for x, y in zip(block.vanes_us, vanes_us, strict=True)]),
         parts.at_fans if block.at_fans is None else block.at_fans + parts.at_fans,
-        parts.effects if block.effects is None or not len(parts.effects) else block.effects + parts.effects,
+        parts.effects if block.effects is None or not parts.effects.size else block.effects + parts.effects,
         block.tip_m_s + parts.tip_m_s,
     )
 
@@ -103,7 +105,7 @@ class Seen:
 
 
 def see(
-    block: Block, vehicle: Vehicle, rotation: Array, bearing_rad: float, sizes: int,
+    block: Block, vehicle: Vehicle, rotation: Rows, bearing_rad: float, sizes: int,
     wind_ne: tuple[float, float] = (0.0, 0.0),
 ) -> Seen:  # fmt: skip
     """The residual of a full block. ``rotation`` FRD -> NED and the wall's bearing at its end; ``wind_ne`` as believed
@@ -111,31 +113,32 @@ def see(
     assert block.at_fans is not None
     assert block.effects is not None
     share = 1.0 / block.samples
-    at_fans = block.at_fans * share
-    parts = rows_of(vehicle, at_fans, block.effects * share, bearing_rad)
-    wrench = measured(block, vehicle)
-    modelled = parts.sum(axis=0)[:AXES]
+    near, free = (block.at_fans * share).tolist()
+    above = [[x - y for x, y in zip(one, alone, strict=True)] for one, alone in zip(near, free, strict=True)]
+    lift, pull, tilt = about_cg(vehicle, above, bearing_rad)
+    alone = [a + b + c for a, b, c in zip(*about_cg(vehicle, free, bearing_rad), strict=True)]
+    effects = (block.effects * share).tolist()
+    declared = alone[2] + sum([effect[2] for effect in effects])
+    modelled = [sum(column) for column in zip(lift, pull, tilt, alone, *effects, strict=True)][:AXES]
     if vehicle.vanes:
-        modelled = modelled + vanes_wrench(
-            vehicle, [v * share for v in block.vanes], at_fans[0, :, 2].tolist()
-        )[:AXES]  # fmt: skip
-    velocity = (np.array(block.velocity) * share) @ rotation
-    if not vehicle.vanes and float(np.abs(parts[3, 3:AXES]).sum()) < _EQUAL * vehicle.mass_kg:
-        wrench[3:] = np.nan
-    regressors = np.zeros((AXES, sizes))
-    regressors[:, : at.THRUST] = parts[:3, :AXES].T
-    regressors[:, at.FIRST_EFFECT :] = parts[4:, :AXES].T
-    free = parts[3]
-    north, east = wind_ne
-    climb = float(velocity[2]) - north * float(rotation[0, 2]) - east * float(rotation[1, 2])
-    lifted = float(modelled[2] - parts[:3, 2].sum())
-    _common(
-        regressors, vehicle, rotation, [*velocity.tolist()[:2], climb], free.tolist(), lifted, block.tip_m_s * share
-    )
-    return Seen(wrench - modelled, regressors, modelled, -float(free[2]))
+        turned = deflections(vehicle, [v * share for v in block.vanes_us])
+        of_vanes = vanes_wrench(vehicle, turned, [fan[2] for fan in near])
+        declared += of_vanes[2]
+        modelled = [a + b for a, b in zip(modelled, of_vanes, strict=False)]
+    told = measured(block, vehicle)
+    if not vehicle.vanes and abs(alone[3]) + abs(alone[4]) < _EQUAL * vehicle.mass_kg:
+        told = [*told[:3], math.nan, math.nan]
+    rows = [[a, b, c, *[0.0] * (sizes - at.THRUST)] for a, b, c in zip(lift[:AXES], pull, tilt, strict=False)]
+    for k, effect in enumerate(effects, at.FIRST_EFFECT):
+        for row, value in zip(rows, effect, strict=False):
+            row[k] = value
+    velocity = _through_the_air([v * share for v in block.velocity], rotation, wind_ne)
+    _common(rows, vehicle, rotation, velocity, alone, declared, block.tip_m_s * share)
+    residual = [a - b for a, b in zip(told, modelled, strict=True)]
+    return Seen(np.array(residual), np.array(rows), np.array(modelled), -alone[2])
 
 
-def measured(block: Block, vehicle: Vehicle) -> Array:
+def measured(block: Block, vehicle: Vehicle) -> list[float]:
     """(5,): the wrench of the air that the accelerometer and the gyro of a block tell."""
     share, seconds = 1.0 / block.samples, block.end_s - block.start_s
     p0, q0, r0 = block.rates_at_start
@@ -146,11 +149,18 @@ def measured(block: Block, vehicle: Vehicle) -> Array:
         fx * share, fy * share, fz * share, p * share, q * share, r * share,
         (p1 - p0) / seconds, (q1 - q0) / seconds, (r1 - r0) / seconds, vehicle.mass_kg, *vehicle.inertia_kgm2,
     )  # fmt: skip
-    return np.array(wrench[:AXES])
+    return list(wrench[:AXES])
+
+
+def _through_the_air(velocity: Sequence[float], rotation: Rows, wind_ne: tuple[float, float]) -> list[float]:
+    """Along x and y over ground, along the rotors' axis through the air; ``velocity`` and ``wind_ne`` NED [m/s]."""
+    (xn, yn, zn), (xe, ye, ze), (xd, yd, zd) = rotation
+    (n, e, d), (north, east) = velocity, wind_ne
+    return [n * xn + e * xe + d * xd, n * yn + e * ye + d * yd, (n - north) * zn + (e - east) * ze + d * zd]
 
 
 def _common(
-    out: Array, vehicle: Vehicle, rotation: Array, velocity: list[float], free: list[float], lifted: float,
+    out: list[list[float]], vehicle: Vehicle, rotation: Rows, velocity: list[float], free: list[float], lifted: float,
     tip_m_s: float,
 ) -> None:  # fmt: skip
     """Fill in the columns of the sizes that every vehicle has; the catalogue's regressors (see the tests).
@@ -158,19 +168,21 @@ def _common(
     ``velocity``: along x and y over ground, along the rotors' axis through the air. ``lifted``: declared vertical force
     of rotors and vanes in free air, body FRD.
     """
+    fx, fy, fz, mx, my = out
     lift = max(-free[2], 0.0)
-    out[2, at.THRUST] = free[2]
+    fz[at.THRUST] = free[2]
     flow, above, radius = mass_flow(vehicle, lift), mean_height(vehicle), vehicle.rotor_radius_m
-    for column, axis in ((at.NORTH, 0), (at.EAST, 1)):
-        out[0, column], out[1, column] = flow * float(rotation[axis, 0]), flow * float(rotation[axis, 1])
+    for column, (x, y, _) in ((at.NORTH, rotation[0]), (at.EAST, rotation[1])):
+        fx[column], fy[column] = flow * x, flow * y
         # Acts at the fans: their height about the CG.
-        out[3, column], out[4, column] = -above * out[1, column], above * out[0, column]
-    out[4, at.CG_X], out[3, at.CG_Y] = lifted, -lifted
+        mx[column], my[column] = -above * flow * y, above * flow * x
+    my[at.CG_X], mx[at.CG_Y] = lifted, -lifted
     vx, vy, vz = velocity
-    out[0, at.DRAG], out[1, at.DRAG] = -flow * vx, -flow * vy
-    out[3, at.DRAG], out[4, at.DRAG] = -above * out[1, at.DRAG], above * out[0, at.DRAG]
-    out[3, at.DRAG_ARM], out[4, at.DRAG_ARM] = radius * out[1, at.DRAG], -radius * out[0, at.DRAG]
-    out[2, at.INFLOW] = -lift * vz / max(tip_m_s, 1.0)
+    x, y = -flow * vx, -flow * vy
+    fx[at.DRAG], fy[at.DRAG] = x, y
+    mx[at.DRAG], my[at.DRAG] = -above * y, above * x
+    mx[at.DRAG_ARM], my[at.DRAG_ARM] = radius * y, -radius * x
+    fz[at.INFLOW] = -lift * vz / max(tip_m_s, 1.0)
 
 
 def mass_flow(vehicle: Vehicle, lift_n: float) -> float:
@@ -186,30 +198,37 @@ def mean_height(vehicle: Vehicle) -> float:
 
 
 @lru_cache(maxsize=8)
-def _vane_units(vehicle: Vehicle) -> Array:
+def _vane_units(vehicle: Vehicle) -> tuple[tuple[float, ...], ...]:
     """(vanes, 6): wrench about the CG per radian of each vane and newton of its fan's lift."""
     rows = []
     for vane in vehicle.vanes:
         servo = np.array([next((v.neutral_us for v in vehicle.vanes if v.servo - 1 == k), 0.0) for k in range(16)])
         servo[vane.servo - 1] += 1.0 / vane.rad_per_us
-        rows.append(vane_wrench(vehicle, servo, np.ones(len(vehicle.fans))))
-    return np.array(rows)
+        rows.append(tuple(vane_wrench(vehicle, servo, np.ones(len(vehicle.fans))).tolist()))
+    return tuple(rows)
 
 
-def vanes_wrench(vehicle: Vehicle, deflections: list[float], fan_lift_n: list[float]) -> Array:
+def vanes_wrench(vehicle: Vehicle, deflections: Sequence[float], fan_lift_n: Sequence[float]) -> list[float]:
     """(6,): ``models.vehicle_wrench.vane_wrench`` for deflections [rad] and lifts (fans,) [N] in flight.
 
     NaN in the axes of a vane whose deflection is NaN.
     """
-    loads = np.array([a * fan_lift_n[v.fan - 1] for a, v in zip(deflections, vehicle.vanes, strict=True)])
-    units = _vane_units(vehicle)
-    out: Array = np.where(units == 0.0, 0.0, loads[:, None] * units).sum(axis=0)
+    out = [0.0] * 6
+    for turned, vane, unit in zip(deflections, vehicle.vanes, _vane_units(vehicle), strict=True):
+        load = turned * fan_lift_n[vane.fan - 1]
+        out = [v + load * u if u else v for v, u in zip(out, unit, strict=True)]
     return out
 
 
-def deflections(vehicle: Vehicle, pwm_us: tuple[float, ...]) -> tuple[float, ...]:
-    """Of every vane [rad]; NaN where its output is not told."""
-    return tuple([(pwm_us[k] or math.nan) * per_us - straight for k, per_us, straight in _vane_scales(vehicle)])
+def vane_outputs(vehicle: Vehicle, pwm_us: Sequence[float]) -> tuple[float, ...]:
+    """Of every vane's servo [us]; NaN where it is not told."""
+    return tuple([pwm_us[k] or math.nan for k, _, _ in _vane_scales(vehicle)])
+
+
+def deflections(vehicle: Vehicle, outputs_us: Sequence[float]) -> tuple[float, ...]:
+    """Of every vane [rad], by ``vane_outputs`` or their mean."""
+    scales = _vane_scales(vehicle)
+    return tuple([us * per_us - straight for us, (_, per_us, straight) in zip(outputs_us, scales, strict=True)])
 
 
 @lru_cache(maxsize=8)

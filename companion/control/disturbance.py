@@ -9,7 +9,7 @@ from functools import lru_cache
 import numpy as np
 
 from companion.adaptation.apply import Applied
-from companion.adaptation.parts import Around, Parts, about_cg
+from companion.adaptation.parts import Around, Parts
 from companion.adaptation.sizes import effects_with_size
 from companion.config import PipelineConfig, Tuning
 from companion.estimation.air_state import air_state
@@ -75,14 +75,15 @@ def modelled_disturbance(
     answer = _asked(model, soon, later, wall.seen is Seen.SURFACE)
     free = model.free_air_now(rpm.tolist())
     ahead, now = answer.wrench[0].tolist(), answer.wrench[1].tolist()
-    total = _about_cg(vehicle, ahead, now, free, later.wall_bearing_rad)
-    wrench = np.array(total) if adopted is None else np.array(total) + adopted
     parts = None
-    if applied is not None:
+    if applied is None:
+        wrench = np.array(_about_cg(vehicle, ahead, now, free, later.wall_bearing_rad))
+    else:
         effects = _adopted_parts(config, moved, damping_1_s) if model.effects else _NO_EFFECTS
         parts = _parts(vehicle, now, free, soon, effects)
-        modelled = about_cg(vehicle, _above_free(ahead, now, free), later.wall_bearing_rad)
-        wrench += applied.change(vehicle, modelled, parts.around, effects)
+        wrench = applied.compensated(vehicle, _above_free(ahead, now, free), parts.around, effects)
+    if adopted is not None:
+        wrench += adopted
     if vehicle.vanes:
         wrench[:3] += trim_reaction(vehicle) @ wrench[3:]
     gain = tuning.gain
@@ -165,7 +166,7 @@ def _parts(vehicle: Vehicle, now: Wrenches, free: Wrenches, soon: FanQuery, effe
         soon.wall_bearing_rad,
     )
     vertical = -sum([fan[2] for fan in now])
-    if len(effects):
+    if effects.size:
         vertical += float(effects[:, 2].sum())
     tip = sum(rpm) / len(rpm) * RPM_TO_RAD_S * radius
     return Parts(np.array([now, free]), effects, tip, vertical, around)

@@ -10,18 +10,16 @@ import pytest
 from companion.adaptation.apply import Applied, share_of, towards
 from companion.adaptation.near_map import CELLS, NOTHING, NearField
 from companion.adaptation.options import AdaptTuning
-from companion.adaptation.parts import Around
+from companion.adaptation.parts import Around, about_cg
 from companion.adaptation.words import sentence
 from companion.vehicles import default_vehicle
 
 TUNING = AdaptTuning()
 TANDEM = default_vehicle()
 AROUND = Around((1.3, 1.4), (0.7, 0.8), (22.0, 23.0), 1.2)
-AHEAD = [
-    [0.0, 0.0, -3.0, 0.1, 0.2, 0.0],
-    [0.2, 1.0, 0.0, 0.01, 0.02, 0.0],
-    [0.0, 0.0, 0.0, 0.3, -0.1, 0.0],
-]
+ABOVE = [[0.5, 0.03, 1.3, 0.02, 0.3, 0.01], [0.7, -0.02, 1.8, -0.01, 0.2, 0.0]]
+"""What the model says of ground and wall at each fan, corner frame."""
+AHEAD = about_cg(TANDEM, ABOVE, AROUND.bearing_rad)
 NO_EFFECTS = np.zeros((0, 6))
 
 
@@ -39,8 +37,10 @@ def test_a_contradicted_effect_is_not_compensated_at_all():
     assert share_of(9.0, 0.0, 1.5, 0.0) == 1.5
 
 
-def change(applied: Applied) -> list[float]:
-    return applied.change(TANDEM, AHEAD, AROUND, NO_EFFECTS)
+def change(applied: Applied, above: list[list[float]] = ABOVE, effects: np.ndarray = NO_EFFECTS) -> np.ndarray:
+    """What is compensated minus what is modelled."""
+    modelled = np.sum(about_cg(TANDEM, above, AROUND.bearing_rad), axis=0)
+    return applied.compensated(TANDEM, above, AROUND, effects) - modelled
 
 
 def near(size: float) -> NearField:
@@ -48,7 +48,7 @@ def near(size: float) -> NearField:
 
 
 def test_as_modelled_changes_nothing_and_shares_scale_each_part():
-    assert change(Applied((1.0, 1.0, 1.0))) == [0.0] * 6
+    assert change(Applied((1.0, 1.0, 1.0))) == pytest.approx(np.zeros(6), abs=1e-12)
     halved = np.array(change(Applied((0.5, 1.0, 0.0))))
     assert halved == pytest.approx(-0.5 * np.array(AHEAD[0]) - np.array(AHEAD[2]))
 
@@ -64,10 +64,9 @@ def test_what_is_measured_comes_beside_the_model():
 @pytest.mark.parametrize("share", [0.0, 0.6, 1.3])
 def test_gate_only_takes_away(size, share):
     """In every part what remains of the model is between nothing and all of it, whatever was measured beside."""
-    for part in range(3):
-        alone = [row if k == part else [0.0] * 6 for k, row in enumerate(AHEAD)]
-        applied = Applied((share, share, share), near(size), gate=True)
-        less = np.array(applied.change(TANDEM, alone, AROUND, NO_EFFECTS))
+    for part, kept_of in enumerate(([2], [0, 1], [3, 4, 5])):
+        alone = [[v if k in kept_of else 0.0 for k, v in enumerate(fan)] for fan in ABOVE]
+        less = change(Applied((share, share, share), near(size), gate=True), alone)
         kept = 1.0 + less @ np.array(AHEAD[part]) / np.dot(AHEAD[part], AHEAD[part])
         assert -1e-9 <= kept <= 1.0 + 1e-9
         assert less == pytest.approx((kept - 1.0) * np.array(AHEAD[part]))
@@ -76,7 +75,7 @@ def test_gate_only_takes_away(size, share):
 def test_an_adopted_effect_follows_its_own_share():
     effects = np.arange(6.0).reshape(1, 6)
     applied = Applied((1.0, 1.0, 1.0, 0.25))
-    assert applied.change(TANDEM, AHEAD, AROUND, effects) == pytest.approx(-0.75 * effects[0])
+    assert change(applied, effects=effects) == pytest.approx(-0.75 * effects[0])
 
 
 def test_shares_and_what_is_measured_grow_slowly_and_shares_fade_like_other_offsets():

@@ -12,8 +12,8 @@ import models
 from companion.adaptation import residual
 from companion.adaptation import sizes as at
 from companion.adaptation.options import AdaptTuning
-from companion.adaptation.parts import Around, Parts, about_cg, rows_of
-from companion.adaptation.residual import Block, add, begin, deflections, follow, see, vanes_wrench
+from companion.adaptation.parts import Around, Parts, about_cg
+from companion.adaptation.residual import Block, add, begin, deflections, follow, see, vane_outputs, vanes_wrench
 from companion.mavlink.samples import Imu
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
@@ -59,7 +59,7 @@ def moment() -> tuple[Parts, np.ndarray, np.ndarray, Block, Context]:
     velocity, servo = RNG.normal(size=3), np.full(16, np.nan)
     servo[4:6] = RNG.uniform(1400, 1600, 2)
     parts = parts_at(TANDEM, model, h, d, rpm, bearing)
-    block = block_of(parts, velocity, deflections(TANDEM, tuple(servo)))
+    block = block_of(parts, velocity, vane_outputs(TANDEM, tuple(servo)))
     state = replace(
         blank_state((), 2, 4), h_m=h, d_m=d, rpm=np.repeat(rpm, 2), wall_bearing_rad=np.asarray(bearing),
         rotation=rotation, velocity_ned=velocity, servo_us=servo,
@@ -85,12 +85,12 @@ def test_modelled_and_measured_are_those_of_diagnosis():
 def test_vanes_are_those_of_diagnosis():
     servo = np.full(16, np.nan)
     servo[4:6] = (1432.0, 1588.0)
-    ours = vanes_wrench(TANDEM, list(deflections(TANDEM, tuple(servo))), [20.0, 24.0])
+    ours = vanes_wrench(TANDEM, deflections(TANDEM, vane_outputs(TANDEM, tuple(servo))), [20.0, 24.0])
     assert np.allclose(ours, vane_wrench(TANDEM, servo, np.array([20.0, 24.0])), atol=1e-12)
 
 
 def test_a_vane_that_is_not_told_hides_only_the_axes_it_acts_on():
-    ours = vanes_wrench(TANDEM, [0.1, math.nan], [20.0, 24.0])
+    ours = np.array(vanes_wrench(TANDEM, [0.1, math.nan], [20.0, 24.0]))
     assert np.isfinite(ours[[0, 2, 4]]).all()
     assert np.isnan(ours[[1, 3]]).all()
 
@@ -123,11 +123,10 @@ def test_drag_above_is_the_arm_of_the_drag():
 def test_the_parts_add_up_to_the_whole():
     parts, _, _, _, ctx = moment()
     whole = modelled_wrench(TANDEM, ctx.model, replace(ctx.state, servo_us=np.full(16, 1500.0)))  # type: ignore[arg-type]
-    rows = rows_of(TANDEM, parts.at_fans, parts.effects, bearing_of(ctx))
-    assert np.allclose(rows.sum(axis=0), whole, atol=1e-9)
-    lift, pull, tilt = rows[:3]
-    at_fans = (parts.at_fans[0] - parts.at_fans[1]).tolist()
-    assert np.allclose(about_cg(TANDEM, at_fans, bearing_of(ctx)), rows[:3], atol=1e-12)
+    near, free = parts.at_fans
+    rows = about_cg(TANDEM, (near - free).tolist(), bearing_of(ctx))
+    assert np.allclose(np.sum([*rows, *about_cg(TANDEM, free.tolist(), bearing_of(ctx))], axis=0), whole, atol=1e-9)
+    lift, pull, tilt = np.array(rows)
     assert lift[0] == lift[1] == 0.0
     assert pull[2] == 0.0
     assert not tilt[:3].any()
