@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from companion.adaptation.adapt import learn
 from companion.config import Base, PipelineConfig
 from companion.control import attitude_response, engagement, swing_detector
 from companion.control.attitude_response import AttitudeResponse
@@ -26,9 +27,11 @@ _OTHER_LAG = 0.15
 
 def settle(state: PipelineState, config: PipelineConfig) -> PipelineState:
     """Take the newest attitude, and the setpoint that answered it, into averages, measured loop, swings and gains."""
-    due, estimates = state.due, state.estimates
+    due, estimates, adaptation = state.due, state.estimates, state.adaptation
     if due is None:
         return state
+    if adaptation is not None and adaptation.full is not None:
+        state = replace(state, adaptation=learn(adaptation, config))
     t_s, rows = due.attitude.t_s, estimates.rows
     assert rows is not None
     (_, _, x), (_, _, y), (sp, sr, z) = rows

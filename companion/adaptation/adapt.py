@@ -13,9 +13,9 @@ import numpy as np
 from companion.adaptation import judge
 from companion.adaptation import residual as block_of
 from companion.adaptation.apply import Applied, share_of, towards
-from companion.adaptation.filter import later, opened, surprises, update
+from companion.adaptation.filter import Flags, excites, later, opened, surprises, update
 from companion.adaptation.gates import Pause, pause
-from companion.adaptation.near_map import NearField
+from companion.adaptation.near_map import GAPS, HEIGHTS, NearField
 from companion.adaptation.options import Adapt, AdaptTuning
 from companion.adaptation.parts import Around
 from companion.adaptation.saved import kept_with
@@ -25,7 +25,9 @@ from companion.adaptation.sizes import (
     GAINS,
     LIFT,
     NORTH,
+    PULL,
     THRUST,
+    TILT,
     Estimate,
     Size,
     Sizes,
@@ -39,7 +41,7 @@ from companion.control.disturbance import Disturbance
 from companion.control.state import PipelineState
 from companion.mavlink.samples import Imu
 from models.evolve import replace
-from models.frames import GRAVITY, Array
+from models.frames import GRAVITY, Array, Rows
 from models.vehicle import Vehicle
 
 _SOURCE_SILENT_S = 1.0
@@ -55,6 +57,14 @@ class Noise:
 
     variance: Array
     innovation: Array | None = None
+
+
+class Full(NamedTuple):
+    """A block that is full, with the surroundings and the rotation FRD -> NED at its end."""
+
+    block: block_of.Block
+    here: Disturbance
+    rotation: Rows
 
 
 class Believed(NamedTuple):
@@ -75,11 +85,16 @@ class Adaptation:
     judged: tuple[judge.Judged, ...]
     """What is believed of each."""
     believed: Believed
+    wanted: Applied
+    """What follows from it."""
     applied: Applied
+    """What offsets follow: on its way to that."""
     noise: Noise
     learned: tuple[bool, ...]
     """Whether a channel was ever excited."""
     block: block_of.Block | None = None
+    full: Full | None = None
+    """What ``learn`` is to take in."""
     modelled: Array | None = None
     """(5,): of the newest block."""
     surprised: tuple[int, ...] = (0,) * block_of.AXES
@@ -134,8 +149,9 @@ def initial(config: PipelineConfig) -> Adaptation | None:
     gate, floor = config.adapt is Adapt.GATE, floors(config.vehicle, tuning)
     believed = _believed(through, judged)
     shares = Applied((1.0,) * len(places), gate=gate)
-    state = Adaptation(table, prior(table), through, judged, believed, shares, Noise(floor), known)
-    return replace(state, applied=_wanted(state, config))
+    state = Adaptation(table, prior(table), through, judged, believed, shares, shares, Noise(floor), known)
+    wanted = _wanted(state, config)
+    return replace(state, wanted=wanted, applied=wanted)
 
 
 @lru_cache(maxsize=4)
@@ -161,7 +177,7 @@ def hear(state: PipelineState, imu: Imu, config: PipelineConfig) -> Adaptation |
     why = pause(state, imu, config, known.clear)
     if why is not None:
         noise = Noise(known.noise.variance)
-        return replace(known, heard_s=now_s, paused=why, paused_s=now_s, block=None, noise=noise, clear=None)
+        return replace(known, heard_s=now_s, paused=why, paused_s=now_s, block=None, full=None, noise=noise, clear=None)
     if now_s - known.paused_s < tuning.pause_s:
         return replace(known, heard_s=now_s)
     block = known.block
@@ -172,8 +188,10 @@ def hear(state: PipelineState, imu: Imu, config: PipelineConfig) -> Adaptation |
     block = _longer(block, state, imu, config)
     if block.end_s - block.start_s < tuning.block_s - 1e-6:
         return replace(known, heard_s=now_s, paused=None, block=block, clear=disturbance)
-    learned = known if block.samples < tuning.least_samples else _learn(known, block, state, config)
-    return replace(learned, heard_s=now_s, paused=None, block=block_of.follow(block), clear=disturbance)
+    full, rows = None, state.estimates.rows
+    if block.samples >= tuning.least_samples and disturbance is not None and rows is not None:
+        full = Full(block, disturbance, rows)
+    return replace(known, heard_s=now_s, paused=None, block=block_of.follow(block), full=full, clear=disturbance)
 
 
 def _longer(block: block_of.Block, state: PipelineState, imu: Imu, config: PipelineConfig) -> block_of.Block:
@@ -188,56 +206,74 @@ def _longer(block: block_of.Block, state: PipelineState, imu: Imu, config: Pipel
     return block_of.add(block, imu, disturbance.parts, position.velocity_ned, vanes, config.adapt_tuning.imu_lag_s)
 
 
-def _learn(known: Adaptation, block: block_of.Block, state: PipelineState, config: PipelineConfig) -> Adaptation:
-    """Take in a full block."""
-    tuning, table, rotation = config.adapt_tuning, known.table, state.estimates.rows
-    disturbance = state.disturbance
-    assert rotation is not None
-    assert disturbance is not None
-    assert disturbance.parts is not None
-    wind = (float(known.sizes.offset[NORTH]), float(known.sizes.offset[EAST]))
-    seen = block_of.see(block, config.vehicle, rotation, disturbance.parts.around.bearing_rad, len(table), wind)
-    seconds = max(block.end_s - (known.updated_s if known.updated_s > -math.inf else block.start_s), 0.0)
-    sizes = later(table, known.sizes, seconds)
+def learn(known: Adaptation, config: PipelineConfig) -> Adaptation:
+    """The adaptation with its full block taken in. ``settle`` calls it: no setpoint waits for it."""
+    if known.full is None:
+        return known
+    block, here, rotation = known.full
+    assert here.parts is not None
+    tuning, table, sizes = config.adapt_tuning, known.table, known.sizes
+    wind = (float(sizes.offset[NORTH]), float(sizes.offset[EAST]))
+    seen = block_of.see(block, config.vehicle, rotation, here.parts.around.bearing_rad, len(table), wind)
     changed = 0.0 if known.modelled is None else seen.modelled - known.modelled
     doubt = (tuning.lag_doubt_s / tuning.block_s * changed) ** 2
-    variance = tuning.alike * known.noise.variance + doubt
+    variance, doubtful = tuning.alike * known.noise.variance + doubt, tuning.alike_near * known.noise.variance + doubt
     innovation = seen.residual - seen.regressors @ sizes.offset
     surprised = surprises(sizes, innovation, seen.regressors, variance, known.surprised, tuning.robust_sigmas)
-    sizes = opened(table, sizes, surprised, tuning.surprised_blocks)
-    for value, row, noise in zip(seen.residual.tolist(), seen.regressors, variance.tolist(), strict=True):
-        sizes = update(
-            table, sizes, value, row, noise, excited=tuning.excited, robust_sigmas=tuning.robust_sigmas
-        )  # fmt: skip
-    judged = _judged(known, seen, tuning.alike_near * known.noise.variance + doubt, seconds, disturbance, config)
-    known = replace(
+    moves, around = excites(table, seen.regressors, variance, tuning.excited), _in_the_middle(here, config)
+    near, first = _near(known, moves, around), known.updated_s == -math.inf
+    seconds = tuning.block_s if first else max(block.end_s - known.updated_s, 0.0)
+    if first or any(near) or any(surprised) or seconds > tuning.free_air_s:
+        judged = _judged(known, seen, doubtful, seconds, around, near, config)
+        sizes = opened(table, later(table, sizes, seconds), surprised, tuning.surprised_blocks)
+        for value, row, noise, moved in zip(
+            seen.residual.tolist(), seen.regressors, variance.tolist(), moves, strict=True
+        ):
+            sizes = update(table, sizes, value, row, noise, moved, tuning.robust_sigmas)
+        known = replace(known, sizes=sizes, updated_s=block.end_s, judged=judged, learned=_learned(known, sizes))
+        known = replace(known, believed=_believed(known.channels, judged))
+        known = replace(known, wanted=_wanted(known, config))
+    applied = known.applied
+    if applied is not known.wanted:
+        applied = towards(applied, known.wanted, tuning.block_s, tuning)
+    return replace(
         known,
-        sizes=sizes,
+        full=None,
+        applied=applied,
         noise=_noise(known.noise, innovation, config),
         modelled=seen.modelled,
         surprised=surprised,
-        updated_s=block.end_s,
         learned_s=known.learned_s + block.end_s - block.start_s,
-        learned=_learned(known, sizes),
-        judged=judged,
-        believed=_believed(known.channels, judged),
     )
-    return replace(known, applied=towards(known.applied, _wanted(known, config), tuning.block_s, tuning))
+
+
+def _near(known: Adaptation, moves: Flags, around: Around) -> tuple[bool, ...]:
+    """Whether a block tells of the model's or the map's lift, pull and tilt, and of the adopted effects.
+
+    In free air, where it tells only of what is steady, every third block is enough.
+    """
+    excited = [True in column for column in moves.T.tolist()]
+    wall = min(around.gaps) < GAPS[-1]
+    low = wall or min(around.heights) < HEIGHTS[-1]
+    return (low or excited[LIFT], wall or excited[PULL], wall or excited[TILT], *excited[FIRST_EFFECT:])
 
 
 def _judged(
-    known: Adaptation, seen: block_of.Seen, variance: Array, seconds: float, here: Disturbance, config: PipelineConfig
-) -> tuple[judge.Judged, ...]:
+    known: Adaptation, seen: block_of.Seen, variance: Array, seconds: float, around: Around, near: Sequence[bool],
+    config: PipelineConfig,
+) -> tuple[judge.Judged, ...]:  # fmt: skip
     """With the model or without it: what one channel does in the axes of another is taken away first."""
     tuning, vehicle = config.adapt_tuning, config.vehicle
-    around = _in_the_middle(here, config)
     place, thrust = judge.place_of(around), 1.0 + float(known.sizes.offset[THRUST])
-    gains, near = known.believed
-    beside = near.rows(vehicle, around)
+    gains, beside = known.believed.gains, known.believed.near.rows(vehicle, around)
     effects = seen.regressors[:, FIRST_EFFECT:] @ known.sizes.offset[FIRST_EFFECT:]
     rest, noise, regressors = (seen.residual - effects).tolist(), variance.tolist(), seen.regressors.tolist()
     out = []
-    for channel, before in zip(known.channels, known.judged, strict=True):
+    for channel, before, here in zip(known.channels, known.judged, near, strict=False):
+        waited_s = before.waited_s + seconds
+        if not here and waited_s < tuning.free_air_s and not any(before.surprised):
+            out.append(before._replace(waited_s=waited_s))
+            continue
         told = []
         for axis, row in zip(
             channel.axes, judge.rows(channel, regressors, place, vehicle.rotor_radius_m, thrust), strict=True
@@ -248,7 +284,7 @@ def _judged(
                 if k != channel.own:
                     value += model[k] - thrust * (beside[k][axis] + gains[k] * model[k])
             told.append((value, row, noise[axis]))
-        out.append(judge.learn(channel, before, seconds, told, tuning))
+        out.append(judge.learn(channel, before, waited_s, told, tuning))
     return tuple(out)
 
 

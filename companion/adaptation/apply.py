@@ -83,7 +83,10 @@ def share_of(value: float, sd: float, most: float, form: float) -> float:
 
 
 def towards(now: Applied, wanted: Applied, dt_s: float, tuning: AdaptTuning) -> Applied:
-    """``now`` moved to ``wanted`` within the rates of shares and of what is measured beside the model."""
+    """``now`` moved to ``wanted`` within the rates of shares and of what is measured beside the model.
+
+    ``wanted`` itself where it is reached.
+    """
     down, up = tuning.take_1_s * dt_s, tuning.give_1_s * dt_s
     shares = tuple(
         min(max(goal, share - down), share + up) for share, goal in zip(now.shares, wanted.shares, strict=True)
@@ -95,7 +98,8 @@ def towards(now: Applied, wanted: Applied, dt_s: float, tuning: AdaptTuning) -> 
         _slewed(old.pull, new.pull, most),
         _slewed(old.tilt, new.tilt, most),
     )
-    return Applied(shares, near, wanted.gate)
+    moved = Applied(shares, near, wanted.gate)
+    return wanted if moved == wanted else moved
 
 
 def _slewed(old: Sequence[float], new: Sequence[float], most: float) -> tuple[float, ...]:

@@ -11,10 +11,13 @@ import math
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.adaptation import sizes as at
 from companion.adaptation.sizes import Size, Sizes
 from models.frames import Array
+
+Flags = NDArray[np.bool_]
 
 
 @lru_cache(maxsize=8)
@@ -75,25 +78,25 @@ def opened(table: tuple[Size, ...], sizes: Sizes, surprised: tuple[int, ...], af
     return Sizes(sizes.offset, sizes.covariance + np.diag(more))
 
 
+def excites(table: tuple[Size, ...], regressors: Array, variance: Array, excited: float) -> Flags:
+    """Of every axis (axes, n), the sizes whose prior would move it by more than ``excited`` of its noise."""
+    _, _, most, _ = _limits(table)
+    out: Flags = regressors * regressors * most > (excited * excited * variance)[:, None]
+    return out
+
+
 def update(
-    table: tuple[Size, ...],
-    sizes: Sizes,
-    residual: float,
-    regressors: Array,
-    variance: float,
-    *,
-    excited: float,
+    table: tuple[Size, ...], sizes: Sizes, residual: float, regressors: Array, variance: float, moves: Flags,
     robust_sigmas: float,
-) -> Sizes:
+) -> Sizes:  # fmt: skip
     """The sizes after ``residual`` = regressors (n,) @ offset + noise of ``variance``; the same object if unmoved.
 
-    A size whose prior would move the axis by less than ``excited`` of its noise keeps its value. What is further off
-    than ``robust_sigmas`` counts as if it were just so far.
+    Only the sizes that the axis ``excites`` change: ``moves`` (n,). What is further off than ``robust_sigmas`` counts
+    as if it were just so far.
     """
-    low, high, most, _ = _limits(table)
-    moves = regressors * regressors * most > excited * excited * variance
     if not math.isfinite(residual) or not variance > 0.0 or True not in moves.tolist():
         return sizes
+    low, high, _, _ = _limits(table)
     covariance = sizes.covariance
     shared = covariance @ regressors
     spread = float(regressors @ shared) + variance

@@ -57,8 +57,7 @@ class Channel:
         return len(self.along)
 
 
-@dataclass(frozen=True, slots=True)
-class Judged:
+class Judged(NamedTuple):
     """What is believed of one channel: ``mean`` (2, n) and ``covariance`` (2, n, n) as in ``Channel``, and the odds."""
 
     mean: Array
@@ -67,6 +66,8 @@ class Judged:
     """Of the model against none."""
     surprised: tuple[int, ...]
     """For how many blocks in a row each axis has been far off to one side of both."""
+    waited_s: float = 0.0
+    """Since something was taken in."""
 
     @property
     def probability(self) -> float:

@@ -42,6 +42,8 @@ class AdaptTuning:
     """Least noise of a block, of the weight: a third of a centi-g of an accelerometer's drift."""
     moment_floor: float = 0.001
     """The same, of the weight times the farthest fan's arm."""
+    free_air_s: float = 0.5
+    """Where only steady sizes are seen they are looked at so often: every third block."""
     robust_sigmas: float = 2.5
     """A residual counts no more than this many standard deviations (Huber 1964, Ann. Math. Statist. 35, 73)."""
     surprised_blocks: int = 4

@@ -8,7 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from companion.adaptation.filter import later, update
+from companion.adaptation import filter as sizes_filter
+from companion.adaptation.filter import excites, later
 from companion.adaptation.options import AdaptTuning
 from companion.adaptation.sizes import FIRST_EFFECT, GAINS, Size, Sizes, effects_with_size, prior, size_table, told
 from companion.vehicles import default_vehicle
@@ -23,6 +24,15 @@ FREE = {"excited": 0.0, "robust_sigmas": 1e9}
 
 def table(n: int = 4, sd: float = 1.0, per_minute: float = 0.1) -> tuple[Size, ...]:
     return tuple(Size(f"s{k}", "1", 1.0, 1.0, sd, per_minute, -5.0, 7.0) for k in range(n))
+
+
+def update(
+    sizes: tuple[Size, ...], believed: Sizes, value: float, row: np.ndarray, variance: float, *, excited: float,
+    robust_sigmas: float,
+) -> Sizes:  # fmt: skip
+    """One axis, with the sizes that it excites."""
+    (moves,) = excites(sizes, row[None], np.array([variance]), excited)
+    return sizes_filter.update(sizes, believed, value, row, variance, moves, robust_sigmas)
 
 
 def test_it_is_least_squares_with_a_prior():
