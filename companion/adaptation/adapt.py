@@ -226,25 +226,28 @@ def learn(known: Adaptation, config: PipelineConfig) -> Adaptation:
     if first or any(near) or any(surprised) or seconds > tuning.free_air_s:
         judged = _judged(known, seen, doubtful, seconds, around, near, config)
         sizes = opened(table, later(table, sizes, seconds), surprised, tuning.surprised_blocks)
-        for value, row, noise, moved in zip(
-            seen.residual.tolist(), seen.regressors, variance.tolist(), moves, strict=True
-        ):
-            sizes = update(table, sizes, value, row, noise, moved, tuning.robust_sigmas)
-        known = replace(known, sizes=sizes, updated_s=block.end_s, judged=judged, learned=_learned(known, sizes))
-        known = replace(known, believed=_believed(known.channels, judged))
+        sizes = _sized(table, sizes, seen, variance, moves, tuning)
+        learned, believed = _learned(known, sizes), _believed(known.channels, judged)
+        known = replace(
+            known, sizes=sizes, judged=judged, learned=learned, believed=believed, updated_s=block.end_s
+        )  # fmt: skip
         known = replace(known, wanted=_wanted(known, config))
     applied = known.applied
     if applied is not known.wanted:
         applied = towards(applied, known.wanted, tuning.block_s, tuning)
+    noise, learned_s = _noise(known.noise, innovation, config), known.learned_s + block.end_s - block.start_s
     return replace(
-        known,
-        full=None,
-        applied=applied,
-        noise=_noise(known.noise, innovation, config),
-        modelled=seen.modelled,
-        surprised=surprised,
-        learned_s=known.learned_s + block.end_s - block.start_s,
+        known, full=None, applied=applied, noise=noise, modelled=seen.modelled, surprised=surprised, learned_s=learned_s
     )
+
+
+def _sized(
+    table: tuple[Size, ...], sizes: Sizes, seen: block_of.Seen, variance: Array, moves: Flags, tuning: AdaptTuning
+) -> Sizes:
+    """The sizes after a block, one axis after another."""
+    for value, row, noise, moved in zip(seen.residual.tolist(), seen.regressors, variance.tolist(), moves, strict=True):
+        sizes = update(table, sizes, value, row, noise, moved, tuning.robust_sigmas)
+    return sizes
 
 
 def _near(known: Adaptation, moves: Flags, around: Around) -> tuple[bool, ...]:
@@ -319,6 +322,8 @@ def _noise(noise: Noise, innovation: Array, config: PipelineConfig) -> Noise:
 
 def _learned(known: Adaptation, sizes: Sizes) -> tuple[bool, ...]:
     """A channel is measured once its sd is clearly less than the prior's."""
+    if all(known.learned):
+        return known.learned
     places = channels(known.table)
     return tuple(
         before or sizes.sd(k) < 0.9 * known.table[k].sd for before, k in zip(known.learned, places, strict=True)

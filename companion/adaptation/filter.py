@@ -55,12 +55,11 @@ def surprises(
 
     What a gain on the model can explain is no surprise.
     """
-    spread = np.sqrt(((regressors @ sizes.covariance) * regressors).sum(axis=1) + variance)
-    by_gains = _GAIN_EXPLAINS * np.abs(regressors[:, : at.THRUST]).sum(axis=1)
+    spread = sigmas * np.sqrt(((regressors @ sizes.covariance) * regressors).sum(axis=1) + variance)
     out = []
-    for count, off, sd, known in zip(before, innovation.tolist(), spread.tolist(), by_gains.tolist(), strict=True):
+    for count, off, most, row in zip(before, innovation.tolist(), spread.tolist(), regressors, strict=True):
         side = 1 if off > 0.0 else -1
-        far = abs(off) > sigmas * sd and abs(off) > known
+        far = abs(off) > most and abs(off) > _GAIN_EXPLAINS * sum(map(abs, row[: at.THRUST].tolist()))
         out.append((count + side if count * side > 0 else side) if far else 0)
     return tuple(out)
 

@@ -62,15 +62,12 @@ def _surroundings(disturbance: Disturbance, config: PipelineConfig, tuning: Adap
             return Pause.SURFACE_UNKNOWN
         if now_s - surface.stepped_s < config.tuning.surface_step_s:
             return Pause.SURFACE_STEP
-    radius = config.vehicle.rotor_radius_m
-    if min(disturbance.h_m.tolist()) < tuning.near_ground_radii * radius:
+    assert disturbance.parts is not None
+    around = disturbance.parts.around
+    height, gap = min(around.heights), min(around.gaps)
+    if height < tuning.near_ground_radii or gap * config.vehicle.rotor_radius_m < tuning.near_wall_m:
         return Pause.CONTACT
-    if min(disturbance.d_m.tolist()) < tuning.near_wall_m:
-        return Pause.CONTACT
-    if (
-        is_empty(config.model)
-        and min(*disturbance.h_m.tolist(), *disturbance.d_m.tolist()) < tuning.reach_radii * radius
-    ):
+    if is_empty(config.model) and min(height, gap) < tuning.reach_radii:
         return Pause.UNMODELLED
     return Pause.OUTSIDE if disturbance.trust <= 0.0 else None
 

@@ -31,7 +31,7 @@ from companion.vehicles import default_vehicle
 from models.frames import Array
 from replay.logs.tlog import read_tlog
 
-CHUNK = 100
+CHUNK = 10
 
 
 def samples_of(log: Path) -> list[Sample]:

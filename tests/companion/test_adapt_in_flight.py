@@ -119,7 +119,7 @@ def test_only_the_three_gains_and_adopted_effects_change_an_offset():
     for channel, judged in zip(known.channels, known.judged, strict=True):
         mean = judged.mean.copy()
         mean[:, : channel.gain] += 0.2
-        beside.append(replace(judged, mean=mean))
+        beside.append(judged._replace(mean=mean))
     other = replace(known, sizes=Sizes(moved, known.sizes.covariance), judged=tuple(beside), learned=(True,) * 3)
     same = replace(known, learned=(True,) * 3)
     assert adapt._wanted(other, config) == adapt._wanted(same, config)
