@@ -9,6 +9,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from companion.clock import Clock, SystemClock
@@ -17,7 +18,10 @@ from companion.mavlink.signing import Signatures
 from models.errors import ConfigError, LinkError
 
 _NETWORK = ("udp", "udpin", "udpout", "tcp", "tcpin", "udpbcast", "mcast")
-_UNION = "pymavlink.dialects.v10.all"
+_WITHOUT = {"pymavlink.dialects.v10.all": None, "curses": None, "ssl": ModuleType("ssl")}
+"""What pymavlink's endpoints import and do not need here, and what they get instead; None: no such module. The union of
+all dialects is for packaging tools (12 MiB), curses for one character class, ssl for web sockets, which are no endpoint
+of ours (1.2 MiB together)."""
 _SYSTEM_UNKNOWN = 1
 """We send as this system until the vehicle's own is heard."""
 _READ = 65536
@@ -200,19 +204,18 @@ def open_link(
 def _mavutil() -> Any:
     """pymavlink's endpoints, without any of its large dialects: frames are decoded and packed here (definitions.py).
 
-    Its import reads MAVLINK20 and MAVLINK_DIALECT, fails on names that it does not know, and sets the latter. It also
-    imports the union of all dialects for the sake of packaging tools, and does without where there is none: 12 MiB.
+    Its import reads MAVLINK20 and MAVLINK_DIALECT, fails on names that it does not know, and sets the latter.
     """
     before = os.environ.get("MAVLINK_DIALECT")
     os.environ["MAVLINK20"], os.environ["MAVLINK_DIALECT"] = "1", "minimal"
-    hidden = _UNION not in sys.modules
-    if hidden:
-        sys.modules[_UNION] = None  # type: ignore[assignment]  # Python's way to say that there is no such module
+    hidden = [name for name in _WITHOUT if name not in sys.modules]
+    for name in hidden:
+        sys.modules[name] = _WITHOUT[name]  # type: ignore[assignment]
     try:
         from pymavlink import mavutil
     finally:
-        if hidden:
-            del sys.modules[_UNION]
+        for name in hidden:
+            del sys.modules[name]
         if before is None:
             del os.environ["MAVLINK_DIALECT"]
         else:

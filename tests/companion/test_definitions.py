@@ -64,9 +64,20 @@ def test_what_is_sent_is_what_pymavlink_would_send(name):
     assert pack(*ours, 7, 191, MAV.seq) == theirs.pack(MAV)
 
 
-def test_flight_imports_no_large_dialect():
+def test_flight_imports_no_large_dialect_and_nothing_large_that_it_does_not_use():
     code = (
         "import sys, companion.flight, companion.mavlink.link as link, models; models.load(); link._mavutil()\n"
-        "print([m for m in sys.modules if m.endswith(('.ardupilotmega', '.v10.all', 'scipy', 'torch'))])"
+        "large = ('.ardupilotmega', '.v10.all', 'scipy', 'torch', '_ssl', '_curses', '_decimal')\n"
+        "print([m for m in sys.modules if m.endswith(large)])"
     )
     assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "[]"
+
+
+def test_what_is_hidden_from_pymavlinks_endpoints_is_there_for_others():
+    code = (
+        "import companion.mavlink.link as link; mavutil = link._mavutil()\n"
+        "import curses.ascii, ssl\n"
+        "ssl.create_default_context()\n"
+        "print(mavutil.is_printable('a'), mavutil.is_printable(chr(7)))"
+    )
+    assert subprocess.check_output([sys.executable, "-c", code], text=True).strip() == "True False"
