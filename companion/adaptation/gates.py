@@ -36,14 +36,14 @@ class Pause(Enum):
 
 def pause(state: PipelineState, imu: Imu, config: PipelineConfig, clear: Disturbance | None = None) -> Pause | None:
     """The reason not to learn from this sample; the surroundings of ``clear`` have been looked at already."""
-    tuning, estimates, now = config.adapt_tuning, state.estimates, imu.t_s
+    tuning, limits, estimates, now = config.adapt_tuning, config.tuning, state.estimates, imu.t_s
     disturbance, attitude, position = state.disturbance, estimates.attitude, estimates.position
     if disturbance is None or disturbance.parts is None:
         return Pause.NO_ROTORS
-    if attitude is None or position is None or now - state.disturbance_s > config.tuning.attitude_age_s:
+    if attitude is None or position is None or now - state.disturbance_s > limits.attitude_age_s:
         return Pause.STALE
-    old_attitude = now - attitude.t_s > config.tuning.attitude_age_s
-    if old_attitude or now - position.t_s > config.tuning.position_age_s or not estimates.trust.trusted:
+    old_attitude = now - attitude.t_s > limits.attitude_age_s
+    if old_attitude or now - position.t_s > limits.position_age_s or not estimates.trust.trusted:
         return Pause.STALE
     if not math.isfinite(sum(imu.specific_force_frd)):
         return Pause.NO_IMU

@@ -65,9 +65,8 @@ def follow(block: Block) -> Block:
 
 def add(block: Block, imu: Imu, parts: Parts, velocity: Vector3, vanes_us: tuple[float, ...], lag_s: float) -> Block:
     """The block with one sample more; ``vanes_us`` as ``vane_outputs`` has them, ``velocity`` NED."""
-    dt = imu.t_s - block.end_s
-    share = dt / (lag_s + dt)
-    a, b, c, p, q, r = block.lagged
+    start_s, end_s, (a, b, c, p, q, r), first, samples, force, rates, moved, vanes, at_fans, effects, tip_m_s = block
+    share = (imu.t_s - end_s) / (lag_s + imu.t_s - end_s)
     (fx, fy, fz), (gx, gy, gz) = imu.specific_force_frd, imu.gyro_frd
     a += share * (fx - a)
     b += share * (fy - b)
@@ -75,21 +74,28 @@ def add(block: Block, imu: Imu, parts: Parts, velocity: Vector3, vanes_us: tuple
     p += share * (gx - p)
     q += share * (gy - q)
     r += share * (gz - r)
-    (sa, sb, sc), (sp, sq, sr), (vn, ve, vd) = block.force, block.rates, block.velocity
-    n, e, d = velocity
+    (sa, sb, sc), (sp, sq, sr), (vn, ve, vd), (n, e, d) = force, rates, moved, velocity
+    if at_fans is None or effects is None:
+        at_fans, effects, vanes = parts.at_fans, parts.effects, vanes_us
+    else:
+        at_fans = at_fans + parts.at_fans
+        if effects.size:
+            effects = effects + parts.effects
+        if vanes:
+            vanes = tuple([x + y for x, y in zip(vanes, vanes_us, strict=True)])
     return Block(
-        block.start_s,
+        start_s,
         imu.t_s,
         (a, b, c, p, q, r),
-        block.rates_at_start,
-        block.samples + 1,
+        first,
+        samples + 1,
         (sa + a, sb + b, sc + c),
         (sp + p, sq + q, sr + r),
         (vn + n, ve + e, vd + d),
-        vanes_us if not block.vanes_us else tuple([x + y for x, y in zip(block.vanes_us, vanes_us, strict=True)]),
-        parts.at_fans if block.at_fans is None else block.at_fans + parts.at_fans,
-        parts.effects if block.effects is None or not parts.effects.size else block.effects + parts.effects,
-        block.tip_m_s + parts.tip_m_s,
+        vanes,
+        at_fans,
+        effects,
+        tip_m_s + parts.tip_m_s,
     )
 
 

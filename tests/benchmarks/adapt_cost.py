@@ -1,8 +1,8 @@
 """What adaptation costs a decision: one recorded flight through ``step``, with and without, side by side.
 
 ``python tests/benchmarks/adapt_cost.py [LOG.tlog] [--rounds N]``: without a log, a simulated corner is flown first. The
-two are run in turns, and the quickest round counts for every stretch, so that a busy machine disturbs little; the ratio
-is what to compare between machines.
+two are run in turns, and of every few samples the quickest round counts, so that a busy machine disturbs little; the
+ratio is what to compare between machines.
 """
 
 from __future__ import annotations
@@ -46,16 +46,16 @@ def samples_of(log: Path) -> list[Sample]:
 
 
 def timed(samples: list[Sample], config: PipelineConfig) -> tuple[Array, int]:
-    """CPU seconds of every ``CHUNK`` samples, and decisions."""
+    """Seconds of every ``CHUNK`` samples, and decisions."""
     state, decisions, spent = initial_state(config), 0, []
     gc.collect()
     gc.disable()
     for first in range(0, len(samples), CHUNK):
-        start = time.process_time()
+        start = time.perf_counter()
         for sample in samples[first : first + CHUNK]:
             state, decision = step(state, sample, config)
             decisions += decision is not None
-        spent.append(time.process_time() - start)
+        spent.append(time.perf_counter() - start)
     gc.enable()
     return np.array(spent), decisions
 
@@ -100,7 +100,7 @@ def main() -> int:
             best[k] = np.minimum(best[k], spent)
     without, with_it = (1e6 * float(b.sum()) / decisions for b in best)
     print(
-        f"{len(samples)} samples, {decisions} decisions, CPU time, the best of {a.rounds} rounds for every {CHUNK} "
+        f"{len(samples)} samples, {decisions} decisions, the best of {a.rounds} rounds for every {CHUNK} "
         f"samples: {without:.0f} us a decision without, {with_it:.0f} us with: {with_it - without:.0f} us more, "
         f"ratio {with_it / without:.2f}"
     )

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 import models
 from companion.sim.air import PAPER_CQ, REYNOLDS_EXPONENT, RPM_HOVER, Increments, LawConstants, increments
 from models.frames import Array
+from models.surrogate.empty import empty_model
 from models.surrogate.fan_surrogate import AdoptedEffect, Answer
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
 
@@ -78,6 +79,35 @@ class WarpedModel:
         """(fans, 6), with neither ground nor wall."""
         far: list[list[float]] = self.query(np.inf, np.inf, np.array(rpm)).wrench.tolist()
         return far
+
+
+class OfThisFan:
+    """What another fan's model says of ground and wall, in radii and shares of the lift, with this vehicle's lift."""
+
+    effects: tuple[AdoptedEffect, ...] = ()
+
+    def __init__(self, inner: Any, vehicle: Vehicle, inner_radius_m: float) -> None:
+        self.info: Mapping[str, Any] = {"method": "of this fan"}
+        self._inner, self._free, self._size = inner, empty_model(vehicle), vehicle.rotor_radius_m / inner_radius_m
+
+    def query(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Answer:
+        """As a surrogate's."""
+        h, d, rpm = np.broadcast_arrays(np.asarray(h, float), np.asarray(d, float), np.asarray(rpm, float))
+        there = np.full(h.shape, RPM_HOVER)
+        near = self._inner.query(h / self._size, d / self._size, there)
+        far = self._inner.query(np.full(h.shape, np.inf), np.full(h.shape, np.inf), there).wrench
+        free = self._free.query(np.full(h.shape, np.inf), np.full(h.shape, np.inf), rpm).wrench
+        share = (near.wrench - far) / far[..., 2:3] * np.array([1.0, 1.0, 1.0, self._size, self._size, self._size])
+        wrench = free + free[..., 2:3] * share
+        return Answer(wrench, np.zeros_like(wrench), near.trust)
+
+    def wrench(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
+        """(..., 6)."""
+        return self.query(h, d, rpm).wrench
+
+    def free_air_now(self, rpm: Sequence[float]) -> list[list[float]]:
+        """(fans, 6), with neither ground nor wall."""
+        return self._free.free_air_now(rpm)
 
 
 class FlowAir:
