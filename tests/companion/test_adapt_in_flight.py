@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from adapt_campaign import Leg3
 from adapt_campaign import fly as corner_flight
-from adapt_flights import Watch, fly
+from adapt_cost import samples_of
+from adapt_flights import Watch, fly, payload
 from adapt_models import TrueModel, WarpedModel
 from simflight import sent_and_decided
 from test_adapt_bad_input import LOW_M, VEHICLE, low_hover
@@ -28,8 +29,10 @@ from companion.adaptation.words import named_values, sentences
 from companion.config import HoldGains, PipelineConfig, Tuning
 from companion.control import disturbance as push
 from companion.page.snapshot import snapshot
-from companion.pipeline import initial_state
+from companion.pipeline import answer, initial_state, settle
 from companion.sim.air import NOMINAL, increments
+from companion.sim.flight import Flight
+from companion.sim.scenario import build
 from companion.telemetry.status import StatusReporter
 from models.effects import adopted
 
@@ -157,6 +160,42 @@ def test_the_recording_replays_to_the_same_setpoints(tmp_path: Path):
     sent, decided = sent_and_decided(log, config)
     assert len(sent) > 300
     assert sent[:-60] == decided[: len(sent) - 60]
+
+
+def test_no_setpoint_waits_for_what_is_learned(tmp_path: Path):
+    """``answer`` only gathers; what a full block teaches is worked out by ``settle``."""
+    config = PipelineConfig(VEHICLE, TrueModel(VEHICLE, NOMINAL), adapt=Adapt.FULL)  # type: ignore[arg-type]
+    log = tmp_path / "a.tlog"
+    fly(low_hover(), config, 20.0, record=log)
+    state, learned = initial_state(config), 0
+    for sample in samples_of(log):
+        before = state.adaptation
+        state, _ = answer(state, sample, config)
+        gathered = state.adaptation
+        assert before is not None
+        assert gathered is not None
+        assert gathered.sizes is before.sizes
+        assert gathered.judged is before.judged
+        state = settle(state, config)
+        learned += state.adaptation is not None and state.adaptation.sizes is not before.sizes
+    assert learned > 20
+
+
+def test_in_free_air_every_third_block_is_taken_in_and_low_every_one():
+    updated = np.unique([known.updated_s for _, known in flown("right", Adapt.FULL).seen])
+    seconds, at = np.diff(updated[np.isfinite(updated)]), updated[np.isfinite(updated)][1:]
+    assert np.median(seconds[at < 13.0]) == pytest.approx(0.6, abs=0.02)
+    assert np.median(seconds[at > 18.5]) == pytest.approx(0.2, abs=0.02)
+
+
+def test_a_load_picked_up_in_free_air_is_taken_in_at_once():
+    """What surprises does not wait for its turn."""
+    config = PipelineConfig(VEHICLE, TrueModel(VEHICLE, NOMINAL), adapt=Adapt.FULL)  # type: ignore[arg-type]
+    at_s, kg = 20.0, 0.6
+    flight = Flight(VEHICLE, build("hover", VEHICLE), 7, law=NOMINAL)
+    watch = fly(flight, config, at_s + 4.0, payload(at_s, kg))
+    value, _ = last(watch, "thrust_scale")
+    assert value == pytest.approx(VEHICLE.mass_kg / (VEHICLE.mass_kg + kg), abs=0.02)
 
 
 def test_off_measures_nothing():
