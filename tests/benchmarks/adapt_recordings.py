@@ -94,7 +94,7 @@ def learn(vehicle_file: Path, log: Path, model: str = NONE) -> Learned:
         for decision in decisions(log, config):
             fresh = decision.adaptation
             if fresh is not None and (known is None or fresh.learned_s != known.learned_s) and seen:
-                blocks.append((fresh.updated_s, seen[-1], fresh.sizes.offset))
+                blocks.append((decision.t_s, seen[-1], fresh.sizes.offset))
             known = fresh or known
     finally:
         adapt.block_of.see = inner
