@@ -221,7 +221,7 @@ def learn(known: Adaptation, config: PipelineConfig) -> Adaptation:
     innovation = seen.residual - seen.regressors @ sizes.offset
     surprised = surprises(sizes, innovation, seen.regressors, variance, known.surprised, tuning.robust_sigmas)
     moves, around = excites(table, seen.regressors, variance, tuning.excited), _in_the_middle(here, config)
-    near, first = _near(known, moves, around), known.updated_s == -math.inf
+    near, first = _near(moves, around), known.updated_s == -math.inf
     seconds = tuning.block_s if first else max(block.end_s - known.updated_s, 0.0)
     if first or any(near) or any(surprised) or seconds > tuning.free_air_s:
         judged = _judged(known, seen, doubtful, seconds, around, near, config)
@@ -250,7 +250,7 @@ def _sized(
     return sizes
 
 
-def _near(known: Adaptation, moves: Flags, around: Around) -> tuple[bool, ...]:
+def _near(moves: Flags, around: Around) -> tuple[bool, ...]:
     """Whether a block tells of the model's or the map's lift, pull and tilt, and of the adopted effects.
 
     In free air, where it tells only of what is steady, every third block is enough.
