@@ -65,7 +65,7 @@ EFFECT = Effect(
     coefficients=(
         Coefficient("north", "m/s", -25.0, 25.0, typical=4.0),
         Coefficient("east", "m/s", -25.0, 25.0, typical=4.0),
-        Coefficient("own_motion", "1", -0.3, 3.0, typical=0.7, centre=0.7),
+        Coefficient("own_motion", "1", 0.0, 3.0, typical=0.7, centre=0.7),
         Coefficient("turning", "1", -6.0, 6.0),
     ),
     regressors=_regressors,

@@ -287,8 +287,8 @@ def _curves(record: Record) -> tuple[list[_Curve], Array]:
 def _beside_timing(record: Record, rest: Array, axis: int) -> Array:
     """One axis (n,) less its mean and what an error of timing of the actuators looks like."""
     valid = record.valid
-    modelled = np.nan_to_num(record.measured - record.residual)[:, record.axes[axis]]
-    rate = np.gradient(modelled, record.step_s)
+    modelled = (record.measured - record.residual)[:, record.axes[axis]]
+    rate = np.nan_to_num(np.gradient(modelled, record.step_s))  # 0 beside a gap: that is no change of lift
     z = np.stack([np.ones(len(rate)), rate], axis=1)
     fit = np.linalg.lstsq(z[valid], rest[valid], rcond=None)[0]
     out: Array = np.where(valid, rest - z @ fit, 0.0)

@@ -168,8 +168,8 @@ class Library:
         for f, record in enumerate(self.records):
             trims = [(a, np.full(len(record.valid), TRIM * self._percent(f, a))) for a in record.axes if a != LIFT]
             if LIFT in record.axes:
-                lift = np.nan_to_num(record.context.rotor_force[:, LIFT])
-                trims.append((LIFT, CLOCK_SD_S * np.gradient(lift, record.step_s)))
+                change = np.gradient(record.context.rotor_force[:, LIFT], record.step_s)
+                trims.append((LIFT, CLOCK_SD_S * np.nan_to_num(change)))  # none beside a gap: that is no change of lift
             for a, x in trims:
                 self._at[f, a].add(np.array([self.size]), x[:: self.every[f], None])
                 self._trims.append((f, a, x))

@@ -43,10 +43,12 @@ class Contributions:
         self.whole: dict[tuple[int, int], Array] = {}
         """(term, channel) to (n,)."""
         self.main: dict[tuple[int, int], Array] = {}
-        """The same of the coefficients that make the effect what it is."""
+        """The same of the coefficients that make the effect what it is, no farther than their bounds."""
         start = 0
         for i, term in enumerate(terms):
             part = b[start : start + len(term.columns)]
+            possible = np.clip(part, term.low, term.high)
+            main = term.main if (term.main == 0.0).any() else np.ones_like(part)
             start += len(term.columns)
             for c, channel in enumerate(library.channels):
                 local = channel.where[term.columns]
@@ -54,7 +56,7 @@ class Contributions:
                 if on.any():
                     x = channel.x[:, local[on]]
                     self.whole[i, c] = x @ part[on]
-                    self.main[i, c] = x @ (part[on] * term.main[on]) if (term.main == 0.0).any() else self.whole[i, c]
+                    self.main[i, c] = x @ (possible[on] * main[on])
 
     def own(self) -> dict[tuple[int, int], Array]:
         """What no other term would take over, by (term, channel): (n,).

@@ -19,6 +19,7 @@ from models.frames import Array
 from replay.residual.record import Record
 from replay.search.disturbance import bank_energy, lag_products, runs, spectra
 from replay.search.evidence import Evidence, Fit, Noise
+from replay.search.free_curves import _beside_timing
 from replay.search.library import Library
 from replay.search.outside import outside
 from replay.search.results import Found, Searched, summarise
@@ -339,6 +340,45 @@ def test_a_set_that_grows_keeps_what_is_not_worth_a_name_yet() -> None:
 def test_a_clock_that_is_off_is_no_lag(quiet: Record) -> None:
     late = added(pumped(quiet), "motor_lag", (0.0, 0.04), 1.0)
     assert names(search(late, some("motor_lag"))) == set()
+
+
+def test_a_clock_that_is_off_leaves_nothing_beside_a_gap(quiet: Record) -> None:
+    late = added(pumped(quiet), "motor_lag", (0.0, 0.04), 1.0)
+    rpm, valid = late.context.state.rpm.copy(), late.valid.copy()
+    gaps = [slice(i, i + 5) for i in range(0, 800, 100)]
+    for gap in gaps:
+        rpm[gap], valid[gap] = np.nan, False
+    torn = replace(with_context(late, state=replace(late.context.state, rpm=rpm)), valid=valid)
+    evidence = Evidence(Library([torn], []))
+    fit = evidence.fit([], evidence.unfitted())
+    moved = np.abs(evidence.library.trim_wrench(0, fit.b))[valid, 2]
+    assert moved.max() < 8.0 * np.sqrt((moved**2).mean())
+    assert search(torn, []).traces[0].outside == ()
+
+
+def test_timing_is_taken_off_a_remainder_with_gaps(quiet: Record) -> None:
+    flown = pumped(quiet)
+    lift = 45.0 * flown.context.state.rpm.mean(axis=1) ** 2 / (flown.context.state.rpm**2).mean()
+    late = 0.04 * np.gradient(lift, flown.step_s)
+    modelled, valid = np.zeros((len(lift), 6)), flown.valid.copy()
+    modelled[:, 2] = lift
+    for start in range(0, 800, 100):
+        modelled[start : start + 5], valid[start : start + 5] = np.nan, False
+    torn = replace(flown, residual=0.0 * modelled, measured=modelled, valid=valid)
+    left = _beside_timing(torn, late, 2)[valid]
+    assert np.sqrt((left**2).mean()) < 0.3 * np.sqrt((late[valid] ** 2).mean())
+
+
+def test_motion_that_answers_disturbances_is_no_drag_that_pushes(quiet: Record) -> None:
+    """In hover the vehicle goes where a disturbance pushed it: that must not turn a moment into wind."""
+    heavy_nose = added(straight(quiet), "cg_offset", (), 0.012, -0.008)
+    pushed = added(heavy_nose, "wind", (1.7,), 0.0, 0.0, -0.4, -2.0)
+    assert names(search(pushed, some("wind", "cg_offset"))) == {"cg_offset"}
+
+
+def test_an_effect_of_the_wrong_sign_has_no_name_for_what_goes_along_with_it(quiet: Record) -> None:
+    wrong = added(quiet, "vertical_inflow", (), -3.0, -60.0, 0.0, 0.0)
+    assert names(search(wrong, some("vertical_inflow"))) == set()
 
 
 def test_an_accelerometer_a_little_askew_is_no_finding(quiet: Record) -> None:
