@@ -283,6 +283,20 @@ def test_an_unknown_force_is_a_channel_and_no_name(quiet: Record) -> None:
     assert "pressure_pa" in [c.name for c in answer.traces[0].carriers][:3]
 
 
+@pytest.mark.parametrize(("share", "channels"), [(0.45, []), (1.5, ["down_m"])])
+def test_a_channel_that_carries_next_to_nothing_is_not_reported(
+    quiet: Record, share: float, channels: list[str]
+) -> None:
+    """A range that reads 2 cm too little leaves half a hundredth of the weight near the ground."""
+    height = -quiet.context.state.position_ned[:, 2]
+    near = np.exp(-height / 0.2)
+    near = (near - near.mean()) / near.std()
+    residual = 0.5 * quiet.residual
+    residual[:, 2] += share * 0.01 * quiet.context.weight * near
+    (trace,) = search(replace(quiet, residual=residual), []).traces
+    assert [c.name for c in trace.carriers[:1]] == channels
+
+
 def test_a_constant_beside_an_unknown_force_may_be_its_mean(quiet: Record) -> None:
     effects = some("thrust_scale")
     assert names(search(strange(quiet, 1.0, 0.9)[0], effects)) == set()
