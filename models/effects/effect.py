@@ -331,6 +331,8 @@ class Effect:
     """The one coefficient is a length at which the one shape linearises: both have to agree."""
     odds: Size = 0.05
     """How often such a thing is undeclared, before any flight was seen."""
+    exact: bool = False
+    """A law of mechanics: no error of its form stands beside it, which could pass for another effect's."""
     form: float = 0.12
     """What it may leave at most by an error of its form, as a share of its own: less is not believed beside it."""
     least_share: float = 0.05

@@ -62,6 +62,7 @@ EFFECT = Effect(
     shape_grid=_grid,
     halvings=4,
     aliases=("thrust_scale", "air_density"),
+    exact=True,
     of_day=True,
     odds=0.045,
     drawn=_drawn,

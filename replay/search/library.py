@@ -136,8 +136,7 @@ class Library:
         """Columns of an effect in the channels of one flight; what its errors of form are there, (n, 6) each."""
         record = self.records[f]
         x = regressors_of(effect, record, shape) * spread
-        mains = [i for i, c in enumerate(effect.coefficients) if effect.is_main(c)]
-        bent = [part[:: self.every[f]] for i in mains for part in bent_forms(x[:, :, i], record)]
+        bent = [b[:: self.every[f]] for i in _with_errors_of_form(effect) for b in bent_forms(x[:, :, i], record)]
         x = x[:: self.every[f]]
         for a in self._searched_axes(effect, f):
             live = np.flatnonzero(np.abs(x[:, a]).max(axis=0) > 0.0)
@@ -214,8 +213,7 @@ class Library:
         assert effect is not None
         x = regressors_of(effect, record, term.shape)
         spread = term.scale[np.searchsorted(term.columns, term.places[flight])]
-        mains = [i for i, c in enumerate(effect.coefficients) if effect.is_main(c)]
-        bent = [part for i in mains for part in bent_forms(x[:, :, i] * spread[i], record)]
+        bent = [part for i in _with_errors_of_form(effect) for part in bent_forms(x[:, :, i] * spread[i], record)]
         forms = len(term.columns) - len({int(c) for p in term.places.values() for c in p})
         out = np.zeros((len(x), 6, forms))
         for j, part in enumerate(bent[:forms]):
@@ -251,6 +249,11 @@ class Library:
                 for columns, part in self._bias_columns.get(f, []):
                     x[:, columns] += part
                 self._bias_rows.append((mean / KINEMATIC_SD_M_S2, x / KINEMATIC_SD_M_S2))
+
+
+def _with_errors_of_form(effect: Effect) -> list[int]:
+    """Coefficients whose contribution may have another form than its equation says."""
+    return [] if effect.exact else [i for i, c in enumerate(effect.coefficients) if effect.is_main(c)]
 
 
 def _mean(x: Array) -> Array:

@@ -189,6 +189,15 @@ def test_what_fits_into_another_effects_error_of_form_is_its_alias() -> None:
         assert [r.names for r in rivals_of(walked)] == names_of_rivals
 
 
+def test_a_load_has_no_error_of_form_that_is_a_thrust_curve(quiet: Record) -> None:
+    """Newton's second law is exact: lift that grows with the thrust is no load, whatever else it is."""
+    library = Library([pumped(quiet)], some("payload", "thrust_scale"))
+    bent = {t.name: bool(t.form.any()) for t in library.terms if t.effect is not None}
+    assert bent == {"payload": False, "thrust_scale": True}
+    steep = added(added(pumped(quiet), "thrust_curve", (), 0.4, 0.0), "payload", (0.0,), 0.3)
+    assert names(search(steep, some("payload", "thrust_curve"))) == {"payload", "thrust_curve"}
+
+
 def test_without_moments_no_fan_is_blamed(quiet: Record) -> None:
     forces = replace(quiet, axes=(0, 1, 2))
     weak = added(forces, "fan_imbalance", (1.0,), -0.1, 0.0)
