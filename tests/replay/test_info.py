@@ -158,6 +158,26 @@ def test_of_a_long_log_the_stretches_are_those_of_a_diagnosis(tmp_path, capsys, 
     assert f"(one of every {seen['one_of']} stretches: a long log)" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("command", "bars"),
+    [(["info"], ["reading", "deciding"]), (["export", "--to", "csv", "--out", "x.csv"], ["time 2 of 2"])],
+)
+def test_long_work_is_shown_to_a_terminal_and_to_nobody_else(tmp_path, capsys, monkeypatch, command, bars):
+    monkeypatch.setattr(tlog_blocks, "BLOCK_BYTES", 128 * 1024)
+    monkeypatch.chdir(tmp_path)
+    write_tlog(tmp_path / "a.tlog", flight(30.0))
+    line = [command[0], "a.tlog", *command[1:]]
+    assert main(line) == 0
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    assert main([*line, "--quiet"]) == 0
+    assert capsys.readouterr().err == ""
+    assert main(line) == 0
+    err = capsys.readouterr().err
+    assert all(f"a.tlog: {'reading, ' if 'time' in bar else ''}{bar}" in err for bar in bars)
+    assert "100%" in err
+
+
 def test_a_bad_log_does_not_stop_the_others(tmp_path, capsys):
     (tmp_path / "bad.tlog").write_bytes(b"no log at all")
     (tmp_path / "good.BIN").write_bytes(bin_flight())
