@@ -93,14 +93,17 @@ def pictures(paths: Iterable[Path]) -> str:
 
     Where an image is wider than the screen its box scrolls, so that its text keeps a size that can be read.
     """
-    shown = []
-    for path in paths:
-        data = path.read_bytes()
-        wide = int.from_bytes(data[16:20], "big") > _WIDE_PX
-        caption = f"<figcaption><b>{escape(_caption(path.stem))}</b></figcaption>"
-        image = f'<img alt="{escape(path.stem)}" src="data:image/png;base64,{b64encode(data).decode()}">'
-        shown.append(f'<figure class="wide{" full" if wide else ""}">{caption}{image}</figure>')
+    shown = [picture(path, _caption(path.stem)) for path in paths]
     return f'<div class="plots">{"".join(shown)}</div>' if shown else ""
+
+
+def picture(path: Path, caption: str = "") -> str:
+    """One PNG file inside the page."""
+    data = path.read_bytes()
+    wide = int.from_bytes(data[16:20], "big") > _WIDE_PX
+    head = f"<figcaption><b>{escape(caption)}</b></figcaption>" if caption else ""
+    image = f'<img alt="{escape(caption or path.stem)}" src="data:image/png;base64,{b64encode(data).decode()}">'
+    return f'<figure class="wide{" full" if wide else ""}">{head}{image}</figure>'
 
 
 def _caption(stem: str) -> str:
