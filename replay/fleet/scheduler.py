@@ -22,6 +22,8 @@ _MEMORY_SHARE = 0.8
 _NEEDS = {Kind.RUN.value: (70e6, 3.0, 400e6), Kind.DIAGNOSE.value: (420e6, 10.0, 2.0e9)}
 """Bytes for a small log, for every byte of a longer one, and at most: logs are read in blocks, of a long one two hours
 are diagnosed (docs/logs.md)."""
+_READ_AS_A_WHOLE = (".ulg",)
+"""Formats whose reader needs more memory for a longer log."""
 
 
 def run_local(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, dict[str, Any]]]:
@@ -96,12 +98,19 @@ def _physical_bytes() -> float:
     return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
 
 
-def _in_process(context: Any, job: Job, memory: _Memory, stop: threading.Event) -> dict[str, Any]:
+def needed_bytes(job: Job) -> float:
+    """Memory that a job is expected to take; nearly nothing where its log is not there."""
     base, per_byte, most = _NEEDS[job.kind]
+    path = Path(job.path)
     try:
-        size = min(base + per_byte * Path(job.path).stat().st_size, most)
+        whole = base + per_byte * path.stat().st_size
     except OSError:
-        size = base
+        return base
+    return whole if path.suffix.lower() in _READ_AS_A_WHOLE else min(whole, most)
+
+
+def _in_process(context: Any, job: Job, memory: _Memory, stop: threading.Event) -> dict[str, Any]:
+    size = needed_bytes(job)
     memory.take(size, stop)
     try:
         return {"log": job.path, "error": "interrupted"} if stop.is_set() else _wait_for(context, job, stop)

@@ -20,7 +20,7 @@ from replay.fleet.jobs import Job, perform
 from replay.fleet.page import common_effects
 from replay.fleet.results import Results, logs_in
 from replay.fleet.rows import row, write_table
-from replay.fleet.scheduler import run_local
+from replay.fleet.scheduler import needed_bytes, run_local
 from replay.fleet.trends import Point, Trend, trends
 
 DAY_US = 86_400_000_000
@@ -182,6 +182,16 @@ def test_a_process_that_dies_is_one_line(tmp_path, monkeypatch):
 
 def _dies(job, answers):
     os._exit(7)
+
+
+def test_only_what_is_read_in_blocks_needs_a_bounded_memory(tmp_path):
+    for name in ("a.tlog", "a.bin", "a.ulg"):
+        with (tmp_path / name).open("wb") as file:
+            file.truncate(4_000_000_000)
+    need = {name: needed_bytes(Job("run", str(tmp_path / name), None, None)) for name in ("a.tlog", "a.bin", "a.ulg")}
+    assert need["a.tlog"] == need["a.bin"] < 1e9
+    assert need["a.ulg"] > 10e9
+    assert needed_bytes(Job("run", str(tmp_path / "none.tlog"), None, None)) < 1e9
 
 
 def test_bad_arguments(folder, tmp_path, capsys):
