@@ -315,7 +315,9 @@ def _noise(noise: Noise, innovation: Array, config: PipelineConfig) -> Noise:
         return Noise(noise.variance, innovation)
     change = innovation - noise.innovation
     share = tuning.block_s / tuning.noise_mean_s
-    fresh = np.where(np.isfinite(change), 0.5 * change * change, noise.variance)
+    fresh = 0.5 * change * change
+    if not math.isfinite(sum(fresh.tolist())):
+        fresh = np.where(np.isfinite(fresh), fresh, noise.variance)
     variance = np.maximum(noise.variance + share * (fresh - noise.variance), floors(config.vehicle, tuning))
     return Noise(variance, innovation)
 

@@ -175,22 +175,30 @@ def learn(
     # No variance grows beyond that before any flight.
     diagonal += np.minimum(channel.growth_1_s * seconds, np.maximum(channel.variance - diagonal, 0.0))
     mean, log_odds, surprised = judged.mean, judged.log_odds, []
+    sigmas, most = tuning.robust_sigmas, tuning.robust_sigmas**2
     for (value, row, variance), before in zip(seen, judged.surprised, strict=True):
         if not math.isfinite(value) or not variance > 0.0:
             surprised.append(0)
             continue
         shared = covariance @ row
-        off = _off(value, (mean @ row).tolist(), (shared @ row).tolist(), variance, tuning.robust_sigmas)
-        if off.side:
-            mean = _jumped(channel, mean, covariance, shared, off)
-            surprised.append(before + off.side if before * off.side > 0 else off.side)
+        (e, f), (s, t) = (mean @ row).tolist(), (shared @ row).tolist()
+        i, j, s, t = value - e, value - f, s + variance, t + variance
+        y, z = abs(i) / math.sqrt(s), abs(j) / math.sqrt(t)
+        v, w = sigmas / y if y > sigmas else 1.0, sigmas / z if z > sigmas else 1.0
+        if y > sigmas and z > sigmas and i * j > 0.0:
+            mean = _jumped(channel, mean, covariance, shared, ((i, s, v), (j, t, w)))
+            side = 1 if i > 0.0 else -1
+            surprised.append(before + side if before * side > 0 else side)
             continue
-        by_mean, by_covariance = off.by
+        # Joseph's form with a gain that is Huber's weight, ``v`` and ``w``, of the best: one product, symmetric to the
+        # last bit.
+        root, other = math.sqrt((2.0 - v) * v / s), math.sqrt((2.0 - w) * w / t)
+        by_mean, by_covariance = np.array((((i * v / s,), (j * w / t,)), ((root,), (other,))))
         mean = mean + by_mean * shared
-        # Joseph's form with a gain that is ``weight`` of the best: one product, symmetric to the last bit.
         shared *= by_covariance
         covariance -= shared[:, :, None] * shared[:, None, :]
-        log_odds += tuning.evidence * off.evidence
+        likelier = 0.5 * math.log(t / s) + min(0.5 * z * z, most) - min(0.5 * y * y, most)
+        log_odds += tuning.evidence * likelier
         surprised.append(0)
     if mean is not judged.mean:
         mean[0, channel.gain] = min(max(float(mean[0, channel.gain]), 0.0), tuning.most)
@@ -200,50 +208,20 @@ def learn(
     return Judged(mean, covariance, log_odds, tuple(surprised))
 
 
-class _Off(NamedTuple):
-    """How far a value is from what both hypotheses say, each by itself."""
-
-    innovation: tuple[float, float]
-    spread: tuple[float, float]
-    """Variance of the innovation."""
-    weight: tuple[float, float]
-    """Huber's, of the best gain."""
-    side: int
-    """+1 or -1 where both are further off than noise, to the same side."""
-    evidence: float
-    """Log likelihood with the model minus that without it."""
-
-    @property
-    def by(self) -> Array:
-        """(2, 2, 1): of the shared covariance, what goes to the mean, and the root of what leaves the covariance."""
-        (i, j), (s, t), (v, w) = self.innovation, self.spread, self.weight
-        root, other = math.sqrt((2.0 - v) * v / s), math.sqrt((2.0 - w) * w / t)
-        return np.array((((i * v / s,), (j * w / t,)), ((root,), (other,))))
-
-
-def _off(value: float, expected: list[float], known: list[float], variance: float, sigmas: float) -> _Off:
-    (e, f), (s, t) = expected, known
-    s, t, i, j = s + variance, t + variance, value - e, value - f
-    y, z = abs(i) / math.sqrt(s), abs(j) / math.sqrt(t)
-    v, w = sigmas / y if y > sigmas else 1.0, sigmas / z if z > sigmas else 1.0
-    side = (1 if i > 0.0 else -1) if y > sigmas and z > sigmas and i * j > 0.0 else 0
-    most = sigmas * sigmas
-    evidence = 0.5 * math.log(t / s) + min(0.5 * z * z, most) - min(0.5 * y * y, most)
-    return _Off((i, j), (s, t), (v, w), side, evidence)
-
-
-def _jumped(channel: Channel, mean: Array, covariance: Array, shared: Array, off: _Off) -> Array:
+def _jumped(
+    channel: Channel, mean: Array, covariance: Array, shared: Array, seen: tuple[tuple[float, float, float], ...]
+) -> Array:  # fmt: skip
     """The mean after something that came at once, which is no surface: a load, a hand, a gust; ``covariance`` becomes
-    what it then is.
+    what it then is. ``seen``: innovation, its variance, and weight, of both hypotheses.
 
     Joseph's form, which is right for any gain: here that of the gain on the model, the ground and the map is zero.
     """
-    spread = np.array(off.spread)[:, None]
-    gain = np.array(off.weight)[:, None] / spread * shared
+    innovation, spread, weight = np.array(seen).T[:, :, None]
+    gain = weight / spread * shared
     gain[:, channel.gain :] = 0.0
     half = gain[:, :, None] * (shared - 0.5 * spread * gain)[:, None, :]
     covariance -= half + half.transpose(0, 2, 1)
-    out: Array = mean + np.array(off.innovation)[:, None] * gain
+    out: Array = mean + innovation * gain
     return out
 
 

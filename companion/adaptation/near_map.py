@@ -105,8 +105,10 @@ class NearField:
         out, pull = 0.0, self.pull
         for thrust, height, gap in zip(around.free_lift_n, around.heights, around.gaps, strict=True):
             if gap < GAPS[-1]:
-                here = sum([weight * pull[k] for k, weight in cells(height, gap)])
-                out += thrust * (here - sum([weight * pull[k] for k, weight in cells(height, gap + further_radii)]))
+                rows = _between(height, HEIGHTS, _LOG_HEIGHTS)
+                for sign, across in ((thrust, gap), (-thrust, gap + further_radii)):
+                    columns = _between(across, GAPS, _LOG_GAPS)
+                    out += sign * sum([a * b * pull[i * len(GAPS) + k] for i, a in rows for k, b in columns])
         return out
 
     def rows(self, vehicle: Vehicle, around: Around) -> list[list[float]]:
