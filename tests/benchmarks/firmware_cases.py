@@ -1,7 +1,8 @@
 """The ways to crash that were found on the real ArduCopter and PX4, flown in ``sim:`` in lockstep, one table.
 
-``python tests/benchmarks/firmware_cases.py [NAME…] [--seeds 1] [--json FILE] [--compare OLD.json]``. Everything is
-simulated; the same seed gives the same numbers on every machine, so two versions of the program can be compared.
+``python tests/benchmarks/firmware_cases.py [NAME…] [--seed 1] [--adapt full] [--json FILE] [--compare OLD.json]``.
+Everything is simulated; the same seed gives the same numbers on every machine, so two versions of the program can be
+compared.
 The manners of the two firmwares are those of ``companion/sim`` (docs/simulator.md).
 """
 
@@ -18,6 +19,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from companion.adaptation.options import Adapt
 from companion.config import PipelineConfig
 from companion.sim.autopilot import Mode
 from companion.sim.case import WIRE_S, Case, CasePilot, Judgement, Outcome, fly_case
@@ -260,11 +262,11 @@ CASES = (
 )  # fmt: skip
 
 
-def fly_one(name: str, seed: int, vehicle: Path | None, record: Path | None) -> Outcome:
+def fly_one(name: str, seed: int, vehicle: Path | None, record: Path | None, adapt: Adapt = Adapt.OFF) -> Outcome:
     """One case with the shipped quadrotor or another file, in free-air rotors (``--model none``)."""
     case = next(c for c in CASES if c.name == name)
     declared = load_vehicle(vehicle or QUAD)
-    config = PipelineConfig(declared, empty_model(declared))
+    config = PipelineConfig(declared, empty_model(declared), adapt=adapt)
     log, truth = (record / f"{name}.tlog", record / f"{name}.truth.csv") if record else (None, None)
     return fly_case(case, declared, config, seed, truth=truth, record=log)
 
@@ -290,6 +292,7 @@ def main() -> int:
     p.add_argument("--seed", type=int, default=1)
     p.add_argument("--vehicle", type=Path, help="vehicle file (default: the shipped quadrotor)")
     p.add_argument("--record", type=Path, metavar="DIR", help="keep a .tlog and the truth of each case here")
+    p.add_argument("--adapt", choices=[m.value for m in Adapt], default="off", help="as companion --adapt")
     p.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     p.add_argument("--json", metavar="FILE", help="- for stdout")
     p.add_argument("--compare", type=Path, metavar="OLD.json", help="print these earlier outcomes above each")
@@ -327,7 +330,7 @@ def main() -> int:
 
 def fly_all(names: Sequence[str], a: argparse.Namespace) -> list[Outcome]:
     """Several at a time, in the order of the table."""
-    rest = (names, repeat(a.seed), repeat(a.vehicle), repeat(a.record))
+    rest = (names, repeat(a.seed), repeat(a.vehicle), repeat(a.record), repeat(Adapt(a.adapt)))
     if a.workers == 1:
         return list(map(fly_one, *rest))
     with ProcessPoolExecutor(a.workers, mp_context=get_context("spawn")) as pool:

@@ -16,6 +16,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 
+from companion.adaptation.options import Adapt
 from faults.campaign import STACKS, Fault, Result, complaints
 from faults.catalog import BY_NAME, FAULTS, fly_named
 from models.progress import Bars
@@ -83,6 +84,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--only", action="append", default=[], metavar="NAME", help="exactly this fault; may be repeated")
     p.add_argument("--stack", choices=STACKS, action="append", help="one manner only (default: both)")
     p.add_argument("--seed", type=int, default=1)
+    p.add_argument("--adapt", choices=[m.value for m in Adapt], default="off", help="as companion --adapt")
     p.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     p.add_argument("--json", type=Path, metavar="FILE", help="the results, written after every flight")
     p.add_argument("--resume", action="store_true", help="fly only what --json FILE does not hold yet")
@@ -98,20 +100,22 @@ def chosen(a: argparse.Namespace) -> list[Fault]:
     return [f for f in FAULTS if f.name in a.only or any(part in f.name for part in a.names)]
 
 
-def flown_before(path: Path, seed: int) -> dict[Job, Result]:
-    """What an earlier run wrote, by job; nothing where there is no such file or it is of another seed."""
+def flown_before(path: Path, seed: int, adapt: Adapt) -> dict[Job, Result]:
+    """What an earlier run wrote, by job; nothing where there is none, or of another seed or ``--adapt``."""
     if not path.exists():
         return {}
     data = json.loads(path.read_text(encoding="utf-8"))
     names = Result.__dataclass_fields__
     flights = [Result(**{k: v for k, v in f.items() if k in names}) for f in data["flights"]]
-    return {(r.fault, r.stack, seed): r for r in flights if r.fault in BY_NAME} if data["seed"] == seed else {}
+    if (data["seed"], data.get("adapt", Adapt.OFF.value)) != (seed, adapt.value):
+        return {}
+    return {(r.fault, r.stack, seed): r for r in flights if r.fault in BY_NAME}
 
 
-def write_json(path: Path, results: Sequence[Result], seed: int) -> None:
+def write_json(path: Path, results: Sequence[Result], seed: int, adapt: Adapt) -> None:
     """Whole or not at all."""
     flights = [{**r.as_json(), "complaints": complaints(BY_NAME[r.fault], r)} for r in results]
-    data = {"seed": seed, "setpoints": sum(r.outputs for r in results), "flights": flights}
+    data = {"seed": seed, "adapt": adapt.value, "setpoints": sum(r.outputs for r in results), "flights": flights}
     part = path.with_name(path.name + ".part")
     part.write_text(json.dumps(data, indent=1) + "\n", encoding="utf-8")
     part.replace(path)
@@ -121,14 +125,14 @@ def fly_all(jobs: Sequence[Job], done: dict[Job, Result], a: argparse.Namespace)
     """Every job that is not done; rows are printed as flights end."""
     left, bars = [job for job in jobs if job not in done], Bars()
     with ProcessPoolExecutor(a.workers, mp_context=get_context("spawn")) as pool:
-        pending = {pool.submit(fly_named, job): job for job in left}
+        pending = {pool.submit(fly_named, job, Adapt(a.adapt)): job for job in left}
         for future in as_completed(pending):
             done[pending[future]] = future.result()
             bars.close()
             print(row(future.result()), flush=True)
             bars("faults", len(done), len(jobs))
             if a.json is not None:
-                write_json(a.json, list(done.values()), a.seed)
+                write_json(a.json, list(done.values()), a.seed, Adapt(a.adapt))
     bars.close()
     return done
 
@@ -142,7 +146,7 @@ def main() -> int:
         return 0 if a.list else 2
     stacks = a.stack or STACKS
     jobs = [(f.name, stack, a.seed) for f in faults for stack in stacks if stack in f.stacks]
-    before = flown_before(a.json, a.seed) if a.resume and a.json is not None else {}
+    before = flown_before(a.json, a.seed, Adapt(a.adapt)) if a.resume and a.json is not None else {}
     print(f"simulated, in lockstep, seed {a.seed}\n{HEAD}", flush=True)
     done = fly_all(jobs, {job: r for job, r in before.items() if job in jobs}, a)
     results = [done[job] for job in jobs]

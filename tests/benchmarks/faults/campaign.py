@@ -12,6 +12,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import models
+from companion.adaptation.options import Adapt
 from companion.config import PipelineConfig
 from companion.invariants import Auditor, Promise
 from companion.pipeline import Decision
@@ -154,9 +155,9 @@ def silent_drift_m(seconds: float) -> float:
 
 
 @cache
-def config() -> PipelineConfig:
+def config(adapt: Adapt = Adapt.OFF) -> PipelineConfig:
     """The paper's vehicle with its model: offsets of a few per cent of thrust and a degree or two."""
-    return PipelineConfig(default_vehicle(), models.load())
+    return PipelineConfig(default_vehicle(), models.load(), adapt=adapt)
 
 
 def copied_model(folder: Path) -> Path:
@@ -164,14 +165,14 @@ def copied_model(folder: Path) -> Path:
     return Path(shutil.copytree(DEFAULT, folder / "model"))
 
 
-def fly(fault: Fault, stack: str, seed: int = 1) -> Result:
+def fly(fault: Fault, stack: str, seed: int = 1, adapt: Adapt = Adapt.OFF) -> Result:
     """One fault, in simulated time: the same seed gives the same result."""
     with TemporaryDirectory() as folder:
-        return _fly(fault, stack, seed, Path(folder))
+        return _fly(fault, stack, seed, config(adapt), Path(folder))
 
 
-def _fly(fault: Fault, stack: str, seed: int, folder: Path) -> Result:
-    own, times = config(), [math.inf, math.inf]
+def _fly(fault: Fault, stack: str, seed: int, own: PipelineConfig, folder: Path) -> Result:
+    times = [math.inf, math.inf]
     if fault.own_model:
         own = replace(own, model=models.load(copied_model(folder)))
     benches: list[Bench] = []

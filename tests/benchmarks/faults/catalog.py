@@ -11,6 +11,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from companion.adaptation.options import Adapt
 from companion.mavlink.tlog_writer import Recorder
 from companion.sim.autopilot import Mode
 from faults.campaign import LOW_M, WALL_M, Act, Bench, Fault, Result, fly, silent_drift_m
@@ -639,7 +640,7 @@ FAULTS = (
 BY_NAME = {fault.name: fault for fault in FAULTS}
 
 
-def fly_named(job: tuple[str, str, int]) -> Result:
+def fly_named(job: tuple[str, str, int], adapt: Adapt = Adapt.OFF) -> Result:
     """Name, stack and seed: what a worker process gets."""
     name, stack, seed = job
-    return fly(BY_NAME[name], stack, seed)
+    return fly(BY_NAME[name], stack, seed, adapt)
