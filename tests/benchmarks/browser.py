@@ -12,8 +12,10 @@ import base64
 import json
 import os
 import shutil
+import signal
 import subprocess
 import tempfile
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -62,17 +64,33 @@ class Seen:
     """Everything that was asked for besides the page itself."""
 
 
+def remove(folder: Path, patience_s: float = 20.0) -> None:
+    """Delete a folder that a process which was just killed may still write to.
+
+    Raises:
+        OSError: files still appear after ``patience_s``.
+    """
+    end = time.monotonic() + patience_s
+    while folder.exists():
+        try:
+            shutil.rmtree(folder)
+        except OSError:
+            if time.monotonic() > end:
+                raise
+            time.sleep(0.05)
+
+
 class Browser:
     """One Chromium with one page, over file descriptors 3 (to it) and 4 (from it)."""
 
     def __init__(self) -> None:
         assert CHROMIUM is not None, "no chromium on this machine"
-        self._home = tempfile.TemporaryDirectory(prefix="browser")
+        self._home = Path(tempfile.mkdtemp(prefix="browser"))
         to_read, self._to = os.pipe()
         self._from, to_write = os.pipe()
         options = [
             "--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--remote-debugging-pipe",
-            "--hide-scrollbars", "--disable-dev-shm-usage", f"--user-data-dir={self._home.name}", "about:blank",
+            "--hide-scrollbars", "--disable-dev-shm-usage", f"--user-data-dir={self._home}", "about:blank",
         ]  # fmt: skip
 
         def descriptors() -> None:
@@ -82,7 +100,7 @@ class Browser:
 
         self._process = subprocess.Popen(
             [CHROMIUM, *options], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL, preexec_fn=descriptors,
-            close_fds=False,
+            close_fds=False, start_new_session=True,
         )  # fmt: skip
         os.close(to_read)
         os.close(to_write)
@@ -97,11 +115,11 @@ class Browser:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self._process.kill()
+        os.killpg(self._process.pid, signal.SIGKILL)  # its helpers too: they write to its folder
         self._process.wait()
         os.close(self._to)
         os.close(self._from)
-        self._home.cleanup()
+        remove(self._home)
 
     def ask(self, method: str, **parameters: Any) -> dict[str, Any]:
         """Send one command and wait for its answer; events that come before it are kept."""
