@@ -4,6 +4,9 @@
 table, ``measured/flights.toml``, says what each flight must, may and cannot have, and where that stands. The flights
 are not part of the project: they are looked for in ``../shared/data`` (or ``$CORNER_SHARED/data``, or ``--data``) and
 left out, by name, where they are not there. ``--plot FILE`` draws how often what is stated so surely is right.
+
+``--change NAME`` declares the vehicle wrong on purpose (``measured/changes.py``): what is hidden is then known exactly.
+``--table FILE`` judges by another table: ``measured/nanodrone.toml`` is one of a source that no rule was made on.
 """
 
 from __future__ import annotations
@@ -11,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+import tempfile
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
@@ -20,15 +24,16 @@ from typing import Any
 
 from flights.judge import share
 from measured.answers import DATA, Asked, ask, train, weight_n
+from measured.changes import CHANGES, changed
 from measured.judge import BEST_FACTOR, Judgement, judge, judge_refusal
-from measured.known import FORCES, KINDS, Flight, Known, read, together
+from measured.known import FORCES, KINDS, TABLE, Flight, Known, read, together
 from reliability import plot, statements, table
 from tqdm import tqdm
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     args = _parser().parse_args(argv)
-    known = read()
+    known = read(args.table)
     wanted = [f for f in known.flights if _chosen(f, args)]
     if not wanted:
         print(f"no such source or flight; sources: {', '.join(_sources(known.flights))}", file=sys.stderr)
@@ -40,7 +45,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not here:
         print(f"none of the flights is in {args.data} (they are not part of the project)", file=sys.stderr)
         return 0
-    judgements = _run(together(here) if args.together else here, known, args)
+    with tempfile.TemporaryDirectory() as folder:
+        if args.change:
+            wrong = (changed(f, name, args.data, Path(folder)) for name in args.change for f in here if not f.again)
+            here = [f for f in wrong if f is not None]
+        judgements = _run(together(here) if args.together else here, known, args)
     print(_report(judgements))
     said = [s for j in judgements if not j.again for s in statements(as_json(j))]
     print(f"\n{table(said)}")
@@ -54,6 +63,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _parser() -> argparse.ArgumentParser:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--data", type=Path, default=DATA, metavar="DIR", help=f"folder of the flights (default: {DATA})")
+    p.add_argument("--table", type=Path, default=TABLE, metavar="FILE", help="what is known of the flights")
+    p.add_argument("--change", nargs="*", default=[], choices=CHANGES, help="declare the vehicle wrong on purpose")
     p.add_argument("--source", nargs="*", default=[], metavar="NAME", help="only flights of these sources")
     p.add_argument("--flight", nargs="*", default=[], metavar="NAME", help="only these flights (the log's name)")
     p.add_argument(
