@@ -24,7 +24,9 @@ EXCITED = 1e-3
 """RMS of a moment over weight and lever from which on it is compared."""
 OPPOSED = -0.5
 """Correlation of declared yaw moment and angular acceleration from which on the spins are exchanged."""
-FITS, FITS_MORE = 0.6, 0.4
+SWINGS = 0.5
+"""A correlation of the other sign, as a share of it, from which on it is a loop that swings."""
+FITS, FITS_MORE = 0.4, 0.35
 """Correlation of roll and pitch with another order of the rotors, and by how much it exceeds that of the declared."""
 SAME_PLACE = 0.3
 """Distance over lever within which a turned or mirrored fan stands on another one's place."""
@@ -82,8 +84,9 @@ def exchanged_spins(ctx: Context, motion: Motion, flying: Mask) -> list[LogFault
     found = correlations(band(moment, rate, *BAND_S), turned, flying, int(ANSWER_S * rate))
     at = int(np.abs(found).argmax())
     r = float(found[at])
-    # What still grows at the longest delay is the control loop, which opposes what turned the vehicle before.
-    if r >= OPPOSED or at == len(found) - 1:
+    # What still grows at the longest delay is the control loop, which opposes what turned the vehicle before; and where
+    # both signs appear, half a swing apart, the later one is the loop's.
+    if r >= OPPOSED or at == len(found) - 1 or float(found.max()) > -SWINGS * r:
         return []
     spins = "clockwise and counter-clockwise are exchanged"
     return [LogFault("vehicle file", f"declared moments oppose the angular acceleration: {spins} (r = {r:.2f})")]

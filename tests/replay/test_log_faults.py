@@ -139,6 +139,35 @@ def at_the_stop(log: FlightLog) -> FlightLog:
     return servo(log, stopped)
 
 
+def test_yaw_that_follows_the_torque_at_once_and_opposes_it_later_is_no_exchanged_spin():
+    """A lively yaw loop swings: half a swing later everything has the other sign."""
+    t = np.arange(6000) / 100.0
+    swing = 2.0 * np.pi * 5.0
+    turned = np.outer(np.sin(swing * t) / swing, [0.0, 0.0, 1.0])
+
+    def found(sign: float) -> list[LogFault]:
+        # Rotor speeds that arrive 30 ms late: what was turned comes before its torque.
+        moment = np.outer(sign * np.cos(swing * (t - 0.03)), [0.0, 0.0, 0.1])
+        ctx = SimpleNamespace(rotor_moment=moment, weight=30.0, lever=0.3)
+        motion = SimpleNamespace(grid=SimpleNamespace(rate=100.0), gyro=turned)
+        return exchanged_spins(ctx, motion, np.ones(len(t), bool))
+
+    assert found(1.0) == []
+
+
+def test_fans_exchanged_in_a_calm_flight_are_found(flown):
+    """Small moments stand beside noise: the right order need not fit well, only far better than the declared one."""
+    rng = np.random.default_rng(4)
+
+    def noisy(gyro):
+        return gyro + 0.15 * rng.standard_normal(gyro.shape)
+
+    log = imu(logged(flown, QUADROTOR, Path("a.tlog")), gyro=noisy)
+    assert build_record(log, QUADROTOR, None).faults == ()
+    (fault,) = build_record(log, fans_at((1, 0, 2, 3)), None).faults
+    assert "fans 1 and 2 are exchanged" in fault.what
+
+
 KINDS = {
     "dead rotor speed": Fault(lambda g: with_speed(g, 1, 0.0 * speeds(g, 1)), "rpm_1", "reads 0 rpm", (0, 1)),
     "stuck rotor speed": Fault(
