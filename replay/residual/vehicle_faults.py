@@ -24,10 +24,8 @@ EXCITED = 1e-3
 """RMS of a moment over weight and lever from which on it is compared."""
 OPPOSED = -0.5
 """Correlation of declared yaw moment and angular acceleration from which on the spins are exchanged."""
-SWINGS = 0.5
-"""A correlation of the other sign, as a share of it, from which on it is a loop that swings."""
-FITS, FITS_MORE = 0.4, 0.35
-"""Correlation of roll and pitch with another order of the rotors, and by how much it exceeds that of the declared."""
+FITS, FITS_LESS = 0.4, 0.5
+"""Correlation of roll and pitch with another order of the rotors, and the share of it that the declared one stays below."""
 SAME_PLACE = 0.3
 """Distance over lever within which a turned or mirrored fan stands on another one's place."""
 MIRRORS = {
@@ -68,7 +66,7 @@ def exchanged_fans(ctx: Context, motion: Motion, flying: Mask) -> list[LogFault]
         for o in orders
     }
     best = max(orders, key=lambda o: round(fit[o], 6))
-    if best == declared or fit[best] < FITS or fit[best] < fit[declared] + FITS_MORE:
+    if best == declared or fit[best] < FITS or fit[declared] > FITS_LESS * fit[best]:
         return []
     what = f"declared moments oppose the angular acceleration: {orders[best]} are exchanged (r = {fit[best]:.2f} so)"
     return [LogFault("vehicle file", what)]
@@ -84,9 +82,9 @@ def exchanged_spins(ctx: Context, motion: Motion, flying: Mask) -> list[LogFault
     found = correlations(band(moment, rate, *BAND_S), turned, flying, int(ANSWER_S * rate))
     at = int(np.abs(found).argmax())
     r = float(found[at])
-    # What still grows at the longest delay is the control loop, which opposes what turned the vehicle before; and where
-    # both signs appear, half a swing apart, the later one is the loop's.
-    if r >= OPPOSED or at == len(found) - 1 or float(found.max()) > -SWINGS * r:
+    # A torque of the other sense opposes at once. What only opposes later, or still grows at the longest delay, is the
+    # control loop, which opposes what turned the vehicle before.
+    if r >= OPPOSED or at == len(found) - 1 or found[0] >= 0.0:
         return []
     spins = "clockwise and counter-clockwise are exchanged"
     return [LogFault("vehicle file", f"declared moments oppose the angular acceleration: {spins} (r = {r:.2f})")]
