@@ -93,7 +93,7 @@ def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
         grown: dict[frozenset[Key], Fit] = {}
         for fit in beam:
             for term in _additions(walked, fit, TRIED):
-                new = walked.weigh([*fit.terms, term], fit)
+                new = _with(walked, fit, term)
                 if fit.score - BETWEEN < new.score <= fit.score:
                     new = _sharpened(walked, new, only=term.key)
                 if new.promise > fit.promise:
@@ -140,6 +140,19 @@ def _additions(walked: Walked, fit: Fit, tried: int) -> list[Term]:
         ranked = sorted(best.values(), key=lambda p: (-p[0], str(p[1].key)))
         out += [t for g, t in ranked[:tried] if g > WORTH_A_LOOK and t not in out]
     return out
+
+
+def _with(walked: Walked, fit: Fit, term: Term) -> Fit:
+    """A set and one term more; in its other shapes, too, where this one fits but is not worth a name beside the set."""
+    new = walked.weigh([*fit.terms, term], fit)
+    if new.score > fit.score or new.score - new.worth <= fit.score:
+        return new
+    evidence = walked.evidence
+    screened = evidence.screen(evidence.refit(fit.terms, fit.noise))
+    for i, other in enumerate(evidence.library.terms):
+        if other.key == term.key and TRUST * float(screened[i]) + evidence.prior(other) > WORTH_A_LOOK:
+            new = walked.weigh([*fit.terms, other], fit)
+    return new
 
 
 def _reshaped(walked: Walked, fit: Fit, only: Key | None = None) -> Fit:
@@ -189,9 +202,9 @@ def _settled(walked: Walked, fit: Fit) -> Fit:
         best = fit
         for term in fit.terms:
             less = walked.weigh([t for t in fit.terms if t is not term], fit)
-            tried = [less, *(walked.weigh([*less.terms, other], less) for other in _additions(walked, less, 4))]
+            tried = [less, *(_with(walked, less, other) for other in _additions(walked, less, 4))]
             best = max([best, *tried], key=lambda f: f.score)
-        grown = [walked.weigh([*fit.terms, other], fit) for other in _additions(walked, fit, TRIED)]
+        grown = [_with(walked, fit, other) for other in _additions(walked, fit, TRIED)]
         best = _reshaped(walked, max([best, *grown], key=lambda f: f.score))
         if best.score <= fit.score + 1e-6:
             return best
@@ -204,7 +217,7 @@ def _exchanged(walked: Walked, fit: Fit) -> None:
 
     def reshaped(terms: Sequence[Term], near: Fit, new: Callable[[Fit], Sequence[Term]]) -> list[Fit]:
         less = walked.weigh(terms, near)
-        return [walked.weigh([*less.terms, other], less) for other in new(less)]
+        return [_with(walked, less, other) for other in new(less)]
 
     for pair in combinations(fit.terms, 2):
         reshaped([t for t in fit.terms if t not in pair], fit, lambda less: _additions(walked, less, 2))

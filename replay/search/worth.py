@@ -97,7 +97,8 @@ def worth(u: Contributions, rest: Sequence[Array]) -> float:
     """Log share of what is worth a name, softly, and of what does not cancel.
 
     Some axis must carry a hundredth of the weight of a term, more than what the others may leave by their form and than
-    what acts there unexplained, and a part of what is left there without it.
+    what acts there unexplained, and a part of what is left there without it. Of what is known by its moment only, that
+    axis is one of a moment.
     """
     out = -CANCEL_COST * max(cancelled(u) - CANCEL, 0.0)
     for z in standing(u, rest):
@@ -138,6 +139,10 @@ def standing(u: Contributions, rest: Sequence[Array]) -> Array:
     beside = left.sum(axis=0) - left + open_**2
     least = np.array([[t.share] for t in u.terms])
     large = np.minimum(tops / np.sqrt(1.0 + beside), own / OWN)
+    # Lift alone is any rotor's: what is known by its moment has to show that, and no trim may take it back.
+    force = np.array([c.axis < 3 for c in channels])
+    by_moment = np.array([t.effect is not None and t.effect.needs_moments for t in u.terms])
+    large[np.ix_(by_moment, force)] = 0.0
     return np.asarray(np.minimum(large, shares / least).max(axis=1))
 
 

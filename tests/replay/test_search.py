@@ -217,6 +217,26 @@ def test_a_weak_fan_is_one_finding_and_lists_what_it_may_be_instead(quiet: Recor
     assert value == pytest.approx(-0.1, abs=0.03)
 
 
+def test_lift_without_its_moment_is_no_weak_fan(quiet: Record) -> None:
+    """Neither a trim of the moments nor another effect may take back the moment that makes a fan the weak one."""
+    calm = replace(quiet, residual=0.3 * quiet.residual)
+    weak = added(calm, "fan_imbalance", (1.0,), -0.05, 0.0)
+    lift_alone = np.concatenate([weak.residual[:, :3], calm.residual[:, 3:]], axis=1)
+    effects = some("fan_imbalance", "cg_offset")
+    assert names(search(replace(weak, residual=lift_alone), effects)) == set()
+    assert names(search(weak, effects)) == {"fan_imbalance"}
+
+
+def test_a_shape_that_is_not_worth_a_name_gives_way_to_one_that_is(quiet: Record) -> None:
+    """Beside an offset a ground effect fits best so long that it is next to constant: a shorter one is tried, too."""
+    state = quiet.context.state
+    low = with_context(quiet, state=replace(state, h_m=state.h_m - 0.9 * quiet.context.vehicle.rotor_radius_m))
+    both = added(added(low, "imu_bias", (), 0.16, -0.3, 0.2, 0.0, 0.0), "ground_effect", (0.45,), 0.08)
+    answer = search(both, some("imu_bias", "ground_effect"))
+    assert names(answer) == {"imu_bias", "ground_effect"}
+    assert estimate(answer, "ground_effect", "length_radii")[1] < 0.6
+
+
 def test_what_is_below_a_hundredth_of_the_weight_is_not_named(quiet: Record) -> None:
     calm = replace(quiet, residual=0.1 * quiet.residual)
     assert names(search(added(calm, "thrust_scale", (), -0.005), some("thrust_scale"))) == set()
