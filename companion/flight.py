@@ -33,8 +33,8 @@ from companion.watchdog import Watchdog
 
 _INFO = 6
 """MAV_SEVERITY of what is no warning."""
-_WAIT_S = 0.02
-"""The loop passes at least this often: what is due by time alone is late by no more than one setpoint."""
+_PERIOD_S = 0.02
+"""What is due by time alone is looked at this often, however many messages come: late by no more than a setpoint."""
 _LOST_S = 3.0
 """Three heartbeats at the 1 Hz of the protocol."""
 _STOP_S = 3.0
@@ -106,12 +106,16 @@ class Flight:
         self._status = StatusReporter()
         self._reported_slow: set[str] = set()
         self._reported_stray = self._reported_full = False
+        self._ignored = 0
+        """Other autopilots that the pilot was told of."""
         self._streams: StreamKeeper | None = None
         self._stack = Stack.OTHER
         self._heard_s = self._attitude_s = self._sent_place_s = -math.inf
+        self._hears_attitudes = False
+        """Whether one came since ``_attitude_s`` was last set."""
         self._started_s = arrivals.now_s()
         self._complained = False
-        self._beat_s = self._asked_s = self._flushed_s = -math.inf
+        self._due_s = self._beat_s = self._asked_s = self._flushed_s = -math.inf
         self._asked = 0
         self._survey_reported: tuple[Phase, str] = (Phase.WAITING, "")
         self._stop_s: float | None = None
@@ -145,25 +149,32 @@ class Flight:
             self._watchdog.ready()
         while True:
             now = self._arrivals.now_s()
-            if self._watchdog is not None:
-                self._watchdog.alive(now)
-            if self._options.duration_s is not None and now - start >= self._options.duration_s:
-                self.stop()
-            if self._stop_s is not None:
-                if not self._state.stopping:
-                    self._state = stopped(self._state)
-                if self._hurried or ready_to_leave(self._state) or now - self._stop_s > _STOP_S:
+            if now >= self._due_s:
+                self._due_s = now + _PERIOD_S
+                if self._over(now, start):
                     break
-            self._arrivals.clock.wait(links, _WAIT_S)
+                self._housekeeping(now)
+            self._arrivals.clock.wait(links, _PERIOD_S)
             for arrival_us, frame in self._link.drain():
                 self._take(arrival_us, frame)
             if self._upstream is not None:
                 for arrival_us, frame in self._upstream.drain():
                     self._take_upstream(arrival_us, frame)
-            self._housekeeping(self._arrivals.now_s())
         if self._watchdog is not None:
             self._watchdog.stopping()
         self._hand_over()
+
+    def _over(self, now_s: float, start_s: float) -> bool:
+        """Whether the flight ends: asked for, or its duration is over, and offsets have faded."""
+        if self._watchdog is not None:
+            self._watchdog.alive(now_s)
+        if self._options.duration_s is not None and now_s - start_s >= self._options.duration_s:
+            self.stop()
+        if self._stop_s is None:
+            return False
+        if not self._state.stopping:
+            self._state = stopped(self._state)
+        return self._hurried or ready_to_leave(self._state) or now_s - self._stop_s > _STOP_S
 
     def _take(self, arrival_us: int, frame: Frame) -> None:
         if self._recorder is not None:
@@ -184,10 +195,16 @@ class Flight:
 
     def _feed(self, arrival_us: int, frame: Frame) -> None:
         """One frame into the pipeline; a setpoint that it brings is sent before anything else is done."""
-        sample = self._sample(arrival_us, frame)
+        intake = self._intake
+        sample = intake.sample(frame, arrival_us)
+        if intake.clock.boot != self.reboots:
+            self._rebooted()
+        if len(intake.others) > self._ignored:
+            self._ignored = len(intake.others)
+            self._say(f"companion: ignoring system {frame.system}; flying with system {intake.system}")
         if sample is None:
-            if frame.id in self._intake.unread and frame.system == self._intake.system and self._streams is not None:
-                self._streams.heard(frame.id, self._arrivals.now_s())
+            if self._streams is not None and frame.id in intake.unread and frame.system == intake.system:
+                self._streams.heard(frame.id)
             return
         self._state, decision = answer(self._state, sample, self._config)
         if decision is not None and decision.command is not None and not self._config.dry_run:
@@ -197,25 +214,13 @@ class Flight:
         if decision is not None:
             self._report(decision)
 
-    def _sample(self, arrival_us: int, frame: Frame) -> Sample | None:
-        """What the intake makes of a frame; says where a vehicle rebooted or another one is ignored."""
-        intake = self._intake
-        boot, ignored = intake.clock.boot, len(intake.others)
-        sample = intake.sample(frame, arrival_us)
-        if intake.clock.boot != boot:
-            self._rebooted()
-        if len(intake.others) > ignored:
-            self._say(f"companion: ignoring system {frame.system}; flying with system {intake.system}")
-        return sample
-
     def _note(self, frame: Frame, sample: Sample) -> None:
         """Keep the books of what was heard: streams, heartbeats, targets to others, a survey's progress."""
-        now_s = self._arrivals.now_s()
         if self._streams is not None:
-            self._streams.heard(frame.id, now_s)
+            self._streams.heard(frame.id)
         kind = type(sample)
         if kind is Attitude:
-            self._attitude_s = now_s
+            self._hears_attitudes = True
         elif isinstance(sample, Heartbeat) and sample.component == AUTOPILOT_COMPONENT:
             self._connected(sample)
         elif isinstance(sample, SetPositionTarget) and sample.target_component not in (0, OWN_COMPONENT):
@@ -273,7 +278,7 @@ class Flight:
             self._tell(f"companion: that target went to component {target.target_component}; 191 moves the hold")
 
     def _rebooted(self) -> None:
-        self.reboots += 1
+        self.reboots = self._intake.clock.boot
         self._say("companion: the vehicle rebooted; starting over")
         if self._streams is not None:
             self._streams.forget()
@@ -312,6 +317,9 @@ class Flight:
                 self._send(param_request_read(self._system, AUTOPILOT_COMPONENT, name))
 
     def _stay_while_deaf(self, now_s: float) -> None:
+        if self._hears_attitudes:
+            self._hears_attitudes, self._attitude_s = False, now_s
+            return
         place = self._place
         if place is None or not _DEAF_S <= now_s - self._attitude_s <= _DEAF_UNTIL_S:
             return

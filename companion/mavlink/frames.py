@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 from array import array
-from collections.abc import Container, Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -60,10 +60,6 @@ def frame_bytes(data: bytes, i: int) -> int:
     if data[i] == V2:
         return data[i + 1] + (_V2_AROUND + SIGNATURE_BYTES if data[i + 2] & 1 else _V2_AROUND)
     return data[i + 1] + _V1_AROUND
-
-
-def _id_at(data: bytes, i: int) -> int:
-    return data[i + 7] | data[i + 8] << 8 | data[i + 9] << 16 if data[i] == V2 else data[i + 5]
 
 
 def cut(data: bytes, i: int) -> Frame:
@@ -210,35 +206,20 @@ def only_frame(data: bytes) -> Frame | None:
 
 
 class FrameReader:
-    """Frames out of a link's bytes, whatever the pieces they arrive in.
+    """Frames out of a link's bytes, whatever the pieces they arrive in."""
 
-    ``wanted``: ids whose frames are cut out; others are counted in ``skipped`` and their payload is never looked at.
-    """
-
-    def __init__(self, wanted: Container[int] | None = None) -> None:
+    def __init__(self) -> None:
         self.counts = Counts()
-        self.skipped = 0
-        self._wanted = wanted
         self._rest = b""
 
-    def feed(self, data: bytes) -> Iterator[Frame]:
+    def feed(self, data: bytes) -> Sequence[Frame]:
         """The whole frames that ``data`` completes, in order."""
-        wanted = self._wanted
-        if self._rest:
-            data = self._rest + data
-        elif (frame := only_frame(data)) is not None:
-            if wanted is None or frame.id in wanted:
-                yield frame
-            else:
-                self.skipped += 1
-            return
+        if not self._rest and (frame := only_frame(data)) is not None:
+            return (frame,)
+        data = self._rest + data
         starts, rest = walk(data, self.counts, whole=False)
         self._rest = data[rest:]
-        for i in starts:
-            if wanted is None or _id_at(data, i) in wanted:
-                yield cut(data, i)
-            else:
-                self.skipped += 1
+        return [cut(data, i) for i in starts]
 
 
 def pack(message_id: int, payload: bytes, system: int, component: int, sequence: int, *, signed: bool = False) -> bytes:

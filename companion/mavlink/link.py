@@ -13,11 +13,13 @@ from types import ModuleType
 from typing import Any
 
 from companion.clock import Clock, SystemClock
+from companion.mavlink.datagrams import Datagrams
 from companion.mavlink.frames import Frame, FrameReader, pack
 from companion.mavlink.signing import Signatures
 from models.errors import ConfigError, LinkError
 
 _NETWORK = ("udp", "udpin", "udpout", "tcp", "tcpin", "udpbcast", "mcast")
+_PLAIN_UDP = ("udp:", "udpin:", "udpout:")
 _WITHOUT = {"pymavlink.dialects.v10.all": None, "curses": None, "ssl": ModuleType("ssl")}
 """What pymavlink's endpoints import and do not need here, and what they get instead; None: no such module. The union of
 all dialects is for packaging tools (12 MiB), curses for one character class, ssl for web sockets, which are no endpoint
@@ -36,15 +38,16 @@ class Arrivals:
     def __init__(self, clock: Clock | None = None) -> None:
         self.clock = clock or SystemClock()
         self._start_us = int(self.clock.time() * 1e6)
-        self._start = self.clock.monotonic_ns()
+        self._now_ns = self.clock.monotonic_ns
+        self._start_ns = self._now_ns()
 
     def stamp(self, link: int = 0) -> int:
         """Now [us]."""
-        return (self._start_us + (self.clock.monotonic_ns() - self._start) // 1000) & ~3 | link
+        return (self._start_us + (self._now_ns() - self._start_ns) // 1000) & ~3 | link
 
     def now_s(self) -> float:
         """Now [s], since an arbitrary start."""
-        return self.clock.monotonic_ns() / 1e9
+        return self._now_ns() / 1e9
 
 
 class Link:
@@ -57,6 +60,11 @@ class Link:
         self._arrivals = arrivals
         self._number = number
         self._frames = FrameReader()
+        self._receive, self._write = connection.recv, connection.write
+        self._datagrams: Datagrams | None = None
+        if endpoint.startswith(_PLAIN_UDP):
+            datagrams = self._datagrams = Datagrams(connection)
+            self._receive, self._write = datagrams.recv, datagrams.write
         self._prints = endpoint.startswith("tcp")  # pymavlink prints its reconnects
         self._serial = endpoint.startswith("/dev/")
         self._unsent = b""
@@ -87,10 +95,10 @@ class Link:
 
     def drain(self) -> Iterator[tuple[int, Frame]]:
         """(arrival stamp [us, receiver's clock], frame) of everything that has arrived, without waiting."""
-        signatures = self.signatures
+        signatures, feed = self.signatures, self._frames.feed
         while data := self._read():
             stamp = self._arrivals.stamp(self._number)
-            for frame in self._frames.feed(data):
+            for frame in feed(data):
                 if signatures is None or signatures.accepts(frame):
                     self.received += 1
                     yield stamp, frame
@@ -99,9 +107,11 @@ class Link:
         try:
             if self._prints:
                 with redirect_stdout(None):
-                    data = self._connection.recv(_READ)
+                    data = self._receive(_READ)
             else:
-                data = self._connection.recv(_READ)
+                data = self._receive(_READ)
+        except BlockingIOError:
+            return b""
         except OSError as error:
             if error.errno in (errno.EAGAIN, errno.EWOULDBLOCK, errno.ECONNREFUSED, errno.ECONNRESET, errno.EBADF):
                 return b""
@@ -123,10 +133,9 @@ class Link:
     @property
     def peers(self) -> tuple[tuple[str, int], ...]:
         """Addresses of a UDP socket's peers; none for a stream, which needs none."""
-        connection = self._connection
-        if getattr(connection, "udp_server", False):
-            return tuple(sorted(connection.clients))
-        target = getattr(connection, "destination_addr", None)
+        if self._datagrams is not None:
+            return self._datagrams.peers
+        target = getattr(self._connection, "destination_addr", None)
         return () if target is None else (target,)
 
     def frame(self, message_id: int, payload: bytes) -> bytes:
@@ -141,7 +150,7 @@ class Link:
                 self.dropped += 1
                 return
             if not self._serial:
-                self._connection.write(raw)
+                self._write(raw)
         except OSError as error:
             raise LinkError(f"{self.endpoint}: cannot send ({error.strerror or error})") from None
         self.sent += 1

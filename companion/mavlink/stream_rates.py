@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 
 from companion.mavlink.definitions import ID_OF
@@ -13,6 +14,7 @@ from models.vehicle import Vehicle
 _CHECK_S = 2.0
 """Rates are counted over this time: the slowest stream asked for sends two messages in it."""
 _PARTS = 8
+"""So often counts are taken in that time."""
 _IN_VAIN = 3
 """Requests after which a slow stream is reported to the pilot."""
 _ENOUGH = 0.7
@@ -73,56 +75,35 @@ def message_name(message_id: int) -> str:
     return LAYOUTS[message_id].name
 
 
-class _Counter:
-    """Arrivals of the last two seconds, in eighths of them: the same memory whatever the rate."""
-
-    __slots__ = ("_at", "_counts")
-
-    def __init__(self) -> None:
-        self._counts = [0] * _PARTS
-        self._at = 0
-
-    def add(self, now_s: float) -> None:
-        """Count one."""
-        self._move(now_s)
-        self._counts[self._at % _PARTS] += 1
-
-    def over(self, now_s: float) -> int:
-        """How many arrived in the last two seconds."""
-        self._move(now_s)
-        return sum(self._counts)
-
-    def _move(self, now_s: float) -> None:
-        at = int(now_s * (_PARTS / _CHECK_S))
-        for part in range(max(self._at + 1, at - _PARTS + 1), at + 1):
-            self._counts[part % _PARTS] = 0
-        self._at = max(at, self._at)
-
-
 class StreamKeeper:
     """Counts arrivals by id and says which requests to send again. Times are the receiver's clock [s]."""
 
     def __init__(self, wanted: tuple[Wanted, ...]) -> None:
         self.wanted = wanted
-        self._seen = {w.message_id: _Counter() for w in wanted}
+        self._count = dict.fromkeys((w.message_id for w in wanted), 0)
+        self._noted: deque[tuple[float, dict[int, int]]] = deque(maxlen=_PARTS + 1)
+        """Counts of the last two seconds and when they were taken, eight a period: the same memory at any rate."""
         self._checked_s: float | None = None
         self.asked_again: dict[int, int] = {}
         self.in_vain: dict[str, float] = {}
         """Needed messages that stay slow [Hz] though they were asked for several times, by name."""
 
-    def heard(self, message_id: int, now_s: float) -> None:
-        """Count one arrival."""
-        counter = self._seen.get(message_id)
-        if counter is not None:
-            counter.add(now_s)
+    def heard(self, message_id: int) -> None:
+        """Count one arrival. Runs for every message; ``due`` looks at the clock."""
+        if message_id in self._count:
+            self._count[message_id] += 1
 
     def rate(self, message_id: int, now_s: float) -> float:
         """Messages of one id per second over the last two seconds."""
-        part = now_s * (_PARTS / _CHECK_S) % 1.0  # of the eighth that has begun
-        return self._seen[message_id].over(now_s) / (_CHECK_S * (_PARTS - 1 + part) / _PARTS)
+        if not self._noted:
+            return 0.0
+        since_s, then = self._noted[0]
+        return (self._count[message_id] - then[message_id]) / max(now_s - since_s, _CHECK_S / _PARTS)
 
     def due(self, now_s: float) -> list[Wanted]:
         """What to ask for now: everything at first, then every 2 s what arrives at less than 70 % of its rate."""
+        if not self._noted or now_s - self._noted[-1][0] >= _CHECK_S / _PARTS:
+            self._noted.append((now_s, dict(self._count)))
         if self._checked_s is None:
             self._checked_s = now_s
             return list(self.wanted)

@@ -102,12 +102,6 @@ def test_noise_does_not_grow_the_rest():
     assert [f.raw for f in reader.feed(bytes(300) + STREAM[0])] == [STREAM[0]]
 
 
-def test_unwanted_ids_are_counted_and_not_cut_out():
-    reader = FrameReader(wanted={0})
-    assert [f.id for f in reader.feed(b"".join(STREAM))] == [0, 0]
-    assert reader.skipped == len(STREAM) - 2
-
-
 def test_a_message_of_another_dialect_is_vouched_for_by_what_follows():
     unlisted = bytes((V2, 2, 0, 0, 1, 1, 1, 0xFF, 0xFF, 0x7F, 9, 9, 0, 0))
     counts = Counts()

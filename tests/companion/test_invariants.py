@@ -46,7 +46,7 @@ def test_a_whole_flight_keeps_every_promise_on_every_output(px4, tmp_path: Path)
     # The recording alone tells the same, but for what only decisions hold.
     recorded = Auditor(vehicle())
     for arrival_us, raw in read_tlog(log).frames():
-        recorded.frame(arrival_us, next(FrameReader().feed(raw)))
+        recorded.frame(arrival_us, FrameReader().feed(raw)[0])
     assert recorded.report().broken() == []
     assert recorded.report().setpoints == audit.setpoints
 
@@ -79,7 +79,7 @@ class Wire:
         return (self.us - 1_700_000_000_000_000) // 1000 + 10_000
 
     def say(self, message) -> None:
-        self.auditor.frame(self.us, next(FrameReader().feed(message.pack(self.mav))))
+        self.auditor.frame(self.us, FrameReader().feed(message.pack(self.mav))[0])
 
     def tick(
         self, seconds: float = 0.02, *, mode: int = 4, armed: bool = True, landed: int = 2, **silent: bool
@@ -104,7 +104,7 @@ class Wire:
 
     def own(self, number: int, payload: bytes) -> None:
         raw = pack(number, payload, 1, 191, 0)
-        self.auditor.frame(self.us, next(FrameReader().feed(raw)))
+        self.auditor.frame(self.us, FrameReader().feed(raw)[0])
 
     def attitude(self, roll: float = 0.05, thrust: float = 0.5, ms: int | None = None, scale: float = 1.0) -> None:
         q = tuple(scale * c for c in quaternion_from_euler(roll, 0.0, 0.0))
@@ -251,7 +251,7 @@ def test_of_an_upstream_controller_only_what_is_added_is_ours():
         wire.tick()
         q = quaternion_from_euler(0.5, 0.0, 0.0)
         upstream = mavlink.MAVLink_set_attitude_target_message(0, 1, 191, 7, list(q), 0.0, 0.0, 0.0, 1.0)
-        wire.auditor.frame(wire.us, next(FrameReader().feed(upstream.pack(mavlink.MAVLink(None, 255, 1)))))
+        wire.auditor.frame(wire.us, FrameReader().feed(upstream.pack(mavlink.MAVLink(None, 255, 1)))[0])
         wire.attitude(roll=0.5 + added, thrust=1.0)
         assert wire.broken() == expected
 

@@ -135,7 +135,7 @@ def test_a_needed_message_that_stays_slow_is_named():
     while now < 9.0:
         for wanted in keeper.wanted:
             if wanted.message_id != mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED or round(now * 50) % 5 == 0:
-                keeper.heard(wanted.message_id, now)
+                keeper.heard(wanted.message_id)
         keeper.due(now)
         now += 0.02
     assert keeper.in_vain == {"LOCAL_POSITION_NED": pytest.approx(10.0, abs=1.0)}
