@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,7 +19,8 @@ from models.air_state import AirState
 from models.effects import Context, adopted_wrench, corrected_state
 from models.evolve import replace
 from models.frames import Array, Rows
-from models.surrogate.fan_surrogate import AdoptedEffect, Answer, FanSurrogate
+from models.surrogate.fan_surrogate import AdoptedEffect, FanSurrogate
+from models.surrogate.neighbourhood import REACH_M, TRUST, Neighbourhood, Offset, expand
 from models.vehicle import Vehicle
 from models.vehicle_wrench import RPM_TO_RAD_S, fan_rpm
 
@@ -47,15 +49,18 @@ class Disturbance:
     """Watched only where an adopted effect knows of ceilings."""
     parts: Parts | None = None
     """What adaptation measures by; None without it."""
+    near: Neighbourhood | None = None
+    """The surrogate about these points, while the vehicle stays there."""
 
 
 def modelled_disturbance(
     estimates: Estimates, config: PipelineConfig, rotor_rpm: Array, rotation: Rows, t_s: float, damping_1_s: float,
-    applied: Applied | None = None,
+    applied: Applied | None = None, before: Disturbance | None = None,
 ) -> Disturbance:  # fmt: skip
     """Query the surrogate for every fan, at the two leads, in free air, and a little further from a wall.
 
-    ``applied``: what adaptation makes of it; None: all as modelled, and no parts.
+    ``applied``: what adaptation makes of it; None: all as modelled, and no parts. ``before``: the last one, whose
+    neighbourhood of the surrogate answers while the vehicle hovers in it.
     """
     vehicle, model, tuning = config.vehicle, config.model, config.tuning
     ground = surface(estimates, config, "ground", t_s)
@@ -72,30 +77,29 @@ def modelled_disturbance(
         shift = np.where(np.isfinite(now.h_m), moved.h_m, 0.0) - np.where(np.isfinite(now.h_m), now.h_m, 0.0)
         soon, later = replace(soon, h_m=soon.h_m + shift), replace(later, h_m=later.h_m + shift)
         adopted = adopted_disturbance(model, moved, vehicle, tuning, damping_1_s)
-    answer = _asked(model, soon, later, wall.seen is Seen.SURFACE)
     free = model.free_air_now(rpm.tolist())
-    ahead, now = answer.wrench[0].tolist(), answer.wrench[1].tolist()
+    near, answer = _answered(model, free, soon, later, before)
     parts = None
     if applied is None:
-        wrench = np.array(_about_cg(vehicle, ahead, now, free, later.wall_bearing_rad))
+        wrench = np.array(_about_cg(vehicle, answer.lift_n, answer.now, free, later.wall_bearing_rad))
     else:
         effects = _adopted_parts(config, moved, damping_1_s) if model.effects else _NO_EFFECTS
-        parts = _parts(vehicle, now, free, soon, effects)
-        wrench = applied.compensated(vehicle, _above_free(ahead, now, free), parts.around, effects)
+        parts = _parts(vehicle, answer.now, free, soon, effects)
+        wrench = applied.compensated(vehicle, _above_free(answer.lift_n, answer.now, free), parts.around, effects)
     if adopted is not None:
         wrench += adopted
     if vehicle.vanes:
         wrench[:3] += trim_reaction(vehicle) @ wrench[3:]
     gain = tuning.gain
     if wall.seen is Seen.SURFACE:
-        change = float(answer.wrench[1, :, 0].sum() - answer.wrench[2, :, 0].sum())
+        change = answer.pull_change_n
         if applied is not None and parts is not None:
             change *= applied.shares[1]
             if not applied.gate:
                 change += applied.near.pull_change_n(parts.around, _STIFFNESS_STEP_M / vehicle.rotor_radius_m)
         gain = _stable_gain(change / _STIFFNESS_STEP_M, vehicle, tuning, damping_1_s)
-    near = [h < math.inf or d < math.inf for h, d in zip(soon.h_m.tolist(), soon.d_m.tolist(), strict=True)]
-    trust = min([t for t, one in zip(answer.trust[0].tolist(), near, strict=True) if one], default=1.0)
+    beside = [h < math.inf or d < math.inf for h, d in zip(soon.h_m.tolist(), soon.d_m.tolist(), strict=True)]
+    trust = min([t for t, one in zip(answer.trust, beside, strict=True) if one], default=1.0)
     return Disturbance(
         wrench=wrench,
         free_lift_n=sum([fan[2] for fan in free]),
@@ -107,31 +111,88 @@ def modelled_disturbance(
         wall=wall,
         ceiling=ceiling,
         parts=parts,
+        near=near,
     )
-
-
-def _asked(model: FanSurrogate, soon: FanQuery, later: FanQuery, beside_wall: bool) -> Answer:
-    """One query, shape (rows, fans): at the lead of thrust, of tilt, and beside a wall a step further off at that."""
-    h, d = [soon.h_m, later.h_m], [soon.d_m, later.d_m]
-    if beside_wall:
-        h, d = [*h, later.h_m], [*d, later.d_m + _STIFFNESS_STEP_M]
-    return model.query(np.array(h), np.array(d), soon.rpm)
 
 
 Wrenches = list[list[float]]
 """(fans, 6), corner frame."""
 
 
-def _about_cg(vehicle: Vehicle, soon: Wrenches, later: Wrenches, free: Wrenches, bearing_rad: float) -> list[float]:
+class _Asked(NamedTuple):
+    """What the surrogate says of every fan."""
+
+    lift_n: list[float]
+    """At the lead of thrust."""
+    now: Wrenches
+    """At the lead of tilt."""
+    pull_change_n: float
+    """By how much the wall pulls all fans less a step further off."""
+    trust: list[float]
+
+
+def _answered(
+    model: FanSurrogate, free: Wrenches, soon: FanQuery, later: FanQuery, before: Disturbance | None
+) -> tuple[Neighbourhood | None, _Asked]:
+    """By the neighbourhood that the vehicle is in, by a new one where it stays about a place, else by the surrogate."""
+    rpm, near = soon.rpm.tolist(), None if before is None else before.near
+    ahead, now = (soon.h_m.tolist(), soon.d_m.tolist()), (later.h_m.tolist(), later.d_m.tolist())
+    offsets = None if near is None else near.offsets(rpm, ahead, now)
+    if offsets is None:
+        near = expand(model, rpm, *now) if _stays(before, ahead) else None
+        offsets = None if near is None else near.offsets(rpm, ahead, now)
+    if near is None or offsets is None or not near.forms:
+        return near, _by_surrogate(model, soon, later)
+    return near, _by_neighbourhood(near, [fan[2] for fan in free], *offsets)
+
+
+def _stays(before: Disturbance | None, now: tuple[list[float], list[float]]) -> bool:
+    """Whether no fan has come half as far as a neighbourhood reaches: a new one will then serve for a while."""
+    if before is None:
+        return False
+    places = zip(before.h_m.tolist() + before.d_m.tolist(), now[0] + now[1], strict=True)
+    return all([a == b or abs(a - b) <= 0.5 * REACH_M for a, b in places])
+
+
+def _by_neighbourhood(near: Neighbourhood, lifts: list[float], ahead: list[Offset], now: list[Offset]) -> _Asked:
+    components = [near.values(component, now) for component in range(6)]
+    further = near.values(0, now, _STIFFNESS_STEP_M)
+    return _Asked(
+        [lift * share for lift, share in zip(lifts, near.values(2, ahead), strict=True)],
+        [[lift * share for share in fan] for lift, fan in zip(lifts, zip(*components, strict=True), strict=True)],
+        sum([lift * (a - b) for lift, a, b in zip(lifts, components[0], further, strict=True)]),
+        near.values(TRUST, ahead),
+    )
+
+
+def _by_surrogate(model: FanSurrogate, soon: FanQuery, later: FanQuery) -> _Asked:
+    """One query, shape (rows, fans): at the lead of thrust, of tilt, and a step further off walls at that."""
+    h, d = [soon.h_m, later.h_m], [soon.d_m, later.d_m]
+    beside_wall = bool(np.isfinite(later.d_m).any())
+    if beside_wall:
+        h, d = [*h, later.h_m], [*d, later.d_m + _STIFFNESS_STEP_M]
+    answer = model.query(np.array(h), np.array(d), soon.rpm)
+    pulls = answer.wrench[:, :, 0].sum(axis=1)
+    return _Asked(
+        answer.wrench[0, :, 2].tolist(),
+        answer.wrench[1].tolist(),
+        float(pulls[1] - pulls[2]) if beside_wall else 0.0,
+        answer.trust[0].tolist(),
+    )
+
+
+def _about_cg(
+    vehicle: Vehicle, lift_n: list[float], later: Wrenches, free: Wrenches, bearing_rad: float
+) -> list[float]:
     """What the surroundings add to the free-air wrenches: body FRD about the CG, shape (6,), in plain floats.
 
-    The lift is that of ``soon``, all else of ``later``. As ``corner_to_body`` and ``at_cg`` have it for arrays.
+    The lift is ``lift_n``, all else that of ``later``. As ``corner_to_body`` and ``at_cg`` have it for arrays.
     """
     c, s = math.cos(bearing_rad), math.sin(bearing_rad)
     fx = fy = fz = mx = my = mz = 0.0
-    for fan, first, wrench, alone in zip(vehicle.fans, soon, later, free, strict=True):
+    for fan, lift, wrench, alone in zip(vehicle.fans, lift_n, later, free, strict=True):
         x, y, roll, pitch, yaw = [wrench[i] - alone[i] for i in (0, 1, 3, 4, 5)]
-        east, down = s * x - c * y, alone[2] - first[2]
+        east, down = s * x - c * y, alone[2] - lift
         north = c * x + s * y
         px, py, pz = fan.position_m
         fx, fy, fz = fx + north, fy + east, fz + down
@@ -141,18 +202,18 @@ def _about_cg(vehicle: Vehicle, soon: Wrenches, later: Wrenches, free: Wrenches,
     return [fx, fy, fz, mx, my, mz]
 
 
-def _above_free(soon: Wrenches, later: Wrenches, free: Wrenches) -> Wrenches:
-    """(fans, 6), corner frame: what the surroundings add to free air, the lift of ``soon``, all else of ``later``."""
+def _above_free(lift_n: list[float], later: Wrenches, free: Wrenches) -> Wrenches:
+    """(fans, 6), corner frame: what the surroundings add to free air, the lift ``lift_n``, all else of ``later``."""
     return [
         [
             second[0] - alone[0],
             second[1] - alone[1],
-            first[2] - alone[2],
+            lift - alone[2],
             second[3] - alone[3],
             second[4] - alone[4],
             second[5] - alone[5],
         ]
-        for first, second, alone in zip(soon, later, free, strict=True)
+        for lift, second, alone in zip(lift_n, later, free, strict=True)
     ]
 
 
