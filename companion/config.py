@@ -8,10 +8,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import cached_property
+from typing import NamedTuple
 
 from companion.adaptation.options import Adapt, AdaptTuning
 from companion.control.survey_box import SurveyBox
 from companion.estimation.kalman import TrackModel
+from models.frames import GRAVITY
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 
@@ -205,6 +208,14 @@ class Tuning:
     hold: HoldGains = HoldGains()
 
 
+class OffsetBounds(NamedTuple):
+    """Of an offset, or of its change in a second: thrust as a share of full throttle, tilt and acceleration."""
+
+    thrust: float
+    tilt_rad: float
+    acceleration_m_s2: float
+
+
 @dataclass(frozen=True)
 class PipelineConfig:
     """Everything ``step`` needs besides state and sample."""
@@ -222,6 +233,20 @@ class PipelineConfig:
     adapt: Adapt = Adapt.OFF
     """What the sizes measured in flight do to the offsets."""
     adapt_tuning: AdaptTuning = field(default_factory=AdaptTuning)
+
+    @cached_property
+    def most_offset(self) -> OffsetBounds:
+        """How far an offset may go."""
+        limits = self.vehicle.limits
+        tilt = math.radians(limits.tilt_deg)
+        return OffsetBounds(limits.thrust, tilt, GRAVITY * math.tan(tilt))
+
+    @cached_property
+    def offset_rates(self) -> OffsetBounds:
+        """How fast an offset may change."""
+        limits = self.vehicle.limits
+        tilt = math.radians(limits.slew_tilt_deg_per_s)
+        return OffsetBounds(limits.slew_thrust_per_s, tilt, GRAVITY * tilt)
 
     @property
     def damping_1_s(self) -> float:

@@ -97,6 +97,6 @@ def clipped(value: float, most: float) -> float:
 
 def slew(value: float, wanted: float, limit: float, step: float) -> float:
     """Move ``value`` towards ``wanted`` clipped to +-``limit``, by at most ``step``."""
-    target = clipped(wanted, limit)
+    target = -limit if wanted < -limit else limit if wanted > limit else wanted
     low, high = value - step, value + step
     return low if target < low else high if target > high else target

@@ -86,14 +86,13 @@ def _moment_bias(
 
 def slewed(old: Offset, wanted: Offset, config: PipelineConfig, dt_s: float) -> Offset:
     """Move the offset towards the wanted one within the vehicle file's limits and slew rates."""
-    limits = config.vehicle.limits
-    tilt, tilt_rate = math.radians(limits.tilt_deg), math.radians(limits.slew_tilt_deg_per_s)
-    most, rate = GRAVITY * math.tan(tilt), GRAVITY * tilt_rate
+    most, rate = config.most_offset, config.offset_rates
     thrust, roll, pitch, (north, east, down), _ = old
     wanted_thrust, wanted_roll, wanted_pitch, (x, y, z), share = wanted
-    step, tilt_step = rate * dt_s, tilt_rate * dt_s
-    north, east, down = slew(north, x, most, step), slew(east, y, most, step), slew(down, z, most, step)
-    thrust = slew(thrust, wanted_thrust, limits.thrust, limits.slew_thrust_per_s * dt_s)
+    step, tilt_step = rate.acceleration_m_s2 * dt_s, rate.tilt_rad * dt_s
+    g, tilt = most.acceleration_m_s2, most.tilt_rad
+    north, east, down = slew(north, x, g, step), slew(east, y, g, step), slew(down, z, g, step)
+    thrust = slew(thrust, wanted_thrust, most.thrust, rate.thrust * dt_s)
     roll, pitch = slew(roll, wanted_roll, tilt, tilt_step), slew(pitch, wanted_pitch, tilt, tilt_step)
     asked = _size(wanted_thrust, wanted_roll, wanted_pitch)
     passed = min(_size(thrust, roll, pitch) / asked, 1.0) if asked > 0.0 else 1.0

@@ -139,7 +139,8 @@ def _answered(
     ahead, now = (soon.h_m.tolist(), soon.d_m.tolist()), (later.h_m.tolist(), later.d_m.tolist())
     offsets = None if near is None else near.offsets(rpm, ahead, now)
     if offsets is None:
-        near = expand(model, rpm, *now) if _stays(before, ahead) else None
+        # Where the kinks of another kind of model are nobody knows.
+        near = expand(model, rpm, *now) if _stays(before, ahead) and isinstance(model, FanSurrogate) else None
         offsets = None if near is None else near.offsets(rpm, ahead, now)
     if near is None or offsets is None or not near.forms:
         return near, _by_surrogate(model, soon, later)

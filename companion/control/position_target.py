@@ -119,29 +119,27 @@ def advance(
     A velocity counts for ``target_age_s`` after its message where it goes with a position, ``Target.lasts_s`` where it
     stands alone.
     """
-    age = max(t_s - target.set_s, 0.0)
-    # NaN differs from itself: an axis that only a velocity moves.
-    moved = [p != p for p in target.position]
-    asked = _limited(target.velocity, limits.speed_m_s, limits.climb_m_s)
-    north, east, down = [
-        v if age <= (target.lasts_s if alone else gains.target_age_s) else 0.0
-        for v, alone in zip(asked, moved, strict=True)
-    ]
-    # Between two messages a moving target moves on at its own velocity.
-    on = min(age, gains.target_age_s)
+    age = t_s - target.set_s
+    age = 0.0 if age < 0.0 else age
     (x, y, z), (px, py, pz) = target.position, reference.position
-    place = (x + north * on, y + east * on, z + down * on)
-    to_go = (
-        0.0 if moved[0] else place[0] - px,
-        0.0 if moved[1] else place[1] - py,
-        0.0 if moved[2] else place[2] - pz,
-    )
+    # NaN differs from itself: an axis that only a velocity moves.
+    free_n, free_e, free_d = x != x, y != y, z != z
+    north, east, down = _limited(target.velocity, limits.speed_m_s, limits.climb_m_s)
+    alone, beside = age <= target.lasts_s, age <= gains.target_age_s
+    north, east = north if (alone if free_n else beside) else 0.0, east if (alone if free_e else beside) else 0.0
+    down = down if (alone if free_d else beside) else 0.0
     speed = (north, east, down)
-    far = _largest(to_go)
+    # Between two messages a moving target moves on at its own velocity.
+    on = age if beside else gains.target_age_s
+    place = (x + north * on, y + east * on, z + down * on)
+    to_go = (0.0 if free_n else place[0] - px, 0.0 if free_e else place[1] - py, 0.0 if free_d else place[2] - pz)
     if (
-        not any(moved)
-        and far <= gains.follow_m
-        and (reference.following or (far < gains.caught_up_m and _slip(reference, speed) < gains.caught_up_m_s))
+        not (free_n or free_e or free_d)
+        and _largest(to_go) <= gains.follow_m
+        and (
+            reference.following
+            or (_largest(to_go) < gains.caught_up_m and _slip(reference, speed) < gains.caught_up_m_s)
+        )
     ):
         return _followed(reference, place, speed, gains, dt_s)
     return _approached(reference, to_go, speed, gains, limits, dt_s)

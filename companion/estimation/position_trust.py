@@ -27,33 +27,31 @@ _RESET_WITHIN_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class PositionTrust:
-    """What the newest estimator status says, and the best accuracy that it had. Nothing heard is trusted."""
+    """Whether the newest estimator status is trusted, and the best accuracy so far. Nothing heard is trusted."""
 
-    status: EstimatorStatus | None = None
     best_accuracy_m: float = math.inf
+    trusted: bool = True
+    """False while the estimator lacks what a position needs, coasts without a sensor, or rejects its sensors."""
 
     def after(self, status: EstimatorStatus) -> PositionTrust:
         """After one more status."""
         accuracy = status.horizontal_accuracy_m
-        return PositionTrust(status, min(self.best_accuracy_m, accuracy) if accuracy > 0.0 else self.best_accuracy_m)
+        best = min(self.best_accuracy_m, accuracy) if accuracy > 0.0 else self.best_accuracy_m
+        return PositionTrust(best, _trusted(status, best))
 
-    @property
-    def trusted(self) -> bool:
-        """False while the estimator lacks what a position needs, coasts without a sensor, or rejects its sensors."""
-        status = self.status
-        if status is None:
-            return True
-        flags, ardupilot = status.flags, status.source == "EKF_STATUS_REPORT"
-        if flags & _NEEDED != _NEEDED or flags & _NO_POSITION_AIDING:
-            return False
-        if not flags & (_POSITION_RELATIVE | _POSITION_ABSOLUTE):
-            return False
-        if not flags & (_HEIGHT_ABSOLUTE | _HEIGHT_OVER_GROUND):
-            return False
-        if ardupilot and flags & (_UNINITIALISED | _GPS_GLITCHING):
-            return False
-        grown = status.horizontal_accuracy_m > max(_ACCURACY_M, _GROWTH * self.best_accuracy_m)
-        return not grown and not status.innovation > _INNOVATION
+
+def _trusted(status: EstimatorStatus, best_accuracy_m: float) -> bool:
+    flags, ardupilot = status.flags, status.source == "EKF_STATUS_REPORT"
+    if flags & _NEEDED != _NEEDED or flags & _NO_POSITION_AIDING:
+        return False
+    if not flags & (_POSITION_RELATIVE | _POSITION_ABSOLUTE):
+        return False
+    if not flags & (_HEIGHT_ABSOLUTE | _HEIGHT_OVER_GROUND):
+        return False
+    if ardupilot and flags & (_UNINITIALISED | _GPS_GLITCHING):
+        return False
+    grown = status.horizontal_accuracy_m > max(_ACCURACY_M, _GROWTH * best_accuracy_m)
+    return not grown and not status.innovation > _INNOVATION
 
 
 @dataclass(frozen=True, slots=True)

@@ -99,7 +99,8 @@ class _Quickest:
             self._smallest = (offset_us, arrival_us)
         elif offset_us < self._smallest[0]:
             self._smallest = (offset_us, arrival_us)
-        if offset_us < self.at(arrival_us):
+        since_us = arrival_us - self._at_us
+        if offset_us < (self._offset_us + self._rate * since_us if since_us > 0 else self._offset_us):
             self._offset_us, self._at_us = float(offset_us), arrival_us
 
     def _close(self, arrival_us: int) -> None:
@@ -186,6 +187,8 @@ class BootClock:
         last = self._last_us
         if last < 0:
             return self._restart(stamp_us, arrival_us)
+        if last - _BACK_US <= stamp_us <= last + _AHEAD_US:
+            return self._advance(stamp_us, arrival_us)  # as nearly always
         limit = last + max(arrival_us - self._last_arrival_us, 0) + _AHEAD_US
         stamp_us += last // _WRAP_MS_US * _WRAP_MS_US
         if stamp_us < last - _BACK_US and stamp_us + _WRAP_MS_US <= limit:
@@ -193,12 +196,7 @@ class BootClock:
         elif stamp_us > limit and stamp_us - _WRAP_MS_US >= max(last - _BACK_US, 0):
             stamp_us -= _WRAP_MS_US
         if last - _BACK_US <= stamp_us <= limit:
-            self._suspect_us = -1
-            self._envelope.update(arrival_us - stamp_us, stamp_us)
-            self._quickest.update(arrival_us - stamp_us, arrival_us)
-            if stamp_us > last:
-                self._last_us, self._last_arrival_us = stamp_us, arrival_us
-            return stamp_us / 1e6
+            return self._advance(stamp_us, arrival_us)
         suspect = self._suspect_us
         ahead = max(arrival_us - self._suspect_arrival_us, 0) + _AHEAD_US
         if suspect >= 0 and suspect - _BACK_US <= stamp_us <= suspect + ahead:
@@ -208,6 +206,14 @@ class BootClock:
             return self._restart(stamp_us, arrival_us)
         self._suspect_us, self._suspect_arrival_us = stamp_us, arrival_us
         return self.unstamped(arrival_us)
+
+    def _advance(self, stamp_us: int, arrival_us: int) -> float:
+        self._suspect_us = -1
+        self._envelope.update(arrival_us - stamp_us, stamp_us)
+        self._quickest.update(arrival_us - stamp_us, arrival_us)
+        if stamp_us > self._last_us:
+            self._last_us, self._last_arrival_us = stamp_us, arrival_us
+        return stamp_us / 1e6
 
     def _restart(self, stamp_us: int, arrival_us: int) -> float:
         self._last_us, self._last_arrival_us, self._suspect_us = stamp_us, arrival_us, -1

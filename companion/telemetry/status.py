@@ -1,4 +1,4 @@
-"""What the pilot sees: NAMED_VALUE_FLOAT at 4 Hz, STATUSTEXT and a line on stderr where the state changes."""
+"""What the pilot sees: NAMED_VALUE_FLOAT at 2 Hz, STATUSTEXT and a line on stderr where the state changes."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from companion.mavlink.outgoing import Message, named_value_float
 from companion.pipeline import Decision, PipelineState
 from companion.telemetry import statustext
 
-_PERIOD_S = 0.25
-"""4 Hz: readable, and 1 % of a 57600 baud link for each value."""
+_PERIOD_S = 0.5
+"""2 Hz: readable, and half a percent of a 57600 baud link for each value."""
 _CALM_S = 0.5
 """A state counts once it has lasted this long: a flicker is no message."""
 _REPEAT_S = 5.0

@@ -8,6 +8,7 @@ from typing import Any
 
 from companion.adaptation.adapt import Adaptation
 from companion.control.authority import Notice, Reason
+from companion.control.disturbance import Disturbance
 from companion.control.plant import HoldTuning, Margin
 from companion.pipeline import Decision
 
@@ -39,6 +40,9 @@ class Summary:
         self._noticed: tuple[Notice, float] | None = None
         self.adaptation: Adaptation | None = None
         """The newest."""
+        self._disturbance: Disturbance | None = None
+        self._around = _around(None)
+        """Of the newest disturbance, which most decisions share with the one before."""
         self._low, self._high = [math.inf] * 8, [-math.inf] * 8
         self._sum, self._count = [0.0] * 8, [0] * 8
 
@@ -60,11 +64,18 @@ class Summary:
             self._gravest[min(decision.reasons, key=_ORDER.__getitem__)] += dt
         self._add_margin(decision)
         self.adaptation = decision.adaptation
-        for i, value in enumerate(_shown(decision)):
-            if math.isfinite(value):
-                self._low[i], self._high[i] = min(self._low[i], value), max(self._high[i], value)
-                self._sum[i] += value
-                self._count[i] += 1
+        if decision.disturbance is not self._disturbance:
+            self._disturbance, self._around = decision.disturbance, _around(decision.disturbance)
+        offset, low, high, total, count = decision.offset, self._low, self._high, self._sum, self._count
+        shown = (offset.thrust, math.degrees(offset.roll), math.degrees(offset.pitch), *self._around)
+        for i, value in enumerate(shown):
+            if value - value == 0.0:  # finite
+                if value < low[i]:
+                    low[i] = value
+                if value > high[i]:
+                    high[i] = value
+                total[i] += value
+                count[i] += 1
 
     def _add_margin(self, decision: Decision) -> None:
         if decision.notice is not None and decision.notice != self._noticed:
@@ -150,7 +161,7 @@ class Summary:
         rows = [(name, n) for name, n in self.as_json().items() if isinstance(n, dict) and "mean" in n]
         if rows:
             out.append(f"  {'':<10} {'min':>8} {'mean':>8} {'max':>8}")
-        out += [f"  {name:<10} {n['min']:+8.3f} {n['mean']:+8.3f} {n['max']:+8.3f}" for name, n in rows]
+        out += [f"  {name:<10} {n['min']:+z8.3f} {n['mean']:+z8.3f} {n['max']:+z8.3f}" for name, n in rows]
         if self.adaptation is not None:
             out += adapted_text(self.adaptation)
         return "\n".join(out)
@@ -166,18 +177,10 @@ def adapted_text(known: Adaptation) -> list[str]:
     return out
 
 
-def _shown(decision: Decision) -> tuple[float, ...]:
-    """Offset (thrust, roll [deg], pitch [deg]), nearest h and d [m], trust, lift and side force [N]; NaN: not known."""
-    offset, disturbance = decision.offset, decision.disturbance
-    own = (offset.thrust, math.degrees(offset.roll), math.degrees(offset.pitch))
+def _around(disturbance: Disturbance | None) -> tuple[float, ...]:
+    """Nearest h and d [m], trust, lift and side force [N]; NaN: not known."""
     if disturbance is None:
-        return (*own, *(math.nan,) * 5)
+        return (math.nan,) * 5
     fx, fy, fz = disturbance.wrench[:3].tolist()
-    return (
-        *own,
-        min(disturbance.h_m.tolist()),
-        min(disturbance.d_m.tolist()),
-        disturbance.trust,
-        -fz,
-        math.hypot(fx, fy),
-    )
+    h_m, d_m = min(disturbance.h_m.tolist()), min(disturbance.d_m.tolist())
+    return h_m, d_m, disturbance.trust, -fz, math.hypot(fx, fy)

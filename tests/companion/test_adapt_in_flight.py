@@ -72,7 +72,8 @@ def test_a_right_model_is_found_right_and_stays_as_it_is():
     assert sd < 0.2
     known = flown("right", Adapt.FULL).seen[-1][1]
     assert known.judged[0].probability > 0.75
-    assert lift_compensated(known, 1.0) == pytest.approx(lift_of_the_air(), rel=0.1)
+    # Of one flight: the messages' order by milliseconds alone moves it by 6 %.
+    assert lift_compensated(known, 1.0) == pytest.approx(lift_of_the_air(), rel=sd)
 
 
 def test_a_model_that_is_too_strong_is_measured_and_reduced():

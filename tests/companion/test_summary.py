@@ -43,3 +43,10 @@ def test_reasons_that_hold_back_everything_come_first():
     order = list(Reason)
     last_grave = max(order.index(r) for r in HOLDS_BACK_EVERYTHING)
     assert last_grave == len(HOLDS_BACK_EVERYTHING) - 1
+
+
+def test_a_zero_has_no_sign():
+    summary = Summary()
+    summary.add(Decision(0.0, None, (), 1.0, Offset(thrust=-1e-9), None, None))
+    assert "0.000" in summary.as_text()
+    assert "-0.000" not in summary.as_text()
