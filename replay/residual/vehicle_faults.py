@@ -25,7 +25,7 @@ EXCITED = 1e-3
 OPPOSED = -0.5
 """Correlation of declared yaw moment and angular acceleration from which on the spins are exchanged."""
 FITS, FITS_LESS = 0.4, 0.5
-"""Correlation of roll and pitch with another order of the rotors, and the share of it that the declared one stays below."""
+"""Correlation of roll and pitch with another order of the rotors; the declared one stays below that share of it."""
 SAME_PLACE = 0.3
 """Distance over lever within which a turned or mirrored fan stands on another one's place."""
 MIRRORS = {
