@@ -70,7 +70,8 @@ EFFECT = Effect(
     shapes=(Shape("reference_v", "V", continuous=False),),
     shape_grid=_grid,
     lacking=_lacking,
-    odds=lambda ctx: ctx.by_kind(0.03, 0.15),
+    # Thrust follows the speed, whatever the voltage: only reported speeds that are not true can drift with it.
+    odds=lambda ctx: ctx.by_kind(0.0003, 0.15),
     contains=("thrust_scale",),
     aliases=("thermal_derating", "thrust_scale"),
     drawn=_drawn,
