@@ -29,6 +29,10 @@ FORM_SHARE = 0.15
 """A remainder below this share of what the effects took out is their error of form, not a second force."""
 
 
+FORETELLS = 2.0
+"""A set that leaves this much more energy of unseen time than another is not the answer, however likely by its fit."""
+NEAR, RIVALS = 30.0, 6
+"""Sets that are compared so: less likely than the best by no more than this (log), and how many."""
 WORSE_SHARE = 0.005
 """Share of the residual's energy by which an effect may make unseen time worse: noise, where it is hardly excited."""
 
@@ -106,6 +110,7 @@ class Searched:
 
 def summarise(walked: Walked, seed: int) -> Searched:
     """Everything that a reader needs to judge what was found."""
+    _foretell(walked)
     fits = _borne_by_unseen_time(walked)
     chosen = [t for t in walked.best.terms if t.effect is not None]
     traces = tuple(_trace(walked, fit, seed) for fit in fits)
@@ -113,6 +118,20 @@ def summarise(walked: Walked, seed: int) -> Searched:
     total = max(sum(f.energy(f.before) for f in fits), 1e-12)
     found = [_found(walked, term, fits, rivals, total) for term in chosen]
     return Searched(traces, tuple(found), _rejected(walked, {t.name for t in chosen}))
+
+
+def _foretell(walked: Walked) -> None:
+    """Pass over sets that fit well and foretell unseen time far worse than others: they cancel or chase noise."""
+    likeliest: dict[frozenset[str], Fit] = {}
+    for fit in (walked.best, *walked.ranked()):
+        if fit.score > walked.best.score - NEAR and len(likeliest) < RIVALS:
+            likeliest.setdefault(frozenset(t.name for t in fit.terms if t.effect is not None), fit)
+    left = {fit.key: sum(f.energy(f.after) for f in flight_fits(walked, fit)) for fit in likeliest.values()}
+    least = min(left.values())
+    chosen = next(fit for fit in likeliest.values() if left[fit.key] <= FORETELLS * least)
+    if chosen.key != walked.best.key:
+        walked.fits = {key: fit for key, fit in walked.fits.items() if fit.score <= chosen.score}
+        walked.best = chosen
 
 
 def _borne_by_unseen_time(walked: Walked) -> list[FlightFit]:
