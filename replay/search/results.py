@@ -121,11 +121,16 @@ def summarise(walked: Walked, seed: int) -> Searched:
 
 
 def _foretell(walked: Walked) -> None:
-    """Pass over sets that fit well and foretell unseen time far worse than others: they cancel or chase noise."""
+    """Pass over sets that fit well and foretell unseen time far worse than others: they cancel or chase noise.
+
+    More effects of the same kind always leave less: whether they are worth a name is decided already.
+    """
     likeliest: dict[frozenset[str], Fit] = {}
     for fit in (walked.best, *walked.ranked()):
-        if fit.score > walked.best.score - NEAR and len(likeliest) < RIVALS:
-            likeliest.setdefault(frozenset(t.name for t in fit.terms if t.effect is not None), fit)
+        names = frozenset(t.name for t in fit.terms if t.effect is not None)
+        more = any(other < names for other in likeliest)
+        if fit.score > walked.best.score - NEAR and len(likeliest) < RIVALS and not more:
+            likeliest.setdefault(names, fit)
     left = {fit.key: sum(f.energy(f.after) for f in flight_fits(walked, fit)) for fit in likeliest.values()}
     least = min(left.values())
     chosen = next(fit for fit in likeliest.values() if left[fit.key] <= FORETELLS * least)

@@ -44,6 +44,11 @@ def test_a_set_that_leaves_twice_as_much_of_unseen_time_is_passed_over(monkeypat
     assert kept == {best}, "what is likelier than the answer stands in nobody's place"
 
 
+def test_one_effect_more_is_no_rival(monkeypatch):
+    best, _ = chosen(monkeypatch, (("wind",), 0.0, 400.0), (("wind", "imu_bias"), -3.0, 80.0))
+    assert best == {"wind"}
+
+
 def test_an_unlikely_set_is_not_asked(monkeypatch):
     best, _ = chosen(monkeypatch, (("wind",), 0.0, 400.0), (("rotor_drag",), -1.0 - results.NEAR, 80.0))
     assert best == {"wind"}
