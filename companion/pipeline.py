@@ -228,8 +228,8 @@ def _surveyed(state: PipelineState, sample: Sample, config: PipelineConfig, box:
         return state
     height, wall, towards = math.nan, math.nan, None
     if disturbance is not None:
-        height = float(disturbance.h_m.min()) if disturbance.ground.known else math.nan
-        wall = float(disturbance.d_m.min()) if disturbance.wall.known else math.nan
+        height = min(disturbance.h_m) if disturbance.ground.known else math.nan
+        wall = min(disturbance.d_m) if disturbance.wall.known else math.nan
         towards = level_direction(disturbance.wall.normal_ned)
     seen = Whereabouts(sample.t_s, state.hold is not None, np.asarray(position.position_ned), height, wall, towards)
     survey, wanted = advance(state.survey, box, seen)

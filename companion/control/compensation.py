@@ -56,7 +56,7 @@ def wanted_offset(
     """The offset that cancels the disturbance, before limits, slew and fades; and the moment wash-out one step on."""
     vehicle = config.vehicle
     weight = disturbance.gain * disturbance.trust
-    fx, fy, fz, mx, my, _ = [v * weight for v in disturbance.wrench.tolist()]
+    fx, fy, fz, mx, my, _ = [v * weight for v in disturbance.wrench]
     own_weight = vehicle.mass_kg * GRAVITY
     ratio = 1.0 - fz / max(disturbance.free_lift_n, 0.5 * own_weight)
     lift_share = 1.0 + thrust.slope * (base_thrust - thrust.hover)

@@ -22,7 +22,7 @@ from models.frames import Array, Rows
 from models.surrogate.fan_surrogate import AdoptedEffect, FanSurrogate
 from models.surrogate.neighbourhood import REACH_M, TRUST, Neighbourhood, Offset, expand
 from models.vehicle import Vehicle
-from models.vehicle_wrench import RPM_TO_RAD_S, fan_rpm
+from models.vehicle_wrench import RPM_TO_RAD_S, fan_rpm_now
 
 _STIFFNESS_STEP_M = 0.02
 """Step of the difference quotient of a wall's pull: above the noise of a surrogate, below its e-fold of 0.1 m."""
@@ -35,14 +35,15 @@ _SURE_SIGMA_M, _UNSURE_SIGMA_M = 0.05, 0.10
 class Disturbance:
     """What the surroundings do to the vehicle: body FRD about the CG, and how far that is to be believed."""
 
-    wrench: Array
-    """(6,) disturbance at the leads of thrust (Fz) and tilt (the others), with the vanes' reaction to its moment."""
+    wrench: tuple[float, ...]
+    """Disturbance at the leads of thrust (Fz) and tilt (the others), with the vanes' reaction to its moment."""
     free_lift_n: float
     trust: float
     gain: float
     """Bounded so that delayed feed-forward towards a wall stays below a fifth of the loop's damping."""
-    h_m: Array
-    d_m: Array
+    h_m: tuple[float, ...]
+    d_m: tuple[float, ...]
+    """Of every fan, at the lead of thrust."""
     ground: Surface
     wall: Surface
     ceiling: Surface
@@ -54,8 +55,8 @@ class Disturbance:
 
 
 def modelled_disturbance(
-    estimates: Estimates, config: PipelineConfig, rotor_rpm: Array, rotation: Rows, t_s: float, damping_1_s: float,
-    applied: Applied | None = None, before: Disturbance | None = None,
+    estimates: Estimates, config: PipelineConfig, rotor_rpm: tuple[float, ...], rotation: Rows, t_s: float,
+    damping_1_s: float, applied: Applied | None = None, before: Disturbance | None = None,
 ) -> Disturbance:  # fmt: skip
     """Query the surrogate for every fan, at the two leads, in free air, and a little further from a wall.
 
@@ -66,7 +67,7 @@ def modelled_disturbance(
     ground = surface(estimates, config, "ground", t_s)
     wall = surface(estimates, config, "wall", t_s)
     ceiling = Surface(Seen.UNDECLARED)
-    rpm = fan_rpm(vehicle, rotor_rpm)
+    rpm = fan_rpm_now(vehicle, rotor_rpm)
     soon = fan_query(vehicle, ground, wall, rotation, rpm, tuning.thrust_lead_s)
     later = fan_query(vehicle, ground, wall, rotation, rpm, tuning.tilt_lead_s)
     adopted = None
@@ -75,21 +76,22 @@ def modelled_disturbance(
         now = air_state(estimates, config, soon, ceiling, rotor_rpm, t_s, tuning.thrust_lead_s)
         moved = corrected_state(model.effects, now)
         shift = np.where(np.isfinite(now.h_m), moved.h_m, 0.0) - np.where(np.isfinite(now.h_m), now.h_m, 0.0)
-        soon, later = replace(soon, h_m=soon.h_m + shift), replace(later, h_m=later.h_m + shift)
+        soon, later = _shifted(soon, shift), _shifted(later, shift)
         adopted = adopted_disturbance(model, moved, vehicle, tuning, damping_1_s)
-    free = model.free_air_now(rpm.tolist())
+    free = model.free_air_now(rpm)
     near, answer = _answered(model, free, soon, later, before)
     parts = None
     if applied is None:
-        wrench = np.array(_about_cg(vehicle, answer.lift_n, answer.now, free, later.wall_bearing_rad))
+        wrench = _about_cg(vehicle, answer.lift_n, answer.now, free, later.wall_bearing_rad)
     else:
         effects = _adopted_parts(config, moved, damping_1_s) if model.effects else _NO_EFFECTS
         parts = _parts(vehicle, answer.now, free, soon, effects)
-        wrench = applied.compensated(vehicle, _above_free(answer.lift_n, answer.now, free), parts.around, effects)
+        above = _above_free(answer.lift_n, answer.now, free)
+        wrench = applied.compensated(vehicle, above, parts.around, effects).tolist()
     if adopted is not None:
-        wrench += adopted
+        wrench = [a + b for a, b in zip(wrench, adopted.tolist(), strict=True)]
     if vehicle.vanes:
-        wrench[:3] += trim_reaction(vehicle) @ wrench[3:]
+        wrench = _with_trim(vehicle, wrench)
     gain = tuning.gain
     if wall.seen is Seen.SURFACE:
         change = answer.pull_change_n
@@ -98,10 +100,10 @@ def modelled_disturbance(
             if not applied.gate:
                 change += applied.near.pull_change_n(parts.around, _STIFFNESS_STEP_M / vehicle.rotor_radius_m)
         gain = _stable_gain(change / _STIFFNESS_STEP_M, vehicle, tuning, damping_1_s)
-    beside = [h < math.inf or d < math.inf for h, d in zip(soon.h_m.tolist(), soon.d_m.tolist(), strict=True)]
+    beside = [h < math.inf or d < math.inf for h, d in zip(soon.h_m, soon.d_m, strict=True)]
     trust = min([t for t, one in zip(answer.trust, beside, strict=True) if one], default=1.0)
     return Disturbance(
-        wrench=wrench,
+        wrench=tuple(wrench),
         free_lift_n=sum([fan[2] for fan in free]),
         trust=min(trust, 1.0) * _sensor_weight(ground) * _sensor_weight(wall),
         gain=gain,
@@ -131,27 +133,30 @@ class _Asked(NamedTuple):
     trust: list[float]
 
 
+def _shifted(query: FanQuery, by_m: Array) -> FanQuery:
+    return query._replace(h_m=tuple((np.array(query.h_m) + by_m).tolist()))
+
+
 def _answered(
     model: FanSurrogate, free: Wrenches, soon: FanQuery, later: FanQuery, before: Disturbance | None
 ) -> tuple[Neighbourhood | None, _Asked]:
     """By the neighbourhood that the vehicle is in, by a new one where it stays about a place, else by the surrogate."""
-    rpm, near = soon.rpm.tolist(), None if before is None else before.near
-    ahead, now = (soon.h_m.tolist(), soon.d_m.tolist()), (later.h_m.tolist(), later.d_m.tolist())
+    near, rpm, ahead, now = None if before is None else before.near, soon.rpm, soon[:2], later[:2]
     offsets = None if near is None else near.offsets(rpm, ahead, now)
     if offsets is None:
         # Where the kinks of another kind of model are nobody knows.
-        near = expand(model, rpm, *now) if _stays(before, ahead) and isinstance(model, FanSurrogate) else None
+        near = expand(model, rpm, *now) if _stays(before, soon) and isinstance(model, FanSurrogate) else None
         offsets = None if near is None else near.offsets(rpm, ahead, now)
     if near is None or offsets is None or not near.forms:
         return near, _by_surrogate(model, soon, later)
     return near, _by_neighbourhood(near, [fan[2] for fan in free], *offsets)
 
 
-def _stays(before: Disturbance | None, now: tuple[list[float], list[float]]) -> bool:
+def _stays(before: Disturbance | None, soon: FanQuery) -> bool:
     """Whether no fan has come half as far as a neighbourhood reaches: a new one will then serve for a while."""
     if before is None:
         return False
-    places = zip(before.h_m.tolist() + before.d_m.tolist(), now[0] + now[1], strict=True)
+    places = zip(before.h_m + before.d_m, soon.h_m + soon.d_m, strict=True)
     return all([a == b or abs(a - b) <= 0.5 * REACH_M for a, b in places])
 
 
@@ -169,10 +174,10 @@ def _by_neighbourhood(near: Neighbourhood, lifts: list[float], ahead: list[Offse
 def _by_surrogate(model: FanSurrogate, soon: FanQuery, later: FanQuery) -> _Asked:
     """One query, shape (rows, fans): at the lead of thrust, of tilt, and a step further off walls at that."""
     h, d = [soon.h_m, later.h_m], [soon.d_m, later.d_m]
-    beside_wall = bool(np.isfinite(later.d_m).any())
+    beside_wall = min(later.d_m) < math.inf
     if beside_wall:
-        h, d = [*h, later.h_m], [*d, later.d_m + _STIFFNESS_STEP_M]
-    answer = model.query(np.array(h), np.array(d), soon.rpm)
+        h, d = [*h, later.h_m], [*d, tuple([d_m + _STIFFNESS_STEP_M for d_m in later.d_m])]
+    answer = model.query(np.array(h), np.array(d), np.array(soon.rpm))
     pulls = answer.wrench[:, :, 0].sum(axis=1)
     return _Asked(
         answer.wrench[0, :, 2].tolist(),
@@ -220,10 +225,10 @@ def _above_free(lift_n: list[float], later: Wrenches, free: Wrenches) -> Wrenche
 
 def _parts(vehicle: Vehicle, now: Wrenches, free: Wrenches, soon: FanQuery, effects: Array) -> Parts:
     """What adaptation measures by: all but the lift is at the tilt's lead, which is near enough to this instant."""
-    radius, rpm = vehicle.rotor_radius_m, soon.rpm.tolist()
+    radius, rpm = vehicle.rotor_radius_m, soon.rpm
     around = Around(
-        tuple([h / radius for h in soon.h_m.tolist()]),
-        tuple([d / radius for d in soon.d_m.tolist()]),
+        tuple([h / radius for h in soon.h_m]),
+        tuple([d / radius for d in soon.d_m]),
         tuple([alone[2] for alone in free]),
         soon.wall_bearing_rad,
     )
@@ -284,6 +289,20 @@ def trim_reaction(vehicle: Vehicle) -> Array:
     arms = np.cross([vane.position_m for vane in vehicle.vanes], axes.T).T
     reaction: Array = -axes @ np.linalg.pinv(arms)
     return reaction
+
+
+@lru_cache(maxsize=4)
+def _trim_rows(vehicle: Vehicle) -> Rows:
+    """``trim_reaction`` in plain floats."""
+    first, second, third = map(tuple, trim_reaction(vehicle).tolist())
+    return first, second, third
+
+
+def _with_trim(vehicle: Vehicle, wrench: list[float]) -> list[float]:
+    """The wrench and what the vanes add in holding its moment off."""
+    fx, fy, fz, mx, my, mz = wrench
+    trim = [a * mx + b * my + c * mz for a, b, c in _trim_rows(vehicle)]
+    return [fx + trim[0], fy + trim[1], fz + trim[2], mx, my, mz]
 
 
 def _sensor_weight(seen: Surface) -> float:

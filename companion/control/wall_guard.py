@@ -46,6 +46,6 @@ def watch_wall(
     north, east = north / size, east / size
     closing = max(north * velocity[0] + east * velocity[1], 0.0)
     reach_m = closing * _ANSWER_S + closing * closing / (2.0 * _BRAKE_M_S2) + _ROOM_M
-    if min(disturbance.d_m.tolist()) < (reach_m if before is None else max(reach_m, _CLEAR_M)):
+    if min(disturbance.d_m) < (reach_m if before is None else max(reach_m, _CLEAR_M)):
         return Pressed(north, east, t_s)
     return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +25,7 @@ def air_state(
     config: PipelineConfig,
     query: FanQuery,
     ceiling: Surface,
-    rotor_rpm: Array,
+    rotor_rpm: Sequence[float],
     t_s: float,
     lead_s: float = 0.0,
 ) -> AirState:
@@ -40,13 +41,13 @@ def air_state(
     changes: dict[str, Array] = {
         "time_s": np.asarray(t_s),
         "rotation": rotation,
-        "h_m": query.h_m,
-        "d_m": query.d_m,
+        "h_m": np.array(query.h_m),
+        "d_m": np.array(query.d_m),
         "wall_bearing_rad": np.asarray(query.wall_bearing_rad),
         "second_d_m": np.array(second_d),
         "second_bearing_rad": np.asarray(second_bearing),
         "ceiling_m": fan_ceilings(vehicle, _ahead(ceiling, lead_s), rotation),
-        "rpm": rotor_rpm,
+        "rpm": np.array(rotor_rpm),
         "ranges_m": _readings(estimates, config, t_s),
     }
     if estimates.position is not None:

@@ -150,7 +150,7 @@ class Estimates:
     trust: PositionTrust = field(default_factory=PositionTrust)
     reset: PositionReset | None = None
     servo: ServoOutput | None = None
-    servo_rpm: Array | None = None
+    servo_rpm: tuple[float, ...] | None = None
     battery: Battery | None = None
     pressure: Pressure | None = None
     packets: Mapping[int, Packets] = field(default_factory=dict)
@@ -388,7 +388,7 @@ def take_servo(estimates: Estimates, sample: ServoOutput, config: PipelineConfig
     if config.vehicle.telemetered:
         return replace(estimates, servo=sample)
     rpm = rpm_from_servos(config.vehicle, config.model, np.asarray(sample.pwm_us, dtype=float))
-    return replace(estimates, servo=sample, servo_rpm=rpm)
+    return replace(estimates, servo=sample, servo_rpm=tuple(rpm.tolist()))
 
 
 def take_health(estimates: Estimates, sample: EscHealth) -> Estimates:
@@ -460,23 +460,24 @@ def _beam_surface(beam: BeamTrack, config: PipelineConfig, t_s: float) -> Surfac
     return Surface(Seen.MISSING if beam.heard_s == -math.inf else Seen.STALE)
 
 
-@dataclass(frozen=True)
-class FanQuery:
-    """The surrogate's arguments for every fan: shape (fans,) each, and the wall's bearing [rad]."""
+class FanQuery(NamedTuple):
+    """The surrogate's arguments by fan, and the wall's bearing [rad]. Plain floats: two to six fans are few."""
 
-    h_m: Array
-    d_m: Array
-    rpm: Array
+    h_m: tuple[float, ...]
+    d_m: tuple[float, ...]
+    rpm: tuple[float, ...]
     wall_bearing_rad: float
 
 
-def fan_query(vehicle: Vehicle, ground: Surface, wall: Surface, rotation: Rows, rpm: Array, lead_s: float) -> FanQuery:
+def fan_query(
+    vehicle: Vehicle, ground: Surface, wall: Surface, rotation: Rows, rpm: tuple[float, ...], lead_s: float
+) -> FanQuery:
     """Per-fan distances ``lead_s`` ahead, by the tracks' own rates."""
     h = [math.inf] * len(vehicle.fans)
     if ground.seen is _SURFACE:
         h = fan_heights_now(vehicle, ground.distance_m + ground.rate_m_s * lead_s, rotation)
     d, bearing = lips_to_wall(vehicle, wall, rotation, lead_s)
-    return FanQuery(np.array(h), np.array(d), rpm, bearing)
+    return FanQuery(tuple(h), tuple(d), rpm, bearing)
 
 
 def lips_to_wall(vehicle: Vehicle, wall: Surface, rotation: Rows, lead_s: float) -> tuple[list[float], float]:
@@ -487,16 +488,16 @@ def lips_to_wall(vehicle: Vehicle, wall: Surface, rotation: Rows, lead_s: float)
     return fan_wall_distances_now(vehicle, distance, wall.normal_ned, rotation)
 
 
-def rotor_speeds(estimates: Estimates, config: PipelineConfig, t_s: float) -> Array | None:
-    """Rotor speeds [rpm] (rotors,) at ``t_s``, or None where any is missing or too old."""
+def rotor_speeds(estimates: Estimates, config: PipelineConfig, t_s: float) -> tuple[float, ...] | None:
+    """Rotor speeds [rpm], of every rotor, at ``t_s``, or None where any is missing or too old."""
     limit = config.tuning.rotor_age_s
     if not config.vehicle.telemetered:
         fresh = estimates.servo is not None and t_s - estimates.servo.t_s <= limit
         return estimates.servo_rpm if fresh else None
-    out = np.empty(len(estimates.rotors))
-    for k, track in enumerate(estimates.rotors):
+    out = []
+    for track in estimates.rotors:
         if track is None or track.age(t_s) > limit:
             return None
         # A speed changes within tens of ms: between messages hold the value rather than extrapolate its slope.
-        out[k] = max(track.value, 0.0)
-    return out
+        out.append(max(track.value, 0.0))
+    return tuple(out)

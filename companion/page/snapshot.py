@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -42,7 +43,7 @@ def snapshot(
     }
     if disturbance is not None:
         out["air"] = {
-            "wrench": [_number(v, 4) for v in disturbance.wrench.tolist()],
+            "wrench": [_number(v, 4) for v in disturbance.wrench],
             "trust": _number(disturbance.trust),
             "ground": _surface(disturbance.ground),
             "wall": _surface(disturbance.wall),
@@ -74,7 +75,9 @@ def _surface(surface: Surface) -> dict[str, Any]:
     }
 
 
-def _fans(wall: Surface, rotation: Array | None, config: PipelineConfig, h_m: Array, d_m: Array) -> list[list[Any]]:
+def _fans(
+    wall: Surface, rotation: Array | None, config: PipelineConfig, h_m: Sequence[float], d_m: Sequence[float]
+) -> list[list[Any]]:
     """For the drawing, of each fan: place towards the wall (without one: forward) and its lip radius, h and d [m]."""
     towards = np.array([1.0, 0.0, 0.0])
     if wall.normal_ned is not None and rotation is not None:
@@ -84,9 +87,7 @@ def _fans(wall: Surface, rotation: Array | None, config: PipelineConfig, h_m: Ar
     places = config.vehicle.fan_positions_m @ towards
     return [
         [_number(place), _number(lip), _number(h), _number(d)]
-        for place, lip, h, d in zip(
-            places.tolist(), config.vehicle.lip_radii_m.tolist(), h_m.tolist(), d_m.tolist(), strict=True
-        )
+        for place, lip, h, d in zip(places.tolist(), config.vehicle.lip_radii_m.tolist(), h_m, d_m, strict=True)
     ]
 
 

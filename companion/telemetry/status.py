@@ -6,8 +6,6 @@ import math
 import re
 from collections.abc import Iterator
 
-import numpy as np
-
 from companion.adaptation import words
 from companion.control.authority import Notice, Reason
 from companion.estimation.estimator import Seen
@@ -45,10 +43,10 @@ def named_values(decision: Decision) -> Iterator[tuple[str, float]]:
         yield "cc_margin", decision.tuned.margin.gain
     disturbance = decision.disturbance
     if disturbance is not None:
-        yield "cc_h", _finite(float(np.min(disturbance.h_m)))
-        yield "cc_d", _finite(float(np.min(disturbance.d_m)))
-        yield "cc_lift", -float(disturbance.wrench[2])
-        yield "cc_side", float(np.hypot(disturbance.wrench[0], disturbance.wrench[1]))
+        yield "cc_h", _finite(min(disturbance.h_m))
+        yield "cc_d", _finite(min(disturbance.d_m))
+        yield "cc_lift", -disturbance.wrench[2]
+        yield "cc_side", math.hypot(*disturbance.wrench[:2])
         yield "cc_trust", disturbance.trust
     if decision.adaptation is not None:
         yield from words.named_values(decision.adaptation)
@@ -56,17 +54,17 @@ def named_values(decision: Decision) -> Iterator[tuple[str, float]]:
 
 def _finite(value: float) -> float:
     """Beyond range is shown as -1: ground stations draw no infinity."""
-    return value if np.isfinite(value) else -1.0
+    return value if math.isfinite(value) else -1.0
 
 
 class StatusReporter:
     """Decides what to report and when; the caller sends it. Times are the vehicle's boot axis [s]."""
 
     def __init__(self) -> None:
-        self._named_s = -np.inf
+        self._named_s = -math.inf
         self._said: tuple[str, str] | None = None
         """The gravest refusal, and all of them, as last said."""
-        self._any_said_s = -np.inf
+        self._any_said_s = -math.inf
         self._said_s: dict[str, float] = {}
         self._pending: str | None = None
         self._pending_s = 0.0
@@ -123,7 +121,7 @@ class StatusReporter:
             return None
         if t_s - self._pending_s < (_CALM_S if graver else _LESSER_CALM_S):
             return None
-        last_s = self._said_s.get(words, -np.inf) if graver else self._any_said_s
+        last_s = self._said_s.get(words, -math.inf) if graver else self._any_said_s
         if 0.0 <= t_s - last_s < _REPEAT_S:
             return None
         self._said, self._pending = (gravest, words), None

@@ -181,6 +181,6 @@ def _around(disturbance: Disturbance | None) -> tuple[float, ...]:
     """Nearest h and d [m], trust, lift and side force [N]; NaN: not known."""
     if disturbance is None:
         return (math.nan,) * 5
-    fx, fy, fz = disturbance.wrench[:3].tolist()
-    h_m, d_m = min(disturbance.h_m.tolist()), min(disturbance.d_m.tolist())
+    fx, fy, fz = disturbance.wrench[:3]
+    h_m, d_m = min(disturbance.h_m), min(disturbance.d_m)
     return h_m, d_m, disturbance.trust, -fz, math.hypot(fx, fy)

@@ -81,6 +81,6 @@ def _row(decision: Decision) -> tuple[float, ...]:
     if seen is None:
         nan = math.nan
         return (decision.t_s, nan, nan, *own, nan, nan, nan, decision.authority)
-    fx, fy, fz = seen.wrench[:3].tolist()
-    near = min(seen.h_m.tolist()), min(seen.d_m.tolist())
+    fx, fy, fz = seen.wrench[:3]
+    near = min(seen.h_m), min(seen.d_m)
     return (decision.t_s, *near, *own, -fz, math.hypot(fx, fy), seen.trust, decision.authority)

@@ -77,7 +77,7 @@ def flown(sensors: list[Sensor], q: tuple[float, float, float, float]) -> tuple[
         estimates = take_range(estimates, sample, config)
     ground, wall, ceiling = (surface(estimates, config, kind, END_S) for kind in ("ground", "wall", "ceiling"))
     rotation, rotors = rotation_rows(*q), np.full(4, 4000.0)
-    query = fan_query(config.vehicle, ground, wall, rotation, np.full(2, 4000.0), 0.0)
+    query = fan_query(config.vehicle, ground, wall, rotation, (4000.0, 4000.0), 0.0)
     return air_state(estimates, config, query, ceiling, rotors, END_S), estimates, config
 
 
