@@ -149,7 +149,7 @@ def _answered(
         offsets = None if near is None else near.offsets(rpm, ahead, now)
     if near is None or offsets is None or not near.forms:
         return near, _by_surrogate(model, soon, later)
-    return near, _by_neighbourhood(near, [fan[2] for fan in free], *offsets)
+    return near, _by_neighbourhood(model, near, [fan[2] for fan in free], rpm, *offsets)
 
 
 def _stays(before: Disturbance | None, soon: FanQuery) -> bool:
@@ -160,14 +160,17 @@ def _stays(before: Disturbance | None, soon: FanQuery) -> bool:
     return all([a == b or abs(a - b) <= 0.5 * REACH_M for a, b in places])
 
 
-def _by_neighbourhood(near: Neighbourhood, lifts: list[float], ahead: list[Offset], now: list[Offset]) -> _Asked:
+def _by_neighbourhood(
+    model: FanSurrogate, near: Neighbourhood, lifts: list[float], rpm: tuple[float, ...], ahead: list[Offset],
+    now: list[Offset],
+) -> _Asked:  # fmt: skip
     components = [near.values(component, now) for component in range(6)]
     further = near.values(0, now, _STIFFNESS_STEP_M)
     return _Asked(
         [lift * share for lift, share in zip(lifts, near.values(2, ahead), strict=True)],
         [[lift * share for share in fan] for lift, fan in zip(lifts, zip(*components, strict=True), strict=True)],
         sum([lift * (a - b) for lift, a, b in zip(lifts, components[0], further, strict=True)]),
-        near.values(TRUST, ahead),
+        [trust * model.domain.at_speed(speed) for trust, speed in zip(near.values(TRUST, ahead), rpm, strict=True)],
     )
 
 

@@ -73,11 +73,15 @@ class Domain:
             out *= max(0.0, (h / self.h_near - NEAR_MARGIN) / (1 - NEAR_MARGIN))
         if d < self.d_near:
             out *= max(0.0, (d / self.d_near - NEAR_MARGIN) / (1 - NEAR_MARGIN))
+        return out * self.at_speed(rpm)
+
+    def at_speed(self, rpm: float) -> float:
+        """The factor of the rotor speed in ``trust``: 1 within the data's."""
         if rpm < self.rpm_low:
-            out *= max(0.0, (rpm / self.rpm_low - (1 - SPEED_MARGIN)) / SPEED_MARGIN)
-        elif rpm > self.rpm_high:
-            out *= max(0.0, ((1 + SPEED_MARGIN) - rpm / self.rpm_high) / SPEED_MARGIN)
-        return out
+            return max(0.0, (rpm / self.rpm_low - (1 - SPEED_MARGIN)) / SPEED_MARGIN)
+        if rpm > self.rpm_high:
+            return max(0.0, ((1 + SPEED_MARGIN) - rpm / self.rpm_high) / SPEED_MARGIN)
+        return 1.0
 
     def arrays(self) -> dict[str, Array]:
         """What weights.npz holds."""

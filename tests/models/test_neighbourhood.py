@@ -12,14 +12,14 @@ from models.surrogate.neighbourhood import REACH_M, SPEED_REACH, TRUST, expand
 
 SHARE = 2e-3
 """Of the free-air lift: the largest difference anywhere, a tenth of what a gust of 0.5 m/s does to the lift."""
-USUAL_SHARE = 3e-4
+USUAL_SHARE = 4e-4
 """In 98 of 100 places."""
 
 
 def places(model, rng, count):
     """Speeds, heights and wall distances of one fan all over the data, every fourth without a wall."""
     c = model.coordinates
-    rpm = rng.uniform(c.rpm_low, c.rpm_high, count)
+    rpm = rng.uniform(0.9 * c.rpm_low, 1.1 * c.rpm_high, count)
     h, d = rng.uniform(c.h_near, c.h_far, count), rng.uniform(c.d_near, c.d_far, count)
     return zip(rpm.tolist(), h.tolist(), np.where(rng.random(count) < 0.25, math.inf, d).tolist(), strict=True)
 
@@ -39,7 +39,7 @@ def test_the_form_differs_from_the_surrogate_by_little_anywhere_within_its_reach
         exact = model.query(h + x, d + y, speed)
         shares = exact.wrench / model.free_air_law.lift(speed)
         apart.append([abs(near.values(c, offsets[0])[0] - shares[c]) for c in range(6)])
-        trusts.append(abs(near.values(TRUST, offsets[0])[0] - exact.trust))
+        trusts.append(abs(near.values(TRUST, offsets[0])[0] * model.domain.at_speed(speed) - exact.trust))
         (further,) = near.values(0, offsets[0], 0.02)
         wanted = model.query(h + x, d + y + 0.02, speed).wrench[0] / model.free_air_law.lift(speed)
         assert further == pytest.approx(wanted, abs=SHARE)
@@ -77,7 +77,7 @@ def test_there_is_no_form_where_the_data_end_or_the_rotors_stand_still():
     for rpm, h, d in (
         (4000.0, c.h_near + 0.01, 0.5),
         (4000.0, 0.4, c.d_near),
-        (c.rpm_high, 0.4, 0.5),
+        (2.0 * c.rpm_high, 0.4, 0.5),
         (4000.0, 0.0, 0.5),
         (0.0, 0.4, 0.5),
     ):
