@@ -62,9 +62,9 @@ def run(a: argparse.Namespace) -> int:
     from models.vehicle import load_vehicle
     from models.vehicle_plausibility import warnings
     from replay.diagnosis.amended_model import save_amended
-    from replay.diagnosis.diagnose import diagnose
     from replay.diagnosis.model_faults import model_faults
 
+    diagnose = _diagnosis(a)
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
     chosen = None if a.model == "none" else choose(vehicle, a.model)
     model = None if chosen is None or chosen.name == "none" else chosen.model
@@ -78,6 +78,19 @@ def run(a: argparse.Namespace) -> int:
     if a.json != "-" and not a.quiet:
         _print(a, answer, faults, notes)
     return 0
+
+
+def _diagnosis(a: argparse.Namespace) -> Callable[..., Diagnosis]:
+    """``diagnose``. Where a package that it needs is not installed, a log that cannot be read is said first."""
+    try:
+        from replay.diagnosis.diagnose import diagnose
+    except ModuleNotFoundError:
+        from replay.logs.formats import read_pieces
+
+        for log in a.logs:
+            next(read_pieces(log, a.target_system), None)
+        raise
+    return diagnose
 
 
 def _check_arguments(a: argparse.Namespace) -> None:

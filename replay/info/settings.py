@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from replay.flightlog import FlightLog
+from replay.logs.formats import suffix_of
 
 ARDUPILOT, PX4 = 3, 12
 """MAV_AUTOPILOT."""
@@ -70,7 +71,7 @@ _ULG = {
 
 def change_for(log: FlightLog, quantity: str) -> str:
     """What to set so that the next log of this kind holds ``quantity``, by the autopilot's parameter names."""
-    suffix = log.path.suffix.lower()
+    suffix = suffix_of(log.path)
     if suffix == ".bin":
         return _BIN[quantity]
     if suffix == ".ulg":

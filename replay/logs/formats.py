@@ -1,5 +1,6 @@
-"""Log formats by suffix. A new one is a line here and a module with ``read(path, target_system)``.
+"""Log formats by suffix, or by content where the suffix says nothing.
 
+A new one is a line here and a module with ``read(path, target_system)``.
 A module may have ``pieces(path, target_system)`` beside it, for logs of any length within a fixed memory.
 """
 
@@ -10,6 +11,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from companion.mavlink.frames import Counts, walk
 from models.errors import LogError
 from replay.flightlog import FlightLog
 from replay.logs.pieces import Piece
@@ -17,17 +19,39 @@ from replay.logs.pieces import Piece
 READERS = {".tlog": "replay.logs.tlog_flightlog", ".bin": "replay.logs.bin", ".ulg": "replay.logs.ulg"}
 """Suffix (lower case) to the module that reads it; imported when needed."""
 
+_STARTS = {b"\xa3\x95\x80": ".bin", b"ULog\x01\x12\x35": ".ulg"}
+"""First bytes of the formats that have such: a DataFlash log begins with a FMT message."""
+_STAMP_BYTES = 8
+"""Before every frame of a .tlog."""
+_HEAD_BYTES, _FRAMES = 4096, 3
+"""So many frames with a right checksum in the first bytes are no accident."""
 _PACKED = (".gz", ".xz", ".bz2", ".zst", ".zip", ".7z")
 
 
 def suffix_of(path: Path) -> str:
-    """The known suffix of a log, or LogError."""
+    """The suffix that a log has, or should have by its content (tools name it .log, .raw, .dat); or LogError."""
     suffix = path.suffix.lower()
     if suffix not in READERS:
+        known = _by_content(path)
+        if known is not None:
+            return known
         advice = "; unpack it first" if suffix in _PACKED else ""
         what = f"'{path.suffix}'" if path.suffix else "no suffix"
         raise LogError(f"{path}: {what} is no known log format; known: {', '.join(READERS)}{advice}")
     return suffix
+
+
+def _by_content(path: Path) -> str | None:
+    try:
+        with path.open("rb") as file:
+            head = file.read(_HEAD_BYTES)
+    except OSError:
+        return None
+    for start, suffix in _STARTS.items():
+        if head.startswith(start):
+            return suffix
+    frames, _ = walk(head, Counts(), _STAMP_BYTES, whole=False)
+    return ".tlog" if len(frames) >= _FRAMES else None
 
 
 def read_flightlogs(path: Path, target_system: int | None = None) -> list[FlightLog]:

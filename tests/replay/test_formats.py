@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from log_writers import BinWriter, bin_flight, ulg_flight
 
+from companion.mavlink.dialect import mavlink
 from companion.mavlink.samples import RangeVerdict
 from models.errors import LogError
 from models.frames import euler_from_quaternion
@@ -25,6 +26,23 @@ def test_an_unknown_suffix_names_the_known_ones(tmp_path, name):
     (tmp_path / name).write_bytes(b"x")
     with pytest.raises(LogError, match=r"known: \.tlog, \.bin, \.ulg"):
         load(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["flight.log", "flight", "2024-01-01.raw"])
+def test_a_log_under_another_name_is_known_by_its_content(tmp_path, name):
+    path, mav = tmp_path / name, mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
+    path.write_bytes(bin_flight())
+    assert suffix_of(path) == ".bin"
+    (log,) = load(path)
+    assert len(log.attitude) > 150
+    path.write_bytes(ulg_flight())
+    assert suffix_of(path) == ".ulg"
+    frames = [mav.attitude_quaternion_encode(20 * k, 1, 0, 0, 0, 0, 0, 0).pack(mav) for k in range(5)]
+    path.write_bytes(b"".join((10**15 + 20_000 * k).to_bytes(8, "big") + raw for k, raw in enumerate(frames)))
+    assert suffix_of(path) == ".tlog"
+    path.write_bytes(b"".join(frames))
+    with pytest.raises(LogError, match="no known log format"):
+        suffix_of(path)
 
 
 @pytest.mark.parametrize("suffix", [".bin", ".ulg", ".tlog"])
