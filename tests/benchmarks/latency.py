@@ -1,13 +1,15 @@
 """Message in -> command out against a bare pymavlink receiver on the same stream, in one run.
 
-    python tests/benchmarks/latency.py [--seconds 20] [--rate 400 1300] [--held-to 0.1] [--json FILE]
+    python tests/benchmarks/latency.py [--seconds 20] [--rate 400 1300] [--floor] [--held-to 0.1] [--json FILE]
 
 One generator process sends a hovering vehicle's stream over loopback UDP at a steady rate. In turns, (a) a bare
 pymavlink receiver answers each ATTITUDE_QUATERNION with a fixed SET_ATTITUDE_TARGET, (b) the companion answers it with
 what it decides. Latency = the generator's clock from sending the attitude to getting the setpoint that carries its time
 stamp. CPU = the answering process's own user + system time over the wall clock. Prints a table; ratios are what counts.
-``--rate`` 1300 is what a real ArduCopter sends. ``--held-to`` 0.1 stops the companion for nine tenths of the time, in
-turns of 20 ms, as a computer of a tenth of the speed would, and prints what it answered and what it said.
+``--rate`` 1300 is what a real ArduCopter sends. ``--floor`` also measures (c) a loop that reads, checks and answers
+with the companion's own frames and nothing else, and (d) the companion with an empty decision: all is decoded, a fixed
+setpoint sent; what (b) takes beyond (d) is what deciding costs. ``--held-to`` 0.1 stops the companion for nine tenths
+of the time, in turns of 20 ms, as a computer of a tenth of the speed would; prints what it answered and what it said.
 """
 
 from __future__ import annotations
@@ -46,15 +48,56 @@ while time.monotonic() < end:
         link.mav.set_attitude_target_send(m.time_boot_ms, 1, 1, 7, [1.0, 0.0, 0.0, 0.0], 0, 0, 0, 0.5)
 """
 
+LOOP = """
+import select, socket, struct, sys, time
+from companion.mavlink.frames import only_frame, pack
+from companion.mavlink.setpoints import AttitudeCommand, encode
+_, host, port = sys.argv[1].split(":")
+link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+link.bind((host, int(port)))
+end, sequence = time.monotonic() + float(sys.argv[2]), 0
+while time.monotonic() < end:
+    if not select.select([link], [], [], 0.02)[0]:
+        continue
+    data, peer = link.recvfrom(65536)
+    frame = only_frame(data)
+    if frame is not None and frame.id == 31:
+        (boot_ms,) = struct.unpack_from("<I", frame.payload)
+        answer = AttitudeCommand(boot_ms / 1000.0, (1.0, 0.0, 0.0, 0.0), 0.5)
+        link.sendto(pack(*encode(answer, 1), 1, 191, sequence), peer)
+        sequence = (sequence + 1) % 256
+"""
+
+EMPTY = """
+import sys
+from companion import flight
+from companion.cli import main
+from companion.control.compensation import Offset
+from companion.mavlink.samples import Attitude
+from companion.mavlink.setpoints import AttitudeCommand
+from companion.pipeline import Decision
+
+def answer(state, sample, config):
+    if type(sample) is not Attitude:
+        return state, None
+    command = AttitudeCommand(sample.t_s, (1.0, 0.0, 0.0, 0.0), 0.5)
+    return state, Decision(sample.t_s, command, (), 0.0, Offset(), None, None)
+
+flight.answer, flight.settle = answer, lambda state, config: state
+sys.exit(main(["--connect", sys.argv[1], "--duration", sys.argv[2], "--quiet"]))
+"""
+FLOOR = {"loop": LOOP, "empty decision": EMPTY}
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--rate", type=float, nargs="+", default=[400.0], help="messages per second")
+    parser.add_argument("--floor", action="store_true", help="also a bare loop and an empty decision")
     parser.add_argument("--held-to", type=float, metavar="SHARE", help="also with this share of a core")
     parser.add_argument("--json", type=Path, metavar="FILE")
     a = parser.parse_args()
-    answer = {f"{rate:g}": compare(a.seconds, rate) for rate in a.rate}
+    answer = {f"{rate:g}": compare(a.seconds, rate, tuple(FLOOR) if a.floor else ()) for rate in a.rate}
     if a.held_to is not None:
         with tempfile.TemporaryDirectory() as folder:
             p50, p99, _, share, _ = measure("companion", a.seconds, a.rate[0], a.held_to, Path(folder))
@@ -69,13 +112,14 @@ def main() -> None:
         a.json.write_text(json.dumps(answer, indent=2) + "\n")
 
 
-def compare(seconds: float, rate: float) -> dict[str, float]:
-    """The two in turns at one rate: prints the table, returns the ratios companion / bare."""
+def compare(seconds: float, rate: float, floor: tuple[str, ...]) -> dict[str, float]:
+    """All in turns at one rate: prints the table, returns the ratios companion / bare."""
     print(f"{rate:g} messages/s")
-    rows = {name: measure(name, seconds, rate) for name in ("bare", "companion", "bare again", "companion again")}
-    print(f"{'':18}{'p50 ms':>9}{'p99 ms':>9}{'CPU %':>8}{'answered':>10}{'RSS MiB':>9}")
+    names = ("bare", "companion", *floor)
+    rows = {name: measure(name, seconds, rate) for name in (*names, *(f"{name} again" for name in names))}
+    print(f"{'':22}{'p50 ms':>9}{'p99 ms':>9}{'CPU %':>8}{'answered':>10}{'RSS MiB':>9}")
     for name, (p50, p99, cpu, share, rss) in rows.items():
-        print(f"{name:18}{p50:9.3f}{p99:9.3f}{cpu:8.1f}{share:10.3f}{rss:9.1f}")
+        print(f"{name:22}{p50:9.3f}{p99:9.3f}{cpu:8.1f}{share:10.3f}{rss:9.1f}")
     bare = np.mean([rows["bare"][:3], rows["bare again"][:3]], axis=0)
     ours = np.mean([rows["companion"][:3], rows["companion again"][:3]], axis=0)
     p50, p99, cpu = (float(v) for v in ours / bare)
@@ -105,8 +149,9 @@ def measure(
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     endpoint = f"udpin:127.0.0.1:{port}"
-    if name.startswith("bare"):
-        command = [sys.executable, "-c", BARE, endpoint, str(seconds + 8.0)]
+    script = {"bare": BARE, **FLOOR}.get(name.removesuffix(" again"))
+    if script is not None:
+        command = [sys.executable, "-c", script, endpoint, str(seconds + 8.0)]
     else:
         command = [
             sys.executable,
