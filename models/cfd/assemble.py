@@ -16,36 +16,16 @@ from models.cfd.campaign import Row
 from models.cfd.config import Setup
 from models.cfd.fidelity import FREE, Correction, learn
 from models.cfd.grid import spread
-from models.cfd.position import Place, Position
+from models.cfd.labels import Label, full_kind, labels
+from models.cfd.mean_error import ODD, TILT
+from models.cfd.position import Place
 from models.cfd.table import UNITS
 from models.dataset import COLUMNS
 from models.errors import ModelError
 from models.frames import AXES, Array
 
-# By the mirror plane through axis and wall normal, without swirl.
-ODD = np.array([False, True, False, True, False, True])
-# Without a wall the fan stands on an axis of symmetry: no side force, no tilt.
-TILT = np.array([True, True, False, True, True, False])
-# Variance [N^2, N^2 m^2] far below that of any row, so that two exact ones can be weighted.
+# Variance [N^2, N^2 m^2] far below that of any row.
 TINY = 1e-12
-# Worst first.
-LABELLED = ("cycling", "drifting", "averaged", "marched", "steady")
-
-
-@dataclass(frozen=True)
-class Label:
-    """What a position is labelled with, wrench and amplitude (6,) in N and N m.
-
-    ``amplitude`` is what the label leaves out: half the difference of two states, or the swing of a flow that never
-    stands still. ``error`` is that of the mean: by block averages, where they were taken; else the amplitude.
-    ``status`` of the worst case that went in; ``starts`` their number.
-    """
-
-    wrench: Array
-    amplitude: Array
-    error: Array
-    status: str
-    starts: int
 
 
 @dataclass(frozen=True)
@@ -69,15 +49,16 @@ class Law:
 class Mark:
     """How a row was made; ``amplitude``, ``scatter`` and ``sigma`` (6,) in N and N m.
 
-    ``scatter``: error of the flow's mean and of the mesh, which differs from row to row. ``sigma``: with it what full
-    models differ by where none was solved, and what the law of rotor speed leaves.
+    ``scatter``: error of the flow's mean and of the mesh, which differs from row to row. ``sigma``: with it what half
+    models with their correction miss, as far as the row rests on them, and what the law of rotor speed leaves.
+    ``share`` (6,): weight of the full model's own mean in the row, 0 to 1; the rest is a half model with what full
+    models at other places add (nothing where that cannot be learnt).
 
-    ``even`` (Fx, Fz, My): ``solved`` in a full model with swirl (``solved_NAME``: of a variant of the fan), where it
-    swings weighted with what ``corrected`` gives without it;
-    ``corrected``: a half model and what full models add, learnt at other positions; ``half``: a half model alone;
-    ``law``: from the campaign's speed by the law of rotor speed. ``odd`` (Fy, Mx, Mz): ``solved`` in a full model at
-    that speed, ``law``, ``filled`` by what is learnt at other positions, or zero by the ``symmetry`` of half models.
-    Components for which nothing can be learnt are those of the half model in every row.
+    ``even`` (Fx, Fz, My): ``solved`` in a full model with swirl (``solved_NAME``: of a variant of the fan);
+    ``corrected``: a half model and what full models add, at that place at the campaign's speed or else learnt at other
+    places; ``half``: a half model alone; ``law``: from the campaign's speed by the law of rotor speed. ``odd`` (Fy, Mx,
+    Mz): ``solved`` in a full model at that speed, ``law``, ``filled`` by what is learnt at other positions, or zero by
+    the ``symmetry`` of half models.
     """
 
     even: str
@@ -87,6 +68,7 @@ class Mark:
     amplitude: Array
     scatter: Array
     sigma: Array
+    share: Array
 
 
 @dataclass(frozen=True)
@@ -97,53 +79,6 @@ class Assembled:
     marks: tuple[Mark, ...]
     law: Law
     correction: Correction
-
-
-Kind = tuple[str, float, str]
-"""Model, level of the mesh and variant."""
-HALF: Kind = ("half", 1.0, "")
-
-
-def kind_of(position: Position) -> Kind:
-    """Kind of a case."""
-    return position.model, position.level, position.variant
-
-
-def full_kind(rows: Sequence[Row], rpm: float) -> Kind:
-    """The kind of full model that was computed at most positions; the fan itself where two are equal."""
-    places: dict[Kind, set[Place]] = {}
-    for row in rows:
-        if row.position.model == "full" and row.position.rpm == rpm and row.result.status in LABELLED:
-            places.setdefault(kind_of(row.position), set()).add(row.position.place)
-    return max(places, key=lambda kind: (len(places[kind]), not kind[2], kind[1]), default=("full", 1.0, ""))
-
-
-def labels(rows: Sequence[Row], rpm: float, kind: Kind = HALF) -> dict[Place, Label]:
-    """The label of every position computed in one kind of case at one speed; diverged cases give none."""
-    out: dict[Place, Label] = {}
-    found: dict[Place, list[Row]] = {}
-    for row in rows:
-        p = row.position
-        if kind_of(p) == kind and p.rpm == rpm and row.result.status in LABELLED:
-            found.setdefault(p.place, []).append(row)
-    for place, states in found.items():
-        wrenches = np.array([r.result.wrench for r in states])
-        # A drift dies out over about a hundred iterations, twice the span it is taken over.
-        swing = np.max([np.maximum(r.result.swing, 2 * np.array(r.result.drift)) for r in states], axis=0)
-        apart = np.ptp(wrenches, axis=0) / 2
-        amplitude = np.maximum(apart, swing)
-        means = np.array([r.result.error for r in states])
-        error = np.maximum(apart, np.where(np.isnan(means).any(axis=0), swing, means.max(axis=0)))
-        wrench = np.where(ODD & (kind[0] == "half"), 0.0, wrenches.mean(axis=0))
-        if math.isinf(place[1]):
-            # The mirrored state is a solution as well: the mean of the two is zero, half their difference the state.
-            amplitude = np.where(TILT, np.maximum(np.abs(wrench), amplitude), amplitude)
-            error = np.where(TILT, np.maximum(np.abs(wrench), error), error)
-            wrench = np.where(TILT, 0.0, wrench)
-        found_status = {r.result.status for r in states}
-        status = next(s for s in LABELLED if s in found_status)
-        out[place] = Label(wrench, amplitude, error, status, len(states))
-    return out
 
 
 def assemble(rows: Sequence[Row], setup: Setup) -> Assembled:
@@ -159,7 +94,40 @@ def assemble(rows: Sequence[Row], setup: Setup) -> Assembled:
     return Assembled(np.array(table), tuple(marks), maker.law, maker.correction)
 
 
-_Part = tuple[Array, Array, Array, Label]
+@dataclass(frozen=True)
+class _Part:
+    """What a place adds to free air at one speed, by one way; all but status and starts (6,), as in ``Mark``.
+
+    ``error`` is sigma without the mesh.
+    """
+
+    added: Array
+    amplitude: Array
+    scatter: Array
+    error: Array
+    share: Array
+    status: str
+    starts: int
+
+    @classmethod
+    def of(cls, label: Label, added: Array, error: Array, share: float) -> _Part:
+        """From one case's label."""
+        return cls(added, label.amplitude, label.error, error, np.full(6, share), label.status, label.starts)
+
+    def weighted(self, other: _Part, used: NDArray[np.bool_]) -> _Part:
+        """This and another, by their errors; components not ``used`` (6,) are the other's."""
+        one, two = self.error**2, other.error**2
+        weight = np.where(used, np.where(one > 0.0, two / np.maximum(one + two, TINY), 1.0), 0.0)
+        rest = 1.0 - weight
+        return _Part(
+            weight * self.added + rest * other.added,
+            weight * self.amplitude + rest * other.amplitude,
+            np.hypot(weight * self.scatter, rest * other.scatter),
+            np.hypot(weight * self.error, rest * other.error),
+            weight * self.share + rest * other.share,
+            self.status,
+            self.starts,
+        )
 
 
 class _Maker:
@@ -180,8 +148,8 @@ class _Maker:
         self.correction = correction(self.full[c.rpm], self.half[c.rpm])
         self.mesh = spread(rows, setup).increment
         self.places = sorted(self.half[c.rpm] | self.full[c.rpm])
-        # Full models among half ones would be steps: components enter the set where their difference can be learnt.
-        self.mixed = self.correction.learnt
+        # Full models among half ones would be steps, unless their difference is learnt or all places have one.
+        self.mixed = self.correction.learnt | np.full(6, all(p in self.full[c.rpm] for p in self.places))
         # Free air of a variant is another fan's.
         half, full = (of[c.rpm][FREE].wrench if FREE in of[c.rpm] else np.zeros(6) for of in (self.half, self.full))
         self.base = half if self.variant else np.where(self.mixed, full, half)
@@ -201,53 +169,59 @@ class _Maker:
             raise ModelError(
                 f"no case at h = {place[0]:g} R, d = {place[1]:g} R and {self.rpm:g} rpm; run the campaign on"
             )
-        added, amplitude, error, label = part
-        if math.isinf(place[1]):
-            added = np.where(TILT, 0.0, added)
-        square = (rpm / self.rpm) ** 2
-        scatter, sigma = (np.hypot(self.mesh * square, e) for e in (label.error, error))
+        # Without a wall zero is exact.
+        free_of = TILT & math.isinf(place[1])
+        added = np.where(free_of, 0.0, part.added)
+        mesh = self.mesh * (rpm / self.rpm) ** 2
+        scatter, sigma = (np.where(free_of, 0.0, np.hypot(mesh, e)) for e in (part.scatter, part.error))
         even, odd = self._made_even(place, rpm), self._made_odd(place, rpm)
-        return self.free(rpm) + added, Mark(even, odd, label.status, label.starts, amplitude, scatter, sigma)
+        mark = Mark(even, odd, part.status, part.starts, part.amplitude, scatter, sigma, part.share)
+        return self.free(rpm) + added, mark
 
     def _full(self, place: Place, rpm: float) -> _Part | None:
-        """Increment, amplitude, error (6,) and label of a full model, where it counts.
+        """By the full model at that place and speed, where it counts.
 
-        A full model that swings is not known better than a half model and what others add to it: both means are
+        Its mean is not known better than a half model and what others add to it where the flow swings: both are
         weighted by their errors.
         """
         if not self._solved(place, rpm):
             return None
         label = self.full[rpm][place]
-        added = label.wrench - self.full[rpm][FREE].wrench
+        solved = _Part.of(label, label.wrench - self.full[rpm][FREE].wrench, label.error, 1.0)
         other = self._half(place, rpm, alone=True) or self._by_law(place, rpm, alone=True)
-        if place == FREE or other is None:
-            return added, label.amplitude, label.error, label
-        one, two = label.error**2 + TINY, other[2] ** 2 + TINY
-        share = np.where(self.mixed, two / (one + two), 0.0)
-        added, amplitude = (share * x + (1 - share) * y for x, y in ((added, other[0]), (label.amplitude, other[1])))
-        error, scatter = (np.sqrt(share**2 * one + (1 - share) ** 2 * e) for e in (two, other[3].error ** 2))
-        return added, amplitude, error, replace(label, error=scatter)
+        return solved if place == FREE or other is None else solved.weighted(other, self.mixed)
 
     def _half(self, place: Place, rpm: float, alone: bool = False) -> _Part | None:
-        """The same of a half model at that speed, with what full models add; ``alone``: those at other places."""
+        """By a half model at that speed, with what full models add; ``alone``: those at other places."""
         if place not in self.half[rpm]:
             return None
         label, square = self.half[rpm][place], (rpm / self.rpm) ** 2
+        added = label.wrench - self.half[rpm][FREE].wrench
+        whole = None if alone or rpm == self.rpm or place not in self.half[self.rpm] else self._full(place, self.rpm)
+        if whole is not None:
+            usual = self.half[self.rpm][place]
+            change = whole.added - (usual.wrench - self.half[self.rpm][FREE].wrench)
+            scatter, error = (np.hypot(label.error, square * e) for e in (whole.scatter, whole.error))
+            return replace(whole, added=added + square * change, scatter=scatter, error=error, status=label.status)
         change = self.correction.left_out(place) if alone else self.correction.at(place)
-        added = label.wrench - self.half[rpm][FREE].wrench + square * change
-        return added, label.amplitude, np.hypot(label.error, square * self.correction.error_at(place)), label
+        error = np.hypot(label.error, square * self.correction.error_at(place))
+        return _Part.of(label, added + square * change, error, 0.0)
 
     def _by_law(self, place: Place, rpm: float, alone: bool = False) -> _Part | None:
-        """The same from the campaign's speed; None without a half model where that is asked ``alone``."""
+        """From the campaign's speed; None without a half model where that is asked ``alone``."""
         half = self._half(place, self.rpm, alone)
         base = half if alone else self._full(place, self.rpm) or half
         if base is None:
             return None
-        added, amplitude, error, label = base
         square = (rpm / self.rpm) ** 2
         scale = square * (rpm / self.rpm) ** self.law.exponent
-        moved = replace(label, error=label.error * scale)
-        return added * scale, amplitude * scale, np.hypot(error * scale, self.law.left * square), moved
+        return replace(
+            base,
+            added=base.added * scale,
+            amplitude=base.amplitude * scale,
+            scatter=base.scatter * scale,
+            error=np.hypot(base.error * scale, self.law.left * square),
+        )
 
     def _solved(self, place: Place, rpm: float) -> bool:
         """Whether a full model gives the row; free air of a variant does not count."""
@@ -274,13 +248,8 @@ class _Maker:
 
 
 def correction(full: Mapping[Place, Label], half: Mapping[Place, Label]) -> Correction:
-    """What full models add to half ones, from the labels of both. Zeros by symmetry are exact."""
-
-    def doubt(place: Place) -> Array:
-        error = np.hypot(full[place].error, half[place].error)
-        return np.where(TILT, 0.0, error) if math.isinf(place[1]) else error
-
-    error = {p: doubt(p) for p in full if p in half}
+    """What full models add to half ones, from the labels of both."""
+    error = {p: np.hypot(full[p].error, half[p].error) for p in full if p in half}
     return learn({p: label.wrench for p, label in full.items()}, {p: label.wrench for p, label in half.items()}, error)
 
 
@@ -348,10 +317,11 @@ def write_marks(path: Path, made: Assembled) -> None:
             *(f"amplitude_{n}" for n in names),
             *(f"scatter_{n}" for n in names),
             *(f"sigma_{n}" for n in names),
+            *(f"share_{a}" for a in AXES),
         ]
     )
     for row, mark in zip(made.table, made.marks, strict=True):
-        numbers = [f"{v:.3g}" for v in (*mark.amplitude, *mark.scatter, *mark.sigma)]
+        numbers = [f"{v:.3g}" for v in (*mark.amplitude, *mark.scatter, *mark.sigma, *mark.share)]
         out.writerow([*(f"{v:.6g}" for v in row[:3]), mark.even, mark.odd, mark.status, mark.starts, *numbers])
     path.write_text(text.getvalue(), encoding="utf-8")
 

@@ -114,8 +114,9 @@ def load(folder: Path, position: Position) -> Row | None:
         return None
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        for name in ("wrench", "swing", "drift", "parts", "error"):
-            content[name] = tuple(float("nan") if v is None else float(v) for v in content[name])
+        for name in ("wrench", "swing", "drift", "parts", "error", "iterated", "iterated_error"):
+            if name in content:
+                content[name] = tuple(float("nan") if v is None else float(v) for v in content[name])
         return Row(position, Result(**content))
     except (ValueError, TypeError, KeyError) as error:
         raise ConfigError(

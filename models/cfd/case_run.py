@@ -31,6 +31,9 @@ LEAST_CHUNKS = 5
 SPEED_POWER = {"U": 1, "phi": 1, "p": 2, "k": 2, "omega": 1, "nut": 1}
 
 
+UNKNOWN = (math.nan,) * 6
+
+
 @dataclass(frozen=True)
 class Result:
     """What a case gave. N, N m, corner frame, one fan.
@@ -38,7 +41,8 @@ class Result:
     ``wrench`` (6,) mean over the last two chunks, of a flow that swings on over everything marched but the first chunk;
     ``swing`` (6,) half of its peak-to-peak there; ``drift`` (6,) change of the mean between the halves; ``error`` (6,)
     standard error of the mean by block averages, nan where it is not known. ``parts``: Fz of upper disc, lower disc,
-    duct with hub [N].
+    duct with hub [N]. ``iterated`` (6,), of a flow that was marched in time: mean over the last two chunks of
+    iterations before; ``iterated_error`` its swing there or twice its drift, the larger; nan of all others.
     """
 
     wrench: tuple[float, ...]
@@ -54,7 +58,9 @@ class Result:
     seconds: float
     start: str
     note: str = ""
-    error: tuple[float, ...] = (math.nan,) * 6
+    error: tuple[float, ...] = UNKNOWN
+    iterated: tuple[float, ...] = UNKNOWN
+    iterated_error: tuple[float, ...] = UNKNOWN
 
 
 @dataclass
@@ -313,6 +319,7 @@ class _Case:
             last = self._window()
         drift, swing = _moves(last)
         parts = np.mean(self.samples.parts[-len(last) :], axis=0)
+        iterated, iterated_error = self._iterated()
         return Result(
             wrench=_floats(last.mean(axis=0)),
             swing=_floats(swing),
@@ -325,8 +332,20 @@ class _Case:
             seconds=self.seconds,
             start=self.start,
             note=note,
-            error=_floats(error_of_mean(last)) if status in ("averaged", "cycling") and self.steps else (math.nan,) * 6,
+            error=_floats(error_of_mean(last)) if status in ("averaged", "cycling") and self.steps else UNKNOWN,
+            iterated=iterated,
+            iterated_error=iterated_error,
         )
+
+    def _iterated(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Mean and error of the iterations before a march in time."""
+        solver = self.setup.solver
+        before = [w for at, w in zip(self.samples.at, self.samples.wrench, strict=True) if at <= self.iterations]
+        last = np.array(before[-2 * solver.chunk // solver.sample_every :])
+        if not self.steps or len(last) < 2:
+            return UNKNOWN, UNKNOWN
+        drift, swing = _moves(last)
+        return _floats(last.mean(axis=0)), _floats(np.maximum(swing, 2 * drift))
 
     # Keeping
 

@@ -12,25 +12,13 @@ from typing import Any
 import numpy as np
 
 from models.cfd import axisymmetric
-from models.cfd.assemble import (
-    HALF,
-    Assembled,
-    Kind,
-    Label,
-    Law,
-    assemble,
-    ceilings,
-    correction,
-    fit_law,
-    full_kind,
-    kind_of,
-    labels,
-)
+from models.cfd.assemble import Assembled, Law, assemble, ceilings, correction, fit_law
 from models.cfd.axisymmetric import Series
 from models.cfd.campaign import Row
 from models.cfd.config import Setup
 from models.cfd.fidelity import FREE, Correction
 from models.cfd.grid import Study, spread
+from models.cfd.labels import HALF, Kind, Label, full_kind, kind_of, labels
 from models.cfd.position import Place
 from models.errors import ModelError
 from models.frames import AXES, Array

@@ -2,7 +2,8 @@
 
 Zero-mean Gaussian process on the difference of the increments over free air (Kennedy and O'Hagan 2000, with the scale
 of the cheap model kept at one). Its prior fades to nothing as the ground goes away, where full and half models agree
-(the places computed both ways say how well). A difference counts the less, the worse its own mean is known. The error
+(the places computed both ways say how well); that of side force and tilt with the wall as well, without which there is
+none. A difference counts the less, the worse its own mean is known. The error
 is that of full models left out, with length, fading and noise chosen without them; where it is not less than without a
 correction, by two standard errors, the half model stays as it is.
 """
@@ -16,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from models.cfd.mean_error import TILT
 from models.cfd.position import Place, near
 from models.frames import AXES, Array
 
@@ -31,6 +33,12 @@ SIGNIFICANT = 2.0
 """Standard errors by which the correction must miss less than the half model alone."""
 LEAST_FADE = 1e-3
 """The prior without ground over that at h = 1 R: above zero, so that a set without any ground can be learnt."""
+APART = 0.08
+"""Places nearer than this, in the same coordinates, are left out together; 1 R and 1.25 R are 0.1 apart."""
+TINY = 1e-12
+"""Variance [N^2, N^2 m^2] far below that of any place."""
+TOGETHER = 0.5
+"""Share of the error of a side force or tilt that neighbours have in common, over ``NEAR``."""
 NEAR = 0.3
 """Width, in the same coordinates, over which errors of places left out are averaged; 2 R and 1 R are 0.27 apart."""
 
@@ -79,13 +87,26 @@ class Correction:
         return _rms(self.change)
 
     def error_at(self, place: Place) -> Array:
-        """Error (6,) at a place: rms over places left out, with ground or without as it is, near ones counting most."""
+        """Error (6,) at a place: what is missed at places left out, beyond the error of the full models' means there.
+
+        Taken over the shape of the prior, with ground or without as the place is, near and well known ones counting
+        most. The estimate's own error is added: full models of which little is known do not speak for the half model.
+        """
         if place == FREE or not self.places:
             return np.zeros(6)
-        weight = _rbf(near(place)[None, :], _coordinates(self.places), NEAR)[0] + np.finfo(float).tiny
+        x, here = _coordinates(self.places), near(place)[None, :]
         alike = np.array([math.isinf(p[0]) == math.isinf(place[0]) for p in self.places])
+        weight = _rbf(here, x, NEAR)[0] + np.finfo(float).tiny
         weight = np.where(alike, weight, 0.0) if alike.any() else weight
-        out: Array = np.sqrt(weight @ self.missed**2 / weight.sum())
+        shape, there = (np.stack([_fade(at, 1, bool(wall)) for wall in TILT], axis=1) for at in (x, here))
+        squares = np.where(shape > 0.0, shape**2, np.inf)
+        missed, known = self.missed**2 / squares, self.error_of_change**2 / squares
+        usual = weight @ self.missed**2 / np.maximum(weight @ shape**2, np.finfo(float).tiny)
+        # A variance is known to a variance of twice its square.
+        share = np.where(shape > 0.0, weight[:, None], 0.0) / (known + usual + TINY) ** 2
+        share /= np.maximum(share.sum(axis=0), np.finfo(float).tiny)
+        excess, doubt = (share * (missed - known)).sum(axis=0), np.sqrt(2.0 * ((share * known) ** 2).sum(axis=0))
+        out: Array = there[0] * np.sqrt(np.maximum(excess, 0.0) + doubt)
         return out
 
     @property
@@ -132,7 +153,7 @@ def learn(
     for k in range(len(AXES)):
         data = _data(bare, k)
         left_out = data.left_out()
-        gain = change[:, k] ** 2 - left_out**2
+        gain = (change[:, k] ** 2 - left_out**2) * data.weight
         sure = np.mean(gain) > SIGNIFICANT * np.std(gain, ddof=1) / math.sqrt(len(gain))
         if sure or not np.any(change[:, k]):
             missed[:, k], choice[k] = left_out, data.choose()
@@ -141,50 +162,76 @@ def learn(
 
 @dataclass(frozen=True)
 class _Data:
-    """One component's differences ``y`` (n,) with the error of their means, at coordinates ``x`` (n, 2)."""
+    """One component's differences ``y`` (n,) with the error of their means, at coordinates ``x`` (n, 2).
+
+    ``wall``: whether it takes a wall, as side force and tilt do.
+    """
 
     x: Array
     y: Array
     error: Array
+    wall: bool
 
     def predict(self, at: Array, choice: Choice) -> Array:
         """Mean (m,) at coordinates (m, 2)."""
         if choice.nothing or not np.any(self.y):
             return np.zeros(len(at))
-        out: Array = _kernel(at, self.x, choice) @ np.linalg.solve(self._covariance(choice), self.y)
+        out: Array = _kernel(at, self.x, choice, self.wall) @ np.linalg.solve(self._covariances([choice])[0], self.y)
         return out
 
     def choose(self) -> Choice:
-        """The choice with the least error at points left out one at a time; doubtful points count less."""
-        weight = 1.0 / (np.mean(self.y**2) + self.error**2 + np.finfo(float).tiny)
-        return min(CHOICES, key=lambda choice: float(weight @ self._leave_one_out(choice) ** 2))
+        """The choice with the least error at points left out one at a time; doubtful points count less.
+
+        Residuals of a process that does not know the point: Rasmussen and Williams 2006, eq. 5.12.
+        """
+        if not np.any(self.y):
+            return CHOICES[0]
+        learning = [choice for choice in CHOICES if not choice.nothing]
+        inverse = np.linalg.inv(self._covariances(learning))
+        residuals = inverse @ self.y / np.diagonal(inverse, axis1=1, axis2=2)
+        left = residuals**2 @ self.weight
+        best = int(np.argmin(left))
+        return learning[best] if left[best] < self.y**2 @ self.weight else NOTHING
+
+    @property
+    def weight(self) -> Array:
+        """How much a point (n,) counts where errors are compared: doubtful ones less."""
+        out: Array = 1.0 / (np.mean(self.y**2) + self.error**2 + np.finfo(float).tiny)
+        return out
 
     def left_out(self) -> Array:
-        """Residuals (n,) at each point, of processes that are chosen without it as well."""
+        """Residuals (n,) at each point, of processes that know neither it nor its neighbours, nor were chosen by them.
+
+        A case starts from the state of a neighbour: where the flow tips over, it tips to the same side.
+        """
         misses = []
         for i in range(len(self.y)):
-            rest = np.arange(len(self.y)) != i
-            known = _Data(self.x[rest], self.y[rest], self.error[rest])
+            rest = np.sum((self.x - self.x[i]) ** 2, axis=1) > APART**2
+            known = _Data(self.x[rest], self.y[rest], self.error[rest], self.wall)
             misses.append(self.y[i] - known.predict(self.x[[i]], known.choose())[0])
         return np.array(misses)
 
-    def _leave_one_out(self, choice: Choice) -> Array:
-        """Residuals (n,) of a process that does not know the point (Rasmussen and Williams 2006, eq. 5.12)."""
-        if choice.nothing or not np.any(self.y):
-            return self.y
-        inverse = np.linalg.inv(self._covariance(choice))
-        out: Array = inverse @ self.y / np.diag(inverse)
-        return out
+    def _covariances(self, choices: Sequence[Choice]) -> Array:
+        """Each (n, n), over the prior's variance at h = 1 R, which is that of the differences over what fading leaves.
 
-    def _covariance(self, choice: Choice) -> Array:
-        """Over the prior's variance at h = 1 R, which is that of the differences over what fading leaves of it."""
-        variance = np.sum(self.y**2) / np.sum(_fade(self.x, choice.power) ** 2)
-        out: Array = _kernel(self.x, self.x, choice) + np.diag(choice.noise + self.error**2 / variance)
+        A case starts from the state of a neighbour: where the flow tips over, their errors have the same sign.
+        """
+        count, square = len(self.y), np.sum(self.y**2)
+        apart = np.sum((self.x[:, None, :] - self.x[None, :, :]) ** 2, axis=2)
+        near_by = {length: np.exp(-0.5 * apart / length**2) for length in (*LENGTHS, NEAR)}
+        alike = (1.0 - TOGETHER) * np.eye(count) + TOGETHER * near_by[NEAR] if self.wall else np.eye(count)
+        error = self.error[:, None] * alike * self.error[None, :]
+        out = np.empty((len(choices), count, count))
+        for i, choice in enumerate(choices):
+            fade = _fade(self.x, choice.power, self.wall)
+            prior = fade[:, None] * near_by[choice.length] * fade[None, :]
+            out[i] = prior + choice.noise * np.eye(count) + error * (np.sum(fade**2) / square)
         return out
 
 
 def _data(correction: Correction, k: int) -> _Data:
-    return _Data(_coordinates(correction.places), correction.change[:, k], correction.error_of_change[:, k])
+    x, wall = _coordinates(correction.places), bool(TILT[k])
+    return _Data(x, correction.change[:, k], correction.error_of_change[:, k], wall)
 
 
 def _rms(values: Array) -> Array:
@@ -202,12 +249,13 @@ def _rbf(a: Array, b: Array, length: float) -> Array:
     return out
 
 
-def _fade(x: Array, power: int) -> Array:
-    """Prior standard deviation (n,) over that at h = 1 R."""
+def _fade(x: Array, power: int, wall: bool) -> Array:
+    """Prior standard deviation (n,) over that at h = 1 R; of what takes a wall, times 1 / (0.5 + d)."""
     out: Array = np.maximum((x[:, 0] / near((1.0, math.inf))[0]) ** power, LEAST_FADE)
-    return out
+    return out * x[:, 1] if wall else out
 
 
-def _kernel(a: Array, b: Array, choice: Choice) -> Array:
-    out: Array = _fade(a, choice.power)[:, None] * _rbf(a, b, choice.length) * _fade(b, choice.power)[None, :]
+def _kernel(a: Array, b: Array, choice: Choice, wall: bool) -> Array:
+    left, right = (_fade(x, choice.power, wall) for x in (a, b))
+    out: Array = left[:, None] * _rbf(a, b, choice.length) * right[None, :]
     return out

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from models import paper_page
-from models.cfd.assemble import Label
 from models.cfd.check import GROUND_LIMIT, WALL_LIMIT, Checked, text
 from models.cfd.config import Setup
 from models.cfd.fidelity import FREE
+from models.cfd.labels import Label
 from models.cfd.position import Place
 from models.paper_page import Entry
 

@@ -23,6 +23,8 @@ COLUMNS = (
     *(f"drift_{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)),
     *(f"Fz_{part}_N" for part in PARTS),
     *(f"error_{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)),
+    *(f"iterated_{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)),
+    *(f"iterated_error_{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)),
     *("cells", "iterations", "steps", "seconds", "start", "note"),
 )
 
@@ -33,7 +35,7 @@ def write(path: Path, rows: Sequence[Row]) -> None:
     out = csv.writer(text, lineterminator="\n")
     out.writerow(COLUMNS)
     for p, r in ((row.position, row.result) for row in rows):
-        numbers = (*r.wrench, *r.swing, *r.drift, *r.parts, *r.error)
+        numbers = (*r.wrench, *r.swing, *r.drift, *r.parts, *r.error, *r.iterated, *r.iterated_error)
         out.writerow(
             [
                 *(p.model, p.variant, f"{p.h:g}", f"{p.d:g}", f"{p.rpm:g}", f"{p.level:g}", p.approach),
@@ -92,5 +94,7 @@ def _row(cell: dict[str, str]) -> Row:
             start=cell["start"],
             note=cell["note"],
             error=six("error_"),
+            iterated=six("iterated_"),
+            iterated_error=six("iterated_error_"),
         ),
     )

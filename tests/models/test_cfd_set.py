@@ -13,12 +13,13 @@ import pytest
 
 from models import dataset
 from models.cfd import axisymmetric, campaign, config, table
-from models.cfd.assemble import assemble, ceilings, full_kind, labels, write_data, write_marks
+from models.cfd.assemble import assemble, ceilings, write_data, write_marks
 from models.cfd.averages import error_of_mean
 from models.cfd.campaign import Row
 from models.cfd.case_run import Result
 from models.cfd.check import AGREES, DISAGREES, check, text
 from models.cfd.grid import spread
+from models.cfd.labels import full_kind, labels
 from models.cfd.position import Position, near
 from models.cli import main
 from models.errors import ModelError
@@ -46,7 +47,8 @@ def wrench(position: Position) -> np.ndarray:
         out[k] *= ratio ** (2 + a)
     out[2] += 22.6 * ratio ** (2 + FREE_EXPONENT) * (1 + (0.0 if position.swirl else 0.01) * (position.level - 1.0))
     if position.swirl:
-        out += [0.0, 0.05 * position.d if math.isfinite(position.d) else 0.4, 0.0, 0.01, 0.0, 0.03]
+        wall = math.isfinite(position.d)
+        out += [0.0, 0.05 * math.exp(1.0 - position.d), 0.0, 0.01 * wall, 0.0, 0.03]
     return out
 
 
@@ -189,7 +191,7 @@ def test_the_ceiling_of_r2_is_what_rows_of_that_scatter_allow(rows):
     spread_fx = 0.2
 
     def scattered(r):
-        if r.position.place in ((INF, INF), *SETUP.campaign.grid_at):
+        if math.isinf(r.position.d) or r.position.place in SETUP.campaign.grid_at:
             return r
         fx = r.result.wrench[0] + spread_fx * rng.normal() * (r.position.rpm / 4000) ** 2
         known = {"wrench": (fx, *r.result.wrench[1:]), "error": (spread_fx * (r.position.rpm / 4000) ** 2, *(0.0,) * 5)}
