@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from models.cfd import axisymmetric
+from models.cfd import axisymmetric, marched
 from models.cfd.assemble import Assembled, Law, assemble, ceilings, correction, fit_law
 from models.cfd.axisymmetric import Series
 from models.cfd.campaign import Row
@@ -19,6 +19,7 @@ from models.cfd.config import Setup
 from models.cfd.fidelity import FREE, Correction
 from models.cfd.grid import Study, spread
 from models.cfd.labels import HALF, Kind, Label, full_kind, kind_of, labels
+from models.cfd.marched import Compared
 from models.cfd.position import Place
 from models.errors import ModelError
 from models.frames import AXES, Array
@@ -59,6 +60,7 @@ class Checked:
     full_law: Law | None
     statements: tuple[Statement, ...]
     correction: Correction
+    means: tuple[Compared, ...]
     ceilings: tuple[Array, Array] | None
     wedges: tuple[Series, ...]
     summary: dict[str, Any]
@@ -101,6 +103,7 @@ def check(rows: Sequence[Row], setup: Setup) -> Checked:
         full_law=_full_law(rows, setup, kind),
         statements=(),
         correction=correction(full, half),
+        means=tuple(marched.compared(rows, c.rpm, kind, full, half)),
         ceilings=ceilings(whole) if whole is not None else None,
         wedges=tuple(axisymmetric.series(rows)),
         summary={},
@@ -171,6 +174,10 @@ def _summary(rows: Sequence[Row], c: Checked, said: Sequence[Statement]) -> dict
             "corrected_misses": _by_axis(c.correction.error),
             "learnt": [a for a, learnt in zip(AXES, c.correction.learnt, strict=True) if learnt],
         },
+        "means": [
+            {"of": m.name, "places": m.count, **{n: _by_axis(getattr(m, n)) for n in ("missed", "stated", "known")}}
+            for m in c.means
+        ],
         "r2_ceiling": _ceilings(c.ceilings),
         "wedges": [asdict(s) for s in c.wedges],
         "agreement": [asdict(s) for s in said],
@@ -198,7 +205,7 @@ def _law(law: Law | None) -> dict[str, Any] | None:
 def _ceilings(found: tuple[Array, Array] | None) -> dict[str, dict[str, float]] | None:
     if found is None:
         return None
-    return dict(zip(("rows", "full_models"), (_by_axis(v, odd=False) for v in found), strict=True))
+    return dict(zip(("rows", "full_models"), (_by_axis(v) for v in found), strict=True))
 
 
 def _quartiles(values: Sequence[float]) -> list[float]:
@@ -486,9 +493,10 @@ def text(c: Checked) -> str:
             + f"; corrected and left out by {_listed(c.correction.error)}; "
             f"learnt: {learnt}"
         )
+    lines += marched.text(c.means)
     if c.ceilings is not None:
         for ceiling, against in zip(c.ceilings, ("against these rows", "against full models"), strict=True):
-            by = ", ".join(f"{a} {v:.3f}" for a, v in zip(AXES[::2], ceiling[::2], strict=True))
+            by = ", ".join(f"{a} {v:.3f}" for a, v in zip(AXES, ceiling, strict=True))
             lines.append(f"R2 of increments that a perfect surrogate of this set reaches {against}: {by}")
     lines += axisymmetric.text(c.wedges)
     lines.append("")
