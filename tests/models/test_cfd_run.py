@@ -80,6 +80,10 @@ def test_a_case_that_moves_is_marched_in_time(tmp_path, solver):
     assert (marched.status, marched.iterations) == ("marched", left.iterations)
     assert marched.steps >= 2 * SETUP.solver.march_chunk
     assert marched.swing[2] < 0.01
+    # What the iterations gave is kept beside it, so that the two can be compared.
+    assert marched.iterated == pytest.approx(left.wrench)
+    assert marched.iterated_error == pytest.approx(np.maximum(left.swing, 2 * np.array(left.drift)))
+    assert np.isnan(left.iterated).all()
 
 
 def test_a_flow_that_swings_on_is_marched_until_its_mean_is_known(tmp_path, solver):
