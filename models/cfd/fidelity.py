@@ -34,7 +34,7 @@ SIGNIFICANT = 2.0
 LEAST_FADE = 1e-3
 """The prior without ground over that at h = 1 R: above zero, so that a set without any ground can be learnt."""
 APART = 0.08
-"""Places nearer than this, in the same coordinates, are left out together; 1 R and 1.25 R are 0.1 apart."""
+"""Where a wall counts, places nearer than this, in the same coordinates, are left out together."""
 TINY = 1e-12
 """Variance [N^2, N^2 m^2] far below that of any place."""
 TOGETHER = 0.5
@@ -200,13 +200,15 @@ class _Data:
         return out
 
     def left_out(self) -> Array:
-        """Residuals (n,) at each point, of processes that know neither it nor its neighbours, nor were chosen by them.
+        """Residuals (n,) at each point, of processes that do not know it, nor were chosen by it.
 
-        A case starts from the state of a neighbour: where the flow tips over, it tips to the same side.
+        Nor by its neighbours, where a wall counts: a case starts from the state of a neighbour, and where the flow tips
+        over, it tips to the same side.
         """
         misses = []
         for i in range(len(self.y)):
-            rest = np.sum((self.x - self.x[i]) ** 2, axis=1) > APART**2
+            apart = np.sum((self.x - self.x[i]) ** 2, axis=1)
+            rest = (apart > APART**2) if self.wall else np.arange(len(self.y)) != i
             known = _Data(self.x[rest], self.y[rest], self.error[rest], self.wall)
             misses.append(self.y[i] - known.predict(self.x[[i]], known.choose())[0])
         return np.array(misses)
