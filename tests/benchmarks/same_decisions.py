@@ -6,7 +6,7 @@
 Run the first in one checkout and the second in another. Every log is flown by the hold with setpoints switched on; with
 an upstream controller where the log holds one's setpoints; and with adopted effects where its name tells of a ceiling.
 Prints for each log whether all decisions are equal to the last bit, else the largest difference as a share of the
-number (of 1 where the number is smaller).
+number (of 1 where the number is smaller; bytes of an encoded setpoint are numbers too), and that of the offsets.
 """
 
 from __future__ import annotations
@@ -38,6 +38,8 @@ from replay.rerun.harness import Replay
 from replay.rerun.log_samples import samples_of
 
 _CLOSE = 1e-9
+_THRUST, _TILTS = 3, (4, 5)
+"""Places of the offset in ``numbers``."""
 _CEILING = (AdoptedEffect("ceiling", {"gain": 1.0, "scale": 1.0}), AdoptedEffect("thrust_scale", {"scale": 0.05}))
 
 
@@ -117,6 +119,14 @@ def difference(new: np.ndarray, old: np.ndarray) -> float:
     return float(np.max(np.where((new == old) | (np.isnan(new) & np.isnan(old)), 0.0, apart), initial=0.0))
 
 
+def offsets_apart(new: np.ndarray, old: np.ndarray, lengths: np.ndarray) -> tuple[float, float]:
+    """Largest difference of the offsets applied: thrust as a share of full throttle, tilt [deg]."""
+    first = np.cumsum(lengths) - lengths
+    apart = np.abs(new - old)
+    tilt = max(apart[first + place].max(initial=0.0) for place in _TILTS)
+    return float(apart[first + _THRUST].max(initial=0.0)), float(np.degrees(tilt))
+
+
 def main() -> int:
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("folder", type=Path)
@@ -141,7 +151,11 @@ def main() -> int:
                 same_rows = np.array_equal(done[1], before.get(f"{name}:rows"))
                 apart = difference(done[0], before[name]) if same_rows else np.inf
                 worst = max(worst, apart)
-                print(f"{name:<70}{len(done[1]):>7} decisions  {'equal' if apart == 0.0 else f'{apart:.1e}'}")
+                said = "equal" if apart == 0.0 else f"{apart:.1e}"
+                if 0.0 < apart < np.inf:
+                    thrust, tilt = offsets_apart(done[0], before[name], done[1])
+                    said += f", offsets: thrust {thrust:.1e}, tilt {tilt:.1e} deg"
+                print(f"{name:<70}{len(done[1]):>7} decisions  {said}")
     if a.out is not None:
         np.savez_compressed(a.out, **stored)
     print(f"{len(stored) // 2} flights, {decisions} decisions, largest difference {worst:.1e}")
