@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from models.cfd import fidelity, mean_error
 from models.cfd import marched as marched_module
-from models.cfd import mean_error
 from models.cfd.campaign import Row
 from models.cfd.case_run import Result
 from models.cfd.labels import labels
@@ -122,3 +122,19 @@ def test_cheaper_means_are_compared_with_the_march_in_time_place_by_place():
     assert (low.count, low.missed[0], low.missed[2]) == (1, pytest.approx(0.5), pytest.approx(4.0))
     assert found["half models, from 2 R up"].missed[2] == pytest.approx(0.5)
     assert "rms missed" in "\n".join(marched_module.text(list(found.values())))
+
+
+def test_what_doubtful_full_models_miss_does_not_count_against_half_models_far_from_the_wall():
+    """Differences that are all noise of the stated size, large below 2 R: no correction, and an error that fades."""
+    rng = np.random.default_rng(6)
+    places = [(h, d) for h in (1.0, 1.5, 2.0, 3.0, 4.0) for d in (0.15, 0.5, 1.0, 2.0, 5.0)]
+    zero = dict.fromkeys([fidelity.FREE, *places], np.zeros(6))
+    error = {p: np.full(6, 2.0 if p[0] < 2.0 else 0.05) for p in places}
+    full = {fidelity.FREE: np.zeros(6)} | {p: error[p] * rng.normal(size=6) for p in places}
+    found = fidelity.learn(full, zero, error)
+    assert not found.learnt.any()
+    assert found.plain[0] > 1.0
+    beside, far = found.error_at((1.0, 0.15)), found.error_at((1.0, 5.0))
+    assert far[0] < beside[0] < found.plain[0]
+    assert far[0] < 0.5
+    assert found.error_at((1.0, INF))[[0, 1, 3, 4]] == pytest.approx(np.zeros(4))
