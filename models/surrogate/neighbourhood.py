@@ -2,7 +2,7 @@
 
 A hovering vehicle asks for nearly the same points 25 times a second. Within ``REACH_M`` of a point the wrench over the
 free-air lift is a smooth function of both distances and of the rotor speed. A polynomial through eight points of the
-surrogate (quadratic in height, cubic in wall distance, linear in speed) differs from it by less than 0.2 % of the lift
+surrogate (quadratic in height, cubic in wall distance, linear in speed) differs from it by less than 0.4 % of the lift
 anywhere, and by less than 0.04 % in 98 of 100 places (``tests/models/test_neighbourhood.py``).
 """
 
