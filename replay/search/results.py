@@ -27,8 +27,6 @@ LEARNT = 0.7
 """Posterior over prior standard deviation above which a flight has said nothing about a coefficient."""
 FORM_SHARE = 0.15
 """A remainder below this share of what the effects took out is their error of form, not a second force."""
-
-
 FORETELLS = 2.0
 """A set that leaves this much more energy of unseen time than another is not the answer, however likely by its fit."""
 NEAR, RIVALS = 30.0, 6
