@@ -232,6 +232,12 @@ class Context:
         """Momentum theory's mass flow of every fan in hover, sqrt(rho A T) [kg/s], (..., fans)."""
         return np.sqrt(RHO_SEA_LEVEL * self.vehicle.disc_area_m2 * np.maximum(self.thrust, 0.0))
 
+    @cached_property
+    def sinking_flow(self) -> Array:
+        """What sinking along the rotor axis adds to the mass flow of every fan, rho A v_down [kg/s], (..., fans)."""
+        flow = RHO_SEA_LEVEL * self.vehicle.disc_area_m2 * self.velocity[..., 2, None]
+        return np.repeat(flow, len(self.vehicle.fans), axis=-1)
+
     def by_model(self, declared: float, empty: float) -> float:
         """One of two numbers: where a model of the surroundings is declared, or none, so that all of it is missing."""
         return empty if self.model is None else declared

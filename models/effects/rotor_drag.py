@@ -12,12 +12,13 @@ from models.frames import Array
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     above = shape[0] * ctx.vehicle.rotor_radius_m
 
-    def ram(velocity: Array) -> Array:
+    def ram(velocity: Array, flow: Array) -> Array:
         level = -velocity
         level[..., 2] = 0.0
-        return ctx.wrench_at_cg(ctx.mass_flow[..., None] * level, above)
+        return ctx.wrench_at_cg(flow[..., None] * level, above)
 
-    return columns(ram(ctx.velocity[..., None, :]), ram(ctx.turning))
+    own = ctx.velocity[..., None, :]
+    return columns(ram(own, ctx.mass_flow), ram(ctx.turning, ctx.mass_flow), ram(own, ctx.sinking_flow))
 
 
 def _grid(_: Context) -> Sequence[tuple[float, ...]]:
@@ -30,14 +31,18 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="rotor_drag",
-    equation="dF_xy = -sum sqrt(rho A T) (c v + t omega x r)_xy per fan",
+    equation="dF_xy = -sum (sqrt(rho A T) (c v + t omega x r) + s rho A v_down v)_xy per fan",
     sign="drag > 0: against the motion",
     source="Faessler, Franchi & Scaramuzza 2018, IEEE Robotics and Automation Letters 3(2), 620-626, arXiv:1712.02402",
     valid="speeds well below the induced velocity",
     axes=("Fx", "Fy", "Mx", "My"),
     channels=("vn_m_s", "ve_m_s", "rpm_1"),
     excite="fly to and fro sideways and forward, faster than 0.5 m/s",
-    coefficients=(Coefficient("drag", "1", 0.05, 6.0, typical=1.0), Coefficient("turning", "1", -6.0, 6.0)),
+    coefficients=(
+        Coefficient("drag", "1", 0.05, 6.0, typical=1.0),
+        Coefficient("turning", "1", -6.0, 6.0),
+        Coefficient("sinking", "1", -1.0, 2.0, typical=0.3, centre=0.3, optional=True),
+    ),
     regressors=_regressors,
     shapes=(Shape("above_radii", "1", free_at_zero=True),),
     shape_grid=_grid,

@@ -9,6 +9,7 @@ import numpy as np
 from models.effects.effect import DOWNWARD, Coefficient, Context, Drawn, Effect, columns
 from models.effects.pictures import mean, over, percent
 from models.frames import Array
+from models.vehicle import RHO_SEA_LEVEL
 from models.vehicle_wrench import RPM_TO_RAD_S
 
 
@@ -20,7 +21,10 @@ def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
 
     # The wind's part along the axis: the vehicle moves against it.
     north, east = (-ctx.state.rotation[..., None, axis, :] for axis in (0, 1))
-    return columns(loss(ctx.velocity[..., None, :]), loss(ctx.turning), loss(north), loss(east))
+    # Level speed carries the fan's own stream away: less of it stands on the blades.
+    level = (ctx.velocity[..., :2] ** 2).sum(axis=-1)[..., None] * np.ones(len(ctx.vehicle.fans))
+    gain = ctx.wrench_at_cg((-RHO_SEA_LEVEL * ctx.vehicle.disc_area_m2 * level)[..., None] * DOWNWARD)
+    return columns(loss(ctx.velocity[..., None, :]), loss(ctx.turning), loss(north), loss(east), gain)
 
 
 def _drawn(ctx: Context, axis: str) -> Drawn:
@@ -34,9 +38,10 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="vertical_inflow",
-    equation="dF_z = T (c v_up - (c w)_up + t (omega x r)_up) / (Omega R) per fan, w the wind, up along the rotor axis",
-    sign="slope > 0: lift is lost in a climb; north, east: slope times the wind's speed",
-    source="blade-element momentum theory in climb: Leishman 2006, ch. 3",
+    equation="dF_z = T (c v_up - (c w)_up + t (omega x r)_up) / (Omega R) - l rho A |v_xy|^2 per fan, w the wind, up "
+    "along the rotor axis",
+    sign="slope > 0: lift is lost in a climb; level > 0: and gained in level flight; north, east: slope times the wind",
+    source="blade-element momentum theory in climb and in forward flight: Leishman 2006, ch. 2.14 and 3",
     valid="slow climbs and descents, no vortex ring",
     axes=("Fz",),
     channels=("vd_m_s", "pitch_rad", "roll_rad", "rpm_1"),
@@ -46,6 +51,7 @@ EFFECT = Effect(
         Coefficient("turning", "1", -20.0, 20.0, typical=4.0, optional=True),
         Coefficient("north", "m/s", -200.0, 200.0, typical=16.0, of_day=True, optional=True),
         Coefficient("east", "m/s", -200.0, 200.0, typical=16.0, of_day=True, optional=True),
+        Coefficient("level", "1", -0.2, 1.5, typical=0.2, centre=0.15, optional=True),
     ),
     main=("slope", "north", "east"),
     odds=0.3,

@@ -14,15 +14,15 @@ from models.frames import Array
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     above = shape[0] * ctx.vehicle.rotor_radius_m
 
-    def ram(air: Array) -> Array:
+    def ram(air: Array, flow: Array = ctx.mass_flow) -> Array:
         level = np.array(air)
         level[..., 2] = 0.0
-        return ctx.wrench_at_cg(ctx.mass_flow[..., None] * level, above)
+        return ctx.wrench_at_cg(flow[..., None] * level, above)
 
     rotation = ctx.state.rotation
     own = ctx.velocity[..., None, :]
     north, east = ram(rotation[..., None, 0, :]), ram(rotation[..., None, 1, :])
-    return columns(north, east, ram(-own), ram(-ctx.turning))
+    return columns(north, east, ram(-own), ram(-ctx.turning), ram(-own, ctx.sinking_flow))
 
 
 def _grid(_: Context) -> Sequence[tuple[float, ...]]:
@@ -54,7 +54,7 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="wind",
-    equation="dF_xy = sum sqrt(rho A T) (w - k v - t omega x r)_xy, acting above the fans' reference points",
+    equation="dF_xy = sum (sqrt(rho A T) (w - k v - t omega x r) - s rho A v_down v)_xy, above the fans' references",
     sign="north, east > 0: the air moves to the north, east",
     source="momentum drag of a lifting disc: Pflimlin, Binetti, Soueres, Hamel & Trouchet 2010, Control "
     "Engineering Practice 18(3), 209",
@@ -67,6 +67,7 @@ EFFECT = Effect(
         Coefficient("east", "m/s", -25.0, 25.0, typical=4.0),
         Coefficient("own_motion", "1", 0.0, 3.0, typical=0.7, centre=0.7),
         Coefficient("turning", "1", -6.0, 6.0),
+        Coefficient("sinking", "1", -1.0, 2.0, typical=0.3, centre=0.3, optional=True),
     ),
     regressors=_regressors,
     shapes=(Shape("above_radii", "1", free_at_zero=True),),

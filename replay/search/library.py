@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 
 import numpy as np
@@ -26,6 +26,10 @@ Of level forces that is an accelerometer mounted 0.3 degrees askew.
 LIFT = AXES.index("Fz")
 CLOCK_SD_S = 0.035
 """Standard deviation of what is left of the rotor speeds' delay after it was estimated by cross-correlation [s]."""
+OFF_CENTRE = 0.15
+"""Standard deviation of the accelerometer's place along every axis, as a share of the farthest fan's arm."""
+USUAL_DRAG = 0.25
+"""Drag of open rotors on the own motion, as a share of momentum theory's: what a velocity that is late shows by."""
 KINEMATIC_SD_M_S2 = 0.05
 """Standard deviation with which velocity and attitude show the accelerometer's mean offset [m/s^2]: 0.3 deg of tilt."""
 
@@ -38,7 +42,7 @@ class Library:
         self.every = [max(round(STEP_S / r.step_s), 1) for r in records]
         self.terms: list[Term] = []
         self.lacking: dict[str, str] = {}
-        self._trims: list[tuple[int, int, Array]] = []
+        self._trims: list[tuple[int, Array]] = []
         self.size = 0
         self.channels = [self._channel(f, a) for f, r in enumerate(records) for a in r.axes]
         self._at = {(c.flight, c.axis): c for c in self.channels}
@@ -162,25 +166,33 @@ class Library:
         return Channel(f, a, residual, runs(record.valid[::every]), self._percent(f, a))
 
     def _add_trim(self) -> Columns:
-        """What every flight has without any effect, as columns of no term: constant trims, a clock that is off."""
+        """What every flight has without any effect, as columns of no term."""
         first = self.size
         for f, record in enumerate(self.records):
-            trims = [(a, np.full(len(record.valid), TRIM * self._percent(f, a))) for a in record.axes if a != LIFT]
-            if LIFT in record.axes:
-                change = np.gradient(record.context.rotor_force[:, LIFT], record.step_s)
-                trims.append((LIFT, CLOCK_SD_S * np.nan_to_num(change)))  # none beside a gap: that is no change of lift
-            for a, x in trims:
-                self._at[f, a].add(np.array([self.size]), x[:: self.every[f], None])
-                self._trims.append((f, a, x))
+            trims = [*self._constant(f), _late_rotors(record)]
+            if np.isfinite(record.kinematic_bias).any():  # an accelerometer of its own, not the velocity's derivative
+                trims += [_late_velocity(record), *_off_centre(record)]
+            for x in trims:
+                for a in record.axes:
+                    if np.abs(x[:, a]).max() > 0.0:
+                        self._at[f, a].add(np.array([self.size]), x[:: self.every[f], a : a + 1])
+                self._trims.append((f, x))
                 self.size += 1
         return np.arange(first, self.size)
+
+    def _constant(self, f: int) -> Iterator[Array]:
+        for a in self.records[f].axes:
+            if a != LIFT:
+                x = np.zeros((len(self.records[f].valid), 6))
+                x[:, a] = TRIM * self._percent(f, a)
+                yield x
 
     def trim_wrench(self, flight: int, b: Array) -> Array:
         """Trims (n, 6) of a flight at the record's rate, by the scaled coefficients of all trims."""
         out = np.zeros((len(self.records[flight].valid), 6))
-        for (f, a, x), value in zip(self._trims, b, strict=True):
+        for (f, x), value in zip(self._trims, b, strict=True):
             if f == flight:
-                out[:, a] += value * x
+                out += value * x
         return out
 
     def _percent(self, flight: int, axis: int) -> float:
@@ -254,6 +266,37 @@ class Library:
 def _with_errors_of_form(effect: Effect) -> list[int]:
     """Coefficients whose contribution may have another form than its equation says."""
     return [] if effect.exact else [i for i, c in enumerate(effect.coefficients) if effect.is_main(c)]
+
+
+def _late_rotors(record: Record) -> Array:
+    """Lift (n, 6) by rotor speeds that are late by a standard deviation."""
+    out = np.zeros((len(record.valid), 6))
+    change = np.gradient(record.context.rotor_force[:, LIFT], record.step_s)
+    out[:, LIFT] = CLOCK_SD_S * np.nan_to_num(change)  # none beside a gap: that is no change of lift
+    return out
+
+
+def _late_velocity(record: Record) -> Array:
+    """What the usual drag misses (n, 6) where the velocity is late by a standard deviation."""
+    out = np.zeros((len(record.valid), 6))
+    drag = USUAL_DRAG * record.context.mass_flow.sum(axis=-1)[:, None] * record.context.velocity[:, :2]
+    out[:, :2] = CLOCK_SD_S * np.nan_to_num(np.gradient(drag, record.step_s, axis=0))
+    return out
+
+
+def _off_centre(record: Record) -> Iterator[Array]:
+    """What an accelerometer off the centre of gravity feels of turning (n, 6), for a standard deviation along x, y, z.
+
+    Acceleration of a point of a rigid body: Goldstein, Classical Mechanics, ch. 4.
+    """
+    ctx = record.context
+    rates = ctx.state.rates
+    turn = np.gradient(rates, record.step_s, axis=0)
+    for at in OFF_CENTRE * ctx.lever * np.eye(3):
+        out = np.zeros((len(record.valid), 6))
+        felt = np.cross(turn, at) + np.cross(rates, np.cross(rates, at))
+        out[:, :3] = ctx.vehicle.mass_kg * np.nan_to_num(felt)
+        yield out
 
 
 def _mean(x: Array) -> Array:

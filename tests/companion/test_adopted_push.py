@@ -12,6 +12,7 @@ from companion.config import Base, PipelineConfig, Tuning
 from companion.control.disturbance import adopted_disturbance
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
+from models.effects import adopted
 from models.surrogate.fan_surrogate import AdoptedEffect
 
 VEHICLE, TUNING = default_vehicle(), Tuning()
@@ -38,13 +39,14 @@ def push(effects, *args, **kwargs):
 
 
 def test_the_drag_on_its_own_climb_is_left_to_damp_the_loop():
-    inflow = (AdoptedEffect("vertical_inflow", {"slope": 4.8, "turning": 1.4, "north": 0.0, "east": 0.0}),)
+    inflow = (adopted("vertical_inflow", {"slope": 4.8, "turning": 1.4, "level": 0.2}),)
     climbing = push(inflow, velocity=(0.3, 0.0, -1.0), rates=(0.2, 0.1, 0.0))
     assert climbing == pytest.approx(np.zeros(6), abs=1e-12)
 
 
 def test_a_steady_wind_is_compensated_whatever_the_vehicle_does():
-    wind = (AdoptedEffect("wind", {"north": 3.0, "east": 0.0, "own_motion": 1.0, "turning": 1.0, "above_radii": 0.0}),)
+    blows = {"north": 3.0, "east": 0.0, "own_motion": 1.0, "turning": 1.0, "sinking": 0.4, "above_radii": 0.0}
+    wind = (adopted("wind", blows),)
     still, moving = push(wind), push(wind, velocity=(2.0, 1.0, 0.0), rates=(0.0, 0.0, 1.0))
     assert still[0] > 0.1
     assert moving == pytest.approx(still)

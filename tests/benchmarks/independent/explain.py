@@ -177,9 +177,8 @@ def _by_air(scene: _Scene, parts: _Parts, lift: Array) -> None:
         return rotor.settled_thrust(frame, s.omega, climbing, across2, rho) / hover
 
     hover = rotor.settled_thrust(frame, s.omega, still, still, rho)
-    climbing, moving = gain(climb, still), gain(climb, ux * ux + uy * uy)
-    parts.lift("vertical_inflow", lift * (climbing - 1.0))
-    parts.lift("x_translational_lift", lift * (moving - climbing))
+    moving = gain(climb, ux * ux + uy * uy)
+    parts.lift("vertical_inflow", lift * (moving - 1.0))
     parts.lift("wind", lift * (gain(through, wx * wx + wy * wy) - moving))
     drag = -loads.rotor_drag_constant(frame, c) * s.omega
     own_side = loads.from_rotors(frame, still, np.stack([drag * ux, drag * uy]))
