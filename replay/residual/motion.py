@@ -43,6 +43,7 @@ class Motion:
     rotation: Array
     position: Array
     velocity: Array
+    attitude_hz: float
 
     @property
     def kinematic_bias(self) -> Array:
@@ -86,6 +87,7 @@ def read_motion(log: FlightLog, vehicle: Vehicle) -> Motion:
         rotation_from_quaternion(_unit(log.attitude.at(grid.t, MAX_GAP_S))),
         _columns(log.position, grid.t, POSITION_GAP_S),
         _columns(log.velocity, grid.t, POSITION_GAP_S),
+        log.attitude.rate_hz,
     )
 
 

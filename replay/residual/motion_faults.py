@@ -14,6 +14,8 @@ FEWEST_SAMPLES = 100
 GYRO_S, GYRO_LEAST_RAD_S, GYRO_DISAGREE = 0.1, 0.05, 0.7
 """Half width of the mean over which gyro and attitude are compared; turning that is needed; RMS of the difference, as a
 share of the gyro's, from which on one of them is wrong (1 for a dead gyro, 2 for a reversed one)."""
+GYRO_SAMPLES = 5
+"""Samples of the slower of the two that half the mean has to hold: a frame that shakes is caught at other moments."""
 FORCE_S, FORCE_LEAST_M_S2, FORCE_DISAGREE = (0.25, 2.0), (0.6, 0.6, 0.15), 0.9
 """The same for accelerometer and rate of the velocity, between two half widths, by axis: slower than that, and on the
 level axes, errors of the attitude count (3 degrees are 0.5 m/s^2)."""
@@ -33,7 +35,8 @@ def gyro_faults(motion: Motion, flying: Mask) -> list[LogFault]:
     rate = motion.grid.rate
     skew = np.einsum("nji,njk->nik", motion.rotation, rate_of_change(motion.rotation, rate))
     turning = np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
-    half = max(int(GYRO_S * rate), 1)
+    slower = min(motion.attitude_hz, motion.gyro_hz) or rate
+    half = max(int(max(GYRO_S, GYRO_SAMPLES / slower) * rate), 1)
     out = []
     for axis, name in enumerate(("p_rad_s", "q_rad_s", "r_rad_s")):
         gyro, attitude = (running_mean(v[:, axis], half) for v in (motion.gyro, turning))

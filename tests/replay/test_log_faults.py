@@ -155,6 +155,31 @@ def test_yaw_that_follows_the_torque_at_once_and_opposes_it_later_is_no_exchange
     assert found(1.0) == []
 
 
+def rarely_logged(log: FlightLog) -> FlightLog:
+    """The log as a dataflash log of common settings holds it: IMU at 25 Hz, attitude at 10 Hz."""
+
+    def thin(series: Series, every: int) -> Series:
+        return replace(series, t_s=series.t_s[::every], values=series.values[::every])
+
+    one = log.imus[0]
+    slower = replace(one, specific_force=thin(one.specific_force, 4), gyro=thin(one.gyro, 4))
+    assert log.attitude is not None
+    return replace(log, imus=(slower,), attitude=thin(log.attitude, 10))
+
+
+def test_a_frame_that_shakes_faster_than_it_is_logged_has_no_faulty_gyro(flown: Motion) -> None:
+    hertz, share = 2.0 * np.pi * 22.3, np.array([1.0, 0.7, 0.2])
+    turned, rate = (1.5 * f(hertz * flown.t)[:, None] * share for f in (np.sin, np.cos))
+    half = np.column_stack([np.ones(len(flown.t)), turned / hertz / 2.0])
+    w, x, y, z = flown.quaternion.T
+    product = np.stack([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
+    frame = replace(flown, quaternion=np.einsum("ijn,nj->ni", product, half), rates=flown.rates + rate)
+    shaken = logged(frame, QUADROTOR, Path("a.tlog"))
+    assert not build_record(rarely_logged(shaken), QUADROTOR, None).faults
+    dead = imu(shaken, gyro=lambda g: g * np.array([0.0, 1.0, 1.0]))
+    assert [f.channel for f in build_record(rarely_logged(dead), QUADROTOR, None).faults] == ["p_rad_s"]
+
+
 def test_fans_exchanged_in_a_calm_flight_are_found(flown):
     """Small moments stand beside noise: the right order need not fit well, only far better than the declared one."""
     rng = np.random.default_rng(4)
