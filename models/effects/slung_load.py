@@ -63,7 +63,7 @@ EFFECT = Effect(
     excite="sideways steps and stops, then hover and wait",
     coefficients=(
         Coefficient("swinging", "kg", 0.0, 1e3, typical=_likely),
-        Coefficient("mass", "kg", -1e3, 1e3, typical=_likely),
+        Coefficient("mass", "kg", 0.0, 1e3, typical=_likely),
         Coefficient("hook", "kg m", -1e3, 1e3, typical=_hook),
     ),
     regressors=_regressors,

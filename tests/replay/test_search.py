@@ -500,6 +500,16 @@ def test_drag_grows_where_the_vehicle_sinks_and_lift_where_it_flies_level(quiet:
         assert high - low < 0.4
 
 
+def test_a_load_that_swings_is_pulled_down(quiet: Record) -> None:
+    """What swings like a load and lifts like none is no load."""
+    state = quiet.context.state
+    velocity = np.stack([np.sin(1.7 * state.time_s), np.cos(1.3 * state.time_s), 0.0 * state.time_s], axis=1)
+    lively = with_context(quiet, state=replace(state, velocity_ned=1.5 * velocity))
+    mass = 0.15 * quiet.context.vehicle.mass_kg
+    assert names(search(added(lively, "slung_load", (0.55,), mass, mass, 0.0), some("slung_load"))) == {"slung_load"}
+    assert names(search(added(lively, "slung_load", (0.55,), mass, -mass, 0.0), some("slung_load"))) == set()
+
+
 def test_a_drift_is_not_a_scale_and_a_step(quiet: Record) -> None:
     sagging = added(quiet, "battery_sag", (25.0,), 2.0, -0.05, 0.0)
     assert names(search(sagging, some("battery_sag", "thrust_scale", "payload"))) == {"battery_sag"}
