@@ -66,7 +66,7 @@ def flightlog(data: Dataflash) -> FlightLog:
         thrust_command=_thrust(data.of("CTUN")),
         attitude_target=_angles(data.of("ATT"), "DesRoll", "DesPitch", "DesYaw"),
         vibration=vibration.series(vibration.columns("VibeX", "VibeY", "VibeZ")),
-        armed=tuple(i for i in _armed(data, end) if i.value),
+        armed=_armed(data, start, end),
         modes=runs(modes.t_s, _whole(modes, "ModeNum", 0), end),
         landed=_events(data.of("EV"), {_LANDED: 1, _AIRBORNE: 2}, end),
         parameters=data.parameters,
@@ -202,8 +202,13 @@ def _events(events: Messages, meaning: Mapping[int, int], end: float) -> tuple[I
     return runs(events.t_s[known], np.array([meaning[n] for n in number[known].tolist()], dtype=np.int64), end)
 
 
-def _armed(data: Dataflash, end: float) -> tuple[Interval, ...]:
+def _armed(data: Dataflash, start: float, end: float) -> tuple[Interval, ...]:
+    """When it was armed. A log that is written only while armed may begin after the message of arming: before the
+    first message the opposite of what it says was so."""
     arming = data.of("ARM")
     if len(arming):
-        return runs(arming.t_s, _whole(arming, "ArmState", 0), end)
-    return _events(data.of("EV"), {_ARMED: 1, _DISARMED: 0}, end)
+        said = runs(arming.t_s, _whole(arming, "ArmState", 0), end)
+    else:
+        said = _events(data.of("EV"), {_ARMED: 1, _DISARMED: 0}, end)
+    before = [Interval(start, said[0].start_s, 1)] if said and not said[0].value and said[0].start_s > start else []
+    return (*before, *(i for i in said if i.value))

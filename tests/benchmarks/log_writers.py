@@ -208,8 +208,8 @@ class BinWriter:
         return bytes(self._out)
 
 
-def bin_flight(seconds: float = 4.0) -> bytes:
-    """A hover with one down range, four ESCs, armed from 1 s to 3 s in GUIDED."""
+def bin_flight(seconds: float = 4.0, arming: bool = True) -> bytes:
+    """A hover with one down range, four ESCs, armed from 1 s to 3 s in GUIDED; else only the end is said."""
     w = BinWriter()
     w.kind("ATT", "Qffffff", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw")
     w.kind("IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
@@ -234,7 +234,7 @@ def bin_flight(seconds: float = 4.0) -> bytes:
         for esc in range(4):
             w.row("ESC", us, esc, 4000.0 + 10 * esc, 16.0, 40.0)
         w.row("BAT", us, 0, 16.0, 20.0)
-        if k in (50, 150):
+        if k == 150 or (arming and k == 50):
             w.row("ARM", us, int(k == 50))
     return w.bytes()
 

@@ -101,6 +101,15 @@ def test_bin(tmp_path):
     assert log.parameters == {"GUID_OPTIONS": 8.0}
 
 
+def test_a_bin_that_begins_after_arming_was_armed_from_its_start(tmp_path):
+    """LOG_DISARMED 0: the log begins when the vehicle is armed, and the message of arming may come before its first."""
+    path = tmp_path / "flight.BIN"
+    path.write_bytes(bin_flight(arming=False))
+    (log,) = load(path)
+    (armed,) = log.armed
+    assert (armed.start_s, armed.end_s) == (10.0, 13.0)
+
+
 def test_ulg(tmp_path):
     pytest.importorskip("pyulog")
     path = tmp_path / "flight.ulg"
