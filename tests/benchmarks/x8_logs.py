@@ -1,0 +1,138 @@
+"""Turn real flights of an X8-copter into .tlog and a vehicle file, to judge diagnosis on another new source.
+
+``python tests/benchmarks/x8_logs.py CLONE OUT``: CLONE is a clone of
+github.com/andrealaffly/ACSL-flightstack-accessories (Advanced Control Systems Lab, Virginia Tech), of which four flights of
+commit f26552a are read; they stay the authors'. Then judge with
+
+    python tests/benchmarks/measured_flights.py --table tests/benchmarks/measured/x8.toml --data OUT
+
+Attitude, position, velocity and rates are those of the flight controller's filter on motion capture, as the log of the
+controller holds them at 100 Hz; outputs are the thrust commands of the eight motors. There is no accelerometer and no
+voltage: the specific force is the derivative of the velocity over five samples.
+"""
+
+from __future__ import annotations
+
+import struct
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pymavlink.dialects.v20 import ardupilotmega as mav
+from scipy.spatial.transform import Rotation
+
+COMMIT = "f26552a4ed7b6720d1df9c9d1c5617d555e31788"
+LOGS = (
+    "2024/06/20240613/PID/logs/log_20240613_115633.log",
+    "2024/06/20240613/PID/logs/log_20240613_121802.log",
+    "2024/06/20240621/PID/logs/log_20240621_103807.log",
+    "2024/07/20240729/MRAC/logs/log_20240729_163817.log",
+)
+TIME, POSITION, QUATERNION, VELOCITY, RATES = 1, slice(15, 18), slice(18, 22), slice(22, 25), slice(25, 28)
+OUTPUTS = slice(67, 75)
+"""Columns: north-east-down, forward-right-down, quaternion w first; normalised thrust of the eight motors."""
+BOOT_S, WALL_S, RATE_HZ, GRAVITY = 10.0, 1.72e9, 100.0, 9.80665
+# include/flightstack/control/vehicle_info.hpp of github.com/andrealaffly/ACSL-flightstack.
+MASS_KG, INERTIA = 1.920, (2.271990e-2, 2.202047e-2, 1.614693e-2)
+ARMS_M = (0.0881269, 0.1083450)
+MAX_THRUST_N, EXPO = 12.05, 0.667
+"""Of the authors' polynomial from thrust to command (a thrust stand's), within 0.05 N from 1.5 to 5 N a motor."""
+RADIUS_M = 0.0635
+"""Guess: five inches, which the motors (2550 rpm/V) and the arms allow."""
+PLACES = (
+    (1, 1, "ccw", "cw", 1, 6),
+    (1, -1, "cw", "ccw", 2, 5),
+    (-1, -1, "ccw", "cw", 3, 8),
+    (-1, 1, "cw", "ccw", 4, 7),
+)
+"""Forward, right, spins of the upper and the lower motor and their numbers, by the authors' mixer matrix."""
+
+
+def main() -> int:
+    if len(sys.argv) != 3:
+        print(__doc__, file=sys.stderr)
+        return 2
+    clone, out = Path(sys.argv[1]), Path(sys.argv[2])
+    out.mkdir(parents=True, exist_ok=True)
+    for path in LOGS:
+        rows = _rows(_git(clone, "show", f"{COMMIT}:Flight_Data/{path}").decode())
+        with (out / f"{Path(path).stem.removeprefix('log_')}.tlog").open("wb") as file:
+            for time_s, message in _messages(rows):
+                file.write(struct.pack(">Q", int((WALL_S + BOOT_S + time_s) * 1e6)) + message)
+    (out / "x8.toml").write_text(_vehicle(), encoding="utf-8")
+    print(f"{len(LOGS)} logs and x8.toml in {out}")
+    return 0
+
+
+def _git(clone: Path, *arguments: str) -> bytes:
+    done = subprocess.run(["git", "-C", str(clone), *arguments], capture_output=True, check=False)
+    if done.returncode:
+        raise SystemExit(f"{clone}: {done.stderr.decode().strip()}")
+    return done.stdout
+
+
+def _rows(text: str) -> NDArray[Any]:
+    """Lines of numbers (n, columns), each behind five fields in brackets; the first line names them."""
+    lines = [line.rpartition("] ")[2].rstrip(", ").split(",") for line in text.splitlines()[1:]]
+    width = max(len(line) for line in lines)
+    rows = np.array([[float(x) for x in line] for line in lines if len(line) == width])
+    return rows[np.argmax(rows[:, OUTPUTS].any(axis=1)) :]
+
+
+def _messages(rows: NDArray[Any]) -> Iterator[tuple[float, bytes]]:
+    """MAVLink 2 frames in order, with their time since the start [s]."""
+    # The log repeats a state until the next one comes.
+    new = rows[np.append(True, np.diff(rows[:, POSITION], axis=0).any(axis=1))]
+    time = np.arange(new[0, TIME], new[-1, TIME], 1.0 / RATE_HZ)
+    state = np.stack([np.interp(time, new[:, TIME], column) for column in new[:, 15:28].T], axis=1)
+    place, q, speed, rate = np.split(state, (3, 7, 10), axis=1)
+    q /= np.linalg.norm(q, axis=1, keepdims=True)
+    force = np.gradient(_smooth(speed), 1.0 / RATE_HZ, axis=0) - (0.0, 0.0, GRAVITY)
+    body = Rotation.from_quat(q[:, [1, 2, 3, 0]]).inv().apply(force)
+    outputs = [np.interp(time, rows[:, TIME], 1000.0 + 1000.0 * column) for column in rows[:, OUTPUTS].T]
+    link = mav.MAVLink(None, 1, 1)
+    for i, time_s in enumerate(time - time[0]):
+        ms, us = round((BOOT_S + time_s) * 1e3), int((BOOT_S + time_s) * 1e6)
+        out = [] if i % RATE_HZ else [mav.MAVLink_heartbeat_message(2, 12, 157, 6 << 16, 4, 3)]
+        out += [
+            mav.MAVLink_attitude_quaternion_message(ms, *q[i], *rate[i]),
+            mav.MAVLink_local_position_ned_message(ms, *place[i], *speed[i]),
+            mav.MAVLink_highres_imu_message(us, *body[i], *rate[i], 0, 0, 0, 0, 0, 0, 0, 63),
+            mav.MAVLink_servo_output_raw_message(us, 0, *(round(column[i]) for column in outputs)),
+        ]
+        for message in out:
+            link.seq = (link.seq + 1) % 256
+            yield float(time_s), message.pack(link)
+
+
+def _smooth(x: NDArray[Any]) -> NDArray[Any]:
+    """Mean (n, 3) over five samples: states come up to a sample too early or too late."""
+    padded = np.pad(x, ((2, 2), (0, 0)), mode="edge")
+    return np.stack([np.convolve(column, np.ones(5) / 5.0, "valid") for column in padded.T], axis=1)
+
+
+def _vehicle() -> str:
+    x_m, y_m = ARMS_M
+    fans = [
+        f"\n[[fan]]\nposition_m = [{x * x_m}, {y * y_m}, 0.0]\nlip_radius_m = {RADIUS_M}\n"
+        f'rotors = [{{ servo = {a}, spin = "{upper}" }}, {{ servo = {b}, spin = "{lower}" }}]\n'
+        for x, y, upper, lower, a, b in PLACES
+    ]
+    head = (
+        f'name = "X8-copter"\nmass_kg = {MASS_KG}\ninertia_kgm2 = {list(INERTIA)}\n'
+        f"hover_thrust = 0.39\nrotor_radius_m = {RADIUS_M}\n"
+    )
+    throttle = (
+        f"\n[throttle]\nmax_thrust_n = {MAX_THRUST_N}\nexpo = {EXPO}\nvoltage_v = 14.8\n"
+        "pwm_min_us = 1000.0\npwm_max_us = 2000.0\n"
+    )
+    limits = "\n[limits]\nthrust = 0.10\ntilt_deg = 8.0\nslew_thrust_per_s = 0.5\nslew_tilt_deg_per_s = 60.0\n"
+    return head + "".join(fans) + throttle + limits
+
+
+if __name__ == "__main__":
+    sys.exit(main())
