@@ -1,8 +1,8 @@
 """Turn real flights of an X8-copter into .tlog and a vehicle file, to judge diagnosis on another new source.
 
 ``python tests/benchmarks/x8_logs.py CLONE OUT``: CLONE is a clone of
-github.com/andrealaffly/ACSL-flightstack-accessories (Advanced Control Systems Lab, Virginia Tech), of which four flights of
-commit f26552a are read; they stay the authors'. Then judge with
+github.com/andrealaffly/ACSL-flightstack-accessories (Advanced Control Systems Lab, Virginia Tech), of which four
+flights of commit f26552a are read; they stay the authors'. Then judge with
 
     python tests/benchmarks/measured_flights.py --table tests/benchmarks/measured/x8.toml --data OUT
 
