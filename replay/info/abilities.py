@@ -114,7 +114,9 @@ def _rotors(log: FlightLog, vehicle: Vehicle) -> Ability:
             question, Answer.PARTLY, why,
             f"{change_for(log, 'rpm')}; or name the rotors by servo and add [throttle] (replay vehicle fits it)",
         )  # fmt: skip
-    return Ability(question, Answer.NO, why, change_for(log, "rpm" if wanted else "servo"))
+    outputs = change_for(log, "servo")
+    change = f"{change_for(log, 'rpm')}; or, for outputs with [throttle], {outputs}" if wanted else outputs
+    return Ability(question, Answer.NO, why, change)
 
 
 def _surface(log: FlightLog, question: str, direction: str) -> Ability:

@@ -208,8 +208,11 @@ class BinWriter:
         return bytes(self._out)
 
 
-def bin_flight(seconds: float = 4.0, arming: bool = True) -> bytes:
-    """A hover with one down range, four ESCs, armed from 1 s to 3 s in GUIDED; else only the end is said."""
+def bin_flight(seconds: float = 4.0, arming: bool = True, outputs: bool = True) -> bytes:
+    """A hover with one down range, four ESCs, armed from 1 s to 3 s in GUIDED; else only the end is said.
+
+    Without ``outputs`` neither servo outputs nor speeds of ESCs are logged.
+    """
     w = BinWriter()
     w.kind("ATT", "Qffffff", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw")
     w.kind("IMU", "QBffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ")
@@ -229,9 +232,10 @@ def bin_flight(seconds: float = 4.0, arming: bool = True) -> bytes:
         w.row("IMU", us, 0, 0.01, 0.02, 0.03, 0.1, 0.2, -9.8)
         w.row("XKF1", us, 0, 0.1, 0.2, 0.3, 1.0, 2.0, -0.5)
         w.row("XKF1", us, 1, 9.0, 9.0, 9.0, 9.0, 9.0, 9.0)
-        w.row("RCOU", us, 1500, 1510, 1520, 1530)
+        if outputs:
+            w.row("RCOU", us, 1500, 1510, 1520, 1530)
         w.row("RFND", us, 0, 0.5, 3 if k == 7 else 4, 25)
-        for esc in range(4):
+        for esc in range(4 if outputs else 0):
             w.row("ESC", us, esc, 4000.0 + 10 * esc, 16.0, 40.0)
         w.row("BAT", us, 0, 16.0, 20.0)
         if k == 150 or (arming and k == 50):

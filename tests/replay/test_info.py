@@ -214,3 +214,12 @@ def test_attitudes_once_a_second_are_said_to_be_too_slow(tmp_path, capsys):
     assert "  0.0 s  " not in out
     assert main(["info", str(tmp_path / "a.tlog")]) == 0
     assert "attitudes come 1.0 s apart" in capsys.readouterr().out
+
+
+def test_without_rotor_speeds_and_outputs_both_ways_to_log_thrust_are_said(tmp_path, capsys):
+    (tmp_path / "a.BIN").write_bytes(bin_flight(outputs=False))
+    _, (answer,), _ = info(capsys, tmp_path / "a.BIN")
+    thrust = judged(answer["boots"][0])["thrust of the rotors"]
+    assert thrust["answer"] == "no"
+    assert "SERVO_BLH_AUTO" in thrust["change"]
+    assert "RCOUT (bit 10)" in thrust["change"], "outputs need no other ESCs"
