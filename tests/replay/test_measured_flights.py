@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from dataclasses import replace
+from pathlib import Path
 
 import measured_flights
 import pytest
 import reliability
+from measured import answers
 from measured.judge import judge, judge_refusal
 from measured.known import CATALOGUE, TABLE, Flight, Range, read, together
 
@@ -204,3 +207,17 @@ def test_absent_flights_are_left_out_by_name(tmp_path, capsys):
 def test_an_unknown_source_is_refused_with_the_names_there_are(capsys):
     assert measured_flights.main(["--source", "nonesuch"]) == 2
     assert "neural-fly" in capsys.readouterr().err
+
+
+def test_flights_in_a_relative_folder_are_found(tmp_path, monkeypatch):
+    """``--data LOGS``: the command runs in the project's folder, and not where the user is."""
+    asked = []
+
+    def run(command, **_):
+        asked.extend(command)
+        return subprocess.CompletedProcess(command, 3, "", "replay: flight.tlog: is empty")
+
+    monkeypatch.setattr(answers.subprocess, "run", run)
+    monkeypatch.chdir(tmp_path)
+    answers.ask([Path("logs/flight.tlog")], Path("logs/vehicle.toml"), "none", 60.0)
+    assert {str(tmp_path / "logs" / name) for name in ("flight.tlog", "vehicle.toml")} <= set(asked)

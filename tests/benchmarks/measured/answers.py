@@ -43,8 +43,8 @@ def ask(
         out = Path(folder) / "answer.json"
         program = [str(Path(__file__).with_name("settings.py")), *settings, "--"] if settings else ["-m", "replay"]
         command = [
-            sys.executable, *program, "diagnose", *map(str, logs), "--vehicle", str(vehicle), "--model", model,
-            "--json", str(out), "--quiet",
+            sys.executable, *program, "diagnose", *(str(log.resolve()) for log in logs),
+            "--vehicle", str(vehicle.resolve()), "--model", model, "--json", str(out), "--quiet",
         ]  # fmt: skip
         begun = time.perf_counter()
         try:
