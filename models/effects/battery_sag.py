@@ -63,7 +63,7 @@ EFFECT = Effect(
     coefficients=(
         Coefficient("power", "1", 0.0, 4.0, typical=1.5, centre=1.0),
         Coefficient("at_reference", "1", -0.3, 0.3, typical=0.08, of_day=True),
-        Coefficient("ohmic", "1", -0.2, 0.4, typical=lambda ctx: ctx.by_kind(0.01, 0.1), optional=True),
+        Coefficient("ohmic", "1", -0.2, 0.8, typical=lambda ctx: ctx.by_kind(0.01, 0.1), optional=True),
     ),
     main=("power",),
     regressors=_regressors,

@@ -13,7 +13,7 @@ from models.vehicle_wrench import RPM_TO_RAD_S
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
-    signs = np.array([rotor.spin for rotor in ctx.vehicle.rotors]) if shape[0] < 0.5 else 1.0
+    signs = np.array([rotor.spin for rotor in ctx.vehicle.rotors]) if abs(shape[0]) < 0.5 else np.sign(shape[0])
     spin = (ctx.rotor_rpm * signs).sum(axis=-1) * RPM_TO_RAD_S
     change = np.gradient(spin, ctx.state.time_s) if ctx.record else np.zeros_like(spin)
     out = np.zeros((*spin.shape, 6))
@@ -23,7 +23,7 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
-    return ((0.0,), (1.0,))
+    return ((0.0,), (1.0,), (-1.0,))
 
 
 def _likely(ctx: Context) -> float:
@@ -44,14 +44,14 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 EFFECT = Effect(
     name="gyroscopic",
     equation="dM = -w x H - dH/dt, H = J sum s_i Omega_i (s_i the declared spins, or all alike)",
-    sign="inertia > 0: clockwise seen from above",
+    sign="all_alike 1: all clockwise seen from above, -1: all against it, 0: as declared",
     source="Euler's equations of a gyrostat; Mahony, Kumar & Corke 2012, IEEE Robotics & Automation Magazine "
     "19(3), 20-32",
     valid="rigid rotors",
     axes=("Mx", "My", "Mz"),
     channels=("p_rad_s", "q_rad_s", "rpm_1", "rpm_2"),
     excite="quick roll and pitch steps, and steps of the thrust",
-    coefficients=(Coefficient("inertia", "kg m^2", -0.1, 0.1, typical=_likely),),
+    coefficients=(Coefficient("inertia", "kg m^2", 0.0, 0.1, typical=_likely),),
     regressors=_regressors,
     needs_moments=True,
     shapes=(Shape("all_alike", "1", continuous=False),),

@@ -10,6 +10,9 @@ from models.effects.effect import Coefficient, Context, Drawn, Effect, Shape, co
 from models.effects.pictures import over, percent
 from models.frames import Array
 
+BESIDE_S = 8.0
+"""Flight before and after a load is picked up: right after the start the ground lifts, and the pack is not settled."""
+
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     (start,) = shape
@@ -22,8 +25,8 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
     if not ctx.record:
         return ((0.0,),)
-    t = ctx.state.time_s
-    inner = np.arange(t[0] + 8.0, t[-1] - 8.0, max(2.0, (t[-1] - t[0]) / 150.0))
+    first, last = ctx.judged_s or (ctx.state.time_s[0], ctx.state.time_s[-1])
+    inner = np.arange(first + BESIDE_S, last - BESIDE_S, max(2.0, (last - first) / 150.0))
     return ((0.0,), *((float(s),) for s in inner))
 
 

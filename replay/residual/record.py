@@ -102,6 +102,8 @@ def build_record(
     kinematic = grid.smooth(np.where(time.valid[:, None], motion.kinematic_bias, np.nan))
     derived = derived_accelerometer(motion, time.valid)
     small = decimated(state, grid)
+    valid = np.isfinite(residual).all(axis=1) & grid.pick(time.valid)
+    flown = small.time_s[valid]
     rotors = delays[0]
     record = Record(
         name=name or log.path.name,
@@ -112,10 +114,11 @@ def build_record(
             model,
             clock_moved_s=max(rotors.correction_s, 0.0),
             only_answers=rotors.correlation < COMMANDED,
+            judged_s=(float(flown[0]), float(flown[-1])) if len(flown) else None,
         ),
         residual=residual,
         measured=grid.smooth(np.where(time.valid[:, None], measured, np.nan)),
-        valid=np.isfinite(residual).all(axis=1) & grid.pick(time.valid),
+        valid=valid,
         axes=doubts.axes,
         step_s=grid.every / grid.rate,
         kinematic_bias=np.full_like(kinematic, np.nan) if derived else kinematic,

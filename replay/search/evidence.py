@@ -44,8 +44,8 @@ class Noise:
 class Fit:
     """A set of terms, fitted: scaled coefficients ``b`` (trims behind) with their covariance, and the noise.
 
-    ``evidence``: log marginal likelihood. ``worth``: log share of what deserves a name. ``prior``: log odds of the
-    terms. ``score``: log posterior.
+    ``evidence``: log marginal likelihood. ``within``: log share of it within the bounds. ``worth``: log share of what
+    deserves a name. ``prior``: log odds of the terms. ``score``: log posterior.
     """
 
     terms: tuple[Term, ...]
@@ -53,6 +53,7 @@ class Fit:
     cov: Array
     noise: Noise
     evidence: float
+    within: float = 0.0
     worth: float = 0.0
     prior: float = 0.0
     score: float = 0.0
@@ -119,8 +120,9 @@ class Evidence:
         evidence = self._laplace(terms, b, cov, rest, form_variance(u))
         worthy = worth(u, rest)
         prior = sum(self.prior(t) for t in terms)
-        score = TRUST * evidence + beyond_bounds(terms, b, cov) + worthy + prior
-        return Fit(tuple(terms), b, cov, noise, evidence, worthy, prior, score)
+        within = beyond_bounds(terms, b, cov)
+        score = TRUST * evidence + within + worthy + prior
+        return Fit(tuple(terms), b, cov, noise, evidence, within, worthy, prior, score)
 
     def refit(self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, Mask] = NOTHING) -> Fit:
         """Coefficients beside a given noise, without a score; rows (n,) of flights in ``left_out`` are not used."""

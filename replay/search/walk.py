@@ -143,9 +143,9 @@ def _additions(walked: Walked, fit: Fit, tried: int) -> list[Term]:
 
 
 def _with(walked: Walked, fit: Fit, term: Term) -> Fit:
-    """A set and one term more; in its other shapes, too, where this one fits but is not worth a name beside the set."""
+    """A set and one term more; in its other shapes, too, where this one fits but is not possible or worth a name."""
     new = walked.weigh([*fit.terms, term], fit)
-    if new.score > fit.score or new.score - new.worth <= fit.score:
+    if new.score > fit.score or new.score - new.worth - min(new.within, 0.0) <= fit.score:
         return new
     evidence = walked.evidence
     screened = evidence.screen(evidence.refit(fit.terms, fit.noise))

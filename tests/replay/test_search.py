@@ -510,6 +510,16 @@ def test_a_load_that_swings_is_pulled_down(quiet: Record) -> None:
     assert names(search(added(lively, "slung_load", (0.55,), mass, -mass, 0.0), some("slung_load"))) == set()
 
 
+def test_a_flywheel_turns_the_way_its_rotors_do(quiet: Record) -> None:
+    """No inertia is below zero: rotors that are all alike may turn either way."""
+    flown = swung(quiet)
+    inertia = 0.008 * quiet.context.vehicle.mass_kg * quiet.context.vehicle.rotor_radius_m**2
+    for way in (1.0, -1.0):
+        answer = search(added(flown, "gyroscopic", (way,), inertia), some("gyroscopic"))
+        assert names(answer) == {"gyroscopic"}
+        assert found(answer, "gyroscopic").parameters["all_alike"] == way
+
+
 def test_a_drift_is_not_a_scale_and_a_step(quiet: Record) -> None:
     sagging = added(quiet, "battery_sag", (25.0,), 2.0, -0.05, 0.0)
     assert names(search(sagging, some("battery_sag", "thrust_scale", "payload"))) == {"battery_sag"}
