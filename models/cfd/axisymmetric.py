@@ -48,14 +48,14 @@ def series(rows: Sequence[Row]) -> list[Series]:
                 free_n=free,
                 heights=tuple(r.position.h for r in low),
                 ratio=tuple(r.result.wrench[2] / free for r in low),
-                error=tuple(_error(r) / free for r in low),
+                error=tuple(mean_error(r) / free for r in low),
                 status=tuple(r.result.status for r in low),
             )
         )
     return out
 
 
-def _error(row: Row) -> float:
+def mean_error(row: Row) -> float:
     """Error of the mean lift [N]."""
     result = row.result
     return max(result.swing[2], result.drift[2]) if result.status in ("steady", "marched") else result.error[2]

@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -95,8 +95,9 @@ def _plan_wedge(setup: Setup) -> Iterator[Position]:
         for h in (inf, *sorted(heights)):
             yield Position(h, inf, c.rpm, swirl, level, wedge=True, variant=variant)
 
-    for swirl in (True, False):
-        yield from column(c.wedge_h, first, swirl)
+    yield from column(c.wedge_h, first)
+    yield from (Position(inf, inf, rpm, True, first, wedge=True) for rpm in c.wedge_rpm)
+    yield from column(c.wedge_h, first, swirl=False)
     for variant in setup.variants:
         yield from column(c.wedge_variant_h, first, variant=variant)
     yield from (Position(h, inf, c.rpm, True, first, "far", wedge=True) for h in sorted(c.wedge_variant_h) if h < inf)
@@ -304,11 +305,16 @@ def model_of(folder: Path) -> str:
 def _content(setup: Setup, model: str) -> dict[str, Any]:
     """What the cases of a folder have in common, as it comes back from JSON."""
     sections = ("fan", "rotor", "air", "mesh")
-    mine: dict[str, Any] = {"model": model} | {name: asdict(getattr(setup, name)) for name in sections}
+    mine: dict[str, Any] = {"model": model} | {name: _said(getattr(setup, name)) for name in sections}
     if model == "wedge":
-        mine["variants"] = {v: {n: asdict(getattr(s, n)) for n in sections} for v, s in setup.variants.items()}
+        mine["variants"] = {v: {n: _said(getattr(s, n)) for n in sections} for v, s in setup.variants.items()}
     content: dict[str, Any] = json.loads(json.dumps(mine))
     return content
+
+
+def _said(section: Any) -> dict[str, Any]:
+    """The keys of a section of the fan file without the optional ones that are as if they were not there."""
+    return {f.name: v for f in fields(section) if (v := getattr(section, f.name)) != f.default}
 
 
 def _wanted(row: Row | None, setup: Setup, marching: bool) -> bool:

@@ -41,15 +41,20 @@ class Meridian:
         fan, rotor, mesh = setup.fan, setup.rotor, setup.mesh
         self.setup, self.position = setup, position
         self.scale_m = fan.radius_m
-        self.centre = fan.lip_top - fan.lip_thickness / 2
+        self.centre = fan.lip_foot
         lower = (rotor.lower_height, rotor.lower_height + rotor.thickness)
         upper = (rotor.upper_height, rotor.upper_height + rotor.thickness)
         bottom = -position.h if math.isfinite(position.h) else -mesh.far_below
         # Row 6 lies at 45 deg of the lip.
-        lip_z = self.centre + fan.lip_thickness / 2 * math.sin(math.pi / 4)
+        lip_z = self.centre + fan.lip_axes[2] * math.sin(fan.lip_turn)
         self.z = np.array([bottom, fan.exit_height, *lower, *upper, lip_z, mesh.far])
         self.bore, self.skin = self._column_radii()
         self.rows = self._row_cells()
+
+    @property
+    def solid(self) -> dict[int, tuple[int, ...]]:
+        """Rows of cells that are hub or duct, by column."""
+        return SOLID if self.setup.fan.duct else {0: SOLID[0]}
 
     @property
     def bottom(self) -> str:
@@ -78,18 +83,20 @@ class Meridian:
 
     def cap(self) -> Array:
         """Points (n, 2) over the top of the lip from 45 deg inside to 45 deg outside."""
-        r = self.setup.fan.lip_thickness / 2
-        t = np.linspace(0.75 * math.pi, 0.25 * math.pi, 2 * CURVE_POINTS + 2)[1:-1]
-        return np.column_stack([1 + r + r * np.cos(t), self.centre + r * np.sin(t)])
+        inner, outer, depth = self.setup.fan.lip_axes
+        turn = self.setup.fan.lip_turn
+        t = np.linspace(math.pi - turn, turn, 2 * CURVE_POINTS + 2)[1:-1]
+        side = np.where(t > math.pi / 2, inner, outer)
+        return np.column_stack([1 + inner + side * np.cos(t), self.centre + depth * np.sin(t)])
 
     def flank(self, *, outer: bool) -> Array:
-        """Points (n, 2) from the upper disc's height up the straight part and an eighth of the lip's circle."""
-        r = self.setup.fan.lip_thickness / 2
-        middle, side = 1 + r, 1.0 if outer else -1.0
+        """Points (n, 2) from the upper disc's height up the straight part and to 45 deg of the lip."""
+        to_bore, to_skin, depth = self.setup.fan.lip_axes
+        crest, reach = 1 + to_bore, to_skin if outer else -to_bore
         r0, z0 = (self.skin[5] if outer else 1.0), self.z[5]
-        straight = np.linspace(0, 1, 6)[1:, None] * [middle + side * r - r0, self.centre - z0] + [r0, z0]
-        t = np.linspace(0, math.pi / 4, CURVE_POINTS + 1)[1:-1]
-        bend = np.column_stack([middle + side * r * np.cos(t), self.centre + r * np.sin(t)])
+        straight = np.linspace(0, 1, 6)[1:, None] * [crest + reach - r0, self.centre - z0] + [r0, z0]
+        t = np.linspace(0, self.setup.fan.lip_turn, CURVE_POINTS + 1)[1:-1]
+        bend = np.column_stack([crest + reach * np.cos(t), self.centre + depth * np.sin(t)])
         return np.concatenate([straight, bend])
 
     def grade_z(self, row: int) -> str:
@@ -115,18 +122,19 @@ class Meridian:
 
     def patch(self, row: int, column: int) -> dict[str, str]:
         """Patches of a ring's sides: ``low``, ``high``, ``inner``, ``outer``, where they are not inside the air."""
+        duct = self.solid.get(2, ())
         return {
             side: name
             for side, name, here in (
                 ("low", self.bottom, row == 0),
                 ("low", "hub", column == 0 and row == UPPER_ROW + 1),
-                ("low", "duct", column == 2 and row == 6),
+                ("low", "duct", column == 2 and row - 1 in duct),
                 ("high", "far", row == 6),
                 ("high", "hub", column == 0 and row == LOWER_ROW - 1),
-                ("high", "duct", column == 2 and row == 0),
+                ("high", "duct", column == 2 and row + 1 in duct),
                 ("inner", "hub", column == 1 and row in SOLID[0]),
-                ("inner", "duct", column == 3 and row in SOLID[2]),
-                ("outer", "duct", column == 1 and row in SOLID[2]),
+                ("inner", "duct", column == 3 and row in duct),
+                ("outer", "duct", column == 1 and row in duct),
             )
             if here
         }
@@ -134,17 +142,20 @@ class Meridian:
     def _column_radii(self) -> tuple[Array, Array]:
         """Radii over R of the bore line and of the skin line at each row of points."""
         fan = self.setup.fan
-        quarter = fan.lip_thickness / 2 * (1 - math.cos(math.pi / 4))
+        at_45_deg = 1 - math.cos(fan.lip_turn)
+        inner, outer, _ = fan.lip_axes
         bore, skin = np.ones(8), np.zeros(8)
         bore[1] = fan.exit_radius
         inside = (self.z > fan.exit_height) & (self.z < 0.0)
         bore[inside] = fan.exit_radius + (1 - fan.exit_radius) * (self.z[inside] - fan.exit_height) / -fan.exit_height
         along = (self.z[1:6] - fan.exit_height) / (self.centre - fan.exit_height)
         skin[1:6] = fan.exit_skin + along * (fan.lip_radius - fan.exit_skin)
-        bore[6], skin[6] = 1 + quarter, fan.lip_radius - quarter
+        bore[6], skin[6] = 1 + inner * at_45_deg, fan.lip_radius - outer * at_45_deg
         # The lines open below the duct and above the lip.
         bore[0], skin[0] = 0.97, min(fan.exit_skin + 0.12, fan.lip_radius)
         bore[7], skin[7] = 1.0, fan.lip_radius
+        if not fan.duct:
+            bore[:], skin[:] = 1.0, fan.lip_radius
         return bore, skin
 
     def _row_cells(self) -> list[int]:

@@ -13,6 +13,7 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -36,6 +37,7 @@ class Station:
     """One radius of the blade: ``axial`` and ``tangential`` coefficients over ``ANGLES_DEG``."""
 
     radius_m: float
+    chord_m: float
     pitch_deg: float
     reynolds: float
     axial: Array
@@ -55,20 +57,33 @@ def blades(setup: Setup, rpm: float, section: Section, *, swirl: bool) -> Blades
 
 def stations(setup: Setup, rpm: float, section: Section, tip_pitch_deg: float) -> tuple[Station, ...]:
     """Tables of one disc for one rotor speed, from hub to tip."""
-    fan, rotor = setup.fan, setup.rotor
+    fan = setup.fan
     tip_speed = rpm * 2 * math.pi / 60 * fan.radius_m
     out = []
-    for x in np.linspace(rotor.root_radius, rotor.tip_radius, rotor.stations):
-        share = (x - rotor.root_radius) / (rotor.tip_radius - rotor.root_radius)
-        pitch = rotor.root_pitch_deg + share * (tip_pitch_deg - rotor.root_pitch_deg)
+    for x, chord, pitch, name in _rows(setup, tip_pitch_deg):
         speed = tip_speed * math.hypot(x, INFLOW_RATIO)
-        reynolds = speed * rotor.chord_m / setup.air.viscosity_m2_s
-        cl, cd = _smooth(section, reynolds)
+        reynolds = speed * chord / setup.air.viscosity_m2_s
+        cl, cd = _smooth(neural_section(name) if name else section, reynolds)
         phi = np.radians(pitch - ANGLES_DEG)
         axial = cl * np.cos(phi) - cd * np.sin(phi)
         tangential = cl * np.sin(phi) + cd * np.cos(phi)
-        out.append(Station(float(x * fan.radius_m), float(pitch), float(reynolds), axial, tangential))
+        out.append(Station(x * fan.radius_m, chord, pitch, reynolds, axial, tangential))
     return tuple(out)
+
+
+def _rows(setup: Setup, tip_pitch_deg: float) -> list[tuple[float, float, float, str]]:
+    """Radius over R, chord [m], pitch [deg] and own section (or none), from hub to tip."""
+    rotor = setup.rotor
+    if rotor.blade:
+        names = rotor.sections or ("",) * len(rotor.blade)
+        return [
+            (x, chord * setup.fan.radius_m, pitch + rotor.pitch_change_deg, name)
+            for (x, chord, pitch), name in zip(rotor.blade, names, strict=True)
+        ]
+    radii = np.linspace(rotor.root_radius, rotor.tip_radius, rotor.stations)
+    shares = (radii - rotor.root_radius) / (rotor.tip_radius - rotor.root_radius)
+    pitches = rotor.root_pitch_deg + rotor.pitch_change_deg + shares * (tip_pitch_deg - rotor.root_pitch_deg)
+    return [(float(x), rotor.chord_m, float(p), "") for x, p in zip(radii, pitches, strict=True)]
 
 
 def _smooth(section: Section, reynolds: float) -> tuple[Array, Array]:
@@ -82,6 +97,7 @@ def _smooth(section: Section, reynolds: float) -> tuple[Array, Array]:
     return smooth[0], smooth[1]
 
 
+@cache
 def neural_section(name: str) -> Section:
     """The named section from a neural network trained on XFOIL, with its post-stall extension to +-180 deg."""
     try:
