@@ -11,10 +11,10 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from models.cfd import foam
+from models.cfd import foam, polars
 from models.cfd.case_run import Result, compute, iteration_limit
 from models.cfd.config import Setup
-from models.cfd.polars import Blades, Section, blades
+from models.cfd.polars import Blades, Section
 from models.cfd.position import Position, check, near
 from models.errors import ConfigError
 
@@ -251,7 +251,9 @@ class _Work:
         here = self.setup.of(position.variant)
         kind = position.rpm, position.swirl, position.variant
         if kind not in self.tables:
-            self.tables[kind] = blades(here, position.rpm, self.section, swirl=position.swirl)
+            own = here.rotor.section != self.setup.rotor.section
+            section = polars.neural_section(here.rotor.section) if own else self.section
+            self.tables[kind] = polars.blades(here, position.rpm, section, swirl=position.swirl)
         neighbour = self.folder / start.key if start is not None else None
         target = self.folder / position.key
         return self.pool.submit(compute, target, here, position, self.tables[kind], neighbour, march=self.marching)

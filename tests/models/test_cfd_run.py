@@ -419,3 +419,19 @@ def test_every_disc_layer_turns_as_the_model_says():
     full = case.sources(SETUP.rotor, replace(FREE, swirl=True))
     assert {s for _, where, s, _ in full if where.startswith("upper")} == {-1}
     assert {s for _, where, s, _ in full if where.startswith("lower")} == {1}
+
+
+def test_a_variant_with_another_section_gets_its_own_polars(tmp_path, solver, monkeypatch):
+    def other(angle_deg, reynolds):
+        return 0.2 + 0.1 * angle_deg, np.full_like(angle_deg, 0.05)
+
+    monkeypatch.setattr(polars, "neural_section", lambda name: {"naca4412": other}[name])
+    changed = replace(SETUP, rotor=replace(SETUP.rotor, section="naca4412"))
+    setup = replace(SETUP, variants={"cambered": changed})
+    free = Position(INF, INF, 4000.0, swirl=True, wedge=True)
+    positions = [free, replace(free, variant="cambered")]
+    campaign.run(tmp_path, setup, section, positions)
+    usual, cambered = ((tmp_path / p.key / "constant/fvOptions").read_text() for p in positions)
+    expected = polars.foam_table(polars.blades(changed, 4000.0, other, swirl=True)[0][0], backwards=True)
+    assert expected in cambered
+    assert expected not in usual
