@@ -1,6 +1,7 @@
 """Fans that were measured, computed by the same method: thrust and power coefficients at rest, curve over curve.
 
 Coefficients of propellers: C_T = T / (rho n^2 D^4), C_P = P / (rho n^3 D^5), n in turns a second, D at the blade's tip.
+Merit is C_T^1.5 / C_P over the measured one: what the air gives for the power, however much the blade lifts.
 """
 
 from __future__ import annotations
@@ -181,11 +182,8 @@ def text(found: Sequence[Compared]) -> str:
 def _beside(p: Point, case: Computed) -> str:
     name = f"{p.variant}, " if p.variant else ""
     swirl = "" if case.model == "wedge" else ", no swirl"
-    power = (
-        ""
-        if math.isnan(case.power)
-        else f"; C_P {case.power:.4f}, measured {p.power:.4f}: {case.power / p.power - 1:+.1%}"
-    )
+    merit = (case.thrust / p.thrust) ** 1.5 / (case.power / p.power)
+    power = f"; C_P {case.power:.4f}, measured {p.power:.4f}: {case.power / p.power - 1:+.1%}; merit {merit - 1:+.1%}"
     return (
         f"  {name}{p.rpm:g} rpm{swirl}: C_T {case.thrust:.4f}, measured {p.thrust:.4f}: "
         f"{case.thrust / p.thrust - 1:+.1%}" + ("" if math.isnan(case.power) else power)
@@ -244,26 +242,24 @@ def figure(found: Sequence[Compared]) -> Any:
 
 
 def _coefficients(panel: Any, c: Compared) -> None:
+    """Measured points and computed cases over rotor speed where there are several, else by variant."""
     many = len({p.rpm for p in c.points}) > 1
     variants = list(dict.fromkeys(p.variant for p in c.points))
-
-    def at(variant: str, rpm: float) -> float:
-        return rpm if many else float(variants.index(variant))
-
     for k, (name, of) in enumerate((("C_T", "thrust"), ("C_P", "power"))):
-        error = [getattr(p, f"{of}_error") for p in c.points]
-        panel.errorbar([at(p.variant, p.rpm) for p in c.points], [getattr(p, of) for p in c.points],
-                       yerr=None if any(map(math.isnan, error)) else error, fmt="s", mfc="none", color=f"C{k}",
-                       capsize=3, label=f"{name}, measured")  # fmt: skip
-        for model, mark in (("wedge", "o-"), ("wedge_no_swirl", "x")):
-            rpms = {p.rpm for p in c.points}
-            cases = [x for v in variants for x in c.free(model, v) if many or x.rpm in rpms]
-            values = [getattr(x, of) for x in cases]
-            if values and not all(map(math.isnan, values)):
-                swirl = "" if model == "wedge" else ", no swirl"
-                panel.plot([at(x.variant, x.rpm) for x in cases], values, mark, color=f"C{k}",
-                           label=f"{name}, computed{swirl}")  # fmt: skip
+        measured = [(p.rpm if many else variants.index(p.variant), getattr(p, of)) for p in c.points]
+        panel.plot(*zip(*measured, strict=True), "s", mfc="none", color=f"C{k}", label=f"{name}, measured")
+        for model, mark in (("wedge", "o"), ("wedge_no_swirl", "x")):
+            for n, variant in enumerate(variants):
+                cases = [x for x in c.free(model, variant) if many or x.rpm == c.points[0].rpm]
+                drawn = [(x.rpm if many else n, getattr(x, of)) for x in cases if not math.isnan(getattr(x, of))]
+                if drawn:
+                    words = [name, "computed" if model == "wedge" else "no swirl", variant if many else ""]
+                    label = ", ".join(w for w in words if w) if many or not variant else None
+                    style = mark + ("-" if len(drawn) > 1 else "")
+                    panel.plot(*zip(*drawn, strict=True), style, color=f"C{k}", alpha=0.5 if variant and many else 1,
+                               label=label)  # fmt: skip
     if not many:
-        panel.set_xticks(range(len(variants)), [v.replace("_", " ") or "pitch 19" for v in variants])
+        names = [v.replace("_section_", "\nsection ").replace("_", " ") or "as published" for v in variants]
+        panel.set_xticks(range(len(variants)), names, fontsize=8)
     panel.set(xlabel="rpm" if many else "", ylabel="coefficient", title=c.title, ylim=(0, None))
     panel.legend(fontsize=7)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 import shutil
@@ -10,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.cfd import campaign, case, config, foam, measured, polars
+from models.cfd import campaign, case, config, foam, measured, polars, table
 from models.cfd.campaign import Row
 from models.cfd.case_run import Result
 from models.cfd.meridian import Meridian
@@ -184,3 +185,51 @@ def test_helicopters_gain_less_the_higher_they_hover():
     assert np.all(np.diff(gain) < 0)
     # Kan et al. 2019, eq. 5: 0.9926 + 0.03794 / (z / 2R)^2 to the power 2/3, at z = 2 R.
     assert gain[2] == pytest.approx(1.0305 ** (2 / 3), rel=1e-4)
+
+
+def test_the_shipped_cases_say_what_the_documents_say():
+    """Figures of docs/cfd.md, "Fans that were measured", from the tables that ship."""
+    ducted, propeller = measured.shipped()
+    beside = {(p.variant, p.rpm): p for p in ducted.points}
+    (one,) = ducted.free("wedge", "section_2412")
+    known = beside["section_2412", 1200.0]
+    assert one.thrust / known.thrust == pytest.approx(1.01, abs=0.01)
+    assert one.power / known.power == pytest.approx(1.03, abs=0.01)
+    (stalled,) = ducted.free("wedge", "pitch_29")
+    assert stalled.thrust < 0.6 * beside["pitch_29", 1200.0].thrust
+    measured_at = {p.rpm: p for p in propeller.points if not p.variant}
+    for case_ in propeller.free():
+        point = measured_at[case_.rpm]
+        assert -0.18 < case_.thrust / point.thrust - 1 < -0.13
+        merit = (case_.thrust / point.thrust) ** 1.5 / (case_.power / point.power)
+        assert merit == pytest.approx(1.0, abs=0.05)
+    ground = {h: thrust for h, thrust, _ in propeller.ground()}
+    assert ground[1.0] < 1.0 < measured.helicopters(np.array([1.0]))[0] - 0.05
+    assert ground[4.0] == pytest.approx(1.0, abs=0.02)
+
+
+def test_the_command_draws_measured_and_computed(tmp_path, capsys):
+    assert main(["cfd", "measured", "--report", str(tmp_path / "report"), "--json", str(tmp_path / "out.json")]) == 0
+    said = capsys.readouterr().out
+    assert "section_2412, 1200 rpm: C_T 0.297" in said
+    assert (tmp_path / "report/measured.png").stat().st_size > 10_000
+    numbers = json.loads((tmp_path / "out.json").read_text())
+    assert {p["rpm"] for p in numbers["apc_10x47"]["free"]} >= {2676.0, 6528.0}
+
+
+def test_every_measured_point_has_a_source_and_a_variant_of_its_fan():
+    for point in measured.points():
+        setup = config.load(config.shipped(point.fan))
+        assert point.source
+        assert not point.variant or point.variant in setup.variants
+        assert 0 < point.power < point.thrust < 1
+
+
+def test_a_case_table_written_from_a_work_folder_gives_the_same_comparison(tmp_path):
+    rows = table.read(measured.shipped_cases("x22a"))
+    for r in rows:
+        campaign._store(tmp_path, r.position, r.result)
+    out = tmp_path / "cases.csv"
+    code = main(["cfd", "measured", "--fan", "x22a", "--work", str(tmp_path), "--cases", str(out), "--quiet"])
+    assert code == 0
+    assert {r.position: r.result.wrench for r in table.read(out)} == {r.position: r.result.wrench for r in rows}
