@@ -25,6 +25,7 @@ FANS = ("x22a", "apc_10x47")
 """Fan files that ship with measured points and computed cases."""
 DATA = Path(__file__).parent.parent / "data"
 POINTS = DATA / "measured_fans.csv"
+MODEL_WORDS = {"wedge": "swirl", "wedge_no_swirl": "no swirl"}
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,16 @@ class Compared:
         found = [c for c in self.computed if (c.model, c.variant) == (model, variant) and math.isinf(c.h)]
         usual = self._usual()
         return sorted((c for c in found if c.level == usual), key=lambda c: c.rpm)
+
+    def beside(self) -> list[tuple[Point, Computed]]:
+        """Every measured point with each case of its variant and speed, with swirl and without."""
+        return [
+            (p, case)
+            for p in self.points
+            for model in MODEL_WORDS
+            for case in self.free(model, p.variant)
+            if case.rpm == p.rpm
+        ]
 
     def ground(self, model: str = "wedge") -> list[tuple[float, float, float]]:
         """(h / R, thrust, thrust at equal power) over those of free air, at one speed, going up."""
@@ -153,41 +164,48 @@ def helicopters(height: Array) -> Array:
 
 
 def text(found: Sequence[Compared]) -> str:
-    """Every measured point beside the case of the same variant and speed, then the ground."""
+    """Every measured point beside the cases of that variant and speed, other free cases, then the ground."""
+    return "\n".join(line for c in found for line in (c.title, *_free_lines(c), *_ground_lines(c)))
+
+
+def _free_lines(c: Compared) -> list[str]:
+    beside = c.beside()
+    lines = [_beside(p, case) for p, case in beside]
+    shown = [case for _, case in beside]
+    for case in c.computed:
+        if math.isinf(case.h) and case.model == "wedge" and case not in shown:
+            variant = f"{case.variant}, " if case.variant else ""
+            lines.append(
+                f"  {variant}mesh {case.level:g}, {case.rpm:g} rpm: C_T {case.thrust:.4f}, C_P {case.power:.4f}"
+            )
+    return lines
+
+
+def _ground_lines(c: Compared) -> list[str]:
     lines = []
-    for c in found:
-        lines.append(c.title)
-        for p in c.points:
-            for case in (*c.free("wedge", p.variant), *c.free("wedge_no_swirl", p.variant)):
-                if case.rpm == p.rpm:
-                    lines.append(_beside(p, case))
-        for case in c.computed:
-            if math.isinf(case.h) and case.level != c._usual() and not case.variant:
-                lines.append(f"  mesh {case.level:g}, {case.rpm:g} rpm: C_T {case.thrust:.4f}, C_P {case.power:.4f}")
-        for case in c.computed:
-            if case.variant and math.isinf(case.h) and not any(p.variant == case.variant for p in c.points):
-                lines.append(f"  {case.variant}, {case.rpm:g} rpm: C_T {case.thrust:.4f}, C_P {case.power:.4f}")
-        for model in ("wedge", "wedge_no_swirl"):
-            ground = c.ground(model)
-            if ground:
-                swirl = "swirl" if model == "wedge" else "no swirl"
-                listed = ", ".join(
-                    f"{t:.3f}" + ("" if math.isnan(e) else f" ({e:.3f} at equal power)") + f" at {h:g} R"
-                    for h, t, e in ground
-                )
-                lines.append(f"  ground, {swirl}: thrust x {listed}")
-    return "\n".join(lines)
+    for model, words in MODEL_WORDS.items():
+        listed = [
+            f"{thrust:.3f}" + ("" if math.isnan(equal) else f" ({equal:.3f} at equal power)") + f" at {h:g} R"
+            for h, thrust, equal in c.ground(model)
+        ]
+        if listed:
+            lines.append(f"  ground, {words}: thrust x " + ", ".join(listed))
+    return lines
 
 
 def _beside(p: Point, case: Computed) -> str:
     name = f"{p.variant}, " if p.variant else ""
     swirl = "" if case.model == "wedge" else ", no swirl"
+    line = f"  {name}{p.rpm:g} rpm{swirl}: " + _against("C_T", case.thrust, p.thrust, p.thrust_error)
+    if math.isnan(case.power):
+        return line
     merit = (case.thrust / p.thrust) ** 1.5 / (case.power / p.power)
-    power = f"; C_P {case.power:.4f}, measured {p.power:.4f}: {case.power / p.power - 1:+.1%}; merit {merit - 1:+.1%}"
-    return (
-        f"  {name}{p.rpm:g} rpm{swirl}: C_T {case.thrust:.4f}, measured {p.thrust:.4f}: "
-        f"{case.thrust / p.thrust - 1:+.1%}" + ("" if math.isnan(case.power) else power)
-    )
+    return f"{line}; {_against('C_P', case.power, p.power, p.power_error)}; merit {merit - 1:+.1%}"
+
+
+def _against(name: str, computed: float, known: float, error: float) -> str:
+    stated = "" if math.isnan(error) else f" +- {error:g}"
+    return f"{name} {computed:.4f}, measured {known:.4f}{stated}: {computed / known - 1:+.1%}"
 
 
 def summary(found: Sequence[Compared]) -> dict[str, Any]:
@@ -204,9 +222,7 @@ def summary(found: Sequence[Compared]) -> dict[str, Any]:
                     "C_P": None if math.isnan(case.power) else case.power,
                     "C_P_measured": p.power,
                 }
-                for p in c.points
-                for case in (*c.free("wedge", p.variant), *c.free("wedge_no_swirl", p.variant))
-                if case.rpm == p.rpm
+                for p, case in c.beside()
             ],
             "ground": [{"h_over_r": h, "thrust": t, "at_equal_power": e} for h, t, e in c.ground()],
         }
@@ -219,47 +235,54 @@ def figure(found: Sequence[Compared]) -> Any:
     from matplotlib.figure import Figure
 
     drawn = Figure(figsize=(12, 4.2), layout="constrained")
-    panels = list(drawn.subplots(1, len(found) + 1))
-    for panel, c in zip(panels, found, strict=False):
+    *panels, ground = drawn.subplots(1, len(found) + 1)
+    for panel, c in zip(panels, found, strict=True):
         _coefficients(panel, c)
-    ground = panels[-1]
-    for k, c in enumerate(found):
-        for model, line in (("wedge", "o-"), ("wedge_no_swirl", "o:")):
-            column = c.ground(model)
-            if column:
-                swirl = "swirl" if model == "wedge" else "no swirl"
-                ground.plot([h for h, _, _ in column], [t for _, t, _ in column], line, color=f"C{k}",
-                            label=f"{c.name}, {swirl}, constant speed")  # fmt: skip
-        column = [row for row in c.ground() if c.name.startswith("apc")]
-        if column:
-            ground.plot([h for h, _, _ in column], [e for _, _, e in column], "s--", color=f"C{k}",
-                        label=f"{c.name}, equal power")  # fmt: skip
-    heights = np.linspace(0.5, 4, 80)
-    ground.plot(heights, helicopters(heights), "k--", lw=1, label="measured helicopters (Hayden), equal power")
-    ground.set(xlabel="h / R", ylabel="thrust over free thrust", title="Near the ground")
-    ground.legend(fontsize=7)
+    _ground(ground, found)
     return drawn
 
 
 def _coefficients(panel: Any, c: Compared) -> None:
-    """Measured points and computed cases over rotor speed where there are several, else by variant."""
-    many = len({p.rpm for p in c.points}) > 1
-    variants = list(dict.fromkeys(p.variant for p in c.points))
+    """Measured points and computed cases over rotor speed; of a fan that was measured at one speed, by variant."""
+    variants = list(dict.fromkeys(p.variant for p in c.points)) or [""]
+    speeds = {p.rpm for p in c.points}
+    one_speed = len(speeds) == 1
+
+    def place(variant: str, rpm: float) -> float:
+        return variants.index(variant) if one_speed else rpm
+
     for k, (name, of) in enumerate((("C_T", "thrust"), ("C_P", "power"))):
-        measured = [(p.rpm if many else variants.index(p.variant), getattr(p, of)) for p in c.points]
-        panel.plot(*zip(*measured, strict=True), "s", mfc="none", color=f"C{k}", label=f"{name}, measured")
+        panel.plot([place(p.variant, p.rpm) for p in c.points], [getattr(p, of) for p in c.points],
+                   "s", mfc="none", color=f"C{k}", label=f"{name}, measured")  # fmt: skip
         for model, mark in (("wedge", "o"), ("wedge_no_swirl", "x")):
-            for n, variant in enumerate(variants):
-                cases = [x for x in c.free(model, variant) if many or x.rpm == c.points[0].rpm]
-                drawn = [(x.rpm if many else n, getattr(x, of)) for x in cases if not math.isnan(getattr(x, of))]
-                if drawn:
-                    words = [name, "computed" if model == "wedge" else "no swirl", variant if many else ""]
-                    label = ", ".join(w for w in words if w) if many or not variant else None
-                    style = mark + ("-" if len(drawn) > 1 else "")
-                    panel.plot(*zip(*drawn, strict=True), style, color=f"C{k}", alpha=0.5 if variant and many else 1,
-                               label=label)  # fmt: skip
-    if not many:
+            for variant in variants:
+                cases = [x for x in c.free(model, variant) if not one_speed or x.rpm in speeds]
+                if all(math.isnan(getattr(x, of)) for x in cases):
+                    continue
+                own = "" if one_speed else variant
+                label = ", ".join(w for w in (name, "computed", MODEL_WORDS[model], own) if w)
+                panel.plot([place(variant, x.rpm) for x in cases], [getattr(x, of) for x in cases],
+                           mark if one_speed else f"{mark}-", color=f"C{k}", alpha=0.5 if own else 1.0,
+                           label=None if one_speed and variant else label)  # fmt: skip
+    if one_speed:
         names = [v.replace("_section_", "\nsection ").replace("_", " ") or "as published" for v in variants]
         panel.set_xticks(range(len(variants)), names, fontsize=8)
-    panel.set(xlabel="rpm" if many else "", ylabel="coefficient", title=c.title, ylim=(0, None))
+    panel.set(xlabel="" if one_speed else "rpm", ylabel="coefficient", title=c.title)
+    # Room for the legend above the points.
+    panel.set_ylim(0, 1.3 * panel.get_ylim()[1])
+    panel.legend(fontsize=6, ncols=2, loc="upper left")
+
+
+def _ground(panel: Any, found: Sequence[Compared]) -> None:
+    for k, c in enumerate(found):
+        for model, line in (("wedge", "o-"), ("wedge_no_swirl", "o:")):
+            if column := c.ground(model):
+                h, thrust, equal = zip(*column, strict=True)
+                words = f"{c.name}, {MODEL_WORDS[model]}"
+                panel.plot(h, thrust, line, color=f"C{k}", label=f"{words}, constant speed")
+                if model == "wedge":
+                    panel.plot(h, equal, "s--", color=f"C{k}", label=f"{words}, equal power")
+    heights = np.linspace(0.5, 4, 80)
+    panel.plot(heights, helicopters(heights), "k--", lw=1, label="measured helicopters (Hayden), equal power")
+    panel.set(xlabel="h / R", ylabel="thrust over free thrust", title="Near the ground")
     panel.legend(fontsize=7)

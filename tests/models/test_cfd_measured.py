@@ -233,3 +233,14 @@ def test_a_case_table_written_from_a_work_folder_gives_the_same_comparison(tmp_p
     code = main(["cfd", "measured", "--fan", "x22a", "--work", str(tmp_path), "--cases", str(out), "--quiet"])
     assert code == 0
     assert {r.position: r.result.wrench for r in table.read(out)} == {r.position: r.result.wrench for r in rows}
+
+
+def test_a_fan_without_measured_points_is_drawn_alone():
+    rows = [row(INF, 4880.0, 4.0, 0.05), row(INF, 3000.0, 1.5, 0.02), row(1.0, 4880.0, 4.4, 0.04)]
+    found = measured.compare("mine", OPEN, rows)
+    assert found.points == ()
+    drawn = measured.figure([found])
+    coefficients, ground = drawn.axes
+    assert any(list(line.get_xdata()) == [3000.0, 4880.0] for line in coefficients.lines)
+    assert any(list(line.get_xdata()) == [1.0] for line in ground.lines)
+    assert "C_T" in measured.text([found])
