@@ -84,6 +84,8 @@ def _plan_full(setup: Setup) -> Iterator[Position]:
     for level in c.full_grid_levels:
         yield from (Position(h, d, c.rpm, swirl=True, level=level) for h, d in c.full_grid_at)
     yield from (Position(p.h, p.d, c.rpm, swirl=True, level=c.full_level) for p in _plan_half(setup))
+    again = c.full_again_from_far
+    yield from (Position(h, d, c.rpm, swirl=True, level=c.full_level, approach="far") for h, d in again)
 
 
 def _plan_wedge(setup: Setup) -> Iterator[Position]:

@@ -187,6 +187,8 @@ class Campaign:
     wedge_variant_h: tuple[float, ...]
     wedge_rpm: tuple[float, ...] = ()
     """Other speeds of the free wedge."""
+    full_again_from_far: tuple[tuple[float, float], ...] = ()
+    """Second starts of full models, from the state without ground at the same distance to the wall."""
 
 
 @dataclass(frozen=True)

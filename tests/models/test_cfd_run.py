@@ -435,3 +435,14 @@ def test_a_variant_with_another_section_gets_its_own_polars(tmp_path, solver, mo
     expected = polars.foam_table(polars.blades(changed, 4000.0, other, swirl=True)[0][0], backwards=True)
     assert expected in cambered
     assert expected not in usual
+
+
+def test_second_starts_of_full_models_come_last_and_start_without_ground():
+    setup = replace(SETUP, campaign=replace(SETUP.campaign, full_again_from_far=((1.25, 0.5),)))
+    plan = campaign.plan(setup, "full")
+    assert plan[:-1] == campaign.plan(SETUP, "full")
+    again = plan[-1]
+    assert (again.place, again.approach, again.swirl) == ((1.25, 0.5), "far", True)
+    result = Result((0,) * 6, (0,) * 6, (0,) * 6, (0, 0, 0), "steady", 1, 96, 0, 1.0, "rest")
+    finished = [campaign.Row(p, result) for p in plan[:-1]]
+    assert campaign.start_for(again, finished).place == (INF, 0.5)
