@@ -32,8 +32,9 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 EFFECT = Effect(
     name="rotor_drag",
     equation="dF_xy = -sum (sqrt(rho A T) (c v + t omega x r) + s rho A v_down v)_xy per fan",
-    sign="drag > 0: against the motion",
-    source="Faessler, Franchi & Scaramuzza 2018, IEEE Robotics and Automation Letters 3(2), 620-626, arXiv:1712.02402",
+    sign="drag > 0: against the motion; sinking > 0: and more in a descent, as the disc flaps back further",
+    source="Faessler, Franchi & Scaramuzza 2018, IEEE Robotics and Automation Letters 3(2), 620-626, arXiv:1712.02402; "
+    "flapping with the inflow: Leishman 2006, ch. 4",
     valid="speeds well below the induced velocity",
     axes=("Fx", "Fy", "Mx", "My"),
     channels=("vn_m_s", "ve_m_s", "rpm_1"),
