@@ -19,7 +19,7 @@ from replay.search.regimes import Regime, held_out_regimes
 from replay.search.sets import Rival, rivals_of
 from replay.search.terms import Term
 from replay.search.walk import Walked
-from replay.search.worth import top
+from replay.search.worth import Contributions, standing, top
 
 BOUND_SHARE = 0.01
 """Distance to a bound, as a share of the range, within which a coefficient stands at it."""
@@ -108,6 +108,7 @@ class Searched:
 
 def summarise(walked: Walked, seed: int) -> Searched:
     """Everything that a reader needs to judge what was found."""
+    _give_way(walked)
     _foretell(walked)
     fits = _borne_by_unseen_time(walked)
     chosen = [t for t in walked.best.terms if t.effect is not None]
@@ -116,6 +117,32 @@ def summarise(walked: Walked, seed: int) -> Searched:
     total = max(sum(f.energy(f.before) for f in fits), 1e-12)
     found = [_found(walked, term, fits, rivals, total) for term in chosen]
     return Searched(traces, tuple(found), _rejected(walked, {t.name for t in chosen}))
+
+
+def _give_way(walked: Walked) -> None:
+    """Take out what is named only because an alias that is likelier is too small for a name."""
+    best = walked.best
+    for term in best.terms:
+        if term.effect is not None and any(_likelier_and_small(walked, fit, term) for fit in walked.ranked()):
+            less = walked.weigh([t for t in best.terms if t is not term], best)
+            walked.fits = {less.key: less} | {k: f for k, f in walked.fits.items() if f.score <= less.score}
+            walked.best = less
+            _give_way(walked)
+            return
+
+
+def _likelier_and_small(walked: Walked, fit: Fit, term: Term) -> bool:
+    """Whether a set has an alias in place of a term of the best, and is likelier but for the alias' size."""
+    best = walked.best
+    other = [t for t in fit.terms if t.key not in best.key]
+    if best.key - fit.key != {term.key} or len(other) != 1 or fit.score - fit.worth <= best.score - best.worth:
+        return False
+    (alias,) = other
+    if alias.effect is None or term.effect is None or alias.name not in term.effect.aliases:
+        return False
+    library = walked.evidence.library
+    size = standing(Contributions(library, fit.terms, fit.b, fit.cov), walked.evidence.rest(fit.terms, fit.b))
+    return bool(size[fit.terms.index(alias)] < 1.0)
 
 
 def _foretell(walked: Walked) -> None:

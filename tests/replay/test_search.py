@@ -520,6 +520,19 @@ def test_a_flywheel_turns_the_way_its_rotors_do(quiet: Record) -> None:
         assert found(answer, "gyroscopic").parameters["all_alike"] == way
 
 
+@pytest.mark.parametrize(("share", "named"), [(0.008, set()), (0.02, {"rotor_drag"})])
+def test_an_effect_gives_way_to_a_likelier_one_that_is_too_small(quiet: Record, share: float, named: set[str]) -> None:
+    """The peak of a quadratic drag passes the line of attention where the linear one, which acts, does not."""
+    state = quiet.context.state
+    blows = np.stack([np.sin(0.8 * state.time_s) ** 5, np.cos(0.6 * state.time_s) ** 5, 0.0 * state.time_s], axis=1)
+    still = replace(quiet, residual=0.3 * quiet.residual)
+    flown = with_context(still, state=replace(state, velocity_ned=1.6 * blows))
+    drag = np.nan_to_num(get("rotor_drag").regressors(flown.context, (0.0,)))[:, :2, 0]
+    size = share * quiet.context.weight / float(np.quantile(np.abs(drag), 0.99))
+    answer = search(added(flown, "rotor_drag", (0.0,), size), some("rotor_drag", "body_drag"))
+    assert names(answer) == named
+
+
 def test_a_drift_is_not_a_scale_and_a_step(quiet: Record) -> None:
     sagging = added(quiet, "battery_sag", (25.0,), 2.0, -0.05, 0.0)
     assert names(search(sagging, some("battery_sag", "thrust_scale", "payload"))) == {"battery_sag"}
