@@ -19,7 +19,7 @@ from replay.search.regimes import Regime, held_out_regimes
 from replay.search.sets import Rival, rivals_of
 from replay.search.terms import Term
 from replay.search.walk import Walked
-from replay.search.worth import Contributions, standing, top
+from replay.search.worth import Contributions, top
 
 BOUND_SHARE = 0.01
 """Distance to a bound, as a share of the range, within which a coefficient stands at it."""
@@ -140,9 +140,10 @@ def _likelier_and_small(walked: Walked, fit: Fit, term: Term) -> bool:
     (alias,) = other
     if alias.effect is None or term.effect is None or alias.name not in term.effect.aliases:
         return False
-    library = walked.evidence.library
-    size = standing(Contributions(library, fit.terms, fit.b, fit.cov), walked.evidence.rest(fit.terms, fit.b))
-    return bool(size[fit.terms.index(alias)] < 1.0)
+    channels = walked.evidence.library.channels
+    whole = Contributions(walked.evidence.library, fit.terms, fit.b, fit.cov).whole
+    where = fit.terms.index(alias)
+    return all(top(part, channels[c].count) < channels[c].limit for (i, c), part in whole.items() if i == where)
 
 
 def _foretell(walked: Walked) -> None:
