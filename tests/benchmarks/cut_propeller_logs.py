@@ -13,9 +13,10 @@ vehicle with three cells and 3 Ah is. Forces scale with the mass, moments with m
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from pathlib import Path, PurePosixPath
+
+from snapshot import git
 
 COMMIT, FOLDER = "21636b9651f3258eea88d885ad91f7157e114929", "dist/prototype-set-1"
 MASS_KG, ARM_M, INERTIA, RADIUS_M = 1.5, 0.1591, (0.0156, 0.0156, 0.0305), 0.127
@@ -31,10 +32,10 @@ def main() -> int:
         return 2
     clone, out = Path(sys.argv[1]), Path(sys.argv[2])
     out.mkdir(parents=True, exist_ok=True)
-    listed = _git(clone, "ls-tree", "-r", "-z", "--name-only", COMMIT, f"{FOLDER}/").decode().split("\0")
+    listed = git(clone, "ls-tree", "-r", "-z", "--name-only", COMMIT, f"{FOLDER}/").decode().split("\0")
     logs = [path for path in listed if path.endswith(".BIN")]
     for path in logs:
-        (out / f"{_short(path)}.BIN").write_bytes(_git(clone, "show", f"{COMMIT}:{path}"))
+        (out / f"{_short(path)}.BIN").write_bytes(git(clone, "show", f"{COMMIT}:{path}"))
     (out / "cut_propeller.toml").write_text(_vehicle(), encoding="utf-8")
     print(f"{len(logs)} logs and cut_propeller.toml in {out}")
     return 0
@@ -44,13 +45,6 @@ def _short(path: str) -> str:
     """``10 mm cut_straight line 2.BIN`` as ``10mm_line_2``."""
     name = PurePosixPath(path).stem.replace(" mm cut", "mm").replace("good prop", "good")
     return name.replace("straight line", "line").replace(" ", "_")
-
-
-def _git(clone: Path, *arguments: str) -> bytes:
-    done = subprocess.run(["git", "-C", str(clone), *arguments], capture_output=True, check=False)
-    if done.returncode:
-        raise SystemExit(f"{clone}: {done.stderr.decode().strip()}")
-    return done.stdout
 
 
 def _vehicle() -> str:

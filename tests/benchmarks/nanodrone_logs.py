@@ -15,8 +15,6 @@ from __future__ import annotations
 
 import io
 import math
-import struct
-import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -25,8 +23,10 @@ from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
+from log_writers import record
 from pymavlink.dialects.v20 import ardupilotmega as mav
 from scipy.spatial.transform import Rotation
+from snapshot import git
 
 COMMIT, FOLDER = "6d78c2317753605f157931558d734198fc6f3ef1", "data/real/raw/parquets"
 POLE_PAIRS = 6
@@ -61,23 +61,16 @@ def main() -> int:
         return 2
     clone, out = Path(sys.argv[1]), Path(sys.argv[2])
     out.mkdir(parents=True, exist_ok=True)
-    listed = _git(clone, "ls-tree", "--name-only", COMMIT, f"{FOLDER}/").decode().split()
+    listed = git(clone, "ls-tree", "--name-only", COMMIT, f"{FOLDER}/").decode().split()
     for path in listed:
-        recording = _read(_git(clone, "show", f"{COMMIT}:{path}"))
+        recording = _read(git(clone, "show", f"{COMMIT}:{path}"))
         name = Path(path).stem.replace("_20251017", "")
         with (out / f"{name}.tlog").open("wb") as file:
             for time_s, message in _messages(recording):
-                file.write(struct.pack(">Q", int((WALL_S + BOOT_S + time_s) * 1e6)) + message)
+                file.write(record(int((WALL_S + BOOT_S + time_s) * 1e6), message))
     (out / "nanodrone.toml").write_text(_vehicle(), encoding="utf-8")
     print(f"{len(listed)} logs and nanodrone.toml in {out}")
     return 0
-
-
-def _git(clone: Path, *arguments: str) -> bytes:
-    done = subprocess.run(["git", "-C", str(clone), *arguments], capture_output=True, check=False)
-    if done.returncode:
-        raise SystemExit(f"{clone}: {done.stderr.decode().strip()}")
-    return done.stdout
 
 
 def _read(data: bytes) -> Recording:

@@ -13,17 +13,17 @@ voltage: the specific force is the derivative of the velocity over five samples.
 
 from __future__ import annotations
 
-import struct
-import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from log_writers import record
 from numpy.typing import NDArray
 from pymavlink.dialects.v20 import ardupilotmega as mav
 from scipy.spatial.transform import Rotation
+from snapshot import git
 
 COMMIT = "f26552a4ed7b6720d1df9c9d1c5617d555e31788"
 LOGS = (
@@ -59,20 +59,13 @@ def main() -> int:
     clone, out = Path(sys.argv[1]), Path(sys.argv[2])
     out.mkdir(parents=True, exist_ok=True)
     for path in LOGS:
-        rows = _rows(_git(clone, "show", f"{COMMIT}:Flight_Data/{path}").decode())
+        rows = _rows(git(clone, "show", f"{COMMIT}:Flight_Data/{path}").decode())
         with (out / f"{Path(path).stem.removeprefix('log_')}.tlog").open("wb") as file:
             for time_s, message in _messages(rows):
-                file.write(struct.pack(">Q", int((WALL_S + BOOT_S + time_s) * 1e6)) + message)
+                file.write(record(int((WALL_S + BOOT_S + time_s) * 1e6), message))
     (out / "x8.toml").write_text(_vehicle(), encoding="utf-8")
     print(f"{len(LOGS)} logs and x8.toml in {out}")
     return 0
-
-
-def _git(clone: Path, *arguments: str) -> bytes:
-    done = subprocess.run(["git", "-C", str(clone), *arguments], capture_output=True, check=False)
-    if done.returncode:
-        raise SystemExit(f"{clone}: {done.stderr.decode().strip()}")
-    return done.stdout
 
 
 def _rows(text: str) -> NDArray[Any]:
