@@ -14,6 +14,7 @@ import numpy as np
 from companion.config import PipelineConfig, Tuning
 from companion.estimation.kalman import Track, Verdict, measure, measure_rate
 from companion.estimation.position_trust import PositionReset, PositionTrust, position_reset
+from companion.estimation.range_doubt import UNREAD, Doubt, Sighting, Why, doubt
 from companion.estimation.range_geometry import (
     NO_MATTER_RADII,
     choose_walls,
@@ -52,16 +53,6 @@ _CLEAR_AFTER_S = 0.5
 """A near surface has gone after readings without an echo for so long: a single lost echo at 10 Hz is no clear sight."""
 _POSITION_NEAR_S = 0.3
 """A position further off in time says nothing about a reading's motion."""
-_SAME_READING_M = 0.0005
-"""Half a millimetre: readings are sent in centimetres or, on some links, in millimetres."""
-_FROZEN_MOVE_M = 0.10
-"""Ten of the centimetres in which ranges are sent: a reading that did not change over this motion is frozen."""
-_TURNED_COS = math.cos(math.radians(15.0))
-"""A beam that turned further looks at another place: half of the 30 degrees at which an echo is lost."""
-_PAST_EDGE_M = 0.3
-"""A wall may end this far to the side ..."""
-_OVER_EDGE_M = 1.0
-"""... and the ground at an edge this far on; nearer than that an echo that is gone is lost."""
 
 
 class Seen(Enum):
@@ -78,14 +69,7 @@ class Seen(Enum):
 
 _SURFACE, _NOTHING, _UNDECLARED = Seen.SURFACE, Seen.NOTHING, Seen.UNDECLARED
 """A member of an enum by its class takes ten times as long as a name."""
-
-
-class Sighting(NamedTuple):
-    """Where the vehicle was and where the beam looked (NED) when it read ``slant_m``."""
-
-    slant_m: float
-    position_ned: Vector3
-    beam_ned: Vector3
+_DOUBTED = {Why.LOST: Seen.LOST, Why.FROZEN: Seen.FROZEN}
 
 
 @dataclass(frozen=True)
@@ -102,12 +86,8 @@ class BeamTrack:
     sensor: tuple[int, int] | None = None
     slant_m: float = math.nan
     """The newest reading, as sent."""
-    sight: Sighting | None = None
-    """The newest reading that was believed."""
-    same_since: Sighting | None = None
-    """The first of the present run of readings that are equal to the millimetre."""
-    doubt: Seen | None = None
-    """``LOST`` or ``FROZEN`` while the newest reading is not believed for that."""
+    read: Doubt = UNREAD
+    """What the next reading is compared with, and why the newest is not used."""
 
 
 class Surface(NamedTuple):
@@ -196,7 +176,7 @@ def take_position(estimates: Estimates, sample: LocalPosition, tuning: Tuning) -
     )
     reset = None if estimates.position is None else position_reset(estimates.position, sample)
     if reset is not None:  # the vehicle itself did not move
-        beams = tuple(replace(beam, sight=None, same_since=None) for beam in beams)
+        beams = tuple(replace(beam, read=Doubt(beam.read.why, None, None)) for beam in beams)
     return replace(estimates, position=sample, beams=beams, reset=reset or estimates.reset)
 
 
@@ -209,22 +189,16 @@ def take_range(estimates: Estimates, sample: Range, config: PipelineConfig) -> E
     slant = math.inf if verdict is RangeVerdict.ABOVE_MAX else sample.distance_m
     readable = verdict in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX) and slant == slant
     old = estimates.beams[index]
-    doubt = (
-        _doubt(estimates, old, slant, index, sample, config.vehicle)
-        if readable
-        else Doubt(old.doubt, old.same_since, old.sight)
-    )
+    read = _doubt(estimates, old, slant, index, sample, config.vehicle) if readable else old.read
     beam = replace(
         old,
         verdict=verdict,
         heard_s=sample.t_s,
         sensor=(sample.component, sample.sensor_id),
         slant_m=slant if readable else math.nan,
-        doubt=doubt.doubt,
-        same_since=doubt.same_since,
-        sight=doubt.sight,
+        read=read,
     )
-    if readable and beam.doubt is None:
+    if readable and read.why is None:
         beam = _read_beam(estimates, beam, index, sample, config)
     else:
         beam = replace(beam, clear_since_s=math.inf)
@@ -249,51 +223,17 @@ def _match(estimates: Estimates, sample: Range, vehicle: Vehicle) -> int | None:
     return None
 
 
-class Doubt(NamedTuple):
-    """Whether a reading is believed, and the readings that tell of the next one."""
-
-    doubt: Seen | None
-    same_since: Sighting | None
-    sight: Sighting | None
-
-
 def _doubt(estimates: Estimates, beam: BeamTrack, slant: float, index: int, sample: Range, vehicle: Vehicle) -> Doubt:
     """An echo that was lost, a reading that froze: both are seen by the vehicle's own motion."""
     position, rows = estimates.position, estimates.rows
     assert rows is not None
     assert sample.direction_frd is not None
-    last, run = beam.sight, beam.same_since
     if position is None or abs(sample.t_s - position.t_s) > _POSITION_NEAR_S or not estimates.trust.trusted:
-        return Doubt(None, None, last)
+        return Doubt(None, None, beam.read.sight)
     x, y, z = sample.direction_frd
     north, east, down = [a * x + b * y + c * z for a, b, c in rows]
     here = Sighting(slant, position.position_ned, (north, east, down))
-    matters = NO_MATTER_RADII * vehicle.rotor_radius_m
-    if (
-        last is not None
-        and last.slant_m < matters < slant - last.slant_m
-        and not _left(last, here, matters, vehicle.watched[index].target)
-    ):
-        return Doubt(Seen.LOST, None, last)
-    if run is None or abs(slant - run.slant_m) > _SAME_READING_M:
-        run = here
-    if slant < matters and abs(_dot(_moved(run, here), run.beam_ned)) > _FROZEN_MOVE_M:
-        return Doubt(Seen.FROZEN, run, last)
-    return Doubt(None, run, here)
-
-
-def _moved(before: Sighting, after: Sighting) -> Vector3:
-    (x0, y0, z0), (x1, y1, z1) = before.position_ned, after.position_ned
-    return x1 - x0, y1 - y0, z1 - z0
-
-
-def _left(last: Sighting, here: Sighting, matters_m: float, target: str) -> bool:
-    """Whether the vehicle's own motion explains that a near surface is out of sight."""
-    moved, beam = _moved(last, here), last.beam_ned
-    away = -_dot(moved, beam)
-    aside = math.hypot(moved[0] + away * beam[0], moved[1] + away * beam[1], moved[2] + away * beam[2])
-    turned = _dot(here.beam_ned, beam) < _TURNED_COS
-    return turned or last.slant_m + away > matters_m or aside > (_OVER_EDGE_M if target == "ground" else _PAST_EDGE_M)
+    return doubt(here, beam.read, NO_MATTER_RADII * vehicle.rotor_radius_m, vehicle.watched[index].target)
 
 
 def _read_beam(estimates: Estimates, beam: BeamTrack, index: int, sample: Range, config: PipelineConfig) -> BeamTrack:
@@ -455,8 +395,8 @@ def _beam_surface(beam: BeamTrack, config: PipelineConfig, t_s: float) -> Surfac
         return Surface(
             _SURFACE, track.at(t_s), track.rate, track.sigma, beam.normal_ned, track.restarted_s, beam.slant_m
         )
-    if beam.doubt is not None and heard <= tuning.range_age_s:
-        return Surface(beam.doubt)
+    if beam.read.why is not None and heard <= tuning.range_age_s:
+        return Surface(_DOUBTED[beam.read.why])
     return Surface(Seen.MISSING if beam.heard_s == -math.inf else Seen.STALE)
 
 

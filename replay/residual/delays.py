@@ -65,7 +65,7 @@ def range_delay_of(
     log: FlightLog, vehicle: Vehicle, t: Array, rotation: Array, velocity: Array, position: Array
 ) -> Delay | None:
     """How late the ground rangefinder is stamped, from its rate against the velocity."""
-    cg = ground_height(log, vehicle, t, rotation, 0.0)
+    cg = ground_height(log, vehicle, t, rotation, position, 0.0)
     if cg is None or not np.isfinite(velocity[:, 2]).any():
         return None
     rate = 1.0 / float(t[1] - t[0])

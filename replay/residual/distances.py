@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from companion.estimation.range_doubt import UNREAD, Sighting, doubt
 from companion.estimation.range_geometry import (
+    NO_MATTER_RADII,
     PlaneDistance,
     choose_walls,
     fan_ceilings,
@@ -19,19 +21,27 @@ from companion.mavlink.samples import RangeVerdict
 from models.air_state import DIRECTIONS
 from models.frames import Array
 from models.vehicle import Vehicle
-from replay.flightlog import Beam, FlightLog
+from replay.flightlog import Beam, FlightLog, Series
+from replay.residual.grid import Mask
 
 MAX_GAP_S = 0.5
 """Longest gap between two samples that is interpolated: a period of the 2 Hz that are judged."""
+CARRIED_S = 3.0
+"""Longest gap in the sight of a surface that the vehicle's own motion bridges: a position drifts by a centimetre."""
 
 
-def beam_reading(beam: Beam, t: Array) -> Array:
-    """Slant range (n,): inf where the sensor says that nothing is there, NaN where it says nothing."""
-    good = beam.good
+def beam_reading(beam: Beam, t: Array, doubted: Mask | None = None) -> Array:
+    """Slant range (n,): inf where the sensor says that nothing is there, NaN where nothing is known.
+
+    ``doubted`` (samples,): readings of the beam that are not used.
+    """
+    used = np.ones(len(beam.verdicts), bool) if doubted is None else ~doubted
+    times, values = beam.distance.t_s, beam.distance.values
+    near = used & np.array([v is RangeVerdict.OK for v in beam.verdicts], bool)
+    good = Series(times[near], values[near])
     out = good.at(t, MAX_GAP_S)[:, 0] if len(good) > 1 else np.full(len(t), np.nan)
-    times = beam.distance.t_s
-    far = np.array([v is RangeVerdict.ABOVE_MAX for v in beam.verdicts])
-    known = np.array([v in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX) for v in beam.verdicts])
+    far = np.array([v is RangeVerdict.ABOVE_MAX for v in beam.verdicts], bool)
+    known = used & (near | far)
     if known.any():
         usable = times[known]
         nearest = np.clip(np.searchsorted(usable, t), 0, len(usable) - 1)
@@ -40,6 +50,37 @@ def beam_reading(beam: Beam, t: Array) -> Array:
         close = np.abs(usable[pick] - t) <= MAX_GAP_S
         out = np.where(close & far[known][pick], np.inf, out)
     return out
+
+
+def _doubted(beam: Beam, target: str, near_m: float, t: Array, rotation: Array, position: Array) -> Mask:
+    """Readings (samples,) that flight does not use either: a lost echo, a frozen value. ``t``: when each was taken."""
+    index = np.clip(np.searchsorted(t, beam.distance.t_s), 0, len(t) - 1)
+    places = position[index]
+    beams = rotation[index] @ np.asarray(beam.direction_frd)
+    seen = np.isfinite(places).all(axis=1) & np.isfinite(beams).all(axis=1)
+    slants = np.where([v is RangeVerdict.ABOVE_MAX for v in beam.verdicts], np.inf, beam.distance.values[:, 0])
+    usable = [v in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX) for v in beam.verdicts]
+    out = np.zeros(len(index), bool)
+    read = UNREAD
+    for i in np.flatnonzero(usable & seen & ~np.isnan(slants)):
+        here = Sighting(float(slants[i]), tuple(places[i].tolist()), tuple(beams[i].tolist()))
+        read = doubt(here, read, near_m, target)
+        out[i] = read.why is not None
+    return out
+
+
+def _carried(plane: PlaneDistance, t: Array, position: Array) -> PlaneDistance:
+    """The distance through gaps of up to ``CARRIED_S`` between two readings, by the vehicle's own motion.
+
+    ``distance + position . normal`` is the place of the plane: it is interpolated, the vehicle's position is measured.
+    """
+    along = np.einsum("ij,ij->i", plane.normal_ned, position)
+    known = np.isfinite(plane.distance_m) & np.isfinite(along)
+    missing = np.isnan(plane.distance_m) & np.isfinite(along)
+    if not known.any() or not missing.any():
+        return plane
+    place = Series(t[known], (plane.distance_m + along)[known, None]).at(t, CARRIED_S)[:, 0]
+    return PlaneDistance(np.where(missing, place - along, plane.distance_m), plane.normal_ned)
 
 
 def _beam_of(log: FlightLog, orientation: int) -> Beam | None:
@@ -51,28 +92,32 @@ def _beam_of(log: FlightLog, orientation: int) -> Beam | None:
     return best_beam([b for b in log.beams if b.name == direction_name(wanted) and b.name != "other"])
 
 
-def ground_height(log: FlightLog, vehicle: Vehicle, t: Array, rotation: Array, late_s: float) -> Array | None:
+def ground_height(
+    log: FlightLog, vehicle: Vehicle, t: Array, rotation: Array, position: Array, late_s: float
+) -> Array | None:
     """Height of the CG over the ground (n,), or None without a ground rangefinder."""
-    seen = _planes(log, vehicle, "ground", t, rotation, late_s)
+    seen = _planes(log, vehicle, "ground", t, rotation, position, late_s)
     return nearest_level([plane.distance_m for plane in seen]) if seen else None
 
 
 def _planes(
-    log: FlightLog, vehicle: Vehicle, target: str, t: Array, rotation: Array, late_s: float, height: Array | None = None
-) -> list[PlaneDistance]:
+    log: FlightLog, vehicle: Vehicle, target: str, t: Array, rotation: Array, position: Array, late_s: float,
+    height: Array | None = None,
+) -> list[PlaneDistance]:  # fmt: skip
     """What every watched beam of ``target`` that the log holds saw of it."""
     out = []
+    near_m = NO_MATTER_RADII * vehicle.rotor_radius_m
     for sensor in vehicle.watched:
         beam = _beam_of(log, sensor.orientation) if sensor.target == target else None
         if beam is None or not _ever_measured(beam):
             continue
-        slant = beam_reading(beam, t + late_s)
+        doubted = _doubted(beam, target, near_m, t + late_s, rotation, position)
+        slant = beam_reading(beam, t + late_s, doubted)
         floor = np.inf if height is None else height
-        out.append(
-            plane_distance(
-                target, beam.direction_frd, sensor.position_m, slant, rotation, floor, vehicle.rotor_radius_m
-            )
+        plane = plane_distance(
+            target, beam.direction_frd, sensor.position_m, slant, rotation, floor, vehicle.rotor_radius_m
         )
+        out.append(_carried(plane, t, position))
     return out
 
 
@@ -107,9 +152,9 @@ def distances(
         beam = log.beam(direction)
         if beam is not None:
             ranges[:, i] = beam_reading(beam, t + late_s)
-    height = ground_height(log, vehicle, t, rotation, late_s)
-    ceilings = _planes(log, vehicle, "ceiling", t, rotation, late_s)
-    seen = _planes(log, vehicle, "wall", t, rotation, late_s, height)
+    height = ground_height(log, vehicle, t, rotation, position, late_s)
+    ceilings = _planes(log, vehicle, "ceiling", t, rotation, position, late_s)
+    seen = _planes(log, vehicle, "wall", t, rotation, position, late_s, height)
     out = {
         "h_m": far if height is None else fan_heights(vehicle, height, rotation),
         "ceiling_m": fan_ceilings(vehicle, nearest_level([c.distance_m for c in ceilings]), rotation)

@@ -1,0 +1,87 @@
+"""Readings of a rangefinder that its own vehicle's motion contradicts: a lost echo, a frozen value.
+
+One rule for flight and replay. A near surface does not vanish while the vehicle stays where it is, and a reading does
+not stay the same to the millimetre while the vehicle moves along the beam.
+"""
+
+from __future__ import annotations
+
+import math
+from enum import Enum
+from typing import NamedTuple
+
+from models.vehicle import Vector3
+
+_SAME_READING_M = 0.0005
+"""Half a millimetre: readings are sent in centimetres or, on some links, in millimetres."""
+_FROZEN_MOVE_M = 0.10
+"""Ten of the centimetres in which ranges are sent: a reading that did not change over this motion is frozen."""
+_TURNED_COS = math.cos(math.radians(15.0))
+"""A beam that turned further looks at another place: half of the 30 degrees at which an echo is lost."""
+_PAST_EDGE_M = 0.3
+"""A wall may end this far to the side ..."""
+_OVER_EDGE_M = 1.0
+"""... and the ground at an edge this far on; nearer than that an echo that is gone is lost."""
+
+
+class Why(Enum):
+    """Why a reading is not used."""
+
+    LOST = "lost its echo"
+    FROZEN = "frozen"
+
+
+class Sighting(NamedTuple):
+    """Where the vehicle was and where the beam looked (NED) when it read ``slant_m`` (inf: nothing within range)."""
+
+    slant_m: float
+    position_ned: Vector3
+    beam_ned: Vector3
+
+
+class Doubt(NamedTuple):
+    """Whether the newest reading is doubted, and the readings that the next one is compared with."""
+
+    why: Why | None
+    same_since: Sighting | None
+    """The first of the present run of readings that are equal to the millimetre."""
+    sight: Sighting | None
+    """The newest reading that was used."""
+
+
+UNREAD = Doubt(None, None, None)
+"""Before the first reading."""
+
+
+def doubt(here: Sighting, before: Doubt, near_m: float, target: str) -> Doubt:
+    """The doubt about reading ``here`` after ``before``. Only surfaces nearer than ``near_m`` are looked at."""
+    last, run = before.sight, before.same_since
+    if (
+        last is not None
+        and last.slant_m < near_m < here.slant_m - last.slant_m
+        and not _left(last, here, near_m, target)
+    ):
+        return Doubt(Why.LOST, None, last)
+    if run is None or abs(here.slant_m - run.slant_m) > _SAME_READING_M:
+        run = here
+    if here.slant_m < near_m and abs(_dot(_moved(run, here), run.beam_ned)) > _FROZEN_MOVE_M:
+        return Doubt(Why.FROZEN, run, last)
+    return Doubt(None, run, here)
+
+
+def _left(last: Sighting, here: Sighting, near_m: float, target: str) -> bool:
+    """Whether the vehicle's own motion explains that a near surface is out of sight."""
+    moved, beam = _moved(last, here), last.beam_ned
+    away = -_dot(moved, beam)
+    aside = math.hypot(moved[0] + away * beam[0], moved[1] + away * beam[1], moved[2] + away * beam[2])
+    turned = _dot(here.beam_ned, beam) < _TURNED_COS
+    return turned or last.slant_m + away > near_m or aside > (_OVER_EDGE_M if target == "ground" else _PAST_EDGE_M)
+
+
+def _moved(before: Sighting, after: Sighting) -> Vector3:
+    (x0, y0, z0), (x1, y1, z1) = before.position_ned, after.position_ned
+    return x1 - x0, y1 - y0, z1 - z0
+
+
+def _dot(a: Vector3, b: Vector3) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
