@@ -268,13 +268,16 @@ class Context:
             total += at_cg(wrench, np.asarray(fan.position_m) - above_m * DOWNWARD)
         return total
 
+    def corners(self, wrenches: Array, bearing: ArrayLike) -> Array:
+        """Wrench about the CG (..., 6) of the fans' corner-frame wrenches (..., fans, 6), wall at ``bearing``."""
+        total = np.zeros((*wrenches.shape[:-2], 6))
+        for i, fan in enumerate(self.vehicle.fans):
+            total += at_cg(corner_to_body(wrenches[..., i, :], bearing), fan.position_m)
+        return total
+
     def corner(self, wrench: Sequence[float], sizes: Array, bearing: ArrayLike) -> Array:
         """Wrench about the CG (..., 6) of one corner-frame wrench times ``sizes`` (..., fans), wall at ``bearing``."""
-        total = np.zeros((*sizes.shape[:-1], 6))
-        for i, fan in enumerate(self.vehicle.fans):
-            local = sizes[..., i, None] * np.asarray(wrench, dtype=float)
-            total += at_cg(corner_to_body(local, bearing), fan.position_m)
-        return total
+        return self.corners(sizes[..., None] * np.asarray(wrench, dtype=float), bearing)
 
 
 Regressors = Callable[[Context, tuple[float, ...]], Array]
@@ -322,8 +325,12 @@ class Effect:
     excite: str
     coefficients: tuple[Coefficient, ...]
     regressors: Regressors
+    in_one: Callable[[Context, Mapping[str, float]], Array] | None = None
+    """The wrench (..., 6) with adopted parameters, where that is quicker than by regressors."""
     shapes: tuple[Shape, ...] = ()
     shape_grid: Grid = no_shape
+    mixing: Callable[[tuple[float, ...]], Array] | None = None
+    """(k, k) by shape: the coefficients are this times independent ones, whose priors ``coefficients`` give."""
     lacking: Callable[[Context], str | None] = always
     aliases: tuple[str, ...] = ()
     in_flight: InFlight = InFlight.WRENCH
@@ -339,6 +346,8 @@ class Effect:
     """The one coefficient is a length at which the one shape linearises: both have to agree."""
     odds: Size = 0.05
     """How often such a thing is undeclared, before any flight was seen."""
+    remainder: bool = False
+    """Weighed after all others, for what they leave."""
     exact: bool = False
     """A law of mechanics: no error of its form stands beside it, which could pass for another effect's."""
     form: float = 0.12
@@ -373,11 +382,18 @@ class Effect:
 
     def parameters(self, coefficients: ArrayLike, shape: tuple[float, ...]) -> dict[str, float]:
         """Names to numbers, as a model directory keeps them."""
-        values = {c.name: float(v) for c, v in zip(self.coefficients, np.asarray(coefficients), strict=True)}
+        mixed = self.mixed(np.asarray(coefficients), shape)
+        values = {c.name: float(v) for c, v in zip(self.coefficients, mixed, strict=True)}
         return values | {s.name: float(v) for s, v in zip(self.shapes, shape, strict=True)}
+
+    def mixed(self, independent: Array, shape: tuple[float, ...]) -> Array:
+        """Coefficients (..., k) from independent ones (..., k)."""
+        return independent if self.mixing is None else np.asarray(independent @ self.mixing(shape).T)
 
     def wrench(self, ctx: Context, parameters: Mapping[str, float]) -> Array:
         """The effect's wrench (..., 6) with adopted parameters."""
+        if self.in_one is not None:
+            return self.in_one(ctx, parameters)
         shape = tuple(parameters[s.name] for s in self.shapes)
         coefficients = np.array([parameters[c.name] for c in self.coefficients])
         return np.asarray(self.regressors(ctx, shape) @ coefficients)

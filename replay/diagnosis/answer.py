@@ -111,7 +111,7 @@ def answer_text(answer: Diagnosis) -> str:
         for name, b, a, unit in zip(AXES, before, after, UNITS, strict=True)
         if np.isfinite(b)
     ]
-    lines += [text for n in answer.named for text in _effect_text(n)]
+    lines += [text for n in answer.named for text in _effect_text(n, answer)]
     lines += [
         f"  unexplained in {c.axis}: {c.name}" + (f" at {c.peak_hz:.2f} Hz" if c.peak_hz else "")
         for c in answer.channels
@@ -120,9 +120,12 @@ def answer_text(answer: Diagnosis) -> str:
     return "\n".join([*lines, *(f"  note: {note}" for note in answer.notes)])
 
 
-def _effect_text(n: Named) -> list[str]:
+def _effect_text(n: Named, answer: Diagnosis) -> list[str]:
     f = n.found
-    numbers = ", ".join(_estimate_text(e) for e in f.estimates)
+    if f.effect.mixing is not None and f.effect.in_words is not None:  # too many numbers to read
+        numbers = f.effect.in_words(answer.records[n.record].context, f.parameters)
+    else:
+        numbers = ", ".join(_estimate_text(e) for e in f.estimates)
     sure = f"{n.status}, probability {f.probability:.2f}"
     lines = [f"  {f.effect.name} ({sure}): {numbers}; explains {n.explains:.0%}"]
     if f.aliases:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 
@@ -48,8 +49,10 @@ class Library:
         self._at = {(c.flight, c.axis): c for c in self.channels}
         self._curves: dict[tuple[int, int], Array] = {}
         self._bias_columns: dict[int, list[tuple[Columns, Array]]] = {}
+        self._remainders = [e for e in effects if e.remainder]
         for effect in effects:
-            self._add_effect(effect)
+            if not effect.remainder:
+                self._add_effect(effect)
         known = {
             (channel, axis) for t in self.terms if t.effect is not None for channel in t.effect.channels
             for axis in t.effect.axes
@@ -61,6 +64,19 @@ class Library:
         self._bias_rows: list[tuple[Array, Array]] = []
         self._reach()
 
+    @property
+    def remainders(self) -> list[Effect]:
+        """Effects that are weighed after all others."""
+        return [e for e in self._remainders if self._usable(e)]
+
+    def term_of(self, effect: Effect, shape: tuple[float, ...]) -> Term:
+        """One more term: an effect of the vehicle in this shape."""
+        flights = self._usable(effect)
+        log_shape = -math.log(len(effect.shape_grid(self.context(flights[0]))))
+        self._add(effect, None, flights, shape, log_shape)
+        self._reach()
+        return self.terms[-1]
+
     def finer(self, term: Term, share: float) -> list[Term]:
         """Terms between a term's shape and its neighbours on the grid, ``share`` of the way; all terms taken in."""
         effect = term.effect
@@ -68,7 +84,7 @@ class Library:
             return []
         out: list[Term] = []
         flights = range(len(self.records)) if term.flight is None else [term.flight]
-        usable = [f for f in flights if self._reason(effect, self.records[f]) is None]
+        usable = [f for f in self._usable(effect) if f in flights]
         for i, (parameter, value) in enumerate(zip(effect.shapes, term.shape, strict=True)):
             if not parameter.continuous or value in parameter.kinds:
                 continue
@@ -86,6 +102,10 @@ class Library:
             self._reach()
         return out
 
+    def _usable(self, effect: Effect) -> list[int]:
+        """Flights that can show an effect."""
+        return [f for f, record in enumerate(self.records) if self._reason(effect, record) is None]
+
     def _reason(self, effect: Effect, record: Record) -> str | None:
         if effect.needs_moments and 3 not in record.axes:
             return "this log cannot judge moments"
@@ -95,10 +115,9 @@ class Library:
         return effect.lacking(record.context)
 
     def _add_effect(self, effect: Effect) -> None:
-        reasons = [self._reason(effect, r) for r in self.records]
-        usable = [f for f, reason in enumerate(reasons) if reason is None]
+        usable = self._usable(effect)
         if not usable:
-            self.lacking[effect.name] = next(r for r in reasons if r is not None)
+            self.lacking[effect.name] = self._reason(effect, self.records[0]) or ""
             return
         groups = [(f, [f]) for f in usable] if effect.of_day else [(None, usable)]
         for flight, flights in groups:
@@ -182,10 +201,9 @@ class Library:
 
     def _constant(self, f: int) -> Iterator[Array]:
         for a in self.records[f].axes:
-            if a != LIFT:
-                x = np.zeros((len(self.records[f].valid), 6))
-                x[:, a] = TRIM * self._percent(f, a)
-                yield x
+            x = np.zeros((len(self.records[f].valid), 6))
+            x[:, a] = TRIM * self._percent(f, a)
+            yield x
 
     def trim_wrench(self, flight: int, b: Array) -> Array:
         """Trims (n, 6) of a flight at the record's rate, by the scaled coefficients of all trims."""

@@ -17,6 +17,7 @@ from replay.search.noise import Noise, fit_noise
 from replay.search.outside import Outside, outside
 from replay.search.regimes import Regime, held_out_regimes
 from replay.search.sets import Rival, rivals_of
+from replay.search.surfaces import with_surface_law
 from replay.search.terms import Term
 from replay.search.walk import Walked
 from replay.search.worth import Contributions, top
@@ -110,10 +111,11 @@ def summarise(walked: Walked, seed: int) -> Searched:
     """Everything that a reader needs to judge what was found."""
     _give_way(walked)
     _foretell(walked)
+    rivals = rivals_of(walked)
+    walked.best, walked.map_log_odds = with_surface_law(walked)
     fits = _borne_by_unseen_time(walked)
     chosen = [t for t in walked.best.terms if t.effect is not None]
     traces = tuple(_trace(walked, fit, seed) for fit in fits)
-    rivals = rivals_of(walked)
     total = max(sum(f.energy(f.before) for f in fits), 1e-12)
     found = [_found(walked, term, fits, rivals, total) for term in chosen]
     return Searched(traces, tuple(found), _rejected(walked, {t.name for t in chosen}))
@@ -239,9 +241,10 @@ def _estimates(walked: Walked, term: Term, fits: Sequence[FlightFit]) -> tuple[E
     first = min(term.places)
     part = best.part(term)
     place = np.searchsorted(term.columns, term.places[first])
-    mean = best.b[part][place] * term.scale[place]
-    variance = np.diag(best.cov[part, part])[place] * term.scale[place] ** 2 / TRUST
-    drawn = np.array([f.folds[term.key] for f in fits if f.index == first and term.key in f.folds])
+    mean = effect.mixed(best.b[part][place] * term.scale[place], term.shape)
+    root = np.linalg.cholesky(best.cov[part, part][np.ix_(place, place)])
+    variance = (effect.mixed((term.scale[place, None] * root).T, term.shape) ** 2).sum(axis=0) / TRUST
+    drawn = np.array([effect.mixed(f.folds[term.key], term.shape) for f in fits if f.index == first])
     if drawn.size:
         spread = drawn[0] - drawn[0].mean(axis=0)
         variance = np.maximum(variance, (len(spread) - 1) / len(spread) * (spread**2).sum(axis=0))
@@ -266,7 +269,8 @@ def _between(walked: Walked, term: Term, first: int, mean: Array) -> Array:
         for t in fit.terms:
             if t.key == term.key and first in t.places:
                 place = np.searchsorted(t.columns, t.places[first])
-                value = fit.b[fit.part(t)][place] * t.scale[place]
+                assert t.effect is not None
+                value = t.effect.mixed(fit.b[fit.part(t)][place] * t.scale[place], t.shape)
                 out += weight * (value - mean) ** 2
                 total += weight
     return out / max(total, 1e-12)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -62,9 +62,14 @@ class Term:
         """What may be there only once."""
         return (self.name, self.flight, self.axis)
 
-    def coefficients(self, b: Array) -> Array:
-        """Of scaled coefficients."""
-        return b * self.scale
+
+def without_form(term: Term) -> Term:
+    """The term without its errors of form."""
+    kept = ~term.form
+    return replace(
+        term, columns=term.columns[kept], scale=term.scale[kept], centre=term.centre[kept], low=term.low[kept],
+        high=term.high[kept], main=term.main[kept],
+    )  # fmt: skip
 
 
 def prior_of(effect: Effect, context: Context, shape: tuple[float, ...]) -> tuple[Array, Array]:
@@ -77,10 +82,10 @@ def prior_of(effect: Effect, context: Context, shape: tuple[float, ...]) -> tupl
 
 
 def regressors_of(effect: Effect, record: Record, shape: tuple[float, ...]) -> Array:
-    """Wrenches (n, 6, k) per coefficient [N, N m], 0 where a measurement is missing."""
+    """Wrenches (n, 6, k) per independent coefficient [N, N m], 0 where a measurement is missing."""
     with np.errstate(invalid="ignore", over="ignore"):
-        x = effect.regressors(record.context, shape)
-    return np.nan_to_num(x, posinf=0.0, neginf=0.0)
+        x = np.nan_to_num(effect.regressors(record.context, shape), posinf=0.0, neginf=0.0)
+    return x if effect.mixing is None else np.asarray(x @ effect.mixing(shape))
 
 
 def bent_forms(x: Array, record: Record) -> list[Array]:

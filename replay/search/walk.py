@@ -37,6 +37,8 @@ class Walked:
     quiet: Noise
     fits: dict[frozenset[Key], Fit] = field(default_factory=dict)
     best: Fit = field(init=False)
+    map_log_odds: float = -np.inf
+    """Log odds of the map of surfaces, beside the best set."""
     worse: set[str] = field(default_factory=set)
     """Effects that were taken out because they made unseen time worse."""
 
@@ -63,6 +65,9 @@ class Walked:
 
     def probability(self, name: str, aliases: Sequence[str]) -> float:
         """That the effect, or one that stands in its place, acts."""
+        effect = next((t.effect for t in self.best.terms if t.name == name), None)
+        if effect is not None and effect.remainder:
+            return round(min(1.0 / (1.0 + float(np.exp(-self.map_log_odds))), SURE), 3)
         wanted = {name, *aliases}
         p = sum(w for f, w in self.weighted() if wanted & {t.name for t in f.terms if t.effect is not None})
         return round(min(p, SURE), 3)

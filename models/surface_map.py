@@ -1,0 +1,106 @@
+"""A map over height and distance to the wall: what no formula says of ground and wall.
+
+The map is bilinear over the logarithms of height and distance, both in rotor radii. Its prior is a Gaussian process
+with a squared-exponential kernel (Rasmussen and Williams 2006, Gaussian Processes for Machine Learning, 4.2).
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from models.frames import Array
+
+_LENGTH = 0.5
+"""Correlation length of the prior, in logarithms: a factor of 1.65 in distance."""
+_NEAR = 2.0
+"""Rotor radii: from here on the standard deviation of the prior falls with the distance."""
+
+
+@dataclass(frozen=True)
+class SurfaceMap:
+    """Knots of a map in rotor radii: reference point to ground, lip to wall.
+
+    The last knot stands for every greater distance: no ground, no wall. Cells are numbered row by row, heights first.
+    """
+
+    heights: tuple[float, ...]
+    gaps: tuple[float, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of cells."""
+        return len(self.heights) * len(self.gaps)
+
+    @cached_property
+    def _logs(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        return tuple(map(math.log, self.heights)), tuple(map(math.log, self.gaps))
+
+    def cells(self, height: float, gap: float) -> list[tuple[int, float]]:
+        """Up to four cells around a place [rotor radii] and their weights, which add up to 1."""
+        log_heights, log_gaps = self._logs
+        across = _between(gap, self.gaps, log_gaps)
+        width = len(self.gaps)
+        return [
+            (row * width + column, a * b)
+            for row, a in _between(height, self.heights, log_heights)
+            for column, b in across
+        ]
+
+    def weights(self, height: Array, gap: Array) -> Array:
+        """Weights (..., size) of all cells at heights and gaps (...) [rotor radii]; 0 where one is not known."""
+        with np.errstate(invalid="ignore"):
+            rows = _hats(height, self.heights)
+            columns = _hats(gap, self.gaps)
+        out: Array = rows[..., :, None] * columns[..., None, :]
+        return np.nan_to_num(out.reshape(*out.shape[:-2], self.size))
+
+    def covariance(self, sd: float, *, of_wall: bool) -> Array:
+        """Prior (size, size) of a map whose standard deviation is ``sd`` close by.
+
+        Zero in free air, and with ``of_wall`` where there is no wall.
+        """
+        log_heights, log_gaps = self._logs
+        place = np.array([(h, d) for h in log_heights for d in log_gaps])
+        apart = ((place[:, None] - place[None]) ** 2).sum(axis=2)
+        size = sd * np.minimum(1.0, _NEAR / np.exp(place.min(axis=1)))
+        size[-1] = 0.0
+        if of_wall:
+            size[len(self.gaps) - 1 :: len(self.gaps)] = 0.0
+        out: Array = size[:, None] * size[None] * np.exp(-0.5 * apart / _LENGTH**2)
+        return out
+
+
+@lru_cache(maxsize=16)
+def prior_factor(surface: SurfaceMap, sd: float, of_wall: bool) -> Array:
+    """(size, size) F with F F^T = ``covariance``: cells are F times independent numbers of unit variance."""
+    values, vectors = np.linalg.eigh(surface.covariance(sd, of_wall=of_wall))
+    out: Array = vectors * np.sqrt(np.maximum(values, 0.0))
+    return out[:, ::-1]
+
+
+def _between(value: float, knots: Sequence[float], logs: Sequence[float]) -> tuple[tuple[int, float], ...]:
+    if value <= knots[0]:
+        return ((0, 1.0),)
+    if value >= knots[-1]:
+        return ((len(knots) - 1, 1.0),)
+    k = bisect_right(knots, value)
+    share = (math.log(value) - logs[k - 1]) / (logs[k] - logs[k - 1])
+    return (k - 1, 1.0 - share), (k, share)
+
+
+def _hats(value: Array, knots: Sequence[float]) -> Array:
+    """Weights (..., knots) of linear interpolation over the logarithm; NaN where the value is."""
+    at = np.log(np.clip(np.asarray(value, dtype=float), knots[0], knots[-1]))
+    logs = np.log(knots)
+    k = np.clip(np.searchsorted(logs, np.nan_to_num(at), side="right"), 1, len(knots) - 1)
+    share = (at - logs[k - 1]) / (logs[k] - logs[k - 1])
+    out = np.zeros((*at.shape, len(knots)))
+    np.put_along_axis(out, k[..., None] - 1, (1.0 - share)[..., None], -1)
+    np.put_along_axis(out, k[..., None], share[..., None], -1)
+    return out

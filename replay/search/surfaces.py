@@ -1,0 +1,65 @@
+"""What the named effects leave of ground and wall: a map over height and distance, weighed after the walk.
+
+The map has a Gaussian-process prior, so its evidence pays for its freedom (Rasmussen & Williams 2006, ch. 5): it is
+taken where ``TRUST log p(y | set, map) + log odds`` exceeds that of the set alone. Terms that the map makes
+unnecessary are taken out, one at a time, while that raises the posterior.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from models.effects import Effect
+from replay.search.evidence import TRUST, Fit
+from replay.search.terms import Term, without_form
+from replay.search.walk import Walked
+
+ROUNDS = 2
+"""How often every spread of the map is chosen anew beside the others."""
+
+
+def with_surface_law(walked: Walked) -> tuple[Fit, float]:
+    """The best set with the map where the map is likelier than not, and the log odds of the map."""
+    best = walked.best
+    for effect in walked.evidence.library.remainders:
+        mapped = _lighter(walked, _spread(walked, effect))
+        odds = _posterior(mapped) - _posterior(best)
+        if odds > 0.0:
+            return replace(mapped, worth=best.worth, score=best.score + odds), odds
+    return best, -math.inf
+
+
+def _spread(walked: Walked, effect: Effect) -> Fit:
+    """The best set with the map in its likeliest spread, each of its numbers in turn (empirical Bayes)."""
+    library = walked.evidence.library
+    # The map takes the place of the errors of form of the laws that it corrects.
+    named = [without_form(t) if t.name in effect.aliases else t for t in walked.best.terms]
+    grid = np.array(effect.shape_grid(library.context(0)))
+    tried: dict[tuple[float, ...], Fit] = {}
+
+    def fit(shape: tuple[float, ...]) -> Fit:
+        if shape not in tried:
+            tried[shape] = walked.evidence.fit([*named, library.term_of(effect, shape)], walked.quiet)
+        return tried[shape]
+
+    shape = tuple(1.0 for _ in grid.T)
+    for _ in range(ROUNDS):
+        for i, values in enumerate(grid.T):
+            shapes = [(*shape[:i], float(v), *shape[i + 1 :]) for v in np.unique(values)]
+            shape = max(shapes, key=lambda s: _posterior(fit(s)))
+    return fit(shape)
+
+
+def _lighter(walked: Walked, fit: Fit) -> Fit:
+    """Without the terms that the map, which is the last, makes unnecessary."""
+    fits = [walked.evidence.fit([t for t in fit.terms if t is not term], fit.noise) for term in fit.terms[:-1]]
+    lightest = max(fits, key=_posterior, default=fit)
+    return _lighter(walked, lightest) if _posterior(lightest) > _posterior(fit) else fit
+
+
+def _posterior(fit: Fit) -> float:
+    """Log posterior of a set, up to a constant, whatever the size of its terms."""
+    return TRUST * fit.evidence + fit.within + fit.prior
