@@ -15,6 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+from companion.adaptation.options import Adapt, read_adapt
 from models.arguments import Parser
 from models.errors import ConfigError, LinkError, UserError
 from models.version import VersionAction
@@ -71,9 +72,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--survey", metavar="BOX",
                    help="move the hold slowly through HEIGHT_MIN:HEIGHT_MAX[:WALL_MIN:WALL_MAX] metres and back, "
                    "to learn ground and wall from the recording; another mode or target ends it")  # fmt: skip
-    p.add_argument("--adapt", choices=("off", "gate", "full"), default="off",
-                   help="measure the sizes of the model's effects in flight; gate: only ever compensate less than the "
-                   "model says, full: also more, up to 1.5 of it")  # fmt: skip
+    p.add_argument("--adapt", type=read_adapt, default=Adapt.OFF, metavar="off|full",
+                   help="full: measure the sizes of the model's effects in flight and compensate by them, up to 1.5 of "
+                   "the model")  # fmt: skip
     p.add_argument("--save-model", type=Path, metavar="DIR",
                    help="with --adapt: write the model with the sizes that were measured, the priors of its next "
                    "flight")  # fmt: skip
@@ -136,8 +137,8 @@ def _faults(a: argparse.Namespace) -> Iterator[tuple[bool, str]]:
     if a.record_limit is not None:
         refused = a.record is None or a.record_limit < 1
         yield refused, f"--record-limit {a.record_limit}: must be at least 1 MiB, and needs --record FOLDER"
-    unmeasured = a.save_model is not None and a.adapt == "off"
-    yield unmeasured, "--save-model: saves what --adapt gate or full has measured; give one of them"
+    unmeasured = a.save_model is not None and a.adapt is Adapt.OFF
+    yield unmeasured, "--save-model: saves what --adapt full has measured; give both"
     yield a.carrier == "acceleration" and not hold, "--carrier acceleration: works with --setpoint hold only"
     unfit = a.record is None or not hold or a.dry_run
     yield (
@@ -233,7 +234,6 @@ def _fly(a: argparse.Namespace) -> int:
 
 def _flight_config(a: argparse.Namespace) -> tuple[PipelineConfig, list[str]]:
     """What does not change during the flight, and what is to be said about vehicle and model."""
-    from companion.adaptation.options import Adapt
     from companion.config import Base, Carrier, PipelineConfig
     from companion.control.survey_box import read_box
     from companion.vehicles import default_vehicle
@@ -251,7 +251,7 @@ def _flight_config(a: argparse.Namespace) -> tuple[PipelineConfig, list[str]]:
         dry_run=a.dry_run,
         offsets=not a.no_offsets,
         survey=None if a.survey is None else read_box(a.survey),
-        adapt=Adapt(a.adapt),
+        adapt=a.adapt,
     )
     notes = [chosen.note] if chosen.note else []
     return config, [*notes, *(f"{a.vehicle}: {w}" for w in warnings(vehicle))]

@@ -35,7 +35,7 @@ from models.frames import Array
 from models.vehicle import Vehicle, load_vehicle
 
 APPROACHES = 3
-MODES = ("on", "gate", "full")
+MODES = ("on", "full")
 AXES = ("height", "lateral")
 
 
@@ -72,7 +72,7 @@ class Leg3:
 def fly(
     vehicle: Vehicle, kind: str, mode: str, seed: int, scenario: str, approaches: int, air: str = "law"
 ) -> Leg3:  # fmt: skip
-    """Fly one leg; ``mode`` off, free (off, in air without ground and wall), on, gate or full; ``air`` law or flow."""
+    """Fly one leg; ``mode`` off, free (off, in air without ground and wall), on or full; ``air`` law or flow."""
     once = build(scenario, vehicle, air=mode != "free")
     law = disturbed(seed)
     flight = Flight(vehicle, repeated(once, approaches), seed, law=law)
@@ -82,7 +82,7 @@ def fly(
         vehicle,
         model_of(kind, vehicle, law),
         offsets=mode not in ("off", "free"),
-        adapt=Adapt(mode) if mode in ("gate", "full") else Adapt.OFF,
+        adapt=Adapt.FULL if mode == "full" else Adapt.OFF,
     )
     with tempfile.TemporaryDirectory() as folder:
         truth = Path(folder) / "truth.csv"
