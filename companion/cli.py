@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from companion.adaptation.options import Adapt, read_adapt
+from companion.mavlink.link import BAUD
 from models.arguments import Parser
 from models.errors import ConfigError, LinkError, UserError
 from models.version import VersionAction
@@ -45,7 +46,7 @@ def parser() -> argparse.ArgumentParser:
         "--connect", metavar="ENDPOINT",
         help="udp:0.0.0.0:14550, udpin:…, udpout:…, tcp:HOST:PORT, /dev/ttyAMA0, or sim:corner (built-in vehicle)",
     )  # fmt: skip
-    p.add_argument("--baud", type=int, default=115200, help="of a serial port (default 115200)")
+    p.add_argument("--baud", type=int, default=BAUD, help=f"of a serial port (default {BAUD})")
     p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: the paper's tandem)")
     p.add_argument(
         "--model",
