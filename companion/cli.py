@@ -88,7 +88,10 @@ def parser() -> argparse.ArgumentParser:
                    help="no second process that sends a place to stay at if this one is killed")  # fmt: skip
     p.add_argument("--no-offsets", action="store_true", help="fly the bare hold, for comparison")
     p.add_argument("--compare", action="store_true",
-                   help="with sim:NAME: fly the approach three ways and print the errors")  # fmt: skip
+                   help="with sim:NAME: fly the approach with and without offsets, in free air, by the autopilot, and "
+                   "print the errors; with --adapt full three approaches in each flight; --record takes the flight "
+                   "without offsets")  # fmt: skip
+    p.add_argument("--plot", type=Path, metavar="FILE.svg", help="with --compare: draw the errors over the script")
     p.add_argument("--seed", type=int, default=0, help="of the built-in vehicle")
     p.add_argument("--json", metavar="FILE", help="write the report as JSON (- for stdout)")
     p.add_argument("--quiet", action="store_true", help="no progress, no state changes on stderr")
@@ -101,6 +104,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.connect is None and arguments.check in (None, True):
         parser().error("the following arguments are required: --connect")
     try:
+        _check(arguments)
         if arguments.check is not None:
             return _preflight(arguments)
         return _compare(arguments) if arguments.compare else _fly(arguments)
@@ -117,42 +121,76 @@ def scenario_name(endpoint: str) -> str:
 
 
 def _check(a: argparse.Namespace) -> None:
-    """Refuse arguments that do not fit together."""
-    for wrong, words in _faults(a):
-        if wrong:
-            raise ConfigError(words)
-    if a.connect is not None and a.connect.startswith("sim:"):
+    """Refuse arguments that are wrong, or that do nothing beside each other."""
+    for words in (*_wrong(a), *without_effect(a)):
+        raise ConfigError(words)
+    if _simulated(a):
         from companion.sim.scenario import NAMES
 
         if scenario_name(a.connect) not in NAMES:
             raise ConfigError(f"--connect {a.connect}: no such flight; there are {', '.join(NAMES)}")
 
 
-def _faults(a: argparse.Namespace) -> Iterator[tuple[bool, str]]:
-    """(whether it is so, what is wrong with the arguments then)."""
-    hold = a.setpoint == "hold"
-    if a.duration is not None:
-        yield not 0.0 < a.duration < math.inf, f"--duration {a.duration:g}: must be a positive number of seconds"
-    if a.target_system is not None:
-        yield not 1 <= a.target_system <= 255, f"--target-system {a.target_system}: must be 1 to 255"
-    if a.record_limit is not None:
-        refused = a.record is None or a.record_limit < 1
-        yield refused, f"--record-limit {a.record_limit}: must be at least 1 MiB, and needs --record FOLDER"
-    unmeasured = a.save_model is not None and a.adapt is Adapt.OFF
-    yield unmeasured, "--save-model: saves what --adapt full has measured; give both"
-    yield a.carrier == "acceleration" and not hold, "--carrier acceleration: works with --setpoint hold only"
-    unfit = a.record is None or not hold or a.dry_run
-    yield (
-        a.survey is not None and unfit,
-        "--survey: needs --record FILE.tlog, --setpoint hold and no --dry-run",
-    )
-    simulated = a.connect is not None and a.connect.startswith("sim:")
-    yield a.compare and not simulated, "--compare: needs --connect sim:NAME, the built-in vehicle"
+def _wrong(a: argparse.Namespace) -> Iterator[str]:
+    """What is wrong with single values."""
+    if a.duration is not None and not 0.0 < a.duration < math.inf:
+        yield f"--duration {a.duration:g}: must be a positive number of seconds"
+    if a.target_system is not None and not 1 <= a.target_system <= 255:
+        yield f"--target-system {a.target_system}: must be 1 to 255"
+    if a.record_limit is not None and a.record_limit < 1:
+        yield f"--record-limit {a.record_limit}: must be at least 1 MiB"
+
+
+NO_EFFECT = {
+    "with --compare": "--check --baud --dry-run --setpoint --carrier --record-limit --page --survey --save-model "
+    "--duration --signing-key --target-system --on-exit --no-last-word --no-offsets",
+    "with --check": "--dry-run --record-limit --page --survey --adapt --save-model --on-exit --no-last-word "
+    "--no-offsets --compare --plot",
+    "with --check FILE.tlog": "--connect --duration",
+    "with --connect FILE.tlog": "--duration",
+    "with --connect sim:NAME": "--signing-key --on-exit",
+    "with --dry-run": "--survey --on-exit --no-last-word",
+    "with --setpoint ENDPOINT": "--carrier --survey --on-exit --no-last-word",
+    "with --signing-key": "--no-last-word",
+    "without --connect sim:NAME": "--compare --seed",
+    "without --connect /dev/...": "--baud",
+    "without --compare": "--plot",
+    "without --record": "--record-limit --survey",
+    "without --adapt full": "--save-model",
+}
+"""Options that do nothing with another, or without it."""
+
+
+def without_effect(a: argparse.Namespace) -> Iterator[str]:
+    """What is said of every option that ``NO_EFFECT`` names; one at its default is as good as not given."""
+    defaults = parser()
+    given = {f"--{name.replace('_', '-')}" for name, value in vars(a).items() if value != defaults.get_default(name)}
+    ports = [port.upper() for port in (a.connect, a.setpoint) if port is not None]
+    so = {
+        "--compare": a.compare,
+        "--check": a.check is not None,
+        "--check FILE.tlog": isinstance(a.check, str),
+        "--connect FILE.tlog": a.connect is not None and a.connect.endswith(".tlog"),
+        "--connect sim:NAME": _simulated(a),
+        "--connect /dev/...": any(port.startswith(("/DEV/", "COM")) for port in ports),
+        "--dry-run": a.dry_run,
+        "--setpoint ENDPOINT": a.setpoint != "hold",
+        "--signing-key": a.signing_key is not None,
+        "--record": a.record is not None,
+        "--adapt full": a.adapt is Adapt.FULL,
+    }
+    for when, options in NO_EFFECT.items():
+        word, other = when.split(" ", 1)
+        if so[other] is (word == "with"):
+            yield from (f"{option}: has no effect {when}" for option in options.split() if option in given)
+
+
+def _simulated(a: argparse.Namespace) -> bool:
+    return a.connect is not None and a.connect.startswith("sim:")
 
 
 def _preflight(a: argparse.Namespace) -> int:
     """``--check``: a dry run that is looked at, or a log."""
-    _check(a)
     # Imported here so that --help answers at once.
     from companion import check
     from companion.config import Base, Carrier, PipelineConfig
@@ -191,7 +229,6 @@ def _preflight(a: argparse.Namespace) -> int:
 
 
 def _fly(a: argparse.Namespace) -> int:
-    _check(a)
     # Imported here so that --help answers at once.
     from companion.config import Base
     from companion.flight import Flight, FlightOptions
@@ -278,7 +315,7 @@ def _run(flight: Flight) -> bool:
 
 def _endpoint(a: argparse.Namespace, stack: ExitStack) -> tuple[str, IO[str] | None]:
     """Where to connect, and what the built-in vehicle says. Without --duration it says when its script is over."""
-    if not a.connect.startswith("sim:"):
+    if not _simulated(a):
         return a.connect, None
     from companion.sim.launch import launch
 
@@ -339,9 +376,10 @@ def _write_json(report: dict[str, Any], target: str) -> None:
 
 
 def _compare(a: argparse.Namespace) -> int:
-    _check(a)
-    from companion.sim.compare import main as compare
+    from companion.sim.compare import Settings, compare, write
 
-    return compare(
-        scenario_name(a.connect), seed=a.seed, vehicle=a.vehicle, model=a.model, json_path=a.json, quiet=a.quiet
-    )
+    settings = Settings(scenario_name(a.connect), a.vehicle, a.model, a.adapt, a.record)
+    if settings.choice.note is not None and not a.quiet:
+        print(f"companion: {settings.choice.note}", file=sys.stderr)
+    write(compare([a.seed], settings, quiet=a.quiet), json_path=a.json, plot=a.plot)
+    return 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from companion.sim.body import Surroundings, Vec
@@ -59,6 +59,12 @@ class Scenario:
     def duration_s(self) -> float:
         """Length of the script."""
         return self.knots[-1].time_s
+
+    def repeated(self, times: int) -> Scenario:
+        """The same script so many times in one flight."""
+        long, last = self.duration_s, self.knots[-1]
+        again = [replace(k, time_s=k.time_s + i * long) for i in range(times) for k in self.knots[:-1]]
+        return replace(self, knots=(*again, replace(last, time_s=times * long)))
 
     def reference(self, time_s: float) -> Reference:
         """The reference at script time ``time_s``: the first knot before, the last one after."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import models
-from companion.sim.air import PAPER_CQ, REYNOLDS_EXPONENT, RPM_HOVER, Increments, LawConstants, increments
+from companion.sim.air import PAPER_CQ, REYNOLDS_EXPONENT, RPM_HOVER, Increments, SurfaceLaw
 from models.frames import Array
 from models.surrogate.empty import empty_model
 from models.surrogate.fan_surrogate import AdoptedEffect, Answer
@@ -23,7 +23,7 @@ class TrueModel:
 
     effects: tuple[AdoptedEffect, ...] = ()
 
-    def __init__(self, vehicle: Vehicle, law: LawConstants) -> None:
+    def __init__(self, vehicle: Vehicle, law: SurfaceLaw) -> None:
         self.info: Mapping[str, Any] = {"method": "truth"}
         self._law, self._radius = law, vehicle.rotor_radius_m
         self._per_rpm2 = RHO_SEA_LEVEL * vehicle.disc_area_m2 * (2.0 * np.pi / 60.0 * vehicle.rotor_radius_m) ** 2
@@ -37,7 +37,7 @@ class TrueModel:
         for index in np.ndindex(h.shape):
             speed = float(rpm[index])
             lift = self._ct * self._per_rpm2 * speed**2 * (max(speed, 1.0) / RPM_HOVER) ** REYNOLDS_EXPONENT
-            inc = increments(self._law, float(h[index]) / self._radius, float(d[index]) / self._radius)
+            inc = self._law.increments(float(h[index]) / self._radius, float(d[index]) / self._radius)
             arm = lift * self._radius
             torque = PAPER_CQ * self._per_rpm2 * speed**2 * self._radius * self._torque
             out[index] = (
@@ -151,7 +151,7 @@ def _cell(knots: list[float], value: float) -> tuple[int, float]:
 KINDS = ("right", "default", "corner_cfd", "mirrored", "other")
 
 
-def model_of(kind: str, vehicle: Vehicle, law: LawConstants) -> Any:
+def model_of(kind: str, vehicle: Vehicle, law: SurfaceLaw) -> Any:
     """``right``: the air itself; ``default``: the shipped model, 10 to 30 % wrong about it; ``corner_cfd``: the shipped
     model from flow simulation, of another fan; ``mirrored``: the shipped one with the wrong sign; ``other``: of a
     vehicle with fans 1.7 times as large, whose lift is 10 % off and whose ground and wall are half as strong again."""
