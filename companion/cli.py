@@ -125,10 +125,9 @@ def _check(a: argparse.Namespace) -> None:
     for words in (*_wrong(a), *without_effect(a)):
         raise ConfigError(words)
     if _simulated(a):
-        from companion.sim.scenario import NAMES
+        from companion.sim.world import check_scenario
 
-        if scenario_name(a.connect) not in NAMES:
-            raise ConfigError(f"--connect {a.connect}: no such flight; there are {', '.join(NAMES)}")
+        check_scenario(scenario_name(a.connect))
 
 
 def _wrong(a: argparse.Namespace) -> Iterator[str]:
@@ -189,6 +188,15 @@ def _simulated(a: argparse.Namespace) -> bool:
     return a.connect is not None and a.connect.startswith("sim:")
 
 
+def _default_model(a: argparse.Namespace) -> str | None:
+    """The shipped model that flies where ``--model`` names none."""
+    if not _simulated(a):
+        return None
+    from companion.sim.world import default_model
+
+    return default_model(scenario_name(a.connect))
+
+
 def _preflight(a: argparse.Namespace) -> int:
     """``--check``: a dry run that is looked at, or a log."""
     # Imported here so that --help answers at once.
@@ -201,7 +209,7 @@ def _preflight(a: argparse.Namespace) -> int:
     from models.vehicle import load_vehicle
 
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
-    chosen = choose_to_fly(vehicle, a.model)
+    chosen = choose_to_fly(vehicle, a.model, _default_model(a))
     base = Base.HOLD if a.setpoint == "hold" else Base.UPSTREAM
     config = PipelineConfig(vehicle, chosen.model, base=base, carrier=Carrier(a.carrier), dry_run=True)
     key = None if a.signing_key is None else read_signing_key(a.signing_key)
@@ -280,7 +288,7 @@ def _flight_config(a: argparse.Namespace) -> tuple[PipelineConfig, list[str]]:
     from models.vehicle_plausibility import warnings
 
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
-    chosen = choose_to_fly(vehicle, a.model)
+    chosen = choose_to_fly(vehicle, a.model, _default_model(a))
     config = PipelineConfig(
         vehicle=vehicle,
         model=chosen.model,

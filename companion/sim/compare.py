@@ -22,13 +22,14 @@ from tqdm import tqdm
 
 from companion.adaptation.options import Adapt
 from companion.config import PipelineConfig
-from companion.sim.air import LawError, disturbed
+from companion.sim.air import LawError
 from companion.sim.compare_plot import write_plot
 from companion.sim.compare_report import Comparison, as_json, as_text
 from companion.sim.flight import Flight
 from companion.sim.flown import Flown, Leg, fly_judged
 from companion.sim.model_error import model_error
 from companion.sim.scenario import Scenario, build
+from companion.sim.world import default_model, law_of
 from companion.vehicles import default_vehicle
 from models.choice import Choice, choose_to_fly
 from models.errors import ConfigError
@@ -67,7 +68,7 @@ class Settings:
     @cached_property
     def choice(self) -> Choice:
         """The model that flies."""
-        return choose_to_fly(self.flown_vehicle, self.model)
+        return choose_to_fly(self.flown_vehicle, self.model, default_model(self.scenario))
 
     def once(self, *, air: bool = True) -> Scenario:
         """One approach."""
@@ -75,7 +76,8 @@ class Settings:
 
     def model_errors(self, seeds: Iterable[int]) -> list[LawError]:
         """How wrong the model that flies is about the air of each seed."""
-        return [model_error(self.choice.model, self.flown_vehicle, disturbed(seed)) for seed in seeds]
+        model, vehicle = self.choice.model, self.flown_vehicle
+        return [model_error(model, vehicle, law_of(self.scenario, seed)) for seed in seeds]
 
 
 def fly(settings: Settings, leg: Leg, seed: int) -> Flown:

@@ -7,12 +7,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TextIO
 
-from companion.sim.air import SurfaceLaw, disturbed
+from companion.sim.air import SurfaceLaw
 from companion.sim.autopilot import Autopilot
 from companion.sim.body import ARDUPILOT_MOTOR, DT, GRAVITY, PX4_MOTOR, Body
 from companion.sim.px4 import Px4
 from companion.sim.scenario import Reference, Scenario
 from companion.sim.sensors import EscTelemetry, Estimate, Estimator, RangeSensor
+from companion.sim.world import law_of
 from models.errors import ConfigError
 from models.vehicle import Vehicle
 
@@ -41,7 +42,7 @@ class Flight:
         self.seed = seed
         self.px4 = px4
         motor = PX4_MOTOR if px4 else ARDUPILOT_MOTOR
-        self.body = Body(vehicle, scenario.surroundings, law or disturbed(seed), seed, motor=motor)
+        self.body = Body(vehicle, scenario.surroundings, law or law_of(scenario.name, seed), seed, motor=motor)
         self.estimator = Estimator(self.body, seed)
         hover = HOVER_PARAM_SHARE * vehicle.hover_thrust
         self.autopilot = Px4(vehicle, hover) if px4 else Autopilot(vehicle, hover)

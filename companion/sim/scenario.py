@@ -174,7 +174,7 @@ def build(name: str, vehicle: Vehicle, *, air: bool = True) -> Scenario:
     elif name == "wall":
         s.hold(6.0, "free").go("approach", towards=nearish).go("approach", towards=near, speed=CREEP_M_S)
         s.hold(8.0, "wall").go("retreat", towards=0.0).hold(6.0, "free")
-    elif name in ("corner", "ramps", "free"):
+    elif name in ("corner", "corner_cfd", "ramps", "free"):
         s.hold(6.0, "free").go("descend", height=lowish).go("descend", height=low, speed=CREEP_M_S).hold(4.0, "ground")
         s.go("climb", height=START_HEIGHT_M).hold(3.0, "free")
         s.go("approach", towards=nearish).go("approach", towards=near, speed=CREEP_M_S).hold(4.0, "wall")
@@ -196,4 +196,4 @@ def build(name: str, vehicle: Vehicle, *, air: bool = True) -> Scenario:
     return Scenario(name, surroundings, s.end(), rounding_s=0.0 if name == "ramps" else ROUNDING_S)
 
 
-NAMES = ("corner", "ramps", "hover", "ground", "wall", "pylon", "free")
+NAMES = ("corner", "corner_cfd", "ramps", "hover", "ground", "wall", "pylon", "free")

@@ -18,15 +18,15 @@ from itertools import product
 from pathlib import Path
 
 import numpy as np
-from adapt_models import KINDS, FlowAir, model_of
+from adapt_models import KINDS, model_of
 from tqdm import tqdm
 
 from companion.adaptation.options import Adapt
 from companion.config import PipelineConfig
-from companion.sim.air import disturbed
 from companion.sim.flight import Flight
 from companion.sim.flown import Flown, Leg, fly_judged
-from companion.sim.scenario import build
+from companion.sim.scenario import NAMES, build
+from companion.sim.world import law_of
 from companion.vehicles import default_vehicle
 from models.frames import Array
 from models.vehicle import Vehicle, load_vehicle
@@ -39,26 +39,24 @@ LEGS = {"off": Leg.OFF, "free": Leg.FREE, "on": Leg.ON, "full": Leg.ADAPTED}
 
 @dataclass(frozen=True)
 class Case:
-    """What is flown; ``mode`` off, free (off, in air without ground and wall), on or full; ``air`` law or flow."""
+    """What is flown; ``mode`` off, free (off, in air without ground and wall), on or full."""
 
     scenario: str
     approaches: int
-    air: str
     kind: str
     mode: str
     seed: int
 
     def fly(self, vehicle: Vehicle) -> Flown:
         """Fly it."""
-        once, law = build(self.scenario, vehicle, air=self.mode != "free"), disturbed(self.seed)
-        flown_in = FlowAir(vehicle) if self.air == "flow" else law
+        once, law = build(self.scenario, vehicle, air=self.mode != "free"), law_of(self.scenario, self.seed)
         config = PipelineConfig(
             vehicle,
             model_of(self.kind, vehicle, law),
             offsets=self.mode in MODES,
             adapt=Adapt.FULL if self.mode == "full" else Adapt.OFF,
         )
-        flight = Flight(vehicle, once.repeated(self.approaches), self.seed, law=flown_in)
+        flight = Flight(vehicle, once.repeated(self.approaches), self.seed)
         return fly_judged(flight, config, LEGS[self.mode], approach_s=once.duration_s)
 
 
@@ -147,19 +145,16 @@ def main() -> int:
     p.add_argument("--first", type=int, default=101)
     p.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
     p.add_argument("--modes", nargs="+", choices=MODES, default=list(MODES))
-    p.add_argument("--scenario", default="corner")
+    p.add_argument("--scenario", choices=NAMES, default="corner")
     p.add_argument("--approaches", type=int, default=APPROACHES)
     p.add_argument("--vehicle", type=Path)
-    p.add_argument(
-        "--air", choices=("law", "flow"), default="law", help="the simulator's own law, or flow simulation's"
-    )
     p.add_argument("--legs", type=Path, metavar="DIR", help="keep flown legs here, and do not fly them again")
     a = p.parse_args()
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
     found: list[Cell] = []
     for seed in tqdm(range(a.first, a.first + a.seeds), unit="seed", file=sys.stderr, disable=not sys.stderr.isatty()):
         of_seed = {
-            (kind, mode): Case(a.scenario, a.approaches, a.air, kind, mode, seed)
+            (kind, mode): Case(a.scenario, a.approaches, kind, mode, seed)
             for kind, mode in (("none", "off"), ("none", "free"), *product(a.kinds, a.modes))
         }
         off, free = (kept(a.legs, vehicle, of_seed["none", mode]) for mode in ("off", "free"))

@@ -230,7 +230,7 @@ def test_the_pilot_is_told_once_of_each_change():
 
 @cache
 def corner(mode: str, seed: int) -> Flown:
-    return Case("corner", 1, "law", "corner_cfd" if mode != "off" else "none", mode, seed).fly(VEHICLE)
+    return Case("corner", 1, "corner_cfd" if mode != "off" else "none", mode, seed).fly(VEHICLE)
 
 
 def test_a_model_of_another_fan_leaves_no_vehicle_leaning_on_the_wall():
