@@ -15,6 +15,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+from companion.adaptation.options import Adapt, read_adapt
+from companion.mavlink.link import BAUD
 from models.arguments import Parser
 from models.errors import ConfigError, LinkError, UserError
 from models.version import VersionAction
@@ -44,7 +46,7 @@ def parser() -> argparse.ArgumentParser:
         "--connect", metavar="ENDPOINT",
         help="udp:0.0.0.0:14550, udpin:…, udpout:…, tcp:HOST:PORT, /dev/ttyAMA0, or sim:corner (built-in vehicle)",
     )  # fmt: skip
-    p.add_argument("--baud", type=int, default=115200, help="of a serial port (default 115200)")
+    p.add_argument("--baud", type=int, default=BAUD, help=f"of a serial port (default {BAUD})")
     p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: the paper's tandem)")
     p.add_argument(
         "--model",
@@ -71,9 +73,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--survey", metavar="BOX",
                    help="move the hold slowly through HEIGHT_MIN:HEIGHT_MAX[:WALL_MIN:WALL_MAX] metres and back, "
                    "to learn ground and wall from the recording; another mode or target ends it")  # fmt: skip
-    p.add_argument("--adapt", choices=("off", "gate", "full"), default="off",
-                   help="measure the sizes of the model's effects in flight; gate: only ever compensate less than the "
-                   "model says, full: also more, up to 1.5 of it")  # fmt: skip
+    p.add_argument("--adapt", type=read_adapt, default=Adapt.OFF, metavar="off|full",
+                   help="full: measure the sizes of the model's effects in flight and compensate by them, up to 1.5 of "
+                   "the model")  # fmt: skip
     p.add_argument("--save-model", type=Path, metavar="DIR",
                    help="with --adapt: write the model with the sizes that were measured, the priors of its next "
                    "flight")  # fmt: skip
@@ -86,7 +88,10 @@ def parser() -> argparse.ArgumentParser:
                    help="no second process that sends a place to stay at if this one is killed")  # fmt: skip
     p.add_argument("--no-offsets", action="store_true", help="fly the bare hold, for comparison")
     p.add_argument("--compare", action="store_true",
-                   help="with sim:NAME: fly the approach three ways and print the errors")  # fmt: skip
+                   help="with sim:NAME: fly the approach with and without offsets, in free air, by the autopilot, and "
+                   "print the errors; with --adapt full three approaches in each flight; --record takes the flight "
+                   "without offsets")  # fmt: skip
+    p.add_argument("--plot", type=Path, metavar="FILE.svg", help="with --compare: draw the errors over the script")
     p.add_argument("--seed", type=int, default=0, help="of the built-in vehicle")
     p.add_argument("--json", metavar="FILE", help="write the report as JSON (- for stdout)")
     p.add_argument("--quiet", action="store_true", help="no progress, no state changes on stderr")
@@ -99,6 +104,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.connect is None and arguments.check in (None, True):
         parser().error("the following arguments are required: --connect")
     try:
+        _check(arguments)
         if arguments.check is not None:
             return _preflight(arguments)
         return _compare(arguments) if arguments.compare else _fly(arguments)
@@ -115,42 +121,84 @@ def scenario_name(endpoint: str) -> str:
 
 
 def _check(a: argparse.Namespace) -> None:
-    """Refuse arguments that do not fit together."""
-    for wrong, words in _faults(a):
-        if wrong:
-            raise ConfigError(words)
-    if a.connect is not None and a.connect.startswith("sim:"):
-        from companion.sim.scenario import NAMES
+    """Refuse arguments that are wrong, or that do nothing beside each other."""
+    for words in (*_wrong(a), *without_effect(a)):
+        raise ConfigError(words)
+    if _simulated(a):
+        from companion.sim.world import check_scenario
 
-        if scenario_name(a.connect) not in NAMES:
-            raise ConfigError(f"--connect {a.connect}: no such flight; there are {', '.join(NAMES)}")
+        check_scenario(scenario_name(a.connect))
 
 
-def _faults(a: argparse.Namespace) -> Iterator[tuple[bool, str]]:
-    """(whether it is so, what is wrong with the arguments then)."""
-    hold = a.setpoint == "hold"
-    if a.duration is not None:
-        yield not 0.0 < a.duration < math.inf, f"--duration {a.duration:g}: must be a positive number of seconds"
-    if a.target_system is not None:
-        yield not 1 <= a.target_system <= 255, f"--target-system {a.target_system}: must be 1 to 255"
-    if a.record_limit is not None:
-        refused = a.record is None or a.record_limit < 1
-        yield refused, f"--record-limit {a.record_limit}: must be at least 1 MiB, and needs --record FOLDER"
-    unmeasured = a.save_model is not None and a.adapt == "off"
-    yield unmeasured, "--save-model: saves what --adapt gate or full has measured; give one of them"
-    yield a.carrier == "acceleration" and not hold, "--carrier acceleration: works with --setpoint hold only"
-    unfit = a.record is None or not hold or a.dry_run
-    yield (
-        a.survey is not None and unfit,
-        "--survey: needs --record FILE.tlog, --setpoint hold and no --dry-run",
-    )
-    simulated = a.connect is not None and a.connect.startswith("sim:")
-    yield a.compare and not simulated, "--compare: needs --connect sim:NAME, the built-in vehicle"
+def _wrong(a: argparse.Namespace) -> Iterator[str]:
+    """What is wrong with single values."""
+    if a.duration is not None and not 0.0 < a.duration < math.inf:
+        yield f"--duration {a.duration:g}: must be a positive number of seconds"
+    if a.target_system is not None and not 1 <= a.target_system <= 255:
+        yield f"--target-system {a.target_system}: must be 1 to 255"
+    if a.record_limit is not None and a.record_limit < 1:
+        yield f"--record-limit {a.record_limit}: must be at least 1 MiB"
+
+
+NO_EFFECT = {
+    "with --compare": "--check --baud --dry-run --setpoint --carrier --record-limit --page --survey --save-model "
+    "--duration --signing-key --target-system --on-exit --no-last-word --no-offsets",
+    "with --check": "--dry-run --record-limit --page --survey --adapt --save-model --on-exit --no-last-word "
+    "--no-offsets --compare --plot",
+    "with --check FILE.tlog": "--connect --duration",
+    "with --connect FILE.tlog": "--duration",
+    "with --connect sim:NAME": "--signing-key --on-exit",
+    "with --dry-run": "--survey --on-exit --no-last-word",
+    "with --setpoint ENDPOINT": "--carrier --survey --on-exit --no-last-word",
+    "with --signing-key": "--no-last-word",
+    "without --connect sim:NAME": "--compare --seed",
+    "without --connect /dev/...": "--baud",
+    "without --compare": "--plot",
+    "without --record": "--record-limit --survey",
+    "without --adapt full": "--save-model",
+}
+"""Options that do nothing with another, or without it."""
+
+
+def without_effect(a: argparse.Namespace) -> Iterator[str]:
+    """What is said of every option that ``NO_EFFECT`` names; one at its default is as good as not given."""
+    defaults = parser()
+    given = {f"--{name.replace('_', '-')}" for name, value in vars(a).items() if value != defaults.get_default(name)}
+    ports = [port.upper() for port in (a.connect, a.setpoint) if port is not None]
+    so = {
+        "--compare": a.compare,
+        "--check": a.check is not None,
+        "--check FILE.tlog": isinstance(a.check, str),
+        "--connect FILE.tlog": a.connect is not None and a.connect.endswith(".tlog"),
+        "--connect sim:NAME": _simulated(a),
+        "--connect /dev/...": any(port.startswith(("/DEV/", "COM")) for port in ports),
+        "--dry-run": a.dry_run,
+        "--setpoint ENDPOINT": a.setpoint != "hold",
+        "--signing-key": a.signing_key is not None,
+        "--record": a.record is not None,
+        "--adapt full": a.adapt is Adapt.FULL,
+    }
+    for when, options in NO_EFFECT.items():
+        word, other = when.split(" ", 1)
+        if so[other] is (word == "with"):
+            yield from (f"{option}: has no effect {when}" for option in options.split() if option in given)
+
+
+def _simulated(a: argparse.Namespace) -> bool:
+    return a.connect is not None and a.connect.startswith("sim:")
+
+
+def _default_model(a: argparse.Namespace) -> str | None:
+    """The shipped model that flies where ``--model`` names none."""
+    if not _simulated(a):
+        return None
+    from companion.sim.world import default_model
+
+    return default_model(scenario_name(a.connect))
 
 
 def _preflight(a: argparse.Namespace) -> int:
     """``--check``: a dry run that is looked at, or a log."""
-    _check(a)
     # Imported here so that --help answers at once.
     from companion import check
     from companion.config import Base, Carrier, PipelineConfig
@@ -161,7 +209,7 @@ def _preflight(a: argparse.Namespace) -> int:
     from models.vehicle import load_vehicle
 
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
-    chosen = choose_to_fly(vehicle, a.model)
+    chosen = choose_to_fly(vehicle, a.model, _default_model(a))
     base = Base.HOLD if a.setpoint == "hold" else Base.UPSTREAM
     config = PipelineConfig(vehicle, chosen.model, base=base, carrier=Carrier(a.carrier), dry_run=True)
     key = None if a.signing_key is None else read_signing_key(a.signing_key)
@@ -189,7 +237,6 @@ def _preflight(a: argparse.Namespace) -> int:
 
 
 def _fly(a: argparse.Namespace) -> int:
-    _check(a)
     # Imported here so that --help answers at once.
     from companion.config import Base
     from companion.flight import Flight, FlightOptions
@@ -233,7 +280,6 @@ def _fly(a: argparse.Namespace) -> int:
 
 def _flight_config(a: argparse.Namespace) -> tuple[PipelineConfig, list[str]]:
     """What does not change during the flight, and what is to be said about vehicle and model."""
-    from companion.adaptation.options import Adapt
     from companion.config import Base, Carrier, PipelineConfig
     from companion.control.survey_box import read_box
     from companion.vehicles import default_vehicle
@@ -242,7 +288,7 @@ def _flight_config(a: argparse.Namespace) -> tuple[PipelineConfig, list[str]]:
     from models.vehicle_plausibility import warnings
 
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
-    chosen = choose_to_fly(vehicle, a.model)
+    chosen = choose_to_fly(vehicle, a.model, _default_model(a))
     config = PipelineConfig(
         vehicle=vehicle,
         model=chosen.model,
@@ -251,7 +297,7 @@ def _flight_config(a: argparse.Namespace) -> tuple[PipelineConfig, list[str]]:
         dry_run=a.dry_run,
         offsets=not a.no_offsets,
         survey=None if a.survey is None else read_box(a.survey),
-        adapt=Adapt(a.adapt),
+        adapt=a.adapt,
     )
     notes = [chosen.note] if chosen.note else []
     return config, [*notes, *(f"{a.vehicle}: {w}" for w in warnings(vehicle))]
@@ -277,7 +323,7 @@ def _run(flight: Flight) -> bool:
 
 def _endpoint(a: argparse.Namespace, stack: ExitStack) -> tuple[str, IO[str] | None]:
     """Where to connect, and what the built-in vehicle says. Without --duration it says when its script is over."""
-    if not a.connect.startswith("sim:"):
+    if not _simulated(a):
         return a.connect, None
     from companion.sim.launch import launch
 
@@ -338,9 +384,10 @@ def _write_json(report: dict[str, Any], target: str) -> None:
 
 
 def _compare(a: argparse.Namespace) -> int:
-    _check(a)
-    from companion.sim.compare import main as compare
+    from companion.sim.compare import Settings, compare, write
 
-    return compare(
-        scenario_name(a.connect), seed=a.seed, vehicle=a.vehicle, model=a.model, json_path=a.json, quiet=a.quiet
-    )
+    settings = Settings(scenario_name(a.connect), a.vehicle, a.model, a.adapt, a.record)
+    if settings.choice.note is not None and not a.quiet:
+        print(f"companion: {settings.choice.note}", file=sys.stderr)
+    write(compare([a.seed], settings, quiet=a.quiet), json_path=a.json, plot=a.plot)
+    return 0

@@ -27,18 +27,19 @@ class Choice:
     """Why the shipped model is not used."""
 
 
-def choose(vehicle: Vehicle, name: str | None) -> Choice:
+def choose(vehicle: Vehicle, name: str | None, shipped: str | None = None) -> Choice:
     """``name`` as given on a command line: a directory, ``none``, or None for the default.
 
-    The default is the shipped model, and no model (``none``) for a vehicle with another fan. Raises ModelError for a
-    directory that cannot be loaded, ConfigError where ``none`` needs a ``ct`` that the vehicle file does not give.
+    The default is the shipped model, or another of those that ship (``shipped``), and no model (``none``) for a
+    vehicle with another fan. Raises ModelError for a directory that cannot be loaded, ConfigError where ``none`` needs
+    a ``ct`` that the vehicle file does not give.
     """
     if name == NONE:
         return Choice(empty_model(vehicle), NONE)
-    model = load(name)
+    model = load(name or shipped)
     wrong = contradictions(vehicle, model)
     if name is not None or not wrong:
-        return Choice(model, name or "shipped", wrong)
+        return Choice(model, name or shipped or "shipped", wrong)
     note = f"the shipped model is of another fan ({'; '.join(wrong)}): without model, as with --model none"
     try:
         return Choice(empty_model(vehicle), NONE, note=note)
@@ -49,9 +50,9 @@ def choose(vehicle: Vehicle, name: str | None) -> Choice:
         ) from None
 
 
-def choose_to_fly(vehicle: Vehicle, name: str | None) -> Choice:
+def choose_to_fly(vehicle: Vehicle, name: str | None, shipped: str | None = None) -> Choice:
     """``choose`` for flight. Raises ConfigError where the named model and the vehicle file contradict each other."""
-    chosen = choose(vehicle, name)
+    chosen = choose(vehicle, name, shipped)
     if chosen.contradictions:
         raise ConfigError(
             f"--model {name}: is of another fan than the vehicle file ({'; '.join(chosen.contradictions)}); "

@@ -65,6 +65,10 @@ def _parser() -> argparse.ArgumentParser:
         "--fan", nargs=2, type=float, metavar=("RADIUS", "LIP"),
         help="rotor and outer lip radius [m] of the fan that the data are of: flight then refuses it on another fan",
     )  # fmt: skip
+    train.add_argument(
+        "--places", choices=("even", "odd"),
+        help="train on every second place only: a test may then use the others (sim:corner_cfd flies in the even ones)",
+    )  # fmt: skip
     train.add_argument("--label", metavar="TEXT", help="what the data are, kept in model.json as their fidelity")
     _common_options(train)
     train.set_defaults(run=_train)
@@ -131,6 +135,10 @@ def _train(args: argparse.Namespace) -> int:
     from models.training.train import train
 
     data, fidelity = _data(args.data, args.sigma)
+    if args.places is not None:
+        from models.halves import half
+
+        data = half(data, args.places)
     _check_writable(args.out)
     if args.label:
         fidelity = {**fidelity, "label": args.label}

@@ -12,6 +12,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from companion.adaptation.options import Adapt, read_adapt
 from models.arguments import Parser
 from models.errors import ConfigError, LogError, UserError
 from models.version import VersionAction
@@ -54,7 +55,7 @@ def parser() -> argparse.ArgumentParser:
         help="decide at every attitude (hold) or at every recorded SET_ATTITUDE_TARGET (upstream)",
     )  # fmt: skip
     run.add_argument(
-        "--adapt", choices=("off", "gate", "full"), default="off",
+        "--adapt", type=read_adapt, default=Adapt.OFF, metavar="off|full",
         help="measure the sizes of the model's effects as the flight program does: what would have been learned",
     )  # fmt: skip
     run.add_argument("--save-model", type=Path, metavar="DIR", help="with --adapt: write the model with these sizes")
@@ -102,8 +103,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _run(a: argparse.Namespace) -> int:
     if a.log.is_dir():
         return _run_folder(a)
-    if a.save_model is not None and a.adapt == "off":
-        raise ConfigError("--save-model: saves what --adapt gate or full has measured; give one of them")
+    if a.save_model is not None and a.adapt is Adapt.OFF:
+        raise ConfigError("--save-model: saves what --adapt full has measured; give both")
     # Imported here so that --help answers at once.
     from replay.rerun.history import History
     from replay.rerun.report import run
@@ -140,12 +141,11 @@ def _run_folder(a: argparse.Namespace) -> int:
     from replay.fleet.jobs import Kind
 
     assumed = tuple(sorted(assumed_parameters(a.param).items()))
-    return run_folder(a, a.log, Kind.RUN, setpoint=a.setpoint, assumed=assumed, adapt=a.adapt)
+    return run_folder(a, a.log, Kind.RUN, setpoint=a.setpoint, assumed=assumed, adapt=a.adapt.value)
 
 
 def _run_config(a: argparse.Namespace) -> tuple[PipelineConfig, Choice, list[str]]:
     """What does not change over the log, the model that was chosen, and what is to be said about model and vehicle."""
-    from companion.adaptation.options import Adapt
     from companion.config import Base, PipelineConfig
     from companion.control.survey_box import read_box
     from companion.vehicles import default_vehicle
@@ -161,7 +161,7 @@ def _run_config(a: argparse.Namespace) -> tuple[PipelineConfig, Choice, list[str
         base=Base.HOLD if a.setpoint == "hold" else Base.UPSTREAM,
         dry_run=True,
         survey=None if a.survey is None else read_box(a.survey),
-        adapt=Adapt(a.adapt),
+        adapt=a.adapt,
     )
     notes = [
         *([chosen.note] if chosen.note else []),

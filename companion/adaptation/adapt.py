@@ -146,10 +146,9 @@ def initial(config: PipelineConfig) -> Adaptation | None:
     through = judge.channels_of(table, tuning)
     judged = tuple(judge.initial(c, k, tuning) for c, k in zip(through, kept_with(config.model), strict=True))
     known = tuple(table[k].name in saved for k in places)
-    gate, floor = config.adapt is Adapt.GATE, floors(config.vehicle, tuning)
     believed = _believed(through, judged)
-    shares = Applied((1.0,) * len(places), gate=gate)
-    state = Adaptation(table, prior(table), through, judged, believed, shares, shares, Noise(floor), known)
+    shares, noise = Applied((1.0,) * len(places)), Noise(floors(config.vehicle, tuning))
+    state = Adaptation(table, prior(table), through, judged, believed, shares, shares, noise, known)
     wanted = _wanted(state, config)
     return replace(state, wanted=wanted, applied=wanted)
 
@@ -334,10 +333,9 @@ def _learned(known: Adaptation, sizes: Sizes) -> tuple[bool, ...]:
 
 def _wanted(known: Adaptation, config: PipelineConfig) -> Applied:
     """What is believed. An adopted effect that never was excited stays as modelled."""
-    tuning, gate = config.adapt_tuning, config.adapt is Adapt.GATE
-    gains, near = known.believed
+    tuning, (gains, near) = config.adapt_tuning, known.believed
     shares = [0.0 if gain < tuning.nothing else min(gain, tuning.most) for gain in gains]
     for k, seen in zip(range(FIRST_EFFECT, len(known.table)), known.learned[len(GAINS) :], strict=True):
-        value, highest = known.table[k].as_modelled + float(known.sizes.offset[k]), 1.0 if gate else tuning.most
-        shares.append(share_of(value, known.sizes.sd(k), highest, tuning.form) if seen else 1.0)
-    return Applied(tuple(shares), near, gate)
+        value = known.table[k].as_modelled + float(known.sizes.offset[k])
+        shares.append(share_of(value, known.sizes.sd(k), tuning.most, tuning.form) if seen else 1.0)
+    return Applied(tuple(shares), near)

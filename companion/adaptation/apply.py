@@ -21,8 +21,6 @@ class Applied:
 
     shares: tuple[float, ...]
     near: NearField = NOTHING
-    gate: bool = False
-    """Whether offsets may only become smaller than the model's."""
 
     def compensated(self, vehicle: Vehicle, above: Sequence[Sequence[float]], around: Around, effects: Array) -> Array:
         """(6,), body FRD about the CG: what is compensated of ground, wall and adopted effects.
@@ -30,12 +28,8 @@ class Applied:
         ``above`` (fans, 6): what the model says of ground and wall at each fan, corner frame, at its lead. Of adopted
         effects, (k, 6), what goes beyond all of them or stays below.
         """
-        if self.gate:
-            out = self._gated(vehicle, above, around)
-        else:
-            lift, pull, tilt = about_cg(vehicle, self._at_fans(vehicle, above, around), around.bearing_rad)
-            out = [a + b + c for a, b, c in zip(lift, pull, tilt, strict=True)]
-        total: Array = np.array(out)
+        parts = about_cg(vehicle, self._at_fans(vehicle, above, around), around.bearing_rad)
+        total: Array = np.array([a + b + c for a, b, c in zip(*parts, strict=True)])
         if effects.size:
             total += (np.array(self.shares[3:]) - 1.0) @ effects
         return total
@@ -57,16 +51,6 @@ class Applied:
                 above, self.near.at_fans(around), around.free_lift_n, strict=True
             )
         ]
-
-    def _gated(self, vehicle: Vehicle, above: Sequence[Sequence[float]], around: Around) -> list[float]:
-        """Of what is measured, the part that points as the model does, and no more than the model."""
-        modelled, out = about_cg(vehicle, above, around.bearing_rad), [0.0] * 6
-        for share, row, beside in zip(self.shares, modelled, self.near.rows(vehicle, around), strict=False):
-            size = sum([a * a for a in row])
-            along = sum([a * b for a, b in zip(row, beside, strict=True)]) / size if size > 1e-12 else 0.0
-            kept = min(max(share + along, 0.0), 1.0)
-            out = [v + kept * a for v, a in zip(out, row, strict=True)]
-        return out
 
 
 def share_of(value: float, sd: float, most: float, form: float) -> float:
@@ -98,7 +82,7 @@ def towards(now: Applied, wanted: Applied, dt_s: float, tuning: AdaptTuning) -> 
         _slewed(old.pull, new.pull, most),
         _slewed(old.tilt, new.tilt, most),
     )
-    moved = Applied(shares, near, wanted.gate)
+    moved = Applied(shares, near)
     return wanted if moved == wanted else moved
 
 

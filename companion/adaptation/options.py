@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentTypeError
 from dataclasses import dataclass
 from enum import Enum
 
@@ -11,10 +12,18 @@ class Adapt(Enum):
 
     OFF = "off"
     """Nothing is measured."""
-    GATE = "gate"
-    """Offsets are only ever made smaller than the model's."""
     FULL = "full"
     """Offsets follow the measured sizes, up to ``AdaptTuning.most`` of the model's."""
+
+
+def read_adapt(text: str) -> Adapt:
+    """The value of ``--adapt``, for argparse."""
+    if text == "gate":
+        raise ArgumentTypeError("gate is not available; use full, which measures the same, or off")
+    try:
+        return Adapt(text)
+    except ValueError:
+        raise ArgumentTypeError(f"invalid choice: '{text}' (choose from {', '.join(m.value for m in Adapt)})") from None
 
 
 @dataclass(frozen=True, slots=True)

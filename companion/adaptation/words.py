@@ -51,8 +51,6 @@ def sentences(known: Adaptation, told: dict[str, float]) -> Iterator[tuple[str, 
 def contradicted(name: str, value: float, known: Adaptation) -> str:
     """``ground lift: model contradicted (0.1); measured as 0.8 of Cheeseman-Bennett``."""
     what = f"{name.replace('_', ' ')}: model contradicted ({value:.1f})"
-    if known.applied.gate:
-        return f"{what}; never more of it than is measured"
     if name == GAINS[LIFT]:
         ground, sd = ground_measured(known.channels[LIFT], known.judged[LIFT])
         if abs(ground) > _SURE * sd:

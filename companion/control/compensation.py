@@ -59,16 +59,28 @@ def wanted_offset(
     fx, fy, fz, mx, my, _ = [v * weight for v in disturbance.wrench]
     own_weight = vehicle.mass_kg * GRAVITY
     ratio = 1.0 - fz / max(disturbance.free_lift_n, 0.5 * own_weight)
-    lift_share = 1.0 + thrust.slope * (base_thrust - thrust.hover)
     roll_bias, pitch_bias, washout = _moment_bias(mx, my, washout, config, dt_s)
     north, east, down = [(a * fx + b * fy + c * fz) / vehicle.mass_kg for a, b, c in rotation]
     return Offset(
-        thrust.change(max(lift_share, 0.0) * (1.0 / ratio - 1.0)),
+        _thrust_change(ratio, thrust, base_thrust),
         -math.atan2(fy, own_weight) + roll_bias,
         math.atan2(fx, own_weight) + pitch_bias,
         (-north, -east, -down),
         weight,
     ), washout
+
+
+def _thrust_change(ratio: float, thrust: ThrustMap, base_thrust: float) -> float:
+    """The command change that divides the lift of the base by ``ratio``: at most up to full throttle.
+
+    ``ratio`` is lift near the surroundings over lift in free air; a model that takes all of it, or more, asks for all
+    the thrust there is.
+    """
+    full = 1.0 + thrust.slope * (1.0 - thrust.hover)
+    lift_share = max(1.0 + thrust.slope * (base_thrust - thrust.hover), 0.0)
+    if ratio * full <= lift_share:
+        return max(1.0 - base_thrust, 0.0)
+    return thrust.change(lift_share * (1.0 / ratio - 1.0))
 
 
 def _moment_bias(

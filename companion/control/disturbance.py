@@ -96,9 +96,8 @@ def modelled_disturbance(
     if wall.seen is Seen.SURFACE:
         change = answer.pull_change_n
         if applied is not None and parts is not None:
-            change *= applied.shares[1]
-            if not applied.gate:
-                change += applied.near.pull_change_n(parts.around, _STIFFNESS_STEP_M / vehicle.rotor_radius_m)
+            beside_model = applied.near.pull_change_n(parts.around, _STIFFNESS_STEP_M / vehicle.rotor_radius_m)
+            change = applied.shares[1] * change + beside_model
         gain = _stable_gain(change / _STIFFNESS_STEP_M, vehicle, tuning, damping_1_s)
     beside = [h < math.inf or d < math.inf for h, d in zip(soon.h_m, soon.d_m, strict=True)]
     trust = min([t for t, one in zip(answer.trust, beside, strict=True) if one], default=1.0)

@@ -26,6 +26,8 @@ all dialects is for packaging tools (12 MiB), curses for one character class, ss
 of ours (1.2 MiB together)."""
 _SYSTEM_UNKNOWN = 1
 """We send as this system until the vehicle's own is heard."""
+BAUD = 460800
+"""Of a serial port, unless another is asked for: 115200 is too slow for the streams of a flight (docs/install.md)."""
 _READ = 65536
 """Bytes of one read: more than a datagram holds, and 0.7 s of a serial port at 921600 baud."""
 
@@ -182,7 +184,7 @@ class Link:
 
 
 def open_link(
-    endpoint: str, arrivals: Arrivals, *, baud: int = 115200, number: int = 0, signing_key: bytes | None = None
+    endpoint: str, arrivals: Arrivals, *, baud: int = BAUD, number: int = 0, signing_key: bytes | None = None
 ) -> Link:
     """Open a pymavlink endpoint string.
 

@@ -2,7 +2,7 @@
 
 Scalar, plain floats: the simulator calls it for every fan at every physics step.
 
-The shipped model is trained on ``models/corner_law.py``. A truth with the same formulas would flatter it, so this one
+The default model is trained on ``models/corner_law.py``. A truth with the same formulas would flatter it, so this one
 shares neither formulas nor constants with it, only the facts that both have to respect (lift over ground, attraction
 and tilt to the wall, loss of lift where the flow off the wall is drawn in again, nothing beyond the cut-offs):
 
@@ -20,8 +20,11 @@ from __future__ import annotations
 
 import math
 import random
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
+from itertools import product
+from typing import Protocol
 
 import numpy as np
 
@@ -35,6 +38,44 @@ PAPER_CQ = 0.0079722
 """Q/(rho A Omega^2 R^3) of one rotor of it: an engineering estimate."""
 REYNOLDS_EXPONENT = 0.055
 """Growth of C_T with rotor speed, a power of it: an engineering estimate, other than the surrogate's."""
+RMS_FREE = 0.003
+"""Unsteadiness of a free fan, of its lift."""
+GROUND_FADE = (3.1, 4.0)  # rotor radii: the paper sees nothing beyond 4 r over ground ...
+WALL_FADE = (2.7, 3.8)  # ... and nothing beyond 3.8 r from a wall
+
+
+@dataclass(frozen=True, slots=True)
+class Increments:
+    """What the surroundings add, corner frame: forces / T0, moments / (T0 R), ``mz`` / Q0, and rms unsteadiness / T."""
+
+    x: float = 0.0
+    y: float = 0.0
+    z: float = 0.0
+    mx: float = 0.0
+    my: float = 0.0
+    mz: float = 0.0
+    rms: float = RMS_FREE
+
+
+class SurfaceLaw(Protocol):
+    """What ground and wall do to one fan: the world that a simulated flight takes place in."""
+
+    def increments(self, eta: float, delta: float) -> Increments:
+        """At height ``eta`` = h/R and lip-to-wall distance ``delta`` = d/R (either may be inf: none there)."""
+        ...
+
+
+def _fade(x: float, low: float, high: float) -> float:
+    """1 below ``low``, 0 above ``high``, half a cosine between."""
+    if x <= low:
+        return 1.0
+    if x >= high:
+        return 0.0
+    return 0.5 + 0.5 * math.cos(math.pi * (x - low) / (high - low))
+
+
+def _decay(x: float, length: float) -> float:
+    return 1.0 / (1.0 + (x / length) ** 2)
 
 
 @dataclass(frozen=True)
@@ -71,113 +112,88 @@ class LawConstants:
     torque_ground: float = 0.042
     torque_length: float = 0.70
     torque_ridge: float = 0.024
-    rms_free: float = 0.003
+    rms_free: float = RMS_FREE
     rms_ground: float = 0.017
     rms_ridge: float = 0.013
 
+    def increments(self, eta: float, delta: float) -> Increments:
+        """The law at height ``eta`` = h/r and wall distance ``delta`` = d/r (either may be inf)."""
+        eta, delta = max(eta, 0.6), max(delta, 0.05)
+        over_ground, at_wall = _fade(eta, *GROUND_FADE), _fade(delta, *WALL_FADE)
+        if over_ground == 0.0 and at_wall == 0.0:
+            return Increments(rms=self.rms_free)
+        z = x = m = mz = 0.0
+        rms = self.rms_free
+        if over_ground > 0.0:
+            z += self.ground_gain * ((1.0 + self.ground_curve / eta**2) ** (2.0 / 3.0) - 1.0) * over_ground
+            z -= self.intake_loss * _decay(eta, self.intake_length) ** 2 * over_ground
+            mz += self.torque_ground * _decay(eta, self.torque_length) * over_ground
+            rms += self.rms_ground * _decay(eta, 1.0) * over_ground
+        if at_wall > 0.0:
+            near = _decay(delta, self.wall_reach) * at_wall
+            z += self.wall_lift * near
+            x += self.wall_pull * near
+            m += self.tilt * _decay(delta, self.tilt_reach) * at_wall
+            if over_ground > 0.0:
+                both = over_ground * at_wall
+                offset = math.log(eta / (self.ridge_height + self.ridge_slope * delta)) / self.ridge_width
+                ridge = _decay(delta, self.ridge_reach) / math.cosh(min(abs(offset), 50.0)) * both
+                trapped = (_decay(eta, self.trapped_length) * _decay(delta, self.trapped_length)) ** 2 * both
+                z += self.trapped_lift * trapped - self.ridge_lift * ridge
+                x -= self.ridge_pull * ridge + self.trapped_pull * trapped
+                m += m * self.ridge_tilt * ridge - self.trapped_tilt * trapped
+                mz += self.torque_ridge * ridge
+                rms += self.rms_ridge * ridge
+        return Increments(x, self.side_share * x, z, -self.side_share * m, m, mz, rms)
+
 
 NOMINAL = LawConstants()
-GROUND_FADE = (3.1, 4.0)  # rotor radii: the paper sees nothing beyond 4 r over ground ...
-WALL_FADE = (2.7, 3.8)  # ... and nothing beyond 3.8 r from a wall
-
-
-@dataclass(frozen=True, slots=True)
-class Increments:
-    """What the surroundings add, corner frame: forces / T0, moments / (T0 R), ``mz`` / Q0, and rms unsteadiness / T."""
-
-    x: float = 0.0
-    y: float = 0.0
-    z: float = 0.0
-    mx: float = 0.0
-    my: float = 0.0
-    mz: float = 0.0
-    rms: float = NOMINAL.rms_free
-
-
-def _fade(x: float, low: float, high: float) -> float:
-    """1 below ``low``, 0 above ``high``, half a cosine between."""
-    if x <= low:
-        return 1.0
-    if x >= high:
-        return 0.0
-    return 0.5 + 0.5 * math.cos(math.pi * (x - low) / (high - low))
-
-
-def _decay(x: float, length: float) -> float:
-    return 1.0 / (1.0 + (x / length) ** 2)
-
-
-def increments(c: LawConstants, eta: float, delta: float) -> Increments:
-    """The law at height ``eta`` = h/r and wall distance ``delta`` = d/r (either may be inf)."""
-    eta, delta = max(eta, 0.6), max(delta, 0.05)
-    over_ground, at_wall = _fade(eta, *GROUND_FADE), _fade(delta, *WALL_FADE)
-    if over_ground == 0.0 and at_wall == 0.0:
-        return Increments(rms=c.rms_free)
-    z = x = m = mz = 0.0
-    rms = c.rms_free
-    if over_ground > 0.0:
-        z += c.ground_gain * ((1.0 + c.ground_curve / eta**2) ** (2.0 / 3.0) - 1.0) * over_ground
-        z -= c.intake_loss * _decay(eta, c.intake_length) ** 2 * over_ground
-        mz += c.torque_ground * _decay(eta, c.torque_length) * over_ground
-        rms += c.rms_ground * _decay(eta, 1.0) * over_ground
-    if at_wall > 0.0:
-        near = _decay(delta, c.wall_reach) * at_wall
-        z += c.wall_lift * near
-        x += c.wall_pull * near
-        m += c.tilt * _decay(delta, c.tilt_reach) * at_wall
-        if over_ground > 0.0:
-            both = over_ground * at_wall
-            offset = math.log(eta / (c.ridge_height + c.ridge_slope * delta)) / c.ridge_width
-            ridge = _decay(delta, c.ridge_reach) / math.cosh(min(abs(offset), 50.0)) * both
-            trapped = (_decay(eta, c.trapped_length) * _decay(delta, c.trapped_length)) ** 2 * both
-            z += c.trapped_lift * trapped - c.ridge_lift * ridge
-            x -= c.ridge_pull * ridge + c.trapped_pull * trapped
-            m += m * c.ridge_tilt * ridge - c.trapped_tilt * trapped
-            mz += c.torque_ridge * ridge
-            rms += c.rms_ridge * ridge
-    return Increments(x, c.side_share * x, z, -c.side_share * m, m, mz, rms)
 
 
 @dataclass(frozen=True)
-class SurrogateError:
-    """How wrong the shipped model's law is about this one: RMS of the difference / RMS of the truth, per axis."""
+class LawError:
+    """How wrong one law is about another: RMS of the difference over RMS of the truth, by axis."""
 
     lift: float
     pull: float
     tilt: float
 
+    @staticmethod
+    def of(believed: Iterable[tuple[float, ...]], true: Iterable[tuple[float, ...]]) -> LawError:
+        """From (lift, pull, tilt) at the same places."""
+        by_axis = zip(zip(*believed, strict=True), zip(*true, strict=True), strict=True)
+        return LawError(*(_relative(said, real) for said, real in by_axis))
 
-# Where a corner flight goes: rotor radii. inf = ground alone and wall alone belong to it.
+
+def _relative(believed: Sequence[float], true: Sequence[float]) -> float:
+    wrong = sum((real - said) ** 2 for real, said in zip(true, believed, strict=True))
+    return math.sqrt(wrong / sum(real**2 for real in true))
+
+
 _ETAS = (1.0, 1.2, 1.4, 1.7, 2.0, 2.5, 3.0, 3.5, math.inf)
 _DELTAS = (0.35, 0.5, 0.75, 1.0, 1.5, 2.0, 2.8, math.inf)
+CORNER_PLACES = tuple(product(_ETAS, _DELTAS))
+"""(h/R, d/R) where a corner flight goes; ground alone and wall alone belong to it."""
 
 
 @lru_cache(maxsize=1)
-def _believed() -> dict[str, tuple[float, ...]]:
-    """What the law behind the shipped model says at ``_ETAS`` x ``_DELTAS``: pull, lift and tilt."""
-    law = ClosedForm()
-    eta, delta = (a.ravel() for a in np.meshgrid(_ETAS, _DELTAS, indexing="ij"))
+def _closed_form() -> list[tuple[float, ...]]:
+    """Lift, pull and tilt that the law behind the default model says at ``CORNER_PLACES``."""
+    law, (eta, delta) = ClosedForm(), np.array(CORNER_PLACES).T
     wrench = law.wrench(eta * law.radius_m, delta * law.radius_m, RPM_HOVER)
     lift = float(law.lift(RPM_HOVER))
-    return {
-        "x": tuple((wrench[:, 0] / lift).tolist()),
-        "z": tuple((wrench[:, 2] / lift - 1.0).tolist()),
-        "my": tuple((wrench[:, 4] / (lift * law.radius_m)).tolist()),
-    }
+    shares = np.stack([wrench[:, 2] / lift - 1.0, wrench[:, 0] / lift, wrench[:, 4] / (lift * law.radius_m)], axis=1)
+    return [tuple(row) for row in shares.tolist()]
 
 
-def surrogate_error(truth: LawConstants) -> SurrogateError:
-    """Relative error of the shipped model's law over the region of a corner flight."""
-    real = [increments(truth, eta, delta) for eta in _ETAS for delta in _DELTAS]
-    ratio = {}
-    for axis, believed in _believed().items():
-        wrong = sum((getattr(true, axis) - model) ** 2 for true, model in zip(real, believed, strict=True))
-        ratio[axis] = math.sqrt(wrong / sum(getattr(true, axis) ** 2 for true in real))
-    return SurrogateError(lift=ratio["z"], pull=ratio["x"], tilt=ratio["my"])
+def closed_form_error(truth: SurfaceLaw) -> LawError:
+    """Of the law behind the default model, over ``CORNER_PLACES``."""
+    real = [truth.increments(eta, delta) for eta, delta in CORNER_PLACES]
+    return LawError.of(_closed_form(), [(i.z, i.x, i.my) for i in real])
 
 
 def disturbed(seed: int) -> LawConstants:
-    """The law with its constants drawn at random, such that the shipped model's law is wrong by 10 to 30 %.
+    """The law with its constants drawn at random, such that the default model's law is wrong by 10 to 30 %.
 
     Every constant is multiplied by a log-normal factor (sd 0.12; 0.08 for the better-known lengths). A draw is taken
     when lift and tilt are both wrong by 10...30 % and the pull by at most 40 %; seed 0 is not special.
@@ -190,7 +206,7 @@ def disturbed(seed: int) -> LawConstants:
             for f in fields(NOMINAL)
         }
         truth = replace(NOMINAL, **factors)
-        error = surrogate_error(truth)
+        error = closed_form_error(truth)
         if 0.10 <= error.lift <= 0.30 and 0.10 <= error.tilt <= 0.30 and error.pull <= 0.40:
             return truth
 

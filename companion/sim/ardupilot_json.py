@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
-from companion.sim.air import disturbed
 from companion.sim.body import Body
 from companion.sim.body_truth import BodyTruthFile
 from companion.sim.scenario import Scenario
 from companion.sim.sensors import RangeSensor
+from companion.sim.world import law_of
 from models.errors import LinkError
 from models.vehicle import Vehicle
 
@@ -87,7 +87,7 @@ class JsonPhysics:
 
     def _restart(self, rate_hz: int) -> None:
         self._rate_hz = rate_hz
-        law = disturbed(self._seed)
+        law = law_of(self._scenario.name, self._seed)
         self.body = Body(self._vehicle, self._scenario.surroundings, law, self._seed, dt=1.0 / rate_hz)
         sensors = self._vehicle.rangefinders[:SENSORS_MAX]
         self._ranges = [RangeSensor(r, f"range {self._seed} {i}") for i, r in enumerate(sensors)]

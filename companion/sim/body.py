@@ -18,9 +18,8 @@ from companion.sim.air import (
     REYNOLDS_EXPONENT,
     RPM_HOVER,
     Increments,
-    LawConstants,
+    SurfaceLaw,
     Unsteadiness,
-    increments,
 )
 from companion.sim.fan_wrench import (
     DRAG_ARM_RADII,
@@ -174,7 +173,7 @@ class Body:
 
     vehicle: Vehicle
     surroundings: Surroundings
-    law: LawConstants = NOMINAL
+    law: SurfaceLaw = NOMINAL
     seed: int = 0
     dt: float = DT
     motor: MotorOutput = ARDUPILOT_MOTOR
@@ -390,7 +389,7 @@ class Body:
         """What ground and wall do to one fan where it is."""
         s = self.surroundings
         if not s.air:
-            return Increments(rms=self.law.rms_free)
+            return self.law.increments(math.inf, math.inf)
         px, py, pz = self.position
         n = px + rot[0] * fan.x + rot[1] * fan.y + rot[2] * fan.z
         e = py + rot[3] * fan.x + rot[4] * fan.y + rot[5] * fan.z
@@ -402,11 +401,11 @@ class Body:
     def _increments(self, eta: float, delta: float, along_m: float) -> Increments:
         share = self.surroundings.wall_share(along_m, self.radius)
         if share == 1.0:
-            return increments(self.law, eta, delta)
-        ground = increments(self.law, eta, math.inf)
+            return self.law.increments(eta, delta)
+        ground = self.law.increments(eta, math.inf)
         if share == 0.0:
             return ground
-        wall = increments(self.law, eta, delta)
+        wall = self.law.increments(eta, delta)
         return Increments(
             *(g + share * (b - g) for g, b in zip(_fields(ground), _fields(wall), strict=True)),
         )

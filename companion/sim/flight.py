@@ -7,12 +7,13 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TextIO
 
-from companion.sim.air import LawConstants, disturbed
+from companion.sim.air import SurfaceLaw
 from companion.sim.autopilot import Autopilot
 from companion.sim.body import ARDUPILOT_MOTOR, DT, GRAVITY, PX4_MOTOR, Body
 from companion.sim.px4 import Px4
 from companion.sim.scenario import Reference, Scenario
 from companion.sim.sensors import EscTelemetry, Estimate, Estimator, RangeSensor
+from companion.sim.world import law_of
 from models.errors import ConfigError
 from models.vehicle import Vehicle
 
@@ -33,7 +34,7 @@ class Flight:
         seed: int,
         *,
         px4: bool = False,
-        law: LawConstants | None = None,
+        law: SurfaceLaw | None = None,
         parameters: Mapping[str, float] | None = None,
     ) -> None:
         self.vehicle = vehicle
@@ -41,7 +42,7 @@ class Flight:
         self.seed = seed
         self.px4 = px4
         motor = PX4_MOTOR if px4 else ARDUPILOT_MOTOR
-        self.body = Body(vehicle, scenario.surroundings, law or disturbed(seed), seed, motor=motor)
+        self.body = Body(vehicle, scenario.surroundings, law or law_of(scenario.name, seed), seed, motor=motor)
         self.estimator = Estimator(self.body, seed)
         hover = HOVER_PARAM_SHARE * vehicle.hover_thrust
         self.autopilot = Px4(vehicle, hover) if px4 else Autopilot(vehicle, hover)
@@ -51,14 +52,23 @@ class Flight:
         self.ranges = [RangeSensor(r, f"range {seed} {i}") for i, r in enumerate(vehicle.rangefinders)]
         self.esc = EscTelemetry(self.body, seed)
         self.estimate: Estimate = self.estimator.step()
-        self.reference: Reference = scenario.reference(-1.0)
-        self.script_s = -1.0
-        """Time of the script, negative before it begins."""
+        self.script_began_s = math.inf
+        """Boot time at which the pilot began its script."""
 
     @property
     def time_s(self) -> float:
         """Seconds since boot."""
         return self.body.time_s
+
+    @property
+    def script_s(self) -> float:
+        """Time of the script; -1 before it begins."""
+        return self.time_s - self.script_began_s if math.isfinite(self.script_began_s) else -1.0
+
+    @property
+    def reference(self) -> Reference:
+        """Where the vehicle is to be now: the line of which the pilot sends single points."""
+        return self.scenario.reference(self.script_s)
 
     def step(self) -> None:
         """One physics step, sensors and control included."""
@@ -157,11 +167,11 @@ class TruthFile:
         if f.time_s + 0.5 * DT < self._next_s:
             return
         self._next_s = round(f.time_s + 0.02, 4)
-        b, a, c = f.body, f.autopilot, f.body.causes
+        b, a, c, reference = f.body, f.autopilot, f.body.causes, f.reference
         reach = f.scenario.surroundings.wall_m
         values = (
-            *f.reference.position,
-            *f.reference.velocity,
+            *reference.position,
+            *reference.velocity,
             *b.position,
             *b.velocity,
             *b.euler(),
@@ -177,7 +187,7 @@ class TruthFile:
         gap = b.wall_gap_m - b.lip_reach_m if math.isfinite(reach) else math.inf
         tail = (float(b.contact), -b.position[2], gap, b.pack.voltage_v, b.pack.current_a, *b.rpm)
         self._file.write(
-            f"{f.time_s:.4f},{f.script_s:.4f},{f.reference.phase},"
+            f"{f.time_s:.4f},{f.script_s:.4f},{reference.phase},"
             + ",".join(f"{v:.6g}" for v in values)
             + f",{a.hand},"
             + ",".join(f"{v:.6g}" for v in (*causes, *tail))

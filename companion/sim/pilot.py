@@ -55,7 +55,6 @@ class ScriptedPilot:
         self._heartbeat_s = 0.0
         self._took_off = False
         self._companion_flies = False
-        self._start_s = math.inf
 
     @property
     def over(self) -> bool:
@@ -76,19 +75,18 @@ class ScriptedPilot:
         if not self._took_off:
             self._take_off()
             return
-        if math.isinf(self._start_s):
+        flight = self._flight
+        if math.isinf(flight.script_began_s):
             if (now >= SCRIPT_S and self._ready()) or now >= self._patience_s:
-                self._start_s = now
+                flight.script_began_s = now
                 # Whoever begins the script keeps it: a companion that falls silent meets GUID_TIMEOUT, as it would.
                 self._companion_flies = self._hand is Hand.COMPANION and self._flowing()
             elif now > TAKE_OFF_S + 5.0:
                 self._send_reference()
                 self._enter_offboard()
             return
-        self._flight.script_s = script = now - self._start_s
-        if self._endless and script > self._flight.scenario.duration_s:
-            self._start_s = now
-        self._flight.reference = self._flight.scenario.reference(self._flight.script_s)
+        if self._endless and flight.script_s > flight.scenario.duration_s:
+            flight.script_began_s = now
         self._send_reference()
 
     def _ready(self) -> bool:
@@ -126,7 +124,7 @@ class ScriptedPilot:
         self._to_autopilot(mavlink.MAVLink_command_long_message(SYSTEM, 1, number, 0, p1, p2, p3, 0.0, 0.0, 0.0, p7))
 
     def _send_reference(self) -> None:
-        begun = math.isfinite(self._start_s)
+        begun = math.isfinite(self._flight.script_began_s)
         if self._companion_flies if begun else self._hand is Hand.COMPANION and self._flowing():
             self._link.route(self._position_message(COMPANION))
         elif self._hand is Hand.AUTOPILOT or begun:

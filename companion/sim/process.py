@@ -13,7 +13,6 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from companion.sim.air import surrogate_error
 from companion.sim.body import DT
 from companion.sim.flight import Flight, TruthFile
 from companion.sim.link import VehicleLink
@@ -74,20 +73,14 @@ def run(options: Options) -> int:
             speed=options.speed,
         )
         truth = stack.enter_context(contextlib.closing(TruthFile(options.truth, flight))) if options.truth else None
-        print(json.dumps(_announcement(options, flight)), flush=True)
+        print(json.dumps(_announcement(options)), flush=True)
         _loop(options, flight, link, pilot, truth, sock, Narrator(flight) if options.narrate else None)
     return 0
 
 
-def _announcement(options: Options, flight: Flight) -> dict[str, object]:
-    """The line that says the vehicle is up; it also says how wrong the law behind the model is in this air."""
-    wrong = surrogate_error(flight.body.law)
-    return {
-        "endpoint": f"udpin:127.0.0.1:{options.port}",
-        "scenario": options.scenario,
-        "seed": options.seed,
-        "surrogate_error": {"lift": round(wrong.lift, 3), "pull": round(wrong.pull, 3), "tilt": round(wrong.tilt, 3)},
-    }
+def _announcement(options: Options) -> dict[str, object]:
+    """The line that says the vehicle is up."""
+    return {"endpoint": f"udpin:127.0.0.1:{options.port}", "scenario": options.scenario, "seed": options.seed}
 
 
 def _socket(port: int) -> socket.socket:

@@ -18,11 +18,11 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.sim.air import disturbed
 from companion.sim.body import PX4_MOTOR, Body
 from companion.sim.body_truth import BodyTruthFile
 from companion.sim.scenario import Scenario
 from companion.sim.sensors import RANGE_MAX_M, RANGE_MIN_M, RangeSensor
+from companion.sim.world import law_of
 from models.errors import LinkError
 from models.vehicle import Vehicle
 
@@ -55,7 +55,7 @@ class Px4Physics:
 
     def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int) -> None:
         dt = STEP_S / SUBSTEPS
-        self.body = Body(vehicle, scenario.surroundings, disturbed(seed), seed, dt=dt, motor=PX4_MOTOR)
+        self.body = Body(vehicle, scenario.surroundings, law_of(scenario.name, seed), seed, dt=dt, motor=PX4_MOTOR)
         self._vehicle = vehicle
         self._ranges = [RangeSensor(r, f"range {seed} {i}") for i, r in enumerate(vehicle.rangefinders)]
         self._noise = random.Random(f"hil {seed}")

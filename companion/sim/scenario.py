@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 from companion.sim.body import Surroundings, Vec
@@ -59,6 +59,12 @@ class Scenario:
     def duration_s(self) -> float:
         """Length of the script."""
         return self.knots[-1].time_s
+
+    def repeated(self, times: int) -> Scenario:
+        """The same script so many times in one flight."""
+        long, last = self.duration_s, self.knots[-1]
+        again = [replace(k, time_s=k.time_s + i * long) for i in range(times) for k in self.knots[:-1]]
+        return replace(self, knots=(*again, replace(last, time_s=times * long)))
 
     def reference(self, time_s: float) -> Reference:
         """The reference at script time ``time_s``: the first knot before, the last one after."""
@@ -168,7 +174,7 @@ def build(name: str, vehicle: Vehicle, *, air: bool = True) -> Scenario:
     elif name == "wall":
         s.hold(6.0, "free").go("approach", towards=nearish).go("approach", towards=near, speed=CREEP_M_S)
         s.hold(8.0, "wall").go("retreat", towards=0.0).hold(6.0, "free")
-    elif name in ("corner", "ramps", "free"):
+    elif name in ("corner", "corner_cfd", "ramps", "free"):
         s.hold(6.0, "free").go("descend", height=lowish).go("descend", height=low, speed=CREEP_M_S).hold(4.0, "ground")
         s.go("climb", height=START_HEIGHT_M).hold(3.0, "free")
         s.go("approach", towards=nearish).go("approach", towards=near, speed=CREEP_M_S).hold(4.0, "wall")
@@ -190,4 +196,4 @@ def build(name: str, vehicle: Vehicle, *, air: bool = True) -> Scenario:
     return Scenario(name, surroundings, s.end(), rounding_s=0.0 if name == "ramps" else ROUNDING_S)
 
 
-NAMES = ("corner", "ramps", "hover", "ground", "wall", "pylon", "free")
+NAMES = ("corner", "corner_cfd", "ramps", "hover", "ground", "wall", "pylon", "free")

@@ -9,15 +9,11 @@ from html import escape
 from pathlib import Path
 
 from models.errors import ConfigError
+from models.pages.svg import PALETTE, STYLE
 
 _WIDE_PX = 700
 """Images above this width hold several panels."""
 _STYLE = """
-:root{color-scheme:light dark;--ink:#1b1f24;--paper:#fff;--dim:#57606a;--line:#d0d7de;--card:#f3f6f9;--mark:#0969da;
---before:#bc4c00;--after:#0969da;--fit:#1a7f37;--bad:#b42318;--a:#8250df;--b:#9a6700;--c:#1f7a8c;--d:#57606a}
-@media screen and (prefers-color-scheme:dark){:root{--ink:#e6edf3;--paper:#0d1117;--dim:#a3acb6;--line:#3d444d;
---card:#171c24;--mark:#58a6ff;--before:#f0883e;--after:#58a6ff;--fit:#56d364;--bad:#ff8a7a;--a:#bc8cff;--b:#e3b341;--c:#56c8d8;
---d:#a3acb6}}
 *{box-sizing:border-box}
 body{font:16px/1.5 system-ui,sans-serif;color:var(--ink);background:var(--paper);max-width:64rem;margin:1rem auto;
 padding:0 1rem;overflow-wrap:break-word}
@@ -33,12 +29,7 @@ figure{margin:.4rem 0;break-inside:avoid}figcaption{font-size:.95rem}
 .key{margin-left:.7rem;white-space:nowrap}.keys{font-size:.95rem}.keys .key:first-child{margin-left:0}
 .key::before{content:"";display:inline-block;width:.8rem;height:.25rem;margin-right:.3rem;vertical-align:middle;
 background:currentColor}.key.band::before{height:.7rem;opacity:.35}
-svg{width:100%;max-width:30rem;height:auto;display:block}svg text{fill:var(--dim);font:13px system-ui,sans-serif}
-svg .grid{stroke:var(--line)}svg .mark{stroke:var(--ink);stroke-dasharray:4 3}svg text.mark{fill:var(--ink);stroke:none}
-svg .line{fill:none;stroke:currentColor;stroke-width:1.5}svg .thick{stroke-width:2.5}
-svg .dot{fill:currentColor;stroke:currentColor}svg .band{fill:currentColor;opacity:.16}
-.before{color:var(--before)}.after{color:var(--after)}.fit{color:var(--fit)}
-.a{color:var(--a)}.b{color:var(--b)}.c{color:var(--c)}.d{color:var(--d)}
+svg{width:100%;max-width:30rem;height:auto;display:block}
 details{margin:1rem 0;border-top:1px solid var(--line);padding-top:.5rem}summary{cursor:pointer;font-weight:600}
 .full{grid-column:1/-1}.full img{min-width:56rem}
 img{width:100%;min-width:26rem;height:auto;background:#fff;border-radius:.3rem}code{font-size:.9em}pre{overflow-x:auto;
@@ -55,7 +46,8 @@ def document(title: str, parts: Iterable[str]) -> str:
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{_STYLE}</style></head>\n<body>{''.join(parts)}</body></html>\n"
+        f"<title>{escape(title)}</title><style>{PALETTE}{_STYLE}{STYLE}</style></head>\n"
+        f"<body>{''.join(parts)}</body></html>\n"
     )
 
 

@@ -5,7 +5,7 @@ A chart is 400 units wide: on a phone its text has the size that it is given, on
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 
@@ -14,7 +14,28 @@ import numpy as np
 from models.frames import Array
 
 WIDTH, HEIGHT = 400, 190
+WIDE = 800
+"""Width of the panels of a file."""
+PALETTE = """
+:root{color-scheme:light dark;--ink:#1b1f24;--paper:#fff;--dim:#57606a;--line:#d0d7de;--card:#f3f6f9;--mark:#0969da;
+--before:#bc4c00;--after:#0969da;--fit:#1a7f37;--bad:#b42318;--a:#8250df;--b:#9a6700;--c:#1f7a8c;--d:#57606a}
+@media screen and (prefers-color-scheme:dark){:root{--ink:#e6edf3;--paper:#0d1117;--dim:#a3acb6;--line:#3d444d;
+--card:#171c24;--mark:#58a6ff;--before:#f0883e;--after:#58a6ff;--fit:#56d364;--bad:#ff8a7a;--a:#bc8cff;--b:#e3b341;--c:#56c8d8;
+--d:#a3acb6}}
+"""
+"""Colours of light and dark, for a page and for a picture by itself."""
+STYLE = """
+svg text{fill:var(--dim);font:13px system-ui,sans-serif}
+svg .grid{stroke:var(--line)}svg .mark{stroke:var(--ink);stroke-dasharray:4 3}svg text.mark{fill:var(--ink);stroke:none}
+svg .line{fill:none;stroke:currentColor;stroke-width:1.5}svg .thick{stroke-width:2.5}
+svg .dot{fill:currentColor;stroke:currentColor}svg text.name{fill:currentColor}svg .band{fill:currentColor;opacity:.16}
+.before{color:var(--before)}.after{color:var(--after)}.fit{color:var(--fit)}
+.a{color:var(--a)}.b{color:var(--b)}.c{color:var(--c)}.d{color:var(--d)}
+"""
+"""How a plot is drawn."""
 _LEFT, _RIGHT, _TOP, _BOTTOM = 56, 10, 22, 36
+_NAMES = 20
+"""Height of the row of names above a file's panels."""
 _TICKS = 4
 _CHARACTER = 6.6
 """Mean width of a character at 13 px [px]."""
@@ -92,17 +113,44 @@ def plot(
     marks: Sequence[Mark] = (),
 ) -> str:
     """One panel as an SVG element."""
+    panel = _panel(lines, x_label, y_label, bands, marks, WIDTH)
+    return f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}">{panel}</svg>'
+
+
+def picture(title: str, panels: Mapping[str, Sequence[Line]], x_label: str, bands: Sequence[Band]) -> str:
+    """Panels by the label of their y, below each other, as an SVG file with the names of its curves and bands."""
+    drawn, names, at = "", "", float(_LEFT)
+    for k, (y_label, lines) in enumerate(panels.items()):
+        panel = _panel(lines, x_label, y_label, bands, (), WIDE)
+        drawn += f'<g transform="translate(0,{_NAMES + k * HEIGHT})">{panel}</g>'
+    for label, kind in {line.label: line.kind for lines in panels.values() for line in lines if line.label}.items():
+        names += f'<text class="name {kind}" x="{at:.0f}" y="14">{escape(label)}</text>'
+        at += _CHARACTER * (len(label) + 4)
+    xs = _Scale(np.concatenate([line.x for lines in panels.values() for line in lines]), _LEFT, WIDE - _RIGHT)
+    for band in bands:
+        middle = xs.at(0.5 * (band.start + band.end))
+        names += f'<text x="{middle:.1f}" y="{_NAMES + _TOP - 5}" text-anchor="middle">{escape(band.label)}</text>'
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDE} {_NAMES + HEIGHT * len(panels)}" role="img">'
+        f"<title>{escape(title)}</title><style>{PALETTE}{STYLE}</style>"
+        f'<rect width="100%" height="100%" fill="var(--paper)"/>{names}{drawn}</svg>\n'
+    )
+
+
+def _panel(
+    lines: Sequence[Line], x_label: str, y_label: str, bands: Sequence[Band], marks: Sequence[Mark], width: int
+) -> str:
     errors = [np.zeros(len(line.x)) if line.error is None else line.error for line in lines]
     x = np.concatenate([line.x for line in lines])
     low = np.concatenate([line.y - e for line, e in zip(lines, errors, strict=True)])
     high = np.concatenate([line.y + e for line, e in zip(lines, errors, strict=True)])
-    xs, ys = _Scale(x, _LEFT, WIDTH - _RIGHT), _Scale(np.concatenate([low, high, [0.0]]), HEIGHT - _BOTTOM, _TOP)
+    xs, ys = _Scale(x, _LEFT, width - _RIGHT), _Scale(np.concatenate([low, high, [0.0]]), HEIGHT - _BOTTOM, _TOP)
     parts = [_band(band, xs) for band in bands]
     parts.append(_frame(xs, ys, x_label, y_label))
     parts += [_dots(line, e, xs, ys) if line.points else _polyline(line, xs, ys)
               for line, e in zip(lines, errors, strict=True)]  # fmt: skip
     parts += [_mark(mark, xs) for mark in marks]
-    return f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}">{"".join(parts)}</svg>'
+    return "".join(parts)
 
 
 class _Scale:
@@ -132,12 +180,13 @@ def _frame(xs: _Scale, ys: _Scale, x_label: str, y_label: str) -> str:
     out = [f'<text x="2" y="13">{escape(y_label)}</text>']
     for v in ys.ticks():
         y = ys.at(v)
-        out.append(f'<line class="grid" x1="{_LEFT}" x2="{WIDTH - _RIGHT}" y1="{y:.1f}" y2="{y:.1f}"/>')
+        out.append(f'<line class="grid" x1="{_LEFT}" x2="{xs.end}" y1="{y:.1f}" y2="{y:.1f}"/>')
         out.append(f'<text x="{_LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">{_tick(v)}</text>')
     for v in xs.ticks():
-        x = min(xs.at(v), WIDTH - 2 - 0.5 * _CHARACTER * len(_tick(v)))
+        x = min(xs.at(v), xs.end + _RIGHT - 2 - 0.5 * _CHARACTER * len(_tick(v)))
         out.append(f'<text x="{x:.1f}" y="{HEIGHT - 20}" text-anchor="middle">{_tick(v)}</text>')
-    out.append(f'<text x="{(_LEFT + WIDTH) / 2}" y="{HEIGHT - 4}" text-anchor="middle">{escape(x_label)}</text>')
+    middle = 0.5 * (_LEFT + xs.end + _RIGHT)
+    out.append(f'<text x="{middle}" y="{HEIGHT - 4}" text-anchor="middle">{escape(x_label)}</text>')
     return "".join(out)
 
 
@@ -148,7 +197,7 @@ def _tick(value: float) -> str:
 
 
 def _band(band: Band, xs: _Scale) -> str:
-    a, b = (min(max(xs.at(v), _LEFT), WIDTH - _RIGHT) for v in (band.start, band.end))
+    a, b = (min(max(xs.at(v), _LEFT), xs.end) for v in (band.start, band.end))
     if b <= a:
         return ""
     size = f'width="{b - a:.1f}" height="{HEIGHT - _TOP - _BOTTOM}"'
@@ -158,7 +207,7 @@ def _band(band: Band, xs: _Scale) -> str:
 def _mark(mark: Mark, xs: _Scale) -> str:
     x = xs.at(mark.x)
     wide = _CHARACTER * len(mark.label)
-    left = x + 4 + wide > WIDTH
+    left = x + 4 + wide > xs.end + _RIGHT
     at, anchor = (x - 4, "end") if left else (x + 4, "start")
     # Above the curves; where the label of the axis stands there, among them.
     y = _TOP - 5 if x - wide > _LABELLED else _TOP + 12

@@ -10,98 +10,61 @@ bootstrap over the seeds.
 from __future__ import annotations
 
 import argparse
-import json
+import pickle
 import sys
-import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from adapt_models import KINDS, FlowAir, model_of
+from adapt_models import KINDS, model_of
 from tqdm import tqdm
 
 from companion.adaptation.options import Adapt
 from companion.config import PipelineConfig
-from companion.sim.air import disturbed, surrogate_error
-from companion.sim.compare import Flown, Leg, flown, read_truth
 from companion.sim.flight import Flight
-from companion.sim.lockstep import Lockstep
-from companion.sim.pilot import Hand, ScriptedPilot
-from companion.sim.scenario import Scenario, build
+from companion.sim.flown import Flown, Leg, fly_judged
+from companion.sim.scenario import NAMES, build
+from companion.sim.world import law_of
 from companion.vehicles import default_vehicle
 from models.frames import Array
 from models.vehicle import Vehicle, load_vehicle
 
 APPROACHES = 3
-MODES = ("on", "gate", "full")
+MODES = ("on", "full")
 AXES = ("height", "lateral")
-
-
-def repeated(scenario: Scenario, times: int) -> Scenario:
-    """The same script so many times in one flight."""
-    long, first = scenario.duration_s, scenario.knots[:-1]
-    knots = [replace(k, time_s=k.time_s + i * long) for i in range(times) for k in first]
-    return replace(scenario, knots=(*knots, replace(scenario.knots[-1], time_s=times * long)))
+LEGS = {"off": Leg.OFF, "free": Leg.FREE, "on": Leg.ON, "full": Leg.ADAPTED}
 
 
 @dataclass(frozen=True)
-class Leg3:
-    """One flight: error RMS by approach, and instant by instant against others of the seed."""
+class Case:
+    """What is flown; ``mode`` off, free (off, in air without ground and wall), on or full."""
 
+    scenario: str
+    approaches: int
     kind: str
     mode: str
     seed: int
-    flown: Flown
-    sizes: dict[str, Any]
-    approach_s: float
 
-    def window(self, approach: int) -> Any:
-        """Rows of one approach, 0 ... 2; of all for -1."""
-        t = self.flown.time_s
-        if approach < 0:
-            return np.ones(len(t), bool)
-        return (t >= approach * self.approach_s) & (t < (approach + 1) * self.approach_s)
-
-    def rms(self, axis: str, approach: int) -> float:
-        """In mm."""
-        return float(np.sqrt(np.mean(self.flown.size(axis)[self.window(approach)] ** 2)))
-
-
-def fly(
-    vehicle: Vehicle, kind: str, mode: str, seed: int, scenario: str, approaches: int, air: str = "law"
-) -> Leg3:  # fmt: skip
-    """Fly one leg; ``mode`` off, free (off, in air without ground and wall), on, gate or full; ``air`` law or flow."""
-    once = build(scenario, vehicle, air=mode != "free")
-    law = disturbed(seed)
-    flight = Flight(vehicle, repeated(once, approaches), seed, law=law)
-    if air == "flow":
-        flight.body._increments = FlowAir(vehicle).increments  # type: ignore[method-assign]
-    config = PipelineConfig(
-        vehicle,
-        model_of(kind, vehicle, law),
-        offsets=mode not in ("off", "free"),
-        adapt=Adapt(mode) if mode in ("gate", "full") else Adapt.OFF,
-    )
-    with tempfile.TemporaryDirectory() as folder:
-        truth = Path(folder) / "truth.csv"
-        world = Lockstep(flight, lambda w: ScriptedPilot(w.flight, w.link, Hand.COMPANION, endless=False), truth)
-        world.fly(config)
-        leg = Leg.FREE if mode == "free" else Leg.OFF if mode == "off" else Leg.ON
-        result = flown(leg, seed, read_truth(truth), vars(surrogate_error(law)))
-    assert world.companion is not None
-    known = world.companion.summary.adaptation
-    return Leg3(kind, mode, seed, result, {} if known is None else known.as_json(), once.duration_s)
+    def fly(self, vehicle: Vehicle) -> Flown:
+        """Fly it."""
+        once, law = build(self.scenario, vehicle, air=self.mode != "free"), law_of(self.scenario, self.seed)
+        config = PipelineConfig(
+            vehicle,
+            model_of(self.kind, vehicle, law),
+            offsets=self.mode in MODES,
+            adapt=Adapt.FULL if self.mode == "full" else Adapt.OFF,
+        )
+        flight = Flight(vehicle, once.repeated(self.approaches), self.seed)
+        return fly_judged(flight, config, LEGS[self.mode], approach_s=once.duration_s)
 
 
 @dataclass(frozen=True)
 class Cell:
     """One flight in one approach (0: all of them) on one axis: RMS with and without [mm], squares left and of all."""
 
-    kind: str
-    mode: str
-    seed: int
+    case: Case
     axis: str
     approach: int
     rms: float
@@ -110,18 +73,17 @@ class Cell:
     air: float
 
 
-def cells(ours: Leg3, off: Leg3, free: Leg3, approaches: int) -> list[Cell]:
+def cells(case: Case, ours: Flown, off: Flown, free: Flown) -> list[Cell]:
     """Everything that the tables need of one flight."""
-    n = min(len(f.flown.time_s) for f in (ours, off, free))
+    n = min(len(f.time_s) for f in (ours, off, free))
     out = []
     for axis in AXES:
-        for k in range(-1, approaches):
-            here = ours.window(k)[:n]
-            a, b, c = (getattr(f.flown, axis)[:n][here] for f in (ours, off, free))
+        for k in range(case.approaches + 1):
+            here = ours.during(k or None)[:n]
+            a, b, c = (getattr(f, axis)[:n][here] for f in (ours, off, free))
             left, air = float(np.sum((a - c) ** 2)), float(np.sum((b - c) ** 2))
-            out.append(
-                Cell(ours.kind, ours.mode, ours.seed, axis, k + 1, ours.rms(axis, k), off.rms(axis, k), left, air)
-            )
+            rms, rms_off = (f.rms(axis, f.during(k or None)) for f in (ours, off))
+            out.append(Cell(case, axis, k, rms, rms_off, left, air))
     return out
 
 
@@ -134,7 +96,7 @@ def interval(values: Array, of: Callable[[Array], float]) -> tuple[float, float,
 
 def report(found: Sequence[Cell]) -> str:
     """The tables."""
-    seeds = sorted({c.seed for c in found})
+    seeds = sorted({c.case.seed for c in found})
     lines = [
         f"simulated, {len(seeds)} seeds ({seeds[0]} to {seeds[-1]}); value [90 % interval]",
         f"{'model':11} {'mode':5} {'axis':8} {'no.':4} {'RMS mm':>20} {'off mm':>7} {'worse than off %':>22} "
@@ -144,7 +106,7 @@ def report(found: Sequence[Cell]) -> str:
         for kind in KINDS:
             for mode in MODES:
                 for k in sorted({c.approach for c in found}, key=lambda n: (n == 0, n)):
-                    here = [c for c in found if (c.kind, c.mode, c.axis, c.approach) == (kind, mode, axis, k)]
+                    here = [c for c in found if (c.case.kind, c.case.mode, c.axis, c.approach) == (kind, mode, axis, k)]
                     if here:
                         lines.append(_line(here))
     return "\n".join(lines)
@@ -158,29 +120,22 @@ def _line(here: Sequence[Cell]) -> str:
     off = float(np.sqrt(np.mean(v[:, 1] ** 2)))
     number = str(first.approach) if first.approach else "all"
     return (
-        f"{first.kind:11} {first.mode:5} {first.axis:8} {number:4} {_shown(rms):>20} {off:7.1f} {_shown(worse):>22} "
+        f"{first.case.kind:11} {first.case.mode:5} {first.axis:8} {number:4} {_shown(rms):>20} {off:7.1f} "
+        f"{_shown(worse):>22} "
         f"{100.0 * float(np.max(v[:, 0] / v[:, 1]) - 1.0):>+12.1f} {_shown(gone):>22}"
     )
 
 
-def kept(folder: Path | None, vehicle: Vehicle, kind: str, mode: str, seed: int, a: argparse.Namespace) -> Leg3:
-    """A leg from ``folder``, flown and kept there where it is not."""
+def kept(folder: Path | None, vehicle: Vehicle, case: Case) -> Flown:
+    """A flight from ``folder``, flown and kept there where it is not."""
     if folder is None:
-        return fly(vehicle, kind, mode, seed, a.scenario, a.approaches, a.air)
+        return case.fly(vehicle)
     folder.mkdir(parents=True, exist_ok=True)
-    path = folder / f"{a.scenario}_{a.approaches}_{a.air}_{kind or 'none'}_{mode}_{seed}.npz"
+    path = folder / ("_".join(map(str, vars(case).values())) + ".pickle")
     if not path.exists():
-        leg = fly(vehicle, kind, mode, seed, a.scenario, a.approaches, a.air)
-        f = leg.flown
-        np.savez_compressed(
-            path, time_s=f.time_s, height=f.height, lateral=f.lateral, tilt=f.tilt, touched_s=f.touched_s,
-            sizes=json.dumps(leg.sizes), approach_s=leg.approach_s,
-        )  # fmt: skip
-        return leg
-    with np.load(path) as found:
-        axes = (found["height"], found["lateral"], found["tilt"])
-        result = Flown(Leg.ON, seed, found["time_s"], *axes, float(found["touched_s"]), {})
-        return Leg3(kind, mode, seed, result, json.loads(str(found["sizes"])), float(found["approach_s"]))
+        path.write_bytes(pickle.dumps(case.fly(vehicle)))
+    found: Flown = pickle.loads(path.read_bytes())
+    return found
 
 
 def main() -> int:
@@ -190,21 +145,22 @@ def main() -> int:
     p.add_argument("--first", type=int, default=101)
     p.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
     p.add_argument("--modes", nargs="+", choices=MODES, default=list(MODES))
-    p.add_argument("--scenario", default="corner")
+    p.add_argument("--scenario", choices=NAMES, default="corner")
     p.add_argument("--approaches", type=int, default=APPROACHES)
     p.add_argument("--vehicle", type=Path)
-    p.add_argument(
-        "--air", choices=("law", "flow"), default="law", help="the simulator's own law, or flow simulation's"
-    )
     p.add_argument("--legs", type=Path, metavar="DIR", help="keep flown legs here, and do not fly them again")
     a = p.parse_args()
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
     found: list[Cell] = []
     for seed in tqdm(range(a.first, a.first + a.seeds), unit="seed", file=sys.stderr, disable=not sys.stderr.isatty()):
-        off, free = (kept(a.legs, vehicle, "", mode, seed, a) for mode in ("off", "free"))
-        for kind in a.kinds:
-            for mode in a.modes:
-                found += cells(kept(a.legs, vehicle, kind, mode, seed, a), off, free, a.approaches)
+        of_seed = {
+            (kind, mode): Case(a.scenario, a.approaches, kind, mode, seed)
+            for kind, mode in (("none", "off"), ("none", "free"), *product(a.kinds, a.modes))
+        }
+        off, free = (kept(a.legs, vehicle, of_seed["none", mode]) for mode in ("off", "free"))
+        for case in of_seed.values():
+            if case.kind != "none":
+                found += cells(case, kept(a.legs, vehicle, case), off, free)
     print(report(found))
     return 0
 

@@ -1,7 +1,7 @@
 """What would be compensated on recordings of real firmwares, against the true force of their simulated air.
 
 ``python tests/benchmarks/adapt_firmware.py [--data DIR] [--only TEXT] [--json FILE]``. Open loop: every recording is
-replayed as modelled and with ``--adapt gate`` and ``full``, with models that are wrong about its air: what the shipped
+replayed as modelled and with ``--adapt full``, with models that are wrong about its air: what the shipped
 ones say of ground and wall, in radii and shares of this vehicle's lift, and the first of them with the wrong sign. The
 recordings are not part of the project: they are looked for in ``../shared/data`` (or ``$CORNER_SHARED/data``, or
 ``--data``) and left out where they are not there. ``worse``: RMS over the flight of true minus compensated force, over
@@ -38,7 +38,7 @@ FLIGHTS = (
     ("firmware/px4/quad.toml", "firmware/px4/corner_offsets_off"),
 )
 KINDS = ("default", "corner_cfd", "mirrored")
-MODES = {"on": Adapt.OFF, "gate": Adapt.GATE, "full": Adapt.FULL}
+MODES = {"on": Adapt.OFF, "full": Adapt.FULL}
 
 
 AXES = ("vertical", "level")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import models
-from companion.sim.air import PAPER_CQ, REYNOLDS_EXPONENT, RPM_HOVER, Increments, LawConstants, increments
+from companion.sim.air import PAPER_CQ, REYNOLDS_EXPONENT, RPM_HOVER, SurfaceLaw
 from models.frames import Array
 from models.surrogate.empty import empty_model
 from models.surrogate.fan_surrogate import AdoptedEffect, Answer
@@ -23,7 +21,7 @@ class TrueModel:
 
     effects: tuple[AdoptedEffect, ...] = ()
 
-    def __init__(self, vehicle: Vehicle, law: LawConstants) -> None:
+    def __init__(self, vehicle: Vehicle, law: SurfaceLaw) -> None:
         self.info: Mapping[str, Any] = {"method": "truth"}
         self._law, self._radius = law, vehicle.rotor_radius_m
         self._per_rpm2 = RHO_SEA_LEVEL * vehicle.disc_area_m2 * (2.0 * np.pi / 60.0 * vehicle.rotor_radius_m) ** 2
@@ -37,7 +35,7 @@ class TrueModel:
         for index in np.ndindex(h.shape):
             speed = float(rpm[index])
             lift = self._ct * self._per_rpm2 * speed**2 * (max(speed, 1.0) / RPM_HOVER) ** REYNOLDS_EXPONENT
-            inc = increments(self._law, float(h[index]) / self._radius, float(d[index]) / self._radius)
+            inc = self._law.increments(float(h[index]) / self._radius, float(d[index]) / self._radius)
             arm = lift * self._radius
             torque = PAPER_CQ * self._per_rpm2 * speed**2 * self._radius * self._torque
             out[index] = (
@@ -110,48 +108,10 @@ class OfThisFan:
         return self._free.free_air_now(rpm)
 
 
-class FlowAir:
-    """The air as flow simulation has it: the shipped ``corner_cfd`` model, bilinear over the logarithms of distances.
-
-    Its lift over ground is twice to eight times that of the simulator's own law and of another form.
-    """
-
-    _ETAS, _DELTAS = np.geomspace(0.6, 6.0, 40), np.geomspace(0.05, 6.0, 40)
-    _FREE_RADII = 7.0
-
-    def __init__(self, vehicle: Vehicle) -> None:
-        model, radius = models.load("corner_cfd"), vehicle.rotor_radius_m
-        h, d = np.meshgrid(
-            radius * np.append(self._ETAS, np.inf), radius * np.append(self._DELTAS, np.inf), indexing="ij"
-        )
-        far = model.wrench(np.inf, np.inf, RPM_HOVER)
-        near = (model.wrench(h, d, RPM_HOVER) - far) / far[2]
-        near[..., 3:] /= radius
-        near[-1, -1] = 0.0
-        self._table: list[list[list[float]]] = near.tolist()
-        self._etas, self._deltas = (np.log([*k, self._FREE_RADII]).tolist() for k in (self._ETAS, self._DELTAS))
-
-    def increments(self, eta: float, delta: float, _along_m: float) -> Increments:
-        """Stands where a body's own stands."""
-        i, a = _cell(self._etas, eta)
-        j, b = _cell(self._deltas, delta)
-        rows = self._table[i][j], self._table[i][j + 1], self._table[i + 1][j], self._table[i + 1][j + 1]
-        x, y, z, mx, my, _ = (
-            (1 - a) * ((1 - b) * p + b * q) + a * ((1 - b) * r + b * s) for p, q, r, s in zip(*rows, strict=True)
-        )
-        return Increments(x, y, z, mx, my, 0.0)
-
-
-def _cell(knots: list[float], value: float) -> tuple[int, float]:
-    at = min(max(math.log(max(value, 1e-3)), knots[0]), knots[-1])
-    k = min(bisect_right(knots, at), len(knots) - 1) - 1
-    return k, (at - knots[k]) / (knots[k + 1] - knots[k])
-
-
 KINDS = ("right", "default", "corner_cfd", "mirrored", "other")
 
 
-def model_of(kind: str, vehicle: Vehicle, law: LawConstants) -> Any:
+def model_of(kind: str, vehicle: Vehicle, law: SurfaceLaw) -> Any:
     """``right``: the air itself; ``default``: the shipped model, 10 to 30 % wrong about it; ``corner_cfd``: the shipped
     model from flow simulation, of another fan; ``mirrored``: the shipped one with the wrong sign; ``other``: of a
     vehicle with fans 1.7 times as large, whose lift is 10 % off and whose ground and wall are half as strong again."""

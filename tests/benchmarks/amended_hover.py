@@ -28,10 +28,8 @@ import models
 from companion.config import Base, PipelineConfig
 from companion.sim.air import Unsteadiness
 from companion.sim.body import Body, Surroundings, Vec
-from companion.sim.compare import AXES, UNITS, Flown, Leg, flown, read_truth
 from companion.sim.flight import Flight as SimFlight
-from companion.sim.lockstep import Lockstep
-from companion.sim.pilot import Hand, ScriptedPilot
+from companion.sim.flown import AXES, UNITS, Flown, Leg, fly_judged
 from companion.sim.scenario import ROUNDING_S, Knot, Scenario
 from companion.sim.sensors import true_range
 from companion.vehicles import TANDEM
@@ -111,22 +109,17 @@ def fly(
     seed: int,
     model: Path | None,
     vehicle: Path,
-    folder: Path,
     record: Path | None = None,
     scenario: Scenario | None = None,
 ) -> Flown:
     """One flight under the ceiling with the shipped model or another, judged by the truth."""
-    truth = folder / f"truth-{seed}.csv"
     declared = load_vehicle(vehicle)
     config = PipelineConfig(vehicle=declared, model=models.load(model), base=Base.HOLD)
     with (
         patch("companion.sim.flight.Body", CeilingBody),
         patch("companion.sim.sensors.true_range", ranged),
     ):
-        flight = SimFlight(declared, scenario or script(), seed)
-        world = Lockstep(flight, lambda w: ScriptedPilot(w.flight, w.link, Hand.COMPANION, endless=False), truth)
-        world.fly(config, record)
-    return flown(Leg.ON, seed, read_truth(truth), {})
+        return fly_judged(SimFlight(declared, scenario or script(), seed), config, Leg.ON, record=record)
 
 
 @dataclass(frozen=True)
@@ -180,14 +173,14 @@ def measure(seeds: Sequence[int], folder: Path, *, quiet: bool = False) -> dict[
 
     logs = [folder / f"learn-{seed}.tlog" for seed in LEARNT_FROM]
     for seed, log in zip(LEARNT_FROM, logs, strict=True):
-        fly(seed, None, vehicle, folder, log)
+        fly(seed, None, vehicle, log)
         say(f"recorded {log.name}")
     model, answer = diagnose(logs, vehicle, folder)
     say(f"{answer['verdict']}: " + ", ".join(f"{e['name']} ({e['status']})" for e in answer["effects"]))
     old, new = [], []
     for seed in seeds:
-        old.append(fly(seed, None, vehicle, folder))
-        new.append(fly(seed, model, vehicle, folder))
+        old.append(fly(seed, None, vehicle))
+        new.append(fly(seed, model, vehicle))
         say(f"seed {seed}: height RMS {old[-1].rms('height'):.1f} -> {new[-1].rms('height'):.1f} mm")
     return {
         "simulated": True,

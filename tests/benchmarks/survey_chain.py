@@ -13,7 +13,6 @@ import os
 import sys
 import tempfile
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +23,9 @@ from companion.control.survey_box import read_box
 from companion.sim.air import disturbed
 from companion.sim.body import Body
 from companion.sim.case import Case, CasePilot, surroundings
-from companion.sim.compare import AXES, UNITS, Flown, Leg, flown, read_truth
 from companion.sim.flight import Flight
+from companion.sim.flown import AXES, UNITS, Flown, Leg, fly_judged
 from companion.sim.lockstep import Lockstep
-from companion.sim.pilot import Hand, ScriptedPilot
 from companion.sim.scenario import build
 from companion.vehicles import TANDEM
 from models.errors import UserError
@@ -81,13 +79,10 @@ def survey(vehicle: Vehicle, box: str, folder: Path) -> tuple[Path, dict[str, An
     return log, {**world.companion.survey.as_json(), **end}
 
 
-def approach(vehicle: Vehicle, model: Any, seed: int, folder: Path, *, offsets: bool = True) -> Flown:
+def approach(vehicle: Vehicle, model: Any, seed: int, *, offsets: bool = True) -> Flown:
     """The corner approach with a model."""
-    scenario, truth = build("corner", vehicle), folder / "truth.csv"
-    flight = one_vehicle(vehicle, scenario, seed)
-    world = Lockstep(flight, lambda w: ScriptedPilot(w.flight, w.link, Hand.COMPANION, endless=False), truth)
-    world.fly(replace(PipelineConfig(vehicle, model), offsets=offsets))
-    return flown(Leg.ON if offsets else Leg.OFF, seed, read_truth(truth), {})
+    flight = one_vehicle(vehicle, build("corner", vehicle), seed)
+    return fly_judged(flight, PipelineConfig(vehicle, model, offsets=offsets), Leg.ON if offsets else Leg.OFF)
 
 
 def measure(path: Path, box: str, seeds: int, folder: Path) -> dict[str, Any]:
@@ -107,7 +102,7 @@ def measure(path: Path, box: str, seeds: int, folder: Path) -> dict[str, Any]:
             ("offsets_off", empty_model(vehicle), False),
             ("surveyed_model", models.load(str(found)), True),
         ):
-            result = approach(vehicle, model, seed, folder, offsets=offsets)
+            result = approach(vehicle, model, seed, offsets=offsets)
             legs = rms.setdefault(name, {axis: [] for axis in (*AXES, "touched_s")})
             legs["touched_s"].append(result.touched_s)
             for axis in AXES:

@@ -1,4 +1,4 @@
-"""What is believed becomes a share of the model and something measured beside: bounded, slow, and in gate only less."""
+"""What is believed becomes a share of the model and something measured beside: bounded and slow."""
 
 from __future__ import annotations
 
@@ -37,10 +37,9 @@ def test_a_contradicted_effect_is_not_compensated_at_all():
     assert share_of(9.0, 0.0, 1.5, 0.0) == 1.5
 
 
-def change(applied: Applied, above: list[list[float]] = ABOVE, effects: np.ndarray = NO_EFFECTS) -> np.ndarray:
+def change(applied: Applied, effects: np.ndarray = NO_EFFECTS) -> np.ndarray:
     """What is compensated minus what is modelled."""
-    modelled = np.sum(about_cg(TANDEM, above, AROUND.bearing_rad), axis=0)
-    return applied.compensated(TANDEM, above, AROUND, effects) - modelled
+    return applied.compensated(TANDEM, ABOVE, AROUND, effects) - np.sum(AHEAD, axis=0)
 
 
 def near(size: float) -> NearField:
@@ -58,18 +57,6 @@ def test_what_is_measured_comes_beside_the_model():
     assert rows[0, 2] < 0.0  # lift is negative down
     assert rows[1] @ np.array(AHEAD[1]) > 0.0 or rows[1, :2].any()
     assert change(Applied((1.0, 1.0, 1.0), near(0.5))) == pytest.approx(rows.sum(axis=0))
-
-
-@pytest.mark.parametrize("size", [-2.0, -0.3, 0.0, 0.2, 3.0])
-@pytest.mark.parametrize("share", [0.0, 0.6, 1.3])
-def test_gate_only_takes_away(size, share):
-    """In every part what remains of the model is between nothing and all of it, whatever was measured beside."""
-    for part, kept_of in enumerate(([2], [0, 1], [3, 4, 5])):
-        alone = [[v if k in kept_of else 0.0 for k, v in enumerate(fan)] for fan in ABOVE]
-        less = change(Applied((share, share, share), near(size), gate=True), alone)
-        kept = 1.0 + less @ np.array(AHEAD[part]) / np.dot(AHEAD[part], AHEAD[part])
-        assert -1e-9 <= kept <= 1.0 + 1e-9
-        assert less == pytest.approx((kept - 1.0) * np.array(AHEAD[part]))
 
 
 def test_an_adopted_effect_follows_its_own_share():

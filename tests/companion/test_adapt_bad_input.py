@@ -13,7 +13,7 @@ from companion.adaptation.adapt import Adaptation
 from companion.adaptation.gates import Pause
 from companion.adaptation.options import Adapt
 from companion.config import PipelineConfig
-from companion.sim.air import NOMINAL, increments
+from companion.sim.air import NOMINAL
 from companion.sim.flight import Flight
 from companion.sim.scenario import Knot, build
 from companion.vehicles import default_vehicle
@@ -48,7 +48,7 @@ def compensated(known: Adaptation) -> float:
     """Lift over ground that offsets follow at ``LOW_M``, in the true one, with a model that is right."""
     height = LOW_M / VEHICLE.rotor_radius_m
     lift, _, _ = known.applied.near.at_fan(height, math.inf)
-    return known.shares[0] + lift / increments(NOMINAL, height, math.inf).z
+    return known.shares[0] + lift / NOMINAL.increments(height, math.inf).z
 
 
 def assert_bounded_and_back(watch: Watch) -> None:

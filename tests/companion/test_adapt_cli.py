@@ -40,7 +40,7 @@ def test_replay_says_what_would_have_been_learned(log):
 
 
 def test_the_text_names_sizes_and_what_is_compensated(log, capsys):
-    assert replay(["run", str(log), "--adapt", "gate"]) == 0
+    assert replay(["run", str(log), "--adapt", "full"]) == 0
     told = capsys.readouterr().out
     assert "sizes, measured over" in told
     assert "ground_lift" in told
@@ -64,6 +64,19 @@ def test_a_folder_of_logs_is_measured_too(log, tmp_path, capsys):
     told = json.loads(capsys.readouterr().out)
     (one,) = [row for row in told["logs"] if row["log"].endswith("low.tlog")]
     assert "ground_lift" in one["adapted"]
+
+
+@pytest.mark.parametrize("command", [replay, companion])
+@pytest.mark.parametrize(("mode", "said"), [("gate", "use full"), ("some", "off, full")])
+def test_another_mode_is_refused_by_name_in_one_line(log, capsys, command, mode, said):
+    where = ["run", str(log)] if command is replay else ["--connect", "sim:hover"]
+    with pytest.raises(SystemExit) as left:
+        command([*where, "--adapt", mode])
+    assert left.value.code == 2
+    words = capsys.readouterr().err
+    assert mode in words
+    assert said in words
+    assert words.count("\n") == 1
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,9 @@ import models
 from companion.config import PipelineConfig
 from companion.sim import compare
 from companion.sim.air import NOMINAL
-from companion.sim.compare import Leg, Settings, read_truth
+from companion.sim.compare import Settings
 from companion.sim.flight import Flight
+from companion.sim.flown import Leg, read_truth
 from companion.sim.lockstep import BUFFER_DATAGRAMS, Lockstep, Wire
 from companion.sim.pilot import Hand, ScriptedPilot
 from companion.sim.scenario import build

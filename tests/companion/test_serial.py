@@ -11,6 +11,7 @@ import tty
 
 import pytest
 
+from companion.cli import parser
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import FrameReader
 from companion.mavlink.link import Arrivals, open_link
@@ -87,6 +88,14 @@ def test_the_port_runs_at_the_rate_asked_for(port, baud, speed):
     _, name = port
     link = open_link(name, Arrivals(), baud=baud)
     assert termios.tcgetattr(link.fileno)[4] == speed
+    link.close()
+
+
+def test_a_port_runs_at_the_rate_that_a_flight_needs_unless_another_is_asked_for(port):
+    _, name = port
+    link = open_link(name, Arrivals())
+    assert termios.tcgetattr(link.fileno)[4] == termios.B460800
+    assert parser().parse_args(["--connect", name]).baud == 460800
     link.close()
 
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.sim.air import NOMINAL, Unsteadiness, disturbed, increments, surrogate_error
+from companion.sim.air import NOMINAL, Unsteadiness, closed_form_error, disturbed
 from models.corner_law import ClosedForm
 
 
@@ -28,7 +28,7 @@ def test_the_simulated_air_shares_no_strength_or_length_with_the_model():
 
 
 def test_even_undisturbed_the_model_is_wrong_about_the_simulated_air():
-    wrong = surrogate_error(NOMINAL)
+    wrong = closed_form_error(NOMINAL)
     for share in (wrong.lift, wrong.pull, wrong.tilt):
         assert 0.10 <= share <= 0.35
 
@@ -37,7 +37,7 @@ def test_no_scaling_of_the_model_gives_the_simulated_air():
     """The shape differs, not only the size: after the best common factor a twentieth is left."""
     places = [(eta, delta) for eta in (1.0, 1.5, 2.0, 3.0, math.inf) for delta in (0.35, 0.75, 1.5, 2.5, math.inf)]
     model = np.array([believed(eta, delta) for eta, delta in places])
-    truth = np.array([(i.z, i.x, i.my) for i in (increments(NOMINAL, eta, delta) for eta, delta in places)])
+    truth = np.array([(i.z, i.x, i.my) for i in (NOMINAL.increments(eta, delta) for eta, delta in places)])
     for k in range(3):
         factor = model[:, k] @ truth[:, k] / (model[:, k] @ model[:, k])
         left = np.linalg.norm(truth[:, k] - factor * model[:, k]) / np.linalg.norm(truth[:, k])
@@ -45,25 +45,25 @@ def test_no_scaling_of_the_model_gives_the_simulated_air():
 
 
 def test_what_both_have_to_respect():
-    over_ground = [increments(NOMINAL, eta, math.inf).z for eta in np.linspace(0.7, 3.9, 60)]
+    over_ground = [NOMINAL.increments(eta, math.inf).z for eta in np.linspace(0.7, 3.9, 60)]
     assert all(a > b for a, b in pairwise(over_ground)), "lift falls with height"
     assert over_ground[0] > 0.05
-    at_wall = [increments(NOMINAL, math.inf, delta) for delta in np.linspace(0.1, 3.7, 60)]
+    at_wall = [NOMINAL.increments(math.inf, delta) for delta in np.linspace(0.1, 3.7, 60)]
     assert all(a.x > b.x > 0.0 and a.my > b.my > 0.0 for a, b in pairwise(at_wall)), "drawn and tilted to the wall"
-    corner = [increments(NOMINAL, eta, 1.0).z for eta in np.linspace(1.0, 4.0, 60)]
+    corner = [NOMINAL.increments(eta, 1.0).z for eta in np.linspace(1.0, 4.0, 60)]
     assert min(corner) < 0.0 < corner[0], "in the corner lift is lost where the flow off the wall is drawn in"
 
 
 @given(st.floats(4.0, 100.0), st.floats(3.8, 100.0))
 def test_nothing_is_added_beyond_the_cut_offs(eta, delta):
-    i = increments(NOMINAL, eta, delta)
+    i = NOMINAL.increments(eta, delta)
     assert (i.x, i.y, i.z, i.mx, i.my, i.mz) == (0.0,) * 6
     assert i.rms == NOMINAL.rms_free
 
 
 @given(st.floats(0.0, 10.0), st.floats(0.0, 10.0))
 def test_increments_are_finite_and_small(eta, delta):
-    i = increments(NOMINAL, eta, delta)
+    i = NOMINAL.increments(eta, delta)
     assert all(math.isfinite(v) for v in (i.x, i.y, i.z, i.mx, i.my, i.mz, i.rms))
     assert abs(i.z) < 0.4
     assert i.rms >= NOMINAL.rms_free
@@ -76,7 +76,7 @@ def test_a_seed_draws_one_law_and_another_seed_another():
 
 @pytest.mark.parametrize("seed", range(10))
 def test_the_models_law_is_wrong_by_ten_to_thirty_percent(seed):
-    wrong = surrogate_error(disturbed(seed))
+    wrong = closed_form_error(disturbed(seed))
     assert 0.10 <= wrong.lift <= 0.30
     assert 0.10 <= wrong.tilt <= 0.30
     assert wrong.pull <= 0.40

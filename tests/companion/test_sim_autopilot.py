@@ -10,8 +10,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from simflight import HEIGHT_M, Peer, hovering, vehicle
 
 from companion.sim.autopilot import Guided, Mode
-from companion.sim.compare import Leg, flown
 from companion.sim.flight import Flight
+from companion.sim.flown import Leg, flown
 from companion.sim.link import VehicleLink
 from companion.sim.pilot import Hand, ScriptedPilot
 from companion.sim.scenario import build
@@ -82,7 +82,8 @@ def approach():
         "need_pitch",
         "contact",
     )
-    return flown(Leg.AUTOPILOT, 1, dict(zip(names, np.array(rows, dtype=float).T, strict=True)), {})
+    columns = dict(zip(names, np.array(rows, dtype=float).T, strict=True))
+    return flown(Leg.AUTOPILOT, 1, {**columns, "phase": np.zeros(len(rows))})
 
 
 def test_own_position_hold_is_as_good_as_measured(approach):

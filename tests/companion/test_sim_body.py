@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from simflight import hovering, vehicle
 
-from companion.sim.air import NOMINAL, increments
+from companion.sim.air import NOMINAL
 from companion.sim.body import ARDUPILOT_MOTOR, GRAVITY, Body, Surroundings, thrust_share
 from companion.sim.mixer import Mixer
 from companion.sim.sensors import OUT_OF_RANGE_M, RangeSensor, true_range
@@ -72,7 +72,7 @@ def test_the_ground_lifts_and_its_air_can_be_taken_away():
         body.rpm = [4000.0] * 4
         body.step([1673.0] * 4 + NEUTRAL[4:])
         lifts.append(-body.causes.corner[2])
-    assert lifts[0] == pytest.approx(2.0 * 22.555 * increments(NOMINAL, 1.0, math.inf).z, rel=0.03)
+    assert lifts[0] == pytest.approx(2.0 * 22.555 * NOMINAL.increments(1.0, math.inf).z, rel=0.03)
     assert lifts[1] == 0.0
 
 

@@ -19,7 +19,7 @@ from models.vehicle import load_vehicle
 from replay.diagnosis.amended_model import amended
 
 
-@pytest.mark.parametrize("name", ["default", "corner_cfd"])
+@pytest.mark.parametrize("name", ["default", "corner_cfd", "corner_cfd_half"])
 def test_shipped_models_name_their_fan_and_fit_the_shipped_vehicle(name):
     model, vehicle = models.load(name), default_vehicle()
     fan = identity_of(model.info)

@@ -24,7 +24,7 @@ def places(model, rng, count):
     return zip(rpm.tolist(), h.tolist(), np.where(rng.random(count) < 0.25, math.inf, d).tolist(), strict=True)
 
 
-@pytest.mark.parametrize("name", ["default", "corner_cfd"])
+@pytest.mark.parametrize("name", ["default", "corner_cfd", "corner_cfd_half"])
 def test_the_form_differs_from_the_surrogate_by_little_anywhere_within_its_reach(name):
     model, rng = models.load(name), np.random.default_rng(5)
     apart, trusts, smooth = [], [], 0

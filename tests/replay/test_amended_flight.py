@@ -25,7 +25,7 @@ def recording(vehicle: Path) -> Path:
     gaps = ((0.0, 1.4), (2.0, 1.4), (5.0, 0.2), (8.0, 0.2), (10.0, 0.8), (13.0, 0.2), (16.0, 0.2), (18.0, 0.8))
     knots = tuple(Knot(at, 0.0, amended_hover.CEILING_M - gap) for at, gap in gaps)
     log = vehicle.parent / "flight.tlog"
-    flown = amended_hover.fly(5, None, vehicle, vehicle.parent, log, Scenario("up", Surroundings(), knots, ROUNDING_S))
+    flown = amended_hover.fly(5, None, vehicle, log, Scenario("up", Surroundings(), knots, ROUNDING_S))
     assert flown.touched_s == 0.0
     assert flown.rms("height") < 60.0
     return log

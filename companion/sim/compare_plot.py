@@ -1,0 +1,43 @@
+"""Errors of the first seed's flights over the script, as a picture: height and lateral, its phases shaded."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from companion.sim.compare_report import Comparison
+from companion.sim.flown import PHASES, UNITS, Flown, Leg
+from models.errors import ConfigError
+from models.pages.svg import Band, Line, picture
+
+_KINDS = {Leg.AUTOPILOT: "d", Leg.OFF: "before", Leg.ON: "after", Leg.ADAPTED: "fit"}
+"""Legs that are drawn, and their colours."""
+_POINTS = 800
+"""Of a curve: one a unit of its width."""
+
+
+def write_plot(path: Path, found: Comparison) -> None:
+    """Write the SVG file; ConfigError where that fails."""
+    flights = [f for f in found.flights if f.seed == found.seeds[0] and f.leg in _KINDS]
+    panels = {f"{axis} error [{UNITS[axis]}]": [_line(f, axis) for f in flights] for axis in ("height", "lateral")}
+    title = f"sim:{found.scenario}, simulated, seed {found.seeds[0]}"
+    try:
+        path.write_text(picture(title, panels, f"time of the script [s] ({title})", _bands(flights[0])), "utf-8")
+    except OSError as error:
+        raise ConfigError(f"--plot {path}: cannot be written ({error.strerror})") from None
+
+
+def _line(flight: Flown, axis: str) -> Line:
+    every = max(len(flight.time_s) // _POINTS, 1)
+    return Line(flight.time_s[::every], flight.size(axis)[::every], _KINDS[flight.leg], flight.leg.value)
+
+
+def _bands(flight: Flown) -> list[Band]:
+    """Where the vehicle stays low, at the wall and in the corner."""
+    edges = [0, *(np.flatnonzero(np.diff(flight.phase)) + 1).tolist(), len(flight.phase) - 1]
+    spans = [(a, b, PHASES[flight.phase[a]]) for a, b in pairwise(edges)]
+    return [
+        Band(float(flight.time_s[a]), float(flight.time_s[b]), "d", name) for a, b, name in spans if name != "between"
+    ]

@@ -1,0 +1,91 @@
+"""The air of the scenario ``corner_cfd``: flow simulation's wrenches at one half of its places, interpolated by scipy.
+
+It shares neither places nor interpolator with the surrogate that flies there (``corner_cfd_half``), which was trained
+on the other half. Only the flow simulation is common to both.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+from importlib import resources
+from importlib.util import find_spec
+
+import numpy as np
+
+from companion.sim.air import NOMINAL, PAPER_CQ, PAPER_CT, RPM_HOVER, Increments
+from models.corner_law import ClosedForm
+from models.dataset import DataSet, read
+from models.errors import ConfigError
+from models.frames import Array
+from models.halves import half
+
+AIR_HALF = "even"
+FREE_RADII = 7.0
+"""Ground alone and wall alone are taken to be this far from the other: beyond the outermost distance, 5 radii."""
+_KNOTS = 64
+
+
+class FlowAir:
+    """Increments of a fan, tabulated over the logarithms of height and distance to the wall, bilinear in between.
+
+    Nearer than the nearest place its values hold. The unsteadiness is that of the other simulated air.
+    """
+
+    def __init__(self, data: DataSet, radius_m: float) -> None:
+        near, shares = _shares(data, radius_m)
+        self._low, self._high = near.min(axis=0).tolist(), math.log(FREE_RADII)
+        knots = [np.linspace(low, self._high, _KNOTS) for low in self._low]
+        self._per_knot = [(_KNOTS - 1) / (self._high - low) for low in self._low]
+        grid = np.stack(np.meshgrid(*knots, indexing="ij"), axis=-1)
+        self._table: list[list[list[float]]] = _interpolated(near, shares, grid).tolist()
+
+    def increments(self, eta: float, delta: float) -> Increments:
+        """At height ``eta`` = h/R and lip-to-wall distance ``delta`` = d/R (either may be inf)."""
+        i, a = self._cell(0, eta)
+        j, b = self._cell(1, delta)
+        rows = self._table[i][j], self._table[i][j + 1], self._table[i + 1][j], self._table[i + 1][j + 1]
+        x, y, z, mx, my, mz = [
+            (1.0 - a) * ((1.0 - b) * p + b * q) + a * ((1.0 - b) * r + b * s) for p, q, r, s in zip(*rows, strict=True)
+        ]
+        return Increments(x, y, z, mx, my, mz, NOMINAL.increments(eta, delta).rms)
+
+    def _cell(self, axis: int, value: float) -> tuple[int, float]:
+        """The knot below a distance, and how far it is towards the next."""
+        low = self._low[axis]
+        at = (min(max(math.log(max(value, 1e-3)), low), self._high) - low) * self._per_knot[axis]
+        k = min(int(at), _KNOTS - 2)
+        return k, at - k
+
+
+def _shares(data: DataSet, radius_m: float) -> tuple[Array, Array]:
+    """Places (n, 2), log radii, and increments (n, 6) over lift, lift times radius and torque, at hover's speed."""
+    rows = data.take(data.rpm == RPM_HOVER)
+    free = rows.wrench[rows.free_air][0]
+    unit = free[2] * np.array([1.0, 1.0, 1.0, radius_m, radius_m, radius_m * PAPER_CQ / PAPER_CT])
+    place = np.stack([rows.h, rows.d], axis=1) / radius_m
+    return np.log(np.minimum(place, FREE_RADII)), (rows.wrench - free) / unit
+
+
+def _interpolated(place: Array, values: Array, grid: Array) -> Array:
+    """Thin-plate splines through ``values`` (n, 6) at ``place`` (n, 2), on ``grid`` (..., 2)."""
+    from scipy.interpolate import RBFInterpolator
+
+    spline = RBFInterpolator(place, values, kernel="thin_plate_spline")
+    out: Array = spline(grid.reshape(-1, 2)).reshape(*grid.shape[:-1], 6)
+    return out
+
+
+def require_scipy() -> None:
+    """Raises ConfigError where it is not installed."""
+    if find_spec("scipy") is None:
+        raise ConfigError("sim:corner_cfd: needs the package scipy: pip install 'corner-compensator[replay]'")
+
+
+@lru_cache(maxsize=1)
+def flow_air() -> FlowAir:
+    """Of the shipped set. Raises ConfigError without scipy."""
+    require_scipy()
+    path = resources.files("models") / "data" / "corner_cfd.csv"
+    with resources.as_file(path) as file:
+        return FlowAir(half(read(file), AIR_HALF), ClosedForm().radius_m)

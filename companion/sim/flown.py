@@ -1,0 +1,162 @@
+"""One simulated flight judged against its truth: errors of height, place and tilt, by approach and by phase."""
+
+from __future__ import annotations
+
+import csv
+import math
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from companion.config import PipelineConfig
+from companion.sim.flight import Flight
+from companion.sim.lockstep import Lockstep
+from companion.sim.pilot import Hand, ScriptedPilot
+from models.errors import LinkError
+from models.frames import Array
+
+SETTLE_S = (2.0, 5.5)
+"""Script time over which each flight's own position error is taken out: the EKF's offset is nobody's merit."""
+STEP_S = 0.02
+"""Grid on which the flights of one seed are compared: the period of the truth file."""
+AXES = ("height", "lateral", "tilt")
+UNITS = {"height": "mm", "lateral": "mm", "tilt": "deg"}
+PHASES = ("low", "wall", "corner", "between")
+"""Where the vehicle stays over the ground, at the wall, in the corner; and the ways between."""
+_STAYS = {"ground": 0, "wall": 1, "corner": 2}
+"""Phases of a script and their places in ``PHASES``."""
+
+
+class Leg(Enum):
+    """Who flies, and in which air."""
+
+    AUTOPILOT = "autopilot's own hold"
+    OFF = "our hold, offsets off"
+    ON = "our hold, offsets on"
+    ADAPTED = "our hold, offsets adapted"
+    FREE = "our hold, in free air"
+
+
+@dataclass(frozen=True)
+class Flown:
+    """One leg: errors on a grid of script time, height [m], lateral (north, east) [m], tilt (roll, pitch) [rad].
+
+    Tilt error is the true tilt minus the tilt that balances the true air at that instant, vanes included.
+    """
+
+    leg: Leg
+    seed: int
+    time_s: Array
+    height: Array
+    lateral: Array
+    tilt: Array
+    touched_s: float
+    phase: NDArray[np.intp]
+    """(n,) places in ``PHASES``."""
+    approach_s: float = math.inf
+    """Length of one of several approaches."""
+    adapted: Mapping[str, Any] = field(default_factory=dict)
+    """Sizes measured in flight."""
+
+    @property
+    def approaches(self) -> int:
+        """How many there are in this flight."""
+        return 1 if math.isinf(self.approach_s) else round(self.time_s[-1] / self.approach_s)
+
+    def during(self, approach: int | None = None, phase: str | None = None) -> NDArray[np.bool_]:
+        """(n,): whether an instant belongs to an approach, counted from 1, and to one of ``PHASES``; None: to any."""
+        out = np.ones(len(self.time_s), bool)
+        if approach is not None and math.isfinite(self.approach_s):
+            start = (approach - 1) * self.approach_s
+            out &= (self.time_s >= start) & (self.time_s < start + self.approach_s)
+        if phase is not None:
+            out &= self.phase == PHASES.index(phase)
+        return out
+
+    def size(self, axis: str) -> Array:
+        """Magnitude of the error of ``axis`` in its printed unit, shape (n,)."""
+        if axis == "height":
+            return np.asarray(1e3 * np.abs(self.height))
+        if axis == "lateral":
+            return np.asarray(1e3 * np.hypot(self.lateral[:, 0], self.lateral[:, 1]))
+        return np.asarray(np.degrees(np.hypot(self.tilt[:, 0], self.tilt[:, 1])))
+
+    def rms(self, axis: str, rows: NDArray[np.bool_] | None = None) -> float:
+        """Root mean square of ``axis`` over all or some instants; NaN over none."""
+        size = self.size(axis) if rows is None else self.size(axis)[rows]
+        return float(np.sqrt(np.mean(size**2))) if size.size else math.nan
+
+    def peak(self, axis: str) -> float:
+        """Largest error of ``axis``."""
+        return float(np.max(self.size(axis)))
+
+
+def fly_judged(
+    flight: Flight, config: PipelineConfig | None, leg: Leg, *, approach_s: float = math.inf, record: Path | None = None
+) -> Flown:
+    """Fly in lockstep and judge; ``config`` None: the autopilot flies. The same numbers on every machine."""
+    hand = Hand.AUTOPILOT if config is None else Hand.COMPANION
+    with tempfile.TemporaryDirectory() as folder:
+        truth = Path(folder) / "truth.csv"
+        world = Lockstep(flight, lambda w: ScriptedPilot(w.flight, w.link, hand, endless=False), truth)
+        world.fly(config, record)
+        found = flown(leg, flight.seed, read_truth(truth), approach_s)
+    known = None if world.companion is None else world.companion.summary.adaptation
+    return found if known is None else replace(found, adapted=known.as_json())
+
+
+def read_truth(path: Path) -> dict[str, Array]:
+    """The columns of a truth file from the moment its script begins, as numbers.
+
+    ``streamed``: 1 where a companion flew; ``phase``: place in ``PHASES``.
+    """
+    with path.open(encoding="utf-8", newline="") as file:
+        rows = csv.reader(file)
+        names = next(rows)
+        keep = [i for i, name in enumerate(names) if name not in ("phase", "hand")]
+        started, hand, phase = (names.index(name) for name in ("script_s", "hand", "phase"))
+        flown_rows = [row for row in rows if len(row) == len(names) and float(row[started]) >= 0.0]
+    table = np.array([[float(row[i]) for i in keep] for row in flown_rows]).reshape(len(flown_rows), len(keep))
+    columns = {names[i]: table[:, k] for k, i in enumerate(keep)}
+    columns["streamed"] = np.array([float(row[hand] == "stream") for row in flown_rows])
+    columns["phase"] = np.array([float(_STAYS.get(row[phase], PHASES.index("between"))) for row in flown_rows])
+    return columns
+
+
+def flown(leg: Leg, seed: int, truth: Mapping[str, Array], approach_s: float = math.inf) -> Flown:
+    """Errors of one flight from its truth."""
+    script = truth["script_s"]
+    if len(script) < 10 or script[-1] < SETTLE_S[1]:
+        raise LinkError(f"simulated flight '{leg.value}', seed {seed}: the script did not run")
+    if leg is not Leg.AUTOPILOT and (share := float(np.mean(truth["streamed"]))) < 0.98:
+        raise LinkError(
+            f"simulated flight '{leg.value}', seed {seed}: the companion flew only {100 * share:.0f} % of it"
+        )
+    grid = np.arange(0.0, script[-1], STEP_S)
+
+    def on_grid(values: Array) -> Array:
+        return np.interp(grid, script, values)
+
+    settled = (grid >= SETTLE_S[0]) & (grid <= SETTLE_S[1])
+
+    def position(axis: str) -> Array:
+        error = on_grid(truth[axis] - truth[f"ref_{axis}"])
+        return np.asarray(error - np.mean(error[settled]))
+
+    return Flown(
+        leg=leg,
+        seed=seed,
+        time_s=grid,
+        height=-position("d"),
+        lateral=np.column_stack([position("n"), position("e")]),
+        tilt=np.column_stack([on_grid(truth[a] - truth[f"need_{a}"]) for a in ("roll", "pitch")]),
+        touched_s=float(np.sum(truth["contact"]) * STEP_S),
+        phase=truth["phase"][np.maximum(np.searchsorted(script, grid, side="right") - 1, 0)].astype(np.intp),
+        approach_s=approach_s,
+    )
