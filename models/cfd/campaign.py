@@ -98,7 +98,6 @@ def _plan_wedge(setup: Setup) -> Iterator[Position]:
             yield Position(h, inf, c.rpm, swirl, level, wedge=True, variant=variant)
 
     yield from column(c.wedge_h, first)
-    yield from (Position(inf, inf, rpm, True, first, wedge=True) for rpm in c.wedge_rpm)
     yield from column(c.wedge_h, first, swirl=False)
     for variant in setup.variants:
         yield from column(c.wedge_variant_h, first, variant=variant)

@@ -220,7 +220,7 @@ class _Case:
     def _disc(self, state: str, disc: str, volume: Array, centre: Array) -> Array:
         """Force and moment (6,) of the air on one disc: the solver's source per volume and density, summed."""
         out = np.zeros(6)
-        for name, where, _, _ in case.sources(self.setup.rotor, self.position):
+        for name, where, _, _ in case.sources(self.position):
             if where[:-1] != disc:
                 continue
             source = foam.read_field(self.folder / state / f"{name}:rotorForce")

@@ -13,7 +13,7 @@ import numpy as np
 
 from models.cfd.blocks import Blocks
 from models.cfd.config import Setup
-from models.cfd.meridian import CURVE_POINTS, KINDS, LOWER_ROW, UPPER_ROW, Meridian, both_ends, growing
+from models.cfd.meridian import CURVE_POINTS, KINDS, LOWER_ROW, SOLID, UPPER_ROW, Meridian, both_ends, growing
 from models.cfd.position import Position
 from models.frames import Array
 
@@ -104,7 +104,7 @@ class _Builder:
         hub = np.full(8, self.setup.fan.hub_radius)
         radii = [CORE * hub, hub, self.meridian.bore, self.meridian.skin]
         counts = [self.n(mesh.hub), self.n(mesh.bore), self.n(mesh.lip), self.n(mesh.ring)]
-        solid = {column: row in rows for column, rows in self.meridian.solid.items()}
+        solid = {column: row in rows for column, rows in SOLID.items()}
         grade_z = self.meridian.grade_z(row)
         for column in range(4):
             if solid.get(column, False):
@@ -151,8 +151,6 @@ class _Builder:
                 self._curve(lo[near], lo[far], angle, line.hub_end(row, core))
             elif row == LOWER_ROW - 1 and column == 0 and self.setup.fan.hub_tail:
                 self._curve(hi[near], hi[far], angle, line.hub_end(LOWER_ROW, core))
-            elif not self.setup.fan.duct:
-                continue
             elif row == 5 and column == 1:
                 self._curve(lo[far], hi[far], angle, line.flank(outer=False))
             elif row == 5 and column == 3:

@@ -37,10 +37,6 @@ def trim(
     Half model: the lift is ``hover_lift_n`` within 0.2 %, by the secant rule. With swirl also the net torque is zero
     within 0.2 % of lift times R, by Broyden's rule. Raises ConfigError where the rule does not get there.
     """
-    if setup.rotor.blade or setup.rotor.rotors == 1:
-        raise ConfigError(
-            "trim: sets the tip pitch of two straight blades; this fan file has one rotor or a blade table"
-        )
     foam.require()
     cases = _Cases(folder, setup, section, model, report)
     return cases.secant() if model == "half" else cases.broyden()

@@ -8,7 +8,7 @@ import numpy as np
 
 from models.cfd.blocks import Blocks
 from models.cfd.config import Setup
-from models.cfd.meridian import KINDS, LOWER_ROW, UPPER_ROW, Meridian
+from models.cfd.meridian import KINDS, LOWER_ROW, SOLID, UPPER_ROW, Meridian
 from models.cfd.position import Position
 
 HALF_ANGLE = math.radians(3.0)
@@ -34,7 +34,7 @@ def wedge_mesh(setup: Setup, position: Position) -> str:
 
     for row in range(7):
         for column in range(5):
-            if row in line.solid.get(column, ()):
+            if row in SOLID.get(column, ()):
                 continue
             lo, hi = (
                 [point(r, radii[column + k][r], side) for k, side in ((0, -1), (1, -1), (1, 1), (0, 1))]
@@ -68,8 +68,6 @@ def _curves(out: Blocks, line: Meridian, row: int, column: int, lo: list[int], h
             out.turned(lo[near], lo[far], line.hub_end(row, TUBE), angle, line.scale_m)
         elif row == LOWER_ROW - 1 and column == 0 and fan.hub_tail:
             out.turned(hi[near], hi[far], line.hub_end(LOWER_ROW, TUBE), angle, line.scale_m)
-        elif not fan.duct:
-            continue
         elif row == 5 and column == 1:
             out.turned(lo[far], hi[far], line.flank(outer=False), angle, line.scale_m)
         elif row == 5 and column == 3:

@@ -413,10 +413,10 @@ def test_the_progress_counts_cases(tmp_path, solver):
 
 
 def test_every_disc_layer_turns_as_the_model_says():
-    half = case.sources(SETUP.rotor, FREE)
+    half = case.sources(FREE)
     assert sum(s * share for _, _, s, share in half) == pytest.approx(0.0)
     assert sum(share for _, where, _, share in half if where.startswith("upper")) == pytest.approx(1.0)
-    full = case.sources(SETUP.rotor, replace(FREE, swirl=True))
+    full = case.sources(replace(FREE, swirl=True))
     assert {s for _, where, s, _ in full if where.startswith("upper")} == {-1}
     assert {s for _, where, s, _ in full if where.startswith("lower")} == {1}
 
