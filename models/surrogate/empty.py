@@ -46,4 +46,4 @@ def declared_thrust(vehicle: Vehicle) -> np.ndarray:
 
 def is_empty(model: FanSurrogate) -> bool:
     """True for a model that says nothing about ground and wall and has no adopted effect."""
-    return not model.effects and getattr(model, "info", {}).get("method") == "none"
+    return not model.effects and model.info.get("method") == "none"
