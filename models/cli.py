@@ -174,9 +174,9 @@ def _compare(args: argparse.Namespace) -> int:
     command = f"models train --data {args.data}{sigma} --method {result.numbers['use']['method']} --out DIR"
     if args.report:
         from models.training.compare_page import write_page
-        from models.training.plots import write_report
+        from models.training.plots import write_figures
 
-        write_report(args.report, result)
+        write_figures(args.report, result)
         write_page(args.report, result.numbers, command)
     if _speak(args):
         print(text(result.numbers))

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from models.cfd import axisymmetric, marched
+from models.cfd import axisymmetric
 from models.cfd.assemble import Assembled, Law, assemble, ceilings, correction, fit_law
 from models.cfd.axisymmetric import Series
 from models.cfd.campaign import Row
@@ -19,7 +19,6 @@ from models.cfd.config import Setup
 from models.cfd.fidelity import FREE, Correction
 from models.cfd.grid import Study, spread
 from models.cfd.labels import HALF, Kind, Label, full_kind, kind_of, labels
-from models.cfd.marched import Compared
 from models.cfd.position import Place
 from models.errors import ModelError
 from models.frames import AXES, Array
@@ -60,7 +59,6 @@ class Checked:
     full_law: Law | None
     statements: tuple[Statement, ...]
     correction: Correction
-    means: tuple[Compared, ...]
     ceilings: tuple[Array, Array] | None
     wedges: tuple[Series, ...]
     summary: dict[str, Any]
@@ -103,7 +101,6 @@ def check(rows: Sequence[Row], setup: Setup) -> Checked:
         full_law=_full_law(rows, setup, kind),
         statements=(),
         correction=correction(full, half),
-        means=tuple(marched.compared(rows, c.rpm, kind, full, half)),
         ceilings=ceilings(whole) if whole is not None else None,
         wedges=tuple(axisymmetric.series(rows)),
         summary={},
@@ -165,7 +162,6 @@ def _summary(rows: Sequence[Row], c: Checked, said: Sequence[Statement]) -> dict
             "note": "Fy, Mx, Mz are zero by symmetry in the half model; mesh numbers are half-spreads over the levels",
         },
         "mesh_levels": list(c.study.levels),
-        "richardson_free_lift": _richardson(c),
         "rpm_law": _law(c.law),
         "rpm_law_of_full_models": _law(c.full_law),
         "fidelity": {
@@ -174,20 +170,11 @@ def _summary(rows: Sequence[Row], c: Checked, said: Sequence[Statement]) -> dict
             "corrected_misses": _by_axis(c.correction.error),
             "learnt": [a for a, learnt in zip(AXES, c.correction.learnt, strict=True) if learnt],
         },
-        "means": [
-            {"of": m.name, "places": m.count, **{n: _by_axis(getattr(m, n)) for n in ("missed", "stated", "known")}}
-            for m in c.means
-        ],
         "r2_ceiling": _ceilings(c.ceilings),
         "wedges": [asdict(s) for s in c.wedges],
         "agreement": [asdict(s) for s in said],
         "verdicts": dict(Counter(s.verdict for s in said)),
     }
-
-
-def _richardson(c: Checked) -> dict[str, float] | None:
-    found = c.study.richardson
-    return None if found is None else {"lift_N": found[0], "order": found[1]}
 
 
 def _law(law: Law | None) -> dict[str, Any] | None:
@@ -480,9 +467,6 @@ def text(c: Checked) -> str:
         ("unsteadiness_and_branch_most", "moves, most"),
     ):
         lines.append(f"{name:14}" + "".join(f"{rows[key][a]:10.4f}" for a in AXES))
-    if s["richardson_free_lift"]:
-        r = s["richardson_free_lift"]
-        lines.append(f"free lift on an infinitely fine mesh {r['lift_N']:.2f} N (order {r['order']:.1f})")
     lines += _law_lines(s)
     if c.correction.places:
         learnt = ", ".join(s["fidelity"]["learnt"]) or "nothing"
@@ -493,7 +477,6 @@ def text(c: Checked) -> str:
             + f"; corrected and left out by {_listed(c.correction.error)}; "
             f"learnt: {learnt}"
         )
-    lines += marched.text(c.means)
     if c.ceilings is not None:
         for ceiling, against in zip(c.ceilings, ("against these rows", "against full models"), strict=True):
             by = ", ".join(f"{a} {v:.3f}" for a, v in zip(AXES, ceiling, strict=True))

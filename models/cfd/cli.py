@@ -173,11 +173,11 @@ def _check(args: argparse.Namespace) -> Any:
     checked = check.check(_rows(args, setup), setup)
     if args.report:
         from models.cfd.check_page import write_page
-        from models.cfd.figures import write_report
+        from models.cfd.figures import write_figures
 
         try:
             args.report.mkdir(parents=True, exist_ok=True)
-            write_report(args.report, checked, setup)
+            write_figures(args.report, checked)
             write_page(args.report, checked, setup)
         except OSError as error:
             raise ConfigError(f"--report {args.report}: cannot be written ({error.strerror})") from None

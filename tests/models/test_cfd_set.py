@@ -353,17 +353,6 @@ def test_the_mesh_study_tells_the_lift_from_what_is_added_to_it(rows):
     assert study.increment == pytest.approx(np.zeros(6), abs=1e-9)
 
 
-def test_richardson_finds_the_order_of_a_known_error():
-    positions = [Position(INF, INF, 4000.0, level=level) for level in (0.75, 1.0, 1.3)]
-
-    def lift(level):
-        return 23.0 - 0.4 / level**2
-
-    cases = [row(p, wrench=(0, 0, lift(p.level), 0, 0, 0)) for p in positions]
-    found = spread(cases, SETUP).richardson
-    assert found == pytest.approx((23.0, 2.0), abs=1e-6)
-
-
 def test_the_table_comes_back_as_it_was_written(tmp_path, rows):
     odd = [*rows[:5], row(Position(1.0, 0.5, 4000.0), "diverged", wrench=(math.nan,) * 6, note="blew up, at once")]
     table.write(tmp_path / "cases.csv", odd)
@@ -445,10 +434,6 @@ def test_the_commands_write_set_and_report(tmp_path, rows, capsys):
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["corner_cfd.csv", "corner_cfd_rows.csv"]
     assert main(["cfd", "check", *source, "--report", str(tmp_path / "report"), "--json", "-"]) == 0
     assert json.loads(capsys.readouterr().out)["positions"] == 110
-    page = (tmp_path / "report" / "report.md").read_text()
-    for figure in ("fig5_9", "fig6_10", "fig7", "corner.png"):
-        after = page.split(f"]({figure}", 1)[1]
-        assert "| published | here | |" in after.split("![", 1)[0], figure
     for figure in (tmp_path / "report").glob("*.png"):
         assert figure.stat().st_size > 5000
     html = (tmp_path / "report" / "report.html").read_text()
