@@ -10,7 +10,6 @@ from models.cfd.meridian import LAYERS
 from models.cfd.mesh import block_mesh
 from models.cfd.polars import Blades, Station, foam_table
 from models.cfd.position import Position
-from models.cfd.wedge import AXIS, wedge_mesh
 
 DISCS = ("upper", "lower")
 # Blades end within this length [m]; the solver's table of chords wants a number above zero beyond.
@@ -22,7 +21,7 @@ TIP_EFFECT = 1.1
 def write(folder: Path, setup: Setup, position: Position, blades: Blades) -> None:
     """Write system, constant and 0 of a case; an old case in ``folder`` is overwritten file by file."""
     files = {
-        "system/blockMeshDict": ("dictionary", (wedge_mesh if position.wedge else block_mesh)(setup, position)),
+        "system/blockMeshDict": ("dictionary", block_mesh(setup, position)),
         "system/topoSetDict": ("dictionary", _layers(setup)),
         "system/fvSchemes": ("dictionary", schemes(steady=True)),
         "system/fvSolution": ("dictionary", _solution(setup)),
@@ -188,10 +187,7 @@ def _fields(setup: Setup, position: Position) -> dict[str, str]:
     solid += ["ground"] if math.isfinite(position.h) else []
     solid += ["wall"] if math.isfinite(position.d) else []
     names = '"(' + "|".join(solid) + ')"'
-    if position.wedge:
-        sides = f"front {{ type cyclic; }} back {{ type cyclic; }} {AXIS} {{ type slip; }} "
-    else:
-        sides = "" if position.swirl else "mirror { type symmetryPlane; } "
+    sides = "" if position.swirl else "mirror { type symmetryPlane; } "
     k, w = setup.air.far_k, setup.air.far_omega
 
     def text(dimensions: str, value: str, wall: str, far: str) -> str:

@@ -11,9 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from models.cfd import axisymmetric
 from models.cfd.assemble import Assembled, Law, assemble, ceilings, correction, fit_law
-from models.cfd.axisymmetric import Series
 from models.cfd.campaign import Row
 from models.cfd.config import Setup
 from models.cfd.fidelity import FREE, Correction
@@ -60,7 +58,6 @@ class Checked:
     statements: tuple[Statement, ...]
     correction: Correction
     ceilings: tuple[Array, Array] | None
-    wedges: tuple[Series, ...]
     summary: dict[str, Any]
     force_unit: float
     moment_unit: float
@@ -102,7 +99,6 @@ def check(rows: Sequence[Row], setup: Setup) -> Checked:
         statements=(),
         correction=correction(full, half),
         ceilings=ceilings(whole) if whole is not None else None,
-        wedges=tuple(axisymmetric.series(rows)),
         summary={},
         force_unit=tip_pressure,
         moment_unit=tip_pressure * setup.fan.radius_m,
@@ -171,7 +167,6 @@ def _summary(rows: Sequence[Row], c: Checked, said: Sequence[Statement]) -> dict
             "learnt": [a for a, learnt in zip(AXES, c.correction.learnt, strict=True) if learnt],
         },
         "r2_ceiling": _ceilings(c.ceilings),
-        "wedges": [asdict(s) for s in c.wedges],
         "agreement": [asdict(s) for s in said],
         "verdicts": dict(Counter(s.verdict for s in said)),
     }
@@ -481,7 +476,6 @@ def text(c: Checked) -> str:
         for ceiling, against in zip(c.ceilings, ("against these rows", "against full models"), strict=True):
             by = ", ".join(f"{a} {v:.3f}" for a, v in zip(AXES, ceiling, strict=True))
             lines.append(f"R2 of increments that a perfect surrogate of this set reaches {against}: {by}")
-    lines += axisymmetric.text(c.wedges)
     lines.append("")
     for said in c.statements:
         lines.append(f"[{said.verdict}] {said.claim} ({said.source}): {said.ours}")

@@ -61,9 +61,9 @@ def _common(parser: argparse.ArgumentParser) -> None:
 def _model(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--model",
-        choices=("half", "full", "wedge"),
+        choices=("half", "full"),
         default="half",
-        help="half models without swirl (default), full models with swirl, or wedges: no wall, swirl, meshes, variants",
+        help="half models without swirl (default), or full models with swirl",
     )
 
 

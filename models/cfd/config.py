@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import tomllib
 from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import MISSING, dataclass, fields
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -17,8 +16,7 @@ from models.errors import ConfigError
 class Fan:
     """Duct and hub; lengths over ``radius_m`` unless in m, heights above the reference point, z up.
 
-    ``hub_nose``, ``hub_tail``: length of the paraboloids above the upper and below the lower disc; 0 is a flat end.
-    The lip is a semicircle.
+    The lip is a semicircle, the ends of the hub are flat.
     """
 
     name: str
@@ -29,8 +27,6 @@ class Fan:
     exit_radius: float
     exit_skin: float
     hub_radius: float
-    hub_nose: float
-    hub_tail: float
 
     @property
     def lip_radius(self) -> float:
@@ -148,11 +144,6 @@ class Campaign:
     full_other_rpm_at: tuple[tuple[float, float], ...]
     full_grid_levels: tuple[float, ...]
     full_grid_at: tuple[tuple[float, float], ...]
-    wedge_h: tuple[float, ...]
-    wedge_levels: tuple[float, ...]
-    wedge_fine_levels: tuple[float, ...]
-    wedge_fine_h: tuple[float, ...]
-    wedge_variant_h: tuple[float, ...]
     full_again_from_far: tuple[tuple[float, float], ...] = ()
     """Second starts of full models, from the state without ground at the same distance to the wall."""
 
@@ -168,12 +159,6 @@ class Setup:
     solver: Solver
     converged: Converged
     campaign: Campaign
-    variants: Mapping[str, Setup] = field(default_factory=dict)
-    """The same fan with other geometry, air or pitch, by name, for the wedge."""
-
-    def of(self, variant: str) -> Setup:
-        """Setup of a variant; of the fan itself for an empty name."""
-        return self.variants[variant] if variant else self
 
 
 _SECTIONS: Mapping[str, type] = {
@@ -200,28 +185,12 @@ def load(path: Path | None = None) -> Setup:
         raise ConfigError(f"fan file {name}: cannot be read ({reason})") from None
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"fan file {name}: not TOML ({error})") from None
-    variants = table.pop("variant", {})
-    if not isinstance(variants, dict):
-        raise ConfigError(f"fan file {name}: [variant] must hold sections such as [variant.NAME.fan]")
-    setup = _setup(name, table)
-    return replace(setup, variants={v: _variant(name, v, changes, table) for v, changes in variants.items()})
-
-
-def _setup(name: str, table: Mapping[str, Any]) -> Setup:
     unknown = set(table) - set(_SECTIONS)
     if unknown:
         raise ConfigError(f"fan file {name}: unknown section [{min(unknown)}]")
     setup = Setup(**{section: _section(name, section, kind, table) for section, kind in _SECTIONS.items()})
     _check(name, setup)
     return setup
-
-
-def _variant(name: str, variant: str, changes: Any, table: Mapping[str, Any]) -> Setup:
-    """The fan file with the keys of one variant in place of its own."""
-    where = f"{name}: variant {variant}"
-    if not isinstance(changes, dict) or not all(isinstance(keys, dict) for keys in changes.values()):
-        raise ConfigError(f"fan file {where}: must hold sections such as [variant.{variant}.fan]")
-    return _setup(where, {**table, **{section: table.get(section, {}) | keys for section, keys in changes.items()}})
 
 
 def _section(name: str, section: str, kind: type, table: Mapping[str, Any]) -> Any:
@@ -314,7 +283,6 @@ def _check(name: str, setup: Setup) -> None:
 
 def _check_rotors(fan: Fan, rotor: Rotor, need: Callable[[bool, str], None]) -> None:
     """Refuse rotors that cut into the hub, the duct or each other, and a hub that leaves the duct."""
-    top_disc = rotor.upper_height + rotor.thickness
     need(
         fan.exit_height < rotor.lower_height < rotor.lower_height + rotor.thickness < rotor.upper_height,
         "the rotors cut into each other or leave the duct: exit_height < lower disc < upper disc is needed",
@@ -323,11 +291,6 @@ def _check_rotors(fan: Fan, rotor: Rotor, need: Callable[[bool, str], None]) -> 
     need(rotor.tip_radius <= 1.0, "the rotors cut into the duct: [rotor] tip_radius is beyond the bore, 1")
     need(rotor.root_radius < rotor.tip_radius - 0.1, "[rotor] root_radius must lie 0.1 or more below tip_radius")
     need(
-        top_disc < fan.lip_foot,
+        rotor.upper_height + rotor.thickness < fan.lip_foot,
         "the rotors cut into the duct: the upper disc must lie below the curved part of the lip",
     )
-    need(
-        0 <= fan.hub_nose < fan.lip_foot + math.sqrt(0.5) * fan.lip_thickness / 2 - top_disc,
-        "[fan] hub_nose must end below the point where the lip's inside lies at 45 deg",
-    )
-    need(0 <= fan.hub_tail < rotor.lower_height - fan.exit_height, "[fan] hub_tail must end above the duct's exit")

@@ -30,10 +30,7 @@ def write_figures(directory: Path, c: Checked) -> None:
         "fig7_tilting_moment_wall.png": _wall(c, 4, "C_My", c.moment_unit),
         "corner.png": _corner(c),
         "fidelity.png": _fidelity(c),
-        "mesh.png": _mesh(c),
     }
-    if c.wedges:
-        figures["wedge.png"] = _wedges(c)
     for name, figure in figures.items():
         figure.savefig(directory / name, dpi=DOTS_PER_INCH)
         figure.clear()
@@ -60,18 +57,6 @@ def entries(c: Checked) -> list[Entry]:
             out.append(Entry(number, title, image, said.claim, said.ours, said.verdict))
     bench = "a photograph of the test bench: nothing to draw; its measurements are figs 5 and 6, not printed as numbers"
     return [*out, Entry(8, "Fig. 8: the test bench", "", bench, "no bench", "not comparable")] if out else out
-
-
-def _wedges(c: Checked) -> Any:
-    figure, (panel,) = _panels(1, (7, 4.5))
-    for s in c.wedges:
-        style = "o-" if s.level == c.wedges[0].level else ".--"
-        panel.errorbar(s.heights, s.ratio, s.error, fmt=style, capsize=3, lw=1, label=f"{s.name}, mesh {s.level:g}")
-    _ground_column(panel, c, c.half, "k:", "half models, no swirl")
-    _ground_column(panel, c, c.full, "ks", "full models, swirl")
-    panel.set(xlabel="h / R", ylabel="T_IGE / T_OGE", title="Without a wall: what swirl and the fan's shape change")
-    panel.legend(fontsize=7)
-    return figure
 
 
 def _ground_column(panel: Any, c: Checked, labels: Mapping[Place, Label], style: str, name: str) -> None:
@@ -165,17 +150,4 @@ def _corner(c: Checked) -> Any:
         panel.set(xlabel="d / R", ylabel=name)
     panels[-1].legend(fontsize=7, ncols=2)
     figure.suptitle("Corner: squares solved in full models, dots from half models; bars: sigma of the row")
-    return figure
-
-
-def _mesh(c: Checked) -> Any:
-    figure, panels = _panels(3, (12, 3.6))
-    for panel, axis, name in zip(panels, (0, 2, 4), ("Fx [N]", "Fz [N]", "My [N m]"), strict=True):
-        for (h, d), by in c.study.wrench.items():
-            levels = sorted(by)
-            panel.plot(levels, [by[level][axis] for level in levels], "o-", label=f"h = {h:g} R, d = {d:g} R")
-        panel.set(xlabel="cells along each direction, relative", ylabel=name)
-    if c.study.wrench:
-        panels[0].legend(fontsize=7)
-    figure.suptitle("Mesh study")
     return figure

@@ -63,7 +63,7 @@ class MeanError:
 
 
 def learn(rows: Sequence[Row]) -> MeanError:
-    """From all cases of one kind (model, mesh and variant)."""
+    """From all cases of one kind (model and mesh)."""
     circles: list[tuple[float, Array, Array]] = []
     others: list[tuple[float, Array, Array]] = []
     for row in rows:

@@ -27,11 +27,9 @@ LIP_TURN = math.pi / 4
 CURVE_POINTS = 10
 # Cells of duct and hub that are solid, by column (axis to hub, hub to bore, bore to skin, skin to box): the rows.
 SOLID: dict[int, tuple[int, ...]] = {0: (2, 3, 4), 2: (1, 2, 3, 4, 5)}
-_TURN = "cyclic; transform rotational; rotationAxis (0 0 1); rotationCentre (0 0 0); neighbourPatch"
 KINDS = {
     **dict.fromkeys(("ground", "wall", "duct", "hub"), "wall;"),
-    **{"far": "patch;", "mirror": "symmetryPlane;", "axis": "patch;"},
-    **{"front": f"{_TURN} back;", "back": f"{_TURN} front;"},
+    **{"far": "patch;", "mirror": "symmetryPlane;"},
 }
 """Type of each patch."""
 
@@ -62,22 +60,6 @@ class Meridian:
         """Cells at this case's level."""
         return max(2, round(count * self.position.level))
 
-    def first(self, cell: float) -> float:
-        """First cell of a growing row; in the wedge's mesh study all meshes are alike."""
-        return cell / self.position.level if self.position.wedge else cell
-
-    def height(self, row: int, radius: float) -> float:
-        """Height of a point: the row's, but on the paraboloids that end the hub."""
-        fan = self.setup.fan
-        inside = max(0.0, 1.0 - (radius / fan.hub_radius) ** 2)
-        ends = {LOWER_ROW: -fan.hub_tail, UPPER_ROW + 1: fan.hub_nose}
-        return float(self.z[row] + ends.get(row, 0.0) * inside)
-
-    def hub_end(self, row: int, inner: float) -> Array:
-        """Points (n, 2) = (radius, z) between ``inner`` and the hub's radius on the end of the hub in that row."""
-        r = np.linspace(inner, self.setup.fan.hub_radius, CURVE_POINTS + 2)[1:-1]
-        return np.column_stack([r, [self.height(row, x) for x in r]])
-
     def cap(self) -> Array:
         """Points (n, 2) over the top of the lip from 45 deg inside to 45 deg outside."""
         t = np.linspace(math.pi - LIP_TURN, LIP_TURN, 2 * CURVE_POINTS + 2)[1:-1]
@@ -97,9 +79,9 @@ class Meridian:
         if row == 0 and math.isfinite(self.position.h):
             return both_ends(CLUSTER)
         if row == 0:
-            return growing(self.z[1] - self.z[0], self.rows[0], self.first(0.06), downwards=True)
+            return growing(self.z[1] - self.z[0], self.rows[0], 0.06, downwards=True)
         if row == 6:
-            return growing(self.z[7] - self.z[6], self.rows[6], self.first(0.05))
+            return growing(self.z[7] - self.z[6], self.rows[6], 0.05)
         return "1"
 
     def grade_r(self, column: int) -> str:
@@ -107,10 +89,10 @@ class Meridian:
         if column == 1:
             return "((0.3 0.25 1) (0.7 0.75 0.35))"
         if column == 3:
-            return growing(self.setup.mesh.box - 1.3, self.n(self.setup.mesh.ring), self.first(0.03))
+            return growing(self.setup.mesh.box - 1.3, self.n(self.setup.mesh.ring), 0.03)
         if column == 4:
             room = self.setup.mesh.far - self.setup.mesh.box
-            return growing(room, self.n(self.setup.mesh.outer), self.first(0.2))
+            return growing(room, self.n(self.setup.mesh.outer), 0.2)
         return "1"
 
     def patch(self, row: int, column: int) -> dict[str, str]:

@@ -65,7 +65,7 @@ class _Builder:
 
     def _on_circle(self, row: int, radius: float, angle: float) -> int:
         m = self.scale_m
-        z = self.meridian.height(row, radius)
+        z = self.meridian.z[row]
         return self.out.vertex((m * radius * math.cos(angle), m * radius * math.sin(angle), m * z))
 
     def _on_box(self, row: int, angle: float) -> int:
@@ -138,20 +138,16 @@ class _Builder:
         t = np.linspace(a, b, CURVE_POINTS + 2)[1:-1]
         m = self.scale_m
         points = np.column_stack(
-            [m * radius * np.cos(t), m * radius * np.sin(t), np.full_like(t, m * self.meridian.height(row, radius))]
+            [m * radius * np.cos(t), m * radius * np.sin(t), np.full_like(t, m * self.meridian.z[row])]
         )
         self.out.curve(p, q, points)
 
     def _curves(self, row: int, column: int, angles: tuple[float, float], lo: list[int], hi: list[int]) -> None:
-        """The hub's ends, and the lip: its inner and outer eighths belong to row 5, the cap to the column of row 6."""
-        line, core = self.meridian, CORE * self.setup.fan.hub_radius
+        """The lip: its inner and outer eighths belong to row 5, the cap to the column of row 6."""
+        line = self.meridian
         for k, angle in enumerate(angles):
             near, far = (0, 1) if k == 0 else (3, 2)
-            if row == UPPER_ROW + 1 and column == 0 and self.setup.fan.hub_nose:
-                self._curve(lo[near], lo[far], angle, line.hub_end(row, core))
-            elif row == LOWER_ROW - 1 and column == 0 and self.setup.fan.hub_tail:
-                self._curve(hi[near], hi[far], angle, line.hub_end(LOWER_ROW, core))
-            elif row == 5 and column == 1:
+            if row == 5 and column == 1:
                 self._curve(lo[far], hi[far], angle, line.flank(outer=False))
             elif row == 5 and column == 3:
                 self._curve(lo[near], hi[near], angle, line.flank(outer=True))

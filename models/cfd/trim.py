@@ -32,7 +32,7 @@ Report = Callable[[tuple[float, ...], Result], None]
 def trim(
     folder: Path, setup: Setup, section: Section, model: str, report: Report = lambda *_: None
 ) -> tuple[tuple[float, ...], Result]:
-    """Tip pitch [deg] of both discs as one (``half``) or of upper and lower disc (``full``, ``wedge``), and the case.
+    """Tip pitch [deg] of both discs as one (``half``) or of upper and lower disc (``full``), and the case.
 
     Half model: the lift is ``hover_lift_n`` within 0.2 %, by the secant rule. With swirl also the net torque is zero
     within 0.2 % of lift times R, by Broyden's rule. Raises ConfigError where the rule does not get there.
@@ -47,9 +47,9 @@ class _Cases:
 
     def __init__(self, folder: Path, setup: Setup, section: Section, model: str, report: Report) -> None:
         self.folder, self.setup, self.section, self.report = folder, setup, section, report
-        level = {"half": 1.0, "full": setup.campaign.full_level, "wedge": setup.campaign.wedge_levels[0]}[model]
+        level = setup.campaign.full_level if model == "full" else 1.0
         rpm = setup.rotor.hover_rpm
-        self.position = Position(math.inf, math.inf, rpm, model != "half", level, wedge=model == "wedge")
+        self.position = Position(math.inf, math.inf, rpm, model == "full", level)
         self.neighbour: Path | None = None
 
     def compute(self, pitch: tuple[float, ...]) -> Result:

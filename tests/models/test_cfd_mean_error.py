@@ -15,7 +15,7 @@ from models.cfd.labels import labels
 from models.cfd.position import Position
 
 INF = math.inf
-KIND = ("full", 0.75, "")
+KIND = ("full", 0.75)
 SWING = (0.4, 0.4, 0.3, 0.02, 0.02, 0.005)
 
 
