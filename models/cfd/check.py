@@ -184,7 +184,7 @@ def _law(law: Law | None) -> dict[str, Any] | None:
     }
 
 
-def _ceilings(found: tuple[Array, Array] | None) -> dict[str, dict[str, float]] | None:
+def _ceilings(found: tuple[Array, Array] | None) -> dict[str, dict[str, float | None]] | None:
     if found is None:
         return None
     return dict(zip(("rows", "full_models"), (_by_axis(v) for v in found), strict=True))
@@ -194,8 +194,10 @@ def _quartiles(values: Sequence[float]) -> list[float]:
     return [float(v) for v in np.quantile(values, (0.25, 0.5, 0.75))] if values else []
 
 
-def _by_axis(values: Array, odd: bool = True) -> dict[str, float]:
-    return {a: float(v) for k, (a, v) in enumerate(zip(AXES, values, strict=True)) if odd or k % 2 == 0}
+def _by_axis(values: Array, odd: bool = True) -> dict[str, float | None]:
+    """By name of the axis; None where a number is not known."""
+    known = [float(v) if math.isfinite(v) else None for v in values]
+    return {a: v for k, (a, v) in enumerate(zip(AXES, known, strict=True)) if odd or k % 2 == 0}
 
 
 def _statements(c: Checked) -> list[Statement]:

@@ -13,9 +13,7 @@ from models.surrogate.fan_surrogate import Calibration, FanSurrogate
 from models.surrogate.free_air import FreeAir
 from models.surrogate.polynomial import PolynomialRegressor
 from models.vehicle import Vehicle
-
-# Any speed would do: without a model thrust goes as rpm^2.
-REFERENCE_RPM = 4000.0
+from models.vehicle_wrench import REFERENCE_RPM
 
 
 def empty_model(vehicle: Vehicle) -> FanSurrogate:

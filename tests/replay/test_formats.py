@@ -11,8 +11,7 @@ from companion.mavlink.dialect import mavlink
 from companion.mavlink.samples import RangeVerdict
 from models.errors import LogError
 from models.frames import euler_from_quaternion
-from replay.flightlog import load
-from replay.logs.formats import READERS, suffix_of
+from replay.logs.formats import READERS, load, suffix_of
 
 
 def test_suffixes_in_any_case(tmp_path):
