@@ -16,6 +16,7 @@ import resource
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,6 @@ import models
 from models.corner_law import ClosedForm
 from models.dataset import DataSet
 from models.training import genetic, train
-from models.training.adam import Adam
 
 Array = NDArray[np.float64]
 HIDDEN, RESTARTS = 9, 5
@@ -35,6 +35,10 @@ def seconds(work: Callable[[], object]) -> float:
     start = time.process_time()
     work()
     return time.process_time() - start
+
+
+RATE = 0.01
+"""Of Adam."""
 
 
 def paper_sized() -> train.Problem:
@@ -56,9 +60,9 @@ def batched(problem: train.Problem, settings: genetic.Settings, epochs: int) -> 
     gate = np.tile(problem.gate.T, (RESTARTS, 1))
     batch = network.Batch.of(problem.x[None], gate, y, np.ones_like(y))
     rng = np.random.default_rng(0)
-    evaluate = network.PopulationError(batch, HIDDEN)
+    evaluate = partial(network.population_errors, batch=batch, hidden=HIDDEN)
     start, _ = genetic.evolve(evaluate, nets, network.genes(HIDDEN), rng, settings)
-    return network.descend(start, batch, HIDDEN, Adam(), epochs)
+    return network.descend(start, batch, HIDDEN, epochs, adam_rate=RATE)
 
 
 def looped(problem: train.Problem, settings: genetic.Settings, epochs: int) -> Array:
@@ -68,9 +72,11 @@ def looped(problem: train.Problem, settings: genetic.Settings, epochs: int) -> A
     for c in [*range(6)] * RESTARTS:
         x, gate, y = problem.x, problem.gate[:, c], problem.y[:, c] / problem.scale[c]
         best = _evolve_plainly(x, gate, y, settings, rng)
-        rule = Adam()
+        mean, square = np.zeros_like(best), np.zeros_like(best)
         for t in range(1, epochs + 1):
-            rule.step(best, _gradient(best, x, gate, y), t, epochs)
+            g = _gradient(best, x, gate, y)
+            mean, square = 0.9 * mean + 0.1 * g, 0.999 * square + 0.001 * g * g
+            best -= RATE / (1 - 0.9**t) * mean / (np.sqrt(square / (1 - 0.999**t)) + 1e-8)
         out.append(best)
     return np.array(out)
 
