@@ -34,7 +34,10 @@ def _q(
     return Quantity(name, tuple(fields.split()), unit, limit, unknown, array)
 
 
-def _layout(name: str, stamp: Stamp | None, made: Callable[..., Sample | None], *quantities: Quantity | Raw) -> Layout:
+def _layout(
+    name: str, stamp: Stamp | None, made: Callable[..., Sample | None] | None, *quantities: Quantity | Raw
+) -> Layout:
+    """``made`` None: read in logs only."""
     return Layout(ID_OF[name], name, stamp, quantities, made)
 
 
@@ -135,12 +138,12 @@ _TABLE = (
         _q("value", "param_value"), Raw("param_id"), Raw("param_type"), Raw("param_index"), Raw("param_count"),
     ),
     _layout("EXTENDED_SYS_STATE", None, build.landed, Raw("landed_state")),
-    _layout("WIND_COV", Stamp.US64, build.wind_cov, _q("wind", "wind_x wind_y wind_z", "m/s", 200.0)),
+    _layout("WIND_COV", Stamp.US64, None, _q("wind", "wind_x wind_y wind_z", "m/s", 200.0)),
     _layout(
-        "WIND", None, build.wind, _q("direction", "direction", "deg", 100.0), _q("speed", "speed speed_z", "m/s", 200.0)
+        "WIND", None, None, _q("direction", "direction", "deg", 100.0), _q("speed", "speed speed_z", "m/s", 200.0)
     ),
     _layout(
-        "VIBRATION", Stamp.US64, build.vibration,
+        "VIBRATION", Stamp.US64, None,
         _q("level", "vibration_x vibration_y vibration_z", "m/s/s", 1e6),
         Raw("clipping_0"), Raw("clipping_1"), Raw("clipping_2"),
     ),
@@ -153,9 +156,7 @@ _TABLE = (
         _q("ratios", "vel_ratio pos_horiz_ratio", "", 1e6), _q("accuracy", "pos_horiz_accuracy", "m", 1e6),
         Raw("flags"),
     ),
-    _layout("COMMAND_ACK", None, build.command_ack, Raw("command"), Raw("result"), *_TARGETS),
-    _layout("TIMESYNC", None, build.timesync, Raw("tc1"), Raw("ts1")),
-    _layout("STATUSTEXT", None, build.statustext, Raw("severity"), Raw("text")),
+    _layout("STATUSTEXT", None, None, Raw("severity"), Raw("text")),
 )  # fmt: skip
 
 LAYOUTS: dict[int, Layout] = {layout.id: layout for layout in _TABLE}

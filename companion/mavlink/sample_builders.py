@@ -12,7 +12,6 @@ from companion.mavlink.samples import (
     Attitude,
     AttitudeTarget,
     Battery,
-    CommandAck,
     EscHealth,
     EstimatorStatus,
     Heartbeat,
@@ -27,11 +26,7 @@ from companion.mavlink.samples import (
     ServoOutput,
     SetAttitudeTarget,
     SetPositionTarget,
-    Statustext,
-    Timesync,
     Vector3,
-    Vibration,
-    Wind,
 )
 from companion.mavlink.wire_layout import NAN, Head, finite, unit_quaternion
 
@@ -185,28 +180,6 @@ def landed(head: Head, _: str, state: int) -> LandedState:
     return LandedState(*head, state)
 
 
-def wind_cov(head: Head, name: str, wind: Vector3) -> Wind | None:
-    return Wind(*head, wind, name) if finite(wind[:2]) else None
-
-
-def wind(head: Head, name: str, direction: tuple[float], speed: tuple[float, float]) -> Wind | None:
-    # The direction is where the wind comes from.
-    north, east = -speed[0] * math.cos(direction[0]), -speed[0] * math.sin(direction[0])
-    return Wind(*head, (north, east, speed[1]), name) if finite((north, east)) else None
-
-
-def command_ack(head: Head, _: str, command: int, result: int, system: int, component: int) -> CommandAck:
-    return CommandAck(*head, command, result, system, component)
-
-
-def timesync(head: Head, _: str, tc1: int, ts1: int) -> Timesync:
-    return Timesync(*head, tc1, ts1)
-
-
-def statustext(head: Head, _: str, severity: int, text: str) -> Statustext:
-    return Statustext(*head, severity, text)
-
-
 def ekf_status(head: Head, name: str, ratios: tuple[float, float], flags: int) -> EstimatorStatus:
     return EstimatorStatus(*head, flags, NAN, _largest(ratios), name)
 
@@ -219,10 +192,6 @@ def estimator_status(
 
 def _largest(ratios: tuple[float, ...]) -> float:
     return max((r for r in ratios if r == r), default=NAN)
-
-
-def vibration(head: Head, _: str, level: Vector3, first: int, second: int, third: int) -> Vibration | None:
-    return Vibration(*head, level, (first, second, third)) if finite(level) else None
 
 
 def parameter_value(value: float, kind: int) -> float:

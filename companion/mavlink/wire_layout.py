@@ -108,7 +108,8 @@ class Layout:
     name: str
     stamp: Stamp | None
     quantities: tuple[Quantity | Raw, ...]
-    build: Callable[..., Sample | None]
+    build: Callable[..., Sample | None] | None
+    """None: no sample is made of it; it is read in logs only."""
     wire: WireFormat = field(init=False, repr=False, compare=False)
     readers: tuple[Callable[[tuple[Any, ...]], Any], ...] = field(init=False, repr=False, compare=False)
     """One a quantity, from the unpacked fields."""
