@@ -197,11 +197,6 @@ class LandedState(_Sample):
 
     landed_state: int
 
-    @property
-    def landed(self) -> bool | None:
-        """True on the ground, False off it, None where the autopilot does not know."""
-        return None if self.landed_state not in (1, 2, 3, 4) else self.landed_state == 1
-
 
 @dataclass(frozen=True, slots=True)
 class EstimatorStatus(_Sample):
