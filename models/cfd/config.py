@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, fields
+from collections.abc import Callable
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 from models.errors import ConfigError
+from models.toml_table import Table, Within
 
 
 @dataclass(frozen=True)
@@ -126,25 +126,30 @@ class Converged:
     swing_of_effect: float
 
 
+_Distances = Annotated[tuple[float, ...], Within(0.0, above=True, finite=False)]
+_Places = Annotated[tuple[tuple[float, float], ...], Within(finite=False)]
+"""(h, d) over R, inf without ground or wall."""
+
+
 @dataclass(frozen=True)
 class Campaign:
     """Which cases make the data set; positions are (h, d) over R."""
 
     rpm: float
-    h: tuple[float, ...]
-    d: tuple[float, ...]
-    other_rpm: tuple[float, ...]
-    rpm_at: tuple[tuple[float, float], ...]
-    grid_levels: tuple[float, ...]
-    grid_at: tuple[tuple[float, float], ...]
-    again_from_far: tuple[tuple[float, float], ...]
-    again_from_wall: tuple[tuple[float, float], ...]
+    h: _Distances
+    d: _Distances
+    other_rpm: _Distances
+    rpm_at: _Places
+    grid_levels: _Distances
+    grid_at: _Places
+    again_from_far: _Places
+    again_from_wall: _Places
     full_level: float
-    full_at: tuple[tuple[float, float], ...]
-    full_other_rpm_at: tuple[tuple[float, float], ...]
-    full_grid_levels: tuple[float, ...]
-    full_grid_at: tuple[tuple[float, float], ...]
-    full_again_from_far: tuple[tuple[float, float], ...] = ()
+    full_at: _Places
+    full_other_rpm_at: _Places
+    full_grid_levels: _Distances
+    full_grid_at: _Places
+    full_again_from_far: _Places = ()
     """Second starts of full models, from the state without ground at the same distance to the wall."""
 
 
@@ -161,17 +166,6 @@ class Setup:
     campaign: Campaign
 
 
-_SECTIONS: Mapping[str, type] = {
-    "fan": Fan,
-    "rotor": Rotor,
-    "air": Air,
-    "mesh": Mesh,
-    "solver": Solver,
-    "converged": Converged,
-    "campaign": Campaign,
-}
-
-
 def load(path: Path | None = None) -> Setup:
     """Read a fan file, or the built-in one. Raises ConfigError naming the file and the key."""
     name = str(path) if path else "models/cfd/fan.toml"
@@ -179,85 +173,12 @@ def load(path: Path | None = None) -> Setup:
         text = (
             path.read_text("utf-8") if path else resources.files("models.cfd").joinpath("fan.toml").read_text("utf-8")
         )
-        table = tomllib.loads(text)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise ConfigError(f"fan file {name}: cannot be read ({reason})") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"fan file {name}: not TOML ({error})") from None
-    unknown = set(table) - set(_SECTIONS)
-    if unknown:
-        raise ConfigError(f"fan file {name}: unknown section [{min(unknown)}]")
-    setup = Setup(**{section: _section(name, section, kind, table) for section, kind in _SECTIONS.items()})
+    setup = Table.of(text, f"fan file {name}").read(Setup)
     _check(name, setup)
     return setup
-
-
-def _section(name: str, section: str, kind: type, table: Mapping[str, Any]) -> Any:
-    values = table.get(section)
-    if not isinstance(values, dict):
-        raise ConfigError(f"fan file {name}: section [{section}] is missing")
-    known = {f.name: str(f.type) for f in fields(kind)}
-    optional = {f.name for f in fields(kind) if f.default is not MISSING}
-    for key in values:
-        if key not in known:
-            raise ConfigError(f"fan file {name}: [{section}] has an unknown key '{key}'")
-    for key in known:
-        if key not in values and key not in optional:
-            raise ConfigError(f"fan file {name}: [{section}] lacks '{key}'")
-    return kind(
-        **{
-            key: _value(f"fan file {name}: [{section}] {key}", values[key], kind)
-            for key, kind in known.items()
-            if key in values
-        }
-    )
-
-
-def _value(where: str, value: Any, kind: str) -> Any:
-    """``value`` as the type named ``kind``. Raises ConfigError that begins with ``where``."""
-    if kind == "int" and _whole(value) and value < 1:
-        raise ConfigError(f"{where}: must be at least 1, not {value}")
-    accepts, convert = _KINDS[kind]
-    if not accepts(value):
-        raise ConfigError(f"{where}: must be {_WORDS.get(kind, kind)}, not {value!r}")
-    return convert(value)
-
-
-def _list_of(accepts: Callable[[Any], bool]) -> Callable[[Any], bool]:
-    return lambda value: isinstance(value, list) and all(accepts(v) for v in value)
-
-
-def _whole(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
-
-
-def _number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and value == value
-
-
-def _pair(value: Any) -> bool:
-    return isinstance(value, list) and len(value) == 2 and all(_number(v) for v in value)
-
-
-_PAIRS = "tuple[tuple[float, float], ...]"
-_KINDS: Mapping[str, tuple[Callable[[Any], bool], Callable[[Any], Any]]] = {
-    "str": (lambda value: isinstance(value, str), str),
-    "float": (_number, float),
-    "int": (_whole, int),
-    "tuple[int, ...]": (_list_of(lambda v: _whole(v) and v > 0), tuple),
-    "tuple[float, ...]": (_list_of(lambda v: _number(v) and v > 0), lambda value: tuple(float(v) for v in value)),
-    _PAIRS: (_list_of(_pair), lambda value: tuple((float(h), float(d)) for h, d in value)),
-}
-"""Type of a field as written in its class: what TOML gives for it, and how it is converted."""
-_WORDS = {
-    "str": "text",
-    "float": "a number",
-    "int": "a whole number",
-    "tuple[int, ...]": "a list of whole numbers above 0",
-    "tuple[float, ...]": "a list of numbers above 0",
-    _PAIRS: "a list of [h, d]",
-}
 
 
 def _check(name: str, setup: Setup) -> None:

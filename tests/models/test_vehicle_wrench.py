@@ -167,6 +167,9 @@ def test_the_contracts_vehicle_loads(tandem: Vehicle) -> None:
         ('target = "ground"', 'target = "floor"', "target"),
         ("orientation = 25", "orientation = 25\nport = 3", "port"),
         ("[[vane]]", THROTTLE + "[[vane]]", "throttle"),
+        ("[[vane]]", "[limits]\nthrust = 0.1\n[[vane]]", "limits.tilt_deg"),
+        ("[[vane]]", "[limits]\nthrust = true\n[[vane]]", "limits.thrust"),
+        ("[[vane]]", "limits = 3\n[[vane]]", "limits"),
     ],
 )
 def test_a_wrong_vehicle_file_is_refused_by_file_and_key(tmp_path: Path, old: str, new: str, key: str) -> None:
