@@ -26,7 +26,7 @@ def result() -> compare.Comparison:
     quick = genetic.Settings(population=10, generations=5)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(genetic, "Settings", lambda: quick)
-        patch.setattr(levenberg, "ITERATIONS", 5)
+        patch.setattr(levenberg, "EVALUATIONS", 10)
         patch.setattr(kriging, "ROWS_FOR_LENGTHS", 40)
         return compare.compare(data.take((rng.random(len(data)) < 0.12) | data.free_air), splits=2, epochs=30)
 
