@@ -29,6 +29,7 @@ from companion.mavlink.samples import (
     Vector3,
 )
 from companion.mavlink.wire_layout import NAN, Head, finite, unit_quaternion
+from models.frames import quaternion_from_euler
 
 
 def heartbeat(head: Head, _: str, base: int, custom: int, autopilot: int, kind: int, status: int) -> Heartbeat:
@@ -38,16 +39,7 @@ def heartbeat(head: Head, _: str, base: int, custom: int, autopilot: int, kind: 
 def attitude(head: Head, name: str, euler: Vector3, rates: Vector3) -> Attitude | None:
     if not finite(euler, rates):
         return None
-    roll, pitch, yaw = euler[0] / 2.0, euler[1] / 2.0, euler[2] / 2.0
-    cr, cp, cy = math.cos(roll), math.cos(pitch), math.cos(yaw)
-    sr, sp, sy = math.sin(roll), math.sin(pitch), math.sin(yaw)
-    q = (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
-    return Attitude(*head, q, rates, name)
+    return Attitude(*head, quaternion_from_euler(*euler), rates, name)
 
 
 def attitude_quaternion(head: Head, name: str, q: Quaternion, rates: Vector3) -> Attitude | None:
