@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from models.frames import Array
+from models.frames import GRAVITY, Array
 
 DIRECTIONS = ("down", "up", "forward", "right", "back", "left")
 
@@ -69,7 +69,7 @@ def blank_state(shape: tuple[int, ...], fans: int, rotors: int) -> AirState:
         velocity_ned=full(0.0, 3),
         rotation=np.broadcast_to(np.eye(3), (*shape, 3, 3)).copy(),
         rates=full(0.0, 3),
-        specific_force=np.broadcast_to(np.array([0.0, 0.0, -9.80665]), (*shape, 3)).copy(),
+        specific_force=np.broadcast_to(np.array([0.0, 0.0, -GRAVITY]), (*shape, 3)).copy(),
         ranges_m=full(np.inf, 6),
         h_m=full(np.inf, fans),
         d_m=full(np.inf, fans),

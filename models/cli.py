@@ -14,6 +14,7 @@ from typing import Any
 from models.arguments import Parser
 from models.cfd import cli as cfd
 from models.errors import ConfigError, UserError
+from models.json_file import write_json
 from models.vehicle_setup import cli as vehicle_setup
 from models.version import VersionAction
 
@@ -182,9 +183,9 @@ def _compare(args: argparse.Namespace) -> int:
     command = f"models train --data {args.data}{sigma} --method {result.numbers['use']['method']} --out DIR"
     if args.report:
         from models.training.compare_page import write_page
-        from models.training.plots import write_report
+        from models.training.plots import write_figures
 
-        write_report(args.report, result)
+        write_figures(args.report, result)
         write_page(args.report, result.numbers, command)
     if _speak(args):
         print(text(result.numbers))
@@ -294,14 +295,6 @@ def _speak(args: argparse.Namespace) -> bool:
 
 
 def _json(args: argparse.Namespace, content: Mapping[str, Any]) -> int:
-    if args.json is None:
-        return 0
-    text = json.dumps(content, indent=1)
-    if args.json == "-":
-        print(text)
-        return 0
-    try:
-        Path(args.json).write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"--json {args.json}: cannot be written ({error.strerror})") from None
+    if args.json is not None:
+        write_json(content, args.json)
     return 0

@@ -168,23 +168,18 @@ def _parse(path: Path, lines: list[str]) -> tuple[NDArray[np.intp], Array]:
     number = np.array([i for i, line in enumerate(body, 2) if line.strip()], dtype=np.intp)
     if number.size == 0:
         raise ModelError(f"data set {path}: has 0 usable rows; at least {MIN_ROWS} are needed")
-    try:
-        values = np.loadtxt(body, delimiter=",", ndmin=2, comments=None)
-        if values.shape[1] != len(COLUMNS):
-            raise ValueError
-        return number, values
-    except ValueError:
-        pass
-    for n in number:
+    values = np.empty((len(number), len(COLUMNS)))
+    for row, n in enumerate(number):
         fields = lines[n - 1].split(",")
         if len(fields) != len(COLUMNS):
             raise ModelError(f"data set {path}: line {n} has {len(fields)} fields, not {len(COLUMNS)}")
-        for name, field in zip(COLUMNS, fields, strict=True):
+        for column, field in enumerate(fields):
             try:
-                float(field)
+                values[row, column] = float(field)
             except ValueError:
+                name = COLUMNS[column]
                 raise ModelError(f"data set {path}: line {n}, column {name}: '{field}' is not a number") from None
-    raise ModelError(f"data set {path}: cannot be parsed as numbers")
+    return number, values
 
 
 def _check_values(path: Path, number: NDArray[np.intp], values: Array) -> None:

@@ -16,8 +16,11 @@ else:
     def replace(record: Any, /, **changes: Any) -> Any:
         """The same record with these fields changed; the record itself stays as it was."""
         new = _new(record.__class__)
+        kept, fields = record.__dict__, record.__dataclass_fields__
+        if len(kept) > len(fields):  # a cached property of the old values
+            kept = {name: kept[name] for name in fields}
         # One union and one assignment: five times as fast as filling the new record's own dictionary.
-        _set(new, "__dict__", record.__dict__ | changes)
+        _set(new, "__dict__", kept | changes)
         return new
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -70,9 +71,14 @@ def rotation_rows(w: Any, x: Any, y: Any, z: Any) -> tuple[AnyRow, AnyRow, AnyRo
 
 def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
     """Unit quaternion (w, x, y, z), FRD to NED, of the aerospace 3-2-1 angles in rad."""
-    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
-    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
-    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
+    half = (roll / 2, pitch / 2, yaw / 2)
+    w, x, y, z = quaternion_of_halves([math.cos(a) for a in half], [math.sin(a) for a in half])
+    return w, x, y, z
+
+
+def quaternion_of_halves(cosines: Iterable[Any], sines: Iterable[Any]) -> tuple[Any, Any, Any, Any]:
+    """The same from cosine and sine of half of roll, pitch and yaw: floats, or arrays (...)."""
+    (cr, cp, cy), (sr, sp, sy) = cosines, sines
     return (
         cr * cp * cy + sr * sp * sy,
         sr * cp * cy - cr * sp * sy,

@@ -7,16 +7,13 @@ are on one page. The paper's own curves were never published as numbers: its sta
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from html import escape
 from pathlib import Path
 
 from models.errors import ConfigError
-from models.pages.document import document, picture, table, verdict
 
-PAGE, BROWSER_PAGE, ENTRIES = "paper.md", "paper.html", "paper.json"
+PAGE, ENTRIES = "paper.md", "paper.json"
 TITLE = "The paper's figures from our data"
 PAPER = (
     "Ai, Xu, Xiang, Fan and Zhang 2020, *Modeling of a novel coaxial ducted fan aerial robot combined with corner "
@@ -47,7 +44,6 @@ def add(directory: Path, entries: Sequence[Entry]) -> Path:
     (directory / ENTRIES).write_text(json.dumps([asdict(e) for e in page], indent=1) + "\n", encoding="utf-8")
     parts = [f"# {TITLE}", f"Paper: {PAPER}.", *map(_section, page)]
     (directory / PAGE).write_text("\n\n".join(parts) + "\n", encoding="utf-8")
-    (directory / BROWSER_PAGE).write_text(_browser_page(directory, page), encoding="utf-8")
     return directory / PAGE
 
 
@@ -55,24 +51,6 @@ def _section(entry: Entry) -> str:
     table = f"| the paper | here | |\n|---|---|---|\n| {entry.paper} | {entry.here} | {entry.verdict} |"
     picture = [f"![{entry.title}]({entry.image})"] if entry.image else []
     return "\n\n".join([f"## {entry.title}", *picture, table])
-
-
-def _browser_page(directory: Path, entries: Sequence[Entry]) -> str:
-    """The same for a browser: one file with the pictures in it."""
-    counted = Counter(entry.verdict for entry in entries)
-    parts = [f"<h1>{escape(TITLE)}</h1>"]
-    if entries:
-        others = ", ".join(f"{said} {count}" for said, count in counted.items() if said != "agrees")
-        head = f"{counted['agrees']} of {len(entries)} figures agree with what the paper says of them."
-        parts.append(verdict(head, [f"Others: {others}."] if others else []))
-    about = f"{PAPER.replace('*', '')}. Its curves were never published as numbers: its statements are compared."
-    parts.append(f'<p class="dim">{escape(about)}</p>')
-    for entry in entries:
-        there = entry.image and (directory / entry.image).is_file()
-        shown = picture(directory / entry.image) if there else ""
-        said = table(("the paper", "here", ""), [[escape(t) for t in (entry.paper, entry.here, entry.verdict)]])
-        parts.append(f'<h2>{escape(entry.title)}</h2><div class="plots">{shown}{said}</div>')
-    return document(TITLE, parts)
 
 
 def _read(path: Path) -> list[Entry]:

@@ -11,13 +11,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import Enum
 from itertools import combinations
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from models.vehicle import Vehicle
+from models.frames import GRAVITY
+from models.vehicle_types import RHO_SEA_LEVEL, Vehicle
 
-_GRAVITY, _DENSITY = 9.80665, 1.225
-"""Standard gravity [m/s^2] and air at sea level [kg/m^3] (ISO 2533)."""
 _DISC_LOADING_N_M2 = (3.0, 3000.0)
 """Weight over disc area. Crazyflie 40, camera quadrotors 50 to 100, ducted fans 250, electric jets 1500 N/m^2."""
 _TIP_SPEED_M_S = (8.0, 320.0)
@@ -98,7 +95,7 @@ def _reach(vehicle: Vehicle) -> float:
 
 def _masses(vehicle: Vehicle) -> Iterator[Finding]:
     low, high = _DISC_LOADING_N_M2
-    loading = vehicle.mass_kg * _GRAVITY / (len(vehicle.fans) * vehicle.disc_area_m2)
+    loading = vehicle.mass_kg * GRAVITY / (len(vehicle.fans) * vehicle.disc_area_m2)
     if not low <= loading <= high:
         yield _error(
             "mass_kg",
@@ -151,11 +148,11 @@ def _spins(vehicle: Vehicle) -> Iterator[Finding]:
 
 def _rotor_speed(vehicle: Vehicle) -> Iterator[Finding]:
     low, high = _TIP_SPEED_M_S
-    share = vehicle.mass_kg * _GRAVITY / len(vehicle.fans)
+    share = vehicle.mass_kg * GRAVITY / len(vehicle.fans)
     for i, fan in enumerate(vehicle.fans, 1):
         if fan.ct is None:
             continue
-        tip = math.sqrt(share / (fan.ct * _DENSITY * vehicle.disc_area_m2))
+        tip = math.sqrt(share / (fan.ct * RHO_SEA_LEVEL * vehicle.disc_area_m2))
         if not low <= tip <= high:
             yield _error(
                 f"fan[{i}].ct",
@@ -169,7 +166,7 @@ def _throttle(vehicle: Vehicle) -> Iterator[Finding]:
     if throttle is None:
         return
     impossible, hard, absurd = _THRUST_TO_WEIGHT
-    weight = vehicle.mass_kg * _GRAVITY
+    weight = vehicle.mass_kg * GRAVITY
     ratio = throttle.max_thrust_n * len(vehicle.rotors) / weight
     if ratio < impossible:
         yield _error("throttle.max_thrust_n", f"all rotors at full throttle lift {ratio:.2g} of the weight")

@@ -11,10 +11,12 @@ from numpy.typing import ArrayLike
 
 from models.air_state import AirState
 from models.errors import ConfigError
-from models.frames import Array, at_cg, corner_to_body
+from models.frames import GRAVITY, Array, at_cg, corner_to_body
 from models.vehicle import RHO_SEA_LEVEL, Fan, Vehicle
 
 RPM_TO_RAD_S = 2.0 * np.pi / 60.0
+REFERENCE_RPM = 4000.0
+"""Any speed would do: without a model thrust goes as rpm^2."""
 
 
 class FanModel(Protocol):
@@ -66,9 +68,8 @@ def rpm_from_servos(vehicle: Vehicle, model: FanModel | None, servo_us: ArrayLik
     for k, owner in enumerate(vehicle.rotor_fan):
         fan = vehicle.fans[owner]
         share = thrust[..., k] * len(fan.rotors)
-        reference = 4000.0
-        at_reference = _reference_thrust(vehicle, model, fan, reference)
-        out[..., k] = reference * np.sqrt(np.maximum(share, 0.0) / at_reference)
+        at_reference = _reference_thrust(vehicle, model, fan)
+        out[..., k] = REFERENCE_RPM * np.sqrt(np.maximum(share, 0.0) / at_reference)
     return out
 
 
@@ -118,7 +119,7 @@ def fan_wrench(
     shape = np.broadcast_shapes(np.shape(h), np.shape(d), np.shape(rpm))
     out = np.zeros((*shape, 6))
     fan = vehicle.fans[index]
-    out[..., 2] = -((np.asarray(rpm, dtype=float) / 4000.0) ** 2) * _reference_thrust(vehicle, model, fan, 4000.0)
+    out[..., 2] = -((np.asarray(rpm, dtype=float) / REFERENCE_RPM) ** 2) * _reference_thrust(vehicle, model, fan)
     return out
 
 
@@ -166,10 +167,8 @@ def _dynamic_force(vehicle: Vehicle, rpm: Array) -> Array:
     return RHO_SEA_LEVEL * vehicle.disc_area_m2 * (rpm * RPM_TO_RAD_S * vehicle.rotor_radius_m) ** 2
 
 
-def _reference_thrust(vehicle: Vehicle, model: FanModel | None, fan: Fan, rpm: float) -> float:
-    """Free-air thrust [N] of a fan at ``rpm``; where neither model nor ``ct`` gives it, a fan that hovers there."""
-    if model is None and fan.ct is None:
-        if vehicle.telemetered:
-            free_air_thrust(vehicle, model, fan, rpm)
-        return vehicle.mass_kg * 9.80665 / len(vehicle.fans)
-    return float(free_air_thrust(vehicle, model, fan, rpm))
+def _reference_thrust(vehicle: Vehicle, model: FanModel | None, fan: Fan) -> float:
+    """Free-air thrust [N] of a fan at the reference speed; where neither model nor ``ct`` gives it, the hover's."""
+    if model is None and fan.ct is None and not vehicle.telemetered:
+        return vehicle.mass_kg * GRAVITY / len(vehicle.fans)
+    return float(free_air_thrust(vehicle, model, fan, REFERENCE_RPM))

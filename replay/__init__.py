@@ -11,7 +11,8 @@ from models.lazy_exports import exports
 
 if TYPE_CHECKING:
     from replay.diagnosis.diagnose import Diagnosis, diagnose
-    from replay.flightlog import FlightLog, load
+    from replay.flightlog import FlightLog
+    from replay.logs.formats import load
     from replay.residual.record import Record, build_record
 
     __version__: str
@@ -24,6 +25,6 @@ _HOMES = {
     "Record": "replay.residual.record",
     "build_record": "replay.residual.record",
     "diagnose": "replay.diagnosis.diagnose",
-    "load": "replay.flightlog",
+    "load": "replay.logs.formats",
 }
 __getattr__, __dir__ = exports(__name__, _HOMES)

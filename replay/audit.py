@@ -47,8 +47,8 @@ def add_parser(commands: Any) -> None:
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     # Imported here so that --help answers at once.
+    from models.json_file import write_json
     from models.vehicle import load_vehicle
-    from replay.cli import write_json
 
     vehicle = None if a.vehicle is None else load_vehicle(a.vehicle)
     hold = None if a.setpoint is None else a.setpoint == "hold"

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import argparse
-import json
-import math
 import os
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from companion.adaptation.options import Adapt, read_adapt
 from models.arguments import Parser
 from models.errors import ConfigError, LogError, UserError
+from models.json_file import write_json as write_json
 from models.version import VersionAction
 from replay.fleet.options import add_options
+from replay.parameters import assumed_parameters
 
 if TYPE_CHECKING:
     from companion.config import PipelineConfig
@@ -169,29 +169,3 @@ def _run_config(a: argparse.Namespace) -> tuple[PipelineConfig, Choice, list[str
         *(f"vehicle file: {line}" for line in warnings(vehicle)),
     ]
     return config, chosen, notes
-
-
-def assumed_parameters(pairs: Sequence[str]) -> dict[str, float]:
-    """``NAME=VALUE`` of the command line; ConfigError where one is no number."""
-    out = {}
-    for pair in pairs:
-        name, _, value = pair.partition("=")
-        try:
-            out[name] = float(value)
-        except ValueError:
-            out[name] = math.nan
-        if not name or not math.isfinite(out[name]):
-            raise ConfigError(f"--param {pair}: must be NAME=NUMBER, such as GUID_OPTIONS=8")
-    return out
-
-
-def write_json(report: dict[str, Any] | list[dict[str, Any]], target: str) -> None:
-    """A report as JSON to a file, or to stdout where ``target`` is ``-``."""
-    text = json.dumps(report, indent=2, allow_nan=False)
-    if target == "-":
-        print(text)
-        return
-    try:
-        Path(target).write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"--json {target}: cannot be written ({error.strerror})") from None

@@ -1,7 +1,7 @@
 """A recorded flight as named columns: SI, world NED, body FRD, one boot axis; every quantity with its own stamps.
 
-``load(path)`` reads any format of ``formats.py`` and gives one ``FlightLog`` per boot of the vehicle. What the log does
-not hold is None or empty; what was dropped or repaired is in ``summary``. How to use it: docs/logs.md.
+``replay.load(path)`` reads any format of ``logs/formats.py`` and gives one ``FlightLog`` per boot of the vehicle. What
+the log does not hold is None or empty; what was dropped or repaired is in ``summary``. How to use it: docs/logs.md.
 """
 
 from __future__ import annotations
@@ -235,13 +235,6 @@ class FlightLog:
     def missing(self, *names: str) -> list[str]:
         """Which of the named columns (``"attitude"``, ``"imus"`` ...) this log does not hold."""
         return [name for name in names if not getattr(self, name)]
-
-
-def load(path: Path | str, target_system: int | None = None) -> list[FlightLog]:
-    """Every boot in a log, in order. Raises LogError in one line where it cannot be read. Formats: formats.py."""
-    from replay.logs.formats import read_flightlogs
-
-    return read_flightlogs(Path(path), target_system)
 
 
 def direction_name(direction: tuple[float, float, float]) -> str:

@@ -21,7 +21,7 @@ from companion.estimation.range_geometry import (
     fan_heights_now,
     fan_wall_distances_now,
     nearest_level_now,
-    plane_distance_now,
+    plane_distance,
 )
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import (
@@ -244,10 +244,11 @@ def _read_beam(estimates: Estimates, beam: BeamTrack, index: int, sample: Range,
     ground = math.inf
     if declared.target == "wall" and math.isfinite(beam.slant_m):
         ground = surface(estimates, config, "ground", sample.t_s).distance_m
-    distance, normal = plane_distance_now(
-        declared.target, sample.direction_frd, declared.position_m, beam.slant_m, estimates.rows, ground,
+    plane = plane_distance(
+        declared.target, sample.direction_frd, declared.position_m, beam.slant_m, np.array(estimates.rows), ground,
         config.vehicle.rotor_radius_m,
     )  # fmt: skip
+    distance, (north, east, down) = float(plane.distance_m), plane.normal_ned.tolist()
     if math.isinf(distance):
         return replace(beam, clear_since_s=min(beam.clear_since_s, sample.t_s))
     if math.isnan(distance):
@@ -260,7 +261,7 @@ def _read_beam(estimates: Estimates, beam: BeamTrack, index: int, sample: Range,
     if verdict is Verdict.RESTARTED and beam.track is None and track is not None:
         track = track._replace(restarted_s=-math.inf)  # the first sight of a surface is not a step of it
     jumped = RangeVerdict.JUMP if verdict is Verdict.OUTLIER else sample.verdict
-    return replace(beam, clear_since_s=math.inf, track=track, normal_ned=normal, verdict=jumped)
+    return replace(beam, clear_since_s=math.inf, track=track, normal_ned=(north, east, down), verdict=jumped)
 
 
 def take_rotors(estimates: Estimates, sample: RotorSpeeds, config: PipelineConfig) -> Estimates:

@@ -1,7 +1,7 @@
 """From range beams to the distances that a model wants: tilt and lever arms taken out, per fan.
 
 One geometry for flight and replay: every function takes one instant (leading shape ``()``) or a record (leading shape
-``(n,)``); what runs at every reading has a second form in plain floats, ``..._now``, that a test holds equal to it.
+``(n,)``); what runs at every setpoint has a second form in plain floats, ``..._now``, that a test holds equal to it.
 Everywhere a distance is a number where a surface is seen, ``inf`` where the sensor says that nothing is there, and
 NaN where nothing is known.
 
@@ -88,50 +88,6 @@ def plane_distance(
         if target != "ground":
             distance = np.where(slant > FAR_RADII * rotor_radius_m, np.inf, distance)
     return PlaneDistance(np.asarray(distance), normal)
-
-
-def plane_distance_now(
-    target: str,
-    direction_frd: Vector3,
-    position_m: Vector3,
-    range_m: float,
-    rotation: Rows,
-    height_cg_m: float = math.inf,
-    rotor_radius_m: float = math.inf,
-) -> tuple[float, Vector3]:
-    """``plane_distance`` of one instant in plain floats: distance [m] and normal. Runs for every reading."""
-    (a, b, c), (d, e, f), (g, h, i) = rotation
-    x, y, z = direction_frd
-    north, east, down = a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
-    level = math.hypot(north, east)
-    if target == "wall":
-        per = 1.0 / max(level, 1e-9)
-        normal, along = (north * per, east * per, 0.0), level
-    else:
-        sign = 1.0 if target == "ground" else -1.0
-        normal, along = (0.0, 0.0, sign), down * sign
-    return _along_normal(
-        target, range_m, position_m, rotation, normal, along, down, height_cg_m, rotor_radius_m
-    ), normal
-
-
-def _along_normal(
-    target: str, slant: float, position_m: Vector3, rotation: Rows, normal: Vector3, along: float, down: float,
-    height_cg_m: float, rotor_radius_m: float,
-) -> float:  # fmt: skip
-    """Distance of the CG along a plane's normal; ``along`` is the beam's part along it, ``down`` its part downwards."""
-    if target != "ground" and slant > FAR_RADII * rotor_radius_m:
-        return math.inf
-    if math.isinf(slant):
-        return math.inf
-    if along < _COS_INCIDENCE or math.isnan(slant):
-        return math.nan
-    x, y, z = position_m
-    north, east, below = [a * x + b * y + c * z for a, b, c in rotation]  # of the sensor under the CG
-    distance = normal[0] * north + normal[1] * east + normal[2] * below + slant * along
-    if target == "wall" and below + slant * down > height_cg_m - GROUND_MARGIN_M:
-        return math.inf if distance > NO_MATTER_RADII * rotor_radius_m else math.nan
-    return distance
 
 
 def nearest_level_now(distances_m: Sequence[float]) -> float:

@@ -28,6 +28,8 @@ def decode(frame: Frame, arrival_us: int, clock: BootClock) -> Sample | None:
         t_s = clock.unstamped(arrival_us)
     else:
         t_s = clock.stamped(system, component, stamp, fields[layout.stamp_place], arrival_us)
+    if layout.build is None:
+        return None
     sample = layout.build((t_s, system, component), layout.name, *[read(fields) for read in layout.readers])
     if sample is not None and stamp is not None:
         # Nobody else has seen the sample yet; a copy of it costs more than all the rest of its decoding.

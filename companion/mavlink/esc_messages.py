@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class EscMessage:
-    """One message as on the wire: ``fields`` in wire order, ``payload`` their struct."""
+    """One message as on the wire, fields in wire order; the attributes are named as in pymavlink's message classes."""
 
     id: int
-    name: str
+    msgname: str
     crc_extra: int
-    payload: struct.Struct
-    fields: tuple[str, ...]
+    unpacker: struct.Struct
+    ordered_fieldnames: tuple[str, ...]
 
 
 ESC_INFO = EscMessage(

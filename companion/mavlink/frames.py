@@ -15,8 +15,7 @@ from typing import NamedTuple, Protocol
 
 from fastcrc.crc16 import mcrf4xx as crc16
 
-from companion.mavlink.definitions import CRC_EXTRAS as _DIALECT
-from companion.mavlink.esc_messages import BY_ID as ESC_BY_ID
+from companion.mavlink.dialect import MESSAGES
 
 V1, V2 = 0xFE, 0xFD
 """First byte of a frame."""
@@ -27,7 +26,7 @@ _V1_AROUND, _V2_AROUND = 8, 12
 _SEARCH_BYTES = 1 << 20
 """Data without one good frame in its first MiB is no MAVLink."""
 
-CRC_EXTRAS: dict[int, int] = {**_DIALECT, **{number: kind.crc_extra for number, kind in ESC_BY_ID.items()}}
+CRC_EXTRAS: dict[int, int] = {number: kind.crc_extra for number, kind in MESSAGES.items()}
 """Checksum extra of every message, by id."""
 _EXTRA_V2 = {number.to_bytes(3, "little"): bytes([extra]) for number, extra in CRC_EXTRAS.items()}
 _EXTRA_V1 = {number: bytes([extra]) for number, extra in CRC_EXTRAS.items() if number < 256}

@@ -5,25 +5,20 @@ from __future__ import annotations
 import errno
 import os
 import socket
-import sys
 from collections.abc import Iterator
 from contextlib import redirect_stdout
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from companion.clock import Clock, SystemClock
 from companion.mavlink.datagrams import Datagrams
+from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import Frame, FrameReader, pack
 from companion.mavlink.signing import Signatures
 from models.errors import ConfigError, LinkError
 
 _NETWORK = ("udp", "udpin", "udpout", "tcp", "tcpin", "udpbcast", "mcast")
 _PLAIN_UDP = ("udp:", "udpin:", "udpout:")
-_WITHOUT = {"pymavlink.dialects.v10.all": None, "curses": None, "ssl": ModuleType("ssl")}
-"""What pymavlink's endpoints import and do not need here, and what they get instead; None: no such module. The union of
-all dialects is for packaging tools (12 MiB), curses for one character class, ssl for web sockets, which are no endpoint
-of ours (1.2 MiB together)."""
 _SYSTEM_UNKNOWN = 1
 """We send as this system until the vehicle's own is heard."""
 BAUD = 460800
@@ -204,29 +199,19 @@ def open_link(
     except Exception as error:  # pyserial and pymavlink raise their own
         raise LinkError(f"{endpoint}: cannot be opened: {error}") from None
     # Whatever dialect and version pymavlink was started with in this process.
-    from pymavlink.dialects.v20.minimal import MAVLink
-
-    connection.mav = MAVLink(connection, srcSystem=_SYSTEM_UNKNOWN, srcComponent=191)
+    connection.mav = mavlink.MAVLink(connection, srcSystem=_SYSTEM_UNKNOWN, srcComponent=191)
     if signing_key is not None:
         connection.setup_signing(signing_key, sign_outgoing=True)
     return Link(connection, endpoint, arrivals, number)
 
 
 def _mavutil() -> Any:
-    """pymavlink's endpoints, without any of its large dialects: frames are decoded and packed here (definitions.py).
-
-    Its import reads MAVLINK20 and MAVLINK_DIALECT, fails on names that it does not know, and sets the latter.
-    """
+    """pymavlink's endpoints. Their import reads MAVLINK_DIALECT, fails on names that it does not know, and sets it."""
     before = os.environ.get("MAVLINK_DIALECT")
-    os.environ["MAVLINK20"], os.environ["MAVLINK_DIALECT"] = "1", "minimal"
-    hidden = [name for name in _WITHOUT if name not in sys.modules]
-    for name in hidden:
-        sys.modules[name] = _WITHOUT[name]  # type: ignore[assignment]
+    os.environ["MAVLINK_DIALECT"] = "ardupilotmega"
     try:
         from pymavlink import mavutil
     finally:
-        for name in hidden:
-            del sys.modules[name]
         if before is None:
             del os.environ["MAVLINK_DIALECT"]
         else:

@@ -22,7 +22,6 @@ _HEARTBEAT, _AUTOPILOT_BYTE = 0, 5
 _SETPOINTS = (SET_ATTITUDE_TARGET, SET_POSITION_TARGET)
 
 _ACCELERATIONS = ("HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3")
-_NEVER_READ = ("WIND", "WIND_COV", "VIBRATION", "COMMAND_ACK", "TIMESYNC", "STATUSTEXT")
 
 
 def unread(*, adapting: bool) -> frozenset[int]:
@@ -30,8 +29,11 @@ def unread(*, adapting: bool) -> frozenset[int]:
 
     Of these only the stamp is taken. Accelerations are read where sizes of effects are measured in flight.
     """
-    names = _NEVER_READ if adapting else _NEVER_READ + _ACCELERATIONS
-    return frozenset(number for number, layout in LAYOUTS.items() if layout.name in names)
+    return frozenset(
+        number
+        for number, layout in LAYOUTS.items()
+        if layout.build is None or (layout.name in _ACCELERATIONS and not adapting)
+    )
 
 
 def is_autopilot_heartbeat(frame: Frame) -> bool:

@@ -12,42 +12,9 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
+from companion.mavlink import sample_builders as build
 from companion.mavlink.boot_clock import Stamp
-from companion.mavlink.definitions import ID_OF
-from companion.mavlink.esc_messages import BY_ID as ESC_BY_ID
-from companion.mavlink.sample_builders import (
-    build_attitude,
-    build_attitude_quaternion,
-    build_attitude_target,
-    build_battery,
-    build_command_ack,
-    build_distance_sensor,
-    build_ekf_status,
-    build_esc_info,
-    build_esc_status,
-    build_esc_telemetry,
-    build_estimator_status,
-    build_heartbeat,
-    build_highres_imu,
-    build_landed,
-    build_parameter,
-    build_position,
-    build_pressure,
-    build_rangefinder,
-    build_raw_imu,
-    build_raw_rpm,
-    build_rpm,
-    build_scaled_imu,
-    build_servo,
-    build_set_attitude,
-    build_set_position,
-    build_statustext,
-    build_sys_status,
-    build_timesync,
-    build_vibration,
-    build_wind,
-    build_wind_cov,
-)
+from companion.mavlink.dialect import ID_OF
 from companion.mavlink.samples import Sample
 from companion.mavlink.wire_layout import Layout, Quantity, Raw
 
@@ -67,12 +34,11 @@ def _q(
     return Quantity(name, tuple(fields.split()), unit, limit, unknown, array)
 
 
-def _layout(name: str, stamp: Stamp | None, build: Callable[..., Sample | None], *quantities: Quantity | Raw) -> Layout:
-    return Layout(ID_OF[name], name, stamp, quantities, build)
-
-
-def _esc(message_id: int, build: Callable[..., Sample | None], *quantities: Quantity | Raw) -> Layout:
-    return Layout(message_id, ESC_BY_ID[message_id].name, Stamp.US64, quantities, build)
+def _layout(
+    name: str, stamp: Stamp | None, made: Callable[..., Sample | None] | None, *quantities: Quantity | Raw
+) -> Layout:
+    """``made`` None: read in logs only."""
+    return Layout(ID_OF[name], name, stamp, quantities, made)
 
 
 _RATES = _q("rates", "rollspeed pitchspeed yawspeed", "rad/s", _GYRO_LIMIT)
@@ -86,7 +52,7 @@ _MS = Stamp.BOOT_MS
 def _esc_telemetry_layouts() -> list[Layout]:
     return [
         _layout(
-            f"ESC_TELEMETRY_{first}_TO_{first + 3}", None, build_esc_telemetry(first),
+            f"ESC_TELEMETRY_{first}_TO_{first + 3}", None, build.esc_telemetry(first),
             _q("rpm", "rpm", "rpm", _RPM_LIMIT, array=True),
             _q("temperature", "temperature", "degC", array=True),
             _q("voltage", "voltage", "cV", array=True),
@@ -99,100 +65,98 @@ def _esc_telemetry_layouts() -> list[Layout]:
 
 _TABLE = (
     _layout(
-        "HEARTBEAT", None, build_heartbeat,
+        "HEARTBEAT", None, build.heartbeat,
         Raw("base_mode"), Raw("custom_mode"), Raw("autopilot"), Raw("type"), Raw("system_status"),
     ),
-    _layout("ATTITUDE", _MS, build_attitude, _q("euler", "roll pitch yaw", "rad", 7.0), _RATES),
-    _layout("ATTITUDE_QUATERNION", _MS, build_attitude_quaternion, _q("q", "q1 q2 q3 q4", "", 2.0), _RATES),
+    _layout("ATTITUDE", _MS, build.attitude, _q("euler", "roll pitch yaw", "rad", 7.0), _RATES),
+    _layout("ATTITUDE_QUATERNION", _MS, build.attitude_quaternion, _q("q", "q1 q2 q3 q4", "", 2.0), _RATES),
     _layout(
-        "LOCAL_POSITION_NED", _MS, build_position,
+        "LOCAL_POSITION_NED", _MS, build.position,
         _q("position", "x y z", "m", 1e6), _q("velocity", "vx vy vz", "m/s", 1e3),
     ),
     _layout(
-        "HIGHRES_IMU", Stamp.US64, build_highres_imu,
+        "HIGHRES_IMU", Stamp.US64, build.highres_imu,
         _q("force", "xacc yacc zacc", "m/s/s", _ACC_LIMIT), _q("gyro", "xgyro ygyro zgyro", "rad/s", _GYRO_LIMIT),
         Raw("fields_updated"), Raw("id"),
     ),
     # ArduPilot's RAW_IMU is in the units of SCALED_IMU; PX4 sends none.
-    _layout("RAW_IMU", Stamp.US64, build_raw_imu, _FORCE, _GYRO, Raw("id")),
-    _layout("SCALED_IMU", _MS, build_scaled_imu, _FORCE, _GYRO),
-    _layout("SCALED_IMU2", _MS, build_scaled_imu, _FORCE, _GYRO),
-    _layout("SCALED_IMU3", _MS, build_scaled_imu, _FORCE, _GYRO),
+    _layout("RAW_IMU", Stamp.US64, build.raw_imu, _FORCE, _GYRO, Raw("id")),
+    _layout("SCALED_IMU", _MS, build.scaled_imu, _FORCE, _GYRO),
+    _layout("SCALED_IMU2", _MS, build.scaled_imu, _FORCE, _GYRO),
+    _layout("SCALED_IMU3", _MS, build.scaled_imu, _FORCE, _GYRO),
     _layout(
-        "DISTANCE_SENSOR", _MS, build_distance_sensor,
+        "DISTANCE_SENSOR", _MS, build.distance_sensor,
         _q("distance", "current_distance", "cm"), _q("limits", "min_distance max_distance", "cm"),
         _q("variance", "covariance", "cm^2", unknown=(0, 255)), _q("q", "quaternion", "", 2.0, array=True),
         Raw("orientation"), Raw("id"), Raw("signal_quality"),
     ),
-    _layout("RANGEFINDER", None, build_rangefinder, _q("distance", "distance", "m", 1e4)),
+    _layout("RANGEFINDER", None, build.rangefinder, _q("distance", "distance", "m", 1e4)),
     *_esc_telemetry_layouts(),
-    _esc(
-        291, build_esc_status,
+    _layout(
+        "ESC_STATUS", Stamp.US64, build.esc_status,
         _q("rpm", "rpm", "rpm", _RPM_LIMIT, array=True), _q("voltage", "voltage", "V", 1e4, array=True),
         _q("current", "current", "A", 1e5, array=True), Raw("index"),
     ),
-    _esc(
-        290, build_esc_info,
+    _layout(
+        "ESC_INFO", Stamp.US64, build.esc_info,
         _q("temperature", "temperature", "cdegC", unknown=(2**15 - 1,), array=True), Raw("index"), Raw("info"),
     ),
-    _layout("RPM", None, build_rpm, _q("rpm", "rpm1 rpm2", "rpm", _RPM_LIMIT)),
-    _layout("RAW_RPM", None, build_raw_rpm, _q("rpm", "frequency", "rpm", _RPM_LIMIT), Raw("index")),
+    _layout("RPM", None, build.rpm, _q("rpm", "rpm1 rpm2", "rpm", _RPM_LIMIT)),
+    _layout("RAW_RPM", None, build.raw_rpm, _q("rpm", "frequency", "rpm", _RPM_LIMIT), Raw("index")),
     _layout(
-        "BATTERY_STATUS", None, build_battery,
+        "BATTERY_STATUS", None, build.battery,
         _q("cells", "voltages", "mV", unknown=(65535,), array=True),
         _q("more_cells", "voltages_ext", "mV", unknown=(0, 65535), array=True),
         _q("current", "current_battery", "cA", unknown=(-1,)), Raw("id"),
     ),
     _layout(
-        "SYS_STATUS", None, build_sys_status,
+        "SYS_STATUS", None, build.sys_status,
         _q("voltage", "voltage_battery", "mV", unknown=(65535,)), _q("current", "current_battery", "cA", unknown=(-1,)),
     ),
-    _layout("SCALED_PRESSURE", _MS, build_pressure, *_PRESSURE),
-    _layout("SCALED_PRESSURE2", _MS, build_pressure, *_PRESSURE),
-    _layout("SCALED_PRESSURE3", _MS, build_pressure, *_PRESSURE),
+    _layout("SCALED_PRESSURE", _MS, build.pressure, *_PRESSURE),
+    _layout("SCALED_PRESSURE2", _MS, build.pressure, *_PRESSURE),
+    _layout("SCALED_PRESSURE3", _MS, build.pressure, *_PRESSURE),
     _layout(
-        "SERVO_OUTPUT_RAW", Stamp.BOOT_US32, build_servo,
+        "SERVO_OUTPUT_RAW", Stamp.BOOT_US32, build.servo,
         _q("pwm", " ".join(f"servo{i}_raw" for i in range(1, 17)), "us", unknown=(65535,)), Raw("port"),
     ),
-    _layout("ATTITUDE_TARGET", _MS, build_attitude_target, _TARGET_Q, _THRUST),
+    _layout("ATTITUDE_TARGET", _MS, build.attitude_target, _TARGET_Q, _THRUST),
     # The stamps of commands are their sender's business: they count when they arrive.
     _layout(
-        "SET_ATTITUDE_TARGET", None, build_set_attitude,
+        "SET_ATTITUDE_TARGET", None, build.set_attitude,
         _TARGET_Q, _q("rates", "body_roll_rate body_pitch_rate body_yaw_rate", "rad/s", _GYRO_LIMIT), _THRUST,
         Raw("type_mask"), *_TARGETS,
     ),
     _layout(
-        "SET_POSITION_TARGET_LOCAL_NED", None, build_set_position,
+        "SET_POSITION_TARGET_LOCAL_NED", None, build.set_position,
         _q("position", "x y z", "m", 1e6), _q("velocity", "vx vy vz", "m/s", 1e3),
         _q("acceleration", "afx afy afz", "m/s/s", _ACC_LIMIT), _q("yaw", "yaw yaw_rate", "", 1e3),
         Raw("type_mask"), Raw("coordinate_frame"), *_TARGETS,
     ),
     _layout(
-        "PARAM_VALUE", None, build_parameter,
+        "PARAM_VALUE", None, build.parameter,
         _q("value", "param_value"), Raw("param_id"), Raw("param_type"), Raw("param_index"), Raw("param_count"),
     ),
-    _layout("EXTENDED_SYS_STATE", None, build_landed, Raw("landed_state")),
-    _layout("WIND_COV", Stamp.US64, build_wind_cov, _q("wind", "wind_x wind_y wind_z", "m/s", 200.0)),
+    _layout("EXTENDED_SYS_STATE", None, build.landed, Raw("landed_state")),
+    _layout("WIND_COV", Stamp.US64, None, _q("wind", "wind_x wind_y wind_z", "m/s", 200.0)),
     _layout(
-        "WIND", None, build_wind, _q("direction", "direction", "deg", 100.0), _q("speed", "speed speed_z", "m/s", 200.0)
+        "WIND", None, None, _q("direction", "direction", "deg", 100.0), _q("speed", "speed speed_z", "m/s", 200.0)
     ),
     _layout(
-        "VIBRATION", Stamp.US64, build_vibration,
+        "VIBRATION", Stamp.US64, None,
         _q("level", "vibration_x vibration_y vibration_z", "m/s/s", 1e6),
         Raw("clipping_0"), Raw("clipping_1"), Raw("clipping_2"),
     ),
     _layout(
-        "EKF_STATUS_REPORT", None, build_ekf_status,
+        "EKF_STATUS_REPORT", None, build.ekf_status,
         _q("ratios", "velocity_variance pos_horiz_variance", "", 1e6), Raw("flags"),
     ),
     _layout(
-        "ESTIMATOR_STATUS", Stamp.US64, build_estimator_status,
+        "ESTIMATOR_STATUS", Stamp.US64, build.estimator_status,
         _q("ratios", "vel_ratio pos_horiz_ratio", "", 1e6), _q("accuracy", "pos_horiz_accuracy", "m", 1e6),
         Raw("flags"),
     ),
-    _layout("COMMAND_ACK", None, build_command_ack, Raw("command"), Raw("result"), *_TARGETS),
-    _layout("TIMESYNC", None, build_timesync, Raw("tc1"), Raw("ts1")),
-    _layout("STATUSTEXT", None, build_statustext, Raw("severity"), Raw("text")),
+    _layout("STATUSTEXT", None, None, Raw("severity"), Raw("text")),
 )  # fmt: skip
 
 LAYOUTS: dict[int, Layout] = {layout.id: layout for layout in _TABLE}

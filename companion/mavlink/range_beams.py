@@ -4,12 +4,8 @@ from __future__ import annotations
 
 import math
 
-from companion.mavlink.definitions import PITCH_YAW_DEG
-from companion.mavlink.samples import (
-    Quaternion,
-    RangeVerdict,
-    Vector3,
-)
+from companion.mavlink.dialect import mavlink
+from companion.mavlink.samples import Quaternion, RangeVerdict, Vector3
 from companion.mavlink.wire_layout import unit_quaternion
 
 DOWN = (0.0, 0.0, 1.0)
@@ -23,14 +19,24 @@ LOW_QUALITY_BELOW = 10
 """signal_quality is 1 (invalid) to 100 (best); 0 is "not given"."""
 
 
-def _beam(pitch_deg: float, yaw_deg: float) -> Vector3:
-    pitch, yaw = math.radians(pitch_deg), math.radians(yaw_deg)
+_PREFIX = "MAV_SENSOR_ROTATION_"
+
+
+def _beam(name: str) -> Vector3:
+    """Beam of an orientation by its name, such as ``ROLL_90_PITCH_68_YAW_293``; roll does not turn a beam."""
+    words = name.removeprefix(_PREFIX).split("_")
+    angles = dict(zip(words[::2], words[1::2], strict=False))
+    pitch, yaw = (math.radians(float(angles.get(axis, 0))) for axis in ("PITCH", "YAW"))
     # + 0.0 turns -0.0 into 0.0; rounding takes the 1e-17 out of cos 90 deg.
     x, y, z = math.cos(pitch) * math.cos(yaw), math.cos(pitch) * math.sin(yaw), -math.sin(pitch)
     return (round(x, 15) + 0.0, round(y, 15) + 0.0, round(z, 15) + 0.0)
 
 
-_BEAMS = {value: _beam(*angles) for value, angles in PITCH_YAW_DEG.items()}
+_BEAMS = {
+    value: _beam(entry.name)
+    for value, entry in mavlink.enums["MAV_SENSOR_ORIENTATION"].items()
+    if entry.name.startswith(_PREFIX) and value != CUSTOM_ORIENTATION
+}
 
 
 def orientation_direction(orientation: int) -> Vector3 | None:

@@ -12,7 +12,6 @@ from companion.mavlink.samples import (
     Attitude,
     AttitudeTarget,
     Battery,
-    CommandAck,
     EscHealth,
     EstimatorStatus,
     Heartbeat,
@@ -27,40 +26,28 @@ from companion.mavlink.samples import (
     ServoOutput,
     SetAttitudeTarget,
     SetPositionTarget,
-    Statustext,
-    Timesync,
     Vector3,
-    Vibration,
-    Wind,
 )
 from companion.mavlink.wire_layout import NAN, Head, finite, unit_quaternion
+from models.frames import quaternion_from_euler
 
 
-def build_heartbeat(head: Head, _: str, base: int, custom: int, autopilot: int, kind: int, status: int) -> Heartbeat:
+def heartbeat(head: Head, _: str, base: int, custom: int, autopilot: int, kind: int, status: int) -> Heartbeat:
     return Heartbeat(*head, bool(base & 128), custom, base, autopilot, kind, status)
 
 
-def build_attitude(head: Head, name: str, euler: Vector3, rates: Vector3) -> Attitude | None:
+def attitude(head: Head, name: str, euler: Vector3, rates: Vector3) -> Attitude | None:
     if not finite(euler, rates):
         return None
-    roll, pitch, yaw = euler[0] / 2.0, euler[1] / 2.0, euler[2] / 2.0
-    cr, cp, cy = math.cos(roll), math.cos(pitch), math.cos(yaw)
-    sr, sp, sy = math.sin(roll), math.sin(pitch), math.sin(yaw)
-    q = (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
-    return Attitude(*head, q, rates, name)
+    return Attitude(*head, quaternion_from_euler(*euler), rates, name)
 
 
-def build_attitude_quaternion(head: Head, name: str, q: Quaternion, rates: Vector3) -> Attitude | None:
+def attitude_quaternion(head: Head, name: str, q: Quaternion, rates: Vector3) -> Attitude | None:
     unit = unit_quaternion(q)
     return Attitude(*head, unit, rates, name) if unit is not None and finite(rates) else None
 
 
-def build_position(head: Head, _: str, position: Vector3, velocity: Vector3) -> LocalPosition | None:
+def position(head: Head, _: str, position: Vector3, velocity: Vector3) -> LocalPosition | None:
     return LocalPosition(*head, position, velocity) if finite(position, velocity) else None
 
 
@@ -68,7 +55,7 @@ def _imu_source(name: str, sensor: int) -> str:
     return f"{name}:{sensor}" if sensor else name
 
 
-def build_highres_imu(head: Head, name: str, force: Vector3, gyro: Vector3, updated: int, sensor: int) -> Imu | None:
+def highres_imu(head: Head, name: str, force: Vector3, gyro: Vector3, updated: int, sensor: int) -> Imu | None:
     if updated & 63 == 63:
         return Imu(*head, force, gyro, _imu_source(name, sensor))
     if not updated & 63:
@@ -78,15 +65,15 @@ def build_highres_imu(head: Head, name: str, force: Vector3, gyro: Vector3, upda
     return Imu(*head, (fx, fy, fz), (gx, gy, gz), _imu_source(name, sensor))
 
 
-def build_raw_imu(head: Head, name: str, force: Vector3, gyro: Vector3, sensor: int) -> Imu:
+def raw_imu(head: Head, name: str, force: Vector3, gyro: Vector3, sensor: int) -> Imu:
     return Imu(*head, force, gyro, _imu_source(name, sensor))
 
 
-def build_scaled_imu(head: Head, name: str, force: Vector3, gyro: Vector3) -> Imu:
+def scaled_imu(head: Head, name: str, force: Vector3, gyro: Vector3) -> Imu:
     return Imu(*head, force, gyro, name)
 
 
-def build_distance_sensor(
+def distance_sensor(
     head: Head, name: str, distance: tuple[float], limits: tuple[float, float], variance: tuple[float], q: Quaternion,
     orientation: int, sensor: int, quality: int,
 ) -> Range:  # fmt: skip
@@ -99,14 +86,14 @@ def build_distance_sensor(
     )  # fmt: skip
 
 
-def build_rangefinder(head: Head, name: str, distance: tuple[float]) -> Range | None:
+def rangefinder(head: Head, name: str, distance: tuple[float]) -> Range | None:
     if distance[0] != distance[0]:
         return None
     verdict = range_verdict(distance[0], NAN, NAN, 0, True)
     return Range(*head, DOWN, 25, 0, distance[0], NAN, NAN, None, None, verdict, name)
 
 
-def build_esc_telemetry(first_esc: int) -> Callable[..., RotorSpeeds]:
+def esc_telemetry(first_esc: int) -> Callable[..., RotorSpeeds]:
     def build(head: Head, name: str, rpm: Any, temperature: Any, voltage: Any, current: Any, count: Any) -> RotorSpeeds:
         health = EscHealth(*head, first_esc, temperature, voltage, current)
         return RotorSpeeds(*head, first_esc, rpm, name, tuple(count), health)
@@ -114,34 +101,34 @@ def build_esc_telemetry(first_esc: int) -> Callable[..., RotorSpeeds]:
     return build
 
 
-def build_esc_status(head: Head, name: str, rpm: Any, voltage: Any, current: Any, index: int) -> RotorSpeeds:
+def esc_status(head: Head, name: str, rpm: Any, voltage: Any, current: Any, index: int) -> RotorSpeeds:
     health = EscHealth(*head, index + 1, (NAN,) * 4, voltage, current)
     return RotorSpeeds(*head, index + 1, rpm, name, None, health)
 
 
-def build_esc_info(head: Head, _: str, temperature: Any, index: int, info: int) -> EscHealth:
+def esc_info(head: Head, _: str, temperature: Any, index: int, info: int) -> EscHealth:
     online = tuple(bool(info >> i & 1) for i in range(4))
     return EscHealth(*head, index + 1, temperature, (NAN,) * 4, (NAN,) * 4, online)
 
 
-def build_rpm(head: Head, name: str, rpm: tuple[float, float]) -> RotorSpeeds | None:
+def rpm(head: Head, name: str, rpm: tuple[float, float]) -> RotorSpeeds | None:
     # ArduPilot says -1 for a sensor that is absent or unhealthy.
     known = tuple(v if v >= 0.0 else NAN for v in rpm)
     return RotorSpeeds(*head, 1, known, name) if any(v == v for v in known) else None
 
 
-def build_raw_rpm(head: Head, name: str, rpm: tuple[float], index: int) -> RotorSpeeds | None:
+def raw_rpm(head: Head, name: str, rpm: tuple[float], index: int) -> RotorSpeeds | None:
     return RotorSpeeds(*head, index + 1, rpm, name) if rpm[0] >= 0.0 else None
 
 
-def build_battery(head: Head, name: str, cells: Any, more: Any, current: tuple[float], battery: int) -> Battery | None:
+def battery(head: Head, name: str, cells: Any, more: Any, current: tuple[float], battery: int) -> Battery | None:
     # Pack voltage in the first place and cells one by one add up alike; above 65 V ArduPilot spreads the pack over two.
     known = [v for v in (*cells, *more) if v == v]
     voltage = math.fsum(known)
     return _battery_sample(head, name, voltage if voltage > 0.0 else NAN, current[0], battery)
 
 
-def build_sys_status(head: Head, name: str, voltage: tuple[float], current: tuple[float]) -> Battery | None:
+def sys_status(head: Head, name: str, voltage: tuple[float], current: tuple[float]) -> Battery | None:
     return _battery_sample(head, name, voltage[0] if voltage[0] > 0.0 else NAN, current[0], 0)
 
 
@@ -149,69 +136,47 @@ def _battery_sample(head: Head, name: str, voltage: float, current: float, batte
     return Battery(*head, voltage, current, battery, name) if voltage == voltage or current == current else None
 
 
-def build_pressure(head: Head, name: str, pressure: tuple[float], temperature: tuple[float]) -> Pressure | None:
+def pressure(head: Head, name: str, pressure: tuple[float], temperature: tuple[float]) -> Pressure | None:
     return Pressure(*head, pressure[0], temperature[0], name) if pressure[0] > 0.0 else None
 
 
-def build_servo(head: Head, _: str, pwm: tuple[float, ...], port: int) -> ServoOutput:
+def servo(head: Head, _: str, pwm: tuple[float, ...], port: int) -> ServoOutput:
     return ServoOutput(*head, pwm, port)
 
 
-def build_attitude_target(head: Head, _: str, q: Quaternion, thrust: tuple[float]) -> AttitudeTarget | None:
+def attitude_target(head: Head, _: str, q: Quaternion, thrust: tuple[float]) -> AttitudeTarget | None:
     return AttitudeTarget(*head, unit_quaternion(q) or (NAN,) * 4, thrust[0]) if finite(thrust) else None
 
 
-def build_set_attitude(
+def set_attitude(
     head: Head, _: str, q: Quaternion, rates: Vector3, thrust: tuple[float], mask: int, system: int, component: int
 ) -> SetAttitudeTarget:
     return SetAttitudeTarget(*head, mask, q, rates, thrust[0], system, component)
 
 
-def build_set_position(
+def set_position(
     head: Head, _: str, position: Vector3, velocity: Vector3, acceleration: Vector3, yaw: tuple[float, float],
     mask: int, frame: int, system: int, component: int,
 ) -> SetPositionTarget:  # fmt: skip
     return SetPositionTarget(*head, mask, frame, position, velocity, acceleration, yaw[0], yaw[1], system, component)
 
 
-def build_parameter(
+def parameter(
     head: Head, _: str, value: tuple[float], name: str, kind: int, index: int, count: int
 ) -> Parameter | None:
     number = parameter_value(value[0], kind)
     return Parameter(*head, name, number, index, count) if name and number == number else None
 
 
-def build_landed(head: Head, _: str, state: int) -> LandedState:
+def landed(head: Head, _: str, state: int) -> LandedState:
     return LandedState(*head, state)
 
 
-def build_wind_cov(head: Head, name: str, wind: Vector3) -> Wind | None:
-    return Wind(*head, wind, name) if finite(wind[:2]) else None
-
-
-def build_wind(head: Head, name: str, direction: tuple[float], speed: tuple[float, float]) -> Wind | None:
-    # The direction is where the wind comes from.
-    north, east = -speed[0] * math.cos(direction[0]), -speed[0] * math.sin(direction[0])
-    return Wind(*head, (north, east, speed[1]), name) if finite((north, east)) else None
-
-
-def build_command_ack(head: Head, _: str, command: int, result: int, system: int, component: int) -> CommandAck:
-    return CommandAck(*head, command, result, system, component)
-
-
-def build_timesync(head: Head, _: str, tc1: int, ts1: int) -> Timesync:
-    return Timesync(*head, tc1, ts1)
-
-
-def build_statustext(head: Head, _: str, severity: int, text: str) -> Statustext:
-    return Statustext(*head, severity, text)
-
-
-def build_ekf_status(head: Head, name: str, ratios: tuple[float, float], flags: int) -> EstimatorStatus:
+def ekf_status(head: Head, name: str, ratios: tuple[float, float], flags: int) -> EstimatorStatus:
     return EstimatorStatus(*head, flags, NAN, _largest(ratios), name)
 
 
-def build_estimator_status(
+def estimator_status(
     head: Head, name: str, ratios: tuple[float, float], accuracy: tuple[float], flags: int
 ) -> EstimatorStatus:
     return EstimatorStatus(*head, flags, accuracy[0], _largest(ratios), name)
@@ -219,10 +184,6 @@ def build_estimator_status(
 
 def _largest(ratios: tuple[float, ...]) -> float:
     return max((r for r in ratios if r == r), default=NAN)
-
-
-def build_vibration(head: Head, _: str, level: Vector3, first: int, second: int, third: int) -> Vibration | None:
-    return Vibration(*head, level, (first, second, third)) if finite(level) else None
 
 
 def parameter_value(value: float, kind: int) -> float:

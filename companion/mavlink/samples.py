@@ -197,45 +197,6 @@ class LandedState(_Sample):
 
     landed_state: int
 
-    @property
-    def landed(self) -> bool | None:
-        """True on the ground, False off it, None where the autopilot does not know."""
-        return None if self.landed_state not in (1, 2, 3, 4) else self.landed_state == 1
-
-
-@dataclass(frozen=True, slots=True)
-class Wind(_Sample):
-    """WIND_COV or WIND as a velocity of the air [m/s], NED: where the wind blows to. Down may be NaN."""
-
-    velocity_ned: Vector3
-    source: str
-
-
-@dataclass(frozen=True, slots=True)
-class CommandAck(_Sample):
-    """COMMAND_ACK."""
-
-    command: int
-    result: int
-    target_system: int
-    target_component: int
-
-
-@dataclass(frozen=True, slots=True)
-class Timesync(_Sample):
-    """TIMESYNC [ns]; a request has ``tc1_ns`` 0."""
-
-    tc1_ns: int
-    ts1_ns: int
-
-
-@dataclass(frozen=True, slots=True)
-class Statustext(_Sample):
-    """STATUSTEXT; severity 0 emergency to 7 debug."""
-
-    severity: int
-    text: str
-
 
 @dataclass(frozen=True, slots=True)
 class EstimatorStatus(_Sample):
@@ -248,14 +209,6 @@ class EstimatorStatus(_Sample):
     innovation: float
     """Largest of the test ratios of horizontal position and velocity: above 1 measurements are rejected. May be NaN."""
     source: str
-
-
-@dataclass(frozen=True, slots=True)
-class Vibration(_Sample):
-    """VIBRATION: acceleration noise [m/s^2] per axis, and clipped samples so far of up to three accelerometers."""
-
-    level_m_s2: Vector3
-    clipped: tuple[int, int, int]
 
 
 Sample = (
@@ -274,10 +227,5 @@ Sample = (
     | SetPositionTarget
     | Parameter
     | LandedState
-    | Wind
-    | CommandAck
-    | Timesync
-    | Statustext
-    | Vibration
     | EstimatorStatus
 )

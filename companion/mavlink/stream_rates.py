@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 
-from companion.mavlink.definitions import ID_OF
+from companion.mavlink.dialect import ID_OF
 from companion.mavlink.firmware import Stack
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.outgoing import Message, command_long

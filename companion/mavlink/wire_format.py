@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from companion.mavlink.definitions import MESSAGES
-from companion.mavlink.esc_messages import BY_ID as ESC_BY_ID
+from companion.mavlink.dialect import MESSAGES
 
 _SCALARS = {
     "b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8", "f": "<f4",
@@ -33,11 +31,11 @@ class WireFormat:
 @lru_cache(maxsize=512)
 def wire_format(message_id: int) -> WireFormat:
     """The layout of a message's payload, extension fields included. KeyError where the dialect has no such message."""
-    names, text = _fields(message_id)
+    kind = MESSAGES[message_id]
     places: dict[str, slice] = {}
     types: list[Any] = []
     at = 0
-    for name, (repeat, code) in zip(names, _codes(text), strict=True):
+    for name, (repeat, code) in zip(kind.ordered_fieldnames, _codes(kind.unpacker.format), strict=True):
         width = 1 if code == "s" else repeat or 1
         places[name] = slice(at, at + width)
         at += width
@@ -45,20 +43,7 @@ def wire_format(message_id: int) -> WireFormat:
             types.append((name, f"S{repeat or 1}"))
         else:
             types.append((name, (_SCALARS[code], (repeat,))) if repeat else (name, _SCALARS[code]))
-    return WireFormat(struct.Struct(text), places, np.dtype(types))
-
-
-def _fields(message_id: int) -> tuple[Sequence[str], str]:
-    """Field names and struct format, in wire order."""
-    if message_id in MESSAGES:
-        return MESSAGES[message_id].fields, MESSAGES[message_id].format
-    if message_id in ESC_BY_ID:
-        return ESC_BY_ID[message_id].fields, ESC_BY_ID[message_id].payload.format
-    # Not decoded in flight: only who reads a log asks for it, and has the dialect.
-    from companion.mavlink.dialect import mavlink
-
-    kind = mavlink.mavlink_map[message_id]
-    return kind.ordered_fieldnames, kind.unpacker.format
+    return WireFormat(kind.unpacker, places, np.dtype(types))
 
 
 def _codes(text: str) -> list[tuple[int, str]]:

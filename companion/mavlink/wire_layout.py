@@ -51,24 +51,12 @@ class Quantity:
         # The largest float, so that one comparison also turns inf into NaN; a comparison with NaN is false.
         limit = min(self.limit, sys.float_info.max)
         places = [i for name in self.fields for i in range(*wire.places[name].indices(1 << 16))]
-        first, last = places[0], places[-1] + 1
-        if places == list(range(first, last)):
-            pick: Callable[[tuple[Any, ...]], Any] = itemgetter(slice(first, last))
-        else:
-            pick = itemgetter(*places)
+        # Of one place a slice, so that a tuple comes out as well.
+        pick = itemgetter(*places) if len(places) > 1 else itemgetter(slice(places[0], places[0] + 1))
         if unknown:
             return lambda fields: tuple(
                 [v if x not in unknown and -limit <= (v := x / per) <= limit else NAN for x in pick(fields)]
             )
-        if per == 1.0 and limit == sys.float_info.max and all(wire.dtype[f].base.kind == "f" for f in self.fields):
-            # Most messages: numbers that are taken as they are. The sum is finite where all of them are.
-            return lambda fields: (
-                values
-                if (total := sum(values := pick(fields))) - total == 0.0
-                else tuple([x if -limit <= x <= limit else NAN for x in values])
-            )
-        if len(places) == 1:
-            return lambda fields: (v if -limit <= (v := fields[first] / per) <= limit else NAN,)
         return lambda fields: tuple([v if -limit <= (v := x / per) <= limit else NAN for x in pick(fields)])
 
     def column(self, records: NDArray[Any]) -> NDArray[np.float64]:
@@ -120,7 +108,8 @@ class Layout:
     name: str
     stamp: Stamp | None
     quantities: tuple[Quantity | Raw, ...]
-    build: Callable[..., Sample | None]
+    build: Callable[..., Sample | None] | None
+    """None: no sample is made of it; it is read in logs only."""
     wire: WireFormat = field(init=False, repr=False, compare=False)
     readers: tuple[Callable[[tuple[Any, ...]], Any], ...] = field(init=False, repr=False, compare=False)
     """One a quantity, from the unpacked fields."""

@@ -54,7 +54,7 @@ class Mark:
     ``share`` (6,): weight of the full model's own mean in the row, 0 to 1; the rest is a half model with what full
     models at other places add (nothing where that cannot be learnt).
 
-    ``even`` (Fx, Fz, My): ``solved`` in a full model with swirl (``solved_NAME``: of a variant of the fan);
+    ``even`` (Fx, Fz, My): ``solved`` in a full model with swirl;
     ``corrected``: a half model and what full models add, at that place at the campaign's speed or else learnt at other
     places; ``half``: a half model alone; ``law``: from the campaign's speed by the law of rotor speed. ``odd`` (Fy, Mx,
     Mz): ``solved`` in a full model at that speed, ``law``, ``filled`` by what is learnt at other positions, or zero by
@@ -142,7 +142,6 @@ class _Maker:
             if FREE not in self.half[rpm]:
                 raise ModelError(f"the cases lack free air (h = inf, d = inf) at {rpm:g} rpm; run the campaign on")
         kind = full_kind(rows, c.rpm)
-        self.variant = kind[2]
         self.full = {rpm: labels(rows, rpm, kind) for rpm in speeds}
         self.law = fit_law(self.half, c.rpm)
         self.correction = correction(self.full[c.rpm], self.half[c.rpm])
@@ -150,13 +149,12 @@ class _Maker:
         self.places = sorted(self.half[c.rpm] | self.full[c.rpm])
         # Full models among half ones would be steps, unless their difference is learnt or all places have one.
         self.mixed = self.correction.learnt | np.full(6, all(p in self.full[c.rpm] for p in self.places))
-        # Free air of a variant is another fan's.
         half, full = (of[c.rpm][FREE].wrench if FREE in of[c.rpm] else np.zeros(6) for of in (self.half, self.full))
-        self.base = half if self.variant else np.where(self.mixed, full, half)
+        self.base = np.where(self.mixed, full, half)
 
     def free(self, rpm: float) -> Array:
         """Free air (6,): the base, its lift as a full model at that speed has it, else a half one; others rpm^2."""
-        solved = self.mixed[2] and not self.variant and FREE in self.full[rpm]
+        solved = self.mixed[2] and FREE in self.full[rpm]
         model = self.full if solved else self.half
         ratio = model[rpm][FREE].wrench[2] / model[self.rpm][FREE].wrench[2]
         out: Array = self.base * np.where(np.arange(6) == 2, ratio, (rpm / self.rpm) ** 2)
@@ -224,17 +222,14 @@ class _Maker:
         )
 
     def _solved(self, place: Place, rpm: float) -> bool:
-        """Whether a full model gives the row; free air of a variant does not count."""
+        """Whether a full model gives the row."""
         here = self.full[rpm]
-        return bool(self.mixed.any()) and place in here and FREE in here and not (place == FREE and bool(self.variant))
-
-    def _solved_as(self) -> str:
-        return f"solved_{self.variant}" if self.variant else "solved"
+        return bool(self.mixed.any()) and place in here and FREE in here
 
     def _made_even(self, place: Place, rpm: float) -> str:
         mixed = bool(self.mixed[~ODD].any())
         if mixed and self._solved(place, rpm):
-            return self._solved_as()
+            return "solved"
         if place in self.half[rpm]:
             return "corrected" if mixed else "half"
         return "law"
@@ -243,7 +238,7 @@ class _Maker:
         if not self.mixed[ODD].any():
             return "symmetry"
         if self._solved(place, rpm):
-            return self._solved_as()
+            return "solved"
         return "law" if self._solved(place, self.rpm) else "filled"
 
 

@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -37,13 +37,13 @@ class Row:
         return self.result.status in ("steady", "marched", "averaged")
 
 
-CAMPAIGNS = ("half", "full", "wedge")
-"""What a work folder can hold: half models, full models, or wedges with swirl and without."""
+CAMPAIGNS = ("half", "full")
+"""What a work folder can hold: half models or full models."""
 
 
 def plan(setup: Setup, model: str) -> list[Position]:
     """Every case of one campaign, most useful first; refuses positions that cannot be meshed before any work."""
-    order = dict.fromkeys({"half": _plan_half, "full": _plan_full, "wedge": _plan_wedge}[model](setup))
+    order = dict.fromkeys((_plan_half if model == "half" else _plan_full)(setup))
     for position in order:
         check(setup, position)
     return list(order)
@@ -88,28 +88,6 @@ def _plan_full(setup: Setup) -> Iterator[Position]:
     yield from (Position(h, d, c.rpm, swirl=True, level=c.full_level, approach="far") for h, d in again)
 
 
-def _plan_wedge(setup: Setup) -> Iterator[Position]:
-    """Wedges with swirl and without, the variants, second starts from the jet of free air, finer meshes."""
-    c, inf = setup.campaign, math.inf
-    first, *others = c.wedge_levels
-
-    def column(heights: tuple[float, ...], level: float, swirl: bool = True, variant: str = "") -> Iterator[Position]:
-        for h in (inf, *sorted(heights)):
-            yield Position(h, inf, c.rpm, swirl, level, wedge=True, variant=variant)
-
-    yield from column(c.wedge_h, first)
-    yield from (Position(inf, inf, rpm, True, first, wedge=True) for rpm in c.wedge_rpm)
-    yield from column(c.wedge_h, first, swirl=False)
-    for variant in setup.variants:
-        yield from column(c.wedge_variant_h, first, variant=variant)
-    yield from (Position(h, inf, c.rpm, True, first, "far", wedge=True) for h in sorted(c.wedge_variant_h) if h < inf)
-    for level in others:
-        for swirl in (True, False):
-            yield from column(c.wedge_h, level, swirl)
-    for level in c.wedge_fine_levels:
-        yield from column(c.wedge_fine_h, level)
-
-
 def load(folder: Path, position: Position) -> Row | None:
     """The finished case, or None."""
     path = folder / position.key / RESULT
@@ -139,12 +117,7 @@ def start_for(position: Position, finished: Sequence[Row]) -> Position | None:
         for r in finished
         if r.result.status not in ("diverged", "killed") and r.position.model == position.model
     ]
-    same = [
-        p
-        for p in able
-        if (p.place, p.level, p.approach, p.variant)
-        == (position.place, position.level, position.approach, position.variant)
-    ]
+    same = [p for p in able if (p.place, p.level, p.approach) == (position.place, position.level, position.approach)]
     if same:
         return min(same, key=lambda p: abs(p.rpm - position.rpm))
     able = [p for p in able if p.rpm == position.rpm and p.approach == "near"]
@@ -158,8 +131,7 @@ def start_for(position: Position, finished: Sequence[Row]) -> Position | None:
 
 
 def _apart(a: Position, b: Position) -> float:
-    other = 0.0 if a.variant == b.variant else 0.02
-    return math.dist(near(a.place), near(b.place)) + 0.01 * abs(a.level - b.level) + other
+    return math.dist(near(a.place), near(b.place)) + 0.01 * abs(a.level - b.level)
 
 
 def run(
@@ -216,7 +188,7 @@ class _Work:
     setup: Setup
     section: Section
     marching: bool
-    tables: dict[tuple[float, bool, str], Blades] = field(default_factory=dict)
+    tables: dict[tuple[float, bool], Blades] = field(default_factory=dict)
     killed: dict[Position, int] = field(default_factory=dict)
 
     def through(self, todo: Sequence[Position], done: Mapping[Position, Row], jobs: int) -> Iterator[Row]:
@@ -250,15 +222,14 @@ class _Work:
 
     def _submit(self, job: _Job) -> Future[Result]:
         position, start = job
-        here = self.setup.of(position.variant)
-        kind = position.rpm, position.swirl, position.variant
+        kind = position.rpm, position.swirl
         if kind not in self.tables:
-            own = here.rotor.section != self.setup.rotor.section
-            section = polars.neural_section(here.rotor.section) if own else self.section
-            self.tables[kind] = polars.blades(here, position.rpm, section, swirl=position.swirl)
+            self.tables[kind] = polars.blades(self.setup, position.rpm, self.section, swirl=position.swirl)
         neighbour = self.folder / start.key if start is not None else None
         target = self.folder / position.key
-        return self.pool.submit(compute, target, here, position, self.tables[kind], neighbour, march=self.marching)
+        return self.pool.submit(
+            compute, target, self.setup, position, self.tables[kind], neighbour, march=self.marching
+        )
 
 
 def _lost() -> tuple[type[Exception], ...]:
@@ -309,16 +280,9 @@ def model_of(folder: Path) -> str:
 def _content(setup: Setup, model: str) -> dict[str, Any]:
     """What the cases of a folder have in common, as it comes back from JSON."""
     sections = ("fan", "rotor", "air", "mesh")
-    mine: dict[str, Any] = {"model": model} | {name: _said(getattr(setup, name)) for name in sections}
-    if model == "wedge":
-        mine["variants"] = {v: {n: _said(getattr(s, n)) for n in sections} for v, s in setup.variants.items()}
+    mine: dict[str, Any] = {"model": model} | {name: asdict(getattr(setup, name)) for name in sections}
     content: dict[str, Any] = json.loads(json.dumps(mine))
     return content
-
-
-def _said(section: Any) -> dict[str, Any]:
-    """The keys of a section of the fan file without the optional ones that are as if they were not there."""
-    return {f.name: v for f in fields(section) if (v := getattr(section, f.name)) != f.default}
 
 
 def _wanted(row: Row | None, setup: Setup, marching: bool) -> bool:

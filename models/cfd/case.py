@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from models.cfd.config import Rotor, Setup
+from models.cfd.config import Setup
 from models.cfd.meridian import LAYERS
 from models.cfd.mesh import block_mesh
 from models.cfd.polars import Blades, Station, foam_table
 from models.cfd.position import Position
-from models.cfd.wedge import AXIS, wedge_mesh
 
 DISCS = ("upper", "lower")
 # Blades end within this length [m]; the solver's table of chords wants a number above zero beyond.
@@ -22,7 +21,7 @@ TIP_EFFECT = 1.1
 def write(folder: Path, setup: Setup, position: Position, blades: Blades) -> None:
     """Write system, constant and 0 of a case; an old case in ``folder`` is overwritten file by file."""
     files = {
-        "system/blockMeshDict": ("dictionary", (wedge_mesh if position.wedge else block_mesh)(setup, position)),
+        "system/blockMeshDict": ("dictionary", block_mesh(setup, position)),
         "system/topoSetDict": ("dictionary", _layers(setup)),
         "system/fvSchemes": ("dictionary", schemes(steady=True)),
         "system/fvSolution": ("dictionary", _solution(setup)),
@@ -52,7 +51,6 @@ def put(path: Path, kind: str, text: str) -> None:
 def control(setup: Setup, end: float, *, steady: bool) -> str:
     """Run control up to iteration (steady) or time (marched) ``end``, from the newest state on disk."""
     solver = setup.solver
-    solid = "duct hub" if setup.fan.duct else "hub"
     step = 1.0 if steady else solver.time_step_s
     return (
         f"application {'simpleFoam' if steady else 'pimpleFoam'};\n"
@@ -60,7 +58,7 @@ def control(setup: Setup, end: float, *, steady: bool) -> str:
         f"writeControl timeStep;\nwriteInterval {solver.sample_every if steady else max(1, solver.march_chunk // 8)};\n"
         "purgeWrite 0;\nwriteFormat binary;\nwritePrecision 10;\nwriteCompression off;\ntimeFormat general;\n"
         "timePrecision 10;\nrunTimeModifiable false;\n"
-        f"functions {{ loads {{ type forces; libs (forces); patches ({solid}); rho rhoInf; "
+        f"functions {{ loads {{ type forces; libs (forces); patches (duct hub); rho rhoInf; "
         f"rhoInf {setup.air.density_kg_m3:g}; CofR (0 0 0); log false; writeControl timeStep; writeInterval 1; }} }}\n"
     )
 
@@ -99,7 +97,7 @@ def _layers(setup: Setup) -> str:
     """Cell zones of the discs' layers: the solver's disc must be one cell thick, and one alone is unstable."""
     rotor, m = setup.rotor, setup.fan.radius_m
     actions = []
-    for disc, z0 in zip(discs(rotor), (rotor.upper_height, rotor.lower_height), strict=False):
+    for disc, z0 in zip(DISCS, (rotor.upper_height, rotor.lower_height), strict=True):
         step = rotor.thickness / LAYERS
         for layer in range(LAYERS):
             low, high = m * (z0 + layer * step), m * (z0 + (layer + 1) * step)
@@ -118,19 +116,14 @@ def zone(disc: str, layer: int) -> str:
     return f"{disc}{layer}"
 
 
-def discs(rotor: Rotor) -> tuple[str, ...]:
-    """Names of the discs that have blades."""
-    return DISCS[: rotor.rotors]
-
-
-def sources(rotor: Rotor, position: Position) -> list[tuple[str, str, int, float]]:
+def sources(position: Position) -> list[tuple[str, str, int, float]]:
     """(name, zone, sense of rotation, share of the chord) of every rotor source.
 
     Without swirl each layer turns both ways with half the chord: one sense alone would show the half model only the
     advancing side. With swirl the upper disc turns clockwise seen from above (negative about z), the lower against it.
     """
     out = []
-    for disc, sense in zip(discs(rotor), (-1, 1), strict=False):
+    for disc, sense in zip(DISCS, (-1, 1), strict=True):
         for layer in range(LAYERS):
             senses = (sense,) if position.swirl else (1, -1)
             for s in senses:
@@ -148,11 +141,11 @@ def _rotors(setup: Setup, position: Position, blades: Blades) -> str:
             f"section{i} {{ type lookup; data (\n{foam_table(s, backwards=sense < 0)}\n); }}"
             for i, s in enumerate(table[disc])
         )
-        for disc in discs(rotor)
+        for disc in DISCS
         for sense in (1, -1)
     }
     out = []
-    for name, where, sense, share in sources(rotor, position):
+    for name, where, sense, share in sources(position):
         disc = where[:-1]
         blade = _blade(setup, table[disc], share)
         z = m * (height[disc] + rotor.thickness / 2)
@@ -179,7 +172,7 @@ def _blade(setup: Setup, stations: tuple[Station, ...], share: float) -> str:
     (root, *_), (*_, tip) = rows, rows
     if setup.rotor.root_radius > setup.fan.hub_radius:
         rows.insert(0, (root[0], root[1] - EDGE_M, root[2], NO_CHORD_M))
-    if setup.rotor.tip_radius < 1.0 or not setup.fan.duct:
+    if setup.rotor.tip_radius < 1.0:
         rows.append((tip[0], tip[1] + EDGE_M, tip[2], NO_CHORD_M))
     return " ".join(f"(section{i} ({r:.8g} {pitch:.8g} {chord:.8g}))" for i, r, pitch, chord in rows)
 
@@ -194,12 +187,8 @@ def _fields(setup: Setup, position: Position) -> dict[str, str]:
     solid += ["ground"] if math.isfinite(position.h) else []
     solid += ["wall"] if math.isfinite(position.d) else []
     names = '"(' + "|".join(solid) + ')"'
-    if position.wedge:
-        sides = f"front {{ type cyclic; }} back {{ type cyclic; }} {AXIS} {{ type slip; }} "
-    else:
-        sides = "" if position.swirl else "mirror { type symmetryPlane; } "
+    sides = "" if position.swirl else "mirror { type symmetryPlane; } "
     k, w = setup.air.far_k, setup.air.far_omega
-    start = f"(0 0 {-setup.solver.start_downwards_m_s:g})"
 
     def text(dimensions: str, value: str, wall: str, far: str) -> str:
         return (
@@ -210,7 +199,9 @@ def _fields(setup: Setup, position: Position) -> dict[str, str]:
     still = f"type inletOutlet; inletValue uniform {k:g}; value uniform {k:g};"
     omega = f"type inletOutlet; inletValue uniform {w:g}; value uniform {w:g};"
     return {
-        "U": text("0 1 -1 0 0 0 0", start, "type noSlip;", "type pressureInletOutletVelocity; value uniform (0 0 0);"),
+        "U": text(
+            "0 1 -1 0 0 0 0", "(0 0 0)", "type noSlip;", "type pressureInletOutletVelocity; value uniform (0 0 0);"
+        ),
         "p": text("0 2 -2 0 0 0 0", "0", "type zeroGradient;", "type totalPressure; p0 uniform 0; value uniform 0;"),
         "k": text("0 2 -2 0 0 0 0", f"{k:g}", f"type kqRWallFunction; value uniform {k:g};", still),
         "omega": text("0 0 -1 0 0 0 0", f"{w:g}", f"type omegaWallFunction; value uniform {w:g};", omega),

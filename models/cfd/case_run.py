@@ -16,7 +16,6 @@ from models.cfd.averages import error_of_mean
 from models.cfd.config import Setup
 from models.cfd.polars import Blades
 from models.cfd.position import Position, check
-from models.cfd.wedge import TURN
 from models.frames import Array
 
 STATE = "state.npz"
@@ -213,14 +212,12 @@ class _Case:
 
     def _whole(self, wrench: Array, parts: Array) -> tuple[Array, Array]:
         """Loads on the whole fan from those on the part that is meshed."""
-        if self.position.wedge:
-            return TURN * wrench * [0, 0, 1, 0, 0, float(self.position.swirl)], TURN * parts
         return (wrench, parts) if self.position.swirl else (2 * wrench * [1, 0, 1, 0, 1, 0], 2 * parts)
 
     def _disc(self, state: str, disc: str, volume: Array, centre: Array) -> Array:
         """Force and moment (6,) of the air on one disc: the solver's source per volume and density, summed."""
         out = np.zeros(6)
-        for name, where, _, _ in case.sources(self.setup.rotor, self.position):
+        for name, where, _, _ in case.sources(self.position):
             if where[:-1] != disc:
                 continue
             source = foam.read_field(self.folder / state / f"{name}:rotorForce")

@@ -11,15 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from models.cfd import axisymmetric, marched
 from models.cfd.assemble import Assembled, Law, assemble, ceilings, correction, fit_law
-from models.cfd.axisymmetric import Series
 from models.cfd.campaign import Row
 from models.cfd.config import Setup
 from models.cfd.fidelity import FREE, Correction
 from models.cfd.grid import Study, spread
 from models.cfd.labels import HALF, Kind, Label, full_kind, kind_of, labels
-from models.cfd.marched import Compared
 from models.cfd.position import Place
 from models.errors import ModelError
 from models.frames import AXES, Array
@@ -60,9 +57,7 @@ class Checked:
     full_law: Law | None
     statements: tuple[Statement, ...]
     correction: Correction
-    means: tuple[Compared, ...]
     ceilings: tuple[Array, Array] | None
-    wedges: tuple[Series, ...]
     summary: dict[str, Any]
     force_unit: float
     moment_unit: float
@@ -103,9 +98,7 @@ def check(rows: Sequence[Row], setup: Setup) -> Checked:
         full_law=_full_law(rows, setup, kind),
         statements=(),
         correction=correction(full, half),
-        means=tuple(marched.compared(rows, c.rpm, kind, full, half)),
         ceilings=ceilings(whole) if whole is not None else None,
-        wedges=tuple(axisymmetric.series(rows)),
         summary={},
         force_unit=tip_pressure,
         moment_unit=tip_pressure * setup.fan.radius_m,
@@ -165,7 +158,6 @@ def _summary(rows: Sequence[Row], c: Checked, said: Sequence[Statement]) -> dict
             "note": "Fy, Mx, Mz are zero by symmetry in the half model; mesh numbers are half-spreads over the levels",
         },
         "mesh_levels": list(c.study.levels),
-        "richardson_free_lift": _richardson(c),
         "rpm_law": _law(c.law),
         "rpm_law_of_full_models": _law(c.full_law),
         "fidelity": {
@@ -174,20 +166,10 @@ def _summary(rows: Sequence[Row], c: Checked, said: Sequence[Statement]) -> dict
             "corrected_misses": _by_axis(c.correction.error),
             "learnt": [a for a, learnt in zip(AXES, c.correction.learnt, strict=True) if learnt],
         },
-        "means": [
-            {"of": m.name, "places": m.count, **{n: _by_axis(getattr(m, n)) for n in ("missed", "stated", "known")}}
-            for m in c.means
-        ],
         "r2_ceiling": _ceilings(c.ceilings),
-        "wedges": [asdict(s) for s in c.wedges],
         "agreement": [asdict(s) for s in said],
         "verdicts": dict(Counter(s.verdict for s in said)),
     }
-
-
-def _richardson(c: Checked) -> dict[str, float] | None:
-    found = c.study.richardson
-    return None if found is None else {"lift_N": found[0], "order": found[1]}
 
 
 def _law(law: Law | None) -> dict[str, Any] | None:
@@ -202,7 +184,7 @@ def _law(law: Law | None) -> dict[str, Any] | None:
     }
 
 
-def _ceilings(found: tuple[Array, Array] | None) -> dict[str, dict[str, float]] | None:
+def _ceilings(found: tuple[Array, Array] | None) -> dict[str, dict[str, float | None]] | None:
     if found is None:
         return None
     return dict(zip(("rows", "full_models"), (_by_axis(v) for v in found), strict=True))
@@ -212,8 +194,10 @@ def _quartiles(values: Sequence[float]) -> list[float]:
     return [float(v) for v in np.quantile(values, (0.25, 0.5, 0.75))] if values else []
 
 
-def _by_axis(values: Array, odd: bool = True) -> dict[str, float]:
-    return {a: float(v) for k, (a, v) in enumerate(zip(AXES, values, strict=True)) if odd or k % 2 == 0}
+def _by_axis(values: Array, odd: bool = True) -> dict[str, float | None]:
+    """By name of the axis; None where a number is not known."""
+    known = [float(v) if math.isfinite(v) else None for v in values]
+    return {a: v for k, (a, v) in enumerate(zip(AXES, known, strict=True)) if odd or k % 2 == 0}
 
 
 def _statements(c: Checked) -> list[Statement]:
@@ -480,9 +464,6 @@ def text(c: Checked) -> str:
         ("unsteadiness_and_branch_most", "moves, most"),
     ):
         lines.append(f"{name:14}" + "".join(f"{rows[key][a]:10.4f}" for a in AXES))
-    if s["richardson_free_lift"]:
-        r = s["richardson_free_lift"]
-        lines.append(f"free lift on an infinitely fine mesh {r['lift_N']:.2f} N (order {r['order']:.1f})")
     lines += _law_lines(s)
     if c.correction.places:
         learnt = ", ".join(s["fidelity"]["learnt"]) or "nothing"
@@ -493,12 +474,10 @@ def text(c: Checked) -> str:
             + f"; corrected and left out by {_listed(c.correction.error)}; "
             f"learnt: {learnt}"
         )
-    lines += marched.text(c.means)
     if c.ceilings is not None:
         for ceiling, against in zip(c.ceilings, ("against these rows", "against full models"), strict=True):
             by = ", ".join(f"{a} {v:.3f}" for a, v in zip(AXES, ceiling, strict=True))
             lines.append(f"R2 of increments that a perfect surrogate of this set reaches {against}: {by}")
-    lines += axisymmetric.text(c.wedges)
     lines.append("")
     for said in c.statements:
         lines.append(f"[{said.verdict}] {said.claim} ({said.source}): {said.ours}")

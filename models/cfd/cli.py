@@ -45,15 +45,6 @@ def add(commands: Any, finish: Finish) -> None:
     check.add_argument("--report", type=Path, metavar="DIR", help="write the report and its figures here")
     check.set_defaults(run=lambda args: finish(args, _check(args)))
 
-    measured = what.add_parser(
-        "measured", help="fans that were measured, computed by the same method: curve over curve"
-    )
-    _common(measured)
-    measured.add_argument("--work", type=Path, metavar="DIR", help="wedges of --fan (default: the shipped cases)")
-    measured.add_argument("--cases", type=Path, metavar="CSV", help="with --work: write its case table here")
-    measured.add_argument("--report", type=Path, metavar="DIR", help="write the figure here")
-    measured.set_defaults(run=lambda args: finish(args, _measured(args)))
-
     trim = what.add_parser("trim", help="find the tip pitch that gives the fan its lift, with swirl without net torque")
     _common(trim)
     _model(trim)
@@ -62,9 +53,7 @@ def add(commands: Any, finish: Finish) -> None:
 
 
 def _common(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--fan", type=Path, metavar="FILE", help="fan file, or the name of a shipped one (default: the built-in fan)"
-    )
+    parser.add_argument("--fan", type=Path, metavar="FILE", help="fan file (default: the built-in fan)")
     parser.add_argument("--json", metavar="FILE", help="write the numbers as JSON here, '-' for stdout")
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no text")
 
@@ -72,9 +61,9 @@ def _common(parser: argparse.ArgumentParser) -> None:
 def _model(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--model",
-        choices=("half", "full", "wedge"),
+        choices=("half", "full"),
         default="half",
-        help="half models without swirl (default), full models with swirl, or wedges: no wall, swirl, meshes, variants",
+        help="half models without swirl (default), or full models with swirl",
     )
 
 
@@ -184,11 +173,11 @@ def _check(args: argparse.Namespace) -> Any:
     checked = check.check(_rows(args, setup), setup)
     if args.report:
         from models.cfd.check_page import write_page
-        from models.cfd.figures import write_report
+        from models.cfd.figures import write_figures
 
         try:
             args.report.mkdir(parents=True, exist_ok=True)
-            write_report(args.report, checked, setup)
+            write_figures(args.report, checked)
             write_page(args.report, checked, setup)
         except OSError as error:
             raise ConfigError(f"--report {args.report}: cannot be written ({error.strerror})") from None
@@ -197,30 +186,6 @@ def _check(args: argparse.Namespace) -> Any:
         if args.report:
             print(f"report: {args.report / 'report.html'}")
     return checked.summary
-
-
-def _measured(args: argparse.Namespace) -> Any:
-    from models.cfd import campaign, config, measured, table
-
-    if (args.work is None) != (args.fan is None):
-        raise ConfigError("models cfd measured: --work and --fan belong together; neither: the shipped cases")
-    if args.work is None:
-        found = measured.shipped()
-    else:
-        setup = config.load(args.fan)
-        rows = campaign.rows(args.work, campaign.plan(setup, "wedge"))
-        found = [measured.compare(args.fan.stem, setup, rows)]
-        if args.cases:
-            table.write(args.cases, rows)
-    if args.report:
-        try:
-            args.report.mkdir(parents=True, exist_ok=True)
-            measured.figure(found).savefig(args.report / "measured.png", dpi=80)
-        except OSError as error:
-            raise ConfigError(f"--report {args.report}: cannot be written ({error.strerror})") from None
-    if _speak(args):
-        print(measured.text(found))
-    return measured.summary(found)
 
 
 def _trim(args: argparse.Namespace) -> Any:

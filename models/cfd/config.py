@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-import itertools
-import math
-import tomllib
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, dataclass, field, fields, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
 from models.errors import ConfigError
-
-OPEN_RING, OPEN_ABOVE, OPEN_BELOW = 1.3, 0.4, 0.15
-"""Mesh lines around an open rotor over R: a radius, and distances above and below rotor and hub; chosen."""
+from models.toml_table import Table, Within
 
 
 @dataclass(frozen=True)
 class Fan:
     """Duct and hub; lengths over ``radius_m`` unless in m, heights above the reference point, z up.
 
-    ``hub_nose``, ``hub_tail``: length of the paraboloids above the upper and below the lower disc; 0 is a flat end.
-    ``duct`` False: an open rotor; the lengths of duct and lip are then lines of the mesh (``_open_rotor``).
-    ``lip_depth``: height of the lip, half an ellipse; 0 is a semicircle. ``lip_crest``: radius of its highest point; 0
-    is half way between bore and outer lip.
+    The lip is a semicircle, the ends of the hub are flat.
     """
 
     name: str
@@ -35,11 +27,6 @@ class Fan:
     exit_radius: float
     exit_skin: float
     hub_radius: float
-    hub_nose: float
-    hub_tail: float
-    duct: bool = True
-    lip_depth: float = 0.0
-    lip_crest: float = 0.0
 
     @property
     def lip_radius(self) -> float:
@@ -52,32 +39,17 @@ class Fan:
         return self.lip_radius - 1.0
 
     @property
-    def lip_axes(self) -> tuple[float, float, float]:
-        """Half axes of the lip over R: radial from the crest to the bore and to the outer lip, and along the axis."""
-        inner = self.lip_crest - 1.0 if self.lip_crest else self.lip_thickness / 2
-        return inner, self.lip_thickness - inner, self.lip_depth or self.lip_thickness / 2
-
-    @property
-    def lip_turn(self) -> float:
-        """Angle [rad] of the point of the ellipse at which the lip lies at 45 deg (mean of inside and outside)."""
-        inner, outer, depth = self.lip_axes
-        return math.atan2(depth, (inner + outer) / 2)
-
-    @property
     def lip_foot(self) -> float:
         """Height at which the lip begins, over R."""
-        return self.lip_top - self.lip_axes[2]
+        return self.lip_top - self.lip_thickness / 2
 
 
 @dataclass(frozen=True)
 class Rotor:
-    """Two equal discs, or one; pitch linear from the hub to the tip, or a table.
+    """Two equal discs; pitch linear from the hub to the tip.
 
     Blades reach from ``root_radius`` to ``tip_radius`` (over R); between them and hub or duct lies a gap.
-    ``tip_pitch_deg`` of both without swirl; ``swirl_tip_pitch_deg`` of upper and lower disc with it. ``rotors`` 1: the
-    upper disc alone; ``lower_height`` is the lower end of the hub. ``blade``: rows of radius over R, chord over R and
-    pitch [deg], in place of chord, radii and pitches; ``sections``: one name a row, in place of ``section``;
-    ``pitch_change_deg`` turns the whole blade.
+    ``tip_pitch_deg`` of both without swirl; ``swirl_tip_pitch_deg`` of upper and lower disc with it.
     """
 
     blades: int
@@ -94,10 +66,6 @@ class Rotor:
     stations: int
     hover_lift_n: float
     hover_rpm: float
-    rotors: int = 2
-    blade: tuple[tuple[float, ...], ...] = ()
-    sections: tuple[str, ...] = ()
-    pitch_change_deg: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -130,10 +98,7 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Solver:
-    """Iterations, relaxation and time step.
-
-    ``start_downwards_m_s``: velocity of all air at the start; in air at rest a large fan's first iterations diverge.
-    """
+    """Iterations, relaxation and time step."""
 
     relax_velocity: float
     relax_pressure: float
@@ -144,7 +109,6 @@ class Solver:
     time_step_s: float
     march_chunk: int
     march_limit: int
-    start_downwards_m_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -162,32 +126,30 @@ class Converged:
     swing_of_effect: float
 
 
+_Distances = Annotated[tuple[float, ...], Within(0.0, above=True, finite=False)]
+_Places = Annotated[tuple[tuple[float, float], ...], Within(finite=False)]
+"""(h, d) over R, inf without ground or wall."""
+
+
 @dataclass(frozen=True)
 class Campaign:
     """Which cases make the data set; positions are (h, d) over R."""
 
     rpm: float
-    h: tuple[float, ...]
-    d: tuple[float, ...]
-    other_rpm: tuple[float, ...]
-    rpm_at: tuple[tuple[float, float], ...]
-    grid_levels: tuple[float, ...]
-    grid_at: tuple[tuple[float, float], ...]
-    again_from_far: tuple[tuple[float, float], ...]
-    again_from_wall: tuple[tuple[float, float], ...]
+    h: _Distances
+    d: _Distances
+    other_rpm: _Distances
+    rpm_at: _Places
+    grid_levels: _Distances
+    grid_at: _Places
+    again_from_far: _Places
+    again_from_wall: _Places
     full_level: float
-    full_at: tuple[tuple[float, float], ...]
-    full_other_rpm_at: tuple[tuple[float, float], ...]
-    full_grid_levels: tuple[float, ...]
-    full_grid_at: tuple[tuple[float, float], ...]
-    wedge_h: tuple[float, ...]
-    wedge_levels: tuple[float, ...]
-    wedge_fine_levels: tuple[float, ...]
-    wedge_fine_h: tuple[float, ...]
-    wedge_variant_h: tuple[float, ...]
-    wedge_rpm: tuple[float, ...] = ()
-    """Other speeds of the free wedge."""
-    full_again_from_far: tuple[tuple[float, float], ...] = ()
+    full_at: _Places
+    full_other_rpm_at: _Places
+    full_grid_levels: _Distances
+    full_grid_at: _Places
+    full_again_from_far: _Places = ()
     """Second starts of full models, from the state without ground at the same distance to the wall."""
 
 
@@ -202,196 +164,21 @@ class Setup:
     solver: Solver
     converged: Converged
     campaign: Campaign
-    variants: Mapping[str, Setup] = field(default_factory=dict)
-    """The same fan with other geometry, air or pitch, by name, for the wedge."""
-
-    def of(self, variant: str) -> Setup:
-        """Setup of a variant; of the fan itself for an empty name."""
-        return self.variants[variant] if variant else self
-
-
-_SECTIONS: Mapping[str, type] = {
-    "fan": Fan,
-    "rotor": Rotor,
-    "air": Air,
-    "mesh": Mesh,
-    "solver": Solver,
-    "converged": Converged,
-    "campaign": Campaign,
-}
-
-
-_DUCT = ("lip_radius_m", "lip_top", "exit_height", "exit_radius", "exit_skin", "lip_depth", "lip_crest")
-"""Keys of [fan] that an open rotor has not."""
-_ENDS = ("chord_m", "root_radius", "tip_radius", "root_pitch_deg", "tip_pitch_deg", "swirl_tip_pitch_deg", "stations")
-"""Keys of [rotor] that a table of the blade replaces."""
-
-
-def shipped(name: str) -> Path:
-    """A fan file that comes with the package, by its name without ``.toml``."""
-    return Path(str(resources.files("models.cfd").joinpath(f"{name}.toml")))
 
 
 def load(path: Path | None = None) -> Setup:
-    """Read a fan file, one that ships (by its name), or the built-in one.
-
-    Raises ConfigError naming the file and the key.
-    """
-    if path is not None and not path.exists() and path.name == str(path) and shipped(path.name).exists():
-        path = shipped(path.name)
+    """Read a fan file, or the built-in one. Raises ConfigError naming the file and the key."""
     name = str(path) if path else "models/cfd/fan.toml"
     try:
         text = (
             path.read_text("utf-8") if path else resources.files("models.cfd").joinpath("fan.toml").read_text("utf-8")
         )
-        table = tomllib.loads(text)
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise ConfigError(f"fan file {name}: cannot be read ({reason})") from None
-    except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"fan file {name}: not TOML ({error})") from None
-    variants = table.pop("variant", {})
-    if not isinstance(variants, dict):
-        raise ConfigError(f"fan file {name}: [variant] must hold sections such as [variant.NAME.fan]")
-    setup = _setup(name, table)
-    return replace(setup, variants={v: _variant(name, v, changes, table) for v, changes in variants.items()})
-
-
-def _setup(name: str, table: Mapping[str, Any]) -> Setup:
-    unknown = set(table) - set(_SECTIONS)
-    if unknown:
-        raise ConfigError(f"fan file {name}: unknown section [{min(unknown)}]")
-    table = _open_rotor(name, _tabled(name, table))
-    setup = Setup(**{section: _section(name, section, kind, table) for section, kind in _SECTIONS.items()})
+    setup = Table.of(text, f"fan file {name}").read(Setup)
     _check(name, setup)
     return setup
-
-
-def _tabled(name: str, table: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Where the blade is a table: the keys that it replaces, from its ends and from the row next to 0.75 of the tip."""
-    rotor = table.get("rotor")
-    if not isinstance(rotor, dict) or "blade" not in rotor:
-        return table
-    _refuse(f"fan file {name}: [rotor] blade replaces", rotor, _ENDS)
-    blade = _value(f"fan file {name}: [rotor] blade", rotor["blade"], _TRIPLES)
-    radius = _value(f"fan file {name}: [fan] radius_m", table.get("fan", {}).get("radius_m"), "float")
-    if len(blade) < 2 or any(a[0] >= b[0] for a, b in itertools.pairwise(blade)):
-        raise ConfigError(f"fan file {name}: [rotor] blade needs two rows or more, from the hub to the tip")
-    if min(chord for _, chord, _ in blade) <= 0:
-        raise ConfigError(f"fan file {name}: [rotor] blade: a chord must be above 0")
-    (root, _, root_pitch), (tip, _, tip_pitch) = blade[0], blade[-1]
-    chord = min(blade, key=lambda row: abs(row[0] - 0.75 * tip))[1]
-    values = (chord * radius, root, tip, root_pitch, tip_pitch, [max(tip_pitch, 1e-3)] * 2, len(blade))
-    return {**table, "rotor": rotor | dict(zip(_ENDS, values, strict=True))}
-
-
-def _open_rotor(name: str, table: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Without a duct: the lines of the mesh that duct and lip would be, around discs and hub."""
-    fan, rotor = table.get("fan"), table.get("rotor")
-    if not isinstance(fan, dict) or not isinstance(rotor, dict):
-        return table
-    if _value(f"fan file {name}: [fan] duct", fan.get("duct", True), "bool"):
-        return table
-    _refuse(f"fan file {name}: [fan] duct = false has no", fan, _DUCT)
-    where = f"fan file {name}: "
-
-    def number(section: str, keys: Mapping[str, Any], key: str) -> float:
-        if key not in keys:
-            raise ConfigError(f"{where}[{section}] lacks '{key}'")
-        return float(_value(f"{where}[{section}] {key}", keys[key], "float"))
-
-    top = number("rotor", rotor, "upper_height") + number("rotor", rotor, "thickness") + number("fan", fan, "hub_nose")
-    low = number("rotor", rotor, "lower_height") - number("fan", fan, "hub_tail")
-    lines = (OPEN_RING * number("fan", fan, "radius_m"), top + OPEN_ABOVE, low - OPEN_BELOW, 1.0, OPEN_RING - 0.05)
-    return {**table, "fan": fan | dict(zip(_DUCT[:5], lines, strict=True))}
-
-
-def _refuse(what: str, keys: Mapping[str, Any], names: tuple[str, ...]) -> None:
-    for key in names:
-        if key in keys:
-            raise ConfigError(f"{what} '{key}'")
-
-
-def _variant(name: str, variant: str, changes: Any, table: Mapping[str, Any]) -> Setup:
-    """The fan file with the keys of one variant in place of its own."""
-    where = f"{name}: variant {variant}"
-    if not isinstance(changes, dict) or not all(isinstance(keys, dict) for keys in changes.values()):
-        raise ConfigError(f"fan file {where}: must hold sections such as [variant.{variant}.fan]")
-    return _setup(where, {**table, **{section: table.get(section, {}) | keys for section, keys in changes.items()}})
-
-
-def _section(name: str, section: str, kind: type, table: Mapping[str, Any]) -> Any:
-    values = table.get(section)
-    if not isinstance(values, dict):
-        raise ConfigError(f"fan file {name}: section [{section}] is missing")
-    known = {f.name: str(f.type) for f in fields(kind)}
-    optional = {f.name for f in fields(kind) if f.default is not MISSING}
-    for key in values:
-        if key not in known:
-            raise ConfigError(f"fan file {name}: [{section}] has an unknown key '{key}'")
-    for key in known:
-        if key not in values and key not in optional:
-            raise ConfigError(f"fan file {name}: [{section}] lacks '{key}'")
-    return kind(
-        **{
-            key: _value(f"fan file {name}: [{section}] {key}", values[key], kind)
-            for key, kind in known.items()
-            if key in values
-        }
-    )
-
-
-def _value(where: str, value: Any, kind: str) -> Any:
-    """``value`` as the type named ``kind``. Raises ConfigError that begins with ``where``."""
-    if kind == "int" and _whole(value) and value < 1:
-        raise ConfigError(f"{where}: must be at least 1, not {value}")
-    accepts, convert = _KINDS[kind]
-    if not accepts(value):
-        raise ConfigError(f"{where}: must be {_WORDS.get(kind, kind)}, not {value!r}")
-    return convert(value)
-
-
-def _list_of(accepts: Callable[[Any], bool]) -> Callable[[Any], bool]:
-    return lambda value: isinstance(value, list) and all(accepts(v) for v in value)
-
-
-def _whole(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
-
-
-def _number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and value == value
-
-
-def _numbers(count: int) -> Callable[[Any], bool]:
-    return lambda value: isinstance(value, list) and len(value) == count and all(_number(v) for v in value)
-
-
-_TRIPLES = "tuple[tuple[float, ...], ...]"
-_PAIRS = "tuple[tuple[float, float], ...]"
-_KINDS: Mapping[str, tuple[Callable[[Any], bool], Callable[[Any], Any]]] = {
-    "str": (lambda value: isinstance(value, str), str),
-    "bool": (lambda value: isinstance(value, bool), bool),
-    "float": (_number, float),
-    "int": (_whole, int),
-    "tuple[int, ...]": (_list_of(lambda v: _whole(v) and v > 0), tuple),
-    "tuple[float, ...]": (_list_of(lambda v: _number(v) and v > 0), lambda value: tuple(float(v) for v in value)),
-    "tuple[str, ...]": (_list_of(lambda v: isinstance(v, str)), tuple),
-    _PAIRS: (_list_of(_numbers(2)), lambda value: tuple((float(h), float(d)) for h, d in value)),
-    _TRIPLES: (_list_of(_numbers(3)), lambda value: tuple(tuple(float(v) for v in row) for row in value)),
-}
-"""Type of a field as written in its class: what TOML gives for it, and how it is converted."""
-_WORDS = {
-    "str": "text",
-    "bool": "true or false",
-    "float": "a number",
-    "int": "a whole number",
-    "tuple[int, ...]": "a list of whole numbers above 0",
-    "tuple[float, ...]": "a list of numbers above 0",
-    "tuple[str, ...]": "a list of texts",
-    _PAIRS: "a list of [h, d]",
-    _TRIPLES: "a list of [radius, chord, pitch]",
-}
 
 
 def _check(name: str, setup: Setup) -> None:
@@ -406,9 +193,6 @@ def _check(name: str, setup: Setup) -> None:
     need(fan.lip_thickness > 0.05, "[fan] lip_radius_m must exceed radius_m by 5 % or more")
     need(0 < fan.hub_radius < 0.9, "[fan] hub_radius must lie between 0 and 0.9")
     need(1.0 <= fan.exit_radius < fan.exit_skin <= fan.lip_radius, "[fan] needs 1 <= exit_radius < exit_skin <= lip")
-    need(min(fan.lip_axes) > 0, "[fan] lip_crest must lie between the bore, 1, and the outer lip; lip_depth above 0")
-    need(rotor.rotors in (1, 2), "[rotor] rotors must be 1 or 2")
-    need(len(rotor.sections) in (0, len(rotor.blade)), "[rotor] sections needs one name for each row of blade")
     need(rotor.stations >= 2 and rotor.blades >= 1 and rotor.chord_m > 0, "[rotor] stations, blades, chord_m too small")
     need(len(rotor.swirl_tip_pitch_deg) == 2, "[rotor] swirl_tip_pitch_deg needs two pitches: upper and lower disc")
     _check_rotors(fan, rotor, need)
@@ -420,7 +204,6 @@ def _check(name: str, setup: Setup) -> None:
 
 def _check_rotors(fan: Fan, rotor: Rotor, need: Callable[[bool, str], None]) -> None:
     """Refuse rotors that cut into the hub, the duct or each other, and a hub that leaves the duct."""
-    top_disc = rotor.upper_height + rotor.thickness
     need(
         fan.exit_height < rotor.lower_height < rotor.lower_height + rotor.thickness < rotor.upper_height,
         "the rotors cut into each other or leave the duct: exit_height < lower disc < upper disc is needed",
@@ -429,11 +212,6 @@ def _check_rotors(fan: Fan, rotor: Rotor, need: Callable[[bool, str], None]) -> 
     need(rotor.tip_radius <= 1.0, "the rotors cut into the duct: [rotor] tip_radius is beyond the bore, 1")
     need(rotor.root_radius < rotor.tip_radius - 0.1, "[rotor] root_radius must lie 0.1 or more below tip_radius")
     need(
-        top_disc < fan.lip_foot,
+        rotor.upper_height + rotor.thickness < fan.lip_foot,
         "the rotors cut into the duct: the upper disc must lie below the curved part of the lip",
     )
-    need(
-        0 <= fan.hub_nose < fan.lip_foot + math.sin(fan.lip_turn) * fan.lip_axes[2] - top_disc,
-        "[fan] hub_nose must end below the point where the lip's inside lies at 45 deg",
-    )
-    need(0 <= fan.hub_tail < rotor.lower_height - fan.exit_height, "[fan] hub_tail must end above the duct's exit")

@@ -10,25 +10,17 @@ from typing import Any
 import numpy as np
 
 from models import paper_page
-from models.cfd.check import GROUND_LIMIT, WALL_LIMIT, Checked, text
-from models.cfd.config import Setup
+from models.cfd.check import GROUND_LIMIT, WALL_LIMIT, Checked
 from models.cfd.fidelity import FREE
 from models.cfd.labels import Label
 from models.cfd.position import Place
 from models.paper_page import Entry
 
-SAID = {
-    "fig5_9_lift_ratio_ground.png": ("figs 5 and 9", "Zhou", "estimate for this fan", "section 2.2"),
-    "fig6_10_lift_coefficient_wall.png": ("figs 6 and 10", "section 2.3"),
-    "fig7_tilting_moment_wall.png": ("fig. 7", "lip suction"),
-    "corner.png": ("section 2.4", "Vertex"),
-}
-"""Which statements, by a part of their source, stand beside which figure."""
 DOTS_PER_INCH = 80
 
 
-def write_report(directory: Path, c: Checked, setup: Setup) -> None:
-    """Write report.md, the figures and their page beside the paper's statements into ``directory``."""
+def write_figures(directory: Path, c: Checked) -> None:
+    """Write the figures, and their page beside the paper's statements, into ``directory``."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -38,18 +30,10 @@ def write_report(directory: Path, c: Checked, setup: Setup) -> None:
         "fig7_tilting_moment_wall.png": _wall(c, 4, "C_My", c.moment_unit),
         "corner.png": _corner(c),
         "fidelity.png": _fidelity(c),
-        "mesh.png": _mesh(c),
     }
-    if c.wedges:
-        figures["wedge.png"] = _wedges(c)
     for name, figure in figures.items():
         figure.savefig(directory / name, dpi=DOTS_PER_INCH)
         figure.clear()
-    parts = [f"# Flow simulation of the {setup.fan.name}", f"```\n{text(c)}\n```"]
-    for name in figures:
-        title = name.removesuffix(".png").replace("_", " ")
-        parts += [f"![{title}]({name})", *_beside(c, SAID.get(name, ()))]
-    (directory / "report.md").write_text("\n\n".join(parts) + "\n", encoding="utf-8")
     paper_page.add(directory, entries(c))
 
 
@@ -73,27 +57,6 @@ def entries(c: Checked) -> list[Entry]:
             out.append(Entry(number, title, image, said.claim, said.ours, said.verdict))
     bench = "a photograph of the test bench: nothing to draw; its measurements are figs 5 and 6, not printed as numbers"
     return [*out, Entry(8, "Fig. 8: the test bench", "", bench, "no bench", "not comparable")] if out else out
-
-
-def _beside(c: Checked, sources: Sequence[str]) -> list[str]:
-    """A table of the statements from these sources; none without any."""
-    said = [s for s in c.statements if any(source in s.source for source in sources)]
-    if not said:
-        return []
-    rows = [f"| {s.claim} ({s.source}) | {s.ours} | {s.verdict} |" for s in said]
-    return ["\n".join(["| published | here | |", "|---|---|---|", *rows])]
-
-
-def _wedges(c: Checked) -> Any:
-    figure, (panel,) = _panels(1, (7, 4.5))
-    for s in c.wedges:
-        style = "o-" if s.level == c.wedges[0].level else ".--"
-        panel.errorbar(s.heights, s.ratio, s.error, fmt=style, capsize=3, lw=1, label=f"{s.name}, mesh {s.level:g}")
-    _ground_column(panel, c, c.half, "k:", "half models, no swirl")
-    _ground_column(panel, c, c.full, "ks", "full models, swirl")
-    panel.set(xlabel="h / R", ylabel="T_IGE / T_OGE", title="Without a wall: what swirl and the fan's shape change")
-    panel.legend(fontsize=7)
-    return figure
 
 
 def _ground_column(panel: Any, c: Checked, labels: Mapping[Place, Label], style: str, name: str) -> None:
@@ -187,17 +150,4 @@ def _corner(c: Checked) -> Any:
         panel.set(xlabel="d / R", ylabel=name)
     panels[-1].legend(fontsize=7, ncols=2)
     figure.suptitle("Corner: squares solved in full models, dots from half models; bars: sigma of the row")
-    return figure
-
-
-def _mesh(c: Checked) -> Any:
-    figure, panels = _panels(3, (12, 3.6))
-    for panel, axis, name in zip(panels, (0, 2, 4), ("Fx [N]", "Fz [N]", "My [N m]"), strict=True):
-        for (h, d), by in c.study.wrench.items():
-            levels = sorted(by)
-            panel.plot(levels, [by[level][axis] for level in levels], "o-", label=f"h = {h:g} R, d = {d:g} R")
-        panel.set(xlabel="cells along each direction, relative", ylabel=name)
-    if c.study.wrench:
-        panels[0].legend(fontsize=7)
-    figure.suptitle("Mesh study")
     return figure

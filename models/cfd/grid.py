@@ -20,14 +20,12 @@ class Study:
 
     ``levels`` ascending; ``wrench`` (6,) by place and level. ``total`` and ``increment`` (6,): half of the spread over
     the levels, rms over the positions, of the wrench itself and of what it adds to free air on the same mesh.
-    ``richardson``: free lift on an infinitely fine mesh and the observed order, where the levels fall monotonically.
     """
 
     levels: tuple[float, ...]
     wrench: dict[Place, dict[float, Array]]
     total: Array
     increment: Array
-    richardson: tuple[float, float] | None
 
 
 def spread(rows: Sequence[Row], setup: Setup) -> Study:
@@ -46,29 +44,8 @@ def spread(rows: Sequence[Row], setup: Setup) -> Study:
     added = [
         [by[level] - free[level] for level in levels] for by in whole.values() if free is not None and by is not free
     ]
-    return Study(levels, whole, total, _rms([np.ptp(a, axis=0) / 2 for a in added]), _richardson(free, levels))
+    return Study(levels, whole, total, _rms([np.ptp(a, axis=0) / 2 for a in added]))
 
 
 def _rms(parts: Sequence[Array]) -> Array:
     return np.sqrt(np.mean(np.square(parts), axis=0)) if parts else np.zeros(6)
-
-
-def _richardson(free: dict[float, Array] | None, levels: tuple[float, ...]) -> tuple[float, float] | None:
-    """Lift at zero cell size and order, from the last three levels (Roache 1994, unequal ratios by bisection)."""
-    if free is None or len(levels) < 3:
-        return None
-    (coarse, middle, fine) = (float(free[level][2]) for level in levels[-3:])
-    if (fine - middle) * (middle - coarse) <= 0:
-        return None
-    r_fine, r_coarse = levels[-1] / levels[-2], levels[-2] / levels[-3]
-
-    def miss(order: float) -> float:
-        return float((middle - coarse) / (fine - middle) - r_fine**order * (r_coarse**order - 1) / (r_fine**order - 1))
-
-    low, high = 0.1, 8.0
-    if miss(low) * miss(high) > 0:
-        return None
-    for _ in range(60):
-        centre = (low + high) / 2
-        low, high = (centre, high) if miss(centre) * miss(low) > 0 else (low, centre)
-    return fine + (fine - middle) / (r_fine**low - 1), low

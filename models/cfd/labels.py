@@ -17,9 +17,9 @@ from models.frames import Array
 # Worst first.
 LABELLED = ("cycling", "drifting", "averaged", "marched", "steady")
 
-Kind = tuple[str, float, str]
-"""Model, level of the mesh and variant."""
-HALF: Kind = ("half", 1.0, "")
+Kind = tuple[str, float]
+"""Model and level of the mesh."""
+HALF: Kind = ("half", 1.0)
 
 
 @dataclass(frozen=True)
@@ -40,16 +40,16 @@ class Label:
 
 def kind_of(position: Position) -> Kind:
     """Kind of a case."""
-    return position.model, position.level, position.variant
+    return position.model, position.level
 
 
 def full_kind(rows: Sequence[Row], rpm: float) -> Kind:
-    """The kind of full model that was computed at most positions; the fan itself where two are equal."""
+    """The kind of full model that was computed at most positions; the finer mesh where two are equal."""
     places: dict[Kind, set[Place]] = {}
     for row in rows:
         if row.position.model == "full" and row.position.rpm == rpm and row.result.status in LABELLED:
             places.setdefault(kind_of(row.position), set()).add(row.position.place)
-    return max(places, key=lambda kind: (len(places[kind]), not kind[2], kind[1]), default=("full", 1.0, ""))
+    return max(places, key=lambda kind: (len(places[kind]), kind[1]), default=("full", 1.0))
 
 
 def labels(rows: Sequence[Row], rpm: float, kind: Kind = HALF) -> dict[Place, Label]:

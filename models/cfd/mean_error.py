@@ -31,13 +31,12 @@ WIDTH = 0.04
 class Misses:
     """By how much the means of some cases missed others that are known better.
 
-    ``h`` (n,) over R; ``size`` (n, 6) what was missed beyond the error of the better mean, nan where that is not known;
-    ``stated`` (n, 6) what each case by itself says of its error. Both at 1 rpm, N and N m, going as rpm^2.
+    ``h`` (n,) over R; ``size`` (n, 6) what was missed beyond the error of the better mean, nan where that is not known,
+    at 1 rpm, N and N m, going as rpm^2.
     """
 
     h: Array
     size: Array
-    stated: Array
 
     def near(self, h: float) -> Array:
         """Rms (6,) of ``size`` near that height; zero where nothing is known."""
@@ -63,20 +62,20 @@ class MeanError:
 
 
 def learn(rows: Sequence[Row]) -> MeanError:
-    """From all cases of one kind (model, mesh and variant)."""
-    circles: list[tuple[float, Array, Array]] = []
-    others: list[tuple[float, Array, Array]] = []
+    """From all cases of one kind (model and mesh)."""
+    circles: list[tuple[float, Array]] = []
+    others: list[tuple[float, Array]] = []
     for row in rows:
         p, r = row.position, row.result
         scale, forbidden = p.rpm**-2, TILT & math.isinf(p.d)
         mean, iterated = np.array(r.wrench), np.array(r.iterated)
         if in_circles(r):
-            circles.append((p.h, scale * np.where(forbidden, mean, np.nan), scale * own_error(r)))
+            circles.append((p.h, scale * np.where(forbidden, mean, np.nan)))
             continue
-        others.append((p.h, scale * np.where(forbidden, mean, np.nan), scale * own_error(r)))
+        others.append((p.h, scale * np.where(forbidden, mean, np.nan)))
         if np.isfinite(iterated).all() and np.isfinite(r.error).all():
             apart = np.sqrt(np.maximum((iterated - mean) ** 2 - np.square(r.error), 0.0))
-            circles.append((p.h, scale * np.where(forbidden, iterated, apart), scale * np.array(r.iterated_error)))
+            circles.append((p.h, scale * np.where(forbidden, iterated, apart)))
     model = rows[0].position.model if rows else ""
     return MeanError(_misses(circles, model), _misses(others, model))
 
@@ -98,14 +97,12 @@ def amplitude(result: Result) -> Array:
     return out
 
 
-def _misses(found: Sequence[tuple[float, Array, Array]], model: str) -> Misses:
+def _misses(found: Sequence[tuple[float, Array]], model: str) -> Misses:
     """Side forces and tilts are taken together over the directions solved: both, of a half model its mirror plane's."""
-    h = np.array([f[0] for f in found])
-    size, stated = (np.array([f[k] for f in found]).reshape(-1, 6) for k in (1, 2))
-    if model != "half":
-        for pair in ((0, 1), (3, 4)):
-            for values in (size, stated):
-                values[:, pair] = np.sqrt(np.mean(values[:, pair] ** 2, axis=1, keepdims=True))
-    else:
+    size = np.array([size for _, size in found]).reshape(-1, 6)
+    if model == "half":
         size[:, ODD] = 0.0
-    return Misses(h, size, stated)
+    else:
+        for pair in ((0, 1), (3, 4)):
+            size[:, pair] = np.sqrt(np.mean(size[:, pair] ** 2, axis=1, keepdims=True))
+    return Misses(np.array([h for h, _ in found]), size)

@@ -21,15 +21,15 @@ LAYERS = 3
 """Layers of cells in a disc: with one the source is unstable."""
 # First cell at a wall or ground against the mean cell of its direction.
 CLUSTER = 4.0
+LIP_TURN = math.pi / 4
+"""Angle of the points of the lip at which mesh lines leave it."""
 # Points on a curved edge of a block.
 CURVE_POINTS = 10
 # Cells of duct and hub that are solid, by column (axis to hub, hub to bore, bore to skin, skin to box): the rows.
 SOLID: dict[int, tuple[int, ...]] = {0: (2, 3, 4), 2: (1, 2, 3, 4, 5)}
-_TURN = "cyclic; transform rotational; rotationAxis (0 0 1); rotationCentre (0 0 0); neighbourPatch"
 KINDS = {
     **dict.fromkeys(("ground", "wall", "duct", "hub"), "wall;"),
-    **{"far": "patch;", "mirror": "symmetryPlane;", "axis": "patch;"},
-    **{"front": f"{_TURN} back;", "back": f"{_TURN} front;"},
+    **{"far": "patch;", "mirror": "symmetryPlane;"},
 }
 """Type of each patch."""
 
@@ -41,20 +41,15 @@ class Meridian:
         fan, rotor, mesh = setup.fan, setup.rotor, setup.mesh
         self.setup, self.position = setup, position
         self.scale_m = fan.radius_m
-        self.centre = fan.lip_foot
+        self.centre, self.lip = fan.lip_foot, fan.lip_thickness / 2
         lower = (rotor.lower_height, rotor.lower_height + rotor.thickness)
         upper = (rotor.upper_height, rotor.upper_height + rotor.thickness)
         bottom = -position.h if math.isfinite(position.h) else -mesh.far_below
         # Row 6 lies at 45 deg of the lip.
-        lip_z = self.centre + fan.lip_axes[2] * math.sin(fan.lip_turn)
+        lip_z = self.centre + self.lip * math.sin(LIP_TURN)
         self.z = np.array([bottom, fan.exit_height, *lower, *upper, lip_z, mesh.far])
         self.bore, self.skin = self._column_radii()
         self.rows = self._row_cells()
-
-    @property
-    def solid(self) -> dict[int, tuple[int, ...]]:
-        """Rows of cells that are hub or duct, by column."""
-        return SOLID if self.setup.fan.duct else {0: SOLID[0]}
 
     @property
     def bottom(self) -> str:
@@ -65,38 +60,18 @@ class Meridian:
         """Cells at this case's level."""
         return max(2, round(count * self.position.level))
 
-    def first(self, cell: float) -> float:
-        """First cell of a growing row; in the wedge's mesh study all meshes are alike."""
-        return cell / self.position.level if self.position.wedge else cell
-
-    def height(self, row: int, radius: float) -> float:
-        """Height of a point: the row's, but on the paraboloids that end the hub."""
-        fan = self.setup.fan
-        inside = max(0.0, 1.0 - (radius / fan.hub_radius) ** 2)
-        ends = {LOWER_ROW: -fan.hub_tail, UPPER_ROW + 1: fan.hub_nose}
-        return float(self.z[row] + ends.get(row, 0.0) * inside)
-
-    def hub_end(self, row: int, inner: float) -> Array:
-        """Points (n, 2) = (radius, z) between ``inner`` and the hub's radius on the end of the hub in that row."""
-        r = np.linspace(inner, self.setup.fan.hub_radius, CURVE_POINTS + 2)[1:-1]
-        return np.column_stack([r, [self.height(row, x) for x in r]])
-
     def cap(self) -> Array:
         """Points (n, 2) over the top of the lip from 45 deg inside to 45 deg outside."""
-        inner, outer, depth = self.setup.fan.lip_axes
-        turn = self.setup.fan.lip_turn
-        t = np.linspace(math.pi - turn, turn, 2 * CURVE_POINTS + 2)[1:-1]
-        side = np.where(t > math.pi / 2, inner, outer)
-        return np.column_stack([1 + inner + side * np.cos(t), self.centre + depth * np.sin(t)])
+        t = np.linspace(math.pi - LIP_TURN, LIP_TURN, 2 * CURVE_POINTS + 2)[1:-1]
+        return np.column_stack([1 + self.lip + self.lip * np.cos(t), self.centre + self.lip * np.sin(t)])
 
     def flank(self, *, outer: bool) -> Array:
         """Points (n, 2) from the upper disc's height up the straight part and to 45 deg of the lip."""
-        to_bore, to_skin, depth = self.setup.fan.lip_axes
-        crest, reach = 1 + to_bore, to_skin if outer else -to_bore
+        crest, reach = 1 + self.lip, self.lip if outer else -self.lip
         r0, z0 = (self.skin[5] if outer else 1.0), self.z[5]
         straight = np.linspace(0, 1, 6)[1:, None] * [crest + reach - r0, self.centre - z0] + [r0, z0]
-        t = np.linspace(0, self.setup.fan.lip_turn, CURVE_POINTS + 1)[1:-1]
-        bend = np.column_stack([crest + reach * np.cos(t), self.centre + depth * np.sin(t)])
+        t = np.linspace(0, LIP_TURN, CURVE_POINTS + 1)[1:-1]
+        bend = np.column_stack([crest + reach * np.cos(t), self.centre + self.lip * np.sin(t)])
         return np.concatenate([straight, bend])
 
     def grade_z(self, row: int) -> str:
@@ -104,9 +79,9 @@ class Meridian:
         if row == 0 and math.isfinite(self.position.h):
             return both_ends(CLUSTER)
         if row == 0:
-            return growing(self.z[1] - self.z[0], self.rows[0], self.first(0.06), downwards=True)
+            return growing(self.z[1] - self.z[0], self.rows[0], 0.06, downwards=True)
         if row == 6:
-            return growing(self.z[7] - self.z[6], self.rows[6], self.first(0.05))
+            return growing(self.z[7] - self.z[6], self.rows[6], 0.05)
         return "1"
 
     def grade_r(self, column: int) -> str:
@@ -114,15 +89,15 @@ class Meridian:
         if column == 1:
             return "((0.3 0.25 1) (0.7 0.75 0.35))"
         if column == 3:
-            return growing(self.setup.mesh.box - 1.3, self.n(self.setup.mesh.ring), self.first(0.03))
+            return growing(self.setup.mesh.box - 1.3, self.n(self.setup.mesh.ring), 0.03)
         if column == 4:
             room = self.setup.mesh.far - self.setup.mesh.box
-            return growing(room, self.n(self.setup.mesh.outer), self.first(0.2))
+            return growing(room, self.n(self.setup.mesh.outer), 0.2)
         return "1"
 
     def patch(self, row: int, column: int) -> dict[str, str]:
         """Patches of a ring's sides: ``low``, ``high``, ``inner``, ``outer``, where they are not inside the air."""
-        duct = self.solid.get(2, ())
+        duct = SOLID[2]
         return {
             side: name
             for side, name, here in (
@@ -142,20 +117,17 @@ class Meridian:
     def _column_radii(self) -> tuple[Array, Array]:
         """Radii over R of the bore line and of the skin line at each row of points."""
         fan = self.setup.fan
-        at_45_deg = 1 - math.cos(fan.lip_turn)
-        inner, outer, _ = fan.lip_axes
+        gone = self.lip * (1 - math.cos(LIP_TURN))
         bore, skin = np.ones(8), np.zeros(8)
         bore[1] = fan.exit_radius
         inside = (self.z > fan.exit_height) & (self.z < 0.0)
         bore[inside] = fan.exit_radius + (1 - fan.exit_radius) * (self.z[inside] - fan.exit_height) / -fan.exit_height
         along = (self.z[1:6] - fan.exit_height) / (self.centre - fan.exit_height)
         skin[1:6] = fan.exit_skin + along * (fan.lip_radius - fan.exit_skin)
-        bore[6], skin[6] = 1 + inner * at_45_deg, fan.lip_radius - outer * at_45_deg
+        bore[6], skin[6] = 1 + gone, fan.lip_radius - gone
         # The lines open below the duct and above the lip.
         bore[0], skin[0] = 0.97, min(fan.exit_skin + 0.12, fan.lip_radius)
         bore[7], skin[7] = 1.0, fan.lip_radius
-        if not fan.duct:
-            bore[:], skin[:] = 1.0, fan.lip_radius
         return bore, skin
 
     def _row_cells(self) -> list[int]:

@@ -13,7 +13,7 @@ import numpy as np
 
 from models.cfd.blocks import Blocks
 from models.cfd.config import Setup
-from models.cfd.meridian import CURVE_POINTS, KINDS, LOWER_ROW, UPPER_ROW, Meridian, both_ends, growing
+from models.cfd.meridian import CURVE_POINTS, KINDS, LOWER_ROW, SOLID, UPPER_ROW, Meridian, both_ends, growing
 from models.cfd.position import Position
 from models.frames import Array
 
@@ -65,7 +65,7 @@ class _Builder:
 
     def _on_circle(self, row: int, radius: float, angle: float) -> int:
         m = self.scale_m
-        z = self.meridian.height(row, radius)
+        z = self.meridian.z[row]
         return self.out.vertex((m * radius * math.cos(angle), m * radius * math.sin(angle), m * z))
 
     def _on_box(self, row: int, angle: float) -> int:
@@ -104,7 +104,7 @@ class _Builder:
         hub = np.full(8, self.setup.fan.hub_radius)
         radii = [CORE * hub, hub, self.meridian.bore, self.meridian.skin]
         counts = [self.n(mesh.hub), self.n(mesh.bore), self.n(mesh.lip), self.n(mesh.ring)]
-        solid = {column: row in rows for column, rows in self.meridian.solid.items()}
+        solid = {column: row in rows for column, rows in SOLID.items()}
         grade_z = self.meridian.grade_z(row)
         for column in range(4):
             if solid.get(column, False):
@@ -138,22 +138,16 @@ class _Builder:
         t = np.linspace(a, b, CURVE_POINTS + 2)[1:-1]
         m = self.scale_m
         points = np.column_stack(
-            [m * radius * np.cos(t), m * radius * np.sin(t), np.full_like(t, m * self.meridian.height(row, radius))]
+            [m * radius * np.cos(t), m * radius * np.sin(t), np.full_like(t, m * self.meridian.z[row])]
         )
         self.out.curve(p, q, points)
 
     def _curves(self, row: int, column: int, angles: tuple[float, float], lo: list[int], hi: list[int]) -> None:
-        """The hub's ends, and the lip: its inner and outer eighths belong to row 5, the cap to the column of row 6."""
-        line, core = self.meridian, CORE * self.setup.fan.hub_radius
+        """The lip: its inner and outer eighths belong to row 5, the cap to the column of row 6."""
+        line = self.meridian
         for k, angle in enumerate(angles):
             near, far = (0, 1) if k == 0 else (3, 2)
-            if row == UPPER_ROW + 1 and column == 0 and self.setup.fan.hub_nose:
-                self._curve(lo[near], lo[far], angle, line.hub_end(row, core))
-            elif row == LOWER_ROW - 1 and column == 0 and self.setup.fan.hub_tail:
-                self._curve(hi[near], hi[far], angle, line.hub_end(LOWER_ROW, core))
-            elif not self.setup.fan.duct:
-                continue
-            elif row == 5 and column == 1:
+            if row == 5 and column == 1:
                 self._curve(lo[far], hi[far], angle, line.flank(outer=False))
             elif row == 5 and column == 3:
                 self._curve(lo[near], hi[near], angle, line.flank(outer=True))

@@ -17,7 +17,7 @@ from functools import cache
 
 import numpy as np
 
-from models.cfd.config import Setup
+from models.cfd.config import Rotor, Setup
 from models.errors import ConfigError
 from models.frames import Array
 
@@ -60,30 +60,23 @@ def stations(setup: Setup, rpm: float, section: Section, tip_pitch_deg: float) -
     fan = setup.fan
     tip_speed = rpm * 2 * math.pi / 60 * fan.radius_m
     out = []
-    for x, chord, pitch, name in _rows(setup, tip_pitch_deg):
+    for x, pitch in _pitches(setup.rotor, tip_pitch_deg):
         speed = tip_speed * math.hypot(x, INFLOW_RATIO)
-        reynolds = speed * chord / setup.air.viscosity_m2_s
-        cl, cd = _smooth(neural_section(name) if name else section, reynolds)
+        reynolds = speed * setup.rotor.chord_m / setup.air.viscosity_m2_s
+        cl, cd = _smooth(section, reynolds)
         phi = np.radians(pitch - ANGLES_DEG)
         axial = cl * np.cos(phi) - cd * np.sin(phi)
         tangential = cl * np.sin(phi) + cd * np.cos(phi)
-        out.append(Station(x * fan.radius_m, chord, pitch, reynolds, axial, tangential))
+        out.append(Station(x * fan.radius_m, setup.rotor.chord_m, pitch, reynolds, axial, tangential))
     return tuple(out)
 
 
-def _rows(setup: Setup, tip_pitch_deg: float) -> list[tuple[float, float, float, str]]:
-    """Radius over R, chord [m], pitch [deg] and own section (or none), from hub to tip."""
-    rotor = setup.rotor
-    if rotor.blade:
-        names = rotor.sections or ("",) * len(rotor.blade)
-        return [
-            (x, chord * setup.fan.radius_m, pitch + rotor.pitch_change_deg, name)
-            for (x, chord, pitch), name in zip(rotor.blade, names, strict=True)
-        ]
+def _pitches(rotor: Rotor, tip_pitch_deg: float) -> list[tuple[float, float]]:
+    """Radius over R and pitch [deg], from hub to tip."""
     radii = np.linspace(rotor.root_radius, rotor.tip_radius, rotor.stations)
     shares = (radii - rotor.root_radius) / (rotor.tip_radius - rotor.root_radius)
-    pitches = rotor.root_pitch_deg + rotor.pitch_change_deg + shares * (tip_pitch_deg - rotor.root_pitch_deg)
-    return [(float(x), rotor.chord_m, float(p), "") for x, p in zip(radii, pitches, strict=True)]
+    pitches = rotor.root_pitch_deg + shares * (tip_pitch_deg - rotor.root_pitch_deg)
+    return [(float(x), float(p)) for x, p in zip(radii, pitches, strict=True)]
 
 
 def _smooth(section: Section, reynolds: float) -> tuple[Array, Array]:

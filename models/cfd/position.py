@@ -1,4 +1,4 @@
-"""Where the fan stands in one case, and in which variant it is computed."""
+"""Where the fan stands in one case."""
 
 from __future__ import annotations
 
@@ -23,13 +23,8 @@ def near(place: Place) -> Array:
     return np.array([1.0 / (0.5 + v) for v in place])
 
 
-MODELS = {
-    "half": (False, False),
-    "full": (False, True),
-    "wedge": (True, True),
-    "wedge_no_swirl": (True, False),
-}
-"""Name of a model -> (wedge, swirl)."""
+MODELS = {"half": False, "full": True}
+"""Name of a model -> with swirl or without."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +33,7 @@ class Position:
 
     ``swirl`` False: half model, mirror plane y = 0, rotors without swirl (each disc half this way, half that way
     round), so Fy = Mx = Mz = 0 by symmetry. True: whole fan, upper rotor turns clockwise seen from above, the lower
-    one against it. ``wedge``: axisymmetric, with swirl or without, ``d`` = inf.
+    one against it.
     """
 
     h: float
@@ -48,21 +43,17 @@ class Position:
     level: float = 1.0
     approach: str = "near"
     """The start: ``near`` (nearest finished case), ``wall`` (one nearer to the wall), ``far`` (no ground), ``rest``."""
-    wedge: bool = False
-    variant: str = ""
-    """Name of a variant of the fan file, or the fan itself."""
 
     @property
     def model(self) -> str:
-        """``half``, ``full``, ``wedge`` or ``wedge_no_swirl``."""
-        return next(name for name, kind in MODELS.items() if kind == (self.wedge, self.swirl))
+        """``half`` or ``full``."""
+        return "full" if self.swirl else "half"
 
     @property
     def key(self) -> str:
         """Name of the case's folder and of its row."""
-        variant = f"_{self.variant}" if self.variant else ""
         start = "" if self.approach == "near" else f"_from_{self.approach}"
-        return f"{self.model}_h{self.h:g}_d{self.d:g}_l{self.level:g}{variant}{start}_n{self.rpm:g}"
+        return f"{self.model}_h{self.h:g}_d{self.d:g}_l{self.level:g}{start}_n{self.rpm:g}"
 
     @property
     def place(self) -> Place:
@@ -85,7 +76,5 @@ def check(setup: Setup, position: Position) -> None:
             f"{'intersects' if position.d <= 0 else 'is too close to'} the wall; "
             f"use more than {LEAST_GAP:g} R"
         )
-    if position.wedge and math.isfinite(position.d):
-        raise ConfigError(f"case {position.key}: a wedge stands for the whole turn and has no wall; use d = inf")
     if not (math.isfinite(position.rpm) and position.rpm > 0):
         raise ConfigError(f"case {position.key}: rpm must be positive")

@@ -17,7 +17,7 @@ from models.frames import AXES
 UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
 PARTS = ("upper", "lower", "duct")
 COLUMNS = (
-    *("model", "variant", "h_over_r", "d_over_r", "rpm", "level", "approach", "status"),
+    *("model", "h_over_r", "d_over_r", "rpm", "level", "approach", "status"),
     *(f"{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)),
     *(f"swing_{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)),
     *(f"drift_{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)),
@@ -38,7 +38,7 @@ def write(path: Path, rows: Sequence[Row]) -> None:
         numbers = (*r.wrench, *r.swing, *r.drift, *r.parts, *r.error, *r.iterated, *r.iterated_error)
         out.writerow(
             [
-                *(p.model, p.variant, f"{p.h:g}", f"{p.d:g}", f"{p.rpm:g}", f"{p.level:g}", p.approach),
+                *(p.model, f"{p.h:g}", f"{p.d:g}", f"{p.rpm:g}", f"{p.level:g}", p.approach),
                 *(r.status, *(f"{v:.6g}" for v in numbers), r.cells, r.iterations, r.steps, f"{r.seconds:.0f}"),
                 *(r.start, r.note),
             ]
@@ -74,13 +74,12 @@ def _row(cell: dict[str, str]) -> Row:
 
     if cell["model"] not in MODELS:
         raise ValueError(f"model '{cell['model']}' is none of {', '.join(MODELS)}")
-    wedge, swirl = MODELS[cell["model"]]
     h, d, rpm, level = (float(cell[name]) for name in ("h_over_r", "d_over_r", "rpm", "level"))
     if any(math.isnan(v) for v in (h, d, rpm, level)):
         raise ValueError("h, d, rpm and level must be numbers")
     upper, lower, duct = (float(cell[f"Fz_{part}_N"]) for part in PARTS)
     return Row(
-        Position(h, d, rpm, swirl, level, cell["approach"], wedge=wedge, variant=cell["variant"]),
+        Position(h, d, rpm, MODELS[cell["model"]], level, cell["approach"]),
         Result(
             wrench=six(""),
             swing=six("swing_"),

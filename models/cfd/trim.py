@@ -21,10 +21,10 @@ FIRST_STEP_DEG = 1.0
 """First change of a pitch."""
 TOLERANCE = 0.002
 """Of the lift, and of lift times R for the net torque."""
-MOST = 6
-"""Cases of a secant search for one pitch before it is refused."""
-MOST_PAIR = 8
-"""The same for two pitches, whose first three cases only give the slopes."""
+MOST = 5
+"""Steps before it is refused, beyond the cases that give the first slopes."""
+LEAST_DEG, MOST_DEG = -10.0, 60.0
+"""Pitches that a blade can have."""
 
 Report = Callable[[tuple[float, ...], Result], None]
 
@@ -32,18 +32,13 @@ Report = Callable[[tuple[float, ...], Result], None]
 def trim(
     folder: Path, setup: Setup, section: Section, model: str, report: Report = lambda *_: None
 ) -> tuple[tuple[float, ...], Result]:
-    """Tip pitch [deg] of both discs as one (``half``) or of upper and lower disc (``full``, ``wedge``), and the case.
+    """Tip pitch [deg] of both discs as one (``half``) or of upper and lower disc (``full``), and the case.
 
-    Half model: the lift is ``hover_lift_n`` within 0.2 %, by the secant rule. With swirl also the net torque is zero
-    within 0.2 % of lift times R, by Broyden's rule. Raises ConfigError where the rule does not get there.
+    Half model: the lift is ``hover_lift_n`` within 0.2 %. With swirl also the net torque is zero within 0.2 % of lift
+    times R. Raises ConfigError where Broyden's rule does not get there.
     """
-    if setup.rotor.blade or setup.rotor.rotors == 1:
-        raise ConfigError(
-            "trim: sets the tip pitch of two straight blades; this fan file has one rotor or a blade table"
-        )
     foam.require()
-    cases = _Cases(folder, setup, section, model, report)
-    return cases.secant() if model == "half" else cases.broyden()
+    return _Cases(folder, setup, section, model, report).broyden()
 
 
 class _Cases:
@@ -51,96 +46,71 @@ class _Cases:
 
     def __init__(self, folder: Path, setup: Setup, section: Section, model: str, report: Report) -> None:
         self.folder, self.setup, self.section, self.report = folder, setup, section, report
-        level = {"half": 1.0, "full": setup.campaign.full_level, "wedge": setup.campaign.wedge_levels[0]}[model]
+        level = setup.campaign.full_level if model == "full" else 1.0
         rpm = setup.rotor.hover_rpm
-        self.position = Position(math.inf, math.inf, rpm, model != "half", level, wedge=model == "wedge")
+        self.position = Position(math.inf, math.inf, rpm, model == "full", level)
         self.neighbour: Path | None = None
 
-    def compute(self, pitch: tuple[float, ...]) -> Result:
+    def compute(self, pitch: Array) -> Result:
         rotor = _pitched(self.setup.rotor, pitch)
         here = replace(self.setup, rotor=rotor)
         case = self.folder / ("trim_" + "_".join(f"{p:.3f}" for p in pitch)) / self.position.key
         case.parent.mkdir(parents=True, exist_ok=True)
         tables = blades(here, rotor.hover_rpm, self.section, swirl=self.position.swirl)
         result = compute(case, here, self.position, tables, self.neighbour, march=False)
-        self.report(pitch, result)
+        self.report(_floats(pitch), result)
         if not math.isfinite(result.wrench[2]):
             raise ConfigError(f"trim: free air at {_degrees(pitch)} {result.status}; see {case / 'log'}")
         self.neighbour = case
         return result
 
-    def secant(self) -> tuple[tuple[float, ...], Result]:
-        rotor = self.setup.rotor
-        known: list[tuple[float, float]] = []
-        pitch = rotor.tip_pitch_deg
-        for _ in range(MOST):
-            result = self.compute((pitch,))
-            lift = result.wrench[2]
-            if abs(lift / rotor.hover_lift_n - 1.0) <= TOLERANCE:
-                return (pitch,), result
-            known.append((pitch, lift))
-            if len(known) == 1:
-                pitch += math.copysign(FIRST_STEP_DEG, rotor.hover_lift_n - lift)
-            else:
-                (a, lift_a), (b, lift_b) = known[-2:]
-                if lift_a == lift_b:
-                    break
-                pitch = b + (rotor.hover_lift_n - lift_b) * (b - a) / (lift_b - lift_a)
-            if not _possible(pitch):
-                break
-        raise ConfigError(
-            f"trim: no tip pitch lifts {rotor.hover_lift_n:g} N at {rotor.hover_rpm:g} rpm; "
-            "check chord_m, blades and section"
-        )
-
     def broyden(self) -> tuple[tuple[float, ...], Result]:
-        pitch = np.array(self.setup.rotor.swirl_tip_pitch_deg)
-        result = self.compute(_pair(pitch))
+        """Pitches and their case, by Broyden's rule: of one pitch it is the secant rule."""
+        rotor = self.setup.rotor
+        pitch = np.array(rotor.swirl_tip_pitch_deg if self.position.swirl else [rotor.tip_pitch_deg])
+        result = self.compute(pitch)
         miss = self._miss(result)
-        if _small(miss):
-            return _pair(pitch), result
-        columns = [self._miss(self.compute(_pair(pitch + step))) - miss for step in FIRST_STEP_DEG * np.eye(2)]
+        if np.all(np.abs(miss) <= TOLERANCE):
+            return _floats(pitch), result
+        columns = [self._miss(self.compute(pitch + step)) - miss for step in FIRST_STEP_DEG * np.eye(len(pitch))]
         slope = np.column_stack(columns) / FIRST_STEP_DEG
-        for _ in range(MOST_PAIR - 3):
+        for _ in range(MOST):
             if abs(np.linalg.det(slope)) < 1e-9:
                 break
             step = -np.linalg.solve(slope, miss)
             pitch = pitch + step
-            if not all(_possible(p) for p in pitch):
+            if not np.all((pitch > LEAST_DEG) & (pitch < MOST_DEG)):
                 break
-            result = self.compute(_pair(pitch))
+            result = self.compute(pitch)
             before, miss = miss, self._miss(result)
-            if _small(miss):
-                return _pair(pitch), result
+            if np.all(np.abs(miss) <= TOLERANCE):
+                return _floats(pitch), result
             slope += np.outer(miss - before - slope @ step, step) / (step @ step)
+        off = f"{miss[0]:+.2%} of the lift"
+        if self.position.swirl:
+            off += f" and a net torque of {miss[1]:+.2%} of lift x R"
         raise ConfigError(
-            f"trim: does not converge: {_degrees(_pair(pitch))} leave {miss[0]:+.2%} of the lift and a net torque of "
-            f"{miss[1]:+.2%} of lift x R; check blades, chord_m, section and the pitches to start from"
+            f"trim: does not converge: {_degrees(pitch)} leave {off}; check blades, chord_m, section and the "
+            "pitches to start from"
         )
 
     def _miss(self, result: Result) -> Array:
-        """Lift and net torque (2,) beyond what they should be, over the lift and over lift times R."""
+        """Lift beyond what it should be, over the lift; with swirl also the net torque over lift times R."""
         rotor = self.setup.rotor
         lift, torque = result.wrench[2], result.wrench[5]
-        radius = self.setup.fan.radius_m
-        return np.array([lift / rotor.hover_lift_n - 1.0, torque / (rotor.hover_lift_n * radius)])
+        off = [lift / rotor.hover_lift_n - 1.0, torque / (rotor.hover_lift_n * self.setup.fan.radius_m)]
+        return np.array(off if self.position.swirl else off[:1])
 
 
-def _pitched(rotor: Rotor, pitch: tuple[float, ...]) -> Rotor:
-    return replace(rotor, tip_pitch_deg=pitch[0]) if len(pitch) == 1 else replace(rotor, swirl_tip_pitch_deg=pitch)
+def _pitched(rotor: Rotor, pitch: Array) -> Rotor:
+    if len(pitch) == 1:
+        return replace(rotor, tip_pitch_deg=float(pitch[0]))
+    return replace(rotor, swirl_tip_pitch_deg=_floats(pitch))
 
 
-def _pair(pitch: Array) -> tuple[float, ...]:
-    return float(pitch[0]), float(pitch[1])
+def _floats(pitch: Array) -> tuple[float, ...]:
+    return tuple(pitch.tolist())
 
 
-def _small(miss: Array) -> bool:
-    return bool(np.all(np.abs(miss) <= TOLERANCE))
-
-
-def _possible(pitch: float) -> bool:
-    return -10.0 < pitch < 60.0
-
-
-def _degrees(pitch: tuple[float, ...]) -> str:
+def _degrees(pitch: Array) -> str:
     return " and ".join(f"{p:.2f}" for p in pitch) + " deg"

@@ -31,13 +31,6 @@ class Domain:
     rpm_low: float
     rpm_high: float
 
-    def __post_init__(self) -> None:
-        """Keep the map's cells as plain numbers too, value = a + b fx + fy (c + d fx): quick to reach at one point."""
-        m = self.map
-        a, b, c = m[:-1, :-1], m[1:, :-1] - m[:-1, :-1], m[:-1, 1:] - m[:-1, :-1]
-        cells = np.stack([a, b, c, m[1:, 1:] - m[1:, :-1] - c], axis=-1)
-        object.__setattr__(self, "_cells", [[tuple(cell) for cell in row] for row in cells.tolist()])
-
     def trust(self, x: Array, h: Array, d: Array, rpm: Array) -> Array:
         """Trust (n,) at coordinates x (n, >= 2) that belong to h, d, rpm (n,)."""
         with np.errstate(invalid="ignore"):
@@ -52,36 +45,21 @@ class Domain:
         )
         out = inside * _near(h, self.h_near) * _near(d, self.d_near)
         with np.errstate(invalid="ignore"):
-            low = (rpm / self.rpm_low - (1 - SPEED_MARGIN)) / SPEED_MARGIN
-            high = ((1 + SPEED_MARGIN) - rpm / self.rpm_high) / SPEED_MARGIN
-            out = out * np.clip(np.minimum(low, high), 0.0, 1.0)
+            out = out * self.at_speeds(rpm)
         result: Array = np.where(known & ~np.isnan(out), out, 0.0)
         return result
 
-    def point(self, xh: float, xd: float, h: float, d: float, rpm: float) -> float:
-        """Trust at one point; the same as ``trust``."""
-        px, py = (xh + 1.0) * PER_UNIT, (xd + 1.0) * PER_UNIT
-        i, j = int(px), int(py)
-        if i > LAST_CELL:
-            i = LAST_CELL
-        if j > LAST_CELL:
-            j = LAST_CELL
-        a, b, c, e = self._cells[i][j]  # type: ignore[attr-defined]
-        fx = px - i
-        out: float = a + b * fx + (py - j) * (c + e * fx)
-        if h < self.h_near:
-            out *= max(0.0, (h / self.h_near - NEAR_MARGIN) / (1 - NEAR_MARGIN))
-        if d < self.d_near:
-            out *= max(0.0, (d / self.d_near - NEAR_MARGIN) / (1 - NEAR_MARGIN))
-        return out * self.at_speed(rpm)
+    def at_speeds(self, rpm: Array) -> Array:
+        """The factor of the rotor speed in ``trust``, shape of ``rpm``: 1 within the data's."""
+        low = (rpm / self.rpm_low - (1 - SPEED_MARGIN)) / SPEED_MARGIN
+        high = ((1 + SPEED_MARGIN) - rpm / self.rpm_high) / SPEED_MARGIN
+        return np.clip(np.minimum(low, high), 0.0, 1.0)
 
     def at_speed(self, rpm: float) -> float:
-        """The factor of the rotor speed in ``trust``: 1 within the data's."""
-        if rpm < self.rpm_low:
-            return max(0.0, (rpm / self.rpm_low - (1 - SPEED_MARGIN)) / SPEED_MARGIN)
-        if rpm > self.rpm_high:
-            return max(0.0, ((1 + SPEED_MARGIN) - rpm / self.rpm_high) / SPEED_MARGIN)
-        return 1.0
+        """``at_speeds`` of one speed, in plain floats: asked for at every setpoint."""
+        low = (rpm / self.rpm_low - (1 - SPEED_MARGIN)) / SPEED_MARGIN
+        high = ((1 + SPEED_MARGIN) - rpm / self.rpm_high) / SPEED_MARGIN
+        return max(0.0, min(low, high, 1.0))
 
     def arrays(self) -> dict[str, Array]:
         """What weights.npz holds."""

@@ -13,9 +13,7 @@ from models.surrogate.fan_surrogate import Calibration, FanSurrogate
 from models.surrogate.free_air import FreeAir
 from models.surrogate.polynomial import PolynomialRegressor
 from models.vehicle import Vehicle
-
-# Any speed would do: without a model thrust goes as rpm^2.
-REFERENCE_RPM = 4000.0
+from models.vehicle_wrench import REFERENCE_RPM
 
 
 def empty_model(vehicle: Vehicle) -> FanSurrogate:
@@ -46,4 +44,4 @@ def declared_thrust(vehicle: Vehicle) -> np.ndarray:
 
 def is_empty(model: FanSurrogate) -> bool:
     """True for a model that says nothing about ground and wall and has no adopted effect."""
-    return not model.effects and getattr(model, "info", {}).get("method") == "none"
+    return not model.effects and model.info.get("method") == "none"

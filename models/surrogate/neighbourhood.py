@@ -91,7 +91,7 @@ def expand(model: FanSurrogate, rpm: Sequence[float], h_m: Sequence[float], d_m:
         return Neighbourhood(centres, ())
     x, y, r = (_STEPS * (STEP_M, STEP_M, SPEED_STEP)).T[:, :, None]
     speeds = np.array(rpm) * (1.0 + r)
-    by_speed = np.vectorize(model.domain.at_speed, otypes=[float])(speeds)
+    by_speed = model.domain.at_speeds(speeds)
     if not by_speed.all():
         return Neighbourhood(centres, ())
     answer, lift = model.query(np.array(h_m) + x, np.array(d_m) + y, speeds), model.free_air_law.lift(speeds)

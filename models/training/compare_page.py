@@ -11,6 +11,7 @@ import numpy as np
 
 from models.frames import AXES
 from models.pages.document import document, folded, items, pictures, table, verdict, write_document
+from models.training.compare import text
 
 
 def write_page(directory: Path, numbers: Mapping[str, Any], command: str) -> Path:
@@ -27,10 +28,6 @@ def page(numbers: Mapping[str, Any], figures: list[Path], command: str) -> str:
         f"{numbers['splits']} splits by place, seed {numbers['seed']}."
     )
     steps = [f"Next: {command}", f"Why: {use['why']}."]
-    claims = [
-        [escape(c["claim"]), "reproduced" if c["reproduced"] else "<b>not reproduced</b>", escape(c["evidence"])]
-        for c in numbers["claims"]
-    ]
     return document(
         "Surrogates compared",
         [
@@ -42,9 +39,7 @@ def page(numbers: Mapping[str, Any], figures: list[Path], command: str) -> str:
             "never saw: 1 is perfect, 0 as good as the mean. Regions: error where a whole region was left out, over "
             "the increments there; 1 is as bad as no model.</p>",
             table(("method", "mean R²", "worst component", "regions"), _methods(numbers), numbers=(1, 2, 3)),
-            folded("R² of every component", _components(numbers)),
-            folded("Lift at 4000 rpm", _lift(numbers)),
-            folded("What the paper states, and what comes out here", table(("statement", "", "numbers"), claims)),
+            folded("Every table, and what the paper states", f"<pre>{escape(text(numbers))}</pre>"),
             "<h2>Figures</h2>",
             pictures(figures),
         ],
@@ -65,24 +60,3 @@ def _methods(numbers: Mapping[str, Any]) -> list[list[str]]:
         [f"<b>{escape(m)}</b>" if m == chosen else escape(m), f"{mean:.3f}", worst, error]
         for mean, m, worst, error in sorted(out, reverse=True)
     ]
-
-
-def _components(numbers: Mapping[str, Any]) -> str:
-    def cell(c: Mapping[str, float | None]) -> str:
-        if c["test"] is None:
-            return "constant"
-        return f"{c['test']:.3f}" + (
-            "" if c["test_sd"] is None else f' <span class="dim small">± {c["test_sd"]:.3f}</span>'
-        )
-
-    rows = [[escape(m), *(cell(row[a]) for a in AXES)] for m, row in numbers["table2"]["honest"].items()]
-    return table(("method", *AXES), rows, numbers=range(1, 7))
-
-
-def _lift(numbers: Mapping[str, Any]) -> str:
-    rows = [
-        [escape(m), f"{r['mse_train']:.2e}", f"{r['mse_test']:.2e}", f"{r['roughness']:.3f}"]
-        for m, r in numbers["table3"].items()
-    ]
-    head = ("method", "mean squared error, learnt [N²]", "not seen [N²]", "roughness [N]")
-    return table(head, rows, numbers=(1, 2, 3))

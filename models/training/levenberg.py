@@ -1,22 +1,16 @@
-"""Levenberg-Marquardt for one small tanh net: damped Gauss-Newton, which converges where Adam has not yet."""
+"""Levenberg-Marquardt for one small tanh net, which converges where Adam has not yet."""
 
 from __future__ import annotations
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from models.frames import Array
 
-# Most steps of one net.
-ITERATIONS = 150
-# Over where this many steps take off less than half a per cent.
-PATIENCE, STANDSTILL = 10, 0.995
+# Most evaluations of one net, and the share of the cost below which a step ends it.
+EVALUATIONS, STANDSTILL = 300, 1e-4
 # Keeps the normal equations regular; far below what smooths.
 LEAST_DECAY = 1e-7
-DAMPING = (1e-2, 3.0, 4.0)
-"""Start, divisor after a step that helps, factor after one that does not (Marquardt 1963; any values near these do)."""
-LEAST_DAMPING = 1e-9
-TRIALS = 8
-"""Dampings tried for one step: the last is 4^8 times the first, a step along the gradient."""
 
 
 def train(
@@ -29,44 +23,24 @@ def train(
     n, n_in = x.shape
     x1 = np.concatenate([x, np.ones((n, 1))], axis=1)
     split = (n_in + 1) * hidden
-    theta = np.concatenate([rng.uniform(-2.0, 2.0, split), rng.uniform(-0.3, 0.3, hidden + 1)])
+    start = np.concatenate([rng.uniform(-2.0, 2.0, split), rng.uniform(-0.3, 0.3, hidden + 1)])
+    shrink = np.sqrt(decay * n) * np.eye(start.size)
 
-    def forward(t: Array) -> tuple[Array, Array, float]:
-        z = np.tanh(x1 @ t[:split].reshape(n_in + 1, hidden))
-        error = gate * (z @ t[split:-1] + t[-1]) - y
-        return z, error, float(error @ error) / n + decay * float(t @ t)
+    def inner(theta: Array) -> Array:
+        return np.tanh(x1 @ theta[:split].reshape(n_in + 1, hidden))
 
-    damping, relax, stiffen = DAMPING
-    z, error, cost = forward(theta)
-    jacobian = np.empty((n, theta.size))
-    past = np.inf
-    for iteration in range(ITERATIONS):
-        if iteration % PATIENCE == 0:
-            if cost > STANDSTILL * past:
-                break
-            past = cost
+    def residuals(theta: Array) -> Array:
+        return np.concatenate([gate * (inner(theta) @ theta[split:-1] + theta[-1]) - y, shrink @ theta])
+
+    def jacobian(theta: Array) -> Array:
+        z = inner(theta)
         slope = (1.0 - z * z) * theta[split:-1] * gate[:, None]
-        for i in range(n_in + 1):
-            np.multiply(x1[:, [i]], slope, out=jacobian[:, i * hidden : (i + 1) * hidden])
-        np.multiply(z, gate[:, None], out=jacobian[:, split:-1])
-        jacobian[:, -1] = gate
-        normal = jacobian.T @ jacobian / n
-        normal[np.diag_indices_from(normal)] += decay
-        gradient = jacobian.T @ error / n + decay * theta
-        before = cost
-        for _ in range(TRIALS):
-            step = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), gradient)
-            trial = forward(theta - step)
-            if trial[2] < cost:
-                theta = theta - step
-                z, error, cost = trial
-                damping = max(damping / relax, LEAST_DAMPING)
-                break
-            damping *= stiffen
-        if cost >= before:
-            break
+        by_w = (x1[:, :, None] * slope[:, None, :]).reshape(n, split)
+        return np.concatenate([np.column_stack([by_w, z * gate[:, None], gate]), shrink])
+
+    theta = least_squares(residuals, start, jacobian, method="lm", ftol=STANDSTILL, max_nfev=EVALUATIONS).x
     return (
-        theta[:split].reshape(n_in + 1, hidden)[:-1],
+        theta[: split - hidden].reshape(n_in, hidden),
         theta[split - hidden : split],
         theta[split:-1],
         float(theta[-1]),

@@ -11,7 +11,7 @@ import numpy as np
 from models import paper_page
 from models.frames import AXES, Array
 from models.paper_page import Entry
-from models.training.compare import LIFT, PAPER_TABLE_2, RPM, Comparison, text
+from models.training.compare import LIFT, PAPER_TABLE_2, RPM, Comparison
 from models.training.train import PAPER_METHODS, r_squared
 
 # Percentage errors are undefined where a component crosses zero: the divisor is never below this share of its range.
@@ -20,8 +20,8 @@ DOTS_PER_INCH = 80
 NAMES = {"bp": "BP", "ga-bp": "GA-BP", "adam-bp": "Adam-BP", "ga-adam-bp": "GA-Adam-BP"}
 
 
-def write_report(directory: Path, result: Comparison) -> None:
-    """Write report.md, the figures and their page beside the paper's statements into ``directory``."""
+def write_figures(directory: Path, result: Comparison) -> None:
+    """Write the figures, and their page beside the paper's statements, into ``directory``."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -37,9 +37,6 @@ def write_report(directory: Path, result: Comparison) -> None:
     for name, figure in figures.items():
         figure.savefig(directory / name, dpi=DOTS_PER_INCH)
         figure.clear()
-    links = [f"![{name.removesuffix('.png').replace('_', ' ')}]({name})" for name in figures]
-    page = "\n\n".join(["# Surrogates compared", text(result.numbers), *links])
-    (directory / "report.md").write_text(page + "\n", encoding="utf-8")
     paper_page.add(directory, entries(result))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,6 @@ from models.surrogate.fan_surrogate import Calibration, FanSurrogate, Regressor
 from models.surrogate.free_air import FreeAir
 from models.surrogate.net_ensemble import NetEnsemble
 from models.training import calibration, evidence, genetic, levenberg
-from models.training.adam import Adam, Descent, Rule
 from models.training.calibration import Unseen
 
 PAPER_METHODS = ("bp", "ga-bp", "adam-bp", "ga-adam-bp")
@@ -314,15 +314,15 @@ def learn(
     if method.startswith("ga-"):
         seen = np.sort(rng.choice(rows, min(rows, GA_ROWS), replace=False))
         small = network.Batch.of(x[:, seen], gate[:, seen], y[:, seen], weight[:, seen])
-        evaluate = network.PopulationError(small, hidden)
+        evaluate = partial(network.population_errors, batch=small, hidden=hidden)
         start, _ = genetic.evolve(evaluate, nets, network.genes(hidden), rng, tick=_tick(progress, "genetic algorithm"))
     else:
         start = rng.uniform(-1.0, 1.0, (nets, network.genes(hidden)))
     if mask is not None:
         start = start * mask
-    rule: Rule = Adam(rate) if "adam" in method else Descent()
-    batch = network.Batch.of(x, gate, y, weight)
-    return network.descend(start, batch, hidden, rule, epochs, mask=mask, tick=_tick(progress, "descent"))
+    batch, adam_rate = network.Batch.of(x, gate, y, weight), rate if "adam" in method else None
+    tick = _tick(progress, "descent")
+    return network.descend(start, batch, hidden, epochs, adam_rate=adam_rate, mask=mask, tick=tick)
 
 
 def scan_hidden(

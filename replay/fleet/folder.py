@@ -87,7 +87,7 @@ def _tell(
     notes: list[str],
     old: int,
 ) -> int:
-    from replay.cli import write_json
+    from models.json_file import write_json
 
     try:
         table = write_table(out, [row(answer) for answer in answers])

@@ -29,18 +29,17 @@ _READ_AS_A_WHOLE = (".ulg",)
 def run_local(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, dict[str, Any]]]:
     """Answers in the order in which they come. One fresh process a log, so that memory is given back after each.
 
-    Logs wait for one another where together they would not fit into memory.
+    No more at a time than fit into memory together, each taken for the one that needs most.
     """
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process a core is enough
     context = mp.get_context("forkserver")
     context.set_forkserver_preload(_PRELOAD)
-    memory = _Memory(_physical_bytes() * _MEMORY_SHARE)
+    fit = int(_physical_bytes() * _MEMORY_SHARE / max(map(needed_bytes, jobs)))
+    workers = max(min(workers, fit), 1)
     stop = threading.Event()
     pool = ThreadPoolExecutor(workers)
     try:
-        futures: dict[Future[dict[str, Any]], Job] = {
-            pool.submit(_in_process, context, job, memory, stop): job for job in jobs
-        }
+        futures: dict[Future[dict[str, Any]], Job] = {pool.submit(_wait_for, context, job, stop): job for job in jobs}
         for future in as_completed(futures):
             yield futures[future], future.result()
     finally:
@@ -71,29 +70,6 @@ def run_dask(jobs: Sequence[Job], address: str) -> Iterator[tuple[Job, dict[str,
             yield futures[future], answer
 
 
-class _Memory:
-    """Lets a job begin when what runs and it fit together; one alone may always begin."""
-
-    def __init__(self, total: float) -> None:
-        self._total = total
-        self._used = 0.0
-        self._running = 0
-        self._changed = threading.Condition()
-
-    def take(self, size: float, stop: threading.Event) -> None:
-        with self._changed:
-            while self._running and self._used + size > self._total and not stop.is_set():
-                self._changed.wait(0.5)
-            self._used += size
-            self._running += 1
-
-    def give(self, size: float) -> None:
-        with self._changed:
-            self._used -= size
-            self._running -= 1
-            self._changed.notify_all()
-
-
 def _physical_bytes() -> float:
     return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
 
@@ -109,16 +85,9 @@ def needed_bytes(job: Job) -> float:
     return whole if path.suffix.lower() in _READ_AS_A_WHOLE else min(whole, most)
 
 
-def _in_process(context: Any, job: Job, memory: _Memory, stop: threading.Event) -> dict[str, Any]:
-    size = needed_bytes(job)
-    memory.take(size, stop)
-    try:
-        return {"log": job.path, "error": "interrupted"} if stop.is_set() else _wait_for(context, job, stop)
-    finally:
-        memory.give(size)
-
-
 def _wait_for(context: Any, job: Job, stop: threading.Event) -> dict[str, Any]:
+    if stop.is_set():
+        return {"log": job.path, "error": "interrupted"}
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(target=_child, args=(job, theirs), daemon=True)
     process.start()

@@ -39,9 +39,10 @@ def run(a: argparse.Namespace) -> int:
 
     from companion.vehicles import default_vehicle
     from models.choice import choose
+    from models.json_file import write_json
     from models.vehicle import load_vehicle
-    from replay.cli import assumed_parameters, write_json
     from replay.info.info import inspect
+    from replay.parameters import assumed_parameters
 
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
     chosen = choose(vehicle, a.model)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -14,14 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from models.errors import LogError
 from models.frames import Array
-from replay.flightlog import FlightLog
 from replay.logs import tlog_blocks
-from replay.logs.bin_walk import HEAD, Formats, Kind, Walked, records, walk
+from replay.logs.bin_walk import Formats, Kind, Walked, records, walk
 from replay.logs.columns import Messages, believable
-from replay.logs.files import size_of
-from replay.logs.pieces import Piece
 
 IMUS = ("IMU", "IMU2", "IMU3")
 EKF = ("XKF1", "NKF1", "EKF1")
@@ -63,41 +58,8 @@ class Dataflash:
         return self.kinds.get(kind) or Messages(kind, np.empty(0), {})
 
 
-def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
-    """The boots in the file, each as a whole: more than one where logs were joined. ``target_system`` is for links."""
-    return [piece.log for piece in pieces(path, target_system, sys.maxsize)]
-
-
-def pieces(path: Path, target_system: int | None = None, block_bytes: int | None = None) -> Iterator[Piece]:
-    """The boots in the file, a long one in several pieces: memory is that of a block.
-
-    Raises LogError where it cannot be read or holds no flight data.
-    """
-    from replay.logs.bin_flightlog import flightlog
-
-    size = size_of(path, HEAD, "ArduPilot dataflash log")
-    block_bytes = tlog_blocks.BLOCK_BYTES if block_bytes is None else block_bytes
-    told = False
-    unusable: LogError | None = None
-    for part in _parts(path, size, block_bytes):
-        try:
-            log = flightlog(part.data)
-        except LogError as error:  # a stretch without attitude, IMU and filter
-            unusable = error
-            continue
-        except (KeyError, ValueError, TypeError, OverflowError) as error:
-            raise LogError(f"{path}: its messages make no sense ({type(error).__name__}: {error}); damaged?") from None
-        told = True
-        origin = log.start_s if part.start_s == -math.inf else part.origin_s
-        yield Piece(log, part.start_s, part.end_s, origin, part.share_read)
-    if not told:
-        raise unusable or LogError(
-            f"{path}: holds no flight data (no ATT, IMU or XKF1): record with LOG_DISARMED or arm the vehicle"
-        )
-
-
 @dataclass(frozen=True)
-class _Part:
+class Part:
     """A stretch of a boot, with some of its neighbours; its own time is start <= t < end."""
 
     data: Dataflash
@@ -119,7 +81,8 @@ class _Boot:
     texts: list[tuple[float, str]] = field(default_factory=list)
 
 
-def _parts(path: Path, size: int, block_bytes: int) -> Iterator[_Part]:
+def parts(path: Path, size: int, block_bytes: int) -> Iterator[Part]:
+    """The boots in the file, in stretches of about so many bytes each."""
     formats, boots = Formats(), list[_Boot]()
     margin = min(tlog_blocks.MARGIN_BYTES, block_bytes // 2)
     begin = tail = 0
@@ -159,7 +122,7 @@ class _Block:
     """Of the file, up to the end of this block."""
 
 
-def _boots(block: _Block, boots: list[_Boot]) -> Iterator[_Part]:
+def _boots(block: _Block, boots: list[_Boot]) -> Iterator[Part]:
     """The parts of a block; ``boots`` holds the one that goes on from the block before, if there is one."""
     bounds = [0, *(b for b in block.found.begins if b > 0), len(block.found.offsets)]
     for first, end in itertools.pairwise(bounds):
@@ -170,7 +133,7 @@ def _boots(block: _Block, boots: list[_Boot]) -> Iterator[_Part]:
         yield _part(block, first, end, boots[-1])
 
 
-def _part(block: _Block, first: int, end: int, boot: _Boot) -> _Part:
+def _part(block: _Block, first: int, end: int, boot: _Boot) -> Part:
     """The part of a block that is of one boot: messages ``first`` <= i < ``end``."""
     offsets, numbers = block.found.offsets[first:end], block.found.kinds[first:end]
     own = (offsets >= _offset(block, block.first)) & (offsets < _offset(block, block.end))
@@ -207,7 +170,7 @@ def _part(block: _Block, first: int, end: int, boot: _Boot) -> _Part:
         block.path, block.size, boot.number, kinds, tuple(boot.texts), dict(boot.parameters), frozenset(whole), counts,
         block.damaged, len(block.data) - block.found.rest if block.is_last else 0,
     )  # fmt: skip
-    return _Part(data, start_s, end_s, boot.origin_s, block.share_read)
+    return Part(data, start_s, end_s, boot.origin_s, block.share_read)
 
 
 def _offset(block: _Block, number: int) -> int:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+import sys
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,8 +14,11 @@ from numpy.typing import NDArray
 
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict
+from models.errors import LogError
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, LogSummary, Series
-from replay.logs.bin import EKF, ESCS, IMUS, Dataflash
+from replay.logs import tlog_blocks
+from replay.logs.bin import EKF, ESCS, IMUS, Dataflash, parts
+from replay.logs.bin_walk import HEAD
 from replay.logs.columns import (
     Messages,
     imu_record,
@@ -23,6 +29,8 @@ from replay.logs.columns import (
     time_span,
     unflipped,
 )
+from replay.logs.files import size_of
+from replay.logs.pieces import Piece
 
 _ARDUPILOT, _QUADROTOR = 3, 2
 """MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_TYPE_QUADROTOR."""
@@ -37,6 +45,37 @@ _RANGE_STATES = {
 }  # fmt: skip
 _CENTI, _MILLI = 0.01, 0.001
 _CHANNELS, _FIRST_PORT, _UNKNOWN = 16, 0, 255
+
+
+def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
+    """The boots in the file, each as a whole: more than one where logs were joined. ``target_system`` is for links."""
+    return [piece.log for piece in pieces(path, target_system, sys.maxsize)]
+
+
+def pieces(path: Path, target_system: int | None = None, block_bytes: int | None = None) -> Iterator[Piece]:
+    """The boots in the file, a long one in several pieces: memory is that of a block.
+
+    Raises LogError where it cannot be read or holds no flight data.
+    """
+    size = size_of(path, HEAD, "ArduPilot dataflash log")
+    block_bytes = tlog_blocks.BLOCK_BYTES if block_bytes is None else block_bytes
+    told = False
+    unusable: LogError | None = None
+    for part in parts(path, size, block_bytes):
+        try:
+            log = flightlog(part.data)
+        except LogError as error:  # a stretch without attitude, IMU and filter
+            unusable = error
+            continue
+        except (KeyError, ValueError, TypeError, OverflowError) as error:
+            raise LogError(f"{path}: its messages make no sense ({type(error).__name__}: {error}); damaged?") from None
+        told = True
+        origin = log.start_s if part.start_s == -math.inf else part.origin_s
+        yield Piece(log, part.start_s, part.end_s, origin, part.share_read)
+    if not told:
+        raise unusable or LogError(
+            f"{path}: holds no flight data (no ATT, IMU or XKF1): record with LOG_DISARMED or arm the vehicle"
+        )
 
 
 def flightlog(data: Dataflash) -> FlightLog:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from companion.mavlink.range_beams import range_verdict
 from companion.mavlink.samples import RangeVerdict
 from models.errors import LogError
-from models.frames import GRAVITY, Array
+from models.frames import GRAVITY, Array, quaternion_of_halves
 from replay.flightlog import Beam, ImuRecord, Interval, MessageCount, Series
 from replay.logs.tlog import outliers
 
@@ -124,16 +124,7 @@ def message_counts(counts: Iterable[tuple[int, int, str, int]], span_s: float) -
 def quaternions(euler: Array) -> Array:
     """Quaternions (n, 4) of roll, pitch, yaw (n, 3) [rad], aerospace 3-2-1; an angle that is no number makes NaN."""
     euler = np.where(np.isfinite(euler), euler, np.nan)
-    (cr, cp, cy), (sr, sp, sy) = np.cos(euler / 2.0).T, np.sin(euler / 2.0).T
-    return np.stack(
-        [
-            cr * cp * cy + sr * sp * sy,
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-        ],
-        axis=-1,
-    )
+    return np.stack(quaternion_of_halves(np.cos(euler / 2.0).T, np.sin(euler / 2.0).T), axis=-1)
 
 
 def clipped_at_extreme(values: Array) -> int:

@@ -1,7 +1,6 @@
 """Log formats by suffix, or by content where the suffix says nothing.
 
-A new one is a line here and a module with ``read(path, target_system)``.
-A module may have ``pieces(path, target_system)`` beside it, for logs of any length within a fixed memory.
+A new one is a line here and a module that is a ``Reader``.
 """
 
 from __future__ import annotations
@@ -9,14 +8,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from companion.mavlink.frames import Counts, walk
 from models.errors import LogError
 from replay.flightlog import FlightLog
 from replay.logs.pieces import Piece
 
-READERS = {".tlog": "replay.logs.tlog_flightlog", ".bin": "replay.logs.bin", ".ulg": "replay.logs.ulg"}
+READERS = {".tlog": "replay.logs.tlog_flightlog", ".bin": "replay.logs.bin_flightlog", ".ulg": "replay.logs.ulg"}
 """Suffix (lower case) to the module that reads it; imported when needed."""
 
 _STARTS = {b"\xa3\x95\x80": ".bin", b"ULog\x01\x12\x35": ".ulg"}
@@ -26,6 +25,18 @@ _STAMP_BYTES = 8
 _HEAD_BYTES, _FRAMES = 4096, 3
 """So many frames with a right checksum in the first bytes are no accident."""
 _PACKED = (".gz", ".xz", ".bz2", ".zst", ".zip", ".7z")
+
+
+class Reader(Protocol):
+    """A module that reads one format."""
+
+    def read(self, path: Path, target_system: int | None = None) -> list[FlightLog]:
+        """Every boot as a whole."""
+        ...
+
+    def pieces(self, path: Path, target_system: int | None = None) -> Iterator[Piece]:
+        """Every boot in pieces, for logs of any length within a fixed memory."""
+        ...
 
 
 def suffix_of(path: Path) -> str:
@@ -54,24 +65,21 @@ def _by_content(path: Path) -> str | None:
     return ".tlog" if len(frames) >= _FRAMES else None
 
 
-def read_flightlogs(path: Path, target_system: int | None = None) -> list[FlightLog]:
+def load(path: Path | str, target_system: int | None = None) -> list[FlightLog]:
     """Every boot in the log, in order, each as a whole. Raises LogError in one line where it cannot be read."""
-    logs: list[FlightLog] = _reader(path).read(path, target_system)
-    return logs
+    return _reader(Path(path)).read(Path(path), target_system)
 
 
 def read_pieces(path: Path, target_system: int | None = None) -> Iterator[Piece]:
-    """Every boot in the log, in order, a long one in several pieces; raises as ``read_flightlogs``."""
-    reader = _reader(path)
-    if hasattr(reader, "pieces"):
-        yield from reader.pieces(path, target_system)
-    else:
-        yield from map(Piece, reader.read(path, target_system))
+    """Every boot in the log, in order, a long one in several pieces; raises as ``load``."""
+    return _reader(path).pieces(path, target_system)
 
 
-def _reader(path: Path) -> Any:
+def _reader(path: Path) -> Reader:
     if path.is_dir():
         raise LogError(f"{path}: is a directory: name the logs in it; replay run and replay diagnose take directories")
     if not path.exists():
         raise LogError(f"{path}: cannot be read (No such file or directory)")
-    return import_module(READERS[suffix_of(path)])
+    reader: Any = import_module(READERS[suffix_of(path)])
+    checked: Reader = reader
+    return checked

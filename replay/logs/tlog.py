@@ -17,8 +17,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from companion.mavlink.dialect import mavlink
-from companion.mavlink.esc_messages import BY_ID as ESC_BY_ID
+from companion.mavlink.dialect import MESSAGES
 from companion.mavlink.frame_batch import walk_file
 from companion.mavlink.frames import V2, Counts, frame_bytes
 from companion.mavlink.wire_format import wire_format
@@ -149,10 +148,7 @@ class Tlog:
 
 def message_name(message_id: int) -> str:
     """Name of a message, ``UNKNOWN_n`` where the dialect has none."""
-    if message_id in ESC_BY_ID:
-        return ESC_BY_ID[message_id].name
-    kind = mavlink.mavlink_map.get(message_id)
-    return f"UNKNOWN_{message_id}" if kind is None else str(kind.msgname)
+    return str(MESSAGES[message_id].msgname) if message_id in MESSAGES else f"UNKNOWN_{message_id}"
 
 
 def read_tlog(path: Path | str) -> Tlog:

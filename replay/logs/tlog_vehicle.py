@@ -162,10 +162,3 @@ class Choice:
         if not self.heartbeat:
             out.append(f"no autopilot HEARTBEAT; system {self.system} taken from its telemetry")
         return out
-
-
-def choose_system(log: Tlog, target: int | None = None) -> Choice:
-    """The vehicle to read in a whole file; see ``Census.choose``."""
-    census = Census()
-    census.add(log)
-    return census.choose(log.path, target)

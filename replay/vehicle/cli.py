@@ -29,10 +29,10 @@ def add_parser(commands: Any) -> None:
 
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
+    from models.json_file import write_json
     from models.vehicle import load_vehicle, parse_vehicle
     from models.vehicle_plausibility import warnings
     from models.vehicle_setup.toml_text import vehicle_text
-    from replay.cli import write_json
     from replay.vehicle.fit import fit
 
     found = fit(a.logs, load_vehicle(a.vehicle), a.target_system)

@@ -31,7 +31,7 @@ from companion.pipeline import Decision
 from models.choice import NONE, choose
 from models.errors import UserError
 from models.vehicle import load_vehicle
-from replay.logs.formats import read_flightlogs, suffix_of
+from replay.logs.formats import load, suffix_of
 from replay.logs.tlog import read_tlog
 from replay.logs.tlog_vehicle import choose_system
 from replay.rerun.harness import Replay
@@ -109,7 +109,7 @@ def decisions(log: Path, config: PipelineConfig) -> Iterator[Decision]:
         tlog = read_tlog(log)
         yield from Replay(config, choose_system(tlog, None).system, {"GUID_OPTIONS": 8.0}).decisions(tlog.frames())
         return
-    logs = read_flightlogs(log, None)
+    logs = load(log, None)
     yield from Replay(config, logs[0].system).decisions_on(s for one in logs for s in samples_of(one))
 
 

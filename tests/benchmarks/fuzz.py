@@ -337,11 +337,11 @@ def files(number: int, limits: Limits, logs: Path | None) -> Counts:
 
 def _read(path: Path, counts: Counts, limits: Limits, label: str) -> None:
     """One damaged file through its reader; what fails is kept under ``label``."""
-    from replay.logs.formats import read_flightlogs
+    from replay.logs.formats import load
 
     started = time.perf_counter()
     try:
-        counts.samples += len(read_flightlogs(path))
+        counts.samples += len(load(path))
     except UserError:
         counts.refused += 1
     except Exception as error:

@@ -80,7 +80,7 @@ def flight(
             if px4:
                 put(
                     t_us,
-                    pack(291, ESC_STATUS.payload.pack(us, *rpm, *[16.0] * 4, *[5.0] * 4, 0), system, 1, number % 256),
+                    pack(291, ESC_STATUS.unpacker.pack(us, *rpm, *[16.0] * 4, *[5.0] * 4, 0), system, 1, number % 256),
                 )
             else:
                 put(
@@ -95,7 +95,7 @@ def flight(
             put(t_us, mavlink.MAVLink_battery_status_message(0, 0, 0, 32767, cells, 2000, -1, -1, -1))
             put(t_us, mavlink.MAVLink_scaled_pressure_message(ms, 1000.0, 0.0, 2000))
             if px4:
-                put(t_us, pack(290, ESC_INFO.payload.pack(us, *[0] * 9, *[4100] * 4, 0, 4, 0, 15), system, 1, 0))
+                put(t_us, pack(290, ESC_INFO.unpacker.pack(us, *[0] * 9, *[4100] * 4, 0, 4, 0, 15), system, 1, 0))
     put(100_000, mavlink.MAVLink_param_value_message(b"GUID_OPTIONS", 8.0, 6, 1, 0))
     return sorted(out, key=lambda item: item[0])
 

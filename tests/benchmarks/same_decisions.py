@@ -32,7 +32,7 @@ from companion.vehicles import default_vehicle
 from models.errors import UserError
 from models.surrogate.fan_surrogate import AdoptedEffect
 from models.vehicle import load_vehicle
-from replay.logs.formats import READERS, read_flightlogs, suffix_of
+from replay.logs.formats import READERS, load, suffix_of
 from replay.logs.tlog import read_tlog
 from replay.rerun.harness import Replay
 from replay.rerun.log_samples import samples_of
@@ -91,7 +91,7 @@ def flown(log: Path, way: str) -> list[list[float]]:
 
 
 def _samples(log: Path) -> Iterator[Sample]:
-    for one in read_flightlogs(log, None):
+    for one in load(log, None):
         yield from samples_of(one)
 
 

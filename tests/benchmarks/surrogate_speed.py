@@ -16,6 +16,7 @@ import resource
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,6 @@ import models
 from models.corner_law import ClosedForm
 from models.dataset import DataSet
 from models.training import genetic, train
-from models.training.adam import Adam
 
 Array = NDArray[np.float64]
 HIDDEN, RESTARTS = 9, 5
@@ -35,6 +35,10 @@ def seconds(work: Callable[[], object]) -> float:
     start = time.process_time()
     work()
     return time.process_time() - start
+
+
+RATE = 0.01
+"""Of Adam."""
 
 
 def paper_sized() -> train.Problem:
@@ -56,9 +60,9 @@ def batched(problem: train.Problem, settings: genetic.Settings, epochs: int) -> 
     gate = np.tile(problem.gate.T, (RESTARTS, 1))
     batch = network.Batch.of(problem.x[None], gate, y, np.ones_like(y))
     rng = np.random.default_rng(0)
-    evaluate = network.PopulationError(batch, HIDDEN)
+    evaluate = partial(network.population_errors, batch=batch, hidden=HIDDEN)
     start, _ = genetic.evolve(evaluate, nets, network.genes(HIDDEN), rng, settings)
-    return network.descend(start, batch, HIDDEN, Adam(), epochs)
+    return network.descend(start, batch, HIDDEN, epochs, adam_rate=RATE)
 
 
 def looped(problem: train.Problem, settings: genetic.Settings, epochs: int) -> Array:
@@ -68,9 +72,11 @@ def looped(problem: train.Problem, settings: genetic.Settings, epochs: int) -> A
     for c in [*range(6)] * RESTARTS:
         x, gate, y = problem.x, problem.gate[:, c], problem.y[:, c] / problem.scale[c]
         best = _evolve_plainly(x, gate, y, settings, rng)
-        rule = Adam()
+        mean, square = np.zeros_like(best), np.zeros_like(best)
         for t in range(1, epochs + 1):
-            rule.step(best, _gradient(best, x, gate, y), t, epochs)
+            g = _gradient(best, x, gate, y)
+            mean, square = 0.9 * mean + 0.1 * g, 0.999 * square + 0.001 * g * g
+            best -= RATE / (1 - 0.9**t) * mean / (np.sqrt(square / (1 - 0.999**t)) + 1e-8)
         out.append(best)
     return np.array(out)
 
@@ -118,7 +124,7 @@ def one_point(repeats: int) -> dict[str, float]:
 
     torch.set_num_threads(1)
     model = models.load()
-    nets = model.regressor
+    nets, one = model.regressor, np.array([[0.1, 0.2, 0.3]])
     w1, b1, w2, b2 = (torch.as_tensor(a.reshape(-1, *a.shape[2:])) for a in (nets.w1, nets.b1, nets.w2, nets.b2))
 
     def stacked() -> tuple[object, object]:
@@ -144,7 +150,7 @@ def one_point(repeats: int) -> dict[str, float]:
 
     return {
         "query_us": median(lambda: model.query(0.2, 0.1, 4000.0), repeats),
-        "nets_us": median(lambda: nets.point(0.1, 0.2, 0.3), repeats),
+        "nets_us": median(lambda: nets.predict(one), repeats),
         "torch_stacked_us": median(stacked, repeats // 4),
         "torch_modules_us": median(modules, repeats // 20),
     }

@@ -40,7 +40,7 @@ def ours(path: Path) -> int:
 
 def flightlog(path: Path) -> int:
     """All of the above onto the boot axis, as FlightLogs."""
-    from replay.flightlog import load
+    from replay.logs.formats import load
 
     return sum(log.summary.frames for log in load(path))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -35,6 +36,7 @@ class PlainModel:
 
     effects: tuple = ()
     believed: float = 1.0
+    info: ClassVar[dict] = {}
 
     def wrench(self, h, d, rpm):
         h, d, rpm = np.broadcast_arrays(*(np.asarray(a, dtype=float) for a in (h, d, rpm)))

@@ -26,7 +26,7 @@ link = open_link(f"udpin:127.0.0.1:{{port}}", Arrivals())
 peer = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 beat = mavlink.MAVLink_heartbeat_message(2, 12, 128, 6 << 16, 4, 3)
 peer.sendto(beat.pack(mavlink.MAVLink(None, srcSystem=1, srcComponent=1)), ("127.0.0.1", port))
-speeds = ESC_STATUS.payload.pack(20_000_000, *[4000] * 4, *[16.0] * 4, *[5.0] * 4, 0)
+speeds = ESC_STATUS.unpacker.pack(20_000_000, *[4000] * 4, *[16.0] * 4, *[5.0] * 4, 0)
 peer.sendto(pack(ESC_STATUS.id, speeds, 1, 1, 0), ("127.0.0.1", port))
 intake, seen, end = Intake(), [], time.monotonic() + 20.0
 while len(seen) < 2 and time.monotonic() < end:

@@ -22,7 +22,7 @@ from companion.pipeline import initial_state, step
 from models.errors import LogError
 from models.progress import Bars
 from replay.logs.columns import Messages, believable, quaternions, unflipped
-from replay.logs.formats import read_flightlogs
+from replay.logs.formats import load
 
 NUMBERS = sorted(LAYOUTS)
 
@@ -103,7 +103,7 @@ def test_parameters_whose_declaration_is_damaged_are_left_out(columns, tmp_path)
     """Found by the fuzzer: FMT of PARM with a name changed."""
     path = tmp_path / "flight.bin"
     path.write_bytes(bin_flight().replace(b"TimeUS,Name,Value", columns.encode()))
-    assert read_flightlogs(path)[0].parameters == {}
+    assert load(path)[0].parameters == {}
 
 
 def test_a_ulg_whose_last_length_points_beyond_its_end_is_refused_and_read_no_longer(tmp_path):
@@ -114,4 +114,4 @@ def test_a_ulg_whose_last_length_points_beyond_its_end_is_refused_and_read_no_lo
     path = tmp_path / "flight.ulg"
     path.write_bytes(sound.head + b"".join(formats) + 320 * long + struct.pack("<HB", 60_000, 1) + bytes(10))
     with pytest.raises(LogError, match="leads in circles"):
-        read_flightlogs(path)
+        load(path)

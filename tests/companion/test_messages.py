@@ -199,14 +199,12 @@ def test_battery():
     assert sample(mavlink.MAVLink_sys_status_message(0, 0, 0, 0, 65535, -1, 98, 0, 0, 0, 0, 0, 0)) is None
 
 
-def test_pressure_servo_and_wind():
+def test_pressure_and_servo():
     pressure = sample(mavlink.MAVLink_scaled_pressure_message(100, 1020.25, 0, 1708))
     assert (pressure.pressure_pa, pressure.temperature_c) == (102025.0, 17.08)
     servo = sample(mavlink.MAVLink_servo_output_raw_message(42_200_000, 0, *range(1001, 1009), *[0] * 7, 65535))
     assert servo.pwm_us[:9] == (1001, 1002, 1003, 1004, 1005, 1006, 1007, 1008, 0)
     assert math.isnan(servo.pwm_us[15])
-    wind = sample(mavlink.MAVLink_wind_message(90.0, 5.0, 0.5))
-    assert wind.velocity_ned == pytest.approx((0, -5, 0.5), abs=1e-6), "from the east"
 
 
 def test_targets():
@@ -246,11 +244,12 @@ def test_parameters_of_both_firmwares(wire, kind, value):
 
 def test_the_rest():
     landed = sample(mavlink.MAVLink_extended_sys_state_message(0, 1))
-    assert landed.landed is True
-    assert sample(mavlink.MAVLink_extended_sys_state_message(0, 0)).landed is None
-    assert sample(mavlink.MAVLink_statustext_message(4, b"hello")).text == "hello"
-    assert sample(mavlink.MAVLink_timesync_message(0, 50_010_662_001)).ts1_ns == 50_010_662_001
-    assert sample(mavlink.MAVLink_command_ack_message(511, 0)).result == 0
+    assert landed.landed_state == 1
+
+
+def test_messages_that_nobody_reads_in_flight_give_no_sample():
+    assert sample(mavlink.MAVLink_statustext_message(4, b"hello")) is None
+    assert sample(mavlink.MAVLink_wind_message(90.0, 5.0, 0.5)) is None
     assert sample(mavlink.MAVLink_vfr_hud_message(0, 0, 0, 0, 0, 0)) is None
 
 

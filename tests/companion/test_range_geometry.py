@@ -12,7 +12,6 @@ from companion.estimation.range_geometry import (
     nearest_level,
     nearest_level_now,
     plane_distance,
-    plane_distance_now,
     wall_bearing,
 )
 from companion.vehicles import default_vehicle
@@ -116,25 +115,6 @@ def test_each_fan_has_its_own_distances():
     front, rear = fan_wall_distances(vehicle, 1.0, toward_east, yawed)
     assert front == pytest.approx(1.0 - 0.32 * math.sin(0.1) - 0.21)
     assert rear == pytest.approx(1.0 + 0.32 * math.sin(0.1) - 0.21)
-
-
-unit = st.tuples(*[st.floats(-1, 1)] * 3).filter(lambda v: sum(x * x for x in v) > 0.01)
-angle = st.floats(-1.2, 1.2)
-ranges = st.one_of(st.floats(0.02, 60.0), st.just(math.inf), st.just(math.nan))
-
-
-@given(
-    st.sampled_from(["ground", "wall", "ceiling"]), unit, st.tuples(*[st.floats(-0.5, 0.5)] * 3), ranges,
-    angle, angle, st.floats(-3, 3), st.one_of(st.floats(0.05, 5.0), st.just(math.inf), st.just(math.nan)),
-)  # fmt: skip
-def test_the_form_in_plain_floats_says_the_same(target, beam, mount, slant, roll, pitch, yaw, height):
-    size = math.sqrt(sum(x * x for x in beam))
-    beam = tuple(x / size for x in beam)
-    rotation = rotation_from_quaternion(quaternion_from_euler(roll, pitch, yaw))
-    plane = plane_distance(target, beam, mount, slant, rotation, height, 0.165)
-    distance, normal = plane_distance_now(target, beam, mount, slant, rotation.tolist(), height, 0.165)
-    assert distance == pytest.approx(float(plane.distance_m), rel=1e-9, abs=1e-9, nan_ok=True)
-    np.testing.assert_allclose(normal, plane.normal_ned, atol=1e-9)
 
 
 @given(st.lists(st.one_of(st.floats(0, 50), st.just(math.inf), st.just(math.nan)), min_size=1, max_size=4))

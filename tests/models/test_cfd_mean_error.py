@@ -9,14 +9,13 @@ import numpy as np
 import pytest
 
 from models.cfd import fidelity, mean_error
-from models.cfd import marched as marched_module
 from models.cfd.campaign import Row
 from models.cfd.case_run import Result
 from models.cfd.labels import labels
 from models.cfd.position import Position
 
 INF = math.inf
-KIND = ("full", 0.75, "")
+KIND = ("full", 0.75)
 SWING = (0.4, 0.4, 0.3, 0.02, 0.02, 0.005)
 
 
@@ -90,38 +89,6 @@ def test_stated_errors_that_hold_are_not_raised():
     ]
     for h in (1.0, 1.5, 3.0):
         assert mean_error.learn(rows).of(case(h, 1.0, (0.0,) * 6)) == pytest.approx(own)
-
-
-def test_cheaper_means_are_compared_with_the_march_in_time_place_by_place():
-    zero, free = (0.0,) * 6, (0.0, 0.0, 22.0, 0.0, 0.0, 0.0)
-    full = [
-        case(INF, INF, free, "steady"),
-        marched(1.25, 0.3, (2.0, 0.0, 27.0, 0.0, 0.1, 0.0), (-1.0, 0.0, 27.4, 0.0, 0.1, 0.0)),
-        case(1.25, 1.0, (9.0, 9.0, 99.0, 0.0, 0.0, 0.0)),
-        case(3.0, 0.3, (1.5, 0.0, 23.0, 0.0, 0.2, 0.0), "steady"),
-    ]
-    half = [
-        Row(replace(r.position, swirl=False, level=1.0), replace(r.result, wrench=w, iterated=(math.nan,) * 6))
-        for r, w in zip(full, (free, (1.5, 0, 31.0, 0, 0.1, 0), zero, (1.4, 0, 23.5, 0, 0.2, 0)), strict=True)
-    ]
-    rows = [*full, *half]
-    found = {
-        c.name: c for c in marched_module.compared(rows, 4000.0, KIND, labels(rows, 4000.0, KIND), labels(rows, 4000.0))
-    }
-    assert set(found) == {
-        "iterations, below 2 R, wall within 0.5 R",
-        "half models, below 2 R, wall within 0.5 R",
-        "half models, from 2 R up",
-    }
-    by_march = found["iterations, below 2 R, wall within 0.5 R"]
-    assert by_march.count == 1
-    assert by_march.missed[[0, 2]] == pytest.approx([3.0, 0.4])
-    assert by_march.stated == pytest.approx(SWING)
-    # The place of which only iterations are known is no measure for half models.
-    low = found["half models, below 2 R, wall within 0.5 R"]
-    assert (low.count, low.missed[0], low.missed[2]) == (1, pytest.approx(0.5), pytest.approx(4.0))
-    assert found["half models, from 2 R up"].missed[2] == pytest.approx(0.5)
-    assert "rms missed" in "\n".join(marched_module.text(list(found.values())))
 
 
 def test_what_doubtful_full_models_miss_does_not_count_against_half_models_far_from_the_wall():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -90,7 +91,7 @@ def test_shapes_broadcast(model: FanSurrogate) -> None:
 
 @settings(max_examples=200, deadline=None)
 @given(h=st.floats(0.0, 2.0), d=st.floats(0.0, 2.0), rpm=st.floats(0.0, 9000.0))
-def test_one_point_and_many_take_different_paths_to_the_same_answer(h: float, d: float, rpm: float) -> None:
+def test_one_point_and_many_give_the_same_answer(h: float, d: float, rpm: float) -> None:
     model = models.load()
     one, many = model.query(h, d, rpm), model.query(np.full(20, h), d, rpm)
     few = model.query(np.full(2, h), d, rpm)
@@ -143,3 +144,11 @@ def test_importing_the_package_costs_nothing_and_its_names_are_there() -> None:
         "assert not hasattr(models, 'nothing')"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_threads_may_share_a_model(model: FanSurrogate) -> None:
+    heights = np.linspace(0.05, 0.6, 400)
+    alone = [model.wrench(h, 0.1, 4000.0) for h in heights.tolist()]
+    with ThreadPoolExecutor(8) as pool:
+        shared = list(pool.map(lambda h: model.wrench(h, 0.1, 4000.0), heights.tolist()))
+    np.testing.assert_array_equal(shared, alone)

@@ -30,7 +30,7 @@ def _thin(every: int = 8) -> DataSet:
 @pytest.fixture
 def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nets that stop early, where their accuracy is not asked for."""
-    monkeypatch.setattr(levenberg, "ITERATIONS", 10)
+    monkeypatch.setattr(levenberg, "EVALUATIONS", 10)
     monkeypatch.setattr(train, "DECAYS", (1e-7,))
 
 

@@ -113,12 +113,14 @@ def test_a_lift_ahead_of_the_cg_pitches_up() -> None:
 
 @settings(deadline=None)
 @given(roll=st.floats(-3, 3), pitch=st.floats(-1.5, 1.5), yaw=st.floats(-3, 3))
-def test_euler_angles_survive_the_quaternion(roll: float, pitch: float, yaw: float) -> None:
+def test_the_quaternion_of_euler_angles_is_their_rotation(roll: float, pitch: float, yaw: float) -> None:
     q = wrench.quaternion_from_euler(roll, pitch, yaw)
-    np.testing.assert_allclose(wrench.euler_from_quaternion(q), (roll, pitch, yaw), atol=1e-6)
     rotation = wrench.rotation_from_quaternion(q)
     np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(rotation) == pytest.approx(1.0)
+    np.testing.assert_allclose(np.arctan2(rotation[2, 1], rotation[2, 2]), roll, atol=1e-6)
+    np.testing.assert_allclose(-np.arcsin(rotation[2, 0]), pitch, atol=1e-6)
+    np.testing.assert_allclose(np.arctan2(rotation[1, 0], rotation[0, 0]), yaw, atol=1e-6)
 
 
 def test_yaw_turns_forward_to_east() -> None:
@@ -167,6 +169,9 @@ def test_the_contracts_vehicle_loads(tandem: Vehicle) -> None:
         ('target = "ground"', 'target = "floor"', "target"),
         ("orientation = 25", "orientation = 25\nport = 3", "port"),
         ("[[vane]]", THROTTLE + "[[vane]]", "throttle"),
+        ("[[vane]]", "[limits]\nthrust = 0.1\n[[vane]]", "limits.tilt_deg"),
+        ("[[vane]]", "[limits]\nthrust = true\n[[vane]]", "limits.thrust"),
+        ("[[vane]]", "limits = 3\n[[vane]]", "limits"),
     ],
 )
 def test_a_wrong_vehicle_file_is_refused_by_file_and_key(tmp_path: Path, old: str, new: str, key: str) -> None:

@@ -13,8 +13,8 @@ from log_writers import bin_flight, flight, ulg_flight, write_tlog
 import models
 from companion.config import PipelineConfig
 from companion.vehicles import default_vehicle
-from replay.flightlog import FlightLog, Series, load
-from replay.logs.formats import READERS
+from replay.flightlog import FlightLog, Series
+from replay.logs.formats import READERS, load
 from replay.rerun.harness import Replay
 from replay.rerun.log_samples import samples_of
 

@@ -9,7 +9,7 @@ import pytest
 from log_writers import bin_flight, flight, write_tlog
 
 from replay.cli import main
-from replay.flightlog import load
+from replay.logs.formats import load
 
 
 @pytest.fixture

@@ -13,8 +13,9 @@ from companion.mavlink.frames import cut
 from companion.mavlink.samples import RangeVerdict
 from models.errors import LogError
 from models.frames import euler_from_quaternion
-from replay.flightlog import Series, best_beam, direction_name, load
+from replay.flightlog import Series, best_beam, direction_name
 from replay.logs.columns import smallest_step, tidy, unflipped
+from replay.logs.formats import load
 
 
 def logs_of(tmp_path, messages, **options):

@@ -16,7 +16,7 @@ from companion.mavlink.message_filter import Intake
 from companion.mavlink.tlog_writer import Recorder
 from companion.pipeline import answer, initial_state, settle
 from companion.vehicles import default_vehicle
-from replay.flightlog import load
+from replay.logs.formats import load
 from replay.logs.tlog import read_tlog
 from replay.rerun.harness import Replay
 from replay.rerun.log_samples import samples_of

@@ -353,7 +353,7 @@ def test_a_tlog_holds_what_was_flown(logged):
 
 
 def test_temperatures_of_escs_that_report_no_speed_are_read_by_the_projects_own_reader(tmp_path):
-    from replay.flightlog import load
+    from replay.logs.formats import load
 
     (track,) = fly(RACER, [CALM], seconds=3.0)
     tlog.write(RACER, track, sense(RACER, CALM, track, (DOWN,), 3), (DOWN,), 3, tmp_path / "r.tlog")

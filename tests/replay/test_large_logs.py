@@ -15,10 +15,9 @@ from models.errors import LogError
 from replay.cli import main
 from replay.diagnosis.stretches import MOST_S, Stretches
 from replay.export.tables import Tables
-from replay.flightlog import load
 from replay.logs import tlog_blocks, ulg
-from replay.logs.bin import pieces as read_bin
-from replay.logs.formats import read_pieces
+from replay.logs.bin_flightlog import pieces as read_bin
+from replay.logs.formats import load, read_pieces
 from replay.logs.tlog import Tlog, read_tlog
 from replay.logs.tlog_blocks import TlogFile
 from replay.logs.tlog_flightlog import pieces, read

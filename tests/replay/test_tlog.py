@@ -16,8 +16,8 @@ from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import cut
 from companion.mavlink.message_table import LAYOUTS
 from models.errors import LogError
-from replay.logs.tlog import read_tlog, repair_stamps
-from replay.logs.tlog_vehicle import choose_system
+from replay.logs.tlog import Tlog, read_tlog, repair_stamps
+from replay.logs.tlog_vehicle import Census, Choice
 
 FLIGHT = flight(4.0)
 
@@ -27,6 +27,12 @@ def flown(tmp_path):
     path = tmp_path / "flight.tlog"
     write_tlog(path, FLIGHT)
     return read_tlog(path)
+
+
+def choose_system(log: Tlog, target: int | None = None) -> Choice:
+    census = Census()
+    census.add(log)
+    return census.choose(log.path, target)
 
 
 def test_frames_and_stamps_come_back(flown):

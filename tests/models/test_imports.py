@@ -1,0 +1,75 @@
+"""Which module may import which: never a higher package, and never in a circle."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+PACKAGES = ("models", "companion", "replay")
+"""From the lowest to the highest."""
+KNOWN_CIRCLES = (
+    {
+        "companion.adaptation.adapt",
+        "companion.adaptation.gates",
+        "companion.adaptation.saved",
+        "companion.control.state",
+    },
+    {"replay.diagnosis.answer", "replay.diagnosis.diagnose"},
+    {"replay.search.sets", "replay.search.walk"},
+)
+"""To be taken apart; no other may be added."""
+
+
+def modules() -> dict[str, Path]:
+    out = {}
+    for package in PACKAGES:
+        for path in (ROOT / package).rglob("*.py"):
+            parts = path.relative_to(ROOT).with_suffix("").parts
+            out[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return out
+
+
+def imports() -> dict[str, set[str]]:
+    """Module -> modules that it imports, also inside functions and for types only."""
+    known, out = modules(), {}
+    for name, path in known.items():
+        found = set()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                found |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                found |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+        out[name] = {other for other in found if other in known and other != name}
+    return out
+
+
+def reached(start: str, graph: dict[str, set[str]]) -> set[str]:
+    """All modules that ``start`` imports, directly or not."""
+    seen: set[str] = set()
+    waiting = [start]
+    while waiting:
+        for other in graph[waiting.pop()] - seen:
+            seen.add(other)
+            waiting.append(other)
+    return seen
+
+
+def test_no_package_imports_a_higher_one() -> None:
+    rank = {package: place for place, package in enumerate(PACKAGES)}
+    up = [
+        (name, other)
+        for name, others in imports().items()
+        for other in others
+        if rank[other.split(".")[0]] > rank[name.split(".")[0]]
+    ]
+    assert up == []
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    graph = imports()
+    below = {name: reached(name, graph) for name in graph}
+    circles = {
+        frozenset(other for other in below[name] if name in below[other]) for name in graph if name in below[name]
+    }
+    assert [sorted(circle) for circle in circles if not any(circle <= known for known in KNOWN_CIRCLES)] == []
