@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -104,3 +104,60 @@ def _hats(value: Array, knots: Sequence[float]) -> Array:
     np.put_along_axis(out, k[..., None] - 1, (1.0 - share)[..., None], -1)
     np.put_along_axis(out, k[..., None], share[..., None], -1)
     return out
+
+
+PARTS = ("lift", "pull", "tilt")
+COMPONENTS = {
+    "lift": np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
+    "pull": np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0]),
+    "tilt": np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]),
+}
+"""Components of a fan's wrench in the corner frame that belong to each part."""
+MEASURED = SurfaceMap((0.8, 1.0, 1.25, 1.6, 2.0, 2.6, 3.4, 4.5), (0.2, 0.4, 0.65, 1.0, 1.6, 2.4, 4.0))
+"""The map that diagnosis fits to flights and that amends a model."""
+CELLS = [
+    (part, k)
+    for part in PARTS
+    for k in range(MEASURED.size)
+    if k < MEASURED.size - 1 and (part == "lift" or (k + 1) % len(MEASURED.gaps))
+]
+"""Cells of it that may differ from zero: lift everywhere but in free air, pull and tilt beside a wall."""
+
+
+def cell_name(part: str, cell: int) -> str:
+    """Name of a cell's parameter: part, height and distance in rotor radii."""
+    row, column = divmod(cell, len(MEASURED.gaps))
+    return f"{part}_{MEASURED.heights[row]:g}_{MEASURED.gaps[column]:g}"
+
+
+@dataclass(frozen=True)
+class LawCorrection:
+    """What flights measured of ground and wall beyond a model: gains on its law, and a map.
+
+    ``gains`` (3,) of lift, pull and tilt; ``cells`` (3, size) in shares of the fan's free-air lift (tilt: times the
+    radius); ``seen`` (size,) 0...1, where flights were.
+    """
+
+    radius_m: float
+    gains: Array
+    cells: Array
+    seen: Array
+
+    @classmethod
+    def of(cls, parameters: Mapping[str, float], radius_m: float) -> LawCorrection:
+        """From the parameters of an adopted ``surface_law``."""
+        gains = np.array([parameters[f"{part}_of_model"] for part in PARTS])
+        cells = np.zeros((len(PARTS), MEASURED.size))
+        for part, k in CELLS:
+            cells[PARTS.index(part), k] = parameters[cell_name(part, k)]
+        seen = np.array([parameters.get(cell_name("seen", k), 0.0) for k in range(MEASURED.size)])
+        return cls(radius_m, gains, cells, seen)
+
+    def amended(self, h: Array, d: Array, wrench: Array, free: Array, trust: Array) -> tuple[Array, Array]:
+        """Wrench (n, 6) in the corner frame and trust (n,) of a model at h, d (n,), corrected; ``free`` (n, 6)."""
+        weights = MEASURED.weights(h / self.radius_m, d / self.radius_m)
+        lift, pull, tilt = (weights @ self.cells.T).T
+        zero = np.zeros_like(lift)
+        more = np.stack([pull, zero, lift, zero, self.radius_m * tilt, zero], axis=-1) * free[:, 2:3]
+        gain = sum(g * COMPONENTS[part] for g, part in zip(self.gains, PARTS, strict=True))
+        return wrench + gain * (wrench - free) + more, np.maximum(trust, weights @ self.seen)

@@ -42,8 +42,9 @@ def adopted(name: str, parameters: Mapping[str, float]) -> AdoptedEffect:
     Models are adopted on the ground and flown later, perhaps by another version: this refuses before take-off.
     """
     effect = get(name)
-    parameters = {c.name: 0.0 for c in effect.coefficients if c.optional} | dict(parameters)
-    known = {c.name for c in effect.coefficients} | {s.name for s in effect.shapes}
+    optional = (*(c.name for c in effect.coefficients if c.optional), *effect.covered)
+    parameters = dict.fromkeys(optional, 0.0) | dict(parameters)
+    known = {c.name for c in effect.coefficients} | {s.name for s in effect.shapes} | set(effect.covered)
     for wrong, what in ((known - parameters.keys(), "lacks"), (parameters.keys() - known, "does not know")):
         if wrong:
             raise ModelError(f"effect {name!r} {what} parameter {min(wrong)!r}; diagnose the flight with this version")

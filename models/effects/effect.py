@@ -40,6 +40,7 @@ class InFlight(Enum):
 
     WRENCH = "compensated as a wrench of the air"
     MEASUREMENT = "corrects a measurement"
+    MODEL = "part of the model's own answer"
     NONE = "not compensated in flight"
 
 
@@ -325,8 +326,6 @@ class Effect:
     excite: str
     coefficients: tuple[Coefficient, ...]
     regressors: Regressors
-    in_one: Callable[[Context, Mapping[str, float]], Array] | None = None
-    """The wrench (..., 6) with adopted parameters, where that is quicker than by regressors."""
     shapes: tuple[Shape, ...] = ()
     shape_grid: Grid = no_shape
     mixing: Callable[[tuple[float, ...]], Array] | None = None
@@ -346,6 +345,9 @@ class Effect:
     """The one coefficient is a length at which the one shape linearises: both have to agree."""
     odds: Size = 0.05
     """How often such a thing is undeclared, before any flight was seen."""
+    coverage: Callable[[Sequence[Context]], Mapping[str, float]] | None = None
+    """Where flights have measured it: parameters ``covered`` of an adopted effect; None: it holds everywhere."""
+    covered: tuple[str, ...] = ()
     remainder: bool = False
     """Weighed after all others, for what they leave."""
     exact: bool = False
@@ -392,8 +394,6 @@ class Effect:
 
     def wrench(self, ctx: Context, parameters: Mapping[str, float]) -> Array:
         """The effect's wrench (..., 6) with adopted parameters."""
-        if self.in_one is not None:
-            return self.in_one(ctx, parameters)
         shape = tuple(parameters[s.name] for s in self.shapes)
         coefficients = np.array([parameters[c.name] for c in self.coefficients])
         return np.asarray(self.regressors(ctx, shape) @ coefficients)

@@ -4,45 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 from itertools import product
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Drawn, Effect, Shape
+from models.effects.effect import Coefficient, Context, Drawn, Effect, InFlight, Shape
 from models.effects.pictures import more, nearest, over_height, over_wall, percent
 from models.frames import Array
-from models.surface_map import SurfaceMap, prior_factor
+from models.surface_map import CELLS, COMPONENTS, MEASURED, PARTS, cell_name, prior_factor
 
-SURFACE = SurfaceMap((0.8, 1.0, 1.25, 1.6, 2.0, 2.6, 3.4, 4.5), (0.2, 0.4, 0.65, 1.0, 1.6, 2.4, 4.0))
-PARTS = ("lift", "pull", "tilt")
 SD = {"lift": 0.05, "pull": 0.012, "tilt": 0.05}
 """Standard deviation of the prior close by, of the fan's thrust (tilt: times the radius), at a spread of 1: half of the
 largest values that are published (Ai et al. 2020)."""
 GAIN_SD = 1.0
 """The same of a gain on what the declared model says of lift, pull and tilt: it may be wrong by its own size."""
-COMPONENTS = {
-    "lift": np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
-    "pull": np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0]),
-    "tilt": np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]),
-}
-"""Components of a fan's wrench in the corner frame that belong to each part."""
-CELLS = [
-    (part, k)
-    for part, k in product(PARTS, range(SURFACE.size))
-    if k < SURFACE.size - 1 and (part == "lift" or (k + 1) % len(SURFACE.gaps))
-]
-"""Cells that may differ from zero."""
-
-
-def _name(part: str, cell: int) -> str:
-    row, column = divmod(cell, len(SURFACE.gaps))
-    return f"{part}_{SURFACE.heights[row]:g}_{SURFACE.gaps[column]:g}"
+SEEN_S = 0.5
+"""Time at a place after which it counts as seen [s]: one period of what is judged."""
 
 
 def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
     radius, thrust, bearing = ctx.vehicle.rotor_radius_m, ctx.shared_thrust, ctx.state.wall_bearing_rad
-    near = SURFACE.weights(ctx.state.h_m / radius, ctx.state.d_m / radius) * thrust[..., None]
+    near = _weights(ctx) * thrust[..., None]
     unit = {
         "lift": (0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
         "pull": (1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
@@ -53,27 +35,10 @@ def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
     return np.stack([*gains, *(ctx.corner(unit[part], near[..., k], bearing) for part, k in CELLS)], axis=-1)
 
 
-def _wrench(ctx: Context, p: Mapping[str, float]) -> Array:
-    """``_regressors`` times the coefficients, in one sum a fan."""
+def _weights(ctx: Context) -> Array:
+    """Weights (..., fans, size) of the map's cells at every fan."""
     radius = ctx.vehicle.rotor_radius_m
-    weights = SURFACE.weights(ctx.state.h_m / radius, ctx.state.d_m / radius)
-    law = _maps(tuple(p.items()))
-    lift, pull, tilt = np.moveaxis(weights @ law.T, -1, 0)
-    zero = np.zeros_like(lift)
-    local = np.stack([pull, zero, lift, zero, radius * tilt, zero], axis=-1) * ctx.shared_thrust[..., None]
-    gains = sum(p[f"{part}_of_model"] * COMPONENTS[part] for part in PARTS)
-    if ctx.model is not None and np.any(gains):
-        local = local + gains * _declared(ctx)
-    return ctx.corners(local, ctx.state.wall_bearing_rad)
-
-
-@lru_cache(maxsize=8)
-def _maps(parameters: tuple[tuple[str, float], ...]) -> Array:
-    """Values of the cells (parts, size)."""
-    out, known = np.zeros((len(PARTS), SURFACE.size)), dict(parameters)
-    for part, k in CELLS:
-        out[PARTS.index(part), k] = known[_name(part, k)]
-    return out
+    return MEASURED.weights(ctx.state.h_m / radius, ctx.state.d_m / radius)
 
 
 def _declared(ctx: Context) -> Array:
@@ -92,9 +57,17 @@ def _mixing(shape: tuple[float, ...]) -> Array:
     out[:first, :first] = GAIN_SD * np.eye(first)
     for part, spread in zip(PARTS, shape, strict=True):
         index = np.array([i for i, (p, _) in enumerate(CELLS) if p == part])
-        factor = prior_factor(SURFACE, spread * SD[part], part != "lift")
+        factor = prior_factor(MEASURED, spread * SD[part], part != "lift")
         out[np.ix_(first + index, first + index)] = factor[[CELLS[i][1] for i in index], : len(index)]
     return out
+
+
+def _seen(flights: Sequence[Context]) -> dict[str, float]:
+    seconds = np.zeros(MEASURED.size)
+    for ctx in flights:
+        step = float(np.median(np.diff(ctx.state.time_s)))
+        seconds += step * _weights(ctx).mean(axis=1).sum(axis=0)
+    return {cell_name("seen", k): round(min(s / SEEN_S, 1.0), 3) for k, s in enumerate(seconds.tolist())}
 
 
 def _grid(_: Context) -> Sequence[tuple[float, ...]]:
@@ -102,7 +75,7 @@ def _grid(_: Context) -> Sequence[tuple[float, ...]]:
 
 
 def _lacking(ctx: Context) -> str | None:
-    near = np.minimum(ctx.state.h_m / SURFACE.heights[-1], ctx.state.d_m / SURFACE.gaps[-1])
+    near = np.minimum(ctx.state.h_m / MEASURED.heights[-1], ctx.state.d_m / MEASURED.gaps[-1])
     close = np.nan_to_num(near, nan=np.inf).min(axis=-1) < ctx.vehicle.rotor_radius_m
     return None if close.any() else "the flight never came near a surface"
 
@@ -114,20 +87,30 @@ def _drawn(ctx: Context, axis: str) -> Drawn:
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
+    radius, parts = ctx.vehicle.rotor_radius_m, []
     h, d = nearest(ctx.state.h_m), nearest(ctx.state.d_m)
-    radius, told = ctx.vehicle.rotor_radius_m, []
 
-    def at(part: str, height: float, gap: float) -> float:
-        cells = SURFACE.cells(height / radius, gap / radius)
-        return float(sum(w * p.get(_name(part, k), 0.0) for k, w in cells))
+    def at(part: str, height: float, gap: float) -> tuple[float, float]:
+        """Declared and measured, as shares of the lift."""
+        modelled = 0.0
+        if ctx.model is not None:
+            rpm = float(np.nanmedian(ctx.rpm))
+            near, far = ctx.model.wrench(height, gap, rpm), ctx.model.wrench(np.inf, np.inf, rpm)
+            modelled = float((near - far)[{"lift": 2, "pull": 0}[part]] / far[2])
+        cells = MEASURED.cells(height / radius, gap / radius)
+        beyond = sum(w * p.get(cell_name(part, k), 0.0) for k, w in cells)
+        return modelled, modelled * (1.0 + p[f"{part}_of_model"]) + beyond
 
     if np.isfinite(h):
-        told.append(f"at {h:.2f} m above ground the fans lift {more(at('lift', h, np.inf))} than the model")
+        was, found = at("lift", h, np.inf)
+        parts.append(f"at {h:.2f} m above ground a fan lifts {more(found)} than in free air, by the model {more(was)}")
     if np.isfinite(d):
-        pull = at("pull", np.inf, d)
-        verb = "draws" if pull > 0.0 else "pushes"
-        told.append(f"at {d:.2f} m from the wall it {verb} with {percent(pull)} of the thrust beyond the model")
-    return "; ".join(told)
+        was, found = at("pull", np.inf, d)
+        verb = "pulls" if found > 0.0 else "pushes"
+        parts.append(
+            f"at {d:.2f} m the wall {verb} with {percent(found)} of the thrust, by the model {100.0 * was:.2g} %"
+        )
+    return "; ".join(parts)
 
 
 EFFECT = Effect(
@@ -136,23 +119,24 @@ EFFECT = Effect(
     sign="lift > 0: more lift; pull, tilt > 0: towards the wall",
     source="Gaussian process over the logarithms of height and distance: Rasmussen & Williams 2006, Gaussian Processes "
     "for Machine Learning; sizes: Ai, Xu, Xiang, Fan & Zhang 2020, Sensors 20(20), 5805",
-    valid="where the flights were, 0.8 to 4.5 radii of ground and 0.35 to 4 radii of a wall",
+    valid="where the flights were, 0.8 to 4.5 radii of ground and 0.2 to 4 radii of a wall",
     axes=("Fx", "Fy", "Fz", "Mx", "My"),
     channels=("range_down_m", "range_right_m", "range_left_m", "range_forward_m", "range_back_m", "rpm_1"),
     excite="fly slowly to ground, wall and corner, at three heights and distances each",
     coefficients=tuple(
         Coefficient(name, "1", -math.inf, math.inf)
-        for name in (*(f"{part}_of_model" for part in PARTS), *(_name(part, k) for part, k in CELLS))
+        for name in (*(f"{part}_of_model" for part in PARTS), *(cell_name(part, k) for part, k in CELLS))
     ),
     regressors=_regressors,
-    in_one=_wrench,
     mixing=_mixing,
+    coverage=_seen,
+    covered=tuple(cell_name("seen", k) for k in range(MEASURED.size)),
     shapes=tuple(Shape(f"{part}_spread", "1", continuous=False) for part in PARTS),
     shape_grid=_grid,
     lacking=_lacking,
+    in_flight=InFlight.MODEL,
     remainder=True,
     exact=True,
-    gain_in_flight=True,
     odds=0.02,
     aliases=("ground_effect", "wall_effect", "corner_effect"),
     drawn=_drawn,

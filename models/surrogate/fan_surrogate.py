@@ -11,12 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from models.frames import Array
+from models.surface_map import LawCorrection
 from models.surrogate.coordinates import Coordinates
 from models.surrogate.domain import Domain
 from models.surrogate.free_air import FreeAir
 
 # Points computed at once: bounds the memory.
 CHUNK = 65536
+
+_GROUP = np.array([0, 0, 1, 2, 2, 3])
+"""Components that are of one kind: Fx Fy, Fz, Mx My, Mz."""
 
 
 class Regressor(Protocol):
@@ -89,11 +93,15 @@ class FanSurrogate:
         self.effects = effects
         self.info: Mapping[str, Any] = dict(info or {})
         """Everything else model.json says: method, data, metrics, fidelity."""
+        radius = self.info.get("fan", {}).get("radius_m", math.nan)
+        self._corrections = [LawCorrection.of(e.parameters, radius) for e in effects if e.name == "surface_law"]
         self._share = np.asarray(free_air.share)
         self._gain = np.asarray(calibration.gain)
         self._floor2 = np.maximum(np.asarray(calibration.floor), np.asarray(free_air.scatter)) ** 2
-        # Doubt is the mean over components of (spread / size of the increments)^2.
-        self._per_size2 = 1.0 / np.maximum(np.asarray(calibration.size), 1e-12) ** 2 / 6.0
+        # Doubt is the mean over level forces, lift, tilting moments and torque of (spread / size of the increments)^2.
+        # A component that symmetry keeps small is measured by the size of its group: its own size is mostly noise.
+        size2 = np.bincount(_GROUP, np.asarray(calibration.size) ** 2)
+        self._per_size2 = 1.0 / np.maximum(size2, 1e-24)[_GROUP] / len(size2)
 
     def with_effects(self, effects: tuple[AdoptedEffect, ...]) -> FanSurrogate:
         """The same surrogate with these adopted effects."""
@@ -139,6 +147,8 @@ class FanSurrogate:
         for start in range(0, n, CHUNK):
             part = slice(start, start + CHUNK)
             wrench[part], sigma[part], trust[part] = self._batch(h[part], d[part], rpm[part])
+        for correction in self._corrections:
+            wrench, trust = correction.amended(h, d, wrench, self.free_air(rpm), trust)
         return Answer(wrench.reshape(*shape, 6), sigma.reshape(*shape, 6), trust.reshape(shape))
 
     def _batch(self, h: Array, d: Array, rpm: Array) -> tuple[Array, Array, Array]:

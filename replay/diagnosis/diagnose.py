@@ -74,7 +74,15 @@ class Diagnosis:
     @property
     def adopted(self) -> tuple[AdoptedEffect, ...]:
         """The named effects with their parameters, as found."""
-        return tuple(AdoptedEffect(n.found.effect.name, n.found.parameters) for n in self.named)
+        flights = [r.context for r in self.records]
+        return tuple(
+            AdoptedEffect(
+                n.found.effect.name,
+                n.found.parameters if n.found.effect.coverage is None
+                else n.found.parameters | dict(n.found.effect.coverage(flights)),
+            )
+            for n in self.named
+        )  # fmt: skip
 
     @property
     def aliases(self) -> list[list[str]]:

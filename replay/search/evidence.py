@@ -187,7 +187,9 @@ class Evidence:
             count = max(channel.count, 1)
             energies = bank_energy(self.spectra, lag_products(e, channel.run))
             smallest = max(float(e @ e) / count, float(form[c]))
-            variance = np.maximum(np.maximum(energies / count, smallest), (self.floor * channel.limit) ** 2 / self._smaller)
+            variance = np.maximum(
+                np.maximum(energies / count, smallest), (self.floor * channel.limit) ** 2 / self._smaller
+            )
             cost = count * np.log(variance) + energies / variance + np.array(self._det[c])
             best = int(np.argmin(np.where(self._fitted, np.round(cost, 6), np.inf)))
             which.append(best)
@@ -201,7 +203,9 @@ class Evidence:
             channel = self.library.channels[c]
             count = max(channel.count, 1)
             energies = bank_energy(self.spectra, lag_products(e, channel.run))
-            variance = np.maximum(np.maximum(energies / count, form[c]), (self.floor * channel.limit) ** 2 / self._smaller)
+            variance = np.maximum(
+                np.maximum(energies / count, form[c]), (self.floor * channel.limit) ** 2 / self._smaller
+            )
             cost = count * np.log(2.0 * np.pi * variance) + energies / variance + np.array(self._det[c])
             value -= 0.5 * float(cost.min())
         columns = self._with_trim(terms)

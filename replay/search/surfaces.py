@@ -14,7 +14,7 @@ import numpy as np
 
 from models.effects import Effect
 from replay.search.evidence import TRUST, Fit
-from replay.search.terms import Term, without_form
+from replay.search.terms import without_form
 from replay.search.walk import Walked
 
 ROUNDS = 2
