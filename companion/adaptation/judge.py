@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.adaptation import sizes as at
-from companion.adaptation.near_map import CELLS, cells, cheeseman_bennett, prior_covariance
+from companion.adaptation.near_map import CELLS, MAP, cheeseman_bennett
 from companion.adaptation.options import AdaptTuning
 from companion.adaptation.parts import Around
 from companion.adaptation.sizes import Size
@@ -94,7 +94,7 @@ def _channel(table: tuple[Size, ...], tuning: AdaptTuning, own: int) -> Channel:
     for k, (gain, sd, ground, near) in enumerate(
         ((table[own].mean, table[own].sd, 0.0, tuning.left_sd[own]), (0.0, 0.0, form, tuning.map_sd[own]))
     ):
-        cell = prior_covariance(near, of_wall=own != at.LIFT)
+        cell = MAP.covariance(near, of_wall=own != at.LIFT)
         mean[k, : n - CELLS] = [*steady, gain, 0.0]
         np.fill_diagonal(covariance[k], [*[s * s for s in sds], sd * sd, ground * ground, *[0.0] * CELLS])
         covariance[k, n - CELLS :, n - CELLS :] = cell
@@ -143,7 +143,7 @@ def place_of(around: Around) -> Place:
     weights, form = [0.0] * CELLS, 0.0
     for height, gap, thrust in zip(around.heights, around.gaps, around.free_lift_n, strict=True):
         form += thrust * cheeseman_bennett(height)
-        for k, weight in cells(height, gap):
+        for k, weight in MAP.cells(height, gap):
             weights[k] += weight * thrust
     return Place(np.array(weights), form, (math.cos(around.bearing_rad), math.sin(around.bearing_rad)))
 
@@ -245,7 +245,7 @@ def ground_measured(channel: Channel, judged: Judged) -> tuple[float, float]:
     """The ground's lift 1.6 radii above it, in Cheeseman and Bennett's, as measured without a model; and its sd."""
     row = np.zeros(channel.mean.shape[1])
     row[channel.gain + 1] = 1.0
-    for k, weight in cells(_LOW_RADII, math.inf):
+    for k, weight in MAP.cells(_LOW_RADII, math.inf):
         row[channel.gain + 2 + k] = weight / cheeseman_bennett(_LOW_RADII)
     variance = float(row @ judged.covariance[1] @ row)
     return float(row @ judged.mean[1]), math.sqrt(max(variance, 0.0))

@@ -1,32 +1,16 @@
-"""What ground and wall do where no model is right: a form from the literature, and a map over height and distance.
-
-The map is bilinear over the logarithms of height and distance to the wall, both in rotor radii; its prior is a Gaussian
-process with a squared-exponential kernel (Rasmussen and Williams 2006, Gaussian Processes for Machine Learning, 4.2).
-"""
+"""What ground and wall do where no model is right: a form from the literature, and a map over height and distance."""
 
 from __future__ import annotations
 
-import math
-from bisect import bisect_right
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from companion.adaptation.parts import Around, about_cg
-from models.frames import Array
+from models.surface_map import SurfaceMap
 from models.vehicle import Vehicle
 
-HEIGHTS = (0.8, 1.13, 1.6, 2.26, 3.2, 4.5)
-"""Reference point to ground, rotor radii; the last stands for every greater one."""
-GAPS = (0.35, 0.8, 1.6, 4.0)
-"""Lip to wall, rotor radii; the last stands for every greater one: there is no wall."""
-CELLS = len(HEIGHTS) * len(GAPS)
-_LENGTH = 0.5
-"""Correlation length of the prior, in logarithms: a factor of 1.65 in distance."""
-_NEAR = 2.0
-"""Rotor radii: from here on the prior's sd falls with the distance."""
-_LOG_HEIGHTS, _LOG_GAPS = tuple(map(math.log, HEIGHTS)), tuple(map(math.log, GAPS))
+MAP = SurfaceMap((0.8, 1.13, 1.6, 2.26, 3.2, 4.5), (0.35, 0.8, 1.6, 4.0))
+"""Coarser than the one that diagnosis fits: a filter in flight carries a covariance of all cells."""
+HEIGHTS, GAPS, CELLS = MAP.heights, MAP.gaps, MAP.size
 
 
 def cheeseman_bennett(height_radii: float) -> float:
@@ -38,38 +22,6 @@ def cheeseman_bennett(height_radii: float) -> float:
         return 0.0
     q = 1.0 / (4.0 * max(height_radii, 0.5)) ** 2
     return q / (1.0 - q)
-
-
-def cells(height_radii: float, gap_radii: float) -> list[tuple[int, float]]:
-    """Up to four cells around a place and their weights, which add up to 1."""
-    across = _between(gap_radii, GAPS, _LOG_GAPS)
-    return [
-        (row * len(GAPS) + column, a * b)
-        for row, a in _between(height_radii, HEIGHTS, _LOG_HEIGHTS)
-        for column, b in across
-    ]
-
-
-def _between(value: float, knots: Sequence[float], logs: Sequence[float]) -> tuple[tuple[int, float], ...]:
-    if value <= knots[0]:
-        return ((0, 1.0),)
-    if value >= knots[-1]:
-        return ((len(knots) - 1, 1.0),)
-    k = bisect_right(knots, value)
-    share = (math.log(value) - logs[k - 1]) / (logs[k] - logs[k - 1])
-    return (k - 1, 1.0 - share), (k, share)
-
-
-def prior_covariance(sd: float, *, of_wall: bool) -> Array:
-    """(CELLS, CELLS) for a map whose sd is ``sd`` close by; zero in free air, and with ``of_wall`` without a wall."""
-    place = np.array([(h, d) for h in _LOG_HEIGHTS for d in _LOG_GAPS])
-    apart = ((place[:, None] - place[None]) ** 2).sum(axis=2)
-    size = sd * np.minimum(1.0, _NEAR / np.exp(place.min(axis=1)))
-    size[-1] = 0.0
-    if of_wall:
-        size[len(GAPS) - 1 :: len(GAPS)] = 0.0
-    out: Array = size[:, None] * size[None] * np.exp(-0.5 * apart / _LENGTH**2)
-    return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +42,7 @@ class NearField:
         if height_radii >= HEIGHTS[-1] and gap_radii >= GAPS[-1]:
             return 0.0, 0.0, 0.0
         lift, pull, tilt = self.ground * cheeseman_bennett(height_radii), 0.0, 0.0
-        for k, weight in cells(height_radii, gap_radii):
+        for k, weight in MAP.cells(height_radii, gap_radii):
             lift += weight * self.lift[k]
             pull += weight * self.pull[k]
             tilt += weight * self.tilt[k]
@@ -105,10 +57,8 @@ class NearField:
         out, pull = 0.0, self.pull
         for thrust, height, gap in zip(around.free_lift_n, around.heights, around.gaps, strict=True):
             if gap < GAPS[-1]:
-                rows = _between(height, HEIGHTS, _LOG_HEIGHTS)
                 for sign, across in ((thrust, gap), (-thrust, gap + further_radii)):
-                    columns = _between(across, GAPS, _LOG_GAPS)
-                    out += sign * sum([a * b * pull[i * len(GAPS) + k] for i, a in rows for k, b in columns])
+                    out += sign * sum([weight * pull[k] for k, weight in MAP.cells(height, across)])
         return out
 
     def rows(self, vehicle: Vehicle, around: Around) -> list[list[float]]:

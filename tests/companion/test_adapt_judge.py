@@ -16,11 +16,10 @@ from companion.adaptation.near_map import (
     CELLS,
     GAPS,
     HEIGHTS,
+    MAP,
     NOTHING,
     NearField,
-    cells,
     cheeseman_bennett,
-    prior_covariance,
 )  # fmt: skip
 from companion.adaptation.options import Adapt, AdaptTuning
 from companion.adaptation.parts import Around
@@ -75,7 +74,7 @@ def flown(channel: judge.Channel, true: Law, model: Law, approaches: int = 3, se
 def compensated(channel: judge.Channel, told: Judged, model: Law, height: float) -> float:
     """Share of the thrust."""
     gain, form, cell = believed(channel, told)
-    there = sum(weight * cell[k] for k, weight in cells(height, 0.5))
+    there = sum(weight * cell[k] for k, weight in MAP.cells(height, 0.5))
     return gain * model(height, 0.5) + form * cheeseman_bennett(height) + there
 
 
@@ -157,14 +156,14 @@ def test_nothing_is_changed_in_place():
 
 def test_cells_interpolate_and_add_up_to_one():
     for height, gap in ((0.3, 0.1), (1.3, 0.9), (HEIGHTS[2], GAPS[1]), (9.0, 0.5), (math.inf, math.inf)):
-        found = cells(height, gap)
+        found = MAP.cells(height, gap)
         assert sum(weight for _, weight in found) == pytest.approx(1.0)
         assert all(0 <= k < CELLS and weight >= 0.0 for k, weight in found)
-    assert dict(cells(HEIGHTS[2], GAPS[1]))[2 * len(GAPS) + 1] == pytest.approx(1.0)
+    assert dict(MAP.cells(HEIGHTS[2], GAPS[1]))[2 * len(GAPS) + 1] == pytest.approx(1.0)
 
 
 def test_the_prior_is_a_covariance_that_ends_with_the_surroundings():
-    lift, pull = prior_covariance(0.05, of_wall=False), prior_covariance(0.05, of_wall=True)
+    lift, pull = MAP.covariance(0.05, of_wall=False), MAP.covariance(0.05, of_wall=True)
     assert np.linalg.eigvalsh(lift).min() > -1e-12
     assert lift[-1, -1] == 0.0
     assert np.diagonal(pull).reshape(len(HEIGHTS), len(GAPS))[:, -1].max() == 0.0
