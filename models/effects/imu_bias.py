@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, InFlight
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, InFlight
 from models.effects.pictures import over_time
 from models.frames import Array
 
@@ -34,6 +34,7 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="imu_bias",
+    belongs_to=BelongsTo.INSTRUMENT,
     equation="dF = m b + T (pitch, -roll, 0), b constant in the body",
     sign="b > 0: the accelerometer reads too much along that axis; pitch > 0: rotors are tilted forward of it",
     source="Woodman 2007, University of Cambridge UCAM-CL-TR-696, section 4: accelerometer bias",
@@ -48,7 +49,6 @@ EFFECT = Effect(
     regressors=_regressors,
     aliases=("wind", "payload", "thrust_scale"),
     in_flight=InFlight.NONE,
-    of_day=True,
     odds=0.3,
     kinematic_bias=_kinematic_bias,
     drawn=over_time,

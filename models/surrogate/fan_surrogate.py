@@ -119,8 +119,8 @@ class FanSurrogate:
         self._lift_n, self._rpm_ref, self._power = free_air.lift_n, free_air.rpm_ref, 2.0 + free_air.exponent
         self._nets = regressor if isinstance(regressor, NetEnsemble) else None
 
-    def with_effects(self, effects: tuple[AdoptedEffect, ...]) -> FanSurrogate:
-        """The same surrogate with these adopted effects."""
+    def with_effects(self, effects: tuple[AdoptedEffect, ...], info: Mapping[str, Any] | None = None) -> FanSurrogate:
+        """The same surrogate with these adopted effects, and ``info`` in place of its own where given."""
         return FanSurrogate(
             self.free_air_law,
             self.coordinates,
@@ -128,7 +128,7 @@ class FanSurrogate:
             self.calibration,
             self.domain,
             effects=effects,
-            info=self.info,
+            info=self.info if info is None else info,
         )
 
     def wrench(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:

@@ -1,37 +1,75 @@
-"""The amended model: a model directory that holds the adopted effects, also where there was no surrogate before."""
+"""The amended model: a model directory with what belongs to the vehicle of the effects that were found."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from models.effects import AdoptedEffect
+from models.air_state import blank_state
+from models.effects import AdoptedEffect, Context, get
 from models.errors import ConfigError
 from models.surrogate.empty import declared_thrust, empty_model
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.surrogate.store import save_model
 from models.vehicle import Vehicle
 
-__all__ = ["amended", "empty_model", "save_amended"]
+__all__ = ["amended", "empty_model", "learnt_from", "save_amended"]
+
+LEARNT_FROM, OF_DAY = "learnt_from", "of_day"
+"""Keys of ``model.json``: [{"name", "sha256"}] of logs; {effect: {coefficient: standard deviation about zero}}."""
 
 
-def amended(model: FanSurrogate | None, vehicle: Vehicle, effects: Iterable[AdoptedEffect]) -> FanSurrogate:
-    """The model with ``effects`` added to those it has. Times of a log do not carry over: a load found is on."""
+def amended(
+    model: FanSurrogate | None, vehicle: Vehicle, effects: Iterable[AdoptedEffect], logs: Sequence[Path] = ()
+) -> FanSurrogate:
+    """The model with ``effects`` added to those it has; weather and load of the day start at zero, with their spread.
+
+    ``logs``: what the effects were found in, so that nobody judges the model on them.
+    """
     if model is None and np.ptp(declared_thrust(vehicle)) > 1e-6 * float(np.max(declared_thrust(vehicle))):
         raise ConfigError(
             "--save-model: the fans' ct differ, and a model directory holds one fan; train a model for this vehicle"
         )
     base = empty_model(vehicle) if model is None else model
-    new = tuple(
-        AdoptedEffect(e.name, {k: 0.0 if k == "from_s" else v for k, v in e.parameters.items()}) for e in effects
-    )
-    return base.with_effects((*base.effects, *new))
+    found = list(effects)
+    next_flight = ((e.name, get(e.name).next_flight(e.parameters)) for e in found)
+    new = tuple(AdoptedEffect(name, parameters) for name, parameters in next_flight if parameters is not None)
+    info: dict[str, Any] = dict(base.info)
+    if logs:
+        known = {entry["sha256"]: entry for entry in info.get(LEARNT_FROM, [])}
+        info[LEARNT_FROM] = list((known | {e["sha256"]: e for e in map(_entry, dict.fromkeys(logs))}).values())
+    context = Context(blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle, model)
+    spreads = {e.name: _spread(e.name, context) for e in found}
+    of_day = info.get(OF_DAY, {}) | {name: spread for name, spread in spreads.items() if spread}
+    if of_day:
+        info[OF_DAY] = of_day
+    return base.with_effects((*base.effects, *new), info)
 
 
 def save_amended(
-    directory: Path, model: FanSurrogate | None, vehicle: Vehicle, effects: Iterable[AdoptedEffect]
-) -> None:
+    directory: Path, model: FanSurrogate | None, vehicle: Vehicle, effects: Iterable[AdoptedEffect],
+    logs: Sequence[Path] = (),
+) -> None:  # fmt: skip
     """Write the amended model as a directory that ``companion --model`` flies."""
-    save_model(directory, amended(model, vehicle, effects))
+    save_model(directory, amended(model, vehicle, effects, logs))
+
+
+def learnt_from(model: FanSurrogate, log: Path) -> bool:
+    """Whether the model was made from this log."""
+    known: Sequence[Mapping[str, str]] = model.info.get(LEARNT_FROM, [])
+    return bool(known) and _entry(log)["sha256"] in {entry["sha256"] for entry in known}
+
+
+def _entry(log: Path) -> dict[str, str]:
+    with log.open("rb") as file:
+        return {"name": log.name, "sha256": hashlib.file_digest(file, "sha256").hexdigest()}
+
+
+def _spread(name: str, context: Context) -> dict[str, float]:
+    """Standard deviation of what is of the day of an effect, before the day is known."""
+    effect = get(name)
+    return {c.name: float(c.spread(context)) for c in effect.coefficients if effect.of_day(c)}

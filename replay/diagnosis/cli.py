@@ -71,7 +71,7 @@ def run(a: argparse.Namespace) -> int:
     progress = _progress(shown=sys.stderr.isatty() and not a.quiet)
     answer = diagnose(a.logs, vehicle, model, target_system=a.target_system, seed=a.seed, progress=progress)
     if a.save_model is not None:
-        save_amended(a.save_model, model, vehicle, answer.adopted)
+        save_amended(a.save_model, model, vehicle, answer.adopted, [r.path for r in answer.records])
     faults = model_faults(answer.records, chosen)
     notes = [*([] if chosen is None or chosen.note is None else [chosen.note]), *warnings(vehicle)]
     _write(a, answer, vehicle, faults, notes)

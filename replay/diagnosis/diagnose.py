@@ -187,12 +187,11 @@ def _named(searched: Searched) -> list[Named]:
         by_name.setdefault(f.effect.name, []).append(f)
     out = []
     for found in by_name.values():
-        first = max(found, key=lambda f: (round(f.explains, 9), -(f.flight or 0)))
+        first = max(found, key=lambda f: (round(f.explains, 9), -f.flight))
         borne_out = any(f.borne_out for f in found) and len(searched.traces) > 1
         status = CONFIRMED if borne_out and not first.at_bound else CANDIDATE
         of_flight = {i: p for f in found for i, p in f.of_flight.items()}
-        record = first.flight if first.flight is not None else min(of_flight, default=0)
-        out.append(Named(first, record, status, sum(f.explains for f in found), of_flight))
+        out.append(Named(first, first.flight, status, sum(f.explains for f in found), of_flight))
     return sorted(out, key=lambda n: (-round(n.explains, 6), n.found.effect.name))
 
 

@@ -16,7 +16,16 @@ from models.vehicle import Vehicle
 from replay.diagnosis.diagnose import UNITS, Diagnosis, Named
 from replay.diagnosis.next_step import certainty, next_step
 from replay.diagnosis.pictures import Acts, acts, against, block_picture, effect_picture, series, without
-from replay.diagnosis.words import AXIS_WORDS, channel_words, estimate_words, listed, plain, rough, unit_words
+from replay.diagnosis.words import (
+    AXIS_WORDS,
+    channel_words,
+    estimate_words,
+    kept_words,
+    listed,
+    plain,
+    rough,
+    unit_words,
+)
 from replay.search.regimes import FAST_M_S, masks
 from replay.search.results import Trace
 
@@ -109,6 +118,7 @@ def _effect(n: Named, answer: Diagnosis, vehicle: Vehicle) -> str:
             f"{escape(f.effect.excite)}.</p>"
         )
     text += [f"<p>{escape(line)}</p>" for line in _error_words(n, a, vehicle)] if a else []
+    text.append(f"<p>{escape(_sentence(kept_words(f.effect)))}</p>")
     if f.effect.in_flight is not InFlight.WRENCH:
         text.append(f"<p>{escape(_sentence(f.effect.in_flight.value))}</p>")
     picture = effect_picture(n, a) if a else ""

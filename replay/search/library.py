@@ -100,7 +100,7 @@ class Library:
         if not usable:
             self.lacking[effect.name] = next(r for r in reasons if r is not None)
             return
-        groups = [(f, [f]) for f in usable] if effect.of_day else [(None, usable)]
+        groups = [(f, [f]) for f in usable] if effect.all_of_day else [(None, usable)]
         for flight, flights in groups:
             shapes = list(dict.fromkeys(s for f in flights[:1] for s in effect.shape_grid(self.records[f].context)))
             for shape, log_shape in zip(shapes, log_shapes(effect, shapes), strict=True):
@@ -129,7 +129,7 @@ class Library:
         places: dict[int, Columns] = {f: np.empty(len(spread), np.int64) for f in flights}
         for i, c in enumerate(effect.coefficients):
             for j, f in enumerate(flights):
-                if j == 0 or (c.of_day and not effect.of_day):
+                if j == 0 or (effect.of_day(c) and not effect.all_of_day):
                     low, high = c.least(self.context(f)) / spread[i], c.high / spread[i]
                     priors.add(self.size, spread[i], centre[i] / spread[i], low, high, float(effect.is_main(c)))
                     self.size += 1

@@ -78,6 +78,7 @@ def test_the_json_is_the_contracts(windy: Diagnosis) -> None:
     assert {"name", "axes", "parameters", "explains", "q_value", "channels"} <= set(effect)
     assert set(effect["parameters"]["north"]) == {"value", "ci95", "unit"}
     assert 0.0 < effect["explains"] <= 1.0
+    assert (effect["belongs_to"], effect["kept"]) == ("weather", False)
 
 
 def test_a_second_flight_confirms_or_does_not(quiet: Record) -> None:
