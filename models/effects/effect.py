@@ -395,13 +395,11 @@ class Effect:
         """Whether an amended model takes it to the next flight: what makes the effect is not of the day."""
         return any(self.is_main(c) and not self.of_day(c) for c in self.coefficients)
 
-    def next_flight(self, parameters: Mapping[str, float]) -> dict[str, float] | None:
-        """Adopted parameters as the next flight starts with them: what is of the day at zero; None: nothing is left.
+    def of_next_flight(self, parameters: Mapping[str, float]) -> dict[str, float]:
+        """Adopted parameters as the next flight starts with them: what is of the day at zero.
 
         Times of a log do not carry over: what began in it is there from the start.
         """
-        if self.all_of_day:
-            return None
         gone = {c.name for c in self.coefficients if self.of_day(c)} | {"from_s"}
         return {name: 0.0 if name in gone else value for name, value in parameters.items()}
 

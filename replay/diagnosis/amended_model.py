@@ -20,7 +20,8 @@ from models.vehicle import Vehicle
 __all__ = ["amended", "empty_model", "learnt_from", "save_amended"]
 
 LEARNT_FROM, OF_DAY = "learnt_from", "of_day"
-"""Keys of ``model.json``: [{"name", "sha256"}] of logs; {effect: {coefficient: standard deviation about zero}}."""
+"""Keys of ``model.json``: [{"name", "sha256"}] of logs; {effect: {"spread": {coefficient: standard deviation about
+zero}, "shape": {parameter: value}}} of what is of the day."""
 
 
 def amended(
@@ -36,15 +37,16 @@ def amended(
         )
     base = empty_model(vehicle) if model is None else model
     found = list(effects)
-    next_flight = ((e.name, get(e.name).next_flight(e.parameters)) for e in found)
-    new = tuple(AdoptedEffect(name, parameters) for name, parameters in next_flight if parameters is not None)
+    new = tuple(
+        AdoptedEffect(e.name, get(e.name).of_next_flight(e.parameters)) for e in found if not get(e.name).all_of_day
+    )
     info: dict[str, Any] = dict(base.info)
     if logs:
         known = {entry["sha256"]: entry for entry in info.get(LEARNT_FROM, [])}
         info[LEARNT_FROM] = list((known | {e["sha256"]: e for e in map(_entry, dict.fromkeys(logs))}).values())
     context = Context(blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle, model)
-    spreads = {e.name: _spread(e.name, context) for e in found}
-    of_day = info.get(OF_DAY, {}) | {name: spread for name, spread in spreads.items() if spread}
+    days = {e.name: _day(e, context) for e in found}
+    of_day = info.get(OF_DAY, {}) | {name: day for name, day in days.items() if day["spread"]}
     if of_day:
         info[OF_DAY] = of_day
     return base.with_effects((*base.effects, *new), info)
@@ -64,12 +66,21 @@ def learnt_from(model: FanSurrogate, log: Path) -> bool:
     return bool(known) and _entry(log)["sha256"] in {entry["sha256"] for entry in known}
 
 
+def known_day(model: FanSurrogate) -> dict[str, dict[str, float]]:
+    """Effects of the day that the model was made beside, each with its shape."""
+    return {name: dict(day["shape"]) for name, day in model.info.get(OF_DAY, {}).items()}
+
+
 def _entry(log: Path) -> dict[str, str]:
     with log.open("rb") as file:
         return {"name": log.name, "sha256": hashlib.file_digest(file, "sha256").hexdigest()}
 
 
-def _spread(name: str, context: Context) -> dict[str, float]:
-    """Standard deviation of what is of the day of an effect, before the day is known."""
-    effect = get(name)
-    return {c.name: float(c.spread(context)) for c in effect.coefficients if effect.of_day(c)}
+def _day(adopted: AdoptedEffect, context: Context) -> dict[str, dict[str, float]]:
+    """Standard deviation of what is of the day of an effect, before the day is known, and its shape."""
+    effect = get(adopted.name)
+    start = effect.of_next_flight(adopted.parameters)
+    return {
+        "spread": {c.name: float(c.spread(context)) for c in effect.coefficients if effect.of_day(c)},
+        "shape": {s.name: start[s.name] for s in effect.shapes},
+    }

@@ -105,7 +105,7 @@ def diagnose(
 ) -> Diagnosis:
     """Read, compare, search, and answer. ``progress`` may wrap the logs while they are read."""
     check_model(vehicle, model)
-    records, notes = _records(progress(paths), vehicle, model, target_system)
+    records, notes = read_records(progress(paths), vehicle, model, target_system)
     return conclude(records, notes, seed=seed)
 
 
@@ -135,9 +135,10 @@ def flown(effect: AdoptedEffect) -> bool:
     return get(effect.name).in_flight is not InFlight.NONE
 
 
-def _records(
+def read_records(
     paths: Iterable[Path], vehicle: Vehicle, model: FanSurrogate | None, target_system: int | None
 ) -> tuple[list[Record], list[str]]:
+    """Flights of some logs, and what is to be said of reading them; LogError where none can be judged."""
     records: list[Record] = []
     notes: list[str] = []
     problems: list[LogError] = []

@@ -9,7 +9,7 @@ import pytest
 from companion.vehicles import default_vehicle
 from models.effects import AdoptedEffect, BelongsTo, catalogue, get
 from models.surrogate.store import load
-from replay.diagnosis.amended_model import learnt_from, save_amended
+from replay.diagnosis.amended_model import known_day, learnt_from, save_amended
 from replay.diagnosis.words import kept_words
 
 WIND = {"north": 3.0, "east": -1.0, "own_motion": 0.4, "turning": 0.0, "sinking": 0.1, "above_radii": 0.5}
@@ -36,9 +36,10 @@ def test_weather_and_load_start_the_next_flight_at_zero(tmp_path: Path, log: Pat
         "wind": WIND | {"north": 0.0, "east": 0.0},
         "vertical_inflow": INFLOW | {"north": 0.0, "east": 0.0},
     }
-    spread = model.info["of_day"]
-    assert spread["wind"] == {"north": 4.0, "east": 4.0}
-    assert spread["payload"]["mass"] == pytest.approx(0.15 * default_vehicle().mass_kg)
+    of_day = model.info["of_day"]
+    assert of_day["wind"] == {"spread": {"north": 4.0, "east": 4.0}, "shape": {"above_radii": 0.5}}
+    assert of_day["payload"]["spread"]["mass"] == pytest.approx(0.15 * default_vehicle().mass_kg)
+    assert known_day(model)["payload"] == {"from_s": 0.0}
 
 
 def test_the_model_knows_the_logs_that_it_was_made_from(tmp_path: Path, log: Path) -> None:

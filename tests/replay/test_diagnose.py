@@ -15,7 +15,8 @@ from models.effects import catalogue, get
 from replay.cli import main
 from replay.diagnosis.answer import answer_text
 from replay.diagnosis.diagnose import Diagnosis, conclude
-from replay.diagnosis.html_report import page, rms_interval
+from replay.diagnosis.html_report import page
+from replay.diagnosis.interval import rms_interval
 from replay.residual.record import Record
 
 FEW = [e for e in catalogue() if e.name in ("wind", "thrust_scale", "rotor_drag", "ground_effect", "cg_offset")]
@@ -150,8 +151,11 @@ def test_an_example_flight_gives_answer_amended_model_and_page(shared_data: Path
     assert code == 0
     answer = json.loads((tmp_path / "a.json").read_text())
     # The shipped model is not this flight's air; the load that was picked up stands out all the same.
-    assert "payload" in {e["name"] for e in answer["effects"]}
-    adopted = {e.name: e.parameters for e in models.load(tmp_path / "amended").effects}
-    assert adopted["payload"]["from_s"] == 0.0
-    assert 0.2 < adopted["payload"]["mass"] < 0.5
+    payload = {e["name"]: e for e in answer["effects"]}["payload"]
+    assert 0.2 < payload["parameters"]["mass"]["value"] < 0.5
+    assert (payload["belongs_to"], payload["kept"]) == ("load", False)
+    amended = models.load(tmp_path / "amended")
+    assert "payload" not in {e.name for e in amended.effects}
+    assert "payload" in amended.info["of_day"]
+    assert [e["name"] for e in amended.info["learnt_from"]] == [flight.name]
     assert (tmp_path / "report.html").stat().st_size > 10_000
