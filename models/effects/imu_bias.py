@@ -43,7 +43,9 @@ EFFECT = Effect(
     channels=("ax_m_s2", "ay_m_s2", "az_m_s2"),
     excite="turn by 180 degrees: a bias turns with the vehicle, wind does not",
     coefficients=(
-        *(Coefficient(a, "m/s^2", -1.5, 1.5, typical=0.3) for a in "xyz"),
+        *(Coefficient(a, "m/s^2", -1.5, 1.5, typical=0.3) for a in "xy"),
+        # Along the lift it cannot be told from a load, or from the battery: that is of the day.
+        Coefficient("z", "m/s^2", -1.5, 1.5, typical=0.3, belongs_to=BelongsTo.LOAD),
         *(Coefficient(a, "rad", -0.15, 0.15, typical=0.02) for a in ("pitch", "roll")),
     ),
     regressors=_regressors,

@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 
 from models.air_state import blank_state
-from models.effects import AdoptedEffect, Context, get
+from models.effects import AdoptedEffect, BelongsTo, Context, Effect, get
 from models.errors import ConfigError
 from models.surrogate.empty import declared_thrust, empty_model
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.surrogate.store import save_model
 from models.vehicle import Vehicle
+from replay.search.results import Estimate
 
-__all__ = ["amended", "empty_model", "learnt_from", "save_amended"]
+__all__ = ["amended", "empty_model", "known_day", "learnt_from", "save_amended", "to_adopt"]
 
 LEARNT_FROM, OF_DAY = "learnt_from", "of_day"
 """Keys of ``model.json``: [{"name", "sha256"}] of logs; {effect: {"spread": {coefficient: standard deviation about
@@ -50,6 +51,22 @@ def amended(
     if of_day:
         info[OF_DAY] = of_day
     return base.with_effects((*base.effects, *new), info)
+
+
+def to_adopt(effect: Effect, estimates: Sequence[Estimate], context: Context) -> AdoptedEffect:
+    """What was found, with the sizes that another flight may be predicted by.
+
+    A coefficient of the vehicle is taken towards its prior mean by its own interval, d -> d d^2/(d^2 + sd^2): an
+    interval that is wider than the posterior says that other flights differ (positive-part James-Stein shrinkage: Efron
+    & Morris 1973, JASA 68, 117). Offsets of a sensor stay as found: one by one they are known worse than together.
+    """
+    parameters = {e.name: e.value for e in estimates}
+    for c in effect.coefficients if effect.belongs_to is not BelongsTo.INSTRUMENT else ():
+        (e,) = (e for e in estimates if e.name == c.name)
+        mean, sd = c.mean(context), (e.ci95[1] - e.ci95[0]) / (2.0 * 1.96)
+        off = e.value - mean
+        parameters[c.name] = mean + off**3 / max(off**2 + sd**2, 1e-300)
+    return AdoptedEffect(effect.name, parameters)
 
 
 def save_amended(

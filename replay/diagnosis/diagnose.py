@@ -15,6 +15,7 @@ from models.errors import LogError
 from models.frames import Array
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
+from replay.diagnosis.amended_model import to_adopt
 from replay.diagnosis.stretches import Stretches
 from replay.logs.formats import read_pieces
 from replay.logs.pieces import Piece
@@ -73,8 +74,8 @@ class Diagnosis:
 
     @property
     def adopted(self) -> tuple[AdoptedEffect, ...]:
-        """The named effects with their parameters, as found."""
-        return tuple(AdoptedEffect(n.found.effect.name, n.found.parameters) for n in self.named)
+        """The named effects with the sizes that another flight may be predicted by."""
+        return tuple(to_adopt(n.found.effect, n.found.estimates, self.records[n.record].context) for n in self.named)
 
     @property
     def aliases(self) -> list[list[str]]:

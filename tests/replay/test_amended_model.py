@@ -7,10 +7,12 @@ from pathlib import Path
 import pytest
 
 from companion.vehicles import default_vehicle
-from models.effects import AdoptedEffect, BelongsTo, catalogue, get
+from models.air_state import blank_state
+from models.effects import AdoptedEffect, BelongsTo, Context, catalogue, get
 from models.surrogate.store import load
-from replay.diagnosis.amended_model import known_day, learnt_from, save_amended
+from replay.diagnosis.amended_model import known_day, learnt_from, save_amended, to_adopt
 from replay.diagnosis.words import kept_words
+from replay.search.results import Estimate
 
 WIND = {"north": 3.0, "east": -1.0, "own_motion": 0.4, "turning": 0.0, "sinking": 0.1, "above_radii": 0.5}
 INFLOW = {"slope": 4.0, "turning": 0.0, "north": -30.0, "east": 2.0, "level": 0.1}
@@ -62,3 +64,16 @@ def test_every_effect_says_what_is_kept_of_it() -> None:
     assert "keeps own motion, turning and sinking" in kept_words(get("wind"))
     assert "north and east" in kept_words(get("vertical_inflow"))
     assert get("imu_bias").belongs_to is BelongsTo.INSTRUMENT
+
+
+def test_a_size_that_its_flight_hardly_knows_is_taken_towards_what_was_known_before() -> None:
+    vehicle = default_vehicle()
+    context = Context(blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle)
+    well, badly = (
+        to_adopt(get("thrust_scale"), [Estimate("scale", 0.1, (0.1 - half, 0.1 + half), "1")], context).parameters
+        for half in (0.004, 0.2)
+    )
+    assert well["scale"] == pytest.approx(0.1, rel=0.01)
+    assert 0.0 < badly["scale"] < 0.06
+    bias = [Estimate(n, 0.2, (-0.3, 0.7), "1") for n in ("x", "y", "z", "pitch", "roll")]
+    assert to_adopt(get("imu_bias"), bias, context).parameters["x"] == 0.2
