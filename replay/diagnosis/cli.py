@@ -49,6 +49,10 @@ def add_parser(commands: Any) -> None:
     p.add_argument(
         "--report", type=Path, metavar="DIR", help="write a self-contained HTML page; for a folder, of each log"
     )
+    p.add_argument(
+        "--since", nargs="+", metavar="GOOD",
+        help="good flights of the vehicle: name only what changed since (with a folder: how many of its first logs)",
+    )  # fmt: skip
     p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
     p.add_argument("--seed", type=int, default=0, metavar="N", help="of the null draws and the bootstrap (default 0)")
     p.add_argument("--json", metavar="FILE", help="write the answer as JSON (- for stdout)")
@@ -60,6 +64,10 @@ def add_parser(commands: Any) -> None:
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     _check_arguments(a)
+    if a.since:
+        from replay.changes.cli import run as run_since
+
+        return run_since(a, progress_bar(a))
     if any(log.is_dir() for log in a.logs):
         return _folder(a)
     # Imported here so that --help answers at once.

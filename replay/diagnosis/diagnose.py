@@ -24,7 +24,7 @@ from replay.residual.motion import ENOUGH_S
 from replay.residual.record import Record, build_record, check_model, too_short
 from replay.search.free_curves import Channel
 from replay.search.results import Found, Rejected, Searched, Trace, summarise
-from replay.search.walk import walk
+from replay.search.walk import Walked, walk
 
 UNITS = ("N", "N", "N", "N m", "N m", "N m")
 CANDIDATE, CONFIRMED = "candidate", "confirmed"
@@ -111,10 +111,20 @@ def diagnose(
 
 
 def conclude(
-    records: Sequence[Record], notes: Sequence[str] = (), *, effects: Sequence[Effect] | None = None, seed: int = 0
-) -> Diagnosis:
-    """One answer from one flight or several together; ``effects`` instead of the whole catalogue."""
-    searched = summarise(walk(records, catalogue() if effects is None else effects), seed)
+    records: Sequence[Record], notes: Sequence[str] = (), *, effects: Sequence[Effect] | None = None, seed: int = 0,
+    beside: Sequence[Sequence[Array]] = (),
+) -> Diagnosis:  # fmt: skip
+    """One answer from one flight or several together; ``effects`` instead of the whole catalogue.
+
+    ``beside``: of every flight, wrenches (n, 6) that it may have besides without being named.
+    """
+    return concluded(walk(records, catalogue() if effects is None else effects, beside), notes, seed=seed)
+
+
+def concluded(walked: Walked, notes: Sequence[str] = (), *, seed: int = 0) -> Diagnosis:
+    """The answer of a search."""
+    records = walked.evidence.library.records
+    searched = summarise(walked, seed)
     named = _named(searched)
     channels = _channels(searched.traces)
     open_ = bool(channels) or any(t.outside for t in searched.traces)

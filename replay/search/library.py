@@ -35,10 +35,16 @@ KINEMATIC_SD_M_S2 = 0.05
 
 
 class Library:
-    """All terms of some flights, and the channels that they act on."""
+    """All terms of some flights, and the channels that they act on.
 
-    def __init__(self, records: Sequence[Record], effects: Sequence[Effect]) -> None:
+    ``beside``: of every flight, wrenches (n, 6) that it may have besides, each times N(0, 1), and that are not named.
+    """
+
+    def __init__(
+        self, records: Sequence[Record], effects: Sequence[Effect], beside: Sequence[Sequence[Array]] = ()
+    ) -> None:
         self.records = list(records)
+        self._beside = beside or [()] * len(self.records)
         self.every = [max(round(STEP_S / r.step_s), 1) for r in records]
         self.terms: list[Term] = []
         self.lacking: dict[str, str] = {}
@@ -172,6 +178,7 @@ class Library:
             trims = [*self._constant(f), _late_rotors(record)]
             if np.isfinite(record.kinematic_bias).any():  # an accelerometer of its own, not the velocity's derivative
                 trims += [_late_velocity(record), *_off_centre(record)]
+            trims += self._beside[f]
             for x in trims:
                 for a in record.axes:
                     if np.abs(x[:, a]).max() > 0.0:
