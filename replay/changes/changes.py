@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from models.effects import AdoptedEffect, BelongsTo, Context, Effect, catalogue, get
-from replay.changes.spread import Size, as_flown, usual
+from replay.changes.spread import LAWS, Size, as_flown, usual
 from replay.residual.record import Record
 from replay.search.evidence import TRUST, Evidence, Fit
 from replay.search.library import Library
@@ -19,7 +19,7 @@ from replay.search.walk import walk
 from replay.search.worth import Contributions, beyond_bounds, top
 
 OF_A_VEHICLE = (BelongsTo.VEHICLE, BelongsTo.LOAD, BelongsTo.INSTRUMENT)
-"""What can change on a vehicle; weather and place change with every flight."""
+"""What can change on a vehicle, but for laws; weather and place change with every flight."""
 SURE = 1.0
 """Log posterior odds from which a change is named: nothing changed is the usual answer."""
 NEAR = 2.0
@@ -102,7 +102,8 @@ def beside(good: Good, today: Record) -> Beside:
     # Load of the day is a change; weather of the day is in the spread.
     common = [e for e in catalogue() if not e.belongs_to.of_day or e.name in shapes]
     same = [_with_shape(_shared(e), shapes.get(e.name)) for e in common]
-    other = [_changed(e, e.name in shapes, today.context) for e in catalogue() if e.belongs_to in OF_A_VEHICLE]
+    parts = [e for e in catalogue() if e.belongs_to in OF_A_VEHICLE and e.name not in LAWS]
+    other = [_changed(e, e.name in shapes, today.context) for e in parts]
     spread = [[size.wrench(r) for size in good.sizes] for r in flights]
     evidence = Evidence(Library(flights, [*same, *other], spread))
     candidates = [t for t in evidence.library.terms if t.effect is not None and t.flight in (None, last)]

@@ -17,8 +17,10 @@ LEARNING_S = 20.0
 """Judged time at the start of a flight from which its day is learnt [s]."""
 ALWAYS = ("imu_bias", "payload", "vertical_inflow", "wind")
 """Effects that every flight has something of: what a sensor reads too much, the load, and the wind."""
-CORRELATED_S = 1.5
-"""Time over which what is left of a residual hangs together [s]: samples within it count as one."""
+CORRELATED_S = 0.3
+"""Time over which the low-pass makes a residual hang together [s]: samples within it count as one."""
+ROUNDS = 3
+"""Noise and coefficients are fitted in turn so often."""
 QUIETEST = 0.002
 """Smallest noise of a force, as a share of the weight (times the lever, for moments)."""
 
@@ -55,7 +57,7 @@ def learn_day(
     """The day of a flight by what a model leaves (n, 6) of its start.
 
     Maximum a posteriori of a linear model: every coefficient has the Gaussian prior of its effect, about zero, and
-    noise has the variance of the residual, counted once in ``CORRELATED_S``. ``of_day``: shapes of the effects of the
+    noise has the variance of what is left, counted once in ``CORRELATED_S``. ``of_day``: shapes of the effects of the
     day that the model knows besides, by the name of the effect.
     """
     known = {e.name: e.parameters for e in adopted} | dict(of_day)
@@ -73,15 +75,18 @@ def learn_day(
             spread.append(effect.coefficients[i].spread(record.context))
     x = np.stack(columns, axis=-1)
     rows = learning_time(record)
-    precision, towards = np.diag(1.0 / np.array(spread) ** 2), np.zeros(len(spread))
-    lever = record.context.lever
-    for axis in record.axes:
-        y, part = residual[rows, axis], x[rows, axis]
-        least = QUIETEST * record.context.weight * (1.0 if axis < 3 else lever)
-        weight = record.step_s / CORRELATED_S / max(float(y.std()), least) ** 2
-        precision += weight * part.T @ part
-        towards += weight * part.T @ y
-    return Day(tuple(names), np.asarray(np.linalg.solve(precision, towards), dtype=float), x)
+    prior, y = 1.0 / np.array(spread) ** 2, residual[rows]
+    values = np.zeros(len(spread))
+    least = QUIETEST * record.context.weight * np.where(np.arange(6) < 3, 1.0, record.context.lever)
+    for _ in range(ROUNDS):
+        precision, towards = np.diag(prior), np.zeros(len(spread))
+        noise = np.maximum((y - x[rows] @ values).std(axis=0), least)
+        for axis in record.axes:
+            weight = record.step_s / CORRELATED_S / noise[axis] ** 2
+            precision += weight * x[rows, axis].T @ x[rows, axis]
+            towards += weight * x[rows, axis].T @ y[:, axis]
+        values = np.asarray(np.linalg.solve(precision, towards), dtype=float)
+    return Day(tuple(names), values, x)
 
 
 def _of_day(effect: Effect) -> list[int]:
