@@ -53,19 +53,25 @@ def amended(
     return base.with_effects((*base.effects, *new), info)
 
 
-def to_adopt(effect: Effect, estimates: Sequence[Estimate], context: Context) -> AdoptedEffect:
+def to_adopt(
+    effect: Effect, estimates: Sequence[Estimate], context: Context, *, one_wind: bool = False
+) -> AdoptedEffect:
     """What was found, with the sizes that another flight may be predicted by.
 
     A coefficient of the vehicle is taken towards its prior mean by its own interval, d -> d d^2/(d^2 + sd^2): an
     interval that is wider than the posterior says that other flights differ (positive-part James-Stein shrinkage: Efron
     & Morris 1973, JASA 68, 117). Offsets of a sensor stay as found: one by one they are known worse than together.
+    ``one_wind``: found in a single wind. What answers the wind has then half of what was found, as the other half may
+    be that wind's: drag and inflow grow with the speed of the air.
     """
     parameters = {e.name: e.value for e in estimates}
+    of_wind = any((c.belongs_to or effect.belongs_to) is BelongsTo.WEATHER for c in effect.coefficients)
+    share = 0.5 if one_wind and of_wind else 1.0
     for c in effect.coefficients if effect.belongs_to is not BelongsTo.INSTRUMENT else ():
         (e,) = (e for e in estimates if e.name == c.name)
-        mean, sd = c.mean(context), (e.ci95[1] - e.ci95[0]) / (2.0 * 1.96)
+        mean, sd = c.mean(context) if effect.kept else 0.0, (e.ci95[1] - e.ci95[0]) / (2.0 * 1.96)
         off = e.value - mean
-        parameters[c.name] = mean + off**3 / max(off**2 + sd**2, 1e-300)
+        parameters[c.name] = mean + share * off**3 / max(off**2 + sd**2, 1e-300)
     return AdoptedEffect(effect.name, parameters)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from models.effects import AdoptedEffect, Effect, InFlight, catalogue
+from models.effects import AdoptedEffect, BelongsTo, Effect, InFlight, catalogue
 from models.errors import LogError
 from models.frames import Array
 from models.surrogate.fan_surrogate import FanSurrogate
@@ -75,7 +75,14 @@ class Diagnosis:
     @property
     def adopted(self) -> tuple[AdoptedEffect, ...]:
         """The named effects with the sizes that another flight may be predicted by."""
-        return tuple(to_adopt(n.found.effect, n.found.estimates, self.records[n.record].context) for n in self.named)
+        windy = any(n.found.effect.belongs_to is BelongsTo.WEATHER for n in self.named)
+        return tuple(
+            to_adopt(
+                n.found.effect, n.found.estimates, self.records[n.record].context,
+                one_wind=windy and len(self.records) == 1,
+            )
+            for n in self.named
+        )  # fmt: skip
 
     @property
     def aliases(self) -> list[list[str]]:
@@ -134,7 +141,12 @@ def concluded(walked: Walked, notes: Sequence[str] = (), *, seed: int = 0) -> Di
         (True, False): "explained",
         (True, True): "partly_explained",
     }[bool(named), open_]
-    all_notes = [*notes, *_wind_speeds(named, records), *dict.fromkeys(note for r in records for note in r.notes)]
+    all_notes = [
+        *notes,
+        *_one_wind(named, records),
+        *_wind_speeds(named, records),
+        *dict.fromkeys(note for r in records for note in r.notes),
+    ]
     faults = tuple(dict.fromkeys(f for r in records for f in r.faults))
     return Diagnosis(searched.traces, tuple(named), searched.rejected, channels, verdict, tuple(all_notes), faults)
 
@@ -215,6 +227,16 @@ def _channels(traces: Sequence[Trace]) -> tuple[Channel, ...]:
             best[c.name] = c
     order = {name: i for i, name in enumerate(dict.fromkeys(c.name for t in traces for c in t.carriers))}
     return tuple(sorted(best.values(), key=lambda c: order[c.name]))
+
+
+def _one_wind(named: Sequence[Named], records: Sequence[Record]) -> list[str]:
+    """Drag and wind are apart where flights in different winds tell them apart."""
+    if len(records) > 1 or not any(n.found.effect.name == "wind" for n in named):
+        return []
+    return [
+        "one flight in one wind does not tell drag from wind: an amended model keeps half of the drag and of the "
+        "inflow; diagnose it together with a flight in another wind"
+    ]
 
 
 def _wind_speeds(named: Sequence[Named], records: Sequence[Record]) -> list[str]:

@@ -77,3 +77,14 @@ def test_a_size_that_its_flight_hardly_knows_is_taken_towards_what_was_known_bef
     assert 0.0 < badly["scale"] < 0.06
     bias = [Estimate(n, 0.2, (-0.3, 0.7), "1") for n in ("x", "y", "z", "pitch", "roll")]
     assert to_adopt(get("imu_bias"), bias, context).parameters["x"] == 0.2
+
+
+def test_drag_that_was_found_in_one_wind_is_adopted_by_half() -> None:
+    vehicle = default_vehicle()
+    context = Context(blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle)
+    found = [Estimate(name, value, (value, value), "1") for name, value in WIND.items()]
+    one, two = (to_adopt(get("wind"), found, context, one_wind=alone).parameters for alone in (True, False))
+    assert two["own_motion"] == pytest.approx(0.4)
+    assert one["own_motion"] == pytest.approx(0.2)
+    scale = [Estimate("scale", 0.1, (0.1, 0.1), "1")]
+    assert to_adopt(get("thrust_scale"), scale, context, one_wind=True).parameters["scale"] == pytest.approx(0.1)
