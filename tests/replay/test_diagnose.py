@@ -93,6 +93,16 @@ def test_a_second_flight_confirms_or_does_not(quiet: Record) -> None:
     assert {n.status for n in calm.named if n.found.effect.name == "wind"} == {"candidate"}
 
 
+def test_flights_in_different_winds_share_the_drag_and_not_the_wind(quiet: Record) -> None:
+    both = conclude([with_wind(quiet, 0.6), with_wind(noise_record(4, 90.0, 0.3), -0.6)], effects=FEW)
+    (wind,) = (n for n in both.named if n.found.effect.name == "wind")
+    first, second = wind.of_flight[0], wind.of_flight[1]
+    assert first["own_motion"] == second["own_motion"]
+    assert first["north"] > 0.3
+    assert second["north"] < -0.3
+    assert not any("one wind" in note for note in both.notes)
+
+
 def test_a_gust_in_step_with_the_motion_is_not_explained_away(quiet: Record) -> None:
     hz, t = 0.16, quiet.time_s
     swing = np.stack([np.sin(2.0 * np.pi * hz * t), 0.2 * np.ones(len(t)), np.zeros(len(t))], axis=1)
