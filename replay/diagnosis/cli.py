@@ -163,7 +163,7 @@ def _print(
     a: argparse.Namespace, answer: Diagnosis, faults: list[dict[str, str]], notes: Sequence[str],
     test: Prediction | None,
 ) -> None:  # fmt: skip
-    from replay.diagnosis.diagnose import flown
+    from models.effects import InFlight
 
     for line in [*(f"{f['channel']}: {f['what']}" for f in faults), *notes]:
         print(line)
@@ -171,8 +171,12 @@ def _print(
     if test is not None:
         print(f"on other flights, {test.as_text()}")
     if a.save_model is not None:
-        idle = [e.name for e in answer.adopted if not flown(e)]
-        print(f"amended model: {a.save_model}" + (f" (not compensated in flight: {', '.join(idle)})" if idle else ""))
+        effects = [n.found.effect for n in answer.named]
+        gone = [e.name for e in effects if not e.kept]
+        idle = [e.name for e in effects if e.kept and e.in_flight is InFlight.NONE]
+        said = [f"not kept: {', '.join(gone)}"] if gone else []
+        said += [f"not compensated in flight: {', '.join(idle)}"] if idle else []
+        print(f"amended model: {a.save_model}" + (f" ({'; '.join(said)})" if said else ""))
     if a.report is not None:
         print(f"report: {a.report / 'report.html'}")
 

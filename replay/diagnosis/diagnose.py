@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from models.effects import AdoptedEffect, BelongsTo, Effect, InFlight, catalogue
+from models.effects import AdoptedEffect, BelongsTo, Effect, catalogue
 from models.errors import LogError
 from models.frames import Array
 from models.surrogate.fan_surrogate import FanSurrogate
@@ -149,13 +149,6 @@ def concluded(walked: Walked, notes: Sequence[str] = (), *, seed: int = 0) -> Di
     ]
     faults = tuple(dict.fromkeys(f for r in records for f in r.faults))
     return Diagnosis(searched.traces, tuple(named), searched.rejected, channels, verdict, tuple(all_notes), faults)
-
-
-def flown(effect: AdoptedEffect) -> bool:
-    """Whether the flight program compensates this effect (or corrects a measurement by it)."""
-    from models.effects import get
-
-    return get(effect.name).in_flight is not InFlight.NONE
 
 
 def read_records(
