@@ -67,8 +67,11 @@ def to_adopt(
     parameters = {e.name: e.value for e in estimates}
     of_wind = any((c.belongs_to or effect.belongs_to) is BelongsTo.WEATHER for c in effect.coefficients)
     share = 0.5 if one_wind and of_wind else 1.0
+    by_name = {e.name: e for e in estimates}
     for c in effect.coefficients if effect.belongs_to is not BelongsTo.INSTRUMENT else ():
-        (e,) = (e for e in estimates if e.name == c.name)
+        if c.name not in by_name:
+            continue
+        e = by_name[c.name]
         mean, sd = c.mean(context) if effect.kept else 0.0, (e.ci95[1] - e.ci95[0]) / (2.0 * 1.96)
         off = e.value - mean
         parameters[c.name] = mean + share * off**3 / max(off**2 + sd**2, 1e-300)
