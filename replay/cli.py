@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 _INTERRUPTED = 130
 _COMMANDS = (
     "replay.diagnosis.cli",
+    "replay.predict.cli",
     "replay.info.cli",
     "replay.export.cli",
     "replay.audit",

@@ -35,10 +35,7 @@ def with_sizes(model: FanSurrogate, known: Adaptation, flights: Sequence[str]) -
         name: {"log_odds": round(k.log_odds, 3), "mean": k.mean.round(5).tolist()}
         for name, k in zip(GAINS, kept, strict=True)
     }
-    return FanSurrogate(
-        model.free_air_law, model.coordinates, model.regressor, model.calibration, model.domain,
-        effects=model.effects, info=before,
-    )  # fmt: skip
+    return model.with_effects(model.effects, before)
 
 
 def kept_with(model: FanSurrogate) -> list[judge.Kept | None]:

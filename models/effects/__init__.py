@@ -11,12 +11,21 @@ from pkgutil import iter_modules
 import numpy as np
 
 from models.air_state import AirState
-from models.effects.effect import AdoptedEffect, Coefficient, Context, Effect, InFlight, Shape, shifted_heights
+from models.effects.effect import (
+    AdoptedEffect,
+    BelongsTo,
+    Coefficient,
+    Context,
+    Effect,
+    InFlight,
+    Shape,
+    shifted_heights,
+)
 from models.errors import ModelError
 from models.frames import Array
 
 __all__ = [
-    "AdoptedEffect", "Coefficient", "Context", "Effect", "InFlight", "Shape", "adopted", "adopted_wrench",
+    "AdoptedEffect", "BelongsTo", "Coefficient", "Context", "Effect", "InFlight", "Shape", "adopted", "adopted_wrench",
     "catalogue", "corrected_state", "get",
 ]  # fmt: skip
 

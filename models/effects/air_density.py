@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, columns
 from models.effects.pictures import mean, more, over_thrust
 from models.frames import Array
 from models.vehicle import RHO_SEA_LEVEL
@@ -30,6 +30,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="air_density",
+    belongs_to=BelongsTo.WEATHER,
     equation="dF = g F_rotors (rho/1.225 - 1), rho = p/(287.05 T)",
     sign="gain 1: as the ideal gas says",
     source="T proportional to rho at given speed: Leishman 2006, ch. 2; ideal gas, ISO 2533",

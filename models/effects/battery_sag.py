@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Drawn, Effect, Shape, columns, through
+from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns, through
 from models.effects.pictures import more, nearest, over
 from models.frames import Array
 
@@ -51,6 +51,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="battery_sag",
+    belongs_to=BelongsTo.VEHICLE,
     equation="dF = F_rotors (p (V/V0 - 1) + e - r (u - 1)), e at the reference voltage, u declared thrust over weight",
     sign="power > 0: thrust falls with the voltage; ohmic > 0: and with the current, faster than the voltage is "
     "logged; ohmic < 0: the declared curve holds that drop already",
@@ -62,7 +63,7 @@ EFFECT = Effect(
     excite="fly on a full and on an empty battery",
     coefficients=(
         Coefficient("power", "1", 0.0, 4.0, typical=1.5, centre=1.0),
-        Coefficient("at_reference", "1", -0.3, 0.3, typical=0.08, of_day=True),
+        Coefficient("at_reference", "1", -0.3, 0.3, typical=0.08, belongs_to=BelongsTo.LOAD),
         Coefficient("ohmic", "1", -0.2, 0.8, typical=lambda ctx: ctx.by_kind(0.01, 0.1), optional=True),
     ),
     main=("power",),

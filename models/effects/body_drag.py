@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, columns
 from models.effects.pictures import over_speed
 from models.frames import Array
 from models.vehicle import RHO_SEA_LEVEL
@@ -28,6 +28,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="body_drag",
+    belongs_to=BelongsTo.VEHICLE,
     equation="dF_i = -rho/2 c_i A |v_i| v_i, A the area of all discs",
     sign="c > 0: against the motion",
     source="Hoerner 1965, Fluid-Dynamic Drag, ch. 3: pressure drag of bluff bodies",

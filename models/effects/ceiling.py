@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, Coefficient, Context, Drawn, Effect, Shape, columns
+from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns
 from models.effects.pictures import fan_mean, more, nearest, over
 from models.frames import Array
 
@@ -39,6 +39,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="ceiling",
+    belongs_to=BelongsTo.PLACE,
     equation="dF_z = -g sum T (gamma(z/a)^(2/3) - 1), gamma = 1/2 + 1/2 sqrt(1 + (a R/z)^2/8)",
     sign="gain > 0: drawn to the ceiling",
     source="Hsiao & Chirarattananon 2019, IEEE/ASME Trans. Mechatronics 24(5), 2316-2327, arXiv:1905.04632",

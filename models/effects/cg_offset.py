@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, columns
 from models.effects.pictures import over_thrust
 from models.frames import Array
 
@@ -31,6 +31,7 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="cg_offset",
+    belongs_to=BelongsTo.VEHICLE,
     equation="dM = -r x F, F of rotors and vanes",
     sign="x > 0: CG ahead of the declared one (nose down); y > 0: to the right of it (right down)",
     source="moment of a force about another point: Goldstein, Classical Mechanics, ch. 1",

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Drawn, Effect, InFlight, Shape, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, InFlight, Shape, columns
 from models.effects.pictures import over_wall
 from models.frames import Array
 
@@ -51,6 +51,7 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="contact",
+    belongs_to=BelongsTo.PLACE,
     equation="dF = -k max(d0 - d, 0) + c d' where d < d0, towards the wall, at every fan",
     sign="stiffness > 0: force away from the wall",
     source="Hunt & Crossley 1975, J. Applied Mechanics 42(2), 440-445, linearised: spring and damper at a contact",

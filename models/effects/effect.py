@@ -27,7 +27,7 @@ from models.vehicle_wrench import (
     vane_wrench,
 )
 
-__all__ = ["AdoptedEffect", "Coefficient", "Context", "Effect", "InFlight", "Shape"]
+__all__ = ["AdoptedEffect", "BelongsTo", "Coefficient", "Context", "Effect", "InFlight", "Shape"]
 
 GAS_CONSTANT_AIR = 287.05
 DOWNWARD = np.array([0.0, 0.0, 1.0])
@@ -44,6 +44,26 @@ class InFlight(Enum):
     NONE = "not compensated in flight"
 
 
+class BelongsTo(Enum):
+    """What an effect, or one coefficient of it, is a property of: whether the next flight has it, too."""
+
+    VEHICLE = "vehicle"
+    """Thrust, drag, centre of gravity, the law of ground and walls."""
+    WEATHER = "weather"
+    """Wind and density: every flight has its own."""
+    LOAD = "load"
+    """Battery and load of the day: every flight has its own."""
+    INSTRUMENT = "instrument"
+    """Offset of a sensor: corrects what that sensor reads, and is no force."""
+    PLACE = "place"
+    """Of surroundings that a range measures: there only where they are seen."""
+
+    @property
+    def of_day(self) -> bool:
+        """Every flight has its own; the next one starts from the prior."""
+        return self in (BelongsTo.WEATHER, BelongsTo.LOAD)
+
+
 Size = float | Callable[["Context"], float]
 """A number, or one that follows from the vehicle and the flight."""
 
@@ -53,7 +73,7 @@ class Coefficient:
     """One linear coefficient: name, unit, the range in which physics expects it, and its prior.
 
     The prior is a Gaussian about ``centre`` with standard deviation ``typical`` (before any flight was seen), cut off
-    at ``low`` and ``high``. ``of_day``: every flight has its own.
+    at ``low`` and ``high``. ``belongs_to`` is given where it is not what its effect belongs to.
     """
 
     name: str
@@ -62,7 +82,7 @@ class Coefficient:
     high: float
     typical: Size = 1.0
     centre: Size = 0.0
-    of_day: bool = False
+    belongs_to: BelongsTo | None = None
     optional: bool = False
     """A model directory may lack it: 0 there."""
 
@@ -317,6 +337,7 @@ class Effect:
     """
 
     name: str
+    belongs_to: BelongsTo
     equation: str
     sign: str
     source: str
@@ -356,8 +377,6 @@ class Effect:
     """What it may leave at most by an error of its form, as a share of its own: less is not believed beside it."""
     least_share: float = 0.05
     """Smallest share of an axis' energy that it has to take off to be named."""
-    of_day: bool = False
-    """Of the flight, not of the vehicle: every flight has its own."""
     contains: tuple[str, ...] = ()
     """Effects whose terms it has among its own."""
     searched: tuple[str, ...] = ()
@@ -372,6 +391,28 @@ class Effect:
     """The picture that shows it on one axis; None: over time."""
     in_words: Callable[[Context, Mapping[str, float]], str] | None = None
     """Its size on a record as a pilot says it; None: by its parameters."""
+
+    def of_day(self, coefficient: Coefficient) -> bool:
+        """Whether every flight has its own."""
+        return (coefficient.belongs_to or self.belongs_to).of_day
+
+    @property
+    def all_of_day(self) -> bool:
+        """Whether flights share nothing of it, its shape included."""
+        return all(self.of_day(c) for c in self.coefficients)
+
+    @property
+    def kept(self) -> bool:
+        """Whether an amended model takes it to the next flight: what makes the effect is not of the day."""
+        return any(self.is_main(c) and not self.of_day(c) for c in self.coefficients)
+
+    def of_next_flight(self, parameters: Mapping[str, float]) -> dict[str, float]:
+        """Adopted parameters as the next flight starts with them: what is of the day at zero.
+
+        Times of a log do not carry over: what began in it is there from the start.
+        """
+        gone = {c.name for c in self.coefficients if self.of_day(c)} | {"from_s"}
+        return {name: 0.0 if name in gone else value for name, value in parameters.items()}
 
     def is_main(self, coefficient: Coefficient) -> bool:
         """Whether the effect is not there without it."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, Coefficient, Context, Effect, Shape, columns
+from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, Shape, columns
 from models.effects.pictures import more, over_thrust
 from models.frames import Array
 from models.vehicle_wrench import fan_torques, vane_wrench
@@ -35,6 +35,7 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="fan_imbalance",
+    belongs_to=BelongsTo.VEHICLE,
     equation="dF = e (F_fan + F_vanes), dM = r x dF + q Q_fan",
     sign="scale < 0: that fan is weaker than declared",
     source="blade-element theory: a blade that lifts less is dragged less; Leishman 2006, ch. 3",

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, Coefficient, Context, Effect, Shape, columns, decay
+from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, Shape, columns, decay
 from models.effects.pictures import more, nearest, over_height
 from models.frames import Array
 
@@ -32,6 +32,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="ground_effect",
+    belongs_to=BelongsTo.VEHICLE,
     equation="dF_z = -g sum T exp(-h/L)",
     sign="gain > 0: more lift near the ground than the model has",
     source="exponential form: He & Leang 2019, J. Dynamic Systems, Measurement and Control 141(7), 071013; "

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Drawn, Effect, InFlight, Shape, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, InFlight, Shape, columns
 from models.effects.pictures import mean, over
 from models.frames import Array
 from models.vehicle_wrench import RPM_TO_RAD_S
@@ -43,6 +43,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="gyroscopic",
+    belongs_to=BelongsTo.VEHICLE,
     equation="dM = -w x H - dH/dt, H = J sum s_i Omega_i (s_i the declared spins, or all alike)",
     sign="all_alike 1: all clockwise seen from above, -1: all against it, 0: as declared",
     source="Euler's equations of a gyrostat; Mahony, Kumar & Corke 2012, IEEE Robotics & Automation Magazine "

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, InFlight
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, InFlight
 from models.effects.pictures import over_time
 from models.frames import Array
 
@@ -34,6 +34,7 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="imu_bias",
+    belongs_to=BelongsTo.INSTRUMENT,
     equation="dF = m b + T (pitch, -roll, 0), b constant in the body",
     sign="b > 0: the accelerometer reads too much along that axis; pitch > 0: rotors are tilted forward of it",
     source="Woodman 2007, University of Cambridge UCAM-CL-TR-696, section 4: accelerometer bias",
@@ -42,13 +43,14 @@ EFFECT = Effect(
     channels=("ax_m_s2", "ay_m_s2", "az_m_s2"),
     excite="turn by 180 degrees: a bias turns with the vehicle, wind does not",
     coefficients=(
-        *(Coefficient(a, "m/s^2", -1.5, 1.5, typical=0.3) for a in "xyz"),
+        *(Coefficient(a, "m/s^2", -1.5, 1.5, typical=0.3) for a in "xy"),
+        # Along the lift it cannot be told from a load, or from the battery: that is of the day.
+        Coefficient("z", "m/s^2", -1.5, 1.5, typical=0.3, belongs_to=BelongsTo.LOAD),
         *(Coefficient(a, "rad", -0.15, 0.15, typical=0.02) for a in ("pitch", "roll")),
     ),
     regressors=_regressors,
     aliases=("wind", "payload", "thrust_scale"),
     in_flight=InFlight.NONE,
-    of_day=True,
     odds=0.3,
     kinematic_bias=_kinematic_bias,
     drawn=over_time,

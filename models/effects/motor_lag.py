@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, InFlight, Shape, columns, through
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, InFlight, Shape, columns, through
 from models.effects.pictures import over_time
 from models.frames import Array
 
@@ -40,6 +40,7 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="motor_lag",
+    belongs_to=BelongsTo.VEHICLE,
     equation="dF = F_rotors(filtered, exp(-d s)/(1 + tau s)) - F_rotors",
     sign="gain 1: dead time and a first-order lag",
     source="Mahony, Kumar & Corke 2012, IEEE Robotics & Automation Magazine 19(3), 20-32: rotor speed as first "

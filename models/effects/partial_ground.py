@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, Coefficient, Context, Effect, InFlight, columns, decay
+from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, InFlight, columns, decay
 from models.effects.pictures import over_height
 from models.frames import Array
 from models.vehicle_wrench import disturbance_wrench
@@ -98,6 +98,7 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="partial_ground",
+    belongs_to=BelongsTo.PLACE,
     equation="dF = sum over fans of c F(h_table) + (1 - c) F(h_floor) - F(h seen), c the disc's share over the table",
     sign="gain 1: as the model's ground effect says",
     source="Sanchez-Cuevas, Heredia & Ollero 2017, Int. J. Aerospace Engineering, 1823056, eq. 4: images of the "

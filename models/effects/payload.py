@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Drawn, Effect, Shape, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns
 from models.effects.pictures import over, percent
 from models.frames import Array
 
@@ -52,6 +52,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="payload",
+    belongs_to=BelongsTo.LOAD,
     equation="dF = -dm f, f the specific force, from a time on",
     sign="mass > 0: heavier than declared",
     source="Newton's second law with a mass that is not declared",
@@ -66,7 +67,6 @@ EFFECT = Effect(
     halvings=4,
     aliases=("thrust_scale", "air_density"),
     exact=True,
-    of_day=True,
     odds=0.045,
     drawn=_drawn,
     in_words=_words,

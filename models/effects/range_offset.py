@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, InFlight, Shape, columns, shifted_heights
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, InFlight, Shape, columns, shifted_heights
 from models.effects.pictures import over_height
 from models.frames import Array
 from models.vehicle_wrench import disturbance_wrench
@@ -40,6 +40,7 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="range_offset",
+    belongs_to=BelongsTo.INSTRUMENT,
     equation="dF = o (F_model(h - a) - F_model(h))/a, taken where a = o",
     sign="offset > 0: the rangefinder reads too much",
     source="lever arm and zero offset of a range sensor: first order of the modelled lift in the height",

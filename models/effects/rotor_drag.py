@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from models.effects.effect import Coefficient, Context, Effect, Shape, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, columns
 from models.effects.pictures import mean, over_speed
 from models.frames import Array
 
@@ -31,6 +31,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="rotor_drag",
+    belongs_to=BelongsTo.VEHICLE,
     equation="dF_xy = -sum (sqrt(rho A T) (c v + t omega x r) + s rho A v_down v)_xy per fan",
     sign="drag > 0: against the motion; sinking > 0: and more in a descent, as the disc flaps back further",
     source="Faessler, Franchi & Scaramuzza 2018, IEEE Robotics and Automation Letters 3(2), 620-626, arXiv:1712.02402; "

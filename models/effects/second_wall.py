@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Drawn, Effect, Shape, columns, decay
+from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns, decay
 from models.effects.pictures import nearest, over_wall, percent
 from models.frames import Array
 
@@ -46,6 +46,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="second_wall",
+    belongs_to=BelongsTo.PLACE,
     equation="at its bearing (pull, R tilt, lift) sum T exp(-d2/L); loss of lift in the vertex sum T exp(-(d+d2)/3L)",
     sign="pull, tilt > 0: towards the second wall; loss > 0: less lift in the vertex",
     source="wall attraction and tilt of the first wall, added for a second one; no closed form is published",

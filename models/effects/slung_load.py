@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, InFlight, Shape, columns, through
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, InFlight, Shape, columns, through
 from models.effects.pictures import over_time
 from models.frames import GRAVITY, Array
 
@@ -54,6 +54,7 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="slung_load",
+    belongs_to=BelongsTo.LOAD,
     equation="dF_xy = m w0^2 x, x'' + 2 z w0 x' + w0^2 x = -a_xy, w0 = sqrt(g/L); dF_z = m g; dM = b z x dF",
     sign="mass > 0: hangs below",
     source="Bisgaard, la Cour-Harbo & Bendtsen 2010, Control Engineering Practice 18(7): pendulum under a hook",
@@ -72,7 +73,6 @@ EFFECT = Effect(
     aliases=("payload",),
     in_flight=InFlight.NONE,
     main=("swinging",),
-    of_day=True,
     contains=("payload",),
     drawn=over_time,
     in_words=_words,

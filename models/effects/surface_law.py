@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Drawn, Effect, InFlight, Shape
+from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, InFlight, Shape
 from models.effects.pictures import more, nearest, over_height, over_wall, percent
 from models.frames import Array
 from models.surface_map import CELLS, COMPONENTS, MEASURED, PARTS, cell_name, prior_factor
@@ -115,6 +115,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="surface_law",
+    belongs_to=BelongsTo.VEHICLE,
     equation="dF = sum g F_model + T m(h/R, d/R), a gain g and a map m each for lift, pull and tilt (times R)",
     sign="lift > 0: more lift; pull, tilt > 0: towards the wall",
     source="Gaussian process over the logarithms of height and distance: Rasmussen & Williams 2006, Gaussian Processes "

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Drawn, Effect, Shape, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns
 from models.effects.pictures import more, nearest, over
 from models.frames import Array
 
@@ -42,6 +42,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="thermal_derating",
+    belongs_to=BelongsTo.VEHICLE,
     equation="dF = F_rotors (s (T_esc - T_start)/30 K + s0), s0 at the start",
     sign="slope < 0: thrust is lost when hot",
     source="magnets and copper lose about 0.1 % of torque a kelvin: Hughes & Drury 2013, Electric Motors and "
@@ -52,7 +53,7 @@ EFFECT = Effect(
     excite="a long flight from cold; rest with the battery connected separates heat from charge",
     coefficients=(
         Coefficient("slope", "1", -0.2, 0.0, typical=0.03),
-        Coefficient("start", "1", -0.3, 0.3, typical=0.05, of_day=True),
+        Coefficient("start", "1", -0.3, 0.3, typical=0.05, belongs_to=BelongsTo.LOAD),
     ),
     main=("slope",),
     regressors=_regressors,

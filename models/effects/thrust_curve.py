@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from models.effects.effect import Coefficient, Context, Effect, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, columns
 from models.effects.pictures import more, over_thrust
 from models.frames import Array
 
@@ -38,6 +38,7 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="thrust_curve",
+    belongs_to=BelongsTo.VEHICLE,
     equation="dF = F_rotors (s (u - 1) + c (u - 1)^2), u the declared thrust over the weight",
     sign="slope > 0: a change of throttle does more than declared",
     source="Taylor expansion of the thrust curve about hover; Bitcraze's and ArduPilot's thrust stands",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from models.effects.effect import Coefficient, Context, Effect, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, columns
 from models.effects.pictures import more, over_thrust
 from models.frames import Array
 
@@ -24,6 +24,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="thrust_scale",
+    belongs_to=BelongsTo.VEHICLE,
     equation="dF = e F_rotors",
     sign="e > 0: more thrust than declared",
     source="Leishman 2006, Principles of Helicopter Aerodynamics, ch. 2: T = C_T rho A Omega^2 R^2, C_T changed "

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, Coefficient, Context, Drawn, Effect, columns
+from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Drawn, Effect, columns
 from models.effects.pictures import mean, over, percent
 from models.frames import Array
 from models.vehicle import RHO_SEA_LEVEL
@@ -38,6 +38,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="vertical_inflow",
+    belongs_to=BelongsTo.VEHICLE,
     equation="dF_z = T (c v_up - (c w)_up + t (omega x r)_up) / (Omega R) - l rho A |v_xy|^2 per fan, w the wind, up "
     "along the rotor axis",
     sign="slope > 0: lift is lost in a climb; level > 0: and gained in level flight; north, east: slope times the wind",
@@ -49,8 +50,8 @@ EFFECT = Effect(
     coefficients=(
         Coefficient("slope", "1", 0.2, 20.0, typical=2.5, centre=4.0),
         Coefficient("turning", "1", -20.0, 20.0, typical=4.0, optional=True),
-        Coefficient("north", "m/s", -200.0, 200.0, typical=16.0, of_day=True, optional=True),
-        Coefficient("east", "m/s", -200.0, 200.0, typical=16.0, of_day=True, optional=True),
+        Coefficient("north", "m/s", -200.0, 200.0, typical=16.0, belongs_to=BelongsTo.WEATHER, optional=True),
+        Coefficient("east", "m/s", -200.0, 200.0, typical=16.0, belongs_to=BelongsTo.WEATHER, optional=True),
         Coefficient("level", "1", -0.2, 1.5, typical=0.2, centre=0.15, optional=True),
     ),
     main=("slope", "north", "east"),

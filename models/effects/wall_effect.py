@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Drawn, Effect, Shape, columns, decay
+from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns, decay
 from models.effects.pictures import nearest, over_wall, percent
 from models.frames import Array
 
@@ -42,6 +42,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="wall_effect",
+    belongs_to=BelongsTo.VEHICLE,
     equation="dF = p sum T exp(-d/L) towards the wall, dM = t R sum T exp(-d/L)",
     sign="pull > 0: towards the wall; tilt > 0: tilts towards the wall",
     source="signs and range: Ai, Xu, Xiang, Fan & Zhang 2020, Sensors 20(20), 5805, section 2; no closed form "

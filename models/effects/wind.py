@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Drawn, Effect, Shape, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns
 from models.effects.pictures import compass, over
 from models.frames import Array
 
@@ -54,6 +54,7 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="wind",
+    belongs_to=BelongsTo.WEATHER,
     equation="dF_xy = sum (sqrt(rho A T) (w - k v - t omega x r) - s rho A v_down v)_xy, above the fans' references",
     sign="north, east > 0: the air moves to the north, east",
     source="momentum drag of a lifting disc: Pflimlin, Binetti, Soueres, Hamel & Trouchet 2010, Control "
@@ -65,9 +66,9 @@ EFFECT = Effect(
     coefficients=(
         Coefficient("north", "m/s", -25.0, 25.0, typical=4.0),
         Coefficient("east", "m/s", -25.0, 25.0, typical=4.0),
-        Coefficient("own_motion", "1", 0.0, 3.0, typical=0.7, centre=0.7),
-        Coefficient("turning", "1", -6.0, 6.0),
-        Coefficient("sinking", "1", -1.0, 2.0, typical=0.3, centre=0.3, optional=True),
+        Coefficient("own_motion", "1", 0.0, 3.0, typical=0.7, centre=0.7, belongs_to=BelongsTo.VEHICLE),
+        Coefficient("turning", "1", -6.0, 6.0, belongs_to=BelongsTo.VEHICLE),
+        Coefficient("sinking", "1", -1.0, 2.0, typical=0.3, centre=0.3, optional=True, belongs_to=BelongsTo.VEHICLE),
     ),
     regressors=_regressors,
     shapes=(Shape("above_radii", "1", free_at_zero=True),),
@@ -75,7 +76,6 @@ EFFECT = Effect(
     aliases=("imu_bias", "rotor_drag"),
     main=("north", "east"),
     explain=_speed,
-    of_day=True,
     odds=0.05,
     contains=("rotor_drag",),
     drawn=_drawn,

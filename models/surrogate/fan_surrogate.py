@@ -103,8 +103,8 @@ class FanSurrogate:
         size2 = np.bincount(_GROUP, np.asarray(calibration.size) ** 2)
         self._per_size2 = 1.0 / np.maximum(size2, 1e-24)[_GROUP] / len(size2)
 
-    def with_effects(self, effects: tuple[AdoptedEffect, ...]) -> FanSurrogate:
-        """The same surrogate with these adopted effects."""
+    def with_effects(self, effects: tuple[AdoptedEffect, ...], info: Mapping[str, Any] | None = None) -> FanSurrogate:
+        """The same surrogate with these adopted effects, and ``info`` in place of its own where given."""
         return FanSurrogate(
             self.free_air_law,
             self.coordinates,
@@ -112,7 +112,7 @@ class FanSurrogate:
             self.calibration,
             self.domain,
             effects=effects,
-            info=self.info,
+            info=self.info if info is None else info,
         )
 
     def wrench(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:

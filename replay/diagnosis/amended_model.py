@@ -1,37 +1,112 @@
-"""The amended model: a model directory that holds the adopted effects, also where there was no surrogate before."""
+"""The amended model: a model directory with what belongs to the vehicle of the effects that were found."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import hashlib
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from models.effects import AdoptedEffect
+from models.air_state import blank_state
+from models.effects import AdoptedEffect, BelongsTo, Context, Effect, get
 from models.errors import ConfigError
 from models.surrogate.empty import declared_thrust, empty_model
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.surrogate.store import save_model
 from models.vehicle import Vehicle
+from replay.search.results import Estimate
 
-__all__ = ["amended", "empty_model", "save_amended"]
+__all__ = ["amended", "empty_model", "known_day", "learnt_from", "save_amended", "to_adopt"]
+
+LEARNT_FROM, OF_DAY = "learnt_from", "of_day"
+"""Keys of ``model.json``: [{"name", "sha256"}] of logs; {effect: {"spread": {coefficient: standard deviation about
+zero}, "shape": {parameter: value}}} of what is of the day."""
 
 
-def amended(model: FanSurrogate | None, vehicle: Vehicle, effects: Iterable[AdoptedEffect]) -> FanSurrogate:
-    """The model with ``effects`` added to those it has. Times of a log do not carry over: a load found is on."""
+def amended(
+    model: FanSurrogate | None, vehicle: Vehicle, effects: Iterable[AdoptedEffect], logs: Sequence[Path] = ()
+) -> FanSurrogate:
+    """The model with ``effects`` added to those it has; weather and load of the day start at zero, with their spread.
+
+    ``logs``: what the effects were found in, so that nobody judges the model on them.
+    """
     if model is None and np.ptp(declared_thrust(vehicle)) > 1e-6 * float(np.max(declared_thrust(vehicle))):
         raise ConfigError(
             "--save-model: the fans' ct differ, and a model directory holds one fan; train a model for this vehicle"
         )
     base = empty_model(vehicle) if model is None else model
+    found = list(effects)
     new = tuple(
-        AdoptedEffect(e.name, {k: 0.0 if k == "from_s" else v for k, v in e.parameters.items()}) for e in effects
+        AdoptedEffect(e.name, get(e.name).of_next_flight(e.parameters)) for e in found if not get(e.name).all_of_day
     )
-    return base.with_effects((*base.effects, *new))
+    info: dict[str, Any] = dict(base.info)
+    if logs:
+        known = {entry["sha256"]: entry for entry in info.get(LEARNT_FROM, [])}
+        info[LEARNT_FROM] = list((known | {e["sha256"]: e for e in map(_entry, dict.fromkeys(logs))}).values())
+    context = Context(blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle, model)
+    days = {e.name: _day(e, context) for e in found}
+    of_day = info.get(OF_DAY, {}) | {name: day for name, day in days.items() if day["spread"]}
+    if of_day:
+        info[OF_DAY] = of_day
+    return base.with_effects((*base.effects, *new), info)
+
+
+def to_adopt(
+    effect: Effect, estimates: Sequence[Estimate], context: Context, *, one_wind: bool = False
+) -> AdoptedEffect:
+    """What was found, with the sizes that another flight may be predicted by.
+
+    A coefficient of the vehicle is taken towards its prior mean by its own interval, d -> d d^2/(d^2 + sd^2): an
+    interval that is wider than the posterior says that other flights differ (positive-part James-Stein shrinkage: Efron
+    & Morris 1973, JASA 68, 117). Offsets of a sensor stay as found: one by one they are known worse than together.
+    ``one_wind``: found in a single wind. What answers the wind has then half of what was found, as the other half may
+    be that wind's: drag and inflow grow with the speed of the air.
+    """
+    parameters = {e.name: e.value for e in estimates}
+    of_wind = any((c.belongs_to or effect.belongs_to) is BelongsTo.WEATHER for c in effect.coefficients)
+    share = 0.5 if one_wind and of_wind else 1.0
+    by_name = {e.name: e for e in estimates}
+    for c in effect.coefficients if effect.belongs_to is not BelongsTo.INSTRUMENT else ():
+        if c.name not in by_name:
+            continue
+        e = by_name[c.name]
+        mean, sd = c.mean(context) if effect.kept else 0.0, (e.ci95[1] - e.ci95[0]) / (2.0 * 1.96)
+        off = e.value - mean
+        parameters[c.name] = mean + share * off**3 / max(off**2 + sd**2, 1e-300)
+    return AdoptedEffect(effect.name, parameters)
 
 
 def save_amended(
-    directory: Path, model: FanSurrogate | None, vehicle: Vehicle, effects: Iterable[AdoptedEffect]
-) -> None:
+    directory: Path, model: FanSurrogate | None, vehicle: Vehicle, effects: Iterable[AdoptedEffect],
+    logs: Sequence[Path] = (),
+) -> None:  # fmt: skip
     """Write the amended model as a directory that ``companion --model`` flies."""
-    save_model(directory, amended(model, vehicle, effects))
+    save_model(directory, amended(model, vehicle, effects, logs))
+
+
+def learnt_from(model: FanSurrogate, log: Path) -> bool:
+    """Whether the model was made from this log."""
+    known: Sequence[Mapping[str, str]] = model.info.get(LEARNT_FROM, [])
+    return bool(known) and _entry(log)["sha256"] in {entry["sha256"] for entry in known}
+
+
+def known_day(model: FanSurrogate) -> dict[str, dict[str, float]]:
+    """Effects of the day that the model was made beside, each with its shape."""
+    return {name: dict(day["shape"]) for name, day in model.info.get(OF_DAY, {}).items()}
+
+
+def _entry(log: Path) -> dict[str, str]:
+    with log.open("rb") as file:
+        return {"name": log.name, "sha256": hashlib.file_digest(file, "sha256").hexdigest()}
+
+
+def _day(adopted: AdoptedEffect, context: Context) -> dict[str, dict[str, float]]:
+    """Standard deviation of what is of the day of an effect, before the day is known, and its shape."""
+    effect = get(adopted.name)
+    start = effect.of_next_flight(adopted.parameters)
+    return {
+        "spread": {c.name: float(c.spread(context)) for c in effect.coefficients if effect.of_day(c)},
+        "shape": {s.name: start[s.name] for s in effect.shapes},
+    }

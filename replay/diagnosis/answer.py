@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from models.frames import AXES
+from replay.diagnosis.words import kept_words
 from replay.search.free_curves import Channel
 from replay.search.outside import Outside
 from replay.search.results import Estimate, Trace
@@ -127,7 +128,10 @@ def _effect_text(n: Named, answer: Diagnosis) -> list[str]:
     else:
         numbers = ", ".join(_estimate_text(e) for e in f.estimates)
     sure = f"{n.status}, probability {f.probability:.2f}"
-    lines = [f"  {f.effect.name} ({sure}): {numbers}; explains {n.explains:.0%}"]
+    lines = [
+        f"  {f.effect.name} ({sure}): {numbers}; explains {n.explains:.0%}",
+        f"    {kept_words(f.effect)}",
+    ]
     if f.aliases:
         lines.append(f"    or {', '.join(f.aliases)}; to separate them: {f.effect.excite}")
     return lines
@@ -155,6 +159,8 @@ def _effect(n: Named, answer: Diagnosis) -> dict[str, Any]:
         "probability": number(f.probability),
         "channels": list(f.effect.channels),
         "status": n.status,
+        "belongs_to": f.effect.belongs_to.value,
+        "kept": f.effect.kept,
         "equation": f.effect.equation,
         "sign": f.effect.sign,
     }

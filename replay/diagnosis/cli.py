@@ -14,8 +14,10 @@ from replay.fleet.options import add_options
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
+    from models.surrogate.fan_surrogate import FanSurrogate
     from models.vehicle import Vehicle
     from replay.diagnosis.diagnose import Diagnosis
+    from replay.predict.predict import Prediction
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
 messages; 130 interrupted. Logs: .tlog, .BIN, .ulg. How to read the answer: docs/diagnose.md."""
@@ -41,8 +43,16 @@ def add_parser(commands: Any) -> None:
     )
     p.add_argument("--save-model", type=Path, metavar="DIR", help="write the amended model; companion --model flies it")
     p.add_argument(
+        "--test", nargs="+", type=Path, default=[], metavar="LOG",
+        help="other flights, on which the amended model is judged as replay predict does",
+    )  # fmt: skip
+    p.add_argument(
         "--report", type=Path, metavar="DIR", help="write a self-contained HTML page; for a folder, of each log"
     )
+    p.add_argument(
+        "--since", nargs="+", metavar="GOOD",
+        help="good flights of the vehicle: name only what changed since (with a folder: how many of its first logs)",
+    )  # fmt: skip
     p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
     p.add_argument("--seed", type=int, default=0, metavar="N", help="of the null draws and the bootstrap (default 0)")
     p.add_argument("--json", metavar="FILE", help="write the answer as JSON (- for stdout)")
@@ -54,6 +64,10 @@ def add_parser(commands: Any) -> None:
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     _check_arguments(a)
+    if a.since:
+        from replay.changes.cli import run as run_since
+
+        return run_since(a, progress_bar(a))
     if any(log.is_dir() for log in a.logs):
         return _folder(a)
     # Imported here so that --help answers at once.
@@ -68,16 +82,27 @@ def run(a: argparse.Namespace) -> int:
     vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
     chosen = None if a.model == "none" else choose(vehicle, a.model)
     model = None if chosen is None or chosen.name == "none" else chosen.model
-    progress = _progress(shown=sys.stderr.isatty() and not a.quiet)
-    answer = diagnose(a.logs, vehicle, model, target_system=a.target_system, seed=a.seed, progress=progress)
+    answer = diagnose(a.logs, vehicle, model, target_system=a.target_system, seed=a.seed, progress=progress_bar(a))
     if a.save_model is not None:
-        save_amended(a.save_model, model, vehicle, answer.adopted)
+        save_amended(a.save_model, model, vehicle, answer.adopted, [r.path for r in answer.records])
     faults = model_faults(answer.records, chosen)
     notes = [*([] if chosen is None or chosen.note is None else [chosen.note]), *warnings(vehicle)]
-    _write(a, answer, vehicle, faults, notes)
+    test = _test(a, answer, vehicle, model)
+    _write(a, answer, vehicle, faults, notes, test)
     if a.json != "-" and not a.quiet:
-        _print(a, answer, faults, notes)
+        _print(a, answer, faults, notes, test)
     return 0
+
+
+def _test(a: argparse.Namespace, answer: Diagnosis, vehicle: Vehicle, model: FanSurrogate | None) -> Prediction | None:
+    """The amended model on the flights of ``--test``."""
+    if not a.test:
+        return None
+    from replay.diagnosis.amended_model import amended
+    from replay.predict.predict import predict
+
+    made = amended(model, vehicle, answer.adopted, [r.path for r in answer.records])
+    return predict(a.test, vehicle, made, target_system=a.target_system, progress=progress_bar(a))
 
 
 def _diagnosis(a: argparse.Namespace) -> Callable[..., Diagnosis]:
@@ -98,10 +123,13 @@ def _check_arguments(a: argparse.Namespace) -> None:
         raise ConfigError(f"--seed {a.seed}: must not be negative")
     for option, target in (("--json", a.json), ("--save-model", a.save_model), ("--report", a.report)):
         if target is not None and str(target) != "-":
-            _check_target(option, Path(target), folder=option != "--json")
+            check_target(option, Path(target), folder=option != "--json")
 
 
-def _progress(*, shown: bool) -> Callable[[Sequence[Path]], Iterable[Path]]:
+def progress_bar(a: argparse.Namespace) -> Callable[[Sequence[Path]], Iterable[Path]]:
+    """Wraps the logs that are read: a bar on a terminal, unless ``--quiet``."""
+    shown = sys.stderr.isatty() and not a.quiet
+
     def progress(logs: Sequence[Path]) -> Iterable[Path]:
         from tqdm import tqdm
 
@@ -112,8 +140,9 @@ def _progress(*, shown: bool) -> Callable[[Sequence[Path]], Iterable[Path]]:
 
 
 def _write(
-    a: argparse.Namespace, answer: Diagnosis, vehicle: Vehicle, faults: list[dict[str, str]], notes: Sequence[str]
-) -> None:
+    a: argparse.Namespace, answer: Diagnosis, vehicle: Vehicle, faults: list[dict[str, str]], notes: Sequence[str],
+    test: Prediction | None,
+) -> None:  # fmt: skip
     """The files that were asked for; ``faults`` and ``notes`` of model and vehicle come first in the JSON."""
     if a.json is not None:
         from replay.cli import write_json
@@ -121,6 +150,8 @@ def _write(
         out = answer.as_json(None if a.save_model is None else str(a.save_model))
         out["log_faults"] = [*faults, *out["log_faults"]]
         out["notes"] = [*notes, *out["notes"]]
+        if test is not None:
+            out["test"] = test.as_json(out["model"])
         write_json(out, a.json)
     if a.report is not None:
         from replay.diagnosis.html_report import write_report
@@ -128,15 +159,24 @@ def _write(
         write_report(a.report, answer, vehicle, faults)
 
 
-def _print(a: argparse.Namespace, answer: Diagnosis, faults: list[dict[str, str]], notes: Sequence[str]) -> None:
-    from replay.diagnosis.diagnose import flown
+def _print(
+    a: argparse.Namespace, answer: Diagnosis, faults: list[dict[str, str]], notes: Sequence[str],
+    test: Prediction | None,
+) -> None:  # fmt: skip
+    from models.effects import InFlight
 
     for line in [*(f"{f['channel']}: {f['what']}" for f in faults), *notes]:
         print(line)
     print(answer.as_text())
+    if test is not None:
+        print(f"on other flights, {test.as_text()}")
     if a.save_model is not None:
-        idle = [e.name for e in answer.adopted if not flown(e)]
-        print(f"amended model: {a.save_model}" + (f" (not compensated in flight: {', '.join(idle)})" if idle else ""))
+        effects = [n.found.effect for n in answer.named]
+        gone = [e.name for e in effects if not e.kept]
+        idle = [e.name for e in effects if e.kept and e.in_flight is InFlight.NONE]
+        said = [f"not kept: {', '.join(gone)}"] if gone else []
+        said += [f"not compensated in flight: {', '.join(idle)}"] if idle else []
+        print(f"amended model: {a.save_model}" + (f" ({'; '.join(said)})" if said else ""))
     if a.report is not None:
         print(f"report: {a.report / 'report.html'}")
 
@@ -144,6 +184,8 @@ def _print(a: argparse.Namespace, answer: Diagnosis, faults: list[dict[str, str]
 def _folder(a: argparse.Namespace) -> int:
     if len(a.logs) > 1:
         raise ConfigError("a folder is diagnosed log by log: give it alone, or name the logs that belong together")
+    if a.test:
+        raise ConfigError(f"--test: needs logs that belong together; name them instead of the folder {a.logs[0]}")
     if a.save_model is not None:
         raise ConfigError(
             "--save-model: a folder's logs may be of several vehicles; give those of one vehicle by name, as in "
@@ -155,7 +197,7 @@ def _folder(a: argparse.Namespace) -> int:
     return run_folder(a, a.logs[0], Kind.DIAGNOSE, seed=a.seed)
 
 
-def _check_target(option: str, target: Path, *, folder: bool) -> None:
+def check_target(option: str, target: Path, *, folder: bool) -> None:
     """Refuse a place that cannot be written before minutes are spent on what would go there."""
     if not folder and target.is_dir():
         raise ConfigError(f"{option} {target}: is a folder; name a file")

@@ -10,11 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from models.effects import AdoptedEffect, Effect, InFlight, catalogue
+from models.effects import AdoptedEffect, BelongsTo, Effect, catalogue
 from models.errors import LogError
 from models.frames import Array
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
+from replay.diagnosis.amended_model import to_adopt
 from replay.diagnosis.stretches import Stretches
 from replay.logs.formats import read_pieces
 from replay.logs.pieces import Piece
@@ -23,7 +24,7 @@ from replay.residual.motion import ENOUGH_S
 from replay.residual.record import Record, build_record, check_model, too_short
 from replay.search.free_curves import Channel
 from replay.search.results import Found, Rejected, Searched, Trace, summarise
-from replay.search.walk import walk
+from replay.search.walk import Walked, walk
 
 UNITS = ("N", "N", "N", "N m", "N m", "N m")
 CANDIDATE, CONFIRMED = "candidate", "confirmed"
@@ -73,16 +74,27 @@ class Diagnosis:
 
     @property
     def adopted(self) -> tuple[AdoptedEffect, ...]:
-        """The named effects with their parameters, as found."""
-        flights = [r.context for r in self.records]
+        """The named effects with the sizes that another flight may be predicted by.
+
+        A map of surfaces and the laws that it corrects stay as found: only their sum is known well.
+        """
+        windy = any(n.found.effect.belongs_to is BelongsTo.WEATHER for n in self.named)
+        maps = [n.found.effect for n in self.named if n.found.effect.remainder]
+        joint = {name for effect in maps for name in (effect.name, *effect.aliases)}
         return tuple(
-            AdoptedEffect(
-                n.found.effect.name,
-                n.found.parameters if n.found.effect.coverage is None
-                else n.found.parameters | dict(n.found.effect.coverage(flights)),
+            self._as_found(n)
+            if n.found.effect.name in joint
+            else to_adopt(
+                n.found.effect, n.found.estimates, self.records[n.record].context,
+                one_wind=windy and len(self.records) == 1,
             )
             for n in self.named
         )  # fmt: skip
+
+    def _as_found(self, named: Named) -> AdoptedEffect:
+        effect, parameters = named.found.effect, named.found.parameters
+        seen = {} if effect.coverage is None else effect.coverage([r.context for r in self.records])
+        return AdoptedEffect(effect.name, parameters | dict(seen))
 
     @property
     def aliases(self) -> list[list[str]]:
@@ -113,15 +125,25 @@ def diagnose(
 ) -> Diagnosis:
     """Read, compare, search, and answer. ``progress`` may wrap the logs while they are read."""
     check_model(vehicle, model)
-    records, notes = _records(progress(paths), vehicle, model, target_system)
+    records, notes = read_records(progress(paths), vehicle, model, target_system)
     return conclude(records, notes, seed=seed)
 
 
 def conclude(
-    records: Sequence[Record], notes: Sequence[str] = (), *, effects: Sequence[Effect] | None = None, seed: int = 0
-) -> Diagnosis:
-    """One answer from one flight or several together; ``effects`` instead of the whole catalogue."""
-    searched = summarise(walk(records, catalogue() if effects is None else effects), seed)
+    records: Sequence[Record], notes: Sequence[str] = (), *, effects: Sequence[Effect] | None = None, seed: int = 0,
+    beside: Sequence[Sequence[Array]] = (),
+) -> Diagnosis:  # fmt: skip
+    """One answer from one flight or several together; ``effects`` instead of the whole catalogue.
+
+    ``beside``: of every flight, wrenches (n, 6) that it may have besides without being named.
+    """
+    return concluded(walk(records, catalogue() if effects is None else effects, beside), notes, seed=seed)
+
+
+def concluded(walked: Walked, notes: Sequence[str] = (), *, seed: int = 0) -> Diagnosis:
+    """The answer of a search."""
+    records = walked.evidence.library.records
+    searched = summarise(walked, seed)
     named = _named(searched)
     channels = _channels(searched.traces)
     open_ = bool(channels) or any(t.outside for t in searched.traces)
@@ -131,21 +153,20 @@ def conclude(
         (True, False): "explained",
         (True, True): "partly_explained",
     }[bool(named), open_]
-    all_notes = [*notes, *_wind_speeds(named, records), *dict.fromkeys(note for r in records for note in r.notes)]
+    all_notes = [
+        *notes,
+        *_one_wind(named, records),
+        *_wind_speeds(named, records),
+        *dict.fromkeys(note for r in records for note in r.notes),
+    ]
     faults = tuple(dict.fromkeys(f for r in records for f in r.faults))
     return Diagnosis(searched.traces, tuple(named), searched.rejected, channels, verdict, tuple(all_notes), faults)
 
 
-def flown(effect: AdoptedEffect) -> bool:
-    """Whether the flight program compensates this effect (or corrects a measurement by it)."""
-    from models.effects import get
-
-    return get(effect.name).in_flight is not InFlight.NONE
-
-
-def _records(
+def read_records(
     paths: Iterable[Path], vehicle: Vehicle, model: FanSurrogate | None, target_system: int | None
 ) -> tuple[list[Record], list[str]]:
+    """Flights of some logs, and what is to be said of reading them; LogError where none can be judged."""
     records: list[Record] = []
     notes: list[str] = []
     problems: list[LogError] = []
@@ -195,12 +216,11 @@ def _named(searched: Searched) -> list[Named]:
         by_name.setdefault(f.effect.name, []).append(f)
     out = []
     for found in by_name.values():
-        first = max(found, key=lambda f: (round(f.explains, 9), -(f.flight or 0)))
+        first = max(found, key=lambda f: (round(f.explains, 9), -f.flight))
         borne_out = any(f.borne_out for f in found) and len(searched.traces) > 1
         status = CONFIRMED if borne_out and not first.at_bound else CANDIDATE
         of_flight = {i: p for f in found for i, p in f.of_flight.items()}
-        record = first.flight if first.flight is not None else min(of_flight, default=0)
-        out.append(Named(first, record, status, sum(f.explains for f in found), of_flight))
+        out.append(Named(first, first.flight, status, sum(f.explains for f in found), of_flight))
     return sorted(out, key=lambda n: (-round(n.explains, 6), n.found.effect.name))
 
 
@@ -212,6 +232,16 @@ def _channels(traces: Sequence[Trace]) -> tuple[Channel, ...]:
             best[c.name] = c
     order = {name: i for i, name in enumerate(dict.fromkeys(c.name for t in traces for c in t.carriers))}
     return tuple(sorted(best.values(), key=lambda c: order[c.name]))
+
+
+def _one_wind(named: Sequence[Named], records: Sequence[Record]) -> list[str]:
+    """Drag and wind are apart where flights in different winds tell them apart."""
+    if len(records) > 1 or not any(n.found.effect.name == "wind" for n in named):
+        return []
+    return [
+        "one flight in one wind does not tell drag from wind: an amended model keeps half of the drag and of the "
+        "inflow; diagnose it together with a flight in another wind"
+    ]
 
 
 def _wind_speeds(named: Sequence[Named], records: Sequence[Record]) -> list[str]:

@@ -10,19 +10,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.effects import InFlight, get
-from models.frames import AXES, Array
+from models.frames import AXES
 from models.pages.document import document, folded, items, table, verdict, write_document
 from models.vehicle import Vehicle
 from replay.diagnosis.diagnose import UNITS, Diagnosis, Named
+from replay.diagnosis.interval import rms_interval
 from replay.diagnosis.next_step import certainty, next_step
 from replay.diagnosis.pictures import Acts, acts, against, block_picture, effect_picture, series, without
-from replay.diagnosis.words import AXIS_WORDS, channel_words, estimate_words, listed, plain, rough, unit_words
+from replay.diagnosis.words import (
+    AXIS_WORDS,
+    channel_words,
+    estimate_words,
+    kept_words,
+    listed,
+    plain,
+    rough,
+    unit_words,
+)
 from replay.search.regimes import FAST_M_S, masks
 from replay.search.results import Trace
 
 Mask = NDArray[np.bool_]
-_DRAWS = 400
-"""Of the bootstrap: the ends of a 95 % interval are then sure to a fifth of its width."""
 _LEAST_S = 5.0
 """Regimes that last less are not listed."""
 _SAME, _UNCHANGED = 0.005, 0.02
@@ -109,6 +117,7 @@ def _effect(n: Named, answer: Diagnosis, vehicle: Vehicle) -> str:
             f"{escape(f.effect.excite)}.</p>"
         )
     text += [f"<p>{escape(line)}</p>" for line in _error_words(n, a, vehicle)] if a else []
+    text.append(f"<p>{escape(_sentence(kept_words(f.effect)))}</p>")
     if f.effect.in_flight is not InFlight.WRENCH:
         text.append(f"<p>{escape(_sentence(f.effect.in_flight.value))}</p>")
     picture = effect_picture(n, a) if a else ""
@@ -222,17 +231,6 @@ def regimes(t: Trace) -> dict[str, Mask]:
         "near a wall": wall & ~ground, "in the corner": ground & wall, f"faster than {FAST_M_S:g} m/s": fast,
     }  # fmt: skip
     return {name: mask & t.record.valid for name, mask in parts.items()}
-
-
-def rms_interval(residual: Array, mask: Mask, block: int) -> tuple[float, float, float]:
-    """RMS of (n,) on ``mask`` with its 95 % interval from a bootstrap over blocks of ``block`` samples."""
-    square = residual[mask] ** 2
-    parts = np.array_split(square, max(len(square) // max(block, 1), 2))
-    sums, counts = np.array([p.sum() for p in parts]), np.array([len(p) for p in parts])
-    pick = np.random.default_rng(0).integers(0, len(parts), (_DRAWS, len(parts)))
-    draws = np.sqrt(sums[pick].sum(1) / np.maximum(counts[pick].sum(1), 1))
-    low, high = np.percentile(draws, [2.5, 97.5])
-    return float(np.sqrt(square.mean())), float(low), float(high)
 
 
 def _places(answer: Diagnosis) -> str:

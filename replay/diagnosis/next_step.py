@@ -104,8 +104,14 @@ def _act(answer: Diagnosis) -> list[str]:
 
 
 def _adopt(answer: Diagnosis) -> str:
-    idle = [plain(n.found.effect.name) for n in answer.named if n.found.effect.in_flight is InFlight.NONE]
+    effects = [n.found.effect for n in answer.named]
+    kept = [e for e in effects if e.kept]
+    if not kept:
+        return "There is nothing to adopt: all of it is of the day, and the next flight starts without it."
     text = "Adopt it: run the same command with --save-model DIR, then fly companion --model DIR, first with --dry-run."
+    idle = [plain(e.name) for e in kept if e.in_flight is InFlight.NONE]
+    gone = [plain(e.name) for e in effects if not e.kept]
+    text += f" Not kept, as of the day: {listed(gone)}." if gone else ""
     return text + (f" Not compensated in flight: {listed(idle)}." if idle else "")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+from models.effects import BelongsTo, Effect, InFlight
 from replay.search.results import Estimate
 
 AXIS_WORDS = ("force forward", "force to the right", "force down", "roll moment", "pitch moment", "yaw moment")
@@ -22,6 +23,7 @@ _CHANNELS = {
 }  # fmt: skip
 _CAPITALS = {"imu": "IMU", "cg": "CG", "esc": "ESC"}
 _NUMBERED = {"rpm": "speed of ESC {} [rpm]", "servo": "servo output {} [µs]"}
+_OF_THE_DAY = {BelongsTo.WEATHER: "the weather", BelongsTo.LOAD: "the battery and the load of the day"}
 _UNITS = {"N m": "N m", "m/s^2": "m/s²", "kg m^2": "kg m²", "degC": "°C", "1": ""}
 
 
@@ -56,6 +58,24 @@ def estimate_words(e: Estimate) -> str:
     interval = f" ({e.ci95[0]:.3g} to {e.ci95[1]:.3g})" if e.ci95[1] > e.ci95[0] else ""
     unit = unit_words(e.unit)
     return f"{plain(e.name)} {e.value:.3g}{f' {unit}' if unit else ''}{interval}"
+
+
+def kept_words(effect: Effect) -> str:
+    """What an amended model keeps of an effect, and what not."""
+    gone = [plain(c.name) for c in effect.coefficients if effect.of_day(c)]
+    left = [plain(c.name) for c in effect.coefficients if not effect.of_day(c)]
+    source = _OF_THE_DAY.get(effect.belongs_to, "the day")
+    if not effect.kept:
+        rest = f"; the amended model keeps {listed(left)}" if left else ""
+        return f"not kept: it is of {source}, and the next flight starts without it{rest}"
+    if effect.belongs_to is BelongsTo.INSTRUMENT:
+        corrects = (
+            "corrects what this sensor reads" if effect.in_flight is InFlight.MEASUREMENT else "corrects its logs"
+        )
+        return f"kept for this sensor: it {corrects}, and no force of it is flown"
+    if effect.belongs_to is BelongsTo.PLACE:
+        return "kept: it acts only where a range shows such a place"
+    return "kept: it is of the vehicle" + (f"; not kept, as of the day: {listed(gone)}" if gone else "")
 
 
 def rough(value: float) -> str:

@@ -65,7 +65,7 @@ class Job:
 def perform(job: Job) -> dict[str, Any]:
     """The answer on one log as JSON; a log that cannot be used gives ``error`` instead. Never raises for a bad log."""
     start = time.monotonic()
-    head = {"log": job.path, **_date(Path(job.path))}
+    head = {"log": job.path, **recorded(Path(job.path))}
     try:
         answer = _answer(job)
     except UserError as error:
@@ -110,7 +110,7 @@ def _write_page(job: Job, answer: Diagnosis, vehicle: Vehicle) -> str:
     return str(write_document("--report", target, page(answer, vehicle)))
 
 
-def _date(path: Path) -> dict[str, str]:
+def recorded(path: Path) -> dict[str, str]:
     """When the log was recorded: the first receiver stamp of a .tlog, else when the file was last changed."""
     stamp = None
     try:

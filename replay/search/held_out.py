@@ -190,11 +190,32 @@ def _confirm(evidence: Evidence, best: Fit, fits: list[FlightFit]) -> None:
                     o.key[0] == t.key[0] and o.key[1] != t.key[1] for o in best.terms if o.effect is not None
                 )
                 continue
+            if not t.effect.kept:
+                fit.borne_out[t.key] = all(
+                    any(_of_the_day_removes(evidence, best, t, o) for o in part) for part in ([fit], _beside(fits, fit))
+                )
+                continue
             place = np.searchsorted(t.columns, t.places[f])
             x, _ = evidence.library.wrenches(t, f)
             own = x @ (others.b[others.part(t)][place] * t.scale[place])
             mine = x @ (best.b[best.part(t)][place] * t.scale[place])
             fit.borne_out[t.key] = _removes(fit, fit.rest + mine, own)
+
+
+def _beside(fits: list[FlightFit], fit: FlightFit) -> list[FlightFit]:
+    return [other for other in fits if other is not fit]
+
+
+def _of_the_day_removes(evidence: Evidence, best: Fit, t: Term, fit: FlightFit) -> bool:
+    """Whether what is of the day of an effect lowers the residual of a flight: no other flight can say so."""
+    assert t.effect is not None
+    if fit.index not in t.places:
+        return False
+    place = np.searchsorted(t.columns, t.places[fit.index])
+    x, _ = evidence.library.wrenches(t, fit.index)
+    of_day = np.array([t.effect.of_day(c) for c in t.effect.coefficients])
+    own = x @ (best.b[best.part(t)][place] * t.scale[place] * of_day)
+    return _removes(fit, fit.rest + own, own)
 
 
 def _removes(fit: FlightFit, residual: Array, wrench: Array) -> bool:

@@ -36,10 +36,16 @@ KINEMATIC_SD_M_S2 = 0.05
 
 
 class Library:
-    """All terms of some flights, and the channels that they act on."""
+    """All terms of some flights, and the channels that they act on.
 
-    def __init__(self, records: Sequence[Record], effects: Sequence[Effect]) -> None:
+    ``beside``: of every flight, wrenches (n, 6) that it may have besides, each times N(0, 1), and that are not named.
+    """
+
+    def __init__(
+        self, records: Sequence[Record], effects: Sequence[Effect], beside: Sequence[Sequence[Array]] = ()
+    ) -> None:
         self.records = list(records)
+        self._beside = beside or [()] * len(self.records)
         self.every = [max(round(STEP_S / r.step_s), 1) for r in records]
         self.terms: list[Term] = []
         self.lacking: dict[str, str] = {}
@@ -119,7 +125,7 @@ class Library:
         if not usable:
             self.lacking[effect.name] = self._reason(effect, self.records[0]) or ""
             return
-        groups = [(f, [f]) for f in usable] if effect.of_day else [(None, usable)]
+        groups = [(f, [f]) for f in usable] if effect.all_of_day else [(None, usable)]
         for flight, flights in groups:
             shapes = list(dict.fromkeys(s for f in flights[:1] for s in effect.shape_grid(self.records[f].context)))
             for shape, log_shape in zip(shapes, log_shapes(effect, shapes), strict=True):
@@ -148,7 +154,7 @@ class Library:
         places: dict[int, Columns] = {f: np.empty(len(spread), np.int64) for f in flights}
         for i, c in enumerate(effect.coefficients):
             for j, f in enumerate(flights):
-                if j == 0 or (c.of_day and not effect.of_day):
+                if j == 0 or (effect.of_day(c) and not effect.all_of_day):
                     low, high = c.least(self.context(f)) / spread[i], c.high / spread[i]
                     priors.add(self.size, spread[i], centre[i] / spread[i], low, high, float(effect.is_main(c)))
                     self.size += 1
@@ -191,6 +197,7 @@ class Library:
             trims = [*self._constant(f), _late_rotors(record)]
             if np.isfinite(record.kinematic_bias).any():  # an accelerometer of its own, not the velocity's derivative
                 trims += [_late_velocity(record), *_off_centre(record)]
+            trims += self._beside[f]
             for x in trims:
                 for a in record.axes:
                     if np.abs(x[:, a]).max() > 0.0:

@@ -49,7 +49,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Found:
-    """An effect that was adopted. Of one of the day, ``flight`` says which; None: of the vehicle."""
+    """An effect that was adopted. Its parameters are those of ``flight``: flights differ in what is of the day."""
 
     effect: Effect
     estimates: tuple[Estimate, ...]
@@ -57,7 +57,7 @@ class Found:
     explains: float
     probability: float
     aliases: tuple[str, ...]
-    flight: int | None
+    flight: int
     borne_out: tuple[int, ...] = ()
     """Flights whose residual it lowers where it was fitted on the others."""
     of_flight: dict[int, dict[str, float]] = field(default_factory=dict)
@@ -227,18 +227,18 @@ def _found(walked: Walked, term: Term, fits: Sequence[FlightFit], rivals: Sequen
         explains=float(explains),
         probability=walked.probability(term.name, aliases),
         aliases=aliases,
-        flight=term.flight,
+        flight=_shown_by(term, fits),
         borne_out=tuple(i for i, f in enumerate(fits) if f.borne_out.get(term.key, False)),
         of_flight={i: f.parameters[term.key] for i, f in enumerate(fits) if term.key in f.parameters},
     )
 
 
 def _estimates(walked: Walked, term: Term, fits: Sequence[FlightFit]) -> tuple[Estimate, ...]:
-    """Coefficients of the first flight on which the effect acts, then its shape."""
+    """Coefficients of the flight that they are shown by, then its shape."""
     effect, best = term.effect, walked.best
     assert effect is not None
     library = walked.evidence.library
-    first = min(term.places)
+    first = _shown_by(term, fits)
     part = best.part(term)
     place = np.searchsorted(term.columns, term.places[first])
     mean = effect.mixed(best.b[part][place] * term.scale[place], term.shape)
@@ -260,6 +260,15 @@ def _estimates(walked: Walked, term: Term, fits: Sequence[FlightFit]) -> tuple[E
         low, high, at = _shape_interval(walked, term, i)
         out.append(Estimate(shape.name, float(term.shape[i]), (low, high), shape.unit, at))
     return tuple(out)
+
+
+def _shown_by(term: Term, fits: Sequence[FlightFit]) -> int:
+    """The first flight on which an effect acts; of one that is of the day the one on which it does most."""
+    assert term.effect is not None
+    if term.effect.kept or len(term.places) < 2:
+        return min(term.places)
+    by_flight = {f.index: f for f in fits}
+    return max(term.places, key=lambda i: by_flight[i].energy(by_flight[i].without[term.key] - by_flight[i].after))
 
 
 def _between(walked: Walked, term: Term, first: int, mean: Array) -> Array:

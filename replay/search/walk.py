@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from models.effects import Effect
+from models.frames import Array
 from replay.residual.record import Record
 from replay.search.evidence import TRUST, Evidence, Fit, Noise
 from replay.search.library import Library
@@ -87,9 +88,9 @@ class Walked:
         return "not likely beside the others"
 
 
-def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
-    """Weigh sets of effects over all flights together."""
-    evidence = Evidence(Library(records, effects))
+def walk(records: Sequence[Record], effects: Sequence[Effect], beside: Sequence[Sequence[Array]] = ()) -> Walked:
+    """Weigh sets of effects over all flights together; ``beside``: as of ``Library``."""
+    evidence = Evidence(Library(records, effects, beside))
     walked = Walked(evidence, evidence.quiet())
     empty = evidence.fit([], evidence.unfitted())
     walked.fits[empty.key] = empty

@@ -15,7 +15,8 @@ from models.effects import catalogue, get
 from replay.cli import main
 from replay.diagnosis.answer import answer_text
 from replay.diagnosis.diagnose import Diagnosis, conclude
-from replay.diagnosis.html_report import page, rms_interval
+from replay.diagnosis.html_report import page
+from replay.diagnosis.interval import rms_interval
 from replay.residual.record import Record
 
 FEW = [e for e in catalogue() if e.name in ("wind", "thrust_scale", "rotor_drag", "ground_effect", "cg_offset")]
@@ -54,6 +55,9 @@ def test_wind_is_named_with_its_size_and_takes_the_residual_down(windy: Diagnosi
     assert windy.named[0].status == "candidate"
     low, high = next(e.ci95 for e in windy.named[0].found.estimates if e.name == "north")
     assert 0.4 < low < high < 0.8
+    assert any("one wind does not tell drag from wind" in note for note in windy.notes)
+    adopted = {e.name: e.parameters for e in windy.adopted}["wind"]
+    assert adopted["own_motion"] < 0.7 * windy.named[0].found.parameters["own_motion"]
     noise = np.sqrt((quiet.residual**2).mean(axis=0))
     assert windy.rms(after=True)[:2] == pytest.approx(noise[:2], rel=0.2)
     assert windy.rms(after=False)[0] > 1.5 * noise[0]
@@ -78,6 +82,7 @@ def test_the_json_is_the_contracts(windy: Diagnosis) -> None:
     assert {"name", "axes", "parameters", "explains", "q_value", "channels"} <= set(effect)
     assert set(effect["parameters"]["north"]) == {"value", "ci95", "unit"}
     assert 0.0 < effect["explains"] <= 1.0
+    assert (effect["belongs_to"], effect["kept"]) == ("weather", False)
 
 
 def test_a_second_flight_confirms_or_does_not(quiet: Record) -> None:
@@ -86,6 +91,16 @@ def test_a_second_flight_confirms_or_does_not(quiet: Record) -> None:
     assert {n.status for n in same.named if n.found.effect.name == "wind"} == {"confirmed"}
     calm = conclude([first, other], effects=FEW)
     assert {n.status for n in calm.named if n.found.effect.name == "wind"} == {"candidate"}
+
+
+def test_flights_in_different_winds_share_the_drag_and_not_the_wind(quiet: Record) -> None:
+    both = conclude([with_wind(quiet, 0.6), with_wind(noise_record(4, 90.0, 0.3), -0.6)], effects=FEW)
+    (wind,) = (n for n in both.named if n.found.effect.name == "wind")
+    first, second = wind.of_flight[0], wind.of_flight[1]
+    assert first["own_motion"] == second["own_motion"]
+    assert first["north"] > 0.3
+    assert second["north"] < -0.3
+    assert not any("one wind" in note for note in both.notes)
 
 
 def test_a_gust_in_step_with_the_motion_is_not_explained_away(quiet: Record) -> None:
@@ -149,8 +164,11 @@ def test_an_example_flight_gives_answer_amended_model_and_page(shared_data: Path
     assert code == 0
     answer = json.loads((tmp_path / "a.json").read_text())
     # The shipped model is not this flight's air; the load that was picked up stands out all the same.
-    assert "payload" in {e["name"] for e in answer["effects"]}
-    adopted = {e.name: e.parameters for e in models.load(tmp_path / "amended").effects}
-    assert adopted["payload"]["from_s"] == 0.0
-    assert 0.2 < adopted["payload"]["mass"] < 0.5
+    payload = {e["name"]: e for e in answer["effects"]}["payload"]
+    assert 0.2 < payload["parameters"]["mass"]["value"] < 0.5
+    assert (payload["belongs_to"], payload["kept"]) == ("load", False)
+    amended = models.load(tmp_path / "amended")
+    assert "payload" not in {e.name for e in amended.effects}
+    assert "payload" in amended.info["of_day"]
+    assert [e["name"] for e in amended.info["learnt_from"]] == [flight.name]
     assert (tmp_path / "report.html").stat().st_size > 10_000

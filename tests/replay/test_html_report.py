@@ -119,6 +119,8 @@ def test_the_next_action_depends_on_how_sure_the_answer_is(weak: Diagnosis) -> N
 
     assert "once more" in action(alone)
     assert "--save-model" in action(replace(alone, status="confirmed"))
+    of_day = replace(alone, status="confirmed", found=replace(alone.found, effect=get("payload")))
+    assert "nothing to adopt" in action(of_day)
     open_ = replace(alone, found=replace(alone.found, aliases=("payload",)))
     assert action(open_).startswith("Tell ")
     assert "payload" in action(open_)

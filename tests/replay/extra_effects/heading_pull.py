@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, columns
 from models.frames import Array
 
 
@@ -18,6 +18,7 @@ def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
 
 EFFECT = Effect(
     name="heading_pull",
+    belongs_to=BelongsTo.PLACE,
     equation="dF_y = a W sin(2 yaw)",
     sign="a > 0: to the right at a heading of 45 degrees",
     source="made for a test",

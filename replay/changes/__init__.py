@@ -1,0 +1,1 @@
+"""What changed on a vehicle since flights that were good."""

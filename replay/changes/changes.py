@@ -1,0 +1,236 @@
+"""What changed on a vehicle: effects of a flight that lie outside what its good flights differ by themselves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from models.effects import AdoptedEffect, BelongsTo, Context, Effect, catalogue, get
+from replay.changes.spread import LAWS, Size, as_flown, usual
+from replay.residual.record import Record
+from replay.search.evidence import TRUST, Evidence, Fit
+from replay.search.library import Library
+from replay.search.results import Estimate
+from replay.search.terms import Key, Term
+from replay.search.walk import SURE as MOST_SURE
+from replay.search.walk import walk
+from replay.search.worth import Contributions, beyond_bounds, top
+
+OF_A_VEHICLE = (BelongsTo.VEHICLE, BelongsTo.LOAD, BelongsTo.INSTRUMENT)
+"""What can change on a vehicle, but for laws; weather and place change with every flight."""
+SURE = 1.0
+"""Log posterior odds from which a change is named: nothing changed is the usual answer."""
+NEAR = 2.0
+"""Log odds within which another change could stand in place of one."""
+RATHER_THE_SAME = 0.5
+"""Log odds of an effect that no good flight could show over a change of it."""
+TRIED, MOST = 8, 6
+"""Terms that are weighed in full at every step, and steps."""
+
+
+@dataclass(frozen=True)
+class Change:
+    """One effect that is not as it was, by how much, and what else it could be."""
+
+    effect: Effect
+    estimates: tuple[Estimate, ...]
+    probability: float
+    aliases: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Of the effect."""
+        return self.effect.name
+
+
+@dataclass(frozen=True)
+class Good:
+    """A vehicle as its good flights show it: the effects that they have in common, and how sizes spread among them."""
+
+    records: tuple[Record, ...]
+    found: tuple[AdoptedEffect, ...]
+    sizes: tuple[Size, ...]
+    apart: tuple[tuple[str, str], ...] = ()
+    """(flight, effect) where a good flight differs from the others."""
+
+
+def learn(records: Sequence[Record]) -> Good:
+    """The vehicle of some flights on which nothing was wrong."""
+    effects = [_shared(e) for e in catalogue()]
+    walked = walk(records, effects)
+    best = walked.best
+    found, told = [], [np.zeros_like(r.residual) for r in records]
+    for t in (t for t in best.terms if t.effect is not None):
+        assert t.effect is not None
+        for f, place in t.places.items():
+            x, _ = walked.evidence.library.wrenches(t, f)
+            at = np.searchsorted(t.columns, place)
+            b = best.b[best.part(t)][at] * t.scale[at]
+            told[f] += x @ b
+        found.append(AdoptedEffect(t.name, t.effect.parameters(b, t.shape)))
+    left = [replace(r, residual=r.residual - w) for r, w in zip(records, told, strict=True)]
+    sizes, apart = as_flown(usual(catalogue(), found, records[0]), left)
+    return Good(tuple(records), tuple(found), tuple(sizes), tuple(apart))
+
+
+@dataclass(frozen=True)
+class Beside:
+    """A flight beside the good ones: the terms that it may differ by, and the fit of what all have in common."""
+
+    evidence: Evidence
+    fit: Fit
+    candidates: tuple[Term, ...]
+
+    def size(self, name: str) -> Estimate:
+        """The first coefficient that makes an effect, as a change on this flight, named or not."""
+        own = [t for t in self.candidates if t.flight is not None and t.name == name and not _other_shape(t, self.fit)]
+        fits = [self.evidence.fit([*self.fit.terms, t], self.fit.noise) for t in own]
+        best = max(fits, key=lambda f: f.evidence)
+        effect = get(name)
+        return next(
+            e for e, c in zip(_estimates(best, best.terms[-1]), effect.coefficients, strict=False) if effect.is_main(c)
+        )
+
+
+def beside(good: Good, today: Record) -> Beside:
+    """A flight beside the good ones, with what they have in common."""
+    flights = [*good.records, today]
+    last = len(flights) - 1
+    shapes = {e.name: tuple(e.parameters[s.name] for s in get(e.name).shapes) for e in good.found}
+    # Load of the day is a change; weather of the day is in the spread.
+    common = [e for e in catalogue() if not e.belongs_to.of_day or e.name in shapes]
+    same = [_with_shape(_shared(e), shapes.get(e.name)) for e in common]
+    parts = [e for e in catalogue() if e.belongs_to in OF_A_VEHICLE and e.name not in LAWS]
+    other = [_changed(e, e.name in shapes, today.context) for e in parts]
+    spread = [[size.wrench(r) for size in good.sizes] for r in flights]
+    evidence = Evidence(Library(flights, [*same, *other], spread))
+    candidates = [t for t in evidence.library.terms if t.effect is not None and t.flight in (None, last)]
+    start = [t for t in candidates if t.flight is None and t.name in shapes and t.shape == shapes[t.name]]
+    return Beside(evidence, evidence.fit(start, evidence.unfitted()), tuple(candidates))
+
+
+def changes(flight: Beside) -> tuple[Change, ...]:
+    """What is not as it was, the likeliest first; empty where nothing lies outside the good flights' own spread."""
+    fit = flight.fit
+    for _ in range(MOST):
+        gain, best = max(_grown(flight.evidence, fit, flight.candidates), key=lambda g: g[0], default=(0.0, fit))
+        if gain < SURE:
+            break
+        fit = best
+    return tuple(_named(flight.evidence, fit, flight.candidates))
+
+
+def _other_shape(term: Term, fit: Fit) -> bool:
+    """Whether a change would only bend what all flights have in common: that is a matter of its form."""
+    assert term.effect is not None
+    continuous = any(s.continuous for s in term.effect.shapes)
+    return continuous and any(t.name == term.name and t.shape != term.shape for t in fit.terms)
+
+
+def _gain(evidence: Evidence, fit: Fit, less: Fit, term: Term) -> float:
+    """Log posterior odds of a term beside others, ``less`` the set without it.
+
+    The odds of an effect that has kinds are those of each: every fan may have a nicked blade.
+    """
+    assert term.effect is not None
+    part = fit.part(term)
+    within = beyond_bounds([term], fit.b[part], fit.cov[part, part])
+    kinds = 0.0 if any(s.continuous for s in term.effect.shapes) else term.log_shape
+    odds = evidence.prior(term) - kinds - (0.0 if term.flight is None else RATHER_THE_SAME)
+    return TRUST * (fit.evidence - less.evidence) + within + odds
+
+
+def _grown(evidence: Evidence, fit: Fit, candidates: Iterable[Term]) -> list[tuple[float, Fit]]:
+    """A set with one term more, the last, and what that gains, for the most promising ones."""
+    gain = evidence.screen(fit)
+    number = {id(t): i for i, t in enumerate(evidence.library.terms)}
+    taken = {t.key for t in fit.terms}
+    best: dict[Key, tuple[float, Term]] = {}
+    for t in candidates:
+        value = TRUST * float(gain[number[id(t)]]) + evidence.prior(t)
+        if t.key not in taken and not _other_shape(t, fit) and (t.key not in best or value > best[t.key][0]):
+            best[t.key] = (value, t)
+    ranked = sorted(best.values(), key=lambda p: -p[0])[:TRIED]
+    grown = [evidence.fit([*fit.terms, t], fit.noise) for _, t in ranked]
+    return [
+        (_gain(evidence, f, fit, f.terms[-1]), f)
+        for f in grown
+        if f.terms[-1].flight is None or _stands_out(evidence, f, f.terms[-1])
+    ]
+
+
+def _named(evidence: Evidence, fit: Fit, candidates: Sequence[Term]) -> list[Change]:
+    """Changes of a set with their sizes, and what could stand in place of each."""
+    out = []
+    for t in (t for t in fit.terms if t.flight is not None):
+        less = evidence.fit([o for o in fit.terms if o is not t], fit.noise)
+        odds = _gain(evidence, fit, less, t)
+        if odds < SURE:
+            continue
+        rivals = [(g, f.terms[-1]) for g, f in _grown(evidence, less, candidates) if f.terms[-1].key != t.key]
+        near = sorted(((g, r) for g, r in rivals if g > odds - NEAR and r.flight is not None), key=lambda p: -p[0])
+        probability = min(1.0 / (1.0 + float(np.exp(-odds))), MOST_SURE)
+        change = Change(get(t.name), _estimates(fit, t), round(probability, 3), tuple(r.name for _, r in near))
+        out.append((odds, change))
+    return [change for _, change in sorted(out, key=lambda p: -p[0])]
+
+
+def _estimates(fit: Fit, term: Term) -> tuple[Estimate, ...]:
+    """Coefficients with their 95 % intervals, then the shape."""
+    assert term.effect is not None
+    assert term.flight is not None
+    place = np.searchsorted(term.columns, term.places[term.flight])
+    part, scale = fit.part(term), term.scale[place]
+    mean, sd = fit.b[part][place] * scale, np.sqrt(np.diag(fit.cov[part, part])[place] / TRUST) * scale
+    out = [
+        Estimate(c.name, float(m), (float(m - 1.96 * s), float(m + 1.96 * s)), c.unit)
+        for c, m, s in zip(term.effect.coefficients, mean, sd, strict=True)
+    ]
+    out += [Estimate(s.name, v, (v, v), s.unit) for s, v in zip(term.effect.shapes, term.shape, strict=True)]
+    return tuple(out)
+
+
+def _stands_out(evidence: Evidence, fit: Fit, term: Term) -> bool:
+    """Whether a size that makes the effect is clearly not zero, and does a hundredth of the weight on some axis."""
+    assert term.effect is not None
+    main = {c.name for c in term.effect.coefficients if term.effect.is_main(c)}
+    if not any(not e.ci95[0] <= 0.0 <= e.ci95[1] for e in _estimates(fit, term) if e.name in main):
+        return False
+    u, i = Contributions(evidence.library, fit.terms, fit.b, fit.cov), fit.terms.index(term)
+    channels = evidence.library.channels
+    return any(top(part, channels[c].count) > channels[c].limit for (k, c), part in u.main.items() if k == i)
+
+
+def _shared(effect: Effect) -> Effect:
+    """An effect that good flights have in common, their load included; the weather is each flight's own."""
+    if effect.belongs_to is BelongsTo.WEATHER:
+        return effect
+    own = [c.belongs_to if c.belongs_to is BelongsTo.WEATHER else None for c in effect.coefficients]
+    coefficients = tuple(replace(c, belongs_to=b) for c, b in zip(effect.coefficients, own, strict=True))
+    belongs_to = BelongsTo.VEHICLE if effect.belongs_to is BelongsTo.LOAD else effect.belongs_to
+    return replace(_from_the_start(effect), belongs_to=belongs_to, coefficients=coefficients)
+
+
+def _changed(effect: Effect, known: bool, today: Context) -> Effect:
+    """An effect as a change of it on one flight: about zero where the vehicle had it before, and in both directions."""
+    coefficients = tuple(
+        replace(c, low=-c.high, centre=0.0, belongs_to=None) if known else replace(c, belongs_to=None)
+        for c in effect.coefficients
+    )
+
+    def lacking(ctx: Context) -> str | None:
+        return effect.lacking(ctx) if ctx is today else "of another flight"
+
+    return replace(_from_the_start(effect), belongs_to=BelongsTo.LOAD, coefficients=coefficients, lacking=lacking)
+
+
+def _from_the_start(effect: Effect) -> Effect:
+    """What is picked up in flight is no change of the vehicle."""
+    kinds = next((s.kinds for s in effect.shapes if s.kinds), ())
+    return replace(effect, shape_grid=lambda _: tuple((k,) for k in kinds)) if kinds else effect
+
+
+def _with_shape(effect: Effect, shape: tuple[float, ...] | None) -> Effect:
+    return effect if shape is None else replace(effect, shape_grid=lambda _: (shape,))

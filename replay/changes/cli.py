@@ -1,0 +1,68 @@
+"""``replay diagnose --since``: arguments, files and text; the work is in since.py."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from models.errors import ConfigError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Sequence
+
+
+def run(a: argparse.Namespace, progress: Callable[[Sequence[Path]], Iterable[Path]]) -> int:
+    """Run the command; UserErrors are reported by the caller."""
+    from companion.vehicles import default_vehicle
+    from models.choice import choose
+    from models.vehicle import load_vehicle
+    from replay.changes.since import since
+    from replay.cli import write_json
+    from replay.diagnosis.model_faults import model_faults
+
+    for option, value in (("--save-model", a.save_model), ("--test", a.test)):
+        if value:
+            raise ConfigError(f"{option}: amends a model, and --since asks what changed; give one of them")
+    logs, good = _flights(a)
+    vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
+    chosen = choose(vehicle, a.model)
+    model = None if chosen.name == "none" else chosen.model
+    answer = since(logs, good, vehicle, model, target_system=a.target_system, progress=progress)
+    faults = model_faults(answer.records, chosen)
+    if a.json is not None:
+        write_json(answer.as_json() | {"log_faults": faults}, a.json)
+    if a.report is not None:
+        from replay.changes.page import write_report
+
+        written = write_report(a.report, answer, vehicle, faults)
+    if a.json != "-" and not a.quiet:
+        for fault in faults:
+            print(f"{fault['channel']}: {fault['what']}")
+        print(answer.as_text())
+        if a.report is not None:
+            print(f"report: {written}")
+    return 0
+
+
+def _flights(a: argparse.Namespace) -> tuple[list[Path], list[Path]]:
+    """The logs that are asked about, and the good ones: named, or the first N of a folder in order of date."""
+    from replay.changes.since import by_date
+    from replay.fleet.results import logs_in
+
+    if not any(log.is_dir() for log in a.logs):
+        folders = [name for name in a.since if Path(name).is_dir()]
+        if folders:
+            raise ConfigError(f"--since {folders[0]}: is a folder; name the good logs")
+        return list(a.logs), [Path(name) for name in a.since]
+    if len(a.logs) > 1:
+        raise ConfigError(f"--since: give one folder alone, or name the logs, instead of {a.logs[0]} and others")
+    if len(a.since) != 1 or not a.since[0].isdecimal() or int(a.since[0]) < 1:
+        raise ConfigError(
+            f"--since {' '.join(a.since)}: with a folder, give the number of its first logs that are good"
+        )
+    found, _ = logs_in(a.logs[0])
+    ordered, first = by_date(found), int(a.since[0])
+    if len(ordered) <= first:
+        raise ConfigError(f"--since {first}: {a.logs[0]} holds {len(ordered)} logs; at least one more is needed")
+    return ordered[first:], ordered[:first]

@@ -1,0 +1,80 @@
+"""What changed as one HTML page: the changes, how sure, and the size of each over the logs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from html import escape
+from pathlib import Path
+
+import numpy as np
+
+from models.pages.document import document, items, table, verdict, write_document
+from models.pages.svg import Line, Mark, figure
+from models.vehicle import Vehicle
+from replay.changes.since import Changed, Since
+from replay.diagnosis.words import estimate_words, listed, plain, unit_words
+
+
+def write_report(directory: Path, answer: Since, vehicle: Vehicle, faults: Sequence[Mapping[str, str]]) -> Path:
+    """Write ``report.html`` into ``directory`` (created) and return its path; raises ConfigError where that fails."""
+    return write_document("--report", directory / "report.html", page(answer, vehicle, faults))
+
+
+def page(answer: Since, vehicle: Vehicle, faults: Sequence[Mapping[str, str]] = ()) -> str:
+    """The whole page. ``faults``: ``channel`` and ``what`` of a model or vehicle file of another vehicle."""
+    names = listed([plain(c.change.name) for c in answer.changed])
+    head = f"Changed: {names}." if answer.changed else "Nothing changed."
+    good = ", ".join(r.name for r in answer.good.records)
+    reasons = [
+        f"Compared with the good flights {good}: what lies within their own spread from flight to flight is not named.",
+        *(f"{f['channel']}: {f['what']}." for f in faults),
+    ]
+    return document(
+        f"{vehicle.name}: what changed",
+        [
+            f"<h1>What changed: {escape(vehicle.name)}</h1>",
+            verdict(head, reasons, bad=bool(answer.changed or faults)),
+            *(_change(c) for c in answer.changed),
+            *(["<h2>Sizes over the logs</h2>"] if any(f.sizes for f in answer.flights) else []),
+            *(_sizes(answer, name) for name in dict.fromkeys(n for f in answer.flights for n in f.sizes)),
+            "<h2>Flights</h2>",
+            table(
+                ("log", "changed"),
+                [
+                    [escape(f.record.name), escape(listed([plain(c.name) for c in f.changed]) or "nothing")]
+                    for f in answer.flights
+                ],
+            ),
+            *(["<h2>Notes</h2>", items(answer.notes)] if answer.notes else []),
+        ],
+    )
+
+
+def _change(c: Changed) -> str:
+    change = c.change
+    sizes = ", ".join(estimate_words(e) for e in change.estimates)
+    lines = [
+        f"<p><b>Since {escape(c.since)}</b>, probability {change.probability:.2f}: {escape(sizes)}.</p>",
+        f"<p>{escape(change.effect.sign)}.</p>",
+    ]
+    if change.aliases:
+        others = listed([plain(name) for name in change.aliases])
+        lines.append(
+            f"<p><b>It may as well be {escape(others)}.</b> To tell them apart: {escape(change.effect.excite)}.</p>"
+        )
+    title = plain(change.name)
+    return f"<h2>{escape(title[:1].upper() + title[1:])}</h2>{''.join(lines)}"
+
+
+def _sizes(answer: Since, name: str) -> str:
+    """The size of one effect on every log, as a change since the good flights."""
+    sizes = [f.sizes[name] for f in answer.flights]
+    at = np.arange(len(sizes), dtype=float) + 1.0
+    value, half = np.array([e.value for e in sizes]), np.array([0.5 * (e.ci95[1] - e.ci95[0]) for e in sizes])
+    first = [i for i, f in enumerate(answer.flights) for c in answer.changed if (c.since, c.change.name) == (
+        f.record.name, name)]  # fmt: skip
+    unit = unit_words(sizes[0].unit)
+    label = f"{plain(sizes[0].name)}{f' [{unit}]' if unit else ''}"
+    line = Line(at, value, "after", "change since the good flights", points=True, error=half)
+    marks = [Mark(float(first[0]) + 1.0, "changed")] if first else []
+    return figure(plain(name), [line], "log, in order of date", label, marks=marks)

@@ -1,0 +1,185 @@
+"""``replay diagnose TODAY --since GOOD...`` as a function: what changed since good flights, and since which log."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from models.errors import ConfigError
+from models.surrogate.fan_surrogate import FanSurrogate
+from models.vehicle import Vehicle
+from replay.changes.changes import Change, Good, beside, changes, learn
+from replay.diagnosis.answer import number
+from replay.diagnosis.diagnose import read_records
+from replay.fleet.jobs import recorded
+from replay.residual.record import Record, check_model
+from replay.search.results import Estimate
+
+
+@dataclass(frozen=True)
+class Compared:
+    """One flight against the good ones: what changed, and the size of every effect that changed on any flight."""
+
+    record: Record
+    changed: tuple[Change, ...]
+    sizes: dict[str, Estimate]
+
+
+@dataclass(frozen=True)
+class Changed:
+    """A change that stays, and the log since which it is there."""
+
+    change: Change
+    since: str
+
+
+@dataclass(frozen=True)
+class Since:
+    """The answer: changes since the good flights, first cause first; usually none."""
+
+    good: Good
+    flights: tuple[Compared, ...]
+    changed: tuple[Changed, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def records(self) -> list[Record]:
+        """All flights, the good ones first."""
+        return [*self.good.records, *(f.record for f in self.flights)]
+
+    def as_json(self) -> dict[str, Any]:
+        """The JSON that docs/formats.md describes."""
+        return {
+            "logs": list(dict.fromkeys(str(f.record.path) for f in self.flights)),
+            "good": list(dict.fromkeys(str(r.path) for r in self.good.records)),
+            "changed": [_change(c.change) | {"since": c.since} for c in self.changed],
+            "flights": [
+                {
+                    "log": f.record.name,
+                    "changed": [_change(c) for c in f.changed],
+                    "sizes": {name: _estimate(e) | {"parameter": e.name} for name, e in f.sizes.items()},
+                }
+                for f in self.flights
+            ],
+            "notes": list(self.notes),
+        }
+
+    def as_text(self) -> str:
+        """A few lines for a person."""
+        head = "changed" if self.changed else "nothing changed"
+        lines = [f"{head}  ({len(self.flights)} against {len(self.good.records)} good flights)"]
+        for c in self.changed:
+            sizes = ", ".join(
+                f"{e.name} {e.value:+.3g}" + (f" [{e.ci95[0]:.3g}, {e.ci95[1]:.3g}]" if e.ci95[1] > e.ci95[0] else "")
+                for e in c.change.estimates
+            )
+            lines.append(f"  {c.change.name} since {c.since} (probability {c.change.probability:.2f}): {sizes}")
+            if c.change.aliases:
+                lines.append(f"    or {', '.join(c.change.aliases)}; to separate them: {c.change.effect.excite}")
+        return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
+
+
+def since(
+    logs: Sequence[Path],
+    good: Sequence[Path],
+    vehicle: Vehicle,
+    model: FanSurrogate | None,
+    *,
+    target_system: int | None = None,
+    progress: Callable[[Sequence[Path]], Iterable[Path]] = lambda paths: paths,
+) -> Since:
+    """Compare flights, in order of their date, with the vehicle as its good flights show it."""
+    check_model(vehicle, model)
+    good_logs, good_twice = _once(good)
+    new_logs, new_twice = _once(logs, good_logs)
+    notes = [*good_twice, *new_twice]
+    if not new_logs:
+        raise ConfigError(f"{logs[0]}: is one of the good flights of --since; name another log")
+    learnt, said = read_records(good_logs, vehicle, model, target_system)
+    as_it_was = learn(learnt)
+    notes += [
+        f"the good flights differ by themselves: {flight} in {effect}; such a change is hardly seen"
+        for flight, effect in as_it_was.apart
+    ]
+    ordered = by_date(new_logs)
+    notes += (
+        [f"the logs were not given in order of their date: {ordered[0].name} is the first"]
+        if (ordered != new_logs)
+        else []
+    )
+    records, more = read_records(progress(ordered), vehicle, model, target_system)
+    found = [(r, changes(beside(as_it_was, r))) for r in records]
+    names = list(dict.fromkeys(c.name for _, changed in found for c in changed))
+    flights = []
+    for record, changed in found:
+        flight = beside(as_it_was, record) if names else None
+        sizes = {} if flight is None else {name: flight.size(name) for name in names}
+        flights.append(Compared(record, changed, sizes))
+    stays = [(name, at) for name in names for at in [_change_point([name in _names(f) for f in flights])]]
+    notes += [f"{name} on single flights only" for name, at in stays if at is None]
+    out = [_changed(flights, name, at) for name, at in stays if at is not None]
+    return Since(as_it_was, tuple(flights), tuple(out), (*notes, *dict.fromkeys((*said, *more))))
+
+
+def by_date(logs: Sequence[Path]) -> list[Path]:
+    """Logs in the order in which they were recorded; without dates of their own as given."""
+    dates = {log: recorded(log) for log in logs}
+    if any(d["date_from"] != "log" for d in dates.values()):
+        return list(logs)
+    return sorted(logs, key=lambda log: dates[log]["date"])
+
+
+def _once(logs: Sequence[Path], known: Sequence[Path] = ()) -> tuple[list[Path], list[str]]:
+    """Logs by content, each once and none of ``known``; and a line for each that is left out."""
+    seen = {_content(log): log for log in known}
+    out, notes = [], []
+    for log in logs:
+        content = _content(log)
+        if content is not None and content in seen:
+            notes.append(f"left out: {log.name}: is the same log as {seen[content].name}")
+            continue
+        seen[content] = log
+        out.append(log)
+    return out, notes
+
+
+def _content(log: Path) -> str | None:
+    """Hash of a file; None where it cannot be read, which the reader says in its own words."""
+    try:
+        with log.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError:
+        return None
+
+
+def _names(flight: Compared) -> set[str]:
+    return {c.name for c in flight.changed}
+
+
+def _change_point(named: Sequence[bool]) -> int | None:
+    """The flight from which on an effect is mostly there: likeliest step where names err as often either way."""
+    totals = [sum(1 if there else -1 for there in named[i:]) for i in range(len(named))]
+    best = max(range(len(named)), key=lambda i: totals[i])
+    return best if totals[best] > 0 else None
+
+
+def _changed(flights: Sequence[Compared], name: str, at: int) -> Changed:
+    """A change since a flight, with its size on the latest flight that shows it."""
+    shows = [c for f in flights[at:] for c in f.changed if c.name == name]
+    return Changed(shows[-1], flights[at].record.name)
+
+
+def _change(c: Change) -> dict[str, Any]:
+    return {
+        "name": c.name,
+        "parameters": {e.name: _estimate(e) for e in c.estimates},
+        "probability": number(c.probability),
+        "aliases": list(c.aliases),
+    }
+
+
+def _estimate(e: Estimate) -> dict[str, Any]:
+    return {"value": number(e.value), "ci95": [number(v) for v in e.ci95], "unit": e.unit}

@@ -1,0 +1,73 @@
+"""``replay predict``: arguments, files and text; the work is in predict.py."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from models.errors import ConfigError
+
+_EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
+messages; 130 interrupted. Logs: .tlog, .BIN, .ulg."""
+
+
+def add_parser(commands: Any) -> None:
+    """Register ``predict`` with the subparsers of ``replay``."""
+    p: argparse.ArgumentParser = commands.add_parser(
+        "predict", help="the error of a model on flights that it was not made from", epilog=_EPILOG,
+        description="Measured minus modelled wrench of flights that a model was not made from, with and without its "
+        "adopted effects, by axis and by how and where it flew. Nothing of the vehicle is fitted.",
+    )  # fmt: skip
+    p.add_argument("logs", nargs="+", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg")
+    p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: the paper's tandem)")
+    p.add_argument(
+        "--model", metavar="DIR", required=True, help="model directory, as replay diagnose --save-model wrote"
+    )
+    p.add_argument(
+        "--frozen", action="store_true",
+        help="fit nothing; without it, wind, load and accelerometer offset come from the first 20 s of each flight",
+    )  # fmt: skip
+    p.add_argument("--report", type=Path, metavar="DIR", help="write a self-contained HTML page")
+    p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
+    p.add_argument("--json", metavar="FILE", help="write the answer as JSON (- for stdout)")
+    p.add_argument("--quiet", action="store_true", help="no progress bar and no text")
+    p.set_defaults(run=run)
+
+
+def run(a: argparse.Namespace) -> int:
+    """Run the command; UserErrors are reported by the caller."""
+    # Imported here so that --help answers at once.
+    from companion.vehicles import default_vehicle
+    from models.choice import choose
+    from models.vehicle import load_vehicle
+    from replay.cli import write_json
+    from replay.diagnosis.cli import check_target, progress_bar
+    from replay.diagnosis.model_faults import model_faults
+    from replay.predict.predict import predict
+
+    for option, target in (("--json", a.json), ("--report", a.report)):
+        if target is not None and str(target) != "-":
+            check_target(option, Path(target), folder=option != "--json")
+    vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
+    chosen = choose(vehicle, a.model)
+    folders = [log for log in a.logs if log.is_dir()]
+    if folders:
+        raise ConfigError(f"{folders[0]}: is a folder; name the logs, as in replay predict {folders[0]}/*.tlog")
+    answer = predict(
+        a.logs, vehicle, chosen.model, frozen=a.frozen, target_system=a.target_system, progress=progress_bar(a)
+    )
+    faults = model_faults(answer.records, chosen)
+    if a.json is not None:
+        write_json(answer.as_json(a.model) | {"log_faults": faults}, a.json)
+    if a.report is not None:
+        from replay.predict.page import write_report
+
+        written = write_report(a.report, answer, vehicle, faults)
+    if a.json != "-" and not a.quiet:
+        for fault in faults:
+            print(f"{fault['channel']}: {fault['what']}")
+        print(answer.as_text())
+        if a.report is not None:
+            print(f"report: {written}")
+    return 0

@@ -1,0 +1,244 @@
+"""Learn on one real flight, predict another: ours against black boxes, on the same residual, features and time.
+
+``python tests/benchmarks/transfer.py --data ../shared/data/measured --cache DIR --json FILE``. Every pair of flights of
+one vehicle: the error of B (RMS of the residual, forces) with a model learnt on A over that with nothing added, as the
+geometric mean over the axes. Two protocols: *frozen* fits nothing on B; *twenty seconds* learns what belongs to the day
+from B's first 20 s (black boxes: the mean of what they leave there) and judges the rest. Diagnoses stay in the cache.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import permutations
+from pathlib import Path
+
+import numpy as np
+from sklearn.compose import TransformedTargetRegressor
+from sklearn.ensemble import HistGradientBoostingRegressor
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+from sklearn.linear_model import RidgeCV
+from sklearn.multioutput import MultiOutputRegressor
+from sklearn.neural_network import MLPRegressor
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import PolynomialFeatures, StandardScaler
+
+from models.effects import adopted_wrench, get
+from models.frames import Array
+from models.surrogate.fan_surrogate import FanSurrogate
+from models.vehicle import load_vehicle
+from replay.diagnosis.amended_model import amended, to_adopt
+from replay.diagnosis.diagnose import conclude, read_records
+from replay.predict.day import learning_time
+from replay.predict.predict import LEAST_S, predicted
+from replay.residual.record import Record
+from replay.search.results import Estimate
+
+OURS, MEAN = "ours", "mean"
+FROZEN, TWENTY = "frozen", "twenty_seconds"
+SPACING_S = 0.2
+"""Of the samples that black boxes learn from: the residual holds nothing above 2 Hz."""
+GP_POINTS = 400
+"""A Gaussian process learns from so many samples at most."""
+DRAWS = 2000
+"""Of the bootstrap over pairs."""
+SOURCES = {
+    "neural-fly": ("neural-fly.toml", ("nf_*.tlog", "more/nf_*.tlog")),
+    "crazyflie large": ("crazyflie-large.toml", ("ns_*L_ground*.tlog",)),
+    "crazyflie small": ("crazyflie-small.toml", ("ns_*S_ground*.tlog", "more/ns_*S_ground*.tlog")),
+    "brushless": ("imrc/BL.toml", ("imrc/BL_*.tlog",)),
+    "slung load": ("imrc/PL.toml", ("imrc/PL_*.tlog",)),
+    "nanobench": ("nanobench/nb.toml", ("nanobench/nb_*.tlog",)),
+    "crazypad": ("crazypad/E8.toml", ("crazypad/E8_normal_*.tlog",)),
+    "appius": ("appius/appius.toml", ("appius/*.tlog",)),
+}
+"""Vehicle file and flights of one vehicle; the other half of each source is kept for acceptance."""
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One flight of a source, and what our diagnosis of it alone names."""
+
+    source: str
+    record: Record
+    model: FanSurrogate
+
+
+class Averaged:
+    """The mean residual, whatever the features."""
+
+    def fit(self, _: Array, y: Array) -> Averaged:
+        self.mean = y.mean(axis=0)
+        return self
+
+    def predict(self, x: Array) -> Array:
+        return np.tile(self.mean, (len(x), 1))
+
+
+def black_boxes() -> dict[str, Callable[[], object]]:
+    """Regressors with the settings that are usual for a few hundred samples."""
+    ridge = RidgeCV(np.logspace(-2, 5, 15))
+    kernel = ConstantKernel(1.0, (1e-2, 1e2)) * RBF(5.0, (0.5, 50.0)) + WhiteKernel(0.1, (1e-3, 1e1))
+    boosted = HistGradientBoostingRegressor(max_iter=100, min_samples_leaf=10, early_stopping=False, random_state=0)
+    network = MLPRegressor(hidden_layer_sizes=(16, 16), alpha=0.1, max_iter=800, random_state=0)
+
+    def scaled(regressor: object) -> object:
+        steps = make_pipeline(StandardScaler(), regressor)
+        return TransformedTargetRegressor(steps, transformer=StandardScaler())
+
+    return {
+        MEAN: Averaged,
+        "ridge": lambda: scaled(make_pipeline(PolynomialFeatures(2), StandardScaler(), ridge)),
+        "network": lambda: scaled(network),
+        "trees": lambda: MultiOutputRegressor(boosted),
+        "gaussian process": lambda: scaled(GaussianProcessRegressor(kernel)),
+    }
+
+
+def features(record: Record) -> Array:
+    """(n, k): velocity, rates and the vertical in the body, thrust of every fan, its square, height, voltage."""
+    ctx, state = record.context, record.context.state
+    thrust = ctx.thrust / ctx.weight
+    height = np.nan_to_num(
+        np.minimum(np.nanmin(np.where(np.isnan(state.h_m), np.inf, state.h_m), axis=1), 3.0), nan=3.0
+    )
+    volts = state.battery_voltage_v
+    parts = [
+        ctx.velocity, state.rates, state.rotation[..., 2, :], thrust, thrust.sum(axis=1)[:, None] ** 2,
+        np.exp(-height / ctx.vehicle.rotor_radius_m)[:, None], volts[:, None],
+    ]  # fmt: skip
+    return np.nan_to_num(np.concatenate(parts, axis=1))
+
+
+def flights(data: Path, cache: Path, source: str) -> list[Flight]:
+    """The flights of a source with the model that one diagnosis of each makes."""
+    file, patterns = SOURCES[source]
+    vehicle = load_vehicle(data / file)
+    out = []
+    for log in sorted(path for pattern in patterns for path in data.glob(pattern)):
+        records, notes = read_records([log], vehicle, None, None)
+        kept = cache / f"{log.parent.name}-{log.stem}.json"
+        if not kept.is_file():
+            kept.write_text(json.dumps(conclude(records, notes).as_json(None), indent=1))
+            print(f"diagnosed {log.name}", file=sys.stderr)
+        named = json.loads(kept.read_text())["effects"]
+        effects = [
+            to_adopt(
+                get(e["name"]),
+                [Estimate(k, p["value"], tuple(p["ci95"]), p["unit"]) for k, p in e["parameters"].items()],
+                records[0].context,
+                one_wind=any(other["name"] == "wind" for other in named),
+            )
+            for e in named
+        ]
+        out.append(Flight(source, records[0], amended(None, vehicle, effects)))
+    return out
+
+
+def ratio(residual: Array, before: Array, rows: Array, axes: Sequence[int]) -> float:
+    """Geometric mean over axes of RMS after over RMS before."""
+    after, bare = (np.sqrt((r[rows][:, list(axes)] ** 2).mean(axis=0)) for r in (residual, before))
+    return float(np.exp(np.log(np.maximum(after, 1e-9) / np.maximum(bare, 1e-9)).mean()))
+
+
+def pair(a: Flight, b: Flight, learnt: dict[str, object]) -> dict[str, dict[str, float]]:
+    """By protocol and method, the error of B with what was learnt on A over that with nothing."""
+    axes = [x for x in b.record.axes if x < 3]
+    before = np.nan_to_num(b.record.residual)
+    told = adopted_wrench(a.model.effects, b.record.context)
+    ours = Record(**{**b.record.__dict__, "residual": b.record.residual - told})
+    rows = b.record.valid
+    start = learning_time(b.record)
+    rest = rows & ~start
+    x = features(b.record)
+    out: dict[str, dict[str, float]] = {FROZEN: {}, TWENTY: {}}
+    for frozen, name, time in ((True, FROZEN, rows), (False, TWENTY, rest)):
+        if time.sum() * b.record.step_s < LEAST_S:
+            continue
+        flight = predicted(ours, b.record, a.model, frozen=frozen)
+        out[name][OURS] = ratio(flight.with_effects, before, time, axes)
+        for method, regressor in learnt.items():
+            left = before.copy()
+            left[:, axes] -= regressor.predict(x)[:, [i for i, k in enumerate(range(3)) if k in axes]]
+            if not frozen:
+                left -= left[start].mean(axis=0)
+            out[name][method] = ratio(left, before, time, axes)
+    return out
+
+
+def learn(a: Flight) -> dict[str, object]:
+    """Every black box on one flight: residual of three forces by the features."""
+    every = max(round(SPACING_S / a.record.step_s), 1)
+    rows = np.flatnonzero(a.record.valid)[::every]
+    x, y = features(a.record)[rows], np.nan_to_num(a.record.residual)[rows, :3]
+    out = {}
+    for name, make in black_boxes().items():
+        step = max(len(rows) // GP_POINTS, 1) if name == "gaussian process" else 1
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            out[name] = make().fit(x[::step], y[::step])
+    return out
+
+
+def interval(values: Sequence[float]) -> tuple[float, float, float]:
+    """Geometric mean with its 95 % interval over pairs."""
+    logs = np.log(np.asarray(values))
+    draws = np.random.default_rng(0).choice(logs, (DRAWS, len(logs))).mean(axis=1)
+    low, high = np.exp(np.percentile(draws, [2.5, 97.5]))
+    return float(np.exp(logs.mean())), float(low), float(high)
+
+
+def table(rows: Sequence[dict], protocol: str) -> str:
+    """Geometric means by source and method; how often ours is best, and how often worse than nothing."""
+    rows = [r for r in rows if r[protocol]]
+    methods = list(rows[0][protocol])
+    lines = [f"{protocol}: {'source':16s} pairs " + " ".join(f"{m:>18s}" for m in methods) + "  best  worse"]
+    for source in (*dict.fromkeys(r["source"] for r in rows), "all"):
+        part = [r[protocol] for r in rows if source in (r["source"], "all")]
+        cells = ["{:.2f} [{:.2f}, {:.2f}]".format(*interval([r[m] for r in part])) for m in methods]
+        best = sum(r[OURS] <= min(v for k, v in r.items() if k != OURS) for r in part)
+        worse = sum(r[OURS] > 1.0 for r in part)
+        lines.append(
+            f"  {source:24s} {len(part):5d} " + " ".join(f"{c:>18s}" for c in cells) + f"  {best:4d}  {worse:5d}"
+        )
+    return "\n".join(lines)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the benchmark."""
+    p = argparse.ArgumentParser(description=__doc__)
+    p.add_argument("--data", type=Path, default=Path("../shared/data/measured"))
+    p.add_argument("--cache", type=Path, required=True, help="folder for diagnoses, one JSON a log")
+    p.add_argument("--source", choices=SOURCES, action="append", help="only this one; may be repeated")
+    p.add_argument("--json", type=Path)
+    a = p.parse_args(argv)
+    if not a.data.is_dir():
+        print(f"transfer: no flights at {a.data}", file=sys.stderr)
+        return 2
+    a.cache.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for source in a.source or SOURCES:
+        group = flights(a.data, a.cache, source)
+        boxes = [learn(f) for f in group]
+        for (i, one), (_, other) in permutations(enumerate(group), 2):
+            names = {"source": source, "learnt_on": one.record.name, "predicted": other.record.name}
+            rows.append(names | pair(one, other, boxes[i]))
+        print(f"{source}: {len(group)} flights", file=sys.stderr)
+    for protocol in (FROZEN, TWENTY):
+        print(table(rows, protocol))
+    for r in rows:
+        if max(r[FROZEN].get(OURS, 0.0), r[TWENTY].get(OURS, 0.0)) > 1.0:
+            shown = {k: round(r[k].get(OURS, np.nan), 2) for k in (FROZEN, TWENTY)}
+            print(f"worse than nothing: {r['learnt_on']} -> {r['predicted']} {shown}")
+    if a.json is not None:
+        a.json.write_text(json.dumps(rows, indent=1) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,90 @@
+"""What of an answer an amended model takes to the next flight, and what it says of the logs it was made from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from companion.vehicles import default_vehicle
+from models.air_state import blank_state
+from models.effects import AdoptedEffect, BelongsTo, Context, catalogue, get
+from models.surrogate.store import load
+from replay.diagnosis.amended_model import known_day, learnt_from, save_amended, to_adopt
+from replay.diagnosis.words import kept_words
+from replay.search.results import Estimate
+
+WIND = {"north": 3.0, "east": -1.0, "own_motion": 0.4, "turning": 0.0, "sinking": 0.1, "above_radii": 0.5}
+INFLOW = {"slope": 4.0, "turning": 0.0, "north": -30.0, "east": 2.0, "level": 0.1}
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    path = tmp_path / "flight.tlog"
+    path.write_bytes(b"of a flight")
+    return path
+
+
+def amended(tmp_path: Path, log: Path, *effects: AdoptedEffect):
+    save_amended(tmp_path / "m", load(), default_vehicle(), effects, [log])
+    return load(tmp_path / "m")
+
+
+def test_weather_and_load_start_the_next_flight_at_zero(tmp_path: Path, log: Path) -> None:
+    payload = AdoptedEffect("payload", {"mass": 0.4, "from_s": 12.0})
+    model = amended(tmp_path, log, AdoptedEffect("wind", WIND), payload, AdoptedEffect("vertical_inflow", INFLOW))
+    effects = {e.name: e.parameters for e in model.effects}
+    assert effects == {
+        "wind": WIND | {"north": 0.0, "east": 0.0},
+        "vertical_inflow": INFLOW | {"north": 0.0, "east": 0.0},
+    }
+    of_day = model.info["of_day"]
+    assert of_day["wind"] == {"spread": {"north": 4.0, "east": 4.0}, "shape": {"above_radii": 0.5}}
+    assert of_day["payload"]["spread"]["mass"] == pytest.approx(0.15 * default_vehicle().mass_kg)
+    assert known_day(model)["payload"] == {"from_s": 0.0}
+
+
+def test_the_model_knows_the_logs_that_it_was_made_from(tmp_path: Path, log: Path) -> None:
+    model = amended(tmp_path, log, AdoptedEffect("thrust_scale", {"scale": 0.05}))
+    assert [entry["name"] for entry in model.info["learnt_from"]] == ["flight.tlog"]
+    copy = tmp_path / "renamed.tlog"
+    copy.write_bytes(log.read_bytes())
+    assert learnt_from(model, copy)
+    copy.write_bytes(b"of another flight")
+    assert not learnt_from(model, copy)
+    assert not learnt_from(load(), log)
+
+
+def test_every_effect_says_what_is_kept_of_it() -> None:
+    kept = {e.name: e.kept for e in catalogue()}
+    assert [name for name, k in kept.items() if not k] == ["air_density", "payload", "slung_load", "wind"]
+    for e in catalogue():
+        assert kept_words(e).startswith("kept" if e.kept else "not kept")
+        assert e.kept == (not e.belongs_to.of_day)
+    assert "keeps own motion, turning and sinking" in kept_words(get("wind"))
+    assert "north and east" in kept_words(get("vertical_inflow"))
+    assert get("imu_bias").belongs_to is BelongsTo.INSTRUMENT
+
+
+def test_a_size_that_its_flight_hardly_knows_is_taken_towards_what_was_known_before() -> None:
+    vehicle = default_vehicle()
+    context = Context(blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle)
+    well, badly = (
+        to_adopt(get("thrust_scale"), [Estimate("scale", 0.1, (0.1 - half, 0.1 + half), "1")], context).parameters
+        for half in (0.004, 0.2)
+    )
+    assert well["scale"] == pytest.approx(0.1, rel=0.01)
+    assert 0.0 < badly["scale"] < 0.06
+    bias = [Estimate(n, 0.2, (-0.3, 0.7), "1") for n in ("x", "y", "z", "pitch", "roll")]
+    assert to_adopt(get("imu_bias"), bias, context).parameters["x"] == 0.2
+
+
+def test_drag_that_was_found_in_one_wind_is_adopted_by_half() -> None:
+    vehicle = default_vehicle()
+    context = Context(blank_state((), len(vehicle.fans), len(vehicle.rotors)), vehicle)
+    found = [Estimate(name, value, (value, value), "1") for name, value in WIND.items()]
+    one, two = (to_adopt(get("wind"), found, context, one_wind=alone).parameters for alone in (True, False))
+    assert two["own_motion"] == pytest.approx(0.4)
+    assert one["own_motion"] == pytest.approx(0.2)
+    scale = [Estimate("scale", 0.1, (0.1, 0.1), "1")]
+    assert to_adopt(get("thrust_scale"), scale, context, one_wind=True).parameters["scale"] == pytest.approx(0.1)
