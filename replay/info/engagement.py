@@ -11,6 +11,7 @@ from typing import Any
 from companion.config import PipelineConfig
 from companion.pipeline import Decision
 from companion.telemetry.summary import Summary
+from models.progress import Bars
 from replay.rerun.report import run
 
 _DECIDED_S = 600.0
@@ -98,7 +99,7 @@ def engagement(
     first: list[Decision] = []
 
     def watch(decisions: Iterable[Decision]) -> Iterator[Decision]:
-        for decision in _shown(_first_minutes(decisions, log_s), min(log_s, _DECIDED_S), path.name, quiet=quiet):
+        for decision in _first_minutes(decisions, log_s, path.name, quiet=quiet):
             if not first:
                 first.append(decision)
             yield decision
@@ -108,27 +109,14 @@ def engagement(
     return Engagement(report.summary, log_s, first[0].t_s if first else math.nan, from_arming)
 
 
-def _first_minutes(decisions: Iterable[Decision], log_s: float) -> Iterator[Decision]:
-    passed_s, last_s = 0.0, math.inf
+def _first_minutes(decisions: Iterable[Decision], log_s: float, name: str, *, quiet: bool) -> Iterator[Decision]:
+    """Passes decisions on, and shows how far they are."""
+    bars, passed_s, last_s = Bars(quiet), 0.0, math.inf
     for decision in decisions:
         step_s, last_s = decision.t_s - last_s, decision.t_s
         passed_s += step_s if 0.0 < step_s < _PAUSE_S else 0.0
         if log_s > _DECIDED_S and passed_s > _DECIDED_S:
-            return
+            break
+        bars(f"{name}: deciding", round(passed_s), round(min(log_s, _DECIDED_S)))
         yield decision
-
-
-def _shown(decisions: Iterable[Decision], length_s: float, name: str, *, quiet: bool) -> Iterator[Decision]:
-    """Passes decisions on, and shows how far they are; only to a terminal."""
-    from tqdm import tqdm
-
-    last_s = math.inf
-    # disable=None: only to a terminal.
-    with tqdm(
-        total=round(length_s), unit="s", desc=f"{name}: deciding", disable=True if quiet else None, leave=False,
-        bar_format="{desc} {percentage:3.0f}%|{bar}| {n:.0f}/{total:.0f} s [{elapsed}<{remaining}]",
-    ) as bar:  # fmt: skip
-        for decision in decisions:
-            step_s, last_s = decision.t_s - last_s, decision.t_s
-            bar.update(step_s if 0.0 < step_s < _PAUSE_S else 0.0)
-            yield decision
+    bars.close()
