@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from replay.diagnosis.diagnose import Diagnosis, Named
     from replay.residual.record import Record
 
+WHERE = {"low": "near the ground", "wall": "near the wall", "corner": "in the corner"}
 UNITS = ("N", "N", "N", "N m", "N m", "N m")
 
 
@@ -65,6 +66,7 @@ def _outside(t: Trace) -> list[dict[str, Any]]:
             "unit": UNITS[AXES.index(o.axis)],
             "intervals_s": [[number(a), number(b)] for a, b in o.intervals_s],
         }
+        | ({"regime": o.regime} if o.regime else {})
         for o in t.outside
     ]
 
@@ -140,6 +142,8 @@ def _effect_text(n: Named, answer: Diagnosis) -> list[str]:
 def _outside_text(o: Outside) -> str:
     when = ", ".join(f"{a:.0f}-{b:.0f} s" for a, b in o.intervals_s[:4]) or "all along"
     unit = UNITS[AXES.index(o.axis)]
+    if o.regime:
+        return f"  not explained: {o.axis} {o.rms:.3g} {unit} on average {WHERE[o.regime]}, {when}"
     return f"  something acts that the log does not record: {o.axis} {o.rms:.3g} {unit}, {when}"
 
 

@@ -27,7 +27,7 @@ from replay.diagnosis.words import (
     rough,
     unit_words,
 )
-from replay.search.regimes import FAST_M_S, masks
+from replay.search.regimes import regimes
 from replay.search.results import Trace
 
 Mask = NDArray[np.bool_]
@@ -222,21 +222,10 @@ def _over_time(t: Trace) -> str:
     return f"<h3>{escape(t.record.name)}</h3>{series(t)}{block_picture(t)}"
 
 
-def regimes(t: Trace) -> dict[str, Mask]:
-    """Where the vehicle flew, as masks (n,) over judged samples."""
-    found = masks(t.record)
-    ground, wall, fast = (found[name] for name in ("near the ground", "near a wall", "fast"))
-    parts = {
-        "everywhere": np.ones(len(ground), bool), "free air": ~ground & ~wall, "near the ground": ground & ~wall,
-        "near a wall": wall & ~ground, "in the corner": ground & wall, f"faster than {FAST_M_S:g} m/s": fast,
-    }  # fmt: skip
-    return {name: mask & t.record.valid for name, mask in parts.items()}
-
-
 def _places(answer: Diagnosis) -> str:
     rows = []
     for t in answer.traces:
-        for name, mask in regimes(t).items():
+        for name, mask in {"everywhere": t.record.valid, **regimes(t.record)}.items():
             if mask.sum() * t.record.step_s < _LEAST_S:
                 continue
             for k, axis in enumerate(t.record.axes):

@@ -13,7 +13,7 @@ from models.frames import AXES, Array
 from models.pages.svg import Band, Line, Mark, figure, keys
 from replay.diagnosis.diagnose import UNITS, Named
 from replay.diagnosis.words import AXIS_WORDS, channel_words
-from replay.search.regimes import masks
+from replay.search.regimes import regimes
 from replay.search.results import Trace
 
 Mask = NDArray[np.bool_]
@@ -147,9 +147,8 @@ def against(t: Trace, channel: str, axis: int) -> str:
 
 def phases(t: Trace) -> list[Band]:
     """Where the vehicle flew, as shaded intervals of time."""
-    found = masks(t.record)
-    low, wall, fast = (found[name] for name in ("near the ground", "near a wall", "fast"))
-    parts = dict(zip((name for name, _ in _PHASES), (low & wall, low & ~wall, wall & ~low, fast), strict=True))
+    found = regimes(t.record)
+    parts = dict(zip((name for name, _ in _PHASES), (found[k] for k in ("corner", "low", "wall", "fast")), strict=True))
     time_s, out = t.record.time_s, []
     for name, kind in _PHASES:
         edges = np.flatnonzero(np.diff(np.concatenate([[0], parts[name].astype(int), [0]])))

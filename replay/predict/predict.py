@@ -19,8 +19,8 @@ from replay.diagnosis.answer import UNITS, number
 from replay.diagnosis.diagnose import read_records
 from replay.diagnosis.interval import rms_interval
 from replay.predict.day import LEARNING_S, Day, learn_day, learning_time
-from replay.predict.regimes import regimes
 from replay.residual.record import Record, check_model
+from replay.search.regimes import regimes
 
 Mask = NDArray[np.bool_]
 BLOCK_S = 3.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 
@@ -76,10 +75,8 @@ class Library:
         return [e for e in self._remainders if self._usable(e)]
 
     def term_of(self, effect: Effect, shape: tuple[float, ...]) -> Term:
-        """One more term: an effect of the vehicle in this shape."""
-        flights = self._usable(effect)
-        log_shape = -math.log(len(effect.shape_grid(self.context(flights[0]))))
-        self._add(effect, None, flights, shape, log_shape)
+        """One more term: an effect of the vehicle in this shape, which is as likely as any other."""
+        self._add(effect, None, self._usable(effect), shape, 0.0)
         self._reach()
         return self.terms[-1]
 

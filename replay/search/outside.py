@@ -9,6 +9,7 @@ import numpy as np
 from models.frames import AXES, Array
 from replay.residual.grid import Mask
 from replay.residual.record import Record
+from replay.search.regimes import LEAST_S, SURFACES, regimes
 
 SLOW_S = 1.0
 """The remainder is averaged over this time [s]."""
@@ -28,14 +29,23 @@ JOIN_S, SHORTEST_S, MOST = 2.0, 0.5, 12
 MAD_TO_SD = 1.4826
 """Standard deviation of a Gaussian over its median absolute deviation."""
 
+LEVEL_LEFT, LIFT_LEFT, MOMENT_LEFT = 0.4, 1.0, 2.0
+"""Mean of the remainder beside a surface, in hundredths of the weight (times the lever), up to which it is explained.
+
+0.4 of a level force tilts the vehicle by 0.23 degrees.
+"""
+INDEPENDENT_S = 2.0
+"""Time after which a remainder counts as a new sample of its mean [s]."""
+
 
 @dataclass(frozen=True)
 class Outside:
-    """A slow remainder of one axis [N or N m]."""
+    """A slow remainder of one axis [N or N m]; ``regime``: its mean there, where it is small over the whole flight."""
 
     axis: str
     rms: float
     intervals_s: tuple[tuple[float, float], ...]
+    regime: str = ""
 
 
 def outside(record: Record, rest: Array) -> tuple[Outside, ...]:
@@ -59,7 +69,26 @@ def outside(record: Record, rest: Array) -> tuple[Outside, ...]:
             out.append(Outside(AXES[a], rms, _intervals(record.time_s, np.abs(slow) > LOUD * limit)))
         elif struck.sum() * record.step_s > SUDDEN_S:
             out.append(Outside(AXES[a], rms, _intervals(record.time_s, struck)))
-    return tuple(out)
+    known = {o.axis for o in out}
+    return (*out, *(o for o in _beside_surfaces(record, rest) if o.axis not in known))
+
+
+def _beside_surfaces(record: Record, rest: Array) -> list[Outside]:
+    """What is left on average beside a surface, beyond two standard errors of that mean."""
+    out = []
+    masks = regimes(record)
+    for name in SURFACES:
+        mask = masks[name]
+        seconds = float(mask.sum()) * record.step_s
+        if seconds < LEAST_S:
+            continue
+        for a in record.axes:
+            unit = 0.01 * record.context.weight * (1.0 if a < 3 else record.context.lever)
+            limit = unit * (LEVEL_LEFT if a < 2 else LIFT_LEFT if a == 2 else MOMENT_LEFT)
+            mean, error = rest[mask, a].mean(), rest[mask, a].std() / np.sqrt(max(seconds / INDEPENDENT_S, 1.0))
+            if abs(mean) > limit + 2.0 * error:
+                out.append(Outside(AXES[a], float(abs(mean)), _intervals(record.time_s, mask), name))
+    return out
 
 
 def _intervals(time_s: Array, loud: Mask) -> tuple[tuple[float, float], ...]:

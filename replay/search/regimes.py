@@ -1,4 +1,4 @@
-"""Held-out regimes: what was learnt elsewhere, where the vehicle is low, fast, or at a wall."""
+"""Where a flight was, and how it flew: the parts of which an error is reported by itself."""
 
 from __future__ import annotations
 
@@ -9,17 +9,20 @@ import numpy as np
 from models.frames import AXES, Array
 from replay.residual.grid import Mask
 from replay.residual.record import Record
-from replay.search.evidence import Evidence, Fit
 
-NEAR_GROUND, NEAR_WALL, FAST_M_S = 4.0, 3.8, 1.0
-"""Reach of ground (h/r) and wall (d/r) in radii (Ai et al. 2020, Sensors 20, 5805); speed of a fast flight [m/s]."""
-LEAST_S = 6.0
-"""A regime and the rest of the flight have to last so long each [s]."""
+NEAR_GROUND, NEAR_WALL = 4.0, 3.8
+"""Reach of ground (h/R) and wall (d/R) in rotor radii (Ai et al. 2020, Sensors 20, 5805)."""
+STILL_M_S, FAST_M_S, CLIMBING_M_S = 0.3, 1.0, 0.3
+"""Speed of a hover and of a fast flight, climb or descent of a climbing flight [m/s]."""
+SURFACES = ("low", "wall", "corner")
+"""Regimes beside a surface; ``far`` is away from all of them."""
+LEAST_S = 3.0
+"""A regime that lasts less is not reported [s]."""
 
 
 @dataclass(frozen=True)
 class Regime:
-    """RMS of every judged axis in one regime, without the effects and with what was learnt outside it."""
+    """RMS of every judged axis in one regime, without the effects and with them, on held-out time."""
 
     name: str
     seconds: float
@@ -27,42 +30,34 @@ class Regime:
     after: dict[str, float]
 
 
-def masks(record: Record) -> dict[str, Mask]:
-    """Where a flight was low, at a wall, or fast, (n,) each."""
+def regimes(record: Record) -> dict[str, Mask]:
+    """Judged samples (n,) of every regime: by motion, and by surfaces (these exclude each other)."""
     state, radius = record.context.state, record.context.vehicle.rotor_radius_m
+    velocity = state.velocity_ned
     with np.errstate(invalid="ignore"):
         low = np.nanmin(np.where(np.isnan(state.h_m), np.inf, state.h_m), axis=1) < NEAR_GROUND * radius
         wall = np.nanmin(np.where(np.isnan(state.d_m), np.inf, state.d_m), axis=1) < NEAR_WALL * radius
-        fast = np.linalg.norm(state.velocity_ned, axis=1) > FAST_M_S
-    return {"near the ground": low, "near a wall": wall, "fast": fast}
+        speed, climb = np.linalg.norm(velocity, axis=1), np.abs(velocity[:, 2])
+        out = {
+            "hover": speed < STILL_M_S,
+            "fast": speed > FAST_M_S,
+            "climbing": climb > CLIMBING_M_S,
+            "low": low & ~wall,
+            "wall": wall & ~low,
+            "corner": low & wall,
+            "far": ~low & ~wall,
+        }
+    return {name: mask & record.valid for name, mask in out.items()}
 
 
-def held_out_regimes(evidence: Evidence, best: Fit, flight: int) -> tuple[Regime, ...]:
-    """Every regime of one flight by coefficients that were fitted without it."""
-    library = evidence.library
-    record = library.records[flight]
-    terms = [t for t in best.terms if t.effect is not None and flight in t.places]
+def by_regime(record: Record, before: Array, after: Array) -> tuple[Regime, ...]:
+    """RMS of residuals (n, 6) without and with the effects in every regime that lasts."""
     out = []
-    for name, mask in masks(record).items():
-        inside, outside = (float((record.valid & m).sum()) * record.step_s for m in (mask, ~mask))
-        if not terms or min(inside, outside) < LEAST_S:
+    for name, mask in regimes(record).items():
+        seconds = float(mask.sum()) * record.step_s
+        if seconds < LEAST_S:
             continue
-        fit = evidence.refit(best.terms, best.noise, {flight: mask[:: library.every[flight]]})
-        rest: Array = np.nan_to_num(record.residual).copy()
-        for t in terms:
-            x, _ = library.wrenches(t, flight)
-            if t.effect is not None and t.effect.searched:
-                x[:, [a for a in range(6) if AXES[a] not in t.effect.searched]] = 0.0
-            place = np.searchsorted(t.columns, t.places[flight])
-            rest -= x @ (fit.b[fit.part(t)][place] * t.scale[place])
-        rows = mask & record.valid
-        before, after = (np.sqrt((r[rows] ** 2).mean(axis=0)) for r in (np.nan_to_num(record.residual), rest))
-        out.append(
-            Regime(
-                name,
-                inside,
-                {AXES[a]: float(before[a]) for a in record.axes},
-                {AXES[a]: float(after[a]) for a in record.axes},
-            )
-        )
+        rms = [np.sqrt((r[mask] ** 2).mean(axis=0)) for r in (before, after)]
+        values = [{AXES[a]: float(r[a]) for a in record.axes} for r in rms]
+        out.append(Regime(name, seconds, *values))
     return tuple(out)

@@ -15,7 +15,7 @@ from replay.search.free_curves import NOTHING, Channel, Remainder, free_search
 from replay.search.held_out import FlightFit, flight_fits
 from replay.search.noise import Noise, fit_noise
 from replay.search.outside import Outside, outside
-from replay.search.regimes import Regime, held_out_regimes
+from replay.search.regimes import Regime, by_regime
 from replay.search.sets import Rival, rivals_of
 from replay.search.surfaces import with_surface_law
 from replay.search.terms import Term
@@ -191,7 +191,7 @@ def _trace(walked: Walked, fit: FlightFit, seed: int) -> Trace:
     free = free_search(record, rest, noise, seed) if axes else NOTHING
     return Trace(
         record, fit.before, fit.after, noise, free, _carriers(fit, free), outside(record, fit.unexplained),
-        held_out_regimes(walked.evidence, walked.best, fit.index),
+        by_regime(record, fit.before, fit.after),
     )  # fmt: skip
 
 
