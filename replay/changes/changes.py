@@ -193,8 +193,11 @@ def _estimates(fit: Fit, term: Term) -> tuple[Estimate, ...]:
 
 
 def _stands_out(evidence: Evidence, fit: Fit, term: Term) -> bool:
-    """Whether a size that makes the effect is clearly not zero, and does a hundredth of the weight on some axis."""
+    """Whether a possible size that makes the effect is clearly not zero, and does a hundredth of the weight."""
     assert term.effect is not None
+    b = fit.b[fit.part(term)]
+    if ((b < term.low) | (b > term.high))[term.main > 0.0].any():
+        return False
     main = {c.name for c in term.effect.coefficients if term.effect.is_main(c)}
     if not any(not e.ci95[0] <= 0.0 <= e.ci95[1] for e in _estimates(fit, term) if e.name in main):
         return False
