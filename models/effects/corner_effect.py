@@ -59,8 +59,8 @@ EFFECT = Effect(
     belongs_to=BelongsTo.VEHICLE,
     equation="F(h,d) - F(h,inf) - F(inf,d) + F(inf,inf) = sum T (a + b h/L) exp(-(h + d)/L), for pull, lift, tilt/R",
     sign="pull, tilt > 0: towards the wall; lift > 0: more lift; rise > 0: more of it higher up",
-    source="form: least squares on 90 places of the data set corner_cfd, R2 0.88, 0.58 and 0.61 (one exponential without "
-    "b: 0.57, 0.18, 0.61); that it exists: Ai, Xu, Xiang, Fan & Zhang 2020, Sensors 20(20), 5805, figures 8 to 10",
+    source="form: least squares on 90 places of the data set corner_cfd, R2 0.88, 0.58 and 0.61 (without b: 0.57, "
+    "0.18 and 0.61); that it exists: Ai, Xu, Xiang, Fan & Zhang 2020, Sensors 20(20), 5805, figures 8 to 10",
     valid="h above 0.8 radii, d above 0.2 radii",
     axes=("Fx", "Fy", "Fz", "Mx", "My"),
     channels=("range_down_m", "range_right_m", "range_left_m", "range_forward_m", "range_back_m", "rpm_1"),

@@ -58,7 +58,7 @@ class Good:
 
 def learn(records: Sequence[Record]) -> Good:
     """The vehicle of some flights on which nothing was wrong."""
-    effects = [_shared(e) for e in catalogue()]
+    effects = [_shared(e) for e in catalogue() if not e.remainder]
     walked = walk(records, effects)
     best = walked.best
     found, told = [], [np.zeros_like(r.residual) for r in records]
@@ -71,7 +71,7 @@ def learn(records: Sequence[Record]) -> Good:
             told[f] += x @ b
         found.append(AdoptedEffect(t.name, t.effect.parameters(b, t.shape)))
     left = [replace(r, residual=r.residual - w) for r, w in zip(records, told, strict=True)]
-    sizes, apart = as_flown(usual(catalogue(), found, records[0]), left)
+    sizes, apart = as_flown(usual([e for e in catalogue() if not e.remainder], found, records[0]), left)
     return Good(tuple(records), tuple(found), tuple(sizes), tuple(apart))
 
 
@@ -100,7 +100,7 @@ def beside(good: Good, today: Record) -> Beside:
     last = len(flights) - 1
     shapes = {e.name: tuple(e.parameters[s.name] for s in get(e.name).shapes) for e in good.found}
     # Load of the day is a change; weather of the day is in the spread.
-    common = [e for e in catalogue() if not e.belongs_to.of_day or e.name in shapes]
+    common = [e for e in catalogue() if not e.remainder and (not e.belongs_to.of_day or e.name in shapes)]
     same = [_with_shape(_shared(e), shapes.get(e.name)) for e in common]
     parts = [e for e in catalogue() if e.belongs_to in OF_A_VEHICLE and e.name not in LAWS]
     other = [_changed(e, e.name in shapes, today.context) for e in parts]

@@ -22,7 +22,10 @@ USUAL_SHARE = {
 
 Parts hardly change, a sensor wakes up with another offset, and nothing is known of the weather.
 """
-LAWS = ("body_drag", "ground_effect", "motor_lag", "rotor_drag", "thrust_curve", "vertical_inflow", "wall_effect")
+LAWS = (
+    "body_drag", "corner_effect", "ground_effect", "motor_lag", "rotor_drag", "surface_law", "thrust_curve",
+    "vertical_inflow", "wall_effect",
+)  # fmt: skip
 """Laws of the air, of throttle and of lag: flights differ by what these leave out, as much as is typical of them."""
 APART = 3.0
 """Standard deviations from the mean of good flights from which on a flight is said to differ from the others."""

@@ -23,6 +23,8 @@ TRIM = 0.5
 
 Of level forces that is an accelerometer mounted 0.3 degrees askew.
 """
+LIFT_TRIM = 0.25
+"""The same of lift: a thrust coefficient that is 0.25 % off. What is more has a name."""
 LIFT = AXES.index("Fz")
 CLOCK_SD_S = 0.035
 """Standard deviation of what is left of the rotor speeds' delay after it was estimated by cross-correlation [s]."""
@@ -206,7 +208,7 @@ class Library:
     def _constant(self, f: int) -> Iterator[Array]:
         for a in self.records[f].axes:
             x = np.zeros((len(self.records[f].valid), 6))
-            x[:, a] = TRIM * self._percent(f, a)
+            x[:, a] = (LIFT_TRIM if a == LIFT else TRIM) * self._percent(f, a)
             yield x
 
     def trim_wrench(self, flight: int, b: Array) -> Array:

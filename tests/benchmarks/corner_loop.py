@@ -59,6 +59,13 @@ class World:
             np.save(path, self._fly(leg, seed, model, adapt, approaches, None))
         return np.asarray(np.load(path))
 
+    def bare(self, leg: Leg, seeds: Sequence[int], approach: int = 0) -> Array:
+        """Mean squares without offsets, in an approach of several (from 1) or in a single one."""
+        several = 3 if approach else 1
+        return np.asarray(
+            np.mean([self.flight(leg, s, "none", approaches=several)[max(approach - 1, 0)] for s in seeds], axis=0)
+        )
+
     def recorded(self, seed: int) -> Path:
         """The recording of a flight without offsets."""
         path = self.keep / f"recorded_{seed}.tlog"
@@ -137,7 +144,7 @@ def main() -> int:
         folder = a.keep / f"{scenario}_{vehicle.name.replace(' ', '_')}{'_px4' if a.px4 else ''}"
         folder.mkdir(parents=True, exist_ok=True)
         world = World(scenario, vehicle, a.px4, folder)
-        off, free = (np.mean([world.flight(leg, s, "none")[0] for s in a.judge], axis=0) for leg in (Leg.OFF, Leg.FREE))
+        off, free = (world.bare(leg, a.judge) for leg in (Leg.OFF, Leg.FREE))
         print(f"sim:{scenario}, {vehicle.name}, {'PX4' if a.px4 else 'ArduPilot'} manner, simulated, RMS [mm]")
         print(f"{'':22}" + "".join(f"{axis:>18}" for axis in AXES) + "  touched")
         for name, e in (("offsets off", off), ("free air", free)):
@@ -147,12 +154,10 @@ def main() -> int:
             results = judged(world, kind, a.learn, a.judge, a.stages)
             found[scenario][kind] = {stage: e.tolist() for stage, e in results.items()}
             for stage, e in results.items():
-                print(
-                    f"{kind:10} {stage:11}"
-                    + "".join(_cell(*v) for v in zip(e[:-1], off[:-1], free[:-1], strict=True))
-                    + f"{e[-1]:>8.2f} s",
-                    flush=True,
-                )
+                approach = int(stage[-1]) if stage.startswith("adapted") else 0
+                beside = [world.bare(leg, a.judge, approach) for leg in (Leg.OFF, Leg.FREE)]
+                cells = "".join(_cell(*v) for v in zip(e[:-1], *(x[:-1] for x in beside), strict=True))
+                print(f"{kind:10} {stage:11}{cells}{e[-1]:>8.2f} s", flush=True)
     if a.json is not None:
         a.json.write_text(json.dumps({"simulated": True, "learn": a.learn, "judge": a.judge, "squares_mm2": found}))
     return 0
