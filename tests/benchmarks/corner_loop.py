@@ -31,7 +31,7 @@ from models.choice import choose
 from models.frames import Array
 from models.vehicle import Vehicle, load_vehicle
 from replay.diagnosis.amended_model import save_amended
-from replay.diagnosis.diagnose import diagnose, flown
+from replay.diagnosis.diagnose import diagnose
 
 AXES = ("height", "sideways", "corner height", "corner sideways")
 GOALS = {"one": (0.85, 0.75, 0.60, 0.60), "two": (0.92, 0.85, 0.75, 0.75)}
@@ -79,7 +79,7 @@ class World:
         if not (path / "model.json").exists():
             base = None if model == "none" else choose(self.vehicle, model).model
             answer = diagnose([self.recorded(s) for s in seeds], self.vehicle, base)
-            save_amended(path, base, self.vehicle, [e for e in answer.adopted if flown(e)])
+            save_amended(path, base, self.vehicle, answer.adopted)
         return str(path)
 
     def _fly(self, leg: Leg, seed: int, model: str, adapt: bool, approaches: int, record: Path | None) -> Array:
