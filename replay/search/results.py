@@ -299,7 +299,7 @@ def _shape_interval(walked: Walked, term: Term, i: int) -> tuple[float, float, b
     rivals = sorted((t for t in rivals if t.shape[i] in tried), key=lambda t: t.shape[i])
     others = [t for t in walked.best.terms if t is not term]
     evidence = walked.evidence
-    screened = evidence.screen(evidence.refit(others, walked.best.noise))
+    screened = evidence.screen(evidence.refit(others, walked.best.noise), term.key)
     gain = TRUST * np.array([screened[evidence.library.terms.index(t)] for t in rivals])
     weight = np.exp(gain - gain.max())
     edges = np.concatenate([tried[:1], (tried[1:] + tried[:-1]) / 2.0, tried[-1:]])
