@@ -16,8 +16,9 @@ from diagnose_noise import coloured, noise_record
 import replay.search
 from models.effects import Effect, catalogue, get
 from models.frames import Array
+from replay.diagnosis.diagnose import conclude
 from replay.residual.record import Record
-from replay.search.disturbance import bank_energy, lag_products, runs, spectra
+from replay.search.disturbance import bank_energy, lag_products, rows_by_order, runs, spectra
 from replay.search.evidence import Evidence, Fit, Noise
 from replay.search.free_curves import _beside_timing
 from replay.search.library import Library
@@ -101,6 +102,12 @@ def test_noise_has_no_name(quiet: Record) -> None:
     assert answer.traces[0].outside == ()
 
 
+def test_where_no_axis_can_be_judged_the_verdict_says_so(quiet: Record) -> None:
+    answer = conclude([replace(quiet, axes=())])
+    assert answer.verdict == "not_judged"
+    assert answer.named == ()
+
+
 def test_whitening_leaves_unit_variance_and_is_exact_after_gaps() -> None:
     rng = np.random.default_rng(0)
     x = np.stack([coloured(rng, 4000, 1.0, 0.2) for _ in range(2)], axis=1)
@@ -113,7 +120,7 @@ def test_whitening_leaves_unit_variance_and_is_exact_after_gaps() -> None:
     white = spectrum.whiten(x[:, 0], run)
     assert not white[~valid].any()
     assert white[valid].std() == pytest.approx(1.0, abs=0.35)
-    energies = bank_energy(spectra(0.2), lag_products(np.where(valid, x[:, 0], 0.0), run))
+    energies = bank_energy(spectra(0.2)) @ lag_products(np.where(valid, x[:, 0], 0.0), rows_by_order(run))
     assert energies[spectra(0.2).index(spectrum)] == pytest.approx(float(white @ white))
 
 
