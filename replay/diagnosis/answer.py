@@ -128,7 +128,7 @@ def _effect_text(n: Named, answer: Diagnosis) -> list[str]:
     if f.effect.mixing is not None and f.effect.in_words is not None:  # too many numbers to read
         numbers = f.effect.in_words(answer.records[n.record].context, f.parameters)
     else:
-        numbers = ", ".join(_estimate_text(e) for e in f.estimates)
+        numbers = ", ".join(_estimate_text(e) for e in f.estimates if e.determined) or "size not determined"
     sure = f"{n.status}, probability {f.probability:.2f}"
     lines = [
         f"  {f.effect.name} ({sure}): {numbers}; explains {n.explains:.0%}",

@@ -37,6 +37,8 @@ def next_step(answer: Diagnosis, model_faults: Sequence[Mapping[str, str]] = ())
         action = "Check this in the log and the vehicle file first: what is named below may follow from it."
         head = f"The model lacks {names}, but the log or the vehicle file has a fault." if names else _FAULTY
         return NextStep(head, action, wrong, bad=True)
+    if answer.verdict == "not_judged":
+        return NextStep("Nothing could be judged.", "Record the flight again, with what the notes name.", ())
     if answer.verdict == "nothing_missing":
         return NextStep(
             "Nothing is missing: the model explains this flight.", "There is nothing to change.", _not_shown(answer)

@@ -106,7 +106,7 @@ def flightlog(data: Dataflash) -> FlightLog:
         attitude_target=_angles(data.of("ATT"), "DesRoll", "DesPitch", "DesYaw"),
         vibration=vibration.series(vibration.columns("VibeX", "VibeY", "VibeZ")),
         armed=_armed(data, start, end),
-        modes=runs(modes.t_s, _whole(modes, "ModeNum", 0), end),
+        modes=runs(modes.t_s, _whole(modes, "ModeNum" if "ModeNum" in modes else "Mode", 0), end),
         landed=_events(data.of("EV"), {_LANDED: 1, _AIRBORNE: 2}, end),
         parameters=data.parameters,
         texts=tuple((t_s, _INFO, text) for t_s, text in data.texts),
@@ -243,11 +243,15 @@ def _events(events: Messages, meaning: Mapping[int, int], end: float) -> tuple[I
 
 def _armed(data: Dataflash, start: float, end: float) -> tuple[Interval, ...]:
     """When it was armed. A log that is written only while armed may begin after the message of arming: before the
-    first message the opposite of what it says was so."""
+    first message the opposite of what it says was so. Without any message: while there was throttle."""
     arming = data.of("ARM")
     if len(arming):
         said = runs(arming.t_s, _whole(arming, "ArmState", 0), end)
     else:
         said = _events(data.of("EV"), {_ARMED: 1, _DISARMED: 0}, end)
-    before = [Interval(start, said[0].start_s, 1)] if said and not said[0].value and said[0].start_s > start else []
+    if not said:
+        thrust = _thrust(data.of("CTUN"))
+        up = np.empty(0) if thrust is None else thrust.t_s[thrust.values[:, 0] > 0.0]
+        return (Interval(float(up[0]), float(up[-1]), 1),) if len(up) else ()
+    before = [Interval(start, said[0].start_s, 1)] if not said[0].value and said[0].start_s > start else []
     return (*before, *(i for i in said if i.value))

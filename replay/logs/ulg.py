@@ -42,6 +42,10 @@ _ARMED, _GROUND, _AIR = 2, 1, 2
 """arming_state; MAV_LANDED_STATE_ON_GROUND and _IN_AIR."""
 _OUTPUTS, _ESCS = 16, 8
 """Fields of actuator_outputs and esc_status."""
+_MOTOR_1, _MOTORS = 101, range(101, 113)
+"""Output functions of motors (PWM_MAIN_FUNCn, esc_status.actuator_function)."""
+_DSHOT, _DSHOT_FULL, _CAN_FULL, _LONGEST_US = range(-5, -1), 1999.0, 8191.0, 2500.0
+"""PWM_MAIN_TIMn of DShot 150 to 1200; full throttle of DShot and of CAN; no pulse is longer [us]."""
 _DOWN, _DOWNWARD = (0.0, 0.0, 1.0), 25
 _ROUNDS, _SPARE = 16, 1 << 28
 """A sound log is read twice at most, a damaged one again from every byte of the damage [bytes]."""
@@ -181,11 +185,7 @@ class _Reader:
         start, end = time_span(self._path, stamps, " or ".join(names))
         status, attitude = self._first("vehicle_status"), self._first("vehicle_attitude")
         setpoint = self._first("vehicle_attitude_setpoint")
-        servos = {
-            port: series
-            for port, topic in enumerate(self._topics.get("actuator_outputs", []))
-            if (series := topic.series(topic.array("output", _OUTPUTS))) is not None
-        }
+        servos = self._servos()
         position, velocity = self._position()
         return FlightLog(
             path=self._path,
@@ -202,7 +202,7 @@ class _Reader:
             imus=self._imus(),
             beams=self._beams(),
             escs=self._escs(),
-            servo=servos.get(0),
+            servo=next(iter(servos.values()), None),
             servo_ports=servos,
             battery=self._battery(),
             pressure=self._series("vehicle_air_data", "baro_pressure_pa", "baro_temp_celcius"),
@@ -219,6 +219,31 @@ class _Reader:
             ),
             summary=self._summary(end - start),
         )
+
+    def _servos(self) -> dict[int, Series]:
+        """Outputs [us] by instance, those that are used first: an instance that is all zeros drives nothing."""
+        found: dict[int, Series] = {}
+        for port, topic in enumerate(self._topics.get("actuator_outputs", [])):
+            series = topic.series(self._in_us(topic.array("output", _OUTPUTS)))
+            if series is not None:
+                found[port] = series
+        return dict(sorted(found.items(), key=lambda item: not np.nan_to_num(item[1].values).any()))
+
+    def _in_us(self, output: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Outputs (n, 16) as pulses of 1000 to 2000 us; DShot gives its motors 0 to 1999, CAN 0 to 8191."""
+        parameters = self._log.initial_parameters
+        dshot = parameters.get("DSHOT_CONFIG", 0) > 0 or any(
+            parameters.get(f"PWM_{side}_TIM{k}", 0) in _DSHOT for side in ("MAIN", "AUX") for k in range(_OUTPUTS)
+        )
+        most = float(np.nan_to_num(output).max(initial=0.0))
+        full = _CAN_FULL if most > _LONGEST_US else _DSHOT_FULL if dshot else None
+        if full is None:
+            return output
+        functions = np.array([parameters.get(f"PWM_MAIN_FUNC{k + 1}", 0) for k in range(output.shape[1])])
+        motor = (
+            np.isin(functions, _MOTORS) if full == _DSHOT_FULL and functions.any() else np.ones(len(functions), bool)
+        )
+        return np.where(motor & (output > 0.0), 1000.0 + 1000.0 * output / full, output)
 
     def _position(self) -> tuple[Series | None, Series | None]:
         topic = self._first("vehicle_local_position")
@@ -285,11 +310,13 @@ class _Reader:
             rpm = topic.columns(f"esc[{i}].esc_rpm")
             if not np.nan_to_num(rpm).any():
                 continue
+            function = int(np.nan_to_num(topic.columns(f"esc[{i}].actuator_function")[-1, 0]))
+            motor = function - _MOTOR_1 + 1 if function in _MOTORS else i + 1
             parts = [
                 topic.series(topic.columns(f"esc[{i}].esc_{name}")) for name in ("temperature", "voltage", "current")
             ]
-            out[i + 1] = EscRecord(topic.series(rpm), *parts)
-        return out
+            out[motor] = EscRecord(topic.series(rpm), *parts)
+        return dict(sorted(out.items()))
 
     def _battery(self) -> Series | None:
         topic = self._first("battery_status")

@@ -19,6 +19,8 @@ GYRO_SAMPLES = 5
 FORCE_S, FORCE_LEAST_M_S2, FORCE_DISAGREE = (0.25, 2.0), (0.6, 0.6, 0.15), 0.9
 """The same for accelerometer and rate of the velocity, between two half widths, by axis: slower than that, and on the
 level axes, errors of the attitude count (3 degrees are 0.5 m/s^2)."""
+STRETCHES = 5
+"""Equal parts of the flight: where more of them agree than disagree, what disturbs the others is no fault."""
 ASKEW_M_S2 = 2.5
 """Mean difference of accelerometer and velocity that no offset and no tilt error makes: 15 degrees, or a quarter g."""
 DERIVED_OVER_S, DERIVED_M_S2, DERIVED_SHARE = (0.5, 5.0), 0.003, 0.2
@@ -62,12 +64,19 @@ def accelerometer_faults(motion: Motion, flying: Mask) -> list[tuple[int, LogFau
         both = flying & np.isfinite(measured) & np.isfinite(kinematic)
         if both.sum() < FEWEST_SAMPLES:
             continue
-        size = max(_usual(measured[both]), _usual(kinematic[both]))
         offset = abs(float(np.median((motion.force - implied)[both, axis])))
-        unlike = size > FORCE_LEAST_M_S2[axis] and _usual((measured - kinematic)[both]) > FORCE_DISAGREE * size
+        least, when = FORCE_LEAST_M_S2[axis], np.flatnonzero(both)
+        parts = [_agree(measured[part], kinematic[part], least) for part in np.array_split(when, STRETCHES)]
+        unlike = _agree(measured[both], kinematic[both], least) is False and parts.count(True) <= parts.count(False)
         if unlike or offset > ASKEW_M_S2:
             out.append((axis, LogFault(name, "disagrees with velocity and attitude: one of them is wrong")))
     return out
+
+
+def _agree(measured: Array, kinematic: Array, least: float) -> bool | None:
+    """Whether two accelerations (n,) belong together; None where neither exceeds ``least`` [m/s^2]."""
+    size = max(_usual(measured), _usual(kinematic))
+    return None if size <= least else _usual(measured - kinematic) <= FORCE_DISAGREE * size
 
 
 def _usual(x: Array) -> float:

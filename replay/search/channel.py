@@ -14,22 +14,22 @@ class Growing:
     """Columns (n, k) of an array to which more are added behind, with room to spare."""
 
     def __init__(self, rows: int) -> None:
-        self._room = np.zeros((rows, 64))
+        self._room = np.zeros((64, rows))
         self.count = 0
 
     @property
     def x(self) -> Array:
-        """(n, k)."""
-        return self._room[:, : self.count]
+        """(n, k), every column in one piece of memory."""
+        return self._room[: self.count].T
 
     def add(self, columns: Array) -> None:
         """More columns (n, m)."""
         end = self.count + columns.shape[1]
-        if end > self._room.shape[1]:
-            room = np.zeros((len(self._room), 2 * end))
-            room[:, : self.count] = self.x
+        if end > len(self._room):
+            room = np.zeros((2 * end, self._room.shape[1]))
+            room[: self.count] = self.x.T
             self._room = room
-        self._room[:, self.count : end] = columns
+        self._room[self.count : end] = columns.T
         self.count = end
 
 

@@ -29,7 +29,10 @@ REACTIONS = {
     "My": ("pitch", "roll", "p_", "q_", "r_", "ax_", "ay_", "servo", "rpm", "thrust", "ve_", "vn_"),
     "Mz": ("p_", "q_", "r_", "servo", "rpm", "thrust"),
 }
-"""Channels that answer a disturbance of that axis within the loop."""
+"""Channels that answer a disturbance of that axis within the loop, and go along with its noise.
+
+The pack's current does; its voltage also falls with the charge, which makes it a cause.
+"""
 DRIFTS = ("north_m", "east_m", "down_m", "yaw_rad", "range_")
 """Channels that nothing but disturbances move in a flight that only hovers."""
 ODDS, REACTION_ODDS = 2e-4, 1e-5
@@ -53,11 +56,9 @@ class Curve:
     axis: int
     parts: tuple[Array | None, ...]
     odds: float
-
-    @property
-    def share(self) -> float:
-        """Smallest share of the axis' energy that it has to carry."""
-        return SHARE if self.odds == ODDS else REACTION_SHARE
+    """True odds, p / (1 - p)."""
+    share: float
+    """Smallest share of the axis' energy that it has to carry."""
 
 
 def curves(records: Sequence[Record]) -> Iterator[Curve]:
@@ -70,20 +71,21 @@ def curves(records: Sequence[Record]) -> Iterator[Curve]:
         if basis is None:
             continue
         for axis in sorted({a for r in records for a in r.axes}):
-            odds = _odds(name, AXES[axis], records)
-            if odds > 0.0:
-                yield Curve(name, axis, basis, odds)
+            weight = _odds_and_share(name, AXES[axis], records)
+            if weight is not None:
+                yield Curve(name, axis, basis, *weight)
 
 
-def _odds(name: str, axis: str, records: Sequence[Record]) -> float:
+def _odds_and_share(name: str, axis: str, records: Sequence[Record]) -> tuple[float, float] | None:
+    """Odds of a curve and the smallest share that it has to carry; None where there can be none."""
     if axis in SAME_SENSOR.get(name, ()):
-        return 0.0
+        return None
     vanes = {f"servo_{v.servo}" for v in records[0].context.vehicle.vanes}
     if name.startswith(REACTIONS[axis]) and not (axis == "Fz" and name in vanes):
-        return REACTION_ODDS if axis.startswith("F") else 0.0
+        return (REACTION_ODDS, REACTION_SHARE) if axis.startswith("F") else None
     if name.startswith(DRIFTS) and all(r.only_answers for r in records):
-        return 0.0
-    return ODDS
+        return None
+    return ODDS, SHARE
 
 
 def _basis(records: Sequence[Record], name: str) -> tuple[Array | None, ...] | None:

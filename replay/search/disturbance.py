@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from models.frames import Array
@@ -26,7 +27,7 @@ NUGGET = 1e-3
 """White share of the variance, so that no combination of samples is free of noise."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Spectrum:
     """Unit-variance noise: one predictor for every number of samples that went before, up to ``ORDER``."""
 
@@ -58,23 +59,30 @@ class Spectrum:
         return float(np.log(self.innovations[order]).sum())
 
 
-def lag_products(x: Array, run: NDArray[np.int64]) -> list[Array]:
-    """Inner products of a signal (n,) with itself at lags 0 to ``order``, over the samples of every order."""
+def rows_by_order(run: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Samples that are predicted from 0, 1, ... ``ORDER`` before them."""
+    return [np.flatnonzero(run == order) for order in range(ORDER)] + [np.flatnonzero(run >= ORDER)]
+
+
+def lag_products(x: Array, rows: Sequence[NDArray[np.int64]]) -> Array:
+    """Inner products of a signal (n,) with itself at lags 0 to each order, over the ``rows_by_order``, in one row."""
+    windows = sliding_window_view(np.concatenate([np.zeros(ORDER), x]), ORDER + 1)[:, ::-1]
     out = []
+    for order, at in enumerate(rows):
+        lags = windows[at, : order + 1]
+        out.append((lags.T @ lags).ravel())
+    return np.concatenate(out)
+
+
+@lru_cache(maxsize=8)
+def bank_energy(bank: tuple[Spectrum, ...]) -> Array:
+    """What takes ``lag_products`` of a signal to the sum of squares of its innovations by every spectrum."""
+    parts = []
     for order in range(ORDER + 1):
-        rows = np.flatnonzero(run >= ORDER) if order == ORDER else np.flatnonzero(run == order)
-        lags = np.stack([x[rows - i] for i in range(order + 1)])
-        out.append(lags @ lags.T)
-    return out
-
-
-def bank_energy(bank: Sequence[Spectrum], products: Sequence[Array]) -> Array:
-    """Sum of squares of the innovations by every spectrum, from ``lag_products`` of a signal."""
-    out = np.zeros(len(bank))
-    for order, product in enumerate(products):
         f = np.array([[1.0, *-s.predictors[order]] for s in bank])
-        out += ((f @ product) * f).sum(axis=1) / np.array([s.innovations[order] for s in bank])
-    return out
+        innovations = np.array([s.innovations[order] for s in bank])[:, None]
+        parts.append((f[:, :, None] * f[:, None, :]).reshape(len(bank), -1) / innovations)
+    return np.concatenate(parts, axis=1)
 
 
 @lru_cache(maxsize=8)

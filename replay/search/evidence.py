@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,10 +11,11 @@ from scipy.linalg import cho_factor, cho_solve
 
 from models.frames import Array
 from replay.residual.grid import Mask
-from replay.search.channel import Columns, Growing
-from replay.search.disturbance import FITTED_SHARE, bank_energy, lag_products, spectra
+from replay.search.channel import Columns
+from replay.search.disturbance import FITTED_SHARE, bank_energy, lag_products, rows_by_order, spectra
 from replay.search.library import Library
 from replay.search.terms import STEP_S, Key, Term
+from replay.search.whitened import Whitened
 from replay.search.worth import Contributions, beyond_bounds, form_variance, worth
 
 TRUST = 0.5
@@ -85,16 +86,17 @@ class Evidence:
         self.library = library
         self.floor = FLOOR
         self.spectra = spectra(STEP_S)
-        self._white: dict[tuple[int, int], Growing] = {}
-        self._white_y: dict[tuple[int, int], Array] = {}
-        self._blocks: dict[tuple[int, int, int], Array] = {}
+        self._white: dict[tuple[int, int], Whitened] = {}
         self._smaller = np.array([min(s.slow_share, 1.0 - s.slow_share) for s in self.spectra])
         self._fitted = np.array([s.slow_share <= FITTED_SHARE for s in self.spectra])
-        self._det = [[s.log_determinant(c.run) for s in self.spectra] for c in library.channels]
+        self._det = [np.array([s.log_determinant(c.run) for s in self.spectra]) for c in library.channels]
+        self._rows = [rows_by_order(c.run) for c in library.channels]
+        self._fits: dict[tuple[tuple[Term, ...], Noise], Fit] = {}
 
     def unfitted(self) -> Noise:
         """Noise of the residual as it is."""
-        return self._noise([c.y for c in self.library.channels], np.zeros(len(self.library.channels)))
+        rest = [c.y for c in self.library.channels]
+        return self._noise(rest, self._energies(rest), np.zeros(len(rest)))
 
     def quiet(self) -> Noise:
         """Noise by what varies within seconds: beside it, slow effects show that pass for a disturbance."""
@@ -110,20 +112,26 @@ class Evidence:
 
     def fit(self, terms: Sequence[Term], noise: Noise) -> Fit:
         """Fit a set, its noise included, from a first guess of it."""
-        for _ in range(ROUNDS):
+        key = tuple(terms), noise
+        if key not in self._fits:
+            self._fits[key] = self._fit(*key)
+        return self._fits[key]
+
+    def _fit(self, terms: tuple[Term, ...], noise: Noise) -> Fit:
+        for left in reversed(range(ROUNDS + 1)):
             b, cov, _ = self._posterior(terms, noise)
-            fresh = self._noise(self.rest(terms, b), form_variance(Contributions(self.library, terms, b, cov)))
-            if fresh.spectrum == noise.spectrum and np.allclose(fresh.sigma, noise.sigma, rtol=SETTLED):
+            u = Contributions(self.library, terms, b, cov)
+            form, energies = form_variance(u), self._energies(u.rest)
+            fresh = self._noise(u.rest, energies, form)
+            if not left or (fresh.spectrum == noise.spectrum and np.allclose(fresh.sigma, noise.sigma, rtol=SETTLED)):
                 break
             noise = fresh
-        b, cov, _ = self._posterior(terms, noise)
-        u, rest = Contributions(self.library, terms, b, cov), self.rest(terms, b)
-        evidence = self._laplace(terms, b, cov, rest, form_variance(u))
-        worthy = worth(u, rest)
+        evidence = self._laplace(terms, b, cov, energies, form)
+        worthy = worth(u)
         prior = sum(self.prior(t) for t in terms)
         within = beyond_bounds(terms, b, cov)
         score = TRUST * evidence + within + worthy + prior
-        return Fit(tuple(terms), b, cov, noise, evidence, within, worthy, prior, score)
+        return Fit(terms, b, cov, noise, evidence, within, worthy, prior, score)
 
     def refit(self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, Mask] = NOTHING) -> Fit:
         """Coefficients beside a given noise, without a score; rows (n,) of flights in ``left_out`` are not used."""
@@ -136,77 +144,68 @@ class Evidence:
             return term.log_shape
         return term.effect.log_odds(self.library.context(min(term.places))) + term.log_shape
 
-    def rest(self, terms: Sequence[Term], b: Array) -> list[Array]:
-        """What a set leaves of every channel, (n,) each."""
-        columns = self._with_trim(terms)
-        out = []
-        for channel in self.library.channels:
-            local = channel.where[columns]
-            on = local >= 0
-            out.append(channel.y - channel.x[:, local[on]] @ b[on] if on.any() else channel.y)
-        return out
+    def screen(self, fit: Fit, key: Key | None = None) -> Array:
+        """Gain in log evidence of every term of the library beside a fitted set, the noise kept, (terms,).
 
-    def screen(self, fit: Fit) -> Array:
-        """Gain in log evidence of every term of the library beside a fitted set, the noise kept, (terms,)."""
-        columns = self._with_trim(fit.terms)
-        cross, g = self._products(columns, fit.noise)
-        g = g - cross @ fit.b
-        out = np.zeros(len(self.library.terms))
-        for width, (index, of_term) in self.library.groups().items():
-            own = self._bias_blocks(of_term)
-            for c in range(len(self.library.channels)):
-                own = own + self._stack(c, fit.noise.spectrum[c], width, of_term) / fit.noise.sigma[c] ** 2
-            beside = cross[of_term]
-            own = own - beside @ fit.cov @ beside.transpose(0, 2, 1) + np.eye(width)
-            centre = np.stack([self.library.terms[i].centre for i in index])
-            v = g[of_term] + centre
+        With a ``key``: of the terms with that key only, NaN for the others.
+        """
+        cross, g = self._products(fit.terms, fit.noise)
+        g = g - fit.b @ cross
+        across = (fit.cov @ cross).T
+        out = np.full(len(self.library.terms), np.nan)
+        for group in self.library.groups().values():
+            wanted = np.array([key is None or t.key == key for t in group.terms])
+            if not wanted.any():
+                continue
+            columns, centre = group.columns[wanted], group.centre[wanted]
+            own = np.eye(columns.shape[1]) - across[columns] @ cross[:, columns].transpose(1, 0, 2)
+            own += self._bias_blocks(columns)
+            for white, variance in self._channels(fit.noise):
+                own += white.blocks(group.columns)[wanted] / variance
+            v = g[columns] + centre
             gain = (v * np.linalg.solve(own, v[..., None])[..., 0]).sum(axis=1) - (centre**2).sum(axis=1)
-            out[index] = 0.5 * (gain - np.linalg.slogdet(own)[1])
+            out[group.index[wanted]] = 0.5 * (gain - np.linalg.slogdet(own)[1])
         return out
 
     # --- Parts --------------------------------------------------------------------------------------------------------
 
-    def _white_x(self, c: int, s: int) -> Array:
-        channel = self.library.channels[c]
-        known = self._white.setdefault((c, s), Growing(len(channel.y)))
-        if known.count < channel.x.shape[1]:
-            known.add(self.spectra[s].whiten(channel.x[:, known.count :], channel.run))
-        return known.x
+    def _channels(self, noise: Noise) -> Iterator[tuple[Whitened, float]]:
+        """Every channel through the filter of its noise, and the variance of that."""
+        for c, (s, sigma) in enumerate(zip(noise.spectrum, noise.sigma, strict=True)):
+            if (c, s) not in self._white:
+                self._white[c, s] = Whitened(self.library.channels[c], self.spectra[s])
+            yield self._white[c, s], sigma**2
 
-    def _white_residual(self, c: int, s: int) -> Array:
-        if (c, s) not in self._white_y:
-            channel = self.library.channels[c]
-            self._white_y[c, s] = self.spectra[s].whiten(channel.y, channel.run)
-        return self._white_y[c, s]
+    def _energies(self, rest: Sequence[Array]) -> list[Array]:
+        """Sum of squares of the innovations of every channel by every spectrum."""
+        return [bank_energy(self.spectra) @ lag_products(e, rows) for e, rows in zip(rest, self._rows, strict=True)]
 
-    def _noise(self, rest: Sequence[Array], form: Array) -> Noise:
+    def _noise(self, rest: Sequence[Array], energies_of: Sequence[Array], form: Array) -> Noise:
         """The likeliest spectrum of what is left; no quieter than its raw energy, the errors of form, and the floor."""
         which, sigmas = [], []
-        for c, e in enumerate(rest):
+        for c, (e, energies) in enumerate(zip(rest, energies_of, strict=True)):
             channel = self.library.channels[c]
             count = max(channel.count, 1)
-            energies = bank_energy(self.spectra, lag_products(e, channel.run))
             smallest = max(float(e @ e) / count, float(form[c]))
             variance = np.maximum(
                 np.maximum(energies / count, smallest), (self.floor * channel.limit) ** 2 / self._smaller
             )
-            cost = count * np.log(variance) + energies / variance + np.array(self._det[c])
+            cost = count * np.log(variance) + energies / variance + self._det[c]
             best = int(np.argmin(np.where(self._fitted, np.round(cost, 6), np.inf)))
             which.append(best)
             sigmas.append(float(np.sqrt(variance[best])))
         return Noise(tuple(which), tuple(sigmas))
 
-    def _laplace(self, terms: Sequence[Term], b: Array, cov: Array, rest: Sequence[Array], form: Array) -> float:
+    def _laplace(self, terms: Sequence[Term], b: Array, cov: Array, energies_of: Sequence[Array], form: Array) -> float:
         """Log marginal likelihood by Laplace's approximation: likelihood of what is left by its own best spectrum."""
         value = 0.0
-        for c, e in enumerate(rest):
+        for c, energies in enumerate(energies_of):
             channel = self.library.channels[c]
             count = max(channel.count, 1)
-            energies = bank_energy(self.spectra, lag_products(e, channel.run))
             variance = np.maximum(
                 np.maximum(energies / count, form[c]), (self.floor * channel.limit) ** 2 / self._smaller
             )
-            cost = count * np.log(2.0 * np.pi * variance) + energies / variance + np.array(self._det[c])
+            cost = count * np.log(2.0 * np.pi * variance) + energies / variance + self._det[c]
             value -= 0.5 * float(cost.min())
         columns = self._with_trim(terms)
         for bias, x_bias in self.library.biases():
@@ -228,20 +227,16 @@ class Evidence:
         mean = np.concatenate([*(t.centre for t in terms), np.zeros(len(self.library.trim))])
         a, r = np.eye(k), mean.copy()
         value = 0.0
-        for c, channel in enumerate(self.library.channels):
-            s, variance = noise.spectrum[c], noise.sigma[c] ** 2
-            y = self._white_residual(c, s)
-            value -= 0.5 * (channel.count * np.log(2.0 * np.pi * variance) + self._det[c][s] + float(y @ y) / variance)
-            local = channel.where[columns]
-            on = np.flatnonzero(local >= 0)
+        for channel, (white, variance) in zip(self.library.channels, self._channels(noise), strict=True):
+            value -= 0.5 * channel.count * np.log(2.0 * np.pi * variance)
+            value -= 0.5 * (white.log_determinant + white.energy / variance)
+            on = np.flatnonzero(channel.where[columns] >= 0)
             if not on.size:
                 continue
-            x = self._white_x(c, s)[:, local[on]]
-            if channel.flight in left_out:
-                kept = ~left_out[channel.flight]
-                x, y = x[kept], y[kept]
-            a[np.ix_(on, on)] += x.T @ x / variance
-            r[on] += x.T @ y / variance
+            kept = ~left_out[channel.flight] if channel.flight in left_out else None
+            gram, product = white.gram(columns[on], kept)
+            a[np.ix_(on, on)] += gram / variance
+            r[on] += product / variance
         for bias, x_bias in self.library.biases():
             value -= 0.5 * float(bias @ bias)
             a += x_bias[:, columns].T @ x_bias[:, columns]
@@ -253,25 +248,18 @@ class Evidence:
         value += 0.5 * float(r @ b) - 0.5 * float(mean @ mean) - float(np.log(np.diag(factor[0])).sum())
         return b, cho_solve(factor, np.eye(k)), value
 
-    def _products(self, columns: Columns, noise: Noise) -> tuple[Array, Array]:
-        """X^T W X of all columns with ``columns`` (K, k), and X^T W y (K,)."""
-        size = self.library.size
-        cross, g = np.zeros((size, len(columns))), np.zeros(size)
-        for c, channel in enumerate(self.library.channels):
-            if not channel.x.shape[1]:
-                continue
-            s, variance = noise.spectrum[c], noise.sigma[c] ** 2
-            x = self._white_x(c, s)
-            back = np.flatnonzero(channel.where >= 0)
-            order = channel.where[back]
-            g[back] += (x.T @ self._white_residual(c, s))[order] / variance
-            local = channel.where[columns]
-            on = np.flatnonzero(local >= 0)
-            if on.size:
-                cross[np.ix_(back, on)] += (x.T @ x[:, local[on]])[order] / variance
+    def _products(self, terms: Sequence[Term], noise: Noise) -> tuple[Array, Array]:
+        """X^T W X of a set's columns with all of the library (k, K), and X^T W y (K,)."""
+        parts = [*(t.columns for t in terms), self.library.trim]
+        columns, ends = np.concatenate(parts), np.cumsum([len(p) for p in parts])
+        cross, g = np.zeros((len(columns), self.library.size)), np.zeros(self.library.size)
+        for white, variance in self._channels(noise):
+            g += white.products(None) / variance
+            for part, end in zip(parts, ends, strict=True):
+                cross[end - len(part) : end] += white.products(part) / variance
         for bias, x_bias in self.library.biases():
-            g += x_bias.T @ bias
-            cross += x_bias.T @ x_bias[:, columns]
+            g += bias @ x_bias
+            cross += x_bias[:, columns].T @ x_bias
         return cross, g
 
     def _bias_blocks(self, of_term: NDArray[np.int64]) -> Array:
@@ -280,15 +268,3 @@ class Evidence:
             x = x_bias[:, of_term].transpose(1, 0, 2)
             out += x.transpose(0, 2, 1) @ x
         return out
-
-    def _stack(self, c: int, s: int, width: int, of_term: NDArray[np.int64]) -> Array:
-        """X^T W X of every term of one width with itself (m, width, width), unit noise."""
-        known = self._blocks.get((c, s, width), np.zeros((0, width, width)))
-        if len(known) < len(of_term):
-            channel = self.library.channels[c]
-            local = channel.where[of_term[len(known) :]]
-            x = np.concatenate([self._white_x(c, s), np.zeros((len(channel.y), 1))], axis=1)[:, local]
-            x = x.transpose(1, 2, 0)
-            known = np.concatenate([known, x @ x.transpose(0, 2, 1)])
-            self._blocks[c, s, width] = known
-        return known

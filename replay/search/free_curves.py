@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from models.frames import AXES, Array
 from models.vehicle import Vehicle
 from replay.residual.record import Record
-from replay.search.curves import DRIFTS, SAME_SENSOR
+from replay.search.curves import DRIFTS, REACTIONS, SAME_SENSOR
 from replay.search.noise import (
     FOLDS,
     ORDER,
@@ -55,16 +55,6 @@ BURN_IN = 200
 """Samples of surrogate noise that are dropped before it counts as stationary."""
 LINES_HZ, LINES = (0.15, 2.0), 400
 """Spectral lines: lowest and highest frequency [Hz], and how many at most."""
-REACTIONS = {
-    "Fx": ("vn_", "ve_", "pitch", "roll", "q_", "servo", "rpm", "thrust", "battery_"),
-    "Fy": ("vn_", "ve_", "roll", "pitch", "p_", "servo", "rpm", "thrust", "battery_"),
-    "Fz": ("vd_", "servo", "rpm", "thrust", "battery_"),
-    "Mx": ("roll", "pitch", "p_", "q_", "r_", "ax_", "ay_", "servo", "rpm", "thrust", "ve_", "vn_"),
-    "My": ("pitch", "roll", "p_", "q_", "r_", "ax_", "ay_", "servo", "rpm", "thrust", "ve_", "vn_"),
-    "Mz": ("p_", "q_", "r_", "servo", "rpm", "thrust"),
-}
-"""Channels that answer a disturbance of that axis within the loop: they go along with noise, and must carry more of it
-before they count (``REACTIVE_SHARE``)."""
 
 
 @dataclass(frozen=True)

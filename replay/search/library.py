@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import zip_longest
 
 import numpy as np
@@ -14,7 +15,17 @@ from replay.residual.record import Record
 from replay.search.channel import Channel, Columns
 from replay.search.curves import AMPLITUDE, Curve, curves
 from replay.search.disturbance import runs
-from replay.search.terms import FORM_PRIOR, STEP_S, Priors, Term, bent_forms, log_shapes, prior_of, regressors_of
+from replay.search.terms import (
+    FORM_PRIOR,
+    STEP_S,
+    Priors,
+    Term,
+    bent_forms,
+    log_shapes,
+    prior_of,
+    regressors_of,
+    unmixed,
+)
 
 KNOWN = 0.02
 """Odds of an unknown force that goes with a channel, where the catalogue has an effect that does."""
@@ -36,6 +47,16 @@ KINEMATIC_SD_M_S2 = 0.05
 """Standard deviation with which velocity and attitude show the accelerometer's mean offset [m/s^2]: 0.3 deg of tilt."""
 
 
+@dataclass(frozen=True)
+class Group:
+    """Terms of one width: their numbers (m,), columns (m, width), and prior means (m, width)."""
+
+    terms: list[Term]
+    index: NDArray[np.int64]
+    columns: NDArray[np.int64]
+    centre: Array
+
+
 class Library:
     """All terms of some flights, and the channels that they act on.
 
@@ -51,6 +72,8 @@ class Library:
         self.terms: list[Term] = []
         self.lacking: dict[str, str] = {}
         self._trims: list[tuple[int, Array]] = []
+        self._groups: dict[int, Group] = {}
+        self._unmixed: dict[tuple[str, int], Array] = {}
         self.size = 0
         self.channels = [self._channel(f, a) for f, r in enumerate(records) for a in r.axes]
         self._at = {(c.flight, c.axis): c for c in self.channels}
@@ -163,9 +186,14 @@ class Library:
     def _write(self, effect: Effect, f: int, shape: tuple[float, ...], spread: Array, place: Columns) -> list[Array]:
         """Columns of an effect in the channels of one flight; what its errors of form are there, (n, 6) each."""
         record = self.records[f]
-        x = regressors_of(effect, record, shape) * spread
-        bent = [b[:: self.every[f]] for i in _with_errors_of_form(effect) for b in bent_forms(x[:, :, i], record)]
-        x = x[:: self.every[f]]
+        if effect.mixing is None:
+            x = regressors_of(effect, record, shape) * spread
+            bent = [b[:: self.every[f]] for i in _with_errors_of_form(effect) for b in bent_forms(x[:, :, i], record)]
+            x = x[:: self.every[f]]
+        else:  # linear, and exact: a shape only mixes the same wrenches
+            if (effect.name, f) not in self._unmixed:
+                self._unmixed[effect.name, f] = unmixed(effect, record, shape)[:: self.every[f]]
+            x, bent = (self._unmixed[effect.name, f] @ effect.mixing(shape)) * spread, []
         for a in self._searched_axes(effect, f):
             live = np.flatnonzero(np.abs(x[:, a]).max(axis=0) > 0.0)
             if live.size:
@@ -228,12 +256,20 @@ class Library:
         """Offset of every accelerometer by velocity and attitude (3,), and columns (3, K), over its error."""
         return self._bias_rows
 
-    def groups(self) -> dict[int, tuple[list[int], NDArray[np.int64]]]:
-        """Terms by how many columns they have: their numbers (m,) and columns (m, width)."""
-        out: dict[int, list[int]] = {}
-        for i, term in enumerate(self.terms):
-            out.setdefault(len(term.columns), []).append(i)
-        return {width: (index, np.stack([self.terms[i].columns for i in index])) for width, index in out.items()}
+    def groups(self) -> dict[int, Group]:
+        """Terms by how many columns they have."""
+        if sum(len(g.terms) for g in self._groups.values()) < len(self.terms):
+            by_width: dict[int, list[int]] = {}
+            for i, term in enumerate(self.terms):
+                by_width.setdefault(len(term.columns), []).append(i)
+            self._groups = {
+                width: Group(
+                    terms := [self.terms[i] for i in index], np.array(index), np.stack([t.columns for t in terms]),
+                    np.stack([t.centre for t in terms]),
+                )
+                for width, index in by_width.items()
+            }  # fmt: skip
+        return self._groups
 
     def context(self, flight: int) -> Context:
         """Of a flight."""
@@ -268,9 +304,9 @@ class Library:
             self._curves[int(columns[0]), f] = AMPLITUDE * self._percent(f, curve.axis) * part
             self._at[f, curve.axis].add(columns, self._curves[int(columns[0]), f][:: self.every[f]])
         one = np.ones(len(columns))
-        odds = float(np.log(curve.odds * (KNOWN if known else 1.0)))
+        log_odds = float(np.log(curve.odds * (KNOWN if known else 1.0)))
         self.terms.append(
-            Term(curve.name, None, (), columns, one, 0.0 * one, -np.inf * one, np.inf * one, odds, one, curve.share,
+            Term(curve.name, None, (), columns, one, 0.0 * one, -np.inf * one, np.inf * one, log_odds, one, curve.share,
                  places, None, AXES[curve.axis])
         )  # fmt: skip
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.special import ndtr
 
 from models.effects import Effect
 from models.frames import AXES, Array
@@ -45,6 +46,14 @@ class Estimate:
     ci95: tuple[float, float]
     unit: str
     at_bound: bool = False
+    determined: bool = True
+    """Whether the flights say more about it than was assumed before."""
+
+    @property
+    def sign_probability(self) -> float:
+        """That it has the sign of its value; 1 where the interval leaves zero out."""
+        low, high = self.ci95
+        return float(ndtr(abs(self.value) / (high - low) * 2.0 * 1.96)) if low <= 0.0 <= high and low < high else 1.0
 
 
 @dataclass(frozen=True)
@@ -108,7 +117,12 @@ class Searched:
 
 
 def summarise(walked: Walked, seed: int) -> Searched:
-    """Everything that a reader needs to judge what was found."""
+    """Everything that a reader needs to judge what was found.
+
+    The order of the passes matters: aliases that are too small for a name, then unseen time, then the map of surfaces,
+    which corrects the laws that are left, and last what makes unseen time worse. Each works on the best set of the
+    pass before; probabilities are those of the sets that remain.
+    """
     _give_way(walked)
     _foretell(walked)
     fits = _borne_by_unseen_time(walked)
@@ -120,8 +134,14 @@ def summarise(walked: Walked, seed: int) -> Searched:
     chosen = [t for t in walked.best.terms if t.effect is not None]
     traces = tuple(_trace(walked, fit, seed) for fit in fits)
     total = max(sum(f.energy(f.before) for f in fits), 1e-12)
-    found = [_found(walked, term, fits, rivals, total) for term in chosen]
+    found = _at_most_all([_found(walked, term, fits, rivals, total) for term in chosen])
     return Searched(traces, tuple(found), _rejected(walked, {t.name for t in chosen}))
+
+
+def _at_most_all(found: Sequence[Found]) -> list[Found]:
+    """Shares that add up to 1 at most: what effects take back from each other is explained by neither."""
+    total = max(sum(max(f.explains, 0.0) for f in found), 1.0)
+    return [replace(f, explains=f.explains / total) for f in found]
 
 
 def _give_way(walked: Walked) -> None:
@@ -223,12 +243,17 @@ def _found(walked: Walked, term: Term, fits: Sequence[FlightFit], rivals: Sequen
     mine = [r for r in rivals if term.key in r.instead_of]
     aliases = tuple(dict.fromkeys(name for r in mine for name in r.names if name != term.name))
     estimates = _estimates(walked, term, fits)
+    main = [
+        e.sign_probability
+        for e in estimates
+        if e.name in {c.name for c in term.effect.coefficients if term.effect.is_main(c)}
+    ]
     return Found(
         effect=term.effect,
         estimates=estimates,
         axes=tuple(a for a in AXES if a in carried),
         explains=float(explains),
-        probability=walked.probability(term.name, aliases),
+        probability=round(min(walked.probability(term.name, aliases), max(main, default=1.0)), 3),
         aliases=aliases,
         flight=_shown_by(term, fits),
         borne_out=tuple(i for i, f in enumerate(fits) if f.borne_out.get(term.key, False)),
@@ -258,7 +283,8 @@ def _estimates(walked: Walked, term: Term, fits: Sequence[FlightFit]) -> tuple[E
         value, half = float(np.clip(m, low, c.high)), 1.96 * float(np.sqrt(v))
         at = min(value - low, c.high - value) < BOUND_SHARE * min(c.high - low, 10.0 * c.spread(library.context(first)))
         at = at and half > 0.0 and (not effect.main or c.name in effect.main)
-        out.append(Estimate(c.name, value, (min(value, m - half), max(value, m + half)), c.unit, at))
+        determined = float(np.sqrt(v)) < LEARNT / np.sqrt(TRUST) * c.spread(library.context(first))
+        out.append(Estimate(c.name, value, (min(value, m - half), max(value, m + half)), c.unit, at, determined))
     for i, shape in enumerate(effect.shapes):
         low, high, at = _shape_interval(walked, term, i)
         out.append(Estimate(shape.name, float(term.shape[i]), (low, high), shape.unit, at))
@@ -302,7 +328,7 @@ def _shape_interval(walked: Walked, term: Term, i: int) -> tuple[float, float, b
     rivals = sorted((t for t in rivals if t.shape[i] in tried), key=lambda t: t.shape[i])
     others = [t for t in walked.best.terms if t is not term]
     evidence = walked.evidence
-    screened = evidence.screen(evidence.refit(others, walked.best.noise))
+    screened = evidence.screen(evidence.refit(others, walked.best.noise), term.key)
     gain = TRUST * np.array([screened[evidence.library.terms.index(t)] for t in rivals])
     weight = np.exp(gain - gain.max())
     edges = np.concatenate([tried[:1], (tried[1:] + tried[:-1]) / 2.0, tried[-1:]])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -52,12 +53,12 @@ class Term:
     axis: str | None = None
     """Of a free curve."""
 
-    @property
+    @cached_property
     def form(self) -> Mask:
         """(k,) whether a coefficient is an error of form."""
         return ~np.isin(self.columns, [*(c for p in self.places.values() for c in p)])
 
-    @property
+    @cached_property
     def key(self) -> Key:
         """What may be there only once."""
         return (self.name, self.flight, self.axis)
@@ -83,9 +84,14 @@ def prior_of(effect: Effect, context: Context, shape: tuple[float, ...]) -> tupl
 
 def regressors_of(effect: Effect, record: Record, shape: tuple[float, ...]) -> Array:
     """Wrenches (n, 6, k) per independent coefficient [N, N m], 0 where a measurement is missing."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        x = np.nan_to_num(effect.regressors(record.context, shape), posinf=0.0, neginf=0.0)
+    x = unmixed(effect, record, shape)
     return x if effect.mixing is None else np.asarray(x @ effect.mixing(shape))
+
+
+def unmixed(effect: Effect, record: Record, shape: tuple[float, ...]) -> Array:
+    """Wrenches (n, 6, k) per coefficient [N, N m], 0 where a measurement is missing."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        return np.nan_to_num(effect.regressors(record.context, shape), posinf=0.0, neginf=0.0)
 
 
 def bent_forms(x: Array, record: Record) -> list[Array]:

@@ -46,13 +46,10 @@ class Walked:
     def weigh(self, terms: Sequence[Term], near: Fit) -> Fit:
         """The fit of a set, the best of its shapes so far."""
         fit = self.evidence.fit(sorted(terms, key=lambda t: str(t.key)), near.noise)
-        return self.fits.setdefault(fit.key, fit) if not self._better(fit) else self.fits[fit.key]
-
-    def _better(self, fit: Fit) -> bool:
-        known = self.fits.get(fit.key)
-        if known is None or fit.score > known.score + 1e-9:
+        known = self.fits.setdefault(fit.key, fit)
+        if fit.score > known.score + 1e-9:
             self.fits[fit.key] = fit
-        return True
+        return self.fits[fit.key]
 
     def ranked(self) -> list[Fit]:
         """Likeliest first."""
@@ -154,7 +151,7 @@ def _with(walked: Walked, fit: Fit, term: Term) -> Fit:
     if new.score > fit.score or new.score - new.worth - min(new.within, 0.0) <= fit.score:
         return new
     evidence = walked.evidence
-    screened = evidence.screen(evidence.refit(fit.terms, fit.noise))
+    screened = evidence.screen(evidence.refit(fit.terms, fit.noise), term.key)
     for i, other in enumerate(evidence.library.terms):
         if other.key == term.key and TRUST * float(screened[i]) + evidence.prior(other) > WORTH_A_LOOK:
             new = walked.weigh([*fit.terms, other], fit)
@@ -172,7 +169,7 @@ def _reshaped(walked: Walked, fit: Fit, only: Key | None = None) -> Fit:
         if len(rivals) < 2 or term not in fit.terms:
             continue
         others = [t for t in fit.terms if t is not term]
-        screened = evidence.screen(evidence.refit(others, fit.noise))
+        screened = evidence.screen(evidence.refit(others, fit.noise), term.key)
         rival = terms[max(rivals, key=lambda i: round(TRUST * float(screened[i]) + terms[i].log_shape, 6))]
         if rival is not term:
             new = walked.weigh([*others, rival], fit)

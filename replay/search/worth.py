@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from itertools import accumulate, pairwise
 
 import numpy as np
 from scipy.special import log_ndtr
 
 from models.frames import Array
-from replay.search.channel import Channel
+from replay.search.channel import Channel, Columns
 from replay.search.library import Library
 from replay.search.terms import STEP_S, Term
 
@@ -40,23 +42,43 @@ class Contributions:
         self.library = library
         self.terms = terms
         self._b, self._cov = b, cov
+        self._edges = list(accumulate((len(t.columns) for t in terms), initial=0))
+        columns = np.concatenate([*(t.columns for t in terms), library.trim])
+        self._on: list[Columns] = []
+        self._x: list[Array] = []
+        self.rest: list[Array] = []
+        """What the set leaves of every channel, (n,) each."""
         self.whole: dict[tuple[int, int], Array] = {}
         """(term, channel) to (n,)."""
-        self.main: dict[tuple[int, int], Array] = {}
-        """The same of the coefficients that make the effect what it is, no farther than their bounds."""
-        start = 0
-        for i, term in enumerate(terms):
-            part = b[start : start + len(term.columns)]
-            possible = np.clip(part, term.low, term.high)
-            main = term.main if (term.main == 0.0).any() else np.ones_like(part)
-            start += len(term.columns)
-            for c, channel in enumerate(library.channels):
-                local = channel.where[term.columns]
-                on = local >= 0
-                if on.any():
-                    x = channel.x[:, local[on]]
-                    self.whole[i, c] = x @ part[on]
-                    self.main[i, c] = x @ (possible[on] * main[on])
+        for c, channel in enumerate(library.channels):
+            local = channel.where[columns]
+            on = np.flatnonzero(local >= 0)
+            x = channel.x.T[local[on]]
+            self._on.append(on)
+            self._x.append(x)
+            self.rest.append(channel.y - b[on] @ x)
+            for i, begin, end in self._places(on):
+                self.whole[i, c] = b[on[begin:end]] @ x[begin:end]
+
+    def _places(self, on: Columns) -> Iterator[tuple[int, int, int]]:
+        """Terms that act on a channel, and from where to where their columns are among those of the channel."""
+        at = np.searchsorted(on, self._edges).tolist()
+        for i, (begin, end) in enumerate(pairwise(at)):
+            if begin < end:
+                yield i, begin, end
+
+    @cached_property
+    def main(self) -> dict[tuple[int, int], Array]:
+        """As ``whole``, of the coefficients that make the effect what it is, no farther than their bounds."""
+        out: dict[tuple[int, int], Array] = {}
+        possible = self._b.copy()
+        for term, part in zip(self.terms, map(slice, self._edges, self._edges[1:]), strict=True):
+            main = term.main if (term.main == 0.0).any() else np.ones_like(term.main)
+            possible[part] = np.clip(self._b[part], term.low, term.high) * main
+        for c, (on, x) in enumerate(zip(self._on, self._x, strict=True)):
+            for i, begin, end in self._places(on):
+                out[i, c] = possible[on[begin:end]] @ x[begin:end]
+        return out
 
     def own(self) -> dict[tuple[int, int], Array]:
         """What no other term would take over, by (term, channel): (n,).
@@ -65,22 +87,20 @@ class Contributions:
         than ``USUAL`` standard deviations of their prior.
         """
         trims = len(self.library.trim)
-        columns = np.concatenate([*(t.columns for t in self.terms), self.library.trim])
         centre = np.concatenate([*(t.centre for t in self.terms), np.zeros(trims)])
-        usual = np.where(np.arange(len(columns)) < len(columns) - trims, USUAL, USUAL_TRIM)
+        usual = np.where(np.arange(len(centre)) < len(centre) - trims, USUAL, USUAL_TRIM)
         low, high = np.minimum(self._b, centre - usual), np.maximum(self._b, centre + usual)
-        out: dict[tuple[int, int], Array] = {}
-        start = 0
-        for i, term in enumerate(self.terms):
-            gone = start + np.flatnonzero((term.main > 0.0) | term.form)
-            start += len(term.columns)
+        lost = np.empty((len(self.terms), len(centre)))
+        for i, (term, first) in enumerate(zip(self.terms, self._edges, strict=False)):
+            gone = first + np.flatnonzero((term.main > 0.0) | term.form)
             taken = self._cov[:, gone] @ np.linalg.solve(self._cov[np.ix_(gone, gone)], self._b[gone])
             others = np.clip(self._b - taken, low, high)
             others[gone] = 0.0
-            for c in (c for k, c in self.main if k == i):
-                local = self.library.channels[c].where[columns]
-                on = local >= 0
-                out[i, c] = self.library.channels[c].x[:, local[on]] @ (self._b - others)[on]
+            lost[i] = self._b - others
+        out: dict[tuple[int, int], Array] = {}
+        for c, (on, x) in enumerate(zip(self._on, self._x, strict=True)):
+            acting = [i for i, _, _ in self._places(on)]
+            out.update({(i, c): own for i, own in zip(acting, lost[acting][:, on] @ x, strict=True)})
         return out
 
 
@@ -89,11 +109,12 @@ def form_variance(u: Contributions) -> Array:
     out = np.zeros(len(u.library.channels))
     for (i, c), own in u.whole.items():
         if u.terms[i].effect is not None:
-            out[c] += FORM_LEFT**2 * float(own[u.library.channels[c].run >= 0].var())
+            count = max(u.library.channels[c].count, 1)  # what is not valid is 0
+            out[c] += FORM_LEFT**2 * max(float(own @ own) / count - (float(own.sum()) / count) ** 2, 0.0)
     return out
 
 
-def worth(u: Contributions, rest: Sequence[Array]) -> float:
+def worth(u: Contributions) -> float:
     """Log share of what is worth a name, softly, and of what does not cancel.
 
     Some axis must carry a hundredth of the weight of a term, more than what the others may leave by their form and than
@@ -101,7 +122,7 @@ def worth(u: Contributions, rest: Sequence[Array]) -> float:
     axis is one of a moment.
     """
     out = -CANCEL_COST * max(cancelled(u) - CANCEL, 0.0)
-    for z in standing(u, rest):
+    for z in standing(u):
         out -= 0.5 * max((1.0 - z) / SOFT, 0.0) ** 2 + FAR_COST * max(NEARLY - z, 0.0)
     return float(out)
 
@@ -117,7 +138,7 @@ def cancelled(u: Contributions) -> float:
     return worst
 
 
-def standing(u: Contributions, rest: Sequence[Array]) -> Array:
+def standing(u: Contributions) -> Array:
     """How far every term stands out, (terms,): 1 is just worth a name."""
     if not u.terms:
         return np.empty(0)
@@ -125,8 +146,8 @@ def standing(u: Contributions, rest: Sequence[Array]) -> Array:
     tops, shares = np.zeros((len(u.terms), len(channels))), np.zeros((len(u.terms), len(channels)))
     own = np.zeros_like(tops)
     for (i, c), part in u.main.items():
-        without = rest[c] + part
-        shares[i, c] = 1.0 - float(rest[c] @ rest[c]) / max(float(without @ without), 1e-30)
+        without = u.rest[c] + part
+        shares[i, c] = 1.0 - float(u.rest[c] @ u.rest[c]) / max(float(without @ without), 1e-30)
         tops[i, c] = top(part, channels[c].count) / channels[c].limit
     for (i, c), part in u.own().items():
         own[i, c] = top(part, channels[c].count) / channels[c].limit
@@ -135,7 +156,7 @@ def standing(u: Contributions, rest: Sequence[Array]) -> Array:
     tops[level] = np.maximum(tops, own)[level]
     form = np.array([CURVE_FORM if t.effect is None else t.effect.form for t in u.terms])
     left = (tops * form[:, None]) ** 2
-    open_ = np.array([slow_rms(e, c) / c.limit for e, c in zip(rest, channels, strict=True)])
+    open_ = np.array([slow_rms(e, c) / c.limit for e, c in zip(u.rest, channels, strict=True)])
     beside = left.sum(axis=0) - left + open_**2
     least = np.array([[t.share] for t in u.terms])
     large = np.minimum(tops / np.sqrt(1.0 + beside), own / OWN)

@@ -261,8 +261,9 @@ class UlgWriter:
         self._out += struct.pack("<HB", len(payload), ord(kind)) + payload
 
     def topic(self, name: str, *fields: tuple[str, str]) -> None:
+        """A topic; ``NAME:1`` is its second instance."""
         fields = (("uint64_t", "timestamp"), *fields)
-        text = f"{name}:" + "".join(f"{kind} {field};" for kind, field in fields)
+        text = f"{name.partition(':')[0]}:" + "".join(f"{kind} {field};" for kind, field in fields)
         self._message("F", text.encode())
         self._definitions.append((name, list(fields)))
 
@@ -272,7 +273,8 @@ class UlgWriter:
 
     def subscribe(self) -> None:
         for number, (name, fields) in enumerate(self._definitions):
-            self._message("A", struct.pack("<BH", 0, number) + name.encode())
+            base, _, instance = name.partition(":")
+            self._message("A", struct.pack("<BH", int(instance or 0), number) + base.encode())
             codes = "".join(self._code(kind) for kind, _ in fields)
             self._topics[name] = (number, codes)
 

@@ -5,7 +5,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from log_writers import BinWriter, bin_flight, ulg_flight
+from log_writers import BinWriter, UlgWriter, bin_flight, ulg_flight
 
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.samples import RangeVerdict
@@ -179,3 +179,67 @@ def test_a_dataflash_log_is_kept_as_numbers_not_as_objects(tmp_path):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 12.0 * path.stat().st_size
+
+
+def test_an_old_bin_without_a_message_of_arming_was_armed_while_it_had_throttle(tmp_path):
+    w = BinWriter()
+    w.kind("ATT", "Qffffff", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw")
+    w.kind("CTUN", "Qf", "TimeUS,ThO")
+    w.kind("MODE", "Bh", "Mode,ThrCrs")
+    w.kind("EV", "B", "Id")
+    for k in range(200):
+        us = 10_000_000 + 20_000 * k
+        w.row("ATT", us, 0.0, 2.0, 0.0, -1.0, 90.0, 90.0)
+        w.row("CTUN", us, 0.4 if 50 <= k < 150 else 0.0)
+        if k == 20:
+            w.row("MODE", 5, 400)
+            w.row("EV", 15)
+    path = tmp_path / "old.bin"
+    path.write_bytes(w.bytes())
+    log = load(path)[0]
+    assert [(i.start_s, i.end_s) for i in log.armed] == [pytest.approx((11.0, 12.98))]
+    assert [(i.start_s, i.value) for i in log.modes] == [(pytest.approx(10.4), 5)]
+
+
+def px4(path, outputs, parameters, functions=()):
+    """A short flight with these instances of outputs, and ESCs with these actuator functions."""
+    w = UlgWriter()
+    w.topic("vehicle_attitude", ("float[4]", "q"))
+    for i in range(len(outputs)):
+        w.topic(f"actuator_outputs:{i}", ("float[16]", "output"))
+    escs = [(kind, f"esc[{i}].{n}") for i in range(len(functions)) for kind, n in _ESC_FIELDS]
+    w.topic("esc_status", *escs)
+    for name, value in parameters.items():
+        w.parameter(name, value)
+    w.subscribe()
+    for k in range(100):
+        w.row("vehicle_attitude", 20_000_000 + 20_000 * k, 1.0, 0.0, 0.0, 0.0)
+        for i, values in enumerate(outputs):
+            w.row(f"actuator_outputs:{i}", 20_000_000 + 20_000 * k, *values, *[0.0] * (16 - len(values)))
+        w.row(
+            "esc_status", 20_000_000 + 20_000 * k, *(v for i, f in enumerate(functions) for v in (1000.0 * (i + 1), f))
+        )
+    path.write_bytes(w.bytes())
+    return load(path)[0]
+
+
+_ESC_FIELDS = (("float", "esc_rpm"), ("uint8_t", "actuator_function"))
+
+
+@pytest.mark.parametrize(
+    ("outputs", "parameters", "us"),
+    [
+        ([[1999.0, 999.5, 0.0]], {"PWM_MAIN_TIM0": -4}, [2000.0, 1500.0, 0.0]),
+        ([[1999.0, 1500.0]], {"PWM_MAIN_TIM0": -4, "PWM_MAIN_FUNC1": 101, "PWM_MAIN_FUNC2": 201}, [2000.0, 1500.0]),
+        ([[0.0, 0.0], [8191.0, 4095.5]], {"UAVCAN_ENABLE": 3}, [2000.0, 1500.0]),
+        ([[1200.0, 1800.0]], {}, [1200.0, 1800.0]),
+    ],
+)  # fmt: skip
+def test_outputs_of_px4_are_pulses_whatever_drives_the_motors(tmp_path, outputs, parameters, us):
+    log = px4(tmp_path / "outputs.ulg", outputs, parameters)
+    assert log.servo.values[0, : len(us)] == pytest.approx(us)
+
+
+def test_an_esc_of_px4_is_the_motor_that_its_function_names(tmp_path):
+    log = px4(tmp_path / "escs.ulg", [[1500.0]], {}, functions=(102, 104, 101, 103))
+    assert {esc: e.rpm.values[0, 0] for esc, e in log.escs.items()} == {1: 3000.0, 2: 1000.0, 3: 4000.0, 4: 2000.0}

@@ -382,3 +382,18 @@ def test_yaw_that_the_loop_opposes_is_no_exchanged_spin():
 
     assert len(opposed(0.05)) == 1
     assert opposed(0.3) == []
+
+
+def test_an_accelerometer_that_take_off_and_landing_disturb_is_not_faulty(flown: Motion) -> None:
+    """The first and the last eight of forty seconds shake az by more than the flight moves it."""
+    ends = (flown.t < 8.0) | (flown.t > 32.0)
+
+    def shaken(x: np.ndarray) -> np.ndarray:
+        out = x.copy()
+        out[:, 2] += np.where(ends, 4.0 * np.sin(2.0 * np.pi * 0.5 * flown.t), 0.0)
+        return out
+
+    log = logged(flown, QUADROTOR, Path("flight.ulg"))
+    record = build_record(imu(log, force=shaken), QUADROTOR, None)
+    assert 2 in record.axes
+    assert "az_m_s2" not in {f.channel for f in record.faults}

@@ -16,13 +16,15 @@ from diagnose_noise import coloured, noise_record
 import replay.search
 from models.effects import Effect, catalogue, get
 from models.frames import Array
+from replay.diagnosis.diagnose import conclude
 from replay.residual.record import Record
-from replay.search.disturbance import bank_energy, lag_products, runs, spectra
+from replay.search import results
+from replay.search.disturbance import bank_energy, lag_products, rows_by_order, runs, spectra
 from replay.search.evidence import Evidence, Fit, Noise
 from replay.search.free_curves import _beside_timing
 from replay.search.library import Library
 from replay.search.outside import outside
-from replay.search.results import Found, Searched, summarise
+from replay.search.results import Estimate, Found, Searched, summarise
 from replay.search.sets import canonical, rivals_of
 from replay.search.terms import Term
 from replay.search.walk import walk
@@ -101,6 +103,36 @@ def test_noise_has_no_name(quiet: Record) -> None:
     assert answer.traces[0].outside == ()
 
 
+def test_where_no_axis_can_be_judged_the_verdict_says_so(quiet: Record) -> None:
+    answer = conclude([replace(quiet, axes=())])
+    assert answer.verdict == "not_judged"
+    assert answer.named == ()
+
+
+def test_shares_add_up_to_all_at_most(quiet: Record) -> None:
+    one = found(search(added(quiet, "imu_bias", (), 0.5), some("imu_bias")), "imu_bias")
+    shares = [f.explains for f in results._at_most_all([replace(one, explains=e) for e in (1.17, 0.6, -0.1)])]
+    assert sum(s for s in shares if s > 0.0) == pytest.approx(1.0)
+    assert shares[0] / shares[1] == pytest.approx(1.17 / 0.6)
+    assert results._at_most_all([one]) == [one]
+
+
+@pytest.mark.parametrize(("low", "high", "most"), [(-0.003, 0.353, 0.975), (0.01, 0.35, 1.0), (-0.3, 0.5, 0.75)])
+def test_no_more_is_claimed_of_an_effect_than_of_the_sign_of_its_size(low: float, high: float, most: float) -> None:
+    assert Estimate("pull", (low + high) / 2.0, (low, high), "1").sign_probability <= most
+
+
+def test_what_a_flight_says_nothing_about_is_not_printed(quiet: Record) -> None:
+    flown = conclude([added(pumped(quiet), "thrust_curve", (), 0.3, 0.0)], effects=some("thrust_curve"))
+    (named,) = flown.named
+    unknown = replace(named.found.estimates[-1], name="what", determined=False)
+    text = replace(
+        flown, named=(replace(named, found=replace(named.found, estimates=(*named.found.estimates, unknown))),)
+    )
+    assert "what =" not in text.as_text()
+    assert "slope =" in text.as_text()
+
+
 def test_whitening_leaves_unit_variance_and_is_exact_after_gaps() -> None:
     rng = np.random.default_rng(0)
     x = np.stack([coloured(rng, 4000, 1.0, 0.2) for _ in range(2)], axis=1)
@@ -113,7 +145,7 @@ def test_whitening_leaves_unit_variance_and_is_exact_after_gaps() -> None:
     white = spectrum.whiten(x[:, 0], run)
     assert not white[~valid].any()
     assert white[valid].std() == pytest.approx(1.0, abs=0.35)
-    energies = bank_energy(spectra(0.2), lag_products(np.where(valid, x[:, 0], 0.0), run))
+    energies = bank_energy(spectra(0.2)) @ lag_products(np.where(valid, x[:, 0], 0.0), rows_by_order(run))
     assert energies[spectra(0.2).index(spectrum)] == pytest.approx(float(white @ white))
 
 
