@@ -26,6 +26,11 @@ class Choice:
     note: str | None = None
     """Why the shipped model is not used."""
 
+    @property
+    def judged(self) -> FanSurrogate | None:
+        """The model that logs are judged by; None where nothing is known of ground and wall."""
+        return None if self.name == NONE else self.model
+
 
 def choose(vehicle: Vehicle, name: str | None, shipped: str | None = None) -> Choice:
     """``name`` as given on a command line: a directory, ``none``, or None for the default.

@@ -149,13 +149,10 @@ def _run_config(a: argparse.Namespace) -> tuple[PipelineConfig, Choice, list[str
     """What does not change over the log, the model that was chosen, and what is to be said about model and vehicle."""
     from companion.config import Base, PipelineConfig
     from companion.control.survey_box import read_box
-    from companion.vehicles import default_vehicle
-    from models.choice import choose
-    from models.vehicle import load_vehicle
     from models.vehicle_plausibility import warnings
+    from replay.command import declared
 
-    vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
-    chosen = choose(vehicle, a.model)
+    vehicle, chosen = declared(a.vehicle, a.model)
     config = PipelineConfig(
         vehicle=vehicle,
         model=chosen.model,

@@ -142,7 +142,7 @@ def initial(config: PipelineConfig) -> Adaptation | None:
         return None
     table = size_table(config.vehicle, config.model, config.adapt_tuning)
     places, tuning = channels(table), config.adapt_tuning
-    saved: Mapping[str, Any] = getattr(config.model, "info", {}).get("sizes", {})
+    saved: Mapping[str, Any] = config.model.info.get("sizes", {})
     through = judge.channels_of(table, tuning)
     judged = tuple(judge.initial(c, k, tuning) for c, k in zip(through, kept_with(config.model), strict=True))
     known = tuple(table[k].name in saved for k in places)

@@ -18,9 +18,8 @@ import numpy as np
 from companion.adaptation import sizes as at
 from companion.adaptation.parts import Parts, about_cg
 from companion.mavlink.samples import Imu, Vector3
-from models.frames import Array, Rows, wrench_of_motion
+from models.frames import Array, Rows, at_cg, wrench_of_motion
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
-from models.vehicle_wrench import vane_wrench
 
 AXES = 5
 """Fx Fy Fz Mx My: no size acts by the yaw moment."""
@@ -106,8 +105,6 @@ class Seen:
     residual: Array
     regressors: Array
     modelled: Array
-    lift_n: float
-    """Free-air lift of all fans."""
 
 
 def see(
@@ -127,8 +124,7 @@ def see(
     declared = alone[2] + sum([effect[2] for effect in effects])
     modelled = [sum(column) for column in zip(lift, pull, tilt, alone, *effects, strict=True)][:AXES]
     if vehicle.vanes:
-        turned = deflections(vehicle, [v * share for v in block.vanes_us])
-        of_vanes = vanes_wrench(vehicle, turned, [fan[2] for fan in near])
+        of_vanes = vanes_wrench(vehicle, [v * share for v in block.vanes_us], [fan[2] for fan in near])
         declared += of_vanes[2]
         modelled = [a + b for a, b in zip(modelled, of_vanes, strict=False)]
     told = measured(block, vehicle)
@@ -141,7 +137,7 @@ def see(
     velocity = _through_the_air([v * share for v in block.velocity], rotation, wind_ne)
     _common(rows, vehicle, rotation, velocity, alone, declared, block.tip_m_s * share)
     residual = [a - b for a, b in zip(told, modelled, strict=True)]
-    return Seen(np.array(residual), np.array(rows), np.array(modelled), -alone[2])
+    return Seen(np.array(residual), np.array(rows), np.array(modelled))
 
 
 def measured(block: Block, vehicle: Vehicle) -> list[float]:
@@ -204,39 +200,25 @@ def mean_height(vehicle: Vehicle) -> float:
 
 
 @lru_cache(maxsize=8)
-def _vane_units(vehicle: Vehicle) -> tuple[tuple[float, ...], ...]:
+def _vane_units(vehicle: Vehicle) -> list[list[float]]:
     """(vanes, 6): wrench about the CG per radian of each vane and newton of its fan's lift."""
-    rows = []
-    for vane in vehicle.vanes:
-        servo = np.array([next((v.neutral_us for v in vehicle.vanes if v.servo - 1 == k), 0.0) for k in range(16)])
-        servo[vane.servo - 1] += 1.0 / vane.rad_per_us
-        rows.append(tuple(vane_wrench(vehicle, servo, np.ones(len(vehicle.fans))).tolist()))
-    return tuple(rows)
+    force = [(*(vane.force_per_thrust_rad * c for c in vane.axis), 0.0, 0.0, 0.0) for vane in vehicle.vanes]
+    out: list[list[float]] = at_cg(np.array(force), np.array([vane.position_m for vane in vehicle.vanes])).tolist()
+    return out
 
 
-def vanes_wrench(vehicle: Vehicle, deflections: Sequence[float], fan_lift_n: Sequence[float]) -> list[float]:
-    """(6,): ``models.vehicle_wrench.vane_wrench`` for deflections [rad] and lifts (fans,) [N] in flight.
+def vanes_wrench(vehicle: Vehicle, outputs_us: Sequence[float], fan_lift_n: Sequence[float]) -> list[float]:
+    """(6,): ``models.vehicle_wrench.vane_wrench`` for ``vane_outputs`` or their mean, and lifts (fans,) [N].
 
-    NaN in the axes of a vane whose deflection is NaN.
+    NaN in the axes of a vane whose output is NaN.
     """
     out = [0.0] * 6
-    for turned, vane, unit in zip(deflections, vehicle.vanes, _vane_units(vehicle), strict=True):
-        load = turned * fan_lift_n[vane.fan - 1]
+    for output_us, vane, unit in zip(outputs_us, vehicle.vanes, _vane_units(vehicle), strict=True):
+        load = vane.rad_per_us * (output_us - vane.neutral_us) * fan_lift_n[vane.fan - 1]
         out = [v + load * u if u else v for v, u in zip(out, unit, strict=True)]
     return out
 
 
 def vane_outputs(vehicle: Vehicle, pwm_us: Sequence[float]) -> tuple[float, ...]:
-    """Of every vane's servo [us]; NaN where it is not told."""
-    return tuple([pwm_us[k] or math.nan for k, _, _ in _vane_scales(vehicle)])
-
-
-def deflections(vehicle: Vehicle, outputs_us: Sequence[float]) -> tuple[float, ...]:
-    """Of every vane [rad], by ``vane_outputs`` or their mean."""
-    scales = _vane_scales(vehicle)
-    return tuple([us * per_us - straight for us, (_, per_us, straight) in zip(outputs_us, scales, strict=True)])
-
-
-@lru_cache(maxsize=8)
-def _vane_scales(vehicle: Vehicle) -> tuple[tuple[int, float, float], ...]:
-    return tuple((v.servo - 1, v.rad_per_us, v.rad_per_us * v.neutral_us) for v in vehicle.vanes)
+    """Of every vane's servo [us]; NaN where it is not known."""
+    return tuple([pwm_us[vane.servo - 1] or math.nan for vane in vehicle.vanes])

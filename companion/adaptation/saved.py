@@ -40,7 +40,7 @@ def with_sizes(model: FanSurrogate, known: Adaptation, flights: Sequence[str]) -
 
 def kept_with(model: FanSurrogate) -> list[judge.Kept | None]:
     """Of lift, pull and tilt. ModelError where a file was changed by hand."""
-    found: Mapping[str, Any] = getattr(model, "info", {}).get(_KEY, {})
+    found: Mapping[str, Any] = model.info.get(_KEY, {})
     return [_kept(name, found[name]) if name in found else None for name in GAINS]
 
 

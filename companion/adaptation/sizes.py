@@ -103,15 +103,13 @@ def size_table(vehicle: Vehicle, model: FanSurrogate, tuning: AdaptTuning) -> tu
     ]
     for k in effects_with_size(model):
         table.append(Size(model.effects[k].name, "1", 1.0, 1.0, tuning.heavy, 0.1, -2.0, 4.0))
-    saved = getattr(model, "info", {}).get("sizes", {})
+    saved = model.info.get("sizes", {})
     return tuple(_with_saved(size, saved.get(size.name)) for size in table)
 
 
 def _scatter(model: FanSurrogate) -> tuple[float, float, float]:
-    """Unexplained share of the increments: of lift, level forces, moments. 0 where the model does not say."""
-    calibration = getattr(model, "calibration", None)
-    if calibration is None:
-        return 0.0, 0.0, 0.0
+    """Unexplained share of the increments: of lift, level forces, moments."""
+    calibration = model.calibration
     share = [min(f / s, 1.0) if s > 0.0 else 0.0 for f, s in zip(calibration.floor, calibration.size, strict=True)]
     return share[2], max(share[0], share[1]), max(share[3], share[4])
 

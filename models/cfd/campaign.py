@@ -6,7 +6,7 @@ import itertools
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -139,7 +139,6 @@ def run(
     setup: Setup,
     section: Section,
     positions: Sequence[Position],
-    executor: Executor | None = None,
     jobs: int = 1,
     *,
     march: bool = True,
@@ -148,13 +147,12 @@ def run(
 ) -> None:
     """Compute what is not there yet: first every case in steady iterations, then in time those that still move.
 
-    ``executor`` None: ``jobs`` threads of this process, each with one solver. A case that is stopped from outside, or
-    whose worker on a cluster died, goes on from its last chunk; after that it is marked ``killed``. Ctrl-C keeps what
-    every case has reached.
+    ``jobs`` threads of this process, each with one solver. A case that is stopped from outside goes on from its last
+    chunk; after that it is marked ``killed``. Ctrl-C keeps what every case has reached.
     """
     foam.require()
     _claim(folder, setup, positions)
-    pool = executor or ThreadPoolExecutor(jobs)
+    pool = ThreadPoolExecutor(jobs)
     done = {row.position: row for row in rows(folder, positions)}
 
     def keep(row: Row, what: str) -> None:
@@ -171,8 +169,7 @@ def run(
             for row in work.through(todo, done, jobs):
                 keep(row, what)
     finally:
-        if executor is None:
-            pool.shutdown(wait=False, cancel_futures=True)
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 _Job = tuple[Position, Position | None]
@@ -181,9 +178,9 @@ _Job = tuple[Position, Position | None]
 
 @dataclass
 class _Work:
-    """One round of a campaign: hands cases to the workers and takes them up again where a worker died."""
+    """One round of a campaign: hands cases to the workers and takes them up again where a solver was stopped."""
 
-    pool: Executor
+    pool: ThreadPoolExecutor
     folder: Path
     setup: Setup
     section: Section
@@ -206,7 +203,7 @@ class _Work:
                 job = running.pop(future)
                 try:
                     result = future.result()
-                except _lost() as error:
+                except foam.StoppedError as error:
                     again = self._again(job)
                     if again is not None:
                         running[again] = job
@@ -230,15 +227,6 @@ class _Work:
         return self.pool.submit(
             compute, target, self.setup, position, self.tables[kind], neighbour, march=self.marching
         )
-
-
-def _lost() -> tuple[type[Exception], ...]:
-    """Errors after which a case is taken up again: its solver was stopped, or workers died under it too often."""
-    try:
-        from distributed.scheduler import KilledWorker
-    except ImportError:
-        return (foam.StoppedError,)
-    return foam.StoppedError, KilledWorker
 
 
 def _claim(folder: Path, setup: Setup, positions: Sequence[Position]) -> None:

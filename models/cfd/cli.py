@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from models.errors import ConfigError, LinkError
+from models.errors import ConfigError
 
 Finish = Callable[[argparse.Namespace, Any], int]
 
 SHIPPED_CASES = Path(__file__).parents[1] / "data" / "corner_cfd_cases.csv"
-CONNECT_S = 10.0
-"""How long to look for a scheduler: starting one on a cluster takes seconds."""
 
 
 def add(commands: Any, finish: Finish) -> None:
@@ -28,7 +25,6 @@ def add(commands: Any, finish: Finish) -> None:
     run.add_argument("--work", required=True, type=Path, metavar="DIR", help="cases, their logs and states")
     _model(run)
     run.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="solvers at a time (all cores)")
-    run.add_argument("--scheduler", metavar="ADDRESS", help="Dask scheduler; its workers must share DIR")
     run.add_argument("--no-march", action="store_true", help="leave cases that still move as they are")
     run.add_argument("--dry-run", action="store_true", help="list the cases, compute nothing")
     run.set_defaults(run=lambda args: finish(args, _run(args)))
@@ -99,32 +95,13 @@ def _run(args: argparse.Namespace) -> Any:
     foam.require()
     section = polars.neural_section(setup.rotor.section)
     bars = Bars(args.quiet)
-    with _cluster(args.scheduler) if args.scheduler else nullcontext((None, args.jobs)) as (executor, jobs):
-        campaign.run(args.work, setup, section, positions, executor, jobs, march=not args.no_march, progress=bars)
+    campaign.run(args.work, setup, section, positions, args.jobs, march=not args.no_march, progress=bars)
     bars.close()
     rows = campaign.rows(args.work, positions)
     count = {s: sum(r.result.status == s for r in rows) for s in sorted({r.result.status for r in rows})}
     if _speak(args):
         print(f"{len(rows)} of {len(positions)} cases: " + ", ".join(f"{n} {s}" for s, n in count.items()))
     return {"cases": len(positions), "done": len(rows), "status": count}
-
-
-@contextmanager
-def _cluster(address: str) -> Iterator[tuple[Any, int]]:
-    """Executor and number of solvers at a time on a Dask cluster."""
-    try:
-        from distributed import Client
-    except ImportError:
-        raise ConfigError("--scheduler needs Dask: pip install 'corner-compensator[cluster]'") from None
-    try:
-        client = Client(address, timeout=CONNECT_S)
-    except (OSError, ValueError, TimeoutError) as error:
-        raise LinkError(f"--scheduler {address}: no Dask scheduler there ({error})") from None
-    with client:
-        jobs = sum(client.nthreads().values())
-        if jobs == 0:
-            raise LinkError(f"--scheduler {address}: the cluster has no workers")
-        yield client.get_executor(), jobs
 
 
 def _rows(args: argparse.Namespace, setup: Any) -> Any:

@@ -9,18 +9,16 @@ from typing import Any
 
 import numpy as np
 
-from models import paper_page
 from models.cfd.check import GROUND_LIMIT, WALL_LIMIT, Checked
 from models.cfd.fidelity import FREE
 from models.cfd.labels import Label
 from models.cfd.position import Place
-from models.paper_page import Entry
 
 DOTS_PER_INCH = 80
 
 
 def write_figures(directory: Path, c: Checked) -> None:
-    """Write the figures, and their page beside the paper's statements, into ``directory``."""
+    """Write the figures into ``directory``."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -34,29 +32,6 @@ def write_figures(directory: Path, c: Checked) -> None:
     for name, figure in figures.items():
         figure.savefig(directory / name, dpi=DOTS_PER_INCH)
         figure.clear()
-    paper_page.add(directory, entries(c))
-
-
-def entries(c: Checked) -> list[Entry]:
-    """Figs 5 to 10 beside what the paper says of them; those whose positions were computed."""
-    by_source = {s.source: s for s in c.statements}
-    drawn = (
-        (5, "Figs 5 and 9: lift ratio over height", "fig5_9_lift_ratio_ground.png", "paper, figs 5 and 9"),
-        (
-            6,
-            "Figs 6 and 10: lift coefficient beside a wall",
-            "fig6_10_lift_coefficient_wall.png",
-            "paper, figs 6 and 10",
-        ),
-        (7, "Fig. 7: tilting moment beside a wall", "fig7_tilting_moment_wall.png", "paper, fig. 7"),
-    )
-    out = []
-    for number, title, image, source in drawn:
-        if source in by_source:
-            said = by_source[source]
-            out.append(Entry(number, title, image, said.claim, said.ours, said.verdict))
-    bench = "a photograph of the test bench: nothing to draw; its measurements are figs 5 and 6, not printed as numbers"
-    return [*out, Entry(8, "Fig. 8: the test bench", "", bench, "no bench", "not comparable")] if out else out
 
 
 def _ground_column(panel: Any, c: Checked, labels: Mapping[Place, Label], style: str, name: str) -> None:

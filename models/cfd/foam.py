@@ -75,8 +75,8 @@ def run(folder: Path, program: str, *arguments: str) -> str:
 
 
 def _die_with_parent() -> None:
-    """Linux: end with the process that asked for it. A worker that is killed must not leave a solver that writes into
-    the case which another worker takes up."""
+    """Linux: end with the process that asked for it. A command that is killed must not leave a solver that writes into
+    the case which the next run takes up."""
     ctypes.CDLL(None).prctl(_SET_DEATH_SIGNAL, signal.SIGKILL)
 
 

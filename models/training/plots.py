@@ -1,17 +1,14 @@
-"""The report of ``models compare``: figures 14 to 19 of the paper from our data, and the tables beside them."""
+"""The report of ``models compare``: figures 14 to 19 of the paper from our data."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from models import paper_page
 from models.frames import AXES, Array
-from models.paper_page import Entry
-from models.training.compare import LIFT, PAPER_TABLE_2, RPM, Comparison
+from models.training.compare import LIFT, RPM, Comparison
 from models.training.train import PAPER_METHODS, r_squared
 
 # Percentage errors are undefined where a component crosses zero: the divisor is never below this share of its range.
@@ -21,7 +18,7 @@ NAMES = {"bp": "BP", "ga-bp": "GA-BP", "adam-bp": "Adam-BP", "ga-adam-bp": "GA-A
 
 
 def write_figures(directory: Path, result: Comparison) -> None:
-    """Write the figures, and their page beside the paper's statements, into ``directory``."""
+    """Write the figures into ``directory``."""
     import matplotlib
 
     matplotlib.use("Agg")
@@ -37,107 +34,6 @@ def write_figures(directory: Path, result: Comparison) -> None:
     for name, figure in figures.items():
         figure.savefig(directory / name, dpi=DOTS_PER_INCH)
         figure.clear()
-    paper_page.add(directory, entries(result))
-
-
-def entries(result: Comparison) -> list[Entry]:
-    """Figs 14 to 19 beside what the paper says of them, judged on the lift of the first split."""
-    return [*_regression_entries(result), *_surface_entries(result)]
-
-
-def _regression_entries(result: Comparison) -> list[Entry]:
-    """Figs 14 to 16: the paper's four methods on learnt and held-out rows."""
-    learnt, unseen = (_lift_r2(result, held_out) for held_out in (False, True))
-    share = {m: _within_ten_percent(result, m) for m in PAPER_METHODS}
-
-    def ordered(values: Mapping[str, float]) -> str:
-        return _verdict(values["ga-adam-bp"] >= values["adam-bp"] > values["ga-bp"] > values["bp"])
-
-    def lift(values: Mapping[str, float]) -> str:
-        return "R² of the lift's increment: " + ", ".join(f"{NAMES[m]} {v:.3f}" for m, v in values.items())
-
-    said = {m: ", ".join(f"{PAPER_TABLE_2[k]['Fz'][m]:.3f}" for k in PAPER_METHODS) for m in ("train", "test")}
-    return [
-        Entry(
-            14,
-            "Fig. 14: answers over truth, learnt rows",
-            "fig14_regression_train.png",
-            f"R² of the lift {said['train']} for BP, GA-BP, Adam-BP, GA-Adam-BP: each better than the one before",
-            lift(learnt),
-            ordered(learnt),
-        ),
-        Entry(
-            15,
-            "Fig. 15: answers over truth, held-out rows",
-            "fig15_regression_test.png",
-            f"R² of the lift {said['test']}, the same order",
-            lift(unseen),
-            ordered(unseen),
-        ),
-        Entry(
-            16,
-            "Fig. 16: percentage error on the learnt rows",
-            "fig16_error_histograms.png",
-            "most rows of all four within 10 %",
-            "lift within 10 %: " + ", ".join(f"{NAMES[m]} {100 * v:.0f} % of the rows" for m, v in share.items()),
-            _verdict(min(share.values()) > 0.5),
-        ),
-    ]
-
-
-def _surface_entries(result: Comparison) -> list[Entry]:
-    """Figs 17 to 19: the lift over height and wall distance by three methods."""
-    table = result.numbers["table3"]
-    rough, mse = ({m: row[key] for m, row in table.items()} for key in ("roughness", "mse_train"))
-    kriging, net, polynomial = (mse[m] for m in ("kriging", "ga-adam-bp", "polynomial"))
-
-    def here(method: str) -> str:
-        return f"mean squared error {mse[method]:.2g} N² on learnt rows, roughness {1e3 * rough[method]:.0f} mN"
-
-    return [
-        Entry(
-            17,
-            "Fig. 17: lift by kriging",
-            "fig17_surface_kriging.png",
-            "the least mean squared error of the three (1.3e-4), but waves between the points",
-            here("kriging"),
-            _verdict(kriging <= min(net, polynomial) and rough["kriging"] > rough["ga-adam-bp"]),
-        ),
-        Entry(
-            18,
-            "Fig. 18: lift by GA-Adam-BP",
-            "fig18_surface_ga_adam_bp.png",
-            "smooth, error between kriging and polynomial (4.3e-3)",
-            here("ga-adam-bp"),
-            _verdict(kriging < net < polynomial),
-        ),
-        Entry(
-            19,
-            "Fig. 19: lift by a polynomial",
-            "fig19_surface_polynomial.png",
-            "the largest error of the three (0.24)",
-            here("polynomial"),
-            _verdict(polynomial >= max(kriging, net)),
-        ),
-    ]
-
-
-def _verdict(holds: bool) -> str:
-    return "agrees" if holds else "disagrees"
-
-
-def _lift_r2(result: Comparison, held_out: bool) -> dict[str, float]:
-    task = result.tasks[0]
-    rows = task.test if held_out else task.train
-    truth = task.problem.y[rows, LIFT]
-    return {m: float(r_squared(truth, result.answers[m][0][rows, LIFT])) for m in PAPER_METHODS}
-
-
-def _within_ten_percent(result: Comparison, method: str) -> float:
-    """Share of the learnt rows of the first split whose lift is answered within 10 %."""
-    task = result.tasks[0]
-    error = percent_error(task.problem.y[task.train], result.answers[method][0][task.train])
-    return float(np.mean(error[:, LIFT] <= 10.0))
 
 
 def percent_error(truth: Array, answer: Array) -> Array:

@@ -14,34 +14,20 @@ if TYPE_CHECKING:
 
 def run(a: argparse.Namespace, progress: Callable[[Sequence[Path]], Iterable[Path]]) -> int:
     """Run the command; UserErrors are reported by the caller."""
-    from companion.vehicles import default_vehicle
-    from models.choice import choose
-    from models.vehicle import load_vehicle
+    from replay.changes.page import page
     from replay.changes.since import since
-    from replay.cli import write_json
+    from replay.command import declared, write_answer
     from replay.diagnosis.model_faults import model_faults
 
     for option, value in (("--save-model", a.save_model), ("--test", a.test)):
         if value:
             raise ConfigError(f"{option}: amends a model, and --since asks what changed; give one of them")
     logs, good = _flights(a)
-    vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
-    chosen = choose(vehicle, a.model)
-    model = None if chosen.name == "none" else chosen.model
-    answer = since(logs, good, vehicle, model, target_system=a.target_system, progress=progress)
+    vehicle, chosen = declared(a.vehicle, a.model)
+    answer = since(logs, good, vehicle, chosen.judged, target_system=a.target_system, progress=progress)
     faults = model_faults(answer.records, chosen)
-    if a.json is not None:
-        write_json(answer.as_json() | {"log_faults": faults}, a.json)
-    if a.report is not None:
-        from replay.changes.page import write_report
-
-        written = write_report(a.report, answer, vehicle, faults)
-    if a.json != "-" and not a.quiet:
-        for fault in faults:
-            print(f"{fault['channel']}: {fault['what']}")
-        print(answer.as_text())
-        if a.report is not None:
-            print(f"report: {written}")
+    content = answer.as_json() | {"log_faults": faults}
+    write_answer(a, content, answer.as_text(), lambda: page(answer, vehicle, faults))
     return 0
 
 

@@ -4,20 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from html import escape
-from pathlib import Path
 
 import numpy as np
 
-from models.pages.document import document, items, table, verdict, write_document
+from models.pages.document import document, items, table, verdict
 from models.pages.svg import Line, Mark, figure
 from models.vehicle import Vehicle
 from replay.changes.since import Changed, Since
 from replay.diagnosis.words import estimate_words, listed, plain, unit_words
-
-
-def write_report(directory: Path, answer: Since, vehicle: Vehicle, faults: Sequence[Mapping[str, str]]) -> Path:
-    """Write ``report.html`` into ``directory`` (created) and return its path; raises ConfigError where that fails."""
-    return write_document("--report", directory / "report.html", page(answer, vehicle, faults))
 
 
 def page(answer: Since, vehicle: Vehicle, faults: Sequence[Mapping[str, str]] = ()) -> str:

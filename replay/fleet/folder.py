@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from models.errors import ConfigError, LogError
+from replay.command import declared
 from replay.fleet.jobs import Job, Kind
 from replay.fleet.page import write_page
 from replay.fleet.results import Results, logs_in, split
@@ -27,7 +28,7 @@ def run_folder(a: argparse.Namespace, folder: Path, kind: Kind, **options: Any) 
         raise ConfigError(f"--workers {a.workers}: must be 1 to 1024")
     if a.scheduler is not None and "://" not in a.scheduler:
         raise ConfigError(f"--scheduler {a.scheduler}: must be an address such as tcp://10.0.0.5:8786")
-    _check_declared(a)
+    declared(a.vehicle, a.model)  # a wrong file is said once, before the work
     if kind is Kind.DIAGNOSE:
         import_module("replay.diagnosis.diagnose")  # a missing package is said once, before the work
     paths, notes = logs_in(folder)
@@ -51,15 +52,6 @@ def _craft(answer: dict[str, Any], folder: Path) -> str:
     """Which vehicle flew: the folder below ``folder`` in which the log lies, else the system id."""
     below = Path(answer["log"]).relative_to(folder).parts[:-1]
     return below[0] if below else f"system {answer.get('system', '?')}"
-
-
-def _check_declared(a: argparse.Namespace) -> None:
-    """A wrong vehicle file or model is said once, before the work."""
-    from companion.vehicles import default_vehicle
-    from models.choice import choose
-    from models.vehicle import load_vehicle
-
-    choose(default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle), a.model)
 
 
 def _work(a: argparse.Namespace, jobs: Sequence[Job]) -> Any:

@@ -78,17 +78,13 @@ def perform(job: Job) -> dict[str, Any]:
 
 
 def _answer(job: Job) -> dict[str, Any]:
-    from companion.vehicles import default_vehicle
-    from models.choice import NONE, choose
-    from models.vehicle import load_vehicle
+    from replay.command import declared
 
-    vehicle = default_vehicle() if job.vehicle is None else load_vehicle(job.vehicle)
-    chosen = choose(vehicle, job.model)
+    vehicle, chosen = declared(job.vehicle, job.model)
     if job.kind == Kind.DIAGNOSE.value:
         from replay.diagnosis.diagnose import diagnose
 
-        model = None if chosen.name == NONE else chosen.model
-        answer = diagnose([Path(job.path)], vehicle, model, target_system=job.target_system, seed=job.seed)
+        answer = diagnose([Path(job.path)], vehicle, chosen.judged, target_system=job.target_system, seed=job.seed)
         page = {} if job.pages is None else {"page": _write_page(job, answer, vehicle)}
         return {"vehicle": vehicle.name, "system": answer.records[0].system, **answer.as_json(None), **page}
     from companion.adaptation.options import Adapt

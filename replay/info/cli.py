@@ -37,15 +37,12 @@ def run(a: argparse.Namespace) -> int:
     # Imported here so that --help answers at once.
     from tqdm import tqdm
 
-    from companion.vehicles import default_vehicle
-    from models.choice import choose
     from models.json_file import write_json
-    from models.vehicle import load_vehicle
+    from replay.command import declared
     from replay.info.info import inspect
     from replay.parameters import assumed_parameters
 
-    vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
-    chosen = choose(vehicle, a.model)
+    vehicle, chosen = declared(a.vehicle, a.model)
     shown = sys.stderr.isatty() and not a.quiet and len(a.logs) > 1
     assumed = assumed_parameters(a.param)
     answers: list[dict[str, Any]] = []

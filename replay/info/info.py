@@ -10,7 +10,7 @@ from typing import Any
 from companion.config import PipelineConfig
 from companion.mavlink.firmware import Stack, mode_name
 from companion.mavlink.samples import Heartbeat
-from models.choice import NONE, Choice
+from models.choice import Choice
 from models.errors import LogError
 from models.vehicle import Vehicle
 from replay.flightlog import FlightLog
@@ -109,7 +109,7 @@ def inspect(
     Raises LogError where the log cannot be read; what it lacks is in the answer.
     """
     boots: list[BootInfo] = []
-    judge = Judge(vehicle, None if chosen.name == NONE else chosen.model)
+    judge = Judge(vehicle, chosen.judged)
     for piece in with_progress(path, read_pieces(path, target_system), "reading", quiet=quiet):
         log = piece.own()
         judge.add(log)

@@ -38,19 +38,16 @@ def add_parser(commands: Any) -> None:
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     # Imported here so that --help answers at once.
-    from companion.vehicles import default_vehicle
-    from models.choice import choose
-    from models.vehicle import load_vehicle
-    from replay.cli import write_json
+    from replay.command import declared, write_answer
     from replay.diagnosis.cli import check_target, progress_bar
     from replay.diagnosis.model_faults import model_faults
+    from replay.predict.page import page
     from replay.predict.predict import predict
 
     for option, target in (("--json", a.json), ("--report", a.report)):
         if target is not None and str(target) != "-":
             check_target(option, Path(target), folder=option != "--json")
-    vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
-    chosen = choose(vehicle, a.model)
+    vehicle, chosen = declared(a.vehicle, a.model)
     folders = [log for log in a.logs if log.is_dir()]
     if folders:
         raise ConfigError(f"{folders[0]}: is a folder; name the logs, as in replay predict {folders[0]}/*.tlog")
@@ -58,16 +55,6 @@ def run(a: argparse.Namespace) -> int:
         a.logs, vehicle, chosen.model, frozen=a.frozen, target_system=a.target_system, progress=progress_bar(a)
     )
     faults = model_faults(answer.records, chosen)
-    if a.json is not None:
-        write_json(answer.as_json(a.model) | {"log_faults": faults}, a.json)
-    if a.report is not None:
-        from replay.predict.page import write_report
-
-        written = write_report(a.report, answer, vehicle, faults)
-    if a.json != "-" and not a.quiet:
-        for fault in faults:
-            print(f"{fault['channel']}: {fault['what']}")
-        print(answer.as_text())
-        if a.report is not None:
-            print(f"report: {written}")
+    content = answer.as_json(a.model) | {"log_faults": faults}
+    write_answer(a, content, answer.as_text(), lambda: page(answer, vehicle, faults))
     return 0

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from html import escape
-from pathlib import Path
 
 import numpy as np
 
 from models.frames import AXES
-from models.pages.document import document, items, table, verdict, write_document
+from models.pages.document import document, items, table, verdict
 from models.pages.svg import Band, Line, figure, keys
 from models.vehicle import Vehicle
 from replay.diagnosis.answer import UNITS
@@ -17,11 +16,6 @@ from replay.diagnosis.pictures import envelope
 from replay.diagnosis.words import AXIS_WORDS
 from replay.predict.day import LEARNING_S
 from replay.predict.predict import AxisError, Predicted, Prediction
-
-
-def write_report(directory: Path, answer: Prediction, vehicle: Vehicle, faults: Sequence[Mapping[str, str]]) -> Path:
-    """Write ``report.html`` into ``directory`` (created) and return its path; raises ConfigError where that fails."""
-    return write_document("--report", directory / "report.html", page(answer, vehicle, faults))
 
 
 def page(answer: Prediction, vehicle: Vehicle, faults: Sequence[Mapping[str, str]] = ()) -> str:

@@ -12,14 +12,18 @@ import models
 from companion.sim.air import PAPER_CQ, REYNOLDS_EXPONENT, RPM_HOVER, SurfaceLaw
 from models.frames import Array
 from models.surrogate.empty import empty_model
-from models.surrogate.fan_surrogate import AdoptedEffect, Answer
+from models.surrogate.fan_surrogate import AdoptedEffect, Answer, Calibration
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
+
+SURE = Calibration((0.0,) * 6, (0.0,) * 6, (0.0,) * 6)
+"""Of a model that states no scatter of its own."""
 
 
 class TrueModel:
     """The simulated air itself, for a fan without the vehicle file's errors."""
 
     effects: tuple[AdoptedEffect, ...] = ()
+    calibration = SURE
 
     def __init__(self, vehicle: Vehicle, law: SurfaceLaw) -> None:
         self.info: Mapping[str, Any] = {"method": "truth"}
@@ -57,6 +61,7 @@ class WarpedModel:
     """A model with what it says of ground and wall multiplied, and asked at other distances and with another lift."""
 
     effects: tuple[AdoptedEffect, ...] = ()
+    calibration = SURE
 
     def __init__(self, inner: Any, *, gain: float = 1.0, nearer: float = 1.0, lift: float = 1.0) -> None:
         self.info: Mapping[str, Any] = {"method": "warped"}
@@ -83,6 +88,7 @@ class OfThisFan:
     """What another fan's model says of ground and wall, in radii and shares of the lift, with this vehicle's lift."""
 
     effects: tuple[AdoptedEffect, ...] = ()
+    calibration = SURE
 
     def __init__(self, inner: Any, vehicle: Vehicle, inner_radius_m: float) -> None:
         self.info: Mapping[str, Any] = {"method": "of this fan"}

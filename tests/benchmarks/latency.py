@@ -48,6 +48,56 @@ while time.monotonic() < end:
         link.mav.set_attitude_target_send(m.time_boot_ms, 1, 1, 7, [1.0, 0.0, 0.0, 0.0], 0, 0, 0, 0.5)
 """
 
+PLAIN = """
+import os, sys, time
+os.environ["MAVLINK20"] = "1"; os.environ["MAVLINK_DIALECT"] = "ardupilotmega"
+import numpy as np
+import torch
+from filterpy.kalman import KalmanFilter
+from pymavlink import mavutil
+torch.set_num_threads(1)
+net = torch.nn.Sequential(torch.nn.Linear(3, 9), torch.nn.Tanh(), torch.nn.Linear(9, 6))
+
+def track():
+    kf = KalmanFilter(dim_x=2, dim_z=1)
+    kf.H, kf.R, kf.P = np.array([[1.0, 0.0]]), np.array([[4e-4]]), np.eye(2)
+    kf.stamp = None
+    return kf
+
+def follow(kf, t, z=None):
+    dt = 0.0 if kf.stamp is None else max(t - kf.stamp, 0.0)
+    kf.F = np.array([[1.0, dt], [0.0, 1.0]])
+    kf.Q = np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]])
+    kf.predict()
+    kf.stamp = t
+    if z is not None:
+        kf.update(z)
+    return float(kf.x[0, 0])
+
+down, ahead, rpm, weight = track(), track(), 4000.0, 45.0
+link = mavutil.mavlink_connection(sys.argv[1], source_system=1, source_component=191)
+end = time.monotonic() + float(sys.argv[2])
+while time.monotonic() < end:
+    m = link.recv_match(blocking=True, timeout=0.2)
+    if m is None:
+        continue
+    kind = m.get_type()
+    if kind == "DISTANCE_SENSOR":
+        follow(down if m.orientation == 25 else ahead, 1e-3 * m.time_boot_ms, 1e-2 * m.current_distance)
+    elif kind == "ESC_TELEMETRY_1_TO_4":
+        rpm = float(np.sqrt(np.mean(np.square(m.rpm))))
+    elif kind == "ATTITUDE_QUATERNION":
+        t = 1e-3 * m.time_boot_ms
+        h, d = follow(down, t), follow(ahead, t)
+        with torch.no_grad():
+            fans = torch.tensor([[h, d, rpm / 4000.0]] * 2 + [[h, d + 0.02, rpm / 4000.0]] * 2)
+            force = net(fans)[:2].sum(dim=0).tolist()
+        roll, pitch = np.clip([force[1] / weight, -force[0] / weight], -0.14, 0.14)
+        q = [np.cos(roll / 2) * np.cos(pitch / 2), np.sin(roll / 2), np.sin(pitch / 2), 0.0]
+        thrust = float(np.clip(0.5 * (1.0 - 1e-3 * force[2]), 0.0, 1.0))
+        link.mav.set_attitude_target_send(m.time_boot_ms, 1, 1, 7, q, 0, 0, 0, thrust)
+"""
+
 LOOP = """
 import select, socket, struct, sys, time
 from companion.mavlink.frames import only_frame, pack
@@ -115,17 +165,22 @@ def main() -> None:
 def compare(seconds: float, rate: float, floor: tuple[str, ...]) -> dict[str, float]:
     """All in turns at one rate: prints the table, returns the ratios companion / bare."""
     print(f"{rate:g} messages/s")
-    names = ("bare", "companion", *floor)
+    names = ("bare", "plain", "companion", *floor)
     rows = {name: measure(name, seconds, rate) for name in (*names, *(f"{name} again" for name in names))}
     print(f"{'':22}{'p50 ms':>9}{'p99 ms':>9}{'CPU %':>8}{'answered':>10}{'RSS MiB':>9}")
     for name, (p50, p99, cpu, share, rss) in rows.items():
         print(f"{name:22}{p50:9.3f}{p99:9.3f}{cpu:8.1f}{share:10.3f}{rss:9.1f}")
-    bare = np.mean([rows["bare"][:3], rows["bare again"][:3]], axis=0)
-    ours = np.mean([rows["companion"][:3], rows["companion again"][:3]], axis=0)
-    p50, p99, cpu = (float(v) for v in ours / bare)
+    bare, plain, ours = (np.mean([rows[n], rows[f"{n} again"]], axis=0) for n in ("bare", "plain", "companion"))
     over = float(ours[1] - bare[1])
-    print(f"ratio companion / bare: p50 {p50:.2f}, p99 {p99:.2f} ({over:+.2f} ms), CPU {cpu:.2f}")
-    return {"p50": p50, "p99": p99, "p99_over_ms": over, "cpu": cpu, "rss_mib": rows["companion"][4]}
+    for name, other in (("bare", bare), ("plain", plain)):
+        p50, p99, cpu, _, rss = ours / other
+        print(f"ratio companion / {name}: p50 {p50:.2f}, p99 {p99:.2f}, CPU {cpu:.2f}, memory {rss:.2f}")
+    print(f"p99 over the bare receiver's: {over:+.2f} ms")
+    return {
+        "p50": float(ours[0] / bare[0]), "p99": float(ours[1] / bare[1]), "p99_over_ms": over,
+        "cpu": float(ours[2] / bare[2]), "rss_mib": float(ours[4]), "p50_of_plain": float(ours[0] / plain[0]),
+        "cpu_of_plain": float(ours[2] / plain[2]), "memory_of_plain": float(ours[4] / plain[4]),
+    }  # fmt: skip
 
 
 def hold_back(pid: int, share: float, over: threading.Event) -> None:
@@ -149,7 +204,7 @@ def measure(
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
     endpoint = f"udpin:127.0.0.1:{port}"
-    script = {"bare": BARE, **FLOOR}.get(name.removesuffix(" again"))
+    script = {"bare": BARE, "plain": PLAIN, **FLOOR}.get(name.removesuffix(" again"))
     if script is not None:
         command = [sys.executable, "-c", script, endpoint, str(seconds + 8.0)]
     else:

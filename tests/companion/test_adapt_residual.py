@@ -13,7 +13,7 @@ from companion.adaptation import residual
 from companion.adaptation import sizes as at
 from companion.adaptation.options import AdaptTuning
 from companion.adaptation.parts import Around, Parts, about_cg
-from companion.adaptation.residual import Block, add, begin, deflections, follow, see, vane_outputs, vanes_wrench
+from companion.adaptation.residual import Block, add, begin, follow, see, vane_outputs, vanes_wrench
 from companion.mavlink.samples import Imu
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
@@ -85,12 +85,12 @@ def test_modelled_and_measured_are_those_of_diagnosis():
 def test_vanes_are_those_of_diagnosis():
     servo = np.full(16, np.nan)
     servo[4:6] = (1432.0, 1588.0)
-    ours = vanes_wrench(TANDEM, deflections(TANDEM, vane_outputs(TANDEM, tuple(servo))), [20.0, 24.0])
+    ours = vanes_wrench(TANDEM, vane_outputs(TANDEM, tuple(servo)), [20.0, 24.0])
     assert np.allclose(ours, vane_wrench(TANDEM, servo, np.array([20.0, 24.0])), atol=1e-12)
 
 
 def test_a_vane_that_is_not_told_hides_only_the_axes_it_acts_on():
-    ours = np.array(vanes_wrench(TANDEM, [0.1, math.nan], [20.0, 24.0]))
+    ours = np.array(vanes_wrench(TANDEM, [1550.0, math.nan], [20.0, 24.0]))
     assert np.isfinite(ours[[0, 2, 4]]).all()
     assert np.isnan(ours[[1, 3]]).all()
 

@@ -4,23 +4,19 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import re
-import signal
 import sys
-import threading
-import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from models.cfd import campaign, case, cli, config, foam, polars, trim
+from models.cfd import campaign, case, config, foam, polars, trim
 from models.cfd.case_run import Result, compute
 from models.cfd.position import Position, check
 from models.cli import main
-from models.errors import ConfigError, LinkError
+from models.errors import ConfigError
 from models.progress import Bars
 
 INF = math.inf
@@ -137,76 +133,6 @@ def test_a_campaign_is_resumed_not_repeated(tmp_path, solver):
     assert (tmp_path / positions[1].key / "mapped_from").read_text() == str(tmp_path / FREE.key)
     values = foam.read_field(tmp_path / positions[2].key / "0" / "p")
     assert values == pytest.approx(np.full(6, 0.7**2))
-
-
-def test_a_cluster_computes_the_same_cases(tmp_path, solver, monkeypatch):
-    distributed = pytest.importorskip("distributed", reason="no Dask here: pip install 'corner-compensator[cluster]'")
-    positions = [FREE, Position(INF, 1.0, 4000.0), Position(2.0, INF, 4000.0)]
-    local = distributed.LocalCluster(n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None)
-    with local as dask, cli._cluster(dask.scheduler_address) as (executor, jobs):
-        assert jobs == 2
-        campaign.run(tmp_path / "there", SETUP, section, positions, executor, jobs)
-    campaign.run(tmp_path / "here", SETUP, section, positions, jobs=2)
-    there, here = (campaign.rows(tmp_path / name, positions) for name in ("there", "here"))
-    assert [r.result.wrench for r in there] == [r.result.wrench for r in here]
-    monkeypatch.setattr(cli, "CONNECT_S", 1.0)
-    with pytest.raises(LinkError, match="no Dask scheduler"), cli._cluster("tcp://127.0.0.1:9"):
-        pass
-
-
-def test_a_worker_process_that_is_killed_loses_no_case_and_none_is_done_twice(tmp_path, solver):
-    distributed = pytest.importorskip("distributed", reason="no Dask here: pip install 'corner-compensator[cluster]'")
-    solver("slow")
-    walls = [Position(INF, d, 4000.0) for d in (0.5, 1.0, 2.0, 3.8)]
-    positions = [FREE, *walls, Position(2.0, INF, 4000.0)]
-    finished: list[str] = []
-    killed: list[int] = []
-    survivors: list[int] = []
-
-    def alive(pid):
-        try:
-            return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
-        except OSError:
-            return False
-
-    def kill_one(client):
-        """Kill the worker process whose solver is at work, once."""
-        while not killed:
-            time.sleep(0.05)
-            solvers = [int(p.read_text() or 0) for p in tmp_path.glob("work/*_d*/running")]
-            for worker in client.run(os.getpid).values():
-                children = Path(f"/proc/{worker}/task").glob("*/children")
-                own = {int(c) for path in children for c in path.read_text().split()}
-                if own & set(solvers):
-                    os.kill(worker, signal.SIGKILL)
-                    killed.append(worker)
-                    time.sleep(0.2)
-                    survivors.extend(pid for pid in own & set(solvers) if alive(pid))
-                    return
-
-    with (
-        distributed.LocalCluster(n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None) as dask,
-        distributed.Client(dask) as watching,
-        cli._cluster(dask.scheduler_address) as (executor, jobs),
-    ):
-        assert jobs == 2
-        killer = threading.Thread(target=kill_one, args=(watching,), daemon=True)
-        killer.start()
-        work = tmp_path / "work"
-        campaign.run(
-            work, SETUP, section, positions, executor, jobs, finished=lambda r: finished.append(r.position.key)
-        )
-        killer.join(10)
-    assert len(killed) == 1
-    # The solver went with its worker: nothing writes into the case that another worker took up.
-    assert survivors == []
-    assert sorted(finished) == sorted(p.key for p in positions)
-    rows = campaign.rows(work, positions)
-    assert [r.result.status for r in rows] == ["steady"] * len(positions)
-    for row in rows:
-        log = (work / row.position.key / "log").read_text()
-        assert log.count("==== blockMesh") == 1
-        assert row.result.wrench[2] == pytest.approx(34.0, abs=0.01)
 
 
 def test_a_case_that_drifted_goes_on_when_the_limit_is_raised(tmp_path, solver):

@@ -121,12 +121,6 @@ def test_percentage_errors_do_not_blow_up_at_zero() -> None:
 def test_the_report_holds_the_tables_and_figures(result: compare.Comparison, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="plots not installed")
     plots.write_figures(tmp_path, result)
-    paper = (tmp_path / "paper.md").read_text()
-    for number in range(14, 20):
-        (section,) = (part for part in paper.split("\n## ")[1:] if part.startswith(f"Fig. {number}"))
-        (picture,) = tmp_path.glob(f"fig{number}_*.png")
-        assert f"]({picture.name})" in section
-        assert "| agrees |" in section or "| disagrees |" in section
     page = compare_page.write_page(tmp_path, result.numbers, "models train").read_text()
     assert "Table 2, honest" in page
     assert "reproduced: " in page
