@@ -1,4 +1,4 @@
-"""The map of surfaces: one form for one place and for many, a prior that is zero in free air, what it does to a model."""
+"""The map of surfaces: one place and many alike, a prior that is zero in free air, what it does to a model."""
 
 from __future__ import annotations
 
