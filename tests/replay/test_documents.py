@@ -152,6 +152,19 @@ def test_every_relative_link_leads_somewhere(document):
             assert anchor in anchors(file), f"{document.name}: {target}"
 
 
+def test_every_file_of_the_architecture_exists():
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    package = None
+    for line in text.splitlines():
+        head = re.match(r"(?:## |In )`(models|companion(?:/sim)?|replay)/`", line)
+        package = head[1] if head else None if line.startswith("## ") else package
+        for name in re.findall(r"`([\w/.]+)`", line.split("|")[1]) if package and line.startswith("| `") else ():
+            path = ROOT / package / name
+            assert path.exists() or path.with_suffix(".py").exists(), f"{package}/{name}"
+    for path in re.findall(r"`((?:models|companion|replay)/[\w/]+\.py)`", text):
+        assert (ROOT / path).exists(), path
+
+
 def test_the_readme_is_short_and_begins_with_the_two_commands_of_a_fresh_machine():
     text = README.read_text(encoding="utf-8")
     assert len(text.split()) <= WORDS_OF_README
