@@ -4,9 +4,10 @@
     python tests/benchmarks/results_page.py --check    # exit code 1 where one of them is not up to date
 
 One file is one benchmark. Its keys: ``title``, ``command``, ``commit`` (the one that recorded the figures), ``date``,
-``machine``, ``seeds``, ``simulated`` (true or false), ``seen`` (one of ``SEEN``), ``older`` (true: measured with an
-earlier version of the program), ``notes`` and ``figures``. A figure has ``what``, ``value``, ``detail`` (counts, an
-interval), ``goal``, ``met`` (true, false; null without a goal) and ``readme`` (place, text: it is in README's table).
+``machine``, ``seeds``, ``simulated`` (true, false; null: no flight), ``seen`` (one of ``SEEN``; null: no flight),
+``older`` (true: measured with an earlier version of the program), ``notes`` and ``figures``. A figure has ``what``,
+``value``, ``detail`` (counts, an interval), ``goal``, ``met`` (true, false; null without a goal) and ``readme`` (place,
+text: it is in README's table).
 """
 
 from __future__ import annotations
@@ -61,8 +62,8 @@ class Result:
     date: str
     machine: str
     seeds: str
-    simulated: bool
-    seen: str
+    simulated: bool | None
+    seen: str | None
     older: bool
     notes: tuple[str, ...]
     figures: tuple[Figure, ...]
@@ -75,7 +76,8 @@ class Result:
     @property
     def how(self) -> str:
         """Simulated or real, seen before or not, of an older version or not."""
-        return ", ".join(["simulated" if self.simulated else "real", self.seen, *(["older version"] * self.older)])
+        kind = {True: "simulated", False: "real", None: "no flight"}[self.simulated]
+        return ", ".join([kind, *([self.seen] if self.seen else []), *(["older version"] * self.older)])
 
     @property
     def how_short(self) -> str:
@@ -89,8 +91,8 @@ def load(path: Path) -> Result:
         raw: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         figures = tuple(_figure(f) for f in raw.pop("figures"))
         result = Result(notes=tuple(raw.pop("notes", ())), figures=figures, older=raw.pop("older", False), **raw)
-        if result.seen not in SEEN or not isinstance(result.simulated, bool) or not figures:
-            raise ValueError(f"seen must be one of {SEEN}, simulated true or false, and there must be figures")
+        if result.simulated not in (True, False, None) or result.seen not in (*SEEN, None) or not figures:
+            raise ValueError(f"seen must be one of {SEEN} or null, simulated true, false or null, with figures")
     except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path.name}: {error}") from None
     return result
