@@ -56,10 +56,15 @@ class Library:
         self._at = {(c.flight, c.axis): c for c in self.channels}
         self._curves: dict[tuple[int, int], Array] = {}
         self._bias_columns: dict[int, list[tuple[Columns, Array]]] = {}
-        self._remainders = [e for e in effects if e.remainder]
+        self.remainders: list[Effect] = []
+        """Effects that are weighed after all others."""
         for effect in effects:
             if not effect.remainder:
                 self._add_effect(effect)
+            elif self._usable(effect):
+                self.remainders.append(effect)
+            else:
+                self.lacking[effect.name] = self._reason(effect, self.records[0]) or ""
         known = {
             (channel, axis) for t in self.terms if t.effect is not None for channel in t.effect.channels
             for axis in t.effect.axes
@@ -70,11 +75,6 @@ class Library:
         self._bias_mean = [_mean(r.kinematic_bias[r.valid]) for r in records]
         self._bias_rows: list[tuple[Array, Array]] = []
         self._reach()
-
-    @property
-    def remainders(self) -> list[Effect]:
-        """Effects that are weighed after all others."""
-        return [e for e in self._remainders if self._usable(e)]
 
     def term_of(self, effect: Effect, shape: tuple[float, ...]) -> Term:
         """One more term: an effect of the vehicle in this shape, which is as likely as any other."""

@@ -111,9 +111,12 @@ def summarise(walked: Walked, seed: int) -> Searched:
     """Everything that a reader needs to judge what was found."""
     _give_way(walked)
     _foretell(walked)
-    rivals = rivals_of(walked)
-    walked.best, walked.map_log_odds = with_surface_law(walked)
     fits = _borne_by_unseen_time(walked)
+    rivals = rivals_of(walked)
+    named = walked.best
+    walked.best, walked.map_log_odds = with_surface_law(walked)
+    if walked.best is not named:
+        fits = _borne_by_unseen_time(walked)
     chosen = [t for t in walked.best.terms if t.effect is not None]
     traces = tuple(_trace(walked, fit, seed) for fit in fits)
     total = max(sum(f.energy(f.before) for f in fits), 1e-12)

@@ -14,6 +14,7 @@ import numpy as np
 
 from models.effects import Effect
 from replay.search.evidence import TRUST, Fit
+from replay.search.sets import MARGIN
 from replay.search.terms import without_form
 from replay.search.walk import Walked
 
@@ -54,10 +55,18 @@ def _spread(walked: Walked, effect: Effect) -> Fit:
 
 
 def _lighter(walked: Walked, fit: Fit) -> Fit:
-    """Without the terms that the map, which is the last, makes unnecessary."""
-    fits = [walked.evidence.fit([t for t in fit.terms if t is not term], fit.noise) for term in fit.terms[:-1]]
-    lightest = max(fits, key=_posterior, default=fit)
-    return _lighter(walked, lightest) if _posterior(lightest) > _posterior(fit) else fit
+    """Without the terms that the map, which is the last, makes unnecessary.
+
+    A law that the map corrects stays unless the set is clearly likelier without it: a formula says more than a map.
+    """
+    effect = fit.terms[-1].effect
+    laws = () if effect is None else effect.aliases
+    lighter = []
+    for term in fit.terms[:-1]:
+        less = walked.evidence.fit([t for t in fit.terms if t is not term], fit.noise)
+        lighter.append((_posterior(less) - (MARGIN if term.name in laws else 0.0), less))
+    gain, lightest = max(lighter, key=lambda pair: pair[0], default=(-math.inf, fit))
+    return _lighter(walked, lightest) if gain > _posterior(fit) else fit
 
 
 def _posterior(fit: Fit) -> float:
