@@ -1,6 +1,6 @@
 """What does not change during a flight: vehicle, model, interface and every number of estimator, hold and offsets.
 
-Where no source stands beside a number it is a choice of this project; what it was measured with is in docs/control.md.
+Where no source stands beside a number it is a choice of this project; what it was measured with is in docs/lab/hold.md.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class HoldGains:
     """The same vertically, from the acceleration that was asked for: about what motors are late."""
     tilt_mean_s: float = 0.8
     """A tilt that lasts longer than this balances something and accelerates nothing. At half of it the phase
-    margin is 5 degrees lower, at twice of it a slow disturbance is answered later (docs/control.md)."""
+    margin is 5 degrees lower, at twice of it a slow disturbance is answered later (docs/lab/hold.md)."""
     shape_s: tuple[float, float, float] = (0.25, 0.25, 0.12)
     """Time over which a change of the velocity target is fed forward as an acceleration, by axis NED."""
     target_age_s: float = 0.5
@@ -183,7 +183,7 @@ class Tuning:
     thrust_lead_s: float = 0.06
     """How far ahead the lift is looked up: what motors take to follow."""
     tilt_lead_s: float = 0.0
-    """The same for side forces. Over-prediction costs more than it gives (docs/control.md)."""
+    """The same for side forces. Over-prediction costs more than it gives (docs/lab/hold.md)."""
     moment_stiffness_1_s2: float = 180.0
     """Closed-loop attitude stiffness over inertia with the rate integrator frozen (angle P x rate bandwidth)."""
     moment_washout_s: float = 1.0

@@ -42,7 +42,7 @@ class AdaptTuning:
     """What may be left of that: a modelled wrench that changes quickly is trusted less."""
     alike: float = 2.0
     """Variance of a block's noise over that of its differences: errors of neighbours are alike. Chosen such that the
-    90 % intervals of simulated flights cover (docs/adaptation.md)."""
+    90 % intervals of simulated flights cover (docs/lab/adaptation.md)."""
     alike_near: float = 4.0
     """The same for the map, which is wrong by what bilinear cells cannot follow, too."""
     noise_mean_s: float = 20.0
@@ -86,7 +86,7 @@ class AdaptTuning:
     """A model whose size is wrong is wrong in form too: sd of the gain from place to place, by its distance from 1."""
     map_sd: tuple[float, float, float] = (0.05, 0.012, 0.05)
     """Prior sd of what is measured of lift, pull (of a fan's thrust) and tilt (of that times the radius) without a
-    model, within two rotor radii: half of the largest that is published (Ai et al. 2020; docs/adaptation.md)."""
+    model, within two rotor radii: half of the largest that is published (Ai et al. 2020; docs/lab/adaptation.md)."""
     left_sd: tuple[float, float, float] = (0.015, 0.004, 0.015)
     """The same of what a right model leaves: its law is 10 to 30 % off."""
     ground_sd: float = 1.0
@@ -107,4 +107,4 @@ class AdaptTuning:
     """How fast what is applied of the map may change, of a fan's thrust: 0.08 in four seconds, as shares grow."""
     heavy: float = 0.3
     """Prior sd of a gain on the model: its law is that of another fan in another place. 10 to 30 % is what the built-in
-    vehicle's air differs by (docs/simulator.md)."""
+    vehicle's air differs by (docs/lab/simulator.md)."""

@@ -1,7 +1,7 @@
 """From the modelled disturbance by ground and wall to an offset of thrust and attitude.
 
 Thrust is corrected multiplicatively (T/k, no algebraic loop), a lateral force by a tilt against it, a moment by a bias
-of the attitude, washed out because the autopilot's rate integrator owns its steady part. See docs/control.md.
+of the attitude, washed out because the autopilot's rate integrator owns its steady part. See docs/lab/hold.md.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 SET_ATTITUDE_TARGET replaces the autopilot's position controller, so the hold is ours. Position P, velocity PI, position
 and velocity predicted to the instant at which the attitude can answer, thrust by the affine map. A careless outer loop
-is worse than none (docs/control.md).
+is worse than none (docs/lab/hold.md).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The control laws of an ArduCopter-like autopilot: shaped targets, cascaded position control, attitude control.
 
 No MAVLink here. Structure and defaults follow ArduCopter's documented parameters; the code is our own, and
-docs/simulator.md compares its figures with those measured on the real one.
+docs/lab/simulator.md compares its figures with those measured on the real one.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Guided(Enum):
 class Gains:
     """Position controller and attitude controller, named after ArduCopter's parameters; SI and radians.
 
-    Chosen so that the answers come near those measured on ArduCopter 4.6 with its defaults (docs/simulator.md).
+    Chosen so that the answers come near those measured on ArduCopter 4.6 with its defaults (docs/lab/simulator.md).
     ``rate_*`` are angular accelerations per rad/s: the real ones act on normalised outputs.
     """
 

@@ -10,8 +10,8 @@ from replay.diagnosis.diagnose import CONFIRMED, Diagnosis, Named
 from replay.diagnosis.words import channel_words, listed, plain
 
 SURE, LIKELY = 0.95, 0.75
-"""Probability from which an effect may be adopted after a look, and below which it is only a hint (README: names were
-wrong on one flight in ten)."""
+"""Probability from which an effect may be adopted after a look, and below which it is only a hint (docs/results.md says
+how often names were wrong)."""
 
 
 _FAULTY = "The log or the vehicle file has a fault."

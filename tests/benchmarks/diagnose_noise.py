@@ -4,7 +4,7 @@
 simulated**: a made-up trajectory through free air, ground and wall with all channels, and a residual of coloured noise
 (correlation times 0.3, 1 and 3 s in turn, own draw for each of the six axes) in place of the measured one. With
 ``--effect``, one effect of the catalogue, twice to six times the smallest size worth a name, is added to every one;
-it shares the catalogue's formula, so this measures false discoveries, not power (docs/diagnose-suite.md does that).
+it shares the catalogue's formula, so this measures false discoveries, not power (docs/lab/diagnose-suite.md does that).
 """
 
 from __future__ import annotations

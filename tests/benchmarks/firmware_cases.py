@@ -3,7 +3,7 @@
 ``python tests/benchmarks/firmware_cases.py [NAME…] [--seed 1] [--adapt full] [--json FILE] [--compare OLD.json]``.
 Everything is simulated; the same seed gives the same numbers on every machine, so two versions of the program can be
 compared.
-The manners of the two firmwares are those of ``companion/sim`` (docs/simulator.md).
+The manners of the two firmwares are those of ``companion/sim`` (docs/lab/simulator.md).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Adaptation on the built-in vehicle: what it claims (docs/adaptation.md), one test a claim."""
+"""Adaptation on the built-in vehicle: what it claims (docs/lab/adaptation.md), one test a claim."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""docs/safety.md: every promise names tests that exist, with the cases that it names."""
+"""docs/safety.md: every requirement names tests that exist, with the cases that it names."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from companion.invariants import Promise
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
-PROMISES = PAGE.split("## Promises")[1].split("## Not promised")[0]
-ROWS = [line for line in PROMISES.splitlines() if line.startswith("| ") and not line.startswith("| promise")]
+REQUIREMENTS = PAGE.split("## Requirements")[1].split("## Limits")[0]
+ROWS = [line for line in REQUIREMENTS.splitlines() if line.startswith("| ") and not line.startswith("| requirement")]
 LINK = re.compile(r"\[[^]]+\]\(\.\./(tests/[\w/]+\.py)#(\w+)\)")
 
 
 @pytest.mark.parametrize("row", ROWS, ids=[row[2:50] for row in ROWS])
-def test_every_promise_names_tests_that_exist(row):
+def test_every_requirement_names_tests_that_exist(row):
     tests = row.split("|")[3]
     links = LINK.findall(tests)
     assert links

@@ -6,6 +6,7 @@ from dataclasses import fields
 from pathlib import Path
 
 import pytest
+import results_page
 from log_writers import flight, quad_flight, write_tlog
 
 import companion.cli
@@ -18,7 +19,12 @@ from models.vehicle import Fan, Limits, Rangefinder, Rotor, Throttle, Vane, Vehi
 from models.vehicle_setup.parameters import read_parameters
 
 ROOT = Path(__file__).resolve().parents[2]
-DOCUMENTS = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+README = ROOT / "README.md"
+MANUAL = sorted(path for path in (ROOT / "docs").glob("*.md") if path.name != "results.md")
+DOCUMENTS = [README, *MANUAL, ROOT / "docs" / "results.md", *sorted((ROOT / "docs" / "lab").rglob("*.md"))]
+WORDS_OF_README = 700
+FIGURE = re.compile(r"±|\d+ of \d+ (flights|right|seeds)|\[[+−-]?[\d.]+, [+−-]?[\d.]+\]|\d [mµ]s p\d\d|\*\*missed\*\*")
+"""A measured figure: such stand in docs/results.md and in the notebook only."""
 ON_THE_VEHICLE = "# on the vehicle"
 PARSERS = {
     "companion": companion.cli.parser,
@@ -126,7 +132,68 @@ def test_parameter_files_load_and_say_what_the_companion_asks_for():
     assert px4["COM_OF_LOSS_T"] <= 1.0
 
 
-def test_links_between_documents_lead_somewhere():
-    for document in DOCUMENTS:
-        for target in re.findall(r"\]\(([^)#:]+)\)", document.read_text(encoding="utf-8")):
-            assert (document.parent / target).exists(), f"{document.name}: {target}"
+def anchors(document):
+    """Addresses of a document's headings, as GitHub makes them."""
+    text = re.sub(r"```.*?```", "", document.read_text(encoding="utf-8"), flags=re.S)
+    heads = re.findall(r"^#+ (.*)$", text, re.M)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+@pytest.mark.parametrize("document", DOCUMENTS, ids=[str(d.relative_to(ROOT)) for d in DOCUMENTS])
+def test_every_relative_link_leads_somewhere(document):
+    text = re.sub(r"```.*?```", "", document.read_text(encoding="utf-8"), flags=re.S)
+    for target in re.findall(r"\]\(([^)\s]+)\)", text):
+        if re.match(r"[a-z]+:", target):
+            continue
+        path, _, anchor = target.partition("#")
+        file = document.parent / path if path else document
+        assert file.exists(), f"{document.name}: {target}"
+        if anchor and file.suffix == ".md":
+            assert anchor in anchors(file), f"{document.name}: {target}"
+
+
+def test_every_file_of_the_architecture_exists():
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    package = None
+    for line in text.splitlines():
+        head = re.match(r"(?:## |In )`(models|companion(?:/sim)?|replay)/`", line)
+        package = head[1] if head else None if line.startswith("## ") else package
+        for name in re.findall(r"`([\w/.]+)`", line.split("|")[1]) if package and line.startswith("| `") else ():
+            path = ROOT / package / name
+            assert path.exists() or path.with_suffix(".py").exists(), f"{package}/{name}"
+    for path in re.findall(r"`((?:models|companion|replay)/[\w/]+\.py)`", text):
+        assert (ROOT / path).exists(), path
+
+
+def test_the_readme_is_short_and_begins_with_the_two_commands_of_a_fresh_machine():
+    text = README.read_text(encoding="utf-8")
+    assert len(text.split()) <= WORDS_OF_README
+    first, second = re.findall(r"```sh\n(.*?)```", text, re.S)[:2]
+    assert first.startswith("python3 -m venv .venv &&")
+    assert first.strip().endswith("companion --connect sim:corner --compare")
+    assert second.startswith("python3 -m venv .venv-test &&")
+    assert second.strip().endswith("python -m pytest")
+
+
+def test_results_page_and_table_of_the_readme_are_what_the_json_files_give():
+    found = results_page.results()
+    assert results_page.PAGE.read_text(encoding="utf-8") == results_page.page(found), "run results_page.py"
+    text = README.read_text(encoding="utf-8")
+    assert text == results_page.readme(text, found), "run results_page.py"
+    assert sum(f.readme is not None for r in found for f in r.figures) == 6
+
+
+def test_a_result_names_what_is_wrong_in_its_file(tmp_path):
+    path = tmp_path / "x.json"
+    path.write_text('{"title": "x", "figures": [{"what": "a", "value": "1"}]}', encoding="utf-8")
+    with pytest.raises(ValueError, match=r"x\.json.*command"):
+        results_page.load(path)
+
+
+@pytest.mark.parametrize("document", [README, *MANUAL], ids=lambda d: d.name)
+def test_figures_stand_on_the_page_of_results_only(document):
+    text = document.read_text(encoding="utf-8")
+    if document == README:
+        text = text.split(results_page.START)[0] + text.split(results_page.END)[1]
+    for line in re.sub(r"```.*?```", "", text, flags=re.S).splitlines():
+        assert not FIGURE.search(line), f"{document.name}: {line}"

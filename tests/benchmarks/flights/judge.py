@@ -1,4 +1,4 @@
-"""Is an answer of ``replay diagnose`` right? Rules fixed before results were seen; see ``docs/diagnose-suite.md``."""
+"""Is an answer of ``replay diagnose`` right? Rules fixed before any result; ``docs/lab/diagnose-suite.md``."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 It shares no code and no formula with ``flights`` (the first one), with the effect catalogue or with the rest of the
 project: blade-element rotors with dynamic inflow, motors as electric circuits, a cascaded geometric controller,
-Runge-Kutta integration, other sensors. Everything is simulated; nothing is measured. ``docs/independent-simulator.md``
+Runge-Kutta integration, other sensors. Everything is simulated. ``docs/lab/independent-simulator.md``
 lists what is assumed and where each formula comes from.
 
 Every physical effect acts in every flight, mostly small, as on a real vehicle; the truth is the size of each.

@@ -1,4 +1,4 @@
-"""Is an answer of ``replay diagnose`` right? Written from the physics of the flights; ``docs/independent-simulator.md``
+"""Is an answer of ``replay diagnose`` right? By the physics of the flights; ``docs/lab/independent-simulator.md``
 says what was corrected after answers were seen.
 
 An effect has to be named from 2 % of the weight on (95th percentile below 2 Hz; of a moment: of weight times arm). What
