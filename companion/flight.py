@@ -106,6 +106,7 @@ class Flight:
         self._status = StatusReporter()
         self._reported_slow: set[str] = set()
         self._reported_stray = self._reported_full = False
+        self._set_back_s = 0.0
         self._ignored = 0
         """Other autopilots that the pilot was told of."""
         self._streams: StreamKeeper | None = None
@@ -199,6 +200,9 @@ class Flight:
         sample = intake.sample(frame, arrival_us)
         if intake.clock.boot != self.reboots:
             self._rebooted()
+        if intake.clock.set_back_s != self._set_back_s:
+            self._set_back_s = intake.clock.set_back_s
+            self._tell(f"companion: the vehicle's clock was set back by {self._set_back_s:.2f} s")
         if len(intake.others) > self._ignored:
             self._ignored = len(intake.others)
             self._say(f"companion: ignoring system {frame.system}; flying with system {intake.system}")

@@ -42,6 +42,34 @@ def test_drift_is_followed():
     assert clock.unstamped(UNIX + t + t // 10_000 + 1000) == pytest.approx(3600.0, abs=0.002)
 
 
+def late_after(at_s, *, set_back_s=0.0, delay_s=0.0):
+    """Lateness [s] of a message at 50 Hz, ``at_s`` after the clock was set back or the link fell behind, at 10 s."""
+    clock, late = BootClock(), 0.0
+    for k in range(round((10.0 + at_s) * 50)):
+        after = k >= 500
+        t_s = 1.0 + 0.02 * k - (set_back_s if after else 0.0)
+        arrival_us = UNIX + 20_000 * k + (round(delay_s * 1e6) if after else 0)
+        late = clock.late(ms(clock, round(1000 * t_s), arrival_us), arrival_us)
+    return late, clock.set_back_s
+
+
+def test_a_clock_that_was_set_back_is_no_late_link_for_good():
+    assert late_after(1.5, set_back_s=0.77)[0] == pytest.approx(0.77, abs=0.02)
+    assert late_after(2.5, set_back_s=0.77) == pytest.approx((0.0, 0.77), abs=0.02)
+
+
+def test_a_link_that_falls_behind_stays_late():
+    assert late_after(20.0, delay_s=0.77) == pytest.approx((0.77, 0.0), abs=0.05)
+
+
+def test_one_stamp_that_went_back_is_no_step():
+    clock = BootClock()
+    for k in range(400):
+        ms(clock, 1000 + 20 * k - (500 if k == 100 else 0), UNIX + 20_000 * k)
+    assert clock.set_back_s == 0.0
+    assert clock.late(1.0 + 0.02 * 399, UNIX + 20_000 * 399) == 0.0
+
+
 def test_wrap_of_32_bit_milliseconds():
     clock = BootClock()
     before = 2**32 - 50
