@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from companion.adaptation.options import Adapt, read_adapt
-from companion.mavlink.link import BAUD
+from companion.mavlink import BAUD
 from models.arguments import Parser
 from models.errors import ConfigError, LinkError, UserError
 from models.version import VersionAction

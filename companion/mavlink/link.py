@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.clock import Clock, SystemClock
+from companion.mavlink import BAUD
 from companion.mavlink.datagrams import Datagrams
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import Frame, FrameReader, pack
@@ -21,8 +22,6 @@ _NETWORK = ("udp", "udpin", "udpout", "tcp", "tcpin", "udpbcast", "mcast")
 _PLAIN_UDP = ("udp:", "udpin:", "udpout:")
 _SYSTEM_UNKNOWN = 1
 """We send as this system until the vehicle's own is heard."""
-BAUD = 460800
-"""Of a serial port, unless another is asked for: 115200 is too slow for the streams of a flight (docs/install.md)."""
 _READ = 65536
 """Bytes of one read: more than a datagram holds, and 0.7 s of a serial port at 921600 baud."""
 

@@ -149,5 +149,5 @@ def test_only_effects_that_say_so_have_a_size_of_their_own():
     """What is not compensated in flight, or is steady, has none; a new effect has none unless its file says so."""
     effects = tuple(AdoptedEffect(e.name) for e in catalogue())
     named = [effects[k].name for k in effects_with_size(SimpleNamespace(effects=effects))]
-    assert sorted(named) == ["ceiling", "ground_effect", "second_wall", "wall_effect"]
+    assert sorted(named) == ["ceiling", "corner_effect", "ground_effect", "second_wall", "wall_effect"]
     assert all(get(name).in_flight is InFlight.WRENCH for name in named)
