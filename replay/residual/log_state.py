@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 
 from models.air_state import AirState
@@ -11,6 +13,9 @@ from models.vehicle import Vehicle
 from replay.flightlog import FlightLog, Series
 from replay.residual.distances import MAX_GAP_S
 from replay.residual.grid import Grid
+
+DISTANCES = ("ranges_m", "h_m", "d_m", "second_d_m", "ceiling_m")
+"""Columns of ``AirState`` that are infinite where nothing is seen."""
 
 
 def column(series: Series | None, column: int, t: Array, gap_s: float = 3.0) -> Array:
@@ -112,32 +117,12 @@ def neutral_servos(vehicle: Vehicle) -> Array:
 def decimated(state: AirState, grid: Grid) -> AirState:
     """The state at the record's rate: smooth quantities smoothed, distances with their infinities kept."""
 
-    def careful(x: Array) -> Array:
-        smooth = grid.smooth(np.where(np.isfinite(x), x, np.nan))
-        picked = grid.pick(x)
-        return np.where(np.isfinite(picked) & np.isfinite(smooth), smooth, picked)
+    def at_rate(name: str, x: Array) -> Array:
+        if name == "time_s" or name.endswith("_bearing_rad"):
+            return grid.pick(x)
+        if name not in DISTANCES:
+            return grid.smooth(x)
+        smooth, picked = grid.smooth(np.where(np.isfinite(x), x, np.nan)), grid.pick(x)
+        return np.asarray(np.where(np.isfinite(picked) & np.isfinite(smooth), smooth, picked))
 
-    rotation = grid.smooth(state.rotation)
-    return AirState(
-        time_s=grid.pick(state.time_s),
-        position_ned=grid.smooth(state.position_ned),
-        velocity_ned=grid.smooth(state.velocity_ned),
-        rotation=rotation,
-        rates=grid.smooth(state.rates),
-        specific_force=grid.smooth(state.specific_force),
-        ranges_m=careful(state.ranges_m),
-        h_m=careful(state.h_m),
-        d_m=careful(state.d_m),
-        wall_bearing_rad=grid.pick(state.wall_bearing_rad),
-        second_d_m=careful(state.second_d_m),
-        second_bearing_rad=grid.pick(state.second_bearing_rad),
-        ceiling_m=careful(state.ceiling_m),
-        rpm=grid.smooth(state.rpm),
-        servo_us=grid.smooth(state.servo_us),
-        thrust_command=grid.smooth(state.thrust_command),
-        battery_voltage_v=grid.smooth(state.battery_voltage_v),
-        battery_current_a=grid.smooth(state.battery_current_a),
-        esc_temperature_c=grid.smooth(state.esc_temperature_c),
-        pressure_pa=grid.smooth(state.pressure_pa),
-        air_temperature_c=grid.smooth(state.air_temperature_c),
-    )
+    return AirState(**{f.name: at_rate(f.name, getattr(state, f.name)) for f in fields(state)})

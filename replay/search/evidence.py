@@ -53,7 +53,7 @@ class Fit:
     b: Array
     cov: Array
     noise: Noise
-    evidence: float
+    evidence: float = 0.0
     within: float = 0.0
     worth: float = 0.0
     prior: float = 0.0
@@ -119,7 +119,7 @@ class Evidence:
 
     def _fit(self, terms: tuple[Term, ...], noise: Noise) -> Fit:
         for left in reversed(range(ROUNDS + 1)):
-            b, cov, _ = self._posterior(terms, noise)
+            b, cov = self._posterior(terms, noise)
             u = Contributions(self.library, terms, b, cov)
             form, energies = form_variance(u), self._energies(u.rest)
             fresh = self._noise(u.rest, energies, form)
@@ -135,8 +135,7 @@ class Evidence:
 
     def refit(self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, Mask] = NOTHING) -> Fit:
         """Coefficients beside a given noise, without a score; rows (n,) of flights in ``left_out`` are not used."""
-        b, cov, evidence = self._posterior(terms, noise, left_out)
-        return Fit(tuple(terms), b, cov, noise, evidence)
+        return Fit(tuple(terms), *self._posterior(terms, noise, left_out), noise)
 
     def prior(self, term: Term) -> float:
         """Log odds of a term in its shape, before any flight was seen."""
@@ -153,18 +152,18 @@ class Evidence:
         g = g - fit.b @ cross
         across = (fit.cov @ cross).T
         out = np.full(len(self.library.terms), np.nan)
-        for group in self.library.groups().values():
-            wanted = np.array([key is None or t.key == key for t in group.terms])
-            if not wanted.any():
+        for width, (index, of_term) in self.library.groups().items():
+            wanted = [n for n, i in enumerate(index) if key is None or self.library.terms[i].key == key]
+            if not wanted:
                 continue
-            columns, centre = group.columns[wanted], group.centre[wanted]
-            own = np.eye(columns.shape[1]) - across[columns] @ cross[:, columns].transpose(1, 0, 2)
-            own += self._bias_blocks(columns)
+            centre = np.stack([self.library.terms[index[n]].centre for n in wanted])
+            columns = of_term[wanted]
+            own = np.eye(width) - across[columns] @ cross[:, columns].transpose(1, 0, 2) + self._bias_blocks(columns)
             for white, variance in self._channels(fit.noise):
-                own += white.blocks(group.columns)[wanted] / variance
+                own += white.blocks(of_term)[wanted] / variance
             v = g[columns] + centre
             gain = (v * np.linalg.solve(own, v[..., None])[..., 0]).sum(axis=1) - (centre**2).sum(axis=1)
-            out[group.index[wanted]] = 0.5 * (gain - np.linalg.slogdet(own)[1])
+            out[np.array(index)[wanted]] = 0.5 * (gain - np.linalg.slogdet(own)[1])
         return out
 
     # --- Parts --------------------------------------------------------------------------------------------------------
@@ -220,33 +219,22 @@ class Evidence:
 
     def _posterior(
         self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, Mask] = NOTHING
-    ) -> tuple[Array, Array, float]:
-        """Mean (k,) and covariance (k, k) of the scaled coefficients, and the log marginal likelihood."""
+    ) -> tuple[Array, Array]:
+        """Mean (k,) and covariance (k, k) of the scaled coefficients: (X^T W X + I)^-1 (X^T W y + prior mean)."""
         columns = self._with_trim(terms)
-        k = len(columns)
-        mean = np.concatenate([*(t.centre for t in terms), np.zeros(len(self.library.trim))])
-        a, r = np.eye(k), mean.copy()
-        value = 0.0
+        r = np.concatenate([*(t.centre for t in terms), np.zeros(len(self.library.trim))])
+        a = np.eye(len(columns))
         for channel, (white, variance) in zip(self.library.channels, self._channels(noise), strict=True):
-            value -= 0.5 * channel.count * np.log(2.0 * np.pi * variance)
-            value -= 0.5 * (white.log_determinant + white.energy / variance)
             on = np.flatnonzero(channel.where[columns] >= 0)
-            if not on.size:
-                continue
             kept = ~left_out[channel.flight] if channel.flight in left_out else None
             gram, product = white.gram(columns[on], kept)
             a[np.ix_(on, on)] += gram / variance
             r[on] += product / variance
         for bias, x_bias in self.library.biases():
-            value -= 0.5 * float(bias @ bias)
             a += x_bias[:, columns].T @ x_bias[:, columns]
             r += x_bias[:, columns].T @ bias
-        if not k:
-            return mean, np.zeros((0, 0)), value
         factor = cho_factor(a, lower=True)
-        b = cho_solve(factor, r)
-        value += 0.5 * float(r @ b) - 0.5 * float(mean @ mean) - float(np.log(np.diag(factor[0])).sum())
-        return b, cho_solve(factor, np.eye(k)), value
+        return cho_solve(factor, r), cho_solve(factor, np.eye(len(r)))
 
     def _products(self, terms: Sequence[Term], noise: Noise) -> tuple[Array, Array]:
         """X^T W X of a set's columns with all of the library (k, K), and X^T W y (K,)."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import zip_longest
 
 import numpy as np
@@ -47,16 +46,6 @@ KINEMATIC_SD_M_S2 = 0.05
 """Standard deviation with which velocity and attitude show the accelerometer's mean offset [m/s^2]: 0.3 deg of tilt."""
 
 
-@dataclass(frozen=True)
-class Group:
-    """Terms of one width: their numbers (m,), columns (m, width), and prior means (m, width)."""
-
-    terms: list[Term]
-    index: NDArray[np.int64]
-    columns: NDArray[np.int64]
-    centre: Array
-
-
 class Library:
     """All terms of some flights, and the channels that they act on.
 
@@ -72,7 +61,6 @@ class Library:
         self.terms: list[Term] = []
         self.lacking: dict[str, str] = {}
         self._trims: list[tuple[int, Array]] = []
-        self._groups: dict[int, Group] = {}
         self._unmixed: dict[tuple[str, int], Array] = {}
         self.size = 0
         self.channels = [self._channel(f, a) for f, r in enumerate(records) for a in r.axes]
@@ -256,20 +244,12 @@ class Library:
         """Offset of every accelerometer by velocity and attitude (3,), and columns (3, K), over its error."""
         return self._bias_rows
 
-    def groups(self) -> dict[int, Group]:
-        """Terms by how many columns they have."""
-        if sum(len(g.terms) for g in self._groups.values()) < len(self.terms):
-            by_width: dict[int, list[int]] = {}
-            for i, term in enumerate(self.terms):
-                by_width.setdefault(len(term.columns), []).append(i)
-            self._groups = {
-                width: Group(
-                    terms := [self.terms[i] for i in index], np.array(index), np.stack([t.columns for t in terms]),
-                    np.stack([t.centre for t in terms]),
-                )
-                for width, index in by_width.items()
-            }  # fmt: skip
-        return self._groups
+    def groups(self) -> dict[int, tuple[list[int], NDArray[np.int64]]]:
+        """Terms by how many columns they have: their numbers (m,) and columns (m, width)."""
+        out: dict[int, list[int]] = {}
+        for i, term in enumerate(self.terms):
+            out.setdefault(len(term.columns), []).append(i)
+        return {width: (index, np.stack([self.terms[i].columns for i in index])) for width, index in out.items()}
 
     def context(self, flight: int) -> Context:
         """Of a flight."""
