@@ -65,13 +65,11 @@ def raw_state(
             )
     elif log.servo is None:
         raise LogError(f"{log.path}: no SERVO_OUTPUT_RAW, and the vehicle file declares thrust by servo outputs")
-    temperatures = [
-        log.escs[r.esc].temperature_c.at(t, 5.0)[:, 0]  # type: ignore[union-attr]
-        for r in vehicle.rotors
-        if r.esc is not None and r.esc in log.escs and log.escs[r.esc].temperature_c is not None
-    ]
-    if not temperatures:
-        temperatures = [e.temperature_c.at(t, 5.0)[:, 0] for e in log.escs.values() if e.temperature_c is not None]
+    own = [log.escs[r.esc] for r in vehicle.rotors if r.esc is not None and r.esc in log.escs]
+    temperatures, others = (
+        [e.temperature_c.at(t, 5.0)[:, 0] for e in escs if e.temperature_c is not None]
+        for escs in (own, log.escs.values())
+    )
     n, fans = len(t), len(vehicle.fans)
     return AirState(
         time_s=t,
@@ -90,7 +88,7 @@ def raw_state(
         thrust_command=column(log.thrust_command, 0, t, 1.0),
         battery_voltage_v=column(log.battery, 0, t, 10.0),
         battery_current_a=column(log.battery, 1, t, 10.0),
-        esc_temperature_c=np.mean(temperatures, axis=0) if temperatures else np.full(n, np.nan),
+        esc_temperature_c=np.mean(temperatures or others or [np.full(n, np.nan)], axis=0),
         pressure_pa=column(log.pressure, 0, t, 10.0),
         air_temperature_c=column(log.pressure, 1, t, 10.0),
         **rotor_columns(log, vehicle, t, 0.0),
@@ -119,7 +117,7 @@ def decimated(state: AirState, grid: Grid) -> AirState:
 
     def at_rate(name: str, x: Array) -> Array:
         if name == "time_s" or name.endswith("_bearing_rad"):
-            return grid.pick(x)
+            return np.asarray(grid.pick(x))
         if name not in DISTANCES:
             return grid.smooth(x)
         smooth, picked = grid.smooth(np.where(np.isfinite(x), x, np.nan)), grid.pick(x)

@@ -11,7 +11,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from models.frames import Array
 from replay.residual.grid import Mask
-from replay.search.channel import Columns
+from replay.search.channel import Channel, Columns
 from replay.search.disturbance import FITTED_SHARE, bank_energy, lag_products, rows_by_order, spectra
 from replay.search.library import Library
 from replay.search.terms import STEP_S, Key, Term
@@ -71,11 +71,7 @@ class Fit:
 
     def part(self, term: Term) -> slice:
         """Where a term's coefficients stand in ``b``."""
-        start = 0
-        for t in self.terms:
-            if t is term:
-                break
-            start += len(t.columns)
+        start = sum(len(t.columns) for t in self.terms[: self.terms.index(term)])
         return slice(start, start + len(term.columns))
 
 
@@ -186,14 +182,17 @@ class Evidence:
             channel = self.library.channels[c]
             count = max(channel.count, 1)
             smallest = max(float(e @ e) / count, float(form[c]))
-            variance = np.maximum(
-                np.maximum(energies / count, smallest), (self.floor * channel.limit) ** 2 / self._smaller
-            )
+            variance = self._variance(channel, energies, smallest)
             cost = count * np.log(variance) + energies / variance + self._det[c]
             best = int(np.argmin(np.where(self._fitted, np.round(cost, 6), np.inf)))
             which.append(best)
             sigmas.append(float(np.sqrt(variance[best])))
         return Noise(tuple(which), tuple(sigmas))
+
+    def _variance(self, channel: Channel, energies: Array, least: float) -> Array:
+        """Of the innovations by every spectrum, no smaller than ``least`` and the floor."""
+        lowest = np.maximum(least, (self.floor * channel.limit) ** 2 / self._smaller)
+        return np.maximum(energies / max(channel.count, 1), lowest)
 
     def _laplace(self, terms: Sequence[Term], b: Array, cov: Array, energies_of: Sequence[Array], form: Array) -> float:
         """Log marginal likelihood by Laplace's approximation: likelihood of what is left by its own best spectrum."""
@@ -201,9 +200,7 @@ class Evidence:
         for c, energies in enumerate(energies_of):
             channel = self.library.channels[c]
             count = max(channel.count, 1)
-            variance = np.maximum(
-                np.maximum(energies / count, form[c]), (self.floor * channel.limit) ** 2 / self._smaller
-            )
+            variance = self._variance(channel, energies, form[c])
             cost = count * np.log(2.0 * np.pi * variance) + energies / variance + self._det[c]
             value -= 0.5 * float(cost.min())
         columns = self._with_trim(terms)
