@@ -204,7 +204,7 @@ class Evidence:
             cost = count * np.log(2.0 * np.pi * variance) + energies / variance + self._det[c]
             value -= 0.5 * float(cost.min())
         columns = self._with_trim(terms)
-        for bias, x_bias in self.library.biases():
+        for bias, x_bias in self.library.biases:
             left = bias - x_bias[:, columns] @ b
             value -= 0.5 * float(left @ left)
         off = b - np.concatenate([*(t.centre for t in terms), np.zeros(len(self.library.trim))])
@@ -227,7 +227,7 @@ class Evidence:
             gram, product = white.gram(columns[on], kept)
             a[np.ix_(on, on)] += gram / variance
             r[on] += product / variance
-        for bias, x_bias in self.library.biases():
+        for bias, x_bias in self.library.biases:
             a += x_bias[:, columns].T @ x_bias[:, columns]
             r += x_bias[:, columns].T @ bias
         factor = cho_factor(a, lower=True)
@@ -242,14 +242,14 @@ class Evidence:
             g += white.products(None) / variance
             for part, end in zip(parts, ends, strict=True):
                 cross[end - len(part) : end] += white.products(part) / variance
-        for bias, x_bias in self.library.biases():
+        for bias, x_bias in self.library.biases:
             g += bias @ x_bias
             cross += x_bias[:, columns].T @ x_bias
         return cross, g
 
     def _bias_blocks(self, of_term: NDArray[np.int64]) -> Array:
         out = np.zeros((*of_term.shape, of_term.shape[1]))
-        for _, x_bias in self.library.biases():
+        for _, x_bias in self.library.biases:
             x = x_bias[:, of_term].transpose(1, 0, 2)
             out += x.transpose(0, 2, 1) @ x
         return out
