@@ -72,7 +72,7 @@ EFFECT = Effect(
     shape_grid=_grid,
     lacking=_lacking,
     # Thrust follows the speed, whatever the voltage: only reported speeds that are not true can drift with it.
-    odds=lambda ctx: ctx.by_kind(0.0003, 0.15),
+    chance=lambda ctx: ctx.by_kind(0.0003, 0.15),
     contains=("thrust_scale",),
     aliases=("thermal_derating", "thrust_scale"),
     drawn=_drawn,

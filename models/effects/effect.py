@@ -364,8 +364,8 @@ class Effect:
     """How often the grid of its shapes is halved about the best."""
     at_shape: bool = False
     """The one coefficient is a length at which the one shape linearises: both have to agree."""
-    odds: Size = 0.05
-    """How often such a thing is undeclared, before any flight was seen."""
+    chance: Size = 0.05
+    """Probability: how often such a thing is undeclared, before any flight was seen."""
     coverage: Callable[[Sequence[Context]], Mapping[str, float]] | None = None
     """Where flights have measured it: parameters ``covered`` of an adopted effect; None: it holds everywhere."""
     covered: tuple[str, ...] = ()
@@ -419,9 +419,9 @@ class Effect:
         return not self.main or coefficient.name in self.main
 
     def log_odds(self, ctx: Context) -> float:
-        """Of its being there, before any flight was seen."""
-        odds = self.odds(ctx) if callable(self.odds) else self.odds
-        return math.log(odds / (1.0 - odds))
+        """Log odds of its being there, before any flight was seen: log(p / (1 - p))."""
+        chance = self.chance(ctx) if callable(self.chance) else self.chance
+        return math.log(chance / (1.0 - chance))
 
     def parameters(self, coefficients: ArrayLike, shape: tuple[float, ...]) -> dict[str, float]:
         """Names to numbers, as a model directory keeps them."""

@@ -54,7 +54,7 @@ EFFECT = Effect(
     shapes=(Shape("tau_s", "s", free_at_zero=True), Shape("dead_s", "s", free_at_zero=True)),
     shape_grid=_grid,
     lacking=_lacking,
-    odds=lambda ctx: ctx.by_kind(0.04, 0.2),
+    chance=lambda ctx: ctx.by_kind(0.04, 0.2),
     searched=("Fz",),
     in_flight=InFlight.NONE,
     drawn=over_time,

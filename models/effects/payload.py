@@ -67,7 +67,7 @@ EFFECT = Effect(
     halvings=4,
     aliases=("thrust_scale", "air_density"),
     exact=True,
-    odds=0.045,
+    chance=0.045,
     drawn=_drawn,
     in_words=_words,
 )

@@ -49,7 +49,7 @@ EFFECT = Effect(
     shapes=(Shape("above_radii", "1", free_at_zero=True),),
     shape_grid=_grid,
     aliases=("body_drag", "wind"),
-    odds=0.3,
+    chance=0.3,
     main=("drag",),
     drawn=over_speed,
     in_words=_words,

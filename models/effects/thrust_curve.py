@@ -51,7 +51,7 @@ EFFECT = Effect(
         Coefficient("curvature", "1", -3.0, 3.0, typical=lambda ctx: ctx.by_kind(0.15, 0.4)),
     ),
     main=("slope", "curvature"),
-    odds=lambda ctx: ctx.by_kind(0.02, 0.3),
+    chance=lambda ctx: ctx.by_kind(0.02, 0.3),
     least_share=0.25,
     regressors=_regressors,
     lacking=_lacking,

@@ -55,7 +55,7 @@ EFFECT = Effect(
         Coefficient("level", "1", -0.2, 1.5, typical=0.2, centre=0.15, optional=True),
     ),
     main=("slope", "north", "east"),
-    odds=0.3,
+    chance=0.3,
     regressors=_regressors,
     aliases=("range_offset",),
     drawn=_drawn,

@@ -148,11 +148,13 @@ def concluded(walked: Walked, notes: Sequence[str] = (), *, seed: int = 0) -> Di
     channels = _channels(searched.traces)
     open_ = bool(channels) or any(t.outside for t in searched.traces)
     verdict = {
-        (False, False): "nothing_missing" if any(r.axes for r in records) else "not_judged",
+        (False, False): "nothing_missing",
         (False, True): "unexplained",
         (True, False): "explained",
         (True, True): "partly_explained",
     }[bool(named), open_]
+    if not any(r.axes for r in records):
+        verdict = "not_judged"
     all_notes = [
         *notes,
         *_one_wind(named, records),

@@ -36,15 +36,9 @@ class Grid:
         """Zero-phase Gaussian low-pass of (n, ...) along time, NaN ignored, every n-th sample kept."""
         flat = x.reshape(len(x), -1)
         out = np.empty((len(range(0, len(x), self.every)), flat.shape[1]))
-        weight_all = None
         for k in range(flat.shape[1]):
             known = np.isfinite(flat[:, k])
-            if known.all():
-                if weight_all is None:
-                    weight_all = np.convolve(np.ones(len(x)), self.kernel, "same")
-                weight, y = weight_all, flat[:, k]
-            else:
-                weight, y = np.convolve(known.astype(float), self.kernel, "same"), np.where(known, flat[:, k], 0.0)
+            weight, y = np.convolve(known.astype(float), self.kernel, "same"), np.where(known, flat[:, k], 0.0)
             total = np.convolve(y, self.kernel, "same")
             with np.errstate(invalid="ignore", divide="ignore"):
                 out[:, k] = np.where(weight > KNOWN_SHARE, total / weight, np.nan)[:: self.every]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 
 from models.air_state import AirState
@@ -11,6 +13,9 @@ from models.vehicle import Vehicle
 from replay.flightlog import FlightLog, Series
 from replay.residual.distances import MAX_GAP_S
 from replay.residual.grid import Grid
+
+DISTANCES = ("ranges_m", "h_m", "d_m", "second_d_m", "ceiling_m")
+"""Columns of ``AirState`` that are infinite where nothing is seen."""
 
 
 def column(series: Series | None, column: int, t: Array, gap_s: float = 3.0) -> Array:
@@ -60,13 +65,11 @@ def raw_state(
             )
     elif log.servo is None:
         raise LogError(f"{log.path}: no SERVO_OUTPUT_RAW, and the vehicle file declares thrust by servo outputs")
-    temperatures = [
-        log.escs[r.esc].temperature_c.at(t, 5.0)[:, 0]  # type: ignore[union-attr]
-        for r in vehicle.rotors
-        if r.esc is not None and r.esc in log.escs and log.escs[r.esc].temperature_c is not None
-    ]
-    if not temperatures:
-        temperatures = [e.temperature_c.at(t, 5.0)[:, 0] for e in log.escs.values() if e.temperature_c is not None]
+    own = [log.escs[r.esc] for r in vehicle.rotors if r.esc is not None and r.esc in log.escs]
+    temperatures, others = (
+        [e.temperature_c.at(t, 5.0)[:, 0] for e in escs if e.temperature_c is not None]
+        for escs in (own, log.escs.values())
+    )
     n, fans = len(t), len(vehicle.fans)
     return AirState(
         time_s=t,
@@ -85,7 +88,7 @@ def raw_state(
         thrust_command=column(log.thrust_command, 0, t, 1.0),
         battery_voltage_v=column(log.battery, 0, t, 10.0),
         battery_current_a=column(log.battery, 1, t, 10.0),
-        esc_temperature_c=np.mean(temperatures, axis=0) if temperatures else np.full(n, np.nan),
+        esc_temperature_c=np.mean(temperatures or others or [np.full(n, np.nan)], axis=0),
         pressure_pa=column(log.pressure, 0, t, 10.0),
         air_temperature_c=column(log.pressure, 1, t, 10.0),
         **rotor_columns(log, vehicle, t, 0.0),
@@ -112,32 +115,12 @@ def neutral_servos(vehicle: Vehicle) -> Array:
 def decimated(state: AirState, grid: Grid) -> AirState:
     """The state at the record's rate: smooth quantities smoothed, distances with their infinities kept."""
 
-    def careful(x: Array) -> Array:
-        smooth = grid.smooth(np.where(np.isfinite(x), x, np.nan))
-        picked = grid.pick(x)
-        return np.where(np.isfinite(picked) & np.isfinite(smooth), smooth, picked)
+    def at_rate(name: str, x: Array) -> Array:
+        if name == "time_s" or name.endswith("_bearing_rad"):
+            return np.asarray(grid.pick(x))
+        if name not in DISTANCES:
+            return grid.smooth(x)
+        smooth, picked = grid.smooth(np.where(np.isfinite(x), x, np.nan)), grid.pick(x)
+        return np.asarray(np.where(np.isfinite(picked) & np.isfinite(smooth), smooth, picked))
 
-    rotation = grid.smooth(state.rotation)
-    return AirState(
-        time_s=grid.pick(state.time_s),
-        position_ned=grid.smooth(state.position_ned),
-        velocity_ned=grid.smooth(state.velocity_ned),
-        rotation=rotation,
-        rates=grid.smooth(state.rates),
-        specific_force=grid.smooth(state.specific_force),
-        ranges_m=careful(state.ranges_m),
-        h_m=careful(state.h_m),
-        d_m=careful(state.d_m),
-        wall_bearing_rad=grid.pick(state.wall_bearing_rad),
-        second_d_m=careful(state.second_d_m),
-        second_bearing_rad=grid.pick(state.second_bearing_rad),
-        ceiling_m=careful(state.ceiling_m),
-        rpm=grid.smooth(state.rpm),
-        servo_us=grid.smooth(state.servo_us),
-        thrust_command=grid.smooth(state.thrust_command),
-        battery_voltage_v=grid.smooth(state.battery_voltage_v),
-        battery_current_a=grid.smooth(state.battery_current_a),
-        esc_temperature_c=grid.smooth(state.esc_temperature_c),
-        pressure_pa=grid.smooth(state.pressure_pa),
-        air_temperature_c=grid.smooth(state.air_temperature_c),
-    )
+    return AirState(**{f.name: at_rate(f.name, getattr(state, f.name)) for f in fields(state)})

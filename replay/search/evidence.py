@@ -11,7 +11,7 @@ from scipy.linalg import cho_factor, cho_solve
 
 from models.frames import Array
 from replay.residual.grid import Mask
-from replay.search.channel import Columns
+from replay.search.channel import Channel, Columns
 from replay.search.disturbance import FITTED_SHARE, bank_energy, lag_products, rows_by_order, spectra
 from replay.search.library import Library
 from replay.search.terms import STEP_S, Key, Term
@@ -53,7 +53,7 @@ class Fit:
     b: Array
     cov: Array
     noise: Noise
-    evidence: float
+    evidence: float = 0.0
     within: float = 0.0
     worth: float = 0.0
     prior: float = 0.0
@@ -71,11 +71,7 @@ class Fit:
 
     def part(self, term: Term) -> slice:
         """Where a term's coefficients stand in ``b``."""
-        start = 0
-        for t in self.terms:
-            if t is term:
-                break
-            start += len(t.columns)
+        start = sum(len(t.columns) for t in self.terms[: self.terms.index(term)])
         return slice(start, start + len(term.columns))
 
 
@@ -119,7 +115,7 @@ class Evidence:
 
     def _fit(self, terms: tuple[Term, ...], noise: Noise) -> Fit:
         for left in reversed(range(ROUNDS + 1)):
-            b, cov, _ = self._posterior(terms, noise)
+            b, cov = self._posterior(terms, noise)
             u = Contributions(self.library, terms, b, cov)
             form, energies = form_variance(u), self._energies(u.rest)
             fresh = self._noise(u.rest, energies, form)
@@ -135,8 +131,7 @@ class Evidence:
 
     def refit(self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, Mask] = NOTHING) -> Fit:
         """Coefficients beside a given noise, without a score; rows (n,) of flights in ``left_out`` are not used."""
-        b, cov, evidence = self._posterior(terms, noise, left_out)
-        return Fit(tuple(terms), b, cov, noise, evidence)
+        return Fit(tuple(terms), *self._posterior(terms, noise, left_out), noise)
 
     def prior(self, term: Term) -> float:
         """Log odds of a term in its shape, before any flight was seen."""
@@ -153,18 +148,18 @@ class Evidence:
         g = g - fit.b @ cross
         across = (fit.cov @ cross).T
         out = np.full(len(self.library.terms), np.nan)
-        for group in self.library.groups().values():
-            wanted = np.array([key is None or t.key == key for t in group.terms])
-            if not wanted.any():
+        for width, (index, of_term) in self.library.groups().items():
+            wanted = [n for n, i in enumerate(index) if key is None or self.library.terms[i].key == key]
+            if not wanted:
                 continue
-            columns, centre = group.columns[wanted], group.centre[wanted]
-            own = np.eye(columns.shape[1]) - across[columns] @ cross[:, columns].transpose(1, 0, 2)
-            own += self._bias_blocks(columns)
+            centre = np.stack([self.library.terms[index[n]].centre for n in wanted])
+            columns = of_term[wanted]
+            own = np.eye(width) - across[columns] @ cross[:, columns].transpose(1, 0, 2) + self._bias_blocks(columns)
             for white, variance in self._channels(fit.noise):
-                own += white.blocks(group.columns)[wanted] / variance
+                own += white.blocks(of_term)[wanted] / variance
             v = g[columns] + centre
             gain = (v * np.linalg.solve(own, v[..., None])[..., 0]).sum(axis=1) - (centre**2).sum(axis=1)
-            out[group.index[wanted]] = 0.5 * (gain - np.linalg.slogdet(own)[1])
+            out[np.array(index)[wanted]] = 0.5 * (gain - np.linalg.slogdet(own)[1])
         return out
 
     # --- Parts --------------------------------------------------------------------------------------------------------
@@ -187,14 +182,17 @@ class Evidence:
             channel = self.library.channels[c]
             count = max(channel.count, 1)
             smallest = max(float(e @ e) / count, float(form[c]))
-            variance = np.maximum(
-                np.maximum(energies / count, smallest), (self.floor * channel.limit) ** 2 / self._smaller
-            )
+            variance = self._variance(channel, energies, smallest)
             cost = count * np.log(variance) + energies / variance + self._det[c]
             best = int(np.argmin(np.where(self._fitted, np.round(cost, 6), np.inf)))
             which.append(best)
             sigmas.append(float(np.sqrt(variance[best])))
         return Noise(tuple(which), tuple(sigmas))
+
+    def _variance(self, channel: Channel, energies: Array, least: float) -> Array:
+        """Of the innovations by every spectrum, no smaller than ``least`` and the floor."""
+        lowest = np.maximum(least, (self.floor * channel.limit) ** 2 / self._smaller)
+        return np.maximum(energies / max(channel.count, 1), lowest)
 
     def _laplace(self, terms: Sequence[Term], b: Array, cov: Array, energies_of: Sequence[Array], form: Array) -> float:
         """Log marginal likelihood by Laplace's approximation: likelihood of what is left by its own best spectrum."""
@@ -202,13 +200,11 @@ class Evidence:
         for c, energies in enumerate(energies_of):
             channel = self.library.channels[c]
             count = max(channel.count, 1)
-            variance = np.maximum(
-                np.maximum(energies / count, form[c]), (self.floor * channel.limit) ** 2 / self._smaller
-            )
+            variance = self._variance(channel, energies, form[c])
             cost = count * np.log(2.0 * np.pi * variance) + energies / variance + self._det[c]
             value -= 0.5 * float(cost.min())
         columns = self._with_trim(terms)
-        for bias, x_bias in self.library.biases():
+        for bias, x_bias in self.library.biases:
             left = bias - x_bias[:, columns] @ b
             value -= 0.5 * float(left @ left)
         off = b - np.concatenate([*(t.centre for t in terms), np.zeros(len(self.library.trim))])
@@ -220,33 +216,22 @@ class Evidence:
 
     def _posterior(
         self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, Mask] = NOTHING
-    ) -> tuple[Array, Array, float]:
-        """Mean (k,) and covariance (k, k) of the scaled coefficients, and the log marginal likelihood."""
+    ) -> tuple[Array, Array]:
+        """Mean (k,) and covariance (k, k) of the scaled coefficients: (X^T W X + I)^-1 (X^T W y + prior mean)."""
         columns = self._with_trim(terms)
-        k = len(columns)
-        mean = np.concatenate([*(t.centre for t in terms), np.zeros(len(self.library.trim))])
-        a, r = np.eye(k), mean.copy()
-        value = 0.0
+        r = np.concatenate([*(t.centre for t in terms), np.zeros(len(self.library.trim))])
+        a = np.eye(len(columns))
         for channel, (white, variance) in zip(self.library.channels, self._channels(noise), strict=True):
-            value -= 0.5 * channel.count * np.log(2.0 * np.pi * variance)
-            value -= 0.5 * (white.log_determinant + white.energy / variance)
             on = np.flatnonzero(channel.where[columns] >= 0)
-            if not on.size:
-                continue
             kept = ~left_out[channel.flight] if channel.flight in left_out else None
             gram, product = white.gram(columns[on], kept)
             a[np.ix_(on, on)] += gram / variance
             r[on] += product / variance
-        for bias, x_bias in self.library.biases():
-            value -= 0.5 * float(bias @ bias)
+        for bias, x_bias in self.library.biases:
             a += x_bias[:, columns].T @ x_bias[:, columns]
             r += x_bias[:, columns].T @ bias
-        if not k:
-            return mean, np.zeros((0, 0)), value
         factor = cho_factor(a, lower=True)
-        b = cho_solve(factor, r)
-        value += 0.5 * float(r @ b) - 0.5 * float(mean @ mean) - float(np.log(np.diag(factor[0])).sum())
-        return b, cho_solve(factor, np.eye(k)), value
+        return cho_solve(factor, r), cho_solve(factor, np.eye(len(r)))
 
     def _products(self, terms: Sequence[Term], noise: Noise) -> tuple[Array, Array]:
         """X^T W X of a set's columns with all of the library (k, K), and X^T W y (K,)."""
@@ -257,14 +242,14 @@ class Evidence:
             g += white.products(None) / variance
             for part, end in zip(parts, ends, strict=True):
                 cross[end - len(part) : end] += white.products(part) / variance
-        for bias, x_bias in self.library.biases():
+        for bias, x_bias in self.library.biases:
             g += bias @ x_bias
             cross += x_bias[:, columns].T @ x_bias
         return cross, g
 
     def _bias_blocks(self, of_term: NDArray[np.int64]) -> Array:
         out = np.zeros((*of_term.shape, of_term.shape[1]))
-        for _, x_bias in self.library.biases():
+        for _, x_bias in self.library.biases:
             x = x_bias[:, of_term].transpose(1, 0, 2)
             out += x.transpose(0, 2, 1) @ x
         return out

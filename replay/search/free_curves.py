@@ -76,10 +76,9 @@ class Remainder:
     gain: float
     p: float
     channels: tuple[Channel, ...]
-    r2: float
 
 
-NOTHING = Remainder(False, 0.0, 1.0, (), 0.0)
+NOTHING = Remainder(False, 0.0, 1.0, ())
 
 
 @dataclass(frozen=True)
@@ -112,7 +111,7 @@ def free_search(record: Record, rest: Array, noise: Noise, seed: int) -> Remaind
     null = np.where(allowed[..., None], (chance - middle[..., None]) / width[..., None], -np.inf).max(axis=(0, 1))
     p = p_value(null, float(surprise.max()))
     if p > ALPHA:
-        return Remainder(False, 0.0, p, (), 0.0)
+        return Remainder(False, 0.0, p, ())
     energy = (y[valid] ** 2).sum(axis=0) / noise.total**2
     found = [
         _Found(Channel(c.name, min(float(seen[i, k]), 1.0), axes[k], c.lag_s, c.peak_hz), float(seen[i, k] * energy[k]))
@@ -144,7 +143,7 @@ def _ranked(found: list[_Found], p: float, vehicle: Vehicle) -> Remainder:
     cause.
     """
     if not found:
-        return Remainder(False, 0.0, p, (), 0.0)
+        return Remainder(False, 0.0, p, ())
 
     def answers(f: _Found) -> bool:
         return smallest_share(f.channel.name, f.channel.axis, vehicle) > SMALLEST_SHARE
@@ -155,7 +154,7 @@ def _ranked(found: list[_Found], p: float, vehicle: Vehicle) -> Remainder:
     names: dict[str, Channel] = {}
     for f in found:
         names.setdefault(f.channel.name, f.channel)
-    return Remainder(True, top, p, tuple(names.values())[:MOST_CHANNELS], found[0].channel.score)
+    return Remainder(True, top, p, tuple(names.values())[:MOST_CHANNELS])
 
 
 def smallest_share(channel: str, axis: str, vehicle: Vehicle) -> float:

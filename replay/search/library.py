@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import zip_longest
 
 import numpy as np
@@ -18,7 +17,6 @@ from replay.search.disturbance import runs
 from replay.search.terms import (
     FORM_PRIOR,
     STEP_S,
-    Priors,
     Term,
     bent_forms,
     log_shapes,
@@ -47,14 +45,8 @@ KINEMATIC_SD_M_S2 = 0.05
 """Standard deviation with which velocity and attitude show the accelerometer's mean offset [m/s^2]: 0.3 deg of tilt."""
 
 
-@dataclass(frozen=True)
-class Group:
-    """Terms of one width: their numbers (m,), columns (m, width), and prior means (m, width)."""
-
-    terms: list[Term]
-    index: NDArray[np.int64]
-    columns: NDArray[np.int64]
-    centre: Array
+Prior = tuple[int, float, float, float, float, float]
+"""Of a coefficient: column, standard deviation, and in units of that mean, bounds, and 1 where it makes the effect."""
 
 
 class Library:
@@ -72,7 +64,6 @@ class Library:
         self.terms: list[Term] = []
         self.lacking: dict[str, str] = {}
         self._trims: list[tuple[int, Array]] = []
-        self._groups: dict[int, Group] = {}
         self._unmixed: dict[tuple[str, int], Array] = {}
         self.size = 0
         self.channels = [self._channel(f, a) for f, r in enumerate(records) for a in r.axes]
@@ -96,7 +87,8 @@ class Library:
             self._add_curve(curve, (curve.name, AXES[curve.axis]) in known)
         self.trim = self._add_trim()
         self._bias_mean = [_mean(r.kinematic_bias[r.valid]) for r in records]
-        self._bias_rows: list[tuple[Array, Array]] = []
+        self.biases: list[tuple[Array, Array]] = []
+        """Offset of every accelerometer by velocity and attitude (3,), and columns (3, K), over its error."""
         self._reach()
 
     def term_of(self, effect: Effect, shape: tuple[float, ...]) -> Term:
@@ -158,30 +150,35 @@ class Library:
     ) -> None:
         """One shape of an effect: numbers for its coefficients and errors of form, and its columns in every channel."""
         spread, centre = prior_of(effect, self.records[flights[0]].context, shape)
-        priors = Priors()
-        places = self._numbered(effect, flights, spread, centre, priors)
+        places, priors = self._numbered(effect, flights, spread, centre)
         bent = [self._write(effect, f, shape, spread, places[f]) for f in flights]
         for parts in zip_longest(*bent):
             for f, part in zip(flights, parts, strict=True):
                 if part is not None:
                     self._write_form(effect, f, part)
-            priors.add(self.size, FORM_PRIOR)
+            priors.append((self.size, FORM_PRIOR, 0.0, -np.inf, np.inf, 0.0))
             self.size += 1
-        self.terms.append(priors.term(effect, shape, log_shape, places, flight))
+        columns, *own = (np.array(v) for v in zip(*priors, strict=True))
+        scale, centre, low, high, main = own
+        self.terms.append(
+            Term(effect.name, effect, shape, columns, scale, centre, low, high, log_shape, main, effect.least_share,
+                 places, flight)
+        )  # fmt: skip
 
     def _numbered(
-        self, effect: Effect, flights: Sequence[int], spread: Array, centre: Array, priors: Priors
-    ) -> dict[int, Columns]:
-        """Numbers of an effect's coefficients on every flight: the same on all, but for those of the day."""
+        self, effect: Effect, flights: Sequence[int], spread: Array, centre: Array
+    ) -> tuple[dict[int, Columns], list[Prior]]:
+        """Numbers of an effect's coefficients on every flight, the same on all but for those of the day, and priors."""
+        priors: list[Prior] = []
         places: dict[int, Columns] = {f: np.empty(len(spread), np.int64) for f in flights}
         for i, c in enumerate(effect.coefficients):
             for j, f in enumerate(flights):
                 if j == 0 or (effect.of_day(c) and not effect.all_of_day):
                     low, high = c.least(self.context(f)) / spread[i], c.high / spread[i]
-                    priors.add(self.size, spread[i], centre[i] / spread[i], low, high, float(effect.is_main(c)))
+                    priors.append((self.size, spread[i], centre[i] / spread[i], low, high, float(effect.is_main(c))))
                     self.size += 1
                 places[f][i] = self.size - 1
-        return places
+        return places, priors
 
     def _write(self, effect: Effect, f: int, shape: tuple[float, ...], spread: Array, place: Columns) -> list[Array]:
         """Columns of an effect in the channels of one flight; what its errors of form are there, (n, 6) each."""
@@ -252,24 +249,12 @@ class Library:
         context = self.context(flight)
         return 0.01 * context.weight * (1.0 if axis < 3 else context.lever)
 
-    def biases(self) -> list[tuple[Array, Array]]:
-        """Offset of every accelerometer by velocity and attitude (3,), and columns (3, K), over its error."""
-        return self._bias_rows
-
-    def groups(self) -> dict[int, Group]:
-        """Terms by how many columns they have."""
-        if sum(len(g.terms) for g in self._groups.values()) < len(self.terms):
-            by_width: dict[int, list[int]] = {}
-            for i, term in enumerate(self.terms):
-                by_width.setdefault(len(term.columns), []).append(i)
-            self._groups = {
-                width: Group(
-                    terms := [self.terms[i] for i in index], np.array(index), np.stack([t.columns for t in terms]),
-                    np.stack([t.centre for t in terms]),
-                )
-                for width, index in by_width.items()
-            }  # fmt: skip
-        return self._groups
+    def groups(self) -> dict[int, tuple[list[int], NDArray[np.int64]]]:
+        """Terms by how many columns they have: their numbers (m,) and columns (m, width)."""
+        out: dict[int, list[int]] = {}
+        for i, term in enumerate(self.terms):
+            out.setdefault(len(term.columns), []).append(i)
+        return {width: (index, np.stack([self.terms[i].columns for i in index])) for width, index in out.items()}
 
     def context(self, flight: int) -> Context:
         """Of a flight."""
@@ -314,13 +299,13 @@ class Library:
         """Let every channel know of all columns."""
         for channel in self.channels:
             channel.reach(self.size)
-        self._bias_rows = []
+        self.biases = []
         for f, mean in enumerate(self._bias_mean):
             if np.isfinite(mean).all():
                 x = np.zeros((3, self.size))
                 for columns, part in self._bias_columns.get(f, []):
                     x[:, columns] += part
-                self._bias_rows.append((mean / KINEMATIC_SD_M_S2, x / KINEMATIC_SD_M_S2))
+                self.biases.append((mean / KINEMATIC_SD_M_S2, x / KINEMATIC_SD_M_S2))
 
 
 def _with_errors_of_form(effect: Effect) -> list[int]:

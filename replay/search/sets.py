@@ -24,7 +24,6 @@ class Rival:
 
     names: tuple[str, ...]
     instead_of: frozenset[Key]
-    behind: float
 
 
 def rivals_of(walked: Walked) -> list[Rival]:
@@ -33,8 +32,7 @@ def rivals_of(walked: Walked) -> list[Rival]:
     mine = {t.key: t for t in best.terms}
     out: list[Rival] = []
     for fit in walked.ranked():
-        behind = best.score - fit.score
-        if behind > ALIAS_NATS:
+        if best.score - fit.score > ALIAS_NATS:
             break
         theirs = {t.key: t for t in fit.terms}
         gone, new = mine.keys() - theirs.keys(), theirs.keys() - mine.keys()
@@ -43,7 +41,7 @@ def rivals_of(walked: Walked) -> list[Rival]:
         names = tuple(sorted({key[0] for key in new if theirs[key].effect is not None}))
         lost = frozenset(key for key in gone if mine[key].effect is not None)
         if names and lost and all(theirs[key].effect is not None for key in new):
-            out.append(Rival(names, lost, behind))
+            out.append(Rival(names, lost))
     return [*out, *_within_form(walked)]
 
 
@@ -56,7 +54,7 @@ def _within_form(walked: Walked) -> list[Rival]:
         if len(more) == 1 and best.key < fit.key and fit.score - fit.worth > best.score:
             (term,) = more
             over = [t.key for t in best.terms if t.effect is not None and term.name in t.effect.aliases]
-            out += [Rival((term.name,), frozenset([key]), 0.0) for key in over]
+            out += [Rival((term.name,), frozenset([key])) for key in over]
     return out
 
 

@@ -118,32 +118,6 @@ def bent_forms(x: Array, record: Record) -> list[Array]:
     return out
 
 
-class Priors:
-    """Numbers and priors of a term's coefficients, in the order in which they are added."""
-
-    def __init__(self) -> None:
-        self._columns: list[int] = []
-        self._rows: list[tuple[float, float, float, float, float]] = []
-
-    def add(
-        self, column: int, scale: float, centre: float = 0.0, low: float = -np.inf, high: float = np.inf,
-        main: float = 0.0,
-    ) -> None:  # fmt: skip
-        """One coefficient: standard deviation ``scale``; the rest in units of that."""
-        self._columns.append(column)
-        self._rows.append((scale, centre, low, high, main))
-
-    def term(
-        self, effect: Effect, shape: tuple[float, ...], log_shape: float, places: dict[int, Columns], flight: int | None
-    ) -> Term:
-        """The term that has them."""
-        scale, centre, low, high, main = np.array(self._rows).T
-        return Term(
-            effect.name, effect, shape, np.array(self._columns), scale, centre, low, high, log_shape, main,
-            effect.least_share, places, flight,
-        )  # fmt: skip
-
-
 def log_shapes(effect: Effect, shapes: Sequence[tuple[float, ...]]) -> list[float]:
     """Log prior of every shape of the grid: half of it to kinds, the rest as the shapes' own priors say."""
     kind = np.array([any(v in p.kinds for v, p in zip(s, effect.shapes, strict=True)) for s in shapes])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 
@@ -218,14 +218,14 @@ def _settled(walked: Walked, fit: Fit) -> Fit:
 def _exchanged(walked: Walked, fit: Fit) -> None:
     """Weigh one in place of two, and two in place of one, so that every alternative is known."""
 
-    def reshaped(terms: Sequence[Term], near: Fit, new: Callable[[Fit], Sequence[Term]]) -> list[Fit]:
-        less = walked.weigh(terms, near)
-        return [_with(walked, less, other) for other in new(less)]
+    def others(gone: Sequence[Term], tried: int) -> list[Fit]:
+        less = walked.weigh([t for t in fit.terms if t not in gone], fit)
+        return [_with(walked, less, other) for other in _additions(walked, less, tried)]
 
     for pair in combinations(fit.terms, 2):
-        reshaped([t for t in fit.terms if t not in pair], fit, lambda less: _additions(walked, less, 2))
+        others(pair, 2)
     for term in fit.terms:
-        for grown in reshaped([t for t in fit.terms if t is not term], fit, lambda less: _additions(walked, less, 3)):
+        for grown in others([term], 3):
             if term.key not in grown.key and grown.score > fit.score - 60.0:
                 for other in _additions(walked, grown, 2):
                     walked.weigh([*grown.terms, other], grown)

@@ -23,8 +23,6 @@ class Whitened:
     def __init__(self, channel: Channel, spectrum: Spectrum) -> None:
         self._channel, self._spectrum = channel, spectrum
         self.y = spectrum.whiten(channel.y, channel.run)
-        self.energy = float(self.y @ self.y)
-        self.log_determinant = spectrum.log_determinant(channel.run)
         self._white = Growing(len(self.y))
         self._used = Growing(len(self.y))
         self._slot = np.empty(0, np.int64)
@@ -44,12 +42,10 @@ class Whitened:
         """X^T W X (k, k) and X^T W y (k,) of columns that act on this channel, over all samples or those kept."""
         local = self._channel.where[columns]
         if kept is not None or len(local) > MOST_AT_ONCE:
-            x, y = self.x.T[local], self.y
-            if kept is not None:
-                x, y = x[:, kept], y[kept]
-            return x @ x.T, x @ y
-        more = self.x.shape[1] - len(self._slot)
-        self._slot = np.concatenate([self._slot, np.full(more, -1)]) if more else self._slot
+            rows = slice(None) if kept is None else kept
+            x = self.x.T[local][:, rows]
+            return x @ x.T, x @ self.y[rows]
+        self._slot = np.pad(self._slot, (0, self.x.shape[1] - len(self._slot)), constant_values=-1)
         new = local[self._slot[local] < 0]
         if new.size:
             self._use(new)

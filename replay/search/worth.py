@@ -48,17 +48,22 @@ class Contributions:
         self._x: list[Array] = []
         self.rest: list[Array] = []
         """What the set leaves of every channel, (n,) each."""
-        self.whole: dict[tuple[int, int], Array] = {}
-        """(term, channel) to (n,)."""
-        for c, channel in enumerate(library.channels):
+        for channel in library.channels:
             local = channel.where[columns]
             on = np.flatnonzero(local >= 0)
             x = channel.x.T[local[on]]
             self._on.append(on)
             self._x.append(x)
             self.rest.append(channel.y - b[on] @ x)
-            for i, begin, end in self._places(on):
-                self.whole[i, c] = b[on[begin:end]] @ x[begin:end]
+        self.whole = self._acting(b)
+        """(term, channel) to (n,)."""
+
+    def _acting(self, b: Array) -> dict[tuple[int, int], Array]:
+        return {
+            (i, c): b[on[begin:end]] @ x[begin:end]
+            for c, (on, x) in enumerate(zip(self._on, self._x, strict=True))
+            for i, begin, end in self._places(on)
+        }
 
     def _places(self, on: Columns) -> Iterator[tuple[int, int, int]]:
         """Terms that act on a channel, and from where to where their columns are among those of the channel."""
@@ -70,15 +75,11 @@ class Contributions:
     @cached_property
     def main(self) -> dict[tuple[int, int], Array]:
         """As ``whole``, of the coefficients that make the effect what it is, no farther than their bounds."""
-        out: dict[tuple[int, int], Array] = {}
         possible = self._b.copy()
         for term, part in zip(self.terms, map(slice, self._edges, self._edges[1:]), strict=True):
             main = term.main if (term.main == 0.0).any() else np.ones_like(term.main)
             possible[part] = np.clip(self._b[part], term.low, term.high) * main
-        for c, (on, x) in enumerate(zip(self._on, self._x, strict=True)):
-            for i, begin, end in self._places(on):
-                out[i, c] = possible[on[begin:end]] @ x[begin:end]
-        return out
+        return self._acting(possible)
 
     def own(self) -> dict[tuple[int, int], Array]:
         """What no other term would take over, by (term, channel): (n,).

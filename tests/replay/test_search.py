@@ -104,9 +104,11 @@ def test_noise_has_no_name(quiet: Record) -> None:
 
 
 def test_where_no_axis_can_be_judged_the_verdict_says_so(quiet: Record) -> None:
-    answer = conclude([replace(quiet, axes=())])
-    assert answer.verdict == "not_judged"
-    assert answer.named == ()
+    blown = added(quiet, "imu_bias", (), 2.0)
+    for record in (replace(quiet, axes=()), replace(blown, axes=(), blind=(0,))):
+        answer = conclude([record])
+        assert answer.verdict == "not_judged"
+        assert answer.named == ()
 
 
 def test_shares_add_up_to_all_at_most(quiet: Record) -> None:
