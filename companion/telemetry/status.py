@@ -74,14 +74,16 @@ class StatusReporter:
         self._shares: dict[str, float] = {}
         """What was last told of a channel's share."""
 
-    def messages(self, state: PipelineState, decision: Decision) -> Iterator[tuple[Message, str | None]]:
-        """(message, its text for stderr or None) due at this decision."""
+    def messages(
+        self, state: PipelineState, decision: Decision, *, excused: bool = False
+    ) -> Iterator[tuple[Message, str | None]]:
+        """(message, its text for stderr or None) due at this decision; ``excused``: its state is not to be said yet."""
         if decision.t_s - self._named_s >= _PERIOD_S or decision.t_s < self._named_s:
             self._named_s = decision.t_s
             boot_ms = int(max(decision.t_s, 0.0) * 1000.0) & 0xFFFFFFFF
             for name, value in named_values(decision):
                 yield named_value_float(boot_ms, name, value), None
-        text = self._change(state, decision)
+        text = None if excused or _lifts_off(state, decision) else self._change(state, decision)
         if text is not None:
             yield from self.tell(text, warning=bool(decision.reasons))
         if decision.notice is not None and decision.notice != self._noticed:
@@ -128,6 +130,11 @@ class StatusReporter:
         self._said_s[words] = self._any_said_s = t_s
         late = f" ({1000.0 * decision.late_s:.0f} ms)" if decision.reasons[:1] in _LATENESS else ""
         return words.replace(gravest, gravest + late, 1)
+
+
+def _lifts_off(state: PipelineState, decision: Decision) -> bool:
+    """Whether it is still open if the vehicle flies: the first second in the air, or of hearing it fly."""
+    return Reason.LANDED in decision.reasons and state.airborne_since_s < math.inf
 
 
 def said_of(state: PipelineState, decision: Decision) -> tuple[str, str]:
