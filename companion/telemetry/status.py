@@ -29,12 +29,18 @@ _ABOUT_RANGES = {
     Reason.RANGE_FROZEN: Seen.FROZEN,
 }
 _LATENESS = ((Reason.LATE,), (Reason.TOO_LATE,))
+_SENDER, _LESSER = "companion: ", "; also: "
+"""A ground station shows the sender by itself."""
 _INFO, _WARNING = 6, 4
 """MAV_SEVERITY."""
 
 
 def named_values(decision: Decision) -> Iterator[tuple[str, float]]:
-    """(name of at most 10 characters, value): share cancelled, offsets, distances [m], lift and side force [N]."""
+    """(name of at most 10 characters, value): share cancelled, offsets, distances [m], lift and side force [N].
+
+    ``cc_roll`` and ``cc_pitch`` are in rad (MAVLink's unit of angles), ``roll_deg`` and ``pitch_deg`` of the summary
+    in degrees; ``cc_thrust`` is a share of full throttle.
+    """
     yield "cc_auth", decision.offset.share
     yield "cc_thrust", decision.offset.thrust
     yield "cc_roll", decision.offset.roll
@@ -102,10 +108,16 @@ class StatusReporter:
             yield from self.tell(hint)
 
     def tell(self, text: str, *, warning: bool = True) -> Iterator[tuple[Message, str | None]]:
-        """One text for ground station and stderr."""
-        self._number = self._number % 65535 + 1
-        for place, message in enumerate(statustext.messages(_WARNING if warning else _INFO, text, self._number)):
-            yield message, text if place == 0 else None
+        """One text for stderr; for the ground station without the sender's name, what matters most as the first text.
+
+        PX4 loses the end of a long text: the gravest refusal fits into one message or two, and the others follow.
+        """
+        severity, said = _WARNING if warning else _INFO, text
+        for part in text.removeprefix(_SENDER).split(_LESSER):
+            self._number = self._number % 65535 + 1
+            for message in statustext.messages(severity, part, self._number):
+                yield message, said or None
+                said = ""
 
     def _change(self, state: PipelineState, decision: Decision) -> str | None:
         """The new state in words, once it has lasted half a second, and no more often than every five seconds.
@@ -143,7 +155,7 @@ def said_of(state: PipelineState, decision: Decision) -> tuple[str, str]:
         return "companion: compensating", "companion: compensating"
     gravest, *lesser = (_words(reason, state, decision) for reason in decision.reasons)
     alone = f"companion: no offset, {gravest}"
-    return alone, f"{alone}; also: {'; '.join(lesser)}" if lesser else alone
+    return alone, f"{alone}{_LESSER}{'; '.join(lesser)}" if lesser else alone
 
 
 def _words(reason: Reason, state: PipelineState, decision: Decision) -> str:
