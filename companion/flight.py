@@ -43,10 +43,12 @@ _HAND_OVER_S = 1.0
 """For so long the autopilot is sent the place to stay at: PX4's controller has settled before the stream ends."""
 _HAND_OVER_PERIOD_S = 0.05
 """As often as attitudes bring setpoints, or a little less."""
-_LAST_WORD_PERIOD_S = 0.2
-"""Two in the silence after which the second process speaks (last_word.SILENCE_S)."""
+_LAST_WORD_PERIOD_S = 0.1
+"""Three in the silence after which the second process speaks (last_word.SILENCE_S)."""
 _DEAF_S, _DEAF_UNTIL_S, _DEAF_PERIOD_S = 0.3, 1.5, 0.1
 """Without attitudes for so long, and until then, the autopilot is sent a place: it would keep the last tilt."""
+_STALL_S, _AFTER_STALL_S = 0.3, 1.5
+"""A loop that did not run for so long stood still; for so long after it nothing that came late is blamed."""
 _PARAMETER_RETRY_S = 1.0
 """An answer takes 0.1 s on a link that is not full."""
 _PARAMETER_SLOW_RETRY_S = 5.0
@@ -115,6 +117,8 @@ class Flight:
         self._hears_attitudes = False
         """Whether one came since ``_attitude_s`` was last set."""
         self._started_s = arrivals.now_s()
+        self._turn_s, self._excused_until_s = math.inf, -math.inf
+        """When the loop last ran, and until when its own stall explains what came late."""
         self._complained = False
         self._due_s = self._beat_s = self._asked_s = self._flushed_s = -math.inf
         self._asked = 0
@@ -156,6 +160,7 @@ class Flight:
                     break
                 self._housekeeping(now)
             self._arrivals.clock.wait(links, _PERIOD_S)
+            self._watch_own_stall(self._arrivals.now_s())
             for arrival_us, frame in self._link.drain():
                 self._take(arrival_us, frame)
             if self._upstream is not None:
@@ -164,6 +169,16 @@ class Flight:
         if self._watchdog is not None:
             self._watchdog.stopping()
         self._hand_over()
+
+    def _watch_own_stall(self, now_s: float) -> None:
+        """What came late because nobody read it is not the telemetry's fault."""
+        stood_s, self._turn_s = now_s - self._turn_s, now_s
+        if stood_s < _STALL_S:
+            return
+        self._excused_until_s = now_s + _AFTER_STALL_S
+        if self._streams is not None:
+            self._streams.restart(now_s)
+        self._tell(f"companion: stood still for {stood_s:.1f} s (this computer)")
 
     def _over(self, now_s: float, start_s: float) -> bool:
         """Whether the flight ends: asked for, or its duration is over, and offsets have faded."""
@@ -240,10 +255,14 @@ class Flight:
         if self._options.page is not None:
             now_s = self._arrivals.now_s()
             self._options.page.offer(lambda: snapshot(decision, self._state, self._config, self._streams, now_s))
-        for outgoing, text in self._status.messages(self._state, decision):
+        for outgoing, text in self._status.messages(self._state, decision, excused=self._excused):
             self._send(outgoing)
             if text is not None:
                 self._say(text)
+
+    @property
+    def _excused(self) -> bool:
+        return self._arrivals.now_s() < self._excused_until_s
 
     @property
     def survey(self) -> Survey:

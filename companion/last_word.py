@@ -2,8 +2,8 @@
 
 Killed outright (``kill -9``, out of memory) or not scheduled (swap, a slow SD card) a companion leaves its last tilt
 behind, for all of GUID_TIMEOUT on ArduPilot, which then levels and drifts. The child inherits the link and holds one
-finished frame, a position target at the hold point, renewed five times a second. When no renewal comes for half a
-second it sends that frame for a second, or until the parent is back; when the pipe breaks, likewise, and it ends.
+finished frame, a position target at the hold point, renewed ten times a second. When no renewal comes for 0.3
+seconds it sends that frame for a second, or until the parent is back; when the pipe breaks, likewise, and it ends.
 
 The child runs this file by itself: nothing but the standard library, some 10 MB. It does not help where the whole
 computer stops, nor on a signed link, where a frame made earlier counts as a replay and is refused.
@@ -24,8 +24,9 @@ _HEADER = struct.Struct("<HH")
 """Lengths of address and frame. Both 0: nothing is to be said."""
 TIMES, PERIOD_S = 10, 0.1
 """A lost datagram must not be the end; the autopilot takes a repeated target as the same."""
-SILENCE_S = 0.5
-"""Without a renewal this long the parent stands still: two missed, and as long as GUID_TIMEOUT should be."""
+SILENCE_S = 0.3
+"""Without a renewal this long the parent stands still: three missed. A tilt left behind for 0.5 s moves the vehicle
+three times as far."""
 
 
 class LastWord:

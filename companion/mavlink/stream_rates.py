@@ -117,6 +117,11 @@ class StreamKeeper:
                 self.in_vain[message_name(w.message_id)] = self.rate(w.message_id, now_s)
         return slow
 
+    def restart(self, now_s: float) -> None:
+        """Count anew: what was sent while nobody read is no measure."""
+        self._noted.clear()
+        self._checked_s = now_s
+
     def forget(self) -> None:
         """After a reboot or a lost link: ask for everything again."""
         self._checked_s = None

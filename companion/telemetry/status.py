@@ -29,12 +29,18 @@ _ABOUT_RANGES = {
     Reason.RANGE_FROZEN: Seen.FROZEN,
 }
 _LATENESS = ((Reason.LATE,), (Reason.TOO_LATE,))
+_SENDER, _LESSER = "companion: ", "; also: "
+"""A ground station shows the sender by itself."""
 _INFO, _WARNING = 6, 4
 """MAV_SEVERITY."""
 
 
 def named_values(decision: Decision) -> Iterator[tuple[str, float]]:
-    """(name of at most 10 characters, value): share cancelled, offsets, distances [m], lift and side force [N]."""
+    """(name of at most 10 characters, value): share cancelled, offsets, distances [m], lift and side force [N].
+
+    ``cc_roll`` and ``cc_pitch`` are in rad (MAVLink's unit of angles), ``roll_deg`` and ``pitch_deg`` of the summary
+    in degrees; ``cc_thrust`` is a share of full throttle.
+    """
     yield "cc_auth", decision.offset.share
     yield "cc_thrust", decision.offset.thrust
     yield "cc_roll", decision.offset.roll
@@ -74,14 +80,16 @@ class StatusReporter:
         self._shares: dict[str, float] = {}
         """What was last told of a channel's share."""
 
-    def messages(self, state: PipelineState, decision: Decision) -> Iterator[tuple[Message, str | None]]:
-        """(message, its text for stderr or None) due at this decision."""
+    def messages(
+        self, state: PipelineState, decision: Decision, *, excused: bool = False
+    ) -> Iterator[tuple[Message, str | None]]:
+        """(message, its text for stderr or None) due at this decision; ``excused``: its state is not to be said yet."""
         if decision.t_s - self._named_s >= _PERIOD_S or decision.t_s < self._named_s:
             self._named_s = decision.t_s
             boot_ms = int(max(decision.t_s, 0.0) * 1000.0) & 0xFFFFFFFF
             for name, value in named_values(decision):
                 yield named_value_float(boot_ms, name, value), None
-        text = self._change(state, decision)
+        text = None if excused or _lifts_off(state, decision) else self._change(state, decision)
         if text is not None:
             yield from self.tell(text, warning=bool(decision.reasons))
         if decision.notice is not None and decision.notice != self._noticed:
@@ -100,10 +108,16 @@ class StatusReporter:
             yield from self.tell(hint)
 
     def tell(self, text: str, *, warning: bool = True) -> Iterator[tuple[Message, str | None]]:
-        """One text for ground station and stderr."""
-        self._number = self._number % 65535 + 1
-        for place, message in enumerate(statustext.messages(_WARNING if warning else _INFO, text, self._number)):
-            yield message, text if place == 0 else None
+        """One text for stderr; for the ground station without the sender's name, what matters most as the first text.
+
+        PX4 loses the end of a long text: the gravest refusal fits into one message or two, and the others follow.
+        """
+        severity, said = _WARNING if warning else _INFO, text
+        for part in text.removeprefix(_SENDER).split(_LESSER):
+            self._number = self._number % 65535 + 1
+            for message in statustext.messages(severity, part, self._number):
+                yield message, said or None
+                said = ""
 
     def _change(self, state: PipelineState, decision: Decision) -> str | None:
         """The new state in words, once it has lasted half a second, and no more often than every five seconds.
@@ -130,13 +144,18 @@ class StatusReporter:
         return words.replace(gravest, gravest + late, 1)
 
 
+def _lifts_off(state: PipelineState, decision: Decision) -> bool:
+    """Whether it is still open if the vehicle flies: the first second in the air, or of hearing it fly."""
+    return Reason.LANDED in decision.reasons and state.airborne_since_s < math.inf
+
+
 def said_of(state: PipelineState, decision: Decision) -> tuple[str, str]:
     """The state of the offsets in words: with the gravest refusal alone, and with all of them, the gravest first."""
     if not decision.reasons:
         return "companion: compensating", "companion: compensating"
     gravest, *lesser = (_words(reason, state, decision) for reason in decision.reasons)
     alone = f"companion: no offset, {gravest}"
-    return alone, f"{alone}; also: {'; '.join(lesser)}" if lesser else alone
+    return alone, f"{alone}{_LESSER}{'; '.join(lesser)}" if lesser else alone
 
 
 def _words(reason: Reason, state: PipelineState, decision: Decision) -> str:

@@ -76,6 +76,16 @@ def test_it_says_which_range_is_old():
     assert any("range to the wall lost" in text for text in texts), texts
 
 
+def test_on_attaching_in_the_air_it_is_not_said_to_be_on_the_ground():
+    b, reporter = bench(height=1.0), StatusReporter()
+    assert not [text for text in told(b, 6.0, reporter) if "on the ground" in text]
+
+
+def test_the_first_message_names_the_gravest_refusal_and_the_others_follow():
+    sent = decoded(message for message, _ in StatusReporter().tell("companion: no offset, not armed; also: late; slow"))
+    assert [(m.text, m.id) for m in sent] == [("no offset, not armed", 0), ("late; slow", 0)]
+
+
 def test_nothing_is_said_twice_for_one_cause():
     b, reporter = bench(armed=False, landed=1, rpm=0.0), StatusReporter()
     texts = told(b, 2.0, reporter)
