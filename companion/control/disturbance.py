@@ -20,7 +20,6 @@ from models.effects import Context, adopted_wrench, corrected_state
 from models.evolve import replace
 from models.frames import Array, Rows
 from models.surrogate.fan_surrogate import AdoptedEffect, FanSurrogate
-from models.surrogate.neighbourhood import REACH_M, TRUST, Neighbourhood, Offset, expand
 from models.vehicle import Vehicle
 from models.vehicle_wrench import RPM_TO_RAD_S, fan_rpm_now
 
@@ -50,18 +49,15 @@ class Disturbance:
     """Watched only where an adopted effect knows of ceilings."""
     parts: Parts | None = None
     """What adaptation measures by; None without it."""
-    near: Neighbourhood | None = None
-    """The surrogate about these points, while the vehicle stays there."""
 
 
 def modelled_disturbance(
     estimates: Estimates, config: PipelineConfig, rotor_rpm: tuple[float, ...], rotation: Rows, t_s: float,
-    damping_1_s: float, applied: Applied | None = None, before: Disturbance | None = None,
+    damping_1_s: float, applied: Applied | None = None,
 ) -> Disturbance:  # fmt: skip
     """Query the surrogate for every fan, at the two leads, in free air, and a little further from a wall.
 
-    ``applied``: what adaptation makes of it; None: all as modelled, and no parts. ``before``: the last one, whose
-    neighbourhood of the surrogate answers while the vehicle hovers in it.
+    ``applied``: what adaptation makes of it; None: all as modelled, and no parts.
     """
     vehicle, model, tuning = config.vehicle, config.model, config.tuning
     ground = surface(estimates, config, "ground", t_s)
@@ -79,7 +75,7 @@ def modelled_disturbance(
         soon, later = _shifted(soon, shift), _shifted(later, shift)
         adopted = adopted_disturbance(model, moved, vehicle, tuning, damping_1_s)
     free = model.free_air_now(rpm)
-    near, answer = _answered(model, free, soon, later, before)
+    answer = _by_surrogate(model, soon, later)
     parts = None
     if applied is None:
         wrench = _about_cg(vehicle, answer.lift_n, answer.now, free, later.wall_bearing_rad)
@@ -112,7 +108,6 @@ def modelled_disturbance(
         wall=wall,
         ceiling=ceiling,
         parts=parts,
-        near=near,
     )
 
 
@@ -134,43 +129,6 @@ class _Asked(NamedTuple):
 
 def _shifted(query: FanQuery, by_m: Array) -> FanQuery:
     return query._replace(h_m=tuple((np.array(query.h_m) + by_m).tolist()))
-
-
-def _answered(
-    model: FanSurrogate, free: Wrenches, soon: FanQuery, later: FanQuery, before: Disturbance | None
-) -> tuple[Neighbourhood | None, _Asked]:
-    """By the neighbourhood that the vehicle is in, by a new one where it stays about a place, else by the surrogate."""
-    near, rpm, ahead, now = None if before is None else before.near, soon.rpm, soon[:2], later[:2]
-    offsets = None if near is None else near.offsets(rpm, ahead, now)
-    if offsets is None:
-        # Where the kinks of another kind of model are nobody knows.
-        near = expand(model, rpm, *now) if _stays(before, soon) and isinstance(model, FanSurrogate) else None
-        offsets = None if near is None else near.offsets(rpm, ahead, now)
-    if near is None or offsets is None or not near.forms:
-        return near, _by_surrogate(model, soon, later)
-    return near, _by_neighbourhood(model, near, [fan[2] for fan in free], rpm, *offsets)
-
-
-def _stays(before: Disturbance | None, soon: FanQuery) -> bool:
-    """Whether no fan has come half as far as a neighbourhood reaches: a new one will then serve for a while."""
-    if before is None:
-        return False
-    places = zip(before.h_m + before.d_m, soon.h_m + soon.d_m, strict=True)
-    return all([a == b or abs(a - b) <= 0.5 * REACH_M for a, b in places])
-
-
-def _by_neighbourhood(
-    model: FanSurrogate, near: Neighbourhood, lifts: list[float], rpm: tuple[float, ...], ahead: list[Offset],
-    now: list[Offset],
-) -> _Asked:  # fmt: skip
-    components = [near.values(component, now) for component in range(6)]
-    further = near.values(0, now, _STIFFNESS_STEP_M)
-    return _Asked(
-        [lift * share for lift, share in zip(lifts, near.values(2, ahead), strict=True)],
-        [[lift * share for share in fan] for lift, fan in zip(lifts, zip(*components, strict=True), strict=True)],
-        sum([lift * (a - b) for lift, a, b in zip(lifts, components[0], further, strict=True)]),
-        [trust * model.domain.at_speed(speed) for trust, speed in zip(near.values(TRUST, ahead), rpm, strict=True)],
-    )
 
 
 def _by_surrogate(model: FanSurrogate, soon: FanQuery, later: FanQuery) -> _Asked:
