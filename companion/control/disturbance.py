@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.adaptation.apply import Applied
-from companion.adaptation.parts import Around, Parts
+from companion.adaptation.parts import Around, Parts, about_cg
 from companion.adaptation.sizes import effects_with_size
 from companion.config import PipelineConfig, Tuning
 from companion.estimation.air_state import air_state
@@ -77,12 +77,13 @@ def modelled_disturbance(
     free = model.free_air_now(rpm)
     answer = _by_surrogate(model, soon, later)
     parts = None
+    above = _above_free(answer.lift_n, answer.now, free)
     if applied is None:
-        wrench = _about_cg(vehicle, answer.lift_n, answer.now, free, later.wall_bearing_rad)
+        lift, pull, tilt = about_cg(vehicle, above, later.wall_bearing_rad)
+        wrench = [a + b + c for a, b, c in zip(lift, pull, tilt, strict=True)]
     else:
         effects = _adopted_parts(config, moved, damping_1_s) if model.effects else _NO_EFFECTS
         parts = _parts(vehicle, answer.now, free, soon, effects)
-        above = _above_free(answer.lift_n, answer.now, free)
         wrench = applied.compensated(vehicle, above, parts.around, effects).tolist()
     if adopted is not None:
         wrench = [a + b for a, b in zip(wrench, adopted.tolist(), strict=True)]
@@ -147,40 +148,12 @@ def _by_surrogate(model: FanSurrogate, soon: FanQuery, later: FanQuery) -> _Aske
     )
 
 
-def _about_cg(
-    vehicle: Vehicle, lift_n: list[float], later: Wrenches, free: Wrenches, bearing_rad: float
-) -> list[float]:
-    """What the surroundings add to the free-air wrenches: body FRD about the CG, shape (6,), in plain floats.
-
-    The lift is ``lift_n``, all else that of ``later``. As ``corner_to_body`` and ``at_cg`` have it for arrays.
-    """
-    c, s = math.cos(bearing_rad), math.sin(bearing_rad)
-    fx = fy = fz = mx = my = mz = 0.0
-    for fan, lift, wrench, alone in zip(vehicle.fans, lift_n, later, free, strict=True):
-        x, y, roll, pitch, yaw = [wrench[i] - alone[i] for i in (0, 1, 3, 4, 5)]
-        east, down = s * x - c * y, alone[2] - lift
-        north = c * x + s * y
-        px, py, pz = fan.position_m
-        fx, fy, fz = fx + north, fy + east, fz + down
-        mx += c * roll + s * pitch + (py * down - pz * east)
-        my += s * roll - c * pitch + (pz * north - px * down)
-        mz += -yaw + (px * east - py * north)
-    return [fx, fy, fz, mx, my, mz]
-
-
 def _above_free(lift_n: list[float], later: Wrenches, free: Wrenches) -> Wrenches:
     """(fans, 6), corner frame: what the surroundings add to free air, the lift ``lift_n``, all else of ``later``."""
-    return [
-        [
-            second[0] - alone[0],
-            second[1] - alone[1],
-            lift - alone[2],
-            second[3] - alone[3],
-            second[4] - alone[4],
-            second[5] - alone[5],
-        ]
-        for lift, second, alone in zip(lift_n, later, free, strict=True)
-    ]
+    out = [[a - b for a, b in zip(*fan, strict=True)] for fan in zip(later, free, strict=True)]
+    for fan, lift, alone in zip(out, lift_n, free, strict=True):
+        fan[2] = lift - alone[2]
+    return out
 
 
 def _parts(vehicle: Vehicle, now: Wrenches, free: Wrenches, soon: FanQuery, effects: Array) -> Parts:
