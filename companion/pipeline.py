@@ -358,7 +358,7 @@ def _renew_disturbance(state: PipelineState, t_s: float, config: PipelineConfig)
         return replace(state, disturbance=None, disturbance_s=t_s)
     damping = config.damping_1_s if state.tuned is None else state.tuned.gains.velocity_1_s
     applied = None if state.adaptation is None else state.adaptation.applied
-    disturbance = modelled_disturbance(state.estimates, config, rotors, rows, t_s, damping, applied, state.disturbance)
+    disturbance = modelled_disturbance(state.estimates, config, rotors, rows, t_s, damping, applied)
     share = state.lift_share
     if t_s - state.airborne_since_s >= config.tuning.airborne_after_s:
         now = disturbance.free_lift_n / (config.vehicle.mass_kg * GRAVITY)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.adaptation.apply import Applied
-from companion.adaptation.parts import Around, Parts
+from companion.adaptation.parts import Around, Parts, about_cg
 from companion.adaptation.sizes import effects_with_size
 from companion.config import PipelineConfig, Tuning
 from companion.estimation.air_state import air_state
@@ -20,7 +20,6 @@ from models.effects import Context, adopted_wrench, corrected_state
 from models.evolve import replace
 from models.frames import Array, Rows
 from models.surrogate.fan_surrogate import AdoptedEffect, FanSurrogate
-from models.surrogate.neighbourhood import REACH_M, TRUST, Neighbourhood, Offset, expand
 from models.vehicle import Vehicle
 from models.vehicle_wrench import RPM_TO_RAD_S, fan_rpm_now
 
@@ -50,18 +49,15 @@ class Disturbance:
     """Watched only where an adopted effect knows of ceilings."""
     parts: Parts | None = None
     """What adaptation measures by; None without it."""
-    near: Neighbourhood | None = None
-    """The surrogate about these points, while the vehicle stays there."""
 
 
 def modelled_disturbance(
     estimates: Estimates, config: PipelineConfig, rotor_rpm: tuple[float, ...], rotation: Rows, t_s: float,
-    damping_1_s: float, applied: Applied | None = None, before: Disturbance | None = None,
+    damping_1_s: float, applied: Applied | None = None,
 ) -> Disturbance:  # fmt: skip
     """Query the surrogate for every fan, at the two leads, in free air, and a little further from a wall.
 
-    ``applied``: what adaptation makes of it; None: all as modelled, and no parts. ``before``: the last one, whose
-    neighbourhood of the surrogate answers while the vehicle hovers in it.
+    ``applied``: what adaptation makes of it; None: all as modelled, and no parts.
     """
     vehicle, model, tuning = config.vehicle, config.model, config.tuning
     ground = surface(estimates, config, "ground", t_s)
@@ -79,14 +75,15 @@ def modelled_disturbance(
         soon, later = _shifted(soon, shift), _shifted(later, shift)
         adopted = adopted_disturbance(model, moved, vehicle, tuning, damping_1_s)
     free = model.free_air_now(rpm)
-    near, answer = _answered(model, free, soon, later, before)
+    answer = _by_surrogate(model, soon, later)
     parts = None
+    above = _above_free(answer.lift_n, answer.now, free)
     if applied is None:
-        wrench = _about_cg(vehicle, answer.lift_n, answer.now, free, later.wall_bearing_rad)
+        lift, pull, tilt = about_cg(vehicle, above, later.wall_bearing_rad)
+        wrench = [a + b + c for a, b, c in zip(lift, pull, tilt, strict=True)]
     else:
         effects = _adopted_parts(config, moved, damping_1_s) if model.effects else _NO_EFFECTS
         parts = _parts(vehicle, answer.now, free, soon, effects)
-        above = _above_free(answer.lift_n, answer.now, free)
         wrench = applied.compensated(vehicle, above, parts.around, effects).tolist()
     if adopted is not None:
         wrench = [a + b for a, b in zip(wrench, adopted.tolist(), strict=True)]
@@ -112,7 +109,6 @@ def modelled_disturbance(
         wall=wall,
         ceiling=ceiling,
         parts=parts,
-        near=near,
     )
 
 
@@ -136,43 +132,6 @@ def _shifted(query: FanQuery, by_m: Array) -> FanQuery:
     return query._replace(h_m=tuple((np.array(query.h_m) + by_m).tolist()))
 
 
-def _answered(
-    model: FanSurrogate, free: Wrenches, soon: FanQuery, later: FanQuery, before: Disturbance | None
-) -> tuple[Neighbourhood | None, _Asked]:
-    """By the neighbourhood that the vehicle is in, by a new one where it stays about a place, else by the surrogate."""
-    near, rpm, ahead, now = None if before is None else before.near, soon.rpm, soon[:2], later[:2]
-    offsets = None if near is None else near.offsets(rpm, ahead, now)
-    if offsets is None:
-        # Where the kinks of another kind of model are nobody knows.
-        near = expand(model, rpm, *now) if _stays(before, soon) and isinstance(model, FanSurrogate) else None
-        offsets = None if near is None else near.offsets(rpm, ahead, now)
-    if near is None or offsets is None or not near.forms:
-        return near, _by_surrogate(model, soon, later)
-    return near, _by_neighbourhood(model, near, [fan[2] for fan in free], rpm, *offsets)
-
-
-def _stays(before: Disturbance | None, soon: FanQuery) -> bool:
-    """Whether no fan has come half as far as a neighbourhood reaches: a new one will then serve for a while."""
-    if before is None:
-        return False
-    places = zip(before.h_m + before.d_m, soon.h_m + soon.d_m, strict=True)
-    return all([a == b or abs(a - b) <= 0.5 * REACH_M for a, b in places])
-
-
-def _by_neighbourhood(
-    model: FanSurrogate, near: Neighbourhood, lifts: list[float], rpm: tuple[float, ...], ahead: list[Offset],
-    now: list[Offset],
-) -> _Asked:  # fmt: skip
-    components = [near.values(component, now) for component in range(6)]
-    further = near.values(0, now, _STIFFNESS_STEP_M)
-    return _Asked(
-        [lift * share for lift, share in zip(lifts, near.values(2, ahead), strict=True)],
-        [[lift * share for share in fan] for lift, fan in zip(lifts, zip(*components, strict=True), strict=True)],
-        sum([lift * (a - b) for lift, a, b in zip(lifts, components[0], further, strict=True)]),
-        [trust * model.domain.at_speed(speed) for trust, speed in zip(near.values(TRUST, ahead), rpm, strict=True)],
-    )
-
-
 def _by_surrogate(model: FanSurrogate, soon: FanQuery, later: FanQuery) -> _Asked:
     """One query, shape (rows, fans): at the lead of thrust, of tilt, and a step further off walls at that."""
     h, d = [soon.h_m, later.h_m], [soon.d_m, later.d_m]
@@ -189,40 +148,12 @@ def _by_surrogate(model: FanSurrogate, soon: FanQuery, later: FanQuery) -> _Aske
     )
 
 
-def _about_cg(
-    vehicle: Vehicle, lift_n: list[float], later: Wrenches, free: Wrenches, bearing_rad: float
-) -> list[float]:
-    """What the surroundings add to the free-air wrenches: body FRD about the CG, shape (6,), in plain floats.
-
-    The lift is ``lift_n``, all else that of ``later``. As ``corner_to_body`` and ``at_cg`` have it for arrays.
-    """
-    c, s = math.cos(bearing_rad), math.sin(bearing_rad)
-    fx = fy = fz = mx = my = mz = 0.0
-    for fan, lift, wrench, alone in zip(vehicle.fans, lift_n, later, free, strict=True):
-        x, y, roll, pitch, yaw = [wrench[i] - alone[i] for i in (0, 1, 3, 4, 5)]
-        east, down = s * x - c * y, alone[2] - lift
-        north = c * x + s * y
-        px, py, pz = fan.position_m
-        fx, fy, fz = fx + north, fy + east, fz + down
-        mx += c * roll + s * pitch + (py * down - pz * east)
-        my += s * roll - c * pitch + (pz * north - px * down)
-        mz += -yaw + (px * east - py * north)
-    return [fx, fy, fz, mx, my, mz]
-
-
 def _above_free(lift_n: list[float], later: Wrenches, free: Wrenches) -> Wrenches:
     """(fans, 6), corner frame: what the surroundings add to free air, the lift ``lift_n``, all else of ``later``."""
-    return [
-        [
-            second[0] - alone[0],
-            second[1] - alone[1],
-            lift - alone[2],
-            second[3] - alone[3],
-            second[4] - alone[4],
-            second[5] - alone[5],
-        ]
-        for lift, second, alone in zip(lift_n, later, free, strict=True)
-    ]
+    out = [[a - b for a, b in zip(*fan, strict=True)] for fan in zip(later, free, strict=True)]
+    for fan, lift, alone in zip(out, lift_n, free, strict=True):
+        fan[2] = lift - alone[2]
+    return out
 
 
 def _parts(vehicle: Vehicle, now: Wrenches, free: Wrenches, soon: FanQuery, effects: Array) -> Parts:

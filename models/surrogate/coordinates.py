@@ -53,7 +53,7 @@ def unit(value: ArrayLike, low: float, high: float) -> Array:
     if high <= low:
         out: Array = np.where(np.isnan(v), np.nan, np.where(v > high, 1.0, 0.5))
         return out
-    clipped: Array = (np.clip(v, low, high) - low) / (high - low)
+    clipped: Array = (np.minimum(np.maximum(v, low), high) - low) / (high - low)
     return clipped
 
 

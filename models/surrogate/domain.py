@@ -32,34 +32,18 @@ class Domain:
     rpm_high: float
 
     def trust(self, x: Array, h: Array, d: Array, rpm: Array) -> Array:
-        """Trust (n,) at coordinates x (n, >= 2) that belong to h, d, rpm (n,)."""
-        with np.errstate(invalid="ignore"):
-            p = (x[:, :2] + 1.0) * PER_UNIT
-            known = ~np.isnan(p).any(axis=1)
-            cell = np.clip(np.nan_to_num(p), 0, LAST_CELL).astype(np.intp)
-            fx, fy = (p - cell).T
-        i, j = cell.T
+        """Trust (n,) at coordinates x (n, >= 2) in [-1, 1] that belong to h, d, rpm (n,); none of them NaN."""
+        p = (x[:, :2] + 1.0) * PER_UNIT
+        cell = np.minimum(p, LAST_CELL).astype(np.intp)
+        (fx, fy), (i, j) = (p - cell).T, cell.T
         m = self.map
         inside = (1 - fx) * ((1 - fy) * m[i, j] + fy * m[i, j + 1]) + fx * (
             (1 - fy) * m[i + 1, j] + fy * m[i + 1, j + 1]
         )
-        out = inside * _near(h, self.h_near) * _near(d, self.d_near)
-        with np.errstate(invalid="ignore"):
-            out = out * self.at_speeds(rpm)
-        result: Array = np.where(known & ~np.isnan(out), out, 0.0)
-        return result
-
-    def at_speeds(self, rpm: Array) -> Array:
-        """The factor of the rotor speed in ``trust``, shape of ``rpm``: 1 within the data's."""
         low = (rpm / self.rpm_low - (1 - SPEED_MARGIN)) / SPEED_MARGIN
         high = ((1 + SPEED_MARGIN) - rpm / self.rpm_high) / SPEED_MARGIN
-        return np.clip(np.minimum(low, high), 0.0, 1.0)
-
-    def at_speed(self, rpm: float) -> float:
-        """``at_speeds`` of one speed, in plain floats: asked for at every setpoint."""
-        low = (rpm / self.rpm_low - (1 - SPEED_MARGIN)) / SPEED_MARGIN
-        high = ((1 + SPEED_MARGIN) - rpm / self.rpm_high) / SPEED_MARGIN
-        return max(0.0, min(low, high, 1.0))
+        out: Array = inside * _near(h, self.h_near) * _near(d, self.d_near) * _share(np.minimum(low, high))
+        return out
 
     def arrays(self) -> dict[str, Array]:
         """What weights.npz holds."""
@@ -84,7 +68,7 @@ def fit(x: Array, h: Array, d: Array, rpm: Array) -> Domain:
     axis = np.linspace(-1.0, 1.0, NODES)
     grid = np.stack(np.meshgrid(axis, axis, indexing="ij"), -1).reshape(-1, 2)
     distance = _nearest(grid, places, skip_self=False)
-    trust = np.clip((GAPS_TO_NOTHING - distance / gap) / (GAPS_TO_NOTHING - 1), 0.0, 1.0)
+    trust = _share((GAPS_TO_NOTHING - distance / gap) / (GAPS_TO_NOTHING - 1))
     return Domain(
         map=trust.reshape(NODES, NODES),
         h_near=_nearest_seen(h, d),
@@ -101,10 +85,12 @@ def _nearest_seen(distance: Array, other: Array) -> float:
 
 
 def _near(value: Array, near: float) -> Array:
-    if near <= 0.0:
-        return np.ones_like(value)
-    with np.errstate(invalid="ignore"):
-        out: Array = np.clip((value / near - NEAR_MARGIN) / (1 - NEAR_MARGIN), 0.0, 1.0)
+    return _share((value / near - NEAR_MARGIN) / (1 - NEAR_MARGIN)) if near > 0.0 else np.ones_like(value)
+
+
+def _share(value: Array) -> Array:
+    """Within 0...1; numpy's clip takes three times as long on a few numbers."""
+    out: Array = np.minimum(np.maximum(value, 0.0), 1.0)
     return out
 
 
