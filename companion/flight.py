@@ -255,11 +255,14 @@ class Flight:
         if self._options.page is not None:
             now_s = self._arrivals.now_s()
             self._options.page.offer(lambda: snapshot(decision, self._state, self._config, self._streams, now_s))
-        excused = self._arrivals.now_s() < self._excused_until_s
-        for outgoing, text in self._status.messages(self._state, decision, excused=excused):
+        for outgoing, text in self._status.messages(self._state, decision, excused=self._excused):
             self._send(outgoing)
             if text is not None:
                 self._say(text)
+
+    @property
+    def _excused(self) -> bool:
+        return self._arrivals.now_s() < self._excused_until_s
 
     @property
     def survey(self) -> Survey:

@@ -11,8 +11,9 @@ import math
 from typing import NamedTuple
 
 from companion.config import HoldGains
+from companion.control import position_target
 from companion.control.authority import clipped
-from companion.control.position_target import Reference, Target, advance, moved, start_reference, stay
+from companion.control.position_target import Reference, Target, advance, start_reference, stay
 from companion.control.wall_guard import Pressed
 from companion.mavlink.firmware import ThrustMap
 from companion.mavlink.samples import Vector3
@@ -125,7 +126,7 @@ def balanced(hold: Hold, acceleration: Vector3, gains: HoldGains) -> Hold:
 
 def shifted(hold: Hold, by_ned: Vector3) -> Hold:
     """The hold after the origin of positions moved: everything stays where it is over the ground."""
-    reference = moved(hold.reference, by_ned)
+    reference = position_target.shifted(hold.reference, by_ned)
     return hold._replace(reference=reference, target=replace(hold.target, position=_sum(hold.target.position, by_ned)))
 
 

@@ -124,7 +124,7 @@ def start_reference(position: Vector3, velocity: Vector3, acceleration: Vector3,
     return Reference(ahead, velocity, acceleration, velocity, Motion(position, velocity, acceleration))
 
 
-def moved(reference: Reference, by_ned: Vector3) -> Reference:
+def shifted(reference: Reference, by_ned: Vector3) -> Reference:
     """The same motion elsewhere."""
     expected = reference.expected
     return reference._replace(
@@ -173,11 +173,11 @@ def _way(start: Vector3, end: Vector3) -> Vector3:
 
 def _follows(reference: Reference, to_go: Vector3, speed: Vector3, gains: HoldGains, dt_s: float) -> bool:
     """Whether the target moves as the vehicle can."""
-    slip, moving = _largest(_way(reference.velocity, speed)), _largest(speed) > 0.0
+    slip, moving = _slip(reference.velocity, speed), _largest(speed) > 0.0
     if not reference.following:
         near_m = gains.caught_up_m if moving else gains.still_m
-        late_m = _largest(_way(reference.expected.position, reference.position))
-        return late_m < gains.caught_up_m and _largest(to_go) < near_m and slip < gains.caught_up_m_s
+        late = _slip(reference.expected.position, reference.position) < gains.caught_up_m
+        return late and _largest(to_go) < near_m and slip < gains.caught_up_m_s
     (vx, vy, vz), (x, y, z) = reference.velocity, to_go
     leap = _largest((x - vx * dt_s, y - vy * dt_s, z - vz * dt_s))
     return slip <= gains.follow_m_s and leap <= (gains.follow_m if moving else gains.still_m)
@@ -195,6 +195,10 @@ def _limited(vector: Vector3, level: float, vertical: float) -> Vector3:
 
 def _largest(vector: Vector3) -> float:
     return max(abs(vector[0]), abs(vector[1]), abs(vector[2]))
+
+
+def _slip(now: Vector3, wanted: Vector3) -> float:
+    return _largest(_way(now, wanted))
 
 
 def _followed(reference: Reference, place: Vector3, speed: Vector3, gains: HoldGains, dt_s: float) -> Reference:
@@ -247,8 +251,12 @@ def _approached(
     px, py, pz = reference.position
     now = Motion((px + vx * dt_s, py + vy * dt_s, pz + vz * dt_s), (vx, vy, vz), (ax, ay, az))
     share = dt_s / (gains.lag_s + dt_s) if dt_s > 0.0 else 0.0
-    place, velocity, acceleration = (_answered(*pair, share) for pair in zip(reference.expected, now, strict=True))
-    expected = Motion(place, velocity, acceleration)
+    late = reference.expected
+    expected = Motion(
+        _answered(late.position, now.position, share),
+        _answered(late.velocity, now.velocity, share),
+        _answered(late.acceleration, now.acceleration, share),
+    )
     return Reference(now.position, now.velocity, now.acceleration, now.velocity, expected)
 
 
@@ -270,8 +278,12 @@ def _stoppable(distance: float, closing: float, brake: float) -> float:
 
 
 def _towards(error: float, slope: float, limit: float) -> float:
+    """``_eased`` with the error's sign."""
+    return math.copysign(_eased(abs(error), slope, limit), error)
+
+
+def _eased(error: float, slope: float, limit: float) -> float:
     """``slope`` times a small error; for a large one the rate from which ``limit`` still brings it to rest."""
-    size = abs(error)
-    if size <= limit / slope**2:
+    if error <= limit / slope**2:
         return slope * error
-    return math.copysign(math.sqrt(2.0 * limit * (size - 0.5 * limit / slope**2)), error)
+    return math.sqrt(2.0 * limit * (error - 0.5 * limit / slope**2))
