@@ -71,23 +71,15 @@ class HoldGains:
     velocity_age_s: float = 1.2
     """A velocity target without a position lasts two and a half periods of its sender, at most this long: senders
     repeat it at 1 Hz or faster."""
-    follow_m: float = 0.01
-    follow_m_s: float = 0.1
-    """A moving target that leaps by less than this in place and velocity is followed as it is; a larger leap is
-    approached within the limits."""
-    still_m: float = 0.0005
-    """The same for the place of a target without velocity."""
+    follow_m: float = 0.15
+    """A target that leaps less than this is followed as it is; a larger leap is approached within the limits."""
     caught_up_m: float = 0.02
     caught_up_m_s: float = 0.03
     """An approach is over this near to the target in place and velocity."""
-    still_m_s: float = 0.15
-    """At this speed of an approach the horizontal integral works at half its rate."""
     jerk_m_s3: float = 3.0
     """Of an approach: 0.35 degrees of tilt from one setpoint to the next at 50 Hz, 0.9 with the lead."""
-    closing_1_s: float = 2.0
-    """Of an approach: speed per metre left, near the end."""
-    closing_lags: float = 0.5
-    """The same at most, times the lag of the attitude loop."""
+    closing_1_s: float = 1.0
+    """Of an approach: speed per metre left, near the end; 5 cm take a second."""
     wanted_gain_margin: float = 1.6
     wanted_phase_margin_deg: float = 18.0
     """Gains are chosen to have at least these. Textbooks ask for 2 and 30 degrees (Astrom and Murray 2021, 10.3), which
@@ -102,11 +94,6 @@ class HoldGains:
     """The same for a hold that flies already."""
     gap_s: float = 0.5
     """After a longer silence the vehicle may be anywhere: the way to the target begins where it is."""
-
-    @property
-    def lag_s(self) -> float:
-        """How late the attitude loop answers."""
-        return self.tilt_lead_s / self.tilt_lead_share
 
 
 @dataclass(frozen=True, slots=True)

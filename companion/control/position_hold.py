@@ -11,7 +11,6 @@ import math
 from typing import NamedTuple
 
 from companion.config import HoldGains
-from companion.control import position_target
 from companion.control.authority import clipped
 from companion.control.position_target import Reference, Target, advance, start_reference, stay
 from companion.control.wall_guard import Pressed
@@ -96,16 +95,16 @@ def engage(
     integral = (clipped(balance[0], most), clipped(balance[1], most), clipped(-up, most))
     limit = GRAVITY * math.tan(gains.max_tilt_rad)
     rest_n, rest_e = clipped(tilt_n - integral[0], limit), clipped(tilt_e - integral[1], limit)
-    reference = start_reference(motion.position, motion.velocity, (rest_n, rest_e, 0.0), gains.lag_s)
+    reference = start_reference(motion.position, motion.velocity, (rest_n, rest_e, 0.0))
     climb = integral[2]
     return Hold(stay(motion.yaw, t_s), reference, integral, t_s, (tilt_n - rest_n, tilt_e - rest_e), climb, climb)
 
 
-def resume(hold: Hold, motion: Motion, gains: HoldGains) -> Hold:
+def resume(hold: Hold, motion: Motion) -> Hold:
     """Go on after a gap: to the same target, on a way that begins where the vehicle is."""
     old, at = hold.target, hold.reference.position
     north, east, down = (kept if wanted != wanted else wanted for wanted, kept in zip(old.position, at, strict=True))
-    reference = start_reference(motion.position, motion.velocity, _AT_REST, gains.lag_s)
+    reference = start_reference(motion.position, motion.velocity, _AT_REST)
     target = replace(old, position=(north, east, down), velocity=_AT_REST)
     return hold._replace(target=target, reference=reference)
 
@@ -126,7 +125,7 @@ def balanced(hold: Hold, acceleration: Vector3, gains: HoldGains) -> Hold:
 
 def shifted(hold: Hold, by_ned: Vector3) -> Hold:
     """The hold after the origin of positions moved: everything stays where it is over the ground."""
-    reference = position_target.shifted(hold.reference, by_ned)
+    reference = hold.reference._replace(position=_sum(hold.reference.position, by_ned))
     return hold._replace(reference=reference, target=replace(hold.target, position=_sum(hold.target.position, by_ned)))
 
 
@@ -136,20 +135,19 @@ def fly(
     """One step of the cascade; returns the hold one step on and the setpoint. Plain floats: it runs for every one."""
     dt = min(max(t_s - hold.t_s, 0.0), 0.1)
     if t_s - hold.t_s > gains.gap_s:
-        hold, dt = resume(hold, motion, gains), 0.0
+        hold, dt = resume(hold, motion), 0.0
     reference = advance(hold.reference, hold.target, gains, limits, t_s, dt)
     forward_n, forward_e, forward_d = reference.acceleration
     share = min(dt / gains.tilt_mean_s, 1.0)
     # Tilt and thrust that are neither fed forward nor lasting: what will change the velocity unasked.
     tilt_n, tilt_e = tilt_acceleration(motion.body_down)
-    expected = reference.expected.acceleration
-    tilt_n, tilt_e = tilt_n - motion.offset[0] - expected[0], tilt_e - motion.offset[1] - expected[1]
+    tilt_n, tilt_e = tilt_n - motion.offset[0] - forward_n, tilt_e - motion.offset[1] - forward_e
     climb = hold.climb_command - forward_d
     mean_n, mean_e = hold.tilt_mean
     mean_n, mean_e = mean_n + (tilt_n - mean_n) * share, mean_e + (tilt_e - mean_e) * share
     mean_d = hold.climb_mean + (climb - hold.climb_mean) * share
     extra = (tilt_n - mean_n, tilt_e - mean_e, climb - mean_d)
-    since = _followed(hold.since, t_s - motion.age_s, motion.age_s, dt, _sum(extra, expected))
+    since = _followed(hold.since, t_s - motion.age_s, motion.age_s, dt, _sum(extra, reference.acceleration))
     position, velocity = _predicted(motion, since)
     slip = _slip(reference, position, velocity, extra, gains, limits)
     old = hold.integral
@@ -164,10 +162,9 @@ def fly(
     )
     integral, most = old, gains.max_integral_m_s2
     if not saturated:
-        level = gains.integral_1_s2 * dt * _stillness(reference, gains)
         integral = (
-            clipped(old[0] + slip[0] * level, most),
-            clipped(old[1] + slip[1] * level, most),
+            clipped(old[0] + slip[0] * gains.integral_1_s2 * dt, most),
+            clipped(old[1] + slip[1] * gains.integral_1_s2 * dt, most),
             clipped(old[2] + slip[2] * gains.climb_integral_1_s2 * dt, most),
         )
     elif motion.balance is not None:
@@ -186,26 +183,18 @@ def fly(
     return Hold(hold.target, reference, integral, t_s, (mean_n, mean_e), mean_d, down, since), setpoint
 
 
-def _stillness(reference: Reference, gains: HoldGains) -> float:
-    """1 at rest, 0 on the move: what drag asks for in an approach is gone at its end and would carry past it."""
-    if reference.following:
-        return 1.0
-    north, east, _ = reference.velocity
-    return 1.0 / (1.0 + (north * north + east * east) / gains.still_m_s**2)
-
-
 def _slip(
     reference: Reference, position: Vector3, velocity: Vector3, extra: Vector3, gains: HoldGains, limits: Limits
 ) -> Vector3:
     """The velocity that is missing [m/s], NED: towards the reference, and on with it."""
-    (rx, ry, rz), (x, y, z) = reference.expected.position, position
+    (rx, ry, rz), (x, y, z) = reference.position, position
     north, east = (rx - x) * gains.position_1_s, (ry - y) * gains.position_1_s
     down = clipped((rz - z) * gains.height_1_s, limits.climb_m_s)
     speed = math.hypot(north, east)
     if speed > limits.speed_m_s:
         share = limits.speed_m_s / speed
         north, east = north * share, east * share
-    (rvx, rvy, rvz), (vx, vy, vz) = reference.expected.velocity, velocity
+    (rvx, rvy, rvz), (vx, vy, vz) = reference.velocity, velocity
     # Attitude and motors answer late: look at the velocity that the present tilt and thrust lead to.
     lead, climb_lead = gains.tilt_lead_s, gains.climb_lead_s
     return (

@@ -94,43 +94,21 @@ def _turned(vector: Vector3, yaw: float) -> Vector3:
     return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2]
 
 
-class Motion(NamedTuple):
-    """Position [m], velocity [m/s] and acceleration [m/s^2], NED."""
-
-    position: Vector3
-    velocity: Vector3
-    acceleration: Vector3
-
-
 class Reference(NamedTuple):
     """Where the hold is to be at this instant, NED: position [m], velocity [m/s], acceleration [m/s^2]."""
 
     position: Vector3
     velocity: Vector3
     acceleration: Vector3
-    """What is fed forward."""
     shaped_velocity: Vector3
     """The velocity behind the shaping of ``HoldGains.shape_s``."""
-    expected: Motion
-    """Where a vehicle is that answers the acceleration with the lag of its attitude loop: errors count from here."""
     following: bool = False
     """True on a target that moves as the vehicle can: it is followed as it is. Any other is approached."""
 
 
-def start_reference(position: Vector3, velocity: Vector3, acceleration: Vector3, lag_s: float = 0.0) -> Reference:
-    """Begin where the vehicle is, moving as it moves: where an attitude asked for now is answered, ``lag_s`` later."""
-    (x, y, z), (north, east, _) = position, velocity
-    ahead = (x + north * lag_s, y + east * lag_s, z)
-    return Reference(ahead, velocity, acceleration, velocity, Motion(position, velocity, acceleration))
-
-
-def shifted(reference: Reference, by_ned: Vector3) -> Reference:
-    """The same motion elsewhere."""
-    expected = reference.expected
-    return reference._replace(
-        position=_sum(reference.position, by_ned),
-        expected=expected._replace(position=_sum(expected.position, by_ned)),
-    )
+def start_reference(position: Vector3, velocity: Vector3, acceleration: Vector3) -> Reference:
+    """Begin where the vehicle is, moving as it moves."""
+    return Reference(position, velocity, acceleration, velocity)
 
 
 def advance(
@@ -143,7 +121,7 @@ def advance(
     """
     age = t_s - target.set_s
     age = 0.0 if age < 0.0 else age
-    x, y, z = target.position
+    (x, y, z), (px, py, pz) = target.position, reference.position
     # NaN differs from itself: an axis that only a velocity moves.
     free_n, free_e, free_d = x != x, y != y, z != z
     north, east, down = _limited(target.velocity, limits.speed_m_s, limits.climb_m_s)
@@ -154,33 +132,17 @@ def advance(
     # Between two messages a moving target moves on at its own velocity.
     on = age if beside else gains.target_age_s
     place = (x + north * on, y + east * on, z + down * on)
-    to_go = _way(reference.position, place)
-    if not (free_n or free_e or free_d) and _follows(reference, to_go, speed, gains, dt_s):
+    to_go = (0.0 if free_n else place[0] - px, 0.0 if free_e else place[1] - py, 0.0 if free_d else place[2] - pz)
+    if (
+        not (free_n or free_e or free_d)
+        and _largest(to_go) <= gains.follow_m
+        and (
+            reference.following
+            or (_largest(to_go) < gains.caught_up_m and _slip(reference, speed) < gains.caught_up_m_s)
+        )
+    ):
         return _followed(reference, place, speed, gains, dt_s)
-    if reference.following:
-        reference = start_reference(*reference.expected, gains.lag_s)
-        to_go = _way(reference.position, place)
-    # A place that leaps or starts abruptly may stop as abruptly: it is trailed by the way that stopping takes.
-    speed = (north if free_n else 0.0, east if free_e else 0.0, down if free_d else 0.0)
     return _approached(reference, to_go, speed, gains, limits, dt_s)
-
-
-def _way(start: Vector3, end: Vector3) -> Vector3:
-    """From ``start`` to ``end``; 0 in an axis without a place."""
-    north, east, down = end[0] - start[0], end[1] - start[1], end[2] - start[2]
-    return 0.0 if north != north else north, 0.0 if east != east else east, 0.0 if down != down else down
-
-
-def _follows(reference: Reference, to_go: Vector3, speed: Vector3, gains: HoldGains, dt_s: float) -> bool:
-    """Whether the target moves as the vehicle can."""
-    slip, moving = _slip(reference.velocity, speed), _largest(speed) > 0.0
-    if not reference.following:
-        near_m = gains.caught_up_m if moving else gains.still_m
-        late = _slip(reference.expected.position, reference.position) < gains.caught_up_m
-        return late and _largest(to_go) < near_m and slip < gains.caught_up_m_s
-    (vx, vy, vz), (x, y, z) = reference.velocity, to_go
-    leap = _largest((x - vx * dt_s, y - vy * dt_s, z - vz * dt_s))
-    return slip <= gains.follow_m_s and leap <= (gains.follow_m if moving else gains.still_m)
 
 
 def _limited(vector: Vector3, level: float, vertical: float) -> Vector3:
@@ -197,8 +159,9 @@ def _largest(vector: Vector3) -> float:
     return max(abs(vector[0]), abs(vector[1]), abs(vector[2]))
 
 
-def _slip(now: Vector3, wanted: Vector3) -> float:
-    return _largest(_way(now, wanted))
+def _slip(reference: Reference, speed: Vector3) -> float:
+    v = reference.velocity
+    return _largest((speed[0] - v[0], speed[1] - v[1], speed[2] - v[2]))
 
 
 def _followed(reference: Reference, place: Vector3, speed: Vector3, gains: HoldGains, dt_s: float) -> Reference:
@@ -211,8 +174,7 @@ def _followed(reference: Reference, place: Vector3, speed: Vector3, gains: HoldG
         shaped[1] + east * min(dt_s, shape_e),
         shaped[2] + down * min(dt_s, shape_d),
     )
-    forward = (north, east, down)
-    return Reference(place, speed, forward, passed, Motion(place, speed, forward), following=True)
+    return Reference(place, speed, (north, east, down), passed, following=True)
 
 
 def _approached(
@@ -223,15 +185,14 @@ def _approached(
     Near the end it is linear and critically damped: acceleration follows the velocity error at four times the rate at
     which velocity follows the distance.
     """
-    most, jerk = limits.acceleration_m_s2, gains.jerk_m_s3
-    closing = min(gains.closing_1_s, gains.closing_lags / max(gains.lag_s, 0.05))
+    most, jerk, closing = limits.acceleration_m_s2, gains.jerk_m_s3, gains.closing_1_s
     brake = min(0.75 * most, 0.25 * jerk)  # gentle enough for the jerk that braking begins with
     north, east, down = speed
     distance = math.hypot(to_go[0], to_go[1])
     if distance > 1e-9:
-        share = _stoppable(distance, closing, brake) / distance
+        share = _eased(distance, closing, brake) / distance
         north, east = north + to_go[0] * share, east + to_go[1] * share
-    down += math.copysign(_stoppable(abs(to_go[2]), closing, brake), to_go[2])
+    down += math.copysign(_eased(abs(to_go[2]), closing, brake), to_go[2])
     wanted = _limited((north, east, down), limits.speed_m_s, limits.climb_m_s)
     rate, (vx, vy, vz), (ax, ay, az) = 4.0 * closing, reference.velocity, reference.acceleration
     demand = _limited(
@@ -249,32 +210,8 @@ def _approached(
     az += -step if z - az < -step else step if z - az > step else z - az
     vx, vy, vz = vx + ax * dt_s, vy + ay * dt_s, vz + az * dt_s
     px, py, pz = reference.position
-    now = Motion((px + vx * dt_s, py + vy * dt_s, pz + vz * dt_s), (vx, vy, vz), (ax, ay, az))
-    share = dt_s / (gains.lag_s + dt_s) if dt_s > 0.0 else 0.0
-    late = reference.expected
-    expected = Motion(
-        _answered(late.position, now.position, share),
-        _answered(late.velocity, now.velocity, share),
-        _answered(late.acceleration, now.acceleration, share),
-    )
-    return Reference(now.position, now.velocity, now.acceleration, now.velocity, expected)
-
-
-def _answered(late: Vector3, now: Vector3, share: float) -> Vector3:
-    """Level, a first-order lag behind ``now``; the thrust answers at once."""
-    return late[0] + (now[0] - late[0]) * share, late[1] + (now[1] - late[1]) * share, now[2]
-
-
-def _sum(a: Vector3, b: Vector3) -> Vector3:
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-def _stoppable(distance: float, closing: float, brake: float) -> float:
-    """The speed v [m/s] that takes ``distance`` [m] to stop: distance = v / closing + v^2 / (2 brake).
-
-    Braking begins and ends softly, at most at ``brake`` [m/s^2]: a jerk of ``closing`` times that.
-    """
-    return brake * (math.sqrt(1.0 / closing**2 + 2.0 * distance / brake) - 1.0 / closing)
+    velocity = (vx, vy, vz)
+    return Reference((px + vx * dt_s, py + vy * dt_s, pz + vz * dt_s), velocity, (ax, ay, az), velocity)
 
 
 def _towards(error: float, slope: float, limit: float) -> float:

@@ -169,10 +169,10 @@ def test_engaging_in_motion_brakes_within_the_limits():
     flown.run(4.0)
     flown.bench.mode = 4
     tilts = [0.0]
-    for _ in range(100):  # the vehicle moves as one that answers late
+    for _ in range(100):  # the vehicle follows
         command = flown.tick().command
         tilts.append(2.0 * math.asin(command.q_ned_frd[2]))
-        reference = flown.bench.state.hold.reference.expected
+        reference = flown.bench.state.hold.reference
         flown.velocity = np.array(reference.velocity)
         flown.position = reference.position + 0.02 * flown.velocity
         flown.bench.pitch += 0.2 * (tilts[-1] - flown.bench.pitch)
