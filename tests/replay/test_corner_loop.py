@@ -16,8 +16,11 @@ from corner_models import declared
 
 from companion.sim.flown import Leg
 from companion.vehicles import default_vehicle
+from models.air_state import blank_state
 from models.choice import choose
+from models.effects import Context, adopted_wrench
 from models.frames import Array
+from models.vehicle_wrench import modelled_wrench
 from replay import load
 from replay.diagnosis.diagnose import conclude
 from replay.residual.record import Record, build_record
@@ -58,9 +61,13 @@ def test_the_map_takes_back_what_a_wrong_model_says(world: World) -> None:
 
     def lift(kind: str) -> float:
         directory = world.amended(kind, declared(kind, world.vehicle, world.keep), [LEARN])
-        law = choose(world.vehicle, directory).model
-        near, far = law.wrench(1.3 * radius, np.inf, 4000.0), law.wrench(np.inf, np.inf, 4000.0)
-        return float((near - far)[2] / far[2])
+        model, level = choose(world.vehicle, directory).model, blank_state((), 2, 4)
+        down = []
+        for h_m in (1.3 * radius, np.inf):
+            state = replace(level, rpm=np.full(4, 4000.0), h_m=np.full(2, h_m), servo_us=np.full(16, 1500.0))
+            named = adopted_wrench(model.effects, Context(state, world.vehicle, model), in_flight=True)
+            down.append((modelled_wrench(world.vehicle, model, state) + named)[2])
+        return float(down[0] / down[1] - 1.0)
 
     assert lift("corner_cfd") == pytest.approx(0.07, abs=0.02)
     assert lift("mirrored") == pytest.approx(0.07, abs=0.02)
