@@ -16,7 +16,8 @@ CATALOGUE = frozenset(
     {
         "ceiling", "second_wall", "partial_ground", "wind", "rotor_drag", "body_drag", "vertical_inflow", "air_density",
         "thrust_scale", "thrust_curve", "fan_imbalance", "payload", "cg_offset", "range_offset", "imu_bias",
-        "thermal_derating", "battery_sag", "gyroscopic", "ground_effect", "wall_effect", "motor_lag", "contact",
+        "thermal_derating", "battery_sag", "gyroscopic", "ground_effect", "wall_effect", "corner_effect",
+        "surface_law", "motor_lag", "contact",
         "slung_load",
     }
 )  # fmt: skip
