@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns, decay
-from models.effects.pictures import nearest, over_height, over_wall, percent
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, columns, decay
+from models.effects.pictures import nearest, over_surfaces, percent
 from models.frames import Array
 
 UNITS = (
@@ -37,12 +37,6 @@ def _grid(_: Context) -> Sequence[tuple[float, ...]]:
 def _lacking(ctx: Context) -> str | None:
     both = np.isfinite(ctx.state.h_m) & np.isfinite(ctx.state.d_m)
     return None if both.any() else "ground and wall were never seen together"
-
-
-def _drawn(ctx: Context, axis: str) -> Drawn:
-    if axis == "Fz":
-        return over_height(ctx, axis)
-    return over_wall("distance to the wall [m]", ctx.state.d_m, ctx.state.wall_bearing_rad, axis)
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -77,6 +71,6 @@ EFFECT = Effect(
     lacking=_lacking,
     chance=lambda ctx: ctx.by_model(0.05, 0.3),
     aliases=("wall_effect", "ground_effect"),
-    drawn=_drawn,
+    drawn=over_surfaces,
     in_words=_words,
 )

@@ -65,6 +65,13 @@ def over_wall(label: str, distance: Array, bearing: Array, axis: str) -> Drawn:
     return Drawn(label, fan_mean(distance), "extra force towards the wall [N]", out)
 
 
+def over_surfaces(ctx: Context, axis: str) -> Drawn:
+    """Lift over the height, all else over the distance to the wall."""
+    if axis == "Fz":
+        return over_height(ctx, axis)
+    return over_wall("distance to the wall [m]", ctx.state.d_m, ctx.state.wall_bearing_rad, axis)
+
+
 def fan_mean(distance: Array) -> Array:
     """Mean over the fans (n,) of distances (n, fans); NaN where nothing is seen."""
     known = np.where(np.isfinite(distance), distance, np.nan)

@@ -8,8 +8,8 @@ from itertools import product
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, InFlight, Shape
-from models.effects.pictures import more, nearest, over_height, over_wall, percent
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, InFlight, Shape
+from models.effects.pictures import more, nearest, over_surfaces, percent
 from models.frames import Array
 from models.surface_map import CELLS, COMPONENTS, MEASURED, PARTS, cell_name, prior_factor
 
@@ -80,12 +80,6 @@ def _lacking(ctx: Context) -> str | None:
     return None if close.any() else "the flight never came near a surface"
 
 
-def _drawn(ctx: Context, axis: str) -> Drawn:
-    if axis == "Fz":
-        return over_height(ctx, axis)
-    return over_wall("distance to the wall [m]", ctx.state.d_m, ctx.state.wall_bearing_rad, axis)
-
-
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     radius, parts = ctx.vehicle.rotor_radius_m, []
     h, d = nearest(ctx.state.h_m), nearest(ctx.state.d_m)
@@ -140,6 +134,6 @@ EFFECT = Effect(
     exact=True,
     chance=lambda ctx: ctx.by_model(0.05, 0.3),
     aliases=("ground_effect", "wall_effect", "corner_effect"),
-    drawn=_drawn,
+    drawn=over_surfaces,
     in_words=_words,
 )

@@ -80,7 +80,6 @@ class Evidence:
 
     def __init__(self, library: Library) -> None:
         self.library = library
-        self.floor = FLOOR
         self.spectra = spectra(STEP_S)
         self._white: dict[tuple[int, int], Whitened] = {}
         self._smaller = np.array([min(s.slow_share, 1.0 - s.slow_share) for s in self.spectra])
@@ -191,7 +190,7 @@ class Evidence:
 
     def _variance(self, channel: Channel, energies: Array, least: float) -> Array:
         """Of the innovations by every spectrum, no smaller than ``least`` and the floor."""
-        lowest = np.maximum(least, (self.floor * channel.limit) ** 2 / self._smaller)
+        lowest = np.maximum(least, (FLOOR * channel.limit) ** 2 / self._smaller)
         return np.maximum(energies / max(channel.count, 1), lowest)
 
     def _laplace(self, terms: Sequence[Term], b: Array, cov: Array, energies_of: Sequence[Array], form: Array) -> float:
