@@ -1,8 +1,8 @@
 """What the named effects leave of ground and wall: a map over height and distance, weighed after the walk.
 
-The map has a Gaussian-process prior, so its evidence pays for its freedom (Rasmussen & Williams 2006, ch. 5): it is
-taken where ``TRUST log p(y | set, map) + log odds`` exceeds that of the set alone. Terms that the map makes
-unnecessary are taken out, one at a time, while that raises the posterior.
+The map has a Gaussian-process prior, so its evidence pays for its freedom (Rasmussen & Williams 2006, ch. 5). A formula
+says more than a map: the map is taken where ``TRUST log p(y | set, map) + log odds`` exceeds that of the set alone by
+``MARGIN``, and a term of the set is taken out where that of the rest exceeds it by as much.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ ROUNDS = 2
 
 
 def with_surface_law(walked: Walked) -> tuple[Fit, float]:
-    """The best set with the map where the map is likelier than not, and the log odds of the map."""
+    """The best set with the map where that is clearly likelier, and the log odds of the map."""
     best = walked.best
     for effect in walked.evidence.library.remainders:
         mapped = _lighter(walked, _spread(walked, effect))
         odds = _posterior(mapped) - _posterior(best)
-        if odds > 0.0:
+        if odds > MARGIN:
             return replace(mapped, worth=best.worth, score=best.score + odds), odds
     return best, -math.inf
 
@@ -55,18 +55,10 @@ def _spread(walked: Walked, effect: Effect) -> Fit:
 
 
 def _lighter(walked: Walked, fit: Fit) -> Fit:
-    """Without the terms that the map, which is the last, makes unnecessary.
-
-    A law that the map corrects stays unless the set is clearly likelier without it: a formula says more than a map.
-    """
-    effect = fit.terms[-1].effect
-    laws = () if effect is None else effect.aliases
-    lighter = []
-    for term in fit.terms[:-1]:
-        less = walked.evidence.fit([t for t in fit.terms if t is not term], fit.noise)
-        lighter.append((_posterior(less) - (MARGIN if term.name in laws else 0.0), less))
-    gain, lightest = max(lighter, key=lambda pair: pair[0], default=(-math.inf, fit))
-    return _lighter(walked, lightest) if gain > _posterior(fit) else fit
+    """Without the terms that the map, which is the last, clearly makes unnecessary."""
+    lighter = [walked.evidence.fit([t for t in fit.terms if t is not term], fit.noise) for term in fit.terms[:-1]]
+    lightest = max(lighter, key=_posterior, default=fit)
+    return _lighter(walked, lightest) if _posterior(lightest) > _posterior(fit) + MARGIN else fit
 
 
 def _posterior(fit: Fit) -> float:
