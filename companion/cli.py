@@ -73,11 +73,11 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--survey", metavar="BOX",
                    help="move the hold slowly through HEIGHT_MIN:HEIGHT_MAX[:WALL_MIN:WALL_MAX] metres and back, "
                    "to learn ground and wall from the recording; another mode or target ends it")  # fmt: skip
-    p.add_argument("--adapt", type=read_adapt, default=Adapt.OFF, metavar="off|full",
+    p.add_argument("--adapt", type=read_adapt, metavar="off|full",
                    help="full: measure the sizes of the model's effects in flight and compensate by them, up to 1.5 of "
-                   "the model")  # fmt: skip
+                   "the model (default: full; off with --compare)")  # fmt: skip
     p.add_argument("--save-model", type=Path, metavar="DIR",
-                   help="with --adapt: write the model with the sizes that were measured, the priors of its next "
+                   help="with --adapt full: write the model with the sizes that were measured, the priors of its next "
                    "flight")  # fmt: skip
     p.add_argument("--duration", type=float, metavar="S", help="stop after this many seconds")
     p.add_argument("--signing-key", type=Path, metavar="FILE", help="MAVLink 2 signing key: 32 bytes or 64 hex digits")
@@ -155,7 +155,7 @@ NO_EFFECT = {
     "without --connect /dev/...": "--baud",
     "without --compare": "--plot",
     "without --record": "--record-limit --survey",
-    "without --adapt full": "--save-model",
+    "with --adapt off": "--save-model",
 }
 """Options that do nothing with another, or without it."""
 
@@ -176,7 +176,7 @@ def without_effect(a: argparse.Namespace) -> Iterator[str]:
         "--setpoint ENDPOINT": a.setpoint != "hold",
         "--signing-key": a.signing_key is not None,
         "--record": a.record is not None,
-        "--adapt full": a.adapt is Adapt.FULL,
+        "--adapt off": a.adapt is Adapt.OFF,
     }
     for when, options in NO_EFFECT.items():
         word, other = when.split(" ", 1)
@@ -297,7 +297,7 @@ def _flight_config(a: argparse.Namespace) -> tuple[PipelineConfig, list[str]]:
         dry_run=a.dry_run,
         offsets=not a.no_offsets,
         survey=None if a.survey is None else read_box(a.survey),
-        adapt=a.adapt,
+        adapt=a.adapt or Adapt.FULL,
     )
     notes = [chosen.note] if chosen.note else []
     return config, [*notes, *(f"{a.vehicle}: {w}" for w in warnings(vehicle))]
@@ -386,7 +386,7 @@ def _write_json(report: dict[str, Any], target: str) -> None:
 def _compare(a: argparse.Namespace) -> int:
     from companion.sim.compare import Settings, compare, write
 
-    settings = Settings(scenario_name(a.connect), a.vehicle, a.model, a.adapt, a.record)
+    settings = Settings(scenario_name(a.connect), a.vehicle, a.model, a.adapt or Adapt.OFF, a.record)
     if settings.choice.note is not None and not a.quiet:
         print(f"companion: {settings.choice.note}", file=sys.stderr)
     write(compare([a.seed], settings, quiet=a.quiet), json_path=a.json, plot=a.plot)

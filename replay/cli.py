@@ -56,10 +56,10 @@ def parser() -> argparse.ArgumentParser:
         help="decide at every attitude (hold) or at every recorded SET_ATTITUDE_TARGET (upstream)",
     )  # fmt: skip
     run.add_argument(
-        "--adapt", type=read_adapt, default=Adapt.OFF, metavar="off|full",
-        help="measure the sizes of the model's effects as the flight program does: what would have been learned",
+        "--adapt", type=read_adapt, default=Adapt.FULL, metavar="off|full",
+        help="full: measure the sizes of the model's effects as the flight program does (default)",
     )  # fmt: skip
-    run.add_argument("--save-model", type=Path, metavar="DIR", help="with --adapt: write the model with these sizes")
+    run.add_argument("--save-model", type=Path, metavar="DIR", help="write the model with the sizes that were measured")
     run.add_argument("--survey", metavar="BOX", help="the box of a recorded companion --survey")
     run.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
     run.add_argument(
@@ -105,7 +105,7 @@ def _run(a: argparse.Namespace) -> int:
     if a.log.is_dir():
         return _run_folder(a)
     if a.save_model is not None and a.adapt is Adapt.OFF:
-        raise ConfigError("--save-model: saves what --adapt full has measured; give both")
+        raise ConfigError("--save-model: has no effect with --adapt off")
     # Imported here so that --help answers at once.
     from replay.rerun.history import History
     from replay.rerun.report import run

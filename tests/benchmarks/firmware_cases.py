@@ -292,7 +292,7 @@ def main() -> int:
     p.add_argument("--seed", type=int, default=1)
     p.add_argument("--vehicle", type=Path, help="vehicle file (default: the shipped quadrotor)")
     p.add_argument("--record", type=Path, metavar="DIR", help="keep a .tlog and the truth of each case here")
-    p.add_argument("--adapt", choices=[m.value for m in Adapt], default="off", help="as companion --adapt")
+    p.add_argument("--adapt", choices=[m.value for m in Adapt], default="full", help="as companion --adapt")
     p.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     p.add_argument("--json", metavar="FILE", help="- for stdout")
     p.add_argument("--compare", type=Path, metavar="OLD.json", help="print these earlier outcomes above each")

@@ -19,7 +19,7 @@ VALUES = {
 FLAGS = ("--check", "--dry-run", "--no-last-word", "--no-offsets", "--compare", "--quiet")
 OPTIONS = (*VALUES, *FLAGS)
 LINKS = ("sim:corner", "udp:127.0.0.1:5", "/dev/ttyAMA0", "f.tlog")
-NEEDED = {"--record-limit": "--record", "--survey": "--record", "--save-model": "--adapt", "--plot": "--compare"}
+NEEDED = {"--record-limit": "--record", "--survey": "--record", "--plot": "--compare"}
 """What an option needs beside it: given along, so that the pair is looked at and not that."""
 AT_ODDS = {
     ("--dry-run", "--survey"), ("--dry-run", "--on-exit"), ("--dry-run", "--no-last-word"), ("--setpoint", "--carrier"),
@@ -91,7 +91,7 @@ def test_a_pair_does_something_or_is_refused_by_name(pair):
         (["--connect", "sim:", "--check", "f.tlog"], ["--connect", "--check FILE.tlog"]),
         (["--check", "f.tlog", "--duration", "3"], ["--duration", "--check FILE.tlog"]),
         (["--connect", "sim:", "--record-limit", "3"], ["--record-limit", "--record"]),
-        (["--connect", "sim:", "--save-model", "m"], ["--save-model", "--adapt full"]),
+        (["--connect", "sim:", "--adapt", "off", "--save-model", "m"], ["--save-model", "--adapt off"]),
         (["--connect", "sim:", "--plot", "p.svg"], ["--plot", "--compare"]),
         (["--connect", "sim:", "--compare", "--no-offsets"], ["--no-offsets", "--compare"]),
     ],

@@ -84,7 +84,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--only", action="append", default=[], metavar="NAME", help="exactly this fault; may be repeated")
     p.add_argument("--stack", choices=STACKS, action="append", help="one manner only (default: both)")
     p.add_argument("--seed", type=int, default=1)
-    p.add_argument("--adapt", choices=[m.value for m in Adapt], default="off", help="as companion --adapt")
+    p.add_argument("--adapt", choices=[m.value for m in Adapt], default="full", help="as companion --adapt")
     p.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     p.add_argument("--json", type=Path, metavar="FILE", help="the results, written after every flight")
     p.add_argument("--resume", action="store_true", help="fly only what --json FILE does not hold yet")
