@@ -95,6 +95,8 @@ def modelled_disturbance(
         if applied is not None and parts is not None:
             beside_model = applied.near.pull_change_n(parts.around, _STIFFNESS_STEP_M / vehicle.rotor_radius_m)
             change = applied.shares[1] * change + beside_model
+        if adopted is not None:
+            change += adopted_pull_change_n(model, moved, vehicle, _STIFFNESS_STEP_M)
         gain = _stable_gain(change / _STIFFNESS_STEP_M, vehicle, tuning, damping_1_s)
     beside = [h < math.inf or d < math.inf for h, d in zip(soon.h_m, soon.d_m, strict=True)]
     trust = min([t for t, one in zip(answer.trust, beside, strict=True) if one], default=1.0)
@@ -207,6 +209,16 @@ def adopted_disturbance(
     open_air = disturbance(np.full_like(state.ceiling_m, np.inf))
     out: Array = open_air + share * (near - open_air)
     return out
+
+
+def adopted_pull_change_n(model: FanSurrogate, state: AirState, vehicle: Vehicle, step_m: float) -> float:
+    """By how much the adopted effects pull the vehicle to the wall less, ``step_m`` further off [N]."""
+    near, further = (
+        adopted_wrench(model.effects, Context(replace(state, d_m=d_m), vehicle, model), in_flight=True)
+        for d_m in (state.d_m, state.d_m + step_m)
+    )
+    change, bearing = near - further, float(state.wall_bearing_rad)
+    return float(change[0] * math.cos(bearing) + change[1] * math.sin(bearing))
 
 
 @lru_cache(maxsize=4)

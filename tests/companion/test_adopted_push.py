@@ -9,7 +9,7 @@ import pytest
 
 import models
 from companion.config import Base, PipelineConfig, Tuning
-from companion.control.disturbance import adopted_disturbance
+from companion.control.disturbance import adopted_disturbance, adopted_pull_change_n
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
 from models.effects import adopted
@@ -76,3 +76,17 @@ def test_the_feed_forward_near_a_surface_is_bounded_by_the_damping_that_the_hold
     hold = PipelineConfig(VEHICLE, MODEL)
     assert hold.damping_1_s == hold.tuning.hold.velocity_1_s
     assert replace(hold, base=Base.UPSTREAM).damping_1_s < hold.damping_1_s
+
+
+@pytest.mark.parametrize("gap_radii", [0.3, 0.8, 2.0])
+def test_the_pull_of_an_adopted_wall_counts_towards_the_bound_of_the_feed_forward(gap_radii: float):
+    """Pull p T exp(-d/L): less a step further off by p T (1 - exp(-step/L)) exp(-d/L)."""
+    length, pull, step = 0.7, 0.2, 0.02
+    model = MODEL.with_effects((adopted("wall_effect", {"pull": pull, "tilt": 0.0, "length_radii": length}),))
+    gap = gap_radii * VEHICLE.rotor_radius_m
+    beside = replace(state(), d_m=np.full(len(VEHICLE.fans), gap), wall_bearing_rad=np.array(0.8))
+    thrust = len(VEHICLE.fans) * float(MODEL.wrench(np.inf, np.inf, 4000.0)[2])
+    scale = length * VEHICLE.rotor_radius_m
+    expected = pull * thrust * np.exp(-gap / scale) * (1.0 - np.exp(-step / scale))
+    assert adopted_pull_change_n(model, beside, VEHICLE, step) == pytest.approx(expected, rel=0.02)
+    assert adopted_pull_change_n(model, state(), VEHICLE, step) == 0.0
