@@ -80,6 +80,10 @@ class HeightDrift:
     compared_s: float = -math.inf
     down: tuple[float, float, float] = (-math.inf, 0.0, 0.0)
     """Time, down coordinate and velocity of the newest position, as received."""
+    reading_m: float = math.nan
+    """The ground range's newest reading, as sent."""
+    changed_correction_m: float = 0.0
+    """The correction when that reading came first: what it is set back to if the reading turns out to be frozen."""
 
     @property
     def drifts(self) -> bool:
@@ -114,6 +118,10 @@ def hear(drift: HeightDrift, sample: LocalPosition) -> tuple[HeightDrift, LocalP
 
 def compare(drift: HeightDrift, ground: Surface, position: LocalPosition) -> HeightDrift:
     """Compare the ground range with the newest position; ``position`` as flown by, at the same instant."""
+    if ground.seen is Seen.FROZEN and drift.reading_m == drift.reading_m:
+        return replace(NO_DRIFT, correction_m=drift.changed_correction_m, sunk_m=drift.sunk_m, down=drift.down)
+    if ground.seen is Seen.SURFACE and ground.slant_m != drift.reading_m:
+        drift = replace(drift, reading_m=ground.slant_m, changed_correction_m=drift.correction_m)
     t_s, marks = position.t_s, drift.marks
     (north, east, _), (vn, ve, _) = position.position_ned, position.velocity_ned
     if ground.seen is not Seen.SURFACE or ground.distance_m > LOW_M or math.hypot(vn, ve) > _MOVES_M_S:

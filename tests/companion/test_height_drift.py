@@ -195,3 +195,25 @@ def test_the_pilot_is_told_how_fast_it_drifts_and_offsets_go():
         decision = b.tick()
     assert decision.authority == 0.0
     assert decision.command is not None
+
+
+@pytest.mark.parametrize("climb_m_s", [0.1, 0.25, -0.1])
+def test_a_range_that_froze_leaves_no_correction_behind(climb_m_s: float):
+    """The reading repeats itself while the vehicle moves 0.13 m, then it is known as frozen; later it is right again."""
+    drift, height, frozen_at = NO_DRIFT, HEIGHT_M, None
+    for k in range(round(14.0 / DT)):
+        t = k * DT
+        speed = climb_m_s if 2.0 <= t < 4.0 else 0.0
+        height += speed * DT
+        drift, flown = hear(drift, LocalPosition(t, 1, 1, (0.0, 0.0, -height), (0.0, 0.0, -speed)))
+        if not 2.0 <= t < 6.0:
+            ground = Surface(Seen.SURFACE, height, slant_m=round(height, 2))
+        elif abs(height - HEIGHT_M) <= 0.13 and frozen_at is None:
+            ground = Surface(Seen.SURFACE, HEIGHT_M, slant_m=round(HEIGHT_M, 2))
+        else:
+            frozen_at = t
+            ground = Surface(Seen.FROZEN)
+        drift = compare(drift, ground, flown)
+    assert frozen_at is not None
+    assert drift.correction_m == pytest.approx(0.0, abs=0.005)
+    assert not drift.drifts
