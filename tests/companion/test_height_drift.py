@@ -199,7 +199,7 @@ def test_the_pilot_is_told_how_fast_it_drifts_and_offsets_go():
 
 @pytest.mark.parametrize("climb_m_s", [0.1, 0.25, -0.1])
 def test_a_range_that_froze_leaves_no_correction_behind(climb_m_s: float):
-    """The reading repeats itself while the vehicle moves 0.13 m, then it is known as frozen; later it is right again."""
+    """The reading repeats itself while the vehicle moves 0.13 m, then it is known as frozen; later it is right."""
     drift, height, frozen_at = NO_DRIFT, HEIGHT_M, None
     for k in range(round(14.0 / DT)):
         t = k * DT
