@@ -5,6 +5,8 @@ import shlex
 from dataclasses import fields
 from pathlib import Path
 
+import effects_page
+import numpy as np
 import pytest
 import results_page
 from log_writers import flight, quad_flight, write_tlog
@@ -15,6 +17,7 @@ import models.cli
 import replay.cli
 from models import dataset
 from models.corner_law import ClosedForm
+from models.effects import catalogue
 from models.vehicle import Fan, Limits, Rangefinder, Rotor, Throttle, Vane, Vehicle
 from models.vehicle_setup.parameters import read_parameters
 
@@ -181,6 +184,16 @@ def test_results_page_and_table_of_the_readme_are_what_the_json_files_give():
     text = README.read_text(encoding="utf-8")
     assert text == results_page.readme(text, found), "run results_page.py"
     assert sum(f.readme is not None for r in found for f in r.figures) == 6
+
+
+def test_the_page_of_effects_is_what_the_catalogue_says_and_every_effect_has_a_picture():
+    effects = list(catalogue())
+    assert effects_page.PAGE.read_text(encoding="utf-8") == effects_page.page(effects), "run effects_page.py"
+    made_up = effects_page.flight()
+    for effect in effects:
+        _, _, x, y = effects_page.curve(effect, made_up)
+        assert len(x) == len(y) > 100
+        assert np.ptp(y) > 0.0, effect.name
 
 
 def test_a_result_names_what_is_wrong_in_its_file(tmp_path):
