@@ -19,10 +19,11 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from flight_case import WIRE_S, Case, CasePilot, Judgement, Outcome, fly_case
+
 from companion.adaptation.options import Adapt
 from companion.config import PipelineConfig
 from companion.sim.autopilot import Mode
-from companion.sim.case import WIRE_S, Case, CasePilot, Judgement, Outcome, fly_case
 from companion.sim.sensors import RangeFault
 from companion.vehicles import QUAD
 from models.errors import UserError

@@ -16,13 +16,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from flight_case import Case, CasePilot, surroundings
+
 import models
 from companion.config import PipelineConfig
 from companion.control.survey import Phase
 from companion.control.survey_box import read_box
 from companion.sim.air import disturbed
 from companion.sim.body import Body
-from companion.sim.case import Case, CasePilot, surroundings
 from companion.sim.flight import Flight
 from companion.sim.flown import AXES, UNITS, Flown, Leg, fly_judged
 from companion.sim.lockstep import Lockstep

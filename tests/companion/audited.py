@@ -5,12 +5,12 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
+from flight_case import Case, CasePilot, surroundings
 from simflight import vehicle
 
 import models
 from companion.config import PipelineConfig
 from companion.invariants import Audit, Auditor
-from companion.sim.case import Case, CasePilot, surroundings
 from companion.sim.flight import Flight
 from companion.sim.lockstep import Lockstep
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import firmware_cases
 import pytest
+from flight_case import Case, fly_case
 
-from companion.sim.case import Case, fly_case
 from companion.vehicles import QUAD
 from models.errors import LinkError
 from models.vehicle import load_vehicle

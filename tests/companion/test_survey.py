@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from flight_case import Case, CasePilot, fly_case
 from hypothesis import given
 from hypothesis import strategies as st
 from simflight import sent_and_decided, vehicle
@@ -17,7 +18,6 @@ from companion.control import survey as sv
 from companion.control.survey import Phase, Survey, Wanted, Whereabouts, advance, plan
 from companion.control.survey_box import SurveyBox, read_box
 from companion.sim.autopilot import Mode
-from companion.sim.case import Case, CasePilot, fly_case
 from models.errors import ConfigError
 from replay.diagnosis.amended_model import empty_model
 

@@ -11,12 +11,13 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from flight_case import Case, CasePilot, surroundings
+
 import models
 from companion.adaptation.options import Adapt
 from companion.config import PipelineConfig
 from companion.invariants import Auditor, Promise
 from companion.pipeline import Decision
-from companion.sim.case import Case, CasePilot, surroundings
 from companion.sim.flight import Flight
 from companion.sim.lockstep import Lockstep
 from companion.vehicles import default_vehicle
