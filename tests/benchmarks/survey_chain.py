@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from flight_case import Case, CasePilot, surroundings
+from lockstep_faults import FaultyLockstep
 
 import models
 from companion.config import PipelineConfig
@@ -26,7 +27,6 @@ from companion.sim.air import disturbed
 from companion.sim.body import Body
 from companion.sim.flight import Flight
 from companion.sim.flown import AXES, UNITS, Flown, Leg, fly_judged
-from companion.sim.lockstep import Lockstep
 from companion.sim.scenario import build
 from companion.vehicles import TANDEM
 from models.errors import UserError
@@ -67,11 +67,11 @@ def survey(vehicle: Vehicle, box: str, folder: Path) -> tuple[Path, dict[str, An
     flight = one_vehicle(vehicle, surroundings(case, vehicle), 1)
     pilots: list[CasePilot] = []
 
-    def pilot(world: Lockstep) -> CasePilot:
+    def pilot(world: FaultyLockstep) -> CasePilot:
         pilots.append(CasePilot(world, surveying))
         return pilots[0]
 
-    world = Lockstep(flight, pilot)
+    world = FaultyLockstep(flight, pilot)
     log = folder / "survey.tlog"
     world.fly(PipelineConfig(vehicle, empty_model(vehicle), survey=read_box(box)), log)
     assert world.companion is not None
