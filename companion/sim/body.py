@@ -167,6 +167,16 @@ def thrust_share(actuator: float, expo: float = THRUST_EXPO) -> float:
     return (1.0 - expo) * actuator + expo * actuator * actuator
 
 
+def euler(q: Sequence[float]) -> Vec:
+    """Roll, pitch, yaw [rad] of a unit quaternion (w, x, y, z)."""
+    w, x, y, z = q
+    return (
+        math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+        math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x)))),
+        math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+    )
+
+
 @dataclass
 class Body:
     """A vehicle in its surroundings. ``seed`` draws the law of the air and what the vehicle file has slightly wrong."""
@@ -320,12 +330,7 @@ class Body:
 
     def euler(self) -> Vec:
         """Roll, pitch, yaw [rad]."""
-        w, x, y, z = self.quaternion
-        return (
-            math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
-            math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x)))),
-            math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
-        )
+        return euler(self.quaternion)
 
     def step(self, pwm: Sequence[float]) -> None:
         """Advance by ``dt`` under servo outputs ``pwm`` [us], channel 1 first."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
 import os
 import select
 import socket
@@ -24,12 +23,6 @@ from models.vehicle import Vehicle
 
 BEHIND_S = 0.05
 """Wall-clock lag after which the simulation gives up the lost time instead of hurrying."""
-
-
-STREAM_GAP_S = 0.025
-"""Simulated time a running attitude stream may be behind before a hurried simulation waits for it."""
-PATIENCE_S = 2.0
-"""Wall-clock time it waits: a companion that stopped for good is not waited for again until it speaks."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +97,6 @@ def _loop(
 ) -> None:
     wall_dt = DT / options.speed
     clock = time.monotonic
-    patience = _Patience(link, sock) if options.speed > 1.0 and options.hand is Hand.COMPANION else None
     due = clock()
     checked = due
     while not _over(options, flight):
@@ -116,8 +108,6 @@ def _loop(
             due = now
         due += wall_dt
         _receive(sock, link)
-        if patience is not None:
-            patience.wait(flight.time_s)
         flight.step()
         pilot.step()
         link.step()
@@ -138,35 +128,6 @@ def _receive(sock: socket.socket, link: VehicleLink) -> None:
         except OSError:
             return
         link.receive(data)
-
-
-class _Patience:
-    """Faster than time, the simulator waits for the companion rather than run away from it.
-
-    On a busy machine a companion that is scheduled 20 ms late would at fourfold speed fly with 80 ms of delay that no
-    real vehicle has, and one with a backlog would stay behind for good. So the clock stands while the companion's last
-    setpoint was computed from an attitude older than ``STREAM_GAP_S`` (its ``time_boot_ms``). At real time nothing
-    waits.
-    """
-
-    def __init__(self, link: VehicleLink, sock: socket.socket) -> None:
-        self._link = link
-        self._sock = sock
-        self._given_up_s = -math.inf
-
-    def wait(self, now_s: float) -> None:
-        """Hold the clock while the next setpoint is overdue."""
-        link = self._link
-        if link.attitude_stream_s == self._given_up_s or now_s - link.attitude_basis_s <= STREAM_GAP_S:
-            return
-        until = time.monotonic() + PATIENCE_S
-        while now_s - link.attitude_basis_s > STREAM_GAP_S:
-            left = until - time.monotonic()
-            if left <= 0.0:
-                self._given_up_s = link.attitude_stream_s
-                return
-            select.select([self._sock], [], [], left)
-            _receive(self._sock, link)
 
 
 def _over(options: Options, flight: Flight) -> bool:

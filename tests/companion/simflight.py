@@ -17,8 +17,9 @@ from companion.mavlink.frames import cut
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, encode
 from companion.sim.autopilot import Mode
 from companion.sim.flight import Flight
-from companion.sim.link import VehicleLink, quaternion
+from companion.sim.link import VehicleLink
 from companion.sim.scenario import build
+from models.frames import quaternion_from_euler
 from models.vehicle import Vehicle, load_vehicle
 from replay.logs.tlog import read_tlog
 from replay.rerun.harness import Replay
@@ -87,7 +88,7 @@ class Peer:
         self, roll: float = 0.0, pitch: float = 0.0, thrust: float = 0.5, *, mask: int = 7, scale: float = 1.0
     ) -> None:
         """Angles in degrees."""
-        q = [scale * v for v in quaternion(math.radians(roll), math.radians(pitch), 0.0)]
+        q = [scale * v for v in quaternion_from_euler(math.radians(roll), math.radians(pitch), 0.0)]
         self.say(mavlink.MAVLink_set_attitude_target_message(self.link.boot_ms, 1, 1, mask, q, 0.0, 0.0, 0.0, thrust))
 
     def position(self, n: float, e: float, d: float, *, accel_n: float | None = None) -> None:
