@@ -7,9 +7,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from companion.sim.flight import Flight
 from companion.sim.pilot import Hand
 from companion.sim.process import Options, run
-from companion.sim.scenario import NAMES
+from companion.sim.scenario import NAMES, build
 from companion.vehicles import TANDEM
 from models.arguments import Parser
 from models.errors import ConfigError, UserError
@@ -48,27 +49,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         _check(a)
         vehicle = load_vehicle(a.vehicle)
-        return run(
-            Options(
-                vehicle=vehicle,
-                scenario=a.scenario,
-                port=a.port,
-                seed=a.seed,
-                speed=a.speed,
-                air=a.air == "corner",
-                hand=Hand(a.pilot),
-                truth=a.truth,
-                duration_s=a.duration,
-                px4=a.px4,
-                until_stdin_closes=a.until_stdin_closes,
-                narrate=a.narrate,
-            )
+        flight = Flight(vehicle, build(a.scenario, vehicle, air=a.air == "corner"), a.seed, px4=a.px4)
+        run(
+            flight,
+            Options(a.port, a.speed, Hand(a.pilot), a.truth, a.duration, a.until_stdin_closes, a.narrate),
         )
     except UserError as error:
         print(f"companion.sim: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         return 130
+    return 0
 
 
 if __name__ == "__main__":
