@@ -10,9 +10,10 @@ import math
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 
-from companion.sim.body import ARDUPILOT_MOTOR, DT, GRAVITY, MotorOutput, Vec
+from companion.sim.body import ARDUPILOT_MOTOR, DT, MotorOutput, Vec
 from companion.sim.mixer import Mixer
 from companion.sim.sensors import Estimate
+from models.frames import GRAVITY
 from models.vehicle import Vehicle
 
 

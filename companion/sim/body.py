@@ -32,10 +32,9 @@ from companion.sim.fan_wrench import (
     momentum_drag,
     unsteady_wrench,
 )
+from models.frames import GRAVITY
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
 
-GRAVITY = 9.80665
-"""Standard gravity [m/s^2]."""
 DT = 0.0025
 """Step [s]: ArduCopter's own main loop runs at 400 Hz."""
 SPIN_UP_S, SPIN_DOWN_S, SERVO_S = 0.04, 0.05, 0.025

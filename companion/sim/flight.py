@@ -9,12 +9,13 @@ from typing import TextIO
 
 from companion.sim.air import SurfaceLaw
 from companion.sim.autopilot import Autopilot
-from companion.sim.body import ARDUPILOT_MOTOR, DT, GRAVITY, PX4_MOTOR, Body
+from companion.sim.body import ARDUPILOT_MOTOR, DT, PX4_MOTOR, Body
 from companion.sim.px4 import Px4
 from companion.sim.scenario import Reference, Scenario
 from companion.sim.sensors import EscTelemetry, Estimate, Estimator, RangeSensor
 from companion.sim.world import law_of
 from models.errors import ConfigError
+from models.frames import GRAVITY
 from models.vehicle import Vehicle
 
 HOVER_PARAM_SHARE = 0.89

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -16,7 +15,7 @@ from companion.sim.autopilot import AttitudeTarget, Mode, PositionTarget, Sticks
 from companion.sim.body import Vec, euler
 from companion.sim.flight import Flight
 from companion.sim.px4 import Px4
-from companion.sim.sensors import RANGE_MAX_M, RANGE_MIN_M, Estimate
+from companion.sim.sensors import RANGE_MAX_M, RANGE_MIN_M
 from models.frames import quaternion_from_euler
 
 SYSTEM = 1
@@ -84,11 +83,6 @@ class VehicleLink:
         self._mode_said = flight.autopilot.mode
         self._param_queue: list[str] = []
         self._rate = PX4_MESSAGES_PER_S if flight.px4 else MESSAGES_PER_S
-        self.position_hz = math.inf
-        """Local positions come no faster than this, whatever is asked for."""
-        self.position_late_s = 0.0
-        """And this much later than their stamp says."""
-        self._past: deque[tuple[int, Estimate]] = deque()
         self.companion_heartbeat_s = -math.inf
         """Boot time of the last heartbeat of component 191."""
         self.attitude_stream_s = -math.inf
@@ -114,8 +108,6 @@ class VehicleLink:
             self._out(self._heartbeat())
         if self._param_queue and self._tokens >= 1.0:
             self._send_param(self._param_queue.pop(0))
-        if self.position_late_s > 0.0:
-            self._past.append((self.boot_ms, self._flight.estimate))
         # Round robin, so that a link asked for too much serves everyone less.
         streams = list(self._streams.values())
         for k in range(len(streams)):
@@ -213,10 +205,8 @@ class VehicleLink:
         )
 
     def _local_position(self) -> Any:
-        boot_ms, e = self.boot_ms, self._flight.estimate
-        while self._past and self._past[0][0] <= self.boot_ms - 1000.0 * self.position_late_s:
-            boot_ms, e = self._past.popleft()
-        return mavlink.MAVLink_local_position_ned_message(boot_ms, *e.position, *e.velocity)
+        e = self._flight.estimate
+        return mavlink.MAVLink_local_position_ned_message(self.boot_ms, *e.position, *e.velocity)
 
     def _estimator_status(self) -> Any:
         trusted = self._flight.estimator.trusted
@@ -472,8 +462,6 @@ class VehicleLink:
             self._streams.pop(number, None)
             return True
         interval_s = round(interval_us / 1000.0) / 1000.0
-        if number == mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED and interval_us > 0:
-            interval_s = max(interval_s, 1.0 / self.position_hz)
         if interval_us == 0 or interval_s < SHORTEST_INTERVAL_S:
             return False
         self._streams[number] = _Stream(build, interval_s, self._flight.time_s)

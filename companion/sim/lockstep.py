@@ -47,11 +47,12 @@ class Lockstep:
     """
 
     fd = None
+    vehicle_link = VehicleLink
 
     def __init__(self, flight: Flight, pilot: Callable[[Lockstep], Pilot], truth: Path | None = None) -> None:
         self.mav = mavlink.MAVLink(None)
         self.flight = flight
-        self.link = VehicleLink(flight, self.send_down)
+        self.link = self.vehicle_link(flight, self.send_down)
         self.companion: CompanionFlight | None = None
         """The companion that runs, or ran last."""
         self._down = bytearray()

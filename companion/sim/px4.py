@@ -20,8 +20,9 @@ from companion.sim.autopilot import (
     Shaper,
     wrap,
 )
-from companion.sim.body import GRAVITY, PX4_MOTOR, MotorOutput
+from companion.sim.body import PX4_MOTOR, MotorOutput
 from companion.sim.sensors import Estimate
+from models.frames import GRAVITY
 
 STREAM_BEFORE_S = 1.0
 """OFFBOARD is refused unless setpoints have been coming for this long."""

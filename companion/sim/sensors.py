@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from enum import Enum
 
 from companion.sim.air import Unsteadiness
-from companion.sim.body import GRAVITY, Body, Vec, euler
+from companion.sim.body import Body, Vec, euler
+from models.frames import GRAVITY
 from models.vehicle import Rangefinder
 
 OUT_OF_RANGE_M = 60.0

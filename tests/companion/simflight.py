@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from lockstep_faults import LateLink
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 import companion
@@ -17,7 +18,6 @@ from companion.mavlink.frames import cut
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, encode
 from companion.sim.autopilot import Mode
 from companion.sim.flight import Flight
-from companion.sim.link import VehicleLink
 from companion.sim.scenario import build
 from models.frames import quaternion_from_euler
 from models.vehicle import Vehicle, load_vehicle
@@ -52,7 +52,7 @@ class Peer:
     def __init__(self, flight: Flight) -> None:
         self.flight = flight
         self.frames: list[bytes] = []
-        self.link = VehicleLink(flight, self.frames.append)
+        self.link = LateLink(flight, self.frames.append)
         self._parser = mavlink.MAVLink(None)
         self._parser.robust_parsing = True
 
