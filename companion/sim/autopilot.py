@@ -167,12 +167,11 @@ class AttitudeTarget:
 
 @dataclass
 class Sticks:
-    """The pilot's sticks, -1...1: forward, right, up, clockwise. ``time_s``: when last heard."""
+    """The pilot's sticks, -1...1: forward, right, up. ``time_s``: when last heard."""
 
     forward: float = 0.0
     right: float = 0.0
     up: float = 0.0
-    turn: float = 0.0
     time_s: float = -math.inf
 
 

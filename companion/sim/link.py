@@ -424,10 +424,7 @@ class VehicleLink:
 
     def _on_manual_control(self, m: Any) -> None:
         pilot = self._flight.autopilot
-        pilot.sticks = Sticks(m.x / 1000.0, m.y / 1000.0, (m.z - 500.0) / 500.0, m.r / 1000.0, pilot.time_s)
-
-    def _on_set_mode(self, m: Any) -> None:
-        self._set_mode(m.custom_mode)
+        pilot.sticks = Sticks(m.x / 1000.0, m.y / 1000.0, (m.z - 500.0) / 500.0, pilot.time_s)
 
     def _on_command_long(self, m: Any) -> None:
         result = self._command(m)
@@ -437,11 +434,6 @@ class VehicleLink:
         pilot, f = self._flight.autopilot, self._flight
         if m.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
             return _ACCEPTED if self.set_interval(int(m.param1), m.param2) else _DENIED
-        if m.command == mavlink.MAV_CMD_REQUEST_MESSAGE:
-            build = self._builders.get(int(m.param1))
-            for frame in build() if build else []:
-                self._send(frame)
-            return _ACCEPTED if build else _FAILED
         if m.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
             return _ACCEPTED if pilot.arm(m.param1 > 0.5) else _FAILED
         if m.command == mavlink.MAV_CMD_DO_SET_MODE:
