@@ -235,14 +235,10 @@ class Autopilot:
         return {
             "GUID_OPTIONS": 8.0,
             "GUID_TIMEOUT": self.guid_timeout_s,
-            "MOT_SPIN_ARM": 0.10,
             "MOT_SPIN_MIN": self.motor.lowest,
             "MOT_SPIN_MAX": self.motor.highest,
             "MOT_THST_EXPO": self.motor.expo,
             "MOT_THST_HOVER": self.hover,
-            "MOT_BAT_VOLT_MAX": 0.0,
-            "MOT_BAT_VOLT_MIN": 0.0,
-            "MOT_HOVER_LEARN": 0.0,
             "ATC_INPUT_TC": g.input_tc,
             "ATC_ANG_RLL_P": g.angle[0],
             "ATC_ANG_PIT_P": g.angle[1],
@@ -250,12 +246,9 @@ class Autopilot:
             "ATC_ACCEL_R_MAX": 100.0 * math.degrees(g.accel_max[0]),
             "ATC_ACCEL_P_MAX": 100.0 * math.degrees(g.accel_max[1]),
             "ATC_ACCEL_Y_MAX": 100.0 * math.degrees(g.accel_max[2]),
-            "ATC_RAT_RLL_P": 0.135,
-            "ATC_RAT_PIT_P": 0.135,
             "PILOT_SPEED_UP": 100.0 * self.speed_up_m_s,
             "LOIT_SPEED": 1250.0,
             "FS_EKF_ACTION": 1.0,
-            "SYSID_THISMAV": 1.0,
         }
 
     def set_parameter(self, name: str, value: float) -> bool:

@@ -77,7 +77,6 @@ class Px4(Autopilot):
             "MPC_Z_V_AUTO_UP": 3.0,
             "MPC_Z_V_AUTO_DN": 1.5,
             "MPC_VEL_MANUAL": 10.0,
-            "MIS_TAKEOFF_ALT": 2.5,
         }
 
     def _obey(self, p: dict[str, float]) -> None:
