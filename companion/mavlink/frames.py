@@ -172,6 +172,8 @@ class FrameReader:
 
     def feed(self, data: bytes) -> Sequence[Frame]:
         """The whole frames that ``data`` completes, in order."""
+        if not self._rest and data and _good_end(data, 0) == len(data):
+            return (cut(data, 0),)  # a datagram mostly is one frame
         data = self._rest + data
         starts, rest = walk(data, self.counts, whole=False)
         self._rest = data[rest:]
