@@ -7,7 +7,6 @@ that passes its checksum.
 
 from __future__ import annotations
 
-import re
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,7 +22,6 @@ SIGNATURE_BYTES = 13
 """Link id, 6 of time, 6 of the digest."""
 _V1_AROUND, _V2_AROUND = 8, 12
 """Bytes of header and checksum around a payload."""
-_MARK = re.compile(rb"[\xfd\xfe]")
 _SEARCH_BYTES = 1 << 20
 """Data without one good frame in its first MiB is no MAVLink."""
 
@@ -80,11 +78,7 @@ def walk(data: bytes, counts: Counts, ahead: int = 0, *, whole: bool = True) -> 
     """
     n, i = len(data), 0
     starts = array("q")
-    while i + ahead + _V1_AROUND <= n:
-        if end := _good_end(data, i + ahead):
-            starts.append(i)
-            i = end
-            continue
+    while (i := _good_run(data, i, ahead, starts)) + ahead + _V1_AROUND <= n:
         magic, following, known = _header(data, i + ahead)
         if following <= n and _proper_end(data, following, ahead):
             if not known:
@@ -106,22 +100,29 @@ def walk(data: bytes, counts: Counts, ahead: int = 0, *, whole: bool = True) -> 
     return starts, i
 
 
-def _good_end(data: bytes, at: int) -> int:
-    """Where the frame at ``at`` ends; 0 where none is whole there, known to the dialect, and of a right checksum."""
-    n, magic = len(data), data[at]
-    if magic == V2 and at + _V2_AROUND <= n:
-        end = at + 10 + data[at + 1]
-        following = end + 2 + SIGNATURE_BYTES if data[at + 2] & 1 else end + 2
-        extra = _EXTRA_V2.get(data[at + 7 : at + 10])
-    elif magic == V1 and at + _V1_AROUND <= n:
-        end = at + 6 + data[at + 1]
-        following = end + 2
-        extra = _EXTRA_V1.get(data[at + 5])
-    else:
-        return 0
-    if following > n or extra is None:
-        return 0
-    return following if crc16(data[at + 1 : end] + extra) == data[end] | data[end + 1] << 8 else 0
+def _good_run(data: bytes, i: int, ahead: int, starts: array[int]) -> int:
+    """Append the offsets of the frames from ``i`` on that follow each other with a right checksum; where they end."""
+    n, after = len(data), ahead + 1
+    append, crc, extra_v2, extra_v1 = starts.append, crc16, _EXTRA_V2, _EXTRA_V1
+    while i + ahead + _V1_AROUND <= n:
+        magic = data[i + ahead]
+        if magic == V2 and i + ahead + _V2_AROUND <= n:
+            end = i + ahead + 10 + data[i + after]
+            following = end + 2 + SIGNATURE_BYTES if data[i + ahead + 2] & 1 else end + 2
+            extra = extra_v2.get(data[i + ahead + 7 : i + ahead + 10])
+        elif magic == V1:
+            end = i + ahead + 6 + data[i + after]
+            following = end + 2
+            extra = extra_v1.get(data[i + ahead + 5])
+        else:
+            return i
+        if following > n or extra is None:
+            return i
+        if crc(data[i + after : end] + extra) != data[end] | data[end + 1] << 8:
+            return i
+        append(i)
+        i = following
+    return i
 
 
 def _header(data: bytes, at: int) -> tuple[int, int, bool]:
@@ -145,21 +146,35 @@ def _proper_end(data: bytes, following: int, ahead: int) -> bool:
 def _unfinished(data: bytes, i: int) -> int:
     """Place of the first byte at or after ``i`` that starts a frame which is longer than the data; else the end."""
     n = len(data)
-    for mark in _MARK.finditer(data, i):
-        at = mark.start()
-        if at + _V2_AROUND > n or at + frame_bytes(data, at) > n:
-            return at
+    while i < n:
+        marks = [at for at in (data.find(V2, i), data.find(V1, i)) if at >= 0]
+        if not marks:
+            return n
+        i = min(marks)
+        if i + _V2_AROUND > n or i + frame_bytes(data, i) > n:
+            return i
+        i += 1
     return n
 
 
 def _resync(data: bytes, i: int, ahead: int, *, searched: bool) -> int:
     """Offset of the next frame that passes its checksum, or -1."""
-    for mark in _MARK.finditer(data, i + ahead):
-        at = mark.start()
-        if not searched and at > _SEARCH_BYTES:
+    n = len(data)
+    two, one = data.find(V2, i + ahead), data.find(V1, i + ahead)
+    while two >= 0 or one >= 0:
+        if not searched and min(m for m in (two, one) if m >= 0) > _SEARCH_BYTES:
             return -1
-        if _good_end(data, at):
-            return at - ahead
+        if one < 0 or 0 <= two < one:
+            m, header, two = two, 10, data.find(V2, two + 1)
+            extra = _EXTRA_V2.get(data[m + 7 : m + 10])
+        else:
+            m, header, one = one, 6, data.find(V1, one + 1)
+            extra = _EXTRA_V1.get(data[m + 5]) if m + 5 < n else None
+        if extra is None or m + 1 >= n:
+            continue
+        end = m + header + data[m + 1]
+        if end + 2 <= n and crc16(data[m + 1 : end] + extra) == data[end] | data[end + 1] << 8:
+            return m - ahead
     return -1
 
 
