@@ -18,7 +18,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from companion.mavlink.dialect import MESSAGES
-from companion.mavlink.frames import V2, Counts, frame_bytes, walk
+from companion.mavlink.frame_batch import walk_file
+from companion.mavlink.frames import V2, Counts, frame_bytes
 from companion.mavlink.wire_format import wire_format
 from models.errors import LogError
 from replay.logs.files import read_bytes
@@ -158,7 +159,7 @@ def read_tlog(path: Path | str) -> Tlog:
     path = Path(path)
     data = read_bytes(path)
     counts = Counts()
-    starts, rest = walk(data, counts, STAMP)
+    starts, rest = walk_file(data, counts, STAMP)
     if not starts:
         raise no_frame(path)
     return tlog_of(path, data, starts, Report.of(counts, len(data), len(data) - rest))
