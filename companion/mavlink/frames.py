@@ -192,6 +192,18 @@ def _resync(data: bytes, i: int, ahead: int, *, searched: bool) -> int:
     return -1
 
 
+def only_frame(data: bytes) -> Frame | None:
+    """The one good MAVLink 2 frame that ``data`` is, as a datagram mostly is; None where it is anything else."""
+    n = len(data)
+    if n < _V2_AROUND or data[0] != V2 or n != data[1] + (_V2_AROUND + SIGNATURE_BYTES if data[2] & 1 else _V2_AROUND):
+        return None
+    number, end = data[7:10], 10 + data[1]
+    extra = _EXTRA_V2.get(number)
+    if extra is None or crc16(data[1:end] + extra) != data[end] | data[end + 1] << 8:
+        return None
+    return Frame(int.from_bytes(number, "little"), data[5], data[6], data[10:end], data)
+
+
 class FrameReader:
     """Frames out of a link's bytes, whatever the pieces they arrive in."""
 
@@ -201,8 +213,8 @@ class FrameReader:
 
     def feed(self, data: bytes) -> Sequence[Frame]:
         """The whole frames that ``data`` completes, in order."""
-        if not self._rest and data and _good_end(data, 0) == len(data):
-            return (cut(data, 0),)  # a datagram mostly is one frame
+        if not self._rest and (frame := only_frame(data)) is not None:
+            return (frame,)
         data = self._rest + data
         starts, rest = walk(data, self.counts, whole=False)
         self._rest = data[rest:]
