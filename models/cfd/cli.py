@@ -25,7 +25,6 @@ def add(commands: Any, finish: Finish) -> None:
     run.add_argument("--work", required=True, type=Path, metavar="DIR", help="cases, their logs and states")
     _model(run)
     run.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="solvers at a time (all cores)")
-    run.add_argument("--no-march", action="store_true", help="leave cases that still move as they are")
     run.add_argument("--dry-run", action="store_true", help="list the cases, compute nothing")
     run.set_defaults(run=lambda args: finish(args, _run(args)))
 
@@ -35,10 +34,9 @@ def add(commands: Any, finish: Finish) -> None:
     assemble.add_argument("--out", required=True, type=Path, metavar="DIR", help="where corner_cfd*.csv are written")
     assemble.set_defaults(run=lambda args: finish(args, _assemble(args)))
 
-    check = what.add_parser("check", help="convergence, mesh study and published statements beside the numbers")
+    check = what.add_parser("check", help="published statements beside the numbers")
     _common(check)
     _cases(check)
-    check.add_argument("--report", type=Path, metavar="DIR", help="write the report and its figures here")
     check.set_defaults(run=lambda args: finish(args, _check(args)))
 
     trim = what.add_parser("trim", help="find the tip pitch that gives the fan its lift, with swirl without net torque")
@@ -95,7 +93,7 @@ def _run(args: argparse.Namespace) -> Any:
     foam.require()
     section = polars.neural_section(setup.rotor.section)
     bars = Bars(args.quiet)
-    campaign.run(args.work, setup, section, positions, args.jobs, march=not args.no_march, progress=bars)
+    campaign.run(args.work, setup, section, positions, args.jobs, bars)
     bars.close()
     rows = campaign.rows(args.work, positions)
     count = {s: sum(r.result.status == s for r in rows) for s in sorted({r.result.status for r in rows})}
@@ -106,12 +104,13 @@ def _run(args: argparse.Namespace) -> Any:
 
 def _rows(args: argparse.Namespace, setup: Any) -> Any:
     from models.cfd import campaign, table
+    from models.cfd.position import MODELS
 
     if args.work is None:
         return table.read(args.cases or SHIPPED_CASES)
     found = {row.position: row for row in (table.read(args.cases) if args.cases else [])}
     for folder in args.work:
-        here = campaign.rows(folder, campaign.plan(setup, campaign.model_of(folder)))
+        here = campaign.rows(folder, [p for model in MODELS for p in campaign.plan(setup, model)])
         if not here:
             raise ConfigError(f"--work {folder}: no finished cases of this fan; run 'models cfd run --work {folder}'")
         found |= {row.position: row for row in here}
@@ -134,7 +133,7 @@ def _assemble(args: argparse.Namespace) -> Any:
         assemble.write_marks(args.out / "corner_cfd_rows.csv", made)
     except OSError as error:
         raise ConfigError(f"--out {args.out}: cannot be written ({error.strerror})") from None
-    solved = int(assemble.solved_share(made).sum())
+    solved = sum(mark.even != "law" for mark in made.marks)
     if _speak(args):
         print(
             f"{len(made.table)} rows written to {args.out / 'corner_cfd.csv'}: Fx, Fz, My of {solved} from the solver, "
@@ -147,22 +146,11 @@ def _check(args: argparse.Namespace) -> Any:
     from models.cfd import check, config
 
     setup = config.load(args.fan)
-    checked = check.check(_rows(args, setup), setup)
-    if args.report:
-        from models.cfd.check_page import write_page
-        from models.cfd.figures import write_figures
-
-        try:
-            args.report.mkdir(parents=True, exist_ok=True)
-            write_figures(args.report, checked)
-            write_page(args.report, checked, setup)
-        except OSError as error:
-            raise ConfigError(f"--report {args.report}: cannot be written ({error.strerror})") from None
+    rows = _rows(args, setup)
+    found = check.summary(check.check(rows, setup), rows, setup)
     if _speak(args):
-        print(check.text(checked))
-        if args.report:
-            print(f"report: {args.report / 'report.html'}")
-    return checked.summary
+        print(check.text(found))
+    return found
 
 
 def _trim(args: argparse.Namespace) -> Any:
