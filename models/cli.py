@@ -60,7 +60,7 @@ def _parser() -> argparse.ArgumentParser:
         "--method", required=True, choices=METHODS, help="'ensemble' is what flies: see docs/surrogates.md"
     )
     train.add_argument("--out", required=True, type=Path, metavar="DIR", help="model directory to write")
-    train.add_argument("--hidden", default="9", metavar="N", help="hidden units, 2 to 12, or 'scan' (default 9)")
+    train.add_argument("--hidden", type=_positive, default=9, metavar="N", help="hidden units (default 9)")
     train.add_argument("--epochs", type=_positive, default=3000, metavar="N", help="epochs of the paper's methods")
     train.add_argument(
         "--fan", nargs=2, type=float, metavar=("RADIUS", "LIP"),
@@ -130,7 +130,6 @@ def _positive(text: str) -> int:
 
 
 def _train(args: argparse.Namespace) -> int:
-    hidden = _hidden(args.hidden)
     from models.progress import Bars
     from models.surrogate import store
     from models.training.train import train
@@ -145,7 +144,7 @@ def _train(args: argparse.Namespace) -> int:
         fidelity = {**fidelity, "label": args.label}
     bars = Bars(args.quiet)
     trained = train(
-        data, args.method, args.seed, hidden=hidden, epochs=args.epochs, fidelity=fidelity,
+        data, args.method, args.seed, hidden=args.hidden, epochs=args.epochs, fidelity=fidelity,
         fan_radii_m=_fan_radii(args), progress=bars,
     )  # fmt: skip
     bars.close()
@@ -272,14 +271,6 @@ def _fan_radii(args: argparse.Namespace) -> tuple[float, float] | None:
     if not 0.0 < radius <= lip < 100.0:
         raise ConfigError(f"--fan {radius:g} {lip:g}: must be the rotor's radius and the lip's, which is no smaller")
     return radius, lip
-
-
-def _hidden(text: str) -> int | None:
-    if text == "scan":
-        return None
-    if not text.isdigit() or not 2 <= int(text) <= 12:
-        raise ConfigError(f"--hidden {text}: must be 2 to 12, or 'scan'")
-    return int(text)
 
 
 def _check_writable(directory: Path) -> None:

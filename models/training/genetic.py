@@ -36,8 +36,6 @@ class Settings:
     m2: float = 0.5
     least_mutation: float = 0.01
     step: float = 0.5
-    goal: float = 0.0
-    """Stop when every run's best mean squared error is at or below this."""
 
 
 def fitness(mse: Array) -> Array:
@@ -122,6 +120,4 @@ def evolve(
         best[better], best_mse[better] = population[every, leader][better], mse[every, leader][better]
         if tick:
             tick(generation + 1, s.generations)
-        if np.all(best_mse <= s.goal):
-            break
     return best.astype(float), best_mse

@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from models.frames import AXES
 
 
-@dataclass(frozen=True)
-class Recommendation:
+class Recommendation(NamedTuple):
     """The method to use, and why."""
 
     method: str
     why: str
-
-    def as_json(self) -> dict[str, str]:
-        """Plain text."""
-        return {"method": self.method, "why": self.why}
 
 
 def recommend(numbers: Mapping[str, Any]) -> Recommendation:

@@ -29,9 +29,8 @@ METHODS = (*PAPER_METHODS, "kriging", "polynomial", "ensemble")
 MEMBERS = 5
 # Two places for each fold.
 MIN_PLACES = 2 * MEMBERS
-# The paper's number, and the range of its eq. 2.
+# The paper's number.
 HIDDEN = 9
-HIDDEN_SCAN = tuple(range(2, 13))
 # Chosen: the paper prints neither.
 EPOCHS = 3000
 ADAM_RATE = 0.03
@@ -157,13 +156,13 @@ def train(
     method: str,
     seed: int = 0,
     *,
-    hidden: int | None = HIDDEN,
+    hidden: int = HIDDEN,
     epochs: int = EPOCHS,
     fidelity: Mapping[str, Any] | None = None,
     fan_radii_m: tuple[float, float] | None = None,
     progress: Progress | None = None,
 ) -> Trained:
-    """Train ``method`` at 80 % of the places, measure at the rest; ``hidden`` None scans 2...12 by inner validation.
+    """Train ``method`` at 80 % of the places, measure at the rest; nets have ``hidden`` units.
 
     Nets are an ensemble of five, each without one fifth of the places; the spread of all methods is calibrated on
     places that were not trained on. The test rows choose nothing. ``fan_radii_m``: rotor and outer lip radius of the
@@ -180,11 +179,8 @@ def train(
     learnt = _at_most(problem, rng)
     choices: dict[str, Any] = {}
     if method in PAPER_METHODS or method == "ensemble":
-        if hidden is None:
-            hidden, table = scan_hidden(learnt, rng, progress)
-            choices["hidden_scan"] = {str(size): round(error, 6) for size, error in table.items()}
         choices["hidden"] = hidden
-    regressor, calibrated = _fit(learnt, method, rng, hidden or HIDDEN, epochs, progress, choices)
+    regressor, calibrated = _fit(learnt, method, rng, hidden, epochs, progress, choices)
     notes = _notes(data, problem, learnt)
     info = {
         "method": method,
@@ -300,7 +296,6 @@ def learn(
     rng: np.random.Generator,
     *,
     rate: float = ADAM_RATE,
-    mask: Array | None = None,
     progress: Progress | None = None,
 ) -> Array:
     """Chromosomes (N, genes) of N nets trained at once by one of the paper's methods.
@@ -318,48 +313,9 @@ def learn(
         start, _ = genetic.evolve(evaluate, nets, network.genes(hidden), rng, tick=_tick(progress, "genetic algorithm"))
     else:
         start = rng.uniform(-1.0, 1.0, (nets, network.genes(hidden)))
-    if mask is not None:
-        start = start * mask
     batch, adam_rate = network.Batch.of(x, gate, y, weight), rate if "adam" in method else None
     tick = _tick(progress, "descent")
-    return network.descend(start, batch, hidden, epochs, adam_rate=adam_rate, mask=mask, tick=tick)
-
-
-def scan_hidden(
-    problem: Problem, rng: np.random.Generator, progress: Progress | None, epochs: int = 1000
-) -> tuple[int, dict[int, float]]:
-    """Best hidden size of 2...12 (eq. 2) and the validation error of each, relative to the mean of y.
-
-    Two Adam nets per component and size, all in one batch, narrow ones masked; one fifth of the training places
-    validates. The error is the geometric mean over components of the unexplained share.
-    """
-    from models.training import network
-
-    widest, repeats = max(HIDDEN_SCAN), 2
-    validate = folds(problem, MEMBERS, rng) == 0
-    live = np.flatnonzero(problem.live).tolist()
-    if not live:
-        return HIDDEN, {}
-    tasks = [(size, c) for size in HIDDEN_SCAN for c in live for _ in range(repeats)]
-    x = problem.x[None]
-    columns = [c for _, c in tasks]
-    gate, y = problem.gate.T[columns], (problem.y / problem.scale).T[columns]
-    weight = np.repeat((~validate)[None].astype(float), len(tasks), axis=0)
-    mask = np.stack([_width_mask(size, widest) for size, _ in tasks])
-    theta = learn((x, gate, y, weight), "adam-bp", widest, epochs, rng, mask=mask, progress=progress)
-    w1, b1, w2, b2 = network.unpack(theta, widest)
-    z = np.tanh(np.matmul(x[:, validate], w1) + b1[:, None])
-    error = gate[:, validate] * ((z * w2[:, None]).sum(axis=-1) + b2[:, None]) - y[:, validate]
-    unexplained = (error**2).sum(axis=1) / np.maximum((y[:, validate] ** 2).sum(axis=1), 1e-12)
-    by_size = np.log(unexplained + 1e-12).reshape(len(HIDDEN_SCAN), -1).mean(axis=1)
-    table = {size: float(np.exp(v)) for size, v in zip(HIDDEN_SCAN, by_size, strict=True)}
-    return min(table, key=table.__getitem__), table
-
-
-def _width_mask(size: int, widest: int) -> Array:
-    """Genes (1 or 0) of a net of ``size`` hidden units inside one of ``widest``."""
-    unit = (np.arange(widest) < size).astype(float)
-    return np.concatenate([np.tile(unit, 3), unit, unit, [1.0]])
+    return network.descend(start, batch, hidden, epochs, adam_rate=adam_rate, tick=tick)
 
 
 def _fit(

@@ -71,7 +71,6 @@ def test_query_asks_the_shipped_model_by_default(capsys: pytest.CaptureFixture[s
         (["query", "/a", "--model", "/b", "--h", "1", "--d", "1", "--rpm", "1"], "differ"),
         (["train", "--data", "/none.csv", "--method", "bp", "--out", "/tmp/never"], "/none.csv"),
         (["train", "--data", "closed-form", "--method", "polynomial", "--out", "/dev/null/x"], "/dev/null/x"),
-        (["train", "--data", "closed-form", "--method", "bp", "--out", "/tmp/never", "--hidden", "40"], "--hidden 40"),
         (["compare", "--data", "/none.csv"], "/none.csv"),
     ],
 )
