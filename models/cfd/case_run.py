@@ -153,7 +153,7 @@ class _Case:
                 shutil.copy(neighbour / newest / name, self.folder / "0" / name)
                 foam.scale_field(self.folder / "0" / name, (self.position.rpm / there) ** power)
             return
-        case.put(self.folder / "system/mapFieldsDict", "dictionary", "patchMap ();\ncuttingPatches ();\n")
+        case.put(self.folder / "system/mapFieldsDict", "patchMap ();\ncuttingPatches ();\n")
         foam.run(self.folder, "mapFields", str(neighbour.resolve()), "-sourceTime", newest)
 
     def iterate(self) -> None:
@@ -162,26 +162,25 @@ class _Case:
         limit = iteration_limit(self.setup, self.start)
         while self.steps == 0 and not self._enough() and self.iterations < limit and self.finite():
             end = self.iterations + (solver.start if self.iterations == 0 else solver.chunk)
-            self._advance("simpleFoam", case.control(self.setup, end, steady=True))
+            self._advance(end, steady=True)
             self.iterations = end
             self._keep()
 
     def march(self) -> None:
         """Go on in time from the newest state."""
         solver = self.setup.solver
-        case.put(self.folder / "system/fvSchemes", "dictionary", case.schemes(steady=False))
         while self.steps < solver.march_limit and self.finite():
             if self.steps and (self.settled() or self.averaged()):
                 break
             end = self.iterations + (self.steps + solver.march_chunk) * solver.time_step_s
-            self._advance("pimpleFoam", case.control(self.setup, end, steady=False))
+            self._advance(end, steady=False)
             self.steps += solver.march_chunk
             self._keep()
 
-    def _advance(self, program: str, control: str) -> None:
+    def _advance(self, end: float, *, steady: bool) -> None:
         began = time.monotonic()
-        case.put(self.folder / "system/controlDict", "dictionary", control)
-        foam.run(self.folder, program)
+        case.control(self.folder, self.setup, end, steady=steady)
+        foam.run(self.folder, "simpleFoam" if steady else "pimpleFoam")
         self._collect()
         self.seconds += time.monotonic() - began
 

@@ -39,7 +39,7 @@ class Batch:
         """From numpy, x (N or 1, n, 3); rows of weight 0 are not learnt. Single precision, far finer than the fits."""
         torch.set_num_threads(1)
         parts = (np.broadcast_to(x, (*y.shape, INPUTS)), gate, y, weight / weight.sum(axis=1, keepdims=True))
-        return cls(*(torch.as_tensor(np.ascontiguousarray(p), dtype=torch.float32) for p in parts))
+        return cls(*(torch.from_numpy(np.array(p, dtype=np.float32)) for p in parts))
 
 
 def errors(theta: Any, batch: Batch, hidden: int) -> Any:
