@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import os
 import sys
@@ -247,19 +246,8 @@ def _data(name: str, sigma: Path | None = None) -> tuple[Any, dict[str, Any]]:
     from models.dataset import read, with_sigma
 
     data = read(name)
-    fidelity = _shipped_fidelity(Path(name)) or {"level": None, "label": "not stated: --label says it"}
+    fidelity = {"level": None, "label": "not stated: --label says it"}
     return data if sigma is None else with_sigma(data, sigma), fidelity
-
-
-def _shipped_fidelity(path: Path) -> dict[str, Any] | None:
-    """What is known of the data set that ships, wherever its copy lies."""
-    import models
-
-    home = Path(models.__file__).parent
-    if path.read_bytes() != (home / "data" / "corner_cfd.csv").read_bytes():
-        return None
-    info: dict[str, Any] = json.loads((home / "weights" / "corner_cfd" / "model.json").read_text(encoding="utf-8"))
-    return dict(info["fidelity"])
 
 
 def _fan_radii(args: argparse.Namespace) -> tuple[float, float] | None:

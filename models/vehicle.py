@@ -7,7 +7,7 @@ from pathlib import Path
 
 from models.errors import ConfigError
 from models.toml_table import Table
-from models.vehicle_plausibility import Severity, findings
+from models.vehicle_plausibility import findings
 from models.vehicle_types import (
     RHO_SEA_LEVEL,
     Fan,
@@ -44,7 +44,7 @@ def parse_vehicle(text: str, file: str) -> Vehicle:
     table = Table.of(text, f"vehicle file {file}", _KEYS)
     vehicle = table.read(Vehicle, _NAMES)
     for finding in findings(vehicle):
-        if finding.severity is Severity.ERROR:
+        if finding.refused:
             raise table.fail(finding.key, finding.text)
     return vehicle
 

@@ -288,36 +288,6 @@ def folds(problem: Problem, count: int, rng: np.random.Generator) -> Index:
     return out
 
 
-def learn(
-    arrays: tuple[Array, Array, Array, Array],
-    method: str,
-    hidden: int,
-    epochs: int,
-    rng: np.random.Generator,
-    *,
-    rate: float = ADAM_RATE,
-    progress: Progress | None = None,
-) -> Array:
-    """Chromosomes (N, genes) of N nets trained at once by one of the paper's methods.
-
-    ``arrays``: x (N or 1, n, 3), gate, y and weight (N, n), as ``network.Batch``.
-    """
-    from models.training import network
-
-    x, gate, y, weight = arrays
-    nets, rows = y.shape
-    if method.startswith("ga-"):
-        seen = np.sort(rng.choice(rows, min(rows, GA_ROWS), replace=False))
-        small = network.Batch.of(x[:, seen], gate[:, seen], y[:, seen], weight[:, seen])
-        evaluate = partial(network.population_errors, batch=small, hidden=hidden)
-        start, _ = genetic.evolve(evaluate, nets, network.genes(hidden), rng, tick=_tick(progress, "genetic algorithm"))
-    else:
-        start = rng.uniform(-1.0, 1.0, (nets, network.genes(hidden)))
-    batch, adam_rate = network.Batch.of(x, gate, y, weight), rate if "adam" in method else None
-    tick = _tick(progress, "descent")
-    return network.descend(start, batch, hidden, epochs, adam_rate=adam_rate, tick=tick)
-
-
 def _fit(
     problem: Problem,
     method: str,
@@ -330,7 +300,8 @@ def _fit(
     """Regressor and calibrated spread; what was chosen on the way goes into ``choices``."""
     fold = folds(problem, MEMBERS, rng)
     if method in PAPER_METHODS:
-        nets = _paper_nets(problem, fold, method, rng, hidden, epochs, progress)
+        members = fold != np.arange(MEMBERS)[:, None]
+        nets = paper_nets(problem, members, method, rng, hidden, epochs, progress=progress)
         return nets, calibration.calibrate([_unseen_folds(problem, nets, fold)], problem.y)
     if method == "ensemble":
         decays = choose_decays(problem, rng, hidden, progress)
@@ -468,23 +439,36 @@ def levenberg_nets(
     return NetEnsemble(w1, b1, w2 * problem.scale[:, None], b2 * problem.scale)
 
 
-def _paper_nets(
+def paper_nets(
     problem: Problem,
-    fold: Index,
+    rows: Array,
     method: str,
     rng: np.random.Generator,
     hidden: int,
     epochs: int,
-    progress: Progress | None,
+    rate: float = ADAM_RATE,
+    progress: Progress | None = None,
 ) -> NetEnsemble:
-    """Nets by one of the paper's methods, all five members and six components in one batch."""
+    """Nets by one of the paper's methods, members and components in one batch; member k learns ``rows[k]`` (n,)."""
     from models.training import network
 
-    gate, y = np.tile(problem.gate.T, (MEMBERS, 1)), np.tile((problem.y / problem.scale).T, (MEMBERS, 1))
-    weight = np.repeat((fold != np.arange(MEMBERS)[:, None]).astype(float), 6, axis=0)
-    theta = learn((problem.x[None], gate, y, weight), method, hidden, epochs, rng, progress=progress)
-    theta[np.tile(~problem.live, MEMBERS)] = 0.0
-    w1, b1, w2, b2 = (a.reshape(MEMBERS, 6, *a.shape[1:]) for a in network.unpack(theta, hidden))
+    members, live = len(rows), np.flatnonzero(problem.live)
+    gate, y = (np.tile(a.T[live], (members, 1)) for a in (problem.gate, problem.y / problem.scale))
+    weight = np.repeat(rows.astype(float), len(live), axis=0)
+    nets, size = len(y), network.genes(hidden)
+    if method.startswith("ga-"):
+        seen = np.sort(rng.choice(len(problem), min(len(problem), GA_ROWS), replace=False))
+        small = network.Batch.of(problem.x[None, seen], gate[:, seen], y[:, seen], weight[:, seen])
+        evaluate = partial(network.population_errors, batch=small, hidden=hidden)
+        start, _ = genetic.evolve(evaluate, nets, size, rng, tick=_tick(progress, "genetic algorithm"))
+    else:
+        start = rng.uniform(-1.0, 1.0, (nets, size))
+    batch, adam_rate = network.Batch.of(problem.x[None], gate, y, weight), rate if "adam" in method else None
+    theta = np.zeros((members, 6, size))
+    theta[:, live] = network.descend(
+        start, batch, hidden, epochs, adam_rate=adam_rate, tick=_tick(progress, "descent")
+    ).reshape(members, len(live), size)
+    w1, b1, w2, b2 = network.unpack(theta, hidden)
     return NetEnsemble(w1, b1, w2 * problem.scale[:, None], b2 * problem.scale)
 
 

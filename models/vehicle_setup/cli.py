@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from models.errors import ConfigError
-from models.vehicle_setup.questions import FRAMES, MOST, completed
+from models.vehicle_setup.frames import FRAMES, ardupilot_frame, px4_motors
+from models.vehicle_setup.questions import MOST, completed
 
 _EPILOG = """A person at a terminal is asked for what the options do not say. Every key: docs/vehicle.md. Afterwards
 `replay vehicle LOG --vehicle FILE` measures thrust and hover in a log of a hover."""
@@ -73,14 +74,12 @@ def run(a: argparse.Namespace) -> int:
 
 def _asked(given: Mapping[str, Any], parameters: Mapping[str, float]) -> dict[str, Any]:
     """The options, completed by questions at a terminal; ConfigError naming all that is missing elsewhere."""
-    from models.vehicle_setup.frames import ardupilot_frame, px4_motors
-
     out = dict(given)
     placed = out["frame"] is None and px4_motors(parameters) is not None
     if out["frame"] is None:
         out["frame"] = ardupilot_frame(parameters)
     if sys.stdin.isatty():
-        return completed(out, placed, sensed=any(name.startswith("RNGFND") for name in parameters))
+        return completed(out, placed, any(name.startswith("RNGFND") for name in parameters), _range)
     if out["name"] is None:
         out["name"] = Path(out["out"]).stem
     needed = ["mass", *([] if placed else ["frame", "span"]), "propeller", *(["voltage"] if out["no_rpm"] else [])]

@@ -1,4 +1,4 @@
-"""The comparison: both protocols on a small data set, claims judged by their numbers, the report written."""
+"""The comparison on a small data set, claims judged by their numbers, the report written."""
 
 from __future__ import annotations
 
@@ -31,12 +31,11 @@ def result() -> compare.Comparison:
         return compare.compare(data.take((rng.random(len(data)) < 0.12) | data.free_air), splits=2, epochs=30)
 
 
-def test_both_protocols_give_every_method_and_component(result: compare.Comparison) -> None:
+def test_the_table_has_every_method_and_component(result: compare.Comparison) -> None:
     table = result.numbers["table2"]
-    for protocol in ("like_for_like", "honest"):
-        assert set(table[protocol]) == set(compare.METHODS)
-        for row in table[protocol].values():
-            assert set(row) == set(AXES)
+    assert set(table) == set(compare.METHODS)
+    for row in table.values():
+        assert set(row) == set(AXES)
     json.dumps(result.numbers)
 
 
@@ -58,13 +57,13 @@ def test_the_first_task_is_the_one_plotted(result: compare.Comparison) -> None:
     assert result.surfaces["kriging"].shape == (compare.GRID, compare.GRID)
 
 
-def test_honest_means_are_means_over_splits(result: compare.Comparison) -> None:
+def test_means_are_means_over_splits(result: compare.Comparison) -> None:
     values = [
         compare.r_squared(t.problem.y[t.test], a[t.test])[2]
         for t, a in zip(result.tasks, result.answers["polynomial"], strict=True)
         if t.kind == "split"
     ]
-    assert result.numbers["table2"]["honest"]["polynomial"]["Fz"]["test"] == pytest.approx(np.mean(values))
+    assert result.numbers["table2"]["polynomial"]["Fz"]["test"] == pytest.approx(np.mean(values))
 
 
 def _numbers(order: tuple[float, float, float, float], rough: float = 2.0) -> dict[str, object]:
@@ -73,7 +72,7 @@ def _numbers(order: tuple[float, float, float, float], rough: float = 2.0) -> di
     lift = {m: {"mse_train": 1.0, "mse_test": 1.0, "roughness": 1.0} for m in compare.METHODS}
     lift["kriging"] = {"mse_train": 0.1, "mse_test": 0.1, "roughness": rough}
     lift["polynomial"] = {"mse_train": 5.0, "mse_test": 5.0, "roughness": 0.1}
-    return {"table2": {"honest": cell, "like_for_like": cell}, "table3": lift}
+    return {"table2": cell, "table3": lift}
 
 
 def test_a_single_split_has_no_standard_deviation() -> None:
@@ -121,7 +120,7 @@ def test_the_report_holds_the_tables_and_figures(result: compare.Comparison, tmp
     pytest.importorskip("matplotlib", reason="plots not installed")
     plots.write_figures(tmp_path, result)
     page = compare_page.write_page(tmp_path, result.numbers, "models train").read_text()
-    assert "Table 2, honest" in page
+    assert "Table 2: held-out" in page
     assert "reproduced: " in page
     for number in range(14, 20):
         (figure,) = tmp_path.glob(f"fig{number}_*.png")
