@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from models.errors import ModelError
 from models.frames import AXES, Array
+from models.text_file import read_text
 
 COLUMNS = ("h_m", "d_m", "rpm", "Fx_N", "Fy_N", "Fz_N", "Mx_Nm", "My_Nm", "Mz_Nm")
 HEADER = ",".join(COLUMNS)
@@ -108,13 +109,7 @@ def with_sigma(data: DataSet, path: Path | str) -> DataSet:
     Rows are found by ``h_m``, ``d_m`` and ``rpm``. Raises ModelError for a table that cannot be read, a missing column,
     a field that is no number or negative, and a row of the set that the table lacks.
     """
-    path = Path(path)
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            lines = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not a CSV table"
-        raise ModelError(f"sigma table {path}: cannot be read ({reason})") from None
+    lines = list(csv.DictReader(read_text("sigma table", Path(path), ModelError).splitlines()))
     names = [f"sigma_{name}" for name in COLUMNS[3:]]
     values = np.empty((len(lines), 9))
     for number, line in enumerate(lines):

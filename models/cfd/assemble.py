@@ -30,14 +30,13 @@ TINY = 1e-12
 
 @dataclass(frozen=True)
 class Law:
-    """Increments over free air grow as (rpm / reference)^(2 + exponent), exponent (6,) by component.
+    """Increments over free air grow as (rpm / reference rpm)^(2 + exponent), exponent (6,) by component.
 
     ``error`` (6,) is the standard deviation of an exponent over the positions; ``left`` (6,) the rms of what the law
     leaves at the solved positions, in N and N m at the reference speed; ``positions`` their number. ``free`` is the
     exponent of the free fan's lift.
     """
 
-    reference_rpm: float
     exponent: Array
     error: Array
     left: Array
@@ -52,15 +51,13 @@ class Mark:
     ``scatter``: error of the flow's mean and of the mesh, which differs from row to row. ``sigma``: with it what half
     models with their correction miss, as far as the row rests on them, and what the law of rotor speed leaves.
 
-    ``even`` (Fx, Fz, My): ``solved`` in a full model with swirl;
-    ``corrected``: a half model and what full models add, at that place at the campaign's speed or else learnt at other
-    places; ``half``: a half model alone; ``law``: from the campaign's speed by the law of rotor speed. ``odd`` (Fy, Mx,
-    Mz): ``solved`` in a full model at that speed, ``law``, ``filled`` by what is learnt at other positions, or zero by
-    the ``symmetry`` of half models.
+    ``made``: Fx, Fz and My ``solved`` in a full model with swirl at that speed; ``corrected``: a half model and what
+    full models add, at that place at the campaign's speed or else learnt at other places; ``half``: a half model alone;
+    ``law``: from the campaign's speed by the law of rotor speed. Fy, Mx and Mz are those of full models, learnt where
+    there is none, zero where that cannot be.
     """
 
-    even: str
-    odd: str
+    made: str
     status: str
     starts: int
     amplitude: Array
@@ -167,8 +164,7 @@ class _Maker:
         added = np.where(free_of, 0.0, part.added)
         mesh = self.mesh * (rpm / self.rpm) ** 2
         scatter, sigma = (np.where(free_of, 0.0, np.hypot(mesh, e)) for e in (part.scatter, part.error))
-        even, odd = self._made_even(place, rpm), self._made_odd(place, rpm)
-        mark = Mark(even, odd, part.status, part.starts, part.amplitude, scatter, sigma)
+        mark = Mark(self._made(place, rpm), part.status, part.starts, part.amplitude, scatter, sigma)
         return self.free(rpm) + added, mark
 
     def _full(self, place: Place, rpm: float) -> _Part | None:
@@ -221,20 +217,13 @@ class _Maker:
         here = self.full[rpm]
         return bool(self.mixed.any()) and place in here and FREE in here
 
-    def _made_even(self, place: Place, rpm: float) -> str:
+    def _made(self, place: Place, rpm: float) -> str:
         mixed = bool(self.mixed[~ODD].any())
         if mixed and self._solved(place, rpm):
             return "solved"
         if place in self.half[rpm]:
             return "corrected" if mixed else "half"
         return "law"
-
-    def _made_odd(self, place: Place, rpm: float) -> str:
-        if not self.mixed[ODD].any():
-            return "symmetry"
-        if self._solved(place, rpm):
-            return "solved"
-        return "law" if self._solved(place, self.rpm) else "filled"
 
 
 def correction(full: Mapping[Place, Label], half: Mapping[Place, Label]) -> Correction:
@@ -275,7 +264,7 @@ def fit_law(solved: dict[float, dict[Place, Label]], reference: float) -> Law:
         error[k] = math.sqrt((len(x) - 1) * np.var(drop))
         left[k] = math.sqrt(np.mean((y - x * np.exp(exponent[k] * logs)) ** 2))
     slope = sum(a * b for a, b in free_log) / sum(a * a for a, _ in free_log)
-    return Law(reference, exponent, error, left, len(places), slope)
+    return Law(exponent, error, left, len(places), slope)
 
 
 def _exponent(logs: Array, x: Array, y: Array, weight: Array) -> float:
@@ -301,8 +290,8 @@ def write_marks(path: Path, made: Assembled) -> None:
     text = io.StringIO()
     out = csv.writer(text, lineterminator="\n")
     kinds = ("amplitude_", "scatter_", "sigma_")
-    out.writerow(["h_m", "d_m", "rpm", "even", "odd", "status", "starts", *(n for kind in kinds for n in six(kind))])
+    out.writerow(["h_m", "d_m", "rpm", "made", "status", "starts", *(n for kind in kinds for n in six(kind))])
     for row, mark in zip(made.table, made.marks, strict=True):
         numbers = [f"{v:.3g}" for v in (*mark.amplitude, *mark.scatter, *mark.sigma)]
-        out.writerow([*(f"{v:.6g}" for v in row[:3]), mark.even, mark.odd, mark.status, mark.starts, *numbers])
+        out.writerow([*(f"{v:.6g}" for v in row[:3]), mark.made, mark.status, mark.starts, *numbers])
     path.write_text(text.getvalue(), encoding="utf-8")

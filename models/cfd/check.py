@@ -86,7 +86,7 @@ def check(rows: Sequence[Row], setup: Setup) -> Checked:
         if row[2] == rpm:
             h, d = (round(float(v) / setup.fan.radius_m, 9) for v in row[:2])
             known[h, d] = Label(row[3:], mark.amplitude, mark.sigma, mark.status, mark.starts)
-            solved = solved or ((h, d) == FREE and mark.even == "solved")
+            solved = solved or ((h, d) == FREE and mark.made == "solved")
     parts = {
         r.position.place: np.array(r.result.parts)
         for r in rows
@@ -262,7 +262,7 @@ def summary(c: Checked, rows: Sequence[Row], setup: Setup) -> dict[str, Any]:
         "cases": len(rows),
         "models": dict(Counter(r.position.model for r in rows)),
         "positions": len(c.labels),
-        "made": dict(Counter(m.even for m in c.made.marks)),
+        "made": dict(Counter(m.made for m in c.made.marks)),
         "status": dict(Counter(r.result.status for r in rows)),
         "usable": sum(r.usable for r in rows),
         "cpu_hours": sum(r.result.seconds for r in rows) / 3600,

@@ -133,7 +133,7 @@ def _assemble(args: argparse.Namespace) -> Any:
         assemble.write_marks(args.out / "corner_cfd_rows.csv", made)
     except OSError as error:
         raise ConfigError(f"--out {args.out}: cannot be written ({error.strerror})") from None
-    solved = sum(mark.even != "law" for mark in made.marks)
+    solved = sum(mark.made != "law" for mark in made.marks)
     if _speak(args):
         print(
             f"{len(made.table)} rows written to {args.out / 'corner_cfd.csv'}: Fx, Fz, My of {solved} from the solver, "
@@ -159,12 +159,9 @@ def _trim(args: argparse.Namespace) -> Any:
     setup = config.load(args.fan)
     section = polars.neural_section(setup.rotor.section)
 
-    def report(pitch: tuple[float, ...], result: Any) -> None:
-        if _speak(args):
-            degrees = ", ".join(f"{p:.3f}" for p in pitch)
-            torque = "" if args.model == "half" else f", {result.wrench[5]:+.4f} N m"
-            print(f"tip pitch {degrees} deg: {result.wrench[2]:.3f} N{torque}", flush=True)
-
-    pitch, result = trim.trim(args.work, setup, section, args.model, report)
-    key = "tip_pitch_deg" if args.model == "half" else "swirl_tip_pitch_deg"
-    return {key: pitch[0] if args.model == "half" else pitch, "lift_N": result.wrench[2], "torque_Nm": result.wrench[5]}
+    pitch, result = trim.trim(args.work, setup, section, args.model)
+    lift, torque = result.wrench[2], result.wrench[5]
+    if _speak(args):
+        print(f"tip pitch {', '.join(f'{p:.3f}' for p in pitch)} deg: {lift:.3f} N, {torque:+.4f} N m")
+    found = {"tip_pitch_deg": pitch[0]} if args.model == "half" else {"swirl_tip_pitch_deg": pitch}
+    return {**found, "lift_N": lift, "torque_Nm": torque}

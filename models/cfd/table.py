@@ -12,6 +12,7 @@ from models.cfd.case_run import Result, Row
 from models.cfd.position import MODELS, Position
 from models.errors import ModelError
 from models.frames import AXES
+from models.text_file import read_text, write_text
 
 UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
 PARTS = ("upper", "lower", "duct")
@@ -45,20 +46,12 @@ def write(path: Path, rows: Sequence[Row]) -> None:
                 *(r.start, r.note),
             ]
         )
-    try:
-        path.write_text(text.getvalue(), encoding="utf-8")
-    except OSError as error:
-        raise ModelError(f"case table {path}: cannot be written ({error.strerror})") from None
+    write_text("case table", path, text.getvalue(), ModelError)
 
 
 def read(path: Path) -> list[Row]:
     """Read the cases. Raises ModelError naming the file and the line."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise ModelError(f"case table {path}: cannot be read ({reason})") from None
-    lines = csv.reader(io.StringIO(text))
+    lines = csv.reader(io.StringIO(read_text("case table", path, ModelError)))
     if tuple(next(lines, ())) != COLUMNS:
         raise ModelError(f"case table {path}: has another header than this version writes")
     rows = []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,12 +23,8 @@ TOLERANCE = 0.002
 MOST = 5
 """Steps before it is refused, beyond the cases that give the first slopes."""
 
-Report = Callable[[tuple[float, ...], Result], None]
 
-
-def trim(
-    folder: Path, setup: Setup, section: Section, model: str, report: Report = lambda *_: None
-) -> tuple[tuple[float, ...], Result]:
+def trim(folder: Path, setup: Setup, section: Section, model: str) -> tuple[tuple[float, ...], Result]:
     """Tip pitch [deg] of both discs as one (``half``) or of upper and lower disc (``full``), and the case.
 
     Half model: the lift is ``hover_lift_n`` within 0.2 %. With swirl also the net torque is zero within 0.2 % of lift
@@ -49,7 +44,6 @@ def trim(
         case.parent.mkdir(parents=True, exist_ok=True)
         tables = blades(here, rotor.hover_rpm, section, swirl=swirl)
         result = compute(case, here, position, tables, found[-1][2] if found else None, march=False)
-        report(tips, result)
         if not math.isfinite(result.wrench[2]):
             raise ConfigError(f"trim: free air at {_degrees(pitch)} {result.status}; see {case / 'log'}")
         found.append((tips, result, case))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from base64 import b64encode
 from collections.abc import Iterable, Sequence
 from html import escape
@@ -60,25 +59,13 @@ def pictures(paths: Iterable[Path]) -> str:
 
     Where an image is wider than the screen its box scrolls, so that its text keeps a size that can be read.
     """
-    shown = [picture(path, _caption(path.stem)) for path in paths]
-    return f'<div class="plots">{"".join(shown)}</div>' if shown else ""
-
-
-def picture(path: Path, caption: str = "") -> str:
-    """One PNG file inside the page."""
-    data = path.read_bytes()
-    wide = int.from_bytes(data[16:20], "big") > _WIDE_PX
-    head = f"<figcaption><b>{escape(caption)}</b></figcaption>" if caption else ""
-    image = f'<img alt="{escape(caption or path.stem)}" src="data:image/png;base64,{b64encode(data).decode()}">'
-    return f'<figure class="wide{" full" if wide else ""}">{head}{image}</figure>'
-
-
-def _caption(stem: str) -> str:
-    """``fig5_9_lift_ratio`` and ``mesh`` as words; the numbers are the paper's."""
-    numbered = re.fullmatch(r"fig(\d+(?:_\d+)*)_(.+)", stem)
-    words = stem if numbered is None else numbered[2]
-    of_paper = "" if numbered is None else f", as figure {numbered[1].replace('_', ' and ')} of the paper"
-    return words.replace("_", " ").capitalize() + of_paper
+    shown = ""
+    for path in paths:
+        data, caption = path.read_bytes(), escape(path.stem.replace("_", " ").capitalize())
+        wide = " full" if int.from_bytes(data[16:20], "big") > _WIDE_PX else ""
+        image = f'<img alt="{caption}" src="data:image/png;base64,{b64encode(data).decode()}">'
+        shown += f'<figure class="wide{wide}"><figcaption><b>{caption}</b></figcaption>{image}</figure>'
+    return f'<div class="plots">{shown}</div>' if shown else ""
 
 
 def folded(summary: str, content: str) -> str:

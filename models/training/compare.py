@@ -32,6 +32,7 @@ from models.training.train import (
     levenberg_nets,
     paper_nets,
     r_squared,
+    silent,
     weights,
 )
 
@@ -95,7 +96,7 @@ class Comparison:
 
 
 def compare(
-    data: DataSet, seed: int = 0, *, splits: int = 20, epochs: int = 1000, progress: Progress | None = None
+    data: DataSet, seed: int = 0, *, splits: int = 20, epochs: int = 1000, progress: Progress = silent
 ) -> Comparison:
     """Train every method on ``splits`` random 8:2 splits and with regions left out.
 
@@ -180,9 +181,7 @@ def best_degree(problem: Problem, rng: np.random.Generator) -> int:
     return min(errors, key=errors.__getitem__)
 
 
-def _fit(
-    method: str, tasks: list[Task], epochs: int, rng: np.random.Generator, progress: Progress | None
-) -> list[Regressor]:
+def _fit(method: str, tasks: list[Task], epochs: int, rng: np.random.Generator, progress: Progress) -> list[Regressor]:
     """One regressor per task."""
     out: list[Regressor] = []
     for k, task in enumerate(tasks):
@@ -197,8 +196,7 @@ def _fit(
         else:
             decays = choose_decays(learnt, rng, HIDDEN)
             out.append(levenberg_nets(learnt, folds(learnt, MEMBERS, rng), rng, HIDDEN, decays))
-        if progress:
-            progress(method, k + 1, len(tasks))
+        progress(method, k + 1, len(tasks))
     return out
 
 

@@ -96,7 +96,7 @@ def evolve(
     genes: int,
     rng: np.random.Generator,
     settings: Settings | None = None,
-    tick: Callable[[int, int], None] | None = None,
+    tick: Callable[[int, int], None] = lambda *_: None,
 ) -> tuple[Array, Array]:
     """Evolve ``runs`` populations; returns the best chromosome (runs, genes) and its error (runs,) of each.
 
@@ -118,6 +118,5 @@ def evolve(
         leader = mse.argmin(axis=1)
         better = mse[every, leader] < best_mse
         best[better], best_mse[better] = population[every, leader][better], mse[every, leader][better]
-        if tick:
-            tick(generation + 1, s.generations)
+        tick(generation + 1, s.generations)
     return best.astype(float), best_mse

@@ -69,7 +69,7 @@ def descend(
     epochs: int,
     *,
     adam_rate: float | None = None,
-    tick: Callable[[int, int], None] | None = None,
+    tick: Callable[[int, int], None] = lambda *_: None,
 ) -> Array:
     """Train N nets from chromosomes ``start`` (N, genes), full batch.
 
@@ -86,7 +86,7 @@ def descend(
         errors(theta, batch, hidden).sum().backward()
         optimiser.step()
         schedule.step()
-        if tick and t % 50 == 0:
+        if t % 50 == 0:
             tick(t, epochs)
     return np.asarray(theta.detach().double().numpy())
 

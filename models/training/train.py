@@ -49,7 +49,12 @@ MAX_ROWS = 3000
 GA_ROWS = 400
 
 Progress = Callable[[str, int, int], None]
+"""Called with what is done, how many parts of it, and of how many."""
 Index = NDArray[np.intp]
+
+
+def silent(*_: object) -> None:
+    """No progress is shown."""
 
 
 @dataclass(frozen=True)
@@ -160,7 +165,7 @@ def train(
     epochs: int = EPOCHS,
     fidelity: Mapping[str, Any] | None = None,
     fan_radii_m: tuple[float, float] | None = None,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Trained:
     """Train ``method`` at 80 % of the places, measure at the rest; nets have ``hidden`` units.
 
@@ -294,7 +299,7 @@ def _fit(
     rng: np.random.Generator,
     hidden: int,
     epochs: int,
-    progress: Progress | None,
+    progress: Progress,
     choices: dict[str, Any],
 ) -> tuple[Regressor, Calibration]:
     """Regressor and calibrated spread; what was chosen on the way goes into ``choices``."""
@@ -345,7 +350,7 @@ def _unseen(
     build: Callable[[Problem], Regressor],
     group: Index,
     rng: np.random.Generator,
-    progress: Progress | None,
+    progress: Progress,
 ) -> Unseen:
     """Errors and spread on each group of rows of regressors that learnt the other groups."""
     if len(problem) > CALIBRATION_ROWS:
@@ -357,8 +362,7 @@ def _unseen(
         unseen = group == g
         regressor = build(problem.take(np.flatnonzero(~unseen)))
         mean[unseen], spread[unseen] = regressor.predict(problem.x[unseen])
-        if progress:
-            progress("calibration", done + 1, len(groups))
+        progress("calibration", done + 1, len(groups))
     return _opened(problem, mean, spread)
 
 
@@ -386,7 +390,7 @@ def fold_error(problem: Problem, fold: Index, degree: int) -> float:
 
 
 def choose_decays(
-    problem: Problem, rng: np.random.Generator, hidden: int, progress: Progress | None = None
+    problem: Problem, rng: np.random.Generator, hidden: int, progress: Progress = silent
 ) -> tuple[float, ...]:
     """Weight decay (6) of the nets of each component: the strongest that is nearly as good as any on unseen places.
 
@@ -408,8 +412,7 @@ def choose_decays(
                 w1, b1, w2, b2 = levenberg.train(problem.x[seen], target[seen], gate[seen], hidden, start, decay)
                 answer = gate[unseen] * (np.tanh(problem.x[unseen] @ w1 + b1) @ w2 + b2)
                 left[i] += float(np.sum((answer - target[unseen]) ** 2))
-            if progress:
-                progress("weight decay", len(DECAYS) * c + i + 1, 6 * len(DECAYS))
+            progress("weight decay", len(DECAYS) * c + i + 1, 6 * len(DECAYS))
             if left[i] > HOPELESS * left.min():
                 break
         out[c] = DECAYS[int(np.flatnonzero(left <= NEARLY * left.min())[0])]
@@ -422,7 +425,7 @@ def levenberg_nets(
     rng: np.random.Generator,
     hidden: int,
     decays: Sequence[float],
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> NetEnsemble:
     """Nets by Levenberg-Marquardt with weight decay (6); member k has not seen fold k."""
     w1 = np.zeros((MEMBERS, 6, 3, hidden))
@@ -434,8 +437,7 @@ def levenberg_nets(
             root = np.sqrt(problem.weight[rows, c])
             target, gate = root * problem.y[rows, c] / problem.scale[c], root * problem.gate[rows, c]
             w1[k, c], b1[k, c], w2[k, c], b2[k, c] = levenberg.train(x, target, gate, hidden, rng, decays[c])
-            if progress:
-                progress("nets", 6 * k + c + 1, 6 * MEMBERS)
+            progress("nets", 6 * k + c + 1, 6 * MEMBERS)
     return NetEnsemble(w1, b1, w2 * problem.scale[:, None], b2 * problem.scale)
 
 
@@ -447,7 +449,7 @@ def paper_nets(
     hidden: int,
     epochs: int,
     rate: float = ADAM_RATE,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> NetEnsemble:
     """Nets by one of the paper's methods, members and components in one batch; member k learns ``rows[k]`` (n,)."""
     from models.training import network
@@ -460,19 +462,13 @@ def paper_nets(
         seen = np.sort(rng.choice(len(problem), min(len(problem), GA_ROWS), replace=False))
         small = network.Batch.of(problem.x[None, seen], gate[:, seen], y[:, seen], weight[:, seen])
         evaluate = partial(network.population_errors, batch=small, hidden=hidden)
-        start, _ = genetic.evolve(evaluate, nets, size, rng, tick=_tick(progress, "genetic algorithm"))
+        start, _ = genetic.evolve(evaluate, nets, size, rng, tick=partial(progress, "genetic algorithm"))
     else:
         start = rng.uniform(-1.0, 1.0, (nets, size))
     batch, adam_rate = network.Batch.of(problem.x[None], gate, y, weight), rate if "adam" in method else None
     theta = np.zeros((members, 6, size))
     theta[:, live] = network.descend(
-        start, batch, hidden, epochs, adam_rate=adam_rate, tick=_tick(progress, "descent")
+        start, batch, hidden, epochs, adam_rate=adam_rate, tick=partial(progress, "descent")
     ).reshape(members, len(live), size)
     w1, b1, w2, b2 = network.unpack(theta, hidden)
     return NetEnsemble(w1, b1, w2 * problem.scale[:, None], b2 * problem.scale)
-
-
-def _tick(progress: Progress | None, name: str) -> Callable[[int, int], None] | None:
-    if progress is None:
-        return None
-    return lambda done, total: progress(name, done, total)

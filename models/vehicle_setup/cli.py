@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from models.errors import ConfigError
+from models.text_file import write_text
 from models.vehicle_setup.frames import FRAMES, ardupilot_frame, px4_motors
 from models.vehicle_setup.questions import MOST, completed
 
@@ -60,10 +61,7 @@ def run(a: argparse.Namespace) -> int:
     vehicle, origin = build(_answers(given, parameters))
     text = vehicle_text(vehicle, origin, "Written by models vehicle. Every key: docs/vehicle.md. SI units, body FRD.")
     checked = parse_vehicle(text, str(a.out))
-    try:
-        a.out.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"--out {a.out}: cannot be written ({error.strerror})") from None
+    write_text("--out", a.out, text)
     if not a.quiet:
         print(f"{a.out}: {len(checked.fans)} fans, {len(checked.rotors)} rotors, checked")
         for line in warnings(checked):

@@ -91,13 +91,13 @@ def test_the_law_of_rotor_speed_is_recovered_and_its_rows_are_marked(rows):
     assert made.law.free == pytest.approx(FREE_EXPONENT, abs=1e-6)
     assert made.law.positions == 11
     filled = at(made, 1.25, 0.5, 5200.0)
-    assert made.marks[filled].even == "law"
+    assert made.marks[filled].made == "law"
     assert made.table[filled, 3:] == pytest.approx(
         wrench(Position(1.25, 0.5, 5200.0)) * [1, 0, 1, 0, 1, 0] + made.table[filled, 3:] * [0, 1, 0, 1, 0, 1], abs=1e-3
     )
     other_speed = at(made, 2.0, 1.0, 2800.0)
-    assert made.marks[other_speed].even == "corrected"
-    count = {kind: sum(m.even == kind for m in made.marks) for kind in ("solved", "corrected", "law")}
+    assert made.marks[other_speed].made == "corrected"
+    count = {kind: sum(m.made == kind for m in made.marks) for kind in ("solved", "corrected", "law")}
     assert count["solved"] == len(SETUP.campaign.full_at) + 2 * len(SETUP.campaign.full_other_rpm_at)
     assert count["solved"] + count["corrected"] == 110 + 2 * 13
     assert sum(count.values()) == len(made.marks)
@@ -197,11 +197,11 @@ def test_what_full_models_add_is_learnt_and_its_error_is_that_of_places_left_out
     assert made.correction.learnt[2]
     assert made.correction.error[2] < 0.2 * made.correction.plain[2]
     here = at(made, 1.75, 1.0, 4000.0)
-    assert made.marks[here].even == "corrected"
+    assert made.marks[here].made == "corrected"
     truth = wrench(Position(1.75, 1.0, 4000.0))[2] + added(1.75, 1.0)[2]
     assert made.table[here, 5] == pytest.approx(truth, abs=0.1)
     solved = at(made, 1.5, 0.3, 4000.0)
-    assert made.marks[solved].even == made.marks[solved].odd == "solved"
+    assert made.marks[solved].made == "solved"
     assert made.table[solved, 5] == pytest.approx(wrench(Position(1.5, 0.3, 4000.0))[2] + added(1.5, 0.3)[2], abs=0.02)
     # A row that nobody solved in full is less sure by what full models left out show.
     assert made.marks[here].sigma[2] > made.marks[solved].sigma[2]
@@ -246,9 +246,8 @@ def test_a_difference_that_cannot_be_learnt_leaves_half_models_alone_and_stands_
     ]
     made = assemble(noisy, SETUP)
     assert not made.correction.learnt[[0, 2, 4]].any()
-    assert {m.even for m in made.marks} == {"half", "law"}
-    # Their side force can: it is learnt, and solved where it was.
-    assert {m.odd for m in made.marks} == {"solved", "filled", "law"}
+    assert {m.made for m in made.marks} == {"half", "law"}
+    # Their side force can: it is learnt.
     assert made.table[at(made, 2.0, 1.0, 4000.0), 4] == pytest.approx(0.05)
     with_ground = at(made, 1.75, 1.0, 4000.0)
     assert made.marks[with_ground].sigma[2] > 0.3
@@ -270,7 +269,7 @@ def test_a_component_that_cannot_be_learnt_stays_that_of_half_models_beside_one_
     assert made.correction.learnt[2]
     assert not made.correction.learnt[0]
     solved = at(made, 1.5, 0.3, 4000.0)
-    assert made.marks[solved].even == "solved"
+    assert made.marks[solved].made == "solved"
     truth = wrench(Position(1.5, 0.3, 4000.0))
     assert made.table[solved, 3] == pytest.approx(truth[0], abs=1e-6)
     assert made.table[solved, 5] == pytest.approx(truth[2] - 6 * near((1.5, 0.3))[0] ** 2, abs=0.05)
@@ -281,10 +280,8 @@ def test_a_component_that_cannot_be_learnt_stays_that_of_half_models_beside_one_
 def test_what_symmetry_forbids_comes_from_the_cases_with_swirl(rows):
     made = assemble(rows, SETUP)
     here = at(made, 2.0, 1.0, 4000.0)
-    assert made.marks[here].odd == "solved"
     assert made.table[here, [4, 6, 8]] == pytest.approx([0.05, 0.01, 0.03])
     filled = at(made, 1.75, 1.0, 4000.0)
-    assert made.marks[filled].odd == "filled"
     assert 0.0 < made.table[filled, 4] < 0.4
     # Without a wall the fan stands on an axis of symmetry: only the net torque is left.
     alone = at(made, 2.5, INF, 4000.0)
