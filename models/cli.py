@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from models.arguments import Parser
+from models.arguments import Parser, speaks
 from models.cfd import cli as cfd
 from models.errors import ConfigError, UserError
 from models.json_file import write_json
@@ -53,8 +53,7 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     train = commands.add_parser("train", help="train a surrogate on a data set and write a model directory")
-    _data_option(train)
-    _sigma_option(train)
+    _data_options(train)
     train.add_argument(
         "--method", required=True, choices=METHODS, help="'ensemble' is what flies: see docs/surrogates.md"
     )
@@ -70,18 +69,15 @@ def _parser() -> argparse.ArgumentParser:
         help="train on every second place only: a test may then use the others (sim:corner_cfd flies in the even ones)",
     )  # fmt: skip
     train.add_argument("--label", metavar="TEXT", help="what the data are, kept in model.json as their fidelity")
-    _common_options(train)
     train.set_defaults(run=_train)
 
     compare = commands.add_parser("compare", help="train all methods, honestly compared, with the paper's tables")
-    _data_option(compare)
-    _sigma_option(compare)
+    _data_options(compare)
     compare.add_argument("--report", type=Path, metavar="DIR", help="write the report and its figures here")
     compare.add_argument("--splits", type=_positive, default=20, metavar="N", help="random splits (default 20)")
     compare.add_argument(
         "--epochs", type=_positive, default=1000, metavar="N", help="epochs of each net (default 1000)"
     )
-    _common_options(compare)
     compare.set_defaults(run=_compare)
 
     query = commands.add_parser("query", help="ask a model for the wrench at one point")
@@ -102,20 +98,14 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _data_option(parser: argparse.ArgumentParser) -> None:
+def _data_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--data", required=True, metavar="CSV", help=f"data set, or '{CLOSED_FORM}' for the built-in one (not CFD)"
     )
-
-
-def _sigma_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sigma", type=Path, metavar="CSV",
         help="how sure each row is, as 'models cfd assemble' writes it: the rows of the ensemble are weighted by it",
     )  # fmt: skip
-
-
-def _common_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of splits and starts (default 0)")
     parser.add_argument("--json", metavar="FILE", help="write the numbers as JSON here, '-' for stdout")
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no text")
@@ -149,7 +139,7 @@ def _train(args: argparse.Namespace) -> int:
     bars.close()
     store.save_model(args.out, trained.model)
     report = {**trained.report, "out": str(args.out)}
-    if not _speak(args):
+    if not speaks(args):
         return _json(args, report)
     for note in report["notes"]:
         print(f"note: {note}")
@@ -185,7 +175,7 @@ def _compare(args: argparse.Namespace) -> int:
 
         write_figures(args.report, result)
         write_page(args.report, result.numbers, command)
-    if _speak(args):
+    if speaks(args):
         print(text(result.numbers))
         print(f"next: {command}")
         if args.report:
@@ -226,7 +216,7 @@ def _query(args: argparse.Namespace) -> int:
         "trust": float(trust),
         "fidelity": model.info.get("fidelity"),
     }
-    if _speak(args):
+    if speaks(args):
         print(f"h {args.h:g} m, d {args.d:g} m, {args.rpm:g} rpm: trust {trust:.2f}, corner frame")
         print(f"{'':4}{'wrench':>12}{'sigma':>12}{'free air':>12}")
         for c, axis in enumerate(AXES):
@@ -251,10 +241,8 @@ def _data(name: str, sigma: Path | None = None) -> tuple[Any, dict[str, Any]]:
 
 
 def _fan_radii(args: argparse.Namespace) -> tuple[float, float] | None:
-    if args.fan is None and args.data == CLOSED_FORM:
-        return PAPER_RADII_M
     if args.fan is None:
-        return None
+        return PAPER_RADII_M if args.data == CLOSED_FORM else None
     radius, lip = args.fan
     if not 0.0 < radius <= lip < 100.0:
         raise ConfigError(f"--fan {radius:g} {lip:g}: must be the rotor's radius and the lip's, which is no smaller")
@@ -267,10 +255,6 @@ def _check_writable(directory: Path) -> None:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"directory {directory}: cannot be written ({error.strerror})") from None
-
-
-def _speak(args: argparse.Namespace) -> bool:
-    return not args.quiet and args.json != "-"
 
 
 def _json(args: argparse.Namespace, content: Mapping[str, Any]) -> int:

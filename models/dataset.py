@@ -181,18 +181,15 @@ def _check_values(path: Path, number: NDArray[np.intp], values: Array) -> None:
     def refuse(bad: NDArray[np.bool_], problem: str) -> None:
         rows, columns = np.nonzero(bad)
         if rows.size:
-            row, column = rows[0], columns[0]
+            row, k = rows[0], columns[0]
             raise ModelError(
-                f"data set {path}: line {number[row]}, column {COLUMNS[column]}: {problem} ({values[row, column]:g})"
+                f"data set {path}: line {number[row]}, column {COLUMNS[k]}: {problem} ({values[row, k]:g})"
             )
 
     refuse(np.isnan(values), "is not a number; remove or repair the row")
-    inputs = np.zeros(values.shape, dtype=bool)
-    inputs[:, :3] = values[:, :3] < 0.0
-    refuse(inputs, "is negative")
-    finite = np.isinf(values)
-    finite[:, :2] = False
-    refuse(finite, "must be finite")
+    column = np.arange(len(COLUMNS))
+    refuse((values < 0.0) & (column < 3), "is negative")
+    refuse(np.isinf(values) & (column >= 2), "must be finite")
 
 
 def _merge_duplicates(

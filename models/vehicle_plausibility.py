@@ -172,7 +172,7 @@ def _ranges(vehicle: Vehicle) -> Iterator[Finding]:
     if not vehicle.rangefinders:
         yield _warning("rangefinder", "none is declared: nothing is known of ground and wall, no offset will be given")
     for i, sensor in enumerate(vehicle.rangefinders, 1):
-        looks = _direction(sensor.orientation)
+        looks = direction(sensor.orientation)
         usual, wrong = _TARGET_NEEDS.get(sensor.target, ("", ()))
         if looks in wrong:
             yield _error(
@@ -183,7 +183,7 @@ def _ranges(vehicle: Vehicle) -> Iterator[Finding]:
         yield _warning("rangefinder", "none looks at the ground: its effect is not compensated")
 
 
-def _direction(orientation: int) -> str:
+def direction(orientation: int) -> str:
     """Where a MAV_SENSOR_ORIENTATION looks: ``up``, ``down``, ``to the side``, or empty where it is inclined."""
     if orientation == _LOOKS_DOWN:
         return "down"

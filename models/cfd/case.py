@@ -80,7 +80,7 @@ def _layers(setup: Setup) -> str:
         step = rotor.thickness / LAYERS
         for layer in range(LAYERS):
             low, high = m * (z0 + layer * step), m * (z0 + (layer + 1) * step)
-            name = zone(disc, layer)
+            name = f"{disc}{layer}"
             actions.append(
                 f"{{ name {name}Set; type cellSet; action new; source zoneToCell; zone {disc}Disc; }}\n"
                 f"{{ name {name}Set; type cellSet; action subset; source boxToCell; "
@@ -88,11 +88,6 @@ def _layers(setup: Setup) -> str:
                 f"{{ name {name}; type cellZoneSet; action new; source setToCellZone; set {name}Set; }}"
             )
     return "actions\n(\n" + "\n".join(actions) + "\n);\n"
-
-
-def zone(disc: str, layer: int) -> str:
-    """Name of one layer's cell zone."""
-    return f"{disc}{layer}"
 
 
 def sources(position: Position) -> list[tuple[str, str, int, float]]:
@@ -106,8 +101,8 @@ def sources(position: Position) -> list[tuple[str, str, int, float]]:
         for layer in range(LAYERS):
             senses = (sense,) if position.swirl else (1, -1)
             for s in senses:
-                name = f"{disc}{layer}{'p' if s > 0 else 'n'}"
-                out.append((name, zone(disc, layer), s, 1.0 / (LAYERS * len(senses))))
+                zone = f"{disc}{layer}"
+                out.append((f"{zone}{'p' if s > 0 else 'n'}", zone, s, 1.0 / (LAYERS * len(senses))))
     return out
 
 

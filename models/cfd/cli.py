@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from models.arguments import speaks
 from models.errors import ConfigError
 
 Finish = Callable[[argparse.Namespace, Any], int]
@@ -74,10 +75,6 @@ def _cases(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _speak(args: argparse.Namespace) -> bool:
-    return not args.quiet and args.json != "-"
-
-
 def _run(args: argparse.Namespace) -> Any:
     from models.cfd import campaign, config, foam, polars
     from models.progress import Bars
@@ -87,7 +84,7 @@ def _run(args: argparse.Namespace) -> Any:
     setup = config.load(args.fan)
     positions = campaign.plan(setup, args.model)
     if args.dry_run:
-        if _speak(args):
+        if speaks(args):
             print("\n".join(p.key for p in positions))
         return {"cases": [p.key for p in positions]}
     foam.require()
@@ -97,7 +94,7 @@ def _run(args: argparse.Namespace) -> Any:
     bars.close()
     rows = campaign.rows(args.work, positions)
     count = {s: sum(r.result.status == s for r in rows) for s in sorted({r.result.status for r in rows})}
-    if _speak(args):
+    if speaks(args):
         print(f"{len(rows)} of {len(positions)} cases: " + ", ".join(f"{n} {s}" for s, n in count.items()))
     return {"cases": len(positions), "done": len(rows), "status": count}
 
@@ -134,7 +131,7 @@ def _assemble(args: argparse.Namespace) -> Any:
     except OSError as error:
         raise ConfigError(f"--out {args.out}: cannot be written ({error.strerror})") from None
     solved = sum(mark.made != "law" for mark in made.marks)
-    if _speak(args):
+    if speaks(args):
         print(
             f"{len(made.table)} rows written to {args.out / 'corner_cfd.csv'}: Fx, Fz, My of {solved} from the solver, "
             f"of {len(made.table) - solved} by the fitted law of rotor speed"
@@ -148,7 +145,7 @@ def _check(args: argparse.Namespace) -> Any:
     setup = config.load(args.fan)
     rows = _rows(args, setup)
     found = check.summary(check.check(rows, setup), rows, setup)
-    if _speak(args):
+    if speaks(args):
         print(check.text(found))
     return found
 
@@ -161,7 +158,7 @@ def _trim(args: argparse.Namespace) -> Any:
 
     pitch, result = trim.trim(args.work, setup, section, args.model)
     lift, torque = result.wrench[2], result.wrench[5]
-    if _speak(args):
+    if speaks(args):
         print(f"tip pitch {', '.join(f'{p:.3f}' for p in pitch)} deg: {lift:.3f} N, {torque:+.4f} N m")
     found = {"tip_pitch_deg": pitch[0]} if args.model == "half" else {"swirl_tip_pitch_deg": pitch}
     return {**found, "lift_N": lift, "torque_Nm": torque}

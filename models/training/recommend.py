@@ -31,9 +31,8 @@ def recommend(numbers: Mapping[str, Any]) -> Recommendation:
         m: float(np.mean([r["relative_error"][m] for r in numbers["regions"].values()] or [0.0])) for m in equals
     }
     chosen = min(equals, key=lambda m: outside[m])
-    others = "" if len(equals) == 1 else f"; as good within {sd:.3f} are {', '.join(m for m in equals if m != chosen)}"
     why = (
-        f"held-out R^2 {score[chosen]:.3f} (best: {best} {score[best]:.3f}){others}; error over the increments' RMS in "
+        f"held-out R^2 {score[chosen]:.3f} (best: {best} {score[best]:.3f}); error over the increments' RMS in "
         f"regions left out whole {outside[chosen]:.2f}"
     )
     return Recommendation(chosen, why)
