@@ -354,6 +354,8 @@ class Effect:
     """(k, k) by shape: the coefficients are this times independent ones, whose priors ``coefficients`` give."""
     lacking: Callable[[Context], str | None] = always
     aliases: tuple[str, ...] = ()
+    """Effects that can stand in the place of this one. One way: ``thrust_scale`` can pass for ``thrust_curve``, a curve
+    not for a scale."""
     in_flight: InFlight = InFlight.WRENCH
     corrected: Callable[[AirState, Mapping[str, float]], AirState] | None = None
     """Of what corrects a measurement: the state without the instrument's error, by adopted parameters."""
