@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from models.errors import ConfigError
-from models.vehicle_setup.questions import FRAMES, MOST, completed
+from models.text_file import write_text
+from models.vehicle_setup.frames import FRAMES, ardupilot_frame, px4_motors
+from models.vehicle_setup.questions import MOST, completed
 
 _EPILOG = """A person at a terminal is asked for what the options do not say. Every key: docs/vehicle.md. Afterwards
 `replay vehicle LOG --vehicle FILE` measures thrust and hover in a log of a hover."""
@@ -59,10 +61,7 @@ def run(a: argparse.Namespace) -> int:
     vehicle, origin = build(_answers(given, parameters))
     text = vehicle_text(vehicle, origin, "Written by models vehicle. Every key: docs/vehicle.md. SI units, body FRD.")
     checked = parse_vehicle(text, str(a.out))
-    try:
-        a.out.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"--out {a.out}: cannot be written ({error.strerror})") from None
+    write_text("--out", a.out, text)
     if not a.quiet:
         print(f"{a.out}: {len(checked.fans)} fans, {len(checked.rotors)} rotors, checked")
         for line in warnings(checked):
@@ -73,14 +72,12 @@ def run(a: argparse.Namespace) -> int:
 
 def _asked(given: Mapping[str, Any], parameters: Mapping[str, float]) -> dict[str, Any]:
     """The options, completed by questions at a terminal; ConfigError naming all that is missing elsewhere."""
-    from models.vehicle_setup.frames import ardupilot_frame, px4_motors
-
     out = dict(given)
     placed = out["frame"] is None and px4_motors(parameters) is not None
     if out["frame"] is None:
         out["frame"] = ardupilot_frame(parameters)
     if sys.stdin.isatty():
-        return completed(out, placed, sensed=any(name.startswith("RNGFND") for name in parameters))
+        return completed(out, placed, any(name.startswith("RNGFND") for name in parameters), _range)
     if out["name"] is None:
         out["name"] = Path(out["out"]).stem
     needed = ["mass", *([] if placed else ["frame", "span"]), "propeller", *(["voltage"] if out["no_rpm"] else [])]
