@@ -12,7 +12,7 @@ from scipy.linalg import cho_factor, cho_solve
 from models.frames import Array
 from replay.residual.grid import Mask
 from replay.search.channel import Channel, Columns
-from replay.search.disturbance import FITTED_SHARE, bank_energy, lag_products, rows_by_order, spectra
+from replay.search.disturbance import FITTED_SHARE, energies, spectra
 from replay.search.library import Library
 from replay.search.terms import STEP_S, Key, Term
 from replay.search.whitened import Whitened
@@ -81,11 +81,11 @@ class Evidence:
     def __init__(self, library: Library) -> None:
         self.library = library
         self.spectra = spectra(STEP_S)
+        self._filters = np.stack([s.filters for s in self.spectra])
         self._white: dict[tuple[int, int], Whitened] = {}
         self._smaller = np.array([min(s.slow_share, 1.0 - s.slow_share) for s in self.spectra])
         self._fitted = np.array([s.slow_share <= FITTED_SHARE for s in self.spectra])
         self._det = [np.array([s.log_determinant(c.run) for s in self.spectra]) for c in library.channels]
-        self._rows = [rows_by_order(c.run) for c in library.channels]
         self._fits: dict[tuple[tuple[Term, ...], Noise], Fit] = {}
 
     def unfitted(self) -> Noise:
@@ -153,7 +153,8 @@ class Evidence:
                 continue
             centre = np.stack([self.library.terms[index[n]].centre for n in wanted])
             columns = of_term[wanted]
-            own = np.eye(width) - across[columns] @ cross[:, columns].transpose(1, 0, 2) + self._bias_blocks(columns)
+            bias = self.library.x_bias[:, columns].transpose(1, 2, 0)
+            own = np.eye(width) - across[columns] @ cross[:, columns].transpose(1, 0, 2) + bias @ bias.transpose(0, 2, 1)
             for white, variance in self._channels(fit.noise):
                 own += white.blocks(of_term)[wanted] / variance
             v = g[columns] + centre
@@ -172,7 +173,7 @@ class Evidence:
 
     def _energies(self, rest: Sequence[Array]) -> list[Array]:
         """Sum of squares of the innovations of every channel by every spectrum."""
-        return [bank_energy(self.spectra) @ lag_products(e, rows) for e, rows in zip(rest, self._rows, strict=True)]
+        return [energies(self._filters, e, c.run) for e, c in zip(rest, self.library.channels, strict=True)]
 
     def _noise(self, rest: Sequence[Array], energies_of: Sequence[Array], form: Array) -> Noise:
         """The likeliest spectrum of what is left; no quieter than its raw energy, the errors of form, and the floor."""
@@ -203,9 +204,8 @@ class Evidence:
             cost = count * np.log(2.0 * np.pi * variance) + energies / variance + self._det[c]
             value -= 0.5 * float(cost.min())
         columns = self._with_trim(terms)
-        for bias, x_bias in self.library.biases:
-            left = bias - x_bias[:, columns] @ b
-            value -= 0.5 * float(left @ left)
+        left = self.library.bias - self.library.x_bias[:, columns] @ b
+        value -= 0.5 * float(left @ left)
         off = b - np.concatenate([*(t.centre for t in terms), np.zeros(len(self.library.trim))])
         value -= 0.5 * float(off @ off)
         return value + 0.5 * float(np.linalg.slogdet(cov)[1]) if len(b) else value
@@ -226,9 +226,9 @@ class Evidence:
             gram, product = white.gram(columns[on], kept)
             a[np.ix_(on, on)] += gram / variance
             r[on] += product / variance
-        for bias, x_bias in self.library.biases:
-            a += x_bias[:, columns].T @ x_bias[:, columns]
-            r += x_bias[:, columns].T @ bias
+        x_bias = self.library.x_bias[:, columns]
+        a += x_bias.T @ x_bias
+        r += x_bias.T @ self.library.bias
         factor = cho_factor(a, lower=True)
         return cho_solve(factor, r), cho_solve(factor, np.eye(len(r)))
 
@@ -241,14 +241,5 @@ class Evidence:
             g += white.products(None) / variance
             for part, end in zip(parts, ends, strict=True):
                 cross[end - len(part) : end] += white.products(part) / variance
-        for bias, x_bias in self.library.biases:
-            g += bias @ x_bias
-            cross += x_bias[:, columns].T @ x_bias
-        return cross, g
-
-    def _bias_blocks(self, of_term: NDArray[np.int64]) -> Array:
-        out = np.zeros((*of_term.shape, of_term.shape[1]))
-        for _, x_bias in self.library.biases:
-            x = x_bias[:, of_term].transpose(1, 0, 2)
-            out += x.transpose(0, 2, 1) @ x
-        return out
+        x_bias = self.library.x_bias
+        return cross + x_bias[:, columns].T @ x_bias, g + self.library.bias @ x_bias

@@ -87,8 +87,8 @@ class Library:
             self._add_curve(curve, (curve.name, AXES[curve.axis]) in known)
         self.trim = self._add_trim()
         self._bias_mean = [_mean(r.kinematic_bias[r.valid]) for r in records]
-        self.biases: list[tuple[Array, Array]] = []
-        """Offset of every accelerometer by velocity and attitude (3,), and columns (3, K), over its error."""
+        self.bias, self.x_bias = np.empty(0), np.empty((0, 0))
+        """Offsets of all accelerometers by velocity and attitude (m,), and columns (m, K), over their error."""
         self._reach()
 
     def term_of(self, effect: Effect, shape: tuple[float, ...]) -> Term:
@@ -299,13 +299,12 @@ class Library:
         """Let every channel know of all columns."""
         for channel in self.channels:
             channel.reach(self.size)
-        self.biases = []
-        for f, mean in enumerate(self._bias_mean):
-            if np.isfinite(mean).all():
-                x = np.zeros((3, self.size))
-                for columns, part in self._bias_columns.get(f, []):
-                    x[:, columns] += part
-                self.biases.append((mean / KINEMATIC_SD_M_S2, x / KINEMATIC_SD_M_S2))
+        known = [f for f, mean in enumerate(self._bias_mean) if np.isfinite(mean).all()]
+        self.bias = np.ravel([self._bias_mean[f] / KINEMATIC_SD_M_S2 for f in known])
+        self.x_bias = np.zeros((len(self.bias), self.size))
+        for rows, f in enumerate(known):
+            for columns, part in self._bias_columns.get(f, []):
+                self.x_bias[3 * rows : 3 * rows + 3, columns] += part / KINEMATIC_SD_M_S2
 
 
 def _with_errors_of_form(effect: Effect) -> list[int]:

@@ -19,7 +19,7 @@ from models.frames import Array
 from replay.diagnosis.diagnose import conclude
 from replay.residual.record import Record
 from replay.search import results
-from replay.search.disturbance import bank_energy, lag_products, rows_by_order, runs, spectra
+from replay.search.disturbance import energies, runs, spectra
 from replay.search.evidence import Evidence, Fit, Noise
 from replay.search.free_curves import _beside_timing
 from replay.search.library import Library
@@ -147,8 +147,8 @@ def test_whitening_leaves_unit_variance_and_is_exact_after_gaps() -> None:
     white = spectrum.whiten(x[:, 0], run)
     assert not white[~valid].any()
     assert white[valid].std() == pytest.approx(1.0, abs=0.35)
-    energies = bank_energy(spectra(0.2)) @ lag_products(np.where(valid, x[:, 0], 0.0), rows_by_order(run))
-    assert energies[spectra(0.2).index(spectrum)] == pytest.approx(float(white @ white))
+    found = energies(np.stack([s.filters for s in spectra(0.2)]), np.where(valid, x[:, 0], 0.0), run)
+    assert found[spectra(0.2).index(spectrum)] == pytest.approx(float(white @ white))
 
 
 def test_a_lag_is_refused_where_the_thrust_only_answers_noise(quiet: Record) -> None:
