@@ -13,8 +13,8 @@ from replay.residual.record import Record
 from replay.search.evidence import TRUST, Evidence, Fit
 from replay.search.library import Library
 from replay.search.results import Estimate
+from replay.search.sets import SURE as MOST_SURE
 from replay.search.terms import Key, Term
-from replay.search.walk import SURE as MOST_SURE
 from replay.search.walk import walk
 from replay.search.worth import Contributions, beyond_bounds, top
 

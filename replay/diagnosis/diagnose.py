@@ -24,7 +24,8 @@ from replay.residual.motion import ENOUGH_S
 from replay.residual.record import Record, build_record, check_model, too_short
 from replay.search.free_curves import Channel
 from replay.search.results import Found, Rejected, Searched, Trace, summarise
-from replay.search.walk import Walked, walk
+from replay.search.sets import Walked
+from replay.search.walk import walk
 
 UNITS = ("N", "N", "N", "N m", "N m", "N m")
 CANDIDATE, CONFIRMED = "candidate", "confirmed"
@@ -219,8 +220,8 @@ def _named(searched: Searched) -> list[Named]:
     out = []
     for found in by_name.values():
         first = max(found, key=lambda f: (round(f.explains, 9), -f.flight))
-        borne_out = any(f.borne_out for f in found) and len(searched.traces) > 1
-        status = CONFIRMED if borne_out and not first.at_bound else CANDIDATE
+        confirmed = any(f.confirmed_by for f in found) and len(searched.traces) > 1
+        status = CONFIRMED if confirmed and not first.at_bound else CANDIDATE
         of_flight = {i: p for f in found for i, p in f.of_flight.items()}
         out.append(Named(first, first.flight, status, sum(f.explains for f in found), of_flight))
     return sorted(out, key=lambda n: (-round(n.explains, 6), n.found.effect.name))

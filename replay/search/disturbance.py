@@ -52,7 +52,7 @@ class Spectrum:
         return float(-2.0 * np.log(self.filters[order, 0]).sum())
 
 
-def energies(filters: Array, x: Array, run: NDArray[np.int64]) -> Array:
+def whitened_energies(filters: Array, x: Array, run: NDArray[np.int64]) -> Array:
     """Sum of squares of the innovations of a signal (n,) by the ``filters`` of every spectrum, (spectra,).
 
     f^T L f for every filter f: L are the inner products of the signal with itself at lags 0 to ``ORDER``, over the

@@ -6,13 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from models.frames import Array
 from replay.residual.grid import Mask
 from replay.search.channel import Channel, Columns
-from replay.search.disturbance import FITTED_SHARE, energies, spectra
+from replay.search.disturbance import FITTED_SHARE, spectra, whitened_energies
 from replay.search.library import Library
 from replay.search.terms import STEP_S, Key, Term
 from replay.search.whitened import Whitened
@@ -154,7 +153,9 @@ class Evidence:
             centre = np.stack([self.library.terms[index[n]].centre for n in wanted])
             columns = of_term[wanted]
             bias = self.library.x_bias[:, columns].transpose(1, 2, 0)
-            own = np.eye(width) - across[columns] @ cross[:, columns].transpose(1, 0, 2) + bias @ bias.transpose(0, 2, 1)
+            own = (
+                np.eye(width) - across[columns] @ cross[:, columns].transpose(1, 0, 2) + bias @ bias.transpose(0, 2, 1)
+            )
             for white, variance in self._channels(fit.noise):
                 own += white.blocks(of_term)[wanted] / variance
             v = g[columns] + centre
@@ -173,7 +174,7 @@ class Evidence:
 
     def _energies(self, rest: Sequence[Array]) -> list[Array]:
         """Sum of squares of the innovations of every channel by every spectrum."""
-        return [energies(self._filters, e, c.run) for e, c in zip(rest, self.library.channels, strict=True)]
+        return [whitened_energies(self._filters, e, c.run) for e, c in zip(rest, self.library.channels, strict=True)]
 
     def _noise(self, rest: Sequence[Array], energies_of: Sequence[Array], form: Array) -> Noise:
         """The likeliest spectrum of what is left; no quieter than its raw energy, the errors of form, and the floor."""

@@ -10,6 +10,7 @@ from replay.residual.grid import Mask
 from replay.search.channel import Channel, Columns
 from replay.search.disturbance import Spectrum
 
+
 class Whitened:
     """Residual ``y`` (n,) and columns ``x`` (n, k) of a channel as innovations of unit variance.
 
