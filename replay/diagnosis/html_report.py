@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from html import escape
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from models.effects import InFlight, get
 from models.frames import AXES
-from models.pages.document import document, folded, items, table, verdict, write_document
+from models.pages.document import document, folded, items, table, verdict
 from models.vehicle import Vehicle
-from replay.diagnosis.diagnose import UNITS, Diagnosis, Named
+from replay.diagnosis.answer import UNITS, Diagnosis, Named
 from replay.diagnosis.interval import rms_interval
 from replay.diagnosis.next_step import certainty, next_step
 from replay.diagnosis.pictures import Acts, acts, against, block_picture, effect_picture, series, without
@@ -35,13 +34,6 @@ _LEAST_S = 5.0
 """Regimes that last less are not listed."""
 _SAME, _UNCHANGED = 0.005, 0.02
 """A change below half a percent of an axis is none; one below two percent is not worth a sentence."""
-
-
-def write_report(
-    directory: Path, answer: Diagnosis, vehicle: Vehicle, model_faults: Sequence[Mapping[str, str]] = ()
-) -> Path:
-    """Write ``report.html`` into ``directory`` (created) and return its path; raises ConfigError where that fails."""
-    return write_document("--report", directory / "report.html", page(answer, vehicle, model_faults))
 
 
 def page(answer: Diagnosis, vehicle: Vehicle, model_faults: Sequence[Mapping[str, str]] = ()) -> str:

@@ -11,7 +11,7 @@ from models.effects import Effect, InFlight
 from models.effects.pictures import over_time
 from models.frames import AXES, Array
 from models.pages.svg import Band, Line, Mark, figure, keys
-from replay.diagnosis.diagnose import UNITS, Named
+from replay.diagnosis.answer import UNITS, Named
 from replay.diagnosis.words import AXIS_WORDS, channel_words
 from replay.search.regimes import regimes
 from replay.search.results import Trace

@@ -17,7 +17,7 @@ from models.vehicle import Vehicle
 from models.version import installed_version
 
 if TYPE_CHECKING:
-    from replay.diagnosis.diagnose import Diagnosis
+    from replay.diagnosis.answer import Diagnosis
 
 _EARLIEST_US, _LATEST_US = 1_100_000_000_000_000, 4_000_000_000_000_000
 """2004 and 2096: receiver stamps outside are no date."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy.special import ndtr
@@ -47,6 +48,11 @@ class Estimate:
     at_bound: bool = False
     determined: bool = True
     """Whether the flights say more about it than was assumed before."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Value, interval and unit."""
+        out = {"value": self.value, "ci95": self.ci95, "unit": self.unit}
+        return out | ({"at_bound": True} if self.at_bound else {})
 
     @property
     def sign_probability(self) -> float:

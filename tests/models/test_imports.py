@@ -15,7 +15,6 @@ KNOWN_CIRCLES = (
         "companion.adaptation.saved",
         "companion.control.state",
     },
-    {"replay.diagnosis.answer", "replay.diagnosis.diagnose"},
 )
 """To be taken apart; no other may be added."""
 

@@ -13,7 +13,6 @@ from diagnose_noise import noise_record
 import models
 from models.effects import catalogue, get
 from replay.cli import main
-from replay.diagnosis.answer import answer_text
 from replay.diagnosis.diagnose import Diagnosis, conclude
 from replay.diagnosis.html_report import page
 from replay.diagnosis.interval import rms_interval
@@ -64,7 +63,7 @@ def test_wind_is_named_with_its_size_and_takes_the_residual_down(windy: Diagnosi
 
 
 def test_a_size_without_unit_is_a_plain_number_in_the_text(windy: Diagnosis) -> None:
-    line = next(text for text in answer_text(windy).splitlines() if text.startswith("  wind "))
+    line = next(text for text in windy.as_text().splitlines() if text.startswith("  wind "))
     assert "north = " in line
     assert "turning = " in line
     assert "] 1" not in line
