@@ -48,6 +48,9 @@ class Messages:
     def __contains__(self, field: str) -> bool:
         return field in self.data
 
+    def __getitem__(self, field: str) -> NDArray[Any]:
+        return self.data[field]
+
     def column(self, field: str) -> Array:
         """One field (n,)."""
         if field not in self.data:

@@ -22,6 +22,7 @@ from models.errors import LogError
 from models.frames import Array
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, LogSummary, Series
 from replay.logs.columns import (
+    Messages,
     imu_record,
     message_counts,
     quaternions,
@@ -129,28 +130,6 @@ def _piece(
     return Piece(boot, start_s, end_s, seam.origin_s, block.share_read)
 
 
-class _Table:
-    """All messages of one kind, of one boot: times, senders and quantities in SI."""
-
-    def __init__(self, name: str, t_s: Array, component: NDArray[np.uint8], values: dict[str, NDArray[Any]]) -> None:
-        self.name = name
-        self.t_s = t_s
-        self.component = component
-        self.values = values
-
-    def __len__(self) -> int:
-        return len(self.t_s)
-
-    def __getitem__(self, quantity: str) -> NDArray[Any]:
-        return self.values[quantity]
-
-    def where(self, mask: NDArray[np.bool_]) -> _Table:
-        return _Table(self.name, self.t_s[mask], self.component[mask], {k: v[mask] for k, v in self.values.items()})
-
-    def series(self, quantity: str, source: str = "") -> Series | None:
-        return tidy(self.t_s, self[quantity], source or self.name)
-
-
 class _Boot:
     """Builds one FlightLog."""
 
@@ -159,18 +138,18 @@ class _Boot:
         self._parameters = parameters
         self._notes = [*log.report.notes(), *choice.notes()]
 
-    def _table(self, name: str, *, foreign: bool = False) -> _Table:
+    def _table(self, name: str, *, foreign: bool = False) -> Messages:
         """Messages of the vehicle, or (``foreign``) of everyone."""
         layout = LAYOUTS[_IDS[name]]
         index = self._log.indices(layout.id, None if foreign else self._choice.system)
         records = self._log.records(layout.id, index)
         stamps = None if layout.stamp is None else records[layout.stamp_field]
         times = self._axis.times(layout, index, stamps)
-        return _Table(name, times, self._log.component[index], columns(layout, records))
+        return Messages(name, times, {**columns(layout, records), "component": self._log.component[index]})
 
-    def _autopilot(self, name: str) -> _Table:
+    def _autopilot(self, name: str) -> Messages:
         table = self._table(name)
-        return table.where(table.component == AUTOPILOT)
+        return table.where(table["component"] == AUTOPILOT)
 
     def flightlog(self, counts: Counter[tuple[int, int, int]]) -> FlightLog:
         """All columns; ``counts`` of the messages, for the summary."""
@@ -194,8 +173,8 @@ class _Boot:
             autopilot=int(beats["autopilot"][-1]) if len(beats) else None,
             attitude=attitude,
             rates=rates,
-            position=position.series("position"),
-            velocity=position.series("velocity"),
+            position=position.series(position["position"]),
+            velocity=position.series(position["velocity"]),
             imus=self._imus(vibration),
             beams=self._beams(),
             escs=self._escs(),
@@ -203,11 +182,11 @@ class _Boot:
             servo_ports=servos,
             battery=self._battery(),
             pressure=self._pressure(),
-            thrust_command=target.series("thrust"),
-            attitude_target=tidy(target.t_s, unflipped(target["q"]), target.name),
-            commands=tidy(command.t_s, np.hstack([unflipped(command["q"]), command["thrust"]]), command.name),
+            thrust_command=target.series(target["thrust"]),
+            attitude_target=target.series(unflipped(target["q"])),
+            commands=command.series(np.hstack([unflipped(command["q"]), command["thrust"]])),
             wind=self._wind(),
-            vibration=vibration.series("level"),
+            vibration=vibration.series(vibration["level"]),
             armed=self._armed(beats, end),
             modes=runs(beats.t_s, beats["custom_mode"], end),
             landed=self._landed(end),
@@ -231,15 +210,15 @@ class _Boot:
     def _attitude(self) -> tuple[Series | None, Series | None]:
         euler, direct = self._autopilot("ATTITUDE"), self._autopilot("ATTITUDE_QUATERNION")
         table, q = (direct, direct["q"]) if len(direct) >= len(euler) else (euler, quaternions(euler["euler"]))
-        return tidy(table.t_s, unflipped(q), table.name), table.series("rates")
+        return table.series(unflipped(q)), table.series(table["rates"])
 
-    def _imus(self, vibration: _Table) -> tuple[ImuRecord, ...]:
+    def _imus(self, vibration: Messages) -> tuple[ImuRecord, ...]:
         out = []
         for name in ("HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3"):
             table = self._autopilot(name)
-            sensors = np.unique(table["id"]) if "id" in table.values else np.zeros(1, int)
+            sensors = np.unique(table["id"]) if "id" in table else np.zeros(1, int)
             for sensor in sensors:
-                one = table.where(table["id"] == sensor) if "id" in table.values else table
+                one = table.where(table["id"] == sensor) if "id" in table else table
                 number = {"SCALED_IMU2": 1, "SCALED_IMU3": 2}.get(name, int(sensor))
                 record = self._imu(one, f"{name}:{sensor}" if sensor else name, vibration, number)
                 if record is not None:
@@ -247,14 +226,14 @@ class _Boot:
         # Float before quantised, then by rate.
         return tuple(sorted(out, key=lambda r: (r.force_step > 0.0, -len(r.specific_force))))
 
-    def _imu(self, table: _Table, source: str, vibration: _Table, number: int) -> ImuRecord | None:
+    def _imu(self, table: Messages, source: str, vibration: Messages, number: int) -> ImuRecord | None:
         force, gyro = table["force"].copy(), table["gyro"].copy()
-        if "fields_updated" in table.values:
+        if "fields_updated" in table:
             updated = table["fields_updated"].astype(np.int64)[:, None] >> np.arange(6) & 1
             force[updated[:, :3] == 0] = np.nan
             gyro[updated[:, 3:] == 0] = np.nan
-        forces, gyros = tidy(table.t_s, force, source), tidy(table.t_s, gyro, source)
-        counter = vibration.values.get(f"clipping_{number}") if number < 3 else None
+        forces, gyros = table.series(force, source), table.series(gyro, source)
+        counter = vibration.data.get(f"clipping_{number}")
         # The counter runs from boot; what counts is how far it went in this record.
         counted = 0 if counter is None else int(np.maximum(np.diff(counter.astype(np.int64)), 0).sum())
         return imu_record(source, forces, gyros, counted, None if table.name == "HIGHRES_IMU" else _WIRE_STEP)
@@ -264,13 +243,13 @@ class _Boot:
         table = self._table("RANGEFINDER")
         limits = next((b for b in out if b.name == "down"), None)
         low, high = (limits.min_m, limits.max_m) if limits else (math.nan, math.nan)
-        distance = table.series("distance")
+        distance = table.series(table["distance"])
         if distance is not None:
             out.append(range_beam(_DOWN, (AUTOPILOT, 0, _DOWNWARD), distance, (low, high)))
         return tuple(out)
 
-    def _distance_beams(self, table: _Table) -> Iterable[Beam]:
-        keys = np.stack([table.component, table["id"], table["orientation"]], axis=-1)
+    def _distance_beams(self, table: Messages) -> Iterable[Beam]:
+        keys = np.stack([table["component"], table["id"], table["orientation"]], axis=-1)
         for component, sensor, orientation in np.unique(keys, axis=0):
             one = table.where((keys == (component, sensor, orientation)).all(axis=1))
             q = one["q"][np.argmax(np.isfinite(one["q"]).all(axis=1) & (np.abs(one["q"]).sum(axis=1) > 0.5))]
@@ -352,7 +331,8 @@ class _Boot:
 
     def _servos(self) -> dict[int, Series]:
         table = self._autopilot("SERVO_OUTPUT_RAW")
-        ports = {int(p): table.where(table["port"] == p).series("pwm") for p in np.unique(table["port"])}
+        own = {int(p): table.where(table["port"] == p) for p in np.unique(table["port"])}
+        ports = {port: messages.series(messages["pwm"]) for port, messages in own.items()}
         return {port: series for port, series in ports.items() if series is not None}
 
     def _battery(self) -> Series | None:
@@ -361,31 +341,32 @@ class _Boot:
         cells = np.hstack([table["cells"], table["more_cells"]])
         voltage = np.nansum(cells, axis=1)
         voltage[~(voltage > 0.0)] = np.nan
-        series = tidy(table.t_s, np.stack([voltage, table["current"][:, 0]], axis=-1), table.name)
+        series = table.series(np.stack([voltage, table["current"][:, 0]], axis=-1))
         if series is not None:
             return series
         status = self._autopilot("SYS_STATUS")
         voltage = np.where(status["voltage"] > 0.0, status["voltage"], np.nan)
-        return tidy(status.t_s, np.hstack([voltage, status["current"]]), status.name)
+        return status.series(np.hstack([voltage, status["current"]]))
 
     def _pressure(self) -> Series | None:
         for name in ("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3"):
             table = self._autopilot(name)
-            series = tidy(table.t_s, np.hstack([table["pressure"], table["temperature"]]), name)
+            series = table.series(np.hstack([table["pressure"], table["temperature"]]))
             if series is not None:
                 return series
         return None
 
     def _wind(self) -> Series | None:
-        series = self._autopilot("WIND_COV").series("wind")
+        estimate = self._autopilot("WIND_COV")
+        series = estimate.series(estimate["wind"])
         if series is not None:
             return series
         table = self._autopilot("WIND")
         speed, direction = table["speed"], table["direction"][:, 0]
         to = np.stack([-speed[:, 0] * np.cos(direction), -speed[:, 0] * np.sin(direction), speed[:, 1]], axis=-1)
-        return tidy(table.t_s, to, table.name)
+        return table.series(to)
 
-    def _armed(self, beats: _Table, end: float) -> tuple[Interval, ...]:
+    def _armed(self, beats: Messages, end: float) -> tuple[Interval, ...]:
         armed = beats["base_mode"].astype(np.int64) >> 7 & 1
         return tuple(i for i in runs(beats.t_s, armed, end) if i.value)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from whole_tlog import read_tlog
 
 import companion
 from companion.config import PipelineConfig
@@ -20,7 +21,6 @@ from companion.sim.flight import Flight
 from companion.sim.link import VehicleLink, quaternion
 from companion.sim.scenario import build
 from models.vehicle import Vehicle, load_vehicle
-from replay.logs.tlog import read_tlog
 from replay.rerun.harness import Replay
 
 VEHICLES = Path(companion.__file__).parent / "vehicles"
