@@ -14,7 +14,7 @@ from companion.adaptation.options import Adapt, read_adapt
 from models.arguments import Parser
 from models.errors import ConfigError, LogError, UserError
 from models.version import VersionAction
-from replay.fleet.options import add_options
+from replay.fleet.options import FolderOptions, add_options
 from replay.parameters import assumed_parameters
 
 if TYPE_CHECKING:
@@ -131,10 +131,14 @@ def _run_folder(a: argparse.Namespace) -> int:
         if value is not None:
             raise ConfigError(f"{option}: is of one flight; name one log instead of the folder {a.log}")
     from replay.fleet.folder import run_folder
-    from replay.fleet.jobs import Kind
+    from replay.fleet.jobs import Job, Kind
 
     assumed = tuple(sorted(assumed_parameters(a.param).items()))
-    return run_folder(a, a.log, Kind.RUN, setpoint=a.setpoint, assumed=assumed, adapt=a.adapt.value)
+    job = Job.of(
+        Kind.RUN, a.log, a.vehicle, a.model, target_system=a.target_system, setpoint=a.setpoint, assumed=assumed,
+        adapt=a.adapt.value,
+    )  # fmt: skip
+    return run_folder(job, FolderOptions.of(a))
 
 
 def _run_config(a: argparse.Namespace) -> tuple[PipelineConfig, Choice, list[str]]:

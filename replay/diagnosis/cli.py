@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from models.errors import ConfigError
-from replay.fleet.options import add_options
+from replay.fleet.options import FolderOptions, add_options
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -140,6 +140,7 @@ def _folder(a: argparse.Namespace) -> int:
             f"replay diagnose {a.logs[0]}/*.tlog --save-model {a.save_model}"
         )
     from replay.fleet.folder import run_folder
-    from replay.fleet.jobs import Kind
+    from replay.fleet.jobs import Job, Kind
 
-    return run_folder(a, a.logs[0], Kind.DIAGNOSE, seed=a.seed)
+    job = Job.of(Kind.DIAGNOSE, a.logs[0], a.vehicle, a.model, target_system=a.target_system, seed=a.seed)
+    return run_folder(job, FolderOptions.of(a))
