@@ -16,7 +16,7 @@ from replay.residual.record import Record
 from replay.search.evidence import Evidence, Fit
 from replay.search.free_curves import Channel
 from replay.search.library import Library
-from replay.search.noise import FOLDS, block_numbers, embargo_blocks, fold_of_block, training_blocks
+from replay.search.noise import split
 from replay.search.terms import Key, Term
 
 CARRIES = 0.25
@@ -178,17 +178,9 @@ def _less_curves(fit: FlightFit, library: Library, best: Fit) -> FlightFit:
 
 def _folds(evidence: Evidence, best: Fit, f: int, record: Record) -> tuple[list[Array], NDArray[np.int64]]:
     """Coefficients without every fold of one flight, and the fold of every sample (n,)."""
-    block = block_numbers(record.valid, record.step_s, BLOCK_S)
-    count = int(block.max()) + 1
-    length = record.seconds / count
-    folds = fold_of_block(count, length)
-    embargo = embargo_blocks(EMBARGO_S, length)
+    fold_of, fitted = split(record.valid, record.step_s, BLOCK_S, EMBARGO_S)
     every = evidence.library.every[f]
-    small = block[::every]
-    out = [
-        evidence.refit(best.terms, best.noise, {f: ~training_blocks(folds, k, embargo)[small]}).b for k in range(FOLDS)
-    ]
-    return out, folds[block]
+    return [evidence.refit(best.terms, best.noise, {f: ~rows[::every]}).b for rows in fitted], fold_of
 
 
 def _confirmed(evidence: Evidence, best: Fit, fit: FlightFit, fits: list[FlightFit]) -> frozenset[Key]:

@@ -22,7 +22,6 @@ from replay.search.terms import (
     log_shapes,
     prior_of,
     regressors_of,
-    unmixed,
 )
 
 KNOWN = 0.02
@@ -64,7 +63,6 @@ class Library:
         self.terms: list[Term] = []
         self.lacking: dict[str, str] = {}
         self._trims: list[tuple[int, Array]] = []
-        self._unmixed: dict[tuple[str, int], Array] = {}
         self.size = 0
         self.channels = [self._channel(f, a) for f, r in enumerate(records) for a in r.axes]
         self._at = {(c.flight, c.axis): c for c in self.channels}
@@ -183,14 +181,9 @@ class Library:
     def _write(self, effect: Effect, f: int, shape: tuple[float, ...], spread: Array, place: Columns) -> list[Array]:
         """Columns of an effect in the channels of one flight; what its errors of form are there, (n, 6) each."""
         record = self.records[f]
-        if effect.mixing is None:
-            x = regressors_of(effect, record, shape) * spread
-            bent = [b[:: self.every[f]] for i in _with_errors_of_form(effect) for b in bent_forms(x[:, :, i], record)]
-            x = x[:: self.every[f]]
-        else:  # linear, and exact: a shape only mixes the same wrenches
-            if (effect.name, f) not in self._unmixed:
-                self._unmixed[effect.name, f] = unmixed(effect, record, shape)[:: self.every[f]]
-            x, bent = (self._unmixed[effect.name, f] @ effect.mixing(shape)) * spread, []
+        x = regressors_of(effect, record, shape) * spread
+        bent = [b[:: self.every[f]] for i in _with_errors_of_form(effect) for b in bent_forms(x[:, :, i], record)]
+        x = x[:: self.every[f]]
         for a in self._searched_axes(effect, f):
             live = np.flatnonzero(np.abs(x[:, a]).max(axis=0) > 0.0)
             if live.size:

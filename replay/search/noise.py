@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from models.frames import Array
 
@@ -95,6 +95,13 @@ def embargo_blocks(tau_s: float, block_s: float) -> int:
     return max(int(np.ceil(min(3.0 * tau_s, LONGEST_EMBARGO_S) / block_s)), 1)
 
 
-def p_value(null: ArrayLike, observed: float) -> float:
-    """(1 + exceedances)/(1 + draws)."""
-    return float((1 + np.sum(np.asarray(null) >= observed)) / (1 + np.size(null)))
+def split(valid: Mask, step_s: float, block_s: float, tau_s: float) -> tuple[NDArray[np.int64], Mask]:
+    """Fold (n,) of every sample, and the samples (FOLDS, n) that every fold is fitted on.
+
+    ``block_s``: unit of the time that is held out; ``tau_s``: correlation time that the embargo is set by.
+    """
+    block = block_numbers(valid, step_s, block_s)
+    count = int(block.max()) + 1
+    length = float(valid.sum() * step_s) / count
+    folds, embargo = fold_of_block(count, length), embargo_blocks(tau_s, length)
+    return folds[block], np.stack([training_blocks(folds, k, embargo)[block] for k in range(FOLDS)])

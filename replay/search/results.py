@@ -13,7 +13,7 @@ from models.effects import Effect
 from models.frames import AXES, Array
 from replay.residual.record import Record
 from replay.search.evidence import TRUST, Fit
-from replay.search.free_curves import NOTHING, Channel, Remainder, free_search
+from replay.search.free_curves import Channel, free_search
 from replay.search.held_out import FlightFit, flight_fits
 from replay.search.noise import Noise, fit_noise
 from replay.search.outside import Outside, outside
@@ -106,7 +106,6 @@ class Trace:
     before: Array
     after: Array
     noise: Noise
-    remainder: Remainder
     carriers: tuple[Channel, ...]
     outside: tuple[Outside, ...]
     regimes: tuple[Regime, ...] = ()
@@ -208,14 +207,14 @@ def _trace(fit: FlightFit, seed: int) -> Trace:
     axes = list(record.axes)
     rest = fit.rest[:, axes]
     noise = fit_noise(rest, record.valid, record.step_s)
-    free = free_search(record, rest, noise, seed) if axes else NOTHING
+    free = free_search(record, rest, noise, seed) if axes else ()
     return Trace(
-        record, fit.before, fit.after, noise, free, _carriers(fit, free), outside(record, fit.unexplained),
+        record, fit.before, fit.after, noise, _carriers(fit, free), outside(record, fit.unexplained),
         by_regime(record, fit.before, fit.after),
     )  # fmt: skip
 
 
-def _carriers(fit: FlightFit, free: Remainder) -> tuple[Channel, ...]:
+def _carriers(fit: FlightFit, free: tuple[Channel, ...]) -> tuple[Channel, ...]:
     """Channels that carry what is left: the free curves of the answer, and what a search of the rest finds.
 
     What is left on an axis below a share of what the effects took off there is their error of form, no other force.
@@ -224,7 +223,7 @@ def _carriers(fit: FlightFit, free: Remainder) -> tuple[Channel, ...]:
     carried = {axis for acting in fit.effects.values() for axis in acting.axes}
     extra = [
         c
-        for c in (free.channels if free.significant else ())
+        for c in free
         if c.name not in known
         and fit.loud(c.axis, c.score)
         and (c.axis not in carried or fit.left(c) >= FORM_SHARE * fit.removed(c.axis))
