@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.mavlink.range_beams import range_verdict
-from companion.mavlink.samples import RangeVerdict
 from models.errors import LogError
 from models.frames import GRAVITY, Array, quaternion_of_halves
 from replay.flightlog import Beam, ImuRecord, Interval, MessageCount, Series
@@ -114,7 +113,8 @@ def range_beam(
     low, high = limits if limits[1] > 0.0 else (math.nan, math.nan)
     quality = np.zeros(len(distance), int) if quality is None else quality
     step_m = smallest_step(distance) if step_m is None else step_m
-    verdicts = verdicts_of(distance, low, high, quality)
+    pairs = zip(distance.tolist(), quality.tolist(), strict=True)
+    verdicts = tuple(range_verdict(value, low, high, int(q), True) for value, q in pairs)
     return Beam(direction, *sensor, readings.source, readings, verdicts, low, high, sigma_m, step_m)
 
 
@@ -139,17 +139,6 @@ def clipped_at_extreme(values: Array) -> int:
             hits = int((known == known.max()).sum())
             total += hits if hits >= _CLIP_HITS else 0
     return total
-
-
-def verdicts_of(distance: Array, low: float, high: float, quality: NDArray[Any]) -> tuple[RangeVerdict, ...]:
-    """``range_verdict`` of every reading (n,); readings repeat, so each kind is judged once."""
-    judged: dict[tuple[float, int], RangeVerdict] = {}
-    out = []
-    for key in zip(distance.tolist(), quality.tolist(), strict=True):
-        if key not in judged:
-            judged[key] = range_verdict(key[0], low, high, int(key[1]), True)
-        out.append(judged[key])
-    return tuple(out)
 
 
 def tidy(t_s: Array, values: Array, source: str) -> Series | None:

@@ -44,6 +44,8 @@ _WIRE_STEP_M = 1.0 / PER_SI["cm"]
 _STAMPED = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "SCALED_IMU", "SCALED_PRESSURE", "SCALED_IMU2")
 """Messages on the boot clock that show how long the vehicle was there."""
 _DOWN, _DOWNWARD = (0.0, 0.0, 1.0), 25
+_OF_ESC = ("rpm", "temperature", "voltage", "current")
+"""Quantities of an ``EscRecord``, in its order."""
 _LEAST_MOVING = 0.02
 """Share of ESC samples whose packet count moves, below which a count is not kept at all."""
 
@@ -273,61 +275,37 @@ class _Boot:
             )
 
     def _escs(self) -> dict[int, EscRecord]:
-        speeds: dict[int, list[Series]] = {}
-        health: dict[str, dict[int, list[Series]]] = {"temperature": {}, "voltage": {}, "current": {}}
+        found: dict[tuple[int, str], list[Series]] = {}
+
+        def add(esc: int, table: Messages, slot: int, names: Iterable[str], rows: NDArray[np.bool_]) -> None:
+            for name in names if rows.any() else ():
+                own = Series(table.t_s[rows], table[name][rows, slot], table.name)
+                found.setdefault((esc, name), []).append(own)
+
         for first in range(1, 30, 4):
             table = self._table(f"ESC_TELEMETRY_{first}_TO_{first + 3}")
             for slot in range(4):
-                alive = _fresh(table["count"][:, slot], table["rpm"][:, slot])
-                if not alive.any():
-                    continue
-                esc = first + slot
-                speeds.setdefault(esc, []).append(Series(table.t_s[alive], table["rpm"][alive, slot], table.name))
-                for name, by_esc in health.items():
-                    by_esc.setdefault(esc, []).append(Series(table.t_s[alive], table[name][alive, slot], table.name))
-        self._px4_escs(speeds, health)
-        if not speeds:
-            self._rpm_sensors(speeds)
+                add(first + slot, table, slot, _OF_ESC, _fresh(table["count"][:, slot], table["rpm"][:, slot]))
+        for kind, names in (("ESC_STATUS", ("rpm", "voltage", "current")), ("ESC_INFO", ("temperature",))):
+            table = self._table(kind)
+            for first, slot in itertools.product(np.unique(table["index"]).tolist(), range(4)):
+                own = table["index"] == first
+                known = table[names[0]][own, slot]
+                if (np.isfinite(known) if kind == "ESC_INFO" else np.nan_to_num(known)).any():
+                    add(int(first) + slot + 1, table, slot, names, own)
+        if not any(name == "rpm" for _, name in found):
+            # RAW_RPM and RPM: rotor sensors by number, where no ESC reports a speed.
+            table = self._table("RAW_RPM")
+            for number in np.unique(table["index"]).tolist():
+                add(int(number) + 1, table, 0, ("rpm",), table["index"] == number)
+            pair = self._table("RPM")
+            for slot in range(2):
+                rows = pair["rpm"][:, slot] >= 0.0
+                if pair["rpm"][rows, slot].any() and (slot + 1, "rpm") not in found:
+                    add(slot + 1, pair, slot, ("rpm",), rows)
         # A speed controller may report its temperature and no speed.
-        return {
-            esc: EscRecord(_joined(speeds.get(esc, [])), *[_joined(by_esc.get(esc, [])) for by_esc in health.values()])
-            for esc in sorted({*speeds, *health["temperature"]})
-        }
-
-    def _px4_escs(
-        self,
-        speeds: dict[int, list[Series]],
-        health: dict[str, dict[int, list[Series]]],
-    ) -> None:
-        table = self._table("ESC_STATUS")
-        for first in np.unique(table["index"]):
-            one = table.where(table["index"] == first)
-            for slot in range(4):
-                if not np.nan_to_num(one["rpm"][:, slot]).any():
-                    continue
-                esc = int(first) + slot + 1
-                speeds.setdefault(esc, []).append(Series(one.t_s, one["rpm"][:, slot], one.name))
-                for name in ("voltage", "current"):
-                    health[name].setdefault(esc, []).append(Series(one.t_s, one[name][:, slot], one.name))
-        info = self._table("ESC_INFO")
-        for first in np.unique(info["index"]):
-            one = info.where(info["index"] == first)
-            for slot in range(4):
-                warm = one["temperature"][:, slot]
-                if np.isfinite(warm).any():
-                    health["temperature"].setdefault(int(first) + slot + 1, []).append(Series(one.t_s, warm, one.name))
-
-    def _rpm_sensors(self, speeds: dict[int, list[Series]]) -> None:
-        """RPM and RAW_RPM: rotor sensors by number, where no ESC reports a speed."""
-        raw = self._table("RAW_RPM")
-        for index in np.unique(raw["index"]):
-            one = raw.where(raw["index"] == index)
-            speeds.setdefault(int(index) + 1, []).append(Series(one.t_s, one["rpm"][:, 0], one.name))
-        pair = self._table("RPM")
-        for slot in range(2):
-            rpm = np.where(pair["rpm"][:, slot] >= 0.0, pair["rpm"][:, slot], np.nan)
-            if np.nan_to_num(rpm).any() and slot + 1 not in speeds:
-                speeds[slot + 1] = [Series(pair.t_s, rpm, pair.name)]
+        numbers = sorted({esc for esc, name in found if name in ("rpm", "temperature")})
+        return {esc: EscRecord(*(_joined(found.get((esc, name), [])) for name in _OF_ESC)) for esc in numbers}
 
     def _servos(self) -> dict[int, Series]:
         table = self._autopilot("SERVO_OUTPUT_RAW")

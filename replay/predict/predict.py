@@ -180,7 +180,7 @@ def _errors(parts: Sequence[tuple[Predicted, Mask]]) -> dict[str, AxisError]:
             for part in ([(f.without, m) for f, m in judged], [(f.with_effects, m) for f, m in judged])
         )
         block = round(BLOCK_S / judged[0][0].record.step_s)
-        rms, low, high = rms_interval(with_effects, np.ones(len(with_effects), bool), block)
+        rms, low, high = rms_interval(with_effects, block)
         out[AXES[axis]] = AxisError(float(np.sqrt((without**2).mean())), rms, (low, high))
     return out
 

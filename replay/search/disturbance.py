@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy.linalg import solve_toeplitz
 
 from models.frames import Array
 from replay.residual.grid import Mask
@@ -67,7 +67,6 @@ def whitened_energies(filters: Array, x: Array, run: NDArray[np.int64]) -> Array
     return out
 
 
-@lru_cache(maxsize=8)
 def spectra(step_s: float) -> tuple[Spectrum, ...]:
     """The grid for samples ``step_s`` apart."""
     lag = step_s * np.arange(ORDER + 1)
@@ -88,16 +87,14 @@ def runs(valid: Mask) -> NDArray[np.int64]:
 
 
 def _spectrum(slow_s: float, share: float, autocovariance: Array) -> Spectrum:
-    """Levinson's recursion: best predictors of every order (Brockwell & Davis 1991, Time Series, §5.2)."""
+    """Best linear predictors of every order from the autocovariance r, R a = r with R Toeplitz.
+
+    The Yule-Walker equations: Brockwell & Davis 1991, Time Series: Theory and Methods, §5.1.
+    """
     r = autocovariance / autocovariance[0]
     r[0] += NUGGET
-    a = np.empty(0)
-    variance = r[0]
     filters = np.zeros((ORDER + 1, ORDER + 1))
-    filters[0, 0] = 1.0 / np.sqrt(variance)
-    for k in range(1, ORDER + 1):
-        reflection = (r[k] - a @ r[1:k][::-1]) / variance
-        a = np.concatenate([a - reflection * a[::-1], [reflection]])
-        variance *= 1.0 - reflection**2
-        filters[k, : k + 1] = np.concatenate([[1.0], -a]) / np.sqrt(variance)
+    for k in range(ORDER + 1):
+        a = solve_toeplitz(r[:k], r[1 : k + 1]) if k else np.empty(0)
+        filters[k, : k + 1] = np.concatenate([[1.0], -a]) / np.sqrt(r[0] - a @ r[1 : k + 1])
     return Spectrum(slow_s, share, filters)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -162,6 +162,20 @@ class Evidence:
             gain = (v * np.linalg.solve(own, v[..., None])[..., 0]).sum(axis=1) - (centre**2).sum(axis=1)
             out[np.array(index)[wanted]] = 0.5 * (gain - np.linalg.slogdet(own)[1])
         return out
+
+    def promising(self, fit: Fit, candidates: Iterable[int]) -> list[tuple[float, Term]]:
+        """The best shape of every key among terms of the library (their numbers), by log posterior odds, best first.
+
+        The odds are those of ``screen``: TRUST times the gain in log evidence, and the log prior odds.
+        """
+        screened = self.screen(fit)
+        best: dict[Key, tuple[float, Term]] = {}
+        for i in candidates:
+            term = self.library.terms[i]
+            odds = round(TRUST * float(screened[i]) + self.prior(term), 6)
+            if term.key not in best or odds > best[term.key][0]:
+                best[term.key] = (odds, term)
+        return sorted(best.values(), key=lambda p: (-p[0], str(p[1].key)))
 
     # --- Parts --------------------------------------------------------------------------------------------------------
 

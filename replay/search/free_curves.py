@@ -10,11 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from models.frames import AXES, Array
 from models.vehicle import Vehicle
 from replay.residual.record import Record
-from replay.search.curves import DRIFTS, REACTIONS, SAME_SENSOR
+from replay.search.curves import DRIFTS, SAME_SENSOR, answers
 from replay.search.noise import FOLDS, ORDER, Noise, fit_noise, split
 
 KNOTS, MANY_KNOTS = 5, 12
@@ -121,13 +122,10 @@ def _ranked(found: list[_Found], vehicle: Vehicle) -> tuple[Channel, ...]:
     Channels that answer a disturbance go along with it: where one that nothing drives does nearly as well, it is the
     cause.
     """
-
-    def answers(f: _Found) -> bool:
-        return smallest_share(f.channel.name, f.channel.axis, vehicle) > SMALLEST_SHARE
-
-    lead = max((f.gain for f in found if not answers(f)), default=0.0)
+    reacts = {f: answers(f.channel.name, f.channel.axis, vehicle) for f in found}
+    lead = max((f.gain for f in found if not reacts[f]), default=0.0)
     top = max((f.gain for f in found), default=0.0)
-    found.sort(key=lambda f: (answers(f) and lead >= CAUSE_SHARE * top, -f.gain))
+    found.sort(key=lambda f: (reacts[f] and lead >= CAUSE_SHARE * top, -f.gain))
     names: dict[str, Channel] = {}
     for f in found:
         names.setdefault(f.channel.name, f.channel)
@@ -139,11 +137,9 @@ def smallest_share(channel: str, axis: str, vehicle: Vehicle) -> float:
 
     In closed loop the controller answers a disturbance, so that speeds, vanes and tilt repeat its noise; such a channel
     has to carry much more than one that nothing drives. In hover every moment is mirrored by what balances it, so that
-    a reaction proves no moment at all. Vanes do not answer what lifts.
+    a reaction proves no moment at all.
     """
-    if axis == "Fz" and channel in {f"servo_{vane.servo}" for vane in vehicle.vanes}:
-        return SMALLEST_SHARE
-    if not channel.startswith(REACTIONS[axis]):
+    if not answers(channel, axis, vehicle):
         return SMALLEST_SHARE
     return REACTIVE_SHARE if axis.startswith("F") else NEVER
 
@@ -180,16 +176,9 @@ class _Split:
 
 def _surrogates(noise: Noise, n: int, seed: int) -> Array:
     """Gaussian noise of the given spectra, (n, axes, DRAWS)."""
-    rng = np.random.default_rng(seed + 7)
-    axes = len(noise.total)
-    out = np.zeros((n + BURN_IN, axes, DRAWS), np.float32)
-    kicks = rng.standard_normal(out.shape, np.float32)
-    ar = noise.ar.astype(np.float32)
-    for i in range(ORDER, len(out)):
-        out[i] = kicks[i]
-        for j in range(ORDER):
-            out[i] += ar[:, j, None] * out[i - 1 - j]
-    return np.asarray(out[BURN_IN:], dtype=float)
+    kicks = np.random.default_rng(seed + 7).standard_normal((n + BURN_IN, len(noise.total), DRAWS), np.float32)
+    worlds = [lfilter([1.0], [1.0, *-ar], kicks[ORDER:, a], axis=0) for a, ar in enumerate(noise.ar)]
+    return np.stack(worlds, axis=1)[BURN_IN - ORDER :]
 
 
 def _beside_best(y: Array, curves: list[_Curve], x: Array, share: Array, valid: NDArray[np.bool_]) -> Array:

@@ -68,18 +68,11 @@ def _additions(sets: Sets, fit: Fit, tried: int) -> list[Term]:
         if t.key not in taken and t.name not in inside
         and (t.effect is None or not names & set(t.effect.contains))
     ]  # fmt: skip
-    prior = {i: evidence.prior(terms[i]) for i in rivals}
     out: list[Term] = []
     for noise in dict.fromkeys((fit.noise, sets.quiet)):
         near = fit if noise is fit.noise else evidence.refit(fit.terms, noise)
-        screened = evidence.screen(near)
-        best: dict[Key, tuple[float, Term]] = {}
-        for i in rivals:
-            g, term = round(TRUST * float(screened[i]) + prior[i], 6), terms[i]
-            if term.key not in best or g > best[term.key][0]:
-                best[term.key] = (g, term)
-        ranked = sorted(best.values(), key=lambda p: (-p[0], str(p[1].key)))
-        out += [t for g, t in ranked[:tried] if g > WORTH_A_LOOK and t not in out]
+        ranked = evidence.promising(near, rivals)[:tried]
+        out += [t for odds, t in ranked if odds > WORTH_A_LOOK and t not in out]
     return out
 
 
