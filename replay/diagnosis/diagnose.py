@@ -20,7 +20,6 @@ from replay.residual.motion import ENOUGH_S
 from replay.residual.record import Record, build_record, check_model, too_short
 from replay.search.free_curves import Channel
 from replay.search.results import Found, Searched, Trace, summarise
-from replay.search.sets import Walked
 from replay.search.walk import walk
 
 
@@ -47,13 +46,7 @@ def conclude(
 
     ``beside``: of every flight, wrenches (n, 6) that it may have besides without being named.
     """
-    return concluded(walk(records, catalogue() if effects is None else effects, beside), notes, seed=seed)
-
-
-def concluded(walked: Walked, notes: Sequence[str] = (), *, seed: int = 0) -> Diagnosis:
-    """The answer of a search."""
-    records = walked.evidence.library.records
-    searched = summarise(walked, seed)
+    searched = summarise(walk(records, catalogue() if effects is None else effects, beside), seed)
     named = _named(searched)
     channels = _channels(searched.traces)
     open_ = bool(channels) or any(t.outside for t in searched.traces)
@@ -137,13 +130,12 @@ def _named(searched: Searched) -> list[Named]:
 
 
 def _channels(traces: Sequence[Trace]) -> tuple[Channel, ...]:
-    """Channels that carry what is left, best first."""
+    """Channels that carry what is left, each where it carries most, in the order of the flights."""
     best: dict[str, Channel] = {}
     for c in (c for t in traces for c in t.carriers):
         if c.name not in best or c.score > best[c.name].score:
             best[c.name] = c
-    order = {name: i for i, name in enumerate(dict.fromkeys(c.name for t in traces for c in t.carriers))}
-    return tuple(sorted(best.values(), key=lambda c: order[c.name]))
+    return tuple(best.values())
 
 
 def _one_wind(named: Sequence[Named], records: Sequence[Record]) -> list[str]:

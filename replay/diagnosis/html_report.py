@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.effects import InFlight, get
 from models.frames import AXES
@@ -26,11 +25,7 @@ from replay.diagnosis.words import (
     rough,
     unit_words,
 )
-from replay.search.regimes import regimes
 
-Mask = NDArray[np.bool_]
-_LEAST_S = 5.0
-"""Regimes that last less are not listed."""
 _SAME, _UNCHANGED = 0.005, 0.02
 """A change below half a percent of an axis is none; one below two percent is not worth a sentence."""
 
@@ -192,20 +187,15 @@ def _not_shown(answer: Diagnosis) -> str:
 
 
 def _places(answer: Diagnosis) -> str:
-    rows = []
-    for t in answer.traces:
-        for name, mask in {"everywhere": t.record.valid, **regimes(t.record)}.items():
-            if mask.sum() * t.record.step_s < _LEAST_S:
-                continue
-            for k, axis in enumerate(t.record.axes):
-                block = int(3.0 * float(t.noise.tau_s[k]) / t.record.step_s)
-                cells = [
-                    '{:.3f} <span class="dim small">[{:.3f}, {:.3f}]</span>'.format(*rms_interval(r[mask, axis], block))
-                    for r in (t.before, t.after)
-                ]
-                flight = f"{escape(t.record.name)}, " if len(answer.traces) > 1 else ""
-                seconds = f"{mask.sum() * t.record.step_s:.0f} s"
-                rows.append([f"{flight}{name}", seconds, f"{AXES[axis]} [{UNITS[axis]}]", *cells])
+    rows = [
+        [
+            f"{escape(t.record.name)}, {r.name}", f"{r.seconds:.0f} s", f"{axis} [{UNITS[AXES.index(axis)]}]",
+            f"{r.before[axis]:.3f}", f"{r.after[axis]:.3f}",
+        ]
+        for t in answer.traces
+        for r in t.regimes
+        for axis in r.before
+    ]  # fmt: skip
     return table(("where", "time", "axis", "before", "after"), rows, numbers=(1, 3, 4))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,13 +34,13 @@ _STEP_SAMPLES = 20_000
 """Samples that show a grid; more change nothing."""
 
 
+@dataclass(frozen=True)
 class Messages:
     """All messages of one kind: boot times (n,) and fields (n,) by name; a field that this version lacks is NaN."""
 
-    def __init__(self, name: str, t_s: Array, data: Mapping[str, NDArray[Any]]) -> None:
-        self.name = name
-        self.t_s = t_s
-        self.data = data
+    name: str
+    t_s: Array
+    data: Mapping[str, NDArray[Any]]
 
     def __len__(self) -> int:
         return len(self.t_s)

@@ -90,7 +90,9 @@ def run(
     source = _of_link if suffix_of(path) == ".tlog" else _of_columns
     played = source(path, config, target_system, assumed or {}, quiet=quiet, from_arming=from_arming)
     replay = played.replay
-    summary = _summarised(watch(played.decisions))
+    summary = Summary(dry_run=True)
+    for decision in watch(played.decisions):
+        summary.add(decision)
     _check(path, replay, summary)
     notes = [*played.notes, *_missing(config, replay)]
     assert replay.system is not None
@@ -144,13 +146,6 @@ def _of_columns(
     replay = Replay(config, first.log.system, assumed)
     decisions = replay.decisions_on(samples_of_pieces(every, from_arming=from_arming))
     return _Played(replay, decisions, notes, lambda: len(boots))
-
-
-def _summarised(decisions: Iterable[Decision]) -> Summary:
-    summary = Summary(dry_run=True)
-    for decision in decisions:
-        summary.add(decision)
-    return summary
 
 
 def _with_progress(log: TlogFile, since: int, quiet: bool) -> Iterator[tuple[int, bytes]]:
