@@ -12,6 +12,7 @@ from models.errors import ConfigError
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from replay.changes.changes import Change, Good, beside, changes, learn
+from replay.diagnosis.answer import estimate_text
 from replay.diagnosis.diagnose import read_records
 from replay.fleet.jobs import recorded
 from replay.numbers import rounded
@@ -75,10 +76,7 @@ class Since:
         head = "changed" if self.changed else "nothing changed"
         lines = [f"{head}  ({len(self.flights)} against {len(self.good.records)} good flights)"]
         for c in self.changed:
-            sizes = ", ".join(
-                f"{e.name} {e.value:+.3g}" + (f" [{e.ci95[0]:.3g}, {e.ci95[1]:.3g}]" if e.ci95[1] > e.ci95[0] else "")
-                for e in c.change.estimates
-            )
+            sizes = ", ".join(map(estimate_text, c.change.estimates))
             lines.append(f"  {c.change.name} since {c.since} (probability {c.change.probability:.2f}): {sizes}")
             if c.change.aliases:
                 lines.append(f"    or {', '.join(c.change.aliases)}; to separate them: {c.change.effect.excite}")
@@ -108,11 +106,8 @@ def since(
         for flight, effect in as_it_was.apart
     ]
     ordered = by_date(new_logs)
-    notes += (
-        [f"the logs were not given in order of their date: {ordered[0].name} is the first"]
-        if (ordered != new_logs)
-        else []
-    )
+    if ordered != new_logs:
+        notes.append(f"the logs were not given in order of their date: {ordered[0].name} is the first")
     records, more = read_records(progress(ordered), vehicle, model, target_system)
     found = [(r, changes(beside(as_it_was, r))) for r in records]
     names = list(dict.fromkeys(c.name for _, changed in found for c in changed))

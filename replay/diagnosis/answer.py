@@ -198,7 +198,7 @@ def _effect_text(n: Named, answer: Diagnosis) -> list[str]:
     if f.effect.mixing is not None and f.effect.in_words is not None:  # too many numbers to read
         numbers = f.effect.in_words(answer.records[n.record].context, f.parameters)
     else:
-        numbers = ", ".join(_estimate_text(e) for e in f.estimates if e.determined) or "size not determined"
+        numbers = ", ".join(estimate_text(e) for e in f.estimates if e.determined) or "size not determined"
     sure = f"{n.status}, probability {f.probability:.2f}"
     lines = [
         f"  {f.effect.name} ({sure}): {numbers}; explains {n.explains:.0%}",
@@ -217,7 +217,8 @@ def _outside_text(o: Outside) -> str:
     return f"  something acts that the log does not record: {o.axis} {o.rms:.3g} {unit}, {when}"
 
 
-def _estimate_text(e: Estimate) -> str:
+def estimate_text(e: Estimate) -> str:
+    """``mass = 0.42 [0.38, 0.46] kg``."""
     interval = f" [{e.ci95[0]:.3g}, {e.ci95[1]:.3g}]" if e.ci95[1] > e.ci95[0] else ""
     unit = "" if e.unit == "1" else f" {e.unit}"
     return f"{e.name} = {e.value:.3g}{interval}{unit}" + (" (at its bound)" if e.at_bound else "")
