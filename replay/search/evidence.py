@@ -1,4 +1,15 @@
-"""Evidence of a set of terms: marginal likelihood with every coefficient integrated out and the noise fitted."""
+"""Evidence of a set of terms: marginal likelihood with every coefficient integrated out and the noise fitted.
+
+The model of a channel is y = X b + e, with b ~ N(c, I) in units of the prior's standard deviation and e ~ N(0, s^2 R),
+R of one spectrum of a grid (disturbance.py). With W = R^-1 / s^2, summed over the channels, the posterior of b is
+N(m, S), S = (X^T W X + I)^-1, m = S (X^T W y + c), and
+
+    log p(y) = - 1/2 sum over channels (n log(2 pi s^2) + (y - X m)^T R^-1 (y - X m) / s^2 + log det R)
+               - 1/2 |m - c|^2 + 1/2 log det S
+
+(Bishop 2006, Pattern Recognition and Machine Learning, §3.5; Rasmussen & Williams 2006, §2.7). s and R are fitted, and
+the likelihood has the power ``TRUST`` (Miller & Dunson 2019, JASA 114, 1113).
+"""
 
 from __future__ import annotations
 
@@ -44,8 +55,9 @@ class Noise:
 class Fit:
     """A set of terms, fitted: scaled coefficients ``b`` (trims behind) with their covariance, and the noise.
 
-    ``evidence``: log marginal likelihood. ``within``: log share of it within the bounds. ``worth``: log share of what
-    deserves a name. ``prior``: log odds of the terms. ``score``: log posterior.
+    score = TRUST evidence + within + worth + prior, the log posterior. ``evidence``: log marginal likelihood.
+    ``within``: log share of it within the bounds. ``worth``: log share of what deserves a name. ``prior``: log odds of
+    the terms.
     """
 
     terms: tuple[Term, ...]
@@ -140,6 +152,8 @@ class Evidence:
     def screen(self, fit: Fit, key: Key | None = None) -> Array:
         """Gain in log evidence of every term of the library beside a fitted set, the noise kept, (terms,).
 
+        1/2 (v^T P^-1 v - c^T c - log det P) for a term with columns X and prior mean c, beside a set with columns A:
+        P = I + X^T W X - X^T W A S A^T W X (Schur's complement), v = X^T W (y - A m) + c.
         With a ``key``: of the terms with that key only, NaN for the others.
         """
         cross, g = self._products(fit.terms, fit.noise)

@@ -90,7 +90,11 @@ def regressors_of(effect: Effect, record: Record, shape: tuple[float, ...]) -> A
 
 
 def bent_forms(x: Array, record: Record) -> list[Array]:
-    """What a wrong form adds to a contribution (n, 6): a gain that goes with its size, orthogonal to itself."""
+    """What a wrong form adds to a contribution (n, 6): a gain that goes with its size, orthogonal to itself.
+
+    FORM_PRIOR phi_p(u) x, with u the size of x over its 99th percentile (1 at most) and phi_1, phi_2 the polynomials of
+    degree 1 and 2 that are orthogonal to those of lower degree with weight |x|^2 (Gram-Schmidt), of unit norm.
+    """
     valid = record.valid
     weight = record.context.weight
     size = np.sqrt((x[:, :3] ** 2).sum(axis=1) + (x[:, 3:] ** 2).sum(axis=1) / record.context.lever**2)

@@ -1,4 +1,10 @@
-"""A walk over sets of effects: a beam that adds, takes away and exchanges, and remembers every set it weighed."""
+"""A walk over sets of effects: a beam that adds, takes away and exchanges, and remembers every set it weighed.
+
+A search for the mode of the posterior over sets (``score`` of evidence.py), which is too large to be summed. The best
+``BEAM`` sets grow by one term, screened by ``Evidence.screen``. Each is reshaped, sharpened between the points of its
+grid, and freed of what the others do without. At the end one term at a time, and two for one, are exchanged, so that
+every near alternative has its weight (Occam's window: Madigan & Raftery 1994, JASA 89, 1535).
+"""
 
 from __future__ import annotations
 
