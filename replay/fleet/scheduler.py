@@ -96,6 +96,7 @@ def _alone(context: Any, job: Job, running: list[Any]) -> dict[str, Any]:
         answer: dict[str, Any] = ours.recv()
     except EOFError:
         answer = {}
+    ours.close()
     process.join()
     running.remove(process)
     killed = process.exitcode < 0
