@@ -143,12 +143,13 @@ def test_whitening_leaves_unit_variance_and_is_exact_after_gaps() -> None:
     run = runs(valid)
     assert run[1100] == 0
     assert run[2004] == 0
-    spectrum = next(s for s in spectra(0.2) if s.slow_s == 1.0 and s.slow_share == 0.75)
+    bank = spectra(0.2)
+    spectrum = next(s for s in bank if s.slow_s == 1.0 and s.slow_share == 0.75)
     white = spectrum.whiten(x[:, 0], run)
     assert not white[~valid].any()
     assert white[valid].std() == pytest.approx(1.0, abs=0.35)
-    found = whitened_energies(np.stack([s.filters for s in spectra(0.2)]), np.where(valid, x[:, 0], 0.0), run)
-    assert found[spectra(0.2).index(spectrum)] == pytest.approx(float(white @ white))
+    found = whitened_energies(np.stack([s.filters for s in bank]), np.where(valid, x[:, 0], 0.0), run)
+    assert found[bank.index(spectrum)] == pytest.approx(float(white @ white))
 
 
 def test_a_lag_is_refused_where_the_thrust_only_answers_noise(quiet: Record) -> None:
