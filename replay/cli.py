@@ -13,9 +13,8 @@ from typing import TYPE_CHECKING
 from companion.adaptation.options import Adapt, read_adapt
 from models.arguments import Parser
 from models.errors import ConfigError, LogError, UserError
-from models.json_file import write_json as write_json
 from models.version import VersionAction
-from replay.fleet.options import add_options
+from replay.fleet.options import FolderOptions, add_options
 from replay.parameters import assumed_parameters
 
 if TYPE_CHECKING:
@@ -107,7 +106,9 @@ def _run(a: argparse.Namespace) -> int:
     if a.save_model is not None and a.adapt is Adapt.OFF:
         raise ConfigError("--save-model: has no effect with --adapt off")
     # Imported here so that --help answers at once.
+    from replay.command import write_answer
     from replay.rerun.history import History
+    from replay.rerun.page import page
     from replay.rerun.report import run
 
     config, chosen, notes = _run_config(a)
@@ -121,16 +122,7 @@ def _run(a: argparse.Namespace) -> int:
         from companion.adaptation.saved import save_sizes
 
         save_sizes(a.save_model, config.model, report.summary.adaptation, [a.log.name])
-    if a.json is not None:
-        write_json(report.as_json(), a.json)
-    if a.report is not None:
-        from replay.rerun.page import write_report
-
-        written = write_report(a.report, report, history)
-    if a.json != "-" and not a.quiet:
-        print(report.as_text())
-        if a.report is not None:
-            print(f"report: {written}")
+    write_answer(a, report.as_json(), [report.as_text()], lambda: page(report, history))
     return 0
 
 
@@ -139,10 +131,14 @@ def _run_folder(a: argparse.Namespace) -> int:
         if value is not None:
             raise ConfigError(f"{option}: is of one flight; name one log instead of the folder {a.log}")
     from replay.fleet.folder import run_folder
-    from replay.fleet.jobs import Kind
+    from replay.fleet.jobs import Job, Kind
 
     assumed = tuple(sorted(assumed_parameters(a.param).items()))
-    return run_folder(a, a.log, Kind.RUN, setpoint=a.setpoint, assumed=assumed, adapt=a.adapt.value)
+    job = Job.of(
+        Kind.RUN, a.log, a.vehicle, a.model, target_system=a.target_system, setpoint=a.setpoint, assumed=assumed,
+        adapt=a.adapt.value,
+    )  # fmt: skip
+    return run_folder(job, FolderOptions.of(a))
 
 
 def _run_config(a: argparse.Namespace) -> tuple[PipelineConfig, Choice, list[str]]:

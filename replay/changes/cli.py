@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from models.errors import ConfigError
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
 
-
-def run(a: argparse.Namespace, progress: Callable[[Sequence[Path]], Iterable[Path]]) -> int:
+def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     from replay.changes.page import page
     from replay.changes.since import since
-    from replay.command import declared, write_answer
+    from replay.command import declared, fault_lines, progress_bar, write_answer
     from replay.diagnosis.model_faults import model_faults
 
     for option, value in (("--save-model", a.save_model), ("--test", a.test)):
@@ -24,10 +20,10 @@ def run(a: argparse.Namespace, progress: Callable[[Sequence[Path]], Iterable[Pat
             raise ConfigError(f"{option}: amends a model, and --since asks what changed; give one of them")
     logs, good = _flights(a)
     vehicle, chosen = declared(a.vehicle, a.model)
-    answer = since(logs, good, vehicle, chosen.judged, target_system=a.target_system, progress=progress)
+    answer = since(logs, good, vehicle, chosen.judged, target_system=a.target_system, progress=progress_bar(a))
     faults = model_faults(answer.records, chosen)
     content = answer.as_json() | {"log_faults": faults}
-    write_answer(a, content, answer.as_text(), lambda: page(answer, vehicle, faults))
+    write_answer(a, content, [*fault_lines(faults), answer.as_text()], lambda: page(answer, vehicle, faults))
     return 0
 
 

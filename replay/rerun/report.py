@@ -88,23 +88,21 @@ def run(
     Raises LogError in one line where it cannot be read or lacks what every decision needs.
     """
     source = _of_link if suffix_of(path) == ".tlog" else _of_columns
-    played = source(path, config, target_system, assumed or {}, quiet=quiet, from_arming=from_arming)
-    replay = played.replay
-    summary = _summarised(watch(played.decisions))
+    replay, decisions, said, boots = source(
+        path, config, target_system, assumed or {}, quiet=quiet, from_arming=from_arming
+    )
+    summary = Summary(dry_run=True)
+    for decision in watch(decisions):
+        summary.add(decision)
     _check(path, replay, summary)
-    notes = [*played.notes, *_missing(config, replay)]
+    notes = [*said, *_missing(config, replay)]
     assert replay.system is not None
-    return RunReport(path, config.vehicle.name, model, replay.system, summary, replay, played.boots(), notes)
+    count = max(len(boots), replay.intake.clock.boot + 1)
+    return RunReport(path, config.vehicle.name, model, replay.system, summary, replay, count, notes)
 
 
-@dataclass
-class _Played:
-    """A log on its way through the pipeline; ``notes`` and ``boots`` are whole when ``decisions`` has ended."""
-
-    replay: Replay
-    decisions: Iterator[Decision]
-    notes: list[str]
-    boots: Callable[[], int]
+_Played = tuple[Replay, Iterator[Decision], list[str], set[int]]
+"""A log on its way through the pipeline. Its notes and its boots are whole when the decisions have ended."""
 
 
 def _of_link(
@@ -119,7 +117,7 @@ def _of_link(
     replay = Replay(config, choice.system, assumed)
     decisions = replay.decisions(_with_progress(log, since, quiet))
     notes = [*log.report.notes(), *choice.notes()]
-    return _Played(replay, decisions, notes, lambda: replay.intake.clock.boot + 1)
+    return replay, decisions, notes, set()
 
 
 def _of_columns(
@@ -143,14 +141,7 @@ def _of_columns(
     every = noted(with_progress(path, itertools.chain([first], pieces), "deciding", quiet=quiet))
     replay = Replay(config, first.log.system, assumed)
     decisions = replay.decisions_on(samples_of_pieces(every, from_arming=from_arming))
-    return _Played(replay, decisions, notes, lambda: len(boots))
-
-
-def _summarised(decisions: Iterable[Decision]) -> Summary:
-    summary = Summary(dry_run=True)
-    for decision in decisions:
-        summary.add(decision)
-    return summary
+    return replay, decisions, notes, boots
 
 
 def _with_progress(log: TlogFile, since: int, quiet: bool) -> Iterator[tuple[int, bytes]]:

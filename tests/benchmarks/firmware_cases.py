@@ -27,8 +27,8 @@ from companion.sim.autopilot import Mode
 from companion.sim.sensors import RangeFault
 from companion.vehicles import QUAD
 from models.errors import UserError
+from models.surrogate.empty import empty_model
 from models.vehicle import load_vehicle
-from replay.diagnosis.amended_model import empty_model
 
 HEIGHT_M = 1.5
 NEAR_M = 0.15

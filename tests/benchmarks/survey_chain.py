@@ -30,9 +30,9 @@ from companion.sim.flown import AXES, UNITS, Flown, Leg, fly_judged
 from companion.sim.scenario import build
 from companion.vehicles import TANDEM
 from models.errors import UserError
+from models.surrogate.empty import empty_model
 from models.vehicle import Vehicle, load_vehicle
 from replay.cli import main as replay
-from replay.diagnosis.amended_model import empty_model
 
 AIR, BUILD = 11, 11
 """The seeds of the one air and of the one vehicle."""

@@ -10,6 +10,7 @@ import pytest
 from audited import fly_audited
 from flight_case import Case, CasePilot
 from simflight import vehicle
+from whole_tlog import read_tlog
 
 from companion.control.compensation import Offset
 from companion.invariants import Auditor, Promise
@@ -19,7 +20,6 @@ from companion.mavlink.setpoints import AttitudeCommand, PositionCommand, encode
 from companion.pipeline import Decision
 from companion.sim.autopilot import Mode
 from models.frames import quaternion_from_euler
-from replay.logs.tlog import read_tlog
 
 SECONDS = 4.0
 

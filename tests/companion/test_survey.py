@@ -19,7 +19,7 @@ from companion.control.survey import Phase, Survey, Wanted, Whereabouts, advance
 from companion.control.survey_box import SurveyBox, read_box
 from companion.sim.autopilot import Mode
 from models.errors import ConfigError
-from replay.diagnosis.amended_model import empty_model
+from models.surrogate.empty import empty_model
 
 BOX = SurveyBox(0.3, 1.2, 0.3, 1.0)
 EAST = np.array([0.0, 1.0])
