@@ -117,11 +117,13 @@ def write_parquet(path: Path, tables: Tables, metadata: dict[str, str]) -> Writt
     return Written(rows, len(columns))
 
 
-def blocks(tables: Iterable[Table], columns: Sequence[Column]) -> Iterator[tuple[int, Array, list[NDArray[Any]]]]:
+def blocks(
+    tables: Iterable[Table], columns: Sequence[Column], rows: int = _ROWS
+) -> Iterator[tuple[int, Array, list[NDArray[Any]]]]:
     """Boot, times (n,) and the values (n,) of every column, some rows at a time; NaN, or None for text: no sample."""
     for table in tables:
         own = {c.name: c for c in table.columns}
-        for start in range(0, len(table.t_s), _ROWS):
-            end = min(start + _ROWS, len(table.t_s))
+        for start in range(0, len(table.t_s), rows):
+            end = min(start + rows, len(table.t_s))
             values = [table.values(own.get(c.name, c), start, end) for c in columns]
             yield table.boot, table.t_s[start:end], values

@@ -19,6 +19,8 @@ from replay.export.files import Written, blocks, missing, whole
 from replay.export.tables import Tables
 
 _BETWEEN_BOOTS_NS = 10**9
+_ROWS = 2000
+"""Rows in memory at a time: 10 MB as messages."""
 _TRANSFORM = "foxglove.FrameTransform"
 _NO_TURN = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
 _HERE = {"x": 0.0, "y": 0.0, "z": 0.0}
@@ -61,12 +63,12 @@ def write_mcap(path: Path, tables: Tables, metadata: dict[str, str]) -> Written:
         for topic, (name, schema) in schemas.items():
             schema_id = writer.register_schema(name, "jsonschema", json.dumps(schema).encode())
             channels[topic] = writer.register_channel(f"/{topic}", "json", schema_id)
-        for boot, t_s, values in blocks(tables, columns):
+        for boot, t_s, values in blocks(tables, columns, _ROWS):
             rows += len(t_s)
             times = [round(t * 1e9) for t in t_s.tolist()]
             new = boot != boot_now
-            if new and boot_now >= 0:
-                shift_ns = last_ns + _BETWEEN_BOOTS_NS - times[0]
+            if new:  # a time of MCAP cannot be negative
+                shift_ns = max(-times[0], 0) if boot_now < 0 else last_ns + _BETWEEN_BOOTS_NS - times[0]
             boot_now = boot
             cells = {t: {columns[k].name: values[k].tolist() for k in own} for t, own in topics.items()}
             for row, topic, content in _messages(cells, boot, new=new):
