@@ -225,7 +225,8 @@ def in_pieces(path):
 
 
 def exported(path):
-    main(["export", str(path), "--to", "csv", "--rate", "5", "--quiet", "--out", str(path.with_suffix(".csv"))])
+    target = path.with_suffix(".csv")
+    main(["export", str(path), "--to", "csv", "--rate", "5", "--no-decisions", "--quiet", "--out", str(target)])
 
 
 @pytest.mark.parametrize("work", [frames, in_pieces, exported])
