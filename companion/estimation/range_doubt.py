@@ -18,7 +18,7 @@ _FROZEN_MOVE_M = 0.10
 """Ten of the centimetres in which ranges are sent: a reading that did not change over this motion is frozen."""
 _TURNED_COS = math.cos(math.radians(15.0))
 """A beam that turned further looks at another place: half of the 30 degrees at which an echo is lost."""
-_PAST_EDGE_M = 0.3
+PAST_EDGE_M = 0.3
 """A wall may end this far to the side ..."""
 _OVER_EDGE_M = 1.0
 """... and the ground at an edge this far on; nearer than that an echo that is gone is lost."""
@@ -75,7 +75,7 @@ def _left(last: Sighting, here: Sighting, near_m: float, target: str) -> bool:
     away = -_dot(moved, beam)
     aside = math.hypot(moved[0] + away * beam[0], moved[1] + away * beam[1], moved[2] + away * beam[2])
     turned = _dot(here.beam_ned, beam) < _TURNED_COS
-    return turned or last.slant_m + away > near_m or aside > (_OVER_EDGE_M if target == "ground" else _PAST_EDGE_M)
+    return turned or last.slant_m + away > near_m or aside > (_OVER_EDGE_M if target == "ground" else PAST_EDGE_M)
 
 
 def _moved(before: Sighting, after: Sighting) -> Vector3:

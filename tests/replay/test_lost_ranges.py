@@ -26,7 +26,10 @@ def east(t: Array) -> Array:
     return np.interp(t, [2.0, 8.0, 12.0, 18.0], [0.0, 2.4, 2.4, 0.0]) + 0.05 * np.sin(2.0 * t)
 
 
-def to_lip(lost: Array, below: Array) -> tuple[Array, Array]:
+LEVEL = np.full(len(T), -2.0)
+
+
+def to_lip(lost: Array, below: Array, down: Array = LEVEL) -> tuple[Array, Array]:
     """Lip to wall [m] by the log, and in truth, (n,) each; readings that are ``lost`` or ``below`` the minimum."""
     true = WALL_M - east(T) - 0.21
     values = np.where(lost, 60.0, np.where(below, 0.0, true))
@@ -35,7 +38,7 @@ def to_lip(lost: Array, below: Array) -> tuple[Array, Array]:
     series = Series(T, values[:, None])
     beam = Beam((0.0, 1.0, 0.0), 1, 0, RIGHT, "x", series, verdicts, 0.05, 40.0, math.nan, 0.01)
     log = FlightLog(path=None, system=1, boot=0, start_s=0.0, end_s=20.0, beams=(beam,))  # type: ignore[arg-type]
-    position = np.stack([np.zeros(len(T)), east(T), np.full(len(T), -2.0)], axis=1)
+    position = np.stack([np.zeros(len(T)), east(T), down], axis=1)
     rotation = np.broadcast_to(np.eye(3), (len(T), 3, 3))
     return distances(log, VEHICLE, T, rotation, position, 0.0)["d_m"][:, 0], true
 
@@ -62,3 +65,22 @@ def test_a_wall_that_is_not_seen_for_long_is_unknown_and_not_gone() -> None:
 def test_a_wall_that_the_vehicle_left_is_gone() -> None:
     seen, _ = to_lip(T > 17.0, np.zeros(len(T), bool))
     assert np.isinf(seen[T > 17.6]).all()
+
+
+@pytest.mark.parametrize("seconds", [2.5, 4.5])
+def test_a_wall_that_is_lost_on_the_way_down_along_it_and_seen_again_was_there(seconds: float) -> None:
+    """0.8 m down in two seconds: further aside than a wall's end would explain, but both ends of the way saw it."""
+    lost = np.abs(T - 7.5 - 0.5 * seconds) < 0.5 * seconds
+    down = np.interp(T, [8.0, 10.0], [-2.0, -1.2])
+    seen, true = to_lip(lost, np.zeros(len(T), bool), down)
+    assert not np.isinf(seen[lost]).any()
+    known = np.isfinite(seen)
+    assert known[lost].all() == (seconds < 3.0)
+    assert np.abs(seen - true)[known].max() < 0.02
+
+
+def test_a_pole_that_the_vehicle_went_past_and_back_to_was_not_there_between() -> None:
+    down = np.interp(T, [8.0, 9.0, 10.0, 11.0], [-2.0, -1.0, -1.0, -2.0])
+    lost = (down > -1.6) & (T > 8.0) & (T < 11.0)
+    seen, _ = to_lip(lost, np.zeros(len(T), bool), down)
+    assert np.isinf(seen[lost & (down > -1.4)]).any()
