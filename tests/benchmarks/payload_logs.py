@@ -1,0 +1,118 @@
+"""Turn real flights of a nano quadcopter with a load on a cord into .tlog and vehicle files.
+
+``python tests/benchmarks/payload_logs.py CLONE OUT``: CLONE is a clone of github.com/IMRCLab/crazyswarm2-tools, of
+which nine logs of commit 847605a are read (format of the Crazyflie's memory card, which a log describes itself). Then
+judge with
+
+    python tests/benchmarks/measured_flights.py --table tests/benchmarks/measured/payload.toml --data OUT
+
+Position, velocity, attitude and rates are the estimator's, the accelerometer is real. All are logged at 250 Hz and
+written at 125 Hz. Outputs are the forces that the controller asks of the four motors, by the firmware's own distribution
+of thrust and torque.
+"""
+
+from __future__ import annotations
+
+import struct
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from field_motion import Array, Motion, vehicle_toml, write_tlog
+from scipy.spatial.transform import Rotation
+from snapshot import git
+
+COMMIT = "847605ab2d2d7ed5040ab0c7d2c7116c047b4de5"
+FIRST, SECOND = (182, 183, 184), (201, 202, 203, 204, 205, 206)
+EVERY, GRAVITY = 2, 9.80665
+MASS_KG, INERTIA = 0.032, [16.6e-6, 16.6e-6, 29.3e-6]
+"""Mass of the vehicle alone by the authors' model_payload.py; inertia by the firmware's."""
+ARM_M, RADIUS_M, TORQUE_M = 0.046 * 0.5**0.5, 0.0225, 0.005964552
+"""By the firmware: arm along an axis, and torque over thrust."""
+FULL_N = 0.25
+"""Force of one motor that is written as full output; no command reaches it."""
+LEVELS = {"payload_1": 0.768, "payload_2": 0.911}
+"""Thrust over commanded thrust: with the load of 5 g flights 184 and 201 are in balance."""
+PLACES = ((1, 1, "ccw"), (-1, 1, "cw"), (-1, -1, "ccw"), (1, -1, "cw"))
+
+
+def main() -> int:
+    if len(sys.argv) != 3:
+        print(__doc__, file=sys.stderr)
+        return 2
+    clone, out = Path(sys.argv[1]), Path(sys.argv[2])
+    out.mkdir(parents=True, exist_ok=True)
+    for k in FIRST + SECOND:
+        columns = _columns(git(clone, "show", f"{COMMIT}:logs/log{k}"))
+        write_tlog(out / f"payload_{k}.tlog", _motion(columns))
+    for name, level in LEVELS.items():
+        (out / f"{name}.toml").write_text(vehicle_toml(_vehicle(name, level)), encoding="utf-8")
+    print(f"{len(FIRST + SECOND)} logs and {len(LEVELS)} vehicle files in {out}")
+    return 0
+
+
+def _columns(data: bytes) -> dict[str, Array]:
+    """Columns of the one kind of record in a log: names with types, then rows of an id, a time and values."""
+    end = data.index(b"\0", 7)
+    count = struct.unpack_from("<H", data, end + 1)[0]
+    at, kinds = end + 3, []
+    for _ in range(count):
+        stop = data.index(b"\0", at)
+        name, kind = data[at:stop].decode()[:-1].split("(")
+        kinds.append((name, f"<{kind.replace('h', 'i2').replace('f', 'f4')}"))
+        at = stop + 1
+    # An event's time is in milliseconds as a whole number of version 1, in microseconds of version 2.
+    version = struct.unpack_from("<H", data, 1)[0]
+    row = np.dtype([("id", "<u2"), ("time", "<u4" if version == 1 else "<u8"), *kinds])
+    rows = np.frombuffer(data, row, (len(data) - 4 - at) // row.itemsize, at)
+    return {name: rows[name].astype(float) for name in row.names or ()} | {
+        "time": rows["time"] / (1e3 if version == 1 else 1e6)
+    }
+
+
+def _motion(columns: dict[str, Array]) -> Motion:
+    def three(name: str) -> Array:
+        return np.stack([columns[f"{name}{axis}"] for axis in "xyz"], axis=1)
+
+    # The world is north-west-up, the body forward-left-up.
+    flip = np.array([1.0, -1.0, -1.0])
+    attitude = Rotation.from_euler("ZYX", (three("ctrlLee.rpy") * flip)[:, ::-1])
+    roll, pitch, yaw = (three("ctrlLee.torque") / (4.0 * ARM_M, 4.0 * ARM_M, 4.0 * TORQUE_M)).T
+    level = columns["ctrlLee.thrustSI"] / 4.0
+    motors = [level - roll - pitch - yaw, level - roll + pitch + yaw, level + roll + pitch - yaw,
+              level + roll - pitch + yaw]  # fmt: skip
+    flying = np.flatnonzero(columns["ctrlLee.thrustSI"] > 0.5 * MASS_KG * GRAVITY)
+    kept = slice(flying[0], flying[-1] + 1, EVERY)
+    return Motion(
+        time_s=columns["time"][kept],
+        position=(three("stateEstimateZ.") * flip / 1e3)[kept],
+        velocity=(three("stateEstimateZ.v") * flip / 1e3)[kept],
+        quaternion=np.roll(attitude.as_quat(), 1, axis=1)[kept],
+        rates=(three("ctrlLee.omega") * flip)[kept],
+        force=(three("acc.") * flip * GRAVITY)[kept],
+        outputs_us=(1000.0 + 1000.0 * np.clip(np.stack(motors, axis=1) / FULL_N, 0.0, 1.0))[kept],
+    )
+
+
+def _vehicle(name: str, level: float) -> dict[str, Any]:
+    fans = [
+        {"position_m": [x * ARM_M, y * ARM_M, 0.0], "lip_radius_m": RADIUS_M, "rotors": [{"servo": k, "spin": spin}]}
+        for k, (x, y, spin) in enumerate(PLACES, 1)
+    ]
+    return {
+        "name": name,
+        "mass_kg": MASS_KG,
+        "inertia_kgm2": INERTIA,
+        "hover_thrust": 0.35,
+        "rotor_radius_m": RADIUS_M,
+        "fan": fans,
+        "throttle": {
+            "max_thrust_n": FULL_N * level, "expo": 0.0, "voltage_v": 3.7, "pwm_min_us": 1000.0, "pwm_max_us": 2000.0
+        },
+        "limits": {"thrust": 0.1, "tilt_deg": 8.0, "slew_thrust_per_s": 0.5, "slew_tilt_deg_per_s": 60.0},
+    }  # fmt: skip
+
+
+if __name__ == "__main__":
+    sys.exit(main())
