@@ -7,7 +7,7 @@ judge with
     python tests/benchmarks/measured_flights.py --table tests/benchmarks/measured/payload.toml --data OUT
 
 Position, velocity, attitude and rates are the estimator's, the accelerometer is real. All are logged at 250 Hz and
-written at 125 Hz. Outputs are the forces that the controller asks of the four motors, by the firmware's own distribution
+written at 125 Hz. Outputs are the forces that the controller asks of the four motors, by the firmware's distribution
 of thrust and torque.
 """
 
