@@ -15,7 +15,8 @@ from pymavlink.dialects.v20 import ardupilotmega as mav
 
 Array = NDArray[np.float64]
 BOOT_S, WALL_S = 10.0, 1.72e9
-HEARTBEAT_S = 1.0
+LIMITS = {"thrust": 0.1, "tilt_deg": 8.0, "slew_thrust_per_s": 0.5, "slew_tilt_deg_per_s": 60.0}
+"""Of a vehicle file; a diagnosis does not use them."""
 
 
 @dataclass(frozen=True)
@@ -42,14 +43,11 @@ def write_tlog(path: Path, motion: Motion) -> None:
 
 def _frames(motion: Motion) -> Iterator[tuple[float, bytes]]:
     link = mav.MAVLink(None, 1, 1)
-    beat = -HEARTBEAT_S
+    beats = np.diff(np.floor(motion.time_s - motion.time_s[0] + 1e-6), prepend=-1.0) > 0.0
     for i, time_s in enumerate(motion.time_s - motion.time_s[0]):
         ms, us = round((BOOT_S + time_s) * 1e3), int((BOOT_S + time_s) * 1e6)
-        out = []
-        if time_s >= beat + HEARTBEAT_S:
-            beat = time_s
-            out.append(mav.MAVLink_heartbeat_message(2, 12, 157, 6 << 16, 4, 3))
         outputs = [round(value) for value in motion.outputs_us[i]]
+        out = [mav.MAVLink_heartbeat_message(2, 12, 157, 6 << 16, 4, 3)] if beats[i] else []
         out += [
             mav.MAVLink_attitude_quaternion_message(ms, *motion.quaternion[i], *motion.rates[i]),
             mav.MAVLink_local_position_ned_message(ms, *motion.position[i], *motion.velocity[i]),
@@ -59,6 +57,12 @@ def _frames(motion: Motion) -> Iterator[tuple[float, bytes]]:
         for message in out:
             link.seq = (link.seq + 1) % 256
             yield float(time_s), message.pack(link)
+
+
+def throttle(max_thrust_n: float, expo: float, voltage_v: float) -> dict[str, float]:
+    """The keys of ``[throttle]`` for outputs from 1000 to 2000."""
+    span = {"pwm_min_us": 1000.0, "pwm_max_us": 2000.0}
+    return {"max_thrust_n": max_thrust_n, "expo": expo, "voltage_v": voltage_v} | span
 
 
 def vehicle_toml(keys: Mapping[str, Any]) -> str:

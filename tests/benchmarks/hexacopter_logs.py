@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from field_motion import Array, Motion, vehicle_toml, write_tlog
+from field_motion import LIMITS, Array, Motion, throttle, vehicle_toml, write_tlog
 from scipy.spatial.transform import Rotation
 from snapshot import git
 
@@ -103,11 +103,9 @@ def _vehicle() -> dict[str, Any]:
         "hover_thrust": 0.33,
         "rotor_radius_m": RADIUS_M,
         "fan": fans,
-        "throttle": {
-            "max_thrust_n": MAX_THRUST_N, "expo": 0.0, "voltage_v": 14.8, "pwm_min_us": 1000.0, "pwm_max_us": 2000.0
-        },
-        "limits": {"thrust": 0.1, "tilt_deg": 8.0, "slew_thrust_per_s": 0.5, "slew_tilt_deg_per_s": 60.0},
-    }  # fmt: skip
+        "throttle": throttle(MAX_THRUST_N, expo=0.0, voltage_v=14.8),
+        "limits": LIMITS,
+    }
 
 
 if __name__ == "__main__":
