@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -165,11 +166,11 @@ def _modelled(context: Context, effects: tuple[AdoptedEffect, ...]) -> Array:
 
 def too_short(record: Record) -> LogError:
     """What to say of a flight that does not last."""
-    worst = max(record.excluded, key=lambda e: e.seconds).reason if record.excluded else "gaps"
-    return LogError(
-        f"{record.path}: only {record.seconds:.0f} s of flight can be judged (most time lost to: {worst}); "
-        f"{ENOUGH_S:.0f} s are needed"
-    )
+    lost = max(record.excluded, key=lambda e: e.seconds, default=None)
+    why = f" (most time lost to: {lost.reason})" if lost else ""
+    # Rounded down: 7.8 s are not the 8 s that are needed.
+    seconds = math.floor(10.0 * record.seconds) / 10.0
+    return LogError(f"{record.path}: only {seconds:g} s of flight can be judged{why}; {ENOUGH_S:.0f} s are needed")
 
 
 def check_model(vehicle: Vehicle, model: FanSurrogate | None) -> None:

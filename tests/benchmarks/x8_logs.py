@@ -14,14 +14,12 @@ voltage: the specific force is the derivative of the velocity over five samples.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from log_writers import record
+from field_motion import LIMITS, Motion, throttle, vehicle_toml, write_tlog
 from numpy.typing import NDArray
-from pymavlink.dialects.v20 import ardupilotmega as mav
 from scipy.spatial.transform import Rotation
 from snapshot import git
 
@@ -35,7 +33,7 @@ LOGS = (
 TIME, POSITION, QUATERNION, VELOCITY, RATES = 1, slice(15, 18), slice(18, 22), slice(22, 25), slice(25, 28)
 OUTPUTS = slice(67, 75)
 """Columns: north-east-down, forward-right-down, quaternion w first; normalised thrust of the eight motors."""
-BOOT_S, WALL_S, RATE_HZ, GRAVITY = 10.0, 1.72e9, 100.0, 9.80665
+RATE_HZ, GRAVITY = 100.0, 9.80665
 # include/flightstack/control/vehicle_info.hpp of github.com/andrealaffly/ACSL-flightstack.
 MASS_KG, INERTIA = 1.920, (2.271990e-2, 2.202047e-2, 1.614693e-2)
 ARMS_M = (0.0881269, 0.1083450)
@@ -60,10 +58,8 @@ def main() -> int:
     out.mkdir(parents=True, exist_ok=True)
     for path in LOGS:
         rows = _rows(git(clone, "show", f"{COMMIT}:Flight_Data/{path}").decode())
-        with (out / f"{Path(path).stem.removeprefix('log_')}.tlog").open("wb") as file:
-            for time_s, message in _messages(rows):
-                file.write(record(int((WALL_S + BOOT_S + time_s) * 1e6), message))
-    (out / "x8.toml").write_text(_vehicle(), encoding="utf-8")
+        write_tlog(out / f"{Path(path).stem.removeprefix('log_')}.tlog", _motion(rows))
+    (out / "x8.toml").write_text(vehicle_toml(_vehicle()), encoding="utf-8")
     print(f"{len(LOGS)} logs and x8.toml in {out}")
     return 0
 
@@ -76,8 +72,7 @@ def _rows(text: str) -> NDArray[Any]:
     return rows[np.argmax(rows[:, OUTPUTS].any(axis=1)) :]
 
 
-def _messages(rows: NDArray[Any]) -> Iterator[tuple[float, bytes]]:
-    """MAVLink 2 frames in order, with their time since the start [s]."""
+def _motion(rows: NDArray[Any]) -> Motion:
     # The log repeats a state until the next one comes.
     new = rows[np.append(True, np.diff(rows[:, POSITION], axis=0).any(axis=1))]
     time = np.arange(new[0, TIME], new[-1, TIME], 1.0 / RATE_HZ)
@@ -85,21 +80,16 @@ def _messages(rows: NDArray[Any]) -> Iterator[tuple[float, bytes]]:
     place, q, speed, rate = np.split(state, (3, 7, 10), axis=1)
     q /= np.linalg.norm(q, axis=1, keepdims=True)
     force = np.gradient(_smooth(speed), 1.0 / RATE_HZ, axis=0) - (0.0, 0.0, GRAVITY)
-    body = Rotation.from_quat(q[:, [1, 2, 3, 0]]).inv().apply(force)
     outputs = [np.interp(time, rows[:, TIME], 1000.0 + 1000.0 * column) for column in rows[:, OUTPUTS].T]
-    link = mav.MAVLink(None, 1, 1)
-    for i, time_s in enumerate(time - time[0]):
-        ms, us = round((BOOT_S + time_s) * 1e3), int((BOOT_S + time_s) * 1e6)
-        out = [] if i % RATE_HZ else [mav.MAVLink_heartbeat_message(2, 12, 157, 6 << 16, 4, 3)]
-        out += [
-            mav.MAVLink_attitude_quaternion_message(ms, *q[i], *rate[i]),
-            mav.MAVLink_local_position_ned_message(ms, *place[i], *speed[i]),
-            mav.MAVLink_highres_imu_message(us, *body[i], *rate[i], 0, 0, 0, 0, 0, 0, 0, 63),
-            mav.MAVLink_servo_output_raw_message(us, 0, *(round(column[i]) for column in outputs)),
-        ]
-        for message in out:
-            link.seq = (link.seq + 1) % 256
-            yield float(time_s), message.pack(link)
+    return Motion(
+        time_s=time,
+        position=place,
+        velocity=speed,
+        quaternion=q,
+        rates=rate,
+        force=Rotation.from_quat(q[:, [1, 2, 3, 0]]).inv().apply(force),
+        outputs_us=np.stack(outputs, axis=1),
+    )
 
 
 def _smooth(x: NDArray[Any]) -> NDArray[Any]:
@@ -108,23 +98,26 @@ def _smooth(x: NDArray[Any]) -> NDArray[Any]:
     return np.stack([np.convolve(column, np.ones(5) / 5.0, "valid") for column in padded.T], axis=1)
 
 
-def _vehicle() -> str:
+def _vehicle() -> dict[str, Any]:
     x_m, y_m = ARMS_M
     fans = [
-        f"\n[[fan]]\nposition_m = [{x * x_m}, {y * y_m}, 0.0]\nlip_radius_m = {RADIUS_M}\n"
-        f'rotors = [{{ servo = {a}, spin = "{upper}" }}, {{ servo = {b}, spin = "{lower}" }}]\n'
+        {
+            "position_m": [x * x_m, y * y_m, 0.0],
+            "lip_radius_m": RADIUS_M,
+            "rotors": [{"servo": a, "spin": upper}, {"servo": b, "spin": lower}],
+        }
         for x, y, upper, lower, a, b in PLACES
     ]
-    head = (
-        f'name = "X8-copter"\nmass_kg = {MASS_KG}\ninertia_kgm2 = {list(INERTIA)}\n'
-        f"hover_thrust = 0.39\nrotor_radius_m = {RADIUS_M}\n"
-    )
-    throttle = (
-        f"\n[throttle]\nmax_thrust_n = {MAX_THRUST_N}\nexpo = {EXPO}\nvoltage_v = 14.8\n"
-        "pwm_min_us = 1000.0\npwm_max_us = 2000.0\n"
-    )
-    limits = "\n[limits]\nthrust = 0.10\ntilt_deg = 8.0\nslew_thrust_per_s = 0.5\nslew_tilt_deg_per_s = 60.0\n"
-    return head + "".join(fans) + throttle + limits
+    return {
+        "name": "X8-copter",
+        "mass_kg": MASS_KG,
+        "inertia_kgm2": INERTIA,
+        "hover_thrust": 0.39,
+        "rotor_radius_m": RADIUS_M,
+        "fan": fans,
+        "throttle": throttle(MAX_THRUST_N, EXPO, voltage_v=14.8),
+        "limits": LIMITS,
+    }
 
 
 if __name__ == "__main__":

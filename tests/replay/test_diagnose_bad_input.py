@@ -111,7 +111,13 @@ def test_twenty_seconds_are_answered_six_are_not(ask):
     told = ask({"a.tlog": quad_flight(20.0)})
     assert (told.code, told.answer["verdict"]) == (0, "nothing_missing")
     assert told.answer["duration_s"] == pytest.approx(20.0, abs=1.0)
-    refused(ask({"b.tlog": quad_flight(6.0)}), "b.tlog", "6 s", "8 s")
+    refused(ask({"b.tlog": quad_flight(6.0)}), "b.tlog", "only 5.", "8 s")
+
+
+def test_a_log_just_too_short_is_not_rounded_up_to_what_is_needed(ask):
+    told = ask({"b.tlog": quad_flight(7.8)})
+    refused(told, "b.tlog", "only 7.", "8 s are needed")
+    assert "gaps" not in told.lines[0]  # it has none
 
 
 def test_every_start_of_a_vehicle_is_a_flight_of_its_own(ask):
