@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
@@ -32,6 +33,8 @@ TRUST = 0.5
 """Power of the likelihood: neither noise nor effects are quite of the assumed form (Miller & Dunson 2019)."""
 FLOOR = 0.2
 """Smallest RMS of the fast and of the slow part of the noise, in hundredths of the weight: no model is better."""
+LOUDEST = 5.0
+"""Prior standard deviation of the noise's standard deviation, in hundredths of the weight: no air is as unsteady."""
 QUIET_S, QUIET_SPECTRUM = 4.0, (1.0, 0.75)
 """Quiet noise is what the residual does within this time [s], with this spectrum (time [s], share) of the grid."""
 UNWORTHY = 6.0
@@ -57,7 +60,7 @@ class Fit:
 
     score = TRUST evidence + within + worth + prior, the log posterior. ``evidence``: log marginal likelihood.
     ``within``: log share of it within the bounds. ``worth``: log share of what deserves a name. ``prior``: log odds of
-    the terms.
+    the terms, and log prior of the noise.
     """
 
     terms: tuple[Term, ...]
@@ -104,6 +107,7 @@ class Evidence:
         rest = [c.y for c in self.library.channels]
         return self._noise(rest, self._energies(rest), np.zeros(len(rest)))
 
+    @cached_property
     def quiet(self) -> Noise:
         """Noise by what varies within seconds: beside it, slow effects show that pass for a disturbance."""
         sigma = []
@@ -117,7 +121,21 @@ class Evidence:
         return Noise((number,) * len(sigma), tuple(sigma))
 
     def fit(self, terms: Sequence[Term], noise: Noise) -> Fit:
-        """Fit a set, its noise included, from a first guess of it."""
+        """Fit a set, its noise included, from a first guess of it; where that is loud, from quiet noise, too.
+
+        Beside noise as loud as what the terms explain they seem to explain nothing: that is a local optimum.
+        """
+        fit = self._once(terms, noise)
+        if noise != self.quiet and self._loud(noise) > 0.5:
+            return max(fit, self._once(terms, self.quiet), key=lambda f: f.score)
+        return fit
+
+    def _loud(self, noise: Noise) -> float:
+        """Minus the log prior of the noise: half-normal in its standard deviation."""
+        units = (LOUDEST * c.limit for c in self.library.channels)
+        return 0.5 * sum((sigma / unit) ** 2 for sigma, unit in zip(noise.sigma, units, strict=True))
+
+    def _once(self, terms: Sequence[Term], noise: Noise) -> Fit:
         key = tuple(terms), noise
         if key not in self._fits:
             self._fits[key] = self._fit(*key)
@@ -134,7 +152,7 @@ class Evidence:
             noise = fresh
         evidence = self._laplace(terms, b, cov, energies, form)
         worthy = worth(u)
-        prior = sum(self.prior(t) for t in terms)
+        prior = sum(self.prior(t) for t in terms) - self._loud(noise)
         within = beyond_bounds(terms, b, cov)
         score = TRUST * evidence + within + worthy + prior
         return Fit(terms, b, cov, noise, evidence, within, worthy, prior, score)

@@ -35,7 +35,7 @@ def walk(records: Sequence[Record], effects: Sequence[Effect], beside: Sequence[
     """Weigh sets of effects over all flights together; ``beside``: as of ``Library``."""
     evidence = Evidence(Library(records, effects, beside))
     empty = evidence.fit([], evidence.unfitted())
-    sets = Sets(evidence, evidence.quiet(), {empty.key: empty})
+    sets = Sets(evidence, evidence.quiet, {empty.key: empty})
     beam = [empty]
     for _ in range(MOST + MOST_A_FLIGHT * (len(records) - 1)):
         grown: dict[frozenset[Key], Fit] = {}

@@ -205,7 +205,7 @@ def test_what_another_effect_would_take_over_is_not_its_own(quiet: Record) -> No
     terms = {t.name: t for t in reversed(evidence.library.terms) if t.effect is not None}
 
     def own_share(name: str, beside: str) -> float:
-        fit = evidence.fit([terms[name], terms[beside]], evidence.quiet())
+        fit = evidence.fit([terms[name], terms[beside]], evidence.quiet)
         u = Contributions(evidence.library, fit.terms, fit.b, fit.cov)
         fz = next(i for i, c in enumerate(evidence.library.channels) if c.axis == 2)
         return float(np.abs(u.own()[0, fz]).max() / np.abs(u.main[0, fz]).max())
