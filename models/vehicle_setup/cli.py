@@ -1,25 +1,32 @@
-"""``models vehicle``: questions, options, and a checked file."""
+"""``models vehicle``: options, and a checked file."""
 
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from models.errors import ConfigError
-from models.vehicle_setup.questions import FRAMES, MOST, completed
 
-_EPILOG = """A person at a terminal is asked for what the options do not say. Every key: docs/vehicle.md. Afterwards
-`replay vehicle LOG --vehicle FILE` measures thrust and hover in a log of a hover."""
+_EPILOG = """Every key: docs/vehicle.md. Who has a log of the vehicle needs none of this: `replay diagnose LOG
+--save-vehicle FILE` drafts the file. Afterwards `replay vehicle LOG --vehicle FILE` measures thrust and hover."""
+# Spelled out here so that --help imports nothing.
+FRAMES = (
+    "quad-x", "quad-plus", "quad-h", "quad-bf", "quad-bf-reversed", "quad-dji", "quad-clockwise", "hexa-x", "hexa-plus",
+    "octo-x", "octo-plus", "octaquad-x", "y6", "y6b",
+)  # fmt: skip
+_MOST = {
+    "mass": 1e4, "span": 20.0, "propeller": 200.0, "duct": 10.0, "hover_rpm": 2e5, "voltage": 1e3, "hover_thrust": 1.0,
+}  # fmt: skip
+"""Largest believable numbers by option; all are above 0."""
 
 
 def add(commands: Any) -> None:
     """Register ``vehicle`` with the subparsers of ``models``."""
     p: argparse.ArgumentParser = commands.add_parser(
         "vehicle", help="write a vehicle file from a frame, a mass and a few lengths", epilog=_EPILOG,
-        description="Asks for what a vehicle file needs, or takes it from options and the autopilot's parameters.",
+        description="A vehicle file from options and the autopilot's parameters.",
     )  # fmt: skip
     p.add_argument("--out", type=Path, required=True, metavar="FILE.toml", help="file to write")
     p.add_argument(
@@ -50,19 +57,16 @@ def run(a: argparse.Namespace) -> int:
     from models.vehicle_plausibility import warnings
     from models.vehicle_setup.parameters import read_parameters
     from models.vehicle_setup.setup import build
-    from models.vehicle_setup.toml_text import vehicle_text
+    from models.vehicle_setup.toml_text import vehicle_text, write_vehicle
 
     if a.out.exists() and not a.force:
         raise ConfigError(f"--out {a.out}: is there already; --force overwrites it")
     parameters = {} if a.params is None else read_parameters(a.params)
-    given = _asked(vars(a), parameters)
+    given = _complete(vars(a), parameters)
     vehicle, origin = build(_answers(given, parameters))
     text = vehicle_text(vehicle, origin, "Written by models vehicle. Every key: docs/vehicle.md. SI units, body FRD.")
     checked = parse_vehicle(text, str(a.out))
-    try:
-        a.out.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"--out {a.out}: cannot be written ({error.strerror})") from None
+    write_vehicle("--out", a.out, text)
     if not a.quiet:
         print(f"{a.out}: {len(checked.fans)} fans, {len(checked.rotors)} rotors, checked")
         for line in warnings(checked):
@@ -71,16 +75,14 @@ def run(a: argparse.Namespace) -> int:
     return 0
 
 
-def _asked(given: Mapping[str, Any], parameters: Mapping[str, float]) -> dict[str, Any]:
-    """The options, completed by questions at a terminal; ConfigError naming all that is missing elsewhere."""
+def _complete(given: Mapping[str, Any], parameters: Mapping[str, float]) -> dict[str, Any]:
+    """The options, with the frame that the parameters say; ConfigError naming all that is missing."""
     from models.vehicle_setup.frames import ardupilot_frame, px4_motors
 
     out = dict(given)
     placed = out["frame"] is None and px4_motors(parameters) is not None
     if out["frame"] is None:
         out["frame"] = ardupilot_frame(parameters)
-    if sys.stdin.isatty():
-        return completed(out, placed, sensed=any(name.startswith("RNGFND") for name in parameters))
     if out["name"] is None:
         out["name"] = Path(out["out"]).stem
     needed = ["mass", *([] if placed else ["frame", "span"]), "propeller", *(["voltage"] if out["no_rpm"] else [])]
@@ -93,7 +95,7 @@ def _asked(given: Mapping[str, Any], parameters: Mapping[str, float]) -> dict[st
 def _answers(g: Mapping[str, Any], parameters: Mapping[str, float]) -> Any:
     from models.vehicle_setup.setup import Answers
 
-    for option, high in MOST.items():
+    for option, high in _MOST.items():
         value = g[option]
         if value is not None and not 0.0 < value <= high:
             raise ConfigError(f"--{option.replace('_', '-')} {value:g}: must be above 0 and at most {high:g}")

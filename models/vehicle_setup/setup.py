@@ -18,6 +18,7 @@ from models.vehicle_setup.estimate import (
 )
 from models.vehicle_setup.frames import FRAMES, Motor, outputs, px4_motors
 
+COMMON_PROPELLERS, USUAL_PULSES = "usual for common propellers", "usual pulses"
 _GROUND, _CEILING, _LEVEL = 25, 24, range(8)
 
 
@@ -30,6 +31,10 @@ class Answers:
     propeller_m: float
     """Diameter."""
     frame: str | None = None
+    motors: tuple[Motor, ...] | None = None
+    """In place of ``frame``."""
+    numbers: Mapping[int, int] = field(default_factory=dict)
+    """Motor number to ESC or output; empty: by the parameters."""
     arm_m: float | None = None
     """Centre to motor axis; None where PX4's parameters give the places."""
     rotor_down_m: float = -0.05
@@ -75,6 +80,8 @@ def build(a: Answers) -> tuple[Vehicle, dict[str, str]]:
 
 
 def _motors(a: Answers) -> tuple[tuple[Motor, ...], float]:
+    if a.motors is not None and a.arm_m is not None:
+        return a.motors, a.arm_m
     declared = px4_motors(a.parameters)
     if a.frame is None and declared is not None:
         motors, arm = declared
@@ -94,7 +101,7 @@ def _hover(a: Answers) -> tuple[float, str]:
 
 
 def _ct(a: Answers, motors: tuple[Motor, ...], radius: float) -> tuple[float, str]:
-    per_fan = len(motors) // len(_places(motors))
+    per_fan = len(motors) // len(places(motors))
     if a.hover_rpm is not None:
         return ct_of_hover(a.mass_kg, len(motors), radius, a.hover_rpm) * per_fan, f"from hover at {a.hover_rpm:g} rpm"
     return OPEN_ROTOR_CT * per_fan, "a guess, +-30 %: replay vehicle LOG measures it"
@@ -102,16 +109,25 @@ def _ct(a: Answers, motors: tuple[Motor, ...], radius: float) -> tuple[float, st
 
 def _throttle(a: Answers, rotors: int, hover: float, said: dict[str, str]) -> Throttle:
     expo, output = throttle_output(a.parameters, hover)
-    low, high = pwm_range(a.parameters)
+    low, high, pwm = pwm_range(a.parameters, min(_numbers(a, rotors).values()))
+    said["pwm_max_us"] = pwm or USUAL_PULSES
     if a.voltage_v <= 0.0:
         raise ConfigError("--voltage: needed without rotor speeds: the battery's voltage in hover")
     said["max_thrust_n"] = "of one rotor, so that hover_thrust hovers: replay vehicle LOG measures it"
-    said["expo"] = next((n for n in ("MOT_THST_EXPO", "THR_MDL_FAC") if a.parameters.get(n)), "common propellers")
+    said["expo"] = next((n for n in ("MOT_THST_EXPO", "THR_MDL_FAC") if a.parameters.get(n)), COMMON_PROPELLERS)
     said["voltage_v"] = "of the battery in hover"
     return Throttle(max_thrust(a.mass_kg, rotors, expo, output), expo, low, high, a.voltage_v)
 
 
-def _places(motors: tuple[Motor, ...]) -> dict[tuple[float, float], list[Motor]]:
+def _numbers(a: Answers, count: int) -> Mapping[int, int]:
+    """Motor number to ESC or output."""
+    ardupilot = any(name.startswith("SERVO") and name.endswith("_FUNCTION") for name in a.parameters)
+    if a.numbers or (a.telemetered and not ardupilot):  # ArduPilot counts ESCs by output, PX4 by motor
+        return a.numbers or {motor: motor for motor in range(1, count + 1)}
+    return outputs(a.parameters, count)
+
+
+def places(motors: tuple[Motor, ...]) -> dict[tuple[float, float], list[Motor]]:
     """Motors by place: two in one place are a coaxial fan."""
     out: dict[tuple[float, float], list[Motor]] = {}
     for motor in motors:
@@ -120,14 +136,12 @@ def _places(motors: tuple[Motor, ...]) -> dict[tuple[float, float], list[Motor]]
 
 
 def _fans(a: Answers, motors: tuple[Motor, ...], arm: float, lip: float, ct: float | None) -> tuple[Fan, ...]:
-    channel = outputs(a.parameters, len(motors))
-    ardupilot = any(name.startswith("SERVO") and name.endswith("_FUNCTION") for name in a.parameters)
+    number = _numbers(a, len(motors))
 
     def rotor(motor: Motor) -> Rotor:
         if not a.telemetered:
-            return Rotor(motor.spin, servo=channel[motor.number])
-        # ArduPilot counts ESCs by output, PX4 by motor.
-        return Rotor(motor.spin, esc=channel[motor.number] if ardupilot else motor.number)
+            return Rotor(motor.spin, servo=number[motor.number])
+        return Rotor(motor.spin, esc=number[motor.number])
 
     return tuple(
         Fan(
@@ -136,7 +150,7 @@ def _fans(a: Answers, motors: tuple[Motor, ...], arm: float, lip: float, ct: flo
             tuple(rotor(m) for m in here),
             ct,
         )
-        for (x, y), here in _places(motors).items()
+        for (x, y), here in places(motors).items()
     )
 
 

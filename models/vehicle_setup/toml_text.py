@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields
+from pathlib import Path
 
+from models.errors import ConfigError
 from models.vehicle import Limits, Vehicle
 
 _OPTIONAL_LIMITS = ("speed_m_s", "climb_m_s", "acceleration_m_s2")
@@ -17,6 +19,8 @@ def vehicle_text(vehicle: Vehicle, origin: Mapping[str, str] | None = None, head
     lines += [f"name = {_string(vehicle.name)}"]
     for key in ("mass_kg", "inertia_kgm2", "hover_thrust", "rotor_radius_m"):
         lines.append(_line(key, getattr(vehicle, key), said))
+    if vehicle.assumed:
+        lines.append(f"assumed = {_list(map(_string, vehicle.assumed))}  # typical numbers; take out what you measured")
     lines += [*_fans(vehicle, said), *_tables("vane", vehicle.vanes)]
     if vehicle.throttle is not None:
         lines += ["", "[throttle]"]
@@ -27,6 +31,14 @@ def vehicle_text(vehicle: Vehicle, origin: Mapping[str, str] | None = None, head
         if f.name not in _OPTIONAL_LIMITS or getattr(vehicle.limits, f.name) != f.default:
             lines.append(_line(f.name, getattr(vehicle.limits, f.name), said))
     return "\n".join(lines) + "\n"
+
+
+def write_vehicle(option: str, path: Path, text: str) -> None:
+    """Write the file that ``option`` names. Raises ConfigError where it cannot be written."""
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"{option} {path}: cannot be written ({error.strerror})") from None
 
 
 def _fans(vehicle: Vehicle, said: Mapping[str, str]) -> Iterator[str]:
@@ -66,12 +78,16 @@ def _note(key: str, said: Mapping[str, str]) -> str:
 
 def _value(value: object) -> str:
     if isinstance(value, tuple):
-        return f"[{', '.join(_value(v) for v in value)}]"
+        return _list(map(_value, value))
     if isinstance(value, str):
         return _string(value)
     if isinstance(value, int):
         return str(value)
     return repr(float(value))  # type: ignore[arg-type]
+
+
+def _list(items: Iterable[str]) -> str:
+    return f"[{', '.join(items)}]"
 
 
 def _string(text: str) -> str:

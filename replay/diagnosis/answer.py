@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from models.frames import AXES
+from models.frames import AXES, GRAVITY
 from replay.diagnosis.words import kept_words
 from replay.search.free_curves import Channel
 from replay.search.outside import Outside
@@ -30,7 +31,12 @@ def answer_json(answer: Diagnosis, model: str | None) -> dict[str, Any]:
         "samples": int(sum(r.valid.sum() for r in answer.records)),
         "duration_s": round(sum(r.seconds for r in answer.records), 3),
         "verdict": answer.verdict,
-        "axes": {AXES[i]: _rms(before[i], after[i]) | {"unit": UNITS[i]} for i in judged},
+        "axes": {
+            AXES[i]: _rms(before[i], after[i])
+            | {"unit": UNITS[i]}
+            | _of_weight([before[i], after[i]], UNITS[i], answer)
+            for i in judged
+        },
         "effects": [_effect(n, answer) for n in answer.named],
         "aliases": answer.aliases,
         "unexplained": {
@@ -51,6 +57,15 @@ def answer_json(answer: Diagnosis, model: str | None) -> dict[str, Any]:
 
 def _rms(before: float, after: float) -> dict[str, Any]:
     return {"rms_before": number(before), "rms_after": number(after)}
+
+
+def _of_weight(values: Sequence[float], unit: str, answer: Diagnosis) -> dict[str, list[float]]:
+    """The same sizes in shares of the weight, where the mass is assumed: these do not depend on it."""
+    weights = {"N": GRAVITY, "kg": 1.0}
+    vehicle = answer.records[0].context.vehicle if answer.records else None
+    if vehicle is None or "mass_kg" not in vehicle.assumed or unit not in weights:
+        return {}
+    return {"of_weight": [number(v / (vehicle.mass_kg * weights[unit])) for v in values]}
 
 
 def _excluded(r: Record) -> list[dict[str, Any]]:
@@ -110,7 +125,7 @@ def answer_text(answer: Diagnosis) -> str:
     lines = [f"{answer.verdict.replace('_', ' ')}  ({seconds:.0f} s of flight judged)"]
     lines += [f"  the log is not to be believed: {f.channel} {f.what}" for f in answer.faults]
     lines += [
-        f"  {name:3s} {b:8.3f} -> {a:8.3f} {unit}"
+        f"  {name:3s} {b:8.3f} -> {a:8.3f} {unit}{_share_text([b, a], unit, answer)}"
         for name, b, a, unit in zip(AXES, before, after, UNITS, strict=True)
         if np.isfinite(b)
     ]
@@ -128,7 +143,10 @@ def _effect_text(n: Named, answer: Diagnosis) -> list[str]:
     if f.effect.mixing is not None and f.effect.in_words is not None:  # too many numbers to read
         numbers = f.effect.in_words(answer.records[n.record].context, f.parameters)
     else:
-        numbers = ", ".join(_estimate_text(e) for e in f.estimates if e.determined) or "size not determined"
+        numbers = (
+            ", ".join(_estimate_text(e) + _share_text([e.value], e.unit, answer) for e in f.estimates if e.determined)
+            or "size not determined"
+        )
     sure = f"{n.status}, probability {f.probability:.2f}"
     lines = [
         f"  {f.effect.name} ({sure}): {numbers}; explains {n.explains:.0%}",
@@ -157,7 +175,7 @@ def _effect(n: Named, answer: Diagnosis) -> dict[str, Any]:
     out = {
         "name": f.effect.name,
         "axes": list(f.axes),
-        "parameters": {e.name: _estimate(e) for e in f.estimates},
+        "parameters": {e.name: _estimate(e) | _of_weight([e.value], e.unit, answer) for e in f.estimates},
         "explains": number(n.explains),
         "q_value": number(1.0 - f.probability),
         "probability": number(f.probability),
@@ -188,6 +206,11 @@ def _channel(c: Channel) -> dict[str, Any]:
     if c.peak_hz is not None:
         out["peak_hz"] = number(c.peak_hz)
     return out
+
+
+def _share_text(values: Sequence[float], unit: str, answer: Diagnosis) -> str:
+    shares = _of_weight(values, unit, answer).get("of_weight", [])
+    return f" ({' -> '.join(f'{s:.2%}' for s in shares)} of the weight)" if shares else ""
 
 
 def _estimate_text(e: Estimate) -> str:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from models.vehicle import Vehicle
     from replay.diagnosis.diagnose import Diagnosis
     from replay.predict.predict import Prediction
+    from replay.vehicle.draft import Draft, Given
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
 messages; 130 interrupted. Logs: .tlog, .BIN, .ulg. How to read the answer: docs/diagnose.md."""
@@ -37,7 +38,13 @@ def add_parser(commands: Any) -> None:
         metavar="LOG",
         help=".tlog, .BIN or .ulg; several confirm each other; a folder: each by itself",
     )
-    p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: the paper's tandem)")
+    p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: drafted from the logs)")
+    p.add_argument("--mass", type=float, metavar="KG", help="of the drafted vehicle, with battery (default: typical)")
+    p.add_argument("--propeller", type=float, metavar="INCH", help="diameter (default: typical)")
+    p.add_argument(
+        "--span", type=float, metavar="M", help="motor axis to the opposite motor's axis (default: no moments)"
+    )
+    p.add_argument("--save-vehicle", type=Path, metavar="FILE.toml", help="write the drafted vehicle for --vehicle")
     p.add_argument(
         "--model", metavar="DIR", help="declared model, or none: rotors in free air (default: the shipped model)"
     )
@@ -71,15 +78,13 @@ def run(a: argparse.Namespace) -> int:
     if any(log.is_dir() for log in a.logs):
         return _folder(a)
     # Imported here so that --help answers at once.
-    from companion.vehicles import default_vehicle
     from models.choice import choose
-    from models.vehicle import load_vehicle
     from models.vehicle_plausibility import warnings
     from replay.diagnosis.amended_model import save_amended
     from replay.diagnosis.model_faults import model_faults
 
     diagnose = _diagnosis(a)
-    vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
+    vehicle, draft = _vehicle(a)
     chosen = None if a.model == "none" else choose(vehicle, a.model)
     model = None if chosen is None or chosen.name == "none" else chosen.model
     answer = diagnose(a.logs, vehicle, model, target_system=a.target_system, seed=a.seed, progress=progress_bar(a))
@@ -87,11 +92,41 @@ def run(a: argparse.Namespace) -> int:
         save_amended(a.save_model, model, vehicle, answer.adopted, [r.path for r in answer.records])
     faults = model_faults(answer.records, chosen)
     notes = [*([] if chosen is None or chosen.note is None else [chosen.note]), *warnings(vehicle)]
+    if draft is not None:
+        notes += [f"assumed: {fact.as_text()}" for fact in draft.assumed]
     test = _test(a, answer, vehicle, model)
-    _write(a, answer, vehicle, faults, notes, test)
+    _write(a, answer, vehicle, faults, notes, test, draft)
     if a.json != "-" and not a.quiet:
+        if draft is not None:
+            print("\n".join(["vehicle drafted from the log", *(f"  {fact.as_text()}" for fact in draft.known)]))
         _print(a, answer, faults, notes, test)
     return 0
+
+
+def _vehicle(a: argparse.Namespace) -> tuple[Vehicle, Draft | None]:
+    """The vehicle of ``--vehicle``; without it a draft from the logs, kept where ``--save-vehicle`` says."""
+    from models.vehicle import load_vehicle
+    from models.vehicle_setup.toml_text import write_vehicle
+
+    if a.vehicle is not None:
+        return load_vehicle(a.vehicle), None
+    from replay.vehicle.draft import draft
+
+    if a.model not in (None, "none"):  # a wrong model is said before the logs are read
+        from models.surrogate.store import load
+
+        load(a.model)
+    made = draft(a.logs, given(a), a.target_system)
+    if a.save_vehicle is not None:
+        write_vehicle("--save-vehicle", a.save_vehicle, made.as_toml())
+    return made.vehicle, made
+
+
+def given(a: argparse.Namespace) -> Given:
+    """What the options say of a vehicle that is drafted; ConfigError where a number is impossible."""
+    from replay.vehicle.draft import INCH_M, Given
+
+    return Given(a.mass, None if a.propeller is None else a.propeller * INCH_M, a.span)
 
 
 def _test(a: argparse.Namespace, answer: Diagnosis, vehicle: Vehicle, model: FanSurrogate | None) -> Prediction | None:
@@ -121,9 +156,21 @@ def _diagnosis(a: argparse.Namespace) -> Callable[..., Diagnosis]:
 def _check_arguments(a: argparse.Namespace) -> None:
     if a.seed < 0:
         raise ConfigError(f"--seed {a.seed}: must not be negative")
-    for option, target in (("--json", a.json), ("--save-model", a.save_model), ("--report", a.report)):
+    for option, number, most in (
+        ("--mass", a.mass, 1e4),
+        ("--propeller", a.propeller, 200.0),
+        ("--span", a.span, 20.0),
+    ):
+        if number is not None and not 0.0 < number <= most:
+            raise ConfigError(f"{option} {number:g}: must be above 0 and at most {most:g}")
+    drafting = {"--mass": a.mass, "--propeller": a.propeller, "--span": a.span, "--save-vehicle": a.save_vehicle}
+    for option, value in drafting.items():
+        if value is not None and a.vehicle is not None:
+            raise ConfigError(f"{option}: is of a drafted vehicle, and --vehicle gives one; leave one of them out")
+    files = (("--json", a.json), ("--save-vehicle", a.save_vehicle))
+    for option, target in (*files, ("--save-model", a.save_model), ("--report", a.report)):
         if target is not None and str(target) != "-":
-            check_target(option, Path(target), folder=option != "--json")
+            check_target(option, Path(target), folder=option not in dict(files))
 
 
 def progress_bar(a: argparse.Namespace) -> Callable[[Sequence[Path]], Iterable[Path]]:
@@ -141,7 +188,7 @@ def progress_bar(a: argparse.Namespace) -> Callable[[Sequence[Path]], Iterable[P
 
 def _write(
     a: argparse.Namespace, answer: Diagnosis, vehicle: Vehicle, faults: list[dict[str, str]], notes: Sequence[str],
-    test: Prediction | None,
+    test: Prediction | None, draft: Draft | None,
 ) -> None:  # fmt: skip
     """The files that were asked for; ``faults`` and ``notes`` of model and vehicle come first in the JSON."""
     if a.json is not None:
@@ -150,6 +197,8 @@ def _write(
         out = answer.as_json(None if a.save_model is None else str(a.save_model))
         out["log_faults"] = [*faults, *out["log_faults"]]
         out["notes"] = [*notes, *out["notes"]]
+        if draft is not None:
+            out["vehicle"] = draft.as_json()
         if test is not None:
             out["test"] = test.as_json(out["model"])
         write_json(out, a.json)
