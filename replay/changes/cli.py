@@ -15,18 +15,19 @@ if TYPE_CHECKING:
 def run(a: argparse.Namespace, progress: Callable[[Sequence[Path]], Iterable[Path]]) -> int:
     """Run the command; UserErrors are reported by the caller."""
     from replay.changes.page import page
-    from replay.changes.since import since
-    from replay.command import declared, write_answer
+    from replay.changes.since import new_flights, since
+    from replay.command import given, of_logs, write_answer
     from replay.diagnosis.model_faults import model_faults
 
-    for option, value in (("--save-model", a.save_model), ("--test", a.test)):
+    for option, value in (("--save-model", a.save_model), ("--save-vehicle", a.save_vehicle), ("--test", a.test)):
         if value:
             raise ConfigError(f"{option}: amends a model, and --since asks what changed; give one of them")
     logs, good = _flights(a)
-    vehicle, chosen = declared(a.vehicle, a.model)
+    new_flights(logs, good)  # the same log twice is said before any is read
+    vehicle, chosen, draft = of_logs(a.vehicle, a.model, [*good, *logs], given(a), a.target_system)
     answer = since(logs, good, vehicle, chosen.judged, target_system=a.target_system, progress=progress)
     faults = model_faults(answer.records, chosen)
-    content = answer.as_json() | {"log_faults": faults}
+    content = answer.as_json() | {"log_faults": faults} | ({} if draft is None else {"vehicle": draft.as_json()})
     write_answer(a, content, answer.as_text(), lambda: page(answer, vehicle, faults))
     return 0
 

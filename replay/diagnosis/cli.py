@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from models.vehicle import Vehicle
     from replay.diagnosis.diagnose import Diagnosis
     from replay.predict.predict import Prediction
-    from replay.vehicle.draft import Draft, Given
+    from replay.vehicle.draft import Draft
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
 messages; 130 interrupted. Logs: .tlog, .BIN, .ulg. How to read the answer: docs/diagnose.md."""
@@ -78,20 +78,22 @@ def run(a: argparse.Namespace) -> int:
     if any(log.is_dir() for log in a.logs):
         return _folder(a)
     # Imported here so that --help answers at once.
-    from models.choice import choose
     from models.vehicle_plausibility import warnings
+    from models.vehicle_setup.toml_text import write_vehicle
+    from replay.command import given, of_logs
     from replay.diagnosis.amended_model import save_amended
     from replay.diagnosis.model_faults import model_faults
 
     diagnose = _diagnosis(a)
-    vehicle, draft = _vehicle(a)
-    chosen = None if a.model == "none" else choose(vehicle, a.model)
-    model = None if chosen is None or chosen.name == "none" else chosen.model
+    vehicle, chosen, draft = of_logs(a.vehicle, a.model, a.logs, given(a), a.target_system)
+    model = chosen.judged
+    if draft is not None and a.save_vehicle is not None:
+        write_vehicle("--save-vehicle", a.save_vehicle, draft.as_toml())
     answer = diagnose(a.logs, vehicle, model, target_system=a.target_system, seed=a.seed, progress=progress_bar(a))
     if a.save_model is not None:
         save_amended(a.save_model, model, vehicle, answer.adopted, [r.path for r in answer.records])
     faults = model_faults(answer.records, chosen)
-    notes = [*([] if chosen is None or chosen.note is None else [chosen.note]), *warnings(vehicle)]
+    notes = [*([] if chosen.note is None else [chosen.note]), *warnings(vehicle)]
     if draft is not None:
         notes += [f"assumed: {fact.as_text()}" for fact in draft.assumed]
     test = _test(a, answer, vehicle, model)
@@ -101,32 +103,6 @@ def run(a: argparse.Namespace) -> int:
             print("\n".join(["vehicle drafted from the log", *(f"  {fact.as_text()}" for fact in draft.known)]))
         _print(a, answer, faults, notes, test)
     return 0
-
-
-def _vehicle(a: argparse.Namespace) -> tuple[Vehicle, Draft | None]:
-    """The vehicle of ``--vehicle``; without it a draft from the logs, kept where ``--save-vehicle`` says."""
-    from models.vehicle import load_vehicle
-    from models.vehicle_setup.toml_text import write_vehicle
-
-    if a.vehicle is not None:
-        return load_vehicle(a.vehicle), None
-    from replay.vehicle.draft import draft
-
-    if a.model not in (None, "none"):  # a wrong model is said before the logs are read
-        from models.surrogate.store import load
-
-        load(a.model)
-    made = draft(a.logs, given(a), a.target_system)
-    if a.save_vehicle is not None:
-        write_vehicle("--save-vehicle", a.save_vehicle, made.as_toml())
-    return made.vehicle, made
-
-
-def given(a: argparse.Namespace) -> Given:
-    """What the options say of a vehicle that is drafted; ConfigError where a number is impossible."""
-    from replay.vehicle.draft import INCH_M, Given
-
-    return Given(a.mass, None if a.propeller is None else a.propeller * INCH_M, a.span)
 
 
 def _test(a: argparse.Namespace, answer: Diagnosis, vehicle: Vehicle, model: FanSurrogate | None) -> Prediction | None:
@@ -235,15 +211,18 @@ def _folder(a: argparse.Namespace) -> int:
         raise ConfigError("a folder is diagnosed log by log: give it alone, or name the logs that belong together")
     if a.test:
         raise ConfigError(f"--test: needs logs that belong together; name them instead of the folder {a.logs[0]}")
+    if a.save_vehicle is not None:
+        raise ConfigError("--save-vehicle: a folder's logs may be of several vehicles; name the logs of one")
     if a.save_model is not None:
         raise ConfigError(
             "--save-model: a folder's logs may be of several vehicles; give those of one vehicle by name, as in "
             f"replay diagnose {a.logs[0]}/*.tlog --save-model {a.save_model}"
         )
+    from replay.command import given
     from replay.fleet.folder import run_folder
     from replay.fleet.jobs import Kind
 
-    return run_folder(a, a.logs[0], Kind.DIAGNOSE, seed=a.seed)
+    return run_folder(a, a.logs[0], Kind.DIAGNOSE, seed=a.seed, given=given(a))
 
 
 def check_target(option: str, target: Path, *, folder: bool) -> None:

@@ -252,3 +252,17 @@ def test_impossible_numbers_are_refused(log, option, capsys):
 def test_options_of_a_draft_do_not_go_with_a_vehicle_file(log, tmp_path, capsys):
     assert main(["diagnose", str(log), "--vehicle", str(tmp_path / "v.toml"), "--mass", "3"]) == 2
     assert "--mass" in capsys.readouterr().err
+
+
+def test_every_log_of_a_folder_gets_its_own_draft(log, tmp_path, capsys):
+    framed(tmp_path / "other.tlog", 12)
+    assert main(["diagnose", str(tmp_path), "--out", str(tmp_path / "out"), "--workers", "1", "--quiet"]) == 0
+    answers = [json.loads(path.read_text()) for path in (tmp_path / "out" / "results").glob("*.json")]
+    assert {a["vehicle"].split(",")[0] for a in answers} == {"quad-x", "quad-bf"}
+
+
+def test_what_changed_is_asked_of_a_drafted_vehicle(log, tmp_path, capsys):
+    write_tlog(tmp_path / "heavier.tlog", quad_flight(60.0, mass_kg=1.3 * QUAD_MASS_KG, seed=2))
+    told = answered(capsys, tmp_path / "heavier.tlog", "--since", log, "--mass", QUAD_MASS_KG)
+    assert told["vehicle"]["drafted"]
+    assert {c["name"] for c in told["changed"]} & {"payload", "thrust_scale"}
