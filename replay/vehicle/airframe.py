@@ -68,8 +68,7 @@ def airframe(log: FlightLog) -> Airframe:
     speeds = {number: esc.rpm for number, esc in log.escs.items() if esc.rpm is not None}
     if not speeds and log.servo is None:
         raise LogError(f"{log.path}: neither rotor speeds nor outputs (ESC_TELEMETRY, ESC_STATUS, SERVO_OUTPUT_RAW)")
-    moving = _moving(log.servo)
-    turning = {number for number, rpm in speeds.items() if np.nan_to_num(rpm.values).max(initial=0.0) > 0.0}
+    moving, turning = _moving(log.servo), _turning(log)
     name, motors, source, ordered, arm = _frame(log, len(turning) or len(moving))
     numbers = _numbers(log, motors)
     if len(turning) > len(motors):
@@ -82,16 +81,19 @@ def airframe(log: FlightLog) -> Airframe:
     return Airframe(name, motors, numbers, False, source, ordered, arm)
 
 
+def turns(log: FlightLog) -> bool:
+    """Whether anything shows that motors turned."""
+    return bool(_moving(log.servo) or _turning(log))
+
+
 def _refuse_others(log: FlightLog) -> None:
     for key, kinds in _OTHERS.items():
         value = log.parameters.get(key, log.vehicle_type if key == "MAV_TYPE" else None)
         if value in kinds:
-            raise LogError(
-                f"{log.path}: {key} {value:g} is {kinds[int(value)]}; multirotors are drafted: give --vehicle"
-            )
+            raise LogError(f"{log.path}: {key} {value:g} is {kinds[int(value)]}; only multirotors are drafted")
     for _, _, text in log.texts:
         if text.startswith(_FIRMWARES):
-            raise LogError(f"{log.path}: '{text}' flies no multirotor; multirotors are drafted: give --vehicle")
+            raise LogError(f"{log.path}: '{text}' flies no multirotor; only multirotors are drafted")
 
 
 def _frame(log: FlightLog, seen: int) -> tuple[str, tuple[Motor, ...], str, bool, float | None]:
@@ -147,6 +149,12 @@ def _moving(servo: Series | None) -> set[int]:
     values = np.where(servo.values > 0.0, servo.values, np.nan)
     known = np.isfinite(values).any(axis=0)
     return {int(k) + 1 for k in np.flatnonzero(known) if np.nanmax(values[:, k]) - np.nanmin(values[:, k]) > _IDLE_US}
+
+
+def _turning(log: FlightLog) -> set[int]:
+    """ESCs, from 1, that turn."""
+    speeds = {number: esc.rpm for number, esc in log.escs.items() if esc.rpm is not None}
+    return {number for number, rpm in speeds.items() if np.nan_to_num(rpm.values).max(initial=0.0) > 0.0}
 
 
 def _check_outputs(log: FlightLog, numbers: Mapping[int, int], moving: set[int], source: str) -> None:

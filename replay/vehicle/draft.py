@@ -25,7 +25,7 @@ from models.vehicle_setup.toml_text import vehicle_text
 from models.vehicle_types import ASSUMABLE
 from replay.flightlog import FlightLog
 from replay.logs.formats import read_pieces
-from replay.vehicle.airframe import Airframe, airframe
+from replay.vehicle.airframe import Airframe, airframe, turns
 from replay.vehicle.fit import ENOUGH_S, Fit, fit_records, free_flight, hovering, records_of
 
 INCH_M = 0.0254
@@ -95,12 +95,14 @@ def draft(paths: Sequence[Path], given: Given, target_system: int | None = None)
     Raises LogError where it cannot be said, ConfigError where the logs are of two vehicles or a number is impossible.
     """
     logs = _flown(paths, target_system)
+    parameters = {key: value for log in reversed(logs) for key, value in log.parameters.items()}
+    logs = [log for log in logs if turns(log)] or logs  # what stood on the bench lends its parameters alone
     tandem = [_is_tandem(log) for log in logs]
     if all(tandem):
         return _tandem(given)
     frames = [airframe(log) for log in logs]
     _refuse_two(logs, [TANDEM if t else f.name for t, f in zip(tandem, frames, strict=True)], frames)
-    return _Drawer(paths, target_system, logs, given).draft()
+    return _Drawer(paths, target_system, logs, parameters, given).draft()
 
 
 def _refuse_two(logs: Sequence[FlightLog], names: Sequence[str], frames: Sequence[Airframe]) -> None:
@@ -170,10 +172,13 @@ def _tandem(given: Given) -> Draft:
 class _Drawer:
     """Draws one vehicle."""
 
-    def __init__(self, paths: Sequence[Path], target: int | None, logs: Sequence[FlightLog], given: Given) -> None:
+    def __init__(
+        self, paths: Sequence[Path], target: int | None, logs: Sequence[FlightLog], parameters: dict[str, float],
+        given: Given,
+    ) -> None:  # fmt: skip
         self._paths, self._target, self._logs, self._given = paths, target, logs, given
-        self._parameters = {key: value for log in reversed(logs) for key, value in log.parameters.items()}
-        self._frame = frame = airframe(replace(logs[0], parameters=self._parameters))
+        self._parameters = parameters
+        self._frame = frame = airframe(replace(logs[0], parameters=parameters))
         radius = None if given.propeller_m is None else given.propeller_m / 2.0
         arm = frame.arm_m if given.span_m is None else given.span_m / 2.0
         self._mass, self._radius, self._arm = typical_sizes(given.mass_kg, radius, arm, frame.motors, self._rpm())

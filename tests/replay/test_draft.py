@@ -220,11 +220,11 @@ def test_forces_in_shares_of_the_weight_do_not_depend_on_the_mass(log, capsys):
     assert light == pytest.approx(heavy, rel=0.02)
 
 
-def framed(path: Path, kind: int) -> Path:
+def framed(path: Path, kind: int, messages=None) -> Path:
     """A log that says its FRAME_TYPE."""
     names = (("FRAME_CLASS", 1.0), ("FRAME_TYPE", float(kind)))
     said = [mavlink.MAVLink_param_value_message(name.encode(), value, 9, 2, k) for k, (name, value) in enumerate(names)]
-    flown = quad_flight(30.0)
+    flown = messages or quad_flight(30.0)
     write_tlog(path, [*flown, *((flown[-1][0] + 1 + k, frame(message)) for k, message in enumerate(said))])
     return path
 
@@ -252,6 +252,13 @@ def test_impossible_numbers_are_refused(log, option, capsys):
 def test_options_of_a_draft_do_not_go_with_a_vehicle_file(log, tmp_path, capsys):
     assert main(["diagnose", str(log), "--vehicle", str(tmp_path / "v.toml"), "--mass", "3"]) == 2
     assert "--mass" in capsys.readouterr().err
+
+
+def test_a_log_from_the_bench_lends_its_parameters(log, tmp_path, capsys):
+    bench = framed(tmp_path / "bench.tlog", 12, quad_flight(20.0, parked=True))
+    told = answered(capsys, bench, log)
+    assert next(f for f in told["vehicle"]["known"] if f["key"] == "frame")["value"] == "quad-bf"
+    assert [Path(name).name for name in told["logs"]] == [log.name]
 
 
 def test_every_log_of_a_folder_gets_its_own_draft(log, tmp_path, capsys):
