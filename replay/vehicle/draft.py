@@ -25,6 +25,7 @@ from models.vehicle_setup.toml_text import vehicle_text
 from models.vehicle_types import ASSUMABLE
 from replay.flightlog import FlightLog
 from replay.logs.formats import read_pieces
+from replay.residual.record import Record, build_record
 from replay.vehicle.airframe import Airframe, airframe, turns
 from replay.vehicle.fit import ENOUGH_S, Fit, fit_records, free_flight, hovering, records_of
 
@@ -238,11 +239,7 @@ class _Drawer:
 
     def _measured(self, start: Vehicle) -> tuple[Fit, str]:
         """Thrust by free hover; where there is too little, by all free flight, then by all flight."""
-        problems: list[LogError] = []
-        stretches = (r for path in self._paths for r in records_of(path, start, self._target, problems))
-        records = list(islice(stretches, _STRETCHES))
-        if not records:
-            raise problems[0]
+        records = list(self._records(start))
         ways = (
             (hovering, "free hover"),
             (free_flight, "free flight"),
@@ -252,6 +249,24 @@ class _Drawer:
             if sum(rows(r).sum() * r.step_s for r in records) >= ENOUGH_S or how == ways[-1][1]:
                 break
         return fit_records(records, start, start, rows, bend=False), how
+
+    def _records(self, start: Vehicle) -> Iterator[Record]:
+        """Of the stretches that are read already; where none of them can be judged, of later ones."""
+        problems: list[LogError] = []
+        judged = 0
+        for log in self._logs:
+            try:
+                yield build_record(log, start, None)
+                judged += 1
+            except LogError as error:
+                problems.append(error)
+        if not judged:
+            later = (r for path in self._paths for r in records_of(path, start, self._target, problems))
+            for record in islice(later, _STRETCHES):
+                yield record
+                judged += 1
+        if not judged:
+            raise problems[0]
 
     def _hover(self, found: Fit, said: str, how: str) -> tuple[float, str]:
         """ArduPilot learns MOT_THST_HOVER in flight; PX4's MPC_THR_HOVER is what somebody typed in."""
