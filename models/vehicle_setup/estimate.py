@@ -21,7 +21,12 @@ _DISC_LOADING = 70.0
 _SPACING = 1.25
 """Distance of neighbouring rotors over their diameter: 1.05 to 1.6."""
 _RADIUS_M = 0.127
-_DSHOT, _RC = (150, 300, 600, 1200), ("RC3_MIN", "RC3_MAX")
+_DSHOT = (
+    ("MOT_PWM_TYPE", range(4, 8)), ("PWM_MAIN_TIM0", range(-5, -1)), ("PWM_AUX_TIM0", range(-5, -1)),
+    ("DSHOT_CONFIG", (150, 300, 600, 1200)),
+)  # fmt: skip
+"""Parameters, and which of their values mean DShot."""
+_RC = ("RC3_MIN", "RC3_MAX")
 _AT_ROTORS = 0.35
 """Share of the mass that sits at the arms' ends: motors, propellers, ESCs and the outer halves of the arms."""
 _BODY_RADIUS = 0.40
@@ -81,10 +86,11 @@ def pwm_range(parameters: Mapping[str, float], output: int = 1) -> tuple[float, 
     MOT_PWM_MIN and MAX (0: RC3_MIN and MAX), or PWM_MAIN_MINn and MAXn of an ``output`` with a motor. DShot has no
     pulses: 1000 to 2000.
     """
-    for name, digital in (("MOT_PWM_TYPE", range(4, 8)), ("PWM_MAIN_TIM0", range(-5, -1)), ("DSHOT_CONFIG", _DSHOT)):
+    for name, digital in _DSHOT:
         if int(parameters.get(name, 0)) in digital:
             return 1000.0, 2000.0, name
-    for low, high in (("MOT_PWM_MIN", "MOT_PWM_MAX"), (f"PWM_MAIN_MIN{output}", f"PWM_MAIN_MAX{output}"), _RC):
+    px4 = ((f"PWM_{side}_MIN{output}", f"PWM_{side}_MAX{output}") for side in ("MAIN", "AUX"))
+    for low, high in (("MOT_PWM_MIN", "MOT_PWM_MAX"), *px4, _RC):
         if parameters.get(high, 0.0) > parameters.get(low, 0.0) > 0.0:
             return float(parameters[low]), float(parameters[high]), high
     return 1000.0, 2000.0, ""

@@ -61,7 +61,11 @@ _ARDUPILOT = {
 _MOTORS = (*range(33, 41), *range(82, 86))
 """Motors 1 to 12 in SERVOn_FUNCTION (ArduPilot)."""
 _PX4_MOTORS = tuple(range(101, 113))
-"""The same in PWM_MAIN_FUNCn (PX4)."""
+"""The same on PX4."""
+_FUNCTIONS = (
+    ("SERVO{}_FUNCTION", _MOTORS), ("PWM_MAIN_FUNC{}", _PX4_MOTORS), ("PWM_AUX_FUNC{}", _PX4_MOTORS),
+    ("UAVCAN_EC_FUNC{}", _PX4_MOTORS),
+)  # fmt: skip
 _OUTPUTS = 16
 """Outputs that SERVO_OUTPUT_RAW carries."""
 
@@ -93,10 +97,10 @@ def outputs(parameters: Mapping[str, float], count: int) -> dict[int, int]:
 
 
 def declared_outputs(parameters: Mapping[str, float]) -> dict[int, int]:
-    """Motor number to output, of the motors that SERVOn_FUNCTION or PWM_MAIN_FUNCn name."""
-    out = {}
-    for k in range(1, _OUTPUTS + 1):
-        for name, functions in ((f"SERVO{k}_FUNCTION", _MOTORS), (f"PWM_MAIN_FUNC{k}", _PX4_MOTORS)):
-            if parameters.get(name) in functions:
-                out[functions.index(int(parameters[name])) + 1] = k
-    return out
+    """Motor number to output, of the motors that SERVOn_FUNCTION or PX4's PWM_MAIN_FUNCn (else AUX, else CAN) name."""
+    for name, functions in _FUNCTIONS:
+        given = {k: parameters.get(name.format(k), -1.0) for k in range(1, _OUTPUTS + 1)}
+        motors = {functions.index(int(f)) + 1: k for k, f in given.items() if f in functions}
+        if motors:
+            return motors
+    return {}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -96,12 +97,13 @@ def run(a: argparse.Namespace) -> int:
     notes = [*([] if chosen.note is None else [chosen.note]), *warnings(vehicle)]
     if draft is not None:
         notes += [f"assumed: {fact.as_text()}" for fact in draft.assumed]
+    answer = replace(answer, notes=(*notes, *answer.notes))
     test = _test(a, answer, vehicle, model)
-    _write(a, answer, vehicle, faults, notes, test, draft)
+    _write(a, answer, vehicle, faults, test, draft)
     if a.json != "-" and not a.quiet:
         if draft is not None:
             print("\n".join(["vehicle drafted from the log", *(f"  {fact.as_text()}" for fact in draft.known)]))
-        _print(a, answer, faults, notes, test)
+        _print(a, answer, faults, test)
     return 0
 
 
@@ -163,16 +165,15 @@ def progress_bar(a: argparse.Namespace) -> Callable[[Sequence[Path]], Iterable[P
 
 
 def _write(
-    a: argparse.Namespace, answer: Diagnosis, vehicle: Vehicle, faults: list[dict[str, str]], notes: Sequence[str],
+    a: argparse.Namespace, answer: Diagnosis, vehicle: Vehicle, faults: list[dict[str, str]],
     test: Prediction | None, draft: Draft | None,
 ) -> None:  # fmt: skip
-    """The files that were asked for; ``faults`` and ``notes`` of model and vehicle come first in the JSON."""
+    """The files that were asked for; ``faults`` of model and vehicle come first in the JSON."""
     if a.json is not None:
         from replay.cli import write_json
 
         out = answer.as_json(None if a.save_model is None else str(a.save_model))
         out["log_faults"] = [*faults, *out["log_faults"]]
-        out["notes"] = [*notes, *out["notes"]]
         if draft is not None:
             out["vehicle"] = draft.as_json()
         if test is not None:
@@ -184,14 +185,11 @@ def _write(
         write_report(a.report, answer, vehicle, faults)
 
 
-def _print(
-    a: argparse.Namespace, answer: Diagnosis, faults: list[dict[str, str]], notes: Sequence[str],
-    test: Prediction | None,
-) -> None:  # fmt: skip
+def _print(a: argparse.Namespace, answer: Diagnosis, faults: list[dict[str, str]], test: Prediction | None) -> None:
     from models.effects import InFlight
 
-    for line in [*(f"{f['channel']}: {f['what']}" for f in faults), *notes]:
-        print(line)
+    for fault in faults:
+        print(f"{fault['channel']}: {fault['what']}")
     print(answer.as_text())
     if test is not None:
         print(f"on other flights, {test.as_text()}")

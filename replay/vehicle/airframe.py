@@ -74,7 +74,9 @@ def airframe(log: FlightLog) -> Airframe:
     if len(turning) > len(motors):
         raise LogError(f"{log.path}: {source}: {len(motors)} motors, but {len(turning)} ESCs turn; give --vehicle")
     by_motor = {m.number: m.number for m in motors}
-    esc_numbers = next((n for n in (numbers, by_motor) if set(n.values()) <= set(speeds)), None)
+    in_order = dict(zip(by_motor, sorted(speeds), strict=False))
+    ways = (numbers, by_motor, *([in_order] if len(speeds) == len(motors) else []))
+    esc_numbers = next((n for n in ways if set(n.values()) <= set(speeds)), None)
     if esc_numbers is not None:
         return Airframe(name, motors, esc_numbers, True, source, ordered, arm)
     _check_outputs(log, numbers, moving, source)

@@ -140,6 +140,19 @@ def test_the_frame_is_that_of_the_parameters(number, kind, outputs, name, fans):
     assert len({(m.forward, m.right) for m in found.motors}) == fans
 
 
+def test_motors_of_px4_may_sit_on_aux_or_on_can():
+    for name in ("PWM_AUX_FUNC", "UAVCAN_EC_FUNC"):
+        functions = {f"{name}{k}": 100.0 + k - 4 for k in range(5, 9)} | {"PWM_MAIN_FUNC1": 0.0}
+        found = airframe(flown(outputs=8, autopilot=12, parameters=functions))
+        assert dict(found.numbers) == {1: 5, 2: 6, 3: 7, 4: 8}
+
+
+def test_speeds_of_as_many_escs_as_motors_are_taken_in_order():
+    four = {k + 4: esc for k, esc in flown(escs=4).escs.items()}
+    found = airframe(replace(flown(outputs=0), escs=four))
+    assert (found.telemetered, dict(found.numbers)) == (True, {1: 5, 2: 6, 3: 7, 4: 8})
+
+
 def test_a_frame_that_is_not_known_is_judged_by_forces_alone():
     found = airframe(flown(outputs=4, parameters=copter(1, 4, 4)))
     assert (found.ordered, len(found.motors)) == (False, 4)
