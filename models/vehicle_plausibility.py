@@ -72,7 +72,7 @@ class Finding:
 
 def findings(vehicle: Vehicle) -> tuple[Finding, ...]:
     """Everything that is odd about ``vehicle``, errors first."""
-    checks = (_masses, _places, _spins, _rotor_speed, _throttle, _ranges, _vertical, _slews)
+    checks = (_assumed, _masses, _places, _spins, _rotor_speed, _throttle, _ranges, _vertical, _slews)
     return tuple(sorted((f for check in checks for f in check(vehicle)), key=lambda f: f.severity is Severity.WARNING))
 
 
@@ -91,6 +91,11 @@ def _warning(key: str, text: str) -> Finding:
 
 def _reach(vehicle: Vehicle) -> float:
     return max(math.hypot(*fan.position_m) + fan.lip_radius_m for fan in vehicle.fans)
+
+
+def _assumed(vehicle: Vehicle) -> Iterator[Finding]:
+    if vehicle.assumed:
+        yield _warning("assumed", f"{', '.join(vehicle.assumed)}: typical numbers, not those of this vehicle")
 
 
 def _masses(vehicle: Vehicle) -> Iterator[Finding]:

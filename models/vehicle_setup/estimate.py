@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from itertools import combinations
 
 from models.frames import GRAVITY
 from models.vehicle import RHO_SEA_LEVEL, Vector3
@@ -16,11 +14,6 @@ OPEN_ROTOR_CT = 0.0130
 drones (static data of Brandt and Selig 2011 in these units)."""
 EXPO = 0.65
 """Thrust over throttle of an ESC with a common propeller: ArduPilot's default of MOT_THST_EXPO."""
-_DISC_LOADING = 70.0
-"""Weight over disc area [N/m^2]: Crazyflie 40, camera quadrotors 50 to 100."""
-_SPACING = 1.25
-"""Distance of neighbouring rotors over their diameter: 1.05 to 1.6."""
-_RADIUS_M = 0.127
 _DSHOT = (
     ("MOT_PWM_TYPE", range(4, 8)), ("PWM_MAIN_TIM0", range(-5, -1)), ("PWM_AUX_TIM0", range(-5, -1)),
     ("DSHOT_CONFIG", (150, 300, 600, 1200)),
@@ -98,68 +91,3 @@ def pwm_range(parameters: Mapping[str, float], output: int = 1) -> tuple[float, 
 
 def _round(value: float) -> float:
     return float(f"{value:.4g}")
-
-
-@dataclass(frozen=True)
-class Guess:
-    """A number that was given, or is typical: then ``low`` and ``high`` are the range in which most vehicles lie."""
-
-    value: float
-    source: str = ""
-    low: float = math.nan
-    high: float = math.nan
-
-    @property
-    def assumed(self) -> bool:
-        """Whether nobody gave it."""
-        return math.isfinite(self.low)
-
-
-def typical_sizes(
-    mass_kg: float | None, radius_m: float | None, arm_m: float | None, motors: Sequence[Motor], hover_rpm: float | None
-) -> tuple[Guess, Guess, Guess]:
-    """Mass, rotor radius and arm of a multirotor; what is None follows from the others by typical ratios.
-
-    W = n C_T rho pi R^4 Omega^2 where the rotor speed Omega in hover is known, else W = (disc loading) pi R^2 per
-    place; neighbouring places are ``_SPACING`` diameters apart. The spread is a factor either way.
-    """
-    spots = {(m.forward, m.right) for m in motors}
-    apart = min((math.dist(a, b) for a, b in combinations(spots, 2)), default=1.0)
-    per_r4 = (
-        None
-        if hover_rpm is None
-        else len(motors) * OPEN_ROTOR_CT * RHO_SEA_LEVEL * math.pi * (hover_rpm / 60.0 * 2.0 * math.pi) ** 2
-    )
-    per_r2 = _DISC_LOADING * math.pi * len(spots)
-    if radius_m is not None:
-        radius = Guess(radius_m)
-    elif arm_m is not None:
-        radius = _typical(arm_m * apart / (2.0 * _SPACING), 1.25, "typical for rotors so far apart")
-    elif mass_kg is not None and per_r4 is not None:
-        radius = _typical(
-            (mass_kg * GRAVITY / per_r4) ** 0.25, 1.1, "typical propellers that carry it at this rotor speed"
-        )
-    elif mass_kg is not None:
-        radius = _typical(math.sqrt(mass_kg * GRAVITY / per_r2), 1.4, "typical for the mass")
-    elif per_r4 is not None:
-        radius = _typical(math.sqrt(per_r2 / per_r4), 1.4, "typical for this rotor speed")
-    else:
-        radius = _typical(_RADIUS_M, 2.0, "a propeller of ten inches")
-    if mass_kg is not None:
-        mass = Guess(mass_kg)
-    elif per_r4 is not None and not radius.assumed:
-        mass = _typical(per_r4 * radius.value**4 / GRAVITY, 1.3, "typical propellers at this rotor speed")
-    else:
-        mass = _typical(
-            per_r2 * radius.value**2 / GRAVITY, 2.0 if not radius.assumed else 4.0, "typical for these rotors"
-        )
-    arm = (
-        Guess(arm_m)
-        if arm_m is not None
-        else _typical(2.0 * radius.value * _SPACING / apart, 1.4, "typical for these rotors")
-    )
-    return mass, radius, arm
-
-
-def _typical(value: float, factor: float, source: str) -> Guess:
-    return Guess(_round(value), source, _round(value / factor), _round(value * factor))

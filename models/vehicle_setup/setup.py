@@ -18,7 +18,7 @@ from models.vehicle_setup.estimate import (
 )
 from models.vehicle_setup.frames import FRAMES, Motor, outputs, px4_motors
 
-COMMON_PROPELLERS, USUAL_PULSES = "usual for common propellers", "usual pulses"
+COMMON_PROPELLERS, USUAL_PULSES = "0.4 to 0.9 for common propellers", "usual pulses, from 1000 us"
 _GROUND, _CEILING, _LEVEL = 25, 24, range(8)
 
 

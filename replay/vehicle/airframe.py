@@ -6,7 +6,7 @@ Parameters say it best; without them the heartbeat's type says how many motors t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -32,8 +32,6 @@ _FIRMWARES = ("ArduPlane", "APM:Plane", "ArduRover", "APM:Rover", "Rover V", "Ar
 _COUNT_OF_TYPE = {2: 4, 13: 6, 14: 8, 15: 3, 29: 12, 35: 10}
 _COUNT_OF_CLASS = {1: 4, 2: 6, 3: 8, 4: 8, 5: 6, 7: 3, 12: 12, 14: 10}
 _USUAL = {4: "quad-x", 6: "hexa-x", 8: "octo-x"}
-_OLD_FRAME = {0: 0, 1: 1, 3: 3}
-"""FRAME of ArduCopter before 3.5 to FRAME_TYPE."""
 _ARDUPILOT_OR_PX4 = (3, 12)
 _IDLE_US = 30.0
 """An output that never moves by more drives no motor in flight."""
@@ -47,14 +45,14 @@ class Airframe:
 
     name: str
     motors: tuple[Motor, ...]
-    numbers: Mapping[int, int]
-    telemetered: bool
     source: str
     """What says it."""
-    ordered: bool
+    ordered: bool = True
     """Whether places and spins are known, not just the number of motors."""
     arm_m: float | None = None
     """By PX4's parameters."""
+    telemetered: bool = False
+    numbers: Mapping[int, int] = field(default_factory=dict)
 
     @property
     def declared(self) -> bool:
@@ -69,18 +67,18 @@ def airframe(log: FlightLog) -> Airframe:
     if not speeds and log.servo is None:
         raise LogError(f"{log.path}: neither rotor speeds nor outputs (ESC_TELEMETRY, ESC_STATUS, SERVO_OUTPUT_RAW)")
     moving, turning = _moving(log.servo), _turning(log)
-    name, motors, source, ordered, arm = _frame(log, len(turning) or len(moving))
-    numbers = _numbers(log, motors)
-    if len(turning) > len(motors):
-        raise LogError(f"{log.path}: {source}: {len(motors)} motors, but {len(turning)} ESCs turn; give --vehicle")
-    by_motor = {m.number: m.number for m in motors}
+    frame = _frame(log, len(turning) or len(moving))
+    numbers = _numbers(log, frame.motors)
+    count = len(frame.motors)
+    if len(turning) > count:
+        raise LogError(f"{log.path}: {frame.source}: {count} motors, but {len(turning)} ESCs turn; give --vehicle")
+    by_motor = {m.number: m.number for m in frame.motors}
     in_order = dict(zip(by_motor, sorted(speeds), strict=False))
-    ways = (numbers, by_motor, *([in_order] if len(speeds) == len(motors) else []))
-    esc_numbers = next((n for n in ways if set(n.values()) <= set(speeds)), None)
-    if esc_numbers is not None:
-        return Airframe(name, motors, esc_numbers, True, source, ordered, arm)
-    _check_outputs(log, numbers, moving, source)
-    return Airframe(name, motors, numbers, False, source, ordered, arm)
+    for ways in (numbers, by_motor, *([in_order] if len(speeds) == count else [])):
+        if set(ways.values()) <= set(speeds):
+            return replace(frame, telemetered=True, numbers=ways)
+    _check_outputs(log, numbers, moving, frame.source)
+    return replace(frame, numbers=numbers)
 
 
 def turns(log: FlightLog) -> bool:
@@ -98,32 +96,31 @@ def _refuse_others(log: FlightLog) -> None:
             raise LogError(f"{log.path}: '{text}' flies no multirotor; only multirotors are drafted")
 
 
-def _frame(log: FlightLog, seen: int) -> tuple[str, tuple[Motor, ...], str, bool, float | None]:
-    """Name, motors, what says it, whether their order is known, and the arm's length; ``seen`` motors turn."""
+def _frame(log: FlightLog, seen: int) -> Airframe:
+    """The frame without ``numbers``; ``seen`` motors turn."""
     p, kind = log.parameters, log.vehicle_type
     count = _COUNT_OF_TYPE.get(kind or 0)
     declared = px4_motors(p)
     if declared is not None:
-        return "of PX4's parameters", declared[0], "CA_ROTORn_PX, _PY, _KM", True, declared[1]
+        return Airframe("of PX4's parameters", declared[0], "CA_ROTORn_PX, _PY, _KM", arm_m=declared[1])
+    name, said = None, "no parameter says the frame" if count is None else f"MAV_TYPE {kind}"
     if "FRAME_CLASS" in p:
         said = f"FRAME_CLASS {p['FRAME_CLASS']:g}, FRAME_TYPE {p.get('FRAME_TYPE', 0):g}"
         own = _COUNT_OF_CLASS.get(int(p["FRAME_CLASS"]))
         if own is not None and count not in (None, own):
             raise LogError(f"{log.path}: {said} have {own} motors, and MAV_TYPE {kind} has {count}; give --vehicle")
         name, count = ardupilot_frame(p), own or count
-    elif count == 4 and int(p.get("FRAME", -1)) in _OLD_FRAME:
+    elif count == 4 and "FRAME" in p:  # before ArduCopter 3.5
         name, said = ardupilot_frame({"FRAME_CLASS": 1.0, "FRAME_TYPE": p["FRAME"]}), f"FRAME {p['FRAME']:g}"
-    else:
-        name, said = None, "no parameter says the frame" if count is None else f"MAV_TYPE {kind}"
-        count = count or seen
-        if count in _USUAL:
-            known = log.autopilot in _ARDUPILOT_OR_PX4
-            return _USUAL[count], FRAMES[_USUAL[count]], f"{said}: the usual {_USUAL[count]}", known, None
+    elif (count or seen) in _USUAL:
+        usual = _USUAL[count or seen]
+        return Airframe(usual, FRAMES[usual], f"{said}: the usual {usual}", log.autopilot in _ARDUPILOT_OR_PX4)
     if name is not None:
-        return name, FRAMES[name], said, True, None
-    if count is None or not 2 <= count <= 12:
+        return Airframe(name, FRAMES[name], said)
+    count = count or seen
+    if not 2 <= count <= 12:
         raise LogError(f"{log.path}: {said}, and {seen} motors turn: which vehicle is this? give --vehicle")
-    return f"{count} rotors", _ring(count), said, False, None
+    return Airframe(f"{count} rotors", _ring(count), said, ordered=False)
 
 
 def _ring(count: int) -> tuple[Motor, ...]:

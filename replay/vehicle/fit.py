@@ -90,7 +90,7 @@ def fit(paths: Sequence[Path], vehicle: Vehicle, target_system: int | None = Non
     start = _with_ct(vehicle)
     problems: list[LogError] = []
     records = (r for path in paths for r in records_of(path, start, target_system, problems))
-    found = fit_records(records, start, vehicle, hovering, problems)
+    found = fit_records(records, vehicle, hovering, problems)
     if found.hover_s < ENOUGH_S:
         high = _HIGH * vehicle.rotor_radius_m
         raise LogError(
@@ -101,13 +101,14 @@ def fit(paths: Sequence[Path], vehicle: Vehicle, target_system: int | None = Non
 
 
 def fit_records(
-    records: Iterable[Record], start: Vehicle, declared: Vehicle, where: Callable[[Record], NDArray[np.bool_]],
+    records: Iterable[Record], declared: Vehicle, where: Callable[[Record], NDArray[np.bool_]],
     problems: list[LogError] | None = None, *, bend: bool = True,
 ) -> Fit:  # fmt: skip
-    """``fit`` on the rows ``where`` of records that were built with ``start``. Raises the first of ``problems``.
+    """``fit`` on the rows ``where`` of records of the ``declared`` vehicle. Raises the first of ``problems``.
 
-    ``declared`` is what estimates are compared with; ``bend``: whether ``expo`` is looked for.
+    ``bend``: whether ``expo`` is looked for.
     """
+    start = _with_ct(declared)
     hovers: list[_Hover] = []
     notes: list[str] = []
     seconds = 0.0
