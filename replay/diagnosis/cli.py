@@ -95,7 +95,7 @@ def run(a: argparse.Namespace) -> int:
         save_amended(a.save_model, model, vehicle, answer.adopted, [r.path for r in answer.records])
     faults = model_faults(answer.records, chosen)
     notes = [] if chosen.note is None else [chosen.note]
-    notes += warnings(vehicle) if draft is None else [f"assumed: {fact.as_text()}" for fact in draft.assumed]
+    notes += warnings(vehicle) if draft is None else draft.notes
     answer = replace(answer, notes=(*notes, *answer.notes))
     test = _test(a, answer, vehicle, model)
     _write(a, answer, vehicle, faults, test, draft)

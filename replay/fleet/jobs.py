@@ -6,7 +6,7 @@ import hashlib
 import json
 import struct
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from enum import Enum
 from pathlib import Path
@@ -86,8 +86,9 @@ def _answer(job: Job) -> dict[str, Any]:
     if job.kind == Kind.DIAGNOSE.value:
         from replay.diagnosis.diagnose import diagnose
 
-        vehicle, chosen, _ = of_logs(job.vehicle, job.model, [Path(job.path)], job.given, job.target_system)
+        vehicle, chosen, draft = of_logs(job.vehicle, job.model, [Path(job.path)], job.given, job.target_system)
         answer = diagnose([Path(job.path)], vehicle, chosen.judged, target_system=job.target_system, seed=job.seed)
+        answer = replace(answer, notes=(*(draft.notes if draft else ()), *answer.notes))
         page = {} if job.pages is None else {"page": _write_page(job, answer, vehicle)}
         return {"vehicle": vehicle.name, "system": answer.records[0].system, **answer.as_json(None), **page}
     vehicle, chosen = declared(job.vehicle, job.model)

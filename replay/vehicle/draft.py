@@ -79,6 +79,11 @@ class Draft:
     known: tuple[Fact, ...]
     assumed: tuple[Fact, ...] = ()
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is assumed, one line each."""
+        return tuple(f"assumed: {fact.as_text()}" for fact in self.assumed)
+
     def as_json(self) -> dict[str, Any]:
         """Plain values."""
         facts = {"known": self.known, "assumed": self.assumed}
@@ -247,14 +252,14 @@ def _facts(
     known.append(Fact("rotors", numbers, "ESC numbers" if frame.telemetered else "outputs"))
     assumed = []
     for key, guess in sizes.items():
-        what = "arm of the frame; moments are left out, " if key == "position_m" else ""
         if guess.assumed:
-            spread = f"{guess.low:.3g} to {guess.high:.3g}"
-            assumed.append(Fact(key, guess.value, f"{what}{spread}, {guess.source}; {_OPTIONS[key]} gives it"))
+            said_of = f"{guess.low:.3g} to {guess.high:.3g}, {guess.source}; {_OPTIONS[key]} gives it"
+            lost = "; an arm's length; moments are left out" if key == "position_m" else ""
+            assumed.append(Fact(key, guess.value, said_of + lost))
         elif key != "position_m" or frame.ordered:
             known.append(Fact(key, guess.value, _OPTIONS[key] if guess.value != frame.arm_m else frame.source))
         else:
-            assumed.append(Fact(key, frame.name, f"{what}{frame.source}"))
+            assumed.append(Fact(key, frame.name, f"{frame.source}; moments are left out"))
     measured: dict[str, Any] = {"hover_thrust": vehicle.hover_thrust, "ct": vehicle.fans[0].ct}
     if vehicle.throttle is not None:
         del measured["ct"]

@@ -279,6 +279,7 @@ def test_every_log_of_a_folder_gets_its_own_draft(log, tmp_path, capsys):
     assert main(["diagnose", str(tmp_path), "--out", str(tmp_path / "out"), "--workers", "1", "--quiet"]) == 0
     answers = [json.loads(path.read_text()) for path in (tmp_path / "out" / "results").glob("*.json")]
     assert {a["vehicle"].split(",")[0] for a in answers} == {"quad-x", "quad-bf"}
+    assert all(any("--mass" in note for note in a["notes"]) for a in answers)
 
 
 def test_what_changed_is_asked_of_a_drafted_vehicle(log, tmp_path, capsys):
