@@ -93,18 +93,21 @@ def _complete(given: Mapping[str, Any], parameters: Mapping[str, float]) -> dict
 
 
 def _answers(g: Mapping[str, Any], parameters: Mapping[str, float]) -> Any:
+    from models.vehicle_setup import frames
     from models.vehicle_setup.setup import Answers
 
     for option, high in _MOST.items():
         value = g[option]
         if value is not None and not 0.0 < value <= high:
             raise ConfigError(f"--{option.replace('_', '-')} {value:g}: must be above 0 and at most {high:g}")
+    placed = frames.px4_motors(parameters) if g["frame"] is None else None
+    motors, arm_m = placed or (frames.FRAMES[g["frame"]], 0.0)
     return Answers(
         name=g["name"],
         mass_kg=g["mass"],
         propeller_m=g["propeller"] * 0.0254,
-        frame=g["frame"],
-        arm_m=None if g["span"] is None else g["span"] / 2.0,
+        motors=motors,
+        arm_m=arm_m if g["span"] is None else g["span"] / 2.0,
         rotor_down_m=-g["rotor_height"],
         lip_radius_m=g["duct"],
         telemetered=not g["no_rpm"],

@@ -16,7 +16,7 @@ from models.vehicle_setup.estimate import (
     pwm_range,
     throttle_output,
 )
-from models.vehicle_setup.frames import FRAMES, Motor, outputs, px4_motors
+from models.vehicle_setup.frames import Motor, outputs
 
 COMMON_PROPELLERS, USUAL_PULSES = "0.4 to 0.9 for common propellers", "usual pulses, from 1000 us"
 _GROUND, _CEILING, _LEVEL = 25, 24, range(8)
@@ -30,13 +30,11 @@ class Answers:
     mass_kg: float
     propeller_m: float
     """Diameter."""
-    frame: str | None = None
-    motors: tuple[Motor, ...] | None = None
-    """In place of ``frame``."""
+    motors: tuple[Motor, ...]
+    arm_m: float
+    """Centre to motor axis."""
     numbers: Mapping[int, int] = field(default_factory=dict)
     """Motor number to ESC or output; empty: by the parameters."""
-    arm_m: float | None = None
-    """Centre to motor axis; None where PX4's parameters give the places."""
     rotor_down_m: float = -0.05
     """Height of the rotors relative to the CG, positive down."""
     lip_radius_m: float | None = None
@@ -51,7 +49,7 @@ class Answers:
 
 def build(a: Answers) -> tuple[Vehicle, dict[str, str]]:
     """The vehicle, and by key where its numbers came from."""
-    motors, arm = _motors(a)
+    motors, arm = a.motors, a.arm_m
     said = {"position_m": f"from the CG, forward right down; motor {motors[0].number}"}
     hover, said["hover_thrust"] = _hover(a)
     radius = a.propeller_m / 2.0
@@ -77,18 +75,6 @@ def build(a: Answers) -> tuple[Vehicle, dict[str, str]]:
     )
     said["rotors"] = "esc counts from 1 as in the telemetry; spin seen from above"
     return vehicle, said
-
-
-def _motors(a: Answers) -> tuple[tuple[Motor, ...], float]:
-    if a.motors is not None and a.arm_m is not None:
-        return a.motors, a.arm_m
-    declared = px4_motors(a.parameters)
-    if a.frame is None and declared is not None:
-        motors, arm = declared
-        return motors, arm if a.arm_m is None else a.arm_m
-    if a.frame is None or a.arm_m is None:
-        raise ConfigError("--frame and --span: needed where no PX4 parameters (CA_ROTORn_PX …) give the places")
-    return FRAMES[a.frame], a.arm_m
 
 
 def _hover(a: Answers) -> tuple[float, str]:
