@@ -18,25 +18,20 @@ from statistics import median
 from typing import Any
 
 from companion.config import Base, Carrier, PipelineConfig
-from companion.control.authority import Reason
 from companion.control.hover_thrust import hover_parameter
 from companion.mavlink.firmware import Stack, ThrustMeaning, mode_name, needed_parameters, stack_of, thrust_meaning
 from companion.mavlink.frames import V2, Counts, Frame, cut, walk
-from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
+from companion.mavlink.message_filter import OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import (
     Attitude,
     AttitudeTarget,
-    Heartbeat,
-    LandedState,
     LocalPosition,
-    Parameter,
     Range,
     RangeVerdict,
     RotorSpeeds,
     Sample,
-    ServoOutput,
 )
 from companion.pipeline import Decision, PipelineState, initial_state, step
 from models.errors import LogError
@@ -116,47 +111,21 @@ class Listener:
     duration_s: float = 0.0
     arrivals_s: dict[int, list[float]] = field(default_factory=lambda: defaultdict(list))
     """By message id, of the vehicle's messages."""
-    heartbeat: Heartbeat | None = None
-    landed_state: int = 0
-    parameters: dict[str, float] = field(default_factory=dict)
     late_s: list[float] = field(default_factory=list)
     ranges: dict[int, list[Range]] = field(default_factory=lambda: defaultdict(list))
     """By orientation."""
     rpm: dict[int, list[float]] = field(default_factory=lambda: defaultdict(list))
     """By ESC, from 1."""
-    outputs_us: dict[int, list[float]] = field(default_factory=lambda: defaultdict(list))
-    """By servo output, from 1, in the air or armed."""
     hover: list[float] = field(default_factory=list)
     """The autopilot's thrust while it hovers."""
     lift: list[float] = field(default_factory=list)
     """Modelled lift over weight while it hovers."""
-    reasons: Counter[Reason] = field(default_factory=Counter)
 
     def __post_init__(self) -> None:
-        self._intake = Intake(self.system)
-        self._state: PipelineState = initial_state(self.config)
+        self.intake = Intake(self.system)
+        self.state: PipelineState = initial_state(self.config)
         self._start_us: int | None = None
         self._climb_m_s = math.inf
-
-    @property
-    def others(self) -> set[int]:
-        """Other autopilots on the link."""
-        return self._intake.others
-
-    @property
-    def boots(self) -> int:
-        """Reboots seen."""
-        return self._intake.clock.boot
-
-    @property
-    def vehicle_system(self) -> int | None:
-        """The vehicle's id."""
-        return self._intake.system
-
-    @property
-    def position_trusted(self) -> bool:
-        """What the autopilot says of its own position."""
-        return self._state.estimates.trust.trusted
 
     def write(self, arrival_us: int, raw: bytes) -> None:
         """One frame, of either direction."""
@@ -175,24 +144,18 @@ class Listener:
         self.signed += frame.raw[0] == V2 and bool(frame.raw[2] & 1)
         if frame.id not in LAYOUTS:
             return
-        sample = self._intake.sample(frame, arrival_us)
+        sample = self.intake.sample(frame, arrival_us)
         if sample is None:
             return
-        if frame.system == self._intake.system:
+        if frame.system == self.intake.system:
             self.arrivals_s[frame.id].append(arrival_us / 1e6)
         self._take(sample)
-        self._state, decision = step(self._state, sample, self.config)
+        self.state, decision = step(self.state, sample, self.config)
         if decision is not None:
             self._decided(decision)
 
     def _take(self, sample: Sample) -> None:
         match sample:
-            case Heartbeat() if sample.component == AUTOPILOT_COMPONENT:
-                self.heartbeat = sample
-            case LandedState():
-                self.landed_state = sample.landed_state
-            case Parameter():
-                self.parameters[sample.name] = sample.value
             case Attitude():
                 self.late_s.append(sample.late_s)
             case LocalPosition():
@@ -202,24 +165,21 @@ class Listener:
             case RotorSpeeds():
                 for i, rpm in enumerate(sample.rpm):
                     self.rpm[sample.first_esc + i].append(rpm)
-            case ServoOutput() if sample.port == 0 and self.flying:
-                for i, pwm in enumerate(sample.pwm_us):
-                    self.outputs_us[i + 1].append(pwm)
             case AttitudeTarget() if self.hovering:
                 self.hover.append(sample.thrust)
 
     @property
     def flying(self) -> bool:
         """Armed and in the air."""
-        return self.heartbeat is not None and self.heartbeat.armed and self.landed_state in (0, _IN_AIR)
+        beat = self.state.heartbeat
+        return beat is not None and beat.armed and self.state.landed_state in (0, _IN_AIR)
 
     @property
     def hovering(self) -> bool:
         """In the air, neither climbing nor sinking."""
-        return self.flying and self.landed_state == _IN_AIR and self._climb_m_s < _CLIMB_M_S
+        return self.flying and self.state.landed_state == _IN_AIR and self._climb_m_s < _CLIMB_M_S
 
     def _decided(self, decision: Decision) -> None:
-        self.reasons.update(decision.reasons)
         if self.hovering and decision.disturbance is not None:
             self.lift.append(decision.disturbance.free_lift_n / (self.config.vehicle.mass_kg * GRAVITY))
 
@@ -251,7 +211,7 @@ def read_log(path: Path, listener: Listener) -> None:
 def items(heard: Listener, setup: Setup) -> list[Item]:
     """Everything that was looked at, in the order of the table."""
     out = [*_vehicle_file(setup), *_autopilot(heard, setup)]
-    if heard.heartbeat is not None:
+    if heard.state.heartbeat is not None:
         checks = (_parameters, _rates, _ranges, _rotors, _hover, _position, _clock)
         out += [item for check in checks for item in check(heard, setup)]
     return [*out, *_signing(heard, setup), *_record(setup)]
@@ -300,7 +260,7 @@ def _vehicle_file(setup: Setup) -> Iterator[Item]:
 
 
 def _autopilot(heard: Listener, setup: Setup) -> Iterator[Item]:
-    beat = heard.heartbeat
+    beat = heard.state.heartbeat
     if beat is None:
         what = f"{heard.frames} messages but no HEARTBEAT of an autopilot" if heard.frames else "nothing was heard"
         yield _bad("autopilot", what, "check endpoint, baud rate, routing and --target-system")
@@ -310,17 +270,17 @@ def _autopilot(heard: Listener, setup: Setup) -> Iterator[Item]:
         yield _bad("autopilot", f"MAV_AUTOPILOT {beat.autopilot} is neither ArduPilot nor PX4")
     else:
         armed = "armed" if beat.armed else "disarmed"
-        yield _good("autopilot", f"{stack.name.lower()}, system {heard.vehicle_system}, {mode}, {armed}")
-    if heard.others:
-        who = ", ".join(map(str, sorted(heard.others)))
-        yield _odd("other autopilots", f"also on the link: system {who}", f"--target-system {heard.vehicle_system}")
+        yield _good("autopilot", f"{stack.name.lower()}, system {heard.intake.system}, {mode}, {armed}")
+    if heard.intake.others:
+        who = ", ".join(map(str, sorted(heard.intake.others)))
+        yield _odd("other autopilots", f"also on the link: system {who}", f"--target-system {heard.intake.system}")
     attitude = setup.config.carrier is Carrier.ATTITUDE
-    if stack is Stack.PX4 and attitude and thrust_meaning(beat, heard.parameters) is ThrustMeaning.IGNORED:
+    if stack is Stack.PX4 and attitude and thrust_meaning(beat, heard.state.parameters) is ThrustMeaning.IGNORED:
         yield _bad("vehicle type", f"MAV_TYPE {beat.vehicle_type}: PX4 ignores its thrust", "set MAV_TYPE to 2 (quad)")
 
 
 def _parameters(heard: Listener, setup: Setup) -> Iterator[Item]:
-    beat, known = heard.heartbeat, heard.parameters
+    beat, known = heard.state.heartbeat, heard.state.parameters
     assert beat is not None
     stack = stack_of(beat)
     if stack is Stack.ARDUPILOT and setup.config.carrier is Carrier.ATTITUDE:
@@ -477,7 +437,7 @@ def _lift(heard: Listener) -> Iterator[Item]:
 def _hover(heard: Listener, setup: Setup) -> Iterator[Item]:
     if setup.config.base is not Base.HOLD:
         return
-    declared, named = setup.config.vehicle.hover_thrust, hover_parameter(heard.parameters)
+    declared, named = setup.config.vehicle.hover_thrust, hover_parameter(heard.state.parameters)
     if len(heard.hover) >= _SEEN_S * 5.0:
         seen = median(heard.hover)
         if abs(seen - declared) > _HOVER_SHARE * declared:
@@ -495,7 +455,7 @@ def _hover(heard: Listener, setup: Setup) -> Iterator[Item]:
 def _position(heard: Listener, setup: Setup) -> Iterator[Item]:
     if setup.config.base is not Base.HOLD:
         return
-    if heard.position_trusted:
+    if heard.state.estimates.trust.trusted:
         yield _good("position", "trusted by the autopilot")
     else:
         yield _bad("position", "the autopilot does not trust its own position", "wait for GPS or optical flow")
@@ -512,8 +472,9 @@ def _clock(heard: Listener, setup: Setup) -> Iterator[Item]:
             yield _odd("lateness", text, "baud rate, a router in between, or other load on this computer")
         else:
             yield _good("lateness", text)
-    if heard.boots:
-        yield _bad("autopilot's clock", f"went back {heard.boots} times: reboots, or two autopilots of one id")
+    boots = heard.intake.clock.boot
+    if boots:
+        yield _bad("autopilot's clock", f"went back {boots} times: reboots, or two autopilots of one id")
     if setup.live and time.time() < _DATE_S:
         yield _odd("computer's clock", "is not set: wrong dates, signatures may be refused", "NTP or RTC")
 
@@ -546,6 +507,3 @@ def _record(setup: Setup) -> Iterator[Item]:
         return
     text = f"{folder}: {free / (1 << 30):.1f} GiB free"
     yield (_good("record", text) if free > _FREE_BYTES else _odd("record", text, "--record-limit MIB"))
-
-
-__all__ = ["LISTEN_S", "Item", "Listener", "Setup", "Verdict", "as_json", "as_text", "items", "may_fly", "read_log"]

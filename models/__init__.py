@@ -11,35 +11,17 @@ from typing import TYPE_CHECKING
 from models.lazy_exports import exports
 
 if TYPE_CHECKING:
-    from models.air_state import AirState
-    from models.effects import Effect, catalogue
-    from models.surrogate.fan_surrogate import AdoptedEffect, Answer, FanSurrogate
+    from models.surrogate.fan_surrogate import FanSurrogate
     from models.surrogate.store import load, save_model
     from models.vehicle import Vehicle, load_vehicle
 
     __version__: str
 
-__all__ = [
-    "AdoptedEffect",
-    "AirState",
-    "Answer",
-    "Effect",
-    "FanSurrogate",
-    "Vehicle",
-    "catalogue",
-    "load",
-    "load_vehicle",
-    "save_model",
-]
+__all__ = ["FanSurrogate", "Vehicle", "load", "load_vehicle", "save_model"]
 
 _HOMES = {
-    "AdoptedEffect": "models.surrogate.fan_surrogate",
-    "AirState": "models.air_state",
-    "Answer": "models.surrogate.fan_surrogate",
-    "Effect": "models.effects",
     "FanSurrogate": "models.surrogate.fan_surrogate",
     "Vehicle": "models.vehicle",
-    "catalogue": "models.effects",
     "load": "models.surrogate.store",
     "load_vehicle": "models.vehicle",
     "save_model": "models.surrogate.store",

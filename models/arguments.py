@@ -6,6 +6,11 @@ import argparse
 from typing import NoReturn
 
 
+def speaks(args: argparse.Namespace) -> bool:
+    """Whether a command prints its text: not with ``--quiet``, nor where stdout is for ``--json``."""
+    return not args.quiet and args.json != "-"
+
+
 class Parser(argparse.ArgumentParser):
     """As argparse's, but an error names the argument and where help is, without the whole usage. Exit code 2."""
 

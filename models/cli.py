@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import os
 import sys
@@ -11,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from models.arguments import Parser
+from models.arguments import Parser, speaks
 from models.cfd import cli as cfd
 from models.errors import ConfigError, UserError
 from models.json_file import write_json
@@ -54,13 +53,12 @@ def _parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
 
     train = commands.add_parser("train", help="train a surrogate on a data set and write a model directory")
-    _data_option(train)
-    _sigma_option(train)
+    _data_options(train)
     train.add_argument(
         "--method", required=True, choices=METHODS, help="'ensemble' is what flies: see docs/surrogates.md"
     )
     train.add_argument("--out", required=True, type=Path, metavar="DIR", help="model directory to write")
-    train.add_argument("--hidden", default="9", metavar="N", help="hidden units, 2 to 12, or 'scan' (default 9)")
+    train.add_argument("--hidden", type=_positive, default=9, metavar="N", help="hidden units (default 9)")
     train.add_argument("--epochs", type=_positive, default=3000, metavar="N", help="epochs of the paper's methods")
     train.add_argument(
         "--fan", nargs=2, type=float, metavar=("RADIUS", "LIP"),
@@ -71,18 +69,15 @@ def _parser() -> argparse.ArgumentParser:
         help="train on every second place only: a test may then use the others (sim:corner_cfd flies in the even ones)",
     )  # fmt: skip
     train.add_argument("--label", metavar="TEXT", help="what the data are, kept in model.json as their fidelity")
-    _common_options(train)
     train.set_defaults(run=_train)
 
     compare = commands.add_parser("compare", help="train all methods, honestly compared, with the paper's tables")
-    _data_option(compare)
-    _sigma_option(compare)
+    _data_options(compare)
     compare.add_argument("--report", type=Path, metavar="DIR", help="write the report and its figures here")
     compare.add_argument("--splits", type=_positive, default=20, metavar="N", help="random splits (default 20)")
     compare.add_argument(
         "--epochs", type=_positive, default=1000, metavar="N", help="epochs of each net (default 1000)"
     )
-    _common_options(compare)
     compare.set_defaults(run=_compare)
 
     query = commands.add_parser("query", help="ask a model for the wrench at one point")
@@ -103,20 +98,14 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _data_option(parser: argparse.ArgumentParser) -> None:
+def _data_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--data", required=True, metavar="CSV", help=f"data set, or '{CLOSED_FORM}' for the built-in one (not CFD)"
     )
-
-
-def _sigma_option(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--sigma", type=Path, metavar="CSV",
         help="how sure each row is, as 'models cfd assemble' writes it: the rows of the ensemble are weighted by it",
     )  # fmt: skip
-
-
-def _common_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of splits and starts (default 0)")
     parser.add_argument("--json", metavar="FILE", help="write the numbers as JSON here, '-' for stdout")
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no text")
@@ -130,7 +119,6 @@ def _positive(text: str) -> int:
 
 
 def _train(args: argparse.Namespace) -> int:
-    hidden = _hidden(args.hidden)
     from models.progress import Bars
     from models.surrogate import store
     from models.training.train import train
@@ -145,13 +133,13 @@ def _train(args: argparse.Namespace) -> int:
         fidelity = {**fidelity, "label": args.label}
     bars = Bars(args.quiet)
     trained = train(
-        data, args.method, args.seed, hidden=hidden, epochs=args.epochs, fidelity=fidelity,
+        data, args.method, args.seed, hidden=args.hidden, epochs=args.epochs, fidelity=fidelity,
         fan_radii_m=_fan_radii(args), progress=bars,
     )  # fmt: skip
     bars.close()
     store.save_model(args.out, trained.model)
     report = {**trained.report, "out": str(args.out)}
-    if not _speak(args):
+    if not speaks(args):
         return _json(args, report)
     for note in report["notes"]:
         print(f"note: {note}")
@@ -187,7 +175,7 @@ def _compare(args: argparse.Namespace) -> int:
 
         write_figures(args.report, result)
         write_page(args.report, result.numbers, command)
-    if _speak(args):
+    if speaks(args):
         print(text(result.numbers))
         print(f"next: {command}")
         if args.report:
@@ -228,7 +216,7 @@ def _query(args: argparse.Namespace) -> int:
         "trust": float(trust),
         "fidelity": model.info.get("fidelity"),
     }
-    if _speak(args):
+    if speaks(args):
         print(f"h {args.h:g} m, d {args.d:g} m, {args.rpm:g} rpm: trust {trust:.2f}, corner frame")
         print(f"{'':4}{'wrench':>12}{'sigma':>12}{'free air':>12}")
         for c, axis in enumerate(AXES):
@@ -248,38 +236,17 @@ def _data(name: str, sigma: Path | None = None) -> tuple[Any, dict[str, Any]]:
     from models.dataset import read, with_sigma
 
     data = read(name)
-    fidelity = _shipped_fidelity(Path(name)) or {"level": None, "label": "not stated: --label says it"}
+    fidelity = {"level": None, "label": "not stated: --label says it"}
     return data if sigma is None else with_sigma(data, sigma), fidelity
 
 
-def _shipped_fidelity(path: Path) -> dict[str, Any] | None:
-    """What is known of the data set that ships, wherever its copy lies."""
-    import models
-
-    home = Path(models.__file__).parent
-    if path.read_bytes() != (home / "data" / "corner_cfd.csv").read_bytes():
-        return None
-    info: dict[str, Any] = json.loads((home / "weights" / "corner_cfd" / "model.json").read_text(encoding="utf-8"))
-    return dict(info["fidelity"])
-
-
 def _fan_radii(args: argparse.Namespace) -> tuple[float, float] | None:
-    if args.fan is None and args.data == CLOSED_FORM:
-        return PAPER_RADII_M
     if args.fan is None:
-        return None
+        return PAPER_RADII_M if args.data == CLOSED_FORM else None
     radius, lip = args.fan
     if not 0.0 < radius <= lip < 100.0:
         raise ConfigError(f"--fan {radius:g} {lip:g}: must be the rotor's radius and the lip's, which is no smaller")
     return radius, lip
-
-
-def _hidden(text: str) -> int | None:
-    if text == "scan":
-        return None
-    if not text.isdigit() or not 2 <= int(text) <= 12:
-        raise ConfigError(f"--hidden {text}: must be 2 to 12, or 'scan'")
-    return int(text)
 
 
 def _check_writable(directory: Path) -> None:
@@ -288,10 +255,6 @@ def _check_writable(directory: Path) -> None:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"directory {directory}: cannot be written ({error.strerror})") from None
-
-
-def _speak(args: argparse.Namespace) -> bool:
-    return not args.quiet and args.json != "-"
 
 
 def _json(args: argparse.Namespace, content: Mapping[str, Any]) -> int:

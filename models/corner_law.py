@@ -62,8 +62,6 @@ class ClosedForm:
     figure_of_merit: float = 0.60
     ground_torque: float = 0.05
     ridge_torque: float = 0.03
-    scale: float = 1.0
-    """Scales all increments."""
 
     def lift(self, rpm: ArrayLike) -> Array:
         """Free-air lift T0 [N]."""
@@ -89,12 +87,11 @@ class ClosedForm:
         cushion = np.exp(-(eta + delta) / self.cushion_length) * ground * wall
         near_wall = np.exp(-delta / self.wall_length) * wall
         tilt = 0.5 * self.duct_share * self.lip_asymmetry * np.exp(-delta / self.lip_length) * wall
-        s = self.scale
-        lift = s * (
+        lift = (
             (rotor - duct) * ground + self.wall_lift * near_wall - self.ridge_lift * ridge + self.cushion_lift * cushion
         )
-        pull = s * (self.wall_pull * near_wall - self.ridge_pull * ridge - self.cushion_pull * cushion)
-        moment = s * (tilt * (1 + self.ridge_tilt * ridge) - self.cushion_tilt * cushion)
+        pull = self.wall_pull * near_wall - self.ridge_pull * ridge - self.cushion_pull * cushion
+        moment = tilt * (1 + self.ridge_tilt * ridge) - self.cushion_tilt * cushion
         yaw = self.ground_torque * np.exp(-eta / 0.8) * ground + self.ridge_torque * ridge
         t0, q0 = self.lift(rpm), self.torque(rpm)
         arm = t0 * self.radius_m

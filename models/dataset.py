@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from models.errors import ModelError
 from models.frames import AXES, Array
+from models.text_file import read_text
 
 COLUMNS = ("h_m", "d_m", "rpm", "Fx_N", "Fy_N", "Fz_N", "Mx_Nm", "My_Nm", "Mz_Nm")
 HEADER = ",".join(COLUMNS)
@@ -108,13 +109,7 @@ def with_sigma(data: DataSet, path: Path | str) -> DataSet:
     Rows are found by ``h_m``, ``d_m`` and ``rpm``. Raises ModelError for a table that cannot be read, a missing column,
     a field that is no number or negative, and a row of the set that the table lacks.
     """
-    path = Path(path)
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            lines = list(csv.DictReader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not a CSV table"
-        raise ModelError(f"sigma table {path}: cannot be read ({reason})") from None
+    lines = list(csv.DictReader(read_text("sigma table", Path(path), ModelError).splitlines()))
     names = [f"sigma_{name}" for name in COLUMNS[3:]]
     values = np.empty((len(lines), 9))
     for number, line in enumerate(lines):
@@ -186,18 +181,15 @@ def _check_values(path: Path, number: NDArray[np.intp], values: Array) -> None:
     def refuse(bad: NDArray[np.bool_], problem: str) -> None:
         rows, columns = np.nonzero(bad)
         if rows.size:
-            row, column = rows[0], columns[0]
+            row, k = rows[0], columns[0]
             raise ModelError(
-                f"data set {path}: line {number[row]}, column {COLUMNS[column]}: {problem} ({values[row, column]:g})"
+                f"data set {path}: line {number[row]}, column {COLUMNS[k]}: {problem} ({values[row, k]:g})"
             )
 
     refuse(np.isnan(values), "is not a number; remove or repair the row")
-    inputs = np.zeros(values.shape, dtype=bool)
-    inputs[:, :3] = values[:, :3] < 0.0
-    refuse(inputs, "is negative")
-    finite = np.isinf(values)
-    finite[:, :2] = False
-    refuse(finite, "must be finite")
+    column = np.arange(len(COLUMNS))
+    refuse((values < 0.0) & (column < 3), "is negative")
+    refuse(np.isinf(values) & (column >= 2), "must be finite")
 
 
 def _merge_duplicates(

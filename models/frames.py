@@ -87,15 +87,6 @@ def quaternion_of_halves(cosines: Iterable[Any], sines: Iterable[Any]) -> tuple[
     )
 
 
-def euler_from_quaternion(q: ArrayLike) -> tuple[Array, Array, Array]:
-    """Roll, pitch, yaw [rad], each of shape (...), of unit quaternions (..., 4)."""
-    w, x, y, z = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
-    roll = np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
-    pitch = np.arcsin(np.clip(2 * (w * y - z * x), -1.0, 1.0))
-    yaw = np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
-    return roll, pitch, yaw
-
-
 def measured_wrench(
     specific_force: ArrayLike, rates: ArrayLike, rate_derivatives: ArrayLike, mass_kg: float, inertia_kgm2: ArrayLike
 ) -> Array:

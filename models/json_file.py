@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from models.errors import ConfigError
+from models.text_file import write_text
 
 
 def write_json(content: Mapping[str, Any] | Sequence[Any], target: str) -> None:
@@ -16,7 +16,4 @@ def write_json(content: Mapping[str, Any] | Sequence[Any], target: str) -> None:
     if target == "-":
         print(text)
         return
-    try:
-        Path(target).write_text(text + "\n", encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"--json {target}: cannot be written ({error.strerror})") from None
+    write_text("--json", Path(target), text + "\n")

@@ -10,19 +10,18 @@ class Bars:
     """Call with (name, done, total); one bar after another, each as its name first appears."""
 
     def __init__(self, quiet: bool = False) -> None:
-        self._off = quiet or not sys.stderr.isatty()
+        # None: tqdm itself shows bars to a terminal only.
+        self._off = True if quiet else None
         self._name = ""
         self._bar: Any = None
 
     def __call__(self, name: str, done: int, total: int) -> None:
         """Show that ``done`` of ``total`` parts of ``name`` are done."""
-        if self._off:
-            return
         if name != self._name or done < self._bar.n:
             from tqdm import tqdm
 
             self.close()
-            self._name, self._bar = name, tqdm(total=total, desc=name, leave=False, file=sys.stderr)
+            self._name, self._bar = name, tqdm(total=total, desc=name, leave=False, file=sys.stderr, disable=self._off)
         self._bar.update(done - self._bar.n)
 
     def close(self) -> None:

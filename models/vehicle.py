@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import fields
 from pathlib import Path
 
-from models.errors import ConfigError
+from models.text_file import read_text
 from models.toml_table import Table
-from models.vehicle_plausibility import Severity, findings
+from models.vehicle_plausibility import findings
 from models.vehicle_types import (
     RHO_SEA_LEVEL,
     Fan,
@@ -30,13 +30,7 @@ def load_vehicle(path: Path | str) -> Vehicle:
     Raises ConfigError naming the file and the key: unreadable, not TOML, unknown or missing key, impossible value, a
     vehicle that cannot be (models/vehicle_plausibility.py, which also has the warnings about an odd one).
     """
-    path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise ConfigError(f"vehicle file {path}: cannot be read ({reason})") from None
-    return parse_vehicle(text, str(path))
+    return parse_vehicle(read_text("vehicle file", Path(path)), str(path))
 
 
 def parse_vehicle(text: str, file: str) -> Vehicle:
@@ -44,7 +38,7 @@ def parse_vehicle(text: str, file: str) -> Vehicle:
     table = Table.of(text, f"vehicle file {file}", _KEYS)
     vehicle = table.read(Vehicle, _NAMES)
     for finding in findings(vehicle):
-        if finding.severity is Severity.ERROR:
+        if finding.refused:
             raise table.fail(finding.key, finding.text)
     return vehicle
 

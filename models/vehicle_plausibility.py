@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
-from enum import Enum
 from itertools import combinations
+from typing import NamedTuple
 
 from models.frames import GRAVITY
 from models.vehicle_types import RHO_SEA_LEVEL, Vehicle
@@ -31,12 +30,12 @@ _TOUCHING = 0.98
 """Share of the sum of the lip radii at which fans touch; less is an overlap, the rest is rounding in the file."""
 _OFF_CENTRE = 0.25
 """Distance of the fans' centre from the CG over the reach, above which hover needs very unequal thrusts."""
-_THRUST_TO_WEIGHT = (1.1, 1.3, 25.0)
-"""Below the first it cannot fly, below the second hardly; above the last the numbers do not fit each other."""
+_THRUST_TO_WEIGHT = (1.1, 1.3)
+"""Below the first it cannot fly, below the second hardly."""
 _UPSIDE_M = 0.02
 """How far above its fan a vane must lie before the sign of z is in doubt."""
-_SENSOR_ABOVE_M, _SENSOR_BELOW_M = 0.005, 0.10
-"""The same for a down-looking sensor above all rotors, and an up-looking one below them (on landing legs)."""
+_SENSOR_ABOVE_M = 0.005
+"""The same for a down-looking sensor above all rotors."""
 _LOOKS_UP, _LOOKS_DOWN, _LOOKS_LEVEL = 24, 25, range(8)
 """MAV_SENSOR_ORIENTATION: PITCH_90, PITCH_270, and the eight yaw angles in steps of 45 deg."""
 _TARGET_NEEDS: dict[str, tuple[str, tuple[str, ...]]] = {
@@ -46,47 +45,37 @@ _TARGET_NEEDS: dict[str, tuple[str, tuple[str, ...]]] = {
 }
 """Target of a rangefinder: what it usually needs, and the directions that cannot see it."""
 _WITH_ARTICLE = {"ground": "ground", "ceiling": "ceiling", "wall": "a wall"}
-_FAR_OUTSIDE = 3.0
-"""Distance of a sensor from the CG over the reach at which the unit is in doubt."""
 _HOVER_LIFT_OFF = 0.5
 """``hover_thrust`` contradicts ``[throttle]`` where it lifts more or less than the weight by this share."""
 _GONE_S = 0.2
 """A full offset is to be gone so long after a sensor was found lost."""
 
 
-class Severity(Enum):
-    """What follows from a finding."""
+class Finding(NamedTuple):
+    """One thing that is odd: the key it is about, what is odd, with what would be usual, and whether it refuses."""
 
-    ERROR = "refused"
-    WARNING = "said"
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One thing that is odd: the key it is about, and what is odd, with what would be usual."""
-
-    severity: Severity
     key: str
     text: str
+    refused: bool
 
 
-def findings(vehicle: Vehicle) -> tuple[Finding, ...]:
-    """Everything that is odd about ``vehicle``, errors first."""
-    checks = (_assumed, _masses, _places, _spins, _rotor_speed, _throttle, _ranges, _vertical, _slews)
-    return tuple(sorted((f for check in checks for f in check(vehicle)), key=lambda f: f.severity is Severity.WARNING))
+def findings(vehicle: Vehicle) -> Iterator[Finding]:
+    """Everything that is odd about ``vehicle``."""
+    for check in (_assumed, _masses, _places, _spins, _rotor_speed, _throttle, _ranges, _vertical, _slews):
+        yield from check(vehicle)
 
 
 def warnings(vehicle: Vehicle) -> list[str]:
     """The findings that do not refuse the vehicle, one line each."""
-    return [f"key '{f.key}': {f.text}" for f in findings(vehicle) if f.severity is Severity.WARNING]
+    return [f"key '{f.key}': {f.text}" for f in findings(vehicle) if not f.refused]
 
 
 def _error(key: str, text: str) -> Finding:
-    return Finding(Severity.ERROR, key, text)
+    return Finding(key, text, True)
 
 
 def _warning(key: str, text: str) -> Finding:
-    return Finding(Severity.WARNING, key, text)
+    return Finding(key, text, False)
 
 
 def _reach(vehicle: Vehicle) -> float:
@@ -170,15 +159,13 @@ def _throttle(vehicle: Vehicle) -> Iterator[Finding]:
     throttle = vehicle.throttle
     if throttle is None:
         return
-    impossible, hard, absurd = _THRUST_TO_WEIGHT
+    impossible, hard = _THRUST_TO_WEIGHT
     weight = vehicle.mass_kg * GRAVITY
     ratio = throttle.max_thrust_n * len(vehicle.rotors) / weight
     if ratio < impossible:
         yield _error("throttle.max_thrust_n", f"all rotors at full throttle lift {ratio:.2g} of the weight")
     elif ratio < hard:
         yield _warning("throttle.max_thrust_n", f"all rotors at full throttle lift only {ratio:.2g} of the weight")
-    elif ratio > absurd:
-        yield _warning("throttle.max_thrust_n", f"all rotors at full throttle lift {ratio:.3g} times the weight")
     if ratio >= impossible:
         e, u = throttle.expo, vehicle.hover_thrust
         lift = ratio * ((1.0 - e) * u + e * u * u)
@@ -190,20 +177,18 @@ def _ranges(vehicle: Vehicle) -> Iterator[Finding]:
     if not vehicle.rangefinders:
         yield _warning("rangefinder", "none is declared: nothing is known of ground and wall, no offset will be given")
     for i, sensor in enumerate(vehicle.rangefinders, 1):
-        looks = _direction(sensor.orientation)
+        looks = direction(sensor.orientation)
         usual, wrong = _TARGET_NEEDS.get(sensor.target, ("", ()))
         if looks in wrong:
             yield _error(
                 f"rangefinder[{i}].orientation",
                 f"{sensor.orientation} looks {looks}, and the target is {_WITH_ARTICLE[sensor.target]}: {usual}",
             )
-        if math.hypot(*sensor.position_m) > _FAR_OUTSIDE * _reach(vehicle):
-            yield _warning(f"rangefinder[{i}].position_m", "is far outside the vehicle: in m from the CG?")
     if vehicle.rangefinders and not vehicle.rangefinders_for("ground"):
         yield _warning("rangefinder", "none looks at the ground: its effect is not compensated")
 
 
-def _direction(orientation: int) -> str:
+def direction(orientation: int) -> str:
     """Where a MAV_SENSOR_ORIENTATION looks: ``up``, ``down``, ``to the side``, or empty where it is inclined."""
     if orientation == _LOOKS_DOWN:
         return "down"
@@ -218,17 +203,11 @@ def _vertical(vehicle: Vehicle) -> Iterator[Finding]:
         if vane.position_m[2] < vehicle.fans[vane.fan - 1].position_m[2] - _UPSIDE_M:
             yield _error(f"vane[{i}].position_m", "is above its fan, and exhaust leaves below: z is positive down")
     top = min(fan.position_m[2] for fan in vehicle.fans)
-    bottom = max(fan.position_m[2] for fan in vehicle.fans)
     for i, sensor in enumerate(vehicle.rangefinders, 1):
-        z = sensor.position_m[2]
-        if sensor.target == "ground" and z < top - _SENSOR_ABOVE_M:
+        if sensor.target == "ground" and sensor.position_m[2] < top - _SENSOR_ABOVE_M:
             yield _warning(
                 f"rangefinder[{i}].position_m",
                 "looks down from above the rotors: z is positive down; is a sign flipped?",
-            )
-        if sensor.target == "ceiling" and z > bottom + _SENSOR_BELOW_M:
-            yield _warning(
-                f"rangefinder[{i}].position_m", "looks up from below the rotors: z is positive down, is a sign flipped?"
             )
 
 

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 from models.lazy_exports import exports
 
 if TYPE_CHECKING:
-    from replay.diagnosis.diagnose import Diagnosis, diagnose
+    from replay.diagnosis.answer import Diagnosis
+    from replay.diagnosis.diagnose import diagnose
     from replay.flightlog import FlightLog
     from replay.logs.formats import load
     from replay.residual.record import Record, build_record
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["Diagnosis", "FlightLog", "Record", "build_record", "diagnose", "load"]
 
 _HOMES = {
-    "Diagnosis": "replay.diagnosis.diagnose",
+    "Diagnosis": "replay.diagnosis.answer",
     "FlightLog": "replay.flightlog",
     "Record": "replay.residual.record",
     "build_record": "replay.residual.record",

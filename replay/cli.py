@@ -8,19 +8,14 @@ import sys
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from companion.adaptation.options import Adapt, read_adapt
+from companion.adaptation.options import Adapt
 from models.arguments import Parser
 from models.errors import ConfigError, LogError, UserError
-from models.json_file import write_json as write_json
 from models.version import VersionAction
-from replay.fleet.options import add_options
+from replay.fleet.options import FolderOptions, add_options
 from replay.parameters import assumed_parameters
-
-if TYPE_CHECKING:
-    from companion.config import PipelineConfig
-    from models.choice import Choice
+from replay.pipeline_options import add_pipeline_options, pipeline_config
 
 _INTERRUPTED = 130
 _COMMANDS = (
@@ -49,23 +44,9 @@ def parser() -> argparse.ArgumentParser:
         description="Feed a recorded log through the same pipeline as in flight, with the same decisions.",
     )  # fmt: skip
     run.add_argument("log", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg; or a folder of them")
-    run.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: the paper's tandem)")
-    run.add_argument("--model", metavar="DIR", help="model directory, or none (default: the shipped model)")
-    run.add_argument(
-        "--setpoint", choices=("hold", "upstream"), default="hold",
-        help="decide at every attitude (hold) or at every recorded SET_ATTITUDE_TARGET (upstream)",
-    )  # fmt: skip
-    run.add_argument(
-        "--adapt", type=read_adapt, default=Adapt.FULL, metavar="off|full",
-        help="full: measure the sizes of the model's effects as the flight program does (default)",
-    )  # fmt: skip
+    add_pipeline_options(run)
     run.add_argument("--save-model", type=Path, metavar="DIR", help="write the model with the sizes that were measured")
-    run.add_argument("--survey", metavar="BOX", help="the box of a recorded companion --survey")
     run.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
-    run.add_argument(
-        "--param", action="append", default=[], metavar="NAME=VALUE",
-        help="take an autopilot parameter as given where the log lacks it, such as GUID_OPTIONS=8",
-    )  # fmt: skip
     run.add_argument("--report", type=Path, metavar="DIR", help="write one self-contained HTML page")
     run.add_argument("--json", metavar="FILE", help="write the report as JSON (- for stdout)")
     run.add_argument("--quiet", action="store_true", help="no progress bar and no text report")
@@ -107,10 +88,12 @@ def _run(a: argparse.Namespace) -> int:
     if a.save_model is not None and a.adapt is Adapt.OFF:
         raise ConfigError("--save-model: has no effect with --adapt off")
     # Imported here so that --help answers at once.
+    from replay.command import write_answer
     from replay.rerun.history import History
+    from replay.rerun.page import page
     from replay.rerun.report import run
 
-    config, chosen, notes = _run_config(a)
+    config, chosen, notes = pipeline_config(a)
     history = History()
     report = run(
         a.log, config, chosen.name, a.target_system, assumed_parameters(a.param), quiet=a.quiet or a.json == "-",
@@ -121,16 +104,7 @@ def _run(a: argparse.Namespace) -> int:
         from companion.adaptation.saved import save_sizes
 
         save_sizes(a.save_model, config.model, report.summary.adaptation, [a.log.name])
-    if a.json is not None:
-        write_json(report.as_json(), a.json)
-    if a.report is not None:
-        from replay.rerun.page import write_report
-
-        written = write_report(a.report, report, history)
-    if a.json != "-" and not a.quiet:
-        print(report.as_text())
-        if a.report is not None:
-            print(f"report: {written}")
+    write_answer(a, report.as_json(), [report.as_text()], lambda: page(report, history))
     return 0
 
 
@@ -139,31 +113,11 @@ def _run_folder(a: argparse.Namespace) -> int:
         if value is not None:
             raise ConfigError(f"{option}: is of one flight; name one log instead of the folder {a.log}")
     from replay.fleet.folder import run_folder
-    from replay.fleet.jobs import Kind
+    from replay.fleet.jobs import Job, Kind
 
     assumed = tuple(sorted(assumed_parameters(a.param).items()))
-    return run_folder(a, a.log, Kind.RUN, setpoint=a.setpoint, assumed=assumed, adapt=a.adapt.value)
-
-
-def _run_config(a: argparse.Namespace) -> tuple[PipelineConfig, Choice, list[str]]:
-    """What does not change over the log, the model that was chosen, and what is to be said about model and vehicle."""
-    from companion.config import Base, PipelineConfig
-    from companion.control.survey_box import read_box
-    from models.vehicle_plausibility import warnings
-    from replay.command import declared
-
-    vehicle, chosen = declared(a.vehicle, a.model)
-    config = PipelineConfig(
-        vehicle=vehicle,
-        model=chosen.model,
-        base=Base.HOLD if a.setpoint == "hold" else Base.UPSTREAM,
-        dry_run=True,
-        survey=None if a.survey is None else read_box(a.survey),
-        adapt=a.adapt,
-    )
-    notes = [
-        *([chosen.note] if chosen.note else []),
-        *(f"the model is of another fan than the vehicle file: {wrong}" for wrong in chosen.contradictions),
-        *(f"vehicle file: {line}" for line in warnings(vehicle)),
-    ]
-    return config, chosen, notes
+    job = Job.of(
+        Kind.RUN, a.log, a.vehicle, a.model, target_system=a.target_system, setpoint=a.setpoint, assumed=assumed,
+        adapt=a.adapt.value,
+    )  # fmt: skip
+    return run_folder(job, FolderOptions.of(a))

@@ -1,14 +1,16 @@
-"""What several commands do alike: read what is declared, and write an answer as it was asked for."""
+"""What several commands do alike: check where an answer goes, read what is declared, and write the answer."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from companion.vehicles import default_vehicle
 from models.choice import NONE, Choice, choose
+from models.errors import ConfigError
 from models.json_file import write_json
 from models.pages.document import write_document
 from models.surrogate.store import load
@@ -39,15 +41,58 @@ def of_logs(
     return made.vehicle, choose(made.vehicle, model), made
 
 
-def write_answer(a: argparse.Namespace, content: Mapping[str, Any], text: str, page: Callable[[], str]) -> None:
-    """Write what ``--json``, ``--report`` and ``--quiet`` ask for; ``log_faults`` of the content are printed first."""
+def check_targets(json: str | None, vehicle: Path | None = None, **folders: Path | None) -> None:
+    """Refuse places that cannot be written before minutes are spent on what would go there.
+
+    ``json``, ``vehicle``: the files of ``--json`` and ``--save-vehicle``; ``folders``: those of other
+    options, by the option's name.
+    """
+    files = {"--json": None if json in (None, "-") else Path(json or ""), "--save-vehicle": vehicle}
+    for option, file in files.items():
+        if file is not None and file.is_dir():
+            raise ConfigError(f"{option} {file}: is a folder; name a file")
+        if file is not None:
+            _check_parent(option, file, file.parent)
+    for name, target in folders.items():
+        if target is None:
+            continue
+        option = f"--{name.replace('_', '-')}"
+        if target.exists() and not target.is_dir():
+            raise ConfigError(f"{option} {target}: is a file; name a folder")
+        _check_parent(option, target, next(p for p in (target, *target.absolute().parents) if p.exists()))
+
+
+def _check_parent(option: str, target: Path, parent: Path) -> None:
+    if not parent.is_dir():
+        raise ConfigError(f"{option} {target}: there is no folder {parent}; create it or name another place")
+    if not os.access(parent, os.W_OK):
+        raise ConfigError(f"{option} {target}: folder {parent} cannot be written; name another place")
+
+
+def progress_bar(a: argparse.Namespace) -> Callable[[Sequence[Path]], Iterable[Path]]:
+    """Wraps the logs that are read: a bar on a terminal, unless ``--quiet``."""
+
+    def progress(logs: Sequence[Path]) -> Iterable[Path]:
+        from tqdm import tqdm
+
+        # disable=None: only to a terminal.
+        bar: Iterable[Path] = tqdm(logs, desc="reading", unit="log", disable=True if a.quiet else None)
+        return bar
+
+    return progress
+
+
+def fault_lines(faults: Sequence[Mapping[str, str]]) -> list[str]:
+    """Faults of a model or vehicle file as text."""
+    return [f"{fault['channel']}: {fault['what']}" for fault in faults]
+
+
+def write_answer(
+    a: argparse.Namespace, content: Mapping[str, Any], lines: Sequence[str], page: Callable[[], str]
+) -> None:
+    """Write what ``--json`` and ``--report`` ask for, and print the lines unless ``--quiet``."""
     if a.json is not None:
         write_json(content, a.json)
-    if a.report is not None:
-        write_document("--report", a.report / "report.html", page())
+    written = [] if a.report is None else [write_document("--report", a.report / "report.html", page())]
     if a.json != "-" and not a.quiet:
-        for fault in content["log_faults"]:
-            print(f"{fault['channel']}: {fault['what']}")
-        print(text)
-        if a.report is not None:
-            print(f"report: {a.report / 'report.html'}")
+        print("\n".join([*lines, *(f"report: {path}" for path in written)]))

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict
@@ -110,10 +111,14 @@ class Beam:
         """``down up forward right back left``, or ``other``."""
         return direction_name(self.direction_frd)
 
+    def judged(self, *verdicts: RangeVerdict) -> NDArray[np.bool_]:
+        """Which readings (n,) have one of these verdicts."""
+        return np.array([v in verdicts for v in self.verdicts], bool)
+
     @property
     def good(self) -> Series:
         """The readings with verdict OK."""
-        mask = np.array([v is RangeVerdict.OK for v in self.verdicts], bool)
+        mask = self.judged(RangeVerdict.OK)
         return Series(self.distance.t_s[mask], self.distance.values[mask], self.distance.source)
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 from dataclasses import dataclass
 from functools import lru_cache
@@ -48,11 +49,4 @@ def wire_format(message_id: int) -> WireFormat:
 
 def _codes(text: str) -> list[tuple[int, str]]:
     """(repeat, code) of every field of a struct format such as ``<IHH4f16sB``; repeat 0 where none is written."""
-    out, digits = [], ""
-    for c in text[1:]:
-        if c.isdigit():
-            digits += c
-        else:
-            out.append((int(digits or 0), c))
-            digits = ""
-    return out
+    return [(int(digits or 0), code) for digits, code in re.findall(r"(\d*)([a-zA-Z])", text)]

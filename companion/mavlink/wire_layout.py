@@ -53,11 +53,9 @@ class Quantity:
         places = [i for name in self.fields for i in range(*wire.places[name].indices(1 << 16))]
         # Of one place a slice, so that a tuple comes out as well.
         pick = itemgetter(*places) if len(places) > 1 else itemgetter(slice(places[0], places[0] + 1))
-        if unknown:
-            return lambda fields: tuple(
-                [v if x not in unknown and -limit <= (v := x / per) <= limit else NAN for x in pick(fields)]
-            )
-        return lambda fields: tuple([v if -limit <= (v := x / per) <= limit else NAN for x in pick(fields)])
+        return lambda fields: tuple(
+            [v if x not in unknown and -limit <= (v := x / per) <= limit else NAN for x in pick(fields)]
+        )
 
     def column(self, records: NDArray[Any]) -> NDArray[np.float64]:
         """The numbers of many messages, shape (n, k)."""

@@ -10,9 +10,10 @@ import math
 from dataclasses import dataclass, field
 from enum import Enum, IntEnum
 
-from companion.sim.body import ARDUPILOT_MOTOR, DT, GRAVITY, MotorOutput, Vec
+from companion.sim.body import ARDUPILOT_MOTOR, DT, MotorOutput, Vec
 from companion.sim.mixer import Mixer
 from companion.sim.sensors import Estimate
+from models.frames import GRAVITY
 from models.vehicle import Vehicle
 
 
@@ -166,12 +167,11 @@ class AttitudeTarget:
 
 @dataclass
 class Sticks:
-    """The pilot's sticks, -1...1: forward, right, up, clockwise. ``time_s``: when last heard."""
+    """The pilot's sticks, -1...1: forward, right, up. ``time_s``: when last heard."""
 
     forward: float = 0.0
     right: float = 0.0
     up: float = 0.0
-    turn: float = 0.0
     time_s: float = -math.inf
 
 
@@ -235,14 +235,10 @@ class Autopilot:
         return {
             "GUID_OPTIONS": 8.0,
             "GUID_TIMEOUT": self.guid_timeout_s,
-            "MOT_SPIN_ARM": 0.10,
             "MOT_SPIN_MIN": self.motor.lowest,
             "MOT_SPIN_MAX": self.motor.highest,
             "MOT_THST_EXPO": self.motor.expo,
             "MOT_THST_HOVER": self.hover,
-            "MOT_BAT_VOLT_MAX": 0.0,
-            "MOT_BAT_VOLT_MIN": 0.0,
-            "MOT_HOVER_LEARN": 0.0,
             "ATC_INPUT_TC": g.input_tc,
             "ATC_ANG_RLL_P": g.angle[0],
             "ATC_ANG_PIT_P": g.angle[1],
@@ -250,12 +246,9 @@ class Autopilot:
             "ATC_ACCEL_R_MAX": 100.0 * math.degrees(g.accel_max[0]),
             "ATC_ACCEL_P_MAX": 100.0 * math.degrees(g.accel_max[1]),
             "ATC_ACCEL_Y_MAX": 100.0 * math.degrees(g.accel_max[2]),
-            "ATC_RAT_RLL_P": 0.135,
-            "ATC_RAT_PIT_P": 0.135,
             "PILOT_SPEED_UP": 100.0 * self.speed_up_m_s,
             "LOIT_SPEED": 1250.0,
             "FS_EKF_ACTION": 1.0,
-            "SYSID_THISMAV": 1.0,
         }
 
     def set_parameter(self, name: str, value: float) -> bool:
@@ -416,9 +409,9 @@ class Autopilot:
 
     def _outer(self, now: Estimate) -> float:
         """Throttle demand; sets the attitude demand."""
-        if self.mode in (Mode.STABILIZE, Mode.ALT_HOLD):
+        if self.mode is Mode.STABILIZE:
             self._demand_attitude(0.0, 0.0, self.shaped[2])
-            return self._climb(now, 0.0) if self.mode is Mode.ALT_HOLD and not self.landed else 0.0
+            return 0.0
         if self.mode in STICK_MODES:
             self._follow_sticks(now)
         elif self.mode is Mode.RTL:
@@ -427,10 +420,14 @@ class Autopilot:
             return self._land(now)
         if self.guided is Guided.ATTITUDE and self.mode in (Mode.GUIDED, Mode.GUIDED_NOGPS):
             return self._attitude_command(now)
-        if self.mode is Mode.GUIDED_NOGPS:
-            self._demand_attitude(0.0, 0.0, self.shaped[2])
-            return self._climb(now, 0.0) if not self.landed else 0.0
+        if self.mode in (Mode.GUIDED_NOGPS, Mode.ALT_HOLD):
+            return self._level(now)
         return self._to_target(now)
+
+    def _level(self, now: Estimate) -> float:
+        """Level, and the height held."""
+        self._demand_attitude(0.0, 0.0, self.shaped[2])
+        return self._climb(now, 0.0) if not self.landed else 0.0
 
     def _land(self, now: Estimate) -> float:
         """Sink where it is; level without a position."""
@@ -504,12 +501,8 @@ class Autopilot:
         a = self.attitude
         if self.time_s - a.time_s > self.guid_timeout_s:
             # Real behaviour after GUID_TIMEOUT: level, altitude held, position not.
-            self._demand_attitude(0.0, 0.0, self.shaped[2])
-            return self._climb(now, 0.0) if not self.landed else 0.0
-        if a.rates is not None:
-            self._demand_rates(a.rates)
-        else:
-            self._demand_attitude(a.roll, a.pitch, a.yaw)
+            return self._level(now)
+        self._follow_attitude(a)
         if a.thrust_is_climb_rate:
             rate = (a.thrust - 0.5) * 2.0
             up = rate * (self.speed_up_m_s if rate > 0.0 else self.speed_down_m_s)
@@ -520,6 +513,12 @@ class Autopilot:
         self._down.reset(now.position[2], now.velocity[2])
         self._thr_i = a.thrust - self.hover
         return a.thrust
+
+    def _follow_attitude(self, target: AttitudeTarget) -> None:
+        if target.rates is not None:
+            self._demand_rates(target.rates)
+        else:
+            self._demand_attitude(target.roll, target.pitch, target.yaw)
 
     def _climb(self, now: Estimate, up_m_s: float) -> float:
         """Hold height, or climb at a rate."""
@@ -544,13 +543,18 @@ class Autopilot:
             self._vel_old[i] = error
             self._vel_slope[i] += (slope - self._vel_slope[i]) * SHARE_5_HZ
             demand[i] = axis.accel + g.vel_xy_p * error + self._vel_i[i] + g.vel_xy_d * self._vel_slope[i]
+        self._lean(now, demand[0], demand[1])
+        return self._vertical(now)
+
+    def _lean(self, now: Estimate, north: float, east: float) -> tuple[float, float]:
+        """Demand the tilt of a horizontal acceleration [m/s^2] at the target's yaw; returns roll and pitch."""
         c, s = math.cos(now.yaw), math.sin(now.yaw)
-        ahead, right = c * demand[0] + s * demand[1], -s * demand[0] + c * demand[1]
+        ahead, right = c * north + s * east, -s * north + c * east
         limit = MAX_TILT_RAD
         pitch = max(-limit, min(limit, -math.atan(ahead / GRAVITY)))
         roll = max(-limit, min(limit, math.atan(right * math.cos(pitch) / GRAVITY)))
-        self._demand_attitude(roll, pitch, self.shaped[2] if t.yaw is None else t.yaw)
-        return self._vertical(now)
+        self._demand_attitude(roll, pitch, self.shaped[2] if self.target.yaw is None else self.target.yaw)
+        return roll, pitch
 
     def _vertical(self, now: Estimate) -> float:
         g, axis = self.gains, self._down

@@ -32,10 +32,9 @@ from companion.sim.fan_wrench import (
     momentum_drag,
     unsteady_wrench,
 )
+from models.frames import GRAVITY
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
 
-GRAVITY = 9.80665
-"""Standard gravity [m/s^2]."""
 DT = 0.0025
 """Step [s]: ArduCopter's own main loop runs at 400 Hz."""
 SPIN_UP_S, SPIN_DOWN_S, SERVO_S = 0.04, 0.05, 0.025
@@ -165,6 +164,16 @@ class _Vane:
 def thrust_share(actuator: float, expo: float = THRUST_EXPO) -> float:
     """Thrust over full thrust of a motor at ``actuator`` 0...1."""
     return (1.0 - expo) * actuator + expo * actuator * actuator
+
+
+def euler(q: Sequence[float]) -> Vec:
+    """Roll, pitch, yaw [rad] of a unit quaternion (w, x, y, z)."""
+    w, x, y, z = q
+    return (
+        math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+        math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x)))),
+        math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+    )
 
 
 @dataclass
@@ -320,12 +329,7 @@ class Body:
 
     def euler(self) -> Vec:
         """Roll, pitch, yaw [rad]."""
-        w, x, y, z = self.quaternion
-        return (
-            math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
-            math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x)))),
-            math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
-        )
+        return euler(self.quaternion)
 
     def step(self, pwm: Sequence[float]) -> None:
         """Advance by ``dt`` under servo outputs ``pwm`` [us], channel 1 first."""

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TextIO
 
 from companion.sim.air import SurfaceLaw
 from companion.sim.autopilot import Autopilot
-from companion.sim.body import ARDUPILOT_MOTOR, DT, GRAVITY, PX4_MOTOR, Body
+from companion.sim.body import ARDUPILOT_MOTOR, DT, PX4_MOTOR, Body
 from companion.sim.px4 import Px4
 from companion.sim.scenario import Reference, Scenario
 from companion.sim.sensors import EscTelemetry, Estimate, Estimator, RangeSensor
 from companion.sim.world import law_of
 from models.errors import ConfigError
+from models.frames import GRAVITY
 from models.vehicle import Vehicle
 
 HOVER_PARAM_SHARE = 0.89
@@ -101,47 +102,7 @@ class Flight:
         return -math.atan(fy / weight), math.atan(fx / weight)
 
 
-WRENCH = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
-COLUMNS = (
-    "time_s",
-    "script_s",
-    "phase",
-    "ref_n",
-    "ref_e",
-    "ref_d",
-    "ref_vn",
-    "ref_ve",
-    "ref_vd",
-    "n",
-    "e",
-    "d",
-    "vn",
-    "ve",
-    "vd",
-    "roll",
-    "pitch",
-    "yaw",
-    "p",
-    "q",
-    "r",
-    "est_n",
-    "est_e",
-    "est_d",
-    "target_roll",
-    "target_pitch",
-    "command_roll",
-    "command_pitch",
-    "need_roll",
-    "need_pitch",
-    "throttle",
-    "hand",
-    *(f"{cause}_{axis}" for cause in ("free", "corner", "unsteady", "drag", "vanes", "contact") for axis in WRENCH),
-    "contact",
-    "height_m",
-    "gap_m",
-    "voltage_v",
-    "current_a",
-)
+_AXES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 
 
 class TruthFile:
@@ -152,48 +113,50 @@ class TruthFile:
     """
 
     def __init__(self, path: Path, flight: Flight) -> None:
+        self._flight = flight
         try:
             self._file: TextIO = path.open("w", encoding="utf-8")
         except OSError as error:
             raise ConfigError(f"--truth {path}: cannot be written ({error.strerror})") from None
-        self._flight = flight
-        rotors = [f"rpm_{i + 1}" for i in range(len(flight.body.rpm))]
-        self._file.write(",".join((*COLUMNS, *rotors)) + "\n")
+        self._file.write(",".join(self._row()) + "\n")
         self._next_s = 0.0
 
     def step(self) -> None:
         """Write a row when due."""
-        f = self._flight
-        if f.time_s + 0.5 * DT < self._next_s:
+        now_s = self._flight.time_s
+        if now_s + 0.5 * DT < self._next_s:
             return
-        self._next_s = round(f.time_s + 0.02, 4)
-        b, a, c, reference = f.body, f.autopilot, f.body.causes, f.reference
-        reach = f.scenario.surroundings.wall_m
-        values = (
-            *reference.position,
-            *reference.velocity,
-            *b.position,
-            *b.velocity,
-            *b.euler(),
-            *b.rates,
-            *f.estimate.position,
-            a.shaped[0],
-            a.shaped[1],
-            *a.command,
-            *f.needed_tilt(),
-            a.throttle,
-        )
-        causes = (*c.free, *c.corner, *c.unsteady, *c.drag, *c.vanes, *c.contact)
-        gap = b.wall_gap_m - b.lip_reach_m if math.isfinite(reach) else math.inf
-        tail = (float(b.contact), -b.position[2], gap, b.pack.voltage_v, b.pack.current_a, *b.rpm)
-        self._file.write(
-            f"{f.time_s:.4f},{f.script_s:.4f},{reference.phase},"
-            + ",".join(f"{v:.6g}" for v in values)
-            + f",{a.hand},"
-            + ",".join(f"{v:.6g}" for v in (*causes, *tail))
-            + "\n"
-        )
+        self._next_s = round(now_s + 0.02, 4)
+        self._file.write(",".join(self._row().values()) + "\n")
+
+    def _row(self) -> dict[str, str]:
+        """The present numbers by the names of their columns."""
+        f = self._flight
+        b, a, reference = f.body, f.autopilot, f.reference
+        gap = b.wall_gap_m - b.lip_reach_m if math.isfinite(f.scenario.surroundings.wall_m) else math.inf
+        row = {"time_s": f"{f.time_s:.4f}", "script_s": f"{f.script_s:.4f}", "phase": reference.phase}
+        row |= _named("ref_n ref_e ref_d", reference.position)
+        row |= _named("ref_vn ref_ve ref_vd", reference.velocity)
+        row |= _named("n e d", b.position)
+        row |= _named("vn ve vd", b.velocity)
+        row |= _named("roll pitch yaw", b.euler())
+        row |= _named("p q r", b.rates)
+        row |= _named("est_n est_e est_d", f.estimate.position)
+        row |= _named("target_roll target_pitch", a.shaped[:2])
+        row |= _named("command_roll command_pitch", a.command)
+        row |= _named("need_roll need_pitch", f.needed_tilt())
+        row |= _named("throttle", [a.throttle])
+        row["hand"] = a.hand
+        for cause, wrench in vars(b.causes).items():
+            row |= _named(" ".join(f"{cause}_{axis}" for axis in _AXES), wrench)
+        row |= _named("contact height_m gap_m", (float(b.contact), -b.position[2], gap))
+        row |= _named("voltage_v current_a", (b.pack.voltage_v, b.pack.current_a))
+        return row | _named(" ".join(f"rpm_{i + 1}" for i in range(len(b.rpm))), b.rpm)
 
     def close(self) -> None:
         """Flush and close."""
         self._file.close()
+
+
+def _named(names: str, values: Sequence[float]) -> dict[str, str]:
+    return {name: f"{value:.6g}" for name, value in zip(names.split(), values, strict=True)}

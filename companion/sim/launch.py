@@ -51,7 +51,6 @@ def launch(
     *,
     seed: int = 0,
     speed: float = 1.0,
-    air: str = "corner",
     pilot: str = "companion",
     truth: Path | None = None,
     duration_s: float | None = None,
@@ -69,7 +68,7 @@ def launch(
     """
     port = free_port() if port is None else port
     command = [sys.executable, "-m", "companion.sim", "--until-stdin-closes", "--scenario", scenario]
-    command += ["--port", str(port), "--seed", str(seed), "--speed", str(speed), "--air", air, "--pilot", pilot]
+    command += ["--port", str(port), "--seed", str(seed), "--speed", str(speed), "--pilot", pilot]
     for flag, value in (("--truth", truth), ("--duration", duration_s), ("--vehicle", vehicle)):
         if value is not None:
             command += [flag, str(value)]

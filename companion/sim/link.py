@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import math
-import struct
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from pymavlink.generator.mavcrc import x25crc
 
+from companion.mavlink.esc_messages import ESC_INFO, ESC_STATUS, EscMessage
+from companion.mavlink.frames import pack
 from companion.sim.autopilot import AttitudeTarget, Mode, PositionTarget, Sticks
-from companion.sim.body import GRAVITY, Vec
+from companion.sim.body import Vec, euler
 from companion.sim.flight import Flight
 from companion.sim.px4 import Px4
-from companion.sim.sensors import RANGE_MAX_M, RANGE_MIN_M, Estimate
+from companion.sim.sensors import RANGE_MAX_M, RANGE_MIN_M
+from models.frames import quaternion_from_euler
 
 SYSTEM = 1
 COMPANION = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
@@ -28,10 +28,6 @@ SHORTEST_INTERVAL_S = 0.003
 """ArduPilot refuses a shorter one."""
 GUID_OPTION_THRUST = 8
 """Bit 3 of GUID_OPTIONS: SET_ATTITUDE_TARGET.thrust is thrust."""
-
-ESC_INFO, ESC_STATUS = 290, 291
-ESC_INFO_CRC, ESC_STATUS_CRC = 251, 10
-"""Message ids and extra CRC bytes (MAVLink development.xml) of what pymavlink's dialect lacks."""
 
 PX4_MODES = {
     Mode.GUIDED: (6, 0),  # OFFBOARD
@@ -56,12 +52,10 @@ _FRAMES = (
     mavlink.MAV_FRAME_BODY_NED,
     mavlink.MAV_FRAME_BODY_OFFSET_NED,
 )
-_RESULTS: tuple[int, int, int, int] = (
-    mavlink.MAV_RESULT_ACCEPTED,
-    mavlink.MAV_RESULT_DENIED,
-    mavlink.MAV_RESULT_FAILED,
-    mavlink.MAV_RESULT_UNSUPPORTED,
-)
+_ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
+_DENIED: int = mavlink.MAV_RESULT_DENIED
+_FAILED: int = mavlink.MAV_RESULT_FAILED
+_UNSUPPORTED: int = mavlink.MAV_RESULT_UNSUPPORTED
 
 
 @dataclass
@@ -89,17 +83,10 @@ class VehicleLink:
         self._mode_said = flight.autopilot.mode
         self._param_queue: list[str] = []
         self._rate = PX4_MESSAGES_PER_S if flight.px4 else MESSAGES_PER_S
-        self.position_hz = math.inf
-        """Local positions come no faster than this, whatever is asked for."""
-        self.position_late_s = 0.0
-        """And this much later than their stamp says."""
-        self._past: deque[tuple[int, Estimate]] = deque()
         self.companion_heartbeat_s = -math.inf
         """Boot time of the last heartbeat of component 191."""
         self.attitude_stream_s = -math.inf
         """Boot time of the last SET_ATTITUDE_TARGET that was taken."""
-        self.attitude_basis_s = -math.inf
-        """Boot time that this SET_ATTITUDE_TARGET was computed for, by its own stamp."""
         self.attitude_since_s = math.inf
         """Boot time since which that stream has been flowing."""
         self.taken = 0
@@ -121,8 +108,6 @@ class VehicleLink:
             self._out(self._heartbeat())
         if self._param_queue and self._tokens >= 1.0:
             self._send_param(self._param_queue.pop(0))
-        if self.position_late_s > 0.0:
-            self._past.append((self.boot_ms, self._flight.estimate))
         # Round robin, so that a link asked for too much serves everyone less.
         streams = list(self._streams.values())
         for k in range(len(streams)):
@@ -178,20 +163,13 @@ class VehicleLink:
             mavlink.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
             mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._attitude_quaternion,
             mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: self._highres_imu,
-            mavlink.MAVLINK_MSG_ID_SCALED_IMU: self._scaled_imu,
-            mavlink.MAVLINK_MSG_ID_RAW_IMU: self._raw_imu,
             mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
             mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW: self._servo_output,
             mavlink.MAVLINK_MSG_ID_ATTITUDE_TARGET: self._attitude_target,
-            mavlink.MAVLINK_MSG_ID_POSITION_TARGET_LOCAL_NED: self._position_target,
             mavlink.MAVLINK_MSG_ID_BATTERY_STATUS: self._battery,
-            mavlink.MAVLINK_MSG_ID_SYS_STATUS: self._sys_status,
             mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._extended_state,
             mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: self._pressure,
-            mavlink.MAVLINK_MSG_ID_SYSTEM_TIME: lambda: mavlink.MAVLink_system_time_message(0, self.boot_ms),
-            mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION: self._version,
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
-            mavlink.MAVLINK_MSG_ID_GPS_RAW_INT: self._gps,
         }
         if self._flight.px4:
             table[mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS] = self._estimator_status
@@ -206,8 +184,8 @@ class VehicleLink:
             frames[mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR] = self._distance_frames
         if self._flight.vehicle.telemetered:
             if self._flight.px4:
-                frames[ESC_STATUS] = self._esc_status_frames
-                frames[ESC_INFO] = self._esc_info_frames
+                frames[ESC_STATUS.id] = self._esc_status_frames
+                frames[ESC_INFO.id] = self._esc_info_frames
             else:
                 frames[mavlink.MAVLINK_MSG_ID_ESC_TELEMETRY_1_TO_4] = self._esc_telemetry_frames
         return frames
@@ -226,23 +204,9 @@ class VehicleLink:
             self.boot_us, *e.specific_force, *e.rates, 0.2, 0.0, 0.4, 1013.25, 0.0, 0.0, 25.0, 0x3F
         )
 
-    def _milli(self) -> list[int]:
-        """Accelerations in mg and rates in mrad/s, quantised as the messages are."""
-        e = self._flight.estimate
-        values = [1000.0 * a / GRAVITY for a in e.specific_force] + [1000.0 * w for w in e.rates]
-        return [max(-32768, min(32767, round(v))) for v in values]
-
-    def _scaled_imu(self) -> Any:
-        return mavlink.MAVLink_scaled_imu_message(self.boot_ms, *self._milli(), 200, 0, 400, 2500)
-
-    def _raw_imu(self) -> Any:
-        return mavlink.MAVLink_raw_imu_message(self.boot_us, *self._milli(), 200, 0, 400, 0, 2500)
-
     def _local_position(self) -> Any:
-        boot_ms, e = self.boot_ms, self._flight.estimate
-        while self._past and self._past[0][0] <= self.boot_ms - 1000.0 * self.position_late_s:
-            boot_ms, e = self._past.popleft()
-        return mavlink.MAVLink_local_position_ned_message(boot_ms, *e.position, *e.velocity)
+        e = self._flight.estimate
+        return mavlink.MAVLink_local_position_ned_message(self.boot_ms, *e.position, *e.velocity)
 
     def _estimator_status(self) -> Any:
         trusted = self._flight.estimator.trusted
@@ -255,10 +219,6 @@ class VehicleLink:
         flags, variance = (_TRUSTED, 0.05) if trusted else (_DEAD_RECKONED, 1.5)
         return mavlink.MAVLink_ekf_status_report_message(flags, 0.05, variance, 0.05, 0.05, 0.0)
 
-    def _gps(self) -> Any:
-        fix, seen = (3, 14) if self._flight.estimator.gps else (1, 0)
-        return mavlink.MAVLink_gps_raw_int_message(self.boot_us, fix, 0, 0, 0, 80, 120, 0, 65535, seen)
-
     def _servo_output(self) -> Any:
         pwm = [int(v) for v in self._flight.autopilot.mixer.pwm]
         return mavlink.MAVLink_servo_output_raw_message(self.boot_us & 0xFFFFFFFF, 0, *pwm)
@@ -266,20 +226,7 @@ class VehicleLink:
     def _attitude_target(self) -> Any:
         a = self._flight.autopilot
         return mavlink.MAVLink_attitude_target_message(
-            self.boot_ms, 0, quaternion(*a.shaped), *a.shaped_rates, max(0.0, min(1.0, a.throttle))
-        )
-
-    def _position_target(self) -> Any:
-        n, e, d = self._flight.autopilot.shaped_axes
-        return mavlink.MAVLink_position_target_local_ned_message(
-            self.boot_ms,
-            mavlink.MAV_FRAME_LOCAL_NED,
-            0,
-            *(n.position, e.position, d.position),
-            *(n.velocity, e.velocity, d.velocity),
-            *(n.accel, e.accel, d.accel),
-            0.0,
-            0.0,
+            self.boot_ms, 0, quaternion_from_euler(*a.shaped), *a.shaped_rates, max(0.0, min(1.0, a.throttle))
         )
 
     def _battery(self) -> Any:
@@ -288,13 +235,6 @@ class VehicleLink:
         left = max(0, round(100.0 * (1.0 - p.used_ah / p.capacity_ah)))
         return mavlink.MAVLink_battery_status_message(
             0, 0, 1, 32767, volts, round(100.0 * p.current_a), round(1000.0 * p.used_ah), -1, left
-        )
-
-    def _sys_status(self) -> Any:
-        p = self._flight.body.pack
-        left = max(0, round(100.0 * (1.0 - p.used_ah / p.capacity_ah)))
-        return mavlink.MAVLink_sys_status_message(
-            0, 0, 0, 300, round(1000.0 * p.voltage_v), round(100.0 * p.current_a), left, 0, 0, 0, 0, 0, 0
         )
 
     def _extended_state(self) -> Any:
@@ -310,15 +250,6 @@ class VehicleLink:
     def _pressure(self) -> Any:
         hpa = 1013.25 + 0.12013 * self._flight.body.position[2]
         return mavlink.MAVLink_scaled_pressure_message(self.boot_ms, hpa, 0.0, 1500)
-
-    def _version(self) -> Any:
-        caps = (
-            mavlink.MAV_PROTOCOL_CAPABILITY_MAVLINK2
-            | mavlink.MAV_PROTOCOL_CAPABILITY_SET_ATTITUDE_TARGET
-            | mavlink.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
-        )
-        blank = [0] * 8
-        return mavlink.MAVLink_autopilot_version_message(caps, 0x040603FF, 0, 0, 0, blank, blank, blank, 0, 0, 0)
 
     def _distance_frames(self) -> list[bytes]:
         return [
@@ -369,50 +300,25 @@ class VehicleLink:
         f, rpm = self._flight, self._esc_rpm()
         volts, amps = f.body.pack.voltage_v, f.body.pack.current_a / len(f.body.rpm)
         return [
-            self._raw_frame(
-                ESC_STATUS,
-                ESC_STATUS_CRC,
-                struct.pack(
-                    "<Q4i4f4fB", self.boot_us, *(round(v) for v in rpm[i : i + 4]), *[volts] * 4, *[amps] * 4, i
-                ),
-            )
+            self._esc_frame(ESC_STATUS, *(round(v) for v in rpm[i : i + 4]), *[volts] * 4, *[amps] * 4, i)
             for i in range(0, len(rpm), 4)
         ]
 
     def _esc_info_frames(self) -> list[bytes]:
         f, rpm = self._flight, self._esc_rpm()
-        temperature = round(100.0 * f.esc.temperature_c)
-        count = len(f.body.rpm)
+        temperature, count = round(100.0 * f.esc.temperature_c), len(f.body.rpm)
+        heard, online = f.esc.count & 0xFFFF, (1 << count) - 1 & 0xFF
         return [
-            self._raw_frame(
-                ESC_INFO,
-                ESC_INFO_CRC,
-                struct.pack(
-                    "<Q4IH4H4hBBBB",
-                    self.boot_us,
-                    *[0] * 4,
-                    f.esc.count & 0xFFFF,
-                    *[0] * 4,
-                    *[temperature] * 4,
-                    i,
-                    count,
-                    5,
-                    (1 << count) - 1 & 0xFF,
-                ),
-            )
+            self._esc_frame(ESC_INFO, *[0] * 4, heard, *[0] * 4, *[temperature] * 4, i, count, 5, online)
             for i in range(0, len(rpm), 4)
         ]
 
-    def _raw_frame(self, number: int, extra: int, payload: bytes) -> bytes:
-        """A MAVLink 2 frame of a message that pymavlink lacks: trailing zeros cut, CRC with the message's extra."""
-        payload = payload.rstrip(b"\0") or payload[:1]
-        header = struct.pack(
-            "<BBBBBBB", len(payload), 0, 0, self._mav.seq, SYSTEM, mavlink.MAV_COMP_ID_AUTOPILOT1, number & 0xFF
-        ) + struct.pack("<H", number >> 8)
+    def _esc_frame(self, kind: EscMessage, *fields: float) -> bytes:
+        """A frame of a message that pymavlink lacks."""
+        payload = kind.unpacker.pack(self.boot_us, *fields)
+        frame = pack(kind.id, payload, SYSTEM, mavlink.MAV_COMP_ID_AUTOPILOT1, self._mav.seq)
         self._mav.seq = (self._mav.seq + 1) % 256
-        crc = x25crc(header + payload)
-        crc.accumulate(bytes([extra]))
-        return b"\xfd" + header + payload + struct.pack("<H", crc.crc)
+        return frame
 
     # -- in ---------------------------------------------------------------------------------------------------------
 
@@ -476,8 +382,6 @@ class VehicleLink:
         if f.time_s - self.attitude_stream_s > 0.3:
             self.attitude_since_s = f.time_s
         self.attitude_stream_s = f.time_s
-        stamp_s = m.time_boot_ms / 1000.0
-        self.attitude_basis_s = stamp_s if 0.0 <= f.time_s - stamp_s < 5.0 else f.time_s
         self.taken += 1
 
     def _on_set_position_target_local_ned(self, m: Any) -> None:
@@ -520,14 +424,7 @@ class VehicleLink:
 
     def _on_manual_control(self, m: Any) -> None:
         pilot = self._flight.autopilot
-        pilot.sticks = Sticks(m.x / 1000.0, m.y / 1000.0, (m.z - 500.0) / 500.0, m.r / 1000.0, pilot.time_s)
-
-    def _on_timesync(self, m: Any) -> None:
-        if m.tc1 == 0:
-            self._out(mavlink.MAVLink_timesync_message(self.boot_us * 1000, m.ts1))
-
-    def _on_set_mode(self, m: Any) -> None:
-        self._set_mode(m.custom_mode)
+        pilot.sticks = Sticks(m.x / 1000.0, m.y / 1000.0, (m.z - 500.0) / 500.0, pilot.time_s)
 
     def _on_command_long(self, m: Any) -> None:
         result = self._command(m)
@@ -535,24 +432,18 @@ class VehicleLink:
 
     def _command(self, m: Any) -> int:
         pilot, f = self._flight.autopilot, self._flight
-        accepted, denied, failed, unsupported = _RESULTS
         if m.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
-            return accepted if self.set_interval(int(m.param1), m.param2) else denied
-        if m.command == mavlink.MAV_CMD_REQUEST_MESSAGE:
-            build = self._builders.get(int(m.param1))
-            for frame in build() if build else []:
-                self._send(frame)
-            return accepted if build else failed
+            return _ACCEPTED if self.set_interval(int(m.param1), m.param2) else _DENIED
         if m.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
-            return accepted if pilot.arm(m.param1 > 0.5) else failed
+            return _ACCEPTED if pilot.arm(m.param1 > 0.5) else _FAILED
         if m.command == mavlink.MAV_CMD_DO_SET_MODE:
             custom = int(m.param2) << 16 | int(m.param3) << 24 if f.px4 else int(m.param2)
-            return accepted if self._set_mode(custom) else failed
+            return _ACCEPTED if self._set_mode(custom) else _FAILED
         if m.command == mavlink.MAV_CMD_NAV_TAKEOFF:
             if pilot.mode is not Mode.GUIDED and not f.px4:
-                return failed
-            return accepted if pilot.take_off(m.param7, f.estimate) else failed
-        return unsupported
+                return _FAILED
+            return _ACCEPTED if pilot.take_off(m.param7, f.estimate) else _FAILED
+        return _UNSUPPORTED
 
     def set_interval(self, number: int, interval_us: float) -> bool:
         """SET_MESSAGE_INTERVAL: whole milliseconds, no shorter than 3 ms, only messages that we have."""
@@ -563,8 +454,6 @@ class VehicleLink:
             self._streams.pop(number, None)
             return True
         interval_s = round(interval_us / 1000.0) / 1000.0
-        if number == mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED and interval_us > 0:
-            interval_s = max(interval_s, 1.0 / self.position_hz)
         if interval_us == 0 or interval_s < SHORTEST_INTERVAL_S:
             return False
         self._streams[number] = _Stream(build, interval_s, self._flight.time_s)
@@ -617,26 +506,3 @@ class VehicleLink:
     def _on_param_set(self, m: Any) -> None:
         if self._flight.autopilot.set_parameter(m.param_id, float(m.param_value)):
             self._param_queue.append(m.param_id)
-
-
-def quaternion(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
-    """Unit quaternion (w, x, y, z) of 3-2-1 angles."""
-    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
-    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
-    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
-    return (
-        cr * cp * cy + sr * sp * sy,
-        sr * cp * cy - cr * sp * sy,
-        cr * sp * cy + sr * cp * sy,
-        cr * cp * sy - sr * sp * cy,
-    )
-
-
-def euler(q: Any) -> tuple[float, float, float]:
-    """Roll, pitch, yaw of a quaternion (w, x, y, z)."""
-    w, x, y, z = q
-    return (
-        math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
-        math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x)))),
-        math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
-    )

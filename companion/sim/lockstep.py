@@ -6,21 +6,16 @@ an idle machine flies faster than real time. Stands in for the socket (``recv``,
 
 from __future__ import annotations
 
-import math
-from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Protocol
 
-from companion import last_word
 from companion.clock import Readable
 from companion.config import PipelineConfig
 from companion.flight import Flight as CompanionFlight
 from companion.flight import FlightOptions
-from companion.invariants import Auditor
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.frames import cut
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.tlog_writer import Recorder, Records
 from companion.sim.flight import Flight, TruthFile
@@ -28,10 +23,6 @@ from companion.sim.link import VehicleLink
 
 EPOCH_S = 1_767_225_600.0
 """Unix time of the vehicle's boot: 1 January 2026."""
-LAST_WORD_DELAY_S = 0.01
-"""From the end of the companion to the first frame of its watchdog: a broken pipe wakes it at once."""
-BUFFER_DATAGRAMS = 277
-"""What a UDP socket of Linux holds by default: 212 992 bytes, 768 for each small datagram. The newest are lost."""
 
 
 class Pilot(Protocol):
@@ -39,152 +30,36 @@ class Pilot(Protocol):
 
     @property
     def over(self) -> bool:
-        """Whether the flight has come to its end."""
+        """The flight has come to its end."""
 
     def step(self) -> None:
         """Act when due."""
 
 
-class Wire:
-    """What is on its way from the vehicle to the companion and back, each datagram with the time of its arrival."""
-
-    def __init__(self) -> None:
-        self.down_delay_s = 0.0
-        """From the vehicle to the companion; may change in flight."""
-        self.up_delay_s = 0.0
-        self.lost = 0
-        self._down: deque[tuple[float, bytes]] = deque()
-        self._up: deque[tuple[float, bytes]] = deque()
-
-    def send_down(self, frame: bytes, now_s: float) -> None:
-        """The vehicle sends."""
-        waiting = sum(1 for due, _ in self._down if due <= now_s) if len(self._down) >= BUFFER_DATAGRAMS else 0
-        if waiting >= BUFFER_DATAGRAMS:
-            self.lost += 1
-            return
-        self._down.append((now_s + self.down_delay_s, frame))
-
-    def send_up(self, frame: bytes, now_s: float) -> None:
-        """The companion sends."""
-        self._up.append((now_s + self.up_delay_s, frame))
-
-    def ready(self, now_s: float) -> bool:
-        """Whether something waits for the companion."""
-        return bool(self._down) and self._down[0][0] <= now_s
-
-    def read_down(self, now_s: float) -> bytes:
-        """Everything that has reached the companion."""
-        return _arrived(self._down, now_s)
-
-    def read_up(self, now_s: float) -> bytes:
-        """Everything that has reached the vehicle."""
-        return _arrived(self._up, now_s)
-
-
-def _arrived(queue: deque[tuple[float, bytes]], now_s: float) -> bytes:
-    out = bytearray()
-    while queue and queue[0][0] <= now_s:
-        out += queue.popleft()[1]
-    return bytes(out)
-
-
-class _Audited:
-    """A recording that is checked as it is written."""
-
-    def __init__(self, auditor: Auditor, inner: Records | None) -> None:
-        self._auditor, self._inner = auditor, inner
-
-    def write(self, arrival_us: int, raw: bytes) -> None:
-        self._auditor.frame(arrival_us, cut(raw, 0))
-        if self._inner is not None:
-            self._inner.write(arrival_us, raw)
-
-    def flush(self) -> None:
-        if self._inner is not None:
-            self._inner.flush()
-
-
-class _KilledError(Exception):
-    """The companion's process has ended where it stood."""
-
-
-class _OverError(Exception):
+class OverError(Exception):
     """The flight has come to its end: nobody looks at what the companion does after it."""
 
 
 class Lockstep:
     """One simulated flight from boot to its end, with a companion or without.
 
-    ``pilot`` builds whoever commands the vehicle. A pilot may also act upon the companion's process, as an operator or
-    a bad computer would: ``interrupt``, ``kill``, ``stall``.
+    ``pilot`` builds whoever commands the vehicle.
     """
 
     fd = None
+    vehicle_link = VehicleLink
 
-    def __init__(
-        self,
-        flight: Flight,
-        pilot: Callable[[Lockstep], Pilot],
-        truth: Path | None = None,
-    ) -> None:
+    def __init__(self, flight: Flight, pilot: Callable[[Lockstep], Pilot], truth: Path | None = None) -> None:
         self.mav = mavlink.MAVLink(None)
         self.flight = flight
-        self.wire = Wire()
-        self.link = VehicleLink(flight, lambda frame: self.wire.send_down(frame, flight.time_s))
-        self.start_companion_s = 0.0
-        """Boot time at which the companion is started."""
+        self.link = self.vehicle_link(flight, self.send_down)
         self.companion: CompanionFlight | None = None
         """The companion that runs, or ran last."""
-        self.auditor: Auditor | None = None
-        """Checks everything that is sent and decided, where one is given."""
+        self._down = bytearray()
+        self._up = bytearray()
+        """What is on its way to the companion, and to the vehicle."""
         self._truth = None if truth is None else TruthFile(truth, flight)
         self._pilot = pilot(self)
-        self.last_word = True
-        """Whether the companion runs with its watchdog process, as it does by default."""
-        self._words: deque[tuple[float, bytes]] = deque()
-        self.stalled_until_s = -math.inf
-        """Until then the companion is not scheduled."""
-        self._turn_s = math.inf
-        self._said = 0
-        """When the companion last had its turn, and how often its watchdog process has spoken since."""
-        self._killed = False
-
-    # -- what may happen to the companion's process -----------------------------------------------------------------
-
-    def stall(self, seconds: float) -> None:
-        """The companion is not scheduled (swap, SD card, SIGSTOP); what the vehicle sends piles up in the socket.
-
-        Its watchdog process says where to stay once it has missed its renewals.
-        """
-        self.stalled_until_s = self.flight.time_s + seconds
-
-    def kill(self, restart_after_s: float = math.inf) -> None:
-        """The companion ends where it stands (SIGKILL); started anew after ``restart_after_s``.
-
-        Its watchdog process lives on and says the last word.
-        """
-        self._killed = True
-        self._turn_s = math.inf
-        start_s, frame = self.flight.time_s + LAST_WORD_DELAY_S, self._last_frame
-        self._words.extend((start_s + last_word.PERIOD_S * k, frame) for k in range(last_word.TIMES) if frame)
-        self.start_companion_s = self.flight.time_s + restart_after_s
-
-    @property
-    def _last_frame(self) -> bytes:
-        """What the watchdog process holds."""
-        return b"" if self.companion is None or not self.last_word else self.companion.last_word
-
-    def _speak_for_a_silent_companion(self) -> None:
-        due_s = self._turn_s + last_word.SILENCE_S + last_word.PERIOD_S * self._said
-        if self.flight.time_s >= due_s and self._said < last_word.TIMES:
-            self._said += 1
-            if self._last_frame:
-                self.wire.send_up(self._last_frame, self.flight.time_s)
-
-    def interrupt(self) -> None:
-        """Ctrl-C."""
-        if self.companion is not None:
-            self.companion.stop()
 
     # -- the flight -------------------------------------------------------------------------------------------------
 
@@ -197,31 +72,25 @@ class Lockstep:
             if self._truth is not None:
                 stack.callback(self._truth.close)
             recorder = None if record is None else stack.enter_context(Recorder(record))
-            while not self._pilot.over:
-                if config is not None and self.flight.time_s >= self.start_companion_s:
-                    self.start_companion_s = math.inf
-                    self._run_companion(config, recorder)
-                else:
-                    self._step()
+            self._fly(config, recorder)
 
-    def _run_companion(self, config: PipelineConfig, recorder: Records | None) -> None:
+    def _fly(self, config: PipelineConfig | None, recorder: Recorder | None) -> None:
+        if config is not None:
+            with suppress(OverError):
+                self._run_companion(config, recorder, FlightOptions(quiet=True))
+        while not self._pilot.over:
+            self._step()
+
+    def _run_companion(self, config: PipelineConfig, recorder: Records | None, options: FlightOptions) -> None:
         arrivals = Arrivals(self)
         link = Link(self, "lockstep", arrivals)
-        self._killed = False
-        self.wire.read_down(self.flight.time_s)  # sent before its socket was open
-        watch = None if self.auditor is None else self.auditor.decision
-        recorder = recorder if self.auditor is None else _Audited(self.auditor, recorder)
-        options = FlightOptions(quiet=True, watch=watch)
+        self.recv(0)  # sent before its socket was open
         self.companion = CompanionFlight(config, link, None, recorder, arrivals, options)
-        with suppress(_OverError, _KilledError):
-            self.companion.run()
+        self.companion.run()
 
     def _step(self) -> None:
         """One physics step of everything but the companion."""
-        while self._words and self._words[0][0] <= self.flight.time_s:
-            self.wire.send_up(self._words.popleft()[1], self.flight.time_s)
-        self._speak_for_a_silent_companion()
-        data = self.wire.read_up(self.flight.time_s)
+        data = self._read_up()
         if data:
             self.link.receive(data)
         self.flight.step()
@@ -230,23 +99,30 @@ class Lockstep:
         if self._truth is not None and not self._pilot.over:  # the hand-over at the end is not judged
             self._truth.step()
 
+    # -- the wire ---------------------------------------------------------------------------------------------------
+
+    def send_down(self, frame: bytes) -> None:
+        """The vehicle sends."""
+        self._down += frame
+
+    def ready(self) -> bool:
+        """Whether something waits for the companion."""
+        return bool(self._down)
+
+    def _read_up(self) -> bytes:
+        """Everything that has reached the vehicle."""
+        data, self._up = bytes(self._up), bytearray()
+        return data
+
     # -- the companion's clock --------------------------------------------------------------------------------------
 
     def wait(self, links: Sequence[Readable], timeout_s: float) -> None:
         """Let the vehicle fly until it has said something."""
-        flight = self.flight
-        until = flight.time_s + timeout_s
-        self._turn_s, self._said = flight.time_s, 0
-        while flight.time_s < self.stalled_until_s or not self.wire.ready(flight.time_s):
-            if self._killed:
-                raise _KilledError
-            if flight.time_s >= max(until, self.stalled_until_s):
-                break
+        until_s = self.flight.time_s + timeout_s
+        while not self.ready() and self.flight.time_s < until_s:
             self._step()
-        if self._killed:
-            raise _KilledError
         if self._pilot.over:
-            raise _OverError
+            raise OverError
 
     def monotonic_ns(self) -> int:
         """Nanoseconds since the vehicle's boot."""
@@ -260,11 +136,12 @@ class Lockstep:
 
     def recv(self, _size: int) -> bytes:
         """What the vehicle sent."""
-        return self.wire.read_down(self.flight.time_s)
+        data, self._down = bytes(self._down), bytearray()
+        return data
 
     def write(self, data: bytes) -> None:
         """What the companion sends."""
-        self.wire.send_up(bytes(data), self.flight.time_s)
+        self._up += data
 
     def close(self) -> None:
         """Nothing to close."""

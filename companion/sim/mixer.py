@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.sim.body import ARDUPILOT_MOTOR, GRAVITY, PWM_LOW_US, PWM_SPAN_US, VANE_LIMIT_RAD, MotorOutput
+from companion.sim.body import ARDUPILOT_MOTOR, PWM_LOW_US, PWM_SPAN_US, VANE_LIMIT_RAD, MotorOutput
 from models.errors import ConfigError
-from models.frames import Array
+from models.frames import GRAVITY, Array
 from models.vehicle import Vehicle
 
 SPIN_ARM = 0.10

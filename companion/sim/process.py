@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
 import os
 import select
 import socket
 import sys
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,45 +18,36 @@ from companion.sim.flight import Flight, TruthFile
 from companion.sim.link import VehicleLink
 from companion.sim.narrator import Narrator
 from companion.sim.pilot import Hand, ScriptedPilot
-from companion.sim.scenario import build
-from models.errors import LinkError
-from models.vehicle import Vehicle
 
 BEHIND_S = 0.05
 """Wall-clock lag after which the simulation gives up the lost time instead of hurrying."""
 
 
-STREAM_GAP_S = 0.025
-"""Simulated time a running attitude stream may be behind before a hurried simulation waits for it."""
-PATIENCE_S = 2.0
-"""Wall-clock time it waits: a companion that stopped for good is not waited for again until it speaks."""
-
-
 @dataclass(frozen=True)
 class Options:
-    """Everything the command line decides."""
+    """How a flight is run."""
 
-    vehicle: Vehicle
-    scenario: str
     port: int
-    seed: int = 0
     speed: float = 1.0
-    air: bool = True
     hand: Hand = Hand.COMPANION
     truth: Path | None = None
     duration_s: float | None = None
-    px4: bool = False
     until_stdin_closes: bool = False
     narrate: bool = False
 
+    def over(self, flight: Flight) -> bool:
+        """Whether the flight has lasted as long as it was to."""
+        if self.duration_s is not None:
+            return flight.time_s >= self.duration_s
+        return self.truth is not None and flight.script_s > flight.scenario.duration_s
 
-def run(options: Options) -> int:
+
+def run(flight: Flight, options: Options) -> None:
     """Fly until the duration is over, the script has ended (with a truth file), or it is interrupted."""
-    flight = Flight(
-        options.vehicle, build(options.scenario, options.vehicle, air=options.air), options.seed, px4=options.px4
-    )
     with contextlib.ExitStack() as stack:
-        sock = stack.enter_context(_socket(options.port))
+        sock = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+        sock.bind(("127.0.0.1", 0))
+        sock.setblocking(False)
         peer = ("127.0.0.1", options.port)
 
         def send(frame: bytes) -> None:
@@ -65,66 +56,30 @@ def run(options: Options) -> int:
                 sock.sendto(frame, peer)
 
         link = VehicleLink(flight, send)
-        pilot = ScriptedPilot(
-            flight,
-            link,
-            options.hand,
-            endless=options.truth is None and options.duration_s is None,
-            speed=options.speed,
-        )
-        truth = stack.enter_context(contextlib.closing(TruthFile(options.truth, flight))) if options.truth else None
-        print(json.dumps(_announcement(options)), flush=True)
-        _loop(options, flight, link, pilot, truth, sock, Narrator(flight) if options.narrate else None)
-    return 0
+        endless = options.truth is None and options.duration_s is None
+        pilot = ScriptedPilot(flight, link, options.hand, endless=endless, speed=options.speed)
+        steps = [lambda: _receive(sock, link), flight.step, pilot.step, link.step]
+        if options.truth is not None:
+            steps.append(stack.enter_context(contextlib.closing(TruthFile(options.truth, flight))).step)
+        if options.narrate:
+            steps.append(Narrator(flight).step)
+        up = {"endpoint": f"udpin:127.0.0.1:{options.port}", "scenario": flight.scenario.name, "seed": flight.seed}
+        print(json.dumps(up), flush=True)
+        _loop(options, flight, steps)
 
 
-def _announcement(options: Options) -> dict[str, object]:
-    """The line that says the vehicle is up."""
-    return {"endpoint": f"udpin:127.0.0.1:{options.port}", "scenario": options.scenario, "seed": options.seed}
-
-
-def _socket(port: int) -> socket.socket:
-    try:
-        sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        sock.bind(("127.0.0.1", 0))
-    except OSError as error:
-        raise LinkError(f"simulator: no UDP socket towards port {port}: {error.strerror}") from None
-    sock.setblocking(False)
-    return sock
-
-
-def _loop(
-    options: Options,
-    flight: Flight,
-    link: VehicleLink,
-    pilot: ScriptedPilot,
-    truth: TruthFile | None,
-    sock: socket.socket,
-    narrator: Narrator | None,
-) -> None:
+def _loop(options: Options, flight: Flight, steps: Sequence[Callable[[], None]]) -> None:
     wall_dt = DT / options.speed
-    clock = time.monotonic
-    patience = _Patience(link, sock) if options.speed > 1.0 and options.hand is Hand.COMPANION else None
-    due = clock()
-    checked = due
-    while not _over(options, flight):
-        now = clock()
+    checked = due = time.monotonic()
+    while not options.over(flight):
+        now = time.monotonic()
         if now < due:
-            # Wake for whatever the peer says, too: a command is taken at the next step.
             time.sleep(due - now)
         elif now - due > BEHIND_S:
             due = now
         due += wall_dt
-        _receive(sock, link)
-        if patience is not None:
-            patience.wait(flight.time_s)
-        flight.step()
-        pilot.step()
-        link.step()
-        if truth is not None:
-            truth.step()
-        if narrator is not None:
-            narrator.step()
+        for step in steps:
+            step()
         if options.until_stdin_closes and now - checked > 0.2:
             checked = now
             if select.select([sys.stdin.fileno()], [], [], 0.0)[0] and not os.read(sys.stdin.fileno(), 1024):
@@ -132,45 +87,6 @@ def _loop(
 
 
 def _receive(sock: socket.socket, link: VehicleLink) -> None:
-    while True:
-        try:
-            data = sock.recv(4096)
-        except OSError:
-            return
-        link.receive(data)
-
-
-class _Patience:
-    """Faster than time, the simulator waits for the companion rather than run away from it.
-
-    On a busy machine a companion that is scheduled 20 ms late would at fourfold speed fly with 80 ms of delay that no
-    real vehicle has, and one with a backlog would stay behind for good. So the clock stands while the companion's last
-    setpoint was computed from an attitude older than ``STREAM_GAP_S`` (its ``time_boot_ms``). At real time nothing
-    waits.
-    """
-
-    def __init__(self, link: VehicleLink, sock: socket.socket) -> None:
-        self._link = link
-        self._sock = sock
-        self._given_up_s = -math.inf
-
-    def wait(self, now_s: float) -> None:
-        """Hold the clock while the next setpoint is overdue."""
-        link = self._link
-        if link.attitude_stream_s == self._given_up_s or now_s - link.attitude_basis_s <= STREAM_GAP_S:
-            return
-        until = time.monotonic() + PATIENCE_S
-        while now_s - link.attitude_basis_s > STREAM_GAP_S:
-            left = until - time.monotonic()
-            if left <= 0.0:
-                self._given_up_s = link.attitude_stream_s
-                return
-            select.select([self._sock], [], [], left)
-            _receive(self._sock, link)
-
-
-def _over(options: Options, flight: Flight) -> bool:
-    """Whether the flight has lasted as long as it was to."""
-    if options.duration_s is not None:
-        return flight.time_s >= options.duration_s
-    return options.truth is not None and flight.script_s > flight.scenario.duration_s
+    with contextlib.suppress(OSError):  # nothing waits, or nobody listens yet
+        while True:
+            link.receive(sock.recv(4096))

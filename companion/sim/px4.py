@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass, field
 
 from companion.sim.autopilot import (
-    MAX_TILT_RAD,
     SHARE_5_HZ,
     STICKS_LOST_S,
     Autopilot,
@@ -21,8 +20,9 @@ from companion.sim.autopilot import (
     Shaper,
     wrap,
 )
-from companion.sim.body import GRAVITY, PX4_MOTOR, MotorOutput
+from companion.sim.body import PX4_MOTOR, MotorOutput
 from companion.sim.sensors import Estimate
+from models.frames import GRAVITY
 
 STREAM_BEFORE_S = 1.0
 """OFFBOARD is refused unless setpoints have been coming for this long."""
@@ -77,7 +77,6 @@ class Px4(Autopilot):
             "MPC_Z_V_AUTO_UP": 3.0,
             "MPC_Z_V_AUTO_DN": 1.5,
             "MPC_VEL_MANUAL": 10.0,
-            "MIS_TAKEOFF_ALT": 2.5,
         }
 
     def _obey(self, p: dict[str, float]) -> None:
@@ -191,7 +190,7 @@ class Px4(Autopilot):
         return axis.velocity + gain * (axis.position - self._place[i]), axis.accel
 
     def _position(self, now: Estimate) -> float:
-        t, p, dt = self.target, self.parameters, self.dt
+        p, dt = self.parameters, self.dt
         self._place = now.position
         raw = self.mode is Mode.GUIDED and self.guided is Guided.POSITION
         pairs = [self._axis(axis, i, raw) for i, axis in enumerate(self.shaped_axes)]
@@ -212,12 +211,7 @@ class Px4(Autopilot):
                 self._vel_old[i] = now.velocity[i]
                 self._vel_slope[i] += (slope - self._vel_slope[i]) * SHARE_5_HZ
                 demand[i] -= p["MPC_XY_VEL_D_ACC"] * self._vel_slope[i]
-        c, s = math.cos(now.yaw), math.sin(now.yaw)
-        ahead, right = c * demand[0] + s * demand[1], -s * demand[0] + c * demand[1]
-        limit = MAX_TILT_RAD
-        pitch = max(-limit, min(limit, -math.atan(ahead / GRAVITY)))
-        roll = max(-limit, min(limit, math.atan(right * math.cos(pitch) / GRAVITY)))
-        self._demand_attitude(roll, pitch, self.shaped[2] if t.yaw is None else t.yaw)
+        roll, pitch = self._lean(now, demand[0], demand[1])
         if self.landed:
             # Spool up on the ground until it lifts off.
             return max(0.0, min(1.0, self.hover + self._thr_i))
@@ -235,9 +229,5 @@ class Px4(Autopilot):
 
     def _attitude_command(self, now: Estimate) -> float:
         """The stream's attitude and thrust as they come; its loss is the commander's business."""
-        a = self.attitude
-        if a.rates is not None:
-            self._demand_rates(a.rates)
-        else:
-            self._demand_attitude(a.roll, a.pitch, a.yaw)
-        return a.thrust
+        self._follow_attitude(self.attitude)
+        return self.attitude.thrust

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from enum import Enum
 
 from companion.sim.air import Unsteadiness
-from companion.sim.body import GRAVITY, Body, Vec
+from companion.sim.body import Body, Vec, euler
+from models.frames import GRAVITY
 from models.vehicle import Rangefinder
 
 OUT_OF_RANGE_M = 60.0
@@ -92,13 +93,14 @@ class Estimator:
         q = (w - x * ex - y * ey - z * ez, x + w * ex - z * ey + y * ez, y + z * ex + w * ey - x * ez)
         qz = z - y * ex + x * ey + w * ez
         size = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + qz * qz)
-        w, x, y, z = q[0] / size, q[1] / size, q[2] / size, qz / size
+        unit = (q[0] / size, q[1] / size, q[2] / size, qz / size)
+        roll, pitch, yaw = euler(unit)
         p, f, r, v = body.position, body.specific_force, body.rates, body.velocity
         return Estimate(
-            quaternion=(w, x, y, z),
-            roll=math.atan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
-            pitch=math.asin(max(-1.0, min(1.0, 2.0 * (w * y - z * x)))),
-            yaw=math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+            quaternion=unit,
+            roll=roll,
+            pitch=pitch,
+            yaw=yaw,
             rates=(
                 r[0] + self._gyro_bias[0] + gauss(0.0, 0.008),
                 r[1] + self._gyro_bias[1] + gauss(0.0, 0.008),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from array import array
+from collections import Counter
 
 _BIN_US = 10
 _BINS = 100_000 // _BIN_US
@@ -13,7 +13,7 @@ class LatencyHistogram:
     """Counts of latencies in bins of 10 us."""
 
     def __init__(self) -> None:
-        self._bins = array("Q", bytes(8 * (_BINS + 1)))
+        self._bins: Counter[int] = Counter()
         self.count = 0
 
     def add(self, latency_us: int) -> None:
@@ -24,8 +24,8 @@ class LatencyHistogram:
     def percentile_ms(self, percent: float) -> float:
         """Upper edge of the bin [ms] that this many percent do not exceed; 0 where nothing was counted."""
         left = self.count * percent / 100.0
-        for i, n in enumerate(self._bins):
+        for i, n in sorted(self._bins.items()):
             left -= n
-            if left <= 0.0 and self.count:
+            if left <= 0.0:
                 return (i + 1) * _BIN_US / 1000.0
         return 0.0

@@ -12,17 +12,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from models.cfd.campaign import Row
+from models.cfd.case_run import Row
 from models.cfd.config import Setup
 from models.cfd.fidelity import FREE, Correction, learn
-from models.cfd.grid import spread
+from models.cfd.grid import mesh_error
 from models.cfd.labels import Label, full_kind, labels
 from models.cfd.mean_error import ODD, TILT
 from models.cfd.position import Place
-from models.cfd.table import UNITS
+from models.cfd.table import six
 from models.dataset import COLUMNS
 from models.errors import ModelError
-from models.frames import AXES, Array
+from models.frames import Array
 
 # Variance [N^2, N^2 m^2] far below that of any row.
 TINY = 1e-12
@@ -30,14 +30,13 @@ TINY = 1e-12
 
 @dataclass(frozen=True)
 class Law:
-    """Increments over free air grow as (rpm / reference)^(2 + exponent), exponent (6,) by component.
+    """Increments over free air grow as (rpm / reference rpm)^(2 + exponent), exponent (6,) by component.
 
     ``error`` (6,) is the standard deviation of an exponent over the positions; ``left`` (6,) the rms of what the law
     leaves at the solved positions, in N and N m at the reference speed; ``positions`` their number. ``free`` is the
     exponent of the free fan's lift.
     """
 
-    reference_rpm: float
     exponent: Array
     error: Array
     left: Array
@@ -51,24 +50,19 @@ class Mark:
 
     ``scatter``: error of the flow's mean and of the mesh, which differs from row to row. ``sigma``: with it what half
     models with their correction miss, as far as the row rests on them, and what the law of rotor speed leaves.
-    ``share`` (6,): weight of the full model's own mean in the row, 0 to 1; the rest is a half model with what full
-    models at other places add (nothing where that cannot be learnt).
 
-    ``even`` (Fx, Fz, My): ``solved`` in a full model with swirl;
-    ``corrected``: a half model and what full models add, at that place at the campaign's speed or else learnt at other
-    places; ``half``: a half model alone; ``law``: from the campaign's speed by the law of rotor speed. ``odd`` (Fy, Mx,
-    Mz): ``solved`` in a full model at that speed, ``law``, ``filled`` by what is learnt at other positions, or zero by
-    the ``symmetry`` of half models.
+    ``made``: Fx, Fz and My ``solved`` in a full model with swirl at that speed; ``corrected``: a half model and what
+    full models add, at that place at the campaign's speed or else learnt at other places; ``half``: a half model alone;
+    ``law``: from the campaign's speed by the law of rotor speed. Fy, Mx and Mz are those of full models, learnt where
+    there is none, zero where that cannot be.
     """
 
-    even: str
-    odd: str
+    made: str
     status: str
     starts: int
     amplitude: Array
     scatter: Array
     sigma: Array
-    share: Array
 
 
 @dataclass(frozen=True)
@@ -105,14 +99,13 @@ class _Part:
     amplitude: Array
     scatter: Array
     error: Array
-    share: Array
     status: str
     starts: int
 
     @classmethod
-    def of(cls, label: Label, added: Array, error: Array, share: float) -> _Part:
+    def of(cls, label: Label, added: Array, error: Array) -> _Part:
         """From one case's label."""
-        return cls(added, label.amplitude, label.error, error, np.full(6, share), label.status, label.starts)
+        return cls(added, label.amplitude, label.error, error, label.status, label.starts)
 
     def weighted(self, other: _Part, used: NDArray[np.bool_]) -> _Part:
         """This and another, by their errors; components not ``used`` (6,) are the other's."""
@@ -124,7 +117,6 @@ class _Part:
             weight * self.amplitude + rest * other.amplitude,
             np.hypot(weight * self.scatter, rest * other.scatter),
             np.hypot(weight * self.error, rest * other.error),
-            weight * self.share + rest * other.share,
             self.status,
             self.starts,
         )
@@ -145,7 +137,7 @@ class _Maker:
         self.full = {rpm: labels(rows, rpm, kind) for rpm in speeds}
         self.law = fit_law(self.half, c.rpm)
         self.correction = correction(self.full[c.rpm], self.half[c.rpm])
-        self.mesh = spread(rows, setup).increment
+        self.mesh = mesh_error(rows, setup)
         self.places = sorted(self.half[c.rpm] | self.full[c.rpm])
         # Full models among half ones would be steps, unless their difference is learnt or all places have one.
         self.mixed = self.correction.learnt | np.full(6, all(p in self.full[c.rpm] for p in self.places))
@@ -172,8 +164,7 @@ class _Maker:
         added = np.where(free_of, 0.0, part.added)
         mesh = self.mesh * (rpm / self.rpm) ** 2
         scatter, sigma = (np.where(free_of, 0.0, np.hypot(mesh, e)) for e in (part.scatter, part.error))
-        even, odd = self._made_even(place, rpm), self._made_odd(place, rpm)
-        mark = Mark(even, odd, part.status, part.starts, part.amplitude, scatter, sigma, part.share)
+        mark = Mark(self._made(place, rpm), part.status, part.starts, part.amplitude, scatter, sigma)
         return self.free(rpm) + added, mark
 
     def _full(self, place: Place, rpm: float) -> _Part | None:
@@ -185,7 +176,7 @@ class _Maker:
         if not self._solved(place, rpm):
             return None
         label = self.full[rpm][place]
-        solved = _Part.of(label, label.wrench - self.full[rpm][FREE].wrench, label.error, 1.0)
+        solved = _Part.of(label, label.wrench - self.full[rpm][FREE].wrench, label.error)
         other = self._half(place, rpm, alone=True) or self._by_law(place, rpm, alone=True)
         return solved if place == FREE or other is None else solved.weighted(other, self.mixed)
 
@@ -203,7 +194,7 @@ class _Maker:
             return replace(whole, added=added + square * change, scatter=scatter, error=error, status=label.status)
         change = self.correction.left_out(place) if alone else self.correction.at(place)
         error = np.hypot(label.error, square * self.correction.error_at(place))
-        return _Part.of(label, added + square * change, error, 0.0)
+        return _Part.of(label, added + square * change, error)
 
     def _by_law(self, place: Place, rpm: float, alone: bool = False) -> _Part | None:
         """From the campaign's speed; None without a half model where that is asked ``alone``."""
@@ -226,20 +217,13 @@ class _Maker:
         here = self.full[rpm]
         return bool(self.mixed.any()) and place in here and FREE in here
 
-    def _made_even(self, place: Place, rpm: float) -> str:
+    def _made(self, place: Place, rpm: float) -> str:
         mixed = bool(self.mixed[~ODD].any())
         if mixed and self._solved(place, rpm):
             return "solved"
         if place in self.half[rpm]:
             return "corrected" if mixed else "half"
         return "law"
-
-    def _made_odd(self, place: Place, rpm: float) -> str:
-        if not self.mixed[ODD].any():
-            return "symmetry"
-        if self._solved(place, rpm):
-            return "solved"
-        return "law" if self._solved(place, self.rpm) else "filled"
 
 
 def correction(full: Mapping[Place, Label], half: Mapping[Place, Label]) -> Correction:
@@ -280,7 +264,7 @@ def fit_law(solved: dict[float, dict[Place, Label]], reference: float) -> Law:
         error[k] = math.sqrt((len(x) - 1) * np.var(drop))
         left[k] = math.sqrt(np.mean((y - x * np.exp(exponent[k] * logs)) ** 2))
     slope = sum(a * b for a, b in free_log) / sum(a * a for a, _ in free_log)
-    return Law(reference, exponent, error, left, len(places), slope)
+    return Law(exponent, error, left, len(places), slope)
 
 
 def _exponent(logs: Array, x: Array, y: Array, weight: Array) -> float:
@@ -305,40 +289,9 @@ def write_marks(path: Path, made: Assembled) -> None:
     """Write the marks, one line for each line of the data set, in the same order."""
     text = io.StringIO()
     out = csv.writer(text, lineterminator="\n")
-    names = [f"{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)]
-    out.writerow(
-        [
-            *("h_m", "d_m", "rpm", "even", "odd", "status", "starts"),
-            *(f"amplitude_{n}" for n in names),
-            *(f"scatter_{n}" for n in names),
-            *(f"sigma_{n}" for n in names),
-            *(f"share_{a}" for a in AXES),
-        ]
-    )
+    kinds = ("amplitude_", "scatter_", "sigma_")
+    out.writerow(["h_m", "d_m", "rpm", "made", "status", "starts", *(n for kind in kinds for n in six(kind))])
     for row, mark in zip(made.table, made.marks, strict=True):
-        numbers = [f"{v:.3g}" for v in (*mark.amplitude, *mark.scatter, *mark.sigma, *mark.share)]
-        out.writerow([*(f"{v:.6g}" for v in row[:3]), mark.even, mark.odd, mark.status, mark.starts, *numbers])
+        numbers = [f"{v:.3g}" for v in (*mark.amplitude, *mark.scatter, *mark.sigma)]
+        out.writerow([*(f"{v:.6g}" for v in row[:3]), mark.made, mark.status, mark.starts, *numbers])
     path.write_text(text.getvalue(), encoding="utf-8")
-
-
-def solved_share(made: Assembled) -> NDArray[np.bool_]:
-    """Which rows (n,) have Fx, Fz and My from the solver itself, at that speed."""
-    return np.array([m.even != "law" for m in made.marks])
-
-
-def ceilings(made: Assembled) -> tuple[Array, Array]:
-    """R2 (6,) of increments that a perfect surrogate reaches: against these rows, and against full models.
-
-    1 - mean of the squared error / variance of the increments over free air, both over the lift at that speed. The
-    error is the rows' ``scatter``, and their ``sigma``. nan where increments or errors are not known.
-    """
-    rpm, wrench = made.table[:, 2], made.table[:, 3:]
-    free = np.isinf(made.table[:, :2]).all(axis=1)
-    at = {n: wrench[free & (rpm == n)][0] for n in np.unique(rpm)}
-    base = np.array([at[n] for n in rpm])
-    lift = base[~free, 2:3]
-    variance = np.var((wrench - base)[~free] / lift, axis=0)
-    errors = (np.array([getattr(m, name) for m in made.marks])[~free] / lift for name in ("scatter", "sigma"))
-    known = variance > 1e-12
-    one, two = (np.where(known, 1.0 - np.mean(e**2, axis=0) / np.where(known, variance, 1.0), np.nan) for e in errors)
-    return one, two

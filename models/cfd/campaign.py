@@ -5,44 +5,24 @@ from __future__ import annotations
 import itertools
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
-from models.cfd import foam, polars
-from models.cfd.case_run import Result, compute, iteration_limit
+from models.cfd import foam, polars, table
+from models.cfd.case_run import Result, Row, compute, iteration_limit
 from models.cfd.config import Setup
-from models.cfd.polars import Blades, Section
+from models.cfd.polars import Section
 from models.cfd.position import Position, check, near
 from models.errors import ConfigError
 
-RESULT = "result.json"
+RESULT = "result.csv"
 FAN = "fan.json"
-# Stops from outside after which a case is marked and the campaign goes on without it.
-KILLED_LIMIT = 2
-
-
-@dataclass(frozen=True)
-class Row:
-    """One finished case."""
-
-    position: Position
-    result: Result
-
-    @property
-    def usable(self) -> bool:
-        """True where the numbers stand still, or their mean is known."""
-        return self.result.status in ("steady", "marched", "averaged")
-
-
-CAMPAIGNS = ("half", "full")
-"""What a work folder can hold: half models or full models."""
 
 
 def plan(setup: Setup, model: str) -> list[Position]:
-    """Every case of one campaign, most useful first; refuses positions that cannot be meshed before any work."""
+    """Every case of ``half`` or ``full`` models, most useful first; refuses positions that cannot be meshed."""
     order = dict.fromkeys((_plan_half if model == "half" else _plan_full)(setup))
     for position in order:
         check(setup, position)
@@ -88,35 +68,15 @@ def _plan_full(setup: Setup) -> Iterator[Position]:
     yield from (Position(h, d, c.rpm, swirl=True, level=c.full_level, approach="far") for h, d in again)
 
 
-def load(folder: Path, position: Position) -> Row | None:
-    """The finished case, or None."""
-    path = folder / position.key / RESULT
-    if not path.exists():
-        return None
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        for name in ("wrench", "swing", "drift", "parts", "error", "iterated", "iterated_error"):
-            if name in content:
-                content[name] = tuple(float("nan") if v is None else float(v) for v in content[name])
-        return Row(position, Result(**content))
-    except (ValueError, TypeError, KeyError) as error:
-        raise ConfigError(
-            f"{path}: is not a result of this version ({error}); delete it to compute the case again"
-        ) from None
-
-
 def rows(folder: Path, positions: Sequence[Position]) -> list[Row]:
-    """All finished cases, in the order of the plan."""
-    return [row for p in positions if (row := load(folder, p)) is not None]
+    """All finished cases, in the order of the plan. Raises ModelError for a result of another version."""
+    found = ((p, folder / p.key / RESULT) for p in positions)
+    return [Row(p, row.result) for p, path in found if path.exists() for row in table.read(path)]
 
 
 def start_for(position: Position, finished: Sequence[Row]) -> Position | None:
     """The finished case whose state is nearest: the same mesh at another speed, else the nearest position."""
-    able = [
-        r.position
-        for r in finished
-        if r.result.status not in ("diverged", "killed") and r.position.model == position.model
-    ]
+    able = [r.position for r in finished if r.result.status != "diverged" and r.position.model == position.model]
     same = [p for p in able if (p.place, p.level, p.approach) == (position.place, position.level, position.approach)]
     if same:
         return min(same, key=lambda p: abs(p.rpm - position.rpm))
@@ -125,8 +85,6 @@ def start_for(position: Position, finished: Sequence[Row]) -> Position | None:
         able = [p for p in able if p.h == position.h and p.d < position.d]
     elif position.approach == "far":
         able = [p for p in able if p.place == (math.inf, position.d)]
-    elif position.approach == "rest":
-        able = []
     return min(able, key=lambda p: _apart(p, position), default=None)
 
 
@@ -140,137 +98,56 @@ def run(
     section: Section,
     positions: Sequence[Position],
     jobs: int = 1,
-    *,
-    march: bool = True,
     progress: Callable[[str, int, int], None] = lambda *_: None,
-    finished: Callable[[Row], None] = lambda _: None,
 ) -> None:
     """Compute what is not there yet: first every case in steady iterations, then in time those that still move.
 
-    ``jobs`` threads of this process, each with one solver. A case that is stopped from outside goes on from its last
-    chunk; after that it is marked ``killed``. Ctrl-C keeps what every case has reached.
+    ``jobs`` threads of this process, each with one solver. A case that is stopped from outside, by Ctrl-C or by
+    somebody who kills its solver, keeps what it has reached; the next run goes on from there.
     """
     foam.require()
-    _claim(folder, setup, positions)
-    pool = ThreadPoolExecutor(jobs)
+    _claim(folder, setup)
     done = {row.position: row for row in rows(folder, positions)}
+    pool = ThreadPoolExecutor(jobs)
 
-    def keep(row: Row, what: str) -> None:
-        done[row.position] = row
-        _store(folder, row.position, row.result)
-        progress(what, len(done), len(positions))
-        finished(row)
+    def submit(position: Position, marching: bool) -> Future[Result]:
+        start = start_for(position, list(done.values()))
+        blades = polars.blades(setup, position.rpm, section, swirl=position.swirl)
+        neighbour = folder / start.key if start is not None else None
+        return pool.submit(compute, folder / position.key, setup, position, blades, neighbour, march=marching)
 
     try:
-        for marching in (False, True) if march else (False,):
-            what = "cases in time" if marching else "cases"
-            todo = [p for p in positions if _wanted(done.get(p), setup, marching)]
-            work = _Work(pool, folder, setup, section, marching)
-            for row in work.through(todo, done, jobs):
-                keep(row, what)
+        for marching in (False, True):
+            waiting = iter([p for p in positions if _wanted(done.get(p), setup, marching)])
+            running: dict[Future[Result], Position] = {}
+            while True:
+                for position in itertools.islice(waiting, jobs - len(running)):
+                    running[submit(position, marching)] = position
+                if not running:
+                    break
+                for future in wait(running, return_when=FIRST_COMPLETED).done:
+                    position = running.pop(future)
+                    if not isinstance(future.exception(), foam.StoppedError):
+                        done[position] = Row(position, future.result())
+                        _store(folder, done[position])
+                        progress("cases in time" if marching else "cases", len(done), len(positions))
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-_Job = tuple[Position, Position | None]
-"""A case and the finished one that it starts from."""
-
-
-@dataclass
-class _Work:
-    """One round of a campaign: hands cases to the workers and takes them up again where a solver was stopped."""
-
-    pool: ThreadPoolExecutor
-    folder: Path
-    setup: Setup
-    section: Section
-    marching: bool
-    tables: dict[tuple[float, bool], Blades] = field(default_factory=dict)
-    killed: dict[Position, int] = field(default_factory=dict)
-
-    def through(self, todo: Sequence[Position], done: Mapping[Position, Row], jobs: int) -> Iterator[Row]:
-        """Compute ``todo``, ``jobs`` at a time, each from the nearest case in ``done``; yields as they finish."""
-        waiting = iter(todo)
-        running: dict[Future[Result], _Job] = {}
-        while True:
-            for position in itertools.islice(waiting, jobs - len(running)):
-                job = position, start_for(position, list(done.values()))
-                running[self._submit(job)] = job
-            if not running:
-                return
-            ready, _ = wait(running, return_when=FIRST_COMPLETED)
-            for future in ready:
-                job = running.pop(future)
-                try:
-                    result = future.result()
-                except foam.StoppedError as error:
-                    again = self._again(job)
-                    if again is not None:
-                        running[again] = job
-                        continue
-                    result = _marked(str(error))
-                yield Row(job[0], result)
-
-    def _again(self, job: _Job) -> Future[Result] | None:
-        """The case taken up again, or None where it was stopped too often."""
-        position, _ = job
-        self.killed[position] = self.killed.get(position, 0) + 1
-        return self._submit(job) if self.killed[position] < KILLED_LIMIT else None
-
-    def _submit(self, job: _Job) -> Future[Result]:
-        position, start = job
-        kind = position.rpm, position.swirl
-        if kind not in self.tables:
-            self.tables[kind] = polars.blades(self.setup, position.rpm, self.section, swirl=position.swirl)
-        neighbour = self.folder / start.key if start is not None else None
-        target = self.folder / position.key
-        return self.pool.submit(
-            compute, target, self.setup, position, self.tables[kind], neighbour, march=self.marching
-        )
-
-
-def _claim(folder: Path, setup: Setup, positions: Sequence[Position]) -> None:
-    """Make the folder this fan's and this model's own; refuse one that holds cases of another."""
-    model = next((name for name in CAMPAIGNS for p in positions if p.model.startswith(name)), CAMPAIGNS[0])
-    mine = _content(setup, model)
+def _claim(folder: Path, setup: Setup) -> None:
+    """Make the folder this fan's own; refuse one that holds cases of another."""
+    mine = json.dumps({name: asdict(getattr(setup, name)) for name in ("fan", "rotor", "air", "mesh")}, indent=1)
     path = folder / FAN
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if not path.exists():
-            path.write_text(json.dumps(mine, indent=1), encoding="utf-8")
-        known = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"work folder {folder}: cannot be written ({error.strerror})") from None
-    except ValueError as error:
-        raise ConfigError(f"work folder {folder}: {path} is not JSON ({error})") from None
-    there = model_of(folder)
-    if there != model:
-        raise ConfigError(
-            f"work folder {folder}: holds {there} models, not {model} models ({path}); use another folder"
-        )
+            path.write_text(mine, encoding="utf-8")
+        known = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError(f"work folder {folder}: {path} cannot be written or read ({error})") from None
     if known != mine:
         raise ConfigError(f"work folder {folder}: holds cases of another fan or mesh ({path}); use another folder")
-
-
-def model_of(folder: Path) -> str:
-    """What a work folder holds, one of ``CAMPAIGNS``; ``half`` where there is nothing yet."""
-    path = folder / FAN
-    try:
-        known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {"model": CAMPAIGNS[0]}
-    except (OSError, ValueError) as error:
-        raise ConfigError(f"work folder {folder}: {path} cannot be read ({error})") from None
-    model = known.get("model") if isinstance(known, dict) else None
-    if model not in CAMPAIGNS:
-        raise ConfigError(f"work folder {folder}: {path} names no model of {', '.join(CAMPAIGNS)}")
-    return str(model)
-
-
-def _content(setup: Setup, model: str) -> dict[str, Any]:
-    """What the cases of a folder have in common, as it comes back from JSON."""
-    sections = ("fan", "rotor", "air", "mesh")
-    mine: dict[str, Any] = {"model": model} | {name: asdict(getattr(setup, name)) for name in sections}
-    content: dict[str, Any] = json.loads(json.dumps(mine))
-    return content
 
 
 def _wanted(row: Row | None, setup: Setup, marching: bool) -> bool:
@@ -281,22 +158,12 @@ def _wanted(row: Row | None, setup: Setup, marching: bool) -> bool:
     if marching:
         return result.status == "cycling" and result.steps < setup.solver.march_limit
     cut_short = result.steps == 0 and result.iterations < iteration_limit(setup, result.start)
-    return result.status == "killed" or (result.status == "drifting" and cut_short)
+    return result.status == "drifting" and cut_short
 
 
-def _marked(note: str) -> Result:
-    nothing = (float("nan"),) * 6
-    return Result(nothing, nothing, nothing, nothing[:3], "killed", 0, 0, 0, 0.0, "", note)
-
-
-def _store(folder: Path, position: Position, result: Result) -> None:
-    target = folder / position.key / RESULT
+def _store(folder: Path, row: Row) -> None:
+    target = folder / row.position.key / RESULT
     target.parent.mkdir(exist_ok=True)
     scratch = target.with_suffix(".tmp")
-    content = {k: [_number(x) for x in v] if isinstance(v, tuple) else v for k, v in asdict(result).items()}
-    scratch.write_text(json.dumps(content, indent=1), encoding="utf-8")
+    table.write(scratch, [row])
     scratch.replace(target)
-
-
-def _number(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 import shutil
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -47,10 +46,10 @@ class Result:
     wrench: tuple[float, ...]
     swing: tuple[float, ...]
     drift: tuple[float, ...]
-    parts: tuple[float, float, float]
+    parts: tuple[float, ...]
     status: str
     """``steady``; ``marched`` (steady in time); ``averaged`` (swings on in time, mean known); ``cycling`` (to and fro,
-    mean not known); ``drifting`` (slowly on); ``diverged``; ``killed``."""
+    mean not known); ``drifting`` (slowly on); ``diverged``."""
     cells: int
     iterations: int
     steps: int
@@ -62,13 +61,17 @@ class Result:
     iterated_error: tuple[float, ...] = UNKNOWN
 
 
-@dataclass
-class _Samples:
-    """Wrenches (n, 6) and thrusts by part (n, 3) at the times that were written."""
+@dataclass(frozen=True)
+class Row:
+    """One finished case."""
 
-    at: list[float] = field(default_factory=list)
-    wrench: list[Array] = field(default_factory=list)
-    parts: list[Array] = field(default_factory=list)
+    position: Position
+    result: Result
+
+    @property
+    def usable(self) -> bool:
+        """True where the numbers stand still, or their mean is known."""
+        return self.result.status in ("steady", "marched", "averaged")
 
 
 def iteration_limit(setup: Setup, start: str) -> int:
@@ -77,14 +80,7 @@ def iteration_limit(setup: Setup, start: str) -> int:
 
 
 def compute(
-    folder: Path,
-    setup: Setup,
-    position: Position,
-    blades: Blades,
-    neighbour: Path | None = None,
-    *,
-    march: bool = True,
-    report: Callable[[str], None] = lambda _: None,
+    folder: Path, setup: Setup, position: Position, blades: Blades, neighbour: Path | None = None, *, march: bool = True
 ) -> Result:
     """Compute one case in ``folder``, going on from what an earlier, interrupted run left there.
 
@@ -92,31 +88,34 @@ def compute(
     case that still swings after the steady limit as ``cycling``; a later call with True goes on in time from there.
     """
     check(setup, position)
-    began = time.monotonic()
     run = _Case(folder, setup, position)
     try:
         run.prepare(blades, neighbour)
-        run.iterate(report)
+        run.iterate()
         if march and run.status() == "cycling":
-            run.march(report)
-        status = run.status()
-        note = ""
+            run.march()
+        return run.result(run.status())
     except foam.SolverError as error:
-        status, note = "diverged", str(error)
-    return run.result(status, time.monotonic() - began, note)
+        return run.result("diverged", str(error))
 
 
 class _Case:
-    """State of one case: its samples and how far it came; kept in the folder after every chunk."""
+    """State of one case: its samples and how far it came; kept in the folder after every chunk.
+
+    ``samples`` (n, 10): time, wrench (6) and lift by part (3) of every state that was written.
+    """
 
     def __init__(self, folder: Path, setup: Setup, position: Position) -> None:
         self.folder, self.setup, self.position = folder, setup, position
-        self.samples = _Samples()
+        self.samples = np.empty((0, 10))
         self.iterations = self.steps = self.cells = 0
         self.seconds = 0.0
         self.start = "rest"
         if (folder / STATE).exists():
-            self._restore()
+            with np.load(folder / STATE) as kept:
+                self.samples, self.start = kept["samples"], str(kept["start"])
+                self.iterations, self.steps, self.cells = (int(c) for c in kept["counts"])
+                self.seconds = float(kept["seconds"])
 
     def prepare(self, blades: Blades, neighbour: Path | None) -> None:
         """Mesh and start fields, unless they are there."""
@@ -154,38 +153,34 @@ class _Case:
                 shutil.copy(neighbour / newest / name, self.folder / "0" / name)
                 foam.scale_field(self.folder / "0" / name, (self.position.rpm / there) ** power)
             return
-        case.put(self.folder / "system/mapFieldsDict", "dictionary", "patchMap ();\ncuttingPatches ();\n")
+        case.put(self.folder / "system/mapFieldsDict", "patchMap ();\ncuttingPatches ();\n")
         foam.run(self.folder, "mapFields", str(neighbour.resolve()), "-sourceTime", newest)
 
-    def iterate(self, report: Callable[[str], None]) -> None:
+    def iterate(self) -> None:
         """Steady iterations until the wrench stands still, or the limit."""
         solver = self.setup.solver
         limit = iteration_limit(self.setup, self.start)
         while self.steps == 0 and not self._enough() and self.iterations < limit and self.finite():
             end = self.iterations + (solver.start if self.iterations == 0 else solver.chunk)
-            self._advance("simpleFoam", case.control(self.setup, end, steady=True))
+            self._advance(end, steady=True)
             self.iterations = end
             self._keep()
-            report(f"{self.iterations} iterations")
 
-    def march(self, report: Callable[[str], None]) -> None:
+    def march(self) -> None:
         """Go on in time from the newest state."""
         solver = self.setup.solver
-        case.put(self.folder / "system/fvSchemes", "dictionary", case.schemes(steady=False))
-        while not self._marched() and self.steps < solver.march_limit and self.finite():
+        while self.steps < solver.march_limit and self.finite():
+            if self.steps and (self.settled() or self.averaged()):
+                break
             end = self.iterations + (self.steps + solver.march_chunk) * solver.time_step_s
-            self._advance("pimpleFoam", case.control(self.setup, end, steady=False))
+            self._advance(end, steady=False)
             self.steps += solver.march_chunk
             self._keep()
-            report(f"{self.steps} time steps")
 
-    def _marched(self) -> bool:
-        return self.steps > 0 and (self.settled() or self.averaged())
-
-    def _advance(self, program: str, control: str) -> None:
+    def _advance(self, end: float, *, steady: bool) -> None:
         began = time.monotonic()
-        case.put(self.folder / "system/controlDict", "dictionary", control)
-        foam.run(self.folder, program)
+        case.control(self.folder, self.setup, end, steady=steady)
+        foam.run(self.folder, "simpleFoam" if steady else "pimpleFoam")
         self._collect()
         self.seconds += time.monotonic() - began
 
@@ -195,7 +190,7 @@ class _Case:
         states = foam.times(self.folder)
         volume = foam.read_field(self.folder / "constant/V")
         centre = foam.read_field(self.folder / "constant/C")
-        newest = max(self.samples.at, default=0.0)
+        newest = self.samples[:, 0].max(initial=0.0)
         for state in states:
             at = float(state)
             if at <= newest:
@@ -204,15 +199,10 @@ class _Case:
             discs = [self._disc(state, disc, volume, centre) for disc in case.DISCS]
             total = surface + discs[0] + discs[1]
             parts = np.array([discs[0][2], discs[1][2], surface[2]])
-            total, parts = self._whole(total, parts)
-            self.samples.at.append(at)
-            self.samples.wrench.append(total)
-            self.samples.parts.append(parts)
+            if not self.position.swirl:  # only one half is meshed
+                total, parts = 2 * total * [1, 0, 1, 0, 1, 0], 2 * parts
+            self.samples = np.vstack([self.samples, [at, *total, *parts]])
         foam.forget(self.folder, states[:-1])
-
-    def _whole(self, wrench: Array, parts: Array) -> tuple[Array, Array]:
-        """Loads on the whole fan from those on the part that is meshed."""
-        return (wrench, parts) if self.position.swirl else (2 * wrench * [1, 0, 1, 0, 1, 0], 2 * parts)
 
     def _disc(self, state: str, disc: str, volume: Array, centre: Array) -> Array:
         """Force and moment (6,) of the air on one disc: the solver's source per volume and density, summed."""
@@ -232,7 +222,7 @@ class _Case:
         """Samples (n, 6) of the last ``chunks`` chunks."""
         solver = self.setup.solver
         per_chunk = 8 if self.steps else solver.chunk // solver.sample_every
-        return np.array(self.samples.wrench[-chunks * per_chunk :]).reshape(-1, 6)
+        return self.samples[-chunks * per_chunk :, 1:7]
 
     def _window(self) -> Array:
         """Samples (n, 6) that the mean is taken over: the last two chunks, or of a flow that swings all but one."""
@@ -294,7 +284,7 @@ class _Case:
 
     def finite(self) -> bool:
         """True while the wrench is of a size a fan can have."""
-        return not self.samples.wrench or bool(np.all(np.abs(self.samples.wrench[-1]) < 10 * self._scale()))
+        return bool(np.all(np.abs(self.samples[-1:, 1:7]) < 10 * self._scale()))
 
     def status(self) -> str:
         if not self.finite():
@@ -305,23 +295,21 @@ class _Case:
             return "averaged" if self.averaged() else "cycling"
         return "marched" if self.steps else "steady"
 
-    def result(self, status: str, seconds: float, note: str) -> Result:
-        last = self._last(2)
-        if len(last) == 0:
-            nothing = (float("nan"),) * 6
-            return Result(
-                nothing, nothing, nothing, nothing[:3], "diverged", self.cells, 0, 0, seconds, self.start, note
-            )
-        if status in ("averaged", "cycling"):
-            last = self._window()
+    def result(self, status: str, note: str = "") -> Result:
+        """What the case gave; NaN without a sample."""
+        if len(self.samples) == 0:
+            self.samples = np.full((2, 10), math.nan)
+        moving = status in ("averaged", "cycling")
+        last = self._window() if moving else self._last(2)
         drift, swing = _moves(last)
-        parts = np.mean(self.samples.parts[-len(last) :], axis=0)
-        iterated, iterated_error = self._iterated()
+        before = self.samples[self.samples[:, 0] <= self.iterations, 1:7]
+        before = before[-2 * self.setup.solver.chunk // self.setup.solver.sample_every :]
+        then = _moves(before)
         return Result(
             wrench=_floats(last.mean(axis=0)),
             swing=_floats(swing),
             drift=_floats(drift),
-            parts=(float(parts[0]), float(parts[1]), float(parts[2])),
+            parts=_floats(self.samples[-len(last) :, 7:].mean(axis=0)),
             status=status,
             cells=self.cells,
             iterations=self.iterations,
@@ -329,42 +317,17 @@ class _Case:
             seconds=self.seconds,
             start=self.start,
             note=note,
-            error=_floats(error_of_mean(last)) if status in ("averaged", "cycling") and self.steps else UNKNOWN,
-            iterated=iterated,
-            iterated_error=iterated_error,
+            error=_floats(error_of_mean(last)) if moving and self.steps else UNKNOWN,
+            iterated=_floats(before.mean(axis=0)) if self.steps else UNKNOWN,
+            iterated_error=_floats(np.maximum(then[1], 2 * then[0])) if self.steps else UNKNOWN,
         )
-
-    def _iterated(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Mean and error of the iterations before a march in time."""
-        solver = self.setup.solver
-        before = [w for at, w in zip(self.samples.at, self.samples.wrench, strict=True) if at <= self.iterations]
-        last = np.array(before[-2 * solver.chunk // solver.sample_every :])
-        if not self.steps or len(last) < 2:
-            return UNKNOWN, UNKNOWN
-        drift, swing = _moves(last)
-        return _floats(last.mean(axis=0)), _floats(np.maximum(swing, 2 * drift))
-
-    # Keeping
 
     def _keep(self) -> None:
         target = self.folder / STATE
         scratch = target.with_suffix(".tmp.npz")
-        np.savez(
-            scratch,
-            at=self.samples.at,
-            wrench=np.array(self.samples.wrench).reshape(-1, 6),
-            parts=np.array(self.samples.parts).reshape(-1, 3),
-            counts=[self.iterations, self.steps, self.cells],
-            seconds=self.seconds,
-            start=self.start,
-        )
+        counts = [self.iterations, self.steps, self.cells]
+        np.savez(scratch, samples=self.samples, counts=counts, seconds=self.seconds, start=self.start)
         scratch.replace(target)
-
-    def _restore(self) -> None:
-        with np.load(self.folder / STATE) as kept:
-            self.samples = _Samples(list(kept["at"]), list(kept["wrench"]), list(kept["parts"]))
-            self.iterations, self.steps, self.cells = (int(c) for c in kept["counts"])
-            self.seconds, self.start = float(kept["seconds"]), str(kept["start"])
 
 
 def _moves(samples: Array) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from models.arguments import speaks
 from models.errors import ConfigError
 
 Finish = Callable[[argparse.Namespace, Any], int]
@@ -25,7 +26,6 @@ def add(commands: Any, finish: Finish) -> None:
     run.add_argument("--work", required=True, type=Path, metavar="DIR", help="cases, their logs and states")
     _model(run)
     run.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="solvers at a time (all cores)")
-    run.add_argument("--no-march", action="store_true", help="leave cases that still move as they are")
     run.add_argument("--dry-run", action="store_true", help="list the cases, compute nothing")
     run.set_defaults(run=lambda args: finish(args, _run(args)))
 
@@ -35,10 +35,9 @@ def add(commands: Any, finish: Finish) -> None:
     assemble.add_argument("--out", required=True, type=Path, metavar="DIR", help="where corner_cfd*.csv are written")
     assemble.set_defaults(run=lambda args: finish(args, _assemble(args)))
 
-    check = what.add_parser("check", help="convergence, mesh study and published statements beside the numbers")
+    check = what.add_parser("check", help="published statements beside the numbers")
     _common(check)
     _cases(check)
-    check.add_argument("--report", type=Path, metavar="DIR", help="write the report and its figures here")
     check.set_defaults(run=lambda args: finish(args, _check(args)))
 
     trim = what.add_parser("trim", help="find the tip pitch that gives the fan its lift, with swirl without net torque")
@@ -76,10 +75,6 @@ def _cases(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _speak(args: argparse.Namespace) -> bool:
-    return not args.quiet and args.json != "-"
-
-
 def _run(args: argparse.Namespace) -> Any:
     from models.cfd import campaign, config, foam, polars
     from models.progress import Bars
@@ -89,29 +84,30 @@ def _run(args: argparse.Namespace) -> Any:
     setup = config.load(args.fan)
     positions = campaign.plan(setup, args.model)
     if args.dry_run:
-        if _speak(args):
+        if speaks(args):
             print("\n".join(p.key for p in positions))
         return {"cases": [p.key for p in positions]}
     foam.require()
     section = polars.neural_section(setup.rotor.section)
     bars = Bars(args.quiet)
-    campaign.run(args.work, setup, section, positions, args.jobs, march=not args.no_march, progress=bars)
+    campaign.run(args.work, setup, section, positions, args.jobs, bars)
     bars.close()
     rows = campaign.rows(args.work, positions)
     count = {s: sum(r.result.status == s for r in rows) for s in sorted({r.result.status for r in rows})}
-    if _speak(args):
+    if speaks(args):
         print(f"{len(rows)} of {len(positions)} cases: " + ", ".join(f"{n} {s}" for s, n in count.items()))
     return {"cases": len(positions), "done": len(rows), "status": count}
 
 
 def _rows(args: argparse.Namespace, setup: Any) -> Any:
     from models.cfd import campaign, table
+    from models.cfd.position import MODELS
 
     if args.work is None:
         return table.read(args.cases or SHIPPED_CASES)
     found = {row.position: row for row in (table.read(args.cases) if args.cases else [])}
     for folder in args.work:
-        here = campaign.rows(folder, campaign.plan(setup, campaign.model_of(folder)))
+        here = campaign.rows(folder, [p for model in MODELS for p in campaign.plan(setup, model)])
         if not here:
             raise ConfigError(f"--work {folder}: no finished cases of this fan; run 'models cfd run --work {folder}'")
         found |= {row.position: row for row in here}
@@ -134,8 +130,8 @@ def _assemble(args: argparse.Namespace) -> Any:
         assemble.write_marks(args.out / "corner_cfd_rows.csv", made)
     except OSError as error:
         raise ConfigError(f"--out {args.out}: cannot be written ({error.strerror})") from None
-    solved = int(assemble.solved_share(made).sum())
-    if _speak(args):
+    solved = sum(mark.made != "law" for mark in made.marks)
+    if speaks(args):
         print(
             f"{len(made.table)} rows written to {args.out / 'corner_cfd.csv'}: Fx, Fz, My of {solved} from the solver, "
             f"of {len(made.table) - solved} by the fitted law of rotor speed"
@@ -147,22 +143,11 @@ def _check(args: argparse.Namespace) -> Any:
     from models.cfd import check, config
 
     setup = config.load(args.fan)
-    checked = check.check(_rows(args, setup), setup)
-    if args.report:
-        from models.cfd.check_page import write_page
-        from models.cfd.figures import write_figures
-
-        try:
-            args.report.mkdir(parents=True, exist_ok=True)
-            write_figures(args.report, checked)
-            write_page(args.report, checked, setup)
-        except OSError as error:
-            raise ConfigError(f"--report {args.report}: cannot be written ({error.strerror})") from None
-    if _speak(args):
-        print(check.text(checked))
-        if args.report:
-            print(f"report: {args.report / 'report.html'}")
-    return checked.summary
+    rows = _rows(args, setup)
+    found = check.summary(check.check(rows, setup), rows, setup)
+    if speaks(args):
+        print(check.text(found))
+    return found
 
 
 def _trim(args: argparse.Namespace) -> Any:
@@ -171,12 +156,9 @@ def _trim(args: argparse.Namespace) -> Any:
     setup = config.load(args.fan)
     section = polars.neural_section(setup.rotor.section)
 
-    def report(pitch: tuple[float, ...], result: Any) -> None:
-        if _speak(args):
-            degrees = ", ".join(f"{p:.3f}" for p in pitch)
-            torque = "" if args.model == "half" else f", {result.wrench[5]:+.4f} N m"
-            print(f"tip pitch {degrees} deg: {result.wrench[2]:.3f} N{torque}", flush=True)
-
-    pitch, result = trim.trim(args.work, setup, section, args.model, report)
-    key = "tip_pitch_deg" if args.model == "half" else "swirl_tip_pitch_deg"
-    return {key: pitch[0] if args.model == "half" else pitch, "lift_N": result.wrench[2], "torque_Nm": result.wrench[5]}
+    pitch, result = trim.trim(args.work, setup, section, args.model)
+    lift, torque = result.wrench[2], result.wrench[5]
+    if speaks(args):
+        print(f"tip pitch {', '.join(f'{p:.3f}' for p in pitch)} deg: {lift:.3f} N, {torque:+.4f} N m")
+    found = {"tip_pitch_deg": pitch[0]} if args.model == "half" else {"swirl_tip_pitch_deg": pitch}
+    return {**found, "lift_N": lift, "torque_Nm": torque}

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 from typing import Annotated
 
 from models.errors import ConfigError
+from models.text_file import read_text
 from models.toml_table import Table, Within
 
 
@@ -168,14 +168,8 @@ class Setup:
 
 def load(path: Path | None = None) -> Setup:
     """Read a fan file, or the built-in one. Raises ConfigError naming the file and the key."""
-    name = str(path) if path else "models/cfd/fan.toml"
-    try:
-        text = (
-            path.read_text("utf-8") if path else resources.files("models.cfd").joinpath("fan.toml").read_text("utf-8")
-        )
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise ConfigError(f"fan file {name}: cannot be read ({reason})") from None
+    path = path or Path(__file__).with_name("fan.toml")
+    name, text = str(path), read_text("fan file", path)
     setup = Table.of(text, f"fan file {name}").read(Setup)
     _check(name, setup)
     return setup

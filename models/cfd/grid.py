@@ -4,48 +4,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from models.cfd.campaign import Row
+from models.cfd.case_run import Row
 from models.cfd.config import Setup
 from models.cfd.position import Place
 from models.frames import Array
 
 
-@dataclass(frozen=True)
-class Study:
-    """Mesh study; forces in N, moments in N m, at the campaign's speed.
+def mesh_error(rows: Sequence[Row], setup: Setup) -> Array:
+    """Error (6,) [N, N m] by the mesh of what a place adds to free air, at the campaign's speed.
 
-    ``levels`` ascending; ``wrench`` (6,) by place and level. ``total`` and ``increment`` (6,): half of the spread over
-    the levels, rms over the positions, of the wrench itself and of what it adds to free air on the same mesh.
+    Half of the spread of the increment over the meshes of half models, rms over the places computed on all of them;
+    zero without any.
     """
-
-    levels: tuple[float, ...]
-    wrench: dict[Place, dict[float, Array]]
-    total: Array
-    increment: Array
-
-
-def spread(rows: Sequence[Row], setup: Setup) -> Study:
-    """Study of the positions that were computed on several meshes; zeros without any."""
-    c = setup.campaign
-    levels = tuple(sorted({1.0, *c.grid_levels}))
+    c, free = setup.campaign, (math.inf, math.inf)
+    levels = {1.0, *c.grid_levels}
     found: dict[Place, dict[float, Array]] = {}
     for row in rows:
         p = row.position
-        usable = math.isfinite(row.result.wrench[2])
-        if p.model == "half" and p.rpm == c.rpm and p.approach == "near" and p.place in c.grid_at and usable:
+        usable = p.model == "half" and p.rpm == c.rpm and p.approach == "near" and math.isfinite(row.result.wrench[2])
+        if usable and p.level in levels and p.place in c.grid_at:
             found.setdefault(p.place, {})[p.level] = np.array(row.result.wrench)
-    whole = {place: by for place, by in found.items() if all(level in by for level in levels)}
-    free = whole.get((math.inf, math.inf))
-    total = _rms([np.ptp(list(by.values()), axis=0) / 2 for by in whole.values()])
-    added = [
-        [by[level] - free[level] for level in levels] for by in whole.values() if free is not None and by is not free
-    ]
-    return Study(levels, whole, total, _rms([np.ptp(a, axis=0) / 2 for a in added]))
-
-
-def _rms(parts: Sequence[Array]) -> Array:
-    return np.sqrt(np.mean(np.square(parts), axis=0)) if parts else np.zeros(6)
+    whole = {place: by for place, by in found.items() if len(by) == len(levels)}
+    added = [[by[n] - whole[free][n] for n in levels] for p, by in whole.items() if free in whole and p != free]
+    return np.sqrt(np.mean([(np.ptp(a, axis=0) / 2) ** 2 for a in added], axis=0)) if added else np.zeros(6)

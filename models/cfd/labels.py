@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.cfd import mean_error
-from models.cfd.campaign import Row
+from models.cfd.case_run import Row
 from models.cfd.mean_error import ODD, TILT, MeanError
 from models.cfd.position import Place, Position
 from models.frames import Array

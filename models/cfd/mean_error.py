@@ -14,8 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.cfd.campaign import Row
-from models.cfd.case_run import Result
+from models.cfd.case_run import Result, Row
 from models.cfd.position import near
 from models.frames import Array
 

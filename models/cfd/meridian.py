@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.optimize import brentq
 
 from models.cfd.config import Setup
 from models.cfd.position import Position
@@ -148,10 +149,6 @@ def growing(length: float, cells: int, first: float, *, downwards: bool = False)
     """Expansion (last over first cell) for which the first of ``cells`` cells over ``length`` measures ``first``."""
     if first * cells >= length:
         return "1"
-    low, high = 1.0, 3.0
-    for _ in range(60):
-        ratio = (low + high) / 2
-        total = first * cells if ratio == 1.0 else first * (ratio**cells - 1) / (ratio - 1)
-        low, high = (ratio, high) if total < length else (low, ratio)
-    expansion = ((low + high) / 2) ** (cells - 1)
+    ratio = brentq(lambda r: first * np.sum(r ** np.arange(cells)) - length, 1.0, 3.0)
+    expansion = ratio ** (cells - 1)
     return f"{1 / expansion if downwards else expansion:.6g}"

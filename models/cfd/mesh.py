@@ -64,9 +64,7 @@ class _Builder:
     # Points
 
     def _on_circle(self, row: int, radius: float, angle: float) -> int:
-        m = self.scale_m
-        z = self.meridian.z[row]
-        return self.out.vertex((m * radius * math.cos(angle), m * radius * math.sin(angle), m * z))
+        return self._cartesian(row, radius * math.cos(angle), radius * math.sin(angle))
 
     def _on_box(self, row: int, angle: float) -> int:
         c, s = math.cos(angle), math.sin(angle)
@@ -104,10 +102,9 @@ class _Builder:
         hub = np.full(8, self.setup.fan.hub_radius)
         radii = [CORE * hub, hub, self.meridian.bore, self.meridian.skin]
         counts = [self.n(mesh.hub), self.n(mesh.bore), self.n(mesh.lip), self.n(mesh.ring)]
-        solid = {column: row in rows for column, rows in SOLID.items()}
         grade_z = self.meridian.grade_z(row)
         for column in range(4):
-            if solid.get(column, False):
+            if row in SOLID.get(column, ()):
                 continue
             lo, hi = (self._corners(row + k, column, a, b, radii) for k in (0, 1))
             zone = ""
@@ -123,8 +120,8 @@ class _Builder:
                     self._arc(corners[0], corners[3], r, radii[column][r], a, b)
             self._curves(row, column, (a, b), lo, hi)
             self._ring_patches(row, column, lo, hi)
-        if not self.position.swirl and row < 7:
-            self._mirror_rings(row, a, b, radii, solid)
+        if not self.position.swirl:
+            self._mirror_rings(row, a, b, radii)
 
     def _corners(self, r: int, column: int, a: float, b: float, radii: Sequence[Array]) -> list[int]:
         inner = [self._on_circle(r, radii[column][r], t) for t in (a, b)]
@@ -148,14 +145,11 @@ class _Builder:
         for k, angle in enumerate(angles):
             near, far = (0, 1) if k == 0 else (3, 2)
             if row == 5 and column == 1:
-                self._curve(lo[far], hi[far], angle, line.flank(outer=False))
+                self.out.turned(lo[far], hi[far], line.flank(outer=False), angle, self.scale_m)
             elif row == 5 and column == 3:
-                self._curve(lo[near], hi[near], angle, line.flank(outer=True))
+                self.out.turned(lo[near], hi[near], line.flank(outer=True), angle, self.scale_m)
             elif row == 6 and column == 2:
-                self._curve(lo[near], lo[far], angle, line.cap())
-
-    def _curve(self, p: int, q: int, angle: float, points: Array) -> None:
-        self.out.turned(p, q, points, angle, self.scale_m)
+                self.out.turned(lo[near], lo[far], line.cap(), angle, self.scale_m)
 
     def _ring_patches(self, row: int, column: int, lo: list[int], hi: list[int]) -> None:
         sides = {"low": lo, "high": hi, "inner": [lo[0], lo[3], hi[3], hi[0]], "outer": [lo[1], hi[1], hi[2], lo[2]]}
@@ -164,12 +158,12 @@ class _Builder:
         if column == 3 and self._box_is_wall and self._faces_wall(lo):
             self.out.face("wall", sides["outer"])
 
-    def _mirror_rings(self, row: int, a: float, b: float, radii: Sequence[Array], solid: dict[int, bool]) -> None:
+    def _mirror_rings(self, row: int, a: float, b: float, radii: Sequence[Array]) -> None:
         for angle in (a, b):
             if abs(math.sin(angle)) > 1e-9:
                 continue
             for column in range(4):
-                if solid.get(column, False):
+                if row in SOLID.get(column, ()):
                     continue
                 lo, hi = (self._corners(row + k, column, angle, angle, radii) for k in (0, 1))
                 self.out.face("mirror", [lo[0], lo[1], hi[1], hi[0]])

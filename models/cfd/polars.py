@@ -48,6 +48,7 @@ Blades = tuple[tuple[Station, ...], tuple[Station, ...]]
 """Tables of the upper and of the lower disc."""
 
 
+@cache
 def blades(setup: Setup, rpm: float, section: Section, *, swirl: bool) -> Blades:
     """Tables of both discs for one rotor speed; with swirl each has its own pitch."""
     rotor = setup.rotor

@@ -42,7 +42,7 @@ class Position:
     swirl: bool = False
     level: float = 1.0
     approach: str = "near"
-    """The start: ``near`` (nearest finished case), ``wall`` (one nearer to the wall), ``far`` (no ground), ``rest``."""
+    """The start: ``near`` (nearest finished case), ``wall`` (one nearer to the wall), ``far`` (no ground)."""
 
     @property
     def model(self) -> str:

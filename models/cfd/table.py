@@ -1,4 +1,4 @@
-"""The table of all computed cases: one line a case, with everything that was judged; written, read, never edited."""
+"""The table of computed cases: one line a case, with everything that was judged; written, read, never edited."""
 
 from __future__ import annotations
 
@@ -8,23 +8,26 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from models.cfd.campaign import Row
-from models.cfd.case_run import Result
+from models.cfd.case_run import Result, Row
 from models.cfd.position import MODELS, Position
 from models.errors import ModelError
 from models.frames import AXES
+from models.text_file import read_text, write_text
 
 UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
 PARTS = ("upper", "lower", "duct")
+
+
+def six(kind: str) -> tuple[str, ...]:
+    """Columns of the six components of one kind, such as ``swing_``."""
+    return tuple(f"{kind}{a}_{u}" for a, u in zip(AXES, UNITS, strict=True))
+
+
 COLUMNS = (
     *("model", "h_over_r", "d_over_r", "rpm", "level", "approach", "status"),
-    *(f"{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)),
-    *(f"swing_{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)),
-    *(f"drift_{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)),
+    *(*six(""), *six("swing_"), *six("drift_")),
     *(f"Fz_{part}_N" for part in PARTS),
-    *(f"error_{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)),
-    *(f"iterated_{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)),
-    *(f"iterated_error_{a}_{u}" for a, u in zip(AXES, UNITS, strict=True)),
+    *(*six("error_"), *six("iterated_"), *six("iterated_error_")),
     *("cells", "iterations", "steps", "seconds", "start", "note"),
 )
 
@@ -43,20 +46,12 @@ def write(path: Path, rows: Sequence[Row]) -> None:
                 *(r.start, r.note),
             ]
         )
-    try:
-        path.write_text(text.getvalue(), encoding="utf-8")
-    except OSError as error:
-        raise ModelError(f"case table {path}: cannot be written ({error.strerror})") from None
+    write_text("case table", path, text.getvalue(), ModelError)
 
 
 def read(path: Path) -> list[Row]:
     """Read the cases. Raises ModelError naming the file and the line."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
-        raise ModelError(f"case table {path}: cannot be read ({reason})") from None
-    lines = csv.reader(io.StringIO(text))
+    lines = csv.reader(io.StringIO(read_text("case table", path, ModelError)))
     if tuple(next(lines, ())) != COLUMNS:
         raise ModelError(f"case table {path}: has another header than this version writes")
     rows = []
@@ -69,22 +64,21 @@ def read(path: Path) -> list[Row]:
 
 
 def _row(cell: dict[str, str]) -> Row:
-    def six(kind: str) -> tuple[float, ...]:
-        return tuple(float(cell[f"{kind}{a}_{u}"]) for a, u in zip(AXES, UNITS, strict=True))
+    def numbers(*columns: str) -> tuple[float, ...]:
+        return tuple(float(cell[name]) for name in columns)
 
     if cell["model"] not in MODELS:
         raise ValueError(f"model '{cell['model']}' is none of {', '.join(MODELS)}")
-    h, d, rpm, level = (float(cell[name]) for name in ("h_over_r", "d_over_r", "rpm", "level"))
+    h, d, rpm, level = numbers("h_over_r", "d_over_r", "rpm", "level")
     if any(math.isnan(v) for v in (h, d, rpm, level)):
         raise ValueError("h, d, rpm and level must be numbers")
-    upper, lower, duct = (float(cell[f"Fz_{part}_N"]) for part in PARTS)
     return Row(
         Position(h, d, rpm, MODELS[cell["model"]], level, cell["approach"]),
         Result(
-            wrench=six(""),
-            swing=six("swing_"),
-            drift=six("drift_"),
-            parts=(upper, lower, duct),
+            wrench=numbers(*six("")),
+            swing=numbers(*six("swing_")),
+            drift=numbers(*six("drift_")),
+            parts=numbers(*(f"Fz_{part}_N" for part in PARTS)),
             status=cell["status"],
             cells=int(cell["cells"]),
             iterations=int(cell["iterations"]),
@@ -92,8 +86,8 @@ def _row(cell: dict[str, str]) -> Row:
             seconds=float(cell["seconds"]),
             start=cell["start"],
             note=cell["note"],
-            error=six("error_"),
-            iterated=six("iterated_"),
-            iterated_error=six("iterated_error_"),
+            error=numbers(*six("error_")),
+            iterated=numbers(*six("iterated_")),
+            iterated_error=numbers(*six("iterated_error_")),
         ),
     )

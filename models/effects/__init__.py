@@ -19,7 +19,6 @@ from models.effects.effect import (
     Effect,
     InFlight,
     Shape,
-    shifted_heights,
 )
 from models.errors import ModelError
 from models.frames import Array
@@ -78,8 +77,8 @@ def adopted_wrench(effects: Sequence[AdoptedEffect], ctx: Context, *, in_flight:
 
 
 def corrected_state(effects: Sequence[AdoptedEffect], state: AirState) -> AirState:
-    """The state with adopted corrections of measurements: ``range_offset`` shifts the heights."""
+    """The state with adopted corrections of measurements."""
     for one in effects:
-        if one.name == "range_offset":
-            state = shifted_heights(state, -one.parameters["offset_m"])
+        correct = get(one.name).corrected
+        state = state if correct is None else correct(state, one.parameters)
     return state

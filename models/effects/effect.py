@@ -18,6 +18,7 @@ from models.frames import GRAVITY, Array, at_cg, corner_to_body
 from models.surrogate.fan_surrogate import AdoptedEffect
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
 from models.vehicle_wrench import (
+    REFERENCE_RPM,
     FanModel,
     fan_rpm,
     fan_torques,
@@ -166,8 +167,8 @@ class Context:
         except ConfigError:
             if self.vehicle.telemetered:
                 raise
-            share = self.vehicle.mass_kg * 9.80665 / len(self.vehicle.fans)
-            return share * (self.rpm / 4000.0) ** 2
+            share = self.vehicle.mass_kg * GRAVITY / len(self.vehicle.fans)
+            return share * (self.rpm / REFERENCE_RPM) ** 2
         return np.stack(columns, axis=-1)
 
     @cached_property
@@ -272,7 +273,7 @@ class Context:
     @property
     def weight(self) -> float:
         """Declared weight [N]."""
-        return self.vehicle.mass_kg * 9.80665
+        return self.vehicle.mass_kg * GRAVITY
 
     @property
     def lever(self) -> float:
@@ -353,7 +354,11 @@ class Effect:
     """(k, k) by shape: the coefficients are this times independent ones, whose priors ``coefficients`` give."""
     lacking: Callable[[Context], str | None] = always
     aliases: tuple[str, ...] = ()
+    """Effects that can stand in the place of this one. One way: ``thrust_scale`` can pass for ``thrust_curve``, a curve
+    not for a scale."""
     in_flight: InFlight = InFlight.WRENCH
+    corrected: Callable[[AirState, Mapping[str, float]], AirState] | None = None
+    """Of what corrects a measurement: the state without the instrument's error, by adopted parameters."""
     needs_moments: bool = False
     """Without moments it cannot be distinguished from others."""
     main: tuple[str, ...] = ()

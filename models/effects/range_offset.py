@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from models.air_state import AirState
 from models.effects.effect import BelongsTo, Coefficient, Context, Effect, InFlight, Shape, columns, shifted_heights
 from models.effects.pictures import over_height
 from models.frames import Array
@@ -33,6 +34,10 @@ def _lacking(ctx: Context) -> str | None:
     return None if np.isfinite(ctx.state.h_m).any() else "no height over ground in the log"
 
 
+def _corrected(state: AirState, p: Mapping[str, float]) -> AirState:
+    return shifted_heights(state, -p["offset_m"])
+
+
 def _words(_: Context, p: Mapping[str, float]) -> str:
     size = p["offset_m"]
     return f"the rangefinder to the ground reads {abs(size) * 100.0:.1f} cm too {'much' if size > 0.0 else 'little'}"
@@ -57,6 +62,7 @@ EFFECT = Effect(
     aliases=("ground_effect", "vertical_inflow"),
     chance=0.03,
     in_flight=InFlight.MEASUREMENT,
+    corrected=_corrected,
     drawn=over_height,
     in_words=_words,
 )

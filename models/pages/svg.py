@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from pathlib import Path
 
 import numpy as np
 
@@ -16,23 +17,8 @@ from models.frames import Array
 WIDTH, HEIGHT = 400, 190
 WIDE = 800
 """Width of the panels of a file."""
-PALETTE = """
-:root{color-scheme:light dark;--ink:#1b1f24;--paper:#fff;--dim:#57606a;--line:#d0d7de;--card:#f3f6f9;--mark:#0969da;
---before:#bc4c00;--after:#0969da;--fit:#1a7f37;--bad:#b42318;--a:#8250df;--b:#9a6700;--c:#1f7a8c;--d:#57606a}
-@media screen and (prefers-color-scheme:dark){:root{--ink:#e6edf3;--paper:#0d1117;--dim:#a3acb6;--line:#3d444d;
---card:#171c24;--mark:#58a6ff;--before:#f0883e;--after:#58a6ff;--fit:#56d364;--bad:#ff8a7a;--a:#bc8cff;--b:#e3b341;--c:#56c8d8;
---d:#a3acb6}}
-"""
-"""Colours of light and dark, for a page and for a picture by itself."""
-STYLE = """
-svg text{fill:var(--dim);font:13px system-ui,sans-serif}
-svg .grid{stroke:var(--line)}svg .mark{stroke:var(--ink);stroke-dasharray:4 3}svg text.mark{fill:var(--ink);stroke:none}
-svg .line{fill:none;stroke:currentColor;stroke-width:1.5}svg .thick{stroke-width:2.5}
-svg .dot{fill:currentColor;stroke:currentColor}svg text.name{fill:currentColor}svg .band{fill:currentColor;opacity:.16}
-.before{color:var(--before)}.after{color:var(--after)}.fit{color:var(--fit)}
-.a{color:var(--a)}.b{color:var(--b)}.c{color:var(--c)}.d{color:var(--d)}
-"""
-"""How a plot is drawn."""
+STYLE = Path(__file__).with_name("plot.css").read_text("utf-8")
+"""Colours of light and dark, and how a plot is drawn."""
 _LEFT, _RIGHT, _TOP, _BOTTOM = 56, 10, 22, 36
 _NAMES = 20
 """Height of the row of names above a file's panels."""
@@ -132,7 +118,7 @@ def picture(title: str, panels: Mapping[str, Sequence[Line]], x_label: str, band
         names += f'<text x="{middle:.1f}" y="{_NAMES + _TOP - 5}" text-anchor="middle">{escape(band.label)}</text>'
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDE} {_NAMES + HEIGHT * len(panels)}" role="img">'
-        f"<title>{escape(title)}</title><style>{PALETTE}{STYLE}</style>"
+        f"<title>{escape(title)}</title><style>{STYLE}</style>"
         f'<rect width="100%" height="100%" fill="var(--paper)"/>{names}{drawn}</svg>\n'
     )
 

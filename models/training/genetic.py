@@ -36,8 +36,6 @@ class Settings:
     m2: float = 0.5
     least_mutation: float = 0.01
     step: float = 0.5
-    goal: float = 0.0
-    """Stop when every run's best mean squared error is at or below this."""
 
 
 def fitness(mse: Array) -> Array:
@@ -98,7 +96,7 @@ def evolve(
     genes: int,
     rng: np.random.Generator,
     settings: Settings | None = None,
-    tick: Callable[[int, int], None] | None = None,
+    tick: Callable[[int, int], None] = lambda *_: None,
 ) -> tuple[Array, Array]:
     """Evolve ``runs`` populations; returns the best chromosome (runs, genes) and its error (runs,) of each.
 
@@ -120,8 +118,5 @@ def evolve(
         leader = mse.argmin(axis=1)
         better = mse[every, leader] < best_mse
         best[better], best_mse[better] = population[every, leader][better], mse[every, leader][better]
-        if tick:
-            tick(generation + 1, s.generations)
-        if np.all(best_mse <= s.goal):
-            break
+        tick(generation + 1, s.generations)
     return best.astype(float), best_mse

@@ -27,10 +27,7 @@ def genes(hidden: int) -> int:
 
 @dataclass(frozen=True)
 class Batch:
-    """The rows that each of N nets learns: x (N, n, 3); gate, y, weight (N, n), weights sum to 1.
-
-    x is (1, n, 3) where all nets see the same inputs.
-    """
+    """The rows that each of N nets learns: x (N, n, 3); gate, y, weight (N, n), weights sum to 1."""
 
     x: Any
     gate: Any
@@ -39,20 +36,16 @@ class Batch:
 
     @classmethod
     def of(cls, x: Array, gate: Array, y: Array, weight: Array) -> Batch:
-        """From numpy; rows of weight 0 are not learnt. Single precision, far finer than the fits."""
+        """From numpy, x (N or 1, n, 3); rows of weight 0 are not learnt. Single precision, far finer than the fits."""
         torch.set_num_threads(1)
-        parts = (x, gate, y, weight / weight.sum(axis=1, keepdims=True))
-        return cls(*(torch.as_tensor(np.ascontiguousarray(p), dtype=torch.float32) for p in parts))
+        parts = (np.broadcast_to(x, (*y.shape, INPUTS)), gate, y, weight / weight.sum(axis=1, keepdims=True))
+        return cls(*(torch.from_numpy(np.array(p, dtype=np.float32)) for p in parts))
 
 
 def errors(theta: Any, batch: Batch, hidden: int) -> Any:
-    """Weighted mean squared error (eq. 11) of nets theta (N, genes), shape (N,).
-
-    torch's logistic is several times faster than its tanh here: tanh(a) = 2 s(2a) - 1.
-    """
-    w1, b1, w2, b2 = unpack(2.0 * theta, hidden)
-    s = torch.sigmoid(torch.matmul(batch.x, w1) + b1[:, None])
-    y = torch.matmul(s, w2[:, :, None])[..., 0] + 0.5 * (b2 - w2.sum(dim=1))[:, None]
+    """Weighted mean squared error (eq. 11) of nets theta (N, genes), shape (N,)."""
+    w1, b1, w2, b2 = unpack(theta, hidden)
+    y = torch.matmul(torch.tanh(torch.matmul(batch.x, w1) + b1[:, None]), w2[:, :, None])[..., 0] + b2[:, None]
     return (batch.weight * (batch.gate * y - batch.y) ** 2).sum(dim=1)
 
 
@@ -61,12 +54,11 @@ def population_errors(population: Any, batch: Batch, hidden: int) -> Array:
 
     One net at a time, to stay in the processor's cache.
     """
-    shared = len(batch.x) == 1
     out = []
     with torch.no_grad():
-        for i, theta in enumerate(np.asarray(population, dtype=np.float32)):
-            own = Batch(batch.x if shared else batch.x[i : i + 1], batch.gate[i], batch.y[i], batch.weight[i])
-            out.append(errors(torch.as_tensor(theta), own, hidden).numpy())
+        for i, theta in enumerate(torch.as_tensor(population, dtype=torch.float32)):
+            own = Batch(batch.x[i : i + 1], batch.gate[i], batch.y[i], batch.weight[i])
+            out.append(errors(theta, own, hidden).numpy())
     return np.array(out)
 
 
@@ -77,15 +69,13 @@ def descend(
     epochs: int,
     *,
     adam_rate: float | None = None,
-    mask: Array | None = None,
-    tick: Callable[[int, int], None] | None = None,
+    tick: Callable[[int, int], None] = lambda *_: None,
 ) -> Array:
-    """Train N nets from chromosomes ``start`` (N, genes), full batch; genes with ``mask`` 0 stay.
+    """Train N nets from chromosomes ``start`` (N, genes), full batch.
 
     By Adam (eqs. 5-10) from ``adam_rate`` on, or without one by plain gradient descent.
     """
     theta = torch.tensor(start, dtype=torch.float32, requires_grad=True)
-    keep = 1.0 if mask is None else torch.as_tensor(mask, dtype=torch.float32)
     if adam_rate is None:
         optimiser, last = torch.optim.SGD([theta], lr=DESCENT_RATE), DESCENT_RATE
     else:
@@ -94,10 +84,9 @@ def descend(
     for t in range(1, epochs + 1):
         optimiser.zero_grad()
         errors(theta, batch, hidden).sum().backward()
-        theta.grad *= keep
         optimiser.step()
         schedule.step()
-        if tick and t % 50 == 0:
+        if t % 50 == 0:
             tick(t, epochs)
     return np.asarray(theta.detach().double().numpy())
 

@@ -57,13 +57,10 @@ def _regression(result: Comparison, held_out: bool) -> Any:
     for i, method in enumerate(PAPER_METHODS):
         for c, axis in enumerate(AXES):
             truth, answer = task.problem.y[rows, c], result.answers[method][0][rows, c]
+            r2 = f"R² {float(r_squared(truth, answer)):.3f}" if task.problem.live[c] else "constant"
             ends = [truth.min(), truth.max()]
             panel = axes[i, c]
-            panel.set_title(f"{NAMES[method]} {axis}", fontsize=8)
-            if not task.problem.live[c]:
-                _constant(panel)
-                continue
-            panel.set_title(f"{NAMES[method]} {axis}, R² {float(r_squared(truth, answer)):.3f}", fontsize=8)
+            panel.set_title(f"{NAMES[method]} {axis}, {r2}", fontsize=8)
             panel.plot(ends, ends, "k-", lw=0.8)
             panel.plot(truth, answer, ".", ms=2)
             panel.tick_params(labelsize=6)
@@ -72,28 +69,17 @@ def _regression(result: Comparison, held_out: bool) -> Any:
     return figure
 
 
-def _constant(panel: Any) -> None:
-    """A panel of a component that does not depend on the place."""
-    panel.text(0.5, 0.5, "constant", ha="center", va="center", fontsize=8, transform=panel.transAxes)
-    panel.set_xticks([])
-    panel.set_yticks([])
-
-
 def _histograms(result: Comparison) -> Any:
     figure, axes = _figure(2, 3, (12, 6.5))
     task = result.tasks[0]
     edges = np.linspace(0, 100, 21)
-    for c, axis in enumerate(AXES):
-        panel = axes[c // 3, c % 3]
-        panel.set_title(axis)
-        if not task.problem.live[c]:
-            _constant(panel)
-            continue
-        for method in PAPER_METHODS:
+    for panel, c in zip(axes.flat, range(6), strict=True):
+        panel.set_title(AXES[c] if task.problem.live[c] else f"{AXES[c]}: constant")
+        for method in PAPER_METHODS if task.problem.live[c] else ():
             error = percent_error(task.problem.y[task.train], result.answers[method][0][task.train])[:, c]
             panel.hist(np.minimum(error, 99.9), edges, histtype="step", label=NAMES[method])
+            panel.legend(fontsize=7)
         panel.set_xlabel("error [%], last bin: and above")
-        panel.legend(fontsize=7)
     figure.suptitle("Percentage error of the increments on the learnt rows")
     return figure
 

@@ -3,31 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from models.frames import AXES
 
 
-@dataclass(frozen=True)
-class Recommendation:
+class Recommendation(NamedTuple):
     """The method to use, and why."""
 
     method: str
     why: str
-
-    def as_json(self) -> dict[str, str]:
-        """Plain text."""
-        return {"method": self.method, "why": self.why}
 
 
 def recommend(numbers: Mapping[str, Any]) -> Recommendation:
     """The best on rows that no method learnt; among equals (within one standard deviation over the splits) the one with
     the smallest error where whole regions were left out, because a vehicle flies between and beyond the data.
     """
-    honest = numbers["table2"]["honest"]
+    honest = numbers["table2"]
     live = [axis for axis in AXES if next(iter(honest.values()))[axis]["test"] is not None]
     score = {m: float(np.mean([row[a]["test"] for a in live])) for m, row in honest.items()}
     best = max(score, key=lambda m: score[m])
@@ -37,9 +31,8 @@ def recommend(numbers: Mapping[str, Any]) -> Recommendation:
         m: float(np.mean([r["relative_error"][m] for r in numbers["regions"].values()] or [0.0])) for m in equals
     }
     chosen = min(equals, key=lambda m: outside[m])
-    others = "" if len(equals) == 1 else f"; as good within {sd:.3f} are {', '.join(m for m in equals if m != chosen)}"
     why = (
-        f"held-out R^2 {score[chosen]:.3f} (best: {best} {score[best]:.3f}){others}; error over the increments' RMS in "
+        f"held-out R^2 {score[chosen]:.3f} (best: {best} {score[best]:.3f}); error over the increments' RMS in "
         f"regions left out whole {outside[chosen]:.2f}"
     )
     return Recommendation(chosen, why)

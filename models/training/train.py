@@ -29,9 +29,8 @@ METHODS = (*PAPER_METHODS, "kriging", "polynomial", "ensemble")
 MEMBERS = 5
 # Two places for each fold.
 MIN_PLACES = 2 * MEMBERS
-# The paper's number, and the range of its eq. 2.
+# The paper's number.
 HIDDEN = 9
-HIDDEN_SCAN = tuple(range(2, 13))
 # Chosen: the paper prints neither.
 EPOCHS = 3000
 ADAM_RATE = 0.03
@@ -50,7 +49,12 @@ MAX_ROWS = 3000
 GA_ROWS = 400
 
 Progress = Callable[[str, int, int], None]
+"""Called with what is done, how many parts of it, and of how many."""
 Index = NDArray[np.intp]
+
+
+def silent(*_: object) -> None:
+    """No progress is shown."""
 
 
 @dataclass(frozen=True)
@@ -157,13 +161,13 @@ def train(
     method: str,
     seed: int = 0,
     *,
-    hidden: int | None = HIDDEN,
+    hidden: int = HIDDEN,
     epochs: int = EPOCHS,
     fidelity: Mapping[str, Any] | None = None,
     fan_radii_m: tuple[float, float] | None = None,
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> Trained:
-    """Train ``method`` at 80 % of the places, measure at the rest; ``hidden`` None scans 2...12 by inner validation.
+    """Train ``method`` at 80 % of the places, measure at the rest; nets have ``hidden`` units.
 
     Nets are an ensemble of five, each without one fifth of the places; the spread of all methods is calibrated on
     places that were not trained on. The test rows choose nothing. ``fan_radii_m``: rotor and outer lip radius of the
@@ -180,11 +184,8 @@ def train(
     learnt = _at_most(problem, rng)
     choices: dict[str, Any] = {}
     if method in PAPER_METHODS or method == "ensemble":
-        if hidden is None:
-            hidden, table = scan_hidden(learnt, rng, progress)
-            choices["hidden_scan"] = {str(size): round(error, 6) for size, error in table.items()}
         choices["hidden"] = hidden
-    regressor, calibrated = _fit(learnt, method, rng, hidden or HIDDEN, epochs, progress, choices)
+    regressor, calibrated = _fit(learnt, method, rng, hidden, epochs, progress, choices)
     notes = _notes(data, problem, learnt)
     info = {
         "method": method,
@@ -292,89 +293,20 @@ def folds(problem: Problem, count: int, rng: np.random.Generator) -> Index:
     return out
 
 
-def learn(
-    arrays: tuple[Array, Array, Array, Array],
-    method: str,
-    hidden: int,
-    epochs: int,
-    rng: np.random.Generator,
-    *,
-    rate: float = ADAM_RATE,
-    mask: Array | None = None,
-    progress: Progress | None = None,
-) -> Array:
-    """Chromosomes (N, genes) of N nets trained at once by one of the paper's methods.
-
-    ``arrays``: x (N or 1, n, 3), gate, y and weight (N, n), as ``network.Batch``.
-    """
-    from models.training import network
-
-    x, gate, y, weight = arrays
-    nets, rows = y.shape
-    if method.startswith("ga-"):
-        seen = np.sort(rng.choice(rows, min(rows, GA_ROWS), replace=False))
-        small = network.Batch.of(x[:, seen], gate[:, seen], y[:, seen], weight[:, seen])
-        evaluate = partial(network.population_errors, batch=small, hidden=hidden)
-        start, _ = genetic.evolve(evaluate, nets, network.genes(hidden), rng, tick=_tick(progress, "genetic algorithm"))
-    else:
-        start = rng.uniform(-1.0, 1.0, (nets, network.genes(hidden)))
-    if mask is not None:
-        start = start * mask
-    batch, adam_rate = network.Batch.of(x, gate, y, weight), rate if "adam" in method else None
-    tick = _tick(progress, "descent")
-    return network.descend(start, batch, hidden, epochs, adam_rate=adam_rate, mask=mask, tick=tick)
-
-
-def scan_hidden(
-    problem: Problem, rng: np.random.Generator, progress: Progress | None, epochs: int = 1000
-) -> tuple[int, dict[int, float]]:
-    """Best hidden size of 2...12 (eq. 2) and the validation error of each, relative to the mean of y.
-
-    Two Adam nets per component and size, all in one batch, narrow ones masked; one fifth of the training places
-    validates. The error is the geometric mean over components of the unexplained share.
-    """
-    from models.training import network
-
-    widest, repeats = max(HIDDEN_SCAN), 2
-    validate = folds(problem, MEMBERS, rng) == 0
-    live = np.flatnonzero(problem.live).tolist()
-    if not live:
-        return HIDDEN, {}
-    tasks = [(size, c) for size in HIDDEN_SCAN for c in live for _ in range(repeats)]
-    x = problem.x[None]
-    columns = [c for _, c in tasks]
-    gate, y = problem.gate.T[columns], (problem.y / problem.scale).T[columns]
-    weight = np.repeat((~validate)[None].astype(float), len(tasks), axis=0)
-    mask = np.stack([_width_mask(size, widest) for size, _ in tasks])
-    theta = learn((x, gate, y, weight), "adam-bp", widest, epochs, rng, mask=mask, progress=progress)
-    w1, b1, w2, b2 = network.unpack(theta, widest)
-    z = np.tanh(np.matmul(x[:, validate], w1) + b1[:, None])
-    error = gate[:, validate] * ((z * w2[:, None]).sum(axis=-1) + b2[:, None]) - y[:, validate]
-    unexplained = (error**2).sum(axis=1) / np.maximum((y[:, validate] ** 2).sum(axis=1), 1e-12)
-    by_size = np.log(unexplained + 1e-12).reshape(len(HIDDEN_SCAN), -1).mean(axis=1)
-    table = {size: float(np.exp(v)) for size, v in zip(HIDDEN_SCAN, by_size, strict=True)}
-    return min(table, key=table.__getitem__), table
-
-
-def _width_mask(size: int, widest: int) -> Array:
-    """Genes (1 or 0) of a net of ``size`` hidden units inside one of ``widest``."""
-    unit = (np.arange(widest) < size).astype(float)
-    return np.concatenate([np.tile(unit, 3), unit, unit, [1.0]])
-
-
 def _fit(
     problem: Problem,
     method: str,
     rng: np.random.Generator,
     hidden: int,
     epochs: int,
-    progress: Progress | None,
+    progress: Progress,
     choices: dict[str, Any],
 ) -> tuple[Regressor, Calibration]:
     """Regressor and calibrated spread; what was chosen on the way goes into ``choices``."""
     fold = folds(problem, MEMBERS, rng)
     if method in PAPER_METHODS:
-        nets = _paper_nets(problem, fold, method, rng, hidden, epochs, progress)
+        members = fold != np.arange(MEMBERS)[:, None]
+        nets = paper_nets(problem, members, method, rng, hidden, epochs, progress=progress)
         return nets, calibration.calibrate([_unseen_folds(problem, nets, fold)], problem.y)
     if method == "ensemble":
         decays = choose_decays(problem, rng, hidden, progress)
@@ -418,7 +350,7 @@ def _unseen(
     build: Callable[[Problem], Regressor],
     group: Index,
     rng: np.random.Generator,
-    progress: Progress | None,
+    progress: Progress,
 ) -> Unseen:
     """Errors and spread on each group of rows of regressors that learnt the other groups."""
     if len(problem) > CALIBRATION_ROWS:
@@ -430,8 +362,7 @@ def _unseen(
         unseen = group == g
         regressor = build(problem.take(np.flatnonzero(~unseen)))
         mean[unseen], spread[unseen] = regressor.predict(problem.x[unseen])
-        if progress:
-            progress("calibration", done + 1, len(groups))
+        progress("calibration", done + 1, len(groups))
     return _opened(problem, mean, spread)
 
 
@@ -459,7 +390,7 @@ def fold_error(problem: Problem, fold: Index, degree: int) -> float:
 
 
 def choose_decays(
-    problem: Problem, rng: np.random.Generator, hidden: int, progress: Progress | None = None
+    problem: Problem, rng: np.random.Generator, hidden: int, progress: Progress = silent
 ) -> tuple[float, ...]:
     """Weight decay (6) of the nets of each component: the strongest that is nearly as good as any on unseen places.
 
@@ -481,8 +412,7 @@ def choose_decays(
                 w1, b1, w2, b2 = levenberg.train(problem.x[seen], target[seen], gate[seen], hidden, start, decay)
                 answer = gate[unseen] * (np.tanh(problem.x[unseen] @ w1 + b1) @ w2 + b2)
                 left[i] += float(np.sum((answer - target[unseen]) ** 2))
-            if progress:
-                progress("weight decay", len(DECAYS) * c + i + 1, 6 * len(DECAYS))
+            progress("weight decay", len(DECAYS) * c + i + 1, 6 * len(DECAYS))
             if left[i] > HOPELESS * left.min():
                 break
         out[c] = DECAYS[int(np.flatnonzero(left <= NEARLY * left.min())[0])]
@@ -495,7 +425,7 @@ def levenberg_nets(
     rng: np.random.Generator,
     hidden: int,
     decays: Sequence[float],
-    progress: Progress | None = None,
+    progress: Progress = silent,
 ) -> NetEnsemble:
     """Nets by Levenberg-Marquardt with weight decay (6); member k has not seen fold k."""
     w1 = np.zeros((MEMBERS, 6, 3, hidden))
@@ -507,32 +437,38 @@ def levenberg_nets(
             root = np.sqrt(problem.weight[rows, c])
             target, gate = root * problem.y[rows, c] / problem.scale[c], root * problem.gate[rows, c]
             w1[k, c], b1[k, c], w2[k, c], b2[k, c] = levenberg.train(x, target, gate, hidden, rng, decays[c])
-            if progress:
-                progress("nets", 6 * k + c + 1, 6 * MEMBERS)
+            progress("nets", 6 * k + c + 1, 6 * MEMBERS)
     return NetEnsemble(w1, b1, w2 * problem.scale[:, None], b2 * problem.scale)
 
 
-def _paper_nets(
+def paper_nets(
     problem: Problem,
-    fold: Index,
+    rows: Array,
     method: str,
     rng: np.random.Generator,
     hidden: int,
     epochs: int,
-    progress: Progress | None,
+    rate: float = ADAM_RATE,
+    progress: Progress = silent,
 ) -> NetEnsemble:
-    """Nets by one of the paper's methods, all five members and six components in one batch."""
+    """Nets by one of the paper's methods, members and components in one batch; member k learns ``rows[k]`` (n,)."""
     from models.training import network
 
-    gate, y = np.tile(problem.gate.T, (MEMBERS, 1)), np.tile((problem.y / problem.scale).T, (MEMBERS, 1))
-    weight = np.repeat((fold != np.arange(MEMBERS)[:, None]).astype(float), 6, axis=0)
-    theta = learn((problem.x[None], gate, y, weight), method, hidden, epochs, rng, progress=progress)
-    theta[np.tile(~problem.live, MEMBERS)] = 0.0
-    w1, b1, w2, b2 = (a.reshape(MEMBERS, 6, *a.shape[1:]) for a in network.unpack(theta, hidden))
+    members, live = len(rows), np.flatnonzero(problem.live)
+    gate, y = (np.tile(a.T[live], (members, 1)) for a in (problem.gate, problem.y / problem.scale))
+    weight = np.repeat(rows.astype(float), len(live), axis=0)
+    nets, size = len(y), network.genes(hidden)
+    if method.startswith("ga-"):
+        seen = np.sort(rng.choice(len(problem), min(len(problem), GA_ROWS), replace=False))
+        small = network.Batch.of(problem.x[None, seen], gate[:, seen], y[:, seen], weight[:, seen])
+        evaluate = partial(network.population_errors, batch=small, hidden=hidden)
+        start, _ = genetic.evolve(evaluate, nets, size, rng, tick=partial(progress, "genetic algorithm"))
+    else:
+        start = rng.uniform(-1.0, 1.0, (nets, size))
+    batch, adam_rate = network.Batch.of(problem.x[None], gate, y, weight), rate if "adam" in method else None
+    theta = np.zeros((members, 6, size))
+    theta[:, live] = network.descend(
+        start, batch, hidden, epochs, adam_rate=adam_rate, tick=partial(progress, "descent")
+    ).reshape(members, len(live), size)
+    w1, b1, w2, b2 = network.unpack(theta, hidden)
     return NetEnsemble(w1, b1, w2 * problem.scale[:, None], b2 * problem.scale)
-
-
-def _tick(progress: Progress | None, name: str) -> Callable[[int, int], None] | None:
-    if progress is None:
-        return None
-    return lambda done, total: progress(name, done, total)

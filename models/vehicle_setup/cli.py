@@ -8,14 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from models.errors import ConfigError
+from models.text_file import write_text
+from models.vehicle_setup.frames import FRAMES, ardupilot_frame, px4_motors
 
 _EPILOG = """Every key: docs/vehicle.md. Who has a log of the vehicle needs none of this: `replay diagnose LOG
 --save-vehicle FILE` drafts the file. Afterwards `replay vehicle LOG --vehicle FILE` measures thrust and hover."""
-# Spelled out here so that --help imports nothing.
-FRAMES = (
-    "quad-x", "quad-plus", "quad-h", "quad-bf", "quad-bf-reversed", "quad-dji", "quad-clockwise", "hexa-x", "hexa-plus",
-    "octo-x", "octo-plus", "octaquad-x", "y6", "y6b",
-)  # fmt: skip
 _MOST = {
     "mass": 1e4, "span": 20.0, "propeller": 200.0, "duct": 10.0, "hover_rpm": 2e5, "voltage": 1e3, "hover_thrust": 1.0,
 }  # fmt: skip
@@ -57,7 +54,7 @@ def run(a: argparse.Namespace) -> int:
     from models.vehicle_plausibility import warnings
     from models.vehicle_setup.parameters import read_parameters
     from models.vehicle_setup.setup import build
-    from models.vehicle_setup.toml_text import vehicle_text, write_vehicle
+    from models.vehicle_setup.toml_text import vehicle_text
 
     if a.out.exists() and not a.force:
         raise ConfigError(f"--out {a.out}: is there already; --force overwrites it")
@@ -66,7 +63,7 @@ def run(a: argparse.Namespace) -> int:
     vehicle, origin = build(_answers(given, parameters))
     text = vehicle_text(vehicle, origin, "Written by models vehicle. Every key: docs/vehicle.md. SI units, body FRD.")
     checked = parse_vehicle(text, str(a.out))
-    write_vehicle("--out", a.out, text)
+    write_text("--out", a.out, text)
     if not a.quiet:
         print(f"{a.out}: {len(checked.fans)} fans, {len(checked.rotors)} rotors, checked")
         for line in warnings(checked):
@@ -77,8 +74,6 @@ def run(a: argparse.Namespace) -> int:
 
 def _complete(given: Mapping[str, Any], parameters: Mapping[str, float]) -> dict[str, Any]:
     """The options, with the frame that the parameters say; ConfigError naming all that is missing."""
-    from models.vehicle_setup.frames import ardupilot_frame, px4_motors
-
     out = dict(given)
     placed = out["frame"] is None and px4_motors(parameters) is not None
     if out["frame"] is None:
@@ -93,15 +88,14 @@ def _complete(given: Mapping[str, Any], parameters: Mapping[str, float]) -> dict
 
 
 def _answers(g: Mapping[str, Any], parameters: Mapping[str, float]) -> Any:
-    from models.vehicle_setup import frames
     from models.vehicle_setup.setup import Answers
 
     for option, high in _MOST.items():
         value = g[option]
         if value is not None and not 0.0 < value <= high:
             raise ConfigError(f"--{option.replace('_', '-')} {value:g}: must be above 0 and at most {high:g}")
-    placed = frames.px4_motors(parameters) if g["frame"] is None else None
-    motors, arm_m = placed or (frames.FRAMES[g["frame"]], 0.0)
+    placed = px4_motors(parameters) if g["frame"] is None else None
+    motors, arm_m = placed or (FRAMES[g["frame"]], 0.0)
     return Answers(
         name=g["name"],
         mass_kg=g["mass"],

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 from models.errors import ConfigError
+from models.text_file import read_text
 
 _NAME = re.compile(r"^[A-Z][A-Z0-9_]{1,15}$")
 
@@ -16,13 +17,8 @@ def read_parameters(path: Path) -> dict[str, float]:
     Mission Planner and MAVProxy write ``NAME,VALUE`` or ``NAME VALUE``, QGroundControl five columns, the name third.
     Lines that begin with # are comments. Raises ConfigError naming the file, and the line where one makes no sense.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "not text"
-        raise ConfigError(f"parameter file {path}: cannot be read ({reason})") from None
     out: dict[str, float] = {}
-    for number, line in enumerate(text.splitlines(), 1):
+    for number, line in enumerate(read_text("parameter file", path).splitlines(), 1):
         words = re.split(r"[,\s]+", line.split("#", 1)[0].strip())
         if words == [""]:
             continue

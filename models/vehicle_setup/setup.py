@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from models.errors import ConfigError
 from models.vehicle import Fan, Limits, Rangefinder, Rotor, Throttle, Vehicle
+from models.vehicle_plausibility import direction
 from models.vehicle_setup.estimate import (
     OPEN_ROTOR_CT,
     ct_of_hover,
@@ -19,7 +20,8 @@ from models.vehicle_setup.estimate import (
 from models.vehicle_setup.frames import Motor, outputs
 
 COMMON_PROPELLERS, USUAL_PULSES = "0.4 to 0.9 for common propellers", "usual pulses, from 1000 us"
-_GROUND, _CEILING, _LEVEL = 25, 24, range(8)
+_LOOKS_DOWN = 25
+_SEEN = {"down": "ground", "up": "ceiling", "to the side": "wall"}
 
 
 @dataclass(frozen=True)
@@ -142,11 +144,7 @@ def _fans(a: Answers, motors: tuple[Motor, ...], arm: float, lip: float, ct: flo
 
 def target_of(orientation: int) -> str:
     """What a rangefinder of this MAV_SENSOR_ORIENTATION looks at, as a rule."""
-    if orientation == _GROUND:
-        return "ground"
-    if orientation == _CEILING:
-        return "ceiling"
-    return "wall" if orientation in _LEVEL else "none"
+    return _SEEN.get(direction(orientation), "none")
 
 
 def parameter_ranges(parameters: Mapping[str, float]) -> tuple[Rangefinder, ...]:
@@ -154,7 +152,7 @@ def parameter_ranges(parameters: Mapping[str, float]) -> tuple[Rangefinder, ...]
     out = []
     for k in (*map(str, range(1, 10)), "A"):
         if parameters.get(f"RNGFND{k}_TYPE", 0.0) > 0.0:
-            orientation = int(parameters.get(f"RNGFND{k}_ORIENT", _GROUND))
+            orientation = int(parameters.get(f"RNGFND{k}_ORIENT", _LOOKS_DOWN))
             place = (parameters.get(f"RNGFND{k}_POS_{axis}", 0.0) for axis in "XYZ")
             x, y, z = (float(p) if math.isfinite(p) else 0.0 for p in place)
             out.append(Rangefinder(orientation, target_of(orientation), (x, y, z)))

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields
-from pathlib import Path
 
-from models.errors import ConfigError
 from models.vehicle import Limits, Vehicle
 
 _OPTIONAL_LIMITS = ("speed_m_s", "climb_m_s", "acceleration_m_s2")
@@ -31,14 +29,6 @@ def vehicle_text(vehicle: Vehicle, origin: Mapping[str, str] | None = None, head
         if f.name not in _OPTIONAL_LIMITS or getattr(vehicle.limits, f.name) != f.default:
             lines.append(_line(f.name, getattr(vehicle.limits, f.name), said))
     return "\n".join(lines) + "\n"
-
-
-def write_vehicle(option: str, path: Path, text: str) -> None:
-    """Write the file that ``option`` names. Raises ConfigError where it cannot be written."""
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"{option} {path}: cannot be written ({error.strerror})") from None
 
 
 def _fans(vehicle: Vehicle, said: Mapping[str, str]) -> Iterator[str]:

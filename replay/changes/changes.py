@@ -13,8 +13,8 @@ from replay.residual.record import Record
 from replay.search.evidence import TRUST, Evidence, Fit
 from replay.search.library import Library
 from replay.search.results import Estimate
-from replay.search.terms import Key, Term
-from replay.search.walk import SURE as MOST_SURE
+from replay.search.sets import SURE as MOST_SURE
+from replay.search.terms import Term
 from replay.search.walk import walk
 from replay.search.worth import Contributions, beyond_bounds, top
 
@@ -144,15 +144,9 @@ def _gain(evidence: Evidence, fit: Fit, less: Fit, term: Term) -> float:
 
 def _grown(evidence: Evidence, fit: Fit, candidates: Iterable[Term]) -> list[tuple[float, Fit]]:
     """A set with one term more, the last, and what that gains, for the most promising ones."""
-    gain = evidence.screen(fit)
-    number = {id(t): i for i, t in enumerate(evidence.library.terms)}
     taken = {t.key for t in fit.terms}
-    best: dict[Key, tuple[float, Term]] = {}
-    for t in candidates:
-        value = TRUST * float(gain[number[id(t)]]) + evidence.prior(t)
-        if t.key not in taken and not _other_shape(t, fit) and (t.key not in best or value > best[t.key][0]):
-            best[t.key] = (value, t)
-    ranked = sorted(best.values(), key=lambda p: -p[0])[:TRIED]
+    wanted = {id(t) for t in candidates if t.key not in taken and not _other_shape(t, fit)}
+    ranked = evidence.promising(fit, [i for i, t in enumerate(evidence.library.terms) if id(t) in wanted])[:TRIED]
     grown = [evidence.fit([*fit.terms, t], fit.noise) for _, t in ranked]
     return [
         (_gain(evidence, f, fit, f.terms[-1]), f)

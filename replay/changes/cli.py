@@ -4,19 +4,15 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from models.errors import ConfigError
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
 
-
-def run(a: argparse.Namespace, progress: Callable[[Sequence[Path]], Iterable[Path]]) -> int:
+def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     from replay.changes.page import page
     from replay.changes.since import new_flights, since
-    from replay.command import given, of_logs, write_answer
+    from replay.command import fault_lines, given, of_logs, progress_bar, write_answer
     from replay.diagnosis.model_faults import model_faults
 
     for option, value in (("--save-model", a.save_model), ("--save-vehicle", a.save_vehicle), ("--test", a.test)):
@@ -25,10 +21,10 @@ def run(a: argparse.Namespace, progress: Callable[[Sequence[Path]], Iterable[Pat
     logs, good = _flights(a)
     new_flights(logs, good)  # the same log twice is said before any is read
     vehicle, chosen, draft = of_logs(a.vehicle, a.model, [*good, *logs], given(a), a.target_system)
-    answer = since(logs, good, vehicle, chosen.judged, target_system=a.target_system, progress=progress)
+    answer = since(logs, good, vehicle, chosen.judged, target_system=a.target_system, progress=progress_bar(a))
     faults = model_faults(answer.records, chosen)
     content = answer.as_json() | {"log_faults": faults} | ({} if draft is None else {"vehicle": draft.as_json()})
-    write_answer(a, content, answer.as_text(), lambda: page(answer, vehicle, faults))
+    write_answer(a, content, [*fault_lines(faults), answer.as_text()], lambda: page(answer, vehicle, faults))
     return 0
 
 

@@ -12,9 +12,10 @@ from models.errors import ConfigError
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from replay.changes.changes import Change, Good, beside, changes, learn
-from replay.diagnosis.answer import number
+from replay.diagnosis.answer import estimate_text
 from replay.diagnosis.diagnose import read_records
 from replay.fleet.jobs import recorded
+from replay.numbers import rounded
 from replay.residual.record import Record, check_model
 from replay.search.results import Estimate
 
@@ -52,30 +53,30 @@ class Since:
 
     def as_json(self) -> dict[str, Any]:
         """The JSON that docs/formats.md describes."""
-        return {
-            "logs": list(dict.fromkeys(str(f.record.path) for f in self.flights)),
-            "good": list(dict.fromkeys(str(r.path) for r in self.good.records)),
-            "changed": [_change(c.change) | {"since": c.since} for c in self.changed],
-            "flights": [
-                {
-                    "log": f.record.name,
-                    "changed": [_change(c) for c in f.changed],
-                    "sizes": {name: _estimate(e) | {"parameter": e.name} for name, e in f.sizes.items()},
-                }
-                for f in self.flights
-            ],
-            "notes": list(self.notes),
-        }
+        content: dict[str, Any] = rounded(
+            {
+                "logs": list(dict.fromkeys(str(f.record.path) for f in self.flights)),
+                "good": list(dict.fromkeys(str(r.path) for r in self.good.records)),
+                "changed": [_change(c.change) | {"since": c.since} for c in self.changed],
+                "flights": [
+                    {
+                        "log": f.record.name,
+                        "changed": [_change(c) for c in f.changed],
+                        "sizes": {name: e.as_json() | {"parameter": e.name} for name, e in f.sizes.items()},
+                    }
+                    for f in self.flights
+                ],
+                "notes": self.notes,
+            }
+        )
+        return content
 
     def as_text(self) -> str:
         """A few lines for a person."""
         head = "changed" if self.changed else "nothing changed"
         lines = [f"{head}  ({len(self.flights)} against {len(self.good.records)} good flights)"]
         for c in self.changed:
-            sizes = ", ".join(
-                f"{e.name} {e.value:+.3g}" + (f" [{e.ci95[0]:.3g}, {e.ci95[1]:.3g}]" if e.ci95[1] > e.ci95[0] else "")
-                for e in c.change.estimates
-            )
+            sizes = ", ".join(map(estimate_text, c.change.estimates))
             lines.append(f"  {c.change.name} since {c.since} (probability {c.change.probability:.2f}): {sizes}")
             if c.change.aliases:
                 lines.append(f"    or {', '.join(c.change.aliases)}; to separate them: {c.change.effect.excite}")
@@ -103,11 +104,8 @@ def since(
         for flight, effect in as_it_was.apart
     ]
     ordered = by_date(new_logs)
-    notes += (
-        [f"the logs were not given in order of their date: {ordered[0].name} is the first"]
-        if (ordered != new_logs)
-        else []
-    )
+    if ordered != new_logs:
+        notes.append(f"the logs were not given in order of their date: {ordered[0].name} is the first")
     records, more = read_records(progress(ordered), vehicle, model, target_system)
     found = [(r, changes(beside(as_it_was, r))) for r in records]
     names = list(dict.fromkeys(c.name for _, changed in found for c in changed))
@@ -181,11 +179,7 @@ def _changed(flights: Sequence[Compared], name: str, at: int) -> Changed:
 def _change(c: Change) -> dict[str, Any]:
     return {
         "name": c.name,
-        "parameters": {e.name: _estimate(e) for e in c.estimates},
-        "probability": number(c.probability),
-        "aliases": list(c.aliases),
+        "parameters": {e.name: e.as_json() for e in c.estimates},
+        "probability": c.probability,
+        "aliases": c.aliases,
     }
-
-
-def _estimate(e: Estimate) -> dict[str, Any]:
-    return {"value": number(e.value), "ci95": [number(v) for v in e.ci95], "unit": e.unit}

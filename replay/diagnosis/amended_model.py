@@ -14,11 +14,8 @@ from models.effects import AdoptedEffect, BelongsTo, Context, Effect, get
 from models.errors import ConfigError
 from models.surrogate.empty import declared_thrust, empty_model
 from models.surrogate.fan_surrogate import FanSurrogate
-from models.surrogate.store import save_model
 from models.vehicle import Vehicle
 from replay.search.results import Estimate
-
-__all__ = ["amended", "empty_model", "known_day", "learnt_from", "save_amended", "to_adopt"]
 
 LEARNT_FROM, OF_DAY = "learnt_from", "of_day"
 """Keys of ``model.json``: [{"name", "sha256"}] of logs; {effect: {"spread": {coefficient: standard deviation about
@@ -76,14 +73,6 @@ def to_adopt(
         off = e.value - mean
         parameters[c.name] = mean + share * off**3 / max(off**2 + sd**2, 1e-300)
     return AdoptedEffect(effect.name, parameters)
-
-
-def save_amended(
-    directory: Path, model: FanSurrogate | None, vehicle: Vehicle, effects: Iterable[AdoptedEffect],
-    logs: Sequence[Path] = (),
-) -> None:  # fmt: skip
-    """Write the amended model as a directory that ``companion --model`` flies."""
-    save_model(directory, amended(model, vehicle, effects, logs))
 
 
 def learnt_from(model: FanSurrogate, log: Path) -> bool:

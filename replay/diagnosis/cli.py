@@ -3,23 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import os
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from models.errors import ConfigError
-from replay.fleet.options import add_options
+from replay.fleet.options import FolderOptions, add_options
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable
 
-    from models.surrogate.fan_surrogate import FanSurrogate
-    from models.vehicle import Vehicle
-    from replay.diagnosis.diagnose import Diagnosis
-    from replay.predict.predict import Prediction
-    from replay.vehicle.draft import Draft
+    from replay.diagnosis.answer import Diagnosis
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
 messages; 130 interrupted. Logs: .tlog, .BIN, .ulg. How to read the answer: docs/diagnose.md."""
@@ -71,50 +65,71 @@ def add_parser(commands: Any) -> None:
 
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
-    _check_arguments(a)
+    # Imported here so that --help answers at once.
+    from models.text_file import write_text
+    from models.vehicle_plausibility import warnings
+    from replay.command import check_targets, fault_lines, given, of_logs, progress_bar, write_answer
+
+    if a.seed < 0:
+        raise ConfigError(f"--seed {a.seed}: must not be negative")
+    _check_drafting(a)
+    check_targets(a.json, a.save_vehicle, save_model=a.save_model, report=a.report)
     if a.since:
         from replay.changes.cli import run as run_since
 
-        return run_since(a, progress_bar(a))
+        return run_since(a)
     if any(log.is_dir() for log in a.logs):
         return _folder(a)
-    # Imported here so that --help answers at once.
-    from models.vehicle_plausibility import warnings
-    from models.vehicle_setup.toml_text import write_vehicle
-    from replay.command import given, of_logs
-    from replay.diagnosis.amended_model import save_amended
-    from replay.diagnosis.model_faults import model_faults
-
     diagnose = _diagnosis(a)
     vehicle, chosen, draft = of_logs(a.vehicle, a.model, a.logs, given(a), a.target_system)
-    model = chosen.judged
     if draft is not None and a.save_vehicle is not None:
-        write_vehicle("--save-vehicle", a.save_vehicle, draft.as_toml())
-    answer = diagnose(a.logs, vehicle, model, target_system=a.target_system, seed=a.seed, progress=progress_bar(a))
-    if a.save_model is not None:
-        save_amended(a.save_model, model, vehicle, answer.adopted, [r.path for r in answer.records])
+        write_text("--save-vehicle", a.save_vehicle, draft.as_toml())
+    answer = diagnose(
+        a.logs, vehicle, chosen.judged, target_system=a.target_system, seed=a.seed, progress=progress_bar(a)
+    )
+    from replay.diagnosis.amended_model import amended
+    from replay.diagnosis.html_report import page
+    from replay.diagnosis.model_faults import model_faults
+
     faults = model_faults(answer.records, chosen)
     notes = [] if chosen.note is None else [chosen.note]
     notes += warnings(vehicle) if draft is None else draft.notes
     answer = replace(answer, notes=(*notes, *answer.notes))
-    test = _test(a, answer, vehicle, model)
-    _write(a, answer, vehicle, faults, test, draft)
-    if a.json != "-" and not a.quiet:
-        if draft is not None:
-            print("\n".join(["vehicle drafted from the log", *(f"  {fact.as_text()}" for fact in draft.known)]))
-        _print(a, answer, faults, test)
+    content = answer.as_json(None if a.save_model is None else str(a.save_model))
+    content["log_faults"] = [*faults, *content["log_faults"]]
+    lines = [*fault_lines(faults), answer.as_text()]
+    if draft is not None:
+        content["vehicle"] = draft.as_json()
+        lines = ["vehicle drafted from the log", *(f"  {fact.as_text()}" for fact in draft.known), *lines]
+    if a.save_model is not None or a.test:
+        made = amended(chosen.judged, vehicle, answer.adopted, [r.path for r in answer.records])
+    if a.test:
+        from replay.predict.predict import predict
+
+        test = predict(a.test, vehicle, made, target_system=a.target_system, progress=progress_bar(a))
+        content["test"] = test.as_json(content["model"])
+        lines.append(f"on other flights, {test.as_text()}")
+    if a.save_model is not None:
+        from models.surrogate.store import save_model
+
+        save_model(a.save_model, made)
+        lines.append(f"amended model: {a.save_model}{_left_out(answer)}")
+    write_answer(a, content, lines, lambda: page(answer, vehicle, faults))
     return 0
 
 
-def _test(a: argparse.Namespace, answer: Diagnosis, vehicle: Vehicle, model: FanSurrogate | None) -> Prediction | None:
-    """The amended model on the flights of ``--test``."""
-    if not a.test:
-        return None
-    from replay.diagnosis.amended_model import amended
-    from replay.predict.predict import predict
-
-    made = amended(model, vehicle, answer.adopted, [r.path for r in answer.records])
-    return predict(a.test, vehicle, made, target_system=a.target_system, progress=progress_bar(a))
+def _check_drafting(a: argparse.Namespace) -> None:
+    for option, number, most in (
+        ("--mass", a.mass, 1e4),
+        ("--propeller", a.propeller, 200.0),
+        ("--span", a.span, 20.0),
+    ):
+        if number is not None and not 0.0 < number <= most:
+            raise ConfigError(f"{option} {number:g}: must be above 0 and at most {most:g}")
+    drafting = {"--mass": a.mass, "--propeller": a.propeller, "--span": a.span, "--save-vehicle": a.save_vehicle}
+    for option, value in drafting.items():
+        if value is not None and a.vehicle is not None:
+            raise ConfigError(f"{option}: is of a drafted vehicle, and --vehicle gives one; leave one of them out")
 
 
 def _diagnosis(a: argparse.Namespace) -> Callable[..., Diagnosis]:
@@ -130,77 +145,17 @@ def _diagnosis(a: argparse.Namespace) -> Callable[..., Diagnosis]:
     return diagnose
 
 
-def _check_arguments(a: argparse.Namespace) -> None:
-    if a.seed < 0:
-        raise ConfigError(f"--seed {a.seed}: must not be negative")
-    for option, number, most in (
-        ("--mass", a.mass, 1e4),
-        ("--propeller", a.propeller, 200.0),
-        ("--span", a.span, 20.0),
-    ):
-        if number is not None and not 0.0 < number <= most:
-            raise ConfigError(f"{option} {number:g}: must be above 0 and at most {most:g}")
-    drafting = {"--mass": a.mass, "--propeller": a.propeller, "--span": a.span, "--save-vehicle": a.save_vehicle}
-    for option, value in drafting.items():
-        if value is not None and a.vehicle is not None:
-            raise ConfigError(f"{option}: is of a drafted vehicle, and --vehicle gives one; leave one of them out")
-    files = (("--json", a.json), ("--save-vehicle", a.save_vehicle))
-    for option, target in (*files, ("--save-model", a.save_model), ("--report", a.report)):
-        if target is not None and str(target) != "-":
-            check_target(option, Path(target), folder=option not in dict(files))
-
-
-def progress_bar(a: argparse.Namespace) -> Callable[[Sequence[Path]], Iterable[Path]]:
-    """Wraps the logs that are read: a bar on a terminal, unless ``--quiet``."""
-    shown = sys.stderr.isatty() and not a.quiet
-
-    def progress(logs: Sequence[Path]) -> Iterable[Path]:
-        from tqdm import tqdm
-
-        bar: Iterable[Path] = tqdm(logs, desc="reading", unit="log", disable=not shown, file=sys.stderr)
-        return bar
-
-    return progress
-
-
-def _write(
-    a: argparse.Namespace, answer: Diagnosis, vehicle: Vehicle, faults: list[dict[str, str]],
-    test: Prediction | None, draft: Draft | None,
-) -> None:  # fmt: skip
-    """The files that were asked for; ``faults`` of model and vehicle come first in the JSON."""
-    if a.json is not None:
-        from replay.cli import write_json
-
-        out = answer.as_json(None if a.save_model is None else str(a.save_model))
-        out["log_faults"] = [*faults, *out["log_faults"]]
-        if draft is not None:
-            out["vehicle"] = draft.as_json()
-        if test is not None:
-            out["test"] = test.as_json(out["model"])
-        write_json(out, a.json)
-    if a.report is not None:
-        from replay.diagnosis.html_report import write_report
-
-        write_report(a.report, answer, vehicle, faults)
-
-
-def _print(a: argparse.Namespace, answer: Diagnosis, faults: list[dict[str, str]], test: Prediction | None) -> None:
+def _left_out(answer: Diagnosis) -> str:
+    """What an amended model does not keep, and what it keeps and does not compensate."""
     from models.effects import InFlight
 
-    for fault in faults:
-        print(f"{fault['channel']}: {fault['what']}")
-    print(answer.as_text())
-    if test is not None:
-        print(f"on other flights, {test.as_text()}")
-    if a.save_model is not None:
-        effects = [n.found.effect for n in answer.named]
-        gone = [e.name for e in effects if not e.kept]
-        idle = [e.name for e in effects if e.kept and e.in_flight is InFlight.NONE]
-        said = [f"not kept: {', '.join(gone)}"] if gone else []
-        said += [f"not compensated in flight: {', '.join(idle)}"] if idle else []
-        print(f"amended model: {a.save_model}" + (f" ({'; '.join(said)})" if said else ""))
-    if a.report is not None:
-        print(f"report: {a.report / 'report.html'}")
+    effects = [n.found.effect for n in answer.named]
+    parts = {
+        "not kept": [e.name for e in effects if not e.kept],
+        "not compensated in flight": [e.name for e in effects if e.kept and e.in_flight is InFlight.NONE],
+    }
+    said = "; ".join(f"{what}: {', '.join(names)}" for what, names in parts.items() if names)
+    return f" ({said})" if said else ""
 
 
 def _folder(a: argparse.Namespace) -> int:
@@ -217,21 +172,8 @@ def _folder(a: argparse.Namespace) -> int:
         )
     from replay.command import given
     from replay.fleet.folder import run_folder
-    from replay.fleet.jobs import Kind
+    from replay.fleet.jobs import Job, Kind
 
-    return run_folder(a, a.logs[0], Kind.DIAGNOSE, seed=a.seed, given=given(a))
-
-
-def check_target(option: str, target: Path, *, folder: bool) -> None:
-    """Refuse a place that cannot be written before minutes are spent on what would go there."""
-    if not folder and target.is_dir():
-        raise ConfigError(f"{option} {target}: is a folder; name a file")
-    if folder and target.exists() and not target.is_dir():
-        raise ConfigError(f"{option} {target}: is a file; name a folder")
-    parent = target if target.is_dir() else target.parent
-    while folder and not parent.exists():
-        parent = parent.parent
-    if not parent.is_dir():
-        raise ConfigError(f"{option} {target}: there is no folder {parent}; create it or name another place")
-    if not os.access(parent, os.W_OK):
-        raise ConfigError(f"{option} {target}: folder {parent} cannot be written; name another place")
+    options = {"target_system": a.target_system, "seed": a.seed, "given": given(a)}
+    job = Job.of(Kind.DIAGNOSE, a.logs[0], a.vehicle, a.model, **options)
+    return run_folder(job, FolderOptions.of(a))

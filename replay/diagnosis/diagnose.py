@@ -4,114 +4,23 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from models.effects import AdoptedEffect, BelongsTo, Effect, catalogue
+from models.effects import Effect, catalogue
 from models.errors import LogError
 from models.frames import Array
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
-from replay.diagnosis.amended_model import to_adopt
+from replay.diagnosis.answer import CANDIDATE, CONFIRMED, Diagnosis, Named
 from replay.diagnosis.stretches import Stretches
 from replay.logs.formats import read_pieces
 from replay.logs.pieces import Piece
-from replay.residual.fault import LogFault
 from replay.residual.motion import ENOUGH_S
 from replay.residual.record import Record, build_record, check_model, too_short
 from replay.search.free_curves import Channel
-from replay.search.results import Found, Rejected, Searched, Trace, summarise
-from replay.search.walk import Walked, walk
-
-UNITS = ("N", "N", "N", "N m", "N m", "N m")
-CANDIDATE, CONFIRMED = "candidate", "confirmed"
-
-
-@dataclass(frozen=True)
-class Named:
-    """An effect in the answer, over all flights on which it was found."""
-
-    found: Found
-    """Where it explains most, if it is of the day; else of the vehicle."""
-    record: int
-    status: str
-    """``candidate`` (one flight) or ``confirmed`` (also lowers the residual of a flight that it was not fitted on)."""
-    explains: float
-    of_flight: dict[int, dict[str, float]]
-    """Its parameters on every flight."""
-
-
-@dataclass(frozen=True)
-class Diagnosis:
-    """The answer to one question: what does the declared model lack on these flights?"""
-
-    traces: tuple[Trace, ...]
-    named: tuple[Named, ...]
-    rejected: tuple[Rejected, ...]
-    channels: tuple[Channel, ...]
-    verdict: str
-    notes: tuple[str, ...]
-    faults: tuple[LogFault, ...] = ()
-
-    @property
-    def records(self) -> list[Record]:
-        """The flights."""
-        return [t.record for t in self.traces]
-
-    def rms(self, *, after: bool) -> Array:
-        """RMS per axis on held-out time of all flights, (6,); NaN where no flight could judge the axis."""
-        energy, count = np.zeros(6), np.zeros(6)
-        for t in self.traces:
-            r = (t.after if after else t.before)[t.record.valid]
-            judged = np.isin(np.arange(6), t.record.axes)
-            energy += np.where(judged, (r**2).sum(axis=0), 0.0)
-            count += np.where(judged, len(r), 0.0)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(np.sqrt(energy / count))
-
-    @property
-    def adopted(self) -> tuple[AdoptedEffect, ...]:
-        """The named effects with the sizes that another flight may be predicted by.
-
-        A map of surfaces and the laws that it corrects stay as found: only their sum is known well.
-        """
-        windy = any(n.found.effect.belongs_to is BelongsTo.WEATHER for n in self.named)
-        maps = [n.found.effect for n in self.named if n.found.effect.remainder]
-        joint = {name for effect in maps for name in (effect.name, *effect.aliases)}
-        return tuple(
-            self._as_found(n)
-            if n.found.effect.name in joint
-            else to_adopt(
-                n.found.effect, n.found.estimates, self.records[n.record].context,
-                one_wind=windy and len(self.records) == 1,
-            )
-            for n in self.named
-        )  # fmt: skip
-
-    def _as_found(self, named: Named) -> AdoptedEffect:
-        effect, parameters = named.found.effect, named.found.parameters
-        seen = {} if effect.coverage is None else effect.coverage([r.context for r in self.records])
-        return AdoptedEffect(effect.name, parameters | dict(seen))
-
-    @property
-    def aliases(self) -> list[list[str]]:
-        """Effects that these flights cannot tell apart, each list led by the one that is named."""
-        return [[n.found.effect.name, *n.found.aliases] for n in self.named if n.found.aliases]
-
-    def as_json(self, model: str | None) -> dict[str, Any]:
-        """The JSON that docs/formats.md describes."""
-        from replay.diagnosis.answer import answer_json
-
-        return answer_json(self, model)
-
-    def as_text(self) -> str:
-        """A few lines for a person."""
-        from replay.diagnosis.answer import answer_text
-
-        return answer_text(self)
+from replay.search.results import Found, Searched, Trace, summarise
+from replay.search.walk import walk
 
 
 def diagnose(
@@ -137,13 +46,7 @@ def conclude(
 
     ``beside``: of every flight, wrenches (n, 6) that it may have besides without being named.
     """
-    return concluded(walk(records, catalogue() if effects is None else effects, beside), notes, seed=seed)
-
-
-def concluded(walked: Walked, notes: Sequence[str] = (), *, seed: int = 0) -> Diagnosis:
-    """The answer of a search."""
-    records = walked.evidence.library.records
-    searched = summarise(walked, seed)
+    searched = summarise(walk(records, catalogue() if effects is None else effects, beside), seed)
     named = _named(searched)
     channels = _channels(searched.traces)
     open_ = bool(channels) or any(t.outside for t in searched.traces)
@@ -219,21 +122,20 @@ def _named(searched: Searched) -> list[Named]:
     out = []
     for found in by_name.values():
         first = max(found, key=lambda f: (round(f.explains, 9), -f.flight))
-        borne_out = any(f.borne_out for f in found) and len(searched.traces) > 1
-        status = CONFIRMED if borne_out and not first.at_bound else CANDIDATE
+        confirmed = any(f.confirmed_by for f in found) and len(searched.traces) > 1
+        status = CONFIRMED if confirmed and not first.at_bound else CANDIDATE
         of_flight = {i: p for f in found for i, p in f.of_flight.items()}
         out.append(Named(first, first.flight, status, sum(f.explains for f in found), of_flight))
     return sorted(out, key=lambda n: (-round(n.explains, 6), n.found.effect.name))
 
 
 def _channels(traces: Sequence[Trace]) -> tuple[Channel, ...]:
-    """Channels that carry what is left, best first."""
+    """Channels that carry what is left, each where it carries most, in the order of the flights."""
     best: dict[str, Channel] = {}
     for c in (c for t in traces for c in t.carriers):
         if c.name not in best or c.score > best[c.name].score:
             best[c.name] = c
-    order = {name: i for i, name in enumerate(dict.fromkeys(c.name for t in traces for c in t.carriers))}
-    return tuple(sorted(best.values(), key=lambda c: order[c.name]))
+    return tuple(best.values())
 
 
 def _one_wind(named: Sequence[Named], records: Sequence[Record]) -> list[str]:

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from html import escape
-from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.effects import InFlight, get
 from models.frames import AXES
-from models.pages.document import document, folded, items, table, verdict, write_document
+from models.pages.document import document, folded, items, table, verdict
 from models.vehicle import Vehicle
-from replay.diagnosis.diagnose import UNITS, Diagnosis, Named
+from replay.diagnosis.answer import UNITS, Diagnosis, Named
 from replay.diagnosis.interval import rms_interval
 from replay.diagnosis.next_step import certainty, next_step
 from replay.diagnosis.pictures import Acts, acts, against, block_picture, effect_picture, series, without
@@ -27,21 +25,9 @@ from replay.diagnosis.words import (
     rough,
     unit_words,
 )
-from replay.search.regimes import regimes
-from replay.search.results import Trace
 
-Mask = NDArray[np.bool_]
-_LEAST_S = 5.0
-"""Regimes that last less are not listed."""
 _SAME, _UNCHANGED = 0.005, 0.02
 """A change below half a percent of an axis is none; one below two percent is not worth a sentence."""
-
-
-def write_report(
-    directory: Path, answer: Diagnosis, vehicle: Vehicle, model_faults: Sequence[Mapping[str, str]] = ()
-) -> Path:
-    """Write ``report.html`` into ``directory`` (created) and return its path; raises ConfigError where that fails."""
-    return write_document("--report", directory / "report.html", page(answer, vehicle, model_faults))
 
 
 def page(answer: Diagnosis, vehicle: Vehicle, model_faults: Sequence[Mapping[str, str]] = ()) -> str:
@@ -59,10 +45,9 @@ def page(answer: Diagnosis, vehicle: Vehicle, model_faults: Sequence[Mapping[str
             *(_effect(n, answer, vehicle) for n in answer.named),
             _axes(answer),
             _remains(answer),
-            _confused(answer),
             _not_shown(answer),
             "<h2>Error over time</h2>",
-            *(_over_time(t) for t in answer.traces),
+            *(f"<h3>{escape(t.record.name)}</h3>{series(t)}{block_picture(t)}" for t in answer.traces),
             folded("By place", _places(answer)),
             folded("What else was tried, and why it was not named", _rejected(answer)),
             folded("What this rests on", _basis(answer)),
@@ -99,8 +84,7 @@ def _pooled(answer: Diagnosis, axis: int, *, after: bool) -> tuple[float, float,
             block = max(block, int(3.0 * tau_s / t.record.step_s))
     if not parts:
         return None
-    joined = np.concatenate(parts)
-    return rms_interval(joined, np.ones(len(joined), bool), block)
+    return rms_interval(np.concatenate(parts), block)
 
 
 def _effect(n: Named, answer: Diagnosis, vehicle: Vehicle) -> str:
@@ -108,20 +92,26 @@ def _effect(n: Named, answer: Diagnosis, vehicle: Vehicle) -> str:
     f = n.found
     a = acts(n, answer.traces)
     context = answer.traces[n.record].record.context
-    words = f.effect.in_words(context, f.parameters) if f.effect.in_words and a else _numbers(n)
-    text = [f"<p><b>{escape(_sentence(words))}</b></p>", f"<p>{escape(certainty(n))}</p>"]
+    words = (
+        f.effect.in_words(context, f.parameters)
+        if f.effect.in_words and a
+        else ", ".join(map(estimate_words, f.estimates))
+    )
+    text = [f"<p><b>{escape(_capital(words))}.</b></p>", f"<p>{escape(certainty(n))}</p>"]
     if f.aliases:
         others = listed([plain(name) for name in f.aliases])
-        text.append(
-            f"<p><b>This flight cannot tell it from {escape(others)}.</b> To tell them apart: "
-            f"{escape(f.effect.excite)}.</p>"
-        )
+        flights = [f"{plain(e.name)}: {e.excite}" for e in (f.effect, *map(get, f.aliases))]
+        text.append(f"<p><b>This flight cannot tell it from {escape(others)}.</b> What would show each:</p>")
+        text.append(items(flights))
     text += [f"<p>{escape(line)}</p>" for line in _error_words(n, a, vehicle)] if a else []
-    text.append(f"<p>{escape(_sentence(kept_words(f.effect)))}</p>")
+    text.append(f"<p>{escape(_capital(kept_words(f.effect)))}.</p>")
     if f.effect.in_flight is not InFlight.WRENCH:
-        text.append(f"<p>{escape(_sentence(f.effect.in_flight.value))}</p>")
+        text.append(f"<p>{escape(_capital(f.effect.in_flight.value))}.</p>")
     picture = effect_picture(n, a) if a else ""
-    out = [f"<h2>{escape(_title(f.effect.name))}</h2>", f'<div class="plots"><div>{"".join(text)}</div>{picture}</div>']
+    out = [
+        f"<h2>{escape(_capital(plain(f.effect.name)))}</h2>",
+        f'<div class="plots"><div>{"".join(text)}</div>{picture}</div>',
+    ]
     rows = [
         [escape(plain(e.name)), f"{e.value:.4g}", _interval(e.ci95), escape(unit_words(e.unit))] for e in f.estimates
     ]
@@ -137,17 +127,8 @@ def _effect(n: Named, answer: Diagnosis, vehicle: Vehicle) -> str:
     return "".join([*out, folded("Numbers and formula", numbers + share + formula)])
 
 
-def _title(name: str) -> str:
-    words = plain(name)
+def _capital(words: str) -> str:
     return words[:1].upper() + words[1:]
-
-
-def _numbers(n: Named) -> str:
-    return ", ".join(estimate_words(e) for e in n.found.estimates)
-
-
-def _sentence(words: str) -> str:
-    return words[:1].upper() + words[1:] + "."
 
 
 def _interval(ci95: tuple[float, float]) -> str:
@@ -199,46 +180,22 @@ def _remains(answer: Diagnosis) -> str:
     )
 
 
-def _confused(answer: Diagnosis) -> str:
-    """Effects that the flights cannot tell apart, and the manoeuvre for each that would."""
-    rows = []
-    for n in answer.named:
-        for name in (n.found.effect.name, *n.found.aliases) if n.found.aliases else ():
-            rows.append([escape(plain(name)), escape(_flown(get(name).excite, known=n.found.effect.name == name))])
-    return f"<h2>What cannot be told apart</h2>{table(('effect', 'a flight that would show it'), rows)}" if rows else ""
-
-
-def _flown(excite: str, *, known: bool) -> str:
-    return f"{excite} (named above)" if known else excite
-
-
 def _not_shown(answer: Diagnosis) -> str:
     """What these flights could not have shown, and the flight that would."""
     rows = [[escape(plain(r.name)), escape(get(r.name).excite)] for r in answer.rejected if not r.excited]
     return folded("What this flight could not have shown, and how to find out", table(("effect", "fly this"), rows))
 
 
-def _over_time(t: Trace) -> str:
-    return f"<h3>{escape(t.record.name)}</h3>{series(t)}{block_picture(t)}"
-
-
 def _places(answer: Diagnosis) -> str:
-    rows = []
-    for t in answer.traces:
-        for name, mask in {"everywhere": t.record.valid, **regimes(t.record)}.items():
-            if mask.sum() * t.record.step_s < _LEAST_S:
-                continue
-            for k, axis in enumerate(t.record.axes):
-                block = int(3.0 * float(t.noise.tau_s[k]) / t.record.step_s)
-                cells = [
-                    '{:.3f} <span class="dim small">[{:.3f}, {:.3f}]</span>'.format(
-                        *rms_interval(r[:, axis], mask, block)
-                    )
-                    for r in (t.before, t.after)
-                ]
-                flight = f"{escape(t.record.name)}, " if len(answer.traces) > 1 else ""
-                seconds = f"{mask.sum() * t.record.step_s:.0f} s"
-                rows.append([f"{flight}{name}", seconds, f"{AXES[axis]} [{UNITS[axis]}]", *cells])
+    rows = [
+        [
+            f"{escape(t.record.name)}, {r.name}", f"{r.seconds:.0f} s", f"{axis} [{UNITS[AXES.index(axis)]}]",
+            f"{r.before[axis]:.3f}", f"{r.after[axis]:.3f}",
+        ]
+        for t in answer.traces
+        for r in t.regimes
+        for axis in r.before
+    ]  # fmt: skip
     return table(("where", "time", "axis", "before", "after"), rows, numbers=(1, 3, 4))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.frames import Array
 
@@ -11,9 +10,12 @@ _DRAWS = 400
 """Of the bootstrap: the ends of a 95 % interval are then sure to a fifth of its width."""
 
 
-def rms_interval(residual: Array, mask: NDArray[np.bool_], block: int) -> tuple[float, float, float]:
-    """RMS of (n,) on ``mask`` with its 95 % interval from a bootstrap over blocks of ``block`` samples."""
-    square = residual[mask] ** 2
+def rms_interval(residual: Array, block: int) -> tuple[float, float, float]:
+    """RMS of (n,) with its 95 % interval from a bootstrap over blocks of ``block`` samples.
+
+    Künsch 1989, Annals of Statistics 17, 1217.
+    """
+    square = residual**2
     parts = np.array_split(square, max(len(square) // max(block, 1), 2))
     sums, counts = np.array([p.sum() for p in parts]), np.array([len(p) for p in parts])
     pick = np.random.default_rng(0).integers(0, len(parts), (_DRAWS, len(parts)))

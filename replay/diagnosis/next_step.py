@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from models.effects import InFlight
-from replay.diagnosis.diagnose import CONFIRMED, Diagnosis, Named
+from replay.diagnosis.answer import CONFIRMED, Diagnosis, Named
 from replay.diagnosis.words import channel_words, listed, plain
 
 SURE, LIKELY = 0.95, 0.75

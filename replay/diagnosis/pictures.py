@@ -11,7 +11,7 @@ from models.effects import Effect, InFlight
 from models.effects.pictures import over_time
 from models.frames import AXES, Array
 from models.pages.svg import Band, Line, Mark, figure, keys
-from replay.diagnosis.diagnose import UNITS, Named
+from replay.diagnosis.answer import UNITS, Named
 from replay.diagnosis.words import AXIS_WORDS, channel_words
 from replay.search.regimes import regimes
 from replay.search.results import Trace
@@ -110,11 +110,11 @@ def binned(x: Array, y: Array, bins: int, independent: float, least: float = LEA
     share = np.linspace(0.0, 1.0, bins + 1)
     edges = np.unique(0.5 * np.quantile(x, share) + 0.5 * (x.min() + share * np.ptp(x)))
     index = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, max(len(edges) - 2, 0))
-    full = [i for i in range(max(len(edges) - 1, 1)) if (index == i).sum() >= max(least * independent, 2.0)]
-    mean = np.array([y[index == i].mean() for i in full])
-    count = np.array([max((index == i).sum() / independent, 1.0) for i in full])
-    error = np.array([2.0 * y[index == i].std() for i in full]) / np.sqrt(count)
-    return np.array([x[index == i].mean() for i in full]), mean, error
+    rows = [np.flatnonzero(index == i) for i in range(max(len(edges) - 1, 1))]
+    full = [own for own in rows if len(own) >= max(least * independent, 2.0)]
+    mean, spread = (np.array([of(y[own]) for own in full]) for of in (np.mean, np.std))
+    error = 2.0 * spread / np.sqrt([max(len(own) / independent, 1.0) for own in full])
+    return np.array([x[own].mean() for own in full]), mean, error
 
 
 def well_binned(x: Array, y: Array, independent: float) -> tuple[Array, Array, Array]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +18,22 @@ from replay.logs.pieces import Piece
 
 @dataclass(frozen=True)
 class Column:
-    """One column: values (n,) at boot times ``t_s`` (n,)."""
+    """One column: values (n,) at boot times ``t_s`` (n,). Columns of one ``topic`` are of one message."""
 
     name: str
     unit: str
     description: str
     t_s: Array
     values: Array
+    topic: str
+    hold_s: float = 0.0
+    """For how long a sample stands until the next one; 0: it is linear in between."""
+    words: tuple[str, ...] | None = None
+    """A column of text: its values are places in ``words``."""
+
+    def blank(self) -> Column:
+        """The same without samples."""
+        return replace(self, t_s=np.empty(0), values=np.empty(0))
 
 
 @dataclass(frozen=True)
@@ -34,8 +44,8 @@ class Table:
     t_s: Array
     columns: tuple[Column, ...]
 
-    def values(self, column: Column, start: int, end: int) -> Array:
-        """Rows ``start`` to ``end`` of one column, NaN where it has no sample."""
+    def values(self, column: Column, start: int, end: int) -> NDArray[Any]:
+        """Rows ``start`` to ``end`` of one column, NaN where it has no sample; of text as objects, None where none."""
         out = np.full(end - start, np.nan)
         if end > start:
             i, j = np.searchsorted(column.t_s, (self.t_s[start], self.t_s[end - 1]), side="left")
@@ -43,15 +53,17 @@ class Table:
             at = np.searchsorted(self.t_s[start:end], column.t_s[i:j])
             inside = at < end - start
             out[at[inside]] = column.values[i:j][inside]
-        return out
+        if column.words is None:
+            return out
+        return np.array([None if code != code else column.words[int(code)] for code in out.tolist()], object)
 
 
-def table(piece: Piece, rate_hz: float | None = None) -> Table:
-    """Everything a boot, or a piece of it, holds. With ``rate_hz`` on an even clock that begins with the boot: linear
-    in between (states: the previous one).
+def table(piece: Piece, rate_hz: float | None = None, more: Iterable[Column] = ()) -> Table:
+    """Everything a boot, or a piece of it, holds, and ``more``. With ``rate_hz`` on an even clock that begins with the
+    boot: linear in between (states and decisions: the previous one).
     """
     log = piece.log
-    columns = tuple(_columns(log))
+    columns = (*recorded(log), *more)
     if rate_hz is not None:
         origin = log.start_s if math.isnan(piece.origin_s) else piece.origin_s
         first = math.ceil(max((piece.start_s - origin) * rate_hz, 0.0))
@@ -61,9 +73,8 @@ def table(piece: Piece, rate_hz: float | None = None) -> Table:
         t = origin + np.arange(first, beyond) / rate_hz
         even = []
         for c in columns:
-            held = c.name in _STATES
-            values = Series(c.t_s, c.values[:, None]).at(t, np.inf if held else _GAP_S, hold=held)[:, 0]
-            even.append(Column(c.name, c.unit, c.description, t, values))
+            values = Series(c.t_s, c.values[:, None]).at(t, c.hold_s or GAP_S, hold=c.hold_s > 0.0)[:, 0]
+            even.append(replace(c, t_s=t, values=values))
         return Table(log.boot, t, tuple(even))
     columns = tuple(own for c in columns if len((own := _within(c, piece.start_s, piece.end_s)).t_s))
     stamps = [c.t_s for c in columns]
@@ -75,43 +86,51 @@ def _within(column: Column, start_s: float, end_s: float) -> Column:
     return replace(column, t_s=column.t_s[i:j], values=column.values[i:j])
 
 
-_GAP_S = 0.5
+GAP_S = 0.5
 """No value is interpolated over a longer gap: a vehicle moves 0.5 m in it at 1 m/s."""
-_STATES = ("armed", "mode", "landed_state")
 _NED = ("north", "east", "down")
 
 
-def _columns(log: FlightLog) -> Iterator[Column]:
+def recorded(log: FlightLog) -> Iterator[Column]:
+    """Every quantity of a log that has samples."""
     frd = "body FRD"
-    yield from _spread(log.attitude, [f"attitude_q{c}" for c in "wxyz"], "1", "unit quaternion, body FRD to world NED")
-    yield from _spread(log.rates, ["p_rad_s", "q_rad_s", "r_rad_s"], "rad/s", f"angular rate, {frd}, as estimated")
-    yield from _spread(log.position, ["north_m", "east_m", "down_m"], "m", "local position NED")
-    yield from _spread(log.velocity, ["vn_m_s", "ve_m_s", "vd_m_s"], "m/s", "local velocity NED")
+    yield from _together(
+        ("attitude", log.attitude, [f"attitude_q{c}" for c in "wxyz"], "1", f"unit quaternion, {frd} to world NED"),
+        ("rates", log.rates, ["p_rad_s", "q_rad_s", "r_rad_s"], "rad/s", f"angular rate, {frd}, as estimated"),
+        ("position", log.position, ["north_m", "east_m", "down_m"], "m", "local position NED"),
+        ("velocity", log.velocity, ["vn_m_s", "ve_m_s", "vd_m_s"], "m/s", "local velocity NED"),
+    )
     for k, imu in enumerate(log.imus, 1):
-        tail = "" if k == 1 else f"_imu{k}"
-        text = f"{frd}, {imu.source}"
-        yield from _spread(imu.specific_force, [f"a{c}{tail}_m_s2" for c in "xyz"], "m/s^2", f"specific force, {text}")
-        yield from _spread(imu.gyro, [f"gyro_{c}{tail}_rad_s" for c in "xyz"], "rad/s", f"angular rate, {text}")
+        tail, topic = "" if k == 1 else f"_imu{k}", f"imu_{k}"
+        force, rate = f"specific force, {frd}, {imu.source}", f"angular rate, {frd}, {imu.source}"
+        yield from _together(
+            (topic, imu.specific_force, [f"a{c}{tail}_m_s2" for c in "xyz"], "m/s^2", force),
+            (topic, imu.gyro, [f"gyro_{c}{tail}_rad_s" for c in "xyz"], "rad/s", rate),
+        )
     yield from _ranges(log)
     for n, esc in sorted(log.escs.items()):
-        yield from _spread(esc.rpm, [f"rpm_{n}"], "1/min", f"speed of ESC {n}")
-        yield from _spread(esc.temperature_c, [f"esc_temperature_{n}_c"], "degC", f"temperature of ESC {n}")
-        yield from _spread(esc.voltage_v, [f"esc_voltage_{n}_v"], "V", f"voltage of ESC {n}")
-        yield from _spread(esc.current_a, [f"esc_current_{n}_a"], "A", f"current of ESC {n}")
+        yield from _spread(f"esc_{n}", esc.rpm, [f"rpm_{n}"], "1/min", f"speed of ESC {n}")
+        yield from _spread(f"esc_{n}", esc.temperature_c, [f"esc_temperature_{n}_c"], "degC", f"temperature of ESC {n}")
+        yield from _spread(f"esc_{n}", esc.voltage_v, [f"esc_voltage_{n}_v"], "V", f"voltage of ESC {n}")
+        yield from _spread(f"esc_{n}", esc.current_a, [f"esc_current_{n}_a"], "A", f"current of ESC {n}")
     for port, servo in sorted((log.servo_ports or ({0: log.servo} if log.servo is not None else {})).items()):
         names = [f"servo_{16 * port + k + 1}" for k in range(servo.values.shape[1])]
-        yield from _spread(servo, names, "us", "pulse width of an output")
-    yield from _spread(log.battery, ["battery_voltage_v"], "V", "battery 0")
-    yield from _spread(log.battery, ["battery_current_a"], "A", "battery 0", first=1)
-    yield from _spread(log.pressure, ["pressure_pa"], "Pa", "static pressure")
-    yield from _spread(log.pressure, ["air_temperature_c"], "degC", "temperature of the barometer", first=1)
-    yield from _spread(log.thrust_command, ["thrust_command"], "1", "thrust that the autopilot commands, 0 to 1")
-    yield from _spread(log.attitude_target, [f"attitude_target_q{c}" for c in "wxyz"], "1", "attitude target")
-    yield from _spread(
-        log.commands, [*(f"set_attitude_q{c}" for c in "wxyz"), "set_thrust"], "1", "SET_ATTITUDE_TARGET as sent"
+        yield from _spread(f"servo_{port}", servo, names, "us", "pulse width of an output")
+    yield from _spread("battery", log.battery, ["battery_voltage_v"], "V", "battery 0")
+    yield from _spread("battery", log.battery, ["battery_current_a"], "A", "battery 0", first=1)
+    yield from _spread("pressure", log.pressure, ["pressure_pa"], "Pa", "static pressure")
+    yield from _spread("pressure", log.pressure, ["air_temperature_c"], "degC", "temperature of the barometer", first=1)
+    quaternion, sent = (
+        [f"attitude_target_q{c}" for c in "wxyz"],
+        [*(f"set_attitude_q{c}" for c in "wxyz"), "set_thrust"],
     )
-    yield from _spread(log.wind, [f"wind_{c}_m_s" for c in _NED], "m/s", "where the air moves to, NED, as estimated")
-    yield from _spread(log.vibration, [f"vibration_{c}_m_s2" for c in "xyz"], "m/s^2", "vibration level")
+    yield from _together(
+        ("thrust_command", log.thrust_command, ["thrust_command"], "1", "thrust that the autopilot commands, 0 to 1"),
+        ("attitude_target", log.attitude_target, quaternion, "1", "attitude target"),
+        ("setpoint", log.commands, sent, "1", "SET_ATTITUDE_TARGET as sent"),
+        ("wind", log.wind, [f"wind_{c}_m_s" for c in _NED], "m/s", "where the air moves to, NED, as estimated"),
+        ("vibration", log.vibration, [f"vibration_{c}_m_s2" for c in "xyz"], "m/s^2", "vibration level"),
+    )
     yield from _state("armed", log.armed, "1 while armed", ends=True)
     yield from _state("mode", log.modes, "custom_mode of HEARTBEAT")
     yield from _state("landed_state", log.landed, "MAV_LANDED_STATE")
@@ -126,16 +145,23 @@ def _ranges(log: FlightLog) -> Iterator[Column]:
         for k, beam in enumerate(beams, 1):
             name = f"range_{direction}{'' if k == 1 else f'_{k}'}_m"
             text = f"slant distance along {tuple(round(c, 3) for c in beam.direction_frd)} body FRD, {beam.source}"
-            yield from _spread(beam.good, [name], "m", text)
+            yield from _spread(name.removesuffix("_m"), beam.good, [name], "m", text)
 
 
-def _spread(series: Series | None, names: list[str], unit: str, description: str, first: int = 0) -> Iterator[Column]:
+def _together(*rows: tuple[str, Series | None, list[str], str, str]) -> Iterator[Column]:
+    for row in rows:
+        yield from _spread(*row)
+
+
+def _spread(
+    topic: str, series: Series | None, names: list[str], unit: str, description: str, first: int = 0
+) -> Iterator[Column]:
     if series is None or not len(series):
         return
     for k, name in enumerate(names, first):
         known: NDArray[np.bool_] = np.isfinite(series.values[:, k])
         if known.any():
-            yield Column(name, unit, description, series.t_s[known], series.values[known, k])
+            yield Column(name, unit, description, series.t_s[known], series.values[known, k], topic)
 
 
 def _state(name: str, intervals: tuple[Interval, ...], description: str, *, ends: bool = False) -> Iterator[Column]:
@@ -145,4 +171,5 @@ def _state(name: str, intervals: tuple[Interval, ...], description: str, *, ends
     if ends:
         at |= {i.end_s: 0.0 for i in intervals if i.end_s not in at}
     times = sorted(at)
-    yield Column(name, "1", description, np.array(times), np.array([at[t] for t in times]))
+    values = np.array([at[t] for t in times])
+    yield Column(name, "1", description, np.array(times), values, "state", math.inf)

@@ -1,7 +1,4 @@
-"""Writes tables as Parquet or CSV, some ten thousand rows at a time: memory does not grow with the file.
-
-Tables come one after another and are gone through twice: once for the names of all columns, once for the rows.
-"""
+"""Writes tables as Parquet or CSV, some ten thousand rows at a time: memory does not grow with the file."""
 
 from __future__ import annotations
 
@@ -9,15 +6,18 @@ import csv
 import itertools
 import json
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from models.errors import ConfigError
 from models.frames import Array
-from replay.export.columns import Table
+from replay.export.columns import Column, Table
+from replay.export.tables import Tables
 
 _ROWS = 20_000
 """Rows in memory at a time: 16 MB with 100 columns, six times that as text."""
@@ -33,35 +33,61 @@ class Written:
     columns: int
 
 
-def write_csv(path: Path, tables: Iterable[Table], metadata: dict[str, str]) -> Written:
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """Where to write what becomes ``path`` when all of it is written: an error leaves what was there before."""
+    if path.exists() and not path.is_file():  # a device or a pipe; a directory cannot be opened
+        yield path
+        return
+    path = path.resolve()
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.touch()
+        yield part
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def missing(to: str, package: str) -> ConfigError:
+    """What to say where the library of a format is not installed."""
+    return ConfigError(f"--to {to}: needs the package {package}: pip install 'corner-compensator[export]', or --to csv")
+
+
+def write_csv(path: Path, tables: Tables, metadata: dict[str, str]) -> Written:
     """Names in the first line, empty cells where a column has no sample.
 
     Units and descriptions stand beside it in ``FILE.csv-metadata.json`` (W3C, CSV on the Web: Metadata Vocabulary).
     """
-    columns = _all_columns(tables)
+    rows = 0
+    with whole(path) as part, part.open("w", newline="", encoding="utf-8") as file:
+        columns = tables.columns()
+        described = [*_KEYS, *((c.name, c.unit, c.description) for c in columns)]
+        writer = csv.writer(file)
+        writer.writerow([name for name, _, _ in described])
+        for boot, t, values in blocks(tables, columns):
+            rows += len(t)
+            cells = [map(_cell, column.tolist()) for column in values]
+            writer.writerows(zip(itertools.repeat(boot + 1), map(_cell, t.tolist()), *cells, strict=False))
     about: dict[str, Any] = {
         "@context": "http://www.w3.org/ns/csvw",
         "url": path.name,
         "notes": metadata,
-        "tableSchema": {"columns": [{"name": n, "dc:description": d, "unit": u} for n, u, d in (*_KEYS, *columns)]},
+        "tableSchema": {"columns": [{"name": n, "dc:description": d, "unit": u} for n, u, d in described]},
     }
-    path.with_name(f"{path.name}-metadata.json").write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
-    rows = 0
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow([name for name, _, _ in (*_KEYS, *columns)])
-        for boot, t, values in _rows(tables, [name for name, _, _ in columns]):
-            rows += len(t)
-            cells = [[_cell(v) for v in column.tolist()] for column in values]
-            writer.writerows(zip(itertools.repeat(boot + 1), map(_cell, t.tolist()), *cells, strict=False))
+    if path.is_file():  # nothing stands beside a pipe
+        with whole(path.with_name(f"{path.name}-metadata.json")) as part:
+            part.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
     return Written(rows, len(columns))
 
 
-def _cell(value: float) -> str:
-    return "" if value != value else f"{value:.10g}"
+def _cell(value: float | str | None) -> str:
+    if isinstance(value, float):
+        return "" if value != value else f"{value:.10g}"
+    return value or ""
 
 
-def write_parquet(path: Path, tables: Iterable[Table], metadata: dict[str, str]) -> Written:
+def write_parquet(path: Path, tables: Tables, metadata: dict[str, str]) -> Written:
     """Units and descriptions stand in the metadata of every column (keys ``unit``, ``description``).
 
     Raises ConfigError where pyarrow is not installed.
@@ -70,40 +96,34 @@ def write_parquet(path: Path, tables: Iterable[Table], metadata: dict[str, str])
         import pyarrow as pa
         from pyarrow import parquet
     except ImportError:
-        raise ConfigError(
-            "--to parquet: needs the package pyarrow: pip install 'corner-compensator[export]', or --to csv"
-        ) from None
-    columns = _all_columns(tables)
-    fields = [
-        pa.field(name, pa.int16() if name == "boot" else pa.float64(), nullable, {"unit": unit, "description": text})
-        for nullable, described in ((False, _KEYS), (True, columns))
-        for name, unit, text in described
-    ]
-    schema = pa.schema(fields, metadata=metadata)
+        raise missing("parquet", "pyarrow") from None
     rows = 0
-    with parquet.ParquetWriter(path, schema) as writer:
-        for boot, t, values in _rows(tables, [name for name, _, _ in columns]):
-            rows += len(t)
-            arrays: list[Any] = [np.full(len(t), boot + 1, np.int16), t]
-            arrays += [pa.array(column, from_pandas=True) for column in values]  # NaN is null
-            writer.write_table(pa.table(arrays, schema=schema))
+    with whole(path) as part:
+        part.open("ab").close()  # before minutes of reading: pyarrow opens it after them
+        columns = tables.columns()
+        kinds = [pa.int16(), pa.float64(), *(pa.float64() if c.words is None else pa.string() for c in columns)]
+        described = [*_KEYS, *((c.name, c.unit, c.description) for c in columns)]
+        fields = [
+            pa.field(name, kind, k >= len(_KEYS), {"unit": unit, "description": text})
+            for k, (kind, (name, unit, text)) in enumerate(zip(kinds, described, strict=True))
+        ]
+        schema = pa.schema(fields, metadata=metadata)
+        with parquet.ParquetWriter(part, schema) as writer:
+            for boot, t, values in blocks(tables, columns):
+                rows += len(t)
+                arrays: list[Any] = [np.full(len(t), boot + 1, np.int16), t]
+                arrays += [pa.array(v, k, from_pandas=True) for v, k in zip(values, kinds[2:], strict=True)]
+                writer.write_table(pa.table(arrays, schema=schema))
     return Written(rows, len(columns))
 
 
-def _all_columns(tables: Iterable[Table]) -> list[tuple[str, str, str]]:
-    """(name, unit, description) of every column but the keys, in the order of first appearance."""
-    seen: dict[str, tuple[str, str, str]] = {}
-    for table in tables:
-        for c in table.columns:
-            seen.setdefault(c.name, (c.name, c.unit, c.description))
-    return list(seen.values())
-
-
-def _rows(tables: Iterable[Table], names: Sequence[str]) -> Iterator[tuple[int, Array, list[Array]]]:
+def blocks(
+    tables: Iterable[Table], columns: Sequence[Column], rows: int = _ROWS
+) -> Iterator[tuple[int, Array, list[NDArray[Any]]]]:
+    """Boot, times (n,) and the values (n,) of every column, some rows at a time; NaN, or None for text: no sample."""
     for table in tables:
         own = {c.name: c for c in table.columns}
-        for start in range(0, len(table.t_s), _ROWS):
-            end = min(start + _ROWS, len(table.t_s))
-            nothing = np.full(end - start, np.nan)
-            values = [table.values(own[name], start, end) if name in own else nothing for name in names]
+        for start in range(0, len(table.t_s), rows):
+            end = min(start + rows, len(table.t_s))
+            values = [table.values(own.get(c.name, c), start, end) for c in columns]
             yield table.boot, table.t_s[start:end], values

@@ -6,7 +6,8 @@ import itertools
 from collections.abc import Iterator
 from pathlib import Path
 
-from replay.export.columns import Table, table
+from replay.export.columns import Column, Table, recorded, table
+from replay.export.decided import Decided
 from replay.logs.formats import read_pieces
 from replay.logs.pieces import Piece
 from replay.logs.progress import with_progress
@@ -19,25 +20,44 @@ class Tables:
     """Iterate as often as wanted. Raises LogError where the log cannot be read."""
 
     def __init__(
-        self, path: Path, target_system: int | None = None, rate_hz: float | None = None, *, quiet: bool = True
-    ) -> None:
+        self, path: Path, target_system: int | None = None, rate_hz: float | None = None,
+        decided: Decided | None = None, *, quiet: bool = True,
+    ) -> None:  # fmt: skip
         self._path, self._target, self._rate, self._quiet = path, target_system, rate_hz, quiet
-        self._times = 0
+        self._decided = decided
         head = list(itertools.islice(read_pieces(path, target_system), _KEPT + 1))
-        self._all = list(map(self._table, head)) if len(head) <= _KEPT else None
+        self._all = head if len(head) <= _KEPT else None
         self.system = head[0].log.system
         self.boots = len({piece.log.boot for piece in head})
         """Those met so far."""
 
-    def _table(self, piece: Piece) -> Table:
-        return table(piece, self._rate)
+    def columns(self) -> list[Column]:
+        """Every column, without samples, in the order of first appearance; decisions last.
+
+        Nothing is decided on a log that holds no attitude: then they are left out.
+        """
+        seen: dict[str, Column] = {}
+        for piece in self._pieces("names of the columns", quiet=self._quiet):
+            for c in recorded(piece.log):
+                seen.setdefault(c.name, c.blank())
+        if self._decided is not None and "attitude_qw" in seen:
+            seen |= {c.name: c.blank() for c in self._decided.columns()}
+        return list(seen.values())
 
     def __iter__(self) -> Iterator[Table]:
+        if self._decided is None:
+            for piece in self._pieces("rows", quiet=self._quiet):
+                yield table(piece, self._rate)
+            return
+        # The replay shows how far it is.
+        pieces = self._pieces("rows", quiet=True)
+        for piece, columns in self._decided.beside(pieces, self._target, quiet=self._quiet):
+            yield table(piece, self._rate, columns)
+
+    def _pieces(self, what: str, *, quiet: bool) -> Iterator[Piece]:
         if self._all is not None:
             yield from self._all
             return
-        self._times += 1
-        what = f"reading, time {self._times} of 2"  # names of the columns, then rows (files.py)
-        for piece in with_progress(self._path, read_pieces(self._path, self._target), what, quiet=self._quiet):
+        for piece in with_progress(self._path, read_pieces(self._path, self._target), what, quiet=quiet):
             self.boots = max(self.boots, piece.log.boot + 1)
-            yield self._table(piece)
+            yield piece

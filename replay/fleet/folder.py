@@ -2,50 +2,58 @@
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from tqdm import tqdm
+
 from models.errors import ConfigError, LogError
+from models.json_file import write_json
 from replay.command import declared
 from replay.fleet.jobs import Job, Kind
+from replay.fleet.options import FolderOptions
 from replay.fleet.page import write_page
-from replay.fleet.results import Results, logs_in, split
+from replay.fleet.results import Results, logs_in
 from replay.fleet.rows import row, write_table
 from replay.fleet.scheduler import run_dask, run_local
 
 
-def run_folder(a: argparse.Namespace, folder: Path, kind: Kind, **options: Any) -> int:
-    """The command on every log below ``folder``. 0 where one log at least could be used, else 3.
+def run_folder(question: Job, options: FolderOptions) -> int:
+    """The question, asked of every log below the folder ``question.path``. 0 where one log at least was used, else 3.
 
     An interrupted run goes on where it stopped: answers that are in ``--out`` are not computed again.
     """
-    if a.workers is not None and not 1 <= a.workers <= 1024:
-        raise ConfigError(f"--workers {a.workers}: must be 1 to 1024")
-    if a.scheduler is not None and "://" not in a.scheduler:
-        raise ConfigError(f"--scheduler {a.scheduler}: must be an address such as tcp://10.0.0.5:8786")
-    declared(a.vehicle, a.model)  # a wrong file is said once, before the work
-    if kind is Kind.DIAGNOSE:
+    declared(question.vehicle, question.model)  # a wrong file is said once, before the work
+    if question.kind == Kind.DIAGNOSE:
         import_module("replay.diagnosis.diagnose")  # a missing package is said once, before the work
+    folder = Path(question.path)
     paths, notes = logs_in(folder)
-    out = Path(f"{folder.resolve().name}-{kind.value}") if a.out is None else a.out
+    out = options.out or Path(f"{folder.resolve().name}-{question.kind}")
     results = Results(out)
-    vehicle = None if a.vehicle is None else str(a.vehicle.resolve())
-    model = a.model if a.model is None or not Path(a.model).is_dir() else str(Path(a.model).resolve())
-    pages = None
-    if a.report is not None and kind is Kind.DIAGNOSE:
-        pages = str((a.report / "logs").resolve())
-    jobs = [Job(kind.value, str(p.resolve()), vehicle, model, a.target_system, pages=pages, **options) for p in paths]
-    waiting, answers = split(results, jobs)
-    for job, answer in _progress(_work(a, waiting), len(jobs), len(answers), a.quiet):
+    if options.report is not None and question.kind == Kind.DIAGNOSE:
+        question = replace(question, pages=str((options.report / "logs").resolve()))
+    jobs = [replace(question, path=str(p.resolve())) for p in paths]
+    answers = {job: answer for job in jobs if (answer := results.known(job)) is not None}
+    waiting = [job for job in jobs if job not in answers]
+    bar = True if options.quiet else None  # None: only to a terminal
+    for job, answer in tqdm(
+        _work(options, waiting), total=len(jobs), initial=len(answers), unit="log", disable=bar, leave=False
+    ):
         results.keep(job, answer)
         answers[job] = answer
     ordered = [{**answers[job], "craft": _craft(answers[job], folder.resolve())} for job in jobs]
-    return _tell(a, folder, out, kind, ordered, notes, len(jobs) - len(waiting))
+    bad = [answer for answer in ordered if "error" in answer]
+    for line in [*notes, *(f"{answer['log']}: {answer['error']}" for answer in bad)]:
+        print(f"replay: {line}", file=sys.stderr)
+    again = f" ({len(jobs) - len(waiting)} of them known from before)" if len(waiting) < len(jobs) else ""
+    said = f"{len(jobs) - len(bad)} of {len(jobs)} logs{again}"
+    _write(options, folder, out, f"replay {question.kind}: {folder.resolve().name}", ordered, said)
+    return 0 if len(bad) < len(jobs) else LogError.exit_code
 
 
 def _craft(answer: dict[str, Any], folder: Path) -> str:
@@ -54,47 +62,28 @@ def _craft(answer: dict[str, Any], folder: Path) -> str:
     return below[0] if below else f"system {answer.get('system', '?')}"
 
 
-def _work(a: argparse.Namespace, jobs: Sequence[Job]) -> Any:
+def _work(options: FolderOptions, jobs: Sequence[Job]) -> Iterable[tuple[Job, dict[str, Any]]]:
     if not jobs:
         return ()
-    if a.scheduler is not None:
-        return run_dask(jobs, a.scheduler)
+    if options.scheduler is not None:
+        return run_dask(jobs, options.scheduler)
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    return run_local(jobs, min(a.workers or cores, len(jobs)))
+    return run_local(jobs, min(options.workers or cores, len(jobs)))
 
 
-def _progress(work: Any, total: int, done: int, quiet: bool) -> Any:
-    from tqdm import tqdm
-
-    shown = sys.stderr.isatty() and not quiet
-    return tqdm(work, total=total, initial=done, unit="log", disable=not shown, leave=False, file=sys.stderr)
-
-
-def _tell(
-    a: argparse.Namespace,
-    folder: Path,
-    out: Path,
-    kind: Kind,
-    answers: list[dict[str, Any]],
-    notes: list[str],
-    old: int,
-) -> int:
-    from models.json_file import write_json
-
+def _write(
+    options: FolderOptions, folder: Path, out: Path, title: str, answers: list[dict[str, Any]], said: str
+) -> None:
+    """Table, page and what ``--json`` asks for."""
+    target = options.report or out
     try:
         table = write_table(out, [row(answer) for answer in answers])
-        target = out if a.report is None else a.report
         target.mkdir(parents=True, exist_ok=True)
-        page = write_page(target, f"replay {kind.value}: {folder.resolve().name}", answers)
+        page = write_page(target, title, answers)
     except OSError as error:
-        option = f"--out {out}" if a.report is None else f"--out {out} or --report {a.report}"
+        option = f"--out {out}" if options.report is None else f"--out {out} or --report {target}"
         raise ConfigError(f"{option}: cannot be written ({error.strerror})") from None
-    bad = [answer for answer in answers if "error" in answer]
-    for line in [*notes, *(f"{answer['log']}: {answer['error']}" for answer in bad)]:
-        print(f"replay: {line}", file=sys.stderr)
-    if a.json is not None:
-        write_json({"folder": str(folder), "logs": answers, "table": str(table), "page": str(page)}, a.json)
-    if a.json != "-" and not a.quiet:
-        again = f" ({old} of them known from before)" if old else ""
-        print(f"{len(answers) - len(bad)} of {len(answers)} logs{again}\ntable: {table}\npage: {page}")
-    return 0 if len(bad) < len(answers) else LogError.exit_code
+    if options.json is not None:
+        write_json({"folder": str(folder), "logs": answers, "table": str(table), "page": str(page)}, options.json)
+    if options.json != "-" and not options.quiet:
+        print(f"{said}\ntable: {table}\npage: {page}")

@@ -8,7 +8,7 @@ import struct
 import time
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,13 +18,13 @@ from models.version import installed_version
 from replay.vehicle.draft import Given
 
 if TYPE_CHECKING:
-    from replay.diagnosis.diagnose import Diagnosis
+    from replay.diagnosis.answer import Diagnosis
 
 _EARLIEST_US, _LATEST_US = 1_100_000_000_000_000, 4_000_000_000_000_000
 """2004 and 2096: receiver stamps outside are no date."""
 
 
-class Kind(Enum):
+class Kind(StrEnum):
     """What is asked of every log."""
 
     RUN = "run"
@@ -35,7 +35,7 @@ class Kind(Enum):
 class Job:
     """One log and everything that its answer depends on."""
 
-    kind: str
+    kind: Kind
     path: str
     vehicle: str | None
     model: str | None
@@ -48,6 +48,13 @@ class Job:
     """What is known of a vehicle that is drafted."""
     pages: str | None = None
     """Folder for the page of this log; None: no page."""
+
+    @classmethod
+    def of(cls, kind: Kind, path: Path, vehicle: Path | None, model: str | None, **options: Any) -> Job:
+        """A job that any process can do: places are absolute."""
+        file = None if vehicle is None else str(vehicle.resolve())
+        folder = str(Path(model).resolve()) if model is not None and Path(model).is_dir() else model
+        return cls(kind, str(path), file, folder, **options)
 
     def key(self) -> str:
         """Changes with log, vehicle file, model, options and program: an old answer is then void."""
@@ -83,7 +90,7 @@ def perform(job: Job) -> dict[str, Any]:
 def _answer(job: Job) -> dict[str, Any]:
     from replay.command import declared, of_logs
 
-    if job.kind == Kind.DIAGNOSE.value:
+    if job.kind == Kind.DIAGNOSE:
         from replay.diagnosis.diagnose import diagnose
 
         vehicle, chosen, draft = of_logs(job.vehicle, job.model, [Path(job.path)], job.given, job.target_system)

@@ -3,7 +3,31 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
 from pathlib import Path
+
+from models.errors import ConfigError
+
+
+@dataclass(frozen=True)
+class FolderOptions:
+    """Where the answers about a folder go, and what works on them."""
+
+    out: Path | None
+    workers: int | None
+    scheduler: str | None
+    report: Path | None
+    json: str | None
+    quiet: bool
+
+    @classmethod
+    def of(cls, a: argparse.Namespace) -> FolderOptions:
+        """As the command line gives them. ConfigError where one makes no sense."""
+        if a.workers is not None and not 1 <= a.workers <= 1024:
+            raise ConfigError(f"--workers {a.workers}: must be 1 to 1024")
+        if a.scheduler is not None and "://" not in a.scheduler:
+            raise ConfigError(f"--scheduler {a.scheduler}: must be an address such as tcp://10.0.0.5:8786")
+        return cls(a.out, a.workers, a.scheduler, a.report, a.json, a.quiet)
 
 
 def add_options(p: argparse.ArgumentParser) -> None:

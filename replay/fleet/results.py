@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -49,23 +48,11 @@ class Results:
 
 def logs_in(folder: Path) -> tuple[list[Path], list[str]]:
     """Every log below a folder in order of name, and a line for what looks like one and cannot be read."""
-    found = sorted(p for p in _files(folder) if p.suffix.lower() in READERS)
-    packed = sorted(p for p in _files(folder) if len(p.suffixes) > 1 and p.suffixes[-2].lower() in READERS)
-    notes = [f"{p}: is compressed: unpack it first" for p in packed if p.suffix.lower() not in READERS]
+    files = sorted(p for p in folder.rglob("*") if p.is_file())
+    found = [p for p in files if p.suffix.lower() in READERS]
+    packed = [p for p in files if p not in found and len(p.suffixes) > 1 and p.suffixes[-2].lower() in READERS]
+    notes = [f"{p}: is compressed: unpack it first" for p in packed]
     if not found:
         known = ", ".join(READERS)
         raise LogError(f"{folder}: holds no log ({known}){'; ' + notes[0] if notes else ''}")
     return found, notes
-
-
-def _files(folder: Path) -> Iterator[Path]:
-    for root, folders, names in os.walk(folder):
-        folders.sort()
-        for name in sorted(names):
-            yield Path(root) / name
-
-
-def split(results: Results, jobs: Sequence[Job]) -> tuple[list[Job], dict[Job, dict[str, Any]]]:
-    """Jobs to do, and the answers that are there."""
-    known = {job: answer for job in jobs if (answer := results.known(job)) is not None}
-    return [job for job in jobs if job not in known], known

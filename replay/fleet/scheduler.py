@@ -6,9 +6,8 @@ import multiprocessing as mp
 import os
 import resource
 import signal
-import threading
 from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -19,7 +18,7 @@ from replay.fleet.jobs import Job, Kind, perform
 _PRELOAD = ["numpy", "replay.fleet.jobs", "replay.diagnosis.diagnose", "replay.rerun.report", "scipy.linalg"]
 _MEMORY_SHARE = 0.8
 """Of the machine's memory; the rest is for the system and the file cache."""
-_NEEDS = {Kind.RUN.value: (70e6, 3.0, 400e6), Kind.DIAGNOSE.value: (420e6, 10.0, 2.0e9)}
+_NEEDS = {Kind.RUN: (70e6, 3.0, 400e6), Kind.DIAGNOSE: (420e6, 10.0, 2.0e9)}
 """Bytes for a small log, for every byte of a longer one, and at most: logs are read in blocks, of a long one two hours
 are diagnosed (docs/logs.md)."""
 _READ_AS_A_WHOLE = (".ulg",)
@@ -36,15 +35,16 @@ def run_local(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, dict[str
     context.set_forkserver_preload(_PRELOAD)
     fit = int(_physical_bytes() * _MEMORY_SHARE / max(map(needed_bytes, jobs)))
     workers = max(min(workers, fit), 1)
-    stop = threading.Event()
+    running: list[Any] = []
     pool = ThreadPoolExecutor(workers)
     try:
-        futures: dict[Future[dict[str, Any]], Job] = {pool.submit(_wait_for, context, job, stop): job for job in jobs}
+        futures = {pool.submit(_alone, context, job, running): job for job in jobs}
         for future in as_completed(futures):
             yield futures[future], future.result()
     finally:
-        stop.set()
-        pool.shutdown(cancel_futures=True)
+        pool.shutdown(wait=False, cancel_futures=True)
+        for process in list(running):
+            process.terminate()
 
 
 def run_dask(jobs: Sequence[Job], address: str) -> Iterator[tuple[Job, dict[str, Any]]]:
@@ -85,33 +85,23 @@ def needed_bytes(job: Job) -> float:
     return whole if path.suffix.lower() in _READ_AS_A_WHOLE else min(whole, most)
 
 
-def _wait_for(context: Any, job: Job, stop: threading.Event) -> dict[str, Any]:
-    if stop.is_set():
-        return {"log": job.path, "error": "interrupted"}
+def _alone(context: Any, job: Job, running: list[Any]) -> dict[str, Any]:
+    """The answer of a process of its own, which is in ``running`` as long as it lives."""
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(target=_child, args=(job, theirs), daemon=True)
     process.start()
     theirs.close()
-    answer: dict[str, Any] | None = None
+    running.append(process)
     try:
-        while not stop.is_set():
-            if ours.poll(0.2):
-                answer = ours.recv()
-                break
+        answer: dict[str, Any] = ours.recv()
     except EOFError:
-        pass
-    finally:
-        ours.close()
-        if stop.is_set():
-            process.terminate()
-        process.join()
-    if answer is not None:
-        return answer
-    if stop.is_set():
-        return {"log": job.path, "error": "interrupted"}
+        answer = {}
+    ours.close()
+    process.join()
+    running.remove(process)
     killed = process.exitcode < 0
     reason = f"signal {-process.exitcode}; out of memory?" if killed else f"exit code {process.exitcode}"
-    return {"log": job.path, "error": f"its process died ({reason})"}
+    return answer or {"log": job.path, "error": f"its process died ({reason})"}
 
 
 def _child(job: Job, answers: Connection) -> None:

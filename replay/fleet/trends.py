@@ -25,7 +25,6 @@ _DRIFT_Z = 3.0
 class Point:
     """A size of one parameter on one log, with the half width of its 95 % interval (NaN: not given)."""
 
-    log: str
     vehicle: str
     """As ``craft`` in the answers: the logs' own folder, or the system id."""
     day: float
@@ -120,7 +119,7 @@ def trends(answers: Sequence[Mapping[str, Any]]) -> list[Trend]:
                     continue
                 low, high = estimate.get("ci95") or (math.nan, math.nan)
                 half = 0.5 * (high - low) if low is not None and high is not None else math.nan
-                point = Point(a["log"], str(a.get("craft", "")), day, estimate["value"], half)
+                point = Point(str(a.get("craft", "")), day, estimate["value"], half)
                 points.setdefault((effect["name"], name, estimate.get("unit", "")), []).append(point)
     out = [Trend(effect, name, unit, tuple(p), len(judged)) for (effect, name, unit), p in points.items()]
     return sorted(out, key=lambda t: -len(t.points))

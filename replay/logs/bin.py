@@ -1,12 +1,14 @@
-"""Reads an ArduPilot dataflash log (.BIN) into columns, block by block. Times: TimeUS, in old logs TimeMS."""
+"""Reads an ArduPilot dataflash log (.BIN) into columns, stretch by stretch. Times: TimeUS, in old logs TimeMS."""
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+import mmap
+from collections import Counter
+from collections.abc import Container, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -69,136 +71,112 @@ class Part:
     share_read: float
 
 
-@dataclass
-class _Boot:
-    """What is carried from block to block."""
+@dataclass(frozen=True)
+class _Rows:
+    """Messages in file order: offsets (n,) in the file, and places (n,) of their kinds in ``formats``."""
 
-    number: int
-    until_s: float = -math.inf
-    origin_s: float = math.nan
-    sparse: dict[str, list[Messages]] = field(default_factory=lambda: defaultdict(list))
-    parameters: dict[str, float] = field(default_factory=dict)
-    texts: list[tuple[float, str]] = field(default_factory=list)
+    data: mmap.mmap
+    formats: Formats
+    offsets: NDArray[np.int64]
+    kinds: NDArray[np.int16]
+
+    def part(self, first: int, end: int) -> _Rows:
+        """The messages ``first`` <= i < ``end``."""
+        return replace(self, offsets=self.offsets[first:end], kinds=self.kinds[first:end])
+
+    def of(self, names: Container[str]) -> Iterator[tuple[Kind, NDArray[np.int64]]]:
+        """Every declared kind of these names, and the offsets of its messages."""
+        for number in np.unique(self.kinds).tolist():
+            kind = self.formats.kinds[number]
+            if kind.dtype is not None and kind.name in names:
+                yield kind, self.offsets[self.kinds == number]
+
+    @cached_property
+    def clock(self) -> tuple[NDArray[np.int64], Array]:
+        """Stamps of the messages that are read, in file order: offsets (m,), times (m,) [s]."""
+        stamped = [(at, _stamps(records(self.data, k, at), k)) for k, at in self.of(_KINDS) if _stamp_field(k)]
+        if not stamped:
+            return np.empty(0, np.int64), np.empty(0)
+        place, t_s = (np.concatenate(column) for column in zip(*stamped, strict=True))
+        order = np.argsort(place)
+        return place[order], t_s[order]
+
+    def times(self, content: NDArray[Any], kind: Kind, offsets: NDArray[np.int64]) -> Array:
+        """Boot times [s]; a message without a stamp is as old as the message before it."""
+        if _stamp_field(kind):
+            return _stamps(content, kind)
+        place, t_s = self.clock
+        before = np.searchsorted(place, offsets)
+        return np.concatenate([[np.nan], t_s])[before]
+
+    def messages(self, names: Container[str]) -> dict[str, Messages]:
+        """The messages of these names, by name."""
+        found: dict[str, list[Messages]] = {}
+        for kind, at in self.of(names):
+            content = records(self.data, kind, at)
+            t_s = believable(self.times(content, kind, at))
+            found.setdefault(kind.name, []).append(Messages(kind.name, t_s, _fields(content, kind)))
+        return {name: _joined(name, parts) for name, parts in found.items()}
+
+    def texts(self) -> Iterator[tuple[float, str]]:
+        """MSG: time [s], text."""
+        for kind, at in self.of({"MSG"}):
+            content = records(self.data, kind, at)
+            if _kind_of(content, "Message") in _TEXT:
+                yield from zip(self.times(content, kind, at).tolist(), map(_text, content["Message"]), strict=True)
+
+    def parameters(self) -> dict[str, float]:
+        """PARM: the last value of every name."""
+        out: dict[str, float] = {}
+        for kind, at in self.of({"PARM"}):
+            content = records(self.data, kind, at)
+            if _kind_of(content, "Name") in _TEXT and _kind_of(content, "Value") in _NUMBER:
+                pairs = zip(map(_text, content["Name"]), content["Value"].tolist(), strict=True)
+                out |= {name: float(value) for name, value in pairs if math.isfinite(value)}
+        return out
 
 
 def parts(path: Path, size: int, block_bytes: int) -> Iterator[Part]:
     """The boots in the file, in stretches of about so many bytes each."""
-    formats, boots = Formats(), list[_Boot]()
-    margin = min(tlog_blocks.MARGIN_BYTES, block_bytes // 2)
-    begin = tail = 0
-    damaged = 0
+    formats = Formats()
     with path.open("rb") as file:
-        while begin < size:
-            file.seek(tail)
-            data = file.read(min(size, begin + block_bytes + margin) - tail)
-            last = tail + len(data) >= size
-            found = walk(data, formats, whole=last)
-            damaged += found.skipped
-            at = found.offsets + tail
-            first = int(np.searchsorted(at, begin))
-            end = len(at) if last else int(np.searchsorted(at, begin + block_bytes))
-            share = 1.0 if last or end >= len(at) else int(at[end]) / size
-            yield from _boots(_Block(path, size, data, formats, found, first, end, last, damaged, share), boots)
-            if last or end >= len(at):
-                return
-            begin = int(at[end])
-            tail = int(at[np.searchsorted(at, begin - margin)])
+        data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+    found = walk(data, formats)
+    rows = _Rows(data, formats, found.offsets, found.kinds)
+    bounds = sorted({0, *found.begins, len(found.offsets)})
+    for number, (first, end) in enumerate(itertools.pairwise(bounds)):
+        boot = rows.part(first, end)
+        yield from _stretches(_boot(path, size, number, boot, found), boot, block_bytes)
 
 
-@dataclass(frozen=True)
-class _Block:
-    """Messages ``first`` <= i < ``end`` are the block's own; those around them are of its neighbours."""
-
-    path: Path
-    size: int
-    data: bytes
-    formats: Formats
-    found: Walked
-    first: int
-    end: int
-    is_last: bool
-    damaged: int
-    share_read: float
-    """Of the file, up to the end of this block."""
+def _boot(path: Path, size: int, boot: int, rows: _Rows, found: Walked) -> Dataflash:
+    """What holds for all stretches of a boot."""
+    integers = frozenset((kind.name, f) for kind in rows.formats.kinds for f in kind.whole)
+    texts, parameters = tuple(rows.texts()), rows.parameters()
+    kinds = rows.messages(_SPARSE)
+    return Dataflash(path, size, boot, kinds, texts, parameters, integers, {}, found.skipped, size - found.rest)
 
 
-def _boots(block: _Block, boots: list[_Boot]) -> Iterator[Part]:
-    """The parts of a block; ``boots`` holds the one that goes on from the block before, if there is one."""
-    bounds = [0, *(b for b in block.found.begins if b > 0), len(block.found.offsets)]
-    for first, end in itertools.pairwise(bounds):
-        if end <= block.first or first >= block.end:
-            continue
-        if not boots or (first > 0 and first >= block.first):
-            boots[:] = [_Boot(boots[-1].number + 1 if boots else 0)]
-        yield _part(block, first, end, boots[-1])
-
-
-def _part(block: _Block, first: int, end: int, boot: _Boot) -> Part:
-    """The part of a block that is of one boot: messages ``first`` <= i < ``end``."""
-    offsets, numbers = block.found.offsets[first:end], block.found.kinds[first:end]
-    own = (offsets >= _offset(block, block.first)) & (offsets < _offset(block, block.end))
-    clock = _clock(block, offsets, numbers)
-    named: dict[str, list[Messages]] = {}
-    whole: set[tuple[str, str]] = set()
-    for number in np.unique(numbers).tolist():
-        kind = block.formats.kinds[number]
-        if kind.dtype is None or kind.name not in _KINDS | {"PARM", "MSG"}:
-            continue
-        rows = numbers == number
-        if kind.name not in _KINDS or kind.name in _SPARSE:
-            rows &= own  # kept from block to block
-        if not rows.any():
-            continue
-        content = records(block.data, kind, offsets[rows])
-        t_s = _times(content, kind, offsets[rows], clock)
-        if kind.name == "PARM":
-            _add_parameters(boot.parameters, content)
-        elif kind.name == "MSG" and _kind_of(content, "Message") in _TEXT:
-            boot.texts += zip(t_s.tolist(), map(_text, content["Message"]), strict=True)
-        elif kind.name != "MSG":
-            target = boot.sparse if kind.name in _SPARSE else named
-            target.setdefault(kind.name, []).append(Messages(kind.name, believable(t_s), _fields(content, kind)))
-            whole |= {(kind.name, f) for f in kind.whole}
-    start_s, end_s = boot.until_s, math.inf
-    if not block.is_last and end > block.end:
-        boot.until_s = end_s = _time_before(clock, _offset(block, block.end))
-    if math.isnan(boot.origin_s) and len(clock.t_s):
-        boot.origin_s = float(clock.t_s[0])
-    counts = Counter(block.formats.kinds[k].name for k in numbers[own].tolist())
-    kinds = {name: _joined(name, parts) for name, parts in {**named, **boot.sparse}.items()}
-    data = Dataflash(
-        block.path, block.size, boot.number, kinds, tuple(boot.texts), dict(boot.parameters), frozenset(whole), counts,
-        block.damaged, len(block.data) - block.found.rest if block.is_last else 0,
-    )  # fmt: skip
-    return Part(data, start_s, end_s, boot.origin_s, block.share_read)
-
-
-def _offset(block: _Block, number: int) -> int:
-    offsets = block.found.offsets
-    return int(offsets[number]) if number < len(offsets) else len(block.data)
-
-
-@dataclass(frozen=True)
-class _Clock:
-    """Stamps of the messages that are read, in file order: offsets (n,), times (n,) [s]."""
-
-    offsets: NDArray[np.int64]
-    t_s: Array
-
-
-def _clock(block: _Block, offsets: NDArray[np.int64], numbers: NDArray[np.int16]) -> _Clock:
-    places, times = [], []
-    for number in np.unique(numbers).tolist():
-        kind = block.formats.kinds[number]
-        if kind.name in _KINDS and kind.dtype is not None and _stamp_field(kind) is not None:
-            at = offsets[numbers == number]
-            places.append(at)
-            times.append(_stamps(records(block.data, kind, at), kind))
-    if not places:
-        return _Clock(np.empty(0, np.int64), np.empty(0))
-    place, t_s = np.concatenate(places), np.concatenate(times)
-    order = np.argsort(place)
-    return _Clock(place[order], t_s[order])
+def _stretches(whole: Dataflash, rows: _Rows, block_bytes: int) -> Iterator[Part]:
+    """A boot in stretches, each with a margin of its neighbours."""
+    offsets = rows.offsets
+    margin = min(tlog_blocks.MARGIN_BYTES, block_bytes // 2)
+    begins = range(int(offsets[0]), int(offsets[-1]) + 1, min(block_bytes, whole.bytes))
+    cuts = sorted({*np.searchsorted(offsets, begins).tolist(), len(offsets)})
+    until_s, origin_s = -math.inf, math.nan
+    for first, end in itertools.pairwise(cuts):
+        near = np.searchsorted(offsets, (offsets[first] - margin, offsets[end - 1] + margin)).tolist()
+        part = rows.part(*near)
+        place, t_s = part.clock
+        start_s, until_s = until_s, math.inf
+        if end < len(offsets):
+            i = int(np.searchsorted(place, offsets[end]))
+            until_s = float(np.median(t_s[max(i - _MIDDLE_OF, 0) : i])) if i else math.inf
+        if math.isnan(origin_s) and len(t_s):
+            origin_s = float(t_s[0])
+        counts = Counter(rows.formats.kinds[k].name for k in rows.kinds[first:end].tolist())
+        data = replace(whole, kinds={**whole.kinds, **part.messages(_KINDS - _SPARSE)}, counts=counts)
+        yield Part(data, start_s, until_s, origin_s, int(offsets[end - 1]) / whole.bytes)
 
 
 def _stamp_field(kind: Kind) -> str | None:
@@ -211,22 +189,6 @@ def _stamps(content: NDArray[Any], kind: Kind) -> Array:
     name = _stamp_field(kind)
     assert name is not None
     return np.asarray(content[name], float) / (1e6 if name == "TimeUS" else 1e3)
-
-
-def _times(content: NDArray[Any], kind: Kind, offsets: NDArray[np.int64], clock: _Clock) -> Array:
-    """Boot times [s]; a message without a stamp is as old as the message before it."""
-    if _stamp_field(kind) is not None:
-        return _stamps(content, kind)
-    before = np.searchsorted(clock.offsets, offsets) - 1
-    if not len(clock.t_s):
-        return np.full(len(offsets), np.nan)
-    return np.where(before >= 0, clock.t_s[np.maximum(before, 0)], np.nan)
-
-
-def _time_before(clock: _Clock, offset: int) -> float:
-    """Time of a place in the file: median of some messages before it."""
-    i = int(np.searchsorted(clock.offsets, offset))
-    return float(np.median(clock.t_s[max(i - _MIDDLE_OF, 0) : i])) if i else math.inf
 
 
 def _fields(content: NDArray[Any], kind: Kind) -> dict[str, NDArray[Any]]:
@@ -251,14 +213,6 @@ def _joined(name: str, parts: list[Messages]) -> Messages:
 def _kind_of(content: NDArray[Any], field: str) -> str:
     """numpy's letter for what a field holds; "" where there is none of that name, as in a damaged declaration."""
     return content.dtype[field].kind if field in (content.dtype.names or ()) else ""
-
-
-def _add_parameters(out: dict[str, float], content: NDArray[Any]) -> None:
-    if _kind_of(content, "Name") not in _TEXT or _kind_of(content, "Value") not in _NUMBER:
-        return
-    for name, value in zip(content["Name"], content["Value"].tolist(), strict=True):
-        if math.isfinite(value):
-            out[_text(name)] = float(value)
 
 
 def _text(raw: bytes) -> str:

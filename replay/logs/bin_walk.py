@@ -9,6 +9,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from mmap import mmap
 from typing import Any
 
 import numpy as np
@@ -102,8 +103,8 @@ class Walked:
     """Numbers of the messages with which a log begins."""
 
 
-def walk(data: bytes, formats: Formats, *, whole: bool) -> Walked:
-    """All messages of ``data``; ``whole`` False: more bytes follow. Declarations are added to ``formats``."""
+def walk(data: bytes | mmap, formats: Formats) -> Walked:
+    """All messages of a log. Declarations are added to ``formats``."""
     offsets, kinds = array("q"), array("h")
     begins: list[int] = []
     current, n, i, skipped = formats.current, len(data), 0, 0
@@ -113,12 +114,8 @@ def walk(data: bytes, formats: Formats, *, whole: bool) -> Walked:
         length = lengths[number] if data[i] == HEAD[0] and data[i + 1] == HEAD[1] else 0
         if length == 0:
             found = _next(data, i + 1, lengths)
-            if found < 0:
-                rest = n if whole else max(n - 2, i)
-                skipped += rest - i
-                return Walked(_numbers(offsets), _kinds(kinds), rest, skipped, tuple(begins))
-            skipped += found - i
-            i = found
+            skipped += (n if found < 0 else found) - i
+            i = n if found < 0 else found
             continue
         if i + length > n:
             break
@@ -129,7 +126,7 @@ def walk(data: bytes, formats: Formats, *, whole: bool) -> Walked:
         offsets.append(i)
         kinds.append(current[number])
         i += length
-    return Walked(_numbers(offsets), _kinds(kinds), min(i, n), skipped, tuple(begins))
+    return Walked(np.array(offsets, np.int64), np.array(kinds, np.int16), i, skipped, tuple(begins))
 
 
 def _lengths(formats: Formats) -> list[int]:
@@ -137,7 +134,7 @@ def _lengths(formats: Formats) -> list[int]:
     return [formats.kinds[k].length if k >= 0 else 0 for k in formats.current]
 
 
-def _next(data: bytes, i: int, lengths: list[int]) -> int:
+def _next(data: bytes | mmap, i: int, lengths: list[int]) -> int:
     """Place of the next first bytes of a declared message, or -1."""
     while (i := data.find(HEAD, i)) >= 0:
         if i + 2 >= len(data) or lengths[data[i + 2]]:
@@ -146,15 +143,7 @@ def _next(data: bytes, i: int, lengths: list[int]) -> int:
     return -1
 
 
-def _numbers(offsets: array[int]) -> NDArray[np.int64]:
-    return np.frombuffer(offsets, np.int64) if offsets else np.empty(0, np.int64)
-
-
-def _kinds(kinds: array[int]) -> NDArray[np.int16]:
-    return np.frombuffer(kinds, np.int16) if kinds else np.empty(0, np.int16)
-
-
-def records(data: bytes, kind: Kind, offsets: NDArray[np.int64]) -> NDArray[Any]:
+def records(data: bytes | mmap, kind: Kind, offsets: NDArray[np.int64]) -> NDArray[Any]:
     """The messages of one kind at ``offsets`` (n,) as a structured array (n,)."""
     assert kind.dtype is not None
     raw = sliding_window_view(np.frombuffer(data, np.uint8), kind.length)[offsets]

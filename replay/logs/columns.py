@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.mavlink.range_beams import range_verdict
-from companion.mavlink.samples import RangeVerdict
 from models.errors import LogError
 from models.frames import GRAVITY, Array, quaternion_of_halves
 from replay.flightlog import Beam, ImuRecord, Interval, MessageCount, Series
@@ -34,19 +34,22 @@ _STEP_SAMPLES = 20_000
 """Samples that show a grid; more change nothing."""
 
 
+@dataclass(frozen=True)
 class Messages:
     """All messages of one kind: boot times (n,) and fields (n,) by name; a field that this version lacks is NaN."""
 
-    def __init__(self, name: str, t_s: Array, data: Mapping[str, NDArray[Any]]) -> None:
-        self.name = name
-        self.t_s = t_s
-        self.data = data
+    name: str
+    t_s: Array
+    data: Mapping[str, NDArray[Any]]
 
     def __len__(self) -> int:
         return len(self.t_s)
 
     def __contains__(self, field: str) -> bool:
         return field in self.data
+
+    def __getitem__(self, field: str) -> NDArray[Any]:
+        return self.data[field]
 
     def column(self, field: str) -> Array:
         """One field (n,)."""
@@ -111,7 +114,8 @@ def range_beam(
     low, high = limits if limits[1] > 0.0 else (math.nan, math.nan)
     quality = np.zeros(len(distance), int) if quality is None else quality
     step_m = smallest_step(distance) if step_m is None else step_m
-    verdicts = verdicts_of(distance, low, high, quality)
+    pairs = zip(distance.tolist(), quality.tolist(), strict=True)
+    verdicts = tuple(range_verdict(value, low, high, int(q), True) for value, q in pairs)
     return Beam(direction, *sensor, readings.source, readings, verdicts, low, high, sigma_m, step_m)
 
 
@@ -136,17 +140,6 @@ def clipped_at_extreme(values: Array) -> int:
             hits = int((known == known.max()).sum())
             total += hits if hits >= _CLIP_HITS else 0
     return total
-
-
-def verdicts_of(distance: Array, low: float, high: float, quality: NDArray[Any]) -> tuple[RangeVerdict, ...]:
-    """``range_verdict`` of every reading (n,); readings repeat, so each kind is judged once."""
-    judged: dict[tuple[float, int], RangeVerdict] = {}
-    out = []
-    for key in zip(distance.tolist(), quality.tolist(), strict=True):
-        if key not in judged:
-            judged[key] = range_verdict(key[0], low, high, int(key[1]), True)
-        out.append(judged[key])
-    return tuple(out)
 
 
 def tidy(t_s: Array, values: Array, source: str) -> Series | None:

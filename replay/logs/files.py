@@ -16,11 +16,6 @@ _HEAD = 6
 """Bytes that tell a compressed file."""
 
 
-def read_bytes(path: Path) -> bytes:
-    """Everything in the file. Raises LogError where it cannot be read, is empty or compressed."""
-    return _read(path, -1)
-
-
 def open_file(path: Path) -> BinaryIO:
     """The file, open at its begin. Raises LogError where it cannot be read, is empty or compressed."""
     _read(path, _HEAD)

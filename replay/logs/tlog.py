@@ -18,11 +18,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from companion.mavlink.dialect import MESSAGES
-from companion.mavlink.frame_batch import walk_file
 from companion.mavlink.frames import V2, Counts, frame_bytes
 from companion.mavlink.wire_format import wire_format
 from models.errors import LogError
-from replay.logs.files import read_bytes
 
 AUTOPILOT, GROUND_STATION = 1, 190
 """MAV_COMP_ID_AUTOPILOT1, MAV_COMP_ID_MISSIONPLANNER."""
@@ -149,20 +147,6 @@ class Tlog:
 def message_name(message_id: int) -> str:
     """Name of a message, ``UNKNOWN_n`` where the dialect has none."""
     return str(MESSAGES[message_id].msgname) if message_id in MESSAGES else f"UNKNOWN_{message_id}"
-
-
-def read_tlog(path: Path | str) -> Tlog:
-    """Read and walk a whole file. Raises LogError where it cannot be read, is empty, or holds no MAVLink frame.
-
-    Memory is about twice the file's size; ``tlog_blocks.py`` reads large ones in blocks.
-    """
-    path = Path(path)
-    data = read_bytes(path)
-    counts = Counts()
-    starts, rest = walk_file(data, counts, STAMP)
-    if not starts:
-        raise no_frame(path)
-    return tlog_of(path, data, starts, Report.of(counts, len(data), len(data) - rest))
 
 
 def no_frame(path: Path) -> LogError:

@@ -22,6 +22,7 @@ from models.errors import LogError
 from models.frames import Array
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, LogSummary, Series
 from replay.logs.columns import (
+    Messages,
     imu_record,
     message_counts,
     quaternions,
@@ -43,6 +44,8 @@ _WIRE_STEP_M = 1.0 / PER_SI["cm"]
 _STAMPED = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "SCALED_IMU", "SCALED_PRESSURE", "SCALED_IMU2")
 """Messages on the boot clock that show how long the vehicle was there."""
 _DOWN, _DOWNWARD = (0.0, 0.0, 1.0), 25
+_OF_ESC = ("rpm", "temperature", "voltage", "current")
+"""Quantities of an ``EscRecord``, in its order."""
 _LEAST_MOVING = 0.02
 """Share of ESC samples whose packet count moves, below which a count is not kept at all."""
 
@@ -129,28 +132,6 @@ def _piece(
     return Piece(boot, start_s, end_s, seam.origin_s, block.share_read)
 
 
-class _Table:
-    """All messages of one kind, of one boot: times, senders and quantities in SI."""
-
-    def __init__(self, name: str, t_s: Array, component: NDArray[np.uint8], values: dict[str, NDArray[Any]]) -> None:
-        self.name = name
-        self.t_s = t_s
-        self.component = component
-        self.values = values
-
-    def __len__(self) -> int:
-        return len(self.t_s)
-
-    def __getitem__(self, quantity: str) -> NDArray[Any]:
-        return self.values[quantity]
-
-    def where(self, mask: NDArray[np.bool_]) -> _Table:
-        return _Table(self.name, self.t_s[mask], self.component[mask], {k: v[mask] for k, v in self.values.items()})
-
-    def series(self, quantity: str, source: str = "") -> Series | None:
-        return tidy(self.t_s, self[quantity], source or self.name)
-
-
 class _Boot:
     """Builds one FlightLog."""
 
@@ -159,18 +140,18 @@ class _Boot:
         self._parameters = parameters
         self._notes = [*log.report.notes(), *choice.notes()]
 
-    def _table(self, name: str, *, foreign: bool = False) -> _Table:
+    def _table(self, name: str, *, foreign: bool = False) -> Messages:
         """Messages of the vehicle, or (``foreign``) of everyone."""
         layout = LAYOUTS[_IDS[name]]
         index = self._log.indices(layout.id, None if foreign else self._choice.system)
         records = self._log.records(layout.id, index)
         stamps = None if layout.stamp is None else records[layout.stamp_field]
         times = self._axis.times(layout, index, stamps)
-        return _Table(name, times, self._log.component[index], columns(layout, records))
+        return Messages(name, times, {**columns(layout, records), "component": self._log.component[index]})
 
-    def _autopilot(self, name: str) -> _Table:
+    def _autopilot(self, name: str) -> Messages:
         table = self._table(name)
-        return table.where(table.component == AUTOPILOT)
+        return table.where(table["component"] == AUTOPILOT)
 
     def flightlog(self, counts: Counter[tuple[int, int, int]]) -> FlightLog:
         """All columns; ``counts`` of the messages, for the summary."""
@@ -194,8 +175,8 @@ class _Boot:
             autopilot=int(beats["autopilot"][-1]) if len(beats) else None,
             attitude=attitude,
             rates=rates,
-            position=position.series("position"),
-            velocity=position.series("velocity"),
+            position=position.series(position["position"]),
+            velocity=position.series(position["velocity"]),
             imus=self._imus(vibration),
             beams=self._beams(),
             escs=self._escs(),
@@ -203,11 +184,11 @@ class _Boot:
             servo_ports=servos,
             battery=self._battery(),
             pressure=self._pressure(),
-            thrust_command=target.series("thrust"),
-            attitude_target=tidy(target.t_s, unflipped(target["q"]), target.name),
-            commands=tidy(command.t_s, np.hstack([unflipped(command["q"]), command["thrust"]]), command.name),
+            thrust_command=target.series(target["thrust"]),
+            attitude_target=target.series(unflipped(target["q"])),
+            commands=command.series(np.hstack([unflipped(command["q"]), command["thrust"]])),
             wind=self._wind(),
-            vibration=vibration.series("level"),
+            vibration=vibration.series(vibration["level"]),
             armed=self._armed(beats, end),
             modes=runs(beats.t_s, beats["custom_mode"], end),
             landed=self._landed(end),
@@ -231,15 +212,15 @@ class _Boot:
     def _attitude(self) -> tuple[Series | None, Series | None]:
         euler, direct = self._autopilot("ATTITUDE"), self._autopilot("ATTITUDE_QUATERNION")
         table, q = (direct, direct["q"]) if len(direct) >= len(euler) else (euler, quaternions(euler["euler"]))
-        return tidy(table.t_s, unflipped(q), table.name), table.series("rates")
+        return table.series(unflipped(q)), table.series(table["rates"])
 
-    def _imus(self, vibration: _Table) -> tuple[ImuRecord, ...]:
+    def _imus(self, vibration: Messages) -> tuple[ImuRecord, ...]:
         out = []
         for name in ("HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3"):
             table = self._autopilot(name)
-            sensors = np.unique(table["id"]) if "id" in table.values else np.zeros(1, int)
+            sensors = np.unique(table["id"]) if "id" in table else np.zeros(1, int)
             for sensor in sensors:
-                one = table.where(table["id"] == sensor) if "id" in table.values else table
+                one = table.where(table["id"] == sensor) if "id" in table else table
                 number = {"SCALED_IMU2": 1, "SCALED_IMU3": 2}.get(name, int(sensor))
                 record = self._imu(one, f"{name}:{sensor}" if sensor else name, vibration, number)
                 if record is not None:
@@ -247,14 +228,14 @@ class _Boot:
         # Float before quantised, then by rate.
         return tuple(sorted(out, key=lambda r: (r.force_step > 0.0, -len(r.specific_force))))
 
-    def _imu(self, table: _Table, source: str, vibration: _Table, number: int) -> ImuRecord | None:
+    def _imu(self, table: Messages, source: str, vibration: Messages, number: int) -> ImuRecord | None:
         force, gyro = table["force"].copy(), table["gyro"].copy()
-        if "fields_updated" in table.values:
+        if "fields_updated" in table:
             updated = table["fields_updated"].astype(np.int64)[:, None] >> np.arange(6) & 1
             force[updated[:, :3] == 0] = np.nan
             gyro[updated[:, 3:] == 0] = np.nan
-        forces, gyros = tidy(table.t_s, force, source), tidy(table.t_s, gyro, source)
-        counter = vibration.values.get(f"clipping_{number}") if number < 3 else None
+        forces, gyros = table.series(force, source), table.series(gyro, source)
+        counter = vibration.data.get(f"clipping_{number}")
         # The counter runs from boot; what counts is how far it went in this record.
         counted = 0 if counter is None else int(np.maximum(np.diff(counter.astype(np.int64)), 0).sum())
         return imu_record(source, forces, gyros, counted, None if table.name == "HIGHRES_IMU" else _WIRE_STEP)
@@ -264,13 +245,13 @@ class _Boot:
         table = self._table("RANGEFINDER")
         limits = next((b for b in out if b.name == "down"), None)
         low, high = (limits.min_m, limits.max_m) if limits else (math.nan, math.nan)
-        distance = table.series("distance")
+        distance = table.series(table["distance"])
         if distance is not None:
             out.append(range_beam(_DOWN, (AUTOPILOT, 0, _DOWNWARD), distance, (low, high)))
         return tuple(out)
 
-    def _distance_beams(self, table: _Table) -> Iterable[Beam]:
-        keys = np.stack([table.component, table["id"], table["orientation"]], axis=-1)
+    def _distance_beams(self, table: Messages) -> Iterable[Beam]:
+        keys = np.stack([table["component"], table["id"], table["orientation"]], axis=-1)
         for component, sensor, orientation in np.unique(keys, axis=0):
             one = table.where((keys == (component, sensor, orientation)).all(axis=1))
             q = one["q"][np.argmax(np.isfinite(one["q"]).all(axis=1) & (np.abs(one["q"]).sum(axis=1) > 0.5))]
@@ -294,65 +275,42 @@ class _Boot:
             )
 
     def _escs(self) -> dict[int, EscRecord]:
-        speeds: dict[int, list[Series]] = {}
-        health: dict[str, dict[int, list[Series]]] = {"temperature": {}, "voltage": {}, "current": {}}
+        found: dict[tuple[int, str], list[Series]] = {}
+
+        def add(esc: int, table: Messages, slot: int, names: Iterable[str], rows: NDArray[np.bool_]) -> None:
+            for name in names if rows.any() else ():
+                own = Series(table.t_s[rows], table[name][rows, slot], table.name)
+                found.setdefault((esc, name), []).append(own)
+
         for first in range(1, 30, 4):
             table = self._table(f"ESC_TELEMETRY_{first}_TO_{first + 3}")
             for slot in range(4):
-                alive = _fresh(table["count"][:, slot], table["rpm"][:, slot])
-                if not alive.any():
-                    continue
-                esc = first + slot
-                speeds.setdefault(esc, []).append(Series(table.t_s[alive], table["rpm"][alive, slot], table.name))
-                for name, by_esc in health.items():
-                    by_esc.setdefault(esc, []).append(Series(table.t_s[alive], table[name][alive, slot], table.name))
-        self._px4_escs(speeds, health)
-        if not speeds:
-            self._rpm_sensors(speeds)
+                add(first + slot, table, slot, _OF_ESC, _fresh(table["count"][:, slot], table["rpm"][:, slot]))
+        for kind, names in (("ESC_STATUS", ("rpm", "voltage", "current")), ("ESC_INFO", ("temperature",))):
+            table = self._table(kind)
+            for first, slot in itertools.product(np.unique(table["index"]).tolist(), range(4)):
+                own = table["index"] == first
+                known = table[names[0]][own, slot]
+                if (np.isfinite(known) if kind == "ESC_INFO" else np.nan_to_num(known)).any():
+                    add(int(first) + slot + 1, table, slot, names, own)
+        if not any(name == "rpm" for _, name in found):
+            # RAW_RPM and RPM: rotor sensors by number, where no ESC reports a speed.
+            table = self._table("RAW_RPM")
+            for number in np.unique(table["index"]).tolist():
+                add(int(number) + 1, table, 0, ("rpm",), table["index"] == number)
+            pair = self._table("RPM")
+            for slot in range(2):
+                rows = pair["rpm"][:, slot] >= 0.0
+                if pair["rpm"][rows, slot].any() and (slot + 1, "rpm") not in found:
+                    add(slot + 1, pair, slot, ("rpm",), rows)
         # A speed controller may report its temperature and no speed.
-        return {
-            esc: EscRecord(_joined(speeds.get(esc, [])), *[_joined(by_esc.get(esc, [])) for by_esc in health.values()])
-            for esc in sorted({*speeds, *health["temperature"]})
-        }
-
-    def _px4_escs(
-        self,
-        speeds: dict[int, list[Series]],
-        health: dict[str, dict[int, list[Series]]],
-    ) -> None:
-        table = self._table("ESC_STATUS")
-        for first in np.unique(table["index"]):
-            one = table.where(table["index"] == first)
-            for slot in range(4):
-                if not np.nan_to_num(one["rpm"][:, slot]).any():
-                    continue
-                esc = int(first) + slot + 1
-                speeds.setdefault(esc, []).append(Series(one.t_s, one["rpm"][:, slot], one.name))
-                for name in ("voltage", "current"):
-                    health[name].setdefault(esc, []).append(Series(one.t_s, one[name][:, slot], one.name))
-        info = self._table("ESC_INFO")
-        for first in np.unique(info["index"]):
-            one = info.where(info["index"] == first)
-            for slot in range(4):
-                warm = one["temperature"][:, slot]
-                if np.isfinite(warm).any():
-                    health["temperature"].setdefault(int(first) + slot + 1, []).append(Series(one.t_s, warm, one.name))
-
-    def _rpm_sensors(self, speeds: dict[int, list[Series]]) -> None:
-        """RPM and RAW_RPM: rotor sensors by number, where no ESC reports a speed."""
-        raw = self._table("RAW_RPM")
-        for index in np.unique(raw["index"]):
-            one = raw.where(raw["index"] == index)
-            speeds.setdefault(int(index) + 1, []).append(Series(one.t_s, one["rpm"][:, 0], one.name))
-        pair = self._table("RPM")
-        for slot in range(2):
-            rpm = np.where(pair["rpm"][:, slot] >= 0.0, pair["rpm"][:, slot], np.nan)
-            if np.nan_to_num(rpm).any() and slot + 1 not in speeds:
-                speeds[slot + 1] = [Series(pair.t_s, rpm, pair.name)]
+        numbers = sorted({esc for esc, name in found if name in ("rpm", "temperature")})
+        return {esc: EscRecord(*(_joined(found.get((esc, name), [])) for name in _OF_ESC)) for esc in numbers}
 
     def _servos(self) -> dict[int, Series]:
         table = self._autopilot("SERVO_OUTPUT_RAW")
-        ports = {int(p): table.where(table["port"] == p).series("pwm") for p in np.unique(table["port"])}
+        own = {int(p): table.where(table["port"] == p) for p in np.unique(table["port"])}
+        ports = {port: messages.series(messages["pwm"]) for port, messages in own.items()}
         return {port: series for port, series in ports.items() if series is not None}
 
     def _battery(self) -> Series | None:
@@ -361,31 +319,32 @@ class _Boot:
         cells = np.hstack([table["cells"], table["more_cells"]])
         voltage = np.nansum(cells, axis=1)
         voltage[~(voltage > 0.0)] = np.nan
-        series = tidy(table.t_s, np.stack([voltage, table["current"][:, 0]], axis=-1), table.name)
+        series = table.series(np.stack([voltage, table["current"][:, 0]], axis=-1))
         if series is not None:
             return series
         status = self._autopilot("SYS_STATUS")
         voltage = np.where(status["voltage"] > 0.0, status["voltage"], np.nan)
-        return tidy(status.t_s, np.hstack([voltage, status["current"]]), status.name)
+        return status.series(np.hstack([voltage, status["current"]]))
 
     def _pressure(self) -> Series | None:
         for name in ("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3"):
             table = self._autopilot(name)
-            series = tidy(table.t_s, np.hstack([table["pressure"], table["temperature"]]), name)
+            series = table.series(np.hstack([table["pressure"], table["temperature"]]))
             if series is not None:
                 return series
         return None
 
     def _wind(self) -> Series | None:
-        series = self._autopilot("WIND_COV").series("wind")
+        estimate = self._autopilot("WIND_COV")
+        series = estimate.series(estimate["wind"])
         if series is not None:
             return series
         table = self._autopilot("WIND")
         speed, direction = table["speed"], table["direction"][:, 0]
         to = np.stack([-speed[:, 0] * np.cos(direction), -speed[:, 0] * np.sin(direction), speed[:, 1]], axis=-1)
-        return tidy(table.t_s, to, table.name)
+        return table.series(to)
 
-    def _armed(self, beats: _Table, end: float) -> tuple[Interval, ...]:
+    def _armed(self, beats: Messages, end: float) -> tuple[Interval, ...]:
         armed = beats["base_mode"].astype(np.int64) >> 7 & 1
         return tuple(i for i in runs(beats.t_s, armed, end) if i.value)
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter, defaultdict
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.sample_builders import parameter_value
@@ -35,8 +36,8 @@ class _System:
     speeds_sent: bool = False
     turned: bool = False
     """A rotor speed above 0."""
-    servo_low: list[int] = field(default_factory=lambda: [1 << 16] * _SERVO_COUNT)
-    servo_high: list[int] = field(default_factory=lambda: [-1] * _SERVO_COUNT)
+    servo_low: int | NDArray[np.int64] = 1 << 16
+    servo_high: int | NDArray[np.int64] = -1
     motion: int = 0
     """Frames that tell of motion."""
 
@@ -47,7 +48,7 @@ class _System:
             return False
         if self.speeds_sent:
             return self.turned
-        return any(h - low > _IDLE_US for low, h in zip(self.servo_low, self.servo_high, strict=True))
+        return bool(np.any(self.servo_high - self.servo_low > _IDLE_US))
 
 
 class Census:
@@ -91,10 +92,9 @@ class Census:
         outputs = log.records(_SERVOS, index)
         for number in np.unique(log.system[index]).tolist():
             one, own = self._systems[number], outputs[log.system[index] == number]
-            for k in range(_SERVO_COUNT):
-                values = own[f"servo{k + 1}_raw"]
-                one.servo_low[k] = min(one.servo_low[k], int(values.min()))
-                one.servo_high[k] = max(one.servo_high[k], int(values.max()))
+            values = np.stack([own[f"servo{k + 1}_raw"] for k in range(_SERVO_COUNT)]).astype(np.int64)
+            one.servo_low = np.minimum(one.servo_low, values.min(axis=1))
+            one.servo_high = np.maximum(one.servo_high, values.max(axis=1))
 
     def _add_parameters(self, log: Tlog) -> None:
         index = log.indices(_PARAM_VALUE)

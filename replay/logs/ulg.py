@@ -155,6 +155,11 @@ def _topic(name: str, data: dict[str, NDArray[Any]]) -> Messages:
     return Messages(name, believable(np.where(stamp > 0, stamp, data["timestamp"]).astype(float) / 1e6), data)
 
 
+def _last(topic: Messages, field: str, missing: int) -> int:
+    """The last value of a whole-number field; ``missing`` where there is none."""
+    return int(np.nan_to_num(topic.column(field)[-1], nan=missing)) if len(topic) else missing
+
+
 class _Reader:
     """Builds one FlightLog."""
 
@@ -171,12 +176,13 @@ class _Reader:
             lost = sum(d.duration for d in log.dropouts) / 1000.0
             self._notes.append(f"{len(log.dropouts)} dropouts of the logger, {lost:.1f} s in all")
 
-    def _first(self, name: str) -> Messages | None:
-        return next(iter(self._topics.get(name, [])), None)
+    def _first(self, name: str) -> Messages:
+        """The first instance of a topic; an empty one where the log has none."""
+        return next(iter(self._topics.get(name, [])), Messages(name, np.empty(0), {}))
 
     def _series(self, name: str, *fields: str) -> Series | None:
         topic = self._first(name)
-        return None if topic is None else topic.series(topic.columns(*fields))
+        return topic.series(topic.columns(*fields))
 
     def flightlog(self) -> FlightLog:
         """All columns."""
@@ -189,13 +195,13 @@ class _Reader:
         position, velocity = self._position()
         return FlightLog(
             path=self._path,
-            system=1 if status is None else int(np.nan_to_num(status.columns("system_id")[-1, 0], nan=1.0)),
+            system=_last(status, "system_id", 1),
             boot=0,
             start_s=start,
             end_s=end,
-            vehicle_type=None if status is None else int(np.nan_to_num(status.columns("system_type")[-1, 0])),
+            vehicle_type=_last(status, "system_type", 0) if len(status) else None,
             autopilot=_PX4,
-            attitude=None if attitude is None else attitude.series(unflipped(attitude.array("q", 4))),
+            attitude=attitude.series(unflipped(attitude.array("q", 4))),
             rates=self._series("vehicle_angular_velocity", "xyz[0]", "xyz[1]", "xyz[2]"),
             position=position,
             velocity=velocity,
@@ -206,11 +212,11 @@ class _Reader:
             servo_ports=servos,
             battery=self._battery(),
             pressure=self._series("vehicle_air_data", "baro_pressure_pa", "baro_temp_celcius"),
-            thrust_command=None if setpoint is None else setpoint.series(-setpoint.columns("thrust_body[2]")),
-            attitude_target=None if setpoint is None else setpoint.series(unflipped(setpoint.array("q_d", 4))),
+            thrust_command=setpoint.series(-setpoint.columns("thrust_body[2]")),
+            attitude_target=setpoint.series(unflipped(setpoint.array("q_d", 4))),
             wind=self._wind(),
-            armed=() if status is None else self._armed(status, end),
-            modes=() if status is None else self._modes(status, end),
+            armed=self._armed(status, end),
+            modes=self._modes(status, end),
             landed=self._landed(end),
             parameters={k: float(v) for k, v in self._log.initial_parameters.items() if isinstance(v, int | float)},
             texts=tuple(
@@ -247,8 +253,6 @@ class _Reader:
 
     def _position(self) -> tuple[Series | None, Series | None]:
         topic = self._first("vehicle_local_position")
-        if topic is None:
-            return None, None
         position, velocity = topic.columns("x", "y", "z"), topic.columns("vx", "vy", "vz")
         valid = topic.columns("xy_valid", "z_valid", "v_xy_valid", "v_z_valid") > 0.0
         position[~valid[:, 0], :2] = np.nan
@@ -259,8 +263,6 @@ class _Reader:
 
     def _imus(self) -> tuple[ImuRecord, ...]:
         topic = self._first("sensor_combined")
-        if topic is None:
-            return ()
         force, gyro = topic.series(topic.array("accelerometer_m_s2", 3)), topic.series(topic.array("gyro_rad", 3))
         flagged = int((np.nan_to_num(topic.columns("accelerometer_clipping")) > 0.0).sum())
         record = imu_record(topic.name, force, gyro, flagged)
@@ -269,7 +271,7 @@ class _Reader:
     def _beams(self) -> tuple[Beam, ...]:
         out = []
         for number, topic in enumerate(self._topics.get("distance_sensor", [])):
-            orientation = int(np.nan_to_num(topic.columns("orientation")[-1, 0], nan=-1.0))
+            orientation = _last(topic, "orientation", -1)
             q = topic.array("q", 4)[-1]
             direction = beam_direction(orientation, (float(q[0]), float(q[1]), float(q[2]), float(q[3])))
             series = topic.series(topic.columns("current_distance", "signal_quality"))
@@ -289,8 +291,6 @@ class _Reader:
     def _terrain(self) -> tuple[Beam, ...]:
         """Without a rangefinder's own readings: the estimator's height over ground, where it calls it valid."""
         topic = self._first("vehicle_local_position")
-        if topic is None or "dist_bottom" not in topic:
-            return ()
         height = topic.columns("dist_bottom")
         height[~(topic.columns("dist_bottom_valid")[:, 0] > 0.0)] = np.nan
         series = topic.series(height)
@@ -303,14 +303,12 @@ class _Reader:
 
     def _escs(self) -> dict[int, EscRecord]:
         topic = self._first("esc_status")
-        if topic is None:
-            return {}
         out = {}
         for i in range(_ESCS):
             rpm = topic.columns(f"esc[{i}].esc_rpm")
             if not np.nan_to_num(rpm).any():
                 continue
-            function = int(np.nan_to_num(topic.columns(f"esc[{i}].actuator_function")[-1, 0]))
+            function = _last(topic, f"esc[{i}].actuator_function", 0)
             motor = function - _MOTOR_1 + 1 if function in _MOTORS else i + 1
             parts = [
                 topic.series(topic.columns(f"esc[{i}].esc_{name}")) for name in ("temperature", "voltage", "current")
@@ -320,17 +318,13 @@ class _Reader:
 
     def _battery(self) -> Series | None:
         topic = self._first("battery_status")
-        if topic is None:
-            return None
         values = topic.columns("voltage_v", "current_a")
         values[~(values[:, 0] > 0.0), 0] = np.nan
         values[values[:, 1] == -1.0, 1] = np.nan
         return topic.series(values)
 
     def _wind(self) -> Series | None:
-        topic = self._first("wind") or self._first("wind_estimate")
-        if topic is None:
-            return None
+        topic = self._first("wind") if "wind" in self._topics else self._first("wind_estimate")
         horizontal = topic.columns("windspeed_north", "windspeed_east")
         return topic.series(np.hstack([horizontal, np.full((len(horizontal), 1), np.nan)]))
 
@@ -345,8 +339,6 @@ class _Reader:
 
     def _landed(self, end: float) -> tuple[Interval, ...]:
         topic = self._first("vehicle_land_detected")
-        if topic is None:
-            return ()
         return runs(topic.t_s, np.where(topic.columns("landed")[:, 0] > 0.0, _GROUND, _AIR), end)
 
     def _summary(self, span: float) -> LogSummary:

@@ -38,15 +38,12 @@ def add_parser(commands: Any) -> None:
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     # Imported here so that --help answers at once.
-    from replay.command import declared, write_answer
-    from replay.diagnosis.cli import check_target, progress_bar
+    from replay.command import check_targets, declared, fault_lines, progress_bar, write_answer
     from replay.diagnosis.model_faults import model_faults
     from replay.predict.page import page
     from replay.predict.predict import predict
 
-    for option, target in (("--json", a.json), ("--report", a.report)):
-        if target is not None and str(target) != "-":
-            check_target(option, Path(target), folder=option != "--json")
+    check_targets(a.json, report=a.report)
     vehicle, chosen = declared(a.vehicle, a.model)
     folders = [log for log in a.logs if log.is_dir()]
     if folders:
@@ -56,5 +53,5 @@ def run(a: argparse.Namespace) -> int:
     )
     faults = model_faults(answer.records, chosen)
     content = answer.as_json(a.model) | {"log_faults": faults}
-    write_answer(a, content, answer.as_text(), lambda: page(answer, vehicle, faults))
+    write_answer(a, content, [*fault_lines(faults), answer.as_text()], lambda: page(answer, vehicle, faults))
     return 0

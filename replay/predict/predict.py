@@ -15,9 +15,10 @@ from models.frames import AXES, Array
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from replay.diagnosis.amended_model import known_day, learnt_from
-from replay.diagnosis.answer import UNITS, number
+from replay.diagnosis.answer import UNITS
 from replay.diagnosis.diagnose import read_records
 from replay.diagnosis.interval import rms_interval
+from replay.numbers import rounded
 from replay.predict.day import LEARNING_S, Day, learn_day, learning_time
 from replay.residual.record import Record, check_model
 from replay.search.regimes import regimes
@@ -86,28 +87,31 @@ class Prediction:
 
     def as_json(self, model: str | None) -> dict[str, Any]:
         """The JSON that docs/formats.md describes."""
-        return {
-            "logs": list(dict.fromkeys(str(r.path) for r in self.records)),
-            "model": model,
-            "frozen": self.frozen,
-            "duration_s": number(sum(f.seconds for f in self.flights)),
-            "axes": _json(self.axes()),
-            "regimes": [
-                {"regime": name, "seconds": number(seconds), "axes": _json(errors)}
-                for name, (seconds, errors) in self.regimes().items()
-            ],
-            "flights": [
-                {
-                    "log": f.record.name,
-                    "seconds": number(f.seconds),
-                    "learnt_from": f.learnt_from,
-                    "axes": _json(_errors([(f, f.rows)])),
-                    "day": {} if f.day is None else f.day.as_json(),
-                }
-                for f in self.flights
-            ],
-            "notes": list(self.notes),
-        }
+        content: dict[str, Any] = rounded(
+            {
+                "logs": list(dict.fromkeys(str(r.path) for r in self.records)),
+                "model": model,
+                "frozen": self.frozen,
+                "duration_s": sum(f.seconds for f in self.flights),
+                "axes": _json(self.axes()),
+                "regimes": [
+                    {"regime": name, "seconds": seconds, "axes": _json(errors)}
+                    for name, (seconds, errors) in self.regimes().items()
+                ],
+                "flights": [
+                    {
+                        "log": f.record.name,
+                        "seconds": f.seconds,
+                        "learnt_from": f.learnt_from,
+                        "axes": _json(_errors([(f, f.rows)])),
+                        "day": {} if f.day is None else f.day.as_json(),
+                    }
+                    for f in self.flights
+                ],
+                "notes": self.notes,
+            }
+        )
+        return content
 
     def as_text(self) -> str:
         """A few lines for a person."""
@@ -176,7 +180,7 @@ def _errors(parts: Sequence[tuple[Predicted, Mask]]) -> dict[str, AxisError]:
             for part in ([(f.without, m) for f, m in judged], [(f.with_effects, m) for f, m in judged])
         )
         block = round(BLOCK_S / judged[0][0].record.step_s)
-        rms, low, high = rms_interval(with_effects, np.ones(len(with_effects), bool), block)
+        rms, low, high = rms_interval(with_effects, block)
         out[AXES[axis]] = AxisError(float(np.sqrt((without**2).mean())), rms, (low, high))
     return out
 
@@ -184,9 +188,9 @@ def _errors(parts: Sequence[tuple[Predicted, Mask]]) -> dict[str, AxisError]:
 def _json(errors: Mapping[str, AxisError]) -> dict[str, Any]:
     return {
         axis: {
-            "rms_without": number(e.without),
-            "rms_with": number(e.with_effects),
-            "interval": [number(v) for v in e.interval],
+            "rms_without": e.without,
+            "rms_with": e.with_effects,
+            "interval": e.interval,
             "unit": UNITS[AXES.index(axis)],
         }
         for axis, e in errors.items()

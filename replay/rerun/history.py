@@ -61,8 +61,7 @@ class History:
         out: list[Span] = []
         for (t_s, *_), reason in zip(self._rows, self._reasons, strict=True):
             if out and (out[-1].reason is reason or t_s - out[-1].start_s < _SHORTEST_S):
-                kept = out[-1].reason if out[-1].reason is reason else reason
-                out[-1] = Span(out[-1].start_s, t_s, kept)
+                out[-1] = Span(out[-1].start_s, t_s, reason)
             else:
                 out.append(Span(out[-1].end_s if out else t_s, t_s, reason))
         return out

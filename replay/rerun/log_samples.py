@@ -34,14 +34,8 @@ _SAME_MESSAGE_S = 0.1
 """Two columns no further apart are taken to come of one message."""
 
 
-def samples_of(log: FlightLog) -> Iterator[Sample]:
-    """Samples in order of time. Heartbeats come once a second, parameters at the start."""
-    yield from _parameters(log, log.parameters, log.start_s)
-    yield from _merged(log, log.start_s)
-
-
 def samples_of_pieces(pieces: Iterable[Piece], *, from_arming: bool = False) -> Iterator[Sample]:
-    """The samples that ``samples_of`` gives of whole boots, in the memory of a piece.
+    """Samples in order of time. Heartbeats come once a second, parameters at the start of a boot.
 
     ``from_arming``: what comes before the vehicle is first armed is left out, but for parameters.
     """

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from html import escape
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from models.pages.document import document, folded, items, table, verdict, write_document
+from models.pages.document import document, folded, items, table, verdict
 from models.pages.svg import Band, Line, figure, keys
 from replay.rerun.history import History
 from replay.rerun.mend import lasted, to_mend
@@ -30,11 +29,6 @@ _ROWS = {
     "h_m": "height [m]", "d_m": "to the wall [m]", "trust": "trust in the model", "lift_n": "lift of the air [N]",
     "side_n": "side force of the air [N]",
 }  # fmt: skip
-
-
-def write_report(directory: Path, report: RunReport, history: History) -> Path:
-    """Write ``report.html`` into ``directory`` (created); raises ConfigError where that fails."""
-    return write_document("--report", directory / "report.html", page(report, history))
 
 
 def page(report: RunReport, history: History) -> str:

@@ -87,10 +87,11 @@ def run(
     asking for decisions, the rest of the log is not replayed.
     Raises LogError in one line where it cannot be read or lacks what every decision needs.
     """
-    source = _of_link if suffix_of(path) == ".tlog" else _of_columns
-    played = source(path, config, target_system, assumed or {}, quiet=quiet, from_arming=from_arming)
+    played = play(path, config, target_system, assumed or {}, quiet=quiet, from_arming=from_arming)
     replay = played.replay
-    summary = _summarised(watch(played.decisions))
+    summary = Summary(dry_run=True)
+    for decision in watch(played.decisions):
+        summary.add(decision)
     _check(path, replay, summary)
     notes = [*played.notes, *_missing(config, replay)]
     assert replay.system is not None
@@ -98,19 +99,31 @@ def run(
 
 
 @dataclass
-class _Played:
+class Played:
     """A log on its way through the pipeline; ``notes`` and ``boots`` are whole when ``decisions`` has ended."""
 
     replay: Replay
     decisions: Iterator[Decision]
     notes: list[str]
     boots: Callable[[], int]
+    """How many there were up to the newest decision."""
+
+
+def play(
+    path: Path, config: PipelineConfig, target: int | None, assumed: Mapping[str, float], *, quiet: bool,
+    from_arming: bool = False, pieces: Iterator[Piece] | None = None,
+) -> Played:  # fmt: skip
+    """Begin to replay a log. ``pieces``: those of a log that is no .tlog, where the caller reads them anyway."""
+    if suffix_of(path) == ".tlog":
+        return _of_link(path, config, target, assumed, quiet=quiet, from_arming=from_arming)
+    pieces = read_pieces(path, target) if pieces is None else pieces
+    return _of_columns(path, config, pieces, assumed, quiet=quiet, from_arming=from_arming)
 
 
 def _of_link(
     path: Path, config: PipelineConfig, target: int | None, assumed: Mapping[str, float], *, quiet: bool,
     from_arming: bool,
-) -> _Played:  # fmt: skip
+) -> Played:  # fmt: skip
     log = TlogFile(path)
     choice = log.census.choose(path, target)
     since = (log.census.armed_at(choice.system) or 0) if from_arming else 0
@@ -119,13 +132,13 @@ def _of_link(
     replay = Replay(config, choice.system, assumed)
     decisions = replay.decisions(_with_progress(log, since, quiet))
     notes = [*log.report.notes(), *choice.notes()]
-    return _Played(replay, decisions, notes, lambda: replay.intake.clock.boot + 1)
+    return Played(replay, decisions, notes, lambda: replay.intake.clock.boot + 1)
 
 
 def _of_columns(
-    path: Path, config: PipelineConfig, target: int | None, assumed: Mapping[str, float], *, quiet: bool,
+    path: Path, config: PipelineConfig, pieces: Iterator[Piece], assumed: Mapping[str, float], *, quiet: bool,
     from_arming: bool,
-) -> _Played:  # fmt: skip
+) -> Played:  # fmt: skip
     """These logs hold no MAVLink: their columns are turned into the samples that a link would have given."""
     from replay.rerun.log_samples import samples_of_pieces
 
@@ -138,19 +151,11 @@ def _of_columns(
             notes.extend(n for n in piece.log.summary.notes if n not in notes)
             yield piece
 
-    pieces = read_pieces(path, target)
     first = next(pieces)
     every = noted(with_progress(path, itertools.chain([first], pieces), "deciding", quiet=quiet))
     replay = Replay(config, first.log.system, assumed)
     decisions = replay.decisions_on(samples_of_pieces(every, from_arming=from_arming))
-    return _Played(replay, decisions, notes, lambda: len(boots))
-
-
-def _summarised(decisions: Iterable[Decision]) -> Summary:
-    summary = Summary(dry_run=True)
-    for decision in decisions:
-        summary.add(decision)
-    return summary
+    return Played(replay, decisions, notes, lambda: len(boots))
 
 
 def _with_progress(log: TlogFile, since: int, quiet: bool) -> Iterator[tuple[int, bytes]]:

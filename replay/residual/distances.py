@@ -21,9 +21,11 @@ from companion.mavlink.samples import RangeVerdict
 from models.air_state import DIRECTIONS
 from models.frames import Array
 from models.vehicle import Vehicle
-from replay.flightlog import Beam, FlightLog, Series
+from replay.flightlog import Beam, FlightLog, Series, best_beam, direction_name
 from replay.residual.grid import Mask
 
+_MEASURED = (RangeVerdict.OK, RangeVerdict.ABOVE_MAX)
+"""Verdicts of a reading that says something."""
 MAX_GAP_S = 0.5
 """Longest gap between two samples that is interpolated: a period of the 2 Hz that are judged."""
 CARRIED_S = 3.0
@@ -37,10 +39,10 @@ def beam_reading(beam: Beam, t: Array, doubted: Mask | None = None) -> Array:
     """
     used = np.ones(len(beam.verdicts), bool) if doubted is None else ~doubted
     times, values = beam.distance.t_s, beam.distance.values
-    near = used & np.array([v is RangeVerdict.OK for v in beam.verdicts], bool)
+    near = used & beam.judged(RangeVerdict.OK)
     good = Series(times[near], values[near])
     out = good.at(t, MAX_GAP_S)[:, 0] if len(good) > 1 else np.full(len(t), np.nan)
-    far = np.array([v is RangeVerdict.ABOVE_MAX for v in beam.verdicts], bool)
+    far = beam.judged(RangeVerdict.ABOVE_MAX)
     known = used & (near | far)
     if known.any():
         usable = times[known]
@@ -58,11 +60,10 @@ def _doubted(beam: Beam, target: str, near_m: float, t: Array, rotation: Array, 
     places = position[index]
     beams = rotation[index] @ np.asarray(beam.direction_frd)
     seen = np.isfinite(places).all(axis=1) & np.isfinite(beams).all(axis=1)
-    slants = np.where([v is RangeVerdict.ABOVE_MAX for v in beam.verdicts], np.inf, beam.distance.values[:, 0])
-    usable = [v in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX) for v in beam.verdicts]
+    slants = np.where(beam.judged(RangeVerdict.ABOVE_MAX), np.inf, beam.distance.values[:, 0])
     out = np.zeros(len(index), bool)
     read = UNREAD
-    for i in np.flatnonzero(usable & seen & ~np.isnan(slants)):
+    for i in np.flatnonzero(beam.judged(*_MEASURED) & seen & ~np.isnan(slants)):
         here = Sighting(float(slants[i]), tuple(places[i].tolist()), tuple(beams[i].tolist()))
         read = doubt(here, read, near_m, target)
         out[i] = read.why is not None
@@ -87,8 +88,6 @@ def _beam_of(log: FlightLog, orientation: int) -> Beam | None:
     wanted = orientation_direction(orientation)
     if wanted is None:
         return None
-    from replay.flightlog import best_beam, direction_name
-
     return best_beam([b for b in log.beams if b.name == direction_name(wanted) and b.name != "other"])
 
 
@@ -109,7 +108,7 @@ def _planes(
     near_m = NO_MATTER_RADII * vehicle.rotor_radius_m
     for sensor in vehicle.watched:
         beam = _beam_of(log, sensor.orientation) if sensor.target == target else None
-        if beam is None or not _ever_measured(beam):
+        if beam is None or not beam.judged(*_MEASURED).any():
             continue
         doubted = _doubted(beam, target, near_m, t + late_s, rotation, position)
         slant = beam_reading(beam, t + late_s, doubted)
@@ -119,10 +118,6 @@ def _planes(
         )
         out.append(_carried(plane, t, position))
     return out
-
-
-def _ever_measured(beam: Beam) -> bool:
-    return any(v in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX) for v in beam.verdicts)
 
 
 def unseen_surfaces(log: FlightLog, vehicle: Vehicle) -> list[str]:

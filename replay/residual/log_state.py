@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 
-from models.air_state import AirState
+from models.air_state import AirState, blank_state
 from models.errors import LogError
 from models.frames import Array
 from models.vehicle import Vehicle
@@ -70,25 +70,18 @@ def raw_state(
         [e.temperature_c.at(t, 5.0)[:, 0] for e in escs if e.temperature_c is not None]
         for escs in (own, log.escs.values())
     )
-    n, fans = len(t), len(vehicle.fans)
-    return AirState(
+    return replace(
+        blank_state((len(t),), len(vehicle.fans), len(vehicle.rotors)),
         time_s=t,
         position_ned=position,
         velocity_ned=velocity,
         rotation=rotation,
         rates=gyro,
         specific_force=force,
-        ranges_m=np.full((n, 6), np.inf),
-        h_m=np.full((n, fans), np.inf),
-        d_m=np.full((n, fans), np.inf),
-        wall_bearing_rad=np.zeros(n),
-        second_d_m=np.full((n, fans), np.inf),
-        second_bearing_rad=np.zeros(n),
-        ceiling_m=np.full((n, fans), np.inf),
         thrust_command=column(log.thrust_command, 0, t, 1.0),
         battery_voltage_v=column(log.battery, 0, t, 10.0),
         battery_current_a=column(log.battery, 1, t, 10.0),
-        esc_temperature_c=np.mean(temperatures or others or [np.full(n, np.nan)], axis=0),
+        esc_temperature_c=np.mean(temperatures or others or [np.full(len(t), np.nan)], axis=0),
         pressure_pa=column(log.pressure, 0, t, 10.0),
         air_temperature_c=column(log.pressure, 1, t, 10.0),
         **rotor_columns(log, vehicle, t, 0.0),

@@ -10,29 +10,6 @@ from models.frames import Array
 Columns = NDArray[np.int64]
 
 
-class Growing:
-    """Columns (n, k) of an array to which more are added behind, with room to spare."""
-
-    def __init__(self, rows: int) -> None:
-        self._room = np.zeros((64, rows))
-        self.count = 0
-
-    @property
-    def x(self) -> Array:
-        """(n, k), every column in one piece of memory."""
-        return self._room[: self.count].T
-
-    def add(self, columns: Array) -> None:
-        """More columns (n, m)."""
-        end = self.count + columns.shape[1]
-        if end > len(self._room):
-            room = np.zeros((2 * end, self._room.shape[1]))
-            room[: self.count] = self.x.T
-            self._room = room
-        self._room[self.count : end] = columns.T
-        self.count = end
-
-
 class Channel:
     """One axis of one flight: residual ``y`` (n,) and columns ``x`` (n, k), both 0 where not valid.
 
@@ -49,17 +26,19 @@ class Channel:
         self.limit = limit
         self.count = int(self.valid.sum())
         self.where = np.empty(0, np.int64)
-        self._columns = Growing(len(y))
+        self._rows = [np.empty((0, len(y)))]
 
     @property
     def x(self) -> Array:
-        """(n, k)."""
-        return self._columns.x
+        """(n, k), every column in one piece of memory."""
+        if len(self._rows) > 1:
+            self._rows = [np.concatenate(self._rows)]
+        return self._rows[0].T
 
     def add(self, columns: Columns, x: Array) -> None:
         """Columns (n, m) of the library with these numbers."""
-        first = self._columns.count
-        self._columns.add(np.where(self.valid[:, None], x, 0.0))
+        first = sum(map(len, self._rows))
+        self._rows.append(np.where(self.valid, x.T, 0.0))
         self.reach(int(columns.max()) + 1)
         self.where[columns] = np.arange(first, first + len(columns))
 

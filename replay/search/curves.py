@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.frames import AXES, Array
+from models.vehicle import Vehicle
 from replay.residual.record import Record
 
 KNOTS = 7
@@ -76,12 +77,17 @@ def curves(records: Sequence[Record]) -> Iterator[Curve]:
                 yield Curve(name, axis, basis, *weight)
 
 
+def answers(channel: str, axis: str, vehicle: Vehicle) -> bool:
+    """Whether a channel answers a disturbance of an axis within the control loop. Vanes do not answer what lifts."""
+    lifts = axis == "Fz" and channel in {f"servo_{vane.servo}" for vane in vehicle.vanes}
+    return channel.startswith(REACTIONS[axis]) and not lifts
+
+
 def _odds_and_share(name: str, axis: str, records: Sequence[Record]) -> tuple[float, float] | None:
     """Odds of a curve and the smallest share that it has to carry; None where there can be none."""
     if axis in SAME_SENSOR.get(name, ()):
         return None
-    vanes = {f"servo_{v.servo}" for v in records[0].context.vehicle.vanes}
-    if name.startswith(REACTIONS[axis]) and not (axis == "Fz" and name in vanes):
+    if answers(name, axis, records[0].context.vehicle):
         return (REACTION_ODDS, REACTION_SHARE) if axis.startswith("F") else None
     if name.startswith(DRIFTS) and all(r.only_answers for r in records):
         return None

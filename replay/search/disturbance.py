@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from scipy.linalg import solve_toeplitz
 
 from models.frames import Array
 from replay.residual.grid import Mask
@@ -29,63 +28,45 @@ NUGGET = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Unit-variance noise: one predictor for every number of samples that went before, up to ``ORDER``."""
+    """Unit-variance noise by its whitening filters.
+
+    ``filters`` (ORDER + 1, ORDER + 1): row k holds (1, -a_1, ..., -a_k, 0, ...) / sqrt(v_k), the weights of a sample
+    and of those before it. a_1 ... a_k is the best linear predictor from the k samples before, v_k its variance.
+    """
 
     slow_s: float
     slow_share: float
-    predictors: tuple[Array, ...]
-    innovations: Array
+    filters: Array
 
     def whiten(self, x: Array, run: NDArray[np.int64]) -> Array:
         """Innovations of unit variance of (n, ...), exact at the start of every run; 0 outside runs (``run`` < 0)."""
-        tail = (1,) * (x.ndim - 1)
+        weights = np.where(run[:, None] >= 0, self.filters[np.minimum(run, ORDER)], 0.0)
         out = np.zeros_like(x)
-        full = run >= ORDER
-        out[ORDER:] = x[ORDER:]
-        for i, a in enumerate(self.predictors[ORDER]):
-            out[ORDER:] -= a * x[ORDER - 1 - i : len(x) - 1 - i]
-        out *= np.where(full, 1.0 / np.sqrt(self.innovations[ORDER]), 0.0).reshape(-1, *tail)
-        for order in range(ORDER):
-            rows = np.flatnonzero(run == order)
-            value = x[rows].copy()
-            for i, a in enumerate(self.predictors[order]):
-                value -= a * x[rows - 1 - i]
-            out[rows] = value / np.sqrt(self.innovations[order])
+        for lag in range(ORDER + 1):
+            out[lag:] += weights[lag:, lag].reshape(-1, *(1,) * (x.ndim - 1)) * x[: len(x) - lag]
         return out
 
     def log_determinant(self, run: NDArray[np.int64]) -> float:
         """Of the covariance of the valid samples, unit variance."""
         order = np.minimum(run[run >= 0], ORDER)
-        return float(np.log(self.innovations[order]).sum())
+        return float(-2.0 * np.log(self.filters[order, 0]).sum())
 
 
-def rows_by_order(run: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Samples that are predicted from 0, 1, ... ``ORDER`` before them."""
-    return [np.flatnonzero(run == order) for order in range(ORDER)] + [np.flatnonzero(run >= ORDER)]
+def whitened_energies(filters: Array, x: Array, run: NDArray[np.int64]) -> Array:
+    """Sum of squares of the innovations of a signal (n,) by the ``filters`` of every spectrum, (spectra,).
 
-
-def lag_products(x: Array, rows: Sequence[NDArray[np.int64]]) -> Array:
-    """Inner products of a signal (n,) with itself at lags 0 to each order, over the ``rows_by_order``, in one row."""
-    windows = sliding_window_view(np.concatenate([np.zeros(ORDER), x]), ORDER + 1)[:, ::-1]
-    out = []
-    for order, at in enumerate(rows):
-        lags = windows[at, : order + 1]
-        out.append((lags.T @ lags).ravel())
-    return np.concatenate(out)
-
-
-@lru_cache(maxsize=8)
-def bank_energy(bank: tuple[Spectrum, ...]) -> Array:
-    """What takes ``lag_products`` of a signal to the sum of squares of its innovations by every spectrum."""
-    parts = []
+    f^T L f for every filter f: L are the inner products of the signal with itself at lags 0 to ``ORDER``, over the
+    samples that the filter is used for.
+    """
+    lags = sliding_window_view(np.concatenate([np.zeros(ORDER), x]), ORDER + 1)[:, ::-1]
+    out = np.zeros(len(filters))
     for order in range(ORDER + 1):
-        f = np.array([[1.0, *-s.predictors[order]] for s in bank])
-        innovations = np.array([s.innovations[order] for s in bank])[:, None]
-        parts.append((f[:, :, None] * f[:, None, :]).reshape(len(bank), -1) / innovations)
-    return np.concatenate(parts, axis=1)
+        own = lags[run == order if order < ORDER else run >= ORDER]
+        f = filters[:, order]
+        out += ((f @ (own.T @ own)) * f).sum(axis=1)
+    return out
 
 
-@lru_cache(maxsize=8)
 def spectra(step_s: float) -> tuple[Spectrum, ...]:
     """The grid for samples ``step_s`` apart."""
     lag = step_s * np.arange(ORDER + 1)
@@ -106,14 +87,14 @@ def runs(valid: Mask) -> NDArray[np.int64]:
 
 
 def _spectrum(slow_s: float, share: float, autocovariance: Array) -> Spectrum:
-    """Levinson's recursion: best predictors of every order."""
+    """Best linear predictors of every order from the autocovariance r, R a = r with R Toeplitz.
+
+    The Yule-Walker equations: Brockwell & Davis 1991, Time Series: Theory and Methods, §5.1.
+    """
     r = autocovariance / autocovariance[0]
     r[0] += NUGGET
-    a = np.empty(0)
-    predictors, innovations = [a], [r[0]]
-    for k in range(1, ORDER + 1):
-        reflection = (r[k] - a @ r[1:k][::-1]) / innovations[-1]
-        a = np.concatenate([a - reflection * a[::-1], [reflection]])
-        predictors.append(a)
-        innovations.append(innovations[-1] * (1.0 - reflection**2))
-    return Spectrum(slow_s, share, tuple(predictors), np.array(innovations))
+    filters = np.zeros((ORDER + 1, ORDER + 1))
+    for k in range(ORDER + 1):
+        a = solve_toeplitz(r[:k], r[1 : k + 1]) if k else np.empty(0)
+        filters[k, : k + 1] = np.concatenate([[1.0], -a]) / np.sqrt(r[0] - a @ r[1 : k + 1])
+    return Spectrum(slow_s, share, filters)

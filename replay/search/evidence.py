@@ -1,18 +1,28 @@
-"""Evidence of a set of terms: marginal likelihood with every coefficient integrated out and the noise fitted."""
+"""Evidence of a set of terms: marginal likelihood with every coefficient integrated out and the noise fitted.
+
+The model of a channel is y = X b + e, with b ~ N(c, I) in units of the prior's standard deviation and e ~ N(0, s^2 R),
+R of one spectrum of a grid (disturbance.py). With W = R^-1 / s^2, summed over the channels, the posterior of b is
+N(m, S), S = (X^T W X + I)^-1, m = S (X^T W y + c), and
+
+    log p(y) = - 1/2 sum over channels (n log(2 pi s^2) + (y - X m)^T R^-1 (y - X m) / s^2 + log det R)
+               - 1/2 |m - c|^2 + 1/2 log det S
+
+(Bishop 2006, Pattern Recognition and Machine Learning, §3.5; Rasmussen & Williams 2006, §2.7). s and R are fitted, and
+the likelihood has the power ``TRUST`` (Miller & Dunson 2019, JASA 114, 1113).
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
 from models.frames import Array
 from replay.residual.grid import Mask
 from replay.search.channel import Channel, Columns
-from replay.search.disturbance import FITTED_SHARE, bank_energy, lag_products, rows_by_order, spectra
+from replay.search.disturbance import FITTED_SHARE, spectra, whitened_energies
 from replay.search.library import Library
 from replay.search.terms import STEP_S, Key, Term
 from replay.search.whitened import Whitened
@@ -45,8 +55,9 @@ class Noise:
 class Fit:
     """A set of terms, fitted: scaled coefficients ``b`` (trims behind) with their covariance, and the noise.
 
-    ``evidence``: log marginal likelihood. ``within``: log share of it within the bounds. ``worth``: log share of what
-    deserves a name. ``prior``: log odds of the terms. ``score``: log posterior.
+    score = TRUST evidence + within + worth + prior, the log posterior. ``evidence``: log marginal likelihood.
+    ``within``: log share of it within the bounds. ``worth``: log share of what deserves a name. ``prior``: log odds of
+    the terms.
     """
 
     terms: tuple[Term, ...]
@@ -81,11 +92,11 @@ class Evidence:
     def __init__(self, library: Library) -> None:
         self.library = library
         self.spectra = spectra(STEP_S)
+        self._filters = np.stack([s.filters for s in self.spectra])
         self._white: dict[tuple[int, int], Whitened] = {}
         self._smaller = np.array([min(s.slow_share, 1.0 - s.slow_share) for s in self.spectra])
         self._fitted = np.array([s.slow_share <= FITTED_SHARE for s in self.spectra])
         self._det = [np.array([s.log_determinant(c.run) for s in self.spectra]) for c in library.channels]
-        self._rows = [rows_by_order(c.run) for c in library.channels]
         self._fits: dict[tuple[tuple[Term, ...], Noise], Fit] = {}
 
     def unfitted(self) -> Noise:
@@ -141,6 +152,8 @@ class Evidence:
     def screen(self, fit: Fit, key: Key | None = None) -> Array:
         """Gain in log evidence of every term of the library beside a fitted set, the noise kept, (terms,).
 
+        1/2 (v^T P^-1 v - c^T c - log det P) for a term with columns X and prior mean c, beside a set with columns A:
+        P = I + X^T W X - X^T W A S A^T W X (Schur's complement), v = X^T W (y - A m) + c.
         With a ``key``: of the terms with that key only, NaN for the others.
         """
         cross, g = self._products(fit.terms, fit.noise)
@@ -153,13 +166,30 @@ class Evidence:
                 continue
             centre = np.stack([self.library.terms[index[n]].centre for n in wanted])
             columns = of_term[wanted]
-            own = np.eye(width) - across[columns] @ cross[:, columns].transpose(1, 0, 2) + self._bias_blocks(columns)
+            bias = self.library.x_bias[:, columns].transpose(1, 2, 0)
+            own = (
+                np.eye(width) - across[columns] @ cross[:, columns].transpose(1, 0, 2) + bias @ bias.transpose(0, 2, 1)
+            )
             for white, variance in self._channels(fit.noise):
                 own += white.blocks(of_term)[wanted] / variance
             v = g[columns] + centre
             gain = (v * np.linalg.solve(own, v[..., None])[..., 0]).sum(axis=1) - (centre**2).sum(axis=1)
             out[np.array(index)[wanted]] = 0.5 * (gain - np.linalg.slogdet(own)[1])
         return out
+
+    def promising(self, fit: Fit, candidates: Iterable[int]) -> list[tuple[float, Term]]:
+        """The best shape of every key among terms of the library (their numbers), by log posterior odds, best first.
+
+        The odds are those of ``screen``: TRUST times the gain in log evidence, and the log prior odds.
+        """
+        screened = self.screen(fit)
+        best: dict[Key, tuple[float, Term]] = {}
+        for i in candidates:
+            term = self.library.terms[i]
+            odds = round(TRUST * float(screened[i]) + self.prior(term), 6)
+            if term.key not in best or odds > best[term.key][0]:
+                best[term.key] = (odds, term)
+        return sorted(best.values(), key=lambda p: (-p[0], str(p[1].key)))
 
     # --- Parts --------------------------------------------------------------------------------------------------------
 
@@ -172,7 +202,7 @@ class Evidence:
 
     def _energies(self, rest: Sequence[Array]) -> list[Array]:
         """Sum of squares of the innovations of every channel by every spectrum."""
-        return [bank_energy(self.spectra) @ lag_products(e, rows) for e, rows in zip(rest, self._rows, strict=True)]
+        return [whitened_energies(self._filters, e, c.run) for e, c in zip(rest, self.library.channels, strict=True)]
 
     def _noise(self, rest: Sequence[Array], energies_of: Sequence[Array], form: Array) -> Noise:
         """The likeliest spectrum of what is left; no quieter than its raw energy, the errors of form, and the floor."""
@@ -203,9 +233,8 @@ class Evidence:
             cost = count * np.log(2.0 * np.pi * variance) + energies / variance + self._det[c]
             value -= 0.5 * float(cost.min())
         columns = self._with_trim(terms)
-        for bias, x_bias in self.library.biases:
-            left = bias - x_bias[:, columns] @ b
-            value -= 0.5 * float(left @ left)
+        left = self.library.bias - self.library.x_bias[:, columns] @ b
+        value -= 0.5 * float(left @ left)
         off = b - np.concatenate([*(t.centre for t in terms), np.zeros(len(self.library.trim))])
         value -= 0.5 * float(off @ off)
         return value + 0.5 * float(np.linalg.slogdet(cov)[1]) if len(b) else value
@@ -226,9 +255,9 @@ class Evidence:
             gram, product = white.gram(columns[on], kept)
             a[np.ix_(on, on)] += gram / variance
             r[on] += product / variance
-        for bias, x_bias in self.library.biases:
-            a += x_bias[:, columns].T @ x_bias[:, columns]
-            r += x_bias[:, columns].T @ bias
+        x_bias = self.library.x_bias[:, columns]
+        a += x_bias.T @ x_bias
+        r += x_bias.T @ self.library.bias
         factor = cho_factor(a, lower=True)
         return cho_solve(factor, r), cho_solve(factor, np.eye(len(r)))
 
@@ -241,14 +270,5 @@ class Evidence:
             g += white.products(None) / variance
             for part, end in zip(parts, ends, strict=True):
                 cross[end - len(part) : end] += white.products(part) / variance
-        for bias, x_bias in self.library.biases:
-            g += bias @ x_bias
-            cross += x_bias[:, columns].T @ x_bias
-        return cross, g
-
-    def _bias_blocks(self, of_term: NDArray[np.int64]) -> Array:
-        out = np.zeros((*of_term.shape, of_term.shape[1]))
-        for _, x_bias in self.library.biases:
-            x = x_bias[:, of_term].transpose(1, 0, 2)
-            out += x.transpose(0, 2, 1) @ x
-        return out
+        x_bias = self.library.x_bias
+        return cross + x_bias[:, columns].T @ x_bias, g + self.library.bias @ x_bias

@@ -10,22 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from models.frames import AXES, Array
 from models.vehicle import Vehicle
 from replay.residual.record import Record
-from replay.search.curves import DRIFTS, REACTIONS, SAME_SENSOR
-from replay.search.noise import (
-    FOLDS,
-    ORDER,
-    Noise,
-    block_numbers,
-    embargo_blocks,
-    fit_noise,
-    fold_of_block,
-    p_value,
-    training_blocks,
-)
+from replay.search.curves import DRIFTS, SAME_SENSOR, answers
+from replay.search.noise import FOLDS, ORDER, Noise, fit_noise, split
 
 KNOTS, MANY_KNOTS = 5, 12
 """Of a curve on quantiles of a channel, and of a fine one evenly over its range."""
@@ -34,9 +25,9 @@ FINE = ("time_s", "north_m", "east_m", "down_m", "range_down_m")
 BLOCK_S = 1.5
 """Unit of the time that is held out [s]."""
 DRAWS = 199
-"""Of noise alone: the smallest p-value is one in 200."""
+"""Surrogates of noise alone."""
 ALPHA = 0.005
-"""Chance with which noise alone has a channel."""
+"""Chance with which noise alone has a further channel."""
 SMALLEST_SHARE = 0.06
 """Share of an axis' energy on unseen time from which on a channel counts."""
 REACTIVE_SHARE = 0.25
@@ -69,19 +60,6 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Remainder:
-    """``significant``: more than noise. ``gain``: held-out energy of the best channel, in units of the noise."""
-
-    significant: bool
-    gain: float
-    p: float
-    channels: tuple[Channel, ...]
-
-
-NOTHING = Remainder(False, 0.0, 1.0, ())
-
-
-@dataclass(frozen=True)
 class _Curve:
     name: str
     columns: slice
@@ -91,27 +69,29 @@ class _Curve:
     peak_hz: float | None = None
 
 
-def free_search(record: Record, rest: Array, noise: Noise, seed: int) -> Remainder:
-    """Curves of one channel on one axis in the remainder ``rest`` (n, axes); ``noise`` gives the unit of the gain."""
+def free_search(record: Record, rest: Array, noise: Noise, seed: int) -> tuple[Channel, ...]:
+    """Channels that carry more of the remainder ``rest`` (n, axes) than chance, best first; ``noise`` of its axes.
+
+    A curve is significant where it exceeds the largest of ``DRAWS`` surrogates, p = 1 / (``DRAWS`` + 1).
+    """
     curves, x = _curves(record)
     if not curves:
-        return NOTHING
+        return ()
     valid = record.valid
     y = np.stack([_beside_timing(record, rest[:, a], a) for a in range(rest.shape[1])], axis=1)
-    split = _Split(record, x, float(np.median(noise.tau_s)))
-    seen = split.shares(curves, y[valid])
+    fits = _Split(record, x, float(np.median(noise.tau_s)))
+    seen = fits.shares(curves, y[valid])
     axes = [AXES[a] for a in record.axes]
     allowed = np.array([[axis not in SAME_SENSOR.get(c.name, ()) for axis in axes] for c in curves])
     seen[~allowed] = -1.0
     left = _beside_best(y, curves, x, seen, valid)
     worlds = _surrogates(fit_noise(left, valid, record.step_s), len(y), seed)[valid]
-    chance = split.shares(curves, worlds.reshape(len(worlds), -1)).reshape(len(curves), len(axes), DRAWS)
+    chance = fits.shares(curves, worlds.reshape(len(worlds), -1)).reshape(len(curves), len(axes), DRAWS)
     middle, width = chance.mean(axis=2), np.maximum(chance.std(axis=2), 1e-6)
     surprise = np.where(allowed, (seen - middle) / width, -np.inf)
     null = np.where(allowed[..., None], (chance - middle[..., None]) / width[..., None], -np.inf).max(axis=(0, 1))
-    p = p_value(null, float(surprise.max()))
-    if p > ALPHA:
-        return Remainder(False, 0.0, p, ())
+    if not surprise.max() > null.max():
+        return ()
     energy = (y[valid] ** 2).sum(axis=0) / noise.total**2
     found = [
         _Found(Channel(c.name, min(float(seen[i, k]), 1.0), axes[k], c.lag_s, c.peak_hz), float(seen[i, k] * energy[k]))
@@ -119,7 +99,7 @@ def free_search(record: Record, rest: Array, noise: Noise, seed: int) -> Remaind
         for c in [curves[i]]
         if seen[i, k] >= _limit(c.name, axes[k], record)
     ]
-    return _ranked(found, p, record.context.vehicle)
+    return _ranked(found, record.context.vehicle)
 
 
 @dataclass(frozen=True)
@@ -136,25 +116,20 @@ def _limit(channel: str, axis: str, record: Record) -> float:
     return NEVER if record.only_answers and (limit > SMALLEST_SHARE or channel.startswith(DRIFTS)) else limit
 
 
-def _ranked(found: list[_Found], p: float, vehicle: Vehicle) -> Remainder:
+def _ranked(found: list[_Found], vehicle: Vehicle) -> tuple[Channel, ...]:
     """The channels that carry most, a cause before what answers it.
 
     Channels that answer a disturbance go along with it: where one that nothing drives does nearly as well, it is the
     cause.
     """
-    if not found:
-        return Remainder(False, 0.0, p, ())
-
-    def answers(f: _Found) -> bool:
-        return smallest_share(f.channel.name, f.channel.axis, vehicle) > SMALLEST_SHARE
-
-    lead = max((f.gain for f in found if not answers(f)), default=0.0)
-    top = max(f.gain for f in found)
-    found.sort(key=lambda f: (answers(f) and lead >= CAUSE_SHARE * top, -f.gain))
+    reacts = {f: answers(f.channel.name, f.channel.axis, vehicle) for f in found}
+    lead = max((f.gain for f in found if not reacts[f]), default=0.0)
+    top = max((f.gain for f in found), default=0.0)
+    found.sort(key=lambda f: (reacts[f] and lead >= CAUSE_SHARE * top, -f.gain))
     names: dict[str, Channel] = {}
     for f in found:
         names.setdefault(f.channel.name, f.channel)
-    return Remainder(True, top, p, tuple(names.values())[:MOST_CHANNELS])
+    return tuple(names.values())[:MOST_CHANNELS]
 
 
 def smallest_share(channel: str, axis: str, vehicle: Vehicle) -> float:
@@ -162,11 +137,9 @@ def smallest_share(channel: str, axis: str, vehicle: Vehicle) -> float:
 
     In closed loop the controller answers a disturbance, so that speeds, vanes and tilt repeat its noise; such a channel
     has to carry much more than one that nothing drives. In hover every moment is mirrored by what balances it, so that
-    a reaction proves no moment at all. Vanes do not answer what lifts.
+    a reaction proves no moment at all.
     """
-    if axis == "Fz" and channel in {f"servo_{vane.servo}" for vane in vehicle.vanes}:
-        return SMALLEST_SHARE
-    if not channel.startswith(REACTIONS[axis]):
+    if not answers(channel, axis, vehicle):
         return SMALLEST_SHARE
     return REACTIVE_SHARE if axis.startswith("F") else NEVER
 
@@ -175,15 +148,10 @@ class _Split:
     """Fits of many curves to many signals at once, each fold by the others; sums of squares and little else."""
 
     def __init__(self, record: Record, x: Array, tau_s: float) -> None:
-        block = block_numbers(record.valid, record.step_s, BLOCK_S)
-        count = int(block.max()) + 1
-        length = record.seconds / count
-        folds = fold_of_block(count, length)
-        embargo = embargo_blocks(tau_s, length)
-        block = block[record.valid]
+        fold_of, fitted = split(record.valid, record.step_s, BLOCK_S, tau_s)
         self.x = x[record.valid].astype(np.float32)
-        self.unseen = [np.flatnonzero(folds[block] == f) for f in range(FOLDS)]
-        self.unused = [np.flatnonzero(~training_blocks(folds, f, embargo)[block]) for f in range(FOLDS)]
+        self.unseen = [np.flatnonzero(fold_of[record.valid] == f) for f in range(FOLDS)]
+        self.unused = [np.flatnonzero(~rows[record.valid]) for rows in fitted]
         self.gram = self.x.T @ self.x
         self.gram_unseen = [self.x[rows].T @ self.x[rows] for rows in self.unseen]
         self.gram_unused = [self.x[rows].T @ self.x[rows] for rows in self.unused]
@@ -208,16 +176,9 @@ class _Split:
 
 def _surrogates(noise: Noise, n: int, seed: int) -> Array:
     """Gaussian noise of the given spectra, (n, axes, DRAWS)."""
-    rng = np.random.default_rng(seed + 7)
-    axes = len(noise.total)
-    out = np.zeros((n + BURN_IN, axes, DRAWS), np.float32)
-    kicks = rng.standard_normal(out.shape, np.float32)
-    ar = noise.ar.astype(np.float32)
-    for i in range(ORDER, len(out)):
-        out[i] = kicks[i]
-        for j in range(ORDER):
-            out[i] += ar[:, j, None] * out[i - 1 - j]
-    return np.asarray(out[BURN_IN:], dtype=float)
+    kicks = np.random.default_rng(seed + 7).standard_normal((n + BURN_IN, len(noise.total), DRAWS), np.float32)
+    worlds = [lfilter([1.0], [1.0, *-ar], kicks[ORDER:, a], axis=0) for a, ar in enumerate(noise.ar)]
+    return np.stack(worlds, axis=1)[BURN_IN - ORDER :]
 
 
 def _beside_best(y: Array, curves: list[_Curve], x: Array, share: Array, valid: NDArray[np.bool_]) -> Array:

@@ -1,8 +1,12 @@
-"""A set of effects on time that its fit never saw: every run of time by coefficients of the others."""
+"""A set of effects on held-out time: every run of time by the coefficients of the others.
+
+K-fold cross-validation over blocks of time, with an embargo on both sides of a fold (Bergmeir & Benitez 2012,
+Information Sciences 191, 192).
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,9 +16,8 @@ from replay.residual.record import Record
 from replay.search.evidence import Evidence, Fit
 from replay.search.free_curves import Channel
 from replay.search.library import Library
-from replay.search.noise import FOLDS, block_numbers, embargo_blocks, fold_of_block, training_blocks
+from replay.search.noise import split
 from replay.search.terms import Key, Term
-from replay.search.walk import Walked
 
 CARRIES = 0.25
 """An effect carries an axis where it is this strong beside its strongest axis, in hundredths of the weight."""
@@ -35,29 +38,45 @@ DRAWS = 1000
 """Of the bootstrap."""
 
 
-@dataclass
+@dataclass(frozen=True)
+class Acting:
+    """One effect on one flight; wrenches (n, 6)."""
+
+    held_out: Array
+    """On the judged axes, every sample by coefficients of the other folds."""
+    fitted: Array
+    """On the judged axes with its error of form, by coefficients of all time."""
+    axes: tuple[str, ...]
+    """Those that it acts on."""
+    folds: Array
+    """Coefficients of every fold (FOLDS, k)."""
+    parameters: dict[str, float]
+
+
+@dataclass(frozen=True)
 class FlightFit:
-    """One flight under the best set. Residuals are (n, 6)."""
+    """One flight under a set. Residuals are (n, 6)."""
 
     record: Record
     index: int
+    unit: Array
+    """One hundredth of the weight (times the lever), (6,)."""
     before: Array
     after: Array
-    """With every effect, on time that its fit never saw."""
+    """With every effect, on held-out time."""
     rest: Array
     """With every effect and its error of form, fitted on all time."""
     unexplained: Array
     """``after`` less the free curves and the trims: no error of form is forgiven."""
-    unit: Array
-    """One hundredth of the weight (times the lever), (6,)."""
-    without: dict[Key, Array] = field(default_factory=dict)
-    carried: dict[Key, tuple[str, ...]] = field(default_factory=dict)
-    folds: dict[Key, Array] = field(default_factory=dict)
-    """Coefficients of every fold (FOLDS, k)."""
-    parameters: dict[Key, dict[str, float]] = field(default_factory=dict)
-    borne_out: dict[Key, bool] = field(default_factory=dict)
+    effects: dict[Key, Acting]
     curves: tuple[Channel, ...] = ()
     curve_gain: float = 0.0
+    confirms: frozenset[Key] = frozenset()
+    """Effects that lower the residual here where they were fitted on the other flights."""
+
+    def without(self, key: Key) -> Array:
+        """``after`` of the set less one effect."""
+        return self.after + self.effects[key].held_out
 
     def loud(self, axis: str, share: float) -> bool:
         """Whether that share of what is left on an axis is worth a pilot's attention."""
@@ -83,44 +102,38 @@ class FlightFit:
         return float(((residual[self.record.valid][:, axes] / self.unit[axes]) ** 2).sum())
 
 
-def flight_fits(walked: Walked, best: Fit) -> list[FlightFit]:
-    """Every flight under the best set."""
-    evidence = walked.evidence
-    out = []
-    for f, record in enumerate(evidence.library.records):
-        out.append(_one(evidence, best, f, record))
-    if len(out) > 1:
-        _confirm(evidence, best, out)
-    return out
+def flight_fits(evidence: Evidence, best: Fit) -> list[FlightFit]:
+    """Every flight under a set."""
+    fits = [_one(evidence, best, f, record) for f, record in enumerate(evidence.library.records)]
+    if len(fits) == 1:
+        return fits
+    return [replace(fit, confirms=_confirmed(evidence, best, fit, fits)) for fit in fits]
 
 
 def _one(evidence: Evidence, best: Fit, f: int, record: Record) -> FlightFit:
     library = evidence.library
     unit = 0.01 * record.context.weight * np.where(np.arange(6) < 3, 1.0, record.context.lever)
-    judged = np.isin(np.arange(6), record.axes)
-    seen = judged | np.isin(np.arange(6), record.blind)
+    seen = np.isin(np.arange(6), (*record.axes, *record.blind))
     before = np.where(seen, np.nan_to_num(record.residual), 0.0)
-    fit = FlightFit(record, f, before, before.copy(), before.copy(), before.copy(), unit)
     folds = _folds(evidence, best, f, record)
-    for t in best.terms:
-        if t.effect is not None and f in t.places:
-            _take_off(fit, evidence, best, t, folds)
-    for key, held in fit.without.items():
-        fit.without[key] = fit.after + np.where(judged, held, 0.0)
-    fit.unexplained = fit.after.copy()
-    _take_off_curves(fit, library, best)
+    terms = [t for t in best.terms if t.effect is not None and f in t.places]
+    effects = {t.key: _acting(evidence, best, t, f, before, unit, folds) for t in terms}
+    after, rest = before, before
+    for acting in effects.values():
+        after, rest = after - acting.held_out, rest - acting.fitted
+    fit = FlightFit(record, f, unit, before, after, rest, after, effects)
     trim = library.trim_wrench(f, best.b[len(best.b) - len(library.trim) :])
-    fit.unexplained -= trim
-    fit.rest -= trim
-    return fit
+    fit = _less_curves(fit, library, best)
+    return replace(fit, unexplained=fit.unexplained - trim, rest=rest - trim)
 
 
-def _take_off(
-    fit: FlightFit, evidence: Evidence, best: Fit, t: Term, folds: tuple[list[Array], NDArray[np.int64]]
-) -> None:
-    """One effect off the residuals of a flight: by all time, and on every fold by the others."""
+def _acting(
+    evidence: Evidence, best: Fit, t: Term, f: int, before: Array, unit: Array,
+    folds: tuple[list[Array], NDArray[np.int64]],
+) -> Acting:  # fmt: skip
+    """One effect on a flight: by all time, and on every fold by the others."""
     assert t.effect is not None
-    record, f = fit.record, fit.index
+    record = evidence.library.records[f]
     judged = np.isin(np.arange(6), record.axes)
     x, form = evidence.library.wrenches(t, f)
     place, part = np.searchsorted(t.columns, t.places[f]), best.part(t)
@@ -128,93 +141,82 @@ def _take_off(
     own = x @ (best.b[part][place] * scale)
     # On axes by which it is not looked for it counts where it helps.
     for a in (a for a in range(6) if t.effect.searched and AXES[a] not in t.effect.searched):
-        y = fit.before[record.valid, a]
+        y = before[record.valid, a]
         if ((y - own[record.valid, a]) ** 2).sum() > (y**2).sum():
             x[:, a] = 0.0
             own[:, a] = 0.0
     coefficients, fold_of = folds
-    fit.folds[t.key] = np.stack([b[part][place] * scale for b in coefficients])
-    per_fold = np.einsum("nak,fk->fna", x, fit.folds[t.key])
+    of_fold = np.stack([b[part][place] * scale for b in coefficients])
+    per_fold = np.einsum("nak,fk->fna", x, of_fold)
     held = np.take_along_axis(per_fold, fold_of[None, :, None], axis=0)[0]
-    fit.after -= np.where(judged, held, 0.0)
-    fit.without[t.key] = held
     bent = form @ best.b[part][len(t.columns) - form.shape[2] :] if form.shape[2] else 0.0
-    fit.rest -= np.where(judged, own + bent, 0.0)
-    strength = np.sqrt((own[record.valid] ** 2).mean(axis=0)) / fit.unit
+    strength = np.sqrt((own[record.valid] ** 2).mean(axis=0)) / unit
     strongest = strength[list(record.axes)].max()
-    fit.carried[t.key] = tuple(AXES[a] for a in record.axes if strength[a] > CARRIES * strongest > 0.0)
-    fit.parameters[t.key] = t.effect.parameters(best.b[part][place] * scale, t.shape)
+    return Acting(
+        held_out=np.where(judged, held, 0.0),
+        fitted=np.where(judged, own + bent, 0.0),
+        axes=tuple(AXES[a] for a in record.axes if strength[a] > CARRIES * strongest > 0.0),
+        folds=of_fold,
+        parameters=t.effect.parameters(best.b[part][place] * scale, t.shape),
+    )
 
 
-def _take_off_curves(fit: FlightFit, library: Library, best: Fit) -> None:
+def _less_curves(fit: FlightFit, library: Library, best: Fit) -> FlightFit:
     """The free curves off what is unexplained, and which of them carries how much of it."""
-    valid, curves = fit.record.valid, []
+    valid, curves, unexplained = fit.record.valid, [], fit.unexplained.copy()
     for t in (t for t in best.terms if t.effect is None and fit.index in t.places):
         a = AXES.index(t.axis or "")
-        with_it = float((fit.unexplained[valid, a] ** 2).sum())
-        fit.unexplained[:, a] -= library.curve(t, fit.index) @ best.b[best.part(t)]
-        gain = with_it - float((fit.unexplained[valid, a] ** 2).sum())
+        with_it = float((unexplained[valid, a] ** 2).sum())
+        unexplained[:, a] -= library.curve(t, fit.index) @ best.b[best.part(t)]
+        gain = with_it - float((unexplained[valid, a] ** 2).sum())
         share = gain / max(float(((fit.rest[valid, a]) ** 2).sum()), 1e-30)
         curves.append((gain / fit.unit[a] ** 2, Channel(t.name, float(np.clip(share, 0.0, 1.0)), AXES[a])))
     curves.sort(key=lambda c: -c[0])
-    fit.curves = tuple(c for _, c in curves)
-    fit.curve_gain = max((g for g, _ in curves), default=0.0)
+    most = max((g for g, _ in curves), default=0.0)
+    return replace(fit, unexplained=unexplained, curves=tuple(c for _, c in curves), curve_gain=most)
 
 
 def _folds(evidence: Evidence, best: Fit, f: int, record: Record) -> tuple[list[Array], NDArray[np.int64]]:
     """Coefficients without every fold of one flight, and the fold of every sample (n,)."""
-    block = block_numbers(record.valid, record.step_s, BLOCK_S)
-    count = int(block.max()) + 1
-    length = record.seconds / count
-    folds = fold_of_block(count, length)
-    embargo = embargo_blocks(EMBARGO_S, length)
+    fold_of, fitted = split(record.valid, record.step_s, BLOCK_S, EMBARGO_S)
     every = evidence.library.every[f]
-    small = block[::every]
-    out = [
-        evidence.refit(best.terms, best.noise, {f: ~training_blocks(folds, k, embargo)[small]}).b for k in range(FOLDS)
-    ]
-    return out, folds[block]
+    return [evidence.refit(best.terms, best.noise, {f: ~rows[::every]}).b for rows in fitted], fold_of
 
 
-def _confirm(evidence: Evidence, best: Fit, fits: list[FlightFit]) -> None:
-    """Which flights bear an effect out that was fitted on the others only."""
-    for f, fit in enumerate(fits):
-        record = fit.record
-        left_out = {f: np.ones(len(record.valid[:: evidence.library.every[f]]), bool)}
-        others = evidence.refit(best.terms, best.noise, left_out)
-        for t in best.terms:
-            if t.effect is None or f not in t.places:
-                continue
-            if len(t.places) < 2:
-                fit.borne_out[t.key] = any(
-                    o.key[0] == t.key[0] and o.key[1] != t.key[1] for o in best.terms if o.effect is not None
-                )
-                continue
-            if not t.effect.kept:
-                fit.borne_out[t.key] = all(
-                    any(_of_the_day_removes(evidence, best, t, o) for o in part) for part in ([fit], _beside(fits, fit))
-                )
-                continue
-            place = np.searchsorted(t.columns, t.places[f])
-            x, _ = evidence.library.wrenches(t, f)
-            own = x @ (others.b[others.part(t)][place] * t.scale[place])
-            mine = x @ (best.b[best.part(t)][place] * t.scale[place])
-            fit.borne_out[t.key] = _removes(fit, fit.rest + mine, own)
+def _confirmed(evidence: Evidence, best: Fit, fit: FlightFit, fits: list[FlightFit]) -> frozenset[Key]:
+    """Effects that lower the residual of a flight where they were fitted on the others."""
+    left_out = {fit.index: np.ones(len(fit.record.valid[:: evidence.library.every[fit.index]]), bool)}
+    others = evidence.refit(best.terms, best.noise, left_out)
+    out = set()
+    for t in (t for t in best.terms if t.effect is not None and fit.index in t.places):
+        assert t.effect is not None
+        if len(t.places) < 2:
+            good = any(o.effect is not None and o.name == t.name and o.key != t.key for o in best.terms)
+        elif t.effect.kept:
+            good = _removes(fit, fit.rest + _wrench(evidence, best, t, fit), _wrench(evidence, others, t, fit))
+        else:
+            good = _of_day_removes(evidence, best, t, fit) and any(
+                _of_day_removes(evidence, best, t, other) for other in fits if other is not fit
+            )
+        if good:
+            out.add(t.key)
+    return frozenset(out)
 
 
-def _beside(fits: list[FlightFit], fit: FlightFit) -> list[FlightFit]:
-    return [other for other in fits if other is not fit]
+def _wrench(evidence: Evidence, fit: Fit, t: Term, flight: FlightFit, share: Array | float = 1.0) -> Array:
+    """An effect (n, 6) on a flight by the coefficients of a fit, each times ``share`` (k,)."""
+    place = np.searchsorted(t.columns, t.places[flight.index])
+    x, _ = evidence.library.wrenches(t, flight.index)
+    return np.asarray(x @ (fit.b[fit.part(t)][place] * t.scale[place] * share))
 
 
-def _of_the_day_removes(evidence: Evidence, best: Fit, t: Term, fit: FlightFit) -> bool:
+def _of_day_removes(evidence: Evidence, best: Fit, t: Term, fit: FlightFit) -> bool:
     """Whether what is of the day of an effect lowers the residual of a flight: no other flight can say so."""
     assert t.effect is not None
     if fit.index not in t.places:
         return False
-    place = np.searchsorted(t.columns, t.places[fit.index])
-    x, _ = evidence.library.wrenches(t, fit.index)
-    of_day = np.array([t.effect.of_day(c) for c in t.effect.coefficients])
-    own = x @ (best.b[best.part(t)][place] * t.scale[place] * of_day)
+    of_day = np.array([float(t.effect.of_day(c)) for c in t.effect.coefficients])
+    own = _wrench(evidence, best, t, fit, of_day)
     return _removes(fit, fit.rest + own, own)
 
 

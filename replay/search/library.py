@@ -22,7 +22,6 @@ from replay.search.terms import (
     log_shapes,
     prior_of,
     regressors_of,
-    unmixed,
 )
 
 KNOWN = 0.02
@@ -64,7 +63,6 @@ class Library:
         self.terms: list[Term] = []
         self.lacking: dict[str, str] = {}
         self._trims: list[tuple[int, Array]] = []
-        self._unmixed: dict[tuple[str, int], Array] = {}
         self.size = 0
         self.channels = [self._channel(f, a) for f, r in enumerate(records) for a in r.axes]
         self._at = {(c.flight, c.axis): c for c in self.channels}
@@ -87,8 +85,8 @@ class Library:
             self._add_curve(curve, (curve.name, AXES[curve.axis]) in known)
         self.trim = self._add_trim()
         self._bias_mean = [_mean(r.kinematic_bias[r.valid]) for r in records]
-        self.biases: list[tuple[Array, Array]] = []
-        """Offset of every accelerometer by velocity and attitude (3,), and columns (3, K), over its error."""
+        self.bias, self.x_bias = np.empty(0), np.empty((0, 0))
+        """Offsets of all accelerometers by velocity and attitude (m,), and columns (m, K), over their error."""
         self._reach()
 
     def term_of(self, effect: Effect, shape: tuple[float, ...]) -> Term:
@@ -183,14 +181,9 @@ class Library:
     def _write(self, effect: Effect, f: int, shape: tuple[float, ...], spread: Array, place: Columns) -> list[Array]:
         """Columns of an effect in the channels of one flight; what its errors of form are there, (n, 6) each."""
         record = self.records[f]
-        if effect.mixing is None:
-            x = regressors_of(effect, record, shape) * spread
-            bent = [b[:: self.every[f]] for i in _with_errors_of_form(effect) for b in bent_forms(x[:, :, i], record)]
-            x = x[:: self.every[f]]
-        else:  # linear, and exact: a shape only mixes the same wrenches
-            if (effect.name, f) not in self._unmixed:
-                self._unmixed[effect.name, f] = unmixed(effect, record, shape)[:: self.every[f]]
-            x, bent = (self._unmixed[effect.name, f] @ effect.mixing(shape)) * spread, []
+        x = regressors_of(effect, record, shape) * spread
+        bent = [b[:: self.every[f]] for i in _with_errors_of_form(effect) for b in bent_forms(x[:, :, i], record)]
+        x = x[:: self.every[f]]
         for a in self._searched_axes(effect, f):
             live = np.flatnonzero(np.abs(x[:, a]).max(axis=0) > 0.0)
             if live.size:
@@ -299,13 +292,12 @@ class Library:
         """Let every channel know of all columns."""
         for channel in self.channels:
             channel.reach(self.size)
-        self.biases = []
-        for f, mean in enumerate(self._bias_mean):
-            if np.isfinite(mean).all():
-                x = np.zeros((3, self.size))
-                for columns, part in self._bias_columns.get(f, []):
-                    x[:, columns] += part
-                self.biases.append((mean / KINEMATIC_SD_M_S2, x / KINEMATIC_SD_M_S2))
+        known = [f for f, mean in enumerate(self._bias_mean) if np.isfinite(mean).all()]
+        self.bias = np.ravel([self._bias_mean[f] / KINEMATIC_SD_M_S2 for f in known])
+        self.x_bias = np.zeros((len(self.bias), self.size))
+        for rows, f in enumerate(known):
+            for columns, part in self._bias_columns.get(f, []):
+                self.x_bias[3 * rows : 3 * rows + 3, columns] += part / KINEMATIC_SD_M_S2
 
 
 def _with_errors_of_form(effect: Effect) -> list[int]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
+from scipy.linalg import solve_toeplitz
+from scipy.signal import correlate
 
 from models.frames import Array
 
@@ -21,10 +23,9 @@ LONGEST_EMBARGO_S = 4.0
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of every axis: autoregression (axes, ORDER), innovation and total standard deviation (axes,) in N, N m."""
+    """Noise of every axis: autoregression (axes, ORDER), and total standard deviation (axes,) in N, N m."""
 
     ar: Array
-    innovation: Array
     total: Array
     tau_s: Array
     """Integrated autocorrelation time [s] (axes,)."""
@@ -33,28 +34,23 @@ class Noise:
 def fit_noise(residual: Array, valid: Mask, step_s: float) -> Noise:
     """Yule-Walker fit of every axis of ``residual`` (n, axes), gaps bridged by nothing."""
     axes = residual.shape[1]
-    ar, innovation, total, tau = np.zeros((axes, ORDER)), np.ones(axes), np.ones(axes), np.ones(axes)
+    ar, total, tau = np.zeros((axes, ORDER)), np.ones(axes), np.ones(axes)
     weight = valid.astype(float)
     for a in range(axes):
         x = np.where(valid, residual[:, a], 0.0)
         covariance = _autocovariance(x, weight, max(ORDER + 1, int(20.0 / step_s)))
         total[a] = np.sqrt(max(covariance[0], 1e-24))
         tau[a] = step_s * _integrated(covariance / max(covariance[0], 1e-24))
-        matrix = np.array([[covariance[abs(i - j)] for j in range(ORDER)] for i in range(ORDER)])
-        matrix += np.eye(ORDER) * 1e-9 * max(covariance[0], 1e-24)
-        ar[a] = np.linalg.solve(matrix, covariance[1 : ORDER + 1])
-        innovation[a] = np.sqrt(max(covariance[0] - ar[a] @ covariance[1 : ORDER + 1], 1e-4 * covariance[0], 1e-24))
-    return Noise(ar, innovation, total, tau)
+        nugget = 1e-9 * max(covariance[0], 1e-24) * np.eye(ORDER)[0]
+        ar[a] = solve_toeplitz(covariance[:ORDER] + nugget, covariance[1 : ORDER + 1])
+    return Noise(ar, total, tau)
 
 
 def _autocovariance(x: Array, weight: Array, lags: int) -> Array:
-    size = 2 ** int(np.ceil(np.log2(2 * len(x))))
+    """Of (n,) at lags 0 to ``lags``, over the pairs of samples that are both known."""
     lags = min(lags, len(x) - 1)
-    fx, fw = np.fft.rfft(x, size), np.fft.rfft(weight, size)
-    top = np.fft.irfft(np.abs(fx) ** 2, size)[: lags + 1]
-    count = np.fft.irfft(np.abs(fw) ** 2, size)[: lags + 1]
-    out: Array = top / np.maximum(count, 1.0)
-    return out
+    top, count = (correlate(v, v, method="fft")[len(x) - 1 : len(x) + lags] for v in (x, weight))
+    return np.asarray(top / np.maximum(count, 1.0))
 
 
 def _integrated(correlation: Array) -> float:
@@ -95,6 +91,13 @@ def embargo_blocks(tau_s: float, block_s: float) -> int:
     return max(int(np.ceil(min(3.0 * tau_s, LONGEST_EMBARGO_S) / block_s)), 1)
 
 
-def p_value(null: ArrayLike, observed: float) -> float:
-    """(1 + exceedances)/(1 + draws)."""
-    return float((1 + np.sum(np.asarray(null) >= observed)) / (1 + np.size(null)))
+def split(valid: Mask, step_s: float, block_s: float, tau_s: float) -> tuple[NDArray[np.int64], Mask]:
+    """Fold (n,) of every sample, and the samples (FOLDS, n) that every fold is fitted on.
+
+    ``block_s``: unit of the time that is held out; ``tau_s``: correlation time that the embargo is set by.
+    """
+    block = block_numbers(valid, step_s, block_s)
+    count = int(block.max()) + 1
+    length = float(valid.sum() * step_s) / count
+    folds, embargo = fold_of_block(count, length), embargo_blocks(tau_s, length)
+    return folds[block], np.stack([training_blocks(folds, k, embargo)[block] for k in range(FOLDS)])

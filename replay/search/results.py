@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy.special import ndtr
@@ -12,15 +13,14 @@ from models.effects import Effect
 from models.frames import AXES, Array
 from replay.residual.record import Record
 from replay.search.evidence import TRUST, Fit
-from replay.search.free_curves import NOTHING, Channel, Remainder, free_search
+from replay.search.free_curves import Channel, free_search
 from replay.search.held_out import FlightFit, flight_fits
 from replay.search.noise import Noise, fit_noise
 from replay.search.outside import Outside, outside
 from replay.search.regimes import Regime, by_regime
-from replay.search.sets import Rival, rivals_of
+from replay.search.sets import Rival, Walked, rivals_of
 from replay.search.surfaces import with_surface_law
-from replay.search.terms import Term
-from replay.search.walk import Walked
+from replay.search.terms import Key, Term
 from replay.search.worth import Contributions, top
 
 BOUND_SHARE = 0.01
@@ -29,12 +29,12 @@ LEARNT = 0.7
 """Posterior over prior standard deviation above which a flight has said nothing about a coefficient."""
 FORM_SHARE = 0.15
 """A remainder below this share of what the effects took out is their error of form, not a second force."""
-FORETELLS = 2.0
-"""A set that leaves this much more energy of unseen time than another is not the answer, however likely by its fit."""
+HELD_OUT = 2.0
+"""A set that leaves this much more energy of held-out time than another is not the answer, however likely it is."""
 NEAR, RIVALS = 30.0, 6
 """Sets that are compared so: less likely than the best by no more than this (log), and how many."""
 WORSE_SHARE = 0.005
-"""Share of the residual's energy by which an effect may make unseen time worse: noise, where it is hardly excited."""
+"""Share of the residual's energy by which an effect may make held-out time worse: noise, where it is hardly excited."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,11 @@ class Estimate:
     at_bound: bool = False
     determined: bool = True
     """Whether the flights say more about it than was assumed before."""
+
+    def as_json(self) -> dict[str, Any]:
+        """Value, interval and unit."""
+        out = {"value": self.value, "ci95": self.ci95, "unit": self.unit}
+        return out | ({"at_bound": True} if self.at_bound else {})
 
     @property
     def sign_probability(self) -> float:
@@ -67,7 +72,7 @@ class Found:
     probability: float
     aliases: tuple[str, ...]
     flight: int
-    borne_out: tuple[int, ...] = ()
+    confirmed_by: tuple[int, ...] = ()
     """Flights whose residual it lowers where it was fitted on the others."""
     of_flight: dict[int, dict[str, float]] = field(default_factory=dict)
     """Parameters of every flight on which it acts."""
@@ -101,7 +106,6 @@ class Trace:
     before: Array
     after: Array
     noise: Noise
-    remainder: Remainder
     carriers: tuple[Channel, ...]
     outside: tuple[Outside, ...]
     regimes: tuple[Regime, ...] = ()
@@ -119,20 +123,17 @@ class Searched:
 def summarise(walked: Walked, seed: int) -> Searched:
     """Everything that a reader needs to judge what was found.
 
-    The order of the passes matters: aliases that are too small for a name, then unseen time, then the map of surfaces,
-    which corrects the laws that are left, and last what makes unseen time worse. Each works on the best set of the
-    pass before; probabilities are those of the sets that remain.
+    The order of the passes matters: aliases that are too small for a name, then held-out time, then the map of
+    surfaces, which corrects the laws that are left, and last what raises the error of held-out time. Each takes the
+    best set of the pass before and gives its own; probabilities are those of the sets that remain.
     """
-    _give_way(walked)
-    _foretell(walked)
-    fits = _borne_by_unseen_time(walked)
+    walked, fits = _helpful(_predictive(_without_small_aliases(walked)))
     rivals = rivals_of(walked)
-    named = walked.best
-    walked.best, walked.map_log_odds = with_surface_law(walked)
-    if walked.best is not named:
-        fits = _borne_by_unseen_time(walked)
+    mapped = with_surface_law(walked)
+    if mapped is not walked:
+        walked, fits = _helpful(mapped)
     chosen = [t for t in walked.best.terms if t.effect is not None]
-    traces = tuple(_trace(walked, fit, seed) for fit in fits)
+    traces = tuple(_trace(fit, seed) for fit in fits)
     total = max(sum(f.energy(f.before) for f in fits), 1e-12)
     found = _at_most_all([_found(walked, term, fits, rivals, total) for term in chosen])
     return Searched(traces, tuple(found), _rejected(walked, {t.name for t in chosen}))
@@ -144,16 +145,12 @@ def _at_most_all(found: Sequence[Found]) -> list[Found]:
     return [replace(f, explains=f.explains / total) for f in found]
 
 
-def _give_way(walked: Walked) -> None:
+def _without_small_aliases(walked: Walked) -> Walked:
     """Take out what is named only because an alias that is likelier is too small for a name."""
-    best = walked.best
-    for term in best.terms:
+    for term in walked.best.terms:
         if term.effect is not None and any(_likelier_and_small(walked, fit, term) for fit in walked.ranked()):
-            less = walked.weigh([t for t in best.terms if t is not term], best)
-            walked.fits = {less.key: less} | {k: f for k, f in walked.fits.items() if f.score <= less.score}
-            walked.best = less
-            _give_way(walked)
-            return
+            return _without_small_aliases(walked.at_most(walked.without(term.key).best))
+    return walked
 
 
 def _likelier_and_small(walked: Walked, fit: Fit, term: Term) -> bool:
@@ -171,10 +168,11 @@ def _likelier_and_small(walked: Walked, fit: Fit, term: Term) -> bool:
     return all(top(part, channels[c].count) < channels[c].limit for (i, c), part in whole.items() if i == where)
 
 
-def _foretell(walked: Walked) -> None:
-    """Pass over sets that fit well and foretell unseen time far worse than others: they cancel or chase noise.
+def _predictive(walked: Walked) -> Walked:
+    """Pass over sets that fit well and leave far more of held-out time than others: they cancel or chase noise.
 
-    More effects of the same kind always leave less: whether they are worth a name is decided already.
+    The likeliest set is taken whose energy of held-out time is no more than ``HELD_OUT`` times the least. More effects
+    of the same kind always leave less: whether they are worth a name is decided already.
     """
     likeliest: dict[frozenset[str], Fit] = {}
     for fit in (walked.best, *walked.ranked()):
@@ -182,52 +180,50 @@ def _foretell(walked: Walked) -> None:
         more = any(other < names for other in likeliest)
         if fit.score > walked.best.score - NEAR and len(likeliest) < RIVALS and not more:
             likeliest.setdefault(names, fit)
-    left = {fit.key: sum(f.energy(f.after) for f in flight_fits(walked, fit)) for fit in likeliest.values()}
+    left = {fit.key: sum(f.energy(f.after) for f in flight_fits(walked.evidence, fit)) for fit in likeliest.values()}
     least = min(left.values())
-    chosen = next(fit for fit in likeliest.values() if left[fit.key] <= FORETELLS * least)
-    if chosen.key != walked.best.key:
-        walked.fits = {key: fit for key, fit in walked.fits.items() if fit.score <= chosen.score}
-        walked.best = chosen
+    chosen = next(fit for fit in likeliest.values() if left[fit.key] <= HELD_OUT * least)
+    return walked if chosen.key == walked.best.key else walked.at_most(chosen)
 
 
-def _borne_by_unseen_time(walked: Walked) -> list[FlightFit]:
-    """Every flight under the best set, which loses one by one the effects that make unseen time worse."""
-    while True:
-        fits = flight_fits(walked, walked.best)
-        before = max(sum(f.energy(f.before) for f in fits), 1e-12)
-        gains = {
-            key: round(sum(f.energy(f.without[key]) - f.energy(f.after) for f in fits if key in f.without) / before, 9)
-            for key in (t.key for t in walked.best.terms if t.effect is not None)
-        }
-        worst = min(gains, key=lambda key: gains[key], default=None)
-        if worst is None or gains[worst] > -WORSE_SHARE:
-            return fits
-        walked.worse.add(worst[0])
-        walked.best = walked.weigh([t for t in walked.best.terms if t.key != worst], walked.best)
+def _helpful(walked: Walked) -> tuple[Walked, list[FlightFit]]:
+    """The best set without the effects that raise the error of held-out time, and every flight under it."""
+    fits = flight_fits(walked.evidence, walked.best)
+    before = max(sum(f.energy(f.before) for f in fits), 1e-12)
+    gains = {t.key: round(_gain(t.key, fits) / before, 9) for t in walked.best.terms if t.effect is not None}
+    worst = min(gains, key=lambda key: gains[key], default=None)
+    if worst is None or gains[worst] > -WORSE_SHARE:
+        return walked, fits
+    return _helpful(replace(walked.without(worst), worse=walked.worse | {worst[0]}))
 
 
-def _trace(walked: Walked, fit: FlightFit, seed: int) -> Trace:
+def _gain(key: Key, fits: Sequence[FlightFit]) -> float:
+    """Energy of held-out time that one effect takes off beside the others."""
+    return sum(f.energy(f.without(key)) - f.energy(f.after) for f in fits if key in f.effects)
+
+
+def _trace(fit: FlightFit, seed: int) -> Trace:
     record = fit.record
     axes = list(record.axes)
     rest = fit.rest[:, axes]
     noise = fit_noise(rest, record.valid, record.step_s)
-    free = free_search(record, rest, noise, seed) if axes else NOTHING
+    free = free_search(record, rest, noise, seed) if axes else ()
     return Trace(
-        record, fit.before, fit.after, noise, free, _carriers(fit, free), outside(record, fit.unexplained),
+        record, fit.before, fit.after, noise, _carriers(fit, free), outside(record, fit.unexplained),
         by_regime(record, fit.before, fit.after),
     )  # fmt: skip
 
 
-def _carriers(fit: FlightFit, free: Remainder) -> tuple[Channel, ...]:
+def _carriers(fit: FlightFit, free: tuple[Channel, ...]) -> tuple[Channel, ...]:
     """Channels that carry what is left: the free curves of the answer, and what a search of the rest finds.
 
     What is left on an axis below a share of what the effects took off there is their error of form, no other force.
     """
     known = {c.name for c in fit.curves}
-    carried = {axis for axes in fit.carried.values() for axis in axes}
+    carried = {axis for acting in fit.effects.values() for axis in acting.axes}
     extra = [
         c
-        for c in (free.channels if free.significant else ())
+        for c in free
         if c.name not in known
         and fit.loud(c.axis, c.score)
         and (c.axis not in carried or fit.left(c) >= FORM_SHARE * fit.removed(c.axis))
@@ -238,8 +234,8 @@ def _carriers(fit: FlightFit, free: Remainder) -> tuple[Channel, ...]:
 
 def _found(walked: Walked, term: Term, fits: Sequence[FlightFit], rivals: Sequence[Rival], total: float) -> Found:
     assert term.effect is not None
-    carried = {a for f in fits for a in f.carried.get(term.key, ())}
-    explains = sum(f.energy(f.without[term.key]) - f.energy(f.after) for f in fits if term.key in f.without) / total
+    acting = {i: f.effects[term.key] for i, f in enumerate(fits) if term.key in f.effects}
+    carried = {axis for a in acting.values() for axis in a.axes}
     mine = [r for r in rivals if term.key in r.instead_of]
     aliases = tuple(dict.fromkeys(name for r in mine for name in r.names if name != term.name))
     estimates = _estimates(walked, term, fits)
@@ -252,12 +248,12 @@ def _found(walked: Walked, term: Term, fits: Sequence[FlightFit], rivals: Sequen
         effect=term.effect,
         estimates=estimates,
         axes=tuple(a for a in AXES if a in carried),
-        explains=float(explains),
+        explains=float(_gain(term.key, fits) / total),
         probability=round(min(walked.probability(term.name, aliases), max(main, default=1.0)), 3),
         aliases=aliases,
         flight=_shown_by(term, fits),
-        borne_out=tuple(i for i, f in enumerate(fits) if f.borne_out.get(term.key, False)),
-        of_flight={i: f.parameters[term.key] for i, f in enumerate(fits) if term.key in f.parameters},
+        confirmed_by=tuple(i for i, f in enumerate(fits) if term.key in f.confirms),
+        of_flight={i: a.parameters for i, a in acting.items()},
     )
 
 
@@ -272,10 +268,9 @@ def _estimates(walked: Walked, term: Term, fits: Sequence[FlightFit]) -> tuple[E
     mean = effect.mixed(best.b[part][place] * term.scale[place], term.shape)
     root = np.linalg.cholesky(best.cov[part, part][np.ix_(place, place)])
     variance = (effect.mixed((term.scale[place, None] * root).T, term.shape) ** 2).sum(axis=0) / TRUST
-    drawn = np.array([effect.mixed(f.folds[term.key], term.shape) for f in fits if f.index == first])
-    if drawn.size:
-        spread = drawn[0] - drawn[0].mean(axis=0)
-        variance = np.maximum(variance, (len(spread) - 1) / len(spread) * (spread**2).sum(axis=0))
+    drawn = effect.mixed(fits[first].effects[term.key].folds, term.shape)
+    spread = drawn - drawn.mean(axis=0)
+    variance = np.maximum(variance, (len(spread) - 1) / len(spread) * (spread**2).sum(axis=0))
     variance = variance + _between(walked, term, first, mean)
     out = []
     for c, m, v in zip(effect.coefficients, mean, variance, strict=True):
@@ -296,8 +291,7 @@ def _shown_by(term: Term, fits: Sequence[FlightFit]) -> int:
     assert term.effect is not None
     if term.effect.kept or len(term.places) < 2:
         return min(term.places)
-    by_flight = {f.index: f for f in fits}
-    return max(term.places, key=lambda i: by_flight[i].energy(by_flight[i].without[term.key] - by_flight[i].after))
+    return max(term.places, key=lambda i: fits[i].energy(fits[i].effects[term.key].held_out))
 
 
 def _between(walked: Walked, term: Term, first: int, mean: Array) -> Array:

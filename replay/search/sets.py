@@ -1,14 +1,19 @@
-"""Sets that share the probability: which effects could stand in each other's place."""
+"""The sets of terms that were weighed: their probabilities, and which effects could stand in each other's place.
+
+A set S of terms has the log posterior ``score``(S), up to a constant: the evidence to the power ``TRUST``, the share of
+it within the bounds, the share of what is large enough, and the prior odds of its terms (evidence.py). Its probability
+among the sets that were weighed is exp(score) over their sum (Hoeting et al. 1999, Statistical Science 14, 382).
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
-if TYPE_CHECKING:
-    from replay.search.evidence import Fit
-    from replay.search.terms import Key
-    from replay.search.walk import Walked
+import numpy as np
+
+from replay.search.evidence import Evidence, Fit, Noise
+from replay.search.terms import Key, Term
 
 MARGIN = 4.0
 """Sets as likely as the best but for this much (log) count as equal."""
@@ -16,6 +21,92 @@ NAMED = 1.0
 """The same of sets that lack a term of the best: a name is stated from odds of e to one on."""
 ALIAS_NATS = 9.0
 """Sets less likely by this much (log) than the best are no alternative."""
+
+
+SURE = 0.995
+"""No more than this is claimed: models are wrong more often than the probabilities inside a model say."""
+NEGLIGIBLE = 12.0
+"""Sets less likely by this much (log) than the best have no weight."""
+Fits = dict[frozenset[Key], Fit]
+"""The best fit of every set, by the keys of its terms."""
+
+
+@dataclass
+class Sets:
+    """The memory of a walk: every set that it weighed, in the best of its shapes so far."""
+
+    evidence: Evidence
+    quiet: Noise
+    fits: Fits = field(default_factory=dict)
+
+    def weigh(self, terms: Sequence[Term], near: Fit) -> Fit:
+        """The fit of a set, the best of its shapes so far."""
+        fit = self.evidence.fit(sorted(terms, key=lambda t: str(t.key)), near.noise)
+        known = self.fits.setdefault(fit.key, fit)
+        if fit.score > known.score + 1e-9:
+            self.fits[fit.key] = fit
+        return self.fits[fit.key]
+
+
+@dataclass(frozen=True)
+class Walked:
+    """What a walk over sets came to: every set that was weighed, and the best."""
+
+    evidence: Evidence
+    quiet: Noise
+    fits: Mapping[frozenset[Key], Fit]
+    best: Fit
+    map_log_odds: float = -np.inf
+    """Log odds of the map of surfaces, beside the best set."""
+    worse: frozenset[str] = frozenset()
+    """Effects that were taken out because they raise the error of held-out time."""
+
+    def without(self, key: Key) -> Walked:
+        """The best set less one term, weighed anew."""
+        sets = Sets(self.evidence, self.quiet, dict(self.fits))
+        less = sets.weigh([t for t in self.best.terms if t.key != key], self.best)
+        return replace(self, fits=sets.fits, best=less)
+
+    def at_most(self, best: Fit) -> Walked:
+        """With this set as the best, and without those that are likelier."""
+        fits = {best.key: best} | {key: fit for key, fit in self.fits.items() if fit.score <= best.score}
+        return replace(self, fits=fits, best=best)
+
+    def ranked(self) -> list[Fit]:
+        """Likeliest first."""
+        return sorted(self.fits.values(), key=lambda f: (-round(f.score, 6), str(sorted(map(str, f.key)))))
+
+    def weighted(self) -> list[tuple[Fit, float]]:
+        """Sets with their probability exp(score) / sum of exp(score), those of some weight."""
+        top = max(f.score for f in self.fits.values())
+        total = sum(float(np.exp(f.score - top)) for f in self.fits.values())
+        return [(f, float(np.exp(f.score - top)) / total) for f in self.ranked() if f.score > top - NEGLIGIBLE]
+
+    def probability(self, name: str, aliases: Sequence[str]) -> float:
+        """That the effect, or one that stands in its place, acts: the sum over the sets that hold one of them.
+
+        Of the map of surfaces, which no set of the walk holds: 1 / (1 + exp(-log odds)).
+        """
+        effect = next((t.effect for t in self.best.terms if t.name == name), None)
+        if effect is not None and effect.remainder:
+            return round(min(1.0 / (1.0 + float(np.exp(-self.map_log_odds))), SURE), 3)
+        wanted = {name, *aliases}
+        p = sum(w for f, w in self.weighted() if wanted & {t.name for t in f.terms if t.effect is not None})
+        return round(min(p, SURE), 3)
+
+    def why_not(self, name: str) -> str:
+        """Why an effect is not in the answer."""
+        if name in self.worse:
+            return "fitted on a part of the time it makes the rest worse"
+        with_it = [f for f in self.ranked() if name in {t.name for t in f.terms}]
+        if not with_it:
+            return "no better than chance"
+        fit = with_it[0]
+        if fit.worth < -1.0:
+            return "too small beside the others, or takes too little off its axes"
+        if fit.evidence < self.best.evidence + 1.0:
+            return "the other effects do as well without it"
+        return "not likely beside the others"
 
 
 @dataclass(frozen=True)

@@ -7,30 +7,29 @@ says more than a map: the map is taken where ``TRUST log p(y | set, map) + log o
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
 
 from models.effects import Effect
 from replay.search.evidence import TRUST, Fit
-from replay.search.sets import MARGIN
+from replay.search.sets import MARGIN, Walked
 from replay.search.terms import without_form
-from replay.search.walk import Walked
 
 ROUNDS = 2
 """How often every spread of the map is chosen anew beside the others."""
 
 
-def with_surface_law(walked: Walked) -> tuple[Fit, float]:
+def with_surface_law(walked: Walked) -> Walked:
     """The best set with the map where that is clearly likelier, and the log odds of the map."""
     best = walked.best
     for effect in walked.evidence.library.remainders:
         mapped = _lighter(walked, _spread(walked, effect))
         odds = _posterior(mapped) - _posterior(best)
         if odds > MARGIN:
-            return replace(mapped, worth=best.worth, score=best.score + odds), odds
-    return best, -math.inf
+            best = replace(mapped, worth=best.worth, score=best.score + odds)
+            return replace(walked, best=best, map_log_odds=odds)
+    return walked
 
 
 def _spread(walked: Walked, effect: Effect) -> Fit:

@@ -84,18 +84,17 @@ def prior_of(effect: Effect, context: Context, shape: tuple[float, ...]) -> tupl
 
 def regressors_of(effect: Effect, record: Record, shape: tuple[float, ...]) -> Array:
     """Wrenches (n, 6, k) per independent coefficient [N, N m], 0 where a measurement is missing."""
-    x = unmixed(effect, record, shape)
+    with np.errstate(invalid="ignore", over="ignore"):
+        x = np.nan_to_num(effect.regressors(record.context, shape), posinf=0.0, neginf=0.0)
     return x if effect.mixing is None else np.asarray(x @ effect.mixing(shape))
 
 
-def unmixed(effect: Effect, record: Record, shape: tuple[float, ...]) -> Array:
-    """Wrenches (n, 6, k) per coefficient [N, N m], 0 where a measurement is missing."""
-    with np.errstate(invalid="ignore", over="ignore"):
-        return np.nan_to_num(effect.regressors(record.context, shape), posinf=0.0, neginf=0.0)
-
-
 def bent_forms(x: Array, record: Record) -> list[Array]:
-    """What a wrong form adds to a contribution (n, 6): a gain that goes with its size, orthogonal to itself."""
+    """What a wrong form adds to a contribution (n, 6): a gain that goes with its size, orthogonal to itself.
+
+    FORM_PRIOR phi_p(u) x, with u the size of x over its 99th percentile (1 at most) and phi_1, phi_2 the polynomials of
+    degree 1 and 2 that are orthogonal to those of lower degree with weight |x|^2 (Gram-Schmidt), of unit norm.
+    """
     valid = record.valid
     weight = record.context.weight
     size = np.sqrt((x[:, :3] ** 2).sum(axis=1) + (x[:, 3:] ** 2).sum(axis=1) / record.context.lever**2)

@@ -7,11 +7,8 @@ from numpy.typing import NDArray
 
 from models.frames import Array
 from replay.residual.grid import Mask
-from replay.search.channel import Channel, Columns, Growing
+from replay.search.channel import Channel, Columns
 from replay.search.disturbance import Spectrum
-
-MOST_AT_ONCE = 120
-"""A set with more columns than this is hardly weighed twice: its products are not kept."""
 
 
 class Whitened:
@@ -23,48 +20,24 @@ class Whitened:
     def __init__(self, channel: Channel, spectrum: Spectrum) -> None:
         self._channel, self._spectrum = channel, spectrum
         self.y = spectrum.whiten(channel.y, channel.run)
-        self._white = Growing(len(self.y))
-        self._used = Growing(len(self.y))
-        self._slot = np.empty(0, np.int64)
-        self._gram = np.zeros((0, 0))
+        self._rows = np.empty((0, len(self.y)))
         self._products: dict[bytes, Array] = {}
         self._blocks: dict[int, Array] = {}
 
     @property
     def x(self) -> Array:
         """(n, k)."""
-        known, x = self._white.count, self._channel.x
-        if known < x.shape[1]:
-            self._white.add(self._spectrum.whiten(x[:, known:], self._channel.run))
-        return self._white.x
+        fresh = self._channel.x[:, len(self._rows) :]
+        if fresh.size:
+            self._rows = np.concatenate([self._rows, self._spectrum.whiten(fresh, self._channel.run).T])
+        return self._rows.T
 
     def gram(self, columns: Columns, kept: Mask | None = None) -> tuple[Array, Array]:
         """X^T W X (k, k) and X^T W y (k,) of columns that act on this channel, over all samples or those kept."""
-        local = self._channel.where[columns]
-        if kept is not None or len(local) > MOST_AT_ONCE:
-            rows = slice(None) if kept is None else kept
-            x = self.x.T[local][:, rows]
-            return x @ x.T, x @ self.y[rows]
-        self._slot = np.pad(self._slot, (0, self.x.shape[1] - len(self._slot)), constant_values=-1)
-        new = local[self._slot[local] < 0]
-        if new.size:
-            self._use(new)
-        at = self._slot[local]
-        return self._gram[at[:, None], at], self.products(None)[columns]
-
-    def _use(self, new: Columns) -> None:
-        """Extend the Gram matrix by columns of the channel."""
-        first, end = self._used.count, self._used.count + len(new)
-        if end > len(self._gram):
-            room = np.empty((2 * end, 2 * end))
-            room[:first, :first] = self._gram[:first, :first]
-            self._gram = room
-        self._slot[new] = np.arange(first, end)
-        x = self.x.T[new]
-        self._used.add(x.T)
-        across = x @ self._used.x
-        self._gram[first:end, :end] = across
-        self._gram[:first, first:end] = across[:, :first].T
+        x, y = self.x.T[self._channel.where[columns]], self.y
+        if kept is not None:
+            x, y = x[:, kept], y[kept]
+        return x @ x.T, x @ y
 
     def products(self, columns: Columns | None) -> Array:
         """X^T W X (k, K) of some columns of the library with all of them; without any, X^T W y (K,)."""

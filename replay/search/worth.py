@@ -116,11 +116,12 @@ def form_variance(u: Contributions) -> Array:
 
 
 def worth(u: Contributions) -> float:
-    """Log share of what is worth a name, softly, and of what does not cancel.
+    """Log factor of a set for what is too small to be named, softly, and for what cancels.
 
-    Some axis must carry a hundredth of the weight of a term, more than what the others may leave by their form and than
-    what acts there unexplained, and a part of what is left there without it. Of what is known by its moment only, that
-    axis is one of a moment.
+    - 1/2 sum max((1 - z) / SOFT, 0)^2 - FAR_COST sum max(NEARLY - z, 0) - CANCEL_COST max(k - CANCEL, 0)
+
+    over the terms, with z of ``standing`` and k of ``cancelled``. It is no part of the posterior but a loss: a name
+    that nobody could act on is worth nothing.
     """
     out = -CANCEL_COST * max(cancelled(u) - CANCEL, 0.0)
     for z in standing(u):
@@ -129,7 +130,10 @@ def worth(u: Contributions) -> float:
 
 
 def cancelled(u: Contributions) -> float:
-    """Contributions over what they take off together, on the axis where that ratio is largest."""
+    """Contributions over what they take off together, on the axis where that ratio is largest.
+
+    k^2 = sum |u_i|^2 / (|sum u_i|^2 + n (CANCEL_FREE l)^2), u_i (n,) what a term does and l a hundredth of the weight.
+    """
     worst = 0.0
     for c, channel in enumerate(u.library.channels):
         parts = [own for (_, at), own in u.whole.items() if at == c]
@@ -140,7 +144,12 @@ def cancelled(u: Contributions) -> float:
 
 
 def standing(u: Contributions) -> Array:
-    """How far every term stands out, (terms,): 1 is just worth a name."""
+    """How far every term stands out, (terms,): 1 is just worth a name.
+
+    z = max over channels of min(T / sqrt(1 + F^2 + R^2), O / OWN, E / E_least). In hundredths of the weight: T the top
+    of what a term does, F what the other terms may leave by their form, R the slow rest, O the top of what no other
+    term would take over. E is the share of the energy that is left there without the term and that it takes off.
+    """
     if not u.terms:
         return np.empty(0)
     channels = u.library.channels
@@ -184,7 +193,11 @@ def top(x: Array, count: int) -> float:
 
 
 def beyond_bounds(terms: Sequence[Term], b: Array, cov: Array) -> float:
-    """Log share of the posterior within the bounds, over that of the prior."""
+    """Log share of the posterior within the bounds, over that of the prior, coefficient by coefficient.
+
+    sum log(Phi((h - m) / s) - Phi((l - m) / s)) of N(m, s) between l and h, less the same of the prior: the factor by
+    which truncating both changes the evidence (Klugkist & Hoijtink 2007, Comput. Stat. & Data Analysis 51, 6367).
+    """
     if not terms:
         return 0.0
     low, high, mean = (np.concatenate(v) for v in zip(*((t.low, t.high, t.centre) for t in terms), strict=True))

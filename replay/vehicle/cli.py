@@ -28,9 +28,10 @@ def add_parser(commands: Any) -> None:
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     from models.json_file import write_json
+    from models.text_file import write_text
     from models.vehicle import load_vehicle, parse_vehicle
     from models.vehicle_plausibility import warnings
-    from models.vehicle_setup.toml_text import vehicle_text, write_vehicle
+    from models.vehicle_setup.toml_text import vehicle_text
     from replay.vehicle.fit import fit
 
     found = fit(a.logs, load_vehicle(a.vehicle), a.target_system)
@@ -38,7 +39,7 @@ def run(a: argparse.Namespace) -> int:
     text = vehicle_text(found.vehicle, origin, "Every key: docs/vehicle.md. SI units, body FRD.")
     checked = parse_vehicle(text, str(a.out or a.vehicle))
     if a.out is not None:
-        write_vehicle("--out", a.out, text)
+        write_text("--out", a.out, text)
     if a.json is not None:
         numbers = {e.key: e.as_json() for e in found.estimates}
         write_json({"hover_s": round(found.hover_s, 3), "vehicle": numbers, "notes": list(found.notes)}, a.json)

@@ -18,7 +18,7 @@ import numpy as np
 from companion.vehicles import default_vehicle
 from models.errors import ConfigError, LogError
 from models.vehicle import Rangefinder, Vehicle
-from models.vehicle_plausibility import Severity, findings
+from models.vehicle_plausibility import findings
 from models.vehicle_setup.setup import COMMON_PROPELLERS, USUAL_PULSES, Answers, build, parameter_ranges, target_of
 from models.vehicle_setup.toml_text import vehicle_text
 from models.vehicle_setup.typical import Guess, typical_sizes
@@ -117,7 +117,7 @@ def draft(paths: Sequence[Path], given: Given, target_system: int | None = None)
     vehicle = replace(found.vehicle, hover_thrust=hover)
     known, assumed = _facts(vehicle, frame, sizes, said)
     vehicle = replace(vehicle, assumed=tuple(f.key for f in assumed if f.key in ASSUMABLE))
-    wrong = next((f for f in findings(vehicle) if f.severity is Severity.ERROR), None)
+    wrong = next((f for f in findings(vehicle) if f.refused), None)
     if wrong is not None:
         raise ConfigError(f"the drafted vehicle cannot be: {wrong.key} {wrong.text}")
     return Draft(vehicle, tuple(known), tuple(assumed))

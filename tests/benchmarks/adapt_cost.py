@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from adapt_flights import fly
+from whole_tlog import read_tlog
 
 import models
 from companion.adaptation.options import Adapt
@@ -29,7 +30,6 @@ from companion.sim.flight import Flight
 from companion.sim.scenario import build
 from companion.vehicles import default_vehicle
 from models.frames import Array
-from replay.logs.tlog import read_tlog
 
 CHUNK = 10
 

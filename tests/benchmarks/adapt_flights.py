@@ -13,12 +13,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from lockstep_faults import FaultyLockstep
+
 from companion.adaptation.adapt import Adaptation
 from companion.config import PipelineConfig
 from companion.control.state import Decision
 from companion.sim.autopilot import Mode
 from companion.sim.flight import Flight
-from companion.sim.lockstep import Lockstep
 from companion.sim.pilot import Hand, ScriptedPilot
 from companion.sim.sensors import OUT_OF_RANGE_M, RangeSensor
 from models.frames import GRAVITY
@@ -31,7 +32,9 @@ Force = Callable[[Flight, float], tuple[float, float, float]]
 class Pilot(ScriptedPilot):
     """The scripted pilot, with changes; ``land_s``: boot time at which it lands, ``end_s``: at which all is over."""
 
-    def __init__(self, world: Lockstep, changes: tuple[Change, ...], end_s: float, land_s: float = math.inf) -> None:
+    def __init__(
+        self, world: FaultyLockstep, changes: tuple[Change, ...], end_s: float, land_s: float = math.inf
+    ) -> None:
         super().__init__(world.flight, world.link, Hand.COMPANION, endless=False)
         self._changes, self._end_s, self._land_s = changes, end_s, land_s
 
@@ -53,7 +56,7 @@ class Pilot(ScriptedPilot):
 
 @dataclass
 class Watch:
-    """What the sizes were over the flight; stands where a Lockstep takes an auditor."""
+    """What the sizes were over the flight; stands where a FaultyLockstep takes an auditor."""
 
     every_s: float = 0.2
     seen: list[tuple[float, Adaptation]] = field(default_factory=list)
@@ -88,7 +91,7 @@ def fly(
 ) -> Watch:
     """Fly in lockstep until ``end_s`` of boot time, or the end of the script."""
     watch = Watch()
-    world = Lockstep(flight, lambda w: Pilot(w, changes, end_s, land_s), truth)
+    world = FaultyLockstep(flight, lambda w: Pilot(w, changes, end_s, land_s), truth)
     world.auditor = watch  # type: ignore[assignment]
     world.fly(config, record)
     return watch

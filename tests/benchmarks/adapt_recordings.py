@@ -21,6 +21,7 @@ from typing import Any
 
 import numpy as np
 from tqdm import tqdm
+from whole_tlog import read_tlog
 
 from companion.adaptation import adapt
 from companion.adaptation.adapt import Adaptation
@@ -32,10 +33,10 @@ from models.choice import NONE, choose
 from models.errors import UserError
 from models.vehicle import load_vehicle
 from replay.logs.formats import load, suffix_of
-from replay.logs.tlog import read_tlog
+from replay.logs.pieces import Piece
 from replay.logs.tlog_vehicle import choose_system
 from replay.rerun.harness import Replay
-from replay.rerun.log_samples import samples_of
+from replay.rerun.log_samples import samples_of_pieces
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("CORNER_SHARED", ROOT.parent / "shared")) / "data"
@@ -110,7 +111,7 @@ def decisions(log: Path, config: PipelineConfig) -> Iterator[Decision]:
         yield from Replay(config, choose_system(tlog, None).system, {"GUID_OPTIONS": 8.0}).decisions(tlog.frames())
         return
     logs = load(log, None)
-    yield from Replay(config, logs[0].system).decisions_on(s for one in logs for s in samples_of(one))
+    yield from Replay(config, logs[0].system).decisions_on(s for one in logs for s in samples_of_pieces([Piece(one)]))
 
 
 def predicted(blocks: list[tuple[float, Seen, Any]]) -> tuple[Any, Any]:

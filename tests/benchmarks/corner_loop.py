@@ -29,8 +29,9 @@ from companion.sim.scenario import build
 from companion.vehicles import default_vehicle
 from models.choice import choose
 from models.frames import Array
+from models.surrogate.store import save_model
 from models.vehicle import Vehicle, load_vehicle
-from replay.diagnosis.amended_model import save_amended
+from replay.diagnosis.amended_model import amended
 from replay.diagnosis.diagnose import diagnose
 
 AXES = ("height", "sideways", "corner height", "corner sideways")
@@ -79,7 +80,7 @@ class World:
         if not (path / "model.json").exists():
             base = None if model == "none" else choose(self.vehicle, model).model
             answer = diagnose([self.recorded(s) for s in seeds], self.vehicle, base)
-            save_amended(path, base, self.vehicle, answer.adopted)
+            save_model(path, amended(base, self.vehicle, answer.adopted))
         return str(path)
 
     def _fly(self, leg: Leg, seed: int, model: str, adapt: bool, approaches: int, record: Path | None) -> Array:

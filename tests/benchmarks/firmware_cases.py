@@ -19,15 +19,16 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+from flight_case import WIRE_S, Case, CasePilot, Judgement, Outcome, fly_case
+
 from companion.adaptation.options import Adapt
 from companion.config import PipelineConfig
 from companion.sim.autopilot import Mode
-from companion.sim.case import WIRE_S, Case, CasePilot, Judgement, Outcome, fly_case
 from companion.sim.sensors import RangeFault
 from companion.vehicles import QUAD
 from models.errors import UserError
+from models.surrogate.empty import empty_model
 from models.vehicle import load_vehicle
-from replay.diagnosis.amended_model import empty_model
 
 HEIGHT_M = 1.5
 NEAR_M = 0.15

@@ -40,8 +40,8 @@ from companion.mavlink.setpoints import AttitudeCommand
 from companion.pipeline import initial_state, step
 from companion.vehicles import QUAD
 from models.frames import GRAVITY, quaternion_from_euler
+from models.surrogate.empty import empty_model
 from models.vehicle import load_vehicle
-from replay.diagnosis.amended_model import empty_model
 
 DT = 0.005
 HOVER = 0.42

@@ -100,22 +100,22 @@ while time.monotonic() < end:
 
 LOOP = """
 import select, socket, struct, sys, time
-from companion.mavlink.frames import only_frame, pack
+from companion.mavlink.frames import FrameReader, pack
 from companion.mavlink.setpoints import AttitudeCommand, encode
 _, host, port = sys.argv[1].split(":")
 link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
 link.bind((host, int(port)))
-end, sequence = time.monotonic() + float(sys.argv[2]), 0
+end, sequence, reader = time.monotonic() + float(sys.argv[2]), 0, FrameReader()
 while time.monotonic() < end:
     if not select.select([link], [], [], 0.02)[0]:
         continue
     data, peer = link.recvfrom(65536)
-    frame = only_frame(data)
-    if frame is not None and frame.id == 31:
-        (boot_ms,) = struct.unpack_from("<I", frame.payload)
-        answer = AttitudeCommand(boot_ms / 1000.0, (1.0, 0.0, 0.0, 0.0), 0.5)
-        link.sendto(pack(*encode(answer, 1), 1, 191, sequence), peer)
-        sequence = (sequence + 1) % 256
+    for frame in reader.feed(data):
+        if frame.id == 31:
+            (boot_ms,) = struct.unpack_from("<I", frame.payload)
+            answer = AttitudeCommand(boot_ms / 1000.0, (1.0, 0.0, 0.0, 0.0), 0.5)
+            link.sendto(pack(*encode(answer, 1), 1, 191, sequence), peer)
+            sequence = (sequence + 1) % 256
 """
 
 EMPTY = """

@@ -18,6 +18,8 @@ from collections import defaultdict
 from pathlib import Path
 from statistics import median
 
+from whole_tlog import read_tlog
+
 import models
 from companion.config import PipelineConfig
 from companion.mavlink.frames import cut
@@ -28,7 +30,7 @@ from companion.mavlink.setpoints import encode
 from companion.pipeline import answer, initial_state, settle, step
 from companion.vehicles import default_vehicle
 from models.vehicle import load_vehicle
-from replay.logs.tlog import message_name, read_tlog
+from replay.logs.tlog import message_name
 
 Times = dict[str, list[int]]
 _ATTITUDE = (31).to_bytes(3, "little")

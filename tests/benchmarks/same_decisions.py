@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 from same_answers import vehicle_of
 from tqdm import tqdm
+from whole_tlog import read_tlog
 
 import models
 from companion.config import Base, PipelineConfig
@@ -33,9 +34,9 @@ from models.errors import UserError
 from models.surrogate.fan_surrogate import AdoptedEffect
 from models.vehicle import load_vehicle
 from replay.logs.formats import READERS, load, suffix_of
-from replay.logs.tlog import read_tlog
+from replay.logs.pieces import Piece
 from replay.rerun.harness import Replay
-from replay.rerun.log_samples import samples_of
+from replay.rerun.log_samples import samples_of_pieces
 
 _CLOSE = 1e-9
 _THRUST, _TILTS = 3, (4, 5)
@@ -92,7 +93,7 @@ def flown(log: Path, way: str) -> list[list[float]]:
 
 def _samples(log: Path) -> Iterator[Sample]:
     for one in load(log, None):
-        yield from samples_of(one)
+        yield from samples_of_pieces([Piece(one)])
 
 
 def job(work: tuple[Path, str]) -> tuple[np.ndarray, np.ndarray] | None:

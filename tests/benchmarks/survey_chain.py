@@ -16,22 +16,23 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from flight_case import Case, CasePilot, surroundings
+from lockstep_faults import FaultyLockstep
+
 import models
 from companion.config import PipelineConfig
 from companion.control.survey import Phase
 from companion.control.survey_box import read_box
 from companion.sim.air import disturbed
 from companion.sim.body import Body
-from companion.sim.case import Case, CasePilot, surroundings
 from companion.sim.flight import Flight
 from companion.sim.flown import AXES, UNITS, Flown, Leg, fly_judged
-from companion.sim.lockstep import Lockstep
 from companion.sim.scenario import build
 from companion.vehicles import TANDEM
 from models.errors import UserError
+from models.surrogate.empty import empty_model
 from models.vehicle import Vehicle, load_vehicle
 from replay.cli import main as replay
-from replay.diagnosis.amended_model import empty_model
 
 AIR, BUILD = 11, 11
 """The seeds of the one air and of the one vehicle."""
@@ -66,11 +67,11 @@ def survey(vehicle: Vehicle, box: str, folder: Path) -> tuple[Path, dict[str, An
     flight = one_vehicle(vehicle, surroundings(case, vehicle), 1)
     pilots: list[CasePilot] = []
 
-    def pilot(world: Lockstep) -> CasePilot:
+    def pilot(world: FaultyLockstep) -> CasePilot:
         pilots.append(CasePilot(world, surveying))
         return pilots[0]
 
-    world = Lockstep(flight, pilot)
+    world = FaultyLockstep(flight, pilot)
     log = folder / "survey.tlog"
     world.fly(PipelineConfig(vehicle, empty_model(vehicle), survey=read_box(box)), log)
     assert world.companion is not None

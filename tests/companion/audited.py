@@ -5,14 +5,14 @@ from __future__ import annotations
 from functools import cache
 from pathlib import Path
 
+from flight_case import Case, CasePilot, surroundings
+from lockstep_faults import FaultyLockstep
 from simflight import vehicle
 
 import models
 from companion.config import PipelineConfig
 from companion.invariants import Audit, Auditor
-from companion.sim.case import Case, CasePilot, surroundings
 from companion.sim.flight import Flight
-from companion.sim.lockstep import Lockstep
 
 
 @cache
@@ -22,7 +22,7 @@ def config(name: str = "tandem") -> PipelineConfig:
 
 def fly_audited(
     case: Case, seed: int = 1, record: Path | None = None, name: str = "tandem", **changes: bool
-) -> tuple[Lockstep, CasePilot, Audit]:
+) -> tuple[FaultyLockstep, CasePilot, Audit]:
     """One case in lockstep; the pilot holds what truly happened."""
     from dataclasses import replace
 
@@ -30,11 +30,11 @@ def fly_audited(
     flight = Flight(own.vehicle, surroundings(case, own.vehicle), seed, px4=case.px4, parameters=case.parameters)
     pilots: list[CasePilot] = []
 
-    def pilot(world: Lockstep) -> CasePilot:
+    def pilot(world: FaultyLockstep) -> CasePilot:
         pilots.append(CasePilot(world, case.script))
         return pilots[0]
 
-    world = Lockstep(flight, pilot)
+    world = FaultyLockstep(flight, pilot)
     world.auditor = Auditor(own.vehicle, dry_run=own.dry_run)
     world.fly(own, record)
     return world, pilots[0], world.auditor.report()

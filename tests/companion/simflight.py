@@ -9,7 +9,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from lockstep_faults import LateLink
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from whole_tlog import read_tlog
 
 import companion
 from companion.config import PipelineConfig
@@ -17,10 +19,9 @@ from companion.mavlink.frames import cut
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, encode
 from companion.sim.autopilot import Mode
 from companion.sim.flight import Flight
-from companion.sim.link import VehicleLink, quaternion
 from companion.sim.scenario import build
+from models.frames import quaternion_from_euler
 from models.vehicle import Vehicle, load_vehicle
-from replay.logs.tlog import read_tlog
 from replay.rerun.harness import Replay
 
 VEHICLES = Path(companion.__file__).parent / "vehicles"
@@ -51,7 +52,7 @@ class Peer:
     def __init__(self, flight: Flight) -> None:
         self.flight = flight
         self.frames: list[bytes] = []
-        self.link = VehicleLink(flight, self.frames.append)
+        self.link = LateLink(flight, self.frames.append)
         self._parser = mavlink.MAVLink(None)
         self._parser.robust_parsing = True
 
@@ -87,7 +88,7 @@ class Peer:
         self, roll: float = 0.0, pitch: float = 0.0, thrust: float = 0.5, *, mask: int = 7, scale: float = 1.0
     ) -> None:
         """Angles in degrees."""
-        q = [scale * v for v in quaternion(math.radians(roll), math.radians(pitch), 0.0)]
+        q = [scale * v for v in quaternion_from_euler(math.radians(roll), math.radians(pitch), 0.0)]
         self.say(mavlink.MAVLink_set_attitude_target_message(self.link.boot_ms, 1, 1, mask, q, 0.0, 0.0, 0.0, thrust))
 
     def position(self, n: float, e: float, d: float, *, accel_n: float | None = None) -> None:

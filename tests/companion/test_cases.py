@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import firmware_cases
 import pytest
+from flight_case import Case, fly_case
 
-from companion.sim.case import Case, fly_case
 from companion.vehicles import QUAD
 from models.errors import LinkError
 from models.vehicle import load_vehicle
@@ -37,7 +37,7 @@ def test_what_crashed_a_real_firmware_touches_nothing(name):
 def test_without_its_watchdog_a_kill_at_the_wall_ends_at_the_wall():
     """The manner of the real ArduCopter: level after GUID_TIMEOUT, then it drifts."""
     from companion.config import PipelineConfig
-    from replay.diagnosis.amended_model import empty_model
+    from models.surrogate.empty import empty_model
 
     v = load_vehicle(QUAD)
 
@@ -51,7 +51,7 @@ def test_without_its_watchdog_a_kill_at_the_wall_ends_at_the_wall():
 
 def test_a_script_that_is_never_judged_is_an_error():
     from companion.config import PipelineConfig
-    from replay.diagnosis.amended_model import empty_model
+    from models.surrogate.empty import empty_model
 
     v = load_vehicle(QUAD)
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from whole_tlog import read_tlog
 
 import models
 from companion.config import PipelineConfig
@@ -13,7 +14,6 @@ from companion.control.authority import Notice, Reason
 from companion.mavlink.setpoints import AttitudeCommand
 from companion.pipeline import Decision, initial_state, step
 from models.vehicle import load_vehicle
-from replay.logs.tlog import read_tlog
 from replay.rerun.harness import Replay
 
 

@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 from audited import fly_audited
+from flight_case import Case, CasePilot
 from simflight import vehicle
+from whole_tlog import read_tlog
 
 from companion.control.compensation import Offset
 from companion.invariants import Auditor, Promise
@@ -17,9 +19,7 @@ from companion.mavlink.frames import Frame, FrameReader, pack
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand, encode
 from companion.pipeline import Decision
 from companion.sim.autopilot import Mode
-from companion.sim.case import Case, CasePilot
 from models.frames import quaternion_from_euler
-from replay.logs.tlog import read_tlog
 
 SECONDS = 4.0
 

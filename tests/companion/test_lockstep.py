@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from lockstep_faults import BUFFER_DATAGRAMS, FaultyLockstep, Wire
 from simflight import sent_and_decided, vehicle
 
 import models
@@ -17,7 +18,6 @@ from companion.sim.air import NOMINAL
 from companion.sim.compare import Settings
 from companion.sim.flight import Flight
 from companion.sim.flown import Leg, read_truth
-from companion.sim.lockstep import BUFFER_DATAGRAMS, Lockstep, Wire
 from companion.sim.pilot import Hand, ScriptedPilot
 from companion.sim.scenario import build
 
@@ -27,7 +27,7 @@ SHORT_S = 16.0
 class UntilPilot(ScriptedPilot):
     """The scripted pilot, for a few seconds; ``then`` is called once, at 14 s."""
 
-    def __init__(self, world: Lockstep, end_s: float = SHORT_S, then: str = "") -> None:
+    def __init__(self, world: FaultyLockstep, end_s: float = SHORT_S, then: str = "") -> None:
         super().__init__(world.flight, world.link, Hand.COMPANION, endless=False)
         self.world, self.end_s, self.then = world, end_s, then
 
@@ -43,10 +43,10 @@ class UntilPilot(ScriptedPilot):
             self.then = ""
 
 
-def short_flight(folder: Path, *, slow: bool = False, **pilot: object) -> Lockstep:
+def short_flight(folder: Path, *, slow: bool = False, **pilot: object) -> FaultyLockstep:
     v = vehicle()
     flight = Flight(v, build("corner", v), 4, law=NOMINAL)
-    world = Lockstep(flight, lambda w: UntilPilot(w, **pilot), folder / "truth.csv")  # type: ignore[arg-type]
+    world = FaultyLockstep(flight, lambda w: UntilPilot(w, **pilot), folder / "truth.csv")  # type: ignore[arg-type]
     if slow:
         late, calls = world.recv, iter(range(10**9))
 

@@ -7,10 +7,11 @@ import pytest
 from simflight import hovering, vehicle
 
 from companion.sim.air import NOMINAL
-from companion.sim.body import ARDUPILOT_MOTOR, GRAVITY, Body, Surroundings, thrust_share
+from companion.sim.body import ARDUPILOT_MOTOR, Body, Surroundings, thrust_share
 from companion.sim.mixer import Mixer
 from companion.sim.sensors import OUT_OF_RANGE_M, RangeSensor, true_range
 from models.errors import ConfigError
+from models.frames import GRAVITY
 from models.vehicle import Rangefinder
 
 NEUTRAL = [1000.0] * 4 + [1500.0] * 2 + [0.0] * 10

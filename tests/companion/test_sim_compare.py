@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from whole_tlog import read_tlog
 
 from companion.cli import main as companion
 from companion.mavlink.dialect import mavlink
@@ -22,7 +23,6 @@ from companion.sim.flown import AXES, PHASES, STEP_S, Flown, Leg, flown, read_tr
 from companion.sim.scenario import Knot, build
 from companion.vehicles import default_vehicle
 from models.errors import ConfigError, LinkError
-from replay.logs.tlog import read_tlog
 
 TIME = np.arange(0.0, 50.0, STEP_S)
 TRAJECTORY = np.sin(0.3 * TIME)
@@ -55,16 +55,15 @@ def test_a_remaining_share_of_the_air_is_found_again():
     part = air_part(flights(left=0.4) + flights(2, left=0.4))
     assert part is not None
     for axis in AXES:
-        assert part.paired[axis] == pytest.approx(1.0 - 0.4**2, abs=1e-9)
-        assert part.energy[axis] == pytest.approx(1.0 - 0.4**2, abs=0.05)
+        assert part[axis] == pytest.approx(1.0 - 0.4**2, abs=1e-9)
 
 
 def test_offsets_that_do_nothing_remove_nothing_and_harm_is_negative():
     nothing, harm = air_part(flights(left=1.0)), air_part(flights(left=1.5))
     assert nothing is not None
     assert harm is not None
-    assert nothing.paired["height"] == pytest.approx(0.0)
-    assert harm.paired["height"] < -1.0
+    assert nothing["height"] == pytest.approx(0.0)
+    assert harm["height"] < -1.0
 
 
 def test_without_a_free_flight_there_is_no_air_part():
@@ -75,8 +74,7 @@ def test_air_that_adds_nothing_has_no_share():
     still = [leg(Leg.OFF, 1, 0.0), leg(Leg.ON, 1, 0.0), leg(Leg.FREE, 1, 0.0)]
     part = air_part(still)
     assert part is not None
-    assert math.isnan(part.energy["height"])
-    assert math.isnan(part.paired["height"])
+    assert math.isnan(part["height"])
     assert "-" in as_text(compared(*still)).splitlines()[-1]
 
 
@@ -102,7 +100,7 @@ def test_json_has_means_shares_and_every_flight():
     assert report["seeds"] == [1, 2]
     assert set(report["legs"]) == {"autopilot", "off", "on", "free"}
     assert report["legs"]["on"]["height"]["rms"]["sd"] == pytest.approx(0.0)
-    assert report["air_caused_part_removed"]["on"]["paired"]["tilt"] == pytest.approx(0.84, abs=1e-3)
+    assert report["air_caused_part_removed"]["on"]["tilt"] == pytest.approx(0.84, abs=1e-3)
     assert report["model_error"] == {"lift": 0.2, "pull": 0.21, "tilt": 0.15, "without_offsets": 1.0}
     assert len(report["flights"]) == 8
 

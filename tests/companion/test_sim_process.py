@@ -99,15 +99,6 @@ def test_a_bad_argument_is_one_line_that_names_it(capsys, arguments, named):
     assert named in err[0]
 
 
-def test_a_port_in_use_is_one_line_and_exit_4(capsys):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.bind(("0.0.0.0", 0))
-        assert main(["--ardupilot-json", str(sock.getsockname()[1])]) == 4
-    err = capsys.readouterr().err.strip().splitlines()
-    assert len(err) == 1
-    assert "--ardupilot-json" in err[0]
-
-
 def test_launch_passes_on_why_it_did_not_start(tmp_path):
     with pytest.raises(LinkError, match=r"none\.toml"), launch("hover", vehicle=tmp_path / "none.toml"):
         pass

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 import pytest
+from flight_case import Case, CasePilot, fly_case
 from hypothesis import given
 from hypothesis import strategies as st
 from simflight import sent_and_decided, vehicle
@@ -17,9 +18,8 @@ from companion.control import survey as sv
 from companion.control.survey import Phase, Survey, Wanted, Whereabouts, advance, plan
 from companion.control.survey_box import SurveyBox, read_box
 from companion.sim.autopilot import Mode
-from companion.sim.case import Case, CasePilot, fly_case
 from models.errors import ConfigError
-from replay.diagnosis.amended_model import empty_model
+from models.surrogate.empty import empty_model
 
 BOX = SurveyBox(0.3, 1.2, 0.3, 1.0)
 EAST = np.array([0.0, 1.0])

@@ -1,4 +1,4 @@
-"""A real firmware with ``companion.sim`` as its physics, a ground station, and the companion as a user starts it.
+"""A real firmware on the body of ``companion.sim``, a ground station, and the companion as a user starts it.
 
 Time is the autopilot's own: on a slow machine both firmwares wait for their physics, so a flight stretches.
 """
@@ -114,7 +114,7 @@ class Rig:
 
     def _boot(self) -> None:
         flag, port = ("--px4-hil", 4560) if self.px4 else ("--ardupilot-json", 9002)
-        physics = [sys.executable, "-m", "companion.sim", "--vehicle", QUAD, "--scenario", "corner"]
+        physics = [sys.executable, Path(__file__).with_name("physics.py"), "--vehicle", QUAD, "--scenario", "corner"]
         self._start("physics", [*physics, flag, port, "--truth", self.folder / "truth.csv"])
         give_up = time.monotonic() + 60.0
         while b"{" not in (self.folder / "physics.log").read_bytes():

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from models.cfd import fidelity, mean_error
-from models.cfd.campaign import Row
-from models.cfd.case_run import Result
+from models.cfd.case_run import Result, Row
 from models.cfd.labels import labels
 from models.cfd.position import Position
 

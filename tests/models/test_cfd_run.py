@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from models.cfd import campaign, case, config, foam, polars, trim
-from models.cfd.case_run import Result, compute
+from models.cfd.case_run import Result, Row, compute
 from models.cfd.position import Position, check
 from models.cli import main
-from models.errors import ConfigError
+from models.errors import ConfigError, ModelError
 from models.progress import Bars
 
 INF = math.inf
@@ -111,9 +111,11 @@ def test_a_diverged_case_is_marked_with_the_solvers_words(tmp_path, solver):
     assert math.isnan(result.wrench[0])
 
 
-def test_a_killed_case_goes_on_and_the_campaign_with_it(tmp_path, solver):
+def test_a_killed_case_stops_no_other_and_goes_on_in_the_next_run(tmp_path, solver):
     solver("killed")
     positions = [FREE, Position(INF, 1.0, 4000.0), Position(2.0, INF, 4000.0)]
+    campaign.run(tmp_path, SETUP, section, positions, jobs=2)
+    assert campaign.rows(tmp_path, positions) == []
     campaign.run(tmp_path, SETUP, section, positions, jobs=2)
     rows = campaign.rows(tmp_path, positions)
     assert [r.result.status for r in rows] == ["steady"] * 3
@@ -122,12 +124,11 @@ def test_a_killed_case_goes_on_and_the_campaign_with_it(tmp_path, solver):
 def test_a_campaign_is_resumed_not_repeated(tmp_path, solver):
     positions = [FREE, Position(INF, 1.0, 4000.0), Position(INF, 1.0, 2800.0)]
     campaign.run(tmp_path, SETUP, section, positions[:2])
-    again: list[str] = []
-    campaign.run(tmp_path, SETUP, section, positions, finished=lambda row: again.append(row.position.key))
-    assert again == [positions[2].key]
-    last = campaign.load(tmp_path, positions[2])
+    seen: list[tuple[str, int, int]] = []
+    campaign.run(tmp_path, SETUP, section, positions, progress=lambda *a: seen.append(a))
+    assert seen == [("cases", 3, 3)]
+    *_, last = campaign.rows(tmp_path, positions)
     # The same mesh at another speed: the state is scaled, not mapped.
-    assert last is not None
     assert last.result.start == positions[1].key
     assert not (tmp_path / positions[2].key / "mapped_from").exists()
     assert (tmp_path / positions[1].key / "mapped_from").read_text() == str(tmp_path / FREE.key)
@@ -140,18 +141,14 @@ def test_a_case_that_drifted_goes_on_when_the_limit_is_raised(tmp_path, solver):
     with_limit = {n: replace(SETUP, solver=replace(SETUP.solver, limit=n)) for n in (192, 480)}
     places = [FREE, Position(INF, 1.0, 4000.0)]
     campaign.run(tmp_path, with_limit[192], section, places)
-    short = campaign.load(tmp_path, places[1])
+    _, short = campaign.rows(tmp_path, places)
     campaign.run(tmp_path, with_limit[480], section, places)
-    longer = campaign.load(tmp_path, places[1])
-    assert short is not None
-    assert longer is not None
+    free, longer = campaign.rows(tmp_path, places)
     assert (short.result.status, short.result.iterations) == ("drifting", 192)
     assert longer.result.status == "steady"
     assert 300 < longer.result.iterations <= 480
     assert longer.result.start == short.result.start
     # The one from rest has twice the limit, and goes on under it too.
-    free = campaign.load(tmp_path, FREE)
-    assert free is not None
     assert free.result.iterations > 300
 
 
@@ -170,13 +167,14 @@ def test_a_folder_of_another_fan_is_refused(tmp_path, solver):
         campaign.run(tmp_path, other, section, [FREE])
 
 
-def test_a_folder_of_half_models_is_not_continued_with_full_ones(tmp_path, solver):
-    campaign.run(tmp_path, SETUP, section, [FREE])
+def test_half_and_full_models_share_a_folder(tmp_path, solver):
     full = campaign.plan(SETUP, "full")[:1]
-    with pytest.raises(ConfigError, match="holds half models, not full models"):
-        campaign.run(tmp_path, SETUP, section, full)
-    assert not (tmp_path / full[0].key).exists()
-    assert campaign.model_of(tmp_path) == "half"
+    for positions in ([FREE], full):
+        campaign.run(tmp_path, SETUP, section, positions)
+    rows = campaign.rows(tmp_path, [FREE, *full])
+    assert [r.position.model for r in rows] == ["half", "full"]
+    # Neither starts from the other's mesh.
+    assert [r.result.start for r in rows] == ["rest", "rest"]
 
 
 def test_the_pair_is_trimmed_for_lift_and_torque(tmp_path, monkeypatch, solver):
@@ -231,7 +229,7 @@ def test_no_cell_of_a_disc_is_left_without_lift(tmp_path, solver):
 def test_a_broken_result_is_named(tmp_path, solver):
     campaign.run(tmp_path, SETUP, section, [FREE])
     (tmp_path / FREE.key / campaign.RESULT).write_text("{}")
-    with pytest.raises(ConfigError, match=r"result\.json.*delete it"):
+    with pytest.raises(ModelError, match=r"result\.csv: has another header"):
         campaign.rows(tmp_path, [FREE])
 
 
@@ -330,5 +328,5 @@ def test_second_starts_of_full_models_come_last_and_start_without_ground():
     again = plan[-1]
     assert (again.place, again.approach, again.swirl) == ((1.25, 0.5), "far", True)
     result = Result((0,) * 6, (0,) * 6, (0,) * 6, (0, 0, 0), "steady", 1, 96, 0, 1.0, "rest")
-    finished = [campaign.Row(p, result) for p in plan[:-1]]
+    finished = [Row(p, result) for p in plan[:-1]]
     assert campaign.start_for(again, finished).place == (INF, 0.5)

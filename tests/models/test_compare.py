@@ -1,4 +1,4 @@
-"""The comparison: both protocols on a small data set, claims judged by their numbers, the report written."""
+"""The comparison on a small data set, claims judged by their numbers, the report written."""
 
 from __future__ import annotations
 
@@ -31,12 +31,11 @@ def result() -> compare.Comparison:
         return compare.compare(data.take((rng.random(len(data)) < 0.12) | data.free_air), splits=2, epochs=30)
 
 
-def test_both_protocols_give_every_method_and_component(result: compare.Comparison) -> None:
+def test_the_table_has_every_method_and_component(result: compare.Comparison) -> None:
     table = result.numbers["table2"]
-    for protocol in ("like_for_like", "like_for_like_raw", "honest"):
-        assert set(table[protocol]) == set(compare.METHODS)
-        for row in table[protocol].values():
-            assert set(row) == set(AXES)
+    assert set(table) == set(compare.METHODS)
+    for row in table.values():
+        assert set(row) == set(AXES)
     json.dumps(result.numbers)
 
 
@@ -54,17 +53,17 @@ def test_regions_are_left_out_whole(result: compare.Comparison) -> None:
 
 
 def test_the_first_task_is_the_one_plotted(result: compare.Comparison) -> None:
-    assert result.tasks[0].target == "increments"
+    assert result.tasks[0].kind == "split"
     assert result.surfaces["kriging"].shape == (compare.GRID, compare.GRID)
 
 
-def test_honest_means_are_means_over_splits(result: compare.Comparison) -> None:
+def test_means_are_means_over_splits(result: compare.Comparison) -> None:
     values = [
         compare.r_squared(t.problem.y[t.test], a[t.test])[2]
         for t, a in zip(result.tasks, result.answers["polynomial"], strict=True)
-        if t.kind == "split" and t.target == "increments"
+        if t.kind == "split"
     ]
-    assert result.numbers["table2"]["honest"]["polynomial"]["Fz"]["test"] == pytest.approx(np.mean(values))
+    assert result.numbers["table2"]["polynomial"]["Fz"]["test"] == pytest.approx(np.mean(values))
 
 
 def _numbers(order: tuple[float, float, float, float], rough: float = 2.0) -> dict[str, object]:
@@ -73,7 +72,7 @@ def _numbers(order: tuple[float, float, float, float], rough: float = 2.0) -> di
     lift = {m: {"mse_train": 1.0, "mse_test": 1.0, "roughness": 1.0} for m in compare.METHODS}
     lift["kriging"] = {"mse_train": 0.1, "mse_test": 0.1, "roughness": rough}
     lift["polynomial"] = {"mse_train": 5.0, "mse_test": 5.0, "roughness": 0.1}
-    return {"table2": {"honest": cell, "like_for_like": cell}, "table3": lift, "hidden_scan": {"best": 9}}
+    return {"table2": cell, "table3": lift}
 
 
 def test_a_single_split_has_no_standard_deviation() -> None:
@@ -86,7 +85,6 @@ def test_claims_follow_the_numbers() -> None:
     assert verdicts["GA-Adam-BP >= Adam-BP > GA-BP > BP in R^2"]
     assert verdicts["the genetic algorithm helps less than Adam"]
     assert verdicts["kriging is rougher between samples than the net"]
-    assert verdicts["nine hidden units are best"]
     verdicts = {c["claim"]: c["reproduced"] for c in compare.claims(_numbers((0.8, 0.96, 0.95, 0.94), rough=0.5))}
     assert not any(list(verdicts.values())[:3])
     assert not verdicts["kriging is rougher between samples than the net"]
@@ -122,7 +120,7 @@ def test_the_report_holds_the_tables_and_figures(result: compare.Comparison, tmp
     pytest.importorskip("matplotlib", reason="plots not installed")
     plots.write_figures(tmp_path, result)
     page = compare_page.write_page(tmp_path, result.numbers, "models train").read_text()
-    assert "Table 2, honest" in page
+    assert "Table 2: held-out" in page
     assert "reproduced: " in page
     for number in range(14, 20):
         (figure,) = tmp_path.glob(f"fig{number}_*.png")
@@ -136,7 +134,7 @@ def test_the_page_says_first_which_method_to_use(result: compare.Comparison, tmp
     command = f"models train --data fan.csv --method {use} --out DIR"
     html = compare_page.write_page(tmp_path, result.numbers, command).read_text()
     assert f"Next: {command}" in html
-    assert html.index(f"Use this one: {use}.") < html.index(f"--method {use} --out DIR") < html.index("Every method")
+    assert html.index(f"Use this one: {use}.") < html.index(f"--method {use} --out DIR") < html.index("Table 2")
     for method in compare.METHODS:
         assert method in html
     assert html.count("data:image/png;base64,") == len(list(tmp_path.glob("*.png")))

@@ -145,6 +145,17 @@ def test_a_hanging_load_pulls_down_and_at_its_hook(ctx: Context) -> None:
     assert wrench[3] == pytest.approx(-0.1 * wrench[1])  # 0.1 m below the CG: it rights the body
 
 
+def test_an_effect_says_itself_what_it_corrects(ctx: Context, monkeypatch: pytest.MonkeyPatch) -> None:
+    slow = replace(
+        get("range_offset"),
+        name="slow_clock",
+        corrected=lambda state, p: replace(state, time_s=state.time_s + p["offset_m"]),
+    )
+    monkeypatch.setattr("models.effects.catalogue", lambda: (slow,))
+    late = corrected_state([AdoptedEffect("slow_clock", {"offset_m": 0.5})], ctx.state)
+    np.testing.assert_allclose(late.time_s, ctx.state.time_s + 0.5)
+
+
 def test_a_range_offset_corrects_the_heights(ctx: Context) -> None:
     moved = corrected_state([AdoptedEffect("range_offset", {"offset_m": 0.05, "secant_m": 0.045})], ctx.state)
     assert np.allclose(moved.h_m, ctx.state.h_m - 0.05)

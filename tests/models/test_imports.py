@@ -15,8 +15,6 @@ KNOWN_CIRCLES = (
         "companion.adaptation.saved",
         "companion.control.state",
     },
-    {"replay.diagnosis.answer", "replay.diagnosis.diagnose"},
-    {"replay.search.sets", "replay.search.walk"},
 )
 """To be taken apart; no other may be added."""
 

@@ -80,14 +80,6 @@ def test_descent_and_adam_lower_every_nets_error(adam_rate: float | None) -> Non
     assert bool((then < before).all())
 
 
-def test_masked_genes_stay_zero() -> None:
-    batch, _ = _batch()
-    mask = (np.arange(46) % 3 > 0).astype(float)[None].repeat(4, 0)
-    theta = network.descend(_theta() * mask, batch, HIDDEN, 20, adam_rate=0.01, mask=mask)
-    assert np.all(theta[mask == 0.0] == 0.0)
-    assert np.all(theta[mask == 1.0] != 0.0)
-
-
 def test_what_flies_is_what_was_trained() -> None:
     """Parity of the numpy forward pass with torch's, in double precision."""
     theta = np.random.default_rng(3).normal(size=(5 * 6, 46))

@@ -195,13 +195,6 @@ def test_r_squared_is_the_papers_and_not_defined_for_a_constant() -> None:
     np.testing.assert_allclose(train.r_squared(truth, answer), [0.5, np.nan, np.nan])
 
 
-def test_hidden_units_are_scanned_by_inner_validation(small: DataSet) -> None:
-    pytest.importorskip("torch", reason="training extra not installed")
-    size, table = train.scan_hidden(train.frame(small), np.random.default_rng(0), None, epochs=60)
-    assert tuple(table) == tuple(range(2, 13))
-    assert table[size] == min(table.values())
-
-
 def test_reference_data_train_to_the_goal(shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Accuracy alone: the weakest decay is given and little calibrated, for speed."""
     monkeypatch.setattr(train, "DECAYS", (1e-7,))

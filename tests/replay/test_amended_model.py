@@ -9,8 +9,8 @@ import pytest
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
 from models.effects import AdoptedEffect, BelongsTo, Context, catalogue, get
-from models.surrogate.store import load
-from replay.diagnosis.amended_model import known_day, learnt_from, save_amended, to_adopt
+from models.surrogate.store import load, save_model
+from replay.diagnosis.amended_model import amended, known_day, learnt_from, to_adopt
 from replay.diagnosis.words import kept_words
 from replay.search.results import Estimate
 
@@ -25,14 +25,14 @@ def log(tmp_path: Path) -> Path:
     return path
 
 
-def amended(tmp_path: Path, log: Path, *effects: AdoptedEffect):
-    save_amended(tmp_path / "m", load(), default_vehicle(), effects, [log])
+def saved(tmp_path: Path, log: Path, *effects: AdoptedEffect):
+    save_model(tmp_path / "m", amended(load(), default_vehicle(), effects, [log]))
     return load(tmp_path / "m")
 
 
 def test_weather_and_load_start_the_next_flight_at_zero(tmp_path: Path, log: Path) -> None:
     payload = AdoptedEffect("payload", {"mass": 0.4, "from_s": 12.0})
-    model = amended(tmp_path, log, AdoptedEffect("wind", WIND), payload, AdoptedEffect("vertical_inflow", INFLOW))
+    model = saved(tmp_path, log, AdoptedEffect("wind", WIND), payload, AdoptedEffect("vertical_inflow", INFLOW))
     effects = {e.name: e.parameters for e in model.effects}
     assert effects == {
         "wind": WIND | {"north": 0.0, "east": 0.0},
@@ -45,7 +45,7 @@ def test_weather_and_load_start_the_next_flight_at_zero(tmp_path: Path, log: Pat
 
 
 def test_the_model_knows_the_logs_that_it_was_made_from(tmp_path: Path, log: Path) -> None:
-    model = amended(tmp_path, log, AdoptedEffect("thrust_scale", {"scale": 0.05}))
+    model = saved(tmp_path, log, AdoptedEffect("thrust_scale", {"scale": 0.05}))
     assert [entry["name"] for entry in model.info["learnt_from"]] == ["flight.tlog"]
     copy = tmp_path / "renamed.tlog"
     copy.write_bytes(log.read_bytes())

@@ -13,7 +13,6 @@ from diagnose_noise import noise_record
 import models
 from models.effects import catalogue, get
 from replay.cli import main
-from replay.diagnosis.answer import answer_text
 from replay.diagnosis.diagnose import Diagnosis, conclude
 from replay.diagnosis.html_report import page
 from replay.diagnosis.interval import rms_interval
@@ -64,7 +63,7 @@ def test_wind_is_named_with_its_size_and_takes_the_residual_down(windy: Diagnosi
 
 
 def test_a_size_without_unit_is_a_plain_number_in_the_text(windy: Diagnosis) -> None:
-    line = next(text for text in answer_text(windy).splitlines() if text.startswith("  wind "))
+    line = next(text for text in windy.as_text().splitlines() if text.startswith("  wind "))
     assert "north = " in line
     assert "turning = " in line
     assert "] 1" not in line
@@ -128,7 +127,7 @@ def test_the_page_stands_alone_and_says_what_to_do(windy: Diagnosis) -> None:
 
 def test_the_interval_of_an_rms_holds_the_truth() -> None:
     x = np.random.default_rng(0).standard_normal(4000)
-    value, low, high = rms_interval(x, np.ones(4000, bool), 20)
+    value, low, high = rms_interval(x, 20)
     assert low < 1.0 < high
     assert value == pytest.approx(1.0, abs=0.05)
     assert high - low < 0.1

@@ -247,7 +247,7 @@ def test_a_drift_is_of_a_vehicle_not_of_one_vehicle_flown_after_another():
 
     def trend(sizes_of):
         points = [
-            Point(f"{vehicle}{k}", vehicle, day, size + 0.003 * rng.standard_normal(), 0.01)
+            Point(vehicle, day, size + 0.003 * rng.standard_normal(), 0.01)
             for vehicle, begin, size_at in sizes_of
             for k in range(5)
             for day in [begin + 3.0 * k]
@@ -326,7 +326,7 @@ def test_vehicles_of_a_fleet_are_told_apart_by_folder_or_system_id(tmp_path, cap
 
 
 def test_a_size_without_unit_is_a_number():
-    trend = Trend("thrust_scale", "scale", "1", (Point("a", "x", 0.0, -0.08, 0.01),), 1)
+    trend = Trend("thrust_scale", "scale", "1", (Point("x", 0.0, -0.08, 0.01),), 1)
     assert trend.in_words() == "1 of 1 logs, median -0.08"
-    other = replace(trend, points=(*trend.points, Point("b", "y", 1.0, 0.02, 0.01)), logs=2)
+    other = replace(trend, points=(*trend.points, Point("y", 1.0, 0.02, 0.01)), logs=2)
     assert "; by vehicle: x -0.08, y 0.02" in other.in_words()

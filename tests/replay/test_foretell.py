@@ -11,6 +11,7 @@ from measured.known import read
 from models.vehicle import load_vehicle
 from replay.diagnosis.diagnose import diagnose
 from replay.search import results
+from replay.search.sets import Walked
 
 
 def fit(names: tuple[str, ...], score: float):
@@ -22,12 +23,11 @@ def chosen(monkeypatch, *sets: tuple[tuple[str, ...], float, float]):
     """The answer among sets of (names, score, energy left of unseen time), and the sets that stay."""
     left = {frozenset(names): energy for names, _, energy in sets}
     fits = {frozenset(names): fit(names, score) for names, score, _ in sets}
-    ranked = sorted(fits.values(), key=lambda f: -f.score)
-    walked = SimpleNamespace(best=ranked[0], fits=fits, ranked=lambda: ranked)
+    walked = Walked(None, None, fits, max(fits.values(), key=lambda f: f.score))
     flight = SimpleNamespace(energy=lambda energy: energy)
     monkeypatch.setattr(results, "flight_fits", lambda _, f: [SimpleNamespace(after=left[f.key], energy=flight.energy)])
-    results._foretell(walked)
-    return walked.best.key, set(walked.fits)
+    answer = results._predictive(walked)
+    return answer.best.key, set(answer.fits)
 
 
 def test_the_likeliest_set_stays_where_it_foretells_about_as_well(monkeypatch):

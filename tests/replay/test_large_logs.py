@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from log_writers import EPOCH_US, BinWriter, bin_flight, flight, ulg_flight, write_tlog
+from whole_tlog import read_tlog
 
 from companion.vehicles import TANDEM
 from models.errors import LogError
@@ -19,7 +20,7 @@ from replay.export.tables import Tables
 from replay.logs import tlog_blocks, ulg
 from replay.logs.bin_flightlog import pieces as read_bin
 from replay.logs.formats import load, read_pieces
-from replay.logs.tlog import Tlog, read_tlog
+from replay.logs.tlog import Tlog
 from replay.logs.tlog_blocks import TlogFile
 from replay.logs.tlog_flightlog import pieces, read
 
@@ -225,7 +226,8 @@ def in_pieces(path):
 
 
 def exported(path):
-    main(["export", str(path), "--to", "csv", "--rate", "5", "--quiet", "--out", str(path.with_suffix(".csv"))])
+    target = path.with_suffix(".csv")
+    main(["export", str(path), "--to", "csv", "--rate", "5", "--no-decisions", "--quiet", "--out", str(target)])
 
 
 @pytest.mark.parametrize("work", [frames, in_pieces, exported])

@@ -19,7 +19,7 @@ from models.frames import Array
 from replay.diagnosis.diagnose import conclude
 from replay.residual.record import Record
 from replay.search import results
-from replay.search.disturbance import bank_energy, lag_products, rows_by_order, runs, spectra
+from replay.search.disturbance import runs, spectra, whitened_energies
 from replay.search.evidence import Evidence, Fit, Noise
 from replay.search.free_curves import _beside_timing
 from replay.search.library import Library
@@ -143,12 +143,13 @@ def test_whitening_leaves_unit_variance_and_is_exact_after_gaps() -> None:
     run = runs(valid)
     assert run[1100] == 0
     assert run[2004] == 0
-    spectrum = next(s for s in spectra(0.2) if s.slow_s == 1.0 and s.slow_share == 0.75)
+    bank = spectra(0.2)
+    spectrum = next(s for s in bank if s.slow_s == 1.0 and s.slow_share == 0.75)
     white = spectrum.whiten(x[:, 0], run)
     assert not white[~valid].any()
     assert white[valid].std() == pytest.approx(1.0, abs=0.35)
-    energies = bank_energy(spectra(0.2)) @ lag_products(np.where(valid, x[:, 0], 0.0), rows_by_order(run))
-    assert energies[spectra(0.2).index(spectrum)] == pytest.approx(float(white @ white))
+    found = whitened_energies(np.stack([s.filters for s in bank]), np.where(valid, x[:, 0], 0.0), run)
+    assert found[bank.index(spectrum)] == pytest.approx(float(white @ white))
 
 
 def test_a_lag_is_refused_where_the_thrust_only_answers_noise(quiet: Record) -> None:
@@ -585,9 +586,9 @@ def test_flights_share_what_is_of_the_vehicle_and_not_what_is_of_the_day(quiet: 
     answer = search(both, some("rotor_drag", "payload", "cg_offset"))
     assert names(answer) == {"rotor_drag", "payload"}
     assert set(found(answer, "rotor_drag").of_flight) == {0, 1}
-    assert found(answer, "rotor_drag").borne_out == (0, 1)
+    assert found(answer, "rotor_drag").confirmed_by == (0, 1)
     assert found(answer, "payload").flight == 1
-    assert found(answer, "payload").borne_out == ()
+    assert found(answer, "payload").confirmed_by == ()
     alone = search(both[0], some("rotor_drag", "payload", "cg_offset"))
     width = [high - low for low, _, high in (estimate(a, "rotor_drag", "drag") for a in (answer, alone))]
     assert width[0] < width[1]
@@ -602,7 +603,7 @@ def test_short_flights_count_together(quiet: Record) -> None:
     effects = some("rotor_drag", "wind", "cg_offset")
     together = search([part(k) for k in range(9)], effects)
     assert names(together) == {"rotor_drag"}
-    assert len(found(together, "rotor_drag").borne_out) > 4
+    assert len(found(together, "rotor_drag").confirmed_by) > 4
 
 
 def test_no_effect_is_named_in_the_search() -> None:
@@ -657,7 +658,7 @@ def test_an_effect_that_makes_unseen_time_worse_is_not_named() -> None:
     """Twelve seconds of slow noise, and a set that fitted its drift: on the other folds it does harm."""
     walked = walk([noise_record(4, 12.0, 3.0)], some("rotor_drag", "wind"))
     term = next(t for t in walked.evidence.library.terms if t.name == "wind")
-    walked.best = walked.weigh([term], walked.best)
-    answer = summarise(walked, 0)
+    drifting = walked.evidence.fit([term], walked.best.noise)
+    answer = summarise(replace(walked, best=drifting, fits={**walked.fits, drifting.key: drifting}), 0)
     assert names(answer) == set()
     assert reason(answer, "wind")[0] == "fitted on a part of the time it makes the rest worse"

@@ -10,13 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_writers import EPOCH_US, flight, frame, heartbeat, record, write_tlog
 from pymavlink import mavutil
+from whole_tlog import read_tlog
 
 from companion.mavlink.decoders import columns
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import cut
 from companion.mavlink.message_table import LAYOUTS
 from models.errors import LogError
-from replay.logs.tlog import Tlog, read_tlog, repair_stamps
+from replay.logs.tlog import Tlog, repair_stamps
 from replay.logs.tlog_vehicle import Census, Choice
 
 FLIGHT = flight(4.0)

@@ -11,14 +11,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from flight_case import Case, CasePilot, surroundings
+from lockstep_faults import FaultyLockstep
+
 import models
 from companion.adaptation.options import Adapt
 from companion.config import PipelineConfig
 from companion.invariants import Auditor, Promise
 from companion.pipeline import Decision
-from companion.sim.case import Case, CasePilot, surroundings
 from companion.sim.flight import Flight
-from companion.sim.lockstep import Lockstep
 from companion.vehicles import default_vehicle
 from faults.tamper import Tamper, signer
 from models.surrogate.store import DEFAULT
@@ -36,7 +37,7 @@ _BACK = 0.95
 class Bench:
     """What a fault may lay hands on."""
 
-    world: Lockstep
+    world: FaultyLockstep
     pilot: CasePilot
     tamper: Tamper
     folder: Path
@@ -202,7 +203,7 @@ def _fly(fault: Fault, stack: str, seed: int, own: PipelineConfig, folder: Path)
     case = Case(fault.name, fault.what, script, px4=stack == "px4", wall_m=WALL_M)
     flight = Flight(own.vehicle, surroundings(case, own.vehicle), seed, px4=case.px4)
 
-    def pilot(world: Lockstep) -> CasePilot:
+    def pilot(world: FaultyLockstep) -> CasePilot:
         p = _Pilot(world, script)
         benches.append(Bench(world, p, Tamper(world.wire, seed), folder))
         p.bench = benches[0]
@@ -212,7 +213,7 @@ def _fly(fault: Fault, stack: str, seed: int, own: PipelineConfig, folder: Path)
             p.bench.tamper.signatures = signer(fault.key)
         return p
 
-    world = Lockstep(flight, pilot)
+    world = FaultyLockstep(flight, pilot)
     observer = Observer(lambda: flight.time_s, vehicle=own.vehicle)
     world.auditor = observer
     world.fly(own, None)

@@ -8,11 +8,11 @@ from collections.abc import Callable, Iterable
 from itertools import count
 from typing import Any
 
+from lockstep_faults import Wire
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.mavlink.frames import cut, pack
 from companion.mavlink.signing import Signatures
-from companion.sim.lockstep import Wire
 
 Edit = Callable[[Any], bool | None]
 """Changes a message in place; False: it is not sent at all."""

@@ -10,14 +10,17 @@ import struct
 import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
-from simflight import vehicle
+from ardupilot_json import JsonPhysics, parse
+from physics import main
 
-from companion.sim.ardupilot_json import JsonPhysics, parse
 from companion.sim.scenario import build
+from companion.vehicles import default_vehicle
 
 RATE = 400
+COMMAND = str(Path(__file__).with_name("physics.py"))
 
 
 def packet(count: int, pwm: list[int], magic: int = 18458, rate: int = RATE) -> bytes:
@@ -31,7 +34,7 @@ HOVER = [1669] * 4 + [1500] * 2
 
 @pytest.fixture
 def physics() -> JsonPhysics:
-    return JsonPhysics(vehicle(), build("corner", vehicle()), seed=1)
+    return JsonPhysics(default_vehicle(), build("corner", default_vehicle()), seed=1)
 
 
 def state(reply: bytes | None) -> dict:
@@ -103,7 +106,7 @@ def test_no_pulse_means_motor_off_and_vane_neutral(physics):
 @pytest.fixture
 def server() -> Iterator[int]:
     process = subprocess.Popen(
-        [sys.executable, "-m", "companion.sim", "--ardupilot-json", "0", "--seed", "1"],
+        [sys.executable, COMMAND, "--ardupilot-json", "0", "--seed", "1"],
         stdout=subprocess.PIPE, text=True,
     )  # fmt: skip
     assert process.stdout is not None
@@ -140,3 +143,12 @@ def test_a_fake_autopilot_flies_it_over_udp(server):
         assert s["position"][2] == pytest.approx(-1.0, abs=0.15)
         assert abs(s["velocity"][2]) < 0.2
         assert s["rng_1"] == pytest.approx(0.95, abs=0.2)
+
+
+def test_a_port_in_use_is_one_line_and_exit_4(capsys):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("0.0.0.0", 0))
+        assert main(["--ardupilot-json", str(sock.getsockname()[1])]) == 4
+    err = capsys.readouterr().err.strip().splitlines()
+    assert len(err) == 1
+    assert "--ardupilot-json" in err[0]

@@ -12,19 +12,21 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from body_truth import BodyTruthFile
+from physics import main
+from px4_hil import HOME_ALT_M, HOME_LAT_DEG, METRES_PER_DEG, Px4Physics, _Answers, serve
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from simflight import vehicle
 
-from companion.sim.__main__ import main
-from companion.sim.body_truth import BodyTruthFile
-from companion.sim.px4_hil import HOME_ALT_M, HOME_LAT_DEG, METRES_PER_DEG, Px4Physics, serve
 from companion.sim.scenario import build
+from companion.vehicles import QUAD, TANDEM
+from models.vehicle import load_vehicle
 
 HOVER = 0.42
 
 
-def physics(seed: int = 1, name: str = "quad") -> Px4Physics:
-    return Px4Physics(vehicle(name), build("corner", vehicle(name)), seed)
+def physics(seed: int = 1, file: Path = QUAD) -> Px4Physics:
+    vehicle = load_vehicle(file)
+    return Px4Physics(vehicle, build("corner", vehicle), seed)
 
 
 def parsed(data: bytes) -> list[Any]:
@@ -78,8 +80,8 @@ def test_outputs_lift_and_turn_the_vehicle_and_gps_follows():
 
 
 def test_outputs_of_vanes_are_servos():
-    p = physics(name="tandem")
-    v = vehicle()
+    p = physics(file=TANDEM)
+    v = load_vehicle(TANDEM)
     controls = [0.0] * 16
     controls[v.vanes[0].servo - 1] = 0.5
     for _ in range(50):
@@ -150,8 +152,6 @@ def test_a_fake_px4_flies_in_lockstep_and_the_vehicle_ends_when_it_leaves(served
 
 
 def test_disarmed_outputs_are_not_flown(tmp_path):
-    from companion.sim.px4_hil import _Answers
-
     ours, theirs = socket.socketpair()
     with ours, theirs:
         mav = mavlink.MAVLink(None)

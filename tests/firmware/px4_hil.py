@@ -16,10 +16,10 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from body_truth import BodyTruthFile
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.sim.body import PX4_MOTOR, Body
-from companion.sim.body_truth import BodyTruthFile
 from companion.sim.scenario import Scenario
 from companion.sim.sensors import RANGE_MAX_M, RANGE_MIN_M, RangeSensor
 from companion.sim.world import law_of

@@ -15,8 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
 
+from body_truth import BodyTruthFile
+
 from companion.sim.body import Body
-from companion.sim.body_truth import BodyTruthFile
 from companion.sim.scenario import Scenario
 from companion.sim.sensors import RangeSensor
 from companion.sim.world import law_of

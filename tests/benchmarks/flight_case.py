@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from lockstep_faults import FaultyLockstep
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.config import PipelineConfig
@@ -19,7 +20,6 @@ from companion.sim.autopilot import Mode
 from companion.sim.body import Surroundings, Vec
 from companion.sim.flight import Flight
 from companion.sim.link import COMPANION, PILOT_COMPONENT, PILOT_SYSTEM, PX4_MODES, SYSTEM
-from companion.sim.lockstep import Lockstep
 from companion.sim.px4 import Px4
 from companion.sim.scenario import Knot, Scenario, wall_azimuth
 from models.errors import LinkError
@@ -86,7 +86,7 @@ class Case:
 class CasePilot:
     """Flies a script; ``judge`` starts the judgement."""
 
-    def __init__(self, world: Lockstep, script: Script) -> None:
+    def __init__(self, world: FaultyLockstep, script: Script) -> None:
         self.world = world
         self.flight: Flight = world.flight
         self.over = False
@@ -274,11 +274,11 @@ def fly_case(
     flight = Flight(true, surroundings(case, true), seed, px4=case.px4, parameters=case.parameters)
     pilots: list[CasePilot] = []
 
-    def pilot(world: Lockstep) -> CasePilot:
+    def pilot(world: FaultyLockstep) -> CasePilot:
         pilots.append(CasePilot(world, case.script))
         return pilots[0]
 
-    world = Lockstep(flight, pilot, truth)
+    world = FaultyLockstep(flight, pilot, truth)
     world.fly(replace(config, vehicle=vehicle, offsets=config.offsets and case.offsets), record)
     if not pilots[0].judging:
         raise LinkError(f"case '{case.name}': its script ended before anything was judged")

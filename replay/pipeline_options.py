@@ -1,0 +1,57 @@
+"""Options of the commands that feed a log through the pipeline of flight, and the configuration that they make."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from companion.adaptation.options import Adapt, read_adapt
+
+if TYPE_CHECKING:
+    from companion.config import PipelineConfig
+    from models.choice import Choice
+
+
+def add_pipeline_options(p: argparse.ArgumentParser) -> None:
+    """What a replay of the pipeline of flight is told."""
+    p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: the paper's tandem)")
+    p.add_argument("--model", metavar="DIR", help="model directory, or none (default: the shipped model)")
+    p.add_argument(
+        "--setpoint", choices=("hold", "upstream"), default="hold",
+        help="decide at every attitude (hold) or at every recorded SET_ATTITUDE_TARGET (upstream)",
+    )  # fmt: skip
+    p.add_argument(
+        "--adapt", type=read_adapt, default=Adapt.FULL, metavar="off|full",
+        help="full: measure the sizes of the model's effects as the flight program does (default)",
+    )  # fmt: skip
+    p.add_argument("--survey", metavar="BOX", help="the box of a recorded companion --survey")
+    p.add_argument(
+        "--param", action="append", default=[], metavar="NAME=VALUE",
+        help="take an autopilot parameter as given where the log lacks it, such as GUID_OPTIONS=8",
+    )  # fmt: skip
+
+
+def pipeline_config(a: argparse.Namespace) -> tuple[PipelineConfig, Choice, list[str]]:
+    """What does not change over the log, the model that was chosen, and what is to be said about model and vehicle."""
+    # Imported here so that --help answers at once.
+    from companion.config import Base, PipelineConfig
+    from companion.control.survey_box import read_box
+    from models.vehicle_plausibility import warnings
+    from replay.command import declared
+
+    vehicle, chosen = declared(a.vehicle, a.model)
+    config = PipelineConfig(
+        vehicle=vehicle,
+        model=chosen.model,
+        base=Base.HOLD if a.setpoint == "hold" else Base.UPSTREAM,
+        dry_run=True,
+        survey=None if a.survey is None else read_box(a.survey),
+        adapt=a.adapt,
+    )
+    notes = [
+        *([chosen.note] if chosen.note else []),
+        *(f"the model is of another fan than the vehicle file: {wrong}" for wrong in chosen.contradictions),
+        *(f"vehicle file: {line}" for line in warnings(vehicle)),
+    ]
+    return config, chosen, notes

@@ -1,0 +1,234 @@
+"""What may happen to a companion's process and to its wire, in lockstep: killed, stalled, late, audited."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from pymavlink.dialects.v20 import ardupilotmega as mavlink
+
+from companion import last_word
+from companion.clock import Readable
+from companion.config import PipelineConfig
+from companion.flight import FlightOptions
+from companion.invariants import Auditor
+from companion.mavlink.frames import cut
+from companion.mavlink.tlog_writer import Recorder, Records
+from companion.sim.flight import Flight
+from companion.sim.link import VehicleLink
+from companion.sim.lockstep import Lockstep, OverError, Pilot
+from companion.sim.sensors import Estimate
+
+LAST_WORD_DELAY_S = 0.01
+"""From the end of the companion to the first frame of its watchdog: a broken pipe wakes it at once."""
+BUFFER_DATAGRAMS = 277
+"""What a UDP socket of Linux holds by default: 212 992 bytes, 768 for each small datagram. The newest are lost."""
+
+
+class Wire:
+    """What is on its way from the vehicle to the companion and back, each datagram with the time of its arrival."""
+
+    def __init__(self) -> None:
+        self.down_delay_s = 0.0
+        """From the vehicle to the companion; may change in flight."""
+        self.up_delay_s = 0.0
+        self.lost = 0
+        self._down: deque[tuple[float, bytes]] = deque()
+        self._up: deque[tuple[float, bytes]] = deque()
+
+    def send_down(self, frame: bytes, now_s: float) -> None:
+        """The vehicle sends."""
+        waiting = sum(1 for due, _ in self._down if due <= now_s) if len(self._down) >= BUFFER_DATAGRAMS else 0
+        if waiting >= BUFFER_DATAGRAMS:
+            self.lost += 1
+            return
+        self._down.append((now_s + self.down_delay_s, frame))
+
+    def send_up(self, frame: bytes, now_s: float) -> None:
+        """The companion sends."""
+        self._up.append((now_s + self.up_delay_s, frame))
+
+    def ready(self, now_s: float) -> bool:
+        """Whether something waits for the companion."""
+        return bool(self._down) and self._down[0][0] <= now_s
+
+    def read_down(self, now_s: float) -> bytes:
+        """Everything that has reached the companion."""
+        return _arrived(self._down, now_s)
+
+    def read_up(self, now_s: float) -> bytes:
+        """Everything that has reached the vehicle."""
+        return _arrived(self._up, now_s)
+
+
+def _arrived(queue: deque[tuple[float, bytes]], now_s: float) -> bytes:
+    out = bytearray()
+    while queue and queue[0][0] <= now_s:
+        out += queue.popleft()[1]
+    return bytes(out)
+
+
+class _Audited:
+    """A recording that is checked as it is written."""
+
+    def __init__(self, auditor: Auditor, inner: Records | None) -> None:
+        self._auditor, self._inner = auditor, inner
+
+    def write(self, arrival_us: int, raw: bytes) -> None:
+        self._auditor.frame(arrival_us, cut(raw, 0))
+        if self._inner is not None:
+            self._inner.write(arrival_us, raw)
+
+    def flush(self) -> None:
+        if self._inner is not None:
+            self._inner.flush()
+
+
+class _KilledError(Exception):
+    """The companion's process has ended where it stood."""
+
+
+class LateLink(VehicleLink):
+    """The vehicle's link, whose local positions may be few and late."""
+
+    def __init__(self, flight: Flight, send: Callable[[bytes], None]) -> None:
+        super().__init__(flight, send)
+        self.position_hz = math.inf
+        """Local positions come no faster than this, whatever is asked for."""
+        self.position_late_s = 0.0
+        """And this much later than their stamp says."""
+        self._past: deque[tuple[int, Estimate]] = deque()
+
+    def step(self) -> None:
+        """Send what is due."""
+        if self.position_late_s > 0.0:
+            self._past.append((self.boot_ms, self._flight.estimate))
+        super().step()
+
+    def set_interval(self, number: int, interval_us: float) -> bool:
+        """SET_MESSAGE_INTERVAL."""
+        if number == mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED and interval_us > 0:
+            interval_us = max(interval_us, 1e6 / self.position_hz)
+        return super().set_interval(number, interval_us)
+
+    def _local_position(self) -> Any:
+        boot_ms, e = self.boot_ms, self._flight.estimate
+        while self._past and self._past[0][0] <= self.boot_ms - 1000.0 * self.position_late_s:
+            boot_ms, e = self._past.popleft()
+        return mavlink.MAVLink_local_position_ned_message(boot_ms, *e.position, *e.velocity)
+
+
+class FaultyLockstep(Lockstep):
+    """A flight whose pilot may also act upon the companion's process, as an operator or a bad computer would."""
+
+    vehicle_link = LateLink
+    link: LateLink
+
+    def __init__(self, flight: Flight, pilot: Callable[[FaultyLockstep], Pilot], truth: Path | None = None) -> None:
+        self.wire = Wire()
+        self.start_companion_s = 0.0
+        """Boot time at which the companion is started."""
+        self.auditor: Auditor | None = None
+        """Checks everything that is sent and decided, where one is given."""
+        self.last_word = True
+        """Whether the companion runs with its watchdog process, as it does by default."""
+        self._words: deque[tuple[float, bytes]] = deque()
+        self.stalled_until_s = -math.inf
+        """Until then the companion is not scheduled."""
+        self._turn_s = math.inf
+        self._said = 0
+        """When the companion last had its turn, and how often its watchdog process has spoken since."""
+        self._killed = False
+        super().__init__(flight, lambda _: pilot(self), truth)
+
+    def stall(self, seconds: float) -> None:
+        """The companion is not scheduled (swap, SD card, SIGSTOP); what the vehicle sends piles up in the socket.
+
+        Its watchdog process says where to stay once it has missed its renewals.
+        """
+        self.stalled_until_s = self.flight.time_s + seconds
+
+    def kill(self, restart_after_s: float = math.inf) -> None:
+        """The companion ends where it stands (SIGKILL); started anew after ``restart_after_s``.
+
+        Its watchdog process lives on and says the last word.
+        """
+        self._killed = True
+        self._turn_s = math.inf
+        start_s, frame = self.flight.time_s + LAST_WORD_DELAY_S, self._last_frame
+        self._words.extend((start_s + last_word.PERIOD_S * k, frame) for k in range(last_word.TIMES) if frame)
+        self.start_companion_s = self.flight.time_s + restart_after_s
+
+    def interrupt(self) -> None:
+        """Ctrl-C."""
+        if self.companion is not None:
+            self.companion.stop()
+
+    @property
+    def _last_frame(self) -> bytes:
+        """What the watchdog process holds."""
+        return b"" if self.companion is None or not self.last_word else self.companion.last_word
+
+    def _speak_for_a_silent_companion(self) -> None:
+        due_s = self._turn_s + last_word.SILENCE_S + last_word.PERIOD_S * self._said
+        if self.flight.time_s >= due_s and self._said < last_word.TIMES:
+            self._said += 1
+            if self._last_frame:
+                self.wire.send_up(self._last_frame, self.flight.time_s)
+
+    def _fly(self, config: PipelineConfig | None, recorder: Recorder | None) -> None:
+        while not self._pilot.over:
+            if config is None or self.flight.time_s < self.start_companion_s:
+                self._step()
+                continue
+            self.start_companion_s = math.inf
+            self._killed = False
+            watch = None if self.auditor is None else self.auditor.decision
+            records = recorder if self.auditor is None else _Audited(self.auditor, recorder)
+            with suppress(OverError, _KilledError):
+                self._run_companion(config, records, FlightOptions(quiet=True, watch=watch))
+
+    def _step(self) -> None:
+        while self._words and self._words[0][0] <= self.flight.time_s:
+            self.wire.send_up(self._words.popleft()[1], self.flight.time_s)
+        self._speak_for_a_silent_companion()
+        super()._step()
+
+    def wait(self, links: Sequence[Readable], timeout_s: float) -> None:
+        """Let the vehicle fly until it has said something, and the companion is scheduled again."""
+        flight = self.flight
+        until = flight.time_s + timeout_s
+        self._turn_s, self._said = flight.time_s, 0
+        while flight.time_s < self.stalled_until_s or not self.ready():
+            if self._killed:
+                raise _KilledError
+            if flight.time_s >= max(until, self.stalled_until_s):
+                break
+            self._step()
+        if self._killed:
+            raise _KilledError
+        if self._pilot.over:
+            raise OverError
+
+    def send_down(self, frame: bytes) -> None:
+        """The vehicle sends."""
+        self.wire.send_down(frame, self.flight.time_s)
+
+    def ready(self) -> bool:
+        """Whether something waits for the companion."""
+        return self.wire.ready(self.flight.time_s)
+
+    def _read_up(self) -> bytes:
+        return self.wire.read_up(self.flight.time_s)
+
+    def recv(self, _size: int) -> bytes:
+        """What the vehicle sent."""
+        return self.wire.read_down(self.flight.time_s)
+
+    def write(self, data: bytes) -> None:
+        """What the companion sends."""
+        self.wire.send_up(bytes(data), self.flight.time_s)

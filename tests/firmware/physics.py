@@ -1,0 +1,67 @@
+"""The built-in vehicle's body as the physics of a real firmware.
+
+python tests/firmware/physics.py --scenario corner --ardupilot-json 9002    # arducopter --model JSON:127.0.0.1
+python tests/firmware/physics.py --scenario corner --px4-hil 4560           # px4 with PX4_SIM_MODEL=none_iris
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import ardupilot_json
+import px4_hil
+from body_truth import BodyTruthFile
+
+from companion.sim.scenario import NAMES, build
+from companion.vehicles import TANDEM
+from models.arguments import Parser
+from models.errors import UserError
+from models.vehicle import load_vehicle
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line."""
+    p = Parser(prog="python tests/firmware/physics.py", description=(__doc__ or "").splitlines()[0])
+    p.add_argument("--vehicle", type=Path, default=TANDEM, help="vehicle file (default: the paper's tandem)")
+    p.add_argument("--scenario", choices=NAMES, default="corner")
+    p.add_argument("--seed", type=int, default=0, help="draws the air, the turbulence and every sensor's errors")
+    p.add_argument("--truth", type=Path, help="write what truly happened as CSV")
+    firmware = p.add_mutually_exclusive_group(required=True)
+    firmware.add_argument("--ardupilot-json", type=int, metavar="PORT", help="UDP port (ArduPilot's is 9002)")
+    firmware.add_argument("--px4-hil", type=int, metavar="PORT", help="TCP port to which PX4 connects (4560)")
+    return p
+
+
+def say(**what: int) -> None:
+    """One line of JSON."""
+    print(json.dumps(what), flush=True)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Answer until interrupted, or until PX4 leaves; returns the exit code."""
+    a = parser().parse_args(argv)
+    try:
+        vehicle = load_vehicle(a.vehicle)
+        scenario = build(a.scenario, vehicle)
+        if a.ardupilot_json is not None:
+            physics = ardupilot_json.JsonPhysics(vehicle, scenario, a.seed)
+            ardupilot_json.serve(physics, a.ardupilot_json, lambda port: say(ardupilot_json=port), a.truth)
+        hil = px4_hil.Px4Physics(vehicle, scenario, a.seed)
+        truth = None if a.truth is None else BodyTruthFile(a.truth, hil.body)
+        px4_hil.serve(hil, a.px4_hil, lambda port: say(px4_hil=port), truth=truth)
+        if truth is not None:
+            truth.close()
+    except UserError as error:
+        print(f"physics: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
