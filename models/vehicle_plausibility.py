@@ -61,7 +61,7 @@ class Finding(NamedTuple):
 
 def findings(vehicle: Vehicle) -> Iterator[Finding]:
     """Everything that is odd about ``vehicle``."""
-    for check in (_masses, _places, _spins, _rotor_speed, _throttle, _ranges, _vertical, _slews):
+    for check in (_assumed, _masses, _places, _spins, _rotor_speed, _throttle, _ranges, _vertical, _slews):
         yield from check(vehicle)
 
 
@@ -80,6 +80,11 @@ def _warning(key: str, text: str) -> Finding:
 
 def _reach(vehicle: Vehicle) -> float:
     return max(math.hypot(*fan.position_m) + fan.lip_radius_m for fan in vehicle.fans)
+
+
+def _assumed(vehicle: Vehicle) -> Iterator[Finding]:
+    if vehicle.assumed:
+        yield _warning("assumed", f"{', '.join(vehicle.assumed)}: typical numbers, not those of this vehicle")
 
 
 def _masses(vehicle: Vehicle) -> Iterator[Finding]:

@@ -16,6 +16,7 @@ MAV_ORIENTATION_UP = 24  # MAV_SENSOR_ROTATION_PITCH_90
 TARGETS = ("ground", "wall", "ceiling", "none")
 RHO_SEA_LEVEL = 1.225  # kg/m^3, ISO 2533
 Vector3 = tuple[float, float, float]
+ASSUMABLE = ("mass_kg", "rotor_radius_m", "position_m")
 _Place = Annotated[Vector3, Within(-100.0, 100.0)]
 Problem = tuple[str, str]
 """A key, and what is wrong with it."""
@@ -126,6 +127,8 @@ class Vehicle:
     throttle: Throttle | None = None
     rangefinders: tuple[Rangefinder, ...] = ()
     limits: Limits = field(default_factory=Limits)
+    assumed: tuple[Annotated[str, Words({key: key for key in ASSUMABLE})], ...] = ()
+    """Keys whose numbers are typical of such vehicles, not of this one. Without ``position_m`` no moment is judged."""
 
     def problem(self) -> Problem | None:
         """What is wrong with the values together."""

@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from companion.vehicles import default_vehicle
-from models.choice import Choice, choose
+from models.choice import NONE, Choice, choose
 from models.errors import ConfigError
 from models.json_file import write_json
 from models.pages.document import write_document
+from models.surrogate.store import load
 from models.vehicle import Vehicle, load_vehicle
+from replay.vehicle.draft import INCH_M, Draft, Given, draft
 
 
 def declared(vehicle_file: Path | str | None, model: str | None) -> tuple[Vehicle, Choice]:
@@ -22,15 +24,35 @@ def declared(vehicle_file: Path | str | None, model: str | None) -> tuple[Vehicl
     return vehicle, choose(vehicle, model)
 
 
-def check_targets(json: str | None, **folders: Path | None) -> None:
+def given(a: argparse.Namespace) -> Given:
+    """What ``--mass``, ``--propeller`` and ``--span`` say of a vehicle that is drafted."""
+    return Given(a.mass, None if a.propeller is None else a.propeller * INCH_M, a.span)
+
+
+def of_logs(
+    vehicle_file: Path | str | None, model: str | None, logs: Sequence[Path], known: Given, target_system: int | None
+) -> tuple[Vehicle, Choice, Draft | None]:
+    """``declared``; without ``--vehicle`` the vehicle is drafted from the logs."""
+    if vehicle_file is not None:
+        return *declared(vehicle_file, model), None
+    if model not in (None, NONE):  # a wrong model is said before the logs are read
+        load(model)
+    made = draft(logs, known, target_system)
+    return made.vehicle, choose(made.vehicle, model), made
+
+
+def check_targets(json: str | None, vehicle: Path | None = None, **folders: Path | None) -> None:
     """Refuse places that cannot be written before minutes are spent on what would go there.
 
-    ``json``: the file of ``--json``; ``folders``: those of other options, by the option's name.
+    ``json``, ``vehicle``: the files of ``--json`` and ``--save-vehicle``; ``folders``: those of other
+    options, by the option's name.
     """
-    if json is not None and json != "-":
-        if Path(json).is_dir():
-            raise ConfigError(f"--json {json}: is a folder; name a file")
-        _check_parent("--json", Path(json), Path(json).parent)
+    files = {"--json": None if json in (None, "-") else Path(json or ""), "--save-vehicle": vehicle}
+    for option, file in files.items():
+        if file is not None and file.is_dir():
+            raise ConfigError(f"{option} {file}: is a folder; name a file")
+        if file is not None:
+            _check_parent(option, file, file.parent)
     for name, target in folders.items():
         if target is None:
             continue

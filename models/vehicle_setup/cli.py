@@ -1,9 +1,8 @@
-"""``models vehicle``: questions, options, and a checked file."""
+"""``models vehicle``: options, and a checked file."""
 
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,17 +10,20 @@ from typing import Any
 from models.errors import ConfigError
 from models.text_file import write_text
 from models.vehicle_setup.frames import FRAMES, ardupilot_frame, px4_motors
-from models.vehicle_setup.questions import MOST, completed
 
-_EPILOG = """A person at a terminal is asked for what the options do not say. Every key: docs/vehicle.md. Afterwards
-`replay vehicle LOG --vehicle FILE` measures thrust and hover in a log of a hover."""
+_EPILOG = """Every key: docs/vehicle.md. Who has a log of the vehicle needs none of this: `replay diagnose LOG
+--save-vehicle FILE` drafts the file. Afterwards `replay vehicle LOG --vehicle FILE` measures thrust and hover."""
+_MOST = {
+    "mass": 1e4, "span": 20.0, "propeller": 200.0, "duct": 10.0, "hover_rpm": 2e5, "voltage": 1e3, "hover_thrust": 1.0,
+}  # fmt: skip
+"""Largest believable numbers by option; all are above 0."""
 
 
 def add(commands: Any) -> None:
     """Register ``vehicle`` with the subparsers of ``models``."""
     p: argparse.ArgumentParser = commands.add_parser(
         "vehicle", help="write a vehicle file from a frame, a mass and a few lengths", epilog=_EPILOG,
-        description="Asks for what a vehicle file needs, or takes it from options and the autopilot's parameters.",
+        description="A vehicle file from options and the autopilot's parameters.",
     )  # fmt: skip
     p.add_argument("--out", type=Path, required=True, metavar="FILE.toml", help="file to write")
     p.add_argument(
@@ -57,7 +59,7 @@ def run(a: argparse.Namespace) -> int:
     if a.out.exists() and not a.force:
         raise ConfigError(f"--out {a.out}: is there already; --force overwrites it")
     parameters = {} if a.params is None else read_parameters(a.params)
-    given = _asked(vars(a), parameters)
+    given = _complete(vars(a), parameters)
     vehicle, origin = build(_answers(given, parameters))
     text = vehicle_text(vehicle, origin, "Written by models vehicle. Every key: docs/vehicle.md. SI units, body FRD.")
     checked = parse_vehicle(text, str(a.out))
@@ -70,14 +72,12 @@ def run(a: argparse.Namespace) -> int:
     return 0
 
 
-def _asked(given: Mapping[str, Any], parameters: Mapping[str, float]) -> dict[str, Any]:
-    """The options, completed by questions at a terminal; ConfigError naming all that is missing elsewhere."""
+def _complete(given: Mapping[str, Any], parameters: Mapping[str, float]) -> dict[str, Any]:
+    """The options, with the frame that the parameters say; ConfigError naming all that is missing."""
     out = dict(given)
     placed = out["frame"] is None and px4_motors(parameters) is not None
     if out["frame"] is None:
         out["frame"] = ardupilot_frame(parameters)
-    if sys.stdin.isatty():
-        return completed(out, placed, any(name.startswith("RNGFND") for name in parameters), _range)
     if out["name"] is None:
         out["name"] = Path(out["out"]).stem
     needed = ["mass", *([] if placed else ["frame", "span"]), "propeller", *(["voltage"] if out["no_rpm"] else [])]
@@ -90,16 +90,18 @@ def _asked(given: Mapping[str, Any], parameters: Mapping[str, float]) -> dict[st
 def _answers(g: Mapping[str, Any], parameters: Mapping[str, float]) -> Any:
     from models.vehicle_setup.setup import Answers
 
-    for option, high in MOST.items():
+    for option, high in _MOST.items():
         value = g[option]
         if value is not None and not 0.0 < value <= high:
             raise ConfigError(f"--{option.replace('_', '-')} {value:g}: must be above 0 and at most {high:g}")
+    placed = px4_motors(parameters) if g["frame"] is None else None
+    motors, arm_m = placed or (FRAMES[g["frame"]], 0.0)
     return Answers(
         name=g["name"],
         mass_kg=g["mass"],
         propeller_m=g["propeller"] * 0.0254,
-        frame=g["frame"],
-        arm_m=None if g["span"] is None else g["span"] / 2.0,
+        motors=motors,
+        arm_m=arm_m if g["span"] is None else g["span"] / 2.0,
         rotor_down_m=-g["rotor_height"],
         lip_radius_m=g["duct"],
         telemetered=not g["no_rpm"],

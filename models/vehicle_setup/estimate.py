@@ -14,6 +14,12 @@ OPEN_ROTOR_CT = 0.0130
 drones (static data of Brandt and Selig 2011 in these units)."""
 EXPO = 0.65
 """Thrust over throttle of an ESC with a common propeller: ArduPilot's default of MOT_THST_EXPO."""
+_DSHOT = (
+    ("MOT_PWM_TYPE", range(4, 8)), ("PWM_MAIN_TIM0", range(-5, -1)), ("PWM_AUX_TIM0", range(-5, -1)),
+    ("DSHOT_CONFIG", (150, 300, 600, 1200)),
+)  # fmt: skip
+"""Parameters, and which of their values mean DShot."""
+_RC = ("RC3_MIN", "RC3_MAX")
 _AT_ROTORS = 0.35
 """Share of the mass that sits at the arms' ends: motors, propellers, ESCs and the outer halves of the arms."""
 _BODY_RADIUS = 0.40
@@ -67,11 +73,20 @@ def max_thrust(mass_kg: float, rotors: int, expo: float, output: float) -> float
     return _round(mass_kg * GRAVITY / rotors / ((1.0 - expo) * output + expo * output**2))
 
 
-def pwm_range(parameters: Mapping[str, float]) -> tuple[float, float]:
-    """Pulse widths [us] of zero and full output, by MOT_PWM_MIN and MAX or PWM_MAIN_MIN1 and MAX1."""
-    low = parameters.get("MOT_PWM_MIN") or parameters.get("PWM_MAIN_MIN1") or 1000.0
-    high = parameters.get("MOT_PWM_MAX") or parameters.get("PWM_MAIN_MAX1") or 2000.0
-    return float(low), float(high)
+def pwm_range(parameters: Mapping[str, float], output: int = 1) -> tuple[float, float, str]:
+    """Pulse widths [us] of zero and full output, and the parameter that says the latter (empty: none does).
+
+    MOT_PWM_MIN and MAX (0: RC3_MIN and MAX), or PWM_MAIN_MINn and MAXn of an ``output`` with a motor. DShot has no
+    pulses: 1000 to 2000.
+    """
+    for name, digital in _DSHOT:
+        if int(parameters.get(name, 0)) in digital:
+            return 1000.0, 2000.0, name
+    px4 = ((f"PWM_{side}_MIN{output}", f"PWM_{side}_MAX{output}") for side in ("MAIN", "AUX"))
+    for low, high in (("MOT_PWM_MIN", "MOT_PWM_MAX"), *px4, _RC):
+        if parameters.get(high, 0.0) > parameters.get(low, 0.0) > 0.0:
+            return float(parameters[low]), float(parameters[high]), high
+    return 1000.0, 2000.0, ""
 
 
 def _round(value: float) -> float:

@@ -34,6 +34,11 @@ def _ring(*angle_spin: tuple[float, int]) -> tuple[Motor, ...]:
 
 FRAMES: dict[str, tuple[Motor, ...]] = {
     "quad-x": _ring((45, CCW), (-135, CCW), (-45, CW), (135, CW)),
+    "quad-h": _ring((45, CW), (-135, CW), (-45, CCW), (135, CCW)),
+    "quad-bf": _ring((135, CW), (45, CCW), (-135, CCW), (-45, CW)),
+    "quad-bf-reversed": _ring((135, CCW), (45, CW), (-135, CW), (-45, CCW)),
+    "quad-dji": _ring((45, CCW), (-45, CW), (-135, CCW), (135, CW)),
+    "quad-clockwise": _ring((45, CCW), (135, CW), (-135, CCW), (-45, CW)),
     "quad-plus": _ring((90, CCW), (-90, CCW), (0, CW), (180, CW)),
     "hexa-x": _ring((90, CW), (-90, CCW), (-30, CW), (150, CCW), (30, CCW), (-150, CW)),
     "hexa-plus": _ring((0, CW), (180, CCW), (-120, CW), (60, CCW), (-60, CCW), (120, CW)),
@@ -41,25 +46,33 @@ FRAMES: dict[str, tuple[Motor, ...]] = {
         (22.5, CW), (-157.5, CW), (67.5, CCW), (157.5, CCW), (-22.5, CCW), (-112.5, CCW), (-67.5, CW), (112.5, CW)
     ),
     "octo-plus": _ring((0, CW), (180, CW), (45, CCW), (135, CCW), (-45, CCW), (-135, CCW), (-90, CW), (90, CW)),
+    "y6": _ring((60, CCW), (-60, CW), (-60, CCW), (180, CW), (60, CW), (180, CCW)),
+    "y6b": _ring((60, CW), (60, CCW), (180, CW), (180, CCW), (-60, CW), (-60, CCW)),
     "octaquad-x": _ring((45, CCW), (-45, CW), (-135, CCW), (135, CW), (-45, CCW), (45, CW), (135, CCW), (-135, CW)),
 }
 """Motor 1 first. Two motors in one place are one coaxial fan (``octaquad-x``, also called X8)."""
 
 _ARDUPILOT = {
-    (1, 0): "quad-plus", (1, 1): "quad-x", (2, 0): "hexa-plus", (2, 1): "hexa-x", (3, 0): "octo-plus",
-    (3, 1): "octo-x", (4, 1): "octaquad-x",
+    (1, 0): "quad-plus", (1, 1): "quad-x", (1, 3): "quad-h", (1, 12): "quad-bf", (1, 13): "quad-dji",
+    (1, 14): "quad-clockwise", (1, 18): "quad-bf-reversed", (2, 0): "hexa-plus", (2, 1): "hexa-x", (3, 0): "octo-plus",
+    (3, 1): "octo-x", (4, 1): "octaquad-x", (5, 0): "y6", (5, 1): "y6", (5, 10): "y6b",
 }  # fmt: skip
 """(FRAME_CLASS, FRAME_TYPE)."""
-_MOTOR_1, _PX4_MOTOR_1 = 33, 101
-"""Motor 1 in SERVOn_FUNCTION (ArduPilot) and in PWM_MAIN_FUNCn (PX4); the others follow."""
+_MOTORS = (*range(33, 41), *range(82, 86))
+"""Motors 1 to 12 in SERVOn_FUNCTION (ArduPilot)."""
+_PX4_MOTORS = tuple(range(101, 113))
+"""The same on PX4."""
+_FUNCTIONS = (
+    ("SERVO{}_FUNCTION", _MOTORS), ("PWM_MAIN_FUNC{}", _PX4_MOTORS), ("PWM_AUX_FUNC{}", _PX4_MOTORS),
+    ("UAVCAN_EC_FUNC{}", _PX4_MOTORS),
+)  # fmt: skip
 _OUTPUTS = 16
 """Outputs that SERVO_OUTPUT_RAW carries."""
 
 
 def ardupilot_frame(parameters: Mapping[str, float]) -> str | None:
     """The name of the frame that FRAME_CLASS and FRAME_TYPE say, or None where it is not in ``FRAMES``."""
-    key = (int(parameters.get("FRAME_CLASS", 0)), int(parameters.get("FRAME_TYPE", -1)))
-    return _ARDUPILOT.get(key)
+    return _ARDUPILOT.get((int(parameters.get("FRAME_CLASS", 0)), int(parameters.get("FRAME_TYPE", -1))))
 
 
 def px4_motors(parameters: Mapping[str, float]) -> tuple[tuple[Motor, ...], float] | None:
@@ -78,11 +91,16 @@ def px4_motors(parameters: Mapping[str, float]) -> tuple[tuple[Motor, ...], floa
 
 
 def outputs(parameters: Mapping[str, float], count: int) -> dict[int, int]:
-    """Motor number to output (SERVO_OUTPUT_RAW channel), by SERVOn_FUNCTION or PWM_MAIN_FUNCn; else the same number."""
-    out = {motor: motor for motor in range(1, count + 1)}
-    for k in range(1, _OUTPUTS + 1):
-        for name, first in ((f"SERVO{k}_FUNCTION", _MOTOR_1), (f"PWM_MAIN_FUNC{k}", _PX4_MOTOR_1)):
-            motor = int(parameters.get(name, -1)) - first + 1
-            if 1 <= motor <= count:
-                out[motor] = k
-    return out
+    """Motor number to output (SERVO_OUTPUT_RAW channel), by the parameters; else the same number."""
+    own = declared_outputs(parameters)
+    return {motor: own.get(motor, motor) for motor in range(1, count + 1)}
+
+
+def declared_outputs(parameters: Mapping[str, float]) -> dict[int, int]:
+    """Motor number to output, of the motors that SERVOn_FUNCTION or PX4's PWM_MAIN_FUNCn (else AUX, else CAN) name."""
+    for name, functions in _FUNCTIONS:
+        given = {k: parameters.get(name.format(k), -1.0) for k in range(1, _OUTPUTS + 1)}
+        motors = {functions.index(int(f)) + 1: k for k, f in given.items() if f in functions}
+        if motors:
+            return motors
+    return {}

@@ -17,8 +17,9 @@ from models.vehicle_setup.estimate import (
     pwm_range,
     throttle_output,
 )
-from models.vehicle_setup.frames import FRAMES, Motor, outputs, px4_motors
+from models.vehicle_setup.frames import Motor, outputs
 
+COMMON_PROPELLERS, USUAL_PULSES = "0.4 to 0.9 for common propellers", "usual pulses, from 1000 us"
 _LOOKS_DOWN = 25
 _SEEN = {"down": "ground", "up": "ceiling", "to the side": "wall"}
 
@@ -31,9 +32,11 @@ class Answers:
     mass_kg: float
     propeller_m: float
     """Diameter."""
-    frame: str | None = None
-    arm_m: float | None = None
-    """Centre to motor axis; None where PX4's parameters give the places."""
+    motors: tuple[Motor, ...]
+    arm_m: float
+    """Centre to motor axis."""
+    numbers: Mapping[int, int] = field(default_factory=dict)
+    """Motor number to ESC or output; empty: by the parameters."""
     rotor_down_m: float = -0.05
     """Height of the rotors relative to the CG, positive down."""
     lip_radius_m: float | None = None
@@ -48,7 +51,7 @@ class Answers:
 
 def build(a: Answers) -> tuple[Vehicle, dict[str, str]]:
     """The vehicle, and by key where its numbers came from."""
-    motors, arm = _motors(a)
+    motors, arm = a.motors, a.arm_m
     said = {"position_m": f"from the CG, forward right down; motor {motors[0].number}"}
     hover, said["hover_thrust"] = _hover(a)
     radius = a.propeller_m / 2.0
@@ -76,16 +79,6 @@ def build(a: Answers) -> tuple[Vehicle, dict[str, str]]:
     return vehicle, said
 
 
-def _motors(a: Answers) -> tuple[tuple[Motor, ...], float]:
-    declared = px4_motors(a.parameters)
-    if a.frame is None and declared is not None:
-        motors, arm = declared
-        return motors, arm if a.arm_m is None else a.arm_m
-    if a.frame is None or a.arm_m is None:
-        raise ConfigError("--frame and --span: needed where no PX4 parameters (CA_ROTORn_PX …) give the places")
-    return FRAMES[a.frame], a.arm_m
-
-
 def _hover(a: Answers) -> tuple[float, str]:
     if a.hover_thrust is not None:
         return a.hover_thrust, "given"
@@ -96,7 +89,7 @@ def _hover(a: Answers) -> tuple[float, str]:
 
 
 def _ct(a: Answers, motors: tuple[Motor, ...], radius: float) -> tuple[float, str]:
-    per_fan = len(motors) // len(_places(motors))
+    per_fan = len(motors) // len(places(motors))
     if a.hover_rpm is not None:
         return ct_of_hover(a.mass_kg, len(motors), radius, a.hover_rpm) * per_fan, f"from hover at {a.hover_rpm:g} rpm"
     return OPEN_ROTOR_CT * per_fan, "a guess, +-30 %: replay vehicle LOG measures it"
@@ -104,16 +97,25 @@ def _ct(a: Answers, motors: tuple[Motor, ...], radius: float) -> tuple[float, st
 
 def _throttle(a: Answers, rotors: int, hover: float, said: dict[str, str]) -> Throttle:
     expo, output = throttle_output(a.parameters, hover)
-    low, high = pwm_range(a.parameters)
+    low, high, pwm = pwm_range(a.parameters, min(_numbers(a, rotors).values()))
+    said["pwm_max_us"] = pwm or USUAL_PULSES
     if a.voltage_v <= 0.0:
         raise ConfigError("--voltage: needed without rotor speeds: the battery's voltage in hover")
     said["max_thrust_n"] = "of one rotor, so that hover_thrust hovers: replay vehicle LOG measures it"
-    said["expo"] = next((n for n in ("MOT_THST_EXPO", "THR_MDL_FAC") if a.parameters.get(n)), "common propellers")
+    said["expo"] = next((n for n in ("MOT_THST_EXPO", "THR_MDL_FAC") if a.parameters.get(n)), COMMON_PROPELLERS)
     said["voltage_v"] = "of the battery in hover"
     return Throttle(max_thrust(a.mass_kg, rotors, expo, output), expo, low, high, a.voltage_v)
 
 
-def _places(motors: tuple[Motor, ...]) -> dict[tuple[float, float], list[Motor]]:
+def _numbers(a: Answers, count: int) -> Mapping[int, int]:
+    """Motor number to ESC or output."""
+    ardupilot = any(name.startswith("SERVO") and name.endswith("_FUNCTION") for name in a.parameters)
+    if a.numbers or (a.telemetered and not ardupilot):  # ArduPilot counts ESCs by output, PX4 by motor
+        return a.numbers or {motor: motor for motor in range(1, count + 1)}
+    return outputs(a.parameters, count)
+
+
+def places(motors: tuple[Motor, ...]) -> dict[tuple[float, float], list[Motor]]:
     """Motors by place: two in one place are a coaxial fan."""
     out: dict[tuple[float, float], list[Motor]] = {}
     for motor in motors:
@@ -122,14 +124,12 @@ def _places(motors: tuple[Motor, ...]) -> dict[tuple[float, float], list[Motor]]
 
 
 def _fans(a: Answers, motors: tuple[Motor, ...], arm: float, lip: float, ct: float | None) -> tuple[Fan, ...]:
-    channel = outputs(a.parameters, len(motors))
-    ardupilot = any(name.startswith("SERVO") and name.endswith("_FUNCTION") for name in a.parameters)
+    number = _numbers(a, len(motors))
 
     def rotor(motor: Motor) -> Rotor:
         if not a.telemetered:
-            return Rotor(motor.spin, servo=channel[motor.number])
-        # ArduPilot counts ESCs by output, PX4 by motor.
-        return Rotor(motor.spin, esc=channel[motor.number] if ardupilot else motor.number)
+            return Rotor(motor.spin, servo=number[motor.number])
+        return Rotor(motor.spin, esc=number[motor.number])
 
     return tuple(
         Fan(
@@ -138,7 +138,7 @@ def _fans(a: Answers, motors: tuple[Motor, ...], arm: float, lip: float, ct: flo
             tuple(rotor(m) for m in here),
             ct,
         )
-        for (x, y), here in _places(motors).items()
+        for (x, y), here in places(motors).items()
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields
 
 from models.vehicle import Limits, Vehicle
@@ -17,6 +17,8 @@ def vehicle_text(vehicle: Vehicle, origin: Mapping[str, str] | None = None, head
     lines += [f"name = {_string(vehicle.name)}"]
     for key in ("mass_kg", "inertia_kgm2", "hover_thrust", "rotor_radius_m"):
         lines.append(_line(key, getattr(vehicle, key), said))
+    if vehicle.assumed:
+        lines.append(f"assumed = {_list(map(_string, vehicle.assumed))}  # typical numbers; take out what you measured")
     lines += [*_fans(vehicle, said), *_tables("vane", vehicle.vanes)]
     if vehicle.throttle is not None:
         lines += ["", "[throttle]"]
@@ -66,12 +68,16 @@ def _note(key: str, said: Mapping[str, str]) -> str:
 
 def _value(value: object) -> str:
     if isinstance(value, tuple):
-        return f"[{', '.join(_value(v) for v in value)}]"
+        return _list(map(_value, value))
     if isinstance(value, str):
         return _string(value)
     if isinstance(value, int):
         return str(value)
     return repr(float(value))  # type: ignore[arg-type]
+
+
+def _list(items: Iterable[str]) -> str:
+    return f"[{', '.join(items)}]"
 
 
 def _string(text: str) -> str:

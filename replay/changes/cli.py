@@ -11,18 +11,19 @@ from models.errors import ConfigError
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     from replay.changes.page import page
-    from replay.changes.since import since
-    from replay.command import declared, fault_lines, progress_bar, write_answer
+    from replay.changes.since import new_flights, since
+    from replay.command import fault_lines, given, of_logs, progress_bar, write_answer
     from replay.diagnosis.model_faults import model_faults
 
-    for option, value in (("--save-model", a.save_model), ("--test", a.test)):
+    for option, value in (("--save-model", a.save_model), ("--save-vehicle", a.save_vehicle), ("--test", a.test)):
         if value:
             raise ConfigError(f"{option}: amends a model, and --since asks what changed; give one of them")
     logs, good = _flights(a)
-    vehicle, chosen = declared(a.vehicle, a.model)
+    new_flights(logs, good)  # the same log twice is said before any is read
+    vehicle, chosen, draft = of_logs(a.vehicle, a.model, [*good, *logs], given(a), a.target_system)
     answer = since(logs, good, vehicle, chosen.judged, target_system=a.target_system, progress=progress_bar(a))
     faults = model_faults(answer.records, chosen)
-    content = answer.as_json() | {"log_faults": faults}
+    content = answer.as_json() | {"log_faults": faults} | ({} if draft is None else {"vehicle": draft.as_json()})
     write_answer(a, content, [*fault_lines(faults), answer.as_text()], lambda: page(answer, vehicle, faults))
     return 0
 

@@ -95,10 +95,8 @@ def since(
     """Compare flights, in order of their date, with the vehicle as its good flights show it."""
     check_model(vehicle, model)
     good_logs, good_twice = _once(good)
-    new_logs, new_twice = _once(logs, good_logs)
+    new_logs, new_twice = new_flights(logs, good_logs)
     notes = [*good_twice, *new_twice]
-    if not new_logs:
-        raise ConfigError(f"{logs[0]}: is one of the good flights of --since; name another log")
     learnt, said = read_records(good_logs, vehicle, model, target_system)
     as_it_was = learn(learnt)
     notes += [
@@ -128,6 +126,14 @@ def by_date(logs: Sequence[Path]) -> list[Path]:
     if any(d["date_from"] != "log" for d in dates.values()):
         return list(logs)
     return sorted(logs, key=lambda log: dates[log]["date"])
+
+
+def new_flights(logs: Sequence[Path], good: Sequence[Path]) -> tuple[list[Path], list[str]]:
+    """Logs that are none of the good ones, and what is left out. Raises ConfigError where none is left."""
+    new, twice = _once(logs, good)
+    if not new:
+        raise ConfigError(f"{logs[0]}: is one of the good flights of --since; name another log")
+    return new, twice
 
 
 def _once(logs: Sequence[Path], known: Sequence[Path] = ()) -> tuple[list[Path], list[str]]:

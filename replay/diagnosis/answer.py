@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 
 from models.effects import AdoptedEffect, BelongsTo
-from models.frames import AXES, Array
+from models.frames import AXES, GRAVITY, Array
 from replay.diagnosis.amended_model import to_adopt
 from replay.diagnosis.words import kept_words
 from replay.numbers import rounded
@@ -105,7 +106,12 @@ class Diagnosis:
                 "samples": int(sum(r.valid.sum() for r in self.records)),
                 "duration_s": sum(r.seconds for r in self.records),
                 "verdict": self.verdict,
-                "axes": {AXES[i]: _rms(before[i], after[i]) | {"unit": UNITS[i]} for i in judged},
+                "axes": {
+                    AXES[i]: _rms(before[i], after[i])
+                    | {"unit": UNITS[i]}
+                    | _of_weight([before[i], after[i]], UNITS[i], self)
+                    for i in judged
+                },
                 "effects": [_effect(n, self) for n in self.named],
                 "aliases": self.aliases,
                 "unexplained": {
@@ -141,7 +147,7 @@ class Diagnosis:
         lines = [f"{self.verdict.replace('_', ' ')}  ({seconds:.0f} s of flight judged)"]
         lines += [f"  the log is not to be believed: {f.channel} {f.what}" for f in self.faults]
         lines += [
-            f"  {name:3s} {b:8.3f} -> {a:8.3f} {unit}"
+            f"  {name:3s} {b:8.3f} -> {a:8.3f} {unit}{_share_text([b, a], unit, self)}"
             for name, b, a, unit in zip(AXES, before, after, UNITS, strict=True)
             if np.isfinite(b)
         ]
@@ -158,6 +164,20 @@ def _rms(before: float, after: float) -> dict[str, float]:
     return {"rms_before": before, "rms_after": after}
 
 
+def _of_weight(values: Sequence[float], unit: str, answer: Diagnosis) -> dict[str, list[float]]:
+    """The same sizes in shares of the weight, where the mass is assumed: these do not depend on it."""
+    weights = {"N": GRAVITY, "kg": 1.0}
+    vehicle = answer.records[0].context.vehicle if answer.records else None
+    if vehicle is None or "mass_kg" not in vehicle.assumed or unit not in weights:
+        return {}
+    return {"of_weight": [v / (vehicle.mass_kg * weights[unit]) for v in values]}
+
+
+def _share_text(values: Sequence[float], unit: str, answer: Diagnosis) -> str:
+    shares = _of_weight(values, unit, answer).get("of_weight", [])
+    return f" ({' -> '.join(f'{s:.2%}' for s in shares)} of the weight)" if shares else ""
+
+
 def _outside(o: Outside) -> dict[str, Any]:
     out = {"axes": [o.axis], "rms": o.rms, "unit": UNITS[AXES.index(o.axis)], "intervals_s": o.intervals_s}
     return out | ({"regime": o.regime} if o.regime else {})
@@ -172,7 +192,7 @@ def _effect(n: Named, answer: Diagnosis) -> dict[str, Any]:
     out = {
         "name": f.effect.name,
         "axes": f.axes,
-        "parameters": {e.name: e.as_json() for e in f.estimates},
+        "parameters": {e.name: e.as_json() | _of_weight([e.value], e.unit, answer) for e in f.estimates},
         "explains": n.explains,
         "q_value": 1.0 - f.probability,
         "probability": f.probability,
@@ -198,7 +218,10 @@ def _effect_text(n: Named, answer: Diagnosis) -> list[str]:
     if f.effect.mixing is not None and f.effect.in_words is not None:  # too many numbers to read
         numbers = f.effect.in_words(answer.records[n.record].context, f.parameters)
     else:
-        numbers = ", ".join(estimate_text(e) for e in f.estimates if e.determined) or "size not determined"
+        numbers = (
+            ", ".join(estimate_text(e) + _share_text([e.value], e.unit, answer) for e in f.estimates if e.determined)
+            or "size not determined"
+        )
     sure = f"{n.status}, probability {f.probability:.2f}"
     lines = [
         f"  {f.effect.name} ({sure}): {numbers}; explains {n.explains:.0%}",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,7 +33,13 @@ def add_parser(commands: Any) -> None:
         metavar="LOG",
         help=".tlog, .BIN or .ulg; several confirm each other; a folder: each by itself",
     )
-    p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: the paper's tandem)")
+    p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: drafted from the logs)")
+    p.add_argument("--mass", type=float, metavar="KG", help="of the drafted vehicle, with battery (default: typical)")
+    p.add_argument("--propeller", type=float, metavar="INCH", help="diameter (default: typical)")
+    p.add_argument(
+        "--span", type=float, metavar="M", help="motor axis to the opposite motor's axis (default: no moments)"
+    )
+    p.add_argument("--save-vehicle", type=Path, metavar="FILE.toml", help="write the drafted vehicle for --vehicle")
     p.add_argument(
         "--model", metavar="DIR", help="declared model, or none: rotors in free air (default: the shipped model)"
     )
@@ -59,12 +66,14 @@ def add_parser(commands: Any) -> None:
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     # Imported here so that --help answers at once.
+    from models.text_file import write_text
     from models.vehicle_plausibility import warnings
-    from replay.command import check_targets, declared, fault_lines, progress_bar, write_answer
+    from replay.command import check_targets, fault_lines, given, of_logs, progress_bar, write_answer
 
     if a.seed < 0:
         raise ConfigError(f"--seed {a.seed}: must not be negative")
-    check_targets(a.json, save_model=a.save_model, report=a.report)
+    _check_drafting(a)
+    check_targets(a.json, a.save_vehicle, save_model=a.save_model, report=a.report)
     if a.since:
         from replay.changes.cli import run as run_since
 
@@ -72,7 +81,9 @@ def run(a: argparse.Namespace) -> int:
     if any(log.is_dir() for log in a.logs):
         return _folder(a)
     diagnose = _diagnosis(a)
-    vehicle, chosen = declared(a.vehicle, a.model)
+    vehicle, chosen, draft = of_logs(a.vehicle, a.model, a.logs, given(a), a.target_system)
+    if draft is not None and a.save_vehicle is not None:
+        write_text("--save-vehicle", a.save_vehicle, draft.as_toml())
     answer = diagnose(
         a.logs, vehicle, chosen.judged, target_system=a.target_system, seed=a.seed, progress=progress_bar(a)
     )
@@ -81,11 +92,15 @@ def run(a: argparse.Namespace) -> int:
     from replay.diagnosis.model_faults import model_faults
 
     faults = model_faults(answer.records, chosen)
-    notes = [*([] if chosen.note is None else [chosen.note]), *warnings(vehicle)]
+    notes = [] if chosen.note is None else [chosen.note]
+    notes += warnings(vehicle) if draft is None else draft.notes
+    answer = replace(answer, notes=(*notes, *answer.notes))
     content = answer.as_json(None if a.save_model is None else str(a.save_model))
     content["log_faults"] = [*faults, *content["log_faults"]]
-    content["notes"] = [*notes, *content["notes"]]
-    lines = [*fault_lines(faults), *notes, answer.as_text()]
+    lines = [*fault_lines(faults), answer.as_text()]
+    if draft is not None:
+        content["vehicle"] = draft.as_json()
+        lines = ["vehicle drafted from the log", *(f"  {fact.as_text()}" for fact in draft.known), *lines]
     if a.save_model is not None or a.test:
         made = amended(chosen.judged, vehicle, answer.adopted, [r.path for r in answer.records])
     if a.test:
@@ -101,6 +116,20 @@ def run(a: argparse.Namespace) -> int:
         lines.append(f"amended model: {a.save_model}{_left_out(answer)}")
     write_answer(a, content, lines, lambda: page(answer, vehicle, faults))
     return 0
+
+
+def _check_drafting(a: argparse.Namespace) -> None:
+    for option, number, most in (
+        ("--mass", a.mass, 1e4),
+        ("--propeller", a.propeller, 200.0),
+        ("--span", a.span, 20.0),
+    ):
+        if number is not None and not 0.0 < number <= most:
+            raise ConfigError(f"{option} {number:g}: must be above 0 and at most {most:g}")
+    drafting = {"--mass": a.mass, "--propeller": a.propeller, "--span": a.span, "--save-vehicle": a.save_vehicle}
+    for option, value in drafting.items():
+        if value is not None and a.vehicle is not None:
+            raise ConfigError(f"{option}: is of a drafted vehicle, and --vehicle gives one; leave one of them out")
 
 
 def _diagnosis(a: argparse.Namespace) -> Callable[..., Diagnosis]:
@@ -134,13 +163,17 @@ def _folder(a: argparse.Namespace) -> int:
         raise ConfigError("a folder is diagnosed log by log: give it alone, or name the logs that belong together")
     if a.test:
         raise ConfigError(f"--test: needs logs that belong together; name them instead of the folder {a.logs[0]}")
+    if a.save_vehicle is not None:
+        raise ConfigError("--save-vehicle: a folder's logs may be of several vehicles; name the logs of one")
     if a.save_model is not None:
         raise ConfigError(
             "--save-model: a folder's logs may be of several vehicles; give those of one vehicle by name, as in "
             f"replay diagnose {a.logs[0]}/*.tlog --save-model {a.save_model}"
         )
+    from replay.command import given
     from replay.fleet.folder import run_folder
     from replay.fleet.jobs import Job, Kind
 
-    job = Job.of(Kind.DIAGNOSE, a.logs[0], a.vehicle, a.model, target_system=a.target_system, seed=a.seed)
+    options = {"target_system": a.target_system, "seed": a.seed, "given": given(a)}
+    job = Job.of(Kind.DIAGNOSE, a.logs[0], a.vehicle, a.model, **options)
     return run_folder(job, FolderOptions.of(a))

@@ -6,7 +6,7 @@ import hashlib
 import json
 import struct
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from models.errors import UserError
 from models.vehicle import Vehicle
 from models.version import installed_version
+from replay.vehicle.draft import Given
 
 if TYPE_CHECKING:
     from replay.diagnosis.answer import Diagnosis
@@ -43,6 +44,8 @@ class Job:
     setpoint: str = "hold"
     assumed: tuple[tuple[str, float], ...] = ()
     adapt: str = "off"
+    given: Given = field(default_factory=Given)
+    """What is known of a vehicle that is drafted."""
     pages: str | None = None
     """Folder for the page of this log; None: no page."""
 
@@ -85,15 +88,17 @@ def perform(job: Job) -> dict[str, Any]:
 
 
 def _answer(job: Job) -> dict[str, Any]:
-    from replay.command import declared
+    from replay.command import declared, of_logs
 
-    vehicle, chosen = declared(job.vehicle, job.model)
     if job.kind == Kind.DIAGNOSE:
         from replay.diagnosis.diagnose import diagnose
 
+        vehicle, chosen, draft = of_logs(job.vehicle, job.model, [Path(job.path)], job.given, job.target_system)
         answer = diagnose([Path(job.path)], vehicle, chosen.judged, target_system=job.target_system, seed=job.seed)
+        answer = replace(answer, notes=(*(draft.notes if draft else ()), *answer.notes))
         page = {} if job.pages is None else {"page": _write_page(job, answer, vehicle)}
         return {"vehicle": vehicle.name, "system": answer.records[0].system, **answer.as_json(None), **page}
+    vehicle, chosen = declared(job.vehicle, job.model)
     from companion.adaptation.options import Adapt
     from companion.config import Base, PipelineConfig
     from replay.rerun.report import run

@@ -17,10 +17,11 @@ def add_parser(commands: Any) -> None:
     p: argparse.ArgumentParser = commands.add_parser(
         "info", help="what is in a log, and what can and cannot be judged with it", epilog=_EPILOG,
         description="What is in a log, at which rates and with which gaps; what can and cannot be judged with it, and "
-        "the parameter that would change that; whether companion would have engaged.",
+        "the parameter that would change that; with --companion, whether it would have engaged.",
     )  # fmt: skip
     p.add_argument("logs", nargs="+", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg")
-    p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: the paper's tandem)")
+    p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: drafted from each log)")
+    p.add_argument("--companion", action="store_true", help="decide as companion would have, too: takes longer")
     p.add_argument("--model", metavar="DIR", help="model directory, or none (default: the shipped model)")
     p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
     p.add_argument(
@@ -38,32 +39,37 @@ def run(a: argparse.Namespace) -> int:
     from tqdm import tqdm
 
     from models.json_file import write_json
-    from replay.command import declared
+    from replay.command import declared, of_logs
     from replay.info.info import inspect
     from replay.parameters import assumed_parameters
+    from replay.vehicle.draft import Given
 
-    vehicle, chosen = declared(a.vehicle, a.model)
+    declared(a.vehicle, a.model)  # a wrong file is said once, before the work
     shown = sys.stderr.isatty() and not a.quiet and len(a.logs) > 1
     assumed = assumed_parameters(a.param)
     answers: list[dict[str, Any]] = []
-    failed = read = 0
+    failed = 0
     for path in tqdm(a.logs, unit="log", disable=not shown, leave=False, file=sys.stderr):
+        refusal = ""
         try:
-            answer = inspect(path, vehicle, chosen, a.target_system, assumed, quiet=a.quiet)
+            vehicle, chosen, _ = of_logs(a.vehicle, a.model, [path], Given(), a.target_system)
+        except LogError as error:
+            refusal = str(error).removeprefix(f"{path}: ")
+            vehicle, chosen = declared(None, a.model)
+        try:
+            answer = inspect(
+                path, vehicle, chosen, a.target_system, assumed, refusal=refusal, decide=a.companion, quiet=a.quiet
+            )
         except LogError as error:
             failed = error.exit_code
             answers.append({"log": str(path), "error": str(error)})
             print(f"replay: {error}", file=sys.stderr)
             continue
-        read += 1
         answers.append(answer.as_json())
         if a.json != "-" and not a.quiet:
             print(answer.as_text())
-    told = read > 0 and a.json != "-" and not a.quiet
-    if told and chosen.note:
-        print(chosen.note)
-    if told and a.vehicle is None:
-        print("no --vehicle was given: judged as the paper's tandem; give your own for answers about your vehicle")
+            if chosen.note and not refusal:
+                print(chosen.note)
     if a.json is not None:
         write_json(answers, a.json)
     return failed

@@ -70,9 +70,9 @@ class LogInfo:
     vehicle: str
     boots: tuple[BootInfo, ...]
     flight: Engagement | None
-    """What the pipeline of flight decided; None where it could not decide."""
+    """What the pipeline of flight decided; None where it could not decide or was not asked."""
     refusal: str
-    """Why it could not."""
+    """Why it could not; empty where it was not asked."""
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers."""
@@ -81,14 +81,21 @@ class LogInfo:
             "bytes": self.bytes,
             "vehicle": self.vehicle,
             "boots": [b.as_json() for b in self.boots],
-            "companion": refused(self.refusal) if self.flight is None else self.flight.as_json(),
+            "companion": self._companion(),
         }
+
+    def _companion(self) -> dict[str, Any] | None:
+        if self.flight is not None:
+            return self.flight.as_json()
+        return refused(self.refusal) if self.refusal else None
 
     def as_text(self) -> str:
         """A page for a person."""
         out = [f"{self.path.name}: {self.bytes / 1e6:.1f} MB, {len(self.boots)} boot(s)"]
         for boot in self.boots:
             out += _boot_text(boot)
+        if self.flight is None and not self.refusal:
+            return "\n".join(out)
         if self.flight is None:
             return "\n".join([*out, f"companion would not engage: {self.refusal}"])
         verdict, *reasons = self.flight.as_text()
@@ -102,14 +109,17 @@ def inspect(
     target_system: int | None = None,
     assumed: Mapping[str, float] | None = None,
     *,
+    refusal: str = "",
+    decide: bool = True,
     quiet: bool = True,
 ) -> LogInfo:
     """Read one log as ``vehicle`` with a model; ``assumed`` parameters hold where the log lacks them.
 
+    ``refusal``: why no diagnosis would take it, where that is known already. ``decide``: run the pipeline of flight.
     Raises LogError where the log cannot be read; what it lacks is in the answer.
     """
     boots: list[BootInfo] = []
-    judge = Judge(vehicle, chosen.judged)
+    judge = Judge(vehicle, chosen.judged, refusal)
     for piece in with_progress(path, read_pieces(path, target_system), "reading", quiet=quiet):
         log = piece.own()
         judge.add(log)
@@ -120,13 +130,16 @@ def inspect(
             boots.append(one)
     boots = [replace(boot, judged=judge.of(boot.boot)) for boot in boots]
     config = PipelineConfig(vehicle=vehicle, model=chosen.model, dry_run=True)
-    flight, refusal = None, ""
+    size = path.stat().st_size
+    if not decide:
+        return LogInfo(path, size, vehicle.name, tuple(boots), None, "")
+    flight, why = None, ""
     try:
         length_s, armed = sum(b.duration_s for b in boots), any(b.armed_s > 0.0 for b in boots)
         flight = engagement(path, config, length_s, target_system, assumed, armed=armed, quiet=quiet)
     except LogError as error:
-        refusal = str(error).removeprefix(f"{path}: ")
-    return LogInfo(path, path.stat().st_size, vehicle.name, tuple(boots), flight, refusal)
+        why = str(error).removeprefix(f"{path}: ")
+    return LogInfo(path, size, vehicle.name, tuple(boots), flight, why)
 
 
 def _boot(log: FlightLog, vehicle: Vehicle) -> BootInfo:

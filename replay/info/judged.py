@@ -51,14 +51,14 @@ class Judged:
 class Judge:
     """Asks of every stretch of a log what a diagnosis would take of it."""
 
-    def __init__(self, vehicle: Vehicle, model: FanSurrogate | None) -> None:
-        self._vehicle, self._model = vehicle, model
+    def __init__(self, vehicle: Vehicle, model: FanSurrogate | None, refusal: str = "") -> None:
+        self._vehicle, self._model, self._refusal = vehicle, model, refusal
         self._taken = Stretches[Judged]()
         self._refused: dict[int, Judged] = {}
 
     def add(self, log: FlightLog) -> None:
         """The next stretch."""
-        if not self._taken.wants_next():
+        if self._refusal or not self._taken.wants_next():
             return
         effects = () if self._model is None else self._model.effects
         try:
@@ -72,6 +72,8 @@ class Judge:
 
     def of(self, boot: int) -> Judged:
         """The answer on a boot, once every stretch was added."""
+        if self._refusal:
+            return Judged(boot, 0.0, (), self._refusal, ())
         own = [judged for judged in self._taken.records if judged.boot == boot]
         if not own:
             return self._refused.get(boot) or Judged(boot, 0.0, (), _OTHERS, ())

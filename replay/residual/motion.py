@@ -91,8 +91,10 @@ def read_motion(log: FlightLog, vehicle: Vehicle) -> Motion:
     )
 
 
-def judged_axes(motion: Motion) -> tuple[list[int], list[str]]:
-    """Axes of the wrench that the log can judge, and a note where it is not all six."""
+def judged_axes(motion: Motion, vehicle: Vehicle) -> tuple[list[int], list[str]]:
+    """Axes of the wrench that log and vehicle file can judge, and a note where it is not all six."""
+    if "position_m" in vehicle.assumed:
+        return [0, 1, 2], ["where the rotors are is assumed: forces only"]
     if motion.gyro_hz < MOMENT_RATE_HZ:
         needed = f"{MOMENT_RATE_HZ:.0f} Hz needed"
         return [0, 1, 2], [f"gyro at {motion.gyro_hz:.0f} Hz: too slow for moments ({needed}), forces only"]

@@ -86,7 +86,7 @@ def build_record(
     motion = read_motion(log, vehicle)
     log, stuck = without_stuck_beams(log)
     grid = motion.grid
-    axes, notes = judged_axes(motion)
+    axes, notes = judged_axes(motion, vehicle)
     state, delays = _on_one_clock(log, vehicle, model, motion)
     state = corrected_state(effects, state)
     context = Context(state, vehicle, model)

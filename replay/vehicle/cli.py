@@ -6,8 +6,6 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from models.errors import ConfigError
-
 _EPILOG = """exit codes: 0 done; 2 bad arguments or vehicle file; 3 log unreadable, or too little hover in it; 130
 interrupted. Every key of a vehicle file: docs/vehicle.md."""
 
@@ -30,6 +28,7 @@ def add_parser(commands: Any) -> None:
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     from models.json_file import write_json
+    from models.text_file import write_text
     from models.vehicle import load_vehicle, parse_vehicle
     from models.vehicle_plausibility import warnings
     from models.vehicle_setup.toml_text import vehicle_text
@@ -40,10 +39,7 @@ def run(a: argparse.Namespace) -> int:
     text = vehicle_text(found.vehicle, origin, "Every key: docs/vehicle.md. SI units, body FRD.")
     checked = parse_vehicle(text, str(a.out or a.vehicle))
     if a.out is not None:
-        try:
-            a.out.write_text(text, encoding="utf-8")
-        except OSError as error:
-            raise ConfigError(f"--out {a.out}: cannot be written ({error.strerror})") from None
+        write_text("--out", a.out, text)
     if a.json is not None:
         numbers = {e.key: e.as_json() for e in found.estimates}
         write_json({"hover_s": round(found.hover_s, 3), "vehicle": numbers, "notes": list(found.notes)}, a.json)

@@ -7,7 +7,8 @@ the outputs vary enough.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ _HIGH, _FAR = 4.0, 4.0
 """In rotor radii from ground, wall and ceiling: lift there is within 2 % of free air (Cheeseman and Bennett 1955)."""
 _BLOCK_S = 5.0
 """Blocks this long are nearly independent: gusts and corrections of a hover last a second or two."""
-_ENOUGH_S = 8.0
+ENOUGH_S = 8.0
 """As a diagnosis (residual.record.ENOUGH_S)."""
 _EXPO_SD = 0.10
 """expo is taken from the log where its standard deviation is below this; else the file's stays."""
@@ -65,6 +66,8 @@ class Fit:
     estimates: tuple[Estimate, ...]
     hover_s: float
     notes: tuple[str, ...]
+    output: float = math.nan
+    """Mean output 0...1 of the rotors; NaN where rotor speeds are telemetered."""
 
 
 @dataclass(frozen=True)
@@ -85,35 +88,51 @@ class _Hover:
 def fit(paths: Sequence[Path], vehicle: Vehicle, target_system: int | None = None) -> Fit:
     """Pool the hovers of several logs of one vehicle. Raises LogError where they hold too little of it."""
     start = _with_ct(vehicle)
+    problems: list[LogError] = []
+    records = (r for path in paths for r in records_of(path, start, target_system, problems))
+    found = fit_records(records, vehicle, hovering, problems)
+    if found.hover_s < ENOUGH_S:
+        high = _HIGH * vehicle.rotor_radius_m
+        raise LogError(
+            f"{paths[0]}: only {found.hover_s:.0f} s of free hover (slower than {_CLIMB_M_S:g} m/s, above {high:.1f} "
+            f"m, away from walls); {ENOUGH_S:.0f} s are needed, a minute is better"
+        )
+    return found
+
+
+def fit_records(
+    records: Iterable[Record], declared: Vehicle, where: Callable[[Record], NDArray[np.bool_]],
+    problems: list[LogError] | None = None, *, bend: bool = True,
+) -> Fit:  # fmt: skip
+    """``fit`` on the rows ``where`` of records of the ``declared`` vehicle. Raises the first of ``problems``.
+
+    ``bend``: whether ``expo`` is looked for.
+    """
+    start = _with_ct(declared)
     hovers: list[_Hover] = []
     notes: list[str] = []
     seconds = 0.0
-    problems: list[LogError] = []
-    for path in paths:
-        for record in _records(path, start, target_system, problems):
-            rows = hovering(record)
-            seconds += float(rows.sum()) * record.step_s
-            hovers.append(_rows(record, rows, len(hovers)))
-            notes += record.notes
-    if not hovers:
+    for record in records:
+        rows = where(record)
+        seconds += float(rows.sum()) * record.step_s
+        hovers.append(_rows(record, rows, len(hovers)))
+        notes += record.notes
+    if not hovers and problems:
         raise problems[0]
     pooled = _pool(hovers)
-    if seconds < _ENOUGH_S:
-        high = _HIGH * vehicle.rotor_radius_m
-        raise LogError(
-            f"{paths[0]}: only {seconds:.0f} s of free hover (slower than {_CLIMB_M_S:g} m/s, above {high:.1f} m, away "
-            f"from walls); {_ENOUGH_S:.0f} s are needed, a minute is better"
-        )
-    estimates = [_ct(start, vehicle, pooled)] if vehicle.telemetered else _throttle(start, pooled)
-    hover = _hover_thrust(vehicle, pooled)
-    notes += [f"left out: {p}" for p in problems]
+    if not len(pooled):
+        return Fit(start, (), 0.0, ())
+    estimates = [_ct(start, declared, pooled)] if start.telemetered else _throttle(start, pooled, bend=bend)
+    hover = _hover_thrust(declared, pooled)
+    notes += [f"left out: {p}" for p in problems or ()]
     found = (*estimates, *([hover] if hover else []))
     if hover is None:
         notes.append("no believable thrust command in the logs: hover_thrust stays")
-    return Fit(_applied(start, found), found, seconds, tuple(dict.fromkeys(notes)))
+    output = float(np.median(pooled.output.mean(axis=1))) if pooled.output.size else math.nan
+    return Fit(_applied(start, found), found, seconds, tuple(dict.fromkeys(notes)), output)
 
 
-def _records(path: Path, vehicle: Vehicle, target_system: int | None, problems: list[LogError]) -> Iterator[Record]:
+def records_of(path: Path, vehicle: Vehicle, target_system: int | None, problems: list[LogError]) -> Iterator[Record]:
     """Of every stretch of a log that can be judged; ``problems`` gets why others cannot."""
     try:
         for piece in read_pieces(path, target_system):
@@ -127,18 +146,23 @@ def _records(path: Path, vehicle: Vehicle, target_system: int | None, problems: 
 
 def hovering(record: Record) -> NDArray[np.bool_]:
     """Rows (n,) of free hover: judged, slow, level, away from every surface that is seen."""
-    state, radius = record.context.state, record.context.vehicle.rotor_radius_m
+    state = record.context.state
     with np.errstate(invalid="ignore"):
         fast = (np.abs(state.velocity_ned[:, 2]) > _CLIMB_M_S) | (
             np.hypot(state.velocity_ned[:, 0], state.velocity_ned[:, 1]) > _SPEED_M_S
         )
-        near = (
-            (np.nan_to_num(state.h_m, nan=np.inf).min(axis=1) < _HIGH * radius)
-            | (np.nan_to_num(state.d_m, nan=np.inf).min(axis=1) < _FAR * radius)
-            | (np.nan_to_num(state.ceiling_m, nan=np.inf).min(axis=1) < _HIGH * radius)
-        )
-        level = state.rotation[:, 2, 2] > _TILT_COS
-    return np.asarray(record.valid & ~fast & ~near & level)
+    return free_flight(record) & ~fast & np.asarray(state.rotation[:, 2, 2] > _TILT_COS)
+
+
+def free_flight(record: Record) -> NDArray[np.bool_]:
+    """Rows (n,) that are judged, away from every surface that is seen."""
+    state, radius = record.context.state, record.context.vehicle.rotor_radius_m
+    near = (
+        (np.nan_to_num(state.h_m, nan=np.inf).min(axis=1) < _HIGH * radius)
+        | (np.nan_to_num(state.d_m, nan=np.inf).min(axis=1) < _FAR * radius)
+        | (np.nan_to_num(state.ceiling_m, nan=np.inf).min(axis=1) < _HIGH * radius)
+    )
+    return np.asarray(record.valid & ~near)
 
 
 def _with_ct(vehicle: Vehicle) -> Vehicle:
@@ -188,16 +212,16 @@ def _ratio(y: Array, x: Array, block: NDArray[np.int64]) -> tuple[float, float |
     return slope, float(1.96 * slopes.std(ddof=1) / np.sqrt(len(slopes)))
 
 
-def _throttle(vehicle: Vehicle, h: _Hover) -> list[Estimate]:
+def _throttle(vehicle: Vehicle, h: _Hover, *, bend: bool) -> list[Estimate]:
     """``max_thrust_n``, ``voltage_v``, and ``expo`` where the outputs vary enough to show it."""
     curve = vehicle.throttle
     assert curve is not None
     out = []
     expo, expo_half = curve.expo, None
     linear, square = h.output.sum(axis=1), (h.output**2).sum(axis=1)
-    bend = _bend(h, linear, square)
-    if bend is not None:
-        expo, expo_half = bend
+    found = _bend(h, linear, square) if bend else None
+    if found is not None:
+        expo, expo_half = found
         out.append(Estimate("expo", curve.expo, expo, expo_half))
     shape = (1.0 - expo) * linear + expo * square
     top, half = _ratio(h.lift, shape, h.block)

@@ -120,6 +120,7 @@ def quad_flight(
     rate_hz: int = 25,
     nan_share: float = 0.0,
     landed: bool = False,
+    kind: int = 2,
     seed: int = 1,
 ) -> list[tuple[int, bytes]]:
     """The shipped quadrotor in free air: climbs and sinks, turns slowly; thrust is exactly ``mass_kg``'s own.
@@ -160,7 +161,7 @@ def quad_flight(
             telemetry = ([40] * 4, [1600] * 4, [500] * 4, [0] * 4, [round(float(speed[k]))] * 4, [k % 65536] * 4)
             messages.append(mavlink.MAVLink_esc_telemetry_1_to_4_message(*telemetry))
         if k % rate_hz == 0:
-            messages.append(heartbeat())
+            messages.append(heartbeat(kind=kind))
             if landed:
                 messages.append(mavlink.MAVLink_extended_sys_state_message(0, 1))
         arrival = arrival_us + round(at * 1e6) + 2000

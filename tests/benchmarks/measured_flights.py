@@ -6,6 +6,7 @@ are not part of the project: they are looked for in ``../shared/data`` (or ``$CO
 left out, by name, where they are not there. ``--plot FILE`` draws how often what is stated so surely is right.
 
 ``--change NAME`` declares the vehicle wrong on purpose (``measured/changes.py``): what is hidden is then known exactly.
+``--drafted`` asks a second time without a vehicle file, with the mass alone, and says which first names become wrong.
 ``--table FILE`` judges by another table: ``measured/nanodrone.toml`` is one of a source that no rule was made on.
 """
 
@@ -51,6 +52,9 @@ def main(argv: Sequence[str] | None = None) -> int:
             here = [f for f in wrong if f is not None]
         judgements = _run(together(here) if args.together else here, known, args)
     print(_report(judgements))
+    if args.drafted:
+        args.again = True
+        print(f"\n{_compared(judgements, _run(here, known, args))}")
     said = [s for j in judgements if not j.again for s in statements(as_json(j))]
     print(f"\n{table(said)}")
     if args.json:
@@ -70,6 +74,7 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--answers", type=Path, metavar="DIR", help="keep answers here, and judge those that are kept already"
     )
+    p.add_argument("--drafted", action="store_true", help="ask again with the mass in place of the vehicle file")
     p.add_argument("--together", action="store_true", help="all flights of a vehicle file as one data set")
     p.add_argument(
         "--setting", nargs="*", default=[], metavar="NAME=VALUE", help="another number in the search (replay.search)"
@@ -105,12 +110,14 @@ def judged(flight: Flight, known: Known, args: argparse.Namespace) -> Judgement:
 
 
 def _answer(flight: Flight, args: argparse.Namespace) -> Asked:
-    kept = args.answers / f"{flight.source}.{flight.name.replace(' ', '_')}.json" if args.answers else None
+    again = getattr(args, "again", False)
+    name = f"{flight.source}.{flight.name.replace(' ', '_')}{'.drafted' if again else ''}.json"
+    kept = args.answers / name if args.answers else None
     if kept is not None and kept.is_file():
         return Asked(**json.loads(kept.read_text()))
     model = str(_model(args.data / flight.table)) if flight.table else flight.model
     logs = [args.data / log for log in flight.logs]
-    asked = ask(logs, args.data / flight.vehicle, model, args.timeout, settings=args.setting)
+    asked = ask(logs, args.data / flight.vehicle, model, args.timeout, settings=args.setting, drafted=again)
     if kept is not None:
         kept.parent.mkdir(parents=True, exist_ok=True)
         kept.write_text(json.dumps(asdict(asked)))
@@ -139,6 +146,30 @@ def _report(judgements: Sequence[Judgement]) -> str:
     sums = {kind: [j for j in once if j.kind == kind] for kind in KINDS}
     sums["measured + autopilot"] = sums["measured"] + sums["autopilot"]
     return "\n".join([*lines, "", *_counts("kind", sums), "", *_details(once)])
+
+
+def _compared(given: Sequence[Judgement], drafted: Sequence[Judgement]) -> str:
+    """First names with the vehicle file and with the draft."""
+    rows = [(g, d, _first(g), _first(d)) for g, d in zip(given, drafted, strict=True)]
+    lines = [
+        f"{g.flight:40s} {name:20s} {_WORDS[right]:8s} -> {other:20s} {_WORDS[still]:8s} {d.seconds:5.1f} s"
+        + (f"  {d.note[:120]}" if d.verdict in ("refused", "failed") else "")
+        for g, d, (name, right), (other, still) in rows
+    ]
+    lost = share(b[1] is False for _, _, a, b in rows if a[1] is True)
+    won = share(b[1] is True for _, _, a, b in rows if a[1] is False)
+    return "\n".join([*lines, f"right -> wrong {lost}; wrong -> right {won}"])
+
+
+_WORDS = {True: "right", False: "wrong", None: "unknown"}
+
+
+def _first(j: Judgement) -> tuple[str, bool | None]:
+    """The name that stands first and whether it is right; no name is right where none was needed."""
+    named = [s for s in j.statements if s.named]
+    if named:
+        return named[0].effect, named[0].right
+    return j.verdict, None if j.excused else not (j.missed or j.refused)
 
 
 def _line(j: Judgement) -> str:

@@ -115,62 +115,6 @@ def test_what_is_missing_is_named_and_nothing_is_written(tmp_path, capsys):
     assert out.read_text() == "mine"
 
 
-@pytest.fixture
-def person(monkeypatch):
-    """Answers at a terminal, in order; those that nobody asked for are left."""
-
-    def answers(*said):
-        left = iter(said)
-
-        def answer(_):
-            try:
-                return next(left)
-            except StopIteration:
-                raise EOFError from None
-
-        monkeypatch.setattr("sys.stdin.isatty", lambda: True)
-        monkeypatch.setattr("builtins.input", answer)
-        return left
-
-    return answers
-
-
-def test_a_person_is_asked(tmp_path, person, capsys):
-    out = tmp_path / "v.toml"
-    left = person(
-        "my quad", "three", "-3", "3", "triangle", "quad-x", "0.64", "11", "perhaps", "yes",
-        "0 0 0.05", "25:0,0,0.05", "right", "2:0,0.1,0", "",
-    )  # fmt: skip
-    assert main(["vehicle", "--out", str(out)]) == 0
-    vehicle = load_vehicle(out)
-    assert (vehicle.name, vehicle.mass_kg, vehicle.telemetered) == ("my quad", 3.0, True)
-    assert [(r.orientation, r.target) for r in vehicle.rangefinders] == [(25, "ground"), (2, "wall")]
-    assert "a guess" in out.read_text()
-    assert next(left, None) is None
-    said = capsys.readouterr().err.splitlines()
-    assert len(said) == 6, "every answer that could not be used says what is wanted"
-    assert all("please" in line or "must be ORIENTATION:X,Y,Z" in line for line in said)
-
-
-def test_a_person_without_rotor_speeds_is_asked_for_the_voltage(tmp_path, person):
-    out = tmp_path / "v.toml"
-    left = person("my quad", "3", "quad-x", "0.64", "11", "no", "15.2", "")
-    assert main(["vehicle", "--out", str(out)]) == 0
-    vehicle = load_vehicle(out)
-    assert not vehicle.telemetered
-    assert vehicle.throttle.voltage_v == 15.2
-    assert vehicle.rangefinders == ()
-    assert next(left, None) is None
-
-
-def test_answers_that_end_early_are_one_line_and_no_file(tmp_path, person, capsys):
-    person("my quad", "3")
-    assert main(["vehicle", "--out", str(tmp_path / "v.toml")]) == 2
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert "nothing is written" in line
-    assert not (tmp_path / "v.toml").exists()
-
-
 @given(st.floats(0.2, 50.0), st.floats(0.1, 2.0), st.sampled_from(sorted(FRAMES)))
 def test_inertia_is_that_of_a_possible_body(mass, arm, frame):
     xx, yy, zz = inertia(mass, arm, FRAMES[frame])

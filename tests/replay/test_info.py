@@ -6,7 +6,7 @@ import pytest
 from log_writers import EPOCH_US, bin_flight, flight, quad_flight, ulg_flight, write_tlog
 
 from companion.mavlink.frames import cut
-from companion.vehicles import QUAD
+from companion.vehicles import QUAD, TANDEM
 from replay.cli import main
 from replay.diagnosis import stretches
 from replay.info import engagement
@@ -14,7 +14,7 @@ from replay.logs import tlog_blocks
 
 
 def info(capsys, *arguments):
-    code = main(["info", *map(str, arguments), "--json", "-"])
+    code = main(["info", *map(str, arguments), "--companion", "--json", "-"])
     out = capsys.readouterr()
     return code, json.loads(out.out), out.err
 
@@ -46,7 +46,7 @@ def test_rates_gaps_and_share_of_good_readings(tmp_path, capsys):
 
 def test_what_companion_would_have_done(tmp_path, capsys):
     write_tlog(tmp_path / "a.tlog", flight(10.0))
-    _, (answer,), _ = info(capsys, tmp_path / "a.tlog")
+    _, (answer,), _ = info(capsys, tmp_path / "a.tlog", "--vehicle", TANDEM)
     main(["run", str(tmp_path / "a.tlog"), "--json", "-"])
     run = json.loads(capsys.readouterr().out)
     assert answer["companion"]["compensated_s"] == run["compensated_s"]
@@ -58,13 +58,13 @@ def test_of_a_long_log_the_first_minutes_from_arming_on_are_decided(tmp_path, ca
     monkeypatch.setattr(engagement, "_DECIDED_S", 10.0)
     standing, flying = flight(30.0, armed=False), flight(40.0, start_ms=70_000, arrival_us=EPOCH_US + 30_000_000)
     write_tlog(tmp_path / "a.tlog", [*standing, *flying])
-    _, (answer,), _ = info(capsys, tmp_path / "a.tlog")
+    _, (answer,), _ = info(capsys, tmp_path / "a.tlog", "--vehicle", TANDEM)
     seen = answer["companion"]
     assert not seen["whole_log"]
     assert seen["duration_s"] == pytest.approx(10.0, abs=0.05)
     assert seen["from_s"] == pytest.approx(70.0, abs=0.1)
     assert "disarmed" not in seen["refusals_s"]
-    assert main(["info", str(tmp_path / "a.tlog")]) == 0
+    assert main(["info", str(tmp_path / "a.tlog"), "--vehicle", str(TANDEM), "--companion"]) == 0
     out = capsys.readouterr().out
     assert "of the first 10 s from arming on" in out
     assert "replay run decides on all 70 s" in out
@@ -160,7 +160,10 @@ def test_of_a_long_log_the_stretches_are_those_of_a_diagnosis(tmp_path, capsys, 
 
 @pytest.mark.parametrize(
     ("command", "bars"),
-    [(["info"], ["reading", "deciding"]), (["export", "--to", "csv", "--out", "x.csv"], ["time 2 of 2"])],
+    [
+        (["info", "--companion"], ["reading", "deciding"]),
+        (["export", "--to", "csv", "--out", "x.csv"], ["time 2 of 2"]),
+    ],
 )
 def test_long_work_is_shown_to_a_terminal_and_to_nobody_else(tmp_path, capsys, monkeypatch, command, bars):
     monkeypatch.setattr(tlog_blocks, "BLOCK_BYTES", 128 * 1024)
@@ -193,8 +196,26 @@ def test_a_page_for_a_person(tmp_path, capsys):
     assert main(["info", str(tmp_path / "a.tlog")]) == 0
     out = capsys.readouterr().out
     assert "50.0 Hz" in out
-    assert "companion with 'tandem coaxial ducted fan' would" in out
-    assert "no --vehicle was given" in out
+    assert "companion with" not in out
+    assert main(["info", str(tmp_path / "a.tlog"), "--vehicle", str(TANDEM), "--companion"]) == 0
+    assert "companion with 'tandem coaxial ducted fan' would" in capsys.readouterr().out
+
+
+def test_what_flew_is_judged_as_drafted_from_the_log(tmp_path, capsys):
+    write_tlog(tmp_path / "a.tlog", quad_flight(30.0, rpm=False))
+    assert main(["info", str(tmp_path / "a.tlog"), "--json", "-"]) == 0
+    (answer,) = json.loads(capsys.readouterr().out)
+    assert answer["vehicle"].startswith("quad-x")
+    assert answer["boots"][0]["diagnose"]["axes"] == ["Fx", "Fy", "Fz"]
+    assert answer["companion"] is None
+
+
+def test_a_log_of_no_multirotor_is_listed_and_refused(tmp_path, capsys):
+    write_tlog(tmp_path / "plane.tlog", quad_flight(20.0, kind=1))
+    assert main(["info", str(tmp_path / "plane.tlog"), "--json", "-"]) == 0
+    (answer,) = json.loads(capsys.readouterr().out)
+    assert "MAV_TYPE 1 is an aeroplane" in answer["boots"][0]["diagnose"]["refusal"]
+    assert by_name(answer["boots"][0])["attitude"]["count"] > 100
 
 
 def test_attitudes_once_a_second_are_said_to_be_too_slow(tmp_path, capsys):
@@ -212,7 +233,7 @@ def test_attitudes_once_a_second_are_said_to_be_too_slow(tmp_path, capsys):
     assert "over 0.0 s" not in out
     assert "attitudes come 1.0 s apart" in out
     assert "  0.0 s  " not in out
-    assert main(["info", str(tmp_path / "a.tlog")]) == 0
+    assert main(["info", str(tmp_path / "a.tlog"), "--companion"]) == 0
     assert "attitudes come 1.0 s apart" in capsys.readouterr().out
 
 

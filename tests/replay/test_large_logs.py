@@ -12,6 +12,7 @@ import pytest
 from log_writers import EPOCH_US, BinWriter, bin_flight, flight, ulg_flight, write_tlog
 from whole_tlog import read_tlog
 
+from companion.vehicles import TANDEM
 from models.errors import LogError
 from replay.cli import main
 from replay.diagnosis.stretches import MOST_S, Stretches
@@ -176,9 +177,9 @@ def test_an_export_in_pieces_is_the_export_of_the_whole(three_boots, tmp_path, r
 def test_info_and_replay_of_pieces_say_what_they_say_of_the_whole(three_boots, tmp_path, monkeypatch):
     def answers():
         out = []
-        for command in ("info", "run"):
+        for command, *options in (("info", "--companion", "--vehicle", str(TANDEM)), ("run",)):
             target = tmp_path / f"{command}.json"
-            assert main([command, str(three_boots), "--quiet", "--json", str(target)]) == 0
+            assert main([command, str(three_boots), *options, "--quiet", "--json", str(target)]) == 0
             out.append(json.loads(target.read_text()))
         return out
 

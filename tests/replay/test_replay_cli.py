@@ -11,6 +11,7 @@ from log_writers import bin_flight, flight, frame, heartbeat, ulg_flight, write_
 from whole_tlog import read_tlog
 
 from companion.mavlink.frames import cut
+from companion.vehicles import QUAD
 from replay.cli import main
 
 
@@ -190,7 +191,7 @@ def test_a_package_that_is_not_installed_is_one_line_that_says_what_to_install(f
     else:
         monkeypatch.setattr("replay.diagnosis.diagnose.diagnose", missing)
     out = ["--out", str(log.parent / "out")] if folder else []
-    assert main(["diagnose", str(log.parent if folder else log), *out]) == 2
+    assert main(["diagnose", str(log.parent if folder else log), "--vehicle", str(QUAD), *out]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert line == "replay: this needs the package scipy.linalg: pip install 'corner-compensator[replay]'"
 

@@ -33,18 +33,20 @@ class Asked:
 
 def ask(
     logs: list[Path], vehicle: Path, model: str, timeout_s: float, environment: Mapping[str, str] | None = None,
-    settings: Sequence[str] = (),
+    settings: Sequence[str] = (), drafted: bool = False,
 ) -> Asked:  # fmt: skip
     """Run the command on ``logs``; its exit code is -1 where it did not answer in time.
 
-    ``settings``: numbers of the search that are others than its own, ``NAME=VALUE`` each.
+    ``settings``: numbers of the search that are others than its own, ``NAME=VALUE`` each. ``drafted``: of the vehicle
+    file the command gets the mass alone.
     """
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "answer.json"
         program = [str(Path(__file__).with_name("settings.py")), *settings, "--"] if settings else ["-m", "replay"]
         command = [
             sys.executable, *program, "diagnose", *(str(log.resolve()) for log in logs),
-            "--vehicle", str(vehicle.resolve()), "--model", model, "--json", str(out), "--quiet",
+            *(["--mass", f"{_mass_kg(vehicle):g}"] if drafted else ["--vehicle", str(vehicle.resolve())]),
+            "--model", model, "--json", str(out), "--quiet",
         ]  # fmt: skip
         begun = time.perf_counter()
         try:
@@ -72,7 +74,11 @@ def train(table: Path) -> Path:
 
 def weight_n(vehicle: Path) -> float:
     """Declared weight of a vehicle file."""
-    return float(tomllib.loads(vehicle.read_text(encoding="utf-8"))["mass_kg"]) * GRAVITY
+    return _mass_kg(vehicle) * GRAVITY
+
+
+def _mass_kg(vehicle: Path) -> float:
+    return float(tomllib.loads(vehicle.read_text(encoding="utf-8"))["mass_kg"])
 
 
 def _be_nice() -> None:

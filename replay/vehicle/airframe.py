@@ -1,0 +1,174 @@
+"""Which multirotor flew: frame, motors, and where their speeds or outputs are in the log.
+
+Parameters say it best; without them the heartbeat's type says how many motors there are, or what turns in the log.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from models.errors import LogError
+from models.vehicle_setup.estimate import pwm_range
+from models.vehicle_setup.frames import FRAMES, Motor, ardupilot_frame, declared_outputs, outputs, px4_motors
+from replay.flightlog import FlightLog, Series
+
+_OTHERS = {
+    "MAV_TYPE": {
+        1: "an aeroplane", 4: "a helicopter", 7: "an airship", 8: "a balloon", 10: "a rover", 11: "a boat",
+        12: "a submarine", **dict.fromkeys(range(19, 26), "a VTOL aeroplane"),
+    },
+    "FRAME_CLASS": dict.fromkeys((6, 11, 13), "a helicopter"),
+    "CA_AIRFRAME": {
+        1: "an aeroplane", **dict.fromkeys((2, 3, 4), "a VTOL aeroplane"), **dict.fromkeys((5, 6, 13), "a rover"),
+        7: "a submarine", **dict.fromkeys((10, 11, 12), "a helicopter"), 14: "a spacecraft", 15: "a spacecraft",
+    },
+    "Q_ENABLE": {1: "a VTOL aeroplane"},
+}  # fmt: skip
+"""What is no multirotor, by parameter or heartbeat: MAVLink's MAV_TYPE, ArduPilot's and PX4's own numbers."""
+_FIRMWARES = ("ArduPlane", "APM:Plane", "ArduRover", "APM:Rover", "Rover V", "ArduSub", "Blimp")
+_COUNT_OF_TYPE = {2: 4, 13: 6, 14: 8, 15: 3, 29: 12, 35: 10}
+_COUNT_OF_CLASS = {1: 4, 2: 6, 3: 8, 4: 8, 5: 6, 7: 3, 12: 12, 14: 10}
+_USUAL = {4: "quad-x", 6: "hexa-x", 8: "octo-x"}
+_ARDUPILOT_OR_PX4 = (3, 12)
+_IDLE_US = 30.0
+"""An output that never moves by more drives no motor in flight."""
+_BEYOND = 0.05
+"""Outputs this share of their range above its end contradict it."""
+
+
+@dataclass(frozen=True)
+class Airframe:
+    """``motors`` of the frame ``name``; ``numbers``: of each its ESC (``telemetered``) or output, from 1."""
+
+    name: str
+    motors: tuple[Motor, ...]
+    source: str
+    """What says it."""
+    ordered: bool = True
+    """Whether places and spins are known, not just the number of motors."""
+    arm_m: float | None = None
+    """By PX4's parameters."""
+    telemetered: bool = False
+    numbers: Mapping[int, int] = field(default_factory=dict)
+
+    @property
+    def declared(self) -> bool:
+        """Whether parameters of the log say it."""
+        return self.source.startswith(("FRAME", "CA_ROTOR"))
+
+
+def airframe(log: FlightLog) -> Airframe:
+    """Raises LogError in one line: no multirotor, parameters that contradict the log, or nothing to go by."""
+    _refuse_others(log)
+    speeds = {number: esc.rpm for number, esc in log.escs.items() if esc.rpm is not None}
+    if not speeds and log.servo is None:
+        raise LogError(f"{log.path}: neither rotor speeds nor outputs (ESC_TELEMETRY, ESC_STATUS, SERVO_OUTPUT_RAW)")
+    moving, turning = _moving(log.servo), _turning(log)
+    frame = _frame(log, len(turning) or len(moving))
+    numbers = _numbers(log, frame.motors)
+    count = len(frame.motors)
+    if len(turning) > count:
+        raise LogError(f"{log.path}: {frame.source}: {count} motors, but {len(turning)} ESCs turn; give --vehicle")
+    by_motor = {m.number: m.number for m in frame.motors}
+    in_order = dict(zip(by_motor, sorted(speeds), strict=False))
+    for ways in (numbers, by_motor, *([in_order] if len(speeds) == count else [])):
+        if set(ways.values()) <= set(speeds):
+            return replace(frame, telemetered=True, numbers=ways)
+    _check_outputs(log, numbers, moving, frame.source)
+    return replace(frame, numbers=numbers)
+
+
+def turns(log: FlightLog) -> bool:
+    """Whether anything shows that motors turned."""
+    return bool(_moving(log.servo) or _turning(log))
+
+
+def _refuse_others(log: FlightLog) -> None:
+    for key, kinds in _OTHERS.items():
+        value = log.parameters.get(key, log.vehicle_type if key == "MAV_TYPE" else None)
+        if value in kinds:
+            raise LogError(f"{log.path}: {key} {value:g} is {kinds[int(value)]}; only multirotors are drafted")
+    for _, _, text in log.texts:
+        if text.startswith(_FIRMWARES):
+            raise LogError(f"{log.path}: '{text}' flies no multirotor; only multirotors are drafted")
+
+
+def _frame(log: FlightLog, seen: int) -> Airframe:
+    """The frame without ``numbers``; ``seen`` motors turn."""
+    p, kind = log.parameters, log.vehicle_type
+    count = _COUNT_OF_TYPE.get(kind or 0)
+    declared = px4_motors(p)
+    if declared is not None:
+        return Airframe("of PX4's parameters", declared[0], "CA_ROTORn_PX, _PY, _KM", arm_m=declared[1])
+    name, said = None, "no parameter says the frame" if count is None else f"MAV_TYPE {kind}"
+    if "FRAME_CLASS" in p:
+        said = f"FRAME_CLASS {p['FRAME_CLASS']:g}, FRAME_TYPE {p.get('FRAME_TYPE', 0):g}"
+        own = _COUNT_OF_CLASS.get(int(p["FRAME_CLASS"]))
+        if own is not None and count not in (None, own):
+            raise LogError(f"{log.path}: {said} have {own} motors, and MAV_TYPE {kind} has {count}; give --vehicle")
+        name, count = ardupilot_frame(p), own or count
+    elif count == 4 and "FRAME" in p:  # before ArduCopter 3.5
+        name, said = ardupilot_frame({"FRAME_CLASS": 1.0, "FRAME_TYPE": p["FRAME"]}), f"FRAME {p['FRAME']:g}"
+    elif (count or seen) in _USUAL:
+        usual = _USUAL[count or seen]
+        return Airframe(usual, FRAMES[usual], f"{said}: the usual {usual}", log.autopilot in _ARDUPILOT_OR_PX4)
+    if name is not None:
+        return Airframe(name, FRAMES[name], said)
+    count = count or seen
+    if not 2 <= count <= 12:
+        raise LogError(f"{log.path}: {said}, and {seen} motors turn: which vehicle is this? give --vehicle")
+    return Airframe(f"{count} rotors", _ring(count), said, ordered=False)
+
+
+def _ring(count: int) -> tuple[Motor, ...]:
+    """Places of a frame that is not known: evenly spaced."""
+    angles = 2.0 * np.pi * (np.arange(count) + 0.5) / count
+    return tuple(Motor(k, float(np.cos(a)), float(np.sin(a)), 1 if k % 2 else -1) for k, a in enumerate(angles, 1))
+
+
+def _numbers(log: FlightLog, motors: tuple[Motor, ...]) -> dict[int, int]:
+    """Motor number to output; the parameters name every motor or none."""
+    declared = declared_outputs(log.parameters)
+    lacking = [m.number for m in motors if m.number not in declared]
+    if declared and lacking:
+        raise LogError(
+            f"{log.path}: the parameters give motor {', '.join(map(str, lacking))} of {len(motors)} no output "
+            "(SERVOn_FUNCTION, PWM_MAIN_FUNCn); give --vehicle"
+        )
+    return outputs(log.parameters, len(motors))
+
+
+def _moving(servo: Series | None) -> set[int]:
+    """Outputs, from 1, that move."""
+    if servo is None:
+        return set()
+    values = np.where(servo.values > 0.0, servo.values, np.nan)
+    known = np.isfinite(values).any(axis=0)
+    return {int(k) + 1 for k in np.flatnonzero(known) if np.nanmax(values[:, k]) - np.nanmin(values[:, k]) > _IDLE_US}
+
+
+def _turning(log: FlightLog) -> set[int]:
+    """ESCs, from 1, that turn."""
+    speeds = {number: esc.rpm for number, esc in log.escs.items() if esc.rpm is not None}
+    return {number for number, rpm in speeds.items() if np.nan_to_num(rpm.values).max(initial=0.0) > 0.0}
+
+
+def _check_outputs(log: FlightLog, numbers: Mapping[int, int], moving: set[int], source: str) -> None:
+    still = sorted(set(numbers.values()) - moving)
+    if len(still) == len(numbers):
+        raise LogError(f"{log.path}: no output of a motor moves: the vehicle did not fly")
+    if still:
+        raise LogError(f"{log.path}: {source}: motors on outputs {_words(numbers)}, but output {still[0]} never moves")
+    assert log.servo is not None
+    low, high, key = pwm_range(log.parameters, min(numbers.values()))
+    used = log.servo.values[:, [n - 1 for n in numbers.values()]]
+    most = float(np.nanpercentile(used, 99.0))
+    if key and most > high + _BEYOND * (high - low):
+        raise LogError(f"{log.path}: {key} says {high:g} us at most, and the motors' outputs reach {most:.0f} us")
+
+
+def _words(numbers: Mapping[int, int]) -> str:
+    return ", ".join(map(str, numbers.values()))

@@ -1,0 +1,274 @@
+"""A vehicle drafted from logs: what their parameters and outputs say, what a hover measures, what is typical.
+
+Thrust comes through the hover: the rotors carry the weight, so ct or the throttle curve follows from the mass. Every
+force is then known as a share of the weight, whatever the mass is.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from companion.vehicles import default_vehicle
+from models.errors import ConfigError, LogError
+from models.vehicle import Rangefinder, Vehicle
+from models.vehicle_plausibility import findings
+from models.vehicle_setup.setup import COMMON_PROPELLERS, USUAL_PULSES, Answers, build, parameter_ranges, target_of
+from models.vehicle_setup.toml_text import vehicle_text
+from models.vehicle_setup.typical import Guess, typical_sizes
+from models.vehicle_types import ASSUMABLE
+from replay.flightlog import FlightLog
+from replay.logs.formats import read_pieces
+from replay.residual.record import Record, build_record
+from replay.vehicle import tandem
+from replay.vehicle.airframe import Airframe, airframe, turns
+from replay.vehicle.fit import ENOUGH_S, Fit, fit_records, free_flight, hovering, records_of
+from replay.vehicle.tandem import is_tandem
+
+INCH_M = 0.0254
+_OPTIONS = {"mass_kg": "--mass KG", "rotor_radius_m": "--propeller INCH", "position_m": "--span M"}
+_GUESSED = "a guess"
+_LOGS = 12
+"""So many logs are looked at; the others are taken to be of the same vehicle."""
+_STRETCHES = 8
+"""So many are enough for a hover; of a long log one is 32 MiB."""
+_VOLTAGE_V = 15.0
+"""Of a log without battery: nothing depends on it then."""
+
+
+@dataclass(frozen=True)
+class Given:
+    """What the command line says."""
+
+    mass_kg: float | None = None
+    propeller_m: float | None = None
+    """Diameter."""
+    span_m: float | None = None
+    """Motor axis to the opposite motor's axis."""
+
+
+@dataclass(frozen=True)
+class Fact:
+    """A number of the draft, and where it comes from."""
+
+    key: str
+    value: Any
+    source: str
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return {"key": self.key, "value": self.value, "from": self.source}
+
+    def as_text(self) -> str:
+        """One line."""
+        value = f"{self.value:.4g}" if isinstance(self.value, float) else str(self.value)
+        return f"{self.key} {value}: {self.source}"
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A vehicle, and where each of its numbers comes from."""
+
+    vehicle: Vehicle
+    known: tuple[Fact, ...]
+    assumed: tuple[Fact, ...] = ()
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is assumed, one line each."""
+        return tuple(f"assumed: {fact.as_text()}" for fact in self.assumed)
+
+    def as_json(self) -> dict[str, Any]:
+        """Plain values."""
+        facts = {"known": self.known, "assumed": self.assumed}
+        return {"drafted": True, **{name: [f.as_json() for f in some] for name, some in facts.items()}}
+
+    def as_toml(self) -> str:
+        """A vehicle file, with where each number comes from."""
+        origin = {f.key: f.source for f in (*self.known, *self.assumed)}
+        return vehicle_text(self.vehicle, origin, "Drafted from a log. Every key: docs/vehicle.md. SI units, body FRD.")
+
+
+def draft(paths: Sequence[Path], given: Given, target_system: int | None = None) -> Draft:
+    """The vehicle that flew in all these logs.
+
+    Raises LogError where it cannot be said, ConfigError where the logs are of two vehicles or a number is impossible.
+    """
+    logs = _flown(paths[:_LOGS], target_system)
+    parameters = {key: value for log in reversed(logs) for key, value in log.parameters.items()}
+    logs = [log for log in logs if turns(log)] or logs  # what stood on the bench lends its parameters alone
+    if all(map(is_tandem, logs)):
+        return _tandem(given)
+    _refuse_two(logs)
+    frame = airframe(replace(logs[0], parameters=parameters))
+    radius = None if given.propeller_m is None else given.propeller_m / 2.0
+    arm = frame.arm_m if given.span_m is None else given.span_m / 2.0
+    sizes = typical_sizes(given.mass_kg, radius, arm, frame.motors, _rpm(logs, frame))
+    start, said = build(_answers(logs, frame, parameters, sizes))
+    found, how = _measured(list(_records(paths, logs, start, target_system)), start)
+    hover, source = _hover(found, said["hover_thrust"], start.hover_thrust, how)
+    said |= {e.key: f"measured in {how}" for e in found.estimates} | {"hover_thrust": source}
+    vehicle = replace(found.vehicle, hover_thrust=hover)
+    known, assumed = _facts(vehicle, frame, sizes, said)
+    vehicle = replace(vehicle, assumed=tuple(f.key for f in assumed if f.key in ASSUMABLE))
+    wrong = next((f for f in findings(vehicle) if f.refused), None)
+    if wrong is not None:
+        raise ConfigError(f"the drafted vehicle cannot be: {wrong.key} {wrong.text}")
+    return Draft(vehicle, tuple(known), tuple(assumed))
+
+
+def _flown(paths: Sequence[Path], target_system: int | None) -> list[FlightLog]:
+    """Of every log that can be read the first stretch in which it was armed, or the first one."""
+    out, problems = [], []
+    for path in paths:
+        first = None
+        try:
+            for piece in read_pieces(path, target_system):
+                first = first or piece
+                if piece.log.armed:
+                    first = piece
+                    break
+        except LogError as error:
+            problems.append(error)
+        if first is not None:
+            out.append(first.own())
+    if not out:
+        raise problems[0]
+    return out
+
+
+def _tandem(given: Given) -> Draft:
+    if given.propeller_m is not None or given.span_m is not None:
+        raise ConfigError(f"--propeller, --span: the log is of {tandem.NAME}, whose sizes are known; leave them out")
+    vehicle = default_vehicle()
+    if given.mass_kg is not None:
+        vehicle = replace(vehicle, mass_kg=given.mass_kg)
+    return Draft(vehicle, (Fact("name", vehicle.name, tandem.HOW),))
+
+
+def _refuse_two(logs: Sequence[FlightLog]) -> None:
+    """ConfigError where logs contradict each other; a frame that one does not say may be that of another."""
+    frames = [airframe(log) for log in logs]
+    names = [tandem.NAME if is_tandem(log) else frame.name for log, frame in zip(logs, frames, strict=True)]
+    sure = next((k for k, f in enumerate(frames) if f.declared or names[k] == tandem.NAME), 0)
+    for log, name, frame in zip(logs, names, frames, strict=True):
+        what = ""
+        if len(frame.motors) != len(frames[sure].motors) or (
+            name != names[sure] and (frame.declared or tandem.NAME in (name, names[sure]))
+        ):
+            what = f"are of two vehicles ({names[sure]}; {name})"
+        elif frame.telemetered != frames[sure].telemetered:
+            what = "hold rotor speeds in the one and outputs alone in the other"
+        if what:
+            raise ConfigError(f"{logs[sure].path} and {log.path} {what}: diagnose them one by one, or give --vehicle")
+
+
+def _rpm(logs: Sequence[FlightLog], frame: Airframe) -> float | None:
+    """Median rotor speed, rotors that stand still left out."""
+    if not frame.telemetered:
+        return None
+    speeds = [log.escs[n].rpm for log in logs for n in frame.numbers.values() if n in log.escs]
+    turning = [rpm.values[rpm.values > 0.0] for rpm in speeds if rpm is not None]
+    medians = [float(np.median(values)) for values in turning if values.size]
+    return float(np.median(medians)) if medians else None
+
+
+def _answers(
+    logs: Sequence[FlightLog], frame: Airframe, parameters: Mapping[str, float], sizes: Mapping[str, Guess]
+) -> Answers:
+    voltages = [log.battery.values[:, 0] for log in logs if log.battery is not None]
+    voltage = np.concatenate([v[np.isfinite(v)] for v in voltages]) if voltages else np.zeros(0)
+    return Answers(
+        name=f"{frame.name}, drafted from {logs[0].path.name}",
+        mass_kg=sizes["mass_kg"].value, propeller_m=2.0 * sizes["rotor_radius_m"].value, motors=frame.motors,
+        numbers=frame.numbers, arm_m=sizes["position_m"].value, rotor_down_m=0.0, telemetered=frame.telemetered,
+        voltage_v=round(float(np.median(voltage)), 2) if voltage.size else _VOLTAGE_V,
+        ranges=tuple(_ranges(logs, parameters)), parameters=parameters,
+    )  # fmt: skip
+
+
+def _ranges(logs: Sequence[FlightLog], parameters: Mapping[str, float]) -> Iterator[Rangefinder]:
+    """Those of the parameters, and those that are in a log besides."""
+    declared = parameter_ranges(parameters)
+    yield from declared
+    seen = {r.orientation for r in declared}
+    for beam in (b for log in logs for b in log.beams):
+        if beam.orientation not in seen and beam.name != "other":
+            seen.add(beam.orientation)
+            yield Rangefinder(beam.orientation, target_of(beam.orientation), (0.0, 0.0, 0.0))
+
+
+def _records(
+    paths: Sequence[Path], logs: Sequence[FlightLog], start: Vehicle, target_system: int | None
+) -> Iterator[Record]:
+    """Of the stretches that are read already; where none of them can be judged, of all. Raises LogError without any."""
+    problems: list[LogError] = []
+    judged = 0
+    for log in logs:
+        try:
+            yield build_record(log, start, None)
+            judged += 1
+        except LogError as error:
+            problems.append(error)
+    if not judged:
+        records = (r for path in paths for r in records_of(path, start, target_system, problems))
+        for judged, record in enumerate(islice(records, _STRETCHES), 1):  # noqa: B007
+            yield record
+    if not judged:
+        raise problems[0]
+
+
+def _measured(records: Sequence[Record], start: Vehicle) -> tuple[Fit, str]:
+    """Thrust by free hover; where there is too little, by all free flight, then by all flight."""
+    for rows, how in ((hovering, "free hover"), (free_flight, "free flight")):
+        if sum(rows(r).sum() * r.step_s for r in records) >= ENOUGH_S:
+            return fit_records(records, start, rows, bend=False), how
+    return fit_records(records, start, lambda r: r.valid, bend=False), "the whole flight"
+
+
+def _hover(found: Fit, said: str, start: float, how: str) -> tuple[float, str]:
+    """ArduPilot learns MOT_THST_HOVER in flight; PX4's MPC_THR_HOVER is what somebody typed in."""
+    if said == "MOT_THST_HOVER":
+        return start, said
+    if any(e.key == "hover_thrust" for e in found.estimates):
+        return found.vehicle.hover_thrust, f"measured in {how}"
+    if math.isfinite(found.output):
+        return round(found.output, 3), f"mean output in {how}"
+    return start, said
+
+
+def _facts(
+    vehicle: Vehicle, frame: Airframe, sizes: Mapping[str, Guess], said: Mapping[str, str]
+) -> tuple[list[Fact], list[Fact]]:
+    """What is known, and what is assumed."""
+    numbers = [r.esc or r.servo for r in vehicle.rotors]
+    known = [Fact("frame", frame.name, frame.source)]
+    known.append(Fact("rotors", numbers, "ESC numbers" if frame.telemetered else "outputs"))
+    assumed = []
+    for key, guess in sizes.items():
+        if guess.assumed:
+            said_of = f"{guess.low:.3g} to {guess.high:.3g}, {guess.source}; {_OPTIONS[key]} gives it"
+            lost = "; an arm's length; moments are left out" if key == "position_m" else ""
+            assumed.append(Fact(key, guess.value, said_of + lost))
+        elif key != "position_m" or frame.ordered:
+            known.append(Fact(key, guess.value, _OPTIONS[key] if guess.value != frame.arm_m else frame.source))
+        else:
+            assumed.append(Fact(key, frame.name, f"{frame.source}; moments are left out"))
+    measured: dict[str, Any] = {"hover_thrust": vehicle.hover_thrust, "ct": vehicle.fans[0].ct}
+    if vehicle.throttle is not None:
+        del measured["ct"]
+        measured |= {key: getattr(vehicle.throttle, key) for key in ("max_thrust_n", "expo", "pwm_max_us", "voltage_v")}
+    for key, value in measured.items():
+        guessed = said[key].startswith((_GUESSED, USUAL_PULSES, COMMON_PROPELLERS))
+        (assumed if guessed else known).append(Fact(key, value, said[key]))
+    if vehicle.rangefinders:
+        known.append(Fact("rangefinder", [r.orientation for r in vehicle.rangefinders], "parameters and readings"))
+    if not any(f.key == "position_m" for f in assumed):
+        assumed.append(Fact("inertia_kgm2", list(vehicle.inertia_kgm2), said["inertia_kgm2"]))
+    return known, assumed
