@@ -11,6 +11,7 @@ from companion.adaptation.options import Adapt, read_adapt
 if TYPE_CHECKING:
     from companion.config import PipelineConfig
     from models.choice import Choice
+    from models.vehicle import Vehicle
 
 
 def add_pipeline_options(p: argparse.ArgumentParser) -> None:
@@ -32,15 +33,20 @@ def add_pipeline_options(p: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
-def pipeline_config(a: argparse.Namespace) -> tuple[PipelineConfig, Choice, list[str]]:
-    """What does not change over the log, the model that was chosen, and what is to be said about model and vehicle."""
+def pipeline_config(
+    a: argparse.Namespace, drafted: tuple[Vehicle, Choice] | None = None
+) -> tuple[PipelineConfig, Choice, list[str]]:
+    """What does not change over the log, the model that was chosen, and what is to be said about model and vehicle.
+
+    ``drafted``: in place of what ``--vehicle`` and ``--model`` declare.
+    """
     # Imported here so that --help answers at once.
     from companion.config import Base, PipelineConfig
     from companion.control.survey_box import read_box
     from models.vehicle_plausibility import warnings
     from replay.command import declared
 
-    vehicle, chosen = declared(a.vehicle, a.model)
+    vehicle, chosen = drafted or declared(a.vehicle, a.model)
     config = PipelineConfig(
         vehicle=vehicle,
         model=chosen.model,

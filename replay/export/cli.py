@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from models.errors import ConfigError
+from models.errors import ConfigError, LogError
 from replay.parameters import assumed_parameters
 from replay.pipeline_options import add_pipeline_options, pipeline_config
 
@@ -39,16 +39,24 @@ def run(a: argparse.Namespace) -> int:
     if a.rate is not None and not 0.0 < a.rate <= 1000.0:
         raise ConfigError(f"--rate {a.rate:g}: must be above 0 and at most 1000 Hz")
     from models.version import installed_version
+    from replay.command import of_logs
     from replay.export.decided import Decided
     from replay.export.files import write_csv, write_parquet
     from replay.export.mcap_file import write_mcap
     from replay.export.tables import Tables
+    from replay.vehicle.draft import Given
 
     decided, pipeline, notes = None, {}, list[str]()
     if not a.no_decisions:
-        config, chosen, notes = pipeline_config(a)
-        decided = Decided(a.log, config, assumed_parameters(a.param))
-        pipeline = {"vehicle": config.vehicle.name, "model": chosen.name}
+        try:
+            vehicle, choice, made = of_logs(a.vehicle, a.model, [a.log], Given(), a.target_system)
+        except LogError as error:
+            notes = [f"no decisions without --vehicle: {error}"]
+        else:
+            config, chosen, notes = pipeline_config(a, (vehicle, choice))
+            notes += [] if made is None else made.notes
+            decided = Decided(a.log, config, assumed_parameters(a.param))
+            pipeline = {"vehicle": config.vehicle.name, "model": chosen.name}
     tables = Tables(a.log, a.target_system, a.rate, decided, quiet=a.quiet)
     target = Path(f"{a.log.stem}.{a.to}") if a.out is None else a.out
     about = {
@@ -67,7 +75,7 @@ def run(a: argparse.Namespace) -> int:
     if not a.quiet:
         print(f"{target}: {written.rows} rows, {written.columns} columns and time_s, {tables.boots} boot(s)")
         if decided is not None:
-            print(f"  {decided.decisions} decisions, vehicle file “{pipeline['vehicle']}”, model “{pipeline['model']}”")
-            for note in notes:
-                print(f"  note: {note}")
+            print(f"  {decided.decisions} decisions, vehicle “{pipeline['vehicle']}”, model “{pipeline['model']}”")
+        for note in notes:
+            print(f"  note: {note}")
     return 0

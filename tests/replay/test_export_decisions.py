@@ -12,15 +12,16 @@ from log_writers import EPOCH_US, bin_flight, flight, write_tlog
 import models
 from companion.adaptation.options import Adapt
 from companion.config import PipelineConfig
-from companion.vehicles import default_vehicle
+from companion.vehicles import TANDEM, default_vehicle
 from replay.cli import main
 from replay.export import files
 from replay.export.columns import recorded
 from replay.logs import tlog_blocks
 from replay.logs.formats import load, read_pieces
+from replay.logs.pieces import Piece
 from replay.logs.tlog_blocks import TlogFile
 from replay.rerun.harness import Replay
-from replay.rerun.log_samples import samples_of
+from replay.rerun.log_samples import samples_of_pieces
 
 
 @pytest.fixture
@@ -37,7 +38,8 @@ def mcap_reader():
 
 def exported(log, to, *options):
     target = log.with_suffix(f".{to}")
-    assert main(["export", str(log), "--to", to, "--out", str(target), "--quiet", *options]) == 0
+    vehicle = ["--vehicle", str(TANDEM)]
+    assert main(["export", str(log), "--to", to, "--out", str(target), "--quiet", *vehicle, *options]) == 0
     return target
 
 
@@ -55,7 +57,7 @@ def messages_of(reader, path):
 def decided(log):
     replay = Replay(PipelineConfig(vehicle=default_vehicle(), model=models.load(), dry_run=True, adapt=Adapt.FULL))
     frames = TlogFile(log).frames() if log.suffix == ".tlog" else None
-    return list(replay.decisions(frames) if frames else replay.decisions_on(samples_of(load(log)[0])))
+    return list(replay.decisions(frames) if frames else replay.decisions_on(samples_of_pieces([Piece(load(log)[0])])))
 
 
 def test_every_decision_stands_at_its_time_as_the_pipeline_made_it(log):
@@ -75,6 +77,14 @@ def test_every_decision_stands_at_its_time_as_the_pipeline_made_it(log):
     told = decisions[-1].adaptation.told()["ground_lift"]
     assert float(sizes[-1]["size_ground_lift"]) == pytest.approx(told.value, rel=1e-8)
     assert float(sizes[-1]["size_ground_lift_sd"]) == pytest.approx(told.sd, rel=1e-8)
+
+
+def test_without_a_vehicle_file_decisions_are_of_the_drafted_vehicle_and_that_is_said(log, tmp_path, capsys):
+    target = tmp_path / "drafted.csv"
+    assert main(["export", str(log), "--to", "csv", "--out", str(target)]) == 0
+    told = capsys.readouterr().out
+    assert "note: assumed: mass_kg" in told
+    assert default_vehicle().name not in told
 
 
 def test_a_dataflash_log_has_decisions_too(tmp_path):
