@@ -17,6 +17,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from companion.adaptation.options import Adapt, read_adapt
 from companion.mavlink import BAUD
+from companion.vehicles import vehicle_path
 from models.arguments import Parser
 from models.errors import ConfigError, LinkError, UserError
 from models.version import VersionAction
@@ -47,7 +48,9 @@ def parser() -> argparse.ArgumentParser:
         help="udp:0.0.0.0:14550, udpin:…, udpout:…, tcp:HOST:PORT, /dev/ttyAMA0, or sim:corner (built-in vehicle)",
     )  # fmt: skip
     p.add_argument("--baud", type=int, default=BAUD, help=f"of a serial port (default {BAUD})")
-    p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: the paper's tandem)")
+    p.add_argument("--vehicle", type=vehicle_path, metavar="FILE.toml",
+                   help="vehicle file, or the name of one that ships: tandem, quad; without one sim: flies the "
+                   "tandem, and to a real link nothing is sent")  # fmt: skip
     p.add_argument(
         "--model",
         metavar="DIR",
@@ -204,11 +207,10 @@ def _preflight(a: argparse.Namespace) -> int:
     from companion.config import Base, Carrier, PipelineConfig
     from companion.flight import Flight, FlightOptions
     from companion.mavlink.link import Arrivals, open_link, read_signing_key
-    from companion.vehicles import default_vehicle
+    from companion.vehicles import chosen_vehicle
     from models.choice import choose_to_fly
-    from models.vehicle import load_vehicle
 
-    vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
+    vehicle = chosen_vehicle(a.vehicle)
     chosen = choose_to_fly(vehicle, a.model, _default_model(a))
     base = Base.HOLD if a.setpoint == "hold" else Base.UPSTREAM
     config = PipelineConfig(vehicle, chosen.model, base=base, carrier=Carrier(a.carrier), dry_run=True)
@@ -282,24 +284,26 @@ def _flight_config(a: argparse.Namespace) -> tuple[PipelineConfig, list[str]]:
     """What does not change during the flight, and what is to be said about vehicle and model."""
     from companion.config import Base, Carrier, PipelineConfig
     from companion.control.survey_box import read_box
-    from companion.vehicles import default_vehicle
+    from companion.vehicles import chosen_vehicle
     from models.choice import choose_to_fly
-    from models.vehicle import load_vehicle
     from models.vehicle_plausibility import warnings
 
-    vehicle = default_vehicle() if a.vehicle is None else load_vehicle(a.vehicle)
+    vehicle = chosen_vehicle(a.vehicle)
     chosen = choose_to_fly(vehicle, a.model, _default_model(a))
+    unnamed = a.vehicle is None and not _simulated(a)
     config = PipelineConfig(
         vehicle=vehicle,
         model=chosen.model,
         base=Base.HOLD if a.setpoint == "hold" else Base.UPSTREAM,
         carrier=Carrier(a.carrier),
-        dry_run=a.dry_run,
+        dry_run=a.dry_run or unnamed,
         offsets=not a.no_offsets,
         survey=None if a.survey is None else read_box(a.survey),
         adapt=a.adapt or Adapt.FULL,
     )
     notes = [chosen.note] if chosen.note else []
+    if unnamed:
+        notes.append("no --vehicle: nothing is sent. Name the vehicle's file; the paper's tandem is --vehicle tandem")
     return config, [*notes, *(f"{a.vehicle}: {w}" for w in warnings(vehicle))]
 
 

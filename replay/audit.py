@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from companion.vehicles import vehicle_path
 from models.errors import LogError
 from models.progress import Bars
 
@@ -30,7 +31,7 @@ def add_parser(commands: Any) -> None:
     )  # fmt: skip
     p.add_argument("logs", nargs="+", type=Path, metavar="FLIGHT.tlog")
     p.add_argument(
-        "--vehicle", type=Path, metavar="FILE.toml",
+        "--vehicle", type=vehicle_path, metavar="FILE.toml",
         help="vehicle file flown: its limits, and which sensors are needed (default: the default limits; any sensor)",
     )  # fmt: skip
     p.add_argument("--dry-run", action="store_true", help="it was flown with --dry-run: no setpoint may be there")

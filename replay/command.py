@@ -8,19 +8,19 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from companion.vehicles import default_vehicle
+from companion.vehicles import chosen_vehicle
 from models.choice import NONE, Choice, choose
 from models.errors import ConfigError
 from models.json_file import write_json
 from models.pages.document import write_document
 from models.surrogate.store import load
-from models.vehicle import Vehicle, load_vehicle
+from models.vehicle import Vehicle
 from replay.vehicle.draft import INCH_M, Draft, Given, draft
 
 
 def declared(vehicle_file: Path | str | None, model: str | None) -> tuple[Vehicle, Choice]:
     """The vehicle of ``--vehicle`` (without a file: the paper's tandem), and the model of ``--model`` for it."""
-    vehicle = default_vehicle() if vehicle_file is None else load_vehicle(vehicle_file)
+    vehicle = chosen_vehicle(vehicle_file)
     return vehicle, choose(vehicle, model)
 
 

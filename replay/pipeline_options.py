@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from companion.adaptation.options import Adapt, read_adapt
+from companion.vehicles import vehicle_path
 
 if TYPE_CHECKING:
     from companion.config import PipelineConfig
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 def add_pipeline_options(p: argparse.ArgumentParser) -> None:
     """What a replay of the pipeline of flight is told."""
-    p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: the paper's tandem)")
+    p.add_argument("--vehicle", type=vehicle_path, metavar="FILE", help="vehicle file (default: the paper's tandem)")
     p.add_argument("--model", metavar="DIR", help="model directory, or none (default: the shipped model)")
     p.add_argument(
         "--setpoint", choices=("hold", "upstream"), default="hold",

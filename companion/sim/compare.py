@@ -30,10 +30,10 @@ from companion.sim.flown import Flown, Leg, fly_judged
 from companion.sim.model_error import model_error
 from companion.sim.scenario import Scenario, build
 from companion.sim.world import default_model, law_of
-from companion.vehicles import default_vehicle
+from companion.vehicles import chosen_vehicle
 from models.choice import Choice, choose_to_fly
 from models.errors import ConfigError
-from models.vehicle import Vehicle, load_vehicle
+from models.vehicle import Vehicle
 
 APPROACHES = 3
 """In one flight with adaptation: so that it shows what was learned in the one before."""
@@ -63,7 +63,7 @@ class Settings:
     @cached_property
     def flown_vehicle(self) -> Vehicle:
         """The vehicle of ``vehicle``."""
-        return default_vehicle() if self.vehicle is None else load_vehicle(self.vehicle)
+        return chosen_vehicle(self.vehicle)
 
     @cached_property
     def choice(self) -> Choice:

@@ -3,14 +3,31 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from models.vehicle import Vehicle, load_vehicle
+if TYPE_CHECKING:
+    from models.vehicle import Vehicle
 
 _HERE = Path(__file__).parent
 TANDEM = _HERE / "tandem.toml"
 QUAD = _HERE / "quad.toml"
+SHIPPED = {"tandem": TANDEM, "quad": QUAD}
+
+
+def vehicle_path(text: str) -> Path:
+    """The value of ``--vehicle``, for argparse: a file, or the name of one that ships."""
+    path = Path(text)
+    return path if path.exists() else SHIPPED.get(text, path)
+
+
+def chosen_vehicle(path: Path | str | None) -> Vehicle:
+    """The vehicle of a file; the paper's tandem without one."""
+    # Imported here so that --help, which names the files, answers at once.
+    from models.vehicle import load_vehicle
+
+    return load_vehicle(TANDEM if path is None else path)
 
 
 def default_vehicle() -> Vehicle:
     """The paper's tandem coaxial ducted fan."""
-    return load_vehicle(TANDEM)
+    return chosen_vehicle(TANDEM)

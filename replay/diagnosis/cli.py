@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from companion.vehicles import vehicle_path
 from models.errors import ConfigError
 from replay.fleet.options import FolderOptions, add_options
 
@@ -33,7 +34,7 @@ def add_parser(commands: Any) -> None:
         metavar="LOG",
         help=".tlog, .BIN or .ulg; several confirm each other; a folder: each by itself",
     )
-    p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: drafted from the logs)")
+    p.add_argument("--vehicle", type=vehicle_path, metavar="FILE", help="vehicle file (default: drafted from the logs)")
     p.add_argument("--mass", type=float, metavar="KG", help="of the drafted vehicle, with battery (default: typical)")
     p.add_argument("--propeller", type=float, metavar="INCH", help="diameter (default: typical)")
     p.add_argument(

@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from companion.vehicles import vehicle_path
 from models.errors import LogError
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 a log was unreadable; 130 interrupted."""
@@ -20,7 +21,7 @@ def add_parser(commands: Any) -> None:
         "the parameter that would change that; with --companion, whether it would have engaged.",
     )  # fmt: skip
     p.add_argument("logs", nargs="+", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg")
-    p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: drafted from each log)")
+    p.add_argument("--vehicle", type=vehicle_path, metavar="FILE", help="vehicle file (default: drafted from each log)")
     p.add_argument("--companion", action="store_true", help="decide as companion would have, too: takes longer")
     p.add_argument("--model", metavar="DIR", help="model directory, or none (default: the shipped model)")
     p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")

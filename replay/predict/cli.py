@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from companion.vehicles import vehicle_path
 from models.errors import ConfigError
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
@@ -20,7 +21,7 @@ def add_parser(commands: Any) -> None:
         "adopted effects, by axis and by how and where it flew. Nothing of the vehicle is fitted.",
     )  # fmt: skip
     p.add_argument("logs", nargs="+", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg")
-    p.add_argument("--vehicle", type=Path, metavar="FILE.toml", help="vehicle file (default: the paper's tandem)")
+    p.add_argument("--vehicle", type=vehicle_path, metavar="FILE", help="vehicle file (default: the paper's tandem)")
     p.add_argument(
         "--model", metavar="DIR", required=True, help="model directory, as replay diagnose --save-model wrote"
     )

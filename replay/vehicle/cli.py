@@ -6,6 +6,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from companion.vehicles import vehicle_path
+
 _EPILOG = """exit codes: 0 done; 2 bad arguments or vehicle file; 3 log unreadable, or too little hover in it; 130
 interrupted. Every key of a vehicle file: docs/vehicle.md."""
 
@@ -17,7 +19,7 @@ def add_parser(commands: Any) -> None:
         description="Measures ct (or the [throttle] curve) and hover_thrust where logs show a free hover.",
     )  # fmt: skip
     p.add_argument("logs", nargs="+", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg of one vehicle")
-    p.add_argument("--vehicle", type=Path, required=True, metavar="FILE.toml", help="vehicle file to begin with")
+    p.add_argument("--vehicle", type=vehicle_path, required=True, metavar="FILE", help="vehicle file to begin with")
     p.add_argument("--out", type=Path, metavar="FILE.toml", help="write the vehicle file with the measured numbers")
     p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
     p.add_argument("--json", metavar="FILE", help="write the numbers as JSON (- for stdout)")
