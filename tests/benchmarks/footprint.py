@@ -56,7 +56,7 @@ def main() -> None:
         environment |= {"PYTHONPYCACHEPREFIX": folder, "OMP_NUM_THREADS": "1"}
         server.bind(("127.0.0.1", 0))
         endpoint = f"udpout:127.0.0.1:{server.getsockname()[1]}"
-        ours = [sys.executable, "-m", "companion", "--connect", endpoint, "--quiet"]
+        ours = [sys.executable, "-m", "companion", "--vehicle", "tandem", "--connect", endpoint, "--quiet"]
         bare = [sys.executable, "-c", BARE, endpoint]
         rows = [
             (first_heartbeat(ours, server, environment), first_heartbeat(bare, server, environment)) for _ in range(6)

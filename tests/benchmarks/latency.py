@@ -134,7 +134,7 @@ def answer(state, sample, config):
     return state, Decision(sample.t_s, command, (), 0.0, Offset(), None, None)
 
 flight.answer, flight.settle = answer, lambda state, config: state
-sys.exit(main(["--connect", sys.argv[1], "--duration", sys.argv[2], "--quiet"]))
+sys.exit(main(["--vehicle", "tandem", "--connect", sys.argv[1], "--duration", sys.argv[2], "--quiet"]))
 """
 FLOOR = {"loop": LOOP, "empty decision": EMPTY}
 
@@ -212,6 +212,8 @@ def measure(
             sys.executable,
             "-m",
             "companion",
+            "--vehicle",
+            "tandem",
             "--connect",
             endpoint,
             "--duration",

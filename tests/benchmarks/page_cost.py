@@ -103,8 +103,8 @@ def main() -> int:
     running = {}
     for name, extra in (("without", []), ("with page", ["--page", f"127.0.0.1:{page}"])):
         port = free_port(socket.SOCK_DGRAM)
-        command = [sys.executable, "-m", "companion", "--connect", f"udpin:127.0.0.1:{port}", "--quiet",
-                   "--duration", str(a.seconds + 12.0), *extra]  # fmt: skip
+        command = [sys.executable, "-m", "companion", "--vehicle", "tandem", "--connect", f"udpin:127.0.0.1:{port}",
+                   "--quiet", "--duration", str(a.seconds + 12.0), *extra]  # fmt: skip
         environment = {**os.environ, "OMP_NUM_THREADS": "1"}
         running[name] = (subprocess.Popen(command, stdout=subprocess.DEVNULL, env=environment), port)
     time.sleep(2.0)

@@ -115,7 +115,8 @@ def test_ctrl_c_fades_out_and_is_exit_code_130(tmp_path):
 
     port, log = free_port(), tmp_path / "f.tlog"
     process = subprocess.Popen(
-        [sys.executable, "-m", "companion", "--connect", f"udp:127.0.0.1:{port}", "--record", str(log), "--json", "-"],
+        [sys.executable, "-m", "companion", "--vehicle", "tandem", "--connect", f"udp:127.0.0.1:{port}", "--record",
+         str(log), "--json", "-"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     with process, FakeAutopilot(port) as autopilot:

@@ -151,7 +151,16 @@ def test_an_orderly_end_says_nothing_more():
 def test_a_killed_companion_leaves_the_autopilot_holding_its_place():
     """The whole program, killed outright on loopback."""
     port = free_port()
-    command = [sys.executable, "-m", "companion", "--connect", f"udpin:127.0.0.1:{port}", "--quiet"]
+    command = [
+        sys.executable,
+        "-m",
+        "companion",
+        "--vehicle",
+        "tandem",
+        "--connect",
+        f"udpin:127.0.0.1:{port}",
+        "--quiet",
+    ]
     with FakeAutopilot(port) as autopilot, subprocess.Popen(command) as companion:
         try:
             autopilot.wait_for("SET_ATTITUDE_TARGET", 50)

@@ -48,7 +48,17 @@ class SigningAutopilot(FakeAutopilot):
 
 
 def fly(autopilot: SigningAutopilot, key: Path, port: int, record: Path, forge: bool = False) -> dict[str, Any]:
-    command = [sys.executable, "-m", "companion", "--connect", f"udpin:127.0.0.1:{port}", "--signing-key", str(key)]
+    command = [
+        sys.executable,
+        "-m",
+        "companion",
+        "--vehicle",
+        "tandem",
+        "--connect",
+        f"udpin:127.0.0.1:{port}",
+        "--signing-key",
+        str(key),
+    ]
     command += ["--json", "-", "--record", str(record), "--duration", "60"]
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     with autopilot, subprocess.Popen(
@@ -99,7 +109,17 @@ def test_what_somebody_else_sends_unsigned_is_counted_and_changes_nothing(tmp_pa
 
 def test_an_unsigned_vehicle_is_not_flown_with_a_key(tmp_path: Path, key: Path):
     port = free_port()
-    command = [sys.executable, "-m", "companion", "--connect", f"udpin:127.0.0.1:{port}", "--signing-key", str(key)]
+    command = [
+        sys.executable,
+        "-m",
+        "companion",
+        "--vehicle",
+        "tandem",
+        "--connect",
+        f"udpin:127.0.0.1:{port}",
+        "--signing-key",
+        str(key),
+    ]
     with FakeAutopilot(port) as autopilot:
         ended = subprocess.run(
             [*command, "--duration", "4", "--json", "-"], capture_output=True, text=True, timeout=60, check=False
@@ -113,7 +133,17 @@ def test_an_unsigned_vehicle_is_not_flown_with_a_key(tmp_path: Path, key: Path):
 
 def test_other_systems_are_ignored_and_counted(tmp_path: Path):
     port = free_port()
-    command = [sys.executable, "-m", "companion", "--connect", f"udpin:127.0.0.1:{port}", "--target-system", "1"]
+    command = [
+        sys.executable,
+        "-m",
+        "companion",
+        "--vehicle",
+        "tandem",
+        "--connect",
+        f"udpin:127.0.0.1:{port}",
+        "--target-system",
+        "1",
+    ]
     with FakeAutopilot(port), FakeAutopilot(port, system=7):
         ended = subprocess.run(
             [*command, "--duration", "4", "--json", "-"], capture_output=True, text=True, timeout=60, check=False

@@ -72,7 +72,16 @@ def test_the_watchdog_of_another_process_is_not_ours():
 def test_a_flight_under_systemd(tmp_path):
     name, port = str(tmp_path / "notify"), free_port()
     environment = {**os.environ, "NOTIFY_SOCKET": name, "WATCHDOG_USEC": "400000"}
-    command = [sys.executable, "-m", "companion", "--connect", f"udp:127.0.0.1:{port}", "--quiet"]
+    command = [
+        sys.executable,
+        "-m",
+        "companion",
+        "--vehicle",
+        "tandem",
+        "--connect",
+        f"udp:127.0.0.1:{port}",
+        "--quiet",
+    ]
     with systemd(name) as heard, FakeAutopilot(port) as autopilot:
         process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL)
         said: list[str] = []
