@@ -12,6 +12,7 @@ from typing import Any
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.adaptation.options import Adapt
+from companion.mavlink.frames import pack
 from companion.mavlink.tlog_writer import Recorder
 from companion.sim.autopilot import Mode
 from faults.campaign import LOW_M, WALL_M, Act, Bench, Fault, Result, fly, silent_drift_m
@@ -145,7 +146,7 @@ def rotors(change: Callable[[list[float], Bench], list[float]], count: bool = Tr
             payload = frame[10:-2].ljust(57, b"\0")
             values = change(list(struct.unpack_from("<4i", payload, 8)), b)
             packed = struct.pack("<4i", *(max(-(2**31), min(2**31 - 1, round(v))) for v in values))
-            return [(0.0, b.world.link._raw_frame(ESC_STATUS, 10, payload[:8] + packed + payload[24:]))]
+            return [(0.0, pack(ESC_STATUS, payload[:8] + packed + payload[24:], frame[5], frame[6], frame[4]))]
 
         b.tamper.edits[ESC] = edit
         b.tamper.paths.append(path)
@@ -176,7 +177,7 @@ def shifted_group(b: Bench) -> None:
             return [(0.0, other.pack(mavlink.MAVLink(None, 1, 1)))]
         if number == ESC_STATUS:
             payload = frame[10:-2].ljust(57, b"\0")
-            return [(0.0, b.world.link._raw_frame(ESC_STATUS, 10, payload[:56] + b"\4"))]
+            return [(0.0, pack(ESC_STATUS, payload[:56] + b"\4", frame[5], frame[6], frame[4]))]
         return [(0.0, frame)]
 
     b.tamper.paths.append(path)
