@@ -73,6 +73,9 @@ class HoldGains:
     repeat it at 1 Hz or faster."""
     follow_m: float = 0.15
     """A target that leaps less than this is followed as it is; a larger leap is approached within the limits."""
+    follow_m_s: float = 0.2
+    """A target whose velocity leaps by more than this is followed by its place, not by the new velocity: a tilt that
+    is 0.24 s late answers the leap too late, the hold swings, and runs past a target that stops as abruptly."""
     caught_up_m: float = 0.02
     caught_up_m_s: float = 0.03
     """An approach is over this near to the target in place and velocity."""

@@ -60,7 +60,7 @@ def _surroundings(disturbance: Disturbance, config: PipelineConfig, tuning: Adap
     for surface in (disturbance.ground, disturbance.wall, disturbance.ceiling):
         if not surface.known:
             return Pause.SURFACE_UNKNOWN
-        if now_s - surface.stepped_s < config.tuning.surface_step_s:
+        if surface.jumped or now_s - surface.stepped_s < config.tuning.surface_step_s:
             return Pause.SURFACE_STEP
     assert disturbance.parts is not None
     around = disturbance.parts.around

@@ -37,6 +37,7 @@ class Reason(Enum):
     POSITION_OLD = "local position is late"
     RPM_MISSING = "rotor speeds missing or old"
     SURFACE_STEP = "ground or wall jumped"
+    RANGE_JUMPED = "a range jumped, the vehicle did not move"
     HEIGHT_DRIFTS = "height estimate drifts against the ground range"
     OUT_OF_DOMAIN = "outside the data of the model"
     TILTED = "tilted beyond 25 degrees"

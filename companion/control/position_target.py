@@ -141,6 +141,8 @@ def advance(
             or (_largest(to_go) < gains.caught_up_m and _slip(reference, speed) < gains.caught_up_m_s)
         )
     ):
+        if _slip(reference, speed) > gains.follow_m_s:
+            speed = _common(reference.velocity, speed)
         return _followed(reference, place, speed, gains, dt_s)
     return _approached(reference, to_go, speed, gains, limits, dt_s)
 
@@ -162,6 +164,12 @@ def _largest(vector: Vector3) -> float:
 def _slip(reference: Reference, speed: Vector3) -> float:
     v = reference.velocity
     return _largest((speed[0] - v[0], speed[1] - v[1], speed[2] - v[2]))
+
+
+def _common(a: Vector3, b: Vector3) -> Vector3:
+    """What both velocities have, axis by axis: the smaller of two with the same sign, else 0."""
+    north, east, down = (min(x, y, key=abs) if x * y > 0.0 else 0.0 for x, y in zip(a, b, strict=True))
+    return north, east, down
 
 
 def _followed(reference: Reference, place: Vector3, speed: Vector3, gains: HoldGains, dt_s: float) -> Reference:

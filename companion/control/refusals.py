@@ -154,6 +154,8 @@ def _surfaces(out: list[Reason], disturbance: Disturbance, step_s: float, t_s: f
             reason = _ABOUT_RANGES[surface.seen]
         elif t_s - surface.stepped_s < step_s:
             reason = Reason.SURFACE_STEP
+        elif surface.jumped:
+            reason = Reason.RANGE_JUMPED
         else:
             continue
         if reason not in out:

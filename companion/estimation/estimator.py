@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.config import PipelineConfig, Tuning
-from companion.estimation.kalman import Track, Verdict, measure, measure_rate
+from companion.estimation.kalman import Track, Verdict, measure, measure_rate, predict
 from companion.estimation.position_trust import PositionReset, PositionTrust, position_reset
 from companion.estimation.range_doubt import UNREAD, Doubt, Sighting, Why, doubt
 from companion.estimation.range_geometry import (
@@ -23,6 +23,7 @@ from companion.estimation.range_geometry import (
     nearest_level_now,
     plane_distance,
 )
+from companion.estimation.range_jump import OldPlace, jumped, remembered
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import (
     Attitude,
@@ -53,6 +54,8 @@ _CLEAR_AFTER_S = 0.5
 """A near surface has gone after readings without an echo for so long: a single lost echo at 10 Hz is no clear sight."""
 _POSITION_NEAR_S = 0.3
 """A position further off in time says nothing about a reading's motion."""
+_JUMPS_WITHIN_S = 1.0
+"""After a longer silence another distance is no jump."""
 
 
 class Seen(Enum):
@@ -88,6 +91,8 @@ class BeamTrack:
     """The newest reading, as sent."""
     read: Doubt = UNREAD
     """What the next reading is compared with, and why the newest is not used."""
+    jumped_from: OldPlace | None = None
+    """While a jump of the range is not explained."""
 
 
 class Surface(NamedTuple):
@@ -101,6 +106,8 @@ class Surface(NamedTuple):
     stepped_s: float = -math.inf
     slant_m: float = math.nan
     """What the sensor itself last read."""
+    jumped: bool = False
+    """The distance jumped while the vehicle stayed where it was, and has not come back."""
 
     @property
     def known(self) -> bool:
@@ -176,8 +183,18 @@ def take_position(estimates: Estimates, sample: LocalPosition, tuning: Tuning) -
     )
     reset = None if estimates.position is None else position_reset(estimates.position, sample)
     if reset is not None:  # the vehicle itself did not move
-        beams = tuple(replace(beam, read=Doubt(beam.read.why, None, None)) for beam in beams)
+        beams = tuple(
+            replace(beam, read=Doubt(beam.read.why, None, None), jumped_from=_moved(beam.jumped_from, reset.by_ned))
+            for beam in beams
+        )
     return replace(estimates, position=sample, beams=beams, reset=reset or estimates.reset)
+
+
+def _moved(old: OldPlace | None, by: Vector3) -> OldPlace | None:
+    if old is None:
+        return None
+    north, east, down = old.position_ned
+    return old._replace(position_ned=(north + by[0], east + by[1], down + by[2]))
 
 
 def take_range(estimates: Estimates, sample: Range, config: PipelineConfig) -> Estimates:
@@ -260,8 +277,33 @@ def _read_beam(estimates: Estimates, beam: BeamTrack, index: int, sample: Range,
     track, verdict = measure(beam.track, tuning.range_track, sample.t_s, distance, sigma, tuning.range_delay_s)
     if verdict is Verdict.RESTARTED and beam.track is None and track is not None:
         track = track._replace(restarted_s=-math.inf)  # the first sight of a surface is not a step of it
-    jumped = RangeVerdict.JUMP if verdict is Verdict.OUTLIER else sample.verdict
-    return replace(beam, clear_since_s=math.inf, track=track, normal_ned=(north, east, down), verdict=jumped)
+    return replace(
+        beam,
+        clear_since_s=math.inf,
+        track=track,
+        normal_ned=(north, east, down),
+        verdict=RangeVerdict.JUMP if verdict is Verdict.OUTLIER else sample.verdict,
+        jumped_from=_jumped_from(estimates, beam, verdict, distance, (north, east, down), sample.t_s, config),
+    )
+
+
+def _jumped_from(
+    estimates: Estimates, beam: BeamTrack, verdict: Verdict, distance: float, normal: Vector3, t_s: float,
+    config: PipelineConfig,
+) -> OldPlace | None:  # fmt: skip
+    """Where a surface that matters was before its range jumped, while the vehicle's position does not explain that."""
+    old, track, position = beam.jumped_from, beam.track, estimates.position
+    unplaced = position is None or abs(t_s - position.t_s) > _POSITION_NEAR_S or not estimates.trust.trusted
+    if position is None or unplaced or verdict is Verdict.OUTLIER:
+        return old
+    if old is not None:
+        return remembered(old, distance, normal, position.position_ned)
+    if verdict is not Verdict.RESTARTED or track is None or track.age(t_s) > _JUMPS_WITHIN_S:
+        return None
+    before = predict(track, config.tuning.range_track, t_s).value
+    if min(before, distance) > NO_MATTER_RADII * config.vehicle.rotor_radius_m:
+        return None
+    return jumped(OldPlace(before, normal, position.position_ned), distance)
 
 
 def take_rotors(estimates: Estimates, sample: RotorSpeeds, config: PipelineConfig) -> Estimates:
@@ -394,7 +436,14 @@ def _beam_surface(beam: BeamTrack, config: PipelineConfig, t_s: float) -> Surfac
         return Surface(_NOTHING, slant_m=math.inf)
     if track is not None and track.age(t_s) <= tuning.range_age_s:
         return Surface(
-            _SURFACE, track.at(t_s), track.rate, track.sigma, beam.normal_ned, track.restarted_s, beam.slant_m
+            _SURFACE,
+            track.at(t_s),
+            track.rate,
+            track.sigma,
+            beam.normal_ned,
+            track.restarted_s,
+            beam.slant_m,
+            beam.jumped_from is not None,
         )
     if beam.read.why is not None and heard <= tuning.range_age_s:
         return Surface(_DOUBTED[beam.read.why])

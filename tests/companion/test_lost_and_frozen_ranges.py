@@ -141,3 +141,55 @@ def test_flight_says_so_and_gives_no_offset(reading, reason):
     assert reason in decision.reasons
     assert (decision.offset.thrust, decision.offset.roll) == (0.0, 0.0)
     assert decision.command is not None
+
+
+JUMPS = [("wall", 0.4, 0.8), ("wall", 0.8, 0.4), ("height", 0.3, 0.7), ("height", 0.7, 0.3)]
+
+
+def lying(target: str, honest: float, lie: float) -> Bench:
+    """A flight over which one range has been lying for 8 s."""
+    bench = Lying(**{target: honest}, lies=target)
+    assert not bench.run(4.0).reasons
+    bench.by = lie - honest
+    decision = bench.run(8.0)
+    assert decision.reasons == (Reason.RANGE_JUMPED,)
+    assert decision.offset.share == 0.0
+    assert decision.command is not None
+    return bench
+
+
+@dataclass
+class Lying(Bench):
+    """One of the ranges reads ``by`` more than it is."""
+
+    lies: str = "wall"
+    by: float = 0.0
+
+    def range(self, direction, distance, sensor=0) -> Range:
+        return super().range(direction, distance + (self.by if (self.lies == "wall") == (sensor == 1) else 0.0), sensor)
+
+
+@pytest.mark.parametrize(("target", "honest", "lie"), JUMPS)
+def test_no_offset_on_a_range_that_jumped_while_the_vehicle_stayed_until_it_is_back(target, honest, lie):
+    bench = lying(target, honest, lie)
+    bench.by = 0.0
+    decision = bench.run(4.0)
+    assert not decision.reasons
+    assert decision.offset.share > 0.9
+
+
+@pytest.mark.parametrize(("target", "honest", "lie"), JUMPS)
+def test_an_edge_that_is_left_behind_is_followed(target, honest, lie):
+    bench = lying(target, honest, lie)
+    for _ in range(50):
+        bench.position = (bench.position[0] + 0.008, 0.0)
+        bench.tick()
+    decision = bench.run(2.0)
+    assert not decision.reasons
+    assert decision.offset.share > 0.9
+
+
+def test_a_position_that_is_set_anew_leaves_no_edge_behind():
+    bench = lying("wall", 0.4, 0.8)
+    bench.position = (1.0, 0.0)
+    assert Reason.RANGE_JUMPED in bench.run(4.0).reasons
