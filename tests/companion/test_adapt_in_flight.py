@@ -19,10 +19,10 @@ from simflight import sent_and_decided
 from test_adapt_bad_input import LOW_M, VEHICLE, low_hover
 
 import models
+from companion.adapt_options import Adapt, AdaptTuning
 from companion.adaptation import adapt
 from companion.adaptation.apply import Applied, towards
 from companion.adaptation.near_map import CELLS, NearField
-from companion.adaptation.options import Adapt, AdaptTuning
 from companion.adaptation.sizes import DRAG, THRUST, Sizes, channels
 from companion.adaptation.words import named_values, sentences
 from companion.config import HoldGains, PipelineConfig, Tuning

@@ -16,8 +16,8 @@ from companion.cli import main
 from companion.config import PipelineConfig
 from companion.control import survey as sv
 from companion.control.survey import Phase, Survey, Wanted, Whereabouts, advance, plan
-from companion.control.survey_box import SurveyBox, read_box
 from companion.sim.autopilot import Mode
+from companion.survey_box import SurveyBox, read_box
 from models.errors import ConfigError
 from models.surrogate.empty import empty_model
 

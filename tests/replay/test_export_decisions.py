@@ -10,7 +10,7 @@ import pytest
 from log_writers import EPOCH_US, bin_flight, flight, write_tlog
 
 import models
-from companion.adaptation.options import Adapt
+from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.vehicles import TANDEM, default_vehicle
 from replay.cli import main
