@@ -196,6 +196,17 @@ def test_the_page_of_effects_is_what_the_catalogue_says_and_every_effect_has_a_p
         assert np.ptp(y) > 0.0, effect.name
 
 
+def test_every_command_that_measures_stands_in_their_table():
+    folder = ROOT / "tests" / "benchmarks"
+    commands = {
+        str(path.relative_to(folder))
+        for path in folder.rglob("*.py")
+        if re.search(r'^if __name__ == "__main__"', path.read_text(encoding="utf-8"), re.M)
+    }
+    rows = re.findall(r"^\| `([^`]+)` \|", (folder / "README.md").read_text(encoding="utf-8"), re.M)
+    assert sorted(rows) == sorted(commands)
+
+
 def test_a_result_names_what_is_wrong_in_its_file(tmp_path):
     path = tmp_path / "x.json"
     path.write_text('{"title": "x", "figures": [{"what": "a", "value": "1"}]}', encoding="utf-8")
