@@ -87,6 +87,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_guide_runs_word_by_word(folder, capsys):
     """The flight of the built-in vehicle is cut to four seconds; what it would have recorded lies there already."""
     ran = 0

@@ -169,6 +169,7 @@ def test_later_boots_come_later_in_mcap(tmp_path, mcap_reader):
     assert set(boots) == {1, 2}
 
 
+@pytest.mark.slow
 def test_pieces_of_a_long_log_lose_no_decision(tmp_path, monkeypatch):
     path = tmp_path / "long.tlog"
     write_tlog(path, flight(40.0))
