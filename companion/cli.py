@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from companion.adaptation.options import Adapt, read_adapt
+from companion.adapt_options import Adapt, read_adapt
 from companion.mavlink import BAUD
 from companion.vehicles import vehicle_path
 from models.arguments import Parser
@@ -283,7 +283,7 @@ def _fly(a: argparse.Namespace) -> int:
 def _flight_config(a: argparse.Namespace) -> tuple[PipelineConfig, list[str]]:
     """What does not change during the flight, and what is to be said about vehicle and model."""
     from companion.config import Base, Carrier, PipelineConfig
-    from companion.control.survey_box import read_box
+    from companion.survey_box import read_box
     from companion.vehicles import chosen_vehicle
     from models.choice import choose_to_fly
     from models.vehicle_plausibility import warnings

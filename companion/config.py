@@ -11,9 +11,8 @@ from enum import Enum
 from functools import cached_property
 from typing import NamedTuple
 
-from companion.adaptation.options import Adapt, AdaptTuning
-from companion.control.survey_box import SurveyBox
-from companion.estimation.kalman import TrackModel
+from companion.adapt_options import Adapt, AdaptTuning
+from companion.survey_box import SurveyBox
 from models.frames import GRAVITY
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
@@ -31,6 +30,18 @@ class Base(Enum):
 
     HOLD = "hold"
     UPSTREAM = "upstream"
+
+
+@dataclass(frozen=True, slots=True)
+class TrackModel:
+    """Noise of a track: ``acceleration_sd`` [unit/s^2] drives it, ``gate`` limits the normalised innovation squared."""
+
+    acceleration_sd: float
+    initial_rate_sd: float
+    gate: float = 16.0
+    restart_after: int = 5
+    agree_within: float = 0.10
+    """Consecutive outliers within this many units of each other restart the track there."""
 
 
 @dataclass(frozen=True)

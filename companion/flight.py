@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from companion.adaptation.options import Adapt
+from companion.adapt_options import Adapt
 from companion.config import Base, PipelineConfig
 from companion.control.hand_over import place_of
 from companion.control.survey import Phase, Survey

@@ -30,7 +30,6 @@ from companion.control.position_target import read_target, stay
 from companion.control.refusals import lateness, refusals, upstream_silent
 from companion.control.state import Decision, Due, PipelineState
 from companion.control.survey import Whereabouts, aborted, advance, as_message, level_direction
-from companion.control.survey_box import SurveyBox
 from companion.control.wall_guard import watch_wall
 from companion.estimation import estimator as est
 from companion.estimation import height_drift
@@ -58,6 +57,7 @@ from companion.mavlink.samples import (
 )
 from companion.mavlink.setpoints import AccelerationCommand, AttitudeCommand, Command, tilt_by
 from companion.settle import retuned, settle
+from companion.survey_box import SurveyBox
 from models.evolve import replace
 from models.frames import GRAVITY, quaternion_from_euler
 

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from companion.adaptation.options import Adapt
+from companion.adapt_options import Adapt
 from models.arguments import Parser
 from models.errors import ConfigError, LogError, UserError
 from models.version import VersionAction

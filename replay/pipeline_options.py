@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from companion.adaptation.options import Adapt, read_adapt
+from companion.adapt_options import Adapt, read_adapt
 from companion.vehicles import vehicle_path
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def pipeline_config(
     """
     # Imported here so that --help answers at once.
     from companion.config import Base, PipelineConfig
-    from companion.control.survey_box import read_box
+    from companion.survey_box import read_box
     from models.vehicle_plausibility import warnings
     from replay.command import declared
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from companion.adapt_options import AdaptTuning
 from companion.adaptation.near_map import NOTHING, NearField
-from companion.adaptation.options import AdaptTuning
 from companion.adaptation.parts import Around, about_cg
 from models.frames import Array
 from models.vehicle import Vehicle

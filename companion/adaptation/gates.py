@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from enum import Enum
 
-from companion.adaptation.options import AdaptTuning
+from companion.adapt_options import AdaptTuning
+from companion.adaptation.pause import Pause
 from companion.config import PipelineConfig
 from companion.control.disturbance import Disturbance
 from companion.control.state import PipelineState
@@ -15,23 +15,6 @@ from models.surrogate.empty import is_empty
 
 _TAKING_OFF, _LANDING = 3, 4
 """MAV_LANDED_STATE."""
-
-
-class Pause(Enum):
-    """Why nothing is learned now; the value is what the pilot reads."""
-
-    NO_IMU = "no accelerometer"
-    NO_ROTORS = "rotor speeds missing or old"
-    STALE = "attitude or position old"
-    NOT_FLYING = "not flying, or taking off or landing"
-    SURFACE_UNKNOWN = "a range is not believed"
-    SURFACE_STEP = "ground or wall jumped"
-    CONTACT = "so near that it may touch"
-    UNMODELLED = "near ground or wall, of which the model says nothing"
-    OUTSIDE = "outside the data of the model"
-    TILTED = "tilted beyond 30 degrees"
-    CLIPPED = "bump, or accelerometer clipped"
-    EXTERNAL = "a force that is neither the rotors' nor the air's: held or touched"
 
 
 def pause(state: PipelineState, imu: Imu, config: PipelineConfig, clear: Disturbance | None = None) -> Pause | None:

@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from companion.adapt_options import AdaptTuning
 from companion.adaptation import sizes as at
 from companion.adaptation.near_map import CELLS, MAP, cheeseman_bennett
-from companion.adaptation.options import AdaptTuning
 from companion.adaptation.parts import Around
 from companion.adaptation.sizes import Size
 from models.frames import Array

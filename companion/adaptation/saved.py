@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from companion.adaptation import judge
+from companion.adaptation.adaptation import Adaptation
 from companion.adaptation.near_map import CELLS
 from companion.adaptation.sizes import GAINS
 from models.errors import ConfigError, ModelError
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.surrogate.store import save_model
-
-if TYPE_CHECKING:
-    from companion.adaptation.adapt import Adaptation
 
 _OF_THE_DAY = ("wind_north", "wind_east")
 """Not of the vehicle or of its air: not kept."""

@@ -9,7 +9,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from companion.adaptation.options import AdaptTuning
+from companion.adapt_options import AdaptTuning
 from models.effects import get
 from models.errors import ModelError
 from models.frames import Array

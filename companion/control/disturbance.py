@@ -15,11 +15,12 @@ from companion.adaptation.sizes import effects_with_size
 from companion.config import PipelineConfig, Tuning
 from companion.estimation.air_state import air_state
 from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, fan_query, surface
+from models.adopted_effect import AdoptedEffect
 from models.air_state import AirState
 from models.effects import Context, adopted_wrench, corrected_state
 from models.evolve import replace
 from models.frames import Array, Rows
-from models.surrogate.fan_surrogate import AdoptedEffect, FanSurrogate
+from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from models.vehicle_wrench import RPM_TO_RAD_S, fan_rpm_now
 

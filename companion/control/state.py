@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
+from companion.adaptation.adaptation import Adaptation
 from companion.control.attitude_response import AttitudeResponse
 from companion.control.authority import Notice, Reason
 from companion.control.compensation import MomentWashout, Offset
@@ -23,9 +24,6 @@ from companion.estimation.estimator import Estimates
 from companion.estimation.height_drift import NO_DRIFT, HeightDrift
 from companion.mavlink.samples import Attitude, Heartbeat, SetAttitudeTarget
 from companion.mavlink.setpoints import Command
-
-if TYPE_CHECKING:
-    from companion.adaptation.adapt import Adaptation
 
 _NO_BALANCE, _NO_RESPONSE = Balance(), AttitudeResponse()
 

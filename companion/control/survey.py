@@ -13,8 +13,8 @@ from enum import Enum
 
 import numpy as np
 
-from companion.control.survey_box import TRAVEL_M, SurveyBox
 from companion.mavlink.samples import LocalPosition, SetPositionTarget, Vector3
+from companion.survey_box import TRAVEL_M, SurveyBox
 from models.evolve import replace
 from models.frames import Array
 

@@ -9,9 +9,10 @@ sensor).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
+
+from companion.config import TrackModel
 
 
 class Verdict(Enum):
@@ -22,18 +23,6 @@ class Verdict(Enum):
     OUTLIER = "outlier"
     RESTARTED = "restarted"
     OLD = "older than the track"
-
-
-@dataclass(frozen=True, slots=True)
-class TrackModel:
-    """Noise of a track: ``acceleration_sd`` [unit/s^2] drives it, ``gate`` limits the normalised innovation squared."""
-
-    acceleration_sd: float
-    initial_rate_sd: float
-    gate: float = 16.0
-    restart_after: int = 5
-    agree_within: float = 0.10
-    """Consecutive outliers within this many units of each other restart the track there."""
 
 
 class Track(NamedTuple):

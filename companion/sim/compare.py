@@ -20,7 +20,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from companion.adaptation.options import Adapt
+from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.sim.air import LawError
 from companion.sim.compare_plot import write_plot

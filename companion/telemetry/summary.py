@@ -6,7 +6,7 @@ import math
 from collections import defaultdict
 from typing import Any
 
-from companion.adaptation.adapt import Adaptation
+from companion.adaptation.adaptation import Adaptation
 from companion.control.authority import Notice, Reason
 from companion.control.disturbance import Disturbance
 from companion.control.plant import HoldTuning, Margin

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from models.adopted_effect import AdoptedEffect
 from models.air_state import AirState
 from models.errors import ConfigError
 from models.frames import GRAVITY, Array, at_cg, corner_to_body
-from models.surrogate.fan_surrogate import AdoptedEffect
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
 from models.vehicle_wrench import (
     REFERENCE_RPM,

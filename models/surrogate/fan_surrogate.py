@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from models.adopted_effect import AdoptedEffect
 from models.frames import Array
 from models.surface_map import LawCorrection
 from models.surrogate.coordinates import Coordinates
@@ -43,14 +44,6 @@ class Answer(NamedTuple):
     wrench: Array
     sigma: Array
     trust: Any
-
-
-@dataclass(frozen=True)
-class AdoptedEffect:
-    """An effect that the diagnosis found missing and added: its catalogue name and fitted parameters, SI."""
-
-    name: str
-    parameters: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from models.adopted_effect import AdoptedEffect
 from models.effects import adopted
 from models.errors import ModelError
 from models.frames import Array
 from models.surrogate.coordinates import Coordinates
 from models.surrogate.domain import Domain
-from models.surrogate.fan_surrogate import AdoptedEffect, Calibration, FanSurrogate, Regressor
+from models.surrogate.fan_surrogate import Calibration, FanSurrogate, Regressor
 from models.surrogate.free_air import FreeAir
 from models.surrogate.kriging import KrigingRegressor
 from models.surrogate.net_ensemble import NetEnsemble

@@ -99,7 +99,7 @@ def _answer(job: Job) -> dict[str, Any]:
         page = {} if job.pages is None else {"page": _write_page(job, answer, vehicle)}
         return {"vehicle": vehicle.name, "system": answer.records[0].system, **answer.as_json(None), **page}
     vehicle, chosen = declared(job.vehicle, job.model)
-    from companion.adaptation.options import Adapt
+    from companion.adapt_options import Adapt
     from companion.config import Base, PipelineConfig
     from replay.rerun.report import run
 

@@ -19,7 +19,7 @@ from adapt_flights import fly
 from whole_tlog import read_tlog
 
 import models
-from companion.adaptation.options import Adapt
+from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.mavlink.frames import cut
 from companion.mavlink.message_filter import Intake

@@ -24,7 +24,7 @@ from tqdm import tqdm
 
 import companion
 import models
-from companion.adaptation.options import Adapt
+from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.sim.air import REYNOLDS_EXPONENT, RPM_HOVER, disturbed
 from companion.sim.flight import Flight

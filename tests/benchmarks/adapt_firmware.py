@@ -21,7 +21,7 @@ from adapt_models import OfThisFan, model_of
 from adapt_recordings import DATA, decisions
 from tqdm import tqdm
 
-from companion.adaptation.options import Adapt
+from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.sim.air import NOMINAL
 from companion.vehicles import default_vehicle

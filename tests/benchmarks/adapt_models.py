@@ -10,9 +10,10 @@ from numpy.typing import ArrayLike
 
 import models
 from companion.sim.air import PAPER_CQ, REYNOLDS_EXPONENT, RPM_HOVER, SurfaceLaw
+from models.adopted_effect import AdoptedEffect
 from models.frames import Array
 from models.surrogate.empty import empty_model
-from models.surrogate.fan_surrogate import AdoptedEffect, Answer, Calibration
+from models.surrogate.fan_surrogate import Answer, Calibration
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
 
 SURE = Calibration((0.0,) * 6, (0.0,) * 6, (0.0,) * 6)

@@ -23,9 +23,9 @@ import numpy as np
 from tqdm import tqdm
 from whole_tlog import read_tlog
 
+from companion.adapt_options import Adapt
 from companion.adaptation import adapt
-from companion.adaptation.adapt import Adaptation
-from companion.adaptation.options import Adapt
+from companion.adaptation.adaptation import Adaptation
 from companion.adaptation.residual import Seen
 from companion.config import PipelineConfig
 from companion.pipeline import Decision

@@ -11,7 +11,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from companion.adaptation.options import Adapt, read_adapt
+from companion.adapt_options import Adapt, read_adapt
 from companion.sim.compare import Settings, compare, write
 from models.errors import UserError
 

@@ -21,7 +21,7 @@ import numpy as np
 from corner_models import KINDS, declared
 from tqdm import tqdm
 
-from companion.adaptation.options import Adapt
+from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.sim.flight import Flight
 from companion.sim.flown import PHASES, Flown, Leg, fly_judged

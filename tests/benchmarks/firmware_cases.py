@@ -21,7 +21,7 @@ from typing import Any
 
 from flight_case import WIRE_S, Case, CasePilot, Judgement, Outcome, fly_case
 
-from companion.adaptation.options import Adapt
+from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.sim.autopilot import Mode
 from companion.sim.sensors import RangeFault

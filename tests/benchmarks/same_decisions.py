@@ -30,8 +30,8 @@ from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import encode
 from companion.pipeline import Decision
 from companion.vehicles import default_vehicle
+from models.adopted_effect import AdoptedEffect
 from models.errors import UserError
-from models.surrogate.fan_surrogate import AdoptedEffect
 from models.vehicle import load_vehicle
 from replay.logs.formats import READERS, load, suffix_of
 from replay.logs.pieces import Piece

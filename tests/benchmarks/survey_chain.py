@@ -22,12 +22,12 @@ from lockstep_faults import FaultyLockstep
 import models
 from companion.config import PipelineConfig
 from companion.control.survey import Phase
-from companion.control.survey_box import read_box
 from companion.sim.air import disturbed
 from companion.sim.body import Body
 from companion.sim.flight import Flight
 from companion.sim.flown import AXES, UNITS, Flown, Leg, fly_judged
 from companion.sim.scenario import build
+from companion.survey_box import read_box
 from companion.vehicles import TANDEM
 from models.errors import UserError
 from models.surrogate.empty import empty_model

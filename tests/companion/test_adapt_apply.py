@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from companion.adapt_options import AdaptTuning
 from companion.adaptation.apply import Applied, share_of, towards
 from companion.adaptation.near_map import CELLS, NOTHING, NearField
-from companion.adaptation.options import AdaptTuning
 from companion.adaptation.parts import Around, about_cg
 from companion.adaptation.words import sentence
 from companion.vehicles import default_vehicle

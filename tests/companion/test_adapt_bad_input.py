@@ -9,9 +9,9 @@ import pytest
 from adapt_flights import Change, Watch, bump, dead_rotor, fly, hand, lying_range, push
 from adapt_models import TrueModel
 
-from companion.adaptation.adapt import Adaptation
-from companion.adaptation.gates import Pause
-from companion.adaptation.options import Adapt
+from companion.adapt_options import Adapt
+from companion.adaptation.adaptation import Adaptation
+from companion.adaptation.pause import Pause
 from companion.config import PipelineConfig
 from companion.sim.air import NOMINAL
 from companion.sim.flight import Flight
@@ -68,6 +68,7 @@ def assert_bounded_and_back(watch: Watch) -> None:
     assert math.hypot(last["wind_north"].value, last["wind_east"].value) < 1.0
 
 
+@pytest.mark.slow
 def test_a_bump_moves_no_size():
     flight = low_hover()
     push(flight, bump(HAPPENS_S))
@@ -76,6 +77,7 @@ def test_a_bump_moves_no_size():
     assert all(abs(v - 1.0) < 0.3 for v in ground(watch, HAPPENS_S - 1.0))
 
 
+@pytest.mark.slow
 def test_a_hand_that_holds_the_vehicle_is_forgotten():
     flight = low_hover()
     push(flight, hand(HAPPENS_S, OVER_S))
@@ -92,12 +94,14 @@ def test_a_range_that_lies_takes_the_offset_away_and_is_forgiven():
     assert seen & {Pause.SURFACE_STEP, Pause.SURFACE_UNKNOWN}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rpm", [0.0, None], ids=["reads 0", "stays where it was"])
 def test_telemetry_of_one_rotor_that_dies_teaches_nothing_wrong(rpm):
     watch = flown(low_hover(), dead_rotor(HAPPENS_S, OVER_S, 2, rpm))
     assert_bounded_and_back(watch)
 
 
+@pytest.mark.slow
 def test_a_mass_that_is_a_third_off_is_a_thrust_scale_and_no_ground_effect():
     watch = flown(low_hover(), vehicle=replace(VEHICLE, mass_kg=1.3 * VEHICLE.mass_kg))
     last = watch.seen[-1][1].told()

@@ -31,6 +31,7 @@ def ran(log: Path, *options: str) -> dict[str, object]:
     return told
 
 
+@pytest.mark.slow
 def test_replay_says_what_would_have_been_learned(log):
     assert "adapted" not in ran(log, "--adapt", "off")
     sizes = ran(log)["adapted"]
@@ -48,6 +49,7 @@ def test_the_text_names_sizes_and_what_is_compensated(log, capsys):
     assert "compensated" in told
 
 
+@pytest.mark.slow
 def test_saved_sizes_are_loaded_with_the_flights_they_came_from(log, tmp_path):
     first = ran(log, "--adapt", "full", "--save-model", str(tmp_path / "m"))["adapted"]
     model = models.load(tmp_path / "m")
@@ -59,6 +61,7 @@ def test_saved_sizes_are_loaded_with_the_flights_they_came_from(log, tmp_path):
     assert models.load(tmp_path / "n").info["sizes_from"] == ["low.tlog", "low.tlog"]
 
 
+@pytest.mark.slow
 def test_a_folder_of_logs_is_measured_too(log, tmp_path, capsys):
     out = str(tmp_path / "folder")
     assert replay(["run", str(log.parent), "--adapt", "full", "--out", out, "--json", "-", "--quiet"]) == 0

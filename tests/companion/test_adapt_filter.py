@@ -8,15 +8,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from companion.adapt_options import AdaptTuning
 from companion.adaptation import filter as sizes_filter
 from companion.adaptation.filter import excites, later
-from companion.adaptation.options import AdaptTuning
 from companion.adaptation.sizes import FIRST_EFFECT, GAINS, Size, Sizes, effects_with_size, prior, size_table, told
 from companion.vehicles import default_vehicle
 from models import load
+from models.adopted_effect import AdoptedEffect
 from models.effects import InFlight, catalogue, get
 from models.errors import ModelError
-from models.surrogate.fan_surrogate import AdoptedEffect
 
 RNG = np.random.default_rng(5)
 FREE = {"excited": 0.0, "robust_sigmas": 1e9}

@@ -19,10 +19,10 @@ from simflight import sent_and_decided
 from test_adapt_bad_input import LOW_M, VEHICLE, low_hover
 
 import models
+from companion.adapt_options import Adapt, AdaptTuning
 from companion.adaptation import adapt
 from companion.adaptation.apply import Applied, towards
 from companion.adaptation.near_map import CELLS, NearField
-from companion.adaptation.options import Adapt, AdaptTuning
 from companion.adaptation.sizes import DRAG, THRUST, Sizes, channels
 from companion.adaptation.words import named_values, sentences
 from companion.config import HoldGains, PipelineConfig, Tuning
@@ -76,12 +76,14 @@ def test_a_right_model_is_found_right_and_stays_as_it_is():
     assert lift_compensated(known, 1.0) == pytest.approx(lift_of_the_air(), rel=sd)
 
 
+@pytest.mark.slow
 def test_a_model_that_is_too_strong_is_measured_and_reduced():
     value, sd = last(flown("1.6"), "ground_lift")
     assert abs(value - 1.0 / 1.6) < 3.0 * sd
     assert lift_compensated(flown("1.6").seen[-1][1], 1.6) == pytest.approx(lift_of_the_air(), rel=0.15)
 
 
+@pytest.mark.slow
 def test_with_a_model_of_the_wrong_sign_what_is_measured_is_compensated_and_the_pilot_reads_so():
     watch = flown("-1.0")
     known = watch.seen[-1][1]
@@ -94,6 +96,7 @@ def test_with_a_model_of_the_wrong_sign_what_is_measured_is_compensated_and_the_
     assert lift_compensated(known, -1.0) == pytest.approx(lift_of_the_air(), rel=0.2)
 
 
+@pytest.mark.slow
 def test_what_is_applied_does_not_change_what_is_measured():
     """Accelerometer and rotor speeds both feel an offset: no loop closes through the estimate."""
     for kind in ("right", "-1.0"):
@@ -180,6 +183,7 @@ def test_in_free_air_every_third_block_is_taken_in_and_low_every_one():
     assert np.median(seconds[at > 18.5]) == pytest.approx(0.2, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_load_picked_up_in_free_air_is_taken_in_at_once():
     """What surprises does not wait for its turn."""
     config = PipelineConfig(VEHICLE, TrueModel(VEHICLE, NOMINAL), adapt=Adapt.FULL)  # type: ignore[arg-type]
@@ -233,6 +237,7 @@ def corner(mode: str, seed: int) -> Flown:
     return Case("corner", 1, "corner_cfd" if mode != "off" else "none", mode, seed).fly(VEHICLE)
 
 
+@pytest.mark.slow
 def test_a_model_of_another_fan_leaves_no_vehicle_leaning_on_the_wall():
     """Its pull is several times too strong and its tilt fades where the true one grows: a gain alone cannot mend that.
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from companion.adapt_options import Adapt, AdaptTuning
 from companion.adaptation import adapt, judge
 from companion.adaptation import sizes as at
 from companion.adaptation.judge import Judged, believed, channels_of, learn, place_of, rows
@@ -21,7 +22,6 @@ from companion.adaptation.near_map import (
     NearField,
     cheeseman_bennett,
 )  # fmt: skip
-from companion.adaptation.options import Adapt, AdaptTuning
 from companion.adaptation.parts import Around
 from companion.adaptation.saved import kept_with, save_sizes
 from companion.adaptation.sizes import size_table

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import models
+from companion.adapt_options import AdaptTuning
 from companion.adaptation import residual
 from companion.adaptation import sizes as at
-from companion.adaptation.options import AdaptTuning
 from companion.adaptation.parts import Around, Parts, about_cg
 from companion.adaptation.residual import Block, add, begin, follow, see, vane_outputs, vanes_wrench
 from companion.mavlink.samples import Imu

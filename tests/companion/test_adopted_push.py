@@ -11,9 +11,9 @@ import models
 from companion.config import Base, PipelineConfig, Tuning
 from companion.control.disturbance import adopted_disturbance, adopted_pull_change_n
 from companion.vehicles import default_vehicle
+from models.adopted_effect import AdoptedEffect
 from models.air_state import blank_state
 from models.effects import adopted
-from models.surrogate.fan_surrogate import AdoptedEffect
 
 VEHICLE, TUNING = default_vehicle(), Tuning()
 DAMPING_1_S = TUNING.hold.velocity_1_s

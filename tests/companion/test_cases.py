@@ -17,6 +17,7 @@ def test_every_case_has_a_name_of_its_own_and_says_what_it_is():
     assert all(case.what for case in firmware_cases.CASES)
 
 
+@pytest.mark.slow
 def test_a_case_repeats_itself():
     first, again = (firmware_cases.fly_one("ap_engage", 3, None, None).as_json() for _ in range(2))
     assert first == again
@@ -24,6 +25,7 @@ def test_a_case_repeats_itself():
     assert first != firmware_cases.fly_one("ap_engage", 4, None, None).as_json()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["px4_excursion_then_offboard", "px4_default_hover_thrust", "ap_kill_at_wall", "ap_body_offset"]
 )

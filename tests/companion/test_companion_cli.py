@@ -69,6 +69,7 @@ def test_unknown_options_are_the_parsers_business():
     assert "--no-such-option" in run.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("before", "after", "words"),
     [
@@ -102,6 +103,7 @@ def test_a_port_in_use_is_exit_code_4():
         one_line(companion("--connect", f"udp:127.0.0.1:{port}"), 4, str(port), "in use")
 
 
+@pytest.mark.slow
 def test_a_vehicle_that_is_never_heard_is_exit_code_4_and_said(tmp_path):
     report = tmp_path / "report.json"
     run = companion("--connect", f"udp:127.0.0.1:{free_port()}", "--duration", "1.5", "--quiet", "--json", str(report))
@@ -139,6 +141,7 @@ def test_a_model_of_another_fan_is_refused_in_flight():
     one_line(run, 2, "--model default", "another fan", "rotor radius")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("options", "said"), [([], "another fan"), (["--model", "none"], "")])
 def test_another_vehicle_flies_without_a_model(options, said):
     with FakeAutopilot(port := free_port()) as autopilot:

@@ -1,4 +1,4 @@
-"""The fault campaign as tests: all of it with ``pytest -m faults``, a few faults every time."""
+"""The fault campaign as tests: a few faults every time, one of each kind with the slow tests, all: ``-m faults``."""
 
 from __future__ import annotations
 
@@ -8,11 +8,14 @@ from faults.catalog import BY_NAME, FAULTS
 
 ALWAYS = (
     ("range_down_silent", "px4"),
-    ("rotors_frozen", "ardupilot"),
     ("rotors_absurd", "ardupilot"),
     ("link_lost_10s", "ardupilot"),
-    ("link_lost_3s", "px4"),
     ("killed_restarted", "px4"),
+)
+"""A range, a rotor, the link, the program itself."""
+OFTEN = (
+    ("rotors_frozen", "ardupilot"),
+    ("link_lost_3s", "px4"),
     ("position_silent", "px4"),
     ("replayed_packets", "ardupilot"),
     ("height_drifts", "ardupilot"),
@@ -20,7 +23,7 @@ ALWAYS = (
     ("starved_0.8s", "ardupilot"),
     ("wind_gust", "px4"),
 )
-"""One of each kind, those first that once went wrong."""
+"""With those above, one of each kind: those that once went wrong."""
 STACKS = ("ardupilot", "px4")
 
 
@@ -32,6 +35,12 @@ def check(name: str, stack: str) -> None:
 
 @pytest.mark.parametrize(("name", "stack"), ALWAYS)
 def test_a_few_faults_every_time(name, stack):
+    check(name, stack)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "stack"), OFTEN)
+def test_one_fault_of_each_kind(name, stack):
     check(name, stack)
 
 

@@ -49,6 +49,7 @@ class Run:
             self.upstream.close()
 
 
+@pytest.mark.slow
 def test_it_connects_asks_and_compensates():
     port = free_port()
     with FakeAutopilot(port) as autopilot, Run(port) as run:
@@ -75,6 +76,7 @@ def test_it_connects_asks_and_compensates():
     )
 
 
+@pytest.mark.slow
 def test_dry_run_sends_no_setpoint():
     port = free_port()
     with FakeAutopilot(port) as autopilot, Run(port, replace(CONFIG, dry_run=True)) as run:
@@ -84,6 +86,7 @@ def test_dry_run_sends_no_setpoint():
     assert run.flight.summary.decisions > 20
 
 
+@pytest.mark.slow
 def test_without_bit_3_it_refuses_until_the_pilot_sets_it():
     port = free_port()
     with FakeAutopilot(port, parameters={"GUID_OPTIONS": 0.0}) as autopilot, Run(port):
@@ -94,6 +97,7 @@ def test_without_bit_3_it_refuses_until_the_pilot_sets_it():
         autopilot.wait_for("SET_ATTITUDE_TARGET", 5)
 
 
+@pytest.mark.slow
 def test_silence_of_the_vehicle_is_silence_of_the_companion_and_it_comes_back():
     port = free_port()
     with FakeAutopilot(port) as autopilot, Run(port):
@@ -107,6 +111,7 @@ def test_silence_of_the_vehicle_is_silence_of_the_companion_and_it_comes_back():
         autopilot.wait_for("SET_ATTITUDE_TARGET", count + 20)
 
 
+@pytest.mark.slow
 def test_a_reboot_is_survived_and_rates_are_asked_for_again():
     port = free_port()
     with FakeAutopilot(port) as autopilot, Run(port) as run:
@@ -120,6 +125,7 @@ def test_a_reboot_is_survived_and_rates_are_asked_for_again():
         autopilot.wait_for("SET_ATTITUDE_TARGET", count + 20)
 
 
+@pytest.mark.slow
 def test_another_vehicle_on_the_link_is_ignored():
     port = free_port()
     with FakeAutopilot(port) as autopilot, Run(port) as run:
@@ -133,6 +139,7 @@ def test_another_vehicle_on_the_link_is_ignored():
         assert run.flight._state.heartbeat.armed
 
 
+@pytest.mark.slow
 def test_an_upstream_controller_is_forwarded_and_hears_the_vehicle():
     port, upstream_port = free_port(), free_port()
     config = replace(CONFIG, base=Base.UPSTREAM)
@@ -153,6 +160,7 @@ def test_an_upstream_controller_is_forwarded_and_hears_the_vehicle():
         assert controller.of_type("ATTITUDE_QUATERNION")
 
 
+@pytest.mark.slow
 def test_replaying_what_was_recorded_decides_the_same_bit_for_bit(tmp_path):
     log = tmp_path / "flight.tlog"
     port = free_port()

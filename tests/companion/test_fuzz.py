@@ -106,6 +106,7 @@ def test_parameters_whose_declaration_is_damaged_are_left_out(columns, tmp_path)
     assert load(path)[0].parameters == {}
 
 
+@pytest.mark.slow
 def test_a_ulg_whose_last_length_points_beyond_its_end_is_refused_and_read_no_longer(tmp_path):
     """Found by the fuzzer: pyulog goes back by a length that it could not read, and comes by the same place again."""
     sound = ulg_kind(ulg_flight())

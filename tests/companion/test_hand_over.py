@@ -58,6 +58,7 @@ def test_on_exit_hold_asks_px4_for_its_hold_mode():
     assert {(m.param1, m.param2, m.param3) for m in modes} == {(1.0, 4.0, 3.0)}
 
 
+@pytest.mark.slow
 def test_parameters_are_asked_for_as_long_as_they_are_missing(monkeypatch):
     monkeypatch.setattr("companion.flight._PARAMETER_RETRY_S", 0.05)
     monkeypatch.setattr("companion.flight._PARAMETER_SLOW_RETRY_S", 0.05)

@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.estimation.kalman import Track, TrackModel, Verdict, measure, measure_rate, predict, update
+from companion.config import TrackModel
+from companion.estimation.kalman import Track, Verdict, measure, measure_rate, predict, update
 
 MODEL = TrackModel(acceleration_sd=1.5, initial_rate_sd=0.5)
 

@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pytest
 from lockstep_faults import BUFFER_DATAGRAMS, FaultyLockstep, Wire
 from simflight import sent_and_decided, vehicle
 
@@ -139,6 +140,7 @@ def test_the_wire_delays_and_keeps_order():
     assert wire.read_down(2.0) == b"x" * BUFFER_DATAGRAMS
 
 
+@pytest.mark.slow
 def test_a_comparison_repeats_itself_and_does_not_depend_on_its_neighbours(monkeypatch):
     short = build("hover", vehicle())
     knots = (*short.knots[:-1], dataclasses.replace(short.knots[-1], time_s=7.0))

@@ -201,6 +201,7 @@ def test_the_gains_come_back_after_a_calm_twice_as_long_after_each_swing():
     assert calmed(gone, 1e6, calm_s, 3).level == 4, "a hold that let go for it comes back in another mode only"
 
 
+@pytest.mark.slow
 def test_a_hold_that_swung_once_is_firm_again_two_minutes_later():
     b = bench(height=0.3, wall=0.3)
     full = b.run(4.0).tuned.share

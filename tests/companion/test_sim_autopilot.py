@@ -86,6 +86,7 @@ def approach():
     return flown(Leg.AUTOPILOT, 1, {**columns, "phase": np.zeros(len(rows))})
 
 
+@pytest.mark.slow
 def test_own_position_hold_is_as_good_as_measured(approach):
     """Height 33 RMS, 120 peak; along the wall's normal 39 RMS, 147 peak [mm], 0.3 m/s ramps in free air."""
     towards = 1e3 * np.abs(approach.lateral[:, 1])

@@ -210,6 +210,7 @@ def short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compare.os, "cpu_count", lambda: 1)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short")
 def test_adaptation_flies_and_three_approaches_of_it(capsys: pytest.CaptureFixture[str]):
     assert companion(["--connect", "sim:hover", "--compare", "--adapt", "full", "--json", "-"]) == 0
@@ -221,6 +222,7 @@ def test_adaptation_flies_and_three_approaches_of_it(capsys: pytest.CaptureFixtu
     assert not any(adapted[name] for name in ("off", "on", "free"))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("short")
 def test_the_leg_without_offsets_is_recorded_and_the_picture_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     log, picture = tmp_path / "off.tlog", tmp_path / "errors.svg"

@@ -151,6 +151,7 @@ def test_a_needed_message_that_stays_slow_is_named():
     assert keeper.in_vain == {"LOCAL_POSITION_NED": pytest.approx(10.0, abs=1.0)}
 
 
+@pytest.mark.slow
 def test_a_target_for_the_autopilot_is_answered_with_the_right_address():
     port = free_port()
     with FakeAutopilot(port) as autopilot, Run(port):

@@ -16,8 +16,8 @@ from companion.cli import main
 from companion.config import PipelineConfig
 from companion.control import survey as sv
 from companion.control.survey import Phase, Survey, Wanted, Whereabouts, advance, plan
-from companion.control.survey_box import SurveyBox, read_box
 from companion.sim.autopilot import Mode
+from companion.survey_box import SurveyBox, read_box
 from models.errors import ConfigError
 from models.surrogate.empty import empty_model
 
@@ -179,6 +179,7 @@ def flown(tmp_path, script, box: SurveyBox):
     return fly_case(case, v, config, truth=truth, record=log), config, log
 
 
+@pytest.mark.slow
 def test_a_flight_surveys_ends_where_it_began_and_replays_bit_for_bit(tmp_path):
     outcome, config, log = flown(tmp_path, surveying, SurveyBox(0.45, 1.0))
     assert outcome.judgement.contact_s == 0.0

@@ -82,6 +82,7 @@ def test_a_case_that_moves_is_marched_in_time(tmp_path, solver):
     assert np.isnan(left.iterated).all()
 
 
+@pytest.mark.slow
 def test_a_flow_that_swings_on_is_marched_until_its_mean_is_known(tmp_path, solver):
     solver("swing")
     result = compute(tmp_path / FREE.key, SETUP, FREE, TABLE)
@@ -196,6 +197,7 @@ def test_the_pair_is_trimmed_for_lift_and_torque(tmp_path, monkeypatch, solver):
     assert len(asked) <= 7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("model", ["half", "full"])
 def test_a_trim_that_does_not_converge_is_refused(tmp_path, solver, capsys, monkeypatch, model):
     # The replacement lifts the same at every pitch.

@@ -388,6 +388,7 @@ def test_the_commands_write_and_judge_the_set(tmp_path, rows, capsys):
 SHIPPED = Path(campaign.__file__).parents[1] / "data"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (SHIPPED / "corner_cfd_cases.csv").exists(), reason="no computed set in this checkout")
 def test_the_shipped_set_is_what_its_cases_give(tmp_path):
     made = assemble(table.read(SHIPPED / "corner_cfd_cases.csv"), SETUP)

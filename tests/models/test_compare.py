@@ -116,6 +116,7 @@ def test_percentage_errors_do_not_blow_up_at_zero() -> None:
     np.testing.assert_allclose(plots.percent_error(truth, truth + 0.01)[:, 0], [25.0, 1.0, 1.0])
 
 
+@pytest.mark.slow
 def test_the_report_holds_the_tables_and_figures(result: compare.Comparison, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="plots not installed")
     plots.write_figures(tmp_path, result)
@@ -127,6 +128,7 @@ def test_the_report_holds_the_tables_and_figures(result: compare.Comparison, tmp
         assert figure.stat().st_size > 5000
 
 
+@pytest.mark.slow
 def test_the_page_says_first_which_method_to_use(result: compare.Comparison, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib", reason="plots not installed")
     plots.write_figures(tmp_path, result)

@@ -32,6 +32,7 @@ def test_monomials_count_as_they_should() -> None:
     assert [polynomial.monomials(np.zeros((1, 3)), k).shape[1] for k in (1, 2, 3)] == [4, 10, 20]
 
 
+@pytest.mark.slow
 def test_kriging_interpolates_with_little_doubt_and_doubts_where_it_has_no_rows() -> None:
     pytest.importorskip("sklearn", reason="training extra not installed")
     x, y, gate = _data()

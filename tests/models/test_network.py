@@ -65,6 +65,7 @@ def test_inputs_shared_by_all_nets_give_the_same_errors() -> None:
     np.testing.assert_allclose(one, other, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_adam_is_that_of_the_paper() -> None:
     """Eqs. 5-10, lambda^t as a power with t from 1; the first step is the rate times the gradient's sign."""
     batch, _ = _batch()

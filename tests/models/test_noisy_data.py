@@ -114,6 +114,7 @@ def test_a_tilted_fan_is_no_offset() -> None:
     assert free_air.fit(data).share[0] == pytest.approx(0.02, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_hundred_noisy_places_suffice(trained: train.Trained) -> None:
     for component, worst in ((0, 0.35), (2, 0.3), (4, 0.2)):
         truth, answer = _surface(component), _surface(component, trained.model)

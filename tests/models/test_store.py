@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import models
+from models.adopted_effect import AdoptedEffect
 from models.errors import ModelError
-from models.surrogate.fan_surrogate import AdoptedEffect
 
 
 @pytest.fixture

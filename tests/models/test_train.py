@@ -39,6 +39,7 @@ def small() -> DataSet:
     return _thin()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("hasty")
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_trains_saves_and_flies_without_its_trainer(method: str, small: DataSet, tmp_path: Path) -> None:
@@ -61,6 +62,7 @@ def test_every_method_trains_saves_and_flies_without_its_trainer(method: str, sm
     assert all(np.isfinite(v["r2"]) for part in ("train", "test") for v in r[part].values())
 
 
+@pytest.mark.slow
 def test_the_ensemble_meets_the_goal_on_every_component() -> None:
     report = train.train(_thin(5), "ensemble", 0).report
     assert min(report["increments"]["test"][a]["r2"] for a in AXES) >= 0.98
@@ -132,6 +134,7 @@ def test_lift_with_the_wrong_sign_is_refused(small: DataSet) -> None:
         train.train(replace(small, wrench=-small.wrench), "polynomial")
 
 
+@pytest.mark.slow
 def test_noise_does_not_pass_for_precision() -> None:
     data = _thin(6)
     rng = np.random.default_rng(0)
@@ -151,6 +154,7 @@ def test_a_tilted_fan_keeps_its_side_force() -> None:
     assert model.wrench(INF, INF, 4000.0)[0] == pytest.approx(0.05 * 22.555, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_million_rows_train_on_those_that_are_drawn() -> None:
     rng = np.random.default_rng(0)
     n = 1_000_000
@@ -195,6 +199,7 @@ def test_r_squared_is_the_papers_and_not_defined_for_a_constant() -> None:
     np.testing.assert_allclose(train.r_squared(truth, answer), [0.5, np.nan, np.nan])
 
 
+@pytest.mark.slow
 def test_reference_data_train_to_the_goal(shared_data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Accuracy alone: the weakest decay is given and little calibrated, for speed."""
     monkeypatch.setattr(train, "DECAYS", (1e-7,))
@@ -205,6 +210,7 @@ def test_reference_data_train_to_the_goal(shared_data: Path, monkeypatch: pytest
     assert min(report["increments"]["test"][a]["r2"] for a in AXES) >= 0.99
 
 
+@pytest.mark.slow
 def test_rows_that_are_known_badly_count_less(small: DataSet) -> None:
     """Places with a large error and a sigma that says so: the nets answer nearer to the truth than without it."""
     rng = np.random.default_rng(3)

@@ -26,6 +26,7 @@ def extended() -> Iterator[None]:
     catalogue.cache_clear()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("extended")
 def test_an_effect_from_a_file_of_its_own_is_found_in_its_size() -> None:
     record = noise_record(11, 90.0, 0.3)

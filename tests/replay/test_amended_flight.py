@@ -31,6 +31,7 @@ def recording(vehicle: Path) -> Path:
     return log
 
 
+@pytest.mark.slow
 def test_an_unknown_ceiling_is_named_adopted_and_then_compensated(recording: Path, vehicle: Path) -> None:
     folder = recording.parent
     model, answer = amended_hover.diagnose([recording], vehicle, folder)

@@ -69,6 +69,7 @@ def test_what_cannot_be_audited_is_one_line_and_exit_code_3(name, tmp_path, caps
     assert err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_recordings_on_real_firmwares(shared_data, capsys):
     """Of an older version of this program: what it did wrong on PX4 is found, and nothing on ArduPilot."""
     folder = shared_data / "firmware"

@@ -44,6 +44,7 @@ def names(good: Good, today: Record) -> list[str]:
     return [c.name for c in changes(beside(good, today))]
 
 
+@pytest.mark.slow
 def test_what_the_vehicle_always_had_is_no_change(good: Good) -> None:
     assert {e.name for e in good.found} <= {"thrust_scale", "payload"}
     assert names(good, flight(23, HEAVY)) == []
@@ -129,6 +130,7 @@ def test_bad_input_is_one_line_with_its_exit_code(tmp_path: Path, capsys: pytest
     assert refused(capsys, str(empty), "--since", str(other), "--test", str(other))[0] == 2
 
 
+@pytest.mark.slow
 def test_a_cut_blade_is_found_against_healthy_flights(shared_data: Path, tmp_path: Path) -> None:
     folder = shared_data / "measured" / "crazypad"
     if not folder.is_dir():

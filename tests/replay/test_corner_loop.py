@@ -26,6 +26,7 @@ from replay.diagnosis.diagnose import conclude
 from replay.residual.record import Record, build_record
 
 pytestmark = pytest.mark.timeout(600)
+pytestmark = pytest.mark.slow
 LEARN, JUDGE = 203, 201
 HEIGHT, SIDEWAYS = 0, 1
 

@@ -49,6 +49,7 @@ def test_noise_is_answered_nothing_missing(quiet: Record) -> None:
     assert answer.rms(after=True) == pytest.approx(answer.rms(after=False))
 
 
+@pytest.mark.slow
 def test_wind_is_named_with_its_size_and_takes_the_residual_down(windy: Diagnosis, quiet: Record) -> None:
     assert [n.found.effect.name for n in windy.named] == ["wind"]
     assert windy.named[0].status == "candidate"
@@ -84,6 +85,7 @@ def test_the_json_is_the_contracts(windy: Diagnosis) -> None:
     assert (effect["belongs_to"], effect["kept"]) == ("weather", False)
 
 
+@pytest.mark.slow
 def test_a_second_flight_confirms_or_does_not(quiet: Record) -> None:
     first, other = with_wind(quiet, 0.6), noise_record(4, 90.0, 0.3)
     same = conclude([first, with_wind(other, 0.6)], effects=FEW)
@@ -92,6 +94,7 @@ def test_a_second_flight_confirms_or_does_not(quiet: Record) -> None:
     assert {n.status for n in calm.named if n.found.effect.name == "wind"} == {"candidate"}
 
 
+@pytest.mark.slow
 def test_flights_in_different_winds_share_the_drag_and_not_the_wind(quiet: Record) -> None:
     both = conclude([with_wind(quiet, 0.6), with_wind(noise_record(4, 90.0, 0.3), -0.6)], effects=FEW)
     (wind,) = (n for n in both.named if n.found.effect.name == "wind")
@@ -102,6 +105,7 @@ def test_flights_in_different_winds_share_the_drag_and_not_the_wind(quiet: Recor
     assert not any("one wind" in note for note in both.notes)
 
 
+@pytest.mark.slow
 def test_a_gust_in_step_with_the_motion_is_not_explained_away(quiet: Record) -> None:
     hz, t = 0.16, quiet.time_s
     swing = np.stack([np.sin(2.0 * np.pi * hz * t), 0.2 * np.ones(len(t)), np.zeros(len(t))], axis=1)

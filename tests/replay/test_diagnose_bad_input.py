@@ -73,6 +73,7 @@ def refused(told: Told, *words: str) -> None:
         assert word in line, line
 
 
+@pytest.mark.slow
 def test_a_flight_with_nothing_wrong_is_answered_nothing_missing(ask):
     told = ask({"good.tlog": quad_flight()})
     assert (told.code, told.lines, told.answer["verdict"]) == (0, [], "nothing_missing")
@@ -120,6 +121,7 @@ def test_a_log_just_too_short_is_not_rounded_up_to_what_is_needed(ask):
     assert "gaps" not in told.lines[0]  # it has none
 
 
+@pytest.mark.slow
 def test_every_start_of_a_vehicle_is_a_flight_of_its_own(ask):
     first, second = quad_flight(30.0), quad_flight(30.0, 3_000, EPOCH_US + 36_000_000, seed=3)
     told = ask({"a.tlog": [*first, *second]})
@@ -153,6 +155,7 @@ def test_of_two_vehicles_the_one_that_flies_is_read(ask):
     refused(ask({"a.tlog": both}, "--target-system", "1"), "a.tlog", "on the ground")
 
 
+@pytest.mark.slow
 def test_of_two_vehicles_that_fly_the_option_to_choose_is_named(ask):
     both = sorted([*quad_flight(), *quad_flight(38.0, system=7, mass_kg=3.9)])
     told = ask({"a.tlog": both})
@@ -165,6 +168,7 @@ def test_of_two_vehicles_that_fly_the_option_to_choose_is_named(ask):
     refused(ask({"a.tlog": both}, "--target-system", "9"), "a.tlog", "no vehicle with system id 9", "1, 7")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.7, 1.3])
 def test_a_mass_that_is_off_by_30_percent_is_found_as_thrust_to_mass(ask, factor):
     told = ask({"a.tlog": quad_flight(mass_kg=factor * 3.0)})
@@ -296,6 +300,7 @@ def test_an_interrupt_exits_with_130_and_writes_nothing(ask, monkeypatch):
     assert (told.code, told.lines, told.answer) == (130, [], {})
 
 
+@pytest.mark.slow
 def test_one_flight_gives_a_candidate_two_confirm_it_and_their_numbers_are_pooled(ask):
     one, other = quad_flight(30.0, mass_kg=3.3), quad_flight(60.0, mass_kg=3.3, seed=3)
     single = [ask({"one.tlog": one}).answer, ask({"other.tlog": other}).answer]
@@ -318,6 +323,7 @@ def test_one_flight_gives_a_candidate_two_confirm_it_and_their_numbers_are_poole
     assert min(shares) - 1e-6 <= both["effects"][0]["explains"] <= max(shares) + 1e-6
 
 
+@pytest.mark.slow
 def test_the_same_logs_with_the_amended_model_lack_nothing(ask, tmp_path):
     """Diagnose, adopt, diagnose: a fixed point, with one name for what thrust and mass have in common."""
     logs = {"one.tlog": quad_flight(30.0, mass_kg=3.3), "other.tlog": quad_flight(60.0, mass_kg=3.3, seed=3)}

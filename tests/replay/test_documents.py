@@ -87,6 +87,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_the_guide_runs_word_by_word(folder, capsys):
     """The flight of the built-in vehicle is cut to four seconds; what it would have recorded lies there already."""
     ran = 0
@@ -194,6 +195,17 @@ def test_the_page_of_effects_is_what_the_catalogue_says_and_every_effect_has_a_p
         _, _, x, y = effects_page.curve(effect, made_up)
         assert len(x) == len(y) > 100
         assert np.ptp(y) > 0.0, effect.name
+
+
+def test_every_command_that_measures_stands_in_their_table():
+    folder = ROOT / "tests" / "benchmarks"
+    commands = {
+        str(path.relative_to(folder))
+        for path in folder.rglob("*.py")
+        if re.search(r'^if __name__ == "__main__"', path.read_text(encoding="utf-8"), re.M)
+    }
+    rows = re.findall(r"^\| `([^`]+)` \|", (folder / "README.md").read_text(encoding="utf-8"), re.M)
+    assert sorted(rows) == sorted(commands)
 
 
 def test_a_result_names_what_is_wrong_in_its_file(tmp_path):

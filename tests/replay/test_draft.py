@@ -195,6 +195,7 @@ def answered(capsys, *arguments) -> dict:
     return json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.slow
 def test_a_log_is_answered_without_a_vehicle_file(log, capsys):
     told = answered(capsys, log)
     vehicle = told["vehicle"]
@@ -274,6 +275,7 @@ def test_a_log_from_the_bench_lends_its_parameters(log, tmp_path, capsys):
     assert [Path(name).name for name in told["logs"]] == [log.name]
 
 
+@pytest.mark.slow
 def test_every_log_of_a_folder_gets_its_own_draft(log, tmp_path, capsys):
     framed(tmp_path / "other.tlog", 12)
     assert main(["diagnose", str(tmp_path), "--out", str(tmp_path / "out"), "--workers", "1", "--quiet"]) == 0

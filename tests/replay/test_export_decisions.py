@@ -10,7 +10,7 @@ import pytest
 from log_writers import EPOCH_US, bin_flight, flight, write_tlog
 
 import models
-from companion.adaptation.options import Adapt
+from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.vehicles import TANDEM, default_vehicle
 from replay.cli import main
@@ -169,6 +169,7 @@ def test_later_boots_come_later_in_mcap(tmp_path, mcap_reader):
     assert set(boots) == {1, 2}
 
 
+@pytest.mark.slow
 def test_pieces_of_a_long_log_lose_no_decision(tmp_path, monkeypatch):
     path = tmp_path / "long.tlog"
     write_tlog(path, flight(40.0))

@@ -38,6 +38,7 @@ def folder(tmp_path):
     return logs
 
 
+@pytest.mark.slow
 def test_every_log_is_judged_as_by_itself_and_a_bad_one_stops_nothing(folder, tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["run", str(folder), "--out", str(out), "--workers", "2", "--json", "-"]) == 0
@@ -69,6 +70,7 @@ def test_table_and_page_hold_every_log(folder, tmp_path):
     assert "<script" not in page
 
 
+@pytest.mark.slow
 def test_the_page_of_replays_names_what_to_mend_in_words(tmp_path):
     logs = tmp_path / "logs"
     logs.mkdir()
@@ -81,6 +83,7 @@ def test_the_page_of_replays_names_what_to_mend_in_words(tmp_path):
     assert "40 s in all" in page
 
 
+@pytest.mark.slow
 def test_what_is_known_is_not_computed_again_until_it_changes(folder, tmp_path, capsys):
     out = tmp_path / "out"
     arguments = ["run", str(folder), "--out", str(out), "--workers", "1"]
@@ -97,6 +100,7 @@ def test_what_is_known_is_not_computed_again_until_it_changes(folder, tmp_path, 
     assert "known from before" not in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_folder_of_diagnoses(tmp_path, capsys):
     logs = tmp_path / "logs"
     logs.mkdir()
@@ -114,6 +118,7 @@ def test_folder_of_diagnoses(tmp_path, capsys):
     assert page.index("Next: ") < page.index("Every log")
 
 
+@pytest.mark.slow
 def test_report_of_a_folder_is_one_page_of_all_that_leads_to_one_of_every_log(tmp_path, capsys):
     logs, report = tmp_path / "logs", tmp_path / "report"
     logs.mkdir()
@@ -289,6 +294,7 @@ def test_dask_does_the_same_work(folder, tmp_path, capsys):
     assert sorted("error" in a for a in answers) == [False, False, True]
 
 
+@pytest.mark.slow
 def test_as_a_command(folder, tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "replay", "run", folder, "--out", tmp_path / "out", "--workers", "2"],

@@ -36,6 +36,7 @@ def every_effect():
     return dict(zip(names, range(len(names)), strict=True)), fly(TANDEM, jobs)
 
 
+@pytest.mark.slow
 def test_with_nothing_undeclared_the_noise_free_residual_is_zero(every_effect):
     index, tape = every_effect
     assert np.abs(tape.effect[:, :, index[None]]).max() < 1e-9

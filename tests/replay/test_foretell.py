@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from types import SimpleNamespace
 
+import pytest
 from measured.changes import changed
 from measured.known import read
 
@@ -54,6 +55,7 @@ def test_an_unlikely_set_is_not_asked(monkeypatch):
     assert best == {"wind"}
 
 
+@pytest.mark.slow
 def test_a_weak_fan_of_a_real_flight_is_no_wind_with_a_load(shared_data, tmp_path: Path):
     """Four to nine seconds at a time, stitched: wind and a slung load that take each other back fit best."""
     flight = next(f for f in read().flights if f.name == "BL_t06")

@@ -170,6 +170,7 @@ def test_mode_changes_and_events_far_apart_are_all_kept(tmp_path):
     assert [round(i.start_s) for i in log.modes] == [10, 20, 30, 40, 50, 60, 70]
 
 
+@pytest.mark.slow
 def test_a_dataflash_log_is_kept_as_numbers_not_as_objects(tmp_path):
     """Peak of what the reader allocates, over the size of the file: rows of Python objects would be above twenty."""
     path = tmp_path / "long.bin"

@@ -54,6 +54,7 @@ def test_what_answers_a_disturbance_has_to_carry_more(quiet: Record) -> None:
     assert smallest_share("rpm_1", "My", vehicle) > 1.0  # in hover every moment is mirrored by what balances it
 
 
+@pytest.mark.slow
 def test_in_a_flight_that_only_hovers_place_is_drift(quiet: Record) -> None:
     hover = replace(quiet, delays=(Delay("rotor speed", -0.1, 0.45, False),))
     moved = replace(quiet, delays=(Delay("rotor speed", -0.02, 0.9, True),))

@@ -190,6 +190,7 @@ def test_without_air_and_current_the_vehicle_falls_freely_and_keeps_energy_and_m
     assert kept == pytest.approx(energy, rel=1e-6)
 
 
+@pytest.mark.slow
 @FRAMES
 def test_hover_trim_is_weight_at_hover_speed(frame):
     (track,) = fly(frame, [CALM], seconds=4.0)
@@ -198,6 +199,7 @@ def test_hover_trim_is_weight_at_hover_speed(frame):
     assert np.abs(track.position - np.array([[0.0], [0.0], [-frame.home_m]])).max() < 0.05
 
 
+@pytest.mark.slow
 def test_a_step_is_reached_and_held_with_slow_motors_too():
     plan = [Target(1.0, 0.0, 0.0, 1.9), Target(9.0, 0.8, -0.5, 2.2, 0.6)]
     for frame in (LIFTER, RACER):
@@ -208,6 +210,7 @@ def test_a_step_is_reached_and_held_with_slow_motors_too():
         assert np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) == pytest.approx(0.6, abs=0.05)
 
 
+@pytest.mark.slow
 def test_a_slung_load_hangs_with_its_weight():
     (track,) = fly(HEXA, [replace(CALM, slung_kg=0.4, rope_m=0.6)], seconds=6.0)
     assert track.rope[2].mean() == pytest.approx(0.4 * G, rel=0.01)
@@ -241,6 +244,7 @@ def flown():
     return {n: (c, t, explain(LIFTER, c, t)) for n, c, t in zip(names, conditions, tracks, strict=True)}
 
 
+@pytest.mark.slow
 def test_the_parts_add_up_to_what_sensors_and_model_differ_by(flown):
     weight = LIFTER.mass_kg * G
     for _, _, parts in flown.values():
@@ -325,11 +329,13 @@ def logged(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_the_same_seed_writes_the_same_bytes(logged):
     assert (logged / "a.tlog").read_bytes() == (logged / "b.tlog").read_bytes()
     assert (logged / "a.tlog").read_bytes() != (logged / "c.tlog").read_bytes()
 
 
+@pytest.mark.slow
 def test_the_same_flight_flies_alike_beside_others():
     alone = fly(LIFTER, [replace(CALM, unsteady=0.004)], seconds=2.0, seed=9)[0]
     beside = fly(LIFTER, [replace(CALM, unsteady=0.004), SOME["wind"]], seconds=2.0, seed=9)[0]
@@ -352,6 +358,7 @@ def test_a_tlog_holds_what_was_flown(logged):
     assert np.median(down) == pytest.approx(100.0 * (HEXA.home_m - DOWN.position_m[2]), abs=4.0)
 
 
+@pytest.mark.slow
 def test_temperatures_of_escs_that_report_no_speed_are_read_by_the_projects_own_reader(tmp_path):
     from replay.logs.formats import load
 

@@ -142,6 +142,7 @@ def test_a_folder_is_one_line_and_nothing_is_said_of_a_vehicle(tmp_path, capsys)
     assert "is a directory" in line
 
 
+@pytest.mark.slow
 def test_of_a_long_log_the_stretches_are_those_of_a_diagnosis(tmp_path, capsys, monkeypatch):
     """Twelve blocks of some ten seconds, of which a diagnosis takes 40 s at most."""
     monkeypatch.setattr(tlog_blocks, "BLOCK_BYTES", 128 * 1024)
@@ -158,6 +159,7 @@ def test_of_a_long_log_the_stretches_are_those_of_a_diagnosis(tmp_path, capsys, 
     assert f"(one of every {seen['one_of']} stretches: a long log)" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "bars"),
     [

@@ -28,6 +28,7 @@ def usable() -> tuple[Kernel, ...]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_names_and_sizes_do_not_depend_on_the_kernel(usable: tuple[Kernel, ...], tmp_path: Path) -> None:
     for name, messages in FLIGHTS.items():

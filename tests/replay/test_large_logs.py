@@ -155,6 +155,7 @@ def small_blocks(monkeypatch):
     monkeypatch.setattr(tlog_blocks, "BLOCK_BYTES", SMALL)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [None, 20.0])
 def test_an_export_in_pieces_is_the_export_of_the_whole(three_boots, tmp_path, rate, monkeypatch):
     options = [] if rate is None else ["--rate", str(rate)]
@@ -174,6 +175,7 @@ def test_an_export_in_pieces_is_the_export_of_the_whole(three_boots, tmp_path, r
     assert table(again) == table(rows)
 
 
+@pytest.mark.slow
 def test_info_and_replay_of_pieces_say_what_they_say_of_the_whole(three_boots, tmp_path, monkeypatch):
     def answers():
         out = []
@@ -230,6 +232,7 @@ def exported(path):
     main(["export", str(path), "--to", "csv", "--rate", "5", "--no-decisions", "--quiet", "--out", str(target)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("work", [frames, in_pieces, exported])
 def test_memory_does_not_grow_with_the_log(lengths, work, small_blocks, tmp_path):
     short, long = lengths
@@ -238,11 +241,13 @@ def test_memory_does_not_grow_with_the_log(lengths, work, small_blocks, tmp_path
     assert peak(lambda: work(long)) < 1.25 * peak(lambda: work(short))
 
 
+@pytest.mark.slow
 def test_a_long_log_is_not_kept_by_the_export(lengths, small_blocks):
     tables = Tables(lengths[1])
     assert len(list(tables)) == len(list(tables)) > 6
 
 
+@pytest.mark.slow
 def test_boots_cost_what_they_hold(tmp_path, monkeypatch):
     """Frames that are looked at, for a hundred boots of two seconds against twenty-five: four times as many."""
     looked_at = 0
@@ -295,6 +300,7 @@ def decided(path, tmp_path):
     return json.loads(target.read_text())
 
 
+@pytest.mark.slow
 def test_a_dataflash_log_in_pieces_is_decided_on_as_the_whole(dataflash, tmp_path, monkeypatch):
     whole = decided(dataflash, tmp_path)
     monkeypatch.setattr(tlog_blocks, "BLOCK_BYTES", SMALL)
@@ -302,6 +308,7 @@ def test_a_dataflash_log_in_pieces_is_decided_on_as_the_whole(dataflash, tmp_pat
     assert decided(dataflash, tmp_path) == whole
 
 
+@pytest.mark.slow
 def test_the_memory_of_a_run_does_not_grow_with_a_dataflash_log(dataflash, small_blocks, tmp_path):
     short = tmp_path / "short.bin"
     short.write_bytes(bin_flight(60.0))

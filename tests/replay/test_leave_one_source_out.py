@@ -59,6 +59,7 @@ def test_every_setting_is_a_number_that_the_search_has_and_changes_it():
             assert any(getattr(m, name, value) != value for m in modules), setting
 
 
+@pytest.mark.slow
 def test_a_flight_is_asked_with_the_setting(tmp_path):
     """The command's own answer to a log that is not there: the settings do not stand in its way."""
     asked = ask([tmp_path / "none.tlog"], tmp_path / "none.toml", "none", 900.0, settings=["TRUST=0.25"])

@@ -273,6 +273,7 @@ def test_a_short_flight_mostly_at_full_command_is_judged_and_time_left_out_has_i
     assert "at full command" not in {e.reason for e in record.excluded}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_no_fault_of_the_log_is_named_as_an_effect_of_the_vehicle(kind, flown):
     """Nothing acts in the flight but what the vehicle file says."""

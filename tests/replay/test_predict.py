@@ -104,6 +104,7 @@ def test_bad_input_is_one_line_with_its_exit_code(tmp_path: Path, capsys: pytest
     assert refused(capsys, str(tmp_path), "--model", "default")[0] == 2
 
 
+@pytest.mark.slow
 def test_a_model_of_one_real_flight_predicts_another(shared_data: Path, tmp_path: Path) -> None:
     folder = shared_data / "measured"
     if not folder.is_dir():

@@ -167,8 +167,9 @@ def recorded(shared_data, suffixes):
     return sorted(p for p in shared_data.glob("*/*") if p.suffix.lower() in suffixes)
 
 
+@pytest.mark.slow
 def test_the_start_of_every_recorded_flight_runs(shared_data, tmp_path, capsys):
-    """The first 60 kB of each, cut in the middle of a frame. The whole files: tests/benchmarks/replay_all.py."""
+    """The first 60 kB of each, cut in the middle of a frame."""
     paths = recorded(shared_data, {".tlog"})
     assert len(paths) >= 20
     for path in paths:

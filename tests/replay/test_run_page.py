@@ -35,6 +35,7 @@ def test_the_page_says_first_what_would_have_been_done_and_what_is_next(written:
     assert "_m_s" not in html
 
 
+@pytest.mark.slow
 def test_reasons_are_those_of_the_text_report(
     written: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -57,6 +58,7 @@ def test_a_real_browser_shows_it(written: Path, size: tuple[int, int]) -> None:
             assert seen.smallest_text_px > 11.0
 
 
+@pytest.mark.slow
 def test_what_is_to_be_mended_is_no_take_off(tmp_path: Path) -> None:
     """Half a minute on the ground, disarmed; in the air it lacks both rangefinders."""
     standing = flight(30.0, armed=False)

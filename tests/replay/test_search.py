@@ -152,6 +152,7 @@ def test_whitening_leaves_unit_variance_and_is_exact_after_gaps() -> None:
     assert found[bank.index(spectrum)] == pytest.approx(float(white @ white))
 
 
+@pytest.mark.slow
 def test_a_lag_is_refused_where_the_thrust_only_answers_noise(quiet: Record) -> None:
     late = added(pumped(quiet), "motor_lag", (0.2, 0.0), 1.0)
     assert names(search(late, some("motor_lag", "wind"))) == {"motor_lag"}
@@ -246,6 +247,7 @@ def test_without_moments_no_fan_is_blamed(quiet: Record) -> None:
     assert reason(answer, "fan_imbalance") == ("this log cannot judge moments", False)
 
 
+@pytest.mark.slow
 def test_a_weak_fan_is_one_finding_and_lists_what_it_may_be_instead(quiet: Record) -> None:
     answer = search(added(quiet, "fan_imbalance", (1.0,), -0.1, 0.0), list(catalogue()))
     assert names(answer) == {"fan_imbalance"}
@@ -255,6 +257,7 @@ def test_a_weak_fan_is_one_finding_and_lists_what_it_may_be_instead(quiet: Recor
     assert value == pytest.approx(-0.1, abs=0.03)
 
 
+@pytest.mark.slow
 def test_lift_without_its_moment_is_no_weak_fan(quiet: Record) -> None:
     """Neither a trim of the moments nor another effect may take back the moment that makes a fan the weak one."""
     calm = replace(quiet, residual=0.3 * quiet.residual)
@@ -297,6 +300,7 @@ def test_a_moment_in_time_has_an_interval_that_holds_it(quiet: Record) -> None:
     assert 0.0 < high - low < 10.0
 
 
+@pytest.mark.slow
 def test_a_parameter_at_the_edge_of_what_was_tried_is_marked(quiet: Record) -> None:
     slow = added(pumped(quiet), "motor_lag", (0.7, 0.0), 1.0)
     answer = search(slow, some("motor_lag"))
@@ -312,6 +316,7 @@ def straight(record: Record) -> Record:
     return with_context(record, state=replace(record.context.state, rotation=still))
 
 
+@pytest.mark.slow
 def test_without_a_turn_an_offset_and_drag_pass_for_wind(quiet: Record) -> None:
     effects = some("wind", "imu_bias", "rotor_drag")
     unknown = replace(quiet, kinematic_bias=np.full_like(quiet.kinematic_bias, np.nan))
@@ -345,6 +350,7 @@ def strange(record: Record, newtons: float, mean: float = 0.0) -> tuple[Record, 
     return replace(record, residual=record.residual + pull, channels=channels), slow
 
 
+@pytest.mark.slow
 def test_an_unknown_force_is_a_channel_and_no_name(quiet: Record) -> None:
     record, _ = strange(quiet, 1.0)
     answer = search(record, list(catalogue()))
@@ -352,6 +358,7 @@ def test_an_unknown_force_is_a_channel_and_no_name(quiet: Record) -> None:
     assert "pressure_pa" in [c.name for c in answer.traces[0].carriers][:3]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "channels"), [(0.45, []), (1.5, ["down_m"])])
 def test_a_channel_that_carries_next_to_nothing_is_not_reported(
     quiet: Record, share: float, channels: list[str]
@@ -366,6 +373,7 @@ def test_a_channel_that_carries_next_to_nothing_is_not_reported(
     assert [c.name for c in trace.carriers[:1]] == channels
 
 
+@pytest.mark.slow
 def test_a_constant_beside_an_unknown_force_may_be_its_mean(quiet: Record) -> None:
     effects = some("thrust_scale")
     assert names(search(strange(quiet, 1.0, 0.9)[0], effects)) == set()
@@ -469,6 +477,7 @@ def test_timing_is_taken_off_a_remainder_with_gaps(quiet: Record) -> None:
     assert np.sqrt((left**2).mean()) < 0.3 * np.sqrt((late[valid] ** 2).mean())
 
 
+@pytest.mark.slow
 def test_motion_that_answers_disturbances_is_no_drag_that_pushes(quiet: Record) -> None:
     """In hover the vehicle goes where a disturbance pushed it: that must not turn a moment into wind."""
     heavy_nose = added(straight(quiet), "cg_offset", (), 0.012, -0.008)
@@ -497,6 +506,7 @@ def swung(record: Record) -> Record:
     return with_context(record, state=replace(state, rates=rates))
 
 
+@pytest.mark.slow
 def test_an_accelerometer_off_the_centre_of_gravity_is_no_finding(quiet: Record) -> None:
     """What it feels of turning goes along with whatever turns the vehicle: fans, outputs, tilt, drag."""
     flown = swung(quiet)
@@ -511,6 +521,7 @@ def test_an_accelerometer_off_the_centre_of_gravity_is_no_finding(quiet: Record)
     assert not trace.outside
 
 
+@pytest.mark.slow
 def test_a_late_velocity_leaves_no_second_effect_beside_drag(quiet: Record) -> None:
     state = quiet.context.state
     velocity = np.stack([np.sin(3.1 * state.time_s), np.cos(2.6 * state.time_s), 0.0 * state.time_s], axis=1)
@@ -535,6 +546,7 @@ def test_drag_grows_where_the_vehicle_sinks_and_lift_where_it_flies_level(quiet:
         assert high - low < 0.4
 
 
+@pytest.mark.slow
 def test_a_load_that_swings_is_pulled_down(quiet: Record) -> None:
     """What swings like a load and lifts like none is no load."""
     state = quiet.context.state
@@ -545,6 +557,7 @@ def test_a_load_that_swings_is_pulled_down(quiet: Record) -> None:
     assert names(search(added(lively, "slung_load", (0.55,), mass, -mass, 0.0), some("slung_load"))) == set()
 
 
+@pytest.mark.slow
 def test_a_flywheel_turns_the_way_its_rotors_do(quiet: Record) -> None:
     """No inertia is below zero: rotors that are all alike may turn either way."""
     flown = swung(quiet)
@@ -555,6 +568,7 @@ def test_a_flywheel_turns_the_way_its_rotors_do(quiet: Record) -> None:
         assert found(answer, "gyroscopic").parameters["all_alike"] == way
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("share", "named"), [(0.008, set()), (0.02, {"rotor_drag"})])
 def test_an_effect_gives_way_to_a_likelier_one_that_is_too_small(quiet: Record, share: float, named: set[str]) -> None:
     """The peak of a quadratic drag passes the line of attention where the linear one, which acts, does not."""
@@ -573,12 +587,14 @@ def test_a_drift_is_not_a_scale_and_a_step(quiet: Record) -> None:
     assert names(search(sagging, some("battery_sag", "thrust_scale", "payload"))) == {"battery_sag"}
 
 
+@pytest.mark.slow
 def test_a_scale_with_a_little_drift_stays_a_scale(quiet: Record) -> None:
     effects = some("battery_sag", "thrust_scale", "thermal_derating")
     assert names(search(added(quiet, "battery_sag", (24.5,), 0.1, -0.05, 0.0), effects)) == {"thrust_scale"}
     assert names(search(added(quiet, "battery_sag", (24.5,), 1.5, -0.05, 0.0), effects)) == {"battery_sag"}
 
 
+@pytest.mark.slow
 def test_flights_share_what_is_of_the_vehicle_and_not_what_is_of_the_day(quiet: Record) -> None:
     other = noise_record(12, 90.0, 0.3)
     both = [added(r, "rotor_drag", (0.5,), 0.6, 0.0) for r in (quiet, other)]
@@ -594,6 +610,7 @@ def test_flights_share_what_is_of_the_vehicle_and_not_what_is_of_the_day(quiet: 
     assert width[0] < width[1]
 
 
+@pytest.mark.slow
 def test_short_flights_count_together(quiet: Record) -> None:
     def part(k: int) -> Record:
         seconds = quiet.time_s - quiet.time_s[0]
@@ -613,6 +630,7 @@ def test_no_effect_is_named_in_the_search() -> None:
         assert [e.name for e in catalogue() if f'"{e.name}"' in text] == [], path.name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kernel", ["Haswell", "SkylakeX", "Prescott"])
 def test_every_linear_algebra_kernel_gives_the_same_answer(kernel: str) -> None:
     script = (

@@ -16,7 +16,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 
-from companion.adaptation.options import Adapt
+from companion.adapt_options import Adapt
 from faults.campaign import STACKS, Fault, Result, complaints
 from faults.catalog import BY_NAME, FAULTS, fly_named
 from models.progress import Bars

@@ -15,7 +15,7 @@ from flight_case import Case, CasePilot, surroundings
 from lockstep_faults import FaultyLockstep
 
 import models
-from companion.adaptation.options import Adapt
+from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.invariants import Auditor, Promise
 from companion.pipeline import Decision

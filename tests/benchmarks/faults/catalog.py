@@ -11,7 +11,7 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.adaptation.options import Adapt
+from companion.adapt_options import Adapt
 from companion.mavlink.frames import pack
 from companion.mavlink.tlog_writer import Recorder
 from companion.sim.autopilot import Mode
