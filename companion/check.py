@@ -357,17 +357,12 @@ def _same_way(a: int, b: int) -> bool:
 
 def _ring(heard: Listener) -> Item:
     """The declared ring."""
-    readings = heard.rings
-    if not readings:
-        return _bad("ring", "no OBSTACLE_DISTANCE", "let the sensor or its driver send it, or mend the vehicle file")
-    hz = len({r.t_s for r in readings}) / max(heard.duration_s, 1e-3)
-    known = [d for r in readings for d in r.distances_m if d == d]
-    near = min(known, default=math.inf)
-    shown = "nothing in reach" if math.isinf(near) else f"nearest return {near:.2f} m"
-    text = f"{len(readings[-1].distances_m)} directions, {shown}, {hz:.1f} Hz"
-    if hz < _LEAST_HZ:
-        return _bad("ring", f"{text}; at least {_LEAST_HZ:g} Hz needed", "raise the rate of OBSTACLE_DISTANCE")
-    return _good("ring", text) if known else _bad("ring", f"{text}; every direction is unknown", "the sensor's driver")
+    hz = len({r.t_s for r in heard.rings}) / max(heard.duration_s, 1e-3)
+    known = [d for ring in heard.rings for d in ring.distances_m if d == d]
+    text = f"OBSTACLE_DISTANCE at {hz:.1f} Hz, nearest return {min(known, default=math.nan):.2f} m"
+    if known and hz >= _LEAST_HZ:
+        return _good("ring", text)
+    return _bad("ring", f"{text}; known directions at {_LEAST_HZ:g} Hz needed", "the sensor's driver and its rate")
 
 
 def _range(sensor: Rangefinder, heard: Listener) -> Item:

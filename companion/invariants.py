@@ -39,7 +39,8 @@ from companion.mavlink.samples import (
 from companion.mavlink.setpoints import ATTITUDE_IGNORED, RATES_IGNORED, SET_ATTITUDE_TARGET, SET_POSITION_TARGET
 from companion.pipeline import Decision
 from models.frames import GRAVITY
-from models.vehicle import NO_ORIENTATION, Limits, Vehicle
+from models.vehicle import Limits, Vehicle
+from models.vehicle_types import NO_ORIENTATION
 
 _HEARTBEAT, _PARAM_REQUEST_READ, _COMMAND_LONG, _NAMED_VALUE_FLOAT, _STATUSTEXT = 0, 20, 76, 251, 253
 _SET_MESSAGE_INTERVAL, _DO_SET_MODE, _PX4_HOLD = 511, 176, (4.0, 3.0)

@@ -9,7 +9,6 @@ from models.text_file import read_text
 from models.toml_table import Table
 from models.vehicle_plausibility import findings
 from models.vehicle_types import (
-    NO_ORIENTATION,
     RHO_SEA_LEVEL,
     Fan,
     Limits,
@@ -21,18 +20,7 @@ from models.vehicle_types import (
     Vehicle,
 )
 
-__all__ = [
-    "NO_ORIENTATION",
-    "RHO_SEA_LEVEL",
-    "Fan",
-    "Limits",
-    "Rangefinder",
-    "Rotor",
-    "Throttle",
-    "Vane",
-    "Vector3",
-    "Vehicle",
-]
+__all__ = ["RHO_SEA_LEVEL", "Fan", "Limits", "Rangefinder", "Rotor", "Throttle", "Vane", "Vector3", "Vehicle"]
 __all__ += ["load_vehicle", "parse_vehicle"]
 
 

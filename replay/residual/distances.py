@@ -23,7 +23,8 @@ from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict
 from models.air_state import DIRECTIONS
 from models.frames import Array
-from models.vehicle import NO_ORIENTATION, Vector3, Vehicle
+from models.vehicle import Vector3, Vehicle
+from models.vehicle_types import NO_ORIENTATION
 from replay.flightlog import Beam, FlightLog, Series, best_beam, direction_name
 from replay.residual.grid import Mask
 
