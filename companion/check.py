@@ -30,6 +30,7 @@ from companion.mavlink.samples import (
     LocalPosition,
     Range,
     RangeVerdict,
+    Ring,
     RotorSpeeds,
     Sample,
 )
@@ -114,6 +115,7 @@ class Listener:
     late_s: list[float] = field(default_factory=list)
     ranges: dict[int, list[Range]] = field(default_factory=lambda: defaultdict(list))
     """By orientation."""
+    rings: list[Ring] = field(default_factory=list)
     rpm: dict[int, list[float]] = field(default_factory=lambda: defaultdict(list))
     """By ESC, from 1."""
     hover: list[float] = field(default_factory=list)
@@ -162,6 +164,8 @@ class Listener:
                 self._climb_m_s = abs(sample.velocity_ned[2])
             case Range():
                 self.ranges[sample.orientation].append(sample)
+            case Ring():
+                self.rings.append(sample)
             case RotorSpeeds():
                 for i, rpm in enumerate(sample.rpm):
                     self.rpm[sample.first_esc + i].append(rpm)
@@ -330,7 +334,13 @@ def _ranges(heard: Listener, setup: Setup) -> Iterator[Item]:
     declared = setup.config.vehicle.rangefinders
     for sensor in declared:
         if sensor.target != "none":
-            yield _range(sensor, heard)
+            yield _ring(heard) if sensor.ring else _range(sensor, heard)
+    if heard.rings and not any(sensor.ring for sensor in declared):
+        count = len(heard.rings[-1].distances_m)
+        yield _odd(
+            "ring", f"OBSTACLE_DISTANCE of {count} directions heard, not in the vehicle file",
+            f'declare it to see walls: [[rangefinder]] with ring = {count}, target = "wall", position_m = [x, y, z]',
+        )  # fmt: skip
     mine = {o for o in heard.ranges for s in declared if _same_way(o, s.orientation)}
     strange = sorted(set(heard.ranges) - mine)
     if strange:
@@ -343,6 +353,16 @@ def _same_way(a: int, b: int) -> bool:
         return True
     one, other = orientation_direction(a), orientation_direction(b)
     return one is not None and other is not None and math.dist(one, other) < 0.2
+
+
+def _ring(heard: Listener) -> Item:
+    """The declared ring."""
+    hz = len({r.t_s for r in heard.rings}) / max(heard.duration_s, 1e-3)
+    known = [d for ring in heard.rings for d in ring.distances_m if d == d]
+    text = f"OBSTACLE_DISTANCE at {hz:.1f} Hz, nearest return {min(known, default=math.nan):.2f} m"
+    if known and hz >= _LEAST_HZ:
+        return _good("ring", text)
+    return _bad("ring", f"{text}; known directions at {_LEAST_HZ:g} Hz needed", "the sensor's driver and its rate")
 
 
 def _range(sensor: Rangefinder, heard: Listener) -> Item:

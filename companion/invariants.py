@@ -29,6 +29,7 @@ from companion.mavlink.samples import (
     Quaternion,
     Range,
     RangeVerdict,
+    Ring,
     RotorSpeeds,
     Sample,
     ServoOutput,
@@ -39,6 +40,7 @@ from companion.mavlink.setpoints import ATTITUDE_IGNORED, RATES_IGNORED, SET_ATT
 from companion.pipeline import Decision
 from models.frames import GRAVITY
 from models.vehicle import Limits, Vehicle
+from models.vehicle_types import NO_ORIENTATION
 
 _HEARTBEAT, _PARAM_REQUEST_READ, _COMMAND_LONG, _NAMED_VALUE_FLOAT, _STATUSTEXT = 0, 20, 76, 251, 253
 _SET_MESSAGE_INTERVAL, _DO_SET_MODE, _PX4_HOLD = 511, 176, (4.0, 3.0)
@@ -312,6 +314,8 @@ class Auditor:
                 sees = sample.verdict is RangeVerdict.OK and sample.direction_frd is not None
                 if sees and _dot(sample.direction_frd or _DOWN, _DOWN) > _SAME_BEAM_COS:
                     heard.air.hear_range(sample.distance_m)
+            case Ring() if any(distance == distance for distance in sample.distances_m):
+                heard.inputs_s[f"rangefinder {NO_ORIENTATION}"] = heard.inputs_s["rangefinders"] = sample.t_s
             case RotorSpeeds():
                 heard.air.hear_rotors(sample)
                 for name in self._rotors(sample):

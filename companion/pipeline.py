@@ -49,6 +49,7 @@ from companion.mavlink.samples import (
     Parameter,
     Pressure,
     Range,
+    Ring,
     RotorSpeeds,
     Sample,
     ServoOutput,
@@ -167,7 +168,7 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
                 state, t_s=now, stamped_s=stamped_s, estimates=estimates, timing=timing, response=response, drift=drift
             )
             return _follow_reset(state, sample.t_s)
-        case Range():
+        case Range() | Ring():
             return replace(state, t_s=now, estimates=est.take_range(estimates, sample, config))
         case RotorSpeeds():
             return replace(state, t_s=now, estimates=est.take_rotors(estimates, sample, config))

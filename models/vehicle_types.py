@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from models.toml_table import Within, Words, above
 
+NO_ORIENTATION = 255  # no MAV_SENSOR_ORIENTATION
 MAV_ORIENTATION_UP = 24  # MAV_SENSOR_ROTATION_PITCH_90
 TARGETS = ("ground", "wall", "ceiling", "none")
 RHO_SEA_LEVEL = 1.225  # kg/m^3, ISO 2533
@@ -88,11 +89,25 @@ class Throttle:
 
 @dataclass(frozen=True)
 class Rangefinder:
-    """A range sensor: ``orientation`` as sent on the wire, what it looks at, and where it sits (body FRD)."""
+    """A range sensor: ``orientation`` as sent on the wire, what it looks at, and where it sits (body FRD).
 
-    orientation: Annotated[int, Within(0, 255)]
-    target: Annotated[str, Words({target: target for target in TARGETS})]
-    position_m: _Place
+    ``ring``: a ring of so many directions around the vehicle (OBSTACLE_DISTANCE), which has no orientation.
+    """
+
+    REQUIRED: ClassVar = ("target", "position_m")
+    """Of a file."""
+    orientation: Annotated[int, Within(0, 255)] = NO_ORIENTATION
+    target: Annotated[str, Words({target: target for target in TARGETS})] = "none"
+    position_m: _Place = (0.0, 0.0, 0.0)
+    ring: Annotated[int, Within(4, 72)] = 0
+
+    def problem(self) -> Problem | None:
+        """What is wrong with the values together."""
+        if not self.ring:
+            return ("orientation", "is missing") if self.orientation == NO_ORIENTATION else None
+        if self.orientation != NO_ORIENTATION:
+            return "orientation", "and 'ring' are both given: a ring looks all around"
+        return ("target", "of a ring must be 'wall' or 'none'") if self.target not in ("wall", "none") else None
 
 
 @dataclass(frozen=True)
@@ -209,12 +224,14 @@ class Vehicle:
     def watched(self) -> tuple[Rangefinder, ...]:
         """The declared rangefinders, and after them one that looks up from the CG where none is declared to.
 
-        A ceiling is then known from an upward rangefinder that the vehicle file does not name.
+        A ceiling is then known from an upward rangefinder that the vehicle file does not name. A ring stands twice:
+        it sees up to two walls.
         """
         up = MAV_ORIENTATION_UP
-        if any(r.target == "ceiling" or r.orientation == up for r in self.rangefinders):
-            return self.rangefinders
-        return (*self.rangefinders, Rangefinder(up, "ceiling", (0.0, 0.0, 0.0)))
+        declared = tuple(r for r in self.rangefinders for _ in range(2 if r.ring else 1))
+        if any(r.target == "ceiling" or r.orientation == up for r in declared):
+            return declared
+        return (*declared, Rangefinder(up, "ceiling", (0.0, 0.0, 0.0)))
 
     def rangefinders_for(self, target: str) -> tuple[Rangefinder, ...]:
         """The rangefinders declared to look at ``target``."""

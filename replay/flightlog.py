@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.mavlink.range_beams import orientation_direction
-from companion.mavlink.samples import RangeVerdict
+from companion.mavlink.samples import RangeVerdict, Ring
 from models.air_state import DIRECTIONS
 from models.frames import Array
 
@@ -193,6 +193,8 @@ class FlightLog:
     imus: tuple[ImuRecord, ...] = ()
     """Best first: float before quantised, fast before slow."""
     beams: tuple[Beam, ...] = ()
+    rings: tuple[Ring, ...] = ()
+    """In order of time."""
     escs: Mapping[int, EscRecord] = field(default_factory=dict)
     """By ESC number, from 1; ESCs that never turned nor counted are left out."""
     servo: Series | None = None

@@ -24,6 +24,7 @@ from companion.estimation.range_geometry import (
     plane_distance,
 )
 from companion.estimation.range_jump import OldPlace, jumped, remembered
+from companion.estimation.ring_planes import placed, ring_view
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import (
     Attitude,
@@ -33,6 +34,7 @@ from companion.mavlink.samples import (
     Pressure,
     Range,
     RangeVerdict,
+    Ring,
     RotorSpeeds,
     ServoOutput,
     Vector3,
@@ -197,29 +199,70 @@ def _moved(old: OldPlace | None, by: Vector3) -> OldPlace | None:
     return old._replace(position_ned=(north + by[0], east + by[1], down + by[2]))
 
 
-def take_range(estimates: Estimates, sample: Range, config: PipelineConfig) -> Estimates:
+def take_range(estimates: Estimates, sample: Range | Ring, config: PipelineConfig) -> Estimates:
+    """The surfaces that one message of a range sensor sees."""
+    return take_ring(estimates, sample, config) if isinstance(sample, Ring) else take_beam(estimates, sample, config)
+
+
+def take_beam(estimates: Estimates, sample: Range, config: PipelineConfig) -> Estimates:
     """A range goes to the watched rangefinder that looks the same way; others are ignored, never guessed."""
     index = _match(estimates, sample, config.vehicle)
     if index is None or estimates.rows is None:
         return estimates
+    assert sample.direction_frd is not None
+    x, y, z = sample.direction_frd
+    north, east, down = [a * x + b * y + c * z for a, b, c in estimates.rows]
     verdict = sample.verdict
     slant = math.inf if verdict is RangeVerdict.ABOVE_MAX else sample.distance_m
     readable = verdict in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX) and slant == slant
-    old = estimates.beams[index]
-    read = _doubt(estimates, old, slant, index, sample, config.vehicle) if readable else old.read
-    beam = replace(
-        old,
-        verdict=verdict,
-        heard_s=sample.t_s,
-        sensor=(sample.component, sample.sensor_id),
-        slant_m=slant if readable else math.nan,
-        read=read,
+    heard = replace(estimates.beams[index], verdict=verdict, sensor=(sample.component, sample.sensor_id))
+    beam = _heard(
+        estimates, heard, index, sample.t_s, slant if readable else math.nan, (north, east, down), config.vehicle
     )
-    if readable and read.why is None:
-        beam = _read_beam(estimates, beam, index, sample, config)
-    else:
-        beam = replace(beam, clear_since_s=math.inf)
+    if readable and beam.read.why is None:
+        distance, normal = _plane(estimates, slant, index, sample, config)
+        beam = _read_beam(estimates, beam, sample.t_s, distance, normal, sample.sigma_m, config)
+    return _with_beam(estimates, index, beam)
+
+
+def take_ring(estimates: Estimates, sample: Ring, config: PipelineConfig) -> Estimates:
+    """The walls that a declared ring sees, one a place; a place without one sees nothing, or is not known."""
+    vehicle = config.vehicle
+    places = [k for k, sensor in enumerate(vehicle.watched) if sensor.ring and sensor.target == "wall"][:2]
+    beams = [estimates.beams[k] for k in places]
+    sensor = (sample.component, -1)
+    if not places or estimates.rows is None:
+        return estimates
+    if beams[0].sensor not in (None, sensor) and sample.t_s - beams[0].heard_s <= 1.0:
+        return estimates
+    ground = surface(estimates, config, "ground", sample.t_s).distance_m
+    view = ring_view(sample, estimates.rows, vehicle.watched[places[0]].position_m, ground, vehicle)
+    for k, old, plane in zip(places, beams, placed(view, [b.normal_ned for b in beams]), strict=True):
+        slant, verdict = plane.slant_m, RangeVerdict.OK
+        if not math.isfinite(slant):
+            verdict = RangeVerdict.ABOVE_MAX if slant == slant else RangeVerdict.LOW_QUALITY
+        if not plane.same_wall(old.normal_ned):
+            old = replace(old, track=None, read=UNREAD, jumped_from=None)
+        heard = replace(old, verdict=verdict, sensor=sensor)
+        beam = _heard(estimates, heard, k, sample.t_s, slant, plane.normal_ned, vehicle)
+        if slant == slant and beam.read.why is None:
+            beam = _read_beam(estimates, beam, sample.t_s, plane.distance_m, plane.normal_ned, None, config)
+        estimates = _with_beam(estimates, k, beam)
+    return estimates
+
+
+def _with_beam(estimates: Estimates, index: int, beam: BeamTrack) -> Estimates:
     return replace(estimates, beams=(*estimates.beams[:index], beam, *estimates.beams[index + 1 :]))
+
+
+def _heard(
+    estimates: Estimates, beam: BeamTrack, index: int, t_s: float, slant: float, beam_ned: Vector3, vehicle: Vehicle
+) -> BeamTrack:
+    """The beam after a reading ``slant`` (inf: nothing within range, NaN: not readable), before its plane is taken."""
+    readable = slant == slant
+    read = _doubt(estimates, beam, slant, index, t_s, beam_ned, vehicle) if readable else beam.read
+    clear_since_s = beam.clear_since_s if readable and read.why is None else math.inf
+    return replace(beam, heard_s=t_s, slant_m=slant, read=read, clear_since_s=clear_since_s)
 
 
 def _dot(a: Vector3, b: Vector3) -> float:
@@ -240,51 +283,61 @@ def _match(estimates: Estimates, sample: Range, vehicle: Vehicle) -> int | None:
     return None
 
 
-def _doubt(estimates: Estimates, beam: BeamTrack, slant: float, index: int, sample: Range, vehicle: Vehicle) -> Doubt:
+def _doubt(
+    estimates: Estimates, beam: BeamTrack, slant: float, index: int, t_s: float, beam_ned: Vector3, vehicle: Vehicle
+) -> Doubt:
     """An echo that was lost, a reading that froze: both are seen by the vehicle's own motion."""
-    position, rows = estimates.position, estimates.rows
-    assert rows is not None
-    assert sample.direction_frd is not None
-    if position is None or abs(sample.t_s - position.t_s) > _POSITION_NEAR_S or not estimates.trust.trusted:
+    position = estimates.position
+    if position is None or abs(t_s - position.t_s) > _POSITION_NEAR_S or not estimates.trust.trusted:
         return Doubt(None, None, beam.read.sight)
-    x, y, z = sample.direction_frd
-    north, east, down = [a * x + b * y + c * z for a, b, c in rows]
-    here = Sighting(slant, position.position_ned, (north, east, down))
+    here = Sighting(slant, position.position_ned, beam_ned)
     return doubt(here, beam.read, NO_MATTER_RADII * vehicle.rotor_radius_m, vehicle.watched[index].target)
 
 
-def _read_beam(estimates: Estimates, beam: BeamTrack, index: int, sample: Range, config: PipelineConfig) -> BeamTrack:
-    """The beam after a reading that the sensor itself believes; ``beam.slant_m`` is inf where nothing is in range."""
+def _plane(
+    estimates: Estimates, slant: float, index: int, sample: Range, config: PipelineConfig
+) -> tuple[float, Vector3]:
+    """Distance of the CG to the plane that a reading sees (inf: none in range, NaN: not known), and its direction."""
     declared = config.vehicle.watched[index]
     assert estimates.rows is not None
     assert sample.direction_frd is not None
     ground = math.inf
-    if declared.target == "wall" and math.isfinite(beam.slant_m):
+    if declared.target == "wall" and math.isfinite(slant):
         ground = surface(estimates, config, "ground", sample.t_s).distance_m
     plane = plane_distance(
-        declared.target, sample.direction_frd, declared.position_m, beam.slant_m, np.array(estimates.rows), ground,
+        declared.target, sample.direction_frd, declared.position_m, slant, np.array(estimates.rows), ground,
         config.vehicle.rotor_radius_m,
     )  # fmt: skip
-    distance, (north, east, down) = float(plane.distance_m), plane.normal_ned.tolist()
+    north, east, down = plane.normal_ned.tolist()
+    return float(plane.distance_m), (north, east, down)
+
+
+def _read_beam(
+    estimates: Estimates,
+    beam: BeamTrack,
+    t_s: float,
+    distance: float,
+    normal: Vector3,
+    sigma_m: float | None,
+    config: PipelineConfig,
+) -> BeamTrack:
+    """The beam after a reading that the sensor itself believes, as the plane at ``distance`` along ``normal``."""
     if math.isinf(distance):
-        return replace(beam, clear_since_s=min(beam.clear_since_s, sample.t_s))
+        return replace(beam, clear_since_s=min(beam.clear_since_s, t_s))
     if math.isnan(distance):
         return replace(beam, clear_since_s=math.inf, verdict=RangeVerdict.LOW_QUALITY)
     tuning = config.tuning
-    own = sample.sigma_m if sample.sigma_m is not None else tuning.range_sigma_m
+    own = sigma_m if sigma_m is not None else tuning.range_sigma_m
     # 1 cm steps on the wire add a uniform error of 1/sqrt(12) cm.
-    sigma = math.sqrt(own**2 + (tuning.range_sigma_share * sample.distance_m) ** 2 + 0.01**2 / 12.0)
-    track, verdict = measure(beam.track, tuning.range_track, sample.t_s, distance, sigma, tuning.range_delay_s)
+    sigma = math.sqrt(own**2 + (tuning.range_sigma_share * beam.slant_m) ** 2 + 0.01**2 / 12.0)
+    track, verdict = measure(beam.track, tuning.range_track, t_s, distance, sigma, tuning.range_delay_s)
     if verdict is Verdict.RESTARTED and beam.track is None and track is not None:
         track = track._replace(restarted_s=-math.inf)  # the first sight of a surface is not a step of it
-    return replace(
-        beam,
-        clear_since_s=math.inf,
-        track=track,
-        normal_ned=(north, east, down),
-        verdict=RangeVerdict.JUMP if verdict is Verdict.OUTLIER else sample.verdict,
-        jumped_from=_jumped_from(estimates, beam, verdict, distance, (north, east, down), sample.t_s, config),
-    )
+    old = _jumped_from(estimates, beam, verdict, distance, normal, t_s, config)
+    beam = replace(beam, clear_since_s=math.inf, track=track, jumped_from=old)
+    if verdict is Verdict.OUTLIER:
+        return replace(beam, verdict=RangeVerdict.JUMP)
+    return replace(beam, normal_ned=normal)
 
 
 def _jumped_from(
@@ -420,7 +473,7 @@ def _distance(one: Surface) -> float:
 
 def _seen_by(estimates: Estimates, config: PipelineConfig, target: str, t_s: float) -> list[Surface]:
     """What every beam that looks at ``target`` sees; an undeclared one that was never heard is not there."""
-    declared = len(config.vehicle.rangefinders)
+    declared = sum(2 if sensor.ring else 1 for sensor in config.vehicle.rangefinders)
     return [
         _beam_surface(beam, config, t_s)
         for k, (sensor, beam) in enumerate(zip(config.vehicle.watched, estimates.beams, strict=True))

@@ -91,6 +91,12 @@ _TABLE = (
         Raw("orientation"), Raw("id"), Raw("signal_quality"),
     ),
     _layout("RANGEFINDER", None, build.rangefinder, _q("distance", "distance", "m", 1e4)),
+    _layout(
+        "OBSTACLE_DISTANCE", Stamp.US64, build.obstacle_distance,
+        _q("distances", "distances", "cm", unknown=(65535,), array=True),
+        _q("limits", "min_distance max_distance", "cm"), _q("steps", "increment increment_f", "deg", 7.0),
+        _q("offset", "angle_offset", "deg", 100.0), Raw("frame"),
+    ),
     *_esc_telemetry_layouts(),
     _layout(
         "ESC_STATUS", Stamp.US64, build.esc_status,

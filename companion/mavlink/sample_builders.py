@@ -22,6 +22,7 @@ from companion.mavlink.samples import (
     Pressure,
     Quaternion,
     Range,
+    Ring,
     RotorSpeeds,
     ServoOutput,
     SetAttitudeTarget,
@@ -91,6 +92,27 @@ def rangefinder(head: Head, name: str, distance: tuple[float]) -> Range | None:
         return None
     verdict = range_verdict(distance[0], NAN, NAN, 0, True)
     return Range(*head, DOWN, 25, 0, distance[0], NAN, NAN, None, None, verdict, name)
+
+
+_NORTHWARD_FRAMES, _BODY_FRAMES = (0, 1), (8, 12)
+"""MAV_FRAME_GLOBAL and LOCAL_NED; MAV_FRAME_BODY_NED and BODY_FRD."""
+
+
+def obstacle_distance(
+    head: Head, _: str, distances: tuple[float, ...], limits: tuple[float, float], steps: tuple[float, float],
+    offset: tuple[float], frame: int,
+) -> Ring | None:  # fmt: skip
+    low, high = limits
+    whole, fine = steps
+    step = fine if fine > 0.0 else whole
+    if not (step > 0.0 and finite(offset)) or frame not in (*_NORTHWARD_FRAMES, *_BODY_FRAMES):
+        return None
+    used = distances[: int(2.0 * math.pi / step + 1e-3)]
+    beyond = high if high > 0.0 else math.inf
+    # NaN where nothing is known; at its least distance or nearer a sensor says nothing either.
+    known = tuple([NAN if not d > low else math.inf if d >= beyond else d for d in used])
+    bearings = tuple([offset[0] + k * step for k in range(len(used))])
+    return Ring(*head, bearings, known, frame in _NORTHWARD_FRAMES)
 
 
 def esc_telemetry(first_esc: int) -> Callable[..., RotorSpeeds]:

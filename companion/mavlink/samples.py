@@ -93,6 +93,17 @@ class Range(_Sample):
 
 
 @dataclass(frozen=True, slots=True)
+class Ring(_Sample):
+    """OBSTACLE_DISTANCE: slant ranges around the vehicle, inf where nothing is in range, NaN where unknown."""
+
+    bearings_rad: tuple[float, ...]
+    """Middle of each direction, positive to the right, from the nose (of a ring that tilts with the vehicle) or,
+    ``northward``, from north (of one that stays level)."""
+    distances_m: tuple[float, ...]
+    northward: bool
+
+
+@dataclass(frozen=True, slots=True)
 class EscHealth(_Sample):
     """What ESCs report beside their speed. ESC ``first_esc + i`` (from 1) at place i; NaN where unknown."""
 
@@ -217,6 +228,7 @@ Sample = (
     | LocalPosition
     | Imu
     | Range
+    | Ring
     | EscHealth
     | RotorSpeeds
     | Battery

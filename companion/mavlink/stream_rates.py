@@ -56,8 +56,10 @@ def wanted_streams(
         out.append(Wanted(ID_OF["HIGHRES_IMU"], 50.0, False))
     if recorded or vehicle.vanes or not vehicle.telemetered:
         out.append(Wanted(ID_OF["SERVO_OUTPUT_RAW"], 50.0, not vehicle.telemetered))
-    if vehicle.rangefinders:
+    if any(not sensor.ring for sensor in vehicle.rangefinders):
         out.append(Wanted(ID_OF["DISTANCE_SENSOR"], 25.0, True))
+    if any(sensor.ring for sensor in vehicle.rangefinders):
+        out.append(Wanted(ID_OF["OBSTACLE_DISTANCE"], 10.0, True))
     if stack is Stack.PX4:
         out.append(Wanted(ID_OF["ESTIMATOR_STATUS"], 5.0, False))
     else:

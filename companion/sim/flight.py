@@ -12,7 +12,7 @@ from companion.sim.autopilot import Autopilot
 from companion.sim.body import ARDUPILOT_MOTOR, DT, PX4_MOTOR, Body
 from companion.sim.px4 import Px4
 from companion.sim.scenario import Reference, Scenario
-from companion.sim.sensors import EscTelemetry, Estimate, Estimator, RangeSensor
+from companion.sim.sensors import EscTelemetry, Estimate, Estimator, RangeSensor, RingSensor
 from companion.sim.world import law_of
 from models.errors import ConfigError
 from models.frames import GRAVITY
@@ -50,7 +50,9 @@ class Flight:
         for name, value in (parameters or {}).items():
             if not self.autopilot.set_parameter(name, value):
                 raise ConfigError(f"simulated autopilot: no parameter '{name}'")
-        self.ranges = [RangeSensor(r, f"range {seed} {i}") for i, r in enumerate(vehicle.rangefinders)]
+        named = [(r, f"range {seed} {i}") for i, r in enumerate(vehicle.rangefinders)]
+        self.ranges = [RangeSensor(r, name) for r, name in named if not r.ring]
+        self.rings = [RingSensor(r, name) for r, name in named if r.ring]
         self.esc = EscTelemetry(self.body, seed)
         self.estimate: Estimate = self.estimator.step()
         self.script_began_s = math.inf
@@ -80,6 +82,8 @@ class Flight:
         body.step(pwm)
         for sensor in self.ranges:
             sensor.step(body)
+        for ring in self.rings:
+            ring.step(body)
         self.esc.step(body)
 
     def needed_tilt(self) -> tuple[float, float]:

@@ -182,6 +182,8 @@ class VehicleLink:
         frames = {number: framed(build) for number, build in table.items()}
         if self._flight.ranges:
             frames[mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR] = self._distance_frames
+        if self._flight.rings:
+            frames[mavlink.MAVLINK_MSG_ID_OBSTACLE_DISTANCE] = self._ring_frames
         if self._flight.vehicle.telemetered:
             if self._flight.px4:
                 frames[ESC_STATUS.id] = self._esc_status_frames
@@ -265,6 +267,19 @@ class VehicleLink:
             ).pack(self._mav)
             for index, sensor in enumerate(self._flight.ranges)
         ]
+
+    def _ring_frames(self) -> list[bytes]:
+        low, high = round(100.0 * RANGE_MIN_M), round(100.0 * RANGE_MAX_M)
+        out = []
+        for ring in self._flight.rings:
+            read = [min(round(100.0 * beam.reading_m), high + 1) for beam in ring.beams]
+            step_deg = math.degrees(ring.step_rad)
+            message = mavlink.MAVLink_obstacle_distance_message(
+                self.boot_us, mavlink.MAV_DISTANCE_SENSOR_LASER, read + [65535] * (72 - len(read)),
+                round(step_deg), low, high, step_deg, 0.0, mavlink.MAV_FRAME_BODY_FRD,
+            )  # fmt: skip
+            out.append(message.pack(self._mav))
+        return out
 
     def _esc_rpm(self) -> list[float]:
         """Speeds by ESC number, from 1; zero where no ESC is fitted."""

@@ -156,6 +156,21 @@ class RangeSensor:
         self._late.append(true_range(body, self.sensor.position_m, self.direction))
 
 
+class RingSensor:
+    """A ring of lidars, each as ``RangeSensor``: the first looks ahead, the others follow to the right."""
+
+    def __init__(self, sensor: Rangefinder, seed: str) -> None:
+        self.step_rad = 2.0 * math.pi / sensor.ring
+        self.beams = [RangeSensor(sensor, f"{seed} {k}") for k in range(sensor.ring)]
+        for k, beam in enumerate(self.beams):
+            beam.direction = (math.cos(k * self.step_rad), math.sin(k * self.step_rad), 0.0)
+
+    def step(self, body: Body) -> None:
+        """Sample when due."""
+        for beam in self.beams:
+            beam.step(body)
+
+
 def true_range(body: Body, position: Vec, direction: Vec) -> float:
     """Distance [m] along a body-fixed beam to the ground or the wall, inf where it meets neither."""
     r = body.rotation()

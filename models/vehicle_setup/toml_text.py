@@ -55,7 +55,9 @@ def _tables(name: str, items: tuple[object, ...]) -> Iterator[str]:
         yield ""
         yield f"[[{name}]]"
         for f in fields(item):  # type: ignore[arg-type]
-            yield _line(f.name, getattr(item, f.name), {})
+            value = getattr(item, f.name)
+            if value != f.default or f.name in getattr(item, "REQUIRED", ()):
+                yield _line(f.name, value, {})
 
 
 def _line(key: str, value: object, said: Mapping[str, str]) -> str:

@@ -48,6 +48,7 @@ def cut_out(log: FlightLog, start_s: float, end_s: float) -> FlightLog:
         attitude=part(log.attitude), rates=part(log.rates), position=part(log.position), velocity=part(log.velocity),
         imus=tuple(imu for imu in (_imu(i, start_s, end_s) for i in log.imus) if imu is not None),
         beams=tuple(beam for beam in (_beam(b, start_s, end_s) for b in log.beams) if beam is not None),
+        rings=tuple(ring for ring in log.rings if start_s <= ring.t_s < end_s),
         escs={
             number: EscRecord(part(esc.rpm), part(esc.temperature_c), part(esc.voltage_v), part(esc.current_a))
             for number, esc in log.escs.items()

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from companion.mavlink.decoders import columns
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.range_beams import beam_direction
+from companion.mavlink.sample_builders import obstacle_distance
+from companion.mavlink.samples import Ring
 from companion.mavlink.wire_layout import PER_SI
 from models.errors import LogError
 from models.frames import Array
@@ -179,6 +181,7 @@ class _Boot:
             velocity=position.series(position["velocity"]),
             imus=self._imus(vibration),
             beams=self._beams(),
+            rings=tuple(self._rings()),
             escs=self._escs(),
             servo=servos.get(0),
             servo_ports=servos,
@@ -273,6 +276,17 @@ class _Boot:
                 _median(np.sqrt(one["variance"])),
                 _WIRE_STEP_M,
             )
+
+    def _rings(self) -> Iterator[Ring]:
+        table = self._table("OBSTACLE_DISTANCE")
+        for k in np.argsort(table.t_s).tolist():
+            head = (float(table.t_s[k]), self._choice.system, int(table["component"][k]))
+            distances, limits, steps, offset = (
+                tuple(table[name][k].tolist()) for name in ("distances", "limits", "steps", "offset")
+            )
+            ring = obstacle_distance(head, table.name, distances, limits, steps, offset, int(table["frame"][k]))
+            if ring is not None and math.isfinite(ring.t_s):
+                yield ring
 
     def _escs(self) -> dict[int, EscRecord]:
         found: dict[tuple[int, str], list[Series]] = {}

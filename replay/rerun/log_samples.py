@@ -60,6 +60,7 @@ def _merged(log: FlightLog, origin_s: float) -> Iterator[Sample]:
     head = (log.system, _COMPONENT)
     streams: list[Iterator[Sample]] = [_heartbeats(log, origin_s), _attitudes(log, head), _positions(log, head)]
     streams += [_ranges(beam, head) for beam in log.beams if beam.source != "RANGEFINDER"]
+    streams += [iter(log.rings)]
     streams += [_speeds(number, esc, head) for number, esc in log.escs.items()]
     streams += [_servos(port, series, head) for port, series in log.servo_ports.items()]
     streams += [_batteries(log.battery, head), _targets(log, head), _commands(log, head), _landed(log, head)]

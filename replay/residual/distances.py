@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from companion.estimation.range_doubt import PAST_EDGE_M, UNREAD, Sighting, doubt
@@ -16,11 +18,13 @@ from companion.estimation.range_geometry import (
     plane_distance,
     wall_bearing,
 )
+from companion.estimation.ring_planes import placed, ring_view
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict
 from models.air_state import DIRECTIONS
 from models.frames import Array
-from models.vehicle import Vehicle
+from models.vehicle import Vector3, Vehicle
+from models.vehicle_types import NO_ORIENTATION
 from replay.flightlog import Beam, FlightLog, Series, best_beam, direction_name
 from replay.residual.grid import Mask
 
@@ -149,13 +153,49 @@ def _planes(
     return out
 
 
+def _ring_planes(
+    log: FlightLog, vehicle: Vehicle, t: Array, rotation: Array, position: Array, height: Array | None
+) -> list[PlaneDistance]:
+    """What the two places of a declared ring saw, as flight does (``estimator.take_ring``). ``t``: when it was read."""
+    sensor = next((s for s in vehicle.rangefinders_for("wall") if s.ring), None)
+    if sensor is None or not log.rings:
+        return []
+    near_m = NO_MATTER_RADII * vehicle.rotor_radius_m
+    before: list[Vector3 | None] = [None, None]
+    reads = [UNREAD, UNREAD]
+    times = np.array([ring.t_s for ring in log.rings])
+    found, normals = np.full((2, len(times)), np.nan), np.zeros((2, len(times), 3))
+    for i, row in enumerate(np.clip(np.searchsorted(t, times), 0, len(t) - 1).tolist()):
+        floor = np.inf if height is None else float(height[row])
+        view = ring_view(log.rings[i], rotation[row].tolist(), sensor.position_m, floor, vehicle)
+        north, east, down = position[row].tolist()
+        for k, plane in enumerate(placed(view, before)):
+            if plane.slant_m == plane.slant_m and math.isfinite(north + east + down):
+                here = Sighting(plane.slant_m, (north, east, down), plane.normal_ned)
+                reads[k] = doubt(here, reads[k] if plane.same_wall(before[k]) else UNREAD, near_m, "wall")
+            found[k, i] = np.nan if reads[k].why is not None else plane.distance_m
+            normals[k, i] = plane.normal_ned
+            before[k] = plane.normal_ned if math.isfinite(plane.slant_m) else before[k]
+    nearest = np.clip(np.searchsorted(times, t), 0, len(times) - 1)
+    return [PlaneDistance(beam_reading(_as_beam(times, one), t), normals[k][nearest]) for k, one in enumerate(found)]
+
+
+def _as_beam(times: Array, distance_m: Array) -> Beam:
+    """Distances (n,) to a wall as readings of a beam; inf where nothing is there, NaN where unknown."""
+    kinds = (RangeVerdict.OK, RangeVerdict.ABOVE_MAX, RangeVerdict.LOW_QUALITY)
+    verdicts = tuple(kinds[np.isinf(d) + 2 * np.isnan(d)] for d in distance_m)
+    series = Series(times, distance_m[:, None], "OBSTACLE_DISTANCE")
+    return Beam((1.0, 0.0, 0.0), 1, 0, NO_ORIENTATION, series.source, series, verdicts, 0.0, np.inf, np.nan, 0.0)
+
+
 def unseen_surfaces(log: FlightLog, vehicle: Vehicle) -> list[str]:
     """A line for everything that a declared rangefinder looks at and no message of the log measures."""
     notes = []
     for target in ("ground", "wall", "ceiling"):
         sensors = vehicle.rangefinders_for(target)
         beams = [_beam_of(log, sensor.orientation) for sensor in sensors]
-        if sensors and not any(beam is not None and len(beam.good) for beam in beams):
+        rings = target == "wall" and len(log.rings) > 0
+        if sensors and not rings and not any(beam is not None and len(beam.good) for beam in beams):
             notes.append(f"no range to the {target} in the log, but a declared rangefinder: taken to be far away")
     return notes
 
@@ -179,6 +219,9 @@ def distances(
     height = ground_height(log, vehicle, t, rotation, position, late_s)
     ceilings = _planes(log, vehicle, "ceiling", t, rotation, position, late_s)
     seen = _planes(log, vehicle, "wall", t, rotation, position, late_s, height)
+    for plane in _ring_planes(log, vehicle, t + late_s, rotation, position, height):
+        near_m = NO_MATTER_RADII * vehicle.rotor_radius_m
+        seen.append(_carried(_seen_at_both_ends(plane, position, near_m), t, position))
     out = {
         "h_m": far if height is None else fan_heights(vehicle, height, rotation),
         "ceiling_m": fan_ceilings(vehicle, nearest_level([c.distance_m for c in ceilings]), rotation)

@@ -23,6 +23,7 @@ from companion.sim.flight import Flight
 from companion.vehicles import default_vehicle
 from faults.tamper import Tamper, signer
 from models.surrogate.store import DEFAULT
+from models.vehicle import Rangefinder
 
 HEIGHT_M, WALL_M, GAP_M, LOW_M = 0.9, 1.2, 0.30, 0.45
 """Take-off, wall from the lip at the origin, lip to wall while the fault lasts, height of the CG there."""
@@ -85,6 +86,8 @@ class Fault:
     """Contact with the wall that physics does not let it avoid: the fault's own words say why."""
     clock_ms: int = 0
     """The autopilot's clock when the simulation starts."""
+    ring: int = 0
+    """Directions of a ring that sees the wall in place of the wall range."""
     stacks: tuple[str, ...] = STACKS
 
 
@@ -176,6 +179,10 @@ def _fly(fault: Fault, stack: str, seed: int, own: PipelineConfig, folder: Path)
     times = [math.inf, math.inf]
     if fault.own_model:
         own = replace(own, model=models.load(copied_model(folder)))
+    if fault.ring:
+        ring = Rangefinder(target="wall", position_m=(0.0, 0.0, 0.0), ring=fault.ring)
+        others = [sensor for sensor in own.vehicle.rangefinders if sensor.target != "wall"]
+        own = replace(own, vehicle=replace(own.vehicle, rangefinders=(*others, ring)))
     benches: list[Bench] = []
 
     def script(p: CasePilot) -> Iterator[float]:

@@ -18,7 +18,7 @@ from companion.sim.autopilot import Mode
 from faults.campaign import LOW_M, WALL_M, Act, Bench, Fault, Result, fly, silent_drift_m
 from faults.tamper import signed, signer
 
-HEARTBEAT, ATTITUDE, POSITION, RANGE = 0, 31, 32, 132
+HEARTBEAT, ATTITUDE, POSITION, RANGE, RING = 0, 31, 32, 132, 330
 ESC, ESC_STATUS, ESC_INFO, LANDED = 11030, 291, 290, 245
 DOWN, WALL = 25, 2
 ROTORS = (ESC, ESC_STATUS)
@@ -98,6 +98,24 @@ def frozen_then_move(orientation: int, east: float, up: float) -> Act:
         _, e, d = b.flight.body.position
         b.pilot.go(0.0, e + east, up - d)
         b.pilot.judge(east=east, up=up)
+
+    return begin
+
+
+def frozen_ring(east: float) -> Act:
+    """The half of a ring that looks at the wall repeats itself; a moment later the vehicle is sent elsewhere."""
+
+    def begin(b: Bench) -> None:
+        held: list[list[int]] = []
+
+        def edit(m: Any) -> None:
+            held.append(list(m.distances))
+            m.distances = [*held[0][:5], *m.distances[5:]]
+
+        b.tamper.edits[RING] = edit
+        _, e, d = b.flight.body.position
+        b.pilot.go(0.0, e + east, -d)
+        b.pilot.judge(east=east)
 
     return begin
 
@@ -527,6 +545,8 @@ FAULTS = (
           seconds=5.0, off_m=0.5),
     Fault("range_wall_frozen", "the wall range repeats itself, then away from the wall",
           frozen_then_move(WALL, -0.5, 0.0), seconds=5.0, off_m=0.6),
+    Fault("ring_frozen", "directions of a ring to the wall repeat themselves, then away from the wall",
+          frozen_ring(-0.5), seconds=5.0, off_m=0.6, ring=8),
     Fault("range_down_no_echo", "the ground range reads out of range", ranges(DOWN, reads(6000))),
     Fault("range_wall_no_echo", "the wall range reads out of range", ranges(WALL, reads(6000))),
     Fault("range_down_jump_up", "the ground range jumps by +0.5 m", ranges(DOWN, shift(50))),
