@@ -18,7 +18,10 @@ def flown():
     """Stood on the ground, and is held in the air."""
     b = bench(height=STANDING_M, rpm=1200.0, landed=1)
     assert Reason.LANDED in b.run(1.0).reasons
-    b.height, b.rpm, b.landed = HELD_M, 4000.0, 2
+    b.rpm, b.landed = 4000.0, 2
+    for k in range(1, 31):
+        b.height = STANDING_M + k / 30.0 * (HELD_M - STANDING_M)
+        b.run(0.05)
     assert b.run(6.0).reasons == ()
     return b
 
