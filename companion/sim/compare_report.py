@@ -65,15 +65,26 @@ class Spread:
         return Spread(float(np.mean(finite)), float(np.std(finite, ddof=1)) if len(finite) > 1 else 0.0)
 
 
-def air_part(flights: Sequence[Flown], leg: Leg = Leg.ON) -> dict[str, float] | None:
-    """How much of the air-caused error ``leg`` removes, per axis, over all seeds that flew OFF, ``leg`` and FREE.
+@dataclass(frozen=True)
+class AirPart:
+    """How much of the air-caused error the offsets remove, per axis.
 
-    1 - sum |e_leg - e_free|^2 / sum |e_off - e_free|^2, instant by instant on flights that share their noise. None
-    where no seed flew all three; NaN where the air adds nothing.
+    ``energy`` = 1 - (E2_on - E2_free) / (E2_off - E2_free), with E2 summed over the seeds: the trajectory's own error
+    cancels on average only, so that it scatters where the air adds little. ``paired`` = 1 - sum |e_on - e_free|^2 /
+    sum |e_off - e_free|^2, instant by instant on flights that share their noise: the same question, less scatter.
     """
-    left = {axis: np.zeros(2) for axis in AXES}
+
+    energy: dict[str, float]
+    paired: dict[str, float]
+
+
+def air_part(flights: Sequence[Flown], leg: Leg = Leg.ON) -> AirPart | None:
+    """Over all seeds that flew OFF, ``leg`` and FREE; None where none did."""
+    seeds = sorted({f.seed for f in flights})
+    energy = {axis: np.zeros(3) for axis in AXES}
+    paired = {axis: np.zeros(2) for axis in AXES}
     used = 0
-    for seed in sorted({f.seed for f in flights}):
+    for seed in seeds:
         by = {f.leg: f for f in flights if f.seed == seed}
         if not {Leg.OFF, leg, Leg.FREE} <= set(by):
             continue
@@ -81,11 +92,15 @@ def air_part(flights: Sequence[Flown], leg: Leg = Leg.ON) -> dict[str, float] | 
         off, on, free = by[Leg.OFF], by[leg], by[Leg.FREE]
         n = min(len(off.time_s), len(on.time_s), len(free.time_s))
         for axis in AXES:
+            energy[axis] += [f.rms(axis) ** 2 for f in (off, on, free)]
             a, b, c = (getattr(f, axis)[:n] for f in (off, on, free))
-            left[axis] += [float(np.sum((a - c) ** 2)), float(np.sum((b - c) ** 2))]
+            paired[axis] += [float(np.sum((a - c) ** 2)), float(np.sum((b - c) ** 2))]
     if not used:
         return None
-    return {axis: float(1.0 - e[1] / e[0]) if e[0] > 0.0 else math.nan for axis, e in left.items()}
+    return AirPart(
+        energy={a: float(1.0 - (e[1] - e[2]) / (e[0] - e[2])) if e[0] > e[2] else math.nan for a, e in energy.items()},
+        paired={a: float(1.0 - p[1] / p[0]) if p[0] > 0.0 else math.nan for a, p in paired.items()},
+    )
 
 
 # -- JSON ------------------------------------------------------------------------------------------------------------
@@ -143,8 +158,11 @@ def _approaches_json(flights: Sequence[Flown], found: Comparison) -> list[dict[s
     ]
 
 
-def _part_json(part: Mapping[str, float]) -> dict[str, float | None]:
-    return {axis: None if math.isnan(v) else round(v, 4) for axis, v in part.items()}
+def _part_json(part: AirPart) -> dict[str, Any]:
+    return {
+        name: {a: None if math.isnan(v) else round(v, 4) for a, v in values.items()}
+        for name, values in (("energy", part.energy), ("paired", part.paired))
+    }
 
 
 def _rms(flights: Sequence[Flown], axis: str, approach: int, phase: str | None) -> float:
@@ -179,7 +197,8 @@ def as_text(found: Comparison) -> str:
     for leg, words in ((Leg.ON, "the offsets remove"), (Leg.ADAPTED, "the adapted offsets remove")):
         part = air_part(found.flights, leg)
         if part is not None:
-            lines += ["", f"of the error that the air causes, {words}", _part_line(part)]
+            lines += ["", f"of the error that the air causes, {words}"]
+            lines += [_part_line("by energy", part.energy), _part_line("instant by instant", part.paired)]
     return "\n".join(lines)
 
 
@@ -206,6 +225,6 @@ def _phase_lines(leg: Leg, flights: Sequence[Flown], found: Comparison) -> list[
     return out
 
 
-def _part_line(shares: Mapping[str, float]) -> str:
+def _part_line(name: str, shares: Mapping[str, float]) -> str:
     cells = "".join(f"{axis} {100 * v:.0f} %   " if math.isfinite(v) else f"{axis} -   " for axis, v in shares.items())
-    return f"  {cells}".rstrip()
+    return f"  {name:20}{cells}".rstrip()

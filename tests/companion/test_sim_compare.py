@@ -55,15 +55,16 @@ def test_a_remaining_share_of_the_air_is_found_again():
     part = air_part(flights(left=0.4) + flights(2, left=0.4))
     assert part is not None
     for axis in AXES:
-        assert part[axis] == pytest.approx(1.0 - 0.4**2, abs=1e-9)
+        assert part.paired[axis] == pytest.approx(1.0 - 0.4**2, abs=1e-9)
+        assert part.energy[axis] == pytest.approx(1.0 - 0.4**2, abs=0.05)
 
 
 def test_offsets_that_do_nothing_remove_nothing_and_harm_is_negative():
     nothing, harm = air_part(flights(left=1.0)), air_part(flights(left=1.5))
     assert nothing is not None
     assert harm is not None
-    assert nothing["height"] == pytest.approx(0.0)
-    assert harm["height"] < -1.0
+    assert nothing.paired["height"] == pytest.approx(0.0)
+    assert harm.paired["height"] < -1.0
 
 
 def test_without_a_free_flight_there_is_no_air_part():
@@ -74,7 +75,8 @@ def test_air_that_adds_nothing_has_no_share():
     still = [leg(Leg.OFF, 1, 0.0), leg(Leg.ON, 1, 0.0), leg(Leg.FREE, 1, 0.0)]
     part = air_part(still)
     assert part is not None
-    assert math.isnan(part["height"])
+    assert math.isnan(part.energy["height"])
+    assert math.isnan(part.paired["height"])
     assert "-" in as_text(compared(*still)).splitlines()[-1]
 
 
@@ -100,7 +102,7 @@ def test_json_has_means_shares_and_every_flight():
     assert report["seeds"] == [1, 2]
     assert set(report["legs"]) == {"autopilot", "off", "on", "free"}
     assert report["legs"]["on"]["height"]["rms"]["sd"] == pytest.approx(0.0)
-    assert report["air_caused_part_removed"]["on"]["tilt"] == pytest.approx(0.84, abs=1e-3)
+    assert report["air_caused_part_removed"]["on"]["paired"]["tilt"] == pytest.approx(0.84, abs=1e-3)
     assert report["model_error"] == {"lift": 0.2, "pull": 0.21, "tilt": 0.15, "without_offsets": 1.0}
     assert len(report["flights"]) == 8
 
