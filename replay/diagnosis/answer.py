@@ -80,7 +80,7 @@ class Diagnosis:
             self._as_found(n)
             if n.found.effect.name in joint
             else to_adopt(
-                n.found.effect, n.found.estimates, self.records[n.record].context,
+                n.found.effect, n.found.estimates, self.records[n.record].context, n.found.without,
                 one_wind=windy and len(self.records) == 1,
             )
             for n in self.named
@@ -203,6 +203,8 @@ def _effect(n: Named, answer: Diagnosis) -> dict[str, Any]:
         "equation": f.effect.equation,
         "sign": f.effect.sign,
     }
+    if f.without:
+        out["without"] = f.without
     if len(answer.traces) > 1:
         out["flights"] = {answer.traces[i].record.name: parameters for i, parameters in n.of_flight.items()}
     return out
@@ -227,6 +229,8 @@ def _effect_text(n: Named, answer: Diagnosis) -> list[str]:
         f"  {f.effect.name} ({sure}): {numbers}; explains {n.explains:.0%}",
         f"    {kept_words(f.effect)}",
     ]
+    if f.without:
+        lines.append(f"    not on {', '.join(f.without)}: there it makes the error larger")
     if f.aliases:
         lines.append(f"    or {', '.join(f.aliases)}; to separate them: {f.effect.excite}")
     return lines

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -72,6 +72,8 @@ class Found:
     probability: float
     aliases: tuple[str, ...]
     flight: int
+    without: tuple[str, ...] = ()
+    """Axes on which it does not act: there it raises the error of held-out time."""
     confirmed_by: tuple[int, ...] = ()
     """Flights whose residual it lowers where it was fitted on the others."""
     of_flight: dict[int, dict[str, float]] = field(default_factory=dict)
@@ -133,9 +135,13 @@ def summarise(walked: Walked, seed: int) -> Searched:
     if mapped is not walked:
         walked, fits = _helpful(mapped)
     chosen = [t for t in walked.best.terms if t.effect is not None]
+    # A map and the laws that it corrects are known well only as a sum.
+    maps = [t.effect for t in chosen if t.effect is not None and t.effect.remainder]
+    joint = {name for effect in maps for name in (effect.name, *effect.aliases)}
+    fits, without = _by_axis(fits, [t.key for t in chosen if t.name not in joint])
     traces = tuple(_trace(fit, seed) for fit in fits)
     total = max(sum(f.energy(f.before) for f in fits), 1e-12)
-    found = _at_most_all([_found(walked, term, fits, rivals, total) for term in chosen])
+    found = _at_most_all([_found(walked, term, fits, rivals, total, without) for term in chosen])
     return Searched(traces, tuple(found), _rejected(walked, {t.name for t in chosen}))
 
 
@@ -197,6 +203,33 @@ def _helpful(walked: Walked) -> tuple[Walked, list[FlightFit]]:
     return _helpful(replace(walked.without(worst), worse=walked.worse | {worst[0]}))
 
 
+def _by_axis(fits: Sequence[FlightFit], keys: Sequence[Key]) -> tuple[list[FlightFit], dict[Key, tuple[str, ...]]]:
+    """Every flight without effects on axes of which they raise the error of held-out time; by ``keys``, these axes.
+
+    One after the other, the worst first: the others are judged beside what is left.
+    """
+    fits = list(fits)
+    without: dict[Key, tuple[str, ...]] = {}
+    while True:
+        gains = {
+            (key, axis): round(sum(f.gain(key, axis) for f in fits if key in f.effects) / _before(fits, axis), 9)
+            for axis in sorted({axis for f in fits for axis in f.record.axes})
+            for key in keys
+            if AXES[axis] not in without.get(key, ())
+        }
+        worst = min(gains, key=lambda pair: gains[pair], default=None)
+        if worst is None or gains[worst] > -WORSE_SHARE:
+            return fits, without
+        key, axis = worst
+        fits = [f.without_axis(key, axis) if key in f.effects else f for f in fits]
+        without[key] = (*without.get(key, ()), AXES[axis])
+
+
+def _before(fits: Sequence[FlightFit], axis: int) -> float:
+    """Energy of an axis with no effect, in hundredths of the weight."""
+    return max(sum(float(((f.before[f.record.valid, axis] / f.unit[axis]) ** 2).sum()) for f in fits), 1e-12)
+
+
 def _gain(key: Key, fits: Sequence[FlightFit]) -> float:
     """Energy of held-out time that one effect takes off beside the others."""
     return sum(f.energy(f.without(key)) - f.energy(f.after) for f in fits if key in f.effects)
@@ -232,7 +265,10 @@ def _carriers(fit: FlightFit, free: tuple[Channel, ...]) -> tuple[Channel, ...]:
     return (*extra, *fit.curves) if first else (*fit.curves, *extra)
 
 
-def _found(walked: Walked, term: Term, fits: Sequence[FlightFit], rivals: Sequence[Rival], total: float) -> Found:
+def _found(
+    walked: Walked, term: Term, fits: Sequence[FlightFit], rivals: Sequence[Rival], total: float,
+    without: Mapping[Key, tuple[str, ...]],
+) -> Found:  # fmt: skip
     assert term.effect is not None
     acting = {i: f.effects[term.key] for i, f in enumerate(fits) if term.key in f.effects}
     carried = {axis for a in acting.values() for axis in a.axes}
@@ -252,6 +288,7 @@ def _found(walked: Walked, term: Term, fits: Sequence[FlightFit], rivals: Sequen
         probability=round(min(walked.probability(term.name, aliases), max(main, default=1.0)), 3),
         aliases=aliases,
         flight=_shown_by(term, fits),
+        without=without.get(term.key, ()),
         confirmed_by=tuple(i for i, f in enumerate(fits) if term.key in f.confirms),
         of_flight={i: a.parameters for i, a in acting.items()},
     )

@@ -132,6 +132,7 @@ def flights(data: Path, cache: Path, source: str) -> list[Flight]:
                 get(e["name"]),
                 [Estimate(k, p["value"], tuple(p["ci95"]), p["unit"]) for k, p in e["parameters"].items()],
                 records[0].context,
+                e.get("without", ()),
                 one_wind=any(other["name"] == "wind" for other in named),
             )
             for e in named
