@@ -88,11 +88,16 @@ def fault_lines(faults: Sequence[Mapping[str, str]]) -> list[str]:
 
 
 def write_answer(
-    a: argparse.Namespace, content: Mapping[str, Any], lines: Sequence[str], page: Callable[[], str]
+    a: argparse.Namespace, content: Mapping[str, Any], lines: Sequence[str], page: Callable[[], str] | None = None
 ) -> None:
-    """Write what ``--json`` and ``--report`` ask for, and print the lines unless ``--quiet``."""
+    """Write what ``--json`` and ``--report`` ask for, and print the lines unless ``--quiet``.
+
+    ``page``: of commands that have a ``--report``.
+    """
     if a.json is not None:
         write_json(content, a.json)
-    written = [] if a.report is None else [write_document("--report", a.report / "report.html", page())]
+    written = []
+    if page is not None and a.report is not None:
+        written.append(write_document("--report", a.report / "report.html", page()))
     if a.json != "-" and not a.quiet:
         print("\n".join([*lines, *(f"report: {path}" for path in written)]))

@@ -113,7 +113,7 @@ def draft(paths: Sequence[Path], given: Given, target_system: int | None = None)
     start, said = build(_answers(logs, frame, parameters, sizes))
     found, how = _measured(list(_records(paths, logs, start, target_system)), start)
     hover, source = _hover(found, said["hover_thrust"], start.hover_thrust, how)
-    said |= {e.key: f"measured in {how}" for e in found.estimates} | {"hover_thrust": source}
+    said |= {key: f"measured in {how}" for key in found.measured} | {"hover_thrust": source}
     vehicle = replace(found.vehicle, hover_thrust=hover)
     known, assumed = _facts(vehicle, frame, sizes, said)
     vehicle = replace(vehicle, assumed=tuple(f.key for f in assumed if f.key in ASSUMABLE))
@@ -187,7 +187,7 @@ def _answers(
     return Answers(
         name=f"{frame.name}, drafted from {logs[0].path.name}",
         mass_kg=sizes["mass_kg"].value, propeller_m=2.0 * sizes["rotor_radius_m"].value, motors=frame.motors,
-        numbers=frame.numbers, arm_m=sizes["position_m"].value, rotor_down_m=0.0, telemetered=frame.telemetered,
+        numbers=frame.numbers, arm_m=sizes["position_m"].value, telemetered=frame.telemetered,
         voltage_v=round(float(np.median(voltage)), 2) if voltage.size else _VOLTAGE_V,
         ranges=tuple(_ranges(logs, parameters)), parameters=parameters,
     )  # fmt: skip
@@ -228,15 +228,15 @@ def _measured(records: Sequence[Record], start: Vehicle) -> tuple[Fit, str]:
     """Thrust by free hover; where there is too little, by all free flight, then by all flight."""
     for rows, how in ((hovering, "free hover"), (free_flight, "free flight")):
         if sum(rows(r).sum() * r.step_s for r in records) >= ENOUGH_S:
-            return fit_records(records, start, rows, bend=False), how
-    return fit_records(records, start, lambda r: r.valid, bend=False), "the whole flight"
+            return fit_records(records, start, rows), how
+    return fit_records(records, start, lambda r: r.valid), "the whole flight"
 
 
 def _hover(found: Fit, said: str, start: float, how: str) -> tuple[float, str]:
     """ArduPilot learns MOT_THST_HOVER in flight; PX4's MPC_THR_HOVER is what somebody typed in."""
     if said == "MOT_THST_HOVER":
         return start, said
-    if any(e.key == "hover_thrust" for e in found.estimates):
+    if "hover_thrust" in found.measured:
         return found.vehicle.hover_thrust, f"measured in {how}"
     if math.isfinite(found.output):
         return round(found.output, 3), f"mean output in {how}"
