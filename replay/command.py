@@ -88,16 +88,11 @@ def fault_lines(faults: Sequence[Mapping[str, str]]) -> list[str]:
 
 
 def write_answer(
-    a: argparse.Namespace, content: Mapping[str, Any], lines: Sequence[str], page: Callable[[], str] | None = None
+    a: argparse.Namespace, content: Mapping[str, Any], lines: Sequence[str], page: Callable[[], str]
 ) -> None:
-    """Write what ``--json`` and ``--report`` ask for, and print the lines unless ``--quiet``.
-
-    ``page``: of commands that have a ``--report``.
-    """
+    """Write what ``--json`` and ``--report`` ask for, and print the lines unless ``--quiet``."""
     if a.json is not None:
         write_json(content, a.json)
-    written = []
-    if page is not None and a.report is not None:
-        written.append(write_document("--report", a.report / "report.html", page()))
+    written = [] if a.report is None else [write_document("--report", a.report / "report.html", page())]
     if a.json != "-" and not a.quiet:
         print("\n".join([*lines, *(f"report: {path}" for path in written)]))

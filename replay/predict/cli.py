@@ -29,6 +29,7 @@ def add_parser(commands: Any) -> None:
         "--frozen", action="store_true",
         help="fit nothing; without it, wind, load and accelerometer offset come from the first 20 s of each flight",
     )  # fmt: skip
+    p.add_argument("--report", type=Path, metavar="DIR", help="write a self-contained HTML page")
     p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
     p.add_argument("--json", metavar="FILE", help="write the answer as JSON (- for stdout)")
     p.add_argument("--quiet", action="store_true", help="no progress bar and no text")
@@ -40,9 +41,10 @@ def run(a: argparse.Namespace) -> int:
     # Imported here so that --help answers at once.
     from replay.command import check_targets, declared, fault_lines, progress_bar, write_answer
     from replay.diagnosis.model_faults import model_faults
+    from replay.predict.page import page
     from replay.predict.predict import predict
 
-    check_targets(a.json)
+    check_targets(a.json, report=a.report)
     vehicle, chosen = declared(a.vehicle, a.model)
     folders = [log for log in a.logs if log.is_dir()]
     if folders:
@@ -52,5 +54,5 @@ def run(a: argparse.Namespace) -> int:
     )
     faults = model_faults(answer.records, chosen)
     content = answer.as_json(a.model) | {"log_faults": faults}
-    write_answer(a, content, [*fault_lines(faults), answer.as_text()])
+    write_answer(a, content, [*fault_lines(faults), answer.as_text()], lambda: page(answer, vehicle, faults))
     return 0

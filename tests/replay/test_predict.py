@@ -17,6 +17,7 @@ from models.frames import Array
 from models.vehicle import load_vehicle
 from replay.cli import main
 from replay.diagnosis.amended_model import amended
+from replay.predict.page import page
 from replay.predict.predict import LEARNING_S, Prediction, predict, predicted
 from replay.residual.record import Record
 
@@ -76,12 +77,15 @@ def test_a_day_without_anything_is_found_to_be_nothing(quiet: Record) -> None:
         assert error.with_effects < 1.3 * error.without
 
 
-def test_errors_come_by_axis_and_regime_in_json_and_text(quiet: Record) -> None:
+def test_errors_come_by_axis_and_regime_in_json_text_and_page(quiet: Record) -> None:
     answer = flown(quiet, (SCALE,), (SCALE,), frozen=True)
     said = json.loads(json.dumps(answer.as_json("m"), allow_nan=False))
     assert set(said["axes"]["Fz"]) == {"rms_without", "rms_with", "interval", "unit"}
     assert {"low", "far"} <= {r["regime"] for r in said["regimes"]}
     assert "Fz" in answer.as_text()
+    html = page(answer, default_vehicle())
+    assert "<svg" in html
+    assert "http" not in html
 
 
 def refused(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
