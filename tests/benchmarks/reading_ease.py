@@ -21,6 +21,8 @@ NOTEBOOK = sorted((ROOT / "docs" / "lab").glob("*.md"))
 PAIRS = ROOT / "docs" / "lab" / "words.md"
 """Old sentences beside new ones: not a page to measure."""
 GOAL = 10.0
+NEXT_SENTENCE = r"(?<=[.!?])\s+(?=[A-Z(]|--|\S*_\S)"
+"""A sentence begins with a capital letter, or with the name of something in the program."""
 PER_WORD = 0.2
 """What one word adds to the hardness of a sentence, beside its grade."""
 SHORTEST_WORDS = 8
@@ -29,7 +31,7 @@ SHORTEST_WORDS = 8
 
 def plain(markdown: str) -> str:
     """The text without code blocks, comments, addresses of links and marks."""
-    text = re.sub(r"```.*?```|<!--.*?-->", "", markdown, flags=re.S)
+    text = re.sub(r"```.*?```|<!--.*?-->|^    .*?$|^Command: .*?$", "", markdown, flags=re.S | re.M)
     return re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", text).replace("`", "").replace("*", "")
 
 
@@ -56,7 +58,7 @@ def sentences(markdown: str) -> list[str]:
     """Every sentence of running text and of table cells."""
     rows = [line.strip() for line in plain(markdown).splitlines() if line.strip().startswith("|")]
     cells = [cell.strip() for row in rows for cell in row.strip("|").split("|") if re.search("[a-z]", cell)]
-    return [s for text in (*blocks(markdown), *cells) for s in re.split(r"(?<=[.!?])\s+(?=[A-Z(*])", text)]
+    return [s for text in (*blocks(markdown), *cells) for s in re.split(NEXT_SENTENCE, text)]
 
 
 def grades() -> dict[Path, float]:
