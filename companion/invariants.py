@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
-from companion.config import Tuning
 from companion.control.authority import HOLDS_BACK_EVERYTHING
+from companion.control.refusals import LATE_FADE_S
 from companion.mavlink.firmware import Stack, stack_of, takes_setpoints
 from companion.mavlink.frames import Frame
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
@@ -37,7 +37,7 @@ from companion.mavlink.samples import (
     Vector3,
 )
 from companion.mavlink.setpoints import ATTITUDE_IGNORED, RATES_IGNORED, SET_ATTITUDE_TARGET, SET_POSITION_TARGET
-from companion.pipeline import Decision
+from companion.pipeline import MAX_THRUST, MIN_THRUST, Decision
 from models.frames import GRAVITY
 from models.vehicle import Limits, Vehicle
 from models.vehicle_types import NO_ORIENTATION
@@ -228,10 +228,8 @@ class Auditor:
         hold: bool = True,
         dry_run: bool = False,
         system: int | None = None,
-        tuning: Tuning | None = None,
     ) -> None:
         self._limits = Limits() if vehicle is None else vehicle.limits
-        self._tuning = tuning or Tuning()
         self._needs = _needed_inputs(vehicle, hold)
         self._vehicle = vehicle
         self._hold, self._dry_run = hold, dry_run
@@ -302,7 +300,7 @@ class Auditor:
             case Attitude():
                 heard.now_s = heard.basis_s = sample.t_s
                 heard.inputs_s["attitude"] = sample.t_s
-                if sample.late_s <= self._tuning.late_fade_s:
+                if sample.late_s <= LATE_FADE_S:
                     heard.inputs_s["timely telemetry"] = sample.t_s
             case LocalPosition():
                 heard.inputs_s["position"] = sample.t_s
@@ -365,7 +363,7 @@ class Auditor:
         proper = abs(size - 1.0) <= _UNIT
         rates_only = bool(mask & ATTITUDE_IGNORED)
         self._check(Promise.QUATERNION, proper or rates_only, f"|q| = {size:g}")
-        low, high = (self._tuning.min_thrust, self._tuning.max_thrust) if self._hold else (0.0, 1.0)
+        low, high = (MIN_THRUST, MAX_THRUST) if self._hold else (0.0, 1.0)
         self._check(Promise.THRUST, low - _WIRE <= thrust <= high + _WIRE, f"thrust {thrust:g}")
         whole = mask & RATES_IGNORED in (0, RATES_IGNORED) and not mask & _THROTTLE_IGNORED
         self._check(Promise.FORM, whole and self._addressed(system, component), f"mask {mask}, to {system}/{component}")

@@ -16,6 +16,8 @@ NOT_OURS = frozenset({Reason.NOT_ARMED, Reason.WRONG_MODE, Reason.LANDED})
 """Refusals after which somebody else flies, or nobody does: nothing is sent."""
 NO_PLACE = frozenset({Reason.POSITION_UNTRUSTED})
 """Refusals that make a place worthless. A position that only does not arrive here is still known to the autopilot."""
+PARTING_S = 0.5
+"""Letting go takes so long: level by degrees, or the place sent to the autopilot several times."""
 _CLIMB_RATE_ZERO = 0.5
 """Thrust where ArduPilot reads it as a climb rate: neither up nor down."""
 
@@ -48,10 +50,10 @@ def part(
 
 
 def parting_command(
-    parting: Parting, thrust: ThrustMap, refusals: set[Reason], t_s: float, parting_s: float
+    parting: Parting, thrust: ThrustMap, refusals: set[Reason], t_s: float
 ) -> AttitudeCommand | PositionCommand | None:
     """What to send while letting go; None once it is over. An attitude stream must not end with a tilt."""
-    share = (t_s - parting.since_s) / parting_s
+    share = (t_s - parting.since_s) / PARTING_S
     if not 0.0 <= share <= 1.0:
         return None
     last = parting.last
