@@ -53,10 +53,10 @@ def run(a: argparse.Namespace) -> int:
     for path in tqdm(a.logs, unit="log", disable=not shown, leave=False, file=sys.stderr):
         refusal = ""
         try:
-            vehicle, chosen, _ = of_logs(a.vehicle, a.model, [path], Given(), a.target_system)
+            vehicle, chosen, draft = of_logs(a.vehicle, a.model, [path], Given(), a.target_system)
         except LogError as error:
             refusal = str(error).removeprefix(f"{path}: ")
-            vehicle, chosen = declared(None, a.model)
+            vehicle, chosen, draft = *declared(None, a.model), None
         try:
             answer = inspect(
                 path, vehicle, chosen, a.target_system, assumed, refusal=refusal, decide=a.companion, quiet=a.quiet
@@ -66,7 +66,7 @@ def run(a: argparse.Namespace) -> int:
             answers.append({"log": str(path), "error": str(error)})
             print(f"replay: {error}", file=sys.stderr)
             continue
-        answers.append(answer.as_json())
+        answers.append(answer.as_json() | ({} if draft is None else {"drafted": draft.as_json()}))
         if a.json != "-" and not a.quiet:
             print(answer.as_text())
             if chosen.note and not refusal:

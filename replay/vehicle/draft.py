@@ -28,6 +28,7 @@ from replay.logs.formats import read_pieces
 from replay.residual.record import Record, build_record
 from replay.vehicle import tandem
 from replay.vehicle.airframe import Airframe, airframe, turns
+from replay.vehicle.corrected import HOVER_RPM, corrected, hover_rpm
 from replay.vehicle.fit import ENOUGH_S, Fit, fit_records, free_flight, hovering, records_of
 from replay.vehicle.tandem import is_tandem
 
@@ -51,6 +52,8 @@ class Given:
     """Diameter."""
     span_m: float | None = None
     """Motor axis to the opposite motor's axis."""
+    numbers: tuple[tuple[str, float], ...] = ()
+    """Others, by their keys."""
 
 
 @dataclass(frozen=True)
@@ -111,10 +114,13 @@ def draft(paths: Sequence[Path], given: Given, target_system: int | None = None)
     arm = frame.arm_m if given.span_m is None else given.span_m / 2.0
     sizes = typical_sizes(given.mass_kg, radius, arm, frame.motors, _rpm(logs, frame))
     start, said = build(_answers(logs, frame, parameters, sizes))
+    numbers = dict(given.numbers)
+    start = corrected(start, numbers)  # what is measured rests on them
     found, how = _measured(list(_records(paths, logs, start, target_system)), start)
     hover, source = _hover(found, said["hover_thrust"], start.hover_thrust, how)
     said |= {key: f"measured in {how}" for key in found.measured} | {"hover_thrust": source}
-    vehicle = replace(found.vehicle, hover_thrust=hover)
+    vehicle = corrected(replace(found.vehicle, hover_thrust=hover), numbers)
+    said |= {"ct" if key == HOVER_RPM else key: f"--set {key}" for key in numbers}
     known, assumed = _facts(vehicle, frame, sizes, said)
     vehicle = replace(vehicle, assumed=tuple(f.key for f in assumed if f.key in ASSUMABLE))
     wrong = next((f for f in findings(vehicle) if f.refused), None)
@@ -149,6 +155,7 @@ def _tandem(given: Given) -> Draft:
     vehicle = default_vehicle()
     if given.mass_kg is not None:
         vehicle = replace(vehicle, mass_kg=given.mass_kg)
+    vehicle = corrected(vehicle, dict(given.numbers))
     return Draft(vehicle, (Fact("name", vehicle.name, tandem.HOW),))
 
 
@@ -267,6 +274,8 @@ def _facts(
     for key, value in measured.items():
         guessed = said[key].startswith((_GUESSED, USUAL_PULSES, COMMON_PROPELLERS))
         (assumed if guessed else known).append(Fact(key, value, said[key]))
+    if vehicle.telemetered:
+        known.append(Fact(HOVER_RPM, round(hover_rpm(vehicle)), "by ct and the mass"))
     if vehicle.rangefinders:
         known.append(Fact("rangefinder", [r.orientation for r in vehicle.rangefinders], "parameters and readings"))
     if not any(f.key == "position_m" for f in assumed):
