@@ -23,6 +23,7 @@ from models.pages.document import PAGE_STYLE
 from replay.desk.fields import others, rows
 from replay.desk.guard import Guard
 from replay.desk.question import Question
+from replay.desk.season import plots
 from replay.desk.store import MOST_BYTES, Ask, Desk, Drop, one_of, read_json, read_text
 from replay.desk.work import Work
 from replay.logs.formats import READERS
@@ -57,11 +58,13 @@ class _Pages:
         draft: dict[str, Any] = next(filter(None, drafts), {})
         facts = [*draft.get("known", ()), *draft.get("assumed", ())]
         last = asks[0].question if asks else {}
+        answered = next((a for a in asks if a.answered), None)
+        season = answered.answer.get("logs") if answered else None
         shown = {
             "drop": drop, "asks": asks, "infos": infos, "version": self._version(drop), "rows": rows(facts),
             "others": others(facts), "good": last.get("good", ()), "typed": dict(last.get("numbers", ())),
             "text": next(filter(None, (a.vehicle_text for a in asks)), ""),
-            "answered": next((a for a in asks if a.answered), None),
+            "answered": answered, "plots": plots(season) if season and isinstance(season[0], dict) else [],
         }  # fmt: skip
         return self._templates.TemplateResponse(request, "drop.html", shown)
 

@@ -9,7 +9,6 @@ from dataclasses import fields, replace
 from models.errors import ConfigError
 from models.frames import GRAVITY
 from models.vehicle import RHO_SEA_LEVEL, Throttle, Vehicle, parse_vehicle
-from models.vehicle_setup.estimate import ct_of_hover
 from models.vehicle_setup.toml_text import vehicle_text
 
 HOVER_RPM = "hover_rpm"
@@ -21,11 +20,13 @@ def corrected(vehicle: Vehicle, numbers: Mapping[str, float]) -> Vehicle:
     if not numbers:
         return vehicle
     curve = vehicle.throttle
-    known = ("ct", HOVER_RPM) if curve is None else tuple(f.name for f in fields(Throttle))
+    known = tuple(f.name for f in fields(Throttle)) if curve else ("ct", HOVER_RPM) if vehicle.fans[0].ct else ()
     fans, hover = vehicle.fans, vehicle.hover_thrust
     for key, value in numbers.items():
         if key not in ("hover_thrust", *known):
-            raise ConfigError(f"--set {key}: this vehicle has no such number; it has hover_thrust, {', '.join(known)}")
+            raise ConfigError(
+                f"--set {key}: this vehicle has no such number; it has {', '.join(('hover_thrust', *known))}"
+            )
         if value <= 0.0 and key != "expo":
             raise ConfigError(f"--set {key}={value:g}: must be above 0")
         if key == "hover_thrust":
@@ -33,8 +34,7 @@ def corrected(vehicle: Vehicle, numbers: Mapping[str, float]) -> Vehicle:
         elif curve is not None:
             curve = replace(curve, **{key: value})
         else:
-            rotors, radius = len(vehicle.rotors), vehicle.rotor_radius_m
-            ct = value if key == "ct" else ct_of_hover(vehicle.mass_kg, rotors, radius, value) * len(fans[0].rotors)
+            ct = value if key == "ct" else (fans[0].ct or 0.0) * (hover_rpm(vehicle) / value) ** 2
             fans = tuple(replace(fan, ct=ct) for fan in fans)
     out = replace(vehicle, hover_thrust=hover, throttle=curve, fans=fans)
     parse_vehicle(vehicle_text(out), "--set")
