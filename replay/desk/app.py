@@ -92,9 +92,7 @@ class _Pages:
                 raise HTTPException(413, "the form is too long")
         drop = self._drop(request)
         question = Question.of(parse_qsl(body.decode("utf-8", "replace")), drop)
-        ask = drop.new_ask()
-        question.write(ask)
-        self._work.start(drop, ask, question)
+        self._work.start(drop, question.written(drop), question)
         return _back(drop)
 
     def cancel(self, request: Request) -> Response:

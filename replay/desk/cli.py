@@ -7,7 +7,7 @@ import socket
 from pathlib import Path
 from typing import Any
 
-from companion.page.address import Address, read_address
+from companion.page.address import read_address
 from models.errors import ConfigError
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, or the port is taken; 130 interrupted. The walk over the page:
@@ -16,11 +16,10 @@ docs/desk.md."""
 
 def add_parser(commands: Any) -> None:
     """Register ``serve`` with the subparsers of ``replay``."""
-    p: argparse.ArgumentParser = commands.add_parser(
-        "serve", help="a page onto which logs are dropped, and which answers", epilog=_EPILOG,
-        description="Serves a page on this machine: drop logs onto it, correct the drafted vehicle, read the answer of "
-        "replay diagnose. Works offline; everything stays in one folder.",
-    )  # fmt: skip
+    said = "Serves a page: drop logs onto it, correct the drafted vehicle, read the answer of replay diagnose."
+    p = commands.add_parser(
+        "serve", help="a page that diagnoses the logs dropped onto it", description=said, epilog=_EPILOG
+    )
     p.add_argument(
         "address", nargs="?", default=":8000", metavar="[HOST]:PORT",
         help="where (default :8000, this machine only; 0.0.0.0:8000: everybody on the network)",
@@ -45,7 +44,10 @@ def run(a: argparse.Namespace) -> int:
         raise ConfigError(f"serve: needs the package {error.name}: pip install 'corner-compensator[serve]'") from None
 
     desk = Desk.of(a.folder)
-    listening = _listen(address)
+    try:
+        listening = socket.create_server((address.host, address.port))
+    except OSError as error:
+        raise ConfigError(f"{address}: cannot be served ({error.strerror}); name another") from None
     host, port = listening.getsockname()[:2]
     if not a.quiet:
         shown = socket.gethostname() if host == "0.0.0.0" else host
@@ -53,10 +55,3 @@ def run(a: argparse.Namespace) -> int:
     config = uvicorn.Config(app(desk), log_level="error", timeout_graceful_shutdown=2)
     uvicorn.Server(config).run(sockets=[listening])
     return 0
-
-
-def _listen(address: Address) -> socket.socket:
-    try:
-        return socket.create_server((address.host, address.port))
-    except OSError as error:
-        raise ConfigError(f"{address}: cannot be served ({error.strerror}); name another") from None

@@ -49,11 +49,14 @@ class Question:
             return cls(kind, good, vehicle=given.get("vehicle", ""))
         return cls(kind, good, tuple((key, text.strip()) for key, text in form if key in FIELDS and text.strip()))
 
-    def write(self, ask: Ask) -> None:
-        """Into the folder of ``ask``."""
-        (ask.folder / "question.json").write_text(json.dumps(asdict(self)), encoding="utf-8")
+    def written(self, drop: Drop) -> Ask:
+        """As one more question about the logs."""
+        folder = drop.folder / "asks" / str(len(drop.asks) + 1)
+        folder.mkdir()
+        (folder / "question.json").write_text(json.dumps(asdict(self)), encoding="utf-8")
         if self.vehicle:
-            (ask.folder / "edited.toml").write_text(self.vehicle, encoding="utf-8")
+            (folder / "edited.toml").write_text(self.vehicle, encoding="utf-8")
+        return Ask(folder)
 
     def command(self, drop: Drop, ask: Ask) -> list[str]:
         """The arguments of ``replay``."""

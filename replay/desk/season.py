@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from models.pages.svg import Line, figure
-from replay.diagnosis.words import plain, unit_words
 
 
 def plots(answers: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -31,5 +30,5 @@ def plots(answers: Sequence[Mapping[str, Any]]) -> list[str]:
 
 def _plot(effect: str, name: str, unit: str, sizes: np.ndarray[Any, np.dtype[np.float64]]) -> str:
     line = Line(sizes[:, 0], sizes[:, 1], "after", points=True, error=sizes[:, 2])
-    label = f"{plain(name)} [{unit_words(unit)}]" if unit_words(unit) else plain(name)
-    return figure(plain(effect), [line], "log, in order of date", label)
+    label = name.replace("_", " ") + (f" [{unit}]" if unit not in ("", "1") else "")
+    return figure(effect.replace("_", " "), [line], "log, in order of date", label)

@@ -32,7 +32,7 @@ class Ask:
 
     @property
     def question(self) -> Any:
-        """As ``Question.write`` left it."""
+        """As ``Question.written`` left it."""
         return read_json(self.folder / "question.json")
 
     @property
@@ -76,12 +76,6 @@ class Drop:
     def info(self, log: Path) -> Path:
         """The JSON of ``replay info``; its text lies beside it."""
         return self.folder / "info" / f"{log.name}.json"
-
-    def new_ask(self) -> Ask:
-        """An empty folder for a question."""
-        folder = self.folder / "asks" / str(len(self.asks) + 1)
-        folder.mkdir()
-        return Ask(folder)
 
     async def receive(
         self, name: str, chunks: AsyncIterator[bytes], announced: int, most: int, changed_s: str = ""

@@ -10,15 +10,10 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
-from replay.desk.question import Kind, Question
+from replay.desk.question import Question
 from replay.desk.store import Ask, Drop, read_text
 
 AT_ONCE = 2
-_DOING = {
-    Kind.MISSING: "drafts the vehicle",
-    Kind.CHANGED: "compares with the good logs",
-    Kind.SEASON: "diagnoses each log",
-}
 
 
 class _Task:
@@ -86,7 +81,7 @@ class Work:
         failure = ""
         try:
             _look(drop, ask, task)
-            task.step = _DOING[question.kind]
+            task.step = "reads the logs"
             code = task.call(question.command(drop, ask), ask.folder / "stdout.txt", said)
             failure = error_line(read_text(said), code, drop.folder) if code else ""
         except OSError as problem:

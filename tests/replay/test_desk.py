@@ -301,7 +301,7 @@ def test_what_is_typed_is_never_an_option_of_its_own(desk, flown):
     question = Question.of(
         [("kind", "missing"), ("mass_kg", "--json /x"), ("expo", "1 --report /x"), ("seed", "3")], held
     )
-    command = question.command(held, held.new_ask())
+    command = question.command(held, question.written(held))
     assert "--mass=--json /x" in command
     assert "--set=expo=1 --report /x" in command
     assert not [word for word in command if "seed" in word]
