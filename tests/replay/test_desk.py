@@ -16,7 +16,9 @@ from urllib.request import urlopen
 
 import pytest
 from browser import CHROMIUM, PHONE, Browser
-from log_writers import QUAD_MASS_KG, quad_flight, write_tlog
+from log_writers import QUAD_MASS_KG, frame, quad_flight, write_tlog
+
+from companion.mavlink.dialect import mavlink
 
 testclient = pytest.importorskip("starlette.testclient", reason="starlette is not installed (extra: serve)")
 
@@ -135,6 +137,21 @@ def test_what_is_no_multirotor_is_said(working, tmp_path, kind, name):
     assert "only multirotors are drafted" in text
 
 
+def framed(path: Path, kind: int) -> bytes:
+    """A log that says its FRAME_TYPE."""
+    flown, names = quad_flight(20.0), (("FRAME_CLASS", 1.0), ("FRAME_TYPE", float(kind)))
+    said = [mavlink.MAVLink_param_value_message(name.encode(), value, 9, 2, k) for k, (name, value) in enumerate(names)]
+    return write_tlog(path, [*flown, *((flown[-1][0] + 1 + k, frame(message)) for k, message in enumerate(said))])
+
+
+@pytest.mark.slow
+def test_logs_of_two_vehicles_are_refused_together_without_the_desks_paths(working, desk, tmp_path):
+    page = drop(working, a=framed(tmp_path / "x", 1), b=framed(tmp_path / "y", 12))
+    text = answer(working, page, kind="missing")
+    assert "a.tlog and b.tlog are of two vehicles (quad-x; quad-bf)" in text
+    assert str(desk.folder) not in re.sub(r"in <code>.*?</code>", "", text)
+
+
 @pytest.mark.slow
 def test_a_cancelled_question_ends_at_once_and_the_next_in_the_queue_goes_on(desk, flown):
     with testclient.TestClient(app(desk, Work(at_once=1)), base_url=HERE) as client:
@@ -163,7 +180,7 @@ def test_deleting_a_drop_ends_its_work_and_leaves_nothing(working, desk, flown):
 def test_a_question_of_an_earlier_run_of_the_desk_is_said_to_have_stopped(idle, flown):
     page = drop(idle, a=flown)
     idle.post(f"{page}/asks", data={"kind": "missing"})
-    assert "stopped when the desk was closed" in idle.get(page).text
+    assert "the desk was closed" in idle.get(page).text
 
 
 @pytest.mark.parametrize(
