@@ -206,7 +206,7 @@ def block_picture(t: Trace) -> str:
         return ""
     better = int((after < before).sum())
     lines = [Line(middle, y, kind, kind, points=True) for y, kind in ((before, "before"), (after, "after"))]
-    sentence = f"Lower in <b>{better} of {len(middle)}</b> blocks of {BLOCK_S:.0f} s that the fit had not seen."
+    sentence = f"Lower in <b>{better} of {len(middle)}</b> blocks of {BLOCK_S:.0f} s of held-out time."
     return f"<p>{sentence}</p>" + figure(
         f"Block by block: {t.record.name}", lines, "time since boot [s]", "error / noise"
     )

@@ -1,6 +1,6 @@
 """What no effect explains: free curves of every channel, and spectral lines, on time that their fit never saw.
 
-The share of an axis' energy that a curve takes off unseen time is compared with the shares that the same curves take
+The share of an axis' energy that a curve removes on held-out time is compared with the shares that the same curves take
 off coloured noise of the same spectrum; the most surprising of all curves on all axes is what has to be beaten.
 """
 
@@ -29,7 +29,7 @@ DRAWS = 199
 ALPHA = 0.005
 """Chance with which noise alone has a further channel."""
 SMALLEST_SHARE = 0.06
-"""Share of an axis' energy on unseen time from which on a channel counts."""
+"""Share of an axis' energy on held-out time from which on a channel counts."""
 REACTIVE_SHARE = 0.25
 """The same of a channel that answers disturbances within the control loop."""
 NEVER = 2.0
@@ -157,7 +157,7 @@ class _Split:
         self.gram_unused = [self.x[rows].T @ self.x[rows] for rows in self.unused]
 
     def shares(self, curves: list[_Curve], y: Array) -> Array:
-        """Share of the energy of signals ``y`` (n, signals) that every curve takes off unseen time."""
+        """Share of the energy of signals ``y`` (n, signals) that every curve removes on held-out time."""
         y = (y - y.mean(axis=0)).astype(np.float32)
         product = self.x.T @ y
         gain = np.zeros((len(curves), y.shape[1]))
