@@ -118,7 +118,7 @@ def binned(x: Array, y: Array, bins: int, independent: float, least: float = LEA
 
 
 def well_binned(x: Array, y: Array, independent: float) -> tuple[Array, Array, Array]:
-    """``binned`` with as many bins as the samples can fill: those of a short flight hang together over seconds.
+    """``binned`` with as many bins as the samples can fill: those of a short flight stay correlated over seconds.
 
     Where three bins cannot be filled, bins are shown that hold less, with an interval as wide as their scatter.
     """

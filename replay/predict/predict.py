@@ -116,7 +116,7 @@ class Prediction:
     def as_text(self) -> str:
         """A few lines for a person."""
         seconds = sum(f.seconds for f in self.flights)
-        how = "nothing is fitted" if self.frozen else f"the day is learnt from the first {LEARNING_S:.0f} s of a flight"
+        how = "nothing is fitted" if self.frozen else f"wind and load are learned from the first {LEARNING_S:.0f} s"
         lines = [f"error without -> with the adopted effects  ({seconds:.0f} s judged; {how})", *_lines(self.axes())]
         for name, (lasted, errors) in self.regimes().items():
             lines += [f"  {name} ({lasted:.0f} s)", *(f"  {line}" for line in _lines(errors))]

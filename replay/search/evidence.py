@@ -223,7 +223,7 @@ class Evidence:
         return [whitened_energies(self._filters, e, c.run) for e, c in zip(rest, self.library.channels, strict=True)]
 
     def _noise(self, rest: Sequence[Array], energies_of: Sequence[Array], form: Array) -> Noise:
-        """The likeliest spectrum of what is left; no quieter than its raw energy, the model-form errors, and the floor."""
+        """The likeliest spectrum of the rest; no quieter than its raw energy, the model-form errors, and the floor."""
         which, sigmas = [], []
         for c, (e, energies) in enumerate(zip(rest, energies_of, strict=True)):
             channel = self.library.channels[c]

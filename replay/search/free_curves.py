@@ -31,7 +31,7 @@ ALPHA = 0.005
 SMALLEST_SHARE = 0.06
 """Share of an axis' energy on held-out time from which on a channel counts."""
 REACTIVE_SHARE = 0.25
-"""The same of a channel that answers disturbances within the control loop."""
+"""The same of a channel that responds to disturbances within the control loop."""
 NEVER = 2.0
 """A share that nothing reaches."""
 CAUSE_SHARE = 0.6
@@ -119,7 +119,7 @@ def _limit(channel: str, axis: str, record: Record) -> float:
 def _ranked(found: list[_Found], vehicle: Vehicle) -> tuple[Channel, ...]:
     """The channels that carry most, a cause before what answers it.
 
-    Channels that answer a disturbance go along with it: where one that nothing drives does nearly as well, it is the
+    Channels that respond to a disturbance vary with it: where one that nothing drives does nearly as well, it is the
     cause.
     """
     reacts = {f: answers(f.channel.name, f.channel.axis, vehicle) for f in found}
@@ -135,7 +135,7 @@ def _ranked(found: list[_Found], vehicle: Vehicle) -> tuple[Channel, ...]:
 def smallest_share(channel: str, axis: str, vehicle: Vehicle) -> float:
     """Share of an axis' energy from which on a channel counts as its carrier.
 
-    In closed loop the controller answers a disturbance, so that speeds, vanes and tilt repeat its noise; such a channel
+    In closed loop the controller responds to a disturbance: speeds, vanes and tilt repeat its noise. Such a channel
     has to carry much more than one that nothing drives. In hover every moment is mirrored by what balances it, so that
     a reaction proves no moment at all.
     """

@@ -31,7 +31,7 @@ LOUD = 0.6
 So much is left near the ground where nothing is missing: by the declared model's own error, and by 2 cm of range.
 """
 CONFIRM_SHARE = 0.01
-"""Smallest share of the energy that an effect has to take off a flight that confirms it."""
+"""Smallest share of the energy that an effect has to remove from a flight that confirms it."""
 CONFIRM_BLOCK_S = 5.0
 """Blocks of the bootstrap [s]: longer than the remainder is correlated."""
 DRAWS = 1000
@@ -79,7 +79,7 @@ class FlightFit:
         return self.after + self.effects[key].held_out
 
     def gain(self, key: Key, axis: int) -> float:
-        """Energy of one axis that one effect takes off beside the others."""
+        """Energy of one axis that one effect removes beside the others."""
         with_it, less = self.after[:, axis], self.without(key)[:, axis]
         valid, unit = self.record.valid, self.unit[axis]
         return float(((less[valid] / unit) ** 2).sum() - ((with_it[valid] / unit) ** 2).sum())

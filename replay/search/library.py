@@ -146,7 +146,7 @@ class Library:
     def _add(
         self, effect: Effect, flight: int | None, flights: Sequence[int], shape: tuple[float, ...], log_shape: float
     ) -> None:
-        """One shape of an effect: numbers for its coefficients and model-form errors, and its columns in every channel."""
+        """One shape of an effect: numbers for coefficients and model-form errors, and columns in every channel."""
         spread, centre = prior_of(effect, self.records[flights[0]].context, shape)
         places, priors = self._numbered(effect, flights, spread, centre)
         bent = [self._write(effect, f, shape, spread, places[f]) for f in flights]
@@ -166,7 +166,7 @@ class Library:
     def _numbered(
         self, effect: Effect, flights: Sequence[int], spread: Array, centre: Array
     ) -> tuple[dict[int, Columns], list[Prior]]:
-        """Numbers of an effect's coefficients on every flight, the same on all except those of one flight, and priors."""
+        """Numbers of an effect's coefficients on every flight, the same on all but those of one flight, and priors."""
         priors: list[Prior] = []
         places: dict[int, Columns] = {f: np.empty(len(spread), np.int64) for f in flights}
         for i, c in enumerate(effect.coefficients):
@@ -258,7 +258,7 @@ class Library:
         return self._curves[int(term.columns[0]), flight]
 
     def wrenches(self, term: Term, flight: int) -> tuple[Array, Array]:
-        """Wrenches (n, 6, k) per coefficient of an effect at the record's rate, and (n, 6, m) of its model-form errors."""
+        """Wrenches (n, 6, k) per coefficient at the record's rate, and (n, 6, m) of its model-form errors."""
         effect, record = term.effect, self.records[flight]
         assert effect is not None
         x = regressors_of(effect, record, term.shape)

@@ -231,7 +231,7 @@ def _before(fits: Sequence[FlightFit], axis: int) -> float:
 
 
 def _gain(key: Key, fits: Sequence[FlightFit]) -> float:
-    """Energy of held-out time that one effect takes off beside the others."""
+    """Energy of held-out time that one effect removes beside the others."""
     return sum(f.energy(f.without(key)) - f.energy(f.after) for f in fits if key in f.effects)
 
 

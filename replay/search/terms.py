@@ -46,7 +46,7 @@ class Term:
     main: Array
     """(k,) 1 for coefficients that make the effect what it is, else 0."""
     share: float
-    """Smallest share of an axis' energy that it has to take off."""
+    """Smallest share of an axis' energy that it has to remove."""
     places: dict[int, Columns]
     """Of every flight that it acts on: columns of its coefficients there, in their order."""
     flight: int | None = None

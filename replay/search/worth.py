@@ -29,7 +29,7 @@ SOFT = 0.02
 NEARLY, FAR_COST = 0.9, 1e3
 """Below this share of the threshold each more costs so much (log): no evidence makes up for it."""
 CANCEL, CANCEL_COST, CANCEL_FREE = 2.6, 40.0, 2.0
-"""Terms (root of the sum of squares) may exceed what they take off together by this factor; each more costs so much.
+"""Terms (root of the sum of squares) may exceed what they remove together by this factor; each more costs so much.
 
 What is below ``CANCEL_FREE`` hundredths of the weight does not count.
 """
@@ -130,7 +130,7 @@ def worth(u: Contributions) -> float:
 
 
 def cancelled(u: Contributions) -> float:
-    """Contributions over what they take off together, on the axis where that ratio is largest.
+    """Contributions over what they remove together, on the axis where that ratio is largest.
 
     k^2 = sum |u_i|^2 / (|sum u_i|^2 + n (CANCEL_FREE l)^2), u_i (n,) what a term does and l a hundredth of the weight.
     """
