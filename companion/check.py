@@ -372,7 +372,7 @@ def _range(sensor: Rangefinder, heard: Listener) -> Item:
         others = ", ".join(map(str, sorted(heard.ranges))) or "none"
         return _bad(
             name, f"no DISTANCE_SENSOR of orientation {sensor.orientation} ({sensor.target}); heard: {others}",
-            f"set RNGFNDn_ORIENT (PX4: SENS_*_ROT) to {sensor.orientation}, or mend the vehicle file",
+            f"set RNGFNDn_ORIENT (PX4: SENS_*_ROT) to {sensor.orientation}, or correct the vehicle file",
         )  # fmt: skip
     hz = len({r.t_s for r in readings}) / max(heard.duration_s, 1e-3)
     low, high = readings[-1].min_m, readings[-1].max_m

@@ -20,13 +20,13 @@ from replay.search.results import Estimate
 
 LEARNT_FROM, OF_DAY = "learnt_from", "of_day"
 """Keys of ``model.json``: [{"name", "sha256"}] of logs; {effect: {"spread": {coefficient: standard deviation about
-zero}, "shape": {parameter: value}}} of what is of the day."""
+zero}, "shape": {parameter: value}}} of what belongs to one flight."""
 
 
 def amended(
     model: FanSurrogate | None, vehicle: Vehicle, effects: Iterable[AdoptedEffect], logs: Sequence[Path] = ()
 ) -> FanSurrogate:
-    """The model with ``effects`` added to those it has; weather and load of the day start at zero, with their spread.
+    """The model with ``effects`` added to those it has; weather and load start at zero, with their spread.
 
     ``logs``: what the effects were found in, so that nobody judges the model on them.
     """
@@ -84,7 +84,7 @@ def learnt_from(model: FanSurrogate, log: Path) -> bool:
 
 
 def known_day(model: FanSurrogate) -> dict[str, dict[str, float]]:
-    """Effects of the day that the model was made beside, each with its shape."""
+    """Effects of one flight that the model was made beside, each with its shape."""
     return {name: dict(day["shape"]) for name, day in model.info.get(OF_DAY, {}).items()}
 
 
@@ -94,7 +94,7 @@ def _entry(log: Path) -> dict[str, str]:
 
 
 def _day(adopted: AdoptedEffect, context: Context) -> dict[str, dict[str, float]]:
-    """Standard deviation of what is of the day of an effect, before the day is known, and its shape."""
+    """Of an effect: standard deviation of what differs from flight to flight, and its shape."""
     effect = get(adopted.name)
     start = effect.of_next_flight(adopted.parameters)
     return {

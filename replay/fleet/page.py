@@ -15,7 +15,7 @@ from replay.rerun.mend import lasted, to_mend
 _REASONS = {reason.name.lower(): reason for reason in Reason}
 """By their names in the JSON of a log, which may be of another version."""
 _COMMON = 0.5
-"""Share of the judged logs from which an effect is the vehicle's rather than a day's."""
+"""Share of the judged logs from which an effect belongs to the vehicle rather than to single flights."""
 
 
 def write_page(folder: Path, title: str, answers: Sequence[Mapping[str, Any]]) -> Path:
@@ -30,12 +30,12 @@ def page(folder: Path, title: str, answers: Sequence[Mapping[str, Any]]) -> str:
     diagnosed = any("verdict" in a for a in answers)
     head, step = _diagnosed(answers) if diagnosed else _replayed(answers)
     rows = [_failed(a) if "error" in a else (_row(a, folder) if diagnosed else _run_row(a)) for a in answers]
-    names = ("log", "answer", "judged") if diagnosed else ("log", "compensated", "held back longest by")
+    names = ("log", "answer", "judged") if diagnosed else ("log", "compensated", "main reason for no offset")
     return document(
         title,
         [
-            f"<h1>{escape(title)}</h1>",
-            verdict(head, [f"Next: {step}"]),
+            f"<h1>{escape(head)}</h1>",
+            verdict(title, [f"Next: {step}"]),
             f'<p class="dim">{escape(_counts(answers))}</p>',
             "<h2>Every log</h2>",
             table(names, rows),
@@ -47,16 +47,16 @@ def _diagnosed(answers: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
     """Verdict and next action from the effects that the logs show."""
     judged = [a for a in answers if "verdict" in a]
     if not any(a["effects"] for a in judged):
-        return "No log shows an effect that the model lacks.", "there is nothing to change."
+        return "No log shows an effect that the model lacks", "nothing: the model explains these logs."
     common = common_effects(judged)
     if not common:
         return (
-            "Some logs show an effect, most do not: it is of the day, not of the vehicle.",
-            "look at those logs one by one; adopt nothing for the whole fleet.",
+            "Some logs show an effect, most do not",
+            "look at those logs one by one: the effect belongs to a flight, not to the vehicle. Adopt nothing for all.",
         )
     names = "; ".join(" or ".join(name.replace("_", " ") for name in group) for group in common)
     return (
-        f"Most logs lack the same: {names}.",
+        f"Most logs show the same effect: {names}",
         "diagnose a few of these logs together, by their names: that confirms it and gives one size for the vehicle.",
     )
 
@@ -88,12 +88,12 @@ def _replayed(answers: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
     total: Counter[str] = Counter()
     for a in good:
         total.update(a["refusals_s"])
-    head = f"The companion would have compensated in {acted} of {len(good)} logs."
+    head = f"The companion would have compensated in {acted} of {len(good)} logs"
     first = to_mend((_REASONS[name], s) for name, s in total.items() if name in _REASONS)
     if first is None:
-        return head, "nothing but take-off and landing held it back."
+        return head, "nothing: only take-off and landing kept it from compensating."
     reason, seconds = first
-    return head, f"mend what held it back longest in all: {reason.value} ({lasted(seconds)})."
+    return head, f"correct the main reason for no offset: {reason.value} ({lasted(seconds)})."
 
 
 def _counts(answers: Sequence[Mapping[str, Any]]) -> str:

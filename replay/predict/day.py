@@ -18,7 +18,7 @@ LEARNING_S = 20.0
 ALWAYS = ("imu_bias", "payload", "vertical_inflow", "wind")
 """Effects that every flight has something of: what a sensor reads too much, the load, and the wind."""
 CORRELATED_S = 0.3
-"""Time over which the low-pass makes a residual hang together [s]: samples within it count as one."""
+"""Time over which the low-pass makes a residual stay correlated [s]: samples within it count as one."""
 ROUNDS = 3
 """Noise and coefficients are fitted in turn so often."""
 QUIETEST = 0.002

@@ -31,7 +31,7 @@ LOUD = 0.6
 So much is left near the ground where nothing is missing: by the declared model's own error, and by 2 cm of range.
 """
 CONFIRM_SHARE = 0.01
-"""Smallest share of the energy that an effect has to take off a flight that confirms it."""
+"""Smallest share of the energy that an effect has to remove from a flight that confirms it."""
 CONFIRM_BLOCK_S = 5.0
 """Blocks of the bootstrap [s]: longer than the remainder is correlated."""
 DRAWS = 1000
@@ -45,7 +45,7 @@ class Acting:
     held_out: Array
     """On the judged axes, every sample by coefficients of the other folds."""
     fitted: Array
-    """On the judged axes with its error of form, by coefficients of all time."""
+    """On the judged axes with its model-form error, by coefficients of all time."""
     axes: tuple[str, ...]
     """Those that it acts on."""
     folds: Array
@@ -65,9 +65,9 @@ class FlightFit:
     after: Array
     """With every effect, on held-out time."""
     rest: Array
-    """With every effect and its error of form, fitted on all time."""
+    """With every effect and its model-form error, fitted on all time."""
     unexplained: Array
-    """``after`` less the free curves and the trims: no error of form is forgiven."""
+    """``after`` less the free curves and the trims: no model-form error is taken out."""
     effects: dict[Key, Acting]
     curves: tuple[Channel, ...] = ()
     curve_gain: float = 0.0
@@ -79,7 +79,7 @@ class FlightFit:
         return self.after + self.effects[key].held_out
 
     def gain(self, key: Key, axis: int) -> float:
-        """Energy of one axis that one effect takes off beside the others."""
+        """Energy of one axis that one effect removes beside the others."""
         with_it, less = self.after[:, axis], self.without(key)[:, axis]
         valid, unit = self.record.valid, self.unit[axis]
         return float(((less[valid] / unit) ** 2).sum() - ((with_it[valid] / unit) ** 2).sum())
@@ -223,7 +223,7 @@ def _wrench(evidence: Evidence, fit: Fit, t: Term, flight: FlightFit, share: Arr
 
 
 def _of_day_removes(evidence: Evidence, best: Fit, t: Term, fit: FlightFit) -> bool:
-    """Whether what is of the day of an effect lowers the residual of a flight: no other flight can say so."""
+    """Whether the part of an effect that is of one flight lowers its residual: no other flight can show it."""
     assert t.effect is not None
     if fit.index not in t.places:
         return False

@@ -28,7 +28,7 @@ BOUND_SHARE = 0.01
 LEARNT = 0.7
 """Posterior over prior standard deviation above which a flight has said nothing about a coefficient."""
 FORM_SHARE = 0.15
-"""A remainder below this share of what the effects took out is their error of form, not a second force."""
+"""A remainder below this share of what the effects took out is their model-form error, not a second force."""
 HELD_OUT = 2.0
 """A set that leaves this much more energy of held-out time than another is not the answer, however likely it is."""
 NEAR, RIVALS = 30.0, 6
@@ -63,7 +63,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Found:
-    """An effect that was adopted. Its parameters are those of ``flight``: flights differ in what is of the day."""
+    """An effect that was adopted. Its parameters are those of ``flight``: flights differ in weather and load."""
 
     effect: Effect
     estimates: tuple[Estimate, ...]
@@ -178,7 +178,7 @@ def _predictive(walked: Walked) -> Walked:
     """Pass over sets that fit well and leave far more of held-out time than others: they cancel or chase noise.
 
     The likeliest set is taken whose energy of held-out time is no more than ``HELD_OUT`` times the least. More effects
-    of the same kind always leave less: whether they are worth a name is decided already.
+    of the same kind always leave less: whether they are large enough to be named is decided already.
     """
     likeliest: dict[frozenset[str], Fit] = {}
     for fit in (walked.best, *walked.ranked()):
@@ -231,7 +231,7 @@ def _before(fits: Sequence[FlightFit], axis: int) -> float:
 
 
 def _gain(key: Key, fits: Sequence[FlightFit]) -> float:
-    """Energy of held-out time that one effect takes off beside the others."""
+    """Energy of held-out time that one effect removes beside the others."""
     return sum(f.energy(f.without(key)) - f.energy(f.after) for f in fits if key in f.effects)
 
 
@@ -250,7 +250,7 @@ def _trace(fit: FlightFit, seed: int) -> Trace:
 def _carriers(fit: FlightFit, free: tuple[Channel, ...]) -> tuple[Channel, ...]:
     """Channels that carry what is left: the free curves of the answer, and what a search of the rest finds.
 
-    What is left on an axis below a share of what the effects took off there is their error of form, no other force.
+    What is left on an axis below a share of what the effects took off there is their model-form error, no other force.
     """
     known = {c.name for c in fit.curves}
     carried = {axis for acting in fit.effects.values() for axis in acting.axes}
@@ -324,7 +324,7 @@ def _estimates(walked: Walked, term: Term, fits: Sequence[FlightFit]) -> tuple[E
 
 
 def _shown_by(term: Term, fits: Sequence[FlightFit]) -> int:
-    """The first flight on which an effect acts; of one that is of the day the one on which it does most."""
+    """The first flight on which an effect acts; of weather or load the one on which it does most."""
     assert term.effect is not None
     if term.effect.kept or len(term.places) < 2:
         return min(term.places)
@@ -390,7 +390,7 @@ def _rejected(walked: Walked, taken: set[str]) -> tuple[Rejected, ...]:
 
 
 def _excited(walked: Walked, best: Fit, term: Term) -> bool:
-    """Whether one of its coefficients would be known to a third of the smallest effect worth a name."""
+    """Whether one of its coefficients would be known to a third of the smallest effect that is named."""
     evidence = walked.evidence
     fit = evidence.refit([*best.terms, term], best.noise)
     part = fit.part(term)

@@ -29,6 +29,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from result_file import add_option, figure, write_result
 
 from companion.mavlink.dialect import mavlink
 from models.frames import quaternion_from_euler
@@ -139,6 +140,17 @@ sys.exit(main(["--vehicle", "tandem", "--connect", sys.argv[1], "--duration", sy
 FLOOR = {"loop": LOOP, "empty decision": EMPTY}
 
 
+FIGURES = (
+    ("p50 over the plain pipeline's", "p50_of_plain", 0.8),
+    ("processor time over the plain pipeline's", "cpu_of_plain", 0.6),
+    ("memory over the plain pipeline's", "memory_of_plain", 0.25),
+    ("p99 above the bare receiver's [ms]", "p99_over_ms", 0.3),
+    ("p50 over the bare receiver's", "p50", 1.0),
+    ("processor time over the bare receiver's", "cpu", 1.0),
+)
+"""What, its key in the answer, and its goal: at most this."""
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=20.0)
@@ -146,6 +158,7 @@ def main() -> None:
     parser.add_argument("--floor", action="store_true", help="also a bare loop and an empty decision")
     parser.add_argument("--held-to", type=float, metavar="SHARE", help="also with this share of a core")
     parser.add_argument("--json", type=Path, metavar="FILE")
+    add_option(parser)
     a = parser.parse_args()
     answer = {f"{rate:g}": compare(a.seconds, rate, tuple(FLOOR) if a.floor else ()) for rate in a.rate}
     if a.held_to is not None:
@@ -160,6 +173,13 @@ def main() -> None:
                 print(json.dumps({key: report[key] for key in wanted}, indent=1))
     if a.json is not None:
         a.json.write_text(json.dumps(answer, indent=2) + "\n")
+    figures = [
+        figure(f"{rate:g} messages/s: {what}", f"{value:.2f}", goal=f"{goal:g}", met=value <= goal)
+        for rate in a.rate
+        for what, key, goal in FIGURES
+        for value in [answer[f"{rate:g}"][key]]
+    ]
+    write_result(a, figures, seeds=f"{a.seconds:g} s a turn, twice")
 
 
 def compare(seconds: float, rate: float, floor: tuple[str, ...]) -> dict[str, float]:

@@ -15,12 +15,15 @@ import re
 import sys
 from pathlib import Path
 
+from result_file import add_option, figure, write_result
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 NOTEBOOK = sorted((ROOT / "docs" / "lab").glob("*.md"))
 PAIRS = ROOT / "docs" / "lab" / "words.md"
 """Old sentences beside new ones: not a page to measure."""
 GOAL = 10.0
+README_WORDS = 700
 NEXT_SENTENCE = r"(?<=[.!?])\s+(?=[A-Z(]|--|\S*_\S)"
 """A sentence begins with a capital letter, or with the name of something in the program."""
 PER_WORD = 0.2
@@ -87,16 +90,25 @@ def main() -> int:
     """Print the grade of every page, the hardest first, or the hardest sentences."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--hardest", type=int, metavar="N", help="list the N hardest sentences instead")
-    wanted = parser.parse_args().hardest
-    if wanted is not None:
-        for hardness, page, sentence in hardest(wanted):
+    add_option(parser)
+    a = parser.parse_args()
+    if a.hardest is not None:
+        for hardness, page, sentence in hardest(a.hardest):
             print(f"{hardness:5.1f}  {page.relative_to(ROOT)}: {sentence}")
         return 0
     found = grades()
     for page, grade in sorted(found.items(), key=lambda item: -item[1]):
         words = len(running_text(page.read_text(encoding="utf-8")).split())
         print(f"{grade:5.1f}  {page.relative_to(ROOT)}  ({words} words of running text)")
-    return 1 if max(found.values()) > GOAL else 0
+    worst, readme = max(found.values()), found[PAGES[0]]
+    words = len(PAGES[0].read_text(encoding="utf-8").split())
+    figures = [
+        figure("Flesch-Kincaid grade of the hardest page", f"{worst:.1f}", goal=f"{GOAL:g}", met=worst <= GOAL),
+        figure("of the README", f"{readme:.1f}", goal=f"{GOAL:g}", met=readme <= GOAL),
+        figure("words of the README", f"{words}", goal=f"{README_WORDS}", met=words <= README_WORDS),
+    ]
+    write_result(a, figures, seeds=f"{len(found)} pages", repeatable=True)
+    return 1 if worst > GOAL else 0
 
 
 if __name__ == "__main__":

@@ -33,6 +33,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
+from result_file import add_option, figure, write_result
 
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import cut
@@ -274,12 +275,20 @@ def main() -> int:
     p.add_argument("--px4", action="store_true")
     p.add_argument("--records", type=Path, metavar="DIR", help="keep the recordings here, for replay audit")
     p.add_argument("--json", type=Path, metavar="FILE")
+    add_option(p)
     a = p.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         soak, own = fly(a.seconds, a.px4, Path(folder), a.records or Path(folder))
     print(as_text(soak, own))
     if a.json is not None:
         a.json.write_text(json.dumps(as_json(soak, own), indent=1) + "\n", encoding="utf-8")
+    dropped = soak.kernel_dropped
+    figures = [
+        figure("growth of memory [MiB/h]", f"{soak.memory_slope_mib_h:.2f}"),
+        figure("messages dropped", f"{dropped}", f"of {soak.passed_on}", goal="0", met=not dropped),
+    ]
+    seeds = f"{a.seconds:.0f} s at {soak.passed_on / soak.seconds:.0f} messages/s"
+    write_result(a, figures, seeds=seeds, simulated=True)
     return 0
 
 

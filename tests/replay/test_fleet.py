@@ -76,7 +76,7 @@ def test_the_page_of_replays_names_what_to_mend_in_words(tmp_path):
         write_tlog(logs / f"{name}.tlog", [m for m in flight(20.0) if cut(m[1], 0).id != 132])
     assert main(["run", str(logs), "--out", str(tmp_path / "out"), "--workers", "1", "--quiet"]) == 0
     page = (tmp_path / "out" / "report.html").read_text()
-    assert f"mend what held it back longest in all: {Reason.RANGE_MISSING.value}" in page
+    assert f"correct the main reason for no offset: {Reason.RANGE_MISSING.value}" in page
     assert page.count(f"{Reason.RANGE_MISSING.value}, 20 s") == 2
     assert "40 s in all" in page
 
@@ -126,12 +126,12 @@ def test_report_of_a_folder_is_one_page_of_all_that_leads_to_one_of_every_log(tm
     arguments = ["diagnose", str(logs), "--vehicle", str(QUAD), "--model", "none", "--out", str(tmp_path / "out")]
     assert main([*arguments, "--report", str(report), "--quiet"]) == 0
     page = (report / "report.html").read_text()
-    assert "Most logs lack the same" in page
-    assert page.index("Most logs lack") < page.index("Next: ") < page.index("Every log")
+    assert "Most logs show the same effect" in page
+    assert page.index("Most logs show") < page.index("Next: ") < page.index("Every log")
     links = re.findall(r'href="(logs/heavy\d-\w+\.html)"', page)
     assert len(links) == 2
     for link in links:
-        assert "What the model lacks" in (report / link).read_text()
+        assert "Error of the model" in (report / link).read_text()
     assert str(tmp_path) not in page.split("<table>")[-1].replace(str(logs), ""), "the folder may be moved"
     # A page that was deleted is made again; the others are known from before.
     (report / links[0]).unlink()
