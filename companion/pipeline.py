@@ -15,11 +15,12 @@ import math
 import numpy as np
 
 from companion.adaptation import adapt
+from companion.adaptation.gates import Situation
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control import attitude_response, engagement, hover_thrust, swing_detector
 from companion.control.authority import HOLDS_BACK_EVERYTHING, Notice, Reason, fade
 from companion.control.compensation import Offset, slewed, wanted_offset
-from companion.control.disturbance import Disturbance, modelled_disturbance
+from companion.control.disturbance import modelled_disturbance
 from companion.control.engagement import AIRBORNE_AFTER_S, IN_AIR, ON_GROUND, waits_for_mode
 from companion.control.hand_over import NOT_OURS, PARTING_S, part, parting_command, place_of
 from companion.control.hover_thrust import HoverThrust
@@ -33,6 +34,7 @@ from companion.control.survey import Whereabouts, aborted, advance, as_message, 
 from companion.control.wall_guard import watch_wall
 from companion.estimation import estimator as est
 from companion.estimation import height_drift
+from companion.estimation.disturbance import Disturbance
 from companion.estimation.estimator import blank_estimates
 from companion.mavlink.firmware import Stack, ThrustMap, mode_name, stack_of, takes_setpoints, thrust_map
 from companion.mavlink.message_filter import OWN_COMPONENT
@@ -206,7 +208,10 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
             stamped_s, hover = max(state.stamped_s, sample.t_s), _learned_hover(state, sample)
             return replace(state, t_s=now, stamped_s=stamped_s, hover=hover)
         case Imu() if state.adaptation is not None:
-            return replace(state, adaptation=adapt.hear(state, sample, config))
+            here = Situation(
+                estimates, state.disturbance, state.disturbance_s, state.airborne_since_s, state.landed_state
+            )
+            return replace(state, adaptation=adapt.hear(state.adaptation, here, sample, config))
         case LandedState():
             return replace(state, t_s=now, landed_state=sample.landed_state)
         case _:

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.adaptation import sizes as at
-from companion.adaptation.parts import Parts, about_cg
+from companion.estimation.disturbance import Parts, about_cg
 from companion.mavlink.samples import Imu, Vector3
 from models.frames import Array, Rows, at_cg, wrench_of_motion
 from models.vehicle import RHO_SEA_LEVEL, Vehicle

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from companion.config import PipelineConfig
 from companion.control.authority import clipped, slew
-from companion.control.disturbance import Disturbance
+from companion.estimation.disturbance import Disturbance
 from companion.mavlink.firmware import ThrustMap
 from models.frames import GRAVITY, Rows
 from models.vehicle import Vehicle

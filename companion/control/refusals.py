@@ -6,12 +6,12 @@ import math
 
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control.authority import Reason
-from companion.control.disturbance import Disturbance
 from companion.control.engagement import AIRBORNE_AFTER_S
 from companion.control.hover_thrust import HEARD_AGE_S, hover_parameter, is_known
 from companion.control.plant import HoldTuning, Margin
 from companion.control.state import PipelineState
 from companion.control.swing_detector import SWING_LEVELS
+from companion.estimation.disturbance import Disturbance
 from companion.estimation.estimator import ATTITUDE_AGE_S, POSITION_AGE_S, ROTOR_AGE_S, Estimates, Seen
 from companion.estimation.height_drift import FADE_M_S
 from companion.mavlink.firmware import Stack, ThrustMeaning, stack_of, takes_setpoints, thrust_meaning

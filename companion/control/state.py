@@ -11,7 +11,6 @@ from companion.adaptation.adaptation import Adaptation
 from companion.control.attitude_response import AttitudeResponse
 from companion.control.authority import Notice, Reason
 from companion.control.compensation import MomentWashout, Offset
-from companion.control.disturbance import Disturbance
 from companion.control.engagement import Balance, Engagement
 from companion.control.hand_over import Parting
 from companion.control.hover_thrust import HoverThrust
@@ -20,6 +19,7 @@ from companion.control.position_hold import BaseSetpoint, Hold
 from companion.control.survey import Survey
 from companion.control.swing_detector import SwingDetector
 from companion.control.wall_guard import Pressed
+from companion.estimation.disturbance import Disturbance
 from companion.estimation.estimator import Estimates
 from companion.estimation.height_drift import NO_DRIFT, HeightDrift
 from companion.mavlink.samples import Attitude, Heartbeat, SetAttitudeTarget

@@ -8,8 +8,8 @@ from typing import Any
 
 from companion.adaptation.adaptation import Adaptation
 from companion.control.authority import Notice, Reason
-from companion.control.disturbance import Disturbance
 from companion.control.plant import HoldTuning, Margin
+from companion.estimation.disturbance import Disturbance
 from companion.pipeline import Decision
 
 _GAP_S = 0.5

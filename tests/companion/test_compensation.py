@@ -9,7 +9,8 @@ import pytest
 from flying import CONFIG, HOVER_N, PlainModel, bench
 
 from companion.control.compensation import MomentWashout, Offset, wanted_offset
-from companion.control.disturbance import GAIN, Disturbance
+from companion.control.disturbance import GAIN
+from companion.estimation.disturbance import Disturbance
 from companion.estimation.estimator import Seen, Surface
 from companion.mavlink.firmware import ThrustMap
 
