@@ -20,6 +20,7 @@ from typing import Any
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control.hover_thrust import DISAGREEMENT, hover_parameter
 from companion.control.refusals import LATE_FADE_S
+from companion.control.state import Decision, PipelineState
 from companion.mavlink.firmware import Stack, ThrustMeaning, mode_name, needed_parameters, stack_of, thrust_meaning
 from companion.mavlink.frames import V2, Counts, Frame, cut, walk
 from companion.mavlink.message_filter import OWN_COMPONENT, Intake
@@ -35,7 +36,7 @@ from companion.mavlink.samples import (
     RotorSpeeds,
     Sample,
 )
-from companion.pipeline import Decision, PipelineState, initial_state, step
+from companion.pipeline import initial_state, step
 from models.errors import LogError
 from models.frames import GRAVITY
 from models.vehicle import Rangefinder

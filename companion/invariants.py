@@ -16,6 +16,7 @@ from typing import Any
 
 from companion.control.authority import HOLDS_BACK_EVERYTHING
 from companion.control.refusals import LATE_FADE_S
+from companion.control.state import Decision
 from companion.mavlink.firmware import Stack, stack_of, takes_setpoints
 from companion.mavlink.frames import Frame
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
@@ -37,7 +38,7 @@ from companion.mavlink.samples import (
     Vector3,
 )
 from companion.mavlink.setpoints import ATTITUDE_IGNORED, RATES_IGNORED, SET_ATTITUDE_TARGET, SET_POSITION_TARGET
-from companion.pipeline import MAX_THRUST, MIN_THRUST, Decision
+from companion.pipeline import MAX_THRUST, MIN_THRUST
 from models.frames import GRAVITY
 from models.vehicle import Limits, Vehicle
 from models.vehicle_types import NO_ORIENTATION

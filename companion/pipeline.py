@@ -64,18 +64,6 @@ from companion.survey_box import SurveyBox
 from models.evolve import replace
 from models.frames import GRAVITY, quaternion_from_euler
 
-__all__ = [
-    "Decision",
-    "PipelineState",
-    "answer",
-    "initial_state",
-    "level_command",
-    "ready_to_leave",
-    "settle",
-    "step",
-    "stopped",
-]
-
 _DISTURBANCE_PERIOD_S = 0.03
 """The model is asked this often, after a position, so that an attitude is answered without waiting for it."""
 _SHORTEST_PERIOD_S = 1.0 / 110.0

@@ -45,15 +45,13 @@ class Offset(NamedTuple):
         )
 
 
-class MomentWashout(NamedTuple):
-    """The slow part of the roll and pitch moments [N m], which the autopilot's integrator holds."""
-
-    low: tuple[float, float] | None = None
+MomentWashout = tuple[float, float]
+"""The slow part of the roll and pitch moments [N m], which the autopilot's integrator holds."""
 
 
 def wanted_offset(
     disturbance: Disturbance,
-    washout: MomentWashout,
+    washout: MomentWashout | None,
     config: PipelineConfig,
     thrust: ThrustMap,
     base_thrust: float,
@@ -91,15 +89,15 @@ def _thrust_change(ratio: float, thrust: ThrustMap, base_thrust: float) -> float
 
 
 def _moment_bias(
-    mx: float, my: float, washout: MomentWashout, vehicle: Vehicle, dt_s: float
+    mx: float, my: float, washout: MomentWashout | None, vehicle: Vehicle, dt_s: float
 ) -> tuple[float, float, MomentWashout]:
-    low_x, low_y = (mx, my) if washout.low is None else washout.low
+    low_x, low_y = (mx, my) if washout is None else washout
     share = min(dt_s / _MOMENT_WASHOUT_S, 1.0)
     low_x, low_y = low_x + share * (mx - low_x), low_y + share * (my - low_y)
     stiffness_x, stiffness_y = (_MOMENT_STIFFNESS_1_S2 * inertia for inertia in vehicle.inertia_kgm2[:2])
     roll = clipped(-(mx - low_x) / stiffness_x, _MOMENT_LIMIT_RAD)
     pitch = clipped(-(my - low_y) / stiffness_y, _MOMENT_LIMIT_RAD)
-    return roll, pitch, MomentWashout((low_x, low_y))
+    return roll, pitch, (low_x, low_y)
 
 
 def slewed(old: Offset, wanted: Offset, config: PipelineConfig, dt_s: float) -> Offset:

@@ -78,7 +78,7 @@ class PipelineState:
     wanted: Offset = Offset()
     applied: Offset = Offset()
     """What went out last: with trust and fade, again within the slew rates."""
-    washout: MomentWashout = MomentWashout()
+    washout: MomentWashout | None = None
     decided_s: float = -math.inf
     due: Due | None = None
     """What is left for ``settle``; None between samples."""

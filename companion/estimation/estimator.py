@@ -40,7 +40,7 @@ from companion.mavlink.samples import (
     Vector3,
 )
 from models.evolve import replace
-from models.frames import Array, Rows, rotation_rows
+from models.frames import Rows, rotation_rows
 from models.vehicle import Vehicle
 from models.vehicle_wrench import rpm_from_servos
 
@@ -166,20 +166,10 @@ class Estimates:
     esc_temperature_c: float | None = None
     """The hottest ESC."""
 
-    @property
-    def rotation(self) -> Array | None:
-        """``rows`` as an array (3, 3)."""
-        return None if self.rows is None else np.array(self.rows)
-
 
 def blank_estimates(vehicle: Vehicle) -> Estimates:
     """Nothing heard yet."""
     return Estimates((BeamTrack(),) * len(vehicle.watched), (None,) * len(vehicle.rotors))
-
-
-@lru_cache(maxsize=64)
-def _direction(orientation: int) -> tuple[float, float, float] | None:
-    return orientation_direction(orientation)
 
 
 def take_attitude(estimates: Estimates, sample: Attitude) -> Estimates:
@@ -293,7 +283,7 @@ def _match(estimates: Estimates, sample: Range, vehicle: Vehicle) -> int | None:
     if sample.direction_frd is None:
         return None
     for index, declared in enumerate(vehicle.watched):
-        direction = _direction(declared.orientation)
+        direction = orientation_direction(declared.orientation)
         if direction is None or _dot(direction, sample.direction_frd) < 0.98 or declared.target == "none":
             continue
         beam = estimates.beams[index]

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 
 from companion.adaptation import words
 from companion.control.authority import Notice, Reason
+from companion.control.state import Decision, PipelineState
 from companion.estimation.estimator import Seen
 from companion.mavlink.firmware import advice, mode_name, stack_of
 from companion.mavlink.outgoing import Message, named_value_float
-from companion.pipeline import Decision, PipelineState
 from companion.telemetry import statustext
 
 _PERIOD_S = 0.5

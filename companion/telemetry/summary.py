@@ -9,8 +9,8 @@ from typing import Any
 from companion.adaptation.adaptation import Adaptation
 from companion.control.authority import Notice, Reason
 from companion.control.plant import HoldTuning, Margin
+from companion.control.state import Decision
 from companion.estimation.disturbance import Disturbance
-from companion.pipeline import Decision
 
 _GAP_S = 0.5
 """A longer gap between decisions is a pause of the stream, not time flown."""
