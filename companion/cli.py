@@ -341,10 +341,9 @@ def _endpoint(a: argparse.Namespace, stack: ExitStack) -> tuple[str, IO[str] | N
 def _page(a: argparse.Namespace, stack: ExitStack) -> PageFeed | None:
     if a.page is None:
         return None
-    from companion.page.address import read_address
-    from companion.page.feed import PageFeed
+    from companion.page.feed import PageFeed, read_address
 
-    feed = stack.enter_context(closing(PageFeed(read_address(a.page))))
+    feed = stack.enter_context(closing(PageFeed(*read_address(a.page))))
     if not a.quiet:
         print(f"companion: live page at {feed.url}", file=sys.stderr)
     return feed

@@ -9,8 +9,9 @@ from typing import NamedTuple
 from companion.control.authority import Reason
 from companion.control.position_hold import tilt_acceleration
 from companion.mavlink.firmware import Stack, stack_of, takes_setpoints
-from companion.mavlink.samples import Heartbeat, Vector3
+from companion.mavlink.samples import Heartbeat
 from models.evolve import replace
+from models.vehicle import Vector3
 
 ON_GROUND, IN_AIR, TAKE_OFF = 1, 2, 3
 """MAV_LANDED_STATE."""

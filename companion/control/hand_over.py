@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from companion.control.authority import Reason
 from companion.control.position_hold import BaseSetpoint, Hold
 from companion.mavlink.firmware import ThrustMap
-from companion.mavlink.samples import Vector3
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand
 from models.frames import quaternion_from_euler
+from models.vehicle import Vector3
 
 NOT_OURS = frozenset({Reason.NOT_ARMED, Reason.WRONG_MODE, Reason.LANDED})
 """Refusals after which somebody else flies, or nobody does: nothing is sent."""

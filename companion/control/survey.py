@@ -13,10 +13,11 @@ from enum import Enum
 
 import numpy as np
 
-from companion.mavlink.samples import LocalPosition, SetPositionTarget, Vector3
+from companion.mavlink.samples import LocalPosition, SetPositionTarget
 from companion.survey_box import TRAVEL_M, SurveyBox
 from models.evolve import replace
 from models.frames import Array
+from models.vehicle import Vector3
 
 SPEED_M_S = 0.15
 """Mean speed of a move: the vehicle's own drag stays below what ground and wall do."""

@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum
 
-Vector3 = tuple[float, float, float]
+from models.vehicle import Vector3
+
 Quaternion = tuple[float, float, float, float]
 
 
