@@ -176,12 +176,12 @@ class Listener:
     def flying(self) -> bool:
         """Armed and in the air."""
         beat = self.state.heartbeat
-        return beat is not None and beat.armed and self.state.landed_state in (0, _IN_AIR)
+        return beat is not None and beat.armed and self.state.air.landed_state in (0, _IN_AIR)
 
     @property
     def hovering(self) -> bool:
         """In the air, neither climbing nor sinking."""
-        return self.flying and self.state.landed_state == _IN_AIR and self._climb_m_s < _CLIMB_M_S
+        return self.flying and self.state.air.landed_state == _IN_AIR and self._climb_m_s < _CLIMB_M_S
 
     def _decided(self, decision: Decision) -> None:
         if self.hovering and decision.disturbance is not None:

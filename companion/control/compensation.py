@@ -7,6 +7,7 @@ of the attitude, washed out because the autopilot's rate integrator owns its ste
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from companion.config import PipelineConfig
@@ -47,6 +48,20 @@ class Offset(NamedTuple):
 
 MomentWashout = tuple[float, float]
 """The slow part of the roll and pitch moments [N m], which the autopilot's integrator holds."""
+
+
+@dataclass(frozen=True)
+class Offsets:
+    """The offset on its way out, from one setpoint to the next."""
+
+    authority: float = 0.0
+    offset: Offset = Offset()
+    """Within the slew rates, before the fade."""
+    wanted: Offset = Offset()
+    """The last good one."""
+    applied: Offset = Offset()
+    """What went out last: with trust and fade, again within the slew rates."""
+    washout: MomentWashout | None = None
 
 
 def wanted_offset(

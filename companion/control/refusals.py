@@ -6,7 +6,6 @@ import math
 
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control.authority import Reason
-from companion.control.engagement import AIRBORNE_AFTER_S
 from companion.control.hover_thrust import HEARD_AGE_S, hover_parameter, is_known
 from companion.control.plant import HoldTuning, Margin
 from companion.control.state import PipelineState
@@ -69,7 +68,7 @@ def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[
     else:
         _autopilot(out, state, heartbeat, config)
     _arrivals(out, state, config, t_s)
-    if t_s - state.airborne_since_s < AIRBORNE_AFTER_S:
+    if not state.air.flies(t_s):
         out.append(Reason.LANDED)
     if holds:
         _hold(out, state, config, t_s)
