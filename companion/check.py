@@ -20,6 +20,7 @@ from typing import Any
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control.hover_thrust import DISAGREEMENT, hover_parameter
 from companion.control.refusals import LATE_FADE_S
+from companion.control.state import Decision, PipelineState
 from companion.mavlink.firmware import Stack, ThrustMeaning, mode_name, needed_parameters, stack_of, thrust_meaning
 from companion.mavlink.frames import V2, Counts, Frame, cut, walk
 from companion.mavlink.message_filter import OWN_COMPONENT, Intake
@@ -35,7 +36,7 @@ from companion.mavlink.samples import (
     RotorSpeeds,
     Sample,
 )
-from companion.pipeline import Decision, PipelineState, initial_state, step
+from companion.pipeline import initial_state, step
 from models.errors import LogError
 from models.frames import GRAVITY
 from models.vehicle import Rangefinder
@@ -175,12 +176,12 @@ class Listener:
     def flying(self) -> bool:
         """Armed and in the air."""
         beat = self.state.heartbeat
-        return beat is not None and beat.armed and self.state.landed_state in (0, _IN_AIR)
+        return beat is not None and beat.armed and self.state.air.landed_state in (0, _IN_AIR)
 
     @property
     def hovering(self) -> bool:
         """In the air, neither climbing nor sinking."""
-        return self.flying and self.state.landed_state == _IN_AIR and self._climb_m_s < _CLIMB_M_S
+        return self.flying and self.state.air.landed_state == _IN_AIR and self._climb_m_s < _CLIMB_M_S
 
     def _decided(self, decision: Decision) -> None:
         if self.hovering and decision.disturbance is not None:

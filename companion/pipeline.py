@@ -15,15 +15,16 @@ import math
 import numpy as np
 
 from companion.adaptation import adapt
+from companion.adaptation.gates import Situation
 from companion.config import Base, Carrier, PipelineConfig
-from companion.control import attitude_response, engagement, hover_thrust, swing_detector
+from companion.control import attitude_response, engagement, hover_thrust, landed, swing_detector
 from companion.control.authority import HOLDS_BACK_EVERYTHING, Notice, Reason, fade
-from companion.control.compensation import Offset, slewed, wanted_offset
-from companion.control.disturbance import Disturbance, modelled_disturbance
-from companion.control.engagement import AIRBORNE_AFTER_S, IN_AIR, ON_GROUND, waits_for_mode
+from companion.control.compensation import Offset, Offsets, slewed, wanted_offset
+from companion.control.disturbance import modelled_disturbance
+from companion.control.engagement import waits_for_mode
 from companion.control.hand_over import NOT_OURS, PARTING_S, part, parting_command, place_of
 from companion.control.hover_thrust import HoverThrust
-from companion.control.landed import flies_all_the_same, standing_height
+from companion.control.landed import AIRBORNE_AFTER_S, IN_AIR
 from companion.control.plant import FULL, hear_position
 from companion.control.position_hold import BaseSetpoint, Motion, balanced, engage, fly, shifted
 from companion.control.position_target import read_target, stay
@@ -62,29 +63,12 @@ from companion.survey_box import SurveyBox
 from models.evolve import replace
 from models.frames import GRAVITY, quaternion_from_euler
 
-__all__ = [
-    "Decision",
-    "PipelineState",
-    "answer",
-    "initial_state",
-    "level_command",
-    "ready_to_leave",
-    "settle",
-    "step",
-    "stopped",
-]
-
 _DISTURBANCE_PERIOD_S = 0.03
 """The model is asked this often, after a position, so that an attitude is answered without waiting for it."""
 _SHORTEST_PERIOD_S = 1.0 / 110.0
 """Of decisions: a little above the 100 Hz that a companion link carries."""
 _LIFT_TIME_S = 2.0
 """Over which the modelled lift of a flying vehicle is averaged before it is compared with the weight."""
-_LIFTING_SHARE = 0.75
-"""Of the weight: rotors that lift this much carry the vehicle, ground effect included."""
-_IDLE_IS_LANDED_S = 2.0
-_CARRIED_AGE_S = 0.3
-"""Rotors that carried the weight so lately speak against a land detector."""
 _HOVER_CLIMB_M_S = 0.2
 """Faster than this vertically, the autopilot's thrust is no hover thrust."""
 _UPSTREAM_DAMPING_1_S = 2.0
@@ -115,7 +99,7 @@ def stopped(state: PipelineState) -> PipelineState:
 
 def ready_to_leave(state: PipelineState) -> bool:
     """After ``stopped``: whether offsets are gone and the vehicle is at rest, or not ours."""
-    if state.authority > 0.0:
+    if state.offsets.authority > 0.0:
         return False
     position = state.estimates.position
     if state.hold is None or position is None:
@@ -206,9 +190,12 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
             stamped_s, hover = max(state.stamped_s, sample.t_s), _learned_hover(state, sample)
             return replace(state, t_s=now, stamped_s=stamped_s, hover=hover)
         case Imu() if state.adaptation is not None:
-            return replace(state, adaptation=adapt.hear(state, sample, config))
+            here = Situation(
+                estimates, state.disturbance, state.disturbance_s, state.air.since_s, state.air.landed_state
+            )
+            return replace(state, adaptation=adapt.hear(state.adaptation, here, sample, config))
         case LandedState():
-            return replace(state, t_s=now, landed_state=sample.landed_state)
+            return replace(state, t_s=now, air=replace(state.air, landed_state=sample.landed_state))
         case _:
             return _take_request(state, sample, config)
 
@@ -311,8 +298,9 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
 
     had_hold = state.hold is not None
     state, base = _base(state, bool(held_back), thrust, config, t_s)
-    before = state.applied
-    state, applied = _offsets(state, base, reasons, bool(held_back), thrust, config, dt)
+    before = state.offsets.applied
+    state = replace(state, offsets=_offsets(state, base, reasons, bool(held_back), thrust, config, dt))
+    applied = state.offsets.applied
     if reasons and not held_back:
         state = _keep_balance(state, before, applied, thrust, config)
     command: Command | None = None
@@ -332,7 +320,7 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
         t_s,
         command,
         reasons,
-        state.authority,
+        state.offsets.authority,
         applied,
         base,
         state.disturbance,
@@ -351,23 +339,22 @@ def _offsets(
     thrust: ThrustMap,
     config: PipelineConfig,
     dt_s: float,
-) -> tuple[PipelineState, Offset]:
+) -> Offsets:
     """The offset to apply, one step on."""
-    disturbance, rows = state.disturbance, state.estimates.rows
+    old, disturbance, rows = state.offsets, state.disturbance, state.estimates.rows
     usable = disturbance is not None and not reasons
-    wanted, washout = state.wanted, state.washout
+    wanted, washout = old.wanted, old.washout
     if disturbance is not None and rows is not None and base is not None:
         fresh, washout = wanted_offset(disturbance, washout, config, thrust, base.thrust, rows, dt_s)
         if usable:
             wanted = fresh  # otherwise the last good one stays while the authority fades
     trusted = 1.0 if usable else 0.0
-    authority = 0.0 if held_back else fade(state.authority, trusted, dt_s)
-    offset = slewed(state.offset, wanted, config, dt_s) if authority > 0.0 else Offset()
+    authority = 0.0 if held_back else fade(old.authority, trusted, dt_s)
+    offset = slewed(old.offset, wanted, config, dt_s) if authority > 0.0 else Offset()
     # A fade adds to the slew of what fades: the sum is held to the slew rates too.
     faded = offset if authority == 1.0 else offset.scaled(authority)
-    applied = Offset() if held_back else slewed(state.applied, faded, config, dt_s)
-    state = replace(state, authority=authority, offset=offset, applied=applied, wanted=wanted, washout=washout)
-    return state, applied
+    applied = Offset() if held_back else slewed(old.applied, faded, config, dt_s)
+    return Offsets(authority, offset, wanted, applied, washout)
 
 
 def _renew_disturbance(state: PipelineState, t_s: float, config: PipelineConfig) -> PipelineState:
@@ -377,7 +364,7 @@ def _renew_disturbance(state: PipelineState, t_s: float, config: PipelineConfig)
     applied = None if state.adaptation is None else state.adaptation.applied
     disturbance = modelled_disturbance(state.estimates, config, rotors, rows, t_s, damping_1_s(state, config), applied)
     share = state.lift_share
-    if t_s - state.airborne_since_s >= AIRBORNE_AFTER_S:
+    if state.air.flies(t_s):
         now = disturbance.free_lift_n / (config.vehicle.mass_kg * GRAVITY)
         share += min(max(t_s - state.disturbance_s, 0.0) / _LIFT_TIME_S, 1.0) * (now - share)
     return replace(state, disturbance=disturbance, disturbance_s=t_s, lift_share=share)
@@ -391,41 +378,17 @@ def damping_1_s(state: PipelineState, config: PipelineConfig) -> float:
 
 
 def _airborne(state: PipelineState, config: PipelineConfig, t_s: float, late_since_s: float) -> PipelineState:
-    """Whether the vehicle flies, and since when its telemetry is late.
-
-    The autopilot's own land detector decides; where it says nothing, the rotors must carry the weight to lift off.
-
-    In the air a low lift alone is no landing (a hard descent has it too): taking it for one would stop the stream.
-    """
-    position = state.estimates.position
-    since, carried = state.airborne_since_s, state.carried_s
-    if _carries(state.disturbance, config) or state.landed_state == IN_AIR:
-        carried = t_s
-    standing, notice = state.standing_m, state.notice
-    ground = None if state.disturbance is None else state.disturbance.ground
-    if ground is not None:
-        standing = standing_height(standing, ground, since < math.inf)
-    if state.landed_state == ON_GROUND:
-        carries = config.vehicle.telemetered and t_s - carried < _CARRIED_AGE_S
-        if ground is None or not flies_all_the_same(ground, standing, carries, state.hold is not None):
-            since = math.inf
-        elif notice is None or notice[0] is not Notice.LANDED_OVERRULED:
-            notice = (Notice.LANDED_OVERRULED, t_s)
-    elif since == math.inf:
-        since = t_s if carried == t_s else since
-    elif state.landed_state == 0 and t_s - carried > _IDLE_IS_LANDED_S:
-        since = math.inf
-    climb = None if position is None else position.velocity_ned[2]
-    seen = engagement.watch_take_off(state.engagement, t_s, climb, state.landed_state, since)
-    return replace(
-        state, airborne_since_s=since, carried_s=carried, engagement=seen, standing_m=standing, notice=notice,
-        late_since_s=late_since_s,
+    """Whether the vehicle flies, and since when its telemetry is late."""
+    position, vehicle, notice = state.estimates.position, config.vehicle, state.notice
+    air = landed.watch(
+        state.air, state.disturbance, vehicle.mass_kg * GRAVITY, t_s,
+        telemetered=vehicle.telemetered, holding=state.hold is not None,
     )  # fmt: skip
-
-
-def _carries(disturbance: Disturbance | None, config: PipelineConfig) -> bool:
-    weight = config.vehicle.mass_kg * GRAVITY
-    return disturbance is not None and disturbance.free_lift_n > _LIFTING_SHARE * weight
+    if air.overruled and (notice is None or notice[0] is not Notice.LANDED_OVERRULED):
+        notice = (Notice.LANDED_OVERRULED, t_s)
+    climb = None if position is None else position.velocity_ned[2]
+    seen = engagement.watch_take_off(state.engagement, t_s, climb, air)
+    return replace(state, air=air, engagement=seen, notice=notice, late_since_s=late_since_s)
 
 
 def _thrust_map(state: PipelineState, config: PipelineConfig) -> ThrustMap:
@@ -441,14 +404,14 @@ def _learned_hover(state: PipelineState, sample: AttitudeTarget) -> HoverThrust:
     flying = own and state.hold is None and state.parting is None and state.upstream is None
     hovers = (
         flying
-        and state.airborne_since_s < sample.t_s - AIRBORNE_AFTER_S
-        and state.landed_state in (0, IN_AIR)
+        and state.air.since_s < sample.t_s - AIRBORNE_AFTER_S
+        and state.air.landed_state in (0, IN_AIR)
         and position is not None
         and abs(position.velocity_ned[2]) <= _HOVER_CLIMB_M_S
     )
     if not hovers:
         return hover_thrust.heard(state.hover, sample.t_s, sample.thrust)
-    return hover_thrust.learn(state.hover, sample.t_s, sample.thrust, cushion=state.wanted.thrust)
+    return hover_thrust.learn(state.hover, sample.t_s, sample.thrust, cushion=state.offsets.wanted.thrust)
 
 
 def _base(
@@ -469,6 +432,7 @@ def _base(
     (north, _, x), (east, _, y), (_, _, z) = estimates.rows
     yaw = math.atan2(east, north)
     position = estimates.position
+    authority, offset = state.offsets.authority, state.offsets.offset
     pressed = watch_wall(state.pressed, state.disturbance, position.velocity_ned, t_s)
     motion = Motion(
         position.position_ned,
@@ -476,7 +440,7 @@ def _base(
         (x, y, z),
         yaw,
         t_s - position.t_s,
-        _level_acceleration(state.offset.roll * state.authority, state.offset.pitch * state.authority, yaw),
+        _level_acceleration(offset.roll * authority, offset.pitch * authority, yaw),
         pressed,
         state.balance.acceleration,
     )

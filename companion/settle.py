@@ -60,7 +60,7 @@ def _remembered(
     command = due.command
     if not isinstance(command, AttitudeCommand):
         return base, response
-    roll, pitch = base.roll + state.applied.roll, base.pitch + state.applied.pitch
+    roll, pitch = base.roll + state.offsets.applied.roll, base.pitch + state.offsets.applied.pitch
     last = BaseSetpoint(roll, pitch, base.yaw, command.thrust, base.acceleration)
     return last, response if config.dry_run else attitude_response.sent(response, due.attitude.t_s, roll, pitch)
 

@@ -15,9 +15,8 @@ from companion.adaptation import residual as block_of
 from companion.adaptation.adaptation import Adaptation, Believed, Full, Noise
 from companion.adaptation.apply import MOST, Applied, share_of, towards
 from companion.adaptation.filter import Flags, excites, later, opened, surprises, update
-from companion.adaptation.gates import pause
+from companion.adaptation.gates import Situation, pause
 from companion.adaptation.near_map import GAPS, HEIGHTS, NearField
-from companion.adaptation.parts import Around
 from companion.adaptation.saved import kept_with
 from companion.adaptation.sizes import (
     EAST,
@@ -35,8 +34,7 @@ from companion.adaptation.sizes import (
     size_table,
 )
 from companion.config import PipelineConfig
-from companion.control.disturbance import THRUST_LEAD_S, Disturbance
-from companion.control.state import PipelineState
+from companion.estimation.disturbance import THRUST_LEAD_S, Around, Disturbance
 from companion.mavlink.samples import Imu
 from models.evolve import replace
 from models.frames import GRAVITY, Array
@@ -99,17 +97,15 @@ def floors(vehicle: Vehicle) -> Array:
     return out
 
 
-def hear(state: PipelineState, imu: Imu, config: PipelineConfig) -> Adaptation | None:
+def hear(known: Adaptation, here: Situation, imu: Imu, config: PipelineConfig) -> Adaptation:
     """The adaptation one sample of an accelerometer on."""
-    known, now_s = state.adaptation, imu.t_s
-    if known is None:
-        return None
+    now_s = imu.t_s
     if imu.source != known.source:
         if now_s - known.heard_s < _SOURCE_SILENT_S:
             return known
         known = replace(known, source=imu.source, block=None)
-    disturbance = state.disturbance
-    why = pause(state, imu, config, known.clear)
+    disturbance = here.disturbance
+    why = pause(here, imu, config, known.clear)
     if why is not None:
         noise = Noise(known.noise.variance)
         return replace(known, heard_s=now_s, paused=why, paused_s=now_s, block=None, full=None, noise=noise, clear=None)
@@ -120,18 +116,18 @@ def hear(state: PipelineState, imu: Imu, config: PipelineConfig) -> Adaptation |
         if block is not None and now_s == block.end_s:
             return known  # told twice
         return replace(known, heard_s=now_s, paused=None, block=block_of.begin(imu), clear=disturbance)
-    block = _longer(block, state, imu, config)
+    block = _longer(block, here, imu, config)
     if block.end_s - block.start_s < BLOCK_S - 1e-6:
         return replace(known, heard_s=now_s, paused=None, block=block, clear=disturbance)
-    full, rows = None, state.estimates.rows
+    full, rows = None, here.estimates.rows
     if block.samples >= _LEAST_SAMPLES and disturbance is not None and rows is not None:
         full = Full(block, disturbance, rows)
     return replace(known, heard_s=now_s, paused=None, block=block_of.follow(block), full=full, clear=disturbance)
 
 
-def _longer(block: block_of.Block, state: PipelineState, imu: Imu, config: PipelineConfig) -> block_of.Block:
+def _longer(block: block_of.Block, here: Situation, imu: Imu, config: PipelineConfig) -> block_of.Block:
     """The block with what is known at this sample."""
-    disturbance, position, servo = state.disturbance, state.estimates.position, state.estimates.servo
+    disturbance, position, servo = here.disturbance, here.estimates.position, here.estimates.servo
     assert disturbance is not None
     assert disturbance.parts is not None
     assert position is not None

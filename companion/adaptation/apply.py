@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.adaptation.near_map import NOTHING, NearField
-from companion.adaptation.parts import Around, about_cg
+from companion.estimation.disturbance import Around, about_cg
 from models.frames import Array
 from models.vehicle import Vehicle
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from companion.adaptation.pause import Pause
 from companion.config import PipelineConfig
-from companion.control.disturbance import Disturbance
-from companion.control.state import PipelineState
-from companion.estimation.estimator import ATTITUDE_AGE_S, POSITION_AGE_S
+from companion.estimation.disturbance import Disturbance
+from companion.estimation.estimator import ATTITUDE_AGE_S, POSITION_AGE_S, Estimates
 from companion.mavlink.samples import Imu
 from models.frames import GRAVITY
 from models.surrogate.empty import is_empty
@@ -30,13 +30,24 @@ _EXTERNAL_SHARE = 0.40
 """Of the weight: more force than this that is not the rotors' is a hand or a surface."""
 
 
-def pause(state: PipelineState, imu: Imu, config: PipelineConfig, clear: Disturbance | None = None) -> Pause | None:
+class Situation(NamedTuple):
+    """What is known of the vehicle when its accelerometer speaks."""
+
+    estimates: Estimates
+    disturbance: Disturbance | None
+    disturbance_s: float
+    """When it was computed."""
+    airborne_since_s: float
+    landed_state: int
+
+
+def pause(here: Situation, imu: Imu, config: PipelineConfig, clear: Disturbance | None = None) -> Pause | None:
     """The reason not to learn from this sample; the surroundings of ``clear`` have been looked at already."""
-    estimates, now = state.estimates, imu.t_s
-    disturbance, attitude, position = state.disturbance, estimates.attitude, estimates.position
+    estimates, now = here.estimates, imu.t_s
+    disturbance, attitude, position = here.disturbance, estimates.attitude, estimates.position
     if disturbance is None or disturbance.parts is None:
         return Pause.NO_ROTORS
-    if attitude is None or position is None or now - state.disturbance_s > ATTITUDE_AGE_S:
+    if attitude is None or position is None or now - here.disturbance_s > ATTITUDE_AGE_S:
         return Pause.STALE
     old_attitude = now - attitude.t_s > ATTITUDE_AGE_S
     if old_attitude or now - position.t_s > POSITION_AGE_S or not estimates.trust.trusted:
@@ -44,7 +55,7 @@ def pause(state: PipelineState, imu: Imu, config: PipelineConfig, clear: Disturb
     if not math.isfinite(sum(imu.specific_force_frd)):
         return Pause.NO_IMU
     rows = estimates.rows
-    if now - state.airborne_since_s < _AIRBORNE_S or state.landed_state in (_TAKING_OFF, _LANDING):
+    if now - here.airborne_since_s < _AIRBORNE_S or here.landed_state in (_TAKING_OFF, _LANDING):
         return Pause.NOT_FLYING
     if rows is None or rows[2][2] < _TILT_COS:
         return Pause.TILTED

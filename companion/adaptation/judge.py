@@ -19,8 +19,8 @@ from companion.adaptation import sizes as at
 from companion.adaptation.apply import MOST
 from companion.adaptation.filter import ROBUST_SIGMAS, SURPRISED_BLOCKS
 from companion.adaptation.near_map import CELLS, MAP, cheeseman_bennett
-from companion.adaptation.parts import Around
 from companion.adaptation.sizes import Size
+from companion.estimation.disturbance import Around
 from models.frames import Array
 
 _ALONG = ((at.THRUST, at.INFLOW), (at.NORTH, at.EAST, at.DRAG), (at.CG_X, at.CG_Y, at.DRAG_ARM))

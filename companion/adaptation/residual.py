@@ -16,10 +16,10 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.adaptation import sizes as at
-from companion.adaptation.parts import Parts, about_cg
-from companion.mavlink.samples import Imu, Vector3
+from companion.estimation.disturbance import Parts, about_cg
+from companion.mavlink.samples import Imu
 from models.frames import Array, Rows, at_cg, wrench_of_motion
-from models.vehicle import RHO_SEA_LEVEL, Vehicle
+from models.vehicle import RHO_SEA_LEVEL, Vector3, Vehicle
 
 IMU_LAG_S = 0.03
 """The accelerometer is delayed by this, which is how late rotor speeds are."""

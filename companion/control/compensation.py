@@ -7,11 +7,12 @@ of the attitude, washed out because the autopilot's rate integrator owns its ste
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from companion.config import PipelineConfig
 from companion.control.authority import clipped, slew
-from companion.control.disturbance import Disturbance
+from companion.estimation.disturbance import Disturbance
 from companion.mavlink.firmware import ThrustMap
 from models.frames import GRAVITY, Rows
 from models.vehicle import Vehicle
@@ -45,15 +46,27 @@ class Offset(NamedTuple):
         )
 
 
-class MomentWashout(NamedTuple):
-    """The slow part of the roll and pitch moments [N m], which the autopilot's integrator holds."""
+MomentWashout = tuple[float, float]
+"""The slow part of the roll and pitch moments [N m], which the autopilot's integrator holds."""
 
-    low: tuple[float, float] | None = None
+
+@dataclass(frozen=True)
+class Offsets:
+    """The offset on its way out, from one setpoint to the next."""
+
+    authority: float = 0.0
+    offset: Offset = Offset()
+    """Within the slew rates, before the fade."""
+    wanted: Offset = Offset()
+    """The last good one."""
+    applied: Offset = Offset()
+    """What went out last: with trust and fade, again within the slew rates."""
+    washout: MomentWashout | None = None
 
 
 def wanted_offset(
     disturbance: Disturbance,
-    washout: MomentWashout,
+    washout: MomentWashout | None,
     config: PipelineConfig,
     thrust: ThrustMap,
     base_thrust: float,
@@ -91,15 +104,15 @@ def _thrust_change(ratio: float, thrust: ThrustMap, base_thrust: float) -> float
 
 
 def _moment_bias(
-    mx: float, my: float, washout: MomentWashout, vehicle: Vehicle, dt_s: float
+    mx: float, my: float, washout: MomentWashout | None, vehicle: Vehicle, dt_s: float
 ) -> tuple[float, float, MomentWashout]:
-    low_x, low_y = (mx, my) if washout.low is None else washout.low
+    low_x, low_y = (mx, my) if washout is None else washout
     share = min(dt_s / _MOMENT_WASHOUT_S, 1.0)
     low_x, low_y = low_x + share * (mx - low_x), low_y + share * (my - low_y)
     stiffness_x, stiffness_y = (_MOMENT_STIFFNESS_1_S2 * inertia for inertia in vehicle.inertia_kgm2[:2])
     roll = clipped(-(mx - low_x) / stiffness_x, _MOMENT_LIMIT_RAD)
     pitch = clipped(-(my - low_y) / stiffness_y, _MOMENT_LIMIT_RAD)
-    return roll, pitch, MomentWashout((low_x, low_y))
+    return roll, pitch, (low_x, low_y)
 
 
 def slewed(old: Offset, wanted: Offset, config: PipelineConfig, dt_s: float) -> Offset:

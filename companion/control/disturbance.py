@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from companion.adaptation.apply import Applied
-from companion.adaptation.parts import Around, Parts, about_cg
 from companion.adaptation.sizes import effects_with_size
 from companion.config import PipelineConfig
 from companion.estimation.air_state import air_state
+from companion.estimation.disturbance import THRUST_LEAD_S, Around, Disturbance, Parts, about_cg
 from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, fan_query, surface
 from models.adopted_effect import AdoptedEffect
 from models.air_state import AirState
@@ -26,8 +25,6 @@ from models.vehicle_wrench import RPM_TO_RAD_S, fan_rpm_now
 
 GAIN = 0.95
 """Of the modelled disturbance, where nothing speaks against it."""
-THRUST_LEAD_S = 0.06
-"""How far ahead the lift is looked up: what motors take to follow."""
 _TILT_LEAD_S = 0.0
 """The same for side forces. Over-prediction costs more than it gives (docs/lab/hold.md)."""
 DAMPING_SHARE = 0.2
@@ -39,27 +36,6 @@ _STIFFNESS_STEP_M = 0.02
 _NO_EFFECTS = np.zeros((0, 6))
 _SURE_SIGMA_M, _UNSURE_SIGMA_M = 0.05, 0.10
 """A distance this sure is believed in full; this unsure not at all: half of what the effects reach."""
-
-
-@dataclass(frozen=True, slots=True)
-class Disturbance:
-    """What the surroundings do to the vehicle: body FRD about the CG, and how far that is to be believed."""
-
-    wrench: tuple[float, ...]
-    """Disturbance at the leads of thrust (Fz) and tilt (the others), with the vanes' reaction to its moment."""
-    free_lift_n: float
-    trust: float
-    gain: float
-    """Bounded so that delayed feed-forward towards a wall stays below a fifth of the loop's damping."""
-    h_m: tuple[float, ...]
-    d_m: tuple[float, ...]
-    """Of every fan, at the lead of thrust."""
-    ground: Surface
-    wall: Surface
-    ceiling: Surface
-    """Watched only where an adopted effect knows of ceilings."""
-    parts: Parts | None = None
-    """What adaptation measures by; None without it."""
 
 
 def modelled_disturbance(

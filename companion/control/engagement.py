@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from companion.control.authority import Reason
+from companion.control.landed import AIRBORNE_AFTER_S, TAKE_OFF, Air
 from companion.control.position_hold import tilt_acceleration
 from companion.mavlink.firmware import Stack, stack_of, takes_setpoints
-from companion.mavlink.samples import Heartbeat, Vector3
+from companion.mavlink.samples import Heartbeat
 from models.evolve import replace
+from models.vehicle import Vector3
 
-ON_GROUND, IN_AIR, TAKE_OFF = 1, 2, 3
-"""MAV_LANDED_STATE."""
-AIRBORNE_AFTER_S = 1.0
-"""So long in the air, it flies."""
 _SETTLED_CLIMB_M_S, _SETTLED_S = 0.25, 1.0
 """A take-off is over when the vertical speed has been below that for so long."""
 _BALANCE_MEAN_S = 1.0
@@ -51,21 +49,20 @@ def watch_take_off(
     engagement: Engagement,
     t_s: float,
     climb_m_s: float | None,
-    landed_state: int,
-    airborne_since_s: float,
+    air: Air,
 ) -> Engagement:
     """Whether a take-off is over: steady for a second, or flown in another mode since; never while the autopilot
     reports one.
 
-    ``airborne_since_s`` is inf on the ground, which makes the next flight begin with a take-off again.
+    After the ground the next flight begins with a take-off again.
     """
-    if math.isinf(airborne_since_s):
+    if math.isinf(air.since_s):
         return replace(engagement, steady_since_s=math.inf, out_of_take_off=False)
     if engagement.out_of_take_off:
         return engagement
-    steady = climb_m_s is not None and abs(climb_m_s) < _SETTLED_CLIMB_M_S and landed_state != TAKE_OFF
+    steady = climb_m_s is not None and abs(climb_m_s) < _SETTLED_CLIMB_M_S and air.landed_state != TAKE_OFF
     since = min(engagement.steady_since_s, t_s) if steady else math.inf
-    flown_elsewhere = engagement.changed_s > airborne_since_s + AIRBORNE_AFTER_S and landed_state != TAKE_OFF
+    flown_elsewhere = engagement.changed_s > air.since_s + AIRBORNE_AFTER_S and air.landed_state != TAKE_OFF
     over = flown_elsewhere or t_s - since >= _SETTLED_S
     return replace(engagement, steady_since_s=since, out_of_take_off=over)
 

@@ -15,10 +15,9 @@ from companion.control.plant import CLIMB_LEAD_S, TILT_MEAN_S, HoldGains
 from companion.control.position_target import Reference, Target, advance, start_reference, stay
 from companion.control.wall_guard import Pressed
 from companion.mavlink.firmware import ThrustMap
-from companion.mavlink.samples import Vector3
 from models.evolve import replace
 from models.frames import GRAVITY
-from models.vehicle import Limits
+from models.vehicle import Limits, Vector3
 
 _MOST_LEVEL_M_S2 = GRAVITY * math.tan(math.radians(15.0))
 """Of the hold, before offsets: 15 degrees of tilt."""

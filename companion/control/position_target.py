@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
-from companion.mavlink.samples import SetPositionTarget, Vector3
-from models.vehicle import Limits
+from companion.mavlink.samples import SetPositionTarget
+from models.vehicle import Limits, Vector3
 
 _SHAPE_S = (0.25, 0.25, 0.12)
 """Time over which a change of the velocity target is fed forward as an acceleration, by axis NED."""

@@ -6,12 +6,11 @@ import math
 
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control.authority import Reason
-from companion.control.disturbance import Disturbance
-from companion.control.engagement import AIRBORNE_AFTER_S
 from companion.control.hover_thrust import HEARD_AGE_S, hover_parameter, is_known
 from companion.control.plant import HoldTuning, Margin
 from companion.control.state import PipelineState
 from companion.control.swing_detector import SWING_LEVELS
+from companion.estimation.disturbance import Disturbance
 from companion.estimation.estimator import ATTITUDE_AGE_S, POSITION_AGE_S, ROTOR_AGE_S, Estimates, Seen
 from companion.estimation.height_drift import FADE_M_S
 from companion.mavlink.firmware import Stack, ThrustMeaning, stack_of, takes_setpoints, thrust_meaning
@@ -69,7 +68,7 @@ def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[
     else:
         _autopilot(out, state, heartbeat, config)
     _arrivals(out, state, config, t_s)
-    if t_s - state.airborne_since_s < AIRBORNE_AFTER_S:
+    if not state.air.flies(t_s):
         out.append(Reason.LANDED)
     if holds:
         _hold(out, state, config, t_s)

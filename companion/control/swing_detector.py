@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from companion.mavlink.samples import Vector3
 from models.evolve import replace
+from models.vehicle import Vector3
 
 _MEAN_S = 3.0
 """What lasts longer is no swing but a balance of wind or trim."""

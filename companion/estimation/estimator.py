@@ -25,7 +25,7 @@ from companion.estimation.range_geometry import (
 )
 from companion.estimation.range_jump import OldPlace, jumped, remembered
 from companion.estimation.ring_planes import placed, ring_view
-from companion.mavlink.range_beams import orientation_direction
+from companion.mavlink.range_beams import dot, orientation_direction
 from companion.mavlink.samples import (
     Attitude,
     Battery,
@@ -37,11 +37,10 @@ from companion.mavlink.samples import (
     Ring,
     RotorSpeeds,
     ServoOutput,
-    Vector3,
 )
 from models.evolve import replace
-from models.frames import Array, Rows, rotation_rows
-from models.vehicle import Vehicle
+from models.frames import Rows, rotation_rows
+from models.vehicle import Vector3, Vehicle
 from models.vehicle_wrench import rpm_from_servos
 
 ATTITUDE_AGE_S, POSITION_AGE_S = 0.2, 0.5
@@ -166,20 +165,10 @@ class Estimates:
     esc_temperature_c: float | None = None
     """The hottest ESC."""
 
-    @property
-    def rotation(self) -> Array | None:
-        """``rows`` as an array (3, 3)."""
-        return None if self.rows is None else np.array(self.rows)
-
 
 def blank_estimates(vehicle: Vehicle) -> Estimates:
     """Nothing heard yet."""
     return Estimates((BeamTrack(),) * len(vehicle.watched), (None,) * len(vehicle.rotors))
-
-
-@lru_cache(maxsize=64)
-def _direction(orientation: int) -> tuple[float, float, float] | None:
-    return orientation_direction(orientation)
 
 
 def take_attitude(estimates: Estimates, sample: Attitude) -> Estimates:
@@ -197,7 +186,7 @@ def take_position(estimates: Estimates, sample: LocalPosition) -> Estimates:
             else replace(
                 beam,
                 track=measure_rate(
-                    beam.track, _RANGE_TRACK, sample.t_s, -_dot(velocity, beam.normal_ned), _VELOCITY_SIGMA_M_S
+                    beam.track, _RANGE_TRACK, sample.t_s, -dot(velocity, beam.normal_ned), _VELOCITY_SIGMA_M_S
                 ),
             )
             for beam in estimates.beams
@@ -285,16 +274,12 @@ def _heard(
     return replace(beam, heard_s=t_s, slant_m=slant, read=read, clear_since_s=clear_since_s)
 
 
-def _dot(a: Vector3, b: Vector3) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
 def _match(estimates: Estimates, sample: Range, vehicle: Vehicle) -> int | None:
     if sample.direction_frd is None:
         return None
     for index, declared in enumerate(vehicle.watched):
-        direction = _direction(declared.orientation)
-        if direction is None or _dot(direction, sample.direction_frd) < 0.98 or declared.target == "none":
+        direction = orientation_direction(declared.orientation)
+        if direction is None or dot(direction, sample.direction_frd) < 0.98 or declared.target == "none":
             continue
         beam = estimates.beams[index]
         # Two sensors that look the same way: the one heard first keeps the place while it speaks.

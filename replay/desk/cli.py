@@ -7,7 +7,7 @@ import socket
 from pathlib import Path
 from typing import Any
 
-from companion.page.address import read_address
+from companion.page.feed import read_address
 from models.errors import ConfigError
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, or the port is taken; 130 interrupted. The walk over the page:
@@ -45,9 +45,9 @@ def run(a: argparse.Namespace) -> int:
 
     desk = Desk.of(a.folder)
     try:
-        listening = socket.create_server((address.host, address.port))
+        listening = socket.create_server(address)
     except OSError as error:
-        raise ConfigError(f"{address}: cannot be served ({error.strerror}); name another") from None
+        raise ConfigError(f"{a.address}: cannot be served ({error.strerror}); name another") from None
     host, port = listening.getsockname()[:2]
     if not a.quiet:
         shown = socket.gethostname() if host == "0.0.0.0" else host

@@ -15,10 +15,10 @@ from companion.adaptation import adapt
 from companion.adaptation.adaptation import Adaptation
 from companion.config import PipelineConfig
 from companion.control.compensation import Offset
-from companion.control.disturbance import Disturbance
 from companion.control.position_hold import BaseSetpoint
+from companion.control.state import Decision
+from companion.estimation.disturbance import Disturbance
 from companion.estimation.estimator import Seen, Surface
-from companion.pipeline import Decision
 from replay.export.columns import Column
 from replay.logs.formats import suffix_of
 from replay.logs.pieces import Piece

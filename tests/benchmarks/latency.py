@@ -29,6 +29,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+from flight_process import flight_command
 from result_file import add_option, figure, write_result
 
 from companion.mavlink.dialect import mavlink
@@ -126,7 +127,7 @@ from companion.cli import main
 from companion.control.compensation import Offset
 from companion.mavlink.samples import Attitude
 from companion.mavlink.setpoints import AttitudeCommand
-from companion.pipeline import Decision
+from companion.control.state import Decision
 
 def answer(state, sample, config):
     if type(sample) is not Attitude:
@@ -228,18 +229,8 @@ def measure(
     if script is not None:
         command = [sys.executable, "-c", script, endpoint, str(seconds + 8.0)]
     else:
-        command = [
-            sys.executable,
-            "-m",
-            "companion",
-            "--vehicle",
-            "tandem",
-            "--connect",
-            endpoint,
-            "--duration",
-            str(seconds + 8.0),
-            *(["--quiet"] if folder is None else ["--json", str(folder / "report.json")]),
-        ]
+        said_how = ("--quiet",) if folder is None else ("--json", str(folder / "report.json"))
+        command = flight_command(port, "--duration", str(seconds + 8.0), *said_how)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     start = time.monotonic()
     with open(os.devnull if folder is None else folder / "said", "w", encoding="utf-8") as said:

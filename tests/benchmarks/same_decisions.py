@@ -28,9 +28,9 @@ import models
 from companion.adapt_options import Adapt
 from companion.config import Base, PipelineConfig
 from companion.control.authority import Reason
+from companion.control.state import Decision
 from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import encode
-from companion.pipeline import Decision
 from companion.vehicles import default_vehicle
 from models.adopted_effect import AdoptedEffect
 from models.errors import UserError

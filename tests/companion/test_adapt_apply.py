@@ -10,8 +10,8 @@ import pytest
 from companion.adaptation import apply
 from companion.adaptation.apply import Applied, share_of, towards
 from companion.adaptation.near_map import CELLS, NOTHING, NearField
-from companion.adaptation.parts import Around, about_cg
 from companion.adaptation.words import sentence
+from companion.estimation.disturbance import Around, about_cg
 from companion.vehicles import default_vehicle
 
 TANDEM = default_vehicle()

@@ -29,7 +29,8 @@ from companion.config import PipelineConfig
 from companion.control import disturbance as push
 from companion.control.plant import FULL
 from companion.page.snapshot import snapshot
-from companion.pipeline import answer, initial_state, settle
+from companion.pipeline import answer, initial_state
+from companion.settle import settle
 from companion.sim.air import NOMINAL
 from companion.sim.flight import Flight
 from companion.sim.flown import Flown

@@ -24,10 +24,10 @@ from companion.adaptation.near_map import (
     NearField,
     cheeseman_bennett,
 )  # fmt: skip
-from companion.adaptation.parts import Around
 from companion.adaptation.saved import kept_with, save_sizes
 from companion.adaptation.sizes import size_table
 from companion.config import PipelineConfig
+from companion.estimation.disturbance import Around
 from companion.vehicles import default_vehicle
 from models import load
 from models.corner_law import ClosedForm

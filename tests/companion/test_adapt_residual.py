@@ -11,8 +11,8 @@ import pytest
 import models
 from companion.adaptation import residual
 from companion.adaptation import sizes as at
-from companion.adaptation.parts import Around, Parts, about_cg
 from companion.adaptation.residual import IMU_LAG_S, Block, add, begin, follow, see, vane_outputs, vanes_wrench
+from companion.estimation.disturbance import Around, Parts, about_cg
 from companion.mavlink.samples import Imu
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state

@@ -27,7 +27,8 @@ from companion.mavlink.samples import (
     SetPositionTarget,
 )
 from companion.mavlink.setpoints import AccelerationCommand, AttitudeCommand
-from companion.pipeline import answer, initial_state, settle, step, stopped
+from companion.pipeline import answer, initial_state, step, stopped
+from companion.settle import settle
 from companion.telemetry.status import named_values
 from models.frames import quaternion_from_euler
 
