@@ -329,7 +329,7 @@ class Flight:
         for name, hz in self._streams.in_vain.items():
             if name not in self._reported_slow:
                 self._reported_slow.add(name)
-                self._tell(f"companion: {name} comes at {hz:.0f} Hz only, however often asked for")
+                self._tell(f"companion: {name} comes at {hz:.0f} Hz only, although a higher rate was requested")
         retry_s = _PARAMETER_RETRY_S if self._asked <= _PARAMETER_TRIES else _PARAMETER_SLOW_RETRY_S
         if now_s - self._asked_s >= retry_s:
             self._asked_s = now_s

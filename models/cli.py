@@ -70,7 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument("--label", metavar="TEXT", help="what the data are, kept in model.json as their fidelity")
     train.set_defaults(run=_train)
 
-    compare = commands.add_parser("compare", help="train all methods, honestly compared, with the paper's tables")
+    compare = commands.add_parser("compare", help="train all methods and compare them, with the paper's tables")
     _data_options(compare)
     compare.add_argument("--report", type=Path, metavar="DIR", help="write the report and its figures here")
     compare.add_argument("--splits", type=_positive, default=20, metavar="N", help="random splits (default 20)")

@@ -40,7 +40,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--version", action=VersionAction, nargs=0, help="print the version and exit")
     commands = p.add_subparsers(dest="command", required=True, metavar="COMMAND")
     run = commands.add_parser(
-        "run", help="feed a log through the pipeline of flight and report its decisions", epilog=_EPILOG,
+        "run", help="feed a log through the flight pipeline and report its decisions", epilog=_EPILOG,
         description="Feed a recorded log through the same pipeline as in flight, with the same decisions.",
     )  # fmt: skip
     run.add_argument("log", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg; or a folder of them")

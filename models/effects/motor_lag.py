@@ -30,7 +30,7 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
 
 
 def _lacking(ctx: Context) -> str | None:
-    return "the thrust varied hardly more than it answers disturbances" if ctx.only_answers else None
+    return "the thrust changed only in response to disturbances" if ctx.only_answers else None
 
 
 def _words(_: Context, p: Mapping[str, float]) -> str:

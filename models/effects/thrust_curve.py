@@ -23,7 +23,7 @@ def _flattest(ctx: Context) -> float:
 
 
 def _lacking(ctx: Context) -> str | None:
-    return "the thrust varied hardly more than it answers disturbances" if ctx.only_answers else None
+    return "the thrust changed only in response to disturbances" if ctx.only_answers else None
 
 
 def _likely(ctx: Context) -> float:

@@ -31,7 +31,7 @@ class Compared:
 
 @dataclass(frozen=True)
 class Changed:
-    """A change that stays, and the log since which it is there."""
+    """A change that stays, and the first log that shows it."""
 
     change: Change
     since: str
@@ -100,7 +100,7 @@ def since(
     learnt, said = read_records(good_logs, vehicle, model, target_system)
     as_it_was = learn(learnt)
     notes += [
-        f"the good flights differ by themselves: {flight} in {effect}; such a change is hardly seen"
+        f"the good flights differ in {effect}: {flight} from the others; a change of it is hard to see"
         for flight, effect in as_it_was.apart
     ]
     ordered = by_date(new_logs)

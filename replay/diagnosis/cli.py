@@ -25,7 +25,7 @@ def add_parser(commands: Any) -> None:
     p: argparse.ArgumentParser = commands.add_parser(
         "diagnose", help="find what the declared model lacks, name it, and amend the model", epilog=_EPILOG,
         description="Measured minus modelled wrench of recorded flights: which physical effect is missing, how large "
-        "it is, and the error before and after adding it, on time that the fit never saw.",
+        "it is, and the error before and after adding it, on held-out time.",
     )  # fmt: skip
     p.add_argument(
         "logs",

@@ -83,7 +83,7 @@ def perform(job: Job) -> dict[str, Any]:
     except MemoryError:
         answer = {"error": "needs more memory than there is: cut it, or use another machine"}
     except Exception as error:  # a log that breaks the reader must not stop the others
-        answer = {"error": f"broke the program ({type(error).__name__}: {error}); please report it"}
+        answer = {"error": f"the program failed ({type(error).__name__}: {error}); please report it"}
     return {**head, **answer, "wall_s": round(time.monotonic() - start, 2)}
 
 

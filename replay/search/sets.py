@@ -97,16 +97,16 @@ class Walked:
     def why_not(self, name: str) -> str:
         """Why an effect is not in the answer."""
         if name in self.worse:
-            return "fitted on a part of the time it makes the rest worse"
+            return "it makes the error on held-out time larger"
         with_it = [f for f in self.ranked() if name in {t.name for t in f.terms}]
         if not with_it:
             return "no better than chance"
         fit = with_it[0]
         if fit.worth < -1.0:
-            return "too small beside the others, or takes too little off its axes"
+            return "too small beside the other effects, or removes too little of the error"
         if fit.evidence < self.best.evidence + 1.0:
-            return "the other effects do as well without it"
-        return "not likely beside the others"
+            return "the other effects fit as well without it"
+        return "not likely together with the other effects"
 
 
 @dataclass(frozen=True)

@@ -125,7 +125,7 @@ def draft(paths: Sequence[Path], given: Given, target_system: int | None = None)
     vehicle = replace(vehicle, assumed=tuple(f.key for f in assumed if f.key in ASSUMABLE))
     wrong = next((f for f in findings(vehicle) if f.refused), None)
     if wrong is not None:
-        raise ConfigError(f"the drafted vehicle cannot be: {wrong.key} {wrong.text}")
+        raise ConfigError(f"the drafted vehicle is impossible: {wrong.key} {wrong.text}")
     return Draft(vehicle, tuple(known), tuple(assumed))
 
 

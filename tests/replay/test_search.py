@@ -672,14 +672,14 @@ def test_what_is_left_beside_a_surface_only_is_not_explained(quiet: Record) -> N
     assert left["low"].rms == pytest.approx(0.01 * context.weight, rel=0.2)
 
 
-def test_an_effect_that_makes_unseen_time_worse_is_not_named() -> None:
+def test_an_effect_that_makes_held_out_time_worse_is_not_named() -> None:
     """Twelve seconds of slow noise, and a set that fitted its drift: on the other folds it does harm."""
     walked = walk([noise_record(4, 12.0, 3.0)], some("rotor_drag", "wind"))
     term = next(t for t in walked.evidence.library.terms if t.name == "wind")
     drifting = walked.evidence.fit([term], walked.best.noise)
     answer = summarise(replace(walked, best=drifting, fits={**walked.fits, drifting.key: drifting}), 0)
     assert names(answer) == set()
-    assert reason(answer, "wind")[0] == "fitted on a part of the time it makes the rest worse"
+    assert reason(answer, "wind")[0] == "it makes the error on held-out time larger"
 
 
 def test_an_effect_does_not_act_on_an_axis_of_which_it_raises_the_error(quiet: Record) -> None:
