@@ -225,7 +225,7 @@ KINDS = {
     "dead gyro": Fault(lambda g: imu(g, gyro=lambda x: 0.0 * x), "q_rad_s", "disagrees", FORCES),
     "IMU on its side": Fault(lambda g: imu(g, force=on_its_side), "ax_m_s2", "disagrees", (1, 3, 4, 5)),
     "frozen accelerometer axis": Fault(lambda g: imu(g, force=frozen_z), "az_m_s2", "disagrees", (0, 1, 3, 4, 5)),
-    "derived accelerometer": Fault(derived, "ax_m_s2", "derived from the velocity", ALL),
+    "derived accelerometer": Fault(derived, "ax_m_s2", "computed from the velocity", ALL),
     "range that never moves": Fault(frozen_range, "range_down_m", "stays at 2.00 m", ALL),
     "copies of one output": Fault(
         lambda g: servo(g, lambda x: np.repeat(x[:, :1], 16, axis=1)), "servo_1", "copies of one number", FORCES,
