@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns
+from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns, tried
 from models.effects.pictures import fan_mean, more, nearest, over
 from models.frames import Array
 
@@ -16,10 +16,6 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     gain = 0.5 + 0.5 * np.sqrt(1.0 + 1.0 / (8.0 * gap * gap))
     extra = ctx.shared_thrust * (gain ** (2.0 / 3.0) - 1.0)
     return columns(ctx.wrench_at_cg(-extra[..., None] * DOWNWARD))
-
-
-def _grid(_: Context) -> Sequence[tuple[float, ...]]:
-    return tuple((s,) for s in (0.5, 0.75, 1.0, 1.5, 2.5))
 
 
 def _lacking(ctx: Context) -> str | None:
@@ -52,7 +48,7 @@ EFFECT = Effect(
     gain_in_flight=True,
     shapes=(Shape("scale", "1"),),
     usual=(1.0,),
-    shape_grid=_grid,
+    shape_grid=tried(0.5, 0.75, 1.0, 1.5, 2.5),
     lacking=_lacking,
     aliases=("thrust_scale",),
     drawn=_drawn,

@@ -311,6 +311,11 @@ def no_shape(_: Context) -> Sequence[tuple[float, ...]]:
     return ((),)
 
 
+def tried(*values: float) -> Grid:
+    """The grid of an effect whose one shape takes these values."""
+    return lambda _: tuple((value,) for value in values)
+
+
 def always(_: Context) -> str | None:
     """For effects that need nothing besides rotors and IMU."""
     return None

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns, tried
 from models.effects.pictures import compass, over
 from models.frames import Array
 
@@ -23,10 +23,6 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     own = ctx.velocity[..., None, :]
     north, east = ram(rotation[..., None, 0, :]), ram(rotation[..., None, 1, :])
     return columns(north, east, ram(-own), ram(-ctx.turning), ram(-own, ctx.sinking_flow))
-
-
-def _grid(_: Context) -> Sequence[tuple[float, ...]]:
-    return tuple((s,) for s in (0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7))
 
 
 def _speed(found: Mapping[str, tuple[float, float, float]]) -> str | None:
@@ -72,7 +68,7 @@ EFFECT = Effect(
     ),
     regressors=_regressors,
     shapes=(Shape("above_radii", "1", free_at_zero=True),),
-    shape_grid=_grid,
+    shape_grid=tried(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7),
     aliases=("imu_bias", "rotor_drag"),
     main=("north", "east"),
     explain=_speed,
