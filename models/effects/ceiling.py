@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns, tried
+from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, Shape, columns, tried
 from models.effects.pictures import fan_mean, more, nearest, over
 from models.frames import Array
 
@@ -20,10 +20,6 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
 
 def _lacking(ctx: Context) -> str | None:
     return None if np.isfinite(ctx.state.ceiling_m).any() else "no rangefinder saw a ceiling"
-
-
-def _drawn(ctx: Context, axis: str) -> Drawn:
-    return over("gap to the ceiling [m]", fan_mean(ctx.state.ceiling_m), axis)
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -51,6 +47,6 @@ EFFECT = Effect(
     shape_grid=tried(0.5, 0.75, 1.0, 1.5, 2.5),
     lacking=_lacking,
     aliases=("thrust_scale",),
-    drawn=_drawn,
+    drawn=lambda ctx, axis: over("gap to the ceiling [m]", fan_mean(ctx.state.ceiling_m), axis),
     in_words=_words,
 )

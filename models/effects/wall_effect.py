@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns, decay, tried
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, columns, decay, tried
 from models.effects.pictures import nearest, over_wall, percent
 from models.frames import Array
 
@@ -23,10 +23,6 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
 
 def _lacking(ctx: Context) -> str | None:
     return None if np.isfinite(ctx.state.d_m).any() else "no wall was seen"
-
-
-def _drawn(ctx: Context, axis: str) -> Drawn:
-    return over_wall("distance to the wall [m]", ctx.state.d_m, ctx.state.wall_bearing_rad, axis)
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -55,6 +51,6 @@ EFFECT = Effect(
     lacking=_lacking,
     chance=lambda ctx: ctx.by_model(0.05, 0.3),
     aliases=("contact", "wind"),
-    drawn=_drawn,
+    drawn=lambda ctx, axis: over_wall("distance to the wall [m]", ctx.state.d_m, ctx.state.wall_bearing_rad, axis),
     in_words=_words,
 )

@@ -57,7 +57,7 @@ def write_mcap(path: Path, tables: Tables, metadata: dict[str, str]) -> Written:
 
 def _messages(cells: Mapping[str, Mapping[str, list[Any]]], boot: int) -> list[tuple[int, str, Mapping[str, Any]]]:
     """Row, topic and content of everything in some rows, in order of time. ``cells``: values by topic and name."""
-    out = []
+    out: list[tuple[int, str, Mapping[str, Any]]] = []
     for topic, own in cells.items():
         for row, numbers in enumerate(zip(*own.values(), strict=True)):
             known = {n: v for n, v in zip(own, numbers, strict=True) if v is not None and v == v}
