@@ -1,4 +1,4 @@
-"""``models cfd``: run the cases, assemble the data set, check it, trim a fan."""
+"""``models cfd``: run the cases, assemble the data set."""
 
 from __future__ import annotations
 
@@ -24,55 +24,31 @@ def add(commands: Any, finish: Finish) -> None:
     run = what.add_parser("run", help="compute all cases that are not there yet; Ctrl-C and run again to go on")
     _common(run)
     run.add_argument("--work", required=True, type=Path, metavar="DIR", help="cases, their logs and states")
-    _model(run)
+    run.add_argument(
+        "--model", choices=("half", "full"), default="half",
+        help="half models without swirl (default), or full models with swirl",
+    )  # fmt: skip
     run.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="solvers at a time (all cores)")
     run.add_argument("--dry-run", action="store_true", help="list the cases, compute nothing")
     run.set_defaults(run=lambda args: finish(args, _run(args)))
 
     assemble = what.add_parser("assemble", help="make the data set and its tables from computed cases")
     _common(assemble)
-    _cases(assemble)
+    assemble.add_argument(
+        "--work", type=Path, action="append", metavar="DIR",
+        help="folder of 'models cfd run'; may be given several times",
+    )  # fmt: skip
+    assemble.add_argument(
+        "--cases", type=Path, metavar="CSV", help="case table, completed by --work (default: the shipped one alone)"
+    )
     assemble.add_argument("--out", required=True, type=Path, metavar="DIR", help="where corner_cfd*.csv are written")
     assemble.set_defaults(run=lambda args: finish(args, _assemble(args)))
-
-    check = what.add_parser("check", help="published statements beside the numbers")
-    _common(check)
-    _cases(check)
-    check.set_defaults(run=lambda args: finish(args, _check(args)))
-
-    trim = what.add_parser("trim", help="find the tip pitch that gives the fan its lift, with swirl without net torque")
-    _common(trim)
-    _model(trim)
-    trim.add_argument("--work", required=True, type=Path, metavar="DIR", help="cases, their logs and states")
-    trim.set_defaults(run=lambda args: finish(args, _trim(args)))
 
 
 def _common(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fan", type=Path, metavar="FILE", help="fan file (default: the built-in fan)")
     parser.add_argument("--json", metavar="FILE", help="write the numbers as JSON here, '-' for stdout")
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no text")
-
-
-def _model(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--model",
-        choices=("half", "full"),
-        default="half",
-        help="half models without swirl (default), or full models with swirl",
-    )
-
-
-def _cases(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--work",
-        type=Path,
-        action="append",
-        metavar="DIR",
-        help="folder of 'models cfd run'; may be given several times",
-    )
-    parser.add_argument(
-        "--cases", type=Path, metavar="CSV", help="case table, completed by --work (default: the shipped one alone)"
-    )
 
 
 def _run(args: argparse.Namespace) -> Any:
@@ -137,28 +113,3 @@ def _assemble(args: argparse.Namespace) -> Any:
             f"of {len(made.table) - solved} by the fitted law of rotor speed"
         )
     return {"rows": len(made.table), "solved": solved, "out": str(args.out)}
-
-
-def _check(args: argparse.Namespace) -> Any:
-    from models.cfd import check, config
-
-    setup = config.load(args.fan)
-    rows = _rows(args, setup)
-    found = check.summary(check.check(rows, setup), rows, setup)
-    if speaks(args):
-        print(check.text(found))
-    return found
-
-
-def _trim(args: argparse.Namespace) -> Any:
-    from models.cfd import config, polars, trim
-
-    setup = config.load(args.fan)
-    section = polars.neural_section(setup.rotor.section)
-
-    pitch, result = trim.trim(args.work, setup, section, args.model)
-    lift, torque = result.wrench[2], result.wrench[5]
-    if speaks(args):
-        print(f"tip pitch {', '.join(f'{p:.3f}' for p in pitch)} deg: {lift:.3f} N, {torque:+.4f} N m")
-    found = {"tip_pitch_deg": pitch[0]} if args.model == "half" else {"swirl_tip_pitch_deg": pitch}
-    return {**found, "lift_N": lift, "torque_Nm": torque}

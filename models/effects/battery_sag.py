@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns, through
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, columns, through
 from models.effects.pictures import more, nearest, over
 from models.frames import Array
 
@@ -37,10 +37,6 @@ def _lacking(ctx: Context) -> str | None:
     if not known.size:
         return "no battery voltage in the log"
     return None if np.ptp(known) > 0.005 * float(np.median(known)) else "the battery voltage did not change"
-
-
-def _drawn(ctx: Context, axis: str) -> Drawn:
-    return over("battery [V]", ctx.state.battery_voltage_v, axis)
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -75,6 +71,6 @@ EFFECT = Effect(
     chance=lambda ctx: ctx.by_kind(0.0003, 0.15),
     contains=("thrust_scale",),
     aliases=("thermal_derating", "thrust_scale"),
-    drawn=_drawn,
+    drawn=lambda ctx, axis: over("battery [V]", ctx.state.battery_voltage_v, axis),
     in_words=_words,
 )

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns
+from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, Shape, columns, tried
 from models.effects.pictures import fan_mean, more, nearest, over
 from models.frames import Array
 
@@ -18,16 +18,8 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     return columns(ctx.wrench_at_cg(-extra[..., None] * DOWNWARD))
 
 
-def _grid(_: Context) -> Sequence[tuple[float, ...]]:
-    return tuple((s,) for s in (0.5, 0.75, 1.0, 1.5, 2.5))
-
-
 def _lacking(ctx: Context) -> str | None:
     return None if np.isfinite(ctx.state.ceiling_m).any() else "no rangefinder saw a ceiling"
-
-
-def _drawn(ctx: Context, axis: str) -> Drawn:
-    return over("gap to the ceiling [m]", fan_mean(ctx.state.ceiling_m), axis)
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -52,9 +44,9 @@ EFFECT = Effect(
     gain_in_flight=True,
     shapes=(Shape("scale", "1"),),
     usual=(1.0,),
-    shape_grid=_grid,
+    shape_grid=tried(0.5, 0.75, 1.0, 1.5, 2.5),
     lacking=_lacking,
     aliases=("thrust_scale",),
-    drawn=_drawn,
+    drawn=lambda ctx, axis: over("gap to the ceiling [m]", fan_mean(ctx.state.ceiling_m), axis),
     in_words=_words,
 )

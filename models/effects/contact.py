@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, InFlight, Shape, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, InFlight, Shape, columns
 from models.effects.pictures import over_wall
 from models.frames import Array
 
@@ -30,18 +30,6 @@ def _lacking(ctx: Context) -> str | None:
     return None if _grid(ctx) else "never within 10 cm of a wall"
 
 
-def _stiff(ctx: Context) -> float:
-    return ctx.weight / 0.05 / len(ctx.vehicle.fans)
-
-
-def _damped(ctx: Context) -> float:
-    return 0.1 * ctx.weight / len(ctx.vehicle.fans)
-
-
-def _drawn(ctx: Context, axis: str) -> Drawn:
-    return over_wall("distance to the wall [m]", ctx.state.d_m, ctx.state.wall_bearing_rad, axis)
-
-
 def _words(_: Context, p: Mapping[str, float]) -> str:
     return (
         f"the vehicle touches the wall at {p['reach_m'] * 100.0:.0f} cm: each centimetre closer adds "
@@ -60,8 +48,8 @@ EFFECT = Effect(
     channels=("range_right_m", "range_left_m", "range_forward_m", "range_back_m"),
     excite="touch the wall gently, several times",
     coefficients=(
-        Coefficient("stiffness", "N/m", 1.0, 1e4, typical=_stiff),
-        Coefficient("damping", "N s/m", -100.0, 1e3, typical=_damped),
+        Coefficient("stiffness", "N/m", 1.0, 1e4, typical=lambda ctx: ctx.weight / 0.05 / len(ctx.vehicle.fans)),
+        Coefficient("damping", "N s/m", -100.0, 1e3, typical=lambda ctx: 0.1 * ctx.weight / len(ctx.vehicle.fans)),
     ),
     regressors=_regressors,
     shapes=(Shape("reach_m", "m"),),
@@ -72,6 +60,6 @@ EFFECT = Effect(
     form=0.25,
     in_flight=InFlight.NONE,
     main=("stiffness",),
-    drawn=_drawn,
+    drawn=lambda ctx, axis: over_wall("distance to the wall [m]", ctx.state.d_m, ctx.state.wall_bearing_rad, axis),
     in_words=_words,
 )

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, columns, decay
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, columns, decay, tried
 from models.effects.pictures import nearest, over_surfaces, percent
 from models.frames import Array
 
@@ -28,10 +28,6 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     for unit, arm in zip(UNITS, (1.0, 1.0, radius), strict=True):
         parts += [ctx.corner(unit, arm * s, ctx.state.wall_bearing_rad) for s in (size, higher)]
     return columns(*parts)
-
-
-def _grid(_: Context) -> Sequence[tuple[float, ...]]:
-    return tuple((s,) for s in (0.7, 1.2, 2.0))
 
 
 def _lacking(ctx: Context) -> str | None:
@@ -67,7 +63,7 @@ EFFECT = Effect(
     regressors=_regressors,
     gain_in_flight=True,
     shapes=(Shape("length_radii", "1"),),
-    shape_grid=_grid,
+    shape_grid=tried(0.7, 1.2, 2.0),
     lacking=_lacking,
     chance=lambda ctx: ctx.by_model(0.05, 0.3),
     aliases=("wall_effect", "ground_effect"),

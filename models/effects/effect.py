@@ -311,6 +311,11 @@ def no_shape(_: Context) -> Sequence[tuple[float, ...]]:
     return ((),)
 
 
+def tried(*values: float) -> Grid:
+    """The grid of an effect whose one shape takes these values."""
+    return lambda _: tuple((value,) for value in values)
+
+
 def always(_: Context) -> str | None:
     """For effects that need nothing besides rotors and IMU."""
     return None
@@ -386,8 +391,6 @@ class Effect:
     """Effects whose terms it has among its own."""
     searched: tuple[str, ...] = ()
     """Axes by which it is looked for, where others would only answer disturbances; empty: all that it acts on."""
-    explain: Callable[[Mapping[str, tuple[float, float, float]]], str | None] | None = None
-    """A remark on parameters that were found, each (value, low, high)."""
     kinematic_bias: Callable[[Context, tuple[float, ...]], Array] | None = None
     """(3, k): what it adds to accelerometer minus what velocity and attitude imply [m/s^2]; None: nothing."""
     gain_in_flight: bool = False

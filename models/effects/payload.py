@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, columns
 from models.effects.pictures import over, percent
 from models.frames import Array
 
@@ -30,17 +30,9 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
     return ((0.0,), *((float(s),) for s in inner))
 
 
-def _likely(ctx: Context) -> float:
-    return 0.15 * ctx.vehicle.mass_kg
-
-
 def _usual(ctx: Context) -> float:
     # Loads are added more often than taken off.
     return 0.1 * ctx.vehicle.mass_kg
-
-
-def _drawn(ctx: Context, axis: str) -> Drawn:
-    return over("time since boot [s]", ctx.state.time_s, axis, mark="from_s")
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -60,7 +52,7 @@ EFFECT = Effect(
     axes=("Fz",),
     channels=("az_m_s2", "rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="weigh the vehicle, or pick the load up in flight",
-    coefficients=(Coefficient("mass", "kg", -1e3, 1e3, typical=_likely, centre=_usual),),
+    coefficients=(Coefficient("mass", "kg", -1e3, 1e3, typical=lambda ctx: 0.15 * ctx.vehicle.mass_kg, centre=_usual),),
     regressors=_regressors,
     shapes=(Shape("from_s", "s", kinds=(0.0,)),),
     shape_grid=_grid,
@@ -68,6 +60,6 @@ EFFECT = Effect(
     aliases=("thrust_scale", "air_density"),
     exact=True,
     chance=0.045,
-    drawn=_drawn,
+    drawn=lambda ctx, axis: over("time since boot [s]", ctx.state.time_s, axis, mark="from_s"),
     in_words=_words,
 )

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, columns, tried
 from models.effects.pictures import mean, over_speed
 from models.frames import Array
 
@@ -19,10 +19,6 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
 
     own = ctx.velocity[..., None, :]
     return columns(ram(own, ctx.mass_flow), ram(ctx.turning, ctx.mass_flow), ram(own, ctx.sinking_flow))
-
-
-def _grid(_: Context) -> Sequence[tuple[float, ...]]:
-    return tuple((s,) for s in (0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7))
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -47,7 +43,7 @@ EFFECT = Effect(
     ),
     regressors=_regressors,
     shapes=(Shape("above_radii", "1", free_at_zero=True),),
-    shape_grid=_grid,
+    shape_grid=tried(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7),
     aliases=("body_drag", "wind"),
     chance=0.3,
     main=("drag",),

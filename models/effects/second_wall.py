@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns, decay
+from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns, decay, tried
 from models.effects.pictures import nearest, over_wall, percent
 from models.frames import Array
 
@@ -22,10 +22,6 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
         ctx.corner((0.0, 0.0, 1.0, 0.0, 0.0, 0.0), size, bearing),
         ctx.corner((0.0, 0.0, -1.0, 0.0, 0.0, 0.0), both, bearing),
     )
-
-
-def _grid(_: Context) -> Sequence[tuple[float, ...]]:
-    return tuple((s,) for s in (0.5, 0.9, 1.4))
 
 
 def _lacking(ctx: Context) -> str | None:
@@ -63,7 +59,7 @@ EFFECT = Effect(
     regressors=_regressors,
     gain_in_flight=True,
     shapes=(Shape("length_radii", "1"),),
-    shape_grid=_grid,
+    shape_grid=tried(0.5, 0.9, 1.4),
     lacking=_lacking,
     aliases=("wall_effect",),
     drawn=_drawn,

@@ -44,10 +44,6 @@ def _likely(ctx: Context) -> float:
     return 0.15 * ctx.vehicle.mass_kg
 
 
-def _hook(ctx: Context) -> float:
-    return 0.3 * ctx.lever
-
-
 def _words(_: Context, p: Mapping[str, float]) -> str:
     return f"a load of {abs(p['swinging']):.2f} kg swings on a rope of {p['rope_m']:.2f} m"
 
@@ -65,7 +61,7 @@ EFFECT = Effect(
     coefficients=(
         Coefficient("swinging", "kg", 0.0, 1e3, typical=_likely),
         Coefficient("mass", "kg", 0.0, 1e3, typical=_likely),
-        Coefficient("hook", "kg m", -1e3, 1e3, typical=_hook),
+        Coefficient("hook", "kg m", -1e3, 1e3, typical=lambda ctx: 0.3 * ctx.lever),
     ),
     regressors=_regressors,
     shapes=(Shape("rope_m", "m"),),

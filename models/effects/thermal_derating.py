@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, columns
 from models.effects.pictures import more, nearest, over
 from models.frames import Array
 
@@ -28,10 +28,6 @@ def _lacking(ctx: Context) -> str | None:
     if not known.size:
         return "no ESC temperature in the log"
     return None if np.ptp(known) > 2.0 else "the ESC temperature did not change"
-
-
-def _drawn(ctx: Context, axis: str) -> Drawn:
-    return over("ESC temperature [°C]", ctx.state.esc_temperature_c, axis)
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -62,6 +58,6 @@ EFFECT = Effect(
     lacking=_lacking,
     contains=("thrust_scale",),
     aliases=("battery_sag",),
-    drawn=_drawn,
+    drawn=lambda ctx, axis: over("ESC temperature [°C]", ctx.state.esc_temperature_c, axis),
     in_words=_words,
 )

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Drawn, Effect, columns
+from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, columns
 from models.effects.pictures import mean, over, percent
 from models.frames import Array
 from models.vehicle import RHO_SEA_LEVEL
@@ -25,10 +25,6 @@ def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
     level = (ctx.velocity[..., :2] ** 2).sum(axis=-1)[..., None] * np.ones(len(ctx.vehicle.fans))
     gain = ctx.wrench_at_cg((-RHO_SEA_LEVEL * ctx.vehicle.disc_area_m2 * level)[..., None] * DOWNWARD)
     return columns(loss(ctx.velocity[..., None, :]), loss(ctx.turning), loss(north), loss(east), gain)
-
-
-def _drawn(ctx: Context, axis: str) -> Drawn:
-    return over("climb along the rotor axis [m/s]", -ctx.velocity[..., 2], axis)
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -58,6 +54,6 @@ EFFECT = Effect(
     chance=0.3,
     regressors=_regressors,
     aliases=("range_offset",),
-    drawn=_drawn,
+    drawn=lambda ctx, axis: over("climb along the rotor axis [m/s]", -ctx.velocity[..., 2], axis),
     in_words=_words,
 )

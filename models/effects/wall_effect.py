@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns, decay
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, columns, decay, tried
 from models.effects.pictures import nearest, over_wall, percent
 from models.frames import Array
 
@@ -21,16 +21,8 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     )
 
 
-def _grid(_: Context) -> Sequence[tuple[float, ...]]:
-    return tuple((s,) for s in (0.4, 0.7, 1.1, 1.7))
-
-
 def _lacking(ctx: Context) -> str | None:
     return None if np.isfinite(ctx.state.d_m).any() else "no wall was seen"
-
-
-def _drawn(ctx: Context, axis: str) -> Drawn:
-    return over_wall("distance to the wall [m]", ctx.state.d_m, ctx.state.wall_bearing_rad, axis)
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -55,10 +47,10 @@ EFFECT = Effect(
     regressors=_regressors,
     gain_in_flight=True,
     shapes=(Shape("length_radii", "1"),),
-    shape_grid=_grid,
+    shape_grid=tried(0.4, 0.7, 1.1, 1.7),
     lacking=_lacking,
     chance=lambda ctx: ctx.by_model(0.05, 0.3),
     aliases=("contact", "wind"),
-    drawn=_drawn,
+    drawn=lambda ctx, axis: over_wall("distance to the wall [m]", ctx.state.d_m, ctx.state.wall_bearing_rad, axis),
     in_words=_words,
 )

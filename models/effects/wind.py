@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns, tried
 from models.effects.pictures import compass, over
 from models.frames import Array
 
@@ -23,22 +23,6 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     own = ctx.velocity[..., None, :]
     north, east = ram(rotation[..., None, 0, :]), ram(rotation[..., None, 1, :])
     return columns(north, east, ram(-own), ram(-ctx.turning), ram(-own, ctx.sinking_flow))
-
-
-def _grid(_: Context) -> Sequence[tuple[float, ...]]:
-    return tuple((s,) for s in (0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7))
-
-
-def _speed(found: Mapping[str, tuple[float, float, float]]) -> str | None:
-    """The wind by the vehicle's own drag, where that is clearly not momentum theory's, in which it is given."""
-    drag, low, high = found["own_motion"]
-    if low <= 0.0 or low <= 1.0 <= high:
-        return None
-    north, east = found["north"][0] / drag, found["east"][0] / drag
-    return (
-        f"drag on the own motion is {drag:.2g} of momentum theory's; if the wind meets the same, it blows at "
-        f"{north:.2g} m/s to the north, {east:.2g} m/s to the east"
-    )
 
 
 def _drawn(ctx: Context, axis: str) -> Drawn:
@@ -72,10 +56,9 @@ EFFECT = Effect(
     ),
     regressors=_regressors,
     shapes=(Shape("above_radii", "1", free_at_zero=True),),
-    shape_grid=_grid,
+    shape_grid=tried(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7),
     aliases=("imu_bias", "rotor_drag"),
     main=("north", "east"),
-    explain=_speed,
     chance=0.05,
     contains=("rotor_drag",),
     drawn=_drawn,

@@ -15,7 +15,7 @@ from models.vehicle_setup.estimate import (
     pwm_range,
     throttle_output,
 )
-from models.vehicle_setup.frames import Motor, outputs
+from models.vehicle_setup.frames import Motor
 
 COMMON_PROPELLERS, USUAL_PULSES = "0.4 to 0.9 for common propellers", "usual pulses, from 1000 us"
 _LOOKS_DOWN = 25
@@ -24,7 +24,7 @@ _SEEN = {"down": "ground", "up": "ceiling", "to the side": "wall"}
 
 @dataclass(frozen=True)
 class Answers:
-    """What a person or a parameter file says."""
+    """What logs, their parameters and a person say of a vehicle."""
 
     name: str
     mass_kg: float
@@ -33,8 +33,8 @@ class Answers:
     motors: tuple[Motor, ...]
     arm_m: float
     """Centre to motor axis."""
-    numbers: Mapping[int, int] = field(default_factory=dict)
-    """Motor number to ESC or output; empty: by the parameters."""
+    numbers: Mapping[int, int]
+    """Motor number to ESC or output."""
     telemetered: bool = True
     voltage_v: float = 0.0
     """Of the battery in hover."""
@@ -44,27 +44,22 @@ class Answers:
 
 def build(a: Answers) -> tuple[Vehicle, dict[str, str]]:
     """The vehicle, and by key where its numbers came from."""
-    motors, arm = a.motors, a.arm_m
-    said = {"position_m": f"from the CG, forward right down; motor {motors[0].number}"}
+    said = {"position_m": f"from the CG, forward right down; motor {a.motors[0].number}"}
     hover, said["hover_thrust"] = _hover(a)
-    radius = a.propeller_m / 2.0
     said["rotor_radius_m"] = "half the propeller's diameter"
     said["lip_radius_m"] = "open rotor: the rotor's radius"
     said["inertia_kgm2"] = "estimated from mass and arm, +-30 %; only moments need it"
-    ct, throttle = None, None
     if a.telemetered:
-        ct, said["ct"] = OPEN_ROTOR_CT * (len(motors) // len(places(motors))), "a guess, +-30 %"
-    else:
-        throttle = _throttle(a, len(motors), hover, said)
+        said["ct"] = "a guess, +-30 %"
     vehicle = Vehicle(
         name=a.name,
         mass_kg=a.mass_kg,
-        inertia_kgm2=inertia(a.mass_kg, arm, motors),
+        inertia_kgm2=inertia(a.mass_kg, a.arm_m, a.motors),
         hover_thrust=hover,
-        rotor_radius_m=radius,
-        fans=_fans(a, motors, arm, radius, ct),
-        throttle=throttle,
-        rangefinders=a.ranges or parameter_ranges(a.parameters),
+        rotor_radius_m=a.propeller_m / 2.0,
+        fans=tuple(_fan(a, motors) for motors in places(a.motors)),
+        throttle=None if a.telemetered else _throttle(a, hover, said),
+        rangefinders=a.ranges,
         limits=Limits(),
     )
     said["rotors"] = "esc counts from 1 as in the telemetry; spin seen from above"
@@ -78,49 +73,30 @@ def _hover(a: Answers) -> tuple[float, str]:
     return 0.5, "a guess"
 
 
-def _throttle(a: Answers, rotors: int, hover: float, said: dict[str, str]) -> Throttle:
+def _throttle(a: Answers, hover: float, said: dict[str, str]) -> Throttle:
     expo, output = throttle_output(a.parameters, hover)
-    low, high, pwm = pwm_range(a.parameters, min(_numbers(a, rotors).values()))
+    low, high, pwm = pwm_range(a.parameters, min(a.numbers.values()))
     said["pwm_max_us"] = pwm or USUAL_PULSES
     said["max_thrust_n"] = "of one rotor, so that hover_thrust hovers"
     said["expo"] = next((n for n in ("MOT_THST_EXPO", "THR_MDL_FAC") if a.parameters.get(n)), COMMON_PROPELLERS)
     said["voltage_v"] = "of the battery in hover"
-    return Throttle(max_thrust(a.mass_kg, rotors, expo, output), expo, low, high, a.voltage_v)
+    return Throttle(max_thrust(a.mass_kg, len(a.motors), expo, output), expo, low, high, a.voltage_v)
 
 
-def _numbers(a: Answers, count: int) -> Mapping[int, int]:
-    """Motor number to ESC or output."""
-    ardupilot = any(name.startswith("SERVO") and name.endswith("_FUNCTION") for name in a.parameters)
-    if a.numbers or (a.telemetered and not ardupilot):  # ArduPilot counts ESCs by output, PX4 by motor
-        return a.numbers or {motor: motor for motor in range(1, count + 1)}
-    return outputs(a.parameters, count)
-
-
-def places(motors: tuple[Motor, ...]) -> dict[tuple[float, float], list[Motor]]:
+def places(motors: tuple[Motor, ...]) -> list[list[Motor]]:
     """Motors by place: two in one place are a coaxial fan."""
     out: dict[tuple[float, float], list[Motor]] = {}
     for motor in motors:
         out.setdefault((round(motor.forward, 6), round(motor.right, 6)), []).append(motor)
-    return out
+    return list(out.values())
 
 
-def _fans(a: Answers, motors: tuple[Motor, ...], arm: float, radius: float, ct: float | None) -> tuple[Fan, ...]:
-    number = _numbers(a, len(motors))
-
-    def rotor(motor: Motor) -> Rotor:
-        if not a.telemetered:
-            return Rotor(motor.spin, servo=number[motor.number])
-        return Rotor(motor.spin, esc=number[motor.number])
-
-    return tuple(
-        Fan(
-            (round(x * arm, 4), round(y * arm, 4), round(min(m.down for m in here) * arm, 4)),
-            radius,
-            tuple(rotor(m) for m in here),
-            ct,
-        )
-        for (x, y), here in places(motors).items()
-    )
+def _fan(a: Answers, motors: list[Motor]) -> Fan:
+    """An open fan of the motors in one place."""
+    x, y, z = (round(v * a.arm_m, 4) for v in (motors[0].forward, motors[0].right, min(m.down for m in motors)))
+    key = "esc" if a.telemetered else "servo"
+    rotors = tuple(Rotor(m.spin, **{key: a.numbers[m.number]}) for m in motors)
+    return Fan((x, y, z), a.propeller_m / 2.0, rotors, OPEN_ROTOR_CT * len(motors) if a.telemetered else None)
 
 
 def target_of(orientation: int) -> str:

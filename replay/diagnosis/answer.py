@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from models.effects import AdoptedEffect, BelongsTo
+from models.effects import AdoptedEffect, BelongsTo, InFlight
 from models.frames import AXES, GRAVITY, Array
 from replay.diagnosis.amended_model import to_adopt
 from replay.diagnosis.words import kept_words
@@ -225,9 +225,10 @@ def _effect_text(n: Named, answer: Diagnosis) -> list[str]:
             or "size not determined"
         )
     sure = f"{n.status}, probability {f.probability:.2f}"
+    flown = "" if f.effect.in_flight is InFlight.WRENCH else f"; {f.effect.in_flight.value}"
     lines = [
         f"  {f.effect.name} ({sure}): {numbers}; explains {n.explains:.0%}",
-        f"    {kept_words(f.effect)}",
+        f"    {kept_words(f.effect)}{flown}",
     ]
     if f.without:
         lines.append(f"    not on {', '.join(f.without)}: there it makes the error larger")

@@ -118,7 +118,7 @@ def run(a: argparse.Namespace) -> int:
         from models.surrogate.store import save_model
 
         save_model(a.save_model, made)
-        lines.append(f"amended model: {a.save_model}{_left_out(answer)}")
+        lines.append(f"amended model: {a.save_model}")
     write_answer(a, content, lines, lambda: page(answer, vehicle, faults))
     return 0
 
@@ -154,19 +154,6 @@ def _diagnosis(a: argparse.Namespace) -> Callable[..., Diagnosis]:
             next(read_pieces(log, a.target_system), None)
         raise
     return diagnose
-
-
-def _left_out(answer: Diagnosis) -> str:
-    """What an amended model does not keep, and what it keeps and does not compensate."""
-    from models.effects import InFlight
-
-    effects = [n.found.effect for n in answer.named]
-    parts = {
-        "not kept": [e.name for e in effects if not e.kept],
-        "not compensated in flight": [e.name for e in effects if e.kept and e.in_flight is InFlight.NONE],
-    }
-    said = "; ".join(f"{what}: {', '.join(names)}" for what, names in parts.items() if names)
-    return f" ({said})" if said else ""
 
 
 def _folder(a: argparse.Namespace) -> int:

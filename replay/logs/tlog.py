@@ -30,8 +30,6 @@ _STAMP_TOLERANCE_US = 500_000
 """Links seldom hold messages back for half a second; a damaged stamp is off by far more."""
 _LONGEST_PAUSE_US = 3_600_000_000
 
-_YEAR_US = 365.2425 * 86_400e6
-_FIRST_YEAR, _LAST_YEAR = 2004, 2095
 _AT_ONCE = 10_000
 """Numbers made Python objects at a time: each is then 32 bytes."""
 _NO_STAMP = np.uint64(2**62)
@@ -54,8 +52,6 @@ class Report:
     stamps_repaired: int = 0
     clock_steps: int = 0
     """Backward steps of the receiver's clock that lasted."""
-    year: int | None = None
-    """Of the first stamp, where nobody flew then."""
 
     @classmethod
     def of(cls, counts: Counts, bytes_: int, truncated: int) -> Report:
@@ -73,8 +69,6 @@ class Report:
             out.append(f"{self.stamps_repaired} receiver stamps repaired")
         if self.clock_steps:
             out.append(f"the receiver's clock was set back {self.clock_steps} times")
-        if self.year is not None:
-            out.append(f"the receiver's clock stood in the year {self.year}: no date; times are the autopilot's own")
         return out
 
 
@@ -169,14 +163,8 @@ def tlog_of(path: Path, data: bytes, starts: array[int], report: Report) -> Tlog
     ids = bytes_[source + 2].astype(np.int32)
     wide = np.flatnonzero(v2)
     ids[wide] |= bytes_[source[wide] + 3].astype(np.int32) << 8 | bytes_[source[wide] + 4].astype(np.int32) << 16
-    report = replace(report, frames=len(start), stamps_repaired=repaired, clock_steps=steps, year=odd_year(arrival[0]))
+    report = replace(report, frames=len(start), stamps_repaired=repaired, clock_steps=steps)
     return Tlog(path, data, magic, arrival, ids, bytes_[source], bytes_[source + 1], report)
-
-
-def odd_year(stamp_us: int) -> int | None:
-    """Year of a stamp since 1970, where it is no date of a flight: before 2004 or after 2095."""
-    year = 1970 + int(int(stamp_us) / _YEAR_US)
-    return None if _FIRST_YEAR <= year <= _LAST_YEAR else year
 
 
 def repair_stamps(stamps: NDArray[np.uint64]) -> tuple[NDArray[np.int64], int, int]:

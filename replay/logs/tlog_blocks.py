@@ -63,7 +63,6 @@ class TlogFile:
 
     def _walked(self, block_bytes: int) -> Report:
         counts, frames, repaired, steps, begin = Counts(), 0, 0, 0, 0
-        year: int | None = None
         with open_file(self.path) as file:
             size = file.seek(0, 2)
             while begin < size:
@@ -75,7 +74,6 @@ class TlogFile:
                 if starts:
                     log = tlog_of(self.path, data, starts, Report(size, 0))
                     self.census.add(log)
-                    year = year if self._places else log.report.year
                     frames += len(log)
                     repaired += log.report.stamps_repaired
                     steps += log.report.clock_steps
@@ -87,7 +85,7 @@ class TlogFile:
         if not self._places:
             raise no_frame(self.path)
         report = replace(
-            Report.of(counts, size, size - end), frames=frames, stamps_repaired=repaired, clock_steps=steps, year=year
+            Report.of(counts, size, size - end), frames=frames, stamps_repaired=repaired, clock_steps=steps
         )
         if self._only is not None:
             self._only = replace(self._only, report=report)

@@ -32,7 +32,7 @@ SECONDS = 60.0
 COMMANDS = {
     "info": ["info", "{log}"],
     "run": ["run", "{log}", "--quiet"],
-    "export": ["export", "{log}", "--to", "csv", "--rate", "1", "--out", "{out}", "--quiet"],
+    "export": ["export", "{log}", "--to", "csv", "--out", "{out}", "--quiet"],
     "diagnose": ["diagnose", "{log}", "--model", "none", "--quiet"],
 }
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from models.cfd import campaign, case, config, foam, polars, trim
+from models.cfd import campaign, case, config, foam, polars
 from models.cfd.case_run import Result, Row, compute
 from models.cfd.position import Position, check
 from models.cli import main
@@ -176,35 +176,6 @@ def test_half_and_full_models_share_a_folder(tmp_path, solver):
     assert [r.position.model for r in rows] == ["half", "full"]
     # Neither starts from the other's mesh.
     assert [r.result.start for r in rows] == ["rest", "rest"]
-
-
-def test_the_pair_is_trimmed_for_lift_and_torque(tmp_path, monkeypatch, solver):
-    asked = []
-
-    def fan(folder, setup, position, tables, neighbour, *, march):
-        """A smooth fan: the lower disc works in the upper one's swirl."""
-        upper, lower = setup.rotor.swirl_tip_pitch_deg
-        asked.append((upper, lower))
-        lift = 22.6 + 0.9 * (upper - 12) + 0.8 * (lower - 11) + 0.03 * (upper - 12) ** 2
-        torque = 0.07 * (upper - 12) - 0.05 * (lower - 11) + 0.004 * (lower - 11) ** 2
-        return Result((0, 0, lift, 0, 0, torque), (0,) * 6, (0,) * 6, (0, 0, 0), "steady", 6, 96, 0, 1.0, "rest")
-
-    monkeypatch.setattr(trim, "compute", fan)
-    (upper, lower), result = trim.trim(tmp_path, SETUP, section, "full")
-    assert result.wrench[2] == pytest.approx(22.6, rel=trim.TOLERANCE)
-    assert abs(result.wrench[5]) < trim.TOLERANCE * 22.6 * SETUP.fan.radius_m
-    assert asked[-1] == (upper, lower)
-    assert len(asked) <= 7
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("model", ["half", "full"])
-def test_a_trim_that_does_not_converge_is_refused(tmp_path, solver, capsys, monkeypatch, model):
-    # The replacement lifts the same at every pitch.
-    monkeypatch.setattr(polars, "neural_section", lambda name: section)
-    assert main(["cfd", "trim", "--model", model, "--work", str(tmp_path / "work")]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "does not converge" in line
 
 
 def test_blades_end_at_root_and_tip(tmp_path, solver):

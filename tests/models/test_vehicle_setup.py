@@ -10,8 +10,8 @@ from companion.vehicles import QUAD, TANDEM
 from models.frames import GRAVITY
 from models.vehicle import load_vehicle, parse_vehicle
 from models.vehicle_setup.estimate import inertia, max_thrust, throttle_output
-from models.vehicle_setup.frames import FRAMES, ardupilot_frame, px4_motors
-from models.vehicle_setup.setup import Answers, build
+from models.vehicle_setup.frames import FRAMES, ardupilot_frame, outputs, px4_motors
+from models.vehicle_setup.setup import Answers, build, parameter_ranges
 from models.vehicle_setup.toml_text import vehicle_text
 
 ARDUPILOT = {
@@ -23,7 +23,9 @@ ARDUPILOT = {
 
 def built(motors, arm_m, **known):
     """A vehicle of 3 kg, through the text of its file."""
-    answers = {"name": "v", "mass_kg": 3.0, "propeller_m": 0.28, "motors": motors, "arm_m": arm_m} | known
+    numbers = outputs(known.get("parameters", {}), len(motors))
+    answers = {"name": "v", "mass_kg": 3.0, "propeller_m": 0.28, "motors": motors, "arm_m": arm_m, "numbers": numbers}
+    answers |= known
     vehicle, origin = build(Answers(**answers))
     return parse_vehicle(vehicle_text(vehicle, origin), "v.toml")
 
@@ -52,7 +54,7 @@ def test_every_frame_makes_a_file_that_passes(frame):
 
 
 def test_ardupilot_parameters_give_outputs_ranges_and_curve():
-    vehicle = built(FRAMES["quad-x"], 0.32, parameters=ARDUPILOT)
+    vehicle = built(FRAMES["quad-x"], 0.32, parameters=ARDUPILOT, ranges=parameter_ranges(ARDUPILOT))
     assert [r.esc for r in vehicle.rotors] == [9, 10, 11, 12]
     assert vehicle.hover_thrust == 0.31
     assert [(r.orientation, r.target) for r in vehicle.rangefinders] == [(25, "ground"), (0, "wall")]

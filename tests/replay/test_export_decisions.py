@@ -134,28 +134,6 @@ def test_parquet_has_refusals_as_text(log):
     assert table.schema.metadata[b"vehicle"] == default_vehicle().name.encode()
 
 
-def test_transforms_place_the_vehicle(log, mcap_reader):
-    (boot,) = load(log)
-    found = {}
-    for schema, channel, message, content in messages_of(mcap_reader, exported(log, "mcap", "--no-decisions")):
-        if channel.topic == "/tf":
-            assert schema.name == "foxglove.FrameTransform"
-            stamp = content["timestamp"]
-            assert stamp["sec"] * 10**9 + stamp["nsec"] == message.log_time
-            found.setdefault((content["parent_frame_id"], content["child_frame_id"]), []).append(content)
-    assert len(found) == 3
-    turns = [[c["rotation"][a] for a in "wxyz"] for c in found["vehicle_ned", "vehicle"]]
-    np.testing.assert_array_equal(turns, boot.attitude.values)
-    places = [[c["translation"][a] for a in "xyz"] for c in found["ned", "vehicle_ned"]]
-    np.testing.assert_array_equal(places, boot.position.values)
-    (world,) = found["world", "ned"]
-    x, y, z, w = (world["rotation"][a] for a in "xyzw")
-    # The third column of its rotation: down of NED is minus z of the world.
-    np.testing.assert_allclose(
-        [2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)], [0, 0, -1], atol=1e-12
-    )
-
-
 def test_later_boots_come_later_in_mcap(tmp_path, mcap_reader):
     path = tmp_path / "two.tlog"
     write_tlog(path, flight(5.0) + flight(3.0, start_ms=5_000, arrival_us=EPOCH_US + 60_000_000))

@@ -407,12 +407,11 @@ def test_a_cut_dataflash_log_says_so(tmp_path):
     assert any("cut off" in note for note in log.summary.notes)
 
 
-@pytest.mark.parametrize(("arrival_us", "told"), [(25_970_000_000_000_000, "year 2792"), (5_000_000, "year 1970")])
-def test_stamps_of_another_century_are_one_line_and_everything_is_read(tmp_path, arrival_us, told):
+@pytest.mark.parametrize("arrival_us", [25_970_000_000_000_000, 5_000_000])
+def test_stamps_of_another_century_hinder_nothing(tmp_path, arrival_us):
     path = tmp_path / "future.tlog"
     write_tlog(path, flight(5.0, arrival_us=arrival_us))
     (log,) = load(path)
     assert len(log.attitude) == 250
     assert log.start_s == pytest.approx(40.0)
-    (note,) = log.summary.notes
-    assert told in note
+    assert not log.summary.notes

@@ -1,23 +1,31 @@
-"""Is the set credible? The published statements about ducted fans near ground and wall, with our numbers beside."""
+"""Is the set of the flow simulation credible? Published statements about ducted fans, with our numbers beside.
+
+python tests/benchmarks/cfd_statements.py [--cases CSV] [--fan FILE] [--json FILE]
+"""
 
 from __future__ import annotations
 
+import argparse
 import itertools
+import json
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from models.cfd.assemble import Assembled, assemble
 from models.cfd.case_run import Row
-from models.cfd.config import Setup
+from models.cfd.cli import SHIPPED_CASES
+from models.cfd.config import Setup, load
 from models.cfd.fidelity import FREE
 from models.cfd.grid import mesh_error
 from models.cfd.labels import HALF, Label, full_kind, kind_of, labels
 from models.cfd.position import Place
+from models.cfd.table import read
 from models.frames import AXES, Array
 
 GROUND_LIMIT, WALL_LIMIT = 4.0, 3.8
@@ -37,7 +45,7 @@ class Statement:
 
 @dataclass(frozen=True)
 class Checked:
-    """Everything ``models cfd check`` reports, at the campaign's speed.
+    """Everything that is reported, at the campaign's speed.
 
     ``labels``: the set's rows, their ``error`` the row's sigma. ``parts`` (3,): lift of upper disc, lower disc and duct
     [N], of full models where they give the set's free air, else of half models. ``mesh`` (6,): error of an increment
@@ -313,3 +321,22 @@ def text(s: dict[str, Any]) -> str:
 
 def _counts(found: dict[str, int]) -> str:
     return ", ".join(f"{n} {name}" for name, n in found.items())
+
+
+def main() -> int:
+    """Print the statements and figures of a table of cases."""
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("--cases", type=Path, default=SHIPPED_CASES, help="case table (default: the shipped one)")
+    p.add_argument("--fan", type=Path, help="fan file (default: the built-in fan)")
+    p.add_argument("--json", type=Path, help="write the figures here")
+    a = p.parse_args()
+    setup, rows = load(a.fan), read(a.cases)
+    found = summary(check(rows, setup), rows, setup)
+    if a.json is not None:
+        a.json.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
+    print(text(found))
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
