@@ -209,9 +209,15 @@ class Library:
     def _write(self, effect: Effect, f: int, shape: tuple[float, ...], spread: Array, place: Columns) -> list[Array]:
         """Columns of an effect in the channels of one flight; what its errors of form are there, (n, 6) each."""
         record = self.records[f]
-        x = self._regressors(effect, f, shape) * spread
-        bent = [b[:: self.every[f]] for i in _with_errors_of_form(effect) for b in bent_forms(x[:, :, i], record)]
-        x = x[:: self.every[f]]
+        bent: list[Array] = []
+        if effect.mixing is None:
+            x = regressors_of(effect, record, shape) * spread
+            bent = [b[:: self.every[f]] for i in _with_errors_of_form(effect) for b in bent_forms(x[:, :, i], record)]
+            x = x[:: self.every[f]]
+        else:
+            if (effect.name, f) not in self._unmixed:
+                self._unmixed[effect.name, f] = unmixed(effect, record, shape)[:: self.every[f]]
+            x = self._unmixed[effect.name, f] @ effect.mixing(shape) * spread
         for a in self._searched_axes(effect, f):
             live = np.flatnonzero(np.abs(x[:, a]).max(axis=0) > 0.0)
             if live.size:
@@ -220,14 +226,6 @@ class Library:
             part = effect.kinematic_bias(record.context, shape) * spread
             self._bias_columns.setdefault(f, []).append((place, part))
         return bent
-
-    def _regressors(self, effect: Effect, f: int, shape: tuple[float, ...]) -> Array:
-        """``regressors_of``; what a shape only mixes is computed once."""
-        if effect.mixing is None:
-            return regressors_of(effect, self.records[f], shape)
-        if (effect.name, f) not in self._unmixed:
-            self._unmixed[effect.name, f] = unmixed(effect, self.records[f], shape)
-        return np.asarray(self._unmixed[effect.name, f] @ effect.mixing(shape))
 
     def _write_form(self, effect: Effect, f: int, bent: Array) -> None:
         """One error of form (n, 6) in the channels of one flight, as the column that comes next."""

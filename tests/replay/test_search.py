@@ -19,8 +19,8 @@ from models.frames import Array
 from replay.diagnosis.diagnose import conclude
 from replay.residual.record import Record
 from replay.search import results
-from replay.search.disturbance import runs, spectra, whitened_energies
 from replay.search.design import Design
+from replay.search.disturbance import runs, spectra, whitened_energies
 from replay.search.evidence import Evidence, Fit, Noise
 from replay.search.free_curves import _beside_timing
 from replay.search.library import Library
