@@ -16,7 +16,7 @@ from models.frames import Array
 from replay.residual.record import Record
 from replay.search.evidence import TRUST, Evidence, Fit
 from replay.search.library import Library
-from replay.search.sets import Sets, Walked, canonical
+from replay.search.sets import ALIAS_NATS, Sets, Walked, canonical
 from replay.search.terms import Key, Term
 
 MOST, MOST_A_FLIGHT = 9, 3
@@ -94,8 +94,10 @@ def _with(sets: Sets, fit: Fit, term: Term) -> Fit:
         other = evidence.library.terms[i]
         likely = TRUST * float(screened[i]) + evidence.prior(other)
         if likely > WORTH_A_LOOK:
-            odds[other] = round(likely + evidence.deserved([*fit.terms, other], fit.noise), 6)
-    return sets.weigh([*fit.terms, max(odds, key=lambda t: odds[t])], fit) if odds else new
+            odds[other] = likely + evidence.deserved([*fit.terms, other], fit.noise)
+    for other in (t for t, o in odds.items() if o > max(odds.values()) - ALIAS_NATS):
+        new = sets.weigh([*fit.terms, other], fit)
+    return new
 
 
 def _reshaped(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:

@@ -4,8 +4,8 @@
 
 Processor time of the whole command, start of Python included, beside the time on the wall, which a busy machine
 stretches. Goal: 10 s. A flight is looked for in every DIR and left out where it is in none, or where its
-declared model has to be trained first. ``--answers DIR`` keeps every answer; ``--against DIR`` compares them with those that another version kept there: every number that differs by
-more than 1e-6 of itself is listed.
+declared model has to be trained first. ``--answers DIR`` keeps every answer; ``--against DIR`` compares them with those
+that another version kept there: every number that differs by more than 1e-6 of itself is listed.
 """
 
 from __future__ import annotations
