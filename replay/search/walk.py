@@ -83,7 +83,10 @@ def _additions(sets: Sets, fit: Fit, tried: int) -> list[Term]:
 
 
 def _with(sets: Sets, fit: Fit, term: Term) -> Fit:
-    """A set and one term more; in another shape, too, where this one fits but is not possible or worth a name."""
+    """A set and one term more; in other shapes, too, where this one fits but is not possible or worth a name.
+
+    Of those the likely ones are weighed: the others are too small or not possible beside the set's noise already.
+    """
     new = sets.weigh([*fit.terms, term], fit)
     if new.score > fit.score or new.score - new.worth - min(new.within, 0.0) <= fit.score:
         return new
