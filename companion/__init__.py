@@ -12,16 +12,17 @@ from models.lazy_exports import exports
 
 if TYPE_CHECKING:
     from companion.config import PipelineConfig
-    from companion.pipeline import Decision, PipelineState, initial_state, step
+    from companion.control.state import Decision, PipelineState
+    from companion.pipeline import initial_state, step
 
     __version__: str
 
 __all__ = ["Decision", "PipelineConfig", "PipelineState", "initial_state", "step"]
 
 _HOMES = {
-    "Decision": "companion.pipeline",
+    "Decision": "companion.control.state",
     "PipelineConfig": "companion.config",
-    "PipelineState": "companion.pipeline",
+    "PipelineState": "companion.control.state",
     "initial_state": "companion.pipeline",
     "step": "companion.pipeline",
 }

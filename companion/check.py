@@ -18,7 +18,9 @@ from statistics import median
 from typing import Any
 
 from companion.config import Base, Carrier, PipelineConfig
-from companion.control.hover_thrust import hover_parameter
+from companion.control.hover_thrust import DISAGREEMENT, hover_parameter
+from companion.control.refusals import LATE_FADE_S
+from companion.control.state import Decision, PipelineState
 from companion.mavlink.firmware import Stack, ThrustMeaning, mode_name, needed_parameters, stack_of, thrust_meaning
 from companion.mavlink.frames import V2, Counts, Frame, cut, walk
 from companion.mavlink.message_filter import OWN_COMPONENT, Intake
@@ -34,7 +36,7 @@ from companion.mavlink.samples import (
     RotorSpeeds,
     Sample,
 )
-from companion.pipeline import Decision, PipelineState, initial_state, step
+from companion.pipeline import initial_state, step
 from models.errors import LogError
 from models.frames import GRAVITY
 from models.vehicle import Rangefinder
@@ -48,10 +50,8 @@ _DATE_S = 1_704_067_200.0
 """1 January 2024: a computer whose clock says less has not been set since its start."""
 _FREE_BYTES = 1 << 30
 """An hour of flight is recorded in some 200 MB; less than this is said."""
-_HOVER_SHARE = 0.15
-"""Disagreement of hover thrusts that is said: Tuning.hover_disagreement."""
 _LEAST_HZ = 5.0
-"""Of ranges and rotor speeds: slower, every single reading is too old for the next (Tuning.range_age_s)."""
+"""Of ranges and rotor speeds: slower, every single reading is too old for the next."""
 _RANGE_HZ = 10.0
 """From here on a lost reading is not missed."""
 _USABLE = 0.5
@@ -176,12 +176,12 @@ class Listener:
     def flying(self) -> bool:
         """Armed and in the air."""
         beat = self.state.heartbeat
-        return beat is not None and beat.armed and self.state.landed_state in (0, _IN_AIR)
+        return beat is not None and beat.armed and self.state.air.landed_state in (0, _IN_AIR)
 
     @property
     def hovering(self) -> bool:
         """In the air, neither climbing nor sinking."""
-        return self.flying and self.state.landed_state == _IN_AIR and self._climb_m_s < _CLIMB_M_S
+        return self.flying and self.state.air.landed_state == _IN_AIR and self._climb_m_s < _CLIMB_M_S
 
     def _decided(self, decision: Decision) -> None:
         if self.hovering and decision.disturbance is not None:
@@ -373,7 +373,7 @@ def _range(sensor: Rangefinder, heard: Listener) -> Item:
         others = ", ".join(map(str, sorted(heard.ranges))) or "none"
         return _bad(
             name, f"no DISTANCE_SENSOR of orientation {sensor.orientation} ({sensor.target}); heard: {others}",
-            f"set RNGFNDn_ORIENT (PX4: SENS_*_ROT) to {sensor.orientation}, or mend the vehicle file",
+            f"set RNGFNDn_ORIENT (PX4: SENS_*_ROT) to {sensor.orientation}, or correct the vehicle file",
         )  # fmt: skip
     hz = len({r.t_s for r in readings}) / max(heard.duration_s, 1e-3)
     low, high = readings[-1].min_m, readings[-1].max_m
@@ -460,12 +460,12 @@ def _hover(heard: Listener, setup: Setup) -> Iterator[Item]:
     declared, named = setup.config.vehicle.hover_thrust, hover_parameter(heard.state.parameters)
     if len(heard.hover) >= _SEEN_S * 5.0:
         seen = median(heard.hover)
-        if abs(seen - declared) > _HOVER_SHARE * declared:
+        if abs(seen - declared) > DISAGREEMENT * declared:
             text = f"the autopilot hovers at {seen:.2f}, the vehicle file says {declared:.2f}"
             yield _odd("hover thrust", text, f"set hover_thrust = {seen:.2f} in the vehicle file")
         else:
             yield _good("hover thrust", f"{seen:.2f} seen, {declared:.2f} in the vehicle file")
-    elif named is not None and abs(named - declared) > _HOVER_SHARE * declared:
+    elif named is not None and abs(named - declared) > DISAGREEMENT * declared:
         text = f"the autopilot's parameter says {named:.2f}, the vehicle file {declared:.2f}: learned in the air"
         yield _odd("hover thrust", text, "MOT_THST_HOVER (MPC_THR_HOVER), or hover_thrust in the vehicle file")
     elif named is not None:
@@ -484,11 +484,11 @@ def _position(heard: Listener, setup: Setup) -> Iterator[Item]:
 def _clock(heard: Listener, setup: Setup) -> Iterator[Item]:
     late = sorted(heard.late_s)
     if late:
-        most, tuning = late[min(int(0.95 * len(late)), len(late) - 1)], setup.config.tuning
+        most = late[min(int(0.95 * len(late)), len(late) - 1)]
         text = f"95 % of attitudes arrive within {1000.0 * most:.0f} ms of the quickest"
-        if most > tuning.late_fade_s:
+        if most > LATE_FADE_S:
             yield _bad("lateness", text, "baud rate, a router in between, or other load on this computer")
-        elif most > 0.5 * tuning.late_fade_s:
+        elif most > 0.5 * LATE_FADE_S:
             yield _odd("lateness", text, "baud rate, a router in between, or other load on this computer")
         else:
             yield _good("lateness", text)

@@ -4,22 +4,21 @@ from __future__ import annotations
 
 import argparse
 import gc
-import json
 import math
-import os
 import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING
 
 from companion.adapt_options import Adapt, read_adapt
 from companion.mavlink import BAUD
 from companion.vehicles import vehicle_path
 from models.arguments import Parser
 from models.errors import ConfigError, LinkError, UserError
+from models.json_file import write_json
 from models.version import VersionAction
 
 if TYPE_CHECKING:
@@ -232,7 +231,7 @@ def _preflight(a: argparse.Namespace) -> int:
     setup = check.Setup(config, name, chosen.note, a.record, signed=key is not None, live=log is None)
     found = check.items(listener, setup)
     if a.json is not None:
-        _write_json(check.as_json(found), a.json)
+        write_json(check.as_json(found), a.json)
     if a.json != "-" and not a.quiet:
         print(check.as_text(found))
     return 0 if check.may_fly(found) else 1
@@ -341,10 +340,9 @@ def _endpoint(a: argparse.Namespace, stack: ExitStack) -> tuple[str, IO[str] | N
 def _page(a: argparse.Namespace, stack: ExitStack) -> PageFeed | None:
     if a.page is None:
         return None
-    from companion.page.address import read_address
-    from companion.page.feed import PageFeed
+    from companion.page.feed import PageFeed, read_address
 
-    feed = stack.enter_context(closing(PageFeed(read_address(a.page))))
+    feed = stack.enter_context(closing(PageFeed(*read_address(a.page))))
     if not a.quiet:
         print(f"companion: live page at {feed.url}", file=sys.stderr)
     return feed
@@ -371,20 +369,9 @@ def _flown(a: argparse.Namespace, recorder: Recorder | None) -> list[str]:
 
 def _report(a: argparse.Namespace, flight: Flight) -> None:
     if a.json is not None:
-        _write_json(flight.as_json(), a.json)
+        write_json(flight.as_json(), a.json)
     elif not a.quiet:
         print(flight.summary.as_text())
-
-
-def _write_json(report: dict[str, Any], target: str) -> None:
-    text = json.dumps(report, indent=2)
-    if target == "-":
-        print(text)
-        return
-    try:
-        Path(target).write_text(text + os.linesep, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"--json {target}: cannot be written ({error.strerror})") from None
 
 
 def _compare(a: argparse.Namespace) -> int:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from companion.adapt_options import Adapt
 from companion.config import Base, PipelineConfig
 from companion.control.hand_over import place_of
+from companion.control.state import Decision
 from companion.control.survey import Phase, Survey
 from companion.last_word import LastWord
 from companion.mavlink.firmware import Stack, mode_name, needed_parameters, stack_of, takes_setpoints
@@ -25,7 +26,8 @@ from companion.mavlink.stream_rates import StreamKeeper, interval_request, wante
 from companion.mavlink.tlog_writer import Recorder, Records
 from companion.page.feed import PageFeed
 from companion.page.snapshot import snapshot
-from companion.pipeline import Decision, answer, initial_state, level_command, ready_to_leave, settle, stopped
+from companion.pipeline import answer, initial_state, level_command, ready_to_leave, stopped
+from companion.settle import settle
 from companion.telemetry.latency import LatencyHistogram
 from companion.telemetry.status import StatusReporter
 from companion.telemetry.summary import Summary
@@ -73,8 +75,8 @@ class FlightOptions:
     """Start the second process that sends the autopilot a place to stay at if this one is killed."""
     watch: Callable[[Decision], None] | None = None
     """Called with every decision."""
-    watchdog: Watchdog | None = None
-    """Kept informed that the loop runs."""
+    watchdog: Watchdog = field(default_factory=lambda: Watchdog({}))
+    """Kept informed that the loop runs; the default tells nobody."""
     page: PageFeed | None = None
     """Shown what is decided."""
 
@@ -150,8 +152,7 @@ class Flight:
     def _fly(self) -> None:
         links = [self._link] if self._upstream is None else [self._link, self._upstream]
         start = self._arrivals.now_s()
-        if self._watchdog is not None:
-            self._watchdog.ready()
+        self._watchdog.ready()
         while True:
             now = self._arrivals.now_s()
             if now >= self._due_s:
@@ -166,8 +167,7 @@ class Flight:
             if self._upstream is not None:
                 for arrival_us, frame in self._upstream.drain():
                     self._take_upstream(arrival_us, frame)
-        if self._watchdog is not None:
-            self._watchdog.stopping()
+        self._watchdog.stopping()
         self._hand_over()
 
     def _watch_own_stall(self, now_s: float) -> None:
@@ -182,8 +182,7 @@ class Flight:
 
     def _over(self, now_s: float, start_s: float) -> bool:
         """Whether the flight ends: asked for, or its duration is over, and offsets have faded."""
-        if self._watchdog is not None:
-            self._watchdog.alive(now_s)
+        self._watchdog.alive(now_s)
         if self._options.duration_s is not None and now_s - start_s >= self._options.duration_s:
             self.stop()
         if self._stop_s is None:
@@ -193,8 +192,7 @@ class Flight:
         return self._hurried or ready_to_leave(self._state) or now_s - self._stop_s > _STOP_S
 
     def _take(self, arrival_us: int, frame: Frame) -> None:
-        if self._recorder is not None:
-            self._recorder.write(arrival_us, frame.raw)
+        self._record(arrival_us, frame.raw)
         if self._upstream is not None and frame.system == self._intake.system:
             self._upstream.forward(frame.raw)
         if frame.id in LAYOUTS:
@@ -205,8 +203,7 @@ class Flight:
     def _take_upstream(self, arrival_us: int, frame: Frame) -> None:
         if frame.id != SET_ATTITUDE_TARGET:
             return
-        if self._recorder is not None:
-            self._recorder.write(arrival_us, frame.raw)
+        self._record(arrival_us, frame.raw)
         self._feed(arrival_us, frame)
 
     def _feed(self, arrival_us: int, frame: Frame) -> None:
@@ -364,18 +361,19 @@ class Flight:
             out.append("GUID_OPTIONS")
         return out
 
-    def _send(self, message: Message) -> None:
-        raw = self._link.send(*message)
+    def _record(self, at_us: int, raw: bytes) -> None:
         if self._recorder is not None:
-            self._recorder.write(self._arrivals.stamp(), raw)
+            self._recorder.write(at_us, raw)
+
+    def _send(self, message: Message) -> int:
+        """Send and record a message; returns when it was sent [us]."""
+        raw = self._link.send(*message)
+        sent_us = self._arrivals.stamp()
+        self._record(sent_us, raw)
+        return sent_us
 
     def _send_command(self, command: Command) -> int:
-        """Send and record a setpoint; returns when it was sent [us]."""
-        raw = self._link.send(*encode(command, self._system))
-        sent_us = self._arrivals.stamp()
-        if self._recorder is not None:
-            self._recorder.write(sent_us, raw)
-        return sent_us
+        return self._send(encode(command, self._system))
 
     @property
     def _place(self) -> PositionCommand | None:
@@ -407,19 +405,17 @@ class Flight:
         asked_s = -math.inf
         while True:
             now = self._arrivals.now_s()
-            if self._watchdog is not None:
-                self._watchdog.alive(now)
+            self._watchdog.alive(now)
             self._renew_last_word(now)
             self._send_command(command)
             if self._options.hold_on_exit and self._stack is Stack.PX4 and now - asked_s >= 0.3:
                 asked_s = now
-                self._send(self._mode_request(*_PX4_HOLD))
+                self._send(command_long(self._system, AUTOPILOT_COMPONENT, _DO_SET_MODE, _CUSTOM_MODE, *_PX4_HOLD))
             if now - start >= _HAND_OVER_S:
                 return
             self._arrivals.clock.wait([], _HAND_OVER_PERIOD_S)
             for arrival_us, frame in self._link.drain():
-                if self._recorder is not None:
-                    self._recorder.write(arrival_us, frame.raw)
+                self._record(arrival_us, frame.raw)
                 if self._taken_away(arrival_us, frame):
                     return
 
@@ -429,9 +425,6 @@ class Flight:
         if not isinstance(sample, Heartbeat) or sample.component != AUTOPILOT_COMPONENT:
             return False
         return not (sample.armed and takes_setpoints(sample))
-
-    def _mode_request(self, main: int, sub: int) -> Message:
-        return command_long(self._system, AUTOPILOT_COMPONENT, _DO_SET_MODE, _CUSTOM_MODE, main, sub)
 
     def _tell(self, text: str) -> None:
         """To the ground station and to stderr."""
@@ -453,8 +446,7 @@ class Flight:
         return f"{self._link.received} messages but no HEARTBEAT of an autopilot{who}: check --target-system, routing"
 
     def _say(self, text: str) -> None:
-        if self._watchdog is not None:
-            self._watchdog.status(text)
+        self._watchdog.status(text)
         if not self._options.quiet:
             print(text, file=sys.stderr, flush=True)
 

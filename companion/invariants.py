@@ -14,13 +14,14 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import Any
 
-from companion.config import Tuning
 from companion.control.authority import HOLDS_BACK_EVERYTHING
+from companion.control.refusals import LATE_FADE_S
+from companion.control.state import Decision
 from companion.mavlink.firmware import Stack, stack_of, takes_setpoints
 from companion.mavlink.frames import Frame
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
-from companion.mavlink.range_beams import orientation_direction
+from companion.mavlink.range_beams import dot, orientation_direction
 from companion.mavlink.samples import (
     Attitude,
     Heartbeat,
@@ -34,10 +35,9 @@ from companion.mavlink.samples import (
     Sample,
     ServoOutput,
     SetAttitudeTarget,
-    Vector3,
 )
 from companion.mavlink.setpoints import ATTITUDE_IGNORED, RATES_IGNORED, SET_ATTITUDE_TARGET, SET_POSITION_TARGET
-from companion.pipeline import Decision
+from companion.pipeline import MAX_THRUST, MIN_THRUST
 from models.frames import GRAVITY
 from models.vehicle import Limits, Vehicle
 from models.vehicle_types import NO_ORIENTATION
@@ -228,10 +228,8 @@ class Auditor:
         hold: bool = True,
         dry_run: bool = False,
         system: int | None = None,
-        tuning: Tuning | None = None,
     ) -> None:
         self._limits = Limits() if vehicle is None else vehicle.limits
-        self._tuning = tuning or Tuning()
         self._needs = _needed_inputs(vehicle, hold)
         self._vehicle = vehicle
         self._hold, self._dry_run = hold, dry_run
@@ -302,7 +300,7 @@ class Auditor:
             case Attitude():
                 heard.now_s = heard.basis_s = sample.t_s
                 heard.inputs_s["attitude"] = sample.t_s
-                if sample.late_s <= self._tuning.late_fade_s:
+                if sample.late_s <= LATE_FADE_S:
                     heard.inputs_s["timely telemetry"] = sample.t_s
             case LocalPosition():
                 heard.inputs_s["position"] = sample.t_s
@@ -312,7 +310,7 @@ class Auditor:
                 for name in self._beams(sample):
                     heard.inputs_s[name] = sample.t_s
                 sees = sample.verdict is RangeVerdict.OK and sample.direction_frd is not None
-                if sees and _dot(sample.direction_frd or _DOWN, _DOWN) > _SAME_BEAM_COS:
+                if sees and dot(sample.direction_frd or _DOWN, _DOWN) > _SAME_BEAM_COS:
                     heard.air.hear_range(sample.distance_m)
             case Ring() if any(distance == distance for distance in sample.distances_m):
                 heard.inputs_s[f"rangefinder {NO_ORIENTATION}"] = heard.inputs_s["rangefinders"] = sample.t_s
@@ -329,7 +327,7 @@ class Auditor:
             return
         for sensor in self._vehicle.rangefinders:
             beam = orientation_direction(sensor.orientation)
-            if beam is not None and _dot(beam, sample.direction_frd) > _SAME_BEAM_COS:
+            if beam is not None and dot(beam, sample.direction_frd) > _SAME_BEAM_COS:
                 yield f"rangefinder {sensor.orientation}"
 
     def _rotors(self, sample: RotorSpeeds) -> Iterator[str]:
@@ -365,7 +363,7 @@ class Auditor:
         proper = abs(size - 1.0) <= _UNIT
         rates_only = bool(mask & ATTITUDE_IGNORED)
         self._check(Promise.QUATERNION, proper or rates_only, f"|q| = {size:g}")
-        low, high = (self._tuning.min_thrust, self._tuning.max_thrust) if self._hold else (0.0, 1.0)
+        low, high = (MIN_THRUST, MAX_THRUST) if self._hold else (0.0, 1.0)
         self._check(Promise.THRUST, low - _WIRE <= thrust <= high + _WIRE, f"thrust {thrust:g}")
         whole = mask & RATES_IGNORED in (0, RATES_IGNORED) and not mask & _THROTTLE_IGNORED
         self._check(Promise.FORM, whole and self._addressed(system, component), f"mask {mask}, to {system}/{component}")
@@ -488,10 +486,6 @@ def _declared(frame: Frame) -> bool:
 
 def _unpack(layout: struct.Struct, payload: bytes) -> tuple[Any, ...]:
     return layout.unpack(payload[: layout.size].ljust(layout.size, b"\0"))
-
-
-def _dot(a: Vector3, b: Vector3) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def _ms_between(first: int, second: int) -> int:

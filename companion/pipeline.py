@@ -15,19 +15,20 @@ import math
 import numpy as np
 
 from companion.adaptation import adapt
+from companion.adaptation.gates import Situation
 from companion.config import Base, Carrier, PipelineConfig
-from companion.control import attitude_response, engagement, hover_thrust, swing_detector
+from companion.control import attitude_response, engagement, hover_thrust, landed, swing_detector
 from companion.control.authority import HOLDS_BACK_EVERYTHING, Notice, Reason, fade
-from companion.control.compensation import Offset, slewed, wanted_offset
-from companion.control.disturbance import Disturbance, modelled_disturbance
-from companion.control.engagement import IN_AIR, ON_GROUND, waits_for_mode
-from companion.control.hand_over import NOT_OURS, part, parting_command, place_of
+from companion.control.compensation import Offset, Offsets, slewed, wanted_offset
+from companion.control.disturbance import modelled_disturbance
+from companion.control.engagement import waits_for_mode
+from companion.control.hand_over import NOT_OURS, PARTING_S, part, parting_command, place_of
 from companion.control.hover_thrust import HoverThrust
-from companion.control.landed import flies_all_the_same, standing_height
-from companion.control.plant import hear_position
+from companion.control.landed import AIRBORNE_AFTER_S, IN_AIR
+from companion.control.plant import FULL, hear_position
 from companion.control.position_hold import BaseSetpoint, Motion, balanced, engage, fly, shifted
 from companion.control.position_target import read_target, stay
-from companion.control.refusals import lateness, refusals, upstream_silent
+from companion.control.refusals import LATE_STOP_S, lateness, refusals, upstream_silent
 from companion.control.state import Decision, Due, PipelineState
 from companion.control.survey import Whereabouts, aborted, advance, as_message, level_direction
 from companion.control.wall_guard import watch_wall
@@ -62,20 +63,21 @@ from companion.survey_box import SurveyBox
 from models.evolve import replace
 from models.frames import GRAVITY, quaternion_from_euler
 
-__all__ = [
-    "Decision",
-    "PipelineState",
-    "answer",
-    "initial_state",
-    "level_command",
-    "ready_to_leave",
-    "settle",
-    "step",
-    "stopped",
-]
-
-_HOLD, _UPSTREAM = Base.HOLD, Base.UPSTREAM
-"""A member of an enum by its class takes ten times as long as a name: these are asked for at every message."""
+_DISTURBANCE_PERIOD_S = 0.03
+"""The model is asked this often, after a position, so that an attitude is answered without waiting for it."""
+_SHORTEST_PERIOD_S = 1.0 / 110.0
+"""Of decisions: a little above the 100 Hz that a companion link carries."""
+_LIFT_TIME_S = 2.0
+"""Over which the modelled lift of a flying vehicle is averaged before it is compared with the weight."""
+_HOVER_CLIMB_M_S = 0.2
+"""Faster than this vertically, the autopilot's thrust is no hover thrust."""
+_UPSTREAM_DAMPING_1_S = 2.0
+"""Of an upstream controller's velocity loop: ArduPilot's PSC_VELXY_P; PX4's MPC_XY_VEL_P_ACC is 1.8."""
+_LEAST_THRUST_SHARE = 0.3
+"""Of hover thrust: the hold never commands less, so that the attitude stays controllable."""
+_MOST_THRUST_ABOVE_HOVER = 0.35
+MIN_THRUST, MAX_THRUST = 0.05, 0.95
+"""Of the hold's commands."""
 _REBOOT_S = 1.0
 """The autopilot's own stamps come in order to some 0.3 s: further back, its clock has started anew."""
 _STAMPED = (Attitude, LocalPosition, AttitudeTarget)
@@ -97,7 +99,7 @@ def stopped(state: PipelineState) -> PipelineState:
 
 def ready_to_leave(state: PipelineState) -> bool:
     """After ``stopped``: whether offsets are gone and the vehicle is at rest, or not ours."""
-    if state.authority > 0.0:
+    if state.offsets.authority > 0.0:
         return False
     position = state.estimates.position
     if state.hold is None or position is None:
@@ -136,7 +138,7 @@ def answer(state: PipelineState, sample: Sample, config: PipelineConfig) -> tupl
     state = _take(state, sample, config)
     if config.survey is not None:
         state = _surveyed(state, sample, config, config.survey)
-    if isinstance(sample, LocalPosition) and sample.t_s - state.disturbance_s >= config.tuning.disturbance_period_s:
+    if isinstance(sample, LocalPosition) and sample.t_s - state.disturbance_s >= _DISTURBANCE_PERIOD_S:
         state = _compared(_renew_disturbance(state, sample.t_s, config), config)
     if not _calls_for_decision(state, sample, config):
         return state, None
@@ -156,11 +158,11 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
         case Attitude():
             return _take_attitude(state, sample, now)
         case LocalPosition():
-            timing = hear_position(state.timing, sample.t_s, sample.late_s, config.tuning.position_age_s)
+            timing = hear_position(state.timing, sample.t_s, sample.late_s)
             drift = height_drift.NO_DRIFT
             if state.hold is not None:
                 drift, sample = height_drift.hear(state.drift, sample)
-            estimates = est.take_position(estimates, sample, config.tuning)
+            estimates = est.take_position(estimates, sample)
             # The bank of attitude loops takes its tilts in here, where no setpoint waits.
             response = attitude_response.settled(state.response)
             stamped_s = max(state.stamped_s, sample.t_s)
@@ -185,12 +187,15 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
         case EscHealth():
             return replace(state, t_s=now, estimates=est.take_health(estimates, sample))
         case AttitudeTarget():
-            stamped_s, hover = max(state.stamped_s, sample.t_s), _learned_hover(state, sample, config)
+            stamped_s, hover = max(state.stamped_s, sample.t_s), _learned_hover(state, sample)
             return replace(state, t_s=now, stamped_s=stamped_s, hover=hover)
         case Imu() if state.adaptation is not None:
-            return replace(state, adaptation=adapt.hear(state, sample, config))
+            here = Situation(
+                estimates, state.disturbance, state.disturbance_s, state.air.since_s, state.air.landed_state
+            )
+            return replace(state, adaptation=adapt.hear(state.adaptation, here, sample, config))
         case LandedState():
-            return replace(state, t_s=now, landed_state=sample.landed_state)
+            return replace(state, t_s=now, air=replace(state.air, landed_state=sample.landed_state))
         case _:
             return _take_request(state, sample, config)
 
@@ -201,7 +206,7 @@ def _take_request(state: PipelineState, sample: Sample, config: PipelineConfig) 
         case Parameter():
             return replace(state, parameters={**state.parameters, sample.name: sample.value})
         case SetPositionTarget() if sample.target_component == OWN_COMPONENT:
-            return _retarget(state, sample, config)
+            return _retarget(state, sample)
         case SetAttitudeTarget() if config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT:
             return replace(state, upstream=sample)
     return state
@@ -256,13 +261,13 @@ def _follow_reset(state: PipelineState, t_s: float) -> PipelineState:
     return replace(state, hold=shifted(hold, reset.by_ned))
 
 
-def _retarget(state: PipelineState, sample: SetPositionTarget, config: PipelineConfig) -> PipelineState:
+def _retarget(state: PipelineState, sample: SetPositionTarget) -> PipelineState:
     """A target moves the hold that is engaged; one that came before is not kept."""
     position, rows = state.estimates.position, state.estimates.rows
     if state.hold is None or state.stopping or position is None or rows is None:
         return state
     yaw = math.atan2(rows[1][0], rows[0][0])
-    target = read_target(sample, state.hold.target, position.position_ned, yaw, config.tuning.hold)
+    target = read_target(sample, state.hold.target, position.position_ned, yaw)
     if target is None:
         return replace(state, notice=(Notice.FRAME_REFUSED, sample.t_s))
     return replace(state, hold=state.hold._replace(target=target))
@@ -273,18 +278,17 @@ def _calls_for_decision(state: PipelineState, sample: Sample, config: PipelineCo
         return config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT
     if not isinstance(sample, Attitude):
         return False
-    if config.base is _UPSTREAM and not upstream_silent(state, config, sample.t_s):
+    if config.base is Base.UPSTREAM and not upstream_silent(state, config, sample.t_s):
         return False
-    return not 0.0 <= sample.t_s - state.decided_s < 1.0 / config.tuning.max_decision_rate_hz
+    return not 0.0 <= sample.t_s - state.decided_s < _SHORTEST_PERIOD_S
 
 
 def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[PipelineState, Decision]:
-    tuning = config.tuning
     dt = min(max(t_s - state.decided_s, 0.0), 0.1)
-    if not 0.0 <= t_s - state.disturbance_s <= 2.0 * tuning.disturbance_period_s:
+    if not 0.0 <= t_s - state.disturbance_s <= 2.0 * _DISTURBANCE_PERIOD_S:
         state = _renew_disturbance(state, t_s, config)
     late_s = lateness(state.estimates, config)
-    late_since_s = min(state.late_since_s, t_s) if late_s > tuning.late_stop_s else math.inf
+    late_since_s = min(state.late_since_s, t_s) if late_s > LATE_STOP_S else math.inf
     state = _airborne(state, config, t_s, late_since_s)
     if state.tuned is None:
         state = retuned(state, config, t_s)
@@ -294,15 +298,16 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
 
     had_hold = state.hold is not None
     state, base = _base(state, bool(held_back), thrust, config, t_s)
-    before = state.applied
-    state, applied = _offsets(state, base, reasons, bool(held_back), thrust, config, dt)
+    before = state.offsets.applied
+    state = replace(state, offsets=_offsets(state, base, reasons, bool(held_back), thrust, config, dt))
+    applied = state.offsets.applied
     if reasons and not held_back:
         state = _keep_balance(state, before, applied, thrust, config)
     command: Command | None = None
     parting, due = None, state.due
     if held_back:
         if had_hold:
-            state = _let_go(state, held_back, config, t_s)
+            state = _let_go(state, held_back, t_s)
         command = _command_held_back(state, held_back, thrust, config, t_s)
         parting = None if command is None else state.parting
     elif base is not None:
@@ -310,12 +315,12 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
         due = None if due is None else Due(due.attitude, base, command)
     hold = None if held_back else state.hold
     state = replace(state, decided_s=t_s, hold=hold, parting=parting, due=due)
-    tuned = state.tuned if config.base is _HOLD else None
+    tuned = state.tuned if config.base is Base.HOLD else None
     return state, Decision(
         t_s,
         command,
         reasons,
-        state.authority,
+        state.offsets.authority,
         applied,
         base,
         state.disturbance,
@@ -334,106 +339,86 @@ def _offsets(
     thrust: ThrustMap,
     config: PipelineConfig,
     dt_s: float,
-) -> tuple[PipelineState, Offset]:
+) -> Offsets:
     """The offset to apply, one step on."""
-    tuning, disturbance, rows = config.tuning, state.disturbance, state.estimates.rows
+    old, disturbance, rows = state.offsets, state.disturbance, state.estimates.rows
     usable = disturbance is not None and not reasons
-    wanted, washout = state.wanted, state.washout
+    wanted, washout = old.wanted, old.washout
     if disturbance is not None and rows is not None and base is not None:
         fresh, washout = wanted_offset(disturbance, washout, config, thrust, base.thrust, rows, dt_s)
         if usable:
             wanted = fresh  # otherwise the last good one stays while the authority fades
     trusted = 1.0 if usable else 0.0
-    authority = 0.0 if held_back else fade(state.authority, trusted, dt_s, tuning.fade_in_s, tuning.fade_out_s)
-    offset = slewed(state.offset, wanted, config, dt_s) if authority > 0.0 else Offset()
+    authority = 0.0 if held_back else fade(old.authority, trusted, dt_s)
+    offset = slewed(old.offset, wanted, config, dt_s) if authority > 0.0 else Offset()
     # A fade adds to the slew of what fades: the sum is held to the slew rates too.
     faded = offset if authority == 1.0 else offset.scaled(authority)
-    applied = Offset() if held_back else slewed(state.applied, faded, config, dt_s)
-    state = replace(state, authority=authority, offset=offset, applied=applied, wanted=wanted, washout=washout)
-    return state, applied
+    applied = Offset() if held_back else slewed(old.applied, faded, config, dt_s)
+    return Offsets(authority, offset, wanted, applied, washout)
 
 
 def _renew_disturbance(state: PipelineState, t_s: float, config: PipelineConfig) -> PipelineState:
     rotors, rows = est.rotor_speeds(state.estimates, config, t_s), state.estimates.rows
     if rotors is None or rows is None:
         return replace(state, disturbance=None, disturbance_s=t_s)
-    damping = config.damping_1_s if state.tuned is None else state.tuned.gains.velocity_1_s
     applied = None if state.adaptation is None else state.adaptation.applied
-    disturbance = modelled_disturbance(state.estimates, config, rotors, rows, t_s, damping, applied)
+    disturbance = modelled_disturbance(state.estimates, config, rotors, rows, t_s, damping_1_s(state, config), applied)
     share = state.lift_share
-    if t_s - state.airborne_since_s >= config.tuning.airborne_after_s:
+    if state.air.flies(t_s):
         now = disturbance.free_lift_n / (config.vehicle.mass_kg * GRAVITY)
-        share += min(max(t_s - state.disturbance_s, 0.0) / config.tuning.lift_time_s, 1.0) * (now - share)
+        share += min(max(t_s - state.disturbance_s, 0.0) / _LIFT_TIME_S, 1.0) * (now - share)
     return replace(state, disturbance=disturbance, disturbance_s=t_s, lift_share=share)
 
 
+def damping_1_s(state: PipelineState, config: PipelineConfig) -> float:
+    """Velocity damping of the loop in charge."""
+    if config.base is Base.UPSTREAM:
+        return _UPSTREAM_DAMPING_1_S
+    return (FULL if state.tuned is None else state.tuned.gains).velocity_1_s
+
+
 def _airborne(state: PipelineState, config: PipelineConfig, t_s: float, late_since_s: float) -> PipelineState:
-    """Whether the vehicle flies, and since when its telemetry is late.
-
-    The autopilot's own land detector decides; where it says nothing, the rotors must carry the weight to lift off.
-
-    In the air a low lift alone is no landing (a hard descent has it too): taking it for one would stop the stream.
-    """
-    tuning, position = config.tuning, state.estimates.position
-    since, carried = state.airborne_since_s, state.carried_s
-    if _carries(state.disturbance, config) or state.landed_state == IN_AIR:
-        carried = t_s
-    standing, notice = state.standing_m, state.notice
-    ground = None if state.disturbance is None else state.disturbance.ground
-    if ground is not None:
-        standing = standing_height(standing, ground, since < math.inf)
-    if state.landed_state == ON_GROUND:
-        carries = config.vehicle.telemetered and t_s - carried < tuning.carried_age_s
-        if ground is None or not flies_all_the_same(ground, standing, carries, state.hold is not None):
-            since = math.inf
-        elif notice is None or notice[0] is not Notice.LANDED_OVERRULED:
-            notice = (Notice.LANDED_OVERRULED, t_s)
-    elif since == math.inf:
-        since = t_s if carried == t_s else since
-    elif state.landed_state == 0 and t_s - carried > tuning.idle_is_landed_s:
-        since = math.inf
-    climb = None if position is None else position.velocity_ned[2]
-    seen = engagement.watch_take_off(state.engagement, t_s, climb, state.landed_state, since, tuning)
-    return replace(
-        state, airborne_since_s=since, carried_s=carried, engagement=seen, standing_m=standing, notice=notice,
-        late_since_s=late_since_s,
+    """Whether the vehicle flies, and since when its telemetry is late."""
+    position, vehicle, notice = state.estimates.position, config.vehicle, state.notice
+    air = landed.watch(
+        state.air, state.disturbance, vehicle.mass_kg * GRAVITY, t_s,
+        telemetered=vehicle.telemetered, holding=state.hold is not None,
     )  # fmt: skip
-
-
-def _carries(disturbance: Disturbance | None, config: PipelineConfig) -> bool:
-    weight = config.vehicle.mass_kg * GRAVITY
-    return disturbance is not None and disturbance.free_lift_n > config.tuning.airborne_lift_share * weight
+    if air.overruled and (notice is None or notice[0] is not Notice.LANDED_OVERRULED):
+        notice = (Notice.LANDED_OVERRULED, t_s)
+    climb = None if position is None else position.velocity_ned[2]
+    seen = engagement.watch_take_off(state.engagement, t_s, climb, air)
+    return replace(state, air=air, engagement=seen, notice=notice, late_since_s=late_since_s)
 
 
 def _thrust_map(state: PipelineState, config: PipelineConfig) -> ThrustMap:
     stack = Stack.OTHER if state.heartbeat is None else stack_of(state.heartbeat)
-    hover = hover_thrust.best_hover(state.hover, state.parameters, config.vehicle.hover_thrust, config.tuning)
+    hover = hover_thrust.best_hover(state.hover, state.parameters, config.vehicle.hover_thrust)
     return thrust_map(stack, state.parameters, hover)
 
 
-def _learned_hover(state: PipelineState, sample: AttitudeTarget, config: PipelineConfig) -> HoverThrust:
+def _learned_hover(state: PipelineState, sample: AttitudeTarget) -> HoverThrust:
     """The autopilot's own hover command, free of what the ground gives, while it still flies by itself."""
-    position, heartbeat, tuning = state.estimates.position, state.heartbeat, config.tuning
+    position, heartbeat = state.estimates.position, state.heartbeat
     own = heartbeat is not None and (stack_of(heartbeat) is not Stack.PX4 or not takes_setpoints(heartbeat))
     flying = own and state.hold is None and state.parting is None and state.upstream is None
     hovers = (
         flying
-        and state.airborne_since_s < sample.t_s - tuning.airborne_after_s
-        and state.landed_state in (0, IN_AIR)
+        and state.air.since_s < sample.t_s - AIRBORNE_AFTER_S
+        and state.air.landed_state in (0, IN_AIR)
         and position is not None
-        and abs(position.velocity_ned[2]) <= tuning.hover_climb_m_s
+        and abs(position.velocity_ned[2]) <= _HOVER_CLIMB_M_S
     )
     if not hovers:
         return hover_thrust.heard(state.hover, sample.t_s, sample.thrust)
-    cushion = state.wanted.thrust
-    return hover_thrust.learn(state.hover, sample.t_s, sample.thrust, cushion, tuning)
+    return hover_thrust.learn(state.hover, sample.t_s, sample.thrust, cushion=state.offsets.wanted.thrust)
 
 
 def _base(
     state: PipelineState, held_back: bool, thrust: ThrustMap, config: PipelineConfig, t_s: float
 ) -> tuple[PipelineState, BaseSetpoint | None]:
     """The setpoint that the offset is added to, and the hold one step on."""
-    if config.base is _UPSTREAM:
+    if config.base is Base.UPSTREAM:
         upstream = state.upstream
         if upstream is None:
             return state, None
@@ -447,6 +432,7 @@ def _base(
     (north, _, x), (east, _, y), (_, _, z) = estimates.rows
     yaw = math.atan2(east, north)
     position = estimates.position
+    authority, offset = state.offsets.authority, state.offsets.offset
     pressed = watch_wall(state.pressed, state.disturbance, position.velocity_ned, t_s)
     motion = Motion(
         position.position_ned,
@@ -454,17 +440,17 @@ def _base(
         (x, y, z),
         yaw,
         t_s - position.t_s,
-        _level_acceleration(state.offset.roll * state.authority, state.offset.pitch * state.authority, yaw),
+        _level_acceleration(offset.roll * authority, offset.pitch * authority, yaw),
         pressed,
         state.balance.acceleration,
     )
     assert state.tuned is not None
     gains, hold = state.tuned.gains, state.hold
     if hold is None:
-        fresh = t_s - state.hover.now_s < config.tuning.hover_heard_age_s
+        fresh = t_s - state.hover.now_s < hover_thrust.HEARD_AGE_S
         thrust_now = state.hover.now if fresh else thrust.hover
-        balance = engagement.watch_balance(state.balance, t_s, motion.velocity, motion.body_down, config.tuning)
-        hold = engage(t_s, motion, balance.acceleration, thrust_now, thrust, gains)
+        balance = engagement.watch_balance(state.balance, t_s, motion.velocity, motion.body_down)
+        hold = engage(t_s, motion, balance.acceleration, thrust_now, thrust)
     hold, base = fly(hold, gains, config.vehicle.limits, t_s, motion, thrust)
     return replace(state, hold=hold, pressed=pressed), base
 
@@ -485,14 +471,13 @@ def _keep_balance(
     if hold is None or rows is None or config.carrier is not Carrier.ATTITUDE or lost == roll == pitch == 0.0:
         return state
     north, east = _level_acceleration(roll, pitch, math.atan2(rows[1][0], rows[0][0]))
-    gains = config.tuning.hold if state.tuned is None else state.tuned.gains
     down = -lost * thrust.slope * GRAVITY
-    return replace(state, hold=balanced(hold, (north, east, down), gains))
+    return replace(state, hold=balanced(hold, (north, east, down)))
 
 
-def _let_go(state: PipelineState, held_back: set[Reason], config: PipelineConfig, t_s: float) -> PipelineState:
+def _let_go(state: PipelineState, held_back: set[Reason], t_s: float) -> PipelineState:
     assert state.hold is not None
-    if state.last is None or not 0.0 <= t_s - state.decided_s <= config.tuning.parting_s:
+    if state.last is None or not 0.0 <= t_s - state.decided_s <= PARTING_S:
         return state  # after a gap the autopilot has long let go of what was sent last
     places = state.heartbeat is not None and mode_name(state.heartbeat) != "GUIDED_NOGPS"
     return replace(state, parting=part(state.hold, state.last, held_back, t_s, places, state.drift.correction_m))
@@ -503,7 +488,7 @@ def _command_held_back(
 ) -> Command | None:
     """What is sent although nothing is compensated: the end of a hold, or what PX4 needs before OFFBOARD."""
     if state.parting is not None and not held_back & NOT_OURS:
-        return parting_command(state.parting, thrust, held_back, t_s, config.tuning.parting_s)
+        return parting_command(state.parting, thrust, held_back, t_s)
     rows = state.estimates.rows
     if not waits_for_mode(state.heartbeat, held_back) or rows is None:
         return None
@@ -523,11 +508,10 @@ def _command(
             return None
         place = place_of(state.hold, state.drift.correction_m)
         return AccelerationCommand(t_s, place, offset.acceleration, state.hold.target.yaw)
-    tuning = config.tuning
-    floor = max(tuning.min_thrust_share * thrust.hover, tuning.min_thrust)
-    ceiling = min(thrust.hover + tuning.max_thrust_above_hover, tuning.max_thrust)
+    floor = max(_LEAST_THRUST_SHARE * thrust.hover, MIN_THRUST)
+    ceiling = min(thrust.hover + _MOST_THRUST_ABOVE_HOVER, MAX_THRUST)
     value = base.thrust + offset.thrust
-    if config.base is _UPSTREAM:
+    if config.base is Base.UPSTREAM:
         upstream = state.upstream
         assert upstream is not None
         # An upstream controller's own extremes are its business; the offset never goes past the limits.

@@ -16,11 +16,12 @@ from companion.mavlink.firmware import Stack, stack_of
 from companion.mavlink.setpoints import AttitudeCommand
 from models.evolve import replace
 
-_HOLD = Base.HOLD
 _TUNE_PERIOD_S = 1.0
 """A plant does not change faster, and choosing gains takes milliseconds where it is new."""
 _SLOW_SHARE = 0.6
 """Softer gains than this are reported to the pilot: the hold is then looser than the autopilot's own."""
+_SOFTER = 0.6
+"""Of the gains, after each swing that was noticed."""
 _OTHER_LAG = 0.15
 """A measured attitude loop counts once its lag is this share off the one in use: noise changes no gains."""
 
@@ -36,10 +37,10 @@ def settle(state: PipelineState, config: PipelineConfig) -> PipelineState:
     assert rows is not None
     (_, _, x), (_, _, y), (sp, sr, z) = rows
     timing, balance, response = state.timing, state.balance, state.response
-    timing = hear_attitude(timing, t_s, config.tuning.attitude_age_s)
+    timing = hear_attitude(timing, t_s)
     if estimates.position is not None:
-        balance = engagement.watch_balance(balance, t_s, estimates.position.velocity_ned, (x, y, z), config.tuning)
-    if config.base is not _HOLD:
+        balance = engagement.watch_balance(balance, t_s, estimates.position.velocity_ned, (x, y, z))
+    if config.base is not Base.HOLD:
         return replace(state, due=None, timing=timing, balance=balance)
     if not config.dry_run:
         response = attitude_response.hear_tilt(response, t_s, math.atan2(sr, z), -math.asin(min(max(sp, -1.0), 1.0)))
@@ -59,7 +60,7 @@ def _remembered(
     command = due.command
     if not isinstance(command, AttitudeCommand):
         return base, response
-    roll, pitch = base.roll + state.applied.roll, base.pitch + state.applied.pitch
+    roll, pitch = base.roll + state.offsets.applied.roll, base.pitch + state.offsets.applied.pitch
     last = BaseSetpoint(roll, pitch, base.yaw, command.thrust, base.acceleration)
     return last, response if config.dry_run else attitude_response.sent(response, due.attitude.t_s, roll, pitch)
 
@@ -76,10 +77,9 @@ def _watch_swing(state: PipelineState, base: BaseSetpoint, t_s: float) -> Pipeli
 
 def retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> PipelineState:
     """Gains for the plant as it is known now, once a second."""
-    if 0.0 <= t_s - state.tuned_s < _TUNE_PERIOD_S or config.base is not _HOLD:
+    if 0.0 <= t_s - state.tuned_s < _TUNE_PERIOD_S or config.base is not Base.HOLD:
         return state
-    tuning = config.tuning
-    state = replace(state, swing=swing_detector.calmed(state.swing, t_s, tuning.swing_calm_s, tuning.swing_levels))
+    state = replace(state, swing=swing_detector.calmed(state.swing, t_s))
     stack = Stack.OTHER if state.heartbeat is None else stack_of(state.heartbeat)
     loop = attitude_response.measured_loop(state.response)
     if loop is None:  # too little to see now: what was measured stays true
@@ -90,8 +90,8 @@ def retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> Pipelin
         state = replace(state, swing=replace(state.swing, level=0))
     if loop.source is state.loop.source and abs(loop.lag_s - state.loop.lag_s) < _OTHER_LAG * state.loop.lag_s:
         loop = state.loop
-    softer = tuning.swing_softer ** min(state.swing.level, tuning.swing_levels)
-    tuned = tune(tuning.hold, loop, state.timing, softer)
+    softer = _SOFTER ** min(state.swing.level, swing_detector.SWING_LEVELS)
+    tuned = tune(loop, state.timing, softer)
     soft, before = min(tuned.share, tuned.climb_share), state.tuned
     if (
         state.swing.level == 0

@@ -12,3 +12,5 @@ class AdoptedEffect:
 
     name: str
     parameters: Mapping[str, float] = field(default_factory=dict)
+    without: tuple[str, ...] = ()
+    """Axes (body FRD about the CG) on which it does not act: there it made the error of the flights larger."""

@@ -14,7 +14,6 @@ from models.arguments import Parser, speaks
 from models.cfd import cli as cfd
 from models.errors import ConfigError, UserError
 from models.json_file import write_json
-from models.vehicle_setup import cli as vehicle_setup
 from models.version import VersionAction
 
 # Spelled out here so that --help need not import the trainers.
@@ -93,7 +92,6 @@ def _parser() -> argparse.ArgumentParser:
     query.add_argument("--quiet", action="store_true", help="no text")
     query.set_defaults(run=_query)
 
-    vehicle_setup.add(commands)
     cfd.add(commands, _json)
     return parser
 

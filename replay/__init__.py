@@ -1,6 +1,6 @@
 """Recorded flights through the same pipeline, and the loop closed with measured data.
 
-``load(LOG)`` reads a log as flights in SI units; ``diagnose(LOGS, vehicle, model)`` says what the declared model lacks.
+``load(LOG)`` reads a log as flights in SI units; ``diagnose(LOGS)`` says what the model of the vehicle lacks.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from models.lazy_exports import exports
 
 if TYPE_CHECKING:
     from replay.diagnosis.answer import Diagnosis
-    from replay.diagnosis.diagnose import diagnose
     from replay.flightlog import FlightLog
     from replay.logs.formats import load
+    from replay.notebook import diagnose
     from replay.residual.record import Record, build_record
 
     __version__: str
@@ -25,7 +25,7 @@ _HOMES = {
     "FlightLog": "replay.flightlog",
     "Record": "replay.residual.record",
     "build_record": "replay.residual.record",
-    "diagnose": "replay.diagnosis.diagnose",
+    "diagnose": "replay.notebook",
     "load": "replay.logs.formats",
 }
 __getattr__, __dir__ = exports(__name__, _HOMES)

@@ -1,4 +1,4 @@
-"""``replay audit``: did a recorded flight keep the promises of docs/safety.md? By companion/invariants.py."""
+"""``replay audit``: did a recorded flight keep the requirements of docs/safety.md? By companion/invariants.py."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from companion.invariants import Audit
     from models.vehicle import Vehicle
 
-_EPILOG = """exit codes: 0 every promise was kept; 1 one was not; 2 bad arguments or vehicle file; 3 log unreadable, or
-without the companion's own messages; 130 interrupted. What the promises mean: docs/safety.md."""
+_EPILOG = """exit codes: 0 every requirement was kept; 1 one was broken; 2 bad arguments or vehicle file; 3 log
+unreadable, or without the companion's own messages; 130 interrupted. What the requirements mean: docs/safety.md."""
 _BROKEN = 1
 _EVERY = 20_000
 """Frames between two moves of the progress bar."""
@@ -25,7 +25,7 @@ _EVERY = 20_000
 def add_parser(commands: Any) -> None:
     """Register ``audit`` with the subparsers of ``replay``."""
     p: argparse.ArgumentParser = commands.add_parser(
-        "audit", help="say whether a recorded flight kept the promises of safety", epilog=_EPILOG,
+        "audit", help="say whether a recorded flight kept the safety requirements", epilog=_EPILOG,
         description="Check everything that the companion sent in a recorded flight against what it heard. The "
         "recording must hold both directions, as companion --record and ground stations write them.",
     )  # fmt: skip

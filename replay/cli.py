@@ -24,7 +24,7 @@ _COMMANDS = (
     "replay.info.cli",
     "replay.export.cli",
     "replay.audit",
-    "replay.vehicle.cli",
+    "replay.desk.cli",
 )
 """Modules with ``add_parser(commands)``, which sets ``run``."""
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed

@@ -1,4 +1,4 @@
-"""Parameters of the autopilot that the command line gives where a log lacks them."""
+"""Numbers by name that the command line gives, such as parameters of the autopilot where a log lacks them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from collections.abc import Sequence
 from models.errors import ConfigError
 
 
-def assumed_parameters(pairs: Sequence[str]) -> dict[str, float]:
+def assumed_parameters(
+    pairs: Sequence[str], option: str = "--param", such_as: str = "GUID_OPTIONS=8"
+) -> dict[str, float]:
     """``NAME=VALUE`` of the command line; ConfigError where one is no number."""
     out = {}
     for pair in pairs:
@@ -18,5 +20,5 @@ def assumed_parameters(pairs: Sequence[str]) -> dict[str, float]:
         except ValueError:
             out[name] = math.nan
         if not name or not math.isfinite(out[name]):
-            raise ConfigError(f"--param {pair}: must be NAME=NUMBER, such as GUID_OPTIONS=8")
+            raise ConfigError(f"{option} {pair}: must be NAME=NUMBER, such as {such_as}")
     return out

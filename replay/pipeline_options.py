@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def add_pipeline_options(p: argparse.ArgumentParser) -> None:
-    """What a replay of the pipeline of flight is told."""
+    """What a replay of the flight pipeline is given."""
     p.add_argument("--vehicle", type=vehicle_path, metavar="FILE", help="vehicle file (default: the paper's tandem)")
     p.add_argument("--model", metavar="DIR", help="model directory, or none (default: the shipped model)")
     p.add_argument(

@@ -9,15 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from companion.adapt_options import Adapt, AdaptTuning
+from companion.adapt_options import Adapt
 from companion.adaptation import judge
 from companion.adaptation import residual as block_of
 from companion.adaptation.adaptation import Adaptation, Believed, Full, Noise
-from companion.adaptation.apply import Applied, share_of, towards
+from companion.adaptation.apply import MOST, Applied, share_of, towards
 from companion.adaptation.filter import Flags, excites, later, opened, surprises, update
-from companion.adaptation.gates import pause
+from companion.adaptation.gates import Situation, pause
 from companion.adaptation.near_map import GAPS, HEIGHTS, NearField
-from companion.adaptation.parts import Around
 from companion.adaptation.saved import kept_with
 from companion.adaptation.sizes import (
     EAST,
@@ -35,13 +34,37 @@ from companion.adaptation.sizes import (
     size_table,
 )
 from companion.config import PipelineConfig
-from companion.control.disturbance import Disturbance
-from companion.control.state import PipelineState
+from companion.estimation.disturbance import THRUST_LEAD_S, Around, Disturbance
 from companion.mavlink.samples import Imu
 from models.evolve import replace
 from models.frames import GRAVITY, Array
 from models.vehicle import Vehicle
 
+BLOCK_S = 0.2
+"""Measured and modelled wrench are averaged over this: the one filter that both go through."""
+_LEAST_SAMPLES = 4
+"""Of the accelerometer in a block: 20 Hz, as diagnosis asks for moments."""
+_IMU_GAP_S = 0.1
+"""A longer silence of the accelerometer starts a new block."""
+_LAG_DOUBT_S = 0.03
+"""What may be left of the accelerometer's lag: a modelled wrench that changes quickly is trusted less."""
+_ALIKE = 2.0
+"""Variance of a block's noise over that of its differences: errors of neighbours are alike. Chosen such that the 90 %
+intervals of simulated flights cover (docs/lab/adaptation.md)."""
+_ALIKE_NEAR = 4.0
+"""The same for the map, which is wrong by what bilinear cells cannot follow, too."""
+_NOISE_MEAN_S = 20.0
+"""Over which the noise of an axis is averaged."""
+_FORCE_FLOOR = 0.003
+"""Least noise of a block, of the weight: a third of a centi-g of an accelerometer's drift."""
+_MOMENT_FLOOR = 0.001
+"""The same, of the weight times the farthest fan's arm."""
+_FREE_AIR_S = 0.5
+"""Where only steady sizes are seen they are looked at so often: every third block."""
+_PAUSE_S = 0.6
+"""After a reason not to learn has gone: what it did to the filters of ranges and rotors has gone too."""
+_NOTHING = 0.05
+"""A smaller share of the model is none."""
 _SOURCE_SILENT_S = 1.0
 _NO_VANES: tuple[float, ...] = ()
 _SILENT = (math.nan,) * 16
@@ -51,69 +74,67 @@ def initial(config: PipelineConfig) -> Adaptation | None:
     """Before the first sample; None where nothing is to be learned."""
     if config.adapt is Adapt.OFF:
         return None
-    table = size_table(config.vehicle, config.model, config.adapt_tuning)
-    places, tuning = channels(table), config.adapt_tuning
+    table = size_table(config.vehicle, config.model)
+    places = channels(table)
     saved: Mapping[str, Any] = config.model.info.get("sizes", {})
-    through = judge.channels_of(table, tuning)
-    judged = tuple(judge.initial(c, k, tuning) for c, k in zip(through, kept_with(config.model), strict=True))
+    through = judge.channels_of(table)
+    judged = tuple(judge.initial(c, k) for c, k in zip(through, kept_with(config.model), strict=True))
     known = tuple(table[k].name in saved for k in places)
     believed = _believed(through, judged)
-    shares, noise = Applied((1.0,) * len(places)), Noise(floors(config.vehicle, tuning))
+    shares, noise = Applied((1.0,) * len(places)), Noise(floors(config.vehicle))
     state = Adaptation(table, prior(table), through, judged, believed, shares, shares, noise, known)
-    wanted = _wanted(state, config)
+    wanted = _wanted(state)
     return replace(state, wanted=wanted, applied=wanted)
 
 
 @lru_cache(maxsize=4)
-def floors(vehicle: Vehicle, tuning: AdaptTuning) -> Array:
+def floors(vehicle: Vehicle) -> Array:
     """Least variance of a block (5,)."""
     weight = vehicle.mass_kg * GRAVITY
     lever = max(float(np.abs(vehicle.fan_positions_m).max()), vehicle.rotor_radius_m)
-    force, moment = tuning.force_floor * weight, tuning.moment_floor * weight * lever
+    force, moment = _FORCE_FLOOR * weight, _MOMENT_FLOOR * weight * lever
     out: Array = np.array([force, force, force, moment, moment]) ** 2
     return out
 
 
-def hear(state: PipelineState, imu: Imu, config: PipelineConfig) -> Adaptation | None:
+def hear(known: Adaptation, here: Situation, imu: Imu, config: PipelineConfig) -> Adaptation:
     """The adaptation one sample of an accelerometer on."""
-    known, now_s = state.adaptation, imu.t_s
-    if known is None:
-        return None
+    now_s = imu.t_s
     if imu.source != known.source:
         if now_s - known.heard_s < _SOURCE_SILENT_S:
             return known
         known = replace(known, source=imu.source, block=None)
-    tuning, disturbance = config.adapt_tuning, state.disturbance
-    why = pause(state, imu, config, known.clear)
+    disturbance = here.disturbance
+    why = pause(here, imu, config, known.clear)
     if why is not None:
         noise = Noise(known.noise.variance)
         return replace(known, heard_s=now_s, paused=why, paused_s=now_s, block=None, full=None, noise=noise, clear=None)
-    if now_s - known.paused_s < tuning.pause_s:
+    if now_s - known.paused_s < _PAUSE_S:
         return replace(known, heard_s=now_s)
     block = known.block
-    if block is None or not 0.0 < now_s - block.end_s <= tuning.imu_gap_s:
+    if block is None or not 0.0 < now_s - block.end_s <= _IMU_GAP_S:
         if block is not None and now_s == block.end_s:
             return known  # told twice
         return replace(known, heard_s=now_s, paused=None, block=block_of.begin(imu), clear=disturbance)
-    block = _longer(block, state, imu, config)
-    if block.end_s - block.start_s < tuning.block_s - 1e-6:
+    block = _longer(block, here, imu, config)
+    if block.end_s - block.start_s < BLOCK_S - 1e-6:
         return replace(known, heard_s=now_s, paused=None, block=block, clear=disturbance)
-    full, rows = None, state.estimates.rows
-    if block.samples >= tuning.least_samples and disturbance is not None and rows is not None:
+    full, rows = None, here.estimates.rows
+    if block.samples >= _LEAST_SAMPLES and disturbance is not None and rows is not None:
         full = Full(block, disturbance, rows)
     return replace(known, heard_s=now_s, paused=None, block=block_of.follow(block), full=full, clear=disturbance)
 
 
-def _longer(block: block_of.Block, state: PipelineState, imu: Imu, config: PipelineConfig) -> block_of.Block:
+def _longer(block: block_of.Block, here: Situation, imu: Imu, config: PipelineConfig) -> block_of.Block:
     """The block with what is known at this sample."""
-    disturbance, position, servo = state.disturbance, state.estimates.position, state.estimates.servo
+    disturbance, position, servo = here.disturbance, here.estimates.position, here.estimates.servo
     assert disturbance is not None
     assert disturbance.parts is not None
     assert position is not None
     vanes = _NO_VANES
     if config.vehicle.vanes:
         vanes = block_of.vane_outputs(config.vehicle, _SILENT if servo is None else servo.pwm_us)
-    return block_of.add(block, imu, disturbance.parts, position.velocity_ned, vanes, config.adapt_tuning.imu_lag_s)
+    return block_of.add(block, imu, disturbance.parts, position.velocity_ned, vanes)
 
 
 def learn(known: Adaptation, config: PipelineConfig) -> Adaptation:
@@ -122,41 +143,39 @@ def learn(known: Adaptation, config: PipelineConfig) -> Adaptation:
         return known
     block, here, rotation = known.full
     assert here.parts is not None
-    tuning, table, sizes = config.adapt_tuning, known.table, known.sizes
+    table, sizes = known.table, known.sizes
     wind = (float(sizes.offset[NORTH]), float(sizes.offset[EAST]))
     seen = block_of.see(block, config.vehicle, rotation, here.parts.around.bearing_rad, len(table), wind)
     changed = 0.0 if known.modelled is None else seen.modelled - known.modelled
-    doubt = (tuning.lag_doubt_s / tuning.block_s * changed) ** 2
-    variance, doubtful = tuning.alike * known.noise.variance + doubt, tuning.alike_near * known.noise.variance + doubt
+    doubt = (_LAG_DOUBT_S / BLOCK_S * changed) ** 2
+    variance, doubtful = _ALIKE * known.noise.variance + doubt, _ALIKE_NEAR * known.noise.variance + doubt
     innovation = seen.residual - seen.regressors @ sizes.offset
-    surprised = surprises(sizes, innovation, seen.regressors, variance, known.surprised, tuning.robust_sigmas)
-    moves, around = excites(table, seen.regressors, variance, tuning.excited), _in_the_middle(here, config)
+    surprised = surprises(sizes, innovation, seen.regressors, variance, known.surprised)
+    moves, around = excites(table, seen.regressors, variance), _in_the_middle(here, config)
     near, first = _near(moves, around), known.updated_s == -math.inf
-    seconds = tuning.block_s if first else max(block.end_s - known.updated_s, 0.0)
-    if first or any(near) or any(surprised) or seconds > tuning.free_air_s:
+    seconds = BLOCK_S if first else max(block.end_s - known.updated_s, 0.0)
+    if first or any(near) or any(surprised) or seconds > _FREE_AIR_S:
         judged = _judged(known, seen, doubtful, seconds, around, near, config)
-        sizes = opened(table, later(table, sizes, seconds), surprised, tuning.surprised_blocks)
-        sizes = _sized(table, sizes, seen, variance, moves, tuning)
+        sizes = opened(table, later(table, sizes, seconds), surprised)
+        sizes = _sized(table, sizes, seen, variance, moves)
         learned, believed = _learned(known, sizes), _believed(known.channels, judged)
         known = replace(
             known, sizes=sizes, judged=judged, learned=learned, believed=believed, updated_s=block.end_s
         )  # fmt: skip
-        known = replace(known, wanted=_wanted(known, config))
+        known = replace(known, wanted=_wanted(known))
     applied = known.applied
     if applied is not known.wanted:
-        applied = towards(applied, known.wanted, tuning.block_s, tuning)
+        applied = towards(applied, known.wanted, BLOCK_S)
     noise, learned_s = _noise(known.noise, innovation, config), known.learned_s + block.end_s - block.start_s
     return replace(
         known, full=None, applied=applied, noise=noise, modelled=seen.modelled, surprised=surprised, learned_s=learned_s
     )
 
 
-def _sized(
-    table: tuple[Size, ...], sizes: Sizes, seen: block_of.Seen, variance: Array, moves: Flags, tuning: AdaptTuning
-) -> Sizes:
+def _sized(table: tuple[Size, ...], sizes: Sizes, seen: block_of.Seen, variance: Array, moves: Flags) -> Sizes:
     """The sizes after a block, one axis after another."""
     for value, row, noise, moved in zip(seen.residual.tolist(), seen.regressors, variance.tolist(), moves, strict=True):
-        sizes = update(table, sizes, value, row, noise, moved, tuning.robust_sigmas)
+        sizes = update(table, sizes, value, row, noise, moved)
     return sizes
 
 
@@ -176,7 +195,7 @@ def _judged(
     config: PipelineConfig,
 ) -> tuple[judge.Judged, ...]:  # fmt: skip
     """With the model or without it: what one channel does in the axes of another is taken away first."""
-    tuning, vehicle = config.adapt_tuning, config.vehicle
+    vehicle = config.vehicle
     place, thrust = judge.place_of(around), 1.0 + float(known.sizes.offset[THRUST])
     gains, beside = known.believed.gains, known.believed.near.rows(vehicle, around)
     effects = seen.regressors[:, FIRST_EFFECT:] @ known.sizes.offset[FIRST_EFFECT:]
@@ -184,7 +203,7 @@ def _judged(
     out = []
     for channel, before, here in zip(known.channels, known.judged, near, strict=False):
         waited_s = before.waited_s + seconds
-        if not here and waited_s < tuning.free_air_s and not any(before.surprised):
+        if not here and waited_s < _FREE_AIR_S and not any(before.surprised):
             out.append(before._replace(waited_s=waited_s))
             continue
         told = []
@@ -197,7 +216,7 @@ def _judged(
                 if k != channel.own:
                     value += model[k] - thrust * (beside[k][axis] + gains[k] * model[k])
             told.append((value, row, noise[axis]))
-        out.append(judge.learn(channel, before, waited_s, told, tuning))
+        out.append(judge.learn(channel, before, waited_s, told))
     return tuple(out)
 
 
@@ -205,7 +224,7 @@ def _in_the_middle(here: Disturbance, config: PipelineConfig) -> Around:
     """Where the fans were in the middle of a block that ends here."""
     assert here.parts is not None
     around = here.parts.around
-    back = (0.5 * config.adapt_tuning.block_s + config.tuning.thrust_lead_s) / config.vehicle.rotor_radius_m
+    back = (0.5 * BLOCK_S + THRUST_LEAD_S) / config.vehicle.rotor_radius_m
     lower, nearer = (0.0 if not math.isfinite(s.rate_m_s) else s.rate_m_s * back for s in (here.ground, here.wall))
     heights, gaps = tuple([h - lower for h in around.heights]), tuple([d - nearer for d in around.gaps])
     return Around(heights, gaps, around.free_lift_n, around.bearing_rad)
@@ -220,15 +239,14 @@ def _believed(channels: Sequence[judge.Channel], judged: Sequence[judge.Judged])
 def _noise(noise: Noise, innovation: Array, config: PipelineConfig) -> Noise:
     """Half the mean square of differences between neighbours (von Neumann 1941, Ann. Math. Statist. 12, 367): what a
     size is still wrong by is in both and does not count."""
-    tuning = config.adapt_tuning
     if noise.innovation is None:
         return Noise(noise.variance, innovation)
     change = innovation - noise.innovation
-    share = tuning.block_s / tuning.noise_mean_s
+    share = BLOCK_S / _NOISE_MEAN_S
     fresh = 0.5 * change * change
     if not math.isfinite(sum(fresh.tolist())):
         fresh = np.where(np.isfinite(fresh), fresh, noise.variance)
-    variance = np.maximum(noise.variance + share * (fresh - noise.variance), floors(config.vehicle, tuning))
+    variance = np.maximum(noise.variance + share * (fresh - noise.variance), floors(config.vehicle))
     return Noise(variance, innovation)
 
 
@@ -242,11 +260,11 @@ def _learned(known: Adaptation, sizes: Sizes) -> tuple[bool, ...]:
     )
 
 
-def _wanted(known: Adaptation, config: PipelineConfig) -> Applied:
+def _wanted(known: Adaptation) -> Applied:
     """What is believed. An adopted effect that never was excited stays as modelled."""
-    tuning, (gains, near) = config.adapt_tuning, known.believed
-    shares = [0.0 if gain < tuning.nothing else min(gain, tuning.most) for gain in gains]
+    gains, near = known.believed
+    shares = [0.0 if gain < _NOTHING else min(gain, MOST) for gain in gains]
     for k, seen in zip(range(FIRST_EFFECT, len(known.table)), known.learned[len(GAINS) :], strict=True):
         value = known.table[k].as_modelled + float(known.sizes.offset[k])
-        shares.append(share_of(value, known.sizes.sd(k), tuning.most, tuning.form) if seen else 1.0)
+        shares.append(share_of(value, known.sizes.sd(k)) if seen else 1.0)
     return Applied(tuple(shares), near)

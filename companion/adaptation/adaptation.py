@@ -12,7 +12,7 @@ from companion.adaptation.apply import Applied
 from companion.adaptation.near_map import NearField
 from companion.adaptation.pause import Pause
 from companion.adaptation.sizes import LIFT, Estimate, Size, Sizes, channels, told
-from companion.control.disturbance import Disturbance
+from companion.estimation.disturbance import Disturbance
 from models.frames import Array, Rows
 
 MODELS = ("lift_model", "pull_model", "tilt_model")

@@ -8,11 +8,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from companion.adapt_options import AdaptTuning
 from companion.adaptation.near_map import NOTHING, NearField
-from companion.adaptation.parts import Around, about_cg
+from companion.estimation.disturbance import Around, about_cg
 from models.frames import Array
 from models.vehicle import Vehicle
+
+MOST = 1.5
+"""Of the model's wrench, in any channel."""
+GIVE_1_S = 0.25
+"""How fast a channel's share may grow: from nothing to all in four seconds, slower than the hold's integrators."""
+_TAKE_1_S = 1.0
+"""How fast it may shrink: a fade like others."""
+_MAP_1_S = 0.02
+"""How fast what is applied of the map may change, of a fan's thrust: 0.08 in four seconds, as shares grow."""
+_FORM = 0.5
+"""A model whose size is wrong is wrong in form too: sd of the gain from place to place, by its distance from 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,29 +63,29 @@ class Applied:
         ]
 
 
-def share_of(value: float, sd: float, most: float, form: float) -> float:
-    """The share of a modelled wrench to compensate where its size is believed to be ``value`` +- ``sd``: 0 to ``most``.
+def share_of(value: float, sd: float) -> float:
+    """The share of a modelled wrench to compensate where its size is believed to be ``value`` +- ``sd``: 0 to ``MOST``.
 
     value / (1 + (sd/value)^2): Wiener's factor, which makes the expected square of what remains least for a size of
-    which as much is unknown (Wiener 1949, Extrapolation of Stationary Time Series), with sd^2 + (form (value - 1))^2 in
-    place of sd^2: what is wrong in size is wrong from place to place. A size of the wrong sign gives 0.
+    which as much is unknown (Wiener 1949, Extrapolation of Stationary Time Series), with sd^2 + (_FORM (value - 1))^2
+    in place of sd^2: what is wrong in size is wrong from place to place. A size of the wrong sign gives 0.
     """
     if value <= 0.0:
         return 0.0
-    doubt = math.hypot(sd, form * (value - 1.0)) / value
-    return min(value / (1.0 + doubt * doubt), most)
+    doubt = math.hypot(sd, _FORM * (value - 1.0)) / value
+    return min(value / (1.0 + doubt * doubt), MOST)
 
 
-def towards(now: Applied, wanted: Applied, dt_s: float, tuning: AdaptTuning) -> Applied:
+def towards(now: Applied, wanted: Applied, dt_s: float) -> Applied:
     """``now`` moved to ``wanted`` within the rates of shares and of what is measured beside the model.
 
     ``wanted`` itself where it is reached.
     """
-    down, up = tuning.take_1_s * dt_s, tuning.give_1_s * dt_s
+    down, up = _TAKE_1_S * dt_s, GIVE_1_S * dt_s
     shares = tuple(
         min(max(goal, share - down), share + up) for share, goal in zip(now.shares, wanted.shares, strict=True)
     )
-    old, new, most = now.near, wanted.near, tuning.map_1_s * dt_s
+    old, new, most = now.near, wanted.near, _MAP_1_S * dt_s
     near = NearField(
         min(max(new.ground, old.ground - up), old.ground + up),
         _slewed(old.lift, new.lift, most),

@@ -19,6 +19,13 @@ from models.frames import Array
 
 Flags = NDArray[np.bool_]
 
+ROBUST_SIGMAS = 2.5
+"""A residual counts no more than this many standard deviations (Huber 1964, Ann. Math. Statist. 35, 73)."""
+SURPRISED_BLOCKS = 4
+"""After so many of them in a row to one side something has jumped: a load, a gust front."""
+_EXCITED = 0.2
+"""A size learns from an axis where its prior's sd would move the axis by this share of the axis' noise."""
+
 
 @lru_cache(maxsize=8)
 def _limits(table: tuple[Size, ...]) -> tuple[Array, Array, Array, Array]:
@@ -49,13 +56,13 @@ _GAIN_EXPLAINS = 1.5
 
 
 def surprises(
-    sizes: Sizes, innovation: Array, regressors: Array, variance: Array, before: tuple[int, ...], sigmas: float
+    sizes: Sizes, innovation: Array, regressors: Array, variance: Array, before: tuple[int, ...]
 ) -> tuple[int, ...]:
-    """For how many blocks in a row each axis has been off by more than ``sigmas`` to the same side: +n or -n.
+    """For how many blocks in a row each axis has been off by more than ``ROBUST_SIGMAS`` to the same side: +n or -n.
 
     What a gain on the model can explain is no surprise.
     """
-    spread = sigmas * np.sqrt(((regressors @ sizes.covariance) * regressors).sum(axis=1) + variance)
+    spread = ROBUST_SIGMAS * np.sqrt(((regressors @ sizes.covariance) * regressors).sum(axis=1) + variance)
     out = []
     for count, off, most, row in zip(before, innovation.tolist(), spread.tolist(), regressors, strict=True):
         side = 1 if off > 0.0 else -1
@@ -64,9 +71,9 @@ def surprises(
     return tuple(out)
 
 
-def opened(table: tuple[Size, ...], sizes: Sizes, surprised: tuple[int, ...], after: int) -> Sizes:
-    """The same, less sure of what may have jumped on axes that have been surprised for ``after`` blocks."""
-    axes = [k for k, count in enumerate(surprised) if abs(count) >= after]
+def opened(table: tuple[Size, ...], sizes: Sizes, surprised: tuple[int, ...]) -> Sizes:
+    """The same, less sure of what may have jumped on axes that have been surprised for several blocks."""
+    axes = [k for k, count in enumerate(surprised) if abs(count) >= SURPRISED_BLOCKS]
     if not axes:
         return sizes
     _, _, most, _ = _limits(table)
@@ -77,20 +84,19 @@ def opened(table: tuple[Size, ...], sizes: Sizes, surprised: tuple[int, ...], af
     return Sizes(sizes.offset, sizes.covariance + np.diag(more))
 
 
-def excites(table: tuple[Size, ...], regressors: Array, variance: Array, excited: float) -> Flags:
-    """Of every axis (axes, n), the sizes whose prior would move it by more than ``excited`` of its noise."""
+def excites(table: tuple[Size, ...], regressors: Array, variance: Array) -> Flags:
+    """Of every axis (axes, n), the sizes whose prior would move it by a share of its noise."""
     _, _, most, _ = _limits(table)
-    out: Flags = regressors * regressors * most > (excited * excited * variance)[:, None]
+    out: Flags = regressors * regressors * most > (_EXCITED * _EXCITED * variance)[:, None]
     return out
 
 
 def update(
-    table: tuple[Size, ...], sizes: Sizes, residual: float, regressors: Array, variance: float, moves: Flags,
-    robust_sigmas: float,
-) -> Sizes:  # fmt: skip
+    table: tuple[Size, ...], sizes: Sizes, residual: float, regressors: Array, variance: float, moves: Flags
+) -> Sizes:
     """The sizes after ``residual`` = regressors (n,) @ offset + noise of ``variance``; the same object if unmoved.
 
-    Only the sizes that the axis ``excites`` change: ``moves`` (n,). What is further off than ``robust_sigmas`` counts
+    Only the sizes that the axis ``excites`` change: ``moves`` (n,). What is further off than ``ROBUST_SIGMAS`` counts
     as if it were just so far.
     """
     if not math.isfinite(residual) or not variance > 0.0 or True not in moves.tolist():
@@ -100,7 +106,7 @@ def update(
     shared = covariance @ regressors
     spread = float(regressors @ shared) + variance
     innovation = residual - float(regressors @ sizes.offset)
-    weight = min(1.0, robust_sigmas * math.sqrt(spread) / abs(innovation)) if innovation else 1.0
+    weight = min(1.0, ROBUST_SIGMAS * math.sqrt(spread) / abs(innovation)) if innovation else 1.0
     gain = moves * shared * (weight / spread)
     offset = np.minimum(np.maximum(sizes.offset + innovation * gain, low), high)
     # Joseph's form: C - g s' - s g' + spread g g', written so that it stays symmetric to the last bit.

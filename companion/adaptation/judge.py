@@ -15,16 +15,34 @@ from typing import NamedTuple
 
 import numpy as np
 
-from companion.adapt_options import AdaptTuning
 from companion.adaptation import sizes as at
+from companion.adaptation.apply import MOST
+from companion.adaptation.filter import ROBUST_SIGMAS, SURPRISED_BLOCKS
 from companion.adaptation.near_map import CELLS, MAP, cheeseman_bennett
-from companion.adaptation.parts import Around
 from companion.adaptation.sizes import Size
+from companion.estimation.disturbance import Around
 from models.frames import Array
 
 _ALONG = ((at.THRUST, at.INFLOW), (at.NORTH, at.EAST, at.DRAG), (at.CG_X, at.CG_Y, at.DRAG_ARM))
 _AXES = ((2,), (0, 1), (3, 4))
 _WIND = (at.NORTH, at.EAST)
+_MAP_SD = (0.05, 0.012, 0.05)
+"""Prior sd of what is measured of lift, pull (of a fan's thrust) and tilt (of that times the radius) without a model,
+within two rotor radii: half of the largest that is published (Ai et al. 2020; docs/lab/adaptation.md)."""
+_LEFT_SD = (0.015, 0.004, 0.015)
+"""The same of what a right model leaves: its law is 10 to 30 % off."""
+_GROUND_SD = 1.0
+"""Prior sd of the ground's lift in Cheeseman and Bennett's; its mean is 0, so that nothing is applied unseen."""
+_DRIFT = 0.3
+"""Change of gain, ground's lift and map in a minute, of their prior sd."""
+_CALM_WIND = 0.25
+"""Change of the wind in a minute while the pull is judged, of what it may change otherwise: a gust is a jump."""
+_ANOTHER_DAY = 0.5
+"""Sd of a map, gain or ground's lift that was saved, of the prior's."""
+_EVIDENCE = 0.5
+"""Of a block's log likelihood: neighbours are alike."""
+_MOST_LOG_ODDS = 4.0
+"""Bound of the odds, so that a model that was contradicted can come back: 0.02 to 0.98."""
 _LOW_RADII = 1.6
 """Where the ground's lift is told: low, and yet where most flights have been."""
 _OPENED = 0.1
@@ -76,29 +94,29 @@ class Judged(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def channels_of(table: tuple[Size, ...], tuning: AdaptTuning) -> tuple[Channel, Channel, Channel]:
+def channels_of(table: tuple[Size, ...]) -> tuple[Channel, Channel, Channel]:
     """Lift, pull and tilt."""
-    lift, pull, tilt = [_channel(table, tuning, own) for own in (at.LIFT, at.PULL, at.TILT)]
+    lift, pull, tilt = [_channel(table, own) for own in (at.LIFT, at.PULL, at.TILT)]
     return lift, pull, tilt
 
 
-def _channel(table: tuple[Size, ...], tuning: AdaptTuning, own: int) -> Channel:
-    along, drift = _ALONG[own], tuning.drift
-    calm = [tuning.calm_wind if k in _WIND and own == at.PULL else 1.0 for k in along]
+def _channel(table: tuple[Size, ...], own: int) -> Channel:
+    along = _ALONG[own]
+    calm = [_CALM_WIND if k in _WIND and own == at.PULL else 1.0 for k in along]
     steady = [table[k].mean - table[k].as_modelled for k in along]
     sds = [table[k].sd for k in along]
     a_minute = [table[k].per_minute * share for k, share in zip(along, calm, strict=True)]
-    form = tuning.ground_sd if own == at.LIFT else 0.0
+    form = _GROUND_SD if own == at.LIFT else 0.0
     n = len(along) + 2 + CELLS
     mean, covariance, growth = np.zeros((2, n)), np.zeros((2, n, n)), np.zeros((2, n))
     for k, (gain, sd, ground, near) in enumerate(
-        ((table[own].mean, table[own].sd, 0.0, tuning.left_sd[own]), (0.0, 0.0, form, tuning.map_sd[own]))
+        ((table[own].mean, table[own].sd, 0.0, _LEFT_SD[own]), (0.0, 0.0, form, _MAP_SD[own]))
     ):
         cell = MAP.covariance(near, of_wall=own != at.LIFT)
         mean[k, : n - CELLS] = [*steady, gain, 0.0]
         np.fill_diagonal(covariance[k], [*[s * s for s in sds], sd * sd, ground * ground, *[0.0] * CELLS])
         covariance[k, n - CELLS :, n - CELLS :] = cell
-        moves = [*a_minute, drift * sd, drift * ground, *(drift * np.sqrt(np.diagonal(cell))).tolist()]
+        moves = [*a_minute, _DRIFT * sd, _DRIFT * ground, *(_DRIFT * np.sqrt(np.diagonal(cell))).tolist()]
         growth[k] = np.square(moves) / 60.0
     variance = np.array([np.diagonal(c) for c in covariance])
     return Channel(_AXES[own], along, own, mean, covariance, variance, growth)
@@ -112,15 +130,19 @@ class Kept:
     log_odds: float
 
 
-def initial(channel: Channel, kept: Kept | None, tuning: AdaptTuning) -> Judged:
+def initial(channel: Channel, kept: Kept | None) -> Judged:
     """Before anything is seen in this flight."""
     quiet = (0,) * len(channel.axes)
     if kept is None:
-        return Judged(channel.mean, channel.covariance, math.log(tuning.odds), quiet)
+        return Judged(channel.mean, channel.covariance, 0.0, quiet)
     mean, covariance = channel.mean.copy(), channel.covariance.copy()
     mean[:, channel.gain :] = kept.mean
-    covariance[:, channel.gain :, channel.gain :] *= tuning.another_day**2
-    return Judged(mean, covariance, min(max(kept.log_odds, -tuning.most_log_odds), tuning.most_log_odds), quiet)
+    covariance[:, channel.gain :, channel.gain :] *= _ANOTHER_DAY**2
+    return Judged(mean, covariance, _bounded(kept.log_odds), quiet)
+
+
+def _bounded(log_odds: float) -> float:
+    return min(max(log_odds, -_MOST_LOG_ODDS), _MOST_LOG_ODDS)
 
 
 def to_keep(channel: Channel, judged: Judged) -> Kept:
@@ -166,16 +188,14 @@ def rows(
     return out
 
 
-def learn(
-    channel: Channel, judged: Judged, seconds: float, seen: Sequence[tuple[float, Array, float]], tuning: AdaptTuning
-) -> Judged:
+def learn(channel: Channel, judged: Judged, seconds: float, seen: Sequence[tuple[float, Array, float]]) -> Judged:
     """One block on: (value, row, variance) of each axis of the channel; an axis that is not a number tells nothing."""
     covariance = judged.covariance.copy()
     diagonal = covariance.reshape(2, -1)[:, :: covariance.shape[1] + 1]
     # No variance grows beyond that before any flight.
     diagonal += np.minimum(channel.growth_1_s * seconds, np.maximum(channel.variance - diagonal, 0.0))
     mean, log_odds, surprised = judged.mean, judged.log_odds, []
-    sigmas, most = tuning.robust_sigmas, tuning.robust_sigmas**2
+    sigmas, most = ROBUST_SIGMAS, ROBUST_SIGMAS**2
     for (value, row, variance), before in zip(seen, judged.surprised, strict=True):
         if not math.isfinite(value) or not variance > 0.0:
             surprised.append(0)
@@ -198,14 +218,13 @@ def learn(
         shared *= by_covariance
         covariance -= shared[:, :, None] * shared[:, None, :]
         likelier = 0.5 * math.log(t / s) + min(0.5 * z * z, most) - min(0.5 * y * y, most)
-        log_odds += tuning.evidence * likelier
+        log_odds += _EVIDENCE * likelier
         surprised.append(0)
     if mean is not judged.mean:
-        mean[0, channel.gain] = min(max(float(mean[0, channel.gain]), 0.0), tuning.most)
-    if max(surprised) >= tuning.surprised_blocks or min(surprised) <= -tuning.surprised_blocks:
+        mean[0, channel.gain] = min(max(float(mean[0, channel.gain]), 0.0), MOST)
+    if max(surprised) >= SURPRISED_BLOCKS or min(surprised) <= -SURPRISED_BLOCKS:
         covariance = _opened(channel, covariance)
-    log_odds = min(max(log_odds, -tuning.most_log_odds), tuning.most_log_odds)
-    return Judged(mean, covariance, log_odds, tuple(surprised))
+    return Judged(mean, covariance, _bounded(log_odds), tuple(surprised))
 
 
 def _jumped(

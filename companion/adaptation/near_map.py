@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from companion.adaptation.parts import Around, about_cg
+from companion.estimation.disturbance import Around, about_cg
 from models.surface_map import SurfaceMap
 from models.vehicle import Vehicle
 

@@ -16,11 +16,13 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.adaptation import sizes as at
-from companion.adaptation.parts import Parts, about_cg
-from companion.mavlink.samples import Imu, Vector3
+from companion.estimation.disturbance import Parts, about_cg
+from companion.mavlink.samples import Imu
 from models.frames import Array, Rows, at_cg, wrench_of_motion
-from models.vehicle import RHO_SEA_LEVEL, Vehicle
+from models.vehicle import RHO_SEA_LEVEL, Vector3, Vehicle
 
+IMU_LAG_S = 0.03
+"""The accelerometer is delayed by this, which is how late rotor speeds are."""
 AXES = 5
 """Fx Fy Fz Mx My: no size acts by the yaw moment."""
 
@@ -62,10 +64,10 @@ def follow(block: Block) -> Block:
     return Block(block.end_s, block.end_s, block.lagged, (p, q, r), 0, zero, zero, zero, (), None, None, 0.0)
 
 
-def add(block: Block, imu: Imu, parts: Parts, velocity: Vector3, vanes_us: tuple[float, ...], lag_s: float) -> Block:
+def add(block: Block, imu: Imu, parts: Parts, velocity: Vector3, vanes_us: tuple[float, ...]) -> Block:
     """The block with one sample more; ``vanes_us`` as ``vane_outputs`` has them, ``velocity`` NED."""
     start_s, end_s, (a, b, c, p, q, r), first, samples, force, rates, moved, vanes, at_fans, effects, tip_m_s = block
-    share = (imu.t_s - end_s) / (lag_s + imu.t_s - end_s)
+    share = (imu.t_s - end_s) / (IMU_LAG_S + imu.t_s - end_s)
     (fx, fy, fz), (gx, gy, gz) = imu.specific_force_frd, imu.gyro_frd
     a += share * (fx - a)
     b += share * (fy - b)

@@ -9,7 +9,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from companion.adapt_options import AdaptTuning
 from models.effects import get
 from models.errors import ModelError
 from models.frames import Array
@@ -21,6 +20,9 @@ GAINS = ("ground_lift", "wall_pull", "wall_tilt")
 LIFT, PULL, TILT, THRUST, NORTH, EAST, CG_X, CG_Y, DRAG, DRAG_ARM, INFLOW = range(11)
 """Places of the sizes that every vehicle has; those of adopted effects come after."""
 FIRST_EFFECT = 11
+_HEAVY = 0.3
+"""Prior sd of a gain on the model: its law is that of another fan in another place. 10 to 30 % is what the built-in
+vehicle's air differs by (docs/lab/simulator.md)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,15 +77,15 @@ def effects_with_size(model: FanSurrogate) -> tuple[int, ...]:
 
 
 @lru_cache(maxsize=8)
-def size_table(vehicle: Vehicle, model: FanSurrogate, tuning: AdaptTuning) -> tuple[Size, ...]:
+def size_table(vehicle: Vehicle, model: FanSurrogate) -> tuple[Size, ...]:
     """Every size of this vehicle and model, with the priors of the catalogue, or of the flights saved with the model.
 
-    A gain's prior is ``tuning.heavy`` and the model's own scatter; its change per minute lets it follow a law whose
+    A gain's prior is ``_HEAVY`` and the model's own scatter; its change per minute lets it follow a law whose
     form is wrong from place to place.
     """
     lever = max(float(np.abs(vehicle.fan_positions_m).max()), vehicle.rotor_radius_m)
     table = [
-        Size(name, "1", 1.0, 1.0, math.hypot(tuning.heavy, scatter), 0.15, -2.0, 4.0)
+        Size(name, "1", 1.0, 1.0, math.hypot(_HEAVY, scatter), 0.15, -2.0, 4.0)
         for name, scatter in zip(GAINS, _scatter(model), strict=True)
     ]
     # Outputs tell less of the thrust than speeds do: a battery sags within minutes.
@@ -102,7 +104,7 @@ def size_table(vehicle: Vehicle, model: FanSurrogate, tuning: AdaptTuning) -> tu
         Size("vertical_inflow", "1", 0.0, 4.0, 2.5, 0.5, -5.0, 20.0),
     ]
     for k in effects_with_size(model):
-        table.append(Size(model.effects[k].name, "1", 1.0, 1.0, tuning.heavy, 0.1, -2.0, 4.0))
+        table.append(Size(model.effects[k].name, "1", 1.0, 1.0, _HEAVY, 0.1, -2.0, 4.0))
     saved = model.info.get("sizes", {})
     return tuple(_with_saved(size, saved.get(size.name)) for size in table)
 

@@ -83,11 +83,17 @@ class Notice(Enum):
     SLOW_PLANT = "slow attitude or late positions: the hold flies with softer gains"
 
 
-def fade(authority: float, wanted: float, dt_s: float, in_s: float, out_s: float) -> float:
+_FADE_IN_S = 1.0
+"""As slowly as the integrators adapt, so that nothing is counted twice."""
+_FADE_OUT_S = 0.2
+"""As fast as the slew rates of a vehicle file's defaults allow a full offset to go."""
+
+
+def fade(authority: float, wanted: float, dt_s: float) -> float:
     """Move the authority 0...1 towards ``wanted`` at most as fast as the fades allow."""
     if wanted > authority:
-        return min(wanted, authority + dt_s / in_s)
-    return max(wanted, authority - dt_s / out_s)
+        return min(wanted, authority + dt_s / _FADE_IN_S)
+    return max(wanted, authority - dt_s / _FADE_OUT_S)
 
 
 def clipped(value: float, most: float) -> float:

@@ -7,13 +7,21 @@ of the attitude, washed out because the autopilot's rate integrator owns its ste
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import NamedTuple
 
 from companion.config import PipelineConfig
 from companion.control.authority import clipped, slew
-from companion.control.disturbance import Disturbance
+from companion.estimation.disturbance import Disturbance
 from companion.mavlink.firmware import ThrustMap
 from models.frames import GRAVITY, Rows
+from models.vehicle import Vehicle
+
+_MOMENT_STIFFNESS_1_S2 = 180.0
+"""Closed-loop attitude stiffness over inertia with the rate integrator frozen (angle P x rate bandwidth)."""
+_MOMENT_WASHOUT_S = 1.0
+"""The rate integrator owns a steady moment within about this time."""
+_MOMENT_LIMIT_RAD = math.radians(2.5)
 
 
 class Offset(NamedTuple):
@@ -38,15 +46,27 @@ class Offset(NamedTuple):
         )
 
 
-class MomentWashout(NamedTuple):
-    """The slow part of the roll and pitch moments [N m], which the autopilot's integrator holds."""
+MomentWashout = tuple[float, float]
+"""The slow part of the roll and pitch moments [N m], which the autopilot's integrator holds."""
 
-    low: tuple[float, float] | None = None
+
+@dataclass(frozen=True)
+class Offsets:
+    """The offset on its way out, from one setpoint to the next."""
+
+    authority: float = 0.0
+    offset: Offset = Offset()
+    """Within the slew rates, before the fade."""
+    wanted: Offset = Offset()
+    """The last good one."""
+    applied: Offset = Offset()
+    """What went out last: with trust and fade, again within the slew rates."""
+    washout: MomentWashout | None = None
 
 
 def wanted_offset(
     disturbance: Disturbance,
-    washout: MomentWashout,
+    washout: MomentWashout | None,
     config: PipelineConfig,
     thrust: ThrustMap,
     base_thrust: float,
@@ -59,7 +79,7 @@ def wanted_offset(
     fx, fy, fz, mx, my, _ = [v * weight for v in disturbance.wrench]
     own_weight = vehicle.mass_kg * GRAVITY
     ratio = 1.0 - fz / max(disturbance.free_lift_n, 0.5 * own_weight)
-    roll_bias, pitch_bias, washout = _moment_bias(mx, my, washout, config, dt_s)
+    roll_bias, pitch_bias, washout = _moment_bias(mx, my, washout, vehicle, dt_s)
     north, east, down = [(a * fx + b * fy + c * fz) / vehicle.mass_kg for a, b, c in rotation]
     return Offset(
         _thrust_change(ratio, thrust, base_thrust),
@@ -84,16 +104,15 @@ def _thrust_change(ratio: float, thrust: ThrustMap, base_thrust: float) -> float
 
 
 def _moment_bias(
-    mx: float, my: float, washout: MomentWashout, config: PipelineConfig, dt_s: float
+    mx: float, my: float, washout: MomentWashout | None, vehicle: Vehicle, dt_s: float
 ) -> tuple[float, float, MomentWashout]:
-    tuning, inertia = config.tuning, config.vehicle.inertia_kgm2
-    low_x, low_y = (mx, my) if washout.low is None else washout.low
-    share = min(dt_s / tuning.moment_washout_s, 1.0)
+    low_x, low_y = (mx, my) if washout is None else washout
+    share = min(dt_s / _MOMENT_WASHOUT_S, 1.0)
     low_x, low_y = low_x + share * (mx - low_x), low_y + share * (my - low_y)
-    limit = tuning.moment_limit_rad
-    stiffness = tuning.moment_stiffness_1_s2
-    roll, pitch = -(mx - low_x) / (stiffness * inertia[0]), -(my - low_y) / (stiffness * inertia[1])
-    return clipped(roll, limit), clipped(pitch, limit), MomentWashout((low_x, low_y))
+    stiffness_x, stiffness_y = (_MOMENT_STIFFNESS_1_S2 * inertia for inertia in vehicle.inertia_kgm2[:2])
+    roll = clipped(-(mx - low_x) / stiffness_x, _MOMENT_LIMIT_RAD)
+    pitch = clipped(-(my - low_y) / stiffness_y, _MOMENT_LIMIT_RAD)
+    return roll, pitch, (low_x, low_y)
 
 
 def slewed(old: Offset, wanted: Offset, config: PipelineConfig, dt_s: float) -> Offset:

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from companion.adaptation.apply import Applied
-from companion.adaptation.parts import Around, Parts, about_cg
 from companion.adaptation.sizes import effects_with_size
-from companion.config import PipelineConfig, Tuning
+from companion.config import PipelineConfig
 from companion.estimation.air_state import air_state
+from companion.estimation.disturbance import THRUST_LEAD_S, Around, Disturbance, Parts, about_cg
 from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, fan_query, surface
 from models.adopted_effect import AdoptedEffect
 from models.air_state import AirState
@@ -24,32 +23,19 @@ from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from models.vehicle_wrench import RPM_TO_RAD_S, fan_rpm_now
 
+GAIN = 0.95
+"""Of the modelled disturbance, where nothing speaks against it."""
+_TILT_LEAD_S = 0.0
+"""The same for side forces. Over-prediction costs more than it gives (docs/lab/hold.md)."""
+DAMPING_SHARE = 0.2
+"""Of the loop's damping that delayed feed-forward towards a surface may take away."""
+RESIDUAL_DELAY_S = 0.06
+"""What is left of the delay of a side force behind the lead."""
 _STIFFNESS_STEP_M = 0.02
 """Step of the difference quotient of a wall's pull: above the noise of a surrogate, below its e-fold of 0.1 m."""
 _NO_EFFECTS = np.zeros((0, 6))
 _SURE_SIGMA_M, _UNSURE_SIGMA_M = 0.05, 0.10
 """A distance this sure is believed in full; this unsure not at all: half of what the effects reach."""
-
-
-@dataclass(frozen=True, slots=True)
-class Disturbance:
-    """What the surroundings do to the vehicle: body FRD about the CG, and how far that is to be believed."""
-
-    wrench: tuple[float, ...]
-    """Disturbance at the leads of thrust (Fz) and tilt (the others), with the vanes' reaction to its moment."""
-    free_lift_n: float
-    trust: float
-    gain: float
-    """Bounded so that delayed feed-forward towards a wall stays below a fifth of the loop's damping."""
-    h_m: tuple[float, ...]
-    d_m: tuple[float, ...]
-    """Of every fan, at the lead of thrust."""
-    ground: Surface
-    wall: Surface
-    ceiling: Surface
-    """Watched only where an adopted effect knows of ceilings."""
-    parts: Parts | None = None
-    """What adaptation measures by; None without it."""
 
 
 def modelled_disturbance(
@@ -60,21 +46,21 @@ def modelled_disturbance(
 
     ``applied``: what adaptation makes of it; None: all as modelled, and no parts.
     """
-    vehicle, model, tuning = config.vehicle, config.model, config.tuning
+    vehicle, model = config.vehicle, config.model
     ground = surface(estimates, config, "ground", t_s)
     wall = surface(estimates, config, "wall", t_s)
     ceiling = Surface(Seen.UNDECLARED)
     rpm = fan_rpm_now(vehicle, rotor_rpm)
-    soon = fan_query(vehicle, ground, wall, rotation, rpm, tuning.thrust_lead_s)
-    later = fan_query(vehicle, ground, wall, rotation, rpm, tuning.tilt_lead_s)
+    soon = fan_query(vehicle, ground, wall, rotation, rpm, THRUST_LEAD_S)
+    later = fan_query(vehicle, ground, wall, rotation, rpm, _TILT_LEAD_S)
     adopted = None
     if model.effects:
         ceiling = surface(estimates, config, "ceiling", t_s)
-        now = air_state(estimates, config, soon, ceiling, rotor_rpm, t_s, tuning.thrust_lead_s)
+        now = air_state(estimates, config, soon, ceiling, rotor_rpm, t_s, THRUST_LEAD_S)
         moved = corrected_state(model.effects, now)
         shift = np.where(np.isfinite(now.h_m), moved.h_m, 0.0) - np.where(np.isfinite(now.h_m), now.h_m, 0.0)
         soon, later = _shifted(soon, shift), _shifted(later, shift)
-        adopted = adopted_disturbance(model, moved, vehicle, tuning, damping_1_s)
+        adopted = adopted_disturbance(model, moved, vehicle, damping_1_s)
     free = model.free_air_now(rpm)
     answer = _by_surrogate(model, soon, later)
     parts = None
@@ -90,7 +76,7 @@ def modelled_disturbance(
         wrench = [a + b for a, b in zip(wrench, adopted.tolist(), strict=True)]
     if vehicle.vanes:
         wrench = _with_trim(vehicle, wrench)
-    gain = tuning.gain
+    gain = GAIN
     if wall.seen is Seen.SURFACE:
         change = answer.pull_change_n
         if applied is not None and parts is not None:
@@ -98,7 +84,7 @@ def modelled_disturbance(
             change = applied.shares[1] * change + beside_model
         if adopted is not None:
             change += adopted_pull_change_n(model, moved, vehicle, _STIFFNESS_STEP_M)
-        gain = _stable_gain(change / _STIFFNESS_STEP_M, vehicle, tuning, damping_1_s)
+        gain = _stable_gain(change / _STIFFNESS_STEP_M, vehicle, damping_1_s)
     beside = [h < math.inf or d < math.inf for h, d in zip(soon.h_m, soon.d_m, strict=True)]
     trust = min([t for t, one in zip(answer.trust, beside, strict=True) if one], default=1.0)
     return Disturbance(
@@ -180,14 +166,14 @@ def _adopted_parts(config: PipelineConfig, state: AirState, damping_1_s: float) 
     model = config.model
     return np.array(
         [
-            adopted_disturbance(model, state, config.vehicle, config.tuning, damping_1_s, (model.effects[k],))
+            adopted_disturbance(model, state, config.vehicle, damping_1_s, (model.effects[k],))
             for k in effects_with_size(model)
         ]
     ).reshape(-1, 6)
 
 
 def adopted_disturbance(
-    model: FanSurrogate, state: AirState, vehicle: Vehicle, tuning: Tuning, damping_1_s: float,
+    model: FanSurrogate, state: AirState, vehicle: Vehicle, damping_1_s: float,
     effects: tuple[AdoptedEffect, ...] | None = None,
 ) -> Array:  # fmt: skip
     """Wrench (6,) of the adopted effects, with a ceiling's pull no stronger than delay allows.
@@ -206,7 +192,7 @@ def adopted_disturbance(
     if not np.isfinite(np.min(state.ceiling_m)):
         return near
     pull = float(disturbance(state.ceiling_m + _STIFFNESS_STEP_M)[2] - near[2]) / _STIFFNESS_STEP_M
-    share = _stable_gain(pull, vehicle, tuning, damping_1_s) / tuning.gain if tuning.gain > 0.0 else 0.0
+    share = _stable_gain(pull, vehicle, damping_1_s) / GAIN
     open_air = disturbance(np.full_like(state.ceiling_m, np.inf))
     out: Array = open_air + share * (near - open_air)
     return out
@@ -256,12 +242,12 @@ def _sensor_weight(seen: Surface) -> float:
     return min(max((_UNSURE_SIGMA_M - seen.sigma_m) / (_UNSURE_SIGMA_M - _SURE_SIGMA_M), 0.0), 1.0)
 
 
-def _stable_gain(pull_n_per_m: float, vehicle: Vehicle, tuning: Tuning, damping_1_s: float) -> float:
+def _stable_gain(pull_n_per_m: float, vehicle: Vehicle, damping_1_s: float) -> float:
     """Attraction that grows towards a surface, fed forward late, is negative damping.
 
     Gain times stiffness times delay stays below a fifth of the loop's own damping (acceleration per m/s).
     """
     if pull_n_per_m <= 0.0:
-        return tuning.gain
-    allowed = tuning.damping_share * damping_1_s * vehicle.mass_kg
-    return min(tuning.gain, allowed / (pull_n_per_m * tuning.residual_delay_s))
+        return GAIN
+    allowed = DAMPING_SHARE * damping_1_s * vehicle.mass_kg
+    return min(GAIN, allowed / (pull_n_per_m * RESIDUAL_DELAY_S))

@@ -6,15 +6,18 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from companion.config import Tuning
 from companion.control.authority import Reason
+from companion.control.landed import AIRBORNE_AFTER_S, TAKE_OFF, Air
 from companion.control.position_hold import tilt_acceleration
 from companion.mavlink.firmware import Stack, stack_of, takes_setpoints
-from companion.mavlink.samples import Heartbeat, Vector3
+from companion.mavlink.samples import Heartbeat
 from models.evolve import replace
+from models.vehicle import Vector3
 
-ON_GROUND, IN_AIR, TAKE_OFF, LANDING = 1, 2, 3, 4
-"""MAV_LANDED_STATE."""
+_SETTLED_CLIMB_M_S, _SETTLED_S = 0.25, 1.0
+"""A take-off is over when the vertical speed has been below that for so long."""
+_BALANCE_MEAN_S = 1.0
+"""Average of the tilt that balances wind before the hold engages."""
 
 
 @dataclass(frozen=True)
@@ -46,23 +49,21 @@ def watch_take_off(
     engagement: Engagement,
     t_s: float,
     climb_m_s: float | None,
-    landed_state: int,
-    airborne_since_s: float,
-    tuning: Tuning,
+    air: Air,
 ) -> Engagement:
     """Whether a take-off is over: steady for a second, or flown in another mode since; never while the autopilot
     reports one.
 
-    ``airborne_since_s`` is inf on the ground, which makes the next flight begin with a take-off again.
+    After the ground the next flight begins with a take-off again.
     """
-    if math.isinf(airborne_since_s):
+    if math.isinf(air.since_s):
         return replace(engagement, steady_since_s=math.inf, out_of_take_off=False)
     if engagement.out_of_take_off:
         return engagement
-    steady = climb_m_s is not None and abs(climb_m_s) < tuning.settled_climb_m_s and landed_state != TAKE_OFF
+    steady = climb_m_s is not None and abs(climb_m_s) < _SETTLED_CLIMB_M_S and air.landed_state != TAKE_OFF
     since = min(engagement.steady_since_s, t_s) if steady else math.inf
-    flown_elsewhere = engagement.changed_s > airborne_since_s + tuning.airborne_after_s and landed_state != TAKE_OFF
-    over = flown_elsewhere or t_s - since >= tuning.settled_s
+    flown_elsewhere = engagement.changed_s > air.since_s + AIRBORNE_AFTER_S and air.landed_state != TAKE_OFF
+    over = flown_elsewhere or t_s - since >= _SETTLED_S
     return replace(engagement, steady_since_s=since, out_of_take_off=over)
 
 
@@ -84,19 +85,18 @@ class Balance(NamedTuple):
     """The tilt's average acceleration less the vehicle's own [m/s^2]."""
 
 
-def watch_balance(balance: Balance, t_s: float, velocity: Vector3, body_down: Vector3, tuning: Tuning) -> Balance:
+def watch_balance(balance: Balance, t_s: float, velocity: Vector3, body_down: Vector3) -> Balance:
     """Take in velocity and the body's down axis, NED."""
     north, east = tilt_acceleration(body_down)
     vn, ve, _ = velocity
     dt = t_s - balance.t_s
     if not 0.0 < dt <= 1.0:
         return Balance((north, east), (vn, ve), t_s)
-    time_s = tuning.balance_mean_s
-    share = min(dt / time_s, 1.0)
+    share = min(dt / _BALANCE_MEAN_S, 1.0)
     tilt_n, tilt_e = balance.tilt
     tilt_n, tilt_e = tilt_n + share * (north - tilt_n), tilt_e + share * (east - tilt_e)
     mean_n, mean_e = balance.velocity
     mean_n, mean_e = mean_n + share * (vn - mean_n), mean_e + share * (ve - mean_e)
     # The mean of a derivative under a first-order average: what the quantity is ahead of its own mean, over the time.
-    own = ((vn - mean_n) / time_s, (ve - mean_e) / time_s)
+    own = ((vn - mean_n) / _BALANCE_MEAN_S, (ve - mean_e) / _BALANCE_MEAN_S)
     return Balance((tilt_n, tilt_e), (mean_n, mean_e), t_s, (tilt_n - own[0], tilt_e - own[1]))

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from companion.control.authority import Reason
 from companion.control.position_hold import BaseSetpoint, Hold
 from companion.mavlink.firmware import ThrustMap
-from companion.mavlink.samples import Vector3
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand
 from models.frames import quaternion_from_euler
+from models.vehicle import Vector3
 
 NOT_OURS = frozenset({Reason.NOT_ARMED, Reason.WRONG_MODE, Reason.LANDED})
 """Refusals after which somebody else flies, or nobody does: nothing is sent."""
-NO_PLACE = frozenset({Reason.POSITION_UNTRUSTED})
-"""Refusals that make a place worthless. A position that only does not arrive here is still known to the autopilot."""
+PARTING_S = 0.5
+"""Letting go takes so long: level by degrees, or the place sent to the autopilot several times."""
 _CLIMB_RATE_ZERO = 0.5
 """Thrust where ArduPilot reads it as a climb rate: neither up nor down."""
 
@@ -43,15 +43,16 @@ def part(
     """Begin to let go, or None where others fly. ``correction_m`` as of ``place_of``."""
     if refusals & NOT_OURS:
         return None
-    known = listens_to_places and not refusals & NO_PLACE
+    # A position that only does not arrive here is still known to the autopilot.
+    known = listens_to_places and Reason.POSITION_UNTRUSTED not in refusals
     return Parting(t_s, last, place_of(hold, correction_m) if known else None)
 
 
 def parting_command(
-    parting: Parting, thrust: ThrustMap, refusals: set[Reason], t_s: float, parting_s: float
+    parting: Parting, thrust: ThrustMap, refusals: set[Reason], t_s: float
 ) -> AttitudeCommand | PositionCommand | None:
     """What to send while letting go; None once it is over. An attitude stream must not end with a tilt."""
-    share = (t_s - parting.since_s) / parting_s
+    share = (t_s - parting.since_s) / PARTING_S
     if not 0.0 <= share <= 1.0:
         return None
     last = parting.last

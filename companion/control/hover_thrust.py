@@ -6,9 +6,15 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from companion.config import Tuning
 from models.evolve import replace
 
+_MEAN_S = 2.0
+"""Time constant of the average."""
+_LEARNED_S = 1.0
+"""So much hovering under the autopilot gives a thrust to engage with: to 1 % on both firmwares' recordings."""
+HEARD_AGE_S = 1.0
+DISAGREEMENT = 0.15
+"""Parameter and vehicle file may differ by this share where nothing could be learned."""
 _LOW, _HIGH = 0.05, 0.95
 """Thrust outside of this is idling or full power, never hovering."""
 _MIN_SHARE = 0.005
@@ -33,7 +39,7 @@ def heard(hover: HoverThrust, t_s: float, thrust: float) -> HoverThrust:
     return replace(hover, now=thrust, now_s=t_s)
 
 
-def learn(hover: HoverThrust, t_s: float, thrust: float, cushion: float, tuning: Tuning) -> HoverThrust:
+def learn(hover: HoverThrust, t_s: float, thrust: float, cushion: float) -> HoverThrust:
     """Average the autopilot's own thrust. ``cushion`` is the thrust offset that the surroundings would need now."""
     if not _LOW < thrust < _HIGH:
         return hover
@@ -41,7 +47,7 @@ def learn(hover: HoverThrust, t_s: float, thrust: float, cushion: float, tuning:
     if hover.learned is None:
         return HoverThrust(free, 0.0, thrust, t_s)
     dt = min(max(t_s - hover.now_s, 0.0), 0.1)
-    share = max(dt / tuning.hover_mean_s, _MIN_SHARE)
+    share = max(dt / _MEAN_S, _MIN_SHARE)
     return HoverThrust(hover.learned + share * (free - hover.learned), hover.seconds + dt, thrust, t_s)
 
 
@@ -50,23 +56,23 @@ def hover_parameter(parameters: Mapping[str, float]) -> float | None:
     return parameters.get("MOT_THST_HOVER", parameters.get("MPC_THR_HOVER"))
 
 
-def best_hover(hover: HoverThrust, parameters: Mapping[str, float], declared: float, tuning: Tuning) -> float:
+def best_hover(hover: HoverThrust, parameters: Mapping[str, float], declared: float) -> float:
     """Learned in flight, else the parameter, else the vehicle file's."""
-    if hover.learned is not None and hover.seconds >= tuning.hover_learned_s:
+    if hover.learned is not None and hover.seconds >= _LEARNED_S:
         return hover.learned
     named = hover_parameter(parameters)
     return declared if named is None else named
 
 
-def is_known(hover: HoverThrust, t_s: float, parameters: Mapping[str, float], declared: float, tuning: Tuning) -> bool:
+def is_known(hover: HoverThrust, t_s: float, parameters: Mapping[str, float], declared: float) -> bool:
     """Whether the hover thrust is good enough to engage with.
 
     Where the autopilot sends its thrust, that must have been learned: parameters are off by a tenth (ArduPilot) or
     never set (PX4's default is 0.5 on every vehicle). Where it does not, parameter and vehicle file must agree.
     """
-    if hover.seconds >= tuning.hover_learned_s:
+    if hover.seconds >= _LEARNED_S:
         return True
-    if t_s - hover.now_s < tuning.hover_heard_age_s:
+    if t_s - hover.now_s < HEARD_AGE_S:
         return False
     named = hover_parameter(parameters)
-    return named is None or abs(named - declared) <= tuning.hover_disagreement * declared
+    return named is None or abs(named - declared) <= DISAGREEMENT * declared

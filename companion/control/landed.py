@@ -1,13 +1,69 @@
-"""When the autopilot's land detector is not believed: in the air, by what rotors and ground range say."""
+"""Whether the vehicle flies: by the autopilot's land detector, unless rotors and ground range contradict it."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
+from companion.estimation.disturbance import Disturbance
 from companion.estimation.estimator import Seen, Surface
 
+ON_GROUND, IN_AIR, TAKE_OFF = 1, 2, 3
+"""MAV_LANDED_STATE."""
+AIRBORNE_AFTER_S = 1.0
+"""So long in the air, it flies."""
+_LIFTING_SHARE = 0.75
+"""Of the weight: rotors that lift this much carry the vehicle, ground effect included."""
+_IDLE_IS_LANDED_S = 2.0
+_CARRIED_AGE_S = 0.3
+"""Rotors that carried the weight so lately speak against a land detector."""
 ABOVE_STANDING_M = 0.10
 """The ground is at least this much further away than where the vehicle stood: several times the range's error."""
+
+
+@dataclass(frozen=True)
+class Air:
+    """What is known of being in the air."""
+
+    landed_state: int = 0
+    """The autopilot's: MAV_LANDED_STATE."""
+    since_s: float = math.inf
+    carried_s: float = -math.inf
+    """When the rotors last carried the weight, or the autopilot last said so."""
+    standing_m: float = math.nan
+    """Height of the CG over ground as the vehicle stood before take-off; NaN where that was not seen."""
+    overruled: bool = False
+    """The autopilot says that it stands, and is not believed."""
+
+    def flies(self, t_s: float) -> bool:
+        """Whether it has been in the air for a while."""
+        return t_s - self.since_s >= AIRBORNE_AFTER_S
+
+
+def watch(
+    air: Air, disturbance: Disturbance | None, weight_n: float, t_s: float, *, telemetered: bool, holding: bool
+) -> Air:
+    """One decision further.
+
+    The autopilot's own land detector decides; where it says nothing, the rotors must carry the weight to lift off. In
+    the air a low lift alone is no landing (a hard descent has it too): taking it for one would stop the stream.
+    """
+    since, carried, standing, overruled = air.since_s, air.carried_s, air.standing_m, False
+    ground = None if disturbance is None else disturbance.ground
+    lifts = disturbance is not None and disturbance.free_lift_n > _LIFTING_SHARE * weight_n
+    if lifts or air.landed_state == IN_AIR:
+        carried = t_s
+    if ground is not None:
+        standing = standing_height(standing, ground, since < math.inf)
+    if air.landed_state == ON_GROUND:
+        carries = telemetered and t_s - carried < _CARRIED_AGE_S
+        overruled = ground is not None and flies_all_the_same(ground, standing, carries, holding)
+        since = since if overruled else math.inf
+    elif since == math.inf:
+        since = t_s if carried == t_s else since
+    elif air.landed_state == 0 and t_s - carried > _IDLE_IS_LANDED_S:
+        since = math.inf
+    return Air(air.landed_state, since, carried, standing, overruled)
 
 
 def standing_height(before_m: float, ground: Surface, airborne: bool) -> float:

@@ -17,12 +17,45 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.config import HoldGains
+from companion.estimation.estimator import ATTITUDE_AGE_S, POSITION_AGE_S
 from companion.mavlink.firmware import Stack
 from models.evolve import replace
 
 Frequencies = NDArray[np.complexfloating[Any, Any]]
 """A complex quantity over frequency, shape (n,)."""
+
+
+@dataclass(frozen=True)
+class Margin:
+    """Room before the hold's loop swings by itself."""
+
+    gain: float
+    """The loop's gain may rise by this factor; 1 is the limit of stability."""
+    phase_deg: float
+
+    def meets(self, least: Margin) -> bool:
+        """Whether both are at least those of ``least``."""
+        return self.gain >= least.gain and self.phase_deg >= least.phase_deg
+
+
+@dataclass(frozen=True)
+class HoldGains:
+    """The position hold: horizontal and vertical loops about a reference. SI."""
+
+    position_1_s: float = 2.2
+    """Horizontal speed asked for per metre of error."""
+    velocity_1_s: float = 5.0
+    """Horizontal acceleration per m/s of error: the damping that bounds what may be fed forward near a wall."""
+    integral_1_s2: float = 2.0
+    height_1_s: float = 3.3
+    climb_1_s: float = 7.0
+    climb_integral_1_s2: float = 4.0
+    tilt_lead_s: float = 0.19
+    """How far ahead velocity is predicted from the tilt that there is, in a loop that is 0.24 s late."""
+
+
+FULL = HoldGains()
+"""As hard as a quick vehicle takes them."""
 
 _ARDUPILOT_INPUT_TC_S = 0.15
 """Default of ATC_INPUT_TC."""
@@ -39,6 +72,16 @@ _NOMINAL_PERIOD_S = 0.02
 """Attitudes at 50 Hz, as asked for; the delays above hold for that."""
 _OMEGA = np.geomspace(0.2, 40.0, 500)
 """rad/s: from well below the integrators to well above any crossover."""
+TILT_MEAN_S = 0.8
+"""A tilt that lasts longer than this balances something and accelerates nothing. At half of it the phase margin is 5
+degrees lower, at twice of it a slow disturbance is answered later (docs/lab/hold.md)."""
+CLIMB_LEAD_S = 0.05
+"""How far ahead vertical velocity is predicted from the acceleration that was asked for: about what motors are late."""
+_TILT_LEAD_SHARE = 0.8
+"""How far ahead velocity is predicted from the tilt that there is: a share of the loop's own lag."""
+_WANTED = Margin(gain=1.6, phase_deg=18.0)
+"""Gains are chosen to have at least this. Textbooks ask for 2 and 30 degrees (Astrom and Murray 2021, 10.3), which the
+full gains have on quick loops; on slow ones softer gains are drawn to a wall sooner than they would swing."""
 _SHARES = tuple(0.92**k for k in range(21))
 """Of the gains, tried in this order: down to 0.19."""
 
@@ -106,36 +149,23 @@ def _risen(old: float, new: float) -> float:
     return old + (new - old) * (0.5 if new > old else 0.025)
 
 
-def hear_position(timing: Timing, t_s: float, late_s: float, most_s: float) -> Timing:
-    """Take in a position stamped ``t_s`` that arrives ``late_s`` later; a gap above ``most_s`` is no period."""
+def hear_position(timing: Timing, t_s: float, late_s: float) -> Timing:
+    """Take in a position stamped ``t_s`` that arrives ``late_s`` later; a gap is no period."""
     position_period_s, position_late_s, attitude_period_s, position_s, attitude_s = timing
     period = t_s - position_s
-    late = _risen(position_late_s, min(max(late_s, 0.0), most_s))
-    if 0.0 < period <= most_s:
+    late = _risen(position_late_s, min(max(late_s, 0.0), POSITION_AGE_S))
+    if 0.0 < period <= POSITION_AGE_S:
         position_period_s = _risen(position_period_s, period)
     return Timing(position_period_s, late, attitude_period_s, t_s, attitude_s)
 
 
-def hear_attitude(timing: Timing, t_s: float, most_s: float) -> Timing:
+def hear_attitude(timing: Timing, t_s: float) -> Timing:
     """Take in an attitude stamped ``t_s``."""
     position_period_s, position_late_s, attitude_period_s, position_s, attitude_s = timing
     period = t_s - attitude_s
-    if 0.0 < period <= most_s:
+    if 0.0 < period <= ATTITUDE_AGE_S:
         attitude_period_s = _risen(attitude_period_s, period)
     return Timing(position_period_s, position_late_s, attitude_period_s, position_s, t_s)
-
-
-@dataclass(frozen=True)
-class Margin:
-    """Room before the hold's loop swings by itself."""
-
-    gain: float
-    """The loop's gain may rise by this factor; 1 is the limit of stability."""
-    phase_deg: float
-
-    def meets(self, gain: float, phase_deg: float) -> bool:
-        """Whether both are at least these."""
-        return self.gain >= gain and self.phase_deg >= phase_deg
 
 
 @dataclass(frozen=True)
@@ -179,7 +209,7 @@ def horizontal_loop(gains: HoldGains, loop: AttitudeLoop, age_s: float) -> Frequ
     ``age_s``: how old a position is on average when it is used; it is predicted over that time by the tilt.
     """
     s = 1j * _OMEGA
-    high_pass = s * gains.tilt_mean_s / (1.0 + s * gains.tilt_mean_s)
+    high_pass = s * TILT_MEAN_S / (1.0 + s * TILT_MEAN_S)
     late = np.exp(-s * age_s)
     velocity = late / s + age_s * high_pass
     position = late / s**2 + age_s * (late / s + 0.5 * age_s * high_pass)
@@ -191,11 +221,11 @@ def horizontal_loop(gains: HoldGains, loop: AttitudeLoop, age_s: float) -> Frequ
 def vertical_loop(gains: HoldGains, age_s: float) -> Frequencies:
     """The same for height: the lift follows the command with a lag and a short dead time."""
     s = 1j * _OMEGA
-    high_pass = s * gains.tilt_mean_s / (1.0 + s * gains.tilt_mean_s)
+    high_pass = s * TILT_MEAN_S / (1.0 + s * TILT_MEAN_S)
     plant = np.exp(-s * _THRUST_DELAY_S) / (1.0 + s * _THRUST_LAG_S)
     late = np.exp(-s * age_s)
     # What is predicted is what was asked for, before lag and delay.
-    velocity = plant * late / s + (age_s + gains.climb_lead_s) * high_pass
+    velocity = plant * late / s + (age_s + CLIMB_LEAD_S) * high_pass
     position = plant * (late / s**2 + age_s * late / s) + 0.5 * age_s**2 * high_pass
     out: Frequencies = (gains.climb_1_s + gains.climb_integral_1_s2 / s) * (gains.height_1_s * position + velocity)
     return out
@@ -203,21 +233,21 @@ def vertical_loop(gains: HoldGains, age_s: float) -> Frequencies:
 
 def soften(gains: HoldGains, share: float, climb_share: float) -> HoldGains:
     """Gains with a bandwidth of ``share`` horizontally and ``climb_share`` vertically: the shape of the loops stays."""
-    return replace(
-        gains,
-        position_1_s=gains.position_1_s * share,
-        velocity_1_s=gains.velocity_1_s * share,
-        integral_1_s2=gains.integral_1_s2 * share**2,
-        height_1_s=gains.height_1_s * climb_share,
-        climb_1_s=gains.climb_1_s * climb_share,
-        climb_integral_1_s2=gains.climb_integral_1_s2 * climb_share**2,
+    return HoldGains(
+        gains.position_1_s * share,
+        gains.velocity_1_s * share,
+        gains.integral_1_s2 * share**2,
+        gains.height_1_s * climb_share,
+        gains.climb_1_s * climb_share,
+        gains.climb_integral_1_s2 * climb_share**2,
+        gains.tilt_lead_s,
     )
 
 
-def tune(gains: HoldGains, loop: AttitudeLoop, timing: Timing, softer: float = 1.0) -> HoldTuning:
-    """The hardest gains, at most the given ones times ``softer``, that have the margins asked for in ``gains``.
+def tune(loop: AttitudeLoop, timing: Timing, softer: float = 1.0) -> HoldTuning:
+    """The hardest gains, at most ``FULL`` times ``softer``, that have the margin wanted.
 
-    Where none has, the ones with the largest margin: whoever flies decides by ``HoldGains.least_*``.
+    Where none has, the ones with the largest margin: whoever flies decides whether that is enough.
     """
     step = 0.005
     # A setpoint is held for a period, and the tilt that it was computed from may be a period old.
@@ -226,27 +256,24 @@ def tune(gains: HoldGains, loop: AttitudeLoop, timing: Timing, softer: float = 1
         round(loop.tau_s, 3), round(round((loop.delay_s + extra) / step) * step, 4), round(loop.gain, 2), loop.source
     )
     age = round(round((timing.position_late_s + 0.5 * timing.position_period_s) / step) * step, 4)
-    return _tuned(gains, rounded, age, softer)
+    return _tuned(rounded, age, softer)
 
 
 @lru_cache(maxsize=256)
-def _tuned(gains: HoldGains, loop: AttitudeLoop, age_s: float, softer: float) -> HoldTuning:
-    led = replace(gains, tilt_lead_s=gains.tilt_lead_share * loop.lag_s)
+def _tuned(loop: AttitudeLoop, age_s: float, softer: float) -> HoldTuning:
+    led = replace(FULL, tilt_lead_s=_TILT_LEAD_SHARE * loop.lag_s)
     across = [
         (share * softer, margin_of(horizontal_loop(soften(led, share * softer, 1.0), loop, age_s))) for share in _SHARES
     ]
     up = [(share * softer, margin_of(vertical_loop(soften(led, 1.0, share * softer), age_s))) for share in _SHARES]
-    share, level = _first_enough(across, gains)
-    climb_share, vertical = _first_enough(up, gains)
+    share, level = _first_enough(across)
+    climb_share, vertical = _first_enough(up)
     margin = Margin(min(level.gain, vertical.gain), min(level.phase_deg, vertical.phase_deg))
     return HoldTuning(soften(led, share, climb_share), margin, share, climb_share, loop)
 
 
-def _first_enough(tried: list[tuple[float, Margin]], gains: HoldGains) -> tuple[float, Margin]:
+def _first_enough(tried: list[tuple[float, Margin]]) -> tuple[float, Margin]:
     for share, margin in tried:
-        if margin.meets(gains.wanted_gain_margin, gains.wanted_phase_margin_deg):
+        if margin.meets(_WANTED):
             return share, margin
-    return max(
-        tried,
-        key=lambda one: min(one[1].gain / gains.wanted_gain_margin, one[1].phase_deg / gains.wanted_phase_margin_deg),
-    )
+    return max(tried, key=lambda one: min(one[1].gain / _WANTED.gain, one[1].phase_deg / _WANTED.phase_deg))

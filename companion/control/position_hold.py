@@ -10,16 +10,27 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from companion.config import HoldGains
 from companion.control.authority import clipped
+from companion.control.plant import CLIMB_LEAD_S, TILT_MEAN_S, HoldGains
 from companion.control.position_target import Reference, Target, advance, start_reference, stay
 from companion.control.wall_guard import Pressed
 from companion.mavlink.firmware import ThrustMap
-from companion.mavlink.samples import Vector3
 from models.evolve import replace
 from models.frames import GRAVITY
-from models.vehicle import Limits
+from models.vehicle import Limits, Vector3
 
+_MOST_LEVEL_M_S2 = GRAVITY * math.tan(math.radians(15.0))
+"""Of the hold, before offsets: 15 degrees of tilt."""
+_PRESSED_M_S2 = GRAVITY * math.tan(math.radians(24.0))
+"""The same away from a wall that it cannot stop before. Not everywhere: large tilts are answered later, and the hold
+that leans so far to all sides swings."""
+_MOST_CLIMB_M_S2 = 3.0
+_MOST_INTEGRAL_M_S2 = 2.5
+"""A steady 25 % of the weight: a wind of 10 m/s on a vehicle of 3 kg."""
+_BALANCE_S = 0.25
+"""Time over which the integral goes to what the tilt is seen to balance, while a limit is met."""
+_GAP_S = 0.5
+"""After a longer silence the vehicle may be anywhere: the way to the target begins where it is."""
 _MAX_PREDICTION_S = 0.4
 """A position older than this is not predicted further: the tilt since then says too little."""
 _SAME_STAMP_S = 1e-4
@@ -80,9 +91,7 @@ class BaseSetpoint(NamedTuple):
     """What it stands for, NED m/s^2, beyond balancing gravity."""
 
 
-def engage(
-    t_s: float, motion: Motion, balance: tuple[float, float], thrust_now: float, thrust: ThrustMap, gains: HoldGains
-) -> Hold:
+def engage(t_s: float, motion: Motion, balance: tuple[float, float], thrust_now: float, thrust: ThrustMap) -> Hold:
     """Hold here, bumplessly: the first setpoint is the tilt and the thrust that fly now.
 
     ``balance`` is the part of the tilt's acceleration, north and east, that balances wind rather than moving the
@@ -91,13 +100,17 @@ def engage(
     """
     tilt_n, tilt_e = tilt_acceleration(motion.body_down)
     up = (thrust_now - thrust.hover) * thrust.slope * GRAVITY
-    most = gains.max_integral_m_s2
-    integral = (clipped(balance[0], most), clipped(balance[1], most), clipped(-up, most))
-    limit = GRAVITY * math.tan(gains.max_tilt_rad)
-    rest_n, rest_e = clipped(tilt_n - integral[0], limit), clipped(tilt_e - integral[1], limit)
+    integral = _integral(balance[0], balance[1], -up)
+    rest_n, rest_e = clipped(tilt_n - integral[0], _MOST_LEVEL_M_S2), clipped(tilt_e - integral[1], _MOST_LEVEL_M_S2)
     reference = start_reference(motion.position, motion.velocity, (rest_n, rest_e, 0.0))
     climb = integral[2]
     return Hold(stay(motion.yaw, t_s), reference, integral, t_s, (tilt_n - rest_n, tilt_e - rest_e), climb, climb)
+
+
+def _integral(north: float, east: float, down: float) -> Vector3:
+    """An integral [m/s^2] within its bounds."""
+    most = _MOST_INTEGRAL_M_S2
+    return clipped(north, most), clipped(east, most), clipped(down, most)
 
 
 def resume(hold: Hold, motion: Motion) -> Hold:
@@ -109,11 +122,10 @@ def resume(hold: Hold, motion: Motion) -> Hold:
     return hold._replace(target=target, reference=reference)
 
 
-def balanced(hold: Hold, acceleration: Vector3, gains: HoldGains) -> Hold:
+def balanced(hold: Hold, acceleration: Vector3) -> Hold:
     """The hold after it took over what another part of the setpoint balanced: NED m/s^2, into its integral."""
-    most, (x, y, z) = gains.max_integral_m_s2, hold.integral
-    north, east, down = acceleration
-    integral = (clipped(x + north, most), clipped(y + east, most), clipped(z + down, most))
+    (x, y, z), (north, east, down) = hold.integral, acceleration
+    integral = _integral(x + north, y + east, z + down)
     north, east, down = integral[0] - x, integral[1] - y, integral[2] - z
     return hold._replace(
         integral=integral,
@@ -134,11 +146,11 @@ def fly(
 ) -> tuple[Hold, BaseSetpoint]:
     """One step of the cascade; returns the hold one step on and the setpoint. Plain floats: it runs for every one."""
     dt = min(max(t_s - hold.t_s, 0.0), 0.1)
-    if t_s - hold.t_s > gains.gap_s:
+    if t_s - hold.t_s > _GAP_S:
         hold, dt = resume(hold, motion), 0.0
-    reference = advance(hold.reference, hold.target, gains, limits, t_s, dt)
+    reference = advance(hold.reference, hold.target, limits, t_s, dt)
     forward_n, forward_e, forward_d = reference.acceleration
-    share = min(dt / gains.tilt_mean_s, 1.0)
+    share = min(dt / TILT_MEAN_S, 1.0)
     # Tilt and thrust that are neither fed forward nor lasting: what will change the velocity unasked.
     tilt_n, tilt_e = tilt_acceleration(motion.body_down)
     tilt_n, tilt_e = tilt_n - motion.offset[0] - forward_n, tilt_e - motion.offset[1] - forward_e
@@ -157,25 +169,20 @@ def fly(
             slip[1] * gains.velocity_1_s + old[1] + forward_e,
             slip[2] * gains.climb_1_s + old[2] + forward_d,
         ),
-        gains,
         motion.wall,
     )
-    integral, most = old, gains.max_integral_m_s2
+    integral = old
     if not saturated:
-        integral = (
-            clipped(old[0] + slip[0] * gains.integral_1_s2 * dt, most),
-            clipped(old[1] + slip[1] * gains.integral_1_s2 * dt, most),
-            clipped(old[2] + slip[2] * gains.climb_integral_1_s2 * dt, most),
+        integral = _integral(
+            old[0] + slip[0] * gains.integral_1_s2 * dt,
+            old[1] + slip[1] * gains.integral_1_s2 * dt,
+            old[2] + slip[2] * gains.climb_integral_1_s2 * dt,
         )
     elif motion.balance is not None:
         # At a limit the error says too much and would wind the integral up; what the tilt is seen to balance does not.
-        share = min(dt / gains.balance_s, 1.0)
+        share = min(dt / _BALANCE_S, 1.0)
         (n, e), (off_n, off_e) = motion.balance, motion.offset
-        integral = (
-            clipped(old[0] + (n - off_n - old[0]) * share, most),
-            clipped(old[1] + (e - off_e - old[1]) * share, most),
-            old[2],
-        )
+        integral = _integral(old[0] + (n - off_n - old[0]) * share, old[1] + (e - off_e - old[1]) * share, old[2])
     north, east, down = acceleration
     roll, pitch = _acceleration_to_tilt(north, east, motion.yaw)
     command = thrust.hover + thrust.change(-down / GRAVITY)
@@ -196,11 +203,11 @@ def _slip(
         north, east = north * share, east * share
     (rvx, rvy, rvz), (vx, vy, vz) = reference.velocity, velocity
     # Attitude and motors answer late: look at the velocity that the present tilt and thrust lead to.
-    lead, climb_lead = gains.tilt_lead_s, gains.climb_lead_s
+    lead = gains.tilt_lead_s
     return (
         north + rvx - vx - extra[0] * lead,
         east + rvy - vy - extra[1] * lead,
-        down + rvz - vz - extra[2] * climb_lead,
+        down + rvz - vz - extra[2] * CLIMB_LEAD_S,
     )
 
 
@@ -242,25 +249,25 @@ def _predicted(motion: Motion, since: Since) -> tuple[Vector3, Vector3]:
     return _sum(_sum(motion.position, straight), since.place), _sum(motion.velocity, since.velocity)
 
 
-def _limited(acceleration: Vector3, gains: HoldGains, wall: Pressed | None) -> tuple[Vector3, bool]:
+def _limited(acceleration: Vector3, wall: Pressed | None) -> tuple[Vector3, bool]:
     """The acceleration within tilt and climb limits, and whether a limit was met."""
     north, east, down = acceleration
-    limit, most = GRAVITY * math.tan(gains.max_tilt_rad), gains.max_climb_acceleration_m_s2
     level = math.hypot(north, east)
-    saturated = level > limit or abs(down) > most
-    if level > limit:
+    saturated = level > _MOST_LEVEL_M_S2 or abs(down) > _MOST_CLIMB_M_S2
+    if level > _MOST_LEVEL_M_S2:
         away = 0.0 if wall is None else -(north * wall.north + east * wall.east)
         if wall is not None and away > 0.0:
-            north, east = _away_first(north, east, away, GRAVITY * math.tan(gains.pressed_tilt_rad), wall)
+            north, east = _away_first(north, east, away, wall)
         else:
-            share = limit / level
+            share = _MOST_LEVEL_M_S2 / level
             north, east = north * share, east * share
-    return (north, east, clipped(down, most)), saturated
+    return (north, east, clipped(down, _MOST_CLIMB_M_S2)), saturated
 
 
-def _away_first(north: float, east: float, away: float, limit: float, wall: Pressed) -> tuple[float, float]:
-    """``away`` of the acceleration leads off the wall: all of it, as far as ``limit`` goes; along the wall the rest."""
+def _away_first(north: float, east: float, away: float, wall: Pressed) -> tuple[float, float]:
+    """``away`` of the acceleration leads off the wall: as much of it as the limit allows; along the wall the rest."""
     along_n, along_e = north + away * wall.north, east + away * wall.east
+    limit = _PRESSED_M_S2
     kept = min(away, limit)
     along = math.hypot(along_n, along_e)
     share = min(math.sqrt(max(limit * limit - kept * kept, 0.0)) / along, 1.0) if along > 0.0 else 0.0

@@ -7,10 +7,27 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
-from companion.config import HoldGains
-from companion.mavlink.samples import SetPositionTarget, Vector3
-from models.vehicle import Limits
+from companion.mavlink.samples import SetPositionTarget
+from models.vehicle import Limits, Vector3
 
+_SHAPE_S = (0.25, 0.25, 0.12)
+"""Time over which a change of the velocity target is fed forward as an acceleration, by axis NED."""
+_TARGET_AGE_S = 0.5
+"""The velocity that goes with a position target counts for this long after it was sent; the position stays."""
+_VELOCITY_AGE_S = 1.2
+"""A velocity target without a position lasts two and a half periods of its sender, at most this long: senders repeat it
+at 1 Hz or faster."""
+_FOLLOW_M = 0.15
+"""A target that leaps less than this is followed as it is; a larger leap is approached within the limits."""
+_FOLLOW_M_S = 0.2
+"""A target whose velocity leaps by more than this is followed by its place, not by the new velocity: a tilt that is
+0.24 s late answers the leap too late, the hold swings, and runs past a target that stops as abruptly."""
+_CAUGHT_UP_M, _CAUGHT_UP_M_S = 0.02, 0.03
+"""An approach is over this near to the target in place and velocity."""
+_JERK_M_S3 = 3.0
+"""Of an approach: 0.35 degrees of tilt from one setpoint to the next at 50 Hz, 0.9 with the lead."""
+_CLOSING_1_S = 1.0
+"""Of an approach: speed per metre left, near the end; 5 cm take a second."""
 _IGNORE_POSITION, _IGNORE_VELOCITY, _IGNORE_YAW = (1, 2, 4), (8, 16, 32), 1024
 """Bits of POSITION_TARGET_TYPEMASK, by axis."""
 _NOWHERE = (math.nan, math.nan, math.nan)
@@ -55,9 +72,7 @@ def stay(yaw: float, t_s: float) -> Target:
     return Target(_NOWHERE, _AT_REST, yaw, t_s)
 
 
-def read_target(
-    sample: SetPositionTarget, old: Target, position: Vector3, yaw: float, gains: HoldGains
-) -> Target | None:
+def read_target(sample: SetPositionTarget, old: Target, position: Vector3, yaw: float) -> Target | None:
     """The target that a message asks for, or None where its frame is not one of the four.
 
     ``position`` [m] and ``yaw`` [rad] are the vehicle's own; ``old`` gives what the message leaves out. An axis with
@@ -77,7 +92,7 @@ def read_target(
     heading = old.yaw
     if not mask & _IGNORE_YAW and math.isfinite(sample.yaw):
         heading = sample.yaw + (yaw if frame.along_nose else 0.0)
-    lasts = min(max(2.5 * (sample.t_s - old.set_s), gains.target_age_s), gains.velocity_age_s)
+    lasts = min(max(2.5 * (sample.t_s - old.set_s), _TARGET_AGE_S), _VELOCITY_AGE_S)
     return Target((north[0], east[0], down[0]), (north[1], east[1], down[1]), heading, sample.t_s, lasts)
 
 
@@ -101,7 +116,7 @@ class Reference(NamedTuple):
     velocity: Vector3
     acceleration: Vector3
     shaped_velocity: Vector3
-    """The velocity behind the shaping of ``HoldGains.shape_s``."""
+    """The velocity behind the shaping of ``_SHAPE_S``."""
     following: bool = False
     """True on a target that moves as the vehicle can: it is followed as it is. Any other is approached."""
 
@@ -111,12 +126,10 @@ def start_reference(position: Vector3, velocity: Vector3, acceleration: Vector3)
     return Reference(position, velocity, acceleration, velocity)
 
 
-def advance(
-    reference: Reference, target: Target, gains: HoldGains, limits: Limits, t_s: float, dt_s: float
-) -> Reference:
+def advance(reference: Reference, target: Target, limits: Limits, t_s: float, dt_s: float) -> Reference:
     """The reference ``dt_s`` later: on the target where the vehicle can follow it, else on the way there.
 
-    A velocity counts for ``target_age_s`` after its message where it goes with a position, ``Target.lasts_s`` where it
+    A velocity counts for half a second after its message where it goes with a position, ``Target.lasts_s`` where it
     stands alone.
     """
     age = t_s - target.set_s
@@ -125,26 +138,23 @@ def advance(
     # NaN differs from itself: an axis that only a velocity moves.
     free_n, free_e, free_d = x != x, y != y, z != z
     north, east, down = _limited(target.velocity, limits.speed_m_s, limits.climb_m_s)
-    alone, beside = age <= target.lasts_s, age <= gains.target_age_s
+    alone, beside = age <= target.lasts_s, age <= _TARGET_AGE_S
     north, east = north if (alone if free_n else beside) else 0.0, east if (alone if free_e else beside) else 0.0
     down = down if (alone if free_d else beside) else 0.0
     speed = (north, east, down)
     # Between two messages a moving target moves on at its own velocity.
-    on = age if beside else gains.target_age_s
+    on = age if beside else _TARGET_AGE_S
     place = (x + north * on, y + east * on, z + down * on)
     to_go = (0.0 if free_n else place[0] - px, 0.0 if free_e else place[1] - py, 0.0 if free_d else place[2] - pz)
     if (
         not (free_n or free_e or free_d)
-        and _largest(to_go) <= gains.follow_m
-        and (
-            reference.following
-            or (_largest(to_go) < gains.caught_up_m and _slip(reference, speed) < gains.caught_up_m_s)
-        )
+        and _largest(to_go) <= _FOLLOW_M
+        and (reference.following or (_largest(to_go) < _CAUGHT_UP_M and _slip(reference, speed) < _CAUGHT_UP_M_S))
     ):
-        if _slip(reference, speed) > gains.follow_m_s:
+        if _slip(reference, speed) > _FOLLOW_M_S:
             speed = _common(reference.velocity, speed)
-        return _followed(reference, place, speed, gains, dt_s)
-    return _approached(reference, to_go, speed, gains, limits, dt_s)
+        return _followed(reference, place, speed, dt_s)
+    return _approached(reference, to_go, speed, limits, dt_s)
 
 
 def _limited(vector: Vector3, level: float, vertical: float) -> Vector3:
@@ -172,9 +182,9 @@ def _common(a: Vector3, b: Vector3) -> Vector3:
     return north, east, down
 
 
-def _followed(reference: Reference, place: Vector3, speed: Vector3, gains: HoldGains, dt_s: float) -> Reference:
+def _followed(reference: Reference, place: Vector3, speed: Vector3, dt_s: float) -> Reference:
     # A target that changes its velocity asks for an acceleration: give it rather than wait for the error.
-    shaped, (shape_n, shape_e, shape_d) = reference.shaped_velocity, gains.shape_s
+    shaped, (shape_n, shape_e, shape_d) = reference.shaped_velocity, _SHAPE_S
     north, east = (speed[0] - shaped[0]) / shape_n, (speed[1] - shaped[1]) / shape_e
     down = (speed[2] - shaped[2]) / shape_d
     passed = (
@@ -185,15 +195,13 @@ def _followed(reference: Reference, place: Vector3, speed: Vector3, gains: HoldG
     return Reference(place, speed, (north, east, down), passed, following=True)
 
 
-def _approached(
-    reference: Reference, to_go: Vector3, speed: Vector3, gains: HoldGains, limits: Limits, dt_s: float
-) -> Reference:
+def _approached(reference: Reference, to_go: Vector3, speed: Vector3, limits: Limits, dt_s: float) -> Reference:
     """A step of a motion limited in speed, acceleration and jerk that ends on the target without overshoot.
 
     Near the end it is linear and critically damped: acceleration follows the velocity error at four times the rate at
     which velocity follows the distance.
     """
-    most, jerk, closing = limits.acceleration_m_s2, gains.jerk_m_s3, gains.closing_1_s
+    most, jerk, closing = limits.acceleration_m_s2, _JERK_M_S3, _CLOSING_1_S
     brake = min(0.75 * most, 0.25 * jerk)  # gentle enough for the jerk that braking begins with
     north, east, down = speed
     distance = math.hypot(to_go[0], to_go[1])

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 
-from companion.config import Base, Carrier, HoldGains, PipelineConfig
+from companion.config import Base, Carrier, PipelineConfig
 from companion.control.authority import Reason
-from companion.control.disturbance import Disturbance
-from companion.control.hover_thrust import hover_parameter, is_known
-from companion.control.plant import HoldTuning
+from companion.control.hover_thrust import HEARD_AGE_S, hover_parameter, is_known
+from companion.control.plant import HoldTuning, Margin
 from companion.control.state import PipelineState
-from companion.estimation.estimator import Estimates, Seen
+from companion.control.swing_detector import SWING_LEVELS
+from companion.estimation.disturbance import Disturbance
+from companion.estimation.estimator import ATTITUDE_AGE_S, POSITION_AGE_S, ROTOR_AGE_S, Estimates, Seen
 from companion.estimation.height_drift import FADE_M_S
 from companion.mavlink.firmware import Stack, ThrustMeaning, stack_of, takes_setpoints, thrust_meaning
 from companion.mavlink.samples import Heartbeat
@@ -28,41 +29,65 @@ _ABOUT_THRUST = {
     ThrustMeaning.UNKNOWN: Reason.THRUST_UNKNOWN,
 }
 
-_HOLD, _UPSTREAM, _ACCELERATION = Base.HOLD, Base.UPSTREAM, Carrier.ACCELERATION
-_OTHER, _THRUST = Stack.OTHER, ThrustMeaning.THRUST
-"""A member of an enum by its class takes ten times as long as a name: these are asked for at every setpoint."""
+_HEARTBEAT_AGE_S = 3.0
+"""Three heartbeats at the 1 Hz of the protocol."""
+_POSITION_FADE_AGE_S = 0.28
+"""Older than this the offsets fade, before the hold lets go. Above the 0.2 s of positions at 5 Hz."""
+_UPSTREAM_AGE_S = 0.5
+_LIFT_SHARE = (0.6, 1.6)
+"""Modelled lift over weight: a third of payload, the ground's cushion and a coefficient that is a fifth off stay
+inside; a model or a file of another vehicle does not."""
+LATE_FADE_S = 0.15
+"""Attitudes or positions that arrive later than this by their own stamps fade the offsets: a hover offset moves by its
+own size within about 0.5 s, and the attitude loop behind it has some 20 degrees of phase left."""
+LATE_STOP_S = 0.18
+"""Later than this, for ``_LATE_STOP_FOR_S``, the hold lets go: at 0.2 s it swung into a wall 0.3 m away in the
+simulation (``link_late_0.2s`` of the fault campaign)."""
+_LATE_STOP_FOR_S = 0.2
+"""On the vehicle's clock: a short burst after a gap of the link is caught up with instead."""
+_MOST_TILT_COS = math.cos(math.radians(25.0))
+"""Beyond, the small-angle law of the offsets no longer holds: they fade."""
+_SWING_PAUSE_S = 6.0
+"""Offsets stay away for so long after a swing."""
+_LEAST = Margin(gain=1.25, phase_deg=10.0)
+"""With less than this at the softest gains there is no hold."""
+_LEAST_SHARE = 0.42
+"""Of the full gains, to engage: softer, the hold is weaker than an autopilot's own (ArduPilot's PSC_POSXY_P 1.0 times
+PSC_VELXY_P 2.0 is 2 1/s^2), and a wall's pull grows faster than it holds."""
+_KEPT_SHARE = 0.35
+"""The same for a hold that flies already."""
 
 
 def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[Reason, ...]:
     """Why nothing is sent, or why offsets fade."""
     out: list[Reason] = []
-    estimates, tuning, heartbeat, disturbance = state.estimates, config.tuning, state.heartbeat, state.disturbance
-    holds = config.base is _HOLD
-    if heartbeat is None or t_s - heartbeat.t_s > tuning.heartbeat_age_s:
+    estimates, heartbeat, disturbance = state.estimates, state.heartbeat, state.disturbance
+    holds = config.base is Base.HOLD
+    if heartbeat is None or t_s - heartbeat.t_s > _HEARTBEAT_AGE_S:
         out.append(Reason.NO_HEARTBEAT)
     else:
         _autopilot(out, state, heartbeat, config)
     _arrivals(out, state, config, t_s)
-    if t_s - state.airborne_since_s < tuning.airborne_after_s:
+    if not state.air.flies(t_s):
         out.append(Reason.LANDED)
     if holds:
         _hold(out, state, config, t_s)
     if disturbance is None:
         out.append(Reason.RPM_MISSING)
     else:
-        _surfaces(out, disturbance, tuning.surface_step_s, t_s)
+        _surfaces(out, disturbance, t_s)
     if state.drift.drifts and abs(state.drift.rate_m_s) >= FADE_M_S:
         out.append(Reason.HEIGHT_DRIFTS)
-    if estimates.rows is not None and estimates.rows[2][2] < math.cos(tuning.max_tilt_rad):
+    if estimates.rows is not None and estimates.rows[2][2] < _MOST_TILT_COS:
         out.append(Reason.TILTED)
-    if holds and t_s - state.swing.swung_s < tuning.swing_pause_s:
+    if holds and t_s - state.swing.swung_s < _SWING_PAUSE_S:
         out.append(Reason.SWINGING)
     if state.stopping:
         out.append(Reason.STOPPING)
-    low, high = tuning.lift_share
+    low, high = _LIFT_SHARE
     if not low <= state.lift_share <= high:
         out.append(Reason.MODEL_WRONG)
-    if t_s - estimates.undeclared_s < tuning.rotor_age_s:
+    if t_s - estimates.undeclared_s < ROTOR_AGE_S:
         out.append(Reason.ROTORS_WRONG)
     if not config.offsets:
         out.append(Reason.OFFSETS_OFF)
@@ -73,14 +98,14 @@ def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[
 
 def _arrivals(out: list[Reason], state: PipelineState, config: PipelineConfig, t_s: float) -> None:
     """What does not come, or comes late."""
-    estimates, tuning = state.estimates, config.tuning
-    if estimates.attitude is None or t_s - estimates.attitude.t_s > tuning.attitude_age_s:
+    estimates = state.estimates
+    if estimates.attitude is None or t_s - estimates.attitude.t_s > ATTITUDE_AGE_S:
         out.append(Reason.ATTITUDE_STALE)
-    if t_s - state.late_since_s >= tuning.late_stop_for_s:
+    if t_s - state.late_since_s >= _LATE_STOP_FOR_S:
         out.append(Reason.TOO_LATE)
-    elif lateness(estimates, config) > tuning.late_fade_s:
+    elif lateness(estimates, config) > LATE_FADE_S:
         out.append(Reason.LATE)
-    if config.base is _UPSTREAM and upstream_silent(state, config, t_s):
+    if config.base is Base.UPSTREAM and upstream_silent(state, config, t_s):
         out.append(Reason.UPSTREAM_STALE)
 
 
@@ -88,47 +113,47 @@ def lateness(estimates: Estimates, config: PipelineConfig) -> float:
     """How late [s] the newest attitude, and for the hold the newest position, arrived."""
     attitude, position = estimates.attitude, estimates.position
     late_s = 0.0 if attitude is None else attitude.late_s
-    if position is not None and position.late_s > late_s and config.base is _HOLD:
+    if position is not None and position.late_s > late_s and config.base is Base.HOLD:
         return position.late_s
     return late_s
 
 
 def upstream_silent(state: PipelineState, config: PipelineConfig, t_s: float) -> bool:
     """Whether the upstream controller has stopped."""
-    return state.upstream is None or t_s - state.upstream.t_s > config.tuning.upstream_age_s
+    return state.upstream is None or t_s - state.upstream.t_s > _UPSTREAM_AGE_S
 
 
 def _autopilot(out: list[Reason], state: PipelineState, heartbeat: Heartbeat, config: PipelineConfig) -> None:
     stack = stack_of(heartbeat)
-    if stack is _OTHER:
+    if stack is Stack.OTHER:
         out.append(Reason.STACK_UNKNOWN)
     if not heartbeat.armed:
         out.append(Reason.NOT_ARMED)
     if not takes_setpoints(heartbeat):
         out.append(Reason.WRONG_MODE)
-    if config.carrier is _ACCELERATION:
+    if config.carrier is Carrier.ACCELERATION:
         if stack is Stack.ARDUPILOT:
             out.append(Reason.CARRIER_REFUSED)
         return
     meaning = thrust_meaning(heartbeat, state.parameters)
-    if meaning is not _THRUST and stack is not _OTHER:
+    if meaning is not ThrustMeaning.THRUST and stack is not Stack.OTHER:
         out.append(_ABOUT_THRUST[meaning])
 
 
 def _hold(out: list[Reason], state: PipelineState, config: PipelineConfig, t_s: float) -> None:
     """What the hold by itself needs: places, a margin, and before it engages the end of a take-off and a thrust."""
-    tuning, position = config.tuning, state.estimates.position
+    position = state.estimates.position
     age_s = math.inf if position is None else t_s - position.t_s
     trusted = state.estimates.trust.trusted
-    if age_s > tuning.position_age_s:
+    if age_s > POSITION_AGE_S:
         out.append(Reason.POSITION_STALE)
     if not trusted:
         out.append(Reason.POSITION_UNTRUSTED)
-    elif tuning.position_fade_age_s < age_s <= tuning.position_age_s:
+    elif _POSITION_FADE_AGE_S < age_s <= POSITION_AGE_S:
         out.append(Reason.POSITION_OLD)
-    if state.tuned is not None and not _firm_enough(state.tuned, tuning.hold, state.hold is not None):
+    if state.tuned is not None and not _firm_enough(state.tuned, state.hold is not None):
         out.append(Reason.NO_MARGIN)
-    if state.swing.level > tuning.swing_levels:
+    if state.swing.level > SWING_LEVELS:
         out.append(Reason.SWINGS_ON)
     if state.hold is not None:
         return
@@ -136,23 +161,22 @@ def _hold(out: list[Reason], state: PipelineState, config: PipelineConfig, t_s: 
         out.append(Reason.TAKING_OFF)
     elif config.carrier is Carrier.ATTITUDE:
         declared = config.vehicle.hover_thrust
-        if not is_known(state.hover, t_s, state.parameters, declared, tuning):
-            awaited = t_s - state.hover.now_s < tuning.hover_heard_age_s or hover_parameter(state.parameters) is None
+        if not is_known(state.hover, t_s, state.parameters, declared):
+            awaited = t_s - state.hover.now_s < HEARD_AGE_S or hover_parameter(state.parameters) is None
             out.append(Reason.HOVER_UNKNOWN if awaited else Reason.HOVER_IMPLAUSIBLE)
 
 
-def _firm_enough(tuned: HoldTuning, gains: HoldGains, engaged: bool) -> bool:
+def _firm_enough(tuned: HoldTuning, engaged: bool) -> bool:
     """Whether the hold is stable, and no weaker than what would fly without it."""
-    least = gains.kept_share if engaged else gains.least_share
-    return tuned.margin.meets(gains.least_gain_margin, gains.least_phase_margin_deg) and tuned.share >= least
+    return tuned.margin.meets(_LEAST) and tuned.share >= (_KEPT_SHARE if engaged else _LEAST_SHARE)
 
 
-def _surfaces(out: list[Reason], disturbance: Disturbance, step_s: float, t_s: float) -> None:
+def _surfaces(out: list[Reason], disturbance: Disturbance, t_s: float) -> None:
     """Each refusal once, though several surfaces may have it."""
     for surface in (disturbance.ground, disturbance.wall, disturbance.ceiling):
         if not surface.known:
             reason = _ABOUT_RANGES[surface.seen]
-        elif t_s - surface.stepped_s < step_s:
+        elif surface.stepped(t_s):
             reason = Reason.SURFACE_STEP
         elif surface.jumped:
             reason = Reason.RANGE_JUMPED

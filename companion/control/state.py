@@ -10,22 +10,23 @@ from typing import NamedTuple
 from companion.adaptation.adaptation import Adaptation
 from companion.control.attitude_response import AttitudeResponse
 from companion.control.authority import Notice, Reason
-from companion.control.compensation import MomentWashout, Offset
-from companion.control.disturbance import Disturbance
+from companion.control.compensation import Offset, Offsets
 from companion.control.engagement import Balance, Engagement
 from companion.control.hand_over import Parting
 from companion.control.hover_thrust import HoverThrust
+from companion.control.landed import Air
 from companion.control.plant import AttitudeLoop, HoldTuning, Timing
 from companion.control.position_hold import BaseSetpoint, Hold
 from companion.control.survey import Survey
 from companion.control.swing_detector import SwingDetector
 from companion.control.wall_guard import Pressed
+from companion.estimation.disturbance import Disturbance
 from companion.estimation.estimator import Estimates
 from companion.estimation.height_drift import NO_DRIFT, HeightDrift
 from companion.mavlink.samples import Attitude, Heartbeat, SetAttitudeTarget
 from companion.mavlink.setpoints import Command
 
-_NO_BALANCE, _NO_RESPONSE = Balance(), AttitudeResponse()
+_NO_BALANCE, _NO_RESPONSE, _NO_AIR, _NO_OFFSETS = Balance(), AttitudeResponse(), Air(), Offsets()
 
 
 class Due(NamedTuple):
@@ -47,14 +48,9 @@ class PipelineState:
     stamped_s: float = -math.inf
     """The newest of the autopilot's own stamps."""
     heartbeat: Heartbeat | None = None
-    landed_state: int = 0
     parameters: Mapping[str, float] = field(default_factory=dict)
     hover: HoverThrust = field(default_factory=HoverThrust)
-    airborne_since_s: float = math.inf
-    carried_s: float = -math.inf
-    """When the rotors last carried the weight, or the autopilot last said so."""
-    standing_m: float = math.nan
-    """Height of the CG over ground as the vehicle stood before take-off; NaN where that was not seen."""
+    air: Air = _NO_AIR
     engagement: Engagement = field(default_factory=Engagement)
     balance: Balance = _NO_BALANCE
     timing: Timing = field(default_factory=Timing)
@@ -73,12 +69,7 @@ class PipelineState:
     last: BaseSetpoint | None = None
     """What was sent last, offsets included."""
     parting: Parting | None = None
-    authority: float = 0.0
-    offset: Offset = Offset()
-    wanted: Offset = Offset()
-    applied: Offset = Offset()
-    """What went out last: with trust and fade, again within the slew rates."""
-    washout: MomentWashout = MomentWashout()
+    offsets: Offsets = _NO_OFFSETS
     decided_s: float = -math.inf
     due: Due | None = None
     """What is left for ``settle``; None between samples."""

@@ -13,10 +13,11 @@ from enum import Enum
 
 import numpy as np
 
-from companion.mavlink.samples import LocalPosition, SetPositionTarget, Vector3
+from companion.mavlink.samples import LocalPosition, SetPositionTarget
 from companion.survey_box import TRAVEL_M, SurveyBox
 from models.evolve import replace
 from models.frames import Array
+from models.vehicle import Vector3
 
 SPEED_M_S = 0.15
 """Mean speed of a move: the vehicle's own drag stays below what ground and wall do."""
@@ -192,8 +193,8 @@ def plan(box: SurveyBox, here: tuple[float, float]) -> tuple[Leg, ...]:
     Levels are closer together near a surface, where the air changes fastest. Between the columns it moves along the
     top of the box, and so on its way home.
     """
-    heights = _levels(box.height_min_m, box.height_max_m, HEIGHTS)
-    distances = _levels(box.wall_min_m, box.wall_max_m, DISTANCES) if box.with_wall else [here[1]]
+    heights = np.geomspace(box.height_min_m, box.height_max_m, HEIGHTS).tolist()
+    distances = np.geomspace(box.wall_min_m, box.wall_max_m, DISTANCES).tolist() if box.with_wall else [here[1]]
     top = heights[-1]
     stops: list[tuple[float, float, float]] = [(top, here[1], 0.0)]
     for distance in reversed(distances):
@@ -201,17 +202,14 @@ def plan(box: SurveyBox, here: tuple[float, float]) -> tuple[Leg, ...]:
         stops += [(height, distance, DWELL_S) for height in reversed(heights[:-1])]
         stops.append((top, distance, DWELL_S))
     stops += [(top, here[1], 0.0), (*here, DWELL_S)]
-    return _legs(here, stops)
+    return _legs((0.0, 0.0), [(height - here[0], distance - here[1], stay_s) for height, distance, stay_s in stops])
 
 
-def _levels(low: float, high: float, count: int) -> list[float]:
-    return [float(v) for v in np.geomspace(low, high, count)]
-
-
-def _legs(here: tuple[float, float], stops: list[tuple[float, float, float]]) -> tuple[Leg, ...]:
-    legs, at = [], (0.0, 0.0)
-    for height, distance, stay_s in stops:
-        goal = (height - here[0], distance - here[1])
+def _legs(at: tuple[float, float], stops: list[tuple[float, float, float]]) -> tuple[Leg, ...]:
+    """From ``at`` by way of ``stops``: changes of height and wall distance, and how long to stay there."""
+    legs = []
+    for rise, away, stay_s in stops:
+        goal = (rise, away)
         length = math.dist(at, goal)
         if length > 1e-6 or stay_s > 0.0:
             legs.append(Leg(at, goal, max(_PEAK * length / SPEED_M_S, 0.5), stay_s))
@@ -255,11 +253,8 @@ def _turn_back(survey: Survey, seen: Whereabouts, why: str) -> Survey:
         (max(up, top), 0.0, 0.0),
         (0.0, 0.0, DWELL_S),
     ]
-    legs, at = [], (up, away)
-    for rise, out, stay_s in home:
-        legs.append(Leg(at, (rise, out), max(_PEAK * math.dist(at, (rise, out)) / SPEED_M_S, 0.5), stay_s))
-        at = (rise, out)
-    return replace(survey, phase=Phase.RETURNING, legs=tuple(legs), leg=0, leg_s=seen.t_s, why=why)
+    legs = _legs((up, away), home)
+    return replace(survey, phase=Phase.RETURNING, legs=legs, leg=0, leg_s=seen.t_s, why=why)
 
 
 def _follow(survey: Survey, t_s: float) -> tuple[Survey, Wanted]:

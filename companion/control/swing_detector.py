@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from companion.mavlink.samples import Vector3
 from models.evolve import replace
+from models.vehicle import Vector3
 
 _MEAN_S = 3.0
 """What lasts longer is no swing but a balance of wind or trim."""
@@ -23,6 +23,12 @@ _HALVES = 4
 """Half waves that make a swing: two whole ones."""
 _FORGET_S = 6.0
 """A half wave that lasts longer than this ends the count."""
+
+
+SWING_LEVELS = 3
+"""So often the gains are softened; after one more swing the hold lets go."""
+_CALM_S = 120.0
+"""After so long without a swing the gains go one step back; after two swings twice as long, and so on."""
 
 
 class SwingAxis(NamedTuple):
@@ -64,13 +70,13 @@ def watch(detector: SwingDetector, t_s: float, feedback: Vector3) -> SwingDetect
     return SwingDetector(level=detector.level + 1, swung_s=t_s, swings=detector.swings + 1, stepped_s=t_s, t_s=t_s)
 
 
-def calmed(detector: SwingDetector, t_s: float, calm_s: float, levels: int) -> SwingDetector:
-    """One level back after a calm of ``calm_s``, twice that after two swings, and so on.
+def calmed(detector: SwingDetector, t_s: float) -> SwingDetector:
+    """One level back after a calm, whose length doubles with every swing.
 
     A swing that a gust or a busy computer caused does not soften the hold for ever; one of the loop's own comes back
-    ever more seldom. Above ``levels`` the hold has let go, and nothing brings it back but another mode.
+    ever more seldom. Above ``SWING_LEVELS`` the hold has let go, and nothing brings it back but another mode.
     """
-    if not 0 < detector.level <= levels or t_s - detector.stepped_s < calm_s * 2.0 ** (detector.swings - 1):
+    if not 0 < detector.level <= SWING_LEVELS or t_s - detector.stepped_s < _CALM_S * 2.0 ** (detector.swings - 1):
         return detector
     return replace(detector, level=detector.level - 1, stepped_s=t_s)
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from companion.control.disturbance import Disturbance
+from companion.estimation.disturbance import Disturbance
 from companion.estimation.estimator import Seen
-from companion.mavlink.samples import Vector3
+from models.vehicle import Vector3
 
 _ANSWER_S = 0.25
 """A setpoint is answered so much later: the lag of ArduCopter's attitude loop."""

@@ -9,7 +9,15 @@ from dataclasses import replace
 import numpy as np
 
 from companion.config import PipelineConfig
-from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, lips_to_wall, walls
+from companion.estimation.estimator import (
+    RANGE_AGE_S,
+    Estimates,
+    FanQuery,
+    Seen,
+    Surface,
+    lips_to_wall,
+    walls,
+)
 from companion.estimation.range_geometry import fan_ceilings
 from companion.mavlink.range_beams import orientation_direction
 from models.air_state import DIRECTIONS, AirState, blank_state
@@ -82,6 +90,6 @@ def _readings(estimates: Estimates, config: PipelineConfig, t_s: float) -> Array
     for sensor, beam in zip(config.vehicle.watched, estimates.beams, strict=True):
         toward = orientation_direction(sensor.orientation)
         name = None if toward is None else _BEAMS.get((round(toward[0]), round(toward[1]), round(toward[2])))
-        if name is not None and t_s - beam.heard_s <= config.tuning.range_age_s:
+        if name is not None and t_s - beam.heard_s <= RANGE_AGE_S:
             out[DIRECTIONS.index(name)] = beam.slant_m
     return out

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from companion.config import PipelineConfig, Tuning
-from companion.estimation.kalman import Track, Verdict, measure, measure_rate, predict
+from companion.config import PipelineConfig
+from companion.estimation.kalman import Track, TrackModel, Verdict, measure, measure_rate, predict
 from companion.estimation.position_trust import PositionReset, PositionTrust, position_reset
 from companion.estimation.range_doubt import UNREAD, Doubt, Sighting, Why, doubt
 from companion.estimation.range_geometry import (
@@ -25,7 +25,7 @@ from companion.estimation.range_geometry import (
 )
 from companion.estimation.range_jump import OldPlace, jumped, remembered
 from companion.estimation.ring_planes import placed, ring_view
-from companion.mavlink.range_beams import orientation_direction
+from companion.mavlink.range_beams import dot, orientation_direction
 from companion.mavlink.samples import (
     Attitude,
     Battery,
@@ -37,13 +37,28 @@ from companion.mavlink.samples import (
     Ring,
     RotorSpeeds,
     ServoOutput,
-    Vector3,
 )
 from models.evolve import replace
-from models.frames import Array, Rows, rotation_rows
-from models.vehicle import Vehicle
+from models.frames import Rows, rotation_rows
+from models.vehicle import Vector3, Vehicle
 from models.vehicle_wrench import rpm_from_servos
 
+ATTITUDE_AGE_S, POSITION_AGE_S = 0.2, 0.5
+"""Older ones are none."""
+RANGE_AGE_S = 0.22
+"""An older range is stale. With the fade and one setpoint, offsets are zero 0.5 s after the last reading; 10 Hz is
+enough."""
+ROTOR_AGE_S = 0.22
+"""The same of a rotor's speed."""
+_RANGE_TRACK = TrackModel(acceleration_sd=1.5, initial_rate_sd=0.5, gate=16.0, restart_after=5, agree_within=0.10)
+_ROTOR_TRACK = TrackModel(
+    acceleration_sd=6000.0, initial_rate_sd=2000.0, gate=25.0, restart_after=3, agree_within=400.0
+)
+_RANGE_DELAY_S, _ROTOR_DELAY_S = 0.03, 0.03
+"""Age of a reading when it is stamped (a sensor's own averaging)."""
+_RANGE_SIGMA_M, _RANGE_SIGMA_SHARE = 0.01, 0.005
+_VELOCITY_SIGMA_M_S, _ROTOR_SIGMA_RPM = 0.10, 15.0
+_STEP_S = 1.5
 _STOPPED_RPM = 100.0
 """A zero, and what an ESC reports of a rotor that coasts: a tenth of the slowest idle speeds."""
 _SPINNING_RPM = 500.0
@@ -72,8 +87,6 @@ class Seen(Enum):
     FROZEN = "frozen"
 
 
-_SURFACE, _NOTHING, _UNDECLARED = Seen.SURFACE, Seen.NOTHING, Seen.UNDECLARED
-"""A member of an enum by its class takes ten times as long as a name."""
 _DOUBTED = {Why.LOST: Seen.LOST, Why.FROZEN: Seen.FROZEN}
 
 
@@ -114,8 +127,11 @@ class Surface(NamedTuple):
     @property
     def known(self) -> bool:
         """False where the direction should be watched and is not."""
-        seen = self.seen
-        return seen is _SURFACE or seen is _NOTHING or seen is _UNDECLARED
+        return self.seen in (Seen.SURFACE, Seen.NOTHING, Seen.UNDECLARED)
+
+    def stepped(self, t_s: float) -> bool:
+        """Whether ground or wall jumped a moment ago: offsets stay away for so long."""
+        return t_s - self.stepped_s < _STEP_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,20 +165,10 @@ class Estimates:
     esc_temperature_c: float | None = None
     """The hottest ESC."""
 
-    @property
-    def rotation(self) -> Array | None:
-        """``rows`` as an array (3, 3)."""
-        return None if self.rows is None else np.array(self.rows)
-
 
 def blank_estimates(vehicle: Vehicle) -> Estimates:
     """Nothing heard yet."""
     return Estimates((BeamTrack(),) * len(vehicle.watched), (None,) * len(vehicle.rotors))
-
-
-@lru_cache(maxsize=64)
-def _direction(orientation: int) -> tuple[float, float, float] | None:
-    return orientation_direction(orientation)
 
 
 def take_attitude(estimates: Estimates, sample: Attitude) -> Estimates:
@@ -170,15 +176,18 @@ def take_attitude(estimates: Estimates, sample: Attitude) -> Estimates:
     return replace(estimates, attitude=sample, rows=rotation_rows(*sample.q_ned_frd))
 
 
-def take_position(estimates: Estimates, sample: LocalPosition, tuning: Tuning) -> Estimates:
+def take_position(estimates: Estimates, sample: LocalPosition) -> Estimates:
     """Position and velocity; the vehicle's own velocity measures the rate of every track."""
-    model, sigma, velocity = tuning.range_track, tuning.velocity_sigma_m_s, sample.velocity_ned
+    velocity = sample.velocity_ned
     beams = tuple(
         [
             beam
             if beam.track is None or beam.normal_ned is None
             else replace(
-                beam, track=measure_rate(beam.track, model, sample.t_s, -_dot(velocity, beam.normal_ned), sigma)
+                beam,
+                track=measure_rate(
+                    beam.track, _RANGE_TRACK, sample.t_s, -dot(velocity, beam.normal_ned), _VELOCITY_SIGMA_M_S
+                ),
             )
             for beam in estimates.beams
         ]
@@ -265,16 +274,12 @@ def _heard(
     return replace(beam, heard_s=t_s, slant_m=slant, read=read, clear_since_s=clear_since_s)
 
 
-def _dot(a: Vector3, b: Vector3) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
 def _match(estimates: Estimates, sample: Range, vehicle: Vehicle) -> int | None:
     if sample.direction_frd is None:
         return None
     for index, declared in enumerate(vehicle.watched):
-        direction = _direction(declared.orientation)
-        if direction is None or _dot(direction, sample.direction_frd) < 0.98 or declared.target == "none":
+        direction = orientation_direction(declared.orientation)
+        if direction is None or dot(direction, sample.direction_frd) < 0.98 or declared.target == "none":
             continue
         beam = estimates.beams[index]
         # Two sensors that look the same way: the one heard first keeps the place while it speaks.
@@ -326,11 +331,10 @@ def _read_beam(
         return replace(beam, clear_since_s=min(beam.clear_since_s, t_s))
     if math.isnan(distance):
         return replace(beam, clear_since_s=math.inf, verdict=RangeVerdict.LOW_QUALITY)
-    tuning = config.tuning
-    own = sigma_m if sigma_m is not None else tuning.range_sigma_m
+    own = sigma_m if sigma_m is not None else _RANGE_SIGMA_M
     # 1 cm steps on the wire add a uniform error of 1/sqrt(12) cm.
-    sigma = math.sqrt(own**2 + (tuning.range_sigma_share * beam.slant_m) ** 2 + 0.01**2 / 12.0)
-    track, verdict = measure(beam.track, tuning.range_track, t_s, distance, sigma, tuning.range_delay_s)
+    sigma = math.sqrt(own**2 + (_RANGE_SIGMA_SHARE * beam.slant_m) ** 2 + 0.01**2 / 12.0)
+    track, verdict = measure(beam.track, _RANGE_TRACK, t_s, distance, sigma, _RANGE_DELAY_S)
     if verdict is Verdict.RESTARTED and beam.track is None and track is not None:
         track = track._replace(restarted_s=-math.inf)  # the first sight of a surface is not a step of it
     old = _jumped_from(estimates, beam, verdict, distance, normal, t_s, config)
@@ -353,7 +357,7 @@ def _jumped_from(
         return remembered(old, distance, normal, position.position_ned)
     if verdict is not Verdict.RESTARTED or track is None or track.age(t_s) > _JUMPS_WITHIN_S:
         return None
-    before = predict(track, config.tuning.range_track, t_s).value
+    before = predict(track, _RANGE_TRACK, t_s).value
     if min(before, distance) > NO_MATTER_RADII * config.vehicle.rotor_radius_m:
         return None
     return jumped(OldPlace(before, normal, position.position_ned), distance)
@@ -365,7 +369,7 @@ def take_rotors(estimates: Estimates, sample: RotorSpeeds, config: PipelineConfi
     A zero of a rotor that was spinning, or while others spin, is a lost frame, not a stopped rotor. Telemetry that
     counts its packets and does not count on repeats an old value. Blade tips beyond the speed of sound are no speed.
     """
-    vehicle, tuning, first = config.vehicle, config.tuning, sample.first_esc
+    vehicle, first = config.vehicle, sample.first_esc
     spinning = [first + k for k, rpm in enumerate(sample.rpm) if abs(rpm) > _SPINNING_RPM]
     places = _rotor_places(vehicle)
     some_spin = any(esc in places for esc in spinning)
@@ -378,9 +382,7 @@ def take_rotors(estimates: Estimates, sample: RotorSpeeds, config: PipelineConfi
             continue
         for k in places.get(first + slot, ()):
             if rpm >= _STOPPED_RPM or not (some_spin or _spun(rotors[k], sample.t_s)):
-                rotors[k], _ = measure(
-                    rotors[k], tuning.rotor_track, sample.t_s, rpm, tuning.rotor_sigma_rpm, tuning.rotor_delay_s
-                )
+                rotors[k], _ = measure(rotors[k], _ROTOR_TRACK, sample.t_s, rpm, _ROTOR_SIGMA_RPM, _ROTOR_DELAY_S)
     undeclared = vehicle.telemetered and any(esc not in places for esc in spinning)
     estimates = replace(
         estimates,
@@ -439,7 +441,7 @@ def surface(estimates: Estimates, config: PipelineConfig, target: str, t_s: floa
         return walls(estimates, config, t_s)[0]
     seen = _seen_by(estimates, config, target, t_s)
     if not seen:
-        return Surface(_UNDECLARED)
+        return Surface(Seen.UNDECLARED)
     distance = nearest_level_now([_distance(one) for one in seen])
     if math.isnan(distance):
         return next(one for one in seen if not one.known)
@@ -450,20 +452,20 @@ def walls(estimates: Estimates, config: PipelineConfig, t_s: float) -> tuple[Sur
     """The nearest wall at ``t_s``, and the nearest at another bearing, seen from the CG."""
     seen = _seen_by(estimates, config, "wall", t_s)
     if not seen:
-        return Surface(_UNDECLARED), Surface(_UNDECLARED)
+        return Surface(Seen.UNDECLARED), Surface(Seen.UNDECLARED)
     lost = next((one for one in seen if not one.known), None)
     if lost is not None:
         return lost, lost
     if len(seen) == 1:
-        return seen[0], Surface(_UNDECLARED)
+        return seen[0], Surface(Seen.UNDECLARED)
     up = (0.0, 0.0, -1.0)
     chosen = choose_walls(
         [one.distance_m for one in seen], [up if one.normal_ned is None else one.normal_ned for one in seen]
     )
     first, second = int(chosen.first), int(chosen.second)
     return (
-        seen[first] if first >= 0 else Surface(_NOTHING),
-        seen[second] if second >= 0 else Surface(_NOTHING),
+        seen[first] if first >= 0 else Surface(Seen.NOTHING),
+        seen[second] if second >= 0 else Surface(Seen.NOTHING),
     )
 
 
@@ -482,14 +484,14 @@ def _seen_by(estimates: Estimates, config: PipelineConfig, target: str, t_s: flo
 
 
 def _beam_surface(beam: BeamTrack, config: PipelineConfig, t_s: float) -> Surface:
-    tuning, track = config.tuning, beam.track
+    track = beam.track
     heard = t_s - beam.heard_s
     was_near = track is not None and track.value < NO_MATTER_RADII * config.vehicle.rotor_radius_m
-    if heard <= tuning.range_age_s and t_s - beam.clear_since_s >= (_CLEAR_AFTER_S if was_near else 0.0):
-        return Surface(_NOTHING, slant_m=math.inf)
-    if track is not None and track.age(t_s) <= tuning.range_age_s:
+    if heard <= RANGE_AGE_S and t_s - beam.clear_since_s >= (_CLEAR_AFTER_S if was_near else 0.0):
+        return Surface(Seen.NOTHING, slant_m=math.inf)
+    if track is not None and track.age(t_s) <= RANGE_AGE_S:
         return Surface(
-            _SURFACE,
+            Seen.SURFACE,
             track.at(t_s),
             track.rate,
             track.sigma,
@@ -498,7 +500,7 @@ def _beam_surface(beam: BeamTrack, config: PipelineConfig, t_s: float) -> Surfac
             beam.slant_m,
             beam.jumped_from is not None,
         )
-    if beam.read.why is not None and heard <= tuning.range_age_s:
+    if beam.read.why is not None and heard <= RANGE_AGE_S:
         return Surface(_DOUBTED[beam.read.why])
     return Surface(Seen.MISSING if beam.heard_s == -math.inf else Seen.STALE)
 
@@ -517,7 +519,7 @@ def fan_query(
 ) -> FanQuery:
     """Per-fan distances ``lead_s`` ahead, by the tracks' own rates."""
     h = [math.inf] * len(vehicle.fans)
-    if ground.seen is _SURFACE:
+    if ground.seen is Seen.SURFACE:
         h = fan_heights_now(vehicle, ground.distance_m + ground.rate_m_s * lead_s, rotation)
     d, bearing = lips_to_wall(vehicle, wall, rotation, lead_s)
     return FanQuery(tuple(h), tuple(d), rpm, bearing)
@@ -525,7 +527,7 @@ def fan_query(
 
 def lips_to_wall(vehicle: Vehicle, wall: Surface, rotation: Rows, lead_s: float) -> tuple[list[float], float]:
     """Outer lip of every fan to a wall [m], ``lead_s`` ahead, and its bearing [rad]; inf, 0 without a wall."""
-    if wall.seen is not _SURFACE or wall.normal_ned is None:
+    if wall.seen is not Seen.SURFACE or wall.normal_ned is None:
         return [math.inf] * len(vehicle.fans), 0.0
     distance = wall.distance_m + wall.rate_m_s * lead_s
     return fan_wall_distances_now(vehicle, distance, wall.normal_ned, rotation)
@@ -533,13 +535,12 @@ def lips_to_wall(vehicle: Vehicle, wall: Surface, rotation: Rows, lead_s: float)
 
 def rotor_speeds(estimates: Estimates, config: PipelineConfig, t_s: float) -> tuple[float, ...] | None:
     """Rotor speeds [rpm], of every rotor, at ``t_s``, or None where any is missing or too old."""
-    limit = config.tuning.rotor_age_s
     if not config.vehicle.telemetered:
-        fresh = estimates.servo is not None and t_s - estimates.servo.t_s <= limit
+        fresh = estimates.servo is not None and t_s - estimates.servo.t_s <= ROTOR_AGE_S
         return estimates.servo_rpm if fresh else None
     out = []
     for track in estimates.rotors:
-        if track is None or track.age(t_s) > limit:
+        if track is None or track.age(t_s) > ROTOR_AGE_S:
             return None
         # A speed changes within tens of ms: between messages hold the value rather than extrapolate its slope.
         out.append(max(track.value, 0.0))

@@ -9,10 +9,21 @@ sensor).
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple
 
-from companion.config import TrackModel
+
+@dataclass(frozen=True, slots=True)
+class TrackModel:
+    """Noise of a track: ``acceleration_sd`` [unit/s^2] drives it, ``gate`` limits the normalised innovation squared."""
+
+    acceleration_sd: float
+    initial_rate_sd: float
+    gate: float
+    restart_after: int
+    agree_within: float
+    """Consecutive outliers within this many units of each other restart the track there."""
 
 
 class Verdict(Enum):

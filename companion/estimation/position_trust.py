@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from companion.mavlink.samples import EstimatorStatus, LocalPosition, Vector3
+from companion.mavlink.samples import EstimatorStatus, LocalPosition
+from models.vehicle import Vector3
 
 # EKF_STATUS_FLAGS and ESTIMATOR_STATUS_FLAGS (MAVLink common, ardupilotmega) agree in these.
 _ATTITUDE, _VELOCITY_HORIZONTAL, _VELOCITY_VERTICAL = 1, 2, 4

@@ -10,6 +10,7 @@ import math
 from enum import Enum
 from typing import NamedTuple
 
+from companion.mavlink.range_beams import dot
 from models.vehicle import Vector3
 
 _SAME_READING_M = 0.0005
@@ -64,7 +65,7 @@ def doubt(here: Sighting, before: Doubt, near_m: float, target: str) -> Doubt:
         return Doubt(Why.LOST, None, last)
     if run is None or abs(here.slant_m - run.slant_m) > _SAME_READING_M:
         run = here
-    if here.slant_m < near_m and abs(_dot(_moved(run, here), run.beam_ned)) > _FROZEN_MOVE_M:
+    if here.slant_m < near_m and abs(dot(_moved(run, here), run.beam_ned)) > _FROZEN_MOVE_M:
         return Doubt(Why.FROZEN, run, last)
     return Doubt(None, run, here)
 
@@ -72,16 +73,12 @@ def doubt(here: Sighting, before: Doubt, near_m: float, target: str) -> Doubt:
 def _left(last: Sighting, here: Sighting, near_m: float, target: str) -> bool:
     """Whether the vehicle's own motion explains that a near surface is out of sight."""
     moved, beam = _moved(last, here), last.beam_ned
-    away = -_dot(moved, beam)
+    away = -dot(moved, beam)
     aside = math.hypot(moved[0] + away * beam[0], moved[1] + away * beam[1], moved[2] + away * beam[2])
-    turned = _dot(here.beam_ned, beam) < _TURNED_COS
+    turned = dot(here.beam_ned, beam) < _TURNED_COS
     return turned or last.slant_m + away > near_m or aside > (_OVER_EDGE_M if target == "ground" else PAST_EDGE_M)
 
 
 def _moved(before: Sighting, after: Sighting) -> Vector3:
     (x0, y0, z0), (x1, y1, z1) = before.position_ned, after.position_ned
     return x1 - x0, y1 - y0, z1 - z0
-
-
-def _dot(a: Vector3, b: Vector3) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

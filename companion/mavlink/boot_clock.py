@@ -49,10 +49,6 @@ class Stamp(Enum):
     US64 = "64-bit microseconds since boot or since 1970: which one is for the receiver to tell"
 
 
-_BOOT_MS = Stamp.BOOT_MS
-"""A member of an enum by its class takes ten times as long as a name."""
-
-
 class _Envelope:
     """The smallest offset of the current and the previous window."""
 
@@ -171,10 +167,10 @@ class BootClock:
         """Boot time [s] of a message whose time field reads ``stamp``. A stamp of 0 is no stamp."""
         if stamp <= 0:
             return self.unstamped(arrival_us)
-        if self.system is None and component == self.component and unit is _BOOT_MS:
+        if self.system is None and component == self.component and unit is Stamp.BOOT_MS:
             self.system = system
         ours = system == self.system and component == self.component
-        if unit is _BOOT_MS:
+        if unit is Stamp.BOOT_MS:
             return (
                 self._main(stamp * 1000, arrival_us)
                 if ours

@@ -5,10 +5,16 @@ from __future__ import annotations
 import math
 
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.samples import Quaternion, RangeVerdict, Vector3
+from companion.mavlink.samples import Quaternion, RangeVerdict
 from companion.mavlink.wire_layout import unit_quaternion
+from models.vehicle import Vector3
 
 DOWN = (0.0, 0.0, 1.0)
+
+
+def dot(a: Vector3, b: Vector3) -> float:
+    """Scalar product; of two beams the cosine of the angle between them."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 CUSTOM_ORIENTATION = 100

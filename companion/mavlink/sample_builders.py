@@ -27,10 +27,10 @@ from companion.mavlink.samples import (
     ServoOutput,
     SetAttitudeTarget,
     SetPositionTarget,
-    Vector3,
 )
 from companion.mavlink.wire_layout import NAN, Head, finite, unit_quaternion
 from models.frames import quaternion_from_euler
+from models.vehicle import Vector3
 
 
 def heartbeat(head: Head, _: str, base: int, custom: int, autopilot: int, kind: int, status: int) -> Heartbeat:

@@ -9,7 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import Enum
 
-Vector3 = tuple[float, float, float]
+from models.vehicle import Vector3
+
 Quaternion = tuple[float, float, float, float]
 
 
@@ -26,7 +27,9 @@ class RangeVerdict(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class _Sample:
+class Sample:
+    """What every message has: boot time [s], and who sent it."""
+
     t_s: float
     system: int
     component: int
@@ -35,7 +38,7 @@ class _Sample:
 
 
 @dataclass(frozen=True, slots=True)
-class Heartbeat(_Sample):
+class Heartbeat(Sample):
     """HEARTBEAT. ``autopilot`` 8 is none (a ground station); ``custom_mode`` is the firmware's own number."""
 
     armed: bool
@@ -47,7 +50,7 @@ class Heartbeat(_Sample):
 
 
 @dataclass(frozen=True, slots=True)
-class Attitude(_Sample):
+class Attitude(Sample):
     """ATTITUDE or ATTITUDE_QUATERNION: unit quaternion FRD -> NED and body rates [rad/s]."""
 
     q_ned_frd: Quaternion
@@ -56,7 +59,7 @@ class Attitude(_Sample):
 
 
 @dataclass(frozen=True, slots=True)
-class LocalPosition(_Sample):
+class LocalPosition(Sample):
     """LOCAL_POSITION_NED [m, m/s]."""
 
     position_ned: Vector3
@@ -64,7 +67,7 @@ class LocalPosition(_Sample):
 
 
 @dataclass(frozen=True, slots=True)
-class Imu(_Sample):
+class Imu(Sample):
     """Specific force [m/s^2] (at rest about (0, 0, -9.81)) and rotation rate [rad/s]. NaN in an axis not measured."""
 
     specific_force_frd: Vector3
@@ -74,7 +77,7 @@ class Imu(_Sample):
 
 
 @dataclass(frozen=True, slots=True)
-class Range(_Sample):
+class Range(Sample):
     """One reading of a rangefinder along its own beam (slant, not height)."""
 
     direction_frd: Vector3 | None
@@ -93,7 +96,7 @@ class Range(_Sample):
 
 
 @dataclass(frozen=True, slots=True)
-class Ring(_Sample):
+class Ring(Sample):
     """OBSTACLE_DISTANCE: slant ranges around the vehicle, inf where nothing is in range, NaN where unknown."""
 
     bearings_rad: tuple[float, ...]
@@ -104,7 +107,7 @@ class Ring(_Sample):
 
 
 @dataclass(frozen=True, slots=True)
-class EscHealth(_Sample):
+class EscHealth(Sample):
     """What ESCs report beside their speed. ESC ``first_esc + i`` (from 1) at place i; NaN where unknown."""
 
     first_esc: int
@@ -116,7 +119,7 @@ class EscHealth(_Sample):
 
 
 @dataclass(frozen=True, slots=True)
-class RotorSpeeds(_Sample):
+class RotorSpeeds(Sample):
     """Rotor speeds [rpm] of the ESCs ``first_esc + i`` (from 1); negative in reverse, NaN where absurd or unknown.
 
     A place of a message of four whose ESC does not exist reads 0, as does an ESC whose telemetry dropped out.
@@ -131,7 +134,7 @@ class RotorSpeeds(_Sample):
 
 
 @dataclass(frozen=True, slots=True)
-class Battery(_Sample):
+class Battery(Sample):
     """Pack voltage [V] and current [A], positive in discharge; either may be NaN, never both."""
 
     voltage_v: float
@@ -141,7 +144,7 @@ class Battery(_Sample):
 
 
 @dataclass(frozen=True, slots=True)
-class Pressure(_Sample):
+class Pressure(Sample):
     """Absolute pressure [Pa] and the sensor's temperature [deg C] (NaN where not given)."""
 
     pressure_pa: float
@@ -150,7 +153,7 @@ class Pressure(_Sample):
 
 
 @dataclass(frozen=True, slots=True)
-class ServoOutput(_Sample):
+class ServoOutput(Sample):
     """Servo outputs [us] of channels ``16 port + 1 ...``, 16 of them; 0 is no pulse, NaN is not sent."""
 
     pwm_us: tuple[float, ...]
@@ -158,7 +161,7 @@ class ServoOutput(_Sample):
 
 
 @dataclass(frozen=True, slots=True)
-class AttitudeTarget(_Sample):
+class AttitudeTarget(Sample):
     """ATTITUDE_TARGET: what the autopilot's attitude controller follows. ``q_ned_frd`` may be NaN."""
 
     q_ned_frd: Quaternion
@@ -166,7 +169,7 @@ class AttitudeTarget(_Sample):
 
 
 @dataclass(frozen=True, slots=True)
-class SetAttitudeTarget(_Sample):
+class SetAttitudeTarget(Sample):
     """SET_ATTITUDE_TARGET, from an upstream controller or from us. What ``type_mask`` ignores may be NaN."""
 
     type_mask: int
@@ -178,7 +181,7 @@ class SetAttitudeTarget(_Sample):
 
 
 @dataclass(frozen=True, slots=True)
-class SetPositionTarget(_Sample):
+class SetPositionTarget(Sample):
     """SET_POSITION_TARGET_LOCAL_NED in the axes of ``frame``. What ``type_mask`` ignores may be NaN."""
 
     type_mask: int
@@ -193,7 +196,7 @@ class SetPositionTarget(_Sample):
 
 
 @dataclass(frozen=True, slots=True)
-class Parameter(_Sample):
+class Parameter(Sample):
     """PARAM_VALUE."""
 
     name: str
@@ -203,14 +206,14 @@ class Parameter(_Sample):
 
 
 @dataclass(frozen=True, slots=True)
-class LandedState(_Sample):
+class LandedState(Sample):
     """EXTENDED_SYS_STATE: MAV_LANDED_STATE (0 unknown, 1 on ground, 2 in air, 3 take-off, 4 landing)."""
 
     landed_state: int
 
 
 @dataclass(frozen=True, slots=True)
-class EstimatorStatus(_Sample):
+class EstimatorStatus(Sample):
     """EKF_STATUS_REPORT or ESTIMATOR_STATUS: what the autopilot's own estimator believes of its answer."""
 
     flags: int
@@ -220,24 +223,3 @@ class EstimatorStatus(_Sample):
     innovation: float
     """Largest of the test ratios of horizontal position and velocity: above 1 measurements are rejected. May be NaN."""
     source: str
-
-
-Sample = (
-    Heartbeat
-    | Attitude
-    | LocalPosition
-    | Imu
-    | Range
-    | Ring
-    | EscHealth
-    | RotorSpeeds
-    | Battery
-    | Pressure
-    | ServoOutput
-    | AttitudeTarget
-    | SetAttitudeTarget
-    | SetPositionTarget
-    | Parameter
-    | LandedState
-    | EstimatorStatus
-)

@@ -7,9 +7,9 @@ import struct
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from companion.mavlink.samples import Quaternion
 from models.vehicle import Vector3
 
-Quaternion = tuple[float, float, float, float]
 RATES_IGNORED = 7
 ATTITUDE_IGNORED = 128
 """Bits of ATTITUDE_TARGET_TYPEMASK."""

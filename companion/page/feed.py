@@ -11,8 +11,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from companion.page.address import Address
-from models.errors import LinkError
+from models.errors import ConfigError, LinkError
 
 PERIOD_S = 0.2
 """A browser asks as often."""
@@ -22,13 +21,24 @@ _START_S = 10.0
 """Python and a socket take 0.3 s on a desktop; a Raspberry Pi under load takes ten times as long."""
 
 
+def read_address(text: str, option: str = "--page") -> tuple[str, int]:
+    """Host and port of an option: ``:8080`` is this machine only, ``0.0.0.0:8080`` everybody on the network.
+
+    Raises ConfigError.
+    """
+    host, colon, port = text.rpartition(":")
+    if not colon or not port.isdigit() or not 0 <= int(port) <= 65535 or ":" in host:
+        raise ConfigError(f"{option} {text}: must be [HOST]:PORT, such as :8080 or 0.0.0.0:8080")
+    return host or "127.0.0.1", int(port)
+
+
 class PageFeed:
     """Owns the page's process. ``offer`` costs what making one line costs, five times a second."""
 
-    def __init__(self, address: Address) -> None:
+    def __init__(self, host: str, port: int) -> None:
         self.dropped = self.sent = 0
         self._due_s = -1.0
-        command = [sys.executable, "-m", "companion.page", address.host, str(address.port)]
+        command = [sys.executable, "-m", "companion.page", host, str(port)]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
         assert self._process.stdin is not None
         assert self._process.stdout is not None
@@ -37,7 +47,7 @@ class PageFeed:
         if not line.startswith("http"):
             self._process.kill()
             self._process.wait()
-            raise LinkError(f"--page {address}: {line.strip() or 'the page did not start'}")
+            raise LinkError(f"--page {host}:{port}: {line.strip() or 'the page did not start'}")
         self.url = line.strip()
         self._pipe = self._process.stdin.fileno()
         os.set_blocking(self._pipe, False)

@@ -14,7 +14,7 @@ from companion.control.state import Decision, PipelineState
 from companion.estimation.estimator import Surface
 from companion.mavlink.firmware import mode_name
 from companion.mavlink.stream_rates import StreamKeeper, message_name
-from models.frames import Array
+from models.frames import Rows
 
 
 def snapshot(
@@ -47,7 +47,7 @@ def snapshot(
             "trust": _number(disturbance.trust),
             "ground": _surface(disturbance.ground),
             "wall": _surface(disturbance.wall),
-            "fans": _fans(disturbance.wall, state.estimates.rotation, config, disturbance.h_m, disturbance.d_m),
+            "fans": _fans(disturbance.wall, state.estimates.rows, config, disturbance.h_m, disturbance.d_m),
         }
     return out
 
@@ -76,12 +76,12 @@ def _surface(surface: Surface) -> dict[str, Any]:
 
 
 def _fans(
-    wall: Surface, rotation: Array | None, config: PipelineConfig, h_m: Sequence[float], d_m: Sequence[float]
+    wall: Surface, rows: Rows | None, config: PipelineConfig, h_m: Sequence[float], d_m: Sequence[float]
 ) -> list[list[Any]]:
     """For the drawing, of each fan: place towards the wall (without one: forward) and its lip radius, h and d [m]."""
     towards = np.array([1.0, 0.0, 0.0])
-    if wall.normal_ned is not None and rotation is not None:
-        body = -rotation.T @ wall.normal_ned
+    if wall.normal_ned is not None and rows is not None:
+        body = -np.array(rows).T @ wall.normal_ned
         size = math.hypot(body[0], body[1])
         towards = np.array([body[0] / size, body[1] / size, 0.0]) if size > 0.1 else towards
     places = config.vehicle.fan_positions_m @ towards

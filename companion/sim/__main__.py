@@ -24,7 +24,6 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--port", type=int, default=14550, help="UDP port on 127.0.0.1 at which the companion listens")
     p.add_argument("--seed", type=int, default=0, help="draws the air, the turbulence and every sensor's errors")
     p.add_argument("--speed", type=float, default=1.0, help="simulated seconds per second")
-    p.add_argument("--air", choices=("corner", "free"), default="corner", help="free: obstacles without their air")
     p.add_argument("--pilot", choices=[h.value for h in Hand], default=Hand.COMPANION.value, help="who gets the script")
     p.add_argument("--truth", type=Path, help="write what truly happened as CSV; ends when the script ends")
     p.add_argument("--duration", type=float, help="boot seconds after which to end")
@@ -49,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         _check(a)
         vehicle = load_vehicle(a.vehicle)
-        flight = Flight(vehicle, build(a.scenario, vehicle, air=a.air == "corner"), a.seed, px4=a.px4)
+        flight = Flight(vehicle, build(a.scenario, vehicle), a.seed, px4=a.px4)
         run(
             flight,
             Options(a.port, a.speed, Hand(a.pilot), a.truth, a.duration, a.until_stdin_closes, a.narrate),

@@ -99,23 +99,15 @@ Vec = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Surroundings:
-    """Flat ground at height zero and one wall: a vertical plane, or a strip of it (a pylon).
+    """Flat ground at height zero and one wall, a vertical plane.
 
-    ``wall_m`` is the distance of the plane from the origin along ``wall_azimuth_rad`` (from north, to the east);
-    ``wall_half_width_m`` its extent to both sides. ``air`` off keeps the obstacles solid and takes their air away.
+    ``wall_m`` is its distance from the origin along ``wall_azimuth_rad`` (from north, to the east). ``air`` off keeps
+    the obstacles solid and takes their air away.
     """
 
     wall_m: float = math.inf
     wall_azimuth_rad: float = 0.5 * math.pi
-    wall_half_width_m: float = math.inf
     air: bool = True
-
-    def wall_share(self, along_m: float, radius_m: float) -> float:
-        """How much of a whole wall a fan at ``along_m`` beside its middle feels: 1 inside, fading over a diameter."""
-        if math.isinf(self.wall_half_width_m):
-            return 1.0
-        outside = (abs(along_m) - self.wall_half_width_m) / (2.0 * radius_m)
-        return min(1.0, max(0.0, 0.5 - outside))
 
 
 @dataclass
@@ -399,20 +391,7 @@ class Body:
         e = py + rot[3] * fan.x + rot[4] * fan.y + rot[5] * fan.z
         h = -(pz + rot[6] * fan.x + rot[7] * fan.y + rot[8] * fan.z)
         d = s.wall_m - n * self._wall_cos - e * self._wall_sin - fan.lip
-        along = -n * self._wall_sin + e * self._wall_cos
-        return self._increments(h / self.radius, d / self.radius, along)
-
-    def _increments(self, eta: float, delta: float, along_m: float) -> Increments:
-        share = self.surroundings.wall_share(along_m, self.radius)
-        if share == 1.0:
-            return self.law.increments(eta, delta)
-        ground = self.law.increments(eta, math.inf)
-        if share == 0.0:
-            return ground
-        wall = self.law.increments(eta, delta)
-        return Increments(
-            *(g + share * (b - g) for g, b in zip(_fields(ground), _fields(wall), strict=True)),
-        )
+        return self.law.increments(h / self.radius, d / self.radius)
 
     def _vane_wrench(self, pwm: Sequence[float], lifts: list[float]) -> Wrench6:
         fx = fy = fz = mx = my = mz = 0.0
@@ -455,8 +434,7 @@ class Body:
                 n = rot[0] * lip[0] + rot[1] * lip[1] + rot[2] * lip[2]
                 e = rot[3] * lip[0] + rot[4] * lip[1] + rot[5] * lip[2]
                 depth = n * into[0] + e * into[1] - self.wall_gap_m
-                beside = -(self.position[0] + n) * into[1] + (self.position[1] + e) * into[0]
-                if depth > 0.0 and abs(beside) < self.surroundings.wall_half_width_m:
+                if depth > 0.0:
                     self.wall_contact = True
                     self._press(total, rot, lip, into, depth, WALL_FRICTION)
         self.causes.contact = (total[0], total[1], total[2], total[3], total[4], total[5])
@@ -514,7 +492,3 @@ class Body:
         nz = qz + half * (qw * r + qx * q - qy * p)
         scale = 1.0 / math.sqrt(nw * nw + nx * nx + ny * ny + nz * nz)
         self.quaternion = [nw * scale, nx * scale, ny * scale, nz * scale]
-
-
-def _fields(i: Increments) -> tuple[float, ...]:
-    return (i.x, i.y, i.z, i.mx, i.my, i.mz, i.rms)

@@ -5,7 +5,6 @@ Legs of one seed share air, turbulence and sensor errors. Everything here is sim
 
 from __future__ import annotations
 
-import json
 import math
 import multiprocessing
 import os
@@ -32,7 +31,7 @@ from companion.sim.scenario import Scenario, build
 from companion.sim.world import default_model, law_of
 from companion.vehicles import chosen_vehicle
 from models.choice import Choice, choose_to_fly
-from models.errors import ConfigError
+from models.json_file import write_json
 from models.vehicle import Vehicle
 
 APPROACHES = 3
@@ -141,13 +140,7 @@ def write(found: Comparison, *, json_path: str | None = None, plot: Path | None 
     """Print the table, or the JSON (``-`` for stdout); draw the picture."""
     if plot is not None:
         write_plot(plot, found)
-    text = json.dumps(as_json(found), indent=2)
-    if json_path == "-":
-        print(text)
-        return
-    print(as_text(found))
+    if json_path != "-":
+        print(as_text(found))
     if json_path is not None:
-        try:
-            Path(json_path).write_text(text + "\n", encoding="utf-8")
-        except OSError as error:
-            raise ConfigError(f"--json {json_path}: cannot be written ({error.strerror})") from None
+        write_json(as_json(found), json_path)

@@ -151,16 +151,21 @@ def _approaches_json(flights: Sequence[Flown], found: Comparison) -> list[dict[s
     """Of each approach {phase: {axis: RMS}}, mean over the flights."""
     return [
         {
-            phase or "all": {a: round(_rms(flights, a, k, phase), 3) for a in ("height", "lateral")}
+            phase or "all": {a: _rounded(_rms(flights, a, k, phase)) for a in ("height", "lateral")}
             for phase in found.phases
         }
         for k in range(1, found.approaches + 1)
     ]
 
 
+def _rounded(value: float, digits: int = 3) -> float | None:
+    """None for what is not known."""
+    return None if math.isnan(value) else round(value, digits)
+
+
 def _part_json(part: AirPart) -> dict[str, Any]:
     return {
-        name: {a: None if math.isnan(v) else round(v, 4) for a, v in values.items()}
+        name: {a: _rounded(v, 4) for a, v in values.items()}
         for name, values in (("energy", part.energy), ("paired", part.paired))
     }
 

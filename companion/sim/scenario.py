@@ -20,7 +20,7 @@ START_GAP_M = 1.6
 CREEP_M_S = 0.1
 """Speed of the last part of an approach."""
 ROUNDING_S = 0.6
-"""0.3 m/s within 0.6 s: 0.5 m/s^2. The scenario ``ramps`` is ``corner`` without it, sharp corners and all."""
+"""0.3 m/s within 0.6 s: 0.5 m/s^2."""
 
 
 @dataclass(frozen=True)
@@ -112,11 +112,11 @@ class _Script:
     """Builds knots by saying where to go and how fast."""
 
     def __init__(self) -> None:
-        self._t, self._x, self._z, self._y = 0.0, 0.0, START_HEIGHT_M, 0.0
+        self._t, self._x, self._z = 0.0, 0.0, START_HEIGHT_M
         self.knots: list[Knot] = []
 
     def hold(self, seconds: float, name: str) -> _Script:
-        self.knots.append(Knot(self._t, self._x, self._z, self._y, name))
+        self.knots.append(Knot(self._t, self._x, self._z, name=name))
         self._t += seconds
         return self
 
@@ -125,19 +125,17 @@ class _Script:
         name: str,
         towards: float | None = None,
         height: float | None = None,
-        along: float | None = None,
         speed: float = 0.3,
     ) -> _Script:
         x = self._x if towards is None else towards
         z = self._z if height is None else height
-        y = self._y if along is None else along
-        self.knots.append(Knot(self._t, self._x, self._z, self._y, name))
-        self._t += max(0.1, math.dist((x, z, y), (self._x, self._z, self._y)) / speed)
-        self._x, self._z, self._y = x, z, y
+        self.knots.append(Knot(self._t, self._x, self._z, name=name))
+        self._t += max(0.1, math.dist((x, z), (self._x, self._z)) / speed)
+        self._x, self._z = x, z
         return self
 
     def end(self) -> tuple[Knot, ...]:
-        return (*self.knots, Knot(self._t, self._x, self._z, self._y, "end"))
+        return (*self.knots, Knot(self._t, self._x, self._z, name="end"))
 
 
 def wall_azimuth(vehicle: Vehicle) -> float:
@@ -165,35 +163,22 @@ def build(name: str, vehicle: Vehicle, *, air: bool = True) -> Scenario:
     lowish = max(low, 2.4 * r - offset, 0.35)
     near, nearish = START_GAP_M - 0.6 * r, START_GAP_M - max(1.6 * r, 0.24)
     s = _Script()
-    half_width = math.inf
     if name == "hover":
         s.hold(60.0, "free")
-    elif name == "ground":
-        s.hold(6.0, "free").go("descend", height=lowish).go("descend", height=low, speed=CREEP_M_S).hold(8.0, "ground")
-        s.go("climb", height=START_HEIGHT_M).hold(6.0, "free")
-    elif name == "wall":
-        s.hold(6.0, "free").go("approach", towards=nearish).go("approach", towards=near, speed=CREEP_M_S)
-        s.hold(8.0, "wall").go("retreat", towards=0.0).hold(6.0, "free")
-    elif name in ("corner", "corner_cfd", "ramps", "free"):
+    elif name in NAMES:
         s.hold(6.0, "free").go("descend", height=lowish).go("descend", height=low, speed=CREEP_M_S).hold(4.0, "ground")
         s.go("climb", height=START_HEIGHT_M).hold(3.0, "free")
         s.go("approach", towards=nearish).go("approach", towards=near, speed=CREEP_M_S).hold(4.0, "wall")
         s.go("descend at wall", height=lowish).go("descend at wall", height=low, speed=CREEP_M_S).hold(5.0, "corner")
         s.go("climb at wall", height=START_HEIGHT_M).hold(3.0, "wall").go("retreat", towards=0.0).hold(4.0, "free")
-    elif name == "pylon":
-        half_width = 0.3
-        s.hold(6.0, "free").go("approach", towards=near - 0.4 * r, along=-1.5).hold(3.0, "beside")
-        s.go("pass", along=1.5).hold(3.0, "beside").go("pass back", along=-1.5).hold(3.0, "beside")
-        s.go("retreat", towards=0.0, along=0.0).hold(5.0, "free")
     else:
         raise ConfigError(f"scenario '{name}' is not known; choose one of {', '.join(NAMES)}")
     surroundings = Surroundings(
-        wall_m=math.inf if name in ("hover", "ground", "free") else wall,
+        wall_m=math.inf if name in ("hover", "free") else wall,
         wall_azimuth_rad=azimuth,
-        wall_half_width_m=half_width,
         air=air and name != "free",
     )
-    return Scenario(name, surroundings, s.end(), rounding_s=0.0 if name == "ramps" else ROUNDING_S)
+    return Scenario(name, surroundings, s.end(), ROUNDING_S)
 
 
-NAMES = ("corner", "corner_cfd", "ramps", "hover", "ground", "wall", "pylon", "free")
+NAMES = ("corner", "corner_cfd", "hover", "free")

@@ -190,11 +190,7 @@ def true_range(body: Body, position: Vec, direction: Vec) -> float:
     c, sn = math.cos(s.wall_azimuth_rad), math.sin(s.wall_azimuth_rad)
     towards = dn * c + de * sn
     if towards > 1e-6 and math.isfinite(s.wall_m):
-        reach = max(0.0, (body.wall_gap_m - on * c - oe * sn) / towards)
-        n = body.position[0] + on + reach * dn
-        e = body.position[1] + oe + reach * de
-        if abs(-n * sn + e * c) < s.wall_half_width_m:
-            best = min(best, reach)
+        best = min(best, max(0.0, (body.wall_gap_m - on * c - oe * sn) / towards))
     return best
 
 

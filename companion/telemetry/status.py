@@ -8,10 +8,10 @@ from collections.abc import Iterator
 
 from companion.adaptation import words
 from companion.control.authority import Notice, Reason
+from companion.control.state import Decision, PipelineState
 from companion.estimation.estimator import Seen
 from companion.mavlink.firmware import advice, mode_name, stack_of
 from companion.mavlink.outgoing import Message, named_value_float
-from companion.pipeline import Decision, PipelineState
 from companion.telemetry import statustext
 
 _PERIOD_S = 0.5
@@ -146,7 +146,7 @@ class StatusReporter:
 
 def _lifts_off(state: PipelineState, decision: Decision) -> bool:
     """Whether it is still open if the vehicle flies: the first second in the air, or of hearing it fly."""
-    return Reason.LANDED in decision.reasons and state.airborne_since_s < math.inf
+    return Reason.LANDED in decision.reasons and state.air.since_s < math.inf
 
 
 def said_of(state: PipelineState, decision: Decision) -> tuple[str, str]:
@@ -169,7 +169,7 @@ def _words(reason: Reason, state: PipelineState, decision: Decision) -> str:
         what = re.sub("^(range(finder)?)", rf"\1 to {about}", what) if about else what
     if reason is Reason.HEIGHT_DRIFTS:
         what = what.replace("drifts", f"drifts {abs(state.drift.rate_m_s):.1f} m/s")
-    if reason is Reason.NOT_ARMED and state.airborne_since_s < math.inf and state.carried_s == decision.t_s:
+    if reason is Reason.NOT_ARMED and state.air.since_s < math.inf and state.air.carried_s == decision.t_s:
         what += ", though the vehicle flies: nothing is sent, take over"
     if reason is Reason.WRONG_MODE and state.heartbeat is not None:
         what += f" (now {mode_name(state.heartbeat)})"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Iterator
 
 from companion.mavlink.outgoing import Message, statustext
@@ -15,20 +16,8 @@ def chunks(text: str) -> list[str]:
 
     Ground stations join the pieces as they are, and take a piece that is not full for the last one.
     """
-    pieces, line = [], ""
-    for word in text.split():
-        while len(word) > _CHUNK:  # no word of ours is; a path may be
-            room = _CHUNK - len(line) - bool(line)
-            line, word = f"{line} {word[:room]}".strip(), word[room:]
-            pieces.append(line.ljust(_CHUNK))
-            line = ""
-        # A space after the word that ends a full piece would be lost: such a word goes to the next one.
-        if line and len(line) + 1 + len(word) >= _CHUNK:
-            pieces.append(line.ljust(_CHUNK))
-            line = word
-        else:
-            line = f"{line} {word}".strip()
-    return [*pieces, line]
+    whole = textwrap.wrap(" ".join(text.split()), _CHUNK - 1, break_on_hyphens=False) or [""]
+    return [*(piece.ljust(_CHUNK) for piece in whole[:-1]), whole[-1]]
 
 
 def messages(severity: int, text: str, number: int) -> Iterator[Message]:

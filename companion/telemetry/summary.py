@@ -8,9 +8,9 @@ from typing import Any
 
 from companion.adaptation.adaptation import Adaptation
 from companion.control.authority import Notice, Reason
-from companion.control.disturbance import Disturbance
 from companion.control.plant import HoldTuning, Margin
-from companion.pipeline import Decision
+from companion.control.state import Decision
+from companion.estimation.disturbance import Disturbance
 
 _GAP_S = 0.5
 """A longer gap between decisions is a pause of the stream, not time flown."""
@@ -93,9 +93,9 @@ class Summary:
         if tuned is None:
             return None
         return {
-            "gain": round(tuned.margin.gain, 2),
+            "gain": _rounded(tuned.margin.gain),
             "phase_deg": round(tuned.margin.phase_deg, 1),
-            "least_flown_gain": None if least is None else round(least.gain, 2),
+            "least_flown_gain": None if least is None else _rounded(least.gain),
             "gain_share": round(tuned.share, 3),
             "climb_gain_share": round(tuned.climb_share, 3),
             "attitude_lag_s": round(tuned.loop.lag_s, 3),
@@ -165,6 +165,11 @@ class Summary:
         if self.adaptation is not None:
             out += adapted_text(self.adaptation)
         return "\n".join(out)
+
+
+def _rounded(gain: float) -> float | None:
+    """A gain margin for JSON, which knows no infinity."""
+    return round(gain, 2) if math.isfinite(gain) else None
 
 
 def adapted_text(known: Adaptation) -> list[str]:

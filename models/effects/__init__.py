@@ -21,7 +21,7 @@ from models.effects.effect import (
     Shape,
 )
 from models.errors import ModelError
-from models.frames import Array
+from models.frames import AXES, Array
 
 __all__ = [
     "AdoptedEffect", "BelongsTo", "Coefficient", "Context", "Effect", "InFlight", "Shape", "adopted", "adopted_wrench",
@@ -44,7 +44,7 @@ def get(name: str) -> Effect:
     raise ModelError(f"effect {name!r} is not in the catalogue; train the model with this version of the program")
 
 
-def adopted(name: str, parameters: Mapping[str, float]) -> AdoptedEffect:
+def adopted(name: str, parameters: Mapping[str, float], without: Sequence[str] = ()) -> AdoptedEffect:
     """The effect with these parameters, optional ones 0; ModelError where one is missing, unknown or not finite.
 
     Models are adopted on the ground and flown later, perhaps by another version: this refuses before take-off.
@@ -59,7 +59,9 @@ def adopted(name: str, parameters: Mapping[str, float]) -> AdoptedEffect:
     for key, value in parameters.items():
         if not math.isfinite(value):
             raise ModelError(f"effect {name!r}: parameter {key!r} is {value}; diagnose the flight with this version")
-    return AdoptedEffect(name, parameters)
+    for axis in set(without) - set(AXES):
+        raise ModelError(f"effect {name!r}: axis {axis!r} is not one of {', '.join(AXES)}")
+    return AdoptedEffect(name, parameters, tuple(without))
 
 
 def adopted_wrench(effects: Sequence[AdoptedEffect], ctx: Context, *, in_flight: bool = False) -> Array:
@@ -72,7 +74,10 @@ def adopted_wrench(effects: Sequence[AdoptedEffect], ctx: Context, *, in_flight:
     for one in effects:
         effect = get(one.name)
         if effect.in_flight is InFlight.WRENCH or (effect.in_flight is InFlight.NONE and not in_flight):
-            total += np.nan_to_num(effect.wrench(ctx, one.parameters), nan=0.0, posinf=0.0, neginf=0.0)
+            wrench = np.nan_to_num(effect.wrench(ctx, one.parameters), nan=0.0, posinf=0.0, neginf=0.0)
+            if one.without:
+                wrench[..., [AXES.index(a) for a in one.without]] = 0.0
+            total += wrench
     return total
 
 

@@ -23,7 +23,9 @@ def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     pressure = 0.5 * RHO_SEA_LEVEL * ctx.vehicle.disc_area_m2 * len(ctx.vehicle.fans) * 3.0**2
-    return f"at 3 m/s the body brakes with {p['front'] * pressure:.2g} N forward, {p['side'] * pressure:.2g} N sideways"
+    return (
+        f"the drag of the body at 3 m/s is {p['front'] * pressure:.2g} N forward, {p['side'] * pressure:.2g} N sideways"
+    )
 
 
 EFFECT = Effect(

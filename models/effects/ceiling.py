@@ -34,7 +34,7 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
     z = max(nearest(ctx.state.ceiling_m), 0.02)
     gap = z / (p["scale"] * ctx.vehicle.rotor_radius_m)
     gain = 0.5 + 0.5 * np.sqrt(1.0 + 1.0 / (8.0 * gap * gap))
-    return f"lifts {more(p['gain'] * (float(gain) ** (2.0 / 3.0) - 1.0))} at {z:.2f} m below the ceiling"
+    return f"at {z:.2f} m below the ceiling the lift is {more(p['gain'] * (float(gain) ** (2.0 / 3.0) - 1.0))}"
 
 
 EFFECT = Effect(

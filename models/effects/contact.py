@@ -44,8 +44,8 @@ def _drawn(ctx: Context, axis: str) -> Drawn:
 
 def _words(_: Context, p: Mapping[str, float]) -> str:
     return (
-        f"something touches the wall at {p['reach_m'] * 100.0:.0f} cm: every centimetre nearer presses back with "
-        f"{p['stiffness'] * 0.01:.2g} N for each fan"
+        f"the vehicle touches the wall at {p['reach_m'] * 100.0:.0f} cm: each centimetre closer adds "
+        f"{p['stiffness'] * 0.01:.2g} N at each fan"
     )
 
 

@@ -53,7 +53,7 @@ class BelongsTo(Enum):
     WEATHER = "weather"
     """Wind and density: every flight has its own."""
     LOAD = "load"
-    """Battery and load of the day: every flight has its own."""
+    """Battery and load: every flight has its own."""
     INSTRUMENT = "instrument"
     """Offset of a sensor: corrects what that sensor reads, and is no force."""
     PLACE = "place"
@@ -353,7 +353,7 @@ class Effect:
     mixing: Callable[[tuple[float, ...]], Array] | None = None
     """(k, k) by shape: the coefficients are this times independent ones, whose priors ``coefficients`` give.
 
-    The regressors are then the same in every shape, and there are no errors of form."""
+    The regressors are then the same in every shape, and there are no model-form errors."""
     lacking: Callable[[Context], str | None] = always
     aliases: tuple[str, ...] = ()
     """Effects that can stand in the place of this one. One way: ``thrust_scale`` can pass for ``thrust_curve``, a curve
@@ -410,11 +410,11 @@ class Effect:
 
     @property
     def kept(self) -> bool:
-        """Whether an amended model takes it to the next flight: what makes the effect is not of the day."""
+        """Whether an amended model takes it to the next flight: what makes the effect is not of one flight."""
         return any(self.is_main(c) and not self.of_day(c) for c in self.coefficients)
 
     def of_next_flight(self, parameters: Mapping[str, float]) -> dict[str, float]:
-        """Adopted parameters as the next flight starts with them: what is of the day at zero.
+        """Adopted parameters as the next flight starts with them: what is of one flight at zero.
 
         Times of a log do not carry over: what began in it is there from the start.
         """

@@ -27,7 +27,8 @@ def _lacking(ctx: Context) -> str | None:
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     length, h = p["length_radii"] * ctx.vehicle.rotor_radius_m, nearest(ctx.state.h_m)
     extra = p["gain"] * float(np.exp(-h / length))
-    return f"lifts {more(extra)} than the model at {h:.2f} m above ground, half of it {0.69 * length:.2f} m higher"
+    half = f"{0.69 * length:.2f} m higher half of that"
+    return f"at {h:.2f} m above ground the lift is {more(extra)} than modelled, {half}"
 
 
 EFFECT = Effect(

@@ -38,7 +38,7 @@ def _drawn(ctx: Context, axis: str) -> Drawn:
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     spin = mean(ctx.rotor_rpm) * RPM_TO_RAD_S * abs(p["inertia"])
-    return f"a rotor whose spin nothing cancels gives {spin * np.radians(90.0):.2g} N m when turned at 90 deg/s"
+    return f"turned at 90 deg/s, one rotor gives a gyroscopic moment of {spin * np.radians(90.0):.2g} N m"
 
 
 EFFECT = Effect(

@@ -28,8 +28,8 @@ def _kinematic_bias(_: Context, __: tuple[float, ...]) -> Array:
 def _words(_: Context, p: Mapping[str, float]) -> str:
     names = (("x", "forward"), ("y", "to the right"), ("z", "downwards"))
     size = ", ".join(f"{p[key]:+.2f} m/s² {name}" for key, name in names)
-    tilt = f"{np.degrees(p['pitch']):+.1f} and {np.degrees(p['roll']):+.1f} degrees"
-    return f"the accelerometer reads {size} too much; against it the rotors stand {tilt} off in pitch and roll"
+    tilt = f"{np.degrees(p['pitch']):+.1f} degrees in pitch and {np.degrees(p['roll']):+.1f} in roll"
+    return f"the accelerometer reads {size} too much; the rotors are tilted against it by {tilt}"
 
 
 EFFECT = Effect(

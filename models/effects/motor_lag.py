@@ -35,7 +35,7 @@ def _lacking(ctx: Context) -> str | None:
 
 def _words(_: Context, p: Mapping[str, float]) -> str:
     dead, tau = p["dead_s"] * 1e3, p["tau_s"] * 1e3
-    return f"thrust comes {dead:.0f} ms late, then takes {tau:.0f} ms for two thirds of a step"
+    return f"thrust comes {dead:.0f} ms late, with a time constant of {tau:.0f} ms"
 
 
 EFFECT = Effect(

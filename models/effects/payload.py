@@ -44,7 +44,7 @@ def _drawn(ctx: Context, axis: str) -> Drawn:
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
-    size = f"{abs(p['mass']):.2f} kg {'heavier' if p['mass'] > 0.0 else 'lighter'} than the vehicle file says"
+    size = f"the vehicle is {abs(p['mass']):.2f} kg {'heavier' if p['mass'] > 0.0 else 'lighter'} than in its file"
     share = percent(p["mass"] / ctx.vehicle.mass_kg)
     start = f", from {p['from_s']:.0f} s on" if p["from_s"] > 0.0 else ""
     return f"{size} ({share} of {ctx.vehicle.mass_kg:.2f} kg){start}"

@@ -26,7 +26,7 @@ def _grid(_: Context) -> Sequence[tuple[float, ...]]:
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
-    return f"at 1 m/s the rotors brake with {p['drag'] * mean(ctx.mass_flow.sum(axis=-1)):.2g} N"
+    return f"the drag of the rotors at 1 m/s is {p['drag'] * mean(ctx.mass_flow.sum(axis=-1)):.2g} N"
 
 
 EFFECT = Effect(

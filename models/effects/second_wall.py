@@ -40,8 +40,8 @@ def _drawn(ctx: Context, axis: str) -> Drawn:
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     d = nearest(ctx.state.second_d_m)
     share = p["pull"] * float(np.exp(-d / (p["length_radii"] * ctx.vehicle.rotor_radius_m)))
-    verb = "pulls towards it" if share > 0.0 else "presses away from it"
-    return f"at {d:.2f} m from the second wall it {verb} with {percent(share)} of the thrust"
+    verb = "pulls" if share > 0.0 else "pushes"
+    return f"at {d:.2f} m the second wall {verb} with {percent(share)} of the thrust"
 
 
 EFFECT = Effect(

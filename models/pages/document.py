@@ -12,7 +12,8 @@ from models.pages.svg import STYLE
 
 _WIDE_PX = 700
 """Images above this width hold several panels."""
-_STYLE = Path(__file__).with_name("page.css").read_text("utf-8")
+PAGE_STYLE = STYLE + Path(__file__).with_name("page.css").read_text("utf-8")
+"""Of every page."""
 
 
 def document(title: str, parts: Iterable[str]) -> str:
@@ -20,7 +21,7 @@ def document(title: str, parts: Iterable[str]) -> str:
     return (
         '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{STYLE}{_STYLE}</style></head>\n"
+        f"<title>{escape(title)}</title><style>{PAGE_STYLE}</style></head>\n"
         f"<body>{''.join(parts)}</body></html>\n"
     )
 

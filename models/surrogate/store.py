@@ -54,7 +54,7 @@ def save_model(directory: Path | str, model: FanSurrogate) -> None:
         "coordinates": asdict(model.coordinates),
         "calibration": asdict(model.calibration),
         "domain": domain,
-        "effects": [{"name": e.name, "parameters": dict(e.parameters)} for e in model.effects],
+        "effects": [_entry(e) for e in model.effects],
         "weights": {"file": "weights.npz", "sha256": hashlib.sha256(weights).hexdigest()},
     }
     try:
@@ -142,9 +142,14 @@ def _tuples(section: Mapping[str, Any]) -> dict[str, Any]:
     return {k: tuple(v) if isinstance(v, list) else v for k, v in section.items()}
 
 
+def _entry(e: AdoptedEffect) -> dict[str, Any]:
+    entry = {"name": e.name, "parameters": dict(e.parameters)}
+    return entry | ({"without": list(e.without)} if e.without else {})
+
+
 def _effect(path: Path, entry: Mapping[str, Any]) -> AdoptedEffect:
     name, parameters = str(entry["name"]), {str(k): float(v) for k, v in entry["parameters"].items()}
     try:
-        return adopted(name, parameters)
+        return adopted(name, parameters, tuple(entry.get("without", ())))
     except ModelError as error:
         raise ModelError(f"model file {path}: {error}") from None

@@ -14,11 +14,12 @@ from models.training.compare import text
 def write_page(directory: Path, numbers: Mapping[str, Any], command: str) -> Path:
     """Write ``report.html`` with the figures that lie in ``directory`` inside it; ``command``: what to type next."""
     use = numbers["use"]
+    head = f"Best surrogate of this data set: {use['method']}"
     parts = [
-        "<h1>Surrogates compared</h1>",
-        verdict(f"Use this one: {use['method']}.", [f"Next: {command}", f"Why: {use['why']}."]),
+        f"<h1>{escape(head)}</h1>",
+        verdict(f"Use {use['method']}.", [f"Next: {command}", f"Why: {use['why']}."]),
         f"<pre>{escape(text(numbers))}</pre>",
         "<h2>Figures</h2>",
         pictures(sorted(directory.glob("*.png"))),
     ]
-    return write_document("--report", directory / "report.html", document("Surrogates compared", parts))
+    return write_document("--report", directory / "report.html", document(head, parts))

@@ -1,1 +1,1 @@
-"""``models vehicle``: a vehicle file from a frame, a mass, a few lengths and the autopilot's parameters."""
+"""First numbers of a vehicle: frames, typical sizes, estimates, and the text of a vehicle file."""

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from models.frames import GRAVITY
-from models.vehicle import RHO_SEA_LEVEL, Vector3
+from models.vehicle import Vector3
 from models.vehicle_setup.frames import Motor
 
 OPEN_ROTOR_CT = 0.0130
@@ -39,12 +39,6 @@ def inertia(mass_kg: float, arm_m: float, motors: Sequence[Motor]) -> Vector3:
     yy = side + point * sum((m.forward * arm_m) ** 2 for m in motors)
     zz = body * radius**2 / 2.0 + point * sum((m.right**2 + m.forward**2) * arm_m**2 for m in motors)
     return (_round(xx), _round(yy), _round(zz))
-
-
-def ct_of_hover(mass_kg: float, rotors: int, radius_m: float, hover_rpm: float) -> float:
-    """C_T of one rotor from the rotor speed at which ``rotors`` of them carry the vehicle."""
-    tip = hover_rpm * 2.0 * math.pi / 60.0 * radius_m
-    return _round(mass_kg * GRAVITY / rotors / (RHO_SEA_LEVEL * math.pi * radius_m**2 * tip**2))
 
 
 def throttle_output(parameters: Mapping[str, float], hover: float) -> tuple[float, float]:

@@ -6,12 +6,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from models.errors import ConfigError
 from models.vehicle import Fan, Limits, Rangefinder, Rotor, Throttle, Vehicle
 from models.vehicle_plausibility import direction
 from models.vehicle_setup.estimate import (
     OPEN_ROTOR_CT,
-    ct_of_hover,
     inertia,
     max_thrust,
     pwm_range,
@@ -37,14 +35,9 @@ class Answers:
     """Centre to motor axis."""
     numbers: Mapping[int, int] = field(default_factory=dict)
     """Motor number to ESC or output; empty: by the parameters."""
-    rotor_down_m: float = -0.05
-    """Height of the rotors relative to the CG, positive down."""
-    lip_radius_m: float | None = None
-    """Outer duct; None for open rotors."""
     telemetered: bool = True
-    hover_thrust: float | None = None
-    hover_rpm: float | None = None
     voltage_v: float = 0.0
+    """Of the battery in hover."""
     ranges: tuple[Rangefinder, ...] = ()
     parameters: Mapping[str, float] = field(default_factory=dict)
 
@@ -55,13 +48,12 @@ def build(a: Answers) -> tuple[Vehicle, dict[str, str]]:
     said = {"position_m": f"from the CG, forward right down; motor {motors[0].number}"}
     hover, said["hover_thrust"] = _hover(a)
     radius = a.propeller_m / 2.0
-    lip = radius if a.lip_radius_m is None else a.lip_radius_m
     said["rotor_radius_m"] = "half the propeller's diameter"
-    said["lip_radius_m"] = "outer edge of the duct" if a.lip_radius_m is not None else "open rotor: the rotor's radius"
+    said["lip_radius_m"] = "open rotor: the rotor's radius"
     said["inertia_kgm2"] = "estimated from mass and arm, +-30 %; only moments need it"
     ct, throttle = None, None
     if a.telemetered:
-        ct, said["ct"] = _ct(a, motors, radius)
+        ct, said["ct"] = OPEN_ROTOR_CT * (len(motors) // len(places(motors))), "a guess, +-30 %"
     else:
         throttle = _throttle(a, len(motors), hover, said)
     vehicle = Vehicle(
@@ -70,7 +62,7 @@ def build(a: Answers) -> tuple[Vehicle, dict[str, str]]:
         inertia_kgm2=inertia(a.mass_kg, arm, motors),
         hover_thrust=hover,
         rotor_radius_m=radius,
-        fans=_fans(a, motors, arm, lip, ct),
+        fans=_fans(a, motors, arm, radius, ct),
         throttle=throttle,
         rangefinders=a.ranges or parameter_ranges(a.parameters),
         limits=Limits(),
@@ -80,28 +72,17 @@ def build(a: Answers) -> tuple[Vehicle, dict[str, str]]:
 
 
 def _hover(a: Answers) -> tuple[float, str]:
-    if a.hover_thrust is not None:
-        return a.hover_thrust, "given"
     for name in ("MOT_THST_HOVER", "MPC_THR_HOVER"):
         if 0.05 < a.parameters.get(name, 0.0) < 0.95:
             return round(a.parameters[name], 3), name
-    return 0.5, "a guess: replay vehicle LOG measures it"
-
-
-def _ct(a: Answers, motors: tuple[Motor, ...], radius: float) -> tuple[float, str]:
-    per_fan = len(motors) // len(places(motors))
-    if a.hover_rpm is not None:
-        return ct_of_hover(a.mass_kg, len(motors), radius, a.hover_rpm) * per_fan, f"from hover at {a.hover_rpm:g} rpm"
-    return OPEN_ROTOR_CT * per_fan, "a guess, +-30 %: replay vehicle LOG measures it"
+    return 0.5, "a guess"
 
 
 def _throttle(a: Answers, rotors: int, hover: float, said: dict[str, str]) -> Throttle:
     expo, output = throttle_output(a.parameters, hover)
     low, high, pwm = pwm_range(a.parameters, min(_numbers(a, rotors).values()))
     said["pwm_max_us"] = pwm or USUAL_PULSES
-    if a.voltage_v <= 0.0:
-        raise ConfigError("--voltage: needed without rotor speeds: the battery's voltage in hover")
-    said["max_thrust_n"] = "of one rotor, so that hover_thrust hovers: replay vehicle LOG measures it"
+    said["max_thrust_n"] = "of one rotor, so that hover_thrust hovers"
     said["expo"] = next((n for n in ("MOT_THST_EXPO", "THR_MDL_FAC") if a.parameters.get(n)), COMMON_PROPELLERS)
     said["voltage_v"] = "of the battery in hover"
     return Throttle(max_thrust(a.mass_kg, rotors, expo, output), expo, low, high, a.voltage_v)
@@ -123,7 +104,7 @@ def places(motors: tuple[Motor, ...]) -> dict[tuple[float, float], list[Motor]]:
     return out
 
 
-def _fans(a: Answers, motors: tuple[Motor, ...], arm: float, lip: float, ct: float | None) -> tuple[Fan, ...]:
+def _fans(a: Answers, motors: tuple[Motor, ...], arm: float, radius: float, ct: float | None) -> tuple[Fan, ...]:
     number = _numbers(a, len(motors))
 
     def rotor(motor: Motor) -> Rotor:
@@ -133,8 +114,8 @@ def _fans(a: Answers, motors: tuple[Motor, ...], arm: float, lip: float, ct: flo
 
     return tuple(
         Fan(
-            (round(x * arm, 4), round(y * arm, 4), round(a.rotor_down_m + min(m.down for m in here) * arm, 4)),
-            lip,
+            (round(x * arm, 4), round(y * arm, 4), round(min(m.down for m in here) * arm, 4)),
+            radius,
             tuple(rotor(m) for m in here),
             ct,
         )

@@ -62,16 +62,16 @@ def learn(records: Sequence[Record]) -> Good:
     effects = [_shared(e) for e in catalogue() if not e.remainder]
     walked = walk(records, effects)
     best = walked.best
-    found, told = [], [np.zeros_like(r.residual) for r in records]
+    found, explained = [], [np.zeros_like(r.residual) for r in records]
     for t in (t for t in best.terms if t.effect is not None):
         assert t.effect is not None
         for f, place in t.places.items():
             x, _ = walked.evidence.library.wrenches(t, f)
             at = np.searchsorted(t.columns, place)
             b = best.b[best.part(t)][at] * t.scale[at]
-            told[f] += x @ b
+            explained[f] += x @ b
         found.append(AdoptedEffect(t.name, t.effect.parameters(b, t.shape)))
-    left = [replace(r, residual=r.residual - w) for r, w in zip(records, told, strict=True)]
+    left = [replace(r, residual=r.residual - w) for r, w in zip(records, explained, strict=True)]
     sizes, apart = as_flown(usual([e for e in catalogue() if not e.remainder], found, records[0]), left)
     return Good(tuple(records), tuple(found), tuple(sizes), tuple(apart))
 
@@ -100,7 +100,7 @@ def beside(good: Good, today: Record) -> Beside:
     flights = [*good.records, today]
     last = len(flights) - 1
     shapes = {e.name: tuple(e.parameters[s.name] for s in get(e.name).shapes) for e in good.found}
-    # Load of the day is a change; weather of the day is in the spread.
+    # A load counts as a change; the weather of a flight is in the spread.
     common = [e for e in catalogue() if not e.remainder and (not e.belongs_to.of_day or e.name in shapes)]
     same = [_with_shape(_shared(e), shapes.get(e.name)) for e in common]
     parts = [e for e in catalogue() if e.belongs_to in OF_A_VEHICLE and e.name not in LAWS]

@@ -1,4 +1,4 @@
-"""What changed as one HTML page: the changes, how sure, and the size of each over the logs."""
+"""``--since`` as one HTML page: what changed, since which log, how sure, and the size of each over the logs."""
 
 from __future__ import annotations
 
@@ -16,18 +16,17 @@ from replay.diagnosis.words import estimate_words, listed, plain, unit_words
 
 def page(answer: Since, vehicle: Vehicle, faults: Sequence[Mapping[str, str]] = ()) -> str:
     """The whole page. ``faults``: ``channel`` and ``what`` of a model or vehicle file of another vehicle."""
-    names = listed([plain(c.change.name) for c in answer.changed])
-    head = f"Changed: {names}." if answer.changed else "Nothing changed."
+    head = "; ".join(map(_finding, answer.changed)) or "Nothing changed"
     good = ", ".join(r.name for r in answer.good.records)
     reasons = [
-        f"Compared with the good flights {good}: what lies within their own spread from flight to flight is not named.",
+        f"Compared with the good flights: {good}. Differences as large as among the good flights are not named.",
         *(f"{f['channel']}: {f['what']}." for f in faults),
     ]
     return document(
-        f"{vehicle.name}: what changed",
+        f"{vehicle.name}: {head}",
         [
-            f"<h1>What changed: {escape(vehicle.name)}</h1>",
-            verdict(head, reasons, bad=bool(answer.changed or faults)),
+            f"<h1>{escape(head)}</h1>",
+            verdict(f"{vehicle.name}: {_count(len(answer.changed))}", reasons, bad=bool(answer.changed or faults)),
             *(_change(c) for c in answer.changed),
             *(["<h2>Sizes over the logs</h2>"] if any(f.sizes for f in answer.flights) else []),
             *(_sizes(answer, name) for name in dict.fromkeys(n for f in answer.flights for n in f.sizes)),
@@ -44,20 +43,29 @@ def page(answer: Since, vehicle: Vehicle, faults: Sequence[Mapping[str, str]] = 
     )
 
 
+def _finding(c: Changed) -> str:
+    """``Fan imbalance changed since friday.tlog``."""
+    name = plain(c.change.name)
+    return f"{name[:1].upper() + name[1:]} changed since {c.since}"
+
+
+def _count(changes: int) -> str:
+    return {0: "no change", 1: "one change"}.get(changes, f"{changes} changes")
+
+
 def _change(c: Changed) -> str:
     change = c.change
     sizes = ", ".join(estimate_words(e) for e in change.estimates)
     lines = [
-        f"<p><b>Since {escape(c.since)}</b>, probability {change.probability:.2f}: {escape(sizes)}.</p>",
+        f"<p>Probability {change.probability:.2f}: {escape(sizes)}.</p>",
         f"<p>{escape(change.effect.sign)}.</p>",
     ]
     if change.aliases:
         others = listed([plain(name) for name in change.aliases])
         lines.append(
-            f"<p><b>It may as well be {escape(others)}.</b> To tell them apart: {escape(change.effect.excite)}.</p>"
+            f"<p><b>It can also be {escape(others)}.</b> To separate them: {escape(change.effect.excite)}.</p>"
         )
-    title = plain(change.name)
-    return f"<h2>{escape(title[:1].upper() + title[1:])}</h2>{''.join(lines)}"
+    return f"<h2>{escape(_finding(c))}</h2>{''.join(lines)}"
 
 
 def _sizes(answer: Since, name: str) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +20,13 @@ from replay.search.results import Estimate
 
 LEARNT_FROM, OF_DAY = "learnt_from", "of_day"
 """Keys of ``model.json``: [{"name", "sha256"}] of logs; {effect: {"spread": {coefficient: standard deviation about
-zero}, "shape": {parameter: value}}} of what is of the day."""
+zero}, "shape": {parameter: value}}} of what belongs to one flight."""
 
 
 def amended(
     model: FanSurrogate | None, vehicle: Vehicle, effects: Iterable[AdoptedEffect], logs: Sequence[Path] = ()
 ) -> FanSurrogate:
-    """The model with ``effects`` added to those it has; weather and load of the day start at zero, with their spread.
+    """The model with ``effects`` added to those it has; weather and load start at zero, with their spread.
 
     ``logs``: what the effects were found in, so that nobody judges the model on them.
     """
@@ -36,7 +37,7 @@ def amended(
     base = empty_model(vehicle) if model is None else model
     found = list(effects)
     new = tuple(
-        AdoptedEffect(e.name, get(e.name).of_next_flight(e.parameters)) for e in found if not get(e.name).all_of_day
+        replace(e, parameters=get(e.name).of_next_flight(e.parameters)) for e in found if not get(e.name).all_of_day
     )
     info: dict[str, Any] = dict(base.info)
     if logs:
@@ -51,8 +52,9 @@ def amended(
 
 
 def to_adopt(
-    effect: Effect, estimates: Sequence[Estimate], context: Context, *, one_wind: bool = False
-) -> AdoptedEffect:
+    effect: Effect, estimates: Sequence[Estimate], context: Context, without: Sequence[str] = (), *,
+    one_wind: bool = False,
+) -> AdoptedEffect:  # fmt: skip
     """What was found, with the sizes that another flight may be predicted by.
 
     A coefficient of the vehicle is taken towards its prior mean by its own interval, d -> d d^2/(d^2 + sd^2): an
@@ -72,7 +74,7 @@ def to_adopt(
         mean, sd = c.mean(context) if effect.kept else 0.0, (e.ci95[1] - e.ci95[0]) / (2.0 * 1.96)
         off = e.value - mean
         parameters[c.name] = mean + share * off**3 / max(off**2 + sd**2, 1e-300)
-    return AdoptedEffect(effect.name, parameters)
+    return AdoptedEffect(effect.name, parameters, tuple(without))
 
 
 def learnt_from(model: FanSurrogate, log: Path) -> bool:
@@ -82,7 +84,7 @@ def learnt_from(model: FanSurrogate, log: Path) -> bool:
 
 
 def known_day(model: FanSurrogate) -> dict[str, dict[str, float]]:
-    """Effects of the day that the model was made beside, each with its shape."""
+    """Effects of one flight that the model was made beside, each with its shape."""
     return {name: dict(day["shape"]) for name, day in model.info.get(OF_DAY, {}).items()}
 
 
@@ -92,7 +94,7 @@ def _entry(log: Path) -> dict[str, str]:
 
 
 def _day(adopted: AdoptedEffect, context: Context) -> dict[str, dict[str, float]]:
-    """Standard deviation of what is of the day of an effect, before the day is known, and its shape."""
+    """Of an effect: standard deviation of what differs from flight to flight, and its shape."""
     effect = get(adopted.name)
     start = effect.of_next_flight(adopted.parameters)
     return {

@@ -30,7 +30,7 @@ class Named:
     """An effect in the answer, over all flights on which it was found."""
 
     found: Found
-    """Where it explains most, if it is of the day; else of the vehicle."""
+    """Where it explains most, if it belongs to one flight; else of the vehicle."""
     record: int
     status: str
     """``candidate`` (one flight) or ``confirmed`` (also lowers the residual of a flight that it was not fitted on)."""
@@ -80,7 +80,7 @@ class Diagnosis:
             self._as_found(n)
             if n.found.effect.name in joint
             else to_adopt(
-                n.found.effect, n.found.estimates, self.records[n.record].context,
+                n.found.effect, n.found.estimates, self.records[n.record].context, n.found.without,
                 one_wind=windy and len(self.records) == 1,
             )
             for n in self.named
@@ -93,7 +93,7 @@ class Diagnosis:
 
     @property
     def aliases(self) -> list[list[str]]:
-        """Effects that these flights cannot tell apart, each list led by the one that is named."""
+        """Effects that look the same on these flights, each list led by the one that is named."""
         return [[n.found.effect.name, *n.found.aliases] for n in self.named if n.found.aliases]
 
     def as_json(self, model: str | None) -> dict[str, Any]:
@@ -145,7 +145,7 @@ class Diagnosis:
         before, after = self.rms(after=False), self.rms(after=True)
         seconds = sum(r.seconds for r in self.records)
         lines = [f"{self.verdict.replace('_', ' ')}  ({seconds:.0f} s of flight judged)"]
-        lines += [f"  the log is not to be believed: {f.channel} {f.what}" for f in self.faults]
+        lines += [f"  fault of the log: {f.channel} {f.what}" for f in self.faults]
         lines += [
             f"  {name:3s} {b:8.3f} -> {a:8.3f} {unit}{_share_text([b, a], unit, self)}"
             for name, b, a, unit in zip(AXES, before, after, UNITS, strict=True)
@@ -203,6 +203,8 @@ def _effect(n: Named, answer: Diagnosis) -> dict[str, Any]:
         "equation": f.effect.equation,
         "sign": f.effect.sign,
     }
+    if f.without:
+        out["without"] = f.without
     if len(answer.traces) > 1:
         out["flights"] = {answer.traces[i].record.name: parameters for i, parameters in n.of_flight.items()}
     return out
@@ -227,17 +229,19 @@ def _effect_text(n: Named, answer: Diagnosis) -> list[str]:
         f"  {f.effect.name} ({sure}): {numbers}; explains {n.explains:.0%}",
         f"    {kept_words(f.effect)}",
     ]
+    if f.without:
+        lines.append(f"    not on {', '.join(f.without)}: there it makes the error larger")
     if f.aliases:
         lines.append(f"    or {', '.join(f.aliases)}; to separate them: {f.effect.excite}")
     return lines
 
 
 def _outside_text(o: Outside) -> str:
-    when = ", ".join(f"{a:.0f}-{b:.0f} s" for a, b in o.intervals_s[:4]) or "all along"
+    when = ", ".join(f"{a:.0f}-{b:.0f} s" for a, b in o.intervals_s[:4]) or "all the time"
     unit = UNITS[AXES.index(o.axis)]
     if o.regime:
         return f"  not explained: {o.axis} {o.rms:.3g} {unit} on average {WHERE[o.regime]}, {when}"
-    return f"  something acts that the log does not record: {o.axis} {o.rms:.3g} {unit}, {when}"
+    return f"  not explained, in no logged quantity: {o.axis} {o.rms:.3g} {unit}, {when}"
 
 
 def estimate_text(e: Estimate) -> str:

@@ -40,6 +40,10 @@ def add_parser(commands: Any) -> None:
     p.add_argument(
         "--span", type=float, metavar="M", help="motor axis to the opposite motor's axis (default: no moments)"
     )
+    p.add_argument(
+        "--set", action="append", default=[], metavar="KEY=VALUE",
+        help="another number of the drafted vehicle that you know better, such as hover_thrust=0.4 or hover_rpm=5200",
+    )  # fmt: skip
     p.add_argument("--save-vehicle", type=Path, metavar="FILE.toml", help="write the drafted vehicle for --vehicle")
     p.add_argument(
         "--model", metavar="DIR", help="declared model, or none: rotors in free air (default: the shipped model)"
@@ -127,7 +131,13 @@ def _check_drafting(a: argparse.Namespace) -> None:
     ):
         if number is not None and not 0.0 < number <= most:
             raise ConfigError(f"{option} {number:g}: must be above 0 and at most {most:g}")
-    drafting = {"--mass": a.mass, "--propeller": a.propeller, "--span": a.span, "--save-vehicle": a.save_vehicle}
+    drafting = {
+        "--mass": a.mass,
+        "--propeller": a.propeller,
+        "--span": a.span,
+        "--set": a.set or None,
+        "--save-vehicle": a.save_vehicle,
+    }
     for option, value in drafting.items():
         if value is not None and a.vehicle is not None:
             raise ConfigError(f"{option}: is of a drafted vehicle, and --vehicle gives one; leave one of them out")

@@ -139,11 +139,11 @@ def _channels(traces: Sequence[Trace]) -> tuple[Channel, ...]:
 
 
 def _one_wind(named: Sequence[Named], records: Sequence[Record]) -> list[str]:
-    """Drag and wind are apart where flights in different winds tell them apart."""
+    """Only flights in different winds separate drag from wind."""
     if len(records) > 1 or not any(n.found.effect.name == "wind" for n in named):
         return []
     return [
-        "one flight in one wind does not tell drag from wind: an amended model keeps half of the drag and of the "
+        "one flight in one wind does not separate drag from wind: an amended model keeps half of the drag and of the "
         "inflow; diagnose it together with a flight in another wind"
     ]
 

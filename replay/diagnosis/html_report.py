@@ -1,4 +1,4 @@
-"""The answer of ``replay diagnose`` as one HTML page for a pilot: what is missing, how sure, and what to do next."""
+"""The answer of ``replay diagnose`` as one HTML page for a pilot: what was found, how sure, and what to do next."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from models.frames import AXES
 from models.pages.document import document, folded, items, table, verdict
 from models.vehicle import Vehicle
 from replay.diagnosis.answer import UNITS, Diagnosis, Named
+from replay.diagnosis.finding import capital, finding, size_words
 from replay.diagnosis.interval import rms_interval
 from replay.diagnosis.next_step import certainty, next_step
 from replay.diagnosis.pictures import Acts, acts, against, block_picture, effect_picture, series, without
 from replay.diagnosis.words import (
     AXIS_WORDS,
     channel_words,
-    estimate_words,
     kept_words,
     listed,
     plain,
@@ -27,7 +27,7 @@ from replay.diagnosis.words import (
 )
 
 _SAME, _UNCHANGED = 0.005, 0.02
-"""A change below half a percent of an axis is none; one below two percent is not worth a sentence."""
+"""A change below half a percent of an axis is none; one below two percent is not mentioned."""
 
 
 def page(answer: Diagnosis, vehicle: Vehicle, model_faults: Sequence[Mapping[str, str]] = ()) -> str:
@@ -35,13 +35,14 @@ def page(answer: Diagnosis, vehicle: Vehicle, model_faults: Sequence[Mapping[str
     seconds = sum(r.seconds for r in answer.records)
     flights = ", ".join(r.name for r in answer.records)
     step = next_step(answer, model_faults)
+    found = finding(answer, model_faults)
     return document(
-        f"{vehicle.name}: what the model lacks",
+        f"{vehicle.name}: {found}",
         [
-            f"<h1>What the model lacks: {escape(vehicle.name)}</h1>",
+            f"<h1>{escape(found)}</h1>",
             verdict(step.verdict, [f"Next: {step.action}", *step.reasons], bad=step.bad),
-            f'<p class="dim">{escape(flights)}: {seconds:.0f} s of flight judged. Errors “after” are computed on time '
-            "that the fit had not seen.</p>",
+            f'<p class="dim">{escape(vehicle.name)}. {escape(flights)}: {seconds:.0f} s of flight judged. Errors '
+            "“after” are of held-out time, which the fit did not use.</p>",
             *(_effect(n, answer, vehicle) for n in answer.named),
             _axes(answer),
             _remains(answer),
@@ -49,8 +50,8 @@ def page(answer: Diagnosis, vehicle: Vehicle, model_faults: Sequence[Mapping[str
             "<h2>Error over time</h2>",
             *(f"<h3>{escape(t.record.name)}</h3>{series(t)}{block_picture(t)}" for t in answer.traces),
             folded("By place", _places(answer)),
-            folded("What else was tried, and why it was not named", _rejected(answer)),
-            folded("What this rests on", _basis(answer)),
+            folded("Other effects, and why they were not named", _rejected(answer)),
+            folded("Delays, time left out, notes and noise", _basis(answer)),
         ],
     )
 
@@ -88,28 +89,22 @@ def _pooled(answer: Diagnosis, axis: int, *, after: bool) -> tuple[float, float,
 
 
 def _effect(n: Named, answer: Diagnosis, vehicle: Vehicle) -> str:
-    """Size in words, how sure, the picture, what it does to the error; formula and numbers folded away."""
+    """Size as the heading, how sure, the picture, what it does to the error; formula and numbers folded away."""
     f = n.found
     a = acts(n, answer.traces)
-    context = answer.traces[n.record].record.context
-    words = (
-        f.effect.in_words(context, f.parameters)
-        if f.effect.in_words and a
-        else ", ".join(map(estimate_words, f.estimates))
-    )
-    text = [f"<p><b>{escape(_capital(words))}.</b></p>", f"<p>{escape(certainty(n))}</p>"]
+    text = [f"<p>Effect: <b>{escape(plain(f.effect.name))}</b>. {escape(certainty(n))}</p>"]
     if f.aliases:
         others = listed([plain(name) for name in f.aliases])
         flights = [f"{plain(e.name)}: {e.excite}" for e in (f.effect, *map(get, f.aliases))]
-        text.append(f"<p><b>This flight cannot tell it from {escape(others)}.</b> What would show each:</p>")
+        text.append(f"<p><b>On this flight it looks the same as {escape(others)}.</b> What would show each:</p>")
         text.append(items(flights))
     text += [f"<p>{escape(line)}</p>" for line in _error_words(n, a, vehicle)] if a else []
-    text.append(f"<p>{escape(_capital(kept_words(f.effect)))}.</p>")
+    text.append(f"<p>{escape(capital(kept_words(f.effect)))}.</p>")
     if f.effect.in_flight is not InFlight.WRENCH:
-        text.append(f"<p>{escape(_capital(f.effect.in_flight.value))}.</p>")
+        text.append(f"<p>{escape(capital(f.effect.in_flight.value))}.</p>")
     picture = effect_picture(n, a) if a else ""
     out = [
-        f"<h2>{escape(_capital(plain(f.effect.name)))}</h2>",
+        f"<h2>{escape(capital(size_words(n, answer)))}</h2>",
         f'<div class="plots"><div>{"".join(text)}</div>{picture}</div>',
     ]
     rows = [
@@ -121,14 +116,10 @@ def _effect(n: Named, answer: Diagnosis, vehicle: Vehicle) -> str:
     )
     numbers = table(("parameter", "value", "95 % interval", "unit"), rows, numbers=(1, 2))
     share = (
-        f"<p>Without it, beside the other effects, the energy of the error (each axis in hundredths of the weight) "
-        f"would be higher by {n.explains:.0%} of what it was before.</p>"
+        f"<p>Without it, the energy of the error would be higher by {n.explains:.0%} of what it was before. The other "
+        "effects stay; each axis counts in hundredths of the weight.</p>"
     )
     return "".join([*out, folded("Numbers and formula", numbers + share + formula)])
-
-
-def _capital(words: str) -> str:
-    return words[:1].upper() + words[1:]
 
 
 def _interval(ci95: tuple[float, float]) -> str:
@@ -150,7 +141,7 @@ def _error_words(n: Named, a: Acts, vehicle: Vehicle) -> list[str]:
 
 
 def _remains(answer: Diagnosis) -> str:
-    """What no effect explains: the channels that carry it, or the times at which it acts."""
+    """What no effect explains: the channels that it follows, or the times at which it acts."""
     rows = [
         [
             escape(channel_words(c.name)), escape(c.axis), f"{c.score:.0%}",
@@ -165,18 +156,18 @@ def _remains(answer: Diagnosis) -> str:
             plots += against(t, first.name, AXES.index(first.axis))
     lines = [
         f"{t.record.name}: {o.rms:.2g} {UNITS[AXES.index(o.axis)]} in {o.axis}, "
-        + (", ".join(f"{s:.0f} to {e:.0f} s" for s, e in o.intervals_s) or "all along")
+        + (", ".join(f"{s:.0f} to {e:.0f} s" for s, e in o.intervals_s) or "all the time")
         for t in answer.traces
         for o in t.outside
     ]
     if not rows and not lines:
         return ""
-    unseen = f"<p>Acts, but is in no logged quantity:</p>{items(lines)}" if lines else ""
+    no_channel = f"<p>This follows no logged quantity:</p>{items(lines)}" if lines else ""
     return (
         "<h2>What remains</h2>"
-        + table(("goes with", "axis", "share of the axis", ""), rows, numbers=(2,))
+        + table(("follows", "axis", "share of the axis", ""), rows, numbers=(2,))
         + (f'<div class="plots">{plots}</div>' if plots else "")
-        + unseen
+        + no_channel
     )
 
 

@@ -25,16 +25,16 @@ class NextStep:
     action: str
     reasons: tuple[str, ...]
     bad: bool = False
-    """Whether the log or the vehicle file is to be mended first."""
+    """Whether the log or the vehicle file is to be corrected first."""
 
 
 def next_step(answer: Diagnosis, model_faults: Sequence[Mapping[str, str]] = ()) -> NextStep:
     """The verdict in words, and the one thing to do. ``model_faults``: of a model or file of another vehicle."""
     names = listed([plain(n.found.effect.name) for n in answer.named])
-    faults = [*((f["channel"], f["what"]) for f in model_faults), *((f.channel, f.what) for f in answer.faults)]
+    faults = fault_rows(answer, model_faults)
     if faults:
         wrong = tuple(f"{channel_words(channel)}: {what}." for channel, what in faults)
-        action = "Check this in the log and the vehicle file first: what is named below may follow from it."
+        action = "Check this in the log and the vehicle file first: the effects below may follow from it."
         head = f"The model lacks {names}, but the log or the vehicle file has a fault." if names else _FAULTY
         return NextStep(head, action, wrong, bad=True)
     if answer.verdict == "not_judged":
@@ -45,8 +45,8 @@ def next_step(answer: Diagnosis, model_faults: Sequence[Mapping[str, str]] = ())
         )
     if answer.verdict == "unexplained":
         return NextStep(
-            "Something acts that the model lacks, and no effect of the catalogue fits it.", _look(answer),
-            ("Adopt nothing: there is no name for it.",),
+            "The model lacks something, and no effect of the catalogue fits it.", _look(answer),
+            ("Adopt nothing: its cause is not known.",),
         )  # fmt: skip
     rest = answer.verdict == "partly_explained"
     head = f"The model lacks: {names}." + (" Something else remains." if rest else "")
@@ -54,11 +54,16 @@ def next_step(answer: Diagnosis, model_faults: Sequence[Mapping[str, str]] = ())
     return NextStep(head, action, (*reasons, *((_look(answer),) if rest else ())))
 
 
+def fault_rows(answer: Diagnosis, model_faults: Sequence[Mapping[str, str]]) -> list[tuple[str, str]]:
+    """(channel, what is wrong) of the model or vehicle file, then of the log."""
+    return [*((f["channel"], f["what"]) for f in model_faults), *((f.channel, f.what) for f in answer.faults)]
+
+
 def certainty(n: Named) -> str:
     """How sure a name is, in a sentence."""
     chance = f"probability {n.found.probability:.2f}"
     if n.found.at_bound:
-        return f"Uncertain ({chance}): a parameter stands at the edge of what was tried."
+        return f"Uncertain ({chance}): a parameter is at the limit of what was tried."
     if n.status == CONFIRMED:
         return f"Confirmed ({chance}): as found on one flight, it also removes error from another."
     if n.found.probability >= SURE:
@@ -74,21 +79,21 @@ def _act(answer: Diagnosis) -> list[str]:
         f = open_[0].found
         others = listed([plain(name) for name in f.aliases])
         return [
-            f"Tell {plain(f.effect.name)} from {others}: {f.effect.excite}. Then diagnose again, with both logs.",
-            "This flight alone cannot tell them apart: do not adopt any of them before.",
+            f"Separate {plain(f.effect.name)} from {others}: {f.effect.excite}. Then diagnose again, with both logs.",
+            "On this flight alone they look the same: do not adopt any of them before.",
         ]
     worse = [n for n in answer.named if n.explains <= 0.0]
     if worse:
         name = plain(worse[0].found.effect.name)
         return [
             f"Fly this: {worse[0].found.effect.excite}. Then diagnose both logs together.",
-            f"On time that the fit had not seen, {name} does not lower the error: do not adopt it.",
+            f"On held-out time {name} does not lower the error: do not adopt it.",
         ]
     if any(n.found.at_bound for n in answer.named):
         effect = next(n for n in answer.named if n.found.at_bound).found.effect
         return [
             f"Fly this: {effect.excite}. Then diagnose both logs together.",
-            f"A parameter of {plain(effect.name)} stands at the edge of what was tried: do not adopt it.",
+            f"A parameter of {plain(effect.name)} is at the limit of what was tried: do not adopt it.",
         ]
     if all(n.status == CONFIRMED for n in answer.named) and weak.found.probability >= SURE:
         return [_adopt(answer), "Every effect was found on one flight and removed error from another."]
@@ -109,11 +114,11 @@ def _adopt(answer: Diagnosis) -> str:
     effects = [n.found.effect for n in answer.named]
     kept = [e for e in effects if e.kept]
     if not kept:
-        return "There is nothing to adopt: all of it is of the day, and the next flight starts without it."
+        return "There is nothing to adopt: all of it belongs to this flight. The next flight starts without it."
     text = "Adopt it: run the same command with --save-model DIR, then fly companion --model DIR, first with --dry-run."
     idle = [plain(e.name) for e in kept if e.in_flight is InFlight.NONE]
     gone = [plain(e.name) for e in effects if not e.kept]
-    text += f" Not kept, as of the day: {listed(gone)}." if gone else ""
+    text += f" Of this flight only, not kept: {listed(gone)}." if gone else ""
     return text + (f" Not compensated in flight: {listed(idle)}." if idle else "")
 
 

@@ -118,7 +118,7 @@ def binned(x: Array, y: Array, bins: int, independent: float, least: float = LEA
 
 
 def well_binned(x: Array, y: Array, independent: float) -> tuple[Array, Array, Array]:
-    """``binned`` with as many bins as the samples can fill: those of a short flight hang together over seconds.
+    """``binned`` with as many bins as the samples can fill: those of a short flight stay correlated over seconds.
 
     Where three bins cannot be filled, bins are shown that hold less, with an interval as wide as their scatter.
     """
@@ -206,7 +206,7 @@ def block_picture(t: Trace) -> str:
         return ""
     better = int((after < before).sum())
     lines = [Line(middle, y, kind, kind, points=True) for y, kind in ((before, "before"), (after, "after"))]
-    sentence = f"Lower in <b>{better} of {len(middle)}</b> blocks of {BLOCK_S:.0f} s that the fit had not seen."
+    sentence = f"Lower in <b>{better} of {len(middle)}</b> blocks of {BLOCK_S:.0f} s of held-out time."
     return f"<p>{sentence}</p>" + figure(
         f"Block by block: {t.record.name}", lines, "time since boot [s]", "error / noise"
     )

@@ -1,4 +1,4 @@
-"""Axes, channels and numbers of a diagnosis as a pilot says them."""
+"""Axes, channels and numbers of a diagnosis in the words of a pilot."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _CHANNELS = {
 }  # fmt: skip
 _CAPITALS = {"imu": "IMU", "cg": "CG", "esc": "ESC"}
 _NUMBERED = {"rpm": "speed of ESC {} [rpm]", "servo": "servo output {} [µs]"}
-_OF_THE_DAY = {BelongsTo.WEATHER: "the weather", BelongsTo.LOAD: "the battery and the load of the day"}
+_OF_ONE_FLIGHT = {BelongsTo.WEATHER: "the weather", BelongsTo.LOAD: "the battery and the load"}
 _UNITS = {"N m": "N m", "m/s^2": "m/s²", "kg m^2": "kg m²", "degC": "°C", "1": ""}
 
 
@@ -36,6 +36,11 @@ def channel_words(name: str) -> str:
         return _NUMBERED[numbered[1]].format(numbered[2])
     ranged = re.fullmatch(r"range_(\w+)_m", name)
     return f"range {ranged[1]} [m]" if ranged else plain(name)
+
+
+def channel_name(name: str) -> str:
+    """A channel without its unit."""
+    return channel_words(name).split(" [")[0]
 
 
 def plain(name: str) -> str:
@@ -64,18 +69,18 @@ def kept_words(effect: Effect) -> str:
     """What an amended model keeps of an effect, and what not."""
     gone = [plain(c.name) for c in effect.coefficients if effect.of_day(c)]
     left = [plain(c.name) for c in effect.coefficients if not effect.of_day(c)]
-    source = _OF_THE_DAY.get(effect.belongs_to, "the day")
+    source = _OF_ONE_FLIGHT.get(effect.belongs_to, "one flight")
     if not effect.kept:
         rest = f"; the amended model keeps {listed(left)}" if left else ""
-        return f"not kept: it is of {source}, and the next flight starts without it{rest}"
+        return f"not kept: it belongs to {source}, and the next flight starts without it{rest}"
     if effect.belongs_to is BelongsTo.INSTRUMENT:
         corrects = (
             "corrects what this sensor reads" if effect.in_flight is InFlight.MEASUREMENT else "corrects its logs"
         )
-        return f"kept for this sensor: it {corrects}, and no force of it is flown"
+        return f"kept for this sensor: it {corrects}, and is not compensated in flight"
     if effect.belongs_to is BelongsTo.PLACE:
         return "kept: it acts only where a range shows such a place"
-    return "kept: it is of the vehicle" + (f"; not kept, as of the day: {listed(gone)}" if gone else "")
+    return "kept: it belongs to the vehicle" + (f"; of this flight only, not kept: {listed(gone)}" if gone else "")
 
 
 def rough(value: float) -> str:

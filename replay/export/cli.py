@@ -24,9 +24,6 @@ def add_parser(commands: Any) -> None:
     p.add_argument("log", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg")
     p.add_argument("--to", required=True, choices=("parquet", "csv", "mcap"), help="format")
     p.add_argument("--out", type=Path, metavar="FILE", help="file to write (default: the log's name, in this folder)")
-    p.add_argument(
-        "--rate", type=float, metavar="HZ", help="an even clock, linear in between (default: every sample as it was)"
-    )
     add_pipeline_options(p)
     p.add_argument("--no-decisions", action="store_true", help="only what the log holds, which takes less time")
     p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
@@ -36,8 +33,6 @@ def add_parser(commands: Any) -> None:
 
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
-    if a.rate is not None and not 0.0 < a.rate <= 1000.0:
-        raise ConfigError(f"--rate {a.rate:g}: must be above 0 and at most 1000 Hz")
     from models.version import installed_version
     from replay.command import of_logs
     from replay.export.decided import Decided
@@ -57,14 +52,13 @@ def run(a: argparse.Namespace) -> int:
             notes += [] if made is None else made.notes
             decided = Decided(a.log, config, assumed_parameters(a.param))
             pipeline = {"vehicle": config.vehicle.name, "model": chosen.name}
-    tables = Tables(a.log, a.target_system, a.rate, decided, quiet=a.quiet)
+    tables = Tables(a.log, a.target_system, decided, quiet=a.quiet)
     target = Path(f"{a.log.stem}.{a.to}") if a.out is None else a.out
     about = {
         "log": a.log.name,
         "system": str(tables.system),
         "made_by": f"corner-compensator {installed_version()}",
         "frames": "world NED, body FRD, SI units",
-        "rate_hz": "as recorded" if a.rate is None else f"{a.rate:g}",
         **pipeline,
     }
     write = {"csv": write_csv, "parquet": write_parquet, "mcap": write_mcap}[a.to]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
@@ -26,8 +25,6 @@ class Column:
     t_s: Array
     values: Array
     topic: str
-    hold_s: float = 0.0
-    """For how long a sample stands until the next one; 0: it is linear in between."""
     words: tuple[str, ...] | None = None
     """A column of text: its values are places in ``words``."""
 
@@ -58,27 +55,12 @@ class Table:
         return np.array([None if code != code else column.words[int(code)] for code in out.tolist()], object)
 
 
-def table(piece: Piece, rate_hz: float | None = None, more: Iterable[Column] = ()) -> Table:
-    """Everything a boot, or a piece of it, holds, and ``more``. With ``rate_hz`` on an even clock that begins with the
-    boot: linear in between (states and decisions: the previous one).
-    """
-    log = piece.log
-    columns = (*recorded(log), *more)
-    if rate_hz is not None:
-        origin = log.start_s if math.isnan(piece.origin_s) else piece.origin_s
-        first = math.ceil(max((piece.start_s - origin) * rate_hz, 0.0))
-        beyond = int((log.end_s - origin) * rate_hz) + 1
-        if piece.end_s < math.inf:
-            beyond = min(beyond, math.ceil((piece.end_s - origin) * rate_hz))
-        t = origin + np.arange(first, beyond) / rate_hz
-        even = []
-        for c in columns:
-            values = Series(c.t_s, c.values[:, None]).at(t, c.hold_s or GAP_S, hold=c.hold_s > 0.0)[:, 0]
-            even.append(replace(c, t_s=t, values=values))
-        return Table(log.boot, t, tuple(even))
-    columns = tuple(own for c in columns if len((own := _within(c, piece.start_s, piece.end_s)).t_s))
+def table(piece: Piece, more: Iterable[Column] = ()) -> Table:
+    """Everything a boot, or a piece of it, holds, and ``more``."""
+    columns = [_within(c, piece.start_s, piece.end_s) for c in (*recorded(piece.log), *more)]
+    columns = [c for c in columns if len(c.t_s)]
     stamps = [c.t_s for c in columns]
-    return Table(log.boot, np.unique(np.concatenate(stamps)) if stamps else np.empty(0), columns)
+    return Table(piece.log.boot, np.unique(np.concatenate(stamps)) if stamps else np.empty(0), tuple(columns))
 
 
 def _within(column: Column, start_s: float, end_s: float) -> Column:
@@ -86,8 +68,6 @@ def _within(column: Column, start_s: float, end_s: float) -> Column:
     return replace(column, t_s=column.t_s[i:j], values=column.values[i:j])
 
 
-GAP_S = 0.5
-"""No value is interpolated over a longer gap: a vehicle moves 0.5 m in it at 1 m/s."""
 _NED = ("north", "east", "down")
 
 
@@ -172,4 +152,4 @@ def _state(name: str, intervals: tuple[Interval, ...], description: str, *, ends
         at |= {i.end_s: 0.0 for i in intervals if i.end_s not in at}
     times = sorted(at)
     values = np.array([at[t] for t in times])
-    yield Column(name, "1", description, np.array(times), values, "state", math.inf)
+    yield Column(name, "1", description, np.array(times), values, "state")

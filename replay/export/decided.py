@@ -15,11 +15,11 @@ from companion.adaptation import adapt
 from companion.adaptation.adaptation import Adaptation
 from companion.config import PipelineConfig
 from companion.control.compensation import Offset
-from companion.control.disturbance import Disturbance
 from companion.control.position_hold import BaseSetpoint
+from companion.control.state import Decision
+from companion.estimation.disturbance import Disturbance
 from companion.estimation.estimator import Seen, Surface
-from companion.pipeline import Decision
-from replay.export.columns import GAP_S, Column
+from replay.export.columns import Column
 from replay.logs.formats import suffix_of
 from replay.logs.pieces import Piece
 from replay.rerun.report import play
@@ -110,8 +110,7 @@ class Decided:
         out = []
         for name, (topic, q, t_s, values) in self._kept.items():
             words = tuple(self._words) if isinstance(q.value, str) else None
-            hold_s = math.inf if topic == "sizes" else GAP_S
-            out.append(Column(name, q.unit, q.description, np.array(t_s), np.array(values), topic, hold_s, words))
+            out.append(Column(name, q.unit, q.description, np.array(t_s), np.array(values), topic, words))
         return out
 
     def _add(self, d: Decision) -> None:

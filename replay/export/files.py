@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import itertools
-import json
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -54,30 +53,17 @@ def missing(to: str, package: str) -> ConfigError:
     return ConfigError(f"--to {to}: needs the package {package}: pip install 'corner-compensator[export]', or --to csv")
 
 
-def write_csv(path: Path, tables: Tables, metadata: dict[str, str]) -> Written:
-    """Names in the first line, empty cells where a column has no sample.
-
-    Units and descriptions stand beside it in ``FILE.csv-metadata.json`` (W3C, CSV on the Web: Metadata Vocabulary).
-    """
+def write_csv(path: Path, tables: Tables, _: dict[str, str]) -> Written:
+    """Names with their units in the first line, empty cells where a column has no sample."""
     rows = 0
     with whole(path) as part, part.open("w", newline="", encoding="utf-8") as file:
         columns = tables.columns()
-        described = [*_KEYS, *((c.name, c.unit, c.description) for c in columns)]
         writer = csv.writer(file)
-        writer.writerow([name for name, _, _ in described])
+        writer.writerow([*(name for name, _, _ in _KEYS), *(c.name for c in columns)])
         for boot, t, values in blocks(tables, columns):
             rows += len(t)
             cells = [map(_cell, column.tolist()) for column in values]
             writer.writerows(zip(itertools.repeat(boot + 1), map(_cell, t.tolist()), *cells, strict=False))
-    about: dict[str, Any] = {
-        "@context": "http://www.w3.org/ns/csvw",
-        "url": path.name,
-        "notes": metadata,
-        "tableSchema": {"columns": [{"name": n, "dc:description": d, "unit": u} for n, u, d in described]},
-    }
-    if path.is_file():  # nothing stands beside a pipe
-        with whole(path.with_name(f"{path.name}-metadata.json")) as part:
-            part.write_text(json.dumps(about, indent=1) + "\n", encoding="utf-8")
     return Written(rows, len(columns))
 
 

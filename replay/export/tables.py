@@ -20,10 +20,9 @@ class Tables:
     """Iterate as often as wanted. Raises LogError where the log cannot be read."""
 
     def __init__(
-        self, path: Path, target_system: int | None = None, rate_hz: float | None = None,
-        decided: Decided | None = None, *, quiet: bool = True,
-    ) -> None:  # fmt: skip
-        self._path, self._target, self._rate, self._quiet = path, target_system, rate_hz, quiet
+        self, path: Path, target_system: int | None = None, decided: Decided | None = None, *, quiet: bool = True
+    ) -> None:
+        self._path, self._target, self._quiet = path, target_system, quiet
         self._decided = decided
         head = list(itertools.islice(read_pieces(path, target_system), _KEPT + 1))
         self._all = head if len(head) <= _KEPT else None
@@ -47,12 +46,12 @@ class Tables:
     def __iter__(self) -> Iterator[Table]:
         if self._decided is None:
             for piece in self._pieces("rows", quiet=self._quiet):
-                yield table(piece, self._rate)
+                yield table(piece)
             return
         # The replay shows how far it is.
         pieces = self._pieces("rows", quiet=True)
         for piece, columns in self._decided.beside(pieces, self._target, quiet=self._quiet):
-            yield table(piece, self._rate, columns)
+            yield table(piece, columns)
 
     def _pieces(self, what: str, *, quiet: bool) -> Iterator[Piece]:
         if self._all is not None:

@@ -46,7 +46,7 @@ def run_folder(question: Job, options: FolderOptions) -> int:
     ):
         results.keep(job, answer)
         answers[job] = answer
-    ordered = [{**answers[job], "craft": _craft(answers[job], folder.resolve())} for job in jobs]
+    ordered = [answers[job] for job in jobs]
     bad = [answer for answer in ordered if "error" in answer]
     for line in [*notes, *(f"{answer['log']}: {answer['error']}" for answer in bad)]:
         print(f"replay: {line}", file=sys.stderr)
@@ -54,12 +54,6 @@ def run_folder(question: Job, options: FolderOptions) -> int:
     said = f"{len(jobs) - len(bad)} of {len(jobs)} logs{again}"
     _write(options, folder, out, f"replay {question.kind}: {folder.resolve().name}", ordered, said)
     return 0 if len(bad) < len(jobs) else LogError.exit_code
-
-
-def _craft(answer: dict[str, Any], folder: Path) -> str:
-    """Which vehicle flew: the folder below ``folder`` in which the log lies, else the system id."""
-    below = Path(answer["log"]).relative_to(folder).parts[:-1]
-    return below[0] if below else f"system {answer.get('system', '?')}"
 
 
 def _work(options: FolderOptions, jobs: Sequence[Job]) -> Iterable[tuple[Job, dict[str, Any]]]:

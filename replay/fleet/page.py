@@ -1,31 +1,21 @@
-"""The page of a folder: what its logs have in common, what differs, what drifts, and every log in a row."""
+"""The page of a folder: what its logs have in common, and every log in a row."""
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
 from html import escape
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from companion.control.authority import Reason
-from models.effects import get
 from models.pages.document import document, table, verdict
-from models.pages.svg import Line, figure
-from replay.fleet.trends import Trend, trends
 from replay.rerun.mend import lasted, to_mend
 
-_DAY_S = 86_400.0
-_COLOURS = ("after", "before", "a", "fit", "b", "c", "d")
-"""Of the vehicles, as the style of the pages names them."""
 _REASONS = {reason.name.lower(): reason for reason in Reason}
 """By their names in the JSON of a log, which may be of another version."""
 _COMMON = 0.5
-"""Share of the judged logs from which an effect is the vehicle's rather than a day's."""
+"""Share of the judged logs from which an effect belongs to the vehicle rather than to single flights."""
 
 
 def write_page(folder: Path, title: str, answers: Sequence[Mapping[str, Any]]) -> Path:
@@ -38,17 +28,15 @@ def write_page(folder: Path, title: str, answers: Sequence[Mapping[str, Any]]) -
 def page(folder: Path, title: str, answers: Sequence[Mapping[str, Any]]) -> str:
     """The whole page; ``folder`` is where it will lie, for links to the pages of single logs."""
     diagnosed = any("verdict" in a for a in answers)
-    found = trends(answers) if diagnosed else []
     head, step = _diagnosed(answers) if diagnosed else _replayed(answers)
     rows = [_failed(a) if "error" in a else (_row(a, folder) if diagnosed else _run_row(a)) for a in answers]
-    names = ("log", "answer", "judged") if diagnosed else ("log", "compensated", "held back longest by")
+    names = ("log", "answer", "judged") if diagnosed else ("log", "compensated", "main reason for no offset")
     return document(
         title,
         [
-            f"<h1>{escape(title)}</h1>",
-            verdict(head, [f"Next: {step}"]),
+            f"<h1>{escape(head)}</h1>",
+            verdict(title, [f"Next: {step}"]),
             f'<p class="dim">{escape(_counts(answers))}</p>',
-            *(_trend(t) for t in found),
             "<h2>Every log</h2>",
             table(names, rows),
         ],
@@ -59,16 +47,16 @@ def _diagnosed(answers: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
     """Verdict and next action from the effects that the logs show."""
     judged = [a for a in answers if "verdict" in a]
     if not any(a["effects"] for a in judged):
-        return "No log shows an effect that the model lacks.", "there is nothing to change."
+        return "No log shows an effect that the model lacks", "nothing: the model explains these logs."
     common = common_effects(judged)
     if not common:
         return (
-            "Some logs show an effect, most do not: it is of the day, not of the vehicle.",
-            "look at those logs one by one; adopt nothing for the whole fleet.",
+            "Some logs show an effect, most do not",
+            "look at those logs one by one: the effect belongs to a flight, not to the vehicle. Adopt nothing for all.",
         )
     names = "; ".join(" or ".join(name.replace("_", " ") for name in group) for group in common)
     return (
-        f"Most logs lack the same: {names}.",
+        f"Most logs show the same effect: {names}",
         "diagnose a few of these logs together, by their names: that confirms it and gives one size for the vehicle.",
     )
 
@@ -100,12 +88,12 @@ def _replayed(answers: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
     total: Counter[str] = Counter()
     for a in good:
         total.update(a["refusals_s"])
-    head = f"The companion would have compensated in {acted} of {len(good)} logs."
+    head = f"The companion would have compensated in {acted} of {len(good)} logs"
     first = to_mend((_REASONS[name], s) for name, s in total.items() if name in _REASONS)
     if first is None:
-        return head, "nothing but take-off and landing held it back."
+        return head, "nothing: only take-off and landing kept it from compensating."
     reason, seconds = first
-    return head, f"mend what held it back longest in all: {reason.value} ({lasted(seconds)})."
+    return head, f"correct the main reason for no offset: {reason.value} ({lasted(seconds)})."
 
 
 def _counts(answers: Sequence[Mapping[str, Any]]) -> str:
@@ -118,38 +106,15 @@ def _counts(answers: Sequence[Mapping[str, Any]]) -> str:
     return text
 
 
-def _trend(t: Trend) -> str:
-    name = escape(f"{t.effect}: {t.parameter}".replace("_", " "))
-    said = get(t.effect).sign
-    sign = f'<p class="dim">{escape(said)}.</p>' if said.startswith(t.parameter) else ""
-    return f"<h2>{name}</h2><p>{escape(t.in_words())}.</p>{sign}{_chart(t) if len(t.points) > 1 else ''}"
-
-
-def _chart(t: Trend) -> str:
-    """Size over days with its 95 % interval, a colour for each vehicle."""
-    start = min(p.day for p in t.points)
-    first = datetime.fromtimestamp(start * _DAY_S, UTC).strftime("%Y-%m-%d")
-    lines = []
-    for k, craft in enumerate(t.vehicles):
-        own = [p for p in t.points if p.vehicle == craft]
-        half = np.array([p.half if math.isfinite(p.half) else 0.0 for p in own])
-        days, values = np.array([p.day - start for p in own]), np.array([p.value for p in own])
-        lines.append(Line(days, values, _COLOURS[k % len(_COLOURS)], craft, points=True, error=half))
-    unit = f" [{t.unit}]" if t.unit != "1" else ""
-    return figure(f"{t.parameter.replace('_', ' ')}{unit}", lines, f"days since {first}", "")
-
-
 def _failed(a: Mapping[str, Any]) -> list[str]:
     return [_log_cell(a), f'<span class="bad">{escape(a["error"])}</span>', ""]
 
 
 def _log_cell(a: Mapping[str, Any], link: str = "") -> str:
-    """Name of the log, and below it vehicle and date."""
+    """Name of the log, and below it the date."""
     name = escape(Path(a["log"]).name)
-    known = "error" not in a
-    below = ", ".join(str(part) for part in ((a.get("craft"), a["date"][:10]) if known else ()) if part)
     name = f'<a href="{escape(link)}">{name}</a>' if link else name
-    return f'{name}<br><span class="dim small">{escape(below)}</span>' if below else name
+    return f'{name}<br><span class="dim small">{escape(a["date"][:10])}</span>'
 
 
 def _row(a: Mapping[str, Any], folder: Path) -> list[str]:

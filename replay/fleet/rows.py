@@ -1,4 +1,4 @@
-"""One row of numbers a log, and the table of a folder as Parquet or CSV."""
+"""One row of numbers a log, and the table of a folder."""
 
 from __future__ import annotations
 
@@ -17,7 +17,6 @@ def row(answer: Mapping[str, Any]) -> Row:
         "date",
         "date_from",
         "vehicle",
-        "craft",
         "system",
         "error",
         "verdict",
@@ -48,27 +47,10 @@ def row(answer: Mapping[str, Any]) -> Row:
 
 
 def write_table(folder: Path, rows: Sequence[Row]) -> Path:
-    """``table.parquet`` where pyarrow is installed, else ``table.csv``; a column a name, empty where a log lacks it."""
-    names = list(dict.fromkeys(name for r in rows for name in r))
-    try:
-        import pyarrow as pa
-        from pyarrow import parquet
-    except ImportError:
-        target = folder / "table.csv"
-        with target.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, names)
-            writer.writeheader()
-            writer.writerows(rows)
-        return target
-    target = folder / "table.parquet"
-    columns = {name: _column([r.get(name) for r in rows]) for name in names}
-    parquet.write_table(pa.table(columns), target)
+    """``table.csv``: a column a name, empty where a log lacks it."""
+    target = folder / "table.csv"
+    with target.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.DictWriter(file, list(dict.fromkeys(name for r in rows for name in r)))
+        writer.writeheader()
+        writer.writerows(rows)
     return target
-
-
-def _column(values: list[Any]) -> list[Any]:
-    """One type a column: numbers stay numbers, everything else is text."""
-    known = [v for v in values if v is not None]
-    if all(isinstance(v, int | float) and not isinstance(v, bool) for v in known):
-        return [None if v is None else float(v) for v in values]
-    return [None if v is None else str(v) for v in values]

@@ -9,7 +9,6 @@ import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from multiprocessing.connection import Connection
-from pathlib import Path
 from typing import Any
 
 from models.errors import ConfigError
@@ -18,22 +17,19 @@ from replay.fleet.jobs import Job, Kind, perform
 _PRELOAD = ["numpy", "replay.fleet.jobs", "replay.diagnosis.diagnose", "replay.rerun.report", "scipy.linalg"]
 _MEMORY_SHARE = 0.8
 """Of the machine's memory; the rest is for the system and the file cache."""
-_NEEDS = {Kind.RUN: (70e6, 3.0, 400e6), Kind.DIAGNOSE: (420e6, 10.0, 2.0e9)}
-"""Bytes for a small log, for every byte of a longer one, and at most: logs are read in blocks, of a long one two hours
-are diagnosed (docs/logs.md)."""
-_READ_AS_A_WHOLE = (".ulg",)
-"""Formats whose reader needs more memory for a longer log."""
+_NEEDED_BYTES = {Kind.RUN: 400e6, Kind.DIAGNOSE: 2.0e9}
+"""Of a long log: it is read in blocks, and two hours of it are diagnosed (docs/logs.md)."""
 
 
 def run_local(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, dict[str, Any]]]:
     """Answers in the order in which they come. One fresh process a log, so that memory is given back after each.
 
-    No more at a time than fit into memory together, each taken for the one that needs most.
+    No more at a time than fit into memory together, each taken for a long log.
     """
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # one process a core is enough
     context = mp.get_context("forkserver")
     context.set_forkserver_preload(_PRELOAD)
-    fit = int(_physical_bytes() * _MEMORY_SHARE / max(map(needed_bytes, jobs)))
+    fit = int(_physical_bytes() * _MEMORY_SHARE / _NEEDED_BYTES[jobs[0].kind])
     workers = max(min(workers, fit), 1)
     running: list[Any] = []
     pool = ThreadPoolExecutor(workers)
@@ -72,17 +68,6 @@ def run_dask(jobs: Sequence[Job], address: str) -> Iterator[tuple[Job, dict[str,
 
 def _physical_bytes() -> float:
     return float(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES"))
-
-
-def needed_bytes(job: Job) -> float:
-    """Memory that a job is expected to take; nearly nothing where its log is not there."""
-    base, per_byte, most = _NEEDS[job.kind]
-    path = Path(job.path)
-    try:
-        whole = base + per_byte * path.stat().st_size
-    except OSError:
-        return base
-    return whole if path.suffix.lower() in _READ_AS_A_WHOLE else min(whole, most)
 
 
 def _alone(context: Any, job: Job, running: list[Any]) -> dict[str, Any]:

@@ -112,7 +112,7 @@ def _rotors(log: FlightLog, vehicle: Vehicle) -> Ability:
         why += "; servo outputs are there"
         return Ability(
             question, Answer.PARTLY, why,
-            f"{change_for(log, 'rpm')}; or name the rotors by servo and add [throttle] (replay vehicle fits it)",
+            f"{change_for(log, 'rpm')}; or name the rotors by servo and add [throttle] (--save-vehicle drafts it)",
         )  # fmt: skip
     outputs = change_for(log, "servo")
     change = f"{change_for(log, 'rpm')}; or, for outputs with [throttle], {outputs}" if wanted else outputs

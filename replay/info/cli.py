@@ -58,12 +58,12 @@ def run(a: argparse.Namespace) -> int:
     for path in tqdm(logs, unit="log", disable=not shown, leave=False, file=sys.stderr):
         refusal = ""
         try:
-            vehicle, chosen, _ = of_logs(
+            vehicle, chosen, draft = of_logs(
                 a.vehicle, a.model, [path], Given(), a.target_system, measured=a.judge or a.companion
             )
         except LogError as error:
             refusal = str(error).removeprefix(f"{path}: ")
-            vehicle, chosen = declared(None, a.model)
+            vehicle, chosen, draft = *declared(None, a.model), None
         try:
             answer = inspect(
                 path, vehicle, chosen, a.target_system, assumed, refusal=refusal, judge=a.judge, decide=a.companion,
@@ -74,7 +74,7 @@ def run(a: argparse.Namespace) -> int:
             answers.append({"log": str(path), "error": str(error)})
             print(f"replay: {error}", file=sys.stderr)
             continue
-        answers.append(answer.as_json())
+        answers.append(answer.as_json() | ({} if draft is None else {"drafted": draft.as_json()}))
         if a.json != "-" and not a.quiet:
             print(answer.as_line() if folders else answer.as_text())
             if chosen.note and not refusal and not folders:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.config import PipelineConfig
-from companion.pipeline import Decision
+from companion.control.state import Decision
 from companion.telemetry.summary import Summary
 from models.progress import Bars
 from replay.rerun.report import run

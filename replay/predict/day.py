@@ -18,7 +18,7 @@ LEARNING_S = 20.0
 ALWAYS = ("imu_bias", "payload", "vertical_inflow", "wind")
 """Effects that every flight has something of: what a sensor reads too much, the load, and the wind."""
 CORRELATED_S = 0.3
-"""Time over which the low-pass makes a residual hang together [s]: samples within it count as one."""
+"""Time over which the low-pass makes a residual stay correlated [s]: samples within it count as one."""
 ROUNDS = 3
 """Noise and coefficients are fitted in turn so often."""
 QUIETEST = 0.002
@@ -57,8 +57,9 @@ def learn_day(
     """The day of a flight by what a model leaves (n, 6) of its start.
 
     Maximum a posteriori of a linear model: every coefficient has the Gaussian prior of its effect, about zero, and
-    noise has the variance of what is left, counted once in ``CORRELATED_S``. ``of_day``: shapes of the effects of the
-    day that the model knows besides, by the name of the effect.
+    noise has the mean square of what is left, counted once in ``CORRELATED_S``. What is left has a mean, too: else a
+    constant moment that nothing of the day explains, as of a shifted centre of gravity, would be taken for wind.
+    ``of_day``: shapes of the effects of the day that the model knows besides, by the name of the effect.
     """
     known = {e.name: e.parameters for e in adopted} | dict(of_day)
     names: list[tuple[str, str]] = []
@@ -80,7 +81,7 @@ def learn_day(
     least = QUIETEST * record.context.weight * np.where(np.arange(6) < 3, 1.0, record.context.lever)
     for _ in range(ROUNDS):
         precision, towards = np.diag(prior), np.zeros(len(spread))
-        noise = np.maximum((y - x[rows] @ values).std(axis=0), least)
+        noise = np.maximum(np.sqrt(((y - x[rows] @ values) ** 2).mean(axis=0)), least)
         for axis in record.axes:
             weight = record.step_s / CORRELATED_S / noise[axis] ** 2
             precision += weight * x[rows, axis].T @ x[rows, axis]

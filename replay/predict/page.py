@@ -22,20 +22,20 @@ def page(answer: Prediction, vehicle: Vehicle, faults: Sequence[Mapping[str, str
     """The whole page. ``faults``: ``channel`` and ``what`` of a model or vehicle file of another vehicle."""
     errors = answer.axes()
     worse = [AXIS_WORDS[AXES.index(a)] for a, e in errors.items() if e.interval[0] > e.without]
-    head = f"The adopted effects make this worse: {', '.join(worse)}." if worse else _gain(errors)
+    head = f"The adopted effects make this worse: {', '.join(worse)}" if worse else _gain(errors)
     how = (
         "Nothing was fitted on these flights."
         if answer.frozen
-        else f"Wind, load and offset of the accelerometer were learnt from the first {LEARNING_S:.0f} s of each "
+        else f"Wind, load and accelerometer offset were learned from the first {LEARNING_S:.0f} s of each "
         "flight, and the rest is judged."
     )
     wrong = [f"{f['channel']}: {f['what']}." for f in faults]
     seconds = sum(f.seconds for f in answer.flights)
     return document(
-        f"{vehicle.name}: the model on other flights",
+        f"{vehicle.name}: {head}",
         [
-            f"<h1>The model on other flights: {escape(vehicle.name)}</h1>",
-            verdict(head, [how, *wrong], bad=bool(worse or faults)),
+            f"<h1>{escape(head)}</h1>",
+            verdict(f"{vehicle.name}: the model on other flights", [how, *wrong], bad=bool(worse or faults)),
             f'<p class="dim">{escape(", ".join(f.record.name for f in answer.flights))}: {seconds:.0f} s judged.</p>',
             "<h2>Error of the model</h2>",
             "<p>RMS of measured minus modelled force and moment, with its 95 % interval.</p>",
@@ -62,7 +62,7 @@ _HEAD = ("where", "axis", "without the effects", "with them")
 
 def _gain(errors: Mapping[str, AxisError]) -> str:
     ratio = np.exp(np.mean([np.log(max(e.with_effects, 1e-12) / max(e.without, 1e-12)) for e in errors.values()]))
-    return f"The adopted effects leave {ratio:.0%} of the error (geometric mean over the axes)."
+    return f"The adopted effects leave {ratio:.0%} of the error (geometric mean over the axes)"
 
 
 def _row(where: str, axis: str, e: AxisError) -> list[str]:
@@ -77,14 +77,14 @@ def _over_time(f: Predicted) -> str:
     """What acts beside the model without effects, as measured, and what the effects say of it."""
     t, valid = f.record.time_s, f.record.valid
     learnt = valid & ~f.rows
-    bands = [Band(float(t[learnt][0]), float(t[learnt][-1]), "d", "the day is learnt here")] if learnt.any() else []
+    bands = [Band(float(t[learnt][0]), float(t[learnt][-1]), "d", "wind and load learned here")] if learnt.any() else []
     lines: list[Line] = []
     out = []
     for axis in f.record.axes:
-        told = f.without[:, axis] - f.with_effects[:, axis]
+        predicted = f.without[:, axis] - f.with_effects[:, axis]
         lines = [
             Line(*envelope(t, np.where(valid, y, np.nan)), kind, label)
-            for y, kind, label in ((f.without[:, axis], "before", "measured"), (told, "after", "predicted"))
+            for y, kind, label in ((f.without[:, axis], "before", "measured"), (predicted, "after", "predicted"))
         ]
         title = f"{AXES[axis]}, {AXIS_WORDS[axis]}, beside the model without effects"
         out.append(figure(title, lines, "time since boot [s]", f"[{UNITS[axis]}]", bands, keyed=False))

@@ -27,7 +27,7 @@ Mask = NDArray[np.bool_]
 BLOCK_S = 3.0
 """Blocks of the bootstrap: longer than a residual hangs together [s]."""
 LEAST_S = 4.0
-"""A regime, or what follows the learning of the day, has to last so long [s]."""
+"""A regime, or what follows the learning of wind and load, has to last so long [s]."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Predicted:
     without: Array
     """Of the model without its adopted effects."""
     with_effects: Array
-    """Of the model, and of the day where it was learnt."""
+    """Of the model, and of wind and load where they were learned."""
     rows: Mask
     day: Day | None
     learnt_from: bool
@@ -116,7 +116,7 @@ class Prediction:
     def as_text(self) -> str:
         """A few lines for a person."""
         seconds = sum(f.seconds for f in self.flights)
-        how = "nothing is fitted" if self.frozen else f"the day is learnt from the first {LEARNING_S:.0f} s of a flight"
+        how = "nothing is fitted" if self.frozen else f"wind and load are learned from the first {LEARNING_S:.0f} s"
         lines = [f"error without -> with the adopted effects  ({seconds:.0f} s judged; {how})", *_lines(self.axes())]
         for name, (lasted, errors) in self.regimes().items():
             lines += [f"  {name} ({lasted:.0f} s)", *(f"  {line}" for line in _lines(errors))]

@@ -1,4 +1,4 @@
-"""What to mend first so that offsets act: the reason that held them back longest, but for those of every flight."""
+"""What to correct first so that offsets act: the reason that stopped them longest, except those of every flight."""
 
 from __future__ import annotations
 
@@ -16,5 +16,5 @@ def to_mend(refusals: Iterable[tuple[Reason, float]]) -> tuple[Reason, float] | 
 
 
 def lasted(seconds: float) -> str:
-    """A length of time as people say it."""
+    """A length of time in words."""
     return f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} minutes"

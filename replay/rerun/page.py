@@ -41,17 +41,17 @@ def page(report: RunReport, history: History) -> str:
         f"“{report.model}”, {report.boots} boot(s). Nothing was sent: this is a replay."
     )
     return document(
-        f"{report.log.name}: what the companion would have done",
+        f"{report.log.name}: {head}",
         [
-            f"<h1>What the companion would have done: {escape(report.log.name)}</h1>",
-            verdict(head, steps),
+            f"<h1>{escape(head)}</h1>",
+            verdict("What the companion would have done", steps),
             f'<p class="dim">{escape(about)}</p>',
-            "<h2>Why it held back</h2>" if numbers["gravest_s"] else "",
+            "<h2>Why it gave no offset</h2>" if numbers["gravest_s"] else "",
             _reasons(report),
             "<h2>Over time</h2>",
             _plots(history, bands),
             "<h2>Numbers</h2>",
-            table(("", "least", "mean", "most"), _ranges(numbers), numbers=(1, 2, 3)),
+            table(("", "min", "mean", "max"), _ranges(numbers), numbers=(1, 2, 3)),
             folded("Notes", items(report.notes)),
             folded("Messages", table(("sample", "count"), _samples(numbers), numbers=(1,))),
         ],
@@ -61,18 +61,18 @@ def page(report: RunReport, history: History) -> str:
 def _verdict(report: RunReport, numbers: dict[str, Any]) -> tuple[str, list[str]]:
     share, duration = numbers["share_compensated"], numbers["duration_s"]
     if not share:
-        head = "It would not have compensated."
+        head = "It would not have compensated"
     else:
-        head = f"It would have compensated {share:.0%} of {duration:.0f} s."
+        head = f"It would have compensated {share:.0%} of {duration:.0f} s"
     if share < _MOSTLY:
         first = to_mend(report.summary.refusals())
         if report.summary.too_slow:
             return head, [f"Next: {report.summary.too_slow}."]
         if first is None:
-            return head, ["Next: replay a longer flight; nothing but take-off and landing held it back."]
+            return head, ["Next: replay a longer flight. Only take-off and landing kept it from compensating."]
         reason, seconds = first
         return head, [
-            f"Next: mend what held it back longest ({reason.value}, {lasted(seconds)}); then fly and replay again."
+            f"Next: correct the main reason for no offset ({reason.value}, {lasted(seconds)}). Fly, and replay again."
         ]
     thrust = max((abs(numbers["thrust"][k]) for k in ("min", "max")), default=0.0)
     tilt = max(abs(numbers[n][k]) for n in ("roll_deg", "pitch_deg") for k in ("min", "max"))

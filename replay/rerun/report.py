@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.config import PipelineConfig
-from companion.pipeline import Decision
+from companion.control.state import Decision
 from companion.telemetry.summary import Summary
 from models.errors import LogError
 from replay.logs.formats import read_pieces, suffix_of

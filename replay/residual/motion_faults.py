@@ -29,7 +29,7 @@ longer, and its share of that over the shorter (a tenth for derivatives), below 
 UPSIDE_DOWN, OVER_S, OVER_SHARE, END_SHARE = 0.3, 0.3, 0.3, 0.8
 """Cosine of the tilt below which nothing flies; for how long; share of the rest of the log, or place of the first in
 the log, from which on it is the end of the flight rather than a flip."""
-DERIVED_ACCELEROMETER = LogFault("ax_m_s2", "is derived from the velocity: it measures nothing of its own")
+DERIVED_ACCELEROMETER = LogFault("ax_m_s2", "is computed from the velocity, not measured")
 
 
 def gyro_faults(motion: Motion, flying: Mask) -> list[LogFault]:

@@ -30,7 +30,7 @@ REACTIONS = {
     "My": ("pitch", "roll", "p_", "q_", "r_", "ax_", "ay_", "servo", "rpm", "thrust", "ve_", "vn_"),
     "Mz": ("p_", "q_", "r_", "servo", "rpm", "thrust"),
 }
-"""Channels that answer a disturbance of that axis within the loop, and go along with its noise.
+"""Channels that respond to a disturbance of that axis within the loop, and vary with its noise.
 
 The pack's current does; its voltage also falls with the charge, which makes it a cause.
 """
@@ -38,7 +38,7 @@ DRIFTS = ("north_m", "east_m", "down_m", "yaw_rad", "range_")
 """Channels that nothing but disturbances move in a flight that only hovers."""
 ODDS, REACTION_ODDS = 2e-4, 1e-5
 """Prior odds of a curve over one channel on one axis: rarer than every effect, as there are a hundred such curves; and
-of one over a channel that answers disturbances."""
+of one over a channel that responds to disturbances."""
 SHARE, REACTION_SHARE = 0.08, 0.25
 """Smallest share of the axis' energy that such a curve has to carry."""
 FEWEST = 50
@@ -78,7 +78,7 @@ def curves(records: Sequence[Record]) -> Iterator[Curve]:
 
 
 def answers(channel: str, axis: str, vehicle: Vehicle) -> bool:
-    """Whether a channel answers a disturbance of an axis within the control loop. Vanes do not answer what lifts."""
+    """Whether a channel responds to a disturbance of an axis within the control loop. Vanes do not change lift."""
     lifts = axis == "Fz" and channel in {f"servo_{vane.servo}" for vane in vehicle.vanes}
     return channel.startswith(REACTIONS[axis]) and not lifts
 

@@ -18,7 +18,7 @@ SLOW_S = (0.3, 1.0, 3.0, 10.0)
 SLOW_SHARE = (0.4, 0.75, 0.95, 0.99)
 """Shares of the variance that the slow disturbance may have; the rest is sensor noise, white through the smoother."""
 FITTED_SHARE = 0.75
-"""Sizes are fitted beside no slower noise: else only the fast part would count, in which loops answer disturbances."""
+"""Sizes are fitted beside no slower noise. Else only the fast part would count: there loops respond to disturbances."""
 SMOOTHER_S = 0.066
 """Standard deviation of the 2 Hz Gaussian smoother that the residual went through [s]."""
 NUGGET = 1e-3

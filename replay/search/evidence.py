@@ -39,7 +39,7 @@ LOUDEST = 5.0
 QUIET_S, QUIET_SPECTRUM = 4.0, (1.0, 0.75)
 """Quiet noise is what the residual does within this time [s], with this spectrum (time [s], share) of the grid."""
 UNWORTHY = 6.0
-"""Largest cost (log) of what is not worth a name while a set grows."""
+"""Largest cost (log) of a term that is too small to be named, while a set grows."""
 ROUNDS = 2
 """Noise and coefficients are fitted in turn, at most so often."""
 SETTLED = 0.01
@@ -76,7 +76,7 @@ class Fit:
 
     @property
     def promise(self) -> float:
-        """Score of a set that is still to grow: another term may make worth a name what is not yet."""
+        """Score of a set that is still to grow: another term may make a small one large enough to be named."""
         return self.score - self.worth + max(self.worth, -UNWORTHY)
 
     @property
@@ -251,7 +251,7 @@ class Evidence:
         return np.concatenate([np.empty((0, len(self.spectra))), *parts])
 
     def _noise(self, rest: Sequence[Array], energies: Array, form: Array) -> Noise:
-        """The likeliest spectrum of what is left; no quieter than its raw energy, the errors of form, and the floor."""
+        """The likeliest spectrum of the rest; no quieter than its raw energy, the model-form errors, and the floor."""
         counts = self._counts[:, None]
         raw = np.concatenate([np.empty(0), *((e**2).sum(axis=1) for e in rest)]) / self._counts
         variance = self._variance(energies, np.maximum(raw, form))

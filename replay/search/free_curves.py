@@ -1,6 +1,6 @@
 """What no effect explains: free curves of every channel, and spectral lines, on time that their fit never saw.
 
-The share of an axis' energy that a curve takes off unseen time is compared with the shares that the same curves take
+The share of an axis' energy that a curve removes on held-out time is compared with the shares that the same curves take
 off coloured noise of the same spectrum; the most surprising of all curves on all axes is what has to be beaten.
 """
 
@@ -28,9 +28,9 @@ DRAWS = 199
 ALPHA = 0.005
 """Chance with which noise alone has a further channel."""
 SMALLEST_SHARE = 0.06
-"""Share of an axis' energy on unseen time from which on a channel counts."""
+"""Share of an axis' energy on held-out time from which on a channel counts."""
 REACTIVE_SHARE = 0.25
-"""The same of a channel that answers disturbances within the control loop."""
+"""The same of a channel that responds to disturbances within the control loop."""
 NEVER = 2.0
 """A share that nothing reaches."""
 CAUSE_SHARE = 0.6
@@ -118,7 +118,7 @@ def _limit(channel: str, axis: str, record: Record) -> float:
 def _ranked(found: list[_Found], vehicle: Vehicle) -> tuple[Channel, ...]:
     """The channels that carry most, a cause before what answers it.
 
-    Channels that answer a disturbance go along with it: where one that nothing drives does nearly as well, it is the
+    Channels that respond to a disturbance vary with it: where one that nothing drives does nearly as well, it is the
     cause.
     """
     reacts = {f: answers(f.channel.name, f.channel.axis, vehicle) for f in found}
@@ -134,7 +134,7 @@ def _ranked(found: list[_Found], vehicle: Vehicle) -> tuple[Channel, ...]:
 def smallest_share(channel: str, axis: str, vehicle: Vehicle) -> float:
     """Share of an axis' energy from which on a channel counts as its carrier.
 
-    In closed loop the controller answers a disturbance, so that speeds, vanes and tilt repeat its noise; such a channel
+    In closed loop the controller responds to a disturbance: speeds, vanes and tilt repeat its noise. Such a channel
     has to carry much more than one that nothing drives. In hover every moment is mirrored by what balances it, so that
     a reaction proves no moment at all.
     """
@@ -156,7 +156,7 @@ class _Split:
         self.gram_unused = [self.x[rows].T @ self.x[rows] for rows in self.unused]
 
     def shares(self, curves: list[_Curve], y: Array) -> Array:
-        """Share of the energy of signals ``y`` (n, signals) that every curve takes off unseen time."""
+        """Share of the energy of signals ``y`` (n, signals) that every curve removes on held-out time."""
         y = (y - y.mean(axis=0)).astype(np.float32)
         product = self.x.T @ y
         gain = np.zeros((len(curves), y.shape[1]))

@@ -31,7 +31,7 @@ LOUD = 0.6
 So much is left near the ground where nothing is missing: by the declared model's own error, and by 2 cm of range.
 """
 CONFIRM_SHARE = 0.01
-"""Smallest share of the energy that an effect has to take off a flight that confirms it."""
+"""Smallest share of the energy that an effect has to remove from a flight that confirms it."""
 CONFIRM_BLOCK_S = 5.0
 """Blocks of the bootstrap [s]: longer than the remainder is correlated."""
 DRAWS = 1000
@@ -45,7 +45,7 @@ class Acting:
     held_out: Array
     """On the judged axes, every sample by coefficients of the other folds."""
     fitted: Array
-    """On the judged axes with its error of form, by coefficients of all time."""
+    """On the judged axes with its model-form error, by coefficients of all time."""
     axes: tuple[str, ...]
     """Those that it acts on."""
     folds: Array
@@ -65,9 +65,9 @@ class FlightFit:
     after: Array
     """With every effect, on held-out time."""
     rest: Array
-    """With every effect and its error of form, fitted on all time."""
+    """With every effect and its model-form error, fitted on all time."""
     unexplained: Array
-    """``after`` less the free curves and the trims: no error of form is forgiven."""
+    """``after`` less the free curves and the trims: no model-form error is taken out."""
     effects: dict[Key, Acting]
     curves: tuple[Channel, ...] = ()
     curve_gain: float = 0.0
@@ -77,6 +77,25 @@ class FlightFit:
     def without(self, key: Key) -> Array:
         """``after`` of the set less one effect."""
         return self.after + self.effects[key].held_out
+
+    def gain(self, key: Key, axis: int) -> float:
+        """Energy of one axis that one effect removes beside the others."""
+        with_it, less = self.after[:, axis], self.without(key)[:, axis]
+        valid, unit = self.record.valid, self.unit[axis]
+        return float(((less[valid] / unit) ** 2).sum() - ((with_it[valid] / unit) ** 2).sum())
+
+    def without_axis(self, key: Key, axis: int) -> FlightFit:
+        """The same with an effect that does not act on one axis."""
+        acting, on = self.effects[key], np.arange(6) == axis
+        held_out, fitted = (np.where(on, w, 0.0) for w in (acting.held_out, acting.fitted))
+        less = replace(
+            acting, held_out=acting.held_out - held_out, fitted=acting.fitted - fitted,
+            axes=tuple(a for a in acting.axes if a != AXES[axis]),
+        )  # fmt: skip
+        return replace(
+            self, after=self.after + held_out, rest=self.rest + fitted, unexplained=self.unexplained + held_out,
+            effects=self.effects | {key: less},
+        )  # fmt: skip
 
     def loud(self, axis: str, share: float) -> bool:
         """Whether that share of what is left on an axis is worth a pilot's attention."""
@@ -117,7 +136,7 @@ def _one(evidence: Evidence, best: Fit, f: int, record: Record) -> FlightFit:
     before = np.where(seen, np.nan_to_num(record.residual), 0.0)
     folds = _folds(evidence, best, f, record)
     terms = [t for t in best.terms if t.effect is not None and f in t.places]
-    effects = {t.key: _acting(evidence, best, t, f, before, unit, folds) for t in terms}
+    effects = {t.key: _acting(evidence, best, t, f, unit, folds) for t in terms}
     after, rest = before, before
     for acting in effects.values():
         after, rest = after - acting.held_out, rest - acting.fitted
@@ -128,9 +147,8 @@ def _one(evidence: Evidence, best: Fit, f: int, record: Record) -> FlightFit:
 
 
 def _acting(
-    evidence: Evidence, best: Fit, t: Term, f: int, before: Array, unit: Array,
-    folds: tuple[list[Array], NDArray[np.int64]],
-) -> Acting:  # fmt: skip
+    evidence: Evidence, best: Fit, t: Term, f: int, unit: Array, folds: tuple[list[Array], NDArray[np.int64]]
+) -> Acting:
     """One effect on a flight: by all time, and on every fold by the others."""
     assert t.effect is not None
     record = evidence.library.records[f]
@@ -139,12 +157,6 @@ def _acting(
     place, part = np.searchsorted(t.columns, t.places[f]), best.part(t)
     scale = t.scale[place]
     own = x @ (best.b[part][place] * scale)
-    # On axes by which it is not looked for it counts where it helps.
-    for a in (a for a in range(6) if t.effect.searched and AXES[a] not in t.effect.searched):
-        y = before[record.valid, a]
-        if ((y - own[record.valid, a]) ** 2).sum() > (y**2).sum():
-            x[:, a] = 0.0
-            own[:, a] = 0.0
     coefficients, fold_of = folds
     of_fold = np.stack([b[part][place] * scale for b in coefficients])
     per_fold = np.einsum("nak,fk->fna", x, of_fold)
@@ -211,7 +223,7 @@ def _wrench(evidence: Evidence, fit: Fit, t: Term, flight: FlightFit, share: Arr
 
 
 def _of_day_removes(evidence: Evidence, best: Fit, t: Term, fit: FlightFit) -> bool:
-    """Whether what is of the day of an effect lowers the residual of a flight: no other flight can say so."""
+    """Whether the part of an effect that is of one flight lowers its residual: no other flight can show it."""
     assert t.effect is not None
     if fit.index not in t.places:
         return False

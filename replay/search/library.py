@@ -170,7 +170,7 @@ class Library:
     def _add(
         self, effect: Effect, flight: int | None, flights: Sequence[int], shape: tuple[float, ...], log_shape: float
     ) -> None:
-        """One shape of an effect: numbers for its coefficients and errors of form, and its columns in every channel."""
+        """One shape of an effect: numbers for coefficients and model-form errors, and columns in every channel."""
         spread, centre = prior_of(effect, self.records[flights[0]].context, shape)
         places, priors = self._numbered(effect, flights, spread, centre)
         bent = [self._write(effect, f, shape, spread, places[f]) for f in flights]
@@ -194,7 +194,7 @@ class Library:
     def _numbered(
         self, effect: Effect, flights: Sequence[int], spread: Array, centre: Array
     ) -> tuple[dict[int, Columns], list[Prior]]:
-        """Numbers of an effect's coefficients on every flight, the same on all but for those of the day, and priors."""
+        """Numbers of an effect's coefficients on every flight, the same on all but those of one flight, and priors."""
         priors: list[Prior] = []
         places: dict[int, Columns] = {f: np.empty(len(spread), np.int64) for f in flights}
         for i, c in enumerate(effect.coefficients):
@@ -207,7 +207,7 @@ class Library:
         return places, priors
 
     def _write(self, effect: Effect, f: int, shape: tuple[float, ...], spread: Array, place: Columns) -> list[Array]:
-        """Columns of an effect in the channels of one flight; what its errors of form are there, (n, 6) each."""
+        """Columns of an effect in the channels of one flight; its model-form errors there, (n, 6) each."""
         record = self.records[f]
         bent: list[Array] = []
         if effect.mixing is None:
@@ -228,7 +228,7 @@ class Library:
         return bent
 
     def _write_form(self, effect: Effect, f: int, bent: Array) -> None:
-        """One error of form (n, 6) in the channels of one flight, as the column that comes next."""
+        """One model-form error (n, 6) in the channels of one flight, as the column that comes next."""
         for a in self._searched_axes(effect, f):
             if np.abs(bent[:, a]).max() > 0.0:
                 self._at[f, a].add(np.array([self.size]), bent[:, a : a + 1])
@@ -302,7 +302,7 @@ class Library:
         return self._curves[int(term.columns[0]), flight]
 
     def wrenches(self, term: Term, flight: int) -> tuple[Array, Array]:
-        """Wrenches (n, 6, k) per coefficient of an effect at the record's rate, and (n, 6, m) of its errors of form."""
+        """Wrenches (n, 6, k) per coefficient at the record's rate, and (n, 6, m) of its model-form errors."""
         effect, record = term.effect, self.records[flight]
         assert effect is not None
         x = regressors_of(effect, record, term.shape)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -29,7 +29,7 @@ BOUND_SHARE = 0.01
 LEARNT = 0.7
 """Posterior over prior standard deviation above which a flight has said nothing about a coefficient."""
 FORM_SHARE = 0.15
-"""A remainder below this share of what the effects took out is their error of form, not a second force."""
+"""A remainder below this share of what the effects took out is their model-form error, not a second force."""
 HELD_OUT = 2.0
 """A set that leaves this much more energy of held-out time than another is not the answer, however likely it is."""
 NEAR, RIVALS = 30.0, 6
@@ -64,7 +64,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Found:
-    """An effect that was adopted. Its parameters are those of ``flight``: flights differ in what is of the day."""
+    """An effect that was adopted. Its parameters are those of ``flight``: flights differ in weather and load."""
 
     effect: Effect
     estimates: tuple[Estimate, ...]
@@ -73,6 +73,8 @@ class Found:
     probability: float
     aliases: tuple[str, ...]
     flight: int
+    without: tuple[str, ...] = ()
+    """Axes on which it does not act: there it raises the error of held-out time."""
     confirmed_by: tuple[int, ...] = ()
     """Flights whose residual it lowers where it was fitted on the others."""
     of_flight: dict[int, dict[str, float]] = field(default_factory=dict)
@@ -134,9 +136,13 @@ def summarise(walked: Walked, seed: int) -> Searched:
     if mapped is not walked:
         walked, fits = _helpful(mapped)
     chosen = [t for t in walked.best.terms if t.effect is not None]
+    # A map and the laws that it corrects are known well only as a sum.
+    maps = [t.effect for t in chosen if t.effect is not None and t.effect.remainder]
+    joint = {name for effect in maps for name in (effect.name, *effect.aliases)}
+    fits, without = _by_axis(fits, [t.key for t in chosen if t.name not in joint])
     traces = tuple(_trace(fit, seed) for fit in fits)
     total = max(sum(f.energy(f.before) for f in fits), 1e-12)
-    found = _at_most_all([_found(walked, term, fits, rivals, total) for term in chosen])
+    found = _at_most_all([_found(walked, term, fits, rivals, total, without) for term in chosen])
     return Searched(traces, tuple(found), _rejected(walked, {t.name for t in chosen}))
 
 
@@ -171,7 +177,7 @@ def _predictive(walked: Walked) -> Walked:
     """Pass over sets that fit well and leave far more of held-out time than others: they cancel or chase noise.
 
     The likeliest set is taken whose energy of held-out time is no more than ``HELD_OUT`` times the least. More effects
-    of the same kind always leave less: whether they are worth a name is decided already.
+    of the same kind always leave less: whether they are large enough to be named is decided already.
     """
     likeliest: dict[frozenset[str], Fit] = {}
     for fit in (walked.best, *walked.ranked()):
@@ -196,8 +202,35 @@ def _helpful(walked: Walked) -> tuple[Walked, list[FlightFit]]:
     return _helpful(replace(walked.without(worst), worse=walked.worse | {worst[0]}))
 
 
+def _by_axis(fits: Sequence[FlightFit], keys: Sequence[Key]) -> tuple[list[FlightFit], dict[Key, tuple[str, ...]]]:
+    """Every flight without effects on axes of which they raise the error of held-out time; by ``keys``, these axes.
+
+    One after the other, the worst first: the others are judged beside what is left.
+    """
+    fits = list(fits)
+    without: dict[Key, tuple[str, ...]] = {}
+    while True:
+        gains = {
+            (key, axis): round(sum(f.gain(key, axis) for f in fits if key in f.effects) / _before(fits, axis), 9)
+            for axis in sorted({axis for f in fits for axis in f.record.axes})
+            for key in keys
+            if AXES[axis] not in without.get(key, ())
+        }
+        worst = min(gains, key=lambda pair: gains[pair], default=None)
+        if worst is None or gains[worst] > -WORSE_SHARE:
+            return fits, without
+        key, axis = worst
+        fits = [f.without_axis(key, axis) if key in f.effects else f for f in fits]
+        without[key] = (*without.get(key, ()), AXES[axis])
+
+
+def _before(fits: Sequence[FlightFit], axis: int) -> float:
+    """Energy of an axis with no effect, in hundredths of the weight."""
+    return max(sum(float(((f.before[f.record.valid, axis] / f.unit[axis]) ** 2).sum()) for f in fits), 1e-12)
+
+
 def _gain(key: Key, fits: Sequence[FlightFit]) -> float:
-    """Energy of held-out time that one effect takes off beside the others."""
+    """Energy of held-out time that one effect removes beside the others."""
     return sum(f.energy(f.without(key)) - f.energy(f.after) for f in fits if key in f.effects)
 
 
@@ -216,7 +249,7 @@ def _trace(fit: FlightFit, seed: int) -> Trace:
 def _carriers(fit: FlightFit, free: tuple[Channel, ...]) -> tuple[Channel, ...]:
     """Channels that carry what is left: the free curves of the answer, and what a search of the rest finds.
 
-    What is left on an axis below a share of what the effects took off there is their error of form, no other force.
+    What is left on an axis below a share of what the effects took off there is their model-form error, no other force.
     """
     known = {c.name for c in fit.curves}
     carried = {axis for acting in fit.effects.values() for axis in acting.axes}
@@ -231,7 +264,10 @@ def _carriers(fit: FlightFit, free: tuple[Channel, ...]) -> tuple[Channel, ...]:
     return (*extra, *fit.curves) if first else (*fit.curves, *extra)
 
 
-def _found(walked: Walked, term: Term, fits: Sequence[FlightFit], rivals: Sequence[Rival], total: float) -> Found:
+def _found(
+    walked: Walked, term: Term, fits: Sequence[FlightFit], rivals: Sequence[Rival], total: float,
+    without: Mapping[Key, tuple[str, ...]],
+) -> Found:  # fmt: skip
     assert term.effect is not None
     acting = {i: f.effects[term.key] for i, f in enumerate(fits) if term.key in f.effects}
     carried = {axis for a in acting.values() for axis in a.axes}
@@ -251,6 +287,7 @@ def _found(walked: Walked, term: Term, fits: Sequence[FlightFit], rivals: Sequen
         probability=round(min(walked.probability(term.name, aliases), max(main, default=1.0)), 3),
         aliases=aliases,
         flight=_shown_by(term, fits),
+        without=without.get(term.key, ()),
         confirmed_by=tuple(i for i, f in enumerate(fits) if term.key in f.confirms),
         of_flight={i: a.parameters for i, a in acting.items()},
     )
@@ -286,7 +323,7 @@ def _estimates(walked: Walked, term: Term, fits: Sequence[FlightFit]) -> tuple[E
 
 
 def _shown_by(term: Term, fits: Sequence[FlightFit]) -> int:
-    """The first flight on which an effect acts; of one that is of the day the one on which it does most."""
+    """The first flight on which an effect acts; of weather or load the one on which it does most."""
     assert term.effect is not None
     if term.effect.kept or len(term.places) < 2:
         return min(term.places)
@@ -352,7 +389,7 @@ def _rejected(walked: Walked, taken: set[str]) -> tuple[Rejected, ...]:
 
 
 def _excited(walked: Walked, best: Fit, term: Term) -> bool:
-    """Whether one of its coefficients would be known to a third of the smallest effect worth a name."""
+    """Whether one of its coefficients would be known to a third of the smallest effect that is named."""
     evidence = walked.evidence
     fit = evidence.refit([*best.terms, term], best.noise)
     part = fit.part(term)

@@ -137,7 +137,7 @@ def rivals_of(walked: Walked) -> list[Rival]:
 
 
 def _within_form(walked: Walked) -> list[Rival]:
-    """Effects that would help beside an alias of theirs, but by no more than what that leaves by its error of form."""
+    """Effects that would help beside an alias of theirs, but by no more than that one's model-form error."""
     best = walked.best
     out = []
     for fit in walked.ranked():

@@ -35,7 +35,7 @@ def with_surface_law(walked: Walked) -> Walked:
 def _spread(walked: Walked, effect: Effect) -> Fit:
     """The best set with the map in its likeliest spread, each of its numbers in turn (empirical Bayes)."""
     library = walked.evidence.library
-    # The map takes the place of the errors of form of the laws that it corrects.
+    # The map takes the place of the model-form errors of the laws that it corrects.
     named = [without_form(t) if t.name in effect.aliases else t for t in walked.best.terms]
     grid = np.array(effect.shape_grid(library.context(0)))
     tried: dict[tuple[float, ...], Fit] = {}

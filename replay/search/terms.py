@@ -1,4 +1,4 @@
-"""A term: one effect in one shape (or one free curve) with its prior, its wrench, and its error of form."""
+"""A term: one effect in one shape (or one free curve) with its prior, its wrench, and its model-form error."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from replay.residual.record import Record
 from replay.search.channel import Columns
 
 Key = tuple[str, int | None, str | None]
-"""Name, flight (of an effect of the day) and axis (of a free curve): what may be in a set only once."""
+"""Name, flight (of an effect of one flight) and axis (of a free curve): what may be in a set only once."""
 FORM_PRIOR = 0.25
-"""Prior standard deviation of an effect's error of form, as a share of its typical size."""
+"""Prior standard deviation of an effect's model-form error, as a share of its typical size."""
 FORM_LEAST = 0.1
 """Share by which an effect's size has to vary for its form to matter."""
 AT_SHAPE_SPREAD = 0.15
@@ -46,7 +46,7 @@ class Term:
     main: Array
     """(k,) 1 for coefficients that make the effect what it is, else 0."""
     share: float
-    """Smallest share of an axis' energy that it has to take off."""
+    """Smallest share of an axis' energy that it has to remove."""
     places: dict[int, Columns]
     """Of every flight that it acts on: columns of its coefficients there, in their order."""
     flight: int | None = None
@@ -55,7 +55,7 @@ class Term:
 
     @cached_property
     def form(self) -> Mask:
-        """(k,) whether a coefficient is an error of form."""
+        """(k,) whether a coefficient is a model-form error."""
         return ~np.isin(self.columns, [*(c for p in self.places.values() for c in p)])
 
     @cached_property
@@ -65,7 +65,7 @@ class Term:
 
 
 def without_form(term: Term) -> Term:
-    """The term without its errors of form."""
+    """The term without its model-form errors."""
     kept = ~term.form
     return replace(
         term, columns=term.columns[kept], scale=term.scale[kept], centre=term.centre[kept], low=term.low[kept],

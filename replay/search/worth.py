@@ -14,7 +14,7 @@ from replay.search.design import Design
 from replay.search.terms import STEP_S, Term
 
 FORM_LEFT = 0.06
-"""RMS that an effect leaves by its error of form, as a share of its own."""
+"""RMS that an effect leaves by its model-form error, as a share of its own."""
 CURVE_FORM = 1.2
 """What a free curve may leave by its form, as a share of its own: it has no mean, and what is beside it may be that."""
 SLOW_S = 2.0
@@ -28,7 +28,7 @@ SOFT = 0.02
 NEARLY, FAR_COST = 0.9, 1e3
 """Below this share of the threshold each more costs so much (log): no evidence makes up for it."""
 CANCEL, CANCEL_COST, CANCEL_FREE = 2.6, 40.0, 2.0
-"""Terms (root of the sum of squares) may exceed what they take off together by this factor; each more costs so much.
+"""Terms (root of the sum of squares) may exceed what they remove together by this factor; each more costs so much.
 
 What is below ``CANCEL_FREE`` hundredths of the weight does not count.
 """
@@ -61,7 +61,7 @@ class Contributions:
     def own(self) -> list[Array]:
         """What no other term would take over.
 
-        The posterior of the others given that a term's main coefficients and errors of form are zero, no farther out
+        The posterior of the others given that a term's main coefficients and model-form errors are zero, no farther out
         than ``USUAL`` standard deviations of their prior.
         """
         design = self.design
@@ -79,7 +79,7 @@ class Contributions:
 
 
 def form_variance(u: Contributions) -> Array:
-    """Variance (channels,) of what is left by the effects' errors of form."""
+    """Variance (channels,) of what is left by the effects' model-form errors."""
     out = np.zeros(len(u.design.library.channels))
     effect = np.array([t.effect is not None for t in u.design.terms], bool)
     for rows, whole in zip(u.design.flights, u.whole, strict=True):
@@ -104,7 +104,7 @@ def worth(u: Contributions) -> float:
 
 
 def cancelled(u: Contributions) -> float:
-    """Contributions over what they take off together, on the axis where that ratio is largest.
+    """Contributions over what they remove together, on the axis where that ratio is largest.
 
     k^2 = sum |u_i|^2 / (|sum u_i|^2 + n (CANCEL_FREE l)^2), u_i (n,) what a term does and l a hundredth of the weight.
     """
@@ -118,7 +118,7 @@ def cancelled(u: Contributions) -> float:
 
 
 def standing(u: Contributions) -> Array:
-    """How far every term stands out, (terms,): 1 is just worth a name.
+    """How far every term stands out, (terms,): 1 is just enough to be named.
 
     z = max over channels of min(T / sqrt(1 + F^2 + R^2), O / OWN, E / E_least). In hundredths of the weight: T the top
     of what a term does, F what the other terms may leave by their form, R the slow rest, O the top of what no other

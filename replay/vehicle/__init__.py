@@ -1,1 +1,1 @@
-"""``replay vehicle``: what a hover in a log says about the vehicle file."""
+"""A vehicle drafted from logs."""

@@ -28,6 +28,7 @@ from replay.logs.formats import read_pieces
 from replay.residual.record import Record, build_record
 from replay.vehicle import tandem
 from replay.vehicle.airframe import Airframe, airframe, turns
+from replay.vehicle.corrected import HOVER_RPM, corrected, hover_rpm
 from replay.vehicle.fit import ENOUGH_S, Fit, fit_records, free_flight, hovering, records_of
 from replay.vehicle.tandem import is_tandem
 
@@ -51,6 +52,8 @@ class Given:
     """Diameter."""
     span_m: float | None = None
     """Motor axis to the opposite motor's axis."""
+    numbers: tuple[tuple[str, float], ...] = ()
+    """Others, by their keys."""
 
 
 @dataclass(frozen=True)
@@ -103,10 +106,12 @@ def draft(paths: Sequence[Path], given: Given, target_system: int | None = None)
     made = _outlined(paths, given, target_system)
     if made is None:
         return _tandem(given)
+    numbers = dict(given.numbers)
     found, how = _measured(list(_records(paths, made.logs, made.start, target_system)), made.start)
     hover, source = _hover(found, made.said["hover_thrust"], made.start.hover_thrust, how)
-    said = made.said | {e.key: f"measured in {how}" for e in found.estimates} | {"hover_thrust": source}
-    vehicle = replace(found.vehicle, hover_thrust=hover)
+    said = made.said | {key: f"measured in {how}" for key in found.measured} | {"hover_thrust": source}
+    vehicle = corrected(replace(found.vehicle, hover_thrust=hover), numbers)
+    said |= {"ct" if key == HOVER_RPM else key: f"--set {key}" for key in numbers}
     known, assumed = _facts(vehicle, made.frame, made.sizes, said)
     vehicle = replace(vehicle, assumed=tuple(f.key for f in assumed if f.key in ASSUMABLE))
     wrong = next((f for f in findings(vehicle) if f.refused), None)
@@ -145,7 +150,8 @@ def _outlined(paths: Sequence[Path], given: Given, target_system: int | None) ->
     arm = frame.arm_m if given.span_m is None else given.span_m / 2.0
     sizes = typical_sizes(given.mass_kg, radius, arm, frame.motors, _rpm(logs, frame))
     start, said = build(_answers(logs, frame, parameters, sizes))
-    return _Outline(logs, frame, sizes, start, said)
+    # What is measured rests on numbers that are given.
+    return _Outline(logs, frame, sizes, corrected(start, dict(given.numbers)), said)
 
 
 def _flown(paths: Sequence[Path], target_system: int | None) -> list[FlightLog]:
@@ -174,6 +180,7 @@ def _tandem(given: Given) -> Draft:
     vehicle = default_vehicle()
     if given.mass_kg is not None:
         vehicle = replace(vehicle, mass_kg=given.mass_kg)
+    vehicle = corrected(vehicle, dict(given.numbers))
     return Draft(vehicle, (Fact("name", vehicle.name, tandem.HOW),))
 
 
@@ -212,7 +219,7 @@ def _answers(
     return Answers(
         name=f"{frame.name}, drafted from {logs[0].path.name}",
         mass_kg=sizes["mass_kg"].value, propeller_m=2.0 * sizes["rotor_radius_m"].value, motors=frame.motors,
-        numbers=frame.numbers, arm_m=sizes["position_m"].value, rotor_down_m=0.0, telemetered=frame.telemetered,
+        numbers=frame.numbers, arm_m=sizes["position_m"].value, telemetered=frame.telemetered,
         voltage_v=round(float(np.median(voltage)), 2) if voltage.size else _VOLTAGE_V,
         ranges=tuple(_ranges(logs, parameters)), parameters=parameters,
     )  # fmt: skip
@@ -253,15 +260,15 @@ def _measured(records: Sequence[Record], start: Vehicle) -> tuple[Fit, str]:
     """Thrust by free hover; where there is too little, by all free flight, then by all flight."""
     for rows, how in ((hovering, "free hover"), (free_flight, "free flight")):
         if sum(rows(r).sum() * r.step_s for r in records) >= ENOUGH_S:
-            return fit_records(records, start, rows, bend=False), how
-    return fit_records(records, start, lambda r: r.valid, bend=False), "the whole flight"
+            return fit_records(records, start, rows), how
+    return fit_records(records, start, lambda r: r.valid), "the whole flight"
 
 
 def _hover(found: Fit, said: str, start: float, how: str) -> tuple[float, str]:
     """ArduPilot learns MOT_THST_HOVER in flight; PX4's MPC_THR_HOVER is what somebody typed in."""
     if said == "MOT_THST_HOVER":
         return start, said
-    if any(e.key == "hover_thrust" for e in found.estimates):
+    if "hover_thrust" in found.measured:
         return found.vehicle.hover_thrust, f"measured in {how}"
     if math.isfinite(found.output):
         return round(found.output, 3), f"mean output in {how}"
@@ -292,6 +299,8 @@ def _facts(
     for key, value in measured.items():
         guessed = said[key].startswith((_GUESSED, USUAL_PULSES, COMMON_PROPELLERS))
         (assumed if guessed else known).append(Fact(key, value, said[key]))
+    if vehicle.telemetered:
+        known.append(Fact(HOVER_RPM, round(hover_rpm(vehicle)), "by ct and the mass"))
     if vehicle.rangefinders:
         known.append(Fact("rangefinder", [r.orientation for r in vehicle.rangefinders], "parameters and readings"))
     if not any(f.key == "position_m" for f in assumed):

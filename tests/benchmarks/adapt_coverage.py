@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from adapt_flights import Watch, add_ceiling, fly, payload, wind, with_ceiling_sensor
 from adapt_models import TrueModel
+from result_file import add_option, figure, write_result
 from tqdm import tqdm
 
 import companion
@@ -167,6 +168,7 @@ def main() -> int:
     p.add_argument("--first", type=int, default=201)
     p.add_argument("--cases", nargs="+", choices=sorted(CASES), default=list(CASES))
     p.add_argument("--json", type=Path, metavar="FILE")
+    add_option(p)
     a = p.parse_args()
     answer = {}
     print(f"simulated, seeds {a.first} to {a.first + a.seeds - 1}; share of 90 % intervals that hold the truth")
@@ -192,6 +194,17 @@ def main() -> int:
             answer[f"{case}.{size}"] = {"share": share, "interval": [low, high], "n": len(every), "rms_sd": rms}
     if a.json is not None:
         a.json.write_text(json.dumps(answer, indent=1))
+    figures = [
+        figure(
+            f"90 % intervals that hold the truth: {name.replace('.', ', ').replace('_', ' ')}",
+            f"{100 * found['share']:.0f} %",
+            f"[{100 * found['interval'][0]:.0f}, {100 * found['interval'][1]:.0f}]",
+            "85 to 95 %",
+            0.85 <= found["share"] <= 0.95,
+        )
+        for name, found in answer.items()
+    ]
+    write_result(a, figures, seeds=f"{a.first} to {a.first + a.seeds - 1}", simulated=True, repeatable=True)
     return 0
 
 

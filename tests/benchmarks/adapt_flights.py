@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from lockstep_faults import FaultyLockstep
@@ -207,15 +208,15 @@ def add_ceiling(flight: Flight, ceiling_m: float, gain: float, scale: float = 1.
     for k, sensor in enumerate(flight.vehicle.rangefinders):
         if sensor.target == "ceiling":
             flight.ranges[k] = CeilingSensor(sensor, f"range {flight.seed} {k}", ceiling_m)
-    inner = body._increments
+    inner = body.law
 
-    def increments(eta: float, delta: float, along_m: float) -> Any:
-        near = inner(eta, delta, along_m)
+    def increments(eta: float, delta: float) -> Any:
+        near = inner.increments(eta, delta)
         gap = max(ceiling_m - eta * body.radius, 0.02) / (scale * body.radius)
         gamma = 0.5 + 0.5 * math.sqrt(1.0 + 1.0 / (8.0 * gap * gap))
         return replace(near, z=near.z + gain * (gamma ** (2.0 / 3.0) - 1.0))
 
-    body._increments = increments  # type: ignore[method-assign]
+    body.law = SimpleNamespace(increments=increments)
 
 
 def with_ceiling_sensor(vehicle: Vehicle) -> Vehicle:

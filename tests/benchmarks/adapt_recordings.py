@@ -28,7 +28,7 @@ from companion.adaptation import adapt
 from companion.adaptation.adaptation import Adaptation
 from companion.adaptation.residual import Seen
 from companion.config import PipelineConfig
-from companion.pipeline import Decision
+from companion.control.state import Decision
 from models.choice import NONE, choose
 from models.errors import UserError
 from models.vehicle import load_vehicle

@@ -23,6 +23,7 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from result_file import add_option, figure, write_result
 
 import models
 from companion.config import Base, PipelineConfig
@@ -217,6 +218,7 @@ def main() -> int:
     p.add_argument("--first", type=int, default=1)
     p.add_argument("--keep", type=Path, metavar="DIR", help="keep flights and model here (default: a temporary folder)")
     p.add_argument("--json", metavar="FILE", help="- for stdout")
+    add_option(p)
     a = p.parse_args()
     with tempfile.TemporaryDirectory() as scratch:
         folder = a.keep or Path(scratch)
@@ -231,6 +233,14 @@ def main() -> int:
         print(text) if a.json == "-" else Path(a.json).write_text(text + "\n", encoding="utf-8")
     if a.json != "-":
         print(as_text(result))
+    height, aside = result["under_the_ceiling"]["height"], result["whole_flight"]["lateral"]
+    figures = [
+        figure("height error under the ceiling [mm], shipped model", f"{height['old']:.1f}"),
+        figure("the same, amended model", f"{height['new']:.1f}"),
+        figure("change [mm]", f"{height['change']:.1f}", "[{:.1f}, {:.1f}]".format(*height["ci95"])),
+        figure("lateral error, whole flight [mm], shipped, amended", f"{aside['old']:.1f}, {aside['new']:.1f}"),
+    ]
+    write_result(a, figures, seeds=f"{a.first} to {a.first + a.seeds - 1}", simulated=True, repeatable=True)
     return 0
 
 

@@ -21,6 +21,7 @@ from zlib import crc32
 from independent.cases import HELD_OUT, Case
 from independent.judge import NEEDED, Judgement, judge, needed_of, share
 from independent.make import make, read_truth, stem
+from result_file import add_option, counted, write_result
 
 REPO = Path(__file__).resolve().parents[2]
 
@@ -49,6 +50,15 @@ def main() -> int:
             print(line(row), flush=True)
     print()
     print(summary(rows))
+    every = [r.judgement for r in rows]
+    needed = [name in r.judgement.named for r in rows for name in r.needed if not name.startswith("x_")]
+    figures = [
+        counted("right", (j.right for j in every), least=0.95),
+        counted("needed effects named", needed, least=0.95),
+        counted("a wrong name", (bool(j.wrong) for j in every), most=0.03),
+        counted("too sure", (j.overclaimed for j in every)),
+    ]
+    write_result(args, figures, seeds=f"seed {', '.join(map(str, args.seed))}", simulated=True)
     if args.json:
         text = json.dumps([asdict(r) for r in rows], indent=1)
         print(text) if args.json == "-" else Path(args.json).write_text(text)
@@ -67,6 +77,7 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--judge", action="store_true", help="judge answers that are there instead of diagnosing again")
     p.add_argument("--timeout", type=float, default=300.0, metavar="S")
     p.add_argument("--json", metavar="FILE", help="write every judgement (- for stdout)")
+    add_option(p)
     return p
 
 

@@ -23,6 +23,7 @@ from zlib import crc32
 from flights.judge import Judgement, judge, share
 from flights.make import make_round
 from flights.scenarios import HELD_OUT_ROUND, scenarios
+from result_file import add_option, counted, write_result
 
 REPO = Path(__file__).resolve().parents[2]
 GOAL_SIZE = 0.02
@@ -61,6 +62,16 @@ def main() -> int:
                 print(line(rows[-1]), flush=True)
     print()
     print(summary(rows, held_out=any(n >= HELD_OUT_ROUND for n in args.round)))
+    by = {g: [r.judgement for r in rows if r.group == g] for g in ("null", "single", "pair", "unlisted", "bad")}
+    effects = by["single"] + by["pair"]
+    figures = [
+        counted("named right", (j.right for j in effects), least=0.95),
+        counted("a wrong name", (bool(j.wrong_names) for j in effects), most=0.03),
+        counted("false alarms on flights that lack nothing", (not j.right for j in by["null"]), most=0.0),
+        counted("forces outside the catalogue, right", (j.right for j in by["unlisted"])),
+        counted("bad input, right", (j.right for j in by["bad"])),
+    ]
+    write_result(args, figures, seeds=f"round {', '.join(map(str, args.round))}", simulated=True)
     if args.json:
         text = json.dumps([asdict(r) for r in rows], indent=1)
         if args.json == "-":
@@ -83,6 +94,7 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--timeout", type=float, default=180.0, metavar="S")
     p.add_argument("--json", metavar="FILE", help="write every judgement (- for stdout)")
     p.add_argument("--verbose", action="store_true", help="say which flights are being written")
+    add_option(p)
     return p
 
 

@@ -39,6 +39,7 @@ import numpy as np
 from fuzz_logs import LogKind, bin_kind, tlog_kind, ulg_kind
 from log_writers import bin_flight, ulg_flight
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from result_file import add_option, figure, write_result
 
 import models
 from companion.config import PipelineConfig
@@ -407,6 +408,7 @@ def main() -> int:
     p.add_argument("--hang", type=float, default=10.0, metavar="S")
     p.add_argument("--keep", type=Path, default=Path("fuzz-failures"), metavar="DIR")
     p.add_argument("--json", type=Path, metavar="FILE")
+    add_option(p)
     a = p.parse_args()
     warnings.simplefilter("error", RuntimeWarning)  # of numpy: something unsound was computed with
     limits = Limits(a.seed, a.hang, a.keep, Bars())
@@ -426,7 +428,13 @@ def main() -> int:
         print(f"{as_text(name, out[name])}; {time.monotonic() - started:.0f} s", flush=True)
     if a.json is not None:
         a.json.write_text(json.dumps({k: vars(c) for k, c in out.items()}, indent=1) + "\n", encoding="utf-8")
-    return 1 if any(c.failures for c in out.values()) else 0
+    failed = sum(len(c.failures) for c in out.values())
+    figures = [
+        figure("failures, hangs, growth of memory", f"{failed}", goal="0", met=not failed),
+        figure("slowest input [s]", f"{max(c.slowest_s for c in out.values()):.1f}"),
+    ]
+    write_result(a, figures, seeds=f"seed {a.seed}; stages {', '.join(out)}")
+    return 1 if failed else 0
 
 
 if __name__ == "__main__":

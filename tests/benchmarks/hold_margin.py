@@ -19,13 +19,20 @@ import json
 import math
 import sys
 from collections import deque
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 from tqdm import tqdm
 
-from companion.config import PipelineConfig, Tuning
+from companion import settle
+from companion.config import PipelineConfig
+from companion.control import plant as hold_plant
+from companion.control import refusals, swing_detector
+from companion.control.plant import Margin
 from companion.mavlink.samples import (
     Attitude,
     AttitudeTarget,
@@ -164,23 +171,27 @@ class Craft:
         return out
 
 
-def tuning_of(gains: str) -> Tuning:
+@contextmanager
+def flown_with(gains: str) -> Iterator[None]:
     """``chosen`` as it flies, ``full`` and ``stiff`` as the head of this file says."""
-    tuning = Tuning()
-    if gains == "chosen":
-        return tuning
-    anything = replace(
-        tuning.hold, wanted_gain_margin=-1e9, wanted_phase_margin_deg=-1e9,
-        least_gain_margin=-1e9, least_phase_margin_deg=-1e9, least_share=0.0, kept_share=0.0,
-    )  # fmt: skip
-    tuning = replace(tuning, hold=anything)
-    return tuning if gains == "stiff" else replace(tuning, swing_levels=10**6, swing_softer=1.0)
+    any_margin = Margin(-1e9, -1e9)
+    with ExitStack() as stack:
+        if gains != "chosen":
+            stack.enter_context(mock.patch.object(hold_plant, "_WANTED", any_margin))
+            stack.enter_context(mock.patch.multiple(refusals, _LEAST=any_margin, _LEAST_SHARE=0.0, _KEPT_SHARE=0.0))
+        if gains == "full":
+            stack.enter_context(mock.patch.object(settle, "_SOFTER", 1.0))
+            for module in (refusals, swing_detector):
+                stack.enter_context(mock.patch.object(module, "SWING_LEVELS", 10**6))
+        hold_plant._tuned.cache_clear()
+        yield
+    hold_plant._tuned.cache_clear()
 
 
-def fly(plant: Plant, seed: int, gains: str = "chosen") -> Flown:
+def fly(plant: Plant, seed: int) -> Flown:
     """One approach."""
     vehicle = replace(load_vehicle(QUAD), rangefinders=())
-    config = PipelineConfig(vehicle, empty_model(vehicle), tuning=tuning_of(gains), offsets=False)
+    config = PipelineConfig(vehicle, empty_model(vehicle), offsets=False)
     state, craft = initial_state(config), Craft(plant, seed)
     # Thrust over weight is proportional here: spin-min 0 and no expo say so to the thrust map.
     for name, value in (("GUID_OPTIONS", 8.0), ("MOT_SPIN_MIN", 0.0), ("MOT_THST_EXPO", 0.0)):
@@ -268,7 +279,8 @@ def main() -> int:
           f"{'level':>14} {'height':>14} {'tilt':>5} {'rest':>5} {'soft':>4} {'contact':>8}")  # fmt: skip
     rows = []
     for plant, gains in tqdm(jobs, file=sys.stderr, disable=not sys.stderr.isatty()):
-        flights = [fly(plant, seed, gains) for seed in range(a.seeds)]
+        with flown_with(gains):
+            flights = [fly(plant, seed) for seed in range(a.seeds)]
         mean = {k: float(np.mean([asdict(f)[k] for f in flights])) for k in asdict(flights[0]) if k != "loop_from"}
         mean["peak_mm"], mean["softened"] = max(f.peak_mm for f in flights), max(f.softened for f in flights)
         refused = mean["engaged_share"] < 1.0

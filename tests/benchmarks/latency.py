@@ -29,6 +29,8 @@ import time
 from pathlib import Path
 
 import numpy as np
+from flight_process import flight_command
+from result_file import add_option, figure, write_result
 
 from companion.mavlink.dialect import mavlink
 from models.frames import quaternion_from_euler
@@ -125,7 +127,7 @@ from companion.cli import main
 from companion.control.compensation import Offset
 from companion.mavlink.samples import Attitude
 from companion.mavlink.setpoints import AttitudeCommand
-from companion.pipeline import Decision
+from companion.control.state import Decision
 
 def answer(state, sample, config):
     if type(sample) is not Attitude:
@@ -139,6 +141,17 @@ sys.exit(main(["--vehicle", "tandem", "--connect", sys.argv[1], "--duration", sy
 FLOOR = {"loop": LOOP, "empty decision": EMPTY}
 
 
+FIGURES = (
+    ("p50 over the plain pipeline's", "p50_of_plain", 0.8),
+    ("processor time over the plain pipeline's", "cpu_of_plain", 0.6),
+    ("memory over the plain pipeline's", "memory_of_plain", 0.25),
+    ("p99 above the bare receiver's [ms]", "p99_over_ms", 0.3),
+    ("p50 over the bare receiver's", "p50", 1.0),
+    ("processor time over the bare receiver's", "cpu", 1.0),
+)
+"""What, its key in the answer, and its goal: at most this."""
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=20.0)
@@ -146,6 +159,7 @@ def main() -> None:
     parser.add_argument("--floor", action="store_true", help="also a bare loop and an empty decision")
     parser.add_argument("--held-to", type=float, metavar="SHARE", help="also with this share of a core")
     parser.add_argument("--json", type=Path, metavar="FILE")
+    add_option(parser)
     a = parser.parse_args()
     answer = {f"{rate:g}": compare(a.seconds, rate, tuple(FLOOR) if a.floor else ()) for rate in a.rate}
     if a.held_to is not None:
@@ -160,6 +174,13 @@ def main() -> None:
                 print(json.dumps({key: report[key] for key in wanted}, indent=1))
     if a.json is not None:
         a.json.write_text(json.dumps(answer, indent=2) + "\n")
+    figures = [
+        figure(f"{rate:g} messages/s: {what}", f"{value:.2f}", goal=f"{goal:g}", met=value <= goal)
+        for rate in a.rate
+        for what, key, goal in FIGURES
+        for value in [answer[f"{rate:g}"][key]]
+    ]
+    write_result(a, figures, seeds=f"{a.seconds:g} s a turn, twice")
 
 
 def compare(seconds: float, rate: float, floor: tuple[str, ...]) -> dict[str, float]:
@@ -208,18 +229,8 @@ def measure(
     if script is not None:
         command = [sys.executable, "-c", script, endpoint, str(seconds + 8.0)]
     else:
-        command = [
-            sys.executable,
-            "-m",
-            "companion",
-            "--vehicle",
-            "tandem",
-            "--connect",
-            endpoint,
-            "--duration",
-            str(seconds + 8.0),
-            *(["--quiet"] if folder is None else ["--json", str(folder / "report.json")]),
-        ]
+        said_how = ("--quiet",) if folder is None else ("--json", str(folder / "report.json"))
+        command = flight_command(port, "--duration", str(seconds + 8.0), *said_how)
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     start = time.monotonic()
     with open(os.devnull if folder is None else folder / "said", "w", encoding="utf-8") as said:

@@ -29,6 +29,7 @@ from measured.changes import CHANGES, changed
 from measured.judge import BEST_FACTOR, Judgement, judge, judge_refusal
 from measured.known import FORCES, KINDS, TABLE, Flight, Known, read, together
 from reliability import plot, statements, table
+from result_file import add_option, counted, write_result
 from tqdm import tqdm
 
 
@@ -59,6 +60,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     print(f"\n{table(said)}")
     if args.json:
         args.json.write_text(json.dumps({"flights": [as_json(j) for j in judgements]}, indent=1) + "\n")
+    once = [j for j in judgements if not j.again and not j.excused]
+    figures = [
+        counted("right", (j.right for j in once), least=0.9),
+        counted("a wrong name", (bool(j.wrong) for j in once), most=0.03),
+        counted("too sure", (bool(j.overclaim) for j in once), most=0.0),
+        counted("known sizes right", (s.right for j in once for s in j.sizes)),
+    ]
+    write_result(args, figures, seeds=f"{len(once)} flights of {args.table.name}", simulated=False)
     if args.plot:
         plot(args.plot, {kind: [s for s in said if s.kind == kind] for kind in KINDS})
     return 0
@@ -83,6 +92,7 @@ def _parser() -> argparse.ArgumentParser:
     p.add_argument("--timeout", type=float, default=300.0, metavar="S", help="of one diagnosis")
     p.add_argument("--json", type=Path, metavar="FILE", help="write every judgement")
     p.add_argument("--plot", type=Path, metavar="FILE.png", help="reliability: stated against right")
+    add_option(p)
     return p
 
 

@@ -27,7 +27,8 @@ from companion.mavlink.message_filter import Intake, unread
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Parameter
 from companion.mavlink.setpoints import encode
-from companion.pipeline import answer, initial_state, settle, step
+from companion.pipeline import answer, initial_state, step
+from companion.settle import settle
 from companion.vehicles import default_vehicle
 from models.vehicle import load_vehicle
 from replay.logs.tlog import message_name

@@ -4,7 +4,8 @@
     python tests/benchmarks/same_decisions.py FOLDER --against BEFORE.npz          # exit code 1 where one differs
 
 Run the first in one checkout and the second in another. Every log is flown by the hold with setpoints switched on; with
-an upstream controller where the log holds one's setpoints; and with adopted effects where its name tells of a ceiling.
+sizes measured on the way; with an upstream controller where the log holds one's setpoints; and with adopted effects
+where its name tells of a ceiling.
 Prints for each log whether all decisions are equal to the last bit, else the largest difference as a share of the
 number (of 1 where the number is smaller; bytes of an encoded setpoint are numbers too), and that of the offsets.
 """
@@ -24,11 +25,12 @@ from tqdm import tqdm
 from whole_tlog import read_tlog
 
 import models
+from companion.adapt_options import Adapt
 from companion.config import Base, PipelineConfig
 from companion.control.authority import Reason
+from companion.control.state import Decision
 from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import encode
-from companion.pipeline import Decision
 from companion.vehicles import default_vehicle
 from models.adopted_effect import AdoptedEffect
 from models.errors import UserError
@@ -41,6 +43,10 @@ from replay.rerun.log_samples import samples_of_pieces
 _CLOSE = 1e-9
 _THRUST, _TILTS = 3, (4, 5)
 """Places of the offset in ``numbers``."""
+_GAINS = (
+    "position_1_s", "velocity_1_s", "integral_1_s2", "height_1_s", "climb_1_s", "climb_integral_1_s2", "tilt_lead_s",
+)  # fmt: skip
+"""Of the hold."""
 _CEILING = (AdoptedEffect("ceiling", {"gain": 1.0, "scale": 1.0}), AdoptedEffect("thrust_scale", {"scale": 0.05}))
 
 
@@ -49,8 +55,16 @@ def numbers(decision: Decision) -> list[float]:
     out = [decision.t_s, decision.authority, decision.late_s, *_flat(decision.offset)]
     out += [float(list(Reason).index(reason)) for reason in decision.reasons]
     out += list(encode(decision.command, 1)[1]) if decision.command is not None else [-1.0]
-    for part in (decision.command, decision.base, decision.tuned):
+    for part in (decision.command, decision.base):
         out += [np.nan] if part is None else _flat(part)
+    tuned = decision.tuned
+    if tuned is not None:
+        out += [*_flat(tuned.margin), tuned.share, tuned.climb_share, *_flat(tuned.loop)]
+        out += [getattr(tuned.gains, name) for name in _GAINS]
+    known = decision.adaptation
+    if known is not None:
+        near = known.applied.near
+        out += [*known.applied.shares, near.ground, *near.lift, *near.pull, *near.tilt, *known.sizes.offset.tolist()]
     d = decision.disturbance
     if d is None:
         return [*out, np.nan]
@@ -82,7 +96,8 @@ def flown(log: Path, way: str) -> list[list[float]]:
     file = vehicle_of(log)
     vehicle = default_vehicle() if file is None else load_vehicle(file)
     model = models.load().with_effects(_CEILING) if way == "effects" else models.load()
-    config = PipelineConfig(vehicle, model, base=Base.UPSTREAM if way == "upstream" else Base.HOLD)
+    base, adapt = Base.UPSTREAM if way == "upstream" else Base.HOLD, Adapt.FULL if way == "adapt" else Adapt.OFF
+    config = PipelineConfig(vehicle, model, base=base, adapt=adapt)
     replay = Replay(config, None, {"GUID_OPTIONS": 8.0})
     if suffix_of(log) == ".tlog":
         decisions: Iterable[Decision] = replay.decisions(read_tlog(log).frames())
@@ -108,7 +123,7 @@ def job(work: tuple[Path, str]) -> tuple[np.ndarray, np.ndarray] | None:
 def ways(log: Path) -> list[str]:
     """How a log is flown."""
     upstream = log.suffix == ".tlog" and read_tlog(log).indices(82).size > 0
-    return ["hold", *(["upstream"] if upstream else []), *(["effects"] if "ceiling" in log.stem else [])]
+    return ["hold", "adapt", *(["upstream"] if upstream else []), *(["effects"] if "ceiling" in log.stem else [])]
 
 
 def difference(new: np.ndarray, old: np.ndarray) -> float:

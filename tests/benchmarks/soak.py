@@ -33,6 +33,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
+from flight_process import flight_command
+from result_file import add_option, figure, write_result
 
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import cut
@@ -207,17 +209,7 @@ def watch(between: Between, pid: int, port: int, seconds: float) -> Soak:
 def fly(seconds: float, px4: bool, folder: Path, records: Path) -> tuple[Soak, dict[str, object]]:
     """Both processes, and what was seen; the flight program's own report beside it."""
     port, report = free_port(), folder / "report.json"
-    command = [
-        sys.executable,
-        "-m",
-        "companion",
-        "--vehicle",
-        "tandem",
-        "--connect",
-        f"udpin:127.0.0.1:{port}",
-        "--quiet",
-    ]
-    command += ["--json", str(report), "--record", str(records), "--record-limit", "1000"]
+    command = flight_command(port, "--quiet", "--json", str(report), "--record", str(records), "--record-limit", "1000")
     with launch("corner", px4=px4, port=(front_port := free_port())), socket.socket(type=socket.SOCK_DGRAM) as front:
         front.bind(("127.0.0.1", front_port))
         between = Between(front, ("127.0.0.1", port))
@@ -274,12 +266,20 @@ def main() -> int:
     p.add_argument("--px4", action="store_true")
     p.add_argument("--records", type=Path, metavar="DIR", help="keep the recordings here, for replay audit")
     p.add_argument("--json", type=Path, metavar="FILE")
+    add_option(p)
     a = p.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         soak, own = fly(a.seconds, a.px4, Path(folder), a.records or Path(folder))
     print(as_text(soak, own))
     if a.json is not None:
         a.json.write_text(json.dumps(as_json(soak, own), indent=1) + "\n", encoding="utf-8")
+    dropped = soak.kernel_dropped
+    figures = [
+        figure("growth of memory [MiB/h]", f"{soak.memory_slope_mib_h:.2f}"),
+        figure("messages dropped", f"{dropped}", f"of {soak.passed_on}", goal="0", met=not dropped),
+    ]
+    seeds = f"{a.seconds:.0f} s at {soak.passed_on / soak.seconds:.0f} messages/s"
+    write_result(a, figures, seeds=seeds, simulated=True)
     return 0
 
 

@@ -3,7 +3,10 @@
 ``python tests/benchmarks/transfer.py --data ../shared/data/measured --cache DIR --json FILE``. Every pair of flights of
 one vehicle: the error of B (RMS of the residual, forces) with a model learnt on A over that with nothing added, as the
 geometric mean over the axes. Two protocols: *frozen* fits nothing on B; *twenty seconds* learns what belongs to the day
-from B's first 20 s (black boxes: the mean of what they leave there) and judges the rest. Diagnoses stay in the cache.
+from B's first 20 s (black boxes: the mean of what they leave there) and judges the rest. ``--table TABLE DIR`` adds the
+flights of a table in ``measured/``, whose logs are in DIR; flights with the same vehicle file are of one vehicle.
+
+Diagnoses stay in the cache: take a new one where the search changed. Pairs that FILE holds are not measured again.
 """
 
 from __future__ import annotations
@@ -12,12 +15,14 @@ import argparse
 import json
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 from pathlib import Path
 
 import numpy as np
+import sparse_peer
+from measured.known import read
 from sklearn.compose import TransformedTargetRegressor
 from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.gaussian_process import GaussianProcessRegressor
@@ -29,6 +34,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import PolynomialFeatures, StandardScaler
 
 from models.effects import adopted_wrench, get
+from models.errors import LogError
 from models.frames import Array
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import load_vehicle
@@ -61,10 +67,18 @@ SOURCES = {
 
 
 @dataclass(frozen=True)
-class Flight:
-    """One flight of a source, and what our diagnosis of it alone names."""
+class Group:
+    """Logs of one vehicle."""
 
     source: str
+    vehicle: Path
+    logs: tuple[Path, ...]
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One flight, and the model that our diagnosis of it alone makes."""
+
     record: Record
     model: FanSurrogate
 
@@ -91,13 +105,14 @@ def black_boxes() -> dict[str, Callable[[], object]]:
         steps = make_pipeline(StandardScaler(), regressor)
         return TransformedTargetRegressor(steps, transformer=StandardScaler())
 
-    return {
+    boxes: dict[str, Callable[[], object]] = {
         MEAN: Averaged,
         "ridge": lambda: scaled(make_pipeline(PolynomialFeatures(2), StandardScaler(), ridge)),
         "network": lambda: scaled(network),
         "trees": lambda: MultiOutputRegressor(boosted),
         "gaussian process": lambda: scaled(GaussianProcessRegressor(kernel)),
     }
+    return boxes | ({} if sparse_peer.pysindy is None else {"sparse regression": sparse_peer.SparseRegression})
 
 
 def features(record: Record) -> Array:
@@ -115,13 +130,36 @@ def features(record: Record) -> Array:
     return np.nan_to_num(np.concatenate(parts, axis=1))
 
 
-def flights(data: Path, cache: Path, source: str) -> list[Flight]:
-    """The flights of a source with the model that one diagnosis of each makes."""
-    file, patterns = SOURCES[source]
-    vehicle = load_vehicle(data / file)
+def named_groups(data: Path, wanted: Sequence[str]) -> Iterator[Group]:
+    """The vehicles of ``SOURCES`` whose files are below ``data``."""
+    for source in wanted:
+        file, patterns = SOURCES[source]
+        yield Group(source, data / file, tuple(sorted(path for pattern in patterns for path in data.glob(pattern))))
+
+
+def groups_of(table: Path, data: Path) -> Iterator[Group]:
+    """The vehicles of a table; a log that is not in ``data`` is left out by name."""
+    logs: dict[tuple[str, str], list[Path]] = {}
+    for flight in read(table).flights:
+        missing = flight.missing(data)
+        if missing:
+            print(f"left out: not in {data}: {', '.join(missing)}", file=sys.stderr)
+        elif not flight.again:
+            logs.setdefault((flight.source, flight.vehicle), []).append(data / flight.log)
+    for (source, vehicle), paths in logs.items():
+        yield Group(source, data / vehicle, tuple(paths))
+
+
+def flights(group: Group, cache: Path) -> list[Flight]:
+    """The flights of a vehicle with the model that one diagnosis of each makes; refused logs are left out by name."""
+    vehicle = load_vehicle(group.vehicle)
     out = []
-    for log in sorted(path for pattern in patterns for path in data.glob(pattern)):
-        records, notes = read_records([log], vehicle, None, None)
+    for log in group.logs:
+        try:
+            records, notes = read_records([log], vehicle, None, None)
+        except LogError as error:
+            print(f"left out: {error}", file=sys.stderr)
+            continue
         kept = cache / f"{log.parent.name}-{log.stem}.json"
         if not kept.is_file():
             kept.write_text(json.dumps(conclude(records, notes).as_json(None), indent=1))
@@ -132,12 +170,20 @@ def flights(data: Path, cache: Path, source: str) -> list[Flight]:
                 get(e["name"]),
                 [Estimate(k, p["value"], tuple(p["ci95"]), p["unit"]) for k, p in e["parameters"].items()],
                 records[0].context,
+                e.get("without", ()),
                 one_wind=any(other["name"] == "wind" for other in named),
             )
             for e in named
         ]
-        out.append(Flight(source, records[0], amended(None, vehicle, effects)))
+        out.append(Flight(records[0], amended(None, vehicle, effects)))
     return out
+
+
+def spread(count: int, most: int | None) -> set[int]:
+    """Places of at most ``most`` of ``count`` pairs, evenly over them."""
+    if most is None or count <= most:
+        return set(range(count))
+    return {i * count // most for i in range(most)}
 
 
 def ratio(residual: Array, before: Array, rows: Array, axes: Sequence[int]) -> float:
@@ -185,6 +231,25 @@ def learn(a: Flight) -> dict[str, object]:
     return out
 
 
+def measure(group: Group, cache: Path, most: int | None, known: Sequence[dict]) -> Iterator[list[dict]]:
+    """Pairs of one vehicle that are not ``known``, all that were learnt on one flight at a time."""
+    seen = {(r["source"], r["learnt_on"], r["predicted"]) for r in known}
+    found = flights(group, cache)
+    pairs = list(permutations(found, 2))
+    for i, one in enumerate(found):
+        names = {"source": group.source, "learnt_on": one.record.name}
+        todo = [
+            other
+            for k in sorted(spread(len(pairs), most))
+            for start, other in [pairs[k]]
+            if start is one and (group.source, one.record.name, other.record.name) not in seen
+        ]
+        if todo:
+            boxes = learn(one)
+            yield [names | {"predicted": other.record.name} | pair(one, other, boxes) for other in todo]
+            print(f"{group.source}: {i + 1} of {len(found)} flights learnt", file=sys.stderr)
+
+
 def interval(values: Sequence[float]) -> tuple[float, float, float]:
     """Geometric mean with its 95 % interval over pairs."""
     logs = np.log(np.asarray(values))
@@ -196,9 +261,12 @@ def interval(values: Sequence[float]) -> tuple[float, float, float]:
 def table(rows: Sequence[dict], protocol: str) -> str:
     """Geometric means by source and method; how often ours is best, and how often worse than nothing."""
     rows = [r for r in rows if r[protocol]]
-    methods = list(rows[0][protocol])
+    if not rows:
+        return f"{protocol}: no pair is long enough"
+    methods = [m for m in rows[0][protocol] if all(m in r[protocol] for r in rows)]
     lines = [f"{protocol}: {'source':16s} pairs " + " ".join(f"{m:>18s}" for m in methods) + "  best  worse"]
-    for source in (*dict.fromkeys(r["source"] for r in rows), "all"):
+    sources = tuple(dict.fromkeys(r["source"] for r in rows))
+    for source in (*sources, "all"):
         part = [r[protocol] for r in rows if source in (r["source"], "all")]
         cells = ["{:.2f} [{:.2f}, {:.2f}]".format(*interval([r[m] for r in part])) for m in methods]
         best = sum(r[OURS] <= min(v for k, v in r.items() if k != OURS) for r in part)
@@ -206,6 +274,11 @@ def table(rows: Sequence[dict], protocol: str) -> str:
         lines.append(
             f"  {source:24s} {len(part):5d} " + " ".join(f"{c:>18s}" for c in cells) + f"  {best:4d}  {worse:5d}"
         )
+    means = [
+        [np.exp(np.mean([np.log(r[protocol][m]) for r in rows if r["source"] == s])) for s in sources] for m in methods
+    ]
+    alike = ["{:.2f} [{:.2f}, {:.2f}]".format(*interval(m)) for m in means]
+    lines.append(f"  {'sources weighed alike':24s} {len(sources):5d} " + " ".join(f"{c:>18s}" for c in alike))
     return "\n".join(lines)
 
 
@@ -213,30 +286,37 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the benchmark."""
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("--data", type=Path, default=Path("../shared/data/measured"))
+    p.add_argument("--table", type=Path, nargs=2, metavar=("TABLE", "DIR"), action="append", default=[],
+                   help="also flights of a table, with the folder of their logs; may be repeated")  # fmt: skip
     p.add_argument("--cache", type=Path, required=True, help="folder for diagnoses, one JSON a log")
-    p.add_argument("--source", choices=SOURCES, action="append", help="only this one; may be repeated")
+    p.add_argument("--source", choices=SOURCES, nargs="*", default=SOURCES, help="only these of --data, or none")
+    p.add_argument("--most", type=int, metavar="N", help="at most so many pairs a vehicle, evenly over them")
     p.add_argument("--json", type=Path)
     a = p.parse_args(argv)
-    if not a.data.is_dir():
-        print(f"transfer: no flights at {a.data}", file=sys.stderr)
+    folders = [a.data] * bool(a.source) + [folder for _, folder in a.table]
+    absent = [folder for folder in folders if not folder.is_dir()]
+    if absent:
+        print(f"transfer: no flights at {absent[0]}", file=sys.stderr)
         return 2
+    if sparse_peer.pysindy is None:
+        print(sparse_peer.MISSING, file=sys.stderr)
     a.cache.mkdir(parents=True, exist_ok=True)
-    rows = []
-    for source in a.source or SOURCES:
-        group = flights(a.data, a.cache, source)
-        boxes = [learn(f) for f in group]
-        for (i, one), (_, other) in permutations(enumerate(group), 2):
-            names = {"source": source, "learnt_on": one.record.name, "predicted": other.record.name}
-            rows.append(names | pair(one, other, boxes[i]))
-        print(f"{source}: {len(group)} flights", file=sys.stderr)
+    rows = json.loads(a.json.read_text()) if a.json is not None and a.json.is_file() else []
+    groups = [
+        *named_groups(a.data, a.source),
+        *(group for table, folder in a.table for group in groups_of(table, folder)),
+    ]
+    for group in groups:
+        for new in measure(group, a.cache, a.most, rows):
+            rows += new
+            if a.json is not None:
+                a.json.write_text(json.dumps(rows, indent=1) + "\n")
     for protocol in (FROZEN, TWENTY):
         print(table(rows, protocol))
     for r in rows:
         if max(r[FROZEN].get(OURS, 0.0), r[TWENTY].get(OURS, 0.0)) > 1.0:
             shown = {k: round(r[k].get(OURS, np.nan), 2) for k in (FROZEN, TWENTY)}
             print(f"worse than nothing: {r['learnt_on']} -> {r['predicted']} {shown}")
-    if a.json is not None:
-        a.json.write_text(json.dumps(rows, indent=1) + "\n")
     return 0
 
 

@@ -20,6 +20,7 @@ from pathlib import Path
 from flights.judge import share
 from measured.answers import DATA, REPO
 from measured.known import TABLE, Flight, read
+from result_file import add_option, counted, write_result
 from tqdm import tqdm
 
 CHANGES = frozenset({"fan_imbalance", "cg_offset", "payload", "slung_load"})
@@ -102,6 +103,7 @@ def main() -> int:
     p.add_argument("--table", type=Path, default=TABLE)
     p.add_argument("--cache", type=Path, default=Path("what_changed"))
     p.add_argument("--json", type=Path)
+    add_option(p)
     a = p.parse_args()
     known = read(a.table)
     flights = [f for f in known.flights if f.kind == "measured" and not f.again and not f.other_logs]
@@ -129,6 +131,9 @@ def main() -> int:
     }
     for what, (count, of) in sums.items():
         print(f"{what:36}{share([True] * count + [False] * (of - count))}")
+    goals = {"true change first": 0.9, "nothing else named": 0.85, "nothing changed, and nothing named": 0.95}
+    figures = [counted(what, [True] * n + [False] * (of - n), least=goals[what]) for what, (n, of) in sums.items()]
+    write_result(a, figures, seeds=f"{len(found)} questions", simulated=False)
     if a.json is not None:
         a.json.write_text(json.dumps({k: {"count": c, "of": n} for k, (c, n) in sums.items()}, indent=1) + "\n")
     return 0

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from companion.config import Base, PipelineConfig
+from companion.control.state import Decision, PipelineState
 from companion.mavlink.samples import (
     Attitude,
     Heartbeat,
@@ -21,7 +22,7 @@ from companion.mavlink.samples import (
     Sample,
     SetAttitudeTarget,
 )
-from companion.pipeline import Decision, PipelineState, initial_state, step
+from companion.pipeline import initial_state, step
 from companion.vehicles import default_vehicle
 from models.frames import quaternion_from_euler
 from models.surrogate.fan_surrogate import Answer

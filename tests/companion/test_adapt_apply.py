@@ -7,14 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.adapt_options import AdaptTuning
+from companion.adaptation import apply
 from companion.adaptation.apply import Applied, share_of, towards
 from companion.adaptation.near_map import CELLS, NOTHING, NearField
-from companion.adaptation.parts import Around, about_cg
 from companion.adaptation.words import sentence
+from companion.estimation.disturbance import Around, about_cg
 from companion.vehicles import default_vehicle
 
-TUNING = AdaptTuning()
 TANDEM = default_vehicle()
 AROUND = Around((1.3, 1.4), (0.7, 0.8), (22.0, 23.0), 1.2)
 ABOVE = [[0.5, 0.03, 1.3, 0.02, 0.3, 0.01], [0.7, -0.02, 1.8, -0.01, 0.2, 0.0]]
@@ -24,17 +23,17 @@ NO_EFFECTS = np.zeros((0, 6))
 
 
 def test_a_sure_size_is_compensated_as_it_is_and_an_unsure_one_less():
-    assert share_of(1.0, 0.0, 1.5, 0.5) == 1.0
-    assert share_of(1.0, 0.3, 1.5, 0.5) == pytest.approx(1.0 / 1.09)
-    shares = [share_of(1.0, sd, 1.5, 0.5) for sd in (0.0, 0.1, 0.3, 1.0, 3.0)]
+    assert share_of(1.0, 0.0) == 1.0
+    assert share_of(1.0, 0.3) == pytest.approx(1.0 / 1.09)
+    shares = [share_of(1.0, sd) for sd in (0.0, 0.1, 0.3, 1.0, 3.0)]
     assert shares == sorted(shares, reverse=True)
 
 
 def test_a_contradicted_effect_is_not_compensated_at_all():
-    assert share_of(-0.9, 0.1, 1.5, 0.5) == 0.0
-    assert share_of(0.0, 0.1, 1.5, 0.5) == 0.0
-    assert share_of(0.2, 0.03, 1.5, 0.5) < 0.05
-    assert share_of(9.0, 0.0, 1.5, 0.0) == 1.5
+    assert share_of(-0.9, 0.1) == 0.0
+    assert share_of(0.0, 0.1) == 0.0
+    assert share_of(0.2, 0.03) < 0.05
+    assert share_of(9.0, 0.0) == apply.MOST
 
 
 def change(applied: Applied, effects: np.ndarray = NO_EFFECTS) -> np.ndarray:
@@ -68,13 +67,13 @@ def test_an_adopted_effect_follows_its_own_share():
 def test_shares_and_what_is_measured_grow_slowly_and_shares_fade_like_other_offsets():
     now, wanted, seconds = Applied((0.0,) * 3), Applied((1.0,) * 3, near(1.0)), 0.0
     while now.shares[0] < 1.0:
-        now, seconds = towards(now, wanted, 0.2, TUNING), seconds + 0.2
+        now, seconds = towards(now, wanted, 0.2), seconds + 0.2
     assert seconds == pytest.approx(4.0)
-    assert now.near.lift[0] == pytest.approx(4.0 * TUNING.map_1_s)
-    assert now.near.ground == pytest.approx(4.0 * TUNING.give_1_s)
-    faded = towards(Applied((1.0,) * 3), replace(wanted, shares=(0.0,) * 3, near=NOTHING), 0.2, TUNING)
+    assert now.near.lift[0] == pytest.approx(4.0 * apply._MAP_1_S)
+    assert now.near.ground == pytest.approx(4.0 * apply.GIVE_1_S)
+    faded = towards(Applied((1.0,) * 3), replace(wanted, shares=(0.0,) * 3, near=NOTHING), 0.2)
     assert faded.shares[0] == pytest.approx(0.8)
-    close = towards(Applied((0.5,) * 3), Applied((0.52,) * 3), 0.2, TUNING)
+    close = towards(Applied((0.5,) * 3), Applied((0.52,) * 3), 0.2)
     assert close.shares == (0.52,) * 3
 
 

@@ -29,7 +29,7 @@ def low_hover() -> Flight:
     """Down into the ground effect, which is then known; up and down again after what happens."""
     knots = ((0, 1.2), (2, 1.2), (6, LOW_M), (18, LOW_M), (21, 1.2), (22, 1.2), (26, LOW_M), (60, LOW_M))
     scenario = replace(
-        build("ground", VEHICLE), knots=tuple(Knot(float(t), 0.0, h, name="low") for t, h in knots), rounding_s=0.6
+        build("hover", VEHICLE), knots=tuple(Knot(float(t), 0.0, h, name="low") for t, h in knots), rounding_s=0.6
     )
     return Flight(VEHICLE, scenario, 7, law=NOMINAL)
 

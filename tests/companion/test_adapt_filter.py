@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import astuple
 from types import SimpleNamespace
+from unittest import mock
 
 import numpy as np
 import pytest
 
-from companion.adapt_options import AdaptTuning
 from companion.adaptation import filter as sizes_filter
 from companion.adaptation.filter import excites, later
 from companion.adaptation.sizes import FIRST_EFFECT, GAINS, Size, Sizes, effects_with_size, prior, size_table, told
@@ -31,8 +31,9 @@ def update(
     robust_sigmas: float,
 ) -> Sizes:  # fmt: skip
     """One axis, with the sizes that it excites."""
-    (moves,) = excites(sizes, row[None], np.array([variance]), excited)
-    return sizes_filter.update(sizes, believed, value, row, variance, moves, robust_sigmas)
+    with mock.patch.multiple(sizes_filter, _EXCITED=excited, ROBUST_SIGMAS=robust_sigmas):
+        (moves,) = excites(sizes, row[None], np.array([variance]))
+        return sizes_filter.update(sizes, believed, value, row, variance, moves)
 
 
 def test_it_is_least_squares_with_a_prior():
@@ -94,7 +95,7 @@ def test_time_makes_less_sure_by_the_minute_and_never_less_than_before_any_fligh
 
 
 def test_the_covariance_stays_a_covariance_over_an_hour():
-    sizes = size_table(default_vehicle(), load(), AdaptTuning())
+    sizes = size_table(default_vehicle(), load())
     believed = prior(sizes)
     for _ in range(5000):
         believed = later(sizes, believed, 0.2)
@@ -106,7 +107,7 @@ def test_the_covariance_stays_a_covariance_over_an_hour():
 
 
 def test_the_table_names_every_size_with_its_unit():
-    sizes = size_table(default_vehicle(), load(), AdaptTuning())
+    sizes = size_table(default_vehicle(), load())
     assert tuple(s.name for s in sizes[: len(GAINS)]) == GAINS
     assert len(sizes) == FIRST_EFFECT
     values = told(sizes, prior(sizes))
@@ -122,9 +123,9 @@ def with_info(sizes: object) -> object:
 
 
 def test_saved_sizes_are_the_prior_of_the_next_flight():
-    fresh = size_table(default_vehicle(), load(), AdaptTuning())
+    fresh = size_table(default_vehicle(), load())
     model = with_info({"ground_lift": {"value": 0.4, "sd": 0.05, "unit": "1"}})
-    kept = size_table(default_vehicle(), model, AdaptTuning())  # type: ignore[arg-type]
+    kept = size_table(default_vehicle(), model)  # type: ignore[arg-type]
     assert kept[0].mean == 0.4
     assert 0.05 < kept[0].sd <= fresh[0].sd
     assert [astuple(size) for size in kept[1:]] == [astuple(size) for size in fresh[1:]]
@@ -133,7 +134,7 @@ def test_saved_sizes_are_the_prior_of_the_next_flight():
 @pytest.mark.parametrize("bad", [{"value": "much", "sd": 0.1}, {"value": 1.0}, {"value": 1.0, "sd": -1.0}, [], 3.0])
 def test_a_saved_size_that_is_none_is_refused_by_name(bad):
     with pytest.raises(ModelError, match=r"sizes\.ground_lift"):
-        size_table(default_vehicle(), with_info({"ground_lift": bad}), AdaptTuning())  # type: ignore[arg-type]
+        size_table(default_vehicle(), with_info({"ground_lift": bad}))  # type: ignore[arg-type]
 
 
 def test_sizes_are_never_changed_in_place():

@@ -19,16 +19,18 @@ from simflight import sent_and_decided
 from test_adapt_bad_input import LOW_M, VEHICLE, low_hover
 
 import models
-from companion.adapt_options import Adapt, AdaptTuning
+from companion.adapt_options import Adapt
 from companion.adaptation import adapt
-from companion.adaptation.apply import Applied, towards
+from companion.adaptation.apply import GIVE_1_S, Applied, towards
 from companion.adaptation.near_map import CELLS, NearField
 from companion.adaptation.sizes import DRAG, THRUST, Sizes, channels
 from companion.adaptation.words import named_values, sentences
-from companion.config import HoldGains, PipelineConfig, Tuning
+from companion.config import PipelineConfig
 from companion.control import disturbance as push
+from companion.control.plant import FULL
 from companion.page.snapshot import snapshot
-from companion.pipeline import answer, initial_state, settle
+from companion.pipeline import answer, initial_state
+from companion.settle import settle
 from companion.sim.air import NOMINAL
 from companion.sim.flight import Flight
 from companion.sim.flown import Flown
@@ -120,7 +122,7 @@ def test_only_the_three_gains_and_adopted_effects_change_an_offset():
         beside.append(judged._replace(mean=mean))
     other = replace(known, sizes=Sizes(moved, known.sizes.covariance), judged=tuple(beside), learned=(True,) * 3)
     same = replace(known, learned=(True,) * 3)
-    assert adapt._wanted(other, config) == adapt._wanted(same, config)
+    assert adapt._wanted(other) == adapt._wanted(same)
     with_ceiling = models.load().with_effects((adopted("ceiling", {"gain": 1.0, "scale": 1.0}),))
     more = adapt.initial(replace(config, model=with_ceiling))
     assert more is not None
@@ -128,22 +130,21 @@ def test_only_the_three_gains_and_adopted_effects_change_an_offset():
 
 
 def test_a_share_grows_slower_than_the_holds_integrators_answer():
-    tuning, gains = AdaptTuning(), HoldGains()
-    integrators = (gains.velocity_1_s / gains.integral_1_s2, gains.climb_1_s / gains.climb_integral_1_s2)
-    assert 1.0 / tuning.give_1_s > 1.5 * max(integrators)
+    integrators = (FULL.velocity_1_s / FULL.integral_1_s2, FULL.climb_1_s / FULL.climb_integral_1_s2)
+    assert 1.5 * max(integrators) < 1.0 / GIVE_1_S
     all_at_once = Applied((1.5,) * 3, NearField(3.0, *((0.1,) * CELLS,) * 3))
-    grown = towards(Applied((0.0,) * 3), all_at_once, tuning.block_s, tuning)
-    slowest = tuning.block_s / (1.5 * max(integrators))
+    grown = towards(Applied((0.0,) * 3), all_at_once, adapt.BLOCK_S)
+    slowest = adapt.BLOCK_S / (1.5 * max(integrators))
     assert max(*grown.shares, grown.near.ground) <= slowest
     assert grown.near.lift[0] / 0.1 <= slowest  # of the largest lift that the simulated ground gives
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0, 1.5])
 def test_delayed_feed_forward_to_a_wall_stays_within_its_share_of_the_damping(share):
-    tuning, damping, pull = Tuning(), 5.0, 60.0
-    gain = push._stable_gain(pull * share, VEHICLE, tuning, damping)
-    taken = gain * pull * share * tuning.residual_delay_s / VEHICLE.mass_kg
-    assert taken <= tuning.damping_share * damping * (1.0 + 1e-9)
+    damping, pull = 5.0, 60.0
+    gain = push._stable_gain(pull * share, VEHICLE, damping)
+    taken = gain * pull * share * push.RESIDUAL_DELAY_S / VEHICLE.mass_kg
+    assert taken <= push.DAMPING_SHARE * damping * (1.0 + 1e-9)
 
 
 def test_the_recording_replays_to_the_same_setpoints(tmp_path: Path):

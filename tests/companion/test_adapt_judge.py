@@ -9,9 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from companion.adapt_options import Adapt, AdaptTuning
+from companion.adapt_options import Adapt
 from companion.adaptation import adapt, judge
 from companion.adaptation import sizes as at
+from companion.adaptation.adapt import _ALIKE
+from companion.adaptation.apply import MOST
 from companion.adaptation.judge import Judged, believed, channels_of, learn, place_of, rows
 from companion.adaptation.near_map import (
     CELLS,
@@ -22,21 +24,20 @@ from companion.adaptation.near_map import (
     NearField,
     cheeseman_bennett,
 )  # fmt: skip
-from companion.adaptation.parts import Around
 from companion.adaptation.saved import kept_with, save_sizes
 from companion.adaptation.sizes import size_table
 from companion.config import PipelineConfig
+from companion.estimation.disturbance import Around
 from companion.vehicles import default_vehicle
 from models import load
 from models.corner_law import ClosedForm
 from models.errors import ModelError
 from models.surrogate.fan_surrogate import FanSurrogate
 
-TUNING = AdaptTuning()
 TANDEM = default_vehicle()
 RADIUS_M = TANDEM.rotor_radius_m
-TABLE = size_table(TANDEM, load(), TUNING)
-CHANNELS = channels_of(TABLE, TUNING)
+TABLE = size_table(TANDEM, load())
+CHANNELS = channels_of(TABLE)
 THRUST_N = 22.5
 SIGMA_N = 0.3
 Law = Callable[[float, float], float]
@@ -53,7 +54,7 @@ def around(height: float, gap: float, bearing: float = 0.0) -> Around:
 
 def flown(channel: judge.Channel, true: Law, model: Law, approaches: int = 3, seed: int = 1) -> Judged:
     """In free air, down to 1.2 radii at half a radius from a wall ahead, a while there, up again; so many times."""
-    random, told = np.random.default_rng(seed), judge.initial(channel, None, TUNING)
+    random, told = np.random.default_rng(seed), judge.initial(channel, None)
     low = [*np.geomspace(5.0, 1.2, 30), *[1.2] * 20, *np.geomspace(1.2, 5.0, 15)]
     for height in ([math.inf] * 40 + low) * approaches:
         regressors = np.zeros((5, len(TABLE)))
@@ -66,8 +67,8 @@ def flown(channel: judge.Channel, true: Law, model: Law, approaches: int = 3, se
             channel.axes, rows(channel, regressors, place_of(around(height, gap)), RADIUS_M), strict=True
         ):
             sd = SIGMA_N * (RADIUS_M if axis > 2 else 1.0)
-            seen.append((fans[axis] * true(height, gap) + sd * random.normal(), row, TUNING.alike * sd**2))
-        told = learn(channel, told, 0.2, seen, TUNING)
+            seen.append((fans[axis] * true(height, gap) + sd * random.normal(), row, _ALIKE * sd**2))
+        told = learn(channel, told, 0.2, seen)
     return told
 
 
@@ -110,8 +111,8 @@ def test_a_model_that_is_right_but_for_its_size_is_measured():
 def test_the_gain_on_the_model_stays_within_its_bounds():
     for model in (lambda h, d: -ground(h, d), lambda h, d: 0.2 * ground(h, d)):
         told = flown(CHANNELS[0], ground, model)
-        assert 0.0 <= told.mean[0, CHANNELS[0].gain] <= TUNING.most
-    assert abs(told.log_odds) <= TUNING.most_log_odds
+        assert 0.0 <= told.mean[0, CHANNELS[0].gain] <= MOST
+    assert abs(told.log_odds) <= judge._MOST_LOG_ODDS
 
 
 def test_a_load_is_no_ground_effect():
@@ -123,15 +124,15 @@ def test_a_load_is_no_ground_effect():
     (row,) = rows(channel, regressors, place_of(around(1.2, 0.5)), RADIUS_M)
     for _ in range(100):
         value = regressors[2, at.LIFT] + 4.0
-        told = learn(channel, told, 0.2, [(value, row, TUNING.alike * SIGMA_N**2)], TUNING)
+        told = learn(channel, told, 0.2, [(value, row, _ALIKE * SIGMA_N**2)])
     assert told.mean[0, 0] == pytest.approx(-4.0 / (2.0 * THRUST_N), abs=0.03)
     assert abs(compensated(channel, told, ground, 1.2) - before) < 0.4 * 4.0 / (2.0 * THRUST_N)
 
 
 def test_what_is_not_a_number_tells_nothing():
-    told = judge.initial(CHANNELS[2], None, TUNING)
+    told = judge.initial(CHANNELS[2], None)
     row = np.ones(CHANNELS[2].mean.shape[1])
-    after = learn(CHANNELS[2], told, 0.2, [(math.nan, row, 0.1), (1.0, row, math.nan)], TUNING)
+    after = learn(CHANNELS[2], told, 0.2, [(math.nan, row, 0.1), (1.0, row, math.nan)])
     assert np.array_equal(after.mean, told.mean)
     assert after.log_odds == told.log_odds
 
@@ -139,7 +140,7 @@ def test_what_is_not_a_number_tells_nothing():
 def test_no_covariance_grows_beyond_the_prior_and_none_loses_its_sign():
     told = flown(CHANNELS[0], ground, ground)
     for _ in range(3000):
-        told = learn(CHANNELS[0], told, 1.0, [(math.nan, CHANNELS[0].mean[0], 1.0)], TUNING)
+        told = learn(CHANNELS[0], told, 1.0, [(math.nan, CHANNELS[0].mean[0], 1.0)])
     for found, first in zip(told.covariance, CHANNELS[0].covariance, strict=True):
         assert (np.diagonal(found) <= np.diagonal(first) * (1.0 + 1e-9) + 1e-15).all()
         assert np.linalg.eigvalsh(found).min() > -1e-9
@@ -149,7 +150,7 @@ def test_nothing_is_changed_in_place():
     told = flown(CHANNELS[1], ground, ground, approaches=1)
     mean, covariance = told.mean.copy(), told.covariance.copy()
     row = np.ones(mean.shape[1])
-    learn(CHANNELS[1], told, 0.2, [(1.0, row, 0.1), (2.0, row, 0.1)], TUNING)
+    learn(CHANNELS[1], told, 0.2, [(1.0, row, 0.1), (2.0, row, 0.1)])
     assert np.array_equal(mean, told.mean)
     assert np.array_equal(covariance, told.covariance)
 

@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 import models
-from companion.adapt_options import AdaptTuning
 from companion.adaptation import residual
 from companion.adaptation import sizes as at
-from companion.adaptation.parts import Around, Parts, about_cg
-from companion.adaptation.residual import Block, add, begin, follow, see, vane_outputs, vanes_wrench
+from companion.adaptation.residual import IMU_LAG_S, Block, add, begin, follow, see, vane_outputs, vanes_wrench
+from companion.estimation.disturbance import Around, Parts, about_cg
 from companion.mavlink.samples import Imu
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
@@ -147,12 +146,11 @@ def imu(t: float, f: tuple[float, float, float], w: tuple[float, float, float] =
 
 def test_the_lag_delays_a_ramp_by_what_it_says():
     parts = Parts(np.zeros((2, 2, 6)), np.zeros((0, 6)), 70.0, 0.0, Around((9.0,) * 2, (9.0,) * 2, (20.0,) * 2))
-    lag = AdaptTuning().imu_lag_s
     block = begin(imu(0.0, (0.0, 0.0, 0.0)))
     for k in range(1, 101):
-        block = add(block, imu(0.02 * k, (0.02 * k, 0.0, 0.0)), parts, (0.0, 0.0, 0.0), (), lag)
-    assert 2.0 - block.lagged[0] == pytest.approx(lag, rel=1e-6)
+        block = add(block, imu(0.02 * k, (0.02 * k, 0.0, 0.0)), parts, (0.0, 0.0, 0.0), ())
+    assert 2.0 - block.lagged[0] == pytest.approx(IMU_LAG_S, rel=1e-6)
     after = follow(block)
     assert after.lagged == block.lagged
     assert after.samples == 0
-    assert residual.measured(block, TANDEM)[0] == pytest.approx(4.6 * (1.01 - lag), abs=0.02)
+    assert residual.measured(block, TANDEM)[0] == pytest.approx(4.6 * (1.01 - IMU_LAG_S), abs=0.02)

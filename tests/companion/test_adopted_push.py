@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from unittest import mock
 
 import numpy as np
 import pytest
 
 import models
-from companion.config import Base, PipelineConfig, Tuning
+from companion.config import Base, PipelineConfig
+from companion.control import disturbance
 from companion.control.disturbance import adopted_disturbance, adopted_pull_change_n
+from companion.control.plant import FULL
+from companion.pipeline import damping_1_s, initial_state
 from companion.vehicles import default_vehicle
 from models.adopted_effect import AdoptedEffect
 from models.air_state import blank_state
 from models.effects import adopted
 
-VEHICLE, TUNING = default_vehicle(), Tuning()
-DAMPING_1_S = TUNING.hold.velocity_1_s
+VEHICLE = default_vehicle()
+DAMPING_1_S = FULL.velocity_1_s
 MODEL = models.load()
 
 
@@ -35,7 +39,7 @@ def state(gap_m: float = np.inf, velocity=(0.0, 0.0, 0.0), rates=(0.0, 0.0, 0.0)
 
 
 def push(effects, *args, **kwargs):
-    return adopted_disturbance(MODEL.with_effects(effects), state(*args, **kwargs), VEHICLE, TUNING, DAMPING_1_S)
+    return adopted_disturbance(MODEL.with_effects(effects), state(*args, **kwargs), VEHICLE, DAMPING_1_S)
 
 
 def test_the_drag_on_its_own_climb_is_left_to_damp_the_loop():
@@ -57,8 +61,8 @@ def test_a_ceiling_is_followed_in_full_far_off_and_in_part_close_by_without_a_st
     radius = VEHICLE.rotor_radius_m
     gaps = np.linspace(0.3, 3.0, 271) * radius
     ours = np.array([push(ceiling, gap)[2] for gap in gaps])
-    prompt, model = replace(TUNING, residual_delay_s=1e-6), MODEL.with_effects(ceiling)
-    whole = np.array([adopted_disturbance(model, state(gap), VEHICLE, prompt, DAMPING_1_S)[2] for gap in gaps])
+    with mock.patch.object(disturbance, "RESIDUAL_DELAY_S", 1e-6):
+        whole = np.array([push(ceiling, gap)[2] for gap in gaps])
     share = ours / whole
     assert share[-1] == pytest.approx(1.0)
     assert share[0] < 0.5
@@ -70,12 +74,12 @@ def test_a_ceiling_is_followed_in_full_far_off_and_in_part_close_by_without_a_st
 def test_the_feed_forward_near_a_surface_is_bounded_by_the_damping_that_the_hold_flies_with():
     ceiling = (AdoptedEffect("ceiling", {"gain": 1.0, "scale": 1.0}),)
     model, near = MODEL.with_effects(ceiling), 0.4 * VEHICLE.rotor_radius_m
-    soft = adopted_disturbance(model, state(near), VEHICLE, TUNING, 0.5 * DAMPING_1_S)[2]
-    firm = adopted_disturbance(model, state(near), VEHICLE, TUNING, DAMPING_1_S)[2]
+    soft = adopted_disturbance(model, state(near), VEHICLE, 0.5 * DAMPING_1_S)[2]
+    firm = adopted_disturbance(model, state(near), VEHICLE, DAMPING_1_S)[2]
     assert soft == pytest.approx(0.5 * firm)
     hold = PipelineConfig(VEHICLE, MODEL)
-    assert hold.damping_1_s == hold.tuning.hold.velocity_1_s
-    assert replace(hold, base=Base.UPSTREAM).damping_1_s < hold.damping_1_s
+    assert damping_1_s(initial_state(hold), hold) == FULL.velocity_1_s
+    assert damping_1_s(initial_state(hold), replace(hold, base=Base.UPSTREAM)) < FULL.velocity_1_s
 
 
 @pytest.mark.parametrize("gap_radii", [0.3, 0.8, 2.0])

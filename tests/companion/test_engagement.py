@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from flying import bench
 
-from companion.config import HoldGains
+from companion.control import position_target
 from companion.control.authority import Notice, Reason
 from companion.control.position_target import Target, advance, start_reference
 from companion.mavlink.samples import (
@@ -353,14 +353,15 @@ def test_a_far_target_is_approached_within_the_limits_of_the_vehicle_file():
 @pytest.mark.parametrize("acceleration", [0.5, 2.0, 4.0])
 @pytest.mark.parametrize("speed", [0.5, 1.5, 4.0])
 @pytest.mark.parametrize(("way", "moving"), [(0.05, 0.0), (0.3, 0.0), (0.3, 0.4), (1.0, 0.0), (8.0, 0.0)])
-def test_an_approach_neither_overshoots_nor_creeps(acceleration, speed, way, moving):
+def test_an_approach_neither_overshoots_nor_creeps(acceleration, speed, way, moving, monkeypatch):
     """A centimetre too far is the wall's: the way ends on the target, and 5 cm are done in 1.2 s."""
+    monkeypatch.setattr(position_target, "_FOLLOW_M", 0.0)
     limits = Limits(speed_m_s=speed, climb_m_s=speed, acceleration_m_s2=acceleration)
     target = Target((way, 0.0, -way), (0.0, 0.0, 0.0), 0.0, 0.0)
     reference = start_reference((0.0, 0.0, 0.0), (moving, 0.0, -moving), (0.0, 0.0, 0.0))
     gone = []
     for k in range(1, 1501):
-        reference = advance(reference, target, HoldGains(follow_m=0.0), limits, 0.02 * k, 0.02)
+        reference = advance(reference, target, limits, 0.02 * k, 0.02)
         gone.append(np.array([reference.position[0], -reference.position[2]]))
     assert np.max(gone) < way + 0.005
     assert gone[-1] == pytest.approx([way, way], abs=0.01)

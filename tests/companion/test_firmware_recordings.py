@@ -11,8 +11,9 @@ from whole_tlog import read_tlog
 import models
 from companion.config import PipelineConfig
 from companion.control.authority import Notice, Reason
+from companion.control.state import Decision
 from companion.mavlink.setpoints import AttitudeCommand
-from companion.pipeline import Decision, initial_state, step
+from companion.pipeline import initial_state, step
 from models.vehicle import load_vehicle
 from replay.rerun.harness import Replay
 

@@ -11,6 +11,7 @@ import time
 
 import pytest
 from fake_autopilot import FakeAutopilot, free_port
+from flight_process import flight_command
 from test_flight import Run
 
 from companion.flight import FlightOptions
@@ -152,16 +153,7 @@ def test_an_orderly_end_says_nothing_more():
 def test_a_killed_companion_leaves_the_autopilot_holding_its_place():
     """The whole program, killed outright on loopback."""
     port = free_port()
-    command = [
-        sys.executable,
-        "-m",
-        "companion",
-        "--vehicle",
-        "tandem",
-        "--connect",
-        f"udpin:127.0.0.1:{port}",
-        "--quiet",
-    ]
+    command = flight_command(port, "--quiet")
     with FakeAutopilot(port) as autopilot, subprocess.Popen(command) as companion:
         try:
             autopilot.wait_for("SET_ATTITUDE_TARGET", 50)

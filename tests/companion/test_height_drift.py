@@ -177,8 +177,8 @@ def test_a_range_that_is_lost_while_it_drifts_leaves_the_correction_as_it_is():
 
 
 def test_the_autopilot_is_given_its_place_as_it_counts_itself():
-    hold = engage(0.0, Motion((1.0, 2.0, -0.45), (0.0,) * 3, (0.0, 0.0, 1.0), 0.0), (0.0, 0.0), 0.5,
-                  ThrustMap(0.5, 1.0), bench().config.tuning.hold)  # fmt: skip
+    here = Motion((1.0, 2.0, -0.45), (0.0,) * 3, (0.0, 0.0, 1.0), 0.0)
+    hold = engage(0.0, here, (0.0, 0.0), 0.5, ThrustMap(0.5, 1.0))
     assert place_of(hold, 0.4) == (1.0, 2.0, pytest.approx(-0.85))
 
 

@@ -13,11 +13,11 @@ from simflight import vehicle
 from whole_tlog import read_tlog
 
 from companion.control.compensation import Offset
+from companion.control.state import Decision
 from companion.invariants import Auditor, Promise
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import Frame, FrameReader, pack
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand, encode
-from companion.pipeline import Decision
 from companion.sim.autopilot import Mode
 from models.frames import quaternion_from_euler
 

@@ -7,10 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from companion.config import TrackModel
-from companion.estimation.kalman import Track, Verdict, measure, measure_rate, predict, update
+from companion.estimation.kalman import Track, TrackModel, Verdict, measure, measure_rate, predict, update
 
-MODEL = TrackModel(acceleration_sd=1.5, initial_rate_sd=0.5)
+MODEL = TrackModel(acceleration_sd=1.5, initial_rate_sd=0.5, gate=16.0, restart_after=5, agree_within=0.1)
 
 
 def settled(value=1.0, rate=0.0, delay=0.0, n=100):

@@ -39,7 +39,7 @@ class Room:
         q = quaternion_from_euler(0.0, 0.0, self.yaw)
         self.estimates = take_attitude(self.estimates, Attitude(self.t, 1, 1, q, (0.0, 0.0, 0.0), "ATTITUDE"))
         place = LocalPosition(self.t, 1, 1, (self.north, self.east, -self.height), velocity)
-        self.estimates = take_position(self.estimates, place, self.config.tuning)
+        self.estimates = take_position(self.estimates, place)
         for target, distance in readings.items():
             verdict = RangeVerdict.ABOVE_MAX if distance >= limit else RangeVerdict.OK
             reading = Range(self.t, 1, 1, BEAMS[target], 0, 0, distance, 0.05, limit, None, None, verdict, "x")

@@ -18,8 +18,7 @@ from log_writers import flight, write_tlog
 import companion.page
 from companion.cli import main
 from companion.config import PipelineConfig
-from companion.page.address import read_address
-from companion.page.feed import PageFeed
+from companion.page.feed import PageFeed, read_address
 from companion.page.server import KEPT, Store
 from companion.page.snapshot import snapshot
 from companion.pipeline import initial_state, step
@@ -71,7 +70,7 @@ def sent(tmp_path_factory):
 
 @pytest.fixture
 def feed():
-    feed = PageFeed(read_address(":0"))
+    feed = PageFeed(*read_address(":0"))
     yield feed
     feed.close()
 
@@ -173,13 +172,13 @@ def test_bad_addresses_and_a_port_that_is_taken(capsys):
         with pytest.raises(ConfigError):
             read_address(text)
     link = f"udpin:127.0.0.1:{free_port()}"
-    assert read_address(":8080").host == "127.0.0.1"
+    assert read_address(":8080") == ("127.0.0.1", 8080)
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         address = f":{taken.getsockname()[1]}"
         with pytest.raises(LinkError, match="port is taken"):
-            PageFeed(read_address(address))
+            PageFeed(*read_address(address))
         assert main(["--connect", link, "--duration", "1", "--page", address]) == 4
     err = capsys.readouterr().err
     assert len(err.strip().splitlines()) == 1

@@ -12,6 +12,7 @@ from companion.config import Base, Carrier
 from companion.control import attitude_response, swing_detector
 from companion.control.authority import Reason
 from companion.control.compensation import Offset, slewed
+from companion.control.disturbance import GAIN
 from companion.mavlink.samples import (
     Attitude,
     AttitudeTarget,
@@ -26,7 +27,8 @@ from companion.mavlink.samples import (
     SetPositionTarget,
 )
 from companion.mavlink.setpoints import AccelerationCommand, AttitudeCommand
-from companion.pipeline import answer, initial_state, settle, step, stopped
+from companion.pipeline import answer, initial_state, step, stopped
+from companion.settle import settle
 from companion.telemetry.status import named_values
 from models.frames import quaternion_from_euler
 
@@ -37,7 +39,7 @@ def test_near_the_ground_thrust_is_taken_off_and_at_the_wall_it_leans_away():
     assert decision.reasons == ()
     assert decision.authority == 1.0
     # By hand: h = 0.3 gives +5 % lift, taken out multiplicatively at gain 0.95.
-    lift = 1.0 + 0.05 * CONFIG.tuning.gain
+    lift = 1.0 + 0.05 * GAIN
     assert decision.disturbance.wrench[2] == pytest.approx(-0.05 * 2 * 22.555, rel=0.01)
     assert decision.offset.thrust < 0.0
     slope_share = (1.0 / lift - 1.0) * 1.0

@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from flying import bench
 
-from companion.config import HoldGains, Tuning
+from companion.control import plant, refusals, swing_detector
 from companion.control.attitude_response import AttitudeResponse, hear_tilt, measured_loop, sent
 from companion.control.authority import Notice, Reason
 from companion.control.plant import (
+    FULL,
     AttitudeLoop,
+    HoldGains,
     Source,
     Timing,
     declared_loop,
@@ -25,8 +27,6 @@ from companion.control.plant import (
 )
 from companion.control.swing_detector import SwingDetector, calmed, watch
 from companion.mavlink.firmware import Stack
-
-GAINS = HoldGains()
 
 
 def swings(gains: HoldGains, loop: AttitudeLoop, late_s: float, factor: float = 1.0, seconds: float = 60.0) -> float:
@@ -42,7 +42,7 @@ def swings(gains: HoldGains, loop: AttitudeLoop, late_s: float, factor: float = 
         v += dt * tilt
         x += dt * v
         seen.append((x, v))
-        mean += dt / gains.tilt_mean_s * (tilt - mean)
+        mean += dt / plant.TILT_MEAN_S * (tilt - mean)
         late_x, late_v = seen[0]
         now_v = late_v + late_s * (tilt - mean)
         now_x = late_x + late_s * (late_v + 0.5 * late_s * (tilt - mean))
@@ -57,47 +57,50 @@ def swings(gains: HoldGains, loop: AttitudeLoop, late_s: float, factor: float = 
 @pytest.mark.parametrize("loop", [AttitudeLoop(0.07, 0.10), AttitudeLoop(0.16, 0.02), AttitudeLoop(0.10, 0.20)])
 @pytest.mark.parametrize("late_s", [0.0, 0.10])
 def test_the_gain_margin_is_where_the_simulated_loop_begins_to_swing(loop, late_s):
-    led = replace(GAINS, tilt_lead_s=0.8 * loop.lag_s)
+    led = replace(FULL, tilt_lead_s=0.8 * loop.lag_s)
     margin = margin_of(horizontal_loop(led, loop, late_s)).gain
     assert margin > 1.0
     assert swings(led, loop, late_s, 0.9 * margin if margin < 20.0 else 1.0) < 1.0
-    tuned = tune(GAINS, loop, Timing(position_period_s=0.0, position_late_s=late_s))
+    tuned = tune(loop, Timing(position_period_s=0.0, position_late_s=late_s))
     assert swings(tuned.gains, loop, late_s) < 0.05
 
 
 def test_an_unstable_loop_has_no_margin():
     loop = AttitudeLoop(0.30, 0.30)
-    led = replace(GAINS, tilt_lead_s=0.0)
+    led = replace(FULL, tilt_lead_s=0.0)
     margin = margin_of(horizontal_loop(led, loop, 0.15))
     assert swings(led, loop, 0.15, seconds=20.0) > 1.0
     assert margin.phase_deg < 0.0 or margin.gain < 1.0
 
 
-def test_the_recorded_slow_loop_rang_as_its_margin_says():
+def test_the_recorded_slow_loop_rang_as_its_margin_says(monkeypatch):
     """A firmware with ATC_INPUT_TC 0.3 (fitted: tau 0.16 s, delay 0.02 s) rang at 0.4 Hz, 0.77 a cycle, flown with a
     lead of 0.15 s and a mean of 0.4 s: a damping ratio of 0.04, or 4 degrees of phase margin."""
-    flown = replace(GAINS, tilt_lead_s=0.15, tilt_mean_s=0.4, position_1_s=1.8, velocity_1_s=4.0, integral_1_s2=1.35)
-    assert margin_of(horizontal_loop(flown, AttitudeLoop(0.16, 0.02), 0.01)).phase_deg == pytest.approx(4.0, abs=1.5)
-    chosen = tune(GAINS, AttitudeLoop(0.16, 0.02), Timing())
-    assert chosen.margin.phase_deg >= GAINS.wanted_phase_margin_deg
+    flown = replace(FULL, tilt_lead_s=0.15, position_1_s=1.8, velocity_1_s=4.0, integral_1_s2=1.35)
+    with monkeypatch.context() as then:
+        then.setattr(plant, "TILT_MEAN_S", 0.4)
+        margin = margin_of(horizontal_loop(flown, AttitudeLoop(0.16, 0.02), 0.01))
+    assert margin.phase_deg == pytest.approx(4.0, abs=1.5)
+    chosen = tune(AttitudeLoop(0.16, 0.02), Timing())
+    assert chosen.margin.phase_deg >= plant._WANTED.phase_deg
 
 
 def test_slow_loops_and_late_positions_get_softer_gains_and_a_longer_lead():
-    quick = tune(GAINS, AttitudeLoop(0.07, 0.10), Timing())
+    quick = tune(AttitudeLoop(0.07, 0.10), Timing())
     assert quick.share == quick.climb_share == 1.0
-    slow = tune(GAINS, AttitudeLoop(0.20, 0.10), Timing(position_period_s=0.1))
+    slow = tune(AttitudeLoop(0.20, 0.10), Timing(position_period_s=0.1))
     assert slow.share < 0.7
     assert slow.gains.tilt_lead_s > quick.gains.tilt_lead_s
-    late = tune(GAINS, AttitudeLoop(0.07, 0.10), Timing(position_period_s=0.1, position_late_s=0.15))
+    late = tune(AttitudeLoop(0.07, 0.10), Timing(position_period_s=0.1, position_late_s=0.15))
     assert late.share < 0.8
     assert late.climb_share < 0.6
     for tuned in (quick, slow, late):
-        assert tuned.margin.meets(GAINS.wanted_gain_margin, GAINS.wanted_phase_margin_deg)
+        assert tuned.margin.meets(plant._WANTED)
 
 
 def test_where_no_gains_have_a_margin_the_hold_is_refused():
-    hopeless = tune(GAINS, AttitudeLoop(0.8, 0.5), Timing(position_period_s=0.5, position_late_s=0.4))
-    assert not hopeless.margin.meets(GAINS.least_gain_margin, GAINS.least_phase_margin_deg)
+    hopeless = tune(AttitudeLoop(0.8, 0.5), Timing(position_period_s=0.5, position_late_s=0.4))
+    assert not hopeless.margin.meets(refusals._LEAST)
     b = bench()
     b.run(0.1)
     b.state = replace(b.state, tuned=hopeless, tuned_s=b.t)
@@ -117,11 +120,11 @@ def test_parameters_say_how_slow_the_attitude_is():
 def test_rate_and_lateness_of_positions_are_measured():
     timing = Timing()
     for k in range(100):
-        timing = hear_position(timing, 10.0 + 0.1 * k, 0.12, 0.5)
+        timing = hear_position(timing, 10.0 + 0.1 * k, 0.12)
     assert timing.position_period_s == pytest.approx(0.1, abs=0.005)
     assert timing.position_late_s == pytest.approx(0.12, abs=0.005)
     for k in range(500):
-        timing = hear_position(timing, 30.0 + 0.02 * k, 0.0, 0.5)
+        timing = hear_position(timing, 30.0 + 0.02 * k, 0.0)
     assert timing.position_period_s == pytest.approx(0.02, abs=0.002)
     assert timing.position_late_s < 0.005
 
@@ -181,24 +184,24 @@ def test_a_swinging_hold_gets_softer_gains_no_offsets_and_says_so():
     assert Reason.SWINGING in decision.reasons
     assert decision.offset.share == 0.0
     assert decision.command is not None, "the hold goes on"
-    b.state = replace(b.state, swing=replace(b.state.swing, level=b.config.tuning.swing_levels + 1))
+    b.state = replace(b.state, swing=replace(b.state.swing, level=swing_detector.SWING_LEVELS + 1))
     assert Reason.SWINGS_ON in b.tick().reasons
     assert Notice.SOFTENED.value.startswith("swinging")
 
 
 def test_the_gains_come_back_after_a_calm_twice_as_long_after_each_swing():
     """An hour of flight on a busy computer: one swing, and the hold stayed soft until it was refused for good."""
-    calm_s = Tuning().swing_calm_s
+    calm_s = swing_detector._CALM_S
     once = fed(lambda t: 1.2 * math.sin(2.5 * t) if t < 8.0 else 0.0)
     assert (once.level, once.swings) == (1, 1)
-    assert calmed(once, once.swung_s + 0.9 * calm_s, calm_s, 3).level == 1
-    back = calmed(once, once.swung_s + 1.1 * calm_s, calm_s, 3)
+    assert calmed(once, once.swung_s + 0.9 * calm_s).level == 1
+    back = calmed(once, once.swung_s + 1.1 * calm_s)
     assert (back.level, back.swings) == (0, 1)
     twice = replace(once, level=1, swings=2)
-    assert calmed(twice, once.swung_s + 1.1 * calm_s, calm_s, 3).level == 1
-    assert calmed(twice, once.swung_s + 2.1 * calm_s, calm_s, 3).level == 0
+    assert calmed(twice, once.swung_s + 1.1 * calm_s).level == 1
+    assert calmed(twice, once.swung_s + 2.1 * calm_s).level == 0
     gone = replace(once, level=4, swings=4)
-    assert calmed(gone, 1e6, calm_s, 3).level == 4, "a hold that let go for it comes back in another mode only"
+    assert calmed(gone, 1e6).level == 4, "a hold that let go for it comes back in another mode only"
 
 
 @pytest.mark.slow
@@ -207,7 +210,7 @@ def test_a_hold_that_swung_once_is_firm_again_two_minutes_later():
     full = b.run(4.0).tuned.share
     b.state = replace(b.state, swing=SwingDetector(level=1, swings=1, swung_s=b.t, stepped_s=b.t), tuned_s=-math.inf)
     assert b.run(1.5).tuned.share < 0.7 * full
-    assert b.run(b.config.tuning.swing_calm_s).tuned.share == pytest.approx(full)
+    assert b.run(swing_detector._CALM_S).tuned.share == pytest.approx(full)
 
 
 def test_a_measured_loop_is_kept_while_the_vehicle_hovers_too_quietly_to_measure_it_again():
@@ -226,7 +229,7 @@ def test_a_hold_weaker_than_the_autopilots_own_does_not_engage():
     b.state = replace(b.state, loop=AttitudeLoop(0.22, 0.20, source=Source.MEASURED), tuned_s=-math.inf)
     b.mode = 4
     decision = b.run(1.5)
-    assert decision.tuned.margin.meets(GAINS.wanted_gain_margin, GAINS.wanted_phase_margin_deg), "stable, and too soft"
-    assert decision.tuned.share < GAINS.least_share
+    assert decision.tuned.margin.meets(plant._WANTED), "stable, and too soft"
+    assert decision.tuned.share < refusals._LEAST_SHARE
     assert Reason.NO_MARGIN in decision.reasons
     assert decision.command is None

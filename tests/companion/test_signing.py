@@ -6,13 +6,13 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 from fake_autopilot import FakeAutopilot, free_port
+from flight_process import flight_command
 from whole_tlog import read_tlog
 
 from companion.mavlink.dialect import mavlink
@@ -48,18 +48,9 @@ class SigningAutopilot(FakeAutopilot):
 
 
 def fly(autopilot: SigningAutopilot, key: Path, port: int, record: Path, forge: bool = False) -> dict[str, Any]:
-    command = [
-        sys.executable,
-        "-m",
-        "companion",
-        "--vehicle",
-        "tandem",
-        "--connect",
-        f"udpin:127.0.0.1:{port}",
-        "--signing-key",
-        str(key),
-    ]
-    command += ["--json", "-", "--record", str(record), "--duration", "60"]
+    command = flight_command(
+        port, "--signing-key", str(key), "--json", "-", "--record", str(record), "--duration", "60"
+    )
     environment = {**os.environ, "OMP_NUM_THREADS": "1"}
     with autopilot, subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, env=environment
@@ -109,21 +100,9 @@ def test_what_somebody_else_sends_unsigned_is_counted_and_changes_nothing(tmp_pa
 
 def test_an_unsigned_vehicle_is_not_flown_with_a_key(tmp_path: Path, key: Path):
     port = free_port()
-    command = [
-        sys.executable,
-        "-m",
-        "companion",
-        "--vehicle",
-        "tandem",
-        "--connect",
-        f"udpin:127.0.0.1:{port}",
-        "--signing-key",
-        str(key),
-    ]
+    command = flight_command(port, "--signing-key", str(key), "--duration", "4", "--json", "-")
     with FakeAutopilot(port) as autopilot:
-        ended = subprocess.run(
-            [*command, "--duration", "4", "--json", "-"], capture_output=True, text=True, timeout=60, check=False
-        )
+        ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert not autopilot.of_type("SET_ATTITUDE_TARGET")
     assert "signing key" in ended.stderr
     report = json.loads(ended.stdout)
@@ -133,21 +112,9 @@ def test_an_unsigned_vehicle_is_not_flown_with_a_key(tmp_path: Path, key: Path):
 
 def test_other_systems_are_ignored_and_counted(tmp_path: Path):
     port = free_port()
-    command = [
-        sys.executable,
-        "-m",
-        "companion",
-        "--vehicle",
-        "tandem",
-        "--connect",
-        f"udpin:127.0.0.1:{port}",
-        "--target-system",
-        "1",
-    ]
+    command = flight_command(port, "--target-system", "1", "--duration", "4", "--json", "-")
     with FakeAutopilot(port), FakeAutopilot(port, system=7):
-        ended = subprocess.run(
-            [*command, "--duration", "4", "--json", "-"], capture_output=True, text=True, timeout=60, check=False
-        )
+        ended = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     report = json.loads(ended.stdout)
     assert report["system"] == 1
     assert report["ignored_systems"] == [7]

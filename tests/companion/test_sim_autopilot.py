@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -54,9 +55,9 @@ def test_attitude_step_takes_as_long_as_measured(name, axis):
 
 @pytest.fixture(scope="module")
 def approach():
-    """The corner approach in free air, flown by the autopilot's own position control."""
+    """The corner approach with sharp corners in free air, flown by the autopilot's own position control."""
     v = vehicle()
-    flight = Flight(v, build("ramps", v, air=False), 1)
+    flight = Flight(v, replace(build("corner", v, air=False), rounding_s=0.0), 1)
     link = VehicleLink(flight, lambda frame: None)
     pilot = ScriptedPilot(flight, link, Hand.AUTOPILOT, endless=False)
     rows = []

@@ -125,14 +125,6 @@ def test_beams_meet_ground_and_wall():
     assert true_range(body, (0.0, 0.0, 0.0), (0.0, -1.0, 0.0)) == math.inf
 
 
-def test_a_pylon_is_seen_only_beside_it():
-    body = still(wall_m=2.0, wall_half_width_m=0.3)
-    body.position[:] = [0.0, 0.5, -1.2]
-    assert math.isfinite(true_range(body, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)))
-    body.position[0] = 0.5
-    assert true_range(body, (0.0, 0.0, 0.0), (0.0, 1.0, 0.0)) == math.inf
-
-
 def test_a_range_is_quantised_late_noisy_and_sometimes_lost():
     body = still()
     body.position[2] = -1.234

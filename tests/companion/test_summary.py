@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from companion.control.authority import HOLDS_BACK_EVERYTHING, Reason
 from companion.control.compensation import Offset
+from companion.control.state import Decision
 from companion.mavlink.setpoints import AttitudeCommand
-from companion.pipeline import Decision
 from companion.telemetry.summary import Summary
 
 

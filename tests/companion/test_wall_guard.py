@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from companion.config import HoldGains
+from companion.control.plant import FULL
 from companion.control.position_hold import BaseSetpoint, Motion, engage, fly
 from companion.control.wall_guard import Pressed, watch_wall
 from companion.estimation.estimator import Seen, Surface
@@ -16,7 +16,7 @@ from companion.mavlink.firmware import ThrustMap
 from models.vehicle import Limits
 
 EAST = Pressed(0.0, 1.0, 0.0)
-GAINS, THRUST = HoldGains(), ThrustMap(0.5, 1.0)
+THRUST = ThrustMap(0.5, 1.0)
 
 
 @dataclass
@@ -64,9 +64,9 @@ def test_it_stays_pressed_until_it_is_clear_also_where_the_range_is_blind():
 def setpoint(wall: Pressed | None, north_m: float, east_m: float) -> BaseSetpoint:
     """The first one after the vehicle was driven off by so much."""
     level = Motion((0.0,) * 3, (0.0,) * 3, (0.0, 0.0, 1.0), 0.0)
-    hold = engage(0.0, level, (0.0, 0.0), THRUST.hover, THRUST, GAINS)
+    hold = engage(0.0, level, (0.0, 0.0), THRUST.hover, THRUST)
     off = Motion((north_m, east_m, 0.0), (0.0,) * 3, (0.0, 0.0, 1.0), 0.0, wall=wall)
-    return fly(hold, GAINS, Limits(), 0.02, off, THRUST)[1]
+    return fly(hold, FULL, Limits(), 0.02, off, THRUST)[1]
 
 
 def lean(s: BaseSetpoint) -> float:

@@ -6,13 +6,13 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import time
 from configparser import ConfigParser
 from pathlib import Path
 
 import pytest
 from fake_autopilot import FakeAutopilot, free_port
+from flight_process import flight_command
 
 from companion.cli import parser
 from companion.watchdog import Watchdog
@@ -72,16 +72,7 @@ def test_the_watchdog_of_another_process_is_not_ours():
 def test_a_flight_under_systemd(tmp_path):
     name, port = str(tmp_path / "notify"), free_port()
     environment = {**os.environ, "NOTIFY_SOCKET": name, "WATCHDOG_USEC": "400000"}
-    command = [
-        sys.executable,
-        "-m",
-        "companion",
-        "--vehicle",
-        "tandem",
-        "--connect",
-        f"udp:127.0.0.1:{port}",
-        "--quiet",
-    ]
+    command = flight_command(port, "--quiet", scheme="udp")
     with systemd(name) as heard, FakeAutopilot(port) as autopilot:
         process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL)
         said: list[str] = []

@@ -9,6 +9,7 @@ import pytest
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
 from models.effects import AdoptedEffect, BelongsTo, Context, catalogue, get
+from models.errors import ModelError
 from models.surrogate.store import load, save_model
 from replay.diagnosis.amended_model import amended, known_day, learnt_from, to_adopt
 from replay.diagnosis.words import kept_words
@@ -88,3 +89,12 @@ def test_drag_that_was_found_in_one_wind_is_adopted_by_half() -> None:
     assert one["own_motion"] == pytest.approx(0.2)
     scale = [Estimate("scale", 0.1, (0.1, 0.1), "1")]
     assert to_adopt(get("thrust_scale"), scale, context, one_wind=True).parameters["scale"] == pytest.approx(0.1)
+
+
+def test_axes_on_which_an_effect_does_not_act_are_kept(tmp_path: Path, log: Path) -> None:
+    model = saved(tmp_path, log, AdoptedEffect("thrust_scale", {"scale": 0.05}, ("Fx", "My")))
+    assert model.effects[0].without == ("Fx", "My")
+    path = tmp_path / "m" / "model.json"
+    path.write_text(path.read_text().replace('"My"', '"Mq"'))
+    with pytest.raises(ModelError, match="'thrust_scale': axis 'Mq' is not one of Fx, Fy, Fz"):
+        load(tmp_path / "m")

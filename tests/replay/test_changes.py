@@ -92,12 +92,12 @@ def test_the_answer_as_json_text_and_page(good: Good) -> None:
     assert entry["since"] == today.name
     assert "fan_imbalance since" in answer.as_text()
     html = page(answer, default_vehicle())
-    assert "Changed: fan imbalance" in html
+    assert f"<h1>Fan imbalance changed since {today.name}</h1>" in html
     assert "<svg" in html
     nothing = Since(good, (Compared(today, (), {}),), (), ())
     assert nothing.as_json()["changed"] == []
     assert nothing.as_text().startswith("nothing changed")
-    assert "Nothing changed." in page(nothing, default_vehicle())
+    assert "<h1>Nothing changed</h1>" in page(nothing, default_vehicle())
 
 
 def test_logs_are_put_in_order_of_their_dates(tmp_path: Path) -> None:

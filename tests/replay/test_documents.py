@@ -19,7 +19,6 @@ from models import dataset
 from models.corner_law import ClosedForm
 from models.effects import catalogue
 from models.vehicle import Fan, Limits, Rangefinder, Rotor, Throttle, Vane, Vehicle
-from models.vehicle_setup.parameters import read_parameters
 
 ROOT = Path(__file__).resolve().parents[2]
 README = ROOT / "README.md"
@@ -124,6 +123,13 @@ def test_every_key_of_a_vehicle_file_is_explained():
         assert f"`{key}`" in text, key
     for table in ("[[fan]]", "[[vane]]", "[[rangefinder]]", "[throttle]", "[limits]"):
         assert f"`{table}`" in text
+
+
+def read_parameters(path):
+    """Names and values: ``NAME,VALUE`` of ArduPilot, or PX4's five columns, the name third."""
+    lines = (line.split("#", 1)[0] for line in path.read_text(encoding="utf-8").splitlines())
+    words = [re.split(r"[,\s]+", line.strip()) for line in lines if line.strip()]
+    return {w[-3] if len(w) > 2 else w[0]: float(w[-2] if len(w) > 2 else w[1]) for w in words}
 
 
 def test_parameter_files_load_and_say_what_the_companion_asks_for():

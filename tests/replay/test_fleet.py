@@ -1,13 +1,12 @@
 """Folders of logs: every log judged as by itself, bad ones said, nothing computed twice."""
 
+import csv
 import json
 import os
 import re
 import subprocess
 import sys
-from dataclasses import replace
 
-import numpy as np
 import pytest
 from browser import CHROMIUM, DESKTOP, PHONE, Browser
 from log_writers import flight, quad_flight, write_tlog
@@ -20,8 +19,7 @@ from replay.fleet.jobs import Job, perform
 from replay.fleet.page import common_effects
 from replay.fleet.results import Results, logs_in
 from replay.fleet.rows import row, write_table
-from replay.fleet.scheduler import needed_bytes, run_local
-from replay.fleet.trends import Point, Trend, trends
+from replay.fleet.scheduler import run_local
 
 DAY_US = 86_400_000_000
 
@@ -57,13 +55,13 @@ def test_every_log_is_judged_as_by_itself_and_a_bad_one_stops_nothing(folder, tm
 
 
 def test_table_and_page_hold_every_log(folder, tmp_path):
-    parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed (extra: export)")
     out = tmp_path / "out"
     assert main(["run", str(folder), "--out", str(out), "--workers", "1", "--quiet"]) == 0
-    table = parquet.read_table(out / "table.parquet").to_pydict()
-    assert len(table["log"]) == 3
-    assert [e is not None for e in table["error"]].count(True) == 1
-    assert max(d for d in table["duration_s"] if d is not None) == pytest.approx(3.98, abs=0.05)
+    with (out / "table.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 3
+    assert [bool(r["error"]) for r in rows].count(True) == 1
+    assert max(float(r["duration_s"]) for r in rows if r["duration_s"]) == pytest.approx(3.98, abs=0.05)
     page = (out / "report.html").read_text()
     assert all(name in page for name in ("a.tlog", "b.tlog", "bad.tlog"))
     assert "http" not in page.replace("http-equiv", "")
@@ -78,7 +76,7 @@ def test_the_page_of_replays_names_what_to_mend_in_words(tmp_path):
         write_tlog(logs / f"{name}.tlog", [m for m in flight(20.0) if cut(m[1], 0).id != 132])
     assert main(["run", str(logs), "--out", str(tmp_path / "out"), "--workers", "1", "--quiet"]) == 0
     page = (tmp_path / "out" / "report.html").read_text()
-    assert f"mend what held it back longest in all: {Reason.RANGE_MISSING.value}" in page
+    assert f"correct the main reason for no offset: {Reason.RANGE_MISSING.value}" in page
     assert page.count(f"{Reason.RANGE_MISSING.value}, 20 s") == 2
     assert "40 s in all" in page
 
@@ -114,7 +112,7 @@ def test_folder_of_diagnoses(tmp_path, capsys):
     assert answer["verdict"] == alone["verdict"]
     assert answer["effects"] == alone["effects"]
     page = (out / "report.html").read_text()
-    assert f"<h2>{answer['effects'][0]['name']}".replace("_", " ") in page
+    assert answer["effects"][0]["name"].replace("_", " ") in page
     assert page.index("Next: ") < page.index("Every log")
 
 
@@ -128,12 +126,12 @@ def test_report_of_a_folder_is_one_page_of_all_that_leads_to_one_of_every_log(tm
     arguments = ["diagnose", str(logs), "--vehicle", str(QUAD), "--model", "none", "--out", str(tmp_path / "out")]
     assert main([*arguments, "--report", str(report), "--quiet"]) == 0
     page = (report / "report.html").read_text()
-    assert "Most logs lack the same" in page
-    assert page.index("Most logs lack") < page.index("Next: ") < page.index("Every log")
+    assert "Most logs show the same effect" in page
+    assert page.index("Most logs show") < page.index("Next: ") < page.index("Every log")
     links = re.findall(r'href="(logs/heavy\d-\w+\.html)"', page)
     assert len(links) == 2
     for link in links:
-        assert "What the model lacks" in (report / link).read_text()
+        assert "Error of the model" in (report / link).read_text()
     assert str(tmp_path) not in page.split("<table>")[-1].replace(str(logs), ""), "the folder may be moved"
     # A page that was deleted is made again; the others are known from before.
     (report / links[0]).unlink()
@@ -189,16 +187,6 @@ def _dies(job, answers):
     os._exit(7)
 
 
-def test_only_what_is_read_in_blocks_needs_a_bounded_memory(tmp_path):
-    for name in ("a.tlog", "a.bin", "a.ulg"):
-        with (tmp_path / name).open("wb") as file:
-            file.truncate(4_000_000_000)
-    need = {name: needed_bytes(Job("run", str(tmp_path / name), None, None)) for name in ("a.tlog", "a.bin", "a.ulg")}
-    assert need["a.tlog"] == need["a.bin"] < 1e9
-    assert need["a.ulg"] > 10e9
-    assert needed_bytes(Job("run", str(tmp_path / "none.tlog"), None, None)) < 1e9
-
-
 def test_bad_arguments(folder, tmp_path, capsys):
     (tmp_path / "empty").mkdir()
     assert main(["run", str(tmp_path / "empty")]) == 3
@@ -210,67 +198,13 @@ def test_bad_arguments(folder, tmp_path, capsys):
     assert len(capsys.readouterr().err.strip().splitlines()) == 6
 
 
-def test_table_without_pyarrow_is_csv(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
+def test_a_cell_of_the_table_is_empty_where_a_log_lacks_it(tmp_path):
     rows = [row({"log": "a", "error": "bad"}), row({"log": "b", "duration_s": 2.0, "refusals_s": {"landed": 1.0}})]
     assert write_table(tmp_path, rows).read_text().splitlines() == [
         "log,error,duration_s,refusal_landed_s",
         "a,bad,,",
         "b,,2.0,1.0",
     ]
-
-
-def answers_of(values, half=0.01, days=None, vehicle="quad"):
-    for k, value in enumerate(values):
-        day = k if days is None else days[k]
-        date = np.datetime64("2026-01-01") + np.timedelta64(day, "D")
-        estimate = {"value": value, "ci95": [value - half, value + half], "unit": "kg"}
-        effect = {"name": "payload", "explains": 0.5, "parameters": {"mass_kg": estimate}}
-        yield {
-            "log": f"{k}.tlog",
-            "vehicle": vehicle,
-            "date": f"{date}T00:00:00Z",
-            "verdict": "explained",
-            "effects": [effect],
-        }
-
-
-def test_trends_tell_common_from_varying_from_drifting():
-    rng = np.random.default_rng(1)
-    (same,) = trends(list(answers_of(0.3 + 0.005 * rng.standard_normal(8))))
-    assert not same.varies
-    assert same.drift_per_day is None
-    (spread,) = trends(list(answers_of(0.3 + 0.1 * rng.standard_normal(8))))
-    assert spread.varies
-    (season,) = trends(list(answers_of(0.3 + 0.02 * np.arange(8) + 0.003 * rng.standard_normal(8))))
-    assert season.drift_per_day == pytest.approx(0.02, abs=0.002)
-    assert "drifts by +0.6" in season.in_words()
-
-
-def test_a_drift_is_of_a_vehicle_not_of_one_vehicle_flown_after_another():
-    rng = np.random.default_rng(3)
-
-    def trend(sizes_of):
-        points = [
-            Point(vehicle, day, size + 0.003 * rng.standard_normal(), 0.01)
-            for vehicle, begin, size_at in sizes_of
-            for k in range(5)
-            for day in [begin + 3.0 * k]
-            for size in [size_at(day)]
-        ]
-        return Trend("payload", "mass", "kg", tuple(points), len(points))
-
-    steady = trend([("a", 0.0, lambda day: 0.1), ("b", 30.0, lambda day: 0.4)])
-    assert steady.varies
-    assert steady.drift_per_day is None
-    drifting = trend([("a", 0.0, lambda day: 0.1 + 0.01 * day), ("b", 30.0, lambda day: -0.5 + 0.01 * day)])
-    assert drifting.drift_per_day == pytest.approx(0.01, abs=0.001)
-
-
-def test_no_drift_is_seen_in_noise():
-    rng = np.random.default_rng(2)
-    found = sum(trends(list(answers_of(rng.standard_normal(12))))[0].drift_per_day is not None for _ in range(200))
-    assert found <= 6
 
 
 def test_interrupted_folder_keeps_what_was_done(folder, tmp_path):
@@ -316,23 +250,3 @@ def test_stamps_of_another_millennium_and_joined_logs_are_no_hindrance(tmp_path)
         assert answer["decisions"] > 100
         assert answer["date_from"] == date_from
         assert answer["date"].startswith("20")
-
-
-def test_vehicles_of_a_fleet_are_told_apart_by_folder_or_system_id(tmp_path, capsys):
-    logs = tmp_path / "logs"
-    (logs / "alpha").mkdir(parents=True)
-    write_tlog(logs / "alpha" / "one.tlog", quad_flight(40.0, mass_kg=3.6))
-    write_tlog(logs / "two.tlog", quad_flight(40.0, mass_kg=3.6, system=7, seed=2))
-    out = tmp_path / "out"
-    assert main(["diagnose", str(logs), "--vehicle", str(QUAD), "--model", "none", "--out", str(out), "--quiet"]) == 0
-    page = (out / "report.html").read_text()
-    assert "alpha, 2026-01-01" in page
-    assert "system 7, 2026-01-01" in page
-    assert not re.search(r"\d 1[;.<]", page), "a number without unit has no unit"
-
-
-def test_a_size_without_unit_is_a_number():
-    trend = Trend("thrust_scale", "scale", "1", (Point("x", 0.0, -0.08, 0.01),), 1)
-    assert trend.in_words() == "1 of 1 logs, median -0.08"
-    other = replace(trend, points=(*trend.points, Point("y", 1.0, 0.02, 0.01)), logs=2)
-    assert "; by vehicle: x -0.08, y 0.02" in other.in_words()

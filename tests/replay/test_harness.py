@@ -15,7 +15,8 @@ from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import FrameReader, cut
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.tlog_writer import Recorder
-from companion.pipeline import answer, initial_state, settle
+from companion.pipeline import answer, initial_state
+from companion.settle import settle
 from companion.vehicles import default_vehicle
 from replay.logs.formats import load
 from replay.logs.pieces import Piece

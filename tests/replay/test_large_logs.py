@@ -156,11 +156,9 @@ def small_blocks(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rate", [None, 20.0])
-def test_an_export_in_pieces_is_the_export_of_the_whole(three_boots, tmp_path, rate, monkeypatch):
-    options = [] if rate is None else ["--rate", str(rate)]
+def test_an_export_in_pieces_is_the_export_of_the_whole(three_boots, tmp_path, monkeypatch):
     whole, parts = tmp_path / "whole.csv", tmp_path / "parts.csv"
-    command = ["export", str(three_boots), "--to", "csv", "--quiet", *options]
+    command = ["export", str(three_boots), "--to", "csv", "--quiet"]
     assert main([*command, "--out", str(whole)]) == 0
     monkeypatch.setattr(tlog_blocks, "BLOCK_BYTES", SMALL)
     assert main([*command, "--out", str(parts)]) == 0
@@ -229,7 +227,7 @@ def in_pieces(path):
 
 def exported(path):
     target = path.with_suffix(".csv")
-    main(["export", str(path), "--to", "csv", "--rate", "5", "--no-decisions", "--quiet", "--out", str(target)])
+    main(["export", str(path), "--to", "csv", "--no-decisions", "--quiet", "--out", str(target)])
 
 
 @pytest.mark.slow

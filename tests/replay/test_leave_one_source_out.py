@@ -9,9 +9,10 @@ import leave_one_source_out as held
 import pytest
 from measured.answers import ask
 from measured.judge import Judgement
-from measured.settings import parse, use
+from measured.settings import parse, used
 
 import replay.search.evidence
+import replay.search.results
 import replay.search.walk
 
 
@@ -40,23 +41,42 @@ def test_the_same_people_under_another_name_are_left_out_together():
     assert held.chosen({"": own, "TRUST=1.0": other}, "neural-swarm") == ""
 
 
-def test_a_setting_reaches_every_module_that_holds_the_number(monkeypatch):
-    for module in (replay.search.evidence, replay.search.walk):
-        monkeypatch.setattr(module, "TRUST", module.TRUST)
-    use(parse(["TRUST=0.25"]))
-    assert replay.search.evidence.TRUST == replay.search.walk.TRUST == 0.25
+def test_a_setting_reaches_every_module_that_holds_the_number_and_no_longer_than_it_is_used():
+    before = replay.search.evidence.TRUST
+    with used(parse(["TRUST=0.25"])):
+        assert replay.search.evidence.TRUST == replay.search.walk.TRUST == 0.25
+    assert replay.search.evidence.TRUST == replay.search.walk.TRUST == before
 
 
-def test_a_number_that_no_module_has_is_refused_by_name():
-    with pytest.raises(ValueError, match="TRUTS"):
-        use(parse(["TRUTS=0.25"]))
+def test_a_function_that_is_off_changes_nothing():
+    with used(parse(["_predictive=off"])):
+        assert replay.search.results._predictive("what the walk came to") == "what the walk came to"
 
 
-def test_every_setting_is_a_number_that_the_search_has_and_changes_it():
+@pytest.mark.parametrize("word", ["TRUTS=0.25", "_predictiv=off", "TRUST=off", "_predictive=0.0"])
+def test_what_no_module_has_is_refused_by_name(word):
+    with pytest.raises(ValueError, match=word.split("=")[0]), used(parse([word])):
+        pass
+
+
+def test_every_setting_is_one_that_the_search_has_and_changes_it():
     modules = [import_module(f"replay.search.{m.name}") for m in iter_modules(replay.search.__path__)]
-    for setting in held.SETTINGS:
-        for name, value in parse(setting.split()).items():
+    for setting in (*held.SETTINGS, *held.RULES):
+        settings = parse(setting.split())
+        with used(settings):
+            pass
+        for name, value in settings.items():
             assert any(getattr(m, name, value) != value for m in modules), setting
+
+
+def test_what_a_rule_gains_is_said_by_source():
+    """Without the rule source a loses a flight, and b gets a wrong name less."""
+    with_it = [flight("a", True), flight("b", False)]
+    without = [flight("a", False), flight("b", True)]
+    head, own, off = held.rules({"": with_it, "OWN=1e-9": without}).splitlines()
+    assert head.split() == ["a", "b"]
+    assert own.split()[-6:] == ["1/1", "0", "0", "0/1", "0", "0"]
+    assert off.split() == ["OWN=1e-9", "-1", "+0", "+0", "+1", "+0", "+0"]
 
 
 @pytest.mark.slow

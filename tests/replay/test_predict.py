@@ -77,6 +77,13 @@ def test_a_day_without_anything_is_found_to_be_nothing(quiet: Record) -> None:
         assert error.with_effects < 1.3 * error.without
 
 
+def test_a_moment_that_nothing_of_the_day_explains_is_no_wind(quiet: Record) -> None:
+    drag = replace(DRAG, parameters={**DRAG.parameters, "above_radii": 1.0})
+    centre = AdoptedEffect("cg_offset", {"x": 0.03, "y": 0.0})
+    for axis, error in flown(quiet, (drag, centre), (drag,), frozen=False).axes().items():
+        assert error.with_effects < 1.1 * error.without, axis
+
+
 def test_errors_come_by_axis_and_regime_in_json_text_and_page(quiet: Record) -> None:
     answer = flown(quiet, (SCALE,), (SCALE,), frozen=True)
     said = json.loads(json.dumps(answer.as_json("m"), allow_nan=False))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import transfer
@@ -22,9 +25,46 @@ def test_an_interval_holds_the_mean_over_pairs():
 
 def test_the_table_counts_pairs_that_are_worse_than_nothing():
     rows = [{"source": "a", transfer.FROZEN: {"ours": ours, "mean": 0.9}, transfer.TWENTY: {}} for ours in (0.5, 1.2)]
-    last = transfer.table(rows, transfer.FROZEN).splitlines()[-1].split()
-    assert last[0] == "all"
-    assert last[-2:] == ["1", "1"]
+    together = transfer.table(rows, transfer.FROZEN).splitlines()[-2].split()
+    assert together[0] == "all"
+    assert together[-2:] == ["1", "1"]
+
+
+def test_a_source_with_many_pairs_weighs_no_more_than_another():
+    many = [{"source": "a", transfer.FROZEN: {"ours": 0.2, "mean": 1.0}}] * 9
+    rows = [*many, {"source": "b", transfer.FROZEN: {"ours": 0.8, "mean": 1.0}}]
+    assert "0.40" in transfer.table(rows, transfer.FROZEN).splitlines()[-1]
+
+
+def test_a_table_gives_the_flights_of_each_vehicle_file_that_are_there(tmp_path, capsys):
+    table = Path(transfer.__file__).parent / "measured" / "payload.toml"
+    for name in ("payload_1.toml", "payload_2.toml", "payload_182.tlog", "payload_184.tlog", "payload_204.tlog"):
+        (tmp_path / name).touch()
+    groups = list(transfer.groups_of(table, tmp_path))
+    assert [(g.source, g.vehicle.name, [log.stem for log in g.logs]) for g in groups] == [
+        ("payload", "payload_1.toml", ["payload_182", "payload_184"]),
+        ("payload", "payload_2.toml", ["payload_204"]),
+    ]
+    assert "payload_183.tlog" in capsys.readouterr().err
+
+
+def test_a_part_of_the_pairs_is_spread_over_all_flights():
+    assert transfer.spread(6, None) == transfer.spread(6, 9) == set(range(6))
+    assert transfer.spread(420, 60) == set(range(0, 420, 7))
+
+
+def test_pairs_that_are_known_are_not_measured_again(monkeypatch, tmp_path):
+    names = ("one", "two", "three")
+    found = [transfer.Flight(SimpleNamespace(name=name), None) for name in names]
+    monkeypatch.setattr(transfer, "flights", lambda group, cache: found)
+    monkeypatch.setattr(transfer, "learn", lambda flight: {})
+    monkeypatch.setattr(transfer, "pair", lambda a, b, learnt: {transfer.FROZEN: {}, transfer.TWENTY: {}})
+    group = transfer.Group("s", tmp_path, ())
+    first = next(transfer.measure(group, tmp_path, None, []))
+    assert [r["predicted"] for r in first] == ["two", "three"]
+    rest = [r for new in transfer.measure(group, tmp_path, None, first) for r in new]
+    assert len(rest) == 4
+    assert all(r["learnt_on"] != "one" for r in rest)
 
 
 def test_absent_flights_are_said(tmp_path, capsys):

@@ -16,6 +16,8 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 
+from result_file import add_option, counted, figure, write_result
+
 from companion.adapt_options import Adapt
 from faults.campaign import STACKS, Fault, Result, complaints
 from faults.catalog import BY_NAME, FAULTS, fly_named
@@ -82,13 +84,14 @@ def parser() -> argparse.ArgumentParser:
     )
     p.add_argument("names", nargs="*", metavar="NAME", help="faults to fly (default: all); a part of a name is enough")
     p.add_argument("--only", action="append", default=[], metavar="NAME", help="exactly this fault; may be repeated")
-    p.add_argument("--stack", choices=STACKS, action="append", help="one manner only (default: both)")
+    p.add_argument("--stack", choices=STACKS, action="append", help="one autopilot only (default: both)")
     p.add_argument("--seed", type=int, default=1)
     p.add_argument("--adapt", choices=[m.value for m in Adapt], default="full", help="as companion --adapt")
     p.add_argument("--workers", type=int, default=os.cpu_count() or 1)
     p.add_argument("--json", type=Path, metavar="FILE", help="the results, written after every flight")
     p.add_argument("--resume", action="store_true", help="fly only what --json FILE does not hold yet")
     p.add_argument("--table", type=Path, metavar="FILE.md", help="the table in Markdown, both stacks side by side")
+    add_option(p)
     p.add_argument("--list", action="store_true", help="say what the faults are")
     return p
 
@@ -154,8 +157,14 @@ def main() -> int:
     odd = sum(bool(complaints(BY_NAME[r.fault], r)) for r in results)
     print(
         f"{len(results)} flights, {len({r.fault for r in results})} faults, {outputs} setpoints checked: "
-        f"promises broken in {len(broken)} flights, {odd} flights with complaints"
+        f"requirements broken in {len(broken)} flights, {odd} flights with complaints"
     )
+    figures = [
+        counted("flights as they should be", (not complaints(BY_NAME[r.fault], r) for r in results), least=1.0),
+        figure("setpoints checked", f"{outputs}"),
+        figure("safety requirements broken", f"{len(broken)}", goal="0", met=not broken),
+    ]
+    write_result(a, figures, seeds=f"seed {a.seed}; {len(faults)} faults", simulated=True, repeatable=True)
     if a.table is not None:
         a.table.write_text(markdown(results), encoding="utf-8")
     return 1 if odd else 0

@@ -17,8 +17,8 @@ from lockstep_faults import FaultyLockstep
 import models
 from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
+from companion.control.state import Decision
 from companion.invariants import Auditor, Promise
-from companion.pipeline import Decision
 from companion.sim.flight import Flight
 from companion.vehicles import default_vehicle
 from faults.tamper import Tamper, signer

@@ -1,13 +1,18 @@
-"""The modelled wrench in parts: lift, pull and tilt of ground and wall, what is left in free air, adopted effects."""
+"""What the surroundings do to the vehicle at one instant, as one record, and its parts as adaptation measures them."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
+from companion.estimation.estimator import Surface
 from models.frames import Array
 from models.vehicle import Vehicle
+
+THRUST_LEAD_S = 0.06
+"""How far ahead the lift is looked up: what motors take to follow."""
 
 
 class Around(NamedTuple):
@@ -32,6 +37,27 @@ class Parts(NamedTuple):
     """Sum of all vertical forces, body FRD."""
     around: Around
     """At the lead of thrust."""
+
+
+@dataclass(frozen=True, slots=True)
+class Disturbance:
+    """What the surroundings do to the vehicle: body FRD about the CG, and how far that is to be believed."""
+
+    wrench: tuple[float, ...]
+    """Disturbance at the leads of thrust (Fz) and tilt (the others), with the vanes' reaction to its moment."""
+    free_lift_n: float
+    trust: float
+    gain: float
+    """Bounded so that delayed feed-forward towards a wall stays below a fifth of the loop's damping."""
+    h_m: tuple[float, ...]
+    d_m: tuple[float, ...]
+    """Of every fan, at the lead of thrust."""
+    ground: Surface
+    wall: Surface
+    ceiling: Surface
+    """Watched only where an adopted effect knows of ceilings."""
+    parts: Parts | None = None
+    """What adaptation measures by; None without it."""
 
 
 def about_cg(vehicle: Vehicle, at_fans: Iterable[Sequence[float]], bearing_rad: float) -> list[list[float]]:

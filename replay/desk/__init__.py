@@ -1,0 +1,1 @@
+"""``replay serve``: the diagnosis on a page of this machine."""

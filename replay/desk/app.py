@@ -1,0 +1,163 @@
+"""The pages of the desk and what their buttons do."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qsl
+
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.routing import Mount, Route
+from starlette.staticfiles import StaticFiles
+from starlette.templating import Jinja2Templates
+
+from models.pages.document import PAGE_STYLE
+from replay.desk.fields import others, rows
+from replay.desk.guard import Guard
+from replay.desk.question import Question
+from replay.desk.season import plots
+from replay.desk.store import MOST_BYTES, Ask, Desk, Drop, one_of, read_json, read_text
+from replay.desk.work import Work
+from replay.logs.formats import READERS
+
+_HERE = Path(__file__).parent
+_LONGEST_FORM = 1 << 18
+_SEE_OTHER = 303
+
+
+class _Pages:
+    """One function a page or button."""
+
+    def __init__(self, desk: Desk, work: Work, most: int) -> None:
+        self._desk, self._work, self._most = desk, work, most
+        self._templates = Jinja2Templates(_HERE / "templates")
+        known = {"style": PAGE_STYLE, "folder": desk.folder, "most": most, "suffixes": list(READERS), "step": work.step}
+        self._templates.env.globals.update(known)
+
+    def home(self, request: Request) -> Response:
+        """All drops."""
+        return self._templates.TemplateResponse(request, "home.html", {"drops": self._desk.drops})
+
+    def new_drop(self, _: Request) -> Response:
+        """A place for the logs that come next."""
+        return JSONResponse({"page": f"/drops/{self._desk.new_drop().folder.name}"}, 201)
+
+    def show(self, request: Request) -> Response:
+        """The logs of a drop, the form, and the answers."""
+        drop = self._drop(request)
+        asks, infos = drop.asks, {log.name: contents(drop, log) for log in drop.logs}
+        drafts = [*(a.answer.get("vehicle") for a in asks), *(info.get("drafted") for info in infos.values())]
+        draft: dict[str, Any] = next(filter(None, drafts), {})
+        facts = [*draft.get("known", ()), *draft.get("assumed", ())]
+        last = asks[0].question if asks else {}
+        answered = next((a for a in asks if a.answered), None)
+        season = answered.answer.get("logs") if answered else None
+        shown = {
+            "drop": drop, "asks": asks, "infos": infos, "version": self._version(drop), "rows": rows(facts),
+            "others": others(facts), "good": last.get("good", ()), "typed": dict(last.get("numbers", ())),
+            "text": next(filter(None, (a.vehicle_text for a in asks)), ""),
+            "answered": answered, "plots": plots(season) if season and isinstance(season[0], dict) else [],
+        }  # fmt: skip
+        return self._templates.TemplateResponse(request, "drop.html", shown)
+
+    async def upload(self, request: Request) -> Response:
+        """One log."""
+        drop, size = self._drop(request), int(request.headers.get("content-length", "0"))
+        changed_s = request.query_params.get("changed_s", "")
+        log = await drop.receive(request.path_params["name"], request.stream(), size, self._most, changed_s)
+        return JSONResponse({"log": log.name}, 201)
+
+    def remove_log(self, request: Request) -> Response:
+        """Delete one log."""
+        drop = self._drop(request)
+        log = one_of(drop.logs, request.path_params["name"])
+        drop.info(log).unlink(missing_ok=True)
+        log.unlink(missing_ok=True)
+        return _back(drop)
+
+    async def ask(self, request: Request) -> Response:
+        """Put a question into the queue."""
+        body = b""
+        async for chunk in request.stream():
+            body += chunk
+            if len(body) > _LONGEST_FORM:
+                raise HTTPException(413, "the form is too long")
+        drop = self._drop(request)
+        question = Question.of(parse_qsl(body.decode("utf-8", "replace")), drop)
+        self._work.start(drop, question.written(drop), question)
+        return _back(drop)
+
+    def cancel(self, request: Request) -> Response:
+        """End one question."""
+        drop = self._drop(request)
+        self._work.cancel(Ask(one_of((ask.folder for ask in drop.asks), request.path_params["number"])))
+        return _back(drop)
+
+    def remove(self, request: Request) -> Response:
+        """Delete a drop with everything in it."""
+        drop = self._drop(request)
+        for ask in drop.asks:
+            self._work.cancel(ask)
+        shutil.rmtree(drop.folder, ignore_errors=True)
+        return RedirectResponse("/", _SEE_OTHER)
+
+    def _drop(self, request: Request) -> Drop:
+        return Drop(one_of((drop.folder for drop in self._desk.drops), request.path_params["drop"]))
+
+    def _version(self, drop: Drop) -> str:
+        looked = sum(drop.info(log).exists() for log in drop.logs)
+        return f"{len(drop.logs)} {looked} {len(drop.asks)} {sum(not self._work.step(ask) for ask in drop.asks)}"
+
+
+def contents(drop: Drop, log: Path) -> dict[str, Any]:
+    """What ``replay info`` says of a log: its JSON, its text, and a line that says whether it can be judged."""
+    info: dict[str, Any] = next(iter(read_json(drop.info(log))), {})
+    judged = [boot["diagnose"] for boot in info.get("boots", ()) if boot["diagnose"]]
+    seconds = sum(part["seconds"] for part in judged)
+    refusals = [info.get("error", "").rpartition(f"{log.name}: ")[2], *(part["refusal"] for part in judged)]
+    line = next(filter(None, refusals), "")
+    if seconds:
+        line = f"{info['vehicle'].split(', drafted')[0]}, {seconds:.0f} s can be judged"
+    return info | {"text": read_text(drop.info(log).with_suffix(".txt")), "line": line, "bad": not seconds}
+
+
+def app(desk: Desk, work: Work | None = None, most: int = MOST_BYTES) -> Starlette:
+    """The whole server. ``most``: bytes of one log."""
+    work = work or Work()
+    pages = _Pages(desk, work, most)
+
+    @asynccontextmanager
+    async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        yield
+        await run_in_threadpool(work.close)
+
+    routes = [
+        Route("/", pages.home),
+        Route("/drops", pages.new_drop, methods=["POST"]),
+        Route("/drops/{drop}", pages.show),
+        Route("/drops/{drop}/delete", pages.remove, methods=["POST"]),
+        Route("/drops/{drop}/logs/{name:path}/delete", pages.remove_log, methods=["POST"]),
+        Route("/drops/{drop}/logs/{name:path}", pages.upload, methods=["PUT"]),
+        Route("/drops/{drop}/asks", pages.ask, methods=["POST"]),
+        Route("/drops/{drop}/asks/{number}/cancel", pages.cancel, methods=["POST"]),
+        Mount("/files", StaticFiles(directory=desk.folder)),
+        Mount("/static", StaticFiles(directory=_HERE / "static")),
+    ]
+    handlers = {OSError: _no_room}
+    return Starlette(routes=routes, middleware=[Middleware(Guard)], exception_handlers=handlers, lifespan=lifespan)
+
+
+def _back(drop: Drop) -> Response:
+    return RedirectResponse(f"/drops/{drop.folder.name}", _SEE_OTHER)
+
+
+async def _no_room(_: Request, error: Exception) -> Response:
+    return PlainTextResponse(f"nothing more can be kept here: {getattr(error, 'strerror', error)}", 507)

@@ -1,0 +1,57 @@
+"""``replay serve``: arguments, and the server around the page."""
+
+from __future__ import annotations
+
+import argparse
+import socket
+from pathlib import Path
+from typing import Any
+
+from companion.page.feed import read_address
+from models.errors import ConfigError
+
+_EPILOG = """exit codes: 0 done; 2 bad arguments, or the port is taken; 130 interrupted. The walk over the page:
+docs/desk.md."""
+
+
+def add_parser(commands: Any) -> None:
+    """Register ``serve`` with the subparsers of ``replay``."""
+    said = "Serves a page: drop logs onto it, correct the drafted vehicle, read the answer of replay diagnose."
+    p = commands.add_parser(
+        "serve", help="a page that diagnoses the logs dropped onto it", description=said, epilog=_EPILOG
+    )
+    p.add_argument(
+        "address", nargs="?", default=":8000", metavar="[HOST]:PORT",
+        help="where (default :8000, this machine only; 0.0.0.0:8000: everybody on the network)",
+    )  # fmt: skip
+    p.add_argument(
+        "--folder", type=Path, default=Path("replay-desk"), metavar="DIR",
+        help="keeps logs and answers; delete it, and nothing is left (default: replay-desk, here)",
+    )  # fmt: skip
+    p.add_argument("--quiet", action="store_true", help="do not print the address")
+    p.set_defaults(run=run, target_system=None)
+
+
+def run(a: argparse.Namespace) -> int:
+    """Serve until interrupted; UserErrors are reported by the caller."""
+    address = read_address(a.address, "replay serve")
+    try:
+        import uvicorn
+
+        from replay.desk.app import app
+        from replay.desk.store import Desk
+    except ModuleNotFoundError as error:
+        raise ConfigError(f"serve: needs the package {error.name}: pip install 'corner-compensator[serve]'") from None
+
+    desk = Desk.of(a.folder)
+    try:
+        listening = socket.create_server(address)
+    except OSError as error:
+        raise ConfigError(f"{a.address}: cannot be served ({error.strerror}); name another") from None
+    host, port = listening.getsockname()[:2]
+    if not a.quiet:
+        shown = socket.gethostname() if host == "0.0.0.0" else host
+        print(f"http://{shown}:{port}/  (everything stays in {desk.folder}; Ctrl-C ends it)", flush=True)
+    config = uvicorn.Config(app(desk), log_level="error", timeout_graceful_shutdown=2)
+    uvicorn.Server(config).run(sockets=[listening])
+    return 0
