@@ -16,7 +16,7 @@ from models.pages.document import write_document
 from models.surrogate.store import load
 from models.vehicle import Vehicle
 from replay.parameters import assumed_parameters
-from replay.vehicle.draft import INCH_M, Draft, Given, draft
+from replay.vehicle.draft import INCH_M, Draft, Given, draft, outline
 
 
 def declared(vehicle_file: Path | str | None, model: str | None) -> tuple[Vehicle, Choice]:
@@ -32,13 +32,17 @@ def given(a: argparse.Namespace) -> Given:
 
 
 def of_logs(
-    vehicle_file: Path | str | None, model: str | None, logs: Sequence[Path], known: Given, target_system: int | None
-) -> tuple[Vehicle, Choice, Draft | None]:
-    """``declared``; without ``--vehicle`` the vehicle is drafted from the logs."""
+    vehicle_file: Path | str | None, model: str | None, logs: Sequence[Path], known: Given, target_system: int | None,
+    *, measured: bool = True,
+) -> tuple[Vehicle, Choice, Draft | None]:  # fmt: skip
+    """``declared``; without ``--vehicle`` the vehicle is drafted from the logs, or but outlined (not ``measured``)."""
     if vehicle_file is not None:
         return *declared(vehicle_file, model), None
     if model not in (None, NONE):  # a wrong model is said before the logs are read
         load(model)
+    if not measured:
+        vehicle = outline(logs, known, target_system)
+        return vehicle, choose(vehicle, model), None
     made = draft(logs, known, target_system)
     return made.vehicle, choose(made.vehicle, model), made
 

@@ -18,10 +18,12 @@ def add_parser(commands: Any) -> None:
     p: argparse.ArgumentParser = commands.add_parser(
         "info", help="what is in a log, and what can and cannot be judged with it", epilog=_EPILOG,
         description="What is in a log, at which rates and with which gaps; what can and cannot be judged with it, and "
-        "the parameter that would change that; with --companion, whether it would have engaged.",
+        "the parameter that would change that; with --judge, what a diagnosis takes of it; with --companion, whether "
+        "it would have engaged.",
     )  # fmt: skip
-    p.add_argument("logs", nargs="+", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg")
+    p.add_argument("logs", nargs="+", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg; a folder: one line a log")
     p.add_argument("--vehicle", type=vehicle_path, metavar="FILE", help="vehicle file (default: drafted from each log)")
+    p.add_argument("--judge", action="store_true", help="how much of it diagnose would judge, too: takes longer")
     p.add_argument("--companion", action="store_true", help="decide as companion would have, too: takes longer")
     p.add_argument("--model", metavar="DIR", help="model directory, or none (default: the shipped model)")
     p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
@@ -41,26 +43,32 @@ def run(a: argparse.Namespace) -> int:
 
     from models.json_file import write_json
     from replay.command import declared, of_logs
+    from replay.fleet.results import logs_in
     from replay.info.info import inspect
     from replay.parameters import assumed_parameters
     from replay.vehicle.draft import Given
 
     declared(a.vehicle, a.model)  # a wrong file is said once, before the work
-    shown = sys.stderr.isatty() and not a.quiet and len(a.logs) > 1
+    folders = any(log.is_dir() for log in a.logs)
+    logs = [path for log in a.logs for path in (logs_in(log)[0] if log.is_dir() else [log])]
+    shown = sys.stderr.isatty() and not a.quiet and len(logs) > 1
     assumed = assumed_parameters(a.param)
     answers: list[dict[str, Any]] = []
     failed = 0
-    for path in tqdm(a.logs, unit="log", disable=not shown, leave=False, file=sys.stderr):
+    for path in tqdm(logs, unit="log", disable=not shown, leave=False, file=sys.stderr):
         refusal = ""
         try:
-            vehicle, chosen, draft = of_logs(a.vehicle, a.model, [path], Given(), a.target_system)
+            vehicle, chosen, draft = of_logs(
+                a.vehicle, a.model, [path], Given(), a.target_system, measured=a.judge or a.companion
+            )
         except LogError as error:
             refusal = str(error).removeprefix(f"{path}: ")
             vehicle, chosen, draft = *declared(None, a.model), None
         try:
             answer = inspect(
-                path, vehicle, chosen, a.target_system, assumed, refusal=refusal, decide=a.companion, quiet=a.quiet
-            )
+                path, vehicle, chosen, a.target_system, assumed, refusal=refusal, judge=a.judge, decide=a.companion,
+                quiet=a.quiet,
+            )  # fmt: skip
         except LogError as error:
             failed = error.exit_code
             answers.append({"log": str(path), "error": str(error)})
@@ -68,8 +76,8 @@ def run(a: argparse.Namespace) -> int:
             continue
         answers.append(answer.as_json() | ({} if draft is None else {"drafted": draft.as_json()}))
         if a.json != "-" and not a.quiet:
-            print(answer.as_text())
-            if chosen.note and not refusal:
+            print(answer.as_line() if folders else answer.as_text())
+            if chosen.note and not refusal and not folders:
                 print(chosen.note)
     if a.json is not None:
         write_json(answers, a.json)

@@ -13,7 +13,7 @@ from companion.mavlink.samples import Heartbeat
 from models.choice import Choice
 from models.errors import LogError
 from models.vehicle import Vehicle
-from replay.flightlog import FlightLog
+from replay.flightlog import FlightLog, Interval
 from replay.info.abilities import Ability, Answer, abilities
 from replay.info.contents import Stream, joined, streams
 from replay.info.engagement import Engagement, engagement, refused
@@ -22,6 +22,8 @@ from replay.logs.formats import read_pieces
 from replay.logs.progress import with_progress
 
 _BEST = (Answer.YES, Answer.PARTLY, Answer.NO)
+_ON_GROUND = 1
+"""MAV_LANDED_STATE_ON_GROUND."""
 
 
 @dataclass(frozen=True)
@@ -34,13 +36,15 @@ class BootInfo:
     start_s: float
     duration_s: float
     armed_s: float
+    air_s: float
+    """Armed, and not on the ground by the autopilot."""
     modes: Mapping[str, float]
     """Seconds by flight mode."""
     parameters: int
     streams: tuple[Stream, ...]
     abilities: tuple[Ability, ...]
     judged: Judged | None
-    """What a diagnosis takes of it; None of a piece."""
+    """What a diagnosis takes of it; None of a piece, and where it was not asked."""
     notes: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
@@ -52,6 +56,7 @@ class BootInfo:
             "start_s": round(self.start_s, 3),
             "duration_s": round(self.duration_s, 3),
             "armed_s": round(self.armed_s, 3),
+            "air_s": round(self.air_s, 3),
             "modes_s": {name: round(s, 3) for name, s in self.modes.items()},
             "parameters": self.parameters,
             "streams": [s.as_json() for s in self.streams],
@@ -89,6 +94,16 @@ class LogInfo:
             return self.flight.as_json()
         return refused(self.refusal) if self.refusal else None
 
+    def as_line(self) -> str:
+        """One line of a list of logs."""
+        duration_s, air_s = sum(b.duration_s for b in self.boots), sum(b.air_s for b in self.boots)
+        of_boots = zip(*(b.abilities for b in self.boots), strict=True)
+        best = [min(same, key=lambda a: _BEST.index(a.answer)) for same in of_boots]
+        can = [f"{a.question}{' in part' if a.answer is Answer.PARTLY else ''}" for a in best if a.answer != Answer.NO]
+        frame = self.vehicle.partition(", drafted")[0]
+        said = f"{self.path.name}: {frame}, {duration_s:.0f} s, {air_s:.0f} s in the air"
+        return f"{said}; can be judged: {', '.join(can) or 'nothing'}"
+
     def as_text(self) -> str:
         """A page for a person."""
         out = [f"{self.path.name}: {self.bytes / 1e6:.1f} MB, {len(self.boots)} boot(s)"]
@@ -110,25 +125,29 @@ def inspect(
     assumed: Mapping[str, float] | None = None,
     *,
     refusal: str = "",
+    judge: bool = True,
     decide: bool = True,
     quiet: bool = True,
 ) -> LogInfo:
     """Read one log as ``vehicle`` with a model; ``assumed`` parameters hold where the log lacks them.
 
-    ``refusal``: why no diagnosis would take it, where that is known already. ``decide``: run the pipeline of flight.
+    ``refusal``: why no diagnosis would take it, where that is known already. ``judge``: ask what a diagnosis takes.
+    ``decide``: run the pipeline of flight.
     Raises LogError where the log cannot be read; what it lacks is in the answer.
     """
     boots: list[BootInfo] = []
-    judge = Judge(vehicle, chosen.judged, refusal)
+    judged = Judge(vehicle, chosen.judged, refusal) if judge or refusal else None
     for piece in with_progress(path, read_pieces(path, target_system), "reading", quiet=quiet):
         log = piece.own()
-        judge.add(log)
+        if judged is not None:
+            judged.add(log)
         one = _boot(log, vehicle)
         if boots and boots[-1].boot == one.boot:
             boots[-1] = _joined(boots[-1], one)
         else:
             boots.append(one)
-    boots = [replace(boot, judged=judge.of(boot.boot)) for boot in boots]
+    if judged is not None:
+        boots = [replace(boot, judged=judged.of(boot.boot)) for boot in boots]
     config = PipelineConfig(vehicle=vehicle, model=chosen.model, dry_run=True)
     size = path.stat().st_size
     if not decide:
@@ -143,13 +162,17 @@ def inspect(
 
 
 def _boot(log: FlightLog, vehicle: Vehicle) -> BootInfo:
+    armed = [replace(i, start_s=max(i.start_s, log.start_s), end_s=min(i.end_s, log.end_s)) for i in log.armed]
+    armed_s = sum(_overlap_s(i, log) for i in log.armed)
+    ground = [i for i in log.landed if i.value == _ON_GROUND]
     return BootInfo(
         boot=log.boot,
         system=log.system,
         autopilot=_autopilot(log),
         start_s=log.start_s,
         duration_s=log.duration_s,
-        armed_s=sum(i.end_s - i.start_s for i in log.armed),
+        armed_s=armed_s,
+        air_s=armed_s - sum(_overlap_s(i, g) for i in armed for g in ground),
         modes=_modes(log),
         parameters=len(log.parameters),
         streams=streams(log),
@@ -163,8 +186,13 @@ def _modes(log: FlightLog) -> dict[str, float]:
     out: dict[str, float] = {}
     for interval in log.modes:
         name = mode_name(Heartbeat(0.0, 1, 1, True, interval.value, 129, log.autopilot or 0, 0, 0))
-        out[name] = out.get(name, 0.0) + interval.end_s - interval.start_s
+        out[name] = out.get(name, 0.0) + _overlap_s(interval, log)
     return out
+
+
+def _overlap_s(interval: Interval, other: Interval | FlightLog) -> float:
+    """Time of an interval that is in another, or in the log: events may be older than the first sample."""
+    return max(min(interval.end_s, other.end_s) - max(interval.start_s, other.start_s), 0.0)
 
 
 def _joined(first: BootInfo, then: BootInfo) -> BootInfo:
@@ -179,6 +207,7 @@ def _joined(first: BootInfo, then: BootInfo) -> BootInfo:
         start_s=first.start_s,
         duration_s=then.start_s + then.duration_s - first.start_s,
         armed_s=first.armed_s + then.armed_s,
+        air_s=first.air_s + then.air_s,
         modes={m: first.modes.get(m, 0.0) + then.modes.get(m, 0.0) for m in {**first.modes, **then.modes}},
         streams=(*both, *later.values()),
         abilities=tuple(answers),

@@ -77,7 +77,7 @@ def read_pieces(path: Path, target_system: int | None = None) -> Iterator[Piece]
 
 def _reader(path: Path) -> Reader:
     if path.is_dir():
-        raise LogError(f"{path}: is a directory: name the logs in it; replay run and replay diagnose take directories")
+        raise LogError(f"{path}: is a directory: name the logs in it; replay run, diagnose and info take directories")
     if not path.exists():
         raise LogError(f"{path}: cannot be read (No such file or directory)")
     reader: Any = import_module(READERS[suffix_of(path)])

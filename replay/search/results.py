@@ -12,6 +12,7 @@ from scipy.special import ndtr
 from models.effects import Effect
 from models.frames import AXES, Array
 from replay.residual.record import Record
+from replay.search.design import Design
 from replay.search.evidence import TRUST, Fit
 from replay.search.free_curves import Channel, free_search
 from replay.search.held_out import FlightFit, flight_fits
@@ -21,7 +22,7 @@ from replay.search.regimes import Regime, by_regime
 from replay.search.sets import Rival, Walked, rivals_of
 from replay.search.surfaces import with_surface_law
 from replay.search.terms import Key, Term
-from replay.search.worth import Contributions, top
+from replay.search.worth import Contributions, top, tops
 
 BOUND_SHARE = 0.01
 """Distance to a bound, as a share of the range, within which a coefficient stands at it."""
@@ -168,10 +169,8 @@ def _likelier_and_small(walked: Walked, fit: Fit, term: Term) -> bool:
     (alias,) = other
     if alias.effect is None or term.effect is None or alias.name not in term.effect.aliases:
         return False
-    channels = walked.evidence.library.channels
-    whole = Contributions(walked.evidence.library, fit.terms, fit.b, fit.cov).whole
-    where = fit.terms.index(alias)
-    return all(top(part, channels[c].count) < channels[c].limit for (i, c), part in whole.items() if i == where)
+    u = Contributions(Design(walked.evidence.library, fit.terms), fit.b, fit.cov)
+    return bool((tops(u, u.whole)[fit.terms.index(alias)] < 1.0).all())
 
 
 def _predictive(walked: Walked) -> Walked:
@@ -401,5 +400,5 @@ def _excited(walked: Walked, best: Fit, term: Term) -> bool:
     for channel in evidence.library.channels:
         for i, at in enumerate(channel.where[term.columns]):
             if at >= 0:
-                unit[i] = max(unit[i], top(channel.x[:, at], channel.count) / channel.limit)
+                unit[i] = max(unit[i], float(top(channel.x[:, at], channel.count)) / channel.limit)
     return bool((known & (term.main > 0) & (error * unit < 1.0)).any())

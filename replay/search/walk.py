@@ -16,7 +16,7 @@ from models.frames import Array
 from replay.residual.record import Record
 from replay.search.evidence import TRUST, Evidence, Fit
 from replay.search.library import Library
-from replay.search.sets import Sets, Walked, canonical
+from replay.search.sets import ALIAS_NATS, Sets, Walked, canonical
 from replay.search.terms import Key, Term
 
 MOST, MOST_A_FLIGHT = 9, 3
@@ -83,15 +83,23 @@ def _additions(sets: Sets, fit: Fit, tried: int) -> list[Term]:
 
 
 def _with(sets: Sets, fit: Fit, term: Term) -> Fit:
-    """A set and one term more; in its other shapes, too, where this one fits but is impossible or too small."""
+    """A set and one term more; in other shapes, too, where this one fits but is not possible or worth a name.
+
+    Of those the likely ones are weighed: the others are too small or not possible beside the set's noise already.
+    """
     new = sets.weigh([*fit.terms, term], fit)
     if new.score > fit.score or new.score - new.worth - min(new.within, 0.0) <= fit.score:
         return new
     evidence = sets.evidence
     screened = evidence.screen(evidence.refit(fit.terms, fit.noise), term.key)
-    for i, other in enumerate(evidence.library.terms):
-        if other.key == term.key and TRUST * float(screened[i]) + evidence.prior(other) > WORTH_A_LOOK:
-            new = sets.weigh([*fit.terms, other], fit)
+    odds: dict[Term, float] = {}
+    for i in evidence.library.numbers_of(term.key):
+        other = evidence.library.terms[i]
+        likely = TRUST * float(screened[i]) + evidence.prior(other)
+        if likely > WORTH_A_LOOK:
+            odds[other] = likely + evidence.deserved([*fit.terms, other], fit.noise)
+    for other in (t for t, o in odds.items() if o > max(odds.values()) - ALIAS_NATS):
+        new = sets.weigh([*fit.terms, other], fit)
     return new
 
 
@@ -101,8 +109,7 @@ def _reshaped(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
     for term in fit.terms:
         if only is not None and term.key != only:
             continue
-        terms = evidence.library.terms
-        rivals = [i for i, t in enumerate(terms) if t.key == term.key]
+        terms, rivals = evidence.library.terms, evidence.library.numbers_of(term.key)
         if len(rivals) < 2 or term not in fit.terms:
             continue
         others = [t for t in fit.terms if t is not term]

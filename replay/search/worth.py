@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cached_property
-from itertools import accumulate, pairwise
 
 import numpy as np
 from scipy.special import log_ndtr
 
 from models.frames import Array
-from replay.search.channel import Channel, Columns
-from replay.search.library import Library
+from replay.search.channel import Flight
+from replay.search.design import Design
 from replay.search.terms import STEP_S, Term
 
 FORM_LEFT = 0.06
@@ -36,82 +35,57 @@ What is below ``CANCEL_FREE`` hundredths of the weight does not count.
 
 
 class Contributions:
-    """What every term of a set does to every channel it acts on; ``b`` (k,), ``cov`` (k, k) with the trims behind."""
+    """What every term of a set does to every channel it acts on; ``b`` (k,), ``cov`` (k, k) with the trims behind.
 
-    def __init__(self, library: Library, terms: Sequence[Term], b: Array, cov: Array) -> None:
-        self.library = library
-        self.terms = terms
+    Of every flight one array: ``rest`` (channels, n), all others (pairs, n), pairs as in ``design.FlightRows``.
+    """
+
+    def __init__(self, design: Design, b: Array, cov: Array) -> None:
+        self.design = design
         self._b, self._cov = b, cov
-        self._edges = list(accumulate((len(t.columns) for t in terms), initial=0))
-        columns = np.concatenate([*(t.columns for t in terms), library.trim])
-        self._on: list[Columns] = []
-        self._x: list[Array] = []
-        self.rest: list[Array] = []
-        """What the set leaves of every channel, (n,) each."""
-        for channel in library.channels:
-            local = channel.where[columns]
-            on = np.flatnonzero(local >= 0)
-            x = channel.x.T[local[on]]
-            self._on.append(on)
-            self._x.append(x)
-            self.rest.append(channel.y - b[on] @ x)
-        self.whole = self._acting(b)
-        """(term, channel) to (n,)."""
-
-    def _acting(self, b: Array) -> dict[tuple[int, int], Array]:
-        return {
-            (i, c): b[on[begin:end]] @ x[begin:end]
-            for c, (on, x) in enumerate(zip(self._on, self._x, strict=True))
-            for i, begin, end in self._places(on)
-        }
-
-    def _places(self, on: Columns) -> Iterator[tuple[int, int, int]]:
-        """Terms that act on a channel, and from where to where their columns are among those of the channel."""
-        at = np.searchsorted(on, self._edges).tolist()
-        for i, (begin, end) in enumerate(pairwise(at)):
-            if begin < end:
-                yield i, begin, end
+        self.rest = [rows.rest(b) for rows in design.flights]
+        """What the set leaves of every channel."""
+        self.whole = [rows.acting(b) for rows in design.flights]
 
     @cached_property
-    def main(self) -> dict[tuple[int, int], Array]:
+    def main(self) -> list[Array]:
         """As ``whole``, of the coefficients that make the effect what it is, no farther than their bounds."""
         possible = self._b.copy()
-        for term, part in zip(self.terms, map(slice, self._edges, self._edges[1:]), strict=True):
+        design = self.design
+        for term, part in zip(design.terms, map(slice, design.edges, design.edges[1:]), strict=True):
             main = term.main if (term.main == 0.0).any() else np.ones_like(term.main)
             possible[part] = np.clip(self._b[part], term.low, term.high) * main
-        return self._acting(possible)
+        return [rows.acting(possible) for rows in design.flights]
 
-    def own(self) -> dict[tuple[int, int], Array]:
-        """What no other term would take over, by (term, channel): (n,).
+    @cached_property
+    def own(self) -> list[Array]:
+        """What no other term would take over.
 
         The posterior of the others given that a term's main coefficients and model-form errors are zero, no farther out
         than ``USUAL`` standard deviations of their prior.
         """
-        trims = len(self.library.trim)
-        centre = np.concatenate([*(t.centre for t in self.terms), np.zeros(trims)])
-        usual = np.where(np.arange(len(centre)) < len(centre) - trims, USUAL, USUAL_TRIM)
+        design = self.design
+        centre = design.centre
+        usual = np.where(np.arange(len(centre)) < design.edges[-1], USUAL, USUAL_TRIM)
         low, high = np.minimum(self._b, centre - usual), np.maximum(self._b, centre + usual)
-        lost = np.empty((len(self.terms), len(centre)))
-        for i, (term, first) in enumerate(zip(self.terms, self._edges, strict=False)):
+        lost = np.empty((len(design.terms), len(centre)))
+        for i, (term, first) in enumerate(zip(design.terms, design.edges, strict=False)):
             gone = first + np.flatnonzero((term.main > 0.0) | term.form)
             taken = self._cov[:, gone] @ np.linalg.solve(self._cov[np.ix_(gone, gone)], self._b[gone])
             others = np.clip(self._b - taken, low, high)
             others[gone] = 0.0
             lost[i] = self._b - others
-        out: dict[tuple[int, int], Array] = {}
-        for c, (on, x) in enumerate(zip(self._on, self._x, strict=True)):
-            acting = [i for i, _, _ in self._places(on)]
-            out.update({(i, c): own for i, own in zip(acting, lost[acting][:, on] @ x, strict=True)})
-        return out
+        return [np.where(r.of_channel[r.channel], lost[r.term[:, None], r.column], 0.0) @ r.x for r in design.flights]
 
 
 def form_variance(u: Contributions) -> Array:
     """Variance (channels,) of what is left by the effects' model-form errors."""
-    out = np.zeros(len(u.library.channels))
-    for (i, c), own in u.whole.items():
-        if u.terms[i].effect is not None:
-            count = max(u.library.channels[c].count, 1)  # what is not valid is 0
-            out[c] += FORM_LEFT**2 * max(float(own @ own) / count - (float(own.sum()) / count) ** 2, 0.0)
+    out = np.zeros(len(u.design.library.channels))
+    effect = np.array([t.effect is not None for t in u.design.terms], bool)
+    for rows, whole in zip(u.design.flights, u.whole, strict=True):
+        count = rows.flight.count  # what is not valid is 0
+        variance = np.maximum((whole**2).sum(axis=1) / count - (whole.sum(axis=1) / count) ** 2, 0.0)
+        np.add.at(out[rows.flight.numbers], rows.channel, FORM_LEFT**2 * variance * effect[rows.term])
     return out
 
 
@@ -135,11 +109,11 @@ def cancelled(u: Contributions) -> float:
     k^2 = sum |u_i|^2 / (|sum u_i|^2 + n (CANCEL_FREE l)^2), u_i (n,) what a term does and l a hundredth of the weight.
     """
     worst = 0.0
-    for c, channel in enumerate(u.library.channels):
-        parts = [own for (_, at), own in u.whole.items() if at == c]
-        if len(parts) > 1:
-            both = float((np.sum(parts, axis=0) ** 2).sum()) + channel.count * (CANCEL_FREE * channel.limit) ** 2
-            worst = max(worst, float(np.sqrt(sum(float(p @ p) for p in parts) / both)))
+    for rows, whole in zip(u.design.flights, u.whole, strict=True):
+        on = (np.arange(len(rows.flight.channels))[:, None] == rows.channel).astype(float)
+        free = rows.flight.count * (CANCEL_FREE * rows.flight.limits) ** 2
+        ratio = (on @ (whole**2).sum(axis=1)) / (((on @ whole) ** 2).sum(axis=1) + free)
+        worst = max(worst, float(np.sqrt(ratio[on.sum(axis=1) > 1].max(initial=0.0))))
     return worst
 
 
@@ -150,46 +124,56 @@ def standing(u: Contributions) -> Array:
     of what a term does, F what the other terms may leave by their form, R the slow rest, O the top of what no other
     term would take over. E is the share of the energy that is left there without the term and that it takes off.
     """
-    if not u.terms:
+    terms, channels = u.design.terms, u.design.library.channels
+    if not terms:
         return np.empty(0)
-    channels = u.library.channels
-    tops, shares = np.zeros((len(u.terms), len(channels))), np.zeros((len(u.terms), len(channels)))
-    own = np.zeros_like(tops)
-    for (i, c), part in u.main.items():
-        without = u.rest[c] + part
-        shares[i, c] = 1.0 - float(u.rest[c] @ u.rest[c]) / max(float(without @ without), 1e-30)
-        tops[i, c] = top(part, channels[c].count) / channels[c].limit
-    for (i, c), part in u.own().items():
-        own[i, c] = top(part, channels[c].count) / channels[c].limit
+    sizes, own = tops(u, u.main), tops(u, u.own)
+    shares, open_ = np.zeros_like(own), np.zeros(len(channels))
+    for rows, rest, main in zip(u.design.flights, u.rest, u.main, strict=True):
+        flight = rows.flight
+        without = ((rest[rows.channel] + main) ** 2).sum(axis=1)
+        at = rows.term, flight.numbers.start + rows.channel
+        shares[at] = 1.0 - (rest**2).sum(axis=1)[rows.channel] / np.maximum(without, 1e-30)
+        open_[flight.numbers] = slow_rms(rest, flight) / flight.limits
     # Of an effect with a reference the level is arbitrary: what nothing else can take over counts at least.
-    level = np.array([t.effect is not None and len(t.effect.contains) > 0 for t in u.terms])
-    tops[level] = np.maximum(tops, own)[level]
-    form = np.array([CURVE_FORM if t.effect is None else t.effect.form for t in u.terms])
-    left = (tops * form[:, None]) ** 2
-    open_ = np.array([slow_rms(e, c) / c.limit for e, c in zip(u.rest, channels, strict=True)])
+    level = np.array([t.effect is not None and len(t.effect.contains) > 0 for t in terms])
+    sizes[level] = np.maximum(sizes, own)[level]
+    form = np.array([CURVE_FORM if t.effect is None else t.effect.form for t in terms])
+    left = (sizes * form[:, None]) ** 2
     beside = left.sum(axis=0) - left + open_**2
-    least = np.array([[t.share] for t in u.terms])
-    large = np.minimum(tops / np.sqrt(1.0 + beside), own / OWN)
+    least = np.array([[t.share] for t in terms])
+    large = np.minimum(sizes / np.sqrt(1.0 + beside), own / OWN)
     # Lift alone is any rotor's: what is known by its moment has to show that, and no trim may take it back.
     force = np.array([c.axis < 3 for c in channels])
-    by_moment = np.array([t.effect is not None and t.effect.needs_moments for t in u.terms])
+    by_moment = np.array([t.effect is not None and t.effect.needs_moments for t in terms])
     large[np.ix_(by_moment, force)] = 0.0
     return np.asarray(np.minimum(large, shares / least).max(axis=1))
 
 
-def slow_rms(rest: Array, channel: Channel) -> float:
-    """RMS of what is left of a channel, averaged over ``SLOW_S``."""
+def tops(u: Contributions, parts: Sequence[Array]) -> Array:
+    """The top of what every term does to every channel (terms, channels), in hundredths of the weight."""
+    out = np.zeros((len(u.design.terms), len(u.design.library.channels)))
+    for rows, part in zip(u.design.flights, parts, strict=True):
+        flight = rows.flight
+        out[rows.term, flight.numbers.start + rows.channel] = top(part, flight.count) / flight.limits[rows.channel]
+    return out
+
+
+def slow_rms(rest: Array, flight: Flight) -> Array:
+    """RMS (channels,) of what is left of the channels of a flight (channels, n), averaged over ``SLOW_S``."""
     width = max(round(SLOW_S / STEP_S), 1)
-    total, known = (np.concatenate([[0.0], np.cumsum(v)]) for v in (rest, channel.valid))
-    mean = (total[width:] - total[:-width]) / np.maximum(known[width:] - known[:-width], 1.0)
-    return float(np.sqrt(mean @ mean / max(len(mean), 1)))
+    total = np.zeros((len(rest), rest.shape[1] + 1))
+    np.cumsum(rest, axis=1, out=total[:, 1:])
+    known = np.concatenate([[0], np.cumsum(flight.run >= 0)])
+    mean = (total[:, width:] - total[:, :-width]) / np.maximum(known[width:] - known[:-width], 1)
+    return np.asarray(np.sqrt((mean**2).sum(axis=1) / max(mean.shape[1], 1)))
 
 
-def top(x: Array, count: int) -> float:
-    """About the 99th percentile of the size of (n,), of which ``count`` samples are valid and the rest 0."""
+def top(x: Array, count: int) -> Array:
+    """About the 99th percentile of the size of (..., n), of which ``count`` samples are valid and the rest 0."""
     size = np.abs(x)
     m = max(count // 100, 1)
-    return float(np.partition(size, -m)[-m])
+    return np.asarray(np.partition(size, -m, axis=-1)[..., -m])
 
 
 def beyond_bounds(terms: Sequence[Term], b: Array, cov: Array) -> float:

@@ -103,30 +103,55 @@ def draft(paths: Sequence[Path], given: Given, target_system: int | None = None)
 
     Raises LogError where it cannot be said, ConfigError where the logs are of two vehicles or a number is impossible.
     """
+    made = _outlined(paths, given, target_system)
+    if made is None:
+        return _tandem(given)
+    numbers = dict(given.numbers)
+    found, how = _measured(list(_records(paths, made.logs, made.start, target_system)), made.start)
+    hover, source = _hover(found, made.said["hover_thrust"], made.start.hover_thrust, how)
+    said = made.said | {key: f"measured in {how}" for key in found.measured} | {"hover_thrust": source}
+    vehicle = corrected(replace(found.vehicle, hover_thrust=hover), numbers)
+    said |= {"ct" if key == HOVER_RPM else key: f"--set {key}" for key in numbers}
+    known, assumed = _facts(vehicle, made.frame, made.sizes, said)
+    vehicle = replace(vehicle, assumed=tuple(f.key for f in assumed if f.key in ASSUMABLE))
+    wrong = next((f for f in findings(vehicle) if f.refused), None)
+    if wrong is not None:
+        raise ConfigError(f"the drafted vehicle is impossible: {wrong.key} {wrong.text}")
+    return Draft(vehicle, tuple(known), tuple(assumed))
+
+
+def outline(paths: Sequence[Path], given: Given, target_system: int | None = None) -> Vehicle:
+    """The vehicle as parameters and outputs say, its thrust not measured: no flight is judged. Raises as ``draft``."""
+    made = _outlined(paths, given, target_system)
+    return _tandem(given).vehicle if made is None else made.start
+
+
+@dataclass(frozen=True)
+class _Outline:
+    """What is known of a vehicle before a flight is looked at; ``said``: where each number comes from."""
+
+    logs: Sequence[FlightLog]
+    frame: Airframe
+    sizes: Mapping[str, Guess]
+    start: Vehicle
+    said: dict[str, str]
+
+
+def _outlined(paths: Sequence[Path], given: Given, target_system: int | None) -> _Outline | None:
+    """None for the tandem, whose sizes are known."""
     logs = _flown(paths[:_LOGS], target_system)
     parameters = {key: value for log in reversed(logs) for key, value in log.parameters.items()}
     logs = [log for log in logs if turns(log)] or logs  # what stood on the bench lends its parameters alone
     if all(map(is_tandem, logs)):
-        return _tandem(given)
+        return None
     _refuse_two(logs)
     frame = airframe(replace(logs[0], parameters=parameters))
     radius = None if given.propeller_m is None else given.propeller_m / 2.0
     arm = frame.arm_m if given.span_m is None else given.span_m / 2.0
     sizes = typical_sizes(given.mass_kg, radius, arm, frame.motors, _rpm(logs, frame))
     start, said = build(_answers(logs, frame, parameters, sizes))
-    numbers = dict(given.numbers)
-    start = corrected(start, numbers)  # what is measured rests on them
-    found, how = _measured(list(_records(paths, logs, start, target_system)), start)
-    hover, source = _hover(found, said["hover_thrust"], start.hover_thrust, how)
-    said |= {key: f"measured in {how}" for key in found.measured} | {"hover_thrust": source}
-    vehicle = corrected(replace(found.vehicle, hover_thrust=hover), numbers)
-    said |= {"ct" if key == HOVER_RPM else key: f"--set {key}" for key in numbers}
-    known, assumed = _facts(vehicle, frame, sizes, said)
-    vehicle = replace(vehicle, assumed=tuple(f.key for f in assumed if f.key in ASSUMABLE))
-    wrong = next((f for f in findings(vehicle) if f.refused), None)
-    if wrong is not None:
-        raise ConfigError(f"the drafted vehicle is impossible: {wrong.key} {wrong.text}")
-    return Draft(vehicle, tuple(known), tuple(assumed))
+    # What is measured rests on numbers that are given.
+    return _Outline(logs, frame, sizes, corrected(start, dict(given.numbers)), said)
 
 
 def _flown(paths: Sequence[Path], target_system: int | None) -> list[FlightLog]:

@@ -1,6 +1,7 @@
 """``replay info``: contents, what can be judged, and whether companion would have engaged."""
 
 import json
+from dataclasses import replace
 
 import pytest
 from log_writers import EPOCH_US, bin_flight, flight, quad_flight, ulg_flight, write_tlog
@@ -9,12 +10,15 @@ from companion.mavlink.frames import cut
 from companion.vehicles import QUAD, TANDEM
 from replay.cli import main
 from replay.diagnosis import stretches
+from replay.flightlog import Interval
 from replay.info import engagement
 from replay.logs import tlog_blocks
+from replay.logs.formats import load
+from replay.logs.pieces import Piece
 
 
 def info(capsys, *arguments):
-    code = main(["info", *map(str, arguments), "--companion", "--json", "-"])
+    code = main(["info", *map(str, arguments), "--judge", "--companion", "--json", "-"])
     out = capsys.readouterr()
     return code, json.loads(out.out), out.err
 
@@ -134,12 +138,12 @@ def test_every_quantity_names_the_message_that_it_came_from(tmp_path, capsys):
     assert px4["ESC temperature 2"]["source"] == "ESC_INFO"
 
 
-def test_a_folder_is_one_line_and_nothing_is_said_of_a_vehicle(tmp_path, capsys):
+def test_a_folder_without_logs_is_one_line_and_nothing_is_said_of_a_vehicle(tmp_path, capsys):
     assert main(["info", str(tmp_path)]) == 3
     out = capsys.readouterr()
     assert out.out == ""
     (line,) = out.err.strip().splitlines()
-    assert "is a directory" in line
+    assert "holds no log" in line
 
 
 @pytest.mark.slow
@@ -155,7 +159,7 @@ def test_of_a_long_log_the_stretches_are_those_of_a_diagnosis(tmp_path, capsys, 
     assert main(["diagnose", str(path), "--vehicle", str(QUAD), "--model", "none", "--json", "-", "--quiet"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert seen["seconds"] == pytest.approx(told["duration_s"], abs=0.5)
-    assert main(["info", str(path), "--vehicle", str(QUAD), "--model", "none"]) == 0
+    assert main(["info", str(path), "--vehicle", str(QUAD), "--model", "none", "--judge"]) == 0
     assert f"(one of every {seen['one_of']} stretches: a long log)" in capsys.readouterr().out
 
 
@@ -205,7 +209,7 @@ def test_a_page_for_a_person(tmp_path, capsys):
 
 def test_what_flew_is_judged_as_drafted_from_the_log(tmp_path, capsys):
     write_tlog(tmp_path / "a.tlog", quad_flight(30.0, rpm=False))
-    assert main(["info", str(tmp_path / "a.tlog"), "--json", "-"]) == 0
+    assert main(["info", str(tmp_path / "a.tlog"), "--judge", "--json", "-"]) == 0
     (answer,) = json.loads(capsys.readouterr().out)
     assert answer["vehicle"].startswith("quad-x")
     assert answer["boots"][0]["diagnose"]["axes"] == ["Fx", "Fy", "Fz"]
@@ -246,3 +250,39 @@ def test_without_rotor_speeds_and_outputs_both_ways_to_log_thrust_are_said(tmp_p
     assert thrust["answer"] == "no"
     assert "SERVO_BLH_AUTO" in thrust["change"]
     assert "RCOUT (bit 10)" in thrust["change"], "outputs need no other ESCs"
+
+
+def test_what_a_diagnosis_takes_is_asked_on_request(tmp_path, capsys):
+    write_tlog(tmp_path / "a.tlog", quad_flight(20.0))
+    assert main(["info", str(tmp_path / "a.tlog"), "--json", "-"]) == 0
+    (boot,) = json.loads(capsys.readouterr().out)[0]["boots"]
+    assert boot["diagnose"] is None
+    assert judged(boot)["thrust of the rotors"]["answer"] == "yes"
+
+
+def test_time_armed_is_no_longer_than_the_log(tmp_path, capsys, monkeypatch):
+    """The message of arming may be older than the first attitude."""
+    write_tlog(tmp_path / "a.tlog", quad_flight(20.0))
+    log = load(tmp_path / "a.tlog")[0]
+    too_long = replace(
+        log,
+        armed=(Interval(log.start_s - 5.0, log.end_s + 5.0, 1),),
+        modes=(Interval(log.start_s - 5.0, log.end_s, 5),),
+        landed=(Interval(log.start_s - 5.0, log.start_s + 2.0, 1),),
+    )
+    monkeypatch.setattr("replay.info.info.read_pieces", lambda *_: iter([Piece(too_long)]))
+    _, (answer,), _ = info(capsys, tmp_path / "a.tlog", "--vehicle", QUAD)
+    (boot,) = answer["boots"]
+    assert boot["armed_s"] == pytest.approx(boot["duration_s"])
+    assert boot["air_s"] == pytest.approx(boot["duration_s"] - 2.0)
+    assert sum(boot["modes_s"].values()) == pytest.approx(boot["duration_s"])
+
+
+def test_a_folder_gets_one_line_a_log(tmp_path, capsys):
+    write_tlog(tmp_path / "a.tlog", quad_flight(20.0))
+    write_tlog(tmp_path / "b.tlog", flight(10.0))
+    assert main(["info", str(tmp_path)]) == 0
+    a, b = capsys.readouterr().out.splitlines()
+    assert a.startswith("a.tlog: quad-x, 20 s, ")
+    assert "forces (Fx Fy Fz)" in a
+    assert b.startswith("b.tlog: quad-x, 10 s, ")

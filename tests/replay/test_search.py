@@ -19,6 +19,7 @@ from models.frames import Array
 from replay.diagnosis.diagnose import conclude
 from replay.residual.record import Record
 from replay.search import results
+from replay.search.design import Design
 from replay.search.disturbance import runs, spectra, whitened_energies
 from replay.search.evidence import Evidence, Fit, Noise
 from replay.search.free_curves import _beside_timing
@@ -28,7 +29,7 @@ from replay.search.results import Estimate, Found, Searched, summarise
 from replay.search.sets import canonical, rivals_of
 from replay.search.terms import Term
 from replay.search.walk import walk
-from replay.search.worth import Contributions
+from replay.search.worth import Contributions, tops
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 
@@ -148,7 +149,7 @@ def test_whitening_leaves_unit_variance_and_is_exact_after_gaps() -> None:
     white = spectrum.whiten(x[:, 0], run)
     assert not white[~valid].any()
     assert white[valid].std() == pytest.approx(1.0, abs=0.35)
-    found = whitened_energies(np.stack([s.filters for s in bank]), np.where(valid, x[:, 0], 0.0), run)
+    found = whitened_energies(np.stack([s.filters for s in bank]), np.where(valid, x[:, 0], 0.0)[None], run)[0]
     assert found[bank.index(spectrum)] == pytest.approx(float(white @ white))
 
 
@@ -207,9 +208,9 @@ def test_what_another_effect_would_take_over_is_not_its_own(quiet: Record) -> No
 
     def own_share(name: str, beside: str) -> float:
         fit = evidence.fit([terms[name], terms[beside]], evidence.quiet)
-        u = Contributions(evidence.library, fit.terms, fit.b, fit.cov)
+        u = Contributions(Design(evidence.library, fit.terms), fit.b, fit.cov)
         fz = next(i for i, c in enumerate(evidence.library.channels) if c.axis == 2)
-        return float(np.abs(u.own()[0, fz]).max() / np.abs(u.main[0, fz]).max())
+        return float(tops(u, u.own)[0, fz] / tops(u, u.main)[0, fz])
 
     assert own_share("thrust_scale", "rotor_drag") > 0.9
     assert own_share("thrust_scale", "payload") < 0.5
