@@ -23,6 +23,7 @@ from pathlib import Path
 import numpy as np
 import sparse_peer
 from measured.known import read
+from result_file import add_option, counted, figure, write_result
 from sklearn.compose import TransformedTargetRegressor
 from sklearn.ensemble import HistGradientBoostingRegressor
 from sklearn.gaussian_process import GaussianProcessRegressor
@@ -47,6 +48,7 @@ from replay.search.results import Estimate
 
 OURS, MEAN = "ours", "mean"
 FROZEN, TWENTY = "frozen", "twenty_seconds"
+GOALS = {FROZEN: 0.45, TWENTY: 0.33}
 SPACING_S = 0.2
 """Of the samples that black boxes learn from: the residual holds nothing above 2 Hz."""
 GP_POINTS = 400
@@ -250,12 +252,38 @@ def measure(group: Group, cache: Path, most: int | None, known: Sequence[dict]) 
             print(f"{group.source}: {i + 1} of {len(found)} flights learnt", file=sys.stderr)
 
 
-def interval(values: Sequence[float]) -> tuple[float, float, float]:
-    """Geometric mean with its 95 % interval over pairs."""
-    logs = np.log(np.asarray(values))
-    draws = np.random.default_rng(0).choice(logs, (DRAWS, len(logs))).mean(axis=1)
-    low, high = np.exp(np.percentile(draws, [2.5, 97.5]))
+def interval(values: Sequence[float], pairs: Sequence[tuple[str, str]] | None = None) -> tuple[float, float, float]:
+    """Geometric mean with its 95 % interval. ``pairs``: the two flights of each value, which are drawn, not pairs.
+
+    A pair counts as often as the product of how often its flights are drawn (Owen 2007, Annals of Applied Statistics 1,
+    386): pairs that share a flight are no independent evidence. Two flights give no interval but the values.
+    """
+    logs, rng = np.log(np.asarray(values)), np.random.default_rng(0)
+    if pairs is None:
+        weights = rng.multinomial(len(logs), np.full(len(logs), 1.0 / len(logs)), DRAWS)
+    else:
+        names = sorted({name for pair in pairs for name in pair})
+        drawn = rng.multinomial(len(names), np.full(len(names), 1.0 / len(names)), DRAWS)
+        one, other = (drawn[:, [names.index(pair[k]) for pair in pairs]] for k in (0, 1))
+        weights = one * other
+    weights = weights[weights.sum(axis=1) > 0]
+    low, high = np.exp(np.percentile(weights @ logs / weights.sum(axis=1), [2.5, 97.5]))
     return float(np.exp(logs.mean())), float(low), float(high)
+
+
+def flights_of(row: dict) -> tuple[str, str]:
+    """Names of both flights of a pair, with their source."""
+    return f"{row['source']} {row['learnt_on']}", f"{row['source']} {row['predicted']}"
+
+
+def shown(rows: Sequence[dict], protocol: str, method: str) -> str:
+    """Geometric mean and interval of a method."""
+    return "{:.2f} [{:.2f}, {:.2f}]".format(*interval([r[protocol][method] for r in rows], [*map(flights_of, rows)]))
+
+
+def is_best(row: dict[str, float]) -> bool:
+    """Whether ours is at least as good as every other on a pair."""
+    return row[OURS] <= min(v for k, v in row.items() if k != OURS)
 
 
 def table(rows: Sequence[dict], protocol: str) -> str:
@@ -267,10 +295,9 @@ def table(rows: Sequence[dict], protocol: str) -> str:
     lines = [f"{protocol}: {'source':16s} pairs " + " ".join(f"{m:>18s}" for m in methods) + "  best  worse"]
     sources = tuple(dict.fromkeys(r["source"] for r in rows))
     for source in (*sources, "all"):
-        part = [r[protocol] for r in rows if source in (r["source"], "all")]
-        cells = ["{:.2f} [{:.2f}, {:.2f}]".format(*interval([r[m] for r in part])) for m in methods]
-        best = sum(r[OURS] <= min(v for k, v in r.items() if k != OURS) for r in part)
-        worse = sum(r[OURS] > 1.0 for r in part)
+        part = [r for r in rows if source in (r["source"], "all")]
+        cells = [shown(part, protocol, m) for m in methods]
+        best, worse = (sum(f(r[protocol]) for r in part) for f in (is_best, lambda r: r[OURS] > 1.0))
         lines.append(
             f"  {source:24s} {len(part):5d} " + " ".join(f"{c:>18s}" for c in cells) + f"  {best:4d}  {worse:5d}"
         )
@@ -280,6 +307,31 @@ def table(rows: Sequence[dict], protocol: str) -> str:
     alike = ["{:.2f} [{:.2f}, {:.2f}]".format(*interval(m)) for m in means]
     lines.append(f"  {'sources weighed alike':24s} {len(sources):5d} " + " ".join(f"{c:>18s}" for c in alike))
     return "\n".join(lines)
+
+
+def figures(rows: Sequence[dict]) -> list[dict]:
+    """For the page of results: the vehicles of ``SOURCES``, and those of tables."""
+    out = []
+    for place, wanted in (("", True), (", other sources", False)):
+        for protocol, goal in GOALS.items():
+            name = protocol.replace("_", " ") + place
+            part = [r for r in rows if r[protocol] and (r["source"] in SOURCES) == wanted]
+            if not part:
+                continue
+            ours, low, high = interval([r[protocol][OURS] for r in part], [*map(flights_of, part)])
+            others = {m: interval([r[protocol][m] for r in part])[0] for m in part[0][protocol] if m != OURS}
+            worse = sum(r[protocol][OURS] > 1.0 for r in part)
+            out += [
+                figure(
+                    f"{name}: ours", f"{ours:.2f}", f"[{low:.2f}, {high:.2f}]", f"{goal:.2f}", round(ours, 2) <= goal
+                ),
+                figure(f"{name}: {', '.join(others)}", ", ".join(f"{v:.2f}" for v in others.values())),
+                counted(
+                    f"{name}: ours better than the best black box", [is_best(r[protocol]) for r in part], least=0.8
+                ),
+                figure(f"{name}: worse than nothing", str(worse), f"of {len(part)}", "0", worse == 0),
+            ]
+    return out
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -292,6 +344,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     p.add_argument("--source", choices=SOURCES, nargs="*", default=SOURCES, help="only these of --data, or none")
     p.add_argument("--most", type=int, metavar="N", help="at most so many pairs a vehicle, evenly over them")
     p.add_argument("--json", type=Path)
+    add_option(p)
     a = p.parse_args(argv)
     folders = [a.data] * bool(a.source) + [folder for _, folder in a.table]
     absent = [folder for folder in folders if not folder.is_dir()]
@@ -315,8 +368,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(table(rows, protocol))
     for r in rows:
         if max(r[FROZEN].get(OURS, 0.0), r[TWENTY].get(OURS, 0.0)) > 1.0:
-            shown = {k: round(r[k].get(OURS, np.nan), 2) for k in (FROZEN, TWENTY)}
-            print(f"worse than nothing: {r['learnt_on']} -> {r['predicted']} {shown}")
+            ratios = {k: round(r[k].get(OURS, np.nan), 2) for k in (FROZEN, TWENTY)}
+            print(f"worse than nothing: {r['learnt_on']} -> {r['predicted']} {ratios}")
+    count = len({flights_of(r)[0] for r in rows})
+    long = sum(bool(r[TWENTY]) for r in rows)
+    seeds = f"{len(rows)} pairs of {count} flights, {long} with twenty seconds"
+    write_result(a, figures(rows), seeds=seeds, simulated=False)
     return 0
 
 

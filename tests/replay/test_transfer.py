@@ -23,16 +23,42 @@ def test_an_interval_holds_the_mean_over_pairs():
     assert mean == pytest.approx(0.4)
 
 
+def test_pairs_that_share_flights_are_known_less_well_than_as_many_others():
+    rng = np.random.default_rng(1)
+    size = {name: np.exp(rng.normal(0.0, 0.5)) for name in "abcdefgh"}
+    pairs = [(a, b) for a in size for b in size if a != b]
+    values = [size[b] for _, b in pairs]
+    mean, low, high = transfer.interval(values, pairs)
+    alone = transfer.interval(values)
+    assert mean == pytest.approx(alone[0])
+    assert np.log(high / low) > 1.5 * np.log(alone[2] / alone[1])
+
+
+def test_the_figures_of_the_page_tell_known_vehicles_from_others():
+    pair = {"learnt_on": "x", "predicted": "y", transfer.TWENTY: {}}
+    rows = [
+        pair | {"source": source, transfer.FROZEN: {"ours": ours, "mean": 0.9}}
+        for source, ours in (("neural-fly", 0.4), ("elsewhere", 1.2))
+    ]
+    said = {f["what"]: f for f in transfer.figures(rows)}
+    assert said["frozen: ours"]["met"]
+    assert not said["frozen, other sources: ours"]["met"]
+    assert said["frozen, other sources: worse than nothing"]["value"] == "1"
+    assert said["frozen: mean"]["value"] == "0.90"
+
+
 def test_the_table_counts_pairs_that_are_worse_than_nothing():
-    rows = [{"source": "a", transfer.FROZEN: {"ours": ours, "mean": 0.9}, transfer.TWENTY: {}} for ours in (0.5, 1.2)]
+    pair = {"source": "a", "learnt_on": "x", "predicted": "y", transfer.TWENTY: {}}
+    rows = [pair | {transfer.FROZEN: {"ours": ours, "mean": 0.9}} for ours in (0.5, 1.2)]
     together = transfer.table(rows, transfer.FROZEN).splitlines()[-2].split()
     assert together[0] == "all"
     assert together[-2:] == ["1", "1"]
 
 
 def test_a_source_with_many_pairs_weighs_no_more_than_another():
-    many = [{"source": "a", transfer.FROZEN: {"ours": 0.2, "mean": 1.0}}] * 9
-    rows = [*many, {"source": "b", transfer.FROZEN: {"ours": 0.8, "mean": 1.0}}]
+    pair = {"learnt_on": "x", "predicted": "y"}
+    many = [pair | {"source": "a", transfer.FROZEN: {"ours": 0.2, "mean": 1.0}}] * 9
+    rows = [*many, pair | {"source": "b", transfer.FROZEN: {"ours": 0.8, "mean": 1.0}}]
     assert "0.40" in transfer.table(rows, transfer.FROZEN).splitlines()[-1]
 
 
