@@ -37,8 +37,6 @@ LOUDEST = 5.0
 """Prior standard deviation of the noise's standard deviation, in hundredths of the weight: no air is as unsteady."""
 QUIET_S, QUIET_SPECTRUM = 4.0, (1.0, 0.75)
 """Quiet noise is what the residual does within this time [s], with this spectrum (time [s], share) of the grid."""
-UNWORTHY = 6.0
-"""Largest cost (log) of what is not worth a name while a set grows."""
 ROUNDS = 2
 """Noise and coefficients are fitted in turn, at most so often."""
 SETTLED = 0.01
@@ -76,7 +74,7 @@ class Fit:
     @property
     def promise(self) -> float:
         """Score of a set that is still to grow: another term may make worth a name what is not yet."""
-        return self.score - self.worth + max(self.worth, -UNWORTHY)
+        return self.score - self.worth
 
     @property
     def key(self) -> frozenset[Key]:

@@ -26,8 +26,6 @@ USUAL, USUAL_TRIM = 2.0, 1.0
 """Coefficients and trims that take over stay within so many standard deviations of their prior."""
 SOFT = 0.02
 """Width of the threshold of attention, as a share of it: a size on the threshold must not decide by its last digits."""
-NEARLY, FAR_COST = 0.9, 1e3
-"""Below this share of the threshold each more costs so much (log): no evidence makes up for it."""
 CANCEL, CANCEL_COST, CANCEL_FREE = 2.6, 40.0, 2.0
 """Terms (root of the sum of squares) may exceed what they take off together by this factor; each more costs so much.
 
@@ -118,15 +116,13 @@ def form_variance(u: Contributions) -> Array:
 def worth(u: Contributions) -> float:
     """Log factor of a set for what is too small to be named, softly, and for what cancels.
 
-    - 1/2 sum max((1 - z) / SOFT, 0)^2 - FAR_COST sum max(NEARLY - z, 0) - CANCEL_COST max(k - CANCEL, 0)
+    - 1/2 sum max((1 - z) / SOFT, 0)^2 - CANCEL_COST max(k - CANCEL, 0)
 
     over the terms, with z of ``standing`` and k of ``cancelled``. It is no part of the posterior but a loss: a name
     that nobody could act on is worth nothing.
     """
-    out = -CANCEL_COST * max(cancelled(u) - CANCEL, 0.0)
-    for z in standing(u):
-        out -= 0.5 * max((1.0 - z) / SOFT, 0.0) ** 2 + FAR_COST * max(NEARLY - z, 0.0)
-    return float(out)
+    short = np.maximum(1.0 - standing(u), 0.0) / SOFT
+    return float(-0.5 * short @ short - CANCEL_COST * max(cancelled(u) - CANCEL, 0.0))
 
 
 def cancelled(u: Contributions) -> float:
@@ -161,19 +157,12 @@ def standing(u: Contributions) -> Array:
         tops[i, c] = top(part, channels[c].count) / channels[c].limit
     for (i, c), part in u.own().items():
         own[i, c] = top(part, channels[c].count) / channels[c].limit
-    # Of an effect with a reference the level is arbitrary: what nothing else can take over counts at least.
-    level = np.array([t.effect is not None and len(t.effect.contains) > 0 for t in u.terms])
-    tops[level] = np.maximum(tops, own)[level]
     form = np.array([CURVE_FORM if t.effect is None else t.effect.form for t in u.terms])
     left = (tops * form[:, None]) ** 2
     open_ = np.array([slow_rms(e, c) / c.limit for e, c in zip(u.rest, channels, strict=True)])
     beside = left.sum(axis=0) - left + open_**2
     least = np.array([[t.share] for t in u.terms])
     large = np.minimum(tops / np.sqrt(1.0 + beside), own / OWN)
-    # Lift alone is any rotor's: what is known by its moment has to show that, and no trim may take it back.
-    force = np.array([c.axis < 3 for c in channels])
-    by_moment = np.array([t.effect is not None and t.effect.needs_moments for t in u.terms])
-    large[np.ix_(by_moment, force)] = 0.0
     return np.asarray(np.minimum(large, shares / least).max(axis=1))
 
 

@@ -257,17 +257,6 @@ def test_a_weak_fan_is_one_finding_and_lists_what_it_may_be_instead(quiet: Recor
     assert value == pytest.approx(-0.1, abs=0.03)
 
 
-@pytest.mark.slow
-def test_lift_without_its_moment_is_no_weak_fan(quiet: Record) -> None:
-    """Neither a trim of the moments nor another effect may take back the moment that makes a fan the weak one."""
-    calm = replace(quiet, residual=0.3 * quiet.residual)
-    weak = added(calm, "fan_imbalance", (1.0,), -0.05, 0.0)
-    lift_alone = np.concatenate([weak.residual[:, :3], calm.residual[:, 3:]], axis=1)
-    effects = some("fan_imbalance", "cg_offset")
-    assert names(search(replace(weak, residual=lift_alone), effects)) == set()
-    assert names(search(weak, effects)) == {"fan_imbalance"}
-
-
 def test_a_shape_that_is_not_worth_a_name_gives_way_to_one_that_is(quiet: Record) -> None:
     """Beside an offset a ground effect fits best so long that it is next to constant: a shorter one is tried, too."""
     state = quiet.context.state
@@ -433,16 +422,12 @@ def test_near_ties_go_to_fewer_terms_and_a_part_needs_more() -> None:
     assert answer(ab=10.0, a=8.0) == "ab"
     # What is no better than a part of the best set does not stand in for it.
     assert answer(ab=10.0, a=8.0, c=7.0) == "ab"
-    # Nor is a name stated to save free curves.
-    assert answer(axy=10.0, ab=7.0) == "axy"
-    assert answer(ab=10.0, axy=9.0) == "ab"
-    assert answer(axy=10.0, b=7.0) == "b"
 
 
 def test_a_set_that_grows_keeps_what_is_not_worth_a_name_yet() -> None:
     (fit,) = sets(a=-1990.0)
     fit = replace(fit, worth=-2000.0)
-    assert fit.promise == pytest.approx(-1990.0 + 2000.0 - 6.0)
+    assert fit.promise == pytest.approx(-1990.0 + 2000.0)
 
 
 def test_a_clock_that_is_off_is_no_lag(quiet: Record) -> None:
@@ -566,20 +551,6 @@ def test_a_flywheel_turns_the_way_its_rotors_do(quiet: Record) -> None:
         answer = search(added(flown, "gyroscopic", (way,), inertia), some("gyroscopic"))
         assert names(answer) == {"gyroscopic"}
         assert found(answer, "gyroscopic").parameters["all_alike"] == way
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("share", "named"), [(0.008, set()), (0.02, {"rotor_drag"})])
-def test_an_effect_gives_way_to_a_likelier_one_that_is_too_small(quiet: Record, share: float, named: set[str]) -> None:
-    """The peak of a quadratic drag passes the line of attention where the linear one, which acts, does not."""
-    state = quiet.context.state
-    blows = np.stack([np.sin(0.8 * state.time_s) ** 5, np.cos(0.6 * state.time_s) ** 5, 0.0 * state.time_s], axis=1)
-    still = replace(quiet, residual=0.3 * quiet.residual)
-    flown = with_context(still, state=replace(state, velocity_ned=1.6 * blows))
-    drag = np.nan_to_num(get("rotor_drag").regressors(flown.context, (0.0,)))[:, :2, 0]
-    size = share * quiet.context.weight / float(np.quantile(np.abs(drag), 0.99))
-    answer = search(added(flown, "rotor_drag", (0.0,), size), some("rotor_drag", "body_drag"))
-    assert names(answer) == named
 
 
 def test_a_drift_is_not_a_scale_and_a_step(quiet: Record) -> None:
