@@ -195,7 +195,7 @@ def _stands_out(evidence: Evidence, fit: Fit, term: Term) -> bool:
     main = {c.name for c in term.effect.coefficients if term.effect.is_main(c)}
     if not any(not e.ci95[0] <= 0.0 <= e.ci95[1] for e in _estimates(fit, term) if e.name in main):
         return False
-    u, i = Contributions(evidence.library, fit.terms, fit.b, fit.cov), fit.terms.index(term)
+    u, i = Contributions(evidence.library, fit.terms, fit.b), fit.terms.index(term)
     channels = evidence.library.channels
     return any(top(part, channels[c].count) > channels[c].limit for (k, c), part in u.main.items() if k == i)
 

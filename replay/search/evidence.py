@@ -142,7 +142,7 @@ class Evidence:
     def _fit(self, terms: tuple[Term, ...], noise: Noise) -> Fit:
         for left in reversed(range(ROUNDS + 1)):
             b, cov = self._posterior(terms, noise)
-            u = Contributions(self.library, terms, b, cov)
+            u = Contributions(self.library, terms, b)
             form, energies = form_variance(u), self._energies(u.rest)
             fresh = self._noise(u.rest, energies, form)
             if not left or (fresh.spectrum == noise.spectrum and np.allclose(fresh.sigma, noise.sigma, rtol=SETTLED)):

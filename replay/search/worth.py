@@ -10,20 +10,14 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from models.frames import Array
-from replay.search.channel import Channel, Columns
+from replay.search.channel import Columns
 from replay.search.library import Library
-from replay.search.terms import STEP_S, Term
+from replay.search.terms import Term
 
 FORM_LEFT = 0.06
 """RMS that an effect leaves by its error of form, as a share of its own."""
 CURVE_FORM = 1.2
 """What a free curve may leave by its form, as a share of its own: it has no mean, and what is beside it may be that."""
-SLOW_S = 2.0
-"""What is left is averaged over this time before it counts as acting unexplained [s]."""
-OWN = 0.75
-"""What no other term would take over of a term, in hundredths of the weight: no model is better than that."""
-USUAL, USUAL_TRIM = 2.0, 1.0
-"""Coefficients and trims that take over stay within so many standard deviations of their prior."""
 SOFT = 0.02
 """Width of the threshold of attention, as a share of it: a size on the threshold must not decide by its last digits."""
 CANCEL, CANCEL_COST, CANCEL_FREE = 2.6, 40.0, 2.0
@@ -34,12 +28,12 @@ What is below ``CANCEL_FREE`` hundredths of the weight does not count.
 
 
 class Contributions:
-    """What every term of a set does to every channel it acts on; ``b`` (k,), ``cov`` (k, k) with the trims behind."""
+    """What every term of a set does to every channel it acts on; ``b`` (k,) with the trims behind."""
 
-    def __init__(self, library: Library, terms: Sequence[Term], b: Array, cov: Array) -> None:
+    def __init__(self, library: Library, terms: Sequence[Term], b: Array) -> None:
         self.library = library
         self.terms = terms
-        self._b, self._cov = b, cov
+        self._b = b
         self._edges = list(accumulate((len(t.columns) for t in terms), initial=0))
         columns = np.concatenate([*(t.columns for t in terms), library.trim])
         self._on: list[Columns] = []
@@ -78,29 +72,6 @@ class Contributions:
             main = term.main if (term.main == 0.0).any() else np.ones_like(term.main)
             possible[part] = np.clip(self._b[part], term.low, term.high) * main
         return self._acting(possible)
-
-    def own(self) -> dict[tuple[int, int], Array]:
-        """What no other term would take over, by (term, channel): (n,).
-
-        The posterior of the others given that a term's main coefficients and errors of form are zero, no farther out
-        than ``USUAL`` standard deviations of their prior.
-        """
-        trims = len(self.library.trim)
-        centre = np.concatenate([*(t.centre for t in self.terms), np.zeros(trims)])
-        usual = np.where(np.arange(len(centre)) < len(centre) - trims, USUAL, USUAL_TRIM)
-        low, high = np.minimum(self._b, centre - usual), np.maximum(self._b, centre + usual)
-        lost = np.empty((len(self.terms), len(centre)))
-        for i, (term, first) in enumerate(zip(self.terms, self._edges, strict=False)):
-            gone = first + np.flatnonzero((term.main > 0.0) | term.form)
-            taken = self._cov[:, gone] @ np.linalg.solve(self._cov[np.ix_(gone, gone)], self._b[gone])
-            others = np.clip(self._b - taken, low, high)
-            others[gone] = 0.0
-            lost[i] = self._b - others
-        out: dict[tuple[int, int], Array] = {}
-        for c, (on, x) in enumerate(zip(self._on, self._x, strict=True)):
-            acting = [i for i, _, _ in self._places(on)]
-            out.update({(i, c): own for i, own in zip(acting, lost[acting][:, on] @ x, strict=True)})
-        return out
 
 
 def form_variance(u: Contributions) -> Array:
@@ -142,36 +113,19 @@ def cancelled(u: Contributions) -> float:
 def standing(u: Contributions) -> Array:
     """How far every term stands out, (terms,): 1 is just worth a name.
 
-    z = max over channels of min(T / sqrt(1 + F^2 + R^2), O / OWN, E / E_least). In hundredths of the weight: T the top
-    of what a term does, F what the other terms may leave by their form, R the slow rest, O the top of what no other
-    term would take over. E is the share of the energy that is left there without the term and that it takes off.
+    z = max over channels of T / sqrt(1 + F^2). In hundredths of the weight: T the top of what a term does, F what the
+    other terms may leave by their form.
     """
     if not u.terms:
         return np.empty(0)
     channels = u.library.channels
-    tops, shares = np.zeros((len(u.terms), len(channels))), np.zeros((len(u.terms), len(channels)))
-    own = np.zeros_like(tops)
+    tops = np.zeros((len(u.terms), len(channels)))
     for (i, c), part in u.main.items():
-        without = u.rest[c] + part
-        shares[i, c] = 1.0 - float(u.rest[c] @ u.rest[c]) / max(float(without @ without), 1e-30)
         tops[i, c] = top(part, channels[c].count) / channels[c].limit
-    for (i, c), part in u.own().items():
-        own[i, c] = top(part, channels[c].count) / channels[c].limit
     form = np.array([CURVE_FORM if t.effect is None else t.effect.form for t in u.terms])
     left = (tops * form[:, None]) ** 2
-    open_ = np.array([slow_rms(e, c) / c.limit for e, c in zip(u.rest, channels, strict=True)])
-    beside = left.sum(axis=0) - left + open_**2
-    least = np.array([[t.share] for t in u.terms])
-    large = np.minimum(tops / np.sqrt(1.0 + beside), own / OWN)
-    return np.asarray(np.minimum(large, shares / least).max(axis=1))
-
-
-def slow_rms(rest: Array, channel: Channel) -> float:
-    """RMS of what is left of a channel, averaged over ``SLOW_S``."""
-    width = max(round(SLOW_S / STEP_S), 1)
-    total, known = (np.concatenate([[0.0], np.cumsum(v)]) for v in (rest, channel.valid))
-    mean = (total[width:] - total[:-width]) / np.maximum(known[width:] - known[:-width], 1.0)
-    return float(np.sqrt(mean @ mean / max(len(mean), 1)))
+    beside = left.sum(axis=0) - left
+    return np.asarray((tops / np.sqrt(1.0 + beside)).max(axis=1))
 
 
 def top(x: Array, count: int) -> float:

@@ -28,7 +28,6 @@ from replay.search.results import Estimate, Found, Searched, summarise
 from replay.search.sets import canonical, rivals_of
 from replay.search.terms import Term
 from replay.search.walk import walk
-from replay.search.worth import Contributions
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 
@@ -197,22 +196,6 @@ def test_noise_of_the_voltage_leaves_the_packs_power(quiet: Record) -> None:
     low, value, high = estimate(search(seen, some("battery_sag", "thermal_derating")), "battery_sag", "power")
     assert low < 2.0 < high
     assert value == pytest.approx(2.0, abs=0.4)
-
-
-def test_what_another_effect_would_take_over_is_not_its_own(quiet: Record) -> None:
-    """A scale takes over the mean of a thrust that grows with the throttle; drag takes over nothing of it."""
-    flown = added(added(pumped(quiet), "thrust_curve", (), 0.3, 0.0), "thrust_scale", (), -0.1)
-    evidence = Evidence(Library([flown], some("thrust_scale", "payload", "rotor_drag")))
-    terms = {t.name: t for t in reversed(evidence.library.terms) if t.effect is not None}
-
-    def own_share(name: str, beside: str) -> float:
-        fit = evidence.fit([terms[name], terms[beside]], evidence.quiet)
-        u = Contributions(evidence.library, fit.terms, fit.b, fit.cov)
-        fz = next(i for i, c in enumerate(evidence.library.channels) if c.axis == 2)
-        return float(np.abs(u.own()[0, fz]).max() / np.abs(u.main[0, fz]).max())
-
-    assert own_share("thrust_scale", "rotor_drag") > 0.9
-    assert own_share("thrust_scale", "payload") < 0.5
 
 
 def test_what_fits_into_another_effects_error_of_form_is_its_alias() -> None:
@@ -404,7 +387,6 @@ def sets(**scores: float) -> list[Fit]:
             none,
             0.0,
             none,
-            0.0,
             {},
         )
         for letter in sorted(set("".join(scores)))
