@@ -351,7 +351,9 @@ class Effect:
     shapes: tuple[Shape, ...] = ()
     shape_grid: Grid = no_shape
     mixing: Callable[[tuple[float, ...]], Array] | None = None
-    """(k, k) by shape: the coefficients are this times independent ones, whose priors ``coefficients`` give."""
+    """(k, k) by shape: the coefficients are this times independent ones, whose priors ``coefficients`` give.
+
+    The regressors are then the same in every shape, and there are no errors of form."""
     lacking: Callable[[Context], str | None] = always
     aliases: tuple[str, ...] = ()
     """Effects that can stand in the place of this one. One way: ``thrust_scale`` can pass for ``thrust_curve``, a curve

@@ -10,13 +10,14 @@ import numpy as np
 from models.effects import AdoptedEffect, BelongsTo, Context, Effect, catalogue, get
 from replay.changes.spread import LAWS, Size, as_flown, usual
 from replay.residual.record import Record
+from replay.search.design import Design
 from replay.search.evidence import TRUST, Evidence, Fit
 from replay.search.library import Library
 from replay.search.results import Estimate
 from replay.search.sets import SURE as MOST_SURE
 from replay.search.terms import Term
 from replay.search.walk import walk
-from replay.search.worth import Contributions, beyond_bounds, top
+from replay.search.worth import Contributions, beyond_bounds, tops
 
 OF_A_VEHICLE = (BelongsTo.VEHICLE, BelongsTo.LOAD, BelongsTo.INSTRUMENT)
 """What can change on a vehicle, but for laws; weather and place change with every flight."""
@@ -195,9 +196,8 @@ def _stands_out(evidence: Evidence, fit: Fit, term: Term) -> bool:
     main = {c.name for c in term.effect.coefficients if term.effect.is_main(c)}
     if not any(not e.ci95[0] <= 0.0 <= e.ci95[1] for e in _estimates(fit, term) if e.name in main):
         return False
-    u, i = Contributions(evidence.library, fit.terms, fit.b), fit.terms.index(term)
-    channels = evidence.library.channels
-    return any(top(part, channels[c].count) > channels[c].limit for (k, c), part in u.main.items() if k == i)
+    u = Contributions(Design(evidence.library, fit.terms), fit.b)
+    return bool((tops(u, u.main)[fit.terms.index(term)] > 1.0).any())
 
 
 def _shared(effect: Effect) -> Effect:

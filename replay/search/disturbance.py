@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
 
@@ -53,18 +52,19 @@ class Spectrum:
 
 
 def whitened_energies(filters: Array, x: Array, run: NDArray[np.int64]) -> Array:
-    """Sum of squares of the innovations of a signal (n,) by the ``filters`` of every spectrum, (spectra,).
+    """Sum of squares of the innovations of signals (m, n) by the ``filters`` of every spectrum, (m, spectra).
 
-    f^T L f for every filter f: L are the inner products of the signal with itself at lags 0 to ``ORDER``, over the
-    samples that the filter is used for.
+    f^T L f for the filter f of the highest order: L are the inner products of a signal with itself at lags 0 to
+    ``ORDER``, over the samples that the filter is used for. The few at the start of a run are added one by one.
     """
-    lags = sliding_window_view(np.concatenate([np.zeros(ORDER), x]), ORDER + 1)[:, ::-1]
-    out = np.zeros(len(filters))
-    for order in range(ORDER + 1):
-        own = lags[run == order if order < ORDER else run >= ORDER]
-        f = filters[:, order]
-        out += ((f @ (own.T @ own)) * f).sum(axis=1)
-    return out
+    lags = np.zeros((len(x), ORDER + 1, x.shape[1]))
+    for lag in range(ORDER + 1):
+        lags[:, lag, lag:] = x[:, : x.shape[1] - lag]
+    f = filters[:, ORDER]
+    energies = ((f @ ((lags * (run >= ORDER)) @ lags.swapaxes(1, 2))) * f).sum(axis=2)
+    starts = np.flatnonzero((run >= 0) & (run < ORDER))
+    innovations = filters[:, run[starts]].swapaxes(0, 1) @ lags[:, :, starts].transpose(2, 1, 0)
+    return np.asarray(energies + (innovations**2).sum(axis=0).T)
 
 
 def spectra(step_s: float) -> tuple[Spectrum, ...]:

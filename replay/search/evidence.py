@@ -22,7 +22,8 @@ from scipy.linalg import cho_factor, cho_solve
 
 from models.frames import Array
 from replay.residual.grid import Mask
-from replay.search.channel import Channel, Columns
+from replay.search.channel import Columns
+from replay.search.design import Design
 from replay.search.disturbance import FITTED_SHARE, spectra, whitened_energies
 from replay.search.library import Library
 from replay.search.terms import STEP_S, Key, Term
@@ -97,13 +98,20 @@ class Evidence:
         self._white: dict[tuple[int, int], Whitened] = {}
         self._smaller = np.array([min(s.slow_share, 1.0 - s.slow_share) for s in self.spectra])
         self._fitted = np.array([s.slow_share <= FITTED_SHARE for s in self.spectra])
-        self._det = [np.array([s.log_determinant(c.run) for s in self.spectra]) for c in library.channels]
+        channels = library.channels
+        self._det = np.array([[s.log_determinant(c.run) for s in self.spectra] for c in channels]).reshape(
+            -1, len(self.spectra)
+        )
+        self._counts = np.array([max(c.count, 1) for c in channels])
+        limits = np.array([c.limit for c in channels])
+        self._floor = (FLOOR * limits[:, None]) ** 2 / self._smaller
+        self._priors: dict[Term, float] = {}
         self._fits: dict[tuple[tuple[Term, ...], Noise], Fit] = {}
 
     def unfitted(self) -> Noise:
         """Noise of the residual as it is."""
-        rest = [c.y for c in self.library.channels]
-        return self._noise(rest, self._energies(rest), np.zeros(len(rest)))
+        rest = [flight.y for flight in self.library.flights]
+        return self._noise(rest, self._energies(rest), np.zeros(len(self.library.channels)))
 
     @cached_property
     def quiet(self) -> Noise:
@@ -140,30 +148,41 @@ class Evidence:
         return self._fits[key]
 
     def _fit(self, terms: tuple[Term, ...], noise: Noise) -> Fit:
+        design = Design(self.library, terms)
         for left in reversed(range(ROUNDS + 1)):
-            b, cov = self._posterior(terms, noise)
-            u = Contributions(self.library, terms, b)
+            b, cov = self._posterior(design, noise)
+            u = Contributions(design, b)
             form, energies = form_variance(u), self._energies(u.rest)
             fresh = self._noise(u.rest, energies, form)
             if not left or (fresh.spectrum == noise.spectrum and np.allclose(fresh.sigma, noise.sigma, rtol=SETTLED)):
                 break
             noise = fresh
-        evidence = self._laplace(terms, b, cov, energies, form)
+        evidence = self._laplace(design, b, cov, energies, form)
         worthy = worth(u)
         prior = sum(self.prior(t) for t in terms) - self._loud(noise)
         within = beyond_bounds(terms, b, cov)
         score = TRUST * evidence + within + worthy + prior
         return Fit(terms, b, cov, noise, evidence, within, worthy, prior, score)
 
+    def deserved(self, terms: Sequence[Term], noise: Noise) -> float:
+        """``within`` and ``worth`` of a set beside a given noise."""
+        terms = tuple(terms)
+        design = Design(self.library, terms)
+        b, cov = self._posterior(design, noise)
+        return worth(Contributions(design, b)) + beyond_bounds(terms, b, cov)
+
     def refit(self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, Mask] = NOTHING) -> Fit:
         """Coefficients beside a given noise, without a score; rows (n,) of flights in ``left_out`` are not used."""
-        return Fit(tuple(terms), *self._posterior(terms, noise, left_out), noise)
+        return Fit(tuple(terms), *self._posterior(Design(self.library, terms), noise, left_out), noise)
 
     def prior(self, term: Term) -> float:
         """Log odds of a term in its shape, before any flight was seen."""
         if term.effect is None:
             return term.log_shape
-        return term.effect.log_odds(self.library.context(min(term.places))) + term.log_shape
+        if term not in self._priors:
+            odds = term.effect.log_odds(self.library.context(min(term.places)))
+            self._priors[term] = odds + term.log_shape
+        return self._priors[term]
 
     def screen(self, fit: Fit, key: Key | None = None) -> Array:
         """Gain in log evidence of every term of the library beside a fitted set, the noise kept, (terms,).
@@ -172,25 +191,32 @@ class Evidence:
         P = I + X^T W X - X^T W A S A^T W X (Schur's complement), v = X^T W (y - A m) + c.
         With a ``key``: of the terms with that key only, NaN for the others.
         """
-        cross, g = self._products(fit.terms, fit.noise)
+        out = np.full(len(self.library.terms), np.nan)
+        numbers = None if key is None else self.library.numbers_of(key)
+        looked_at = (
+            None if numbers is None else np.sort(np.concatenate([self.library.terms[i].columns for i in numbers]))
+        )
+        cross, g = self._products(fit.terms, fit.noise, looked_at)
         g = g - fit.b @ cross
         across = (fit.cov @ cross).T
-        out = np.full(len(self.library.terms), np.nan)
-        for width, (index, of_term) in self.library.groups().items():
-            wanted = [n for n, i in enumerate(index) if key is None or self.library.terms[i].key == key]
-            if not wanted:
+        x_bias = self.library.x_bias
+        for group in self.library.groups():
+            wanted = (
+                np.arange(len(group.numbers)) if numbers is None else np.flatnonzero(np.isin(group.numbers, numbers))
+            )
+            if not wanted.size:
                 continue
-            centre = np.stack([self.library.terms[index[n]].centre for n in wanted])
-            columns = of_term[wanted]
-            bias = self.library.x_bias[:, columns].transpose(1, 2, 0)
+            centre, columns = group.centre[wanted], group.columns[wanted]
+            at = columns if looked_at is None else np.searchsorted(looked_at, columns)
+            bias = x_bias[:, columns].transpose(1, 2, 0)
             own = (
-                np.eye(width) - across[columns] @ cross[:, columns].transpose(1, 0, 2) + bias @ bias.transpose(0, 2, 1)
+                np.eye(columns.shape[1]) - across[at] @ cross[:, at].transpose(1, 0, 2) + bias @ bias.transpose(0, 2, 1)
             )
             for white, variance in self._channels(fit.noise):
-                own += white.blocks(of_term)[wanted] / variance
-            v = g[columns] + centre
+                own += white.blocks(group.columns)[wanted] / variance
+            v = g[at] + centre
             gain = (v * np.linalg.solve(own, v[..., None])[..., 0]).sum(axis=1) - (centre**2).sum(axis=1)
-            out[np.array(index)[wanted]] = 0.5 * (gain - np.linalg.slogdet(own)[1])
+            out[group.numbers[wanted]] = 0.5 * (gain - np.linalg.slogdet(own)[1])
         return out
 
     def promising(self, fit: Fit, candidates: Iterable[int]) -> list[tuple[float, Term]]:
@@ -216,75 +242,65 @@ class Evidence:
                 self._white[c, s] = Whitened(self.library.channels[c], self.spectra[s])
             yield self._white[c, s], sigma**2
 
-    def _energies(self, rest: Sequence[Array]) -> list[Array]:
-        """Sum of squares of the innovations of every channel by every spectrum."""
-        return [whitened_energies(self._filters, e, c.run) for e, c in zip(rest, self.library.channels, strict=True)]
+    def _energies(self, rest: Sequence[Array]) -> Array:
+        """Sum of squares of the innovations of every channel by every spectrum, (channels, spectra)."""
+        flights = self.library.flights
+        parts = [whitened_energies(self._filters, e, f.run) for e, f in zip(rest, flights, strict=True)]
+        return np.concatenate([np.empty((0, len(self.spectra))), *parts])
 
-    def _noise(self, rest: Sequence[Array], energies_of: Sequence[Array], form: Array) -> Noise:
+    def _noise(self, rest: Sequence[Array], energies: Array, form: Array) -> Noise:
         """The likeliest spectrum of what is left; no quieter than its raw energy, the errors of form, and the floor."""
-        which, sigmas = [], []
-        for c, (e, energies) in enumerate(zip(rest, energies_of, strict=True)):
-            channel = self.library.channels[c]
-            count = max(channel.count, 1)
-            smallest = max(float(e @ e) / count, float(form[c]))
-            variance = self._variance(channel, energies, smallest)
-            cost = count * np.log(variance) + energies / variance + self._det[c]
-            best = int(np.argmin(np.where(self._fitted, np.round(cost, 6), np.inf)))
-            which.append(best)
-            sigmas.append(float(np.sqrt(variance[best])))
-        return Noise(tuple(which), tuple(sigmas))
+        counts = self._counts[:, None]
+        raw = np.concatenate([np.empty(0), *((e**2).sum(axis=1) for e in rest)]) / self._counts
+        variance = self._variance(energies, np.maximum(raw, form))
+        cost = counts * np.log(variance) + energies / variance + self._det
+        best = np.argmin(np.where(self._fitted, np.round(cost, 6), np.inf), axis=1)
+        sigma = np.sqrt(np.take_along_axis(variance, best[:, None], axis=1)[:, 0])
+        return Noise(tuple(best.tolist()), tuple(sigma.tolist()))
 
-    def _variance(self, channel: Channel, energies: Array, least: float) -> Array:
-        """Of the innovations by every spectrum, no smaller than ``least`` and the floor."""
-        lowest = np.maximum(least, (FLOOR * channel.limit) ** 2 / self._smaller)
-        return np.maximum(energies / max(channel.count, 1), lowest)
+    def _variance(self, energies: Array, least: Array) -> Array:
+        """Of the innovations by every spectrum (channels, spectra), no smaller than ``least`` and the floor."""
+        lowest = np.maximum(least[:, None], self._floor)
+        return np.asarray(np.maximum(energies / self._counts[:, None], lowest))
 
-    def _laplace(self, terms: Sequence[Term], b: Array, cov: Array, energies_of: Sequence[Array], form: Array) -> float:
+    def _laplace(self, design: Design, b: Array, cov: Array, energies: Array, form: Array) -> float:
         """Log marginal likelihood by Laplace's approximation: likelihood of what is left by its own best spectrum."""
-        value = 0.0
-        for c, energies in enumerate(energies_of):
-            channel = self.library.channels[c]
-            count = max(channel.count, 1)
-            variance = self._variance(channel, energies, form[c])
-            cost = count * np.log(2.0 * np.pi * variance) + energies / variance + self._det[c]
-            value -= 0.5 * float(cost.min())
-        columns = self._with_trim(terms)
-        left = self.library.bias - self.library.x_bias[:, columns] @ b
+        variance = self._variance(energies, form)
+        cost = self._counts[:, None] * np.log(2.0 * np.pi * variance) + energies / variance + self._det
+        value = -0.5 * float(cost.min(axis=1).sum())
+        left = self.library.bias - self.library.x_bias[:, design.columns] @ b
         value -= 0.5 * float(left @ left)
-        off = b - np.concatenate([*(t.centre for t in terms), np.zeros(len(self.library.trim))])
+        off = b - design.centre
         value -= 0.5 * float(off @ off)
         return value + 0.5 * float(np.linalg.slogdet(cov)[1]) if len(b) else value
 
-    def _with_trim(self, terms: Sequence[Term]) -> Columns:
-        return np.concatenate([*(t.columns for t in terms), self.library.trim])
-
-    def _posterior(
-        self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, Mask] = NOTHING
-    ) -> tuple[Array, Array]:
+    def _posterior(self, design: Design, noise: Noise, left_out: Mapping[int, Mask] = NOTHING) -> tuple[Array, Array]:
         """Mean (k,) and covariance (k, k) of the scaled coefficients: (X^T W X + I)^-1 (X^T W y + prior mean)."""
-        columns = self._with_trim(terms)
-        r = np.concatenate([*(t.centre for t in terms), np.zeros(len(self.library.trim))])
-        a = np.eye(len(columns))
-        for channel, (white, variance) in zip(self.library.channels, self._channels(noise), strict=True):
-            on = np.flatnonzero(channel.where[columns] >= 0)
-            kept = ~left_out[channel.flight] if channel.flight in left_out else None
-            gram, product = white.gram(columns[on], kept)
-            a[np.ix_(on, on)] += gram / variance
+        r = design.centre.copy()
+        a = np.eye(len(r))
+        parts = zip(self.library.channels, design.on, design.local, self._channels(noise), strict=True)
+        for channel, on, local, (white, variance) in parts:
+            if channel.flight in left_out:
+                gram, product = white.gram_of(local, ~left_out[channel.flight])
+            else:
+                gram, product = white.gram(local)
+            a[on[:, None], on] += gram / variance
             r[on] += product / variance
-        x_bias = self.library.x_bias[:, columns]
+        x_bias = self.library.x_bias[:, design.columns]
         a += x_bias.T @ x_bias
         r += x_bias.T @ self.library.bias
-        factor = cho_factor(a, lower=True)
-        return cho_solve(factor, r), cho_solve(factor, np.eye(len(r)))
+        factor = cho_factor(a, lower=True, check_finite=False)
+        return cho_solve(factor, r, check_finite=False), cho_solve(factor, np.eye(len(r)), check_finite=False)
 
-    def _products(self, terms: Sequence[Term], noise: Noise) -> tuple[Array, Array]:
-        """X^T W X of a set's columns with all of the library (k, K), and X^T W y (K,)."""
+    def _products(self, terms: Sequence[Term], noise: Noise, looked_at: Columns | None) -> tuple[Array, Array]:
+        """X^T W X of a set's columns with those looked at (k, K), all of the library by default, and X^T W y (K,)."""
         parts = [*(t.columns for t in terms), self.library.trim]
         columns, ends = np.concatenate(parts), np.cumsum([len(p) for p in parts])
-        cross, g = np.zeros((len(columns), self.library.size)), np.zeros(self.library.size)
-        for white, variance in self._channels(noise):
-            g += white.products(None) / variance
-            for part, end in zip(parts, ends, strict=True):
-                cross[end - len(part) : end] += white.products(part) / variance
+        seen = slice(None) if looked_at is None else looked_at
         x_bias = self.library.x_bias
-        return cross + x_bias[:, columns].T @ x_bias, g + self.library.bias @ x_bias
+        cross, g = x_bias[:, columns].T @ x_bias[:, seen], self.library.bias @ x_bias[:, seen]
+        for white, variance in self._channels(noise):
+            g += white.products(None)[seen] / variance
+            for part, end in zip(parts, ends, strict=True):
+                cross[end - len(part) : end] += white.products(part)[:, seen] / variance
+        return cross, g

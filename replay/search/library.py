@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from itertools import zip_longest
 
 import numpy as np
@@ -11,17 +12,19 @@ from numpy.typing import NDArray
 from models.effects import Context, Effect
 from models.frames import AXES, Array
 from replay.residual.record import Record
-from replay.search.channel import Channel, Columns
+from replay.search.channel import Channel, Columns, by_flight
 from replay.search.curves import AMPLITUDE, Curve, curves
 from replay.search.disturbance import runs
 from replay.search.terms import (
     FORM_PRIOR,
     STEP_S,
+    Key,
     Term,
     bent_forms,
     log_shapes,
     prior_of,
     regressors_of,
+    unmixed,
 )
 
 KNOWN = 0.02
@@ -48,6 +51,23 @@ Prior = tuple[int, float, float, float, float, float]
 """Of a coefficient: column, standard deviation, and in units of that mean, bounds, and 1 where it makes the effect."""
 
 
+@dataclass(frozen=True)
+class Group:
+    """Terms with as many columns: their numbers (m,), columns (m, width) and prior means (m, width)."""
+
+    numbers: NDArray[np.int64]
+    columns: NDArray[np.int64]
+    centre: Array
+
+    def joined(self, other: Group) -> Group:
+        """With more terms behind."""
+        return Group(
+            np.concatenate([self.numbers, other.numbers]),
+            np.concatenate([self.columns, other.columns]),
+            np.concatenate([self.centre, other.centre]),
+        )
+
+
 class Library:
     """All terms of some flights, and the channels that they act on.
 
@@ -65,7 +85,11 @@ class Library:
         self._trims: list[tuple[int, Array]] = []
         self.size = 0
         self.channels = [self._channel(f, a) for f, r in enumerate(records) for a in r.axes]
+        self.flights = by_flight(self.channels)
         self._at = {(c.flight, c.axis): c for c in self.channels}
+        self._of_key: dict[Key, list[int]] = {}
+        self._groups: dict[int, Group] = {}
+        self._unmixed: dict[tuple[str, int], Array] = {}
         self._curves: dict[tuple[int, int], Array] = {}
         self._bias_columns: dict[int, list[tuple[Columns, Array]]] = {}
         self.remainders: list[Effect] = []
@@ -158,10 +182,14 @@ class Library:
             self.size += 1
         columns, *own = (np.array(v) for v in zip(*priors, strict=True))
         scale, centre, low, high, main = own
-        self.terms.append(
+        self._take_in(
             Term(effect.name, effect, shape, columns, scale, centre, low, high, log_shape, main,
                  places, flight)
         )  # fmt: skip
+
+    def _take_in(self, term: Term) -> None:
+        self._of_key.setdefault(term.key, []).append(len(self.terms))
+        self.terms.append(term)
 
     def _numbered(
         self, effect: Effect, flights: Sequence[int], spread: Array, centre: Array
@@ -181,9 +209,15 @@ class Library:
     def _write(self, effect: Effect, f: int, shape: tuple[float, ...], spread: Array, place: Columns) -> list[Array]:
         """Columns of an effect in the channels of one flight; what its errors of form are there, (n, 6) each."""
         record = self.records[f]
-        x = regressors_of(effect, record, shape) * spread
-        bent = [b[:: self.every[f]] for i in _with_errors_of_form(effect) for b in bent_forms(x[:, :, i], record)]
-        x = x[:: self.every[f]]
+        bent: list[Array] = []
+        if effect.mixing is None:
+            x = regressors_of(effect, record, shape) * spread
+            bent = [b[:: self.every[f]] for i in _with_errors_of_form(effect) for b in bent_forms(x[:, :, i], record)]
+            x = x[:: self.every[f]]
+        else:
+            if (effect.name, f) not in self._unmixed:
+                self._unmixed[effect.name, f] = unmixed(effect, record, shape)[:: self.every[f]]
+            x = self._unmixed[effect.name, f] @ effect.mixing(shape) * spread
         for a in self._searched_axes(effect, f):
             live = np.flatnonzero(np.abs(x[:, a]).max(axis=0) > 0.0)
             if live.size:
@@ -242,12 +276,22 @@ class Library:
         context = self.context(flight)
         return 0.01 * context.weight * (1.0 if axis < 3 else context.lever)
 
-    def groups(self) -> dict[int, tuple[list[int], NDArray[np.int64]]]:
-        """Terms by how many columns they have: their numbers (m,) and columns (m, width)."""
-        out: dict[int, list[int]] = {}
-        for i, term in enumerate(self.terms):
-            out.setdefault(len(term.columns), []).append(i)
-        return {width: (index, np.stack([self.terms[i].columns for i in index])) for width, index in out.items()}
+    def numbers_of(self, key: Key) -> list[int]:
+        """Numbers of the terms with a key: one effect in all its shapes."""
+        return self._of_key[key]
+
+    def groups(self) -> Iterable[Group]:
+        """Terms by how many columns they have."""
+        known = sum(len(g.numbers) for g in self._groups.values())
+        fresh: dict[int, list[int]] = {}
+        for i in range(known, len(self.terms)):
+            fresh.setdefault(len(self.terms[i].columns), []).append(i)
+        for width, numbers in fresh.items():
+            terms = [self.terms[i] for i in numbers]
+            group = Group(np.array(numbers), np.stack([t.columns for t in terms]), np.stack([t.centre for t in terms]))
+            old = self._groups.get(width)
+            self._groups[width] = group if old is None else old.joined(group)
+        return self._groups.values()
 
     def context(self, flight: int) -> Context:
         """Of a flight."""
@@ -283,7 +327,7 @@ class Library:
             self._at[f, curve.axis].add(columns, self._curves[int(columns[0]), f][:: self.every[f]])
         one = np.ones(len(columns))
         log_odds = float(np.log(curve.odds * (KNOWN if known else 1.0)))
-        self.terms.append(
+        self._take_in(
             Term(curve.name, None, (), columns, one, 0.0 * one, -np.inf * one, np.inf * one, log_odds, one,
                  places, None, AXES[curve.axis])
         )  # fmt: skip

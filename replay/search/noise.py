@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_toeplitz
-from scipy.signal import correlate
 
 from models.frames import Array
 
@@ -49,7 +48,9 @@ def fit_noise(residual: Array, valid: Mask, step_s: float) -> Noise:
 def _autocovariance(x: Array, weight: Array, lags: int) -> Array:
     """Of (n,) at lags 0 to ``lags``, over the pairs of samples that are both known."""
     lags = min(lags, len(x) - 1)
-    top, count = (correlate(v, v, method="fft")[len(x) - 1 : len(x) + lags] for v in (x, weight))
+    # Wiener-Khinchin, with as many zeros behind as there are samples.
+    powers = (np.abs(np.fft.rfft(v, 2 * len(v))) ** 2 for v in (x, weight))
+    top, count = (np.fft.irfft(power)[: lags + 1] for power in powers)
     return np.asarray(top / np.maximum(count, 1.0))
 
 

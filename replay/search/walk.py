@@ -83,16 +83,19 @@ def _additions(sets: Sets, fit: Fit, tried: int) -> list[Term]:
 
 
 def _with(sets: Sets, fit: Fit, term: Term) -> Fit:
-    """A set and one term more; in its other shapes, too, where this one fits but is not possible or worth a name."""
+    """A set and one term more; in another shape, too, where this one fits but is not possible or worth a name."""
     new = sets.weigh([*fit.terms, term], fit)
     if new.score > fit.score or new.score - new.worth - min(new.within, 0.0) <= fit.score:
         return new
     evidence = sets.evidence
     screened = evidence.screen(evidence.refit(fit.terms, fit.noise), term.key)
-    for i, other in enumerate(evidence.library.terms):
-        if other.key == term.key and TRUST * float(screened[i]) + evidence.prior(other) > WORTH_A_LOOK:
-            new = sets.weigh([*fit.terms, other], fit)
-    return new
+    odds: dict[Term, float] = {}
+    for i in evidence.library.numbers_of(term.key):
+        other = evidence.library.terms[i]
+        likely = TRUST * float(screened[i]) + evidence.prior(other)
+        if likely > WORTH_A_LOOK:
+            odds[other] = round(likely + evidence.deserved([*fit.terms, other], fit.noise), 6)
+    return sets.weigh([*fit.terms, max(odds, key=lambda t: odds[t])], fit) if odds else new
 
 
 def _reshaped(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
@@ -101,8 +104,7 @@ def _reshaped(sets: Sets, fit: Fit, only: Key | None = None) -> Fit:
     for term in fit.terms:
         if only is not None and term.key != only:
             continue
-        terms = evidence.library.terms
-        rivals = [i for i, t in enumerate(terms) if t.key == term.key]
+        terms, rivals = evidence.library.terms, evidence.library.numbers_of(term.key)
         if len(rivals) < 2 or term not in fit.terms:
             continue
         others = [t for t in fit.terms if t is not term]

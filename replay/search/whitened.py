@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from models.frames import Array
 from replay.residual.grid import Mask
-from replay.search.channel import Channel, Columns
+from replay.search.channel import Channel, Columns, Rows
 from replay.search.disturbance import Spectrum
 
 
@@ -20,7 +20,8 @@ class Whitened:
     def __init__(self, channel: Channel, spectrum: Spectrum) -> None:
         self._channel, self._spectrum = channel, spectrum
         self.y = spectrum.whiten(channel.y, channel.run)
-        self._rows = np.empty((0, len(self.y)))
+        self._rows = Rows(len(self.y))
+        self._grams: dict[bytes, tuple[Array, Array]] = {}
         self._products: dict[bytes, Array] = {}
         self._blocks: dict[int, Array] = {}
 
@@ -29,15 +30,21 @@ class Whitened:
         """(n, k)."""
         fresh = self._channel.x[:, len(self._rows) :]
         if fresh.size:
-            self._rows = np.concatenate([self._rows, self._spectrum.whiten(fresh, self._channel.run).T])
-        return self._rows.T
+            self._rows.add(self._spectrum.whiten(fresh, self._channel.run).T)
+        return self._rows.array.T
 
-    def gram(self, columns: Columns, kept: Mask | None = None) -> tuple[Array, Array]:
-        """X^T W X (k, k) and X^T W y (k,) of columns that act on this channel, over all samples or those kept."""
-        x, y = self.x.T[self._channel.where[columns]], self.y
-        if kept is not None:
-            x, y = x[:, kept], y[kept]
-        return x @ x.T, x @ y
+    def gram(self, local: Columns) -> tuple[Array, Array]:
+        """X^T W X (k, k) and X^T W y (k,) of columns of this channel, by their places in ``x``."""
+        key = local.tobytes()
+        if key not in self._grams:
+            x = self.x.T[local]
+            self._grams[key] = x @ x.T, x @ self.y
+        return self._grams[key]
+
+    def gram_of(self, local: Columns, kept: Mask) -> tuple[Array, Array]:
+        """The same over some samples."""
+        x = self.x.T[local][:, kept]
+        return x @ x.T, x @ self.y[kept]
 
     def products(self, columns: Columns | None) -> Array:
         """X^T W X (k, K) of some columns of the library with all of them; without any, X^T W y (K,)."""

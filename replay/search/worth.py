@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from functools import cached_property
-from itertools import accumulate, pairwise
 
 import numpy as np
 from scipy.special import log_ndtr
 
 from models.frames import Array
-from replay.search.channel import Columns
-from replay.search.library import Library
-from replay.search.terms import Term
+from replay.search.channel import Flight
+from replay.search.design import Design
+from replay.search.terms import STEP_S, Term
 
 FORM_LEFT = 0.06
 """RMS that an effect leaves by its error of form, as a share of its own."""
 CURVE_FORM = 1.2
 """What a free curve may leave by its form, as a share of its own: it has no mean, and what is beside it may be that."""
+SLOW_S = 2.0
+"""What is left is averaged over this time before it counts as acting unexplained [s]."""
 SOFT = 0.02
 """Width of the threshold of attention, as a share of it: a size on the threshold must not decide by its last digits."""
 CANCEL, CANCEL_COST, CANCEL_FREE = 2.6, 40.0, 2.0
@@ -28,59 +29,37 @@ What is below ``CANCEL_FREE`` hundredths of the weight does not count.
 
 
 class Contributions:
-    """What every term of a set does to every channel it acts on; ``b`` (k,) with the trims behind."""
+    """What every term of a set does to every channel it acts on; ``b`` (k,) with the trims behind.
 
-    def __init__(self, library: Library, terms: Sequence[Term], b: Array) -> None:
-        self.library = library
-        self.terms = terms
+    Of every flight one array: ``rest`` (channels, n), all others (pairs, n), pairs as in ``design.FlightRows``.
+    """
+
+    def __init__(self, design: Design, b: Array) -> None:
+        self.design = design
         self._b = b
-        self._edges = list(accumulate((len(t.columns) for t in terms), initial=0))
-        columns = np.concatenate([*(t.columns for t in terms), library.trim])
-        self._on: list[Columns] = []
-        self._x: list[Array] = []
-        self.rest: list[Array] = []
-        """What the set leaves of every channel, (n,) each."""
-        for channel in library.channels:
-            local = channel.where[columns]
-            on = np.flatnonzero(local >= 0)
-            x = channel.x.T[local[on]]
-            self._on.append(on)
-            self._x.append(x)
-            self.rest.append(channel.y - b[on] @ x)
-        self.whole = self._acting(b)
-        """(term, channel) to (n,)."""
-
-    def _acting(self, b: Array) -> dict[tuple[int, int], Array]:
-        return {
-            (i, c): b[on[begin:end]] @ x[begin:end]
-            for c, (on, x) in enumerate(zip(self._on, self._x, strict=True))
-            for i, begin, end in self._places(on)
-        }
-
-    def _places(self, on: Columns) -> Iterator[tuple[int, int, int]]:
-        """Terms that act on a channel, and from where to where their columns are among those of the channel."""
-        at = np.searchsorted(on, self._edges).tolist()
-        for i, (begin, end) in enumerate(pairwise(at)):
-            if begin < end:
-                yield i, begin, end
+        self.rest = [rows.rest(b) for rows in design.flights]
+        """What the set leaves of every channel."""
+        self.whole = [rows.acting(b) for rows in design.flights]
 
     @cached_property
-    def main(self) -> dict[tuple[int, int], Array]:
+    def main(self) -> list[Array]:
         """As ``whole``, of the coefficients that make the effect what it is, no farther than their bounds."""
         possible = self._b.copy()
-        for term, part in zip(self.terms, map(slice, self._edges, self._edges[1:]), strict=True):
+        design = self.design
+        for term, part in zip(design.terms, map(slice, design.edges, design.edges[1:]), strict=True):
             main = term.main if (term.main == 0.0).any() else np.ones_like(term.main)
             possible[part] = np.clip(self._b[part], term.low, term.high) * main
-        return self._acting(possible)
+        return [rows.acting(possible) for rows in design.flights]
 
 
 def form_variance(u: Contributions) -> Array:
     """Variance (channels,) of what is left by the effects' errors of form."""
-    out = np.zeros(len(u.library.channels))
-    for (i, c), own in u.whole.items():
-        if u.terms[i].effect is not None:
-            count = max(u.library.channels[c].count, 1)  # what is not valid is 0
-            out[c] += FORM_LEFT**2 * max(float(own @ own) / count - (float(own.sum()) / count) ** 2, 0.0)
+    out = np.zeros(len(u.design.library.channels))
+    effect = np.array([t.effect is not None for t in u.design.terms], bool)
+    for rows, whole in zip(u.design.flights, u.whole, strict=True):
+        count = rows.flight.count  # what is not valid is 0
+        variance = np.maximum((whole**2).sum(axis=1) / count - (whole.sum(axis=1) / count) ** 2, 0.0)
+        np.add.at(out[rows.flight.numbers], rows.channel, FORM_LEFT**2 * variance * effect[rows.term])
     return out
 
 
@@ -102,37 +81,56 @@ def cancelled(u: Contributions) -> float:
     k^2 = sum |u_i|^2 / (|sum u_i|^2 + n (CANCEL_FREE l)^2), u_i (n,) what a term does and l a hundredth of the weight.
     """
     worst = 0.0
-    for c, channel in enumerate(u.library.channels):
-        parts = [own for (_, at), own in u.whole.items() if at == c]
-        if len(parts) > 1:
-            both = float((np.sum(parts, axis=0) ** 2).sum()) + channel.count * (CANCEL_FREE * channel.limit) ** 2
-            worst = max(worst, float(np.sqrt(sum(float(p @ p) for p in parts) / both)))
+    for rows, whole in zip(u.design.flights, u.whole, strict=True):
+        on = (np.arange(len(rows.flight.channels))[:, None] == rows.channel).astype(float)
+        free = rows.flight.count * (CANCEL_FREE * rows.flight.limits) ** 2
+        ratio = (on @ (whole**2).sum(axis=1)) / (((on @ whole) ** 2).sum(axis=1) + free)
+        worst = max(worst, float(np.sqrt(ratio[on.sum(axis=1) > 1].max(initial=0.0))))
     return worst
 
 
 def standing(u: Contributions) -> Array:
     """How far every term stands out, (terms,): 1 is just worth a name.
 
-    z = max over channels of T / sqrt(1 + F^2). In hundredths of the weight: T the top of what a term does, F what the
-    other terms may leave by their form.
+    z = max over channels of T / sqrt(1 + F^2 + R^2). In hundredths of the weight: T the top of what a term does, F what
+    the other terms may leave by their form, R the slow rest.
     """
-    if not u.terms:
+    if not u.design.terms:
         return np.empty(0)
-    channels = u.library.channels
-    tops = np.zeros((len(u.terms), len(channels)))
-    for (i, c), part in u.main.items():
-        tops[i, c] = top(part, channels[c].count) / channels[c].limit
-    form = np.array([CURVE_FORM if t.effect is None else t.effect.form for t in u.terms])
-    left = (tops * form[:, None]) ** 2
-    beside = left.sum(axis=0) - left
-    return np.asarray((tops / np.sqrt(1.0 + beside)).max(axis=1))
+    sizes = tops(u, u.main)
+    form = np.array([CURVE_FORM if t.effect is None else t.effect.form for t in u.design.terms])
+    left = (sizes * form[:, None]) ** 2
+    open_ = np.zeros(sizes.shape[1])
+    for rows, rest in zip(u.design.flights, u.rest, strict=True):
+        open_[rows.flight.numbers] = slow_rms(rest, rows.flight) / rows.flight.limits
+    beside = left.sum(axis=0) - left + open_**2
+    return np.asarray((sizes / np.sqrt(1.0 + beside)).max(axis=1))
 
 
-def top(x: Array, count: int) -> float:
-    """About the 99th percentile of the size of (n,), of which ``count`` samples are valid and the rest 0."""
+def tops(u: Contributions, parts: Sequence[Array]) -> Array:
+    """The top of what every term does to every channel (terms, channels), in hundredths of the weight."""
+    out = np.zeros((len(u.design.terms), len(u.design.library.channels)))
+    for rows, part in zip(u.design.flights, parts, strict=True):
+        flight = rows.flight
+        out[rows.term, flight.numbers.start + rows.channel] = top(part, flight.count) / flight.limits[rows.channel]
+    return out
+
+
+def slow_rms(rest: Array, flight: Flight) -> Array:
+    """RMS (channels,) of what is left of the channels of a flight (channels, n), averaged over ``SLOW_S``."""
+    width = max(round(SLOW_S / STEP_S), 1)
+    total = np.zeros((len(rest), rest.shape[1] + 1))
+    np.cumsum(rest, axis=1, out=total[:, 1:])
+    known = np.concatenate([[0], np.cumsum(flight.run >= 0)])
+    mean = (total[:, width:] - total[:, :-width]) / np.maximum(known[width:] - known[:-width], 1)
+    return np.asarray(np.sqrt((mean**2).sum(axis=1) / max(mean.shape[1], 1)))
+
+
+def top(x: Array, count: int) -> Array:
+    """About the 99th percentile of the size of (..., n), of which ``count`` samples are valid and the rest 0."""
     size = np.abs(x)
     m = max(count // 100, 1)
-    return float(np.partition(size, -m)[-m])
+    return np.asarray(np.partition(size, -m, axis=-1)[..., -m])
 
 
 def beyond_bounds(terms: Sequence[Term], b: Array, cov: Array) -> float:
