@@ -10,14 +10,16 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from models.frames import Array
-from replay.search.channel import Columns
+from replay.search.channel import Channel, Columns
 from replay.search.library import Library
-from replay.search.terms import Term
+from replay.search.terms import STEP_S, Term
 
 FORM_LEFT = 0.06
 """RMS that an effect leaves by its error of form, as a share of its own."""
 CURVE_FORM = 1.2
 """What a free curve may leave by its form, as a share of its own: it has no mean, and what is beside it may be that."""
+SLOW_S = 2.0
+"""What is left is averaged over this time before it counts as acting unexplained [s]."""
 SOFT = 0.02
 """Width of the threshold of attention, as a share of it: a size on the threshold must not decide by its last digits."""
 CANCEL, CANCEL_COST, CANCEL_FREE = 2.6, 40.0, 2.0
@@ -113,8 +115,8 @@ def cancelled(u: Contributions) -> float:
 def standing(u: Contributions) -> Array:
     """How far every term stands out, (terms,): 1 is just worth a name.
 
-    z = max over channels of T / sqrt(1 + F^2). In hundredths of the weight: T the top of what a term does, F what the
-    other terms may leave by their form.
+    z = max over channels of T / sqrt(1 + F^2 + R^2). In hundredths of the weight: T the top of what a term does, F what
+    the other terms may leave by their form, R the slow rest.
     """
     if not u.terms:
         return np.empty(0)
@@ -124,8 +126,17 @@ def standing(u: Contributions) -> Array:
         tops[i, c] = top(part, channels[c].count) / channels[c].limit
     form = np.array([CURVE_FORM if t.effect is None else t.effect.form for t in u.terms])
     left = (tops * form[:, None]) ** 2
-    beside = left.sum(axis=0) - left
+    open_ = np.array([slow_rms(e, c) / c.limit for e, c in zip(u.rest, channels, strict=True)])
+    beside = left.sum(axis=0) - left + open_**2
     return np.asarray((tops / np.sqrt(1.0 + beside)).max(axis=1))
+
+
+def slow_rms(rest: Array, channel: Channel) -> float:
+    """RMS of what is left of a channel, averaged over ``SLOW_S``."""
+    width = max(round(SLOW_S / STEP_S), 1)
+    total, known = (np.concatenate([[0.0], np.cumsum(v)]) for v in (rest, channel.valid))
+    mean = (total[width:] - total[:-width]) / np.maximum(known[width:] - known[:-width], 1.0)
+    return float(np.sqrt(mean @ mean / max(len(mean), 1)))
 
 
 def top(x: Array, count: int) -> float:
