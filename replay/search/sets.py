@@ -103,7 +103,7 @@ class Walked:
             return "no better than chance"
         fit = with_it[0]
         if fit.worth < -1.0:
-            return "too small beside the others, or takes too little off its axes"
+            return "too small beside the others"
         if fit.evidence < self.best.evidence + 1.0:
             return "the other effects do as well without it"
         return "not likely beside the others"
