@@ -387,8 +387,6 @@ class Effect:
     """A law of mechanics: no error of its form stands beside it, which could pass for another effect's."""
     form: float = 0.12
     """What it may leave at most by an error of its form, as a share of its own: less is not believed beside it."""
-    least_share: float = 0.05
-    """Smallest share of an axis' energy that it has to take off to be named."""
     contains: tuple[str, ...] = ()
     """Effects whose terms it has among its own."""
     searched: tuple[str, ...] = ()

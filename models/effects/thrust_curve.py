@@ -52,7 +52,6 @@ EFFECT = Effect(
     ),
     main=("slope", "curvature"),
     chance=lambda ctx: ctx.by_kind(0.02, 0.3),
-    least_share=0.25,
     regressors=_regressors,
     lacking=_lacking,
     aliases=("thrust_scale", "battery_sag"),

@@ -39,8 +39,6 @@ DRIFTS = ("north_m", "east_m", "down_m", "yaw_rad", "range_")
 ODDS, REACTION_ODDS = 2e-4, 1e-5
 """Prior odds of a curve over one channel on one axis: rarer than every effect, as there are a hundred such curves; and
 of one over a channel that responds to disturbances."""
-SHARE, REACTION_SHARE = 0.08, 0.25
-"""Smallest share of the axis' energy that such a curve has to carry."""
 FEWEST = 50
 """Samples of a channel without which no curve is laid through it."""
 LEAST_TURN_RAD = 0.5
@@ -58,8 +56,6 @@ class Curve:
     parts: tuple[Array | None, ...]
     odds: float
     """True odds, p / (1 - p)."""
-    share: float
-    """Smallest share of the axis' energy that it has to carry."""
 
 
 def curves(records: Sequence[Record]) -> Iterator[Curve]:
@@ -72,9 +68,9 @@ def curves(records: Sequence[Record]) -> Iterator[Curve]:
         if basis is None:
             continue
         for axis in sorted({a for r in records for a in r.axes}):
-            weight = _odds_and_share(name, AXES[axis], records)
-            if weight is not None:
-                yield Curve(name, axis, basis, *weight)
+            odds = _odds(name, AXES[axis], records)
+            if odds is not None:
+                yield Curve(name, axis, basis, odds)
 
 
 def answers(channel: str, axis: str, vehicle: Vehicle) -> bool:
@@ -83,15 +79,15 @@ def answers(channel: str, axis: str, vehicle: Vehicle) -> bool:
     return channel.startswith(REACTIONS[axis]) and not lifts
 
 
-def _odds_and_share(name: str, axis: str, records: Sequence[Record]) -> tuple[float, float] | None:
-    """Odds of a curve and the smallest share that it has to carry; None where there can be none."""
+def _odds(name: str, axis: str, records: Sequence[Record]) -> float | None:
+    """Of a curve; None where there can be none."""
     if axis in SAME_SENSOR.get(name, ()):
         return None
     if answers(name, axis, records[0].context.vehicle):
-        return (REACTION_ODDS, REACTION_SHARE) if axis.startswith("F") else None
+        return REACTION_ODDS if axis.startswith("F") else None
     if name.startswith(DRIFTS) and all(r.only_answers for r in records):
         return None
-    return ODDS, SHARE
+    return ODDS
 
 
 def _basis(records: Sequence[Record], name: str) -> tuple[Array | None, ...] | None:

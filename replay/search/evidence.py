@@ -38,8 +38,6 @@ LOUDEST = 5.0
 """Prior standard deviation of the noise's standard deviation, in hundredths of the weight: no air is as unsteady."""
 QUIET_S, QUIET_SPECTRUM = 4.0, (1.0, 0.75)
 """Quiet noise is what the residual does within this time [s], with this spectrum (time [s], share) of the grid."""
-UNWORTHY = 6.0
-"""Largest cost (log) of a term that is too small to be named, while a set grows."""
 ROUNDS = 2
 """Noise and coefficients are fitted in turn, at most so often."""
 SETTLED = 0.01
@@ -77,7 +75,7 @@ class Fit:
     @property
     def promise(self) -> float:
         """Score of a set that is still to grow: another term may make a small one large enough to be named."""
-        return self.score - self.worth + max(self.worth, -UNWORTHY)
+        return self.score - self.worth
 
     @property
     def key(self) -> frozenset[Key]:
@@ -153,7 +151,7 @@ class Evidence:
         design = Design(self.library, terms)
         for left in reversed(range(ROUNDS + 1)):
             b, cov = self._posterior(design, noise)
-            u = Contributions(design, b, cov)
+            u = Contributions(design, b)
             form, energies = form_variance(u), self._energies(u.rest)
             fresh = self._noise(u.rest, energies, form)
             if not left or (fresh.spectrum == noise.spectrum and np.allclose(fresh.sigma, noise.sigma, rtol=SETTLED)):
@@ -171,7 +169,7 @@ class Evidence:
         terms = tuple(terms)
         design = Design(self.library, terms)
         b, cov = self._posterior(design, noise)
-        return worth(Contributions(design, b, cov)) + beyond_bounds(terms, b, cov)
+        return worth(Contributions(design, b)) + beyond_bounds(terms, b, cov)
 
     def refit(self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, Mask] = NOTHING) -> Fit:
         """Coefficients beside a given noise, without a score; rows (n,) of flights in ``left_out`` are not used."""

@@ -183,7 +183,7 @@ class Library:
         columns, *own = (np.array(v) for v in zip(*priors, strict=True))
         scale, centre, low, high, main = own
         self._take_in(
-            Term(effect.name, effect, shape, columns, scale, centre, low, high, log_shape, main, effect.least_share,
+            Term(effect.name, effect, shape, columns, scale, centre, low, high, log_shape, main,
                  places, flight)
         )  # fmt: skip
 
@@ -328,7 +328,7 @@ class Library:
         one = np.ones(len(columns))
         log_odds = float(np.log(curve.odds * (KNOWN if known else 1.0)))
         self._take_in(
-            Term(curve.name, None, (), columns, one, 0.0 * one, -np.inf * one, np.inf * one, log_odds, one, curve.share,
+            Term(curve.name, None, (), columns, one, 0.0 * one, -np.inf * one, np.inf * one, log_odds, one,
                  places, None, AXES[curve.axis])
         )  # fmt: skip
 

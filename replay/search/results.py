@@ -12,7 +12,6 @@ from scipy.special import ndtr
 from models.effects import Effect
 from models.frames import AXES, Array
 from replay.residual.record import Record
-from replay.search.design import Design
 from replay.search.evidence import TRUST, Fit
 from replay.search.free_curves import Channel, free_search
 from replay.search.held_out import FlightFit, flight_fits
@@ -22,7 +21,7 @@ from replay.search.regimes import Regime, by_regime
 from replay.search.sets import Rival, Walked, rivals_of
 from replay.search.surfaces import with_surface_law
 from replay.search.terms import Key, Term
-from replay.search.worth import Contributions, top, tops
+from replay.search.worth import top
 
 BOUND_SHARE = 0.01
 """Distance to a bound, as a share of the range, within which a coefficient stands at it."""
@@ -126,11 +125,11 @@ class Searched:
 def summarise(walked: Walked, seed: int) -> Searched:
     """Everything that a reader needs to judge what was found.
 
-    The order of the passes matters: aliases that are too small for a name, then held-out time, then the map of
-    surfaces, which corrects the laws that are left, and last what raises the error of held-out time. Each takes the
-    best set of the pass before and gives its own; probabilities are those of the sets that remain.
+    The order of the passes matters: held-out time, then the map of surfaces, which corrects the laws that are left,
+    and last what raises the error of held-out time. Each takes the best set of the pass before and gives its own;
+    probabilities are those of the sets that remain.
     """
-    walked, fits = _helpful(_predictive(_without_small_aliases(walked)))
+    walked, fits = _helpful(_predictive(walked))
     rivals = rivals_of(walked)
     mapped = with_surface_law(walked)
     if mapped is not walked:
@@ -150,27 +149,6 @@ def _at_most_all(found: Sequence[Found]) -> list[Found]:
     """Shares that add up to 1 at most: what effects take back from each other is explained by neither."""
     total = max(sum(max(f.explains, 0.0) for f in found), 1.0)
     return [replace(f, explains=f.explains / total) for f in found]
-
-
-def _without_small_aliases(walked: Walked) -> Walked:
-    """Take out what is named only because an alias that is likelier is too small for a name."""
-    for term in walked.best.terms:
-        if term.effect is not None and any(_likelier_and_small(walked, fit, term) for fit in walked.ranked()):
-            return _without_small_aliases(walked.at_most(walked.without(term.key).best))
-    return walked
-
-
-def _likelier_and_small(walked: Walked, fit: Fit, term: Term) -> bool:
-    """Whether a set has an alias in place of a term of the best, and is likelier but for the alias' size."""
-    best = walked.best
-    other = [t for t in fit.terms if t.key not in best.key]
-    if best.key - fit.key != {term.key} or len(other) != 1 or fit.score - fit.worth <= best.score - best.worth:
-        return False
-    (alias,) = other
-    if alias.effect is None or term.effect is None or alias.name not in term.effect.aliases:
-        return False
-    u = Contributions(Design(walked.evidence.library, fit.terms), fit.b, fit.cov)
-    return bool((tops(u, u.whole)[fit.terms.index(alias)] < 1.0).all())
 
 
 def _predictive(walked: Walked) -> Walked:

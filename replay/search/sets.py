@@ -103,7 +103,7 @@ class Walked:
             return "no better than chance"
         fit = with_it[0]
         if fit.worth < -1.0:
-            return "too small beside the other effects, or removes too little of the error"
+            return "too small beside the other effects"
         if fit.evidence < self.best.evidence + 1.0:
             return "the other effects fit as well without it"
         return "not likely together with the other effects"
@@ -153,14 +153,9 @@ def canonical(fits: list[Fit]) -> Fit:
     """Of the best set and others that are nearly as likely: the fewest terms, then the likeliest, then by name.
 
     A near tie does not hang on the last bit of a sum. A part of the best set answers only where its other terms are
-    hardly better than nothing. No set with more effects than the best stands in for it: fewer free curves are no reason
-    for a name.
+    hardly better than nothing.
     """
     best = max(fits, key=lambda f: f.score)
-    near = [f for f in fits if f.score >= best.score - MARGIN and _effects(f) <= _effects(best)]
+    near = [f for f in fits if f.score >= best.score - MARGIN]
     least = min(near, key=lambda f: (len(f.terms), -round(f.score), tuple(t.key[0] for t in f.terms)))
     return best if least.key < best.key and least.score < best.score - NAMED else least
-
-
-def _effects(fit: Fit) -> int:
-    return sum(t.effect is not None for t in fit.terms)

@@ -45,8 +45,6 @@ class Term:
     """Log prior of this shape among the effect's."""
     main: Array
     """(k,) 1 for coefficients that make the effect what it is, else 0."""
-    share: float
-    """Smallest share of an axis' energy that it has to remove."""
     places: dict[int, Columns]
     """Of every flight that it acts on: columns of its coefficients there, in their order."""
     flight: int | None = None

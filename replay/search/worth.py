@@ -19,14 +19,8 @@ CURVE_FORM = 1.2
 """What a free curve may leave by its form, as a share of its own: it has no mean, and what is beside it may be that."""
 SLOW_S = 2.0
 """What is left is averaged over this time before it counts as acting unexplained [s]."""
-OWN = 0.75
-"""What no other term would take over of a term, in hundredths of the weight: no model is better than that."""
-USUAL, USUAL_TRIM = 2.0, 1.0
-"""Coefficients and trims that take over stay within so many standard deviations of their prior."""
 SOFT = 0.02
 """Width of the threshold of attention, as a share of it: a size on the threshold must not decide by its last digits."""
-NEARLY, FAR_COST = 0.9, 1e3
-"""Below this share of the threshold each more costs so much (log): no evidence makes up for it."""
 CANCEL, CANCEL_COST, CANCEL_FREE = 2.6, 40.0, 2.0
 """Terms (root of the sum of squares) may exceed what they remove together by this factor; each more costs so much.
 
@@ -35,14 +29,14 @@ What is below ``CANCEL_FREE`` hundredths of the weight does not count.
 
 
 class Contributions:
-    """What every term of a set does to every channel it acts on; ``b`` (k,), ``cov`` (k, k) with the trims behind.
+    """What every term of a set does to every channel it acts on; ``b`` (k,) with the trims behind.
 
     Of every flight one array: ``rest`` (channels, n), all others (pairs, n), pairs as in ``design.FlightRows``.
     """
 
-    def __init__(self, design: Design, b: Array, cov: Array) -> None:
+    def __init__(self, design: Design, b: Array) -> None:
         self.design = design
-        self._b, self._cov = b, cov
+        self._b = b
         self.rest = [rows.rest(b) for rows in design.flights]
         """What the set leaves of every channel."""
         self.whole = [rows.acting(b) for rows in design.flights]
@@ -56,26 +50,6 @@ class Contributions:
             main = term.main if (term.main == 0.0).any() else np.ones_like(term.main)
             possible[part] = np.clip(self._b[part], term.low, term.high) * main
         return [rows.acting(possible) for rows in design.flights]
-
-    @cached_property
-    def own(self) -> list[Array]:
-        """What no other term would take over.
-
-        The posterior of the others given that a term's main coefficients and model-form errors are zero, no farther out
-        than ``USUAL`` standard deviations of their prior.
-        """
-        design = self.design
-        centre = design.centre
-        usual = np.where(np.arange(len(centre)) < design.edges[-1], USUAL, USUAL_TRIM)
-        low, high = np.minimum(self._b, centre - usual), np.maximum(self._b, centre + usual)
-        lost = np.empty((len(design.terms), len(centre)))
-        for i, (term, first) in enumerate(zip(design.terms, design.edges, strict=False)):
-            gone = first + np.flatnonzero((term.main > 0.0) | term.form)
-            taken = self._cov[:, gone] @ np.linalg.solve(self._cov[np.ix_(gone, gone)], self._b[gone])
-            others = np.clip(self._b - taken, low, high)
-            others[gone] = 0.0
-            lost[i] = self._b - others
-        return [np.where(r.of_channel[r.channel], lost[r.term[:, None], r.column], 0.0) @ r.x for r in design.flights]
 
 
 def form_variance(u: Contributions) -> Array:
@@ -92,15 +66,13 @@ def form_variance(u: Contributions) -> Array:
 def worth(u: Contributions) -> float:
     """Log factor of a set for what is too small to be named, softly, and for what cancels.
 
-    - 1/2 sum max((1 - z) / SOFT, 0)^2 - FAR_COST sum max(NEARLY - z, 0) - CANCEL_COST max(k - CANCEL, 0)
+    - 1/2 sum max((1 - z) / SOFT, 0)^2 - CANCEL_COST max(k - CANCEL, 0)
 
     over the terms, with z of ``standing`` and k of ``cancelled``. It is no part of the posterior but a loss: a name
     that nobody could act on is worth nothing.
     """
-    out = -CANCEL_COST * max(cancelled(u) - CANCEL, 0.0)
-    for z in standing(u):
-        out -= 0.5 * max((1.0 - z) / SOFT, 0.0) ** 2 + FAR_COST * max(NEARLY - z, 0.0)
-    return float(out)
+    short = np.maximum(1.0 - standing(u), 0.0) / SOFT
+    return float(-0.5 * short @ short - CANCEL_COST * max(cancelled(u) - CANCEL, 0.0))
 
 
 def cancelled(u: Contributions) -> float:
@@ -120,34 +92,19 @@ def cancelled(u: Contributions) -> float:
 def standing(u: Contributions) -> Array:
     """How far every term stands out, (terms,): 1 is just enough to be named.
 
-    z = max over channels of min(T / sqrt(1 + F^2 + R^2), O / OWN, E / E_least). In hundredths of the weight: T the top
-    of what a term does, F what the other terms may leave by their form, R the slow rest, O the top of what no other
-    term would take over. E is the share of the energy that is left there without the term and that it takes off.
+    z = max over channels of T / sqrt(1 + F^2 + R^2). In hundredths of the weight: T the top of what a term does, F what
+    the other terms may leave by their form, R the slow rest.
     """
-    terms, channels = u.design.terms, u.design.library.channels
-    if not terms:
+    if not u.design.terms:
         return np.empty(0)
-    sizes, own = tops(u, u.main), tops(u, u.own)
-    shares, open_ = np.zeros_like(own), np.zeros(len(channels))
-    for rows, rest, main in zip(u.design.flights, u.rest, u.main, strict=True):
-        flight = rows.flight
-        without = ((rest[rows.channel] + main) ** 2).sum(axis=1)
-        at = rows.term, flight.numbers.start + rows.channel
-        shares[at] = 1.0 - (rest**2).sum(axis=1)[rows.channel] / np.maximum(without, 1e-30)
-        open_[flight.numbers] = slow_rms(rest, flight) / flight.limits
-    # Of an effect with a reference the level is arbitrary: what nothing else can take over counts at least.
-    level = np.array([t.effect is not None and len(t.effect.contains) > 0 for t in terms])
-    sizes[level] = np.maximum(sizes, own)[level]
-    form = np.array([CURVE_FORM if t.effect is None else t.effect.form for t in terms])
+    sizes = tops(u, u.main)
+    form = np.array([CURVE_FORM if t.effect is None else t.effect.form for t in u.design.terms])
     left = (sizes * form[:, None]) ** 2
+    open_ = np.zeros(sizes.shape[1])
+    for rows, rest in zip(u.design.flights, u.rest, strict=True):
+        open_[rows.flight.numbers] = slow_rms(rest, rows.flight) / rows.flight.limits
     beside = left.sum(axis=0) - left + open_**2
-    least = np.array([[t.share] for t in terms])
-    large = np.minimum(sizes / np.sqrt(1.0 + beside), own / OWN)
-    # Lift alone is any rotor's: what is known by its moment has to show that, and no trim may take it back.
-    force = np.array([c.axis < 3 for c in channels])
-    by_moment = np.array([t.effect is not None and t.effect.needs_moments for t in terms])
-    large[np.ix_(by_moment, force)] = 0.0
-    return np.asarray(np.minimum(large, shares / least).max(axis=1))
+    return np.asarray((sizes / np.sqrt(1.0 + beside)).max(axis=1))
 
 
 def tops(u: Contributions, parts: Sequence[Array]) -> Array:

@@ -31,12 +31,14 @@ from replay.diagnosis.diagnose import conclude, read_records
 from replay.diagnosis.model_faults import model_faults
 
 SETTINGS = (
-    "", "TRUST=0.25", "TRUST=0.35", "TRUST=0.7", "TRUST=1.0", "FLOOR=0.1", "FLOOR=0.4", "OWN=0.5", "OWN=1.0",
+    "", "TRUST=0.25", "TRUST=0.35", "TRUST=0.7", "TRUST=1.0", "FLOOR=0.1", "FLOOR=0.4", "CANCEL=2.0", "CANCEL=4.0",
     "FORM_LEFT=0.03", "FORM_LEFT=0.12",
 )  # fmt: skip
 """What is tried: the search as it is first, then one number changed at a time."""
 RULES = (
-    "", "OWN=1e-9",
+    "", "CANCEL_COST=0", "CURVE_FORM=0", "MARGIN=0", "NAMED=1e9", "_predictive=off", "WORSE_SHARE=1e9",
+    "with_surface_law=off", "FORM_LEFT=0", "LOUDEST=1e9", "FITTED_SHARE=1", "KNOWN=1", "REACTION_ODDS=2e-4",
+    "FORM_SHARE=0", "LOUD=0",
 )  # fmt: skip
 """The search as it is, then without one rule at a time (docs/lab/rules.md)."""
 SAME_SOURCE = {"neighbour": "neural-swarm"}

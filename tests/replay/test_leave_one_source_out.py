@@ -73,10 +73,10 @@ def test_what_a_rule_gains_is_said_by_source():
     """Without the rule source a loses a flight, and b gets a wrong name less."""
     with_it = [flight("a", True), flight("b", False)]
     without = [flight("a", False), flight("b", True)]
-    head, own, off = held.rules({"": with_it, "OWN=1e-9": without}).splitlines()
+    head, own, off = held.rules({"": with_it, "MARGIN=0": without}).splitlines()
     assert head.split() == ["a", "b"]
     assert own.split()[-6:] == ["1/1", "0", "0", "0/1", "0", "0"]
-    assert off.split() == ["OWN=1e-9", "-1", "+0", "+0", "+1", "+0", "+0"]
+    assert off.split() == ["MARGIN=0", "-1", "+0", "+0", "+1", "+0", "+0"]
 
 
 @pytest.mark.slow
