@@ -9,6 +9,7 @@ folder for their bytecode: pip compiles what it installs, a checkout without it 
 
 from __future__ import annotations
 
+import argparse
 import os
 import socket
 import subprocess
@@ -16,6 +17,8 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+
+from result_file import add_option, figure, write_result
 
 BARE = """
 import os, sys, time
@@ -51,6 +54,9 @@ def first_heartbeat(command: list[str], server: socket.socket, environment: dict
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_option(parser)
+    a = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as server:
         environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
         environment |= {"PYTHONPYCACHEPREFIX": folder, "OMP_NUM_THREADS": "1"}
@@ -66,6 +72,12 @@ def main() -> None:
     print(f"ready after {ready:.2f} s, bare numpy + mavutil {bare_ready:.2f} s, ratio {ready / bare_ready:.2f}")
     ours_mib, bare_mib = median([o[1] for o, _ in rows]), median([b[1] for _, b in rows])
     print(f"resident {ours_mib:.0f} MiB, bare {bare_mib:.0f} MiB")
+    figures = [
+        figure("memory at the start [MiB]", f"{ours_mib:.0f}", goal="45", met=ours_mib <= 45.0),
+        figure("numpy and pymavlink alone [MiB]", f"{bare_mib:.0f}"),
+        figure("start to first heartbeat [s]", f"{ready:.2f}", goal="0.30", met=ready <= 0.3),
+    ]
+    write_result(a, figures, seeds="none")
     code = "import sys, models, companion.flight; models.load()\n"
     code += "print([m for m in ('torch', 'scipy') if m in sys.modules])"
     print(

@@ -19,6 +19,8 @@ import tempfile
 import time
 from pathlib import Path
 
+from result_file import add_option, figure, write_result
+
 ROOT = Path(__file__).resolve().parents[2]
 WRITE = """
 import sys; sys.path[:0] = [{tests!r}, {root!r}]
@@ -44,6 +46,7 @@ def main() -> int:
     """Run and print one line a command."""
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--guide", type=Path, default=ROOT / "docs" / "guide.md", help="another document")
+    add_option(p)
     a = p.parse_args()
     with tempfile.TemporaryDirectory(prefix="fresh") as made:
         copy, here = Path(made) / "checkout", Path(made) / "empty"
@@ -72,6 +75,8 @@ def main() -> int:
                 plotted = time.perf_counter() - start
                 print(f"first plot after {plotted:.0f} s", flush=True)
         print(f"{failed} commands failed")
+    if plotted is not None:
+        write_result(a, [figure("from an empty environment to the first plot [s]", f"{plotted:.0f}")], seeds="none")
     return 1 if failed else 0
 
 
