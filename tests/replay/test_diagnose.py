@@ -55,7 +55,7 @@ def test_wind_is_named_with_its_size_and_takes_the_residual_down(windy: Diagnosi
     assert windy.named[0].status == "candidate"
     low, high = next(e.ci95 for e in windy.named[0].found.estimates if e.name == "north")
     assert 0.4 < low < high < 0.8
-    assert any("one wind does not tell drag from wind" in note for note in windy.notes)
+    assert any("one wind does not separate drag from wind" in note for note in windy.notes)
     adopted = {e.name: e.parameters for e in windy.adopted}["wind"]
     assert adopted["own_motion"] < 0.7 * windy.named[0].found.parameters["own_motion"]
     noise = np.sqrt((quiet.residual**2).mean(axis=0))
