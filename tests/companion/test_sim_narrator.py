@@ -13,7 +13,7 @@ from companion.vehicles import default_vehicle
 
 def test_every_phase_once_and_one_end(capsys):
     vehicle = default_vehicle()
-    flight = Flight(vehicle, build("ground", vehicle), 0)
+    flight = Flight(vehicle, build("corner", vehicle), 0)
     narrator = Narrator(flight)
     narrator.step()  # the script has not begun
     assert capsys.readouterr().out == ""
@@ -22,7 +22,9 @@ def test_every_phase_once_and_one_end(capsys):
         flight.script_began_s = -0.1 * (k + 1)
         narrator.step()
     lines = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
-    assert [line["phase"] for line in lines[:-1]] == ["free", "descend", "ground", "climb", "free"]
+    ground = ["free", "descend", "ground", "climb", "free"]
+    corner = ["approach", "wall", "descend at wall", "corner", "climb at wall", "wall", "retreat", "free"]
+    assert [line["phase"] for line in lines[:-1]] == [*ground, *corner]
     assert lines[-1] == {"over_s": round(duration, 1)}
 
 
@@ -37,6 +39,6 @@ def test_the_flight_program_says_them_and_stops():
 
 def test_sim_alone_is_the_corner(capsys):
     assert scenario_name("sim:") == "corner"
-    assert scenario_name("sim:wall") == "wall"
+    assert scenario_name("sim:hover") == "hover"
     assert main(["--connect", "sim:nowhere"]) == 2
     assert "corner" in capsys.readouterr().err
