@@ -196,7 +196,7 @@ def _stands_out(evidence: Evidence, fit: Fit, term: Term) -> bool:
     main = {c.name for c in term.effect.coefficients if term.effect.is_main(c)}
     if not any(not e.ci95[0] <= 0.0 <= e.ci95[1] for e in _estimates(fit, term) if e.name in main):
         return False
-    u = Contributions(Design(evidence.library, fit.terms), fit.b)
+    u = Contributions(Design(evidence.library, fit.terms), fit.b, fit.cov)
     return bool((tops(u, u.main)[fit.terms.index(term)] > 1.0).any())
 
 

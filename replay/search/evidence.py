@@ -151,7 +151,7 @@ class Evidence:
         design = Design(self.library, terms)
         for left in reversed(range(ROUNDS + 1)):
             b, cov = self._posterior(design, noise)
-            u = Contributions(design, b)
+            u = Contributions(design, b, cov)
             form, energies = form_variance(u), self._energies(u.rest)
             fresh = self._noise(u.rest, energies, form)
             if not left or (fresh.spectrum == noise.spectrum and np.allclose(fresh.sigma, noise.sigma, rtol=SETTLED)):
@@ -169,7 +169,7 @@ class Evidence:
         terms = tuple(terms)
         design = Design(self.library, terms)
         b, cov = self._posterior(design, noise)
-        return worth(Contributions(design, b)) + beyond_bounds(terms, b, cov)
+        return worth(Contributions(design, b, cov)) + beyond_bounds(terms, b, cov)
 
     def refit(self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, Mask] = NOTHING) -> Fit:
         """Coefficients beside a given noise, without a score; rows (n,) of flights in ``left_out`` are not used."""

@@ -19,6 +19,10 @@ CURVE_FORM = 1.2
 """What a free curve may leave by its form, as a share of its own: it has no mean, and what is beside it may be that."""
 SLOW_S = 2.0
 """What is left is averaged over this time before it counts as acting unexplained [s]."""
+OWN = 0.75
+"""Smallest minimum unique contribution of a named term, in hundredths of the weight: no model is better than that."""
+USUAL, USUAL_TRIM = 2.0, 1.0
+"""Coefficients and trims that take over stay within so many standard deviations of their prior."""
 SOFT = 0.02
 """Width of the threshold of attention, as a share of it: a size on the threshold must not decide by its last digits."""
 CANCEL, CANCEL_COST, CANCEL_FREE = 2.6, 40.0, 2.0
@@ -29,14 +33,14 @@ What is below ``CANCEL_FREE`` hundredths of the weight does not count.
 
 
 class Contributions:
-    """What every term of a set does to every channel it acts on; ``b`` (k,) with the trims behind.
+    """What every term of a set does to every channel it acts on; ``b`` (k,), ``cov`` (k, k) with the trims behind.
 
     Of every flight one array: ``rest`` (channels, n), all others (pairs, n), pairs as in ``design.FlightRows``.
     """
 
-    def __init__(self, design: Design, b: Array) -> None:
+    def __init__(self, design: Design, b: Array, cov: Array) -> None:
         self.design = design
-        self._b = b
+        self._b, self._cov = b, cov
         self.rest = [rows.rest(b) for rows in design.flights]
         """What the set leaves of every channel."""
         self.whole = [rows.acting(b) for rows in design.flights]
@@ -50,6 +54,26 @@ class Contributions:
             main = term.main if (term.main == 0.0).any() else np.ones_like(term.main)
             possible[part] = np.clip(self._b[part], term.low, term.high) * main
         return [rows.acting(possible) for rows in design.flights]
+
+    @cached_property
+    def own(self) -> list[Array]:
+        """What no other term would take over.
+
+        The posterior of the others given that a term's main coefficients and model-form errors are zero, no farther out
+        than ``USUAL`` standard deviations of their prior.
+        """
+        design = self.design
+        centre = design.centre
+        usual = np.where(np.arange(len(centre)) < design.edges[-1], USUAL, USUAL_TRIM)
+        low, high = np.minimum(self._b, centre - usual), np.maximum(self._b, centre + usual)
+        lost = np.empty((len(design.terms), len(centre)))
+        for i, (term, first) in enumerate(zip(design.terms, design.edges, strict=False)):
+            gone = first + np.flatnonzero((term.main > 0.0) | term.form)
+            taken = self._cov[:, gone] @ np.linalg.solve(self._cov[np.ix_(gone, gone)], self._b[gone])
+            others = np.clip(self._b - taken, low, high)
+            others[gone] = 0.0
+            lost[i] = self._b - others
+        return [np.where(r.of_channel[r.channel], lost[r.term[:, None], r.column], 0.0) @ r.x for r in design.flights]
 
 
 def form_variance(u: Contributions) -> Array:
@@ -92,8 +116,8 @@ def cancelled(u: Contributions) -> float:
 def standing(u: Contributions) -> Array:
     """How far every term stands out, (terms,): 1 is just enough to be named.
 
-    z = max over channels of T / sqrt(1 + F^2 + R^2). In hundredths of the weight: T the top of what a term does, F what
-    the other terms may leave by their form, R the slow rest.
+    z = max over channels of min(T / sqrt(1 + F^2 + R^2), O / OWN). In hundredths of the weight: T the top of what a
+    term does, F what the other terms may leave by their form, R the slow rest, O its minimum unique contribution.
     """
     if not u.design.terms:
         return np.empty(0)
@@ -104,7 +128,12 @@ def standing(u: Contributions) -> Array:
     for rows, rest in zip(u.design.flights, u.rest, strict=True):
         open_[rows.flight.numbers] = slow_rms(rest, rows.flight) / rows.flight.limits
     beside = left.sum(axis=0) - left + open_**2
-    return np.asarray((sizes / np.sqrt(1.0 + beside)).max(axis=1))
+    large = np.minimum(sizes / np.sqrt(1.0 + beside), tops(u, u.own) / OWN)
+    # Lift alone could come from any rotor: an effect that is known by its moment has to show that.
+    force = np.array([c.axis < 3 for c in u.design.library.channels])
+    by_moment = np.array([t.effect is not None and t.effect.needs_moments for t in u.design.terms])
+    large[np.ix_(by_moment, force)] = 0.0
+    return np.asarray(large.max(axis=1))
 
 
 def tops(u: Contributions, parts: Sequence[Array]) -> Array:

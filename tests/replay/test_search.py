@@ -19,6 +19,7 @@ from models.frames import Array
 from replay.diagnosis.diagnose import conclude
 from replay.residual.record import Record
 from replay.search import results
+from replay.search.design import Design
 from replay.search.disturbance import runs, spectra, whitened_energies
 from replay.search.evidence import Evidence, Fit, Noise
 from replay.search.free_curves import _beside_timing
@@ -28,6 +29,7 @@ from replay.search.results import Estimate, Found, Searched, summarise
 from replay.search.sets import canonical, rivals_of
 from replay.search.terms import Term
 from replay.search.walk import walk
+from replay.search.worth import Contributions, tops
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "benchmarks"
 
@@ -655,3 +657,30 @@ def test_an_effect_does_not_act_on_an_axis_of_which_it_raises_the_error(quiet: R
     (entry,) = answer.as_json(None)["effects"]
     assert entry["without"] == ["Fy"]
     assert "not on Fy" in answer.as_text()
+
+
+def test_what_another_effect_would_take_over_is_not_its_own(quiet: Record) -> None:
+    """A scale takes over the mean of a thrust that grows with the throttle; drag takes over nothing of it."""
+    flown = added(added(pumped(quiet), "thrust_curve", (), 0.3, 0.0), "thrust_scale", (), -0.1)
+    evidence = Evidence(Library([flown], some("thrust_scale", "payload", "rotor_drag")))
+    terms = {t.name: t for t in reversed(evidence.library.terms) if t.effect is not None}
+
+    def own_share(name: str, beside: str) -> float:
+        fit = evidence.fit([terms[name], terms[beside]], evidence.quiet)
+        u = Contributions(Design(evidence.library, fit.terms), fit.b, fit.cov)
+        fz = next(i for i, c in enumerate(evidence.library.channels) if c.axis == 2)
+        return float(tops(u, u.own)[0, fz] / tops(u, u.main)[0, fz])
+
+    assert own_share("thrust_scale", "rotor_drag") > 0.9
+    assert own_share("thrust_scale", "payload") < 0.5
+
+
+@pytest.mark.slow
+def test_lift_without_its_moment_is_no_weak_fan(quiet: Record) -> None:
+    """Neither a trim of the moments nor another effect may take back the moment that makes a fan the weak one."""
+    calm = replace(quiet, residual=0.3 * quiet.residual)
+    weak = added(calm, "fan_imbalance", (1.0,), -0.05, 0.0)
+    lift_alone = np.concatenate([weak.residual[:, :3], calm.residual[:, 3:]], axis=1)
+    effects = some("fan_imbalance", "cg_offset")
+    assert names(search(replace(weak, residual=lift_alone), effects)) == set()
+    assert names(search(weak, effects)) == {"fan_imbalance"}
