@@ -11,6 +11,7 @@ from whole_tlog import read_tlog
 import models
 from companion.config import PipelineConfig
 from companion.control.authority import Notice, Reason
+from companion.control.plant import Margin
 from companion.control.state import Decision
 from companion.mavlink.setpoints import AttitudeCommand
 from companion.pipeline import initial_state, step
@@ -94,7 +95,7 @@ def test_a_good_flight_is_not_taken_for_a_swing(shared_data, name):
     decisions = recording(shared_data, name)
     assert len(flown(decisions)) > 1000
     assert not any(Reason.SWINGING in d.reasons for d in decisions)
-    assert all(d.tuned.margin.meets(1.5, 17.0) for d in decisions if d.tuned is not None and not d.late_s > 0.1)
+    assert all(d.tuned.margin.meets(Margin(1.5, 17.0)) for d in decisions if d.tuned is not None and not d.late_s > 0.1)
 
 
 def test_ardupilot_thrust_as_climb_rate_until_the_option_is_set(shared_data):

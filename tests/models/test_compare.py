@@ -136,7 +136,7 @@ def test_the_page_says_first_which_method_to_use(result: compare.Comparison, tmp
     command = f"models train --data fan.csv --method {use} --out DIR"
     html = compare_page.write_page(tmp_path, result.numbers, command).read_text()
     assert f"Next: {command}" in html
-    assert html.index(f"Use this one: {use}.") < html.index(f"--method {use} --out DIR") < html.index("Table 2")
+    assert html.index(f"Use {use}.") < html.index(f"--method {use} --out DIR") < html.index("Table 2")
     for method in compare.METHODS:
         assert method in html
     assert html.count("data:image/png;base64,") == len(list(tmp_path.glob("*.png")))

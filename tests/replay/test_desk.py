@@ -94,7 +94,7 @@ def test_a_log_is_dropped_answered_corrected_and_answered_again(working, flown):
     assert 'id="hover_rpm"' in text
     assert "vehicle file" in text
     report = working.get(f"{page.replace('drops', 'files')}/asks/1/report.html").text
-    assert "What the model lacks" in report
+    assert "Error of the model" in report
     assert report.startswith("<!doctype html>")
     text = answer(working, page, kind="missing", mass_kg=f" {QUAD_MASS_KG} ", rotor_radius_m="11", hover_thrust="0.4")
     facts = {f["key"]: f["value"] for f in told(working, page, 2)["vehicle"]["known"]}

@@ -42,7 +42,7 @@ def test_the_examples_run_in_order(flights, monkeypatch):
     assert {size.effect for size in answer.effects} & {"payload", "thrust_scale"}
     page = answer._repr_html_()
     assert page.startswith("<iframe")
-    assert "What the model lacks" in page
+    assert "Error of the model" in page
     assert "<style" not in page  # it would be that of the whole notebook
     told = answer.predict("friday.tlog")
     assert told.axes()["Fz"].with_effects < 0.5 * told.axes()["Fz"].without
