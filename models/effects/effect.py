@@ -391,6 +391,8 @@ class Effect:
     """Effects whose terms it has among its own."""
     searched: tuple[str, ...] = ()
     """Axes by which it is looked for, where others would only answer disturbances; empty: all that it acts on."""
+    explain: Callable[[Mapping[str, tuple[float, float, float]]], str | None] | None = None
+    """A remark on parameters that were found, each (value, low, high)."""
     kinematic_bias: Callable[[Context, tuple[float, ...]], Array] | None = None
     """(3, k): what it adds to accelerometer minus what velocity and attitude imply [m/s^2]; None: nothing."""
     gain_in_flight: bool = False

@@ -25,6 +25,18 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     return columns(north, east, ram(-own), ram(-ctx.turning), ram(-own, ctx.sinking_flow))
 
 
+def _speed(found: Mapping[str, tuple[float, float, float]]) -> str | None:
+    """The wind by the vehicle's own drag, where that is clearly not momentum theory's, in which it is given."""
+    drag, low, high = found["own_motion"]
+    if low <= 0.0 or low <= 1.0 <= high:
+        return None
+    north, east = found["north"][0] / drag, found["east"][0] / drag
+    return (
+        f"drag on the own motion is {drag:.2g} of momentum theory's; if the wind meets the same, it blows at "
+        f"{north:.2g} m/s to the north, {east:.2g} m/s to the east"
+    )
+
+
 def _drawn(ctx: Context, axis: str) -> Drawn:
     r = ctx.state.rotation
     heading = np.degrees(np.arctan2(r[..., 1, 0], r[..., 0, 0])) % 360.0
@@ -59,6 +71,7 @@ EFFECT = Effect(
     shape_grid=tried(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7),
     aliases=("imu_bias", "rotor_drag"),
     main=("north", "east"),
+    explain=_speed,
     chance=0.05,
     contains=("rotor_drag",),
     drawn=_drawn,

@@ -61,6 +61,7 @@ def conclude(
     all_notes = [
         *notes,
         *_one_wind(named, records),
+        *_wind_speeds(named, records),
         *dict.fromkeys(note for r in records for note in r.notes),
     ]
     faults = tuple(dict.fromkeys(f for r in records for f in r.faults))
@@ -144,4 +145,15 @@ def _one_wind(named: Sequence[Named], records: Sequence[Record]) -> list[str]:
     return [
         "one flight in one wind does not separate drag from wind: an amended model keeps half of the drag and of the "
         "inflow; diagnose it together with a flight in another wind"
+    ]
+
+
+def _wind_speeds(named: Sequence[Named], records: Sequence[Record]) -> list[str]:
+    """Speeds behind effects that give them in units of their own drag."""
+    return [
+        f"{records[n.record].name}: {note}"
+        for n in named
+        if n.found.effect.explain is not None
+        for note in [n.found.effect.explain({e.name: (e.value, *e.ci95) for e in n.found.estimates})]
+        if note is not None
     ]
