@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns, tried
-from models.effects.pictures import compass, over
+from models.effects.pictures import compass, mean, over
 from models.frames import Array
 
 
@@ -32,8 +32,8 @@ def _speed(found: Mapping[str, tuple[float, float, float]]) -> str | None:
         return None
     north, east = found["north"][0] / drag, found["east"][0] / drag
     return (
-        f"drag on the own motion is {drag:.2g} of momentum theory's; if the wind meets the same, it blows at "
-        f"{north:.2g} m/s to the north, {east:.2g} m/s to the east"
+        f"the vehicle's drag is {drag:.2g} of momentum theory's, in which `north` and `east` are given; with that drag the "
+        f"wind blows with {north:.2g} m/s to the north and {east:.2g} m/s to the east"
     )
 
 
@@ -43,9 +43,11 @@ def _drawn(ctx: Context, axis: str) -> Drawn:
     return over("heading [deg]", heading, axis)
 
 
-def _words(_: Context, p: Mapping[str, float]) -> str:
+def _words(ctx: Context, p: Mapping[str, float]) -> str:
+    # The force is known well; the speed behind it hangs on the vehicle's drag.
     north, east = p["north"], p["east"]
-    return f"wind of {np.hypot(north, east):.1f} m/s from the {compass(-north, -east)}"
+    force = mean(ctx.mass_flow.sum(axis=-1)) * np.hypot(north, east)
+    return f"the wind pushes with {force:.2g} N from the {compass(-north, -east)}"
 
 
 EFFECT = Effect(

@@ -1,6 +1,6 @@
 """How many logs does ``replay diagnose LOG`` answer without a vehicle file, and how soon? One line a log.
 
-``python tests/benchmarks/no_file.py LOG... [--result FILE]``. An answer is one with exit code 0; a log without the needed
+``python tests/benchmarks/no_file.py LOG... [--result FILE]``. An answer is exit code 0; a log without the needed
 messages is refused with 3. The time is of the whole command, on the wall.
 """
 

@@ -63,6 +63,22 @@ def test_wind_is_named_with_its_size_and_takes_the_residual_down(windy: Diagnosi
     assert windy.rms(after=False)[0] > 1.5 * noise[0]
 
 
+def test_a_wind_is_said_as_a_force_and_its_speed_by_the_vehicles_drag(quiet: Record) -> None:
+    """Drag of a tenth of momentum theory's: the speed of the wind is ten times the size that the effect has."""
+    context = quiet.context
+    wind = get("wind")
+    size = {"north": 0.8, "east": 0.0, "own_motion": 0.1, "turning": 0.0, "sinking": 0.3}
+    force = np.abs(wind.regressors(context, (0.5,))[..., :2, 0]).max() * 0.8
+    assert wind.in_words is not None
+    said = wind.in_words(context, size)
+    assert "from the south" in said
+    assert float(said.split(" N ")[0].split()[-1]) == pytest.approx(force, rel=0.1)
+    assert wind.explain is not None
+    note = wind.explain({name: (value, value - 0.01, value + 0.01) for name, value in size.items()})
+    assert note is not None
+    assert "8 m/s to the north" in note
+
+
 def test_a_size_without_unit_is_a_plain_number_in_the_text(windy: Diagnosis) -> None:
     line = next(text for text in windy.as_text().splitlines() if text.startswith("  wind "))
     assert "north = " in line
