@@ -32,8 +32,8 @@ def _speed(found: Mapping[str, tuple[float, float, float]]) -> str | None:
         return None
     north, east = found["north"][0] / drag, found["east"][0] / drag
     return (
-        f"the vehicle's drag is {drag:.2g} of momentum theory's, in which `north` and `east` are given; with that drag the "
-        f"wind blows with {north:.2g} m/s to the north and {east:.2g} m/s to the east"
+        f"the vehicle's drag is {drag:.2g} of momentum theory's, in which `north` and `east` are given; with that "
+        f"drag the wind blows with {north:.2g} m/s to the north and {east:.2g} m/s to the east"
     )
 
 
