@@ -83,16 +83,16 @@ class Answer(Diagnosis):
         logs = [r.path for r in self.records]
         return amended(self.model, self.vehicle, self.adopted, logs)
 
-    def predict(self, *logs: Path | str, frozen: bool = False) -> Foretold:
+    def predict(self, *logs: Path | str, frozen: bool = False) -> ShownPrediction:
         """The error of the amended model on other flights, as ``replay predict`` gives it."""
         found = predict(_paths(logs), self.vehicle, self.amended, frozen=frozen)
-        return Foretold(found.flights, found.frozen, found.notes)
+        return ShownPrediction(found.flights, found.frozen, found.notes)
 
     def _repr_html_(self) -> str:
         return _framed(page(self, self.vehicle, model_faults(self.records, None)))
 
 
-class Foretold(Prediction):
+class ShownPrediction(Prediction):
     """A prediction that shows itself."""
 
     def _repr_html_(self) -> str:
