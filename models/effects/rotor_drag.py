@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, columns, tried
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns, tried
 from models.effects.pictures import mean, over_speed
 from models.frames import Array
 
@@ -47,6 +47,5 @@ EFFECT = Effect(
     aliases=("body_drag", "wind"),
     chance=0.3,
     main=("drag",),
-    drawn=over_speed,
-    in_words=_words,
+    shown=Shown(over_speed, _words),
 )

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns, tried
+from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, Shown, columns, tried
 from models.effects.pictures import compass, mean, over
 from models.frames import Array
 
@@ -73,9 +73,7 @@ EFFECT = Effect(
     shape_grid=tried(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7),
     aliases=("imu_bias", "rotor_drag"),
     main=("north", "east"),
-    explain=_speed,
     chance=0.05,
     contains=("rotor_drag",),
-    drawn=_drawn,
-    in_words=_words,
+    shown=Shown(_drawn, _words, remark=_speed),
 )

@@ -100,8 +100,8 @@ def _effect(n: Named, answer: Diagnosis, vehicle: Vehicle) -> str:
         text.append(items(flights))
     text += [f"<p>{escape(line)}</p>" for line in _error_words(n, a, vehicle)] if a else []
     text.append(f"<p>{escape(capital(kept_words(f.effect)))}.</p>")
-    if f.effect.in_flight is not InFlight.WRENCH:
-        text.append(f"<p>{escape(capital(f.effect.in_flight.value))}.</p>")
+    if f.effect.in_flight.use is not InFlight.WRENCH:
+        text.append(f"<p>{escape(capital(f.effect.in_flight.use.value))}.</p>")
     picture = effect_picture(n, a) if a else ""
     out = [
         f"<h2>{escape(capital(size_words(n, answer)))}</h2>",

@@ -62,7 +62,7 @@ def effect_picture(named: Named, a: Acts) -> str:
     """What is left when this effect alone is taken out of the model, over its quantity, and the effect as fitted."""
     effect, record = named.found.effect, a.trace.record
     axis = AXES[a.axis]
-    drawn = (effect.drawn or over_time)(record.context, axis)
+    drawn = (effect.shown.drawn or over_time)(record.context, axis)
     good = record.valid & np.isfinite(drawn.values)
     if good.sum() < 5 * BINS or np.ptp(drawn.values[good]) < 1e-9:
         drawn = over_time(record.context, axis)
@@ -85,7 +85,7 @@ def effect_picture(named: Named, a: Acts) -> str:
 
 def plain_fit(effect: Effect) -> str:
     """Label of the fitted curve."""
-    return "correction, as fitted" if effect.in_flight is InFlight.MEASUREMENT else "the effect, as fitted"
+    return "correction, as fitted" if effect.in_flight.use is InFlight.MEASUREMENT else "the effect, as fitted"
 
 
 def without(named: Named, a: Acts) -> list[tuple[int, float, float]]:

@@ -75,7 +75,7 @@ def kept_words(effect: Effect) -> str:
         return f"not kept: it belongs to {source}, and the next flight starts without it{rest}"
     if effect.belongs_to is BelongsTo.INSTRUMENT:
         corrects = (
-            "corrects what this sensor reads" if effect.in_flight is InFlight.MEASUREMENT else "corrects its logs"
+            "corrects what this sensor reads" if effect.in_flight.use is InFlight.MEASUREMENT else "corrects its logs"
         )
         return f"kept for this sensor: it {corrects}, and is not compensated in flight"
     if effect.belongs_to is BelongsTo.PLACE:
