@@ -130,7 +130,7 @@ def _other_shape(term: Term, fit: Fit) -> bool:
     return continuous and any(t.name == term.name and t.shape != term.shape for t in fit.terms)
 
 
-def _gain(evidence: Evidence, fit: Fit, less: Fit, term: Term) -> float:
+def _log_odds(evidence: Evidence, fit: Fit, less: Fit, term: Term) -> float:
     """Log posterior odds of a term beside others, ``less`` the set without it.
 
     The odds of an effect that has kinds are those of each: every fan may have a nicked blade.
@@ -139,8 +139,8 @@ def _gain(evidence: Evidence, fit: Fit, less: Fit, term: Term) -> float:
     part = fit.part(term)
     within = beyond_bounds([term], fit.b[part], fit.cov[part, part])
     kinds = 0.0 if any(s.continuous for s in term.effect.shapes) else term.log_shape
-    odds = evidence.prior(term) - kinds - (0.0 if term.flight is None else RATHER_THE_SAME)
-    return TRUST * (fit.evidence - less.evidence) + within + odds
+    prior = evidence.prior(term) - kinds - (0.0 if term.flight is None else RATHER_THE_SAME)
+    return TRUST * (fit.evidence - less.evidence) + within + prior
 
 
 def _grown(evidence: Evidence, fit: Fit, candidates: Iterable[Term]) -> list[tuple[float, Fit]]:
@@ -150,7 +150,7 @@ def _grown(evidence: Evidence, fit: Fit, candidates: Iterable[Term]) -> list[tup
     ranked = evidence.promising(fit, [i for i, t in enumerate(evidence.library.terms) if id(t) in wanted])[:TRIED]
     grown = [evidence.fit([*fit.terms, t], fit.noise) for _, t in ranked]
     return [
-        (_gain(evidence, f, fit, f.terms[-1]), f)
+        (_log_odds(evidence, f, fit, f.terms[-1]), f)
         for f in grown
         if f.terms[-1].flight is None or _stands_out(evidence, f, f.terms[-1])
     ]
@@ -161,14 +161,14 @@ def _named(evidence: Evidence, fit: Fit, candidates: Sequence[Term]) -> list[Cha
     out = []
     for t in (t for t in fit.terms if t.flight is not None):
         less = evidence.fit([o for o in fit.terms if o is not t], fit.noise)
-        odds = _gain(evidence, fit, less, t)
-        if odds < SURE:
+        log_odds = _log_odds(evidence, fit, less, t)
+        if log_odds < SURE:
             continue
         rivals = [(g, f.terms[-1]) for g, f in _grown(evidence, less, candidates) if f.terms[-1].key != t.key]
-        near = sorted(((g, r) for g, r in rivals if g > odds - NEAR and r.flight is not None), key=lambda p: -p[0])
-        probability = min(1.0 / (1.0 + float(np.exp(-odds))), MOST_SURE)
+        near = sorted(((g, r) for g, r in rivals if g > log_odds - NEAR and r.flight is not None), key=lambda p: -p[0])
+        probability = min(1.0 / (1.0 + float(np.exp(-log_odds))), MOST_SURE)
         change = Change(get(t.name), _estimates(fit, t), round(probability, 3), tuple(r.name for _, r in near))
-        out.append((odds, change))
+        out.append((log_odds, change))
     return [change for _, change in sorted(out, key=lambda p: -p[0])]
 
 
