@@ -110,10 +110,10 @@ def as_text(logs: Sequence[Path], audits: Sequence[Audit]) -> str:
     out = []
     for log, one in zip(logs, audits, strict=True):
         out.append(f"{log.name}: {'kept' if one.kept else 'NOT KEPT'}; {one.sent} sent, {one.setpoints} setpoints")
-        for promise, kept in one.promises.items():
+        for requirement, kept in one.requirements.items():
             state = f"{kept.broken:7} broken" if kept.broken else "     ok"
             seen = f"{kept.checked:8}" if kept.checked else "       -"
-            out.append(f"  {seen} {state:14}  {promise.value}")
+            out.append(f"  {seen} {state:14}  {requirement.value}")
             if kept.broken:
                 out.append(f"  {'':24} at {kept.first_s:.2f} s: {kept.first}")
     return "\n".join(out)

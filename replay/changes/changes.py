@@ -47,7 +47,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Good:
+class Baseline:
     """A vehicle as its good flights show it: the effects that they have in common, and how sizes spread among them."""
 
     records: tuple[Record, ...]
@@ -57,7 +57,7 @@ class Good:
     """(flight, effect) where a good flight differs from the others."""
 
 
-def learn(records: Sequence[Record]) -> Good:
+def learn(records: Sequence[Record]) -> Baseline:
     """The vehicle of some flights on which nothing was wrong."""
     effects = [_shared(e) for e in catalogue() if not e.remainder]
     walked = walk(records, effects)
@@ -73,11 +73,11 @@ def learn(records: Sequence[Record]) -> Good:
         found.append(AdoptedEffect(t.name, t.effect.parameters(b, t.shape)))
     left = [replace(r, residual=r.residual - w) for r, w in zip(records, explained, strict=True)]
     sizes, apart = as_flown(usual([e for e in catalogue() if not e.remainder], found, records[0]), left)
-    return Good(tuple(records), tuple(found), tuple(sizes), tuple(apart))
+    return Baseline(tuple(records), tuple(found), tuple(sizes), tuple(apart))
 
 
 @dataclass(frozen=True)
-class Beside:
+class Comparison:
     """A flight beside the good ones: the terms that it may differ by, and the fit of what all have in common."""
 
     evidence: Evidence
@@ -95,7 +95,7 @@ class Beside:
         )
 
 
-def beside(good: Good, today: Record) -> Beside:
+def compare(good: Baseline, today: Record) -> Comparison:
     """A flight beside the good ones, with what they have in common."""
     flights = [*good.records, today]
     last = len(flights) - 1
@@ -109,10 +109,10 @@ def beside(good: Good, today: Record) -> Beside:
     evidence = Evidence(Library(flights, [*same, *other], spread))
     candidates = [t for t in evidence.library.terms if t.effect is not None and t.flight in (None, last)]
     start = [t for t in candidates if t.flight is None and t.name in shapes and t.shape == shapes[t.name]]
-    return Beside(evidence, evidence.fit(start, evidence.unfitted()), tuple(candidates))
+    return Comparison(evidence, evidence.fit(start, evidence.unfitted()), tuple(candidates))
 
 
-def changes(flight: Beside) -> tuple[Change, ...]:
+def changes(flight: Comparison) -> tuple[Change, ...]:
     """What is not as it was, the likeliest first; empty where nothing lies outside the good flights' own spread."""
     fit = flight.fit
     for _ in range(MOST):

@@ -82,13 +82,13 @@ def learn(vehicle_file: Path, log: Path, model: str = NONE) -> Learned:
     vehicle = load_vehicle(vehicle_file)
     config = PipelineConfig(vehicle, choose(vehicle, model).model, dry_run=True, adapt=Adapt.FULL)
     seen: deque[Seen] = deque(maxlen=1)
-    inner = adapt.block_of.see
+    inner = adapt.block_of.block_residual
 
-    def see(*args: Any) -> Seen:
+    def block_residual(*args: Any) -> Seen:
         seen.append(inner(*args))
         return seen[-1]
 
-    adapt.block_of.see = see  # type: ignore[assignment]
+    adapt.block_of.block_residual = block_residual  # type: ignore[assignment]
     blocks: list[tuple[float, Seen, Any]] = []
     known: Adaptation | None = None
     try:
@@ -98,7 +98,7 @@ def learn(vehicle_file: Path, log: Path, model: str = NONE) -> Learned:
                 blocks.append((decision.t_s, seen[-1], fresh.sizes.offset))
             known = fresh or known
     finally:
-        adapt.block_of.see = inner
+        adapt.block_of.block_residual = inner
     assert known is not None
     as_modelled, with_sizes = predicted(blocks)
     return Learned(log.name, known, as_modelled, with_sizes, known.learned_s)

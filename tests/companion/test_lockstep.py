@@ -19,7 +19,7 @@ from companion.sim.air import NOMINAL
 from companion.sim.compare import Settings
 from companion.sim.flight import Flight
 from companion.sim.flown import Leg, read_truth
-from companion.sim.pilot import Hand, ScriptedPilot
+from companion.sim.pilot import Recipient, ScriptedPilot
 from companion.sim.scenario import build
 
 SHORT_S = 16.0
@@ -29,7 +29,7 @@ class UntilPilot(ScriptedPilot):
     """The scripted pilot, for a few seconds; ``then`` is called once, at 14 s."""
 
     def __init__(self, world: FaultyLockstep, end_s: float = SHORT_S, then: str = "") -> None:
-        super().__init__(world.flight, world.link, Hand.COMPANION, endless=False)
+        super().__init__(world.flight, world.link, Recipient.COMPANION, endless=False)
         self.world, self.end_s, self.then = world, end_s, then
 
     @property
@@ -143,8 +143,8 @@ def test_the_wire_delays_and_keeps_order():
 @pytest.mark.slow
 def test_a_comparison_repeats_itself_and_does_not_depend_on_its_neighbours(monkeypatch):
     short = build("hover", vehicle())
-    knots = (*short.knots[:-1], dataclasses.replace(short.knots[-1], time_s=7.0))
-    monkeypatch.setattr(compare, "build", lambda *_a, **_k: dataclasses.replace(short, knots=knots))
+    waypoints = (*short.waypoints[:-1], dataclasses.replace(short.waypoints[-1], time_s=7.0))
+    monkeypatch.setattr(compare, "build", lambda *_a, **_k: dataclasses.replace(short, waypoints=waypoints))
     settings = Settings("hover")
     first, again = (compare.run_compare([2], settings, legs=(Leg.ON,), workers=1) for _ in range(2))
     assert first[0].height.tolist() == again[0].height.tolist()

@@ -50,7 +50,7 @@ def cycle(mav, tick):
 def test_a_long_flight_needs_no_more_memory_than_a_short_one():
     wire, reader = Wire(), FrameReader()
     config = PipelineConfig(vehicle=default_vehicle(), model=models.load())
-    flight = Flight(config, wire, None, None, Arrivals(), FlightOptions(quiet=True))
+    flight = Flight(config, wire, None, None, Arrivals(), FlightOptions())
     mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=1)
 
     def fly(first, count):
