@@ -17,7 +17,7 @@ from typing import IO, TYPE_CHECKING
 from companion.adapt_options import Adapt, read_adapt
 from companion.mavlink import BAUD
 from companion.vehicles import vehicle_path
-from models.arguments import Parser
+from models.arguments import Parser, speaks
 from models.errors import ConfigError, LinkError, UserError
 from models.json_file import write_json
 from models.version import VersionAction
@@ -233,7 +233,7 @@ def _preflight(a: argparse.Namespace) -> int:
     found = check.items(listener, setup)
     if a.json is not None:
         write_json(check.as_json(found), a.json)
-    if a.json != "-" and not a.quiet:
+    if speaks(a):
         print(check.as_text(found))
     return 0 if check.may_fly(found) else 1
 

@@ -262,6 +262,21 @@ class Context:
         flow = RHO_SEA_LEVEL * self.vehicle.disc_area_m2 * self.velocity[..., 2, None]
         return np.repeat(flow, len(self.vehicle.fans), axis=-1)
 
+    def level_drag(self, velocity: Array, flow: Array, above_m: float) -> Array:
+        """Wrench about the CG (..., 6) that takes ``flow`` (..., fans) of air up to the level part of ``velocity``."""
+        level = -velocity
+        level[..., 2] = 0.0
+        return self.wrench_at_cg(flow[..., None] * level, above_m)
+
+    def own_drag(self, above_m: float) -> tuple[Array, Array, Array]:
+        """``level_drag`` of moving over ground, of turning, and what sinking adds to that of moving."""
+        own = self.velocity[..., None, :]
+        return (
+            self.level_drag(own, self.mass_flow, above_m),
+            self.level_drag(self.turning, self.mass_flow, above_m),
+            self.level_drag(own, self.sinking_flow, above_m),
+        )
+
     def by_model(self, declared: float, empty: float) -> float:
         """One of two numbers: where a model of the surroundings is declared, or none, so that all of it is missing."""
         return empty if self.model is None else declared

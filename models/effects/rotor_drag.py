@@ -10,15 +10,7 @@ from models.frames import Array
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
-    above = shape[0] * ctx.vehicle.rotor_radius_m
-
-    def ram(velocity: Array, flow: Array) -> Array:
-        level = -velocity
-        level[..., 2] = 0.0
-        return ctx.wrench_at_cg(flow[..., None] * level, above)
-
-    own = ctx.velocity[..., None, :]
-    return columns(ram(own, ctx.mass_flow), ram(ctx.turning, ctx.mass_flow), ram(own, ctx.sinking_flow))
+    return columns(*ctx.own_drag(shape[0] * ctx.vehicle.rotor_radius_m))
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:

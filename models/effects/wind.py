@@ -12,17 +12,9 @@ from models.frames import Array
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
-    above = shape[0] * ctx.vehicle.rotor_radius_m
-
-    def ram(air: Array, flow: Array = ctx.mass_flow) -> Array:
-        level = np.array(air)
-        level[..., 2] = 0.0
-        return ctx.wrench_at_cg(flow[..., None] * level, above)
-
-    rotation = ctx.state.rotation
-    own = ctx.velocity[..., None, :]
-    north, east = ram(rotation[..., None, 0, :]), ram(rotation[..., None, 1, :])
-    return columns(north, east, ram(-own), ram(-ctx.turning), ram(-own, ctx.sinking_flow))
+    above, rotation, flow = shape[0] * ctx.vehicle.rotor_radius_m, ctx.state.rotation, ctx.mass_flow
+    north, east = (ctx.level_drag(-rotation[..., None, i, :], flow, above) for i in (0, 1))
+    return columns(north, east, *ctx.own_drag(above))
 
 
 def _speed(found: Mapping[str, tuple[float, float, float]]) -> str | None:

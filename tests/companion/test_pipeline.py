@@ -353,7 +353,7 @@ def test_what_only_later_setpoints_depend_on_waits_until_the_setpoint_has_left(m
         assert not done, "nothing of this before the setpoint leaves"
         b.state = settle(state, b.config)
         seen.update(done)
-        assert b.state.due is None
+        assert b.state.pending is None
         assert settle(b.state, b.config) is b.state
         return decision
 

@@ -17,7 +17,16 @@ from models.effects.pictures import over_time
 from replay.diagnosis.diagnose import Diagnosis, Named, conclude
 from replay.diagnosis.html_report import page
 from replay.diagnosis.next_step import next_step
-from replay.diagnosis.pictures import PIXELS, acts, blocks, effect_picture, envelope, phases, well_binned, without
+from replay.diagnosis.pictures import (
+    PIXELS,
+    blocks,
+    effect_picture,
+    effect_wrench,
+    envelope,
+    phases,
+    well_binned,
+    without,
+)
 from replay.diagnosis.words import channel_words, estimate_words
 from replay.residual.faults import LogFault
 from replay.residual.record import Record
@@ -162,7 +171,7 @@ def test_every_effect_has_its_size_in_words_its_numbers_and_how_sure_it_is(weak:
 
 def test_the_picture_shows_the_points_and_the_fitted_curve(weak: Diagnosis) -> None:
     (named,) = weak.named
-    a = acts(named, weak.traces)
+    a = effect_wrench(named, weak.traces)
     assert a is not None
     picture = effect_picture(named, a)
     assert picture.count("<circle") > 5
