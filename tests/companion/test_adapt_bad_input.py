@@ -88,6 +88,7 @@ def test_a_hand_that_holds_the_vehicle_is_forgotten():
     assert all(0.4 < v < 1.6 for v in ground(watch, HAPPENS_S - 1.0))
 
 
+@pytest.mark.slow
 def test_a_range_that_lies_takes_the_offset_away_and_is_forgiven():
     """It says 1.1 m at 0.28 m: a step, so that nothing is learned while it is fresh."""
     watch = flown(low_hover(), lying_range(HAPPENS_S, OVER_S, 0, 1.1))
