@@ -6,6 +6,7 @@ the live loop (``companion.flight``) and a replay (``replay.rerun``) get the sam
 
 from __future__ import annotations
 
+import logging
 from typing import TYPE_CHECKING
 
 from models.lazy_exports import exports
@@ -27,3 +28,5 @@ _HOMES = {
     "step": "companion.pipeline",
 }
 __getattr__, __dir__ = exports(__name__, _HOMES)
+
+logging.getLogger(__name__).addHandler(logging.NullHandler())  # a program that imports this decides what is shown

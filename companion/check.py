@@ -39,6 +39,7 @@ from companion.mavlink.samples import (
 from companion.pipeline import initial_state, step
 from models.errors import LogError
 from models.frames import GRAVITY
+from models.lift_ratio import IN_HOVER
 from models.vehicle import Rangefinder
 from models.vehicle_plausibility import warnings
 
@@ -60,8 +61,6 @@ _REACH_M = (1.0, 0.5)
 """A rangefinder must reach this far, and begin this near: the air of ground and wall is felt in between."""
 _ALIKE = (0.6, 1.6)
 """Speed of a rotor over the median of all: beyond, a pole count or an ESC number is wrong."""
-_LIFT = (0.75, 1.3)
-"""Modelled lift over weight in hover: beyond, rotor speeds, model and mass do not belong to one vehicle."""
 _CLIMB_M_S = 0.3
 """Faster than this vertically, it does not hover."""
 _SEEN_S = 2.0
@@ -445,7 +444,7 @@ def _speeds_in_the_air(escs: list[int], hz: float, heard: Listener) -> Item:
 def _lift(heard: Listener) -> Iterator[Item]:
     if len(heard.lift) < _SEEN_S * 10.0:
         return
-    lift, (low, high) = median(heard.lift), _LIFT
+    lift, (low, high) = median(heard.lift), IN_HOVER
     text = f"by rotor speeds and model the rotors lift {lift:.2f} of the weight in hover"
     if low <= lift <= high:
         yield _good("lift in hover", text)

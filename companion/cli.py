@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import gc
+import logging
 import math
 import signal
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
@@ -16,7 +17,7 @@ from typing import IO, TYPE_CHECKING
 from companion.adapt_options import Adapt, read_adapt
 from companion.mavlink import BAUD
 from companion.vehicles import vehicle_path
-from models.arguments import Parser
+from models.arguments import Parser, speaks
 from models.errors import ConfigError, LinkError, UserError
 from models.json_file import write_json
 from models.version import VersionAction
@@ -223,7 +224,7 @@ def _preflight(a: argparse.Namespace) -> int:
             endpoint, _ = _endpoint(a, stack)
             arrivals = Arrivals()
             link = stack.enter_context(closing(open_link(endpoint, arrivals, baud=a.baud, signing_key=key)))
-            options = FlightOptions(a.duration or check.LISTEN_S, a.target_system, quiet=True)
+            options = FlightOptions(a.duration or check.LISTEN_S, a.target_system)
             if not a.quiet and sys.stderr.isatty():
                 print(f"companion: listening for {options.duration_s:g} s", file=sys.stderr)
             Flight(config, link, None, listener, arrivals, options).run()
@@ -232,7 +233,7 @@ def _preflight(a: argparse.Namespace) -> int:
     found = check.items(listener, setup)
     if a.json is not None:
         write_json(check.as_json(found), a.json)
-    if a.json != "-" and not a.quiet:
+    if speaks(a):
         print(check.as_text(found))
     return 0 if check.may_fly(found) else 1
 
@@ -248,6 +249,7 @@ def _fly(a: argparse.Namespace) -> int:
     key = None if a.signing_key is None else read_signing_key(a.signing_key)
     arrivals = Arrivals()
     with ExitStack() as stack:
+        stack.enter_context(_shown_on_stderr(logging.WARNING if a.quiet else logging.INFO))
         endpoint, narration = _endpoint(a, stack)
         link = stack.enter_context(closing(open_link(endpoint, arrivals, baud=a.baud, signing_key=key)))
         upstream = None
@@ -256,7 +258,7 @@ def _fly(a: argparse.Namespace) -> int:
         recorder = _recorder(a, stack)
         watchdog = stack.enter_context(closing(Watchdog()))
         options = FlightOptions(
-            a.duration, a.target_system, a.quiet, hold_on_exit=a.on_exit == "hold", last_word=not a.no_last_word,
+            a.duration, a.target_system, hold_on_exit=a.on_exit == "hold", last_word=not a.no_last_word,
             watchdog=watchdog, page=_page(a, stack),
         )  # fmt: skip
         if not a.quiet:  # after all that may refuse, so that a refusal is one line
@@ -277,6 +279,18 @@ def _fly(a: argparse.Namespace) -> int:
             print(f"companion: {a.connect}: {flight.unheard}", file=sys.stderr)
             return _INTERRUPTED if interrupted else LinkError.exit_code
     return _INTERRUPTED if interrupted else 0
+
+
+@contextmanager
+def _shown_on_stderr(level: int) -> Iterator[None]:
+    """What the flight program logs, from this level on, as lines for the pilot."""
+    log, shown = logging.getLogger("companion"), logging.StreamHandler()
+    log.setLevel(level)
+    log.addHandler(shown)
+    try:
+        yield
+    finally:
+        log.removeHandler(shown)
 
 
 def _flight_config(a: argparse.Namespace) -> tuple[PipelineConfig, list[str]]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import logging
 import math
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -62,13 +62,15 @@ _PX4_HOLD = (4, 3)
 """PX4's main and sub mode AUTO, LOITER."""
 
 
+_LOG = logging.getLogger(__name__)
+
+
 @dataclass(frozen=True)
 class FlightOptions:
     """What the command line decided about a flight."""
 
     duration_s: float | None = None
     target_system: int | None = None
-    quiet: bool = False
     hold_on_exit: bool = False
     """Ask PX4 for its HOLD mode at the end: the only change of mode there is, and only where the user wants it."""
     last_word: bool = False
@@ -427,7 +429,7 @@ class Flight:
         return not (sample.armed and takes_setpoints(sample))
 
     def _tell(self, text: str) -> None:
-        """To the ground station and to stderr."""
+        """To the ground station and to the log."""
         for outgoing, words in self._status.tell(text):
             self._send(outgoing)
             if words is not None:
@@ -447,8 +449,7 @@ class Flight:
 
     def _say(self, text: str) -> None:
         self._watchdog.status(text)
-        if not self._options.quiet:
-            print(text, file=sys.stderr, flush=True)
+        _LOG.info(text)
 
     def as_json(self) -> dict[str, Any]:
         """The flight in numbers."""

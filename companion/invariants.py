@@ -2,7 +2,7 @@
 
 One checker for simulated flights, tests and recordings: it takes the frames of both directions in order, as a .tlog
 holds them, and where they are at hand the decisions. It knows nothing of the program's state, only of the protocol: a
-promise counts as kept where the messages themselves show it. docs/safety.md says what each promise means.
+requirement counts as kept where the messages themselves show it. docs/safety.md says what each requirement means.
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ and how much further away the ground is than where the vehicle stood."""
 _DOWN = (0.0, 0.0, 1.0)
 
 
-class Promise(Enum):
-    """What is promised; the value is what the report says."""
+class Requirement(Enum):
+    """What is required of everything sent; the value is what the report says."""
 
     LIMITS = "offsets stay inside the limits of the vehicle file"
     SLEW = "offsets move no faster than the slew rates of the vehicle file"
@@ -101,8 +101,8 @@ class Promise(Enum):
 
 
 @dataclass(slots=True)
-class Kept:
-    """How often one promise was looked at, and how often it did not hold."""
+class Tally:
+    """how often one requirement was looked at, and how often it did not hold."""
 
     checked: int = 0
     broken: int = 0
@@ -115,7 +115,7 @@ class Kept:
 class Audit:
     """The answer."""
 
-    promises: dict[Promise, Kept]
+    requirements: dict[Requirement, Tally]
     sent: int
     setpoints: int
     offsets: int
@@ -123,14 +123,14 @@ class Audit:
 
     @property
     def kept(self) -> bool:
-        """Whether every promise held."""
-        return not any(k.broken for k in self.promises.values())
+        """Whether every requirement held."""
+        return not any(k.broken for k in self.requirements.values())
 
     def broken(self) -> list[str]:
-        """One line for each broken promise."""
+        """One line for each broken requirement."""
         return [
             f"{p.name.lower()}: {k.broken} of {k.checked}, first at {k.first_s:.2f} s: {k.first}"
-            for p, k in self.promises.items()
+            for p, k in self.requirements.items()
             if k.broken
         ]
 
@@ -149,7 +149,7 @@ class Audit:
                     "first_s": None if not k.broken else round(k.first_s, 3),
                     "first": k.first or None,
                 }
-                for p, k in self.promises.items()
+                for p, k in self.requirements.items()
             },
         }
 
@@ -241,12 +241,12 @@ class Auditor:
         self._last_stamp_ms: int | None = None
         self._last: Decision | None = None
         self._named: dict[str, float] = {}
-        self._promises = {p: Kept() for p in Promise}
+        self._requirements = {p: Tally() for p in Requirement}
         self._sent = self._setpoints = self._offsets = 0
 
     def report(self) -> Audit:
         """What has been found so far."""
-        return Audit(self._promises, self._sent, self._setpoints, self._offsets)
+        return Audit(self._requirements, self._sent, self._setpoints, self._offsets)
 
     # -- what comes in ----------------------------------------------------------------------------------------------
 
@@ -279,7 +279,7 @@ class Auditor:
         parts = [(o.thrust, limits.thrust), (o.roll, tilt), (o.pitch, tilt)]
         parts += [(a, GRAVITY * math.tan(tilt)) for a in o.acceleration]
         text = f"thrust {o.thrust:+.4f}, roll {math.degrees(o.roll):+.2f}, pitch {math.degrees(o.pitch):+.2f} deg"
-        self._check(Promise.LIMITS, all(abs(v) <= most + _WIRE for v, most in parts), text)
+        self._check(Requirement.LIMITS, all(abs(v) <= most + _WIRE for v, most in parts), text)
         self._check_lost(any(abs(v) > _NOTHING for v, _ in parts), decision.t_s)
         held_back = not HOLDS_BACK_EVERYTHING.isdisjoint(decision.reasons)
         if before is None or before.command is None or held_back:
@@ -288,7 +288,7 @@ class Auditor:
         moves = ((o.thrust - b.thrust, limits.slew_thrust_per_s), (o.roll - b.roll, rate), (o.pitch - b.pitch, rate))
         inside = all(abs(move) <= most * dt + _WIRE for move, most in moves)
         moved = ", ".join(f"{move:+.4f}" for move, _ in moves)
-        self._check(Promise.SLEW, inside, f"thrust, roll, pitch moved {moved} in {dt:.3f} s")
+        self._check(Requirement.SLEW, inside, f"thrust, roll, pitch moved {moved} in {dt:.3f} s")
 
     def _take(self, sample: Sample) -> None:
         heard = self._heard
@@ -355,18 +355,19 @@ class Auditor:
         elif frame.id == _NAMED_VALUE_FLOAT:
             _, value, name = _unpack(_NAMED, frame.payload)
             self._named_value(name.rstrip(b"\0").decode("ascii", "replace"), value)
-        self._check(Promise.DECLARED, _declared(frame), f"message {frame.id}, {frame.payload[:33].hex()}")
+        self._check(Requirement.DECLARED, _declared(frame), f"message {frame.id}, {frame.payload[:33].hex()}")
 
     def _attitude(self, fields: tuple[Any, ...]) -> None:
         stamp_ms, q, thrust, (system, component, mask) = fields[0], fields[1:5], fields[8], fields[9:12]
         size = math.sqrt(sum(c * c for c in q))
         proper = abs(size - 1.0) <= _UNIT
         rates_only = bool(mask & ATTITUDE_IGNORED)
-        self._check(Promise.QUATERNION, proper or rates_only, f"|q| = {size:g}")
+        self._check(Requirement.QUATERNION, proper or rates_only, f"|q| = {size:g}")
         low, high = (MIN_THRUST, MAX_THRUST) if self._hold else (0.0, 1.0)
-        self._check(Promise.THRUST, low - _WIRE <= thrust <= high + _WIRE, f"thrust {thrust:g}")
+        self._check(Requirement.THRUST, low - _WIRE <= thrust <= high + _WIRE, f"thrust {thrust:g}")
         whole = mask & RATES_IGNORED in (0, RATES_IGNORED) and not mask & _THROTTLE_IGNORED
-        self._check(Promise.FORM, whole and self._addressed(system, component), f"mask {mask}, to {system}/{component}")
+        formed = whole and self._addressed(system, component)
+        self._check(Requirement.FORM, formed, f"mask {mask}, to {system}/{component}")
         level = proper and _tilt(q) <= _LEVEL_RAD
         bare = level if self._hold else self._is_upstreams(q, thrust)
         self._setpoint(bare, f"attitude tilted by {math.degrees(_tilt(q)):.1f} deg")
@@ -377,35 +378,35 @@ class Auditor:
     def _position(self, fields: tuple[Any, ...]) -> None:
         stamp_ms, place, (system, component) = fields[0], fields[1:4], fields[13:15]
         finite = all(math.isfinite(v) for v in fields[1:12])
-        self._check(Promise.FORM, finite and self._addressed(system, component), f"place {place}")
+        self._check(Requirement.FORM, finite and self._addressed(system, component), f"place {place}")
         self._setpoint(False, f"a place to fly to, {place[0]:.2f} {place[1]:.2f} {place[2]:.2f}")
-        self._check(Promise.FRESH, self._age_s(stamp_ms) <= _HAND_OVER_S, f"{self._age_s(stamp_ms):.2f} s old")
+        self._check(Requirement.FRESH, self._age_s(stamp_ms) <= _HAND_OVER_S, f"{self._age_s(stamp_ms):.2f} s old")
 
     def _setpoint(self, bare: bool, what: str) -> None:
         """``bare``: carries no offset and no place, only "stay as you are"."""
         self._setpoints += 1
         heard, beat = self._heard, self._heard.heartbeat
         if self._dry_run:
-            self._check(Promise.DRY_RUN, False, what)
-        self._check(Promise.ARMED, beat is not None and beat.armed, what)
+            self._check(Requirement.DRY_RUN, False, what)
+        self._check(Requirement.ARMED, beat is not None and beat.armed, what)
         waiting = beat is not None and stack_of(beat) is Stack.PX4 and bare
         mode = "no heartbeat yet" if beat is None else f"mode {beat.custom_mode:#x}"
-        self._check(Promise.MODE, beat is not None and (takes_setpoints(beat) or waiting), f"{what} in {mode}")
+        self._check(Requirement.MODE, beat is not None and (takes_setpoints(beat) or waiting), f"{what} in {mode}")
         standing = heard.landed_state == _ON_GROUND and not heard.air.contradicts_landing
-        self._check(Promise.LANDED, not standing, what)
+        self._check(Requirement.LANDED, not standing, what)
         # By arrival where the first one came before the vehicle's clock was known.
         age_s = math.inf if beat is None else min(heard.now_s - beat.t_s, (self._now_us - heard.beat_us) / 1e6)
-        self._check(Promise.LINK, age_s <= _LINK_S, f"{what}, {age_s:.1f} s after the last heartbeat")
+        self._check(Requirement.LINK, age_s <= _LINK_S, f"{what}, {age_s:.1f} s after the last heartbeat")
 
     def _fresh(self, stamp_ms: int, level: bool) -> None:
         age_s, last = self._age_s(stamp_ms), self._last_stamp_ms
         again = last is not None and _ms_between(last, stamp_ms) <= 0
         self._last_stamp_ms = stamp_ms if not again else last
         if level:  # the end of a hold where places are not taken
-            self._check(Promise.FRESH, age_s <= _HAND_OVER_S, f"{age_s:.2f} s old")
+            self._check(Requirement.FRESH, age_s <= _HAND_OVER_S, f"{age_s:.2f} s old")
         else:
             words = f"stamped {stamp_ms / 1000.0:.3f} s, {age_s:.2f} s old" + (", a second time" if again else "")
-            self._check(Promise.FRESH, age_s <= _OLD_S and not again, words)
+            self._check(Requirement.FRESH, age_s <= _OLD_S and not again, words)
 
     def _age_s(self, stamp_ms: int) -> float:
         if math.isinf(self._heard.basis_s):
@@ -428,7 +429,7 @@ class Auditor:
         angle, change = _angle(q, upstream.q_ned_frd), thrust - upstream.thrust
         most = math.sqrt(2.0) * math.radians(limits.tilt_deg) + _LEVEL_RAD
         inside = angle <= most and abs(change) <= limits.thrust + _UNIT
-        self._check(Promise.LIMITS, inside, f"{math.degrees(angle):.2f} deg and {change:+.3f} from upstream's")
+        self._check(Requirement.LIMITS, inside, f"{math.degrees(angle):.2f} deg and {change:+.3f} from upstream's")
 
     def _named_value(self, name: str, value: float) -> None:
         """The offsets as telemetry has them; thrust, roll and pitch come one after the other."""
@@ -436,25 +437,25 @@ class Auditor:
             return
         self._named[name] = value
         most = self._limits.thrust if name == "cc_thrust" else math.radians(self._limits.tilt_deg)
-        self._check(Promise.LIMITS, abs(value) <= most + _WIRE, f"{name} {value:+.4f}")
+        self._check(Requirement.LIMITS, abs(value) <= most + _WIRE, f"{name} {value:+.4f}")
         if name == "cc_pitch":
             self._offsets += self._last is None
             self._check_lost(any(abs(v) > _NOTHING for v in self._named.values()), self._heard.now_s)
 
     def _check_lost(self, offset: bool, t_s: float) -> None:
         if not offset:
-            self._promises[Promise.INPUT_LOST].checked += 1
+            self._requirements[Requirement.INPUT_LOST].checked += 1
             return
         late = {name: t_s - self._heard.inputs_s.get(name, -math.inf) for name in self._needs}
         silent = {name: age for name, age in late.items() if age > ZERO_AFTER_S + _PERIOD_S}
         words = ", ".join(f"{name} silent for {age:.2f} s" for name, age in silent.items())
-        self._check(Promise.INPUT_LOST, not silent, words)
+        self._check(Requirement.INPUT_LOST, not silent, words)
 
     def _addressed(self, system: int, component: int) -> bool:
         return component == AUTOPILOT_COMPONENT and system == (self._intake.system or system)
 
-    def _check(self, promise: Promise, holds: bool, text: str) -> None:
-        kept = self._promises[promise]
+    def _check(self, requirement: Requirement, holds: bool, text: str) -> None:
+        kept = self._requirements[requirement]
         kept.checked += 1
         if holds:
             return

@@ -22,14 +22,14 @@ from companion.control.authority import HOLDS_BACK_EVERYTHING, Notice, Reason, f
 from companion.control.compensation import Offset, Offsets, slewed, wanted_offset
 from companion.control.disturbance import modelled_disturbance
 from companion.control.engagement import waits_for_mode
-from companion.control.hand_over import NOT_OURS, PARTING_S, part, parting_command, place_of
+from companion.control.hand_over import HAND_OVER_S, NOT_OURS, begin_hand_over, hand_over_command, place_of
 from companion.control.hover_thrust import HoverThrust
 from companion.control.landed import AIRBORNE_AFTER_S, IN_AIR
 from companion.control.plant import FULL, hear_position
 from companion.control.position_hold import BaseSetpoint, Motion, balanced, engage, fly, shifted
 from companion.control.position_target import read_target, stay
 from companion.control.refusals import LATE_STOP_S, lateness, refusals, upstream_silent
-from companion.control.state import Decision, Due, PipelineState
+from companion.control.state import Decision, Pending, PipelineState
 from companion.control.survey import Whereabouts, aborted, advance, as_message, level_direction
 from companion.control.wall_guard import watch_wall
 from companion.estimation import estimator as est
@@ -103,7 +103,7 @@ def ready_to_leave(state: PipelineState) -> bool:
         return False
     position = state.estimates.position
     if state.hold is None or position is None:
-        return state.parting is None
+        return state.hand_over is None
     moving = max(*map(abs, state.hold.reference.velocity), math.hypot(*position.velocity_ned))
     return moving < 0.1
 
@@ -214,7 +214,7 @@ def _take_request(state: PipelineState, sample: Sample, config: PipelineConfig) 
 
 def _take_attitude(state: PipelineState, sample: Attitude, now_s: float) -> PipelineState:
     stamped_s, estimates = max(state.stamped_s, sample.t_s), est.take_attitude(state.estimates, sample)
-    return replace(state, t_s=now_s, stamped_s=stamped_s, estimates=estimates, due=Due(sample))
+    return replace(state, t_s=now_s, stamped_s=stamped_s, estimates=estimates, pending=Pending(sample))
 
 
 def _take_heartbeat(state: PipelineState, sample: Heartbeat) -> PipelineState:
@@ -304,17 +304,17 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
     if reasons and not held_back:
         state = _keep_balance(state, before, applied, thrust, config)
     command: Command | None = None
-    parting, due = None, state.due
+    hand_over, pending = None, state.pending
     if held_back:
         if had_hold:
             state = _let_go(state, held_back, t_s)
         command = _command_held_back(state, held_back, thrust, config, t_s)
-        parting = None if command is None else state.parting
+        hand_over = None if command is None else state.hand_over
     elif base is not None:
         command = _command(state, base, applied, thrust, config, t_s)
-        due = None if due is None else Due(due.attitude, base, command)
+        pending = None if pending is None else Pending(pending.attitude, base, command)
     hold = None if held_back else state.hold
-    state = replace(state, decided_s=t_s, hold=hold, parting=parting, due=due)
+    state = replace(state, decided_s=t_s, hold=hold, hand_over=hand_over, pending=pending)
     tuned = state.tuned if config.base is Base.HOLD else None
     return state, Decision(
         t_s,
@@ -401,7 +401,7 @@ def _learned_hover(state: PipelineState, sample: AttitudeTarget) -> HoverThrust:
     """The autopilot's own hover command, free of what the ground gives, while it still flies by itself."""
     position, heartbeat = state.estimates.position, state.heartbeat
     own = heartbeat is not None and (stack_of(heartbeat) is not Stack.PX4 or not takes_setpoints(heartbeat))
-    flying = own and state.hold is None and state.parting is None and state.upstream is None
+    flying = own and state.hold is None and state.hand_over is None and state.upstream is None
     hovers = (
         flying
         and state.air.since_s < sample.t_s - AIRBORNE_AFTER_S
@@ -433,7 +433,7 @@ def _base(
     yaw = math.atan2(east, north)
     position = estimates.position
     authority, offset = state.offsets.authority, state.offsets.offset
-    pressed = watch_wall(state.pressed, state.disturbance, position.velocity_ned, t_s)
+    wall_ahead = watch_wall(state.wall_ahead, state.disturbance, position.velocity_ned, t_s)
     motion = Motion(
         position.position_ned,
         position.velocity_ned,
@@ -441,7 +441,7 @@ def _base(
         yaw,
         t_s - position.t_s,
         _level_acceleration(offset.roll * authority, offset.pitch * authority, yaw),
-        pressed,
+        wall_ahead,
         state.balance.acceleration,
     )
     assert state.tuned is not None
@@ -452,7 +452,7 @@ def _base(
         balance = engagement.watch_balance(state.balance, t_s, motion.velocity, motion.body_down)
         hold = engage(t_s, motion, balance.acceleration, thrust_now, thrust)
     hold, base = fly(hold, gains, config.vehicle.limits, t_s, motion, thrust)
-    return replace(state, hold=hold, pressed=pressed), base
+    return replace(state, hold=hold, wall_ahead=wall_ahead), base
 
 
 def _level_acceleration(roll: float, pitch: float, yaw: float) -> tuple[float, float]:
@@ -477,18 +477,20 @@ def _keep_balance(
 
 def _let_go(state: PipelineState, held_back: set[Reason], t_s: float) -> PipelineState:
     assert state.hold is not None
-    if state.last is None or not 0.0 <= t_s - state.decided_s <= PARTING_S:
+    if state.last is None or not 0.0 <= t_s - state.decided_s <= HAND_OVER_S:
         return state  # after a gap the autopilot has long let go of what was sent last
     places = state.heartbeat is not None and mode_name(state.heartbeat) != "GUIDED_NOGPS"
-    return replace(state, parting=part(state.hold, state.last, held_back, t_s, places, state.drift.correction_m))
+    return replace(
+        state, hand_over=begin_hand_over(state.hold, state.last, held_back, t_s, places, state.drift.correction_m)
+    )
 
 
 def _command_held_back(
     state: PipelineState, held_back: set[Reason], thrust: ThrustMap, config: PipelineConfig, t_s: float
 ) -> Command | None:
     """What is sent although nothing is compensated: the end of a hold, or what PX4 needs before OFFBOARD."""
-    if state.parting is not None and not held_back & NOT_OURS:
-        return parting_command(state.parting, thrust, held_back, t_s)
+    if state.hand_over is not None and not held_back & NOT_OURS:
+        return hand_over_command(state.hand_over, thrust, held_back, t_s)
     rows = state.estimates.rows
     if not waits_for_mode(state.heartbeat, held_back) or rows is None:
         return None

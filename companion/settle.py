@@ -11,7 +11,7 @@ from companion.control.attitude_response import AttitudeResponse
 from companion.control.authority import Notice
 from companion.control.plant import Source, declared_loop, hear_attitude, tune
 from companion.control.position_hold import BaseSetpoint
-from companion.control.state import Due, PipelineState
+from companion.control.state import Pending, PipelineState
 from companion.mavlink.firmware import Stack, stack_of
 from companion.mavlink.setpoints import AttitudeCommand
 from models.evolve import replace
@@ -28,12 +28,12 @@ _OTHER_LAG = 0.15
 
 def settle(state: PipelineState, config: PipelineConfig) -> PipelineState:
     """Take the newest attitude, and the setpoint that answered it, into averages, measured loop, swings and gains."""
-    due, estimates, adaptation = state.due, state.estimates, state.adaptation
-    if due is None:
+    pending, estimates, adaptation = state.pending, state.estimates, state.adaptation
+    if pending is None:
         return state
     if adaptation is not None and adaptation.full is not None:
         state = replace(state, adaptation=learn(adaptation, config))
-    t_s, rows = due.attitude.t_s, estimates.rows
+    t_s, rows = pending.attitude.t_s, estimates.rows
     assert rows is not None
     (_, _, x), (_, _, y), (sp, sr, z) = rows
     timing, balance, response = state.timing, state.balance, state.response
@@ -41,28 +41,28 @@ def settle(state: PipelineState, config: PipelineConfig) -> PipelineState:
     if estimates.position is not None:
         balance = engagement.watch_balance(balance, t_s, estimates.position.velocity_ned, (x, y, z))
     if config.base is not Base.HOLD:
-        return replace(state, due=None, timing=timing, balance=balance)
+        return replace(state, pending=None, timing=timing, balance=balance)
     if not config.dry_run:
         response = attitude_response.hear_tilt(response, t_s, math.atan2(sr, z), -math.asin(min(max(sp, -1.0), 1.0)))
     last = state.last
-    if due.base is not None:
-        last, response = _remembered(state, due, due.base, response, config)
-    state = replace(state, due=None, timing=timing, balance=balance, response=response, last=last)
-    if due.base is not None and not config.dry_run:
-        state = _watch_swing(state, due.base, t_s)
+    if pending.base is not None:
+        last, response = _remembered(state, pending, pending.base, response, config)
+    state = replace(state, pending=None, timing=timing, balance=balance, response=response, last=last)
+    if pending.base is not None and not config.dry_run:
+        state = _watch_swing(state, pending.base, t_s)
     return retuned(state, config, t_s) if state.decided_s == t_s else state
 
 
 def _remembered(
-    state: PipelineState, due: Due, base: BaseSetpoint, response: AttitudeResponse, config: PipelineConfig
+    state: PipelineState, pending: Pending, base: BaseSetpoint, response: AttitudeResponse, config: PipelineConfig
 ) -> tuple[BaseSetpoint, AttitudeResponse]:
     """What a parting begins with, and what the attitude is to answer to."""
-    command = due.command
+    command = pending.command
     if not isinstance(command, AttitudeCommand):
         return base, response
     roll, pitch = base.roll + state.offsets.applied.roll, base.pitch + state.offsets.applied.pitch
     last = BaseSetpoint(roll, pitch, base.yaw, command.thrust, base.acceleration)
-    return last, response if config.dry_run else attitude_response.sent(response, due.attitude.t_s, roll, pitch)
+    return last, response if config.dry_run else attitude_response.sent(response, pending.attitude.t_s, roll, pitch)
 
 
 def _watch_swing(state: PipelineState, base: BaseSetpoint, t_s: float) -> PipelineState:

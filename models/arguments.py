@@ -1,9 +1,17 @@
-"""The command line parser of the three programs: a wrong argument is one line, as every other error."""
+"""The command line of the three programs: a wrong argument is one line, as every other error."""
 
 from __future__ import annotations
 
 import argparse
+import os
+import sys
+from collections.abc import Callable
 from typing import NoReturn
+
+from models.errors import ConfigError, UserError
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C."""
 
 
 def speaks(args: argparse.Namespace) -> bool:
@@ -17,3 +25,26 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print one line on stderr and leave."""
         self.exit(2, f"{self.prog}: {message}; see: {self.prog} --help\n")
+
+
+def run_command(program: str, extra: str, run: Callable[[], int]) -> int:
+    """The exit code of a command; what a user can mend is one line on stderr.
+
+    ``extra``: of the package, where another package is missing.
+    """
+    try:
+        return run()
+    except UserError as error:
+        text, code = str(error), error.exit_code
+    except ModuleNotFoundError as error:
+        if (error.name or "").split(".")[0] in ("companion", "models", "replay"):
+            raise
+        text = f"this needs the package {error.name}: pip install 'corner-compensator[{extra}]'"
+        code = ConfigError.exit_code
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except BrokenPipeError:  # the reader of our output left
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    print(f"{program}: {text}", file=sys.stderr)
+    return code

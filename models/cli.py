@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import argparse
 import math
-import os
-import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from models.arguments import Parser, speaks
+from models.arguments import Parser, run_command, speaks
 from models.cfd import cli as cfd
-from models.errors import ConfigError, UserError
+from models.errors import ConfigError
 from models.json_file import write_json
 from models.version import VersionAction
 
@@ -26,22 +24,7 @@ PAPER_RADII_M = (0.165, 0.21)
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code: 0 done, 2 bad input, 130 interrupted."""
     args = _parser().parse_args(argv)
-    try:
-        return int(args.run(args))
-    except UserError as error:
-        print(f"models: {error}", file=sys.stderr)
-        return error.exit_code
-    except ModuleNotFoundError as error:
-        print(
-            f"models: this needs the package '{error.name}'; install it with: pip install 'corner-compensator[train]'",
-            file=sys.stderr,
-        )
-        return 2
-    except KeyboardInterrupt:
-        return 130
-    except BrokenPipeError:  # the reader of our output left
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+    return run_command("models", "train", lambda: int(args.run(args)))
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -20,7 +20,7 @@ Record = TypeVar("Record")
 
 
 @dataclass(frozen=True)
-class Within:
+class Bounds:
     """Numbers from ``low`` to ``high``; ``above``: ``low`` itself is not one of them."""
 
     low: float = -math.inf
@@ -34,13 +34,13 @@ class Within:
         return bound + (f" and at most {self.high:g}" if math.isfinite(self.high) else "")
 
 
-def above(low: float, high: float = math.inf) -> Within:
+def above(low: float, high: float = math.inf) -> Bounds:
     """Numbers above ``low``, up to ``high``."""
-    return Within(low, high, above=True)
+    return Bounds(low, high, above=True)
 
 
 @dataclass(frozen=True)
-class Words:
+class Options:
     """Texts that are allowed, each with what it stands for."""
 
     meaning: Mapping[str, Any]
@@ -74,7 +74,7 @@ class Table:
         for f in fields(kind):  # type: ignore[arg-type]
             key = names.get(f.name, f.name)
             if key in self._values:
-                taken[f.name] = self._taken(key, self._values[key], hints[f.name], Within())
+                taken[f.name] = self._taken(key, self._values[key], hints[f.name], Bounds())
             elif (f.default is MISSING and f.default_factory is MISSING) or f.name in getattr(kind, "REQUIRED", ()):
                 raise self._missing(key)
         self._refuse_others({names.get(f.name, f.name) for f in fields(kind)})  # type: ignore[arg-type]
@@ -102,7 +102,7 @@ class Table:
             return self._taken(key, value, args[0], args[1])
         if origin is UnionType:
             return self._taken(key, value, args[0], bound)
-        if isinstance(bound, Words) or hint is str:
+        if isinstance(bound, Options) or hint is str:
             return self._text(key, value, bound)
         if is_dataclass(hint):
             if not isinstance(value, dict):
@@ -116,7 +116,7 @@ class Table:
             return tuple(self._number(f"{key}[{i}]", v, bound) for i, v in enumerate(value))
         return self._many(key, value, args[0], bound)
 
-    def _many(self, key: str, value: Any, hint: Any, bound: Within) -> Any:
+    def _many(self, key: str, value: Any, hint: Any, bound: Bounds) -> Any:
         if not is_dataclass(hint):
             if not isinstance(value, list):
                 raise self.fail(key, f"must be a list, not {value!r}")
@@ -127,18 +127,18 @@ class Table:
         return tuple(row.read(hint) for row in rows)  # type: ignore[arg-type]
 
     def _text(self, key: str, value: Any, bound: Any) -> Any:
-        meaning = bound.meaning if isinstance(bound, Words) else None
+        meaning = bound.meaning if isinstance(bound, Options) else None
         if not isinstance(value, str) or (meaning is not None and value not in meaning):
             expected = "text" if meaning is None else f"one of {', '.join(meaning)}"
             raise self.fail(key, f"must be {expected}, not {value!r}")
         return value if meaning is None else meaning[value]
 
-    def _number(self, key: str, value: Any, bound: Within, *, whole: bool = False) -> int | float:
+    def _number(self, key: str, value: Any, bound: Bounds, *, whole: bool = False) -> int | float:
         usual = isinstance(value, int if whole else int | float) and not isinstance(value, bool)
         if not usual or math.isnan(value) or (bound.finite and math.isinf(value)):
             raise self.fail(key, f"must be a {'whole' if whole else 'finite'} number, not {value!r}")
         if whole and bound.low == -math.inf:
-            bound = Within(1.0)
+            bound = Bounds(1.0)
         if not bound.low <= value <= bound.high or (bound.above and value == bound.low):
             raise self.fail(key, f"must be {bound.words()}, not {value:g}")
         return int(value) if whole else float(value)

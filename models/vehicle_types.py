@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from models.toml_table import Within, Words, above
+from models.toml_table import Bounds, Options, above
 
 NO_ORIENTATION = 255  # no MAV_SENSOR_ORIENTATION
 MAV_ORIENTATION_UP = 24  # MAV_SENSOR_ROTATION_PITCH_90
@@ -18,7 +18,7 @@ TARGETS = ("ground", "wall", "ceiling", "none")
 RHO_SEA_LEVEL = 1.225  # kg/m^3, ISO 2533
 Vector3 = tuple[float, float, float]
 ASSUMABLE = ("mass_kg", "rotor_radius_m", "position_m")
-_Place = Annotated[Vector3, Within(-100.0, 100.0)]
+_Place = Annotated[Vector3, Bounds(-100.0, 100.0)]
 Problem = tuple[str, str]
 """A key, and what is wrong with it."""
 
@@ -27,10 +27,10 @@ Problem = tuple[str, str]
 class Rotor:
     """One rotor of a fan. Exactly one of ``esc`` and ``servo`` is set; both count from 1."""
 
-    spin: Annotated[int, Words({"cw": 1, "ccw": -1})]
+    spin: Annotated[int, Options({"cw": 1, "ccw": -1})]
     """+1 turns clockwise seen from above, -1 counter-clockwise."""
-    esc: Annotated[int | None, Within(1, 32)] = None
-    servo: Annotated[int | None, Within(1, 16)] = None
+    esc: Annotated[int | None, Bounds(1, 32)] = None
+    servo: Annotated[int | None, Bounds(1, 16)] = None
 
     def problem(self) -> Problem | None:
         """What is wrong with the values together."""
@@ -56,13 +56,13 @@ class Fan:
 class Vane:
     """A control vane in a fan's exhaust; its force is ``force_per_thrust_rad`` x deflection x the fan's lift."""
 
-    servo: Annotated[int, Within(1, 16)]
+    servo: Annotated[int, Bounds(1, 16)]
     fan: int
     position_m: _Place
-    axis: Annotated[Vector3, Within(-1.0, 1.0)]
-    force_per_thrust_rad: Annotated[float, Within(0.0, 10.0)]
-    neutral_us: Annotated[float, Within(500.0, 2500.0)]
-    rad_per_us: Annotated[float, Within(-0.1, 0.1)]
+    axis: Annotated[Vector3, Bounds(-1.0, 1.0)]
+    force_per_thrust_rad: Annotated[float, Bounds(0.0, 10.0)]
+    neutral_us: Annotated[float, Bounds(500.0, 2500.0)]
+    rad_per_us: Annotated[float, Bounds(-0.1, 0.1)]
 
     def problem(self) -> Problem | None:
         """What is wrong with the values together."""
@@ -77,9 +77,9 @@ class Throttle:
     """
 
     max_thrust_n: Annotated[float, above(0.0, 1e5)]
-    expo: Annotated[float, Within(-1.0, 1.0)]
-    pwm_min_us: Annotated[float, Within(0.0, 3000.0)]
-    pwm_max_us: Annotated[float, Within(0.0, 3000.0)]
+    expo: Annotated[float, Bounds(-1.0, 1.0)]
+    pwm_min_us: Annotated[float, Bounds(0.0, 3000.0)]
+    pwm_max_us: Annotated[float, Bounds(0.0, 3000.0)]
     voltage_v: Annotated[float, above(0.0, 1000.0)]
 
     def problem(self) -> Problem | None:
@@ -96,10 +96,10 @@ class Rangefinder:
 
     REQUIRED: ClassVar = ("target", "position_m")
     """Of a file."""
-    orientation: Annotated[int, Within(0, 255)] = NO_ORIENTATION
-    target: Annotated[str, Words({target: target for target in TARGETS})] = "none"
+    orientation: Annotated[int, Bounds(0, 255)] = NO_ORIENTATION
+    target: Annotated[str, Options({target: target for target in TARGETS})] = "none"
     position_m: _Place = (0.0, 0.0, 0.0)
-    ring: Annotated[int, Within(4, 72)] = 0
+    ring: Annotated[int, Bounds(4, 72)] = 0
 
     def problem(self) -> Problem | None:
         """What is wrong with the values together."""
@@ -119,8 +119,8 @@ class Limits:
 
     REQUIRED: ClassVar = ("thrust", "tilt_deg", "slew_thrust_per_s", "slew_tilt_deg_per_s")
     """Of a file that has limits of its own."""
-    thrust: Annotated[float, Within(0.0, 0.5)] = 0.10
-    tilt_deg: Annotated[float, Within(0.0, 30.0)] = 8.0
+    thrust: Annotated[float, Bounds(0.0, 0.5)] = 0.10
+    tilt_deg: Annotated[float, Bounds(0.0, 30.0)] = 8.0
     slew_thrust_per_s: Annotated[float, above(0.0, 100.0)] = 0.5
     slew_tilt_deg_per_s: Annotated[float, above(0.0, 3600.0)] = 60.0
     speed_m_s: Annotated[float, above(0.0, 20.0)] = 1.5
@@ -142,7 +142,7 @@ class Vehicle:
     throttle: Throttle | None = None
     rangefinders: tuple[Rangefinder, ...] = ()
     limits: Limits = field(default_factory=Limits)
-    assumed: tuple[Annotated[str, Words({key: key for key in ASSUMABLE})], ...] = ()
+    assumed: tuple[Annotated[str, Options({key: key for key in ASSUMABLE})], ...] = ()
     """Keys whose numbers are typical of such vehicles, not of this one. Without ``position_m`` no moment is judged."""
 
     def problem(self) -> Problem | None:

@@ -14,6 +14,7 @@ from models.progress import Bars
 if TYPE_CHECKING:
     from companion.invariants import Audit
     from models.vehicle import Vehicle
+from replay.pipeline_options import add_answer_options
 
 _EPILOG = """exit codes: 0 every requirement was kept; 1 one was broken; 2 bad arguments or vehicle file; 3 log
 unreadable, or without the companion's own messages; 130 interrupted. What the requirements mean: docs/safety.md."""
@@ -39,9 +40,7 @@ def add_parser(commands: Any) -> None:
         "--setpoint", choices=("hold", "upstream"),
         help="what was flown (default: upstream where another station's SET_ATTITUDE_TARGET is in the log)",
     )  # fmt: skip
-    p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: the first heard)")
-    p.add_argument("--json", metavar="FILE", help="write the answer as JSON (- for stdout)")
-    p.add_argument("--quiet", action="store_true", help="no progress bar and no text")
+    add_answer_options(p, flies="the first heard")
     p.set_defaults(run=run)
 
 
@@ -110,10 +109,10 @@ def as_text(logs: Sequence[Path], audits: Sequence[Audit]) -> str:
     out = []
     for log, one in zip(logs, audits, strict=True):
         out.append(f"{log.name}: {'kept' if one.kept else 'NOT KEPT'}; {one.sent} sent, {one.setpoints} setpoints")
-        for promise, kept in one.promises.items():
+        for requirement, kept in one.requirements.items():
             state = f"{kept.broken:7} broken" if kept.broken else "     ok"
             seen = f"{kept.checked:8}" if kept.checked else "       -"
-            out.append(f"  {seen} {state:14}  {promise.value}")
+            out.append(f"  {seen} {state:14}  {requirement.value}")
             if kept.broken:
                 out.append(f"  {'':24} at {kept.first_s:.2f} s: {kept.first}")
     return "\n".join(out)

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import argparse
-import os
-import sys
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
 from companion.adapt_options import Adapt
-from models.arguments import Parser
-from models.errors import ConfigError, LogError, UserError
+from models.arguments import Parser, run_command
+from models.errors import ConfigError, LogError
 from models.version import VersionAction
 from replay.fleet.options import FolderOptions, add_options
 from replay.parameters import assumed_parameters
-from replay.pipeline_options import add_pipeline_options, pipeline_config
+from replay.pipeline_options import add_answer_options, add_pipeline_options, pipeline_config
 
-_INTERRUPTED = 130
 _COMMANDS = (
     "replay.diagnosis.cli",
     "replay.predict.cli",
@@ -46,10 +43,8 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument("log", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg; or a folder of them")
     add_pipeline_options(run)
     run.add_argument("--save-model", type=Path, metavar="DIR", help="write the model with the sizes that were measured")
-    run.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
     run.add_argument("--report", type=Path, metavar="DIR", help="write one self-contained HTML page")
-    run.add_argument("--json", metavar="FILE", help="write the report as JSON (- for stdout)")
-    run.add_argument("--quiet", action="store_true", help="no progress bar and no text report")
+    add_answer_options(run, "the report as JSON")
     add_options(run)
     run.set_defaults(run=_run)
     for module in _COMMANDS:
@@ -60,26 +55,16 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     arguments = parser().parse_args(argv)
+    return run_command("replay", "replay", lambda: _checked(arguments))
+
+
+def _checked(a: argparse.Namespace) -> int:
+    if a.target_system is not None and not 1 <= a.target_system <= 255:
+        raise ConfigError(f"--target-system {a.target_system}: must be 1 to 255")
     try:
-        if arguments.target_system is not None and not 1 <= arguments.target_system <= 255:
-            raise ConfigError(f"--target-system {arguments.target_system}: must be 1 to 255")
-        return int(arguments.run(arguments))
-    except UserError as error:
-        print(f"replay: {error}", file=sys.stderr)
-        return error.exit_code
-    except ModuleNotFoundError as error:
-        if (error.name or "").split(".")[0] in ("companion", "models", "replay"):
-            raise
-        print(f"replay: this needs the package {error.name}: pip install 'corner-compensator[replay]'", file=sys.stderr)
-        return ConfigError.exit_code
+        return int(a.run(a))
     except MemoryError:
-        print("replay: the log needs more memory than there is: cut it, or use a machine with more", file=sys.stderr)
-        return LogError.exit_code
-    except KeyboardInterrupt:
-        return _INTERRUPTED
-    except BrokenPipeError:  # the reader of our output left
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+        raise LogError("the log needs more memory than there is: cut it, or use a machine with more") from None
 
 
 def _run(a: argparse.Namespace) -> int:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.vehicles import chosen_vehicle
+from models.arguments import speaks
 from models.choice import NONE, Choice, choose
 from models.errors import ConfigError
 from models.json_file import write_json
@@ -100,5 +101,5 @@ def write_answer(
     if a.json is not None:
         write_json(content, a.json)
     written = [] if a.report is None else [write_document("--report", a.report / "report.html", page())]
-    if a.json != "-" and not a.quiet:
+    if speaks(a):
         print("\n".join([*lines, *(f"report: {path}" for path in written)]))

@@ -1,4 +1,4 @@
-"""Options of the commands that feed a log through the pipeline of flight, and the configuration that they make."""
+"""Options that commands share, and the configuration of the pipeline of flight that they make."""
 
 from __future__ import annotations
 
@@ -31,6 +31,15 @@ def add_pipeline_options(p: argparse.ArgumentParser) -> None:
         "--param", action="append", default=[], metavar="NAME=VALUE",
         help="take an autopilot parameter as given where the log lacks it, such as GUID_OPTIONS=8",
     )  # fmt: skip
+
+
+def add_answer_options(
+    p: argparse.ArgumentParser, answer: str = "the answer as JSON", flies: str = "whichever flies"
+) -> None:
+    """Which vehicle of a log is asked about, and where the answer goes."""
+    p.add_argument("--target-system", type=int, metavar="N", help=f"the vehicle's id (default: {flies})")
+    p.add_argument("--json", metavar="FILE", help=f"write {answer} (- for stdout)")
+    p.add_argument("--quiet", action="store_true", help="no progress bar and no text")
 
 
 def pipeline_config(

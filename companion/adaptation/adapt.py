@@ -12,7 +12,7 @@ import numpy as np
 from companion.adapt_options import Adapt
 from companion.adaptation import judge
 from companion.adaptation import residual as block_of
-from companion.adaptation.adaptation import Adaptation, Believed, Full, Noise
+from companion.adaptation.adaptation import Adaptation, FullBlock, ModelAverage, Noise
 from companion.adaptation.apply import MOST, Applied, share_of, towards
 from companion.adaptation.filter import Flags, excites, later, opened, surprises, update
 from companion.adaptation.gates import Situation, pause
@@ -34,7 +34,7 @@ from companion.adaptation.sizes import (
     size_table,
 )
 from companion.config import PipelineConfig
-from companion.estimation.disturbance import THRUST_LEAD_S, Around, Disturbance
+from companion.estimation.disturbance import THRUST_LEAD_S, Disturbance, FanPlaces
 from companion.mavlink.samples import Imu
 from models.evolve import replace
 from models.frames import GRAVITY, Array
@@ -121,7 +121,7 @@ def hear(known: Adaptation, here: Situation, imu: Imu, config: PipelineConfig) -
         return replace(known, heard_s=now_s, paused=None, block=block, clear=disturbance)
     full, rows = None, here.estimates.rows
     if block.samples >= _LEAST_SAMPLES and disturbance is not None and rows is not None:
-        full = Full(block, disturbance, rows)
+        full = FullBlock(block, disturbance, rows)
     return replace(known, heard_s=now_s, paused=None, block=block_of.follow(block), full=full, clear=disturbance)
 
 
@@ -145,7 +145,7 @@ def learn(known: Adaptation, config: PipelineConfig) -> Adaptation:
     assert here.parts is not None
     table, sizes = known.table, known.sizes
     wind = (float(sizes.offset[NORTH]), float(sizes.offset[EAST]))
-    seen = block_of.see(block, config.vehicle, rotation, here.parts.around.bearing_rad, len(table), wind)
+    seen = block_of.block_residual(block, config.vehicle, rotation, here.parts.around.bearing_rad, len(table), wind)
     changed = 0.0 if known.modelled is None else seen.modelled - known.modelled
     doubt = (_LAG_DOUBT_S / BLOCK_S * changed) ** 2
     variance, doubtful = _ALIKE * known.noise.variance + doubt, _ALIKE_NEAR * known.noise.variance + doubt
@@ -172,14 +172,14 @@ def learn(known: Adaptation, config: PipelineConfig) -> Adaptation:
     )
 
 
-def _sized(table: tuple[Size, ...], sizes: Sizes, seen: block_of.Seen, variance: Array, moves: Flags) -> Sizes:
+def _sized(table: tuple[Size, ...], sizes: Sizes, seen: block_of.BlockResidual, variance: Array, moves: Flags) -> Sizes:
     """The sizes after a block, one axis after another."""
     for value, row, noise, moved in zip(seen.residual.tolist(), seen.regressors, variance.tolist(), moves, strict=True):
         sizes = update(table, sizes, value, row, noise, moved)
     return sizes
 
 
-def _near(moves: Flags, around: Around) -> tuple[bool, ...]:
+def _near(moves: Flags, around: FanPlaces) -> tuple[bool, ...]:
     """Whether a block tells of the model's or the map's lift, pull and tilt, and of the adopted effects.
 
     In free air, where it tells only of what is steady, every third block is enough.
@@ -191,9 +191,9 @@ def _near(moves: Flags, around: Around) -> tuple[bool, ...]:
 
 
 def _judged(
-    known: Adaptation, seen: block_of.Seen, variance: Array, seconds: float, around: Around, near: Sequence[bool],
-    config: PipelineConfig,
-) -> tuple[judge.Judged, ...]:  # fmt: skip
+    known: Adaptation, seen: block_of.BlockResidual, variance: Array, seconds: float, around: FanPlaces,
+    near: Sequence[bool], config: PipelineConfig,
+) -> tuple[judge.Belief, ...]:  # fmt: skip
     """With the model or without it: what one channel does in the axes of another is taken away first."""
     vehicle = config.vehicle
     place, thrust = judge.place_of(around), 1.0 + float(known.sizes.offset[THRUST])
@@ -220,20 +220,20 @@ def _judged(
     return tuple(out)
 
 
-def _in_the_middle(here: Disturbance, config: PipelineConfig) -> Around:
+def _in_the_middle(here: Disturbance, config: PipelineConfig) -> FanPlaces:
     """Where the fans were in the middle of a block that ends here."""
     assert here.parts is not None
     around = here.parts.around
     back = (0.5 * BLOCK_S + THRUST_LEAD_S) / config.vehicle.rotor_radius_m
     lower, nearer = (0.0 if not math.isfinite(s.rate_m_s) else s.rate_m_s * back for s in (here.ground, here.wall))
     heights, gaps = tuple([h - lower for h in around.heights]), tuple([d - nearer for d in around.gaps])
-    return Around(heights, gaps, around.free_lift_n, around.bearing_rad)
+    return FanPlaces(heights, gaps, around.free_lift_n, around.bearing_rad)
 
 
-def _believed(channels: Sequence[judge.Channel], judged: Sequence[judge.Judged]) -> Believed:
+def _believed(channels: Sequence[judge.Channel], judged: Sequence[judge.Belief]) -> ModelAverage:
     found = [judge.believed(c, j) for c, j in zip(channels, judged, strict=True)]
     lift, pull, tilt = [tuple(cells) for _, _, cells in found]
-    return Believed(tuple([gain for gain, _, _ in found]), NearField(found[LIFT][1], lift, pull, tilt))
+    return ModelAverage(tuple([gain for gain, _, _ in found]), NearField(found[LIFT][1], lift, pull, tilt))
 
 
 def _noise(noise: Noise, innovation: Array, config: PipelineConfig) -> Noise:

@@ -27,7 +27,7 @@ class Noise:
     innovation: Array | None = None
 
 
-class Full(NamedTuple):
+class FullBlock(NamedTuple):
     """A block that is full, with the surroundings and the rotation FRD -> NED at its end."""
 
     block: block_of.Block
@@ -35,7 +35,7 @@ class Full(NamedTuple):
     rotation: Rows
 
 
-class Believed(NamedTuple):
+class ModelAverage(NamedTuple):
     """Both hypotheses' mean: gains on the model's lift, pull and tilt, and what is measured beside."""
 
     gains: tuple[float, ...]
@@ -50,9 +50,9 @@ class Adaptation:
     sizes: Sizes
     channels: tuple[judge.Channel, ...]
     """Lift, pull and tilt."""
-    judged: tuple[judge.Judged, ...]
+    judged: tuple[judge.Belief, ...]
     """What is believed of each."""
-    believed: Believed
+    believed: ModelAverage
     wanted: Applied
     """What follows from it."""
     applied: Applied
@@ -61,7 +61,7 @@ class Adaptation:
     learned: tuple[bool, ...]
     """Whether a channel was ever excited."""
     block: block_of.Block | None = None
-    full: Full | None = None
+    full: FullBlock | None = None
     """What ``learn`` is to take in."""
     modelled: Array | None = None
     """(5,): of the newest block."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from companion.adaptation.near_map import NOTHING, NearField
-from companion.estimation.disturbance import Around, about_cg
+from companion.estimation.disturbance import FanPlaces, about_cg
 from models.frames import Array
 from models.vehicle import Vehicle
 
@@ -32,7 +32,9 @@ class Applied:
     shares: tuple[float, ...]
     near: NearField = NOTHING
 
-    def compensated(self, vehicle: Vehicle, above: Sequence[Sequence[float]], around: Around, effects: Array) -> Array:
+    def compensated(
+        self, vehicle: Vehicle, above: Sequence[Sequence[float]], around: FanPlaces, effects: Array
+    ) -> Array:
         """(6,), body FRD about the CG: what is compensated of ground, wall and adopted effects.
 
         ``above`` (fans, 6): what the model says of ground and wall at each fan, corner frame, at its lead. Of adopted
@@ -44,7 +46,9 @@ class Applied:
             total += (np.array(self.shares[3:]) - 1.0) @ effects
         return total
 
-    def _at_fans(self, vehicle: Vehicle, above: Sequence[Sequence[float]], around: Around) -> list[tuple[float, ...]]:
+    def _at_fans(
+        self, vehicle: Vehicle, above: Sequence[Sequence[float]], around: FanPlaces
+    ) -> list[tuple[float, ...]]:
         """(fans, 6), corner frame."""
         of_lift, of_pull, of_tilt = self.shares[:3]
         radius = vehicle.rotor_radius_m

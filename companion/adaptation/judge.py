@@ -20,7 +20,7 @@ from companion.adaptation.apply import MOST
 from companion.adaptation.filter import ROBUST_SIGMAS, SURPRISED_BLOCKS
 from companion.adaptation.near_map import CELLS, MAP, cheeseman_bennett
 from companion.adaptation.sizes import Size
-from companion.estimation.disturbance import Around
+from companion.estimation.disturbance import FanPlaces
 from models.frames import Array
 
 _ALONG = ((at.THRUST, at.INFLOW), (at.NORTH, at.EAST, at.DRAG), (at.CG_X, at.CG_Y, at.DRAG_ARM))
@@ -75,7 +75,7 @@ class Channel:
         return len(self.along)
 
 
-class Judged(NamedTuple):
+class Belief(NamedTuple):
     """What is believed of one channel: ``mean`` (2, n) and ``covariance`` (2, n, n) as in ``Channel``, and the odds."""
 
     mean: Array
@@ -123,31 +123,31 @@ def _channel(table: tuple[Size, ...], own: int) -> Channel:
 
 
 @dataclass(frozen=True, slots=True)
-class Kept:
+class Saved:
     """What flights that were saved with a model left of one channel: (2, 2 + CELLS) of its mean, from the gain on."""
 
     mean: Array
     log_odds: float
 
 
-def initial(channel: Channel, kept: Kept | None) -> Judged:
+def initial(channel: Channel, kept: Saved | None) -> Belief:
     """Before anything is seen in this flight."""
     quiet = (0,) * len(channel.axes)
     if kept is None:
-        return Judged(channel.mean, channel.covariance, 0.0, quiet)
+        return Belief(channel.mean, channel.covariance, 0.0, quiet)
     mean, covariance = channel.mean.copy(), channel.covariance.copy()
     mean[:, channel.gain :] = kept.mean
     covariance[:, channel.gain :, channel.gain :] *= _ANOTHER_DAY**2
-    return Judged(mean, covariance, _bounded(kept.log_odds), quiet)
+    return Belief(mean, covariance, _bounded(kept.log_odds), quiet)
 
 
 def _bounded(log_odds: float) -> float:
     return min(max(log_odds, -_MOST_LOG_ODDS), _MOST_LOG_ODDS)
 
 
-def to_keep(channel: Channel, judged: Judged) -> Kept:
+def to_keep(channel: Channel, judged: Belief) -> Saved:
     """What the next flight with the model begins with."""
-    return Kept(judged.mean[:, channel.gain :], judged.log_odds)
+    return Saved(judged.mean[:, channel.gain :], judged.log_odds)
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,7 +160,7 @@ class Place:
     """The wall in body x and y."""
 
 
-def place_of(around: Around) -> Place:
+def place_of(around: FanPlaces) -> Place:
     """The fans' place on the map."""
     weights, form = [0.0] * CELLS, 0.0
     for height, gap, thrust in zip(around.heights, around.gaps, around.free_lift_n, strict=True):
@@ -188,7 +188,7 @@ def rows(
     return out
 
 
-def learn(channel: Channel, judged: Judged, seconds: float, seen: Sequence[tuple[float, Array, float]]) -> Judged:
+def learn(channel: Channel, judged: Belief, seconds: float, seen: Sequence[tuple[float, Array, float]]) -> Belief:
     """One block on: (value, row, variance) of each axis of the channel; an axis that is not a number tells nothing."""
     covariance = judged.covariance.copy()
     diagonal = covariance.reshape(2, -1)[:, :: covariance.shape[1] + 1]
@@ -224,7 +224,7 @@ def learn(channel: Channel, judged: Judged, seconds: float, seen: Sequence[tuple
         mean[0, channel.gain] = min(max(float(mean[0, channel.gain]), 0.0), MOST)
     if max(surprised) >= SURPRISED_BLOCKS or min(surprised) <= -SURPRISED_BLOCKS:
         covariance = _opened(channel, covariance)
-    return Judged(mean, covariance, _bounded(log_odds), tuple(surprised))
+    return Belief(mean, covariance, _bounded(log_odds), tuple(surprised))
 
 
 def _jumped(
@@ -253,14 +253,14 @@ def _opened(channel: Channel, covariance: Array) -> Array:
     return out
 
 
-def believed(channel: Channel, judged: Judged) -> tuple[float, float, list[float]]:
+def believed(channel: Channel, judged: Belief) -> tuple[float, float, list[float]]:
     """Gain on the model, the ground's lift in Cheeseman and Bennett's, and the map (CELLS,): both hypotheses' mean."""
     p, gain = judged.probability, channel.gain
     mixed = (p * judged.mean[0] + (1.0 - p) * judged.mean[1]).tolist()
     return mixed[gain], mixed[gain + 1], mixed[gain + 2 :]
 
 
-def ground_measured(channel: Channel, judged: Judged) -> tuple[float, float]:
+def ground_measured(channel: Channel, judged: Belief) -> tuple[float, float]:
     """The ground's lift 1.6 radii above it, in Cheeseman and Bennett's, as measured without a model; and its sd."""
     row = np.zeros(channel.mean.shape[1])
     row[channel.gain + 1] = 1.0

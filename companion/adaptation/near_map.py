@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from companion.estimation.disturbance import Around, about_cg
+from companion.estimation.disturbance import FanPlaces, about_cg
 from models.surface_map import SurfaceMap
 from models.vehicle import Vehicle
 
@@ -48,11 +48,11 @@ class NearField:
             tilt += weight * self.tilt[k]
         return lift, pull, tilt
 
-    def at_fans(self, around: Around) -> list[tuple[float, float, float]]:
+    def at_fans(self, around: FanPlaces) -> list[tuple[float, float, float]]:
         """The same at all fans."""
         return [self.at_fan(height, gap) for height, gap in zip(around.heights, around.gaps, strict=True)]
 
-    def pull_change_n(self, around: Around, further_radii: float) -> float:
+    def pull_change_n(self, around: FanPlaces, further_radii: float) -> float:
         """How much less all fans are drawn to the wall further off [N]."""
         out, pull = 0.0, self.pull
         for thrust, height, gap in zip(around.free_lift_n, around.heights, around.gaps, strict=True):
@@ -61,7 +61,7 @@ class NearField:
                     out += sign * sum([weight * pull[k] for k, weight in MAP.cells(height, across)])
         return out
 
-    def rows(self, vehicle: Vehicle, around: Around) -> list[list[float]]:
+    def rows(self, vehicle: Vehicle, around: FanPlaces) -> list[list[float]]:
         """Lift, pull and tilt (3, 6) of all fans, body FRD about the CG."""
         radius = vehicle.rotor_radius_m
         at_fans = [

@@ -101,7 +101,7 @@ def add(block: Block, imu: Imu, parts: Parts, velocity: Vector3, vanes_us: tuple
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class BlockResidual:
     """One block: ``residual`` (5,) with all sizes as modelled, ``regressors`` (5, n), ``modelled`` (5,)."""
 
     residual: Array
@@ -109,10 +109,10 @@ class Seen:
     modelled: Array
 
 
-def see(
+def block_residual(
     block: Block, vehicle: Vehicle, rotation: Rows, bearing_rad: float, sizes: int,
     wind_ne: tuple[float, float] = (0.0, 0.0),
-) -> Seen:  # fmt: skip
+) -> BlockResidual:  # fmt: skip
     """The residual of a full block. ``rotation`` FRD -> NED and the wall's bearing at its end; ``wind_ne`` as believed
     [m/s]."""
     assert block.at_fans is not None
@@ -139,7 +139,7 @@ def see(
     velocity = _through_the_air([v * share for v in block.velocity], rotation, wind_ne)
     _common(rows, vehicle, rotation, velocity, alone, declared, block.tip_m_s * share)
     residual = [a - b for a, b in zip(told, modelled, strict=True)]
-    return Seen(np.array(residual), np.array(rows), np.array(modelled))
+    return BlockResidual(np.array(residual), np.array(rows), np.array(modelled))
 
 
 def measured(block: Block, vehicle: Vehicle) -> list[float]:

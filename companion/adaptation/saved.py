@@ -36,13 +36,13 @@ def with_sizes(model: FanSurrogate, known: Adaptation, flights: Sequence[str]) -
     return model.with_effects(model.effects, before)
 
 
-def kept_with(model: FanSurrogate) -> list[judge.Kept | None]:
+def kept_with(model: FanSurrogate) -> list[judge.Saved | None]:
     """Of lift, pull and tilt. ModelError where a file was changed by hand."""
     found: Mapping[str, Any] = model.info.get(_KEY, {})
     return [_kept(name, found[name]) if name in found else None for name in GAINS]
 
 
-def _kept(name: str, told: Any) -> judge.Kept:
+def _kept(name: str, told: Any) -> judge.Saved:
     try:
         mean, log_odds = np.array(told["mean"], dtype=float), float(told["log_odds"])
     except (KeyError, TypeError, ValueError):
@@ -52,7 +52,7 @@ def _kept(name: str, told: Any) -> judge.Kept:
             f"model.json: key '{_KEY}.{name}' must have a finite log_odds and mean (2 x {2 + CELLS}); "
             "train or fly it again"
         )
-    return judge.Kept(mean, log_odds)
+    return judge.Saved(mean, log_odds)
 
 
 def save_sizes(directory: Path, model: FanSurrogate, known: Adaptation | None, flights: Sequence[str]) -> None:

@@ -73,7 +73,7 @@ def effects_with_size(model: FanSurrogate) -> tuple[int, ...]:
 
     What the others are wrong by is measured as one of the eleven, or not compensated in flight at all.
     """
-    return tuple(k for k, e in enumerate(model.effects) if get(e.name).gain_in_flight)
+    return tuple(k for k, e in enumerate(model.effects) if get(e.name).in_flight.gain)
 
 
 @lru_cache(maxsize=8)

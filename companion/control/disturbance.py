@@ -12,7 +12,7 @@ from companion.adaptation.apply import Applied
 from companion.adaptation.sizes import effects_with_size
 from companion.config import PipelineConfig
 from companion.estimation.air_state import air_state
-from companion.estimation.disturbance import THRUST_LEAD_S, Around, Disturbance, Parts, about_cg
+from companion.estimation.disturbance import THRUST_LEAD_S, Disturbance, FanPlaces, Parts, about_cg
 from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, fan_query, surface
 from models.adopted_effect import AdoptedEffect
 from models.air_state import AirState
@@ -148,7 +148,7 @@ def _above_free(lift_n: list[float], later: Wrenches, free: Wrenches) -> Wrenche
 def _parts(vehicle: Vehicle, now: Wrenches, free: Wrenches, soon: FanQuery, effects: Array) -> Parts:
     """What adaptation measures by: all but the lift is at the tilt's lead, which is near enough to this instant."""
     radius, rpm = vehicle.rotor_radius_m, soon.rpm
-    around = Around(
+    around = FanPlaces(
         tuple([h / radius for h in soon.h_m]),
         tuple([d / radius for d in soon.d_m]),
         tuple([alone[2] for alone in free]),

@@ -14,14 +14,14 @@ from models.vehicle import Vector3
 
 NOT_OURS = frozenset({Reason.NOT_ARMED, Reason.WRONG_MODE, Reason.LANDED})
 """Refusals after which somebody else flies, or nobody does: nothing is sent."""
-PARTING_S = 0.5
+HAND_OVER_S = 0.5
 """Letting go takes so long: level by degrees, or the place sent to the autopilot several times."""
 _CLIMB_RATE_ZERO = 0.5
 """Thrust where ArduPilot reads it as a climb rate: neither up nor down."""
 
 
 @dataclass(frozen=True, slots=True)
-class Parting:
+class HandOver:
     """The end of a hold: what was last sent, and where it was to be."""
 
     since_s: float
@@ -37,27 +37,27 @@ def place_of(hold: Hold, correction_m: float) -> Vector3:
     return north, east, down - correction_m
 
 
-def part(
+def begin_hand_over(
     hold: Hold, last: BaseSetpoint, refusals: set[Reason], t_s: float, listens_to_places: bool, correction_m: float
-) -> Parting | None:
+) -> HandOver | None:
     """Begin to let go, or None where others fly. ``correction_m`` as of ``place_of``."""
     if refusals & NOT_OURS:
         return None
     # A position that only does not arrive here is still known to the autopilot.
     known = listens_to_places and Reason.POSITION_UNTRUSTED not in refusals
-    return Parting(t_s, last, place_of(hold, correction_m) if known else None)
+    return HandOver(t_s, last, place_of(hold, correction_m) if known else None)
 
 
-def parting_command(
-    parting: Parting, thrust: ThrustMap, refusals: set[Reason], t_s: float
+def hand_over_command(
+    hand_over: HandOver, thrust: ThrustMap, refusals: set[Reason], t_s: float
 ) -> AttitudeCommand | PositionCommand | None:
     """What to send while letting go; None once it is over. An attitude stream must not end with a tilt."""
-    share = (t_s - parting.since_s) / PARTING_S
+    share = (t_s - hand_over.since_s) / HAND_OVER_S
     if not 0.0 <= share <= 1.0:
         return None
-    last = parting.last
-    if parting.place is not None:
-        return PositionCommand(t_s, parting.place, last.yaw)
+    last = hand_over.last
+    if hand_over.place is not None:
+        return PositionCommand(t_s, hand_over.place, last.yaw)
     left = max(1.0 - 1.25 * share, 0.0)  # level for the last fifth, so that a lost message leaves no tilt
     level = thrust.hover + left * (last.thrust - thrust.hover)
     if Reason.THRUST_IS_CLIMB_RATE in refusals or Reason.THRUST_UNKNOWN in refusals:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from companion.control.authority import clipped
 from companion.control.plant import CLIMB_LEAD_S, TILT_MEAN_S, HoldGains
 from companion.control.position_target import Reference, Target, advance, start_reference, stay
-from companion.control.wall_guard import Pressed
+from companion.control.wall_guard import WallAhead
 from companion.mavlink.firmware import ThrustMap
 from models.evolve import replace
 from models.frames import GRAVITY
@@ -49,7 +49,7 @@ class Motion(NamedTuple):
     age_s: float = 0.0
     offset: tuple[float, float] = (0.0, 0.0)
     """North and east acceleration [m/s^2] of the offset that is applied: a part of the tilt that balances something."""
-    wall: Pressed | None = None
+    wall: WallAhead | None = None
     """A wall that it is driven to."""
     balance: tuple[float, float] | None = None
     """North and east acceleration [m/s^2] by which the tilt, on average, balances wind and walls; None: not known."""
@@ -249,7 +249,7 @@ def _predicted(motion: Motion, since: Since) -> tuple[Vector3, Vector3]:
     return _sum(_sum(motion.position, straight), since.place), _sum(motion.velocity, since.velocity)
 
 
-def _limited(acceleration: Vector3, wall: Pressed | None) -> tuple[Vector3, bool]:
+def _limited(acceleration: Vector3, wall: WallAhead | None) -> tuple[Vector3, bool]:
     """The acceleration within tilt and climb limits, and whether a limit was met."""
     north, east, down = acceleration
     level = math.hypot(north, east)
@@ -264,7 +264,7 @@ def _limited(acceleration: Vector3, wall: Pressed | None) -> tuple[Vector3, bool
     return (north, east, clipped(down, _MOST_CLIMB_M_S2)), saturated
 
 
-def _away_first(north: float, east: float, away: float, wall: Pressed) -> tuple[float, float]:
+def _away_first(north: float, east: float, away: float, wall: WallAhead) -> tuple[float, float]:
     """``away`` of the acceleration leads off the wall: as much of it as the limit allows; along the wall the rest."""
     along_n, along_e = north + away * wall.north, east + away * wall.east
     limit = _PRESSED_M_S2

@@ -15,6 +15,7 @@ from companion.estimation.estimator import ATTITUDE_AGE_S, POSITION_AGE_S, ROTOR
 from companion.estimation.height_drift import FADE_M_S
 from companion.mavlink.firmware import Stack, ThrustMeaning, stack_of, takes_setpoints, thrust_meaning
 from companion.mavlink.samples import Heartbeat
+from models.lift_ratio import IN_FLIGHT
 from models.surrogate.empty import is_empty
 
 _ABOUT_RANGES = {
@@ -34,9 +35,6 @@ _HEARTBEAT_AGE_S = 3.0
 _POSITION_FADE_AGE_S = 0.28
 """Older than this the offsets fade, before the hold lets go. Above the 0.2 s of positions at 5 Hz."""
 _UPSTREAM_AGE_S = 0.5
-_LIFT_SHARE = (0.6, 1.6)
-"""Modelled lift over weight: a third of payload, the ground's cushion and a coefficient that is a fifth off stay
-inside; a model or a file of another vehicle does not."""
 LATE_FADE_S = 0.15
 """Attitudes or positions that arrive later than this by their own stamps fade the offsets: a hover offset moves by its
 own size within about 0.5 s, and the attitude loop behind it has some 20 degrees of phase left."""
@@ -84,7 +82,7 @@ def refusals(state: PipelineState, config: PipelineConfig, t_s: float) -> tuple[
         out.append(Reason.SWINGING)
     if state.stopping:
         out.append(Reason.STOPPING)
-    low, high = _LIFT_SHARE
+    low, high = IN_FLIGHT
     if not low <= state.lift_share <= high:
         out.append(Reason.MODEL_WRONG)
     if t_s - estimates.undeclared_s < ROTOR_AGE_S:

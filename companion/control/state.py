@@ -12,14 +12,14 @@ from companion.control.attitude_response import AttitudeResponse
 from companion.control.authority import Notice, Reason
 from companion.control.compensation import Offset, Offsets
 from companion.control.engagement import Balance, Engagement
-from companion.control.hand_over import Parting
+from companion.control.hand_over import HandOver
 from companion.control.hover_thrust import HoverThrust
 from companion.control.landed import Air
 from companion.control.plant import AttitudeLoop, HoldTuning, Timing
 from companion.control.position_hold import BaseSetpoint, Hold
 from companion.control.survey import Survey
 from companion.control.swing_detector import SwingDetector
-from companion.control.wall_guard import Pressed
+from companion.control.wall_guard import WallAhead
 from companion.estimation.disturbance import Disturbance
 from companion.estimation.estimator import Estimates
 from companion.estimation.height_drift import NO_DRIFT, HeightDrift
@@ -29,7 +29,7 @@ from companion.mavlink.setpoints import Command
 _NO_BALANCE, _NO_RESPONSE, _NO_AIR, _NO_OFFSETS = Balance(), AttitudeResponse(), Air(), Offsets()
 
 
-class Due(NamedTuple):
+class Pending(NamedTuple):
     """An attitude that only its own setpoint knows of yet (``settle``)."""
 
     attitude: Attitude
@@ -64,14 +64,14 @@ class PipelineState:
     hold: Hold | None = None
     drift: HeightDrift = NO_DRIFT
     """Of the autopilot's height against the ground range, while the hold flies."""
-    pressed: Pressed | None = None
+    wall_ahead: WallAhead | None = None
     """A wall that the held vehicle is driven to."""
     last: BaseSetpoint | None = None
     """What was sent last, offsets included."""
-    parting: Parting | None = None
+    hand_over: HandOver | None = None
     offsets: Offsets = _NO_OFFSETS
     decided_s: float = -math.inf
-    due: Due | None = None
+    pending: Pending | None = None
     """What is left for ``settle``; None between samples."""
     disturbance: Disturbance | None = None
     disturbance_s: float = -math.inf

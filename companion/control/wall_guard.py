@@ -24,7 +24,7 @@ _LEVEL_SHARE = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Pressed:
+class WallAhead:
     """A wall that the vehicle could not stop before: level unit vector towards it, and when that was last seen."""
 
     north: float
@@ -33,8 +33,8 @@ class Pressed:
 
 
 def watch_wall(
-    before: Pressed | None, disturbance: Disturbance | None, velocity: Vector3, t_s: float
-) -> Pressed | None:
+    before: WallAhead | None, disturbance: Disturbance | None, velocity: Vector3, t_s: float
+) -> WallAhead | None:
     """Whether a wall is about to be hit, or was and is not yet clear of the vehicle. ``velocity``: NED, m/s."""
     wall = None if disturbance is None else disturbance.wall
     if disturbance is None or wall is None or wall.seen is not Seen.SURFACE or wall.normal_ned is None:
@@ -47,5 +47,5 @@ def watch_wall(
     closing = max(north * velocity[0] + east * velocity[1], 0.0)
     reach_m = closing * _ANSWER_S + closing * closing / (2.0 * _BRAKE_M_S2) + _ROOM_M
     if min(disturbance.d_m) < (reach_m if before is None else max(reach_m, _CLEAR_M)):
-        return Pressed(north, east, t_s)
+        return WallAhead(north, east, t_s)
     return None

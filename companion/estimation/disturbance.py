@@ -15,7 +15,7 @@ THRUST_LEAD_S = 0.06
 """How far ahead the lift is looked up: what motors take to follow."""
 
 
-class Around(NamedTuple):
+class FanPlaces(NamedTuple):
     """Where the fans are: heights and gaps in rotor radii, lift in free air [N], the wall's bearing (0: no wall)."""
 
     heights: tuple[float, ...]
@@ -35,7 +35,7 @@ class Parts(NamedTuple):
     """Mean speed of the blade tips."""
     vertical_n: float
     """Sum of all vertical forces, body FRD."""
-    around: Around
+    around: FanPlaces
     """At the lead of thrust."""
 
 

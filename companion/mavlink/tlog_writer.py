@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import errno
 import io
+import logging
 import os
 import re
 import shutil
 import struct
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -55,11 +55,14 @@ class RecordLimits:
     """So much of the disk is left to others."""
 
 
+_LOG = logging.getLogger(__name__)
+
+
 class Recorder:
     """An open recording.
 
     ``path``: a file, a folder, or a name with ``{date}`` and ``{boot}``. Where the file exists, -2, -3 ... is added to
-    the name. ``say`` is called once when nothing more can be recorded.
+    the name. ``say`` is called once when nothing more can be recorded; without it that is logged.
 
     Raises ConfigError where the folder does not exist or the name cannot be one.
     """
@@ -69,7 +72,7 @@ class Recorder:
     ) -> None:
         self._pattern = path / _DEFAULT_NAME if path.is_dir() else path
         self._limits = limits or RecordLimits()
-        self._say = say or (lambda text: print(text, file=sys.stderr, flush=True))
+        self._say = say or _LOG.warning
         self.frames = self.bytes = 0
         self.files: list[Path] = []
         """What has been written, in order."""

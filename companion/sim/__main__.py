@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from companion.sim.flight import Flight
-from companion.sim.pilot import Hand
+from companion.sim.pilot import Recipient
 from companion.sim.process import Options, run
 from companion.sim.scenario import NAMES, build
 from companion.vehicles import TANDEM
@@ -24,7 +24,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--port", type=int, default=14550, help="UDP port on 127.0.0.1 at which the companion listens")
     p.add_argument("--seed", type=int, default=0, help="draws the air, the turbulence and every sensor's errors")
     p.add_argument("--speed", type=float, default=1.0, help="simulated seconds per second")
-    p.add_argument("--pilot", choices=[h.value for h in Hand], default=Hand.COMPANION.value, help="who gets the script")
+    p.add_argument(
+        "--pilot", choices=[h.value for h in Recipient], default=Recipient.COMPANION.value, help="who gets the script"
+    )
     p.add_argument("--truth", type=Path, help="write what truly happened as CSV; ends when the script ends")
     p.add_argument("--duration", type=float, help="boot seconds after which to end")
     p.add_argument("--vehicle", type=Path, default=TANDEM, help="vehicle file (default: the paper's tandem)")
@@ -51,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         flight = Flight(vehicle, build(a.scenario, vehicle), a.seed, px4=a.px4)
         run(
             flight,
-            Options(a.port, a.speed, Hand(a.pilot), a.truth, a.duration, a.until_stdin_closes, a.narrate),
+            Options(a.port, a.speed, Recipient(a.pilot), a.truth, a.duration, a.until_stdin_closes, a.narrate),
         )
     except UserError as error:
         print(f"companion.sim: {error}", file=sys.stderr)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from companion.config import PipelineConfig
 from companion.sim.flight import Flight
 from companion.sim.lockstep import Lockstep
-from companion.sim.pilot import Hand, ScriptedPilot
+from companion.sim.pilot import Recipient, ScriptedPilot
 from models.errors import LinkError
 from models.frames import Array
 
@@ -101,10 +101,10 @@ def fly_judged(
     flight: Flight, config: PipelineConfig | None, leg: Leg, *, approach_s: float = math.inf, record: Path | None = None
 ) -> Flown:
     """Fly in lockstep and judge; ``config`` None: the autopilot flies. The same numbers on every machine."""
-    hand = Hand.AUTOPILOT if config is None else Hand.COMPANION
+    recipient = Recipient.AUTOPILOT if config is None else Recipient.COMPANION
     with tempfile.TemporaryDirectory() as folder:
         truth = Path(folder) / "truth.csv"
-        world = Lockstep(flight, lambda w: ScriptedPilot(w.flight, w.link, hand, endless=False), truth)
+        world = Lockstep(flight, lambda w: ScriptedPilot(w.flight, w.link, recipient, endless=False), truth)
         world.fly(config, record)
         found = flown(leg, flight.seed, read_truth(truth), approach_s)
     known = None if world.companion is None else world.companion.summary.adaptation

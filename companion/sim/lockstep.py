@@ -77,7 +77,7 @@ class Lockstep:
     def _fly(self, config: PipelineConfig | None, recorder: Recorder | None) -> None:
         if config is not None:
             with suppress(OverError):
-                self._run_companion(config, recorder, FlightOptions(quiet=True))
+                self._run_companion(config, recorder, FlightOptions())
         while not self._pilot.over:
             self._step()
 

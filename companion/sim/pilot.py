@@ -34,7 +34,7 @@ PATIENCE_S = 45.0
 """Wall-clock seconds after boot at which the script begins at the latest, flown by the autopilot if need be."""
 
 
-class Hand(Enum):
+class Recipient(Enum):
     """To whom the pilot speaks while the script runs."""
 
     AUTOPILOT = "autopilot"
@@ -45,10 +45,12 @@ class Hand(Enum):
 class ScriptedPilot:
     """Speaks real messages: to the autopilot directly, to the companion through the autopilot's router."""
 
-    def __init__(self, flight: Flight, link: VehicleLink, hand: Hand, *, endless: bool, speed: float = 1.0) -> None:
+    def __init__(
+        self, flight: Flight, link: VehicleLink, recipient: Recipient, *, endless: bool, speed: float = 1.0
+    ) -> None:
         self._flight = flight
         self._link = link
-        self._hand = hand
+        self._recipient = recipient
         self._endless = endless
         self._patience_s = PATIENCE_S * max(1.0, speed)
         self._next_s = 0.0
@@ -64,7 +66,7 @@ class ScriptedPilot:
     def step(self) -> None:
         """Act when due. Call once per physics step."""
         now = self._flight.time_s
-        if self._hand is Hand.NONE or now < self._next_s:
+        if self._recipient is Recipient.NONE or now < self._next_s:
             return
         self._next_s = now + PERIOD_S
         if now >= self._heartbeat_s:
@@ -80,7 +82,7 @@ class ScriptedPilot:
             if (now >= SCRIPT_S and self._ready()) or now >= self._patience_s:
                 flight.script_began_s = now
                 # Whoever begins the script keeps it: a companion that falls silent meets GUID_TIMEOUT, as it would.
-                self._companion_flies = self._hand is Hand.COMPANION and self._flowing()
+                self._companion_flies = self._recipient is Recipient.COMPANION and self._flowing()
             elif now > TAKE_OFF_S + 5.0:
                 self._send_reference()
                 self._enter_offboard()
@@ -92,7 +94,7 @@ class ScriptedPilot:
     def _ready(self) -> bool:
         """The companion, where it is to fly, is flying."""
         settled = self._flight.time_s - self._link.attitude_since_s > SETTLED_S
-        return self._hand is not Hand.COMPANION or (self._flowing() and settled)
+        return self._recipient is not Recipient.COMPANION or (self._flowing() and settled)
 
     def _flowing(self) -> bool:
         """The companion's attitude stream reaches the autopilot."""
@@ -125,9 +127,9 @@ class ScriptedPilot:
 
     def _send_reference(self) -> None:
         begun = math.isfinite(self._flight.script_began_s)
-        if self._companion_flies if begun else self._hand is Hand.COMPANION and self._flowing():
+        if self._companion_flies if begun else self._recipient is Recipient.COMPANION and self._flowing():
             self._link.route(self._position_message(COMPANION))
-        elif self._hand is Hand.AUTOPILOT or begun:
+        elif self._recipient is Recipient.AUTOPILOT or begun:
             self._to_autopilot(self._position_message(mavlink.MAV_COMP_ID_AUTOPILOT1))
 
     def _position_message(self, component: int) -> Any:

@@ -17,7 +17,7 @@ from companion.sim.body import DT
 from companion.sim.flight import Flight, TruthFile
 from companion.sim.link import VehicleLink
 from companion.sim.narrator import Narrator
-from companion.sim.pilot import Hand, ScriptedPilot
+from companion.sim.pilot import Recipient, ScriptedPilot
 
 BEHIND_S = 0.05
 """Wall-clock lag after which the simulation gives up the lost time instead of hurrying."""
@@ -29,7 +29,7 @@ class Options:
 
     port: int
     speed: float = 1.0
-    hand: Hand = Hand.COMPANION
+    recipient: Recipient = Recipient.COMPANION
     truth: Path | None = None
     duration_s: float | None = None
     until_stdin_closes: bool = False
@@ -57,7 +57,7 @@ def run(flight: Flight, options: Options) -> None:
 
         link = VehicleLink(flight, send)
         endless = options.truth is None and options.duration_s is None
-        pilot = ScriptedPilot(flight, link, options.hand, endless=endless, speed=options.speed)
+        pilot = ScriptedPilot(flight, link, options.recipient, endless=endless, speed=options.speed)
         steps = [lambda: _receive(sock, link), flight.step, pilot.step, link.step]
         if options.truth is not None:
             steps.append(stack.enter_context(contextlib.closing(TruthFile(options.truth, flight))).step)

@@ -24,7 +24,7 @@ ROUNDING_S = 0.6
 
 
 @dataclass(frozen=True)
-class Knot:
+class Waypoint:
     """A corner of the reference: reached at ``time_s`` of the script; straight and steady in between."""
 
     time_s: float
@@ -51,27 +51,27 @@ class Scenario:
 
     name: str
     surroundings: Surroundings
-    knots: tuple[Knot, ...]
+    waypoints: tuple[Waypoint, ...]
     rounding_s: float = 0.0
     """The straight lines between the knots are averaged over this time: corners flown with a finite acceleration."""
 
     @property
     def duration_s(self) -> float:
         """Length of the script."""
-        return self.knots[-1].time_s
+        return self.waypoints[-1].time_s
 
     def repeated(self, times: int) -> Scenario:
         """The same script so many times in one flight."""
-        long, last = self.duration_s, self.knots[-1]
-        again = [replace(k, time_s=k.time_s + i * long) for i in range(times) for k in self.knots[:-1]]
-        return replace(self, knots=(*again, replace(last, time_s=times * long)))
+        long, last = self.duration_s, self.waypoints[-1]
+        again = [replace(k, time_s=k.time_s + i * long) for i in range(times) for k in self.waypoints[:-1]]
+        return replace(self, waypoints=(*again, replace(last, time_s=times * long)))
 
     def reference(self, time_s: float) -> Reference:
         """The reference at script time ``time_s``: the first knot before, the last one after."""
         azimuth = self.surroundings.wall_azimuth_rad
         c, s = math.cos(azimuth), math.sin(azimuth)
         (towards, height, along), (v_towards, v_height, v_along) = self._smooth(time_s)
-        phase = self.knots[max(0, self._leg(time_s) - 1)].name
+        phase = self.waypoints[max(0, self._leg(time_s) - 1)].name
         return Reference(
             position=(towards * c - along * s, towards * s + along * c, -height),
             velocity=(v_towards * c - v_along * s, v_towards * s + v_along * c, -v_height),
@@ -80,13 +80,13 @@ class Scenario:
 
     def _leg(self, time_s: float) -> int:
         """Number of knots at or before ``time_s``."""
-        return bisect_right(self.knots, time_s, key=lambda k: k.time_s)
+        return bisect_right(self.waypoints, time_s, key=lambda k: k.time_s)
 
     def _straight(self, time_s: float) -> Vec:
         """Towards, height, along on the straight lines."""
         i = self._leg(time_s)
-        a, b = self.knots[max(0, i - 1)], self.knots[min(i, len(self.knots) - 1)]
-        share = (time_s - a.time_s) / (b.time_s - a.time_s) if 0 < i < len(self.knots) else 0.0
+        a, b = self.waypoints[max(0, i - 1)], self.waypoints[min(i, len(self.waypoints) - 1)]
+        share = (time_s - a.time_s) / (b.time_s - a.time_s) if 0 < i < len(self.waypoints) else 0.0
         return (
             a.towards_m + share * (b.towards_m - a.towards_m),
             a.height_m + share * (b.height_m - a.height_m),
@@ -97,7 +97,7 @@ class Scenario:
         """Position and velocity, averaged over ``rounding_s``: exact, since the lines are straight in between."""
         half = 0.5 * max(self.rounding_s, 1e-3)
         start, end = time_s - half, time_s + half
-        times = [start, *(k.time_s for k in self.knots if start < k.time_s < end), end]
+        times = [start, *(k.time_s for k in self.waypoints if start < k.time_s < end), end]
         points = [self._straight(t) for t in times]
         mean = [0.0, 0.0, 0.0]
         for (t0, p0), (t1, p1) in pairwise(zip(times, points, strict=True)):
@@ -113,10 +113,10 @@ class _Script:
 
     def __init__(self) -> None:
         self._t, self._x, self._z = 0.0, 0.0, START_HEIGHT_M
-        self.knots: list[Knot] = []
+        self.waypoints: list[Waypoint] = []
 
     def hold(self, seconds: float, name: str) -> _Script:
-        self.knots.append(Knot(self._t, self._x, self._z, name=name))
+        self.waypoints.append(Waypoint(self._t, self._x, self._z, name=name))
         self._t += seconds
         return self
 
@@ -129,13 +129,13 @@ class _Script:
     ) -> _Script:
         x = self._x if towards is None else towards
         z = self._z if height is None else height
-        self.knots.append(Knot(self._t, self._x, self._z, name=name))
+        self.waypoints.append(Waypoint(self._t, self._x, self._z, name=name))
         self._t += max(0.1, math.dist((x, z), (self._x, self._z)) / speed)
         self._x, self._z = x, z
         return self
 
-    def end(self) -> tuple[Knot, ...]:
-        return (*self.knots, Knot(self._t, self._x, self._z, name="end"))
+    def end(self) -> tuple[Waypoint, ...]:
+        return (*self.waypoints, Waypoint(self._t, self._x, self._z, name="end"))
 
 
 def wall_azimuth(vehicle: Vehicle) -> float:

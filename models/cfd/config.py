@@ -9,7 +9,7 @@ from typing import Annotated
 
 from models.errors import ConfigError
 from models.text_file import read_text
-from models.toml_table import Table, Within
+from models.toml_table import Bounds, Table
 
 
 @dataclass(frozen=True)
@@ -126,8 +126,8 @@ class Converged:
     swing_of_effect: float
 
 
-_Distances = Annotated[tuple[float, ...], Within(0.0, above=True, finite=False)]
-_Places = Annotated[tuple[tuple[float, float], ...], Within(finite=False)]
+_Distances = Annotated[tuple[float, ...], Bounds(0.0, above=True, finite=False)]
+_Places = Annotated[tuple[tuple[float, float], ...], Bounds(finite=False)]
 """(h, d) over R, inf without ground or wall."""
 
 

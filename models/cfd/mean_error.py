@@ -27,7 +27,7 @@ WIDTH = 0.04
 
 
 @dataclass(frozen=True)
-class Misses:
+class Misfit:
     """By how much the means of some cases missed others that are known better.
 
     ``h`` (n,) over R; ``size`` (n, 6) what was missed beyond the error of the better mean, nan where that is not known,
@@ -51,8 +51,8 @@ class Misses:
 class MeanError:
     """What was found of the means of one kind of case: iterations in ``circles``, which did not settle, and others."""
 
-    circles: Misses
-    others: Misses
+    circles: Misfit
+    others: Misfit
 
     def of(self, row: Row) -> Array:
         """Error (6,) of the mean of one case, N and N m: its own, or what such means missed at that height if more."""
@@ -96,7 +96,7 @@ def amplitude(result: Result) -> Array:
     return out
 
 
-def _misses(found: Sequence[tuple[float, Array]], model: str) -> Misses:
+def _misses(found: Sequence[tuple[float, Array]], model: str) -> Misfit:
     """Side forces and tilts are taken together over the directions solved: both, of a half model its mirror plane's."""
     size = np.array([size for _, size in found]).reshape(-1, 6)
     if model == "half":
@@ -104,4 +104,4 @@ def _misses(found: Sequence[tuple[float, Array]], model: str) -> Misses:
     else:
         for pair in ((0, 1), (3, 4)):
             size[:, pair] = np.sqrt(np.mean(size[:, pair] ** 2, axis=1, keepdims=True))
-    return Misses(np.array([h for h, _ in found]), size)
+    return Misfit(np.array([h for h, _ in found]), size)

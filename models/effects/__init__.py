@@ -17,15 +17,17 @@ from models.effects.effect import (
     Coefficient,
     Context,
     Effect,
+    Flown,
     InFlight,
     Shape,
+    Shown,
 )
 from models.errors import ModelError
 from models.frames import AXES, Array
 
 __all__ = [
-    "AdoptedEffect", "BelongsTo", "Coefficient", "Context", "Effect", "InFlight", "Shape", "adopted", "adopted_wrench",
-    "catalogue", "corrected_state", "get",
+    "AdoptedEffect", "BelongsTo", "Coefficient", "Context", "Effect", "Flown", "InFlight", "Shape", "Shown", "adopted",
+    "adopted_wrench", "catalogue", "corrected_state", "get",
 ]  # fmt: skip
 
 
@@ -50,9 +52,9 @@ def adopted(name: str, parameters: Mapping[str, float], without: Sequence[str] =
     Models are adopted on the ground and flown later, perhaps by another version: this refuses before take-off.
     """
     effect = get(name)
-    optional = (*(c.name for c in effect.coefficients if c.optional), *effect.covered)
+    optional = (*(c.name for c in effect.coefficients if c.optional), *effect.in_flight.covered)
     parameters = dict.fromkeys(optional, 0.0) | dict(parameters)
-    known = {c.name for c in effect.coefficients} | {s.name for s in effect.shapes} | set(effect.covered)
+    known = {c.name for c in effect.coefficients} | {s.name for s in effect.shapes} | set(effect.in_flight.covered)
     for wrong, what in ((known - parameters.keys(), "lacks"), (parameters.keys() - known, "does not know")):
         if wrong:
             raise ModelError(f"effect {name!r} {what} parameter {min(wrong)!r}; diagnose the flight with this version")
@@ -73,7 +75,8 @@ def adopted_wrench(effects: Sequence[AdoptedEffect], ctx: Context, *, in_flight:
     total = np.zeros((*ctx.state.time_s.shape, 6))
     for one in effects:
         effect = get(one.name)
-        if effect.in_flight is InFlight.WRENCH or (effect.in_flight is InFlight.NONE and not in_flight):
+        use = effect.in_flight.use
+        if use is InFlight.WRENCH or (use is InFlight.NONE and not in_flight):
             wrench = np.nan_to_num(effect.wrench(ctx, one.parameters), nan=0.0, posinf=0.0, neginf=0.0)
             if one.without:
                 wrench[..., [AXES.index(a) for a in one.without]] = 0.0
@@ -84,6 +87,6 @@ def adopted_wrench(effects: Sequence[AdoptedEffect], ctx: Context, *, in_flight:
 def corrected_state(effects: Sequence[AdoptedEffect], state: AirState) -> AirState:
     """The state with adopted corrections of measurements."""
     for one in effects:
-        correct = get(one.name).corrected
+        correct = get(one.name).in_flight.corrected
         state = state if correct is None else correct(state, one.parameters)
     return state

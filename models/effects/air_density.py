@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shown, columns
 from models.effects.pictures import mean, more, over_thrust
 from models.frames import Array
 from models.vehicle import RHO_SEA_LEVEL
@@ -42,6 +42,5 @@ EFFECT = Effect(
     regressors=_regressors,
     lacking=_lacking,
     aliases=("thrust_scale", "payload"),
-    drawn=over_thrust,
-    in_words=_words,
+    shown=Shown(over_thrust, _words),
 )

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, columns, through
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns, through
 from models.effects.pictures import more, nearest, over
 from models.frames import Array
 
@@ -71,6 +71,5 @@ EFFECT = Effect(
     chance=lambda ctx: ctx.by_kind(0.0003, 0.15),
     contains=("thrust_scale",),
     aliases=("thermal_derating", "thrust_scale"),
-    drawn=lambda ctx, axis: over("battery [V]", ctx.state.battery_voltage_v, axis),
-    in_words=_words,
+    shown=Shown(lambda ctx, axis: over("battery [V]", ctx.state.battery_voltage_v, axis), _words),
 )

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shown, columns
 from models.effects.pictures import over_speed
 from models.frames import Array
 from models.vehicle import RHO_SEA_LEVEL
@@ -44,6 +44,5 @@ EFFECT = Effect(
     ),
     regressors=_regressors,
     aliases=("rotor_drag",),
-    drawn=over_speed,
-    in_words=_words,
+    shown=Shown(over_speed, _words),
 )

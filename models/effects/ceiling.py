@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, Shape, columns, tried
+from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, Flown, Shape, Shown, columns, tried
 from models.effects.pictures import fan_mean, more, nearest, over
 from models.frames import Array
 
@@ -41,12 +41,10 @@ EFFECT = Effect(
     excite="hover at three gaps below two radii under the ceiling, with an up-looking rangefinder",
     coefficients=(Coefficient("gain", "1", 0.05, 10.0, typical=0.6, centre=1.0),),
     regressors=_regressors,
-    gain_in_flight=True,
+    in_flight=Flown(gain=True),
     shapes=(Shape("scale", "1"),),
-    usual=(1.0,),
     shape_grid=tried(0.5, 0.75, 1.0, 1.5, 2.5),
     lacking=_lacking,
     aliases=("thrust_scale",),
-    drawn=lambda ctx, axis: over("gap to the ceiling [m]", fan_mean(ctx.state.ceiling_m), axis),
-    in_words=_words,
+    shown=Shown(lambda ctx, axis: over("gap to the ceiling [m]", fan_mean(ctx.state.ceiling_m), axis), _words),
 )

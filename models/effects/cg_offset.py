@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shown, columns
 from models.effects.pictures import over_thrust
 from models.frames import Array
 
@@ -43,6 +43,5 @@ EFFECT = Effect(
     regressors=_regressors,
     needs_moments=True,
     aliases=("fan_imbalance", "wall_effect"),
-    drawn=over_thrust,
-    in_words=_words,
+    shown=Shown(over_thrust, _words),
 )

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, InFlight, Shape, columns
-from models.effects.pictures import over_wall
+from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns
+from models.effects.pictures import over_surfaces
 from models.frames import Array
 
 AWAY = (-1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -58,8 +58,7 @@ EFFECT = Effect(
     aliases=("wall_effect",),
     # Bumpers are neither linear nor alike, and ranges of a few centimetres are coarse.
     form=0.25,
-    in_flight=InFlight.NONE,
+    in_flight=NOT_FLOWN,
     main=("stiffness",),
-    drawn=lambda ctx, axis: over_wall("distance to the wall [m]", ctx.state.d_m, ctx.state.wall_bearing_rad, axis),
-    in_words=_words,
+    shown=Shown(over_surfaces, _words),
 )

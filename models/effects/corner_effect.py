@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, columns, decay, tried
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Flown, Shape, Shown, columns, decay, tried
 from models.effects.pictures import nearest, over_surfaces, percent
 from models.frames import Array
 
@@ -61,12 +61,11 @@ EFFECT = Effect(
         for rise in ("", "_rise")
     ),
     regressors=_regressors,
-    gain_in_flight=True,
+    in_flight=Flown(gain=True),
     shapes=(Shape("length_radii", "1"),),
     shape_grid=tried(0.7, 1.2, 2.0),
     lacking=_lacking,
     chance=lambda ctx: ctx.by_model(0.05, 0.3),
     aliases=("wall_effect", "ground_effect"),
-    drawn=over_surfaces,
-    in_words=_words,
+    shown=Shown(over_surfaces, _words),
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
 from typing import Any
@@ -28,7 +28,7 @@ from models.vehicle_wrench import (
     vane_wrench,
 )
 
-__all__ = ["AdoptedEffect", "BelongsTo", "Coefficient", "Context", "Effect", "InFlight", "Shape"]
+__all__ = ["AdoptedEffect", "BelongsTo", "Coefficient", "Context", "Effect", "Flown", "InFlight", "Shape", "Shown"]
 
 GAS_CONSTANT_AIR = 287.05
 DOWNWARD = np.array([0.0, 0.0, 1.0])
@@ -262,6 +262,21 @@ class Context:
         flow = RHO_SEA_LEVEL * self.vehicle.disc_area_m2 * self.velocity[..., 2, None]
         return np.repeat(flow, len(self.vehicle.fans), axis=-1)
 
+    def level_drag(self, velocity: Array, flow: Array, above_m: float) -> Array:
+        """Wrench about the CG (..., 6) that takes ``flow`` (..., fans) of air up to the level part of ``velocity``."""
+        level = -velocity
+        level[..., 2] = 0.0
+        return self.wrench_at_cg(flow[..., None] * level, above_m)
+
+    def own_drag(self, above_m: float) -> tuple[Array, Array, Array]:
+        """``level_drag`` of moving over ground, of turning, and what sinking adds to that of moving."""
+        own = self.velocity[..., None, :]
+        return (
+            self.level_drag(own, self.mass_flow, above_m),
+            self.level_drag(self.turning, self.mass_flow, above_m),
+            self.level_drag(own, self.sinking_flow, above_m),
+        )
+
     def by_model(self, declared: float, empty: float) -> float:
         """One of two numbers: where a model of the surroundings is declared, or none, so that all of it is missing."""
         return empty if self.model is None else declared
@@ -335,6 +350,36 @@ class Drawn:
 
 
 @dataclass(frozen=True)
+class Shown:
+    """How people see an effect: its picture, its size as a pilot says it, and a remark."""
+
+    drawn: Callable[[Context, str], Drawn] | None = None
+    """The picture that shows it on one axis; None: over time."""
+    in_words: Callable[[Context, Mapping[str, float]], str] | None = None
+    """Its size on a record; None: by its parameters."""
+    remark: Callable[[Mapping[str, tuple[float, float, float]]], str | None] | None = None
+    """On parameters that were found, each (value, low, high)."""
+
+
+@dataclass(frozen=True)
+class Flown:
+    """What the flight program does with an adopted effect."""
+
+    use: InFlight = InFlight.WRENCH
+    gain: bool = False
+    """A gain on it is measured (``--adapt``): it comes with a place, so nothing steady is taken for it."""
+    corrected: Callable[[AirState, Mapping[str, float]], AirState] | None = None
+    """Of what corrects a measurement: the state without the instrument's error, by adopted parameters."""
+    covered: tuple[str, ...] = ()
+    """Parameters that say where flights have measured it; empty: it holds everywhere."""
+    coverage: Callable[[Sequence[Context]], Mapping[str, float]] | None = None
+    """Those parameters by flights."""
+
+
+_SHOWN, _FLOWN, NOT_FLOWN = Shown(), Flown(), Flown(InFlight.NONE)
+
+
+@dataclass(frozen=True)
 class Effect:
     """One entry of the catalogue. ``regressors(ctx, shape)`` -> (..., 6, k), body FRD about the CG, N and N m.
 
@@ -342,6 +387,7 @@ class Effect:
     ``shape_grid(ctx)``. ``lacking(ctx)`` says in a few words which measurement is missing, or None.
     """
 
+    # What it is, and where that was found.
     name: str
     belongs_to: BelongsTo
     equation: str
@@ -351,56 +397,47 @@ class Effect:
     axes: tuple[str, ...]
     channels: tuple[str, ...]
     excite: str
+    # How it acts.
     coefficients: tuple[Coefficient, ...]
     regressors: Regressors
     shapes: tuple[Shape, ...] = ()
     shape_grid: Grid = no_shape
-    mixing: Callable[[tuple[float, ...]], Array] | None = None
-    """(k, k) by shape: the coefficients are this times independent ones, whose priors ``coefficients`` give.
-
-    The regressors are then the same in every shape, and there are no model-form errors."""
-    lacking: Callable[[Context], str | None] = always
-    aliases: tuple[str, ...] = ()
-    """Effects that can stand in the place of this one. One way: ``thrust_scale`` can pass for ``thrust_curve``, a curve
-    not for a scale."""
-    in_flight: InFlight = InFlight.WRENCH
-    corrected: Callable[[AirState, Mapping[str, float]], AirState] | None = None
-    """Of what corrects a measurement: the state without the instrument's error, by adopted parameters."""
-    needs_moments: bool = False
-    """Without moments it cannot be distinguished from others."""
-    main: tuple[str, ...] = ()
-    """Coefficients of which at least one must be significant; empty: any."""
-    usual: tuple[float, ...] | None = None
-    """The shape that theory gives: another one must be clearly better."""
     halvings: int = 2
     """How often the grid of its shapes is halved about the best."""
     at_shape: bool = False
     """The one coefficient is a length at which the one shape linearises: both have to agree."""
+    mixing: Callable[[tuple[float, ...]], Array] | None = None
+    """(k, k) by shape: the coefficients are this times independent ones, whose priors ``coefficients`` give.
+
+    The regressors are then the same in every shape, and there are no model-form errors."""
+    kinematic_bias: Callable[[Context, tuple[float, ...]], Array] | None = None
+    """(3, k): what it adds to accelerometer minus what velocity and attitude imply [m/s^2]; None: nothing."""
+    # Which flights can show it, and by which axes.
+    lacking: Callable[[Context], str | None] = always
+    needs_moments: bool = False
+    """Without moments it cannot be distinguished from others."""
+    searched: tuple[str, ...] = ()
+    """Axes by which it is looked for, where others would only answer disturbances; empty: all that it acts on."""
+    # When it is believed.
     chance: Size = 0.05
     """Probability: how often such a thing is undeclared, before any flight was seen."""
-    coverage: Callable[[Sequence[Context]], Mapping[str, float]] | None = None
-    """Where flights have measured it: parameters ``covered`` of an adopted effect; None: it holds everywhere."""
-    covered: tuple[str, ...] = ()
-    remainder: bool = False
-    """Weighed after all others, for what they leave."""
+    main: tuple[str, ...] = ()
+    """Coefficients of which at least one must be significant; empty: any."""
     exact: bool = False
     """A law of mechanics: no error of its form stands beside it, which could pass for another effect's."""
     form: float = 0.12
     """What it may leave at most by an error of its form, as a share of its own: less is not believed beside it."""
+    remainder: bool = False
+    """Weighed after all others, for what they leave."""
+    # Its relatives.
+    aliases: tuple[str, ...] = ()
+    """Effects that can stand in the place of this one. One way: ``thrust_scale`` can pass for ``thrust_curve``, a curve
+    not for a scale."""
     contains: tuple[str, ...] = ()
     """Effects whose terms it has among its own."""
-    searched: tuple[str, ...] = ()
-    """Axes by which it is looked for, where others would only answer disturbances; empty: all that it acts on."""
-    explain: Callable[[Mapping[str, tuple[float, float, float]]], str | None] | None = None
-    """A remark on parameters that were found, each (value, low, high)."""
-    kinematic_bias: Callable[[Context, tuple[float, ...]], Array] | None = None
-    """(3, k): what it adds to accelerometer minus what velocity and attitude imply [m/s^2]; None: nothing."""
-    gain_in_flight: bool = False
-    """A gain on it is measured in flight (``--adapt``): it comes with a place, so nothing steady is taken for it."""
-    drawn: Callable[[Context, str], Drawn] | None = None
-    """The picture that shows it on one axis; None: over time."""
-    in_words: Callable[[Context, Mapping[str, float]], str] | None = None
-    """Its size on a record as a pilot says it; None: by its parameters."""
+    # What is made of it.
+    in_flight: Flown = _FLOWN
+    shown: Shown = _SHOWN
 
     def of_day(self, coefficient: Coefficient) -> bool:
         """Whether every flight has its own."""
@@ -478,8 +515,3 @@ def through(ctx: Context, values: Array, response: Callable[[Array], NDArray[Any
         y = np.fft.irfft(np.fft.rfft(x) * response(np.asarray(omega, dtype=float)), len(x))[pad : pad + n]
         out[:, k] = np.where(known, y, np.nan)
     return out
-
-
-def shifted_heights(state: AirState, metres: float) -> AirState:
-    """The state with every height ``metres`` larger."""
-    return replace(state, h_m=state.h_m + metres)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, Shape, columns
+from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns
 from models.effects.pictures import more, over_thrust
 from models.frames import Array
 from models.vehicle_wrench import fan_torques, vane_wrench
@@ -53,6 +53,5 @@ EFFECT = Effect(
     shapes=(Shape("fan", "1", continuous=False),),
     shape_grid=_grid,
     aliases=("cg_offset",),
-    drawn=over_thrust,
-    in_words=_words,
+    shown=Shown(over_thrust, _words),
 )

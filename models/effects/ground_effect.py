@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, Shape, columns, decay
+from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, Flown, Shape, Shown, columns, decay
 from models.effects.pictures import more, nearest, over_height
 from models.frames import Array
 
@@ -44,12 +44,11 @@ EFFECT = Effect(
     excite="hover at three heights or more between 0.7 and 4 radii",
     coefficients=(Coefficient("gain", "1", -1.0, 3.0, typical=0.15, centre=0.15),),
     regressors=_regressors,
-    gain_in_flight=True,
+    in_flight=Flown(gain=True),
     shapes=(Shape("length_radii", "1"),),
     shape_grid=_grid,
     lacking=_lacking,
     chance=lambda ctx: ctx.by_model(0.04, 0.3),
     aliases=("range_offset", "partial_ground"),
-    drawn=over_height,
-    in_words=_words,
+    shown=Shown(over_height, _words),
 )

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, InFlight, Shape, columns
+from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Drawn, Effect, Shape, Shown, columns
 from models.effects.pictures import mean, over
 from models.frames import Array
 from models.vehicle_wrench import RPM_TO_RAD_S
@@ -57,7 +57,6 @@ EFFECT = Effect(
     needs_moments=True,
     shapes=(Shape("all_alike", "1", continuous=False),),
     shape_grid=_grid,
-    in_flight=InFlight.NONE,
-    drawn=_drawn,
-    in_words=_words,
+    in_flight=NOT_FLOWN,
+    shown=Shown(_drawn, _words),
 )

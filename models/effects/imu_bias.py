@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, InFlight
+from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shown
 from models.effects.pictures import over_time
 from models.frames import Array
 
@@ -50,9 +50,8 @@ EFFECT = Effect(
     ),
     regressors=_regressors,
     aliases=("wind", "payload", "thrust_scale"),
-    in_flight=InFlight.NONE,
+    in_flight=NOT_FLOWN,
     chance=0.3,
     kinematic_bias=_kinematic_bias,
-    drawn=over_time,
-    in_words=_words,
+    shown=Shown(over_time, _words),
 )

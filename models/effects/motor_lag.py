@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, InFlight, Shape, columns, through
+from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns, through
 from models.effects.pictures import over_time
 from models.frames import Array
 
@@ -56,7 +56,6 @@ EFFECT = Effect(
     lacking=_lacking,
     chance=lambda ctx: ctx.by_kind(0.04, 0.2),
     searched=("Fz",),
-    in_flight=InFlight.NONE,
-    drawn=over_time,
-    in_words=_words,
+    in_flight=NOT_FLOWN,
+    shown=Shown(over_time, _words),
 )

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, InFlight, columns, decay
+from models.effects.effect import DOWNWARD, NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shown, columns, decay
 from models.effects.pictures import over_height
 from models.frames import Array
 from models.vehicle_wrench import disturbance_wrench
@@ -111,7 +111,6 @@ EFFECT = Effect(
     regressors=_regressors,
     lacking=_lacking,
     aliases=("ground_effect", "cg_offset"),
-    in_flight=InFlight.NONE,
-    drawn=over_height,
-    in_words=_words,
+    in_flight=NOT_FLOWN,
+    shown=Shown(over_height, _words),
 )

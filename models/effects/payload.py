@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns
 from models.effects.pictures import over, percent
 from models.frames import Array
 
@@ -60,6 +60,5 @@ EFFECT = Effect(
     aliases=("thrust_scale", "air_density"),
     exact=True,
     chance=0.045,
-    drawn=lambda ctx, axis: over("time since boot [s]", ctx.state.time_s, axis, mark="from_s"),
-    in_words=_words,
+    shown=Shown(lambda ctx, axis: over("time since boot [s]", ctx.state.time_s, axis, mark="from_s"), _words),
 )

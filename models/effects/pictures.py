@@ -72,6 +72,11 @@ def over_surfaces(ctx: Context, axis: str) -> Drawn:
     return over_wall("distance to the wall [m]", ctx.state.d_m, ctx.state.wall_bearing_rad, axis)
 
 
+def over_second_wall(ctx: Context, axis: str) -> Drawn:
+    """Over the distance to the second wall."""
+    return over_wall("distance to the second wall [m]", ctx.state.second_d_m, ctx.state.second_bearing_rad, axis)
+
+
 def fan_mean(distance: Array) -> Array:
     """Mean over the fans (n,) of distances (n, fans); NaN where nothing is seen."""
     known = np.where(np.isfinite(distance), distance, np.nan)

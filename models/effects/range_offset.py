@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from models.air_state import AirState
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, InFlight, Shape, columns, shifted_heights
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Flown, InFlight, Shape, Shown, columns
 from models.effects.pictures import over_height
 from models.frames import Array
 from models.vehicle_wrench import disturbance_wrench
@@ -17,8 +17,7 @@ from models.vehicle_wrench import disturbance_wrench
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     assert ctx.model is not None
     state = replace(ctx.state, rpm=ctx.shared_rpm)
-    moved = shifted_heights(state, -shape[0])
-    moved = replace(moved, h_m=np.maximum(moved.h_m, 0.0))
+    moved = replace(state, h_m=np.maximum(state.h_m - shape[0], 0.0))
     change = disturbance_wrench(ctx.vehicle, ctx.model, moved) - disturbance_wrench(ctx.vehicle, ctx.model, state)
     return columns(change / shape[0])
 
@@ -35,7 +34,7 @@ def _lacking(ctx: Context) -> str | None:
 
 
 def _corrected(state: AirState, p: Mapping[str, float]) -> AirState:
-    return shifted_heights(state, -p["offset_m"])
+    return replace(state, h_m=state.h_m - p["offset_m"])
 
 
 def _words(_: Context, p: Mapping[str, float]) -> str:
@@ -61,8 +60,6 @@ EFFECT = Effect(
     lacking=_lacking,
     aliases=("ground_effect", "vertical_inflow"),
     chance=0.03,
-    in_flight=InFlight.MEASUREMENT,
-    corrected=_corrected,
-    drawn=over_height,
-    in_words=_words,
+    in_flight=Flown(InFlight.MEASUREMENT, corrected=_corrected),
+    shown=Shown(over_height, _words),
 )

@@ -4,21 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, columns, tried
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns, tried
 from models.effects.pictures import mean, over_speed
 from models.frames import Array
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
-    above = shape[0] * ctx.vehicle.rotor_radius_m
-
-    def ram(velocity: Array, flow: Array) -> Array:
-        level = -velocity
-        level[..., 2] = 0.0
-        return ctx.wrench_at_cg(flow[..., None] * level, above)
-
-    own = ctx.velocity[..., None, :]
-    return columns(ram(own, ctx.mass_flow), ram(ctx.turning, ctx.mass_flow), ram(own, ctx.sinking_flow))
+    return columns(*ctx.own_drag(shape[0] * ctx.vehicle.rotor_radius_m))
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -47,6 +39,5 @@ EFFECT = Effect(
     aliases=("body_drag", "wind"),
     chance=0.3,
     main=("drag",),
-    drawn=over_speed,
-    in_words=_words,
+    shown=Shown(over_speed, _words),
 )

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns, decay, tried
-from models.effects.pictures import nearest, over_wall, percent
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Flown, Shape, Shown, columns, decay, tried
+from models.effects.pictures import nearest, over_second_wall, percent
 from models.frames import Array
 
 
@@ -27,10 +27,6 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
 def _lacking(ctx: Context) -> str | None:
     seen = np.isfinite(ctx.state.second_d_m).any()
     return None if seen else "no second wall was seen by a second horizontal rangefinder"
-
-
-def _drawn(ctx: Context, axis: str) -> Drawn:
-    return over_wall("distance to the second wall [m]", ctx.state.second_d_m, ctx.state.second_bearing_rad, axis)
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -57,11 +53,10 @@ EFFECT = Effect(
         Coefficient("loss", "1", -1.0, 1.0, typical=0.1),
     ),
     regressors=_regressors,
-    gain_in_flight=True,
+    in_flight=Flown(gain=True),
     shapes=(Shape("length_radii", "1"),),
     shape_grid=tried(0.5, 0.9, 1.4),
     lacking=_lacking,
     aliases=("wall_effect",),
-    drawn=_drawn,
-    in_words=_words,
+    shown=Shown(over_second_wall, _words),
 )

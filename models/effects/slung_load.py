@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, InFlight, Shape, columns, through
+from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns, through
 from models.effects.pictures import over_time
 from models.frames import GRAVITY, Array
 
@@ -67,9 +67,8 @@ EFFECT = Effect(
     shapes=(Shape("rope_m", "m"),),
     shape_grid=_grid,
     aliases=("payload",),
-    in_flight=InFlight.NONE,
+    in_flight=NOT_FLOWN,
     main=("swinging",),
     contains=("payload",),
-    drawn=over_time,
-    in_words=_words,
+    shown=Shown(over_time, _words),
 )

@@ -8,7 +8,7 @@ from itertools import product
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, InFlight, Shape
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Flown, InFlight, Shape, Shown
 from models.effects.pictures import more, nearest, over_surfaces, percent
 from models.frames import Array
 from models.surface_map import CELLS, COMPONENTS, MEASURED, PARTS, cell_name, prior_factor
@@ -124,16 +124,13 @@ EFFECT = Effect(
     ),
     regressors=_regressors,
     mixing=_mixing,
-    coverage=_seen,
-    covered=tuple(cell_name("seen", k) for k in range(MEASURED.size)),
     shapes=tuple(Shape(f"{part}_spread", "1", continuous=False) for part in PARTS),
     shape_grid=_grid,
     lacking=_lacking,
-    in_flight=InFlight.MODEL,
+    in_flight=Flown(InFlight.MODEL, coverage=_seen, covered=tuple(cell_name("seen", k) for k in range(MEASURED.size))),
     remainder=True,
     exact=True,
     chance=lambda ctx: ctx.by_model(0.05, 0.3),
     aliases=("ground_effect", "wall_effect", "corner_effect"),
-    drawn=over_surfaces,
-    in_words=_words,
+    shown=Shown(over_surfaces, _words),
 )

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns
 from models.effects.pictures import more, nearest, over
 from models.frames import Array
 
@@ -58,6 +58,5 @@ EFFECT = Effect(
     lacking=_lacking,
     contains=("thrust_scale",),
     aliases=("battery_sag",),
-    drawn=lambda ctx, axis: over("ESC temperature [°C]", ctx.state.esc_temperature_c, axis),
-    in_words=_words,
+    shown=Shown(lambda ctx, axis: over("ESC temperature [°C]", ctx.state.esc_temperature_c, axis), _words),
 )

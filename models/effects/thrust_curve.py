@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shown, columns
 from models.effects.pictures import more, over_thrust
 from models.frames import Array
 
@@ -55,6 +55,5 @@ EFFECT = Effect(
     regressors=_regressors,
     lacking=_lacking,
     aliases=("thrust_scale", "battery_sag"),
-    drawn=over_thrust,
-    in_words=_words,
+    shown=Shown(over_thrust, _words),
 )

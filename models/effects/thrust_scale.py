@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shown, columns
 from models.effects.pictures import more, over_thrust
 from models.frames import Array
 
@@ -36,6 +36,5 @@ EFFECT = Effect(
     coefficients=(Coefficient("scale", "1", -0.6, 0.6, typical=_likely),),
     regressors=_regressors,
     aliases=("payload", "air_density", "battery_sag", "thermal_derating"),
-    drawn=over_thrust,
-    in_words=_words,
+    shown=Shown(over_thrust, _words),
 )

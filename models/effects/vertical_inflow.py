@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, columns
+from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, Shown, columns
 from models.effects.pictures import mean, over, percent
 from models.frames import Array
 from models.vehicle import RHO_SEA_LEVEL
@@ -54,6 +54,5 @@ EFFECT = Effect(
     chance=0.3,
     regressors=_regressors,
     aliases=("range_offset",),
-    drawn=lambda ctx, axis: over("climb along the rotor axis [m/s]", -ctx.velocity[..., 2], axis),
-    in_words=_words,
+    shown=Shown(lambda ctx, axis: over("climb along the rotor axis [m/s]", -ctx.velocity[..., 2], axis), _words),
 )

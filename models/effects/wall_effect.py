@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, columns, decay, tried
-from models.effects.pictures import nearest, over_wall, percent
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Flown, Shape, Shown, columns, decay, tried
+from models.effects.pictures import nearest, over_surfaces, percent
 from models.frames import Array
 
 
@@ -45,12 +45,11 @@ EFFECT = Effect(
     excite="approach and leave a wall between 0.3 and 4 radii, with and without ground near",
     coefficients=(Coefficient("pull", "1", -1.0, 1.0, typical=0.08), Coefficient("tilt", "1", -2.0, 2.0, typical=0.15)),
     regressors=_regressors,
-    gain_in_flight=True,
+    in_flight=Flown(gain=True),
     shapes=(Shape("length_radii", "1"),),
     shape_grid=tried(0.4, 0.7, 1.1, 1.7),
     lacking=_lacking,
     chance=lambda ctx: ctx.by_model(0.05, 0.3),
     aliases=("contact", "wind"),
-    drawn=lambda ctx, axis: over_wall("distance to the wall [m]", ctx.state.d_m, ctx.state.wall_bearing_rad, axis),
-    in_words=_words,
+    shown=Shown(over_surfaces, _words),
 )

@@ -6,23 +6,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, columns, tried
+from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, Shown, columns, tried
 from models.effects.pictures import compass, mean, over
 from models.frames import Array
 
 
 def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
-    above = shape[0] * ctx.vehicle.rotor_radius_m
-
-    def ram(air: Array, flow: Array = ctx.mass_flow) -> Array:
-        level = np.array(air)
-        level[..., 2] = 0.0
-        return ctx.wrench_at_cg(flow[..., None] * level, above)
-
-    rotation = ctx.state.rotation
-    own = ctx.velocity[..., None, :]
-    north, east = ram(rotation[..., None, 0, :]), ram(rotation[..., None, 1, :])
-    return columns(north, east, ram(-own), ram(-ctx.turning), ram(-own, ctx.sinking_flow))
+    above, rotation, flow = shape[0] * ctx.vehicle.rotor_radius_m, ctx.state.rotation, ctx.mass_flow
+    north, east = (ctx.level_drag(-rotation[..., None, i, :], flow, above) for i in (0, 1))
+    return columns(north, east, *ctx.own_drag(above))
 
 
 def _speed(found: Mapping[str, tuple[float, float, float]]) -> str | None:
@@ -73,9 +65,7 @@ EFFECT = Effect(
     shape_grid=tried(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7),
     aliases=("imu_bias", "rotor_drag"),
     main=("north", "east"),
-    explain=_speed,
     chance=0.05,
     contains=("rotor_drag",),
-    drawn=_drawn,
-    in_words=_words,
+    shown=Shown(_drawn, _words, remark=_speed),
 )

@@ -8,15 +8,13 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from models.frames import GRAVITY
+from models.lift_ratio import BY_COEFFICIENT
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.surrogate.free_air import FreeAir
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
 
 _RADIUS_SHARE, _LIP_SHARE = 0.05, 0.10
 """Sizes further apart than this share are of two fans; drawings and rulers agree better."""
-_LIFT_RATIO = 1.35
-"""Lift at hover over weight, or its inverse, above which model and vehicle file contradict each other: a coefficient
-from a thrust stand is 10 to 20 % off in flight."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +63,8 @@ def contradictions(vehicle: Vehicle, model: FanSurrogate) -> tuple[str, ...]:
         if any(_apart(fan.lip_radius_m, lip, _LIP_SHARE) for lip in lips):
             listed = " and ".join(f"{lip:g}" for lip in lips)
             out.append(f"lip radius {fan.lip_radius_m:g} m in the model, {listed} m in the vehicle file")
-    ratio = lift_over_weight(vehicle, model)
-    if ratio is not None and not 1.0 / _LIFT_RATIO <= ratio <= _LIFT_RATIO:
+    ratio, (low, high) = lift_over_weight(vehicle, model), BY_COEFFICIENT
+    if ratio is not None and not low <= ratio <= high:
         out.append(f"modelled lift at hover is {ratio:.2g} times the weight")
     return tuple(out)
 

@@ -22,7 +22,7 @@ SMALLEST = 1e-6
 
 
 @dataclass(frozen=True)
-class Unseen:
+class HeldOut:
     """Errors (n, 6) of answers where nothing was learnt and the spread (n, 6) stated there, gates included."""
 
     error: Array
@@ -36,7 +36,7 @@ class Unseen:
         return min(1.0, math.ceil(COVER * (n + 1)) / n)
 
 
-def calibrate(sets: Sequence[Unseen], increments: Array) -> Calibration:
+def calibrate(sets: Sequence[HeldOut], increments: Array) -> Calibration:
     """Gain and floor per component of sigma = sqrt((gain spread)^2 + floor^2).
 
     Of all pairs with which 1.96 sigma covers every one of ``sets`` to its level, the pair with the narrowest sigma, in

@@ -21,7 +21,7 @@ from models.surrogate.fan_surrogate import Calibration, FanSurrogate, Regressor
 from models.surrogate.free_air import FreeAir
 from models.surrogate.net_ensemble import NetEnsemble
 from models.training import calibration, evidence, genetic, levenberg
-from models.training.calibration import Unseen
+from models.training.calibration import HeldOut
 
 PAPER_METHODS = ("bp", "ga-bp", "adam-bp", "ga-adam-bp")
 METHODS = (*PAPER_METHODS, "kriging", "polynomial", "ensemble")
@@ -351,7 +351,7 @@ def _unseen(
     group: Index,
     rng: np.random.Generator,
     progress: Progress,
-) -> Unseen:
+) -> HeldOut:
     """Errors and spread on each group of rows of regressors that learnt the other groups."""
     if len(problem) > CALIBRATION_ROWS:
         rows = np.sort(rng.choice(len(problem), CALIBRATION_ROWS, replace=False))
@@ -366,17 +366,17 @@ def _unseen(
     return _opened(problem, mean, spread)
 
 
-def _unseen_folds(problem: Problem, nets: NetEnsemble, fold: Index) -> Unseen:
+def _unseen_folds(problem: Problem, nets: NetEnsemble, fold: Index) -> HeldOut:
     """Each member's errors on the fold it had not seen, with the spread of all of them there."""
     _, spread = nets.predict(problem.x)
     return _opened(problem, nets.outputs(problem.x)[fold, np.arange(len(problem))], spread)
 
 
-def _opened(problem: Problem, mean: Array, spread: Array) -> Unseen:
-    """``Unseen`` of the rows whose gates are not closed: free air is met by construction and shows nothing."""
+def _opened(problem: Problem, mean: Array, spread: Array) -> HeldOut:
+    """``HeldOut`` of the rows whose gates are not closed: free air is met by construction and shows nothing."""
     rows = problem.gate.max(axis=1) > 0.0
     gate, y = problem.gate[rows], problem.y[rows]
-    return Unseen(gate * mean[rows] - y, gate * spread[rows], problem.locations[rows])
+    return HeldOut(gate * mean[rows] - y, gate * spread[rows], problem.locations[rows])
 
 
 def fold_error(problem: Problem, fold: Index, degree: int) -> float:

@@ -47,7 +47,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Good:
+class Baseline:
     """A vehicle as its good flights show it: the effects that they have in common, and how sizes spread among them."""
 
     records: tuple[Record, ...]
@@ -57,7 +57,7 @@ class Good:
     """(flight, effect) where a good flight differs from the others."""
 
 
-def learn(records: Sequence[Record]) -> Good:
+def learn(records: Sequence[Record]) -> Baseline:
     """The vehicle of some flights on which nothing was wrong."""
     effects = [_shared(e) for e in catalogue() if not e.remainder]
     walked = walk(records, effects)
@@ -73,11 +73,11 @@ def learn(records: Sequence[Record]) -> Good:
         found.append(AdoptedEffect(t.name, t.effect.parameters(b, t.shape)))
     left = [replace(r, residual=r.residual - w) for r, w in zip(records, explained, strict=True)]
     sizes, apart = as_flown(usual([e for e in catalogue() if not e.remainder], found, records[0]), left)
-    return Good(tuple(records), tuple(found), tuple(sizes), tuple(apart))
+    return Baseline(tuple(records), tuple(found), tuple(sizes), tuple(apart))
 
 
 @dataclass(frozen=True)
-class Beside:
+class Comparison:
     """A flight beside the good ones: the terms that it may differ by, and the fit of what all have in common."""
 
     evidence: Evidence
@@ -95,7 +95,7 @@ class Beside:
         )
 
 
-def beside(good: Good, today: Record) -> Beside:
+def compare(good: Baseline, today: Record) -> Comparison:
     """A flight beside the good ones, with what they have in common."""
     flights = [*good.records, today]
     last = len(flights) - 1
@@ -109,10 +109,10 @@ def beside(good: Good, today: Record) -> Beside:
     evidence = Evidence(Library(flights, [*same, *other], spread))
     candidates = [t for t in evidence.library.terms if t.effect is not None and t.flight in (None, last)]
     start = [t for t in candidates if t.flight is None and t.name in shapes and t.shape == shapes[t.name]]
-    return Beside(evidence, evidence.fit(start, evidence.unfitted()), tuple(candidates))
+    return Comparison(evidence, evidence.fit(start, evidence.unfitted()), tuple(candidates))
 
 
-def changes(flight: Beside) -> tuple[Change, ...]:
+def changes(flight: Comparison) -> tuple[Change, ...]:
     """What is not as it was, the likeliest first; empty where nothing lies outside the good flights' own spread."""
     fit = flight.fit
     for _ in range(MOST):
@@ -130,7 +130,7 @@ def _other_shape(term: Term, fit: Fit) -> bool:
     return continuous and any(t.name == term.name and t.shape != term.shape for t in fit.terms)
 
 
-def _gain(evidence: Evidence, fit: Fit, less: Fit, term: Term) -> float:
+def _log_odds(evidence: Evidence, fit: Fit, less: Fit, term: Term) -> float:
     """Log posterior odds of a term beside others, ``less`` the set without it.
 
     The odds of an effect that has kinds are those of each: every fan may have a nicked blade.
@@ -139,8 +139,8 @@ def _gain(evidence: Evidence, fit: Fit, less: Fit, term: Term) -> float:
     part = fit.part(term)
     within = beyond_bounds([term], fit.b[part], fit.cov[part, part])
     kinds = 0.0 if any(s.continuous for s in term.effect.shapes) else term.log_shape
-    odds = evidence.prior(term) - kinds - (0.0 if term.flight is None else RATHER_THE_SAME)
-    return TRUST * (fit.evidence - less.evidence) + within + odds
+    prior = evidence.prior(term) - kinds - (0.0 if term.flight is None else RATHER_THE_SAME)
+    return TRUST * (fit.evidence - less.evidence) + within + prior
 
 
 def _grown(evidence: Evidence, fit: Fit, candidates: Iterable[Term]) -> list[tuple[float, Fit]]:
@@ -150,7 +150,7 @@ def _grown(evidence: Evidence, fit: Fit, candidates: Iterable[Term]) -> list[tup
     ranked = evidence.promising(fit, [i for i, t in enumerate(evidence.library.terms) if id(t) in wanted])[:TRIED]
     grown = [evidence.fit([*fit.terms, t], fit.noise) for _, t in ranked]
     return [
-        (_gain(evidence, f, fit, f.terms[-1]), f)
+        (_log_odds(evidence, f, fit, f.terms[-1]), f)
         for f in grown
         if f.terms[-1].flight is None or _stands_out(evidence, f, f.terms[-1])
     ]
@@ -161,14 +161,14 @@ def _named(evidence: Evidence, fit: Fit, candidates: Sequence[Term]) -> list[Cha
     out = []
     for t in (t for t in fit.terms if t.flight is not None):
         less = evidence.fit([o for o in fit.terms if o is not t], fit.noise)
-        odds = _gain(evidence, fit, less, t)
-        if odds < SURE:
+        log_odds = _log_odds(evidence, fit, less, t)
+        if log_odds < SURE:
             continue
         rivals = [(g, f.terms[-1]) for g, f in _grown(evidence, less, candidates) if f.terms[-1].key != t.key]
-        near = sorted(((g, r) for g, r in rivals if g > odds - NEAR and r.flight is not None), key=lambda p: -p[0])
-        probability = min(1.0 / (1.0 + float(np.exp(-odds))), MOST_SURE)
+        near = sorted(((g, r) for g, r in rivals if g > log_odds - NEAR and r.flight is not None), key=lambda p: -p[0])
+        probability = min(1.0 / (1.0 + float(np.exp(-log_odds))), MOST_SURE)
         change = Change(get(t.name), _estimates(fit, t), round(probability, 3), tuple(r.name for _, r in near))
-        out.append((odds, change))
+        out.append((log_odds, change))
     return [change for _, change in sorted(out, key=lambda p: -p[0])]
 
 

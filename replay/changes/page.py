@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from html import escape
 
-import numpy as np
-
 from models.pages.document import document, items, table, verdict
-from models.pages.svg import Line, Mark, figure
 from models.vehicle import Vehicle
 from replay.changes.since import Changed, Since
-from replay.diagnosis.words import estimate_words, listed, plain, unit_words
+from replay.diagnosis.over_logs import plot
+from replay.diagnosis.words import estimate_words, listed, plain
 
 
 def page(answer: Since, vehicle: Vehicle, faults: Sequence[Mapping[str, str]] = ()) -> str:
@@ -70,13 +68,8 @@ def _change(c: Changed) -> str:
 
 def _sizes(answer: Since, name: str) -> str:
     """The size of one effect on every log, as a change since the good flights."""
-    sizes = [f.sizes[name] for f in answer.flights]
-    at = np.arange(len(sizes), dtype=float) + 1.0
-    value, half = np.array([e.value for e in sizes]), np.array([0.5 * (e.ci95[1] - e.ci95[0]) for e in sizes])
-    first = [i for i, f in enumerate(answer.flights) for c in answer.changed if (c.since, c.change.name) == (
-        f.record.name, name)]  # fmt: skip
-    unit = unit_words(sizes[0].unit)
-    label = f"{plain(sizes[0].name)}{f' [{unit}]' if unit else ''}"
-    line = Line(at, value, "after", "change since the good flights", points=True, error=half)
-    marks = [Mark(float(first[0]) + 1.0, "changed")] if first else []
-    return figure(plain(name), [line], "log, in order of date", label, marks=marks)
+    found = [f.sizes[name] for f in answer.flights]
+    sizes = [(i, e.value, 0.5 * (e.ci95[1] - e.ci95[0])) for i, e in enumerate(found, 1)]
+    since = {c.since for c in answer.changed if c.change.name == name}
+    first = next((i for i, f in enumerate(answer.flights, 1) if f.record.name in since), None)
+    return plot(name, found[0].name, found[0].unit, sizes, "change since the good flights", first)

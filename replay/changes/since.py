@@ -11,7 +11,7 @@ from typing import Any
 from models.errors import ConfigError
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
-from replay.changes.changes import Change, Good, beside, changes, learn
+from replay.changes.changes import Baseline, Change, changes, compare, learn
 from replay.diagnosis.answer import estimate_text
 from replay.diagnosis.diagnose import read_records
 from replay.fleet.jobs import recorded
@@ -41,7 +41,7 @@ class Changed:
 class Since:
     """The answer: changes since the good flights, first cause first; usually none."""
 
-    good: Good
+    good: Baseline
     flights: tuple[Compared, ...]
     changed: tuple[Changed, ...]
     notes: tuple[str, ...]
@@ -107,11 +107,11 @@ def since(
     if ordered != new_logs:
         notes.append(f"the logs were not given in order of their date: {ordered[0].name} is the first")
     records, more = read_records(progress(ordered), vehicle, model, target_system)
-    found = [(r, changes(beside(as_it_was, r))) for r in records]
+    found = [(r, changes(compare(as_it_was, r))) for r in records]
     names = list(dict.fromkeys(c.name for _, changed in found for c in changed))
     flights = []
     for record, changed in found:
-        flight = beside(as_it_was, record) if names else None
+        flight = compare(as_it_was, record) if names else None
         sizes = {} if flight is None else {name: flight.size(name) for name in names}
         flights.append(Compared(record, changed, sizes))
     stays = [(name, at) for name in names for at in [_change_point([name in _names(f) for f in flights])]]

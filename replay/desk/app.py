@@ -23,9 +23,9 @@ from models.pages.document import PAGE_STYLE
 from replay.desk.fields import others, rows
 from replay.desk.guard import Guard
 from replay.desk.question import Question
-from replay.desk.season import plots
 from replay.desk.store import MOST_BYTES, Ask, Desk, Drop, one_of, read_json, read_text
 from replay.desk.work import Work
+from replay.diagnosis.over_logs import plots
 from replay.logs.formats import READERS
 
 _HERE = Path(__file__).parent

@@ -88,7 +88,7 @@ class Diagnosis:
 
     def _as_found(self, named: Named) -> AdoptedEffect:
         effect, parameters = named.found.effect, named.found.parameters
-        seen = {} if effect.coverage is None else effect.coverage([r.context for r in self.records])
+        seen = {} if effect.in_flight.coverage is None else effect.in_flight.coverage([r.context for r in self.records])
         return AdoptedEffect(effect.name, parameters | dict(seen))
 
     @property
@@ -217,15 +217,15 @@ def _channel(c: Channel) -> dict[str, Any]:
 
 def _effect_text(n: Named, answer: Diagnosis) -> list[str]:
     f = n.found
-    if f.effect.mixing is not None and f.effect.in_words is not None:  # too many numbers to read
-        numbers = f.effect.in_words(answer.records[n.record].context, f.parameters)
+    if f.effect.mixing is not None and f.effect.shown.in_words is not None:  # too many numbers to read
+        numbers = f.effect.shown.in_words(answer.records[n.record].context, f.parameters)
     else:
         numbers = (
             ", ".join(estimate_text(e) + _share_text([e.value], e.unit, answer) for e in f.estimates if e.determined)
             or "size not determined"
         )
     sure = f"{n.status}, probability {f.probability:.2f}"
-    flown = "" if f.effect.in_flight is InFlight.WRENCH else f"; {f.effect.in_flight.value}"
+    flown = "" if f.effect.in_flight.use is InFlight.WRENCH else f"; {f.effect.in_flight.use.value}"
     lines = [
         f"  {f.effect.name} ({sure}): {numbers}; explains {n.explains:.0%}",
         f"    {kept_words(f.effect)}{flown}",

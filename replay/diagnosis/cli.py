@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from replay.diagnosis.answer import Diagnosis
+from replay.pipeline_options import add_answer_options
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
 messages; 130 interrupted. Logs: .tlog, .BIN, .ulg. How to read the answer: docs/diagnose.md."""
@@ -60,10 +61,8 @@ def add_parser(commands: Any) -> None:
         "--since", nargs="+", metavar="GOOD",
         help="good flights of the vehicle: name only what changed since (with a folder: how many of its first logs)",
     )  # fmt: skip
-    p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
+    add_answer_options(p)
     p.add_argument("--seed", type=int, default=0, metavar="N", help="of the null draws and the bootstrap (default 0)")
-    p.add_argument("--json", metavar="FILE", help="write the answer as JSON (- for stdout)")
-    p.add_argument("--quiet", action="store_true", help="no progress bar and no text")
     add_options(p)
     p.set_defaults(run=run)
 

@@ -153,7 +153,7 @@ def _wind_speeds(named: Sequence[Named], records: Sequence[Record]) -> list[str]
     return [
         f"{records[n.record].name}: {note}"
         for n in named
-        if n.found.effect.explain is not None
-        for note in [n.found.effect.explain({e.name: (e.value, *e.ci95) for e in n.found.estimates})]
+        if n.found.effect.shown.remark is not None
+        for note in [n.found.effect.shown.remark({e.name: (e.value, *e.ci95) for e in n.found.estimates})]
         if note is not None
     ]

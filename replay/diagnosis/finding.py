@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from replay.diagnosis.answer import Diagnosis, Named
 from replay.diagnosis.next_step import LIKELY, fault_rows
-from replay.diagnosis.pictures import acts
+from replay.diagnosis.pictures import effect_wrench
 from replay.diagnosis.words import channel_name, estimate_words, listed, plain
 
 
@@ -18,8 +18,8 @@ def capital(words: str) -> str:
 def size_words(n: Named, answer: Diagnosis) -> str:
     """``fan 3 gives 15 % less thrust than declared``; name and numbers where the effect has no such words."""
     f = n.found
-    if f.effect.in_words is not None and acts(n, answer.traces) is not None:
-        return f.effect.in_words(answer.traces[n.record].record.context, f.parameters)
+    if f.effect.shown.in_words is not None and effect_wrench(n, answer.traces) is not None:
+        return f.effect.shown.in_words(answer.traces[n.record].record.context, f.parameters)
     return f"{plain(f.effect.name)}: {', '.join(map(estimate_words, f.estimates))}"
 
 

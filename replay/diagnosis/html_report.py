@@ -15,7 +15,15 @@ from replay.diagnosis.answer import UNITS, Diagnosis, Named
 from replay.diagnosis.finding import capital, finding, size_words
 from replay.diagnosis.interval import rms_interval
 from replay.diagnosis.next_step import certainty, next_step
-from replay.diagnosis.pictures import Acts, acts, against, block_picture, effect_picture, series, without
+from replay.diagnosis.pictures import (
+    EffectWrench,
+    against,
+    block_picture,
+    effect_picture,
+    effect_wrench,
+    series,
+    without,
+)
 from replay.diagnosis.words import (
     AXIS_WORDS,
     channel_words,
@@ -91,7 +99,7 @@ def _pooled(answer: Diagnosis, axis: int, *, after: bool) -> tuple[float, float,
 def _effect(n: Named, answer: Diagnosis, vehicle: Vehicle) -> str:
     """Size as the heading, how sure, the picture, what it does to the error; formula and numbers folded away."""
     f = n.found
-    a = acts(n, answer.traces)
+    a = effect_wrench(n, answer.traces)
     text = [f"<p>Effect: <b>{escape(plain(f.effect.name))}</b>. {escape(certainty(n))}</p>"]
     if f.aliases:
         others = listed([plain(name) for name in f.aliases])
@@ -100,8 +108,8 @@ def _effect(n: Named, answer: Diagnosis, vehicle: Vehicle) -> str:
         text.append(items(flights))
     text += [f"<p>{escape(line)}</p>" for line in _error_words(n, a, vehicle)] if a else []
     text.append(f"<p>{escape(capital(kept_words(f.effect)))}.</p>")
-    if f.effect.in_flight is not InFlight.WRENCH:
-        text.append(f"<p>{escape(capital(f.effect.in_flight.value))}.</p>")
+    if f.effect.in_flight.use is not InFlight.WRENCH:
+        text.append(f"<p>{escape(capital(f.effect.in_flight.use.value))}.</p>")
     picture = effect_picture(n, a) if a else ""
     out = [
         f"<h2>{escape(capital(size_words(n, answer)))}</h2>",
@@ -126,7 +134,7 @@ def _interval(ci95: tuple[float, float]) -> str:
     return f"{ci95[0]:.4g} to {ci95[1]:.4g}" if ci95[1] > ci95[0] else "fixed"
 
 
-def _error_words(n: Named, a: Acts, vehicle: Vehicle) -> list[str]:
+def _error_words(n: Named, a: EffectWrench, vehicle: Vehicle) -> list[str]:
     """What the effect does to the error: newtons and acceleration, newton metres and angular acceleration."""
     out = []
     for axis, bare, with_it in without(n, a):

@@ -116,7 +116,7 @@ def _adopt(answer: Diagnosis) -> str:
     if not kept:
         return "There is nothing to adopt: all of it belongs to this flight. The next flight starts without it."
     text = "Adopt it: run the same command with --save-model DIR, then fly companion --model DIR, first with --dry-run."
-    idle = [plain(e.name) for e in kept if e.in_flight is InFlight.NONE]
+    idle = [plain(e.name) for e in kept if e.in_flight.use is InFlight.NONE]
     gone = [plain(e.name) for e in effects if not e.kept]
     text += f" Of this flight only, not kept: {listed(gone)}." if gone else ""
     return text + (f" Not compensated in flight: {listed(idle)}." if idle else "")

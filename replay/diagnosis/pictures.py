@@ -32,7 +32,7 @@ _SHORTEST_S = 1.0
 
 
 @dataclass(frozen=True)
-class Acts:
+class EffectWrench:
     """What one effect does on one flight: its wrench (n, 6) as found, on the axes by which it was searched."""
 
     trace: Trace
@@ -41,7 +41,7 @@ class Acts:
     """The axis on which it is strongest, in hundredths of the weight."""
 
 
-def acts(named: Named, traces: tuple[Trace, ...]) -> Acts | None:
+def effect_wrench(named: Named, traces: tuple[Trace, ...]) -> EffectWrench | None:
     """The effect on the flight that shows it best; None where it corrects a measurement only or has no numbers."""
     t = traces[named.record]
     effect = named.found.effect
@@ -55,14 +55,14 @@ def acts(named: Named, traces: tuple[Trace, ...]) -> Acts | None:
     usual = [a for a in judged if AXES[a] in (named.found.axes or effect.axes)] or judged
     if not usual or not size.any():
         return None
-    return Acts(t, wrench, max(usual, key=lambda a: float(size[a])))
+    return EffectWrench(t, wrench, max(usual, key=lambda a: float(size[a])))
 
 
-def effect_picture(named: Named, a: Acts) -> str:
+def effect_picture(named: Named, a: EffectWrench) -> str:
     """What is left when this effect alone is taken out of the model, over its quantity, and the effect as fitted."""
     effect, record = named.found.effect, a.trace.record
     axis = AXES[a.axis]
-    drawn = (effect.drawn or over_time)(record.context, axis)
+    drawn = (effect.shown.drawn or over_time)(record.context, axis)
     good = record.valid & np.isfinite(drawn.values)
     if good.sum() < 5 * BINS or np.ptp(drawn.values[good]) < 1e-9:
         drawn = over_time(record.context, axis)
@@ -85,10 +85,10 @@ def effect_picture(named: Named, a: Acts) -> str:
 
 def plain_fit(effect: Effect) -> str:
     """Label of the fitted curve."""
-    return "correction, as fitted" if effect.in_flight is InFlight.MEASUREMENT else "the effect, as fitted"
+    return "correction, as fitted" if effect.in_flight.use is InFlight.MEASUREMENT else "the effect, as fitted"
 
 
-def without(named: Named, a: Acts) -> list[tuple[int, float, float]]:
+def without(named: Named, a: EffectWrench) -> list[tuple[int, float, float]]:
     """(axis, RMS error without this effect, with it) of the axes that it acts on, beside all other effects."""
     rows = a.trace.record.valid
     after = a.trace.after[rows]

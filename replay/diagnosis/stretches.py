@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Generic, Protocol, TypeVar
 
 
-class _Lasting(Protocol):
+class _HasDuration(Protocol):
     @property
     def seconds(self) -> float: ...
 
 
-T = TypeVar("T", bound=_Lasting)
+T = TypeVar("T", bound=_HasDuration)
 
 MOST_S = 2.0 * 3600.0
 """Of one log. More changes little in what is known of a vehicle, and two hours need 1.5 GiB."""

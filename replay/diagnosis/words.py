@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import re
+from typing import TYPE_CHECKING
 
 from models.effects import BelongsTo, Effect, InFlight
-from replay.search.results import Estimate
+
+if TYPE_CHECKING:
+    from replay.search.results import Estimate
 
 AXIS_WORDS = ("force forward", "force to the right", "force down", "roll moment", "pitch moment", "yaw moment")
 """Fx Fy Fz Mx My Mz, body FRD."""
@@ -75,7 +78,7 @@ def kept_words(effect: Effect) -> str:
         return f"not kept: it belongs to {source}, and the next flight starts without it{rest}"
     if effect.belongs_to is BelongsTo.INSTRUMENT:
         corrects = (
-            "corrects what this sensor reads" if effect.in_flight is InFlight.MEASUREMENT else "corrects its logs"
+            "corrects what this sensor reads" if effect.in_flight.use is InFlight.MEASUREMENT else "corrects its logs"
         )
         return f"kept for this sensor: it {corrects}, and is not compensated in flight"
     if effect.belongs_to is BelongsTo.PLACE:

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from companion.vehicles import vehicle_path
+from models.arguments import speaks
 from models.errors import LogError
+from replay.pipeline_options import add_answer_options
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 a log was unreadable; 130 interrupted."""
 
@@ -26,13 +28,11 @@ def add_parser(commands: Any) -> None:
     p.add_argument("--judge", action="store_true", help="how much of it diagnose would judge, too: takes longer")
     p.add_argument("--companion", action="store_true", help="decide as companion would have, too: takes longer")
     p.add_argument("--model", metavar="DIR", help="model directory, or none (default: the shipped model)")
-    p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
     p.add_argument(
         "--param", action="append", default=[], metavar="NAME=VALUE",
         help="take an autopilot parameter as given where a log lacks it, such as GUID_OPTIONS=8",
     )  # fmt: skip
-    p.add_argument("--json", metavar="FILE", help="write the answers as a JSON list (- for stdout)")
-    p.add_argument("--quiet", action="store_true", help="no progress bar and no text")
+    add_answer_options(p, "the answers as a JSON list")
     p.set_defaults(run=run)
 
 
@@ -75,7 +75,7 @@ def run(a: argparse.Namespace) -> int:
             print(f"replay: {error}", file=sys.stderr)
             continue
         answers.append(answer.as_json() | ({} if draft is None else {"drafted": draft.as_json()}))
-        if a.json != "-" and not a.quiet:
+        if speaks(a):
             print(answer.as_line() if folders else answer.as_text())
             if chosen.note and not refusal and not folders:
                 print(chosen.note)

@@ -65,27 +65,27 @@ def pieces(path: Path, target_system: int | None = None, block_bytes: int | None
     file = TlogFile(path, block_bytes)
     choice = file.census.choose(path, target_system)
     parameters = file.census.parameters(choice.system)
-    seam = _Seam()
+    carried = _Carried()
     unusable: LogError | None = None
     for block in file.blocks():
         try:
-            stamps = main_stamps(block.log, choice.system, seam.stamp)
+            stamps = main_stamps(block.log, choice.system, carried.stamp)
         except LogError as error:  # a stretch without the vehicle
             unusable = error
             continue
         bounds = [0, *stamps.starts().tolist(), len(block.log)]
         for first, end in itertools.pairwise(bounds):
             if end > block.first and first < block.end:
-                new = seam.boot < 0 or (first > 0 and first >= block.first)
-                yield _piece(block, (first, end), choice, stamps, parameters, seam, new=new)
-        seam.stamp = _last_stamp(block, stamps)
-    if seam.boot < 0:
+                new = carried.boot < 0 or (first > 0 and first >= block.first)
+                yield _piece(block, (first, end), choice, stamps, parameters, carried, new=new)
+        carried.stamp = _last_stamp(block, stamps)
+    if carried.boot < 0:
         assert unusable is not None
         raise unusable
 
 
 @dataclass
-class _Seam:
+class _Carried:
     """What one block tells the next."""
 
     boot: int = -1
@@ -112,7 +112,7 @@ def _piece(
     choice: Choice,
     stamps: Stamps,
     parameters: dict[str, float],
-    seam: _Seam,
+    carried: _Carried,
     *,
     new: bool,
 ) -> Piece:
@@ -121,17 +121,17 @@ def _piece(
     log = block.log.part(first, end)
     i, j = np.searchsorted(stamps.place, bounds).tolist()
     if new:
-        seam.boot, seam.until_s, seam.windows_us = seam.boot + 1, -math.inf, None
-    axis = BootAxis(log, choice.system, Stamps(stamps.place[i:j] - first, stamps.ms[i:j]), seam.windows_us)
-    seam.windows_us = axis.origin_us
-    start_s, end_s = seam.until_s, math.inf
+        carried.boot, carried.until_s, carried.windows_us = carried.boot + 1, -math.inf, None
+    axis = BootAxis(log, choice.system, Stamps(stamps.place[i:j] - first, stamps.ms[i:j]), carried.windows_us)
+    carried.windows_us = axis.origin_us
+    start_s, end_s = carried.until_s, math.inf
     if not block.is_last and end > block.end:
-        seam.until_s = end_s = float(axis.by_arrival(np.array([block.end - first]))[0]) / 1e6
+        carried.until_s = end_s = float(axis.by_arrival(np.array([block.end - first]))[0]) / 1e6
     own = log.part(max(block.first - first, 0), min(block.end, end) - first)
-    boot = _Boot(log, choice, axis, seam.boot, parameters).flightlog(own.counts())
+    boot = _Boot(log, choice, axis, carried.boot, parameters).flightlog(own.counts())
     if new:
-        seam.origin_s = boot.start_s
-    return Piece(boot, start_s, end_s, seam.origin_s, block.share_read)
+        carried.origin_s = boot.start_s
+    return Piece(boot, start_s, end_s, carried.origin_s, block.share_read)
 
 
 class _Boot:

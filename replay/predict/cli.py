@@ -8,6 +8,7 @@ from typing import Any
 
 from companion.vehicles import vehicle_path
 from models.errors import ConfigError
+from replay.pipeline_options import add_answer_options
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
 messages; 130 interrupted. Logs: .tlog, .BIN, .ulg."""
@@ -30,9 +31,7 @@ def add_parser(commands: Any) -> None:
         help="fit nothing; without it, wind, load and accelerometer offset come from the first 20 s of each flight",
     )  # fmt: skip
     p.add_argument("--report", type=Path, metavar="DIR", help="write a self-contained HTML page")
-    p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's id (default: whichever flies)")
-    p.add_argument("--json", metavar="FILE", help="write the answer as JSON (- for stdout)")
-    p.add_argument("--quiet", action="store_true", help="no progress bar and no text")
+    add_answer_options(p)
     p.set_defaults(run=run)
 
 

@@ -99,7 +99,7 @@ def run(
 
 
 @dataclass
-class Played:
+class OngoingReplay:
     """A log on its way through the pipeline; ``notes`` and ``boots`` are whole when ``decisions`` has ended."""
 
     replay: Replay
@@ -112,7 +112,7 @@ class Played:
 def play(
     path: Path, config: PipelineConfig, target: int | None, assumed: Mapping[str, float], *, quiet: bool,
     from_arming: bool = False, pieces: Iterator[Piece] | None = None,
-) -> Played:  # fmt: skip
+) -> OngoingReplay:  # fmt: skip
     """Begin to replay a log. ``pieces``: those of a log that is no .tlog, where the caller reads them anyway."""
     if suffix_of(path) == ".tlog":
         return _of_link(path, config, target, assumed, quiet=quiet, from_arming=from_arming)
@@ -123,7 +123,7 @@ def play(
 def _of_link(
     path: Path, config: PipelineConfig, target: int | None, assumed: Mapping[str, float], *, quiet: bool,
     from_arming: bool,
-) -> Played:  # fmt: skip
+) -> OngoingReplay:  # fmt: skip
     log = TlogFile(path)
     choice = log.census.choose(path, target)
     since = (log.census.armed_at(choice.system) or 0) if from_arming else 0
@@ -132,13 +132,13 @@ def _of_link(
     replay = Replay(config, choice.system, assumed)
     decisions = replay.decisions(_with_progress(log, since, quiet))
     notes = [*log.report.notes(), *choice.notes()]
-    return Played(replay, decisions, notes, lambda: replay.intake.clock.boot + 1)
+    return OngoingReplay(replay, decisions, notes, lambda: replay.intake.clock.boot + 1)
 
 
 def _of_columns(
     path: Path, config: PipelineConfig, pieces: Iterator[Piece], assumed: Mapping[str, float], *, quiet: bool,
     from_arming: bool,
-) -> Played:  # fmt: skip
+) -> OngoingReplay:  # fmt: skip
     """These logs hold no MAVLink: their columns are turned into the samples that a link would have given."""
     from replay.rerun.log_samples import samples_of_pieces
 
@@ -155,7 +155,7 @@ def _of_columns(
     every = noted(with_progress(path, itertools.chain([first], pieces), "deciding", quiet=quiet))
     replay = Replay(config, first.log.system, assumed)
     decisions = replay.decisions_on(samples_of_pieces(every, from_arming=from_arming))
-    return Played(replay, decisions, notes, lambda: len(boots))
+    return OngoingReplay(replay, decisions, notes, lambda: len(boots))
 
 
 def _with_progress(log: TlogFile, since: int, quiet: bool) -> Iterator[tuple[int, bytes]]:

@@ -8,12 +8,11 @@ import numpy as np
 
 from models.effects import Context
 from models.frames import Array
+from models.lift_ratio import JUDGED
 from replay.residual.fault import LogFault, band, correlations
 from replay.residual.grid import Mask, rate_of_change
 from replay.residual.motion import Motion
 
-LIFT_RANGE = (0.5, 1.8)
-"""Declared lift over weight, on average in flight, outside which the file is another vehicle's."""
 FEWEST_SAMPLES = 50
 """Airborne samples for that."""
 BAND_S = (0.05, 0.5)
@@ -40,10 +39,11 @@ def wrong_lift(ctx: Context, flying: Mask) -> list[LogFault]:
         return []
     measured = -ctx.vehicle.mass_kg * float(np.nanmean(ctx.state.specific_force[flying, 2]))
     ratio = float(np.nanmean(ctx.thrust.sum(axis=1)[flying])) / max(measured, 1e-6)
-    if not np.isfinite(ratio) or LIFT_RANGE[0] <= ratio <= LIFT_RANGE[1]:
+    low, high = JUDGED
+    if not np.isfinite(ratio) or low <= ratio <= high:
         return []
-    what = f"declares {ratio:.2g} of the lift that flew: mass, rotors or thrust of another vehicle"
-    return [LogFault("vehicle file", what)]
+    what = f"declared lift is {ratio:.2g} times the lift that flew: mass, rotors or thrust of another vehicle"
+    return [LogFault("vehicle file" if ctx.model is None else "model", what)]
 
 
 def exchanged_fans(ctx: Context, motion: Motion, flying: Mask) -> list[LogFault]:

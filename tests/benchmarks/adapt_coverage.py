@@ -29,7 +29,7 @@ from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.sim.air import REYNOLDS_EXPONENT, RPM_HOVER, disturbed
 from companion.sim.flight import Flight
-from companion.sim.scenario import Knot, build
+from companion.sim.scenario import Waypoint, build
 from companion.vehicles import default_vehicle
 from models.effects import adopted
 from models.surrogate.empty import empty_model
@@ -91,9 +91,8 @@ def ceilinged(seed: int) -> tuple[Watch, list[Truth]]:
     vehicle, model = with_ceiling_sensor(default_vehicle()), models.load()
     known = model.with_effects((adopted("ceiling", {"gain": 1.0, "scale": 1.0}),))
     heights = ((0, 1.2), (6, 1.2), (12, 1.66), (22, 1.66), (28, 1.2), (32, 1.2), (38, 1.66), (48, 1.66), (50, 1.6))
-    script = replace(
-        build("hover", vehicle), knots=tuple(Knot(float(t), 0.0, h, name="c") for t, h in heights), rounding_s=0.6
-    )  # fmt: skip
+    waypoints = tuple(Waypoint(float(t), 0.0, h, name="c") for t, h in heights)
+    script = replace(build("hover", vehicle), waypoints=waypoints, rounding_s=0.6)
     flight = Flight(vehicle, script, seed)
     ratio = thrust_ratio(flight, model)
     add_ceiling(flight, 1.8, gain)

@@ -21,7 +21,7 @@ from companion.config import PipelineConfig
 from companion.control.state import Decision
 from companion.sim.autopilot import Mode
 from companion.sim.flight import Flight
-from companion.sim.pilot import Hand, ScriptedPilot
+from companion.sim.pilot import Recipient, ScriptedPilot
 from companion.sim.sensors import OUT_OF_RANGE_M, RangeSensor
 from models.frames import GRAVITY
 from models.vehicle import Rangefinder, Vehicle
@@ -36,7 +36,7 @@ class Pilot(ScriptedPilot):
     def __init__(
         self, world: FaultyLockstep, changes: tuple[Change, ...], end_s: float, land_s: float = math.inf
     ) -> None:
-        super().__init__(world.flight, world.link, Hand.COMPANION, endless=False)
+        super().__init__(world.flight, world.link, Recipient.COMPANION, endless=False)
         self._changes, self._end_s, self._land_s = changes, end_s, land_s
 
     @property

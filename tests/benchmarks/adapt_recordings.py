@@ -21,22 +21,17 @@ from typing import Any
 
 import numpy as np
 from tqdm import tqdm
-from whole_tlog import read_tlog
 
 from companion.adapt_options import Adapt
 from companion.adaptation import adapt
 from companion.adaptation.adaptation import Adaptation
-from companion.adaptation.residual import Seen
+from companion.adaptation.residual import BlockResidual
 from companion.config import PipelineConfig
 from companion.control.state import Decision
 from models.choice import NONE, choose
 from models.errors import UserError
 from models.vehicle import load_vehicle
-from replay.logs.formats import load, suffix_of
-from replay.logs.pieces import Piece
-from replay.logs.tlog_vehicle import choose_system
-from replay.rerun.harness import Replay
-from replay.rerun.log_samples import samples_of_pieces
+from replay.rerun.report import play
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = Path(os.environ.get("CORNER_SHARED", ROOT.parent / "shared")) / "data"
@@ -81,15 +76,15 @@ def learn(vehicle_file: Path, log: Path, model: str = NONE) -> Learned:
     """Replay one log with adaptation, and look at what it saw. Raises UserError where it cannot be read."""
     vehicle = load_vehicle(vehicle_file)
     config = PipelineConfig(vehicle, choose(vehicle, model).model, dry_run=True, adapt=Adapt.FULL)
-    seen: deque[Seen] = deque(maxlen=1)
-    inner = adapt.block_of.see
+    seen: deque[BlockResidual] = deque(maxlen=1)
+    inner = adapt.block_of.block_residual
 
-    def see(*args: Any) -> Seen:
+    def block_residual(*args: Any) -> BlockResidual:
         seen.append(inner(*args))
         return seen[-1]
 
-    adapt.block_of.see = see  # type: ignore[assignment]
-    blocks: list[tuple[float, Seen, Any]] = []
+    adapt.block_of.block_residual = block_residual  # type: ignore[assignment]
+    blocks: list[tuple[float, BlockResidual, Any]] = []
     known: Adaptation | None = None
     try:
         for decision in decisions(log, config):
@@ -98,7 +93,7 @@ def learn(vehicle_file: Path, log: Path, model: str = NONE) -> Learned:
                 blocks.append((decision.t_s, seen[-1], fresh.sizes.offset))
             known = fresh or known
     finally:
-        adapt.block_of.see = inner
+        adapt.block_of.block_residual = inner
     assert known is not None
     as_modelled, with_sizes = predicted(blocks)
     return Learned(log.name, known, as_modelled, with_sizes, known.learned_s)
@@ -106,15 +101,10 @@ def learn(vehicle_file: Path, log: Path, model: str = NONE) -> Learned:
 
 def decisions(log: Path, config: PipelineConfig) -> Iterator[Decision]:
     """As ``replay run``."""
-    if suffix_of(log) == ".tlog":
-        tlog = read_tlog(log)
-        yield from Replay(config, choose_system(tlog, None).system, {"GUID_OPTIONS": 8.0}).decisions(tlog.frames())
-        return
-    logs = load(log, None)
-    yield from Replay(config, logs[0].system).decisions_on(s for one in logs for s in samples_of_pieces([Piece(one)]))
+    return play(log, config, None, {"GUID_OPTIONS": 8.0}, quiet=True).decisions
 
 
-def predicted(blocks: list[tuple[float, Seen, Any]]) -> tuple[Any, Any]:
+def predicted(blocks: list[tuple[float, BlockResidual, Any]]) -> tuple[Any, Any]:
     """RMS (5,) of the residual over the ten seconds after each block, without and with its sizes."""
     plain, better = [], []
     for k, (t, _, offset) in enumerate(blocks):

@@ -31,7 +31,7 @@ from companion.sim.air import Unsteadiness
 from companion.sim.body import Body, Surroundings, Vec
 from companion.sim.flight import Flight as SimFlight
 from companion.sim.flown import AXES, UNITS, Flown, Leg, fly_judged
-from companion.sim.scenario import ROUNDING_S, Knot, Scenario
+from companion.sim.scenario import ROUNDING_S, Scenario, Waypoint
 from companion.sim.sensors import true_range
 from companion.vehicles import TANDEM
 from models.errors import ModelError, UserError
@@ -99,11 +99,11 @@ def script() -> Scenario:
         (3.0, 1.4, 0.0, "free"), (2.4, 1.4, 0.0, "fast climb"), (5.0, 0.2, 0.0, "1.2 R"), (2.4, 0.2, 0.0, "descend"),
         (4.0, 1.4, 0.0, "free"), (0.0, 1.4, 0.0, "end"),
     ]  # fmt: skip
-    knots, at = [], 0.0
+    waypoints, at = [], 0.0
     for seconds, gap, along, name in stops:
-        knots.append(Knot(at, 0.0, CEILING_M - gap, along, name))
+        waypoints.append(Waypoint(at, 0.0, CEILING_M - gap, along, name))
         at += seconds
-    return Scenario("ceiling", Surroundings(), tuple(knots), rounding_s=ROUNDING_S)
+    return Scenario("ceiling", Surroundings(), tuple(waypoints), rounding_s=ROUNDING_S)
 
 
 def fly(

@@ -94,7 +94,7 @@ def curve(effect: Effect, ctx: Context) -> tuple[str, str, Array, Array]:
     unit = np.where(np.arange(6) < 3, ctx.weight, ctx.weight * ctx.lever)
     strength = np.sqrt((wrench**2).mean(axis=0)) / unit
     axis = AXES[int(np.argmax(strength))]
-    drawn = (effect.drawn or over_time)(ctx, axis)
+    drawn = (effect.shown.drawn or over_time)(ctx, axis)
     force = (wrench * np.broadcast_to(drawn.direction, wrench.shape)).sum(axis=1)
     known = np.isfinite(drawn.values)
     return drawn.label, drawn.force_label, drawn.values[known], force[known]
@@ -129,7 +129,7 @@ def page(effects: list[Effect]) -> str:
 
 def section(effect: Effect) -> str:
     """What the catalogue says of one effect."""
-    flown = "" if effect.in_flight is InFlight.WRENCH else f" In flight: {effect.in_flight.value}."
+    flown = "" if effect.in_flight.use is InFlight.WRENCH else f" In flight: {effect.in_flight.use.value}."
     lines = [
         f"## {effect.name}\n",
         f"- Equation: `{effect.equation}`",

@@ -21,7 +21,7 @@ from companion.sim.body import Surroundings, Vec
 from companion.sim.flight import Flight
 from companion.sim.link import COMPANION, PILOT_COMPONENT, PILOT_SYSTEM, PX4_MODES, SYSTEM
 from companion.sim.px4 import Px4
-from companion.sim.scenario import Knot, Scenario, wall_azimuth
+from companion.sim.scenario import Scenario, Waypoint, wall_azimuth
 from models.errors import LinkError
 from models.vehicle import Vehicle
 
@@ -238,7 +238,7 @@ def surroundings(case: Case, vehicle: Vehicle) -> Scenario:
     c, s = math.cos(azimuth), math.sin(azimuth)
     reach = max(f.position_m[0] * c + f.position_m[1] * s + f.lip_radius_m for f in vehicle.fans)
     around = Surroundings(wall_m=case.wall_m + reach, wall_azimuth_rad=azimuth)
-    return Scenario(case.name, around, (Knot(0.0, 0.0, 1.2, name="case"), Knot(1.0, 0.0, 1.2, name="end")))
+    return Scenario(case.name, around, (Waypoint(0.0, 0.0, 1.2, name="case"), Waypoint(1.0, 0.0, 1.2, name="end")))
 
 
 @dataclass(frozen=True)

@@ -190,7 +190,7 @@ class FaultyLockstep(Lockstep):
             watch = None if self.auditor is None else self.auditor.decision
             records = recorder if self.auditor is None else _Audited(self.auditor, recorder)
             with suppress(OverError, _KilledError):
-                self._run_companion(config, records, FlightOptions(quiet=True, watch=watch))
+                self._run_companion(config, records, FlightOptions(watch=watch))
 
     def _step(self) -> None:
         while self._words and self._words[0][0] <= self.flight.time_s:

@@ -63,7 +63,7 @@ def one_round(log: Path, config: PipelineConfig, asleep_s: float, decoding: Time
             encode(decision.command, 1)
             name += ", with a setpoint"
         answered = clock()
-        due = state.due is not None
+        due = state.pending is not None
         state = settle(state, config)
         stepping[name].append(answered - start)
         if due:

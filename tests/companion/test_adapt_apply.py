@@ -11,11 +11,11 @@ from companion.adaptation import apply
 from companion.adaptation.apply import Applied, share_of, towards
 from companion.adaptation.near_map import CELLS, NOTHING, NearField
 from companion.adaptation.words import sentence
-from companion.estimation.disturbance import Around, about_cg
+from companion.estimation.disturbance import FanPlaces, about_cg
 from companion.vehicles import default_vehicle
 
 TANDEM = default_vehicle()
-AROUND = Around((1.3, 1.4), (0.7, 0.8), (22.0, 23.0), 1.2)
+AROUND = FanPlaces((1.3, 1.4), (0.7, 0.8), (22.0, 23.0), 1.2)
 ABOVE = [[0.5, 0.03, 1.3, 0.02, 0.3, 0.01], [0.7, -0.02, 1.8, -0.01, 0.2, 0.0]]
 """What the model says of ground and wall at each fan, corner frame."""
 AHEAD = about_cg(TANDEM, ABOVE, AROUND.bearing_rad)

@@ -15,7 +15,7 @@ from companion.adaptation.pause import Pause
 from companion.config import PipelineConfig
 from companion.sim.air import NOMINAL
 from companion.sim.flight import Flight
-from companion.sim.scenario import Knot, build
+from companion.sim.scenario import Waypoint, build
 from companion.vehicles import default_vehicle
 from models.vehicle import Vehicle
 
@@ -27,9 +27,11 @@ HAPPENS_S, OVER_S, END_S = 24.0, 28.0, 43.0
 
 def low_hover() -> Flight:
     """Down into the ground effect, which is then known; up and down again after what happens."""
-    knots = ((0, 1.2), (2, 1.2), (6, LOW_M), (18, LOW_M), (21, 1.2), (22, 1.2), (26, LOW_M), (60, LOW_M))
+    waypoints = ((0, 1.2), (2, 1.2), (6, LOW_M), (18, LOW_M), (21, 1.2), (22, 1.2), (26, LOW_M), (60, LOW_M))
     scenario = replace(
-        build("hover", VEHICLE), knots=tuple(Knot(float(t), 0.0, h, name="low") for t, h in knots), rounding_s=0.6
+        build("hover", VEHICLE),
+        waypoints=tuple(Waypoint(float(t), 0.0, h, name="low") for t, h in waypoints),
+        rounding_s=0.6,
     )
     return Flight(VEHICLE, scenario, 7, law=NOMINAL)
 
@@ -86,6 +88,7 @@ def test_a_hand_that_holds_the_vehicle_is_forgotten():
     assert all(0.4 < v < 1.6 for v in ground(watch, HAPPENS_S - 1.0))
 
 
+@pytest.mark.slow
 def test_a_range_that_lies_takes_the_offset_away_and_is_forgiven():
     """It says 1.1 m at 0.28 m: a step, so that nothing is learned while it is fresh."""
     watch = flown(low_hover(), lying_range(HAPPENS_S, OVER_S, 0, 1.1))

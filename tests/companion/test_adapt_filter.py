@@ -151,4 +151,4 @@ def test_only_effects_that_say_so_have_a_size_of_their_own():
     effects = tuple(AdoptedEffect(e.name) for e in catalogue())
     named = [effects[k].name for k in effects_with_size(SimpleNamespace(effects=effects))]
     assert sorted(named) == ["ceiling", "corner_effect", "ground_effect", "second_wall", "wall_effect"]
-    assert all(get(name).in_flight is InFlight.WRENCH for name in named)
+    assert all(get(name).in_flight.use is InFlight.WRENCH for name in named)

@@ -147,6 +147,7 @@ def test_delayed_feed_forward_to_a_wall_stays_within_its_share_of_the_damping(sh
     assert taken <= push.DAMPING_SHARE * damping * (1.0 + 1e-9)
 
 
+@pytest.mark.slow
 def test_the_recording_replays_to_the_same_setpoints(tmp_path: Path):
     model = WarpedModel(TrueModel(VEHICLE, NOMINAL), gain=-1.0)
     config = PipelineConfig(VEHICLE, model, adapt=Adapt.FULL)  # type: ignore[arg-type]
@@ -208,6 +209,7 @@ def test_ground_stations_get_six_numbers_of_at_most_ten_characters():
     assert all(np.isfinite(v) for v in told.values())
 
 
+@pytest.mark.slow
 def test_the_page_shows_every_size_with_its_sd_and_what_is_compensated():
     decision = flown("1.6").decisions[-1]
     config = PipelineConfig(VEHICLE, models.load(), adapt=Adapt.FULL)
@@ -222,6 +224,7 @@ def test_the_page_shows_every_size_with_its_sd_and_what_is_compensated():
     assert len(json.dumps(told)) < 1500  # the whole line has to go through a pipe at once
 
 
+@pytest.mark.slow
 def test_the_pilot_is_told_once_of_each_change():
     reporter = StatusReporter()
     config = PipelineConfig(VEHICLE, models.load(), adapt=Adapt.FULL)

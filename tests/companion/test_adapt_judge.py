@@ -14,7 +14,7 @@ from companion.adaptation import adapt, judge
 from companion.adaptation import sizes as at
 from companion.adaptation.adapt import _ALIKE
 from companion.adaptation.apply import MOST
-from companion.adaptation.judge import Judged, believed, channels_of, learn, place_of, rows
+from companion.adaptation.judge import Belief, believed, channels_of, learn, place_of, rows
 from companion.adaptation.near_map import (
     CELLS,
     GAPS,
@@ -27,7 +27,7 @@ from companion.adaptation.near_map import (
 from companion.adaptation.saved import kept_with, save_sizes
 from companion.adaptation.sizes import size_table
 from companion.config import PipelineConfig
-from companion.estimation.disturbance import Around
+from companion.estimation.disturbance import FanPlaces
 from companion.vehicles import default_vehicle
 from models import load
 from models.corner_law import ClosedForm
@@ -48,11 +48,11 @@ def ground(height: float, _: float) -> float:
     return 0.1 * math.exp(1.0 - height)
 
 
-def around(height: float, gap: float, bearing: float = 0.0) -> Around:
-    return Around((height,) * 2, (gap,) * 2, (THRUST_N,) * 2, bearing)
+def around(height: float, gap: float, bearing: float = 0.0) -> FanPlaces:
+    return FanPlaces((height,) * 2, (gap,) * 2, (THRUST_N,) * 2, bearing)
 
 
-def flown(channel: judge.Channel, true: Law, model: Law, approaches: int = 3, seed: int = 1) -> Judged:
+def flown(channel: judge.Channel, true: Law, model: Law, approaches: int = 3, seed: int = 1) -> Belief:
     """In free air, down to 1.2 radii at half a radius from a wall ahead, a while there, up again; so many times."""
     random, told = np.random.default_rng(seed), judge.initial(channel, None)
     low = [*np.geomspace(5.0, 1.2, 30), *[1.2] * 20, *np.geomspace(1.2, 5.0, 15)]
@@ -72,7 +72,7 @@ def flown(channel: judge.Channel, true: Law, model: Law, approaches: int = 3, se
     return told
 
 
-def compensated(channel: judge.Channel, told: Judged, model: Law, height: float) -> float:
+def compensated(channel: judge.Channel, told: Belief, model: Law, height: float) -> float:
     """Share of the thrust."""
     gain, form, cell = believed(channel, told)
     there = sum(weight * cell[k] for k, weight in MAP.cells(height, 0.5))

@@ -11,8 +11,17 @@ import pytest
 import models
 from companion.adaptation import residual
 from companion.adaptation import sizes as at
-from companion.adaptation.residual import IMU_LAG_S, Block, add, begin, follow, see, vane_outputs, vanes_wrench
-from companion.estimation.disturbance import Around, Parts, about_cg
+from companion.adaptation.residual import (
+    IMU_LAG_S,
+    Block,
+    add,
+    begin,
+    block_residual,
+    follow,
+    vane_outputs,
+    vanes_wrench,
+)
+from companion.estimation.disturbance import FanPlaces, Parts, about_cg
 from companion.mavlink.samples import Imu
 from companion.vehicles import default_vehicle
 from models.air_state import blank_state
@@ -31,7 +40,7 @@ def parts_at(vehicle: Vehicle, model: object, h: np.ndarray, d: np.ndarray, rpm:
     near = model.query(h, d, rpm).wrench  # type: ignore[attr-defined]
     free = model.query(np.full_like(h, np.inf), np.full_like(d, np.inf), rpm).wrench  # type: ignore[attr-defined]
     radius = vehicle.rotor_radius_m
-    around = Around(tuple(h / radius), tuple(d / radius), tuple(free[:, 2]), bearing)
+    around = FanPlaces(tuple(h / radius), tuple(d / radius), tuple(free[:, 2]), bearing)
     return Parts(
         np.array([near, free]),
         np.zeros((0, 6)),
@@ -73,7 +82,7 @@ def bearing_of(ctx: Context) -> float:
 def test_modelled_and_measured_are_those_of_diagnosis():
     for _ in range(5):
         _, rotation, _, block, ctx = moment()
-        seen = see(block, TANDEM, rotation, bearing_of(ctx), SIZES)
+        seen = block_residual(block, TANDEM, rotation, bearing_of(ctx), SIZES)
         assert np.allclose(seen.modelled, modelled_wrench(TANDEM, ctx.model, ctx.state)[:5], atol=1e-9)  # type: ignore[arg-type]
         told = measured_wrench(
             block.force, block.rates, np.full(3, 1.0), TANDEM.mass_kg, TANDEM.inertia_kgm2
@@ -107,14 +116,14 @@ def test_every_common_size_acts_as_the_catalogue_says(column, effect, shape, pla
     # Beside a wall a modelled lift differs from the declared one, by which the catalogue goes.
     free = models.load().query(np.full(2, np.inf), np.full(2, np.inf), ctx.rpm).wrench[:, 2]
     assert np.allclose(ctx.thrust, free)
-    ours = see(block, TANDEM, rotation, bearing_of(ctx), SIZES).regressors[:, column]
+    ours = block_residual(block, TANDEM, rotation, bearing_of(ctx), SIZES).regressors[:, column]
     theirs = get(effect).regressors(ctx, shape)[:5, place]
     assert ours == pytest.approx(theirs, rel=0.02, abs=0.02 * np.abs(theirs).max() + 1e-9)
 
 
 def test_drag_above_is_the_arm_of_the_drag():
     _, rotation, _, block, ctx = moment()
-    rows = see(block, TANDEM, rotation, bearing_of(ctx), SIZES).regressors
+    rows = block_residual(block, TANDEM, rotation, bearing_of(ctx), SIZES).regressors
     at_half = get("rotor_drag").regressors(ctx, (0.5,))[:5, 0]
     assert rows[:, at.DRAG] + 0.5 * rows[:, at.DRAG_ARM] == pytest.approx(at_half, rel=0.02, abs=1e-3)
 
@@ -135,7 +144,7 @@ def test_the_parts_add_up_to_the_whole():
 def test_a_quadrotors_moments_are_seen_unless_its_outputs_are_copies_of_one_number(apart):
     model, rpm = models.load(), 5000.0 + apart * np.array([1.0, -1.0, 0.5, -0.7])
     parts = parts_at(QUAD, model, np.full(4, 0.3), np.full(4, 0.4), rpm, 0.3)
-    seen = see(block_of(parts, np.zeros(3)), QUAD, np.eye(3), 0.3, SIZES)
+    seen = block_residual(block_of(parts, np.zeros(3)), QUAD, np.eye(3), 0.3, SIZES)
     assert np.isfinite(seen.residual[:3]).all()
     assert np.isfinite(seen.residual[3:]).all() == (apart > 0.0)
 
@@ -145,7 +154,7 @@ def imu(t: float, f: tuple[float, float, float], w: tuple[float, float, float] =
 
 
 def test_the_lag_delays_a_ramp_by_what_it_says():
-    parts = Parts(np.zeros((2, 2, 6)), np.zeros((0, 6)), 70.0, 0.0, Around((9.0,) * 2, (9.0,) * 2, (20.0,) * 2))
+    parts = Parts(np.zeros((2, 2, 6)), np.zeros((0, 6)), 70.0, 0.0, FanPlaces((9.0,) * 2, (9.0,) * 2, (20.0,) * 2))
     block = begin(imu(0.0, (0.0, 0.0, 0.0)))
     for k in range(1, 101):
         block = add(block, imu(0.02 * k, (0.02 * k, 0.0, 0.0)), parts, (0.0, 0.0, 0.0), ())

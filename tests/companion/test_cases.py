@@ -36,6 +36,7 @@ def test_what_crashed_a_real_firmware_touches_nothing(name):
     assert outcome.judgement.tilt_deg < 8.0
 
 
+@pytest.mark.slow
 def test_without_its_watchdog_a_kill_at_the_wall_ends_at_the_wall():
     """The manner of the real ArduCopter: level after GUID_TIMEOUT, then it drifts."""
     from companion.config import PipelineConfig

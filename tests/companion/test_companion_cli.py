@@ -132,6 +132,7 @@ def test_ctrl_c_fades_out_and_is_exit_code_130(tmp_path):
         assert autopilot.of_type("SET_POSITION_TARGET_LOCAL_NED"), "it hands back with a position target"
     assert process.returncode == 130
     assert "Traceback" not in err
+    assert "companion: connected to system 1 (ardupilot)" in err.splitlines()
     assert json.loads(out)["commands"] >= 100
     assert log.stat().st_size > 10_000
 

@@ -196,10 +196,10 @@ def test_letting_go_leaves_no_tilt_behind_where_no_place_can_be_given():
         q = quaternion_from_euler(0.0, 0.0, 0.0)
         sent.append(b.feed(Attitude(b.t, 1, 1, q, (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION")))
     commands = [d.command for d in sent if d.command is not None]
-    parting = [d.command for d in sent if d.command is not None and Reason.POSITION_STALE in d.reasons]
+    hand_over = [d.command for d in sent if d.command is not None and Reason.POSITION_STALE in d.reasons]
     assert sent[-1].command is None
     assert tilt_deg(commands[-1]) < 0.01
-    assert max(abs(np.diff([tilt_deg(c) for c in parting]))) < 1.0
+    assert max(abs(np.diff([tilt_deg(c) for c in hand_over]))) < 1.0
 
 
 def test_thrust_does_not_leap_while_positions_are_late():

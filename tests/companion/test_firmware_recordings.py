@@ -61,6 +61,7 @@ def test_px4_excursion_before_offboard(shared_data):
     assert first.command.thrust == pytest.approx(0.48, abs=0.02), "0.476 flies at that instant"
 
 
+@pytest.mark.slow
 def test_px4_default_hover_thrust(shared_data):
     """MPC_THR_HOVER 0.5 where 0.70 flies, and OFFBOARD a second after the companion's start: refused and said."""
     decisions = recording(shared_data, "px4/crash_default_hover_thrust")
@@ -79,6 +80,7 @@ def test_px4_stall(shared_data):
     assert any(engaged), "it engages anew"
 
 
+@pytest.mark.slow
 def test_ardupilot_slow_loop_with_positions_at_10_hz(shared_data):
     """The recorded swing that ended on the ground is noticed; gains soften step by step, then the hold lets go."""
     decisions = recording(shared_data, "ardupilot/crash_slow_loop_10hz_position")
@@ -87,7 +89,11 @@ def test_ardupilot_slow_loop_with_positions_at_10_hz(shared_data):
     assert any(Reason.SWINGING in d.reasons for d in decisions)
 
 
-GOOD = ("ardupilot/approach_offsets_off", "ardupilot/approach_amended_model", "px4/corner_offsets_off")
+GOOD = (
+    "ardupilot/approach_offsets_off",
+    pytest.param("ardupilot/approach_amended_model", marks=pytest.mark.slow),
+    pytest.param("px4/corner_offsets_off", marks=pytest.mark.slow),
+)
 
 
 @pytest.mark.parametrize("name", GOOD)
@@ -105,6 +111,7 @@ def test_ardupilot_thrust_as_climb_rate_until_the_option_is_set(shared_data):
     assert first.command.thrust == pytest.approx(0.437, abs=0.01), "flown then: 0.436; MOT_THST_HOVER says 0.39"
 
 
+@pytest.mark.slow
 def test_ardupilot_target_in_the_body_frame(shared_data):
     """'Climb 0.2 m' in BODY_OFFSET_NED, 2 m from the origin: the hold asks for no more than a climb."""
     seen, target = [], None

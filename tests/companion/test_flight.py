@@ -29,9 +29,7 @@ class Run:
         if upstream_port is not None:
             self.upstream = open_link(f"udpin:127.0.0.1:{upstream_port}", arrivals, number=1)
         self.recorder = None if record is None else Recorder(record)
-        self.flight = Flight(
-            config, self.link, self.upstream, self.recorder, arrivals, options or FlightOptions(quiet=True)
-        )
+        self.flight = Flight(config, self.link, self.upstream, self.recorder, arrivals, options or FlightOptions())
         self.thread = threading.Thread(target=self.flight.run, daemon=True)
 
     def __enter__(self):

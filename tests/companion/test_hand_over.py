@@ -48,7 +48,7 @@ def test_ctrl_c_hands_over_to_a_place_and_leaves_no_tilt():
 
 def test_on_exit_hold_asks_px4_for_its_hold_mode():
     port = free_port()
-    options = FlightOptions(quiet=True, hold_on_exit=True)
+    options = FlightOptions(hold_on_exit=True)
     with Px4(port) as autopilot, Run(port, options=options) as run:
         autopilot.mode = OFFBOARD
         autopilot.wait_for("SET_ATTITUDE_TARGET", 30)

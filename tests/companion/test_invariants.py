@@ -14,7 +14,7 @@ from whole_tlog import read_tlog
 
 from companion.control.compensation import Offset
 from companion.control.state import Decision
-from companion.invariants import Auditor, Promise
+from companion.invariants import Auditor, Requirement
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import Frame, FrameReader, pack
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand, encode
@@ -41,8 +41,8 @@ def test_a_whole_flight_keeps_every_promise_on_every_output(px4, tmp_path: Path)
     assert audit.broken() == []
     assert world.companion.summary.as_json()["compensated_s"] > 1.0
     assert audit.setpoints > 40.0 * SECONDS
-    looked_at = {p for p, kept in audit.promises.items() if kept.checked}
-    assert looked_at == set(Promise) - {Promise.DRY_RUN}
+    looked_at = {p for p, kept in audit.requirements.items() if kept.checked}
+    assert looked_at == set(Requirement) - {Requirement.DRY_RUN}
     # The recording alone tells the same, but for what only decisions hold.
     recorded = Auditor(vehicle())
     for arrival_us, raw in read_tlog(log).frames():
@@ -116,8 +116,8 @@ class Wire:
         command = AttitudeCommand(t_s, (1.0, 0.0, 0.0, 0.0), 0.5)
         self.auditor.decision(Decision(t_s, command, (), 1.0, Offset(thrust, roll), None, None))
 
-    def broken(self) -> set[Promise]:
-        return {p for p, kept in self.auditor.report().promises.items() if kept.broken}
+    def broken(self) -> set[Requirement]:
+        return {p for p, kept in self.auditor.report().requirements.items() if kept.broken}
 
 
 def run(seconds: float, wire: Wire, **state: object) -> None:
@@ -182,22 +182,22 @@ def infinite_place(w: Wire) -> None:
 
 
 BREAKS = {
-    "offset beyond the limit": (overlarge, {Promise.LIMITS, Promise.SLEW}),
-    "offset leaps": (leap, {Promise.SLEW}),
-    "half a quaternion": (lambda w: w.attitude(scale=0.5), {Promise.QUATERNION}),
-    "no quaternion": (lambda w: w.attitude(scale=float("nan")), {Promise.QUATERNION}),
-    "full throttle": (lambda w: w.attitude(thrust=1.0), {Promise.THRUST}),
-    "ranges lost": (lambda w: run(0.7, w, ranges=True), {Promise.INPUT_LOST}),
-    "rotor speeds lost": (lambda w: run(0.7, w, rotors=True), {Promise.INPUT_LOST}),
-    "disarmed": (disarmed, {Promise.ARMED}),
-    "another mode": (other_mode, {Promise.MODE}),
-    "on the ground": (on_the_ground, {Promise.LANDED}),
-    "no heartbeat": (no_heartbeat, {Promise.LINK}),
-    "sent a second time": (second_time, {Promise.FRESH}),
-    "old": (old, {Promise.FRESH}),
-    "arms": (arms, {Promise.DECLARED}),
-    "a message of its own": (lambda w: w.own(11, bytes(6)), {Promise.DECLARED}),
-    "infinite place": (infinite_place, {Promise.FORM}),
+    "offset beyond the limit": (overlarge, {Requirement.LIMITS, Requirement.SLEW}),
+    "offset leaps": (leap, {Requirement.SLEW}),
+    "half a quaternion": (lambda w: w.attitude(scale=0.5), {Requirement.QUATERNION}),
+    "no quaternion": (lambda w: w.attitude(scale=float("nan")), {Requirement.QUATERNION}),
+    "full throttle": (lambda w: w.attitude(thrust=1.0), {Requirement.THRUST}),
+    "ranges lost": (lambda w: run(0.7, w, ranges=True), {Requirement.INPUT_LOST}),
+    "rotor speeds lost": (lambda w: run(0.7, w, rotors=True), {Requirement.INPUT_LOST}),
+    "disarmed": (disarmed, {Requirement.ARMED}),
+    "another mode": (other_mode, {Requirement.MODE}),
+    "on the ground": (on_the_ground, {Requirement.LANDED}),
+    "no heartbeat": (no_heartbeat, {Requirement.LINK}),
+    "sent a second time": (second_time, {Requirement.FRESH}),
+    "old": (old, {Requirement.FRESH}),
+    "arms": (arms, {Requirement.DECLARED}),
+    "a message of its own": (lambda w: w.own(11, bytes(6)), {Requirement.DECLARED}),
+    "infinite place": (infinite_place, {Requirement.FORM}),
 }  # fmt: skip
 
 
@@ -212,7 +212,7 @@ def test_every_broken_promise_is_found_and_no_other(name):
 
 @pytest.mark.parametrize(
     ("down_cm", "rpm", "broken"),
-    [(40, 4000, set()), (14, 4000, {Promise.LANDED}), (40, 1000, {Promise.LANDED})],
+    [(40, 4000, set()), (14, 4000, {Requirement.LANDED}), (40, 1000, {Requirement.LANDED})],
     ids=["in the air by both", "by rotors alone", "by the range alone"],
 )
 def test_a_land_detector_is_wrong_only_where_range_and_rotors_both_say_so(down_cm, rpm, broken):
@@ -235,18 +235,18 @@ def test_px4_before_offboard_may_be_told_to_stay_level_but_no_more():
     assert wire.broken() == set()
     wire.tick(mode=3 << 16)
     wire.attitude(roll=0.1)
-    assert wire.broken() == {Promise.MODE}
+    assert wire.broken() == {Requirement.MODE}
 
 
 def test_a_dry_run_that_sends_is_found():
     wire = Wire(dry_run=True)
     wire.tick()
     wire.attitude()
-    assert wire.broken() == {Promise.DRY_RUN}
+    assert wire.broken() == {Requirement.DRY_RUN}
 
 
 def test_of_an_upstream_controller_only_what_is_added_is_ours():
-    for added, expected in ((0.05, set()), (0.4, {Promise.LIMITS})):
+    for added, expected in ((0.05, set()), (0.4, {Requirement.LIMITS})):
         wire = Wire(hold=False)
         wire.tick()
         q = quaternion_from_euler(0.5, 0.0, 0.0)

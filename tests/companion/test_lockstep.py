@@ -19,7 +19,7 @@ from companion.sim.air import NOMINAL
 from companion.sim.compare import Settings
 from companion.sim.flight import Flight
 from companion.sim.flown import Leg, read_truth
-from companion.sim.pilot import Hand, ScriptedPilot
+from companion.sim.pilot import Recipient, ScriptedPilot
 from companion.sim.scenario import build
 
 SHORT_S = 16.0
@@ -29,7 +29,7 @@ class UntilPilot(ScriptedPilot):
     """The scripted pilot, for a few seconds; ``then`` is called once, at 14 s."""
 
     def __init__(self, world: FaultyLockstep, end_s: float = SHORT_S, then: str = "") -> None:
-        super().__init__(world.flight, world.link, Hand.COMPANION, endless=False)
+        super().__init__(world.flight, world.link, Recipient.COMPANION, endless=False)
         self.world, self.end_s, self.then = world, end_s, then
 
     @property
@@ -72,6 +72,7 @@ def test_the_same_seed_gives_the_same_flight_bit_for_bit_however_slow_the_machin
     assert digest(tmp_path / "a") == digest(tmp_path / "b")
 
 
+@pytest.mark.slow
 def test_the_recording_replays_to_the_same_decisions(tmp_path):
     short_flight(tmp_path)
     assert np.mean(read_truth(tmp_path / "truth.csv")["streamed"]) > 0.98
@@ -81,6 +82,7 @@ def test_the_recording_replays_to_the_same_decisions(tmp_path):
     assert sent[:-60] == decided[: len(sent) - 60]
 
 
+@pytest.mark.slow
 def test_a_killed_companion_leaves_the_autopilot_with_its_timeout(tmp_path):
     world = short_flight(tmp_path, then="kill", end_s=19.0)
     assert world.companion is not None
@@ -99,6 +101,7 @@ def test_a_killed_companion_that_is_restarted_flies_again(tmp_path):
     assert world.link.attitude_stream_s > 18.9
 
 
+@pytest.mark.slow
 def test_an_interrupted_companion_hands_back(tmp_path):
     world = short_flight(tmp_path, then="interrupt", end_s=17.0)
     assert world.flight.time_s - world.link.attitude_stream_s > 1.5
@@ -111,11 +114,13 @@ def test_a_stalled_companion_sends_nothing_and_what_does_not_fit_into_the_socket
     assert world.wire.lost > 0
 
 
+@pytest.mark.slow
 def test_the_watchdog_of_a_stalled_companion_tells_the_autopilot_where_to_stay(tmp_path):
     world = short_flight(tmp_path, then="stall 1.5", end_s=15.2)
     assert world.flight.autopilot.guided.value == "position"
 
 
+@pytest.mark.slow
 def test_after_a_stall_of_its_own_it_says_so_and_blames_nobody(tmp_path):
     world = short_flight(tmp_path, then="stall 2.4", end_s=20.0)
     said = (tmp_path / "flight.tlog").read_bytes()
@@ -143,8 +148,8 @@ def test_the_wire_delays_and_keeps_order():
 @pytest.mark.slow
 def test_a_comparison_repeats_itself_and_does_not_depend_on_its_neighbours(monkeypatch):
     short = build("hover", vehicle())
-    knots = (*short.knots[:-1], dataclasses.replace(short.knots[-1], time_s=7.0))
-    monkeypatch.setattr(compare, "build", lambda *_a, **_k: dataclasses.replace(short, knots=knots))
+    waypoints = (*short.waypoints[:-1], dataclasses.replace(short.waypoints[-1], time_s=7.0))
+    monkeypatch.setattr(compare, "build", lambda *_a, **_k: dataclasses.replace(short, waypoints=waypoints))
     settings = Settings("hover")
     first, again = (compare.run_compare([2], settings, legs=(Leg.ON,), workers=1) for _ in range(2))
     assert first[0].height.tolist() == again[0].height.tolist()

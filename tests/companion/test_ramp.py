@@ -18,7 +18,7 @@ PLACE_AND_VELOCITY = POSITION_ONLY & ~0x38
 
 
 @pytest.mark.parametrize("mask", [POSITION_ONLY, PLACE_AND_VELOCITY])
-@pytest.mark.parametrize("px4", [False, True])
+@pytest.mark.parametrize("px4", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_ramp_that_stops_at_the_wall_is_overshot_by_less_than_8_cm(px4, mask):
     end = WALL_M - GAP_M
     seen: list[tuple[float, float]] = []

@@ -121,6 +121,14 @@ def test_a_disk_that_runs_full_ends_the_recording_with_a_whole_frame(tmp_path: P
     assert read_tlog(tmp_path / "f.tlog").report.truncated_bytes == 0
 
 
+def test_nobody_who_uses_it_as_a_library_is_written_to(tmp_path: Path, monkeypatch, caplog, capfd):
+    monkeypatch.setattr(tlog_writer.io, "FileIO", FullDisk)
+    with Recorder(tmp_path / "f.tlog") as recorder:
+        fill(recorder, 10)
+    assert "the disk is full" in caplog.text
+    assert capfd.readouterr() == ("", "")
+
+
 def test_it_stops_before_it_fills_the_disk(tmp_path: Path, monkeypatch):
     monkeypatch.setattr(tlog_writer.shutil, "disk_usage", lambda _: SimpleNamespace(free=10 << 20))
     said: list[str] = []

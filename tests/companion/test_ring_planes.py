@@ -275,6 +275,7 @@ def corner_flights(tmp_path_factory):
     return fly(VEHICLE), fly(RINGED, log), log, model
 
 
+@pytest.mark.slow
 def test_a_corner_is_flown_by_a_ring_of_eight_as_by_a_beam(corner_flights):
     plain, ringed, _, _ = corner_flights
     assert ringed.touched_s == 0.0
@@ -282,6 +283,7 @@ def test_a_corner_is_flown_by_a_ring_of_eight_as_by_a_beam(corner_flights):
         assert ringed.rms(axis) < 1.25 * plain.rms(axis)
 
 
+@pytest.mark.slow
 def test_replay_of_the_recording_decides_the_same(corner_flights):
     _, _, path, model = corner_flights
     frames = list(read_tlog(path).frames())

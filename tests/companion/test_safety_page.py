@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from faults.catalog import FAULTS
 
-from companion.invariants import Promise
+from companion.invariants import Requirement
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
@@ -30,5 +30,5 @@ def test_every_requirement_names_tests_that_exist(row):
 
 
 def test_the_page_is_complete():
-    assert len(ROWS) >= len(Promise) - 3, "armed, mode and landed share a row, as do form and quaternion"
+    assert len(ROWS) >= len(Requirement) - 3, "armed, mode and landed share a row, as do form and quaternion"
     assert f"{len(FAULTS)} things that go wrong" in PAGE

@@ -14,7 +14,7 @@ from companion.sim.autopilot import Guided, Mode
 from companion.sim.flight import Flight
 from companion.sim.flown import Leg, flown
 from companion.sim.link import VehicleLink
-from companion.sim.pilot import Hand, ScriptedPilot
+from companion.sim.pilot import Recipient, ScriptedPilot
 from companion.sim.scenario import build
 
 
@@ -59,7 +59,7 @@ def approach():
     v = vehicle()
     flight = Flight(v, replace(build("corner", v, air=False), rounding_s=0.0), 1)
     link = VehicleLink(flight, lambda frame: None)
-    pilot = ScriptedPilot(flight, link, Hand.AUTOPILOT, endless=False)
+    pilot = ScriptedPilot(flight, link, Recipient.AUTOPILOT, endless=False)
     rows = []
     while flight.script_s <= flight.scenario.duration_s:
         flight.step()

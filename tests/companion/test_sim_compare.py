@@ -20,7 +20,7 @@ from companion.sim.compare_plot import write_plot
 from companion.sim.compare_report import Comparison, air_part, as_json, as_text
 from companion.sim.flight import Flight, TruthFile
 from companion.sim.flown import AXES, PHASES, STEP_S, Flown, Leg, flown, read_truth
-from companion.sim.scenario import Knot, build
+from companion.sim.scenario import Waypoint, build
 from companion.vehicles import default_vehicle
 from models.errors import ConfigError, LinkError
 
@@ -206,9 +206,12 @@ def test_jobs_keep_their_order(monkeypatch: pytest.MonkeyPatch):
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
     """Six seconds of hover in place of every scenario, flown one after another."""
-    monkeypatch.setattr(compare, "build", lambda name, vehicle, air=True: replace(
-        build("hover", vehicle, air=air), knots=(Knot(0.0, 0.0, 1.2, name="free"), Knot(6.0, 0.0, 1.2, name="end"))
-    ))  # fmt: skip
+    waypoints = (Waypoint(0.0, 0.0, 1.2, name="free"), Waypoint(6.0, 0.0, 1.2, name="end"))
+    monkeypatch.setattr(
+        compare,
+        "build",
+        lambda name, vehicle, air=True: replace(build("hover", vehicle, air=air), waypoints=waypoints),
+    )
     monkeypatch.setattr(compare.os, "cpu_count", lambda: 1)
 
 

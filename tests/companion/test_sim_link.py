@@ -12,7 +12,7 @@ from simflight import HEIGHT_M, Peer, hovering, vehicle
 from companion.sim.autopilot import Guided, Mode
 from companion.sim.flight import Flight
 from companion.sim.link import PX4_MODES
-from companion.sim.pilot import Hand, ScriptedPilot
+from companion.sim.pilot import Recipient, ScriptedPilot
 from companion.sim.scenario import build
 from companion.sim.sensors import RangeFault
 
@@ -162,7 +162,7 @@ def test_garbage_on_the_wire_does_no_harm():
 def test_the_pilot_takes_off_and_speaks_to_the_companion_through_the_router():
     v = vehicle()
     peer = Peer(Flight(v, build("corner", v), 1))
-    pilot = ScriptedPilot(peer.flight, peer.link, Hand.COMPANION, endless=False)
+    pilot = ScriptedPilot(peer.flight, peer.link, Recipient.COMPANION, endless=False)
     due = [0]
 
     def each() -> None:

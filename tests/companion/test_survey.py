@@ -191,6 +191,7 @@ def test_a_flight_surveys_ends_where_it_began_and_replays_bit_for_bit(tmp_path):
     assert sent[:-60] == decided[: len(sent) - 60]
 
 
+@pytest.mark.slow
 def test_another_mode_ends_a_survey_and_it_does_not_come_back(tmp_path):
     outcome, _, _ = flown(tmp_path, interrupted, SurveyBox(0.45, 1.0))
     assert outcome.judgement.height_loss_m < 0.1

@@ -10,12 +10,12 @@ import pytest
 
 from companion.control.plant import FULL
 from companion.control.position_hold import BaseSetpoint, Motion, engage, fly
-from companion.control.wall_guard import Pressed, watch_wall
+from companion.control.wall_guard import WallAhead, watch_wall
 from companion.estimation.estimator import Seen, Surface
 from companion.mavlink.firmware import ThrustMap
 from models.vehicle import Limits
 
-EAST = Pressed(0.0, 1.0, 0.0)
+EAST = WallAhead(0.0, 1.0, 0.0)
 THRUST = ThrustMap(0.5, 1.0)
 
 
@@ -36,7 +36,7 @@ class Beside:
 
 
 @pytest.mark.parametrize(
-    ("gap_m", "speed_m_s", "pressed"),
+    ("gap_m", "speed_m_s", "wall_ahead"),
     [
         (0.30, 0.0, False),
         (0.30, 0.3, False),
@@ -46,22 +46,22 @@ class Beside:
         (1.0, 0.8, False),
     ],
 )
-def test_it_is_pressed_where_it_cannot_stop_before_the_wall(gap_m, speed_m_s, pressed):
-    assert (watch_wall(None, Beside(gap_m), (0.2, speed_m_s, 0.0), 1.0) is not None) == pressed
+def test_a_wall_is_ahead_where_it_cannot_stop_before_the_wall(gap_m, speed_m_s, wall_ahead):
+    assert (watch_wall(None, Beside(gap_m), (0.2, speed_m_s, 0.0), 1.0) is not None) == wall_ahead
 
 
-def test_it_stays_pressed_until_it_is_clear_also_where_the_range_is_blind():
-    pressed = watch_wall(None, Beside(0.05), (0.0, 0.5, 0.0), 1.0)
-    assert pressed == Pressed(0.0, 1.0, 1.0)
+def test_it_stays_ahead_until_it_is_clear_also_where_the_range_is_blind():
+    wall_ahead = watch_wall(None, Beside(0.05), (0.0, 0.5, 0.0), 1.0)
+    assert wall_ahead == WallAhead(0.0, 1.0, 1.0)
     blind = Beside(0.0, Seen.LOST)
-    assert watch_wall(pressed, blind, (0.0, 0.0, 0.0), 2.0) == pressed
-    assert watch_wall(pressed, None, (0.0, 0.0, 0.0), 2.0) == pressed
-    assert watch_wall(pressed, blind, (0.0, 0.0, 0.0), 5.0) is None
-    assert watch_wall(pressed, Beside(0.15), (0.0, -0.2, 0.0), 2.0) is not None
-    assert watch_wall(pressed, Beside(0.25), (0.0, -0.2, 0.0), 2.0) is None
+    assert watch_wall(wall_ahead, blind, (0.0, 0.0, 0.0), 2.0) == wall_ahead
+    assert watch_wall(wall_ahead, None, (0.0, 0.0, 0.0), 2.0) == wall_ahead
+    assert watch_wall(wall_ahead, blind, (0.0, 0.0, 0.0), 5.0) is None
+    assert watch_wall(wall_ahead, Beside(0.15), (0.0, -0.2, 0.0), 2.0) is not None
+    assert watch_wall(wall_ahead, Beside(0.25), (0.0, -0.2, 0.0), 2.0) is None
 
 
-def setpoint(wall: Pressed | None, north_m: float, east_m: float) -> BaseSetpoint:
+def setpoint(wall: WallAhead | None, north_m: float, east_m: float) -> BaseSetpoint:
     """The first one after the vehicle was driven off by so much."""
     level = Motion((0.0,) * 3, (0.0,) * 3, (0.0, 0.0, 1.0), 0.0)
     hold = engage(0.0, level, (0.0, 0.0), THRUST.hover, THRUST)

@@ -10,7 +10,7 @@ import pytest
 
 import models
 from companion.sim.body import Surroundings
-from companion.sim.scenario import ROUNDING_S, Knot, Scenario
+from companion.sim.scenario import ROUNDING_S, Scenario, Waypoint
 from replay.cli import main
 
 
@@ -23,9 +23,9 @@ def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def recording(vehicle: Path) -> Path:
     """Eighteen seconds: twice up to a gap of 1.2 radii, so that one visit can be held out, and down. Simulated."""
     gaps = ((0.0, 1.4), (2.0, 1.4), (5.0, 0.2), (8.0, 0.2), (10.0, 0.8), (13.0, 0.2), (16.0, 0.2), (18.0, 0.8))
-    knots = tuple(Knot(at, 0.0, amended_hover.CEILING_M - gap) for at, gap in gaps)
+    waypoints = tuple(Waypoint(at, 0.0, amended_hover.CEILING_M - gap) for at, gap in gaps)
     log = vehicle.parent / "flight.tlog"
-    flown = amended_hover.fly(5, None, vehicle, log, Scenario("up", Surroundings(), knots, ROUNDING_S))
+    flown = amended_hover.fly(5, None, vehicle, log, Scenario("up", Surroundings(), waypoints, ROUNDING_S))
     assert flown.touched_s == 0.0
     assert flown.rms("height") < 60.0
     return log

@@ -14,7 +14,7 @@ from diagnose_noise import noise_record
 
 from companion.vehicles import default_vehicle
 from models.effects import get
-from replay.changes.changes import Change, Good, beside, changes, learn
+from replay.changes.changes import Baseline, Change, changes, compare, learn
 from replay.changes.page import page
 from replay.changes.since import Compared, Since, _change_point, by_date
 from replay.cli import main
@@ -36,39 +36,39 @@ HEAVY = ("thrust_scale", (), (-0.06,))
 
 
 @pytest.fixture(scope="module")
-def good() -> Good:
+def good() -> Baseline:
     return learn([flight(21, HEAVY), flight(22, HEAVY)])
 
 
-def names(good: Good, today: Record) -> list[str]:
-    return [c.name for c in changes(beside(good, today))]
+def names(good: Baseline, today: Record) -> list[str]:
+    return [c.name for c in changes(compare(good, today))]
 
 
 @pytest.mark.slow
-def test_what_the_vehicle_always_had_is_no_change(good: Good) -> None:
+def test_what_the_vehicle_always_had_is_no_change(good: Baseline) -> None:
     assert {e.name for e in good.found} <= {"thrust_scale", "payload"}
     assert names(good, flight(23, HEAVY)) == []
 
 
-def test_weather_is_no_change(good: Good) -> None:
+def test_weather_is_no_change(good: Baseline) -> None:
     assert names(good, flight(24, HEAVY, ("wind", (0.0,), (0.8, -0.5, 0.0, 0.0)))) == []
 
 
-def test_a_weak_fan_is_the_first_cause(good: Good) -> None:
-    (change,) = changes(beside(good, flight(25, HEAVY, ("fan_imbalance", (2.0,), (-0.2,)))))
+def test_a_weak_fan_is_the_first_cause(good: Baseline) -> None:
+    (change,) = changes(compare(good, flight(25, HEAVY, ("fan_imbalance", (2.0,), (-0.2,)))))
     assert change.name == "fan_imbalance"
     sizes = {e.name: e for e in change.estimates}
     assert sizes["fan"].value == 2.0
     assert sizes["scale"].ci95[0] < -0.2 < sizes["scale"].ci95[1]
 
 
-def test_a_moved_battery_is_named(good: Good) -> None:
-    (change,) = changes(beside(good, flight(26, HEAVY, ("cg_offset", (), (0.04, 0.0)))))
+def test_a_moved_battery_is_named(good: Baseline) -> None:
+    (change,) = changes(compare(good, flight(26, HEAVY, ("cg_offset", (), (0.04, 0.0)))))
     assert "cg_offset" in (change.name, *change.aliases)
 
 
-def test_a_size_is_known_on_a_flight_that_shows_no_change(good: Good) -> None:
-    size = beside(good, flight(27, HEAVY)).size("fan_imbalance")
+def test_a_size_is_known_on_a_flight_that_shows_no_change(good: Baseline) -> None:
+    size = compare(good, flight(27, HEAVY)).size("fan_imbalance")
     assert size.ci95[0] < 0.0 < size.ci95[1]
 
 
@@ -78,9 +78,9 @@ def test_a_change_is_there_from_the_log_since_which_most_show_it() -> None:
     assert _change_point([True]) == 0
 
 
-def test_the_answer_as_json_text_and_page(good: Good) -> None:
+def test_the_answer_as_json_text_and_page(good: Baseline) -> None:
     today = flight(25, HEAVY, ("fan_imbalance", (2.0,), (-0.2,)))
-    found = beside(good, today)
+    found = compare(good, today)
     (change,) = changes(found)
     assert isinstance(change, Change)
     from replay.changes.since import Changed

@@ -26,9 +26,9 @@ from replay.cli import main  # noqa: E402
 from replay.desk.app import app  # noqa: E402
 from replay.desk.fields import FIELDS, rows  # noqa: E402
 from replay.desk.question import Question  # noqa: E402
-from replay.desk.season import plots  # noqa: E402
 from replay.desk.store import Ask, Desk, Drop, safe_name  # noqa: E402
 from replay.desk.work import Work, error_line  # noqa: E402
+from replay.diagnosis.over_logs import plots  # noqa: E402
 
 HERE = "http://127.0.0.1:8000"
 PATIENCE_S = 100.0

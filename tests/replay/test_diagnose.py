@@ -69,12 +69,12 @@ def test_a_wind_is_said_as_a_force_and_its_speed_by_the_vehicles_drag(quiet: Rec
     wind = get("wind")
     size = {"north": 0.8, "east": 0.0, "own_motion": 0.1, "turning": 0.0, "sinking": 0.3}
     force = np.abs(wind.regressors(context, (0.5,))[..., :2, 0]).max() * 0.8
-    assert wind.in_words is not None
-    said = wind.in_words(context, size)
+    assert wind.shown.in_words is not None
+    said = wind.shown.in_words(context, size)
     assert "from the south" in said
     assert float(said.split(" N ")[0].split()[-1]) == pytest.approx(force, rel=0.1)
-    assert wind.explain is not None
-    note = wind.explain({name: (value, value - 0.01, value + 0.01) for name, value in size.items()})
+    assert wind.shown.remark is not None
+    note = wind.shown.remark({name: (value, value - 0.01, value + 0.01) for name, value in size.items()})
     assert note is not None
     assert "8 m/s to the north" in note
 

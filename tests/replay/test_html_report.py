@@ -17,7 +17,16 @@ from models.effects.pictures import over_time
 from replay.diagnosis.diagnose import Diagnosis, Named, conclude
 from replay.diagnosis.html_report import page
 from replay.diagnosis.next_step import next_step
-from replay.diagnosis.pictures import PIXELS, acts, blocks, effect_picture, envelope, phases, well_binned, without
+from replay.diagnosis.pictures import (
+    PIXELS,
+    blocks,
+    effect_picture,
+    effect_wrench,
+    envelope,
+    phases,
+    well_binned,
+    without,
+)
 from replay.diagnosis.words import channel_words, estimate_words
 from replay.residual.faults import LogFault
 from replay.residual.record import Record
@@ -146,7 +155,7 @@ def test_every_effect_has_its_size_in_words_its_numbers_and_how_sure_it_is(weak:
     (named,) = weak.named
     seen = plain(text(weak))
     effect = named.found.effect
-    words = effect.in_words(weak.records[0].context, named.found.parameters)
+    words = effect.shown.in_words(weak.records[0].context, named.found.parameters)
     part = seen[seen.index(words[1:]) : seen.index("Error of the model")]
     for estimate in named.found.estimates:
         if estimate.ci95[1] > estimate.ci95[0]:
@@ -162,7 +171,7 @@ def test_every_effect_has_its_size_in_words_its_numbers_and_how_sure_it_is(weak:
 
 def test_the_picture_shows_the_points_and_the_fitted_curve(weak: Diagnosis) -> None:
     (named,) = weak.named
-    a = acts(named, weak.traces)
+    a = effect_wrench(named, weak.traces)
     assert a is not None
     picture = effect_picture(named, a)
     assert picture.count("<circle") > 5
@@ -179,12 +188,12 @@ def test_the_picture_shows_the_points_and_the_fitted_curve(weak: Diagnosis) -> N
 def test_every_effect_of_the_catalogue_has_words_and_a_picture(effect: Effect, rich: Context) -> None:
     middle = {c.name: 0.5 * (max(c.least(rich), -0.2) + min(c.high, 0.4)) for c in effect.coefficients}
     shapes = {s.name: 1.0 for s in effect.shapes}
-    assert effect.in_words is not None, "a sentence for the pilot: field in_words"
-    words = effect.in_words(rich, middle | shapes)
+    assert effect.shown.in_words is not None, "a sentence for the pilot: field shown"
+    words = effect.shown.in_words(rich, middle | shapes)
     assert len(words.split()) > 4
     assert not re.search(r"nan|inf\b|_|[0-9]{6}", words), words
     for axis in effect.axes:
-        drawn = (effect.drawn or over_time)(rich, axis)
+        drawn = (effect.shown.drawn or over_time)(rich, axis)
         assert drawn.values.shape == rich.state.time_s.shape
         assert np.isfinite(drawn.values).all(), drawn.label
         assert "_" not in drawn.label + drawn.force_label
@@ -201,10 +210,10 @@ def test_the_direction_of_a_picture_is_the_one_that_its_label_says(rich: Context
     for ctx in (right, ahead):
         wrench = wall.wrench(ctx, p)
         for axis in ("Fx", "Mx"):
-            assert ((wrench * wall.drawn(ctx, axis).direction).sum(axis=1) > 0.0).all()
+            assert ((wrench * wall.shown.drawn(ctx, axis).direction).sum(axis=1) > 0.0).all()
     lift = get("ground_effect")
     up = lift.wrench(rich, {"gain": 0.2, "length_radii": 1.0})
-    assert ((up * lift.drawn(rich, "Fz").direction).sum(axis=1) > 0.0).all()
+    assert ((up * lift.shown.drawn(rich, "Fz").direction).sum(axis=1) > 0.0).all()
 
 
 def test_the_error_of_every_judged_axis_stands_there_before_and_after(weak: Diagnosis) -> None:

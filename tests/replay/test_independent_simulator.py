@@ -253,6 +253,7 @@ def test_the_parts_add_up_to_what_sensors_and_model_differ_by(flown):
         assert np.sqrt((rest[3:] ** 2).mean()) < 0.005 * weight * LIFTER.arm_m
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SOME)
 def test_an_effect_made_large_is_large_in_its_own_flight_only(flown, name):
     own = sizes(LIFTER, flown[name][2])[name]
@@ -261,6 +262,7 @@ def test_an_effect_made_large_is_large_in_its_own_flight_only(flown, name):
     assert max(others) < 0.7 * own
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", SOME)
 def test_least_squares_on_sensed_data_recovers_each_size(flown, name):
     """Regressors are the true wrenches; what is fitted are the sensors' accelerations and rotor speeds."""
@@ -284,6 +286,7 @@ def test_least_squares_on_sensed_data_recovers_each_size(flown, name):
 # --- Files ------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_every_name_of_the_contract_is_made_large_or_always_there(flown):
     always = set(flown["null"][2].parts)
     assert set(CONTRACT.split()) <= always | set(DRAWS)

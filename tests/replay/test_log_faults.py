@@ -15,6 +15,7 @@ from companion.mavlink.samples import RangeVerdict
 from companion.vehicles import QUAD
 from models.vehicle import Fan, Rotor, Throttle, Vehicle, load_vehicle
 from replay.diagnosis.diagnose import conclude
+from replay.diagnosis.model_faults import model_faults
 from replay.flightlog import FlightLog, Series
 from replay.residual.fault import LogFault
 from replay.residual.record import build_record
@@ -219,7 +220,7 @@ KINDS = {
         replace(QUADROTOR, fans=tuple(spun(f) for f in QUADROTOR.fans)),
     ),
     "file of a heavier vehicle": Fault(
-        lambda g: g, "vehicle file", "of the lift that flew", (0, 1), replace(QUADROTOR, mass_kg=9.0)
+        lambda g: g, "vehicle file", "times the lift that flew", (0, 1), replace(QUADROTOR, mass_kg=9.0)
     ),
     "reversed gyro": Fault(lambda g: imu(g, gyro=lambda x: -x), "p_rad_s", "disagrees", FORCES),
     "dead gyro": Fault(lambda g: imu(g, gyro=lambda x: 0.0 * x), "q_rad_s", "disagrees", FORCES),
@@ -244,6 +245,16 @@ def test_a_fault_is_found_said_and_left_out(kind, flown):
     assert record.axes == fault.axes
     left = [a for a in range(6) if a not in record.axes and a not in record.blind]
     assert np.all(record.residual[record.valid][:, left] == 0.0)
+
+
+def test_a_lift_that_never_flew_is_said_once(flown):
+    """A log whose lift is not judged at all is not told again how far the model is from it."""
+    log = logged(flown, QUADROTOR, Path("a.tlog"))
+    heavier, heavy = replace(QUADROTOR, mass_kg=1.8 * QUADROTOR.mass_kg), replace(QUADROTOR, mass_kg=9.0)
+    for vehicle in (heavy, heavier):
+        record = build_record(log, vehicle, None)
+        said = [f.what for f in record.faults] + [f["what"] for f in model_faults([record], None)]
+        assert sum("times the lift that flew" in what for what in said) == 1, said
 
 
 def test_a_short_flight_mostly_at_full_command_is_judged_and_time_left_out_has_its_reason(flown):

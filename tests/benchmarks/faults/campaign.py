@@ -18,7 +18,7 @@ import models
 from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
 from companion.control.state import Decision
-from companion.invariants import Auditor, Promise
+from companion.invariants import Auditor
 from companion.sim.flight import Flight
 from companion.vehicles import default_vehicle
 from faults.tamper import Tamper, signer
@@ -295,4 +295,4 @@ def complaints(fault: Fault, r: Result) -> list[str]:
     return out
 
 
-__all__ = ["Bench", "Fault", "Promise", "Result", "complaints", "fly"]
+__all__ = ["Bench", "Fault", "Result", "complaints", "fly"]

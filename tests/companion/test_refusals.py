@@ -1,0 +1,98 @@
+"""Every refusal by its own cause: one thing is changed in the state of a hold that flies with its offsets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import pytest
+from flying import bench
+
+from companion.config import PipelineConfig
+from companion.control.authority import Reason
+from companion.control.refusals import lateness, refusals
+from companion.control.state import PipelineState
+from companion.control.swing_detector import SWING_LEVELS
+from companion.estimation.estimator import Seen, Surface
+
+Change = Callable[[PipelineState], PipelineState]
+
+
+@cache
+def flying() -> tuple[PipelineState, PipelineConfig]:
+    """State and configuration after four seconds of hover in the corner."""
+    b = bench()
+    b.run(4.0)
+    return b.state, b.config
+
+
+def of(part: str, **changes: object) -> Change:
+    """A change of one record of the state."""
+    return lambda s: replace(s, **{part: replace(getattr(s, part), **changes)})
+
+
+def late(seconds: float) -> Change:
+    """The newest attitude arrived so late."""
+    return lambda s: replace(s, estimates=replace(s.estimates, attitude=replace(s.estimates.attitude, late_s=seconds)))
+
+
+def of_state(**changes: object) -> Change:
+    """A change of the state itself."""
+    return lambda s: replace(s, **changes)
+
+
+CAUSES: dict[Reason, Change] = {
+    Reason.NO_HEARTBEAT: of_state(heartbeat=None),
+    Reason.NOT_ARMED: of("heartbeat", armed=False),
+    Reason.WRONG_MODE: of("heartbeat", custom_mode=5),
+    Reason.STACK_UNKNOWN: of("heartbeat", autopilot=0),
+    Reason.THRUST_UNKNOWN: of_state(parameters={}),
+    Reason.THRUST_IS_CLIMB_RATE: of_state(parameters={"GUID_OPTIONS": 0.0}),
+    Reason.LANDED: of("air", landed_state=1, since_s=float("inf")),
+    Reason.ATTITUDE_STALE: of("estimates", attitude=None),
+    Reason.LATE: late(0.16),
+    Reason.TOO_LATE: lambda s: replace(s, late_since_s=s.t_s - 10.0),
+    Reason.POSITION_STALE: of("estimates", position=None),
+    Reason.NO_MARGIN: of("tuned", share=0.3),
+    Reason.SWINGS_ON: of("swing", level=SWING_LEVELS + 1),
+    Reason.SWINGING: lambda s: replace(s, swing=replace(s.swing, swung_s=s.t_s)),
+    Reason.RPM_MISSING: of_state(disturbance=None),
+    Reason.OUT_OF_DOMAIN: of("disturbance", trust=0.0),
+    Reason.RANGE_MISSING: of("disturbance", ground=Surface(Seen.MISSING)),
+    Reason.RANGE_LOST: of("disturbance", wall=Surface(Seen.LOST)),
+    Reason.MODEL_WRONG: of_state(lift_share=1.7),
+    Reason.ROTORS_WRONG: lambda s: replace(s, estimates=replace(s.estimates, undeclared_s=s.t_s)),
+    Reason.STOPPING: of_state(stopping=True),
+}
+
+
+def test_a_hold_that_flies_near_ground_and_wall_refuses_nothing() -> None:
+    state, config = flying()
+    assert state.hold is not None
+    assert refusals(state, config, state.t_s) == ()
+
+
+@pytest.mark.parametrize("reason", CAUSES, ids=lambda r: r.name)
+def test_one_cause_gives_its_own_refusal_and_no_other(reason: Reason) -> None:
+    state, config = flying()
+    assert refusals(CAUSES[reason](state), config, state.t_s) == (reason,)
+
+
+def test_several_surfaces_that_are_lost_are_said_once() -> None:
+    state, config = flying()
+    lost = of("disturbance", ground=Surface(Seen.LOST), wall=Surface(Seen.LOST))(state)
+    assert refusals(lost, config, state.t_s) == (Reason.RANGE_LOST,)
+
+
+def test_offsets_that_are_off_are_said_before_a_model_that_is_missing() -> None:
+    state, config = flying()
+    assert refusals(state, replace(config, offsets=False), state.t_s) == (Reason.OFFSETS_OFF,)
+
+
+def test_the_later_of_attitude_and_position_counts_for_the_hold() -> None:
+    state, config = flying()
+    assert state.estimates.position is not None
+    old = replace(state.estimates, position=replace(state.estimates.position, late_s=0.3))
+    assert lateness(old, config) == 0.3
+    assert lateness(late(0.4)(state).estimates, config) == 0.4

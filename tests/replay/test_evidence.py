@@ -1,0 +1,97 @@
+"""Evidence of a set of terms: the posterior and its log marginal likelihood against the plain formulas."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from made_up import BIAS_M_S2, biased, some
+
+from models.effects import get
+from replay.search.evidence import TRUST, Evidence, Fit, Noise
+from replay.search.library import Library
+from replay.search.terms import Term
+
+
+@pytest.fixture(scope="module")
+def evidence() -> Evidence:
+    return Evidence(Library([biased()], some("imu_bias", "wind", "rotor_drag")))
+
+
+@pytest.fixture(scope="module")
+def noise(evidence: Evidence) -> Noise:
+    return evidence.unfitted()
+
+
+def term(evidence: Evidence, name: str) -> Term:
+    return next(t for t in evidence.library.terms if t.name == name)
+
+
+def log_marginal(fit: Fit, centre: np.ndarray) -> float:
+    """Of a Gaussian model with prior N(c, 1), up to a constant of the noise: 1/2 (b^T S^-1 b - c^T c + log det S)."""
+    precision = np.linalg.inv(fit.cov)
+    return 0.5 * float(fit.b @ precision @ fit.b - centre @ centre + np.linalg.slogdet(fit.cov)[1])
+
+
+def test_the_wrench_of_an_effect_is_found(evidence: Evidence, noise: Noise) -> None:
+    """Its size need not be: an offset of the accelerometer and a tilt of the rotors do nearly the same."""
+    library, bias = evidence.library, term(evidence, "imu_bias")
+    fit = evidence.fit([bias], noise)
+    place = np.searchsorted(bias.columns, bias.places[0])
+    wrench = library.wrenches(bias, 0)[0] @ (fit.b[place] * bias.scale[place])
+    mass = library.records[0].context.vehicle.mass_kg
+    assert wrench[:, 0].mean() == pytest.approx(BIAS_M_S2 * mass, rel=0.1)
+    assert abs(wrench[:, 1].mean()) < 0.05 * BIAS_M_S2 * mass
+
+
+def test_screening_is_the_gain_of_the_log_marginal_likelihood_beside_kept_noise(
+    evidence: Evidence, noise: Noise
+) -> None:
+    library, wind = evidence.library, term(evidence, "wind")
+    trims = np.zeros(len(library.trim))
+    less = evidence.refit([wind], noise)
+    screened = evidence.screen(less)
+    for name in ("imu_bias", "rotor_drag"):
+        more = term(evidence, name)
+        both = evidence.refit([wind, more], noise)
+        gain = log_marginal(both, np.concatenate([wind.centre, more.centre, trims])) - log_marginal(
+            less, np.concatenate([wind.centre, trims])
+        )
+        assert screened[library.terms.index(more)] == pytest.approx(gain, rel=1e-6, abs=1e-6)
+
+
+def test_a_key_screens_its_own_terms_only(evidence: Evidence, noise: Noise) -> None:
+    wind = term(evidence, "wind")
+    empty = evidence.refit([], noise)
+    some_only = evidence.screen(empty, wind.key)
+    known = [i for i, t in enumerate(evidence.library.terms) if t.key == wind.key]
+    assert np.flatnonzero(np.isfinite(some_only)).tolist() == known
+    np.testing.assert_allclose(some_only[known], evidence.screen(empty)[known])
+
+
+def test_without_any_row_the_posterior_is_the_prior(evidence: Evidence, noise: Noise) -> None:
+    drag = term(evidence, "rotor_drag")
+    every = np.ones(len(evidence.library.channels[0].run), bool)
+    fit = evidence.refit([drag], noise, {0: every})
+    part = fit.part(drag)
+    np.testing.assert_allclose(fit.b[part], drag.centre, atol=1e-9)
+    np.testing.assert_allclose(np.diag(fit.cov)[part], 1.0, atol=1e-9)
+
+
+def test_the_score_is_the_sum_of_its_parts(evidence: Evidence, noise: Noise) -> None:
+    fit = evidence.fit([term(evidence, "imu_bias")], noise)
+    assert fit.score == pytest.approx(TRUST * fit.evidence + fit.within + fit.worth + fit.prior)
+    assert fit.promise == pytest.approx(fit.score - fit.worth)
+
+
+def test_the_prior_is_the_effects_chance_spread_over_its_shapes(evidence: Evidence) -> None:
+    shapes = [t for t in evidence.library.terms if t.name == "wind"]
+    odds = math.log(0.05 / 0.95)
+    assert get("wind").chance == 0.05
+    assert sum(math.exp(evidence.prior(t) - odds) for t in shapes) == pytest.approx(1.0)
+
+
+def test_a_set_that_was_fitted_is_not_fitted_again(evidence: Evidence, noise: Noise) -> None:
+    terms = [term(evidence, "imu_bias")]
+    assert evidence.fit(terms, noise) is evidence.fit(list(terms), noise)
