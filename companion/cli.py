@@ -96,8 +96,8 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--plot", type=Path, metavar="FILE.svg", help="with --compare: draw the errors over the script")
     p.add_argument("--seed", type=int, default=0, help="of the built-in vehicle")
     p.add_argument("--vision", action="store_true",
-                   help="with sim:NAME: no GPS, but visual odometry that drifts by 2 %% of the path, 60 ms late, and is set "
-                   "right every 10 s")  # fmt: skip
+                   help="with sim:NAME: no GPS but visual odometry, 60 ms late, drifting by 2 %% of the path and "
+                   "set right every 10 s")  # fmt: skip
     p.add_argument("--json", metavar="FILE", help="write the report as JSON (- for stdout)")
     p.add_argument("--quiet", action="store_true", help="no progress, no state changes on stderr")
     return p
@@ -336,9 +336,13 @@ def _endpoint(a: argparse.Namespace, stack: ExitStack) -> tuple[str, IO[str] | N
     scripted = a.duration is None
     sim = stack.enter_context(
         launch(
-            scenario_name(a.connect), seed=a.seed, vehicle=a.vehicle, pilot="companion", narrate=scripted,
+            scenario_name(a.connect),
+            seed=a.seed,
+            vehicle=a.vehicle,
+            pilot="companion",
+            narrate=scripted,
             vision=a.vision,
-        )  # fmt: skip
+        )
     )
     return sim.endpoint, sim.process.stdout if scripted else None
 

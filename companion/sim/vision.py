@@ -34,11 +34,14 @@ class VisionEstimator(Estimator):
         super().__init__(body, seed)
         self._rng = random.Random(f"vision {seed}")
         direction = [self._rng.gauss(0.0, 1.0) for _ in range(3)]
-        self._drifts = [d / math.hypot(*direction) for d in direction]
+        x, y, z = (d / math.hypot(*direction) for d in direction)
+        self.drifts: Vec = (x, y, z)
+        """Where to, unit."""
+        self.relocalised_every_s = _RELOCALISED_S
         self._drift = [0.0, 0.0, 0.0]
         self._place, self._speed = list(body.position), list(body.velocity)
         steps = round(_LATE_S / body.dt) + 1
-        self._seen: deque[Vec] = deque([body.position] * steps, maxlen=steps)
+        self._seen: deque[Vec] = deque([self._true()] * steps, maxlen=steps)
         self._was: deque[list[float]] = deque([list(self._place)] * steps, maxlen=steps)
         self._next_s = 0.0
         self._relocalised_s = 0.0
@@ -48,7 +51,7 @@ class VisionEstimator(Estimator):
         """The odometry says this place again and again."""
         self.turned_rad = 0.0
         """The odometry's own north, from north; turned about the place where that began."""
-        self._pivot: Vec = body.position
+        self._pivot = self._true()
 
     @property
     def test_ratio(self) -> float:
@@ -61,7 +64,7 @@ class VisionEstimator(Estimator):
 
     def turn(self, by_rad: float) -> None:
         """Say places in another frame from here on."""
-        self._pivot, self.turned_rad = self._body.position, by_rad
+        self._pivot, self.turned_rad = self._true(), by_rad
 
     def relocalise(self, jump: Vec = (0.0, 0.0, 0.0)) -> None:
         """Find the place again, ``jump`` m off: the estimate leaps there."""
@@ -78,17 +81,21 @@ class VisionEstimator(Estimator):
         for k, row in enumerate(rotation_rows(*base.quaternion)):
             self._place[k] += self._speed[k] * dt
             self._speed[k] += (row[0] * f[0] + row[1] * f[1] + row[2] * f[2] + down[k]) * dt
-        path = math.dist(body.position, self._seen[-1])
-        self._drift = [d + self.drift * path * k for d, k in zip(self._drift, self._drifts, strict=True)]
-        self._seen.append(body.position)
+        path = math.dist(self._true(), self._seen[-1])
+        self._drift = [d + self.drift * path * k for d, k in zip(self._drift, self.drifts, strict=True)]
+        self._seen.append(self._true())
         self._was.append(list(self._place))
         if self.gps and body.time_s >= self._next_s:
             self._next_s = body.time_s + _PERIOD_S
-            if body.time_s - self._relocalised_s >= _RELOCALISED_S:
+            if body.time_s - self._relocalised_s >= self.relocalised_every_s:
                 self.relocalise()
             self._correct(1.4 * _WITHIN_1_S * _PERIOD_S, _WITHIN_1_S**2 * _PERIOD_S)
         place, speed = self._place, self._speed
         return replace(base, position=(place[0], place[1], place[2]), velocity=(speed[0], speed[1], speed[2]))
+
+    def _true(self) -> Vec:
+        x, y, z = self._body.position
+        return (x, y, z)
 
     def _odometry(self) -> Vec:
         """The pose of ``_LATE_S`` ago."""
@@ -102,7 +109,8 @@ class VisionEstimator(Estimator):
 
     def _correct(self, place_share: float, speed_share: float) -> None:
         errors = [
-            seen + self._rng.gauss(0.0, _NOISE_M) - was for seen, was in zip(self._odometry(), self._was[0], strict=True)
+            seen + self._rng.gauss(0.0, _NOISE_M) - was
+            for seen, was in zip(self._odometry(), self._was[0], strict=True)
         ]
         self._innovation_m = math.hypot(*errors)
         for k, error in enumerate(errors):

@@ -88,6 +88,8 @@ class Fault:
     """The autopilot's clock when the simulation starts."""
     ring: int = 0
     """Directions of a ring that sees the wall in place of the wall range."""
+    vision: bool = False
+    """Without GPS: the position is visual odometry."""
     stacks: tuple[str, ...] = STACKS
 
 
@@ -208,7 +210,7 @@ def _fly(fault: Fault, stack: str, seed: int, own: PipelineConfig, folder: Path)
         yield RECOVERY_S
 
     case = Case(fault.name, fault.what, script, px4=stack == "px4", wall_m=WALL_M)
-    flight = Flight(own.vehicle, surroundings(case, own.vehicle), seed, px4=case.px4)
+    flight = Flight(own.vehicle, surroundings(case, own.vehicle), seed, px4=case.px4, vision=fault.vision)
 
     def pilot(world: FaultyLockstep) -> CasePilot:
         p = _Pilot(world, script)

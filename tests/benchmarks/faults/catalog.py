@@ -15,6 +15,7 @@ from companion.adapt_options import Adapt
 from companion.mavlink.frames import pack
 from companion.mavlink.tlog_writer import Recorder
 from companion.sim.autopilot import Mode
+from companion.sim.vision import VisionEstimator
 from faults.campaign import LOW_M, WALL_M, Act, Bench, Fault, Result, fly, silent_drift_m
 from faults.tamper import signed, signer
 
@@ -329,6 +330,45 @@ def moved_position(north: float) -> Act:
     return begin
 
 
+def vision(b: Bench) -> VisionEstimator:
+    """The vehicle's odometry; it finds its place again only when it is told to."""
+    estimator = b.flight.estimator
+    assert isinstance(estimator, VisionEstimator)
+    estimator.relocalised_every_s = math.inf
+    return estimator
+
+
+def relocalised(east: float) -> Act:
+    """The odometry finds its place again, so far from where it was; the pilot's old places are no more."""
+
+    def begin(b: Bench) -> None:
+        b.pilot.silent()
+        vision(b).relocalise((0.0, east, 0.0))
+
+    return begin
+
+
+def turned_then_move(east: float) -> Act:
+    """The odometry's north is east from here on; the vehicle is sent away from the wall."""
+
+    def begin(b: Bench) -> None:
+        vision(b).turn(0.5 * math.pi)
+        _, e, d = b.flight.estimate.position
+        b.pilot.go(0.0, e + east, -d)
+
+    return begin
+
+
+def to_and_fro(b: Bench) -> Iterator[float]:
+    """Along the wall, 6 m in all, while the odometry drifts by 2 % of it towards the wall."""
+    odometry = vision(b)
+    odometry.drifts = (0.0, -1.0, 0.0)
+    _, e, d = b.flight.estimate.position
+    for north in (0.6, -0.6, 0.6, -0.6, 0.6, 0.0):
+        b.pilot.go(north, e, -d)
+        yield 3.0
+
+
 def reset_position(b: Bench) -> None:
     """The pilot sends no more targets: those would be places of the old frame, and be flown to."""
     b.pilot.silent()
@@ -621,6 +661,14 @@ FAULTS = (
           seconds=4.0, off_m=0.3),
     Fault("gps_lost", "GPS lost for 6 s", lambda b: setattr(b.flight.estimator, "gps", False),
           end=lambda b: setattr(b.flight.estimator, "gps", True), seconds=6.0, noticed=False, off_m=0.6, lands=AP),
+    Fault("vision_relocalises", "visual odometry finds its place again 0.25 m from where it was", relocalised(-0.25),
+          end=nothing, noticed=False, off_m=0.12, vision=True),
+    Fault("vision_freezes", "visual odometry repeats its last place under fresh stamps",
+          lambda b: vision(b).freeze(True), end=lambda b: vision(b).freeze(False), seconds=4.0, vision=True),
+    Fault("vision_turned", "visual odometry goes on in a frame that is turned by 90 degrees",
+          turned_then_move(-0.4), end=lambda b: vision(b).turn(0.0), seconds=10.0, vision=True),
+    Fault("vision_drifts", "visual odometry drifts to the wall by 2 % of 6 m flown along it", nothing,
+          during=to_and_fro, end=nothing, noticed=False, off_m=0.85, vision=True),
     Fault("heartbeat_silent", "heartbeats stop", silent(HEARTBEAT), seconds=5.0),
     Fault("clock_back_5s", "the autopilot's clock leaps back by 5 s", clock_back, end=nothing, recovers=False),
     Fault("clock_ahead_30s", "the autopilot's clock leaps ahead by 30 s", clock_ahead, end=nothing, noticed=False),
