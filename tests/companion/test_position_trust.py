@@ -130,7 +130,7 @@ def test_a_relocalisation_of_a_quarter_metre_moves_the_hold_with_it():
 
 
 def test_an_estimator_that_is_pulled_to_its_sensors_is_no_reset():
-    """0.7 m/s past what the velocity explains: the most in ten real flights on GPS."""
+    """0.7 m/s past what the velocity explains: the most in five real flights at 10 Hz."""
     for dt in (0.02, 0.1, 0.4):
         first, second = (LocalPosition(t, 1, 1, (0.7 * t, 0.0, -1.0), (0.0, 0.0, 0.0)) for t in (1.0, 1.0 + dt))
         assert position_reset(first, second) is None
