@@ -56,6 +56,8 @@ _PARAMETER_RETRY_S = 1.0
 _PARAMETER_SLOW_RETRY_S = 5.0
 """After ten tries the ones still missing are asked for this seldom, but never given up."""
 _PARAMETER_TRIES = 10
+_SET_BACK = 2
+"""Once may be a restart of the other program."""
 _DO_SET_MODE, _CUSTOM_MODE = 176, 1
 """MAV_CMD_DO_SET_MODE and MAV_MODE_FLAG_CUSTOM_MODE_ENABLED."""
 _PX4_HOLD = (4, 3)
@@ -109,6 +111,7 @@ class Flight:
         self._state = initial_state(config)
         self._status = StatusReporter()
         self._reported_slow: set[str] = set()
+        self._reported_set_back: set[str] = set()
         self._reported_stray = self._reported_full = False
         self._set_back_s = 0.0
         self._ignored = 0
@@ -330,6 +333,10 @@ class Flight:
             if name not in self._reported_slow:
                 self._reported_slow.add(name)
                 self._tell(f"companion: {name} comes at {hz:.0f} Hz only, although a higher rate was requested")
+        for name, times in self._streams.set_back.items():
+            if times >= _SET_BACK and name not in self._reported_set_back:
+                self._reported_set_back.add(name)
+                self._tell(f"companion: another program sets {name} to a lower rate again and again")
         retry_s = _PARAMETER_RETRY_S if self._asked <= _PARAMETER_TRIES else _PARAMETER_SLOW_RETRY_S
         if now_s - self._asked_s >= retry_s:
             self._asked_s = now_s
@@ -473,6 +480,7 @@ class Flight:
             "record": self._recorder.as_json() if isinstance(self._recorder, Recorder) else None,
             "asked_again": {} if self._streams is None else dict(self._streams.asked_again),
             "slow_messages_hz": {} if self._streams is None else dict(self._streams.in_vain),
+            "set_back": {} if self._streams is None else dict(self._streams.set_back),
             **({} if self._config.survey is None else {"survey": self._state.survey.as_json()}),
             **self.summary.as_json(),
         }
