@@ -59,7 +59,7 @@ def hub(kind: str, folder: Path, vehicle_port: int, *ports: int) -> Iterator[Non
     silent = {"stdin": subprocess.DEVNULL, "stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, "cwd": folder}
     if kind == "mavproxy":
         outs = [f"--out=udpout:127.0.0.1:{port}" for port in ports]
-        options = ["--non-interactive", "--daemon", f"--state-basedir={folder}", *os.environ.get("MP","").split(), *outs]
+        options = ["--non-interactive", "--daemon", f"--state-basedir={folder}", *outs]
         with running([PROGRAMS[kind], f"--master=udpin:127.0.0.1:{vehicle_port}", *options], **silent):
             yield
         return
@@ -189,6 +189,3 @@ def wired(kind: str, folder: Path, *options: str, more: int = 0) -> Iterator[tup
         companion(folder, ours, *options) as flying,
     ):
         yield station, flying, others
-
-
-PYTHON = sys.executable
