@@ -1,4 +1,4 @@
-# The flight program: docker build -t corner-companion . How to run it, and to build it without a registry: docs/install.md
+# The flight program: docker build -t corner-companion . How to run it, and without a registry: docs/install.md
 FROM debian:trixie-slim
 RUN apt-get update \
     && apt-get install --yes --no-install-recommends ca-certificates python3-venv \

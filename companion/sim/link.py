@@ -38,7 +38,7 @@ STREAMS = {
         mavlink.MAVLINK_MSG_ID_ESC_TELEMETRY_1_TO_4,
     ),
 }
-"""Messages of each group of ArduCopter that REQUEST_DATA_STREAM sets the rate of; attitudes as quaternions are in none."""
+"""What REQUEST_DATA_STREAM sets the rate of on ArduCopter, by group; ATTITUDE_QUATERNION is in none."""
 GUID_OPTION_THRUST = 8
 """Bit 3 of GUID_OPTIONS: SET_ATTITUDE_TARGET.thrust is thrust."""
 

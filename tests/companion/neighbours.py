@@ -1,7 +1,7 @@
 """Real programs that share a vehicle's link with the flight program: started, wired, and ended.
 
-The vehicle is the built-in one, over UDP, with nobody at its sticks. A hub (mavlink-router or MAVProxy) has its port and
-gives the flight program and a ground station ports of their own.
+The vehicle is the built-in one, over UDP, with nobody at its sticks. A hub (mavlink-router or MAVProxy) has its port
+and gives the flight program and a ground station ports of their own.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import os
 import shutil
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
