@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -17,7 +18,7 @@ from companion.last_word import LastWord
 from companion.mavlink.firmware import Stack, mode_name, needed_parameters, stack_of, takes_setpoints
 from companion.mavlink.frames import Frame
 from companion.mavlink.link import Arrivals, Link
-from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake, unread
+from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, HEARTBEAT, OWN_COMPONENT, Intake, unread
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.outgoing import Message, command_long, heartbeat, param_request_read, statustext
 from companion.mavlink.samples import Attitude, Heartbeat, Sample, SetPositionTarget
@@ -56,6 +57,8 @@ _PARAMETER_RETRY_S = 1.0
 _PARAMETER_SLOW_RETRY_S = 5.0
 """After ten tries the ones still missing are asked for this seldom, but never given up."""
 _PARAMETER_TRIES = 10
+_SET_BACK = 2
+"""Once may be a restart of the other program."""
 _DO_SET_MODE, _CUSTOM_MODE = 176, 1
 """MAV_CMD_DO_SET_MODE and MAV_MODE_FLAG_CUSTOM_MODE_ENABLED."""
 _PX4_HOLD = (4, 3)
@@ -111,7 +114,10 @@ class Flight:
         self._state = initial_state(config)
         self._status = StatusReporter()
         self._reported_slow: set[str] = set()
-        self._reported_stray = self._reported_full = False
+        self._reported_set_back: set[str] = set()
+        self._reported_stray = self._reported_full = self._reported_twin = False
+        self._beats: deque[bytes] = deque(maxlen=4)
+        """Our own heartbeats, to tell them from another program's where a link sends them back."""
         self._set_back_s = 0.0
         self._ignored = 0
         """Other autopilots that the pilot was told of."""
@@ -221,6 +227,8 @@ class Flight:
             self._ignored = len(intake.others)
             self._say(f"companion: ignoring system {frame.system}; flying with system {intake.system}")
         if sample is None:
+            if frame.id == HEARTBEAT and frame.component == OWN_COMPONENT and frame.system == intake.system:
+                self._twin(frame)
             if self._streams is not None and frame.id in intake.unread and frame.system == intake.system:
                 self._streams.heard(frame.id)
             return
@@ -299,6 +307,11 @@ class Flight:
             self._reported_stray = True
             self._tell(f"companion: that target went to component {target.target_component}; 191 moves the hold")
 
+    def _twin(self, heartbeat: Frame) -> None:
+        if not self._reported_twin and heartbeat.raw not in self._beats:
+            self._reported_twin = True
+            self._tell("companion: another program is component 191 too: stop it or give it another id")
+
     def _rebooted(self) -> None:
         self.reboots = self._intake.clock.boot
         self._say("companion: the vehicle rebooted; starting over")
@@ -332,6 +345,10 @@ class Flight:
             if name not in self._reported_slow:
                 self._reported_slow.add(name)
                 self._tell(f"companion: {name} comes at {hz:.0f} Hz only, although a higher rate was requested")
+        for name, times in self._streams.set_back.items():
+            if times >= _SET_BACK and name not in self._reported_set_back:
+                self._reported_set_back.add(name)
+                self._tell(f"companion: another program sets {name} to a lower rate again and again")
         retry_s = _PARAMETER_RETRY_S if self._asked <= _PARAMETER_TRIES else _PARAMETER_SLOW_RETRY_S
         if now_s - self._asked_s >= retry_s:
             self._asked_s = now_s
@@ -371,6 +388,8 @@ class Flight:
         """Send and record a message; returns when it was sent [us]."""
         raw = self._link.send(*message)
         sent_us = self._arrivals.stamp()
+        if message[0] == HEARTBEAT:
+            self._beats.append(raw)
         self._record(sent_us, raw)
         return sent_us
 
@@ -474,6 +493,7 @@ class Flight:
             "record": self._recorder.as_json() if isinstance(self._recorder, Recorder) else None,
             "asked_again": {} if self._streams is None else dict(self._streams.asked_again),
             "slow_messages_hz": {} if self._streams is None else dict(self._streams.in_vain),
+            "set_back": {} if self._streams is None else dict(self._streams.set_back),
             **({} if self._config.survey is None else {"survey": self._state.survey.as_json()}),
             **self.summary.as_json(),
         }

@@ -24,6 +24,8 @@ _SYSTEM_UNKNOWN = 1
 """We send as this system until the vehicle's own is heard."""
 _READ = 65536
 """Bytes of one read: more than a datagram holds, and 0.7 s of a serial port at 921600 baud."""
+_READS = 300
+"""In a row: somewhat more than a UDP socket of Linux holds by default, and 10 ms of work."""
 
 
 class Arrivals:
@@ -90,9 +92,14 @@ class Link:
         self.mav.srcSystem, self.mav.srcComponent = system, component
 
     def drain(self) -> Iterator[tuple[int, Frame]]:
-        """(arrival stamp [us, receiver's clock], frame) of everything that has arrived, without waiting."""
+        """(arrival stamp [us, receiver's clock], frame) of what has arrived, without waiting.
+
+        A neighbour that floods the link must not keep the caller from its other work: the rest comes next time.
+        """
         signatures, feed = self.signatures, self._frames.feed
-        while data := self._read():
+        for _ in range(_READS):
+            if not (data := self._read()):
+                return
             stamp = self._arrivals.stamp(self._number)
             for frame in feed(data):
                 if signatures is None or signatures.accepts(frame):

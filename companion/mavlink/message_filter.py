@@ -18,7 +18,7 @@ _NO_AUTOPILOT = 8
 """MAV_AUTOPILOT_INVALID."""
 _DOWN_COS = 0.94
 """A beam within 20 degrees of straight down."""
-_HEARTBEAT, _AUTOPILOT_BYTE = 0, 5
+HEARTBEAT, _AUTOPILOT_BYTE = 0, 5
 """Message id, and the place of ``autopilot`` in its payload."""
 _ESTIMATES = frozenset(
     ID_OF[name]
@@ -44,7 +44,7 @@ def unread(*, adapting: bool) -> frozenset[int]:
 
 def is_autopilot_heartbeat(frame: Frame) -> bool:
     """A HEARTBEAT of a flight controller: component 1, and not the 'no autopilot' of a ground station."""
-    if frame.id != _HEARTBEAT or frame.component != AUTOPILOT_COMPONENT:
+    if frame.id != HEARTBEAT or frame.component != AUTOPILOT_COMPONENT:
         return False
     autopilot = frame.payload[_AUTOPILOT_BYTE] if len(frame.payload) > _AUTOPILOT_BYTE else 0
     return autopilot != _NO_AUTOPILOT

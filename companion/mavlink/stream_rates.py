@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass
 
 from companion.mavlink.dialect import ID_OF
@@ -16,7 +16,10 @@ _CHECK_S = 2.0
 _PARTS = 8
 """So often counts are taken in that time."""
 _IN_VAIN = 3
-"""Requests after which a slow stream is reported to the pilot."""
+"""Requests in a row after which a slow stream is reported to the pilot."""
+_GLANCE = 10
+"""A stream that was fast enough is looked at over a quarter of that time, if so many messages are due in it: a station
+that sets rates back, as MAVProxy does every 15 s, would else take the ranges away for up to 2.6 s."""
 _ENOUGH = 0.7
 """Of the rate asked for: autopilots round periods to their own loop, and links lose messages."""
 _SET_MESSAGE_INTERVAL = 511
@@ -86,9 +89,14 @@ class StreamKeeper:
         self._noted: deque[tuple[float, dict[int, int]]] = deque(maxlen=_PARTS + 1)
         """Counts of the last two seconds and when they were taken, eight a period: the same memory at any rate."""
         self._checked_s: float | None = None
-        self.asked_again: dict[int, int] = {}
+        self._fast: set[int] = set()
+        """Streams that were fast enough when last looked at."""
+        self._in_a_row: Counter[int] = Counter()
+        self.asked_again: Counter[int] = Counter()
         self.in_vain: dict[str, float] = {}
         """Needed messages that stay slow [Hz] though they were asked for several times, by name."""
+        self.set_back: Counter[str] = Counter()
+        """How often needed messages became slow while others came as before: somebody else asked for another rate."""
 
     def heard(self, message_id: int) -> None:
         """Count one arrival. Runs for every message; ``due`` looks at the clock."""
@@ -103,20 +111,42 @@ class StreamKeeper:
         return (self._count[message_id] - then[message_id]) / max(now_s - since_s, _CHECK_S / _PARTS)
 
     def due(self, now_s: float) -> list[Wanted]:
-        """What to ask for now: everything at first, then every 2 s what arrives at less than 70 % of its rate."""
-        if not self._noted or now_s - self._noted[-1][0] >= _CHECK_S / _PARTS:
+        """What to ask for now: everything at first, then every 2 s what arrives at less than 70 % of its rate.
+
+        What was fast enough until now is asked for within half a second.
+        """
+        noted = not self._noted or now_s - self._noted[-1][0] >= _CHECK_S / _PARTS
+        if noted:
             self._noted.append((now_s, dict(self._count)))
         if self._checked_s is None:
             self._checked_s = now_s
             return list(self.wanted)
         if now_s - self._checked_s < _CHECK_S:
-            return []
+            return self._glance() if noted else []
         self._checked_s = now_s
         slow = [w for w in self.wanted if self.rate(w.message_id, now_s) < _ENOUGH * w.hz]
+        self._fast = {w.message_id for w in self.wanted} - {w.message_id for w in slow}
+        self._in_a_row = Counter({w.message_id: self._in_a_row[w.message_id] + 1 for w in slow})
         for w in slow:
-            self.asked_again[w.message_id] = self.asked_again.get(w.message_id, 0) + 1
-            if w.needed and self.asked_again[w.message_id] == _IN_VAIN:
+            self.asked_again[w.message_id] += 1
+            if w.needed and self._in_a_row[w.message_id] == _IN_VAIN:
                 self.in_vain[message_name(w.message_id)] = self.rate(w.message_id, now_s)
+        return slow
+
+    def _glance(self) -> list[Wanted]:
+        """Streams that were fast enough and suddenly are not."""
+        if len(self._noted) < 3:
+            return []
+        (then_s, then), (_, before), (now_s, now) = list(self._noted)[-3:]
+        looked = [w for w in self.wanted if w.message_id in self._fast and w.hz * (now_s - then_s) >= _GLANCE]
+        ids = [w.message_id for w in looked]
+        slow = [w for w in looked if now[w.message_id] - then[w.message_id] < _ENOUGH * w.hz * (now_s - then_s)]
+        going_on = any(now[i] - before[i] >= _ENOUGH * (before[i] - then[i]) > 0 for i in ids)
+        self._fast -= {w.message_id for w in slow}
+        for w in slow:
+            self.asked_again[w.message_id] += 1
+            if w.needed and going_on:
+                self.set_back[message_name(w.message_id)] += 1
         return slow
 
     def restart(self, now_s: float) -> None:

@@ -26,6 +26,19 @@ MESSAGES_PER_S = 1290.0
 """What the link carries at most, as measured on the real ones: ArduCopter; PX4 below."""
 SHORTEST_INTERVAL_S = 0.003
 """ArduPilot refuses a shorter one."""
+STREAMS = {
+    mavlink.MAV_DATA_STREAM_RAW_SENSORS: (mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE,),
+    mavlink.MAV_DATA_STREAM_RC_CHANNELS: (mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW,),
+    mavlink.MAV_DATA_STREAM_POSITION: (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,),
+    mavlink.MAV_DATA_STREAM_EXTRA1: (mavlink.MAVLINK_MSG_ID_ATTITUDE,),
+    mavlink.MAV_DATA_STREAM_EXTRA3: (
+        mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR,
+        mavlink.MAVLINK_MSG_ID_BATTERY_STATUS,
+        mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
+        mavlink.MAVLINK_MSG_ID_ESC_TELEMETRY_1_TO_4,
+    ),
+}
+"""What REQUEST_DATA_STREAM sets the rate of on ArduCopter, by group; ATTITUDE_QUATERNION is in none."""
 GUID_OPTION_THRUST = 8
 """Bit 3 of GUID_OPTIONS: SET_ATTITUDE_TARGET.thrust is thrust."""
 
@@ -479,6 +492,13 @@ class VehicleLink:
             return False
         self._streams[number] = _Stream(build, interval_s, self._flight.time_s)
         return True
+
+    def _on_request_data_stream(self, m: Any) -> None:
+        """ArduPilot: a rate for whole groups, in place of what SET_MESSAGE_INTERVAL asked for."""
+        for stream, numbers in STREAMS.items() if not self._flight.px4 else ():
+            if m.req_stream_id in (mavlink.MAV_DATA_STREAM_ALL, stream):
+                for number in numbers:
+                    self.set_interval(number, 1e6 / m.req_message_rate if m.start_stop and m.req_message_rate else -1)
 
     def _set_mode(self, custom: int) -> bool:
         pilot, f = self._flight.autopilot, self._flight

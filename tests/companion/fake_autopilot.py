@@ -61,8 +61,10 @@ class FakeAutopilot:
         )
 
     def send(self, message: Any) -> None:
-        raw = message.pack(self._mav)
+        self.send_raw(message.pack(self._mav))
         self._mav.seq = (self._mav.seq + 1) % 256
+
+    def send_raw(self, raw: bytes) -> None:
         self._socket.sendto(raw, self._target)
 
     def _run(self) -> None:

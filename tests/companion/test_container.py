@@ -11,7 +11,9 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 LINES = [
-    line.split(maxsplit=1) for line in (ROOT / "Dockerfile").read_text().splitlines() if line and line[0].isupper()
+    line.split(maxsplit=1)
+    for line in (ROOT / "Dockerfile").read_text().replace("\\\n", "").splitlines()
+    if line and line[0].isupper()
 ]
 COPIED = [source for kind, rest in LINES if kind == "COPY" for source in rest.split()[:-1]]
 
@@ -36,7 +38,7 @@ def test_all_that_the_package_is_built_from_is_copied(project: dict) -> None:
 
 def test_python_is_one_that_the_package_is_for(project: dict) -> None:
     image = next(rest for kind, rest in LINES if kind == "FROM")
-    version = image.removeprefix("python:").removesuffix("-slim")
+    version = {"debian:trixie-slim": "3.13"}[image]
     assert f"Programming Language :: Python :: {version}" in project["project"]["classifiers"]
 
 

@@ -58,3 +58,43 @@ def test_a_client_speaks_first_and_hears_the_answer(host):
             assert link.peers == (server.getsockname(),)
             server.sendto(data, address)
             assert drained(link) == 1
+
+
+def test_a_program_that_speaks_from_ever_new_ports_does_not_make_every_answer_dearer():
+    port = free_port()
+    with closing(open_link(f"udpin:127.0.0.1:{port}", Arrivals())) as link, bound() as vehicle:
+        frame = link.frame(*heartbeat())
+        for k in range(60):
+            if k % 10 == 0:
+                vehicle.sendto(frame, ("127.0.0.1", port))
+            with bound() as stranger:
+                stranger.sendto(frame, ("127.0.0.1", port))
+            drained(link)
+        assert vehicle.getsockname() in link.peers
+        assert len(link.peers) <= 8
+
+
+def test_a_peer_that_has_long_been_silent_gives_its_place(monkeypatch):
+    port, now = free_port(), [100.0]
+    monkeypatch.setattr("companion.mavlink.datagrams.monotonic", lambda: now[0])
+    with closing(open_link(f"udpin:127.0.0.1:{port}", Arrivals())) as link:
+        frame = link.frame(*heartbeat())
+        for _ in range(12):
+            with bound() as restarted:
+                restarted.sendto(frame, ("127.0.0.1", port))
+                drained(link)
+                assert restarted.getsockname() in link.peers
+            now[0] += 60.0
+
+
+def test_a_flood_does_not_keep_the_loop_from_its_other_work():
+    port = free_port()
+    with closing(open_link(f"udpin:127.0.0.1:{port}", Arrivals())) as link, bound() as neighbour:
+        frame = link.frame(*heartbeat())
+        neighbour.sendto(frame, ("127.0.0.1", port))
+        for taken, _ in enumerate(link.drain()):  # as many come as are taken
+            neighbour.sendto(frame, ("127.0.0.1", port))
+            if taken > 5000:
+                pytest.fail("never comes to an end")
+        neighbour.sendto(frame, ("127.0.0.1", port))
+        assert drained(link), "the next turn goes on with what has waited"

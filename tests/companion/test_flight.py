@@ -11,6 +11,7 @@ from flying import CONFIG
 
 from companion.config import Base
 from companion.flight import Flight, FlightOptions
+from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import cut
 from companion.mavlink.link import Arrivals, open_link
 from companion.mavlink.message_filter import Intake
@@ -72,6 +73,24 @@ def test_it_connects_asks_and_compensates():
     assert not [m for m in autopilot.of_type("COMMAND_LONG") if m.command in (176, 400)], (
         "never arms, never changes mode"
     )
+
+
+@pytest.mark.slow
+def test_another_program_with_the_same_identity_is_named_and_an_echo_is_not():
+    port = free_port()
+    with FakeAutopilot(port) as autopilot, Run(port) as run:
+        other = mavlink.MAVLink(None, srcSystem=1, srcComponent=191)
+        for beat in autopilot.wait_for("HEARTBEAT", 3):
+            autopilot.send_raw(bytes(beat.get_msgbuf()))
+        time.sleep(0.3)
+        assert not run.flight._reported_twin
+        autopilot.send_raw(mavlink.MAVLink_heartbeat_message(18, 8, 64, 0, 4, 3).pack(other))
+        for _ in range(100):
+            joined = " ".join("".join(m.text for m in autopilot.of_type("STATUSTEXT")).split())
+            if "another program is component 191" in joined:
+                break
+            time.sleep(0.05)
+    assert "another program is component 191" in joined
 
 
 @pytest.mark.slow

@@ -151,6 +151,38 @@ def test_a_needed_message_that_stays_slow_is_named():
     assert keeper.in_vain == {"LOCAL_POSITION_NED": pytest.approx(10.0, abs=1.0)}
 
 
+def test_a_rate_that_another_station_sets_back_is_asked_for_at_once_and_said():
+    keeper = StreamKeeper(wanted_streams(default_vehicle(), Stack.ARDUPILOT))
+    attitude, position = mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION, mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED
+    slow_since, waited, back = None, [], 5.3
+    for k in range(1, 60 * 50):
+        now = k / 50
+        if now >= back:  # every 15 s, in place of what was asked for
+            slow_since, back = now, back + 15.0
+        for wanted in keeper.wanted:
+            if wanted.message_id != position or slow_since is None or k % 12 == 0:
+                keeper.heard(wanted.message_id)
+        asked = {w.message_id for w in keeper.due(now)}
+        assert now < 0.1 or attitude not in asked
+        if slow_since is not None and position in asked:
+            waited.append(now - slow_since)
+            slow_since = None
+    assert len(waited) == 4
+    assert max(waited) < 0.8
+    assert keeper.set_back == {"LOCAL_POSITION_NED": 4}
+    assert not keeper.in_vain, "every request was answered"
+
+
+def test_silence_is_not_a_rate_set_back():
+    keeper = StreamKeeper(wanted_streams(default_vehicle(), Stack.ARDUPILOT))
+    for k in range(1, 20 * 50):
+        if not 8.0 < k / 50 < 10.0:
+            for wanted in keeper.wanted:
+                keeper.heard(wanted.message_id)
+        keeper.due(k / 50)
+    assert not keeper.set_back
+
+
 @pytest.mark.slow
 def test_a_target_for_the_autopilot_is_answered_with_the_right_address():
     port = free_port()
