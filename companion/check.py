@@ -21,6 +21,7 @@ from companion.config import Base, Carrier, PipelineConfig
 from companion.control.hover_thrust import DISAGREEMENT, hover_parameter
 from companion.control.refusals import LATE_FADE_S
 from companion.control.state import Decision, PipelineState
+from companion.mavlink.dialect import ID_OF
 from companion.mavlink.firmware import Stack, ThrustMeaning, mode_name, needed_parameters, stack_of, thrust_meaning
 from companion.mavlink.frames import V2, Counts, Frame, cut, walk
 from companion.mavlink.message_filter import OWN_COMPONENT, Intake
@@ -36,6 +37,7 @@ from companion.mavlink.samples import (
     RotorSpeeds,
     Sample,
 )
+from companion.mavlink.stream_rates import message_name
 from companion.pipeline import initial_state, step
 from models.errors import LogError
 from models.frames import GRAVITY
@@ -61,6 +63,8 @@ _REACH_M = (1.0, 0.5)
 """A rangefinder must reach this far, and begin this near: the air of ground and wall is felt in between."""
 _ALIKE = (0.6, 1.6)
 """Speed of a rotor over the median of all: beyond, a pole count or an ESC number is wrong."""
+_POSES = {ID_OF[name]: name for name in ("ODOMETRY", "VISION_POSITION_ESTIMATE", "VICON_POSITION_ESTIMATE")}
+"""Poses that a camera sends to the estimator, or that PX4 sends back: never flown by (docs/autopilots.md)."""
 _CLIMB_M_S = 0.3
 """Faster than this vertically, it does not hover."""
 _SEEN_S = 2.0
@@ -114,6 +118,8 @@ class Listener:
     late_s: list[float] = field(default_factory=list)
     ranges: dict[int, list[Range]] = field(default_factory=lambda: defaultdict(list))
     """By orientation."""
+    poses: set[str] = field(default_factory=set)
+    """Names of messages that give a pose and are not flown by."""
     rings: list[Ring] = field(default_factory=list)
     rpm: dict[int, list[float]] = field(default_factory=lambda: defaultdict(list))
     """By ESC, from 1."""
@@ -143,6 +149,8 @@ class Listener:
         self.duration_s = max(self.duration_s, (arrival_us - self._start_us) / 1e6)
         self.frames += 1
         self.signed += frame.raw[0] == V2 and bool(frame.raw[2] & 1)
+        if frame.id in _POSES:
+            self.poses.add(_POSES[frame.id])
         if frame.id not in LAYOUTS:
             return
         sample = self.intake.sample(frame, arrival_us)
@@ -474,10 +482,19 @@ def _hover(heard: Listener, setup: Setup) -> Iterator[Item]:
 def _position(heard: Listener, setup: Setup) -> Iterator[Item]:
     if setup.config.base is not Base.HOLD:
         return
-    if heard.state.estimates.trust.trusted:
+    for message_id, component in sorted(heard.intake.not_the_autopilots):
+        name = message_name(message_id)
+        text = f"{name} of component {component} is left out: only the autopilot's own is flown by"
+        yield _odd("position" if "POSITION" in name else "attitude", text)
+    if heard.poses and not heard.rate(ID_OF["LOCAL_POSITION_NED"]):
+        names = " and ".join(sorted(heard.poses))
+        text = f"{names} but no LOCAL_POSITION_NED: the autopilot's estimator does not take that pose"
+        yield _bad("position", text, "ArduPilot: VISO_TYPE 1, EK3_SRC1_POSXY 6 and an origin; PX4: EKF2_EV_CTRL 15")
+    elif heard.state.estimates.trust.trusted:
         yield _good("position", "trusted by the autopilot")
     else:
-        yield _bad("position", "the autopilot does not trust its own position", "wait for GPS or optical flow")
+        text = "the autopilot does not trust its own position"
+        yield _bad("position", text, "wait for GPS, vision or optical flow")
 
 
 def _clock(heard: Listener, setup: Setup) -> Iterator[Item]:

@@ -96,6 +96,9 @@ def parser() -> argparse.ArgumentParser:
                    "without offsets")  # fmt: skip
     p.add_argument("--plot", type=Path, metavar="FILE.svg", help="with --compare: draw the errors over the script")
     p.add_argument("--seed", type=int, default=0, help="of the built-in vehicle")
+    p.add_argument("--vision", action="store_true",
+                   help="with sim:NAME: no GPS but visual odometry, 60 ms late, drifting by 2 %% of the path and "
+                   "set right every 10 s")  # fmt: skip
     p.add_argument("--json", metavar="FILE", help="write the report as JSON (- for stdout)")
     p.add_argument("--quiet", action="store_true", help="no progress, no state changes on stderr")
     return p
@@ -154,7 +157,7 @@ NO_EFFECT = {
     "with --dry-run": "--survey --on-exit --no-last-word",
     "with --setpoint ENDPOINT": "--carrier --survey --on-exit --no-last-word",
     "with --signing-key": "--no-last-word",
-    "without --connect sim:NAME": "--compare --seed",
+    "without --connect sim:NAME": "--compare --seed --vision",
     "without --connect /dev/...": "--baud",
     "without --compare": "--plot",
     "without --record": "--record-limit --survey",
@@ -346,7 +349,14 @@ def _endpoint(a: argparse.Namespace, stack: ExitStack) -> tuple[str, IO[str] | N
 
     scripted = a.duration is None
     sim = stack.enter_context(
-        launch(scenario_name(a.connect), seed=a.seed, vehicle=a.vehicle, pilot="companion", narrate=scripted)
+        launch(
+            scenario_name(a.connect),
+            seed=a.seed,
+            vehicle=a.vehicle,
+            pilot="companion",
+            narrate=scripted,
+            vision=a.vision,
+        )
     )
     return sim.endpoint, sim.process.stdout if scripted else None
 
@@ -391,7 +401,7 @@ def _report(a: argparse.Namespace, flight: Flight) -> None:
 def _compare(a: argparse.Namespace) -> int:
     from companion.sim.compare import Settings, compare, write
 
-    settings = Settings(scenario_name(a.connect), a.vehicle, a.model, a.adapt or Adapt.OFF, a.record)
+    settings = Settings(scenario_name(a.connect), a.vehicle, a.model, a.adapt or Adapt.OFF, a.record, a.vision)
     if settings.choice.note is not None and not a.quiet:
         print(f"companion: {settings.choice.note}", file=sys.stderr)
     write(compare([a.seed], settings, quiet=a.quiet), json_path=a.json, plot=a.plot)

@@ -35,6 +35,8 @@ from companion.control.wall_guard import watch_wall
 from companion.estimation import estimator as est
 from companion.estimation import height_drift
 from companion.estimation.estimator import blank_estimates
+from companion.estimation.range_geometry import NO_MATTER_RADII
+from companion.estimation.wall_drift import NO_WALL_DRIFT, compare_wall
 from companion.mavlink.firmware import Stack, ThrustMap, mode_name, stack_of, takes_setpoints, thrust_map
 from companion.mavlink.message_filter import OWN_COMPONENT
 from companion.mavlink.samples import (
@@ -244,13 +246,21 @@ def _surveyed(state: PipelineState, sample: Sample, config: PipelineConfig, box:
 
 
 def _compared(state: PipelineState, config: PipelineConfig) -> PipelineState:
-    """The ground range beside the newest position, while the hold flies by it."""
-    position, disturbance = state.estimates.position, state.disturbance
+    """The ranges to ground and wall beside the newest position, while the hold flies by it."""
+    estimates, disturbance = state.estimates, state.disturbance
+    position, reset = estimates.position, estimates.reset
     if state.hold is None or position is None:
-        return state
+        return state if state.wall_drift is NO_WALL_DRIFT else replace(state, wall_drift=NO_WALL_DRIFT)
     t_s = position.t_s
-    ground = est.surface(state.estimates, config, "ground", t_s) if disturbance is None else disturbance.ground
-    return replace(state, drift=height_drift.compare(state.drift, ground, position))
+    if disturbance is None:
+        ground, wall = (est.surface(estimates, config, what, t_s) for what in ("ground", "wall"))
+    else:
+        ground, wall = disturbance.ground, disturbance.wall
+    near_m = NO_MATTER_RADII * config.vehicle.rotor_radius_m
+    beside = compare_wall(state.wall_drift, wall, position, near_m, -math.inf if reset is None else reset.t_s)
+    notice = (Notice.POSITION_DRIFTS, t_s) if beside.drifts and not state.wall_drift.drifts else state.notice
+    drift = height_drift.compare(state.drift, ground, position)
+    return replace(state, drift=drift, wall_drift=beside, notice=notice)
 
 
 def _follow_reset(state: PipelineState, t_s: float) -> PipelineState:

@@ -79,6 +79,7 @@ class Notice(Enum):
 
     FRAME_REFUSED = "target refused: its frame is none of LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED"
     LANDED_OVERRULED = "said to be landed, but rotors and ground range say that it flies: the hold goes on"
+    POSITION_DRIFTS = "position drifts against the wall range: watch the wall, be ready to take over"
     SOFTENED = "swinging: gains softened, offsets off for now"
     SLOW_PLANT = "slow attitude or late positions: the hold flies with softer gains"
 

@@ -23,6 +23,7 @@ from companion.control.wall_guard import WallAhead
 from companion.estimation.disturbance import Disturbance
 from companion.estimation.estimator import Estimates
 from companion.estimation.height_drift import NO_DRIFT, HeightDrift
+from companion.estimation.wall_drift import NO_WALL_DRIFT, WallDrift
 from companion.mavlink.samples import Attitude, Heartbeat, SetAttitudeTarget
 from companion.mavlink.setpoints import Command
 
@@ -64,6 +65,8 @@ class PipelineState:
     hold: Hold | None = None
     drift: HeightDrift = NO_DRIFT
     """Of the autopilot's height against the ground range, while the hold flies."""
+    wall_drift: WallDrift = NO_WALL_DRIFT
+    """Of its position against the wall range, while the hold flies."""
     wall_ahead: WallAhead | None = None
     """A wall that the held vehicle is driven to."""
     last: BaseSetpoint | None = None

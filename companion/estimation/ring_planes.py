@@ -33,6 +33,9 @@ _WINDOWS_RAD = (
 reach the next of a ring of eight, 95 the next but one, where the echo between them is lost."""
 _FINE_RAD = math.radians(15.0)
 """In a ring of finer steps a wall shows in two directions at least: a single return is none."""
+_GROUND_MARGIN_SHARE = math.tan(math.radians(1.0))
+"""Of a slant, beside ``GROUND_MARGIN_M``: attitude and reading differ by so much in a vehicle that turns at 20 degrees
+per second and sends ranges 50 ms late. Low in a corner the ground seen 4 m away was taken for a second wall."""
 _OFF_LINE_M, _OFF_LINE_SHARE = 0.02, 0.02
 """How far a return may lie off its line: three sigma of a good lidar with 1 cm steps, and a share of its range."""
 
@@ -108,7 +111,7 @@ def ring_view(ring: Ring, rows: Rows, mount_m: Vector3, height_cg_m: float, vehi
         beam = level if ring.northward else _turned(rows, level)
         toward = _bearing(beam)
         north, east, down = lever[0] + slant * beam[0], lever[1] + slant * beam[1], lever[2] + slant * beam[2]
-        met_ground = down > height_cg_m - GROUND_MARGIN_M
+        met_ground = down > height_cg_m - GROUND_MARGIN_M - _GROUND_MARGIN_SHARE * slant
         inclined = math.hypot(beam[0], beam[1]) < math.cos(MAX_INCIDENCE_RAD)
         if slant != slant or inclined or _own(rows, (north, east, down), outline) or (met_ground and slant < near):
             blind.append(toward)
@@ -116,7 +119,8 @@ def ring_view(ring: Ring, rows: Rows, mount_m: Vector3, height_cg_m: float, vehi
         known.append(toward)
         if slant <= far and not met_ground:
             returns.append(_Return(north, east, slant, beam))
-    fine = len(ring.bearings_rad) > 1 and ring.bearings_rad[1] - ring.bearings_rad[0] < _FINE_RAD
+    steps = len(ring.bearings_rad) - 1
+    fine = steps > 0 and ring.bearings_rad[-1] - ring.bearings_rad[0] < steps * _FINE_RAD
     return RingView(_planes(returns, fine), tuple(known), tuple(blind))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from companion.mavlink.boot_clock import BootClock
 from companion.mavlink.decoders import decode, stamp_of
+from companion.mavlink.dialect import ID_OF
 from companion.mavlink.frames import Frame
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Range, Sample
@@ -19,6 +20,11 @@ _DOWN_COS = 0.94
 """A beam within 20 degrees of straight down."""
 _HEARTBEAT, _AUTOPILOT_BYTE = 0, 5
 """Message id, and the place of ``autopilot`` in its payload."""
+_ESTIMATES = frozenset(
+    ID_OF[name]
+    for name in ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "EKF_STATUS_REPORT", "ESTIMATOR_STATUS")
+)
+"""What the autopilot alone may say of the vehicle: a camera or a gimbal means its own frame by the same messages."""
 _SETPOINTS = (SET_ATTITUDE_TARGET, SET_POSITION_TARGET)
 
 _ACCELERATIONS = ("HIGHRES_IMU", "RAW_IMU", "SCALED_IMU", "SCALED_IMU2", "SCALED_IMU3")
@@ -60,6 +66,8 @@ class Intake:
         self.others: set[int] = set()
         self.ignored = 0
         """Frames of other systems that were left out."""
+        self.not_the_autopilots: set[tuple[int, int]] = set()
+        """Message id and component of attitudes and positions that were left out."""
         self._heard = False
         self._down_heard = False
 
@@ -73,6 +81,9 @@ class Intake:
             self.system = self.clock.system = system
         if system == self.system:
             if component == OWN_COMPONENT:
+                return None
+            if component != AUTOPILOT_COMPONENT and frame.id in _ESTIMATES:
+                self.not_the_autopilots.add((frame.id, component))
                 return None
         elif frame.id not in _SETPOINTS:
             self.ignored += 1

@@ -31,6 +31,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--duration", type=float, help="boot seconds after which to end")
     p.add_argument("--vehicle", type=Path, default=TANDEM, help="vehicle file (default: the paper's tandem)")
     p.add_argument("--px4", action="store_true", help="speak PX4's dialect: OFFBOARD, ESC_STATUS")
+    p.add_argument("--vision", action="store_true", help="no GPS: a position from visual odometry that drifts")
     p.add_argument("--narrate", action="store_true", help="print every phase of the script, and its end, as JSON")
     p.add_argument("--until-stdin-closes", action="store_true", help="end when the parent process ends")
     return p
@@ -50,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         _check(a)
         vehicle = load_vehicle(a.vehicle)
-        flight = Flight(vehicle, build(a.scenario, vehicle), a.seed, px4=a.px4)
+        flight = Flight(vehicle, build(a.scenario, vehicle), a.seed, px4=a.px4, vision=a.vision)
         run(
             flight,
             Options(a.port, a.speed, Recipient(a.pilot), a.truth, a.duration, a.until_stdin_closes, a.narrate),

@@ -48,6 +48,8 @@ class Settings:
     adapt: Adapt = Adapt.OFF
     record: Path | None = None
     """Where the leg with offsets off is recorded."""
+    vision: bool = False
+    """Without GPS: the position is visual odometry."""
 
     @property
     def legs(self) -> tuple[Leg, ...]:
@@ -88,7 +90,7 @@ def fly(settings: Settings, leg: Leg, seed: int) -> Flown:
         offsets = leg in (Leg.ON, Leg.ADAPTED)
         config = PipelineConfig(vehicle, settings.choice.model, offsets=offsets, adapt=adapt)
     return fly_judged(
-        Flight(vehicle, once.repeated(settings.approaches), seed), config, leg,
+        Flight(vehicle, once.repeated(settings.approaches), seed, vision=settings.vision), config, leg,
         approach_s=once.duration_s if several else math.inf, record=settings.record if leg is Leg.OFF else None,
     )  # fmt: skip
 

@@ -13,6 +13,7 @@ from companion.sim.body import ARDUPILOT_MOTOR, DT, PX4_MOTOR, Body
 from companion.sim.px4 import Px4
 from companion.sim.scenario import Reference, Scenario
 from companion.sim.sensors import EscTelemetry, Estimate, Estimator, RangeSensor, RingSensor
+from companion.sim.vision import VisionEstimator
 from companion.sim.world import law_of
 from models.errors import ConfigError
 from models.frames import GRAVITY
@@ -25,7 +26,7 @@ HOVER_PARAM_SHARE = 0.89
 class Flight:
     """Steps everything by ``DT``; the link and the pilot only talk to what is here.
 
-    ``parameters`` are the pilot's own settings of the autopilot, over its defaults.
+    ``parameters`` are the pilot's own settings of the autopilot, over its defaults. ``vision``: no GPS.
     """
 
     def __init__(
@@ -35,6 +36,7 @@ class Flight:
         seed: int,
         *,
         px4: bool = False,
+        vision: bool = False,
         law: SurfaceLaw | None = None,
         parameters: Mapping[str, float] | None = None,
     ) -> None:
@@ -44,7 +46,7 @@ class Flight:
         self.px4 = px4
         motor = PX4_MOTOR if px4 else ARDUPILOT_MOTOR
         self.body = Body(vehicle, scenario.surroundings, law or law_of(scenario.name, seed), seed, motor=motor)
-        self.estimator = Estimator(self.body, seed)
+        self.estimator = VisionEstimator(self.body, seed) if vision else Estimator(self.body, seed)
         hover = HOVER_PARAM_SHARE * vehicle.hover_thrust
         self.autopilot = Px4(vehicle, hover) if px4 else Autopilot(vehicle, hover)
         for name, value in (parameters or {}).items():

@@ -56,6 +56,7 @@ def launch(
     duration_s: float | None = None,
     vehicle: Path | None = None,
     px4: bool = False,
+    vision: bool = False,
     port: int | None = None,
     narrate: bool = False,
     timeout_s: float = 20.0,
@@ -72,7 +73,7 @@ def launch(
     for flag, value in (("--truth", truth), ("--duration", duration_s), ("--vehicle", vehicle)):
         if value is not None:
             command += [flag, str(value)]
-    command += [flag for flag, wanted in (("--px4", px4), ("--narrate", narrate)) if wanted]
+    command += [flag for flag, wanted in (("--px4", px4), ("--vision", vision), ("--narrate", narrate)) if wanted]
     process = subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, bufsize=1
     )

@@ -46,6 +46,8 @@ _TRUSTED = 0x33F
 """ESTIMATOR_STATUS and EKF_STATUS_REPORT: attitude, velocities, positions relative and absolute, their forecasts."""
 _DEAD_RECKONED = _TRUSTED & ~(8 | 16 | 256 | 512)
 """The same without horizontal positions, relative, absolute and forecast."""
+_ON_EARTH = 16 | 512
+"""Position absolute, and its forecast: neither is set without GPS, a beacon or a given origin."""
 _FRAMES = (
     mavlink.MAV_FRAME_LOCAL_NED,
     mavlink.MAV_FRAME_LOCAL_OFFSET_NED,
@@ -210,16 +212,20 @@ class VehicleLink:
         e = self._flight.estimate
         return mavlink.MAVLink_local_position_ned_message(self.boot_ms, *e.position, *e.velocity)
 
+    def _position_flags(self) -> int:
+        estimator = self._flight.estimator
+        flags = _TRUSTED if estimator.trusted else _DEAD_RECKONED
+        return flags & ~_ON_EARTH if estimator.relative else flags
+
     def _estimator_status(self) -> Any:
-        trusted = self._flight.estimator.trusted
-        flags, error_m = (_TRUSTED, 0.3) if trusted else (_DEAD_RECKONED, 5.0)
-        tests = (0.05, 0.05, 0.05, 0.05, 0.05, 0.05)
-        return mavlink.MAVLink_estimator_status_message(self.boot_us, flags, *tests, error_m, 0.3)
+        estimator = self._flight.estimator
+        tests = (0.05, estimator.test_ratio if estimator.trusted else 0.05, 0.05, 0.05, 0.05, 0.05)
+        error_m = 0.3 if estimator.trusted else 5.0
+        return mavlink.MAVLink_estimator_status_message(self.boot_us, self._position_flags(), *tests, error_m, 0.3)
 
     def _ekf_status(self) -> Any:
-        trusted = self._flight.estimator.trusted
-        flags, variance = (_TRUSTED, 0.05) if trusted else (_DEAD_RECKONED, 1.5)
-        return mavlink.MAVLink_ekf_status_report_message(flags, 0.05, variance, 0.05, 0.05, 0.0)
+        ratio = self._flight.estimator.test_ratio
+        return mavlink.MAVLink_ekf_status_report_message(self._position_flags(), 0.05, ratio, 0.05, 0.05, 0.0)
 
     def _servo_output(self) -> Any:
         pwm = [int(v) for v in self._flight.autopilot.mixer.pwm]

@@ -59,6 +59,9 @@ class Estimator:
     ``DISTRUST_S`` it says so. When GPS returns they leap back.
     """
 
+    relative = False
+    """Whether its position has no place on Earth, as without GPS."""
+
     def __init__(self, body: Body, seed: int) -> None:
         self._body = body
         rng = random.Random(f"bias {seed}")
@@ -79,6 +82,11 @@ class Estimator:
     def trusted(self) -> bool:
         """Whether the estimator itself trusts its position."""
         return self._without_s < DISTRUST_S
+
+    @property
+    def test_ratio(self) -> float:
+        """Largest test ratio of position and velocity: above 1 measurements are rejected."""
+        return 0.05 if self.trusted else 1.5
 
     def step(self) -> Estimate:
         """Measure and estimate at the body's present instant."""

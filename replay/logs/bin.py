@@ -27,7 +27,8 @@ ESCS = ("ESC", *(f"ESC{i}" for i in range(1, 33)))
 _SPARSE = {"MODE", "EV", "ARM"}
 """Written when something changes: what was said before a block holds in it."""
 _KINDS = {
-    "ATT", "XKQ", "NKQ", *IMUS, *EKF, "RCOU", "BAT", "CURR", "BARO", "RFND", *ESCS, "RPM", *_SPARSE, "CTUN", "VIBE",
+    "ATT", "XKQ", "NKQ", *IMUS, *EKF, "RCOU", "BAT", "CURR", "BARO", "RFND", "PRX", "PRXR", *ESCS, "RPM", *_SPARSE,
+    "CTUN", "VIBE",
 }  # fmt: skip
 _TEXT, _NUMBER = ("S", "V"), ("f", "i", "u")
 """numpy's letters for a field that holds text, and for one that holds a number."""

@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.mavlink.range_beams import beam_direction
+from companion.mavlink.sample_builders import obstacle_distance
+from companion.mavlink.samples import Ring
 from models.errors import LogError
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, LogSummary, Series
 from replay.logs.columns import (
@@ -47,6 +49,8 @@ _MOTOR_1, _MOTORS = 101, range(101, 113)
 _DSHOT, _DSHOT_FULL, _CAN_FULL, _LONGEST_US = range(-5, -1), 1999.0, 8191.0, 2500.0
 """PWM_MAIN_TIMn of DShot 150 to 1200; full throttle of DShot and of CAN; no pulse is longer [us]."""
 _DOWN, _DOWNWARD = (0.0, 0.0, 1.0), 25
+_DIRECTIONS, _UNKNOWN_CM, _CENTI, _BODY_FRD = 72, 65535, 0.01, 12
+"""Of obstacle_distance: fields, what stands for not known, cm, and MAV_FRAME_BODY_FRD, its frame by default."""
 _ROUNDS, _SPARE = 16, 1 << 28
 """A sound log is read twice at most, a damaged one again from every byte of the damage [bytes]."""
 _MEMORY, _MEMORY_JOINED = 3.0, 5.0
@@ -56,7 +60,7 @@ PIECE_S, MARGIN_S = 2100.0, 60.0
 _TOPICS = [
     "vehicle_attitude", "vehicle_angular_velocity", "sensor_combined", "vehicle_local_position", "distance_sensor",
     "esc_status", "actuator_outputs", "battery_status", "vehicle_air_data", "vehicle_status", "vehicle_land_detected",
-    "vehicle_attitude_setpoint", "wind", "wind_estimate",
+    "vehicle_attitude_setpoint", "wind", "wind_estimate", "obstacle_distance", "obstacle_distance_fused",
 ]  # fmt: skip
 
 
@@ -207,6 +211,7 @@ class _Reader:
             velocity=velocity,
             imus=self._imus(),
             beams=self._beams(),
+            rings=tuple(self._rings()),
             escs=self._escs(),
             servo=next(iter(servos.values()), None),
             servo_ports=servos,
@@ -287,6 +292,25 @@ class _Reader:
             distance = Series(series.t_s, series.values[:, :1], topic.name)
             out.append(range_beam(direction, (1, number, orientation), distance, (low, high), wire, sigma))
         return tuple(out) or self._terrain()
+
+    def _rings(self) -> Iterator[Ring]:
+        """obstacle_distance as sensors send it, else what PX4 made of all of them; its fields are those of MAVLink."""
+        topic = self._first("obstacle_distance" if "obstacle_distance" in self._topics else "obstacle_distance_fused")
+        if not len(topic):
+            return
+        distances = topic.array("distances", _DIRECTIONS)
+        distances = np.where(distances >= _UNKNOWN_CM, np.nan, distances * _CENTI)
+        limits, steps = _CENTI * topic.columns("min_distance", "max_distance"), topic.columns("increment")
+        offset, frame = topic.columns("angle_offset"), np.nan_to_num(topic.column("frame"), nan=_BODY_FRD)
+        for k in np.flatnonzero(np.isfinite(topic.t_s)).tolist():
+            low, high = limits[k].tolist()
+            step, start = math.radians(steps[k, 0]), math.radians(offset[k, 0])
+            head = (float(topic.t_s[k]), 1, 1)
+            ring = obstacle_distance(
+                head, topic.name, tuple(distances[k].tolist()), (low, high), (0.0, step), (start,), int(frame[k])
+            )
+            if ring is not None:
+                yield ring
 
     def _terrain(self) -> tuple[Beam, ...]:
         """Without a rangefinder's own readings: the estimator's height over ground, where it calls it valid."""

@@ -246,7 +246,7 @@ def bin_flight(seconds: float = 4.0, arming: bool = True, outputs: bool = True) 
 
 # --- .ulg -------------------------------------------------------------------------------------------------------------
 
-_ULG_CODES = {"uint64_t": "Q", "float": "f", "uint8_t": "B", "int8_t": "b", "int32_t": "i", "bool": "?"}
+_ULG_CODES = dict(uint64_t="Q", float="f", uint8_t="B", int8_t="b", uint16_t="H", int32_t="i", bool="?")
 
 
 class UlgWriter:

@@ -186,3 +186,28 @@ def test_nothing_heard_is_not_fit_to_fly():
     assert run.returncode == 1
     assert "nothing was heard" in run.stdout
     assert "do not fly" in run.stdout
+
+
+def test_poses_of_a_camera_are_named_where_they_are_not_flown_by(flight):
+    own = replace(config("tandem"), dry_run=True)
+
+    def found(*, position: bool) -> list[Item]:
+        listener, link = Listener(own), mavlink.MAVLink(None, 1, 197)
+        place = mavlink.MAVLink_local_position_ned_message(1000, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0)
+        pose = mavlink.MAVLink_vision_position_estimate_message(1000, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0)
+        for k, (arrival_us, raw) in enumerate(read_tlog(flight).frames()):
+            frame = cut(raw, 0)
+            if position or frame.id != 32:
+                listener.hear(arrival_us, frame)
+            if k % 100 == 99:
+                for message in (place, pose):
+                    listener.hear(arrival_us, cut(bytes(message.pack(link)), 0))
+        return [i for i in items(listener, Setup(own, "vehicle", live=False)) if i.name == "position"]
+
+    left_out, good = found(position=True)
+    assert left_out.verdict is Verdict.WARN
+    assert "LOCAL_POSITION_NED of component 197" in left_out.text
+    assert good.verdict is Verdict.PASS
+    _, none = found(position=False)
+    assert none.verdict is Verdict.FAIL
+    assert "VISION_POSITION_ESTIMATE but no LOCAL_POSITION_NED" in none.text

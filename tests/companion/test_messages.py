@@ -344,3 +344,22 @@ def test_rangefinder_gives_way_to_a_downward_distance_sensor():
     intake.sample(sent(mavlink.MAVLink_heartbeat_message(2, 3, 137, 4, 4, 3)), ARRIVAL)
     heard = [intake.sample(sent(message), ARRIVAL) for message in (old, up, old, down, old)]
     assert [s is not None for s in heard] == [True, True, True, True, False]
+
+
+def test_attitudes_and_positions_of_other_components_are_left_out_and_named():
+    """A camera of the vehicle's own system id means its own frame; its ranges are welcome."""
+    intake, arrival = Intake(), 10**15
+
+    def heard(message, component):
+        raw = bytes(message.pack(mavlink.MAVLink(None, srcSystem=1, srcComponent=component)))
+        return intake.sample(cut(raw, 0), arrival)
+
+    heard(mavlink.MAVLink_heartbeat_message(2, 3, 0, 0, 3, 3), 1)
+    place = mavlink.MAVLink_local_position_ned_message(1000, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0)
+    turned = mavlink.MAVLink_attitude_message(1000, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    assert heard(place, 197) is None
+    assert heard(turned, 154) is None
+    assert intake.not_the_autopilots == {(32, 197), (30, 154)}
+    assert heard(place, 1) is not None
+    assert heard(turned, 1) is not None
+    assert heard(mavlink.MAVLink_distance_sensor_message(1000, 5, 800, 50, 0, 1, 25, 0), 197) is not None

@@ -16,7 +16,7 @@ VALUES = {
     "--adapt": "full", "--save-model": "m", "--duration": "5", "--signing-key": "key", "--target-system": "3",
     "--on-exit": "hold", "--seed": "4", "--json": "-", "--plot": "p.svg",
 }  # fmt: skip
-FLAGS = ("--check", "--dry-run", "--no-last-word", "--no-offsets", "--compare", "--quiet")
+FLAGS = ("--check", "--dry-run", "--no-last-word", "--no-offsets", "--compare", "--quiet", "--vision")
 OPTIONS = (*VALUES, *FLAGS)
 LINKS = ("sim:corner", "udp:127.0.0.1:5", "/dev/ttyAMA0", "f.tlog")
 NEEDED = {"--record-limit": "--record", "--survey": "--record", "--plot": "--compare"}
@@ -28,7 +28,7 @@ AT_ODDS = {
 }  # fmt: skip
 """Pairs that the flight program reads and of which one does nothing: nothing is sent, another holds, no second process
 signs."""
-OTHER_LINKS = {("--baud", "--seed"), ("--signing-key", "--seed"), ("--on-exit", "--seed")}
+OTHER_LINKS = {(a, b) for a in ("--baud", "--signing-key", "--on-exit") for b in ("--seed", "--vision")}
 """A real link's option and the built-in vehicle's: each is refused by name of the other's link."""
 
 

@@ -64,7 +64,12 @@ def test_the_estimators_status_is_asked_for(stack):
         (status(GOOD & ~4), False),
         (status(GOOD, innovation=1.4), False),
         (status(GOOD | 1024), True),  # PX4: a glitch that came and went
+        (status(0x12F, 0.05), True),  # PX4 on vision: no place on Earth
+        (status(0x16F, 0.05), True),  # and on optical flow: height over ground
+        (status(0x12F | 128), False),  # PX4's fake position: neither vision nor flow
         (status(ARDUPILOT_GOOD, source="EKF_STATUS_REPORT"), True),
+        (status(0x16F, source="EKF_STATUS_REPORT"), True),  # ArduPilot on optical flow: relative position alone
+        (status(0b10100111, source="EKF_STATUS_REPORT"), False),  # AID_NONE: constant position
         (status(ARDUPILOT_GOOD | 1024, source="EKF_STATUS_REPORT"), False),
         (status(ARDUPILOT_GOOD | 32768, source="EKF_STATUS_REPORT"), False),
         (status(0b100111, source="EKF_STATUS_REPORT"), False),
@@ -80,6 +85,16 @@ def test_an_accuracy_that_grows_is_dead_reckoning():
         trust = trust.after(status(GOOD, accuracy))
         assert trust.trusted, accuracy
     assert not trust.after(status(GOOD, 2.0)).trusted
+
+
+@pytest.mark.parametrize("height", [1.0, 2.0, 4.0])
+def test_an_accuracy_that_walks_away_on_optical_flow_is_no_dead_reckoning(height):
+    """0.15 rad/s of noise at 20 Hz, from 5 cm: the variance grows by (0.15 h)^2 / 20 a second."""
+    trust = PositionTrust()
+    for k in range(1500):
+        accuracy = math.sqrt(0.05**2 + (0.15 * height) ** 2 / 20.0 * 0.2 * k)
+        trust = trust.after(replace(status(GOOD & ~16, accuracy), t_s=0.2 * k))
+        assert trust.trusted, (k, accuracy)
 
 
 def test_an_untrusted_position_ends_the_hold():
@@ -103,6 +118,22 @@ def test_a_reset_of_the_position_moves_the_hold_with_it():
     assert b.state.hold.reference.position == pytest.approx([1.0, -0.5, -1.0])
     assert after.base.pitch == pytest.approx(before.base.pitch, abs=math.radians(0.5))
     assert after.base.roll == pytest.approx(before.base.roll, abs=math.radians(0.5))
+
+
+def test_a_relocalisation_of_a_quarter_metre_moves_the_hold_with_it():
+    b = bench(height=1.0)
+    before = b.run(3.0)
+    b.position = (0.0, -0.25)
+    after = b.tick()
+    assert b.state.hold.reference.position == pytest.approx([0.0, -0.25, -1.0])
+    assert after.base.roll == pytest.approx(before.base.roll, abs=math.radians(0.5))
+
+
+def test_an_estimator_that_is_pulled_to_its_sensors_is_no_reset():
+    """0.7 m/s past what the velocity explains: the most in five real flights at 10 Hz."""
+    for dt in (0.02, 0.1, 0.4):
+        first, second = (LocalPosition(t, 1, 1, (0.7 * t, 0.0, -1.0), (0.0, 0.0, 0.0)) for t in (1.0, 1.0 + dt))
+        assert position_reset(first, second) is None
 
 
 def test_fast_flight_is_no_reset():

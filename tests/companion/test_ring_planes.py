@@ -239,6 +239,44 @@ def test_a_ring_that_rotates_sees_the_wall_where_it_is():
     assert (wall.distance_m, other.seen) == (pytest.approx(0.8, abs=0.01), Seen.NOTHING)
 
 
+def test_a_ring_whose_frame_and_offset_change_sees_the_wall_where_it_is():
+    """Each message counts its directions by its own frame and offset: nose or north, from anywhere."""
+    flight = Hovering()
+    flight.bench.roll = 0.1
+    tilted = rotation_rows(*quaternion_from_euler(0.1, 0.0, 0.0))
+    turn = iter(range(10_000))
+
+    def change(ring):
+        k = next(turn)
+        north = k % 2 == 1
+        walls = [(0.5 * math.pi, flight.gap)]
+        return replace(ring_of(8, walls, LEVEL if north else tilted, 0.3 * k, north), t_s=ring.t_s)
+
+    flight.change = change
+    wall, other = flight.run(3.0)
+    assert (wall.distance_m, other.seen) == (pytest.approx(0.8, abs=0.01), Seen.NOTHING)
+
+
+@pytest.mark.parametrize("shift", [-0.9, 0.9])
+def test_ground_far_away_is_no_wall_where_attitude_and_reading_differ_by_a_degree(shift):
+    """Low over ground: what a tilted ring sees 4 m away is the ground, though by its attitude it ends above it."""
+    true, said = (rotation_rows(*quaternion_from_euler(math.radians(a), 0.0, 0.0)) for a in (-3.0, -3.0 + shift))
+    x, y, _ = true[2]
+    slopes = {k: x * math.cos(k * math.pi / 36.0) + y * math.sin(k * math.pi / 36.0) for k in range(72)}
+    ground = {k: 0.2 / slope for k, slope in slopes.items() if slope > 0.03}
+    assert len(ground) > 20
+    assert seen(ring_of(72, [], true, change=ground), said, height=0.2) == []
+
+
+def test_own_arms_reach_no_track():
+    """All that a ring reports is the vehicle itself, ahead and behind: that is no wall."""
+    arms = (0.3, math.inf, math.inf, math.inf) * 2
+    flight = Hovering(change=lambda ring: replace(ring, distances_m=arms))
+    flight.gap = 100.0
+    wall, _ = flight.run(2.0)
+    assert wall.seen is not Seen.SURFACE
+
+
 def test_both_walls_of_a_corridor_reach_the_tracks():
     flight = Hovering()
     flight.walls = [(0.5 * math.pi, 0.9), (-0.5 * math.pi, 0.8)]

@@ -15,7 +15,7 @@ from models.air_state import AirState, blank_state
 from models.effects import AdoptedEffect, Context, Flown, adopted, adopted_wrench, catalogue, corrected_state, get
 from models.errors import ModelError
 from models.frames import AXES
-from models.vehicle import load_vehicle
+from models.vehicle import Throttle, load_vehicle
 
 NAMES = [
     "ceiling",
@@ -190,6 +190,14 @@ def test_a_model_directory_may_lack_an_optional_parameter() -> None:
     assert adopted("vertical_inflow", {"slope": 4.0}).parameters == {"slope": 4.0} | still_air
     with pytest.raises(ModelError, match="lacks parameter 'power'"):
         adopted("battery_sag", {"at_reference": 0.0, "reference_v": 16.0})
+
+
+def test_thrust_that_only_answers_disturbances_shows_no_current(ctx: Context) -> None:
+    """A loop that answers a loss of lift by more thrust looks like thrust that falls with the current."""
+    (ohmic,) = (c for c in get("battery_sag").coefficients if c.name == "ohmic")
+    outputs = replace(ctx, vehicle=replace(ctx.vehicle, throttle=Throttle(40.0, 0.6, 1000.0, 2000.0, 16.0)))
+    assert ohmic.spread(outputs) == 0.1
+    assert ohmic.spread(replace(outputs, only_answers=True)) < 0.01
 
 
 def test_vanes_in_the_stream_of_a_weak_fan_are_weak_too(ctx: Context) -> None:

@@ -20,6 +20,7 @@ from companion.config import PipelineConfig
 from companion.control.state import Decision
 from companion.invariants import Auditor
 from companion.sim.flight import Flight
+from companion.sim.vision import VisionEstimator
 from companion.vehicles import default_vehicle
 from faults.tamper import Tamper, signer
 from models.surrogate.store import DEFAULT
@@ -88,6 +89,8 @@ class Fault:
     """The autopilot's clock when the simulation starts."""
     ring: int = 0
     """Directions of a ring that sees the wall in place of the wall range."""
+    vision: bool = False
+    """Without GPS: the position is visual odometry, which finds its place again only when it is told to."""
     stacks: tuple[str, ...] = STACKS
 
 
@@ -208,7 +211,9 @@ def _fly(fault: Fault, stack: str, seed: int, own: PipelineConfig, folder: Path)
         yield RECOVERY_S
 
     case = Case(fault.name, fault.what, script, px4=stack == "px4", wall_m=WALL_M)
-    flight = Flight(own.vehicle, surroundings(case, own.vehicle), seed, px4=case.px4)
+    flight = Flight(own.vehicle, surroundings(case, own.vehicle), seed, px4=case.px4, vision=fault.vision)
+    if isinstance(flight.estimator, VisionEstimator):
+        flight.estimator.relocalised_every_s = math.inf
 
     def pilot(world: FaultyLockstep) -> CasePilot:
         p = _Pilot(world, script)

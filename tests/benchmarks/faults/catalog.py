@@ -15,6 +15,7 @@ from companion.adapt_options import Adapt
 from companion.mavlink.frames import pack
 from companion.mavlink.tlog_writer import Recorder
 from companion.sim.autopilot import Mode
+from companion.sim.vision import VisionEstimator
 from faults.campaign import LOW_M, WALL_M, Act, Bench, Fault, Result, fly, silent_drift_m
 from faults.tamper import signed, signer
 
@@ -329,6 +330,32 @@ def moved_position(north: float) -> Act:
     return begin
 
 
+def vision(b: Bench) -> VisionEstimator:
+    """The vehicle's odometry."""
+    assert isinstance(b.flight.estimator, VisionEstimator)
+    return b.flight.estimator
+
+
+def relocalised(east: float) -> Act:
+    """The odometry finds its place again, so far from where it was; the pilot's old places are no more."""
+
+    def begin(b: Bench) -> None:
+        b.pilot.silent()
+        vision(b).relocalise((0.0, east, 0.0))
+
+    return begin
+
+
+def to_and_fro(b: Bench) -> Iterator[float]:
+    """Along the wall, 6 m in all, while the odometry drifts by 2 % of it towards the wall."""
+    odometry = vision(b)
+    odometry.drifts = (0.0, -1.0, 0.0)
+    _, e, d = b.flight.estimate.position
+    for north in (0.6, -0.6, 0.6, -0.6, 0.6, 0.0):
+        b.pilot.go(north, e, -d)
+        yield 3.0
+
+
 def reset_position(b: Bench) -> None:
     """The pilot sends no more targets: those would be places of the old frame, and be flown to."""
     b.pilot.silent()
@@ -621,6 +648,16 @@ FAULTS = (
           seconds=4.0, off_m=0.3),
     Fault("gps_lost", "GPS lost for 6 s", lambda b: setattr(b.flight.estimator, "gps", False),
           end=lambda b: setattr(b.flight.estimator, "gps", True), seconds=6.0, noticed=False, off_m=0.6, lands=AP),
+    Fault("vision_relocalises", "visual odometry finds its place again 0.25 m from where it was", relocalised(-0.25),
+          end=nothing, noticed=False, off_m=0.12, vision=True),
+    Fault("vision_freezes", "visual odometry repeats its last place under fresh stamps",
+          lambda b: vision(b).freeze(True), end=lambda b: vision(b).freeze(False), seconds=4.0, noticed=False,
+          off_m=0.75, vision=True),
+    Fault("vision_turned", "visual odometry goes on in a frame that is turned by 90 degrees",
+          lambda b: vision(b).turn(0.5 * math.pi), end=lambda b: vision(b).turn(0.0), seconds=4.0, noticed=False,
+          vision=True),
+    Fault("vision_drifts", "visual odometry drifts to the wall by 2 % of 6 m flown along it", nothing,
+          during=to_and_fro, end=nothing, noticed=False, off_m=1.35, vision=True),
     Fault("heartbeat_silent", "heartbeats stop", silent(HEARTBEAT), seconds=5.0),
     Fault("clock_back_5s", "the autopilot's clock leaps back by 5 s", clock_back, end=nothing, recovers=False),
     Fault("clock_ahead_30s", "the autopilot's clock leaps ahead by 30 s", clock_ahead, end=nothing, noticed=False),

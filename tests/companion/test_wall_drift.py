@@ -1,0 +1,89 @@
+"""A position that drifts against the wall range is said: frozen vision, a slow drift; not noise, leaps, slopes."""
+
+from __future__ import annotations
+
+import math
+import random
+
+import pytest
+from flying import bench
+
+from companion.control.authority import Notice
+from companion.estimation.estimator import Seen, Surface
+from companion.estimation.wall_drift import NO_WALL_DRIFT, compare_wall
+from companion.mavlink.samples import LocalPosition
+from companion.sim.compare import Settings
+from companion.sim.flight import Flight
+
+EAST = (0.0, 1.0, 0.0)
+
+
+def flown(truth, estimate, seconds=10.0, wall=lambda n: 0.8, resets=(), noise=0.0):
+    """Seconds until a drift is noticed, or None: a wall ``wall(north)`` east of the origin, places (north, east)."""
+    state, rng, reset_s = NO_WALL_DRIFT, random.Random(1), -math.inf
+    for k in range(round(25.0 * seconds)):
+        t = k / 25.0
+        (north, east), believed = truth(t), estimate(t)
+        reset_s = max([r for r in resets if r <= t], default=-math.inf)
+        surface = Surface(Seen.SURFACE, wall(north) - east + rng.gauss(0.0, noise), normal_ned=EAST)
+        sample = LocalPosition(10.0 + t, 1, 1, (*believed, -1.0), (0.0, 0.0, 0.0))
+        state = compare_wall(state, surface, sample, 2.0, 10.0 + reset_s)
+        if state.drifts:
+            return t
+    return None
+
+
+def still(t):
+    return (0.0, 0.0)
+
+
+@pytest.mark.parametrize(("speed", "within"), [(0.1, 1.4), (-0.1, 1.4), (0.025, 7.0)])
+def test_a_position_that_stands_still_while_the_wall_comes_nearer_is_noticed(speed, within):
+    assert flown(lambda t: (0.0, speed * t), still) < within
+
+
+def test_noise_of_range_and_estimate_is_no_drift():
+    assert flown(still, lambda t: (0.0, 0.03 * math.sin(t)), seconds=60.0, noise=0.01) is None
+
+
+def test_a_drift_of_two_per_cent_of_the_path_is_not_said():
+    assert flown(lambda t: (0.0, 0.3 * math.sin(t)), lambda t: (0.0, 0.3 * math.sin(t) - 0.004 * t), 60.0) is None
+
+
+def test_a_slanted_wall_that_is_flown_along_is_no_drift():
+    def place(t):
+        return (0.3 * t, 0.0)
+
+    assert flown(place, place, wall=lambda n: 0.9 - 0.2 * n) is None
+
+
+def test_a_leap_that_is_known_as_one_is_no_drift():
+    def leapt(t):
+        return (0.0, 0.25 if t >= 3.02 else 0.0)
+
+    assert flown(still, leapt, resets=(3.02,)) is None
+    assert flown(still, leapt) == pytest.approx(3.04)
+
+
+def test_frozen_vision_beside_a_wall_is_said_to_the_pilot():
+    b = bench(height=0.3)
+    b.run(3.0)
+    for _ in range(100):
+        b.wall -= 0.0015
+        decision = b.tick()
+    assert decision.notice is not None
+    assert decision.notice[0] is Notice.POSITION_DRIFTS
+    assert decision.reasons == ()
+
+
+def test_visual_odometry_drifts_and_leaps_back():
+    settings = Settings("hover", vision=True)
+    flight = Flight(settings.flown_vehicle, settings.once(), 1, vision=True)
+    off = []
+    for k in range(round(10.5 / flight.body.dt)):
+        flight.body.position[0] += 0.5 * flight.body.dt  # carried along: the accelerometers feel nothing of it
+        flight.step()
+        if k % 40 == 0:
+            off.append(math.dist(flight.estimator._odometry(), flight.estimator._seen[0]))
+    assert max(off) == pytest.approx(0.02 * 5.0, rel=0.1)
+    assert off[-1] < 0.01
