@@ -56,7 +56,7 @@ def settle(state: PipelineState, config: PipelineConfig) -> PipelineState:
 def _remembered(
     state: PipelineState, pending: Pending, base: BaseSetpoint, response: AttitudeResponse, config: PipelineConfig
 ) -> tuple[BaseSetpoint, AttitudeResponse]:
-    """What a parting begins with, and what the attitude is to answer to."""
+    """What letting go begins with, and what the attitude is to answer to."""
     command = pending.command
     if not isinstance(command, AttitudeCommand):
         return base, response

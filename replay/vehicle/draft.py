@@ -25,11 +25,12 @@ from models.vehicle_setup.typical import Guess, typical_sizes
 from models.vehicle_types import ASSUMABLE
 from replay.flightlog import FlightLog
 from replay.logs.formats import read_pieces
+from replay.residual.motion import ENOUGH_S
 from replay.residual.record import Record, build_record
 from replay.vehicle import tandem
 from replay.vehicle.airframe import Airframe, airframe, turns
 from replay.vehicle.corrected import HOVER_RPM, corrected, hover_rpm
-from replay.vehicle.fit import ENOUGH_S, Fit, fit_records, free_flight, hovering, records_of
+from replay.vehicle.fit import Fit, fit_records, free_flight, hovering, records_of
 from replay.vehicle.tandem import is_tandem
 
 INCH_M = 0.0254

@@ -24,8 +24,6 @@ _CLIMB_M_S, _SPEED_M_S, _TILT_COS = 0.3, 1.0, 0.985
 """A hover: slower than these, tilted less than 10 degrees."""
 _FAR = 4.0
 """In rotor radii from ground, wall and ceiling: lift there is within 2 % of free air (Cheeseman and Bennett 1955)."""
-ENOUGH_S = 8.0
-"""As a diagnosis (residual.record.ENOUGH_S)."""
 
 
 @dataclass(frozen=True)

@@ -113,6 +113,7 @@ def test_a_mass_that_is_a_third_off_is_a_thrust_scale_and_no_ground_effect():
     assert compensated(watch.seen[-1][1]) == pytest.approx(1.0, abs=0.15)
 
 
+@pytest.mark.slow
 def test_landing_and_standing_teach_nothing():
     flight = low_hover()
     watch = flown(flight, land_s=HAPPENS_S)

@@ -6,11 +6,11 @@ import pytest
 from faults.campaign import complaints, fly
 from faults.catalog import BY_NAME, FAULTS
 
-ALWAYS = (("rotors_absurd", "ardupilot"), ("link_lost_10s", "ardupilot"))
-"""A sensor, the link."""
+ALWAYS = (("link_lost_10s", "ardupilot"), ("killed_restarted", "px4"))
+"""The link, the program itself."""
 OFTEN = (
+    ("rotors_absurd", "ardupilot"),
     ("range_down_silent", "px4"),
-    ("killed_restarted", "px4"),
     ("rotors_frozen", "ardupilot"),
     ("link_lost_3s", "px4"),
     ("position_silent", "px4"),

@@ -97,6 +97,7 @@ def test_own_position_hold_is_as_good_as_measured(approach):
     assert np.max(towards) == pytest.approx(147.0, rel=0.25)
 
 
+@pytest.mark.slow
 def test_in_free_air_it_touches_nothing(approach):
     assert approach.touched_s == 0.0
 

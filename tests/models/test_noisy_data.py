@@ -121,6 +121,7 @@ def test_a_hundred_noisy_places_suffice(trained: train.Trained) -> None:
         assert np.sqrt(np.mean((answer - truth) ** 2)) < worst * truth.std(), AXES[component]
 
 
+@pytest.mark.slow
 def test_noise_draws_no_waves_between_the_places(trained: train.Trained) -> None:
     """Artificial curvature: the net's surface is no rougher than the law it learnt from noisy samples."""
     for component in (0, 2, 4):
