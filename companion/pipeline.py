@@ -450,7 +450,7 @@ def _base(
         fresh = t_s - state.hover.now_s < hover_thrust.HEARD_AGE_S
         thrust_now = state.hover.now if fresh else thrust.hover
         balance = engagement.watch_balance(state.balance, t_s, motion.velocity, motion.body_down)
-        hold = engage(t_s, motion, balance.acceleration, thrust_now, thrust)
+        hold = engage(t_s, motion, balance.acceleration, thrust_now, thrust, gains.lag_s)
     hold, base = fly(hold, gains, config.vehicle.limits, t_s, motion, thrust)
     return replace(state, hold=hold, pressed=pressed), base
 

@@ -53,6 +53,11 @@ class HoldGains:
     tilt_lead_s: float = 0.19
     """How far ahead velocity is predicted from the tilt that there is, in a loop that is 0.24 s late."""
 
+    @property
+    def lag_s(self) -> float:
+        """How late the attitude loop answers."""
+        return self.tilt_lead_s / _TILT_LEAD_SHARE
+
 
 FULL = HoldGains()
 """As hard as a quick vehicle takes them."""

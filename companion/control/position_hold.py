@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 from companion.control.authority import clipped
 from companion.control.plant import CLIMB_LEAD_S, TILT_MEAN_S, HoldGains
-from companion.control.position_target import Reference, Target, advance, start_reference, stay
+from companion.control.position_target import Motion as Course
+from companion.control.position_target import Reference, Target, advance, expected, start_reference, stay
 from companion.control.wall_guard import Pressed
 from companion.mavlink.firmware import ThrustMap
 from models.evolve import replace
@@ -91,7 +92,9 @@ class BaseSetpoint(NamedTuple):
     """What it stands for, NED m/s^2, beyond balancing gravity."""
 
 
-def engage(t_s: float, motion: Motion, balance: tuple[float, float], thrust_now: float, thrust: ThrustMap) -> Hold:
+def engage(
+    t_s: float, motion: Motion, balance: tuple[float, float], thrust_now: float, thrust: ThrustMap, lag_s: float = 0.0
+) -> Hold:
     """Hold here, bumplessly: the first setpoint is the tilt and the thrust that fly now.
 
     ``balance`` is the part of the tilt's acceleration, north and east, that balances wind rather than moving the
@@ -102,7 +105,7 @@ def engage(t_s: float, motion: Motion, balance: tuple[float, float], thrust_now:
     up = (thrust_now - thrust.hover) * thrust.slope * GRAVITY
     integral = _integral(balance[0], balance[1], -up)
     rest_n, rest_e = clipped(tilt_n - integral[0], _MOST_LEVEL_M_S2), clipped(tilt_e - integral[1], _MOST_LEVEL_M_S2)
-    reference = start_reference(motion.position, motion.velocity, (rest_n, rest_e, 0.0))
+    reference = start_reference(motion.position, motion.velocity, (rest_n, rest_e, 0.0), lag_s)
     climb = integral[2]
     return Hold(stay(motion.yaw, t_s), reference, integral, t_s, (tilt_n - rest_n, tilt_e - rest_e), climb, climb)
 
@@ -113,11 +116,11 @@ def _integral(north: float, east: float, down: float) -> Vector3:
     return clipped(north, most), clipped(east, most), clipped(down, most)
 
 
-def resume(hold: Hold, motion: Motion) -> Hold:
+def resume(hold: Hold, motion: Motion, lag_s: float) -> Hold:
     """Go on after a gap: to the same target, on a way that begins where the vehicle is."""
     old, at = hold.target, hold.reference.position
     north, east, down = (kept if wanted != wanted else wanted for wanted, kept in zip(old.position, at, strict=True))
-    reference = start_reference(motion.position, motion.velocity, _AT_REST)
+    reference = start_reference(motion.position, motion.velocity, _AT_REST, lag_s)
     target = replace(old, position=(north, east, down), velocity=_AT_REST)
     return hold._replace(target=target, reference=reference)
 
@@ -147,21 +150,22 @@ def fly(
     """One step of the cascade; returns the hold one step on and the setpoint. Plain floats: it runs for every one."""
     dt = min(max(t_s - hold.t_s, 0.0), 0.1)
     if t_s - hold.t_s > _GAP_S:
-        hold, dt = resume(hold, motion), 0.0
-    reference = advance(hold.reference, hold.target, limits, t_s, dt)
+        hold, dt = resume(hold, motion, gains.lag_s), 0.0
+    reference = advance(hold.reference, hold.target, limits, t_s, dt, gains.lag_s)
+    course = expected(reference, gains.lag_s)
     forward_n, forward_e, forward_d = reference.acceleration
     share = min(dt / TILT_MEAN_S, 1.0)
     # Tilt and thrust that are neither fed forward nor lasting: what will change the velocity unasked.
     tilt_n, tilt_e = tilt_acceleration(motion.body_down)
-    tilt_n, tilt_e = tilt_n - motion.offset[0] - forward_n, tilt_e - motion.offset[1] - forward_e
+    tilt_n, tilt_e = tilt_n - motion.offset[0] - course.acceleration[0], tilt_e - motion.offset[1] - course.acceleration[1]
     climb = hold.climb_command - forward_d
     mean_n, mean_e = hold.tilt_mean
     mean_n, mean_e = mean_n + (tilt_n - mean_n) * share, mean_e + (tilt_e - mean_e) * share
     mean_d = hold.climb_mean + (climb - hold.climb_mean) * share
     extra = (tilt_n - mean_n, tilt_e - mean_e, climb - mean_d)
-    since = _followed(hold.since, t_s - motion.age_s, motion.age_s, dt, _sum(extra, reference.acceleration))
+    since = _followed(hold.since, t_s - motion.age_s, motion.age_s, dt, _sum(extra, course.acceleration))
     position, velocity = _predicted(motion, since)
-    slip = _slip(reference, position, velocity, extra, gains, limits)
+    slip = _slip(course, position, velocity, extra, gains, limits)
     old = hold.integral
     acceleration, saturated = _limited(
         (
@@ -191,17 +195,17 @@ def fly(
 
 
 def _slip(
-    reference: Reference, position: Vector3, velocity: Vector3, extra: Vector3, gains: HoldGains, limits: Limits
+    course: Course, position: Vector3, velocity: Vector3, extra: Vector3, gains: HoldGains, limits: Limits
 ) -> Vector3:
     """The velocity that is missing [m/s], NED: towards the reference, and on with it."""
-    (rx, ry, rz), (x, y, z) = reference.position, position
+    (rx, ry, rz), (x, y, z) = course.position, position
     north, east = (rx - x) * gains.position_1_s, (ry - y) * gains.position_1_s
     down = clipped((rz - z) * gains.height_1_s, limits.climb_m_s)
     speed = math.hypot(north, east)
     if speed > limits.speed_m_s:
         share = limits.speed_m_s / speed
         north, east = north * share, east * share
-    (rvx, rvy, rvz), (vx, vy, vz) = reference.velocity, velocity
+    (rvx, rvy, rvz), (vx, vy, vz) = course.velocity, velocity
     # Attitude and motors answer late: look at the velocity that the present tilt and thrust lead to.
     lead = gains.tilt_lead_s
     return (
