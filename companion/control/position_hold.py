@@ -28,6 +28,10 @@ that leans so far to all sides swings."""
 _MOST_CLIMB_M_S2 = 3.0
 _MOST_INTEGRAL_M_S2 = 2.5
 """A steady 25 % of the weight: a wind of 10 m/s on a vehicle of 3 kg."""
+_MOST_DRAG_1_S = 1.5
+"""A tandem of ducts has 0.9, an open quadrotor of 3 kg 0.2."""
+_SLOW_M_S = 0.15
+"""At this speed what the integral learns is taken for drag by half; at rest for wind, fast for drag."""
 _BALANCE_S = 0.25
 """Time over which the integral goes to what the tilt is seen to balance, while a limit is met."""
 _GAP_S = 0.5
@@ -79,6 +83,9 @@ class Hold(NamedTuple):
     climb_command: float
     """Vertical acceleration last asked for, integral included: what carries a late velocity on."""
     since: Since | None = None
+    drag_1_s: float = 0.0
+    """Deceleration per speed through still air, learned on the move: it is fed forward and ends where the motion ends.
+    In the integral it would carry the vehicle past the place where it stops."""
 
 
 class BaseSetpoint(NamedTuple):
@@ -153,11 +160,14 @@ def fly(
         hold, dt = resume(hold, motion, gains.lag_s), 0.0
     reference = advance(hold.reference, hold.target, limits, t_s, dt, gains.lag_s)
     course = expected(reference, gains.lag_s)
-    forward_n, forward_e, forward_d = reference.acceleration
+    drag = hold.drag_1_s
+    (forward_n, forward_e, forward_d), (ahead_n, ahead_e, _) = reference.acceleration, reference.velocity
+    forward_n, forward_e = forward_n + drag * ahead_n, forward_e + drag * ahead_e
+    vn, ve, _ = course.velocity
     share = min(dt / TILT_MEAN_S, 1.0)
     # Tilt and thrust that are neither fed forward nor lasting: what will change the velocity unasked.
     tilt_n, tilt_e = tilt_acceleration(motion.body_down)
-    tilt_n, tilt_e = tilt_n - motion.offset[0] - course.acceleration[0], tilt_e - motion.offset[1] - course.acceleration[1]
+    tilt_n, tilt_e = tilt_n - motion.offset[0] - course.acceleration[0] - drag * vn, tilt_e - motion.offset[1] - course.acceleration[1] - drag * ve
     climb = hold.climb_command - forward_d
     mean_n, mean_e = hold.tilt_mean
     mean_n, mean_e = mean_n + (tilt_n - mean_n) * share, mean_e + (tilt_e - mean_e) * share
@@ -177,9 +187,12 @@ def fly(
     )
     integral = old
     if not saturated:
+        rate = gains.integral_1_s2 * dt
+        along = (slip[0] * vn + slip[1] * ve) / (vn * vn + ve * ve + _SLOW_M_S**2)
+        drag = min(max(drag + along * rate, 0.0), _MOST_DRAG_1_S)
         integral = _integral(
-            old[0] + slip[0] * gains.integral_1_s2 * dt,
-            old[1] + slip[1] * gains.integral_1_s2 * dt,
+            old[0] + (slip[0] - along * vn) * rate,
+            old[1] + (slip[1] - along * ve) * rate,
             old[2] + slip[2] * gains.climb_integral_1_s2 * dt,
         )
     elif motion.balance is not None:
@@ -191,7 +204,7 @@ def fly(
     roll, pitch = _acceleration_to_tilt(north, east, motion.yaw)
     command = thrust.hover + thrust.change(-down / GRAVITY)
     setpoint = BaseSetpoint(roll, pitch, hold.target.yaw, command, acceleration)
-    return Hold(hold.target, reference, integral, t_s, (mean_n, mean_e), mean_d, down, since), setpoint
+    return Hold(hold.target, reference, integral, t_s, (mean_n, mean_e), mean_d, down, since, drag), setpoint
 
 
 def _slip(
