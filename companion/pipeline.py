@@ -76,6 +76,9 @@ _UPSTREAM_DAMPING_1_S = 2.0
 _LEAST_THRUST_SHARE = 0.3
 """Of hover thrust: the hold never commands less, so that the attitude stays controllable."""
 _MOST_THRUST_ABOVE_HOVER = 0.35
+_SENSED = (est.Seen.SURFACE, est.Seen.NOTHING)
+_NEAR_RADII = 5.0
+"""Rotor radii from lip to wall within which its pull may be felt: the models' data end at 3.8."""
 MIN_THRUST, MAX_THRUST = 0.05, 0.95
 """Of the hold's commands."""
 _REBOOT_S = 1.0
@@ -433,7 +436,8 @@ def _base(
     yaw = math.atan2(east, north)
     position = estimates.position
     authority, offset = state.offsets.authority, state.offsets.offset
-    pressed = watch_wall(state.pressed, state.disturbance, position.velocity_ned, t_s)
+    seen = state.disturbance
+    pressed = watch_wall(state.pressed, seen, position.velocity_ned, t_s)
     motion = Motion(
         position.position_ned,
         position.velocity_ned,
@@ -442,6 +446,7 @@ def _base(
         t_s - position.t_s,
         _level_acceleration(offset.roll * authority, offset.pitch * authority, yaw),
         pressed,
+        seen is not None and seen.wall.seen in _SENSED and min(seen.d_m) > _NEAR_RADII * config.vehicle.rotor_radius_m,
         state.balance.acceleration,
     )
     assert state.tuned is not None

@@ -56,6 +56,8 @@ class Motion(NamedTuple):
     """North and east acceleration [m/s^2] of the offset that is applied: a part of the tilt that balances something."""
     wall: Pressed | None = None
     """A wall that it is driven to."""
+    clear: bool = False
+    """No wall is near: what the tilt balances on the move is drag, not a pull that changes with the place."""
     balance: tuple[float, float] | None = None
     """North and east acceleration [m/s^2] by which the tilt, on average, balances wind and walls; None: not known."""
 
@@ -161,13 +163,16 @@ def fly(
     reference = advance(hold.reference, hold.target, limits, t_s, dt, gains.lag_s)
     course = expected(reference, gains.lag_s)
     drag = hold.drag_1_s
-    (forward_n, forward_e, forward_d), (ahead_n, ahead_e, _) = reference.acceleration, reference.velocity
+    (forward_n, forward_e, forward_d), (ahead_n, ahead_e, _) = reference.acceleration, reference.shaped_velocity
     forward_n, forward_e = forward_n + drag * ahead_n, forward_e + drag * ahead_e
     vn, ve, _ = course.velocity
     share = min(dt / TILT_MEAN_S, 1.0)
     # Tilt and thrust that are neither fed forward nor lasting: what will change the velocity unasked.
     tilt_n, tilt_e = tilt_acceleration(motion.body_down)
-    tilt_n, tilt_e = tilt_n - motion.offset[0] - course.acceleration[0] - drag * vn, tilt_e - motion.offset[1] - course.acceleration[1] - drag * ve
+    tilt_n, tilt_e = (
+        tilt_n - motion.offset[0] - course.acceleration[0] - drag * vn,
+        tilt_e - motion.offset[1] - course.acceleration[1] - drag * ve,
+    )
     climb = hold.climb_command - forward_d
     mean_n, mean_e = hold.tilt_mean
     mean_n, mean_e = mean_n + (tilt_n - mean_n) * share, mean_e + (tilt_e - mean_e) * share
@@ -188,7 +193,7 @@ def fly(
     integral = old
     if not saturated:
         rate = gains.integral_1_s2 * dt
-        along = (slip[0] * vn + slip[1] * ve) / (vn * vn + ve * ve + _SLOW_M_S**2)
+        along = (slip[0] * vn + slip[1] * ve) / (vn * vn + ve * ve + _SLOW_M_S**2) if motion.clear else 0.0
         drag = min(max(drag + along * rate, 0.0), _MOST_DRAG_1_S)
         integral = _integral(
             old[0] + (slip[0] - along * vn) * rate,

@@ -26,8 +26,9 @@ _CAUGHT_UP_M, _CAUGHT_UP_M_S = 0.02, 0.03
 """An approach is over this near to the target in place and velocity."""
 _JERK_M_S3 = 3.0
 """Of an approach: 0.35 degrees of tilt from one setpoint to the next at 50 Hz, 0.9 with the lead."""
-_CLOSING_1_S, _CLOSING_LAGS = 2.0, 0.5
-"""Of an approach: speed per metre left, near the end; and at most that times the lag of the attitude loop."""
+_CLOSING_1_S = 2.0
+"""Of an approach: speed per metre left, near the end. With the deceleration of a quarter of the jerk braking begins
+with half the jerk: the rest keeps the way from ending too far."""
 _IGNORE_POSITION, _IGNORE_VELOCITY, _IGNORE_YAW = (1, 2, 4), (8, 16, 32), 1024
 """Bits of POSITION_TARGET_TYPEMASK, by axis."""
 _NOWHERE = (math.nan, math.nan, math.nan)
@@ -245,7 +246,7 @@ def _approached(
     Near the end it is linear and critically damped: acceleration follows the velocity error at four times the rate at
     which velocity follows the distance.
     """
-    most, jerk, closing = limits.acceleration_m_s2, _JERK_M_S3, min(_CLOSING_1_S, _CLOSING_LAGS / max(lag_s, 0.05))
+    most, jerk, closing = limits.acceleration_m_s2, _JERK_M_S3, _CLOSING_1_S
     brake = min(0.75 * most, 0.25 * jerk)  # gentle enough for the jerk that braking begins with
     north, east, down = speed
     distance = math.hypot(to_go[0], to_go[1])
@@ -276,7 +277,11 @@ def _approached(
         now = (late[0] + (now[0] - late[0]) * share, late[1] + (now[1] - late[1]) * share)
         answered.append(now)
     return Reference(
-        (px + vx * dt_s, py + vy * dt_s, pz + vz * dt_s), velocity, (ax, ay, az), velocity, (answered[0], answered[1], answered[2])
+        (px + vx * dt_s, py + vy * dt_s, pz + vz * dt_s),
+        velocity,
+        (ax, ay, az),
+        velocity,
+        (answered[0], answered[1], answered[2]),
     )
 
 

@@ -11,7 +11,7 @@ from flying import bench
 
 from companion.control import position_target
 from companion.control.authority import Notice, Reason
-from companion.control.position_target import Target, advance, start_reference
+from companion.control.position_target import Target, advance, expected, start_reference
 from companion.mavlink.samples import (
     Attitude,
     AttitudeTarget,
@@ -169,10 +169,10 @@ def test_engaging_in_motion_brakes_within_the_limits():
     flown.run(4.0)
     flown.bench.mode = 4
     tilts = [0.0]
-    for _ in range(100):  # the vehicle follows
+    for _ in range(100):  # the vehicle follows as late as its loop
         command = flown.tick().command
         tilts.append(2.0 * math.asin(command.q_ned_frd[2]))
-        reference = flown.bench.state.hold.reference
+        reference = expected(flown.bench.state.hold.reference, flown.bench.state.tuned.gains.lag_s)
         flown.velocity = np.array(reference.velocity)
         flown.position = reference.position + 0.02 * flown.velocity
         flown.bench.pitch += 0.2 * (tilts[-1] - flown.bench.pitch)
