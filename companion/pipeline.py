@@ -16,6 +16,8 @@ import numpy as np
 
 from companion.adaptation import adapt
 from companion.adaptation.gates import Situation
+from companion.adaptation.residual import mass_flow
+from companion.adaptation.sizes import drag_prior
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control import attitude_response, engagement, hover_thrust, landed, swing_detector
 from companion.control.authority import HOLDS_BACK_EVERYTHING, Notice, Reason, fade
@@ -77,8 +79,8 @@ _LEAST_THRUST_SHARE = 0.3
 """Of hover thrust: the hold never commands less, so that the attitude stays controllable."""
 _MOST_THRUST_ABOVE_HOVER = 0.35
 _SENSED = (est.Seen.SURFACE, est.Seen.NOTHING)
-_NEAR_RADII = 5.0
-"""Rotor radii from lip to wall within which its pull may be felt: the models' data end at 3.8."""
+_NEAR_RADII = 4.0
+"""Rotor radii from lip to wall within which its pull is felt: the models' data end at 3.8."""
 MIN_THRUST, MAX_THRUST = 0.05, 0.95
 """Of the hold's commands."""
 _REBOOT_S = 1.0
@@ -455,7 +457,9 @@ def _base(
         fresh = t_s - state.hover.now_s < hover_thrust.HEARD_AGE_S
         thrust_now = state.hover.now if fresh else thrust.hover
         balance = engagement.watch_balance(state.balance, t_s, motion.velocity, motion.body_down)
-        hold = engage(t_s, motion, balance.acceleration, thrust_now, thrust, gains.lag_s)
+        vehicle = config.vehicle
+        drag = drag_prior(vehicle)[0] * mass_flow(vehicle, vehicle.mass_kg * GRAVITY) / vehicle.mass_kg
+        hold = engage(t_s, motion, balance.acceleration, thrust_now, thrust, gains.lag_s)._replace(drag_1_s=drag)
     hold, base = fly(hold, gains, config.vehicle.limits, t_s, motion, thrust)
     return replace(state, hold=hold, pressed=pressed), base
 
