@@ -32,6 +32,8 @@ _MOST_DRAG_1_S = 1.5
 """A tandem of ducts has 0.9, an open quadrotor of 3 kg 0.2."""
 _SLOW_M_S = 0.15
 """At this speed what the integral learns is taken for drag by half; at rest for wind, fast for drag."""
+_STEADY_M_S2 = 0.1
+"""Faster changes of the reference's velocity are answered late: what is missing then is not drag."""
 _BALANCE_S = 0.25
 """Time over which the integral goes to what the tilt is seen to balance, while a limit is met."""
 _GAP_S = 0.5
@@ -193,7 +195,11 @@ def fly(
     integral = old
     if not saturated:
         rate = gains.integral_1_s2 * dt
-        along = (slip[0] * vn + slip[1] * ve) / (vn * vn + ve * ve + _SLOW_M_S**2) if motion.clear else 0.0
+        along = (
+            (slip[0] * vn + slip[1] * ve) / (vn * vn + ve * ve + _SLOW_M_S**2)
+            if motion.clear and math.hypot(*reference.acceleration[:2]) < _STEADY_M_S2
+            else 0.0
+        )
         drag = min(max(drag + along * rate, 0.0), _MOST_DRAG_1_S)
         integral = _integral(
             old[0] + (slip[0] - along * vn) * rate,

@@ -58,9 +58,7 @@ def flown_ramp(mask: int, *, px4: bool = False, slow: bool = False) -> list[tupl
             yield 0.02
 
     case = Case("ramp", "a ramp into the wall", script, px4=px4, wall_m=WALL_M)
-    flight = Flight(
-        own.vehicle, surroundings(case, own.vehicle), 1, px4=px4, parameters=SLOW_LOOP if slow else {}
-    )
+    flight = Flight(own.vehicle, surroundings(case, own.vehicle), 1, px4=px4, parameters=SLOW_LOOP if slow else {})
     FaultyLockstep(flight, lambda w: CasePilot(w, script)).fly(own, None)
     return seen
 
