@@ -138,7 +138,7 @@ class Reference(NamedTuple):
 
 def start_reference(position: Vector3, velocity: Vector3, acceleration: Vector3, lag_s: float = 0.0) -> Reference:
     """Begin where the vehicle is, moving as it moves: what is asked for now is answered ``lag_s`` later."""
-    north, east, down = acceleration
+    north, east, _ = acceleration
     still = Reference(position, velocity, acceleration, velocity, ((north, east),) * 3)
     (x, y, z), (u, v, w) = position, velocity
     (ex, ey, _), (eu, ev, _), _ = expected(still, lag_s)
