@@ -459,7 +459,7 @@ def _base(
         balance = engagement.watch_balance(state.balance, t_s, motion.velocity, motion.body_down)
         vehicle = config.vehicle
         drag = drag_prior(vehicle)[0] * mass_flow(vehicle, vehicle.mass_kg * GRAVITY) / vehicle.mass_kg
-        hold = engage(t_s, motion, balance.acceleration, thrust_now, thrust, gains.lag_s)._replace(drag_1_s=drag)
+        hold = engage(t_s, motion, balance.acceleration, thrust_now, thrust, gains.lag_s, drag)
     hold, base = fly(hold, gains, config.vehicle.limits, t_s, motion, thrust)
     return replace(state, hold=hold, pressed=pressed), base
 

@@ -104,21 +104,29 @@ class BaseSetpoint(NamedTuple):
 
 
 def engage(
-    t_s: float, motion: Motion, balance: tuple[float, float], thrust_now: float, thrust: ThrustMap, lag_s: float = 0.0
+    t_s: float,
+    motion: Motion,
+    balance: tuple[float, float],
+    thrust_now: float,
+    thrust: ThrustMap,
+    lag_s: float = 0.0,
+    drag_1_s: float = 0.0,
 ) -> Hold:
     """Hold here, bumplessly: the first setpoint is the tilt and the thrust that fly now.
 
-    ``balance`` is the part of the tilt's acceleration, north and east, that balances wind rather than moving the
-    vehicle; the integrals start with it, and the rest of the tilt starts the reference, which brakes from there.
+    ``balance`` is the part of the tilt's acceleration, north and east, that balances wind and drag rather than moving
+    the vehicle; the integrals start with it, and the rest of the tilt starts the reference, which brakes from there.
     ``thrust_now`` is the thrust 0...1 that flies.
     """
     tilt_n, tilt_e = tilt_acceleration(motion.body_down)
     up = (thrust_now - thrust.hover) * thrust.slope * GRAVITY
-    integral = _integral(balance[0], balance[1], -up)
-    rest_n, rest_e = clipped(tilt_n - integral[0], _MOST_LEVEL_M_S2), clipped(tilt_e - integral[1], _MOST_LEVEL_M_S2)
+    drag_n, drag_e = drag_1_s * motion.velocity[0], drag_1_s * motion.velocity[1]
+    integral = _integral(balance[0] - drag_n, balance[1] - drag_e, -up)
+    mean_n, mean_e = integral[0] + drag_n, integral[1] + drag_e
+    rest_n, rest_e = clipped(tilt_n - mean_n, _MOST_LEVEL_M_S2), clipped(tilt_e - mean_e, _MOST_LEVEL_M_S2)
     reference = start_reference(motion.position, motion.velocity, (rest_n, rest_e, 0.0), lag_s)
-    climb = integral[2]
-    return Hold(stay(motion.yaw, t_s), reference, integral, t_s, (tilt_n - rest_n, tilt_e - rest_e), climb, climb)
+    mean, climb = (tilt_n - rest_n - drag_n, tilt_e - rest_e - drag_e), integral[2]
+    return Hold(stay(motion.yaw, t_s), reference, integral, t_s, mean, climb, climb, None, drag_1_s)
 
 
 def _integral(north: float, east: float, down: float) -> Vector3:
