@@ -27,10 +27,19 @@ from companion.control.engagement import waits_for_mode
 from companion.control.hand_over import NOT_OURS, PARTING_S, part, parting_command, place_of
 from companion.control.hover_thrust import HoverThrust
 from companion.control.landed import AIRBORNE_AFTER_S, IN_AIR
-from companion.control.plant import FULL, hear_position
-from companion.control.position_hold import BaseSetpoint, Motion, balanced, engage, fly, shifted
-from companion.control.position_target import read_target, stay
-from companion.control.refusals import LATE_STOP_S, lateness, refusals, upstream_silent
+from companion.control.plant import FULL, LATE_STOP_S, hear_position
+from companion.control.position_hold import (
+    BaseSetpoint,
+    Hold,
+    Motion,
+    balanced,
+    engage,
+    fly,
+    settled_target,
+    shifted,
+)
+from companion.control.position_target import Target, read_target, stay
+from companion.control.refusals import lateness, refusals, upstream_silent
 from companion.control.state import Decision, Due, PipelineState
 from companion.control.survey import Whereabouts, aborted, advance, as_message, level_direction
 from companion.control.wall_guard import watch_wall
@@ -64,6 +73,7 @@ from companion.settle import retuned, settle
 from companion.survey_box import SurveyBox
 from models.evolve import replace
 from models.frames import GRAVITY, quaternion_from_euler
+from models.vehicle import Vector3
 
 _DISTURBANCE_PERIOD_S = 0.03
 """The model is asked this often, after a position, so that an attitude is answered without waiting for it."""
@@ -78,6 +88,8 @@ _UPSTREAM_DAMPING_1_S = 2.0
 _LEAST_THRUST_SHARE = 0.3
 """Of hover thrust: the hold never commands less, so that the attitude stays controllable."""
 _MOST_THRUST_ABOVE_HOVER = 0.35
+_RETURN_S, _RETURN_M = 10.0, 1.0
+"""A hold that engages again so soon and so near goes back to the place that it had to leave."""
 _SENSED = (est.Seen.SURFACE, est.Seen.NOTHING)
 _NEAR_RADII = 4.0
 """Rotor radii from lip to wall within which its pull is felt: the models' data end at 3.8."""
@@ -226,7 +238,7 @@ def _take_heartbeat(state: PipelineState, sample: Heartbeat) -> PipelineState:
     seen = engagement.hear_heartbeat(state.engagement, sample)
     if seen.mode != state.engagement.mode:
         # Another mode, another beginning: a hold that swung under the last one may try again.
-        state = replace(state, swing=swing_detector.SwingDetector())
+        state = replace(state, swing=swing_detector.SwingDetector(), left=None)
     return replace(state, heartbeat=sample, engagement=seen)
 
 
@@ -312,7 +324,7 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
     parting, due = None, state.due
     if held_back:
         if had_hold:
-            state = _let_go(state, held_back, t_s)
+            state = _let_go(replace(state, left=_left(state, held_back, t_s)), held_back, t_s)
         command = _command_held_back(state, held_back, thrust, config, t_s)
         parting = None if command is None else state.parting
     elif base is not None:
@@ -460,8 +472,25 @@ def _base(
         vehicle = config.vehicle
         drag = drag_prior(vehicle)[0] * mass_flow(vehicle, vehicle.mass_kg * GRAVITY) / vehicle.mass_kg
         hold = engage(t_s, motion, balance.acceleration, thrust_now, thrust, gains.lag_s, drag)
+        hold = _returned(hold, state.left, motion.position, t_s)
     hold, base = fly(hold, gains, config.vehicle.limits, t_s, motion, thrust)
-    return replace(state, hold=hold, pressed=pressed), base
+    return replace(state, hold=hold, pressed=pressed, left=None), base
+
+
+def _left(state: PipelineState, held_back: set[Reason], t_s: float) -> tuple[Target, float] | None:
+    """Where the hold that ends was to stay, unless others fly or the position is not to be believed."""
+    if state.hold is None or held_back & (NOT_OURS | {Reason.POSITION_UNTRUSTED}):
+        return None
+    target = settled_target(state.hold)
+    north, east, down = target.position
+    return replace(target, position=(north, east, down - state.drift.correction_m)), t_s
+
+
+def _returned(hold: Hold, left: tuple[Target, float] | None, position: Vector3, t_s: float) -> Hold:
+    """A hold that was let go a moment ago goes on to where it was to stay: a stall is no new beginning."""
+    if left is None or not 0.0 <= t_s - left[1] <= _RETURN_S or math.dist(left[0].position, position) > _RETURN_M:
+        return hold
+    return hold._replace(target=replace(left[0], set_s=t_s))
 
 
 def _level_acceleration(roll: float, pitch: float, yaw: float) -> tuple[float, float]:

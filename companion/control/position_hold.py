@@ -137,11 +137,15 @@ def _integral(north: float, east: float, down: float) -> Vector3:
 
 def resume(hold: Hold, motion: Motion, lag_s: float) -> Hold:
     """Go on after a gap: to the same target, on a way that begins where the vehicle is."""
+    reference = start_reference(motion.position, motion.velocity, _AT_REST, lag_s)
+    return hold._replace(target=settled_target(hold), reference=reference)
+
+
+def settled_target(hold: Hold) -> Target:
+    """The place that the hold goes to, at rest there."""
     old, at = hold.target, hold.reference.position
     north, east, down = (kept if wanted != wanted else wanted for wanted, kept in zip(old.position, at, strict=True))
-    reference = start_reference(motion.position, motion.velocity, _AT_REST, lag_s)
-    target = replace(old, position=(north, east, down), velocity=_AT_REST)
-    return hold._replace(target=target, reference=reference)
+    return replace(old, position=(north, east, down), velocity=_AT_REST)
 
 
 def balanced(hold: Hold, acceleration: Vector3) -> Hold:
