@@ -24,7 +24,7 @@ from companion.control.authority import HOLDS_BACK_EVERYTHING, Notice, Reason, f
 from companion.control.compensation import Offset, Offsets, slewed, wanted_offset
 from companion.control.disturbance import modelled_disturbance
 from companion.control.engagement import waits_for_mode
-from companion.control.hand_over import NOT_OURS, PARTING_S, part, parting_command, place_of
+from companion.control.hand_over import NOT_OURS, PARTING_S, held_off, part, parting_command, place_of
 from companion.control.hover_thrust import HoverThrust
 from companion.control.landed import AIRBORNE_AFTER_S, IN_AIR
 from companion.control.plant import FULL, LATE_STOP_S, hear_position
@@ -42,7 +42,7 @@ from companion.control.position_target import Target, read_target, stay
 from companion.control.refusals import lateness, refusals, upstream_silent
 from companion.control.state import Decision, Due, PipelineState
 from companion.control.survey import Whereabouts, aborted, advance, as_message, level_direction
-from companion.control.wall_guard import watch_wall
+from companion.control.wall_guard import level_wall, watch_wall
 from companion.estimation import estimator as est
 from companion.estimation import height_drift
 from companion.estimation.estimator import blank_estimates
@@ -518,7 +518,15 @@ def _let_go(state: PipelineState, held_back: set[Reason], t_s: float) -> Pipelin
     if state.last is None or not 0.0 <= t_s - state.decided_s <= PARTING_S:
         return state  # after a gap the autopilot has long let go of what was sent last
     places = state.heartbeat is not None and mode_name(state.heartbeat) != "GUIDED_NOGPS"
-    return replace(state, parting=part(state.hold, state.last, held_back, t_s, places, state.drift.correction_m))
+    return replace(state, parting=part(state.last, held_back, t_s, places, parting_place(state, state.hold)))
+
+
+def parting_place(state: PipelineState, hold: Hold) -> Vector3:
+    """Where the autopilot is to stay when the hold ends, NED."""
+    place, towards = place_of(hold, state.drift.correction_m), level_wall(state.disturbance)
+    if towards is None or state.heartbeat is None or stack_of(state.heartbeat) is not Stack.PX4:
+        return place
+    return held_off(place, state.balance.acceleration, towards)
 
 
 def _command_held_back(
