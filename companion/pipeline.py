@@ -524,9 +524,7 @@ def _let_go(state: PipelineState, held_back: set[Reason], t_s: float) -> Pipelin
 def parting_place(state: PipelineState, hold: Hold) -> Vector3:
     """Where the autopilot is to stay when the hold ends, NED."""
     place, towards = place_of(hold, state.drift.correction_m), level_wall(state.disturbance)
-    if towards is None or state.heartbeat is None or stack_of(state.heartbeat) is not Stack.PX4:
-        return place
-    return held_off(place, state.balance.acceleration, towards)
+    return place if towards is None else held_off(place, state.balance.acceleration, towards)
 
 
 def _command_held_back(

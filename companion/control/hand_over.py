@@ -16,8 +16,8 @@ NOT_OURS = frozenset({Reason.NOT_ARMED, Reason.WRONG_MODE, Reason.LANDED})
 """Refusals after which somebody else flies, or nobody does: nothing is sent."""
 PARTING_S = 0.5
 """Letting go takes so long: level by degrees, or the place sent to the autopilot several times."""
-_PX4_STIFFNESS_1_S2 = 0.95 * 1.8
-"""Defaults of MPC_XY_P and MPC_XY_VEL_P_ACC."""
+_STIFFNESS_1_S2 = 1.8
+"""Of an autopilot's own position control: PX4's MPC_XY_P 0.95 times MPC_XY_VEL_P_ACC 1.8; ArduPilot's 1.0 times 2.0."""
 _MOST_OFF_M = 0.15
 _CLIMB_RATE_ZERO = 0.5
 """Thrust where ArduPilot reads it as a climb rate: neither up nor down."""
@@ -41,12 +41,12 @@ def place_of(hold: Hold, correction_m: float) -> Vector3:
 
 
 def held_off(place: Vector3, lean: tuple[float, float], towards: tuple[float, float]) -> Vector3:
-    """A place for PX4, whose position control begins without trim: so far off the wall that its error balances the pull.
+    """So far off a wall that the error balances its pull: the autopilot's position control begins without trim.
 
-    Two proportional stages give the acceleration P_position P_velocity e: e = a / (P_position P_velocity) for the
-    acceleration a = ``lean`` [m/s^2] by which the tilt holds the vehicle off a wall; ``towards``: level unit vector to it.
+    Two proportional stages give the acceleration P_position P_velocity e, so e = a / (P_position P_velocity) for the
+    acceleration a = ``lean`` [m/s^2] by which the tilt holds the vehicle off. ``towards``: level unit vector to it.
     """
-    off = min(max(-(lean[0] * towards[0] + lean[1] * towards[1]), 0.0) / _PX4_STIFFNESS_1_S2, _MOST_OFF_M)
+    off = min(max(-(lean[0] * towards[0] + lean[1] * towards[1]), 0.0) / _STIFFNESS_1_S2, _MOST_OFF_M)
     return place[0] - off * towards[0], place[1] - off * towards[1], place[2]
 
 
