@@ -18,7 +18,7 @@ from companion.mavlink.frames import Frame
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake, unread
 from companion.mavlink.message_table import LAYOUTS
-from companion.mavlink.outgoing import Message, command_long, heartbeat, param_request_read, statustext
+from companion.mavlink.outgoing import Message, command_long, heartbeat, param_request_read, statustext, timesync
 from companion.mavlink.samples import Attitude, Heartbeat, Sample, SetPositionTarget
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, Command, PositionCommand, encode
 from companion.mavlink.stream_rates import StreamKeeper, interval_request, wanted_streams
@@ -213,7 +213,7 @@ class Flight:
             self._rebooted()
         if intake.clock.set_back_s != self._set_back_s:
             self._set_back_s = intake.clock.set_back_s
-            self._tell(f"companion: the vehicle's clock was set back by {self._set_back_s:.2f} s")
+            self._tell(f"companion: the vehicle's clock was set back, or stood still, by {self._set_back_s:.2f} s")
         if len(intake.others) > self._ignored:
             self._ignored = len(intake.others)
             self._say(f"companion: ignoring system {frame.system}; flying with system {intake.system}")
@@ -310,6 +310,8 @@ class Flight:
         if now_s - self._beat_s >= 1.0:
             self._beat_s = now_s
             self._send(heartbeat())
+            if math.isfinite(self._state.late_since_s):
+                self._send(timesync(self._arrivals.stamp()))  # is the link late, or has the clock stood still?
         if self._streams is None:
             if not self._complained and now_s - self._started_s > _LOST_S:
                 self._complained = True
