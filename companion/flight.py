@@ -11,7 +11,6 @@ from typing import Any
 
 from companion.adapt_options import Adapt
 from companion.config import Base, PipelineConfig
-from companion.control.hand_over import place_of
 from companion.control.state import Decision
 from companion.control.survey import Phase, Survey
 from companion.last_word import LastWord
@@ -20,14 +19,14 @@ from companion.mavlink.frames import Frame
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, HEARTBEAT, OWN_COMPONENT, Intake, unread
 from companion.mavlink.message_table import LAYOUTS
-from companion.mavlink.outgoing import Message, command_long, heartbeat, param_request_read, statustext
+from companion.mavlink.outgoing import Message, command_long, heartbeat, param_request_read, statustext, timesync
 from companion.mavlink.samples import Attitude, Heartbeat, Sample, SetPositionTarget
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, Command, PositionCommand, encode
 from companion.mavlink.stream_rates import StreamKeeper, interval_request, wanted_streams
 from companion.mavlink.tlog_writer import Recorder, Records
 from companion.page.feed import PageFeed
 from companion.page.snapshot import snapshot
-from companion.pipeline import answer, initial_state, level_command, ready_to_leave, stopped
+from companion.pipeline import answer, hand_over_place, initial_state, level_command, ready_to_leave, stopped
 from companion.settle import settle
 from companion.telemetry.latency import LatencyHistogram
 from companion.telemetry.status import StatusReporter
@@ -222,7 +221,7 @@ class Flight:
             self._rebooted()
         if intake.clock.set_back_s != self._set_back_s:
             self._set_back_s = intake.clock.set_back_s
-            self._tell(f"companion: the vehicle's clock was set back by {self._set_back_s:.2f} s")
+            self._tell(f"companion: the vehicle's clock was set back, or stood still, by {self._set_back_s:.2f} s")
         if len(intake.others) > self._ignored:
             self._ignored = len(intake.others)
             self._say(f"companion: ignoring system {frame.system}; flying with system {intake.system}")
@@ -326,6 +325,8 @@ class Flight:
         if now_s - self._beat_s >= 1.0:
             self._beat_s = now_s
             self._send(heartbeat())
+            if math.isfinite(self._state.late_since_s):
+                self._send(timesync(self._arrivals.stamp()))  # is the link late, or has the clock stood still?
         if self._streams is None:
             if not self._complained and now_s - self._started_s > _LOST_S:
                 self._complained = True
@@ -404,8 +405,7 @@ class Flight:
             return None
         if self._config.dry_run or self._config.base is not Base.HOLD:
             return None
-        place = place_of(state.hold, state.drift.correction_m)
-        return PositionCommand(state.t_s, place, state.hold.target.yaw)
+        return PositionCommand(state.t_s, hand_over_place(state, state.hold), state.hold.target.yaw)
 
     @property
     def last_word(self) -> bytes:
