@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,6 +18,7 @@ import px4_hil
 from body_truth import BodyTruthFile
 
 from companion.sim.scenario import NAMES, build
+from companion.sim.sensors import RangeFault, RangeSensor
 from companion.vehicles import TANDEM
 from models.arguments import Parser
 from models.errors import UserError
@@ -41,6 +43,11 @@ def say(**what: int) -> None:
     print(json.dumps(what), flush=True)
 
 
+def freeze_or_release(beam: RangeSensor) -> None:
+    """What SIGUSR1 does to the first beam: it repeats itself, or works again."""
+    beam.fault = None if beam.fault else RangeFault.FROZEN
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Answer until interrupted, or until PX4 leaves; returns the exit code."""
     a = parser().parse_args(argv)
@@ -49,8 +56,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         scenario = build(a.scenario, vehicle)
         if a.ardupilot_json is not None:
             physics = ardupilot_json.JsonPhysics(vehicle, scenario, a.seed)
+            signal.signal(signal.SIGUSR1, lambda *_: freeze_or_release(physics.ranges[0]))
             ardupilot_json.serve(physics, a.ardupilot_json, lambda port: say(ardupilot_json=port), a.truth)
         hil = px4_hil.Px4Physics(vehicle, scenario, a.seed)
+        signal.signal(signal.SIGUSR1, lambda *_: freeze_or_release(hil.ranges[0]))
         truth = None if a.truth is None else BodyTruthFile(a.truth, hil.body)
         px4_hil.serve(hil, a.px4_hil, lambda port: say(px4_hil=port), truth=truth)
         if truth is not None:
