@@ -1,9 +1,9 @@
 """Flights on a real ArduCopter or PX4 (docs/firmware.md): how far the vehicle moves when something happens at a wall.
 
 ``ARDUCOPTER_BIN=… python tests/benchmarks/firmware_flights.py FLIGHT… [--first 1] [--flights 10] [--json FILE]
-[--record DIR] [--result FILE]``. Real firmware, simulated air. The seed draws air and sensors; time is the firmware's,
-so no two flights are the same. With ``--json`` flights that are in the file already are not flown again. Distances are
-the truth of the physics, NED, and changes only: where the GPS says that the vehicle is, counts for nothing.
+[--record DIR] [--result FILE]``. Real firmware, simulated air (tests/firmware/rough_air.py). The seed draws air and
+sensors; time is the firmware's, so no two flights are the same. With ``--json`` flights that are in the file already
+are not flown again. Distances are the truth of the physics, NED, and changes only: an error of the GPS does not count.
 """
 
 from __future__ import annotations
@@ -194,7 +194,7 @@ def fly(firmware: str, name: str, seed: int, folder: Path) -> dict[str, Any]:
     else:
         parameters = {k: v for k, v in parameters.items() if k.startswith("MC_")}
     out: dict[str, Any] = {"firmware": NAMES[firmware], "flight": name, "seed": seed, "commit": _commit()}
-    with Rig(firmware, os.environ[firmware], folder, parameters, seed=seed, position_hz=position_hz) as rig:
+    with Rig(firmware, os.environ[firmware], folder, parameters, seed=seed, position_hz=position_hz, rough=True) as rig:
         pilot = Pilot(rig)
         try:
             rig.take_off()

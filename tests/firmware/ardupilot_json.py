@@ -56,7 +56,8 @@ def parse(data: bytes) -> Packet | None:
 class JsonPhysics:
     """Answers packets; owns the body. No sockets here."""
 
-    def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int) -> None:
+    def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int, body: type[Body] = Body) -> None:
+        self._body_type = body
         self._vehicle = vehicle
         self._scenario = scenario
         self._seed = seed
@@ -89,7 +90,7 @@ class JsonPhysics:
     def _restart(self, rate_hz: int) -> None:
         self._rate_hz = rate_hz
         law = law_of(self._scenario.name, self._seed)
-        self.body = Body(self._vehicle, self._scenario.surroundings, law, self._seed, dt=1.0 / rate_hz)
+        self.body = self._body_type(self._vehicle, self._scenario.surroundings, law, self._seed, dt=1.0 / rate_hz)
         sensors = self._vehicle.rangefinders[:SENSORS_MAX]
         self.ranges = [RangeSensor(r, f"range {self._seed} {i}") for i, r in enumerate(sensors)]
 

@@ -53,9 +53,9 @@ _VANE_TRAVEL_RAD = 0.5
 class Px4Physics:
     """Sensor messages out, actuator outputs in; owns the body. No sockets here."""
 
-    def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int) -> None:
+    def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int, body: type[Body] = Body) -> None:
         dt = STEP_S / SUBSTEPS
-        self.body = Body(vehicle, scenario.surroundings, law_of(scenario.name, seed), seed, dt=dt, motor=PX4_MOTOR)
+        self.body = body(vehicle, scenario.surroundings, law_of(scenario.name, seed), seed, dt=dt, motor=PX4_MOTOR)
         self._vehicle = vehicle
         self.ranges = [RangeSensor(r, f"range {seed} {i}") for i, r in enumerate(vehicle.rangefinders)]
         self._noise = random.Random(f"hil {seed}")

@@ -122,10 +122,12 @@ class Rig:
         *,
         seed: int = 0,
         position_hz: float = 0.0,
+        rough: bool = False,
     ) -> None:
-        """``seed`` draws air and sensors; ``position_hz``: no more positions than this reach the companion (0: all)."""
+        """``seed`` draws air and sensors; ``position_hz``: no more positions than this reach the companion (0: all).
+        ``rough``: as in rough_air.py."""
         self.px4 = firmware == PX4
-        self._seed = seed
+        self._air = ["--seed", str(seed), *["--rough"] * rough]
         self._position_hz = position_hz
         self.folder = folder
         self._binary = Path(binary).resolve()
@@ -177,7 +179,7 @@ class Rig:
     def _boot(self) -> None:
         flag, port = ("--px4-hil", 4560) if self.px4 else ("--ardupilot-json", 9002)
         physics = [sys.executable, Path(__file__).with_name("physics.py"), "--vehicle", QUAD, "--scenario", "corner"]
-        self._start("physics", [*physics, "--seed", self._seed, flag, port, "--truth", self.folder / "truth.csv"])
+        self._start("physics", [*physics, *self._air, flag, port, "--truth", self.folder / "truth.csv"])
         give_up = time.monotonic() + 60.0
         while b"{" not in (self.folder / "physics.log").read_bytes():
             assert time.monotonic() < give_up, f"the physics did not start; see {self.folder}/physics.log"
@@ -351,6 +353,7 @@ class Rig:
                 threading.Thread(target=relay.run, args=(lambda: self._alive,), daemon=True).start()
             port += RELAYED
         self._companions += 1
+        self._latest.pop(("HEARTBEAT", 191), None)  # of the one before
         name = self.folder / ("flight" if self._companions == 1 else f"flight{self._companions}")
         command = [sys.executable, "-m", "companion", "--connect", f"udp:127.0.0.1:{port}", "--vehicle", QUAD]
         environment = dict(os.environ, OMP_NUM_THREADS="1")
