@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import signal
 import statistics
 import sys
@@ -41,6 +42,7 @@ SLOW_POSITION_HZ = 10.0
 ARRIVED_M = 0.03
 STEADY_RATIO = 0.95
 """Autopilot's seconds in a second of the clock, below which a flight does not count: the machine was too busy."""
+STOOD = re.compile(r"stood still for ([\d.]+) s")
 NAMES = {ARDUCOPTER: "ArduCopter", PX4: "PX4"}
 GOALS_M = {
     "ramp in free air: overshoot": 0.03, "ramp to the wall: overshoot": 0.03,
@@ -210,6 +212,13 @@ def fly(firmware: str, name: str, seed: int, folder: Path) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def counts(flight: dict[str, Any]) -> bool:
+    """Whether the machine let autopilot and companion run: a companion that was starved says that it stood still."""
+    stalls = [float(found[1]) for text in flight["texts"] if (found := STOOD.search(text))]
+    starved = [s for s in stalls if flight["flight"] != "wall" or abs(s - STALL_S) > 0.5]
+    return flight.get("clock", 0.0) >= STEADY_RATIO and not starved
+
+
 def table(flights: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Median and worst of each figure."""
     groups: dict[tuple[str, str], list[float]] = {}
@@ -258,7 +267,7 @@ def main() -> int:
                 print(json.dumps({k: v for k, v in found.items() if k not in ("texts", "marks")}), flush=True)
                 if a.json:
                     a.json.write_text(json.dumps(flights, indent=1) + "\n", encoding="utf-8")
-    counted = [f for f in flights if f.get("clock", 0.0) >= STEADY_RATIO]
+    counted = [f for f in flights if counts(f)]
     rows = table(counted)
     for row in rows:
         print(f"{row['what']:75} {row['value']:>9}  {row['detail']:32} {row.get('goal', '')}")
