@@ -10,7 +10,6 @@ from typing import Any
 
 from companion.adapt_options import Adapt
 from companion.config import Base, PipelineConfig
-from companion.control.hand_over import place_of
 from companion.control.state import Decision
 from companion.control.survey import Phase, Survey
 from companion.last_word import LastWord
@@ -26,7 +25,7 @@ from companion.mavlink.stream_rates import StreamKeeper, interval_request, wante
 from companion.mavlink.tlog_writer import Recorder, Records
 from companion.page.feed import PageFeed
 from companion.page.snapshot import snapshot
-from companion.pipeline import answer, initial_state, level_command, ready_to_leave, stopped
+from companion.pipeline import answer, initial_state, level_command, parting_place, ready_to_leave, stopped
 from companion.settle import settle
 from companion.telemetry.latency import LatencyHistogram
 from companion.telemetry.status import StatusReporter
@@ -383,8 +382,7 @@ class Flight:
             return None
         if self._config.dry_run or self._config.base is not Base.HOLD:
             return None
-        place = place_of(state.hold, state.drift.correction_m)
-        return PositionCommand(state.t_s, place, state.hold.target.yaw)
+        return PositionCommand(state.t_s, parting_place(state, state.hold), state.hold.target.yaw)
 
     @property
     def last_word(self) -> bytes:

@@ -16,22 +16,33 @@ import numpy as np
 
 from companion.adaptation import adapt
 from companion.adaptation.gates import Situation
+from companion.adaptation.residual import mass_flow
+from companion.adaptation.sizes import drag_prior
 from companion.config import Base, Carrier, PipelineConfig
 from companion.control import attitude_response, engagement, hover_thrust, landed, swing_detector
 from companion.control.authority import HOLDS_BACK_EVERYTHING, Notice, Reason, fade
 from companion.control.compensation import Offset, Offsets, slewed, wanted_offset
 from companion.control.disturbance import modelled_disturbance
 from companion.control.engagement import waits_for_mode
-from companion.control.hand_over import NOT_OURS, PARTING_S, part, parting_command, place_of
+from companion.control.hand_over import NOT_OURS, PARTING_S, held_off, part, parting_command, place_of
 from companion.control.hover_thrust import HoverThrust
 from companion.control.landed import AIRBORNE_AFTER_S, IN_AIR
-from companion.control.plant import FULL, hear_position
-from companion.control.position_hold import BaseSetpoint, Motion, balanced, engage, fly, shifted
-from companion.control.position_target import read_target, stay
-from companion.control.refusals import LATE_STOP_S, lateness, refusals, upstream_silent
+from companion.control.plant import FULL, LATE_STOP_S, hear_position
+from companion.control.position_hold import (
+    BaseSetpoint,
+    Hold,
+    Motion,
+    balanced,
+    engage,
+    fly,
+    settled_target,
+    shifted,
+)
+from companion.control.position_target import Target, read_target, stay
+from companion.control.refusals import lateness, refusals, upstream_silent
 from companion.control.state import Decision, Due, PipelineState
 from companion.control.survey import Whereabouts, aborted, advance, as_message, level_direction
-from companion.control.wall_guard import watch_wall
+from companion.control.wall_guard import level_wall, watch_wall
 from companion.estimation import estimator as est
 from companion.estimation import height_drift
 from companion.estimation.estimator import blank_estimates
@@ -62,6 +73,7 @@ from companion.settle import retuned, settle
 from companion.survey_box import SurveyBox
 from models.evolve import replace
 from models.frames import GRAVITY, quaternion_from_euler
+from models.vehicle import Vector3
 
 _DISTURBANCE_PERIOD_S = 0.03
 """The model is asked this often, after a position, so that an attitude is answered without waiting for it."""
@@ -76,6 +88,11 @@ _UPSTREAM_DAMPING_1_S = 2.0
 _LEAST_THRUST_SHARE = 0.3
 """Of hover thrust: the hold never commands less, so that the attitude stays controllable."""
 _MOST_THRUST_ABOVE_HOVER = 0.35
+_RETURN_S, _RETURN_M = 10.0, 1.0
+"""A hold that engages again so soon and so near goes back to the place that it had to leave."""
+_SENSED = (est.Seen.SURFACE, est.Seen.NOTHING)
+_NEAR_RADII = 4.0
+"""Rotor radii from lip to wall within which its pull is felt: the models' data end at 3.8."""
 MIN_THRUST, MAX_THRUST = 0.05, 0.95
 """Of the hold's commands."""
 _REBOOT_S = 1.0
@@ -221,7 +238,7 @@ def _take_heartbeat(state: PipelineState, sample: Heartbeat) -> PipelineState:
     seen = engagement.hear_heartbeat(state.engagement, sample)
     if seen.mode != state.engagement.mode:
         # Another mode, another beginning: a hold that swung under the last one may try again.
-        state = replace(state, swing=swing_detector.SwingDetector())
+        state = replace(state, swing=swing_detector.SwingDetector(), left=None)
     return replace(state, heartbeat=sample, engagement=seen)
 
 
@@ -307,7 +324,7 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
     parting, due = None, state.due
     if held_back:
         if had_hold:
-            state = _let_go(state, held_back, t_s)
+            state = _let_go(replace(state, left=_left(state, held_back, t_s)), held_back, t_s)
         command = _command_held_back(state, held_back, thrust, config, t_s)
         parting = None if command is None else state.parting
     elif base is not None:
@@ -433,7 +450,8 @@ def _base(
     yaw = math.atan2(east, north)
     position = estimates.position
     authority, offset = state.offsets.authority, state.offsets.offset
-    pressed = watch_wall(state.pressed, state.disturbance, position.velocity_ned, t_s)
+    seen = state.disturbance
+    pressed = watch_wall(state.pressed, seen, position.velocity_ned, t_s)
     motion = Motion(
         position.position_ned,
         position.velocity_ned,
@@ -442,6 +460,7 @@ def _base(
         t_s - position.t_s,
         _level_acceleration(offset.roll * authority, offset.pitch * authority, yaw),
         pressed,
+        seen is not None and seen.wall.seen in _SENSED and min(seen.d_m) > _NEAR_RADII * config.vehicle.rotor_radius_m,
         state.balance.acceleration,
     )
     assert state.tuned is not None
@@ -450,9 +469,28 @@ def _base(
         fresh = t_s - state.hover.now_s < hover_thrust.HEARD_AGE_S
         thrust_now = state.hover.now if fresh else thrust.hover
         balance = engagement.watch_balance(state.balance, t_s, motion.velocity, motion.body_down)
-        hold = engage(t_s, motion, balance.acceleration, thrust_now, thrust)
+        vehicle = config.vehicle
+        drag = drag_prior(vehicle)[0] * mass_flow(vehicle, vehicle.mass_kg * GRAVITY) / vehicle.mass_kg
+        hold = engage(t_s, motion, balance.acceleration, thrust_now, thrust, gains.lag_s, drag)
+        hold = _returned(hold, state.left, motion.position, t_s)
     hold, base = fly(hold, gains, config.vehicle.limits, t_s, motion, thrust)
-    return replace(state, hold=hold, pressed=pressed), base
+    return replace(state, hold=hold, pressed=pressed, left=None), base
+
+
+def _left(state: PipelineState, held_back: set[Reason], t_s: float) -> tuple[Target, float] | None:
+    """Where the hold that ends was to stay, unless others fly or the position is not to be believed."""
+    if state.hold is None or held_back & (NOT_OURS | {Reason.POSITION_UNTRUSTED}):
+        return None
+    target = settled_target(state.hold)
+    north, east, down = target.position
+    return replace(target, position=(north, east, down - state.drift.correction_m)), t_s
+
+
+def _returned(hold: Hold, left: tuple[Target, float] | None, position: Vector3, t_s: float) -> Hold:
+    """A hold that was let go a moment ago goes on to where it was to stay: a stall is no new beginning."""
+    if left is None or not 0.0 <= t_s - left[1] <= _RETURN_S or math.dist(left[0].position, position) > _RETURN_M:
+        return hold
+    return hold._replace(target=replace(left[0], set_s=t_s))
 
 
 def _level_acceleration(roll: float, pitch: float, yaw: float) -> tuple[float, float]:
@@ -480,7 +518,13 @@ def _let_go(state: PipelineState, held_back: set[Reason], t_s: float) -> Pipelin
     if state.last is None or not 0.0 <= t_s - state.decided_s <= PARTING_S:
         return state  # after a gap the autopilot has long let go of what was sent last
     places = state.heartbeat is not None and mode_name(state.heartbeat) != "GUIDED_NOGPS"
-    return replace(state, parting=part(state.hold, state.last, held_back, t_s, places, state.drift.correction_m))
+    return replace(state, parting=part(state.last, held_back, t_s, places, parting_place(state, state.hold)))
+
+
+def parting_place(state: PipelineState, hold: Hold) -> Vector3:
+    """Where the autopilot is to stay when the hold ends, NED."""
+    place, towards = place_of(hold, state.drift.correction_m), level_wall(state.disturbance)
+    return place if towards is None else held_off(place, state.balance.acceleration, towards)
 
 
 def _command_held_back(

@@ -90,9 +90,7 @@ def size_table(vehicle: Vehicle, model: FanSurrogate) -> tuple[Size, ...]:
     ]
     # Outputs tell less of the thrust than speeds do: a battery sags within minutes.
     scale, sags = (0.15, 0.02) if vehicle.telemetered else (0.06, 0.1)
-    # A duct turns all of the stream it takes in, an open rotor a part of it.
-    ducted = vehicle.fans[0].lip_radius_m > 1.1 * vehicle.rotor_radius_m
-    drag, drag_sd = (1.0, 0.15) if ducted else (0.3, 0.5)
+    drag, drag_sd = drag_prior(vehicle)
     table += [
         Size("thrust_scale", "1", 1.0, 1.0, scale, sags, 0.4, 1.6),
         Size("wind_north", "m/s", 0.0, 0.0, 4.0, 2.0, -25.0, 25.0),
@@ -107,6 +105,15 @@ def size_table(vehicle: Vehicle, model: FanSurrogate) -> tuple[Size, ...]:
         table.append(Size(model.effects[k].name, "1", 1.0, 1.0, _HEAVY, 0.1, -2.0, 4.0))
     saved = model.info.get("sizes", {})
     return tuple(_with_saved(size, saved.get(size.name)) for size in table)
+
+
+def drag_prior(vehicle: Vehicle) -> tuple[float, float]:
+    """Momentum drag over that of momentum theory, and its standard deviation.
+
+    A duct turns all of the stream it takes in, an open rotor a part of it.
+    """
+    ducted = vehicle.fans[0].lip_radius_m > 1.1 * vehicle.rotor_radius_m
+    return (1.0, 0.15) if ducted else (0.3, 0.5)
 
 
 def _scatter(model: FanSurrogate) -> tuple[float, float, float]:

@@ -16,6 +16,9 @@ NOT_OURS = frozenset({Reason.NOT_ARMED, Reason.WRONG_MODE, Reason.LANDED})
 """Refusals after which somebody else flies, or nobody does: nothing is sent."""
 PARTING_S = 0.5
 """Letting go takes so long: level by degrees, or the place sent to the autopilot several times."""
+_STIFFNESS_1_S2 = 1.8
+"""Of an autopilot's own position control: PX4's MPC_XY_P 0.95 times MPC_XY_VEL_P_ACC 1.8; ArduPilot's 1.0 times 2.0."""
+_MOST_OFF_M = 0.15
 _CLIMB_RATE_ZERO = 0.5
 """Thrust where ArduPilot reads it as a climb rate: neither up nor down."""
 
@@ -37,15 +40,25 @@ def place_of(hold: Hold, correction_m: float) -> Vector3:
     return north, east, down - correction_m
 
 
+def held_off(place: Vector3, lean: tuple[float, float], towards: tuple[float, float]) -> Vector3:
+    """So far off a wall that the error balances its pull: the autopilot's position control begins without trim.
+
+    Two proportional stages give the acceleration P_position P_velocity e, so e = a / (P_position P_velocity) for the
+    acceleration a = ``lean`` [m/s^2] by which the tilt holds the vehicle off. ``towards``: level unit vector to it.
+    """
+    off = min(max(-(lean[0] * towards[0] + lean[1] * towards[1]), 0.0) / _STIFFNESS_1_S2, _MOST_OFF_M)
+    return place[0] - off * towards[0], place[1] - off * towards[1], place[2]
+
+
 def part(
-    hold: Hold, last: BaseSetpoint, refusals: set[Reason], t_s: float, listens_to_places: bool, correction_m: float
+    last: BaseSetpoint, refusals: set[Reason], t_s: float, listens_to_places: bool, place: Vector3
 ) -> Parting | None:
-    """Begin to let go, or None where others fly. ``correction_m`` as of ``place_of``."""
+    """Begin to let go to ``place``, or None where others fly."""
     if refusals & NOT_OURS:
         return None
     # A position that only does not arrive here is still known to the autopilot.
     known = listens_to_places and Reason.POSITION_UNTRUSTED not in refusals
-    return Parting(t_s, last, place_of(hold, correction_m) if known else None)
+    return Parting(t_s, last, place if known else None)
 
 
 def parting_command(

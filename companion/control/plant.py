@@ -53,6 +53,11 @@ class HoldGains:
     tilt_lead_s: float = 0.19
     """How far ahead velocity is predicted from the tilt that there is, in a loop that is 0.24 s late."""
 
+    @property
+    def lag_s(self) -> float:
+        """How late the attitude loop answers."""
+        return self.tilt_lead_s / _TILT_LEAD_SHARE
+
 
 FULL = HoldGains()
 """As hard as a quick vehicle takes them."""
@@ -134,6 +139,11 @@ def declared_loop(stack: Stack, parameters: Mapping[str, float]) -> AttitudeLoop
     return AttitudeLoop()
 
 
+LATE_STOP_S = 0.18
+"""Attitudes or positions that arrive later than this are not flown on: at 0.2 s the hold swung into a wall 0.3 m away
+in the simulation (``link_late_0.2s`` of the fault campaign)."""
+
+
 class Timing(NamedTuple):
     """Rates and lateness as they arrive: averages that rise at once and sink slowly."""
 
@@ -150,12 +160,15 @@ def _risen(old: float, new: float) -> float:
 
 
 def hear_position(timing: Timing, t_s: float, late_s: float) -> Timing:
-    """Take in a position stamped ``t_s`` that arrives ``late_s`` later; a gap is no period."""
+    """Take in a position stamped ``t_s`` that arrives ``late_s`` later.
+
+    A gap is no period, and what is not flown on says nothing of what is: a stall of this computer softens no gains.
+    """
     position_period_s, position_late_s, attitude_period_s, position_s, attitude_s = timing
     period = t_s - position_s
-    late = _risen(position_late_s, min(max(late_s, 0.0), POSITION_AGE_S))
+    late = position_late_s if late_s > LATE_STOP_S else _risen(position_late_s, max(late_s, 0.0))
     if 0.0 < period <= POSITION_AGE_S:
-        position_period_s = _risen(position_period_s, period)
+        position_period_s = _risen(position_period_s, min(period, 2.0 * position_period_s))
     return Timing(position_period_s, late, attitude_period_s, t_s, attitude_s)
 
 

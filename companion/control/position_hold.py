@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 from companion.control.authority import clipped
 from companion.control.plant import CLIMB_LEAD_S, TILT_MEAN_S, HoldGains
-from companion.control.position_target import Reference, Target, advance, start_reference, stay
+from companion.control.position_target import Motion as Course
+from companion.control.position_target import Reference, Target, advance, expected, start_reference, stay
 from companion.control.wall_guard import Pressed
 from companion.mavlink.firmware import ThrustMap
 from models.evolve import replace
@@ -27,6 +28,12 @@ that leans so far to all sides swings."""
 _MOST_CLIMB_M_S2 = 3.0
 _MOST_INTEGRAL_M_S2 = 2.5
 """A steady 25 % of the weight: a wind of 10 m/s on a vehicle of 3 kg."""
+_MOST_DRAG_1_S = 1.5
+"""A tandem of ducts has 0.9, an open quadrotor of 3 kg 0.2."""
+_SLOW_M_S = 0.15
+"""At this speed what the integral learns is taken for drag by half; at rest for wind, fast for drag."""
+_STEADY_M_S2 = 0.1
+"""Faster changes of the reference's velocity are answered late: what is missing then is not drag."""
 _BALANCE_S = 0.25
 """Time over which the integral goes to what the tilt is seen to balance, while a limit is met."""
 _GAP_S = 0.5
@@ -51,6 +58,8 @@ class Motion(NamedTuple):
     """North and east acceleration [m/s^2] of the offset that is applied: a part of the tilt that balances something."""
     wall: Pressed | None = None
     """A wall that it is driven to."""
+    clear: bool = False
+    """No wall is near: what the tilt balances on the move is drag, not a pull that changes with the place."""
     balance: tuple[float, float] | None = None
     """North and east acceleration [m/s^2] by which the tilt, on average, balances wind and walls; None: not known."""
 
@@ -78,6 +87,9 @@ class Hold(NamedTuple):
     climb_command: float
     """Vertical acceleration last asked for, integral included: what carries a late velocity on."""
     since: Since | None = None
+    drag_1_s: float = 0.0
+    """Deceleration per speed through still air, learned on the move: it is fed forward and ends where the motion ends.
+    In the integral it would carry the vehicle past the place where it stops."""
 
 
 class BaseSetpoint(NamedTuple):
@@ -91,20 +103,30 @@ class BaseSetpoint(NamedTuple):
     """What it stands for, NED m/s^2, beyond balancing gravity."""
 
 
-def engage(t_s: float, motion: Motion, balance: tuple[float, float], thrust_now: float, thrust: ThrustMap) -> Hold:
+def engage(
+    t_s: float,
+    motion: Motion,
+    balance: tuple[float, float],
+    thrust_now: float,
+    thrust: ThrustMap,
+    lag_s: float = 0.0,
+    drag_1_s: float = 0.0,
+) -> Hold:
     """Hold here, bumplessly: the first setpoint is the tilt and the thrust that fly now.
 
-    ``balance`` is the part of the tilt's acceleration, north and east, that balances wind rather than moving the
-    vehicle; the integrals start with it, and the rest of the tilt starts the reference, which brakes from there.
+    ``balance`` is the part of the tilt's acceleration, north and east, that balances wind and drag rather than moving
+    the vehicle; the integrals start with it, and the rest of the tilt starts the reference, which brakes from there.
     ``thrust_now`` is the thrust 0...1 that flies.
     """
     tilt_n, tilt_e = tilt_acceleration(motion.body_down)
     up = (thrust_now - thrust.hover) * thrust.slope * GRAVITY
-    integral = _integral(balance[0], balance[1], -up)
-    rest_n, rest_e = clipped(tilt_n - integral[0], _MOST_LEVEL_M_S2), clipped(tilt_e - integral[1], _MOST_LEVEL_M_S2)
-    reference = start_reference(motion.position, motion.velocity, (rest_n, rest_e, 0.0))
-    climb = integral[2]
-    return Hold(stay(motion.yaw, t_s), reference, integral, t_s, (tilt_n - rest_n, tilt_e - rest_e), climb, climb)
+    drag_n, drag_e = drag_1_s * motion.velocity[0], drag_1_s * motion.velocity[1]
+    integral = _integral(balance[0] - drag_n, balance[1] - drag_e, -up)
+    mean_n, mean_e = integral[0] + drag_n, integral[1] + drag_e
+    rest_n, rest_e = clipped(tilt_n - mean_n, _MOST_LEVEL_M_S2), clipped(tilt_e - mean_e, _MOST_LEVEL_M_S2)
+    reference = start_reference(motion.position, motion.velocity, (rest_n, rest_e, 0.0), lag_s)
+    mean, climb = (tilt_n - rest_n - drag_n, tilt_e - rest_e - drag_e), integral[2]
+    return Hold(stay(motion.yaw, t_s), reference, integral, t_s, mean, climb, climb, None, drag_1_s)
 
 
 def _integral(north: float, east: float, down: float) -> Vector3:
@@ -113,13 +135,17 @@ def _integral(north: float, east: float, down: float) -> Vector3:
     return clipped(north, most), clipped(east, most), clipped(down, most)
 
 
-def resume(hold: Hold, motion: Motion) -> Hold:
+def resume(hold: Hold, motion: Motion, lag_s: float) -> Hold:
     """Go on after a gap: to the same target, on a way that begins where the vehicle is."""
+    reference = start_reference(motion.position, motion.velocity, _AT_REST, lag_s)
+    return hold._replace(target=settled_target(hold), reference=reference)
+
+
+def settled_target(hold: Hold) -> Target:
+    """The place that the hold goes to, at rest there."""
     old, at = hold.target, hold.reference.position
     north, east, down = (kept if wanted != wanted else wanted for wanted, kept in zip(old.position, at, strict=True))
-    reference = start_reference(motion.position, motion.velocity, _AT_REST)
-    target = replace(old, position=(north, east, down), velocity=_AT_REST)
-    return hold._replace(target=target, reference=reference)
+    return replace(old, position=(north, east, down), velocity=_AT_REST)
 
 
 def balanced(hold: Hold, acceleration: Vector3) -> Hold:
@@ -147,21 +173,28 @@ def fly(
     """One step of the cascade; returns the hold one step on and the setpoint. Plain floats: it runs for every one."""
     dt = min(max(t_s - hold.t_s, 0.0), 0.1)
     if t_s - hold.t_s > _GAP_S:
-        hold, dt = resume(hold, motion), 0.0
-    reference = advance(hold.reference, hold.target, limits, t_s, dt)
-    forward_n, forward_e, forward_d = reference.acceleration
+        hold, dt = resume(hold, motion, gains.lag_s), 0.0
+    reference = advance(hold.reference, hold.target, limits, t_s, dt, gains.lag_s)
+    course = expected(reference, gains.lag_s)
+    drag = hold.drag_1_s
+    (forward_n, forward_e, forward_d), (ahead_n, ahead_e, _) = reference.acceleration, reference.shaped_velocity
+    forward_n, forward_e = forward_n + drag * ahead_n, forward_e + drag * ahead_e
+    vn, ve, _ = course.velocity
     share = min(dt / TILT_MEAN_S, 1.0)
     # Tilt and thrust that are neither fed forward nor lasting: what will change the velocity unasked.
     tilt_n, tilt_e = tilt_acceleration(motion.body_down)
-    tilt_n, tilt_e = tilt_n - motion.offset[0] - forward_n, tilt_e - motion.offset[1] - forward_e
+    tilt_n, tilt_e = (
+        tilt_n - motion.offset[0] - course.acceleration[0] - drag * vn,
+        tilt_e - motion.offset[1] - course.acceleration[1] - drag * ve,
+    )
     climb = hold.climb_command - forward_d
     mean_n, mean_e = hold.tilt_mean
     mean_n, mean_e = mean_n + (tilt_n - mean_n) * share, mean_e + (tilt_e - mean_e) * share
     mean_d = hold.climb_mean + (climb - hold.climb_mean) * share
     extra = (tilt_n - mean_n, tilt_e - mean_e, climb - mean_d)
-    since = _followed(hold.since, t_s - motion.age_s, motion.age_s, dt, _sum(extra, reference.acceleration))
+    since = _followed(hold.since, t_s - motion.age_s, motion.age_s, dt, _sum(extra, course.acceleration))
     position, velocity = _predicted(motion, since)
-    slip = _slip(reference, position, velocity, extra, gains, limits)
+    slip = _slip(course, position, velocity, extra, gains, limits)
     old = hold.integral
     acceleration, saturated = _limited(
         (
@@ -173,9 +206,16 @@ def fly(
     )
     integral = old
     if not saturated:
+        rate = gains.integral_1_s2 * dt
+        along = (
+            (slip[0] * vn + slip[1] * ve) / (vn * vn + ve * ve + _SLOW_M_S**2)
+            if motion.clear and math.hypot(*reference.acceleration[:2]) < _STEADY_M_S2
+            else 0.0
+        )
+        drag = min(max(drag + along * rate, 0.0), _MOST_DRAG_1_S)
         integral = _integral(
-            old[0] + slip[0] * gains.integral_1_s2 * dt,
-            old[1] + slip[1] * gains.integral_1_s2 * dt,
+            old[0] + (slip[0] - along * vn) * rate,
+            old[1] + (slip[1] - along * ve) * rate,
             old[2] + slip[2] * gains.climb_integral_1_s2 * dt,
         )
     elif motion.balance is not None:
@@ -187,21 +227,21 @@ def fly(
     roll, pitch = _acceleration_to_tilt(north, east, motion.yaw)
     command = thrust.hover + thrust.change(-down / GRAVITY)
     setpoint = BaseSetpoint(roll, pitch, hold.target.yaw, command, acceleration)
-    return Hold(hold.target, reference, integral, t_s, (mean_n, mean_e), mean_d, down, since), setpoint
+    return Hold(hold.target, reference, integral, t_s, (mean_n, mean_e), mean_d, down, since, drag), setpoint
 
 
 def _slip(
-    reference: Reference, position: Vector3, velocity: Vector3, extra: Vector3, gains: HoldGains, limits: Limits
+    course: Course, position: Vector3, velocity: Vector3, extra: Vector3, gains: HoldGains, limits: Limits
 ) -> Vector3:
     """The velocity that is missing [m/s], NED: towards the reference, and on with it."""
-    (rx, ry, rz), (x, y, z) = reference.position, position
+    (rx, ry, rz), (x, y, z) = course.position, position
     north, east = (rx - x) * gains.position_1_s, (ry - y) * gains.position_1_s
     down = clipped((rz - z) * gains.height_1_s, limits.climb_m_s)
     speed = math.hypot(north, east)
     if speed > limits.speed_m_s:
         share = limits.speed_m_s / speed
         north, east = north * share, east * share
-    (rvx, rvy, rvz), (vx, vy, vz) = reference.velocity, velocity
+    (rvx, rvy, rvz), (vx, vy, vz) = course.velocity, velocity
     # Attitude and motors answer late: look at the velocity that the present tilt and thrust lead to.
     lead = gains.tilt_lead_s
     return (

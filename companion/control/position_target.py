@@ -17,17 +17,18 @@ _TARGET_AGE_S = 0.5
 _VELOCITY_AGE_S = 1.2
 """A velocity target without a position lasts two and a half periods of its sender, at most this long: senders repeat it
 at 1 Hz or faster."""
-_FOLLOW_M = 0.15
-"""A target that leaps less than this is followed as it is; a larger leap is approached within the limits."""
-_FOLLOW_M_S = 0.2
-"""A target whose velocity leaps by more than this is followed by its place, not by the new velocity: a tilt that is
-0.24 s late answers the leap too late, the hold swings, and runs past a target that stops as abruptly."""
+_FOLLOW_M, _FOLLOW_M_S = 0.15, 0.2
+"""A moving target that leaps by less than this in place and velocity is followed as it is. Any other may stop as
+abruptly as it began: it is trailed by the way that stopping takes."""
+_STILL_M = 0.0005
+"""The same for the place of a target without velocity."""
 _CAUGHT_UP_M, _CAUGHT_UP_M_S = 0.02, 0.03
 """An approach is over this near to the target in place and velocity."""
 _JERK_M_S3 = 3.0
 """Of an approach: 0.35 degrees of tilt from one setpoint to the next at 50 Hz, 0.9 with the lead."""
-_CLOSING_1_S = 1.0
-"""Of an approach: speed per metre left, near the end; 5 cm take a second."""
+_CLOSING_1_S = 2.0
+"""Of an approach: speed per metre left, near the end. With the deceleration of a quarter of the jerk braking begins
+with half the jerk: the rest keeps the way from ending too far."""
 _IGNORE_POSITION, _IGNORE_VELOCITY, _IGNORE_YAW = (1, 2, 4), (8, 16, 32), 1024
 """Bits of POSITION_TARGET_TYPEMASK, by axis."""
 _NOWHERE = (math.nan, math.nan, math.nan)
@@ -109,24 +110,63 @@ def _turned(vector: Vector3, yaw: float) -> Vector3:
     return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2]
 
 
+Level = tuple[float, float]
+"""North and east."""
+
+
+class Motion(NamedTuple):
+    """Position [m], velocity [m/s] and acceleration [m/s^2], NED."""
+
+    position: Vector3
+    velocity: Vector3
+    acceleration: Vector3
+
+
 class Reference(NamedTuple):
-    """Where the hold is to be at this instant, NED: position [m], velocity [m/s], acceleration [m/s^2]."""
+    """What the vehicle is asked to do, NED: position [m], velocity [m/s], acceleration [m/s^2] that is fed forward."""
 
     position: Vector3
     velocity: Vector3
     acceleration: Vector3
     shaped_velocity: Vector3
     """The velocity behind the shaping of ``_SHAPE_S``."""
+    answered: tuple[Level, Level, Level] = ((0.0, 0.0),) * 3
+    """The acceleration behind each of the lags that the attitude loop is taken for."""
     following: bool = False
     """True on a target that moves as the vehicle can: it is followed as it is. Any other is approached."""
 
 
-def start_reference(position: Vector3, velocity: Vector3, acceleration: Vector3) -> Reference:
-    """Begin where the vehicle is, moving as it moves."""
-    return Reference(position, velocity, acceleration, velocity)
+def start_reference(position: Vector3, velocity: Vector3, acceleration: Vector3, lag_s: float = 0.0) -> Reference:
+    """Begin where the vehicle is, moving as it moves: what is asked for now is answered ``lag_s`` later."""
+    north, east, _ = acceleration
+    still = Reference(position, velocity, acceleration, velocity, ((north, east),) * 3)
+    (x, y, z), (u, v, w) = position, velocity
+    (ex, ey, _), (eu, ev, _), _ = expected(still, lag_s)
+    vx, vy = u + u - eu, v + v - ev
+    still = still._replace(velocity=(vx, vy, w))
+    (ex, ey, _), _, _ = expected(still, lag_s)
+    return still._replace(position=(x + x - ex, y + y - ey, z))
 
 
-def advance(reference: Reference, target: Target, limits: Limits, t_s: float, dt_s: float) -> Reference:
+def expected(reference: Reference, lag_s: float) -> Motion:
+    """Where a vehicle is whose tilt answers the fed acceleration through three lags of ``lag_s`` / 3 each.
+
+    A lag y' = (u - y) / tau gives y = u - tau y': velocity and place follow from the answered accelerations.
+    """
+    if reference.following:
+        return Motion(reference.position, reference.velocity, reference.acceleration)
+    (x, y, z), (u, v, w) = reference.position, reference.velocity
+    tau = lag_s / 3.0
+    for north, east in reference.answered:
+        u, v = u - tau * north, v - tau * east
+        x, y = x - tau * u, y - tau * v
+    north, east = reference.answered[2]
+    return Motion((x, y, z), (u, v, w), (north, east, reference.acceleration[2]))
+
+
+def advance(
+    reference: Reference, target: Target, limits: Limits, t_s: float, dt_s: float, lag_s: float = 0.0
+) -> Reference:
     """The reference ``dt_s`` later: on the target where the vehicle can follow it, else on the way there.
 
     A velocity counts for half a second after its message where it goes with a position, ``Target.lasts_s`` where it
@@ -134,7 +174,7 @@ def advance(reference: Reference, target: Target, limits: Limits, t_s: float, dt
     """
     age = t_s - target.set_s
     age = 0.0 if age < 0.0 else age
-    (x, y, z), (px, py, pz) = target.position, reference.position
+    x, y, z = target.position
     # NaN differs from itself: an axis that only a velocity moves.
     free_n, free_e, free_d = x != x, y != y, z != z
     north, east, down = _limited(target.velocity, limits.speed_m_s, limits.climb_m_s)
@@ -145,16 +185,30 @@ def advance(reference: Reference, target: Target, limits: Limits, t_s: float, dt
     # Between two messages a moving target moves on at its own velocity.
     on = age if beside else _TARGET_AGE_S
     place = (x + north * on, y + east * on, z + down * on)
-    to_go = (0.0 if free_n else place[0] - px, 0.0 if free_e else place[1] - py, 0.0 if free_d else place[2] - pz)
-    if (
-        not (free_n or free_e or free_d)
-        and _largest(to_go) <= _FOLLOW_M
-        and (reference.following or (_largest(to_go) < _CAUGHT_UP_M and _slip(reference, speed) < _CAUGHT_UP_M_S))
-    ):
-        if _slip(reference, speed) > _FOLLOW_M_S:
-            speed = _common(reference.velocity, speed)
+    to_go = _way(reference.position, place)
+    if not (free_n or free_e or free_d) and _follows(reference, to_go, speed, lag_s):
         return _followed(reference, place, speed, dt_s)
-    return _approached(reference, to_go, speed, limits, dt_s)
+    if reference.following:
+        reference = start_reference(*expected(reference, lag_s), lag_s)
+        to_go = _way(reference.position, place)
+    speed = (north if free_n else 0.0, east if free_e else 0.0, down if free_d else 0.0)
+    return _approached(reference, to_go, speed, limits, dt_s, lag_s)
+
+
+def _way(start: Vector3, end: Vector3) -> Vector3:
+    """From ``start`` to ``end``; 0 in an axis without a place."""
+    north, east, down = end[0] - start[0], end[1] - start[1], end[2] - start[2]
+    return 0.0 if north != north else north, 0.0 if east != east else east, 0.0 if down != down else down
+
+
+def _follows(reference: Reference, to_go: Vector3, speed: Vector3, lag_s: float) -> bool:
+    """Whether the target moves as the vehicle can."""
+    slip, moving = _largest(_way(reference.velocity, speed)), _largest(speed) > 0.0
+    if not reference.following:
+        behind = _largest(_way(expected(reference, lag_s).position, reference.position))
+        near_m = _CAUGHT_UP_M if moving else _STILL_M
+        return _largest(to_go) < near_m and slip < _CAUGHT_UP_M_S and behind < _CAUGHT_UP_M
+    return slip <= _FOLLOW_M_S and _largest(to_go) <= (_FOLLOW_M if moving else _STILL_M)
 
 
 def _limited(vector: Vector3, level: float, vertical: float) -> Vector3:
@@ -171,17 +225,6 @@ def _largest(vector: Vector3) -> float:
     return max(abs(vector[0]), abs(vector[1]), abs(vector[2]))
 
 
-def _slip(reference: Reference, speed: Vector3) -> float:
-    v = reference.velocity
-    return _largest((speed[0] - v[0], speed[1] - v[1], speed[2] - v[2]))
-
-
-def _common(a: Vector3, b: Vector3) -> Vector3:
-    """What both velocities have, axis by axis: the smaller of two with the same sign, else 0."""
-    north, east, down = (min(x, y, key=abs) if x * y > 0.0 else 0.0 for x, y in zip(a, b, strict=True))
-    return north, east, down
-
-
 def _followed(reference: Reference, place: Vector3, speed: Vector3, dt_s: float) -> Reference:
     # A target that changes its velocity asks for an acceleration: give it rather than wait for the error.
     shaped, (shape_n, shape_e, shape_d) = reference.shaped_velocity, _SHAPE_S
@@ -192,10 +235,12 @@ def _followed(reference: Reference, place: Vector3, speed: Vector3, dt_s: float)
         shaped[1] + east * min(dt_s, shape_e),
         shaped[2] + down * min(dt_s, shape_d),
     )
-    return Reference(place, speed, (north, east, down), passed, following=True)
+    return Reference(place, speed, (north, east, down), passed, ((north, east),) * 3, following=True)
 
 
-def _approached(reference: Reference, to_go: Vector3, speed: Vector3, limits: Limits, dt_s: float) -> Reference:
+def _approached(
+    reference: Reference, to_go: Vector3, speed: Vector3, limits: Limits, dt_s: float, lag_s: float
+) -> Reference:
     """A step of a motion limited in speed, acceleration and jerk that ends on the target without overshoot.
 
     Near the end it is linear and critically damped: acceleration follows the velocity error at four times the rate at
@@ -206,9 +251,9 @@ def _approached(reference: Reference, to_go: Vector3, speed: Vector3, limits: Li
     north, east, down = speed
     distance = math.hypot(to_go[0], to_go[1])
     if distance > 1e-9:
-        share = _eased(distance, closing, brake) / distance
+        share = _stoppable(distance, closing, brake) / distance
         north, east = north + to_go[0] * share, east + to_go[1] * share
-    down += math.copysign(_eased(abs(to_go[2]), closing, brake), to_go[2])
+    down += math.copysign(_stoppable(abs(to_go[2]), closing, brake), to_go[2])
     wanted = _limited((north, east, down), limits.speed_m_s, limits.climb_m_s)
     rate, (vx, vy, vz), (ax, ay, az) = 4.0 * closing, reference.velocity, reference.acceleration
     demand = _limited(
@@ -226,8 +271,26 @@ def _approached(reference: Reference, to_go: Vector3, speed: Vector3, limits: Li
     az += -step if z - az < -step else step if z - az > step else z - az
     vx, vy, vz = vx + ax * dt_s, vy + ay * dt_s, vz + az * dt_s
     px, py, pz = reference.position
-    velocity = (vx, vy, vz)
-    return Reference((px + vx * dt_s, py + vy * dt_s, pz + vz * dt_s), velocity, (ax, ay, az), velocity)
+    velocity, share = (vx, vy, vz), dt_s / (lag_s / 3.0 + dt_s) if dt_s > 0.0 else 0.0
+    now, answered = (ax, ay), []
+    for late in reference.answered:
+        now = (late[0] + (now[0] - late[0]) * share, late[1] + (now[1] - late[1]) * share)
+        answered.append(now)
+    return Reference(
+        (px + vx * dt_s, py + vy * dt_s, pz + vz * dt_s),
+        velocity,
+        (ax, ay, az),
+        velocity,
+        (answered[0], answered[1], answered[2]),
+    )
+
+
+def _stoppable(distance: float, closing: float, brake: float) -> float:
+    """The speed v [m/s] that takes ``distance`` [m] to stop: distance = v / closing + v^2 / (2 brake).
+
+    Braking begins and ends softly, at most at ``brake`` [m/s^2]: a jerk of ``closing`` times that.
+    """
+    return brake * (math.sqrt(1.0 / closing**2 + 2.0 * distance / brake) - 1.0 / closing)
 
 
 def _towards(error: float, slope: float, limit: float) -> float:

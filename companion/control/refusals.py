@@ -40,11 +40,9 @@ inside; a model or a file of another vehicle does not."""
 LATE_FADE_S = 0.15
 """Attitudes or positions that arrive later than this by their own stamps fade the offsets: a hover offset moves by its
 own size within about 0.5 s, and the attitude loop behind it has some 20 degrees of phase left."""
-LATE_STOP_S = 0.18
-"""Later than this, for ``_LATE_STOP_FOR_S``, the hold lets go: at 0.2 s it swung into a wall 0.3 m away in the
-simulation (``link_late_0.2s`` of the fault campaign)."""
 _LATE_STOP_FOR_S = 0.2
-"""On the vehicle's clock: a short burst after a gap of the link is caught up with instead."""
+"""Telemetry later than ``LATE_STOP_S`` for so long ends the hold. On the vehicle's clock: a short burst after a gap of
+the link is caught up with instead."""
 _MOST_TILT_COS = math.cos(math.radians(25.0))
 """Beyond, the small-angle law of the offsets no longer holds: they fade."""
 _SWING_PAUSE_S = 6.0

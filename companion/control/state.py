@@ -17,6 +17,7 @@ from companion.control.hover_thrust import HoverThrust
 from companion.control.landed import Air
 from companion.control.plant import AttitudeLoop, HoldTuning, Timing
 from companion.control.position_hold import BaseSetpoint, Hold
+from companion.control.position_target import Target
 from companion.control.survey import Survey
 from companion.control.swing_detector import SwingDetector
 from companion.control.wall_guard import Pressed
@@ -62,6 +63,8 @@ class PipelineState:
     swing: SwingDetector = field(default_factory=SwingDetector)
     upstream: SetAttitudeTarget | None = None
     hold: Hold | None = None
+    left: tuple[Target, float] | None = None
+    """Where a hold was to stay that was let go while nobody else took over, and when."""
     drift: HeightDrift = NO_DRIFT
     """Of the autopilot's height against the ground range, while the hold flies."""
     pressed: Pressed | None = None

@@ -32,18 +32,24 @@ class Pressed:
     seen_s: float
 
 
+def level_wall(disturbance: Disturbance | None) -> tuple[float, float] | None:
+    """Level unit vector towards the wall that is seen."""
+    wall = None if disturbance is None else disturbance.wall
+    if wall is None or wall.seen is not Seen.SURFACE or wall.normal_ned is None:
+        return None
+    north, east, _ = wall.normal_ned
+    size = math.hypot(north, east)
+    return None if size < _LEVEL_SHARE else (north / size, east / size)
+
+
 def watch_wall(
     before: Pressed | None, disturbance: Disturbance | None, velocity: Vector3, t_s: float
 ) -> Pressed | None:
     """Whether a wall is about to be hit, or was and is not yet clear of the vehicle. ``velocity``: NED, m/s."""
-    wall = None if disturbance is None else disturbance.wall
-    if disturbance is None or wall is None or wall.seen is not Seen.SURFACE or wall.normal_ned is None:
+    towards = level_wall(disturbance)
+    if disturbance is None or towards is None:
         return before if before is not None and 0.0 <= t_s - before.seen_s < _BLIND_S else None
-    north, east, _ = wall.normal_ned
-    size = math.hypot(north, east)
-    if size < _LEVEL_SHARE:
-        return None
-    north, east = north / size, east / size
+    north, east = towards
     closing = max(north * velocity[0] + east * velocity[1], 0.0)
     reach_m = closing * _ANSWER_S + closing * closing / (2.0 * _BRAKE_M_S2) + _ROOM_M
     if min(disturbance.d_m) < (reach_m if before is None else max(reach_m, _CLEAR_M)):

@@ -11,7 +11,7 @@ from flying import bench
 
 from companion.control import position_target
 from companion.control.authority import Notice, Reason
-from companion.control.position_target import Target, advance, start_reference
+from companion.control.position_target import Target, advance, expected, start_reference
 from companion.mavlink.samples import (
     Attitude,
     AttitudeTarget,
@@ -169,10 +169,10 @@ def test_engaging_in_motion_brakes_within_the_limits():
     flown.run(4.0)
     flown.bench.mode = 4
     tilts = [0.0]
-    for _ in range(100):  # the vehicle follows
+    for _ in range(100):  # the vehicle follows as late as its loop
         command = flown.tick().command
         tilts.append(2.0 * math.asin(command.q_ned_frd[2]))
-        reference = flown.bench.state.hold.reference
+        reference = expected(flown.bench.state.hold.reference, flown.bench.state.tuned.gains.lag_s)
         flown.velocity = np.array(reference.velocity)
         flown.position = reference.position + 0.02 * flown.velocity
         flown.bench.pitch += 0.2 * (tilts[-1] - flown.bench.pitch)
@@ -241,6 +241,42 @@ def test_a_hold_that_is_refused_tells_the_autopilot_where_to_stay():
 
 
 # -- gaps and reboots
+
+
+def stalled_at_a_target(**late: float) -> Flown:
+    """Sent to 0.3 m north, blown 0.1 m further, and then everything is read late for a second."""
+    flown = Flown()
+    flown.run(3.0)
+    flown.position = np.array([0.3, 0.0, -1.0])
+    for _ in range(250):
+        flown.target(POSITION_ONLY, (0.3, 0.0, -1.0))
+        flown.tick()
+    flown.position = np.array([0.4, 0.0, -1.0])
+    b = flown.bench
+    for _ in range(50):
+        b.t += 0.02
+        b.feed(LocalPosition(b.t, 1, 1, tuple(flown.position), (0.0, 0.0, 0.0), late_s=2.0))
+        q = quaternion_from_euler(0.0, 0.0, 0.0)
+        b.feed(Attitude(b.t, 1, 1, q, (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION", late_s=2.0))
+    assert b.state.hold is None
+    return flown
+
+
+def test_after_a_stall_it_goes_back_to_the_place_that_the_pilot_gave_and_softens_no_gains():
+    flown = stalled_at_a_target()
+    before = flown.bench.state.timing
+    assert before.position_late_s < 0.01
+    flown.run(2.0)
+    assert flown.bench.state.hold.target.position == pytest.approx((0.3, 0.0, -1.0), abs=0.01)
+
+
+def test_after_a_stall_and_a_change_of_mode_it_stays_where_it_is():
+    flown = stalled_at_a_target()
+    flown.bench.mode = 5
+    flown.run(0.5)
+    flown.bench.mode = 4
+    flown.run(2.0)
+    assert flown.bench.state.hold.reference.position[0] == pytest.approx(0.4, abs=0.01)
 
 
 def test_a_stall_is_no_reboot():

@@ -14,6 +14,7 @@ from fake_autopilot import FakeAutopilot, free_port
 from flight_process import flight_command
 from test_flight import Run
 
+from companion.control.hand_over import held_off
 from companion.flight import FlightOptions
 from companion.last_word import LastWord
 
@@ -148,6 +149,12 @@ def test_an_orderly_end_says_nothing_more():
         vehicle.setblocking(False)
         with pytest.raises(BlockingIOError):
             vehicle.recv(100)
+
+
+@pytest.mark.parametrize(("lean", "off"), [(-0.1, 0.0556), (-2.0, 0.15), (0.3, 0.0)])
+def test_the_place_at_the_end_is_off_the_wall_by_what_the_autopilots_controller_sags(lean, off):
+    """Never towards the wall."""
+    assert held_off((1.0, 2.0, -3.0), (0.5, lean), (0.0, 1.0)) == pytest.approx((1.0, 2.0 - off, -3.0), abs=1e-3)
 
 
 def test_a_killed_companion_leaves_the_autopilot_holding_its_place():
