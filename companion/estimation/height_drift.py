@@ -17,10 +17,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from companion.estimation.estimator import Seen, Surface
+from companion.estimation.range_doubt import GROUND_USED_M
 from companion.mavlink.samples import LocalPosition
 from models.evolve import replace
 
-LOW_M = 4.0
+LOW_M = GROUND_USED_M
 """Higher than this nothing is compared: a beam spreads, and the ground is far."""
 FADE_M_S = 0.05
 """A faster drift makes one of the two sensors a broken one: offsets, which are looked up by the range, go away."""

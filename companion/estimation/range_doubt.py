@@ -19,6 +19,9 @@ _FROZEN_MOVE_M = 0.10
 """Ten of the centimetres in which ranges are sent: a reading that did not change over this motion is frozen."""
 _TURNED_COS = math.cos(math.radians(15.0))
 """A beam that turned further looks at another place: half of the 30 degrees at which an echo is lost."""
+GROUND_USED_M = 4.0
+"""Up to here the ground range may correct the height (``height_drift``): so far a frozen one is looked for. One that
+was taken for true held a vehicle up without end: 4 m too high on a real PX4."""
 PAST_EDGE_M = 0.3
 """A wall may end this far to the side ..."""
 _OVER_EDGE_M = 1.0
@@ -55,7 +58,8 @@ UNREAD = Doubt(None, None, None)
 
 
 def doubt(here: Sighting, before: Doubt, near_m: float, target: str) -> Doubt:
-    """The doubt about reading ``here`` after ``before``. Only surfaces nearer than ``near_m`` are looked at."""
+    """The doubt about reading ``here`` after ``before``. Only surfaces nearer than ``near_m`` are looked at, and of a
+    ground that is used further away, whether its reading is frozen."""
     last, run = before.sight, before.same_since
     if (
         last is not None
@@ -65,7 +69,8 @@ def doubt(here: Sighting, before: Doubt, near_m: float, target: str) -> Doubt:
         return Doubt(Why.LOST, None, last)
     if run is None or abs(here.slant_m - run.slant_m) > _SAME_READING_M:
         run = here
-    if here.slant_m < near_m and abs(dot(_moved(run, here), run.beam_ned)) > _FROZEN_MOVE_M:
+    used_m = max(near_m, GROUND_USED_M) if target == "ground" else near_m
+    if here.slant_m < used_m and abs(dot(_moved(run, here), run.beam_ned)) > _FROZEN_MOVE_M:
         return Doubt(Why.FROZEN, run, last)
     return Doubt(None, run, here)
 

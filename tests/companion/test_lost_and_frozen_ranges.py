@@ -111,6 +111,15 @@ def test_a_reading_that_ignores_motion_is_frozen(target):
     assert room.seen(target) is Seen.FROZEN
 
 
+def test_a_ground_range_that_may_correct_the_height_is_known_as_frozen_at_any_such_height():
+    room = Room(height=3.0)
+    for _ in range(100):
+        room.height += 0.004
+        room.tick({GROUND: 3.0, WALL: 3.0}, (0.0, 0.0, -0.2))
+    assert room.seen(GROUND) is Seen.FROZEN
+    assert room.seen(WALL) is Seen.SURFACE  # of a wall that is far, nothing is made
+
+
 def test_a_still_vehicle_may_read_the_same_forever():
     room = Room()
     for _ in range(1000):

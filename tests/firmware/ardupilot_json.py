@@ -56,7 +56,8 @@ def parse(data: bytes) -> Packet | None:
 class JsonPhysics:
     """Answers packets; owns the body. No sockets here."""
 
-    def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int) -> None:
+    def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int, body: type[Body] = Body) -> None:
+        self._body_type = body
         self._vehicle = vehicle
         self._scenario = scenario
         self._seed = seed
@@ -81,7 +82,7 @@ class JsonPhysics:
             self.body.change_step(1.0 / packet.frame_rate_hz)
         self._last_count = packet.frame_count
         self.body.step(packet.pwm)
-        for sensor in self._ranges:
+        for sensor in self.ranges:
             sensor.step(self.body)
         self._answer = b"\n" + json.dumps(self._state(), separators=(",", ":")).encode() + b"\n"
         return self._answer
@@ -89,9 +90,9 @@ class JsonPhysics:
     def _restart(self, rate_hz: int) -> None:
         self._rate_hz = rate_hz
         law = law_of(self._scenario.name, self._seed)
-        self.body = Body(self._vehicle, self._scenario.surroundings, law, self._seed, dt=1.0 / rate_hz)
+        self.body = self._body_type(self._vehicle, self._scenario.surroundings, law, self._seed, dt=1.0 / rate_hz)
         sensors = self._vehicle.rangefinders[:SENSORS_MAX]
-        self._ranges = [RangeSensor(r, f"range {self._seed} {i}") for i, r in enumerate(sensors)]
+        self.ranges = [RangeSensor(r, f"range {self._seed} {i}") for i, r in enumerate(sensors)]
 
     def _state(self) -> dict[str, object]:
         b = self.body
@@ -103,7 +104,7 @@ class JsonPhysics:
             "velocity": b.velocity,
             "velocity_wind": (0.0, 0.0, 0.0),
             "battery": {"voltage": b.pack.voltage_v, "current": b.pack.current_a},
-            **{f"rng_{i}": sensor.reading_m for i, sensor in enumerate(self._ranges, 1)},
+            **{f"rng_{i}": sensor.reading_m for i, sensor in enumerate(self.ranges, 1)},
         }
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,8 +16,11 @@ from pathlib import Path
 import ardupilot_json
 import px4_hil
 from body_truth import BodyTruthFile
+from rough_air import RoughBody
 
+from companion.sim.body import Body
 from companion.sim.scenario import NAMES, build
+from companion.sim.sensors import RangeFault, RangeSensor
 from companion.vehicles import TANDEM
 from models.arguments import Parser
 from models.errors import UserError
@@ -29,6 +33,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--vehicle", type=Path, default=TANDEM, help="vehicle file (default: the paper's tandem)")
     p.add_argument("--scenario", choices=NAMES, default="corner")
     p.add_argument("--seed", type=int, default=0, help="draws the air, the turbulence and every sensor's errors")
+    p.add_argument("--rough", action="store_true", help="gusts, and a wall that pulls harder (rough_air.py)")
     p.add_argument("--truth", type=Path, help="write what truly happened as CSV")
     firmware = p.add_mutually_exclusive_group(required=True)
     firmware.add_argument("--ardupilot-json", type=int, metavar="PORT", help="UDP port (ArduPilot's is 9002)")
@@ -41,16 +46,24 @@ def say(**what: int) -> None:
     print(json.dumps(what), flush=True)
 
 
+def freeze_or_release(beam: RangeSensor) -> None:
+    """What SIGUSR1 does to the first beam: it repeats itself, or works again."""
+    beam.fault = None if beam.fault else RangeFault.FROZEN
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Answer until interrupted, or until PX4 leaves; returns the exit code."""
     a = parser().parse_args(argv)
     try:
         vehicle = load_vehicle(a.vehicle)
         scenario = build(a.scenario, vehicle)
+        body = RoughBody if a.rough else Body
         if a.ardupilot_json is not None:
-            physics = ardupilot_json.JsonPhysics(vehicle, scenario, a.seed)
+            physics = ardupilot_json.JsonPhysics(vehicle, scenario, a.seed, body)
+            signal.signal(signal.SIGUSR1, lambda *_: freeze_or_release(physics.ranges[0]))
             ardupilot_json.serve(physics, a.ardupilot_json, lambda port: say(ardupilot_json=port), a.truth)
-        hil = px4_hil.Px4Physics(vehicle, scenario, a.seed)
+        hil = px4_hil.Px4Physics(vehicle, scenario, a.seed, body)
+        signal.signal(signal.SIGUSR1, lambda *_: freeze_or_release(hil.ranges[0]))
         truth = None if a.truth is None else BodyTruthFile(a.truth, hil.body)
         px4_hil.serve(hil, a.px4_hil, lambda port: say(px4_hil=port), truth=truth)
         if truth is not None:

@@ -53,11 +53,11 @@ _VANE_TRAVEL_RAD = 0.5
 class Px4Physics:
     """Sensor messages out, actuator outputs in; owns the body. No sockets here."""
 
-    def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int) -> None:
+    def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int, body: type[Body] = Body) -> None:
         dt = STEP_S / SUBSTEPS
-        self.body = Body(vehicle, scenario.surroundings, law_of(scenario.name, seed), seed, dt=dt, motor=PX4_MOTOR)
+        self.body = body(vehicle, scenario.surroundings, law_of(scenario.name, seed), seed, dt=dt, motor=PX4_MOTOR)
         self._vehicle = vehicle
-        self._ranges = [RangeSensor(r, f"range {seed} {i}") for i, r in enumerate(vehicle.rangefinders)]
+        self.ranges = [RangeSensor(r, f"range {seed} {i}") for i, r in enumerate(vehicle.rangefinders)]
         self._noise = random.Random(f"hil {seed}")
         self._mav = mavlink.MAVLink(None, srcSystem=1, srcComponent=51)
         self._count = 0
@@ -77,7 +77,7 @@ class Px4Physics:
         if k % _GPS_EVERY == 0:
             out += self._pack(self._gps())
         if k % _RANGE_EVERY == 0:
-            for i, sensor in enumerate(self._ranges):
+            for i, sensor in enumerate(self.ranges):
                 out += self._pack(self._range(i, sensor))
         return out + self._pack(self._sensor(k))
 
@@ -87,7 +87,7 @@ class Px4Physics:
             self._release(controls)
         for _ in range(SUBSTEPS):
             self.body.step(self._pwm)
-        for sensor in self._ranges:
+        for sensor in self.ranges:
             sensor.step(self.body)
         self._count += 1
 

@@ -8,7 +8,9 @@ from __future__ import annotations
 import contextlib
 import csv
 import os
+import select
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -31,6 +33,8 @@ OFFBOARD, POSITION, TAKEOFF = (6, 0), (3, 0), (4, 2)
 SLOW_MACHINE = 6.0
 """Wall-clock seconds allowed for each second of the autopilot."""
 TAKE_OFF_M = 1.5
+RELAYED = 30
+"""Added to the companion's port where a relay stands between it and the firmware."""
 
 ARDUCOPTER_PARAMETERS = {
     "FRAME_CLASS": 1, "FRAME_TYPE": 1, "SIM_RATE_HZ": 800, "GUID_OPTIONS": 8, "GUID_TIMEOUT": 0.5, "ARMING_CHECK": 0,
@@ -63,11 +67,68 @@ class Moment:
     contact: bool
 
 
+class ThinnedPositions:
+    """Stands between firmware and companion (UDP, 127.0.0.1) and lets only some of LOCAL_POSITION_NED through."""
+
+    def __init__(self, firmware_port: int, companion_port: int, position_hz: float) -> None:
+        self._firmware = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._firmware.bind(("127.0.0.1", firmware_port))
+        self._companion = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._to_companion = ("127.0.0.1", companion_port)
+        self._period_ms = 1000.0 / position_hz
+        self._next_ms = 0.0
+
+    def thinned(self, data: bytes) -> bytes:
+        """The frames of one datagram (MAVLink 2) without the positions that come too soon."""
+        out, at = b"", 0
+        while at + 12 <= len(data) and data[at] == 0xFD:
+            end = at + 12 + data[at + 1] + (13 if data[at + 2] & 1 else 0)
+            frame = data[at:end]
+            at = end
+            if frame[7:10] == b"\x20\x00\x00":
+                stamp_ms = int.from_bytes(frame[10:14], "little")
+                if stamp_ms < self._next_ms:
+                    continue
+                self._next_ms = max(self._next_ms, stamp_ms - 0.5 * self._period_ms) + self._period_ms
+            out += frame
+        return out + data[at:]
+
+    def run(self, alive: Callable[[], bool]) -> None:
+        """Until ``alive`` says no."""
+        peer = None
+        while alive():
+            for sock in select.select([self._firmware, self._companion], [], [], 0.5)[0]:
+                try:
+                    data, sender = sock.recvfrom(65536)
+                except OSError:  # nobody listens yet
+                    continue
+                if sock is self._firmware:
+                    peer, data = sender, self.thinned(data)
+                    if data:
+                        self._companion.sendto(data, self._to_companion)
+                elif peer is not None:
+                    self._firmware.sendto(data, peer)
+
+
 class Rig:
     """Everything that runs. Use it as a context manager; every process ends with it."""
 
-    def __init__(self, firmware: str, binary: str, folder: Path, parameters: dict[str, float] | None = None) -> None:
+    def __init__(
+        self,
+        firmware: str,
+        binary: str,
+        folder: Path,
+        parameters: dict[str, float] | None = None,
+        *,
+        seed: int = 0,
+        position_hz: float = 0.0,
+        rough: bool = False,
+    ) -> None:
+        """``seed`` draws air and sensors; ``position_hz``: no more positions than this reach the companion (0: all).
+        ``rough``: as in rough_air.py."""
         self.px4 = firmware == PX4
+        self._air = ["--seed", str(seed), *["--rough"] * rough]
+        self._position_hz = position_hz
         self.folder = folder
         self._binary = Path(binary).resolve()
         self._parameters = parameters or {}
@@ -76,7 +137,10 @@ class Rig:
         self._alive = True
         self._sticks = False
         self._lock = threading.Lock()
+        self._companions = 0
         self.texts: list[str] = []
+        self.estimates: list[tuple[float, float, float, float]] = []
+        """Boot time [s] and place NED [m], as the autopilot believes."""
 
     def __enter__(self) -> Rig:
         try:
@@ -115,7 +179,7 @@ class Rig:
     def _boot(self) -> None:
         flag, port = ("--px4-hil", 4560) if self.px4 else ("--ardupilot-json", 9002)
         physics = [sys.executable, Path(__file__).with_name("physics.py"), "--vehicle", QUAD, "--scenario", "corner"]
-        self._start("physics", [*physics, flag, port, "--truth", self.folder / "truth.csv"])
+        self._start("physics", [*physics, *self._air, flag, port, "--truth", self.folder / "truth.csv"])
         give_up = time.monotonic() + 60.0
         while b"{" not in (self.folder / "physics.log").read_bytes():
             assert time.monotonic() < give_up, f"the physics did not start; see {self.folder}/physics.log"
@@ -127,7 +191,7 @@ class Rig:
             raise RuntimeError(f"no heartbeat; see {self.folder}/firmware.log")
         threading.Thread(target=self._listen, daemon=True).start()
         threading.Thread(target=self._beat, daemon=True).start()
-        for number, hz in ((30, 10), (32, 10), (193, 2), (230, 2), (245, 2), (83, 5)):
+        for number, hz in ((30, 10), (32, 25), (193, 2), (230, 2), (245, 2), (83, 5)):
             self._command(mavlink.MAV_CMD_SET_MESSAGE_INTERVAL, number, 1e6 / hz)
 
     def _boot_arducopter(self) -> None:
@@ -164,6 +228,8 @@ class Rig:
             self._latest[message.get_type(), message.get_srcComponent()] = message
             if message.get_type() == "STATUSTEXT":
                 self.texts.append(message.text)
+            elif message.get_type() == "LOCAL_POSITION_NED":
+                self.estimates.append((message.time_boot_ms / 1000.0, message.x, message.y, message.z))
 
     def _beat(self) -> None:
         n = 0
@@ -247,12 +313,13 @@ class Rig:
         position = self.latest("LOCAL_POSITION_NED")
         return 0.0 if position is None else -float(position.z)
 
-    def go(self, north: float, east: float, height: float) -> None:
-        """One place for the companion."""
-        mask = 0x38 | 0x1C0 | 0x400 | 0x800
+    def go(self, north: float, east: float, height: float, velocity: tuple[float, float, float] | None = None) -> None:
+        """One place for the companion, north, east and up; with a velocity it is one that moves."""
+        mask = (0x38 if velocity is None else 0) | 0x1C0 | 0x400 | 0x800
+        vn, ve, up = velocity or (0.0, 0.0, 0.0)
         with self._lock:
             self._link.mav.set_position_target_local_ned_send(
-                0, 1, 191, 1, mask, north, east, -height, 0, 0, 0, 0, 0, 0, 0, 0
+                0, 1, 191, 1, mask, north, east, -height, vn, ve, -up, 0, 0, 0, 0, 0
             )
 
     def lose_gps(self) -> None:
@@ -265,16 +332,41 @@ class Rig:
                 with self._lock:
                     self._link.mav.param_set_send(1, 1, name, value, mavlink.MAV_PARAM_TYPE_REAL32)
 
+    def freeze_ground_range(self) -> None:
+        """The beam that looks down repeats itself; asked again, it works again."""
+        self._processes["physics"].send_signal(signal.SIGUSR1)
+
+    def stand_still(self, seconds: float) -> None:
+        """Physics and, in lockstep with it, the autopilot: their time stops while everybody else's goes on."""
+        self._processes["physics"].send_signal(signal.SIGSTOP)
+        time.sleep(seconds)
+        self._processes["physics"].send_signal(signal.SIGCONT)
+
     # -- the companion ----------------------------------------------------------------------------------------------
 
     def start_companion(self) -> None:
         """As a user does, at the firmware's own endpoint, offsets off: it is the hold that is tested."""
         port = 14540 if self.px4 else 14550
+        if self._position_hz:
+            if self._companions == 0:
+                relay = ThinnedPositions(port, port + RELAYED, self._position_hz)
+                threading.Thread(target=relay.run, args=(lambda: self._alive,), daemon=True).start()
+            port += RELAYED
+        self._companions += 1
+        self._latest.pop(("HEARTBEAT", 191), None)  # of the one before
+        name = self.folder / ("flight" if self._companions == 1 else f"flight{self._companions}")
         command = [sys.executable, "-m", "companion", "--connect", f"udp:127.0.0.1:{port}", "--vehicle", QUAD]
         environment = dict(os.environ, OMP_NUM_THREADS="1")
         self._start(
             "companion",
-            [*command, "--no-offsets", "--record", self.folder / "flight.tlog", "--json", self.folder / "flight.json"],
+            [
+                *command,
+                "--no-offsets",
+                "--record",
+                self.folder / f"{name}.tlog",
+                "--json",
+                self.folder / f"{name}.json",
+            ],
             env=environment,
         )
 
@@ -298,6 +390,13 @@ class Rig:
         self.sleep(4.0)
 
     # -- the truth --------------------------------------------------------------------------------------------------
+
+    @property
+    def true_time_s(self) -> float:
+        """Of the last row of the truth."""
+        with (self.folder / "truth.csv").open("rb") as file:
+            file.seek(-400, os.SEEK_END)
+            return float(file.read().split(b"\n")[-2].split(b",")[0])
 
     def truth(self) -> list[Moment]:
         """Everything up to now."""
