@@ -37,7 +37,7 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
-    return tuple((s,) for s in (0.25, 0.35, 0.45, 0.55, 0.7, 0.9, 1.2)) if ctx.record else ((1.0,),)
+    return tuple((s,) for s in (0.25, 0.35, 0.45, 0.55, 0.7, 0.9, 1.2, 1.5, 2.0)) if ctx.record else ((1.0,),)
 
 
 def _likely(ctx: Context) -> float:
