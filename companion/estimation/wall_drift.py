@@ -50,7 +50,7 @@ def compare_wall(before: WallDrift, wall: Surface, position: LocalPosition, near
         return now
     moved = [b - a for a, b in zip(before.position_ned, now.position_ned, strict=True)]
     toward = sum([m * n for m, n in zip(moved, wall.normal_ned, strict=True)])
-    along = math.sqrt(max(moved[0] ** 2 + moved[1] ** 2 - toward * toward, 0.0))
+    along = math.sqrt(max(moved[0] * moved[0] + moved[1] * moved[1] - toward * toward, 0.0))
     change = wall.distance_m - before.distance_m + toward
     if before.t_s < reset_s <= now.t_s:  # a leap of the frame, known as such
         change, along = 0.0, 0.0

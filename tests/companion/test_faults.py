@@ -21,6 +21,7 @@ OFTEN = (
     ("wind_gust", "px4"),
 )
 """With those above, one of each kind: those that once went wrong."""
+MISSED = ("vision_turned",)
 STACKS = ("ardupilot", "px4")
 
 
@@ -47,6 +48,8 @@ def test_one_fault_of_each_kind(name, stack):
 def test_every_fault_with_both_manners(name, stack):
     if stack not in BY_NAME[name].stacks:
         pytest.skip(f"only with {', '.join(BY_NAME[name].stacks)}")
+    if name in MISSED:
+        pytest.xfail("nothing prevents it: docs/lab/vision.md")
     check(name, stack)
 
 
