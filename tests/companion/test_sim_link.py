@@ -52,6 +52,19 @@ def test_a_requested_stream_comes_at_its_rate(kind):
     assert peer.messages(kind) == []
 
 
+@pytest.mark.parametrize(("px4", "hz"), [(False, 4), (True, 50)])
+def test_a_rate_for_whole_groups_replaces_what_was_asked_for_on_ardupilot(px4, hz):
+    peer = hovering(px4=px4)
+    for number in (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED, mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION):
+        assert peer.interval(number, 50.0) == mavlink.MAV_RESULT_ACCEPTED
+    peer.say(mavlink.MAVLink_request_data_stream_message(1, 1, mavlink.MAV_DATA_STREAM_ALL, 4, 1), 255, 230)
+    peer.messages()
+    peer.run(1.0)
+    heard = [m.get_type() for m in peer.messages()]
+    assert heard.count("LOCAL_POSITION_NED") == pytest.approx(hz, abs=1)
+    assert heard.count("ATTITUDE_QUATERNION") == pytest.approx(50, abs=1)
+
+
 def test_rates_beyond_the_real_ones_are_denied():
     peer = hovering()
     assert peer.interval(STREAMS["ATTITUDE"], 400.0) == DENIED
