@@ -10,6 +10,7 @@ from typing import Any
 
 from companion.adapt_options import Adapt
 from companion.config import Base, PipelineConfig
+from companion.control.refusals import lateness
 from companion.control.state import Decision
 from companion.control.survey import Phase, Survey
 from companion.last_word import LastWord
@@ -18,7 +19,7 @@ from companion.mavlink.frames import Frame
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake, unread
 from companion.mavlink.message_table import LAYOUTS
-from companion.mavlink.outgoing import Message, command_long, heartbeat, param_request_read, statustext
+from companion.mavlink.outgoing import Message, command_long, heartbeat, param_request_read, statustext, timesync
 from companion.mavlink.samples import Attitude, Heartbeat, Sample, SetPositionTarget
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, Command, PositionCommand, encode
 from companion.mavlink.stream_rates import StreamKeeper, interval_request, wanted_streams
@@ -50,6 +51,8 @@ _DEAF_S, _DEAF_UNTIL_S, _DEAF_PERIOD_S = 0.3, 1.5, 0.1
 """Without attitudes for so long, and until then, the autopilot is sent a place: it would keep the last tilt."""
 _STALL_S, _AFTER_STALL_S = 0.3, 1.5
 """A loop that did not run for so long stood still; for so long after it nothing that came late is blamed."""
+_ASK_CLOCK_S = 0.1
+"""Telemetry later than this may be a clock that stood still: the hold would allow for lateness that is none."""
 _PARAMETER_RETRY_S = 1.0
 """An answer takes 0.1 s on a link that is not full."""
 _PARAMETER_SLOW_RETRY_S = 5.0
@@ -213,7 +216,7 @@ class Flight:
             self._rebooted()
         if intake.clock.set_back_s != self._set_back_s:
             self._set_back_s = intake.clock.set_back_s
-            self._tell(f"companion: the vehicle's clock was set back by {self._set_back_s:.2f} s")
+            self._tell(f"companion: the vehicle's clock was set back, or stood still, by {self._set_back_s:.2f} s")
         if len(intake.others) > self._ignored:
             self._ignored = len(intake.others)
             self._say(f"companion: ignoring system {frame.system}; flying with system {intake.system}")
@@ -310,6 +313,8 @@ class Flight:
         if now_s - self._beat_s >= 1.0:
             self._beat_s = now_s
             self._send(heartbeat())
+            if lateness(self._state.estimates, self._config) > _ASK_CLOCK_S:
+                self._send(timesync(self._arrivals.stamp()))  # is the link late, or has the clock stood still?
         if self._streams is None:
             if not self._complained and now_s - self._started_s > _LOST_S:
                 self._complained = True

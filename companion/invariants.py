@@ -21,6 +21,7 @@ from companion.mavlink.firmware import Stack, stack_of, takes_setpoints
 from companion.mavlink.frames import Frame
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
+from companion.mavlink.outgoing import TIMESYNC
 from companion.mavlink.range_beams import dot, orientation_direction
 from companion.mavlink.samples import (
     Attitude,
@@ -47,7 +48,7 @@ _SET_MESSAGE_INTERVAL, _DO_SET_MODE, _PX4_HOLD = 511, 176, (4.0, 3.0)
 """MAVLink numbers: messages, commands, and PX4's main and sub mode of Hold."""
 _DECLARED = (
     _HEARTBEAT, _PARAM_REQUEST_READ, _COMMAND_LONG, SET_ATTITUDE_TARGET, SET_POSITION_TARGET, _NAMED_VALUE_FLOAT,
-    _STATUSTEXT,
+    _STATUSTEXT, TIMESYNC,
 )  # fmt: skip
 _THROTTLE_IGNORED, _ON_GROUND, _INVALID = 64, 1, 8
 """ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE, MAV_LANDED_STATE_ON_GROUND, MAV_AUTOPILOT_INVALID."""

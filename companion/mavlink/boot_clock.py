@@ -13,6 +13,8 @@ same stamps give the same times, in flight and in replay, bit for bit.
   from the last seconds; a link that falls behind is a step, and stays late.
 - Stamps that go back by 0.3 s to 1 s while messages keep coming are a clock that was set back, not a late link. After
   2 s at a steady (arrival - stamp) that is the new offset, and ``set_back_s`` says by how much.
+- A round trip (TIMESYNC) proves more: its answer cannot have been stamped before it was asked for. A smallest
+  (arrival - stamp) below what that allows is of a clock that stood still or drifted, and counts no more.
 - Stamps that go back by more than a second, twice running, are a reboot: ``boot`` counts up and the axis starts anew.
 """
 
@@ -137,7 +139,7 @@ class BootClock:
         self.component = component
         self.boot = 0
         self.set_back_s = 0.0
-        """By how much the clock was last set back in the midst of a boot."""
+        """By how much the clock was last set back, or stood still, in the midst of a boot."""
         self._step: tuple[int, int] | None = None  # offset and arrival of the first stamp that went back
         self._last_us = -1  # newest stamp of the axis; below 0 while there is none
         self._last_arrival_us = 0
@@ -162,6 +164,18 @@ class BootClock:
         """Seconds by which a message of boot time ``t_s`` arrived later than the quickest message would have."""
         late_us = arrival_us - self._quickest.at(arrival_us) - t_s * 1e6
         return late_us / 1e6 if late_us > 0.0 and self._last_us >= 0 else 0.0
+
+    def answered(self, asked_us: int, clock_us: int, arrival_us: int) -> None:
+        """An answer of the autopilot whose clock read ``clock_us`` after the question left at ``asked_us``.
+
+        So (arrival - stamp) is at least asked - clock: what is later than a message before says nothing of the link.
+        """
+        least_us = asked_us - clock_us
+        if not self.known or abs(clock_us - self._last_us) > _SAME_CLOCK_US:
+            return
+        if (behind_us := least_us - self._quickest.at(arrival_us)) > _STEADY_US:
+            self.set_back_s, self._step = behind_us / 1e6, None
+            self._quickest = _Quickest(least_us, arrival_us)
 
     def stamped(self, system: int, component: int, unit: Stamp, stamp: int, arrival_us: int) -> float:
         """Boot time [s] of a message whose time field reads ``stamp``. A stamp of 0 is no stamp."""

@@ -6,6 +6,7 @@ from companion.mavlink.boot_clock import BootClock
 from companion.mavlink.decoders import decode, stamp_of
 from companion.mavlink.frames import Frame
 from companion.mavlink.message_table import LAYOUTS
+from companion.mavlink.outgoing import TIMESYNC, timesync_answer
 from companion.mavlink.samples import Range, Sample
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, SET_POSITION_TARGET
 
@@ -78,6 +79,10 @@ class Intake:
             self.ignored += 1
             if is_autopilot_heartbeat(frame):
                 self.others.add(system)
+            return None
+        if frame.id == TIMESYNC and component == AUTOPILOT_COMPONENT:
+            if (found := timesync_answer(frame.payload)) is not None:
+                self.clock.answered(*found, arrival_us)
             return None
         if frame.id in self.unread:
             stamp_of(frame, arrival_us, self.clock)

@@ -143,6 +143,7 @@ _TABLE = (
         "PARAM_VALUE", None, build.parameter,
         _q("value", "param_value"), Raw("param_id"), Raw("param_type"), Raw("param_index"), Raw("param_count"),
     ),
+    _layout("TIMESYNC", None, None, Raw("tc1"), Raw("ts1")),
     _layout("EXTENDED_SYS_STATE", None, build.landed, Raw("landed_state")),
     _layout("WIND_COV", Stamp.US64, None, _q("wind", "wind_x wind_y wind_z", "m/s", 200.0)),
     _layout(

@@ -361,6 +361,10 @@ class VehicleLink:
         if handler is not None:
             handler(message)
 
+    def _on_timesync(self, m: Any) -> None:
+        if m.tc1 == 0:
+            self._out(mavlink.MAVLink_timesync_message(1_000_000 * self.boot_ms, m.ts1))
+
     def _on_set_attitude_target(self, m: Any) -> None:
         pilot, f = self._flight.autopilot, self._flight
         pilot.stream_heard()

@@ -62,6 +62,19 @@ def test_a_link_that_falls_behind_stays_late():
     assert late_after(20.0, delay_s=0.77) == pytest.approx((0.77, 0.0), abs=0.05)
 
 
+@pytest.mark.parametrize(("under_way_s", "late_s", "stood_s"), [(0.02, 0.0, 0.57), (0.59, 0.57, 0.0)])
+def test_a_round_trip_tells_a_clock_that_stood_still_from_a_link_that_fell_behind(under_way_s, late_s, stood_s):
+    """The same stamps and arrivals, 0.57 s apart from 10 s on: how long the answer was under way decides."""
+    clock, late = BootClock(), 0.0
+    for k in range(1000):
+        stamp_ms, arrival_us = 1000 + 20 * k, UNIX + 20_000 * k + (570_000 if k >= 500 else 0)
+        late = clock.late(ms(clock, stamp_ms, arrival_us), arrival_us)
+        if k in (520, 570):
+            clock.answered(arrival_us - round(1e6 * under_way_s), 1000 * stamp_ms, arrival_us)
+    assert late == pytest.approx(late_s, abs=0.06)
+    assert clock.set_back_s == pytest.approx(stood_s, abs=0.03)
+
+
 def test_one_stamp_that_went_back_is_no_step():
     clock = BootClock()
     for k in range(400):
