@@ -70,7 +70,9 @@ def doubt(here: Sighting, before: Doubt, near_m: float, target: str) -> Doubt:
     if run is None or abs(here.slant_m - run.slant_m) > _SAME_READING_M:
         run = here
     used_m = max(near_m, GROUND_USED_M) if target == "ground" else near_m
-    if here.slant_m < used_m and abs(dot(_moved(run, here), run.beam_ned)) > _FROZEN_MOVE_M:
+    # Back at the height where it froze, a reading that never changed is no truer.
+    still = before.why is Why.FROZEN and run is before.same_since
+    if here.slant_m < used_m and (still or abs(dot(_moved(run, here), run.beam_ned)) > _FROZEN_MOVE_M):
         return Doubt(Why.FROZEN, run, last)
     return Doubt(None, run, here)
 

@@ -259,6 +259,7 @@ CASES = (
     Case("ap_forward_echo_lost", "the forward beam loses its echo 20 cm from the wall",
          range_fault(RangeFault.LOST, 1, 1.0), wall_m=WALL_M),
     Case("ap_down_range_frozen", "the down beam repeats itself, then a climb", range_fault(RangeFault.FROZEN, 0, 0.5)),
+    Case("ap_down_range_frozen_high", "the same at 2 m", range_fault(RangeFault.FROZEN, 0, 2.0)),
     Case("ap_wind_5_m_s", "a gust of 5 m/s for 6 s", wind_step),
 )  # fmt: skip
 

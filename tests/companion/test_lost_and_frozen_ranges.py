@@ -120,6 +120,17 @@ def test_a_ground_range_that_may_correct_the_height_is_known_as_frozen_at_any_su
     assert room.seen(WALL) is Seen.SURFACE  # of a wall that is far, nothing is made
 
 
+def test_a_frozen_reading_stays_frozen_until_it_changes_wherever_the_vehicle_goes():
+    room = Room()
+    for k in range(200):
+        climb = 0.2 if k < 100 else -0.2
+        room.height += 0.02 * climb
+        room.tick({GROUND: 0.3}, (0.0, 0.0, -climb))
+        assert k < 60 or room.seen(GROUND) is Seen.FROZEN
+    room.tick({GROUND: 0.31})
+    assert room.seen(GROUND) is Seen.SURFACE
+
+
 def test_a_still_vehicle_may_read_the_same_forever():
     room = Room()
     for _ in range(1000):
