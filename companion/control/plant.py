@@ -55,8 +55,11 @@ class HoldGains:
 
     @property
     def lag_s(self) -> float:
-        """How late the attitude loop answers."""
-        return self.tilt_lead_s / _TILT_LEAD_SHARE
+        """How late the attitude loop answers, as far as the reference waits for it: not with soft gains.
+
+        With them it ran on into the wall on ArduCopter (slow attitude loop, positions at 10 Hz, no offsets).
+        """
+        return self.tilt_lead_s / _TILT_LEAD_SHARE if self.position_1_s >= HoldGains.position_1_s else 0.0
 
 
 FULL = HoldGains()
@@ -160,15 +163,12 @@ def _risen(old: float, new: float) -> float:
 
 
 def hear_position(timing: Timing, t_s: float, late_s: float) -> Timing:
-    """Take in a position stamped ``t_s`` that arrives ``late_s`` later.
-
-    A gap is no period, and what is not flown on says nothing of what is: a stall of this computer softens no gains.
-    """
+    """Take in a position stamped ``t_s`` that arrives ``late_s`` later; a gap is no period."""
     position_period_s, position_late_s, attitude_period_s, position_s, attitude_s = timing
     period = t_s - position_s
-    late = position_late_s if late_s > LATE_STOP_S else _risen(position_late_s, max(late_s, 0.0))
+    late = _risen(position_late_s, min(max(late_s, 0.0), POSITION_AGE_S))
     if 0.0 < period <= POSITION_AGE_S:
-        position_period_s = _risen(position_period_s, min(period, 2.0 * position_period_s))
+        position_period_s = _risen(position_period_s, period)
     return Timing(position_period_s, late, attitude_period_s, t_s, attitude_s)
 
 

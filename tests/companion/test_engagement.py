@@ -262,10 +262,8 @@ def stalled_at_a_target(**late: float) -> Flown:
     return flown
 
 
-def test_after_a_stall_it_goes_back_to_the_place_that_the_pilot_gave_and_softens_no_gains():
+def test_after_a_stall_it_goes_back_to_the_place_that_the_pilot_gave():
     flown = stalled_at_a_target()
-    before = flown.bench.state.timing
-    assert before.position_late_s < 0.01
     flown.run(2.0)
     assert flown.bench.state.hold.target.position == pytest.approx((0.3, 0.0, -1.0), abs=0.01)
 
