@@ -21,7 +21,7 @@ OFTEN = (
     ("wind_gust", "px4"),
 )
 """With those above, one of each kind: those that once went wrong."""
-MISSED = ("vision_turned",)
+MISSED = ("vision_turned", "vision_freezes")
 STACKS = ("ardupilot", "px4")
 
 
