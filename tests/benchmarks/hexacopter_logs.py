@@ -16,13 +16,12 @@ from __future__ import annotations
 import io
 import pickle
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from field_motion import LIMITS, Array, Motion, throttle, vehicle_toml, write_tlog
 from scipy.spatial.transform import Rotation
-from snapshot import git
+from snapshot import clone_and_out, git
 
 COMMIT = "f4f34bfd4c05d0562bd546b0839622d5d2470183"
 FLIGHTS = "sde4mbrlExamples/rotor_uav/hexa_ahg/my_data/trajs.pkl"
@@ -39,11 +38,7 @@ PLACES = ((0.0, 1.0, "cw"), (0.0, -1.0, "ccw"), (0.866, -0.5, "cw"), (-0.866, 0.
 
 
 def main() -> int:
-    if len(sys.argv) != 3:
-        print(__doc__, file=sys.stderr)
-        return 2
-    clone, out = Path(sys.argv[1]), Path(sys.argv[2])
-    out.mkdir(parents=True, exist_ok=True)
+    clone, out = clone_and_out(__doc__)
     flights = _Arrays(io.BytesIO(git(clone, "show", f"{COMMIT}:{FLIGHTS}"))).load()["train"]
     for k, (states, commands) in enumerate(flights, 1):
         motion = _motion(np.asarray(states, float), np.asarray(commands, float))

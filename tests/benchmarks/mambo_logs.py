@@ -14,14 +14,13 @@ from __future__ import annotations
 
 import io
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from field_motion import LIMITS, Array, Motion, throttle, vehicle_toml, write_tlog
 from scipy.io import loadmat
 from scipy.spatial.transform import Rotation
-from snapshot import git
+from snapshot import clone_and_out, git
 
 COMMIT = "fb94ca0012a7e0171ee8f0cd78d8b466bc613cc5"
 PATH = "Simulink models/asbQuadcopterRealFlight (version {})/RSdata.mat"
@@ -37,11 +36,7 @@ PLACES = ((1, -1, "cw"), (1, 1, "ccw"), (-1, 1, "cw"), (-1, -1, "ccw"))
 
 
 def main() -> int:
-    if len(sys.argv) != 3:
-        print(__doc__, file=sys.stderr)
-        return 2
-    clone, out = Path(sys.argv[1]), Path(sys.argv[2])
-    out.mkdir(parents=True, exist_ok=True)
+    clone, out = clone_and_out(__doc__)
     for version in VERSIONS:
         write_tlog(out / f"mambo_{version}.tlog", _motion(git(clone, "show", f"{COMMIT}:{PATH.format(version)}")))
     (out / "mambo.toml").write_text(vehicle_toml(_vehicle()), encoding="utf-8")

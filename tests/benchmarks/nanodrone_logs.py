@@ -26,7 +26,7 @@ import pyarrow.parquet as pq
 from log_writers import record
 from pymavlink.dialects.v20 import ardupilotmega as mav
 from scipy.spatial.transform import Rotation
-from snapshot import git
+from snapshot import clone_and_out, git
 
 COMMIT, FOLDER = "6d78c2317753605f157931558d734198fc6f3ef1", "data/real/raw/parquets"
 POLE_PAIRS = 6
@@ -56,11 +56,7 @@ class Recording:
 
 
 def main() -> int:
-    if len(sys.argv) != 3:
-        print(__doc__, file=sys.stderr)
-        return 2
-    clone, out = Path(sys.argv[1]), Path(sys.argv[2])
-    out.mkdir(parents=True, exist_ok=True)
+    clone, out = clone_and_out(__doc__)
     listed = git(clone, "ls-tree", "--name-only", COMMIT, f"{FOLDER}/").decode().split()
     for path in listed:
         recording = _read(git(clone, "show", f"{COMMIT}:{path}"))

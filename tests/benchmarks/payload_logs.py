@@ -17,13 +17,12 @@ from __future__ import annotations
 
 import struct
 import sys
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from field_motion import LIMITS, Array, Motion, throttle, vehicle_toml, write_tlog
 from scipy.spatial.transform import Rotation
-from snapshot import git
+from snapshot import clone_and_out, git
 
 COMMIT = "847605ab2d2d7ed5040ab0c7d2c7116c047b4de5"
 LOADED = (182, 183, 184, 201, 202, 203, 204, 205, 206)
@@ -43,11 +42,7 @@ PLACES = ((1, 1, "ccw"), (-1, 1, "cw"), (-1, -1, "ccw"), (1, -1, "cw"))
 
 
 def main() -> int:
-    if len(sys.argv) != 3:
-        print(__doc__, file=sys.stderr)
-        return 2
-    clone, out = Path(sys.argv[1]), Path(sys.argv[2])
-    out.mkdir(parents=True, exist_ok=True)
+    clone, out = clone_and_out(__doc__)
     names = [(k, f"payload_{k}") for k in LOADED] + [(k, f"propellers_{k}") for k in PROPELLERS]
     for k, name in names:
         columns = _columns(git(clone, "show", f"{COMMIT}:logs/log{k}"))

@@ -17,13 +17,12 @@ from __future__ import annotations
 import struct
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from field_motion import LIMITS, Array, Motion, throttle, vehicle_toml, write_tlog
 from scipy.spatial.transform import Rotation
-from snapshot import git
+from snapshot import clone_and_out, git
 
 COMMIT = "174685539c31185e7f9f0d84a562020606c706da"
 ROOT = "Spring_Test/1Crazyflie_"
@@ -49,11 +48,7 @@ FLIP = np.array([1.0, -1.0, -1.0])
 
 
 def main() -> int:
-    if len(sys.argv) != 3:
-        print(__doc__, file=sys.stderr)
-        return 2
-    clone, out = Path(sys.argv[1]), Path(sys.argv[2])
-    out.mkdir(parents=True, exist_ok=True)
+    clone, out = clone_and_out(__doc__)
     for name, path in LOGS.items():
         write_tlog(out / f"{name}.tlog", _motion(_bag(git(clone, "show", f"{COMMIT}:{ROOT}{path}"))))
     (out / "spring.toml").write_text(vehicle_toml(_vehicle()), encoding="utf-8")

@@ -21,7 +21,7 @@ import numpy as np
 from field_motion import LIMITS, Motion, throttle, vehicle_toml, write_tlog
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
-from snapshot import git
+from snapshot import clone_and_out, git
 
 COMMIT = "f26552a4ed7b6720d1df9c9d1c5617d555e31788"
 LOGS = (
@@ -51,11 +51,7 @@ PLACES = (
 
 
 def main() -> int:
-    if len(sys.argv) != 3:
-        print(__doc__, file=sys.stderr)
-        return 2
-    clone, out = Path(sys.argv[1]), Path(sys.argv[2])
-    out.mkdir(parents=True, exist_ok=True)
+    clone, out = clone_and_out(__doc__)
     for path in LOGS:
         rows = _rows(git(clone, "show", f"{COMMIT}:Flight_Data/{path}").decode())
         write_tlog(out / f"{Path(path).stem.removeprefix('log_')}.tlog", _motion(rows))
