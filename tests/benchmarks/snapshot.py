@@ -16,7 +16,7 @@ def git(clone: Path, *arguments: str) -> bytes:
 
 
 def clone_and_out(usage: str | None) -> tuple[Path, Path]:
-    """The two arguments of a converter: a clone, and the folder to write to, which is made. Else ``usage`` and exit 2."""
+    """The two arguments of a converter: a clone, and the folder to write to, made. Else ``usage`` and exit 2."""
     if len(sys.argv) != 3:
         print(usage, file=sys.stderr)
         raise SystemExit(2)
