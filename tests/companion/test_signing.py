@@ -89,6 +89,7 @@ def test_a_peer_that_signs_is_flown_and_takes_what_is_signed(tmp_path: Path, key
     assert all(raw[2] & 1 for raw in sent)
 
 
+@pytest.mark.slow
 def test_what_somebody_else_sends_unsigned_is_counted_and_changes_nothing(tmp_path: Path, key: Path):
     port = free_port()
     autopilot = SigningAutopilot(port)
@@ -98,6 +99,7 @@ def test_what_somebody_else_sends_unsigned_is_counted_and_changes_nothing(tmp_pa
     assert not {"not_armed", "tilted", "wrong_mode"} & set(report["refusals_s"])
 
 
+@pytest.mark.slow
 def test_an_unsigned_vehicle_is_not_flown_with_a_key(tmp_path: Path, key: Path):
     port = free_port()
     command = flight_command(port, "--signing-key", str(key), "--duration", "4", "--json", "-")

@@ -137,6 +137,7 @@ def test_a_campaign_is_resumed_not_repeated(tmp_path, solver):
     assert values == pytest.approx(np.full(6, 0.7**2))
 
 
+@pytest.mark.slow
 def test_a_case_that_drifted_goes_on_when_the_limit_is_raised(tmp_path, solver):
     solver("drift")
     with_limit = {n: replace(SETUP, solver=replace(SETUP.solver, limit=n)) for n in (192, 480)}

@@ -130,6 +130,7 @@ def test_noise_draws_no_waves_between_the_places(trained: train.Trained) -> None
     assert max(trained.report["decays"][axis] for axis in ("Fx", "Fz")) > 1e-6
 
 
+@pytest.mark.slow
 def test_kriging_does_not_take_repeated_speeds_for_certainty() -> None:
     pytest.importorskip("sklearn", reason="training extra not installed")
     data = free_air.level(noisy_campaign(0.01))

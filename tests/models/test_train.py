@@ -145,6 +145,7 @@ def test_noise_does_not_pass_for_precision() -> None:
     assert np.mean(list(trained.report["coverage_95"]["test"].values())) == pytest.approx(0.95, abs=0.03)
 
 
+@pytest.mark.slow
 def test_a_tilted_fan_keeps_its_side_force() -> None:
     data = ClosedForm().data_set()
     wrench = data.wrench.copy()

@@ -54,6 +54,7 @@ def test_weather_is_no_change(good: Baseline) -> None:
     assert names(good, flight(24, HEAVY, ("wind", (0.0,), (0.8, -0.5, 0.0, 0.0)))) == []
 
 
+@pytest.mark.slow
 def test_a_weak_fan_is_the_first_cause(good: Baseline) -> None:
     (change,) = changes(compare(good, flight(25, HEAVY, ("fan_imbalance", (2.0,), (-0.2,)))))
     assert change.name == "fan_imbalance"
@@ -62,6 +63,7 @@ def test_a_weak_fan_is_the_first_cause(good: Baseline) -> None:
     assert sizes["scale"].ci95[0] < -0.2 < sizes["scale"].ci95[1]
 
 
+@pytest.mark.slow
 def test_a_moved_battery_is_named(good: Baseline) -> None:
     (change,) = changes(compare(good, flight(26, HEAVY, ("cg_offset", (), (0.04, 0.0)))))
     assert "cg_offset" in (change.name, *change.aliases)

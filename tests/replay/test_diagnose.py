@@ -174,6 +174,7 @@ def test_bad_arguments_are_refused_in_one_line(tmp_path: Path, capsys: pytest.Ca
     assert refused([str(empty), "--target-system", "0"], capsys)[0] == 2
 
 
+@pytest.mark.slow
 def test_an_example_flight_gives_answer_amended_model_and_page(shared_data: Path, tmp_path: Path) -> None:
     flight = shared_data / "undeclared" / "payload.tlog"
     code = main(
