@@ -108,7 +108,6 @@ def diagnose(
     propeller_inch: float | None = None,
     span_m: float | None = None,
     target_system: int | None = None,
-    seed: int = 0,
     progress: Callable[[Sequence[Path]], Iterable[Path]] = lambda paths: paths,
 ) -> Answer:
     """What the declared model lacks on one log, or on several of one vehicle.
@@ -126,7 +125,7 @@ def diagnose(
         vehicle = chosen_vehicle(vehicle)
     if isinstance(model, str):
         model = choose(vehicle, None if model == DEFAULT else model).judged
-    found = asked.diagnose(paths, vehicle, model, target_system=target_system, seed=seed, progress=progress)
+    found = asked.diagnose(paths, vehicle, model, target_system=target_system, progress=progress)
     known = {f.name: getattr(found, f.name) for f in fields(found)}
     notes = (*(drafted.notes if drafted else ()), *found.notes)
     return Answer(**(known | {"notes": notes}), draft=drafted, model=model)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -39,11 +40,22 @@ class Change:
     estimates: tuple[Estimate, ...]
     probability: float
     aliases: tuple[str, ...]
+    since: str = ""
+    """The first log that shows it, where it stays."""
 
     @property
     def name(self) -> str:
         """Of the effect."""
         return self.effect.name
+
+    def as_json(self) -> dict[str, Any]:
+        """Name, parameters, probability and what else it could be."""
+        return {
+            "name": self.name,
+            "parameters": {e.name: e.as_json() for e in self.estimates},
+            "probability": self.probability,
+            "aliases": self.aliases,
+        }
 
 
 @dataclass(frozen=True)
@@ -76,27 +88,19 @@ def learn(records: Sequence[Record]) -> Baseline:
     return Baseline(tuple(records), tuple(found), tuple(sizes), tuple(apart))
 
 
-@dataclass(frozen=True)
-class Comparison:
-    """A flight beside the good ones: the terms that it may differ by, and the fit of what all have in common."""
-
-    evidence: Evidence
-    fit: Fit
-    candidates: tuple[Term, ...]
-
-    def size(self, name: str) -> Estimate:
-        """The first coefficient that makes an effect, as a change on this flight, named or not."""
-        own = [t for t in self.candidates if t.flight is not None and t.name == name and not _other_shape(t, self.fit)]
-        fits = [self.evidence.fit([*self.fit.terms, t], self.fit.noise) for t in own]
-        best = max(fits, key=lambda f: f.evidence)
-        effect = get(name)
-        return next(
-            e for e, c in zip(_estimates(best, best.terms[-1]), effect.coefficients, strict=False) if effect.is_main(c)
-        )
+def changes(good: Baseline, today: Record) -> tuple[Change, ...]:
+    """What is not as it was, the likeliest first; empty where nothing lies outside the good flights' own spread."""
+    evidence, candidates, fit = _beside(good, today)
+    for _ in range(MOST):
+        gain, best = max(_grown(evidence, fit, candidates), key=lambda g: g[0], default=(0.0, fit))
+        if gain < SURE:
+            break
+        fit = best
+    return tuple(_named(evidence, fit, candidates))
 
 
-def compare(good: Baseline, today: Record) -> Comparison:
-    """A flight beside the good ones, with what they have in common."""
+def _beside(good: Baseline, today: Record) -> tuple[Evidence, list[Term], Fit]:
+    """A flight beside the good ones, the terms that it may differ by, and the fit of what all have in common."""
     flights = [*good.records, today]
     last = len(flights) - 1
     shapes = {e.name: tuple(e.parameters[s.name] for s in get(e.name).shapes) for e in good.found}
@@ -109,18 +113,7 @@ def compare(good: Baseline, today: Record) -> Comparison:
     evidence = Evidence(Library(flights, [*same, *other], spread))
     candidates = [t for t in evidence.library.terms if t.effect is not None and t.flight in (None, last)]
     start = [t for t in candidates if t.flight is None and t.name in shapes and t.shape == shapes[t.name]]
-    return Comparison(evidence, evidence.fit(start, evidence.unfitted()), tuple(candidates))
-
-
-def changes(flight: Comparison) -> tuple[Change, ...]:
-    """What is not as it was, the likeliest first; empty where nothing lies outside the good flights' own spread."""
-    fit = flight.fit
-    for _ in range(MOST):
-        gain, best = max(_grown(flight.evidence, fit, flight.candidates), key=lambda g: g[0], default=(0.0, fit))
-        if gain < SURE:
-            break
-        fit = best
-    return tuple(_named(flight.evidence, fit, flight.candidates))
+    return evidence, candidates, evidence.fit(start, evidence.unfitted())
 
 
 def _other_shape(term: Term, fit: Fit) -> bool:

@@ -4,46 +4,37 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from models.errors import ConfigError
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
-from replay.changes.changes import Baseline, Change, changes, compare, learn
-from replay.diagnosis.answer import estimate_text
+from replay.changes.changes import Baseline, Change, changes, learn
 from replay.diagnosis.diagnose import read_records
+from replay.diagnosis.words import estimate_text
 from replay.fleet.jobs import recorded
 from replay.numbers import rounded
 from replay.residual.record import Record, check_model
-from replay.search.results import Estimate
 
 
 @dataclass(frozen=True)
 class Compared:
-    """One flight against the good ones: what changed, and the size of every effect that changed on any flight."""
+    """One flight against the good ones: what changed."""
 
     record: Record
     changed: tuple[Change, ...]
-    sizes: dict[str, Estimate]
 
 
 @dataclass(frozen=True)
-class Changed:
-    """A change that stays, and the first log that shows it."""
-
-    change: Change
-    since: str
-
-
-@dataclass(frozen=True)
-class Since:
-    """The answer: changes since the good flights, first cause first; usually none."""
+class Comparison:
+    """The answer: changes since the good flights that stay, first cause first; usually none."""
 
     good: Baseline
     flights: tuple[Compared, ...]
-    changed: tuple[Changed, ...]
+    changed: tuple[Change, ...]
+    """Each with the first log that shows it, and its size on the latest flight that does."""
     notes: tuple[str, ...]
 
     @property
@@ -57,15 +48,8 @@ class Since:
             {
                 "logs": list(dict.fromkeys(str(f.record.path) for f in self.flights)),
                 "good": list(dict.fromkeys(str(r.path) for r in self.good.records)),
-                "changed": [_change(c.change) | {"since": c.since} for c in self.changed],
-                "flights": [
-                    {
-                        "log": f.record.name,
-                        "changed": [_change(c) for c in f.changed],
-                        "sizes": {name: e.as_json() | {"parameter": e.name} for name, e in f.sizes.items()},
-                    }
-                    for f in self.flights
-                ],
+                "changed": [c.as_json() | {"since": c.since} for c in self.changed],
+                "flights": [{"log": f.record.name, "changed": [c.as_json() for c in f.changed]} for f in self.flights],
                 "notes": self.notes,
             }
         )
@@ -76,10 +60,10 @@ class Since:
         head = "changed" if self.changed else "nothing changed"
         lines = [f"{head}  ({len(self.flights)} against {len(self.good.records)} good flights)"]
         for c in self.changed:
-            sizes = ", ".join(map(estimate_text, c.change.estimates))
-            lines.append(f"  {c.change.name} since {c.since} (probability {c.change.probability:.2f}): {sizes}")
-            if c.change.aliases:
-                lines.append(f"    or {', '.join(c.change.aliases)}; to separate them: {c.change.effect.excite}")
+            sizes = ", ".join(map(estimate_text, c.estimates))
+            lines.append(f"  {c.name} since {c.since} (probability {c.probability:.2f}): {sizes}")
+            if c.aliases:
+                lines.append(f"    or {', '.join(c.aliases)}; to separate them: {c.effect.excite}")
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
 
 
@@ -91,7 +75,7 @@ def since(
     *,
     target_system: int | None = None,
     progress: Callable[[Sequence[Path]], Iterable[Path]] = lambda paths: paths,
-) -> Since:
+) -> Comparison:
     """Compare flights, in order of their date, with the vehicle as its good flights show it."""
     check_model(vehicle, model)
     good_logs, good_twice = _once(good)
@@ -107,17 +91,17 @@ def since(
     if ordered != new_logs:
         notes.append(f"the logs were not given in order of their date: {ordered[0].name} is the first")
     records, more = read_records(progress(ordered), vehicle, model, target_system)
-    found = [(r, changes(compare(as_it_was, r))) for r in records]
-    names = list(dict.fromkeys(c.name for _, changed in found for c in changed))
-    flights = []
-    for record, changed in found:
-        flight = compare(as_it_was, record) if names else None
-        sizes = {} if flight is None else {name: flight.size(name) for name in names}
-        flights.append(Compared(record, changed, sizes))
-    stays = [(name, at) for name in names for at in [_change_point([name in _names(f) for f in flights])]]
-    notes += [f"{name} on single flights only" for name, at in stays if at is None]
-    out = [_changed(flights, name, at) for name, at in stays if at is not None]
-    return Since(as_it_was, tuple(flights), tuple(out), (*notes, *dict.fromkeys((*said, *more))))
+    flights = tuple(Compared(r, changes(as_it_was, r)) for r in records)
+    stays = []
+    for name in dict.fromkeys(c.name for f in flights for c in f.changed):
+        shows = [[c for c in f.changed if c.name == name] for f in flights]
+        at = _change_point([bool(own) for own in shows])
+        if at is None:
+            notes.append(f"{name} on single flights only")
+        else:
+            latest = [c for own in shows[at:] for c in own][-1]
+            stays.append(replace(latest, since=flights[at].record.name))
+    return Comparison(as_it_was, flights, tuple(stays), (*notes, *dict.fromkeys((*said, *more))))
 
 
 def by_date(logs: Sequence[Path]) -> list[Path]:
@@ -159,27 +143,8 @@ def _content(log: Path) -> str | None:
         return None
 
 
-def _names(flight: Compared) -> set[str]:
-    return {c.name for c in flight.changed}
-
-
 def _change_point(named: Sequence[bool]) -> int | None:
     """The flight from which on an effect is mostly there: likeliest step where names err as often either way."""
     totals = [sum(1 if there else -1 for there in named[i:]) for i in range(len(named))]
     best = max(range(len(named)), key=lambda i: totals[i])
     return best if totals[best] > 0 else None
-
-
-def _changed(flights: Sequence[Compared], name: str, at: int) -> Changed:
-    """A change since a flight, with its size on the latest flight that shows it."""
-    shows = [c for f in flights[at:] for c in f.changed if c.name == name]
-    return Changed(shows[-1], flights[at].record.name)
-
-
-def _change(c: Change) -> dict[str, Any]:
-    return {
-        "name": c.name,
-        "parameters": {e.name: e.as_json() for e in c.estimates},
-        "probability": c.probability,
-        "aliases": c.aliases,
-    }

@@ -11,13 +11,13 @@ import numpy as np
 from models.effects import AdoptedEffect, BelongsTo, InFlight
 from models.frames import AXES, GRAVITY, Array
 from replay.diagnosis.amended_model import to_adopt
-from replay.diagnosis.words import kept_words
+from replay.diagnosis.words import estimate_text, kept_words
 from replay.numbers import rounded
 from replay.residual.fault import LogFault
 from replay.residual.record import Record
-from replay.search.free_curves import Channel
+from replay.search.curves import Carrier
 from replay.search.outside import Outside
-from replay.search.results import Estimate, Found, Rejected, Trace
+from replay.search.results import Found, Rejected, Trace
 
 UNITS = ("N", "N", "N", "N m", "N m", "N m")
 """Of the axes."""
@@ -46,7 +46,7 @@ class Diagnosis:
     traces: tuple[Trace, ...]
     named: tuple[Named, ...]
     rejected: tuple[Rejected, ...]
-    channels: tuple[Channel, ...]
+    channels: tuple[Carrier, ...]
     verdict: str
     notes: tuple[str, ...]
     faults: tuple[LogFault, ...] = ()
@@ -116,7 +116,7 @@ class Diagnosis:
                 "aliases": self.aliases,
                 "unexplained": {
                     "rms": {AXES[i]: after[i] for i in judged},
-                    "channels": [_channel(c) for c in self.channels],
+                    "channels": [{"name": c.name, "score": c.score, "axes": [c.axis]} for c in self.channels],
                 },
                 "outside": [{"log": t.record.name, **_outside(o)} for t in self.traces for o in t.outside],
                 "regimes": [
@@ -152,10 +152,7 @@ class Diagnosis:
             if np.isfinite(b)
         ]
         lines += [text for n in self.named for text in _effect_text(n, self)]
-        lines += [
-            f"  unexplained in {c.axis}: {c.name}" + (f" at {c.peak_hz:.2f} Hz" if c.peak_hz else "")
-            for c in self.channels
-        ]
+        lines += [f"  unexplained in {c.axis}: {c.name}" for c in self.channels]
         lines += [_outside_text(o) for t in self.traces for o in t.outside]
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
 
@@ -210,11 +207,6 @@ def _effect(n: Named, answer: Diagnosis) -> dict[str, Any]:
     return out
 
 
-def _channel(c: Channel) -> dict[str, Any]:
-    known = {key: value for key, value in (("lag_s", c.lag_s), ("peak_hz", c.peak_hz)) if value is not None}
-    return {"name": c.name, "score": c.score, "axes": [c.axis], **known}
-
-
 def _effect_text(n: Named, answer: Diagnosis) -> list[str]:
     f = n.found
     if f.effect.mixing is not None and f.effect.shown.in_words is not None:  # too many numbers to read
@@ -243,10 +235,3 @@ def _outside_text(o: Outside) -> str:
     if o.regime:
         return f"  not explained: {o.axis} {o.rms:.3g} {unit} on average {WHERE[o.regime]}, {when}"
     return f"  not explained, in no logged quantity: {o.axis} {o.rms:.3g} {unit}, {when}"
-
-
-def estimate_text(e: Estimate) -> str:
-    """``mass = 0.42 [0.38, 0.46] kg``."""
-    interval = f" [{e.ci95[0]:.3g}, {e.ci95[1]:.3g}]" if e.ci95[1] > e.ci95[0] else ""
-    unit = "" if e.unit == "1" else f" {e.unit}"
-    return f"{e.name} = {e.value:.3g}{interval}{unit}" + (" (at its bound)" if e.at_bound else "")

@@ -62,7 +62,6 @@ def add_parser(commands: Any) -> None:
         help="good flights of the vehicle: name only what changed since (with a folder: how many of its first logs)",
     )  # fmt: skip
     add_answer_options(p)
-    p.add_argument("--seed", type=int, default=0, metavar="N", help="of the null draws and the bootstrap (default 0)")
     add_options(p)
     p.set_defaults(run=run)
 
@@ -74,8 +73,6 @@ def run(a: argparse.Namespace) -> int:
     from models.vehicle_plausibility import warnings
     from replay.command import check_targets, fault_lines, given, of_logs, progress_bar, write_answer
 
-    if a.seed < 0:
-        raise ConfigError(f"--seed {a.seed}: must not be negative")
     _check_drafting(a)
     check_targets(a.json, a.save_vehicle, save_model=a.save_model, report=a.report)
     if a.since:
@@ -88,9 +85,7 @@ def run(a: argparse.Namespace) -> int:
     vehicle, chosen, draft = of_logs(a.vehicle, a.model, a.logs, given(a), a.target_system)
     if draft is not None and a.save_vehicle is not None:
         write_text("--save-vehicle", a.save_vehicle, draft.as_toml())
-    answer = diagnose(
-        a.logs, vehicle, chosen.judged, target_system=a.target_system, seed=a.seed, progress=progress_bar(a)
-    )
+    answer = diagnose(a.logs, vehicle, chosen.judged, target_system=a.target_system, progress=progress_bar(a))
     from replay.diagnosis.amended_model import amended
     from replay.diagnosis.html_report import page
     from replay.diagnosis.model_faults import model_faults
@@ -171,6 +166,6 @@ def _folder(a: argparse.Namespace) -> int:
     from replay.fleet.folder import run_folder
     from replay.fleet.jobs import Job, Kind
 
-    options = {"target_system": a.target_system, "seed": a.seed, "given": given(a)}
+    options = {"target_system": a.target_system, "given": given(a)}
     job = Job.of(Kind.DIAGNOSE, a.logs[0], a.vehicle, a.model, **options)
     return run_folder(job, FolderOptions.of(a))

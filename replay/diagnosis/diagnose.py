@@ -18,7 +18,7 @@ from replay.logs.formats import read_pieces
 from replay.logs.pieces import Piece
 from replay.residual.motion import ENOUGH_S
 from replay.residual.record import Record, build_record, check_model, too_short
-from replay.search.free_curves import Channel
+from replay.search.curves import Carrier
 from replay.search.results import Found, Searched, Trace, summarise
 from replay.search.walk import walk
 
@@ -29,24 +29,23 @@ def diagnose(
     model: FanSurrogate | None,
     *,
     target_system: int | None = None,
-    seed: int = 0,
     progress: Callable[[Sequence[Path]], Iterable[Path]] = lambda paths: paths,
 ) -> Diagnosis:
     """Read, compare, search, and answer. ``progress`` may wrap the logs while they are read."""
     check_model(vehicle, model)
     records, notes = read_records(progress(paths), vehicle, model, target_system)
-    return conclude(records, notes, seed=seed)
+    return conclude(records, notes)
 
 
 def conclude(
-    records: Sequence[Record], notes: Sequence[str] = (), *, effects: Sequence[Effect] | None = None, seed: int = 0,
+    records: Sequence[Record], notes: Sequence[str] = (), *, effects: Sequence[Effect] | None = None,
     beside: Sequence[Sequence[Array]] = (),
 ) -> Diagnosis:  # fmt: skip
     """One answer from one flight or several together; ``effects`` instead of the whole catalogue.
 
     ``beside``: of every flight, wrenches (n, 6) that it may have besides without being named.
     """
-    searched = summarise(walk(records, catalogue() if effects is None else effects, beside), seed)
+    searched = summarise(walk(records, catalogue() if effects is None else effects, beside))
     named = _named(searched)
     channels = _channels(searched.traces)
     open_ = bool(channels) or any(t.outside for t in searched.traces)
@@ -129,9 +128,9 @@ def _named(searched: Searched) -> list[Named]:
     return sorted(out, key=lambda n: (-round(n.explains, 6), n.found.effect.name))
 
 
-def _channels(traces: Sequence[Trace]) -> tuple[Channel, ...]:
+def _channels(traces: Sequence[Trace]) -> tuple[Carrier, ...]:
     """Channels that carry what is left, each where it carries most, in the order of the flights."""
-    best: dict[str, Channel] = {}
+    best: dict[str, Carrier] = {}
     for c in (c for t in traces for c in t.carriers):
         if c.name not in best or c.score > best[c.name].score:
             best[c.name] = c

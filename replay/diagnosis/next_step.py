@@ -1,4 +1,4 @@
-"""What to do next, by how sure the answer is: one action, and the reason for it."""
+"""What was found, in one line, and what to do next, by how sure it is: one action, and the reason for it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from models.effects import InFlight
 from replay.diagnosis.answer import CONFIRMED, Diagnosis, Named
-from replay.diagnosis.words import channel_words, listed, plain
+from replay.diagnosis.pictures import effect_wrench
+from replay.diagnosis.words import channel_words, estimate_text, listed, plain
 
 SURE, LIKELY = 0.95, 0.75
 """Probability from which an effect may be adopted after a look, and below which it is only a hint (docs/results.md says
@@ -145,3 +146,39 @@ def _not_shown(answer: Diagnosis) -> tuple[str, ...]:
     names = listed([plain(name) for name in missing[:4]])
     more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
     return (f"This flight could not have shown {names}{more}; what to fly for each is listed below.",)
+
+
+def capital(words: str) -> str:
+    """With a capital first letter."""
+    return words[:1].upper() + words[1:]
+
+
+def size_words(n: Named, answer: Diagnosis) -> str:
+    """``fan 3 gives 15 % less thrust than declared``; name and numbers where the effect has no such words."""
+    f = n.found
+    if f.effect.shown.in_words is not None and effect_wrench(n, answer.traces) is not None:
+        return f.effect.shown.in_words(answer.traces[n.record].record.context, f.parameters)
+    return f"{plain(f.effect.name)}: {', '.join(map(estimate_text, f.estimates))}"
+
+
+def _name(channel: str) -> str:
+    """A channel without its unit."""
+    return channel_words(channel).split(" [")[0]
+
+
+def finding(answer: Diagnosis, model_faults: Sequence[Mapping[str, str]] = ()) -> str:
+    """A fault first; else the effect that explains most, and how many more there are."""
+    faults = fault_rows(answer, model_faults)
+    if faults:
+        return f"Fault found: {listed(list(dict.fromkeys(_name(channel) for channel, _ in faults)))}"
+    if answer.verdict == "not_judged":
+        return "Nothing could be judged"
+    if answer.verdict == "nothing_missing":
+        return "Nothing is missing in the model"
+    if not answer.named:
+        follows = f", together with {_name(answer.channels[0].name)}" if answer.channels else ""
+        return f"An unknown force or moment acts{follows}"
+    first, *more = answer.named
+    sure = first.found.probability >= LIKELY and not first.found.aliases
+    words = size_words(first, answer)
+    return (capital(words) if sure else f"Possibly {words}") + (f" (and {len(more)} more)" if more else "")

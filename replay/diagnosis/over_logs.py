@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from models.pages.svg import Line, Mark, figure
+from models.pages.svg import Line, figure
 from replay.diagnosis.words import plain, unit_words
 
 Size = tuple[int, float, float]
@@ -29,16 +29,12 @@ def plots(answers: Sequence[Mapping[str, Any]]) -> list[str]:
                 size = (number, found["value"], float(np.nan_to_num(0.5 * (high - low))))
                 sizes.setdefault((effect["name"], name, found.get("unit", "")), []).append(size)
     often = sorted((item for item in sizes.items() if len(item[1]) > 1), key=lambda item: -len(item[1]))
-    return [plot(*key, found) for key, found in often]
+    return [_plot(*key, found) for key, found in often]
 
 
-def plot(
-    effect: str, parameter: str, unit: str, sizes: Iterable[Size], key: str = "", changed: int | None = None
-) -> str:
-    """One parameter over the logs as SVG; ``key``: what its points are, ``changed``: the log from which it differs."""
+def _plot(effect: str, parameter: str, unit: str, sizes: Iterable[Size]) -> str:
     number, value, half = np.array(list(sizes), dtype=float).T
     said = unit_words(unit)
-    line = Line(number, value, "after", key, points=True, error=half)
-    marks = [] if changed is None else [Mark(float(changed), "changed")]
+    line = Line(number, value, "after", points=True, error=half)
     label = plain(parameter) + (f" [{said}]" if said else "")
-    return figure(plain(effect), [line], "log, in order of date", label, marks=marks)
+    return figure(plain(effect), [line], "log, in order of date", label)

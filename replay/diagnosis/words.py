@@ -41,11 +41,6 @@ def channel_words(name: str) -> str:
     return f"range {ranged[1]} [m]" if ranged else plain(name)
 
 
-def channel_name(name: str) -> str:
-    """A channel without its unit."""
-    return channel_words(name).split(" [")[0]
-
-
 def plain(name: str) -> str:
     """A name of the JSON with spaces, and what is said in capitals."""
     return " ".join(_CAPITALS.get(word, word) for word in name.split("_"))
@@ -61,11 +56,11 @@ def unit_words(unit: str) -> str:
     return _UNITS.get(unit, unit)
 
 
-def estimate_words(e: Estimate) -> str:
-    """``mass 0.42 kg (0.38 to 0.46)``."""
-    interval = f" ({e.ci95[0]:.3g} to {e.ci95[1]:.3g})" if e.ci95[1] > e.ci95[0] else ""
-    unit = unit_words(e.unit)
-    return f"{plain(e.name)} {e.value:.3g}{f' {unit}' if unit else ''}{interval}"
+def estimate_text(e: Estimate) -> str:
+    """``mass = 0.42 [0.38, 0.46] kg``."""
+    interval = f" [{e.ci95[0]:.3g}, {e.ci95[1]:.3g}]" if e.ci95[1] > e.ci95[0] else ""
+    unit = "" if e.unit == "1" else f" {e.unit}"
+    return f"{e.name} = {e.value:.3g}{interval}{unit}" + (" (at its bound)" if e.at_bound else "")
 
 
 def kept_words(effect: Effect) -> str:

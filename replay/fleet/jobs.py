@@ -40,7 +40,6 @@ class Job:
     vehicle: str | None
     model: str | None
     target_system: int | None = None
-    seed: int = 0
     setpoint: str = "hold"
     assumed: tuple[tuple[str, float], ...] = ()
     adapt: str = "off"
@@ -94,7 +93,7 @@ def _answer(job: Job) -> dict[str, Any]:
         from replay.diagnosis.diagnose import diagnose
 
         vehicle, chosen, draft = of_logs(job.vehicle, job.model, [Path(job.path)], job.given, job.target_system)
-        answer = diagnose([Path(job.path)], vehicle, chosen.judged, target_system=job.target_system, seed=job.seed)
+        answer = diagnose([Path(job.path)], vehicle, chosen.judged, target_system=job.target_system)
         answer = replace(answer, notes=(*(draft.notes if draft else ()), *answer.notes))
         page = {} if job.pages is None else {"page": _write_page(job, answer, vehicle)}
         return {"vehicle": vehicle.name, "system": answer.records[0].system, **answer.as_json(None), **page}

@@ -48,6 +48,15 @@ CLOSEST = 0.02
 
 
 @dataclass(frozen=True)
+class Carrier:
+    """A channel that carries part of the remainder: ``score`` is its share of the energy of ``axis``."""
+
+    name: str
+    score: float
+    axis: str
+
+
+@dataclass(frozen=True)
 class Curve:
     """Columns (n,) a flight of one channel on one axis, prior N(0, 1) each, and its prior odds."""
 

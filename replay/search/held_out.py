@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from models.frames import AXES, Array
 from replay.residual.record import Record
+from replay.search.curves import Carrier
 from replay.search.evidence import Evidence, Fit
-from replay.search.free_curves import Channel
 from replay.search.library import Library
 from replay.search.noise import split
 from replay.search.terms import Key, Term
@@ -25,11 +25,6 @@ BLOCK_S = 1.5
 """Unit of the time that is held out [s]."""
 EMBARGO_S = 1.0
 """Correlation time of the remainder that the embargo beside it is set by [s]."""
-LOUD = 0.6
-"""RMS of a free curve, in hundredths of the weight, from which on it is reported.
-
-So much is left near the ground where nothing is missing: by the declared model's own error, and by 2 cm of range.
-"""
 CONFIRM_SHARE = 0.01
 """Smallest share of the energy that an effect has to remove from a flight that confirms it."""
 CONFIRM_BLOCK_S = 5.0
@@ -69,8 +64,7 @@ class FlightFit:
     unexplained: Array
     """``after`` less the free curves and the trims: no model-form error is taken out."""
     effects: dict[Key, Acting]
-    curves: tuple[Channel, ...] = ()
-    curve_gain: float = 0.0
+    curves: tuple[Carrier, ...] = ()
     confirms: frozenset[Key] = frozenset()
     """Effects that lower the residual here where they were fitted on the other flights."""
 
@@ -96,24 +90,6 @@ class FlightFit:
             self, after=self.after + held_out, rest=self.rest + fitted, unexplained=self.unexplained + held_out,
             effects=self.effects | {key: less},
         )  # fmt: skip
-
-    def loud(self, axis: str, share: float) -> bool:
-        """Whether that share of what is left on an axis is worth a pilot's attention."""
-        a = AXES.index(axis)
-        left = share * float((self.rest[self.record.valid, a] ** 2).mean())
-        return left > (LOUD * float(self.unit[a])) ** 2
-
-    def left(self, channel: Channel) -> float:
-        """Energy that a channel carries of what is left on its axis, in hundredths of the weight."""
-        return channel.score * self._energy_of(self.rest, channel.axis)
-
-    def removed(self, axis: str) -> float:
-        """Energy that the effects took off an axis, in hundredths of the weight."""
-        return max(self._energy_of(self.before, axis) - self._energy_of(self.rest, axis), 0.0)
-
-    def _energy_of(self, residual: Array, axis: str) -> float:
-        a = AXES.index(axis)
-        return float(((residual[self.record.valid, a] / self.unit[a]) ** 2).sum())
 
     def energy(self, residual: Array) -> float:
         """Of the judged axes, in hundredths of the weight."""
@@ -182,10 +158,9 @@ def _less_curves(fit: FlightFit, library: Library, best: Fit) -> FlightFit:
         unexplained[:, a] -= library.curve(t, fit.index) @ best.b[best.part(t)]
         gain = with_it - float((unexplained[valid, a] ** 2).sum())
         share = gain / max(float(((fit.rest[valid, a]) ** 2).sum()), 1e-30)
-        curves.append((gain / fit.unit[a] ** 2, Channel(t.name, float(np.clip(share, 0.0, 1.0)), AXES[a])))
+        curves.append((gain / fit.unit[a] ** 2, Carrier(t.name, float(np.clip(share, 0.0, 1.0)), AXES[a])))
     curves.sort(key=lambda c: -c[0])
-    most = max((g for g, _ in curves), default=0.0)
-    return replace(fit, unexplained=unexplained, curves=tuple(c for _, c in curves), curve_gain=most)
+    return replace(fit, unexplained=unexplained, curves=tuple(c for _, c in curves))
 
 
 def _folds(evidence: Evidence, best: Fit, f: int, record: Record) -> tuple[list[Array], NDArray[np.int64]]:

@@ -1,4 +1,4 @@
-"""Noise and time: an autoregression per axis, contiguous blocks, folds with embargo, chance by rank."""
+"""Noise and time: size and correlation of every axis, contiguous blocks, folds with embargo."""
 
 from __future__ import annotations
 
@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_toeplitz
 
 from models.frames import Array
 
 Mask = NDArray[np.bool_]
-ORDER = 3
-"""Of the autoregression."""
+LONGEST_LAG_S = 20.0
+"""Up to which the autocorrelation is summed [s]."""
 FOLDS = 8
 FOLD_S = 6.0
 """Length of a run of time that is held out [s]."""
@@ -22,27 +21,24 @@ LONGEST_EMBARGO_S = 4.0
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of every axis: autoregression (axes, ORDER), and total standard deviation (axes,) in N, N m."""
+    """Noise of every axis: standard deviation (axes,) in N, N m."""
 
-    ar: Array
     total: Array
     tau_s: Array
     """Integrated autocorrelation time [s] (axes,)."""
 
 
 def fit_noise(residual: Array, valid: Mask, step_s: float) -> Noise:
-    """Yule-Walker fit of every axis of ``residual`` (n, axes), gaps bridged by nothing."""
+    """Of every axis of ``residual`` (n, axes), gaps bridged by nothing."""
     axes = residual.shape[1]
-    ar, total, tau = np.zeros((axes, ORDER)), np.ones(axes), np.ones(axes)
+    total, tau = np.ones(axes), np.ones(axes)
     weight = valid.astype(float)
     for a in range(axes):
         x = np.where(valid, residual[:, a], 0.0)
-        covariance = _autocovariance(x, weight, max(ORDER + 1, int(20.0 / step_s)))
+        covariance = _autocovariance(x, weight, int(LONGEST_LAG_S / step_s))
         total[a] = np.sqrt(max(covariance[0], 1e-24))
         tau[a] = step_s * _integrated(covariance / max(covariance[0], 1e-24))
-        nugget = 1e-9 * max(covariance[0], 1e-24) * np.eye(ORDER)[0]
-        ar[a] = solve_toeplitz(covariance[:ORDER] + nugget, covariance[1 : ORDER + 1])
-    return Noise(ar, total, tau)
+    return Noise(total, tau)
 
 
 def _autocovariance(x: Array, weight: Array, lags: int) -> Array:

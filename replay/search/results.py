@@ -12,8 +12,8 @@ from scipy.special import ndtr
 from models.effects import Effect
 from models.frames import AXES, Array
 from replay.residual.record import Record
+from replay.search.curves import Carrier
 from replay.search.evidence import TRUST, Fit
-from replay.search.free_curves import Channel, free_search
 from replay.search.held_out import FlightFit, flight_fits
 from replay.search.noise import Noise, fit_noise
 from replay.search.outside import Outside, outside
@@ -27,8 +27,6 @@ BOUND_SHARE = 0.01
 """Distance to a bound, as a share of the range, within which a coefficient stands at it."""
 LEARNT = 0.7
 """Posterior over prior standard deviation above which a flight has said nothing about a coefficient."""
-FORM_SHARE = 0.15
-"""A remainder below this share of what the effects took out is their model-form error, not a second force."""
 HELD_OUT = 2.0
 """A set that leaves this much more energy of held-out time than another is not the answer, however likely it is."""
 NEAR, RIVALS = 30.0, 6
@@ -108,7 +106,8 @@ class Trace:
     before: Array
     after: Array
     noise: Noise
-    carriers: tuple[Channel, ...]
+    carriers: tuple[Carrier, ...]
+    """Channels that carry what is left: the free curves of the answer, the largest first."""
     outside: tuple[Outside, ...]
     regimes: tuple[Regime, ...] = ()
 
@@ -122,7 +121,7 @@ class Searched:
     rejected: tuple[Rejected, ...]
 
 
-def summarise(walked: Walked, seed: int) -> Searched:
+def summarise(walked: Walked) -> Searched:
     """Everything that a reader needs to judge what was found.
 
     The order of the passes matters: held-out time, then the map of surfaces, which corrects the laws that are left,
@@ -139,7 +138,7 @@ def summarise(walked: Walked, seed: int) -> Searched:
     maps = [t.effect for t in chosen if t.effect is not None and t.effect.remainder]
     joint = {name for effect in maps for name in (effect.name, *effect.aliases)}
     fits, without = _by_axis(fits, [t.key for t in chosen if t.name not in joint])
-    traces = tuple(_trace(fit, seed) for fit in fits)
+    traces = tuple(_trace(fit) for fit in fits)
     total = max(sum(f.energy(f.before) for f in fits), 1e-12)
     found = _at_most_all([_found(walked, term, fits, rivals, total, without) for term in chosen])
     return Searched(traces, tuple(found), _rejected(walked, {t.name for t in chosen}))
@@ -212,34 +211,11 @@ def _gain(key: Key, fits: Sequence[FlightFit]) -> float:
     return sum(f.energy(f.without(key)) - f.energy(f.after) for f in fits if key in f.effects)
 
 
-def _trace(fit: FlightFit, seed: int) -> Trace:
+def _trace(fit: FlightFit) -> Trace:
     record = fit.record
-    axes = list(record.axes)
-    rest = fit.rest[:, axes]
-    noise = fit_noise(rest, record.valid, record.step_s)
-    free = free_search(record, rest, noise, seed) if axes else ()
-    return Trace(
-        record, fit.before, fit.after, noise, _carriers(fit, free), outside(record, fit.unexplained),
-        by_regime(record, fit.before, fit.after),
-    )  # fmt: skip
-
-
-def _carriers(fit: FlightFit, free: tuple[Channel, ...]) -> tuple[Channel, ...]:
-    """Channels that carry what is left: the free curves of the answer, and what a search of the rest finds.
-
-    What is left on an axis below a share of what the effects took off there is their model-form error, no other force.
-    """
-    known = {c.name for c in fit.curves}
-    carried = {axis for acting in fit.effects.values() for axis in acting.axes}
-    extra = [
-        c
-        for c in free
-        if c.name not in known
-        and fit.loud(c.axis, c.score)
-        and (c.axis not in carried or fit.left(c) >= FORM_SHARE * fit.removed(c.axis))
-    ]
-    first = extra and max(fit.left(c) for c in extra) > fit.curve_gain
-    return (*extra, *fit.curves) if first else (*fit.curves, *extra)
+    noise = fit_noise(fit.rest[:, list(record.axes)], record.valid, record.step_s)
+    regimes = by_regime(record, fit.before, fit.after)
+    return Trace(record, fit.before, fit.after, noise, fit.curves, outside(record, fit.unexplained), regimes)
 
 
 def _found(

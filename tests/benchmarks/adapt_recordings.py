@@ -122,7 +122,7 @@ def diagnosed(vehicle_file: Path, log: Path) -> dict[str, Any]:
     """Effects of the whole flight by ``replay diagnose --model none``."""
     from replay.diagnosis.diagnose import diagnose
 
-    answer = diagnose([log], load_vehicle(vehicle_file), None, seed=0).as_json(None)
+    answer = diagnose([log], load_vehicle(vehicle_file), None).as_json(None)
     return {
         e["name"]: {name: round(p["value"], 3) for name, p in e["parameters"].items()} for e in answer["effects"]
     }  # fmt: skip

@@ -212,7 +212,7 @@ def one(job: tuple[int, float, bool]) -> Outcome:
     record, true = noise_record(seed, seconds, tau), None
     if add:
         record, true = with_effect(record, seed)
-    answer = conclude([record], seed=seed)
+    answer = conclude([record])
     named = tuple(n.found.effect.name for n in answer.named)
     return Outcome(seed, tau, answer.verdict, named, true, tuple(tuple(a) for a in answer.aliases))
 

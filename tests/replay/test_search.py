@@ -22,7 +22,6 @@ from replay.search import results
 from replay.search.design import Design
 from replay.search.disturbance import runs, spectra, whitened_energies
 from replay.search.evidence import Evidence, Fit, Noise
-from replay.search.free_curves import _beside_timing
 from replay.search.library import Library
 from replay.search.outside import outside
 from replay.search.results import Estimate, Found, Searched, summarise
@@ -72,7 +71,7 @@ def pumped(record: Record, felt: float = 1.0) -> Record:
 
 def search(records: Record | list[Record], effects: list[Effect]) -> Searched:
     """The answer to one record or several."""
-    return summarise(walk(records if isinstance(records, list) else [records], effects), 0)
+    return summarise(walk(records if isinstance(records, list) else [records], effects))
 
 
 def names(answer: Searched) -> set[str]:
@@ -433,19 +432,6 @@ def test_a_clock_that_is_off_leaves_nothing_beside_a_gap(quiet: Record) -> None:
     assert search(torn, []).traces[0].outside == ()
 
 
-def test_timing_is_taken_off_a_remainder_with_gaps(quiet: Record) -> None:
-    flown = pumped(quiet)
-    lift = 45.0 * flown.context.state.rpm.mean(axis=1) ** 2 / (flown.context.state.rpm**2).mean()
-    late = 0.04 * np.gradient(lift, flown.step_s)
-    modelled, valid = np.zeros((len(lift), 6)), flown.valid.copy()
-    modelled[:, 2] = lift
-    for start in range(0, 800, 100):
-        modelled[start : start + 5], valid[start : start + 5] = np.nan, False
-    torn = replace(flown, residual=0.0 * modelled, measured=modelled, valid=valid)
-    left = _beside_timing(torn, late, 2)[valid]
-    assert np.sqrt((left**2).mean()) < 0.3 * np.sqrt((late[valid] ** 2).mean())
-
-
 @pytest.mark.slow
 def test_motion_that_answers_disturbances_is_no_drag_that_pushes(quiet: Record) -> None:
     """In hover the vehicle goes where a disturbance pushed it: that must not turn a moment into wind."""
@@ -632,7 +618,7 @@ def test_an_effect_that_makes_held_out_time_worse_is_not_named() -> None:
     walked = walk([noise_record(4, 12.0, 3.0)], some("rotor_drag", "wind"))
     term = next(t for t in walked.evidence.library.terms if t.name == "wind")
     drifting = walked.evidence.fit([term], walked.best.noise)
-    answer = summarise(replace(walked, best=drifting, fits={**walked.fits, drifting.key: drifting}), 0)
+    answer = summarise(replace(walked, best=drifting, fits={**walked.fits, drifting.key: drifting}))
     assert names(answer) == set()
     assert reason(answer, "wind")[0] == "it makes the error on held-out time larger"
 
