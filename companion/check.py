@@ -542,4 +542,4 @@ def _record(setup: Setup) -> Iterator[Item]:
         yield _bad("record", f"{folder}: cannot be written ({error.strerror})", "make the folder, give it to this user")
         return
     text = f"{folder}: {free / (1 << 30):.1f} GiB free"
-    yield (_good("record", text) if free > _FREE_BYTES else _odd("record", text, "--record-limit MIB"))
+    yield (_good("record", text) if free > _FREE_BYTES else _odd("record", text, "remove old recordings"))

@@ -20,7 +20,7 @@ from companion.mavlink.frames import Frame
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, HEARTBEAT, OWN_COMPONENT, Intake, unread
 from companion.mavlink.message_table import LAYOUTS
-from companion.mavlink.outgoing import Message, command_long, heartbeat, param_request_read, statustext, timesync
+from companion.mavlink.outgoing import Message, heartbeat, param_request_read, statustext, timesync
 from companion.mavlink.samples import Attitude, Heartbeat, Sample, SetPositionTarget
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, Command, PositionCommand, encode
 from companion.mavlink.stream_rates import StreamKeeper, interval_request, wanted_streams
@@ -61,10 +61,6 @@ _PARAMETER_SLOW_RETRY_S = 5.0
 _PARAMETER_TRIES = 10
 _SET_BACK = 2
 """Once may be a restart of the other program."""
-_DO_SET_MODE, _CUSTOM_MODE = 176, 1
-"""MAV_CMD_DO_SET_MODE and MAV_MODE_FLAG_CUSTOM_MODE_ENABLED."""
-_PX4_HOLD = (4, 3)
-"""PX4's main and sub mode AUTO, LOITER."""
 
 
 _LOG = logging.getLogger(__name__)
@@ -76,8 +72,6 @@ class FlightOptions:
 
     duration_s: float | None = None
     target_system: int | None = None
-    hold_on_exit: bool = False
-    """Ask PX4 for its HOLD mode at the end: the only change of mode there is, and only where the user wants it."""
     last_word: bool = False
     """Start the second process that sends the autopilot a place to stay at if this one is killed."""
     watch: Callable[[Decision], None] | None = None
@@ -426,15 +420,11 @@ class Flight:
             return
         command: Command = place or level_command(state, self._config)
         start = self._arrivals.now_s()
-        asked_s = -math.inf
         while True:
             now = self._arrivals.now_s()
             self._watchdog.alive(now)
             self._renew_last_word(now)
             self._send_command(command)
-            if self._options.hold_on_exit and self._stack is Stack.PX4 and now - asked_s >= 0.3:
-                asked_s = now
-                self._send(command_long(self._system, AUTOPILOT_COMPONENT, _DO_SET_MODE, _CUSTOM_MODE, *_PX4_HOLD))
             if now - start >= _HAND_OVER_S:
                 return
             self._arrivals.clock.wait([], _HAND_OVER_PERIOD_S)

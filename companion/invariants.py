@@ -44,8 +44,8 @@ from models.vehicle import Limits, Vehicle
 from models.vehicle_types import NO_ORIENTATION
 
 _HEARTBEAT, _PARAM_REQUEST_READ, _COMMAND_LONG, _NAMED_VALUE_FLOAT, _STATUSTEXT = 0, 20, 76, 251, 253
-_SET_MESSAGE_INTERVAL, _DO_SET_MODE, _PX4_HOLD = 511, 176, (4.0, 3.0)
-"""MAVLink numbers: messages, commands, and PX4's main and sub mode of Hold."""
+_SET_MESSAGE_INTERVAL = 511
+"""MAVLink numbers: messages, and the one command."""
 _DECLARED = (
     _HEARTBEAT, _PARAM_REQUEST_READ, _COMMAND_LONG, SET_ATTITUDE_TARGET, SET_POSITION_TARGET, _NAMED_VALUE_FLOAT,
     _STATUSTEXT, TIMESYNC,
@@ -477,13 +477,9 @@ def _needed_inputs(vehicle: Vehicle | None, hold: bool) -> tuple[str, ...]:
 
 
 def _declared(frame: Frame) -> bool:
-    if frame.id != _COMMAND_LONG:
-        return frame.id in _DECLARED
-    fields = _unpack(_COMMAND, frame.payload)
-    if fields[7] == _SET_MESSAGE_INTERVAL:
-        return True
-    # The only change of mode: PX4's HOLD, where the user asked for it with --on-exit.
-    return bool(fields[7] == _DO_SET_MODE and fields[1:3] == _PX4_HOLD)
+    if frame.id == _COMMAND_LONG:
+        return bool(_unpack(_COMMAND, frame.payload)[7] == _SET_MESSAGE_INTERVAL)
+    return frame.id in _DECLARED
 
 
 def _unpack(layout: struct.Struct, payload: bytes) -> tuple[Any, ...]:

@@ -12,16 +12,16 @@ from typing import Any
 
 from companion.clock import Clock, SystemClock
 from companion.mavlink import BAUD
-from companion.mavlink.datagrams import Datagrams
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import Frame, FrameReader, pack
 from companion.mavlink.signing import Signatures
 from models.errors import ConfigError, LinkError
 
 _NETWORK = ("udp", "udpin", "udpout", "tcp", "tcpin", "udpbcast", "mcast")
-_PLAIN_UDP = ("udp:", "udpin:", "udpout:")
 _SYSTEM_UNKNOWN = 1
 """We send as this system until the vehicle's own is heard."""
+_SILENT_S = 3
+"""A UDP peer that says nothing for so long is answered no more, unless it is the only one."""
 _READ = 65536
 """Bytes of one read: more than a datagram holds, and 0.7 s of a serial port at 921600 baud."""
 _READS = 300
@@ -59,10 +59,6 @@ class Link:
         self._number = number
         self._frames = FrameReader()
         self._receive, self._write = connection.recv, connection.write
-        self._datagrams: Datagrams | None = None
-        if endpoint.startswith(_PLAIN_UDP):
-            datagrams = self._datagrams = Datagrams(connection)
-            self._receive, self._write = datagrams.recv, datagrams.write
         self._prints = endpoint.startswith("tcp")  # pymavlink prints its reconnects
         self._serial = endpoint.startswith("/dev/")
         self._unsent = b""
@@ -136,8 +132,8 @@ class Link:
     @property
     def peers(self) -> tuple[tuple[str, int], ...]:
         """Addresses of a UDP socket's peers; none for a stream, which needs none."""
-        if self._datagrams is not None:
-            return self._datagrams.peers
+        if getattr(self._connection, "udp_server", False):
+            return tuple(self._connection.clients)
         target = getattr(self._connection, "destination_addr", None)
         return () if target is None else (target,)
 
@@ -196,7 +192,13 @@ def open_link(
     try:
         with redirect_stdout(None):
             connection = mavutil.mavlink_connection(
-                endpoint, baud=baud, source_system=_SYSTEM_UNKNOWN, source_component=191, retries=2, autoreconnect=True
+                endpoint,
+                baud=baud,
+                source_system=_SYSTEM_UNKNOWN,
+                source_component=191,
+                retries=2,
+                autoreconnect=True,
+                udp_timeout=_SILENT_S,
             )
     except (OSError, EOFError) as error:
         raise LinkError(f"{endpoint}: cannot be opened: {_reason(error, scheme)}") from None

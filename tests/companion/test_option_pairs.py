@@ -12,23 +12,20 @@ from companion import cli
 
 VALUES = {
     "--baud": "57600", "--vehicle": "v.toml", "--model": "none", "--setpoint": "udpin:127.0.0.1:5",
-    "--carrier": "acceleration", "--record": "f.tlog", "--record-limit": "9", "--page": ":8080", "--survey": "0.3:1",
-    "--adapt": "full", "--save-model": "m", "--duration": "5", "--signing-key": "key", "--target-system": "3",
-    "--on-exit": "hold", "--seed": "4", "--json": "-", "--plot": "p.svg",
+    "--carrier": "acceleration", "--record": "f.tlog", "--page": ":8080", "--survey": "0.3:1",
+    "--adapt": "full", "--duration": "5", "--signing-key": "key", "--target-system": "3",
+    "--seed": "4", "--json": "-", "--plot": "p.svg",
 }  # fmt: skip
-FLAGS = ("--check", "--dry-run", "--no-last-word", "--no-offsets", "--compare", "--quiet", "--vision")
+FLAGS = ("--check", "--dry-run", "--no-offsets", "--compare", "--quiet", "--vision")
 OPTIONS = (*VALUES, *FLAGS)
 LINKS = ("sim:corner", "udp:127.0.0.1:5", "/dev/ttyAMA0", "f.tlog")
-NEEDED = {"--record-limit": "--record", "--survey": "--record", "--plot": "--compare"}
+NEEDED = {"--survey": "--record", "--plot": "--compare"}
 """What an option needs beside it: given along, so that the pair is looked at and not that."""
 AT_ODDS = {
-    ("--dry-run", "--survey"), ("--dry-run", "--on-exit"), ("--dry-run", "--no-last-word"), ("--setpoint", "--carrier"),
-    ("--setpoint", "--survey"), ("--setpoint", "--on-exit"), ("--setpoint", "--no-last-word"),
-    ("--signing-key", "--no-last-word"),
+    ("--dry-run", "--survey"), ("--setpoint", "--carrier"), ("--setpoint", "--survey"),
 }  # fmt: skip
-"""Pairs that the flight program reads and of which one does nothing: nothing is sent, another holds, no second process
-signs."""
-OTHER_LINKS = {(a, b) for a in ("--baud", "--signing-key", "--on-exit") for b in ("--seed", "--vision")}
+"""Pairs that the flight program reads and of which one does nothing: nothing is sent, or another holds."""
+OTHER_LINKS = {(a, b) for a in ("--baud", "--signing-key") for b in ("--seed", "--vision")}
 """A real link's option and the built-in vehicle's: each is refused by name of the other's link."""
 
 
@@ -87,11 +84,9 @@ def test_a_pair_does_something_or_is_refused_by_name(pair):
         (["--connect", "udp:127.0.0.1:5", "--seed", "3"], ["--seed", "--connect sim:"]),
         (["--connect", "udp:127.0.0.1:5", "--compare"], ["--compare", "--connect sim:"]),
         (["--connect", "sim:", "--signing-key", "key"], ["--signing-key", "--connect sim:"]),
-        (["--connect", "sim:", "--on-exit", "hold"], ["--on-exit", "--connect sim:"]),
         (["--connect", "sim:", "--check", "f.tlog"], ["--connect", "--check FILE.tlog"]),
         (["--check", "f.tlog", "--duration", "3"], ["--duration", "--check FILE.tlog"]),
-        (["--connect", "sim:", "--record-limit", "3"], ["--record-limit", "--record"]),
-        (["--connect", "sim:", "--adapt", "off", "--save-model", "m"], ["--save-model", "--adapt off"]),
+        (["--connect", "sim:", "--survey", "0.3:1"], ["--survey", "--record"]),
         (["--connect", "sim:", "--plot", "p.svg"], ["--plot", "--compare"]),
         (["--connect", "sim:", "--compare", "--no-offsets"], ["--no-offsets", "--compare"]),
     ],
