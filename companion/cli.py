@@ -115,60 +115,27 @@ def scenario_name(endpoint: str) -> str:
 
 
 def _check(a: argparse.Namespace) -> None:
-    """Refuse arguments that are wrong, or that do nothing beside each other."""
-    for words in (*_wrong(a), *without_effect(a)):
-        raise ConfigError(words)
+    """Refuse arguments that are wrong, or that cannot be had beside each other."""
+    needs = (
+        ("--duration", a.duration is not None and not 0.0 < a.duration < math.inf, "a positive number of seconds"),
+        ("--target-system", a.target_system is not None and not 1 <= a.target_system <= 255, "1 to 255"),
+        ("--compare", a.compare and not _simulated(a), "--connect sim:NAME"),
+        ("--vision", a.vision and not _simulated(a), "--connect sim:NAME"),
+        ("--plot", a.plot is not None and not a.compare, "--compare"),
+        ("--survey", a.survey is not None and a.record is None, "--record"),
+        ("--survey", a.survey is not None and (a.dry_run or a.setpoint != "hold"), "--setpoint hold, sent"),
+        ("--carrier", a.carrier != "attitude" and a.setpoint != "hold", "--setpoint hold"),
+        ("--check FILE.tlog", isinstance(a.check, str) and a.connect is not None, "no --connect"),
+        ("--check", a.check is not None and a.compare, "no --compare"),
+        ("--connect sim:NAME", _simulated(a) and a.signing_key is not None, "no --signing-key"),
+    )
+    for option, missed, need in needs:
+        if missed:
+            raise ConfigError(f"{option}: needs {need}")
     if _simulated(a):
         from companion.sim.world import check_scenario
 
         check_scenario(scenario_name(a.connect))
-
-
-def _wrong(a: argparse.Namespace) -> Iterator[str]:
-    """What is wrong with single values."""
-    if a.duration is not None and not 0.0 < a.duration < math.inf:
-        yield f"--duration {a.duration:g}: must be a positive number of seconds"
-    if a.target_system is not None and not 1 <= a.target_system <= 255:
-        yield f"--target-system {a.target_system}: must be 1 to 255"
-
-
-NO_EFFECT = {
-    "with --compare": "--check --baud --dry-run --setpoint --carrier --page --survey --duration --signing-key "
-    "--target-system --no-offsets",
-    "with --check": "--dry-run --page --survey --adapt --no-offsets --compare --plot",
-    "with --check FILE.tlog": "--connect --duration",
-    "with --connect FILE.tlog": "--duration",
-    "with --connect sim:NAME": "--signing-key",
-    "with --dry-run": "--survey",
-    "with --setpoint ENDPOINT": "--carrier --survey",
-    "without --connect sim:NAME": "--compare --seed --vision",
-    "without --connect /dev/...": "--baud",
-    "without --compare": "--plot",
-    "without --record": "--survey",
-}
-"""Options that do nothing with another, or without it."""
-
-
-def without_effect(a: argparse.Namespace) -> Iterator[str]:
-    """What is said of every option that ``NO_EFFECT`` names; one at its default is as good as not given."""
-    defaults = parser()
-    given = {f"--{name.replace('_', '-')}" for name, value in vars(a).items() if value != defaults.get_default(name)}
-    ports = [port.upper() for port in (a.connect, a.setpoint) if port is not None]
-    so = {
-        "--compare": a.compare,
-        "--check": a.check is not None,
-        "--check FILE.tlog": isinstance(a.check, str),
-        "--connect FILE.tlog": a.connect is not None and a.connect.endswith(".tlog"),
-        "--connect sim:NAME": _simulated(a),
-        "--connect /dev/...": any(port.startswith(("/DEV/", "COM")) for port in ports),
-        "--dry-run": a.dry_run,
-        "--setpoint ENDPOINT": a.setpoint != "hold",
-        "--record": a.record is not None,
-    }
-    for when, options in NO_EFFECT.items():
-        word, other = when.split(" ", 1)
-        if so[other] is (word == "with"):
-            yield from (f"{option}: has no effect {when}" for option in options.split() if option in given)
 
 
 def _simulated(a: argparse.Namespace) -> bool:
