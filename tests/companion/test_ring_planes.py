@@ -338,7 +338,7 @@ def test_replay_of_the_recording_decides_the_same(corner_flights):
 
 def test_check_names_a_ring_that_nobody_declared_and_one_that_is_silent():
     listener = Listener(replace(CONFIG, vehicle=VEHICLE))
-    listener.rings = [ring_of(8, [(0.0, 1.0)])]
+    listener.samples[Ring] = [ring_of(8, [(0.0, 1.0)])]
     (item,) = [i for i in _ranges(listener, Setup(listener.config, "x.toml")) if i.name == "ring"]
     assert item.verdict is Verdict.WARN
     assert "ring = 8" in (item.do or "")
