@@ -10,7 +10,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from fastcrc.crc16 import mcrf4xx as crc16
 
@@ -51,6 +51,15 @@ class Counts:
     unknown: int = 0
     """Frames of messages that the dialect does not know."""
     skipped_bytes: int = 0
+
+
+def unpacked(message_id: int, payload: bytes) -> tuple[Any, ...]:
+    """The fields in wire order; trailing zeros filled up, fields of a later version left out."""
+    unpacker = MESSAGES[message_id].unpacker
+    if len(payload) != unpacker.size:
+        payload = payload[: unpacker.size].ljust(unpacker.size, b"\0")
+    fields: tuple[Any, ...] = unpacker.unpack(payload)
+    return fields
 
 
 def frame_bytes(data: bytes, i: int) -> int:
