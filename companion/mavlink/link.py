@@ -6,7 +6,7 @@ import errno
 import os
 import socket
 from collections.abc import Iterator
-from contextlib import redirect_stdout
+from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +58,6 @@ class Link:
         self._arrivals = arrivals
         self._number = number
         self._frames = FrameReader()
-        self._receive, self._write = connection.recv, connection.write
         self._prints = endpoint.startswith("tcp")  # pymavlink prints its reconnects
         self._serial = endpoint.startswith("/dev/")
         self._unsent = b""
@@ -104,11 +103,8 @@ class Link:
 
     def _read(self) -> bytes:
         try:
-            if self._prints:
-                with redirect_stdout(None):
-                    data = self._receive(_READ)
-            else:
-                data = self._receive(_READ)
+            with redirect_stdout(None) if self._prints else nullcontext():
+                data = self._connection.recv(_READ)
         except BlockingIOError:
             return b""
         except OSError as error:
@@ -149,7 +145,7 @@ class Link:
                 self.dropped += 1
                 return
             if not self._serial:
-                self._write(raw)
+                self._connection.write(raw)
         except OSError as error:
             raise LinkError(f"{self.endpoint}: cannot send ({error.strerror or error})") from None
         self.sent += 1
