@@ -10,7 +10,6 @@ import signal
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
@@ -25,14 +24,12 @@ from models.version import VersionAction
 if TYPE_CHECKING:
     from companion.config import PipelineConfig
     from companion.flight import Flight
-    from companion.mavlink.tlog_writer import Recorder
     from companion.page.feed import PageFeed
 
 _INTERRUPTED = 130
 """128 + SIGINT, as shells have it."""
 _EPILOG = """exit codes: 0 done; 1 --check found a fault; 2 bad arguments, vehicle or model file; 3 log unreadable;
-4 link could not be opened, or no autopilot was heard on it; 130 interrupted. It never arms, and changes the mode only
-where --on-exit hold asks for it."""
+4 link could not be opened, or no autopilot was heard on it; 130 interrupted. It never arms or changes the mode."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -69,8 +66,6 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--record", type=Path, metavar="FILE.tlog",
                    help="record both directions of the link; a folder, or a name with {date} and {boot}, is filled in; "
                    "no file is ever overwritten: -2, -3 ... is added to the name")  # fmt: skip
-    p.add_argument("--record-limit", type=int, metavar="MIB",
-                   help="remove the oldest recordings of the folder so that they stay below this")  # fmt: skip
     p.add_argument("--page", metavar="[HOST]:PORT",
                    help="serve a live page, :8080 for this machine, 0.0.0.0:8080 for the network")  # fmt: skip
     p.add_argument("--survey", metavar="BOX",
@@ -79,16 +74,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--adapt", type=read_adapt, metavar="off|full",
                    help="full: measure the sizes of the model's effects in flight and compensate by them, up to 1.5 of "
                    "the model (default: full; off with --compare)")  # fmt: skip
-    p.add_argument("--save-model", type=Path, metavar="DIR",
-                   help="with --adapt full: write the model with the sizes that were measured, the priors of its next "
-                   "flight")  # fmt: skip
     p.add_argument("--duration", type=float, metavar="S", help="stop after this many seconds")
     p.add_argument("--signing-key", type=Path, metavar="FILE", help="MAVLink 2 signing key: 32 bytes or 64 hex digits")
     p.add_argument("--target-system", type=int, metavar="N", help="the vehicle's system id (default: the first heard)")
-    p.add_argument("--on-exit", choices=("none", "hold"), default="none",
-                   help="hold: ask PX4 for its HOLD mode when ending; by default the mode is left alone")  # fmt: skip
-    p.add_argument("--no-last-word", action="store_true",
-                   help="no second process that sends a place to stay at if this one is killed")  # fmt: skip
     p.add_argument("--no-offsets", action="store_true", help="fly the bare hold, for comparison")
     p.add_argument("--compare", action="store_true",
                    help="with sim:NAME: fly the approach with and without offsets, in free air, by the autopilot, and "
@@ -127,67 +115,27 @@ def scenario_name(endpoint: str) -> str:
 
 
 def _check(a: argparse.Namespace) -> None:
-    """Refuse arguments that are wrong, or that do nothing beside each other."""
-    for words in (*_wrong(a), *without_effect(a)):
-        raise ConfigError(words)
+    """Refuse arguments that are wrong, or that cannot be had beside each other."""
+    needs = (
+        ("--duration", a.duration is not None and not 0.0 < a.duration < math.inf, "a positive number of seconds"),
+        ("--target-system", a.target_system is not None and not 1 <= a.target_system <= 255, "1 to 255"),
+        ("--compare", a.compare and not _simulated(a), "--connect sim:NAME"),
+        ("--vision", a.vision and not _simulated(a), "--connect sim:NAME"),
+        ("--plot", a.plot is not None and not a.compare, "--compare"),
+        ("--survey", a.survey is not None and a.record is None, "--record"),
+        ("--survey", a.survey is not None and (a.dry_run or a.setpoint != "hold"), "--setpoint hold, sent"),
+        ("--carrier", a.carrier != "attitude" and a.setpoint != "hold", "--setpoint hold"),
+        ("--check FILE.tlog", isinstance(a.check, str) and a.connect is not None, "no --connect"),
+        ("--check", a.check is not None and a.compare, "no --compare"),
+        ("--connect sim:NAME", _simulated(a) and a.signing_key is not None, "no --signing-key"),
+    )
+    for option, missed, need in needs:
+        if missed:
+            raise ConfigError(f"{option}: needs {need}")
     if _simulated(a):
         from companion.sim.world import check_scenario
 
         check_scenario(scenario_name(a.connect))
-
-
-def _wrong(a: argparse.Namespace) -> Iterator[str]:
-    """What is wrong with single values."""
-    if a.duration is not None and not 0.0 < a.duration < math.inf:
-        yield f"--duration {a.duration:g}: must be a positive number of seconds"
-    if a.target_system is not None and not 1 <= a.target_system <= 255:
-        yield f"--target-system {a.target_system}: must be 1 to 255"
-    if a.record_limit is not None and a.record_limit < 1:
-        yield f"--record-limit {a.record_limit}: must be at least 1 MiB"
-
-
-NO_EFFECT = {
-    "with --compare": "--check --baud --dry-run --setpoint --carrier --record-limit --page --survey --save-model "
-    "--duration --signing-key --target-system --on-exit --no-last-word --no-offsets",
-    "with --check": "--dry-run --record-limit --page --survey --adapt --save-model --on-exit --no-last-word "
-    "--no-offsets --compare --plot",
-    "with --check FILE.tlog": "--connect --duration",
-    "with --connect FILE.tlog": "--duration",
-    "with --connect sim:NAME": "--signing-key --on-exit",
-    "with --dry-run": "--survey --on-exit --no-last-word",
-    "with --setpoint ENDPOINT": "--carrier --survey --on-exit --no-last-word",
-    "with --signing-key": "--no-last-word",
-    "without --connect sim:NAME": "--compare --seed --vision",
-    "without --connect /dev/...": "--baud",
-    "without --compare": "--plot",
-    "without --record": "--record-limit --survey",
-    "with --adapt off": "--save-model",
-}
-"""Options that do nothing with another, or without it."""
-
-
-def without_effect(a: argparse.Namespace) -> Iterator[str]:
-    """What is said of every option that ``NO_EFFECT`` names; one at its default is as good as not given."""
-    defaults = parser()
-    given = {f"--{name.replace('_', '-')}" for name, value in vars(a).items() if value != defaults.get_default(name)}
-    ports = [port.upper() for port in (a.connect, a.setpoint) if port is not None]
-    so = {
-        "--compare": a.compare,
-        "--check": a.check is not None,
-        "--check FILE.tlog": isinstance(a.check, str),
-        "--connect FILE.tlog": a.connect is not None and a.connect.endswith(".tlog"),
-        "--connect sim:NAME": _simulated(a),
-        "--connect /dev/...": any(port.startswith(("/DEV/", "COM")) for port in ports),
-        "--dry-run": a.dry_run,
-        "--setpoint ENDPOINT": a.setpoint != "hold",
-        "--signing-key": a.signing_key is not None,
-        "--record": a.record is not None,
-        "--adapt off": a.adapt is Adapt.OFF,
-    }
-    for when, options in NO_EFFECT.items():
-        word, other = when.split(" ", 1)
-        if so[other] is (word == "with"):
-            yield from (f"{option}: has no effect {when}" for option in options.split() if option in given)
 
 
 def _simulated(a: argparse.Namespace) -> bool:
@@ -246,6 +194,7 @@ def _fly(a: argparse.Namespace) -> int:
     from companion.config import Base
     from companion.flight import Flight, FlightOptions
     from companion.mavlink.link import Arrivals, open_link, read_signing_key
+    from companion.mavlink.tlog_writer import Recorder
     from companion.watchdog import Watchdog
 
     config, notes = _flight_config(a)
@@ -258,12 +207,9 @@ def _fly(a: argparse.Namespace) -> int:
         upstream = None
         if config.base is Base.UPSTREAM:
             upstream = stack.enter_context(closing(open_link(a.setpoint, arrivals, baud=a.baud, number=1)))
-        recorder = _recorder(a, stack)
+        recorder = None if a.record is None else stack.enter_context(Recorder(a.record))
         watchdog = stack.enter_context(closing(Watchdog()))
-        options = FlightOptions(
-            a.duration, a.target_system, hold_on_exit=a.on_exit == "hold", last_word=not a.no_last_word,
-            watchdog=watchdog, page=_page(a, stack),
-        )  # fmt: skip
+        options = FlightOptions(a.duration, a.target_system, last_word=True, watchdog=watchdog, page=_page(a, stack))
         if not a.quiet:  # after all that may refuse, so that a refusal is one line
             for line in notes:
                 print(f"companion: {line}", file=sys.stderr)
@@ -274,10 +220,6 @@ def _fly(a: argparse.Namespace) -> int:
             follow(narration, lambda text: None if a.quiet else print(text, file=sys.stderr, flush=True), flight.stop)
         interrupted = _run(flight)
         _report(a, flight)
-        if a.save_model is not None:
-            from companion.adaptation.saved import save_sizes
-
-            save_sizes(a.save_model, config.model, flight.summary.adaptation, _flown(a, recorder))
         if flight.unheard is not None:
             print(f"companion: {a.connect}: {flight.unheard}", file=sys.stderr)
             return _INTERRUPTED if interrupted else LinkError.exit_code
@@ -370,25 +312,6 @@ def _page(a: argparse.Namespace, stack: ExitStack) -> PageFeed | None:
     if not a.quiet:
         print(f"companion: live page at {feed.url}", file=sys.stderr)
     return feed
-
-
-def _recorder(a: argparse.Namespace, stack: ExitStack) -> Recorder | None:
-    if a.record is None:
-        return None
-    from companion.mavlink.tlog_writer import Recorder, RecordLimits
-
-    limits = RecordLimits()
-    if a.record_limit is not None:
-        most = a.record_limit << 20  # MiB
-        limits = RecordLimits(file_bytes=min(most // 4, RecordLimits.file_bytes), folder_bytes=most)
-    return stack.enter_context(Recorder(a.record, limits))
-
-
-def _flown(a: argparse.Namespace, recorder: Recorder | None) -> list[str]:
-    """What this flight is called: its recording, or when it was flown and by which link."""
-    if recorder is not None and recorder.files:
-        return [path.name for path in recorder.files]
-    return [f"{a.connect}, {datetime.now(UTC).strftime('%Y-%m-%dT%H:%M:%SZ')}"]
 
 
 def _report(a: argparse.Namespace, flight: Flight) -> None:

@@ -20,7 +20,7 @@ from companion.mavlink.frames import Frame
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, HEARTBEAT, OWN_COMPONENT, Intake, unread
 from companion.mavlink.message_table import LAYOUTS
-from companion.mavlink.outgoing import Message, command_long, heartbeat, param_request_read, statustext, timesync
+from companion.mavlink.outgoing import Message, heartbeat, param_request_read, statustext, timesync
 from companion.mavlink.samples import Attitude, Heartbeat, Sample, SetPositionTarget
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, Command, PositionCommand, encode
 from companion.mavlink.stream_rates import StreamKeeper, interval_request, wanted_streams
@@ -61,10 +61,6 @@ _PARAMETER_SLOW_RETRY_S = 5.0
 _PARAMETER_TRIES = 10
 _SET_BACK = 2
 """Once may be a restart of the other program."""
-_DO_SET_MODE, _CUSTOM_MODE = 176, 1
-"""MAV_CMD_DO_SET_MODE and MAV_MODE_FLAG_CUSTOM_MODE_ENABLED."""
-_PX4_HOLD = (4, 3)
-"""PX4's main and sub mode AUTO, LOITER."""
 
 
 _LOG = logging.getLogger(__name__)
@@ -76,8 +72,6 @@ class FlightOptions:
 
     duration_s: float | None = None
     target_system: int | None = None
-    hold_on_exit: bool = False
-    """Ask PX4 for its HOLD mode at the end: the only change of mode there is, and only where the user wants it."""
     last_word: bool = False
     """Start the second process that sends the autopilot a place to stay at if this one is killed."""
     watch: Callable[[Decision], None] | None = None
@@ -102,8 +96,6 @@ class Flight:
     ) -> None:
         self.summary = Summary(config.dry_run)
         self.reboots = 0
-        self.unused = 0
-        """Frames of messages that nobody here reads."""
         self._config = config
         self._link = link
         self._upstream = upstream
@@ -115,31 +107,28 @@ class Flight:
         self._intake = Intake(options.target_system, unread(adapting=self._adapting))
         self._state = initial_state(config)
         self._status = StatusReporter()
-        self._reported_slow: set[str] = set()
-        self._reported_set_back: set[str] = set()
-        self._reported_stray = self._reported_full = self._reported_twin = False
+        self._told: set[str] = set()
+        """What is said once a flight, and was."""
+        self._done_s: dict[str, float] = {}
+        """When what is due by time was last done."""
         self._beats: deque[bytes] = deque(maxlen=4)
         """Our own heartbeats, to tell them from another program's where a link sends them back."""
         self._set_back_s = 0.0
-        self._ignored = 0
-        """Other autopilots that the pilot was told of."""
-        self._streams: StreamKeeper | None = None
+        self._streams = StreamKeeper(())
+        """Empty until an autopilot is heard."""
         self._stack = Stack.OTHER
-        self._heard_s = self._attitude_s = self._sent_place_s = -math.inf
+        self._heard_s = self._attitude_s = -math.inf
         self._hears_attitudes = False
         """Whether one came since ``_attitude_s`` was last set."""
         self._started_s = arrivals.now_s()
         self._turn_s, self._excused_until_s = math.inf, -math.inf
         """When the loop last ran, and until when its own stall explains what came late."""
-        self._complained = False
-        self._due_s = self._beat_s = self._asked_s = self._flushed_s = -math.inf
         self._asked = 0
         self._survey_reported: tuple[Phase, str] = (Phase.WAITING, "")
         self._stop_s: float | None = None
         self._latency = LatencyHistogram()
         self._hurried = False
         self._last_word: LastWord | None = None
-        self._renewed_s = -math.inf
         link.identify(self._system, OWN_COMPONENT)
 
     def stop(self) -> None:
@@ -165,8 +154,7 @@ class Flight:
         self._watchdog.ready()
         while True:
             now = self._arrivals.now_s()
-            if now >= self._due_s:
-                self._due_s = now + _PERIOD_S
+            if self._due("housekeeping", _PERIOD_S, now):
                 if self._over(now, start):
                     break
                 self._housekeeping(now)
@@ -180,14 +168,20 @@ class Flight:
         self._watchdog.stopping()
         self._hand_over()
 
+    def _due(self, what: str, period_s: float, now_s: float) -> bool:
+        """Whether the last time is that long ago; then this is the last time."""
+        if now_s - self._done_s.get(what, -math.inf) < period_s:
+            return False
+        self._done_s[what] = now_s
+        return True
+
     def _watch_own_stall(self, now_s: float) -> None:
         """What came late because nobody read it is not the telemetry's fault."""
         stood_s, self._turn_s = now_s - self._turn_s, now_s
         if stood_s < _STALL_S:
             return
         self._excused_until_s = now_s + _AFTER_STALL_S
-        if self._streams is not None:
-            self._streams.restart(now_s)
+        self._streams.restart(now_s)
         self._tell(f"companion: stood still for {stood_s:.1f} s (this computer)")
 
     def _over(self, now_s: float, start_s: float) -> bool:
@@ -207,8 +201,6 @@ class Flight:
             self._upstream.forward(frame.raw)
         if frame.id in LAYOUTS:
             self._feed(arrival_us, frame)
-        else:
-            self.unused += 1
 
     def _take_upstream(self, arrival_us: int, frame: Frame) -> None:
         if frame.id != SET_ATTITUDE_TARGET:
@@ -225,13 +217,12 @@ class Flight:
         if intake.clock.set_back_s != self._set_back_s:
             self._set_back_s = intake.clock.set_back_s
             self._tell(f"companion: the vehicle's clock was set back, or stood still, by {self._set_back_s:.2f} s")
-        if len(intake.others) > self._ignored:
-            self._ignored = len(intake.others)
-            self._say(f"companion: ignoring system {frame.system}; flying with system {intake.system}")
+        if frame.system in intake.others:
+            self._say_once(f"companion: ignoring system {frame.system}; flying with system {intake.system}")
         if sample is None:
             if frame.id == HEARTBEAT and frame.component == OWN_COMPONENT and frame.system == intake.system:
                 self._twin(frame)
-            if self._streams is not None and frame.id in intake.unread and frame.system == intake.system:
+            if frame.id in intake.unread and frame.system == intake.system:
                 self._streams.heard(frame.id)
             return
         self._state, decision = answer(self._state, sample, self._config)
@@ -244,8 +235,7 @@ class Flight:
 
     def _note(self, frame: Frame, sample: Sample) -> None:
         """Keep the books of what was heard: streams, heartbeats, targets to others, a survey's progress."""
-        if self._streams is not None:
-            self._streams.heard(frame.id)
+        self._streams.heard(frame.id)
         kind = type(sample)
         if kind is Attitude:
             self._hears_attitudes = True
@@ -264,19 +254,11 @@ class Flight:
         if self._options.page is not None:
             now_s = self._arrivals.now_s()
             self._options.page.offer(lambda: snapshot(decision, self._state, self._config, self._streams, now_s))
-        for outgoing, text in self._status.messages(self._state, decision, excused=self._excused):
+        excused = self._arrivals.now_s() < self._excused_until_s
+        for outgoing, text in self._status.messages(self._state, decision, excused=excused):
             self._send(outgoing)
             if text is not None:
                 self._say(text)
-
-    @property
-    def _excused(self) -> bool:
-        return self._arrivals.now_s() < self._excused_until_s
-
-    @property
-    def survey(self) -> Survey:
-        """How far a survey has come."""
-        return self._state.survey
 
     def _report_survey(self, survey: Survey) -> None:
         if (survey.phase, survey.why) == self._survey_reported:
@@ -295,7 +277,7 @@ class Flight:
         self._heard_s = self._arrivals.now_s()
         self._link.identify(self._system, OWN_COMPONENT)
         stack = stack_of(heartbeat)
-        if self._streams is None or stack is not self._stack:
+        if not self._streams.wanted or stack is not self._stack:
             self._stack = stack
             self._streams = StreamKeeper(
                 wanted_streams(
@@ -305,57 +287,52 @@ class Flight:
             self._say(f"companion: connected to system {self._system} ({stack.name.lower()})")
 
     def _stray_target(self, target: SetPositionTarget) -> None:
-        if not self._reported_stray and self._state.hold is not None:
-            self._reported_stray = True
-            self._tell(f"companion: that target went to component {target.target_component}; 191 moves the hold")
+        if self._state.hold is not None:
+            text = f"companion: that target went to component {target.target_component}; 191 moves the hold"
+            self._tell_once("stray target", text)
 
     def _twin(self, heartbeat: Frame) -> None:
-        if not self._reported_twin and heartbeat.raw not in self._beats:
-            self._reported_twin = True
-            self._tell("companion: another program is component 191 too: stop it or give it another id")
+        if heartbeat.raw not in self._beats:
+            self._tell_once("twin", "companion: another program is component 191 too: stop it or give it another id")
 
     def _rebooted(self) -> None:
         self.reboots = self._intake.clock.boot
         self._say("companion: the vehicle rebooted; starting over")
-        if self._streams is not None:
-            self._streams.forget()
-        self._asked_s, self._asked = -math.inf, 0
+        self._streams.forget()
+        self._done_s.pop("parameters", None)
+        self._asked = 0
 
     def _housekeeping(self, now_s: float) -> None:
-        if now_s - self._flushed_s > 0.5 and self._recorder is not None:
-            self._flushed_s = now_s
+        if self._recorder is not None and self._due("flush", 0.5, now_s):
             self._recorder.flush()
-        if now_s - self._beat_s >= 1.0:
-            self._beat_s = now_s
+        if self._due("heartbeat", 1.0, now_s):
             self._send(heartbeat())
             if lateness(self._state.estimates, self._config) > _ASK_CLOCK_S:
                 self._send(timesync(self._arrivals.stamp()))  # is the link late, or has the clock stood still?
-        if self._streams is None:
-            if not self._complained and now_s - self._started_s > _LOST_S:
-                self._complained = True
-                self._say(f"companion: no heartbeat on {self._link.endpoint} yet; does the autopilot send there?")
+        if not self._streams.wanted:
+            if now_s - self._started_s > _LOST_S:
+                self._say_once(f"companion: no heartbeat on {self._link.endpoint} yet; does the autopilot send there?")
             return
         self._renew_last_word(now_s)
         self._stay_while_deaf(now_s)
-        if self._link.dropped and not self._reported_full:
-            self._reported_full = True
-            self._say(f"companion: {self._link.endpoint} is full: messages are dropped; a higher --baud, fewer streams")
+        if self._link.dropped:
+            self._say_once(
+                f"companion: {self._link.endpoint} is full: messages are dropped; a higher --baud, fewer streams"
+            )
         if now_s - self._heard_s > _LOST_S:
             self._streams.forget()
             return
         for wanted in self._streams.due(now_s):
             self._send(interval_request(wanted, self._system))
         for name, hz in self._streams.in_vain.items():
-            if name not in self._reported_slow:
-                self._reported_slow.add(name)
-                self._tell(f"companion: {name} comes at {hz:.0f} Hz only, although a higher rate was requested")
+            text = f"companion: {name} comes at {hz:.0f} Hz only, although a higher rate was requested"
+            self._tell_once(f"slow {name}", text)
         for name, times in self._streams.set_back.items():
-            if times >= _SET_BACK and name not in self._reported_set_back:
-                self._reported_set_back.add(name)
-                self._tell(f"companion: another program sets {name} to a lower rate again and again")
+            if times >= _SET_BACK:
+                text = f"companion: another program sets {name} to a lower rate again and again"
+                self._tell_once(f"set back {name}", text)
         retry_s = _PARAMETER_RETRY_S if self._asked <= _PARAMETER_TRIES else _PARAMETER_SLOW_RETRY_S
-        if now_s - self._asked_s >= retry_s:
-            self._asked_s = now_s
+        if self._due("parameters", retry_s, now_s):
             for name in self._missing_parameters():
                 self._send(param_request_read(self._system, AUTOPILOT_COMPONENT, name))
 
@@ -366,13 +343,11 @@ class Flight:
         place = self._place
         if place is None or not _DEAF_S <= now_s - self._attitude_s <= _DEAF_UNTIL_S:
             return
-        if now_s - self._sent_place_s >= _DEAF_PERIOD_S:
-            self._sent_place_s = now_s
+        if self._due("place", _DEAF_PERIOD_S, now_s):
             self._send_command(place)
 
     def _renew_last_word(self, now_s: float) -> None:
-        if now_s - self._renewed_s >= _LAST_WORD_PERIOD_S and self._last_word is not None:
-            self._renewed_s = now_s
+        if self._last_word is not None and self._due("last word", _LAST_WORD_PERIOD_S, now_s):
             self._last_word.renew(self.last_word, self._link.peers)
 
     def _missing_parameters(self) -> list[str]:
@@ -426,15 +401,11 @@ class Flight:
             return
         command: Command = place or level_command(state, self._config)
         start = self._arrivals.now_s()
-        asked_s = -math.inf
         while True:
             now = self._arrivals.now_s()
             self._watchdog.alive(now)
             self._renew_last_word(now)
             self._send_command(command)
-            if self._options.hold_on_exit and self._stack is Stack.PX4 and now - asked_s >= 0.3:
-                asked_s = now
-                self._send(command_long(self._system, AUTOPILOT_COMPONENT, _DO_SET_MODE, _CUSTOM_MODE, *_PX4_HOLD))
             if now - start >= _HAND_OVER_S:
                 return
             self._arrivals.clock.wait([], _HAND_OVER_PERIOD_S)
@@ -457,10 +428,20 @@ class Flight:
             if words is not None:
                 self._say(words)
 
+    def _tell_once(self, about: str, text: str) -> None:
+        if about not in self._told:
+            self._told.add(about)
+            self._tell(text)
+
+    def _say_once(self, text: str) -> None:
+        if text not in self._told:
+            self._told.add(text)
+            self._say(text)
+
     @property
     def unheard(self) -> str | None:
         """Why nothing was flown at all, in words; None where an autopilot was heard."""
-        if self._streams is not None:
+        if self._streams.wanted:
             return None
         if not self._link.received and not self._link.bad:
             return "nothing was heard; does the autopilot send there?"
@@ -484,19 +465,15 @@ class Flight:
                 "received": self._link.received,
                 "sent": self._link.sent,
                 "bad": self._link.bad,
-                "unused": self.unused,
                 "ignored": self._intake.ignored,
                 "dropped": self._link.dropped,
             },
             "reboots": self.reboots,
             "ignored_systems": sorted(self._intake.others),
-            "latency_ms": None
-            if not self._latency.count
-            else {"p50": self._latency.percentile_ms(50.0), "p99": self._latency.percentile_ms(99.0)},
+            "latency_ms": self._latency.as_json(),
             "record": self._recorder.as_json() if isinstance(self._recorder, Recorder) else None,
-            "asked_again": {} if self._streams is None else dict(self._streams.asked_again),
-            "slow_messages_hz": {} if self._streams is None else dict(self._streams.in_vain),
-            "set_back": {} if self._streams is None else dict(self._streams.set_back),
+            "slow_messages_hz": dict(self._streams.in_vain),
+            "set_back": dict(self._streams.set_back),
             **({} if self._config.survey is None else {"survey": self._state.survey.as_json()}),
             **self.summary.as_json(),
         }

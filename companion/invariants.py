@@ -8,7 +8,6 @@ requirement counts as kept where the messages themselves show it. docs/safety.md
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import Enum
@@ -18,7 +17,7 @@ from companion.control.authority import HOLDS_BACK_EVERYTHING
 from companion.control.refusals import LATE_FADE_S
 from companion.control.state import Decision
 from companion.mavlink.firmware import Stack, stack_of, takes_setpoints
-from companion.mavlink.frames import Frame
+from companion.mavlink.frames import Frame, unpacked
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.outgoing import TIMESYNC
@@ -44,16 +43,14 @@ from models.vehicle import Limits, Vehicle
 from models.vehicle_types import NO_ORIENTATION
 
 _HEARTBEAT, _PARAM_REQUEST_READ, _COMMAND_LONG, _NAMED_VALUE_FLOAT, _STATUSTEXT = 0, 20, 76, 251, 253
-_SET_MESSAGE_INTERVAL, _DO_SET_MODE, _PX4_HOLD = 511, 176, (4.0, 3.0)
-"""MAVLink numbers: messages, commands, and PX4's main and sub mode of Hold."""
+_SET_MESSAGE_INTERVAL = 511
+"""MAVLink numbers: messages, and the one command."""
 _DECLARED = (
     _HEARTBEAT, _PARAM_REQUEST_READ, _COMMAND_LONG, SET_ATTITUDE_TARGET, SET_POSITION_TARGET, _NAMED_VALUE_FLOAT,
     _STATUSTEXT, TIMESYNC,
 )  # fmt: skip
 _THROTTLE_IGNORED, _ON_GROUND, _INVALID = 64, 1, 8
 """ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE, MAV_LANDED_STATE_ON_GROUND, MAV_AUTOPILOT_INVALID."""
-_ATTITUDE, _POSITION = struct.Struct("<I8fBBB"), struct.Struct("<I11fHBBB")
-_COMMAND, _NAMED = struct.Struct("<7fHBBB"), struct.Struct("<If10s")
 
 ZERO_AFTER_S = 0.5
 """An offset is zero so long after an input that it needs was lost."""
@@ -350,11 +347,11 @@ class Auditor:
     def _own(self, frame: Frame) -> None:
         self._sent += 1
         if frame.id == SET_ATTITUDE_TARGET:
-            self._attitude(_unpack(_ATTITUDE, frame.payload))
+            self._attitude(unpacked(frame.id, frame.payload))
         elif frame.id == SET_POSITION_TARGET:
-            self._position(_unpack(_POSITION, frame.payload))
+            self._position(unpacked(frame.id, frame.payload))
         elif frame.id == _NAMED_VALUE_FLOAT:
-            _, value, name = _unpack(_NAMED, frame.payload)
+            _, value, name = unpacked(frame.id, frame.payload)
             self._named_value(name.rstrip(b"\0").decode("ascii", "replace"), value)
         self._check(Requirement.DECLARED, _declared(frame), f"message {frame.id}, {frame.payload[:33].hex()}")
 
@@ -477,17 +474,9 @@ def _needed_inputs(vehicle: Vehicle | None, hold: bool) -> tuple[str, ...]:
 
 
 def _declared(frame: Frame) -> bool:
-    if frame.id != _COMMAND_LONG:
-        return frame.id in _DECLARED
-    fields = _unpack(_COMMAND, frame.payload)
-    if fields[7] == _SET_MESSAGE_INTERVAL:
-        return True
-    # The only change of mode: PX4's HOLD, where the user asked for it with --on-exit.
-    return bool(fields[7] == _DO_SET_MODE and fields[1:3] == _PX4_HOLD)
-
-
-def _unpack(layout: struct.Struct, payload: bytes) -> tuple[Any, ...]:
-    return layout.unpack(payload[: layout.size].ljust(layout.size, b"\0"))
+    if frame.id == _COMMAND_LONG:
+        return bool(unpacked(frame.id, frame.payload)[7] == _SET_MESSAGE_INTERVAL)
+    return frame.id in _DECLARED
 
 
 def _ms_between(first: int, second: int) -> int:

@@ -14,14 +14,11 @@ from __future__ import annotations
 import os
 import select
 import socket
-import struct
 import subprocess
 import sys
 import time
 from collections.abc import Sequence
 
-_HEADER = struct.Struct("<HH")
-"""Lengths of address and frame. Both 0: nothing is to be said."""
 TIMES, PERIOD_S = 10, 0.1
 """A lost datagram must not be the end; the autopilot takes a repeated target as the same."""
 SILENCE_S = 0.3
@@ -50,10 +47,9 @@ class LastWord:
 
     def renew(self, frame: bytes, addresses: Sequence[tuple[str, int]] = ()) -> None:
         """What to say from now on, to these UDP peers or, without any, into a stream; b"" for nothing."""
-        peer = "\n".join(f"{host} {port}" for host, port in addresses).encode() if frame else b""
-        record = _HEADER.pack(len(peer), len(frame)) + peer + frame
+        words = [frame.hex(), *(f"{host} {port}" for host, port in addresses)]
         try:
-            os.write(self._pipe, record)
+            os.write(self._pipe, " ".join(words).encode() + b"\n")
         except (BlockingIOError, BrokenPipeError):
             return
 
@@ -69,25 +65,12 @@ class LastWord:
             self._child.wait()
 
 
-def _take_records(data: bytes, said: tuple[bytes, bytes]) -> tuple[bytes, tuple[bytes, bytes]]:
-    """The rest of ``data`` behind its last whole record, and that record's address and frame."""
-    while len(data) >= _HEADER.size:
-        peer, frame = _HEADER.unpack_from(data)
-        end = _HEADER.size + peer + frame
-        if len(data) < end:
-            break
-        said = data[_HEADER.size : _HEADER.size + peer], data[_HEADER.size + peer : end]
-        data = data[end:]
-    return data, said
-
-
-def _say(fd: int, peer: bytes, frame: bytes) -> None:
-    """Once, to every peer."""
+def _say(fd: int, frame: bytes, peers: list[str]) -> None:
+    """Once, to every peer: host, port, host, port."""
     try:
-        if not peer:
+        if not peers:
             os.write(fd, frame)
-        for line in peer.decode().splitlines():
-            host, port = line.rsplit(" ", 1)
+        for host, port in zip(peers[::2], peers[1::2], strict=True):
             with socket.socket(fileno=os.dup(fd)) as link:
                 link.sendto(frame, (host, int(port)))
     except OSError:
@@ -96,23 +79,26 @@ def _say(fd: int, peer: bytes, frame: bytes) -> None:
 
 def main(fd: int) -> None:
     """The child: read what the parent renews, say the last word when that stops, end when the parent has ended."""
-    data, said = b"", (b"", b"")
+    rest, frame, peers = b"", b"", list[str]()
     left = 0
     while True:
-        patience_s = PERIOD_S if left else SILENCE_S if said[1] else None
+        patience_s = PERIOD_S if left else SILENCE_S if frame else None
         if select.select([0], [], [], patience_s)[0]:
             more = os.read(0, 65536)
             if not more:
                 break
-            data, said = _take_records(data + more, said)
+            *lines, rest = (rest + more).split(b"\n")
+            if lines:
+                said, *peers = lines[-1].decode().split(" ")
+                frame = bytes.fromhex(said)
             left = 0
             continue
         left = (left or TIMES) - 1
-        _say(fd, *said)
+        _say(fd, frame, peers)
         if not left:
-            said = b"", b""  # enough, until the parent is back
-    for _ in range(TIMES if said[1] else 0):
-        _say(fd, *said)
+            frame = b""  # enough, until the parent is back
+    for _ in range(TIMES if frame else 0):
+        _say(fd, frame, peers)
         time.sleep(PERIOD_S)
 
 

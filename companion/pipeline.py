@@ -70,7 +70,7 @@ from companion.mavlink.samples import (
     SetAttitudeTarget,
     SetPositionTarget,
 )
-from companion.mavlink.setpoints import AccelerationCommand, AttitudeCommand, Command, tilt_by
+from companion.mavlink.setpoints import AttitudeCommand, Command, PositionCommand, tilt_by
 from companion.settle import retuned, settle
 from companion.survey_box import SurveyBox
 from models.evolve import replace
@@ -563,7 +563,7 @@ def _command(
         if state.hold is None:
             return None
         place = place_of(state.hold, state.drift.correction_m)
-        return AccelerationCommand(t_s, place, offset.acceleration, state.hold.target.yaw)
+        return PositionCommand(t_s, place, state.hold.target.yaw, offset.acceleration)
     floor = max(_LEAST_THRUST_SHARE * thrust.hover, MIN_THRUST)
     ceiling = min(thrust.hover + _MOST_THRUST_ABOVE_HOVER, MAX_THRUST)
     value = base.thrust + offset.thrust

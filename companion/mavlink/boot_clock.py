@@ -21,8 +21,9 @@ same stamps give the same times, in flight and in replay, bit for bit.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
 from enum import Enum
+
+import numpy as np
 
 AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1
 
@@ -114,16 +115,10 @@ class _Quickest:
         expected = self.at(arrival_us)
         if self._slopes:
             # Half more than the median, so that a drift that is not quite steady adds up to nothing.
-            self._rate = min(max(1.5 * _median(self._slopes), 0.0) + _QUARTZ, _FASTEST_DRIFT)
+            self._rate = min(max(1.5 * float(np.median(self._slopes)), 0.0) + _QUARTZ, _FASTEST_DRIFT)
         if len(self._slopes) <= _LEARNING:
             expected = max(expected, now[0] + self._rate * (arrival_us - now[1]))
         self._offset_us, self._at_us = expected, arrival_us
-
-
-def _median(values: Iterable[float]) -> float:
-    """As ``statistics.median``, which brings fractions and decimals into flight: 0.4 MiB."""
-    ordered = sorted(values)
-    return 0.5 * (ordered[(len(ordered) - 1) // 2] + ordered[len(ordered) // 2])
 
 
 class BootClock:

@@ -7,11 +7,10 @@ that passes its checksum.
 
 from __future__ import annotations
 
-import sys
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 from fastcrc.crc16 import mcrf4xx as crc16
 
@@ -54,6 +53,15 @@ class Counts:
     skipped_bytes: int = 0
 
 
+def unpacked(message_id: int, payload: bytes) -> tuple[Any, ...]:
+    """The fields in wire order; trailing zeros filled up, fields of a later version left out."""
+    unpacker = MESSAGES[message_id].unpacker
+    if len(payload) != unpacker.size:
+        payload = payload[: unpacker.size].ljust(unpacker.size, b"\0")
+    fields: tuple[Any, ...] = unpacker.unpack(payload)
+    return fields
+
+
 def frame_bytes(data: bytes, i: int) -> int:
     """Length of the frame that starts at ``i``, signature included."""
     if data[i] == V2:
@@ -71,24 +79,15 @@ def cut(data: bytes, i: int) -> Frame:
     return Frame(data[i + 5], data[i + 3], data[i + 4], data[i + 6 : i + 6 + length], data[i : i + length + _V1_AROUND])
 
 
-class Run(Protocol):
-    """``good_run``, or another way to the same."""
-
-    def __call__(self, data: bytes, i: int, ahead: int, starts: array[int]) -> int:
-        """Append good frames; return where they end."""
-
-
-def walk(
-    data: bytes, counts: Counts, ahead: int = 0, *, whole: bool = True, run: Run | None = None
-) -> tuple[array[int], int]:
+def walk(data: bytes, counts: Counts, ahead: int = 0, *, whole: bool = True) -> tuple[array[int], int]:
     """Offsets of all good frames in ``data``, and where the rest begins: a last frame that is not complete.
 
     ``ahead``: bytes that precede every frame (8 in a .tlog: its stamp); offsets are of these. ``whole`` False: more
-    bytes may follow, so a frame that cannot be checked yet is left in the rest. ``run``: how good frames are found.
+    bytes may follow, so a frame that cannot be checked yet is left in the rest.
     """
     n, i = len(data), 0
-    starts, run = array("q"), run or good_run
-    while (i := run(data, i, ahead, starts)) + ahead + _V1_AROUND <= n:
+    starts = array("q")
+    while (i := _good_run(data, i, ahead, starts)) + ahead + _V1_AROUND <= n:
         magic, following, known = _header(data, i + ahead)
         if following <= n and _proper_end(data, following, ahead):
             if not known:
@@ -110,15 +109,11 @@ def walk(
     return starts, i
 
 
-def good_run(data: bytes, i: int, ahead: int, starts: array[int], most: int = sys.maxsize) -> int:
-    """Append the offsets of the frames from ``i`` on that follow each other with a right checksum; where they end.
-
-    ``most``: at most so many.
-    """
+def _good_run(data: bytes, i: int, ahead: int, starts: array[int]) -> int:
+    """Append the offsets of the frames from ``i`` on that follow each other with a right checksum; where they end."""
     n, after = len(data), ahead + 1
-    most += len(starts)
     append, crc, extra_v2, extra_v1 = starts.append, crc16, _EXTRA_V2, _EXTRA_V1
-    while i + ahead + _V1_AROUND <= n and len(starts) < most:
+    while i + ahead + _V1_AROUND <= n:
         magic = data[i + ahead]
         if magic == V2 and i + ahead + _V2_AROUND <= n:
             end = i + ahead + 10 + data[i + after]

@@ -11,10 +11,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
+
+from numpy.typing import NDArray
 
 from companion.mavlink import sample_builders as build
-from companion.mavlink.boot_clock import Stamp
+from companion.mavlink.boot_clock import BootClock, Stamp
 from companion.mavlink.dialect import ID_OF
+from companion.mavlink.frames import Frame, unpacked
 from companion.mavlink.samples import Sample
 from companion.mavlink.wire_layout import Layout, Quantity, Raw
 
@@ -168,3 +172,43 @@ _TABLE = (
 
 LAYOUTS: dict[int, Layout] = {layout.id: layout for layout in _TABLE}
 """Every message used, by id."""
+
+
+def decode(frame: Frame, arrival_us: int, clock: BootClock) -> Sample | None:
+    """The sample in one frame, on the boot axis of ``clock`` (which it advances), or None.
+
+    ``arrival_us``: the receiver's clock when the frame arrived, whole microseconds. MAVLink 2 cuts trailing zeros of a
+    payload, and a later version of a message may append fields: the one is filled up, the other left out.
+    """
+    layout = LAYOUTS.get(frame.id)
+    if layout is None:
+        return None
+    _, system, component, payload, _ = frame
+    fields, stamp = unpacked(frame.id, payload), layout.stamp
+    if stamp is None:
+        t_s = clock.unstamped(arrival_us)
+    else:
+        t_s = clock.stamped(system, component, stamp, fields[layout.stamp_place], arrival_us)
+    if layout.build is None:
+        return None
+    sample = layout.build((t_s, system, component), layout.name, *[read(fields) for read in layout.readers])
+    if sample is not None and stamp is not None:
+        # Nobody else has seen the sample yet; a copy of it costs more than all the rest of its decoding.
+        object.__setattr__(sample, "late_s", clock.late(t_s, arrival_us))
+    return sample
+
+
+def stamp_of(frame: Frame, arrival_us: int, clock: BootClock) -> None:
+    """Advance ``clock`` by the stamp of a frame whose content is not wanted, as ``decode`` would."""
+    layout = LAYOUTS[frame.id]
+    if layout.stamp is not None:
+        stamp = unpacked(frame.id, frame.payload)[layout.stamp_place]
+        clock.stamped(frame.system, frame.component, layout.stamp, stamp, arrival_us)
+
+
+def columns(layout: Layout, records: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Quantities of many messages of one kind, by name: shape (n, k) in SI, or as on the wire where taken raw.
+
+    ``records``: structured array (n,) of ``layout.wire.dtype``.
+    """
+    return {q.name: q.column(records) for q in layout.quantities}

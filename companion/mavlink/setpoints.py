@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-import struct
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from companion.mavlink.outgoing import Message, message
 from companion.mavlink.samples import Quaternion
 from models.vehicle import Vector3
 
@@ -19,10 +19,6 @@ _LOCAL_NED = 1
 """MAV_FRAME_LOCAL_NED; the masks above are of POSITION_TARGET_TYPEMASK."""
 SET_ATTITUDE_TARGET, SET_POSITION_TARGET = 82, 84
 """Message ids."""
-_ATTITUDE = struct.Struct("<I8fBBB")
-"""SET_ATTITUDE_TARGET in wire order, without its extension: boot time, q, rates, thrust, target, type mask."""
-_POSITION = struct.Struct("<I11fHBBB")
-"""SET_POSITION_TARGET_LOCAL_NED: boot time, position, velocity, acceleration, yaw, yaw rate, mask, target, frame."""
 
 
 class AttitudeCommand(NamedTuple):
@@ -36,25 +32,17 @@ class AttitudeCommand(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class AccelerationCommand:
-    """SET_POSITION_TARGET_LOCAL_NED: hold point and an acceleration added behind PX4's velocity controller."""
-
-    t_s: float
-    position_ned: Vector3
-    acceleration_ned: Vector3
-    yaw: float
-
-
-@dataclass(frozen=True, slots=True)
 class PositionCommand:
     """SET_POSITION_TARGET_LOCAL_NED: a place to stay at under the autopilot's own controller."""
 
     t_s: float
     position_ned: Vector3
     yaw: float
+    acceleration_ned: Vector3 | None = None
+    """Added behind PX4's velocity controller."""
 
 
-Command = AttitudeCommand | AccelerationCommand | PositionCommand
+Command = AttitudeCommand | PositionCommand
 
 
 def tilt_by(q: Quaternion, roll: float, pitch: float) -> Quaternion:
@@ -79,19 +67,18 @@ def whole_rate_mask(type_mask: int) -> int:
     return type_mask | RATES_IGNORED if type_mask & RATES_IGNORED else type_mask
 
 
-def encode(command: Command, system: int, component: int = 1) -> tuple[int, bytes]:
+def encode(command: Command, system: int, component: int = 1) -> Message:
     """Message id and payload of a command, addressed to the autopilot."""
     boot_ms = round(max(command.t_s, 0.0) * 1000.0) & 0xFFFFFFFF
     if isinstance(command, AttitudeCommand):
         mask = whole_rate_mask(command.type_mask) & (RATES_IGNORED | ATTITUDE_IGNORED)
         thrust = min(max(command.thrust, 0.0), 1.0)
-        return SET_ATTITUDE_TARGET, _ATTITUDE.pack(
-            boot_ms, *command.q_ned_frd, *command.rates_frd, thrust, system, component, mask
+        return message(
+            SET_ATTITUDE_TARGET, boot_ms, *command.q_ned_frd, *command.rates_frd, thrust, system, component, mask
         )
-    acceleration, mask = (0.0, 0.0, 0.0), _POSITION_AND_YAW
-    if isinstance(command, AccelerationCommand):
-        acceleration, mask = command.acceleration_ned, _POSITION_AND_ACCELERATION
-    return SET_POSITION_TARGET, _POSITION.pack(
-        boot_ms, *command.position_ned, 0.0, 0.0, 0.0, *acceleration, command.yaw, 0.0,
+    mask = _POSITION_AND_YAW if command.acceleration_ned is None else _POSITION_AND_ACCELERATION
+    acceleration = command.acceleration_ned or (0.0, 0.0, 0.0)
+    return message(
+        SET_POSITION_TARGET, boot_ms, *command.position_ned, 0.0, 0.0, 0.0, *acceleration, command.yaw, 0.0,
         mask, system, component, _LOCAL_NED,
     )  # fmt: skip

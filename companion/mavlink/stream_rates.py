@@ -92,7 +92,6 @@ class StreamKeeper:
         self._fast: set[int] = set()
         """Streams that were fast enough when last looked at."""
         self._in_a_row: Counter[int] = Counter()
-        self.asked_again: Counter[int] = Counter()
         self.in_vain: dict[str, float] = {}
         """Needed messages that stay slow [Hz] though they were asked for several times, by name."""
         self.set_back: Counter[str] = Counter()
@@ -128,7 +127,6 @@ class StreamKeeper:
         self._fast = {w.message_id for w in self.wanted} - {w.message_id for w in slow}
         self._in_a_row = Counter({w.message_id: self._in_a_row[w.message_id] + 1 for w in slow})
         for w in slow:
-            self.asked_again[w.message_id] += 1
             if w.needed and self._in_a_row[w.message_id] == _IN_VAIN:
                 self.in_vain[message_name(w.message_id)] = self.rate(w.message_id, now_s)
         return slow
@@ -144,7 +142,6 @@ class StreamKeeper:
         going_on = any(now[i] - before[i] >= _ENOUGH * (before[i] - then[i]) > 0 for i in ids)
         self._fast -= {w.message_id for w in slow}
         for w in slow:
-            self.asked_again[w.message_id] += 1
             if w.needed and going_on:
                 self.set_back[message_name(w.message_id)] += 1
         return slow

@@ -18,7 +18,7 @@ from models.frames import Rows
 
 
 def snapshot(
-    decision: Decision, state: PipelineState, config: PipelineConfig, streams: StreamKeeper | None, now_s: float
+    decision: Decision, state: PipelineState, config: PipelineConfig, streams: StreamKeeper, now_s: float
 ) -> dict[str, Any]:
     """``now_s`` is the receiver's clock, for the rates of the link."""
     offset, disturbance, heartbeat = decision.offset, decision.disturbance, state.heartbeat
@@ -37,7 +37,9 @@ def snapshot(
         },
         "late_s": _number(decision.late_s),
         "rpm": [None if track is None else round(track.value) for track in state.estimates.rotors],
-        "rates": _rates(streams, now_s),
+        "rates": [
+            [message_name(w.message_id), round(streams.rate(w.message_id, now_s), 1), w.hz] for w in streams.wanted
+        ],
         "air": None,
         "sizes": None if decision.adaptation is None else _sizes(decision.adaptation),
     }
@@ -89,10 +91,3 @@ def _fans(
         [_number(place), _number(lip), _number(h), _number(d)]
         for place, lip, h, d in zip(places.tolist(), config.vehicle.lip_radii_m.tolist(), h_m, d_m, strict=True)
     ]
-
-
-def _rates(streams: StreamKeeper | None, now_s: float) -> list[list[Any]]:
-    """Name, messages a second, and what was asked for."""
-    if streams is None:
-        return []
-    return [[message_name(w.message_id), round(streams.rate(w.message_id, now_s), 1), w.hz] for w in streams.wanted]

@@ -21,6 +21,10 @@ class LatencyHistogram:
         self._bins[min(max(latency_us // _BIN_US, 0), _BINS)] += 1
         self.count += 1
 
+    def as_json(self) -> dict[str, float] | None:
+        """Median and 99th percentile [ms]; None where nothing was counted."""
+        return {"p50": self.percentile_ms(50.0), "p99": self.percentile_ms(99.0)} if self.count else None
+
     def percentile_ms(self, percent: float) -> float:
         """Upper edge of the bin [ms] that this many percent do not exceed; 0 where nothing was counted."""
         left = self.count * percent / 100.0

@@ -6,6 +6,8 @@ import math
 from collections import defaultdict
 from typing import Any
 
+import numpy as np
+
 from companion.adaptation.adaptation import Adaptation
 from companion.control.authority import Notice, Reason
 from companion.control.plant import HoldTuning, Margin
@@ -43,8 +45,8 @@ class Summary:
         self._disturbance: Disturbance | None = None
         self._around = _around(None)
         """Of the newest disturbance, which most decisions share with the one before."""
-        self._low, self._high = [math.inf] * 8, [-math.inf] * 8
-        self._sum, self._count = [0.0] * 8, [0] * 8
+        self._low, self._high = np.full(8, np.nan), np.full(8, np.nan)
+        self._sum, self._count = np.zeros(8), np.zeros(8)
 
     def add(self, decision: Decision) -> None:
         """Take in one decision."""
@@ -66,16 +68,13 @@ class Summary:
         self.adaptation = decision.adaptation
         if decision.disturbance is not self._disturbance:
             self._disturbance, self._around = decision.disturbance, _around(decision.disturbance)
-        offset, low, high, total, count = decision.offset, self._low, self._high, self._sum, self._count
-        shown = (offset.thrust, math.degrees(offset.roll), math.degrees(offset.pitch), *self._around)
-        for i, value in enumerate(shown):
-            if value - value == 0.0:  # finite
-                if value < low[i]:
-                    low[i] = value
-                if value > high[i]:
-                    high[i] = value
-                total[i] += value
-                count[i] += 1
+        offset = decision.offset
+        shown = np.array((offset.thrust, math.degrees(offset.roll), math.degrees(offset.pitch), *self._around))
+        known = np.isfinite(shown)
+        np.fmin(self._low, shown, where=known, out=self._low)
+        np.fmax(self._high, shown, where=known, out=self._high)
+        np.add(self._sum, shown, where=known, out=self._sum)
+        self._count += known
 
     def _add_margin(self, decision: Decision) -> None:
         if decision.notice is not None and decision.notice != self._noticed:
@@ -106,15 +105,10 @@ class Summary:
     def as_json(self) -> dict[str, Any]:
         """Plain numbers; None where nothing was seen."""
         names = ("thrust", "roll_deg", "pitch_deg", "h_m", "d_m", "trust", "lift_n", "side_n")
+        shown = np.stack([self._low, self._sum / np.maximum(self._count, 1), self._high], axis=1).tolist()
         ranges = {
-            name: None
-            if not self._count[i]
-            else {
-                "min": self._low[i],
-                "mean": self._sum[i] / self._count[i],
-                "max": self._high[i],
-            }
-            for i, name in enumerate(names)
+            name: dict(zip(("min", "mean", "max"), row, strict=True)) if count else None
+            for name, row, count in zip(names, shown, self._count, strict=True)
         }
         return {
             "decisions": self.decisions,

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from companion.mavlink.dialect import MESSAGES
 from companion.mavlink.frames import V2, Counts, frame_bytes
-from companion.mavlink.wire_format import wire_format
+from companion.mavlink.wire_layout import wire_format
 from models.errors import LogError
 
 AUTOPILOT, GROUND_STATION = 1, 190

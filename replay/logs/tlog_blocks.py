@@ -12,8 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from companion.mavlink.frame_batch import walk_file
-from companion.mavlink.frames import Counts
+from companion.mavlink.frames import Counts, walk
 from replay.logs.files import open_file
 from replay.logs.tlog import STAMP, Report, Tlog, no_frame, tlog_of
 from replay.logs.tlog_vehicle import Census
@@ -69,7 +68,7 @@ class TlogFile:
                 file.seek(begin)
                 data = file.read(min(block_bytes, size - begin))
                 whole = begin + len(data) >= size
-                starts, rest = walk_file(data, counts, STAMP, whole=whole)
+                starts, rest = walk(data, counts, STAMP, whole=whole)
                 end = begin + rest
                 if starts:
                     log = tlog_of(self.path, data, starts, Report(size, 0))
@@ -102,7 +101,7 @@ class TlogFile:
                 begin = self._places[k - 1].tail if k else place.begin
                 file.seek(begin)
                 data = file.read((self.report.bytes if last else place.end + self._margin) - begin)
-                starts, _ = walk_file(data, Counts(), STAMP, whole=last)
+                starts, _ = walk(data, Counts(), STAMP, whole=last)
                 at = np.frombuffer(starts, np.int64) + begin
                 first, end = np.searchsorted(at, (place.begin, place.end)).tolist()
                 log = replace(tlog_of(self.path, data, starts, self.report), report=self.report)

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mavlink.decoders import columns
-from companion.mavlink.message_table import LAYOUTS
+from companion.mavlink.message_table import LAYOUTS, columns
 from companion.mavlink.range_beams import beam_direction
 from companion.mavlink.sample_builders import obstacle_distance
 from companion.mavlink.samples import Ring

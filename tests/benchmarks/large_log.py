@@ -26,7 +26,7 @@ from log_writers import flight, record
 
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import V2
-from companion.mavlink.wire_format import wire_format
+from companion.mavlink.wire_layout import wire_format
 
 SECONDS = 60.0
 COMMANDS = {

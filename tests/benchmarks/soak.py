@@ -209,7 +209,7 @@ def watch(between: Between, pid: int, port: int, seconds: float) -> Soak:
 def fly(seconds: float, px4: bool, folder: Path, records: Path) -> tuple[Soak, dict[str, object]]:
     """Both processes, and what was seen; the flight program's own report beside it."""
     port, report = free_port(), folder / "report.json"
-    command = flight_command(port, "--quiet", "--json", str(report), "--record", str(records), "--record-limit", "1000")
+    command = flight_command(port, "--quiet", "--json", str(report), "--record", str(records))
     with launch("corner", px4=px4, port=(front_port := free_port())), socket.socket(type=socket.SOCK_DGRAM) as front:
         front.bind(("127.0.0.1", front_port))
         between = Between(front, ("127.0.0.1", port))

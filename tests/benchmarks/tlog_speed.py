@@ -29,8 +29,7 @@ def ours(path: Path) -> int:
     """Walk, CRC of every frame, stamps, and all known messages into SI columns."""
     from whole_tlog import read_tlog
 
-    from companion.mavlink.decoders import columns
-    from companion.mavlink.message_table import LAYOUTS
+    from companion.mavlink.message_table import LAYOUTS, columns
 
     log = read_tlog(path)
     for number, layout in LAYOUTS.items():
@@ -73,7 +72,7 @@ def peak_memory(path: Path) -> float:
     code = (
         "import sys; sys.path[:0] = sys.argv[2:]\n"
         "from pathlib import Path; import tlog_speed, numpy\n"
-        "import companion.mavlink.decoders, replay.logs.tlog\n"
+        "import companion.mavlink.message_table, replay.logs.tlog\n"
         "def peak(): return int(Path('/proc/self/status').read_text().split('VmHWM:')[1].split()[0]) * 1024\n"
         "before = peak(); tlog_speed.ours(Path(sys.argv[1])); print(peak() - before)"
     )

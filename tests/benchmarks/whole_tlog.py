@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from companion.mavlink.frame_batch import walk_file
-from companion.mavlink.frames import Counts
+from companion.mavlink.frames import Counts, walk
 from replay.logs.files import open_file
 from replay.logs.tlog import STAMP, Report, Tlog, no_frame, tlog_of
 
@@ -16,7 +15,7 @@ def read_tlog(path: Path | str) -> Tlog:
     with open_file(path) as file:
         data = file.read()
     counts = Counts()
-    starts, rest = walk_file(data, counts, STAMP)
+    starts, rest = walk(data, counts, STAMP)
     if not starts:
         raise no_frame(path)
     return tlog_of(path, data, starts, Report.of(counts, len(data), len(data) - rest))

@@ -88,9 +88,8 @@ def test_another_mode_is_refused_by_name_in_one_line(log, capsys, command, mode,
     [
         lambda log, out: replay(["run", str(log), "--adapt", "off", "--save-model", out]),
         lambda log, out: replay(["run", str(log.parent), "--adapt", "full", "--save-model", out]),
-        lambda log, out: companion(["--connect", "udp:127.0.0.1:0", "--adapt", "off", "--save-model", out]),
     ],
-    ids=["replay with --adapt off", "replay of a folder", "companion with --adapt off"],
+    ids=["replay with --adapt off", "replay of a folder"],
 )
 def test_save_model_is_refused_where_it_would_save_nothing(log, tmp_path, capsys, command):
     assert command(log, str(tmp_path / "m")) == ConfigError.exit_code == 2

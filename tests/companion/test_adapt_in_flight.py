@@ -28,6 +28,7 @@ from companion.adaptation.words import named_values, sentences
 from companion.config import PipelineConfig
 from companion.control import disturbance as push
 from companion.control.plant import FULL
+from companion.mavlink.stream_rates import StreamKeeper
 from companion.page.snapshot import snapshot
 from companion.pipeline import answer, initial_state
 from companion.settle import settle
@@ -213,7 +214,7 @@ def test_ground_stations_get_six_numbers_of_at_most_ten_characters():
 def test_the_page_shows_every_size_with_its_sd_and_what_is_compensated():
     decision = flown("1.6").decisions[-1]
     config = PipelineConfig(VEHICLE, models.load(), adapt=Adapt.FULL)
-    told = snapshot(decision, initial_state(config), config, None, 0.0)["sizes"]
+    told = snapshot(decision, initial_state(config), config, StreamKeeper(()), 0.0)["sizes"]
     assert told["paused"] is None
     rows = {row[0]: row[1:] for row in told["rows"]}
     value, sd, unit, share = rows["ground lift"]

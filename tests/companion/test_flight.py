@@ -83,7 +83,7 @@ def test_another_program_with_the_same_identity_is_named_and_an_echo_is_not():
         for beat in autopilot.wait_for("HEARTBEAT", 3):
             autopilot.send_raw(bytes(beat.get_msgbuf()))
         time.sleep(0.3)
-        assert not run.flight._reported_twin
+        assert "twin" not in run.flight._told
         autopilot.send_raw(mavlink.MAVLink_heartbeat_message(18, 8, 64, 0, 4, 3).pack(other))
         for _ in range(100):
             joined = " ".join("".join(m.text for m in autopilot.of_type("STATUSTEXT")).split())

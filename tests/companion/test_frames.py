@@ -9,11 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from companion.mavlink.boot_clock import BootClock
-from companion.mavlink.decoders import decode
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import V1, V2, Counts, FrameReader, cut, pack, walk
-from companion.mavlink.message_table import LAYOUTS
-from companion.mavlink.setpoints import AccelerationCommand, AttitudeCommand, encode
+from companion.mavlink.message_table import LAYOUTS, decode
+from companion.mavlink.setpoints import AttitudeCommand, PositionCommand, encode
 from companion.mavlink.signing import Signatures
 
 MESSAGES = [
@@ -115,7 +114,7 @@ def test_a_message_of_another_dialect_is_vouched_for_by_what_follows():
 def test_setpoints_are_the_bytes_that_pymavlink_packs(t_s):
     q, rates = (0.5, 0.5, -0.5, 0.5), (0.1, 0.2, 0.3)
     attitude = AttitudeCommand(t_s, q, 0.43, 7, rates)
-    place = AccelerationCommand(t_s, (1.0, 2.0, -3.0), (0.1, 0.2, 0.3), 1.2)
+    place = PositionCommand(t_s, (1.0, 2.0, -3.0), 1.2, (0.1, 0.2, 0.3))
     boot_ms = round(t_s * 1000.0) & 0xFFFFFFFF
     theirs = (
         mavlink.MAVLink_set_attitude_target_message(boot_ms, 3, 1, 7, list(q), *rates, 0.43),

@@ -1,4 +1,4 @@
-"""The end of a flight: Ctrl-C, --on-exit hold, kill -9, and parameters that are asked for until they come."""
+"""The end of a flight: Ctrl-C, kill -9, and parameters that are asked for until they come."""
 
 from __future__ import annotations
 
@@ -15,16 +15,7 @@ from flight_process import flight_command
 from test_flight import Run
 
 from companion.control.hand_over import held_off
-from companion.flight import FlightOptions
 from companion.last_word import LastWord
-
-OFFBOARD = 6 << 16
-
-
-class Px4(FakeAutopilot):
-    """PX4 in OFFBOARD, as far as messages tell."""
-
-    autopilot = 12
 
 
 def ended(run):
@@ -45,19 +36,6 @@ def test_ctrl_c_hands_over_to_a_place_and_leaves_no_tilt():
     assert (places[-1].x, places[-1].y, places[-1].z) == pytest.approx((0.0, 0.0, -0.3), abs=0.02)
     assert places[-1].target_component == 1
     assert not [m for m in autopilot.of_type("COMMAND_LONG") if m.command == 176], "the mode is not ours"
-
-
-def test_on_exit_hold_asks_px4_for_its_hold_mode():
-    port = free_port()
-    options = FlightOptions(hold_on_exit=True)
-    with Px4(port) as autopilot, Run(port, options=options) as run:
-        autopilot.mode = OFFBOARD
-        autopilot.wait_for("SET_ATTITUDE_TARGET", 30)
-        assert not [m for m in autopilot.of_type("COMMAND_LONG") if m.command == 176]
-        ended(run)
-        time.sleep(0.1)
-        modes = [m for m in autopilot.of_type("COMMAND_LONG") if m.command == 176]
-    assert {(m.param1, m.param2, m.param3) for m in modes} == {(1.0, 4.0, 3.0)}
 
 
 @pytest.mark.slow

@@ -13,9 +13,9 @@ import models
 from companion.config import Base, PipelineConfig
 from companion.control.authority import Reason
 from companion.mavlink.boot_clock import BootClock, Stamp
-from companion.mavlink.decoders import decode
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import cut
+from companion.mavlink.message_table import decode
 from models.vehicle import load_vehicle
 from replay.rerun.harness import Replay
 

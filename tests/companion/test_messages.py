@@ -12,11 +12,10 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from companion.mavlink.boot_clock import BootClock, Stamp
-from companion.mavlink.decoders import columns, decode
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import cut, pack
 from companion.mavlink.message_filter import Intake
-from companion.mavlink.message_table import LAYOUTS
+from companion.mavlink.message_table import LAYOUTS, columns, decode
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import Attitude, LocalPosition, RangeVerdict
 from companion.mavlink.wire_layout import Quantity

@@ -4,13 +4,13 @@ import pytest
 from pymavlink.generator import mavparse
 
 from companion.mavlink.boot_clock import BootClock
-from companion.mavlink.decoders import decode
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.esc_messages import BY_ID, ESC_INFO, ESC_STATUS
 from companion.mavlink.frames import Counts, cut, pack, walk
 from companion.mavlink.message_filter import Intake
+from companion.mavlink.message_table import decode
 from companion.mavlink.samples import EscHealth, RotorSpeeds
-from companion.mavlink.wire_format import wire_format
+from companion.mavlink.wire_layout import wire_format
 
 COMMON_XML = """<?xml version="1.0"?><mavlink><version>3</version><messages>
 <message id="290" name="ESC_INFO"><description>d</description>

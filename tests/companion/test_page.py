@@ -18,6 +18,7 @@ from log_writers import flight, write_tlog
 import companion.page
 from companion.cli import main
 from companion.config import PipelineConfig
+from companion.mavlink.stream_rates import StreamKeeper
 from companion.page.feed import PageFeed, read_address
 from companion.page.server import KEPT, Store
 from companion.page.snapshot import snapshot
@@ -63,7 +64,7 @@ def sent(tmp_path_factory):
     for sample in samples_of_pieces([Piece(load(path)[0])]):
         state, decision = step(state, sample, config)
         if decision is not None and decision.disturbance is not None:
-            out = snapshot(decision, state, config, None, 0.0)
+            out = snapshot(decision, state, config, StreamKeeper(()), 0.0)
     assert out is not None
     return out
 

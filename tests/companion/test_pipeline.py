@@ -28,7 +28,7 @@ from companion.mavlink.samples import (
     SetAttitudeTarget,
     SetPositionTarget,
 )
-from companion.mavlink.setpoints import AccelerationCommand, AttitudeCommand
+from companion.mavlink.setpoints import AttitudeCommand, PositionCommand
 from companion.pipeline import answer, initial_state, step, stopped
 from companion.settle import settle
 from companion.telemetry.status import named_values
@@ -268,7 +268,7 @@ def test_a_silent_upstream_is_named_and_nothing_is_sent():
 def test_acceleration_is_for_px4_and_refused_on_ardupilot():
     b = bench(carrier=Carrier.ACCELERATION, height=0.3, autopilot=12, mode=6 << 16)
     decision = b.run(4.0)
-    assert isinstance(decision.command, AccelerationCommand)
+    assert isinstance(decision.command, PositionCommand)
     assert decision.command.acceleration_ned[2] > 0.1, "the cushion lifts: push down"
     b = bench(carrier=Carrier.ACCELERATION)
     decision = b.run(3.0)

@@ -17,7 +17,7 @@ from whole_tlog import read_tlog
 
 from companion.mavlink import tlog_writer
 from companion.mavlink.dialect import mavlink
-from companion.mavlink.tlog_writer import Recorder, RecordLimits
+from companion.mavlink.tlog_writer import Recorder
 from models.errors import ConfigError
 
 BEAT = mavlink.MAVLink_heartbeat_message(2, 3, 128, 4, 4, 3).pack(mavlink.MAVLink(None, 1, 1))
@@ -51,32 +51,6 @@ def test_a_folder_or_a_template_names_by_date_and_boot(tmp_path: Path, name: str
     names = sorted(p.name for p in folder.iterdir())
     assert len(names) == 2
     assert all(("0123abcd" in n) == (name != "garden_{date}.tlog") and n.endswith(".tlog") for n in names)
-
-
-def test_a_large_flight_goes_on_in_the_next_file_and_whole_frames_only(tmp_path: Path):
-    with Recorder(tmp_path / "f.tlog", RecordLimits(file_bytes=10 * RECORD_BYTES + 5)) as recorder:
-        fill(recorder, 25)
-    assert [p.name for p in recorder.files] == ["f.tlog", "f-2.tlog", "f-3.tlog"]
-    assert [len(read_tlog(p)) for p in recorder.files] == [10, 10, 5]
-
-
-def test_a_folder_is_kept_below_its_limit_and_other_files_are_left_alone(tmp_path: Path):
-    unlisted = tmp_path / "my best flight.tlog"
-    unlisted.write_bytes(bytes(100_000))
-    for k in range(6):
-        old = tmp_path / f"2026-01-0{k + 1}_10-00-00_boot-00000000.tlog"
-        old.write_bytes(bytes(1000))
-        os.utime(old, (1000.0 + k, 1000.0 + k))
-    with Recorder(tmp_path, RecordLimits(file_bytes=2000, folder_bytes=5000)) as recorder:
-        fill(recorder, 1)
-    left = sorted(p.name[:10] for p in tmp_path.glob("2026-01-0*"))
-    assert left == ["2026-01-04", "2026-01-05", "2026-01-06"]
-    assert unlisted.stat().st_size == 100_000
-
-
-def test_a_limit_of_the_folder_needs_names_that_can_be_told_apart(tmp_path: Path):
-    with pytest.raises(ConfigError, match="date"):
-        Recorder(tmp_path / "flight.tlog", RecordLimits(folder_bytes=10_000))
 
 
 def test_a_folder_that_does_not_exist_is_a_wrong_argument(tmp_path: Path):
@@ -132,7 +106,7 @@ def test_nobody_who_uses_it_as_a_library_is_written_to(tmp_path: Path, monkeypat
 def test_it_stops_before_it_fills_the_disk(tmp_path: Path, monkeypatch):
     monkeypatch.setattr(tlog_writer.shutil, "disk_usage", lambda _: SimpleNamespace(free=10 << 20))
     said: list[str] = []
-    with Recorder(tmp_path / "f.tlog", RecordLimits(free_bytes=64 << 20), said.append) as recorder:
+    with Recorder(tmp_path / "f.tlog", said.append) as recorder:
         fill(recorder, 2)
         recorder.flush()
         fill(recorder, 2)

@@ -16,9 +16,9 @@ from companion.estimation import estimator as est
 from companion.estimation.estimator import Seen
 from companion.estimation.ring_planes import placed, ring_view
 from companion.mavlink.boot_clock import BootClock
-from companion.mavlink.decoders import decode
 from companion.mavlink.frames import cut
 from companion.mavlink.message_filter import OWN_COMPONENT
+from companion.mavlink.message_table import decode
 from companion.mavlink.samples import Ring
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, encode
 from companion.sim.compare import Settings
@@ -338,7 +338,7 @@ def test_replay_of_the_recording_decides_the_same(corner_flights):
 
 def test_check_names_a_ring_that_nobody_declared_and_one_that_is_silent():
     listener = Listener(replace(CONFIG, vehicle=VEHICLE))
-    listener.rings = [ring_of(8, [(0.0, 1.0)])]
+    listener.samples[Ring] = [ring_of(8, [(0.0, 1.0)])]
     (item,) = [i for i in _ranges(listener, Setup(listener.config, "x.toml")) if i.name == "ring"]
     assert item.verdict is Verdict.WARN
     assert "ring = 8" in (item.do or "")

@@ -12,10 +12,9 @@ from log_writers import EPOCH_US, flight, frame, heartbeat, record, write_tlog
 from pymavlink import mavutil
 from whole_tlog import read_tlog
 
-from companion.mavlink.decoders import columns
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import cut
-from companion.mavlink.message_table import LAYOUTS
+from companion.mavlink.message_table import LAYOUTS, columns
 from models.errors import LogError
 from replay.logs.tlog import Tlog, repair_stamps
 from replay.logs.tlog_vehicle import Census, Choice
