@@ -106,4 +106,4 @@ def test_the_unit_uses_the_watchdog_and_never_overwrites_a_flight():
     assert program.endswith("/companion")
     options = parser().parse_args(arguments)
     assert str(options.record) == "/var/lib/corner"
-    assert options.record_limit == 4096
+    assert "-delete" in service["ExecStartPre"], "old recordings go"
