@@ -52,19 +52,19 @@ class Spectrum:
 
 
 def whitened_energies(filters: Array, x: Array, run: NDArray[np.int64]) -> Array:
-    """Sum of squares of the innovations of signals (m, n) by the ``filters`` of every spectrum, (m, spectra).
+    """Sum of squares of the innovations of a signal (n,) by the ``filters`` of every spectrum, (spectra,).
 
-    f^T L f for the filter f of the highest order: L are the inner products of a signal with itself at lags 0 to
+    f^T L f for the filter f of the highest order: L are the inner products of the signal with itself at lags 0 to
     ``ORDER``, over the samples that the filter is used for. The few at the start of a run are added one by one.
     """
-    lags = np.zeros((len(x), ORDER + 1, x.shape[1]))
+    lags = np.zeros((ORDER + 1, len(x)))
     for lag in range(ORDER + 1):
-        lags[:, lag, lag:] = x[:, : x.shape[1] - lag]
+        lags[lag, lag:] = x[: len(x) - lag]
     f = filters[:, ORDER]
-    energies = ((f @ ((lags * (run >= ORDER)) @ lags.swapaxes(1, 2))) * f).sum(axis=2)
+    energies = (f @ ((lags * (run >= ORDER)) @ lags.T) * f).sum(axis=1)
     starts = np.flatnonzero((run >= 0) & (run < ORDER))
-    innovations = filters[:, run[starts]].swapaxes(0, 1) @ lags[:, :, starts].transpose(2, 1, 0)
-    return np.asarray(energies + (innovations**2).sum(axis=0).T)
+    innovations = (filters[:, run[starts]] * lags[:, starts].T).sum(axis=2)
+    return np.asarray(energies + (innovations**2).sum(axis=1))
 
 
 def spectra(step_s: float) -> tuple[Spectrum, ...]:

@@ -22,7 +22,6 @@ from scipy.linalg import cho_factor, cho_solve
 
 from models.frames import Array
 from replay.residual.grid import Mask
-from replay.search.channel import Columns
 from replay.search.design import Design
 from replay.search.disturbance import FITTED_SHARE, spectra, whitened_energies
 from replay.search.library import Library
@@ -102,7 +101,7 @@ class Evidence:
         self._det = np.array([[s.log_determinant(c.run) for s in self.spectra] for c in channels]).reshape(
             -1, len(self.spectra)
         )
-        self._counts = np.array([max(c.count, 1) for c in channels])
+        self._counts = np.array([c.count for c in channels])
         limits = np.array([c.limit for c in channels])
         self._floor = (FLOOR * limits[:, None]) ** 2 / self._smaller
         self._priors: dict[Term, float] = {}
@@ -110,7 +109,7 @@ class Evidence:
 
     def unfitted(self) -> Noise:
         """Noise of the residual as it is."""
-        rest = [flight.y for flight in self.library.flights]
+        rest = [channel.rows[0] for channel in self.library.channels]
         return self._noise(rest, self._energies(rest), np.zeros(len(self.library.channels)))
 
     @cached_property
@@ -120,9 +119,9 @@ class Evidence:
         for channel in self.library.channels:
             known = (channel.run >= 0).astype(float)
             kernel = np.ones(min(round(QUIET_S / STEP_S), len(known)))
-            mean = np.convolve(channel.y, kernel, "same") / np.maximum(np.convolve(known, kernel, "same"), 1.0)
-            fast = np.where(known > 0, channel.y - mean, 0.0)
-            sigma.append(float(np.sqrt(fast @ fast / max(channel.count, 1) + (FLOOR * channel.limit) ** 2)))
+            mean = np.convolve(channel.rows[0], kernel, "same") / np.maximum(np.convolve(known, kernel, "same"), 1.0)
+            fast = np.where(known > 0, channel.rows[0] - mean, 0.0)
+            sigma.append(float(np.sqrt(fast @ fast / channel.count + (FLOOR * channel.limit) ** 2)))
         number = [(s.slow_s, s.slow_share) for s in self.spectra].index(QUIET_SPECTRUM)
         return Noise((number,) * len(sigma), tuple(sigma))
 
@@ -191,32 +190,32 @@ class Evidence:
         P = I + X^T W X - X^T W A S A^T W X (Schur's complement), v = X^T W (y - A m) + c.
         With a ``key``: of the terms with that key only, NaN for the others.
         """
-        out = np.full(len(self.library.terms), np.nan)
-        numbers = None if key is None else self.library.numbers_of(key)
-        looked_at = (
-            None if numbers is None else np.sort(np.concatenate([self.library.terms[i].columns for i in numbers]))
-        )
-        cross, g = self._products(fit.terms, fit.noise, looked_at)
+        library = self.library
+        by_width: dict[int, list[int]] = {}
+        for i in range(len(library.terms)) if key is None else library.numbers_of(key):
+            by_width.setdefault(len(library.terms[i].columns), []).append(i)
+        set_columns, x_bias = Design(library, fit.terms).columns, library.x_bias
+        cross, g = x_bias[:, set_columns].T @ x_bias, library.bias @ x_bias
+        for white, variance in self._channels(fit.noise):
+            where = white.channel.where
+            cross += white.gram[np.ix_(where[set_columns], where)] / variance
+            g += white.gram[0, where] / variance
         g = g - fit.b @ cross
         across = (fit.cov @ cross).T
-        x_bias = self.library.x_bias
-        for group in self.library.groups():
-            wanted = (
-                np.arange(len(group.numbers)) if numbers is None else np.flatnonzero(np.isin(group.numbers, numbers))
+        out = np.full(len(library.terms), np.nan)
+        for numbers in by_width.values():
+            columns, centre = (
+                np.stack([getattr(library.terms[i], of) for i in numbers]) for of in ("columns", "centre")
             )
-            if not wanted.size:
-                continue
-            centre, columns = group.centre[wanted], group.columns[wanted]
-            at = columns if looked_at is None else np.searchsorted(looked_at, columns)
             bias = x_bias[:, columns].transpose(1, 2, 0)
-            own = (
-                np.eye(columns.shape[1]) - across[at] @ cross[:, at].transpose(1, 0, 2) + bias @ bias.transpose(0, 2, 1)
-            )
+            own = np.eye(columns.shape[1]) - across[columns] @ cross[:, columns].transpose(1, 0, 2)
+            own += bias @ bias.transpose(0, 2, 1)
             for white, variance in self._channels(fit.noise):
-                own += white.blocks(group.columns)[wanted] / variance
-            v = g[at] + centre
+                local = white.channel.where[columns]
+                own += white.gram[local[:, :, None], local[:, None, :]] / variance
+            v = g[columns] + centre
             gain = (v * np.linalg.solve(own, v[..., None])[..., 0]).sum(axis=1) - (centre**2).sum(axis=1)
-            out[group.numbers[wanted]] = 0.5 * (gain - np.linalg.slogdet(own)[1])
+            out[numbers] = 0.5 * (gain - np.linalg.slogdet(own)[1])
         return out
 
     def promising(self, fit: Fit, candidates: Iterable[int]) -> list[tuple[float, Term]]:
@@ -244,14 +243,14 @@ class Evidence:
 
     def _energies(self, rest: Sequence[Array]) -> Array:
         """Sum of squares of the innovations of every channel by every spectrum, (channels, spectra)."""
-        flights = self.library.flights
-        parts = [whitened_energies(self._filters, e, f.run) for e, f in zip(rest, flights, strict=True)]
-        return np.concatenate([np.empty((0, len(self.spectra))), *parts])
+        parts = zip(rest, self.library.channels, strict=True)
+        energies = [whitened_energies(self._filters, e, channel.run) for e, channel in parts]
+        return np.array(energies).reshape(-1, len(self.spectra))
 
     def _noise(self, rest: Sequence[Array], energies: Array, form: Array) -> Noise:
         """The likeliest spectrum of the rest; no quieter than its raw energy, the model-form errors, and the floor."""
         counts = self._counts[:, None]
-        raw = np.concatenate([np.empty(0), *((e**2).sum(axis=1) for e in rest)]) / self._counts
+        raw = np.array([e @ e for e in rest]) / self._counts
         variance = self._variance(energies, np.maximum(raw, form))
         cost = counts * np.log(variance) + energies / variance + self._det
         best = np.argmin(np.where(self._fitted, np.round(cost, 6), np.inf), axis=1)
@@ -278,29 +277,14 @@ class Evidence:
         """Mean (k,) and covariance (k, k) of the scaled coefficients: (X^T W X + I)^-1 (X^T W y + prior mean)."""
         r = design.centre.copy()
         a = np.eye(len(r))
-        parts = zip(self.library.channels, design.on, design.local, self._channels(noise), strict=True)
-        for channel, on, local, (white, variance) in parts:
-            if channel.flight in left_out:
-                gram, product = white.gram_of(local, ~left_out[channel.flight])
-            else:
-                gram, product = white.gram(local)
-            a[on[:, None], on] += gram / variance
-            r[on] += product / variance
+        for white, variance in self._channels(noise):
+            flight = white.channel.flight
+            rows = np.concatenate([[0], white.channel.where[design.columns]])
+            gram = white.gram_of(rows, ~left_out[flight]) if flight in left_out else white.gram[np.ix_(rows, rows)]
+            a += gram[1:, 1:] / variance
+            r += gram[0, 1:] / variance
         x_bias = self.library.x_bias[:, design.columns]
         a += x_bias.T @ x_bias
         r += x_bias.T @ self.library.bias
         factor = cho_factor(a, lower=True, check_finite=False)
         return cho_solve(factor, r, check_finite=False), cho_solve(factor, np.eye(len(r)), check_finite=False)
-
-    def _products(self, terms: Sequence[Term], noise: Noise, looked_at: Columns | None) -> tuple[Array, Array]:
-        """X^T W X of a set's columns with those looked at (k, K), all of the library by default, and X^T W y (K,)."""
-        parts = [*(t.columns for t in terms), self.library.trim]
-        columns, ends = np.concatenate(parts), np.cumsum([len(p) for p in parts])
-        seen = slice(None) if looked_at is None else looked_at
-        x_bias = self.library.x_bias
-        cross, g = x_bias[:, columns].T @ x_bias[:, seen], self.library.bias @ x_bias[:, seen]
-        for white, variance in self._channels(noise):
-            g += white.products(None)[seen] / variance
-            for part, end in zip(parts, ends, strict=True):
-                cross[end - len(part) : end] += white.products(part)[:, seen] / variance
-        return cross, g

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.effects import Context, Effect
 from models.frames import AXES, Array
 from replay.residual.record import Record
-from replay.search.channel import Channel, Columns, by_flight
+from replay.search.channel import Channel, Columns
 from replay.search.curves import AMPLITUDE, Curve, curves
 from replay.search.disturbance import runs
 from replay.search.terms import (
@@ -51,23 +49,6 @@ Prior = tuple[int, float, float, float, float, float]
 """Of a coefficient: column, standard deviation, and in units of that mean, bounds, and 1 where it makes the effect."""
 
 
-@dataclass(frozen=True)
-class Group:
-    """Terms with as many columns: their numbers (m,), columns (m, width) and prior means (m, width)."""
-
-    numbers: NDArray[np.int64]
-    columns: NDArray[np.int64]
-    centre: Array
-
-    def joined(self, other: Group) -> Group:
-        """With more terms behind."""
-        return Group(
-            np.concatenate([self.numbers, other.numbers]),
-            np.concatenate([self.columns, other.columns]),
-            np.concatenate([self.centre, other.centre]),
-        )
-
-
 class Library:
     """All terms of some flights, and the channels that they act on.
 
@@ -85,10 +66,8 @@ class Library:
         self._trims: list[tuple[int, Array]] = []
         self.size = 0
         self.channels = [self._channel(f, a) for f, r in enumerate(records) for a in r.axes]
-        self.flights = by_flight(self.channels)
         self._at = {(c.flight, c.axis): c for c in self.channels}
         self._of_key: dict[Key, list[int]] = {}
-        self._groups: dict[int, Group] = {}
         self._unmixed: dict[tuple[str, int], Array] = {}
         self._curves: dict[tuple[int, int], Array] = {}
         self._bias_columns: dict[int, list[tuple[Columns, Array]]] = {}
@@ -279,19 +258,6 @@ class Library:
     def numbers_of(self, key: Key) -> list[int]:
         """Numbers of the terms with a key: one effect in all its shapes."""
         return self._of_key[key]
-
-    def groups(self) -> Iterable[Group]:
-        """Terms by how many columns they have."""
-        known = sum(len(g.numbers) for g in self._groups.values())
-        fresh: dict[int, list[int]] = {}
-        for i in range(known, len(self.terms)):
-            fresh.setdefault(len(self.terms[i].columns), []).append(i)
-        for width, numbers in fresh.items():
-            terms = [self.terms[i] for i in numbers]
-            group = Group(np.array(numbers), np.stack([t.columns for t in terms]), np.stack([t.centre for t in terms]))
-            old = self._groups.get(width)
-            self._groups[width] = group if old is None else old.joined(group)
-        return self._groups.values()
 
     def context(self, flight: int) -> Context:
         """Of a flight."""

@@ -354,5 +354,5 @@ def _excited(walked: Walked, best: Fit, term: Term) -> bool:
     for channel in evidence.library.channels:
         for i, at in enumerate(channel.where[term.columns]):
             if at >= 0:
-                unit[i] = max(unit[i], float(top(channel.x[:, at], channel.count)) / channel.limit)
+                unit[i] = max(unit[i], float(top(channel.rows[at], channel.count)) / channel.limit)
     return bool((known & (term.main > 0) & (error * unit < 1.0)).any())

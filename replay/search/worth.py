@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import log_ndtr
 
 from models.frames import Array
-from replay.search.channel import Flight
+from replay.search.channel import Channel
 from replay.search.design import Design
 from replay.search.terms import STEP_S, Term
 
@@ -33,17 +33,22 @@ What is below ``CANCEL_FREE`` hundredths of the weight does not count.
 
 
 class Contributions:
-    """What every term of a set does to every channel it acts on; ``b`` (k,), ``cov`` (k, k) with the trims behind.
+    """What every term of a set does to every channel; ``b`` (k,), ``cov`` (k, k) with the trims behind.
 
-    Of every flight one array: ``rest`` (channels, n), all others (pairs, n), pairs as in ``design.FlightRows``.
+    Of every channel one array: ``rest`` (n,), all others (terms, n).
     """
 
     def __init__(self, design: Design, b: Array, cov: Array) -> None:
         self.design = design
         self._b, self._cov = b, cov
-        self.rest = [rows.rest(b) for rows in design.flights]
+        channels = zip(design.library.channels, design.acting, strict=True)
+        self.rest = [c.rows[0] - b[on] @ x for c, (on, x) in channels]
         """What the set leaves of every channel."""
-        self.whole = [rows.acting(b) for rows in design.flights]
+        self.whole = self._done(np.where(design.of_term, b, 0.0))
+
+    def _done(self, b: Array) -> list[Array]:
+        """What every term does by its coefficients (terms, k)."""
+        return [b[:, on] @ x for on, x in self.design.acting]
 
     @cached_property
     def main(self) -> list[Array]:
@@ -53,7 +58,7 @@ class Contributions:
         for term, part in zip(design.terms, map(slice, design.edges, design.edges[1:]), strict=True):
             main = term.main if (term.main == 0.0).any() else np.ones_like(term.main)
             possible[part] = np.clip(self._b[part], term.low, term.high) * main
-        return [rows.acting(possible) for rows in design.flights]
+        return self._done(np.where(design.of_term, possible, 0.0))
 
     @cached_property
     def own(self) -> list[Array]:
@@ -73,18 +78,17 @@ class Contributions:
             others = np.clip(self._b - taken, low, high)
             others[gone] = 0.0
             lost[i] = self._b - others
-        return [np.where(r.of_channel[r.channel], lost[r.term[:, None], r.column], 0.0) @ r.x for r in design.flights]
+        return self._done(lost)
 
 
 def form_variance(u: Contributions) -> Array:
     """Variance (channels,) of what is left by the effects' model-form errors."""
-    out = np.zeros(len(u.design.library.channels))
     effect = np.array([t.effect is not None for t in u.design.terms], bool)
-    for rows, whole in zip(u.design.flights, u.whole, strict=True):
-        count = rows.flight.count  # what is not valid is 0
-        variance = np.maximum((whole**2).sum(axis=1) / count - (whole.sum(axis=1) / count) ** 2, 0.0)
-        np.add.at(out[rows.flight.numbers], rows.channel, FORM_LEFT**2 * variance * effect[rows.term])
-    return out
+    out = []
+    for channel, whole in zip(u.design.library.channels, u.whole, strict=True):
+        mean, square = whole.sum(axis=1) / channel.count, (whole**2).sum(axis=1) / channel.count
+        out.append(FORM_LEFT**2 * float(np.maximum(square - mean**2, 0.0) @ effect))
+    return np.array(out)
 
 
 def worth(u: Contributions) -> float:
@@ -105,12 +109,11 @@ def cancelled(u: Contributions) -> float:
     k^2 = sum |u_i|^2 / (|sum u_i|^2 + n (CANCEL_FREE l)^2), u_i (n,) what a term does and l a hundredth of the weight.
     """
     worst = 0.0
-    for rows, whole in zip(u.design.flights, u.whole, strict=True):
-        on = (np.arange(len(rows.flight.channels))[:, None] == rows.channel).astype(float)
-        free = rows.flight.count * (CANCEL_FREE * rows.flight.limits) ** 2
-        ratio = (on @ (whole**2).sum(axis=1)) / (((on @ whole) ** 2).sum(axis=1) + free)
-        worst = max(worst, float(np.sqrt(ratio[on.sum(axis=1) > 1].max(initial=0.0))))
-    return worst
+    for channel, whole in zip(u.design.library.channels, u.whole, strict=True):
+        if np.count_nonzero(whole.any(axis=1)) > 1:
+            free = channel.count * (CANCEL_FREE * channel.limit) ** 2
+            worst = max(worst, float((whole**2).sum() / ((whole.sum(axis=0) ** 2).sum() + free)))
+    return float(np.sqrt(worst))
 
 
 def standing(u: Contributions) -> Array:
@@ -124,13 +127,12 @@ def standing(u: Contributions) -> Array:
     sizes = tops(u, u.main)
     form = np.array([CURVE_FORM if t.effect is None else t.effect.form for t in u.design.terms])
     left = (sizes * form[:, None]) ** 2
-    open_ = np.zeros(sizes.shape[1])
-    for rows, rest in zip(u.design.flights, u.rest, strict=True):
-        open_[rows.flight.numbers] = slow_rms(rest, rows.flight) / rows.flight.limits
+    channels = u.design.library.channels
+    open_ = np.array([slow_rms(rest, c) / c.limit for c, rest in zip(channels, u.rest, strict=True)])
     beside = left.sum(axis=0) - left + open_**2
     large = np.minimum(sizes / np.sqrt(1.0 + beside), tops(u, u.own) / OWN)
     # Lift alone could come from any rotor: an effect that is known by its moment has to show that.
-    force = np.array([c.axis < 3 for c in u.design.library.channels])
+    force = np.array([c.axis < 3 for c in channels])
     by_moment = np.array([t.effect is not None and t.effect.needs_moments for t in u.design.terms])
     large[np.ix_(by_moment, force)] = 0.0
     return np.asarray(large.max(axis=1))
@@ -138,21 +140,17 @@ def standing(u: Contributions) -> Array:
 
 def tops(u: Contributions, parts: Sequence[Array]) -> Array:
     """The top of what every term does to every channel (terms, channels), in hundredths of the weight."""
-    out = np.zeros((len(u.design.terms), len(u.design.library.channels)))
-    for rows, part in zip(u.design.flights, parts, strict=True):
-        flight = rows.flight
-        out[rows.term, flight.numbers.start + rows.channel] = top(part, flight.count) / flight.limits[rows.channel]
-    return out
+    channels = u.design.library.channels
+    return np.stack([top(part, c.count) / c.limit for c, part in zip(channels, parts, strict=True)], axis=1)
 
 
-def slow_rms(rest: Array, flight: Flight) -> Array:
-    """RMS (channels,) of what is left of the channels of a flight (channels, n), averaged over ``SLOW_S``."""
+def slow_rms(rest: Array, channel: Channel) -> float:
+    """RMS of what is left of a channel (n,), averaged over ``SLOW_S``."""
     width = max(round(SLOW_S / STEP_S), 1)
-    total = np.zeros((len(rest), rest.shape[1] + 1))
-    np.cumsum(rest, axis=1, out=total[:, 1:])
-    known = np.concatenate([[0], np.cumsum(flight.run >= 0)])
-    mean = (total[:, width:] - total[:, :-width]) / np.maximum(known[width:] - known[:-width], 1)
-    return np.asarray(np.sqrt((mean**2).sum(axis=1) / max(mean.shape[1], 1)))
+    total = np.concatenate([[0.0], np.cumsum(rest)])
+    known = np.concatenate([[0], np.cumsum(channel.valid)])
+    mean = (total[width:] - total[:-width]) / np.maximum(known[width:] - known[:-width], 1)
+    return float(np.sqrt((mean**2).sum() / max(len(mean), 1)))
 
 
 def top(x: Array, count: int) -> Array:
