@@ -6,22 +6,22 @@ import errno
 import os
 import socket
 from collections.abc import Iterator
-from contextlib import nullcontext, redirect_stdout
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
 from companion.clock import Clock, SystemClock
 from companion.mavlink import BAUD
+from companion.mavlink.datagrams import Datagrams
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import Frame, FrameReader, pack
 from companion.mavlink.signing import Signatures
 from models.errors import ConfigError, LinkError
 
 _NETWORK = ("udp", "udpin", "udpout", "tcp", "tcpin", "udpbcast", "mcast")
+_PLAIN_UDP = ("udp:", "udpin:", "udpout:")
 _SYSTEM_UNKNOWN = 1
 """We send as this system until the vehicle's own is heard."""
-_SILENT_S = 3
-"""A UDP peer that says nothing for so long is answered no more, unless it is the only one."""
 _READ = 65536
 """Bytes of one read: more than a datagram holds, and 0.7 s of a serial port at 921600 baud."""
 _READS = 300
@@ -58,6 +58,11 @@ class Link:
         self._arrivals = arrivals
         self._number = number
         self._frames = FrameReader()
+        self._receive, self._write = connection.recv, connection.write
+        self._datagrams: Datagrams | None = None
+        if endpoint.startswith(_PLAIN_UDP):
+            datagrams = self._datagrams = Datagrams(connection)
+            self._receive, self._write = datagrams.recv, datagrams.write
         self._prints = endpoint.startswith("tcp")  # pymavlink prints its reconnects
         self._serial = endpoint.startswith("/dev/")
         self._unsent = b""
@@ -103,8 +108,11 @@ class Link:
 
     def _read(self) -> bytes:
         try:
-            with redirect_stdout(None) if self._prints else nullcontext():
-                data = self._connection.recv(_READ)
+            if self._prints:
+                with redirect_stdout(None):
+                    data = self._receive(_READ)
+            else:
+                data = self._receive(_READ)
         except BlockingIOError:
             return b""
         except OSError as error:
@@ -128,8 +136,8 @@ class Link:
     @property
     def peers(self) -> tuple[tuple[str, int], ...]:
         """Addresses of a UDP socket's peers; none for a stream, which needs none."""
-        if getattr(self._connection, "udp_server", False):
-            return tuple(self._connection.clients)
+        if self._datagrams is not None:
+            return self._datagrams.peers
         target = getattr(self._connection, "destination_addr", None)
         return () if target is None else (target,)
 
@@ -145,7 +153,7 @@ class Link:
                 self.dropped += 1
                 return
             if not self._serial:
-                self._connection.write(raw)
+                self._write(raw)
         except OSError as error:
             raise LinkError(f"{self.endpoint}: cannot send ({error.strerror or error})") from None
         self.sent += 1
@@ -188,13 +196,7 @@ def open_link(
     try:
         with redirect_stdout(None):
             connection = mavutil.mavlink_connection(
-                endpoint,
-                baud=baud,
-                source_system=_SYSTEM_UNKNOWN,
-                source_component=191,
-                retries=2,
-                autoreconnect=True,
-                udp_timeout=_SILENT_S,
+                endpoint, baud=baud, source_system=_SYSTEM_UNKNOWN, source_component=191, retries=2, autoreconnect=True
             )
     except (OSError, EOFError) as error:
         raise LinkError(f"{endpoint}: cannot be opened: {_reason(error, scheme)}") from None

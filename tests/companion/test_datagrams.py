@@ -33,7 +33,7 @@ def drained(link) -> int:
     return count
 
 
-def test_a_server_answers_everyone_that_it_has_heard():
+def test_a_server_answers_everyone_that_it_has_heard_and_one_that_cannot_be_reached_stops_no_other():
     port = free_port()
     with closing(open_link(f"udpin:127.0.0.1:{port}", Arrivals())) as link, bound() as first, bound() as second:
         link.send(*heartbeat())  # nobody is known yet
@@ -42,6 +42,7 @@ def test_a_server_answers_everyone_that_it_has_heard():
             peer.sendto(frame, ("127.0.0.1", port))
             assert drained(link) == 1
         assert set(link.peers) == {first.getsockname(), second.getsockname()}
+        link._datagrams.peers = (("127.0.0.1", 0), *link.peers)  # port 0: the system refuses it
         link.send(*heartbeat())
         assert first.recv(300)[:1] == second.recv(300)[:1] == b"\xfd"
 
@@ -57,6 +58,33 @@ def test_a_client_speaks_first_and_hears_the_answer(host):
             assert link.peers == (server.getsockname(),)
             server.sendto(data, address)
             assert drained(link) == 1
+
+
+def test_a_program_that_speaks_from_ever_new_ports_does_not_make_every_answer_dearer():
+    port = free_port()
+    with closing(open_link(f"udpin:127.0.0.1:{port}", Arrivals())) as link, bound() as vehicle:
+        frame = link.frame(*heartbeat())
+        for k in range(60):
+            if k % 10 == 0:
+                vehicle.sendto(frame, ("127.0.0.1", port))
+            with bound() as stranger:
+                stranger.sendto(frame, ("127.0.0.1", port))
+            drained(link)
+        assert vehicle.getsockname() in link.peers
+        assert len(link.peers) <= 8
+
+
+def test_a_peer_that_has_long_been_silent_gives_its_place(monkeypatch):
+    port, now = free_port(), [100.0]
+    monkeypatch.setattr("companion.mavlink.datagrams.monotonic", lambda: now[0])
+    with closing(open_link(f"udpin:127.0.0.1:{port}", Arrivals())) as link:
+        frame = link.frame(*heartbeat())
+        for _ in range(12):
+            with bound() as restarted:
+                restarted.sendto(frame, ("127.0.0.1", port))
+                drained(link)
+                assert restarted.getsockname() in link.peers
+            now[0] += 60.0
 
 
 def test_a_flood_does_not_keep_the_loop_from_its_other_work():
