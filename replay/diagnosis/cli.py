@@ -5,16 +5,11 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from companion.vehicles import vehicle_path
 from models.errors import ConfigError
 from replay.fleet.options import FolderOptions, add_options
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from replay.diagnosis.answer import Diagnosis
 from replay.pipeline_options import add_answer_options
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
@@ -72,6 +67,10 @@ def run(a: argparse.Namespace) -> int:
     from models.text_file import write_text
     from models.vehicle_plausibility import warnings
     from replay.command import check_targets, fault_lines, given, of_logs, progress_bar, write_answer
+    from replay.diagnosis.amended_model import amended
+    from replay.diagnosis.diagnose import diagnose
+    from replay.diagnosis.html_report import page
+    from replay.diagnosis.model_faults import model_faults
 
     _check_drafting(a)
     check_targets(a.json, a.save_vehicle, save_model=a.save_model, report=a.report)
@@ -81,15 +80,10 @@ def run(a: argparse.Namespace) -> int:
         return run_since(a)
     if any(log.is_dir() for log in a.logs):
         return _folder(a)
-    diagnose = _diagnosis(a)
     vehicle, chosen, draft = of_logs(a.vehicle, a.model, a.logs, given(a), a.target_system)
     if draft is not None and a.save_vehicle is not None:
         write_text("--save-vehicle", a.save_vehicle, draft.as_toml())
     answer = diagnose(a.logs, vehicle, chosen.judged, target_system=a.target_system, progress=progress_bar(a))
-    from replay.diagnosis.amended_model import amended
-    from replay.diagnosis.html_report import page
-    from replay.diagnosis.model_faults import model_faults
-
     faults = model_faults(answer.records, chosen)
     notes = [] if chosen.note is None else [chosen.note]
     notes += warnings(vehicle) if draft is None else draft.notes
@@ -137,31 +131,15 @@ def _check_drafting(a: argparse.Namespace) -> None:
             raise ConfigError(f"{option}: is of a drafted vehicle, and --vehicle gives one; leave one of them out")
 
 
-def _diagnosis(a: argparse.Namespace) -> Callable[..., Diagnosis]:
-    """``diagnose``. Where a package that it needs is not installed, a log that cannot be read is said first."""
-    try:
-        from replay.diagnosis.diagnose import diagnose
-    except ModuleNotFoundError:
-        from replay.logs.formats import read_pieces
-
-        for log in a.logs:
-            next(read_pieces(log, a.target_system), None)
-        raise
-    return diagnose
-
-
 def _folder(a: argparse.Namespace) -> int:
     if len(a.logs) > 1:
         raise ConfigError("a folder is diagnosed log by log: give it alone, or name the logs that belong together")
-    if a.test:
-        raise ConfigError(f"--test: needs logs that belong together; name them instead of the folder {a.logs[0]}")
-    if a.save_vehicle is not None:
-        raise ConfigError("--save-vehicle: a folder's logs may be of several vehicles; name the logs of one")
-    if a.save_model is not None:
-        raise ConfigError(
-            "--save-model: a folder's logs may be of several vehicles; give those of one vehicle by name, as in "
-            f"replay diagnose {a.logs[0]}/*.tlog --save-model {a.save_model}"
-        )
+    for option, value in (("--test", a.test), ("--save-vehicle", a.save_vehicle), ("--save-model", a.save_model)):
+        if value:
+            raise ConfigError(
+                f"{option}: a folder's logs may be of several vehicles; give those of one vehicle by name, as in "
+                f"replay diagnose {a.logs[0]}/*.tlog {option}"
+            )
     from replay.command import given
     from replay.fleet.folder import run_folder
     from replay.fleet.jobs import Job, Kind

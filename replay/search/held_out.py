@@ -12,19 +12,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from models.frames import AXES, Array
+from replay.residual.grid import Mask
 from replay.residual.record import Record
 from replay.search.curves import Carrier
 from replay.search.evidence import Evidence, Fit
 from replay.search.library import Library
-from replay.search.noise import split
 from replay.search.terms import Key, Term
 
 CARRIES = 0.25
 """An effect carries an axis where it is this strong beside its strongest axis, in hundredths of the weight."""
-BLOCK_S = 1.5
-"""Unit of the time that is held out [s]."""
-EMBARGO_S = 1.0
-"""Correlation time of the remainder that the embargo beside it is set by [s]."""
+BLOCK_S, MOST_BLOCKS = 1.5, 400
+"""Unit of the time that is held out [s], and how many at most."""
+FOLDS, FOLD_S = 8, 6.0
+"""Long single folds would hide a manoeuvre flown once from its own fit; runs of this length [s] do not."""
+EMBARGO_S = 3.0
+"""Time beside a run that is fitted on neither [s]: three correlation times of the remainder."""
 CONFIRM_SHARE = 0.01
 """Smallest share of the energy that an effect has to remove from a flight that confirms it."""
 CONFIRM_BLOCK_S = 5.0
@@ -165,9 +167,25 @@ def _less_curves(fit: FlightFit, library: Library, best: Fit) -> FlightFit:
 
 def _folds(evidence: Evidence, best: Fit, f: int, record: Record) -> tuple[list[Array], NDArray[np.int64]]:
     """Coefficients without every fold of one flight, and the fold of every sample (n,)."""
-    fold_of, fitted = split(record.valid, record.step_s, BLOCK_S, EMBARGO_S)
+    fold_of, fitted = _split(record)
     every = evidence.library.every[f]
     return [evidence.refit(best.terms, best.noise, {f: ~rows[::every]}).b for rows in fitted], fold_of
+
+
+def _split(record: Record) -> tuple[NDArray[np.int64], Mask]:
+    """Fold (n,) of every sample, and the samples (FOLDS, n) that every fold is fitted on.
+
+    Blocks are equal shares of the valid time. Runs of them are dealt to the folds in turn.
+    """
+    known = np.cumsum(record.valid)
+    count = int(np.clip(record.seconds / BLOCK_S, FOLDS, MOST_BLOCKS))
+    block = np.minimum((known - 1).clip(0) * count // max(int(known[-1]), 1), count - 1)
+    length = record.seconds / count
+    run = min(max(round(FOLD_S / length), 1), max(count // FOLDS, 1))
+    fold = np.arange(count) // run % FOLDS
+    kernel = np.ones(2 * max(int(np.ceil(EMBARGO_S / length)), 1) + 1)
+    near = np.stack([np.convolve(fold == k, kernel, "same") > 0.5 for k in range(FOLDS)])
+    return fold[block], ~near[:, block]
 
 
 def _confirmed(evidence: Evidence, best: Fit, fit: FlightFit, fits: list[FlightFit]) -> frozenset[Key]:

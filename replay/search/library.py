@@ -22,7 +22,6 @@ from replay.search.terms import (
     log_shapes,
     prior_of,
     regressors_of,
-    unmixed,
 )
 
 KNOWN = 0.02
@@ -68,7 +67,6 @@ class Library:
         self.channels = [self._channel(f, a) for f, r in enumerate(records) for a in r.axes]
         self._at = {(c.flight, c.axis): c for c in self.channels}
         self._of_key: dict[Key, list[int]] = {}
-        self._unmixed: dict[tuple[str, int], Array] = {}
         self._curves: dict[tuple[int, int], Array] = {}
         self._bias_columns: dict[int, list[tuple[Columns, Array]]] = {}
         self.remainders: list[Effect] = []
@@ -159,12 +157,10 @@ class Library:
                     self._write_form(effect, f, part)
             priors.append((self.size, FORM_PRIOR, 0.0, -np.inf, np.inf, 0.0))
             self.size += 1
-        columns, *own = (np.array(v) for v in zip(*priors, strict=True))
-        scale, centre, low, high, main = own
+        columns, scale, centre, low, high, main = (np.array(v) for v in zip(*priors, strict=True))
         self._take_in(
-            Term(effect.name, effect, shape, columns, scale, centre, low, high, log_shape, main,
-                 places, flight)
-        )  # fmt: skip
+            Term(effect.name, effect, shape, columns, scale, centre, low, high, log_shape, main, places, flight)
+        )
 
     def _take_in(self, term: Term) -> None:
         self._of_key.setdefault(term.key, []).append(len(self.terms))
@@ -188,15 +184,9 @@ class Library:
     def _write(self, effect: Effect, f: int, shape: tuple[float, ...], spread: Array, place: Columns) -> list[Array]:
         """Columns of an effect in the channels of one flight; its model-form errors there, (n, 6) each."""
         record = self.records[f]
-        bent: list[Array] = []
-        if effect.mixing is None:
-            x = regressors_of(effect, record, shape) * spread
-            bent = [b[:: self.every[f]] for i in _with_errors_of_form(effect) for b in bent_forms(x[:, :, i], record)]
-            x = x[:: self.every[f]]
-        else:
-            if (effect.name, f) not in self._unmixed:
-                self._unmixed[effect.name, f] = unmixed(effect, record, shape)[:: self.every[f]]
-            x = self._unmixed[effect.name, f] @ effect.mixing(shape) * spread
+        x = regressors_of(effect, record, shape) * spread
+        bent = [b[:: self.every[f]] for i in _with_errors_of_form(effect) for b in bent_forms(x[:, :, i], record)]
+        x = x[:: self.every[f]]
         for a in self._searched_axes(effect, f):
             live = np.flatnonzero(np.abs(x[:, a]).max(axis=0) > 0.0)
             if live.size:
@@ -312,7 +302,9 @@ class Library:
 
 def _with_errors_of_form(effect: Effect) -> list[int]:
     """Coefficients whose contribution may have another form than its equation says."""
-    return [] if effect.exact else [i for i, c in enumerate(effect.coefficients) if effect.is_main(c)]
+    if effect.exact or effect.mixing is not None:
+        return []
+    return [i for i, c in enumerate(effect.coefficients) if effect.is_main(c)]
 
 
 def _late_rotors(record: Record) -> Array:

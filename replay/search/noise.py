@@ -1,22 +1,16 @@
-"""Noise and time: size and correlation of every axis, contiguous blocks, folds with embargo."""
+"""What is left of every axis: its size, and over which time it is correlated."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.frames import Array
+from replay.residual.grid import Mask
 
-Mask = NDArray[np.bool_]
 LONGEST_LAG_S = 20.0
 """Up to which the autocorrelation is summed [s]."""
-FOLDS = 8
-FOLD_S = 6.0
-"""Length of a run of time that is held out [s]."""
-LONGEST_EMBARGO_S = 4.0
-"""Time beside it that is fitted on neither [s]: a flight of a minute has to keep half of it."""
 
 
 @dataclass(frozen=True)
@@ -55,46 +49,3 @@ def _integrated(correlation: Array) -> float:
     below = np.flatnonzero(correlation < 0.05)
     end = int(below[0]) if below.size else len(correlation)
     return float(1.0 + 2.0 * correlation[1:end].sum())
-
-
-def block_numbers(valid: Mask, step_s: float, length_s: float, most: int = 400) -> NDArray[np.int64]:
-    """Number of the contiguous block of every sample (n,), blocks of equal shares of the valid time."""
-    known = np.cumsum(valid)
-    seconds = float(known[-1]) * step_s
-    count = int(np.clip(seconds / length_s, FOLDS, most))
-    number: NDArray[np.int64] = np.minimum((known - 1).clip(0) * count // max(int(known[-1]), 1), count - 1)
-    return number
-
-
-def fold_of_block(count: int, block_s: float) -> NDArray[np.int64]:
-    """Fold of every block: contiguous runs of about ``FOLD_S`` dealt to ``FOLDS`` folds in turn.
-
-    Long single folds would hide a manoeuvre flown once from its own fit; runs of a few seconds with an embargo on
-    both sides do not, and are still time that the fit never saw.
-    """
-    run = max(round(FOLD_S / max(block_s, 1e-9)), 1)
-    run = min(run, max(count // FOLDS, 1))
-    return np.arange(count) // run % FOLDS
-
-
-def training_blocks(folds: NDArray[np.int64], fold: int, embargo: int) -> Mask:
-    """Blocks to fit on: outside ``fold`` and ``embargo`` blocks around its runs."""
-    near = np.convolve(folds == fold, np.ones(2 * embargo + 1), "same") > 0.5
-    return ~near
-
-
-def embargo_blocks(tau_s: float, block_s: float) -> int:
-    """Blocks to leave out beside a fold: three correlation times, at most ``LONGEST_EMBARGO_S``."""
-    return max(int(np.ceil(min(3.0 * tau_s, LONGEST_EMBARGO_S) / block_s)), 1)
-
-
-def split(valid: Mask, step_s: float, block_s: float, tau_s: float) -> tuple[NDArray[np.int64], Mask]:
-    """Fold (n,) of every sample, and the samples (FOLDS, n) that every fold is fitted on.
-
-    ``block_s``: unit of the time that is held out; ``tau_s``: correlation time that the embargo is set by.
-    """
-    block = block_numbers(valid, step_s, block_s)
-    count = int(block.max()) + 1
-    length = float(valid.sum() * step_s) / count
-    folds, embargo = fold_of_block(count, length), embargo_blocks(tau_s, length)
-    return folds[block], np.stack([training_blocks(folds, k, embargo)[block] for k in range(FOLDS)])

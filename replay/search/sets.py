@@ -133,19 +133,6 @@ def rivals_of(walked: Walked) -> list[Rival]:
         lost = frozenset(key for key in gone if mine[key].effect is not None)
         if names and lost and all(theirs[key].effect is not None for key in new):
             out.append(Rival(names, lost))
-    return [*out, *_within_form(walked)]
-
-
-def _within_form(walked: Walked) -> list[Rival]:
-    """Effects that would help beside an alias of theirs, but by no more than that one's model-form error."""
-    best = walked.best
-    out = []
-    for fit in walked.ranked():
-        more = [t for t in fit.terms if t.key not in best.key]
-        if len(more) == 1 and best.key < fit.key and fit.score - fit.worth > best.score:
-            (term,) = more
-            over = [t.key for t in best.terms if t.effect is not None and term.name in t.effect.aliases]
-            out += [Rival((term.name,), frozenset([key])) for key in over]
     return out
 
 

@@ -27,6 +27,8 @@ TRIED = 6
 """How many additions to a set are weighed in full, for each noise that they are screened beside."""
 WORTH_A_LOOK = -3.0
 """Log posterior odds by screening from which on a term is weighed."""
+EXCHANGE_LOSS = 60.0
+"""An exchange that loses less than this (log) is grown by one more term: two may stand in place of one."""
 BETWEEN = 30.0
 """A term this much (log) short of being worth it may be so between the points of its grid."""
 
@@ -170,6 +172,6 @@ def _exchanged(sets: Sets, fit: Fit) -> None:
         others(pair, 2)
     for term in fit.terms:
         for grown in others([term], 3):
-            if term.key not in grown.key and grown.score > fit.score - 60.0:
+            if term.key not in grown.key and grown.score > fit.score - EXCHANGE_LOSS:
                 for other in _additions(sets, grown, 2):
                     sets.weigh([*grown.terms, other], grown)

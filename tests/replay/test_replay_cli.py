@@ -195,16 +195,3 @@ def test_a_package_that_is_not_installed_is_one_line_that_says_what_to_install(f
     assert main(["diagnose", str(log.parent if folder else log), "--vehicle", str(QUAD), *out]) == 2
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert line == "replay: this needs the package scipy.linalg: pip install 'corner-compensator[replay]'"
-
-
-def test_without_scipy_a_log_that_cannot_be_read_is_said_first(tmp_path, log, capsys, monkeypatch):
-    for module in [name for name in sys.modules if name.startswith(("replay.diagnosis.diagnose", "replay.search"))]:
-        monkeypatch.delitem(sys.modules, module)
-    monkeypatch.setitem(sys.modules, "scipy.linalg", None)
-    monkeypatch.setitem(sys.modules, "scipy.special", None)
-    empty = tmp_path / "empty.tlog"
-    empty.write_bytes(b"")
-    assert main(["diagnose", str(empty)]) == 3
-    assert "is empty" in capsys.readouterr().err
-    assert main(["diagnose", str(log)]) == 2
-    assert "this needs the package scipy" in capsys.readouterr().err

@@ -7,7 +7,6 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -25,7 +24,7 @@ from replay.search.evidence import Evidence, Fit, Noise
 from replay.search.library import Library
 from replay.search.outside import outside
 from replay.search.results import Estimate, Found, Searched, summarise
-from replay.search.sets import canonical, rivals_of
+from replay.search.sets import canonical
 from replay.search.terms import Term
 from replay.search.walk import walk
 from replay.search.worth import Contributions, tops
@@ -197,19 +196,6 @@ def test_noise_of_the_voltage_leaves_the_packs_power(quiet: Record) -> None:
     low, value, high = estimate(search(seen, some("battery_sag", "thermal_derating")), "battery_sag", "power")
     assert low < 2.0 < high
     assert value == pytest.approx(2.0, abs=0.4)
-
-
-def test_what_fits_into_another_effects_error_of_form_is_its_alias() -> None:
-    def weighed(score: float, worth: float, *names: str) -> Fit:
-        (fit,) = sets(a=score)
-        (one,) = fit.terms
-        return replace(fit, worth=worth, terms=tuple(replace(one, name=n, effect=get(n)) for n in names))
-
-    best, other = weighed(100.0, 0.0, "rotor_drag"), weighed(70.0, -40.0, "rotor_drag", "body_drag")
-    chance, far = replace(other, worth=-5.0), weighed(70.0, -40.0, "rotor_drag", "ceiling")
-    for fit, names_of_rivals in ((other, [("body_drag",)]), (chance, []), (far, [])):
-        walked = SimpleNamespace(best=best, ranked=lambda fit=fit: [best, fit])
-        assert [r.names for r in rivals_of(walked)] == names_of_rivals
 
 
 def test_a_load_has_no_error_of_form_that_is_a_thrust_curve(quiet: Record) -> None:
