@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
 
-from companion.adapt_options import Adapt
 from models.arguments import Parser, run_command
 from models.errors import ConfigError, LogError
 from models.version import VersionAction
@@ -42,7 +41,6 @@ def parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     run.add_argument("log", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg; or a folder of them")
     add_pipeline_options(run)
-    run.add_argument("--save-model", type=Path, metavar="DIR", help="write the model with the sizes that were measured")
     run.add_argument("--report", type=Path, metavar="DIR", help="write one self-contained HTML page")
     add_answer_options(run, "the report as JSON")
     add_options(run)
@@ -70,8 +68,6 @@ def _checked(a: argparse.Namespace) -> int:
 def _run(a: argparse.Namespace) -> int:
     if a.log.is_dir():
         return _run_folder(a)
-    if a.save_model is not None and a.adapt is Adapt.OFF:
-        raise ConfigError("--save-model: has no effect with --adapt off")
     # Imported here so that --help answers at once.
     from replay.command import write_answer
     from replay.rerun.history import History
@@ -85,18 +81,13 @@ def _run(a: argparse.Namespace) -> int:
         watch=iter if a.report is None else history.watch,
     )  # fmt: skip
     report.notes[:0] = notes
-    if a.save_model is not None:
-        from companion.adaptation.saved import save_sizes
-
-        save_sizes(a.save_model, config.model, report.summary.adaptation, [a.log.name])
     write_answer(a, report.as_json(), [report.as_text()], lambda: page(report, history))
     return 0
 
 
 def _run_folder(a: argparse.Namespace) -> int:
-    for option, value in (("--survey", a.survey), ("--save-model", a.save_model)):
-        if value is not None:
-            raise ConfigError(f"{option}: is of one flight; name one log instead of the folder {a.log}")
+    if a.survey is not None:
+        raise ConfigError(f"--survey: is of one flight; name one log instead of the folder {a.log}")
     from replay.fleet.folder import run_folder
     from replay.fleet.jobs import Job, Kind
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,6 @@ from companion.adaptation.apply import MOST, Applied, share_of, towards
 from companion.adaptation.filter import Flags, excites, later, opened, surprises, update
 from companion.adaptation.gates import Situation, pause
 from companion.adaptation.near_map import GAPS, HEIGHTS, NearField
-from companion.adaptation.saved import kept_with
 from companion.adaptation.sizes import (
     EAST,
     FIRST_EFFECT,
@@ -76,13 +74,11 @@ def initial(config: PipelineConfig) -> Adaptation | None:
         return None
     table = size_table(config.vehicle, config.model)
     places = channels(table)
-    saved: Mapping[str, Any] = config.model.info.get("sizes", {})
     through = judge.channels_of(table)
-    judged = tuple(judge.initial(c, k) for c, k in zip(through, kept_with(config.model), strict=True))
-    known = tuple(table[k].name in saved for k in places)
+    judged = tuple(judge.initial(channel) for channel in through)
     believed = _believed(through, judged)
     shares, noise = Applied((1.0,) * len(places)), Noise(floors(config.vehicle))
-    state = Adaptation(table, prior(table), through, judged, believed, shares, shares, noise, known)
+    state = Adaptation(table, prior(table), through, judged, believed, shares, shares, noise, (False,) * len(places))
     wanted = _wanted(state)
     return replace(state, wanted=wanted, applied=wanted)
 

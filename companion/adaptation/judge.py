@@ -37,8 +37,6 @@ _DRIFT = 0.3
 """Change of gain, ground's lift and map in a minute, of their prior sd."""
 _CALM_WIND = 0.25
 """Change of the wind in a minute while the pull is judged, of what it may change otherwise: a gust is a jump."""
-_ANOTHER_DAY = 0.5
-"""Sd of a map, gain or ground's lift that was saved, of the prior's."""
 _EVIDENCE = 0.5
 """Of a block's log likelihood: neighbours are alike."""
 _MOST_LOG_ODDS = 4.0
@@ -122,32 +120,9 @@ def _channel(table: tuple[Size, ...], own: int) -> Channel:
     return Channel(_AXES[own], along, own, mean, covariance, variance, growth)
 
 
-@dataclass(frozen=True, slots=True)
-class Saved:
-    """What flights that were saved with a model left of one channel: (2, 2 + CELLS) of its mean, from the gain on."""
-
-    mean: Array
-    log_odds: float
-
-
-def initial(channel: Channel, kept: Saved | None) -> Belief:
+def initial(channel: Channel) -> Belief:
     """Before anything is seen in this flight."""
-    quiet = (0,) * len(channel.axes)
-    if kept is None:
-        return Belief(channel.mean, channel.covariance, 0.0, quiet)
-    mean, covariance = channel.mean.copy(), channel.covariance.copy()
-    mean[:, channel.gain :] = kept.mean
-    covariance[:, channel.gain :, channel.gain :] *= _ANOTHER_DAY**2
-    return Belief(mean, covariance, _bounded(kept.log_odds), quiet)
-
-
-def _bounded(log_odds: float) -> float:
-    return min(max(log_odds, -_MOST_LOG_ODDS), _MOST_LOG_ODDS)
-
-
-def to_keep(channel: Channel, judged: Belief) -> Saved:
-    """What the next flight with the model begins with."""
-    return Saved(judged.mean[:, channel.gain :], judged.log_odds)
+    return Belief(channel.mean, channel.covariance, 0.0, (0,) * len(channel.axes))
 
 
 @dataclass(frozen=True, slots=True)
@@ -224,7 +199,8 @@ def learn(channel: Channel, judged: Belief, seconds: float, seen: Sequence[tuple
         mean[0, channel.gain] = min(max(float(mean[0, channel.gain]), 0.0), MOST)
     if max(surprised) >= SURPRISED_BLOCKS or min(surprised) <= -SURPRISED_BLOCKS:
         covariance = _opened(channel, covariance)
-    return Belief(mean, covariance, _bounded(log_odds), tuple(surprised))
+    log_odds = min(max(log_odds, -_MOST_LOG_ODDS), _MOST_LOG_ODDS)
+    return Belief(mean, covariance, log_odds, tuple(surprised))
 
 
 def _jumped(

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
 from models.effects import get
-from models.errors import ModelError
 from models.frames import Array
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
@@ -78,7 +76,7 @@ def effects_with_size(model: FanSurrogate) -> tuple[int, ...]:
 
 @lru_cache(maxsize=8)
 def size_table(vehicle: Vehicle, model: FanSurrogate) -> tuple[Size, ...]:
-    """Every size of this vehicle and model, with the priors of the catalogue, or of the flights saved with the model.
+    """Every size of this vehicle and model, with the priors of the catalogue.
 
     A gain's prior is ``_HEAVY`` and the model's own scatter; its change per minute lets it follow a law whose
     form is wrong from place to place.
@@ -103,8 +101,7 @@ def size_table(vehicle: Vehicle, model: FanSurrogate) -> tuple[Size, ...]:
     ]
     for k in effects_with_size(model):
         table.append(Size(model.effects[k].name, "1", 1.0, 1.0, _HEAVY, 0.1, -2.0, 4.0))
-    saved = model.info.get("sizes", {})
-    return tuple(_with_saved(size, saved.get(size.name)) for size in table)
+    return tuple(table)
 
 
 def drag_prior(vehicle: Vehicle) -> tuple[float, float]:
@@ -121,23 +118,6 @@ def _scatter(model: FanSurrogate) -> tuple[float, float, float]:
     calibration = model.calibration
     share = [min(f / s, 1.0) if s > 0.0 else 0.0 for f, s in zip(calibration.floor, calibration.size, strict=True)]
     return share[2], max(share[0], share[1]), max(share[3], share[4])
-
-
-def _with_saved(size: Size, saved: Mapping[str, float] | None) -> Size:
-    """The prior after flights that were saved: their value, and their sd widened by a minute of another day."""
-    if saved is None:
-        return size
-    try:
-        value, sd = float(saved["value"]), float(saved["sd"])
-    except (KeyError, TypeError, ValueError):
-        value = sd = math.nan
-    if not (math.isfinite(value) and 0.0 <= sd < math.inf):
-        raise ModelError(f"model.json: key 'sizes.{size.name}' must have a finite value and sd; train or fly it again")
-    other_day = 4.0 if size.unit == "m/s" else 2.0 * size.per_minute
-    return Size(
-        size.name, size.unit, size.as_modelled, min(max(value, size.low), size.high),
-        min(math.hypot(sd, other_day), size.sd), size.per_minute, size.low, size.high,
-    )  # fmt: skip
 
 
 def prior(table: tuple[Size, ...]) -> Sizes:

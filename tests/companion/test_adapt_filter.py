@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple
 from types import SimpleNamespace
 from unittest import mock
 
@@ -16,7 +15,6 @@ from companion.vehicles import default_vehicle
 from models import load
 from models.adopted_effect import AdoptedEffect
 from models.effects import InFlight, catalogue, get
-from models.errors import ModelError
 
 RNG = np.random.default_rng(5)
 FREE = {"excited": 0.0, "robust_sigmas": 1e9}
@@ -114,27 +112,6 @@ def test_the_table_names_every_size_with_its_unit():
     assert values["ground_lift"].value == 1.0
     assert values["wind_north"].unit == "m/s"
     assert all(low.low < low.mean < low.high and low.sd > 0.0 for low in sizes)
-
-
-def with_info(sizes: object) -> object:
-    model = load()
-    model.info = {**model.info, "sizes": sizes}
-    return model
-
-
-def test_saved_sizes_are_the_prior_of_the_next_flight():
-    fresh = size_table(default_vehicle(), load())
-    model = with_info({"ground_lift": {"value": 0.4, "sd": 0.05, "unit": "1"}})
-    kept = size_table(default_vehicle(), model)  # type: ignore[arg-type]
-    assert kept[0].mean == 0.4
-    assert 0.05 < kept[0].sd <= fresh[0].sd
-    assert [astuple(size) for size in kept[1:]] == [astuple(size) for size in fresh[1:]]
-
-
-@pytest.mark.parametrize("bad", [{"value": "much", "sd": 0.1}, {"value": 1.0}, {"value": 1.0, "sd": -1.0}, [], 3.0])
-def test_a_saved_size_that_is_none_is_refused_by_name(bad):
-    with pytest.raises(ModelError, match=r"sizes\.ground_lift"):
-        size_table(default_vehicle(), with_info({"ground_lift": bad}))  # type: ignore[arg-type]
 
 
 def test_sizes_are_never_changed_in_place():

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from companion.adapt_options import Adapt
-from companion.adaptation import adapt, judge
+from companion.adaptation import judge
 from companion.adaptation import sizes as at
 from companion.adaptation.adapt import _ALIKE
 from companion.adaptation.apply import MOST
@@ -24,15 +22,11 @@ from companion.adaptation.near_map import (
     NearField,
     cheeseman_bennett,
 )  # fmt: skip
-from companion.adaptation.saved import kept_with, save_sizes
 from companion.adaptation.sizes import size_table
-from companion.config import PipelineConfig
 from companion.estimation.disturbance import FanPlaces
 from companion.vehicles import default_vehicle
 from models import load
 from models.corner_law import ClosedForm
-from models.errors import ModelError
-from models.surrogate.fan_surrogate import FanSurrogate
 
 TANDEM = default_vehicle()
 RADIUS_M = TANDEM.rotor_radius_m
@@ -54,7 +48,7 @@ def around(height: float, gap: float, bearing: float = 0.0) -> FanPlaces:
 
 def flown(channel: judge.Channel, true: Law, model: Law, approaches: int = 3, seed: int = 1) -> Belief:
     """In free air, down to 1.2 radii at half a radius from a wall ahead, a while there, up again; so many times."""
-    random, told = np.random.default_rng(seed), judge.initial(channel, None)
+    random, told = np.random.default_rng(seed), judge.initial(channel)
     low = [*np.geomspace(5.0, 1.2, 30), *[1.2] * 20, *np.geomspace(1.2, 5.0, 15)]
     for height in ([math.inf] * 40 + low) * approaches:
         regressors = np.zeros((5, len(TABLE)))
@@ -130,7 +124,7 @@ def test_a_load_is_no_ground_effect():
 
 
 def test_what_is_not_a_number_tells_nothing():
-    told = judge.initial(CHANNELS[2], None)
+    told = judge.initial(CHANNELS[2])
     row = np.ones(CHANNELS[2].mean.shape[1])
     after = learn(CHANNELS[2], told, 0.2, [(math.nan, row, 0.1), (1.0, row, math.nan)])
     assert np.array_equal(after.mean, told.mean)
@@ -202,38 +196,3 @@ def test_the_maps_pull_counts_among_what_may_eat_the_damping():
     assert near.pull_change_n(here, 0.1) == pytest.approx(expected)
     assert expected > 0.0
     assert NOTHING.pull_change_n(here, 0.1) == 0.0
-
-
-def measured(model: FanSurrogate) -> adapt.Adaptation:
-    """After three approaches in an air that is not the model's."""
-    known = adapt.initial(PipelineConfig(TANDEM, model, adapt=Adapt.FULL))
-    assert known is not None
-    judged = tuple(flown(c, ground, lambda h, d: -ground(h, d)) for c in known.channels)
-    return replace(known, judged=judged, learned_s=60.0)
-
-
-def test_what_was_measured_is_kept_with_the_model_and_begins_the_next_flight(tmp_path):
-    known = measured(load())
-    save_sizes(tmp_path / "kept", load(), known, ["a.tlog"])
-    again = adapt.initial(PipelineConfig(TANDEM, load(tmp_path / "kept"), adapt=Adapt.FULL))
-    assert again is not None
-    for channel, before, after in zip(known.channels, known.judged, again.judged, strict=True):
-        assert after.probability == pytest.approx(before.probability, abs=1e-3)
-        assert after.mean[:, channel.gain :] == pytest.approx(before.mean[:, channel.gain :], abs=1e-4)
-        assert (after.mean[:, : channel.gain] == channel.mean[:, : channel.gain]).all()
-        near = slice(channel.gain + 2, None)
-        assert (np.diagonal(after.covariance[1])[near] <= channel.variance[1][near]).all()
-    assert again.shares[0] < 0.1
-    assert compensated(known.channels[0], again.judged[0], lambda h, d: -ground(h, d), 1.2) == pytest.approx(
-        ground(1.2, 0.5), abs=0.012
-    )
-
-
-@pytest.mark.parametrize(
-    "bad", [{"log_odds": 1.0}, {"mean": [[0.0]], "log_odds": 1.0}, {"mean": "much", "log_odds": 0.0}, 3.0, []]
-)
-def test_a_kept_map_that_was_spoiled_is_refused_by_its_key(bad):
-    model = load()
-    model.info = {**model.info, "near_field": {"wall_tilt": bad}}
-    with pytest.raises(ModelError, match=r"near_field\.wall_tilt"):
-        kept_with(model)
