@@ -19,7 +19,7 @@ from companion.adaptation.gates import Situation
 from companion.adaptation.residual import mass_flow
 from companion.adaptation.sizes import drag_prior
 from companion.config import Base, Carrier, PipelineConfig
-from companion.control import attitude_response, engagement, hover_thrust, landed, swing_detector
+from companion.control import engagement, hover_thrust, landed, swing_detector
 from companion.control.authority import HOLDS_BACK_EVERYTHING, Notice, Reason, fade
 from companion.control.compensation import Offset, Offsets, slewed, wanted_offset
 from companion.control.disturbance import modelled_disturbance
@@ -41,7 +41,7 @@ from companion.control.position_hold import (
 from companion.control.position_target import Target, read_target, stay
 from companion.control.refusals import lateness, refusals, upstream_silent
 from companion.control.state import Decision, Pending, PipelineState
-from companion.control.survey import Whereabouts, aborted, advance, as_message, level_direction
+from companion.control.survey import Whereabouts, aborted, advance, as_message
 from companion.control.wall_guard import level_wall, watch_wall
 from companion.estimation import estimator as est
 from companion.estimation import height_drift
@@ -182,12 +182,8 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
             if state.hold is not None:
                 drift, sample = height_drift.hear(state.drift, sample)
             estimates = est.take_position(estimates, sample)
-            # The bank of attitude loops takes its tilts in here, where no setpoint waits.
-            response = attitude_response.settled(state.response)
             stamped_s = max(state.stamped_s, sample.t_s)
-            state = replace(
-                state, t_s=now, stamped_s=stamped_s, estimates=estimates, timing=timing, response=response, drift=drift
-            )
+            state = replace(state, t_s=now, stamped_s=stamped_s, estimates=estimates, timing=timing, drift=drift)
             return _follow_reset(state, sample.t_s)
         case Range() | Ring():
             return replace(state, t_s=now, estimates=est.take_range(estimates, sample, config))
@@ -255,7 +251,7 @@ def _surveyed(state: PipelineState, sample: Sample, config: PipelineConfig, box:
     if disturbance is not None:
         height = min(disturbance.h_m) if disturbance.ground.known else math.nan
         wall = min(disturbance.d_m) if disturbance.wall.known else math.nan
-        towards = level_direction(disturbance.wall.normal_ned)
+        towards = level_wall(disturbance)
     seen = Whereabouts(sample.t_s, state.hold is not None, np.asarray(position.position_ned), height, wall, towards)
     survey, wanted = advance(state.survey, box, seen)
     state = replace(state, survey=survey)

@@ -1,8 +1,7 @@
 """The attitude loop measured in flight: a bank of candidate loops fed with our own setpoints, the best one counts.
 
 Every candidate is a dead time and two equal lags. Its output is compared with the measured tilt, both without their
-slow means, over the last half minute; the gain is the least-squares one. Tilts are noted when they arrive and worked
-into the bank some at a time (``settled``), where no setpoint waits for it.
+slow means, over the last half minute; the gain is the least-squares one. No setpoint waits for it.
 """
 
 from __future__ import annotations
@@ -29,8 +28,6 @@ _LEAST_RAD = math.radians(0.35)
 """... and RMS of the setpoints in them: below, turbulence is as large as the answer."""
 _MOST_UNEXPLAINED = 0.35
 """RMS of what the best candidate leaves over that of the tilt: above, something else moves the vehicle."""
-_SETTLE_AT = 8
-"""Tilts noted before the bank takes them in: an eighth of a second, a tenth of a millisecond of work."""
 _KEPT_S = 0.5
 """History of setpoints: longer than the longest delay."""
 _GAINS = (0.7, 1.6)
@@ -43,17 +40,6 @@ def _zeros() -> Array:
 
 Sent = tuple[float, float, float]
 """(time, roll, pitch) of a setpoint, without its slow mean."""
-
-
-class Heard(NamedTuple):
-    """A tilt that the bank has not taken in yet, and the setpoints that were known when it came."""
-
-    t_s: float
-    dt_s: float
-    roll: float
-    """Without its slow mean [rad]."""
-    pitch: float
-    commands: tuple[Sent, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,91 +58,60 @@ _EMPTY = Bank()
 
 
 class AttitudeResponse(NamedTuple):
-    """Setpoints of the last half second, slow means, and the bank with the tilts that it has still to take in."""
+    """Setpoints of the last half second, slow means, and the bank."""
 
     commands: tuple[Sent, ...] = ()
     command_mean: tuple[float, float] = (0.0, 0.0)
     tilt_mean: tuple[float, float] = (0.0, 0.0)
     t_s: float = -math.inf
-    heard: tuple[Heard, ...] = ()
     bank: Bank = _EMPTY
 
 
 def hear_tilt(response: AttitudeResponse, t_s: float, roll: float, pitch: float) -> AttitudeResponse:
-    """Note a measured roll and pitch [rad]; without setpoints in the half second before, start again."""
-    commands, dt = response.commands, t_s - response.t_s
-    if not commands or not 0.0 < dt <= 0.3:
-        mean = response.command_mean if commands else (0.0, 0.0)
-        return AttitudeResponse(commands, mean, (roll, pitch), t_s, (), _EMPTY)
-    share = min(dt / _MEAN_S, 1.0)
-    mean_roll, mean_pitch = response.tilt_mean
-    mean_roll, mean_pitch = mean_roll + (roll - mean_roll) * share, mean_pitch + (pitch - mean_pitch) * share
-    heard = (*response.heard, Heard(t_s, dt, roll - mean_roll, pitch - mean_pitch, commands))
-    return AttitudeResponse(commands, response.command_mean, (mean_roll, mean_pitch), t_s, heard, response.bank)
+    """Take in a measured roll and pitch [rad]; without any setpoint, or after a gap, start again."""
+    dt = t_s - response.t_s
+    if not response.commands or not 0.0 < dt <= 0.3:
+        return response._replace(tilt_mean=(roll, pitch), t_s=t_s, bank=_EMPTY)
+    mean = _averaged(response.tilt_mean, roll, pitch, dt)
+    bank = _longer(response.bank, response.commands, t_s, dt, (roll - mean[0], pitch - mean[1]))
+    return response._replace(tilt_mean=mean, t_s=t_s, bank=bank)
 
 
 def sent(response: AttitudeResponse, t_s: float, roll: float, pitch: float) -> AttitudeResponse:
     """Remember a setpoint [rad]."""
-    oldest = t_s - _KEPT_S
-    kept = [c for c in response.commands if oldest <= c[0] < t_s]
-    if kept:
-        share = min((t_s - kept[-1][0]) / _MEAN_S, 1.0)
-        mean_roll, mean_pitch = response.command_mean
-        mean_roll, mean_pitch = mean_roll + (roll - mean_roll) * share, mean_pitch + (pitch - mean_pitch) * share
-    else:
-        mean_roll, mean_pitch = roll, pitch
-    kept.append((t_s, roll - mean_roll, pitch - mean_pitch))
-    return AttitudeResponse(
-        tuple(kept), (mean_roll, mean_pitch), response.tilt_mean, response.t_s, response.heard, response.bank
+    kept = [c for c in response.commands if t_s - _KEPT_S <= c[0] < t_s]
+    mean = _averaged(response.command_mean, roll, pitch, t_s - kept[-1][0]) if kept else (roll, pitch)
+    return response._replace(commands=(*kept, (t_s, roll - mean[0], pitch - mean[1])), command_mean=mean)
+
+
+def _averaged(mean: tuple[float, float], roll: float, pitch: float, dt_s: float) -> tuple[float, float]:
+    share = min(dt_s / _MEAN_S, 1.0)
+    return mean[0] + (roll - mean[0]) * share, mean[1] + (pitch - mean[1]) * share
+
+
+def _longer(bank: Bank, commands: tuple[Sent, ...], t_s: float, dt_s: float, tilt: tuple[float, float]) -> Bank:
+    """The bank with one tilt more: every candidate one step on, and compared with it."""
+    times, roll, pitch = np.array(commands).T
+    # The setpoints as every dead time delays them, the first and the last of them held.
+    at = t_s - _DELAYS
+    delayed = np.stack([np.interp(at, times, roll), np.interp(at, times, pitch)])[:, None, :]
+    share = (1.0 - np.exp(-dt_s / _TAUS))[:, None]
+    first = bank.stages[0] + share * (delayed - bank.stages[0])
+    second = bank.stages[1] + share * (first - bank.stages[1])
+    forget = math.exp(-dt_s / _MEMORY_S)
+    fresh = np.stack([second * np.array(tilt)[:, None, None], second * second])
+    return Bank(
+        np.stack([first, second]),
+        forget * bank.sums + dt_s * fresh,
+        forget * bank.tilt_power + dt_s * (tilt[0] * tilt[0] + tilt[1] * tilt[1]),
+        forget * bank.command_power + dt_s * (commands[-1][1] ** 2 + commands[-1][2] ** 2),
+        forget * bank.seconds + dt_s,
     )
-
-
-def settled(response: AttitudeResponse, at_least: int = _SETTLE_AT) -> AttitudeResponse:
-    """With what was heard taken into the bank, once it is ``at_least`` so many tilts."""
-    heard, bank = response.heard, response.bank
-    if len(heard) < max(at_least, 1):
-        return response
-    delayed, shares = _delayed(heard), 1.0 - np.exp(-np.array([one.dt_s for one in heard])[:, None] / _TAUS)
-    tilts = np.array([(one.roll, one.pitch) for one in heard])[:, :, None, None]
-    first, second, sums = bank.stages[0], bank.stages[1], bank.sums
-    tilt_power, command_power, seconds = bank.tilt_power, bank.command_power, bank.seconds
-    for k, (_, dt, roll, pitch, commands) in enumerate(heard):
-        share = shares[k][None, :, None]
-        first = first + share * (delayed[k][:, None, :] - first)
-        second = second + share * (first - second)
-        forget = math.exp(-dt / _MEMORY_S)
-        fresh = np.empty_like(sums)
-        np.multiply(second, tilts[k], out=fresh[0])
-        np.multiply(second, second, out=fresh[1])
-        sums = forget * sums + dt * fresh
-        newest = commands[-1]
-        tilt_power = forget * tilt_power + dt * (roll * roll + pitch * pitch)
-        command_power = forget * command_power + dt * (newest[1] ** 2 + newest[2] ** 2)
-        seconds = forget * seconds + dt
-    bank = Bank(np.stack([first, second]), sums, tilt_power, command_power, seconds)
-    return AttitudeResponse(response.commands, response.command_mean, response.tilt_mean, response.t_s, (), bank)
-
-
-def _delayed(heard: tuple[Heard, ...]) -> Array:
-    """The setpoints as every candidate's dead time delays them: shape (heard, axis, delay).
-
-    Each tilt sees the setpoints that were known when it came, the first and the last of them held.
-    """
-    known = list(heard[0].commands)
-    for one in heard[1:]:
-        last_s, fresh = known[-1][0], len(one.commands)
-        while fresh and one.commands[fresh - 1][0] > last_s:
-            fresh -= 1
-        known += one.commands[fresh:]
-    times, roll, pitch = np.array(known).T
-    at = np.array([one.t_s for one in heard])[:, None] - _DELAYS
-    at = np.clip(at, [[one.commands[0][0]] for one in heard], [[one.commands[-1][0]] for one in heard])
-    return np.stack([np.interp(at, times, roll), np.interp(at, times, pitch)], axis=1)
 
 
 def measured_loop(response: AttitudeResponse) -> AttitudeLoop | None:
     """The loop that explains the tilt best, or None while there was too little to see."""
-    bank = settled(response, 1).bank
+    bank = response.bank
     if bank.seconds < _LEAST_S or bank.command_power < bank.seconds * _LEAST_RAD**2:
         return None
     cross, square = bank.sums.sum(axis=1)

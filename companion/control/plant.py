@@ -164,21 +164,19 @@ def _risen(old: float, new: float) -> float:
 
 def hear_position(timing: Timing, t_s: float, late_s: float) -> Timing:
     """Take in a position stamped ``t_s`` that arrives ``late_s`` later; a gap is no period."""
-    position_period_s, position_late_s, attitude_period_s, position_s, attitude_s = timing
-    period = t_s - position_s
-    late = _risen(position_late_s, min(max(late_s, 0.0), POSITION_AGE_S))
-    if 0.0 < period <= POSITION_AGE_S:
-        position_period_s = _risen(position_period_s, period)
-    return Timing(position_period_s, late, attitude_period_s, t_s, attitude_s)
+    period, gap_s = timing.position_period_s, t_s - timing.position_s
+    if 0.0 < gap_s <= POSITION_AGE_S:
+        period = _risen(period, gap_s)
+    late = _risen(timing.position_late_s, min(max(late_s, 0.0), POSITION_AGE_S))
+    return timing._replace(position_period_s=period, position_late_s=late, position_s=t_s)
 
 
 def hear_attitude(timing: Timing, t_s: float) -> Timing:
     """Take in an attitude stamped ``t_s``."""
-    position_period_s, position_late_s, attitude_period_s, position_s, attitude_s = timing
-    period = t_s - attitude_s
-    if 0.0 < period <= ATTITUDE_AGE_S:
-        attitude_period_s = _risen(attitude_period_s, period)
-    return Timing(position_period_s, position_late_s, attitude_period_s, position_s, t_s)
+    period, gap_s = timing.attitude_period_s, t_s - timing.attitude_s
+    if 0.0 < gap_s <= ATTITUDE_AGE_S:
+        period = _risen(period, gap_s)
+    return timing._replace(attitude_period_s=period, attitude_s=t_s)
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 from companion.control.authority import clipped
 from companion.control.plant import CLIMB_LEAD_S, TILT_MEAN_S, HoldGains
-from companion.control.position_target import Motion as Course
-from companion.control.position_target import Reference, Target, advance, expected, start_reference, stay
+from companion.control.position_target import Course, Reference, Target, advance, expected, start_reference, stay
 from companion.control.wall_guard import WallAhead
+from companion.estimation.vectors import minus, plus, scaled, within
 from companion.mavlink.firmware import ThrustMap
 from models.evolve import replace
 from models.frames import GRAVITY
@@ -150,9 +150,8 @@ def settled_target(hold: Hold) -> Target:
 
 def balanced(hold: Hold, acceleration: Vector3) -> Hold:
     """The hold after it took over what another part of the setpoint balanced: NED m/s^2, into its integral."""
-    (x, y, z), (north, east, down) = hold.integral, acceleration
-    integral = _integral(x + north, y + east, z + down)
-    north, east, down = integral[0] - x, integral[1] - y, integral[2] - z
+    integral = _integral(*plus(hold.integral, acceleration))
+    north, east, down = minus(integral, hold.integral)
     return hold._replace(
         integral=integral,
         tilt_mean=(hold.tilt_mean[0] + north, hold.tilt_mean[1] + east),
@@ -163,8 +162,8 @@ def balanced(hold: Hold, acceleration: Vector3) -> Hold:
 
 def shifted(hold: Hold, by_ned: Vector3) -> Hold:
     """The hold after the origin of positions moved: everything stays where it is over the ground."""
-    reference = hold.reference._replace(position=_sum(hold.reference.position, by_ned))
-    return hold._replace(reference=reference, target=replace(hold.target, position=_sum(hold.target.position, by_ned)))
+    reference = hold.reference._replace(position=plus(hold.reference.position, by_ned))
+    return hold._replace(reference=reference, target=replace(hold.target, position=plus(hold.target.position, by_ned)))
 
 
 def fly(
@@ -178,33 +177,26 @@ def fly(
     course = expected(reference, gains.lag_s)
     drag = hold.drag_1_s
     (forward_n, forward_e, forward_d), (ahead_n, ahead_e, _) = reference.acceleration, reference.shaped_velocity
-    forward_n, forward_e = forward_n + drag * ahead_n, forward_e + drag * ahead_e
+    forward = (forward_n + drag * ahead_n, forward_e + drag * ahead_e, forward_d)
     vn, ve, _ = course.velocity
     share = min(dt / TILT_MEAN_S, 1.0)
     # Tilt and thrust that are neither fed forward nor lasting: what will change the velocity unasked.
     tilt_n, tilt_e = tilt_acceleration(motion.body_down)
-    tilt_n, tilt_e = (
-        tilt_n - motion.offset[0] - course.acceleration[0] - drag * vn,
-        tilt_e - motion.offset[1] - course.acceleration[1] - drag * ve,
-    )
+    tilt_n = tilt_n - motion.offset[0] - course.acceleration[0] - drag * vn
+    tilt_e = tilt_e - motion.offset[1] - course.acceleration[1] - drag * ve
     climb = hold.climb_command - forward_d
     mean_n, mean_e = hold.tilt_mean
     mean_n, mean_e = mean_n + (tilt_n - mean_n) * share, mean_e + (tilt_e - mean_e) * share
     mean_d = hold.climb_mean + (climb - hold.climb_mean) * share
     extra = (tilt_n - mean_n, tilt_e - mean_e, climb - mean_d)
-    since = _followed(hold.since, t_s - motion.age_s, motion.age_s, dt, _sum(extra, course.acceleration))
-    position, velocity = _predicted(motion, since)
-    slip = _slip(course, position, velocity, extra, gains, limits)
-    old = hold.integral
-    acceleration, saturated = _limited(
-        (
-            slip[0] * gains.velocity_1_s + old[0] + forward_n,
-            slip[1] * gains.velocity_1_s + old[1] + forward_e,
-            slip[2] * gains.climb_1_s + old[2] + forward_d,
-        ),
-        motion.wall,
-    )
-    integral = old
+    since = _followed(hold.since, t_s - motion.age_s, motion.age_s, dt, plus(extra, course.acceleration))
+    # Position and velocity now, from the late ones and what has accelerated the vehicle since.
+    straight = scaled(motion.velocity, min(motion.age_s, _MAX_PREDICTION_S))
+    position = plus(plus(motion.position, straight), since.place)
+    slip = _slip(course, position, plus(motion.velocity, since.velocity), extra, gains, limits)
+    old = integral = hold.integral
+    answer = (slip[0] * gains.velocity_1_s, slip[1] * gains.velocity_1_s, slip[2] * gains.climb_1_s)
+    acceleration, saturated = _limited(plus(plus(answer, old), forward), motion.wall)
     if not saturated:
         rate = gains.integral_1_s2 * dt
         along = (
@@ -234,21 +226,12 @@ def _slip(
     course: Course, position: Vector3, velocity: Vector3, extra: Vector3, gains: HoldGains, limits: Limits
 ) -> Vector3:
     """The velocity that is missing [m/s], NED: towards the reference, and on with it."""
-    (rx, ry, rz), (x, y, z) = course.position, position
-    north, east = (rx - x) * gains.position_1_s, (ry - y) * gains.position_1_s
-    down = clipped((rz - z) * gains.height_1_s, limits.climb_m_s)
-    speed = math.hypot(north, east)
-    if speed > limits.speed_m_s:
-        share = limits.speed_m_s / speed
-        north, east = north * share, east * share
-    (rvx, rvy, rvz), (vx, vy, vz) = course.velocity, velocity
+    north, east, down = minus(course.position, position)
+    closing = (north * gains.position_1_s, east * gains.position_1_s, down * gains.height_1_s)
+    missing = minus(plus(within(closing, limits.speed_m_s, limits.climb_m_s), course.velocity), velocity)
     # Attitude and motors answer late: look at the velocity that the present tilt and thrust lead to.
     lead = gains.tilt_lead_s
-    return (
-        north + rvx - vx - extra[0] * lead,
-        east + rvy - vy - extra[1] * lead,
-        down + rvz - vz - extra[2] * CLIMB_LEAD_S,
-    )
+    return minus(missing, (extra[0] * lead, extra[1] * lead, extra[2] * CLIMB_LEAD_S))
 
 
 def _followed(since: Since | None, stamp_s: float, age_s: float, dt: float, acceleration: Vector3) -> Since:
@@ -260,12 +243,12 @@ def _followed(since: Since | None, stamp_s: float, age_s: float, dt: float, acce
     """
     if since is None or stamp_s > since.stamp_s + _SAME_STAMP_S:
         age = min(max(age_s, 0.0), _MAX_PREDICTION_S)
-        gained = _scaled(acceleration, age)
-        return Since(stamp_s, gained, _scaled(gained, 0.5 * age))
+        gained = scaled(acceleration, age)
+        return Since(stamp_s, gained, scaled(gained, 0.5 * age))
     if age_s > _MAX_PREDICTION_S:
         return since
-    velocity = _sum(since.velocity, _scaled(acceleration, dt))
-    return Since(since.stamp_s, velocity, _sum(since.place, _scaled(since.velocity, dt)))
+    velocity = plus(since.velocity, scaled(acceleration, dt))
+    return Since(since.stamp_s, velocity, plus(since.place, scaled(since.velocity, dt)))
 
 
 def tilt_acceleration(body_down: Vector3) -> tuple[float, float]:
@@ -275,33 +258,15 @@ def tilt_acceleration(body_down: Vector3) -> tuple[float, float]:
     return -GRAVITY * north / lift, -GRAVITY * east / lift
 
 
-def _sum(a: Vector3, b: Vector3) -> Vector3:
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
-
-
-def _scaled(a: Vector3, by: float) -> Vector3:
-    return a[0] * by, a[1] * by, a[2] * by
-
-
-def _predicted(motion: Motion, since: Since) -> tuple[Vector3, Vector3]:
-    """Position and velocity now, from the late ones and what has accelerated the vehicle since."""
-    straight = _scaled(motion.velocity, min(motion.age_s, _MAX_PREDICTION_S))
-    return _sum(_sum(motion.position, straight), since.place), _sum(motion.velocity, since.velocity)
-
-
 def _limited(acceleration: Vector3, wall: WallAhead | None) -> tuple[Vector3, bool]:
     """The acceleration within tilt and climb limits, and whether a limit was met."""
     north, east, down = acceleration
-    level = math.hypot(north, east)
-    saturated = level > _MOST_LEVEL_M_S2 or abs(down) > _MOST_CLIMB_M_S2
-    if level > _MOST_LEVEL_M_S2:
-        away = 0.0 if wall is None else -(north * wall.north + east * wall.east)
-        if wall is not None and away > 0.0:
-            north, east = _away_first(north, east, away, wall)
-        else:
-            share = _MOST_LEVEL_M_S2 / level
-            north, east = north * share, east * share
-    return (north, east, clipped(down, _MOST_CLIMB_M_S2)), saturated
+    steep = math.hypot(north, east) > _MOST_LEVEL_M_S2
+    limited = within(acceleration, _MOST_LEVEL_M_S2, _MOST_CLIMB_M_S2)
+    away = 0.0 if wall is None else -(north * wall.north + east * wall.east)
+    if steep and wall is not None and away > 0.0:
+        limited = (*_away_first(north, east, away, wall), limited[2])
+    return limited, steep or abs(down) > _MOST_CLIMB_M_S2
 
 
 def _away_first(north: float, east: float, away: float, wall: WallAhead) -> tuple[float, float]:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import Enum
 from typing import NamedTuple
 
+from companion.control.authority import clipped
+from companion.estimation.vectors import minus, plus, scaled, within
 from companion.mavlink.samples import SetPositionTarget
 from models.vehicle import Limits, Vector3
 
@@ -35,24 +36,12 @@ _NOWHERE = (math.nan, math.nan, math.nan)
 _AT_REST = (0.0, 0.0, 0.0)
 
 
-class TargetFrame(Enum):
-    """MAV_FRAMEs that a target may be given in. Offsets are from where the vehicle is when the message arrives."""
-
-    LOCAL_NED = 1
-    LOCAL_OFFSET_NED = 7
-    BODY_NED = 8
-    """As on ArduPilot: an offset along the nose and to the right; MAVLink calls it outdated."""
-    BODY_OFFSET_NED = 9
-
-    @property
-    def from_vehicle(self) -> bool:
-        """Whether the position is an offset from the vehicle."""
-        return self is not TargetFrame.LOCAL_NED
-
-    @property
-    def along_nose(self) -> bool:
-        """Whether the axes are turned by the vehicle's heading, and yaw counts from it."""
-        return self in (TargetFrame.BODY_NED, TargetFrame.BODY_OFFSET_NED)
+_FRAMES = (1, 7, 8, 9)
+"""MAV_FRAMEs that a target may be given in: LOCAL_NED, LOCAL_OFFSET_NED, BODY_NED, BODY_OFFSET_NED. All but the first
+count from where the vehicle is when the message arrives."""
+_ALONG_NOSE = (8, 9)
+"""Those whose axes are turned by the vehicle's heading, and whose yaw counts from it. BODY_NED as on ArduPilot: MAVLink
+calls it outdated."""
 
 
 @dataclass(frozen=True)
@@ -79,20 +68,18 @@ def read_target(sample: SetPositionTarget, old: Target, position: Vector3, yaw: 
     ``position`` [m] and ``yaw`` [rad] are the vehicle's own; ``old`` gives what the message leaves out. An axis with
     neither position nor velocity keeps its place.
     """
-    try:
-        frame = TargetFrame(sample.frame)
-    except ValueError:
+    if sample.frame not in _FRAMES:
         return None
-    mask = sample.type_mask
     asked, speed = sample.position, sample.velocity
-    if frame.along_nose:
-        asked, speed = _turned(asked, yaw), _turned(speed, yaw)
-    if frame.from_vehicle:
-        asked = (asked[0] + position[0], asked[1] + position[1], asked[2] + position[2])
-    north, east, down = (_axis(mask, axis, asked[axis], speed[axis], old.position[axis]) for axis in range(3))
+    along_nose = sample.frame in _ALONG_NOSE
+    if along_nose:
+        asked, speed = _by_heading(asked, yaw), _by_heading(speed, yaw)
+    if sample.frame != _FRAMES[0]:
+        asked = plus(asked, position)
+    north, east, down = (_axis(sample.type_mask, k, asked[k], speed[k], old.position[k]) for k in range(3))
     heading = old.yaw
-    if not mask & _IGNORE_YAW and math.isfinite(sample.yaw):
-        heading = sample.yaw + (yaw if frame.along_nose else 0.0)
+    if not sample.type_mask & _IGNORE_YAW and math.isfinite(sample.yaw):
+        heading = sample.yaw + (yaw if along_nose else 0.0)
     lasts = min(max(2.5 * (sample.t_s - old.set_s), _TARGET_AGE_S), _VELOCITY_AGE_S)
     return Target((north[0], east[0], down[0]), (north[1], east[1], down[1]), heading, sample.t_s, lasts)
 
@@ -105,7 +92,7 @@ def _axis(mask: int, axis: int, asked: float, speed: float, old: float) -> tuple
     return asked if has_place else unmoved, speed if has_speed else 0.0
 
 
-def _turned(vector: Vector3, yaw: float) -> Vector3:
+def _by_heading(vector: Vector3, yaw: float) -> Vector3:
     c, s = math.cos(yaw), math.sin(yaw)
     return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2]
 
@@ -114,7 +101,7 @@ Level = tuple[float, float]
 """North and east."""
 
 
-class Motion(NamedTuple):
+class Course(NamedTuple):
     """Position [m], velocity [m/s] and acceleration [m/s^2], NED."""
 
     position: Vector3
@@ -148,20 +135,20 @@ def start_reference(position: Vector3, velocity: Vector3, acceleration: Vector3,
     return still._replace(position=(x + x - ex, y + y - ey, z))
 
 
-def expected(reference: Reference, lag_s: float) -> Motion:
+def expected(reference: Reference, lag_s: float) -> Course:
     """Where a vehicle is whose tilt answers the fed acceleration through three lags of ``lag_s`` / 3 each.
 
     A lag y' = (u - y) / tau gives y = u - tau y': velocity and place follow from the answered accelerations.
     """
     if reference.following:
-        return Motion(reference.position, reference.velocity, reference.acceleration)
+        return Course(reference.position, reference.velocity, reference.acceleration)
     (x, y, z), (u, v, w) = reference.position, reference.velocity
     tau = lag_s / 3.0
     for north, east in reference.answered:
         u, v = u - tau * north, v - tau * east
         x, y = x - tau * u, y - tau * v
     north, east = reference.answered[2]
-    return Motion((x, y, z), (u, v, w), (north, east, reference.acceleration[2]))
+    return Course((x, y, z), (u, v, w), (north, east, reference.acceleration[2]))
 
 
 def advance(
@@ -172,19 +159,16 @@ def advance(
     A velocity counts for half a second after its message where it goes with a position, ``Target.lasts_s`` where it
     stands alone.
     """
-    age = t_s - target.set_s
-    age = 0.0 if age < 0.0 else age
-    x, y, z = target.position
-    # NaN differs from itself: an axis that only a velocity moves.
-    free_n, free_e, free_d = x != x, y != y, z != z
-    north, east, down = _limited(target.velocity, limits.speed_m_s, limits.climb_m_s)
+    age = max(t_s - target.set_s, 0.0)
     alone, beside = age <= target.lasts_s, age <= _TARGET_AGE_S
-    north, east = north if (alone if free_n else beside) else 0.0, east if (alone if free_e else beside) else 0.0
-    down = down if (alone if free_d else beside) else 0.0
-    speed = (north, east, down)
+    speed = within(target.velocity, limits.speed_m_s, limits.climb_m_s)
+    # NaN differs from itself: an axis that only a velocity moves.
+    free_n, free_e, free_d = [x != x for x in target.position]
+    north, east = speed[0] if (alone if free_n else beside) else 0.0, speed[1] if (alone if free_e else beside) else 0.0
+    down = speed[2] if (alone if free_d else beside) else 0.0
     # Between two messages a moving target moves on at its own velocity.
-    on = age if beside else _TARGET_AGE_S
-    place = (x + north * on, y + east * on, z + down * on)
+    speed = (north, east, down)
+    place = plus(target.position, scaled(speed, age if beside else _TARGET_AGE_S))
     to_go = _way(reference.position, place)
     if not (free_n or free_e or free_d) and _follows(reference, to_go, speed, lag_s):
         return _followed(reference, place, speed, dt_s)
@@ -197,28 +181,18 @@ def advance(
 
 def _way(start: Vector3, end: Vector3) -> Vector3:
     """From ``start`` to ``end``; 0 in an axis without a place."""
-    north, east, down = end[0] - start[0], end[1] - start[1], end[2] - start[2]
+    north, east, down = minus(end, start)
     return 0.0 if north != north else north, 0.0 if east != east else east, 0.0 if down != down else down
 
 
 def _follows(reference: Reference, to_go: Vector3, speed: Vector3, lag_s: float) -> bool:
     """Whether the target moves as the vehicle can."""
-    slip, moving = _largest(_way(reference.velocity, speed)), _largest(speed) > 0.0
+    slip, moving = _largest(minus(speed, reference.velocity)), _largest(speed) > 0.0
     if not reference.following:
-        behind = _largest(_way(expected(reference, lag_s).position, reference.position))
+        behind = _largest(minus(reference.position, expected(reference, lag_s).position))
         near_m = _CAUGHT_UP_M if moving else _STILL_M
         return _largest(to_go) < near_m and slip < _CAUGHT_UP_M_S and behind < _CAUGHT_UP_M
     return slip <= _FOLLOW_M_S and _largest(to_go) <= (_FOLLOW_M if moving else _STILL_M)
-
-
-def _limited(vector: Vector3, level: float, vertical: float) -> Vector3:
-    """Horizontal length at most ``level``, vertical part at most ``vertical``."""
-    north, east, down = vector
-    size = math.hypot(north, east)
-    if size > level:
-        share = level / size
-        north, east = north * share, east * share
-    return north, east, -vertical if down < -vertical else vertical if down > vertical else down
 
 
 def _largest(vector: Vector3) -> float:
@@ -228,14 +202,10 @@ def _largest(vector: Vector3) -> float:
 def _followed(reference: Reference, place: Vector3, speed: Vector3, dt_s: float) -> Reference:
     # A target that changes its velocity asks for an acceleration: give it rather than wait for the error.
     shaped, (shape_n, shape_e, shape_d) = reference.shaped_velocity, _SHAPE_S
-    north, east = (speed[0] - shaped[0]) / shape_n, (speed[1] - shaped[1]) / shape_e
-    down = (speed[2] - shaped[2]) / shape_d
-    passed = (
-        shaped[0] + north * min(dt_s, shape_n),
-        shaped[1] + east * min(dt_s, shape_e),
-        shaped[2] + down * min(dt_s, shape_d),
-    )
-    return Reference(place, speed, (north, east, down), passed, ((north, east),) * 3, following=True)
+    change_n, change_e, change_d = minus(speed, shaped)
+    north, east, down = change_n / shape_n, change_e / shape_e, change_d / shape_d
+    passed = (north * min(dt_s, shape_n), east * min(dt_s, shape_e), down * min(dt_s, shape_d))
+    return Reference(place, speed, (north, east, down), plus(shaped, passed), ((north, east),) * 3, following=True)
 
 
 def _approached(
@@ -254,35 +224,26 @@ def _approached(
         share = _stoppable(distance, closing, brake) / distance
         north, east = north + to_go[0] * share, east + to_go[1] * share
     down += math.copysign(_stoppable(abs(to_go[2]), closing, brake), to_go[2])
-    wanted = _limited((north, east, down), limits.speed_m_s, limits.climb_m_s)
-    rate, (vx, vy, vz), (ax, ay, az) = 4.0 * closing, reference.velocity, reference.acceleration
-    demand = _limited(
-        (
-            _towards(wanted[0] - vx, rate, jerk),
-            _towards(wanted[1] - vy, rate, jerk),
-            _towards(wanted[2] - vz, rate, jerk),
-        ),
-        most,
-        most,
-    )
-    step, (x, y, z) = jerk * dt_s, demand
-    ax += -step if x - ax < -step else step if x - ax > step else x - ax
-    ay += -step if y - ay < -step else step if y - ay > step else y - ay
-    az += -step if z - az < -step else step if z - az > step else z - az
-    vx, vy, vz = vx + ax * dt_s, vy + ay * dt_s, vz + az * dt_s
-    px, py, pz = reference.position
-    velocity, share = (vx, vy, vz), dt_s / (lag_s / 3.0 + dt_s) if dt_s > 0.0 else 0.0
-    now, answered = (ax, ay), []
-    for late in reference.answered:
-        now = (late[0] + (now[0] - late[0]) * share, late[1] + (now[1] - late[1]) * share)
-        answered.append(now)
-    return Reference(
-        (px + vx * dt_s, py + vy * dt_s, pz + vz * dt_s),
-        velocity,
-        (ax, ay, az),
-        velocity,
-        (answered[0], answered[1], answered[2]),
-    )
+    wanted = within((north, east, down), limits.speed_m_s, limits.climb_m_s)
+    slip_n, slip_e, slip_d = minus(wanted, reference.velocity)
+    rate = 4.0 * closing
+    demand = (_towards(slip_n, rate, jerk), _towards(slip_e, rate, jerk), _towards(slip_d, rate, jerk))
+    more_n, more_e, more_d = minus(within(demand, most, most), reference.acceleration)
+    step = jerk * dt_s
+    change = (clipped(more_n, step), clipped(more_e, step), clipped(more_d, step))
+    acceleration = plus(reference.acceleration, change)
+    velocity = plus(reference.velocity, scaled(acceleration, dt_s))
+    position = plus(reference.position, scaled(velocity, dt_s))
+    share = dt_s / (lag_s / 3.0 + dt_s) if dt_s > 0.0 else 0.0
+    first, second, third = reference.answered
+    first = _lagged(first, (acceleration[0], acceleration[1]), share)
+    second = _lagged(second, first, share)
+    third = _lagged(third, second, share)
+    return Reference(position, velocity, acceleration, velocity, (first, second, third))
+
+
+def _lagged(late: Level, now: Level, share: float) -> Level:
+    return late[0] + (now[0] - late[0]) * share, late[1] + (now[1] - late[1]) * share
 
 
 def _stoppable(distance: float, closing: float, brake: float) -> float:
@@ -294,12 +255,9 @@ def _stoppable(distance: float, closing: float, brake: float) -> float:
 
 
 def _towards(error: float, slope: float, limit: float) -> float:
-    """``_eased`` with the error's sign."""
-    return math.copysign(_eased(abs(error), slope, limit), error)
-
-
-def _eased(error: float, slope: float, limit: float) -> float:
     """``slope`` times a small error; for a large one the rate from which ``limit`` still brings it to rest."""
-    if error <= limit / slope**2:
-        return slope * error
-    return math.sqrt(2.0 * limit * (error - 0.5 * limit / slope**2))
+    size = abs(error)
+    rate = slope * size
+    if size > limit / slope**2:
+        rate = math.sqrt(2.0 * limit * (size - 0.5 * limit / slope**2))
+    return math.copysign(rate, error)

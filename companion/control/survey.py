@@ -8,8 +8,10 @@ sees as cc_h and cc_d: the lowest fan's reference point over the ground, the nea
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from enum import Enum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,7 +19,6 @@ from companion.mavlink.samples import LocalPosition, SetPositionTarget
 from companion.survey_box import TRAVEL_M, SurveyBox
 from models.evolve import replace
 from models.frames import Array
-from models.vehicle import Vector3
 
 SPEED_M_S = 0.15
 """Mean speed of a move: the vehicle's own drag stays below what ground and wall do."""
@@ -58,30 +59,28 @@ class Leg:
     move_s: float
     stay_s: float
 
-    def at(self, t_s: float) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Place and rate of change ``t_s`` into the leg."""
-        if t_s >= self.move_s:
-            return self.end, (0.0, 0.0)
-        x = max(t_s, 0.0) / self.move_s
+    def at(self, t_s: float) -> tuple[Array, Array]:
+        """Place (2,) and rate of change (2,) ``t_s`` into the leg."""
+        x = min(max(t_s / self.move_s, 0.0), 1.0)
         share = x**3 * (10.0 - 15.0 * x + 6.0 * x * x)
         rate = 30.0 * x * x * (1.0 - x) ** 2 / self.move_s
-        (a, b), (c, d) = self.start, self.end
-        return (a + share * (c - a), b + share * (d - b)), (rate * (c - a), rate * (d - b))
+        start, way = np.array(self.start), np.subtract(self.end, self.start)
+        return start + share * way, rate * way
 
 
 @dataclass(frozen=True)
 class Survey:
-    """State of a survey. ``anchor`` (3,) NED is where it began; ``towards`` (2,) the level unit vector to the wall."""
+    """State of a survey."""
 
     phase: Phase = Phase.WAITING
-    engaged_s: float = math.inf
-    started_s: float = math.inf
-    anchor: Array | None = None
-    towards: Array | None = None
+    since_s: float = math.inf
+    """When the hold engaged; on the way, when the present leg began."""
+    anchor: Array = field(default_factory=lambda: np.zeros(3))
+    """Where it began, NED."""
+    axes: Array = field(default_factory=lambda: np.zeros((2, 3)))
+    """Unit vectors up and away from the wall, NED."""
     legs: tuple[Leg, ...] = ()
     leg: int = 0
-    leg_s: float = math.inf
-    """When the present leg began."""
     why: str = ""
     """Why it went back early, or did not begin."""
 
@@ -89,6 +88,11 @@ class Survey:
     def active(self) -> bool:
         """Whether it moves the hold."""
         return self.phase in (Phase.FLYING, Phase.RETURNING)
+
+    def wanted(self, t_s: float) -> Wanted:
+        """Where the hold is to be."""
+        place, rate = self.legs[self.leg].at(t_s - self.since_s)
+        return Wanted(self.anchor + place @ self.axes, rate @ self.axes)
 
     def as_json(self) -> dict[str, object]:
         """What became of it."""
@@ -105,24 +109,15 @@ class Whereabouts:
     position: Array
     height_m: float
     wall_m: float
-    towards: Array | None
+    towards: Sequence[float] | None
     """Level unit vector (2,) to the wall."""
 
 
-@dataclass(frozen=True)
-class Wanted:
+class Wanted(NamedTuple):
     """Place and velocity, NED (3,)."""
 
     position: Array
     velocity: Array
-
-
-def level_direction(normal_ned: Vector3 | None) -> Array | None:
-    """Unit vector (2,) of a wall's direction; None where it has none."""
-    if normal_ned is None:
-        return None
-    size = math.hypot(normal_ned[0], normal_ned[1])
-    return np.array(normal_ned[:2]) / size if size > 0.1 else None
 
 
 def as_message(wanted: Wanted, heard: LocalPosition, component: int) -> SetPositionTarget:
@@ -145,46 +140,38 @@ def advance(survey: Survey, box: SurveyBox, seen: Whereabouts) -> tuple[Survey, 
     if survey.phase in (Phase.DONE, Phase.ABORTED):
         return survey, None
     if not seen.engaged:
-        if survey.active:
-            return aborted(survey, "the hold let go"), None
-        return replace(survey, engaged_s=math.inf), None
+        return aborted(survey, "the hold let go") if survey.active else replace(survey, since_s=math.inf), None
     if survey.phase is Phase.WAITING:
-        since = min(survey.engaged_s, seen.t_s)
-        survey = replace(survey, engaged_s=since)
-        return (survey if seen.t_s - since < SETTLE_S else _begin(survey, box, seen)), None
-    if survey.phase is Phase.FLYING:
-        survey = _watch(survey, box, seen)
-    return _follow(survey, seen.t_s)
+        survey = replace(survey, since_s=min(survey.since_s, seen.t_s))
+        return survey if seen.t_s - survey.since_s < SETTLE_S else _begun(survey, box, seen), None
+    why = _danger(survey, box, seen) if survey.phase is Phase.FLYING else ""
+    if why:
+        survey = _turned_back(survey, seen, why)
+    leg = survey.legs[survey.leg]
+    end_s = survey.since_s + leg.move_s + leg.stay_s
+    if seen.t_s >= end_s and survey.leg + 1 == len(survey.legs):
+        survey = replace(survey, phase=Phase.DONE)
+    elif seen.t_s >= end_s:
+        survey = replace(survey, leg=survey.leg + 1, since_s=end_s)
+    return survey, survey.wanted(seen.t_s)
 
 
-def _begin(survey: Survey, box: SurveyBox, seen: Whereabouts) -> Survey:
-    refusal = _refusal(box, seen)
-    if refusal:
-        return replace(survey, why=refusal, engaged_s=seen.t_s)  # looks again
-    towards = np.zeros(2) if seen.towards is None else seen.towards
-    here = (seen.height_m, seen.wall_m if box.with_wall else 0.0)
-    return replace(
-        survey,
-        phase=Phase.FLYING,
-        started_s=seen.t_s,
-        leg_s=seen.t_s,
-        anchor=seen.position.copy(),
-        towards=towards,
-        legs=plan(box, here),
-        why="",
-    )
-
-
-def _refusal(box: SurveyBox, seen: Whereabouts) -> str:
+def _begun(survey: Survey, box: SurveyBox, seen: Whereabouts) -> Survey:
+    """On its way, or after another look at what it needs to see."""
+    far = abs(seen.height_m - box.height_max_m) > TRAVEL_M
+    why = ""
     if not math.isfinite(seen.height_m):
-        return "the ground is not seen"
-    if box.with_wall and (not math.isfinite(seen.wall_m) or seen.towards is None):
-        return "the wall is not seen"
-    if abs(seen.height_m - box.height_max_m) > TRAVEL_M or (
-        box.with_wall and abs(seen.wall_m - box.wall_max_m) > TRAVEL_M
-    ):
-        return f"the box is more than {TRAVEL_M:g} m away"
-    return ""
+        why = "the ground is not seen"
+    elif box.with_wall and (not math.isfinite(seen.wall_m) or seen.towards is None):
+        why = "the wall is not seen"
+    elif far or (box.with_wall and abs(seen.wall_m - box.wall_max_m) > TRAVEL_M):
+        why = f"the box is more than {TRAVEL_M:g} m away"
+    if why:
+        return replace(survey, why=why, since_s=seen.t_s)
+    n, e = (0.0, 0.0) if seen.towards is None else seen.towards
+    legs = plan(box, (seen.height_m, seen.wall_m if box.with_wall else 0.0))
+    axes = np.array([[0.0, 0.0, -1.0], [-n, -e, 0.0]])
+    return Survey(Phase.FLYING, seen.t_s, seen.position.copy(), axes, legs)
 
 
 def plan(box: SurveyBox, here: tuple[float, float]) -> tuple[Leg, ...]:
@@ -196,80 +183,50 @@ def plan(box: SurveyBox, here: tuple[float, float]) -> tuple[Leg, ...]:
     heights = np.geomspace(box.height_min_m, box.height_max_m, HEIGHTS).tolist()
     distances = np.geomspace(box.wall_min_m, box.wall_max_m, DISTANCES).tolist() if box.with_wall else [here[1]]
     top = heights[-1]
-    stops: list[tuple[float, float, float]] = [(top, here[1], 0.0)]
+    stops: list[Stop] = [(top, here[1], 0.0)]
     for distance in reversed(distances):
-        stops.append((top, distance, DWELL_S))
-        stops += [(height, distance, DWELL_S) for height in reversed(heights[:-1])]
-        stops.append((top, distance, DWELL_S))
+        stops += [(height, distance, DWELL_S) for height in (*reversed(heights), top)]
     stops += [(top, here[1], 0.0), (*here, DWELL_S)]
     return _legs((0.0, 0.0), [(height - here[0], distance - here[1], stay_s) for height, distance, stay_s in stops])
 
 
-def _legs(at: tuple[float, float], stops: list[tuple[float, float, float]]) -> tuple[Leg, ...]:
-    """From ``at`` by way of ``stops``: changes of height and wall distance, and how long to stay there."""
+Stop = tuple[float, float, float]
+"""Height, wall distance, and how long to stay."""
+
+
+def _legs(at: tuple[float, float], stops: list[Stop]) -> tuple[Leg, ...]:
+    """From ``at`` by way of ``stops``, which are changes of height and wall distance."""
     legs = []
     for rise, away, stay_s in stops:
-        goal = (rise, away)
-        length = math.dist(at, goal)
+        length = math.dist(at, (rise, away))
         if length > 1e-6 or stay_s > 0.0:
-            legs.append(Leg(at, goal, max(_PEAK * length / SPEED_M_S, 0.5), stay_s))
-        at = goal
+            legs.append(Leg(at, (rise, away), max(_PEAK * length / SPEED_M_S, 0.5), stay_s))
+        at = (rise, away)
     return tuple(legs)
 
 
-def _watch(survey: Survey, box: SurveyBox, seen: Whereabouts) -> Survey:
-    """Back to the beginning where a distance is under the box, out of sight, or the vehicle is not where it should be.
+def _danger(survey: Survey, box: SurveyBox, seen: Whereabouts) -> str:
+    """Why to go back: a distance is under the box, out of sight, or the vehicle is not where it should be.
 
     On the way into the box from lower or nearer nothing is under it yet.
     """
-    into_box = survey.leg == 0
-    why = ""
     if math.isnan(seen.height_m) or (box.with_wall and math.isnan(seen.wall_m)):
-        why = "a distance was lost"
-    elif not into_box and seen.height_m < box.height_min_m - _margin(box.height_min_m):
-        why = "too low"
-    elif survey.leg > 1 and box.with_wall and seen.wall_m < box.wall_min_m - _margin(box.wall_min_m):
-        why = "too close to the wall"
-    else:
-        wanted = _wanted(survey, seen.t_s)
-        if float(np.linalg.norm(wanted.position - seen.position)) > OFF_COURSE_M:
-            why = "the vehicle did not follow"
-    return _turn_back(survey, seen, why) if why else survey
+        return "a distance was lost"
+    if survey.leg > 0 and seen.height_m < box.height_min_m - _margin(box.height_min_m):
+        return "too low"
+    if survey.leg > 1 and box.with_wall and seen.wall_m < box.wall_min_m - _margin(box.wall_min_m):
+        return "too close to the wall"
+    off_m = np.linalg.norm(survey.wanted(seen.t_s).position - seen.position)
+    return "the vehicle did not follow" if off_m > OFF_COURSE_M else ""
 
 
 def _margin(least_m: float) -> float:
     return min(MARGIN_M, least_m / 3.0)
 
 
-def _turn_back(survey: Survey, seen: Whereabouts, why: str) -> Survey:
+def _turned_back(survey: Survey, seen: Whereabouts, why: str) -> Survey:
     """From where it is: up and away from the wall, then home."""
-    assert survey.anchor is not None
-    assert survey.towards is not None
-    off = seen.position - survey.anchor
-    up, away = float(-off[2]), float(-(off[:2] @ survey.towards))
-    top = max((leg.end[0] for leg in survey.legs), default=0.0)
-    home: list[tuple[float, float, float]] = [
-        (max(up, top), max(away, 0.0), 0.0),
-        (max(up, top), 0.0, 0.0),
-        (0.0, 0.0, DWELL_S),
-    ]
-    legs = _legs((up, away), home)
-    return replace(survey, phase=Phase.RETURNING, legs=legs, leg=0, leg_s=seen.t_s, why=why)
-
-
-def _follow(survey: Survey, t_s: float) -> tuple[Survey, Wanted]:
-    leg = survey.legs[survey.leg]
-    if t_s - survey.leg_s >= leg.move_s + leg.stay_s:
-        if survey.leg + 1 == len(survey.legs):
-            return replace(survey, phase=Phase.DONE), _wanted(survey, t_s)
-        survey = replace(survey, leg=survey.leg + 1, leg_s=survey.leg_s + leg.move_s + leg.stay_s)
-    return survey, _wanted(survey, t_s)
-
-
-def _wanted(survey: Survey, t_s: float) -> Wanted:
-    assert survey.anchor is not None
-    assert survey.towards is not None
-    (rise, away), (climb, leaving) = survey.legs[survey.leg].at(t_s - survey.leg_s)
-    n, e = survey.towards
-    position = survey.anchor + np.array([-n * away, -e * away, -rise])
-    return Wanted(position, np.array([-n * leaving, -e * leaving, -climb]))
+    up, away = (survey.axes @ (seen.position - survey.anchor)).tolist()
+    top = max(up, *(leg.end[0] for leg in survey.legs))
+    home = _legs((up, away), [(top, max(away, 0.0), 0.0), (top, 0.0, 0.0), (0.0, 0.0, DWELL_S)])
+    return replace(survey, phase=Phase.RETURNING, legs=home, leg=0, since_s=seen.t_s, why=why)

@@ -1,0 +1,40 @@
+"""Vectors of three in plain floats: most run at every message, and are too small for arrays to be quick."""
+
+from __future__ import annotations
+
+import math
+
+from models.frames import Rows
+from models.vehicle import Vector3
+
+
+def plus(a: Vector3, b: Vector3) -> Vector3:
+    """Sum."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2]
+
+
+def minus(a: Vector3, b: Vector3) -> Vector3:
+    """Difference: the way from ``b`` to ``a``."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def scaled(a: Vector3, by: float) -> Vector3:
+    """``by`` times ``a``."""
+    return a[0] * by, a[1] * by, a[2] * by
+
+
+def turned(rows: Rows, a: Vector3) -> Vector3:
+    """``a`` in the frame that the rotation ``rows`` leads to."""
+    (r, s, t), (u, v, w), (x, y, z) = rows
+    north, east, down = a
+    return r * north + s * east + t * down, u * north + v * east + w * down, x * north + y * east + z * down
+
+
+def within(vector: Vector3, level: float, vertical: float) -> Vector3:
+    """NED: horizontal length at most ``level``, vertical part at most ``vertical``."""
+    north, east, down = vector
+    size = math.hypot(north, east)
+    if size > level:
+        share = level / size
+        north, east = north * share, east * share
+    return north, east, -vertical if down < -vertical else vertical if down > vertical else down
