@@ -14,17 +14,16 @@ import numpy as np
 from companion.config import PipelineConfig
 from companion.estimation.kalman import Track, TrackModel, Verdict, measure, measure_rate, predict
 from companion.estimation.position_trust import PositionReset, PositionTrust, position_reset
-from companion.estimation.range_doubt import UNREAD, Doubt, Sighting, Why, doubt
+from companion.estimation.range_doubt import UNREAD, Doubt, OldPlace, Sighting, Why, doubt, jumped, remembered
 from companion.estimation.range_geometry import (
     NO_MATTER_RADII,
     choose_walls,
     fan_heights_now,
     fan_wall_distances_now,
-    nearest_level_now,
     plane_distance,
 )
-from companion.estimation.range_jump import OldPlace, jumped, remembered
 from companion.estimation.ring_planes import placed, ring_view
+from companion.estimation.vectors import plus, turned
 from companion.mavlink.range_beams import dot, orientation_direction
 from companion.mavlink.samples import (
     Attitude,
@@ -92,12 +91,11 @@ _DOUBTED = {Why.LOST: Seen.LOST, Why.FROZEN: Seen.FROZEN}
 
 @dataclass(frozen=True)
 class BeamTrack:
-    """One declared rangefinder: the distance of the CG to the plane it sees, and its newest verdict."""
+    """One declared rangefinder: the distance of the CG to the plane it sees."""
 
     track: Track | None = None
     normal_ned: Vector3 | None = None
     """Unit vector towards the plane."""
-    verdict: RangeVerdict | None = None
     heard_s: float = -math.inf
     clear_since_s: float = math.inf
     """Start of the present run of readings beyond the sensor's range; inf while it sees something."""
@@ -178,34 +176,38 @@ def take_attitude(estimates: Estimates, sample: Attitude) -> Estimates:
 
 def take_position(estimates: Estimates, sample: LocalPosition) -> Estimates:
     """Position and velocity; the vehicle's own velocity measures the rate of every track."""
-    velocity = sample.velocity_ned
-    beams = tuple(
-        [
-            beam
-            if beam.track is None or beam.normal_ned is None
-            else replace(
-                beam,
-                track=measure_rate(
-                    beam.track, _RANGE_TRACK, sample.t_s, -dot(velocity, beam.normal_ned), _VELOCITY_SIGMA_M_S
-                ),
-            )
-            for beam in estimates.beams
-        ]
-    )
     reset = None if estimates.position is None else position_reset(estimates.position, sample)
-    if reset is not None:  # the vehicle itself did not move
-        beams = tuple(
-            replace(beam, read=Doubt(beam.read.why, None, None), jumped_from=_moved(beam.jumped_from, reset.by_ned))
-            for beam in beams
-        )
+    beams = tuple([_carried(beam, sample, reset) for beam in estimates.beams])
     return replace(estimates, position=sample, beams=beams, reset=reset or estimates.reset)
 
 
-def _moved(old: OldPlace | None, by: Vector3) -> OldPlace | None:
-    if old is None:
-        return None
-    north, east, down = old.position_ned
-    return old._replace(position_ned=(north + by[0], east + by[1], down + by[2]))
+def _carried(beam: BeamTrack, sample: LocalPosition, reset: PositionReset | None) -> BeamTrack:
+    """The beam after a position; where that was set anew, the vehicle itself did not move."""
+    if beam.track is not None and beam.normal_ned is not None:
+        closing = -dot(sample.velocity_ned, beam.normal_ned)
+        track = measure_rate(beam.track, _RANGE_TRACK, sample.t_s, closing, _VELOCITY_SIGMA_M_S)
+        beam = replace(beam, track=track)
+    if reset is None:
+        return beam
+    old = beam.jumped_from
+    if old is not None:
+        old = old._replace(position_ned=plus(old.position_ned, reset.by_ned))
+    return replace(beam, read=Doubt(beam.read.why, None, None), jumped_from=old)
+
+
+class Reading(NamedTuple):
+    """What a message of a range sensor says of one watched direction."""
+
+    t_s: float
+    sensor: tuple[int, int]
+    slant_m: float
+    """inf: nothing within range, NaN: not readable; so are distances."""
+    beam_ned: Vector3
+    distance_m: float
+    """Of the CG to the plane that is seen."""
+    normal_ned: Vector3
+    """Unit vector towards that."""
+    sigma_m: float = _RANGE_SIGMA_M
 
 
 def take_range(estimates: Estimates, sample: Range | Ring, config: PipelineConfig) -> Estimates:
@@ -215,63 +217,22 @@ def take_range(estimates: Estimates, sample: Range | Ring, config: PipelineConfi
 
 def take_beam(estimates: Estimates, sample: Range, config: PipelineConfig) -> Estimates:
     """A range goes to the watched rangefinder that looks the same way; others are ignored, never guessed."""
-    index = _match(estimates, sample, config.vehicle)
-    if index is None or estimates.rows is None:
+    vehicle, rows = config.vehicle, estimates.rows
+    index = _match(estimates, sample, vehicle)
+    if index is None or rows is None or sample.direction_frd is None:
         return estimates
-    assert sample.direction_frd is not None
-    x, y, z = sample.direction_frd
-    north, east, down = [a * x + b * y + c * z for a, b, c in estimates.rows]
-    verdict = sample.verdict
-    slant = math.inf if verdict is RangeVerdict.ABOVE_MAX else sample.distance_m
-    readable = verdict in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX) and slant == slant
-    heard = replace(estimates.beams[index], verdict=verdict, sensor=(sample.component, sample.sensor_id))
-    beam = _heard(
-        estimates, heard, index, sample.t_s, slant if readable else math.nan, (north, east, down), config.vehicle
-    )
-    if readable and beam.read.why is None:
-        distance, normal = _plane(estimates, slant, index, sample, config)
-        beam = _read_beam(estimates, beam, sample.t_s, distance, normal, sample.sigma_m, config)
-    return _with_beam(estimates, index, beam)
-
-
-def take_ring(estimates: Estimates, sample: Ring, config: PipelineConfig) -> Estimates:
-    """The walls that a declared ring sees, one a place; a place without one sees nothing, or is not known."""
-    vehicle = config.vehicle
-    places = [k for k, sensor in enumerate(vehicle.watched) if sensor.ring and sensor.target == "wall"][:2]
-    beams = [estimates.beams[k] for k in places]
-    sensor = (sample.component, -1)
-    if not places or estimates.rows is None:
-        return estimates
-    if beams[0].sensor not in (None, sensor) and sample.t_s - beams[0].heard_s <= 1.0:
-        return estimates
-    ground = surface(estimates, config, "ground", sample.t_s).distance_m
-    view = ring_view(sample, estimates.rows, vehicle.watched[places[0]].position_m, ground, vehicle)
-    for k, old, plane in zip(places, beams, placed(view, [b.normal_ned for b in beams]), strict=True):
-        slant, verdict = plane.slant_m, RangeVerdict.OK
-        if not math.isfinite(slant):
-            verdict = RangeVerdict.ABOVE_MAX if slant == slant else RangeVerdict.LOW_QUALITY
-        if not plane.same_wall(old.normal_ned):
-            old = replace(old, track=None, read=UNREAD, jumped_from=None)
-        heard = replace(old, verdict=verdict, sensor=sensor)
-        beam = _heard(estimates, heard, k, sample.t_s, slant, plane.normal_ned, vehicle)
-        if slant == slant and beam.read.why is None:
-            beam = _read_beam(estimates, beam, sample.t_s, plane.distance_m, plane.normal_ned, None, config)
-        estimates = _with_beam(estimates, k, beam)
-    return estimates
-
-
-def _with_beam(estimates: Estimates, index: int, beam: BeamTrack) -> Estimates:
-    return replace(estimates, beams=(*estimates.beams[:index], beam, *estimates.beams[index + 1 :]))
-
-
-def _heard(
-    estimates: Estimates, beam: BeamTrack, index: int, t_s: float, slant: float, beam_ned: Vector3, vehicle: Vehicle
-) -> BeamTrack:
-    """The beam after a reading ``slant`` (inf: nothing within range, NaN: not readable), before its plane is taken."""
-    readable = slant == slant
-    read = _doubt(estimates, beam, slant, index, t_s, beam_ned, vehicle) if readable else beam.read
-    clear_since_s = beam.clear_since_s if readable and read.why is None else math.inf
-    return replace(beam, heard_s=t_s, slant_m=slant, read=read, clear_since_s=clear_since_s)
+    slant = math.inf if sample.verdict is RangeVerdict.ABOVE_MAX else sample.distance_m
+    if sample.verdict not in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX):
+        slant = math.nan
+    target, mount_m = vehicle.watched[index].target, vehicle.watched[index].position_m
+    ground = surface(estimates, config, "ground", sample.t_s).distance_m if target == "wall" else math.inf
+    plane = plane_distance(target, sample.direction_frd, mount_m, slant, np.array(rows), ground, vehicle.rotor_radius_m)
+    north, east, down = plane.normal_ned.tolist()
+    reading = Reading(
+        sample.t_s, (sample.component, sample.sensor_id), slant, turned(rows, sample.direction_frd),
+        float(plane.distance_m), (north, east, down), _RANGE_SIGMA_M if sample.sigma_m is None else sample.sigma_m,
+    )  # fmt: skip
+    return _read(estimates, index, estimates.beams[index], reading, config)
 
 
 def _match(estimates: Estimates, sample: Range, vehicle: Vehicle) -> int | None:
@@ -288,79 +249,63 @@ def _match(estimates: Estimates, sample: Range, vehicle: Vehicle) -> int | None:
     return None
 
 
-def _doubt(
-    estimates: Estimates, beam: BeamTrack, slant: float, index: int, t_s: float, beam_ned: Vector3, vehicle: Vehicle
-) -> Doubt:
-    """An echo that was lost, a reading that froze: both are seen by the vehicle's own motion."""
-    position = estimates.position
-    if position is None or abs(t_s - position.t_s) > _POSITION_NEAR_S or not estimates.trust.trusted:
-        return Doubt(None, None, beam.read.sight)
-    here = Sighting(slant, position.position_ned, beam_ned)
-    return doubt(here, beam.read, NO_MATTER_RADII * vehicle.rotor_radius_m, vehicle.watched[index].target)
+def take_ring(estimates: Estimates, sample: Ring, config: PipelineConfig) -> Estimates:
+    """The walls that a declared ring sees, one a place; a place without one sees nothing, or is not known."""
+    vehicle = config.vehicle
+    places = [k for k, sensor in enumerate(vehicle.watched) if sensor.ring and sensor.target == "wall"][:2]
+    beams = [estimates.beams[k] for k in places]
+    sensor = (sample.component, -1)
+    if not places or estimates.rows is None:
+        return estimates
+    if beams[0].sensor not in (None, sensor) and sample.t_s - beams[0].heard_s <= 1.0:
+        return estimates
+    ground = surface(estimates, config, "ground", sample.t_s).distance_m
+    view = ring_view(sample, estimates.rows, vehicle.watched[places[0]].position_m, ground, vehicle)
+    for k, old, plane in zip(places, beams, placed(view, [b.normal_ned for b in beams]), strict=True):
+        if not plane.same_wall(old.normal_ned):
+            old = replace(old, track=None, read=UNREAD, jumped_from=None)
+        normal = plane.normal_ned
+        reading = Reading(sample.t_s, sensor, plane.slant_m, normal, plane.distance_m, normal)
+        estimates = _read(estimates, k, old, reading, config)
+    return estimates
 
 
-def _plane(
-    estimates: Estimates, slant: float, index: int, sample: Range, config: PipelineConfig
-) -> tuple[float, Vector3]:
-    """Distance of the CG to the plane that a reading sees (inf: none in range, NaN: not known), and its direction."""
-    declared = config.vehicle.watched[index]
-    assert estimates.rows is not None
-    assert sample.direction_frd is not None
-    ground = math.inf
-    if declared.target == "wall" and math.isfinite(slant):
-        ground = surface(estimates, config, "ground", sample.t_s).distance_m
-    plane = plane_distance(
-        declared.target, sample.direction_frd, declared.position_m, slant, np.array(estimates.rows), ground,
-        config.vehicle.rotor_radius_m,
-    )  # fmt: skip
-    north, east, down = plane.normal_ned.tolist()
-    return float(plane.distance_m), (north, east, down)
+def _read(estimates: Estimates, index: int, beam: BeamTrack, reading: Reading, config: PipelineConfig) -> Estimates:
+    """The estimates after a reading of the watched direction ``index``."""
+    target, near_m = config.vehicle.watched[index].target, NO_MATTER_RADII * config.vehicle.rotor_radius_m
+    t_s, slant, position = reading.t_s, reading.slant_m, estimates.position
+    read, here = beam.read, None
+    if position is not None and abs(t_s - position.t_s) <= _POSITION_NEAR_S and estimates.trust.trusted:
+        here = Sighting(slant, position.position_ned, reading.beam_ned)
+    if slant == slant:
+        # An echo that was lost, a reading that froze: both are seen by the vehicle's own motion.
+        read = Doubt(None, None, read.sight) if here is None else doubt(here, read, near_m, target)
+    beam = replace(beam, sensor=reading.sensor, heard_s=t_s, slant_m=slant, read=read)
+    clear_since_s = math.inf
+    if slant == slant and read.why is None:
+        if math.isfinite(reading.distance_m):
+            beam = _measured(beam, reading, here, near_m)
+        elif math.isinf(reading.distance_m):
+            clear_since_s = min(beam.clear_since_s, t_s)
+    beam = replace(beam, clear_since_s=clear_since_s)
+    return replace(estimates, beams=(*estimates.beams[:index], beam, *estimates.beams[index + 1 :]))
 
 
-def _read_beam(
-    estimates: Estimates,
-    beam: BeamTrack,
-    t_s: float,
-    distance: float,
-    normal: Vector3,
-    sigma_m: float | None,
-    config: PipelineConfig,
-) -> BeamTrack:
-    """The beam after a reading that the sensor itself believes, as the plane at ``distance`` along ``normal``."""
-    if math.isinf(distance):
-        return replace(beam, clear_since_s=min(beam.clear_since_s, t_s))
-    if math.isnan(distance):
-        return replace(beam, clear_since_s=math.inf, verdict=RangeVerdict.LOW_QUALITY)
-    own = sigma_m if sigma_m is not None else _RANGE_SIGMA_M
+def _measured(beam: BeamTrack, reading: Reading, here: Sighting | None, near_m: float) -> BeamTrack:
+    """The beam after a plane that its sensor believes to see. ``here``: where it was read, None where not known."""
+    t_s, before = reading.t_s, beam.track
     # 1 cm steps on the wire add a uniform error of 1/sqrt(12) cm.
-    sigma = math.sqrt(own**2 + (_RANGE_SIGMA_SHARE * beam.slant_m) ** 2 + 0.01**2 / 12.0)
-    track, verdict = measure(beam.track, _RANGE_TRACK, t_s, distance, sigma, _RANGE_DELAY_S)
-    if verdict is Verdict.RESTARTED and beam.track is None and track is not None:
-        track = track._replace(restarted_s=-math.inf)  # the first sight of a surface is not a step of it
-    old = _jumped_from(estimates, beam, verdict, distance, normal, t_s, config)
-    beam = replace(beam, clear_since_s=math.inf, track=track, jumped_from=old)
+    sigma = math.sqrt(reading.sigma_m**2 + (_RANGE_SIGMA_SHARE * reading.slant_m) ** 2 + 0.01**2 / 12.0)
+    track, verdict = measure(before, _RANGE_TRACK, t_s, reading.distance_m, sigma, _RANGE_DELAY_S)
     if verdict is Verdict.OUTLIER:
-        return replace(beam, verdict=RangeVerdict.JUMP)
-    return replace(beam, normal_ned=normal)
-
-
-def _jumped_from(
-    estimates: Estimates, beam: BeamTrack, verdict: Verdict, distance: float, normal: Vector3, t_s: float,
-    config: PipelineConfig,
-) -> OldPlace | None:  # fmt: skip
-    """Where a surface that matters was before its range jumped, while the vehicle's position does not explain that."""
-    old, track, position = beam.jumped_from, beam.track, estimates.position
-    unplaced = position is None or abs(t_s - position.t_s) > _POSITION_NEAR_S or not estimates.trust.trusted
-    if position is None or unplaced or verdict is Verdict.OUTLIER:
-        return old
-    if old is not None:
-        return remembered(old, distance, normal, position.position_ned)
-    if verdict is not Verdict.RESTARTED or track is None or track.age(t_s) > _JUMPS_WITHIN_S:
-        return None
-    before = predict(track, _RANGE_TRACK, t_s).value
-    if min(before, distance) > NO_MATTER_RADII * config.vehicle.rotor_radius_m:
-        return None
-    return jumped(OldPlace(before, normal, position.position_ned), distance)
+        return replace(beam, track=track)
+    old = beam.jumped_from
+    if here is not None and old is not None:
+        old = remembered(old, reading.distance_m, reading.normal_ned, here.position_ned)
+    elif here is not None and before is not None and verdict is Verdict.RESTARTED:
+        place = OldPlace(predict(before, _RANGE_TRACK, t_s).value, reading.normal_ned, here.position_ned)
+        old = jumped(place, reading.distance_m, near_m) if before.age(t_s) <= _JUMPS_WITHIN_S else None
+    return replace(beam, track=track, jumped_from=old, normal_ned=reading.normal_ned)
 
 
 def take_rotors(estimates: Estimates, sample: RotorSpeeds, config: PipelineConfig) -> Estimates:
@@ -442,10 +387,10 @@ def surface(estimates: Estimates, config: PipelineConfig, target: str, t_s: floa
     seen = _seen_by(estimates, config, target, t_s)
     if not seen:
         return Surface(Seen.UNDECLARED)
-    distance = nearest_level_now([_distance(one) for one in seen])
-    if math.isnan(distance):
-        return next(one for one in seen if not one.known)
-    return next(one for one in seen if one.distance_m == distance)
+    near = [one for one in seen if one.seen is Seen.SURFACE]
+    if near:
+        return min(near, key=lambda one: one.distance_m)
+    return next((one for one in seen if not one.known), seen[0])
 
 
 def walls(estimates: Estimates, config: PipelineConfig, t_s: float) -> tuple[Surface, Surface]:
@@ -467,10 +412,6 @@ def walls(estimates: Estimates, config: PipelineConfig, t_s: float) -> tuple[Sur
         seen[first] if first >= 0 else Surface(Seen.NOTHING),
         seen[second] if second >= 0 else Surface(Seen.NOTHING),
     )
-
-
-def _distance(one: Surface) -> float:
-    return one.distance_m if one.known else math.nan
 
 
 def _seen_by(estimates: Estimates, config: PipelineConfig, target: str, t_s: float) -> list[Surface]:

@@ -1,7 +1,11 @@
-"""Readings of a rangefinder that its own vehicle's motion contradicts: a lost echo, a frozen value.
+"""Readings of a rangefinder that its own vehicle's motion contradicts: a lost echo, a frozen value, a jump.
 
 One rule for flight and replay. A near surface does not vanish while the vehicle stays where it is, and a reading does
 not stay the same to the millimetre while the vehicle moves along the beam.
+
+Where a range jumps while the vehicle stays where it is, the surface may have moved, or the sensor is wrong. The vehicle
+cannot tell which, so no offset uses the new distance. A real edge is left behind by moving on. A wrong reading comes
+back by itself.
 """
 
 from __future__ import annotations
@@ -10,6 +14,7 @@ import math
 from enum import Enum
 from typing import NamedTuple
 
+from companion.estimation.vectors import minus, plus, scaled
 from companion.mavlink.range_beams import dot
 from models.vehicle import Vector3
 
@@ -26,6 +31,13 @@ PAST_EDGE_M = 0.3
 """A wall may end this far to the side ..."""
 _OVER_EDGE_M = 1.0
 """... and the ground at an edge this far on; nearer than that an echo that is gone is lost."""
+
+_JUMP_M = 0.25
+"""A shorter jump is an object on the ground or an uneven wall."""
+_BACK_M = 0.10
+"""So near to its old place the surface is back: by so much the outliers of a track may differ."""
+_MOVED_M = 0.3
+"""Having moved so far along the surface, the vehicle has left an edge of a table or of a wall behind."""
 
 
 class Why(Enum):
@@ -72,20 +84,40 @@ def doubt(here: Sighting, before: Doubt, near_m: float, target: str) -> Doubt:
     used_m = max(near_m, GROUND_USED_M) if target == "ground" else near_m
     # Back at the height where it froze, a reading that never changed is no truer.
     still = before.why is Why.FROZEN and run is before.same_since
-    if here.slant_m < used_m and (still or abs(dot(_moved(run, here), run.beam_ned)) > _FROZEN_MOVE_M):
+    moved_m = abs(dot(minus(here.position_ned, run.position_ned), run.beam_ned))
+    if here.slant_m < used_m and (still or moved_m > _FROZEN_MOVE_M):
         return Doubt(Why.FROZEN, run, last)
     return Doubt(None, run, here)
 
 
 def _left(last: Sighting, here: Sighting, near_m: float, target: str) -> bool:
     """Whether the vehicle's own motion explains that a near surface is out of sight."""
-    moved, beam = _moved(last, here), last.beam_ned
+    moved, beam = minus(here.position_ned, last.position_ned), last.beam_ned
     away = -dot(moved, beam)
-    aside = math.hypot(moved[0] + away * beam[0], moved[1] + away * beam[1], moved[2] + away * beam[2])
+    aside = math.hypot(*plus(moved, scaled(beam, away)))
     turned = dot(here.beam_ned, beam) < _TURNED_COS
     return turned or last.slant_m + away > near_m or aside > (_OVER_EDGE_M if target == "ground" else PAST_EDGE_M)
 
 
-def _moved(before: Sighting, after: Sighting) -> Vector3:
-    (x0, y0, z0), (x1, y1, z1) = before.position_ned, after.position_ned
-    return x1 - x0, y1 - y0, z1 - z0
+class OldPlace(NamedTuple):
+    """Where a surface was before its range jumped (distance [m], direction NED), and the vehicle then (NED [m])."""
+
+    distance_m: float
+    normal_ned: Vector3
+    position_ned: Vector3
+
+
+def jumped(old: OldPlace, distance_m: float, near_m: float) -> OldPlace | None:
+    """``old`` where a reading of ``distance_m`` from the same position is a jump from or to where it matters."""
+    near = min(old.distance_m, distance_m) <= near_m
+    return old if near and abs(distance_m - old.distance_m) > _JUMP_M else None
+
+
+def remembered(old: OldPlace, distance_m: float, normal_ned: Vector3, position_ned: Vector3) -> OldPlace | None:
+    """``old`` until the reading is back, or the vehicle has moved along the surface or turned."""
+    moved = minus(position_ned, old.position_ned)
+    nearer = dot(moved, old.normal_ned)
+    along = math.sqrt(max(dot(moved, moved) - nearer * nearer, 0.0))
+    turned = dot(normal_ned, old.normal_ned) < _TURNED_COS
+    back = abs(distance_m - (old.distance_m - nearer)) < _BACK_M
+    return None if back or turned or along > _MOVED_M else old

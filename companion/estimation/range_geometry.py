@@ -17,7 +17,6 @@ The rules:
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,14 +87,6 @@ def plane_distance(
         if target != "ground":
             distance = np.where(slant > FAR_RADII * rotor_radius_m, np.inf, distance)
     return PlaneDistance(np.asarray(distance), normal)
-
-
-def nearest_level_now(distances_m: Sequence[float]) -> float:
-    """``nearest_level`` of one instant in plain floats."""
-    seen = [d for d in distances_m if math.isfinite(d)]
-    if seen:
-        return min(seen)
-    return math.nan if any(math.isnan(d) for d in distances_m) else math.inf
 
 
 def nearest_level(distances_m: ArrayLike) -> Array:

@@ -15,15 +15,13 @@ Quaternion = tuple[float, float, float, float]
 
 
 class RangeVerdict(Enum):
-    """What one range reading is worth. The message gives the first five, the filter the last two."""
+    """What one range reading is worth."""
 
     OK = "ok"
     BELOW_MIN = "below min"
     ABOVE_MAX = "above max"
     LOW_QUALITY = "low quality"
     UNMAPPED = "unmapped"
-    STALE = "stale"
-    JUMP = "jump"
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,15 +2,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from companion.estimation.range_geometry import (
     choose_walls,
     fan_heights,
     fan_wall_distances,
     nearest_level,
-    nearest_level_now,
     plane_distance,
     wall_bearing,
 )
@@ -115,8 +112,3 @@ def test_each_fan_has_its_own_distances():
     front, rear = fan_wall_distances(vehicle, 1.0, toward_east, yawed)
     assert front == pytest.approx(1.0 - 0.32 * math.sin(0.1) - 0.21)
     assert rear == pytest.approx(1.0 + 0.32 * math.sin(0.1) - 0.21)
-
-
-@given(st.lists(st.one_of(st.floats(0, 50), st.just(math.inf), st.just(math.nan)), min_size=1, max_size=4))
-def test_the_nearest_of_several_beams_in_plain_floats(distances):
-    assert nearest_level_now(distances) == pytest.approx(float(nearest_level(distances)), nan_ok=True)
