@@ -1,20 +1,24 @@
-"""One sample of the accelerometer on: block, residual, filter, shares. Pure; plain data in, plain data out."""
+"""What adaptation remembers, and one sample of the accelerometer on: block, residual, filter, shares.
+
+Pure; plain data in, plain data out.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 
 from companion.adapt_options import Adapt
 from companion.adaptation import judge
 from companion.adaptation import residual as block_of
-from companion.adaptation.adaptation import Adaptation, FullBlock, ModelAverage, Noise
 from companion.adaptation.apply import MOST, Applied, share_of, towards
 from companion.adaptation.filter import Flags, excites, later, opened, surprises, update
-from companion.adaptation.gates import Situation, pause
+from companion.adaptation.gates import Pause, Situation, pause
 from companion.adaptation.near_map import GAPS, HEIGHTS, NearField
 from companion.adaptation.sizes import (
     EAST,
@@ -25,17 +29,19 @@ from companion.adaptation.sizes import (
     PULL,
     THRUST,
     TILT,
+    Estimate,
     Size,
     Sizes,
     channels,
     prior,
     size_table,
+    told,
 )
 from companion.config import PipelineConfig
 from companion.estimation.disturbance import THRUST_LEAD_S, Disturbance, FanPlaces
 from companion.mavlink.samples import Imu
 from models.evolve import replace
-from models.frames import GRAVITY, Array
+from models.frames import GRAVITY, Array, Rows
 from models.vehicle import Vehicle
 
 BLOCK_S = 0.2
@@ -64,8 +70,75 @@ _PAUSE_S = 0.6
 _NOTHING = 0.05
 """A smaller share of the model is none."""
 _SOURCE_SILENT_S = 1.0
-_NO_VANES: tuple[float, ...] = ()
 _SILENT = (math.nan,) * 16
+MODELS = ("lift_model", "pull_model", "tilt_model")
+"""Names of the probabilities that the model is right in a channel, and not only none."""
+
+
+@dataclass(frozen=True)
+class Adaptation:
+    """All that is remembered of sizes."""
+
+    table: tuple[Size, ...]
+    sizes: Sizes
+    channels: tuple[judge.Channel, ...]
+    """Lift, pull and tilt."""
+    judged: tuple[judge.Belief, ...]
+    """What is believed of each."""
+    believed: Applied
+    """Both hypotheses' mean: gains on the model's lift, pull and tilt, and what is measured beside."""
+    wanted: Applied
+    """What follows from it."""
+    applied: Applied
+    """What offsets follow: on its way to that."""
+    variance: Array
+    """(5,): what an axis' residual scatters by from one block to the next."""
+    learned: tuple[bool, ...]
+    """Whether a channel was ever excited."""
+    block: block_of.Block | None = None
+    full: tuple[block_of.Block, Disturbance, Rows] | None = None
+    """What ``learn`` is to take in: a block, the surroundings and the rotation FRD -> NED at its end."""
+    innovation: Array | None = None
+    """(5,): of the newest block."""
+    modelled: Array | None = None
+    """(5,): of the newest block."""
+    surprised: tuple[int, ...] = (0,) * block_of.AXES
+    """For how many blocks in a row each axis has been far off to one side."""
+    source: str = ""
+    """The accelerometer that is listened to: the first that speaks."""
+    heard_s: float = -math.inf
+    paused: Pause | None = Pause.NO_IMU
+    paused_s: float = -math.inf
+    """When a reason not to learn last held."""
+    clear: Disturbance | None = None
+    """The newest surroundings among which something may be learned: looked at once."""
+    updated_s: float = -math.inf
+    learned_s: float = 0.0
+    """Time of flight that was learned from."""
+
+    @property
+    def shares(self) -> tuple[float, ...]:
+        """Of the model's lift, pull, tilt and of every adopted effect with a size: what is compensated."""
+        return self.applied.shares
+
+    def told(self) -> dict[str, Estimate]:
+        """Every size by its name; then the ground's lift where no model is believed, and how far a model is."""
+        out = told(self.table, self.sizes)
+        out["cheeseman_bennett"] = Estimate(*judge.ground_measured(self.channels[LIFT], self.judged[LIFT]), "1")
+        for name, judged in zip(MODELS, self.judged, strict=True):
+            p = judged.probability
+            out[name] = Estimate(p, math.sqrt(p * (1.0 - p)), "probability")
+        return out
+
+    def share_by_name(self) -> dict[str, float]:
+        """The share of the model's wrench that is compensated, by the size it follows."""
+        return {self.table[k].name: share for k, share in zip(channels(self.table), self.shares, strict=True)}
+
+    def as_json(self) -> dict[str, Any]:
+        """``{name: {"value", "sd", "unit"}}``."""
+        return {
+            name: {"value": round(e.value, 4), "sd": round(e.sd, 4), "unit": e.unit} for name, e in self.told().items()
+        }
 
 
 def initial(config: PipelineConfig) -> Adaptation | None:
@@ -77,8 +150,8 @@ def initial(config: PipelineConfig) -> Adaptation | None:
     through = judge.channels_of(table)
     judged = tuple(judge.initial(channel) for channel in through)
     believed = _believed(through, judged)
-    shares, noise = Applied((1.0,) * len(places)), Noise(floors(config.vehicle))
-    state = Adaptation(table, prior(table), through, judged, believed, shares, shares, noise, (False,) * len(places))
+    shares, variance, learned = Applied((1.0,) * len(places)), floors(config.vehicle), (False,) * len(places)
+    state = Adaptation(table, prior(table), through, judged, believed, shares, shares, variance, learned)
     wanted = _wanted(state)
     return replace(state, wanted=wanted, applied=wanted)
 
@@ -100,25 +173,28 @@ def hear(known: Adaptation, here: Situation, imu: Imu, config: PipelineConfig) -
         if now_s - known.heard_s < _SOURCE_SILENT_S:
             return known
         known = replace(known, source=imu.source, block=None)
-    disturbance = here.disturbance
+    disturbance, rows = here.disturbance, here.estimates.rows
     why = pause(here, imu, config, known.clear)
     if why is not None:
-        noise = Noise(known.noise.variance)
-        return replace(known, heard_s=now_s, paused=why, paused_s=now_s, block=None, full=None, noise=noise, clear=None)
+        return replace(
+            known, heard_s=now_s, paused=why, paused_s=now_s, block=None, full=None, innovation=None, clear=None
+        )
     if now_s - known.paused_s < _PAUSE_S:
         return replace(known, heard_s=now_s)
     block = known.block
+    if block is not None and now_s == block.end_s:
+        return known  # told twice
+    full = known.full
     if block is None or not 0.0 < now_s - block.end_s <= _IMU_GAP_S:
-        if block is not None and now_s == block.end_s:
-            return known  # told twice
-        return replace(known, heard_s=now_s, paused=None, block=block_of.begin(imu), clear=disturbance)
-    block = _longer(block, here, imu, config)
-    if block.end_s - block.start_s < BLOCK_S - 1e-6:
-        return replace(known, heard_s=now_s, paused=None, block=block, clear=disturbance)
-    full, rows = None, here.estimates.rows
-    if block.samples >= _LEAST_SAMPLES and disturbance is not None and rows is not None:
-        full = FullBlock(block, disturbance, rows)
-    return replace(known, heard_s=now_s, paused=None, block=block_of.follow(block), full=full, clear=disturbance)
+        block = block_of.begin(imu)
+    else:
+        block = _longer(block, here, imu, config)
+        if block.end_s - block.start_s >= BLOCK_S - 1e-6:
+            full = None
+            if block.samples >= _LEAST_SAMPLES and disturbance is not None and rows is not None:
+                full = (block, disturbance, rows)
+            block = block_of.follow(block)
+    return replace(known, heard_s=now_s, paused=None, block=block, full=full, clear=disturbance)
 
 
 def _longer(block: block_of.Block, here: Situation, imu: Imu, config: PipelineConfig) -> block_of.Block:
@@ -127,9 +203,7 @@ def _longer(block: block_of.Block, here: Situation, imu: Imu, config: PipelineCo
     assert disturbance is not None
     assert disturbance.parts is not None
     assert position is not None
-    vanes = _NO_VANES
-    if config.vehicle.vanes:
-        vanes = block_of.vane_outputs(config.vehicle, _SILENT if servo is None else servo.pwm_us)
+    vanes = block_of.vane_outputs(config.vehicle, _SILENT if servo is None else servo.pwm_us)
     return block_of.add(block, imu, disturbance.parts, position.velocity_ned, vanes)
 
 
@@ -144,7 +218,7 @@ def learn(known: Adaptation, config: PipelineConfig) -> Adaptation:
     seen = block_of.block_residual(block, config.vehicle, rotation, here.parts.around.bearing_rad, len(table), wind)
     changed = 0.0 if known.modelled is None else seen.modelled - known.modelled
     doubt = (_LAG_DOUBT_S / BLOCK_S * changed) ** 2
-    variance, doubtful = _ALIKE * known.noise.variance + doubt, _ALIKE_NEAR * known.noise.variance + doubt
+    variance, doubtful = _ALIKE * known.variance + doubt, _ALIKE_NEAR * known.variance + doubt
     innovation = seen.residual - seen.regressors @ sizes.offset
     surprised = surprises(sizes, innovation, seen.regressors, variance, known.surprised)
     moves, around = excites(table, seen.regressors, variance), _in_the_middle(here, config)
@@ -153,26 +227,25 @@ def learn(known: Adaptation, config: PipelineConfig) -> Adaptation:
     if first or any(near) or any(surprised) or seconds > _FREE_AIR_S:
         judged = _judged(known, seen, doubtful, seconds, around, near, config)
         sizes = opened(table, later(table, sizes, seconds), surprised)
-        sizes = _sized(table, sizes, seen, variance, moves)
+        # One axis after another.
+        for axis, row, moved in zip(range(block_of.AXES), seen.regressors, moves, strict=True):
+            sizes = update(table, sizes, float(seen.residual[axis]), row, float(variance[axis]), moved)
         learned, believed = _learned(known, sizes), _believed(known.channels, judged)
-        known = replace(
-            known, sizes=sizes, judged=judged, learned=learned, believed=believed, updated_s=block.end_s
-        )  # fmt: skip
+        known = replace(known, sizes=sizes, judged=judged, learned=learned, believed=believed, updated_s=block.end_s)
         known = replace(known, wanted=_wanted(known))
     applied = known.applied
     if applied is not known.wanted:
         applied = towards(applied, known.wanted, BLOCK_S)
-    noise, learned_s = _noise(known.noise, innovation, config), known.learned_s + block.end_s - block.start_s
     return replace(
-        known, full=None, applied=applied, noise=noise, modelled=seen.modelled, surprised=surprised, learned_s=learned_s
+        known,
+        full=None,
+        applied=applied,
+        variance=_scatter(known, innovation, config),
+        innovation=innovation,
+        modelled=seen.modelled,
+        surprised=surprised,
+        learned_s=known.learned_s + block.end_s - block.start_s,
     )
-
-
-def _sized(table: tuple[Size, ...], sizes: Sizes, seen: block_of.BlockResidual, variance: Array, moves: Flags) -> Sizes:
-    """The sizes after a block, one axis after another."""
-    for value, row, noise, moved in zip(seen.residual.tolist(), seen.regressors, variance.tolist(), moves, strict=True):
-        sizes = update(table, sizes, value, row, noise, moved)
-    return sizes
 
 
 def _near(moves: Flags, around: FanPlaces) -> tuple[bool, ...]:
@@ -193,7 +266,7 @@ def _judged(
     """With the model or without it: what one channel does in the axes of another is taken away first."""
     vehicle = config.vehicle
     place, thrust = judge.place_of(around), 1.0 + float(known.sizes.offset[THRUST])
-    gains, beside = known.believed.gains, known.believed.near.rows(vehicle, around)
+    gains, beside = known.believed.shares, known.believed.near.rows(vehicle, around)
     effects = seen.regressors[:, FIRST_EFFECT:] @ known.sizes.offset[FIRST_EFFECT:]
     rest, noise, regressors = (seen.residual - effects).tolist(), variance.tolist(), seen.regressors.tolist()
     out = []
@@ -226,24 +299,21 @@ def _in_the_middle(here: Disturbance, config: PipelineConfig) -> FanPlaces:
     return FanPlaces(heights, gaps, around.free_lift_n, around.bearing_rad)
 
 
-def _believed(channels: Sequence[judge.Channel], judged: Sequence[judge.Belief]) -> ModelAverage:
+def _believed(channels: Sequence[judge.Channel], judged: Sequence[judge.Belief]) -> Applied:
     found = [judge.believed(c, j) for c, j in zip(channels, judged, strict=True)]
     lift, pull, tilt = [tuple(cells) for _, _, cells in found]
-    return ModelAverage(tuple([gain for gain, _, _ in found]), NearField(found[LIFT][1], lift, pull, tilt))
+    return Applied(tuple([gain for gain, _, _ in found]), NearField(found[LIFT][1], lift, pull, tilt))
 
 
-def _noise(noise: Noise, innovation: Array, config: PipelineConfig) -> Noise:
+def _scatter(known: Adaptation, innovation: Array, config: PipelineConfig) -> Array:
     """Half the mean square of differences between neighbours (von Neumann 1941, Ann. Math. Statist. 12, 367): what a
     size is still wrong by is in both and does not count."""
-    if noise.innovation is None:
-        return Noise(noise.variance, innovation)
-    change = innovation - noise.innovation
-    share = BLOCK_S / _NOISE_MEAN_S
+    if known.innovation is None:
+        return known.variance
+    change = innovation - known.innovation
     fresh = 0.5 * change * change
-    if not math.isfinite(sum(fresh.tolist())):
-        fresh = np.where(np.isfinite(fresh), fresh, noise.variance)
-    variance = np.maximum(noise.variance + share * (fresh - noise.variance), floors(config.vehicle))
-    return Noise(variance, innovation)
+    fresh = np.where(np.isfinite(fresh), fresh, known.variance)
+    return np.maximum(known.variance + BLOCK_S / _NOISE_MEAN_S * (fresh - known.variance), floors(config.vehicle))
 
 
 def _learned(known: Adaptation, sizes: Sizes) -> tuple[bool, ...]:
@@ -258,7 +328,7 @@ def _learned(known: Adaptation, sizes: Sizes) -> tuple[bool, ...]:
 
 def _wanted(known: Adaptation) -> Applied:
     """What is believed. An adopted effect that never was excited stays as modelled."""
-    gains, near = known.believed
+    gains, near = known.believed.shares, known.believed.near
     shares = [0.0 if gain < _NOTHING else min(gain, MOST) for gain in gains]
     for k, seen in zip(range(FIRST_EFFECT, len(known.table)), known.learned[len(GAINS) :], strict=True):
         value = known.table[k].as_modelled + float(known.sizes.offset[k])

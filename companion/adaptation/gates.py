@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
+from enum import Enum
 from typing import NamedTuple
 
-from companion.adaptation.pause import Pause
 from companion.config import PipelineConfig
 from companion.estimation.disturbance import Disturbance
 from companion.estimation.estimator import ATTITUDE_AGE_S, POSITION_AGE_S, Estimates
@@ -28,6 +28,23 @@ _TILT_COS = 0.87
 """Cosine of 30 degrees: beyond, nobody hovers."""
 _EXTERNAL_SHARE = 0.40
 """Of the weight: more force than this that is not the rotors' is a hand or a surface."""
+
+
+class Pause(Enum):
+    """Why nothing is learned now; the value is what the pilot reads."""
+
+    NO_IMU = "no accelerometer"
+    NO_ROTORS = "rotor speeds missing or old"
+    STALE = "attitude or position old"
+    NOT_FLYING = "not flying, or taking off or landing"
+    SURFACE_UNKNOWN = "a range is not believed"
+    SURFACE_STEP = "ground or wall jumped"
+    CONTACT = "so near that it may touch"
+    UNMODELLED = "near ground or wall, and the model does not cover them"
+    OUTSIDE = "outside the data of the model"
+    TILTED = "tilted beyond 30 degrees"
+    CLIPPED = "bump, or accelerometer clipped"
+    EXTERNAL = "an external force: the vehicle is held or touched"
 
 
 class Situation(NamedTuple):

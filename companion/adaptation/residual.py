@@ -36,67 +36,48 @@ class Block(NamedTuple):
 
     start_s: float
     end_s: float
-    lagged: tuple[float, float, float, float, float, float]
-    """Specific force and rates behind the lag, at the newest sample."""
-    rates_at_start: Vector3
-    samples: int
-    force: Vector3
-    rates: Vector3
-    velocity: Vector3
-    vanes_us: tuple[float, ...]
+    lagged: tuple[float, ...]
+    """(6,): specific force and rates behind the lag, at the newest sample."""
+    rates_at_start: tuple[float, ...]
+    samples: int = 0
+    motion: tuple[float, ...] = (0.0,) * 9
+    """Of specific force and rates behind the lag, and velocity NED."""
+    vanes_us: tuple[float, ...] = ()
     """Outputs of the vanes' servos."""
-    at_fans: Array | None
+    at_fans: Array | None = None
     """Of ``Parts``: (2, fans, 6)."""
-    effects: Array | None
-    tip_m_s: float
+    effects: Array | None = None
+    tip_m_s: float = 0.0
 
 
 def begin(imu: Imu) -> Block:
     """A block that starts with a sample, without counting it."""
-    zero = (0.0, 0.0, 0.0)
-    lagged = (*imu.specific_force_frd, *imu.gyro_frd)
-    return Block(imu.t_s, imu.t_s, lagged, imu.gyro_frd, 0, zero, zero, zero, (), None, None, 0.0)
+    return Block(imu.t_s, imu.t_s, (*imu.specific_force_frd, *imu.gyro_frd), imu.gyro_frd)
 
 
 def follow(block: Block) -> Block:
     """The block after one that is full: the lag goes on."""
-    zero, (p, q, r) = (0.0, 0.0, 0.0), block.lagged[3:]
-    return Block(block.end_s, block.end_s, block.lagged, (p, q, r), 0, zero, zero, zero, (), None, None, 0.0)
+    return Block(block.end_s, block.end_s, block.lagged, block.lagged[3:])
 
 
 def add(block: Block, imu: Imu, parts: Parts, velocity: Vector3, vanes_us: tuple[float, ...]) -> Block:
     """The block with one sample more; ``vanes_us`` as ``vane_outputs`` has them, ``velocity`` NED."""
-    start_s, end_s, (a, b, c, p, q, r), first, samples, force, rates, moved, vanes, at_fans, effects, tip_m_s = block
-    share = (imu.t_s - end_s) / (IMU_LAG_S + imu.t_s - end_s)
-    (fx, fy, fz), (gx, gy, gz) = imu.specific_force_frd, imu.gyro_frd
-    a += share * (fx - a)
-    b += share * (fy - b)
-    c += share * (fz - c)
-    p += share * (gx - p)
-    q += share * (gy - q)
-    r += share * (gz - r)
-    (sa, sb, sc), (sp, sq, sr), (vn, ve, vd), (n, e, d) = force, rates, moved, velocity
-    if at_fans is None or effects is None:
-        at_fans, effects, vanes = parts.at_fans, parts.effects, vanes_us
-    else:
-        at_fans = at_fans + parts.at_fans
-        if effects.size:
-            effects = effects + parts.effects
-        if vanes:
-            vanes = tuple([x + y for x, y in zip(vanes, vanes_us, strict=True)])
-    return Block(
-        start_s,
-        imu.t_s,
-        (a, b, c, p, q, r),
-        first,
-        samples + 1,
-        (sa + a, sb + b, sc + c),
-        (sp + p, sq + q, sr + r),
-        (vn + n, ve + e, vd + d),
-        vanes,
-        at_fans,
-        effects,
-        tip_m_s + parts.tip_m_s,
+    share = (imu.t_s - block.end_s) / (IMU_LAG_S + imu.t_s - block.end_s)
+    told = (*imu.specific_force_frd, *imu.gyro_frd)
+    lagged = tuple([old + share * (new - old) for old, new in zip(block.lagged, told, strict=True)])
+    at_fans, effects, vanes = parts.at_fans, parts.effects, vanes_us
+    if block.at_fans is not None and block.effects is not None:
+        at_fans, effects = block.at_fans + at_fans, block.effects + effects
+        vanes = tuple([a + b for a, b in zip(block.vanes_us, vanes_us, strict=True)])
+    return block._replace(
+        end_s=imu.t_s,
+        lagged=lagged,
+        samples=block.samples + 1,
+        motion=tuple([a + b for a, b in zip(block.motion, (*lagged, *velocity), strict=True)]),
+        vanes_us=vanes,
+        at_fans=at_fans,
+        effects=effects,
+        tip_m_s=block.tip_m_s + parts.tip_m_s,
     )
 
 
@@ -136,7 +117,7 @@ def block_residual(
     for k, effect in enumerate(effects, at.FIRST_EFFECT):
         for row, value in zip(rows, effect, strict=False):
             row[k] = value
-    velocity = _through_the_air([v * share for v in block.velocity], rotation, wind_ne)
+    velocity = _through_the_air([v * share for v in block.motion[6:]], rotation, wind_ne)
     _common(rows, vehicle, rotation, velocity, alone, declared, block.tip_m_s * share)
     residual = [a - b for a, b in zip(told, modelled, strict=True)]
     return BlockResidual(np.array(residual), np.array(rows), np.array(modelled))
@@ -145,15 +126,10 @@ def block_residual(
 def measured(block: Block, vehicle: Vehicle) -> list[float]:
     """(5,): the wrench of the air that the accelerometer and the gyro of a block tell."""
     share, seconds = 1.0 / block.samples, block.end_s - block.start_s
-    p0, q0, r0 = block.rates_at_start
-    _, _, _, p1, q1, r1 = block.lagged
-    fx, fy, fz = block.force
-    p, q, r = block.rates
-    wrench = wrench_of_motion(
-        fx * share, fy * share, fz * share, p * share, q * share, r * share,
-        (p1 - p0) / seconds, (q1 - q0) / seconds, (r1 - r0) / seconds, vehicle.mass_kg, *vehicle.inertia_kgm2,
-    )  # fmt: skip
-    return list(wrench[:AXES])
+    mean = [v * share for v in block.motion[:6]]
+    change = [(last - first) / seconds for first, last in zip(block.rates_at_start, block.lagged[3:], strict=True)]
+    motion = [*mean, *change, vehicle.mass_kg, *vehicle.inertia_kgm2]
+    return list(wrench_of_motion(*motion)[:AXES])
 
 
 def _through_the_air(velocity: Sequence[float], rotation: Rows, wind_ne: tuple[float, float]) -> list[float]:

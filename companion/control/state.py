@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-from companion.adaptation.adaptation import Adaptation
+from companion.adaptation.adapt import Adaptation
 from companion.control.attitude_response import AttitudeResponse
 from companion.control.authority import Notice, Reason
 from companion.control.compensation import Offset, Offsets

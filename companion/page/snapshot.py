@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.adaptation.adaptation import Adaptation
+from companion.adaptation.adapt import Adaptation
 from companion.config import PipelineConfig
 from companion.control.state import Decision, PipelineState
 from companion.estimation.estimator import Surface

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from companion.adaptation.adaptation import Adaptation
+from companion.adaptation.adapt import Adaptation
 from companion.control.authority import Notice, Reason
 from companion.control.plant import HoldTuning, Margin
 from companion.control.state import Decision

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.adaptation import adapt
-from companion.adaptation.adaptation import Adaptation
+from companion.adaptation.adapt import Adaptation
 from companion.config import PipelineConfig
 from companion.control.compensation import Offset
 from companion.control.position_hold import BaseSetpoint

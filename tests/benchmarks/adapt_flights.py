@@ -16,7 +16,7 @@ from typing import Any
 
 from lockstep_faults import FaultyLockstep
 
-from companion.adaptation.adaptation import Adaptation
+from companion.adaptation.adapt import Adaptation
 from companion.config import PipelineConfig
 from companion.control.state import Decision
 from companion.sim.autopilot import Mode

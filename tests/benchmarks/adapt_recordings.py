@@ -24,7 +24,7 @@ from tqdm import tqdm
 
 from companion.adapt_options import Adapt
 from companion.adaptation import adapt
-from companion.adaptation.adaptation import Adaptation
+from companion.adaptation.adapt import Adaptation
 from companion.adaptation.residual import BlockResidual
 from companion.config import PipelineConfig
 from companion.control.state import Decision

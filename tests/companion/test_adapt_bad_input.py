@@ -10,8 +10,8 @@ from adapt_flights import Change, Watch, bump, dead_rotor, fly, hand, lying_rang
 from adapt_models import TrueModel
 
 from companion.adapt_options import Adapt
-from companion.adaptation.adaptation import Adaptation
-from companion.adaptation.pause import Pause
+from companion.adaptation.adapt import Adaptation
+from companion.adaptation.gates import Pause
 from companion.config import PipelineConfig
 from companion.sim.air import NOMINAL
 from companion.sim.flight import Flight

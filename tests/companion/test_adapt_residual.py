@@ -54,9 +54,9 @@ def block_of(parts: Parts, velocity: np.ndarray, vanes: tuple[float, ...] = ()) 
     """A block with one sample."""
     force, rates = RNG.normal(size=3), RNG.normal(size=3)
     return Block(
-        0.0, 0.2, (*force, *(rates + 0.1)), tuple(rates - 0.1), 1, tuple(force), tuple(rates), tuple(velocity), vanes,
-        parts.at_fans, parts.effects, parts.tip_m_s,
-    )  # type: ignore[arg-type]  # fmt: skip
+        0.0, 0.2, (*force, *(rates + 0.1)), tuple(rates - 0.1), 1, (*force, *rates, *velocity), vanes, parts.at_fans,
+        parts.effects, parts.tip_m_s,
+    )  # fmt: skip
 
 
 def moment() -> tuple[Parts, np.ndarray, np.ndarray, Block, Context]:
@@ -85,7 +85,7 @@ def test_modelled_and_measured_are_those_of_diagnosis():
         seen = block_residual(block, TANDEM, rotation, bearing_of(ctx), SIZES)
         assert np.allclose(seen.modelled, modelled_wrench(TANDEM, ctx.model, ctx.state)[:5], atol=1e-9)  # type: ignore[arg-type]
         told = measured_wrench(
-            block.force, block.rates, np.full(3, 1.0), TANDEM.mass_kg, TANDEM.inertia_kgm2
+            block.motion[:3], block.motion[3:6], np.full(3, 1.0), TANDEM.mass_kg, TANDEM.inertia_kgm2
         )  # the rates of the block rise by 0.2 in 0.2 s
         assert np.allclose(seen.residual + seen.modelled, told[:5], atol=1e-9)
 
