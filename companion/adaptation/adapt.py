@@ -18,7 +18,7 @@ from companion.adaptation import judge
 from companion.adaptation import residual as block_of
 from companion.adaptation.apply import MOST, Applied, share_of, towards
 from companion.adaptation.filter import Flags, excites, later, opened, surprises, update
-from companion.adaptation.gates import Pause, Situation, pause
+from companion.adaptation.gates import NO_IMU, Situation, pause
 from companion.adaptation.near_map import GAPS, HEIGHTS, NearField
 from companion.adaptation.sizes import (
     EAST,
@@ -107,7 +107,8 @@ class Adaptation:
     source: str = ""
     """The accelerometer that is listened to: the first that speaks."""
     heard_s: float = -math.inf
-    paused: Pause | None = Pause.NO_IMU
+    paused: str | None = NO_IMU
+    """Why nothing is learned now, as the pilot reads it."""
     paused_s: float = -math.inf
     """When a reason not to learn last held."""
     clear: Disturbance | None = None

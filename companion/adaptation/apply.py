@@ -40,31 +40,17 @@ class Applied:
         ``above`` (fans, 6): what the model says of ground and wall at each fan, corner frame, at its lead. Of adopted
         effects, (k, 6), what goes beyond all of them or stays below.
         """
-        parts = about_cg(vehicle, self._at_fans(vehicle, above, around), around.bearing_rad)
+        of_lift, of_pull, of_tilt = self.shares[:3]
+        shares = (of_pull, of_pull, of_lift, of_tilt, of_tilt, of_tilt)
+        at_fans = [
+            [share * modelled + left for share, modelled, left in zip(shares, fan, beside, strict=True)]
+            for fan, beside in zip(above, self.near.wrenches(vehicle, around), strict=True)
+        ]
+        parts = about_cg(vehicle, at_fans, around.bearing_rad)
         total: Array = np.array([a + b + c for a, b, c in zip(*parts, strict=True)])
         if effects.size:
             total += (np.array(self.shares[3:]) - 1.0) @ effects
         return total
-
-    def _at_fans(
-        self, vehicle: Vehicle, above: Sequence[Sequence[float]], around: FanPlaces
-    ) -> list[tuple[float, ...]]:
-        """(fans, 6), corner frame."""
-        of_lift, of_pull, of_tilt = self.shares[:3]
-        radius = vehicle.rotor_radius_m
-        return [
-            (
-                of_pull * x + pull * thrust,
-                of_pull * y,
-                of_lift * z + lift * thrust,
-                of_tilt * roll,
-                of_tilt * pitch + tilt * thrust * radius,
-                of_tilt * yaw,
-            )
-            for (x, y, z, roll, pitch, yaw), (lift, pull, tilt), thrust in zip(
-                above, self.near.at_fans(around), around.free_lift_n, strict=True
-            )
-        ]
 
 
 def share_of(value: float, sd: float) -> float:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from enum import Enum
 from typing import NamedTuple
 
 from companion.config import PipelineConfig
@@ -13,6 +12,9 @@ from companion.mavlink.samples import Imu
 from models.frames import GRAVITY
 from models.surrogate.empty import is_empty
 
+NO_IMU, NOT_FLYING = "no accelerometer", "not flying, or taking off or landing"
+SURFACE_UNKNOWN, SURFACE_STEP = "a range is not believed", "ground or wall jumped"
+"""Reasons to pause that others look for."""
 _TAKING_OFF, _LANDING = 3, 4
 """MAV_LANDED_STATE."""
 _AIRBORNE_S = 2.0
@@ -30,23 +32,6 @@ _EXTERNAL_SHARE = 0.40
 """Of the weight: more force than this that is not the rotors' is a hand or a surface."""
 
 
-class Pause(Enum):
-    """Why nothing is learned now; the value is what the pilot reads."""
-
-    NO_IMU = "no accelerometer"
-    NO_ROTORS = "rotor speeds missing or old"
-    STALE = "attitude or position old"
-    NOT_FLYING = "not flying, or taking off or landing"
-    SURFACE_UNKNOWN = "a range is not believed"
-    SURFACE_STEP = "ground or wall jumped"
-    CONTACT = "so near that it may touch"
-    UNMODELLED = "near ground or wall, and the model does not cover them"
-    OUTSIDE = "outside the data of the model"
-    TILTED = "tilted beyond 30 degrees"
-    CLIPPED = "bump, or accelerometer clipped"
-    EXTERNAL = "an external force: the vehicle is held or touched"
-
-
 class Situation(NamedTuple):
     """What is known of the vehicle when its accelerometer speaks."""
 
@@ -58,49 +43,49 @@ class Situation(NamedTuple):
     landed_state: int
 
 
-def pause(here: Situation, imu: Imu, config: PipelineConfig, clear: Disturbance | None = None) -> Pause | None:
-    """The reason not to learn from this sample; the surroundings of ``clear`` have been looked at already."""
+def pause(here: Situation, imu: Imu, config: PipelineConfig, clear: Disturbance | None = None) -> str | None:
+    """The reason not to learn from this sample, as the pilot reads it; ``clear`` has been looked at already."""
     estimates, now = here.estimates, imu.t_s
     disturbance, attitude, position = here.disturbance, estimates.attitude, estimates.position
     if disturbance is None or disturbance.parts is None:
-        return Pause.NO_ROTORS
+        return "rotor speeds missing or old"
     if attitude is None or position is None or now - here.disturbance_s > ATTITUDE_AGE_S:
-        return Pause.STALE
+        return "attitude or position old"
     old_attitude = now - attitude.t_s > ATTITUDE_AGE_S
     if old_attitude or now - position.t_s > POSITION_AGE_S or not estimates.trust.trusted:
-        return Pause.STALE
+        return "attitude or position old"
     if not math.isfinite(sum(imu.specific_force_frd)):
-        return Pause.NO_IMU
+        return NO_IMU
     rows = estimates.rows
     if now - here.airborne_since_s < _AIRBORNE_S or here.landed_state in (_TAKING_OFF, _LANDING):
-        return Pause.NOT_FLYING
+        return NOT_FLYING
     if rows is None or rows[2][2] < _TILT_COS:
-        return Pause.TILTED
+        return "tilted beyond 30 degrees"
     around = None if disturbance is clear else _surroundings(disturbance, config, now)
     return around or _pushed(disturbance.parts.vertical_n, imu, config)
 
 
-def _surroundings(disturbance: Disturbance, config: PipelineConfig, now_s: float) -> Pause | None:
+def _surroundings(disturbance: Disturbance, config: PipelineConfig, now_s: float) -> str | None:
     for surface in (disturbance.ground, disturbance.wall, disturbance.ceiling):
         if not surface.known:
-            return Pause.SURFACE_UNKNOWN
+            return SURFACE_UNKNOWN
         if surface.jumped or surface.stepped(now_s):
-            return Pause.SURFACE_STEP
+            return SURFACE_STEP
     assert disturbance.parts is not None
     around = disturbance.parts.around
     height, gap = min(around.heights), min(around.gaps)
     if height < _NEAR_GROUND_RADII or gap * config.vehicle.rotor_radius_m < _NEAR_WALL_M:
-        return Pause.CONTACT
+        return "so near that it may touch"
     if is_empty(config.model) and min(height, gap) < _REACH_RADII:
-        return Pause.UNMODELLED
-    return Pause.OUTSIDE if disturbance.trust <= 0.0 else None
+        return "near ground or wall, and the model does not cover them"
+    return "outside the data of the model" if disturbance.trust <= 0.0 else None
 
 
-def _pushed(vertical_n: float, imu: Imu, config: PipelineConfig) -> Pause | None:
+def _pushed(vertical_n: float, imu: Imu, config: PipelineConfig) -> str | None:
     fx, fy, fz = imu.specific_force_frd
     if fx * fx + fy * fy + fz * fz > _CLIPPED_M_S2**2:
-        return Pause.CLIPPED
+        return "bump, or accelerometer clipped"
     mass = config.vehicle.mass_kg
     if abs(mass * fz - vertical_n) > _EXTERNAL_SHARE * mass * GRAVITY:
-        return Pause.EXTERNAL
+        return "an external force: the vehicle is held or touched"
     return None

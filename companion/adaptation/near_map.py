@@ -48,9 +48,13 @@ class NearField:
             tilt += weight * self.tilt[k]
         return lift, pull, tilt
 
-    def at_fans(self, around: FanPlaces) -> list[tuple[float, float, float]]:
-        """The same at all fans."""
-        return [self.at_fan(height, gap) for height, gap in zip(around.heights, around.gaps, strict=True)]
+    def wrenches(self, vehicle: Vehicle, around: FanPlaces) -> list[tuple[float, ...]]:
+        """(fans, 6), corner frame: the same in N and N m."""
+        out: list[tuple[float, ...]] = []
+        for thrust, height, gap in zip(around.free_lift_n, around.heights, around.gaps, strict=True):
+            lift, pull, tilt = self.at_fan(height, gap)
+            out.append((pull * thrust, 0.0, lift * thrust, 0.0, tilt * thrust * vehicle.rotor_radius_m, 0.0))
+        return out
 
     def pull_change_n(self, around: FanPlaces, further_radii: float) -> float:
         """How much less all fans are drawn to the wall further off [N]."""
@@ -63,12 +67,7 @@ class NearField:
 
     def rows(self, vehicle: Vehicle, around: FanPlaces) -> list[list[float]]:
         """Lift, pull and tilt (3, 6) of all fans, body FRD about the CG."""
-        radius = vehicle.rotor_radius_m
-        at_fans = [
-            (pull * thrust, 0.0, lift * thrust, 0.0, tilt * thrust * radius, 0.0)
-            for thrust, (lift, pull, tilt) in zip(around.free_lift_n, self.at_fans(around), strict=True)
-        ]
-        return about_cg(vehicle, at_fans, around.bearing_rad)
+        return about_cg(vehicle, self.wrenches(vehicle, around), around.bearing_rad)
 
 
 NOTHING = NearField(0.0, (0.0,) * CELLS, (0.0,) * CELLS, (0.0,) * CELLS)

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from companion.control.plant import AttitudeLoop, Source
+from companion.estimation.vectors import Level, lagged
 from models.frames import Array
 
 _TAUS = np.array([0.03, 0.045, 0.065, 0.09, 0.12, 0.16, 0.22, 0.30])
@@ -61,8 +62,8 @@ class AttitudeResponse(NamedTuple):
     """Setpoints of the last half second, slow means, and the bank."""
 
     commands: tuple[Sent, ...] = ()
-    command_mean: tuple[float, float] = (0.0, 0.0)
-    tilt_mean: tuple[float, float] = (0.0, 0.0)
+    command_mean: Level = (0.0, 0.0)
+    tilt_mean: Level = (0.0, 0.0)
     t_s: float = -math.inf
     bank: Bank = _EMPTY
 
@@ -72,7 +73,7 @@ def hear_tilt(response: AttitudeResponse, t_s: float, roll: float, pitch: float)
     dt = t_s - response.t_s
     if not response.commands or not 0.0 < dt <= 0.3:
         return response._replace(tilt_mean=(roll, pitch), t_s=t_s, bank=_EMPTY)
-    mean = _averaged(response.tilt_mean, roll, pitch, dt)
+    mean = lagged(response.tilt_mean, (roll, pitch), min(dt / _MEAN_S, 1.0))
     bank = _longer(response.bank, response.commands, t_s, dt, (roll - mean[0], pitch - mean[1]))
     return response._replace(tilt_mean=mean, t_s=t_s, bank=bank)
 
@@ -80,16 +81,12 @@ def hear_tilt(response: AttitudeResponse, t_s: float, roll: float, pitch: float)
 def sent(response: AttitudeResponse, t_s: float, roll: float, pitch: float) -> AttitudeResponse:
     """Remember a setpoint [rad]."""
     kept = [c for c in response.commands if t_s - _KEPT_S <= c[0] < t_s]
-    mean = _averaged(response.command_mean, roll, pitch, t_s - kept[-1][0]) if kept else (roll, pitch)
+    share = min((t_s - kept[-1][0]) / _MEAN_S, 1.0) if kept else 1.0
+    mean = lagged(response.command_mean, (roll, pitch), share) if kept else (roll, pitch)
     return response._replace(commands=(*kept, (t_s, roll - mean[0], pitch - mean[1])), command_mean=mean)
 
 
-def _averaged(mean: tuple[float, float], roll: float, pitch: float, dt_s: float) -> tuple[float, float]:
-    share = min(dt_s / _MEAN_S, 1.0)
-    return mean[0] + (roll - mean[0]) * share, mean[1] + (pitch - mean[1]) * share
-
-
-def _longer(bank: Bank, commands: tuple[Sent, ...], t_s: float, dt_s: float, tilt: tuple[float, float]) -> Bank:
+def _longer(bank: Bank, commands: tuple[Sent, ...], t_s: float, dt_s: float, tilt: Level) -> Bank:
     """The bank with one tilt more: every candidate one step on, and compared with it."""
     times, roll, pitch = np.array(commands).T
     # The setpoints as every dead time delays them, the first and the last of them held.

@@ -49,29 +49,9 @@ class Reason(Enum):
     OFFSETS_OFF = "offsets switched off"
 
 
-HOLDS_BACK_EVERYTHING = frozenset(
-    {
-        Reason.NO_HEARTBEAT,
-        Reason.NOT_ARMED,
-        Reason.WRONG_MODE,
-        Reason.LANDED,
-        Reason.ATTITUDE_STALE,
-        Reason.POSITION_STALE,
-        Reason.POSITION_UNTRUSTED,
-        Reason.TOO_LATE,
-        Reason.THRUST_UNKNOWN,
-        Reason.THRUST_IS_CLIMB_RATE,
-        Reason.TYPE_IGNORED,
-        Reason.STACK_UNKNOWN,
-        Reason.UPSTREAM_STALE,
-        Reason.CARRIER_REFUSED,
-        Reason.TAKING_OFF,
-        Reason.HOVER_UNKNOWN,
-        Reason.HOVER_IMPLAUSIBLE,
-        Reason.NO_MARGIN,
-        Reason.SWINGS_ON,
-    }
-)
+_GRAVEST_FIRST = tuple(Reason)
+HOLDS_BACK_EVERYTHING = frozenset(_GRAVEST_FIRST[: _GRAVEST_FIRST.index(Reason.SWINGS_ON) + 1])
+"""Those of the first group."""
 
 
 class Notice(Enum):

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from companion.config import PipelineConfig
 from companion.control.authority import clipped, slew
 from companion.estimation.disturbance import Disturbance
+from companion.estimation.vectors import lagged, scaled
 from companion.mavlink.firmware import ThrustMap
 from models.frames import GRAVITY, Rows
 from models.vehicle import Vehicle
@@ -36,14 +37,8 @@ class Offset(NamedTuple):
 
     def scaled(self, share: float) -> Offset:
         """The same offset, ``share`` of it."""
-        north, east, down = self.acceleration
-        return Offset(
-            self.thrust * share,
-            self.roll * share,
-            self.pitch * share,
-            (north * share, east * share, down * share),
-            self.share * share,
-        )
+        thrust, roll, pitch, acceleration, of_disturbance = self
+        return Offset(thrust * share, roll * share, pitch * share, scaled(acceleration, share), of_disturbance * share)
 
 
 MomentWashout = tuple[float, float]
@@ -106,9 +101,7 @@ def _thrust_change(ratio: float, thrust: ThrustMap, base_thrust: float) -> float
 def _moment_bias(
     mx: float, my: float, washout: MomentWashout | None, vehicle: Vehicle, dt_s: float
 ) -> tuple[float, float, MomentWashout]:
-    low_x, low_y = (mx, my) if washout is None else washout
-    share = min(dt_s / _MOMENT_WASHOUT_S, 1.0)
-    low_x, low_y = low_x + share * (mx - low_x), low_y + share * (my - low_y)
+    low_x, low_y = lagged(washout or (mx, my), (mx, my), min(dt_s / _MOMENT_WASHOUT_S, 1.0))
     stiffness_x, stiffness_y = (_MOMENT_STIFFNESS_1_S2 * inertia for inertia in vehicle.inertia_kgm2[:2])
     roll = clipped(-(mx - low_x) / stiffness_x, _MOMENT_LIMIT_RAD)
     pitch = clipped(-(my - low_y) / stiffness_y, _MOMENT_LIMIT_RAD)

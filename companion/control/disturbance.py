@@ -14,6 +14,7 @@ from companion.config import PipelineConfig
 from companion.estimation.air_state import air_state
 from companion.estimation.disturbance import THRUST_LEAD_S, Disturbance, FanPlaces, Parts, about_cg
 from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, fan_query, surface
+from companion.estimation.vectors import plus, turned
 from models.adopted_effect import AdoptedEffect
 from models.air_state import AirState
 from models.effects import Context, adopted_wrench, corrected_state
@@ -58,8 +59,8 @@ def modelled_disturbance(
         ceiling = surface(estimates, config, "ceiling", t_s)
         now = air_state(estimates, config, soon, ceiling, rotor_rpm, t_s, THRUST_LEAD_S)
         moved = corrected_state(model.effects, now)
-        shift = np.where(np.isfinite(now.h_m), moved.h_m, 0.0) - np.where(np.isfinite(now.h_m), now.h_m, 0.0)
-        soon, later = _shifted(soon, shift), _shifted(later, shift)
+        shift = np.subtract(moved.h_m, now.h_m, out=np.zeros_like(now.h_m), where=np.isfinite(now.h_m))
+        soon, later = (query._replace(h_m=tuple((np.array(query.h_m) + shift).tolist())) for query in (soon, later))
         adopted = adopted_disturbance(model, moved, vehicle, damping_1_s)
     free = model.free_air_now(rpm)
     answer = _by_surrogate(model, soon, later)
@@ -75,7 +76,8 @@ def modelled_disturbance(
     if adopted is not None:
         wrench = [a + b for a, b in zip(wrench, adopted.tolist(), strict=True)]
     if vehicle.vanes:
-        wrench = _with_trim(vehicle, wrench)
+        fx, fy, fz, mx, my, mz = wrench
+        wrench = [*plus((fx, fy, fz), turned(trim_reaction(vehicle), (mx, my, mz))), mx, my, mz]
     gain = GAIN
     if wall.seen is Seen.SURFACE:
         change = answer.pull_change_n
@@ -115,10 +117,6 @@ class _Asked(NamedTuple):
     pull_change_n: float
     """By how much the wall pulls all fans less a step further off."""
     trust: list[float]
-
-
-def _shifted(query: FanQuery, by_m: Array) -> FanQuery:
-    return query._replace(h_m=tuple((np.array(query.h_m) + by_m).tolist()))
 
 
 def _by_surrogate(model: FanSurrogate, soon: FanQuery, later: FanQuery) -> _Asked:
@@ -209,32 +207,16 @@ def adopted_pull_change_n(model: FanSurrogate, state: AirState, vehicle: Vehicle
 
 
 @lru_cache(maxsize=4)
-def trim_reaction(vehicle: Vehicle) -> Array:
-    """Force (3,) per moment (3,) that the vanes exert in holding a moment off: shape (3, 3), zero without vanes.
+def trim_reaction(vehicle: Vehicle) -> Rows:
+    """Force per moment (3, 3) that the vanes exert in holding a moment off, [N] over [N m].
 
     A vane is a side force at its station. Balancing a wall's roll moment with vanes below the CG moves the vehicle
     towards that wall, with more force than the wall's own: 6.7 N per N m on the paper's vehicle.
     """
-    if not vehicle.vanes:
-        return np.zeros((3, 3))
     axes = np.array([vane.axis for vane in vehicle.vanes]).T
     arms = np.cross([vane.position_m for vane in vehicle.vanes], axes.T).T
-    reaction: Array = -axes @ np.linalg.pinv(arms)
-    return reaction
-
-
-@lru_cache(maxsize=4)
-def _trim_rows(vehicle: Vehicle) -> Rows:
-    """``trim_reaction`` in plain floats."""
-    first, second, third = map(tuple, trim_reaction(vehicle).tolist())
+    first, second, third = map(tuple, (-axes @ np.linalg.pinv(arms)).tolist())
     return first, second, third
-
-
-def _with_trim(vehicle: Vehicle, wrench: list[float]) -> list[float]:
-    """The wrench and what the vanes add in holding its moment off."""
-    fx, fy, fz, mx, my, mz = wrench
-    trim = [a * mx + b * my + c * mz for a, b, c in _trim_rows(vehicle)]
-    return [fx + trim[0], fy + trim[1], fz + trim[2], mx, my, mz]
 
 
 def _sensor_weight(seen: Surface) -> float:

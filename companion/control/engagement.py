@@ -9,6 +9,7 @@ from typing import NamedTuple
 from companion.control.authority import Reason
 from companion.control.landed import AIRBORNE_AFTER_S, TAKE_OFF, Air
 from companion.control.position_hold import tilt_acceleration
+from companion.estimation.vectors import lagged
 from companion.mavlink.firmware import Stack, stack_of, takes_setpoints
 from companion.mavlink.samples import Heartbeat
 from models.evolve import replace
@@ -87,16 +88,13 @@ class Balance(NamedTuple):
 
 def watch_balance(balance: Balance, t_s: float, velocity: Vector3, body_down: Vector3) -> Balance:
     """Take in velocity and the body's down axis, NED."""
-    north, east = tilt_acceleration(body_down)
-    vn, ve, _ = velocity
+    tilt, (vn, ve, _) = tilt_acceleration(body_down), velocity
     dt = t_s - balance.t_s
     if not 0.0 < dt <= 1.0:
-        return Balance((north, east), (vn, ve), t_s)
+        return Balance(tilt, (vn, ve), t_s)
     share = min(dt / _BALANCE_MEAN_S, 1.0)
-    tilt_n, tilt_e = balance.tilt
-    tilt_n, tilt_e = tilt_n + share * (north - tilt_n), tilt_e + share * (east - tilt_e)
-    mean_n, mean_e = balance.velocity
-    mean_n, mean_e = mean_n + share * (vn - mean_n), mean_e + share * (ve - mean_e)
+    north, east = lagged(balance.tilt, tilt, share)
+    mean_n, mean_e = lagged(balance.velocity, (vn, ve), share)
     # The mean of a derivative under a first-order average: what the quantity is ahead of its own mean, over the time.
     own = ((vn - mean_n) / _BALANCE_MEAN_S, (ve - mean_e) / _BALANCE_MEAN_S)
-    return Balance((tilt_n, tilt_e), (mean_n, mean_e), t_s, (tilt_n - own[0], tilt_e - own[1]))
+    return Balance((north, east), (mean_n, mean_e), t_s, (north - own[0], east - own[1]))

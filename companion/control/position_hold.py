@@ -14,7 +14,7 @@ from companion.control.authority import clipped
 from companion.control.plant import CLIMB_LEAD_S, TILT_MEAN_S, HoldGains
 from companion.control.position_target import Course, Reference, Target, advance, expected, start_reference, stay
 from companion.control.wall_guard import WallAhead
-from companion.estimation.vectors import minus, plus, scaled, within
+from companion.estimation.vectors import lagged, minus, plus, scaled, within
 from companion.mavlink.firmware import ThrustMap
 from models.evolve import replace
 from models.frames import GRAVITY
@@ -185,8 +185,7 @@ def fly(
     tilt_n = tilt_n - motion.offset[0] - course.acceleration[0] - drag * vn
     tilt_e = tilt_e - motion.offset[1] - course.acceleration[1] - drag * ve
     climb = hold.climb_command - forward_d
-    mean_n, mean_e = hold.tilt_mean
-    mean_n, mean_e = mean_n + (tilt_n - mean_n) * share, mean_e + (tilt_e - mean_e) * share
+    mean_n, mean_e = lagged(hold.tilt_mean, (tilt_n, tilt_e), share)
     mean_d = hold.climb_mean + (climb - hold.climb_mean) * share
     extra = (tilt_n - mean_n, tilt_e - mean_e, climb - mean_d)
     since = _followed(hold.since, t_s - motion.age_s, motion.age_s, dt, plus(extra, course.acceleration))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from companion.control.authority import clipped
-from companion.estimation.vectors import minus, plus, scaled, within
+from companion.estimation.vectors import Level, lagged, minus, plus, scaled, within
 from companion.mavlink.samples import SetPositionTarget
 from models.vehicle import Limits, Vector3
 
@@ -95,10 +95,6 @@ def _axis(mask: int, axis: int, asked: float, speed: float, old: float) -> tuple
 def _by_heading(vector: Vector3, yaw: float) -> Vector3:
     c, s = math.cos(yaw), math.sin(yaw)
     return c * vector[0] - s * vector[1], s * vector[0] + c * vector[1], vector[2]
-
-
-Level = tuple[float, float]
-"""North and east."""
 
 
 class Course(NamedTuple):
@@ -236,14 +232,10 @@ def _approached(
     position = plus(reference.position, scaled(velocity, dt_s))
     share = dt_s / (lag_s / 3.0 + dt_s) if dt_s > 0.0 else 0.0
     first, second, third = reference.answered
-    first = _lagged(first, (acceleration[0], acceleration[1]), share)
-    second = _lagged(second, first, share)
-    third = _lagged(third, second, share)
+    first = lagged(first, (acceleration[0], acceleration[1]), share)
+    second = lagged(second, first, share)
+    third = lagged(third, second, share)
     return Reference(position, velocity, acceleration, velocity, (first, second, third))
-
-
-def _lagged(late: Level, now: Level, share: float) -> Level:
-    return late[0] + (now[0] - late[0]) * share, late[1] + (now[1] - late[1]) * share
 
 
 def _stoppable(distance: float, closing: float, brake: float) -> float:

@@ -30,10 +30,9 @@ class Verdict(Enum):
     """What became of one measurement."""
 
     ACCEPTED = "accepted"
-    NOT_FINITE = "not finite"
     OUTLIER = "outlier"
     RESTARTED = "restarted"
-    OLD = "older than the track"
+    UNUSABLE = "not finite, or older than the track"
 
 
 class Track(NamedTuple):
@@ -133,11 +132,11 @@ def measure(
 ) -> tuple[Track | None, Verdict]:
     """Take in a measurement stamped ``t_s`` of the value ``delay_s`` earlier. A NaN never reaches the filter."""
     if not (math.isfinite(value) and math.isfinite(sigma) and math.isfinite(t_s)):
-        return track, Verdict.NOT_FINITE
+        return track, Verdict.UNUSABLE
     if track is None:
         return begin(model, t_s, value, sigma), Verdict.RESTARTED
     if t_s < track.t_s - 0.5:
-        return track, Verdict.OLD
+        return track, Verdict.UNUSABLE
     ahead = predict(track, model, t_s)
     innovation = value - (ahead.value - delay_s * ahead.rate)
     spread = ahead.value_variance - delay_s * (2.0 * ahead.covariance - delay_s * ahead.rate_variance) + sigma * sigma

@@ -20,6 +20,7 @@ from companion.estimation.range_geometry import (
     MAX_INCIDENCE_RAD,
     NO_MATTER_RADII,
 )
+from companion.estimation.vectors import plus, scaled, turned
 from companion.mavlink.samples import Ring
 from models.frames import Rows
 from models.vehicle import Vector3, Vehicle
@@ -100,7 +101,7 @@ def ring_view(ring: Ring, rows: Rows, mount_m: Vector3, height_cg_m: float, vehi
 
     Directions that are unknown, meet the ground or the vehicle's own parts, or point up or down are blind.
     """
-    lever = _turned(rows, mount_m)
+    lever = turned(rows, mount_m)
     far, near = FAR_RADII * vehicle.rotor_radius_m, NO_MATTER_RADII * vehicle.rotor_radius_m
     outline = _outline(vehicle)
     returns: list[_Return] = []
@@ -108,9 +109,9 @@ def ring_view(ring: Ring, rows: Rows, mount_m: Vector3, height_cg_m: float, vehi
     blind: list[float] = []
     for bearing, slant in zip(ring.bearings_rad, ring.distances_m, strict=True):
         level = (math.cos(bearing), math.sin(bearing), 0.0)
-        beam = level if ring.northward else _turned(rows, level)
+        beam = level if ring.northward else turned(rows, level)
         toward = _bearing(beam)
-        north, east, down = lever[0] + slant * beam[0], lever[1] + slant * beam[1], lever[2] + slant * beam[2]
+        north, east, down = plus(lever, scaled(beam, slant))
         met_ground = down > height_cg_m - GROUND_MARGIN_M - _GROUND_MARGIN_SHARE * slant
         inclined = math.hypot(beam[0], beam[1]) < math.cos(MAX_INCIDENCE_RAD)
         if slant != slant or inclined or _own(rows, (north, east, down), outline) or (met_ground and slant < near):
@@ -206,12 +207,6 @@ def placed(view: RingView, before: Sequence[Vector3 | None]) -> list[RingPlane]:
             reach = math.inf if view.sees(old) else math.nan
             out[k] = RingPlane(reach, old or (1.0, 0.0, 0.0), reach)
     return [plane for plane in out if plane is not None]
-
-
-def _turned(rows: Rows, v: Vector3) -> Vector3:
-    (a, b, c), (d, e, f), (g, h, i) = rows
-    x, y, z = v
-    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
 
 
 def _bearing(v: Vector3) -> float:

@@ -7,6 +7,9 @@ import math
 from models.frames import Rows
 from models.vehicle import Vector3
 
+Level = tuple[float, float]
+"""North and east, or roll and pitch."""
+
 
 def plus(a: Vector3, b: Vector3) -> Vector3:
     """Sum."""
@@ -21,6 +24,11 @@ def minus(a: Vector3, b: Vector3) -> Vector3:
 def scaled(a: Vector3, by: float) -> Vector3:
     """``by`` times ``a``."""
     return a[0] * by, a[1] * by, a[2] * by
+
+
+def lagged(late: Level, now: Level, share: float) -> Level:
+    """A first-order average, one step on: ``share`` of the way from ``late`` to ``now``."""
+    return late[0] + share * (now[0] - late[0]), late[1] + share * (now[1] - late[1])
 
 
 def turned(rows: Rows, a: Vector3) -> Vector3:

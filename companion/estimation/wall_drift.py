@@ -10,6 +10,8 @@ import math
 from typing import NamedTuple
 
 from companion.estimation.estimator import Seen, Surface
+from companion.estimation.vectors import minus
+from companion.mavlink.range_beams import dot
 from companion.mavlink.samples import LocalPosition
 from models.vehicle import Vector3
 
@@ -45,11 +47,11 @@ def compare_wall(before: WallDrift, wall: Surface, position: LocalPosition, near
         return NO_WALL_DRIFT
     now = WallDrift(position.t_s, wall.distance_m, wall.normal_ned, position.position_ned)
     dt = now.t_s - before.t_s
-    same = sum([a * b for a, b in zip(wall.normal_ned, before.normal_ned, strict=True)]) > _SAME_COS
+    same = dot(wall.normal_ned, before.normal_ned) > _SAME_COS
     if not 0.0 < dt <= _NEXT_S or not same or wall.stepped_s > before.t_s:
         return now
-    moved = [b - a for a, b in zip(before.position_ned, now.position_ned, strict=True)]
-    toward = sum([m * n for m, n in zip(moved, wall.normal_ned, strict=True)])
+    moved = minus(now.position_ned, before.position_ned)
+    toward = dot(moved, wall.normal_ned)
     along = math.sqrt(max(moved[0] * moved[0] + moved[1] * moved[1] - toward * toward, 0.0))
     change = wall.distance_m - before.distance_m + toward
     if before.t_s < reset_s <= now.t_s:  # a leap of the frame, known as such

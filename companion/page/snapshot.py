@@ -61,7 +61,7 @@ def _sizes(known: Adaptation) -> dict[str, Any]:
         [name.replace("_", " "), _number(e.value), _number(e.sd), "" if e.unit == "1" else e.unit, shares.get(name)]
         for name, e in known.told().items()
     ]
-    return {"paused": None if known.paused is None else known.paused.value, "rows": rows}
+    return {"paused": known.paused, "rows": rows}
 
 
 def _number(value: float, digits: int = 3) -> float | None:

@@ -11,7 +11,7 @@ from adapt_models import TrueModel
 
 from companion.adapt_options import Adapt
 from companion.adaptation.adapt import Adaptation
-from companion.adaptation.gates import Pause
+from companion.adaptation.gates import NOT_FLYING, SURFACE_STEP, SURFACE_UNKNOWN
 from companion.config import PipelineConfig
 from companion.sim.air import NOMINAL
 from companion.sim.flight import Flight
@@ -94,7 +94,7 @@ def test_a_range_that_lies_takes_the_offset_away_and_is_forgiven():
     watch = flown(low_hover(), lying_range(HAPPENS_S, OVER_S, 0, 1.1))
     assert_bounded_and_back(watch)
     seen = {known.paused for t, known in watch.seen if HAPPENS_S < t < OVER_S + 2.0}
-    assert seen & {Pause.SURFACE_STEP, Pause.SURFACE_UNKNOWN}
+    assert seen & {SURFACE_STEP, SURFACE_UNKNOWN}
 
 
 @pytest.mark.slow
@@ -118,8 +118,8 @@ def test_landing_and_standing_teach_nothing():
     flight = low_hover()
     watch = flown(flight, land_s=HAPPENS_S)
     last = watch.seen[-1][1]
-    assert last.paused is Pause.NOT_FLYING
+    assert last.paused == NOT_FLYING
     assert abs(ground(watch, END_S - 1.0)[-1] - 1.0) < 0.3
     assert abs(last.told()["thrust_scale"].value - 1.0) < 0.06
-    touched = next(t for t, known in watch.seen if t > HAPPENS_S and known.paused is Pause.NOT_FLYING)
+    touched = next(t for t, known in watch.seen if t > HAPPENS_S and known.paused == NOT_FLYING)
     assert watch.seen[-1][1].learned_s == next(known.learned_s for t, known in watch.seen if t > touched + 1.0)

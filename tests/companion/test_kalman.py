@@ -25,7 +25,7 @@ def test_nothing_but_finite_numbers_reaches_the_filter(bad):
     track = settled()
     for value, sigma in ((bad, 0.01), (1.0, bad)):
         after, verdict = measure(track, MODEL, 6.0, value, sigma)
-        assert verdict is Verdict.NOT_FINITE
+        assert verdict is Verdict.UNUSABLE
         assert after is track
     assert measure_rate(track, MODEL, 6.0, bad, 0.1) is track
 
