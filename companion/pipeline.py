@@ -210,7 +210,7 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
             )
             return replace(state, adaptation=adapt.hear(state.adaptation, here, sample, config))
         case LandedState():
-            return replace(state, t_s=now, air=replace(state.air, landed_state=sample.landed_state))
+            return replace(state, t_s=now, air=state.air._replace(landed_state=sample.landed_state))
         case _:
             return _take_request(state, sample, config)
 

@@ -295,7 +295,7 @@ def _in_the_middle(here: Disturbance, config: PipelineConfig) -> FanPlaces:
     assert here.parts is not None
     around = here.parts.around
     back = (0.5 * BLOCK_S + THRUST_LEAD_S) / config.vehicle.rotor_radius_m
-    lower, nearer = (0.0 if not math.isfinite(s.rate_m_s) else s.rate_m_s * back for s in (here.ground, here.wall))
+    lower, nearer = here.ground.rate_m_s * back, here.wall.rate_m_s * back
     heights, gaps = tuple([h - lower for h in around.heights]), tuple([d - nearer for d in around.gaps])
     return FanPlaces(heights, gaps, around.free_lift_n, around.bearing_rad)
 
@@ -319,12 +319,8 @@ def _scatter(known: Adaptation, innovation: Array, config: PipelineConfig) -> Ar
 
 def _learned(known: Adaptation, sizes: Sizes) -> tuple[bool, ...]:
     """A channel is measured once its sd is clearly less than the prior's."""
-    if all(known.learned):
-        return known.learned
-    places = channels(known.table)
-    return tuple(
-        before or sizes.sd(k) < 0.9 * known.table[k].sd for before, k in zip(known.learned, places, strict=True)
-    )
+    known_of = zip(known.learned, channels(known.table), strict=True)
+    return tuple([before or sizes.sd(k) < 0.9 * known.table[k].sd for before, k in known_of])
 
 
 def _wanted(known: Adaptation) -> Applied:

@@ -7,13 +7,12 @@ slow means, over the last half minute; the gain is the least-squares one. No set
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from companion.control.plant import AttitudeLoop, Source
-from companion.estimation.vectors import Level, lagged
 from models.frames import Array
 
 _TAUS = np.array([0.03, 0.045, 0.065, 0.09, 0.12, 0.16, 0.22, 0.30])
@@ -35,73 +34,75 @@ _GAINS = (0.7, 1.6)
 """Of a loop that follows its setpoint; what lies outside is another thing that moves the vehicle."""
 
 
-def _zeros() -> Array:
-    return np.zeros((2, 2, len(_TAUS), len(_DELAYS)))
+Stage = NDArray[np.complexfloating[Any, Any]]
+Sent = tuple[float, complex]
+"""Time and tilt of a setpoint. A tilt is roll + j pitch [rad] without its slow mean: both axes answer alike."""
 
 
-Sent = tuple[float, float, float]
-"""(time, roll, pitch) of a setpoint, without its slow mean."""
+class Bank(NamedTuple):
+    """The candidates' states and, with forgetting, their sums so far: arrays over (tau, delay)."""
+
+    first: Stage
+    second: Stage
+    """What a candidate makes of the setpoints: behind one lag, and behind both."""
+    cross: Array
+    """Of model times tilt."""
+    square: Array
+    """Of the model squared."""
+    tilt_power: float
+    command_power: float
+    seconds: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Bank:
-    """Sums of the candidates so far. Arrays over (stage or sum, axis roll pitch, tau, delay)."""
-
-    stages: Array = field(default_factory=_zeros)
-    sums: Array = field(default_factory=_zeros)
-    """Model times tilt, and model squared, with forgetting."""
-    tilt_power: float = 0.0
-    command_power: float = 0.0
-    seconds: float = 0.0
-
-
-_EMPTY = Bank()
+_START = np.zeros((len(_TAUS), len(_DELAYS)))
+_EMPTY = Bank(_START.astype(complex), _START.astype(complex), _START, _START, 0.0, 0.0, 0.0)
 
 
 class AttitudeResponse(NamedTuple):
     """Setpoints of the last half second, slow means, and the bank."""
 
     commands: tuple[Sent, ...] = ()
-    command_mean: Level = (0.0, 0.0)
-    tilt_mean: Level = (0.0, 0.0)
+    command_mean: complex = 0.0
+    tilt_mean: complex = 0.0
     t_s: float = -math.inf
     bank: Bank = _EMPTY
 
 
 def hear_tilt(response: AttitudeResponse, t_s: float, roll: float, pitch: float) -> AttitudeResponse:
     """Take in a measured roll and pitch [rad]; without any setpoint, or after a gap, start again."""
-    dt = t_s - response.t_s
+    tilt, dt = complex(roll, pitch), t_s - response.t_s
     if not response.commands or not 0.0 < dt <= 0.3:
-        return response._replace(tilt_mean=(roll, pitch), t_s=t_s, bank=_EMPTY)
-    mean = lagged(response.tilt_mean, (roll, pitch), min(dt / _MEAN_S, 1.0))
-    bank = _longer(response.bank, response.commands, t_s, dt, (roll - mean[0], pitch - mean[1]))
+        return response._replace(tilt_mean=tilt, t_s=t_s, bank=_EMPTY)
+    mean = response.tilt_mean + min(dt / _MEAN_S, 1.0) * (tilt - response.tilt_mean)
+    bank = _compared(response.bank, response.commands, t_s, dt, tilt - mean)
     return response._replace(tilt_mean=mean, t_s=t_s, bank=bank)
 
 
 def sent(response: AttitudeResponse, t_s: float, roll: float, pitch: float) -> AttitudeResponse:
     """Remember a setpoint [rad]."""
+    tilt = mean = complex(roll, pitch)
     kept = [c for c in response.commands if t_s - _KEPT_S <= c[0] < t_s]
-    share = min((t_s - kept[-1][0]) / _MEAN_S, 1.0) if kept else 1.0
-    mean = lagged(response.command_mean, (roll, pitch), share) if kept else (roll, pitch)
-    return response._replace(commands=(*kept, (t_s, roll - mean[0], pitch - mean[1])), command_mean=mean)
+    if kept:
+        mean = response.command_mean + min((t_s - kept[-1][0]) / _MEAN_S, 1.0) * (tilt - response.command_mean)
+    return response._replace(commands=(*kept, (t_s, tilt - mean)), command_mean=mean)
 
 
-def _longer(bank: Bank, commands: tuple[Sent, ...], t_s: float, dt_s: float, tilt: Level) -> Bank:
+def _compared(bank: Bank, commands: tuple[Sent, ...], t_s: float, dt_s: float, tilt: complex) -> Bank:
     """The bank with one tilt more: every candidate one step on, and compared with it."""
-    times, roll, pitch = np.array(commands).T
+    times, setpoints = zip(*commands, strict=True)
     # The setpoints as every dead time delays them, the first and the last of them held.
-    at = t_s - _DELAYS
-    delayed = np.stack([np.interp(at, times, roll), np.interp(at, times, pitch)])[:, None, :]
+    delayed = np.interp(t_s - _DELAYS, times, setpoints)
     share = (1.0 - np.exp(-dt_s / _TAUS))[:, None]
-    first = bank.stages[0] + share * (delayed - bank.stages[0])
-    second = bank.stages[1] + share * (first - bank.stages[1])
+    first = bank.first + share * (delayed - bank.first)
+    second = bank.second + share * (first - bank.second)
     forget = math.exp(-dt_s / _MEMORY_S)
-    fresh = np.stack([second * np.array(tilt)[:, None, None], second * second])
     return Bank(
-        np.stack([first, second]),
-        forget * bank.sums + dt_s * fresh,
-        forget * bank.tilt_power + dt_s * (tilt[0] * tilt[0] + tilt[1] * tilt[1]),
-        forget * bank.command_power + dt_s * (commands[-1][1] ** 2 + commands[-1][2] ** 2),
+        first,
+        second,
+        forget * bank.cross + dt_s * (second * tilt.conjugate()).real,
+        forget * bank.square + dt_s * (second * second.conj()).real,
+        forget * bank.tilt_power + dt_s * abs(tilt) ** 2,
+        forget * bank.command_power + dt_s * abs(setpoints[-1]) ** 2,
         forget * bank.seconds + dt_s,
     )
 
@@ -111,9 +112,8 @@ def measured_loop(response: AttitudeResponse) -> AttitudeLoop | None:
     bank = response.bank
     if bank.seconds < _LEAST_S or bank.command_power < bank.seconds * _LEAST_RAD**2:
         return None
-    cross, square = bank.sums.sum(axis=1)
-    gain = np.clip(cross / np.maximum(square, 1e-12), *_GAINS)
-    left = bank.tilt_power - 2.0 * gain * cross + gain**2 * square
+    gain = np.clip(bank.cross / np.maximum(bank.square, 1e-12), *_GAINS)
+    left = bank.tilt_power - 2.0 * gain * bank.cross + gain**2 * bank.square
     best = np.unravel_index(int(np.argmin(left)), left.shape)
     if left[best] > _MOST_UNEXPLAINED**2 * bank.tilt_power:
         return None

@@ -7,7 +7,6 @@ of the attitude, washed out because the autopilot's rate integrator owns its ste
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from companion.config import PipelineConfig
@@ -45,8 +44,7 @@ MomentWashout = tuple[float, float]
 """The slow part of the roll and pitch moments [N m], which the autopilot's integrator holds."""
 
 
-@dataclass(frozen=True)
-class Offsets:
+class Offsets(NamedTuple):
     """The offset on its way out, from one setpoint to the next."""
 
     authority: float = 0.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from companion.estimation.disturbance import Disturbance
 from companion.estimation.estimator import Seen, Surface
@@ -21,8 +21,7 @@ ABOVE_STANDING_M = 0.10
 """The ground is at least this much further away than where the vehicle stood: several times the range's error."""
 
 
-@dataclass(frozen=True)
-class Air:
+class Air(NamedTuple):
     """What is known of being in the air."""
 
     landed_state: int = 0

@@ -8,7 +8,7 @@ acceleration command (Astrom and Murray, Feedback Systems, 2nd ed. 2021, chapter
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import lru_cache
@@ -273,18 +273,15 @@ def tune(loop: AttitudeLoop, timing: Timing, softer: float = 1.0) -> HoldTuning:
 @lru_cache(maxsize=256)
 def _tuned(loop: AttitudeLoop, age_s: float, softer: float) -> HoldTuning:
     led = replace(FULL, tilt_lead_s=_TILT_LEAD_SHARE * loop.lag_s)
-    across = [
-        (share * softer, margin_of(horizontal_loop(soften(led, share * softer, 1.0), loop, age_s))) for share in _SHARES
-    ]
-    up = [(share * softer, margin_of(vertical_loop(soften(led, 1.0, share * softer), age_s))) for share in _SHARES]
-    share, level = _first_enough(across)
-    climb_share, vertical = _first_enough(up)
+    share, level = _hardest(lambda s: margin_of(horizontal_loop(soften(led, s, 1.0), loop, age_s)), softer)
+    climb_share, vertical = _hardest(lambda s: margin_of(vertical_loop(soften(led, 1.0, s), age_s)), softer)
     margin = Margin(min(level.gain, vertical.gain), min(level.phase_deg, vertical.phase_deg))
     return HoldTuning(soften(led, share, climb_share), margin, share, climb_share, loop)
 
 
-def _first_enough(tried: list[tuple[float, Margin]]) -> tuple[float, Margin]:
-    for share, margin in tried:
-        if margin.meets(_WANTED):
-            return share, margin
-    return max(tried, key=lambda one: min(one[1].gain / _WANTED.gain, one[1].phase_deg / _WANTED.phase_deg))
+def _hardest(margin_at: Callable[[float], Margin], softer: float) -> tuple[float, Margin]:
+    """The first share that has enough of a margin, else the one with the largest."""
+    tried = [(share * softer, margin_at(share * softer)) for share in _SHARES]
+    enough = [one for one in tried if one[1].meets(_WANTED)]
+    most = max(tried, key=lambda one: min(one[1].gain / _WANTED.gain, one[1].phase_deg / _WANTED.phase_deg))
+    return enough[0] if enough else most

@@ -135,12 +135,6 @@ def _integral(north: float, east: float, down: float) -> Vector3:
     return clipped(north, most), clipped(east, most), clipped(down, most)
 
 
-def resume(hold: Hold, motion: Motion, lag_s: float) -> Hold:
-    """Go on after a gap: to the same target, on a way that begins where the vehicle is."""
-    reference = start_reference(motion.position, motion.velocity, _AT_REST, lag_s)
-    return hold._replace(target=settled_target(hold), reference=reference)
-
-
 def settled_target(hold: Hold) -> Target:
     """The place that the hold goes to, at rest there."""
     old, at = hold.target, hold.reference.position
@@ -172,7 +166,8 @@ def fly(
     """One step of the cascade; returns the hold one step on and the setpoint. Plain floats: it runs for every one."""
     dt = min(max(t_s - hold.t_s, 0.0), 0.1)
     if t_s - hold.t_s > _GAP_S:
-        hold, dt = resume(hold, motion, gains.lag_s), 0.0
+        reference = start_reference(motion.position, motion.velocity, _AT_REST, gains.lag_s)
+        hold, dt = hold._replace(target=settled_target(hold), reference=reference), 0.0
     reference = advance(hold.reference, hold.target, limits, t_s, dt, gains.lag_s)
     course = expected(reference, gains.lag_s)
     drag = hold.drag_1_s

@@ -123,12 +123,8 @@ def start_reference(position: Vector3, velocity: Vector3, acceleration: Vector3,
     """Begin where the vehicle is, moving as it moves: what is asked for now is answered ``lag_s`` later."""
     north, east, _ = acceleration
     still = Reference(position, velocity, acceleration, velocity, ((north, east),) * 3)
-    (x, y, z), (u, v, w) = position, velocity
-    (ex, ey, _), (eu, ev, _), _ = expected(still, lag_s)
-    vx, vy = u + u - eu, v + v - ev
-    still = still._replace(velocity=(vx, vy, w))
-    (ex, ey, _), _, _ = expected(still, lag_s)
-    return still._replace(position=(x + x - ex, y + y - ey, z))
+    still = still._replace(velocity=minus(scaled(velocity, 2.0), expected(still, lag_s).velocity))
+    return still._replace(position=minus(scaled(position, 2.0), expected(still, lag_s).position))
 
 
 def expected(reference: Reference, lag_s: float) -> Course:
@@ -159,7 +155,8 @@ def advance(
     alone, beside = age <= target.lasts_s, age <= _TARGET_AGE_S
     speed = within(target.velocity, limits.speed_m_s, limits.climb_m_s)
     # NaN differs from itself: an axis that only a velocity moves.
-    free_n, free_e, free_d = [x != x for x in target.position]
+    x, y, z = target.position
+    free_n, free_e, free_d = x != x, y != y, z != z
     north, east = speed[0] if (alone if free_n else beside) else 0.0, speed[1] if (alone if free_e else beside) else 0.0
     down = speed[2] if (alone if free_d else beside) else 0.0
     # Between two messages a moving target moves on at its own velocity.
@@ -185,9 +182,9 @@ def _follows(reference: Reference, to_go: Vector3, speed: Vector3, lag_s: float)
     """Whether the target moves as the vehicle can."""
     slip, moving = _largest(minus(speed, reference.velocity)), _largest(speed) > 0.0
     if not reference.following:
-        behind = _largest(minus(reference.position, expected(reference, lag_s).position))
-        near_m = _CAUGHT_UP_M if moving else _STILL_M
-        return _largest(to_go) < near_m and slip < _CAUGHT_UP_M_S and behind < _CAUGHT_UP_M
+        if slip >= _CAUGHT_UP_M_S or _largest(to_go) >= (_CAUGHT_UP_M if moving else _STILL_M):
+            return False
+        return _largest(minus(reference.position, expected(reference, lag_s).position)) < _CAUGHT_UP_M
     return slip <= _FOLLOW_M_S and _largest(to_go) <= (_FOLLOW_M if moving else _STILL_M)
 
 

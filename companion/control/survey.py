@@ -68,6 +68,9 @@ class Leg:
         return start + share * way, rate * way
 
 
+_ORIGIN, _NO_AXES = np.zeros(3), np.zeros((2, 3))
+
+
 @dataclass(frozen=True)
 class Survey:
     """State of a survey."""
@@ -75,9 +78,9 @@ class Survey:
     phase: Phase = Phase.WAITING
     since_s: float = math.inf
     """When the hold engaged; on the way, when the present leg began."""
-    anchor: Array = field(default_factory=lambda: np.zeros(3))
+    anchor: Array = field(default_factory=lambda: _ORIGIN)
     """Where it began, NED."""
-    axes: Array = field(default_factory=lambda: np.zeros((2, 3)))
+    axes: Array = field(default_factory=lambda: _NO_AXES)
     """Unit vectors up and away from the wall, NED."""
     legs: tuple[Leg, ...] = ()
     leg: int = 0

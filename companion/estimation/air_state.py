@@ -10,7 +10,6 @@ import numpy as np
 
 from companion.config import PipelineConfig
 from companion.estimation.estimator import (
-    RANGE_AGE_S,
     Estimates,
     FanQuery,
     Seen,
@@ -19,13 +18,8 @@ from companion.estimation.estimator import (
     walls,
 )
 from companion.estimation.range_geometry import fan_ceilings
-from companion.mavlink.range_beams import orientation_direction
 from models.air_state import DIRECTIONS, AirState, blank_state
 from models.frames import GRAVITY, LEVEL, Array
-
-_BEAMS = {(0, 0, 1): "down", (0, 0, -1): "up", (1, 0, 0): "forward", (0, 1, 0): "right", (-1, 0, 0): "back",
-          (0, -1, 0): "left"}  # fmt: skip
-"""Directions of ``DIRECTIONS``, body FRD."""
 
 
 def air_state(
@@ -38,6 +32,7 @@ def air_state(
     lead_s: float = 0.0,
 ) -> AirState:
     """An ``AirState`` of leading shape (): what was not measured is NaN, what is not there is inf.
+    Raw ranges, which no effect looks at, are left out.
 
     The ceiling is where its track has it ``lead_s`` ahead, as the query's distances are.
     """
@@ -56,7 +51,7 @@ def air_state(
         "second_bearing_rad": np.asarray(second_bearing),
         "ceiling_m": fan_ceilings(vehicle, _ahead(ceiling, lead_s), rotation),
         "rpm": np.array(rotor_rpm),
-        "ranges_m": _readings(estimates, config, t_s),
+        "ranges_m": np.full(len(DIRECTIONS), np.nan),
     }
     if estimates.position is not None:
         changes["position_ned"] = np.asarray(estimates.position.position_ned)
@@ -82,14 +77,3 @@ def _ahead(seen: Surface, lead_s: float) -> float:
     if seen.seen is Seen.SURFACE:
         return seen.distance_m + seen.rate_m_s * lead_s
     return math.inf if seen.known else math.nan
-
-
-def _readings(estimates: Estimates, config: PipelineConfig, t_s: float) -> Array:
-    """What the beam in each of ``DIRECTIONS`` reads, slant; inf: nothing in range, NaN: no beam, or too long ago."""
-    out = np.full(len(DIRECTIONS), np.nan)
-    for sensor, beam in zip(config.vehicle.watched, estimates.beams, strict=True):
-        toward = orientation_direction(sensor.orientation)
-        name = None if toward is None else _BEAMS.get((round(toward[0]), round(toward[1]), round(toward[2])))
-        if name is not None and t_s - beam.heard_s <= RANGE_AGE_S:
-            out[DIRECTIONS.index(name)] = beam.slant_m
-    return out

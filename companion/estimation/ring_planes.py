@@ -197,16 +197,14 @@ def _own(rows: Rows, place_ned: Vector3, outline: Sequence[Vector3]) -> bool:
 
 def placed(view: RingView, before: Sequence[Vector3 | None]) -> list[RingPlane]:
     """What is seen at each place: the wall in the direction where one was seen ``before``, new ones in free places."""
-    out: list[RingPlane | None] = [None] * len(before)
+    reaches = [math.inf if view.sees(old) else math.nan for old in before]
+    out = [RingPlane(reach, old or (1.0, 0.0, 0.0), reach) for reach, old in zip(reaches, before, strict=True)]
+    free = list(range(len(before)))
     for plane in sorted(view.planes, key=lambda p: not any(map(p.same_wall, before))):
-        free = [k for k, taken in enumerate(out) if taken is None]
         place = min(free, key=lambda k: (not plane.same_wall(before[k]), before[k] is not None))
+        free.remove(place)
         out[place] = plane
-    for k, (seen, old) in enumerate(zip(out, before, strict=True)):
-        if seen is None:
-            reach = math.inf if view.sees(old) else math.nan
-            out[k] = RingPlane(reach, old or (1.0, 0.0, 0.0), reach)
-    return [plane for plane in out if plane is not None]
+    return out
 
 
 def _bearing(v: Vector3) -> float:

@@ -49,7 +49,7 @@ CAUSES: dict[Reason, Change] = {
     Reason.STACK_UNKNOWN: of("heartbeat", autopilot=0),
     Reason.THRUST_UNKNOWN: of_state(parameters={}),
     Reason.THRUST_IS_CLIMB_RATE: of_state(parameters={"GUID_OPTIONS": 0.0}),
-    Reason.LANDED: of("air", landed_state=1, since_s=float("inf")),
+    Reason.LANDED: lambda s: replace(s, air=s.air._replace(landed_state=1, since_s=float("inf"))),
     Reason.ATTITUDE_STALE: of("estimates", attitude=None),
     Reason.LATE: late(0.16),
     Reason.TOO_LATE: lambda s: replace(s, late_since_s=s.t_s - 10.0),
