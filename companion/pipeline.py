@@ -22,7 +22,6 @@ from companion.config import Base, Carrier, PipelineConfig
 from companion.control import engagement, hover_thrust, landed, swing_detector
 from companion.control.authority import HOLDS_BACK_EVERYTHING, Notice, Reason, fade
 from companion.control.compensation import Offset, Offsets, slewed, wanted_offset
-from companion.control.disturbance import modelled_disturbance
 from companion.control.engagement import waits_for_mode
 from companion.control.hand_over import HAND_OVER_S, NOT_OURS, begin_hand_over, hand_over_command, held_off, place_of
 from companion.control.hover_thrust import HoverThrust
@@ -39,6 +38,7 @@ from companion.control.position_hold import (
     shifted,
 )
 from companion.control.position_target import Target, read_target, stay
+from companion.control.push import modelled_disturbance
 from companion.control.refusals import lateness, refusals, upstream_silent
 from companion.control.state import Decision, Pending, PipelineState
 from companion.control.survey import Whereabouts, aborted, advance, as_message

@@ -26,7 +26,7 @@ from companion.adaptation.near_map import CELLS, NearField
 from companion.adaptation.sizes import DRAG, THRUST, Sizes, channels
 from companion.adaptation.words import named_values, sentences
 from companion.config import PipelineConfig
-from companion.control import disturbance as push
+from companion.control import push
 from companion.control.plant import FULL
 from companion.mavlink.stream_rates import StreamKeeper
 from companion.page.snapshot import snapshot

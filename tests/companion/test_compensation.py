@@ -9,7 +9,7 @@ import pytest
 from flying import CONFIG, HOVER_N, PlainModel, bench
 
 from companion.control.compensation import Offset, wanted_offset
-from companion.control.disturbance import GAIN
+from companion.control.push import GAIN
 from companion.estimation.disturbance import Disturbance
 from companion.estimation.estimator import Seen, Surface
 from companion.mavlink.firmware import ThrustMap

@@ -13,7 +13,7 @@ from companion.config import Base, Carrier, PipelineConfig
 from companion.control import attitude_response, swing_detector
 from companion.control.authority import Reason
 from companion.control.compensation import Offset, slewed
-from companion.control.disturbance import GAIN
+from companion.control.push import GAIN
 from companion.control.state import PipelineState
 from companion.mavlink.samples import (
     Attitude,
