@@ -92,10 +92,9 @@ class Belief(NamedTuple):
 
 
 @lru_cache(maxsize=8)
-def channels_of(table: tuple[Size, ...]) -> tuple[Channel, Channel, Channel]:
+def channels_of(table: tuple[Size, ...]) -> tuple[Channel, ...]:
     """Lift, pull and tilt."""
-    lift, pull, tilt = [_channel(table, own) for own in (at.LIFT, at.PULL, at.TILT)]
-    return lift, pull, tilt
+    return tuple([_channel(table, own) for own in (at.LIFT, at.PULL, at.TILT)])
 
 
 def _channel(table: tuple[Size, ...], own: int) -> Channel:

@@ -58,11 +58,11 @@ class NearField:
 
     def pull_change_n(self, around: FanPlaces, further_radii: float) -> float:
         """How much less all fans are drawn to the wall further off [N]."""
-        out, pull = 0.0, self.pull
+        out = 0.0
         for thrust, height, gap in zip(around.free_lift_n, around.heights, around.gaps, strict=True):
             if gap < GAPS[-1]:
-                for sign, across in ((thrust, gap), (-thrust, gap + further_radii)):
-                    out += sign * sum([weight * pull[k] for k, weight in MAP.cells(height, across)])
+                out += thrust * self.at_fan(height, gap)[1]
+                out -= thrust * self.at_fan(height, gap + further_radii)[1]
         return out
 
     def rows(self, vehicle: Vehicle, around: FanPlaces) -> list[list[float]]:

@@ -46,12 +46,7 @@ def hear_heartbeat(engagement: Engagement, heartbeat: Heartbeat) -> Engagement:
     )
 
 
-def watch_take_off(
-    engagement: Engagement,
-    t_s: float,
-    climb_m_s: float | None,
-    air: Air,
-) -> Engagement:
+def watch_take_off(engagement: Engagement, t_s: float, climb_m_s: float | None, air: Air) -> Engagement:
     """Whether a take-off is over: steady for a second, or flown in another mode since; never while the autopilot
     reports one.
 

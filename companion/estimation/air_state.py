@@ -9,14 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from companion.config import PipelineConfig
-from companion.estimation.estimator import (
-    Estimates,
-    FanQuery,
-    Seen,
-    Surface,
-    lips_to_wall,
-    walls,
-)
+from companion.estimation.estimator import Estimates, FanQuery, Seen, Surface, lips_to_wall, walls
 from companion.estimation.range_geometry import fan_ceilings
 from models.air_state import DIRECTIONS, AirState, blank_state
 from models.frames import GRAVITY, LEVEL, Array
