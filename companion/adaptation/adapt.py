@@ -277,9 +277,8 @@ def _judged(
             out.append(before._replace(waited_s=waited_s))
             continue
         told = []
-        for axis, row in zip(
-            channel.axes, judge.rows(channel, regressors, place, vehicle.rotor_radius_m, thrust), strict=True
-        ):
+        rows = judge.rows(channel, regressors, place, vehicle.rotor_radius_m, thrust)
+        for axis, row in zip(channel.axes, rows, strict=True):
             model = regressors[axis]
             value = rest[axis] + model[channel.own]
             for k in range(len(GAINS)):

@@ -207,11 +207,10 @@ def margin_of(response: Frequencies) -> Margin:
     phase_margin = 180.0 + float(phase[crossings].min())
     down = np.flatnonzero((phase[:-1] >= -180.0) & (phase[1:] < -180.0))
     up = np.flatnonzero((phase[:-1] < -180.0) & (phase[1:] >= -180.0))
-    above = [1.0 / size[i] for i in down if i >= last]
-    below = [size[i] for i in up if i <= last]
     if phase_margin <= 0.0:
-        return Margin(min([float(v) for v in (1.0 / size[i] for i in down)], default=0.0), phase_margin)
-    return Margin(float(min(above + below, default=np.inf)), phase_margin)
+        return Margin(float(min(1.0 / size[down], default=0.0)), phase_margin)
+    distances = [*(1.0 / size[down[down >= last]]), *size[up[up <= last]]]
+    return Margin(float(min(distances, default=np.inf)), phase_margin)
 
 
 def horizontal_loop(gains: HoldGains, loop: AttitudeLoop, age_s: float) -> Frequencies:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -63,15 +62,15 @@ def modelled_disturbance(
         soon, later = (query._replace(h_m=tuple((np.array(query.h_m) + shift).tolist())) for query in (soon, later))
         adopted = adopted_disturbance(model, moved, vehicle, damping_1_s)
     free = model.free_air_now(rpm)
-    answer = _by_surrogate(model, soon, later)
+    lift_n, at_fans, pull_change_n, trusts = _by_surrogate(model, soon, later)
     parts = None
-    above = _above_free(answer.lift_n, answer.now, free)
+    above = _above_free(lift_n, at_fans, free)
     if applied is None:
         lift, pull, tilt = about_cg(vehicle, above, later.wall_bearing_rad)
         wrench = [a + b + c for a, b, c in zip(lift, pull, tilt, strict=True)]
     else:
         effects = _adopted_parts(config, moved, damping_1_s) if model.effects else _NO_EFFECTS
-        parts = _parts(vehicle, answer.now, free, soon, effects)
+        parts = _parts(vehicle, at_fans, free, soon, effects)
         wrench = applied.compensated(vehicle, above, parts.around, effects).tolist()
     if adopted is not None:
         wrench = [a + b for a, b in zip(wrench, adopted.tolist(), strict=True)]
@@ -80,7 +79,7 @@ def modelled_disturbance(
         wrench = [*plus((fx, fy, fz), turned(trim_reaction(vehicle), (mx, my, mz))), mx, my, mz]
     gain = GAIN
     if wall.seen is Seen.SURFACE:
-        change = answer.pull_change_n
+        change = pull_change_n
         if applied is not None and parts is not None:
             beside_model = applied.near.pull_change_n(parts.around, _STIFFNESS_STEP_M / vehicle.rotor_radius_m)
             change = applied.shares[1] * change + beside_model
@@ -88,7 +87,7 @@ def modelled_disturbance(
             change += adopted_pull_change_n(model, moved, vehicle, _STIFFNESS_STEP_M)
         gain = _stable_gain(change / _STIFFNESS_STEP_M, vehicle, damping_1_s)
     beside = [h < math.inf or d < math.inf for h, d in zip(soon.h_m, soon.d_m, strict=True)]
-    trust = min([t for t, one in zip(answer.trust, beside, strict=True) if one], default=1.0)
+    trust = min([t for t, one in zip(trusts, beside, strict=True) if one], default=1.0)
     return Disturbance(
         wrench=tuple(wrench),
         free_lift_n=sum([fan[2] for fan in free]),
@@ -107,32 +106,22 @@ Wrenches = list[list[float]]
 """(fans, 6), corner frame."""
 
 
-class _Asked(NamedTuple):
-    """What the surrogate says of every fan."""
+def _by_surrogate(
+    model: FanSurrogate, soon: FanQuery, later: FanQuery
+) -> tuple[list[float], Wrenches, float, list[float]]:
+    """Of every fan the lift at the lead of thrust, the wrench at that of tilt, and the trust; before the last by how
+    much the wall pulls all of them less a step further off.
 
-    lift_n: list[float]
-    """At the lead of thrust."""
-    now: Wrenches
-    """At the lead of tilt."""
-    pull_change_n: float
-    """By how much the wall pulls all fans less a step further off."""
-    trust: list[float]
-
-
-def _by_surrogate(model: FanSurrogate, soon: FanQuery, later: FanQuery) -> _Asked:
-    """One query, shape (rows, fans): at the lead of thrust, of tilt, and a step further off walls at that."""
+    One query, shape (rows, fans): at the lead of thrust, of tilt, and a step further off walls at that.
+    """
     h, d = [soon.h_m, later.h_m], [soon.d_m, later.d_m]
     beside_wall = min(later.d_m) < math.inf
     if beside_wall:
         h, d = [*h, later.h_m], [*d, tuple([d_m + _STIFFNESS_STEP_M for d_m in later.d_m])]
     answer = model.query(np.array(h), np.array(d), np.array(soon.rpm))
     pulls = answer.wrench[:, :, 0].sum(axis=1)
-    return _Asked(
-        answer.wrench[0, :, 2].tolist(),
-        answer.wrench[1].tolist(),
-        float(pulls[1] - pulls[2]) if beside_wall else 0.0,
-        answer.trust[0].tolist(),
-    )
+    pull_change_n = float(pulls[1] - pulls[2]) if beside_wall else 0.0
+    return answer.wrench[0, :, 2].tolist(), answer.wrench[1].tolist(), pull_change_n, answer.trust[0].tolist()
 
 
 def _above_free(lift_n: list[float], later: Wrenches, free: Wrenches) -> Wrenches:

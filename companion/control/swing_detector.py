@@ -45,7 +45,7 @@ class SwingAxis(NamedTuple):
 class SwingDetector:
     """Axes north, east and down; how often the hold was softened, and when it last swung."""
 
-    axes: tuple[SwingAxis, SwingAxis, SwingAxis] = (SwingAxis(), SwingAxis(), SwingAxis())
+    axes: tuple[SwingAxis, ...] = (SwingAxis(),) * 3
     level: int = 0
     swung_s: float = -math.inf
     swings: int = 0
@@ -63,9 +63,8 @@ def watch(detector: SwingDetector, t_s: float, feedback: Vector3) -> SwingDetect
     dt = t_s - detector.t_s
     if not 0.0 < dt <= 0.5:
         return replace(detector, axes=SwingDetector().axes, t_s=t_s)
-    (north, east, down), (x, y, z) = detector.axes, feedback
-    axes = _one(north, t_s, dt, x), _one(east, t_s, dt, y), _one(down, t_s, dt, z)
-    if not (_swings(axes[0]) or _swings(axes[1]) or _swings(axes[2])):
+    axes = tuple([_one(axis, t_s, dt, value) for axis, value in zip(detector.axes, feedback, strict=True)])
+    if not any(map(_swings, axes)):
         return replace(detector, axes=axes, t_s=t_s)
     return SwingDetector(level=detector.level + 1, swung_s=t_s, swings=detector.swings + 1, stepped_s=t_s, t_s=t_s)
 

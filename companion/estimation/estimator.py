@@ -329,12 +329,8 @@ def take_rotors(estimates: Estimates, sample: RotorSpeeds, config: PipelineConfi
             if rpm >= _STOPPED_RPM or not (some_spin or _spun(rotors[k], sample.t_s)):
                 rotors[k], _ = measure(rotors[k], _ROTOR_TRACK, sample.t_s, rpm, _ROTOR_SIGMA_RPM, _ROTOR_DELAY_S)
     undeclared = vehicle.telemetered and any(esc not in places for esc in spinning)
-    estimates = replace(
-        estimates,
-        rotors=tuple(rotors),
-        packets=packets,
-        undeclared_s=sample.t_s if undeclared else estimates.undeclared_s,
-    )
+    undeclared_s = sample.t_s if undeclared else estimates.undeclared_s
+    estimates = replace(estimates, rotors=tuple(rotors), packets=packets, undeclared_s=undeclared_s)
     return estimates if sample.health is None else take_health(estimates, sample.health)
 
 
