@@ -16,26 +16,14 @@ from typing import Any
 from companion.control.authority import HOLDS_BACK_EVERYTHING
 from companion.control.refusals import LATE_FADE_S
 from companion.control.state import Decision
+from companion.mavlink import samples
 from companion.mavlink.firmware import Stack, stack_of, takes_setpoints
 from companion.mavlink.frames import Frame, unpacked
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.outgoing import TIMESYNC
 from companion.mavlink.range_beams import dot, orientation_direction
-from companion.mavlink.samples import (
-    Attitude,
-    Heartbeat,
-    LandedState,
-    LocalPosition,
-    Quaternion,
-    Range,
-    RangeVerdict,
-    Ring,
-    RotorSpeeds,
-    Sample,
-    ServoOutput,
-    SetAttitudeTarget,
-)
+from companion.mavlink.samples import Quaternion, Sample
 from companion.mavlink.setpoints import ATTITUDE_IGNORED, RATES_IGNORED, SET_ATTITUDE_TARGET, SET_POSITION_TARGET
 from companion.pipeline import MAX_THRUST, MIN_THRUST
 from models.frames import GRAVITY
@@ -171,7 +159,7 @@ class AirEvidence:
         if self.landed_state == _ON_GROUND and not self._turns_as_in_flight():
             self.standing_m = distance_m
 
-    def hear_rotors(self, sample: RotorSpeeds) -> None:
+    def hear_rotors(self, sample: samples.RotorSpeeds) -> None:
         """Rotor speeds."""
         for i, rpm in enumerate(sample.rpm):
             if math.isfinite(rpm):
@@ -195,7 +183,7 @@ class AirEvidence:
 class _Heard:
     """What the vehicle said last, on its boot axis [s]."""
 
-    heartbeat: Heartbeat | None = None
+    heartbeat: samples.Heartbeat | None = None
     beat_us: int = 0
     """When it arrived."""
     landed_state: int = 0
@@ -203,7 +191,7 @@ class _Heard:
     """Stamp of the newest attitude."""
     basis_s: float = -math.inf
     """Stamp of the attitude, or of the upstream setpoint, that the next setpoint answers."""
-    upstream: SetAttitudeTarget | None = None
+    upstream: samples.SetAttitudeTarget | None = None
     inputs_s: dict[str, float] = field(default_factory=dict)
     counts: dict[int, int] = field(default_factory=dict)
     """Telemetry packets of each ESC: one that does not count on repeats an old value."""
@@ -220,12 +208,7 @@ class Auditor:
     """
 
     def __init__(
-        self,
-        vehicle: Vehicle | None = None,
-        *,
-        hold: bool = True,
-        dry_run: bool = False,
-        system: int | None = None,
+        self, vehicle: Vehicle | None = None, *, hold: bool = True, dry_run: bool = False, system: int | None = None
     ) -> None:
         self._limits = Limits() if vehicle is None else vehicle.limits
         self._needs = _needed_inputs(vehicle, hold)
@@ -291,35 +274,35 @@ class Auditor:
     def _take(self, sample: Sample) -> None:
         heard = self._heard
         match sample:
-            case Heartbeat() if sample.component == AUTOPILOT_COMPONENT and sample.autopilot != _INVALID:
+            case samples.Heartbeat() if sample.component == AUTOPILOT_COMPONENT and sample.autopilot != _INVALID:
                 heard.heartbeat, heard.beat_us = sample, self._now_us
-            case LandedState():
+            case samples.LandedState():
                 heard.landed_state = heard.air.landed_state = sample.landed_state
-            case Attitude():
+            case samples.Attitude():
                 heard.now_s = heard.basis_s = sample.t_s
                 heard.inputs_s["attitude"] = sample.t_s
                 if sample.late_s <= LATE_FADE_S:
                     heard.inputs_s["timely telemetry"] = sample.t_s
-            case LocalPosition():
+            case samples.LocalPosition():
                 heard.inputs_s["position"] = sample.t_s
-            case SetAttitudeTarget():
+            case samples.SetAttitudeTarget():
                 heard.upstream, heard.basis_s = sample, sample.t_s
-            case Range() if sample.verdict in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX):
+            case samples.Range() if sample.verdict in (samples.RangeVerdict.OK, samples.RangeVerdict.ABOVE_MAX):
                 for name in self._beams(sample):
                     heard.inputs_s[name] = sample.t_s
-                sees = sample.verdict is RangeVerdict.OK and sample.direction_frd is not None
+                sees = sample.verdict is samples.RangeVerdict.OK and sample.direction_frd is not None
                 if sees and dot(sample.direction_frd or _DOWN, _DOWN) > _SAME_BEAM_COS:
                     heard.air.hear_range(sample.distance_m)
-            case Ring() if any(distance == distance for distance in sample.distances_m):
+            case samples.Ring() if any(distance == distance for distance in sample.distances_m):
                 heard.inputs_s[f"rangefinder {NO_ORIENTATION}"] = heard.inputs_s["rangefinders"] = sample.t_s
-            case RotorSpeeds():
+            case samples.RotorSpeeds():
                 heard.air.hear_rotors(sample)
                 for name in self._rotors(sample):
                     heard.inputs_s[name] = sample.t_s
-            case ServoOutput():
+            case samples.ServoOutput():
                 heard.inputs_s["servo outputs"] = sample.t_s
 
-    def _beams(self, sample: Range) -> Iterator[str]:
+    def _beams(self, sample: samples.Range) -> Iterator[str]:
         yield "rangefinders"
         if self._vehicle is None or sample.direction_frd is None:
             return
@@ -328,7 +311,7 @@ class Auditor:
             if beam is not None and dot(beam, sample.direction_frd) > _SAME_BEAM_COS:
                 yield f"rangefinder {sensor.orientation}"
 
-    def _rotors(self, sample: RotorSpeeds) -> Iterator[str]:
+    def _rotors(self, sample: samples.RotorSpeeds) -> Iterator[str]:
         yield "rotor speeds"
         for i, rpm in enumerate(sample.rpm):
             esc = sample.first_esc + i

@@ -28,16 +28,7 @@ from companion.control.hand_over import HAND_OVER_S, NOT_OURS, begin_hand_over, 
 from companion.control.hover_thrust import HoverThrust
 from companion.control.landed import AIRBORNE_AFTER_S, IN_AIR
 from companion.control.plant import FULL, LATE_STOP_S, hear_position
-from companion.control.position_hold import (
-    BaseSetpoint,
-    Hold,
-    Motion,
-    balanced,
-    engage,
-    fly,
-    settled_target,
-    shifted,
-)
+from companion.control.position_hold import BaseSetpoint, Hold, Motion, balanced, engage, fly, settled_target, shifted
 from companion.control.position_target import Target, read_target, stay
 from companion.control.refusals import lateness, refusals, upstream_silent
 from companion.control.state import Decision, Pending, PipelineState
@@ -48,28 +39,10 @@ from companion.estimation import height_drift
 from companion.estimation.estimator import blank_estimates
 from companion.estimation.range_geometry import NO_MATTER_RADII
 from companion.estimation.wall_drift import NO_WALL_DRIFT, compare_wall
+from companion.mavlink import samples
 from companion.mavlink.firmware import Stack, ThrustMap, mode_name, stack_of, takes_setpoints, thrust_map
 from companion.mavlink.message_filter import OWN_COMPONENT
-from companion.mavlink.samples import (
-    Attitude,
-    AttitudeTarget,
-    Battery,
-    EscHealth,
-    EstimatorStatus,
-    Heartbeat,
-    Imu,
-    LandedState,
-    LocalPosition,
-    Parameter,
-    Pressure,
-    Range,
-    Ring,
-    RotorSpeeds,
-    Sample,
-    ServoOutput,
-    SetAttitudeTarget,
-    SetPositionTarget,
-)
+from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import AttitudeCommand, Command, PositionCommand, tilt_by
 from companion.settle import retuned, settle
 from companion.survey_box import SurveyBox
@@ -99,7 +72,7 @@ MIN_THRUST, MAX_THRUST = 0.05, 0.95
 """Of the hold's commands."""
 _REBOOT_S = 1.0
 """The autopilot's own stamps come in order to some 0.3 s: further back, its clock has started anew."""
-_STAMPED = (Attitude, LocalPosition, AttitudeTarget)
+_STAMPED = (samples.Attitude, samples.LocalPosition, samples.AttitudeTarget)
 """What carries the autopilot's own stamp of milliseconds and comes in order."""
 _AUTOPILOT_INVALID = 8
 """MAV_AUTOPILOT_INVALID: the sender is no flight controller."""
@@ -157,26 +130,26 @@ def answer(state: PipelineState, sample: Sample, config: PipelineConfig) -> tupl
     state = _take(state, sample, config)
     if config.survey is not None:
         state = _surveyed(state, sample, config, config.survey)
-    if isinstance(sample, LocalPosition) and sample.t_s - state.disturbance_s >= _DISTURBANCE_PERIOD_S:
+    if isinstance(sample, samples.LocalPosition) and sample.t_s - state.disturbance_s >= _DISTURBANCE_PERIOD_S:
         state = _compared(_renew_disturbance(state, sample.t_s, config), config)
     if not _calls_for_decision(state, sample, config):
         return state, None
     return _decide(state, sample.t_s, config)
 
 
-def _overtaken(state: PipelineState, sample: Attitude | LocalPosition | AttitudeTarget) -> bool:
+def _overtaken(state: PipelineState, sample: samples.Attitude | samples.LocalPosition | samples.AttitudeTarget) -> bool:
     """Whether a newer one has arrived already: a message out of order is left out."""
-    newest = state.estimates.attitude if isinstance(sample, Attitude) else state.estimates.position
-    return not isinstance(sample, AttitudeTarget) and newest is not None and sample.t_s < newest.t_s
+    newest = state.estimates.attitude if isinstance(sample, samples.Attitude) else state.estimates.position
+    return not isinstance(sample, samples.AttitudeTarget) and newest is not None and sample.t_s < newest.t_s
 
 
 def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> PipelineState:
     now = max(state.t_s, sample.t_s)
     estimates = state.estimates
     match sample:
-        case Attitude():
+        case samples.Attitude():
             return _take_attitude(state, sample, now)
-        case LocalPosition():
+        case samples.LocalPosition():
             timing = hear_position(state.timing, sample.t_s, sample.late_s)
             drift = height_drift.NO_DRIFT
             if state.hold is not None:
@@ -189,31 +162,31 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
                 state, t_s=now, stamped_s=stamped_s, estimates=estimates, timing=timing, response=response, drift=drift
             )
             return _follow_reset(state, sample.t_s)
-        case Range() | Ring():
+        case samples.Range() | samples.Ring():
             return replace(state, t_s=now, estimates=est.take_range(estimates, sample, config))
-        case RotorSpeeds():
+        case samples.RotorSpeeds():
             return replace(state, t_s=now, estimates=est.take_rotors(estimates, sample, config))
-        case ServoOutput() if sample.port == 0:
+        case samples.ServoOutput() if sample.port == 0:
             return replace(state, t_s=now, estimates=est.take_servo(estimates, sample, config))
-        case Heartbeat() if sample.component == 1 and sample.autopilot != _AUTOPILOT_INVALID:
+        case samples.Heartbeat() if sample.component == 1 and sample.autopilot != _AUTOPILOT_INVALID:
             return _take_heartbeat(replace(state, t_s=now), sample)
-        case Battery():
+        case samples.Battery():
             return replace(state, t_s=now, estimates=replace(estimates, battery=sample))
-        case Pressure():
+        case samples.Pressure():
             return replace(state, t_s=now, estimates=replace(estimates, pressure=sample))
-        case EstimatorStatus():
+        case samples.EstimatorStatus():
             return replace(state, t_s=now, estimates=replace(estimates, trust=estimates.trust.after(sample)))
-        case EscHealth():
+        case samples.EscHealth():
             return replace(state, t_s=now, estimates=est.take_health(estimates, sample))
-        case AttitudeTarget():
+        case samples.AttitudeTarget():
             stamped_s, hover = max(state.stamped_s, sample.t_s), _learned_hover(state, sample)
             return replace(state, t_s=now, stamped_s=stamped_s, hover=hover)
-        case Imu() if state.adaptation is not None:
+        case samples.Imu() if state.adaptation is not None:
             here = Situation(
                 estimates, state.disturbance, state.disturbance_s, state.air.since_s, state.air.landed_state
             )
             return replace(state, adaptation=adapt.hear(state.adaptation, here, sample, config))
-        case LandedState():
+        case samples.LandedState():
             return replace(state, t_s=now, air=replace(state.air, landed_state=sample.landed_state))
         case _:
             return _take_request(state, sample, config)
@@ -222,21 +195,21 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
 def _take_request(state: PipelineState, sample: Sample, config: PipelineConfig) -> PipelineState:
     """What others ask for: parameters' answers, targets for the hold, an upstream controller's setpoints."""
     match sample:
-        case Parameter():
+        case samples.Parameter():
             return replace(state, parameters={**state.parameters, sample.name: sample.value})
-        case SetPositionTarget() if sample.target_component == OWN_COMPONENT:
+        case samples.SetPositionTarget() if sample.target_component == OWN_COMPONENT:
             return _retarget(state, sample)
-        case SetAttitudeTarget() if config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT:
+        case samples.SetAttitudeTarget() if config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT:
             return replace(state, upstream=sample)
     return state
 
 
-def _take_attitude(state: PipelineState, sample: Attitude, now_s: float) -> PipelineState:
+def _take_attitude(state: PipelineState, sample: samples.Attitude, now_s: float) -> PipelineState:
     stamped_s, estimates = max(state.stamped_s, sample.t_s), est.take_attitude(state.estimates, sample)
     return replace(state, t_s=now_s, stamped_s=stamped_s, estimates=estimates, pending=Pending(sample))
 
 
-def _take_heartbeat(state: PipelineState, sample: Heartbeat) -> PipelineState:
+def _take_heartbeat(state: PipelineState, sample: samples.Heartbeat) -> PipelineState:
     seen = engagement.hear_heartbeat(state.engagement, sample)
     if seen.mode != state.engagement.mode:
         # Another mode, another beginning: a hold that swung under the last one may try again.
@@ -246,10 +219,10 @@ def _take_heartbeat(state: PipelineState, sample: Heartbeat) -> PipelineState:
 
 def _surveyed(state: PipelineState, sample: Sample, config: PipelineConfig, box: SurveyBox) -> PipelineState:
     """A survey moves the hold by the messages that a pilot would send; a pilot's own message ends it."""
-    if isinstance(sample, SetPositionTarget) and sample.target_component == OWN_COMPONENT:
+    if isinstance(sample, samples.SetPositionTarget) and sample.target_component == OWN_COMPONENT:
         return replace(state, survey=aborted(state.survey, "a target came from outside"))
     position, disturbance = state.estimates.position, state.disturbance
-    if not isinstance(sample, LocalPosition) or position is None:
+    if not isinstance(sample, samples.LocalPosition) or position is None:
         return state
     height, wall, towards = math.nan, math.nan, None
     if disturbance is not None:
@@ -288,7 +261,7 @@ def _follow_reset(state: PipelineState, t_s: float) -> PipelineState:
     return replace(state, hold=shifted(hold, reset.by_ned))
 
 
-def _retarget(state: PipelineState, sample: SetPositionTarget) -> PipelineState:
+def _retarget(state: PipelineState, sample: samples.SetPositionTarget) -> PipelineState:
     """A target moves the hold that is engaged; one that came before is not kept."""
     position, rows = state.estimates.position, state.estimates.rows
     if state.hold is None or state.stopping or position is None or rows is None:
@@ -301,9 +274,9 @@ def _retarget(state: PipelineState, sample: SetPositionTarget) -> PipelineState:
 
 
 def _calls_for_decision(state: PipelineState, sample: Sample, config: PipelineConfig) -> bool:
-    if isinstance(sample, SetAttitudeTarget):
+    if isinstance(sample, samples.SetAttitudeTarget):
         return config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT
-    if not isinstance(sample, Attitude):
+    if not isinstance(sample, samples.Attitude):
         return False
     if config.base is Base.UPSTREAM and not upstream_silent(state, config, sample.t_s):
         return False
@@ -424,7 +397,7 @@ def _thrust_map(state: PipelineState, config: PipelineConfig) -> ThrustMap:
     return thrust_map(stack, state.parameters, hover)
 
 
-def _learned_hover(state: PipelineState, sample: AttitudeTarget) -> HoverThrust:
+def _learned_hover(state: PipelineState, sample: samples.AttitudeTarget) -> HoverThrust:
     """The autopilot's own hover command, free of what the ground gives, while it still flies by itself."""
     position, heartbeat = state.estimates.position, state.heartbeat
     own = heartbeat is not None and (stack_of(heartbeat) is not Stack.PX4 or not takes_setpoints(heartbeat))
