@@ -17,11 +17,11 @@ from companion.control.authority import HOLDS_BACK_EVERYTHING
 from companion.control.refusals import LATE_FADE_S
 from companion.control.state import Decision
 from companion.mavlink import samples
+from companion.mavlink.dialect import ID_OF
 from companion.mavlink.firmware import Stack, stack_of, takes_setpoints
 from companion.mavlink.frames import Frame, unpacked
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
-from companion.mavlink.outgoing import TIMESYNC
 from companion.mavlink.range_beams import dot, orientation_direction
 from companion.mavlink.samples import Quaternion, Sample
 from companion.mavlink.setpoints import ATTITUDE_IGNORED, RATES_IGNORED, SET_ATTITUDE_TARGET, SET_POSITION_TARGET
@@ -30,13 +30,13 @@ from models.frames import GRAVITY
 from models.vehicle import Limits, Vehicle
 from models.vehicle_types import NO_ORIENTATION
 
-_HEARTBEAT, _PARAM_REQUEST_READ, _COMMAND_LONG, _NAMED_VALUE_FLOAT, _STATUSTEXT = 0, 20, 76, 251, 253
-_SET_MESSAGE_INTERVAL = 511
-"""MAVLink numbers: messages, and the one command."""
-_DECLARED = (
-    _HEARTBEAT, _PARAM_REQUEST_READ, _COMMAND_LONG, SET_ATTITUDE_TARGET, SET_POSITION_TARGET, _NAMED_VALUE_FLOAT,
-    _STATUSTEXT, TIMESYNC,
-)  # fmt: skip
+_COMMAND_LONG, _SET_MESSAGE_INTERVAL, _NAMED_VALUE_FLOAT = 76, 511, 251
+"""MAVLink numbers: a message, the one command in it that is sent, and a message."""
+_DECLARED = {
+    ID_OF[name]
+    for name in ("HEARTBEAT", "PARAM_REQUEST_READ", "COMMAND_LONG", "NAMED_VALUE_FLOAT", "STATUSTEXT", "TIMESYNC",
+                 "SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED")
+}  # fmt: skip
 _THROTTLE_IGNORED, _ON_GROUND, _INVALID = 64, 1, 8
 """ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE, MAV_LANDED_STATE_ON_GROUND, MAV_AUTOPILOT_INVALID."""
 
@@ -96,6 +96,11 @@ class Tally:
     """When it was first broken: seconds since the first message."""
     first: str = ""
 
+    def as_json(self) -> dict[str, Any]:
+        """Plain numbers; None where it was never broken."""
+        first_s = round(self.first_s, 3) if self.broken else None
+        return {"checked": self.checked, "broken": self.broken, "first_s": first_s, "first": self.first or None}
+
 
 @dataclass(frozen=True)
 class Audit:
@@ -122,22 +127,9 @@ class Audit:
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers."""
-        return {
-            "kept": self.kept,
-            "sent": self.sent,
-            "setpoints": self.setpoints,
-            "offsets": self.offsets,
-            "promises": {
-                p.name.lower(): {
-                    "promise": p.value,
-                    "checked": k.checked,
-                    "broken": k.broken,
-                    "first_s": None if not k.broken else round(k.first_s, 3),
-                    "first": k.first or None,
-                }
-                for p, k in self.requirements.items()
-            },
-        }
+        promises = {p.name.lower(): {"promise": p.value, **k.as_json()} for p, k in self.requirements.items()}
+        counts = {"sent": self.sent, "setpoints": self.setpoints, "offsets": self.offsets}
+        return {"kept": self.kept, **counts, "promises": promises}
 
 
 @dataclass(slots=True)
@@ -156,27 +148,29 @@ class AirEvidence:
     def hear_range(self, distance_m: float) -> None:
         """A reading of the ground range."""
         self.down_m = distance_m
-        if self.landed_state == _ON_GROUND and not self._turns_as_in_flight():
+        if self.landed_state == _ON_GROUND and not self._turns_as_in_flight:
             self.standing_m = distance_m
 
     def hear_rotors(self, sample: samples.RotorSpeeds) -> None:
         """Rotor speeds."""
-        for i, rpm in enumerate(sample.rpm):
-            if math.isfinite(rpm):
-                self.rpm2[sample.first_esc + i] = rpm * rpm
-        mean = sum(self.rpm2.values()) / max(len(self.rpm2), 1)
-        if self.landed_state != _ON_GROUND and mean > 0.0:
+        known = {esc: rpm * rpm for esc, rpm in enumerate(sample.rpm, sample.first_esc) if math.isfinite(rpm)}
+        self.rpm2 |= known
+        if self.landed_state != _ON_GROUND and (mean := self._mean_rpm2) > 0.0:
             old = mean if math.isnan(self.flown_rpm2) else self.flown_rpm2
             self.flown_rpm2 = old + _FLOWN_SHARE * (mean - old)
 
+    @property
+    def _mean_rpm2(self) -> float:
+        return sum(self.rpm2.values()) / max(len(self.rpm2), 1)
+
+    @property
     def _turns_as_in_flight(self) -> bool:
-        mean = sum(self.rpm2.values()) / max(len(self.rpm2), 1)
-        return mean >= _FLIES_SHARE * self.flown_rpm2  # False while that is not known
+        return self._mean_rpm2 >= _FLIES_SHARE * self.flown_rpm2  # False while that is not known
 
     @property
     def contradicts_landing(self) -> bool:
         """Whether it cannot stand on the ground."""
-        return self._turns_as_in_flight() and self.down_m > self.standing_m + _ABOVE_STANDING_M
+        return self._turns_as_in_flight and self.down_m > self.standing_m + _ABOVE_STANDING_M
 
 
 @dataclass
@@ -186,7 +180,6 @@ class _Heard:
     heartbeat: samples.Heartbeat | None = None
     beat_us: int = 0
     """When it arrived."""
-    landed_state: int = 0
     now_s: float = -math.inf
     """Stamp of the newest attitude."""
     basis_s: float = -math.inf
@@ -212,13 +205,10 @@ class Auditor:
     ) -> None:
         self._limits = Limits() if vehicle is None else vehicle.limits
         self._needs = _needed_inputs(vehicle, hold)
-        self._vehicle = vehicle
-        self._hold, self._dry_run = hold, dry_run
-        self._intake = Intake(system)
-        self._heard = _Heard()
+        self._vehicle, self._hold, self._dry_run = vehicle, hold, dry_run
+        self._intake, self._heard = Intake(system), _Heard()
         self._start_us: int | None = None
-        self._now_us = 0
-        self._boot = 0
+        self._now_us = self._boot = 0
         self._last_stamp_ms: int | None = None
         self._last: Decision | None = None
         self._named: dict[str, float] = {}
@@ -277,7 +267,7 @@ class Auditor:
             case samples.Heartbeat() if sample.component == AUTOPILOT_COMPONENT and sample.autopilot != _INVALID:
                 heard.heartbeat, heard.beat_us = sample, self._now_us
             case samples.LandedState():
-                heard.landed_state = heard.air.landed_state = sample.landed_state
+                heard.air.landed_state = sample.landed_state
             case samples.Attitude():
                 heard.now_s = heard.basis_s = sample.t_s
                 heard.inputs_s["attitude"] = sample.t_s
@@ -313,15 +303,14 @@ class Auditor:
 
     def _rotors(self, sample: samples.RotorSpeeds) -> Iterator[str]:
         yield "rotor speeds"
-        for i, rpm in enumerate(sample.rpm):
-            esc = sample.first_esc + i
-            count = None if sample.count is None else sample.count[i]
+        counts = sample.count or (None,) * len(sample.rpm)
+        for esc, (rpm, count) in enumerate(zip(sample.rpm, counts, strict=True), sample.first_esc):
             before = self._heard.counts.get(esc)
             if before is not None and before != count:
                 self._heard.counting.add(esc)
-            repeated = count is not None and before == count and esc in self._heard.counting
             if count is not None:
                 self._heard.counts[esc] = count
+            repeated = count is not None and before == count and esc in self._heard.counting
             if math.isfinite(rpm) and not repeated:
                 yield f"rotor speed {esc}"
 
@@ -336,7 +325,9 @@ class Auditor:
         elif frame.id == _NAMED_VALUE_FLOAT:
             _, value, name = unpacked(frame.id, frame.payload)
             self._named_value(name.rstrip(b"\0").decode("ascii", "replace"), value)
-        self._check(Requirement.DECLARED, _declared(frame), f"message {frame.id}, {frame.payload[:33].hex()}")
+        asks = frame.id != _COMMAND_LONG or unpacked(frame.id, frame.payload)[7] == _SET_MESSAGE_INTERVAL
+        text = f"message {frame.id}, {frame.payload[:33].hex()}"
+        self._check(Requirement.DECLARED, frame.id in _DECLARED and asks, text)
 
     def _attitude(self, fields: tuple[Any, ...]) -> None:
         stamp_ms, q, thrust, (system, component, mask) = fields[0], fields[1:5], fields[8], fields[9:12]
@@ -373,7 +364,7 @@ class Auditor:
         waiting = beat is not None and stack_of(beat) is Stack.PX4 and bare
         mode = "no heartbeat yet" if beat is None else f"mode {beat.custom_mode:#x}"
         self._check(Requirement.MODE, beat is not None and (takes_setpoints(beat) or waiting), f"{what} in {mode}")
-        standing = heard.landed_state == _ON_GROUND and not heard.air.contradicts_landing
+        standing = heard.air.landed_state == _ON_GROUND and not heard.air.contradicts_landing
         self._check(Requirement.LANDED, not standing, what)
         # By arrival where the first one came before the vehicle's clock was known.
         age_s = math.inf if beat is None else min(heard.now_s - beat.t_s, (self._now_us - heard.beat_us) / 1e6)
@@ -395,12 +386,8 @@ class Auditor:
         return abs(_ms_between(stamp_ms, round(self._heard.basis_s * 1000.0))) / 1000.0
 
     def _is_upstreams(self, q: Quaternion, thrust: float) -> bool:
-        upstream = self._heard.upstream
-        return (
-            upstream is not None
-            and _angle(q, upstream.q_ned_frd) <= _LEVEL_RAD
-            and abs(thrust - upstream.thrust) <= _UNIT
-        )
+        sent = self._heard.upstream
+        return sent is not None and _angle(q, sent.q_ned_frd) <= _LEVEL_RAD and abs(thrust - sent.thrust) <= _UNIT
 
     def _beside_upstream(self, q: Quaternion, thrust: float) -> None:
         """What is forwarded differs from what upstream sent by no more than the limits."""
@@ -454,12 +441,6 @@ def _needed_inputs(vehicle: Vehicle | None, hold: bool) -> tuple[str, ...]:
     if not vehicle.telemetered:
         return (*out, "servo outputs")
     return (*out, *(f"rotor speed {rotor.esc}" for rotor in vehicle.rotors))
-
-
-def _declared(frame: Frame) -> bool:
-    if frame.id == _COMMAND_LONG:
-        return bool(unpacked(frame.id, frame.payload)[7] == _SET_MESSAGE_INTERVAL)
-    return frame.id in _DECLARED
 
 
 def _ms_between(first: int, second: int) -> int:

@@ -31,7 +31,7 @@ from companion.control.plant import FULL, LATE_STOP_S, hear_position
 from companion.control.position_hold import BaseSetpoint, Hold, Motion, balanced, engage, fly, settled_target, shifted
 from companion.control.position_target import Target, read_target, stay
 from companion.control.refusals import lateness, refusals, upstream_silent
-from companion.control.state import Decision, Pending, PipelineState
+from companion.control.state import Decision, PipelineState
 from companion.control.survey import Whereabouts, aborted, advance, as_message, level_direction
 from companion.control.wall_guard import level_wall, watch_wall
 from companion.estimation import estimator as est
@@ -109,7 +109,7 @@ def level_command(state: PipelineState, config: PipelineConfig) -> AttitudeComma
 def step(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[PipelineState, Decision | None]:
     """Take in one sample; decide where the sample calls for a decision."""
     state, decision = answer(state, sample, config)
-    return settle(state, config), decision
+    return settle(state, sample, decision, config), decision
 
 
 def answer(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[PipelineState, Decision | None]:
@@ -125,8 +125,9 @@ def answer(state: PipelineState, sample: Sample, config: PipelineConfig) -> tupl
     if isinstance(sample, _STAMPED):
         if sample.t_s < state.stamped_s - _REBOOT_S:
             state = replace(initial_state(config), stopping=state.stopping)
-        if _overtaken(state, sample):
-            return state, None
+        newest = {samples.Attitude: state.estimates.attitude, samples.LocalPosition: state.estimates.position}
+        if (seen := newest.get(type(sample))) is not None and sample.t_s < seen.t_s:
+            return state, None  # out of order: a newer one has been taken in
     state = _take(state, sample, config)
     if config.survey is not None:
         state = _surveyed(state, sample, config, config.survey)
@@ -137,31 +138,15 @@ def answer(state: PipelineState, sample: Sample, config: PipelineConfig) -> tupl
     return _decide(state, sample.t_s, config)
 
 
-def _overtaken(state: PipelineState, sample: samples.Attitude | samples.LocalPosition | samples.AttitudeTarget) -> bool:
-    """Whether a newer one has arrived already: a message out of order is left out."""
-    newest = state.estimates.attitude if isinstance(sample, samples.Attitude) else state.estimates.position
-    return not isinstance(sample, samples.AttitudeTarget) and newest is not None and sample.t_s < newest.t_s
-
-
 def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> PipelineState:
     now = max(state.t_s, sample.t_s)
     estimates = state.estimates
     match sample:
         case samples.Attitude():
-            return _take_attitude(state, sample, now)
+            stamped_s, estimates = max(state.stamped_s, sample.t_s), est.take_attitude(estimates, sample)
+            return replace(state, t_s=now, stamped_s=stamped_s, estimates=estimates)
         case samples.LocalPosition():
-            timing = hear_position(state.timing, sample.t_s, sample.late_s)
-            drift = height_drift.NO_DRIFT
-            if state.hold is not None:
-                drift, sample = height_drift.hear(state.drift, sample)
-            estimates = est.take_position(estimates, sample)
-            # The bank of attitude loops takes its tilts in here, where no setpoint waits.
-            response = attitude_response.settled(state.response)
-            stamped_s = max(state.stamped_s, sample.t_s)
-            state = replace(
-                state, t_s=now, stamped_s=stamped_s, estimates=estimates, timing=timing, response=response, drift=drift
-            )
-            return _follow_reset(state, sample.t_s)
+            return _take_position(state, sample, now)
         case samples.Range() | samples.Ring():
             return replace(state, t_s=now, estimates=est.take_range(estimates, sample, config))
         case samples.RotorSpeeds():
@@ -169,7 +154,11 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
         case samples.ServoOutput() if sample.port == 0:
             return replace(state, t_s=now, estimates=est.take_servo(estimates, sample, config))
         case samples.Heartbeat() if sample.component == 1 and sample.autopilot != _AUTOPILOT_INVALID:
-            return _take_heartbeat(replace(state, t_s=now), sample)
+            seen = engagement.hear_heartbeat(state.engagement, sample)
+            if seen.mode != state.engagement.mode:
+                # Another mode, another beginning: a hold that swung under the last one may try again.
+                state = replace(state, swing=swing_detector.SwingDetector(), left=None)
+            return replace(state, t_s=now, heartbeat=sample, engagement=seen)
         case samples.Battery():
             return replace(state, t_s=now, estimates=replace(estimates, battery=sample))
         case samples.Pressure():
@@ -192,6 +181,23 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
             return _take_request(state, sample, config)
 
 
+def _take_position(state: PipelineState, sample: samples.LocalPosition, now_s: float) -> PipelineState:
+    hold, drift = state.hold, height_drift.NO_DRIFT
+    timing = hear_position(state.timing, sample.t_s, sample.late_s)
+    if hold is not None:
+        drift, sample = height_drift.hear(state.drift, sample)
+    estimates, stamped_s = est.take_position(state.estimates, sample), max(state.stamped_s, sample.t_s)
+    # The bank of attitude loops takes its tilts in here, where no setpoint waits.
+    response, reset = attitude_response.settled(state.response), estimates.reset
+    if hold is not None and reset is not None and reset.t_s == sample.t_s:
+        # The autopilot set its position anew: the hold point moves with it, the vehicle itself did not move.
+        hold = shifted(hold, reset.by_ned)
+    return replace(
+        state, t_s=now_s, stamped_s=stamped_s, estimates=estimates, timing=timing, response=response, drift=drift,
+        hold=hold,
+    )  # fmt: skip
+
+
 def _take_request(state: PipelineState, sample: Sample, config: PipelineConfig) -> PipelineState:
     """What others ask for: parameters' answers, targets for the hold, an upstream controller's setpoints."""
     match sample:
@@ -202,19 +208,6 @@ def _take_request(state: PipelineState, sample: Sample, config: PipelineConfig) 
         case samples.SetAttitudeTarget() if config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT:
             return replace(state, upstream=sample)
     return state
-
-
-def _take_attitude(state: PipelineState, sample: samples.Attitude, now_s: float) -> PipelineState:
-    stamped_s, estimates = max(state.stamped_s, sample.t_s), est.take_attitude(state.estimates, sample)
-    return replace(state, t_s=now_s, stamped_s=stamped_s, estimates=estimates, pending=Pending(sample))
-
-
-def _take_heartbeat(state: PipelineState, sample: samples.Heartbeat) -> PipelineState:
-    seen = engagement.hear_heartbeat(state.engagement, sample)
-    if seen.mode != state.engagement.mode:
-        # Another mode, another beginning: a hold that swung under the last one may try again.
-        state = replace(state, swing=swing_detector.SwingDetector(), left=None)
-    return replace(state, heartbeat=sample, engagement=seen)
 
 
 def _surveyed(state: PipelineState, sample: Sample, config: PipelineConfig, box: SurveyBox) -> PipelineState:
@@ -251,14 +244,6 @@ def _compared(state: PipelineState, config: PipelineConfig) -> PipelineState:
     notice = (Notice.POSITION_DRIFTS, t_s) if beside.drifts and not state.wall_drift.drifts else state.notice
     drift = height_drift.compare(state.drift, ground, position)
     return replace(state, drift=drift, wall_drift=beside, notice=notice)
-
-
-def _follow_reset(state: PipelineState, t_s: float) -> PipelineState:
-    """Where the autopilot's position was set anew, the hold point moves with it: the vehicle itself did not move."""
-    reset, hold = state.estimates.reset, state.hold
-    if reset is None or reset.t_s != t_s or hold is None:
-        return state
-    return replace(state, hold=shifted(hold, reset.by_ned))
 
 
 def _retarget(state: PipelineState, sample: samples.SetPositionTarget) -> PipelineState:
@@ -304,7 +289,7 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
     if reasons and not held_back:
         state = _keep_balance(state, before, applied, thrust, config)
     command: Command | None = None
-    hand_over, pending = None, state.pending
+    hand_over = None
     if held_back:
         if had_hold:
             state = _let_go(replace(state, left=_left(state, held_back, t_s)), held_back, t_s)
@@ -312,34 +297,19 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
         hand_over = None if command is None else state.hand_over
     elif base is not None:
         command = _command(state, base, applied, thrust, config, t_s)
-        pending = None if pending is None else Pending(pending.attitude, base, command)
     hold = None if held_back else state.hold
-    state = replace(state, decided_s=t_s, hold=hold, hand_over=hand_over, pending=pending)
-    tuned = state.tuned if config.base is Base.HOLD else None
+    state = replace(state, decided_s=t_s, hold=hold, hand_over=hand_over)
+    tuned, authority = state.tuned if config.base is Base.HOLD else None, state.offsets.authority
     return state, Decision(
-        t_s,
-        command,
-        reasons,
-        state.offsets.authority,
-        applied,
-        base,
-        state.disturbance,
-        late_s,
-        tuned,
-        state.notice,
+        t_s, command, reasons, authority, applied, base, state.disturbance, late_s, tuned, state.notice,
         state.adaptation,
-    )
+    )  # fmt: skip
 
 
 def _offsets(
-    state: PipelineState,
-    base: BaseSetpoint | None,
-    reasons: tuple[Reason, ...],
-    held_back: bool,
-    thrust: ThrustMap,
-    config: PipelineConfig,
-    dt_s: float,
-) -> Offsets:
+    state: PipelineState, base: BaseSetpoint | None, reasons: tuple[Reason, ...], held_back: bool, thrust: ThrustMap,
+    config: PipelineConfig, dt_s: float,
+) -> Offsets:  # fmt: skip
     """The offset to apply, one step on."""
     old, disturbance, rows = state.offsets, state.disturbance, state.estimates.rows
     usable = disturbance is not None and not reasons
@@ -435,17 +405,13 @@ def _base(
     authority, offset = state.offsets.authority, state.offsets.offset
     seen = state.disturbance
     wall_ahead = watch_wall(state.wall_ahead, seen, position.velocity_ned, t_s)
+    near_m = _NEAR_RADII * config.vehicle.rotor_radius_m
+    clear_of_wall = seen is not None and seen.wall.seen in _SENSED and min(seen.d_m) > near_m
+    pushed = _level_acceleration(offset.roll * authority, offset.pitch * authority, yaw)
     motion = Motion(
-        position.position_ned,
-        position.velocity_ned,
-        (x, y, z),
-        yaw,
-        t_s - position.t_s,
-        _level_acceleration(offset.roll * authority, offset.pitch * authority, yaw),
-        wall_ahead,
-        seen is not None and seen.wall.seen in _SENSED and min(seen.d_m) > _NEAR_RADII * config.vehicle.rotor_radius_m,
-        state.balance.acceleration,
-    )
+        position.position_ned, position.velocity_ned, (x, y, z), yaw, t_s - position.t_s, pushed, wall_ahead,
+        clear_of_wall, state.balance.acceleration,
+    )  # fmt: skip
     assert state.tuned is not None
     gains, hold = state.tuned.gains, state.hold
     if hold is None:
@@ -545,12 +511,7 @@ def _command(
         assert upstream is not None
         # An upstream controller's own extremes are its business; the offset never goes past the limits.
         value = base.thrust + min(max(offset.thrust, min(floor - base.thrust, 0.0)), max(ceiling - base.thrust, 0.0))
-        return AttitudeCommand(
-            t_s,
-            tilt_by(upstream.q_ned_frd, offset.roll, offset.pitch),
-            min(max(value, 0.0), 1.0),
-            upstream.type_mask,
-            upstream.rates_frd,
-        )
+        q = tilt_by(upstream.q_ned_frd, offset.roll, offset.pitch)
+        return AttitudeCommand(t_s, q, min(max(value, 0.0), 1.0), upstream.type_mask, upstream.rates_frd)
     q = quaternion_from_euler(base.roll, base.pitch, base.yaw)
     return AttitudeCommand(t_s, tilt_by(q, offset.roll, offset.pitch), min(max(value, floor), ceiling))

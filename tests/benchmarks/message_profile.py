@@ -63,10 +63,9 @@ def one_round(log: Path, config: PipelineConfig, asleep_s: float, decoding: Time
             encode(decision.command, 1)
             name += ", with a setpoint"
         answered = clock()
-        due = state.pending is not None
-        state = settle(state, config)
+        state = settle(state, sample, decision, config)
         stepping[name].append(answered - start)
-        if due:
+        if sample is state.estimates.attitude:
             stepping[f"{name.split(',')[0]}, once answered"].append(clock() - answered)
         if name == "HEARTBEAT" and "GUID_OPTIONS" not in state.parameters:
             told = Parameter(sample.t_s, sample.system, sample.component, "GUID_OPTIONS", 8.0, 0, 0)
