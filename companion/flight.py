@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
@@ -29,7 +29,6 @@ from companion.page.feed import PageFeed
 from companion.page.snapshot import snapshot
 from companion.pipeline import answer, hand_over_place, initial_state, level_command, ready_to_leave, stopped
 from companion.settle import settle
-from companion.telemetry.latency import LatencyHistogram
 from companion.telemetry.status import StatusReporter
 from companion.telemetry.summary import Summary
 from companion.watchdog import Watchdog
@@ -57,6 +56,8 @@ _PARAMETER_RETRY_S = 1.0
 _PARAMETER_SLOW_RETRY_S = 5.0
 """After ten tries the ones still missing are asked for this seldom, but never given up."""
 _PARAMETER_TRIES = 10
+_LONGEST_US = 100_000
+"""Setpoints that took longer are counted as this."""
 _SET_BACK = 2
 """Once may be a restart of the other program."""
 
@@ -114,7 +115,8 @@ class Flight:
         self._asked = 0
         self._survey_reported: tuple[Phase, str] = (Phase.WAITING, "")
         self._stop_s: float | None = None
-        self._latency = LatencyHistogram()
+        self._latencies: Counter[int] = Counter()
+        """Setpoints by how long they took, in bins of 10 us: the same memory after an hour as after a minute."""
         self._hurried = False
         self._last_word: LastWord | None = None
         link.identify(self._system, OWN_COMPONENT)
@@ -213,7 +215,8 @@ class Flight:
             return
         self._state, decision = answer(self._state, sample, self._config)
         if decision is not None and decision.command is not None and not self._config.dry_run:
-            self._latency.add(self._send_command(decision.command) - arrival_us)
+            took_us = self._send_command(decision.command) - arrival_us
+            self._latencies[min(max(took_us, 0), _LONGEST_US) // 10] += 1
         self._state = settle(self._state, sample, decision, self._config)
         self._note(frame, sample)
         if decision is not None:
@@ -446,10 +449,16 @@ class Flight:
             },
             "reboots": self.reboots,
             "ignored_systems": sorted(self._intake.others),
-            "latency_ms": self._latency.as_json(),
+            "latency_ms": percentiles_ms(self._latencies),
             "record": self._recorder.as_json() if isinstance(self._recorder, Recorder) else None,
             "slow_messages_hz": dict(self._streams.in_vain),
             "set_back": dict(self._streams.set_back),
             **({} if self._config.survey is None else {"survey": self._state.survey.as_json()}),
             **self.summary.as_json(),
         }
+
+
+def percentiles_ms(bins: Counter[int]) -> dict[str, float] | None:
+    """Median and 99th percentile of what was counted in bins of 10 us, as upper edges; None where nothing was."""
+    took = sorted(bins.elements())
+    return {f"p{share}": (took[(len(took) - 1) * share // 100] + 1) / 100.0 for share in (50, 99)} if took else None
