@@ -18,7 +18,7 @@ from statistics import median
 from typing import Any
 
 from companion.config import Base, Carrier, PipelineConfig
-from companion.control.hover_thrust import DISAGREEMENT, hover_parameter
+from companion.control.hover_thrust import DISAGREEMENT, LEARNED_S, hover_parameter
 from companion.control.refusals import LATE_FADE_S
 from companion.control.state import PipelineState
 from companion.mavlink import samples
@@ -28,7 +28,7 @@ from companion.mavlink.frames import V2, Counts, Frame, cut, walk
 from companion.mavlink.message_filter import OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.range_beams import orientation_direction
-from companion.mavlink.samples import Sample
+from companion.mavlink.samples import RangeVerdict, Sample
 from companion.mavlink.stream_rates import message_name
 from companion.pipeline import initial_state, step
 from models.errors import LogError
@@ -109,8 +109,6 @@ class Listener:
     """What the vehicle sent, by kind."""
     poses: set[str] = field(default_factory=set)
     """Names of messages that give a pose and are not flown by."""
-    hover: list[float] = field(default_factory=list)
-    """The autopilot's thrust while it hovers."""
     lift: list[float] = field(default_factory=list)
     """Modelled lift over weight while it hovers."""
 
@@ -137,8 +135,6 @@ class Listener:
         if sample is None:
             return
         self.samples[type(sample)].append(sample)
-        if isinstance(sample, samples.AttitudeTarget) and self.hovering:
-            self.hover.append(sample.thrust)
         self.state, decision = step(self.state, sample, self.config)
         if decision is not None and decision.disturbance is not None and self.hovering:
             self.lift.append(decision.disturbance.free_lift_n / (self.config.vehicle.mass_kg * GRAVITY))
@@ -329,17 +325,16 @@ def _range(sensor: Rangefinder, heard: Listener) -> Item:
             f"set RNGFNDn_ORIENT (PX4: SENS_*_ROT) to {sensor.orientation}, or correct the vehicle file",
         )  # fmt: skip
     low, high = readings[-1].min_m, readings[-1].max_m
-    values = [r.distance_m for r in readings if r.verdict is samples.RangeVerdict.OK]
+    values = [r.distance_m for r in readings if r.verdict is RangeVerdict.OK]
     shown = f"{median(values):.2f} m" if values else "nothing in reach"
     text = f"to the {sensor.target}: {shown}, limits {low:g} to {high:g} m, "
     slow = _rate(name, "DISTANCE_SENSOR", _hz(readings), _LEAST_HZ, _RANGE_HZ, text)
     if slow.verdict is _FAIL:
         return slow
-    usable = sum(r.verdict in (samples.RangeVerdict.OK, samples.RangeVerdict.ABOVE_MAX) for r in readings) / len(
-        readings
-    )
-    worst = Counter(r.verdict for r in readings).most_common(1)[0][0]
-    standing = worst is samples.RangeVerdict.BELOW_MIN and not heard.flying
+    verdicts = Counter(r.verdict for r in readings)
+    usable = (verdicts[RangeVerdict.OK] + verdicts[RangeVerdict.ABOVE_MAX]) / len(readings)
+    worst = verdicts.most_common(1)[0][0]
+    standing = worst is RangeVerdict.BELOW_MIN and not heard.flying
     limits, useless = "RNGFNDn_MIN and RNGFNDn_MAX", usable < _USABLE
     narrow = high < _REACH_M[0] or low > _REACH_M[1]
     found = _judged(
@@ -386,9 +381,9 @@ def _rotors(heard: Listener, setup: Setup) -> Iterator[Item]:
 
 
 def _hover(heard: Listener, setup: Setup) -> Iterator[Item]:
-    declared = setup.config.vehicle.hover_thrust
-    flown = len(heard.hover) >= _SEEN_S * 5.0
-    theirs = median(heard.hover) if flown else hover_parameter(heard.state.parameters)
+    hover, declared = heard.state.hover, setup.config.vehicle.hover_thrust
+    flown = hover.seconds >= LEARNED_S
+    theirs = hover.learned if flown else hover_parameter(heard.state.parameters)
     if setup.config.base is Base.HOLD and theirs is not None:
         text = f"{theirs:.2f} {'flown' if flown else 'by parameter'}, {declared:.2f} in the vehicle file"
         do = f"set hover_thrust = {theirs:.2f} in the vehicle file, or the autopilot's parameter"

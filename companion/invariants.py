@@ -361,9 +361,9 @@ class Auditor:
         if self._dry_run:
             self._check(Requirement.DRY_RUN, False, what)
         self._check(Requirement.ARMED, beat is not None and beat.armed, what)
-        waiting = beat is not None and stack_of(beat) is Stack.PX4 and bare
+        waiting = stack_of(beat) is Stack.PX4 and bare
         mode = "no heartbeat yet" if beat is None else f"mode {beat.custom_mode:#x}"
-        self._check(Requirement.MODE, beat is not None and (takes_setpoints(beat) or waiting), f"{what} in {mode}")
+        self._check(Requirement.MODE, takes_setpoints(beat) or waiting, f"{what} in {mode}")
         standing = heard.air.landed_state == _ON_GROUND and not heard.air.contradicts_landing
         self._check(Requirement.LANDED, not standing, what)
         # By arrival where the first one came before the vehicle's clock was known.

@@ -362,9 +362,8 @@ def _airborne(state: PipelineState, config: PipelineConfig, t_s: float, late_sin
 
 
 def _thrust_map(state: PipelineState, config: PipelineConfig) -> ThrustMap:
-    stack = Stack.OTHER if state.heartbeat is None else stack_of(state.heartbeat)
     hover = hover_thrust.best_hover(state.hover, state.parameters, config.vehicle.hover_thrust)
-    return thrust_map(stack, state.parameters, hover)
+    return thrust_map(stack_of(state.heartbeat), state.parameters, hover)
 
 
 def _learned_hover(state: PipelineState, sample: samples.AttitudeTarget) -> HoverThrust:

@@ -11,7 +11,7 @@ from companion.control.authority import Notice
 from companion.control.plant import Source, declared_loop, hear_attitude, tune
 from companion.control.position_hold import BaseSetpoint
 from companion.control.state import Decision, PipelineState
-from companion.mavlink.firmware import Stack, stack_of
+from companion.mavlink.firmware import stack_of
 from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import AttitudeCommand, Command
 from models.evolve import replace
@@ -82,11 +82,10 @@ def retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> Pipelin
     if 0.0 <= t_s - state.tuned_s < _TUNE_PERIOD_S or config.base is not Base.HOLD:
         return state
     state = replace(state, swing=swing_detector.calmed(state.swing, t_s))
-    stack = Stack.OTHER if state.heartbeat is None else stack_of(state.heartbeat)
     loop = attitude_response.measured_loop(state.response)
     if loop is None:  # too little to see now: what was measured stays true
         measured = state.loop.source is Source.MEASURED
-        loop = state.loop if measured else declared_loop(stack, state.parameters)
+        loop = state.loop if measured else declared_loop(stack_of(state.heartbeat), state.parameters)
     elif state.loop.source is not Source.MEASURED:
         # A swing under gains for another loop says nothing about this one's.
         state = replace(state, swing=replace(state.swing, level=0))

@@ -98,13 +98,12 @@ class _Quickest:
         return self._offset_us + self._rate * since_us if since_us > 0 else self._offset_us
 
     def update(self, offset_us: int, arrival_us: int) -> None:
-        if arrival_us >= self._until_us:
+        over = arrival_us >= self._until_us
+        if over:
             self._close(arrival_us)
+        if over or offset_us < self._smallest[0]:
             self._smallest = (offset_us, arrival_us)
-        elif offset_us < self._smallest[0]:
-            self._smallest = (offset_us, arrival_us)
-        since_us = arrival_us - self._at_us
-        if offset_us < (self._offset_us + self._rate * since_us if since_us > 0 else self._offset_us):
+        if offset_us < self.at(arrival_us):
             self._offset_us, self._at_us = float(offset_us), arrival_us
 
     def _close(self, arrival_us: int) -> None:
@@ -129,9 +128,8 @@ class BootClock:
     heartbeats and parameters are not lost and time never runs backwards within a boot.
     """
 
-    def __init__(self, system: int | None = None, component: int = AUTOPILOT) -> None:
+    def __init__(self, system: int | None = None) -> None:
         self.system = system
-        self.component = component
         self.boot = 0
         self.set_back_s = 0.0
         """By how much the clock was last set back, or stood still, in the midst of a boot."""
@@ -176,15 +174,12 @@ class BootClock:
         """Boot time [s] of a message whose time field reads ``stamp``. A stamp of 0 is no stamp."""
         if stamp <= 0:
             return self.unstamped(arrival_us)
-        if self.system is None and component == self.component and unit is Stamp.BOOT_MS:
+        if self.system is None and component == AUTOPILOT and unit is Stamp.BOOT_MS:
             self.system = system
-        ours = system == self.system and component == self.component
+        ours = system == self.system and component == AUTOPILOT
         if unit is Stamp.BOOT_MS:
-            return (
-                self._main(stamp * 1000, arrival_us)
-                if ours
-                else self._other(system, component, stamp * 1000, arrival_us)
-            )
+            stamp *= 1000
+            return self._main(stamp, arrival_us) if ours else self._other(system, component, stamp, arrival_us)
         if unit is Stamp.BOOT_US32:
             if not self.known:
                 return 0.0

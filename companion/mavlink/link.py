@@ -6,7 +6,7 @@ import errno
 import os
 import socket
 from collections.abc import Iterator
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from pathlib import Path
 from typing import Any
 
@@ -164,10 +164,7 @@ class Link:
         pyserial's own write waits until the port is ready again, which a port that is stuck never is.
         """
         self._unsent = self._unsent[self._taken(self._unsent) :]
-        if self._unsent:
-            return False
-        taken = self._taken(raw)
-        if not taken:
+        if self._unsent or not (taken := self._taken(raw)):
             return False
         self._unsent = raw[taken:]
         return True
@@ -248,14 +245,15 @@ def _check(endpoint: str) -> str:
     return scheme
 
 
-def _reason(error: Exception, scheme: str) -> str:
-    if isinstance(error, OSError) and error.errno == errno.EADDRINUSE:
-        return "the port is in use by another program; stop it or choose another port"
-    if isinstance(error, OSError) and error.errno == errno.ECONNREFUSED:
-        return "connection refused; is the autopilot or router listening there?"
+def _reason(error: OSError | EOFError, scheme: str) -> str:
     if isinstance(error, PermissionError):
         return "permission denied" + ("; add your user to the group dialout" if scheme == "serial" else "")
-    return (error.strerror if isinstance(error, OSError) and error.strerror else str(error)) or type(error).__name__
+    number, said = (error.errno, error.strerror) if isinstance(error, OSError) else (None, None)
+    if number == errno.EADDRINUSE:
+        return "the port is in use by another program; stop it or choose another port"
+    if number == errno.ECONNREFUSED:
+        return "connection refused; is the autopilot or router listening there?"
+    return said or str(error) or type(error).__name__
 
 
 def read_signing_key(path: Path) -> bytes:
@@ -264,12 +262,9 @@ def read_signing_key(path: Path) -> bytes:
         content = path.read_bytes()
     except OSError as error:
         raise ConfigError(f"signing key {path}: cannot be read ({error.strerror})") from None
-    if len(content) == 32:
-        return content
-    try:
-        key = bytes.fromhex(content.decode("ascii").strip())
-    except (UnicodeDecodeError, ValueError):
-        key = b""
-    if len(key) != 32:
+    if len(content) != 32:
+        with suppress(ValueError):
+            content = bytes.fromhex(content.decode("ascii").strip())
+    if len(content) != 32:
         raise ConfigError(f"signing key {path}: must hold 32 bytes or 64 hexadecimal digits")
-    return key
+    return content

@@ -21,11 +21,6 @@ from companion.mavlink.samples import Quaternion, Sample
 from models.frames import GRAVITY
 
 NAN = math.nan
-_SCALARS = {
-    "b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8", "f": "<f4",
-    "d": "<f8",
-}  # fmt: skip
-"""numpy's name of each struct code that MAVLink uses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,13 +40,13 @@ def wire_format(message_id: int) -> WireFormat:
     places: dict[str, slice] = {}
     types: list[Any] = []
     at = 0
-    # Repeat and code of every field of a struct format such as "<IHH4f16sB".
+    # Repeat and code of every field of a struct format such as "<IHH4f16sB"; numpy has the same codes.
     codes = re.findall(r"(\d*)([a-zA-Z])", kind.unpacker.format)
     for name, (repeat, code) in zip(kind.ordered_fieldnames, codes, strict=True):
         width = 1 if code == "s" else int(repeat or 1)
         places[name] = slice(at, at + width)
         at += width
-        types.append((name, f"S{repeat}" if code == "s" else f"{repeat}{_SCALARS[code]}"))
+        types.append((name, f"S{repeat}" if code == "s" else f"{repeat}<{code}"))
     return WireFormat(kind.unpacker, places, np.dtype(types))
 
 

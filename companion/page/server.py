@@ -119,6 +119,5 @@ def serve(host: str, port: int, lines: IO[bytes]) -> int:
     return 0
 
 
-def main() -> int:
-    """``python -m companion.page HOST PORT``: snapshots on standard input."""
-    return serve(sys.argv[1], int(sys.argv[2]), sys.stdin.buffer)
+if __name__ == "__main__":  # python -m companion.page.server HOST PORT: snapshots on standard input
+    raise SystemExit(serve(sys.argv[1], int(sys.argv[2]), sys.stdin.buffer))

@@ -104,7 +104,7 @@ class StatusReporter:
         if decision.command is not None and state.hold is not None and not self._led:
             self._led = True
             yield from self.tell("companion: holding; position targets to component 191 move it", warning=False)
-        hint = None if self._advised or state.heartbeat is None else advice(stack_of(state.heartbeat), state.parameters)
+        hint = None if self._advised else advice(stack_of(state.heartbeat), state.parameters)
         if hint is not None:
             self._advised = True
             yield from self.tell(hint)
