@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections import Counter, defaultdict
+from collections import defaultdict
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from companion.adaptation.adaptation import Adaptation
-from companion.control.authority import Notice, Reason
+from companion.control.authority import Reason
 from companion.control.state import Decision
 
 _GAP_S = 0.5
@@ -37,7 +37,6 @@ class Summary:
         self._compensated_s = self._total_s = self._gaps_s = 0.0
         self._last: Decision | None = None
         self._least_gain: float | None = None
-        self._notices: Counter[Notice] = Counter()
         self._low, self._high = np.full(len(_SHOWN), np.nan), np.full(len(_SHOWN), np.nan)
         self._sum, self._count = np.zeros(len(_SHOWN)), np.zeros(len(_SHOWN))
 
@@ -57,8 +56,6 @@ class Summary:
             self._seconds[reason] += dt
         if reasons:
             self._gravest[min(reasons, key=_ORDER.__getitem__)] += dt
-        if decision.notice is not None and (last is None or decision.notice != last.notice):
-            self._notices[decision.notice[0]] += 1
         if decision.command is not None:
             self.commands += 1
             if tuned is not None and (self._least_gain is None or tuned.margin.gain < self._least_gain):
@@ -84,9 +81,7 @@ class Summary:
             "phase_deg": round(tuned.margin.phase_deg, 1),
             "least_flown_gain": None if least is None else _rounded(least),
             "gain_share": round(tuned.share, 3),
-            "climb_gain_share": round(tuned.climb_share, 3),
             "attitude_lag_s": round(tuned.loop.lag_s, 3),
-            "attitude_gain": tuned.loop.gain,
             "attitude_from": tuned.loop.source.value,
         }
 
@@ -106,7 +101,6 @@ class Summary:
             "gravest_s": {r.name.lower(): round(s, 3) for r, s in _longest_first(self._gravest)},
             "refusals_s": {r.name.lower(): round(s, 3) for r, s in self.refusals()},
             "margin": self._margin_as_json(),
-            "notices": {notice.name.lower(): count for notice, count in self._notices.items()},
             **ranges,
             **({} if self.adaptation is None else {"adapted": self.adaptation.as_json()}),
         }
