@@ -29,7 +29,6 @@ from companion.mavlink.message_filter import OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict, Sample
-from companion.mavlink.stream_rates import message_name
 from companion.pipeline import initial_state, step
 from models.errors import LogError
 from models.frames import GRAVITY
@@ -395,7 +394,7 @@ def _position(heard: Listener, setup: Setup) -> Iterator[Item]:
     if setup.config.base is not Base.HOLD:
         return
     for message_id, component in sorted(heard.intake.not_the_autopilots):
-        name = message_name(message_id)
+        name = LAYOUTS[message_id].name
         text = f"{name} of component {component} is left out: only the autopilot's own is flown by"
         yield Item("position" if "POSITION" in name else "attitude", _WARN, text)
     if heard.poses and not heard.samples[samples.LocalPosition]:

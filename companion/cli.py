@@ -50,12 +50,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--vehicle", type=vehicle_path, metavar="FILE.toml",
                    help="vehicle file, or the name of one that ships: tandem, quad; without one sim: flies the "
                    "tandem, and to a real link nothing is sent")  # fmt: skip
-    p.add_argument(
-        "--model",
-        metavar="DIR",
-        help="model directory, or none: no offsets (default: the shipped "
-        "model, and none for a vehicle with another fan)",
-    )
+    p.add_argument("--model", metavar="DIR",
+                   help="model directory, or none: no offsets (default: the shipped model, and none for a vehicle "
+                   "with another fan)")  # fmt: skip
     p.add_argument("--check", nargs="?", const=True, metavar="FLIGHT.tlog",
                    help="listen for ten seconds, or read a log, and say per item whether to fly and what to set; "
                    "sends no setpoint")  # fmt: skip

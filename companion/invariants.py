@@ -20,7 +20,7 @@ from companion.mavlink import samples
 from companion.mavlink.dialect import ID_OF
 from companion.mavlink.firmware import Stack, stack_of, takes_setpoints
 from companion.mavlink.frames import Frame, unpacked
-from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
+from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, NO_AUTOPILOT, OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.range_beams import dot, orientation_direction
 from companion.mavlink.samples import Quaternion, Sample
@@ -37,8 +37,8 @@ _DECLARED = {
     for name in ("HEARTBEAT", "PARAM_REQUEST_READ", "COMMAND_LONG", "NAMED_VALUE_FLOAT", "STATUSTEXT", "TIMESYNC",
                  "SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED")
 }  # fmt: skip
-_THROTTLE_IGNORED, _ON_GROUND, _INVALID = 64, 1, 8
-"""ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE, MAV_LANDED_STATE_ON_GROUND, MAV_AUTOPILOT_INVALID."""
+_THROTTLE_IGNORED, _ON_GROUND = 64, 1
+"""ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE, MAV_LANDED_STATE_ON_GROUND."""
 
 ZERO_AFTER_S = 0.5
 """An offset is zero so long after an input that it needs was lost."""
@@ -264,7 +264,7 @@ class Auditor:
     def _take(self, sample: Sample) -> None:
         heard = self._heard
         match sample:
-            case samples.Heartbeat() if sample.component == AUTOPILOT_COMPONENT and sample.autopilot != _INVALID:
+            case samples.Heartbeat() if sample.component == AUTOPILOT_COMPONENT and sample.autopilot != NO_AUTOPILOT:
                 heard.heartbeat, heard.beat_us = sample, self._now_us
             case samples.LandedState():
                 heard.air.landed_state = sample.landed_state

@@ -41,7 +41,7 @@ from companion.estimation.range_geometry import NO_MATTER_RADII
 from companion.estimation.wall_drift import NO_WALL_DRIFT, compare_wall
 from companion.mavlink import samples
 from companion.mavlink.firmware import Stack, ThrustMap, mode_name, stack_of, takes_setpoints, thrust_map
-from companion.mavlink.message_filter import OWN_COMPONENT
+from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, NO_AUTOPILOT, OWN_COMPONENT
 from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import AttitudeCommand, Command, PositionCommand, tilt_by
 from companion.settle import retuned, settle
@@ -74,8 +74,6 @@ _REBOOT_S = 1.0
 """The autopilot's own stamps come in order to some 0.3 s: further back, its clock has started anew."""
 _STAMPED = (samples.Attitude, samples.LocalPosition, samples.AttitudeTarget)
 """What carries the autopilot's own stamp of milliseconds and comes in order."""
-_AUTOPILOT_INVALID = 8
-"""MAV_AUTOPILOT_INVALID: the sender is no flight controller."""
 
 
 def initial_state(config: PipelineConfig) -> PipelineState:
@@ -153,7 +151,7 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
             return replace(state, t_s=now, estimates=est.take_rotors(estimates, sample, config))
         case samples.ServoOutput() if sample.port == 0:
             return replace(state, t_s=now, estimates=est.take_servo(estimates, sample, config))
-        case samples.Heartbeat() if sample.component == 1 and sample.autopilot != _AUTOPILOT_INVALID:
+        case samples.Heartbeat() if sample.component == AUTOPILOT_COMPONENT and sample.autopilot != NO_AUTOPILOT:
             seen = engagement.hear_heartbeat(state.engagement, sample)
             if seen.mode != state.engagement.mode:
                 # Another mode, another beginning: a hold that swung under the last one may try again.

@@ -67,11 +67,6 @@ def wanted_streams(
     return tuple(Wanted(ID_OF[name], hz, needed) for name, hz, needed, asked_for in table if asked_for)
 
 
-def message_name(message_id: int) -> str:
-    """A message by its name."""
-    return LAYOUTS[message_id].name
-
-
 class StreamKeeper:
     """Counts arrivals by id and says which requests to send again. Times are the receiver's clock [s]."""
 
@@ -120,7 +115,7 @@ class StreamKeeper:
         self._in_a_row = Counter({w.message_id: self._in_a_row[w.message_id] + 1 for w in slow})
         for w in slow:
             if w.needed and self._in_a_row[w.message_id] == _IN_VAIN:
-                self.in_vain[message_name(w.message_id)] = self.rate(w.message_id, now_s)
+                self.in_vain[LAYOUTS[w.message_id].name] = self.rate(w.message_id, now_s)
         return slow
 
     def _glance(self) -> list[Wanted]:
@@ -135,7 +130,7 @@ class StreamKeeper:
         self._fast -= {w.message_id for w in slow}
         for w in slow:
             if w.needed and going_on:
-                self.set_back[message_name(w.message_id)] += 1
+                self.set_back[LAYOUTS[w.message_id].name] += 1
         return slow
 
     def restart(self, now_s: float) -> None:
