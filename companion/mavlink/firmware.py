@@ -130,10 +130,8 @@ def _linearised(hover: float, low: float, high: float, expo: float) -> ThrustMap
 
 def advice(stack: Stack, parameters: Mapping[str, float]) -> str | None:
     """One sentence for the pilot at connect, or None."""
-    timeout = parameters.get("GUID_TIMEOUT")
-    if stack is Stack.ARDUPILOT and timeout is not None and timeout > 1.0:
-        return (
-            f"GUID_TIMEOUT is {timeout:g} s: if the companion stops, the last attitude is held that long; "
-            "0.5 s is better indoors"
-        )
-    return None
+    timeout = parameters.get("GUID_TIMEOUT", 0.0)
+    if stack is not Stack.ARDUPILOT or timeout <= 1.0:
+        return None
+    held = f"GUID_TIMEOUT is {timeout:g} s: if the companion stops, the last attitude is held that long"
+    return f"{held}; 0.5 s is better indoors"
