@@ -83,13 +83,11 @@ def cut(data: bytes, i: int) -> Frame:
 def checked_end(data: bytes, at: int) -> int:
     """Where the frame at ``at`` ends, if it is whole and its checksum passes; else 0."""
     n = len(data)
-    if at + _V1_AROUND > n:
-        return 0
-    if data[at] == V2 and at + _V2_AROUND <= n:
+    if at + _V2_AROUND <= n and data[at] == V2:
         end = at + 10 + data[at + 1]
         following = end + 2 + SIGNATURE_BYTES if data[at + 2] & 1 else end + 2
         extra = _EXTRA.get(data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16)
-    elif data[at] == V1:
+    elif at + _V1_AROUND <= n and data[at] == V1:
         end, extra = at + 6 + data[at + 1], _EXTRA.get(data[at + 5])
         following = end + 2
     else:
