@@ -102,14 +102,14 @@ class Tally:
         return {"checked": self.checked, "broken": self.broken, "first_s": first_s, "first": self.first or None}
 
 
-@dataclass(frozen=True)
+@dataclass
 class Audit:
-    """The answer."""
+    """What has been found so far."""
 
-    requirements: dict[Requirement, Tally]
-    sent: int
-    setpoints: int
-    offsets: int
+    requirements: dict[Requirement, Tally] = field(default_factory=lambda: {one: Tally() for one in Requirement})
+    sent: int = 0
+    setpoints: int = 0
+    offsets: int = 0
     """How many offsets were seen: in decisions, or four times a second in the messages."""
 
     @property
@@ -194,7 +194,7 @@ class _Heard:
 
 
 class Auditor:
-    """Takes frames and decisions in order; ``report`` says how it stands.
+    """Takes frames and decisions in order; ``audit`` says how it stands.
 
     ``vehicle`` None: limits are the defaults of a vehicle file, and only rangefinders as a whole can be missed.
     ``hold`` False: setpoints of an upstream controller are forwarded, whose thrust and positions are its own business.
@@ -212,12 +212,7 @@ class Auditor:
         self._last_stamp_ms: int | None = None
         self._last: Decision | None = None
         self._named: dict[str, float] = {}
-        self._requirements = {p: Tally() for p in Requirement}
-        self._sent = self._setpoints = self._offsets = 0
-
-    def report(self) -> Audit:
-        """What has been found so far."""
-        return Audit(self._requirements, self._sent, self._setpoints, self._offsets)
+        self.audit = Audit()
 
     # -- what comes in ----------------------------------------------------------------------------------------------
 
@@ -244,7 +239,7 @@ class Auditor:
         self._last = decision
         if decision.command is None:
             return
-        self._offsets += 1
+        self.audit.offsets += 1
         limits = self._limits
         tilt, rate = math.radians(limits.tilt_deg), math.radians(limits.slew_tilt_deg_per_s)
         parts = [(o.thrust, limits.thrust), (o.roll, tilt), (o.pitch, tilt)]
@@ -317,7 +312,7 @@ class Auditor:
     # -- what goes out ----------------------------------------------------------------------------------------------
 
     def _own(self, frame: Frame) -> None:
-        self._sent += 1
+        self.audit.sent += 1
         if frame.id == SET_ATTITUDE_TARGET:
             self._attitude(unpacked(frame.id, frame.payload))
         elif frame.id == SET_POSITION_TARGET:
@@ -356,7 +351,7 @@ class Auditor:
 
     def _setpoint(self, bare: bool, what: str) -> None:
         """``bare``: carries no offset and no place, only "stay as you are"."""
-        self._setpoints += 1
+        self.audit.setpoints += 1
         heard, beat = self._heard, self._heard.heartbeat
         if self._dry_run:
             self._check(Requirement.DRY_RUN, False, what)
@@ -407,12 +402,12 @@ class Auditor:
         most = self._limits.thrust if name == "cc_thrust" else math.radians(self._limits.tilt_deg)
         self._check(Requirement.LIMITS, abs(value) <= most + _WIRE, f"{name} {value:+.4f}")
         if name == "cc_pitch":
-            self._offsets += self._last is None
+            self.audit.offsets += self._last is None
             self._check_lost(any(abs(v) > _NOTHING for v in self._named.values()), self._heard.now_s)
 
     def _check_lost(self, offset: bool, t_s: float) -> None:
         if not offset:
-            self._requirements[Requirement.INPUT_LOST].checked += 1
+            self.audit.requirements[Requirement.INPUT_LOST].checked += 1
             return
         late = {name: t_s - self._heard.inputs_s.get(name, -math.inf) for name in self._needs}
         silent = {name: age for name, age in late.items() if age > ZERO_AFTER_S + _PERIOD_S}
@@ -423,7 +418,7 @@ class Auditor:
         return component == AUTOPILOT_COMPONENT and system == (self._intake.system or system)
 
     def _check(self, requirement: Requirement, holds: bool, text: str) -> None:
-        kept = self._requirements[requirement]
+        kept = self.audit.requirements[requirement]
         kept.checked += 1
         if holds:
             return

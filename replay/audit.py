@@ -88,7 +88,7 @@ def _audit(path: Path, vehicle: Vehicle | None, a: argparse.Namespace, bars: Bar
             bars(path.name, i, len(log))
         auditor.frame(arrival_us, cut(raw, 0))
     bars.close()
-    return auditor.report()
+    return auditor.audit
 
 
 def as_text(logs: Sequence[Path], audits: Sequence[Audit]) -> str:
