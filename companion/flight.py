@@ -232,8 +232,7 @@ class Flight:
     def _note(self, frame: Frame, sample: Sample) -> None:
         """Keep the books of what was heard: streams, heartbeats, targets to others, a survey's progress."""
         self._streams.heard(frame.id)
-        kind = type(sample)
-        if kind is Attitude:
+        if isinstance(sample, Attitude):
             self._hears_attitudes = True
         elif isinstance(sample, Heartbeat) and sample.component == AUTOPILOT_COMPONENT:
             self._connected(sample)
