@@ -8,8 +8,8 @@ import logging
 import math
 import signal
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
@@ -189,7 +189,11 @@ def _fly(a: argparse.Namespace) -> int:
         notes.insert(1, _NO_VEHICLE)
     arrivals = Arrivals()
     with ExitStack() as stack:
-        stack.enter_context(_shown_on_stderr(logging.WARNING if a.quiet else logging.INFO))
+        # What the flight program logs are lines for the pilot.
+        log, shown = logging.getLogger("companion"), logging.StreamHandler()
+        log.setLevel(logging.WARNING if a.quiet else logging.INFO)
+        log.addHandler(shown)
+        stack.callback(log.removeHandler, shown)
         link, narration = _open(a, stack, arrivals)
         upstream = page = None
         if config.base is Base.UPSTREAM:
@@ -217,18 +221,6 @@ def _fly(a: argparse.Namespace) -> int:
             print(f"companion: {a.connect}: {flight.unheard}", file=sys.stderr)
         heard = flight.unheard is None
     return _INTERRUPTED if interrupted else 0 if heard else LinkError.exit_code
-
-
-@contextmanager
-def _shown_on_stderr(level: int) -> Iterator[None]:
-    """What the flight program logs, from this level on, as lines for the pilot."""
-    log, shown = logging.getLogger("companion"), logging.StreamHandler()
-    log.setLevel(level)
-    log.addHandler(shown)
-    try:
-        yield
-    finally:
-        log.removeHandler(shown)
 
 
 def _config(a: argparse.Namespace) -> tuple[PipelineConfig, str | None]:

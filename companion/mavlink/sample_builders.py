@@ -120,17 +120,14 @@ def raw_rpm(head: Head, name: str, rpm: float, index: int) -> samples.RotorSpeed
 
 def battery(head: Head, name: str, cells: Any, more: Any, current: float, battery: int) -> samples.Battery | None:
     # Pack voltage in the first place and cells one by one add up alike; above 65 V ArduPilot spreads the pack over two.
-    known = [v for v in (*cells, *more) if v == v]
-    voltage = math.fsum(known)
-    return _battery_sample(head, name, voltage if voltage > 0.0 else NAN, current, battery)
+    volts = math.fsum(v for v in (*cells, *more) if v == v)
+    if not volts > 0.0 and current != current:
+        return None
+    return samples.Battery(*head, volts if volts > 0.0 else NAN, current, battery, name)
 
 
 def sys_status(head: Head, name: str, voltage: float, current: float) -> samples.Battery | None:
-    return _battery_sample(head, name, voltage if voltage > 0.0 else NAN, current, 0)
-
-
-def _battery_sample(head: Head, name: str, voltage: float, current: float, battery: int) -> samples.Battery | None:
-    return samples.Battery(*head, voltage, current, battery, name) if voltage == voltage or current == current else None
+    return battery(head, name, (voltage,), (), current, 0)
 
 
 def pressure(head: Head, name: str, pressure: float, temperature: float) -> samples.Pressure | None:

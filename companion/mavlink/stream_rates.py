@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from companion.mavlink.dialect import ID_OF
 from companion.mavlink.firmware import Stack
@@ -26,8 +26,7 @@ _SET_MESSAGE_INTERVAL = 511
 """MAV_CMD_SET_MESSAGE_INTERVAL."""
 
 
-@dataclass(frozen=True, slots=True)
-class Wanted:
+class Wanted(NamedTuple):
     """A message id, the rate asked for, and whether flying needs it."""
 
     message_id: int
