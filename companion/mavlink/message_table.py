@@ -72,8 +72,7 @@ _TABLE = (
         _RPM, SI("voltage", "voltage", "V", 1e4), SI("current", "current", "A", 1e5), Raw("index"),
     ),
     Layout(
-        "ESC_INFO", _US, build.esc_info,
-        SI("temperature", "temperature", "cdegC", unknown=(2**15 - 1,)), Raw("index"), Raw("info"),
+        "ESC_INFO", _US, build.esc_info, SI("temperature", "temperature", "cdegC", unknown=(2**15 - 1,)), Raw("index")
     ),
     Layout("RPM", None, build.rpm, SI("rpm", "rpm1 rpm2", "rpm", _RPM_LIMIT)),
     Layout("RAW_RPM", None, build.raw_rpm, SI("rpm", "frequency", "rpm", _RPM_LIMIT), Raw("index")),
@@ -102,10 +101,7 @@ _TABLE = (
         Raw("type_mask"), Raw("coordinate_frame"), *_PLACE, SI("acceleration", "afx afy afz", "m/s/s", _ACC_LIMIT),
         SI("yaw", "yaw", "", 1e3), SI("yaw_rate", "yaw_rate", "", 1e3), *_TARGETS,
     ),
-    Layout(
-        "PARAM_VALUE", None, build.parameter,
-        SI("value", "param_value"), Raw("param_id"), Raw("param_type"), Raw("param_index"), Raw("param_count"),
-    ),
+    Layout("PARAM_VALUE", None, build.parameter, SI("value", "param_value"), Raw("param_id"), Raw("param_type")),
     Layout("TIMESYNC", None, None, Raw("tc1"), Raw("ts1")),
     Layout("EXTENDED_SYS_STATE", None, build.as_it_is(samples.LandedState), Raw("landed_state")),
     Layout("WIND_COV", _US, None, SI("wind", "wind_x wind_y wind_z", "m/s", 200.0)),

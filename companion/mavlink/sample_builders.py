@@ -103,9 +103,8 @@ def esc_status(head: Head, name: str, rpm: Any, voltage: Any, current: Any, inde
     return samples.RotorSpeeds(*head, index + 1, rpm, name, None, health)
 
 
-def esc_info(head: Head, _: str, temperature: Any, index: int, info: int) -> samples.EscHealth:
-    online = tuple(bool(info >> i & 1) for i in range(4))
-    return samples.EscHealth(*head, index + 1, temperature, (NAN,) * 4, (NAN,) * 4, online)
+def esc_info(head: Head, _: str, temperature: Any, index: int) -> samples.EscHealth:
+    return samples.EscHealth(*head, index + 1, temperature, (NAN,) * 4, (NAN,) * 4)
 
 
 def rpm(head: Head, name: str, rpm: tuple[float, float]) -> samples.RotorSpeeds | None:
@@ -138,11 +137,9 @@ def attitude_target(head: Head, _: str, q: Quaternion, thrust: float) -> samples
     return samples.AttitudeTarget(*head, unit_quaternion(q) or (NAN,) * 4, thrust) if thrust == thrust else None
 
 
-def parameter(
-    head: Head, _: str, value: float, name: str, kind: int, index: int, count: int
-) -> samples.Parameter | None:
+def parameter(head: Head, _: str, value: float, name: str, kind: int) -> samples.Parameter | None:
     number = parameter_value(value, kind)
-    return samples.Parameter(*head, name, number, index, count) if name and number == number else None
+    return samples.Parameter(*head, name, number) if name and number == number else None
 
 
 def estimator_status(

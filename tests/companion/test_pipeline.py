@@ -163,7 +163,7 @@ def test_no_new_input_no_new_output():
         LocalPosition(b.t, 1, 1, (0, 0, -1), (0, 0, 0)),
         RotorSpeeds(b.t, 1, 1, 1, (4000.0,) * 4, "RPM"),
         b.range(DOWN, 0.2),
-        Parameter(b.t, 1, 1, "X", 1.0, 0, 1),
+        Parameter(b.t, 1, 1, "X", 1.0),
     ):
         b.state, decision = step(b.state, sample, b.config)
         assert decision is None
