@@ -94,8 +94,6 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     arguments = parser().parse_args(argv)
-    if arguments.connect is None and arguments.check in (None, True):
-        parser().error("the following arguments are required: --connect")
     try:
         _check(arguments)
         if arguments.check is not None:
@@ -116,6 +114,7 @@ def scenario_name(endpoint: str) -> str:
 def _check(a: argparse.Namespace) -> None:
     """Refuse arguments that are wrong, or that cannot be had beside each other."""
     needs = (
+        ("--connect", a.connect is None and not isinstance(a.check, str), "an endpoint, such as udp:0.0.0.0:14550"),
         ("--duration", a.duration is not None and not 0.0 < a.duration < math.inf, "a positive number of seconds"),
         ("--target-system", a.target_system is not None and not 1 <= a.target_system <= 255, "1 to 255"),
         ("--compare", a.compare and not _simulated(a), "--connect sim:NAME"),
