@@ -18,27 +18,17 @@ from statistics import median
 from typing import Any
 
 from companion.config import Base, Carrier, PipelineConfig
-from companion.control.hover_thrust import DISAGREEMENT, hover_parameter
+from companion.control.hover_thrust import DISAGREEMENT, LEARNED_S, hover_parameter
 from companion.control.refusals import LATE_FADE_S
 from companion.control.state import PipelineState
+from companion.mavlink import samples
 from companion.mavlink.dialect import ID_OF
 from companion.mavlink.firmware import Stack, ThrustMeaning, mode_name, needed_parameters, stack_of, thrust_meaning
 from companion.mavlink.frames import V2, Counts, Frame, cut, walk
 from companion.mavlink.message_filter import OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.range_beams import orientation_direction
-from companion.mavlink.samples import (
-    Attitude,
-    AttitudeTarget,
-    LocalPosition,
-    Range,
-    RangeVerdict,
-    Ring,
-    RotorSpeeds,
-    Sample,
-    ServoOutput,
-)
-from companion.mavlink.stream_rates import message_name
+from companion.mavlink.samples import RangeVerdict, Sample
 from companion.pipeline import initial_state, step
 from models.errors import LogError
 from models.frames import GRAVITY
@@ -118,8 +108,6 @@ class Listener:
     """What the vehicle sent, by kind."""
     poses: set[str] = field(default_factory=set)
     """Names of messages that give a pose and are not flown by."""
-    hover: list[float] = field(default_factory=list)
-    """The autopilot's thrust while it hovers."""
     lift: list[float] = field(default_factory=list)
     """Modelled lift over weight while it hovers."""
 
@@ -146,8 +134,6 @@ class Listener:
         if sample is None:
             return
         self.samples[type(sample)].append(sample)
-        if isinstance(sample, AttitudeTarget) and self.hovering:
-            self.hover.append(sample.thrust)
         self.state, decision = step(self.state, sample, self.config)
         if decision is not None and decision.disturbance is not None and self.hovering:
             self.lift.append(decision.disturbance.free_lift_n / (self.config.vehicle.mass_kg * GRAVITY))
@@ -161,7 +147,7 @@ class Listener:
     @property
     def hovering(self) -> bool:
         """In the air, neither climbing nor sinking."""
-        places = self.samples[LocalPosition]
+        places = self.samples[samples.LocalPosition]
         steady = bool(places) and abs(places[-1].velocity_ned[2]) < _CLIMB_M_S
         return steady and self.flying and self.state.air.landed_state == _IN_AIR
 
@@ -285,13 +271,13 @@ def _hz(samples: Iterable[Sample]) -> float:
 
 
 def _rates(heard: Listener, setup: Setup) -> Iterator[Item]:
-    attitudes = Counter(sample.source for sample in heard.samples[Attitude]).most_common(1)
-    hz = _hz(a for a in heard.samples[Attitude] if a.source == attitudes[0][0])
+    attitudes = Counter(sample.source for sample in heard.samples[samples.Attitude]).most_common(1)
+    hz = _hz(a for a in heard.samples[samples.Attitude] if a.source == attitudes[0][0])
     yield _rate("attitude rate", "ATTITUDE_QUATERNION", hz, 10.0, 25.0)
     if setup.config.base is Base.HOLD:
-        yield _rate("position rate", "LOCAL_POSITION_NED", _hz(heard.samples[LocalPosition]), 4.5, 20.0)
+        yield _rate("position rate", "LOCAL_POSITION_NED", _hz(heard.samples[samples.LocalPosition]), 4.5, 20.0)
     if not setup.config.vehicle.telemetered:
-        yield _rate("output rate", "SERVO_OUTPUT_RAW", _hz(heard.samples[ServoOutput]), 5.0, 20.0)
+        yield _rate("output rate", "SERVO_OUTPUT_RAW", _hz(heard.samples[samples.ServoOutput]), 5.0, 20.0)
 
 
 def _rate(name: str, message: str, hz: float, least: float, good: float, text: str = "") -> Item:
@@ -306,7 +292,7 @@ def _rate(name: str, message: str, hz: float, least: float, good: float, text: s
 
 
 def _ranges(heard: Listener, setup: Setup) -> Iterator[Item]:
-    declared, rings = setup.config.vehicle.rangefinders, heard.samples[Ring]
+    declared, rings = setup.config.vehicle.rangefinders, heard.samples[samples.Ring]
     for sensor in declared:
         if sensor.target != "none" and not sensor.ring:
             yield _range(sensor, heard)
@@ -330,9 +316,9 @@ def _same_way(a: int, b: int) -> bool:
 def _range(sensor: Rangefinder, heard: Listener) -> Item:
     """One declared rangefinder."""
     name = f"range {sensor.orientation}"
-    readings = [r for r in heard.samples[Range] if _same_way(r.orientation, sensor.orientation)]
+    readings = [r for r in heard.samples[samples.Range] if _same_way(r.orientation, sensor.orientation)]
     if not readings:
-        others = ", ".join(map(str, sorted({r.orientation for r in heard.samples[Range]}))) or "none"
+        others = ", ".join(map(str, sorted({r.orientation for r in heard.samples[samples.Range]}))) or "none"
         return Item(
             name, _FAIL, f"no DISTANCE_SENSOR of orientation {sensor.orientation} ({sensor.target}); heard: {others}",
             f"set RNGFNDn_ORIENT (PX4: SENS_*_ROT) to {sensor.orientation}, or correct the vehicle file",
@@ -344,8 +330,9 @@ def _range(sensor: Rangefinder, heard: Listener) -> Item:
     slow = _rate(name, "DISTANCE_SENSOR", _hz(readings), _LEAST_HZ, _RANGE_HZ, text)
     if slow.verdict is _FAIL:
         return slow
-    usable = sum(r.verdict in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX) for r in readings) / len(readings)
-    worst = Counter(r.verdict for r in readings).most_common(1)[0][0]
+    verdicts = Counter(r.verdict for r in readings)
+    usable = (verdicts[RangeVerdict.OK] + verdicts[RangeVerdict.ABOVE_MAX]) / len(readings)
+    worst = verdicts.most_common(1)[0][0]
     standing = worst is RangeVerdict.BELOW_MIN and not heard.flying
     limits, useless = "RNGFNDn_MIN and RNGFNDn_MAX", usable < _USABLE
     narrow = high < _REACH_M[0] or low > _REACH_M[1]
@@ -363,7 +350,7 @@ def _rotors(heard: Listener, setup: Setup) -> Iterator[Item]:
     if not vehicle.telemetered:
         return
     rpm: dict[int, list[float]] = defaultdict(list)
-    for sample in heard.samples[RotorSpeeds]:
+    for sample in heard.samples[samples.RotorSpeeds]:
         for i, value in enumerate(sample.rpm):
             rpm[sample.first_esc + i].append(abs(value))
     escs = [rotor.esc for rotor in vehicle.rotors if rotor.esc is not None]
@@ -373,7 +360,7 @@ def _rotors(heard: Listener, setup: Setup) -> Iterator[Item]:
     zero = [str(esc) for esc in escs if speeds[esc] < 1.0]
     usual, (low, high) = max(median(speeds.values()), 1.0), _ALIKE
     far = [f"{esc}: {rpm:.0f}" for esc, rpm in speeds.items() if not low < rpm / usual < high]
-    hz = _hz(s for s in heard.samples[RotorSpeeds] if s.first_esc <= escs[0] < s.first_esc + len(s.rpm))
+    hz = _hz(s for s in heard.samples[samples.RotorSpeeds] if s.first_esc <= escs[0] < s.first_esc + len(s.rpm))
     telemetry = "ESC telemetry: SERVO_BLH_AUTO, SERVO_BLH_BDMASK, SERVO_DSHOT_ESC; or the numbers in the vehicle file"
     yield _judged(
         "rotor speeds", f"{len(escs)} ESCs at {hz:.1f} Hz",
@@ -393,9 +380,9 @@ def _rotors(heard: Listener, setup: Setup) -> Iterator[Item]:
 
 
 def _hover(heard: Listener, setup: Setup) -> Iterator[Item]:
-    declared = setup.config.vehicle.hover_thrust
-    flown = len(heard.hover) >= _SEEN_S * 5.0
-    theirs = median(heard.hover) if flown else hover_parameter(heard.state.parameters)
+    hover, declared = heard.state.hover, setup.config.vehicle.hover_thrust
+    flown = hover.seconds >= LEARNED_S
+    theirs = hover.learned if flown else hover_parameter(heard.state.parameters)
     if setup.config.base is Base.HOLD and theirs is not None:
         text = f"{theirs:.2f} {'flown' if flown else 'by parameter'}, {declared:.2f} in the vehicle file"
         do = f"set hover_thrust = {theirs:.2f} in the vehicle file, or the autopilot's parameter"
@@ -407,10 +394,10 @@ def _position(heard: Listener, setup: Setup) -> Iterator[Item]:
     if setup.config.base is not Base.HOLD:
         return
     for message_id, component in sorted(heard.intake.not_the_autopilots):
-        name = message_name(message_id)
+        name = LAYOUTS[message_id].name
         text = f"{name} of component {component} is left out: only the autopilot's own is flown by"
         yield Item("position" if "POSITION" in name else "attitude", _WARN, text)
-    if heard.poses and not heard.samples[LocalPosition]:
+    if heard.poses and not heard.samples[samples.LocalPosition]:
         names = " and ".join(sorted(heard.poses))
         text = f"{names} but no LOCAL_POSITION_NED: the autopilot's estimator does not take that pose"
         do = "ArduPilot: VISO_TYPE 1, EK3_SRC1_POSXY 6 and an origin; PX4: EKF2_EV_CTRL 15"
@@ -422,7 +409,7 @@ def _position(heard: Listener, setup: Setup) -> Iterator[Item]:
 
 
 def _clock(heard: Listener, setup: Setup) -> Iterator[Item]:
-    late = sorted(sample.late_s for sample in heard.samples[Attitude])
+    late = sorted(sample.late_s for sample in heard.samples[samples.Attitude])
     if late:
         most = late[min(int(0.95 * len(late)), len(late) - 1)]
         text = f"95 % of attitudes arrive within {1000.0 * most:.0f} ms of the quickest"

@@ -8,8 +8,9 @@ import logging
 import math
 import signal
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, closing, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack, closing
+from dataclasses import replace
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
@@ -24,10 +25,11 @@ from models.version import VersionAction
 if TYPE_CHECKING:
     from companion.config import PipelineConfig
     from companion.flight import Flight
-    from companion.page.feed import PageFeed
+    from companion.mavlink.link import Arrivals, Link
 
 _INTERRUPTED = 130
 """128 + SIGINT, as shells have it."""
+_NO_VEHICLE = "no --vehicle: nothing is sent. Name the vehicle's file; the paper's tandem is --vehicle tandem"
 _EPILOG = """exit codes: 0 done; 1 --check found a fault; 2 bad arguments, vehicle or model file; 3 log unreadable;
 4 link could not be opened, or no autopilot was heard on it; 130 interrupted. It never arms or changes the mode."""
 
@@ -48,12 +50,9 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument("--vehicle", type=vehicle_path, metavar="FILE.toml",
                    help="vehicle file, or the name of one that ships: tandem, quad; without one sim: flies the "
                    "tandem, and to a real link nothing is sent")  # fmt: skip
-    p.add_argument(
-        "--model",
-        metavar="DIR",
-        help="model directory, or none: no offsets (default: the shipped "
-        "model, and none for a vehicle with another fan)",
-    )
+    p.add_argument("--model", metavar="DIR",
+                   help="model directory, or none: no offsets (default: the shipped model, and none for a vehicle "
+                   "with another fan)")  # fmt: skip
     p.add_argument("--check", nargs="?", const=True, metavar="FLIGHT.tlog",
                    help="listen for ten seconds, or read a log, and say per item whether to fly and what to set; "
                    "sends no setpoint")  # fmt: skip
@@ -95,8 +94,6 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code."""
     arguments = parser().parse_args(argv)
-    if arguments.connect is None and arguments.check in (None, True):
-        parser().error("the following arguments are required: --connect")
     try:
         _check(arguments)
         if arguments.check is not None:
@@ -117,6 +114,7 @@ def scenario_name(endpoint: str) -> str:
 def _check(a: argparse.Namespace) -> None:
     """Refuse arguments that are wrong, or that cannot be had beside each other."""
     needs = (
+        ("--connect", a.connect is None and not isinstance(a.check, str), "an endpoint, such as udp:0.0.0.0:14550"),
         ("--duration", a.duration is not None and not 0.0 < a.duration < math.inf, "a positive number of seconds"),
         ("--target-system", a.target_system is not None and not 1 <= a.target_system <= 255, "1 to 255"),
         ("--compare", a.compare and not _simulated(a), "--connect sim:NAME"),
@@ -142,45 +140,29 @@ def _simulated(a: argparse.Namespace) -> bool:
     return a.connect is not None and a.connect.startswith("sim:")
 
 
-def _default_model(a: argparse.Namespace) -> str | None:
-    """The shipped model that flies where ``--model`` names none."""
-    if not _simulated(a):
-        return None
-    from companion.sim.world import default_model
-
-    return default_model(scenario_name(a.connect))
-
-
 def _preflight(a: argparse.Namespace) -> int:
     """``--check``: a dry run that is looked at, or a log."""
     # Imported here so that --help answers at once.
     from companion import check
-    from companion.config import Base, Carrier, PipelineConfig
     from companion.flight import Flight, FlightOptions
-    from companion.mavlink.link import Arrivals, open_link, read_signing_key
-    from companion.vehicles import chosen_vehicle
-    from models.choice import choose_to_fly
+    from companion.mavlink.link import Arrivals
 
-    vehicle = chosen_vehicle(a.vehicle)
-    chosen = choose_to_fly(vehicle, a.model, _default_model(a))
-    base = Base.HOLD if a.setpoint == "hold" else Base.UPSTREAM
-    config = PipelineConfig(vehicle, chosen.model, base=base, carrier=Carrier(a.carrier), dry_run=True)
-    key = None if a.signing_key is None else read_signing_key(a.signing_key)
+    flown, note = _config(a)
+    config = replace(flown, dry_run=True, survey=None, adapt=Adapt.OFF)
     listener = check.Listener(config, a.target_system)
     log = a.check if a.check is not True else a.connect if a.connect.endswith(".tlog") else None
     if log is not None:
         check.read_log(Path(log), listener)
     else:
         with ExitStack() as stack:
-            endpoint, _ = _endpoint(a, stack)
             arrivals = Arrivals()
-            link = stack.enter_context(closing(open_link(endpoint, arrivals, baud=a.baud, signing_key=key)))
+            link, _ = _open(a, stack, arrivals)
             options = FlightOptions(a.duration or check.LISTEN_S, a.target_system)
             if not a.quiet and sys.stderr.isatty():
                 print(f"companion: listening for {options.duration_s:g} s", file=sys.stderr)
             Flight(config, link, None, listener, arrivals, options).run()
     name = "default vehicle" if a.vehicle is None else str(a.vehicle)
-    setup = check.Setup(config, name, chosen.note, a.record, signed=key is not None, live=log is None)
+    setup = check.Setup(config, name, note, a.record, signed=a.signing_key is not None, live=log is None)
     found = check.items(listener, setup)
     if a.json is not None:
         write_json(check.as_json(found), a.json)
@@ -193,25 +175,36 @@ def _fly(a: argparse.Namespace) -> int:
     # Imported here so that --help answers at once.
     from companion.config import Base
     from companion.flight import Flight, FlightOptions
-    from companion.mavlink.link import Arrivals, open_link, read_signing_key
+    from companion.mavlink.link import Arrivals, open_link
     from companion.mavlink.tlog_writer import Recorder
+    from companion.page.feed import PageFeed, read_address
     from companion.watchdog import Watchdog
+    from models.vehicle_plausibility import warnings
 
-    config, notes = _flight_config(a)
-    key = None if a.signing_key is None else read_signing_key(a.signing_key)
+    config, note = _config(a)
+    notes = [note, *(f"{a.vehicle}: {warning}" for warning in warnings(config.vehicle))]
+    if a.vehicle is None and not _simulated(a):
+        config = replace(config, dry_run=True)
+        notes.insert(1, _NO_VEHICLE)
     arrivals = Arrivals()
     with ExitStack() as stack:
-        stack.enter_context(_shown_on_stderr(logging.WARNING if a.quiet else logging.INFO))
-        endpoint, narration = _endpoint(a, stack)
-        link = stack.enter_context(closing(open_link(endpoint, arrivals, baud=a.baud, signing_key=key)))
-        upstream = None
+        # What the flight program logs are lines for the pilot.
+        log, shown = logging.getLogger("companion"), logging.StreamHandler()
+        log.setLevel(logging.WARNING if a.quiet else logging.INFO)
+        log.addHandler(shown)
+        stack.callback(log.removeHandler, shown)
+        link, narration = _open(a, stack, arrivals)
+        upstream = page = None
         if config.base is Base.UPSTREAM:
             upstream = stack.enter_context(closing(open_link(a.setpoint, arrivals, baud=a.baud, number=1)))
         recorder = None if a.record is None else stack.enter_context(Recorder(a.record))
         watchdog = stack.enter_context(closing(Watchdog()))
-        options = FlightOptions(a.duration, a.target_system, last_word=True, watchdog=watchdog, page=_page(a, stack))
-        if not a.quiet:  # after all that may refuse, so that a refusal is one line
-            for line in notes:
+        if a.page is not None:
+            page = stack.enter_context(closing(PageFeed(*read_address(a.page))))
+            notes.append(f"live page at {page.url}")
+        options = FlightOptions(a.duration, a.target_system, last_word=True, watchdog=watchdog, page=page)
+        for line in notes if not a.quiet else ():  # after all that may refuse, so that a refusal is one line
+            if line is not None:
                 print(f"companion: {line}", file=sys.stderr)
         flight = Flight(config, link, upstream, recorder, arrivals, options)
         if narration is not None:
@@ -219,50 +212,57 @@ def _fly(a: argparse.Namespace) -> int:
 
             follow(narration, lambda text: None if a.quiet else print(text, file=sys.stderr, flush=True), flight.stop)
         interrupted = _run(flight)
-        _report(a, flight)
+        if a.json is not None:
+            write_json(flight.as_json(), a.json)
+        elif not a.quiet:
+            print(flight.summary.as_text())
         if flight.unheard is not None:
             print(f"companion: {a.connect}: {flight.unheard}", file=sys.stderr)
-            return _INTERRUPTED if interrupted else LinkError.exit_code
-    return _INTERRUPTED if interrupted else 0
+        heard = flight.unheard is None
+    return _INTERRUPTED if interrupted else 0 if heard else LinkError.exit_code
 
 
-@contextmanager
-def _shown_on_stderr(level: int) -> Iterator[None]:
-    """What the flight program logs, from this level on, as lines for the pilot."""
-    log, shown = logging.getLogger("companion"), logging.StreamHandler()
-    log.setLevel(level)
-    log.addHandler(shown)
-    try:
-        yield
-    finally:
-        log.removeHandler(shown)
-
-
-def _flight_config(a: argparse.Namespace) -> tuple[PipelineConfig, list[str]]:
-    """What does not change during the flight, and what is to be said about vehicle and model."""
+def _config(a: argparse.Namespace) -> tuple[PipelineConfig, str | None]:
+    """What does not change during the flight, and what is to be said about the model."""
     from companion.config import Base, Carrier, PipelineConfig
     from companion.survey_box import read_box
     from companion.vehicles import chosen_vehicle
     from models.choice import choose_to_fly
-    from models.vehicle_plausibility import warnings
 
+    default = None
+    if _simulated(a):
+        from companion.sim.world import default_model
+
+        default = default_model(scenario_name(a.connect))
     vehicle = chosen_vehicle(a.vehicle)
-    chosen = choose_to_fly(vehicle, a.model, _default_model(a))
-    unnamed = a.vehicle is None and not _simulated(a)
+    chosen = choose_to_fly(vehicle, a.model, default)
     config = PipelineConfig(
         vehicle=vehicle,
         model=chosen.model,
         base=Base.HOLD if a.setpoint == "hold" else Base.UPSTREAM,
         carrier=Carrier(a.carrier),
-        dry_run=a.dry_run or unnamed,
+        dry_run=a.dry_run,
         offsets=not a.no_offsets,
         survey=None if a.survey is None else read_box(a.survey),
         adapt=a.adapt or Adapt.FULL,
     )
-    notes = [chosen.note] if chosen.note else []
-    if unnamed:
-        notes.append("no --vehicle: nothing is sent. Name the vehicle's file; the paper's tandem is --vehicle tandem")
-    return config, [*notes, *(f"{a.vehicle}: {w}" for w in warnings(vehicle))]
+    return config, chosen.note
+
+
+def _open(a: argparse.Namespace, stack: ExitStack, arrivals: Arrivals) -> tuple[Link, IO[str] | None]:
+    """The link, and what the built-in vehicle says. Without --duration it says when its script is over."""
+    from companion.mavlink.link import open_link, read_signing_key
+
+    key = None if a.signing_key is None else read_signing_key(a.signing_key)
+    endpoint, narration = a.connect, None
+    if _simulated(a):
+        from companion.sim.launch import launch
+
+        name, scripted = scenario_name(a.connect), a.duration is None
+        vehicle = launch(name, seed=a.seed, vehicle=a.vehicle, pilot="companion", narrate=scripted, vision=a.vision)
+        sim = stack.enter_context(vehicle)
+        endpoint, narration = sim.endpoint, sim.process.stdout if scripted else None
+    return stack.enter_context(closing(open_link(endpoint, arrivals, baud=a.baud, signing_key=key))), narration
 
 
 def _run(flight: Flight) -> bool:
@@ -281,44 +281,6 @@ def _run(flight: Flight) -> bool:
     gc.freeze()
     flight.run()
     return interrupted
-
-
-def _endpoint(a: argparse.Namespace, stack: ExitStack) -> tuple[str, IO[str] | None]:
-    """Where to connect, and what the built-in vehicle says. Without --duration it says when its script is over."""
-    if not _simulated(a):
-        return a.connect, None
-    from companion.sim.launch import launch
-
-    scripted = a.duration is None
-    sim = stack.enter_context(
-        launch(
-            scenario_name(a.connect),
-            seed=a.seed,
-            vehicle=a.vehicle,
-            pilot="companion",
-            narrate=scripted,
-            vision=a.vision,
-        )
-    )
-    return sim.endpoint, sim.process.stdout if scripted else None
-
-
-def _page(a: argparse.Namespace, stack: ExitStack) -> PageFeed | None:
-    if a.page is None:
-        return None
-    from companion.page.feed import PageFeed, read_address
-
-    feed = stack.enter_context(closing(PageFeed(*read_address(a.page))))
-    if not a.quiet:
-        print(f"companion: live page at {feed.url}", file=sys.stderr)
-    return feed
-
-
-def _report(a: argparse.Namespace, flight: Flight) -> None:
-    if a.json is not None:
-        write_json(flight.as_json(), a.json)
-    elif not a.quiet:
-        print(flight.summary.as_text())
 
 
 def _compare(a: argparse.Namespace) -> int:

@@ -37,11 +37,7 @@ class SystemClock:
 
     def wait(self, links: Sequence[Readable], timeout_s: float) -> None:
         """Sleep until a link has data, at most ``timeout_s``."""
-        fds = [link.fileno for link in links if link.fileno >= 0]
-        if not fds:
-            time.sleep(timeout_s)
-            return
         try:
-            select.select(fds, [], [], timeout_s)
+            select.select([link.fileno for link in links if link.fileno >= 0], [], [], timeout_s)
         except (OSError, ValueError):
             time.sleep(min(timeout_s, 0.01))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import logging
 import math
-from collections import deque
-from collections.abc import Callable
+from collections import Counter, deque
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,14 +13,14 @@ from companion.adapt_options import Adapt
 from companion.config import Base, PipelineConfig
 from companion.control.refusals import lateness
 from companion.control.state import Decision
-from companion.control.survey import Phase, Survey
+from companion.control.survey import Phase
 from companion.last_word import LastWord
 from companion.mavlink.firmware import Stack, mode_name, needed_parameters, stack_of, takes_setpoints
 from companion.mavlink.frames import Frame
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, HEARTBEAT, OWN_COMPONENT, Intake, unread
 from companion.mavlink.message_table import LAYOUTS
-from companion.mavlink.outgoing import Message, heartbeat, param_request_read, statustext, timesync
+from companion.mavlink.outgoing import Message, heartbeat, param_request_read, timesync
 from companion.mavlink.samples import Attitude, Heartbeat, Sample, SetPositionTarget
 from companion.mavlink.setpoints import SET_ATTITUDE_TARGET, Command, PositionCommand, encode
 from companion.mavlink.stream_rates import StreamKeeper, interval_request, wanted_streams
@@ -29,13 +29,10 @@ from companion.page.feed import PageFeed
 from companion.page.snapshot import snapshot
 from companion.pipeline import answer, hand_over_place, initial_state, level_command, ready_to_leave, stopped
 from companion.settle import settle
-from companion.telemetry.latency import LatencyHistogram
 from companion.telemetry.status import StatusReporter
 from companion.telemetry.summary import Summary
 from companion.watchdog import Watchdog
 
-_INFO = 6
-"""MAV_SEVERITY of what is no warning."""
 _PERIOD_S = 0.02
 """What is due by time alone is looked at this often, however many messages come: late by no more than a setpoint."""
 _LOST_S = 3.0
@@ -59,6 +56,8 @@ _PARAMETER_RETRY_S = 1.0
 _PARAMETER_SLOW_RETRY_S = 5.0
 """After ten tries the ones still missing are asked for this seldom, but never given up."""
 _PARAMETER_TRIES = 10
+_LONGEST_US = 100_000
+"""Setpoints that took longer are counted as this."""
 _SET_BACK = 2
 """Once may be a restart of the other program."""
 
@@ -86,23 +85,13 @@ class Flight:
     """One run of the companion on open links. ``stop`` may be called from a signal handler."""
 
     def __init__(
-        self,
-        config: PipelineConfig,
-        link: Link,
-        upstream: Link | None,
-        recorder: Records | None,
-        arrivals: Arrivals,
+        self, config: PipelineConfig, link: Link, upstream: Link | None, recorder: Records | None, arrivals: Arrivals,
         options: FlightOptions,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.summary = Summary(config.dry_run)
         self.reboots = 0
-        self._config = config
-        self._link = link
-        self._upstream = upstream
-        self._recorder = recorder
-        self._arrivals = arrivals
-        self._options = options
-        self._watchdog = options.watchdog
+        self._config, self._link, self._upstream, self._options = config, link, upstream, options
+        self._recorder, self._arrivals, self._watchdog = recorder, arrivals, options.watchdog
         self._adapting = config.adapt is not Adapt.OFF
         self._intake = Intake(options.target_system, unread(adapting=self._adapting))
         self._state = initial_state(config)
@@ -126,7 +115,8 @@ class Flight:
         self._asked = 0
         self._survey_reported: tuple[Phase, str] = (Phase.WAITING, "")
         self._stop_s: float | None = None
-        self._latency = LatencyHistogram()
+        self._latencies: Counter[int] = Counter()
+        """Setpoints by how long they took, in bins of 10 us: the same memory after an hour as after a minute."""
         self._hurried = False
         self._last_word: LastWord | None = None
         link.identify(self._system, OWN_COMPONENT)
@@ -220,31 +210,43 @@ class Flight:
         if frame.system in intake.others:
             self._say_once(f"companion: ignoring system {frame.system}; flying with system {intake.system}")
         if sample is None:
-            if frame.id == HEARTBEAT and frame.component == OWN_COMPONENT and frame.system == intake.system:
-                self._twin(frame)
-            if frame.id in intake.unread and frame.system == intake.system:
-                self._streams.heard(frame.id)
+            if frame.system == intake.system:
+                self._note_unread(frame)
             return
         self._state, decision = answer(self._state, sample, self._config)
         if decision is not None and decision.command is not None and not self._config.dry_run:
-            self._latency.add(self._send_command(decision.command) - arrival_us)
-        self._state = settle(self._state, self._config)
+            took_us = self._send_command(decision.command) - arrival_us
+            self._latencies[min(max(took_us, 0), _LONGEST_US) // 10] += 1
+        self._state = settle(self._state, sample, decision, self._config)
         self._note(frame, sample)
         if decision is not None:
             self._report(decision)
 
+    def _note_unread(self, frame: Frame) -> None:
+        """Of what is not for ``step``: streams that are only recorded, and another program that is this component."""
+        if frame.id in self._intake.unread:
+            self._streams.heard(frame.id)
+        if frame.id == HEARTBEAT and frame.component == OWN_COMPONENT and frame.raw not in self._beats:
+            self._tell_once("twin", "companion: another program is component 191 too: stop it or give it another id")
+
     def _note(self, frame: Frame, sample: Sample) -> None:
         """Keep the books of what was heard: streams, heartbeats, targets to others, a survey's progress."""
         self._streams.heard(frame.id)
-        kind = type(sample)
-        if kind is Attitude:
+        if isinstance(sample, Attitude):
             self._hears_attitudes = True
         elif isinstance(sample, Heartbeat) and sample.component == AUTOPILOT_COMPONENT:
             self._connected(sample)
-        elif isinstance(sample, SetPositionTarget) and sample.target_component not in (0, OWN_COMPONENT):
-            self._stray_target(sample)
-        if self._config.survey is not None:
-            self._report_survey(self._state.survey)
+        elif isinstance(sample, SetPositionTarget) and self._state.hold is not None:
+            self._note_target(sample.target_component)
+        survey = self._state.survey
+        if self._config.survey is not None and (survey.phase, survey.why) != self._survey_reported:
+            self._survey_reported = (survey.phase, survey.why)
+            text = f"companion: {survey.phase.value}" + (f": {survey.why}" if survey.why else "")
+            self._pass_on(self._status.tell(text, warning=False))
+
+    def _note_target(self, component: int) -> None:
+        if component not in (0, OWN_COMPONENT):
+            self._tell_once("stray target", f"companion: that target went to component {component}; 191 moves the hold")
 
     def _report(self, decision: Decision) -> None:
         """Tell summary, watchers, ground station and terminal of a decision."""
@@ -255,18 +257,14 @@ class Flight:
             now_s = self._arrivals.now_s()
             self._options.page.offer(lambda: snapshot(decision, self._state, self._config, self._streams, now_s))
         excused = self._arrivals.now_s() < self._excused_until_s
-        for outgoing, text in self._status.messages(self._state, decision, excused=excused):
+        self._pass_on(self._status.messages(self._state, decision, excused=excused))
+
+    def _pass_on(self, messages: Iterable[tuple[Message, str | None]]) -> None:
+        """Each message to the ground station, and its text to the log."""
+        for outgoing, text in messages:
             self._send(outgoing)
             if text is not None:
                 self._say(text)
-
-    def _report_survey(self, survey: Survey) -> None:
-        if (survey.phase, survey.why) == self._survey_reported:
-            return
-        self._survey_reported = (survey.phase, survey.why)
-        text = f"companion: {survey.phase.value}" + (f": {survey.why}" if survey.why else "")
-        self._send(statustext(_INFO, text[:50]))
-        self._say(text)
 
     @property
     def _system(self) -> int:
@@ -278,22 +276,10 @@ class Flight:
         self._link.identify(self._system, OWN_COMPONENT)
         stack = stack_of(heartbeat)
         if not self._streams.wanted or stack is not self._stack:
-            self._stack = stack
-            self._streams = StreamKeeper(
-                wanted_streams(
-                    self._config.vehicle, stack, recorded=self._recorder is not None, adapting=self._adapting
-                )
-            )
+            self._stack, recorded = stack, self._recorder is not None
+            wanted = wanted_streams(self._config.vehicle, stack, recorded=recorded, adapting=self._adapting)
+            self._streams = StreamKeeper(wanted)
             self._say(f"companion: connected to system {self._system} ({stack.name.lower()})")
-
-    def _stray_target(self, target: SetPositionTarget) -> None:
-        if self._state.hold is not None:
-            text = f"companion: that target went to component {target.target_component}; 191 moves the hold"
-            self._tell_once("stray target", text)
-
-    def _twin(self, heartbeat: Frame) -> None:
-        if heartbeat.raw not in self._beats:
-            self._tell_once("twin", "companion: another program is component 191 too: stop it or give it another id")
 
     def _rebooted(self) -> None:
         self.reboots = self._intake.clock.boot
@@ -316,9 +302,8 @@ class Flight:
         self._renew_last_word(now_s)
         self._stay_while_deaf(now_s)
         if self._link.dropped:
-            self._say_once(
-                f"companion: {self._link.endpoint} is full: messages are dropped; a higher --baud, fewer streams"
-            )
+            where = self._link.endpoint
+            self._say_once(f"companion: {where} is full: messages are dropped; a higher --baud, fewer streams")
         if now_s - self._heard_s > _LOST_S:
             self._streams.forget()
             return
@@ -352,12 +337,9 @@ class Flight:
 
     def _missing_parameters(self) -> list[str]:
         """What to ask for: what is not known, as long as it is not; GUID_OPTIONS until its bit is set, even if late."""
-        known = self._state.parameters
         self._asked += 1
-        out = [name for name in needed_parameters(self._stack) if name not in known]
-        if self._stack is Stack.ARDUPILOT and not int(known.get("GUID_OPTIONS", 0.0)) & 8 and "GUID_OPTIONS" not in out:
-            out.append("GUID_OPTIONS")
-        return out
+        known = {n for n, value in self._state.parameters.items() if n != "GUID_OPTIONS" or int(value) & 8}
+        return [name for name in needed_parameters(self._stack) if name not in known]
 
     def _record(self, at_us: int, raw: bytes) -> None:
         if self._recorder is not None:
@@ -376,12 +358,15 @@ class Flight:
         return self._send(encode(command, self._system))
 
     @property
+    def _holds(self) -> bool:
+        """Whether our own hold flies the vehicle."""
+        return self._state.hold is not None and not self._config.dry_run and self._config.base is Base.HOLD
+
+    @property
     def _place(self) -> PositionCommand | None:
         """Where the autopilot should stay without us; None where no hold flies, or where it takes no places."""
         state, heartbeat = self._state, self._state.heartbeat
-        if state.hold is None or heartbeat is None or mode_name(heartbeat) == "GUIDED_NOGPS":
-            return None
-        if self._config.dry_run or self._config.base is not Base.HOLD:
+        if not self._holds or state.hold is None or heartbeat is None or mode_name(heartbeat) == "GUIDED_NOGPS":
             return None
         return PositionCommand(state.t_s, hand_over_place(state, state.hold), state.hold.target.yaw)
 
@@ -396,10 +381,9 @@ class Flight:
 
         Where it takes no places (GUIDED_NOGPS), a level setpoint at hover thrust.
         """
-        state, place = self._state, self._place
-        if state.hold is None or self._config.dry_run or self._config.base is not Base.HOLD:
+        if not self._holds:
             return
-        command: Command = place or level_command(state, self._config)
+        command: Command = self._place or level_command(self._state, self._config)
         start = self._arrivals.now_s()
         while True:
             now = self._arrivals.now_s()
@@ -423,10 +407,7 @@ class Flight:
 
     def _tell(self, text: str) -> None:
         """To the ground station and to the log."""
-        for outgoing, words in self._status.tell(text):
-            self._send(outgoing)
-            if words is not None:
-                self._say(words)
+        self._pass_on(self._status.tell(text))
 
     def _tell_once(self, about: str, text: str) -> None:
         if about not in self._told:
@@ -462,18 +443,21 @@ class Flight:
             "autopilot": self._stack.name.lower(),
             "dry_run": self._config.dry_run,
             "messages": {
-                "received": self._link.received,
-                "sent": self._link.sent,
-                "bad": self._link.bad,
+                **{name: getattr(self._link, name) for name in ("received", "sent", "bad", "dropped")},
                 "ignored": self._intake.ignored,
-                "dropped": self._link.dropped,
             },
             "reboots": self.reboots,
             "ignored_systems": sorted(self._intake.others),
-            "latency_ms": self._latency.as_json(),
+            "latency_ms": percentiles_ms(self._latencies),
             "record": self._recorder.as_json() if isinstance(self._recorder, Recorder) else None,
             "slow_messages_hz": dict(self._streams.in_vain),
             "set_back": dict(self._streams.set_back),
             **({} if self._config.survey is None else {"survey": self._state.survey.as_json()}),
             **self.summary.as_json(),
         }
+
+
+def percentiles_ms(bins: Counter[int]) -> dict[str, float] | None:
+    """Median and 99th percentile of what was counted in bins of 10 us, as upper edges; None where nothing was."""
+    took = sorted(bins.elements())
+    return {f"p{share}": (took[(len(took) - 1) * share // 100] + 1) / 100.0 for share in (50, 99)} if took else None

@@ -16,41 +16,29 @@ from typing import Any
 from companion.control.authority import HOLDS_BACK_EVERYTHING
 from companion.control.refusals import LATE_FADE_S
 from companion.control.state import Decision
+from companion.mavlink import samples
+from companion.mavlink.dialect import ID_OF
 from companion.mavlink.firmware import Stack, stack_of, takes_setpoints
 from companion.mavlink.frames import Frame, unpacked
-from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, OWN_COMPONENT, Intake
+from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, NO_AUTOPILOT, OWN_COMPONENT, Intake
 from companion.mavlink.message_table import LAYOUTS
-from companion.mavlink.outgoing import TIMESYNC
 from companion.mavlink.range_beams import dot, orientation_direction
-from companion.mavlink.samples import (
-    Attitude,
-    Heartbeat,
-    LandedState,
-    LocalPosition,
-    Quaternion,
-    Range,
-    RangeVerdict,
-    Ring,
-    RotorSpeeds,
-    Sample,
-    ServoOutput,
-    SetAttitudeTarget,
-)
+from companion.mavlink.samples import Quaternion, Sample
 from companion.mavlink.setpoints import ATTITUDE_IGNORED, RATES_IGNORED, SET_ATTITUDE_TARGET, SET_POSITION_TARGET
 from companion.pipeline import MAX_THRUST, MIN_THRUST
 from models.frames import GRAVITY
 from models.vehicle import Limits, Vehicle
 from models.vehicle_types import NO_ORIENTATION
 
-_HEARTBEAT, _PARAM_REQUEST_READ, _COMMAND_LONG, _NAMED_VALUE_FLOAT, _STATUSTEXT = 0, 20, 76, 251, 253
-_SET_MESSAGE_INTERVAL = 511
-"""MAVLink numbers: messages, and the one command."""
-_DECLARED = (
-    _HEARTBEAT, _PARAM_REQUEST_READ, _COMMAND_LONG, SET_ATTITUDE_TARGET, SET_POSITION_TARGET, _NAMED_VALUE_FLOAT,
-    _STATUSTEXT, TIMESYNC,
-)  # fmt: skip
-_THROTTLE_IGNORED, _ON_GROUND, _INVALID = 64, 1, 8
-"""ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE, MAV_LANDED_STATE_ON_GROUND, MAV_AUTOPILOT_INVALID."""
+_COMMAND_LONG, _SET_MESSAGE_INTERVAL, _NAMED_VALUE_FLOAT = 76, 511, 251
+"""MAVLink numbers: a message, the one command in it that is sent, and a message."""
+_DECLARED = {
+    ID_OF[name]
+    for name in ("HEARTBEAT", "PARAM_REQUEST_READ", "COMMAND_LONG", "NAMED_VALUE_FLOAT", "STATUSTEXT", "TIMESYNC",
+                 "SET_ATTITUDE_TARGET", "SET_POSITION_TARGET_LOCAL_NED")
+}  # fmt: skip
+_THROTTLE_IGNORED, _ON_GROUND = 64, 1
+"""ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE, MAV_LANDED_STATE_ON_GROUND."""
 
 ZERO_AFTER_S = 0.5
 """An offset is zero so long after an input that it needs was lost."""
@@ -108,15 +96,20 @@ class Tally:
     """When it was first broken: seconds since the first message."""
     first: str = ""
 
+    def as_json(self) -> dict[str, Any]:
+        """Plain numbers; None where it was never broken."""
+        first_s = round(self.first_s, 3) if self.broken else None
+        return {"checked": self.checked, "broken": self.broken, "first_s": first_s, "first": self.first or None}
 
-@dataclass(frozen=True)
+
+@dataclass
 class Audit:
-    """The answer."""
+    """What has been found so far."""
 
-    requirements: dict[Requirement, Tally]
-    sent: int
-    setpoints: int
-    offsets: int
+    requirements: dict[Requirement, Tally] = field(default_factory=lambda: {one: Tally() for one in Requirement})
+    sent: int = 0
+    setpoints: int = 0
+    offsets: int = 0
     """How many offsets were seen: in decisions, or four times a second in the messages."""
 
     @property
@@ -134,22 +127,9 @@ class Audit:
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers."""
-        return {
-            "kept": self.kept,
-            "sent": self.sent,
-            "setpoints": self.setpoints,
-            "offsets": self.offsets,
-            "promises": {
-                p.name.lower(): {
-                    "promise": p.value,
-                    "checked": k.checked,
-                    "broken": k.broken,
-                    "first_s": None if not k.broken else round(k.first_s, 3),
-                    "first": k.first or None,
-                }
-                for p, k in self.requirements.items()
-            },
-        }
+        promises = {p.name.lower(): {"promise": p.value, **k.as_json()} for p, k in self.requirements.items()}
+        counts = {"sent": self.sent, "setpoints": self.setpoints, "offsets": self.offsets}
+        return {"kept": self.kept, **counts, "promises": promises}
 
 
 @dataclass(slots=True)
@@ -168,42 +148,43 @@ class AirEvidence:
     def hear_range(self, distance_m: float) -> None:
         """A reading of the ground range."""
         self.down_m = distance_m
-        if self.landed_state == _ON_GROUND and not self._turns_as_in_flight():
+        if self.landed_state == _ON_GROUND and not self._turns_as_in_flight:
             self.standing_m = distance_m
 
-    def hear_rotors(self, sample: RotorSpeeds) -> None:
+    def hear_rotors(self, sample: samples.RotorSpeeds) -> None:
         """Rotor speeds."""
-        for i, rpm in enumerate(sample.rpm):
-            if math.isfinite(rpm):
-                self.rpm2[sample.first_esc + i] = rpm * rpm
-        mean = sum(self.rpm2.values()) / max(len(self.rpm2), 1)
-        if self.landed_state != _ON_GROUND and mean > 0.0:
+        known = {esc: rpm * rpm for esc, rpm in enumerate(sample.rpm, sample.first_esc) if math.isfinite(rpm)}
+        self.rpm2 |= known
+        if self.landed_state != _ON_GROUND and (mean := self._mean_rpm2) > 0.0:
             old = mean if math.isnan(self.flown_rpm2) else self.flown_rpm2
             self.flown_rpm2 = old + _FLOWN_SHARE * (mean - old)
 
+    @property
+    def _mean_rpm2(self) -> float:
+        return sum(self.rpm2.values()) / max(len(self.rpm2), 1)
+
+    @property
     def _turns_as_in_flight(self) -> bool:
-        mean = sum(self.rpm2.values()) / max(len(self.rpm2), 1)
-        return mean >= _FLIES_SHARE * self.flown_rpm2  # False while that is not known
+        return self._mean_rpm2 >= _FLIES_SHARE * self.flown_rpm2  # False while that is not known
 
     @property
     def contradicts_landing(self) -> bool:
         """Whether it cannot stand on the ground."""
-        return self._turns_as_in_flight() and self.down_m > self.standing_m + _ABOVE_STANDING_M
+        return self._turns_as_in_flight and self.down_m > self.standing_m + _ABOVE_STANDING_M
 
 
 @dataclass
 class _Heard:
     """What the vehicle said last, on its boot axis [s]."""
 
-    heartbeat: Heartbeat | None = None
+    heartbeat: samples.Heartbeat | None = None
     beat_us: int = 0
     """When it arrived."""
-    landed_state: int = 0
     now_s: float = -math.inf
     """Stamp of the newest attitude."""
     basis_s: float = -math.inf
     """Stamp of the attitude, or of the upstream setpoint, that the next setpoint answers."""
-    upstream: SetAttitudeTarget | None = None
+    upstream: samples.SetAttitudeTarget | None = None
     inputs_s: dict[str, float] = field(default_factory=dict)
     counts: dict[int, int] = field(default_factory=dict)
     """Telemetry packets of each ESC: one that does not count on repeats an old value."""
@@ -213,38 +194,25 @@ class _Heard:
 
 
 class Auditor:
-    """Takes frames and decisions in order; ``report`` says how it stands.
+    """Takes frames and decisions in order; ``audit`` says how it stands.
 
     ``vehicle`` None: limits are the defaults of a vehicle file, and only rangefinders as a whole can be missed.
     ``hold`` False: setpoints of an upstream controller are forwarded, whose thrust and positions are its own business.
     """
 
     def __init__(
-        self,
-        vehicle: Vehicle | None = None,
-        *,
-        hold: bool = True,
-        dry_run: bool = False,
-        system: int | None = None,
+        self, vehicle: Vehicle | None = None, *, hold: bool = True, dry_run: bool = False, system: int | None = None
     ) -> None:
         self._limits = Limits() if vehicle is None else vehicle.limits
         self._needs = _needed_inputs(vehicle, hold)
-        self._vehicle = vehicle
-        self._hold, self._dry_run = hold, dry_run
-        self._intake = Intake(system)
-        self._heard = _Heard()
+        self._vehicle, self._hold, self._dry_run = vehicle, hold, dry_run
+        self._intake, self._heard = Intake(system), _Heard()
         self._start_us: int | None = None
-        self._now_us = 0
-        self._boot = 0
+        self._now_us = self._boot = 0
         self._last_stamp_ms: int | None = None
         self._last: Decision | None = None
         self._named: dict[str, float] = {}
-        self._requirements = {p: Tally() for p in Requirement}
-        self._sent = self._setpoints = self._offsets = 0
-
-    def report(self) -> Audit:
-        """What has been found so far."""
-        return Audit(self._requirements, self._sent, self._setpoints, self._offsets)
+        self.audit = Audit()
 
     # -- what comes in ----------------------------------------------------------------------------------------------
 
@@ -271,7 +239,7 @@ class Auditor:
         self._last = decision
         if decision.command is None:
             return
-        self._offsets += 1
+        self.audit.offsets += 1
         limits = self._limits
         tilt, rate = math.radians(limits.tilt_deg), math.radians(limits.slew_tilt_deg_per_s)
         parts = [(o.thrust, limits.thrust), (o.roll, tilt), (o.pitch, tilt)]
@@ -291,35 +259,35 @@ class Auditor:
     def _take(self, sample: Sample) -> None:
         heard = self._heard
         match sample:
-            case Heartbeat() if sample.component == AUTOPILOT_COMPONENT and sample.autopilot != _INVALID:
+            case samples.Heartbeat() if sample.component == AUTOPILOT_COMPONENT and sample.autopilot != NO_AUTOPILOT:
                 heard.heartbeat, heard.beat_us = sample, self._now_us
-            case LandedState():
-                heard.landed_state = heard.air.landed_state = sample.landed_state
-            case Attitude():
+            case samples.LandedState():
+                heard.air.landed_state = sample.landed_state
+            case samples.Attitude():
                 heard.now_s = heard.basis_s = sample.t_s
                 heard.inputs_s["attitude"] = sample.t_s
                 if sample.late_s <= LATE_FADE_S:
                     heard.inputs_s["timely telemetry"] = sample.t_s
-            case LocalPosition():
+            case samples.LocalPosition():
                 heard.inputs_s["position"] = sample.t_s
-            case SetAttitudeTarget():
+            case samples.SetAttitudeTarget():
                 heard.upstream, heard.basis_s = sample, sample.t_s
-            case Range() if sample.verdict in (RangeVerdict.OK, RangeVerdict.ABOVE_MAX):
+            case samples.Range() if sample.verdict in (samples.RangeVerdict.OK, samples.RangeVerdict.ABOVE_MAX):
                 for name in self._beams(sample):
                     heard.inputs_s[name] = sample.t_s
-                sees = sample.verdict is RangeVerdict.OK and sample.direction_frd is not None
+                sees = sample.verdict is samples.RangeVerdict.OK and sample.direction_frd is not None
                 if sees and dot(sample.direction_frd or _DOWN, _DOWN) > _SAME_BEAM_COS:
                     heard.air.hear_range(sample.distance_m)
-            case Ring() if any(distance == distance for distance in sample.distances_m):
+            case samples.Ring() if any(distance == distance for distance in sample.distances_m):
                 heard.inputs_s[f"rangefinder {NO_ORIENTATION}"] = heard.inputs_s["rangefinders"] = sample.t_s
-            case RotorSpeeds():
+            case samples.RotorSpeeds():
                 heard.air.hear_rotors(sample)
                 for name in self._rotors(sample):
                     heard.inputs_s[name] = sample.t_s
-            case ServoOutput():
+            case samples.ServoOutput():
                 heard.inputs_s["servo outputs"] = sample.t_s
 
-    def _beams(self, sample: Range) -> Iterator[str]:
+    def _beams(self, sample: samples.Range) -> Iterator[str]:
         yield "rangefinders"
         if self._vehicle is None or sample.direction_frd is None:
             return
@@ -328,24 +296,23 @@ class Auditor:
             if beam is not None and dot(beam, sample.direction_frd) > _SAME_BEAM_COS:
                 yield f"rangefinder {sensor.orientation}"
 
-    def _rotors(self, sample: RotorSpeeds) -> Iterator[str]:
+    def _rotors(self, sample: samples.RotorSpeeds) -> Iterator[str]:
         yield "rotor speeds"
-        for i, rpm in enumerate(sample.rpm):
-            esc = sample.first_esc + i
-            count = None if sample.count is None else sample.count[i]
+        counts = sample.count or (None,) * len(sample.rpm)
+        for esc, (rpm, count) in enumerate(zip(sample.rpm, counts, strict=True), sample.first_esc):
             before = self._heard.counts.get(esc)
             if before is not None and before != count:
                 self._heard.counting.add(esc)
-            repeated = count is not None and before == count and esc in self._heard.counting
             if count is not None:
                 self._heard.counts[esc] = count
+            repeated = count is not None and before == count and esc in self._heard.counting
             if math.isfinite(rpm) and not repeated:
                 yield f"rotor speed {esc}"
 
     # -- what goes out ----------------------------------------------------------------------------------------------
 
     def _own(self, frame: Frame) -> None:
-        self._sent += 1
+        self.audit.sent += 1
         if frame.id == SET_ATTITUDE_TARGET:
             self._attitude(unpacked(frame.id, frame.payload))
         elif frame.id == SET_POSITION_TARGET:
@@ -353,7 +320,9 @@ class Auditor:
         elif frame.id == _NAMED_VALUE_FLOAT:
             _, value, name = unpacked(frame.id, frame.payload)
             self._named_value(name.rstrip(b"\0").decode("ascii", "replace"), value)
-        self._check(Requirement.DECLARED, _declared(frame), f"message {frame.id}, {frame.payload[:33].hex()}")
+        asks = frame.id != _COMMAND_LONG or unpacked(frame.id, frame.payload)[7] == _SET_MESSAGE_INTERVAL
+        text = f"message {frame.id}, {frame.payload[:33].hex()}"
+        self._check(Requirement.DECLARED, frame.id in _DECLARED and asks, text)
 
     def _attitude(self, fields: tuple[Any, ...]) -> None:
         stamp_ms, q, thrust, (system, component, mask) = fields[0], fields[1:5], fields[8], fields[9:12]
@@ -382,15 +351,15 @@ class Auditor:
 
     def _setpoint(self, bare: bool, what: str) -> None:
         """``bare``: carries no offset and no place, only "stay as you are"."""
-        self._setpoints += 1
+        self.audit.setpoints += 1
         heard, beat = self._heard, self._heard.heartbeat
         if self._dry_run:
             self._check(Requirement.DRY_RUN, False, what)
         self._check(Requirement.ARMED, beat is not None and beat.armed, what)
-        waiting = beat is not None and stack_of(beat) is Stack.PX4 and bare
+        waiting = stack_of(beat) is Stack.PX4 and bare
         mode = "no heartbeat yet" if beat is None else f"mode {beat.custom_mode:#x}"
-        self._check(Requirement.MODE, beat is not None and (takes_setpoints(beat) or waiting), f"{what} in {mode}")
-        standing = heard.landed_state == _ON_GROUND and not heard.air.contradicts_landing
+        self._check(Requirement.MODE, takes_setpoints(beat) or waiting, f"{what} in {mode}")
+        standing = heard.air.landed_state == _ON_GROUND and not heard.air.contradicts_landing
         self._check(Requirement.LANDED, not standing, what)
         # By arrival where the first one came before the vehicle's clock was known.
         age_s = math.inf if beat is None else min(heard.now_s - beat.t_s, (self._now_us - heard.beat_us) / 1e6)
@@ -412,12 +381,8 @@ class Auditor:
         return abs(_ms_between(stamp_ms, round(self._heard.basis_s * 1000.0))) / 1000.0
 
     def _is_upstreams(self, q: Quaternion, thrust: float) -> bool:
-        upstream = self._heard.upstream
-        return (
-            upstream is not None
-            and _angle(q, upstream.q_ned_frd) <= _LEVEL_RAD
-            and abs(thrust - upstream.thrust) <= _UNIT
-        )
+        sent = self._heard.upstream
+        return sent is not None and _angle(q, sent.q_ned_frd) <= _LEVEL_RAD and abs(thrust - sent.thrust) <= _UNIT
 
     def _beside_upstream(self, q: Quaternion, thrust: float) -> None:
         """What is forwarded differs from what upstream sent by no more than the limits."""
@@ -437,12 +402,12 @@ class Auditor:
         most = self._limits.thrust if name == "cc_thrust" else math.radians(self._limits.tilt_deg)
         self._check(Requirement.LIMITS, abs(value) <= most + _WIRE, f"{name} {value:+.4f}")
         if name == "cc_pitch":
-            self._offsets += self._last is None
+            self.audit.offsets += self._last is None
             self._check_lost(any(abs(v) > _NOTHING for v in self._named.values()), self._heard.now_s)
 
     def _check_lost(self, offset: bool, t_s: float) -> None:
         if not offset:
-            self._requirements[Requirement.INPUT_LOST].checked += 1
+            self.audit.requirements[Requirement.INPUT_LOST].checked += 1
             return
         late = {name: t_s - self._heard.inputs_s.get(name, -math.inf) for name in self._needs}
         silent = {name: age for name, age in late.items() if age > ZERO_AFTER_S + _PERIOD_S}
@@ -453,7 +418,7 @@ class Auditor:
         return component == AUTOPILOT_COMPONENT and system == (self._intake.system or system)
 
     def _check(self, requirement: Requirement, holds: bool, text: str) -> None:
-        kept = self._requirements[requirement]
+        kept = self.audit.requirements[requirement]
         kept.checked += 1
         if holds:
             return
@@ -471,12 +436,6 @@ def _needed_inputs(vehicle: Vehicle | None, hold: bool) -> tuple[str, ...]:
     if not vehicle.telemetered:
         return (*out, "servo outputs")
     return (*out, *(f"rotor speed {rotor.esc}" for rotor in vehicle.rotors))
-
-
-def _declared(frame: Frame) -> bool:
-    if frame.id == _COMMAND_LONG:
-        return bool(unpacked(frame.id, frame.payload)[7] == _SET_MESSAGE_INTERVAL)
-    return frame.id in _DECLARED
 
 
 def _ms_between(first: int, second: int) -> int:

@@ -56,13 +56,18 @@ class LastWord:
     def close(self) -> None:
         """End the child without a word."""
         self.renew(b"")
-        if self._child.stdin is not None:
-            self._child.stdin.close()
-        try:
-            self._child.wait(2.0)
-        except subprocess.TimeoutExpired:
-            self._child.kill()
-            self._child.wait()
+        end(self._child)
+
+
+def end(child: subprocess.Popen[bytes]) -> None:
+    """Close a child's standard input, at which it ends; kill it where it does not."""
+    try:
+        if child.stdin is not None:
+            child.stdin.close()
+        child.wait(2.0)
+    except (OSError, subprocess.TimeoutExpired):
+        child.kill()
+        child.wait()
 
 
 def _say(fd: int, frame: bytes, peers: list[str]) -> None:

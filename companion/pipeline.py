@@ -27,20 +27,11 @@ from companion.control.hand_over import HAND_OVER_S, NOT_OURS, begin_hand_over, 
 from companion.control.hover_thrust import HoverThrust
 from companion.control.landed import AIRBORNE_AFTER_S, IN_AIR
 from companion.control.plant import FULL, LATE_STOP_S, hear_position
-from companion.control.position_hold import (
-    BaseSetpoint,
-    Hold,
-    Motion,
-    balanced,
-    engage,
-    fly,
-    settled_target,
-    shifted,
-)
+from companion.control.position_hold import BaseSetpoint, Hold, Motion, balanced, engage, fly, settled_target, shifted
 from companion.control.position_target import Target, read_target, stay
 from companion.control.push import modelled_disturbance
 from companion.control.refusals import lateness, refusals, upstream_silent
-from companion.control.state import Decision, Pending, PipelineState
+from companion.control.state import Decision, PipelineState
 from companion.control.survey import Whereabouts, aborted, advance, as_message
 from companion.control.wall_guard import level_wall, watch_wall
 from companion.estimation import estimator as est
@@ -48,28 +39,10 @@ from companion.estimation import height_drift
 from companion.estimation.estimator import blank_estimates
 from companion.estimation.range_geometry import NO_MATTER_RADII
 from companion.estimation.wall_drift import NO_WALL_DRIFT, compare_wall
+from companion.mavlink import samples
 from companion.mavlink.firmware import Stack, ThrustMap, mode_name, stack_of, takes_setpoints, thrust_map
-from companion.mavlink.message_filter import OWN_COMPONENT
-from companion.mavlink.samples import (
-    Attitude,
-    AttitudeTarget,
-    Battery,
-    EscHealth,
-    EstimatorStatus,
-    Heartbeat,
-    Imu,
-    LandedState,
-    LocalPosition,
-    Parameter,
-    Pressure,
-    Range,
-    Ring,
-    RotorSpeeds,
-    Sample,
-    ServoOutput,
-    SetAttitudeTarget,
-    SetPositionTarget,
-)
+from companion.mavlink.message_filter import AUTOPILOT_COMPONENT, NO_AUTOPILOT, OWN_COMPONENT
+from companion.mavlink.samples import Sample
 from companion.mavlink.setpoints import AttitudeCommand, Command, PositionCommand, tilt_by
 from companion.settle import retuned, settle
 from companion.survey_box import SurveyBox
@@ -99,10 +72,8 @@ MIN_THRUST, MAX_THRUST = 0.05, 0.95
 """Of the hold's commands."""
 _REBOOT_S = 1.0
 """The autopilot's own stamps come in order to some 0.3 s: further back, its clock has started anew."""
-_STAMPED = (Attitude, LocalPosition, AttitudeTarget)
+_STAMPED = (samples.Attitude, samples.LocalPosition, samples.AttitudeTarget)
 """What carries the autopilot's own stamp of milliseconds and comes in order."""
-_AUTOPILOT_INVALID = 8
-"""MAV_AUTOPILOT_INVALID: the sender is no flight controller."""
 
 
 def initial_state(config: PipelineConfig) -> PipelineState:
@@ -136,7 +107,7 @@ def level_command(state: PipelineState, config: PipelineConfig) -> AttitudeComma
 def step(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[PipelineState, Decision | None]:
     """Take in one sample; decide where the sample calls for a decision."""
     state, decision = answer(state, sample, config)
-    return settle(state, config), decision
+    return settle(state, sample, decision, config), decision
 
 
 def answer(state: PipelineState, sample: Sample, config: PipelineConfig) -> tuple[PipelineState, Decision | None]:
@@ -152,100 +123,93 @@ def answer(state: PipelineState, sample: Sample, config: PipelineConfig) -> tupl
     if isinstance(sample, _STAMPED):
         if sample.t_s < state.stamped_s - _REBOOT_S:
             state = replace(initial_state(config), stopping=state.stopping)
-        if _overtaken(state, sample):
-            return state, None
+        newest = {samples.Attitude: state.estimates.attitude, samples.LocalPosition: state.estimates.position}
+        if (seen := newest.get(type(sample))) is not None and sample.t_s < seen.t_s:
+            return state, None  # out of order: a newer one has been taken in
     state = _take(state, sample, config)
     if config.survey is not None:
         state = _surveyed(state, sample, config, config.survey)
-    if isinstance(sample, LocalPosition) and sample.t_s - state.disturbance_s >= _DISTURBANCE_PERIOD_S:
+    if isinstance(sample, samples.LocalPosition) and sample.t_s - state.disturbance_s >= _DISTURBANCE_PERIOD_S:
         state = _compared(_renew_disturbance(state, sample.t_s, config), config)
     if not _calls_for_decision(state, sample, config):
         return state, None
     return _decide(state, sample.t_s, config)
 
 
-def _overtaken(state: PipelineState, sample: Attitude | LocalPosition | AttitudeTarget) -> bool:
-    """Whether a newer one has arrived already: a message out of order is left out."""
-    newest = state.estimates.attitude if isinstance(sample, Attitude) else state.estimates.position
-    return not isinstance(sample, AttitudeTarget) and newest is not None and sample.t_s < newest.t_s
-
-
 def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> PipelineState:
     now = max(state.t_s, sample.t_s)
     estimates = state.estimates
     match sample:
-        case Attitude():
-            return _take_attitude(state, sample, now)
-        case LocalPosition():
-            timing = hear_position(state.timing, sample.t_s, sample.late_s)
-            drift = height_drift.NO_DRIFT
-            if state.hold is not None:
-                drift, sample = height_drift.hear(state.drift, sample)
-            estimates = est.take_position(estimates, sample)
-            stamped_s = max(state.stamped_s, sample.t_s)
-            state = replace(state, t_s=now, stamped_s=stamped_s, estimates=estimates, timing=timing, drift=drift)
-            return _follow_reset(state, sample.t_s)
-        case Range() | Ring():
+        case samples.Attitude():
+            stamped_s, estimates = max(state.stamped_s, sample.t_s), est.take_attitude(estimates, sample)
+            return replace(state, t_s=now, stamped_s=stamped_s, estimates=estimates)
+        case samples.LocalPosition():
+            return _take_position(state, sample, now)
+        case samples.Range() | samples.Ring():
             return replace(state, t_s=now, estimates=est.take_range(estimates, sample, config))
-        case RotorSpeeds():
+        case samples.RotorSpeeds():
             return replace(state, t_s=now, estimates=est.take_rotors(estimates, sample, config))
-        case ServoOutput() if sample.port == 0:
+        case samples.ServoOutput() if sample.port == 0:
             return replace(state, t_s=now, estimates=est.take_servo(estimates, sample, config))
-        case Heartbeat() if sample.component == 1 and sample.autopilot != _AUTOPILOT_INVALID:
-            return _take_heartbeat(replace(state, t_s=now), sample)
-        case Battery():
+        case samples.Heartbeat() if sample.component == AUTOPILOT_COMPONENT and sample.autopilot != NO_AUTOPILOT:
+            seen = engagement.hear_heartbeat(state.engagement, sample)
+            if seen.mode != state.engagement.mode:
+                # Another mode, another beginning: a hold that swung under the last one may try again.
+                state = replace(state, swing=swing_detector.SwingDetector(), left=None)
+            return replace(state, t_s=now, heartbeat=sample, engagement=seen)
+        case samples.Battery():
             return replace(state, t_s=now, estimates=replace(estimates, battery=sample))
-        case Pressure():
+        case samples.Pressure():
             return replace(state, t_s=now, estimates=replace(estimates, pressure=sample))
-        case EstimatorStatus():
+        case samples.EstimatorStatus():
             return replace(state, t_s=now, estimates=replace(estimates, trust=estimates.trust.after(sample)))
-        case EscHealth():
+        case samples.EscHealth():
             return replace(state, t_s=now, estimates=est.take_health(estimates, sample))
-        case AttitudeTarget():
+        case samples.AttitudeTarget():
             stamped_s, hover = max(state.stamped_s, sample.t_s), _learned_hover(state, sample)
             return replace(state, t_s=now, stamped_s=stamped_s, hover=hover)
-        case Imu() if state.adaptation is not None:
+        case samples.Imu() if state.adaptation is not None:
             here = Situation(
                 estimates, state.disturbance, state.disturbance_s, state.air.since_s, state.air.landed_state
             )
             return replace(state, adaptation=adapt.hear(state.adaptation, here, sample, config))
-        case LandedState():
+        case samples.LandedState():
             return replace(state, t_s=now, air=state.air._replace(landed_state=sample.landed_state))
         case _:
             return _take_request(state, sample, config)
 
 
+def _take_position(state: PipelineState, sample: samples.LocalPosition, now_s: float) -> PipelineState:
+    hold, drift = state.hold, height_drift.NO_DRIFT
+    timing = hear_position(state.timing, sample.t_s, sample.late_s)
+    if hold is not None:
+        drift, sample = height_drift.hear(state.drift, sample)
+    estimates, stamped_s = est.take_position(state.estimates, sample), max(state.stamped_s, sample.t_s)
+    reset = estimates.reset
+    if hold is not None and reset is not None and reset.t_s == sample.t_s:
+        # The autopilot set its position anew: the hold point moves with it, the vehicle itself did not move.
+        hold = shifted(hold, reset.by_ned)
+    return replace(state, t_s=now_s, stamped_s=stamped_s, estimates=estimates, timing=timing, drift=drift, hold=hold)
+
+
 def _take_request(state: PipelineState, sample: Sample, config: PipelineConfig) -> PipelineState:
     """What others ask for: parameters' answers, targets for the hold, an upstream controller's setpoints."""
     match sample:
-        case Parameter():
+        case samples.Parameter():
             return replace(state, parameters={**state.parameters, sample.name: sample.value})
-        case SetPositionTarget() if sample.target_component == OWN_COMPONENT:
+        case samples.SetPositionTarget() if sample.target_component == OWN_COMPONENT:
             return _retarget(state, sample)
-        case SetAttitudeTarget() if config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT:
+        case samples.SetAttitudeTarget() if config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT:
             return replace(state, upstream=sample)
     return state
 
 
-def _take_attitude(state: PipelineState, sample: Attitude, now_s: float) -> PipelineState:
-    stamped_s, estimates = max(state.stamped_s, sample.t_s), est.take_attitude(state.estimates, sample)
-    return replace(state, t_s=now_s, stamped_s=stamped_s, estimates=estimates, pending=Pending(sample))
-
-
-def _take_heartbeat(state: PipelineState, sample: Heartbeat) -> PipelineState:
-    seen = engagement.hear_heartbeat(state.engagement, sample)
-    if seen.mode != state.engagement.mode:
-        # Another mode, another beginning: a hold that swung under the last one may try again.
-        state = replace(state, swing=swing_detector.SwingDetector(), left=None)
-    return replace(state, heartbeat=sample, engagement=seen)
-
-
 def _surveyed(state: PipelineState, sample: Sample, config: PipelineConfig, box: SurveyBox) -> PipelineState:
     """A survey moves the hold by the messages that a pilot would send; a pilot's own message ends it."""
-    if isinstance(sample, SetPositionTarget) and sample.target_component == OWN_COMPONENT:
+    if isinstance(sample, samples.SetPositionTarget) and sample.target_component == OWN_COMPONENT:
         return replace(state, survey=aborted(state.survey, "a target came from outside"))
     position, disturbance = state.estimates.position, state.disturbance
-    if not isinstance(sample, LocalPosition) or position is None:
+    if not isinstance(sample, samples.LocalPosition) or position is None:
         return state
     height, wall, towards = math.nan, math.nan, None
     if disturbance is not None:
@@ -276,15 +240,7 @@ def _compared(state: PipelineState, config: PipelineConfig) -> PipelineState:
     return replace(state, drift=drift, wall_drift=beside, notice=notice)
 
 
-def _follow_reset(state: PipelineState, t_s: float) -> PipelineState:
-    """Where the autopilot's position was set anew, the hold point moves with it: the vehicle itself did not move."""
-    reset, hold = state.estimates.reset, state.hold
-    if reset is None or reset.t_s != t_s or hold is None:
-        return state
-    return replace(state, hold=shifted(hold, reset.by_ned))
-
-
-def _retarget(state: PipelineState, sample: SetPositionTarget) -> PipelineState:
+def _retarget(state: PipelineState, sample: samples.SetPositionTarget) -> PipelineState:
     """A target moves the hold that is engaged; one that came before is not kept."""
     position, rows = state.estimates.position, state.estimates.rows
     if state.hold is None or state.stopping or position is None or rows is None:
@@ -297,9 +253,9 @@ def _retarget(state: PipelineState, sample: SetPositionTarget) -> PipelineState:
 
 
 def _calls_for_decision(state: PipelineState, sample: Sample, config: PipelineConfig) -> bool:
-    if isinstance(sample, SetAttitudeTarget):
+    if isinstance(sample, samples.SetAttitudeTarget):
         return config.base is Base.UPSTREAM and sample.component != OWN_COMPONENT
-    if not isinstance(sample, Attitude):
+    if not isinstance(sample, samples.Attitude):
         return False
     if config.base is Base.UPSTREAM and not upstream_silent(state, config, sample.t_s):
         return False
@@ -327,7 +283,7 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
     if reasons and not held_back:
         state = _keep_balance(state, before, applied, thrust, config)
     command: Command | None = None
-    hand_over, pending = None, state.pending
+    hand_over = None
     if held_back:
         if had_hold:
             state = _let_go(replace(state, left=_left(state, held_back, t_s)), held_back, t_s)
@@ -335,34 +291,19 @@ def _decide(state: PipelineState, t_s: float, config: PipelineConfig) -> tuple[P
         hand_over = None if command is None else state.hand_over
     elif base is not None:
         command = _command(state, base, applied, thrust, config, t_s)
-        pending = None if pending is None else Pending(pending.attitude, base, command)
     hold = None if held_back else state.hold
-    state = replace(state, decided_s=t_s, hold=hold, hand_over=hand_over, pending=pending)
-    tuned = state.tuned if config.base is Base.HOLD else None
+    state = replace(state, decided_s=t_s, hold=hold, hand_over=hand_over)
+    tuned, authority = state.tuned if config.base is Base.HOLD else None, state.offsets.authority
     return state, Decision(
-        t_s,
-        command,
-        reasons,
-        state.offsets.authority,
-        applied,
-        base,
-        state.disturbance,
-        late_s,
-        tuned,
-        state.notice,
+        t_s, command, reasons, authority, applied, base, state.disturbance, late_s, tuned, state.notice,
         state.adaptation,
-    )
+    )  # fmt: skip
 
 
 def _offsets(
-    state: PipelineState,
-    base: BaseSetpoint | None,
-    reasons: tuple[Reason, ...],
-    held_back: bool,
-    thrust: ThrustMap,
-    config: PipelineConfig,
-    dt_s: float,
-) -> Offsets:
+    state: PipelineState, base: BaseSetpoint | None, reasons: tuple[Reason, ...], held_back: bool, thrust: ThrustMap,
+    config: PipelineConfig, dt_s: float,
+) -> Offsets:  # fmt: skip
     """The offset to apply, one step on."""
     old, disturbance, rows = state.offsets, state.disturbance, state.estimates.rows
     usable = disturbance is not None and not reasons
@@ -415,12 +356,11 @@ def _airborne(state: PipelineState, config: PipelineConfig, t_s: float, late_sin
 
 
 def _thrust_map(state: PipelineState, config: PipelineConfig) -> ThrustMap:
-    stack = Stack.OTHER if state.heartbeat is None else stack_of(state.heartbeat)
     hover = hover_thrust.best_hover(state.hover, state.parameters, config.vehicle.hover_thrust)
-    return thrust_map(stack, state.parameters, hover)
+    return thrust_map(stack_of(state.heartbeat), state.parameters, hover)
 
 
-def _learned_hover(state: PipelineState, sample: AttitudeTarget) -> HoverThrust:
+def _learned_hover(state: PipelineState, sample: samples.AttitudeTarget) -> HoverThrust:
     """The autopilot's own hover command, free of what the ground gives, while it still flies by itself."""
     position, heartbeat = state.estimates.position, state.heartbeat
     own = heartbeat is not None and (stack_of(heartbeat) is not Stack.PX4 or not takes_setpoints(heartbeat))
@@ -458,17 +398,13 @@ def _base(
     authority, offset = state.offsets.authority, state.offsets.offset
     seen = state.disturbance
     wall_ahead = watch_wall(state.wall_ahead, seen, position.velocity_ned, t_s)
+    near_m = _NEAR_RADII * config.vehicle.rotor_radius_m
+    clear_of_wall = seen is not None and seen.wall.seen in _SENSED and min(seen.d_m) > near_m
+    pushed = _level_acceleration(offset.roll * authority, offset.pitch * authority, yaw)
     motion = Motion(
-        position.position_ned,
-        position.velocity_ned,
-        (x, y, z),
-        yaw,
-        t_s - position.t_s,
-        _level_acceleration(offset.roll * authority, offset.pitch * authority, yaw),
-        wall_ahead,
-        seen is not None and seen.wall.seen in _SENSED and min(seen.d_m) > _NEAR_RADII * config.vehicle.rotor_radius_m,
-        state.balance.acceleration,
-    )
+        position.position_ned, position.velocity_ned, (x, y, z), yaw, t_s - position.t_s, pushed, wall_ahead,
+        clear_of_wall, state.balance.acceleration,
+    )  # fmt: skip
     assert state.tuned is not None
     gains, hold = state.tuned.gains, state.hold
     if hold is None:
@@ -568,12 +504,7 @@ def _command(
         assert upstream is not None
         # An upstream controller's own extremes are its business; the offset never goes past the limits.
         value = base.thrust + min(max(offset.thrust, min(floor - base.thrust, 0.0)), max(ceiling - base.thrust, 0.0))
-        return AttitudeCommand(
-            t_s,
-            tilt_by(upstream.q_ned_frd, offset.roll, offset.pitch),
-            min(max(value, 0.0), 1.0),
-            upstream.type_mask,
-            upstream.rates_frd,
-        )
+        q = tilt_by(upstream.q_ned_frd, offset.roll, offset.pitch)
+        return AttitudeCommand(t_s, q, min(max(value, 0.0), 1.0), upstream.type_mask, upstream.rates_frd)
     q = quaternion_from_euler(base.roll, base.pitch, base.yaw)
     return AttitudeCommand(t_s, tilt_by(q, offset.roll, offset.pitch), min(max(value, floor), ceiling))

@@ -7,13 +7,13 @@ import math
 from companion.adaptation.adapt import learn
 from companion.config import Base, PipelineConfig
 from companion.control import attitude_response, engagement, swing_detector
-from companion.control.attitude_response import AttitudeResponse
 from companion.control.authority import Notice
 from companion.control.plant import Source, declared_loop, hear_attitude, tune
 from companion.control.position_hold import BaseSetpoint
-from companion.control.state import Pending, PipelineState
-from companion.mavlink.firmware import Stack, stack_of
-from companion.mavlink.setpoints import AttitudeCommand
+from companion.control.state import Decision, PipelineState
+from companion.mavlink.firmware import stack_of
+from companion.mavlink.samples import Sample
+from companion.mavlink.setpoints import AttitudeCommand, Command
 from models.evolve import replace
 
 _TUNE_PERIOD_S = 1.0
@@ -26,14 +26,14 @@ _OTHER_LAG = 0.15
 """A measured attitude loop counts once its lag is this share off the one in use: noise changes no gains."""
 
 
-def settle(state: PipelineState, config: PipelineConfig) -> PipelineState:
-    """Take the newest attitude, and the setpoint that answered it, into averages, measured loop, swings and gains."""
-    pending, estimates, adaptation = state.pending, state.estimates, state.adaptation
-    if pending is None:
+def settle(state: PipelineState, sample: Sample, decision: Decision | None, config: PipelineConfig) -> PipelineState:
+    """Take an attitude, and the setpoint that answered it, into averages, measured loop, swings and gains."""
+    estimates, adaptation = state.estimates, state.adaptation
+    if estimates.attitude is not sample:
         return state
     if adaptation is not None and adaptation.full is not None:
         state = replace(state, adaptation=learn(adaptation, config))
-    t_s, rows = pending.attitude.t_s, estimates.rows
+    t_s, rows = sample.t_s, estimates.rows
     assert rows is not None
     (_, _, x), (_, _, y), (sp, sr, z) = rows
     timing, balance, response = state.timing, state.balance, state.response
@@ -41,28 +41,30 @@ def settle(state: PipelineState, config: PipelineConfig) -> PipelineState:
     if estimates.position is not None:
         balance = engagement.watch_balance(balance, t_s, estimates.position.velocity_ned, (x, y, z))
     if config.base is not Base.HOLD:
-        return replace(state, pending=None, timing=timing, balance=balance)
+        return replace(state, timing=timing, balance=balance)
     if not config.dry_run:
         response = attitude_response.hear_tilt(response, t_s, math.atan2(sr, z), -math.asin(min(max(sp, -1.0), 1.0)))
-    last = state.last
-    if pending.base is not None:
-        last, response = _remembered(state, pending, pending.base, response, config)
-    state = replace(state, pending=None, timing=timing, balance=balance, response=response, last=last)
-    if pending.base is not None and not config.dry_run:
-        state = _watch_swing(state, pending.base, t_s)
-    return retuned(state, config, t_s) if state.decided_s == t_s else state
+    state = replace(state, timing=timing, balance=balance, response=response)
+    if decision is None:
+        return state
+    if state.hold is not None and decision.base is not None:  # it flies
+        state = _remember(state, decision.base, decision.command, config)
+        if not config.dry_run:
+            state = _watch_swing(state, decision.base, t_s)
+    return retuned(state, config, t_s)
 
 
-def _remembered(
-    state: PipelineState, pending: Pending, base: BaseSetpoint, response: AttitudeResponse, config: PipelineConfig
-) -> tuple[BaseSetpoint, AttitudeResponse]:
+def _remember(
+    state: PipelineState, base: BaseSetpoint, command: Command | None, config: PipelineConfig
+) -> PipelineState:
     """What letting go begins with, and what the attitude is to answer to."""
-    command = pending.command
     if not isinstance(command, AttitudeCommand):
-        return base, response
+        return replace(state, last=base)
     roll, pitch = base.roll + state.offsets.applied.roll, base.pitch + state.offsets.applied.pitch
-    last = BaseSetpoint(roll, pitch, base.yaw, command.thrust, base.acceleration)
-    return last, response if config.dry_run else attitude_response.sent(response, pending.attitude.t_s, roll, pitch)
+    state = replace(state, last=BaseSetpoint(roll, pitch, base.yaw, command.thrust, base.acceleration))
+    if config.dry_run:
+        return state
+    return replace(state, response=attitude_response.sent(state.response, command.t_s, roll, pitch))
 
 
 def _watch_swing(state: PipelineState, base: BaseSetpoint, t_s: float) -> PipelineState:
@@ -80,11 +82,10 @@ def retuned(state: PipelineState, config: PipelineConfig, t_s: float) -> Pipelin
     if 0.0 <= t_s - state.tuned_s < _TUNE_PERIOD_S or config.base is not Base.HOLD:
         return state
     state = replace(state, swing=swing_detector.calmed(state.swing, t_s))
-    stack = Stack.OTHER if state.heartbeat is None else stack_of(state.heartbeat)
     loop = attitude_response.measured_loop(state.response)
     if loop is None:  # too little to see now: what was measured stays true
         measured = state.loop.source is Source.MEASURED
-        loop = state.loop if measured else declared_loop(stack, state.parameters)
+        loop = state.loop if measured else declared_loop(stack_of(state.heartbeat), state.parameters)
     elif state.loop.source is not Source.MEASURED:
         # A swing under gains for another loop says nothing about this one's.
         state = replace(state, swing=replace(state.swing, level=0))

@@ -51,9 +51,8 @@ def run(a: argparse.Namespace) -> int:
     from models.vehicle import load_vehicle
 
     vehicle = None if a.vehicle is None else load_vehicle(a.vehicle)
-    hold = None if a.setpoint is None else a.setpoint == "hold"
     quiet = a.quiet or a.json == "-"
-    audits = [audit(log, vehicle, a.target_system, hold, dry_run=a.dry_run, quiet=quiet) for log in a.logs]
+    audits = [_audit(log, vehicle, a, Bars(quiet)) for log in a.logs]
     kept = all(one.kept for one in audits)
     if a.json is not None:
         answers = [{"log": str(log), **one.as_json()} for log, one in zip(a.logs, audits, strict=True)]
@@ -63,15 +62,7 @@ def run(a: argparse.Namespace) -> int:
     return 0 if kept else _BROKEN
 
 
-def audit(
-    path: Path,
-    vehicle: Vehicle | None = None,
-    system: int | None = None,
-    hold: bool | None = None,
-    *,
-    dry_run: bool = False,
-    quiet: bool = True,
-) -> Audit:
+def _audit(path: Path, vehicle: Vehicle | None, a: argparse.Namespace, bars: Bars) -> Audit:
     """Check one recording.
 
     Raises LogError where it cannot be read, or holds nothing that the companion sent.
@@ -86,22 +77,18 @@ def audit(
     if suffix_of(path) != ".tlog" and path.exists():
         raise LogError(f"{path}: only a .tlog holds both directions of the link; record one with companion --record")
     log = TlogFile(path)
-    senders = log.census.counts
-    if not any(component == OWN_COMPONENT and system in (None, sender) for sender, component, _ in senders):
+    ours = {s for s in log.census.counts if s[1] == OWN_COMPONENT and a.target_system in (None, s[0])}
+    if not ours:
         raise LogError(f"{path}: holds no message of the companion (component {OWN_COMPONENT}): nothing to audit")
-    if hold is None:
-        hold = not any(
-            number == SET_ATTITUDE_TARGET and not (component == OWN_COMPONENT and system in (None, sender))
-            for sender, component, number in senders
-        )
-    auditor = Auditor(vehicle, hold=hold, dry_run=dry_run, system=system)
-    bars = Bars(quiet)
+    others = {number for *_, number in log.census.counts.keys() - ours}
+    hold = SET_ATTITUDE_TARGET not in others if a.setpoint is None else a.setpoint == "hold"
+    auditor = Auditor(vehicle, hold=hold, dry_run=a.dry_run, system=a.target_system)
     for i, (arrival_us, raw) in enumerate(log.frames()):
         if i % _EVERY == 0:
             bars(path.name, i, len(log))
         auditor.frame(arrival_us, cut(raw, 0))
     bars.close()
-    return auditor.report()
+    return auditor.audit
 
 
 def as_text(logs: Sequence[Path], audits: Sequence[Audit]) -> str:

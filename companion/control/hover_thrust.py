@@ -10,7 +10,7 @@ from models.evolve import replace
 
 _MEAN_S = 2.0
 """Time constant of the average."""
-_LEARNED_S = 1.0
+LEARNED_S = 1.0
 """So much hovering under the autopilot gives a thrust to engage with: to 1 % on both firmwares' recordings."""
 HEARD_AGE_S = 1.0
 DISAGREEMENT = 0.15
@@ -58,7 +58,7 @@ def hover_parameter(parameters: Mapping[str, float]) -> float | None:
 
 def best_hover(hover: HoverThrust, parameters: Mapping[str, float], declared: float) -> float:
     """Learned in flight, else the parameter, else the vehicle file's."""
-    if hover.learned is not None and hover.seconds >= _LEARNED_S:
+    if hover.learned is not None and hover.seconds >= LEARNED_S:
         return hover.learned
     named = hover_parameter(parameters)
     return declared if named is None else named
@@ -70,7 +70,7 @@ def is_known(hover: HoverThrust, t_s: float, parameters: Mapping[str, float], de
     Where the autopilot sends its thrust, that must have been learned: parameters are off by a tenth (ArduPilot) or
     never set (PX4's default is 0.5 on every vehicle). Where it does not, parameter and vehicle file must agree.
     """
-    if hover.seconds >= _LEARNED_S:
+    if hover.seconds >= LEARNED_S:
         return True
     if t_s - hover.now_s < HEARD_AGE_S:
         return False

@@ -25,19 +25,10 @@ from companion.estimation.disturbance import Disturbance
 from companion.estimation.estimator import Estimates
 from companion.estimation.height_drift import NO_DRIFT, HeightDrift
 from companion.estimation.wall_drift import NO_WALL_DRIFT, WallDrift
-from companion.mavlink.samples import Attitude, Heartbeat, SetAttitudeTarget
+from companion.mavlink.samples import Heartbeat, SetAttitudeTarget
 from companion.mavlink.setpoints import Command
 
 _NO_BALANCE, _NO_RESPONSE, _NO_AIR, _NO_OFFSETS = Balance(), AttitudeResponse(), Air(), Offsets()
-
-
-class Pending(NamedTuple):
-    """An attitude that only its own setpoint knows of yet (``settle``)."""
-
-    attitude: Attitude
-    base: BaseSetpoint | None = None
-    """What flies; None where nothing was decided, or everything was held back."""
-    command: Command | None = None
 
 
 @dataclass(frozen=True)
@@ -77,8 +68,6 @@ class PipelineState:
     hand_over: HandOver | None = None
     offsets: Offsets = _NO_OFFSETS
     decided_s: float = -math.inf
-    pending: Pending | None = None
-    """What is left for ``settle``; None between samples."""
     disturbance: Disturbance | None = None
     disturbance_s: float = -math.inf
     """When it was computed: after a position, so that an attitude is answered without waiting for the model."""

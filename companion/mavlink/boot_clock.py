@@ -11,10 +11,9 @@ same stamps give the same times, in flight and in replay, bit for bit.
 - How late a message is (``late``) is its arrival against the smallest (arrival - stamp) since boot. This grows only
   where the vehicle's clock runs steadily slower than the receiver's (a simulator on a loaded machine), which is learned
   from the last seconds; a link that falls behind is a step, and stays late.
-- Stamps that go back by 0.3 s to 1 s while messages keep coming are a clock that was set back, not a late link. After
-  2 s at a steady (arrival - stamp) that is the new offset, and ``set_back_s`` says by how much.
-- A round trip (TIMESYNC) proves more: its answer cannot have been stamped before it was asked for. A smallest
-  (arrival - stamp) below what that allows is of a clock that stood still or drifted, and counts no more.
+- A round trip (TIMESYNC) tells a clock that was set back, stood still or drifted from a late link: its answer cannot
+  have been stamped before it was asked for. A smallest (arrival - stamp) below what that allows counts no more, and
+  ``set_back_s`` says by how much the clock was behind.
 - Stamps that go back by more than a second, twice running, are a reboot: ``boot`` counts up and the axis starts anew.
 """
 
@@ -29,9 +28,7 @@ AUTOPILOT = 1  # MAV_COMP_ID_AUTOPILOT1
 
 _WINDOW_US = 2_000_000  # an offset lives one to two windows: clock drift of 100 ppm then costs 0.4 ms
 _BACK_US = 1_000_000  # samples are stamped up to some 0.3 s before they are sent, in any order
-_SET_BACK_US = 300_000  # further back than samples are stamped before they are sent
-_SET_BACK_GAP_US = 200_000  # a link that falls behind is silent first
-_STEADY_US, _STEADY_FOR_US = 100_000, 2_000_000
+_BEHIND_US = 100_000  # less is lateness of the answer
 _AHEAD_US = 10_000_000  # no stamp runs further ahead of the receiver's clock
 _SLOPE_WINDOW_US = 500_000  # long enough for 25 stamps at 50 Hz, the earliest of which was hardly delayed
 _SLOPES = 16  # eight seconds
@@ -98,13 +95,12 @@ class _Quickest:
         return self._offset_us + self._rate * since_us if since_us > 0 else self._offset_us
 
     def update(self, offset_us: int, arrival_us: int) -> None:
-        if arrival_us >= self._until_us:
+        over = arrival_us >= self._until_us
+        if over:
             self._close(arrival_us)
+        if over or offset_us < self._smallest[0]:
             self._smallest = (offset_us, arrival_us)
-        elif offset_us < self._smallest[0]:
-            self._smallest = (offset_us, arrival_us)
-        since_us = arrival_us - self._at_us
-        if offset_us < (self._offset_us + self._rate * since_us if since_us > 0 else self._offset_us):
+        if offset_us < self.at(arrival_us):
             self._offset_us, self._at_us = float(offset_us), arrival_us
 
     def _close(self, arrival_us: int) -> None:
@@ -129,13 +125,11 @@ class BootClock:
     heartbeats and parameters are not lost and time never runs backwards within a boot.
     """
 
-    def __init__(self, system: int | None = None, component: int = AUTOPILOT) -> None:
+    def __init__(self, system: int | None = None) -> None:
         self.system = system
-        self.component = component
         self.boot = 0
         self.set_back_s = 0.0
         """By how much the clock was last set back, or stood still, in the midst of a boot."""
-        self._step: tuple[int, int] | None = None  # offset and arrival of the first stamp that went back
         self._last_us = -1  # newest stamp of the axis; below 0 while there is none
         self._last_arrival_us = 0
         self._suspect_us = -1  # a stamp that does not fit, kept until the next one decides
@@ -168,23 +162,20 @@ class BootClock:
         least_us = asked_us - clock_us
         if not self.known or abs(clock_us - self._last_us) > _SAME_CLOCK_US:
             return
-        if (behind_us := least_us - self._quickest.at(arrival_us)) > _STEADY_US:
-            self.set_back_s, self._step = behind_us / 1e6, None
+        if (behind_us := least_us - self._quickest.at(arrival_us)) > _BEHIND_US:
+            self.set_back_s = behind_us / 1e6
             self._quickest = _Quickest(least_us, arrival_us)
 
     def stamped(self, system: int, component: int, unit: Stamp, stamp: int, arrival_us: int) -> float:
         """Boot time [s] of a message whose time field reads ``stamp``. A stamp of 0 is no stamp."""
         if stamp <= 0:
             return self.unstamped(arrival_us)
-        if self.system is None and component == self.component and unit is Stamp.BOOT_MS:
+        if self.system is None and component == AUTOPILOT and unit is Stamp.BOOT_MS:
             self.system = system
-        ours = system == self.system and component == self.component
+        ours = system == self.system and component == AUTOPILOT
         if unit is Stamp.BOOT_MS:
-            return (
-                self._main(stamp * 1000, arrival_us)
-                if ours
-                else self._other(system, component, stamp * 1000, arrival_us)
-            )
+            stamp *= 1000
+            return self._main(stamp, arrival_us) if ours else self._other(system, component, stamp, arrival_us)
         if unit is Stamp.BOOT_US32:
             if not self.known:
                 return 0.0
@@ -222,28 +213,14 @@ class BootClock:
 
     def _advance(self, stamp_us: int, arrival_us: int) -> float:
         self._suspect_us = -1
-        if self._step is not None or self._last_us - stamp_us > _SET_BACK_US:
-            self._watch_step(stamp_us, arrival_us)
         self._envelope.update(arrival_us - stamp_us, stamp_us)
         self._quickest.update(arrival_us - stamp_us, arrival_us)
         if stamp_us > self._last_us:
             self._last_us, self._last_arrival_us = stamp_us, arrival_us
         return stamp_us / 1e6
 
-    def _watch_step(self, stamp_us: int, arrival_us: int) -> None:
-        """A stamp after the clock may have been set back: once that has lasted, the lateness counts from there."""
-        offset_us = arrival_us - stamp_us
-        if self._step is None:
-            if arrival_us - self._last_arrival_us < _SET_BACK_GAP_US:
-                self._step = offset_us, arrival_us
-        elif abs(offset_us - self._step[0]) > _STEADY_US:
-            self._step = None
-        elif arrival_us - self._step[1] >= _STEADY_FOR_US:
-            self.set_back_s = (offset_us - self._quickest.at(arrival_us)) / 1e6
-            self._quickest, self._step = _Quickest(offset_us, arrival_us), None
-
     def _restart(self, stamp_us: int, arrival_us: int) -> float:
-        self._last_us, self._last_arrival_us, self._suspect_us, self._step = stamp_us, arrival_us, -1, None
+        self._last_us, self._last_arrival_us, self._suspect_us = stamp_us, arrival_us, -1
         self._envelope = _Envelope(arrival_us - stamp_us, stamp_us)
         self._quickest = _Quickest(arrival_us - stamp_us, arrival_us)
         self._others.clear()

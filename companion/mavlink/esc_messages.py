@@ -8,11 +8,10 @@ generator.
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
+from typing import NamedTuple
 
 
-@dataclass(frozen=True, slots=True)
-class EscMessage:
+class EscMessage(NamedTuple):
     """One message as on the wire, fields in wire order; the attributes are named as in pymavlink's message classes."""
 
     id: int

@@ -19,15 +19,8 @@ _ARDUCOPTER_MODES = {
     11: "DRIFT", 13: "SPORT", 16: "POSHOLD", 17: "BRAKE", 20: "GUIDED_NOGPS", 21: "SMART_RTL",
 }  # fmt: skip
 _PX4_MODES = {
-    1: "MANUAL",
-    2: "ALTCTL",
-    3: "POSCTL",
-    4: "AUTO",
-    5: "ACRO",
-    6: "OFFBOARD",
-    7: "STABILIZED",
-    8: "RATTITUDE",
-}
+    1: "MANUAL", 2: "ALTCTL", 3: "POSCTL", 4: "AUTO", 5: "ACRO", 6: "OFFBOARD", 7: "STABILIZED", 8: "RATTITUDE",
+}  # fmt: skip
 _PX4_THRUST_TYPES = {2, 3, 4, 13, 14, 15, 19, 20, 21, 22, 29, 35}
 """MAV_TYPEs whose SET_ATTITUDE_TARGET.thrust PX4 uses (fill_thrust); MAV_TYPE_GENERIC is ignored there."""
 
@@ -64,9 +57,9 @@ class ThrustMap:
         return share_of_weight / self.slope
 
 
-def stack_of(heartbeat: Heartbeat) -> Stack:
+def stack_of(heartbeat: Heartbeat | None) -> Stack:
     """The firmware a heartbeat names."""
-    return _STACKS.get(heartbeat.autopilot, Stack.OTHER)
+    return Stack.OTHER if heartbeat is None else _STACKS.get(heartbeat.autopilot, Stack.OTHER)
 
 
 def mode_name(heartbeat: Heartbeat) -> str:
@@ -76,9 +69,9 @@ def mode_name(heartbeat: Heartbeat) -> str:
     return _ARDUCOPTER_MODES.get(heartbeat.custom_mode) or f"mode {heartbeat.custom_mode}"
 
 
-def takes_setpoints(heartbeat: Heartbeat) -> bool:
+def takes_setpoints(heartbeat: Heartbeat | None) -> bool:
     """True in the modes in which an attitude setpoint is obeyed."""
-    return mode_name(heartbeat) in ("GUIDED", "GUIDED_NOGPS", "OFFBOARD")
+    return heartbeat is not None and mode_name(heartbeat) in ("GUIDED", "GUIDED_NOGPS", "OFFBOARD")
 
 
 def needed_parameters(stack: Stack) -> tuple[str, ...]:
@@ -137,10 +130,8 @@ def _linearised(hover: float, low: float, high: float, expo: float) -> ThrustMap
 
 def advice(stack: Stack, parameters: Mapping[str, float]) -> str | None:
     """One sentence for the pilot at connect, or None."""
-    timeout = parameters.get("GUID_TIMEOUT")
-    if stack is Stack.ARDUPILOT and timeout is not None and timeout > 1.0:
-        return (
-            f"GUID_TIMEOUT is {timeout:g} s: if the companion stops, the last attitude is held that long; "
-            "0.5 s is better indoors"
-        )
-    return None
+    timeout = parameters.get("GUID_TIMEOUT", 0.0)
+    if stack is not Stack.ARDUPILOT or timeout <= 1.0:
+        return None
+    held = f"GUID_TIMEOUT is {timeout:g} s: if the companion stops, the last attitude is held that long"
+    return f"{held}; 0.5 s is better indoors"

@@ -7,6 +7,7 @@ that passes its checksum.
 
 from __future__ import annotations
 
+import re
 from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,10 +26,10 @@ _V1_AROUND, _V2_AROUND = 8, 12
 _SEARCH_BYTES = 1 << 20
 """Data without one good frame in its first MiB is no MAVLink."""
 
-CRC_EXTRAS: dict[int, int] = {number: kind.crc_extra for number, kind in MESSAGES.items()}
+_EXTRA = {number: bytes([kind.crc_extra]) for number, kind in MESSAGES.items()}
 """Checksum extra of every message, by id."""
-_EXTRA_V2 = {number.to_bytes(3, "little"): bytes([extra]) for number, extra in CRC_EXTRAS.items()}
-_EXTRA_V1 = {number: bytes([extra]) for number, extra in CRC_EXTRAS.items() if number < 256}
+_MARK = re.compile(rb"[\xfd\xfe]")
+"""Where a frame may begin."""
 
 
 class Frame(NamedTuple):
@@ -79,6 +80,23 @@ def cut(data: bytes, i: int) -> Frame:
     return Frame(data[i + 5], data[i + 3], data[i + 4], data[i + 6 : i + 6 + length], data[i : i + length + _V1_AROUND])
 
 
+def checked_end(data: bytes, at: int) -> int:
+    """Where the frame at ``at`` ends, if it is whole and its checksum passes; else 0."""
+    n = len(data)
+    if at + _V2_AROUND <= n and data[at] == V2:
+        end = at + 10 + data[at + 1]
+        following = end + 2 + SIGNATURE_BYTES if data[at + 2] & 1 else end + 2
+        extra = _EXTRA.get(data[at + 7] | data[at + 8] << 8 | data[at + 9] << 16)
+    elif at + _V1_AROUND <= n and data[at] == V1:
+        end, extra = at + 6 + data[at + 1], _EXTRA.get(data[at + 5])
+        following = end + 2
+    else:
+        return 0
+    if extra is None or following > n or crc16(data[at + 1 : end] + extra) != data[end] | data[end + 1] << 8:
+        return 0
+    return following
+
+
 def walk(data: bytes, counts: Counts, ahead: int = 0, *, whole: bool = True) -> tuple[array[int], int]:
     """Offsets of all good frames in ``data``, and where the rest begins: a last frame that is not complete.
 
@@ -87,21 +105,27 @@ def walk(data: bytes, counts: Counts, ahead: int = 0, *, whole: bool = True) -> 
     """
     n, i = len(data), 0
     starts = array("q")
-    while (i := _good_run(data, i, ahead, starts)) + ahead + _V1_AROUND <= n:
-        magic, following, known = _header(data, i + ahead)
-        if following <= n and _proper_end(data, following, ahead):
-            if not known:
+    while (at := i + ahead) + _V1_AROUND <= n:
+        if following := checked_end(data, at):
+            starts.append(i)
+            i = following
+            continue
+        begun = data[at] == V1 or (data[at] == V2 and at + _V2_AROUND <= n)
+        following = at + frame_bytes(data, at) if begun else n + 1
+        if following == n or (following + ahead < n and data[following + ahead] in (V1, V2)):
+            if cut(data, at).id not in _EXTRA:
                 # A message of another dialect cannot be checked; the frame after it vouches for its length.
                 counts.unknown += 1
                 starts.append(i)
                 i = following
                 continue
             counts.bad_crc += 1
-        if not whole and magic in (V1, V2) and following > n:
+        proper = data[at] in (V1, V2)
+        if not whole and proper and following > n:
             break  # the rest of this frame has not arrived yet
-        found = _resync(data, i + 1, ahead, searched=len(starts) > 0)
+        found = _resync(data, at + 1, searched=len(starts) > 0) - ahead
         if found < 0:
-            rest = _unfinished(data, i + 1) if not whole else i if magic in (V1, V2) else n
+            rest = _unfinished(data, i + 1) if not whole else i if proper else n
             counts.skipped_bytes += rest - i
             return starts, rest
         counts.skipped_bytes += found - i
@@ -109,94 +133,21 @@ def walk(data: bytes, counts: Counts, ahead: int = 0, *, whole: bool = True) -> 
     return starts, i
 
 
-def _good_run(data: bytes, i: int, ahead: int, starts: array[int]) -> int:
-    """Append the offsets of the frames from ``i`` on that follow each other with a right checksum; where they end."""
-    n, after = len(data), ahead + 1
-    append, crc, extra_v2, extra_v1 = starts.append, crc16, _EXTRA_V2, _EXTRA_V1
-    while i + ahead + _V1_AROUND <= n:
-        magic = data[i + ahead]
-        if magic == V2 and i + ahead + _V2_AROUND <= n:
-            end = i + ahead + 10 + data[i + after]
-            following = end + 2 + SIGNATURE_BYTES if data[i + ahead + 2] & 1 else end + 2
-            extra = extra_v2.get(data[i + ahead + 7 : i + ahead + 10])
-        elif magic == V1:
-            end = i + ahead + 6 + data[i + after]
-            following = end + 2
-            extra = extra_v1.get(data[i + ahead + 5])
-        else:
-            return i
-        if following > n or extra is None:
-            return i
-        if crc(data[i + after : end] + extra) != data[end] | data[end + 1] << 8:
-            return i
-        append(i)
-        i = following
-    return i
-
-
-def _header(data: bytes, at: int) -> tuple[int, int, bool]:
-    """First byte, end, and whether the dialect knows the message, of what should be a frame at ``at``.
-
-    The end is beyond ``data`` where this is no frame or its header is not complete.
-    """
-    magic, beyond = data[at], len(data) + 1
-    if magic == V1:
-        return magic, at + frame_bytes(data, at), data[at + 5] in _EXTRA_V1
-    if magic == V2 and at + _V2_AROUND <= len(data):
-        return magic, at + frame_bytes(data, at), data[at + 7 : at + 10] in _EXTRA_V2
-    return magic, beyond, False
-
-
-def _proper_end(data: bytes, following: int, ahead: int) -> bool:
-    """Whether another frame, or the end of the data, is where a frame ends."""
-    return following == len(data) or (following + ahead < len(data) and data[following + ahead] in (V1, V2))
-
-
 def _unfinished(data: bytes, i: int) -> int:
     """Place of the first byte at or after ``i`` that starts a frame which is longer than the data; else the end."""
     n = len(data)
-    while i < n:
-        marks = [at for at in (data.find(V2, i), data.find(V1, i)) if at >= 0]
-        if not marks:
-            return n
-        i = min(marks)
-        if i + _V2_AROUND > n or i + frame_bytes(data, i) > n:
-            return i
-        i += 1
-    return n
+    marks = (mark.start() for mark in _MARK.finditer(data, i))
+    return next((at for at in marks if at + _V2_AROUND > n or at + frame_bytes(data, at) > n), n)
 
 
-def _resync(data: bytes, i: int, ahead: int, *, searched: bool) -> int:
-    """Offset of the next frame that passes its checksum, or -1."""
-    n = len(data)
-    two, one = data.find(V2, i + ahead), data.find(V1, i + ahead)
-    while two >= 0 or one >= 0:
-        if not searched and min(m for m in (two, one) if m >= 0) > _SEARCH_BYTES:
+def _resync(data: bytes, i: int, *, searched: bool) -> int:
+    """Place of the next frame that passes its checksum, or -1."""
+    for mark in _MARK.finditer(data, i):
+        if not searched and mark.start() > _SEARCH_BYTES:
             return -1
-        if one < 0 or 0 <= two < one:
-            m, header, two = two, 10, data.find(V2, two + 1)
-            extra = _EXTRA_V2.get(data[m + 7 : m + 10])
-        else:
-            m, header, one = one, 6, data.find(V1, one + 1)
-            extra = _EXTRA_V1.get(data[m + 5]) if m + 5 < n else None
-        if extra is None or m + 1 >= n:
-            continue
-        end = m + header + data[m + 1]
-        if end + 2 <= n and crc16(data[m + 1 : end] + extra) == data[end] | data[end + 1] << 8:
-            return m - ahead
+        if checked_end(data, mark.start()):
+            return mark.start()
     return -1
-
-
-def only_frame(data: bytes) -> Frame | None:
-    """The one good MAVLink 2 frame that ``data`` is, as a datagram mostly is; None where it is anything else."""
-    n = len(data)
-    if n < _V2_AROUND or data[0] != V2 or n != data[1] + (_V2_AROUND + SIGNATURE_BYTES if data[2] & 1 else _V2_AROUND):
-        return None
-    number, end = data[7:10], 10 + data[1]
-    extra = _EXTRA_V2.get(number)
-    if extra is None or crc16(data[1:end] + extra) != data[end] | data[end + 1] << 8:
-        return None
-    return Frame(int.from_bytes(number, "little"), data[5], data[6], data[10:end], data)
 
 
 class FrameReader:
@@ -208,8 +159,8 @@ class FrameReader:
 
     def feed(self, data: bytes) -> Sequence[Frame]:
         """The whole frames that ``data`` completes, in order."""
-        if not self._rest and (frame := only_frame(data)) is not None:
-            return (frame,)
+        if not self._rest and 0 < len(data) == checked_end(data, 0):  # as a datagram mostly is
+            return (cut(data, 0),)
         data = self._rest + data
         starts, rest = walk(data, self.counts, whole=False)
         self._rest = data[rest:]
@@ -224,4 +175,4 @@ def pack(message_id: int, payload: bytes, system: int, component: int, sequence:
     payload = payload.rstrip(b"\0") or b"\0"
     number = message_id.to_bytes(3, "little")
     body = bytes((len(payload), int(signed), 0, sequence & 0xFF, system, component)) + number + payload
-    return b"\xfd" + body + crc16(body + _EXTRA_V2[number]).to_bytes(2, "little")
+    return b"\xfd" + body + crc16(body + _EXTRA[message_id]).to_bytes(2, "little")

@@ -6,7 +6,7 @@ import errno
 import os
 import socket
 from collections.abc import Iterator
-from contextlib import redirect_stdout
+from contextlib import redirect_stdout, suppress
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,7 @@ from companion.mavlink.frames import Frame, FrameReader, pack
 from companion.mavlink.signing import Signatures
 from models.errors import ConfigError, LinkError
 
-_NETWORK = ("udp", "udpin", "udpout", "tcp", "tcpin", "udpbcast", "mcast")
-_PLAIN_UDP = ("udp:", "udpin:", "udpout:")
+_NETWORK = ("udp", "udpin", "udpout", "tcp")
 _SYSTEM_UNKNOWN = 1
 """We send as this system until the vehicle's own is heard."""
 _READ = 65536
@@ -54,15 +53,11 @@ class Link:
     def __init__(self, connection: Any, endpoint: str, arrivals: Arrivals, number: int = 0) -> None:
         self.endpoint = endpoint
         self.received = self.sent = 0
-        self._connection = connection
-        self._arrivals = arrivals
-        self._number = number
+        self._connection, self._arrivals, self._number = connection, arrivals, number
         self._frames = FrameReader()
-        self._receive, self._write = connection.recv, connection.write
-        self._datagrams: Datagrams | None = None
-        if endpoint.startswith(_PLAIN_UDP):
-            datagrams = self._datagrams = Datagrams(connection)
-            self._receive, self._write = datagrams.recv, datagrams.write
+        self._datagrams = Datagrams(connection) if endpoint.startswith("udp") else None
+        transport = self._datagrams or connection
+        self._receive, self._write = transport.recv, transport.write
         self._prints = endpoint.startswith("tcp")  # pymavlink prints its reconnects
         self._serial = endpoint.startswith("/dev/")
         self._unsent = b""
@@ -136,10 +131,7 @@ class Link:
     @property
     def peers(self) -> tuple[tuple[str, int], ...]:
         """Addresses of a UDP socket's peers; none for a stream, which needs none."""
-        if self._datagrams is not None:
-            return self._datagrams.peers
-        target = getattr(self._connection, "destination_addr", None)
-        return () if target is None else (target,)
+        return () if self._datagrams is None else self._datagrams.peers
 
     def frame(self, message_id: int, payload: bytes) -> bytes:
         """A finished frame that is not sent now, and unsigned."""
@@ -164,10 +156,7 @@ class Link:
         pyserial's own write waits until the port is ready again, which a port that is stuck never is.
         """
         self._unsent = self._unsent[self._taken(self._unsent) :]
-        if self._unsent:
-            return False
-        taken = self._taken(raw)
-        if not taken:
+        if self._unsent or not (taken := self._taken(raw)):
             return False
         self._unsent = raw[taken:]
         return True
@@ -213,15 +202,13 @@ def open_link(
 
 def _mavutil() -> Any:
     """pymavlink's endpoints. Their import reads MAVLINK_DIALECT, fails on names that it does not know, and sets it."""
-    before = os.environ.get("MAVLINK_DIALECT")
+    before = dict(os.environ)
     os.environ["MAVLINK_DIALECT"] = "ardupilotmega"
     try:
         from pymavlink import mavutil
     finally:
-        if before is None:
-            del os.environ["MAVLINK_DIALECT"]
-        else:
-            os.environ["MAVLINK_DIALECT"] = before
+        del os.environ["MAVLINK_DIALECT"]
+        os.environ.update(before)
     return mavutil
 
 
@@ -248,14 +235,15 @@ def _check(endpoint: str) -> str:
     return scheme
 
 
-def _reason(error: Exception, scheme: str) -> str:
-    if isinstance(error, OSError) and error.errno == errno.EADDRINUSE:
-        return "the port is in use by another program; stop it or choose another port"
-    if isinstance(error, OSError) and error.errno == errno.ECONNREFUSED:
-        return "connection refused; is the autopilot or router listening there?"
+def _reason(error: OSError | EOFError, scheme: str) -> str:
     if isinstance(error, PermissionError):
         return "permission denied" + ("; add your user to the group dialout" if scheme == "serial" else "")
-    return (error.strerror if isinstance(error, OSError) and error.strerror else str(error)) or type(error).__name__
+    number, said = (error.errno, error.strerror) if isinstance(error, OSError) else (None, None)
+    if number == errno.EADDRINUSE:
+        return "the port is in use by another program; stop it or choose another port"
+    if number == errno.ECONNREFUSED:
+        return "connection refused; is the autopilot or router listening there?"
+    return said or str(error) or type(error).__name__
 
 
 def read_signing_key(path: Path) -> bytes:
@@ -264,12 +252,9 @@ def read_signing_key(path: Path) -> bytes:
         content = path.read_bytes()
     except OSError as error:
         raise ConfigError(f"signing key {path}: cannot be read ({error.strerror})") from None
-    if len(content) == 32:
-        return content
-    try:
-        key = bytes.fromhex(content.decode("ascii").strip())
-    except (UnicodeDecodeError, ValueError):
-        key = b""
-    if len(key) != 32:
+    if len(content) != 32:
+        with suppress(ValueError):
+            content = bytes.fromhex(content.decode("ascii").strip())
+    if len(content) != 32:
         raise ConfigError(f"signing key {path}: must hold 32 bytes or 64 hexadecimal digits")
-    return key
+    return content

@@ -14,8 +14,8 @@ AUTOPILOT_COMPONENT = 1
 """MAV_COMP_ID_AUTOPILOT1."""
 OWN_COMPONENT = 191
 """MAV_COMP_ID_ONBOARD_COMPUTER."""
-_NO_AUTOPILOT = 8
-"""MAV_AUTOPILOT_INVALID."""
+NO_AUTOPILOT = 8
+"""MAV_AUTOPILOT_INVALID: the sender is no flight controller."""
 _DOWN_COS = 0.94
 """A beam within 20 degrees of straight down."""
 HEARTBEAT, _AUTOPILOT_BYTE = 0, 5
@@ -47,7 +47,7 @@ def is_autopilot_heartbeat(frame: Frame) -> bool:
     if frame.id != HEARTBEAT or frame.component != AUTOPILOT_COMPONENT:
         return False
     autopilot = frame.payload[_AUTOPILOT_BYTE] if len(frame.payload) > _AUTOPILOT_BYTE else 0
-    return autopilot != _NO_AUTOPILOT
+    return autopilot != NO_AUTOPILOT
 
 
 class Intake:

@@ -112,8 +112,6 @@ class EscHealth(Sample):
     temperature_c: tuple[float, ...]
     voltage_v: tuple[float, ...]
     current_a: tuple[float, ...]
-    online: tuple[bool, ...] | None = None
-    """From ESC_INFO only."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,8 +197,6 @@ class Parameter(Sample):
 
     name: str
     value: float
-    index: int
-    count: int
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from companion.mavlink.outgoing import Message, message
@@ -31,8 +30,7 @@ class AttitudeCommand(NamedTuple):
     rates_frd: Vector3 = (0.0, 0.0, 0.0)
 
 
-@dataclass(frozen=True, slots=True)
-class PositionCommand:
+class PositionCommand(NamedTuple):
     """SET_POSITION_TARGET_LOCAL_NED: a place to stay at under the autopilot's own controller."""
 
     t_s: float

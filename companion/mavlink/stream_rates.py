@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from companion.mavlink.dialect import ID_OF
 from companion.mavlink.firmware import Stack
@@ -24,12 +24,9 @@ _ENOUGH = 0.7
 """Of the rate asked for: autopilots round periods to their own loop, and links lose messages."""
 _SET_MESSAGE_INTERVAL = 511
 """MAV_CMD_SET_MESSAGE_INTERVAL."""
-_ESC_GROUPS = (11030, 11031, 11032, 11040, 11041, 11042, 11043, 11044)
-"""ESC_TELEMETRY_1_TO_4 to 29_TO_32."""
 
 
-@dataclass(frozen=True, slots=True)
-class Wanted:
+class Wanted(NamedTuple):
     """A message id, the rate asked for, and whether flying needs it."""
 
     message_id: int
@@ -45,39 +42,28 @@ def wanted_streams(
     ``recorded``: the diagnosis will want accelerations and outputs, which control does not need (docs/autopilots.md).
     ``adapting``: sizes of effects are measured in flight, from accelerations.
     """
-    out = [
-        Wanted(ID_OF["ATTITUDE_QUATERNION"], 50.0, True),
-        Wanted(ID_OF["LOCAL_POSITION_NED"], 50.0, True),
-        Wanted(ID_OF["ATTITUDE_TARGET"], 20.0, False),
+    px4, sensors = stack is Stack.PX4, vehicle.rangefinders
+    groups = sorted({(rotor.esc - 1) // 4 * 4 + 1 for rotor in vehicle.rotors if rotor.esc is not None})
+    outputs = recorded or bool(vehicle.vanes) or not vehicle.telemetered
+    table = [
+        ("ATTITUDE_QUATERNION", 50.0, True, True),
+        ("LOCAL_POSITION_NED", 50.0, True, True),
+        ("ATTITUDE_TARGET", 20.0, False, True),
         # A change of mode is known after a fifth of a second rather than after one.
-        Wanted(ID_OF["HEARTBEAT"], 5.0, False),
-        Wanted(ID_OF["EXTENDED_SYS_STATE"], 2.0, False),
-        Wanted(ID_OF["BATTERY_STATUS"], 2.0, False),
-        Wanted(ID_OF["SCALED_PRESSURE"], 1.0, False),
+        ("HEARTBEAT", 5.0, False, True),
+        ("EXTENDED_SYS_STATE", 2.0, False, True),
+        ("BATTERY_STATUS", 2.0, False, True),
+        ("SCALED_PRESSURE", 1.0, False, True),
+        ("HIGHRES_IMU", 50.0, False, recorded or adapting),
+        ("SERVO_OUTPUT_RAW", 50.0, not vehicle.telemetered, outputs),
+        ("DISTANCE_SENSOR", 25.0, True, any(not sensor.ring for sensor in sensors)),
+        ("OBSTACLE_DISTANCE", 10.0, True, any(sensor.ring for sensor in sensors)),
+        ("ESTIMATOR_STATUS" if px4 else "EKF_STATUS_REPORT", 5.0, False, True),
+        ("ESC_STATUS", 25.0, True, px4 and bool(groups)),
+        ("ESC_INFO", 1.0, False, px4 and bool(groups)),
+        *((f"ESC_TELEMETRY_{first}_TO_{first + 3}", 25.0, True, not px4) for first in groups),
     ]
-    if recorded or adapting:
-        out.append(Wanted(ID_OF["HIGHRES_IMU"], 50.0, False))
-    if recorded or vehicle.vanes or not vehicle.telemetered:
-        out.append(Wanted(ID_OF["SERVO_OUTPUT_RAW"], 50.0, not vehicle.telemetered))
-    if any(not sensor.ring for sensor in vehicle.rangefinders):
-        out.append(Wanted(ID_OF["DISTANCE_SENSOR"], 25.0, True))
-    if any(sensor.ring for sensor in vehicle.rangefinders):
-        out.append(Wanted(ID_OF["OBSTACLE_DISTANCE"], 10.0, True))
-    if stack is Stack.PX4:
-        out.append(Wanted(ID_OF["ESTIMATOR_STATUS"], 5.0, False))
-    else:
-        out.append(Wanted(ID_OF["EKF_STATUS_REPORT"], 5.0, False))
-    escs = [rotor.esc for rotor in vehicle.rotors if rotor.esc is not None]
-    if escs and stack is Stack.PX4:
-        out += [Wanted(291, 25.0, True), Wanted(290, 1.0, False)]
-    elif escs:
-        out += [Wanted(_ESC_GROUPS[group], 25.0, True) for group in sorted({(esc - 1) // 4 for esc in escs})]
-    return tuple(out)
-
-
-def message_name(message_id: int) -> str:
-    """A message by its name."""
-    return LAYOUTS[message_id].name
+    return tuple(Wanted(ID_OF[name], hz, needed) for name, hz, needed, asked_for in table if asked_for)
 
 
 class StreamKeeper:
@@ -124,11 +110,11 @@ class StreamKeeper:
             return self._glance() if noted else []
         self._checked_s = now_s
         slow = [w for w in self.wanted if self.rate(w.message_id, now_s) < _ENOUGH * w.hz]
-        self._fast = {w.message_id for w in self.wanted} - {w.message_id for w in slow}
+        self._fast = set(self._count) - {w.message_id for w in slow}
         self._in_a_row = Counter({w.message_id: self._in_a_row[w.message_id] + 1 for w in slow})
         for w in slow:
             if w.needed and self._in_a_row[w.message_id] == _IN_VAIN:
-                self.in_vain[message_name(w.message_id)] = self.rate(w.message_id, now_s)
+                self.in_vain[LAYOUTS[w.message_id].name] = self.rate(w.message_id, now_s)
         return slow
 
     def _glance(self) -> list[Wanted]:
@@ -143,7 +129,7 @@ class StreamKeeper:
         self._fast -= {w.message_id for w in slow}
         for w in slow:
             if w.needed and going_on:
-                self.set_back[message_name(w.message_id)] += 1
+                self.set_back[LAYOUTS[w.message_id].name] += 1
         return slow
 
     def restart(self, now_s: float) -> None:

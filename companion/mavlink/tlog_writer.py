@@ -9,7 +9,6 @@ from __future__ import annotations
 import errno
 import io
 import logging
-import os
 import shutil
 import struct
 import time
@@ -64,8 +63,8 @@ class Recorder:
         """Why nothing more is recorded."""
         self._file: io.FileIO | None = None
         try:
-            self._file, opened = _create(Path(_filled(str(self._pattern))))
-            self.files.append(opened)
+            self._file = _create(Path(_filled(str(self._pattern))))
+            self.files.append(Path(self._file.name))
         except OSError as error:
             if error.errno not in _OTHERS_FAULT:
                 raise ConfigError(f"--record {path}: cannot be written ({error.strerror})") from None
@@ -129,12 +128,12 @@ def _filled(text: str) -> str:
     return text.replace("{date}", time.strftime("%Y-%m-%d_%H-%M-%S")).replace("{boot}", boot)
 
 
-def _create(path: Path) -> tuple[io.FileIO, Path]:
+def _create(path: Path) -> io.FileIO:
     """A new file of this name, or of the first free one behind it."""
     for k in range(1, _MOST_COPIES):
         name = path if k == 1 else path.with_name(f"{path.stem}-{k}{path.suffix}")
         try:
-            return io.FileIO(os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644), "wb"), name
+            return io.FileIO(str(name), "xb")
         except FileExistsError:
             continue
     raise OSError(errno.EEXIST, f"{_MOST_COPIES} files of this name exist", str(path))

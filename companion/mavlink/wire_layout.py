@@ -7,7 +7,7 @@ import re
 import struct
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from operator import itemgetter
 from typing import Any
@@ -16,16 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.mavlink.boot_clock import Stamp
-from companion.mavlink.dialect import MESSAGES
+from companion.mavlink.dialect import ID_OF, MESSAGES
 from companion.mavlink.samples import Quaternion, Sample
 from models.frames import GRAVITY
 
 NAN = math.nan
-_SCALARS = {
-    "b": "i1", "B": "u1", "h": "<i2", "H": "<u2", "i": "<i4", "I": "<u4", "q": "<i8", "Q": "<u8", "f": "<f4",
-    "d": "<f8",
-}  # fmt: skip
-"""numpy's name of each struct code that MAVLink uses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,20 +40,14 @@ def wire_format(message_id: int) -> WireFormat:
     places: dict[str, slice] = {}
     types: list[Any] = []
     at = 0
-    for name, (repeat, code) in zip(kind.ordered_fieldnames, _codes(kind.unpacker.format), strict=True):
-        width = 1 if code == "s" else repeat or 1
+    # Repeat and code of every field of a struct format such as "<IHH4f16sB"; numpy has the same codes.
+    codes = re.findall(r"(\d*)([a-zA-Z])", kind.unpacker.format)
+    for name, (repeat, code) in zip(kind.ordered_fieldnames, codes, strict=True):
+        width = 1 if code == "s" else int(repeat or 1)
         places[name] = slice(at, at + width)
         at += width
-        if code == "s":
-            types.append((name, f"S{repeat or 1}"))
-        else:
-            types.append((name, (_SCALARS[code], (repeat,))) if repeat else (name, _SCALARS[code]))
+        types.append((name, f"S{repeat}" if code == "s" else f"{repeat}<{code}"))
     return WireFormat(kind.unpacker, places, np.dtype(types))
-
-
-def _codes(text: str) -> list[tuple[int, str]]:
-    """(repeat, code) of every field of a struct format such as ``<IHH4f16sB``; repeat 0 where none is written."""
-    return [(int(digits or 0), code) for digits, code in re.findall(r"(\d*)([a-zA-Z])", text)]
 
 
 PER_SI = {
@@ -70,39 +59,40 @@ PER_SI = {
 
 
 @dataclass(frozen=True, slots=True)
-class Quantity:
-    """Wire fields that make one quantity of ``len`` numbers, converted to ``PER_SI`` units; |value| > limit is NaN."""
+class SI:
+    """Wire fields that make one quantity, in ``PER_SI`` units; |value| > limit is NaN."""
 
     name: str
-    fields: tuple[str, ...]
+    fields: str
+    """Names on the wire, with blanks between; an array counts as its elements."""
     unit: str = ""
     limit: float = math.inf
     unknown: tuple[int, ...] = ()
-    array: bool = False
-    """True where the one field is an array on the wire."""
 
-    @property
-    def per(self) -> float:
-        """How many of the wire's units make one of ours."""
-        return PER_SI[self.unit]
+    def reader(self, wire: WireFormat) -> Callable[[tuple[Any, ...]], Any]:
+        """A function from one message's unpacked fields to the number, or the tuple of them where there are several.
 
-    def reader(self, wire: WireFormat) -> Callable[[tuple[Any, ...]], tuple[float, ...]]:
-        """A function from one message's unpacked fields to the numbers. Made once: it runs for every message."""
-        per, unknown = self.per, self.unknown
+        Made once: it runs for every message.
+        """
+        per, unknown = PER_SI[self.unit], self.unknown
         # The largest float, so that one comparison also turns inf into NaN; a comparison with NaN is false.
         limit = min(self.limit, sys.float_info.max)
-        places = [i for name in self.fields for i in range(*wire.places[name].indices(1 << 16))]
-        # Of one place a slice, so that a tuple comes out as well.
-        pick = itemgetter(*places) if len(places) > 1 else itemgetter(slice(places[0], places[0] + 1))
+        places = [i for name in self.fields.split() for i in range(*wire.places[name].indices(1 << 16))]
+        if len(places) == 1:
+            (place,) = places
+            return lambda fields: (
+                v if (x := fields[place]) not in unknown and -limit <= (v := x / per) <= limit else NAN
+            )
+        pick = itemgetter(*places)
         return lambda fields: tuple(
             [v if x not in unknown and -limit <= (v := x / per) <= limit else NAN for x in pick(fields)]
         )
 
     def column(self, records: NDArray[Any]) -> NDArray[np.float64]:
         """The numbers of many messages, shape (n, k)."""
-        raw = records[self.fields[0]] if self.array else np.stack([records[f] for f in self.fields], axis=-1)
+        raw = np.column_stack([records[name] for name in self.fields.split()])
         with np.errstate(over="ignore", invalid="ignore"):
-            out: NDArray[np.float64] = raw.astype(np.float64) / self.per
+            out: NDArray[np.float64] = raw.astype(np.float64) / PER_SI[self.unit]
             bad = ~(np.abs(out) <= self.limit)
         if self.unknown:
             bad |= np.isin(raw, self.unknown)
@@ -112,59 +102,40 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True)
 class Raw:
-    """Whole numbers or text taken as they are."""
+    """Whole numbers or text of one wire field, taken as they are."""
 
-    field: str
-
-    @property
-    def name(self) -> str:
-        """The quantity is called as on the wire."""
-        return self.field
+    name: str
 
     def reader(self, wire: WireFormat) -> Callable[[tuple[Any, ...]], Any]:
         """A function from one message's unpacked fields to the value; arrays are tuples, text ends at a zero."""
-        place = wire.places[self.field]
-        if wire.dtype[self.field].kind == "S":
+        place = wire.places[self.name]
+        if wire.dtype[self.name].kind == "S":
             return lambda fields: fields[place.start].split(b"\0", 1)[0].decode("ascii", "replace")
-        if place.stop - place.start > 1:
-            return itemgetter(place)
-        return itemgetter(place.start)
+        return itemgetter(place if place.stop - place.start > 1 else place.start)
 
     def column(self, records: NDArray[Any]) -> NDArray[Any]:
         """The values of many messages, shape (n,) or (n, k)."""
-        out: NDArray[Any] = records[self.field]
+        out: NDArray[Any] = records[self.name]
         return out
 
 
 Head = tuple[float, int, int]
 
 
-@dataclass(frozen=True, slots=True)
 class Layout:
-    """One message: its id and name, what stamps it, its quantities in the builder's order, and the builder."""
+    """One message: what stamps it, its quantities in the builder's order, and the builder of its sample."""
 
-    id: int
-    name: str
-    stamp: Stamp | None
-    quantities: tuple[Quantity | Raw, ...]
-    build: Callable[..., Sample | None] | None
-    """None: no sample is made of it; it is read in logs only."""
-    wire: WireFormat = field(init=False, repr=False, compare=False)
-    readers: tuple[Callable[[tuple[Any, ...]], Any], ...] = field(init=False, repr=False, compare=False)
-    """One a quantity, from the unpacked fields."""
-    stamp_place: int = field(init=False, repr=False, compare=False)
-    """Where the time field is among the unpacked fields; -1 without one."""
-
-    def __post_init__(self) -> None:
-        wire = wire_format(self.id)
-        object.__setattr__(self, "wire", wire)
-        object.__setattr__(self, "readers", tuple(q.reader(wire) for q in self.quantities))
-        object.__setattr__(self, "stamp_place", -1 if self.stamp is None else wire.places[self.stamp_field].start)
-
-    @property
-    def stamp_field(self) -> str:
-        """Name of the time field on the wire."""
-        return "time_boot_ms" if self.stamp is Stamp.BOOT_MS else "time_usec"
+    def __init__(
+        self, name: str, stamp: Stamp | None, build: Callable[..., Sample | None] | None, *quantities: SI | Raw
+    ) -> None:
+        """``build`` None: no sample is made of it; it is read in logs only."""
+        self.id, self.name, self.stamp, self.build, self.quantities = ID_OF[name], name, stamp, build, quantities
+        self.wire = wire_format(self.id)
+        self.readers = [quantity.reader(self.wire) for quantity in quantities]
+        """One a quantity, from the unpacked fields."""
+        self.stamp_field = "time_boot_ms" if stamp is Stamp.BOOT_MS else "time_usec"
+        self.stamp_place = -1 if stamp is None else self.wire.places[self.stamp_field].start
+        """Where the time field is among the unpacked fields; -1 without one."""
 
 
 def finite(*groups: tuple[float, ...]) -> bool:

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from companion.last_word import end
 from models.errors import ConfigError, LinkError
 
 PERIOD_S = 0.2
@@ -38,7 +39,7 @@ class PageFeed:
     def __init__(self, host: str, port: int) -> None:
         self.dropped = self.sent = 0
         self._due_s = -1.0
-        command = [sys.executable, "-m", "companion.page", host, str(port)]
+        command = [sys.executable, "-m", "companion.page.server", host, str(port)]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
         assert self._process.stdin is not None
         assert self._process.stdout is not None
@@ -69,12 +70,6 @@ class PageFeed:
 
     def close(self) -> None:
         """End the page's process."""
-        assert self._process.stdin is not None
-        try:
-            self._process.stdin.close()
-            self._process.wait(2.0)
-        except (OSError, subprocess.TimeoutExpired):
-            self._process.kill()
-            self._process.wait()
+        end(self._process)
         if self._process.stdout is not None:
             self._process.stdout.close()

@@ -13,7 +13,8 @@ from companion.config import PipelineConfig
 from companion.control.state import Decision, PipelineState
 from companion.estimation.estimator import Surface
 from companion.mavlink.firmware import mode_name
-from companion.mavlink.stream_rates import StreamKeeper, message_name
+from companion.mavlink.message_table import LAYOUTS
+from companion.mavlink.stream_rates import StreamKeeper
 from models.frames import Rows
 
 
@@ -38,7 +39,7 @@ def snapshot(
         "late_s": _number(decision.late_s),
         "rpm": [None if track is None else round(track.value) for track in state.estimates.rotors],
         "rates": [
-            [message_name(w.message_id), round(streams.rate(w.message_id, now_s), 1), w.hz] for w in streams.wanted
+            [LAYOUTS[w.message_id].name, round(streams.rate(w.message_id, now_s), 1), w.hz] for w in streams.wanted
         ],
         "air": None,
         "sizes": None if decision.adaptation is None else _sizes(decision.adaptation),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+import textwrap
 from collections.abc import Iterator
 
 from companion.adaptation import words
@@ -11,8 +12,7 @@ from companion.control.authority import Notice, Reason
 from companion.control.state import Decision, PipelineState
 from companion.estimation.estimator import Seen
 from companion.mavlink.firmware import advice, mode_name, stack_of
-from companion.mavlink.outgoing import Message, named_value_float
-from companion.telemetry import statustext
+from companion.mavlink.outgoing import Message, named_value_float, statustext
 
 _PERIOD_S = 0.5
 """2 Hz: readable, and half a percent of a 57600 baud link for each value."""
@@ -31,6 +31,8 @@ _ABOUT_RANGES = {
 _LATENESS = ((Reason.LATE,), (Reason.TOO_LATE,))
 _SENDER, _LESSER = "companion: ", "; also: "
 """A ground station shows the sender by itself."""
+_CHUNK = 50
+"""Bytes of text in one STATUSTEXT."""
 _INFO, _WARNING = 6, 4
 """MAV_SEVERITY."""
 
@@ -102,7 +104,7 @@ class StatusReporter:
         if decision.command is not None and state.hold is not None and not self._led:
             self._led = True
             yield from self.tell("companion: holding; position targets to component 191 move it", warning=False)
-        hint = None if self._advised or state.heartbeat is None else advice(stack_of(state.heartbeat), state.parameters)
+        hint = None if self._advised else advice(stack_of(state.heartbeat), state.parameters)
         if hint is not None:
             self._advised = True
             yield from self.tell(hint)
@@ -115,7 +117,7 @@ class StatusReporter:
         severity, said = _WARNING if warning else _INFO, text
         for part in text.removeprefix(_SENDER).split(_LESSER):
             self._number = self._number % 65535 + 1
-            for message in statustext.messages(severity, part, self._number):
+            for message in text_messages(severity, part, self._number):
                 yield message, said or None
                 said = ""
 
@@ -142,6 +144,25 @@ class StatusReporter:
         self._said_s[words] = self._any_said_s = t_s
         late = f" ({1000.0 * decision.late_s:.0f} ms)" if decision.reasons[:1] in _LATENESS else ""
         return words.replace(gravest, gravest + late, 1)
+
+
+def chunks(text: str) -> list[str]:
+    """``text`` as it is, or in pieces of 50 characters that end between words; all but the last are filled with spaces.
+
+    Ground stations join the pieces as they are, and take a piece that is not full for the last one.
+    """
+    plain = text.encode("ascii", "replace").decode("ascii")
+    if len(plain) <= _CHUNK:
+        return [plain]
+    whole = textwrap.wrap(" ".join(plain.split()), _CHUNK - 1, break_on_hyphens=False) or [""]
+    return [*(piece.ljust(_CHUNK) for piece in whole[:-1]), whole[-1]]
+
+
+def text_messages(severity: int, text: str, number: int) -> list[Message]:
+    """The STATUSTEXT messages of one text of any length. ``number`` 1...65535 tells texts of several apart."""
+    pieces = chunks(text)
+    number = number if len(pieces) > 1 else 0
+    return [statustext(severity, piece, number, place) for place, piece in enumerate(pieces)]
 
 
 def _lifts_off(state: PipelineState, decision: Decision) -> bool:

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from companion.adaptation.adapt import Adaptation
-from companion.control.authority import Notice, Reason
-from companion.control.plant import HoldTuning, Margin
+from companion.control.authority import Reason
 from companion.control.state import Decision
-from companion.estimation.disturbance import Disturbance
 
 _GAP_S = 0.5
 """A longer gap between decisions is a pause of the stream, not time flown."""
 _SHOWN_S = 0.05
 """Shorter ones have no line of their own."""
+_SHOWN = ("thrust", "roll_deg", "pitch_deg", "h_m", "d_m", "trust", "lift_n", "side_n")
+"""Offset, nearest h and d [m], trust, lift and side force [N]."""
 _ORDER = {reason: place for place, reason in enumerate(Reason)}
 """Gravest first: those that hold back everything come before those that only fade the offsets."""
 
@@ -30,85 +31,66 @@ class Summary:
 
     def __init__(self, dry_run: bool = False) -> None:
         self._dry_run = dry_run
-        self.decisions = self.commands = 0
+        self.decisions = self.commands = self._gaps = 0
         self._seconds: dict[Reason, float] = defaultdict(float)
         self._gravest: dict[Reason, float] = defaultdict(float)
         self._compensated_s = self._total_s = self._gaps_s = 0.0
-        self._gaps = 0
-        self._last_s: float | None = None
-        self._tuned: HoldTuning | None = None
-        self._least_margin: Margin | None = None
-        self.notices: dict[Notice, int] = {}
-        self._noticed: tuple[Notice, float] | None = None
-        self.adaptation: Adaptation | None = None
-        """The newest."""
-        self._disturbance: Disturbance | None = None
-        self._around = _around(None)
-        """Of the newest disturbance, which most decisions share with the one before."""
-        self._low, self._high = np.full(8, np.nan), np.full(8, np.nan)
-        self._sum, self._count = np.zeros(8), np.zeros(8)
+        self._last: Decision | None = None
+        self._least_gain: float | None = None
+        self._low, self._high = np.full(len(_SHOWN), np.nan), np.full(len(_SHOWN), np.nan)
+        self._sum, self._count = np.zeros(len(_SHOWN)), np.zeros(len(_SHOWN))
 
     def add(self, decision: Decision) -> None:
         """Take in one decision."""
-        dt = 0.0 if self._last_s is None else decision.t_s - self._last_s
+        last, tuned, reasons = self._last, decision.tuned, decision.reasons
+        dt = 0.0 if last is None else decision.t_s - last.t_s
         if dt > _GAP_S:
             self._gaps_s += dt
             self._gaps += 1
         dt = dt if 0.0 <= dt <= _GAP_S else 0.0
-        self._last_s = decision.t_s
+        self._last = decision
         self.decisions += 1
-        self.commands += decision.command is not None
         self._total_s += dt
-        self._compensated_s += dt * (decision.authority > 0.0 and not decision.reasons)
-        for reason in decision.reasons:
+        self._compensated_s += dt * (decision.authority > 0.0 and not reasons)
+        for reason in reasons:
             self._seconds[reason] += dt
-        if decision.reasons:
-            self._gravest[min(decision.reasons, key=_ORDER.__getitem__)] += dt
-        self._add_margin(decision)
-        self.adaptation = decision.adaptation
-        if decision.disturbance is not self._disturbance:
-            self._disturbance, self._around = decision.disturbance, _around(decision.disturbance)
-        offset = decision.offset
-        shown = np.array((offset.thrust, math.degrees(offset.roll), math.degrees(offset.pitch), *self._around))
+        if reasons:
+            self._gravest[min(reasons, key=_ORDER.__getitem__)] += dt
+        if decision.command is not None:
+            self.commands += 1
+            if tuned is not None and (self._least_gain is None or tuned.margin.gain < self._least_gain):
+                self._least_gain = tuned.margin.gain
+        shown = np.array(_shown(decision))
         known = np.isfinite(shown)
         np.fmin(self._low, shown, where=known, out=self._low)
         np.fmax(self._high, shown, where=known, out=self._high)
         np.add(self._sum, shown, where=known, out=self._sum)
         self._count += known
 
-    def _add_margin(self, decision: Decision) -> None:
-        if decision.notice is not None and decision.notice != self._noticed:
-            self._noticed = decision.notice
-            self.notices[decision.notice[0]] = self.notices.get(decision.notice[0], 0) + 1
-        tuned = decision.tuned
-        if tuned is None or tuned is self._tuned:
-            return
-        self._tuned = tuned
-        if decision.command is not None and (self._least_margin is None or tuned.margin.gain < self._least_margin.gain):
-            self._least_margin = tuned.margin
+    @property
+    def adaptation(self) -> Adaptation | None:
+        """The newest."""
+        return None if self._last is None else self._last.adaptation
 
     def _margin_as_json(self) -> dict[str, Any] | None:
-        tuned, least = self._tuned, self._least_margin
+        tuned, least = None if self._last is None else self._last.tuned, self._least_gain
         if tuned is None:
             return None
         return {
             "gain": _rounded(tuned.margin.gain),
             "phase_deg": round(tuned.margin.phase_deg, 1),
-            "least_flown_gain": None if least is None else _rounded(least.gain),
+            "least_flown_gain": None if least is None else _rounded(least),
             "gain_share": round(tuned.share, 3),
-            "climb_gain_share": round(tuned.climb_share, 3),
             "attitude_lag_s": round(tuned.loop.lag_s, 3),
-            "attitude_gain": tuned.loop.gain,
             "attitude_from": tuned.loop.source.value,
         }
 
     def as_json(self) -> dict[str, Any]:
         """Plain numbers; None where nothing was seen."""
-        names = ("thrust", "roll_deg", "pitch_deg", "h_m", "d_m", "trust", "lift_n", "side_n")
-        shown = np.stack([self._low, self._sum / np.maximum(self._count, 1), self._high], axis=1).tolist()
+        rows = np.stack([self._low, self._sum / np.maximum(self._count, 1), self._high], axis=1).tolist()
         ranges = {
             name: dict(zip(("min", "mean", "max"), row, strict=True)) if count else None
-            for name, row, count in zip(names, shown, self._count, strict=True)
+            for name, row, count in zip(_SHOWN, rows, self._count, strict=True)
         }
         return {
             "decisions": self.decisions,
@@ -116,10 +98,9 @@ class Summary:
             "duration_s": round(self._total_s, 3),
             "compensated_s": round(self._compensated_s, 3),
             "gaps_s": round(self._gaps_s, 3),
-            "gravest_s": {r.name.lower(): round(s, 3) for r, s in sorted(self._gravest.items(), key=lambda x: -x[1])},
+            "gravest_s": {r.name.lower(): round(s, 3) for r, s in _longest_first(self._gravest)},
             "refusals_s": {r.name.lower(): round(s, 3) for r, s in self.refusals()},
             "margin": self._margin_as_json(),
-            "notices": {notice.name.lower(): count for notice, count in self.notices.items()},
             **ranges,
             **({} if self.adaptation is None else {"adapted": self.adaptation.as_json()}),
         }
@@ -129,14 +110,12 @@ class Summary:
         """Why most of the flight counts for nothing, where attitudes come too slowly; else empty."""
         if self._gaps_s <= self._total_s:
             return ""
-        apart = self._gaps_s / max(self._gaps, 1)
-        return (
-            f"attitudes come {apart:.1f} s apart, and 0.2 s is what flight needs: stream ATTITUDE_QUATERNION at 50 Hz"
-        )
+        apart = f"attitudes come {self._gaps_s / max(self._gaps, 1):.1f} s apart"
+        return f"{apart}, and 0.2 s is what flight needs: stream ATTITUDE_QUATERNION at 50 Hz"
 
     def refusals(self) -> list[tuple[Reason, float]]:
         """Every reason with its seconds, the longest first."""
-        return sorted(self._seconds.items(), key=lambda x: -x[1])
+        return _longest_first(self._seconds)
 
     def as_text(self) -> str:
         """A few lines for a person."""
@@ -146,10 +125,8 @@ class Summary:
         out = [f"{self.decisions} decisions over {self._total_s + self._gaps_s:.1f} s, {sent}"]
         if self.too_slow:
             out.append(f"  {self._gaps_s:7.1f} s  counted for nothing: {self.too_slow}")
-        for reason, seconds in sorted(self._gravest.items(), key=lambda x: -x[1]):
-            if seconds >= _SHOWN_S:
-                out.append(f"  {seconds:7.1f} s  {reason.value}")
-        hidden = [r.value for r in self._seconds if self._gravest.get(r, 0.0) < _SHOWN_S]
+        out += [f"  {s:7.1f} s  {reason.value}" for reason, s in _longest_first(self._gravest) if s >= _SHOWN_S]
+        hidden = [r.value for r in self._seconds if self._gravest[r] < _SHOWN_S]
         if hidden:
             out.append(f"  at the same time, less grave: {'; '.join(hidden)}")
         rows = [(name, n) for name, n in self.as_json().items() if isinstance(n, dict) and "mean" in n]
@@ -159,6 +136,10 @@ class Summary:
         if self.adaptation is not None:
             out += adapted_text(self.adaptation)
         return "\n".join(out)
+
+
+def _longest_first(seconds: Mapping[Reason, float]) -> list[tuple[Reason, float]]:
+    return sorted(seconds.items(), key=lambda item: -item[1])
 
 
 def _rounded(gain: float) -> float | None:
@@ -176,10 +157,11 @@ def adapted_text(known: Adaptation) -> list[str]:
     return out
 
 
-def _around(disturbance: Disturbance | None) -> tuple[float, ...]:
-    """Nearest h and d [m], trust, lift and side force [N]; NaN: not known."""
-    if disturbance is None:
-        return (math.nan,) * 5
-    fx, fy, fz = disturbance.wrench[:3]
-    h_m, d_m = min(disturbance.h_m), min(disturbance.d_m)
-    return h_m, d_m, disturbance.trust, -fz, math.hypot(fx, fy)
+def _shown(decision: Decision) -> tuple[float, ...]:
+    """The numbers of ``_SHOWN``; NaN: not known."""
+    offset, seen = decision.offset, decision.disturbance
+    applied = offset.thrust, math.degrees(offset.roll), math.degrees(offset.pitch)
+    if seen is None:
+        return (*applied, *(math.nan,) * 5)
+    fx, fy, fz = seen.wrench[:3]
+    return (*applied, min(seen.h_m), min(seen.d_m), seen.trust, -fz, math.hypot(fx, fy))

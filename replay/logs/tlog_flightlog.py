@@ -280,9 +280,8 @@ class _Boot:
         table = self._table("OBSTACLE_DISTANCE")
         for k in np.argsort(table.t_s).tolist():
             head = (float(table.t_s[k]), self._choice.system, int(table["component"][k]))
-            distances, limits, steps, offset = (
-                tuple(table[name][k].tolist()) for name in ("distances", "limits", "steps", "offset")
-            )
+            distances, limits, steps = (tuple(table[name][k].tolist()) for name in ("distances", "limits", "steps"))
+            offset = float(table["offset"][k, 0])
             ring = obstacle_distance(head, table.name, distances, limits, steps, offset, int(table["frame"][k]))
             if ring is not None and math.isfinite(ring.t_s):
                 yield ring

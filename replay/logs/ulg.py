@@ -307,7 +307,7 @@ class _Reader:
             step, start = math.radians(steps[k, 0]), math.radians(offset[k, 0])
             head = (float(topic.t_s[k]), 1, 1)
             ring = obstacle_distance(
-                head, topic.name, tuple(distances[k].tolist()), (low, high), (0.0, step), (start,), int(frame[k])
+                head, topic.name, tuple(distances[k].tolist()), (low, high), (0.0, step), start, int(frame[k])
             )
             if ring is not None:
                 yield ring

@@ -57,7 +57,7 @@ class Replay:
                 # At every heartbeat, because a reboot forgets.
                 for name, value in self.assumed.items():
                     if name not in heard:
-                        yield Parameter(sample.t_s, sample.system, sample.component, name, value, 0, 0)
+                        yield Parameter(sample.t_s, sample.system, sample.component, name, value)
 
     def _sampled(self, frames: Iterable[tuple[int, bytes]]) -> Iterator[Sample]:
         for arrival_us, raw in frames:

@@ -85,8 +85,8 @@ def _imu(imu: ImuRecord, head: Head) -> Iterator[Sample]:
 
 
 def _parameters(log: FlightLog, values: Mapping[str, float], t_s: float) -> Iterator[Sample]:
-    for index, (name, value) in enumerate(values.items()):
-        yield Parameter(t_s, log.system, _COMPONENT, name, value, index, len(values))
+    for name, value in values.items():
+        yield Parameter(t_s, log.system, _COMPONENT, name, value)
 
 
 def _value(intervals: tuple[Interval, ...], t: float, default: int) -> int:

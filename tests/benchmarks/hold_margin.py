@@ -195,7 +195,7 @@ def fly(plant: Plant, seed: int) -> Flown:
     state, craft = initial_state(config), Craft(plant, seed)
     # Thrust over weight is proportional here: spin-min 0 and no expo say so to the thrust map.
     for name, value in (("GUID_OPTIONS", 8.0), ("MOT_SPIN_MIN", 0.0), ("MOT_THST_EXPO", 0.0)):
-        state, _ = step(state, Parameter(0.0, 1, 1, name, value, 0, 0), config)
+        state, _ = step(state, Parameter(0.0, 1, 1, name, value), config)
     errors, tilts, engaged, decision, last = [], [], [], None, None
     softened = 0
     end_s = START_S + PATH[-1][0]

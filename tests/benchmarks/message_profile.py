@@ -63,13 +63,12 @@ def one_round(log: Path, config: PipelineConfig, asleep_s: float, decoding: Time
             encode(decision.command, 1)
             name += ", with a setpoint"
         answered = clock()
-        due = state.pending is not None
-        state = settle(state, config)
+        state = settle(state, sample, decision, config)
         stepping[name].append(answered - start)
-        if due:
+        if sample is state.estimates.attitude:
             stepping[f"{name.split(',')[0]}, once answered"].append(clock() - answered)
         if name == "HEARTBEAT" and "GUID_OPTIONS" not in state.parameters:
-            told = Parameter(sample.t_s, sample.system, sample.component, "GUID_OPTIONS", 8.0, 0, 0)
+            told = Parameter(sample.t_s, sample.system, sample.component, "GUID_OPTIONS", 8.0)
             state, _ = step(state, told, config)
     return 0.0 if first is None or last is None else (last - first) / 1e6
 

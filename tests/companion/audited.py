@@ -37,4 +37,4 @@ def fly_audited(
     world = FaultyLockstep(flight, pilot)
     world.auditor = Auditor(own.vehicle, dry_run=own.dry_run)
     world.fly(own, record)
-    return world, pilots[0], world.auditor.report()
+    return world, pilots[0], world.auditor.audit

@@ -103,7 +103,7 @@ class Bench:
         """One 50 Hz cycle; returns the decision that the attitude calls for."""
         self.t += dt
         if self.guid_options is not None and "GUID_OPTIONS" not in self.state.parameters:
-            self.feed(Parameter(self.t, 1, 1, "GUID_OPTIONS", self.guid_options, 0, 1))
+            self.feed(Parameter(self.t, 1, 1, "GUID_OPTIONS", self.guid_options))
         base = 128 if self.armed else 0
         self.feed(Heartbeat(self.t, 1, 1, self.armed, self.mode, base, self.autopilot, self.vehicle_type, 4))
         self.feed(LandedState(self.t, 1, 1, self.landed))

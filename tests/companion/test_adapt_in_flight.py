@@ -168,13 +168,13 @@ def test_no_setpoint_waits_for_what_is_learned(tmp_path: Path):
     state, learned = initial_state(config), 0
     for sample in samples_of(log):
         before = state.adaptation
-        state, _ = answer(state, sample, config)
+        state, decision = answer(state, sample, config)
         gathered = state.adaptation
         assert before is not None
         assert gathered is not None
         assert gathered.sizes is before.sizes
         assert gathered.judged is before.judged
-        state = settle(state, config)
+        state = settle(state, sample, decision, config)
         learned += state.adaptation is not None and state.adaptation.sizes is not before.sizes
     assert learned > 20
 

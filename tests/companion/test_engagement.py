@@ -119,7 +119,7 @@ def test_a_hover_parameter_that_contradicts_the_vehicle_file_is_refused_where_no
 def parameter(flown, name, value):
     from companion.mavlink.samples import Parameter
 
-    return Parameter(flown.bench.t, 1, 1, name, value, 0, 1)
+    return Parameter(flown.bench.t, 1, 1, name, value)
 
 
 # -- ArduPilot: take-off

@@ -47,8 +47,8 @@ def test_a_whole_flight_keeps_every_promise_on_every_output(px4, tmp_path: Path)
     recorded = Auditor(vehicle())
     for arrival_us, raw in read_tlog(log).frames():
         recorded.frame(arrival_us, FrameReader().feed(raw)[0])
-    assert recorded.report().broken() == []
-    assert recorded.report().setpoints == audit.setpoints
+    assert recorded.audit.broken() == []
+    assert recorded.audit.setpoints == audit.setpoints
 
 
 def test_a_dry_run_sends_no_setpoint():
@@ -117,7 +117,7 @@ class Wire:
         self.auditor.decision(Decision(t_s, command, (), 1.0, Offset(thrust, roll), None, None))
 
     def broken(self) -> set[Requirement]:
-        return {p for p, kept in self.auditor.report().requirements.items() if kept.broken}
+        return {p for p, kept in self.auditor.audit.requirements.items() if kept.broken}
 
 
 def run(seconds: float, wire: Wire, **state: object) -> None:
@@ -262,4 +262,4 @@ def test_frames_of_other_companions_are_not_ours():
     payload = bytes(6)
     wire.auditor.frame(wire.us, Frame(11, 9, 191, payload, pack(11, payload, 9, 191, 0)))
     assert wire.broken() == set()
-    assert replace(wire.auditor.report()).kept
+    assert replace(wire.auditor.audit).kept

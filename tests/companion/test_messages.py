@@ -18,7 +18,7 @@ from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS, columns, decode
 from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import Attitude, LocalPosition, RangeVerdict
-from companion.mavlink.wire_layout import Quantity
+from companion.mavlink.wire_layout import SI
 from models.frames import quaternion_from_euler, rotation_from_quaternion
 
 ARRIVAL = 1_767_225_642_203_386
@@ -260,7 +260,7 @@ def test_units_are_those_of_the_dialect():
     for layout in LAYOUTS.values():
         stated = getattr(mavlink.mavlink_map.get(layout.id), "fieldunits_by_name", {})
         for quantity in layout.quantities:
-            for field in getattr(quantity, "fields", ()):
+            for field in getattr(quantity, "fields", "").split():
                 unit = stated.get(field, "")
                 if unit and quantity.unit and not layout.name.startswith("RAW_IMU"):
                     assert quantity.unit == same.get(unit, unit), (layout.name, field)
@@ -323,8 +323,8 @@ def test_columns_hold_the_same_numbers(layout, payloads):
         fields = fields_of(layout, payload)
         for quantity, read in zip(layout.quantities, layout.readers, strict=True):
             one = read(fields)
-            if isinstance(quantity, Quantity):
-                assert np.array_equal(np.array(one), table[quantity.name][k], equal_nan=True), quantity.name
+            if isinstance(quantity, SI):
+                assert np.array_equal(np.atleast_1d(one), table[quantity.name][k], equal_nan=True), quantity.name
             elif isinstance(one, int):
                 assert one == table[quantity.name][k]
 

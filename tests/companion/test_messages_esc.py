@@ -60,7 +60,6 @@ def test_frames_to_samples():
     assert sample.health.voltage_v == (16.0, 16.5, 15.0, 0.0)
     health = decode(cut(pack(290, INFO, 1, 1, 0), 0), 10, clock)
     assert isinstance(health, EscHealth)
-    assert health.online == (True, True, False, True)
     assert health.temperature_c[0] == 30.0
     assert health.temperature_c[1] != health.temperature_c[1]
     assert health.temperature_c[2] == -5.0

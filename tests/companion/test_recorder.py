@@ -63,7 +63,7 @@ def test_a_folder_that_takes_nothing_is_said_once_and_the_flight_goes_on(tmp_pat
     def refuse(*_: object) -> int:
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr(tlog_writer.os, "open", refuse)
+    monkeypatch.setattr(tlog_writer.io, "FileIO", refuse)
     said: list[str] = []
     with Recorder(tmp_path / "f.tlog", say=said.append) as recorder:
         fill(recorder, 5)

@@ -1,4 +1,4 @@
-"""What is worked out after a setpoint has left: averages, swings and gains, and nothing where nothing is pending."""
+"""What is worked out after a setpoint has left: averages, swings and gains, and nothing after other messages."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from flying import bench
 
 from companion.config import PipelineConfig
 from companion.control.authority import Notice
-from companion.control.state import Pending, PipelineState
-from companion.mavlink.samples import Attitude
+from companion.control.state import Decision, PipelineState
+from companion.mavlink.samples import Attitude, LandedState
 from companion.pipeline import answer
 from companion.settle import retuned, settle
 
@@ -23,33 +23,35 @@ def flying() -> tuple[PipelineState, PipelineConfig]:
     return b.state, b.config
 
 
-def answered() -> tuple[PipelineState, PipelineConfig]:
+SAMPLE = Attitude(0.0, 1, 1, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION")
+
+
+def answered() -> tuple[PipelineState, Attitude, Decision | None, PipelineConfig]:
     """After a decision, before its work is done."""
     state, config = flying()
-    sample = Attitude(state.t_s + 0.02, 1, 1, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION")
-    return answer(state, sample, config)[0], config
+    sample = replace(SAMPLE, t_s=state.t_s + 0.02)
+    state, decision = answer(state, sample, config)
+    return state, sample, decision, config
 
 
-def test_nothing_pending_changes_nothing() -> None:
+def test_other_messages_and_an_attitude_that_was_overtaken_change_nothing() -> None:
     state, config = flying()
-    assert state.pending is None
-    assert settle(state, config) is state
+    assert settle(state, LandedState(state.t_s, 1, 1, 2), None, config) is state
+    overtaken = replace(SAMPLE, t_s=state.t_s - 0.1)
+    state, decision = answer(state, overtaken, config)
+    assert decision is None
+    assert settle(state, overtaken, decision, config) is state
 
 
-def test_what_is_pending_is_taken_in_once() -> None:
-    state, config = answered()
-    assert isinstance(state.pending, Pending)
-    done = settle(state, config)
-    assert done.pending is None
-    assert done.response.commands[-1][0] == state.t_s, "the setpoint that the attitude is to answer"
-    assert settle(done, config) is done
+def test_an_attitude_and_its_setpoint_are_taken_in() -> None:
+    done = settle(*answered())
+    assert done.response.commands[-1][0] == done.t_s, "the setpoint that the attitude is to answer"
 
 
 def test_a_dry_run_commands_nothing_that_an_attitude_could_answer() -> None:
-    state, config = answered()
-    done = settle(state, replace(config, dry_run=True))
+    state, sample, decision, config = answered()
+    done = settle(state, sample, decision, replace(config, dry_run=True))
     assert done.response.commands == state.response.commands
-    assert done.pending is None
 
 
 def test_gains_are_chosen_once_a_second() -> None:

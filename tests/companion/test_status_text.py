@@ -19,8 +19,7 @@ from companion.mavlink.frames import pack
 from companion.mavlink.samples import Attitude, Heartbeat
 from companion.mavlink.stream_rates import StreamKeeper, wanted_streams
 from companion.pipeline import initial_state, step
-from companion.telemetry.status import StatusReporter
-from companion.telemetry.statustext import chunks, messages
+from companion.telemetry.status import StatusReporter, chunks, text_messages
 from companion.vehicles import default_vehicle
 
 MAV = mavlink.MAVLink(None, srcSystem=1, srcComponent=191)
@@ -44,14 +43,14 @@ def test_chunks_end_between_words_and_join_again(text):
 
 @given(st.text(max_size=300))
 def test_any_text_can_be_sent(text):
-    for message in decoded(messages(4, text, 7)):
+    for message in decoded(text_messages(4, text, 7)):
         assert len(message.text) <= 50
 
 
 @pytest.mark.parametrize("sentence", SENTENCES)
 def test_no_sentence_is_cut(sentence):
     text = f"companion: no offset, {sentence}"
-    sent = decoded(messages(4, text, 7))
+    sent = decoded(text_messages(4, text, 7))
     joined = "".join(m.text if isinstance(m.text, str) else m.text.decode() for m in sent)
     assert " ".join(joined.split()) == text
     assert [m.chunk_seq for m in sent] == list(range(len(sent)))

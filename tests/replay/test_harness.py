@@ -52,7 +52,7 @@ def live(messages, path, config, cuts):
                     continue
                 state, decision = answer(state, sample, config)
                 # Here flight sends the setpoint.
-                state = settle(state, config)
+                state = settle(state, sample, decision, config)
                 if decision is not None:
                     decisions.append(decision)
                     # What is sent is recorded too, and must not be taken for input.

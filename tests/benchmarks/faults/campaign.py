@@ -246,7 +246,7 @@ def _result(fault: Fault, stack: str, observer: Observer, pilot: CasePilot, begu
     during = [s for s in seen if begun_s <= s.at_s < max(ended_s, begun_s + 1.0)]
     noticed, why = _noticed(seen, begun_s, ended_s)
     after = next((s for s in seen if s.at_s > ended_s and not s.reasons and s.authority > _BACK and s.sent), None)
-    report = observer.report()
+    report = observer.audit
     return Result(
         fault.name,
         stack,
