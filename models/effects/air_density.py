@@ -1,4 +1,8 @@
-"""The air is thinner or denser than the sea-level air the model was trained for."""
+"""The air is thinner or denser than the sea-level air the model was trained for.
+
+Valid: dry air.
+Source: T proportional to rho at given speed: Leishman 2006, ch. 2; ideal gas, ISO 2533.
+"""
 
 from __future__ import annotations
 
@@ -33,8 +37,6 @@ EFFECT = Effect(
     belongs_to=BelongsTo.WEATHER,
     equation="dF = g F_rotors (rho/1.225 - 1), rho = p/(287.05 T)",
     sign="gain 1: as the ideal gas says",
-    source="T proportional to rho at given speed: Leishman 2006, ch. 2; ideal gas, ISO 2533",
-    valid="dry air",
     axes=("Fz",),
     channels=("pressure_pa", "air_temperature_c", "rpm_1"),
     excite="known from pressure and temperature; weigh the vehicle to be sure",

@@ -1,4 +1,9 @@
-"""Thrust follows the battery voltage: where thrust is declared by outputs, or where reported speeds are not true."""
+"""Thrust follows the battery voltage: where thrust is declared by outputs, or where reported speeds are not true.
+
+Valid: V within 30 % of V0.
+Source: brushless motor at constant duty: speed follows the voltage, thrust its square; Hughes & Drury 2013, Electric
+Motors and Drives, ch. 3.
+"""
 
 from __future__ import annotations
 
@@ -52,13 +57,9 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="battery_sag",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dF = F_rotors (p (V/V0 - 1) + e - r (u - 1)), e at the reference voltage, u declared thrust over weight",
     sign="power > 0: thrust falls with the voltage; ohmic > 0: and with the current, faster than the voltage is "
     "logged; ohmic < 0: the declared curve holds that drop already",
-    source="brushless motor at constant duty: speed follows the voltage, thrust its square; Hughes & Drury "
-    "2013, Electric Motors and Drives, ch. 3",
-    valid="V within 30 % of V0",
     axes=("Fz",),
     channels=("battery_voltage_v", "servo_1", "rpm_1"),
     excite="fly on a full and on an empty battery",
@@ -70,7 +71,7 @@ EFFECT = Effect(
     main=("power",),
     regressors=_regressors,
     shapes=(Shape("reference_v", "V", continuous=False),),
-    shape_grid=_grid,
+    grid=_grid,
     lacking=_lacking,
     # Thrust follows the speed, whatever the voltage: only reported speeds that are not true can drift with it.
     chance=lambda ctx: ctx.by_kind(0.0003, 0.15),

@@ -1,4 +1,8 @@
-"""Pressure drag of the body: with the square of the speed."""
+"""Pressure drag of the body: with the square of the speed.
+
+Valid: still air.
+Source: Hoerner 1965, Fluid-Dynamic Drag, ch. 3: pressure drag of bluff bodies.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shown, columns
+from models.effects.effect import Coefficient, Context, Effect, Shown, columns
 from models.effects.pictures import over_speed
 from models.frames import Array
 from models.vehicle import RHO_SEA_LEVEL
@@ -30,11 +34,8 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="body_drag",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dF_i = -rho/2 c_i A |v_i| v_i, A the area of all discs",
     sign="c > 0: against the motion",
-    source="Hoerner 1965, Fluid-Dynamic Drag, ch. 3: pressure drag of bluff bodies",
-    valid="still air",
     axes=("Fx", "Fy"),
     channels=("vn_m_s", "ve_m_s"),
     excite="fly at more than 2 m/s forward and sideways",

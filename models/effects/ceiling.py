@@ -1,4 +1,8 @@
-"""A ceiling draws the vehicle up: image of the rotor's inflow, the length scale fitted."""
+"""A ceiling draws the vehicle up: image of the rotor's inflow, the length scale fitted.
+
+Valid: gap above 0.2 radii.
+Source: Hsiao & Chirarattananon 2019, IEEE/ASME Trans. Mechatronics 24(5), 2316-2327, arXiv:1905.04632.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,18 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, Flown, Shape, Shown, columns, tried
+from models.effects.effect import (
+    DOWNWARD,
+    BelongsTo,
+    Coefficient,
+    Context,
+    Effect,
+    Flown,
+    Shape,
+    Shown,
+    columns,
+    where_seen,
+)
 from models.effects.pictures import fan_mean, more, nearest, over
 from models.frames import Array
 
@@ -16,10 +31,6 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     gain = 0.5 + 0.5 * np.sqrt(1.0 + 1.0 / (8.0 * gap * gap))
     extra = ctx.shared_thrust * (gain ** (2.0 / 3.0) - 1.0)
     return columns(ctx.wrench_at_cg(-extra[..., None] * DOWNWARD))
-
-
-def _lacking(ctx: Context) -> str | None:
-    return None if np.isfinite(ctx.state.ceiling_m).any() else "no rangefinder saw a ceiling"
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -34,17 +45,14 @@ EFFECT = Effect(
     belongs_to=BelongsTo.PLACE,
     equation="dF_z = -g sum T (gamma(z/a)^(2/3) - 1), gamma = 1/2 + 1/2 sqrt(1 + (a R/z)^2/8)",
     sign="gain > 0: drawn to the ceiling",
-    source="Hsiao & Chirarattananon 2019, IEEE/ASME Trans. Mechatronics 24(5), 2316-2327, arXiv:1905.04632",
-    valid="gap above 0.2 radii",
     axes=("Fz",),
     channels=("range_up_m", "rpm_1"),
     excite="hover at three gaps below two radii under the ceiling, with an up-looking rangefinder",
     coefficients=(Coefficient("gain", "1", 0.05, 10.0, typical=0.6, centre=1.0),),
     regressors=_regressors,
     in_flight=Flown(gain=True),
-    shapes=(Shape("scale", "1"),),
-    shape_grid=tried(0.5, 0.75, 1.0, 1.5, 2.5),
-    lacking=_lacking,
+    shapes=(Shape("scale", "1", tried=(0.5, 0.75, 1.0, 1.5, 2.5)),),
+    lacking=where_seen("ceiling_m", "no rangefinder saw a ceiling"),
     aliases=("thrust_scale",),
     shown=Shown(lambda ctx, axis: over("gap to the ceiling [m]", fan_mean(ctx.state.ceiling_m), axis), _words),
 )

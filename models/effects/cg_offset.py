@@ -1,4 +1,8 @@
-"""The centre of gravity is not where the vehicle file says."""
+"""The centre of gravity is not where the vehicle file says.
+
+Valid: small offsets.
+Source: moment of a force about another point: Goldstein, Classical Mechanics, ch. 1.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shown, columns
+from models.effects.effect import Coefficient, Context, Effect, Shown, columns
 from models.effects.pictures import over_thrust
 from models.frames import Array
 
@@ -31,11 +35,8 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="cg_offset",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dM = -r x F, F of rotors and vanes",
     sign="x > 0: CG ahead of the declared one (nose down); y > 0: to the right of it (right down)",
-    source="moment of a force about another point: Goldstein, Classical Mechanics, ch. 1",
-    valid="small offsets",
     axes=("Mx", "My"),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="vary the thrust: quick climbs and stops",

@@ -1,4 +1,8 @@
-"""A bumper touches the wall: a spring and a damper with a force away from it, none beyond their reach."""
+"""A bumper touches the wall: a spring and a damper with a force away from it, none beyond their reach.
+
+Valid: a soft bumper.
+Source: Hunt & Crossley 1975, J. Applied Mechanics 42(2), 440-445, linearised: spring and damper at a contact.
+"""
 
 from __future__ import annotations
 
@@ -42,8 +46,6 @@ EFFECT = Effect(
     belongs_to=BelongsTo.PLACE,
     equation="dF = -k max(d0 - d, 0) + c d' where d < d0, towards the wall, at every fan",
     sign="stiffness > 0: force away from the wall",
-    source="Hunt & Crossley 1975, J. Applied Mechanics 42(2), 440-445, linearised: spring and damper at a contact",
-    valid="a soft bumper",
     axes=("Fx", "Fy", "Mx", "My", "Mz"),
     channels=("range_right_m", "range_left_m", "range_forward_m", "range_back_m"),
     excite="touch the wall gently, several times",
@@ -53,7 +55,7 @@ EFFECT = Effect(
     ),
     regressors=_regressors,
     shapes=(Shape("reach_m", "m"),),
-    shape_grid=_grid,
+    grid=_grid,
     lacking=_lacking,
     aliases=("wall_effect",),
     # Bumpers are neither linear nor alike, and ranges of a few centimetres are coarse.

@@ -1,4 +1,9 @@
-"""What wall and ground do together and neither does alone."""
+"""What wall and ground do together and neither does alone.
+
+Valid: h above 0.8 radii, d above 0.2 radii.
+Source: form: least squares on 90 places of the data set corner_cfd, R2 0.88, 0.58 and 0.61 (without b: 0.57, 0.18 and
+0.61); that it exists: Ai, Xu, Xiang, Fan & Zhang 2020, Sensors 20(20), 5805, figures 8 to 10.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Flown, Shape, Shown, columns, decay, tried
+from models.effects.effect import Coefficient, Context, Effect, Flown, Shape, Shown, columns, decay
 from models.effects.pictures import nearest, over_surfaces, percent
 from models.frames import Array
 
@@ -46,12 +51,8 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="corner_effect",
-    belongs_to=BelongsTo.VEHICLE,
     equation="F(h,d) - F(h,inf) - F(inf,d) + F(inf,inf) = sum T (a + b h/L) exp(-(h + d)/L), for pull, lift, tilt/R",
     sign="pull, tilt > 0: towards the wall; lift > 0: more lift; rise > 0: more of it higher up",
-    source="form: least squares on 90 places of the data set corner_cfd, R2 0.88, 0.58 and 0.61 (without b: 0.57, "
-    "0.18 and 0.61); that it exists: Ai, Xu, Xiang, Fan & Zhang 2020, Sensors 20(20), 5805, figures 8 to 10",
-    valid="h above 0.8 radii, d above 0.2 radii",
     axes=("Fx", "Fy", "Fz", "Mx", "My"),
     channels=("range_down_m", "range_right_m", "range_left_m", "range_forward_m", "range_back_m", "rpm_1"),
     excite="descend and climb beside a wall, slowly, at two distances",
@@ -62,8 +63,7 @@ EFFECT = Effect(
     ),
     regressors=_regressors,
     in_flight=Flown(gain=True),
-    shapes=(Shape("length_radii", "1"),),
-    shape_grid=tried(0.7, 1.2, 2.0),
+    shapes=(Shape("length_radii", "1", tried=(0.7, 1.2, 2.0)),),
     lacking=_lacking,
     chance=lambda ctx: ctx.by_model(0.05, 0.3),
     aliases=("wall_effect", "ground_effect"),

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,11 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from models.adopted_effect import AdoptedEffect
 from models.air_state import AirState
-from models.errors import ConfigError
 from models.frames import GRAVITY, Array, at_cg, corner_to_body
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
 from models.vehicle_wrench import (
-    REFERENCE_RPM,
     FanModel,
     fan_rpm,
     fan_torques,
@@ -115,6 +114,8 @@ class Shape:
     """Standard deviation of the prior about zero; None: all values are as likely."""
     free_at_zero: bool = False
     """Zero is a value like others (there is no dead time), not the edge of what was tried."""
+    tried: tuple[float, ...] = ()
+    """Its values on the grid, where they are the same on every flight."""
 
 
 @dataclass(frozen=True)
@@ -156,20 +157,9 @@ class Context:
         """Declared free-air thrust of every fan [N], (..., fans)."""
         if not self.vehicle.telemetered and not np.isfinite(self.state.rpm).any():
             per_rotor = servo_thrust(self.vehicle, self.state.servo_us)
-            owner = np.asarray(self.vehicle.rotor_fan)
-            sums = [per_rotor[..., owner == i].sum(axis=-1) for i in range(len(self.vehicle.fans))]
-            return np.stack(sums, axis=-1)
-        try:
-            columns = [
-                free_air_thrust(self.vehicle, self.model, fan, self.rpm[..., i])
-                for i, fan in enumerate(self.vehicle.fans)
-            ]
-        except ConfigError:
-            if self.vehicle.telemetered:
-                raise
-            share = self.vehicle.mass_kg * GRAVITY / len(self.vehicle.fans)
-            return share * (self.rpm / REFERENCE_RPM) ** 2
-        return np.stack(columns, axis=-1)
+            return np.asarray(np.add.reduceat(per_rotor, self.vehicle.first_rotors, axis=-1))
+        each = zip(self.vehicle.fans, np.moveaxis(self.rpm, -1, 0), strict=True)
+        return np.stack([free_air_thrust(self.vehicle, self.model, fan, rpm) for fan, rpm in each], axis=-1)
 
     @cached_property
     def shared_thrust(self) -> Array:
@@ -242,8 +232,7 @@ class Context:
     @cached_property
     def turning(self) -> Array:
         """What turning adds to the velocity of every fan's reference point, omega x r, body FRD, (..., fans, 3)."""
-        arms = np.array([fan.position_m for fan in self.vehicle.fans])
-        out: Array = np.cross(self.state.rates[..., None, :], arms)
+        out: Array = np.cross(self.state.rates[..., None, :], self.vehicle.fan_positions_m)
         return out
 
     @cached_property
@@ -293,24 +282,17 @@ class Context:
     @property
     def lever(self) -> float:
         """Farthest fan from the CG, or the rotor's radius where that is larger [m]: unit of arms."""
-        arms = [float(np.linalg.norm(fan.position_m)) for fan in self.vehicle.fans]
-        return max(*arms, self.vehicle.rotor_radius_m)
+        return float(max(np.linalg.norm(self.vehicle.fan_positions_m, axis=1).max(), self.vehicle.rotor_radius_m))
 
     def wrench_at_cg(self, forces: Array, above_m: float = 0.0) -> Array:
         """Wrench about the CG (..., 6) of body forces (..., fans, 3) that act ``above_m`` over the reference points."""
-        total = np.zeros((*forces.shape[:-2], 6))
-        for i, fan in enumerate(self.vehicle.fans):
-            wrench = np.zeros_like(total)
-            wrench[..., :3] = forces[..., i, :]
-            total += at_cg(wrench, np.asarray(fan.position_m) - above_m * DOWNWARD)
-        return total
+        wrenches = np.concatenate([forces, np.zeros_like(forces)], axis=-1)
+        return np.asarray(at_cg(wrenches, self.vehicle.fan_positions_m - above_m * DOWNWARD).sum(axis=-2))
 
     def corners(self, wrenches: Array, bearing: ArrayLike) -> Array:
         """Wrench about the CG (..., 6) of the fans' corner-frame wrenches (..., fans, 6), wall at ``bearing``."""
-        total = np.zeros((*wrenches.shape[:-2], 6))
-        for i, fan in enumerate(self.vehicle.fans):
-            total += at_cg(corner_to_body(wrenches[..., i, :], bearing), fan.position_m)
-        return total
+        body = corner_to_body(wrenches, np.asarray(bearing)[..., None])
+        return np.asarray(at_cg(body, self.vehicle.fan_positions_m).sum(axis=-2))
 
     def corner(self, wrench: Sequence[float], sizes: Array, bearing: ArrayLike) -> Array:
         """Wrench about the CG (..., 6) of one corner-frame wrench times ``sizes`` (..., fans), wall at ``bearing``."""
@@ -321,19 +303,19 @@ Regressors = Callable[[Context, tuple[float, ...]], Array]
 Grid = Callable[[Context], Sequence[tuple[float, ...]]]
 
 
-def no_shape(_: Context) -> Sequence[tuple[float, ...]]:
-    """The grid of an effect that is linear in everything."""
-    return ((),)
-
-
-def tried(*values: float) -> Grid:
-    """The grid of an effect whose one shape takes these values."""
-    return lambda _: tuple((value,) for value in values)
-
-
 def always(_: Context) -> str | None:
-    """For effects that need nothing besides rotors and IMU."""
+    """``lacking`` of effects that need nothing besides rotors and IMU."""
     return None
+
+
+def where_seen(distance: str, otherwise: str) -> Callable[[Context], str | None]:
+    """``lacking`` of an effect of what is at this ``distance`` of the state; ``otherwise`` says that none was seen."""
+    return lambda ctx: None if np.isfinite(getattr(ctx.state, distance)).any() else otherwise
+
+
+def where_thrust_is_flown(ctx: Context) -> str | None:
+    """``lacking`` of effects that show in changes of the thrust, but not in those that answer disturbances."""
+    return "the thrust changed only in response to disturbances" if ctx.only_answers else None
 
 
 @dataclass(frozen=True)
@@ -384,24 +366,24 @@ class Effect:
     """One entry of the catalogue. ``regressors(ctx, shape)`` -> (..., 6, k), body FRD about the CG, N and N m.
 
     The wrench is ``regressors @ coefficients``: linear in ``coefficients``, and in ``shapes`` profiled on
-    ``shape_grid(ctx)``. ``lacking(ctx)`` says in a few words which measurement is missing, or None.
+    ``shape_grid(ctx)``. ``lacking(ctx)`` says in a few words which measurement is missing, or None. Where it is valid
+    and where that was found says the docstring of its file.
     """
 
-    # What it is, and where that was found.
+    # What it is.
     name: str
-    belongs_to: BelongsTo
     equation: str
     sign: str
-    source: str
-    valid: str
     axes: tuple[str, ...]
     channels: tuple[str, ...]
     excite: str
     # How it acts.
     coefficients: tuple[Coefficient, ...]
     regressors: Regressors
+    belongs_to: BelongsTo = BelongsTo.VEHICLE
     shapes: tuple[Shape, ...] = ()
-    shape_grid: Grid = no_shape
+    grid: Grid | None = None
+    """Places that are tried, by the flight; None: every combination of what its shapes name."""
     halvings: int = 2
     """How often the grid of its shapes is halved about the best."""
     at_shape: bool = False
@@ -438,6 +420,10 @@ class Effect:
     # What is made of it.
     in_flight: Flown = _FLOWN
     shown: Shown = _SHOWN
+
+    def shape_grid(self, ctx: Context) -> Sequence[tuple[float, ...]]:
+        """The places at which its shapes are tried on a flight; one empty place without shapes."""
+        return tuple(product(*(s.tried for s in self.shapes))) if self.grid is None else self.grid(ctx)
 
     def of_day(self, coefficient: Coefficient) -> bool:
         """Whether every flight has its own."""

@@ -1,4 +1,8 @@
-"""One fan gives less (or more) thrust than declared: a nicked blade, a loose duct."""
+"""One fan gives less (or more) thrust than declared: a nicked blade, a loose duct.
+
+Valid: everywhere.
+Source: blade-element theory: a blade that lifts less is dragged less; Leishman 2006, ch. 3.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns
+from models.effects.effect import DOWNWARD, Coefficient, Context, Effect, Shape, Shown, columns
 from models.effects.pictures import more, over_thrust
 from models.frames import Array
 from models.vehicle_wrench import fan_torques, vane_wrench
@@ -35,11 +39,8 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="fan_imbalance",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dF = e (F_fan + F_vanes), dM = r x dF + q Q_fan",
     sign="scale < 0: that fan is weaker than declared",
-    source="blade-element theory: a blade that lifts less is dragged less; Leishman 2006, ch. 3",
-    valid="everywhere",
     axes=("Fz", "Mx", "My", "Mz"),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="pitch and roll steps: one fan's speed against the others'",
@@ -51,7 +52,7 @@ EFFECT = Effect(
     regressors=_regressors,
     needs_moments=True,
     shapes=(Shape("fan", "1", continuous=False),),
-    shape_grid=_grid,
+    grid=_grid,
     aliases=("cg_offset",),
     shown=Shown(over_thrust, _words),
 )

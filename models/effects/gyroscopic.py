@@ -1,12 +1,16 @@
-"""The rotors are flywheels whose spins do not cancel."""
+"""The rotors are flywheels whose spins do not cancel.
+
+Valid: rigid rotors.
+Source: Euler's equations of a gyrostat; Mahony, Kumar & Corke 2012, IEEE Robotics & Automation Magazine 19(3), 20-32.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Drawn, Effect, Shape, Shown, columns
+from models.effects.effect import NOT_FLOWN, Coefficient, Context, Drawn, Effect, Shape, Shown, columns
 from models.effects.pictures import mean, over
 from models.frames import Array
 from models.vehicle_wrench import RPM_TO_RAD_S
@@ -20,10 +24,6 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     out[..., 3], out[..., 4] = -ctx.state.rates[..., 1] * spin, ctx.state.rates[..., 0] * spin
     out[..., 5] = -change
     return columns(out)
-
-
-def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
-    return ((0.0,), (1.0,), (-1.0,))
 
 
 def _likely(ctx: Context) -> float:
@@ -43,20 +43,15 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="gyroscopic",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dM = -w x H - dH/dt, H = J sum s_i Omega_i (s_i the declared spins, or all alike)",
     sign="all_alike 1: all clockwise seen from above, -1: all against it, 0: as declared",
-    source="Euler's equations of a gyrostat; Mahony, Kumar & Corke 2012, IEEE Robotics & Automation Magazine "
-    "19(3), 20-32",
-    valid="rigid rotors",
     axes=("Mx", "My", "Mz"),
     channels=("p_rad_s", "q_rad_s", "rpm_1", "rpm_2"),
     excite="quick roll and pitch steps, and steps of the thrust",
     coefficients=(Coefficient("inertia", "kg m^2", 0.0, 0.1, typical=_likely),),
     regressors=_regressors,
     needs_moments=True,
-    shapes=(Shape("all_alike", "1", continuous=False),),
-    shape_grid=_grid,
+    shapes=(Shape("all_alike", "1", continuous=False, tried=(0.0, 1.0, -1.0)),),
     in_flight=NOT_FLOWN,
     shown=Shown(_drawn, _words),
 )

@@ -1,4 +1,8 @@
-"""The accelerometer reads a constant too much in body axes, or stands askew on the rotors."""
+"""The accelerometer reads a constant too much in body axes, or stands askew on the rotors.
+
+Valid: constant temperature.
+Source: Woodman 2007, University of Cambridge UCAM-CL-TR-696, section 4: accelerometer bias.
+"""
 
 from __future__ import annotations
 
@@ -37,8 +41,6 @@ EFFECT = Effect(
     belongs_to=BelongsTo.INSTRUMENT,
     equation="dF = m b + T (pitch, -roll, 0), b constant in the body",
     sign="b > 0: the accelerometer reads too much along that axis; pitch > 0: rotors are tilted forward of it",
-    source="Woodman 2007, University of Cambridge UCAM-CL-TR-696, section 4: accelerometer bias",
-    valid="constant temperature",
     axes=("Fx", "Fy", "Fz"),
     channels=("ax_m_s2", "ay_m_s2", "az_m_s2"),
     excite="turn by 180 degrees: a bias turns with the vehicle, wind does not",

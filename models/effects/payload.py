@@ -1,4 +1,8 @@
-"""More (or less) mass than declared, from the start or picked up in flight."""
+"""More (or less) mass than declared, from the start or picked up in flight.
+
+Valid: a load that moves with the vehicle.
+Source: Newton's second law with a mass that is not declared.
+"""
 
 from __future__ import annotations
 
@@ -47,15 +51,13 @@ EFFECT = Effect(
     belongs_to=BelongsTo.LOAD,
     equation="dF = -dm f, f the specific force, from a time on",
     sign="mass > 0: heavier than declared",
-    source="Newton's second law with a mass that is not declared",
-    valid="a load that moves with the vehicle",
     axes=("Fz",),
     channels=("az_m_s2", "rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="weigh the vehicle, or pick the load up in flight",
     coefficients=(Coefficient("mass", "kg", -1e3, 1e3, typical=lambda ctx: 0.15 * ctx.vehicle.mass_kg, centre=_usual),),
     regressors=_regressors,
     shapes=(Shape("from_s", "s", kinds=(0.0,)),),
-    shape_grid=_grid,
+    grid=_grid,
     halvings=4,
     aliases=("thrust_scale", "air_density"),
     exact=True,

@@ -1,4 +1,8 @@
-"""A load on a rope: a pendulum that the vehicle's own motion drives, and its weight."""
+"""A load on a rope: a pendulum that the vehicle's own motion drives, and its weight.
+
+Valid: small angles of the rope.
+Source: Bisgaard, la Cour-Harbo & Bendtsen 2010, Control Engineering Practice 18(7): pendulum under a hook.
+"""
 
 from __future__ import annotations
 
@@ -53,8 +57,6 @@ EFFECT = Effect(
     belongs_to=BelongsTo.LOAD,
     equation="dF_xy = m w0^2 x, x'' + 2 z w0 x' + w0^2 x = -a_xy, w0 = sqrt(g/L); dF_z = m g; dM = b z x dF",
     sign="mass > 0: hangs below",
-    source="Bisgaard, la Cour-Harbo & Bendtsen 2010, Control Engineering Practice 18(7): pendulum under a hook",
-    valid="small angles of the rope",
     axes=("Fx", "Fy", "Fz", "Mx", "My"),
     channels=("vn_m_s", "ve_m_s", "roll_rad", "pitch_rad"),
     excite="sideways steps and stops, then hover and wait",
@@ -65,7 +67,7 @@ EFFECT = Effect(
     ),
     regressors=_regressors,
     shapes=(Shape("rope_m", "m"),),
-    shape_grid=_grid,
+    grid=_grid,
     aliases=("payload",),
     in_flight=NOT_FLOWN,
     main=("swinging",),

@@ -1,14 +1,18 @@
-"""A smooth correction of lift, pull and tilt over height and distance to the wall, where no formula is right."""
+"""A smooth correction of lift, pull and tilt over height and distance to the wall, where no formula is right.
+
+Valid: where the flights were, 0.8 to 4.5 radii of ground and 0.2 to 4 radii of a wall.
+Source: Gaussian process over the logarithms of height and distance: Rasmussen & Williams 2006, Gaussian Processes for
+Machine Learning; sizes: Ai, Xu, Xiang, Fan & Zhang 2020, Sensors 20(20), 5805.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from itertools import product
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Flown, InFlight, Shape, Shown
+from models.effects.effect import Coefficient, Context, Effect, Flown, InFlight, Shape, Shown
 from models.effects.pictures import more, nearest, over_surfaces, percent
 from models.frames import Array
 from models.surface_map import CELLS, COMPONENTS, MEASURED, PARTS, cell_name, prior_factor
@@ -70,10 +74,6 @@ def _seen(flights: Sequence[Context]) -> dict[str, float]:
     return {cell_name("seen", k): round(min(s / SEEN_S, 1.0), 3) for k, s in enumerate(seconds.tolist())}
 
 
-def _grid(_: Context) -> Sequence[tuple[float, ...]]:
-    return tuple(product((0.5, 1.0, 2.0, 4.0), repeat=len(PARTS)))
-
-
 def _lacking(ctx: Context) -> str | None:
     near = np.minimum(ctx.state.h_m / MEASURED.heights[-1], ctx.state.d_m / MEASURED.gaps[-1])
     close = np.nan_to_num(near, nan=np.inf).min(axis=-1) < ctx.vehicle.rotor_radius_m
@@ -109,12 +109,8 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="surface_law",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dF = sum g F_model + T m(h/R, d/R), a gain g and a map m each for lift, pull and tilt (times R)",
     sign="lift > 0: more lift; pull, tilt > 0: towards the wall",
-    source="Gaussian process over the logarithms of height and distance: Rasmussen & Williams 2006, Gaussian Processes "
-    "for Machine Learning; sizes: Ai, Xu, Xiang, Fan & Zhang 2020, Sensors 20(20), 5805",
-    valid="where the flights were, 0.8 to 4.5 radii of ground and 0.2 to 4 radii of a wall",
     axes=("Fx", "Fy", "Fz", "Mx", "My"),
     channels=("range_down_m", "range_right_m", "range_left_m", "range_forward_m", "range_back_m", "rpm_1"),
     excite="fly slowly to ground, wall and corner, at three heights and distances each",
@@ -124,8 +120,7 @@ EFFECT = Effect(
     ),
     regressors=_regressors,
     mixing=_mixing,
-    shapes=tuple(Shape(f"{part}_spread", "1", continuous=False) for part in PARTS),
-    shape_grid=_grid,
+    shapes=tuple(Shape(f"{part}_spread", "1", continuous=False, tried=(0.5, 1.0, 2.0, 4.0)) for part in PARTS),
     lacking=_lacking,
     in_flight=Flown(InFlight.MODEL, coverage=_seen, covered=tuple(cell_name("seen", k) for k in range(MEASURED.size))),
     remainder=True,

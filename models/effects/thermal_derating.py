@@ -1,4 +1,8 @@
-"""Thrust is lost as motors and ESCs warm up."""
+"""Thrust is lost as motors and ESCs warm up.
+
+Valid: below the ESC's own limit.
+Source: magnets and copper lose about 0.1 % of torque a kelvin: Hughes & Drury 2013, Electric Motors and Drives, ch. 9.
+"""
 
 from __future__ import annotations
 
@@ -38,12 +42,8 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="thermal_derating",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dF = F_rotors (s (T_esc - T_start)/30 K + s0), s0 at the start",
     sign="slope < 0: thrust is lost when hot",
-    source="magnets and copper lose about 0.1 % of torque a kelvin: Hughes & Drury 2013, Electric Motors and "
-    "Drives, ch. 9",
-    valid="below the ESC's own limit",
     axes=("Fz",),
     channels=("esc_temperature_c", "rpm_1"),
     excite="a long flight from cold; rest with the battery connected separates heat from charge",
@@ -54,7 +54,7 @@ EFFECT = Effect(
     main=("slope",),
     regressors=_regressors,
     shapes=(Shape("reference_c", "degC", continuous=False),),
-    shape_grid=_grid,
+    grid=_grid,
     lacking=_lacking,
     contains=("thrust_scale",),
     aliases=("battery_sag",),

@@ -1,4 +1,8 @@
-"""Air along the rotor axis: climbing, or tilting into wind, takes lift from a fan at the same speed; sinking adds."""
+"""Air along the rotor axis: climbing, or tilting into wind, takes lift from a fan at the same speed; sinking adds.
+
+Valid: slow climbs and descents, no vortex ring.
+Source: blade-element momentum theory in climb and in forward flight: Leishman 2006, ch. 2.14 and 3.
+"""
 
 from __future__ import annotations
 
@@ -34,12 +38,9 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="vertical_inflow",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dF_z = T (c v_up - (c w)_up + t (omega x r)_up) / (Omega R) - l rho A |v_xy|^2 per fan, w the wind, up "
     "along the rotor axis",
     sign="slope > 0: lift is lost in a climb; level > 0: and gained in level flight; north, east: slope times the wind",
-    source="blade-element momentum theory in climb and in forward flight: Leishman 2006, ch. 2.14 and 3",
-    valid="slow climbs and descents, no vortex ring",
     axes=("Fz",),
     channels=("vd_m_s", "pitch_rad", "roll_rad", "rpm_1"),
     excite="climb and sink at 0.5 m/s or more, away from the ground",

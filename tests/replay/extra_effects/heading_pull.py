@@ -1,4 +1,8 @@
-"""A side force that goes with the heading, as of a taut cable: no effect of the catalogue, made for a test."""
+"""A side force that goes with the heading, as of a taut cable: no effect of the catalogue, made for a test.
+
+Valid: everywhere.
+Source: made for a test.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +25,6 @@ EFFECT = Effect(
     belongs_to=BelongsTo.PLACE,
     equation="dF_y = a W sin(2 yaw)",
     sign="a > 0: to the right at a heading of 45 degrees",
-    source="made for a test",
-    valid="everywhere",
     axes=("Fy",),
     channels=("yaw_rad",),
     excite="turn on the spot",
