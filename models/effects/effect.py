@@ -327,8 +327,6 @@ class Drawn:
     values: Array
     force_label: str
     direction: Array
-    mark: str = ""
-    """The parameter that is a place on the quantity, such as the moment at which a load was picked up."""
 
 
 @dataclass(frozen=True)

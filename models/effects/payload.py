@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns
-from models.effects.pictures import over, percent
+from models.effects.pictures import over_time, percent
 from models.frames import Array
 
 BESIDE_S = 8.0
@@ -62,5 +62,5 @@ EFFECT = Effect(
     aliases=("thrust_scale", "air_density"),
     exact=True,
     chance=0.045,
-    shown=Shown(lambda ctx, axis: over("time since boot [s]", ctx.state.time_s, axis, mark="from_s"), _words),
+    shown=Shown(over_time, _words),
 )

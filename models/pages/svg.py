@@ -1,4 +1,4 @@
-"""Small plots as SVG: lines, points with bars, shaded intervals and marked moments. No library, so a page needs none.
+"""Small plots as SVG: lines, points with bars, and shaded intervals. No library, so a page needs none.
 
 A chart is 400 units wide: on a phone its text has the size that it is given, on a wide screen two stand side by side.
 """
@@ -25,8 +25,6 @@ _NAMES = 20
 _TICKS = 4
 _CHARACTER = 6.6
 """Mean width of a character at 13 px [px]."""
-_LABELLED = 200
-"""Width above a chart that the label of its vertical axis may take [px]."""
 _LONGEST = 6
 """Characters of a number beside the axis."""
 
@@ -57,28 +55,19 @@ class Band:
     label: str
 
 
-@dataclass(frozen=True)
-class Mark:
-    """A moment, or another place on x, with a few words."""
-
-    x: float
-    label: str
-
-
 def figure(
     title: str,
     lines: Sequence[Line],
     x_label: str,
     y_label: str,
     bands: Sequence[Band] = (),
-    marks: Sequence[Mark] = (),
     *,
     keyed: bool = True,
 ) -> str:
     """A plot with its title and, if ``keyed``, its colours above it, where they wrap as text does."""
     named = keys(lines, bands) if keyed else ""
     caption = f"<figcaption><b>{escape(title)}</b>{named}</figcaption>"
-    return f"<figure>{caption}{plot(title, lines, x_label, y_label, bands, marks)}</figure>"
+    return f"<figure>{caption}{plot(title, lines, x_label, y_label, bands)}</figure>"
 
 
 def keys(lines: Sequence[Line], bands: Sequence[Band] = ()) -> str:
@@ -96,10 +85,9 @@ def plot(
     x_label: str,
     y_label: str,
     bands: Sequence[Band] = (),
-    marks: Sequence[Mark] = (),
 ) -> str:
     """One panel as an SVG element."""
-    panel = _panel(lines, x_label, y_label, bands, marks, WIDTH)
+    panel = _panel(lines, x_label, y_label, bands, WIDTH)
     return f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}">{panel}</svg>'
 
 
@@ -107,7 +95,7 @@ def picture(title: str, panels: Mapping[str, Sequence[Line]], x_label: str, band
     """Panels by the label of their y, below each other, as an SVG file with the names of its curves and bands."""
     drawn, names, at = "", "", float(_LEFT)
     for k, (y_label, lines) in enumerate(panels.items()):
-        panel = _panel(lines, x_label, y_label, bands, (), WIDE)
+        panel = _panel(lines, x_label, y_label, bands, WIDE)
         drawn += f'<g transform="translate(0,{_NAMES + k * HEIGHT})">{panel}</g>'
     for label, kind in {line.label: line.kind for lines in panels.values() for line in lines if line.label}.items():
         names += f'<text class="name {kind}" x="{at:.0f}" y="14">{escape(label)}</text>'
@@ -123,9 +111,7 @@ def picture(title: str, panels: Mapping[str, Sequence[Line]], x_label: str, band
     )
 
 
-def _panel(
-    lines: Sequence[Line], x_label: str, y_label: str, bands: Sequence[Band], marks: Sequence[Mark], width: int
-) -> str:
+def _panel(lines: Sequence[Line], x_label: str, y_label: str, bands: Sequence[Band], width: int) -> str:
     errors = [np.zeros(len(line.x)) if line.error is None else line.error for line in lines]
     x = np.concatenate([line.x for line in lines])
     low = np.concatenate([line.y - e for line, e in zip(lines, errors, strict=True)])
@@ -135,7 +121,6 @@ def _panel(
     parts.append(_frame(xs, ys, x_label, y_label))
     parts += [_dots(line, e, xs, ys) if line.points else _polyline(line, xs, ys)
               for line, e in zip(lines, errors, strict=True)]  # fmt: skip
-    parts += [_mark(mark, xs) for mark in marks]
     return "".join(parts)
 
 
@@ -188,19 +173,6 @@ def _band(band: Band, xs: _Scale) -> str:
         return ""
     size = f'width="{b - a:.1f}" height="{HEIGHT - _TOP - _BOTTOM}"'
     return f'<rect class="band {band.kind}" x="{a:.1f}" y="{_TOP}" {size}/>'
-
-
-def _mark(mark: Mark, xs: _Scale) -> str:
-    x = xs.at(mark.x)
-    wide = _CHARACTER * len(mark.label)
-    left = x + 4 + wide > xs.end + _RIGHT
-    at, anchor = (x - 4, "end") if left else (x + 4, "start")
-    # Above the curves; where the label of the axis stands there, among them.
-    y = _TOP - 5 if x - wide > _LABELLED else _TOP + 12
-    return (
-        f'<line class="mark" x1="{x:.1f}" x2="{x:.1f}" y1="{_TOP}" y2="{HEIGHT - _BOTTOM}"/>'
-        f'<text class="mark" x="{at:.1f}" y="{y}" text-anchor="{anchor}">{escape(mark.label)}</text>'
-    )
 
 
 def _polyline(line: Line, xs: _Scale, ys: _Scale) -> str:
