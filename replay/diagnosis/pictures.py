@@ -75,7 +75,7 @@ def effect_picture(named: Named, a: EffectWrench) -> str:
     fitted = "correction, as fitted" if effect.in_flight.use is InFlight.MEASUREMENT else "the effect, as fitted"
     lines = [
         Line(middle, mean, "before", "measured without it", points=True, error=error),
-        Line(at, curve, "fit", fitted, thick=True),
+        Line(at, curve, "fit", fitted),
     ]
     return figure(record.name, lines, drawn.label, drawn.force_label)
 
