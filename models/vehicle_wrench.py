@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -38,16 +36,6 @@ def fan_rpm(vehicle: Vehicle, rotor_rpm: ArrayLike) -> Array:
     return np.asarray(np.sqrt(squares / vehicle.rotor_counts))
 
 
-def fan_rpm_now(vehicle: Vehicle, rotor_rpm: Sequence[float]) -> tuple[float, ...]:
-    """``fan_rpm`` of one instant in plain floats."""
-    out, first = [], 0
-    for fan in vehicle.fans:
-        count = len(fan.rotors)
-        out.append(math.sqrt(sum([v * v for v in rotor_rpm[first : first + count]]) / count))
-        first += count
-    return tuple(out)
-
-
 def free_air_thrust(vehicle: Vehicle, model: FanModel | None, fan: Fan, rpm: ArrayLike) -> Array:
     """Free-air thrust [N] of one fan at ``rpm`` (...): the model's own, by ``ct``, or as ``[throttle]`` hovers."""
     if model is not None:
@@ -66,14 +54,10 @@ def rpm_from_servos(vehicle: Vehicle, model: FanModel | None, servo_us: ArrayLik
     Only the thrust is known there; the speed is the one at which a rotor carries its share of the fan's free-air
     thrust. Without a model and without ``ct`` the vehicle's own hover fixes the scale.
     """
-    thrust = servo_thrust(vehicle, servo_us)
-    out = np.empty_like(thrust)
-    for k, owner in enumerate(vehicle.rotor_fan):
-        fan = vehicle.fans[owner]
-        share = thrust[..., k] * len(fan.rotors)
-        at_reference = _reference_thrust(vehicle, model, fan)
-        out[..., k] = REFERENCE_RPM * np.sqrt(np.maximum(share, 0.0) / at_reference)
-    return out
+    owner = np.asarray(vehicle.rotor_fan)
+    reference = np.array([_reference_thrust(vehicle, model, fan) for fan in vehicle.fans])
+    whole = servo_thrust(vehicle, servo_us) * vehicle.rotor_counts[owner]
+    return np.asarray(REFERENCE_RPM * np.sqrt(np.maximum(whole, 0.0) / reference[owner]))
 
 
 def servo_thrust(vehicle: Vehicle, servo_us: ArrayLike) -> Array:
