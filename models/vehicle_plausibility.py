@@ -36,15 +36,14 @@ _UPSIDE_M = 0.02
 """How far above its fan a vane must lie before the sign of z is in doubt."""
 _SENSOR_ABOVE_M = 0.005
 """The same for a down-looking sensor above all rotors."""
-_LOOKS_UP, _LOOKS_DOWN, _LOOKS_LEVEL = 24, 25, range(8)
+_DIRECTIONS = {24: "up", 25: "down", **dict.fromkeys(range(8), "to the side")}
 """MAV_SENSOR_ORIENTATION: PITCH_90, PITCH_270, and the eight yaw angles in steps of 45 deg."""
-_TARGET_NEEDS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "ground": ("25 looks down", ("up", "to the side")),
-    "ceiling": ("24 looks up", ("down", "to the side")),
-    "wall": ("0 looks ahead", ("up", "down")),
+_SEEN = {
+    "down": ("ground", "ground: 25 looks down"),
+    "up": ("ceiling", "ceiling: 24 looks up"),
+    "to the side": ("wall", "a wall: 0 looks ahead"),
 }
-"""Target of a rangefinder: what it usually needs, and the directions that cannot see it."""
-_WITH_ARTICLE = {"ground": "ground", "ceiling": "ceiling", "wall": "a wall"}
+"""Direction of a rangefinder, what it sees there, and what is usual for that."""
 _HOVER_LIFT_OFF = 0.5
 """``hover_thrust`` contradicts ``[throttle]`` where it lifts more or less than the weight by this share."""
 _GONE_S = 0.2
@@ -177,24 +176,17 @@ def _ranges(vehicle: Vehicle) -> Iterator[Finding]:
     if not vehicle.rangefinders:
         yield _warning("rangefinder", "none is declared: nothing is known of ground and wall, no offset will be given")
     for i, sensor in enumerate(vehicle.rangefinders, 1):
-        looks = direction(sensor.orientation)
-        usual, wrong = _TARGET_NEEDS.get(sensor.target, ("", ()))
-        if looks in wrong:
-            yield _error(
-                f"rangefinder[{i}].orientation",
-                f"{sensor.orientation} looks {looks}, and the target is {_WITH_ARTICLE[sensor.target]}: {usual}",
-            )
+        looks, usual = _DIRECTIONS.get(sensor.orientation), dict(_SEEN.values()).get(sensor.target)
+        if looks is not None and usual is not None and target_of(sensor.orientation) != sensor.target:
+            text = f"{sensor.orientation} looks {looks}, and the target is {usual}"
+            yield _error(f"rangefinder[{i}].orientation", text)
     if vehicle.rangefinders and not vehicle.rangefinders_for("ground"):
         yield _warning("rangefinder", "none looks at the ground: its effect is not compensated")
 
 
-def direction(orientation: int) -> str:
-    """Where a MAV_SENSOR_ORIENTATION looks: ``up``, ``down``, ``to the side``, or empty where it is inclined."""
-    if orientation == _LOOKS_DOWN:
-        return "down"
-    if orientation == _LOOKS_UP:
-        return "up"
-    return "to the side" if orientation in _LOOKS_LEVEL else ""
+def target_of(orientation: int) -> str:
+    """What a rangefinder of this MAV_SENSOR_ORIENTATION looks at, as a rule; ``none`` where it is inclined."""
+    return _SEEN[_DIRECTIONS[orientation]][0] if orientation in _DIRECTIONS else "none"
 
 
 def _vertical(vehicle: Vehicle) -> Iterator[Finding]:
