@@ -10,14 +10,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shown, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shown
 from models.effects.pictures import mean, more, over_thrust
 from models.frames import Array
 from models.vehicle import RHO_SEA_LEVEL
 
 
-def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
-    return columns(ctx.rotor_force * (ctx.density / RHO_SEA_LEVEL - 1.0)[..., None])
+def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
+    return (ctx.rotor_force * (ctx.density / RHO_SEA_LEVEL - 1.0)[..., None],)
 
 
 def _lacking(ctx: Context) -> str | None:
@@ -41,7 +41,7 @@ EFFECT = Effect(
     channels=("pressure_pa", "air_temperature_c", "rpm_1"),
     excite="known from pressure and temperature; weigh the vehicle to be sure",
     coefficients=(Coefficient("gain", "1", 0.4, 1.6, typical=0.1, centre=1.0),),
-    regressors=_regressors,
+    wrenches=_wrenches,
     lacking=_lacking,
     aliases=("thrust_scale", "payload"),
     shown=Shown(over_thrust, _words),

@@ -10,34 +10,25 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import (
-    DOWNWARD,
-    BelongsTo,
-    Coefficient,
-    Context,
-    Effect,
-    Flown,
-    Shape,
-    Shown,
-    columns,
-    where_seen,
-)
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Flown, Shape, Shown, where_seen
 from models.effects.pictures import fan_mean, more, nearest, over
 from models.frames import Array
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     gap = np.maximum(ctx.state.ceiling_m, 0.02) / (shape[0] * ctx.vehicle.rotor_radius_m)
-    gain = 0.5 + 0.5 * np.sqrt(1.0 + 1.0 / (8.0 * gap * gap))
-    extra = ctx.shared_thrust * (gain ** (2.0 / 3.0) - 1.0)
-    return columns(ctx.wrench_at_cg(-extra[..., None] * DOWNWARD))
+    return (ctx.lift(ctx.shared_thrust * _extra(gap)),)
+
+
+def _extra(gap: Array) -> Array:
+    """More lift as a share, by the gap over the scale."""
+    return (0.5 + 0.5 * np.sqrt(1.0 + 1.0 / (8.0 * gap * gap))) ** (2.0 / 3.0) - 1.0
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     z = max(nearest(ctx.state.ceiling_m), 0.02)
-    gap = z / (p["scale"] * ctx.vehicle.rotor_radius_m)
-    gain = 0.5 + 0.5 * np.sqrt(1.0 + 1.0 / (8.0 * gap * gap))
-    return f"at {z:.2f} m below the ceiling the lift is {more(p['gain'] * (float(gain) ** (2.0 / 3.0) - 1.0))}"
+    extra = p["gain"] * float(_extra(np.array(z / (p["scale"] * ctx.vehicle.rotor_radius_m))))
+    return f"at {z:.2f} m below the ceiling the lift is {more(extra)}"
 
 
 EFFECT = Effect(
@@ -49,7 +40,7 @@ EFFECT = Effect(
     channels=("range_up_m", "rpm_1"),
     excite="hover at three gaps below two radii under the ceiling, with an up-looking rangefinder",
     coefficients=(Coefficient("gain", "1", 0.05, 10.0, typical=0.6, centre=1.0),),
-    regressors=_regressors,
+    wrenches=_wrenches,
     in_flight=Flown(gain=True),
     shapes=(Shape("scale", "1", tried=(0.5, 0.75, 1.0, 1.5, 2.5)),),
     lacking=where_seen("ceiling_m", "no rangefinder saw a ceiling"),

@@ -10,21 +10,17 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, Shown, columns
+from models.effects.effect import Coefficient, Context, Effect, Shown
 from models.effects.pictures import over_thrust
 from models.frames import Array
 
 
-def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
     force = ctx.declared_force
     x, y = np.zeros((*force.shape[:-1], 6)), np.zeros((*force.shape[:-1], 6))
     x[..., 3:] = -np.cross(np.array([1.0, 0.0, 0.0]), force)
     y[..., 3:] = -np.cross(np.array([0.0, 1.0, 0.0]), force)
-    return columns(x, y)
-
-
-def _likely(ctx: Context) -> float:
-    return 0.05 * ctx.lever
+    return x, y
 
 
 def _words(_: Context, p: Mapping[str, float]) -> str:
@@ -40,8 +36,8 @@ EFFECT = Effect(
     axes=("Mx", "My"),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="vary the thrust: quick climbs and stops",
-    coefficients=(Coefficient("x", "m", -0.3, 0.3, typical=_likely), Coefficient("y", "m", -0.3, 0.3, typical=_likely)),
-    regressors=_regressors,
+    coefficients=tuple(Coefficient(a, "m", -0.3, 0.3, typical=lambda ctx: 0.05 * ctx.lever) for a in "xy"),
+    wrenches=_wrenches,
     needs_moments=True,
     aliases=("fan_imbalance", "wall_effect"),
     shown=Shown(over_thrust, _words),

@@ -10,19 +10,17 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns
+from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shape, Shown
 from models.effects.pictures import over_surfaces
 from models.frames import Array
 
-AWAY = (-1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
-
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     depth = np.maximum(shape[0] - ctx.state.d_m, 0.0)
     bearing = ctx.state.wall_bearing_rad
     velocity = ctx.velocity[..., None, :] + ctx.turning
     closing = velocity[..., 0] * np.cos(bearing)[..., None] + velocity[..., 1] * np.sin(bearing)[..., None]
-    return columns(*(ctx.corner(AWAY, size, bearing) for size in (depth, np.where(depth > 0.0, closing, 0.0))))
+    return ctx.pull(-depth, bearing), ctx.pull(np.where(depth > 0.0, -closing, 0.0), bearing)
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
@@ -53,7 +51,7 @@ EFFECT = Effect(
         Coefficient("stiffness", "N/m", 1.0, 1e4, typical=lambda ctx: ctx.weight / 0.05 / len(ctx.vehicle.fans)),
         Coefficient("damping", "N s/m", -100.0, 1e3, typical=lambda ctx: 0.1 * ctx.weight / len(ctx.vehicle.fans)),
     ),
-    regressors=_regressors,
+    wrenches=_wrenches,
     shapes=(Shape("reach_m", "m"),),
     grid=_grid,
     lacking=_lacking,

@@ -11,28 +11,19 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import Coefficient, Context, Effect, Flown, Shape, Shown, columns, decay
+from models.effects.effect import Coefficient, Context, Effect, Flown, Shape, Shown, decay
 from models.effects.pictures import nearest, over_surfaces, percent
 from models.frames import Array
 
-UNITS = (
-    (1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-    (0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
-    (0.0, 0.0, 0.0, 0.0, 1.0, 0.0),
-)
-"""Pull, lift and tilt in the corner frame."""
 
-
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
-    length, radius = shape[0] * ctx.vehicle.rotor_radius_m, ctx.vehicle.rotor_radius_m
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
+    length, bearing = shape[0] * ctx.vehicle.rotor_radius_m, ctx.state.wall_bearing_rad
     h, d = ctx.state.h_m, ctx.state.d_m
     size = ctx.shared_thrust * decay(h, length) * decay(d, length)
     with np.errstate(invalid="ignore"):
         higher = np.where(size > 0.0, size * h / length, 0.0)
-    parts = []
-    for unit, arm in zip(UNITS, (1.0, 1.0, radius), strict=True):
-        parts += [ctx.corner(unit, arm * s, ctx.state.wall_bearing_rad) for s in (size, higher)]
-    return columns(*parts)
+    pull, tilt = ([of(s, bearing) for s in (size, higher)] for of in (ctx.pull, ctx.tilt))
+    return *pull, ctx.lift(size), ctx.lift(higher), *tilt
 
 
 def _lacking(ctx: Context) -> str | None:
@@ -61,7 +52,7 @@ EFFECT = Effect(
         for part, typical in (("pull", 0.08), ("lift", 0.1), ("tilt", 0.1))
         for rise in ("", "_rise")
     ),
-    regressors=_regressors,
+    wrenches=_wrenches,
     in_flight=Flown(gain=True),
     shapes=(Shape("length_radii", "1", tried=(0.7, 1.2, 2.0)),),
     lacking=_lacking,

@@ -31,6 +31,8 @@ __all__ = ["AdoptedEffect", "BelongsTo", "Coefficient", "Context", "Effect", "Fl
 
 GAS_CONSTANT_AIR = 287.05
 DOWNWARD = np.array([0.0, 0.0, 1.0])
+PULL, TILT = np.eye(6)[[0, 4]]
+"""Force towards the wall and moment that tilts to it, in a fan's corner frame."""
 APART_S = 0.5
 """Time over which changes of thrust and specific force are compared: what drifts does not count [s]."""
 
@@ -198,7 +200,7 @@ class Context:
     @cached_property
     def rotor_wrench(self) -> Array:
         """Declared free-air wrench of all rotors about the CG, (..., 6)."""
-        return self.wrench_at_cg(-self.thrust[..., None] * DOWNWARD)
+        return self.lift(self.thrust)
 
     @cached_property
     def rotor_moment(self) -> Array:
@@ -289,17 +291,25 @@ class Context:
         wrenches = np.concatenate([forces, np.zeros_like(forces)], axis=-1)
         return np.asarray(at_cg(wrenches, self.vehicle.fan_positions_m - above_m * DOWNWARD).sum(axis=-2))
 
+    def lift(self, forces: Array) -> Array:
+        """Wrench about the CG (..., 6) of forces (..., fans) up the fans' axes."""
+        return self.wrench_at_cg(-forces[..., None] * DOWNWARD)
+
     def corners(self, wrenches: Array, bearing: ArrayLike) -> Array:
         """Wrench about the CG (..., 6) of the fans' corner-frame wrenches (..., fans, 6), wall at ``bearing``."""
         body = corner_to_body(wrenches, np.asarray(bearing)[..., None])
         return np.asarray(at_cg(body, self.vehicle.fan_positions_m).sum(axis=-2))
 
-    def corner(self, wrench: Sequence[float], sizes: Array, bearing: ArrayLike) -> Array:
-        """Wrench about the CG (..., 6) of one corner-frame wrench times ``sizes`` (..., fans), wall at ``bearing``."""
-        return self.corners(sizes[..., None] * np.asarray(wrench, dtype=float), bearing)
+    def pull(self, forces: Array, bearing: ArrayLike) -> Array:
+        """Wrench about the CG (..., 6) of forces (..., fans) towards a wall at ``bearing``."""
+        return self.corners(forces[..., None] * PULL, bearing)
+
+    def tilt(self, forces: Array, bearing: ArrayLike) -> Array:
+        """Wrench about the CG (..., 6) of moments, a force (..., fans) times the radius, that tilt towards a wall."""
+        return self.corners((self.vehicle.rotor_radius_m * forces)[..., None] * TILT, bearing)
 
 
-Regressors = Callable[[Context, tuple[float, ...]], Array]
+Wrenches = Callable[[Context, tuple[float, ...]], tuple[Array, ...]]
 Grid = Callable[[Context], Sequence[tuple[float, ...]]]
 
 
@@ -361,9 +371,10 @@ _SHOWN, _FLOWN, NOT_FLOWN = Shown(), Flown(), Flown(InFlight.NONE)
 
 @dataclass(frozen=True)
 class Effect:
-    """One entry of the catalogue. ``regressors(ctx, shape)`` -> (..., 6, k), body FRD about the CG, N and N m.
+    """One entry of the catalogue.
 
-    The wrench is ``regressors @ coefficients``: linear in ``coefficients``, and in ``shapes`` profiled on
+    ``wrenches(ctx, shape)``: one (..., 6) for each coefficient at 1, body FRD about the CG, N and N m. What it does is
+    their sum times the coefficients: linear in ``coefficients``, and in ``shapes`` profiled on
     ``shape_grid(ctx)``. ``lacking(ctx)`` says in a few words which measurement is missing, or None. Where it is valid
     and where that was found says the docstring of its file.
     """
@@ -377,7 +388,7 @@ class Effect:
     excite: str
     # How it acts.
     coefficients: tuple[Coefficient, ...]
-    regressors: Regressors
+    wrenches: Wrenches
     belongs_to: BelongsTo = BelongsTo.VEHICLE
     shapes: tuple[Shape, ...] = ()
     grid: Grid | None = None
@@ -418,6 +429,10 @@ class Effect:
     # What is made of it.
     in_flight: Flown = _FLOWN
     shown: Shown = _SHOWN
+
+    def regressors(self, ctx: Context, shape: tuple[float, ...]) -> Array:
+        """``wrenches`` beside each other (..., 6, k)."""
+        return np.stack(self.wrenches(ctx, shape), axis=-1)
 
     def shape_grid(self, ctx: Context) -> Sequence[tuple[float, ...]]:
         """The places at which its shapes are tried on a flight; one empty place without shapes."""
@@ -469,11 +484,6 @@ class Effect:
         shape = tuple(parameters[s.name] for s in self.shapes)
         coefficients = np.array([parameters[c.name] for c in self.coefficients])
         return np.asarray(self.regressors(ctx, shape) @ coefficients)
-
-
-def columns(*wrenches: Array) -> Array:
-    """Stack wrenches (..., 6) as regressors (..., 6, k)."""
-    return np.stack(wrenches, axis=-1)
 
 
 def decay(distance: Array, length: float) -> Array:

@@ -10,25 +10,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import (
-    DOWNWARD,
-    Coefficient,
-    Context,
-    Effect,
-    Flown,
-    Shape,
-    Shown,
-    columns,
-    decay,
-    where_seen,
-)
+from models.effects.effect import Coefficient, Context, Effect, Flown, Shape, Shown, decay, where_seen
 from models.effects.pictures import more, nearest, over_height
 from models.frames import Array
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
-    size = -ctx.shared_thrust * decay(ctx.state.h_m, shape[0] * ctx.vehicle.rotor_radius_m)
-    return columns(ctx.wrench_at_cg(size[..., None] * DOWNWARD))
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
+    size = ctx.shared_thrust * decay(ctx.state.h_m, shape[0] * ctx.vehicle.rotor_radius_m)
+    return (ctx.lift(size),)
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -46,7 +35,7 @@ EFFECT = Effect(
     channels=("range_down_m", "down_m", "rpm_1"),
     excite="hover at three heights or more between 0.7 and 4 radii",
     coefficients=(Coefficient("gain", "1", -1.0, 3.0, typical=0.15, centre=0.15),),
-    regressors=_regressors,
+    wrenches=_wrenches,
     in_flight=Flown(gain=True),
     shapes=(Shape("length_radii", "1", tried=(0.3, 0.45, 0.7, 1.0, 1.4, 2.0)),),
     lacking=where_seen("h_m", "no height over ground in the log"),

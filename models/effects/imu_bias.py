@@ -15,18 +15,13 @@ from models.effects.pictures import over_time
 from models.frames import Array
 
 
-def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
     out = np.zeros((*ctx.state.time_s.shape, 6, 5))
     out[..., :3, :3] = ctx.vehicle.mass_kg * np.eye(3)
     # Rotors that do not stand square to the accelerometer: a part of the thrust along its level axes.
     lift = ctx.thrust.sum(axis=-1)
     out[..., 0, 3], out[..., 1, 4] = lift, -lift
-    return out
-
-
-def _kinematic_bias(_: Context, __: tuple[float, ...]) -> Array:
-    # Attitude is the accelerometer's own: how it is mounted shows in no velocity.
-    return np.eye(3, 5)
+    return tuple(np.moveaxis(out, -1, 0))
 
 
 def _words(_: Context, p: Mapping[str, float]) -> str:
@@ -50,10 +45,11 @@ EFFECT = Effect(
         Coefficient("z", "m/s^2", -1.5, 1.5, typical=0.3, belongs_to=BelongsTo.LOAD),
         *(Coefficient(a, "rad", -0.15, 0.15, typical=0.02) for a in ("pitch", "roll")),
     ),
-    regressors=_regressors,
+    wrenches=_wrenches,
     aliases=("wind", "payload", "thrust_scale"),
     in_flight=NOT_FLOWN,
     chance=0.3,
-    kinematic_bias=_kinematic_bias,
+    # Attitude is the accelerometer's own: how it is mounted shows in no velocity.
+    kinematic_bias=lambda *_: np.eye(3, 5),
     shown=Shown(over_time, _words),
 )

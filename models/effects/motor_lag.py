@@ -10,30 +10,19 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import (
-    NOT_FLOWN,
-    Coefficient,
-    Context,
-    Effect,
-    Shape,
-    Shown,
-    columns,
-    through,
-    where_thrust_is_flown,
-)
+from models.effects.effect import NOT_FLOWN, Coefficient, Context, Effect, Shape, Shown, through, where_thrust_is_flown
 from models.effects.pictures import over_time
 from models.frames import Array
 
 LAG_DOUBT_S = 0.035
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     wrench = ctx.rotor_wrench
     if not ctx.record:
-        return columns(np.zeros_like(wrench))
-    return columns(
-        through(ctx, wrench, lambda omega: np.exp(-1j * omega * shape[1]) / (1.0 + 1j * omega * shape[0]) - 1.0)
-    )
+        return (np.zeros_like(wrench),)
+    tau, dead = shape
+    return (through(ctx, wrench, lambda omega: np.exp(-1j * omega * dead) / (1.0 + 1j * omega * tau) - 1.0),)
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
@@ -56,7 +45,7 @@ EFFECT = Effect(
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4", "thrust_command"),
     excite="vertical steps, quick ones",
     coefficients=(Coefficient("gain", "1", 0.6, 1.4, typical=0.15, centre=1.0),),
-    regressors=_regressors,
+    wrenches=_wrenches,
     shapes=(Shape("tau_s", "s", free_at_zero=True), Shape("dead_s", "s", free_at_zero=True)),
     grid=_grid,
     lacking=where_thrust_is_flown,

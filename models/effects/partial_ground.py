@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shown, columns, decay
+from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shown, decay
 from models.effects.pictures import over_height
 from models.frames import Array
 from models.surface_map import COMPONENTS
@@ -46,10 +46,10 @@ def _edge(ctx: Context) -> tuple[Array, float, float, float] | None:
     return normal, float(np.median(crossing @ normal)), float(np.median(surface[high])), float(np.median(surface[low]))
 
 
-def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
     edge = _edge(ctx) if ctx.record else None
     if edge is None:
-        return columns(np.zeros((*ctx.state.time_s.shape, 6)))
+        return (np.zeros((*ctx.state.time_s.shape, 6)),)
     normal, offset, high, low = edge
     arms = np.einsum("nij,fj->nfi", ctx.state.rotation, ctx.vehicle.fan_positions_m)
     place = ctx.state.position_ned[:, None] + arms
@@ -57,7 +57,7 @@ def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
     cover = (0.5 + (along * np.sqrt(1.0 - along**2) + np.arcsin(along)) / np.pi)[..., None]
     over, floor = (_air(ctx, np.maximum(level - place[..., 2], 0.0)) for level in (high, low))
     change = cover * over + (1.0 - cover) * floor - _air(ctx, ctx.state.h_m)
-    return columns(ctx.corners(change, ctx.state.wall_bearing_rad))
+    return (ctx.corners(change, ctx.state.wall_bearing_rad),)
 
 
 def _air(ctx: Context, h: Array) -> Array:
@@ -87,7 +87,7 @@ EFFECT = Effect(
     channels=("range_down_m", "down_m", "north_m", "east_m"),
     excite="cross the edge of a table slowly, at three heights",
     coefficients=(Coefficient("gain", "1", 0.3, 2.5, typical=0.5, centre=1.0),),
-    regressors=_regressors,
+    wrenches=_wrenches,
     lacking=_lacking,
     aliases=("ground_effect", "cg_offset"),
     in_flight=NOT_FLOWN,

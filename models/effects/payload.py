@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown
 from models.effects.pictures import over_time, percent
 from models.frames import Array
 
@@ -18,25 +18,18 @@ BESIDE_S = 8.0
 """Flight before and after a load is picked up: right after the start the ground lifts, and the pack is not settled."""
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     (start,) = shape
     # The declared lift stands for the specific force: the accelerometer's noise is in the residual as well.
     out = np.zeros((*ctx.state.time_s.shape, 6))
     out[..., 2] = ctx.thrust.sum(axis=-1) / ctx.vehicle.mass_kg
-    return columns(out * (ctx.state.time_s >= start)[..., None])
+    return (out * (ctx.state.time_s >= start)[..., None],)
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
-    if not ctx.record:
-        return ((0.0,),)
     first, last = ctx.judged_s or (ctx.state.time_s[0], ctx.state.time_s[-1])
     inner = np.arange(first + BESIDE_S, last - BESIDE_S, max(2.0, (last - first) / 150.0))
     return ((0.0,), *((float(s),) for s in inner))
-
-
-def _usual(ctx: Context) -> float:
-    # Loads are added more often than taken off.
-    return 0.1 * ctx.vehicle.mass_kg
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -54,8 +47,13 @@ EFFECT = Effect(
     axes=("Fz",),
     channels=("az_m_s2", "rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="weigh the vehicle, or pick the load up in flight",
-    coefficients=(Coefficient("mass", "kg", -1e3, 1e3, typical=lambda ctx: 0.15 * ctx.vehicle.mass_kg, centre=_usual),),
-    regressors=_regressors,
+    # Loads are added more often than taken off.
+    coefficients=(
+        Coefficient(
+            "mass", "kg", -1e3, 1e3, lambda ctx: 0.15 * ctx.vehicle.mass_kg, lambda ctx: 0.1 * ctx.vehicle.mass_kg
+        ),
+    ),
+    wrenches=_wrenches,
     shapes=(Shape("from_s", "s", kinds=(0.0,)),),
     grid=_grid,
     halvings=4,

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from models.effects.effect import Coefficient, Context, Effect, Shape, Shown, columns
+from models.effects.effect import Coefficient, Context, Effect, Shape, Shown
 from models.effects.pictures import mean, over_speed
 from models.frames import Array
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
-    return columns(*ctx.own_drag(shape[0] * ctx.vehicle.rotor_radius_m))
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
+    return ctx.own_drag(shape[0] * ctx.vehicle.rotor_radius_m)
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -34,7 +34,7 @@ EFFECT = Effect(
         Coefficient("turning", "1", -6.0, 6.0),
         Coefficient("sinking", "1", -1.0, 2.0, typical=0.3, centre=0.3, optional=True),
     ),
-    regressors=_regressors,
+    wrenches=_wrenches,
     shapes=(Shape("above_radii", "1", free_at_zero=True, tried=(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7)),),
     aliases=("body_drag", "wind"),
     chance=0.3,

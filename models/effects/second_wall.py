@@ -10,33 +10,17 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import (
-    BelongsTo,
-    Coefficient,
-    Context,
-    Effect,
-    Flown,
-    Shape,
-    Shown,
-    columns,
-    decay,
-    where_seen,
-)
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Flown, Shape, Shown, decay, where_seen
 from models.effects.pictures import nearest, over_second_wall, percent
 from models.frames import Array
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     length = shape[0] * ctx.vehicle.rotor_radius_m
     d, bearing = ctx.state.second_d_m, ctx.state.second_bearing_rad
     size = ctx.shared_thrust * decay(d, length)
     both = ctx.shared_thrust * decay(np.maximum(d, 0.0) + np.maximum(ctx.state.d_m, 0.0), 3.0 * length)
-    return columns(
-        ctx.corner((1.0, 0.0, 0.0, 0.0, 0.0, 0.0), size, bearing),
-        ctx.corner((0.0, 0.0, 0.0, 0.0, 1.0, 0.0), ctx.vehicle.rotor_radius_m * size, bearing),
-        ctx.corner((0.0, 0.0, 1.0, 0.0, 0.0, 0.0), size, bearing),
-        ctx.corner((0.0, 0.0, -1.0, 0.0, 0.0, 0.0), both, bearing),
-    )
+    return ctx.pull(size, bearing), ctx.tilt(size, bearing), ctx.lift(size), ctx.lift(-both)
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -60,7 +44,7 @@ EFFECT = Effect(
         Coefficient("lift", "1", -1.0, 1.0, typical=0.1),
         Coefficient("loss", "1", -1.0, 1.0, typical=0.1),
     ),
-    regressors=_regressors,
+    wrenches=_wrenches,
     in_flight=Flown(gain=True),
     shapes=(Shape("length_radii", "1", tried=(0.5, 0.9, 1.4)),),
     lacking=where_seen("second_d_m", "no second wall was seen by a second horizontal rangefinder"),

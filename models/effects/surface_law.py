@@ -8,7 +8,8 @@ Machine Learning; sizes: Ai, Xu, Xiang, Fan & Zhang 2020, Sensors 20(20), 5805.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -26,17 +27,16 @@ SEEN_S = 0.5
 """Time at a place after which it counts as seen [s]: one period of what is judged."""
 
 
-def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
-    radius, thrust, bearing = ctx.vehicle.rotor_radius_m, ctx.shared_thrust, ctx.state.wall_bearing_rad
-    near = _weights(ctx) * thrust[..., None]
-    unit = {
-        "lift": (0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
-        "pull": (1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-        "tilt": (0.0, 0.0, 0.0, 0.0, radius, 0.0),
+def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
+    bearing, declared = ctx.state.wall_bearing_rad, _declared(ctx)
+    near = np.moveaxis(_weights(ctx) * ctx.shared_thrust[..., None], -1, 0)
+    made: dict[str, Callable[[Array], Array]] = {
+        "lift": ctx.lift,
+        "pull": partial(ctx.pull, bearing=bearing),
+        "tilt": partial(ctx.tilt, bearing=bearing),
     }
-    declared = _declared(ctx)
     gains = [ctx.corners(declared * COMPONENTS[part], bearing) for part in PARTS]
-    return np.stack([*gains, *(ctx.corner(unit[part], near[..., k], bearing) for part, k in CELLS)], axis=-1)
+    return (*gains, *(made[part](near[k]) for part, k in CELLS))
 
 
 def _weights(ctx: Context) -> Array:
@@ -118,7 +118,7 @@ EFFECT = Effect(
         Coefficient(name, "1", -math.inf, math.inf)
         for name in (*(f"{part}_of_model" for part in PARTS), *(cell_name(part, k) for part, k in CELLS))
     ),
-    regressors=_regressors,
+    wrenches=_wrenches,
     mixing=_mixing,
     shapes=tuple(Shape(f"{part}_spread", "1", continuous=False, tried=(0.5, 1.0, 2.0, 4.0)) for part in PARTS),
     lacking=_lacking,

@@ -10,21 +10,21 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown
 from models.effects.pictures import more, nearest, over
 from models.frames import Array
 
 STEP_C = 30.0
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     warmer = (ctx.state.esc_temperature_c - shape[0]) / STEP_C
-    return columns(ctx.rotor_force * warmer[..., None], ctx.rotor_force)
+    return ctx.rotor_force * warmer[..., None], ctx.rotor_force
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
     known = ctx.state.esc_temperature_c[np.isfinite(ctx.state.esc_temperature_c)]
-    return ((float(known[0]),),) if known.size else ()
+    return ((float(known[0]),),)
 
 
 def _lacking(ctx: Context) -> str | None:
@@ -52,7 +52,7 @@ EFFECT = Effect(
         Coefficient("start", "1", -0.3, 0.3, typical=0.05, belongs_to=BelongsTo.LOAD),
     ),
     main=("slope",),
-    regressors=_regressors,
+    wrenches=_wrenches,
     shapes=(Shape("reference_c", "degC", continuous=False),),
     grid=_grid,
     lacking=_lacking,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from models.effects.effect import Coefficient, Context, Effect, Shown, columns, where_thrust_is_flown
+from models.effects.effect import Coefficient, Context, Effect, Shown, where_thrust_is_flown
 from models.effects.pictures import more, over_thrust
 from models.frames import Array
 
@@ -16,9 +16,9 @@ FLATTEST, FELT_WITHIN = -0.4, 0.1
 """Smallest slope, and by how much it may be less than what the accelerometer feels."""
 
 
-def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
     above = (ctx.thrust.sum(axis=-1) / ctx.weight - 1.0)[..., None]
-    return columns(ctx.rotor_force * above, ctx.rotor_force * above**2)
+    return ctx.rotor_force * above, ctx.rotor_force * above**2
 
 
 def _flattest(ctx: Context) -> float:
@@ -49,7 +49,7 @@ EFFECT = Effect(
     ),
     main=("slope", "curvature"),
     chance=lambda ctx: ctx.by_kind(0.02, 0.3),
-    regressors=_regressors,
+    wrenches=_wrenches,
     lacking=where_thrust_is_flown,
     aliases=("thrust_scale", "battery_sag"),
     shown=Shown(over_thrust, _words),

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from models.effects.effect import Coefficient, Context, Effect, Shown, columns
+from models.effects.effect import Coefficient, Context, Effect, Shown
 from models.effects.pictures import more, over_thrust
 from models.frames import Array
 
 
-def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
-    return columns(ctx.rotor_force)
+def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
+    return (ctx.rotor_force,)
 
 
 def _likely(ctx: Context) -> float:
@@ -35,7 +35,7 @@ EFFECT = Effect(
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="weigh the vehicle: one flight sees only the ratio of thrust to mass",
     coefficients=(Coefficient("scale", "1", -0.6, 0.6, typical=_likely),),
-    regressors=_regressors,
+    wrenches=_wrenches,
     aliases=("payload", "air_density", "battery_sag", "thermal_derating"),
     shown=Shown(over_thrust, _words),
 )

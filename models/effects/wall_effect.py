@@ -10,29 +10,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import (
-    Coefficient,
-    Context,
-    Effect,
-    Flown,
-    Shape,
-    Shown,
-    columns,
-    decay,
-    where_seen,
-)
+from models.effects.effect import Coefficient, Context, Effect, Flown, Shape, Shown, decay, where_seen
 from models.effects.pictures import nearest, over_surfaces, percent
 from models.frames import Array
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     size = ctx.shared_thrust * decay(ctx.state.d_m, shape[0] * ctx.vehicle.rotor_radius_m)
     bearing = ctx.state.wall_bearing_rad
-    tilt = ctx.vehicle.rotor_radius_m * size
-    return columns(
-        ctx.corner((1.0, 0.0, 0.0, 0.0, 0.0, 0.0), size, bearing),
-        ctx.corner((0.0, 0.0, 0.0, 0.0, 1.0, 0.0), tilt, bearing),
-    )
+    return ctx.pull(size, bearing), ctx.tilt(size, bearing)
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -50,7 +36,7 @@ EFFECT = Effect(
     channels=("range_right_m", "range_left_m", "range_forward_m", "range_back_m", "rpm_1"),
     excite="approach and leave a wall between 0.3 and 4 radii, with and without ground near",
     coefficients=(Coefficient("pull", "1", -1.0, 1.0, typical=0.08), Coefficient("tilt", "1", -2.0, 2.0, typical=0.15)),
-    regressors=_regressors,
+    wrenches=_wrenches,
     in_flight=Flown(gain=True),
     shapes=(Shape("length_radii", "1", tried=(0.4, 0.7, 1.1, 1.7)),),
     lacking=where_seen("d_m", "no wall was seen"),

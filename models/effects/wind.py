@@ -11,15 +11,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, Shown, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, Shown
 from models.effects.pictures import compass, mean, over
 from models.frames import Array
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     above, rotation, flow = shape[0] * ctx.vehicle.rotor_radius_m, ctx.state.rotation, ctx.mass_flow
     north, east = (ctx.level_drag(-rotation[..., None, i, :], flow, above) for i in (0, 1))
-    return columns(north, east, *ctx.own_drag(above))
+    return north, east, *ctx.own_drag(above)
 
 
 def _speed(found: Mapping[str, tuple[float, float, float]]) -> str | None:
@@ -62,7 +62,7 @@ EFFECT = Effect(
         Coefficient("turning", "1", -6.0, 6.0, belongs_to=BelongsTo.VEHICLE),
         Coefficient("sinking", "1", -1.0, 2.0, typical=0.3, centre=0.3, optional=True, belongs_to=BelongsTo.VEHICLE),
     ),
-    regressors=_regressors,
+    wrenches=_wrenches,
     shapes=(Shape("above_radii", "1", free_at_zero=True, tried=(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7)),),
     aliases=("imu_bias", "rotor_drag"),
     main=("north", "east"),

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect
 from models.frames import Array
 
 
-def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
     rotation = ctx.state.rotation
     heading = np.arctan2(rotation[..., 1, 0], rotation[..., 0, 0])
     out = np.zeros((*heading.shape, 6))
     out[..., 1] = ctx.weight * np.sin(2.0 * heading)
-    return columns(out)
+    return (out,)
 
 
 EFFECT = Effect(
@@ -29,5 +29,5 @@ EFFECT = Effect(
     channels=("yaw_rad",),
     excite="turn on the spot",
     coefficients=(Coefficient("share", "1", -1.0, 1.0, typical=0.1),),
-    regressors=_regressors,
+    wrenches=_wrenches,
 )
