@@ -13,10 +13,12 @@ import numpy as np
 from models.effects.effect import Coefficient, Context, Effect, Shown
 from models.effects.pictures import over_thrust
 from models.frames import Array
+from models.vehicle_wrench import vane_wrench
 
 
 def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
-    force = ctx.declared_force
+    vanes = np.nan_to_num(vane_wrench(ctx.vehicle, ctx.state.servo_us, ctx.thrust))
+    force = (ctx.rotor_wrench + vanes)[..., :3]
     x, y = np.zeros((*force.shape[:-1], 6)), np.zeros((*force.shape[:-1], 6))
     x[..., 3:] = -np.cross(np.array([1.0, 0.0, 0.0]), force)
     y[..., 3:] = -np.cross(np.array([0.0, 1.0, 0.0]), force)

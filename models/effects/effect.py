@@ -24,7 +24,6 @@ from models.vehicle_wrench import (
     free_air_thrust,
     rpm_from_servos,
     servo_thrust,
-    vane_wrench,
 )
 
 __all__ = ["AdoptedEffect", "BelongsTo", "Coefficient", "Context", "Effect", "Flown", "InFlight", "Shape", "Shown"]
@@ -220,13 +219,6 @@ class Context:
         return out
 
     @cached_property
-    def declared_force(self) -> Array:
-        """Declared force of rotors and vanes in free air, body FRD, (..., 3)."""
-        vanes = np.nan_to_num(vane_wrench(self.vehicle, self.state.servo_us, self.thrust))
-        out: Array = self.rotor_wrench[..., :3] + vanes[..., :3]
-        return out
-
-    @cached_property
     def velocity(self) -> Array:
         """Velocity over ground, body FRD, (..., 3)."""
         return self.state.velocity_frd
@@ -247,12 +239,6 @@ class Context:
         """Momentum theory's mass flow of every fan in hover, sqrt(rho A T) [kg/s], (..., fans)."""
         return np.sqrt(RHO_SEA_LEVEL * self.vehicle.disc_area_m2 * np.maximum(self.thrust, 0.0))
 
-    @cached_property
-    def sinking_flow(self) -> Array:
-        """What sinking along the rotor axis adds to the mass flow of every fan, rho A v_down [kg/s], (..., fans)."""
-        flow = RHO_SEA_LEVEL * self.vehicle.disc_area_m2 * self.velocity[..., 2, None]
-        return np.repeat(flow, len(self.vehicle.fans), axis=-1)
-
     def level_drag(self, velocity: Array, flow: Array, above_m: float) -> Array:
         """Wrench about the CG (..., 6) that takes ``flow`` (..., fans) of air up to the level part of ``velocity``."""
         level = -velocity
@@ -260,12 +246,16 @@ class Context:
         return self.wrench_at_cg(flow[..., None] * level, above_m)
 
     def own_drag(self, above_m: float) -> tuple[Array, Array, Array]:
-        """``level_drag`` of moving over ground, of turning, and what sinking adds to that of moving."""
+        """``level_drag`` of moving over ground, of turning, and what sinking adds to that of moving.
+
+        Sinking along the rotor axis adds rho A v_down to the mass flow.
+        """
         own = self.velocity[..., None, :]
+        sinking = RHO_SEA_LEVEL * self.vehicle.disc_area_m2 * own[..., 2] * np.ones(len(self.vehicle.fans))
         return (
             self.level_drag(own, self.mass_flow, above_m),
             self.level_drag(self.turning, self.mass_flow, above_m),
-            self.level_drag(own, self.sinking_flow, above_m),
+            self.level_drag(own, sinking, above_m),
         )
 
     def by_model(self, declared: float, empty: float) -> float:

@@ -101,10 +101,6 @@ class FanSurrogate:
         """Total wrench (..., 6) of the fan in N and N m, corner frame."""
         return self.query(h, d, rpm).wrench
 
-    def sigma(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
-        """Standard deviation (..., 6) of ``wrench`` in N and N m."""
-        return self.query(h, d, rpm).sigma
-
     def trust(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
         """How far the answer is to be believed (...): 1 inside the data, 0 far outside them; lowered by the spread."""
         return np.asarray(self.query(h, d, rpm).trust)
