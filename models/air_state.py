@@ -53,8 +53,7 @@ class AirState:
     @property
     def velocity_frd(self) -> Array:
         """Ground velocity in body axes, shape (..., 3)."""
-        out: Array = np.einsum("...ji,...j->...i", self.rotation, self.velocity_ned)
-        return out
+        return np.asarray(np.einsum("...ji,...j->...i", self.rotation, self.velocity_ned))
 
 
 def blank_state(shape: tuple[int, ...], fans: int, rotors: int) -> AirState:

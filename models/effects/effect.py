@@ -17,14 +17,7 @@ from models.adopted_effect import AdoptedEffect
 from models.air_state import AirState
 from models.frames import GRAVITY, Array, at_cg, corner_to_body
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
-from models.vehicle_wrench import (
-    FanModel,
-    fan_rpm,
-    fan_torques,
-    free_air_thrust,
-    rpm_from_servos,
-    servo_thrust,
-)
+from models.vehicle_wrench import FanModel, fan_rpm, fan_torques, free_air_thrust, rpm_from_servos, servo_thrust
 
 __all__ = ["AdoptedEffect", "BelongsTo", "Coefficient", "Context", "Effect", "Flown", "InFlight", "Shape", "Shown"]
 
@@ -226,8 +219,7 @@ class Context:
     @cached_property
     def turning(self) -> Array:
         """What turning adds to the velocity of every fan's reference point, omega x r, body FRD, (..., fans, 3)."""
-        out: Array = np.cross(self.state.rates[..., None, :], self.vehicle.fan_positions_m)
-        return out
+        return np.asarray(np.cross(self.state.rates[..., None, :], self.vehicle.fan_positions_m))
 
     @cached_property
     def density(self) -> Array:

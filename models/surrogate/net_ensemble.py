@@ -49,8 +49,7 @@ class NetEnsemble:
         np.reciprocal(z, out=z)
         y = np.matmul(z, -2.0 * self.w2.reshape(k * six, hidden, 1))[..., 0]
         y += (self.b2 + self.w2.sum(axis=-1)).reshape(k * six, 1)
-        out: Array = y.reshape(k, six, len(x)).transpose(0, 2, 1)
-        return out
+        return np.asarray(y.reshape(k, six, len(x)).transpose(0, 2, 1))
 
     def arrays(self) -> dict[str, Array]:
         """What weights.npz holds."""
