@@ -24,10 +24,6 @@ class FanModel(Protocol):
         """Total wrench (..., 6) of one fan in its corner frame."""
         ...
 
-    def trust(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
-        """How far the answer is to be believed, 0...1, shape (...)."""
-        ...
-
 
 def fan_rpm(vehicle: Vehicle, rotor_rpm: ArrayLike) -> Array:
     """One speed per fan, sqrt(mean(rpm_i^2)) over its rotors: (..., rotors) -> (..., fans)."""

@@ -473,21 +473,15 @@ def decay(distance: Array, length: float) -> Array:
     return np.exp(-np.maximum(distance, 0.0) / length)
 
 
-def through(ctx: Context, values: Array, response: Callable[[Array], NDArray[Any]]) -> Array:
+def through(ctx: Context, values: Array, response: Callable[[NDArray[Any]], NDArray[Any]]) -> Array:
     """A record (n, k) through a linear filter given by its response at angular frequencies [rad/s]; NaN is bridged."""
-    n = len(values)
-    step = float(np.median(np.diff(ctx.state.time_s)))
-    pad = min(n, int(20.0 / step) + 1)
-    out = np.empty_like(values)
-    index = np.arange(n)
-    for k in range(values.shape[1]):
-        known = np.isfinite(values[:, k])
-        if not known.any():
-            out[:, k] = np.nan
-            continue
-        x = np.interp(index, index[known], values[known, k])
-        x = np.concatenate([np.full(pad, x[0]), x, np.full(pad, x[-1])])
-        omega = 2.0 * np.pi * np.fft.rfftfreq(len(x), step)
-        y = np.fft.irfft(np.fft.rfft(x) * response(np.asarray(omega, dtype=float)), len(x))[pad : pad + n]
-        out[:, k] = np.where(known, y, np.nan)
+    n, step = len(values), float(np.median(np.diff(ctx.state.time_s)))
+    pad, index = min(n, int(20.0 / step) + 1), np.arange(n)
+    gain = response(2.0 * np.pi * np.fft.rfftfreq(n + 2 * pad, step))
+    out = np.full_like(values, np.nan)
+    for k, column in enumerate(values.T):
+        known = np.isfinite(column)
+        if known.any():
+            x = np.pad(np.interp(index, index[known], column[known]), pad, mode="edge")
+            out[known, k] = np.fft.irfft(np.fft.rfft(x) * gain, len(x))[pad : pad + n][known]
     return out
