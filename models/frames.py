@@ -69,8 +69,7 @@ def rotation_rows(w: Any, x: Any, y: Any, z: Any) -> tuple[AnyRow, AnyRow, AnyRo
 def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
     """Unit quaternion (w, x, y, z), FRD to NED, of the aerospace 3-2-1 angles in rad."""
     half = (roll / 2, pitch / 2, yaw / 2)
-    w, x, y, z = quaternion_of_halves([math.cos(a) for a in half], [math.sin(a) for a in half])
-    return w, x, y, z
+    return quaternion_of_halves([math.cos(a) for a in half], [math.sin(a) for a in half])
 
 
 def quaternion_of_halves(cosines: Iterable[Any], sines: Iterable[Any]) -> tuple[Any, Any, Any, Any]:
