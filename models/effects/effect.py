@@ -214,7 +214,7 @@ class Context:
     @cached_property
     def velocity(self) -> Array:
         """Velocity over ground, body FRD, (..., 3)."""
-        return self.state.velocity_frd
+        return np.asarray(np.einsum("...ji,...j->...i", self.state.rotation, self.state.velocity_ned))
 
     @cached_property
     def turning(self) -> Array:
