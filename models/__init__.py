@@ -11,19 +11,10 @@ from typing import TYPE_CHECKING
 from models.lazy_exports import exports
 
 if TYPE_CHECKING:
-    from models.surrogate.fan_surrogate import FanSurrogate
     from models.surrogate.store import load, save_model
-    from models.vehicle import Vehicle, load_vehicle
 
     __version__: str
 
-__all__ = ["FanSurrogate", "Vehicle", "load", "load_vehicle", "save_model"]
+__all__ = ["load", "save_model"]
 
-_HOMES = {
-    "FanSurrogate": "models.surrogate.fan_surrogate",
-    "Vehicle": "models.vehicle",
-    "load": "models.surrogate.store",
-    "load_vehicle": "models.vehicle",
-    "save_model": "models.surrogate.store",
-}
-__getattr__, __dir__ = exports(__name__, _HOMES)
+__getattr__, __dir__ = exports(__name__, dict.fromkeys(__all__, "models.surrogate.store"))

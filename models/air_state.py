@@ -50,12 +50,6 @@ class AirState:
         """The samples ``index`` (slice, mask or integers) of a record."""
         return replace(self, **{f.name: getattr(self, f.name)[index] for f in fields(self)})
 
-    @property
-    def velocity_frd(self) -> Array:
-        """Ground velocity in body axes, shape (..., 3)."""
-        out: Array = np.einsum("...ji,...j->...i", self.rotation, self.velocity_ned)
-        return out
-
 
 def blank_state(shape: tuple[int, ...], fans: int, rotors: int) -> AirState:
     """A level, still state of leading ``shape`` in free air, with everything unmeasured NaN."""

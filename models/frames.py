@@ -53,10 +53,7 @@ def at_cg(wrench: ArrayLike, position_m: ArrayLike) -> Array:
 
 def rotation_from_quaternion(q: ArrayLike) -> Array:
     """Rotation matrices (..., 3, 3), body FRD to world NED, of unit quaternions (..., 4), w first (MAVLink's order)."""
-    parts = np.asarray(q, dtype=float)
-    if parts.ndim == 1:
-        return np.array(rotation_rows(*parts.tolist()))
-    rows = rotation_rows(*np.moveaxis(parts, -1, 0))
+    rows = rotation_rows(*np.moveaxis(np.asarray(q, dtype=float), -1, 0))
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
@@ -72,8 +69,7 @@ def rotation_rows(w: Any, x: Any, y: Any, z: Any) -> tuple[AnyRow, AnyRow, AnyRo
 def quaternion_from_euler(roll: float, pitch: float, yaw: float) -> tuple[float, float, float, float]:
     """Unit quaternion (w, x, y, z), FRD to NED, of the aerospace 3-2-1 angles in rad."""
     half = (roll / 2, pitch / 2, yaw / 2)
-    w, x, y, z = quaternion_of_halves([math.cos(a) for a in half], [math.sin(a) for a in half])
-    return w, x, y, z
+    return quaternion_of_halves([math.cos(a) for a in half], [math.sin(a) for a in half])
 
 
 def quaternion_of_halves(cosines: Iterable[Any], sines: Iterable[Any]) -> tuple[Any, Any, Any, Any]:
@@ -95,33 +91,12 @@ def measured_wrench(
     Force = m f with f the specific force at the CG (gravity never enters); moment = I w' + w x (I w).
     All inputs shape (..., 3), body FRD, m/s^2, rad/s, rad/s^2; returns shape (..., 6).
     """
-    f, w, wd = (np.moveaxis(np.asarray(a, dtype=float), -1, 0) for a in (specific_force, rates, rate_derivatives))
-    ix, iy, iz = np.asarray(inertia_kgm2, dtype=float).tolist()
-    (fx, fy, fz), (p, q, r), (pd, qd, rd) = f, w, wd
-    return np.stack(wrench_of_motion(fx, fy, fz, p, q, r, pd, qd, rd, mass_kg, ix, iy, iz), axis=-1)
-
-
-def wrench_of_motion(
-    fx: Any,
-    fy: Any,
-    fz: Any,
-    p: Any,
-    q: Any,
-    r: Any,
-    pd: Any,
-    qd: Any,
-    rd: Any,
-    mass_kg: float,
-    ixx: float,
-    iyy: float,
-    izz: float,
-) -> tuple[Any, Any, Any, Any, Any, Any]:
-    """``measured_wrench`` by components, the same for floats (one instant in flight) and arrays (a record)."""
-    return (
-        mass_kg * fx,
-        mass_kg * fy,
-        mass_kg * fz,
-        ixx * pd + (q * (izz * r) - r * (iyy * q)),
-        iyy * qd + (r * (ixx * p) - p * (izz * r)),
-        izz * rd + (p * (iyy * q) - q * (ixx * p)),
-    )  # fmt: skip
+    vectors = (specific_force, rates, rate_derivatives)
+    force, (p, q, r), (pd, qd, rd) = (np.moveaxis(np.asarray(v, dtype=float), -1, 0) for v in vectors)
+    ix, iy, iz = np.asarray(inertia_kgm2, dtype=float)
+    moment = (
+        ix * pd + (q * (iz * r) - r * (iy * q)),
+        iy * qd + (r * (ix * p) - p * (iz * r)),
+        iz * rd + (p * (iy * q) - q * (ix * p)),
+    )
+    return np.stack([*(mass_kg * force), *moment], axis=-1)

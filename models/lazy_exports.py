@@ -18,9 +18,7 @@ def exports(package: str, homes: Mapping[str, str]) -> tuple[Callable[[str], Any
             return installed_version()
         if name not in homes:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value = getattr(import_module(homes[name]), name)
-        setattr(sys.modules[package], name, value)
-        return value
+        return getattr(import_module(homes[name]), name)
 
     def names() -> list[str]:
         return sorted({*vars(sys.modules[package]), *homes})

@@ -72,8 +72,7 @@ class SurfaceMap:
         size[-1] = 0.0
         if of_wall:
             size[len(self.gaps) - 1 :: len(self.gaps)] = 0.0
-        out: Array = size[:, None] * size[None] * np.exp(-0.5 * apart / _LENGTH**2)
-        return out
+        return np.asarray(size[:, None] * size[None] * np.exp(-0.5 * apart / _LENGTH**2))
 
 
 @lru_cache(maxsize=16)

@@ -69,18 +69,18 @@ class Table:
 
         A record that has ``problem()`` says by it, as key and words, what is wrong with its values together.
         """
-        names, hints = names or {}, get_type_hints(kind, include_extras=True)
+        keys = {f.name: (names or {}).get(f.name, f.name) for f in fields(kind)}  # type: ignore[arg-type]
+        hints, required = get_type_hints(kind, include_extras=True), getattr(kind, "REQUIRED", ())
         taken: dict[str, Any] = {}
         for f in fields(kind):  # type: ignore[arg-type]
-            key = names.get(f.name, f.name)
+            key = keys[f.name]
             if key in self._values:
                 taken[f.name] = self._taken(key, self._values[key], hints[f.name], Bounds())
-            elif (f.default is MISSING and f.default_factory is MISSING) or f.name in getattr(kind, "REQUIRED", ()):
+            elif (f.default is MISSING and f.default_factory is MISSING) or f.name in required:
                 raise self._missing(key)
-        self._refuse_others({names.get(f.name, f.name) for f in fields(kind)})  # type: ignore[arg-type]
+        self._refuse_others(keys.values())
         record = kind(**taken)
-        check = getattr(record, "problem", None)
-        problem = None if check is None else check()
+        problem = record.problem() if hasattr(record, "problem") else None
         if problem is not None:
             raise self.fail(*problem)
         return record
@@ -110,21 +110,14 @@ class Table:
             return Table(value, self._what, f"{self._prefix}{key}.", self._known).read(hint)  # type: ignore[arg-type]
         if origin is not tuple:
             return self._number(key, value, bound, whole=hint is int)
-        if args[-1] is not Ellipsis:
-            if not isinstance(value, list) or len(value) != len(args):
-                raise self.fail(key, f"must be {'two' if len(args) == 2 else 'three'} numbers, not {value!r}")
-            return tuple(self._number(f"{key}[{i}]", v, bound) for i, v in enumerate(value))
-        return self._many(key, value, args[0], bound)
-
-    def _many(self, key: str, value: Any, hint: Any, bound: Bounds) -> Any:
-        if not is_dataclass(hint):
-            if not isinstance(value, list):
-                raise self.fail(key, f"must be a list, not {value!r}")
-            return tuple(self._taken(f"{key}[{i}]", v, hint, bound) for i, v in enumerate(value))
-        if not isinstance(value, list) or not value or not all(isinstance(v, dict) for v in value):
+        tables = is_dataclass(args[0])
+        if tables and not (isinstance(value, list) and value and all(isinstance(v, dict) for v in value)):
             raise self.fail(key, "must be one or more tables")
-        rows = (Table(v, self._what, f"{self._prefix}{key}[{i}].", self._known) for i, v in enumerate(value, 1))
-        return tuple(row.read(hint) for row in rows)  # type: ignore[arg-type]
+        count = None if args[-1] is Ellipsis else len(args)
+        if not isinstance(value, list) or count not in (None, len(value)):
+            words = "a list" if count is None else f"{'two' if count == 2 else 'three'} numbers"
+            raise self.fail(key, f"must be {words}, not {value!r}")
+        return tuple(self._taken(f"{key}[{i}]", v, args[0], bound) for i, v in enumerate(value, int(tables)))
 
     def _text(self, key: str, value: Any, bound: Any) -> Any:
         meaning = bound.meaning if isinstance(bound, Options) else None

@@ -8,17 +8,7 @@ from pathlib import Path
 from models.text_file import read_text
 from models.toml_table import Table
 from models.vehicle_plausibility import findings
-from models.vehicle_types import (
-    RHO_SEA_LEVEL,
-    Fan,
-    Limits,
-    Rangefinder,
-    Rotor,
-    Throttle,
-    Vane,
-    Vector3,
-    Vehicle,
-)
+from models.vehicle_types import RHO_SEA_LEVEL, Fan, Limits, Rangefinder, Rotor, Throttle, Vane, Vector3, Vehicle
 
 __all__ = ["RHO_SEA_LEVEL", "Fan", "Limits", "Rangefinder", "Rotor", "Throttle", "Vane", "Vector3", "Vehicle"]
 __all__ += ["load_vehicle", "parse_vehicle"]

@@ -36,15 +36,14 @@ _UPSIDE_M = 0.02
 """How far above its fan a vane must lie before the sign of z is in doubt."""
 _SENSOR_ABOVE_M = 0.005
 """The same for a down-looking sensor above all rotors."""
-_LOOKS_UP, _LOOKS_DOWN, _LOOKS_LEVEL = 24, 25, range(8)
+_DIRECTIONS = {24: "up", 25: "down", **dict.fromkeys(range(8), "to the side")}
 """MAV_SENSOR_ORIENTATION: PITCH_90, PITCH_270, and the eight yaw angles in steps of 45 deg."""
-_TARGET_NEEDS: dict[str, tuple[str, tuple[str, ...]]] = {
-    "ground": ("25 looks down", ("up", "to the side")),
-    "ceiling": ("24 looks up", ("down", "to the side")),
-    "wall": ("0 looks ahead", ("up", "down")),
+_SEEN = {
+    "down": ("ground", "ground: 25 looks down"),
+    "up": ("ceiling", "ceiling: 24 looks up"),
+    "to the side": ("wall", "a wall: 0 looks ahead"),
 }
-"""Target of a rangefinder: what it usually needs, and the directions that cannot see it."""
-_WITH_ARTICLE = {"ground": "ground", "ceiling": "ceiling", "wall": "a wall"}
+"""Direction of a rangefinder, what it sees there, and what is usual for that."""
 _HOVER_LIFT_OFF = 0.5
 """``hover_thrust`` contradicts ``[throttle]`` where it lifts more or less than the weight by this share."""
 _GONE_S = 0.2
@@ -59,10 +58,14 @@ class Finding(NamedTuple):
     refused: bool
 
 
+Check = tuple[bool, Finding]
+"""Whether something is odd, and what."""
+
+
 def findings(vehicle: Vehicle) -> Iterator[Finding]:
     """Everything that is odd about ``vehicle``."""
-    for check in (_assumed, _masses, _places, _spins, _rotor_speed, _throttle, _ranges, _vertical, _slews):
-        yield from check(vehicle)
+    for checks in (_assumed, _masses, _places, _spins, _rotor_speed, _throttle, _ranges, _vertical, _slews):
+        yield from (finding for odd, finding in checks(vehicle) if odd)
 
 
 def warnings(vehicle: Vehicle) -> list[str]:
@@ -82,144 +85,124 @@ def _reach(vehicle: Vehicle) -> float:
     return max(math.hypot(*fan.position_m) + fan.lip_radius_m for fan in vehicle.fans)
 
 
-def _assumed(vehicle: Vehicle) -> Iterator[Finding]:
-    if vehicle.assumed:
-        yield _warning("assumed", f"{', '.join(vehicle.assumed)}: typical numbers, not those of this vehicle")
+def _assumed(vehicle: Vehicle) -> Iterator[Check]:
+    text = f"{', '.join(vehicle.assumed)}: typical numbers, not those of this vehicle"
+    yield bool(vehicle.assumed), _warning("assumed", text)
 
 
-def _masses(vehicle: Vehicle) -> Iterator[Finding]:
+def _masses(vehicle: Vehicle) -> Iterator[Check]:
     low, high = _DISC_LOADING_N_M2
     loading = vehicle.mass_kg * GRAVITY / (len(vehicle.fans) * vehicle.disc_area_m2)
-    if not low <= loading <= high:
-        yield _error(
-            "mass_kg",
-            f"{vehicle.mass_kg:g} kg on {len(vehicle.fans)} discs of radius {vehicle.rotor_radius_m:g} m is "
-            f"{loading:.3g} N per m^2 of disc, and rotors carry {low:g} to {high:g}: check mass_kg and rotor_radius_m",
-        )
+    text = (
+        f"{vehicle.mass_kg:g} kg on {len(vehicle.fans)} discs of radius {vehicle.rotor_radius_m:g} m is {loading:.3g} "
+        f"N per m^2 of disc, and rotors carry {low:g} to {high:g}: check mass_kg and rotor_radius_m"
+    )
+    yield not low <= loading <= high, _error("mass_kg", text)
     gyration, reach = math.sqrt(max(vehicle.inertia_kgm2) / vehicle.mass_kg), _reach(vehicle)
-    if gyration > _GYRATION_OVER_REACH * reach:
-        yield _error(
-            "inertia_kgm2",
-            f"{max(vehicle.inertia_kgm2):g} kg m^2 needs all {vehicle.mass_kg:g} kg to sit {gyration:.2f} m from the "
-            f"CG, and the vehicle reaches {reach:.2f} m",
-        )
-    elif gyration < _SMALL_GYRATION * reach:
-        yield _warning("inertia_kgm2", f"is very small for {vehicle.mass_kg:g} kg over {reach:.2f} m: in kg m^2?")
+    text = (
+        f"{max(vehicle.inertia_kgm2):g} kg m^2 needs all {vehicle.mass_kg:g} kg to sit {gyration:.2f} m from the CG, "
+        f"and the vehicle reaches {reach:.2f} m"
+    )
+    yield gyration > _GYRATION_OVER_REACH * reach, _error("inertia_kgm2", text)
+    text = f"is very small for {vehicle.mass_kg:g} kg over {reach:.2f} m: in kg m^2?"
+    yield gyration < _SMALL_GYRATION * reach, _warning("inertia_kgm2", text)
 
 
-def _places(vehicle: Vehicle) -> Iterator[Finding]:
+def _places(vehicle: Vehicle) -> Iterator[Check]:
     for (i, a), (j, b) in combinations(enumerate(vehicle.fans, 1), 2):
         apart = math.dist(a.position_m[:2], b.position_m[:2])
         if abs(a.position_m[2] - b.position_m[2]) >= _SAME_HEIGHT_M:
             continue  # rotors above each other may overlap
-        if apart < _SAME_PLACE_M:
-            yield _error(f"fan[{j}].position_m", f"is the place of fan[{i}]: two fans cannot be in one place")
-        elif apart < _TOUCHING * (a.lip_radius_m + b.lip_radius_m):
-            yield _error(
-                f"fan[{j}].lip_radius_m",
-                f"fan[{i}] and fan[{j}] are {apart:.3g} m apart and overlap with lips of {a.lip_radius_m:g} and "
-                f"{b.lip_radius_m:g} m: is a diameter given for a radius?",
-            )
-    centre = [sum(fan.position_m[k] for fan in vehicle.fans) / len(vehicle.fans) for k in (0, 1)]
-    if math.hypot(*centre) > _OFF_CENTRE * _reach(vehicle):
-        yield _warning(
-            "fan.position_m",
-            f"the fans' centre is {math.hypot(*centre):.2f} m from the CG: positions are from the CG, body FRD",
+        text = f"is the place of fan[{i}]: two fans cannot be in one place"
+        yield apart < _SAME_PLACE_M, _error(f"fan[{j}].position_m", text)
+        text = (
+            f"fan[{i}] and fan[{j}] are {apart:.3g} m apart and overlap with lips of {a.lip_radius_m:g} and "
+            f"{b.lip_radius_m:g} m: is a diameter given for a radius?"
         )
+        yield apart < _TOUCHING * (a.lip_radius_m + b.lip_radius_m), _error(f"fan[{j}].lip_radius_m", text)
+    off = math.hypot(*(sum(fan.position_m[k] for fan in vehicle.fans) / len(vehicle.fans) for k in (0, 1)))
+    text = f"the fans' centre is {off:.2f} m from the CG: positions are from the CG, body FRD"
+    yield off > _OFF_CENTRE * _reach(vehicle), _warning("fan.position_m", text)
 
 
-def _spins(vehicle: Vehicle) -> Iterator[Finding]:
+def _spins(vehicle: Vehicle) -> Iterator[Check]:
     spins = [rotor.spin for rotor in vehicle.rotors]
     if len(spins) < 2 or vehicle.vanes:
         return
-    if abs(sum(spins)) == len(spins):
-        text = "all rotors turn the same way: nothing balances their torque"
-        # A tricopter balances it with a servo at the tail, which the file cannot say.
-        yield _warning("fan.rotors.spin", text) if len(spins) == 3 else _error("fan.rotors.spin", text)
-    elif len(spins) % 2 == 0 and sum(spins) != 0:
-        yield _warning("fan.rotors.spin", f"{spins.count(1)} rotors turn cw and {spins.count(-1)} ccw")
+    # A tricopter balances it with a servo at the tail, which the file cannot say.
+    alike = Finding(
+        "fan.rotors.spin", "all rotors turn the same way: nothing balances their torque", refused=len(spins) != 3
+    )
+    yield abs(sum(spins)) == len(spins), alike
+    text = f"{spins.count(1)} rotors turn cw and {spins.count(-1)} ccw"
+    yield len(spins) % 2 == 0 and 0 < abs(sum(spins)) < len(spins), _warning("fan.rotors.spin", text)
 
 
-def _rotor_speed(vehicle: Vehicle) -> Iterator[Finding]:
+def _rotor_speed(vehicle: Vehicle) -> Iterator[Check]:
     low, high = _TIP_SPEED_M_S
     share = vehicle.mass_kg * GRAVITY / len(vehicle.fans)
     for i, fan in enumerate(vehicle.fans, 1):
-        if fan.ct is None:
-            continue
-        tip = math.sqrt(share / (fan.ct * RHO_SEA_LEVEL * vehicle.disc_area_m2))
-        if not low <= tip <= high:
-            yield _error(
-                f"fan[{i}].ct",
+        if fan.ct is not None:
+            tip = math.sqrt(share / (fan.ct * RHO_SEA_LEVEL * vehicle.disc_area_m2))
+            text = (
                 f"{fan.ct:g} means a hover with blade tips at {tip:.3g} m/s, and they move at {low:g} to {high:g}: "
-                "C_T is T/(rho A Omega^2 R^2) of the whole fan",
+                "C_T is T/(rho A Omega^2 R^2) of the whole fan"
             )
+            yield not low <= tip <= high, _error(f"fan[{i}].ct", text)
 
 
-def _throttle(vehicle: Vehicle) -> Iterator[Finding]:
+def _throttle(vehicle: Vehicle) -> Iterator[Check]:
     throttle = vehicle.throttle
     if throttle is None:
         return
     impossible, hard = _THRUST_TO_WEIGHT
-    weight = vehicle.mass_kg * GRAVITY
-    ratio = throttle.max_thrust_n * len(vehicle.rotors) / weight
-    if ratio < impossible:
-        yield _error("throttle.max_thrust_n", f"all rotors at full throttle lift {ratio:.2g} of the weight")
-    elif ratio < hard:
-        yield _warning("throttle.max_thrust_n", f"all rotors at full throttle lift only {ratio:.2g} of the weight")
-    if ratio >= impossible:
-        e, u = throttle.expo, vehicle.hover_thrust
-        lift = ratio * ((1.0 - e) * u + e * u * u)
-        if abs(lift - 1.0) > _HOVER_LIFT_OFF:
-            yield _warning("hover_thrust", f"{u:g} lifts {lift:.2g} of the weight by [throttle]")
+    ratio = throttle.max_thrust_n * len(vehicle.rotors) / (vehicle.mass_kg * GRAVITY)
+    text = f"all rotors at full throttle lift {ratio:.2g} of the weight"
+    yield ratio < hard, Finding("throttle.max_thrust_n", text, refused=ratio < impossible)
+    e, u = throttle.expo, vehicle.hover_thrust
+    lift = ratio * ((1.0 - e) * u + e * u * u)
+    text = f"{u:g} lifts {lift:.2g} of the weight by [throttle]"
+    yield ratio >= impossible and abs(lift - 1.0) > _HOVER_LIFT_OFF, _warning("hover_thrust", text)
 
 
-def _ranges(vehicle: Vehicle) -> Iterator[Finding]:
-    if not vehicle.rangefinders:
-        yield _warning("rangefinder", "none is declared: nothing is known of ground and wall, no offset will be given")
+def _ranges(vehicle: Vehicle) -> Iterator[Check]:
+    text = "none is declared: nothing is known of ground and wall, no offset will be given"
+    yield not vehicle.rangefinders, _warning("rangefinder", text)
     for i, sensor in enumerate(vehicle.rangefinders, 1):
-        looks = direction(sensor.orientation)
-        usual, wrong = _TARGET_NEEDS.get(sensor.target, ("", ()))
-        if looks in wrong:
-            yield _error(
-                f"rangefinder[{i}].orientation",
-                f"{sensor.orientation} looks {looks}, and the target is {_WITH_ARTICLE[sensor.target]}: {usual}",
-            )
-    if vehicle.rangefinders and not vehicle.rangefinders_for("ground"):
-        yield _warning("rangefinder", "none looks at the ground: its effect is not compensated")
+        looks, usual = _DIRECTIONS.get(sensor.orientation), dict(_SEEN.values()).get(sensor.target)
+        odd = looks is not None and usual is not None and target_of(sensor.orientation) != sensor.target
+        text = f"{sensor.orientation} looks {looks}, and the target is {usual}"
+        yield odd, _error(f"rangefinder[{i}].orientation", text)
+    blind = bool(vehicle.rangefinders) and not vehicle.rangefinders_for("ground")
+    yield blind, _warning("rangefinder", "none looks at the ground: its effect is not compensated")
 
 
-def direction(orientation: int) -> str:
-    """Where a MAV_SENSOR_ORIENTATION looks: ``up``, ``down``, ``to the side``, or empty where it is inclined."""
-    if orientation == _LOOKS_DOWN:
-        return "down"
-    if orientation == _LOOKS_UP:
-        return "up"
-    return "to the side" if orientation in _LOOKS_LEVEL else ""
+def target_of(orientation: int) -> str:
+    """What a rangefinder of this MAV_SENSOR_ORIENTATION looks at, as a rule; ``none`` where it is inclined."""
+    return _SEEN[_DIRECTIONS[orientation]][0] if orientation in _DIRECTIONS else "none"
 
 
-def _vertical(vehicle: Vehicle) -> Iterator[Finding]:
+def _vertical(vehicle: Vehicle) -> Iterator[Check]:
     """z is positive down: exhaust vanes lie below their fan, a down-looking sensor not above all rotors."""
     for i, vane in enumerate(vehicle.vanes, 1):
-        if vane.position_m[2] < vehicle.fans[vane.fan - 1].position_m[2] - _UPSIDE_M:
-            yield _error(f"vane[{i}].position_m", "is above its fan, and exhaust leaves below: z is positive down")
+        above = vane.position_m[2] < vehicle.fans[vane.fan - 1].position_m[2] - _UPSIDE_M
+        text = "is above its fan, and exhaust leaves below: z is positive down"
+        yield above, _error(f"vane[{i}].position_m", text)
     top = min(fan.position_m[2] for fan in vehicle.fans)
     for i, sensor in enumerate(vehicle.rangefinders, 1):
-        if sensor.target == "ground" and sensor.position_m[2] < top - _SENSOR_ABOVE_M:
-            yield _warning(
-                f"rangefinder[{i}].position_m",
-                "looks down from above the rotors: z is positive down; is a sign flipped?",
-            )
+        above = sensor.target == "ground" and sensor.position_m[2] < top - _SENSOR_ABOVE_M
+        text = "looks down from above the rotors: z is positive down; is a sign flipped?"
+        yield above, _warning(f"rangefinder[{i}].position_m", text)
 
 
-def _slews(vehicle: Vehicle) -> Iterator[Finding]:
+def _slews(vehicle: Vehicle) -> Iterator[Check]:
     limits = vehicle.limits
     for most, rate, key in (
         (limits.thrust, limits.slew_thrust_per_s, "slew_thrust_per_s"),
         (limits.tilt_deg, limits.slew_tilt_deg_per_s, "slew_tilt_deg_per_s"),
     ):
-        if most / rate > _GONE_S * (1.0 + 1e-9):
-            yield _warning(
-                f"limits.{key}",
-                f"{rate:g} takes {most / rate:.2g} s to take back a full offset: after a lost sensor offsets are to be "
-                f"gone within {_GONE_S:g} s",
-            )
+        text = (
+            f"{rate:g} takes {most / rate:.2g} s to take back a full offset: after a lost sensor offsets are to be "
+            f"gone within {_GONE_S:g} s"
+        )
+        yield most / rate > _GONE_S * (1.0 + 1e-9), _warning(f"limits.{key}", text)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -26,10 +24,6 @@ class FanModel(Protocol):
         """Total wrench (..., 6) of one fan in its corner frame."""
         ...
 
-    def trust(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
-        """How far the answer is to be believed, 0...1, shape (...)."""
-        ...
-
 
 def fan_rpm(vehicle: Vehicle, rotor_rpm: ArrayLike) -> Array:
     """One speed per fan, sqrt(mean(rpm_i^2)) over its rotors: (..., rotors) -> (..., fans)."""
@@ -38,23 +32,16 @@ def fan_rpm(vehicle: Vehicle, rotor_rpm: ArrayLike) -> Array:
     return np.asarray(np.sqrt(squares / vehicle.rotor_counts))
 
 
-def fan_rpm_now(vehicle: Vehicle, rotor_rpm: Sequence[float]) -> tuple[float, ...]:
-    """``fan_rpm`` of one instant in plain floats."""
-    out, first = [], 0
-    for fan in vehicle.fans:
-        count = len(fan.rotors)
-        out.append(math.sqrt(sum([v * v for v in rotor_rpm[first : first + count]]) / count))
-        first += count
-    return tuple(out)
-
-
 def free_air_thrust(vehicle: Vehicle, model: FanModel | None, fan: Fan, rpm: ArrayLike) -> Array:
-    """Free-air thrust [N] of one fan at ``rpm`` (...): the model's own, or the vehicle file's ``ct``."""
+    """Free-air thrust [N] of one fan at ``rpm`` (...): the model's own, by ``ct``, or as ``[throttle]`` hovers."""
     if model is not None:
         return model.wrench(np.inf, np.inf, rpm)[..., 2]
-    if fan.ct is None:
+    speed = np.asarray(rpm, dtype=float)
+    if fan.ct is not None:
+        return fan.ct * _dynamic_force(vehicle, speed)
+    if vehicle.telemetered:
         raise ConfigError("vehicle file: key 'fan.ct' is missing, and --model none has no free-air rows to replace it")
-    return fan.ct * _dynamic_force(vehicle, np.asarray(rpm, dtype=float))
+    return vehicle.mass_kg * GRAVITY / len(vehicle.fans) * (speed / REFERENCE_RPM) ** 2
 
 
 def rpm_from_servos(vehicle: Vehicle, model: FanModel | None, servo_us: ArrayLike) -> Array:
@@ -63,14 +50,10 @@ def rpm_from_servos(vehicle: Vehicle, model: FanModel | None, servo_us: ArrayLik
     Only the thrust is known there; the speed is the one at which a rotor carries its share of the fan's free-air
     thrust. Without a model and without ``ct`` the vehicle's own hover fixes the scale.
     """
-    thrust = servo_thrust(vehicle, servo_us)
-    out = np.empty_like(thrust)
-    for k, owner in enumerate(vehicle.rotor_fan):
-        fan = vehicle.fans[owner]
-        share = thrust[..., k] * len(fan.rotors)
-        at_reference = _reference_thrust(vehicle, model, fan)
-        out[..., k] = REFERENCE_RPM * np.sqrt(np.maximum(share, 0.0) / at_reference)
-    return out
+    owner = np.asarray(vehicle.rotor_fan)
+    reference = np.array([_reference_thrust(vehicle, model, fan) for fan in vehicle.fans])
+    whole = servo_thrust(vehicle, servo_us) * vehicle.rotor_counts[owner]
+    return np.asarray(REFERENCE_RPM * np.sqrt(np.maximum(whole, 0.0) / reference[owner]))
 
 
 def servo_thrust(vehicle: Vehicle, servo_us: ArrayLike) -> Array:
@@ -92,46 +75,23 @@ def modelled_wrench(vehicle: Vehicle, model: FanModel | None, state: AirState) -
     speeds; a speed difference inside a fan, or between single-rotor fans, adds ``cq`` terms where ``cq`` is given.
     """
     speeds = fan_rpm(vehicle, state.rpm)
-    total = np.zeros((*state.rpm.shape[:-1], 6))
-    lift = np.empty_like(speeds)
-    for i, fan in enumerate(vehicle.fans):
-        body = fan_wrench(
-            vehicle, model, i, state.h_m[..., i], state.d_m[..., i], speeds[..., i], state.wall_bearing_rad
-        )
-        lift[..., i] = -body[..., 2]
-        total += at_cg(body, fan.position_m)
+    if model is None:
+        body = np.zeros((*speeds.shape, 6))
+        reference = [_reference_thrust(vehicle, model, fan) for fan in vehicle.fans]
+        body[..., 2] = -((speeds / REFERENCE_RPM) ** 2) * reference
+    else:
+        body = corner_to_body(model.wrench(state.h_m, state.d_m, speeds), state.wall_bearing_rad[..., None])
+    total: Array = at_cg(body, vehicle.fan_positions_m).sum(axis=-2)
     total[..., 5] += fan_torques(vehicle, state.rpm).sum(axis=-1)
-    return total + vane_wrench(vehicle, state.servo_us, lift)
-
-
-def fan_wrench(
-    vehicle: Vehicle,
-    model: FanModel | None,
-    index: int,
-    h: ArrayLike,
-    d: ArrayLike,
-    rpm: ArrayLike,
-    wall_bearing_rad: ArrayLike,
-) -> Array:
-    """Wrench (..., 6) of fan ``index`` at its own reference point, body FRD."""
-    if model is not None:
-        return corner_to_body(model.wrench(h, d, rpm), wall_bearing_rad)
-    shape = np.broadcast_shapes(np.shape(h), np.shape(d), np.shape(rpm))
-    out = np.zeros((*shape, 6))
-    fan = vehicle.fans[index]
-    out[..., 2] = -((np.asarray(rpm, dtype=float) / REFERENCE_RPM) ** 2) * _reference_thrust(vehicle, model, fan)
-    return out
+    return total + vane_wrench(vehicle, state.servo_us, -body[..., 2])
 
 
 def disturbance_wrench(vehicle: Vehicle, model: FanModel, state: AirState) -> Array:
     """What ground and wall add: wrench(h, d, rpm) - wrench(inf, inf, rpm), about the CG, body FRD, (..., 6)."""
     speeds = fan_rpm(vehicle, state.rpm)
-    total = np.zeros((*state.rpm.shape[:-1], 6))
-    for i, fan in enumerate(vehicle.fans):
-        near = model.wrench(state.h_m[..., i], state.d_m[..., i], speeds[..., i])
-        far = model.wrench(np.inf, np.inf, speeds[..., i])
-        total += at_cg(corner_to_body(near - far, state.wall_bearing_rad), fan.position_m)
-    return total
+    added = model.wrench(state.h_m, state.d_m, speeds) - model.wrench(np.inf, np.inf, speeds)
+    body = corner_to_body(added, np.asarray(state.wall_bearing_rad)[..., None])
+    return np.asarray(at_cg(body, vehicle.fan_positions_m).sum(axis=-2))
 
 
 def vane_wrench(vehicle: Vehicle, servo_us: ArrayLike, lift: ArrayLike) -> Array:
@@ -168,7 +128,5 @@ def _dynamic_force(vehicle: Vehicle, rpm: Array) -> Array:
 
 
 def _reference_thrust(vehicle: Vehicle, model: FanModel | None, fan: Fan) -> float:
-    """Free-air thrust [N] of a fan at the reference speed; where neither model nor ``ct`` gives it, the hover's."""
-    if model is None and fan.ct is None and not vehicle.telemetered:
-        return vehicle.mass_kg * GRAVITY / len(vehicle.fans)
+    """Free-air thrust [N] of a fan at the reference speed."""
     return float(free_air_thrust(vehicle, model, fan, REFERENCE_RPM))

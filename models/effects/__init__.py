@@ -11,22 +11,12 @@ from pkgutil import iter_modules
 import numpy as np
 
 from models.air_state import AirState
-from models.effects.effect import (
-    AdoptedEffect,
-    BelongsTo,
-    Coefficient,
-    Context,
-    Effect,
-    Flown,
-    InFlight,
-    Shape,
-    Shown,
-)
+from models.effects.effect import AdoptedEffect, BelongsTo, Coefficient, Context, Effect, Flown, InFlight
 from models.errors import ModelError
 from models.frames import AXES, Array
 
 __all__ = [
-    "AdoptedEffect", "BelongsTo", "Coefficient", "Context", "Effect", "Flown", "InFlight", "Shape", "Shown", "adopted",
+    "AdoptedEffect", "BelongsTo", "Coefficient", "Context", "Effect", "Flown", "InFlight", "adopted",
     "adopted_wrench", "catalogue", "corrected_state", "get",
 ]  # fmt: skip
 

@@ -1,4 +1,8 @@
-"""The air is thinner or denser than the sea-level air the model was trained for."""
+"""The air is thinner or denser than the sea-level air the model was trained for.
+
+Valid: dry air.
+Source: T proportional to rho at given speed: Leishman 2006, ch. 2; ideal gas, ISO 2533.
+"""
 
 from __future__ import annotations
 
@@ -6,14 +10,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shown, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shown
 from models.effects.pictures import mean, more, over_thrust
 from models.frames import Array
 from models.vehicle import RHO_SEA_LEVEL
 
 
-def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
-    return columns(ctx.rotor_force * (ctx.density / RHO_SEA_LEVEL - 1.0)[..., None])
+def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
+    return (ctx.rotor_force * (ctx.density / RHO_SEA_LEVEL - 1.0)[..., None],)
 
 
 def _lacking(ctx: Context) -> str | None:
@@ -33,13 +37,11 @@ EFFECT = Effect(
     belongs_to=BelongsTo.WEATHER,
     equation="dF = g F_rotors (rho/1.225 - 1), rho = p/(287.05 T)",
     sign="gain 1: as the ideal gas says",
-    source="T proportional to rho at given speed: Leishman 2006, ch. 2; ideal gas, ISO 2533",
-    valid="dry air",
     axes=("Fz",),
     channels=("pressure_pa", "air_temperature_c", "rpm_1"),
     excite="known from pressure and temperature; weigh the vehicle to be sure",
     coefficients=(Coefficient("gain", "1", 0.4, 1.6, typical=0.1, centre=1.0),),
-    regressors=_regressors,
+    wrenches=_wrenches,
     lacking=_lacking,
     aliases=("thrust_scale", "payload"),
     shown=Shown(over_thrust, _words),

@@ -1,4 +1,9 @@
-"""Thrust follows the battery voltage: where thrust is declared by outputs, or where reported speeds are not true."""
+"""Thrust follows the battery voltage: where thrust is declared by outputs, or where reported speeds are not true.
+
+Valid: V within 30 % of V0.
+Source: brushless motor at constant duty: speed follows the voltage, thrust its square; Hughes & Drury 2013, Electric
+Motors and Drives, ch. 3.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +11,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns, through
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown, through
 from models.effects.pictures import more, nearest, over
 from models.frames import Array
 
@@ -14,7 +19,7 @@ SLOW_S = 1.0
 """Standard deviation of the Gaussian that voltage goes through: packs empty over minutes, telemetry is noisy [s]."""
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     volts = ctx.state.battery_voltage_v
     if ctx.record:
         # Noise of the voltage would be fitted instead of what the pack does, and make its power too small.
@@ -22,14 +27,12 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     fuller = volts / shape[0] - 1.0
     # The drop over the pack's resistance, when the current rises with the thrust, is faster than that.
     above = ctx.thrust.sum(axis=-1) / ctx.weight - 1.0
-    return columns(ctx.rotor_force * fuller[..., None], ctx.rotor_force, -ctx.rotor_force * above[..., None])
+    return ctx.rotor_force * fuller[..., None], ctx.rotor_force, -ctx.rotor_force * above[..., None]
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
-    if ctx.vehicle.throttle is not None and ctx.vehicle.throttle.voltage_v > 0.0:
-        return ((ctx.vehicle.throttle.voltage_v,),)
-    known = ctx.state.battery_voltage_v[np.isfinite(ctx.state.battery_voltage_v)]
-    return ((float(np.max(known)),),) if known.size else ()
+    curve = ctx.vehicle.throttle
+    return ((float(np.nanmax(ctx.state.battery_voltage_v)) if curve is None else curve.voltage_v,),)
 
 
 def _ohmic(ctx: Context) -> float:
@@ -52,13 +55,9 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="battery_sag",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dF = F_rotors (p (V/V0 - 1) + e - r (u - 1)), e at the reference voltage, u declared thrust over weight",
     sign="power > 0: thrust falls with the voltage; ohmic > 0: and with the current, faster than the voltage is "
     "logged; ohmic < 0: the declared curve holds that drop already",
-    source="brushless motor at constant duty: speed follows the voltage, thrust its square; Hughes & Drury "
-    "2013, Electric Motors and Drives, ch. 3",
-    valid="V within 30 % of V0",
     axes=("Fz",),
     channels=("battery_voltage_v", "servo_1", "rpm_1"),
     excite="fly on a full and on an empty battery",
@@ -68,9 +67,9 @@ EFFECT = Effect(
         Coefficient("ohmic", "1", -0.2, 0.8, typical=_ohmic, optional=True),
     ),
     main=("power",),
-    regressors=_regressors,
+    wrenches=_wrenches,
     shapes=(Shape("reference_v", "V", continuous=False),),
-    shape_grid=_grid,
+    grid=_grid,
     lacking=_lacking,
     # Thrust follows the speed, whatever the voltage: only reported speeds that are not true can drift with it.
     chance=lambda ctx: ctx.by_kind(0.0003, 0.15),

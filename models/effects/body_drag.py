@@ -1,4 +1,8 @@
-"""Pressure drag of the body: with the square of the speed."""
+"""Pressure drag of the body: with the square of the speed.
+
+Valid: still air.
+Source: Hoerner 1965, Fluid-Dynamic Drag, ch. 3: pressure drag of bluff bodies.
+"""
 
 from __future__ import annotations
 
@@ -6,19 +10,19 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shown, columns
+from models.effects.effect import Coefficient, Context, Effect, Shown
 from models.effects.pictures import over_speed
 from models.frames import Array
 from models.vehicle import RHO_SEA_LEVEL
 
 
-def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
     v = ctx.velocity
     discs = ctx.vehicle.disc_area_m2 * len(ctx.vehicle.fans)
     pressure = -0.5 * RHO_SEA_LEVEL * discs * np.abs(v) * v
     front, side = np.zeros((*v.shape[:-1], 6)), np.zeros((*v.shape[:-1], 6))
     front[..., 0], side[..., 1] = pressure[..., 0], pressure[..., 1]
-    return columns(front, side)
+    return front, side
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -30,11 +34,8 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="body_drag",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dF_i = -rho/2 c_i A |v_i| v_i, A the area of all discs",
     sign="c > 0: against the motion",
-    source="Hoerner 1965, Fluid-Dynamic Drag, ch. 3: pressure drag of bluff bodies",
-    valid="still air",
     axes=("Fx", "Fy"),
     channels=("vn_m_s", "ve_m_s"),
     excite="fly at more than 2 m/s forward and sideways",
@@ -42,7 +43,7 @@ EFFECT = Effect(
         Coefficient("front", "1", -0.1, 10.0, typical=1.5),
         Coefficient("side", "1", -0.1, 10.0, typical=1.5),
     ),
-    regressors=_regressors,
+    wrenches=_wrenches,
     aliases=("rotor_drag",),
     shown=Shown(over_speed, _words),
 )

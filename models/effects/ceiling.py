@@ -1,4 +1,8 @@
-"""A ceiling draws the vehicle up: image of the rotor's inflow, the length scale fitted."""
+"""A ceiling draws the vehicle up: image of the rotor's inflow, the length scale fitted.
+
+Valid: gap above 0.2 radii.
+Source: Hsiao & Chirarattananon 2019, IEEE/ASME Trans. Mechatronics 24(5), 2316-2327, arXiv:1905.04632.
+"""
 
 from __future__ import annotations
 
@@ -6,27 +10,25 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, Flown, Shape, Shown, columns, tried
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Flown, Shape, Shown, where_seen
 from models.effects.pictures import fan_mean, more, nearest, over
 from models.frames import Array
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     gap = np.maximum(ctx.state.ceiling_m, 0.02) / (shape[0] * ctx.vehicle.rotor_radius_m)
-    gain = 0.5 + 0.5 * np.sqrt(1.0 + 1.0 / (8.0 * gap * gap))
-    extra = ctx.shared_thrust * (gain ** (2.0 / 3.0) - 1.0)
-    return columns(ctx.wrench_at_cg(-extra[..., None] * DOWNWARD))
+    return (ctx.lift(ctx.shared_thrust * _extra(gap)),)
 
 
-def _lacking(ctx: Context) -> str | None:
-    return None if np.isfinite(ctx.state.ceiling_m).any() else "no rangefinder saw a ceiling"
+def _extra(gap: Array) -> Array:
+    """More lift as a share, by the gap over the scale."""
+    return (0.5 + 0.5 * np.sqrt(1.0 + 1.0 / (8.0 * gap * gap))) ** (2.0 / 3.0) - 1.0
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
     z = max(nearest(ctx.state.ceiling_m), 0.02)
-    gap = z / (p["scale"] * ctx.vehicle.rotor_radius_m)
-    gain = 0.5 + 0.5 * np.sqrt(1.0 + 1.0 / (8.0 * gap * gap))
-    return f"at {z:.2f} m below the ceiling the lift is {more(p['gain'] * (float(gain) ** (2.0 / 3.0) - 1.0))}"
+    extra = p["gain"] * float(_extra(np.array(z / (p["scale"] * ctx.vehicle.rotor_radius_m))))
+    return f"at {z:.2f} m below the ceiling the lift is {more(extra)}"
 
 
 EFFECT = Effect(
@@ -34,17 +36,14 @@ EFFECT = Effect(
     belongs_to=BelongsTo.PLACE,
     equation="dF_z = -g sum T (gamma(z/a)^(2/3) - 1), gamma = 1/2 + 1/2 sqrt(1 + (a R/z)^2/8)",
     sign="gain > 0: drawn to the ceiling",
-    source="Hsiao & Chirarattananon 2019, IEEE/ASME Trans. Mechatronics 24(5), 2316-2327, arXiv:1905.04632",
-    valid="gap above 0.2 radii",
     axes=("Fz",),
     channels=("range_up_m", "rpm_1"),
     excite="hover at three gaps below two radii under the ceiling, with an up-looking rangefinder",
     coefficients=(Coefficient("gain", "1", 0.05, 10.0, typical=0.6, centre=1.0),),
-    regressors=_regressors,
+    wrenches=_wrenches,
     in_flight=Flown(gain=True),
-    shapes=(Shape("scale", "1"),),
-    shape_grid=tried(0.5, 0.75, 1.0, 1.5, 2.5),
-    lacking=_lacking,
+    shapes=(Shape("scale", "1", tried=(0.5, 0.75, 1.0, 1.5, 2.5)),),
+    lacking=where_seen("ceiling_m", "no rangefinder saw a ceiling"),
     aliases=("thrust_scale",),
     shown=Shown(lambda ctx, axis: over("gap to the ceiling [m]", fan_mean(ctx.state.ceiling_m), axis), _words),
 )

@@ -1,4 +1,8 @@
-"""The centre of gravity is not where the vehicle file says."""
+"""The centre of gravity is not where the vehicle file says.
+
+Valid: small offsets.
+Source: moment of a force about another point: Goldstein, Classical Mechanics, ch. 1.
+"""
 
 from __future__ import annotations
 
@@ -6,21 +10,19 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shown, columns
+from models.effects.effect import Coefficient, Context, Effect, Shown
 from models.effects.pictures import over_thrust
 from models.frames import Array
+from models.vehicle_wrench import vane_wrench
 
 
-def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
-    force = ctx.declared_force
+def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
+    vanes = np.nan_to_num(vane_wrench(ctx.vehicle, ctx.state.servo_us, ctx.thrust))
+    force = (ctx.rotor_wrench + vanes)[..., :3]
     x, y = np.zeros((*force.shape[:-1], 6)), np.zeros((*force.shape[:-1], 6))
     x[..., 3:] = -np.cross(np.array([1.0, 0.0, 0.0]), force)
     y[..., 3:] = -np.cross(np.array([0.0, 1.0, 0.0]), force)
-    return columns(x, y)
-
-
-def _likely(ctx: Context) -> float:
-    return 0.05 * ctx.lever
+    return x, y
 
 
 def _words(_: Context, p: Mapping[str, float]) -> str:
@@ -31,16 +33,13 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="cg_offset",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dM = -r x F, F of rotors and vanes",
     sign="x > 0: CG ahead of the declared one (nose down); y > 0: to the right of it (right down)",
-    source="moment of a force about another point: Goldstein, Classical Mechanics, ch. 1",
-    valid="small offsets",
     axes=("Mx", "My"),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="vary the thrust: quick climbs and stops",
-    coefficients=(Coefficient("x", "m", -0.3, 0.3, typical=_likely), Coefficient("y", "m", -0.3, 0.3, typical=_likely)),
-    regressors=_regressors,
+    coefficients=tuple(Coefficient(a, "m", -0.3, 0.3, typical=lambda ctx: 0.05 * ctx.lever) for a in "xy"),
+    wrenches=_wrenches,
     needs_moments=True,
     aliases=("fan_imbalance", "wall_effect"),
     shown=Shown(over_thrust, _words),

@@ -1,4 +1,8 @@
-"""A bumper touches the wall: a spring and a damper with a force away from it, none beyond their reach."""
+"""A bumper touches the wall: a spring and a damper with a force away from it, none beyond their reach.
+
+Valid: a soft bumper.
+Source: Hunt & Crossley 1975, J. Applied Mechanics 42(2), 440-445, linearised: spring and damper at a contact.
+"""
 
 from __future__ import annotations
 
@@ -6,19 +10,17 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns
+from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shape, Shown
 from models.effects.pictures import over_surfaces
 from models.frames import Array
 
-AWAY = (-1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
-
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     depth = np.maximum(shape[0] - ctx.state.d_m, 0.0)
     bearing = ctx.state.wall_bearing_rad
     velocity = ctx.velocity[..., None, :] + ctx.turning
     closing = velocity[..., 0] * np.cos(bearing)[..., None] + velocity[..., 1] * np.sin(bearing)[..., None]
-    return columns(*(ctx.corner(AWAY, size, bearing) for size in (depth, np.where(depth > 0.0, closing, 0.0))))
+    return ctx.pull(-depth, bearing), ctx.pull(np.where(depth > 0.0, -closing, 0.0), bearing)
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
@@ -42,8 +44,6 @@ EFFECT = Effect(
     belongs_to=BelongsTo.PLACE,
     equation="dF = -k max(d0 - d, 0) + c d' where d < d0, towards the wall, at every fan",
     sign="stiffness > 0: force away from the wall",
-    source="Hunt & Crossley 1975, J. Applied Mechanics 42(2), 440-445, linearised: spring and damper at a contact",
-    valid="a soft bumper",
     axes=("Fx", "Fy", "Mx", "My", "Mz"),
     channels=("range_right_m", "range_left_m", "range_forward_m", "range_back_m"),
     excite="touch the wall gently, several times",
@@ -51,9 +51,9 @@ EFFECT = Effect(
         Coefficient("stiffness", "N/m", 1.0, 1e4, typical=lambda ctx: ctx.weight / 0.05 / len(ctx.vehicle.fans)),
         Coefficient("damping", "N s/m", -100.0, 1e3, typical=lambda ctx: 0.1 * ctx.weight / len(ctx.vehicle.fans)),
     ),
-    regressors=_regressors,
+    wrenches=_wrenches,
     shapes=(Shape("reach_m", "m"),),
-    shape_grid=_grid,
+    grid=_grid,
     lacking=_lacking,
     aliases=("wall_effect",),
     # Bumpers are neither linear nor alike, and ranges of a few centimetres are coarse.

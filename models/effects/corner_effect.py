@@ -1,4 +1,9 @@
-"""What wall and ground do together and neither does alone."""
+"""What wall and ground do together and neither does alone.
+
+Valid: h above 0.8 radii, d above 0.2 radii.
+Source: form: least squares on 90 places of the data set corner_cfd, R2 0.88, 0.58 and 0.61 (without b: 0.57, 0.18 and
+0.61); that it exists: Ai, Xu, Xiang, Fan & Zhang 2020, Sensors 20(20), 5805, figures 8 to 10.
+"""
 
 from __future__ import annotations
 
@@ -6,28 +11,19 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Flown, Shape, Shown, columns, decay, tried
+from models.effects.effect import Coefficient, Context, Effect, Flown, Shape, Shown, decay
 from models.effects.pictures import nearest, over_surfaces, percent
 from models.frames import Array
 
-UNITS = (
-    (1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-    (0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
-    (0.0, 0.0, 0.0, 0.0, 1.0, 0.0),
-)
-"""Pull, lift and tilt in the corner frame."""
 
-
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
-    length, radius = shape[0] * ctx.vehicle.rotor_radius_m, ctx.vehicle.rotor_radius_m
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
+    length, bearing = shape[0] * ctx.vehicle.rotor_radius_m, ctx.state.wall_bearing_rad
     h, d = ctx.state.h_m, ctx.state.d_m
     size = ctx.shared_thrust * decay(h, length) * decay(d, length)
     with np.errstate(invalid="ignore"):
         higher = np.where(size > 0.0, size * h / length, 0.0)
-    parts = []
-    for unit, arm in zip(UNITS, (1.0, 1.0, radius), strict=True):
-        parts += [ctx.corner(unit, arm * s, ctx.state.wall_bearing_rad) for s in (size, higher)]
-    return columns(*parts)
+    pull, tilt = ([of(s, bearing) for s in (size, higher)] for of in (ctx.pull, ctx.tilt))
+    return *pull, ctx.lift(size), ctx.lift(higher), *tilt
 
 
 def _lacking(ctx: Context) -> str | None:
@@ -46,12 +42,8 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="corner_effect",
-    belongs_to=BelongsTo.VEHICLE,
     equation="F(h,d) - F(h,inf) - F(inf,d) + F(inf,inf) = sum T (a + b h/L) exp(-(h + d)/L), for pull, lift, tilt/R",
     sign="pull, tilt > 0: towards the wall; lift > 0: more lift; rise > 0: more of it higher up",
-    source="form: least squares on 90 places of the data set corner_cfd, R2 0.88, 0.58 and 0.61 (without b: 0.57, "
-    "0.18 and 0.61); that it exists: Ai, Xu, Xiang, Fan & Zhang 2020, Sensors 20(20), 5805, figures 8 to 10",
-    valid="h above 0.8 radii, d above 0.2 radii",
     axes=("Fx", "Fy", "Fz", "Mx", "My"),
     channels=("range_down_m", "range_right_m", "range_left_m", "range_forward_m", "range_back_m", "rpm_1"),
     excite="descend and climb beside a wall, slowly, at two distances",
@@ -60,10 +52,9 @@ EFFECT = Effect(
         for part, typical in (("pull", 0.08), ("lift", 0.1), ("tilt", 0.1))
         for rise in ("", "_rise")
     ),
-    regressors=_regressors,
+    wrenches=_wrenches,
     in_flight=Flown(gain=True),
-    shapes=(Shape("length_radii", "1"),),
-    shape_grid=tried(0.7, 1.2, 2.0),
+    shapes=(Shape("length_radii", "1", tried=(0.7, 1.2, 2.0)),),
     lacking=_lacking,
     chance=lambda ctx: ctx.by_model(0.05, 0.3),
     aliases=("wall_effect", "ground_effect"),

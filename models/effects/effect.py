@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -14,24 +15,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from models.adopted_effect import AdoptedEffect
 from models.air_state import AirState
-from models.errors import ConfigError
 from models.frames import GRAVITY, Array, at_cg, corner_to_body
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
-from models.vehicle_wrench import (
-    REFERENCE_RPM,
-    FanModel,
-    fan_rpm,
-    fan_torques,
-    free_air_thrust,
-    rpm_from_servos,
-    servo_thrust,
-    vane_wrench,
-)
+from models.vehicle_wrench import FanModel, fan_rpm, fan_torques, free_air_thrust, rpm_from_servos, servo_thrust
 
 __all__ = ["AdoptedEffect", "BelongsTo", "Coefficient", "Context", "Effect", "Flown", "InFlight", "Shape", "Shown"]
 
 GAS_CONSTANT_AIR = 287.05
 DOWNWARD = np.array([0.0, 0.0, 1.0])
+PULL, TILT = np.eye(6)[[0, 4]]
+"""Force towards the wall and moment that tilts to it, in a fan's corner frame."""
 APART_S = 0.5
 """Time over which changes of thrust and specific force are compared: what drifts does not count [s]."""
 
@@ -115,6 +108,8 @@ class Shape:
     """Standard deviation of the prior about zero; None: all values are as likely."""
     free_at_zero: bool = False
     """Zero is a value like others (there is no dead time), not the edge of what was tried."""
+    tried: tuple[float, ...] = ()
+    """Its values on the grid, where they are the same on every flight."""
 
 
 @dataclass(frozen=True)
@@ -156,20 +151,9 @@ class Context:
         """Declared free-air thrust of every fan [N], (..., fans)."""
         if not self.vehicle.telemetered and not np.isfinite(self.state.rpm).any():
             per_rotor = servo_thrust(self.vehicle, self.state.servo_us)
-            owner = np.asarray(self.vehicle.rotor_fan)
-            sums = [per_rotor[..., owner == i].sum(axis=-1) for i in range(len(self.vehicle.fans))]
-            return np.stack(sums, axis=-1)
-        try:
-            columns = [
-                free_air_thrust(self.vehicle, self.model, fan, self.rpm[..., i])
-                for i, fan in enumerate(self.vehicle.fans)
-            ]
-        except ConfigError:
-            if self.vehicle.telemetered:
-                raise
-            share = self.vehicle.mass_kg * GRAVITY / len(self.vehicle.fans)
-            return share * (self.rpm / REFERENCE_RPM) ** 2
-        return np.stack(columns, axis=-1)
+            return np.asarray(np.add.reduceat(per_rotor, self.vehicle.first_rotors, axis=-1))
+        each = zip(self.vehicle.fans, np.moveaxis(self.rpm, -1, 0), strict=True)
+        return np.stack([free_air_thrust(self.vehicle, self.model, fan, rpm) for fan, rpm in each], axis=-1)
 
     @cached_property
     def shared_thrust(self) -> Array:
@@ -208,7 +192,7 @@ class Context:
     @cached_property
     def rotor_wrench(self) -> Array:
         """Declared free-air wrench of all rotors about the CG, (..., 6)."""
-        return self.wrench_at_cg(-self.thrust[..., None] * DOWNWARD)
+        return self.lift(self.thrust)
 
     @cached_property
     def rotor_moment(self) -> Array:
@@ -228,23 +212,14 @@ class Context:
         return out
 
     @cached_property
-    def declared_force(self) -> Array:
-        """Declared force of rotors and vanes in free air, body FRD, (..., 3)."""
-        vanes = np.nan_to_num(vane_wrench(self.vehicle, self.state.servo_us, self.thrust))
-        out: Array = self.rotor_wrench[..., :3] + vanes[..., :3]
-        return out
-
-    @cached_property
     def velocity(self) -> Array:
         """Velocity over ground, body FRD, (..., 3)."""
-        return self.state.velocity_frd
+        return np.asarray(np.einsum("...ji,...j->...i", self.state.rotation, self.state.velocity_ned))
 
     @cached_property
     def turning(self) -> Array:
         """What turning adds to the velocity of every fan's reference point, omega x r, body FRD, (..., fans, 3)."""
-        arms = np.array([fan.position_m for fan in self.vehicle.fans])
-        out: Array = np.cross(self.state.rates[..., None, :], arms)
-        return out
+        return np.asarray(np.cross(self.state.rates[..., None, :], self.vehicle.fan_positions_m))
 
     @cached_property
     def density(self) -> Array:
@@ -256,12 +231,6 @@ class Context:
         """Momentum theory's mass flow of every fan in hover, sqrt(rho A T) [kg/s], (..., fans)."""
         return np.sqrt(RHO_SEA_LEVEL * self.vehicle.disc_area_m2 * np.maximum(self.thrust, 0.0))
 
-    @cached_property
-    def sinking_flow(self) -> Array:
-        """What sinking along the rotor axis adds to the mass flow of every fan, rho A v_down [kg/s], (..., fans)."""
-        flow = RHO_SEA_LEVEL * self.vehicle.disc_area_m2 * self.velocity[..., 2, None]
-        return np.repeat(flow, len(self.vehicle.fans), axis=-1)
-
     def level_drag(self, velocity: Array, flow: Array, above_m: float) -> Array:
         """Wrench about the CG (..., 6) that takes ``flow`` (..., fans) of air up to the level part of ``velocity``."""
         level = -velocity
@@ -269,12 +238,16 @@ class Context:
         return self.wrench_at_cg(flow[..., None] * level, above_m)
 
     def own_drag(self, above_m: float) -> tuple[Array, Array, Array]:
-        """``level_drag`` of moving over ground, of turning, and what sinking adds to that of moving."""
+        """``level_drag`` of moving over ground, of turning, and what sinking adds to that of moving.
+
+        Sinking along the rotor axis adds rho A v_down to the mass flow.
+        """
         own = self.velocity[..., None, :]
+        sinking = RHO_SEA_LEVEL * self.vehicle.disc_area_m2 * own[..., 2] * np.ones(len(self.vehicle.fans))
         return (
             self.level_drag(own, self.mass_flow, above_m),
             self.level_drag(self.turning, self.mass_flow, above_m),
-            self.level_drag(own, self.sinking_flow, above_m),
+            self.level_drag(own, sinking, above_m),
         )
 
     def by_model(self, declared: float, empty: float) -> float:
@@ -293,47 +266,48 @@ class Context:
     @property
     def lever(self) -> float:
         """Farthest fan from the CG, or the rotor's radius where that is larger [m]: unit of arms."""
-        arms = [float(np.linalg.norm(fan.position_m)) for fan in self.vehicle.fans]
-        return max(*arms, self.vehicle.rotor_radius_m)
+        return float(max(np.linalg.norm(self.vehicle.fan_positions_m, axis=1).max(), self.vehicle.rotor_radius_m))
 
     def wrench_at_cg(self, forces: Array, above_m: float = 0.0) -> Array:
         """Wrench about the CG (..., 6) of body forces (..., fans, 3) that act ``above_m`` over the reference points."""
-        total = np.zeros((*forces.shape[:-2], 6))
-        for i, fan in enumerate(self.vehicle.fans):
-            wrench = np.zeros_like(total)
-            wrench[..., :3] = forces[..., i, :]
-            total += at_cg(wrench, np.asarray(fan.position_m) - above_m * DOWNWARD)
-        return total
+        wrenches = np.concatenate([forces, np.zeros_like(forces)], axis=-1)
+        return np.asarray(at_cg(wrenches, self.vehicle.fan_positions_m - above_m * DOWNWARD).sum(axis=-2))
+
+    def lift(self, forces: Array) -> Array:
+        """Wrench about the CG (..., 6) of forces (..., fans) up the fans' axes."""
+        return self.wrench_at_cg(-forces[..., None] * DOWNWARD)
 
     def corners(self, wrenches: Array, bearing: ArrayLike) -> Array:
         """Wrench about the CG (..., 6) of the fans' corner-frame wrenches (..., fans, 6), wall at ``bearing``."""
-        total = np.zeros((*wrenches.shape[:-2], 6))
-        for i, fan in enumerate(self.vehicle.fans):
-            total += at_cg(corner_to_body(wrenches[..., i, :], bearing), fan.position_m)
-        return total
+        body = corner_to_body(wrenches, np.asarray(bearing)[..., None])
+        return np.asarray(at_cg(body, self.vehicle.fan_positions_m).sum(axis=-2))
 
-    def corner(self, wrench: Sequence[float], sizes: Array, bearing: ArrayLike) -> Array:
-        """Wrench about the CG (..., 6) of one corner-frame wrench times ``sizes`` (..., fans), wall at ``bearing``."""
-        return self.corners(sizes[..., None] * np.asarray(wrench, dtype=float), bearing)
+    def pull(self, forces: Array, bearing: ArrayLike) -> Array:
+        """Wrench about the CG (..., 6) of forces (..., fans) towards a wall at ``bearing``."""
+        return self.corners(forces[..., None] * PULL, bearing)
+
+    def tilt(self, forces: Array, bearing: ArrayLike) -> Array:
+        """Wrench about the CG (..., 6) of moments, a force (..., fans) times the radius, that tilt towards a wall."""
+        return self.corners((self.vehicle.rotor_radius_m * forces)[..., None] * TILT, bearing)
 
 
-Regressors = Callable[[Context, tuple[float, ...]], Array]
+Wrenches = Callable[[Context, tuple[float, ...]], tuple[Array, ...]]
 Grid = Callable[[Context], Sequence[tuple[float, ...]]]
 
 
-def no_shape(_: Context) -> Sequence[tuple[float, ...]]:
-    """The grid of an effect that is linear in everything."""
-    return ((),)
-
-
-def tried(*values: float) -> Grid:
-    """The grid of an effect whose one shape takes these values."""
-    return lambda _: tuple((value,) for value in values)
-
-
 def always(_: Context) -> str | None:
-    """For effects that need nothing besides rotors and IMU."""
+    """``lacking`` of effects that need nothing besides rotors and IMU."""
     return None
+
+
+def where_seen(distance: str, otherwise: str) -> Callable[[Context], str | None]:
+    """``lacking`` of an effect of what is at this ``distance`` of the state; ``otherwise`` says that none was seen."""
+    return lambda ctx: None if np.isfinite(getattr(ctx.state, distance)).any() else otherwise
+
+
+def where_thrust_is_flown(ctx: Context) -> str | None:
+    """``lacking`` of effects that show in changes of the thrust, but not in those that answer disturbances."""
+    return "the thrust changed only in response to disturbances" if ctx.only_answers else None
 
 
 @dataclass(frozen=True)
@@ -345,8 +319,6 @@ class Drawn:
     values: Array
     force_label: str
     direction: Array
-    mark: str = ""
-    """The parameter that is a place on the quantity, such as the moment at which a load was picked up."""
 
 
 @dataclass(frozen=True)
@@ -381,27 +353,28 @@ _SHOWN, _FLOWN, NOT_FLOWN = Shown(), Flown(), Flown(InFlight.NONE)
 
 @dataclass(frozen=True)
 class Effect:
-    """One entry of the catalogue. ``regressors(ctx, shape)`` -> (..., 6, k), body FRD about the CG, N and N m.
+    """One entry of the catalogue.
 
-    The wrench is ``regressors @ coefficients``: linear in ``coefficients``, and in ``shapes`` profiled on
-    ``shape_grid(ctx)``. ``lacking(ctx)`` says in a few words which measurement is missing, or None.
+    ``wrenches(ctx, shape)``: one (..., 6) for each coefficient at 1, body FRD about the CG, N and N m. What it does is
+    their sum times the coefficients: linear in ``coefficients``, and in ``shapes`` profiled on
+    ``shape_grid(ctx)``. ``lacking(ctx)`` says in a few words which measurement is missing, or None. Where it is valid
+    and where that was found says the docstring of its file.
     """
 
-    # What it is, and where that was found.
+    # What it is.
     name: str
-    belongs_to: BelongsTo
     equation: str
     sign: str
-    source: str
-    valid: str
     axes: tuple[str, ...]
     channels: tuple[str, ...]
     excite: str
     # How it acts.
     coefficients: tuple[Coefficient, ...]
-    regressors: Regressors
+    wrenches: Wrenches
+    belongs_to: BelongsTo = BelongsTo.VEHICLE
     shapes: tuple[Shape, ...] = ()
-    shape_grid: Grid = no_shape
+    grid: Grid | None = None
+    """Places that are tried, by the flight; None: every combination of what its shapes name."""
     halvings: int = 2
     """How often the grid of its shapes is halved about the best."""
     at_shape: bool = False
@@ -438,6 +411,14 @@ class Effect:
     # What is made of it.
     in_flight: Flown = _FLOWN
     shown: Shown = _SHOWN
+
+    def regressors(self, ctx: Context, shape: tuple[float, ...]) -> Array:
+        """``wrenches`` beside each other (..., 6, k)."""
+        return np.stack(self.wrenches(ctx, shape), axis=-1)
+
+    def shape_grid(self, ctx: Context) -> Sequence[tuple[float, ...]]:
+        """The places at which its shapes are tried on a flight; one empty place without shapes."""
+        return tuple(product(*(s.tried for s in self.shapes))) if self.grid is None else self.grid(ctx)
 
     def of_day(self, coefficient: Coefficient) -> bool:
         """Whether every flight has its own."""
@@ -487,31 +468,20 @@ class Effect:
         return np.asarray(self.regressors(ctx, shape) @ coefficients)
 
 
-def columns(*wrenches: Array) -> Array:
-    """Stack wrenches (..., 6) as regressors (..., 6, k)."""
-    return np.stack(wrenches, axis=-1)
-
-
 def decay(distance: Array, length: float) -> Array:
     """exp(-distance/length), 0 at infinity, no more than at contact; NaN stays NaN."""
     return np.exp(-np.maximum(distance, 0.0) / length)
 
 
-def through(ctx: Context, values: Array, response: Callable[[Array], NDArray[Any]]) -> Array:
+def through(ctx: Context, values: Array, response: Callable[[NDArray[Any]], NDArray[Any]]) -> Array:
     """A record (n, k) through a linear filter given by its response at angular frequencies [rad/s]; NaN is bridged."""
-    n = len(values)
-    step = float(np.median(np.diff(ctx.state.time_s)))
-    pad = min(n, int(20.0 / step) + 1)
-    out = np.empty_like(values)
-    index = np.arange(n)
-    for k in range(values.shape[1]):
-        known = np.isfinite(values[:, k])
-        if not known.any():
-            out[:, k] = np.nan
-            continue
-        x = np.interp(index, index[known], values[known, k])
-        x = np.concatenate([np.full(pad, x[0]), x, np.full(pad, x[-1])])
-        omega = 2.0 * np.pi * np.fft.rfftfreq(len(x), step)
-        y = np.fft.irfft(np.fft.rfft(x) * response(np.asarray(omega, dtype=float)), len(x))[pad : pad + n]
-        out[:, k] = np.where(known, y, np.nan)
+    n, step = len(values), float(np.median(np.diff(ctx.state.time_s)))
+    pad, index = min(n, int(20.0 / step) + 1), np.arange(n)
+    gain = response(2.0 * np.pi * np.fft.rfftfreq(n + 2 * pad, step))
+    out = np.full_like(values, np.nan)
+    for k, column in enumerate(values.T):
+        known = np.isfinite(column)
+        if known.any():
+            x = np.pad(np.interp(index, index[known], column[known]), pad, mode="edge")
+            out[known, k] = np.fft.irfft(np.fft.rfft(x) * gain, len(x))[pad : pad + n][known]
     return out

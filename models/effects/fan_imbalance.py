@@ -1,4 +1,8 @@
-"""One fan gives less (or more) thrust than declared: a nicked blade, a loose duct."""
+"""One fan gives less (or more) thrust than declared: a nicked blade, a loose duct.
+
+Valid: everywhere.
+Source: blade-element theory: a blade that lifts less is dragged less; Leishman 2006, ch. 3.
+"""
 
 from __future__ import annotations
 
@@ -6,23 +10,22 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns
+from models.effects.effect import Coefficient, Context, Effect, Shape, Shown
 from models.effects.pictures import more, over_thrust
 from models.frames import Array
 from models.vehicle_wrench import fan_torques, vane_wrench
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     one = np.zeros_like(ctx.thrust)
     fan = round(shape[0]) - 1
     one[..., fan] = ctx.shared_thrust[..., fan]
     # Vanes turn what the fan blows: their force goes with its lift.
-    wrench = ctx.wrench_at_cg(-one[..., None] * DOWNWARD)
-    wrench = wrench + np.nan_to_num(vane_wrench(ctx.vehicle, ctx.state.servo_us, one))
+    wrench = ctx.lift(one) + np.nan_to_num(vane_wrench(ctx.vehicle, ctx.state.servo_us, one))
     # A blade that lifts less is mostly dragged less, too, but not in the same measure.
     torque = np.zeros_like(wrench)
     torque[..., 5] = fan_torques(ctx.vehicle, ctx.rotor_rpm)[..., fan]
-    return columns(wrench, torque)
+    return wrench, torque
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
@@ -35,11 +38,8 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="fan_imbalance",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dF = e (F_fan + F_vanes), dM = r x dF + q Q_fan",
     sign="scale < 0: that fan is weaker than declared",
-    source="blade-element theory: a blade that lifts less is dragged less; Leishman 2006, ch. 3",
-    valid="everywhere",
     axes=("Fz", "Mx", "My", "Mz"),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="pitch and roll steps: one fan's speed against the others'",
@@ -48,10 +48,10 @@ EFFECT = Effect(
         Coefficient("torque", "1", -0.6, 0.6, typical=0.1),
     ),
     main=("scale",),
-    regressors=_regressors,
+    wrenches=_wrenches,
     needs_moments=True,
     shapes=(Shape("fan", "1", continuous=False),),
-    shape_grid=_grid,
+    grid=_grid,
     aliases=("cg_offset",),
     shown=Shown(over_thrust, _words),
 )

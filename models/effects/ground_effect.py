@@ -1,27 +1,23 @@
-"""More (or less) ground effect than the model has; the length over which it fades is fitted."""
+"""More (or less) ground effect than the model has; the length over which it fades is fitted.
+
+Valid: h above 0.3 radii.
+Source: exponential form: He & Leang 2019, J. Dynamic Systems, Measurement and Control 141(7), 071013; length fitted.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, Flown, Shape, Shown, columns, decay
+from models.effects.effect import Coefficient, Context, Effect, Flown, Shape, Shown, decay, where_seen
 from models.effects.pictures import more, nearest, over_height
 from models.frames import Array
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
-    size = -ctx.shared_thrust * decay(ctx.state.h_m, shape[0] * ctx.vehicle.rotor_radius_m)
-    return columns(ctx.wrench_at_cg(size[..., None] * DOWNWARD))
-
-
-def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
-    return tuple((s,) for s in (0.3, 0.45, 0.7, 1.0, 1.4, 2.0))
-
-
-def _lacking(ctx: Context) -> str | None:
-    return None if np.isfinite(ctx.state.h_m).any() else "no height over ground in the log"
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
+    size = ctx.shared_thrust * decay(ctx.state.h_m, shape[0] * ctx.vehicle.rotor_radius_m)
+    return (ctx.lift(size),)
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -33,21 +29,16 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="ground_effect",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dF_z = -g sum T exp(-h/L)",
     sign="gain > 0: more lift near the ground than the model has",
-    source="exponential form: He & Leang 2019, J. Dynamic Systems, Measurement and Control 141(7), 071013; "
-    "length fitted",
-    valid="h above 0.3 radii",
     axes=("Fz",),
     channels=("range_down_m", "down_m", "rpm_1"),
     excite="hover at three heights or more between 0.7 and 4 radii",
     coefficients=(Coefficient("gain", "1", -1.0, 3.0, typical=0.15, centre=0.15),),
-    regressors=_regressors,
+    wrenches=_wrenches,
     in_flight=Flown(gain=True),
-    shapes=(Shape("length_radii", "1"),),
-    shape_grid=_grid,
-    lacking=_lacking,
+    shapes=(Shape("length_radii", "1", tried=(0.3, 0.45, 0.7, 1.0, 1.4, 2.0)),),
+    lacking=where_seen("h_m", "no height over ground in the log"),
     chance=lambda ctx: ctx.by_model(0.04, 0.3),
     aliases=("range_offset", "partial_ground"),
     shown=Shown(over_height, _words),

@@ -1,29 +1,29 @@
-"""The rotors are flywheels whose spins do not cancel."""
+"""The rotors are flywheels whose spins do not cancel.
+
+Valid: rigid rotors.
+Source: Euler's equations of a gyrostat; Mahony, Kumar & Corke 2012, IEEE Robotics & Automation Magazine 19(3), 20-32.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Drawn, Effect, Shape, Shown, columns
+from models.effects.effect import NOT_FLOWN, Coefficient, Context, Drawn, Effect, Shape, Shown
 from models.effects.pictures import mean, over
 from models.frames import Array
 from models.vehicle_wrench import RPM_TO_RAD_S
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     signs = np.array([rotor.spin for rotor in ctx.vehicle.rotors]) if abs(shape[0]) < 0.5 else np.sign(shape[0])
     spin = (ctx.rotor_rpm * signs).sum(axis=-1) * RPM_TO_RAD_S
     change = np.gradient(spin, ctx.state.time_s) if ctx.record else np.zeros_like(spin)
     out = np.zeros((*spin.shape, 6))
     out[..., 3], out[..., 4] = -ctx.state.rates[..., 1] * spin, ctx.state.rates[..., 0] * spin
     out[..., 5] = -change
-    return columns(out)
-
-
-def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
-    return ((0.0,), (1.0,), (-1.0,))
+    return (out,)
 
 
 def _likely(ctx: Context) -> float:
@@ -43,20 +43,15 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="gyroscopic",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dM = -w x H - dH/dt, H = J sum s_i Omega_i (s_i the declared spins, or all alike)",
     sign="all_alike 1: all clockwise seen from above, -1: all against it, 0: as declared",
-    source="Euler's equations of a gyrostat; Mahony, Kumar & Corke 2012, IEEE Robotics & Automation Magazine "
-    "19(3), 20-32",
-    valid="rigid rotors",
     axes=("Mx", "My", "Mz"),
     channels=("p_rad_s", "q_rad_s", "rpm_1", "rpm_2"),
     excite="quick roll and pitch steps, and steps of the thrust",
     coefficients=(Coefficient("inertia", "kg m^2", 0.0, 0.1, typical=_likely),),
-    regressors=_regressors,
+    wrenches=_wrenches,
     needs_moments=True,
-    shapes=(Shape("all_alike", "1", continuous=False),),
-    shape_grid=_grid,
+    shapes=(Shape("all_alike", "1", continuous=False, tried=(0.0, 1.0, -1.0)),),
     in_flight=NOT_FLOWN,
     shown=Shown(_drawn, _words),
 )

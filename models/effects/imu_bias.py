@@ -1,4 +1,8 @@
-"""The accelerometer reads a constant too much in body axes, or stands askew on the rotors."""
+"""The accelerometer reads a constant too much in body axes, or stands askew on the rotors.
+
+Valid: constant temperature.
+Source: Woodman 2007, University of Cambridge UCAM-CL-TR-696, section 4: accelerometer bias.
+"""
 
 from __future__ import annotations
 
@@ -11,18 +15,13 @@ from models.effects.pictures import over_time
 from models.frames import Array
 
 
-def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
     out = np.zeros((*ctx.state.time_s.shape, 6, 5))
     out[..., :3, :3] = ctx.vehicle.mass_kg * np.eye(3)
     # Rotors that do not stand square to the accelerometer: a part of the thrust along its level axes.
     lift = ctx.thrust.sum(axis=-1)
     out[..., 0, 3], out[..., 1, 4] = lift, -lift
-    return out
-
-
-def _kinematic_bias(_: Context, __: tuple[float, ...]) -> Array:
-    # Attitude is the accelerometer's own: how it is mounted shows in no velocity.
-    return np.eye(3, 5)
+    return tuple(np.moveaxis(out, -1, 0))
 
 
 def _words(_: Context, p: Mapping[str, float]) -> str:
@@ -37,8 +36,6 @@ EFFECT = Effect(
     belongs_to=BelongsTo.INSTRUMENT,
     equation="dF = m b + T (pitch, -roll, 0), b constant in the body",
     sign="b > 0: the accelerometer reads too much along that axis; pitch > 0: rotors are tilted forward of it",
-    source="Woodman 2007, University of Cambridge UCAM-CL-TR-696, section 4: accelerometer bias",
-    valid="constant temperature",
     axes=("Fx", "Fy", "Fz"),
     channels=("ax_m_s2", "ay_m_s2", "az_m_s2"),
     excite="turn by 180 degrees: a bias turns with the vehicle, wind does not",
@@ -48,10 +45,11 @@ EFFECT = Effect(
         Coefficient("z", "m/s^2", -1.5, 1.5, typical=0.3, belongs_to=BelongsTo.LOAD),
         *(Coefficient(a, "rad", -0.15, 0.15, typical=0.02) for a in ("pitch", "roll")),
     ),
-    regressors=_regressors,
+    wrenches=_wrenches,
     aliases=("wind", "payload", "thrust_scale"),
     in_flight=NOT_FLOWN,
     chance=0.3,
-    kinematic_bias=_kinematic_bias,
+    # Attitude is the accelerometer's own: how it is mounted shows in no velocity.
+    kinematic_bias=lambda *_: np.eye(3, 5),
     shown=Shown(over_time, _words),
 )

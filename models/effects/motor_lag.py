@@ -1,4 +1,8 @@
-"""Thrust comes later than the measured speed (or the output) says."""
+"""Thrust comes later than the measured speed (or the output) says.
+
+Valid: logs of 20 Hz or more.
+Source: Mahony, Kumar & Corke 2012, IEEE Robotics & Automation Magazine 19(3), 20-32: rotor speed as first order lag.
+"""
 
 from __future__ import annotations
 
@@ -6,20 +10,19 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns, through
+from models.effects.effect import NOT_FLOWN, Coefficient, Context, Effect, Shape, Shown, through, where_thrust_is_flown
 from models.effects.pictures import over_time
 from models.frames import Array
 
 LAG_DOUBT_S = 0.035
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     wrench = ctx.rotor_wrench
     if not ctx.record:
-        return columns(np.zeros_like(wrench))
-    return columns(
-        through(ctx, wrench, lambda omega: np.exp(-1j * omega * shape[1]) / (1.0 + 1j * omega * shape[0]) - 1.0)
-    )
+        return (np.zeros_like(wrench),)
+    tau, dead = shape
+    return (through(ctx, wrench, lambda omega: np.exp(-1j * omega * dead) / (1.0 + 1j * omega * tau) - 1.0),)
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
@@ -29,10 +32,6 @@ def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
     return tuple((tau, dead) for dead in (0.0, 0.04, 0.1) for tau in lags if tau + dead >= shortest)
 
 
-def _lacking(ctx: Context) -> str | None:
-    return "the thrust changed only in response to disturbances" if ctx.only_answers else None
-
-
 def _words(_: Context, p: Mapping[str, float]) -> str:
     dead, tau = p["dead_s"] * 1e3, p["tau_s"] * 1e3
     return f"thrust comes {dead:.0f} ms late, with a time constant of {tau:.0f} ms"
@@ -40,20 +39,16 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="motor_lag",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dF = F_rotors(filtered, exp(-d s)/(1 + tau s)) - F_rotors",
     sign="gain 1: dead time and a first-order lag",
-    source="Mahony, Kumar & Corke 2012, IEEE Robotics & Automation Magazine 19(3), 20-32: rotor speed as first "
-    "order lag",
-    valid="logs of 20 Hz or more",
     axes=("Fz", "Mx", "My"),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4", "thrust_command"),
     excite="vertical steps, quick ones",
     coefficients=(Coefficient("gain", "1", 0.6, 1.4, typical=0.15, centre=1.0),),
-    regressors=_regressors,
+    wrenches=_wrenches,
     shapes=(Shape("tau_s", "s", free_at_zero=True), Shape("dead_s", "s", free_at_zero=True)),
-    shape_grid=_grid,
-    lacking=_lacking,
+    grid=_grid,
+    lacking=where_thrust_is_flown,
     chance=lambda ctx: ctx.by_kind(0.04, 0.2),
     searched=("Fz",),
     in_flight=NOT_FLOWN,

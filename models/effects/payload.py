@@ -1,4 +1,8 @@
-"""More (or less) mass than declared, from the start or picked up in flight."""
+"""More (or less) mass than declared, from the start or picked up in flight.
+
+Valid: a load that moves with the vehicle.
+Source: Newton's second law with a mass that is not declared.
+"""
 
 from __future__ import annotations
 
@@ -6,33 +10,26 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns
-from models.effects.pictures import over, percent
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown
+from models.effects.pictures import over_time, percent
 from models.frames import Array
 
 BESIDE_S = 8.0
 """Flight before and after a load is picked up: right after the start the ground lifts, and the pack is not settled."""
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     (start,) = shape
     # The declared lift stands for the specific force: the accelerometer's noise is in the residual as well.
     out = np.zeros((*ctx.state.time_s.shape, 6))
     out[..., 2] = ctx.thrust.sum(axis=-1) / ctx.vehicle.mass_kg
-    return columns(out * (ctx.state.time_s >= start)[..., None])
+    return (out * (ctx.state.time_s >= start)[..., None],)
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
-    if not ctx.record:
-        return ((0.0,),)
     first, last = ctx.judged_s or (ctx.state.time_s[0], ctx.state.time_s[-1])
     inner = np.arange(first + BESIDE_S, last - BESIDE_S, max(2.0, (last - first) / 150.0))
     return ((0.0,), *((float(s),) for s in inner))
-
-
-def _usual(ctx: Context) -> float:
-    # Loads are added more often than taken off.
-    return 0.1 * ctx.vehicle.mass_kg
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -47,18 +44,21 @@ EFFECT = Effect(
     belongs_to=BelongsTo.LOAD,
     equation="dF = -dm f, f the specific force, from a time on",
     sign="mass > 0: heavier than declared",
-    source="Newton's second law with a mass that is not declared",
-    valid="a load that moves with the vehicle",
     axes=("Fz",),
     channels=("az_m_s2", "rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="weigh the vehicle, or pick the load up in flight",
-    coefficients=(Coefficient("mass", "kg", -1e3, 1e3, typical=lambda ctx: 0.15 * ctx.vehicle.mass_kg, centre=_usual),),
-    regressors=_regressors,
+    # Loads are added more often than taken off.
+    coefficients=(
+        Coefficient(
+            "mass", "kg", -1e3, 1e3, lambda ctx: 0.15 * ctx.vehicle.mass_kg, lambda ctx: 0.1 * ctx.vehicle.mass_kg
+        ),
+    ),
+    wrenches=_wrenches,
     shapes=(Shape("from_s", "s", kinds=(0.0,)),),
-    shape_grid=_grid,
+    grid=_grid,
     halvings=4,
     aliases=("thrust_scale", "air_density"),
     exact=True,
     chance=0.045,
-    shown=Shown(lambda ctx, axis: over("time since boot [s]", ctx.state.time_s, axis, mark="from_s"), _words),
+    shown=Shown(over_time, _words),
 )

@@ -25,9 +25,9 @@ def along(axis: str) -> Array:
     return out
 
 
-def over(label: str, values: Array, axis: str, mark: str = "") -> Drawn:
-    """An axis over a quantity (n,); ``mark`` is the parameter that is a place on it."""
-    return Drawn(label, np.asarray(values, dtype=float), _WORDS[axis], along(axis), mark)
+def over(label: str, values: Array, axis: str) -> Drawn:
+    """An axis over a quantity (n,)."""
+    return Drawn(label, np.asarray(values, dtype=float), _WORDS[axis], along(axis))
 
 
 def over_time(ctx: Context, axis: str) -> Drawn:

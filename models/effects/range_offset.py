@@ -1,30 +1,32 @@
-"""The ground rangefinder reads a fixed length too much or too little: the model is asked at the wrong height."""
+"""The ground rangefinder reads a fixed length too much or too little: the model is asked at the wrong height.
+
+Valid: offsets below 0.15 m.
+Source: lever arm and zero offset of a range sensor: first order of the modelled lift in the height.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from models.air_state import AirState
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Flown, InFlight, Shape, Shown, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Flown, InFlight, Shape, Shown
 from models.effects.pictures import over_height
 from models.frames import Array
 from models.vehicle_wrench import disturbance_wrench
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     assert ctx.model is not None
     state = replace(ctx.state, rpm=ctx.shared_rpm)
     moved = replace(state, h_m=np.maximum(state.h_m - shape[0], 0.0))
     change = disturbance_wrench(ctx.vehicle, ctx.model, moved) - disturbance_wrench(ctx.vehicle, ctx.model, state)
-    return columns(change / shape[0])
+    return (change / shape[0],)
 
 
-def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
-    sizes = (0.02, 0.03, 0.045, 0.065, 0.09, 0.12)
-    return tuple((s,) for s in (*(-v for v in sizes), *sizes))
+SIZES_M = (0.02, 0.03, 0.045, 0.065, 0.09, 0.12)
 
 
 def _lacking(ctx: Context) -> str | None:
@@ -47,15 +49,12 @@ EFFECT = Effect(
     belongs_to=BelongsTo.INSTRUMENT,
     equation="dF = o (F_model(h - a) - F_model(h))/a, taken where a = o",
     sign="offset > 0: the rangefinder reads too much",
-    source="lever arm and zero offset of a range sensor: first order of the modelled lift in the height",
-    valid="offsets below 0.15 m",
     axes=("Fx", "Fy", "Fz", "Mx", "My", "Mz"),
     channels=("range_down_m", "rpm_1"),
     excite="hover at three heights or more between 0.7 and 4 radii",
     coefficients=(Coefficient("offset_m", "m", -0.15, 0.15, typical=0.05),),
-    regressors=_regressors,
-    shapes=(Shape("secant_m", "m", typical=0.04),),
-    shape_grid=_grid,
+    wrenches=_wrenches,
+    shapes=(Shape("secant_m", "m", typical=0.04, tried=(*(-s for s in SIZES_M), *SIZES_M)),),
     at_shape=True,
     lacking=_lacking,
     aliases=("ground_effect", "vertical_inflow"),

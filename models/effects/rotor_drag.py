@@ -1,16 +1,21 @@
-"""Drag of the fans on the vehicle's own motion: the stream they turn, and the blades in it."""
+"""Drag of the fans on the vehicle's own motion: the stream they turn, and the blades in it.
+
+Valid: speeds well below the induced velocity.
+Source: Faessler, Franchi & Scaramuzza 2018, IEEE Robotics and Automation Letters 3(2), 620-626, arXiv:1712.02402;
+flapping with the inflow: Leishman 2006, ch. 4.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns, tried
+from models.effects.effect import Coefficient, Context, Effect, Shape, Shown
 from models.effects.pictures import mean, over_speed
 from models.frames import Array
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
-    return columns(*ctx.own_drag(shape[0] * ctx.vehicle.rotor_radius_m))
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
+    return ctx.own_drag(shape[0] * ctx.vehicle.rotor_radius_m)
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -19,12 +24,8 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="rotor_drag",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dF_xy = -sum (sqrt(rho A T) (c v + t omega x r) + s rho A v_down v)_xy per fan",
     sign="drag > 0: against the motion; sinking > 0: and more in a descent, as the disc flaps back further",
-    source="Faessler, Franchi & Scaramuzza 2018, IEEE Robotics and Automation Letters 3(2), 620-626, arXiv:1712.02402; "
-    "flapping with the inflow: Leishman 2006, ch. 4",
-    valid="speeds well below the induced velocity",
     axes=("Fx", "Fy", "Mx", "My"),
     channels=("vn_m_s", "ve_m_s", "rpm_1"),
     excite="fly to and fro sideways and forward, faster than 0.5 m/s",
@@ -33,9 +34,8 @@ EFFECT = Effect(
         Coefficient("turning", "1", -6.0, 6.0),
         Coefficient("sinking", "1", -1.0, 2.0, typical=0.3, centre=0.3, optional=True),
     ),
-    regressors=_regressors,
-    shapes=(Shape("above_radii", "1", free_at_zero=True),),
-    shape_grid=tried(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7),
+    wrenches=_wrenches,
+    shapes=(Shape("above_radii", "1", free_at_zero=True, tried=(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7)),),
     aliases=("body_drag", "wind"),
     chance=0.3,
     main=("drag",),

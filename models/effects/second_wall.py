@@ -1,4 +1,8 @@
-"""A second wall besides the one the model knows: its pull and tilt, and the loss of lift in the vertex."""
+"""A second wall besides the one the model knows: its pull and tilt, and the loss of lift in the vertex.
+
+Valid: two walls at right angles.
+Source: wall attraction and tilt of the first wall, added for a second one; no closed form is published.
+"""
 
 from __future__ import annotations
 
@@ -6,27 +10,17 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Flown, Shape, Shown, columns, decay, tried
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Flown, Shape, Shown, decay, where_seen
 from models.effects.pictures import nearest, over_second_wall, percent
 from models.frames import Array
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     length = shape[0] * ctx.vehicle.rotor_radius_m
     d, bearing = ctx.state.second_d_m, ctx.state.second_bearing_rad
     size = ctx.shared_thrust * decay(d, length)
     both = ctx.shared_thrust * decay(np.maximum(d, 0.0) + np.maximum(ctx.state.d_m, 0.0), 3.0 * length)
-    return columns(
-        ctx.corner((1.0, 0.0, 0.0, 0.0, 0.0, 0.0), size, bearing),
-        ctx.corner((0.0, 0.0, 0.0, 0.0, 1.0, 0.0), ctx.vehicle.rotor_radius_m * size, bearing),
-        ctx.corner((0.0, 0.0, 1.0, 0.0, 0.0, 0.0), size, bearing),
-        ctx.corner((0.0, 0.0, -1.0, 0.0, 0.0, 0.0), both, bearing),
-    )
-
-
-def _lacking(ctx: Context) -> str | None:
-    seen = np.isfinite(ctx.state.second_d_m).any()
-    return None if seen else "no second wall was seen by a second horizontal rangefinder"
+    return ctx.pull(size, bearing), ctx.tilt(size, bearing), ctx.lift(size), ctx.lift(-both)
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -41,8 +35,6 @@ EFFECT = Effect(
     belongs_to=BelongsTo.PLACE,
     equation="at its bearing (pull, R tilt, lift) sum T exp(-d2/L); loss of lift in the vertex sum T exp(-(d+d2)/3L)",
     sign="pull, tilt > 0: towards the second wall; loss > 0: less lift in the vertex",
-    source="wall attraction and tilt of the first wall, added for a second one; no closed form is published",
-    valid="two walls at right angles",
     axes=("Fx", "Fy", "Fz", "Mx", "My"),
     channels=("range_forward_m", "range_right_m", "range_back_m", "range_left_m", "rpm_1"),
     excite="approach the second wall at several distances from the first",
@@ -52,11 +44,10 @@ EFFECT = Effect(
         Coefficient("lift", "1", -1.0, 1.0, typical=0.1),
         Coefficient("loss", "1", -1.0, 1.0, typical=0.1),
     ),
-    regressors=_regressors,
+    wrenches=_wrenches,
     in_flight=Flown(gain=True),
-    shapes=(Shape("length_radii", "1"),),
-    shape_grid=tried(0.5, 0.9, 1.4),
-    lacking=_lacking,
+    shapes=(Shape("length_radii", "1", tried=(0.5, 0.9, 1.4)),),
+    lacking=where_seen("second_d_m", "no second wall was seen by a second horizontal rangefinder"),
     aliases=("wall_effect",),
     shown=Shown(over_second_wall, _words),
 )

@@ -1,19 +1,23 @@
-"""A load on a rope: a pendulum that the vehicle's own motion drives, and its weight."""
+"""A load on a rope: a pendulum that the vehicle's own motion drives, and its weight.
+
+Valid: small angles of the rope.
+Source: Bisgaard, la Cour-Harbo & Bendtsen 2010, Control Engineering Practice 18(7): pendulum under a hook.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns, through
+from models.effects.effect import NOT_FLOWN, BelongsTo, Coefficient, Context, Effect, Shape, Shown, through
 from models.effects.pictures import over_time
 from models.frames import GRAVITY, Array
 
 DAMPING = 0.04
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     # What hangs is pulled down, not along the body; climbing, it is lifted as the vehicle is.
     down = ctx.state.rotation[..., 2, :]
     weight = np.zeros((*ctx.state.time_s.shape, 6))
@@ -22,22 +26,13 @@ def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
     if ctx.record:
         w0 = np.sqrt(GRAVITY / shape[0])
         # The hook's acceleration from the velocity, not from the accelerometer, whose noise is in the residual.
-        world = ctx.state.velocity_ned
-        pull = np.zeros_like(world)
-        pull[:, :2] = through(
-            ctx,
-            world[:, :2],
-            lambda omega: -1j * omega * w0**2 / (w0**2 - omega**2 + 2j * DAMPING * w0 * omega),
-        )
-        swing[:, :3] = np.einsum("...ji,...j->...i", ctx.state.rotation, pull)
+        level = ctx.state.velocity_ned[:, :2]
+        pull = through(ctx, level, lambda w: -1j * w * w0**2 / (w0**2 - w**2 + 2j * DAMPING * w0 * w))
+        swing[:, :3] = np.einsum("nji,nj->ni", ctx.state.rotation[:, :2], pull)
     # The rope pulls at a hook below the CG.
     hook = np.zeros_like(weight)
     hook[..., 3], hook[..., 4] = -(weight + swing)[..., 1], (weight + swing)[..., 0]
-    return columns(swing, weight, hook)
-
-
-def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
-    return tuple((s,) for s in (0.25, 0.35, 0.45, 0.55, 0.7, 0.9, 1.2, 1.5, 2.0)) if ctx.record else ((1.0,),)
+    return swing, weight, hook
 
 
 def _likely(ctx: Context) -> float:
@@ -53,8 +48,6 @@ EFFECT = Effect(
     belongs_to=BelongsTo.LOAD,
     equation="dF_xy = m w0^2 x, x'' + 2 z w0 x' + w0^2 x = -a_xy, w0 = sqrt(g/L); dF_z = m g; dM = b z x dF",
     sign="mass > 0: hangs below",
-    source="Bisgaard, la Cour-Harbo & Bendtsen 2010, Control Engineering Practice 18(7): pendulum under a hook",
-    valid="small angles of the rope",
     axes=("Fx", "Fy", "Fz", "Mx", "My"),
     channels=("vn_m_s", "ve_m_s", "roll_rad", "pitch_rad"),
     excite="sideways steps and stops, then hover and wait",
@@ -63,9 +56,8 @@ EFFECT = Effect(
         Coefficient("mass", "kg", 0.0, 1e3, typical=_likely),
         Coefficient("hook", "kg m", -1e3, 1e3, typical=lambda ctx: 0.3 * ctx.lever),
     ),
-    regressors=_regressors,
-    shapes=(Shape("rope_m", "m"),),
-    shape_grid=_grid,
+    wrenches=_wrenches,
+    shapes=(Shape("rope_m", "m", tried=(0.25, 0.35, 0.45, 0.55, 0.7, 0.9, 1.2, 1.5, 2.0)),),
     aliases=("payload",),
     in_flight=NOT_FLOWN,
     main=("swinging",),

@@ -1,14 +1,19 @@
-"""A smooth correction of lift, pull and tilt over height and distance to the wall, where no formula is right."""
+"""A smooth correction of lift, pull and tilt over height and distance to the wall, where no formula is right.
+
+Valid: where the flights were, 0.8 to 4.5 radii of ground and 0.2 to 4 radii of a wall.
+Source: Gaussian process over the logarithms of height and distance: Rasmussen & Williams 2006, Gaussian Processes for
+Machine Learning; sizes: Ai, Xu, Xiang, Fan & Zhang 2020, Sensors 20(20), 5805.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from itertools import product
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Flown, InFlight, Shape, Shown
+from models.effects.effect import Coefficient, Context, Effect, Flown, InFlight, Shape, Shown
 from models.effects.pictures import more, nearest, over_surfaces, percent
 from models.frames import Array
 from models.surface_map import CELLS, COMPONENTS, MEASURED, PARTS, cell_name, prior_factor
@@ -22,17 +27,16 @@ SEEN_S = 0.5
 """Time at a place after which it counts as seen [s]: one period of what is judged."""
 
 
-def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
-    radius, thrust, bearing = ctx.vehicle.rotor_radius_m, ctx.shared_thrust, ctx.state.wall_bearing_rad
-    near = _weights(ctx) * thrust[..., None]
-    unit = {
-        "lift": (0.0, 0.0, 1.0, 0.0, 0.0, 0.0),
-        "pull": (1.0, 0.0, 0.0, 0.0, 0.0, 0.0),
-        "tilt": (0.0, 0.0, 0.0, 0.0, radius, 0.0),
+def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
+    bearing, declared = ctx.state.wall_bearing_rad, _declared(ctx)
+    near = np.moveaxis(_weights(ctx) * ctx.shared_thrust[..., None], -1, 0)
+    made: dict[str, Callable[[Array], Array]] = {
+        "lift": ctx.lift,
+        "pull": partial(ctx.pull, bearing=bearing),
+        "tilt": partial(ctx.tilt, bearing=bearing),
     }
-    declared = _declared(ctx)
     gains = [ctx.corners(declared * COMPONENTS[part], bearing) for part in PARTS]
-    return np.stack([*gains, *(ctx.corner(unit[part], near[..., k], bearing) for part, k in CELLS)], axis=-1)
+    return (*gains, *(made[part](near[k]) for part, k in CELLS))
 
 
 def _weights(ctx: Context) -> Array:
@@ -70,10 +74,6 @@ def _seen(flights: Sequence[Context]) -> dict[str, float]:
     return {cell_name("seen", k): round(min(s / SEEN_S, 1.0), 3) for k, s in enumerate(seconds.tolist())}
 
 
-def _grid(_: Context) -> Sequence[tuple[float, ...]]:
-    return tuple(product((0.5, 1.0, 2.0, 4.0), repeat=len(PARTS)))
-
-
 def _lacking(ctx: Context) -> str | None:
     near = np.minimum(ctx.state.h_m / MEASURED.heights[-1], ctx.state.d_m / MEASURED.gaps[-1])
     close = np.nan_to_num(near, nan=np.inf).min(axis=-1) < ctx.vehicle.rotor_radius_m
@@ -109,12 +109,8 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="surface_law",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dF = sum g F_model + T m(h/R, d/R), a gain g and a map m each for lift, pull and tilt (times R)",
     sign="lift > 0: more lift; pull, tilt > 0: towards the wall",
-    source="Gaussian process over the logarithms of height and distance: Rasmussen & Williams 2006, Gaussian Processes "
-    "for Machine Learning; sizes: Ai, Xu, Xiang, Fan & Zhang 2020, Sensors 20(20), 5805",
-    valid="where the flights were, 0.8 to 4.5 radii of ground and 0.2 to 4 radii of a wall",
     axes=("Fx", "Fy", "Fz", "Mx", "My"),
     channels=("range_down_m", "range_right_m", "range_left_m", "range_forward_m", "range_back_m", "rpm_1"),
     excite="fly slowly to ground, wall and corner, at three heights and distances each",
@@ -122,10 +118,9 @@ EFFECT = Effect(
         Coefficient(name, "1", -math.inf, math.inf)
         for name in (*(f"{part}_of_model" for part in PARTS), *(cell_name(part, k) for part, k in CELLS))
     ),
-    regressors=_regressors,
+    wrenches=_wrenches,
     mixing=_mixing,
-    shapes=tuple(Shape(f"{part}_spread", "1", continuous=False) for part in PARTS),
-    shape_grid=_grid,
+    shapes=tuple(Shape(f"{part}_spread", "1", continuous=False, tried=(0.5, 1.0, 2.0, 4.0)) for part in PARTS),
     lacking=_lacking,
     in_flight=Flown(InFlight.MODEL, coverage=_seen, covered=tuple(cell_name("seen", k) for k in range(MEASURED.size))),
     remainder=True,

@@ -1,4 +1,8 @@
-"""Thrust is lost as motors and ESCs warm up."""
+"""Thrust is lost as motors and ESCs warm up.
+
+Valid: below the ESC's own limit.
+Source: magnets and copper lose about 0.1 % of torque a kelvin: Hughes & Drury 2013, Electric Motors and Drives, ch. 9.
+"""
 
 from __future__ import annotations
 
@@ -6,21 +10,21 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shape, Shown
 from models.effects.pictures import more, nearest, over
 from models.frames import Array
 
 STEP_C = 30.0
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     warmer = (ctx.state.esc_temperature_c - shape[0]) / STEP_C
-    return columns(ctx.rotor_force * warmer[..., None], ctx.rotor_force)
+    return ctx.rotor_force * warmer[..., None], ctx.rotor_force
 
 
 def _grid(ctx: Context) -> Sequence[tuple[float, ...]]:
     known = ctx.state.esc_temperature_c[np.isfinite(ctx.state.esc_temperature_c)]
-    return ((float(known[0]),),) if known.size else ()
+    return ((float(known[0]),),)
 
 
 def _lacking(ctx: Context) -> str | None:
@@ -38,12 +42,8 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="thermal_derating",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dF = F_rotors (s (T_esc - T_start)/30 K + s0), s0 at the start",
     sign="slope < 0: thrust is lost when hot",
-    source="magnets and copper lose about 0.1 % of torque a kelvin: Hughes & Drury 2013, Electric Motors and "
-    "Drives, ch. 9",
-    valid="below the ESC's own limit",
     axes=("Fz",),
     channels=("esc_temperature_c", "rpm_1"),
     excite="a long flight from cold; rest with the battery connected separates heat from charge",
@@ -52,9 +52,9 @@ EFFECT = Effect(
         Coefficient("start", "1", -0.3, 0.3, typical=0.05, belongs_to=BelongsTo.LOAD),
     ),
     main=("slope",),
-    regressors=_regressors,
+    wrenches=_wrenches,
     shapes=(Shape("reference_c", "degC", continuous=False),),
-    shape_grid=_grid,
+    grid=_grid,
     lacking=_lacking,
     contains=("thrust_scale",),
     aliases=("battery_sag",),

@@ -1,10 +1,14 @@
-"""Thrust over throttle (or over rpm^2) has another slope and curvature about hover than declared."""
+"""Thrust over throttle (or over rpm^2) has another slope and curvature about hover than declared.
+
+Valid: u from 0.5 to 1.7.
+Source: Taylor expansion of the thrust curve about hover; Bitcraze's and ArduPilot's thrust stands.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shown, columns
+from models.effects.effect import Coefficient, Context, Effect, Shown, where_thrust_is_flown
 from models.effects.pictures import more, over_thrust
 from models.frames import Array
 
@@ -12,18 +16,14 @@ FLATTEST, FELT_WITHIN = -0.4, 0.1
 """Smallest slope, and by how much it may be less than what the accelerometer feels."""
 
 
-def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
     above = (ctx.thrust.sum(axis=-1) / ctx.weight - 1.0)[..., None]
-    return columns(ctx.rotor_force * above, ctx.rotor_force * above**2)
+    return ctx.rotor_force * above, ctx.rotor_force * above**2
 
 
 def _flattest(ctx: Context) -> float:
     # A loop that holds the height answers a loss of lift by more thrust: that passes for a flat curve, but is not felt.
     return max(min(ctx.felt_slope, 0.0) - FELT_WITHIN, FLATTEST) if ctx.record else FLATTEST
-
-
-def _lacking(ctx: Context) -> str | None:
-    return "the thrust changed only in response to disturbances" if ctx.only_answers else None
 
 
 def _likely(ctx: Context) -> float:
@@ -38,11 +38,8 @@ def _words(_: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="thrust_curve",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dF = F_rotors (s (u - 1) + c (u - 1)^2), u the declared thrust over the weight",
     sign="slope > 0: a change of throttle does more than declared",
-    source="Taylor expansion of the thrust curve about hover; Bitcraze's and ArduPilot's thrust stands",
-    valid="u from 0.5 to 1.7",
     axes=("Fz",),
     channels=("thrust_command", "servo_1", "rpm_1", "az_m_s2"),
     excite="climb and sink with quick starts and stops: thrust well above and below hover",
@@ -52,8 +49,8 @@ EFFECT = Effect(
     ),
     main=("slope", "curvature"),
     chance=lambda ctx: ctx.by_kind(0.02, 0.3),
-    regressors=_regressors,
-    lacking=_lacking,
+    wrenches=_wrenches,
+    lacking=where_thrust_is_flown,
     aliases=("thrust_scale", "battery_sag"),
     shown=Shown(over_thrust, _words),
 )

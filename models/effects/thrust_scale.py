@@ -1,16 +1,21 @@
-"""All fans give the same share more or less than declared: wear, ice, tip gap, a wrong coefficient."""
+"""All fans give the same share more or less than declared: wear, ice, tip gap, a wrong coefficient.
+
+Valid: everywhere.
+Source: Leishman 2006, Principles of Helicopter Aerodynamics, ch. 2: T = C_T rho A Omega^2 R^2, C_T changed by wear, ice
+or tip gap.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shown, columns
+from models.effects.effect import Coefficient, Context, Effect, Shown
 from models.effects.pictures import more, over_thrust
 from models.frames import Array
 
 
-def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
-    return columns(ctx.rotor_force)
+def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
+    return (ctx.rotor_force,)
 
 
 def _likely(ctx: Context) -> float:
@@ -24,17 +29,13 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="thrust_scale",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dF = e F_rotors",
     sign="e > 0: more thrust than declared",
-    source="Leishman 2006, Principles of Helicopter Aerodynamics, ch. 2: T = C_T rho A Omega^2 R^2, C_T changed "
-    "by wear, ice or tip gap",
-    valid="everywhere",
     axes=("Fz",),
     channels=("rpm_1", "rpm_2", "rpm_3", "rpm_4"),
     excite="weigh the vehicle: one flight sees only the ratio of thrust to mass",
     coefficients=(Coefficient("scale", "1", -0.6, 0.6, typical=_likely),),
-    regressors=_regressors,
+    wrenches=_wrenches,
     aliases=("payload", "air_density", "battery_sag", "thermal_derating"),
     shown=Shown(over_thrust, _words),
 )

@@ -1,4 +1,8 @@
-"""Air along the rotor axis: climbing, or tilting into wind, takes lift from a fan at the same speed; sinking adds."""
+"""Air along the rotor axis: climbing, or tilting into wind, takes lift from a fan at the same speed; sinking adds.
+
+Valid: slow climbs and descents, no vortex ring.
+Source: blade-element momentum theory in climb and in forward flight: Leishman 2006, ch. 2.14 and 3.
+"""
 
 from __future__ import annotations
 
@@ -6,25 +10,25 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import DOWNWARD, BelongsTo, Coefficient, Context, Effect, Shown, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Shown
 from models.effects.pictures import mean, over, percent
 from models.frames import Array
 from models.vehicle import RHO_SEA_LEVEL
 from models.vehicle_wrench import RPM_TO_RAD_S
 
 
-def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
     tip = ctx.rpm * RPM_TO_RAD_S * ctx.vehicle.rotor_radius_m
 
     def loss(velocity: Array) -> Array:
-        return ctx.wrench_at_cg((ctx.shared_thrust * -velocity[..., 2] / np.maximum(tip, 1.0))[..., None] * DOWNWARD)
+        return ctx.lift(ctx.shared_thrust * velocity[..., 2] / np.maximum(tip, 1.0))
 
     # The wind's part along the axis: the vehicle moves against it.
     north, east = (-ctx.state.rotation[..., None, axis, :] for axis in (0, 1))
     # Level speed carries the fan's own stream away: less of it stands on the blades.
     level = (ctx.velocity[..., :2] ** 2).sum(axis=-1)[..., None] * np.ones(len(ctx.vehicle.fans))
-    gain = ctx.wrench_at_cg((-RHO_SEA_LEVEL * ctx.vehicle.disc_area_m2 * level)[..., None] * DOWNWARD)
-    return columns(loss(ctx.velocity[..., None, :]), loss(ctx.turning), loss(north), loss(east), gain)
+    gain = ctx.lift(RHO_SEA_LEVEL * ctx.vehicle.disc_area_m2 * level)
+    return loss(ctx.velocity[..., None, :]), loss(ctx.turning), loss(north), loss(east), gain
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -34,12 +38,9 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="vertical_inflow",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dF_z = T (c v_up - (c w)_up + t (omega x r)_up) / (Omega R) - l rho A |v_xy|^2 per fan, w the wind, up "
     "along the rotor axis",
     sign="slope > 0: lift is lost in a climb; level > 0: and gained in level flight; north, east: slope times the wind",
-    source="blade-element momentum theory in climb and in forward flight: Leishman 2006, ch. 2.14 and 3",
-    valid="slow climbs and descents, no vortex ring",
     axes=("Fz",),
     channels=("vd_m_s", "pitch_rad", "roll_rad", "rpm_1"),
     excite="climb and sink at 0.5 m/s or more, away from the ground",
@@ -52,7 +53,7 @@ EFFECT = Effect(
     ),
     main=("slope", "north", "east"),
     chance=0.3,
-    regressors=_regressors,
+    wrenches=_wrenches,
     aliases=("range_offset",),
     shown=Shown(lambda ctx, axis: over("climb along the rotor axis [m/s]", -ctx.velocity[..., 2], axis), _words),
 )

@@ -1,4 +1,8 @@
-"""More (or less) pull and tilt towards the wall than the model has."""
+"""More (or less) pull and tilt towards the wall than the model has.
+
+Valid: d above 0.2 radii.
+Source: signs and range: Ai, Xu, Xiang, Fan & Zhang 2020, Sensors 20(20), 5805, section 2; no closed form is published.
+"""
 
 from __future__ import annotations
 
@@ -6,23 +10,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, Flown, Shape, Shown, columns, decay, tried
+from models.effects.effect import Coefficient, Context, Effect, Flown, Shape, Shown, decay, where_seen
 from models.effects.pictures import nearest, over_surfaces, percent
 from models.frames import Array
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     size = ctx.shared_thrust * decay(ctx.state.d_m, shape[0] * ctx.vehicle.rotor_radius_m)
     bearing = ctx.state.wall_bearing_rad
-    tilt = ctx.vehicle.rotor_radius_m * size
-    return columns(
-        ctx.corner((1.0, 0.0, 0.0, 0.0, 0.0, 0.0), size, bearing),
-        ctx.corner((0.0, 0.0, 0.0, 0.0, 1.0, 0.0), tilt, bearing),
-    )
-
-
-def _lacking(ctx: Context) -> str | None:
-    return None if np.isfinite(ctx.state.d_m).any() else "no wall was seen"
+    return ctx.pull(size, bearing), ctx.tilt(size, bearing)
 
 
 def _words(ctx: Context, p: Mapping[str, float]) -> str:
@@ -34,21 +30,16 @@ def _words(ctx: Context, p: Mapping[str, float]) -> str:
 
 EFFECT = Effect(
     name="wall_effect",
-    belongs_to=BelongsTo.VEHICLE,
     equation="dF = p sum T exp(-d/L) towards the wall, dM = t R sum T exp(-d/L)",
     sign="pull > 0: towards the wall; tilt > 0: tilts towards the wall",
-    source="signs and range: Ai, Xu, Xiang, Fan & Zhang 2020, Sensors 20(20), 5805, section 2; no closed form "
-    "is published",
-    valid="d above 0.2 radii",
     axes=("Fx", "Fy", "Mx", "My"),
     channels=("range_right_m", "range_left_m", "range_forward_m", "range_back_m", "rpm_1"),
     excite="approach and leave a wall between 0.3 and 4 radii, with and without ground near",
     coefficients=(Coefficient("pull", "1", -1.0, 1.0, typical=0.08), Coefficient("tilt", "1", -2.0, 2.0, typical=0.15)),
-    regressors=_regressors,
+    wrenches=_wrenches,
     in_flight=Flown(gain=True),
-    shapes=(Shape("length_radii", "1"),),
-    shape_grid=tried(0.4, 0.7, 1.1, 1.7),
-    lacking=_lacking,
+    shapes=(Shape("length_radii", "1", tried=(0.4, 0.7, 1.1, 1.7)),),
+    lacking=where_seen("d_m", "no wall was seen"),
     chance=lambda ctx: ctx.by_model(0.05, 0.3),
     aliases=("contact", "wind"),
     shown=Shown(over_surfaces, _words),

@@ -1,4 +1,9 @@
-"""Steady wind, constant in the world: momentum drag of the fans, with their drag on the own motion."""
+"""Steady wind, constant in the world: momentum drag of the fans, with their drag on the own motion.
+
+Valid: speeds well below the induced velocity.
+Source: momentum drag of a lifting disc: Pflimlin, Binetti, Soueres, Hamel & Trouchet 2010, Control Engineering Practice
+18(3), 209.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +11,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, Shown, columns, tried
+from models.effects.effect import BelongsTo, Coefficient, Context, Drawn, Effect, Shape, Shown
 from models.effects.pictures import compass, mean, over
 from models.frames import Array
 
 
-def _regressors(ctx: Context, shape: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, shape: tuple[float, ...]) -> tuple[Array, ...]:
     above, rotation, flow = shape[0] * ctx.vehicle.rotor_radius_m, ctx.state.rotation, ctx.mass_flow
     north, east = (ctx.level_drag(-rotation[..., None, i, :], flow, above) for i in (0, 1))
-    return columns(north, east, *ctx.own_drag(above))
+    return north, east, *ctx.own_drag(above)
 
 
 def _speed(found: Mapping[str, tuple[float, float, float]]) -> str | None:
@@ -47,9 +52,6 @@ EFFECT = Effect(
     belongs_to=BelongsTo.WEATHER,
     equation="dF_xy = sum (sqrt(rho A T) (w - k v - t omega x r) - s rho A v_down v)_xy, above the fans' references",
     sign="north, east > 0: the air moves to the north, east",
-    source="momentum drag of a lifting disc: Pflimlin, Binetti, Soueres, Hamel & Trouchet 2010, Control "
-    "Engineering Practice 18(3), 209",
-    valid="speeds well below the induced velocity",
     axes=("Fx", "Fy", "Mx", "My"),
     channels=("yaw_rad", "vn_m_s", "ve_m_s", "rpm_1"),
     excite="turn through 180 degrees or more in hover",
@@ -60,9 +62,8 @@ EFFECT = Effect(
         Coefficient("turning", "1", -6.0, 6.0, belongs_to=BelongsTo.VEHICLE),
         Coefficient("sinking", "1", -1.0, 2.0, typical=0.3, centre=0.3, optional=True, belongs_to=BelongsTo.VEHICLE),
     ),
-    regressors=_regressors,
-    shapes=(Shape("above_radii", "1", free_at_zero=True),),
-    shape_grid=tried(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7),
+    wrenches=_wrenches,
+    shapes=(Shape("above_radii", "1", free_at_zero=True, tried=(0.0, 0.25, 0.5, 0.75, 1.0, 1.3, 1.7)),),
     aliases=("imu_bias", "rotor_drag"),
     main=("north", "east"),
     chance=0.05,

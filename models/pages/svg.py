@@ -1,4 +1,4 @@
-"""Small plots as SVG: lines, points with bars, shaded intervals and marked moments. No library, so a page needs none.
+"""Small plots as SVG: lines, points with bars, and shaded intervals. No library, so a page needs none.
 
 A chart is 400 units wide: on a phone its text has the size that it is given, on a wide screen two stand side by side.
 """
@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -25,8 +26,6 @@ _NAMES = 20
 _TICKS = 4
 _CHARACTER = 6.6
 """Mean width of a character at 13 px [px]."""
-_LABELLED = 200
-"""Width above a chart that the label of its vertical axis may take [px]."""
 _LONGEST = 6
 """Characters of a number beside the axis."""
 
@@ -43,8 +42,7 @@ class Line:
     kind: str
     label: str = ""
     points: bool = False
-    error: Array | None = None
-    thick: bool = False
+    error: Array | float = 0.0
 
 
 @dataclass(frozen=True)
@@ -57,64 +55,34 @@ class Band:
     label: str
 
 
-@dataclass(frozen=True)
-class Mark:
-    """A moment, or another place on x, with a few words."""
-
-    x: float
-    label: str
-
-
 def figure(
-    title: str,
-    lines: Sequence[Line],
-    x_label: str,
-    y_label: str,
-    bands: Sequence[Band] = (),
-    marks: Sequence[Mark] = (),
-    *,
-    keyed: bool = True,
+    title: str, lines: Sequence[Line], x_label: str, y_label: str, bands: Sequence[Band] = (), *, keyed: bool = True
 ) -> str:
     """A plot with its title and, if ``keyed``, its colours above it, where they wrap as text does."""
-    named = keys(lines, bands) if keyed else ""
-    caption = f"<figcaption><b>{escape(title)}</b>{named}</figcaption>"
-    return f"<figure>{caption}{plot(title, lines, x_label, y_label, bands, marks)}</figure>"
+    caption = f"<figcaption><b>{escape(title)}</b>{keys(lines, bands) if keyed else ''}</figcaption>"
+    box = f'viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}"'
+    return f"<figure>{caption}<svg {box}>{_panel(lines, x_label, y_label, bands, WIDTH)}</svg></figure>"
 
 
 def keys(lines: Sequence[Line], bands: Sequence[Band] = ()) -> str:
     """What the colours mean, once each."""
-    curves = {line.label: line.kind for line in lines if line.label}
-    shaded = {band.label: band.kind for band in bands if band.label}
-    named = [f'<span class="key {kind}">{escape(label)}</span>' for label, kind in curves.items()]
-    named += [f'<span class="key band {kind}">{escape(label)}</span>' for label, kind in shaded.items()]
-    return "".join(named)
-
-
-def plot(
-    title: str,
-    lines: Sequence[Line],
-    x_label: str,
-    y_label: str,
-    bands: Sequence[Band] = (),
-    marks: Sequence[Mark] = (),
-) -> str:
-    """One panel as an SVG element."""
-    panel = _panel(lines, x_label, y_label, bands, marks, WIDTH)
-    return f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}">{panel}</svg>'
+    kinds = {line.label: line.kind for line in lines} | {band.label: f"band {band.kind}" for band in bands}
+    return "".join(f'<span class="key {kind}">{escape(label)}</span>' for label, kind in kinds.items() if label)
 
 
 def picture(title: str, panels: Mapping[str, Sequence[Line]], x_label: str, bands: Sequence[Band]) -> str:
     """Panels by the label of their y, below each other, as an SVG file with the names of its curves and bands."""
     drawn, names, at = "", "", float(_LEFT)
     for k, (y_label, lines) in enumerate(panels.items()):
-        panel = _panel(lines, x_label, y_label, bands, (), WIDE)
+        panel = _panel(lines, x_label, y_label, bands, WIDE)
         drawn += f'<g transform="translate(0,{_NAMES + k * HEIGHT})">{panel}</g>'
-    for label, kind in {line.label: line.kind for lines in panels.values() for line in lines if line.label}.items():
+    every = [line for lines in panels.values() for line in lines]
+    for label, kind in {line.label: line.kind for line in every}.items():
         names += f'<text class="name {kind}" x="{at:.0f}" y="14">{escape(label)}</text>'
         at += _CHARACTER * (len(label) + 4)
-    xs = _Scale(np.concatenate([line.x for lines in panels.values() for line in lines]), _LEFT, WIDE - _RIGHT)
+    xs = _Scale(np.concatenate([line.x for line in every]), _LEFT, WIDE - _RIGHT)
     for band in bands:
-        middle = xs.at(0.5 * (band.start + band.end))
+        middle = xs(0.5 * (band.start + band.end))
         names += f'<text x="{middle:.1f}" y="{_NAMES + _TOP - 5}" text-anchor="middle">{escape(band.label)}</text>'
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDE} {_NAMES + HEIGHT * len(panels)}" role="img">'
@@ -123,20 +91,13 @@ def picture(title: str, panels: Mapping[str, Sequence[Line]], x_label: str, band
     )
 
 
-def _panel(
-    lines: Sequence[Line], x_label: str, y_label: str, bands: Sequence[Band], marks: Sequence[Mark], width: int
-) -> str:
-    errors = [np.zeros(len(line.x)) if line.error is None else line.error for line in lines]
-    x = np.concatenate([line.x for line in lines])
-    low = np.concatenate([line.y - e for line, e in zip(lines, errors, strict=True)])
-    high = np.concatenate([line.y + e for line, e in zip(lines, errors, strict=True)])
-    xs, ys = _Scale(x, _LEFT, width - _RIGHT), _Scale(np.concatenate([low, high, [0.0]]), HEIGHT - _BOTTOM, _TOP)
-    parts = [_band(band, xs) for band in bands]
-    parts.append(_frame(xs, ys, x_label, y_label))
-    parts += [_dots(line, e, xs, ys) if line.points else _polyline(line, xs, ys)
-              for line, e in zip(lines, errors, strict=True)]  # fmt: skip
-    parts += [_mark(mark, xs) for mark in marks]
-    return "".join(parts)
+def _panel(lines: Sequence[Line], x_label: str, y_label: str, bands: Sequence[Band], width: int) -> str:
+    xs = _Scale(np.concatenate([line.x for line in lines]), _LEFT, width - _RIGHT)
+    ends = [line.y + sign * line.error for line in lines for sign in (-1.0, 1.0)]
+    ys = _Scale(np.concatenate([*ends, [0.0]]), HEIGHT - _BOTTOM, _TOP)
+    shaded = "".join(_band(band, xs) for band in bands)
+    drawn = "".join(_dots(line, xs, ys) if line.points else _polyline(line, xs, ys) for line in lines)
+    return shaded + _frame(xs, ys, x_label, y_label) + drawn
 
 
 class _Scale:
@@ -147,11 +108,9 @@ class _Scale:
             low, high = low - 0.5, high + 0.5
         self.low, self.high, self.start, self.end = low, high, start, end
 
-    def __call__(self, value: Array) -> Array:
+    def __call__(self, value: Any) -> Any:
+        """Place of a number, or places of an array."""
         return self.start + (value - self.low) / (self.high - self.low) * (self.end - self.start)
-
-    def at(self, value: float) -> float:
-        return float(self(np.array(value)))
 
     def ticks(self) -> list[float]:
         raw = (self.high - self.low) / _TICKS
@@ -163,17 +122,15 @@ class _Scale:
 
 
 def _frame(xs: _Scale, ys: _Scale, x_label: str, y_label: str) -> str:
-    out = [f'<text x="2" y="13">{escape(y_label)}</text>']
+    out = f'<text x="2" y="13">{escape(y_label)}</text>'
     for v in ys.ticks():
-        y = ys.at(v)
-        out.append(f'<line class="grid" x1="{_LEFT}" x2="{xs.end}" y1="{y:.1f}" y2="{y:.1f}"/>')
-        out.append(f'<text x="{_LEFT - 5}" y="{y + 4:.1f}" text-anchor="end">{_tick(v)}</text>')
+        out += f'<line class="grid" x1="{_LEFT}" x2="{xs.end}" y1="{ys(v):.1f}" y2="{ys(v):.1f}"/>'
+        out += f'<text x="{_LEFT - 5}" y="{ys(v) + 4:.1f}" text-anchor="end">{_tick(v)}</text>'
     for v in xs.ticks():
-        x = min(xs.at(v), xs.end + _RIGHT - 2 - 0.5 * _CHARACTER * len(_tick(v)))
-        out.append(f'<text x="{x:.1f}" y="{HEIGHT - 20}" text-anchor="middle">{_tick(v)}</text>')
+        x = min(xs(v), xs.end + _RIGHT - 2 - 0.5 * _CHARACTER * len(_tick(v)))
+        out += f'<text x="{x:.1f}" y="{HEIGHT - 20}" text-anchor="middle">{_tick(v)}</text>'
     middle = 0.5 * (_LEFT + xs.end + _RIGHT)
-    out.append(f'<text x="{middle}" y="{HEIGHT - 4}" text-anchor="middle">{escape(x_label)}</text>')
-    return "".join(out)
+    return out + f'<text x="{middle}" y="{HEIGHT - 4}" text-anchor="middle">{escape(x_label)}</text>'
 
 
 def _tick(value: float) -> str:
@@ -183,44 +140,29 @@ def _tick(value: float) -> str:
 
 
 def _band(band: Band, xs: _Scale) -> str:
-    a, b = (min(max(xs.at(v), _LEFT), xs.end) for v in (band.start, band.end))
+    a, b = (min(max(xs(v), _LEFT), xs.end) for v in (band.start, band.end))
     if b <= a:
         return ""
     size = f'width="{b - a:.1f}" height="{HEIGHT - _TOP - _BOTTOM}"'
     return f'<rect class="band {band.kind}" x="{a:.1f}" y="{_TOP}" {size}/>'
 
 
-def _mark(mark: Mark, xs: _Scale) -> str:
-    x = xs.at(mark.x)
-    wide = _CHARACTER * len(mark.label)
-    left = x + 4 + wide > xs.end + _RIGHT
-    at, anchor = (x - 4, "end") if left else (x + 4, "start")
-    # Above the curves; where the label of the axis stands there, among them.
-    y = _TOP - 5 if x - wide > _LABELLED else _TOP + 12
-    return (
-        f'<line class="mark" x1="{x:.1f}" x2="{x:.1f}" y1="{_TOP}" y2="{HEIGHT - _BOTTOM}"/>'
-        f'<text class="mark" x="{at:.1f}" y="{y}" text-anchor="{anchor}">{escape(mark.label)}</text>'
-    )
-
-
 def _polyline(line: Line, xs: _Scale, ys: _Scale) -> str:
     px, py = xs(line.x), ys(line.y)
     good = np.isfinite(px) & np.isfinite(py)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], good.astype(int), [0]])))
-    runs = [
-        " ".join(f"{a:.1f},{b:.1f}" for a, b in zip(px[i:j], py[i:j], strict=True))
-        for i, j in zip(edges[::2], edges[1::2], strict=True)
-    ]
-    kind = f"line {line.kind}{' thick' if line.thick else ''}"
-    return "".join(f'<polyline class="{kind}" points="{run}"/>' for run in runs)
+    out = ""
+    for i, j in zip(edges[::2], edges[1::2], strict=True):
+        points = " ".join(f"{x:.1f},{y:.1f}" for x, y in zip(px[i:j], py[i:j], strict=True))
+        out += f'<polyline class="line {line.kind}" points="{points}"/>'
+    return out
 
 
-def _dots(line: Line, error: Array, xs: _Scale, ys: _Scale) -> str:
-    out = []
-    for x, y, e in zip(line.x, line.y, error, strict=True):
-        if not np.isfinite(x + y + e):
-            continue
-        a, b, c, m = (float(v) for v in (xs(x), ys(y - e), ys(y + e), ys(y)))
-        bar = f'<line x1="{a:.1f}" x2="{a:.1f}" y1="{b:.1f}" y2="{c:.1f}"/>' if e > 0.0 else ""
-        out.append(f'<g class="dot {line.kind}">{bar}<circle cx="{a:.1f}" cy="{m:.1f}" r="3"/></g>')
-    return "".join(out)
+def _dots(line: Line, xs: _Scale, ys: _Scale) -> str:
+    out = ""
+    places = (xs(line.x), ys(line.y), ys(line.y - line.error), ys(line.y + line.error))
+    for x, y, low, high in zip(*places, strict=True):
+        if np.isfinite(x + y + low):
+            bar = f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{low:.1f}" y2="{high:.1f}"/>' if low != high else ""
+            out += f'<g class="dot {line.kind}">{bar}<circle cx="{x:.1f}" cy="{y:.1f}" r="3"/></g>'
+    return out

@@ -51,10 +51,8 @@ def unit(value: ArrayLike, low: float, high: float) -> Array:
     """(value - low)/(high - low) clipped to 0...1; where the bounds coincide, 0.5 at or below them, 1 beyond."""
     v = np.asarray(value, dtype=float)
     if high <= low:
-        out: Array = np.where(np.isnan(v), np.nan, np.where(v > high, 1.0, 0.5))
-        return out
-    clipped: Array = (np.minimum(np.maximum(v, low), high) - low) / (high - low)
-    return clipped
+        return np.asarray(np.where(np.isnan(v), np.nan, np.where(v > high, 1.0, 0.5)))
+    return np.asarray((np.minimum(np.maximum(v, low), high) - low) / (high - low))
 
 
 def fit(data: DataSet, increments: Array, axisymmetric: bool) -> Coordinates:

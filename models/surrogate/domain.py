@@ -42,8 +42,7 @@ class Domain:
         )
         low = (rpm / self.rpm_low - (1 - SPEED_MARGIN)) / SPEED_MARGIN
         high = ((1 + SPEED_MARGIN) - rpm / self.rpm_high) / SPEED_MARGIN
-        out: Array = inside * _near(h, self.h_near) * _near(d, self.d_near) * _share(np.minimum(low, high))
-        return out
+        return np.asarray(inside * _near(h, self.h_near) * _near(d, self.d_near) * _share(np.minimum(low, high)))
 
     def arrays(self) -> dict[str, Array]:
         """What weights.npz holds."""
@@ -90,5 +89,4 @@ def _near(value: Array, near: float) -> Array:
 
 def _share(value: Array) -> Array:
     """Within 0...1; numpy's clip takes three times as long on a few numbers."""
-    out: Array = np.minimum(np.maximum(value, 0.0), 1.0)
-    return out
+    return np.asarray(np.minimum(np.maximum(value, 0.0), 1.0))

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from models.air_state import blank_state
-from models.effects import Context
 from models.surrogate.coordinates import Coordinates
 from models.surrogate.domain import NODES, Domain
 from models.surrogate.fan_identity import identity
@@ -13,7 +11,7 @@ from models.surrogate.fan_surrogate import Calibration, FanSurrogate
 from models.surrogate.free_air import FreeAir
 from models.surrogate.polynomial import PolynomialRegressor
 from models.vehicle import Vehicle
-from models.vehicle_wrench import REFERENCE_RPM
+from models.vehicle_wrench import REFERENCE_RPM, free_air_thrust
 
 
 def empty_model(vehicle: Vehicle) -> FanSurrogate:
@@ -37,9 +35,7 @@ def empty_model(vehicle: Vehicle) -> FanSurrogate:
 
 def declared_thrust(vehicle: Vehicle) -> np.ndarray:
     """Free-air thrust [N] (fans,) at ``REFERENCE_RPM`` as the vehicle file declares it."""
-    state = blank_state((), len(vehicle.fans), len(vehicle.rotors))
-    state.rpm[...] = REFERENCE_RPM
-    return Context(state, vehicle).thrust
+    return np.array([float(free_air_thrust(vehicle, None, fan, REFERENCE_RPM)) for fan in vehicle.fans])
 
 
 def is_empty(model: FanSurrogate) -> bool:

@@ -55,14 +55,13 @@ def contradictions(vehicle: Vehicle, model: FanSurrogate) -> tuple[str, ...]:
     out = []
     fan = identity_of(model.info)
     if fan is not None:
-        if _apart(fan.radius_m, vehicle.rotor_radius_m, _RADIUS_SHARE):
-            out.append(
-                f"rotor radius {fan.radius_m:g} m in the model, {vehicle.rotor_radius_m:g} m in the vehicle file"
-            )
-        lips = sorted({f.lip_radius_m for f in vehicle.fans})
-        if any(_apart(fan.lip_radius_m, lip, _LIP_SHARE) for lip in lips):
-            listed = " and ".join(f"{lip:g}" for lip in lips)
-            out.append(f"lip radius {fan.lip_radius_m:g} m in the model, {listed} m in the vehicle file")
+        for what, own, declared, share in (
+            ("rotor", fan.radius_m, {vehicle.rotor_radius_m}, _RADIUS_SHARE),
+            ("lip", fan.lip_radius_m, {f.lip_radius_m for f in vehicle.fans}, _LIP_SHARE),
+        ):
+            if any(abs(own - radius) > share * max(own, radius) for radius in declared):
+                listed = " and ".join(f"{radius:g}" for radius in sorted(declared))
+                out.append(f"{what} radius {own:g} m in the model, {listed} m in the vehicle file")
     ratio, (low, high) = lift_over_weight(vehicle, model), BY_COEFFICIENT
     if ratio is not None and not low <= ratio <= high:
         out.append(f"modelled lift at hover is {ratio:.2g} times the weight")
@@ -78,7 +77,3 @@ def lift_over_weight(vehicle: Vehicle, model: FanSurrogate) -> float | None:
     weight = vehicle.mass_kg * GRAVITY
     rpm = math.sqrt(weight / (sum(known) * unit)) * 60.0 / (2.0 * math.pi)
     return float(model.free_air_law.lift(rpm)) * len(vehicle.fans) / weight
-
-
-def _apart(a: float, b: float, share: float) -> bool:
-    return abs(a - b) > share * max(a, b)

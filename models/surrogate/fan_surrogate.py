@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -59,6 +60,7 @@ class Calibration:
     size: tuple[float, ...]
 
 
+@dataclass(eq=False, repr=False)
 class FanSurrogate:
     """One fan's wrench over (h, d, rpm), corner frame: lift(rpm) x (free-air share + gate(h, d) x increment(x)).
 
@@ -67,54 +69,37 @@ class FanSurrogate:
     data hold; outside their rotor speeds the coefficients do, under the lift law.
     """
 
-    def __init__(
-        self,
-        free_air: FreeAir,
-        coordinates: Coordinates,
-        regressor: Regressor,
-        calibration: Calibration,
-        domain: Domain,
-        *,
-        effects: tuple[AdoptedEffect, ...] = (),
-        info: Mapping[str, Any] | None = None,
-    ) -> None:
-        self.free_air_law = free_air
-        self.coordinates = coordinates
-        self.regressor = regressor
-        self.calibration = calibration
-        self.domain = domain
-        self.effects = effects
-        self.info: Mapping[str, Any] = dict(info or {})
-        """Everything else model.json says: method, data, metrics, fidelity."""
+    free_air_law: FreeAir
+    coordinates: Coordinates
+    regressor: Regressor
+    calibration: Calibration
+    domain: Domain
+    effects: tuple[AdoptedEffect, ...] = ()
+    info: Mapping[str, Any] = field(default_factory=dict)
+    """Everything else model.json says: method, data, metrics, fidelity."""
+
+    @cached_property
+    def _corrections(self) -> list[LawCorrection]:
         radius = self.info.get("fan", {}).get("radius_m", math.nan)
-        self._corrections = [LawCorrection.of(e.parameters, radius) for e in effects if e.name == "surface_law"]
-        self._share = np.asarray(free_air.share)
-        self._gain = np.asarray(calibration.gain)
-        self._floor2 = np.maximum(np.asarray(calibration.floor), np.asarray(free_air.scatter)) ** 2
+        return [LawCorrection.of(e.parameters, radius) for e in self.effects if e.name == "surface_law"]
+
+    @cached_property
+    def _scales(self) -> tuple[Array, Array, Array, Array]:
+        """Share of the lift, gain and squared floor of the spread, and what a squared spread takes of trust; (6,)."""
+        law, c = self.free_air_law, self.calibration
         # Doubt is the mean over level forces, lift, tilting moments and torque of (spread / size of the increments)^2.
         # A component that symmetry keeps small is measured by the size of its group: its own size is mostly noise.
-        size2 = np.bincount(_GROUP, np.asarray(calibration.size) ** 2)
-        self._per_size2 = 1.0 / np.maximum(size2, 1e-24)[_GROUP] / len(size2)
+        size2 = np.bincount(_GROUP, np.asarray(c.size) ** 2)
+        doubt = 1.0 / np.maximum(size2, 1e-24)[_GROUP] / len(size2)
+        return np.asarray(law.share), np.asarray(c.gain), np.maximum(c.floor, law.scatter) ** 2, doubt
 
     def with_effects(self, effects: tuple[AdoptedEffect, ...], info: Mapping[str, Any] | None = None) -> FanSurrogate:
         """The same surrogate with these adopted effects, and ``info`` in place of its own where given."""
-        return FanSurrogate(
-            self.free_air_law,
-            self.coordinates,
-            self.regressor,
-            self.calibration,
-            self.domain,
-            effects=effects,
-            info=self.info if info is None else info,
-        )
+        return replace(self, effects=effects, info=self.info if info is None else info)
 
     def wrench(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
         """Total wrench (..., 6) of the fan in N and N m, corner frame."""
         return self.query(h, d, rpm).wrench
-
-    def sigma(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
-        """Standard deviation (..., 6) of ``wrench`` in N and N m."""
-        return self.query(h, d, rpm).sigma
 
     def trust(self, h: ArrayLike, d: ArrayLike, rpm: ArrayLike) -> Array:
         """How far the answer is to be believed (...): 1 inside the data, 0 far outside them; lowered by the spread."""
@@ -150,11 +135,12 @@ class FanSurrogate:
         x, gate = self.coordinates.inputs(h, d, rpm)
         lift = self.free_air_law.lift(rpm)[:, None]
         mean, spread = self.regressor.predict(x)
-        spread *= gate * self._gain
+        share, gain, floor2, doubt = self._scales
+        spread *= gate * gain
         spread *= spread
-        wrench = lift * (gate * mean + self._share)
-        sigma = lift * np.sqrt(spread + self._floor2)
-        trust = self.domain.trust(x, h, d, rpm) / (1.0 + spread @ self._per_size2)
+        wrench = lift * (gate * mean + share)
+        sigma = lift * np.sqrt(spread + floor2)
+        trust = self.domain.trust(x, h, d, rpm) / (1.0 + spread @ doubt)
         wrench[~known] = np.nan
         sigma[~known] = np.nan
         return wrench, sigma, np.where(known, trust, 0.0)

@@ -135,5 +135,4 @@ def _correlation(a: Array, b: Array, lengths: Array) -> Array:
     """exp(-|a - b|^2 / 2) over scaled inputs (m, 3) and (n, 3), shape (m, n)."""
     a, b = a / lengths, b / lengths
     squared = (a * a).sum(1)[:, None] + (b * b).sum(1)[None, :] - 2.0 * a @ b.T
-    out: Array = np.exp(-0.5 * np.maximum(squared, 0.0))
-    return out
+    return np.asarray(np.exp(-0.5 * np.maximum(squared, 0.0)))

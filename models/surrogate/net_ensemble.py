@@ -6,7 +6,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from models.errors import ModelError
 from models.frames import Array
 
 # Rows at a time: the hidden layer then stays in the processor's cache.
@@ -24,10 +23,6 @@ class NetEnsemble:
 
     def __init__(self, w1: Array, b1: Array, w2: Array, b2: Array) -> None:
         self.w1, self.b1, self.w2, self.b2 = (np.ascontiguousarray(a, dtype=float) for a in (w1, b1, w2, b2))
-        k, six, _, hidden = self.w1.shape
-        if self.b1.shape != (k, six, hidden) or self.w2.shape != (k, six, hidden) or self.b2.shape != (k, six):
-            raise ModelError("weights.npz: the arrays of the nets do not fit each other; train the model again")
-        self.members = k
 
     def predict(self, x: Array) -> tuple[Array, Array]:
         """Mean and spread (standard deviation over members), each (n, 6), at inputs (n, n_in)."""
@@ -35,7 +30,7 @@ class NetEnsemble:
         for start in range(0, len(x), CHUNK):
             out = self.outputs(x[start : start + CHUNK])
             mean[start : start + CHUNK] = out.mean(axis=0)
-            spread[start : start + CHUNK] = out.std(axis=0, ddof=1) if self.members > 1 else 0.0
+            spread[start : start + CHUNK] = out.std(axis=0, ddof=1) if len(self.w1) > 1 else 0.0
         return mean, spread
 
     def outputs(self, x: Array) -> Array:
@@ -49,8 +44,7 @@ class NetEnsemble:
         np.reciprocal(z, out=z)
         y = np.matmul(z, -2.0 * self.w2.reshape(k * six, hidden, 1))[..., 0]
         y += (self.b2 + self.w2.sum(axis=-1)).reshape(k * six, 1)
-        out: Array = y.reshape(k, six, len(x)).transpose(0, 2, 1)
-        return out
+        return np.asarray(y.reshape(k, six, len(x)).transpose(0, 2, 1))
 
     def arrays(self) -> dict[str, Array]:
         """What weights.npz holds."""

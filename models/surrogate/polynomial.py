@@ -33,11 +33,7 @@ class PolynomialRegressor:
 
     def arrays(self) -> dict[str, Array]:
         """What weights.npz holds."""
-        return {
-            "degree": np.array(float(self.degree)),
-            "coefficients": self.coefficients,
-            "residual": self.residual,
-        }
+        return {"degree": np.array(float(self.degree)), "coefficients": self.coefficients, "residual": self.residual}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, Array]) -> PolynomialRegressor:

@@ -6,7 +6,8 @@ import hashlib
 import io
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,6 @@ import numpy as np
 from models.adopted_effect import AdoptedEffect
 from models.effects import adopted
 from models.errors import ModelError
-from models.frames import Array
 from models.surrogate.coordinates import Coordinates
 from models.surrogate.domain import Domain
 from models.surrogate.fan_surrogate import Calibration, FanSurrogate, Regressor
@@ -73,25 +73,45 @@ def load(directory: Path | str | None = None) -> FanSurrogate:
     """
     directory = DEFAULT if directory is None else _place(Path(directory))
     path = directory / "model.json"
-    manifest = _manifest(path)
-    try:
-        weights = directory / str(manifest["weights"]["file"])
-        arrays = _arrays(weights, str(manifest["weights"]["sha256"]))
+    with _named(path):
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+        _check_schema(manifest)
+        weights, sha256 = directory / str(manifest["weights"]["file"]), manifest["weights"]["sha256"]
+    with _named(weights):
+        raw = weights.read_bytes()
+        if hashlib.sha256(raw).hexdigest() != sha256:
+            raise ModelError("does not have the hash that model.json declares; train the model again")
+        with np.load(io.BytesIO(raw), allow_pickle=False) as archive:
+            arrays = dict(archive)
+    with _named(path):
         regressor: Regressor = REGRESSORS[manifest["regressor"]].from_arrays(arrays)
-        model = FanSurrogate(
+        return FanSurrogate(
             FreeAir(**_tuples(manifest["free_air"])),
             Coordinates(**manifest["coordinates"]),
             regressor,
             Calibration(**_tuples(manifest["calibration"])),
             Domain.from_arrays(arrays, manifest["domain"]),
-            effects=tuple(_effect(path, e) for e in manifest["effects"]),
+            effects=tuple(map(_effect, manifest["effects"])),
             info={k: v for k, v in manifest.items() if k not in _OWN_KEYS},
         )
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """What is wrong with a model file, as one ModelError that names it."""
+    try:
+        yield
+    except OSError as error:
+        what = f"cannot be read ({error.strerror}); give a directory that 'models train --out' wrote"
     except KeyError as error:
-        raise ModelError(f"model file {path}: {error} is missing or not known; train the model again") from None
-    except (TypeError, ValueError, AttributeError) as error:
-        raise ModelError(f"model file {path}: is damaged ({error}); train the model again") from None
-    return model
+        what = f"{error} is missing or not known; train the model again"
+    except (TypeError, ValueError, AttributeError, EOFError, zipfile.BadZipFile) as error:
+        what = f"is damaged ({error}); train the model again"
+    except ModelError as error:
+        what = str(error)
+    else:
+        return
+    raise ModelError(f"model file {path}: {what}")
 
 
 def _place(directory: Path) -> Path:
@@ -101,41 +121,17 @@ def _place(directory: Path) -> Path:
     return shipped if by_name else directory
 
 
-_SECTIONS = ("free_air", "coordinates", "calibration", "domain")
-_OWN_KEYS = {*_SECTIONS, "schema", "units", "frame", "regressor", "effects", "weights"}
+_OWN_KEYS = {
+    "free_air", "coordinates", "calibration", "domain", "schema", "units", "frame", "regressor", "effects", "weights",
+}  # fmt: skip
 
 
-def _manifest(path: Path) -> dict[str, Any]:
-    try:
-        manifest = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ModelError(
-            f"model file {path}: cannot be read ({error.strerror}); give a directory that 'models train --out' wrote"
-        ) from None
-    except ValueError:
-        raise ModelError(f"model file {path}: is not JSON; train the model again") from None
-    if not isinstance(manifest, dict) or manifest.get("schema") != SCHEMA:
-        found = manifest.get("schema") if isinstance(manifest, dict) else None
-        raise ModelError(f"model file {path}: schema is {found!r}, this program reads {SCHEMA}; train the model again")
+def _check_schema(manifest: Mapping[str, Any]) -> None:
+    found = manifest.get("schema")
+    if found != SCHEMA:
+        raise ModelError(f"schema is {found!r}, this program reads {SCHEMA}; train the model again")
     if manifest.get("units") != UNITS or manifest.get("frame") != FRAME:
-        raise ModelError(
-            f"model file {path}: units or frame are not {UNITS} in the corner frame; train the model again"
-        )
-    return manifest
-
-
-def _arrays(path: Path, sha256: str) -> dict[str, Array]:
-    try:
-        raw = path.read_bytes()
-    except OSError as error:
-        raise ModelError(f"model file {path}: cannot be read ({error.strerror}); train the model again") from None
-    if hashlib.sha256(raw).hexdigest() != sha256:
-        raise ModelError(f"model file {path}: does not have the hash that model.json declares; train the model again")
-    try:
-        with np.load(io.BytesIO(raw), allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile):
-        raise ModelError(f"model file {path}: is no npz archive; train the model again") from None
+        raise ModelError(f"units or frame are not {UNITS} in the corner frame; train the model again")
 
 
 def _tuples(section: Mapping[str, Any]) -> dict[str, Any]:
@@ -147,9 +143,6 @@ def _entry(e: AdoptedEffect) -> dict[str, Any]:
     return entry | ({"without": list(e.without)} if e.without else {})
 
 
-def _effect(path: Path, entry: Mapping[str, Any]) -> AdoptedEffect:
-    name, parameters = str(entry["name"]), {str(k): float(v) for k, v in entry["parameters"].items()}
-    try:
-        return adopted(name, parameters, tuple(entry.get("without", ())))
-    except ModelError as error:
-        raise ModelError(f"model file {path}: {error}") from None
+def _effect(entry: Mapping[str, Any]) -> AdoptedEffect:
+    parameters = {str(k): float(v) for k, v in entry["parameters"].items()}
+    return adopted(str(entry["name"]), parameters, tuple(entry.get("without", ())))

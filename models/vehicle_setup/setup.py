@@ -7,19 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from models.vehicle import Fan, Limits, Rangefinder, Rotor, Throttle, Vehicle
-from models.vehicle_plausibility import direction
-from models.vehicle_setup.estimate import (
-    OPEN_ROTOR_CT,
-    inertia,
-    max_thrust,
-    pwm_range,
-    throttle_output,
-)
+from models.vehicle_plausibility import target_of
+from models.vehicle_setup.estimate import OPEN_ROTOR_CT, inertia, max_thrust, pwm_range, throttle_output
 from models.vehicle_setup.frames import Motor
 
 COMMON_PROPELLERS, USUAL_PULSES = "0.4 to 0.9 for common propellers", "usual pulses, from 1000 us"
 _LOOKS_DOWN = 25
-_SEEN = {"down": "ground", "up": "ceiling", "to the side": "wall"}
 
 
 @dataclass(frozen=True)
@@ -97,11 +90,6 @@ def _fan(a: Answers, motors: list[Motor]) -> Fan:
     key = "esc" if a.telemetered else "servo"
     rotors = tuple(Rotor(m.spin, **{key: a.numbers[m.number]}) for m in motors)
     return Fan((x, y, z), a.propeller_m / 2.0, rotors, OPEN_ROTOR_CT * len(motors) if a.telemetered else None)
-
-
-def target_of(orientation: int) -> str:
-    """What a rangefinder of this MAV_SENSOR_ORIENTATION looks at, as a rule."""
-    return _SEEN.get(direction(orientation), "none")
 
 
 def parameter_ranges(parameters: Mapping[str, float]) -> tuple[Rangefinder, ...]:

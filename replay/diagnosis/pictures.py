@@ -10,7 +10,7 @@ import numpy as np
 from models.effects import InFlight
 from models.effects.pictures import over_time
 from models.frames import AXES, Array
-from models.pages.svg import Band, Line, Mark, figure, keys
+from models.pages.svg import Band, Line, figure, keys
 from replay.diagnosis.answer import UNITS, Named
 from replay.diagnosis.words import AXIS_WORDS, channel_words
 from replay.residual.record import Record
@@ -75,11 +75,9 @@ def effect_picture(named: Named, a: EffectWrench) -> str:
     fitted = "correction, as fitted" if effect.in_flight.use is InFlight.MEASUREMENT else "the effect, as fitted"
     lines = [
         Line(middle, mean, "before", "measured without it", points=True, error=error),
-        Line(at, curve, "fit", fitted, thick=True),
+        Line(at, curve, "fit", fitted),
     ]
-    start = named.found.parameters.get(drawn.mark) if drawn.mark else None
-    marks = [Mark(start, f"{start:.0f} s")] if start else []
-    return figure(record.name, lines, drawn.label, drawn.force_label, marks=marks)
+    return figure(record.name, lines, drawn.label, drawn.force_label)
 
 
 def without(axes: Sequence[str], a: EffectWrench) -> list[tuple[int, float, float]]:

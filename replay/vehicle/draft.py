@@ -18,10 +18,10 @@ import numpy as np
 from companion.vehicles import default_vehicle
 from models.errors import ConfigError, LogError
 from models.vehicle import Rangefinder, Vehicle
-from models.vehicle_plausibility import findings
-from models.vehicle_setup.setup import COMMON_PROPELLERS, USUAL_PULSES, Answers, build, parameter_ranges, target_of
+from models.vehicle_plausibility import findings, target_of
+from models.vehicle_setup.estimate import Guess, typical_sizes
+from models.vehicle_setup.setup import COMMON_PROPELLERS, USUAL_PULSES, Answers, build, parameter_ranges
 from models.vehicle_setup.toml_text import vehicle_text
-from models.vehicle_setup.typical import Guess, typical_sizes
 from models.vehicle_types import ASSUMABLE
 from replay.flightlog import FlightLog
 from replay.logs.formats import read_pieces

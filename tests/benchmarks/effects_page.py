@@ -9,9 +9,11 @@ period. An effect is drawn at its typical size, in the middle shape of its grid,
 
 from __future__ import annotations
 
+import inspect
 import math
 import sys
 from dataclasses import replace
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -128,19 +130,21 @@ def page(effects: list[Effect]) -> str:
 
 
 def section(effect: Effect) -> str:
-    """What the catalogue says of one effect."""
+    """What the catalogue says of one effect; its file's docstring says where it is valid, and its source."""
+    about = inspect.getdoc(import_module(f"models.effects.{effect.name}")) or ""
+    valid, source = " ".join(about.split("\n\nValid: ")[1].split()).split(" Source: ")
     flown = "" if effect.in_flight.use is InFlight.WRENCH else f" In flight: {effect.in_flight.use.value}."
     lines = [
         f"## {effect.name}\n",
         f"- Equation: `{effect.equation}`",
-        f"- Sign: {effect.sign}. Valid: {effect.valid}.",
+        f"- Sign: {effect.sign}. Valid: {valid}",
         f"- Belongs to: {effect.belongs_to.value}.{flown}",
         f"- Axes: {', '.join(effect.axes)}. Needs: {', '.join(f'`{c}`' for c in effect.channels) or 'nothing more'}.",
         f"- To show it: {effect.excite}.",
     ]
     if effect.aliases:
         lines.append(f"- Easily confused with: {', '.join(f'[{a}](#{a})' for a in effect.aliases)}.")
-    return "\n".join([*lines, f"- Source: {effect.source}.", ""])
+    return "\n".join([*lines, f"- Source: {source}", ""])
 
 
 def main() -> int:

@@ -107,7 +107,7 @@ def test_weights_that_are_no_archive_are_refused_even_with_their_hash(directory:
     (directory / "weights.npz").write_bytes(b"PK\x03\x04 not an archive")
     digest = hashlib.sha256(b"PK\x03\x04 not an archive").hexdigest()
     _edit(directory, weights={"file": "weights.npz", "sha256": digest})
-    with pytest.raises(ModelError, match=r"weights\.npz: is no npz archive"):
+    with pytest.raises(ModelError, match=r"weights\.npz: is damaged"):
         models.load(directory)
 
 

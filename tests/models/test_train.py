@@ -140,7 +140,7 @@ def test_noise_does_not_pass_for_precision() -> None:
     rng = np.random.default_rng(0)
     noise = 0.01 * ClosedForm().lift(data.rpm)[:, None] * np.array([0.1, 0.01, 1, 0.01, 0.1, 0.01])
     trained = train.train(replace(data, wrench=data.wrench + noise * rng.normal(size=data.wrench.shape)), "ensemble", 0)
-    sigma = trained.model.sigma(0.3, 0.2, 4000.0)
+    sigma = trained.model.query(0.3, 0.2, 4000.0).sigma
     assert 0.5 < sigma[2] / (0.01 * 22.56) < 2.0
     assert np.mean(list(trained.report["coverage_95"]["test"].values())) == pytest.approx(0.95, abs=0.03)
 

@@ -197,7 +197,6 @@ def test_every_effect_of_the_catalogue_has_words_and_a_picture(effect: Effect, r
         assert np.isfinite(drawn.values).all(), drawn.label
         assert "_" not in drawn.label + drawn.force_label
         assert np.broadcast_to(drawn.direction, (len(drawn.values), 6)).shape[1] == 6
-        assert not drawn.mark or drawn.mark in shapes
 
 
 def test_the_direction_of_a_picture_is_the_one_that_its_label_says(rich: Context) -> None:

@@ -1,19 +1,23 @@
-"""A side force that goes with the heading, as of a taut cable: no effect of the catalogue, made for a test."""
+"""A side force that goes with the heading, as of a taut cable: no effect of the catalogue, made for a test.
+
+Valid: everywhere.
+Source: made for a test.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
-from models.effects.effect import BelongsTo, Coefficient, Context, Effect, columns
+from models.effects.effect import BelongsTo, Coefficient, Context, Effect
 from models.frames import Array
 
 
-def _regressors(ctx: Context, _: tuple[float, ...]) -> Array:
+def _wrenches(ctx: Context, _: tuple[float, ...]) -> tuple[Array, ...]:
     rotation = ctx.state.rotation
     heading = np.arctan2(rotation[..., 1, 0], rotation[..., 0, 0])
     out = np.zeros((*heading.shape, 6))
     out[..., 1] = ctx.weight * np.sin(2.0 * heading)
-    return columns(out)
+    return (out,)
 
 
 EFFECT = Effect(
@@ -21,11 +25,9 @@ EFFECT = Effect(
     belongs_to=BelongsTo.PLACE,
     equation="dF_y = a W sin(2 yaw)",
     sign="a > 0: to the right at a heading of 45 degrees",
-    source="made for a test",
-    valid="everywhere",
     axes=("Fy",),
     channels=("yaw_rad",),
     excite="turn on the spot",
     coefficients=(Coefficient("share", "1", -1.0, 1.0, typical=0.1),),
-    regressors=_regressors,
+    wrenches=_wrenches,
 )
