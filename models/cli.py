@@ -40,8 +40,6 @@ def _parser() -> argparse.ArgumentParser:
         "--method", required=True, choices=METHODS, help="'ensemble' is what flies: see docs/surrogates.md"
     )
     train.add_argument("--out", required=True, type=Path, metavar="DIR", help="model directory to write")
-    train.add_argument("--hidden", type=_positive, default=9, metavar="N", help="hidden units (default 9)")
-    train.add_argument("--epochs", type=_positive, default=3000, metavar="N", help="epochs of the paper's methods")
     train.add_argument(
         "--fan", nargs=2, type=float, metavar=("RADIUS", "LIP"),
         help="rotor and outer lip radius [m] of the fan that the data are of: flight then refuses it on another fan",
@@ -53,13 +51,9 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument("--label", metavar="TEXT", help="what the data are, kept in model.json as their fidelity")
     train.set_defaults(run=_train)
 
-    compare = commands.add_parser("compare", help="train all methods and compare them, with the paper's tables")
+    compare = commands.add_parser("compare", help="train all methods and compare them")
     _data_options(compare)
     compare.add_argument("--report", type=Path, metavar="DIR", help="write the report and its figures here")
-    compare.add_argument("--splits", type=_positive, default=20, metavar="N", help="random splits (default 20)")
-    compare.add_argument(
-        "--epochs", type=_positive, default=1000, metavar="N", help="epochs of each net (default 1000)"
-    )
     compare.set_defaults(run=_compare)
 
     query = commands.add_parser("query", help="ask a model for the wrench at one point")
@@ -92,13 +86,6 @@ def _data_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quiet", action="store_true", help="no progress bar, no text")
 
 
-def _positive(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"must be at least 1, not {value}")
-    return value
-
-
 def _train(args: argparse.Namespace) -> int:
     from models.progress import Bars
     from models.surrogate import store
@@ -113,10 +100,7 @@ def _train(args: argparse.Namespace) -> int:
     if args.label:
         fidelity = {**fidelity, "label": args.label}
     bars = Bars(args.quiet)
-    trained = train(
-        data, args.method, args.seed, hidden=args.hidden, epochs=args.epochs, fidelity=fidelity,
-        fan_radii_m=_fan_radii(args), progress=bars,
-    )  # fmt: skip
+    trained = train(data, args.method, args.seed, fidelity=fidelity, fan_radii_m=_fan_radii(args), progress=bars)
     bars.close()
     store.save_model(args.out, trained.model)
     report = {**trained.report, "out": str(args.out)}
@@ -146,16 +130,14 @@ def _compare(args: argparse.Namespace) -> int:
     if args.report:
         _check_writable(args.report)
     bars = Bars(args.quiet)
-    result = compare(data, args.seed, splits=args.splits, epochs=args.epochs, progress=bars)
+    result = compare(data, args.seed, progress=bars)
     bars.close()
     sigma = "" if args.sigma is None else f" --sigma {args.sigma}"
     command = f"models train --data {args.data}{sigma} --method {result.numbers['use']['method']} --out DIR"
     if args.report:
         from models.training.compare_page import write_page
-        from models.training.plots import write_figures
 
-        write_figures(args.report, result)
-        write_page(args.report, result.numbers, command)
+        write_page(args.report, result, command)
     if speaks(args):
         print(text(result.numbers))
         print(f"next: {command}")
