@@ -25,10 +25,6 @@ STILL_SWINGING = 0.7
 # A flow that swings is marched this many chunks at least, before its mean is taken: the first is left out, and four
 # blocks are needed.
 LEAST_CHUNKS = 5
-# Powers of the rotor speed with which a state scales to another speed.
-SPEED_POWER = {"U": 1, "phi": 1, "p": 2, "k": 2, "omega": 1, "nut": 1}
-
-
 UNKNOWN = (math.nan,) * 6
 
 
@@ -140,21 +136,13 @@ class _Case:
         self._keep()
 
     def _start_from(self, neighbour: Path) -> None:
-        """Map the newest state of another case onto this mesh; copy and scale it where only the speed differs."""
+        """Map the newest state of another case onto this mesh."""
         states = foam.times(neighbour) if neighbour.is_dir() else []
         if not states:
             return
-        newest = states[-1]
         self.start = neighbour.name
-        same_mesh = neighbour.name.rsplit("_n", 1)[0] == self.folder.name.rsplit("_n", 1)[0]
-        if same_mesh:
-            there = float(neighbour.name.rsplit("_n", 1)[1])
-            for name, power in SPEED_POWER.items():
-                shutil.copy(neighbour / newest / name, self.folder / "0" / name)
-                foam.scale_field(self.folder / "0" / name, (self.position.rpm / there) ** power)
-            return
         case.put(self.folder / "system/mapFieldsDict", "patchMap ();\ncuttingPatches ();\n")
-        foam.run(self.folder, "mapFields", str(neighbour.resolve()), "-sourceTime", newest)
+        foam.run(self.folder, "mapFields", str(neighbour.resolve()), "-sourceTime", states[-1])
 
     def iterate(self) -> None:
         """Steady iterations until the wrench stands still, or the limit."""
