@@ -14,7 +14,7 @@ from models.cfd import case, foam
 from models.cfd.averages import error_of_mean
 from models.cfd.config import Setup
 from models.cfd.polars import Blades
-from models.cfd.position import Position, check
+from models.cfd.position import FREE, Position, check
 from models.frames import Array
 
 STATE = "state.npz"
@@ -155,7 +155,7 @@ class _Case:
             self._keep()
 
     def march(self) -> None:
-        """Go on in time from the newest state."""
+        """Go on in time from the newest state, until the wrench stands still or its mean is known."""
         solver = self.setup.solver
         while self.steps < solver.march_limit and self.finite():
             if self.steps and (self.settled() or self.averaged()):
@@ -213,37 +213,41 @@ class _Case:
         return self.samples[-chunks * per_chunk :, 1:7]
 
     def _window(self) -> Array:
-        """Samples (n, 6) that the mean is taken over: the last two chunks, or of a flow that swings all but one."""
-        chunks = max(2, self.steps // self.setup.solver.march_chunk - 1) if not self.settled() else 2
-        return self._last(chunks)
-
-    def averaged(self) -> bool:
-        """True where a flow that swings on in time has a mean that is known: blocks enough and a small error."""
-        if self.steps < LEAST_CHUNKS * self.setup.solver.march_chunk:
-            return False
-        limit = self.setup.converged
-        allowed = np.maximum(limit.mean * self._scale(), limit.drift_of_effect * self._effect())
-        return bool(np.all(error_of_mean(self._window()) <= allowed))
+        """Samples (n, 6) of a flow that swings on, for its mean: all chunks but the first, two at least."""
+        return self._last(max(2, self.steps // self.setup.solver.march_chunk - 1))
 
     def _scale(self) -> Array:
         rotor = self.setup.rotor
         lift = rotor.hover_lift_n * (self.position.rpm / rotor.hover_rpm) ** 2
         return lift * np.array([1.0] * 3 + [self.setup.fan.radius_m] * 3)
 
-    def _moves(self) -> tuple[Array, Array]:
-        """Drift and swing (6,) over the last two chunks."""
-        return _moves(self._last(2))
+    def _allowed(self, of_hover: float, of_effect: float) -> Array:
+        """The larger (6,) of these shares of hover lift and of what the case adds to it, nothing in free air."""
+        out, last = of_hover * self._scale(), self._last(2)
+        if len(last) and self.position.place != FREE:
+            effect = np.abs(last.mean(axis=0) - self._scale() * [0, 0, 1, 0, 0, 0])
+            out = np.maximum(out, of_effect * effect)
+        return out
+
+    def _allowed_swing(self) -> Array:
+        return self._allowed(self.setup.converged.swing, self.setup.converged.swing_of_effect)
 
     def settled(self) -> bool:
         """True where the wrench stands still over the last two chunks."""
         if self.steps and self.steps < 2 * self.setup.solver.march_chunk:
             return False
-        drift, swing = self._moves()
-        scale, limit = self._scale(), self.setup.converged
-        most = limit.drift_free if self.position.place == (math.inf, math.inf) else limit.drift
-        effect = self._effect()
-        still = drift <= np.maximum(most * scale, limit.drift_of_effect * effect)
+        drift, swing = _moves(self._last(2))
+        limit = self.setup.converged
+        most = limit.drift_free if self.position.place == FREE else limit.drift
+        still = drift <= self._allowed(most, limit.drift_of_effect)
         return bool(np.all(still) and np.all(swing <= self._allowed_swing()))
+
+    def averaged(self) -> bool:
+        """True where a flow that swings on in time has a mean that is known: blocks enough and a small error."""
+        if self.steps < LEAST_CHUNKS * self.setup.solver.march_chunk:
+            return False
+        allowed = self._allowed(self.setup.converged.mean, self.setup.converged.drift_of_effect)
+        return bool(np.all(error_of_mean(self._window()) <= allowed))
 
     def _enough(self) -> bool:
         """True where more steady iterations would change nothing: settled, or going round in circles."""
@@ -256,20 +260,6 @@ class _Case:
         before, now = np.ptp(last[:half], axis=0) / 2, np.ptp(last[half:], axis=0) / 2
         return bool(np.any((now > self._allowed_swing()) & (now > STILL_SWINGING * before)))
 
-    def _allowed_swing(self) -> Array:
-        limit = self.setup.converged
-        out: Array = np.maximum(limit.swing * self._scale(), limit.swing_of_effect * self._effect())
-        return out
-
-    def _effect(self) -> Array:
-        """Size (6,) of what the case adds to the lift of hover; none in free air."""
-        last = self._last(2)
-        if len(last) == 0 or self.position.place == (math.inf, math.inf):
-            return np.zeros(6)
-        hover = self._scale() * [0, 0, 1, 0, 0, 0]
-        out: Array = np.abs(last.mean(axis=0) - hover)
-        return out
-
     def finite(self) -> bool:
         """True while the wrench is of a size a fan can have."""
         return bool(np.all(np.abs(self.samples[-1:, 1:7]) < 10 * self._scale()))
@@ -277,11 +267,11 @@ class _Case:
     def status(self) -> str:
         if not self.finite():
             return "diverged"
-        if not self.settled():
-            if not np.any(self._moves()[1] > self._allowed_swing()):
-                return "drifting"
-            return "averaged" if self.averaged() else "cycling"
-        return "marched" if self.steps else "steady"
+        if self.settled():
+            return "marched" if self.steps else "steady"
+        if np.all(_moves(self._last(2))[1] <= self._allowed_swing()):
+            return "drifting"
+        return "averaged" if self.averaged() else "cycling"
 
     def result(self, status: str, note: str = "") -> Result:
         """What the case gave; NaN without a sample."""
@@ -290,9 +280,15 @@ class _Case:
         moving = status in ("averaged", "cycling")
         last = self._window() if moving else self._last(2)
         drift, swing = _moves(last)
-        before = self.samples[self.samples[:, 0] <= self.iterations, 1:7]
-        before = before[-2 * self.setup.solver.chunk // self.setup.solver.sample_every :]
-        then = _moves(before)
+        more: dict[str, tuple[float, ...]] = {}
+        if moving and self.steps:
+            more["error"] = _floats(error_of_mean(last))
+        if self.steps:
+            before = self.samples[self.samples[:, 0] <= self.iterations, 1:7]
+            before = before[-2 * self.setup.solver.chunk // self.setup.solver.sample_every :]
+            drift_before, swing_before = _moves(before)
+            more["iterated"] = _floats(before.mean(axis=0))
+            more["iterated_error"] = _floats(np.maximum(swing_before, 2 * drift_before))
         return Result(
             wrench=_floats(last.mean(axis=0)),
             swing=_floats(swing),
@@ -305,9 +301,7 @@ class _Case:
             seconds=self.seconds,
             start=self.start,
             note=note,
-            error=_floats(error_of_mean(last)) if moving and self.steps else UNKNOWN,
-            iterated=_floats(before.mean(axis=0)) if self.steps else UNKNOWN,
-            iterated_error=_floats(np.maximum(then[1], 2 * then[0])) if self.steps else UNKNOWN,
+            **more,
         )
 
     def _keep(self) -> None:

@@ -18,10 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from models.cfd.mean_error import TILT
-from models.cfd.position import Place, near
+from models.cfd.position import FREE, Place, near
 from models.frames import AXES, Array
 
-FREE: Place = (math.inf, math.inf)
 # What is chosen from: lengths in the coordinates 1 / (0.5 + distance); powers of 1 / (0.5 + h) with which the prior's
 # standard deviation fades; variances of noise over that of the prior at h = 1 R, inf: nothing learnt.
 LENGTHS = (0.15, 0.3, 0.6, 1.2)

@@ -16,6 +16,8 @@ LEAST_GAP = 0.1
 
 Place = tuple[float, float]
 """(h, d) over R."""
+FREE: Place = (math.inf, math.inf)
+"""Free air."""
 
 
 def near(place: Place) -> Array:

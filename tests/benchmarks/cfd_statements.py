@@ -21,10 +21,9 @@ from models.cfd.assemble import Assembled, assemble
 from models.cfd.case_run import Row
 from models.cfd.cli import SHIPPED_CASES
 from models.cfd.config import Setup, load
-from models.cfd.fidelity import FREE
 from models.cfd.grid import mesh_error
 from models.cfd.labels import HALF, Label, full_kind, kind_of, labels
-from models.cfd.position import Place
+from models.cfd.position import FREE, Place
 from models.cfd.table import read
 from models.frames import AXES, Array
 

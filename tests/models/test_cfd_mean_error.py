@@ -11,7 +11,7 @@ import pytest
 from models.cfd import fidelity, mean_error
 from models.cfd.case_run import Result, Row
 from models.cfd.labels import labels
-from models.cfd.position import Position
+from models.cfd.position import FREE, Position
 
 INF = math.inf
 KIND = ("full", 0.75)
@@ -94,9 +94,9 @@ def test_what_doubtful_full_models_miss_does_not_count_against_half_models_far_f
     """Differences that are all noise of the stated size, large below 2 R: no correction, and an error that fades."""
     rng = np.random.default_rng(6)
     places = [(h, d) for h in (1.0, 1.5, 2.0, 3.0, 4.0) for d in (0.15, 0.5, 1.0, 2.0, 5.0)]
-    zero = dict.fromkeys([fidelity.FREE, *places], np.zeros(6))
+    zero = dict.fromkeys([FREE, *places], np.zeros(6))
     error = {p: np.full(6, 2.0 if p[0] < 2.0 else 0.05) for p in places}
-    full = {fidelity.FREE: np.zeros(6)} | {p: error[p] * rng.normal(size=6) for p in places}
+    full = {FREE: np.zeros(6)} | {p: error[p] * rng.normal(size=6) for p in places}
     found = fidelity.learn(full, zero, error)
     assert not found.learnt.any()
     assert found.plain[0] > 1.0
