@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 
 from models.cfd import case, foam
-from models.cfd.averages import error_of_mean
 from models.cfd.config import Setup
 from models.cfd.polars import Blades
 from models.cfd.position import FREE, Position, check
@@ -25,6 +24,9 @@ STILL_SWINGING = 0.7
 # A flow that swings is marched this many chunks at least, before its mean is taken: the first is left out, and four
 # blocks are needed.
 LEAST_CHUNKS = 5
+# With fewer blocks the error of the error is above 40 % (1 / sqrt(2 (n - 1))).
+LEAST_BLOCKS = 4
+BLOCK_SIZES = 3
 UNKNOWN = (math.nan,) * 6
 
 
@@ -322,3 +324,24 @@ def _moves(samples: Array) -> tuple[Array, Array]:
 
 def _floats(values: Array) -> tuple[float, ...]:
     return tuple(float(v) for v in values)
+
+
+def error_of_mean(samples: Array) -> Array:
+    """Standard error (k,) of the mean of correlated samples (n, k), in time order; nan for fewer than four.
+
+    Means of blocks, whose size doubles as long as ``LEAST_BLOCKS`` of them are left (Flyvbjerg and Petersen 1989).
+    Short blocks know nothing of the swing, long ones are few: the largest estimate of the ``BLOCK_SIZES`` longest
+    counts.
+    """
+    if len(samples) < LEAST_BLOCKS:
+        return np.full(samples.shape[1:], np.nan)
+    found = []
+    size = 1
+    while len(samples) // size >= LEAST_BLOCKS:
+        blocks = len(samples) // size
+        # What does not fill a block is left out at the start, where the run is least settled.
+        means = samples[len(samples) - blocks * size :].reshape(blocks, size, -1).mean(axis=1)
+        found.append(means.std(axis=0, ddof=1) / np.sqrt(blocks))
+        size *= 2
+    out: Array = np.max(found[-BLOCK_SIZES:], axis=0)
+    return out
