@@ -53,7 +53,7 @@ def _parser() -> argparse.ArgumentParser:
 
     compare = commands.add_parser("compare", help="train all methods and compare them")
     _data_options(compare)
-    compare.add_argument("--report", type=Path, metavar="DIR", help="write the report and its figures here")
+    compare.add_argument("--report", type=Path, metavar="DIR", help="write the report here")
     compare.set_defaults(run=_compare)
 
     query = commands.add_parser("query", help="ask a model for the wrench at one point")
@@ -124,7 +124,7 @@ def _r2(score: Mapping[str, Any]) -> str:
 
 def _compare(args: argparse.Namespace) -> int:
     from models.progress import Bars
-    from models.training.compare import compare, text
+    from models.training.compare import compare, text, write_page
 
     data, _ = _data(args.data, args.sigma)
     if args.report:
@@ -135,9 +135,7 @@ def _compare(args: argparse.Namespace) -> int:
     sigma = "" if args.sigma is None else f" --sigma {args.sigma}"
     command = f"models train --data {args.data}{sigma} --method {result.numbers['use']['method']} --out DIR"
     if args.report:
-        from models.training.compare_page import write_page
-
-        write_page(args.report, result, command)
+        write_page(args.report, result.numbers, command)
     if speaks(args):
         print(text(result.numbers))
         print(f"next: {command}")

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +15,7 @@ from numpy.typing import NDArray
 from models.dataset import DataSet, held_out
 from models.errors import ModelError
 from models.frames import AXES, Array
+from models.pages.document import document, verdict, write_document
 from models.surrogate import free_air
 from models.surrogate.fan_surrogate import Regressor
 from models.training.train import (
@@ -31,15 +34,10 @@ from models.training.train import (
     weights,
 )
 
-# Rotor speed of the paper's surfaces (figs 17 to 19).
-RPM = 4000.0
 # More rows are sampled: kriging's cost grows with their cube.
 MAX_ROWS = 2500
-LIFT = AXES.index("Fz")
 ADAM_RATE = 0.01
 """The paper gives no rate: a usual one for small nets. ``models train`` takes a larger one and more epochs."""
-# Points along h and d of a surface.
-GRID = 61
 # Splits of 8:2, as in the paper.
 TEST_SHARE = 0.2
 
@@ -60,17 +58,11 @@ class Task:
 
 @dataclass(frozen=True)
 class Comparison:
-    """``numbers`` for JSON; ``tasks`` and ``answers`` (method -> one (n, 6) per task) for the figures."""
+    """``numbers`` for JSON; the ``tasks`` and the ``answers`` behind them: method -> one (n, 6) per task."""
 
     numbers: Mapping[str, Any]
     tasks: tuple[Task, ...]
     answers: Mapping[str, list[Array]]
-    surfaces: Mapping[str, Array]
-    """Lift [N] at 4000 rpm per method, (GRID, GRID) over ``grid_h`` and ``grid_d`` [m]."""
-    grid_h: Array
-    grid_d: Array
-    places: Array
-    """(h, d) [m] of the data with ground and wall, shape (n, 2)."""
 
 
 def compare(
@@ -92,16 +84,12 @@ def compare(
         raise ModelError(f"data set {data.source}: no component depends on the place beyond noise; nothing to compare")
     notes += constant_notes(live)
     tasks = _tasks(data, live, splits, rng)
-    grid_h, grid_d = _grid(data)
     answers: dict[str, list[Array]] = {}
-    surfaces: dict[str, Array] = {}
     for method in METHODS:
         answers[method] = []
         for k, task in enumerate(tasks):
             regressor = _fit(method, task, epochs, rng)
             answers[method].append(task.problem.gate * regressor.predict(task.problem.x)[0])
-            if k == 0:
-                surfaces[method] = _surface(task, regressor, grid_h, grid_d)
             progress(method, k + 1, len(tasks))
     numbers = {
         "rows": len(data),
@@ -112,16 +100,13 @@ def compare(
         "splits": splits,
         "live": [axis for axis, varies in zip(AXES, live, strict=True) if varies],
         "epochs": epochs,
-        "table2": _table2(tasks, answers),
-        "table3": _table3(tasks, answers, surfaces),
+        "r2": _r2(tasks, answers),
         "regions": _regions(tasks, answers),
         "notes": notes,
     }
     numbers["use"] = recommend(numbers)
     numbers["seconds"] = round(time.perf_counter() - start, 1)
-    places = np.unique(np.column_stack([data.h, data.d]), axis=0)
-    near = places[np.isfinite(places).all(axis=1)]
-    return Comparison(numbers, tuple(tasks), answers, surfaces, grid_h, grid_d, near)
+    return Comparison(numbers, tuple(tasks), answers)
 
 
 def _tasks(data: DataSet, live: Mask, splits: int, rng: np.random.Generator) -> list[Task]:
@@ -162,33 +147,7 @@ def _fit(method: str, task: Task, epochs: int, rng: np.random.Generator) -> Regr
     return trainer(learnt, method, rng)(learnt)
 
 
-def _grid(data: DataSet) -> tuple[Array, Array]:
-    """Heights and wall distances [m], (GRID,) each, over the finite data; denser close by."""
-    t = np.linspace(0.0, 1.0, GRID) ** 1.5
-    axes = []
-    for distance in (data.h, data.d):
-        finite = distance[np.isfinite(distance)]
-        low, high = (float(finite.min()), float(finite.max())) if finite.size else (np.inf, np.inf)
-        axes.append(low + (high - low) * t if np.isfinite(high) else np.full(GRID, np.inf))
-    return axes[0], axes[1]
-
-
-def _surface(task: Task, regressor: Regressor, grid_h: Array, grid_d: Array) -> Array:
-    """Lift [N] at 4000 rpm, (GRID, GRID)."""
-    h, d = (a.ravel() for a in np.meshgrid(grid_h, grid_d, indexing="ij"))
-    rpm = np.full(h.shape, RPM)
-    x, gate = task.problem.coordinates.inputs(h, d, rpm)
-    increment = gate[:, LIFT] * regressor.predict(x)[0][:, LIFT]
-    return np.asarray((1.0 + increment) * task.problem.free_air.lift(RPM)).reshape(GRID, GRID)
-
-
-def roughness(surface: Array) -> float:
-    """RMS second difference [N] over a grid that is even in the coordinates' own measure: waviness between samples."""
-    along_h, along_d = np.diff(surface, 2, axis=0), np.diff(surface, 2, axis=1)
-    return float(np.sqrt(np.mean(along_h**2) + np.mean(along_d**2)))
-
-
-def _table2(tasks: list[Task], answers: Mapping[str, list[Array]]) -> dict[str, Any]:
+def _r2(tasks: list[Task], answers: Mapping[str, list[Array]]) -> dict[str, Any]:
     """R^2 by method and component, mean and standard deviation over the splits; None where a component is constant."""
     out: dict[str, Any] = {method: {axis: {} for axis in AXES} for method in METHODS}
     for method in METHODS:
@@ -209,23 +168,6 @@ def _table2(tasks: list[Task], answers: Mapping[str, list[Array]]) -> dict[str, 
 def spread(scores: Array) -> Array:
     """Standard deviation over splits (n, ...) -> (...); one split has none: NaN."""
     return scores.std(axis=0, ddof=1) if len(scores) > 1 else np.full(scores.shape[1:], np.nan)
-
-
-def _table3(tasks: list[Task], answers: Mapping[str, list[Array]], surfaces: Mapping[str, Array]) -> dict[str, Any]:
-    """MSE of the lift at 4000 rpm [N^2], learnt and held out, mean over splits, and its surface's roughness [N]."""
-    out = {}
-    for method in METHODS:
-        pairs = [
-            (t, (a[:, LIFT] - t.problem.y[:, LIFT]) * float(t.problem.free_air.lift(RPM)))
-            for t, a in zip(tasks, answers[method], strict=True)
-            if t.kind == "split"
-        ]
-        out[method] = {
-            "mse_train": float(np.mean([np.mean(e[t.train] ** 2) for t, e in pairs])),
-            "mse_test": float(np.mean([np.mean(e[t.test] ** 2) for t, e in pairs])),
-            "roughness": roughness(surfaces[method]),
-        }
-    return out
 
 
 def _regions(tasks: list[Task], answers: Mapping[str, list[Array]]) -> dict[str, Any]:
@@ -253,7 +195,7 @@ def recommend(numbers: Mapping[str, Any]) -> dict[str, str]:
     Among equals (within one standard deviation over the splits) it is the one with the smallest error where whole
     regions were left out, because a vehicle flies between and beyond the data.
     """
-    scores, regions = numbers["table2"], numbers["regions"].values()
+    scores, regions = numbers["r2"], numbers["regions"].values()
     live = [axis for axis in AXES if next(iter(scores.values()))[axis]["test"] is not None]
     mean = {m: float(np.mean([row[a]["test"] for a in live])) for m, row in scores.items()}
     best = max(mean, key=lambda m: mean[m])
@@ -273,7 +215,7 @@ def recommend(numbers: Mapping[str, Any]) -> dict[str, str]:
 
 def text(numbers: Mapping[str, Any]) -> str:
     """The tables in Markdown."""
-    scores, lift, regions = numbers["table2"], numbers["table3"], numbers["regions"]
+    scores, regions = numbers["r2"], numbers["regions"]
     lines = [
         f"{numbers['rows']} rows at {numbers['places']} places (h, d) of {numbers['data']}, seed {numbers['seed']}, "
         f"{numbers['splits']} splits by place, {numbers['epochs']} epochs, {numbers['seconds']} s",
@@ -281,16 +223,9 @@ def text(numbers: Mapping[str, Any]) -> str:
         "",
         f"Use this one: {numbers['use']['method']}. {numbers['use']['why']}.",
         "",
-        "Table 2: held-out R^2 of the increments, mean +- sd over splits, nothing chosen on test rows.",
+        "Held-out R^2 of the increments, mean +- sd over splits, nothing chosen on test rows.",
         "",
         *_rows(METHODS, {axis: [_mean_sd(scores[m][axis]) for m in METHODS] for axis in AXES}),
-        "",
-        f"Table 3: lift at {RPM:g} rpm, and how rough its surface is between the data.",
-        "",
-        *_rows(
-            ("MSE learnt [N^2]", "MSE held out [N^2]", "roughness [N]"),
-            {m: [f"{v['mse_train']:.3e}", f"{v['mse_test']:.3e}", f"{v['roughness']:.4f}"] for m, v in lift.items()},
-        ),
         "",
         "Regions left out whole: error over the increments' RMS there (1 = as bad as no model).",
         "",
@@ -311,3 +246,15 @@ def _mean_sd(cell: Mapping[str, Any]) -> str:
 def _rows(head: Sequence[str], rows: Mapping[str, Sequence[str]]) -> list[str]:
     lines = [("", *head), ("---",) * (len(head) + 1), *((name, *cells) for name, cells in rows.items())]
     return ["| " + " | ".join(line) + " |" for line in lines]
+
+
+def write_page(directory: Path, numbers: Mapping[str, Any], command: str) -> Path:
+    """Write ``report.html``: which method to use and why, then every table; ``command``: what to type next."""
+    use = numbers["use"]
+    head = f"Best surrogate of this data set: {use['method']}"
+    parts = [
+        f"<h1>{escape(head)}</h1>",
+        verdict(f"Use {use['method']}.", [f"Next: {command}", f"Why: {use['why']}."]),
+        f"<pre>{escape(text(numbers))}</pre>",
+    ]
+    return write_document("--report", directory / "report.html", document(head, parts))

@@ -16,7 +16,7 @@ from models.corner_law import ClosedForm
 from models.errors import ModelError
 from models.frames import AXES
 from models.surrogate import kriging
-from models.training import compare, compare_page, genetic, levenberg
+from models.training import compare, genetic, levenberg
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +32,7 @@ def result() -> compare.Comparison:
 
 
 def test_the_table_has_every_method_and_component(result: compare.Comparison) -> None:
-    table = result.numbers["table2"]
+    table = result.numbers["r2"]
     assert set(table) == set(compare.METHODS)
     for row in table.values():
         assert set(row) == set(AXES)
@@ -52,30 +52,18 @@ def test_regions_are_left_out_whole(result: compare.Comparison) -> None:
     assert set(result.numbers["regions"]) == names
 
 
-def test_the_first_task_is_the_one_plotted(result: compare.Comparison) -> None:
-    assert result.tasks[0].kind == "split"
-    assert result.surfaces["kriging"].shape == (compare.GRID, compare.GRID)
-
-
 def test_means_are_means_over_splits(result: compare.Comparison) -> None:
     values = [
         compare.r_squared(t.problem.y[t.test], a[t.test])[2]
         for t, a in zip(result.tasks, result.answers["polynomial"], strict=True)
         if t.kind == "split"
     ]
-    assert result.numbers["table2"]["polynomial"]["Fz"]["test"] == pytest.approx(np.mean(values))
+    assert result.numbers["r2"]["polynomial"]["Fz"]["test"] == pytest.approx(np.mean(values))
 
 
 def test_a_single_split_has_no_standard_deviation() -> None:
     assert np.isnan(compare.spread(np.ones((1, 2, 6)))).all()
     np.testing.assert_allclose(compare.spread(np.array([[1.0], [3.0]])), [np.sqrt(2.0)])
-
-
-def test_a_wavy_surface_is_rougher_than_a_smooth_one() -> None:
-    t = np.linspace(0, 1, 61)
-    smooth = np.outer(t, t) + t**2
-    assert compare.roughness(smooth + 0.01 * np.sin(60 * t)) > 3 * compare.roughness(smooth)
-    assert compare.roughness(np.add.outer(t, 2 * t)) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_data_without_any_effect_are_refused() -> None:
@@ -85,18 +73,14 @@ def test_data_without_any_effect_are_refused() -> None:
         compare.compare(replace(data, wrench=alone))
 
 
-@pytest.mark.slow
 def test_the_page_says_first_which_method_to_use(result: compare.Comparison, tmp_path: Path) -> None:
-    pytest.importorskip("matplotlib", reason="plots not installed")
     use = result.numbers["use"]["method"]
     command = f"models train --data fan.csv --method {use} --out DIR"
-    html = compare_page.write_page(tmp_path, result, command).read_text()
+    html = compare.write_page(tmp_path, result.numbers, command).read_text()
     assert f"Next: {command}" in html
-    assert html.index(f"Use {use}.") < html.index(f"--method {use} --out DIR") < html.index("Table 2: held-out")
+    assert html.index(f"Use {use}.") < html.index(f"--method {use} --out DIR") < html.index("Held-out R^2")
     for method in compare.METHODS:
         assert method in html
-    assert html.count("data:image/png;base64,") == 1
-    assert (tmp_path / "surfaces.png").stat().st_size > 5000
     assert "http" not in html
     assert "<script" not in html
     shown(html, tmp_path)

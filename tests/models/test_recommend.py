@@ -8,7 +8,7 @@ from models.training.compare import recommend
 
 def numbers(scores, sd, outside):
     honest = {m: {a: {"test": None if a == "Fy" else r, "test_sd": sd} for a in AXES} for m, r in scores.items()}
-    return {"table2": honest, "regions": {"near wall": {"rows": 9, "relative_error": outside}}}
+    return {"r2": honest, "regions": {"near wall": {"rows": 9, "relative_error": outside}}}
 
 
 @pytest.mark.parametrize(
