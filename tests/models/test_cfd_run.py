@@ -216,9 +216,9 @@ def test_without_a_solver_one_line_names_the_package(tmp_path, monkeypatch, caps
 @pytest.mark.parametrize(
     ("old", "new", "word"),
     [
-        ("h = [1.0,", "h = [0.5,", "runs into the ground"),
-        ("h = [1.0,", "h = [0.7,", "too thin a gap"),
-        ("d = [0.15,", "d = [0.02,", "too close to the wall"),
+        ("h = [1.0,", "h = [0.5,", "no room above the ground"),
+        ("h = [1.0,", "h = [0.7,", "h = 0.7 R must exceed 0.75 R"),
+        ("d = [0.15,", "d = [0.02,", "no room beside the wall"),
         ("blades = 4", "blades = 0", "at least 1"),
         ("radius_m = 0.165", 'radius_m = "wide"', "must be a finite number"),
         ("hub_radius = 0.20", "hub_radius = 0.95", "hub_radius"),
