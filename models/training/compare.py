@@ -25,6 +25,7 @@ from models.training.train import (
     Progress,
     constant_notes,
     defined,
+    drawn,
     frame,
     increments,
     paper_nets,
@@ -78,7 +79,7 @@ def compare(
     notes = list(data.notes)
     if len(data) > MAX_ROWS:
         notes.append(f"{MAX_ROWS} of {len(data)} rows, drawn at random, were compared on")
-        data = data.take(np.sort(rng.choice(len(data), MAX_ROWS, replace=False)))
+    data = data.take(drawn(len(data), MAX_ROWS, rng))
     live = frame(data).live
     if not live.any():
         raise ModelError(f"data set {data.source}: no component depends on the place beyond noise; nothing to compare")

@@ -26,7 +26,7 @@ from models.training.calibration import HeldOut
 PAPER_METHODS = ("bp", "ga-bp", "adam-bp", "ga-adam-bp")
 METHODS = (*PAPER_METHODS, "kriging", "polynomial", "ensemble")
 # Nets of an ensemble, each without another fifth of the places: the paper's 8:2 split, five times.
-MEMBERS = 5
+MEMBERS = evidence.FOLDS
 # Two places for each fold.
 MIN_PLACES = 2 * MEMBERS
 # The paper's number.
@@ -180,7 +180,7 @@ def train(
     part = data.take(train_rows)
     problem = frame(part)
     rng = np.random.default_rng(seed)
-    learnt = _at_most(problem, rng)
+    learnt = problem.take(drawn(len(problem), MAX_ROWS, rng))
     choices: dict[str, Any] = {}
     if method in PAPER_METHODS or method == "ensemble":
         choices["hidden"] = HIDDEN
@@ -198,34 +198,21 @@ def train(
         info["fan"] = identity(problem.free_air, *fan_radii_m).as_info()
     where = domain.fit(problem.x, part.h, part.d, part.rpm)
     model = FanSurrogate(problem.free_air, problem.coordinates, regressor, calibrated, where, info=info)
-    measured = {
+    found = {
         name: measure(model, rows, problem.live) for name, rows in (("train", part), ("test", data.take(test_rows)))
     }
-    report = _report(info, measured, time.perf_counter() - start)
-    model.info = {**info, "metrics": {k: report[k] for k in ("train", "test", "increments", "coverage_95")}}
-    return Trained(model, report)
-
-
-def _report(info: Mapping[str, Any], measured: Mapping[str, Mapping[str, Any]], seconds: float) -> dict[str, Any]:
-    """The JSON of ``models train``; ``measured`` is ``measure`` of the learnt and of the held-out rows."""
-    return {
-        "method": info["method"],
-        "seed": info["seed"],
-        "rows": info["data"]["rows"],
-        **{name: m["wrench"] for name, m in measured.items()},
-        "seconds": round(seconds, 3),
-        "increments": {name: m["increments"] for name, m in measured.items()},
-        "coverage_95": {name: m["coverage_95"] for name, m in measured.items()},
-        **info["choices"],
-        "notes": info["notes"],
+    metrics = {
+        **{name: measured["wrench"] for name, measured in found.items()},
+        **{key: {name: measured[key] for name, measured in found.items()} for key in ("increments", "coverage_95")},
     }
+    model.info = {**info, "metrics": metrics}
+    told = {"method": method, "seed": seed, "rows": len(data), "seconds": round(time.perf_counter() - start, 3)}
+    return Trained(model, {**told, **metrics, **choices, "notes": notes})
 
 
-def _at_most(problem: Problem, rng: np.random.Generator) -> Problem:
-    """The problem, or ``MAX_ROWS`` of its rows drawn at random."""
-    if len(problem) <= MAX_ROWS:
-        return problem
-    return problem.take(np.sort(rng.choice(len(problem), MAX_ROWS, replace=False)))
+def drawn(count: int, most: int, rng: np.random.Generator) -> Index:
+    """Which of ``count`` rows: all, or ``most`` of them at random, in order."""
+    return np.arange(count) if count <= most else np.sort(rng.choice(count, most, replace=False))
 
 
 def _notes(data: DataSet, problem: Problem, learnt: Problem) -> list[str]:
@@ -359,9 +346,8 @@ def _unseen(
     progress: Progress,
 ) -> HeldOut:
     """Errors and spread on each group of rows of regressors that learnt the other groups."""
-    if len(problem) > CALIBRATION_ROWS:
-        rows = np.sort(rng.choice(len(problem), CALIBRATION_ROWS, replace=False))
-        problem, group = problem.take(rows), group[rows]
+    rows = drawn(len(problem), CALIBRATION_ROWS, rng)
+    problem, group = problem.take(rows), group[rows]
     mean, spread = np.zeros((len(problem), 6)), np.zeros((len(problem), 6))
     groups = np.unique(group)
     for done, g in enumerate(groups if len(groups) > 1 else ()):
@@ -387,13 +373,12 @@ def _opened(problem: Problem, mean: Array, spread: Array) -> HeldOut:
 
 def best_degree(problem: Problem, fold: Index) -> int:
     """The polynomial's degree with the least share of the increments left unexplained on folds not fitted on."""
-    left = dict.fromkeys(polynomial.DEGREES, 0.0)
-    for degree in left:
-        for k in range(MEMBERS):
-            rows, unseen = problem.take(np.flatnonzero(fold != k)), problem.take(np.flatnonzero(fold == k))
-            fitted = polynomial.fit(rows.x, rows.y, rows.gate, degree)
-            left[degree] += float(np.sum(((unseen.gate * fitted.predict(unseen.x)[0] - unseen.y) / problem.scale) ** 2))
-    return min(left, key=left.__getitem__)
+
+    def left(degree: int) -> float:
+        squares = evidence.unexplained(problem.x, problem.y, problem.gate, fold, degree)
+        return float(np.sum(squares / problem.scale**2))
+
+    return min(polynomial.DEGREES, key=left)
 
 
 def choose_decays(problem: Problem, rng: np.random.Generator, progress: Progress = silent) -> tuple[float, ...]:
@@ -401,8 +386,7 @@ def choose_decays(problem: Problem, rng: np.random.Generator, progress: Progress
 
     Few and noisy data want a strong one, or 46 weights make waves between them.
     """
-    if len(problem) > CALIBRATION_ROWS:
-        problem = problem.take(np.sort(rng.choice(len(problem), CALIBRATION_ROWS, replace=False)))
+    problem = problem.take(drawn(len(problem), CALIBRATION_ROWS, rng))
     fold, seed = folds(problem, MEMBERS, rng), int(rng.integers(2**31))
     out = [DECAYS[-1]] * 6
     for c in np.flatnonzero(problem.live).tolist():
