@@ -17,6 +17,8 @@ from models.cfd.position import FREE, Position, check
 from models.frames import Array
 
 STATE = "state.npz"
+# What the state holds beside the samples.
+KEPT = ("iterations", "steps", "cells", "seconds", "start")
 # A start from rest may take this many times the iterations: the jet has to grow to the ground first.
 FROM_REST = 2
 # A swing that has kept this much of its size over two chunks does not die out before the limit.
@@ -66,11 +68,6 @@ class Row:
     position: Position
     result: Result
 
-    @property
-    def usable(self) -> bool:
-        """True where the numbers stand still, or their mean is known."""
-        return self.result.status in ("steady", "marched", "averaged")
-
 
 def iteration_limit(setup: Setup, start: str) -> int:
     """Most steady iterations of a case that started from there."""
@@ -111,9 +108,9 @@ class _Case:
         self.start = "rest"
         if (folder / STATE).exists():
             with np.load(folder / STATE) as kept:
-                self.samples, self.start = kept["samples"], str(kept["start"])
-                self.iterations, self.steps, self.cells = (int(c) for c in kept["counts"])
-                self.seconds = float(kept["seconds"])
+                self.samples = kept["samples"]
+                for name in KEPT:
+                    setattr(self, name, kept[name].item())
 
     def prepare(self, blades: Blades, neighbour: Path | None) -> None:
         """Mesh and start fields, unless they are there."""
@@ -128,23 +125,12 @@ class _Case:
         foam.run(self.folder, "topoSet")
         for what in ("writeCellVolumes", "writeCellCentres"):
             foam.run(self.folder, "postProcess", "-func", what, "-time", "0")
-        for name in ("V", "C"):
-            (self.folder / "0" / name).rename(self.folder / "constant" / name)
-        for name in ("Cx", "Cy", "Cz"):
-            (self.folder / "0" / name).unlink(missing_ok=True)
-        self.cells = len(foam.read_field(self.folder / "constant/V"))
-        if neighbour is not None:
-            self._start_from(neighbour)
+        self.cells = len(foam.read_field(self.folder / "0/V"))
+        if neighbour is not None and neighbour.is_dir() and (states := foam.times(neighbour)):
+            self.start = neighbour.name
+            case.put(self.folder / "system/mapFieldsDict", "patchMap ();\ncuttingPatches ();\n")
+            foam.run(self.folder, "mapFields", str(neighbour.resolve()), "-sourceTime", states[-1])
         self._keep()
-
-    def _start_from(self, neighbour: Path) -> None:
-        """Map the newest state of another case onto this mesh."""
-        states = foam.times(neighbour) if neighbour.is_dir() else []
-        if not states:
-            return
-        self.start = neighbour.name
-        case.put(self.folder / "system/mapFieldsDict", "patchMap ();\ncuttingPatches ();\n")
-        foam.run(self.folder, "mapFields", str(neighbour.resolve()), "-sourceTime", states[-1])
 
     def iterate(self) -> None:
         """Steady iterations until the wrench stands still, or the limit."""
@@ -178,33 +164,22 @@ class _Case:
         """Turn the states written since the last chunk into samples; keep only the newest on disk."""
         surfaces = foam.surface_loads(self.folder)
         states = foam.times(self.folder)
-        volume = foam.read_field(self.folder / "constant/V")
-        centre = foam.read_field(self.folder / "constant/C")
+        volume, centre = (foam.read_field(self.folder / "0" / name) for name in ("V", "C"))
         newest = self.samples[:, 0].max(initial=0.0)
-        for state in states:
+        for state in (state for state in states if float(state) > newest):
             at = float(state)
-            if at <= newest:
-                continue
             surface = surfaces[min(surfaces, key=lambda t: abs(t - at))]
-            discs = [self._disc(state, disc, volume, centre) for disc in case.DISCS]
-            total = surface + discs[0] + discs[1]
-            parts = np.array([discs[0][2], discs[1][2], surface[2]])
+            # The air's force and moment on each disc: the solver's source per volume and density, summed.
+            discs = np.zeros((2, 6))
+            for name, zone, _, _ in case.sources(self.position):
+                source = foam.read_field(self.folder / state / f"{name}:rotorForce")
+                force = self.setup.air.density_kg_m3 * source * volume[:, None]
+                discs[case.DISCS.index(zone[:-1])] += [*force.sum(axis=0), *np.cross(centre, force).sum(axis=0)]
+            total, parts = surface + discs.sum(axis=0), np.array([*discs[:, 2], surface[2]])
             if not self.position.swirl:  # only one half is meshed
                 total, parts = 2 * total * [1, 0, 1, 0, 1, 0], 2 * parts
             self.samples = np.vstack([self.samples, [at, *total, *parts]])
         foam.forget(self.folder, states[:-1])
-
-    def _disc(self, state: str, disc: str, volume: Array, centre: Array) -> Array:
-        """Force and moment (6,) of the air on one disc: the solver's source per volume and density, summed."""
-        out = np.zeros(6)
-        for name, where, _, _ in case.sources(self.position):
-            if where[:-1] != disc:
-                continue
-            source = foam.read_field(self.folder / state / f"{name}:rotorForce")
-            rows = np.flatnonzero(np.any(source != 0.0, axis=1)) if len(source) > 1 else np.array([], dtype=int)
-            force = self.setup.air.density_kg_m3 * source[rows] * volume[rows, None]
-            out += np.concatenate([force.sum(axis=0), np.cross(centre[rows], force).sum(axis=0)])
-        return out
 
     # Judging
 
@@ -309,8 +284,7 @@ class _Case:
     def _keep(self) -> None:
         target = self.folder / STATE
         scratch = target.with_suffix(".tmp.npz")
-        counts = [self.iterations, self.steps, self.cells]
-        np.savez(scratch, samples=self.samples, counts=counts, seconds=self.seconds, start=self.start)
+        np.savez(scratch, samples=self.samples, **{name: getattr(self, name) for name in KEPT})
         scratch.replace(target)
 
 

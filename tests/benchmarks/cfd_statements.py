@@ -270,7 +270,7 @@ def summary(c: Checked, rows: Sequence[Row], setup: Setup) -> dict[str, Any]:
         "positions": len(c.labels),
         "made": dict(Counter(m.made for m in c.made.marks)),
         "status": dict(Counter(r.result.status for r in rows)),
-        "usable": sum(r.usable for r in rows),
+        "usable": sum(r.result.status in ("steady", "marched", "averaged") for r in rows),
         "cpu_hours": sum(r.result.seconds for r in rows) / 3600,
         "free_lift_N": c.free,
         "C_T": c.free / (air * math.pi * radius**2 * tip_speed**2),
