@@ -26,6 +26,8 @@ STILL_SWINGING = 0.7
 # A flow that swings is marched this many chunks at least, before its mean is taken: the first is left out, and four
 # blocks are needed.
 LEAST_CHUNKS = 5
+# Powers of the rotor speed with which a state scales to another speed.
+SPEED_POWER = {"U": 1, "phi": 1, "p": 2, "k": 2, "omega": 1, "nut": 1}
 # With fewer blocks the error of the error is above 40 % (1 / sqrt(2 (n - 1))).
 LEAST_BLOCKS = 4
 BLOCK_SIZES = 3
@@ -127,10 +129,20 @@ class _Case:
             foam.run(self.folder, "postProcess", "-func", what, "-time", "0")
         self.cells = len(foam.read_field(self.folder / "0/V"))
         if neighbour is not None and neighbour.is_dir() and (states := foam.times(neighbour)):
-            self.start = neighbour.name
-            case.put(self.folder / "system/mapFieldsDict", "patchMap ();\ncuttingPatches ();\n")
-            foam.run(self.folder, "mapFields", str(neighbour.resolve()), "-sourceTime", states[-1])
+            self._start_from(neighbour, states[-1])
         self._keep()
+
+    def _start_from(self, neighbour: Path, state: str) -> None:
+        """Map a state of another case onto this mesh; copy and scale it where only the speed differs."""
+        self.start = neighbour.name
+        (mesh, _, there), (my_mesh, _, _) = (name.rpartition("_n") for name in (neighbour.name, self.folder.name))
+        if mesh == my_mesh:
+            for name, power in SPEED_POWER.items():
+                shutil.copy(neighbour / state / name, self.folder / "0" / name)
+                foam.scale_field(self.folder / "0" / name, (self.position.rpm / float(there)) ** power)
+            return
+        case.put(self.folder / "system/mapFieldsDict", "patchMap ();\ncuttingPatches ();\n")
+        foam.run(self.folder, "mapFields", str(neighbour.resolve()), "-sourceTime", state)
 
     def iterate(self) -> None:
         """Steady iterations until the wrench stands still, or the limit."""

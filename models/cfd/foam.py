@@ -110,15 +110,34 @@ def _table(path: Path) -> dict[float, Array]:
 def read_field(path: Path) -> Array:
     """Values of a binary field in the cells, shape (n,) or (n, 3); (1,) or (1, 3) where it is uniform."""
     raw = path.read_bytes()
-    head = re.search(rb"internalField\s+nonuniform\s+List<(scalar|vector)>\s+(\d+)\s*\(", raw)
-    if head is None:
+    where = _cells(raw, path)
+    if where is None:
         uniform = re.search(rb"internalField\s+uniform\s+\(?([^;)]*)\)?\s*;", raw)
         if uniform is None:
             raise SolverError(f"field {path}: no values in the cells")
         values = np.array([[float(v) for v in uniform[1].split()]])
         return values if values.shape[1] == 3 else values[:, 0]
+    start, count, width = where
+    values = np.frombuffer(raw, dtype="<f8", count=count * width, offset=start)
+    return values.reshape(count, width) if width > 1 else values
+
+
+def scale_field(path: Path, factor: float) -> None:
+    """Multiply a binary field's values in the cells."""
+    raw = bytearray(path.read_bytes())
+    where = _cells(bytes(raw), path)
+    if where is not None:
+        start, count, width = where
+        np.frombuffer(memoryview(raw)[start : start + 8 * count * width], dtype="<f8")[:] *= factor
+        path.write_bytes(raw)
+
+
+def _cells(raw: bytes, path: Path) -> tuple[int, int, int] | None:
+    """(offset, count, width) of the list of cell values, or None where the field is uniform."""
+    head = re.search(rb"internalField\s+nonuniform\s+List<(scalar|vector)>\s+(\d+)\s*\(", raw)
+    if head is None:
+        return None
     count, width = int(head[2]), 3 if head[1] == b"vector" else 1
     if len(raw) < head.end() + 8 * count * width:
         raise SolverError(f"field {path}: is cut short")
-    values = np.frombuffer(raw, dtype="<f8", count=count * width, offset=head.end())
-    return values.reshape(count, width) if width > 1 else values
+    return head.end(), count, width

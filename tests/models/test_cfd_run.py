@@ -128,10 +128,12 @@ def test_a_campaign_is_resumed_not_repeated(tmp_path, solver):
     campaign.run(tmp_path, SETUP, section, positions, progress=lambda *a: seen.append(a))
     assert seen == [("cases", 3, 3)]
     *_, last = campaign.rows(tmp_path, positions)
-    # Another speed starts from the same place, if that is finished.
+    # The same mesh at another speed: the state is scaled, not mapped.
     assert last.result.start == positions[1].key
-    for case_, start in ((positions[1], FREE), (positions[2], positions[1])):
-        assert (tmp_path / case_.key / "mapped_from").read_text() == str(tmp_path / start.key)
+    assert not (tmp_path / positions[2].key / "mapped_from").exists()
+    assert (tmp_path / positions[1].key / "mapped_from").read_text() == str(tmp_path / FREE.key)
+    values = foam.read_field(tmp_path / positions[2].key / "0" / "p")
+    assert values == pytest.approx(np.full(6, 0.7**2))
 
 
 @pytest.mark.slow
