@@ -24,7 +24,14 @@ PAPER_RADII_M = (0.165, 0.21)
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit code: 0 done, 2 bad input, 130 interrupted."""
     args = _parser().parse_args(argv)
-    return run_command("models", "train", lambda: int(args.run(args)))
+    return run_command("models", "train", lambda: _run(args))
+
+
+def _run(args: argparse.Namespace) -> int:
+    content = args.run(args)
+    if args.json is not None:
+        write_json(content, args.json)
+    return 0
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -33,15 +40,26 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action=VersionAction, nargs=0, help="print the version and exit")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    every = Parser(add_help=False)
+    every.add_argument("--json", metavar="FILE", help="write the numbers as JSON here, '-' for stdout")
+    every.add_argument("--quiet", action="store_true", help="no progress bar, no text")
+    data = Parser(add_help=False, parents=[every])
+    data.add_argument(
+        "--data", required=True, metavar="CSV", help=f"data set, or '{CLOSED_FORM}' for the built-in one (not CFD)"
+    )
+    data.add_argument(
+        "--sigma", type=Path, metavar="CSV",
+        help="how sure each row is, as 'models cfd assemble' writes it: the rows of the ensemble are weighted by it",
+    )  # fmt: skip
+    data.add_argument("--seed", type=int, default=0, metavar="N", help="of splits and starts (default 0)")
 
-    train = commands.add_parser("train", help="train a surrogate on a data set and write a model directory")
-    _data_options(train)
+    train = commands.add_parser(
+        "train", parents=[data], help="train a surrogate on a data set and write a model directory"
+    )
     train.add_argument(
         "--method", required=True, choices=METHODS, help="'ensemble' is what flies: see docs/surrogates.md"
     )
     train.add_argument("--out", required=True, type=Path, metavar="DIR", help="model directory to write")
-    train.add_argument("--hidden", type=_positive, default=9, metavar="N", help="hidden units (default 9)")
-    train.add_argument("--epochs", type=_positive, default=3000, metavar="N", help="epochs of the paper's methods")
     train.add_argument(
         "--fan", nargs=2, type=float, metavar=("RADIUS", "LIP"),
         help="rotor and outer lip radius [m] of the fan that the data are of: flight then refuses it on another fan",
@@ -53,16 +71,11 @@ def _parser() -> argparse.ArgumentParser:
     train.add_argument("--label", metavar="TEXT", help="what the data are, kept in model.json as their fidelity")
     train.set_defaults(run=_train)
 
-    compare = commands.add_parser("compare", help="train all methods and compare them, with the paper's tables")
-    _data_options(compare)
-    compare.add_argument("--report", type=Path, metavar="DIR", help="write the report and its figures here")
-    compare.add_argument("--splits", type=_positive, default=20, metavar="N", help="random splits (default 20)")
-    compare.add_argument(
-        "--epochs", type=_positive, default=1000, metavar="N", help="epochs of each net (default 1000)"
-    )
+    compare = commands.add_parser("compare", parents=[data], help="train all methods and compare them")
+    compare.add_argument("--report", type=Path, metavar="DIR", help="write the report here")
     compare.set_defaults(run=_compare)
 
-    query = commands.add_parser("query", help="ask a model for the wrench at one point")
+    query = commands.add_parser("query", parents=[every], help="ask a model for the wrench at one point")
     query.add_argument(
         "directory", nargs="?", type=Path, metavar="DIR", help="model directory (default: the shipped one)"
     )
@@ -71,35 +84,13 @@ def _parser() -> argparse.ArgumentParser:
     query.add_argument("--h", required=True, type=float, metavar="H", help="height [m], 'inf' without ground")
     query.add_argument("--d", required=True, type=float, metavar="D", help="lip to wall [m], 'inf' without wall")
     query.add_argument("--rpm", required=True, type=float, metavar="N", help="rotor speed [1/min]")
-    query.add_argument("--json", metavar="FILE", help="write JSON here, '-' for stdout")
-    query.add_argument("--quiet", action="store_true", help="no text")
     query.set_defaults(run=_query)
 
-    cfd.add(commands, _json)
+    cfd.add(commands, every)
     return parser
 
 
-def _data_options(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--data", required=True, metavar="CSV", help=f"data set, or '{CLOSED_FORM}' for the built-in one (not CFD)"
-    )
-    parser.add_argument(
-        "--sigma", type=Path, metavar="CSV",
-        help="how sure each row is, as 'models cfd assemble' writes it: the rows of the ensemble are weighted by it",
-    )  # fmt: skip
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of splits and starts (default 0)")
-    parser.add_argument("--json", metavar="FILE", help="write the numbers as JSON here, '-' for stdout")
-    parser.add_argument("--quiet", action="store_true", help="no progress bar, no text")
-
-
-def _positive(text: str) -> int:
-    value = int(text)
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"must be at least 1, not {value}")
-    return value
-
-
-def _train(args: argparse.Namespace) -> int:
+def _train(args: argparse.Namespace) -> Mapping[str, Any]:
     from models.progress import Bars
     from models.surrogate import store
     from models.training.train import train
@@ -113,15 +104,12 @@ def _train(args: argparse.Namespace) -> int:
     if args.label:
         fidelity = {**fidelity, "label": args.label}
     bars = Bars(args.quiet)
-    trained = train(
-        data, args.method, args.seed, hidden=args.hidden, epochs=args.epochs, fidelity=fidelity,
-        fan_radii_m=_fan_radii(args), progress=bars,
-    )  # fmt: skip
+    trained = train(data, args.method, args.seed, fidelity=fidelity, fan_radii_m=_fan_radii(args), progress=bars)
     bars.close()
     store.save_model(args.out, trained.model)
     report = {**trained.report, "out": str(args.out)}
     if not speaks(args):
-        return _json(args, report)
+        return report
     for note in report["notes"]:
         print(f"note: {note}")
     print(f"{args.method} on {report['rows']} rows of {data.source}, {report['seconds']:.1f} s, written to {args.out}")
@@ -131,40 +119,36 @@ def _train(args: argparse.Namespace) -> int:
             f"{axis:4}{_r2(report['train'][axis]):>10}{_r2(row):>10}{row['mse']:12.3e}"
             f"{_r2(report['increments']['test'][axis]):>18}{report['coverage_95']['test'][axis]:20.1%}"
         )
-    return _json(args, report)
+    return report
 
 
 def _r2(score: Mapping[str, Any]) -> str:
     return "constant" if score["r2"] is None else f"{score['r2']:.4f}"
 
 
-def _compare(args: argparse.Namespace) -> int:
+def _compare(args: argparse.Namespace) -> Mapping[str, Any]:
     from models.progress import Bars
-    from models.training.compare import compare, text
+    from models.training.compare import compare, text, write_page
 
     data, _ = _data(args.data, args.sigma)
     if args.report:
         _check_writable(args.report)
     bars = Bars(args.quiet)
-    result = compare(data, args.seed, splits=args.splits, epochs=args.epochs, progress=bars)
+    result = compare(data, args.seed, progress=bars)
     bars.close()
     sigma = "" if args.sigma is None else f" --sigma {args.sigma}"
     command = f"models train --data {args.data}{sigma} --method {result.numbers['use']['method']} --out DIR"
     if args.report:
-        from models.training.compare_page import write_page
-        from models.training.plots import write_figures
-
-        write_figures(args.report, result)
         write_page(args.report, result.numbers, command)
     if speaks(args):
         print(text(result.numbers))
         print(f"next: {command}")
         if args.report:
             print(f"report: {args.report / 'report.html'}")
-    return _json(args, result.numbers)
+    return result.numbers
 
 
-def _query(args: argparse.Namespace) -> int:
+def _query(args: argparse.Namespace) -> Mapping[str, Any]:
     if args.directory is not None and args.model is not None and args.directory != args.model:
         raise ConfigError(f"models query: DIR {args.directory} and --model {args.model} differ; give one")
     for name in ("h", "d", "rpm"):
@@ -203,7 +187,7 @@ def _query(args: argparse.Namespace) -> int:
         for c, axis in enumerate(AXES):
             unit = "N" if c < 3 else "N m"
             print(f"{axis:4}{wrench[c]:12.5f}{sigma[c]:12.5f}{free[c]:12.5f} {unit}")
-    return _json(args, result)
+    return result
 
 
 def _data(name: str, sigma: Path | None = None) -> tuple[Any, dict[str, Any]]:
@@ -236,9 +220,3 @@ def _check_writable(directory: Path) -> None:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"directory {directory}: cannot be written ({error.strerror})") from None
-
-
-def _json(args: argparse.Namespace, content: Mapping[str, Any]) -> int:
-    if args.json is not None:
-        write_json(content, args.json)
-    return 0

@@ -77,30 +77,23 @@ def read(path: Path | str) -> DataSet:
     path = Path(path)
     try:
         raw = path.read_bytes()
-        text = raw.decode("utf-8-sig")
+        lines = raw.decode("utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8 text"
         raise ModelError(f"data set {path}: cannot be read ({reason})") from None
-    lines = text.splitlines()
     if not lines or lines[0].strip() != HEADER:
         found = lines[0].strip()[:80] if lines else "an empty file"
         raise ModelError(f"data set {path}: the header must be exactly '{HEADER}', not '{found}'")
-    number, values = _parse(path, lines)
+    number = np.array([i for i, line in enumerate(lines[1:], 2) if line.strip()], dtype=np.intp)
+    values = np.array([_numbers(path, n, lines[n - 1]) for n in number]).reshape(-1, len(COLUMNS))
     _check_values(path, number, values)
     notes: list[str] = []
     number, values = _merge_duplicates(path, number, values, notes)
     values = _drop_rest(path, number, values, notes)
     if len(values) < MIN_ROWS:
         raise ModelError(f"data set {path}: has {len(values)} usable rows; at least {MIN_ROWS} are needed")
-    return DataSet(
-        h=values[:, 0],
-        d=values[:, 1],
-        rpm=values[:, 2],
-        wrench=values[:, 3:],
-        source=path.name,
-        sha256=hashlib.sha256(raw).hexdigest(),
-        notes=tuple(notes),
-    )
+    h, d, rpm = values[:, :3].T
+    return DataSet(h, d, rpm, values[:, 3:], path.name, hashlib.sha256(raw).hexdigest(), tuple(notes))
 
 
 def with_sigma(data: DataSet, path: Path | str) -> DataSet:
@@ -157,75 +150,63 @@ def held_out(data: DataSet, rng: np.random.Generator, share: float) -> NDArray[n
     return mask
 
 
-def _parse(path: Path, lines: list[str]) -> tuple[NDArray[np.intp], Array]:
-    """Line numbers (from 1, header included) and values (n, 9); blank lines are skipped."""
-    body = lines[1:]
-    number = np.array([i for i, line in enumerate(body, 2) if line.strip()], dtype=np.intp)
-    if number.size == 0:
-        raise ModelError(f"data set {path}: has 0 usable rows; at least {MIN_ROWS} are needed")
-    values = np.empty((len(number), len(COLUMNS)))
-    for row, n in enumerate(number):
-        fields = lines[n - 1].split(",")
-        if len(fields) != len(COLUMNS):
-            raise ModelError(f"data set {path}: line {n} has {len(fields)} fields, not {len(COLUMNS)}")
-        for column, field in enumerate(fields):
-            try:
-                values[row, column] = float(field)
-            except ValueError:
-                name = COLUMNS[column]
-                raise ModelError(f"data set {path}: line {n}, column {name}: '{field}' is not a number") from None
-    return number, values
+def _numbers(path: Path, number: int, line: str) -> list[float]:
+    """The fields of a line."""
+    fields = line.split(",")
+    if len(fields) != len(COLUMNS):
+        raise ModelError(f"data set {path}: line {number} has {len(fields)} fields, not {len(COLUMNS)}")
+    out = []
+    for name, field in zip(COLUMNS, fields, strict=True):
+        try:
+            out.append(float(field))
+        except ValueError:
+            raise ModelError(f"data set {path}: line {number}, column {name}: '{field}' is not a number") from None
+    return out
 
 
 def _check_values(path: Path, number: NDArray[np.intp], values: Array) -> None:
-    def refuse(bad: NDArray[np.bool_], problem: str) -> None:
-        rows, columns = np.nonzero(bad)
-        if rows.size:
-            row, k = rows[0], columns[0]
+    column = np.arange(len(COLUMNS))
+    for bad, problem in (
+        (np.isnan(values), "is not a number; remove or repair the row"),
+        ((values < 0.0) & (column < 3), "is negative"),
+        (np.isinf(values) & (column >= 2), "must be finite"),
+    ):
+        for row, k in np.argwhere(bad)[:1]:
             raise ModelError(
                 f"data set {path}: line {number[row]}, column {COLUMNS[k]}: {problem} ({values[row, k]:g})"
             )
-
-    refuse(np.isnan(values), "is not a number; remove or repair the row")
-    column = np.arange(len(COLUMNS))
-    refuse((values < 0.0) & (column < 3), "is negative")
-    refuse(np.isinf(values) & (column >= 2), "must be finite")
 
 
 def _merge_duplicates(
     path: Path, number: NDArray[np.intp], values: Array, notes: list[str]
 ) -> tuple[NDArray[np.intp], Array]:
-    order = np.lexsort((number, values[:, 2], values[:, 1], values[:, 0]))
-    ordered = values[order]
-    same = np.all(ordered[1:, :3] == ordered[:-1, :3], axis=1)
-    if not same.any():
-        return number, values
-    tolerance = DUPLICATE_TOLERANCE * np.maximum(np.abs(values[:, 3:]).max(axis=0), 1e-12)
-    differ = same & np.any(np.abs(ordered[1:, 3:] - ordered[:-1, 3:]) > tolerance, axis=1)
-    if differ.any():
-        k = int(np.argmax(differ))
-        axis = int(np.argmax(np.abs(ordered[k + 1, 3:] - ordered[k, 3:]) / tolerance))
+    _, first, point = np.unique(values[:, :3], axis=0, return_index=True, return_inverse=True)
+    twin = first[point.ravel()]
+    tolerance = DUPLICATE_TOLERANCE * np.maximum(np.abs(values[:, 3:]).max(axis=0, initial=0.0), 1e-12)
+    differ = np.argwhere(np.abs(values[:, 3:] - values[twin, 3:]) > tolerance)
+    if len(differ):
+        row, k = differ[0]
         raise ModelError(
-            f"data set {path}: lines {number[order[k]]} and {number[order[k + 1]]} are the same point but disagree in "
-            f"{COLUMNS[3 + axis]} ({ordered[k, 3 + axis]:g} and {ordered[k + 1, 3 + axis]:g}); keep one"
+            f"data set {path}: lines {number[twin[row]]} and {number[row]} are the same point but disagree in "
+            f"{COLUMNS[3 + k]} ({values[twin[row], 3 + k]:g} and {values[row, 3 + k]:g}); keep one"
         )
-    keep = np.sort(order[np.concatenate([[True], ~same])])
-    notes.append(f"{int(same.sum())} duplicate rows that agree were merged")
+    if len(first) < len(values):
+        notes.append(f"{len(values) - len(first)} duplicate rows that agree were merged")
+    keep = np.sort(first)
     return number[keep], values[keep]
 
 
 def _drop_rest(path: Path, number: NDArray[np.intp], values: Array, notes: list[str]) -> Array:
     rest = values[:, 2] == 0.0
-    if not rest.any():
-        return values
-    loaded = rest & np.any(np.abs(values[:, 3:]) > 1e-6 * np.abs(values[:, 3:]).max(axis=0), axis=1)
-    if loaded.any():
-        row = int(np.argmax(loaded))
-        axis = int(np.argmax(np.abs(values[row, 3:])))
+    size = np.abs(values[:, 3:])
+    loaded = np.argwhere(rest[:, None] & (size > 1e-6 * size.max(axis=0, initial=0.0)))
+    if len(loaded):
+        row, k = loaded[0]
         raise ModelError(
-            f"data set {path}: line {number[row]} is at rest (rpm 0) but has {AXES[axis]} = {values[row, 3 + axis]:g}; "
+            f"data set {path}: line {number[row]} is at rest (rpm 0) but has {AXES[k]} = {values[row, 3 + k]:g}; "
             "remove the sensor's offset"
         )
-    notes.append(f"{int(rest.sum())} rows at rest (rpm 0) were dropped: a fan at rest has no wrench by definition")
+    if rest.any():
+        notes.append(f"{int(rest.sum())} rows at rest (rpm 0) were dropped: a fan at rest has no wrench by definition")
     kept: Array = values[~rest]
     return kept

@@ -5,20 +5,19 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from models.cfd.case_run import Row
 from models.cfd.config import Setup
-from models.cfd.fidelity import FREE, Correction, learn
-from models.cfd.grid import mesh_error
-from models.cfd.labels import Label, full_kind, labels
-from models.cfd.mean_error import ODD, TILT
-from models.cfd.position import Place
+from models.cfd.fidelity import Correction, learn
+from models.cfd.labels import ODD, TILT, Label, full_kind, labels
+from models.cfd.position import FREE, Place
 from models.cfd.table import six
 from models.dataset import COLUMNS
 from models.errors import ModelError
@@ -45,32 +44,11 @@ class Law:
 
 
 @dataclass(frozen=True)
-class Mark:
-    """How a row was made; ``amplitude``, ``scatter`` and ``sigma`` (6,) in N and N m.
-
-    ``scatter``: error of the flow's mean and of the mesh, which differs from row to row. ``sigma``: with it what half
-    models with their correction miss, as far as the row rests on them, and what the law of rotor speed leaves.
-
-    ``made``: Fx, Fz and My ``solved`` in a full model with swirl at that speed; ``corrected``: a half model and what
-    full models add, at that place at the campaign's speed or else learnt at other places; ``half``: a half model alone;
-    ``law``: from the campaign's speed by the law of rotor speed. Fy, Mx and Mz are those of full models, learnt where
-    there is none, zero where that cannot be.
-    """
-
-    made: str
-    status: str
-    starts: int
-    amplitude: Array
-    scatter: Array
-    sigma: Array
-
-
-@dataclass(frozen=True)
 class Assembled:
-    """Rows of the data set, ``table`` (n, 9) in the columns of docs/formats.md, and a mark for each."""
+    """Rows of the data set, ``table`` (n, 9) in the columns of docs/formats.md, and the label of each."""
 
     table: Array
-    marks: tuple[Mark, ...]
+    marks: tuple[Label, ...]
     law: Law
     correction: Correction
 
@@ -78,82 +56,53 @@ class Assembled:
 def assemble(rows: Sequence[Row], setup: Setup) -> Assembled:
     """The data set from all cases. Raises ModelError without free air or without a case at another speed."""
     maker = _Maker(rows, setup)
-    radius, rpm_of = setup.fan.radius_m, (setup.campaign.rpm, *setup.campaign.other_rpm)
-    table, marks = [], []
-    for rpm in sorted(rpm_of):
-        for place in maker.places:
-            wrench, mark = maker.row(place, rpm)
-            table.append([place[0] * radius, place[1] * radius, rpm, *wrench])
-            marks.append(mark)
-    return Assembled(np.array(table), tuple(marks), maker.law, maker.correction)
+    radius = setup.fan.radius_m
+    marks = {(place, rpm): maker.row(place, rpm) for rpm in sorted(maker.speeds) for place in maker.places}
+    table = [[h * radius, d * radius, rpm, *label.wrench] for ((h, d), rpm), label in marks.items()]
+    return Assembled(np.array(table), tuple(marks.values()), maker.law, maker.correction)
 
 
-@dataclass(frozen=True)
-class _Part:
-    """What a place adds to free air at one speed, by one way; all but status and starts (6,), as in ``Mark``.
-
-    ``error`` is sigma without the mesh.
-    """
-
-    added: Array
-    amplitude: Array
-    scatter: Array
-    error: Array
-    status: str
-    starts: int
-
-    @classmethod
-    def of(cls, label: Label, added: Array, error: Array) -> _Part:
-        """From one case's label."""
-        return cls(added, label.amplitude, label.error, error, label.status, label.starts)
-
-    def weighted(self, other: _Part, used: NDArray[np.bool_]) -> _Part:
-        """This and another, by their errors; components not ``used`` (6,) are the other's."""
-        one, two = self.error**2, other.error**2
-        weight = np.where(used, np.where(one > 0.0, two / np.maximum(one + two, TINY), 1.0), 0.0)
-        rest = 1.0 - weight
-        return _Part(
-            weight * self.added + rest * other.added,
-            weight * self.amplitude + rest * other.amplitude,
-            np.hypot(weight * self.scatter, rest * other.scatter),
-            np.hypot(weight * self.error, rest * other.error),
-            self.status,
-            self.starts,
-        )
+def _weighted(one: Label, other: Label, used: NDArray[np.bool_]) -> Label:
+    """Two labels of one place, by their sigma; components not ``used`` (6,) are the other's."""
+    mine, others = one.sigma**2, other.sigma**2
+    weight = np.where(used, np.where(mine > 0.0, others / np.maximum(mine + others, TINY), 1.0), 0.0)
+    rest = 1.0 - weight
+    return replace(
+        one,
+        wrench=weight * one.wrench + rest * other.wrench,
+        amplitude=weight * one.amplitude + rest * other.amplitude,
+        scatter=np.hypot(weight * one.scatter, rest * other.scatter),
+        sigma=np.hypot(weight * one.sigma, rest * other.sigma),
+    )
 
 
 class _Maker:
-    """Labels of both models, the law of rotor speed and the correction; makes one row after the other."""
+    """Labels of both models, the law of rotor speed and the correction; makes one row after the other.
+
+    ``_full``, ``_half`` and ``_by_law`` are the ways to what a place adds to free air: that is the wrench of their
+    labels, and the mesh is not yet in their errors.
+    """
 
     def __init__(self, rows: Sequence[Row], setup: Setup) -> None:
-        c = setup.campaign
-        speeds = (c.rpm, *c.other_rpm)
-        self.rpm = c.rpm
-        self.half = {rpm: labels(rows, rpm) for rpm in speeds}
-        for rpm in speeds:
+        self.rpm = setup.campaign.rpm
+        self.speeds = (self.rpm, *setup.campaign.other_rpm)
+        self.half = {rpm: labels(rows, rpm) for rpm in self.speeds}
+        for rpm in self.speeds:
             if FREE not in self.half[rpm]:
                 raise ModelError(f"the cases lack free air (h = inf, d = inf) at {rpm:g} rpm; run the campaign on")
-        kind = full_kind(rows, c.rpm)
-        self.full = {rpm: labels(rows, rpm, kind) for rpm in speeds}
-        self.law = fit_law(self.half, c.rpm)
-        self.correction = correction(self.full[c.rpm], self.half[c.rpm])
+        kind = full_kind(rows, self.rpm)
+        self.full = {rpm: labels(rows, rpm, kind) for rpm in self.speeds}
+        self.law = fit_law(self.half, self.rpm)
+        full, half = self.full[self.rpm], self.half[self.rpm]
+        self.correction = learn(full, half)
         self.mesh = mesh_error(rows, setup)
-        self.places = sorted(self.half[c.rpm] | self.full[c.rpm])
+        self.places = sorted(half | full)
         # Full models among half ones would be steps, unless their difference is learnt or all places have one.
-        self.mixed = self.correction.learnt | np.full(6, all(p in self.full[c.rpm] for p in self.places))
-        half, full = (of[c.rpm][FREE].wrench if FREE in of[c.rpm] else np.zeros(6) for of in (self.half, self.full))
-        self.base = np.where(self.mixed, full, half)
+        self.mixed = self.correction.learnt | np.full(6, all(p in full for p in self.places))
+        self.base = np.where(self.mixed, full[FREE].wrench if FREE in full else np.zeros(6), half[FREE].wrench)
 
-    def free(self, rpm: float) -> Array:
-        """Free air (6,): the base, its lift as a full model at that speed has it, else a half one; others rpm^2."""
-        solved = self.mixed[2] and FREE in self.full[rpm]
-        model = self.full if solved else self.half
-        ratio = model[rpm][FREE].wrench[2] / model[self.rpm][FREE].wrench[2]
-        out: Array = self.base * np.where(np.arange(6) == 2, ratio, (rpm / self.rpm) ** 2)
-        return out
-
-    def row(self, place: Place, rpm: float) -> tuple[Array, Mark]:
-        """Wrench (6,) and mark of one row."""
+    def row(self, place: Place, rpm: float) -> Label:
+        """One row of the set."""
         part = self._full(place, rpm) or self._half(place, rpm) or self._by_law(place, rpm)
         if part is None:
             raise ModelError(
@@ -161,13 +110,29 @@ class _Maker:
             )
         # Without a wall zero is exact.
         free_of = TILT & math.isinf(place[1])
-        added = np.where(free_of, 0.0, part.added)
         mesh = self.mesh * (rpm / self.rpm) ** 2
-        scatter, sigma = (np.where(free_of, 0.0, np.hypot(mesh, e)) for e in (part.scatter, part.error))
-        mark = Mark(self._made(place, rpm), part.status, part.starts, part.amplitude, scatter, sigma)
-        return self.free(rpm) + added, mark
+        mixed = bool(self.mixed[~ODD].any())
+        made = ("corrected" if mixed else "half") if place in self.half[rpm] else "law"
+        return replace(
+            part,
+            wrench=self._free(rpm) + np.where(free_of, 0.0, part.wrench),
+            scatter=np.where(free_of, 0.0, np.hypot(mesh, part.scatter)),
+            sigma=np.where(free_of, 0.0, np.hypot(mesh, part.sigma)),
+            made="solved" if mixed and self._solved(place, rpm) else made,
+        )
 
-    def _full(self, place: Place, rpm: float) -> _Part | None:
+    def _free(self, rpm: float) -> Array:
+        """Free air (6,): the base, its lift as a full model at that speed has it, else a half one; others rpm^2."""
+        model = self.full if self.mixed[2] and FREE in self.full[rpm] else self.half
+        ratio = model[rpm][FREE].wrench[2] / model[self.rpm][FREE].wrench[2]
+        out: Array = self.base * np.where(np.arange(6) == 2, ratio, (rpm / self.rpm) ** 2)
+        return out
+
+    def _solved(self, place: Place, rpm: float) -> bool:
+        """Whether a full model gives the row."""
+        return bool(self.mixed.any()) and place in self.full[rpm] and FREE in self.full[rpm]
+
+    def _full(self, place: Place, rpm: float) -> Label | None:
         """By the full model at that place and speed, where it counts.
 
         Its mean is not known better than a half model and what others add to it where the flow swings: both are
@@ -175,28 +140,30 @@ class _Maker:
         """
         if not self._solved(place, rpm):
             return None
-        label = self.full[rpm][place]
-        solved = _Part.of(label, label.wrench - self.full[rpm][FREE].wrench, label.error)
+        solved = _added(self.full[rpm], place)
         other = self._half(place, rpm, alone=True) or self._by_law(place, rpm, alone=True)
-        return solved if place == FREE or other is None else solved.weighted(other, self.mixed)
+        return solved if place == FREE or other is None else _weighted(solved, other, self.mixed)
 
-    def _half(self, place: Place, rpm: float, alone: bool = False) -> _Part | None:
+    def _half(self, place: Place, rpm: float, alone: bool = False) -> Label | None:
         """By a half model at that speed, with what full models add; ``alone``: those at other places."""
         if place not in self.half[rpm]:
             return None
-        label, square = self.half[rpm][place], (rpm / self.rpm) ** 2
-        added = label.wrench - self.half[rpm][FREE].wrench
+        half, square = _added(self.half[rpm], place), (rpm / self.rpm) ** 2
         whole = None if alone or rpm == self.rpm or place not in self.half[self.rpm] else self._full(place, self.rpm)
         if whole is not None:
-            usual = self.half[self.rpm][place]
-            change = whole.added - (usual.wrench - self.half[self.rpm][FREE].wrench)
-            scatter, error = (np.hypot(label.error, square * e) for e in (whole.scatter, whole.error))
-            return replace(whole, added=added + square * change, scatter=scatter, error=error, status=label.status)
+            change = whole.wrench - _added(self.half[self.rpm], place).wrench
+            return replace(
+                whole,
+                wrench=half.wrench + square * change,
+                scatter=np.hypot(half.scatter, square * whole.scatter),
+                sigma=np.hypot(half.sigma, square * whole.sigma),
+                status=half.status,
+            )
         change = self.correction.left_out(place) if alone else self.correction.at(place)
-        error = np.hypot(label.error, square * self.correction.error_at(place))
-        return _Part.of(label, added + square * change, error)
+        sigma = np.hypot(half.sigma, square * self.correction.error_at(place))
+        return replace(half, wrench=half.wrench + square * change, sigma=sigma)
 
-    def _by_law(self, place: Place, rpm: float, alone: bool = False) -> _Part | None:
+    def _by_law(self, place: Place, rpm: float, alone: bool = False) -> Label | None:
         """From the campaign's speed; None without a half model where that is asked ``alone``."""
         half = self._half(place, self.rpm, alone)
         base = half if alone else self._full(place, self.rpm) or half
@@ -206,30 +173,17 @@ class _Maker:
         scale = square * (rpm / self.rpm) ** self.law.exponent
         return replace(
             base,
-            added=base.added * scale,
+            wrench=base.wrench * scale,
             amplitude=base.amplitude * scale,
             scatter=base.scatter * scale,
-            error=np.hypot(base.error * scale, self.law.left * square),
+            sigma=np.hypot(base.sigma * scale, self.law.left * square),
         )
 
-    def _solved(self, place: Place, rpm: float) -> bool:
-        """Whether a full model gives the row."""
-        here = self.full[rpm]
-        return bool(self.mixed.any()) and place in here and FREE in here
 
-    def _made(self, place: Place, rpm: float) -> str:
-        mixed = bool(self.mixed[~ODD].any())
-        if mixed and self._solved(place, rpm):
-            return "solved"
-        if place in self.half[rpm]:
-            return "corrected" if mixed else "half"
-        return "law"
-
-
-def correction(full: Mapping[Place, Label], half: Mapping[Place, Label]) -> Correction:
-    """What full models add to half ones, from the labels of both."""
-    error = {p: np.hypot(full[p].error, half[p].error) for p in full if p in half}
-    return learn({p: label.wrench for p, label in full.items()}, {p: label.wrench for p, label in half.items()}, error)
+def _added(by_place: dict[Place, Label], place: Place) -> Label:
+    """The label of what a place adds to free air, by one kind of case at one speed."""
+    label = by_place[place]
+    return replace(label, wrench=label.wrench - by_place[FREE].wrench)
 
 
 def fit_law(solved: dict[float, dict[Place, Label]], reference: float) -> Law:
@@ -237,47 +191,50 @@ def fit_law(solved: dict[float, dict[Place, Label]], reference: float) -> Law:
 
     One exponent a component: Fx, Fz, My measured, the others (zero in the half model) take 0.
     """
-    free = (math.inf, math.inf)
     base = solved[reference]
-    pairs: list[tuple[float, Array, Array]] = []
-    places = set()
-    free_log: list[tuple[float, float]] = []
-    for rpm, here in solved.items():
-        if rpm == reference:
-            continue
-        log = math.log(rpm / reference)
-        free_log.append((log, math.log(here[free].wrench[2] / base[free].wrench[2]) - 2 * log))
-        for place in here:
-            if place != free and place in base:
-                places.add(place)
-                change = (here[place].wrench - here[free].wrench) * (reference / rpm) ** 2
-                pairs.append((log, base[place].wrench - base[free].wrench, change))
+    others = {rpm: here for rpm, here in solved.items() if rpm != reference}
+    pairs = [(rpm, place) for rpm, here in others.items() for place in here if place != FREE and place in base]
     if not pairs:
         raise ModelError("the cases lack positions at other rotor speeds; run the campaign on")
-    logs = np.array([p[0] for p in pairs])
-    at_reference, elsewhere = np.array([p[1] for p in pairs]), np.array([p[2] for p in pairs])
+    logs = np.array([math.log(rpm / reference) for rpm, _ in pairs])
+    at_reference = np.array([_added(base, place).wrench for _, place in pairs])
+    elsewhere = np.array([_added(others[rpm], place).wrench * (reference / rpm) ** 2 for rpm, place in pairs])
     exponent, error, left = np.zeros(6), np.zeros(6), np.zeros(6)
     for k in np.flatnonzero(~ODD):
         x, y = at_reference[:, k], elsewhere[:, k]
-        exponent[k] = _exponent(logs, x, y, np.ones(len(x)))
-        drop = [_exponent(logs, x, y, (np.arange(len(x)) != i).astype(float)) for i in range(len(x))]
+        exponent[k] = _exponent(logs, x, y)
+        drop = [_exponent(*(np.delete(column, i) for column in (logs, x, y))) for i in range(len(x))]
         error[k] = math.sqrt((len(x) - 1) * np.var(drop))
         left[k] = math.sqrt(np.mean((y - x * np.exp(exponent[k] * logs)) ** 2))
-    slope = sum(a * b for a, b in free_log) / sum(a * a for a, _ in free_log)
-    return Law(exponent, error, left, len(places), slope)
+    free_logs = np.array([math.log(rpm / reference) for rpm in others])
+    free = np.log([here[FREE].wrench[2] / base[FREE].wrench[2] for here in others.values()]) - 2 * free_logs
+    slope = float(free_logs @ free / (free_logs @ free_logs))
+    return Law(exponent, error, left, len({place for _, place in pairs}), slope)
 
 
-def _exponent(logs: Array, x: Array, y: Array, weight: Array) -> float:
-    """a that minimises the squares of y - x exp(a log), by Newton's rule from 0."""
-    a = 0.0
-    for _ in range(20):
-        model = x * np.exp(a * logs)
-        slope = model * logs
-        bottom = float(weight @ slope**2)
-        if bottom < 1e-12:
-            return 0.0
-        a = float(np.clip(a + (weight @ (slope * (y - model))) / bottom, -2.0, 2.0))
-    return a
+def _exponent(logs: Array, x: Array, y: Array) -> float:
+    """a in -2 ... 2 that minimises the squares of y - x exp(a log)."""
+    found = least_squares(lambda a: y - x * np.exp(a * logs), 0.0, "3-point", (-2.0, 2.0), ftol=None, xtol=1e-14)
+    return float(found.x[0])
+
+
+def mesh_error(rows: Sequence[Row], setup: Setup) -> Array:
+    """Error (6,) [N, N m] by the mesh of what a place adds to free air, at the campaign's speed.
+
+    Half of the spread of the increment over the meshes of half models, rms over the places computed on all of them;
+    zero without any.
+    """
+    c = setup.campaign
+    levels = {1.0, *c.grid_levels}
+    found: dict[Place, dict[float, Array]] = {}
+    for row in rows:
+        p = row.position
+        usable = p.model == "half" and p.rpm == c.rpm and p.approach == "near" and math.isfinite(row.result.wrench[2])
+        if usable and p.level in levels and p.place in c.grid_at:
+            found.setdefault(p.place, {})[p.level] = np.array(row.result.wrench)
+    whole = {place: by for place, by in found.items() if len(by) == len(levels)}
+    added = [[by[n] - whole[FREE][n] for n in levels] for p, by in whole.items() if FREE in whole and p != FREE]
+    return np.sqrt(np.mean([(np.ptp(a, axis=0) / 2) ** 2 for a in added], axis=0)) if added else np.zeros(6)
 
 
 def write_data(path: Path, made: Assembled) -> None:

@@ -1,11 +1,12 @@
-"""The mesh dictionary: vertices, curved edges, blocks and patches, collected and written."""
+"""The mesh dictionary: vertices, curved edges, blocks and their outer faces, collected and written."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from models.frames import Array
 
@@ -14,13 +15,14 @@ Point = tuple[float, float, float]
 
 @dataclass
 class Blocks:
-    """Collects vertices, curved edges, blocks and patches; writes the dictionary."""
+    """Collects vertices, curved edges, blocks and their faces; writes the dictionary."""
 
     vertices: list[Point] = field(default_factory=list)
     index: dict[tuple[int, int, int], int] = field(default_factory=dict)
     blocks: list[str] = field(default_factory=list)
     edges: dict[tuple[int, int], str] = field(default_factory=dict)
-    patches: dict[str, list[str]] = field(default_factory=dict)
+    faces: dict[frozenset[int], list[Sequence[int]]] = field(default_factory=dict)
+    """Faces by their vertices; one that two blocks share stands twice."""
 
     def vertex(self, p: Iterable[float]) -> int:
         """Number of the vertex at ``p``; one at a place."""
@@ -31,34 +33,38 @@ class Blocks:
             self.vertices.append((x, y, z))
         return self.index[key]
 
-    def curve(self, a: int, b: int, points: Array) -> None:
-        """A curved edge from ``a`` to ``b`` through ``points`` (n, 3)."""
+    def curve(self, a: int, b: int, radius: ArrayLike, z: ArrayLike, angle: ArrayLike) -> None:
+        """A curved edge from ``a`` to ``b`` through points in cylinder coordinates, (n,) each or one for all."""
         if a != b and (a, b) not in self.edges and (b, a) not in self.edges:
-            inner = " ".join(_point(p) for p in points)
-            self.edges[a, b] = f"polyLine {a} {b} ({inner})"
-
-    def turned(self, a: int, b: int, points: Array, angle: float, scale_m: float) -> None:
-        """A curved edge through ``points`` (n, 2) = (radius, z) in the half-plane at ``angle`` about the axis."""
-        radius, z = scale_m * points.T
-        self.curve(a, b, np.column_stack([radius * np.cos(angle), radius * np.sin(angle), z]))
+            points = np.column_stack(np.broadcast_arrays(radius * np.cos(angle), radius * np.sin(angle), z))
+            self.edges[a, b] = f"polyLine {a} {b} ({' '.join(_point(p) for p in points)})"
 
     def block(self, corners: Sequence[int], zone: str, cells: Sequence[int], grading: Sequence[str]) -> None:
         """One hexahedron, corners in the mesher's order."""
         self.blocks.append(f"hex ({_join(corners)}) {zone} ({_join(cells)}) simpleGrading ({_join(grading)})")
 
-    def face(self, patch: str, corners: Sequence[int]) -> None:
-        """A boundary face."""
-        self.patches.setdefault(patch, []).append(f"({_join(corners)})")
+    def sides(self, corners: Sequence[int], sides: Iterable[Sequence[int]]) -> None:
+        """The faces of a block, each as places in its ``corners``."""
+        for side in sides:
+            face = [corners[i] for i in side]
+            self.faces.setdefault(frozenset(face), []).append(face)
 
-    def text(self, kinds: dict[str, str]) -> str:
-        """The mesh dictionary's content; ``kinds`` gives each patch's type and what else it needs."""
-        patches = "\n".join(
-            f"{name} {{ type {kinds[name]} faces ( {' '.join(faces)} ); }}" for name, faces in self.patches.items()
+    def text(self, patch_of: Callable[[Array], str], kinds: dict[str, str]) -> str:
+        """The mesh dictionary's content. ``patch_of`` names the patch of an outer face by its points (4, 3).
+
+        ``kinds`` gives each patch's type and what else it needs, in the order in which patches are written.
+        """
+        points = np.array(self.vertices)
+        patches: dict[str, list[str]] = {name: [] for name in kinds}
+        for face in (same[0] for same in self.faces.values() if len(same) == 1):
+            patches[patch_of(points[face])].append(f"({_join(face)})")
+        boundary = "\n".join(
+            f"{name} {{ type {kinds[name]} faces ( {' '.join(faces)} ); }}" for name, faces in patches.items() if faces
         )
         return (
             f"scale 1;\nvertices\n(\n{chr(10).join(_point(v) for v in self.vertices)}\n);\n"
             f"blocks\n(\n{chr(10).join(self.blocks)}\n);\nedges\n(\n{chr(10).join(self.edges.values())}\n);\n"
-            f"boundary\n(\n{patches}\n);\nmergePatchPairs ();\n"
+            f"boundary\n(\n{boundary}\n);\nmergePatchPairs ();\n"
         )
 
 

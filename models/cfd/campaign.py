@@ -85,11 +85,8 @@ def start_for(position: Position, finished: Sequence[Row]) -> Position | None:
         able = [p for p in able if p.h == position.h and p.d < position.d]
     elif position.approach == "far":
         able = [p for p in able if p.place == (math.inf, position.d)]
-    return min(able, key=lambda p: _apart(p, position), default=None)
-
-
-def _apart(a: Position, b: Position) -> float:
-    return math.dist(near(a.place), near(b.place)) + 0.01 * abs(a.level - b.level)
+    here, level = near(position.place), position.level
+    return min(able, key=lambda p: math.dist(near(p.place), here) + 0.01 * abs(p.level - level), default=None)
 
 
 def run(

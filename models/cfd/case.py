@@ -45,8 +45,12 @@ def fill(folder: Path, name: str, **values: float | str) -> None:
     """Write the template ``name`` with these values."""
     target = folder / name
     target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_text(_filled(name, **values), encoding="utf-8")
+
+
+def _filled(name: str, **values: float | str) -> str:
     texts = {key: v if isinstance(v, str) else f"{v:.10g}" for key, v in values.items()}
-    target.write_text(_Template((TEMPLATES / name).read_text("utf-8")).substitute(texts), encoding="utf-8")
+    return _Template((TEMPLATES / name).read_text("utf-8")).substitute(texts)
 
 
 def put(path: Path, text: str) -> None:
@@ -110,29 +114,19 @@ def _rotors(setup: Setup, position: Position, blades: Blades) -> str:
     rotor, m = setup.rotor, setup.fan.radius_m
     height = dict(zip(DISCS, (rotor.upper_height, rotor.lower_height), strict=True))
     table = dict(zip(DISCS, blades, strict=True))
-    profiles = {
-        (disc, sense): "\n".join(
+    out = []
+    for source, zone, sense, share in sources(position):
+        disc = zone[:-1]
+        profiles = (
             f"section{i} {{ type lookup; data (\n{foam_table(s, backwards=sense < 0)}\n); }}"
             for i, s in enumerate(table[disc])
         )
-        for disc in DISCS
-        for sense in (1, -1)
-    }
-    out = []
-    for name, where, sense, share in sources(position):
-        disc = where[:-1]
-        blade = _blade(setup, table[disc], share)
-        z = m * (height[disc] + rotor.thickness / 2)
-        out.append(
-            f"{name}\n{{\ntype rotorDisk; active true; selectionMode cellZone; cellZone {where};\n"
-            f"fields (U); nBlades {rotor.blades}; tipEffect {TIP_EFFECT:g}; inletFlowType local; "
-            "inflowVelocity (0 0 0);\n"
-            f"geometryMode specified; origin (0 0 {z:.8g}); axis (0 0 1); refDirection (1 0 0);\n"
-            f"rpm {sense * position.rpm:.8g}; rhoRef {setup.air.density_kg_m3:g}; rhoInf {setup.air.density_kg_m3:g};\n"
-            "trimModel fixedTrim; fixedTrimCoeffs { theta0 0; theta1c 0; theta1s 0; }\n"
-            "flapCoeffs { beta0 0; beta1c 0; beta2s 0; }\n"
-            f"blade {{ data ( {blade} ); }}\nprofiles {{\n{profiles[disc, sense]}\n}}\n}}\n"
-        )
+        values: dict[str, float | str] = {
+            **{"source": source, "zone": zone, "blades": rotor.blades, "rpm": sense * position.rpm},
+            **{"z": f"{m * (height[disc] + rotor.thickness / 2):.8g}", "density": f"{setup.air.density_kg_m3:g}"},
+            **{"blade": _blade(setup, table[disc], share), "profiles": "\n".join(profiles), "tip_effect": TIP_EFFECT},
+        }
+        out.append(_filled("constant/rotorDisk", **values))
     return "".join(out)
 
 

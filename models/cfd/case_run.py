@@ -11,13 +11,14 @@ from pathlib import Path
 import numpy as np
 
 from models.cfd import case, foam
-from models.cfd.averages import error_of_mean
 from models.cfd.config import Setup
 from models.cfd.polars import Blades
-from models.cfd.position import Position, check
+from models.cfd.position import FREE, Position, check
 from models.frames import Array
 
 STATE = "state.npz"
+# What the state holds beside the samples.
+KEPT = ("iterations", "steps", "cells", "seconds", "start")
 # A start from rest may take this many times the iterations: the jet has to grow to the ground first.
 FROM_REST = 2
 # A swing that has kept this much of its size over two chunks does not die out before the limit.
@@ -27,8 +28,9 @@ STILL_SWINGING = 0.7
 LEAST_CHUNKS = 5
 # Powers of the rotor speed with which a state scales to another speed.
 SPEED_POWER = {"U": 1, "phi": 1, "p": 2, "k": 2, "omega": 1, "nut": 1}
-
-
+# With fewer blocks the error of the error is above 40 % (1 / sqrt(2 (n - 1))).
+LEAST_BLOCKS = 4
+BLOCK_SIZES = 3
 UNKNOWN = (math.nan,) * 6
 
 
@@ -67,11 +69,6 @@ class Row:
 
     position: Position
     result: Result
-
-    @property
-    def usable(self) -> bool:
-        """True where the numbers stand still, or their mean is known."""
-        return self.result.status in ("steady", "marched", "averaged")
 
 
 def iteration_limit(setup: Setup, start: str) -> int:
@@ -113,9 +110,9 @@ class _Case:
         self.start = "rest"
         if (folder / STATE).exists():
             with np.load(folder / STATE) as kept:
-                self.samples, self.start = kept["samples"], str(kept["start"])
-                self.iterations, self.steps, self.cells = (int(c) for c in kept["counts"])
-                self.seconds = float(kept["seconds"])
+                self.samples = kept["samples"]
+                for name in KEPT:
+                    setattr(self, name, kept[name].item())
 
     def prepare(self, blades: Blades, neighbour: Path | None) -> None:
         """Mesh and start fields, unless they are there."""
@@ -130,31 +127,22 @@ class _Case:
         foam.run(self.folder, "topoSet")
         for what in ("writeCellVolumes", "writeCellCentres"):
             foam.run(self.folder, "postProcess", "-func", what, "-time", "0")
-        for name in ("V", "C"):
-            (self.folder / "0" / name).rename(self.folder / "constant" / name)
-        for name in ("Cx", "Cy", "Cz"):
-            (self.folder / "0" / name).unlink(missing_ok=True)
-        self.cells = len(foam.read_field(self.folder / "constant/V"))
-        if neighbour is not None:
-            self._start_from(neighbour)
+        self.cells = len(foam.read_field(self.folder / "0/V"))
+        if neighbour is not None and neighbour.is_dir() and (states := foam.times(neighbour)):
+            self._start_from(neighbour, states[-1])
         self._keep()
 
-    def _start_from(self, neighbour: Path) -> None:
-        """Map the newest state of another case onto this mesh; copy and scale it where only the speed differs."""
-        states = foam.times(neighbour) if neighbour.is_dir() else []
-        if not states:
-            return
-        newest = states[-1]
+    def _start_from(self, neighbour: Path, state: str) -> None:
+        """Map a state of another case onto this mesh; copy and scale it where only the speed differs."""
         self.start = neighbour.name
-        same_mesh = neighbour.name.rsplit("_n", 1)[0] == self.folder.name.rsplit("_n", 1)[0]
-        if same_mesh:
-            there = float(neighbour.name.rsplit("_n", 1)[1])
+        (mesh, _, there), (my_mesh, _, _) = (name.rpartition("_n") for name in (neighbour.name, self.folder.name))
+        if mesh == my_mesh:
             for name, power in SPEED_POWER.items():
-                shutil.copy(neighbour / newest / name, self.folder / "0" / name)
-                foam.scale_field(self.folder / "0" / name, (self.position.rpm / there) ** power)
+                shutil.copy(neighbour / state / name, self.folder / "0" / name)
+                foam.scale_field(self.folder / "0" / name, (self.position.rpm / float(there)) ** power)
             return
         case.put(self.folder / "system/mapFieldsDict", "patchMap ();\ncuttingPatches ();\n")
-        foam.run(self.folder, "mapFields", str(neighbour.resolve()), "-sourceTime", newest)
+        foam.run(self.folder, "mapFields", str(neighbour.resolve()), "-sourceTime", state)
 
     def iterate(self) -> None:
         """Steady iterations until the wrench stands still, or the limit."""
@@ -167,7 +155,7 @@ class _Case:
             self._keep()
 
     def march(self) -> None:
-        """Go on in time from the newest state."""
+        """Go on in time from the newest state, until the wrench stands still or its mean is known."""
         solver = self.setup.solver
         while self.steps < solver.march_limit and self.finite():
             if self.steps and (self.settled() or self.averaged()):
@@ -188,33 +176,22 @@ class _Case:
         """Turn the states written since the last chunk into samples; keep only the newest on disk."""
         surfaces = foam.surface_loads(self.folder)
         states = foam.times(self.folder)
-        volume = foam.read_field(self.folder / "constant/V")
-        centre = foam.read_field(self.folder / "constant/C")
+        volume, centre = (foam.read_field(self.folder / "0" / name) for name in ("V", "C"))
         newest = self.samples[:, 0].max(initial=0.0)
-        for state in states:
+        for state in (state for state in states if float(state) > newest):
             at = float(state)
-            if at <= newest:
-                continue
             surface = surfaces[min(surfaces, key=lambda t: abs(t - at))]
-            discs = [self._disc(state, disc, volume, centre) for disc in case.DISCS]
-            total = surface + discs[0] + discs[1]
-            parts = np.array([discs[0][2], discs[1][2], surface[2]])
+            # The air's force and moment on each disc: the solver's source per volume and density, summed.
+            discs = np.zeros((2, 6))
+            for name, zone, _, _ in case.sources(self.position):
+                source = foam.read_field(self.folder / state / f"{name}:rotorForce")
+                force = self.setup.air.density_kg_m3 * source * volume[:, None]
+                discs[case.DISCS.index(zone[:-1])] += [*force.sum(axis=0), *np.cross(centre, force).sum(axis=0)]
+            total, parts = surface + discs.sum(axis=0), np.array([*discs[:, 2], surface[2]])
             if not self.position.swirl:  # only one half is meshed
                 total, parts = 2 * total * [1, 0, 1, 0, 1, 0], 2 * parts
             self.samples = np.vstack([self.samples, [at, *total, *parts]])
         foam.forget(self.folder, states[:-1])
-
-    def _disc(self, state: str, disc: str, volume: Array, centre: Array) -> Array:
-        """Force and moment (6,) of the air on one disc: the solver's source per volume and density, summed."""
-        out = np.zeros(6)
-        for name, where, _, _ in case.sources(self.position):
-            if where[:-1] != disc:
-                continue
-            source = foam.read_field(self.folder / state / f"{name}:rotorForce")
-            rows = np.flatnonzero(np.any(source != 0.0, axis=1)) if len(source) > 1 else np.array([], dtype=int)
-            force = self.setup.air.density_kg_m3 * source[rows] * volume[rows, None]
-            out += np.concatenate([force.sum(axis=0), np.cross(centre[rows], force).sum(axis=0)])
-        return out
 
     # Judging
 
@@ -225,37 +202,41 @@ class _Case:
         return self.samples[-chunks * per_chunk :, 1:7]
 
     def _window(self) -> Array:
-        """Samples (n, 6) that the mean is taken over: the last two chunks, or of a flow that swings all but one."""
-        chunks = max(2, self.steps // self.setup.solver.march_chunk - 1) if not self.settled() else 2
-        return self._last(chunks)
-
-    def averaged(self) -> bool:
-        """True where a flow that swings on in time has a mean that is known: blocks enough and a small error."""
-        if self.steps < LEAST_CHUNKS * self.setup.solver.march_chunk:
-            return False
-        limit = self.setup.converged
-        allowed = np.maximum(limit.mean * self._scale(), limit.drift_of_effect * self._effect())
-        return bool(np.all(error_of_mean(self._window()) <= allowed))
+        """Samples (n, 6) of a flow that swings on, for its mean: all chunks but the first, two at least."""
+        return self._last(max(2, self.steps // self.setup.solver.march_chunk - 1))
 
     def _scale(self) -> Array:
         rotor = self.setup.rotor
         lift = rotor.hover_lift_n * (self.position.rpm / rotor.hover_rpm) ** 2
         return lift * np.array([1.0] * 3 + [self.setup.fan.radius_m] * 3)
 
-    def _moves(self) -> tuple[Array, Array]:
-        """Drift and swing (6,) over the last two chunks."""
-        return _moves(self._last(2))
+    def _allowed(self, of_hover: float, of_effect: float) -> Array:
+        """The larger (6,) of these shares of hover lift and of what the case adds to it, nothing in free air."""
+        out, last = of_hover * self._scale(), self._last(2)
+        if len(last) and self.position.place != FREE:
+            effect = np.abs(last.mean(axis=0) - self._scale() * [0, 0, 1, 0, 0, 0])
+            out = np.maximum(out, of_effect * effect)
+        return out
+
+    def _allowed_swing(self) -> Array:
+        return self._allowed(self.setup.converged.swing, self.setup.converged.swing_of_effect)
 
     def settled(self) -> bool:
         """True where the wrench stands still over the last two chunks."""
         if self.steps and self.steps < 2 * self.setup.solver.march_chunk:
             return False
-        drift, swing = self._moves()
-        scale, limit = self._scale(), self.setup.converged
-        most = limit.drift_free if self.position.place == (math.inf, math.inf) else limit.drift
-        effect = self._effect()
-        still = drift <= np.maximum(most * scale, limit.drift_of_effect * effect)
+        drift, swing = _moves(self._last(2))
+        limit = self.setup.converged
+        most = limit.drift_free if self.position.place == FREE else limit.drift
+        still = drift <= self._allowed(most, limit.drift_of_effect)
         return bool(np.all(still) and np.all(swing <= self._allowed_swing()))
+
+    def averaged(self) -> bool:
+        """True where a flow that swings on in time has a mean that is known: blocks enough and a small error."""
+        if self.steps < LEAST_CHUNKS * self.setup.solver.march_chunk:
+            return False
+        allowed = self._allowed(self.setup.converged.mean, self.setup.converged.drift_of_effect)
+        return bool(np.all(error_of_mean(self._window()) <= allowed))
 
     def _enough(self) -> bool:
         """True where more steady iterations would change nothing: settled, or going round in circles."""
@@ -268,20 +249,6 @@ class _Case:
         before, now = np.ptp(last[:half], axis=0) / 2, np.ptp(last[half:], axis=0) / 2
         return bool(np.any((now > self._allowed_swing()) & (now > STILL_SWINGING * before)))
 
-    def _allowed_swing(self) -> Array:
-        limit = self.setup.converged
-        out: Array = np.maximum(limit.swing * self._scale(), limit.swing_of_effect * self._effect())
-        return out
-
-    def _effect(self) -> Array:
-        """Size (6,) of what the case adds to the lift of hover; none in free air."""
-        last = self._last(2)
-        if len(last) == 0 or self.position.place == (math.inf, math.inf):
-            return np.zeros(6)
-        hover = self._scale() * [0, 0, 1, 0, 0, 0]
-        out: Array = np.abs(last.mean(axis=0) - hover)
-        return out
-
     def finite(self) -> bool:
         """True while the wrench is of a size a fan can have."""
         return bool(np.all(np.abs(self.samples[-1:, 1:7]) < 10 * self._scale()))
@@ -289,11 +256,11 @@ class _Case:
     def status(self) -> str:
         if not self.finite():
             return "diverged"
-        if not self.settled():
-            if not np.any(self._moves()[1] > self._allowed_swing()):
-                return "drifting"
-            return "averaged" if self.averaged() else "cycling"
-        return "marched" if self.steps else "steady"
+        if self.settled():
+            return "marched" if self.steps else "steady"
+        if np.all(_moves(self._last(2))[1] <= self._allowed_swing()):
+            return "drifting"
+        return "averaged" if self.averaged() else "cycling"
 
     def result(self, status: str, note: str = "") -> Result:
         """What the case gave; NaN without a sample."""
@@ -302,9 +269,15 @@ class _Case:
         moving = status in ("averaged", "cycling")
         last = self._window() if moving else self._last(2)
         drift, swing = _moves(last)
-        before = self.samples[self.samples[:, 0] <= self.iterations, 1:7]
-        before = before[-2 * self.setup.solver.chunk // self.setup.solver.sample_every :]
-        then = _moves(before)
+        more: dict[str, tuple[float, ...]] = {}
+        if moving and self.steps:
+            more["error"] = _floats(error_of_mean(last))
+        if self.steps:
+            before = self.samples[self.samples[:, 0] <= self.iterations, 1:7]
+            before = before[-2 * self.setup.solver.chunk // self.setup.solver.sample_every :]
+            drift_before, swing_before = _moves(before)
+            more["iterated"] = _floats(before.mean(axis=0))
+            more["iterated_error"] = _floats(np.maximum(swing_before, 2 * drift_before))
         return Result(
             wrench=_floats(last.mean(axis=0)),
             swing=_floats(swing),
@@ -317,16 +290,13 @@ class _Case:
             seconds=self.seconds,
             start=self.start,
             note=note,
-            error=_floats(error_of_mean(last)) if moving and self.steps else UNKNOWN,
-            iterated=_floats(before.mean(axis=0)) if self.steps else UNKNOWN,
-            iterated_error=_floats(np.maximum(then[1], 2 * then[0])) if self.steps else UNKNOWN,
+            **more,
         )
 
     def _keep(self) -> None:
         target = self.folder / STATE
         scratch = target.with_suffix(".tmp.npz")
-        counts = [self.iterations, self.steps, self.cells]
-        np.savez(scratch, samples=self.samples, counts=counts, seconds=self.seconds, start=self.start)
+        np.savez(scratch, samples=self.samples, **{name: getattr(self, name) for name in KEPT})
         scratch.replace(target)
 
 
@@ -340,3 +310,24 @@ def _moves(samples: Array) -> tuple[Array, Array]:
 
 def _floats(values: Array) -> tuple[float, ...]:
     return tuple(float(v) for v in values)
+
+
+def error_of_mean(samples: Array) -> Array:
+    """Standard error (k,) of the mean of correlated samples (n, k), in time order; nan for fewer than four.
+
+    Means of blocks, whose size doubles as long as ``LEAST_BLOCKS`` of them are left (Flyvbjerg and Petersen 1989).
+    Short blocks know nothing of the swing, long ones are few: the largest estimate of the ``BLOCK_SIZES`` longest
+    counts.
+    """
+    if len(samples) < LEAST_BLOCKS:
+        return np.full(samples.shape[1:], np.nan)
+    found = []
+    size = 1
+    while len(samples) // size >= LEAST_BLOCKS:
+        blocks = len(samples) // size
+        # What does not fill a block is left out at the start, where the run is least settled.
+        means = samples[len(samples) - blocks * size :].reshape(blocks, size, -1).mean(axis=1)
+        found.append(means.std(axis=0, ddof=1) / np.sqrt(blocks))
+        size *= 2
+    out: Array = np.max(found[-BLOCK_SIZES:], axis=0)
+    return out

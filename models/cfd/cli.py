@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from models.arguments import speaks
 from models.errors import ConfigError
 
-Finish = Callable[[argparse.Namespace, Any], int]
-
 SHIPPED_CASES = Path(__file__).parents[1] / "data" / "corner_cfd_cases.csv"
 
 
-def add(commands: Any, finish: Finish) -> None:
-    """Add the ``cfd`` command to the commands of ``models``; ``finish`` writes what --json asks for."""
+def add(commands: Any, every: argparse.ArgumentParser) -> None:
+    """Add the ``cfd`` command to the commands of ``models``; ``every``: the options that each command has."""
     parser = commands.add_parser("cfd", help="compute a fan's wrench near ground and wall with an open flow solver")
     what = parser.add_subparsers(dest="what", required=True, metavar="WHAT")
+    common = argparse.ArgumentParser(add_help=False, parents=[every])
+    common.add_argument("--fan", type=Path, metavar="FILE", help="fan file (default: the built-in fan)")
 
-    run = what.add_parser("run", help="compute all cases that are not there yet; Ctrl-C and run again to go on")
-    _common(run)
+    run = what.add_parser(
+        "run", parents=[common], help="compute all cases that are not there yet; Ctrl-C and run again to go on"
+    )
     run.add_argument("--work", required=True, type=Path, metavar="DIR", help="cases, their logs and states")
     run.add_argument(
         "--model", choices=("half", "full"), default="half",
@@ -30,10 +30,11 @@ def add(commands: Any, finish: Finish) -> None:
     )  # fmt: skip
     run.add_argument("--jobs", type=int, default=os.cpu_count() or 1, metavar="N", help="solvers at a time (all cores)")
     run.add_argument("--dry-run", action="store_true", help="list the cases, compute nothing")
-    run.set_defaults(run=lambda args: finish(args, _run(args)))
+    run.set_defaults(run=_run)
 
-    assemble = what.add_parser("assemble", help="make the data set and its tables from computed cases")
-    _common(assemble)
+    assemble = what.add_parser(
+        "assemble", parents=[common], help="make the data set and its tables from computed cases"
+    )
     assemble.add_argument(
         "--work", type=Path, action="append", metavar="DIR",
         help="folder of 'models cfd run'; may be given several times",
@@ -42,13 +43,7 @@ def add(commands: Any, finish: Finish) -> None:
         "--cases", type=Path, metavar="CSV", help="case table, completed by --work (default: the shipped one alone)"
     )
     assemble.add_argument("--out", required=True, type=Path, metavar="DIR", help="where corner_cfd*.csv are written")
-    assemble.set_defaults(run=lambda args: finish(args, _assemble(args)))
-
-
-def _common(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--fan", type=Path, metavar="FILE", help="fan file (default: the built-in fan)")
-    parser.add_argument("--json", metavar="FILE", help="write the numbers as JSON here, '-' for stdout")
-    parser.add_argument("--quiet", action="store_true", help="no progress bar, no text")
+    assemble.set_defaults(run=_assemble)
 
 
 def _run(args: argparse.Namespace) -> Any:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 from models.errors import ConfigError
 from models.text_file import read_text
-from models.toml_table import Bounds, Table
+from models.toml_table import Bounds, Table, above
+
+_Positive = Annotated[float, above(0.0)]
+_Distances = Annotated[tuple[float, ...], Bounds(0.0, above=True, finite=False)]
+_Places = Annotated[tuple[tuple[float, float], ...], Bounds(finite=False)]
+"""(h, d) over R, inf without ground or wall."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +25,7 @@ class Fan:
     """
 
     name: str
-    radius_m: float
+    radius_m: _Positive
     lip_radius_m: float
     lip_top: float
     exit_height: float
@@ -53,7 +58,7 @@ class Rotor:
     """
 
     blades: int
-    chord_m: float
+    chord_m: _Positive
     root_radius: float
     tip_radius: float
     root_pitch_deg: float
@@ -72,8 +77,8 @@ class Rotor:
 class Air:
     """The fluid; ``far_k`` [m2/s2] and ``far_omega`` [1/s] are the turbulence of the air that enters from afar."""
 
-    density_kg_m3: float
-    viscosity_m2_s: float
+    density_kg_m3: _Positive
+    viscosity_m2_s: _Positive
     far_k: float
     far_omega: float
 
@@ -126,16 +131,11 @@ class Converged:
     swing_of_effect: float
 
 
-_Distances = Annotated[tuple[float, ...], Bounds(0.0, above=True, finite=False)]
-_Places = Annotated[tuple[tuple[float, float], ...], Bounds(finite=False)]
-"""(h, d) over R, inf without ground or wall."""
-
-
 @dataclass(frozen=True)
 class Campaign:
     """Which cases make the data set; positions are (h, d) over R."""
 
-    rpm: float
+    rpm: _Positive
     h: _Distances
     d: _Distances
     other_rpm: _Distances
@@ -169,43 +169,34 @@ class Setup:
 def load(path: Path | None = None) -> Setup:
     """Read a fan file, or the built-in one. Raises ConfigError naming the file and the key."""
     path = path or Path(__file__).with_name("fan.toml")
-    name, text = str(path), read_text("fan file", path)
-    setup = Table.of(text, f"fan file {name}").read(Setup)
-    _check(name, setup)
+    setup = Table.of(read_text("fan file", path), f"fan file {path}").read(Setup)
+    _check(str(path), setup)
     return setup
 
 
 def _check(name: str, setup: Setup) -> None:
     """Refuse a geometry that cannot be meshed."""
-    fan, rotor, mesh = setup.fan, setup.rotor, setup.mesh
-
-    def need(holds: bool, what: str) -> None:
+    fan, rotor, mesh, solver = setup.fan, setup.rotor, setup.mesh, setup.solver
+    discs = (fan.exit_height, rotor.lower_height, rotor.lower_height + rotor.thickness, rotor.upper_height)
+    needed = {
+        "[fan] lip_radius_m must exceed radius_m by 5 % or more": fan.lip_thickness > 0.05,
+        "[fan] hub_radius must lie between 0 and 0.9": 0 < fan.hub_radius < 0.9,
+        "[fan] needs 1 <= exit_radius < exit_skin <= lip": 1.0 <= fan.exit_radius < fan.exit_skin <= fan.lip_radius,
+        "[rotor] stations must be at least 2": rotor.stations >= 2,
+        "[rotor] swirl_tip_pitch_deg needs two pitches: upper and lower disc": len(rotor.swirl_tip_pitch_deg) == 2,
+        "the rotors cut into each other or leave the duct: exit_height < lower disc < upper disc is needed": (
+            all(low < high for low, high in itertools.pairwise(discs))
+        ),
+        "the rotors cut into the hub: [rotor] root_radius is below hub_radius": rotor.root_radius >= fan.hub_radius,
+        "the rotors cut into the duct: [rotor] tip_radius is beyond the bore, 1": rotor.tip_radius <= 1.0,
+        "[rotor] root_radius must lie 0.1 or more below tip_radius": rotor.root_radius < rotor.tip_radius - 0.1,
+        "the rotors cut into the duct: the upper disc must lie below the curved part of the lip": (
+            rotor.upper_height + rotor.thickness < fan.lip_foot
+        ),
+        "[mesh] duct needs five counts, 3 for each disc": len(mesh.duct) == 5 and mesh.duct[1] == mesh.duct[3] == 3,
+        "[mesh] needs lip + 0.2 < box and box + 1 < far": fan.lip_radius + 0.2 < mesh.box < mesh.far - 1,
+        "[solver] sample_every must be a third of chunk or less": solver.sample_every <= solver.chunk // 3,
+    }
+    for what, holds in needed.items():
         if not holds:
             raise ConfigError(f"fan file {name}: {what}")
-
-    need(fan.radius_m > 0, "[fan] radius_m must be positive")
-    need(fan.lip_thickness > 0.05, "[fan] lip_radius_m must exceed radius_m by 5 % or more")
-    need(0 < fan.hub_radius < 0.9, "[fan] hub_radius must lie between 0 and 0.9")
-    need(1.0 <= fan.exit_radius < fan.exit_skin <= fan.lip_radius, "[fan] needs 1 <= exit_radius < exit_skin <= lip")
-    need(rotor.stations >= 2 and rotor.blades >= 1 and rotor.chord_m > 0, "[rotor] stations, blades, chord_m too small")
-    need(len(rotor.swirl_tip_pitch_deg) == 2, "[rotor] swirl_tip_pitch_deg needs two pitches: upper and lower disc")
-    _check_rotors(fan, rotor, need)
-    need(len(mesh.duct) == 5 and mesh.duct[1] == mesh.duct[3] == 3, "[mesh] duct needs five counts, 3 for each disc")
-    need(setup.air.density_kg_m3 > 0 and setup.air.viscosity_m2_s > 0, "[air] must be positive")
-    need(mesh.box > fan.lip_radius + 0.2 and mesh.far > mesh.box + 1, "[mesh] needs lip + 0.2 < box and box + 1 < far")
-    need(setup.solver.sample_every <= setup.solver.chunk // 3, "[solver] sample_every must be a third of chunk or less")
-
-
-def _check_rotors(fan: Fan, rotor: Rotor, need: Callable[[bool, str], None]) -> None:
-    """Refuse rotors that cut into the hub, the duct or each other, and a hub that leaves the duct."""
-    need(
-        fan.exit_height < rotor.lower_height < rotor.lower_height + rotor.thickness < rotor.upper_height,
-        "the rotors cut into each other or leave the duct: exit_height < lower disc < upper disc is needed",
-    )
-    need(rotor.root_radius >= fan.hub_radius, "the rotors cut into the hub: [rotor] root_radius is below hub_radius")
-    need(rotor.tip_radius <= 1.0, "the rotors cut into the duct: [rotor] tip_radius is beyond the bore, 1")
-    need(rotor.root_radius < rotor.tip_radius - 0.1, "[rotor] root_radius must lie 0.1 or more below tip_radius")
-    need(
-        rotor.upper_height + rotor.thickness < fan.lip_foot,
-        "the rotors cut into the duct: the upper disc must lie below the curved part of the lip",
-    )

@@ -12,21 +12,21 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from models.cfd.mean_error import TILT
-from models.cfd.position import Place, near
-from models.frames import AXES, Array
+from models.cfd.labels import TILT, Label
+from models.cfd.position import FREE, Place, near
+from models.frames import Array
 
-FREE: Place = (math.inf, math.inf)
 # What is chosen from: lengths in the coordinates 1 / (0.5 + distance); powers of 1 / (0.5 + h) with which the prior's
-# standard deviation fades; variances of noise over that of the prior at h = 1 R, inf: nothing learnt.
+# standard deviation fades; variances of noise over that of the prior at h = 1 R.
 LENGTHS = (0.15, 0.3, 0.6, 1.2)
 POWERS = (1, 2, 3)
-NOISES = (0.01, 0.1, 0.5, 2.0, math.inf)
+NOISES = (0.01, 0.1, 0.5, 2.0)
 LEAST = 4
 """Fewest positions, free air aside, from which anything is learnt."""
 SIGNIFICANT = 2.0
@@ -43,22 +43,15 @@ NEAR = 0.3
 """Width, in the same coordinates, over which errors of places left out are averaged; 2 R and 1 R are 0.27 apart."""
 
 
-@dataclass(frozen=True)
-class Choice:
+class Choice(NamedTuple):
     """How one component is learnt: length, power with which the prior fades, noise."""
 
     length: float
     power: int
     noise: float
 
-    @property
-    def nothing(self) -> bool:
-        """True where the correction is zero."""
-        return math.isinf(self.noise)
-
 
 CHOICES = tuple(Choice(*values) for values in itertools.product(LENGTHS, POWERS, NOISES))
-NOTHING = Choice(LENGTHS[0], POWERS[0], math.inf)
 
 
 @dataclass(frozen=True)
@@ -67,24 +60,19 @@ class Correction:
 
     ``places`` were computed both ways, ``change`` (n, 6) is full less half, as increments over free air, and
     ``error_of_change`` (n, 6) that of its mean. ``missed`` (n, 6) is what the correction misses at each
-    place when it is left out. ``choice`` by component.
+    place when it is left out. ``choice`` by component, None: the correction is zero.
     """
 
     places: tuple[Place, ...]
     change: Array
     error_of_change: Array
     missed: Array
-    choice: tuple[Choice, ...]
+    choice: tuple[Choice | None, ...] = (None,) * 6
 
     @property
-    def error(self) -> Array:
-        """Rms (6,) of what the correction misses at places left out."""
-        return _rms(self.missed)
-
-    @property
-    def plain(self) -> Array:
-        """Rms (6,) of what the half model alone misses."""
-        return _rms(self.change)
+    def learnt(self) -> Array:
+        """Components (6,) for which something is learnt."""
+        return np.array([choice is not None for choice in self.choice])
 
     def error_at(self, place: Place) -> Array:
         """Error (6,) at a place: what is missed at places left out, beyond the error of the full models' means there.
@@ -109,17 +97,11 @@ class Correction:
         out: Array = there[0] * np.sqrt(np.maximum(excess, 0.0) + doubt)
         return out
 
-    @property
-    def learnt(self) -> Array:
-        """Components (6,) for which something is learnt."""
-        return np.array([not choice.nothing for choice in self.choice])
-
     def at(self, place: Place) -> Array:
         """Correction (6,) at a place."""
         if not self.places or place == FREE:
             return np.zeros(6)
-        here = near(place)[None, :]
-        return np.array([_data(self, k).predict(here, self.choice[k])[0] for k in range(len(AXES))])
+        return np.array([self.component(k).predict(near(place), choice) for k, choice in enumerate(self.choice)])
 
     def left_out(self, place: Place) -> Array:
         """Correction (6,) at a place by the other places alone."""
@@ -129,29 +111,29 @@ class Correction:
         out: Array = self.change[i] - self.missed[i]
         return out
 
+    def component(self, k: int) -> _Component:
+        """What is known of one component."""
+        return _Component(_coordinates(self.places), self.change[:, k], self.error_of_change[:, k], bool(TILT[k]))
 
-def learn(
-    full: Mapping[Place, Array], half: Mapping[Place, Array], error: Mapping[Place, Array] | None = None
-) -> Correction:
-    """Correction from wrenches (6,) by place of both models, free air among them.
 
-    ``error`` (6,) by place: that of the difference's mean, zero where it is not given. Without free air of both, or
-    with fewer than ``LEAST`` places, nothing is learnt; ``plain`` still says what full models differ by.
+def learn(full: Mapping[Place, Label], half: Mapping[Place, Label]) -> Correction:
+    """Correction from the labels by place of both models, free air among them.
+
+    Without free air of both, or with fewer than ``LEAST`` places, nothing is learnt.
     """
     able = FREE in full and FREE in half
     places = tuple(sorted(p for p in full if able and p in half and p != FREE))
-    nothing = (NOTHING,) * len(AXES)
     if not places:
         none = np.empty((0, 6))
-        return Correction((), none, none, none, nothing)
-    change = np.array([full[p] - full[FREE] - (half[p] - half[FREE]) for p in places])
-    known = np.array([np.zeros(6) if error is None else error[p] for p in places])
-    bare = Correction(places, change, known, change, nothing)
+        return Correction((), none, none, none)
+    change = np.array([full[p].wrench - full[FREE].wrench - (half[p].wrench - half[FREE].wrench) for p in places])
+    known = np.array([np.hypot(full[p].sigma, half[p].sigma) for p in places])
+    bare = Correction(places, change, known, change)
     if len(places) < LEAST:
         return bare
-    missed, choice = change.copy(), list(nothing)
-    for k in range(len(AXES)):
-        data = _data(bare, k)
+    missed, choice = change.copy(), list(bare.choice)
+    for k in range(6):
+        data = bare.component(k)
         left_out = data.left_out()
         gain = (change[:, k] ** 2 - left_out**2) * data.weight
         sure = np.mean(gain) > SIGNIFICANT * np.std(gain, ddof=1) / math.sqrt(len(gain))
@@ -161,7 +143,7 @@ def learn(
 
 
 @dataclass(frozen=True)
-class _Data:
+class _Component:
     """One component's differences ``y`` (n,) with the error of their means, at coordinates ``x`` (n, 2).
 
     ``wall``: whether it takes a wall, as side force and tilt do.
@@ -172,26 +154,26 @@ class _Data:
     error: Array
     wall: bool
 
-    def predict(self, at: Array, choice: Choice) -> Array:
-        """Mean (m,) at coordinates (m, 2)."""
-        if choice.nothing or not np.any(self.y):
-            return np.zeros(len(at))
-        out: Array = _kernel(at, self.x, choice, self.wall) @ np.linalg.solve(self._covariances([choice])[0], self.y)
-        return out
+    def predict(self, at: Array, choice: Choice | None) -> float:
+        """Mean at coordinates (2,)."""
+        if choice is None or not np.any(self.y):
+            return 0.0
+        known = np.linalg.solve(self._covariance(choice), self.y)
+        return float(_kernel(at[None], self.x, choice, self.wall)[0] @ known)
 
-    def choose(self) -> Choice:
+    def choose(self) -> Choice | None:
         """The choice with the least error at points left out one at a time; doubtful points count less.
 
         Residuals of a process that does not know the point: Rasmussen and Williams 2006, eq. 5.12.
         """
         if not np.any(self.y):
             return CHOICES[0]
-        learning = [choice for choice in CHOICES if not choice.nothing]
-        inverse = np.linalg.inv(self._covariances(learning))
-        residuals = inverse @ self.y / np.diagonal(inverse, axis1=1, axis2=2)
-        left = residuals**2 @ self.weight
+        left = []
+        for choice in CHOICES:
+            inverse = np.linalg.inv(self._covariance(choice))
+            left.append((inverse @ self.y / inverse.diagonal()) ** 2 @ self.weight)
         best = int(np.argmin(left))
-        return learning[best] if left[best] < self.y**2 @ self.weight else NOTHING
+        return CHOICES[best] if left[best] < self.y**2 @ self.weight else None
 
     @property
     def weight(self) -> Array:
@@ -209,39 +191,25 @@ class _Data:
         for i in range(len(self.y)):
             apart = np.sum((self.x - self.x[i]) ** 2, axis=1)
             rest = (apart > APART**2) if self.wall else np.arange(len(self.y)) != i
-            known = _Data(self.x[rest], self.y[rest], self.error[rest], self.wall)
-            misses.append(self.y[i] - known.predict(self.x[[i]], known.choose())[0])
+            known = _Component(self.x[rest], self.y[rest], self.error[rest], self.wall)
+            misses.append(self.y[i] - known.predict(self.x[i], known.choose()))
         return np.array(misses)
 
-    def _covariances(self, choices: Sequence[Choice]) -> Array:
-        """Each (n, n), over the prior's variance at h = 1 R, which is that of the differences over what fading leaves.
+    def _covariance(self, choice: Choice) -> Array:
+        """(n, n), over the prior's variance at h = 1 R, which is that of the differences over what fading leaves.
 
         A case starts from the state of a neighbour: where the flow tips over, their errors have the same sign.
         """
-        count, square = len(self.y), np.sum(self.y**2)
-        apart = np.sum((self.x[:, None, :] - self.x[None, :, :]) ** 2, axis=2)
-        near_by = {length: np.exp(-0.5 * apart / length**2) for length in (*LENGTHS, NEAR)}
-        alike = (1.0 - TOGETHER) * np.eye(count) + TOGETHER * near_by[NEAR] if self.wall else np.eye(count)
-        error = self.error[:, None] * alike * self.error[None, :]
-        out = np.empty((len(choices), count, count))
-        for i, choice in enumerate(choices):
-            fade = _fade(self.x, choice.power, self.wall)
-            prior = fade[:, None] * near_by[choice.length] * fade[None, :]
-            out[i] = prior + choice.noise * np.eye(count) + error * (np.sum(fade**2) / square)
+        single = np.eye(len(self.y))
+        alike = (1.0 - TOGETHER) * single + TOGETHER * _rbf(self.x, self.x, NEAR) if self.wall else single
+        error = self.error[:, None] * alike * self.error
+        fade = _fade(self.x, choice.power, self.wall)
+        prior = _kernel(self.x, self.x, choice, self.wall)
+        out: Array = prior + choice.noise * single + error * (np.sum(fade**2) / np.sum(self.y**2))
         return out
 
 
-def _data(correction: Correction, k: int) -> _Data:
-    x, wall = _coordinates(correction.places), bool(TILT[k])
-    return _Data(x, correction.change[:, k], correction.error_of_change[:, k], wall)
-
-
-def _rms(values: Array) -> Array:
-    """Root mean square (6,) over the rows of ``values`` (n, 6); not known (nan) without rows."""
-    return np.sqrt(np.mean(values**2, axis=0)) if len(values) else np.full(6, np.nan)
-
-
-def _coordinates(places: Sequence[Place]) -> Array:
+def _coordinates(places: tuple[Place, ...]) -> Array:
     return np.array([near(p) for p in places])
 
 

@@ -97,20 +97,14 @@ def surface_loads(folder: Path) -> dict[float, Array]:
     out: dict[float, Array] = {}
     for start in sorted((folder / "postProcessing/loads").iterdir(), key=lambda p: float(p.name)):
         force, moment = (_table(start / name) for name in ("force.dat", "moment.dat"))
-        for time, row in force.items():
-            if time in moment:
-                out[time] = np.concatenate([row, moment[time]])
+        out |= {time: np.concatenate([force[time], moment[time]]) for time in force if time in moment}
     return out
 
 
 def _table(path: Path) -> dict[float, Array]:
     """Time -> the first triple of each line."""
-    out = {}
-    for line in path.read_text(encoding="utf-8").splitlines():
-        fields = line.replace("(", " ").replace(")", " ").split()
-        if fields and not fields[0].startswith("#") and len(fields) >= 4:
-            out[float(fields[0])] = np.array([float(v) for v in fields[1:4]])
-    return out
+    lines = (re.sub("[()]", " ", line).split() for line in path.read_text(encoding="utf-8").splitlines())
+    return {float(f[0]): np.array(f[1:4], dtype=float) for f in lines if len(f) >= 4 and not f[0].startswith("#")}
 
 
 def read_field(path: Path) -> Array:

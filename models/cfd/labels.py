@@ -1,4 +1,11 @@
-"""From the cases at one position to its label: mean wrench, swing, and how far the mean may be from the truth."""
+"""From the cases at one position to its label: mean wrench, swing, and how far the mean may be from the truth.
+
+The swing of a flow is not all of its error. Near the ground the flow tips over to one side, even without a wall. Which
+side is left to chance, and the flow turns slowly, if at all: the mean of one run is that of one direction, and no block
+average of that run can tell. Two things can. Without a wall the mean over all directions is zero by symmetry, so what a
+case shows there is its error. And where iterations that went round in circles were followed by a march in time, the two
+means can be compared.
+"""
 
 from __future__ import annotations
 
@@ -8,12 +15,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from models.cfd import mean_error
-from models.cfd.case_run import Row
-from models.cfd.mean_error import ODD, TILT, MeanError
-from models.cfd.position import Place, Position
+from models.cfd.case_run import Result, Row
+from models.cfd.position import Place, Position, near
 from models.frames import Array
 
+# By the mirror plane through axis and wall normal, without swirl.
+ODD = np.array([False, True, False, True, False, True])
+# Without a wall the fan stands on an axis of symmetry: no side force, no tilt.
+TILT = np.array([True, True, False, True, True, False])
+# Width over heights, in the coordinate 1 / (0.5 + h): about that of the step from 1.75 to 2 R, where tipping ends.
+WIDTH = 0.04
 # Worst first.
 LABELLED = ("cycling", "drifting", "averaged", "marched", "steady")
 
@@ -24,18 +35,26 @@ HALF: Kind = ("half", 1.0)
 
 @dataclass(frozen=True)
 class Label:
-    """What a position is labelled with, wrench and amplitude (6,) in N and N m.
+    """What a position is labelled with; wrench, amplitude, scatter and sigma (6,) in N and N m.
 
     ``amplitude`` is what the label leaves out: half the difference of two states, or the swing of a flow that never
-    stands still. ``error`` is that of the mean (see ``mean_error``). ``status`` of the worst case that went in;
-    ``starts`` their number.
+    stands still. ``scatter`` is the error of the flow's mean (see above), and in a row of the set of the mesh, which
+    differ from row to row. ``sigma``: with it what half models with their correction miss, as far as the label rests on
+    them, and what the law of rotor speed leaves. ``status`` of the worst case that went in; ``starts`` their number.
+
+    ``made``, of a row of the set: Fx, Fz and My ``solved`` in a full model with swirl at that speed; ``corrected``: a
+    half model and what full models add, at that place at the campaign's speed or else learnt at other places; ``half``:
+    a half model alone; ``law``: from the campaign's speed by the law of rotor speed. Fy, Mx and Mz are those of full
+    models, learnt where there is none, zero where that cannot be.
     """
 
     wrench: Array
     amplitude: Array
-    error: Array
+    scatter: Array
+    sigma: Array
     status: str
     starts: int
+    made: str = ""
 
 
 def kind_of(position: Position) -> Kind:
@@ -55,7 +74,7 @@ def full_kind(rows: Sequence[Row], rpm: float) -> Kind:
 def labels(rows: Sequence[Row], rpm: float, kind: Kind = HALF) -> dict[Place, Label]:
     """The label of every position computed in one kind of case at one speed; diverged cases give none."""
     alike = [row for row in rows if kind_of(row.position) == kind and row.result.status in LABELLED]
-    error = mean_error.learn(alike)
+    error = MeanError(alike)
     found: dict[Place, list[Row]] = {}
     for row in alike:
         if row.position.rpm == rpm:
@@ -66,7 +85,7 @@ def labels(rows: Sequence[Row], rpm: float, kind: Kind = HALF) -> dict[Place, La
 def _label(place: Place, states: Sequence[Row], known: MeanError) -> Label:
     wrenches = np.array([r.result.wrench for r in states])
     apart = np.ptp(wrenches, axis=0) / 2
-    amplitude = np.maximum(apart, np.max([mean_error.amplitude(r.result) for r in states], axis=0))
+    amplitude = np.maximum(apart, np.max([_amplitude(r.result) for r in states], axis=0))
     error = np.maximum(apart, np.max([known.of(r) for r in states], axis=0))
     wrench = np.where(ODD & (states[0].position.model == "half"), 0.0, wrenches.mean(axis=0))
     if math.isinf(place[1]):
@@ -74,4 +93,60 @@ def _label(place: Place, states: Sequence[Row], known: MeanError) -> Label:
         amplitude = np.where(TILT, np.maximum(np.abs(wrench), amplitude), amplitude)
         error, wrench = np.where(TILT, 0.0, error), np.where(TILT, 0.0, wrench)
     found = {r.result.status for r in states}
-    return Label(wrench, amplitude, error, next(s for s in LABELLED if s in found), len(states))
+    return Label(wrench, amplitude, error, error, next(s for s in LABELLED if s in found), len(states))
+
+
+class MeanError:
+    """By how much the means of some cases of one kind missed others that are known better.
+
+    ``found``: of means of iterations that went in circles (True) and of other means, height over R and size (6,) of
+    what was missed beyond the error of the better mean, at 1 rpm, N and N m, going as rpm^2; nan where not known.
+    """
+
+    def __init__(self, rows: Sequence[Row]) -> None:
+        self.found: dict[bool, list[tuple[float, Array]]] = {True: [], False: []}
+        for p, r in ((row.position, row.result) for row in rows):
+            forbidden = TILT & math.isinf(p.d)
+            mean, iterated = np.array(r.wrench), np.array(r.iterated)
+            self._add(p, _in_circles(r), np.where(forbidden, mean, np.nan))
+            if np.isfinite(iterated).all() and np.isfinite(r.error).all():
+                apart = np.sqrt(np.maximum((iterated - mean) ** 2 - np.square(r.error), 0.0))
+                self._add(p, True, np.where(forbidden, iterated, apart))
+
+    def _add(self, position: Position, in_circles: bool, size: Array) -> None:
+        """Side forces and tilts are taken together over the directions solved: both, of a half model one."""
+        if position.swirl:
+            for pair in ([0, 1], [3, 4]):
+                size[pair] = np.sqrt(np.mean(size[pair] ** 2))
+        else:
+            size[ODD] = 0.0
+        self.found[in_circles].append((position.h, size / position.rpm**2))
+
+    def of(self, row: Row) -> Array:
+        """Error (6,) of the mean of one case, N and N m: its own, or what such means missed at that height if more.
+
+        Its own is that of block averages, else swing and drift.
+        """
+        own = np.where(np.isnan(row.result.error), _amplitude(row.result), row.result.error)
+        return np.maximum(own, row.position.rpm**2 * self._near(row.position.h, self.found[_in_circles(row.result)]))
+
+    def _near(self, h: float, found: Sequence[tuple[float, Array]]) -> Array:
+        """Rms (6,) of what was missed near that height; zero where nothing is known."""
+        apart = np.array([near((x, h))[0] - near((h, h))[0] for x, _ in found])
+        size = np.array([size for _, size in found]).reshape(-1, 6)
+        known = np.isfinite(size)
+        # The nearest counts, however far it is.
+        weight = np.exp(-0.5 * (apart**2 - (apart**2).min(initial=np.inf)) / WIDTH**2)[:, None] * known
+        square = (weight * np.where(known, size, 0.0) ** 2).sum(axis=0)
+        return np.asarray(np.sqrt(square / np.maximum(weight.sum(axis=0), np.finfo(float).tiny)))
+
+
+def _in_circles(result: Result) -> bool:
+    """True where nothing but the mean over iterations that did not settle is known."""
+    return result.status == "cycling" and result.steps == 0
+
+
+def _amplitude(result: Result) -> Array:
+    """Swing or drift (6,); a drift dies out over about a hundred iterations, twice the span it is taken over."""
+    out: Array = np.maximum(result.swing, 2 * np.array(result.drift))
+    return out

@@ -28,11 +28,6 @@ LIP_TURN = math.pi / 4
 CURVE_POINTS = 10
 # Cells of duct and hub that are solid, by column (axis to hub, hub to bore, bore to skin, skin to box): the rows.
 SOLID: dict[int, tuple[int, ...]] = {0: (2, 3, 4), 2: (1, 2, 3, 4, 5)}
-KINDS = {
-    **dict.fromkeys(("ground", "wall", "duct", "hub"), "wall;"),
-    **{"far": "patch;", "mirror": "symmetryPlane;"},
-}
-"""Type of each patch."""
 
 
 class Meridian:
@@ -41,7 +36,6 @@ class Meridian:
     def __init__(self, setup: Setup, position: Position) -> None:
         fan, rotor, mesh = setup.fan, setup.rotor, setup.mesh
         self.setup, self.position = setup, position
-        self.scale_m = fan.radius_m
         self.centre, self.lip = fan.lip_foot, fan.lip_thickness / 2
         lower = (rotor.lower_height, rotor.lower_height + rotor.thickness)
         upper = (rotor.upper_height, rotor.upper_height + rotor.thickness)
@@ -51,11 +45,6 @@ class Meridian:
         self.z = np.array([bottom, fan.exit_height, *lower, *upper, lip_z, mesh.far])
         self.bore, self.skin = self._column_radii()
         self.rows = self._row_cells()
-
-    @property
-    def bottom(self) -> str:
-        """Patch of the lowest row."""
-        return "ground" if math.isfinite(self.position.h) else "far"
 
     def n(self, count: float) -> int:
         """Cells at this case's level."""
@@ -91,29 +80,7 @@ class Meridian:
             return "((0.3 0.25 1) (0.7 0.75 0.35))"
         if column == 3:
             return growing(self.setup.mesh.box - 1.3, self.n(self.setup.mesh.ring), 0.03)
-        if column == 4:
-            room = self.setup.mesh.far - self.setup.mesh.box
-            return growing(room, self.n(self.setup.mesh.outer), 0.2)
         return "1"
-
-    def patch(self, row: int, column: int) -> dict[str, str]:
-        """Patches of a ring's sides: ``low``, ``high``, ``inner``, ``outer``, where they are not inside the air."""
-        duct = SOLID[2]
-        return {
-            side: name
-            for side, name, here in (
-                ("low", self.bottom, row == 0),
-                ("low", "hub", column == 0 and row == UPPER_ROW + 1),
-                ("low", "duct", column == 2 and row - 1 in duct),
-                ("high", "far", row == 6),
-                ("high", "hub", column == 0 and row == LOWER_ROW - 1),
-                ("high", "duct", column == 2 and row + 1 in duct),
-                ("inner", "hub", column == 1 and row in SOLID[0]),
-                ("inner", "duct", column == 3 and row in duct),
-                ("outer", "duct", column == 1 and row in duct),
-            )
-            if here
-        }
 
     def _column_radii(self) -> tuple[Array, Array]:
         """Radii over R of the bore line and of the skin line at each row of points."""

@@ -6,6 +6,7 @@ collapse onto the axis let a jet of twice the fan's own speed grow there.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -13,7 +14,7 @@ import numpy as np
 
 from models.cfd.blocks import Blocks
 from models.cfd.config import Setup
-from models.cfd.meridian import CURVE_POINTS, KINDS, LOWER_ROW, SOLID, UPPER_ROW, Meridian, both_ends, growing
+from models.cfd.meridian import CURVE_POINTS, LOWER_ROW, SOLID, UPPER_ROW, Meridian, both_ends, growing
 from models.cfd.position import Position
 from models.frames import Array
 
@@ -21,6 +22,14 @@ from models.frames import Array
 BOX_MERGE = 0.6
 # Radius of the core over the hub's; chosen.
 CORE = 0.5
+# Type of each patch.
+KINDS = dict.fromkeys(("ground", "wall", "duct", "hub"), "wall;") | {"far": "patch;", "mirror": "symmetryPlane;"}
+# Sides of a block by its corners: bottom, top and the four around. The solver takes any order, of
+# patches too; these are those of the files from which the shipped cases were computed.
+ENDS = ((0, 1, 2, 3), (4, 5, 6, 7))
+RING_SIDES = (*ENDS, (0, 3, 7, 4), (1, 5, 6, 2), (0, 1, 5, 4), (3, 2, 6, 7))
+CORE_SIDES = (*ENDS, (3, 0, 4, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6))
+CUBOID_SIDES = (*ENDS, (0, 3, 7, 4), (1, 2, 6, 5), (3, 2, 6, 7), (0, 1, 5, 4))
 
 
 def block_mesh(setup: Setup, position: Position) -> str:
@@ -35,31 +44,56 @@ class _Builder:
         fan, mesh = setup.fan, setup.mesh
         self.setup, self.position, self.out = setup, position, Blocks()
         self.meridian = Meridian(setup, position)
-        self.n, self.rows = self.meridian.n, self.meridian.rows
+        self.n, self.rows, self.grade_z = self.meridian.n, self.meridian.rows, self.meridian.grade_z
+        hub = np.full(8, fan.hub_radius)
+        self.radii = [CORE * hub, hub, self.meridian.bore, self.meridian.skin]
         # The box: to the wall where it is near.
         wall = fan.lip_radius + position.d
-        self.box_right = wall if wall < mesh.box + BOX_MERGE else mesh.box
+        self.wall_at_box = wall < mesh.box + BOX_MERGE
+        self.box_right = wall if self.wall_at_box else mesh.box
         self.right = wall if math.isfinite(wall) else mesh.far
         corner = math.atan2(mesh.box, self.box_right)
         half = [0.0, corner, 0.75 * math.pi, math.pi]
         self.angles = half if not position.swirl else [*half, 1.25 * math.pi, 2 * math.pi - corner, 2 * math.pi]
-        self.scale_m = self.meridian.scale_m
+        self.scale_m = fan.radius_m
         # Sides of a core that face each other need equal counts.
         self.around = self.n(mesh.azimuth / 3)
 
     def build(self) -> str:
-        sectors = list(zip(self.angles[:-1], self.angles[1:], strict=True))
-        for a, b in sectors:
-            for row in range(7):
-                self._rings(row, a, b)
+        halves = (1.0, -1.0) if self.position.swirl else (1.0,)
+        for a, b in itertools.pairwise(self.angles):
+            for row, column in itertools.product(range(7), range(4)):
+                if row not in SOLID.get(column, ()):
+                    self._ring(row, column, a, b)
         for row in (0, 1, 5, 6):
-            self._core(row, self.angles[:4])
-            if self.position.swirl:
-                self._core(row, self.angles[3:])
-        for row in range(7):
-            for side in (1.0,) if not self.position.swirl else (1.0, -1.0):
-                self._outside(row, side)
-        return self.out.text(KINDS)
+            for half in range(len(halves)):
+                self._core(row, self.angles[3 * half : 3 * half + 4])
+        for row, side in itertools.product(range(7), halves):
+            self._outside(row, side)
+        first = [self._bottom, "duct", *(["wall"] if self.wall_at_box else [])]
+        return self.out.text(self._patch, {name: KINDS[name] for name in [*first, "mirror", "hub", "far", "wall"]})
+
+    @property
+    def _bottom(self) -> str:
+        return "ground" if math.isfinite(self.position.h) else "far"
+
+    def _patch(self, points: Array) -> str:
+        """Patch on which an outer face with these points (4, 3) in m lies."""
+        far, z = self.setup.mesh.far, self.meridian.z
+
+        def at(axis: int, place: float) -> bool:
+            return np.allclose(points[:, axis], self.scale_m * place, rtol=0.0, atol=1e-9)
+
+        if at(2, z[0]):
+            return self._bottom
+        if at(0, self.right) and math.isfinite(self.position.d):
+            return "wall"
+        if at(2, z[7]) or at(0, self.right) or at(0, -far) or at(1, far) or at(1, -far):
+            return "far"
+        if at(1, 0.0):
+            return "mirror"
+        hub_m = self.scale_m * self.setup.fan.hub_radius
+        return "hub" if np.hypot(points[:, 0], points[:, 1]).max() < hub_m + 1e-9 else "duct"
 
     # Points
 
@@ -82,104 +116,52 @@ class _Builder:
 
     def _core(self, row: int, angles: Sequence[float]) -> None:
         """The quadrilateral of one half, above or below the hub."""
-        radius = CORE * self.setup.fan.hub_radius
-        lo, hi = ([self._on_circle(row + k, radius, t) for t in angles] for k in (0, 1))
-        self.out.block(
-            [*lo, *hi], "", [self.around, self.around, self.rows[row]], ["1", "1", self.meridian.grade_z(row)]
-        )
-        if row == 0:
-            self.out.face(self.meridian.bottom, lo)
-        if row == 6:
-            self.out.face("far", hi)
-        if row in (1, 5):
-            self.out.face("hub", hi if row == 1 else lo)
-        if not self.position.swirl:
-            self.out.face("mirror", [lo[3], lo[0], hi[0], hi[3]])
+        corners = [self._on_circle(r, self.radii[0][r], t) for r in (row, row + 1) for t in angles]
+        self.out.block(corners, "", [self.around, self.around, self.rows[row]], ["1", "1", self.grade_z(row)])
+        self.out.sides(corners, CORE_SIDES)
 
-    def _rings(self, row: int, a: float, b: float) -> None:
-        """The four blocks of one sector in one row: hub, bore, lip column, ring to the box."""
+    def _ring(self, row: int, column: int, a: float, b: float) -> None:
+        """One block between two angles: from core to hub, hub to bore, bore to skin or skin to box."""
         mesh = self.setup.mesh
-        hub = np.full(8, self.setup.fan.hub_radius)
-        radii = [CORE * hub, hub, self.meridian.bore, self.meridian.skin]
-        counts = [self.n(mesh.hub), self.n(mesh.bore), self.n(mesh.lip), self.n(mesh.ring)]
-        grade_z = self.meridian.grade_z(row)
-        for column in range(4):
-            if row in SOLID.get(column, ()):
-                continue
-            lo, hi = (self._corners(row + k, column, a, b, radii) for k in (0, 1))
-            zone = ""
-            if column == 1 and row in (LOWER_ROW, UPPER_ROW):
-                zone = "lowerDisc" if row == LOWER_ROW else "upperDisc"
-            grade_r = self._grade_r(column)
-            self.out.block([*lo, *hi], zone, [counts[column], self.around, self.rows[row]], [grade_r, "1", grade_z])
-            for k, r in enumerate((row, row + 1)):
-                corners = (lo, hi)[k]
-                if column < 3:
-                    self._arc(corners[1], corners[2], r, radii[column + 1][r], a, b)
-                if column > 0:
-                    self._arc(corners[0], corners[3], r, radii[column][r], a, b)
-            self._curves(row, column, (a, b), lo, hi)
-            self._ring_patches(row, column, lo, hi)
-        if not self.position.swirl:
-            self._mirror_rings(row, a, b, radii)
+        lo, hi = (self._corners(r, column, a, b) for r in (row, row + 1))
+        zone = {LOWER_ROW: "lowerDisc", UPPER_ROW: "upperDisc"}.get(row, "") if column == 1 else ""
+        count = self.n((mesh.hub, mesh.bore, mesh.lip, mesh.ring)[column])
+        grade_r = both_ends(3.0) if column == 3 and self.wall_at_box else self.meridian.grade_r(column)
+        self.out.block([*lo, *hi], zone, [count, self.around, self.rows[row]], [grade_r, "1", self.grade_z(row)])
+        self.out.sides([*lo, *hi], RING_SIDES)
+        for corners, r in ((lo, row), (hi, row + 1)):
+            if column < 3:
+                self._arc(corners[1], corners[2], r, column + 1, a, b)
+            if column > 0:
+                self._arc(corners[0], corners[3], r, column, a, b)
+        self._lip(row, column, (a, b), lo, hi)
 
-    def _corners(self, r: int, column: int, a: float, b: float, radii: Sequence[Array]) -> list[int]:
-        inner = [self._on_circle(r, radii[column][r], t) for t in (a, b)]
+    def _corners(self, r: int, column: int, a: float, b: float) -> list[int]:
+        inner = [self._on_circle(r, self.radii[column][r], t) for t in (a, b)]
         if column == 3:
             outer = [self._on_box(r, t) for t in (a, b)]
         else:
-            outer = [self._on_circle(r, radii[column + 1][r], t) for t in (a, b)]
+            outer = [self._on_circle(r, self.radii[column + 1][r], t) for t in (a, b)]
         return [inner[0], outer[0], outer[1], inner[1]]
 
-    def _arc(self, p: int, q: int, row: int, radius: float, a: float, b: float) -> None:
-        t = np.linspace(a, b, CURVE_POINTS + 2)[1:-1]
-        m = self.scale_m
-        points = np.column_stack(
-            [m * radius * np.cos(t), m * radius * np.sin(t), np.full_like(t, m * self.meridian.z[row])]
-        )
-        self.out.curve(p, q, points)
+    def _arc(self, p: int, q: int, row: int, line: int, a: float, b: float) -> None:
+        angle = np.linspace(a, b, CURVE_POINTS + 2)[1:-1]
+        self.out.curve(p, q, self.scale_m * self.radii[line][row], self.scale_m * self.meridian.z[row], angle)
 
-    def _curves(self, row: int, column: int, angles: tuple[float, float], lo: list[int], hi: list[int]) -> None:
+    def _lip(self, row: int, column: int, angles: tuple[float, float], lo: list[int], hi: list[int]) -> None:
         """The lip: its inner and outer eighths belong to row 5, the cap to the column of row 6."""
         line = self.meridian
-        for k, angle in enumerate(angles):
-            near, far = (0, 1) if k == 0 else (3, 2)
-            if row == 5 and column == 1:
-                self.out.turned(lo[far], hi[far], line.flank(outer=False), angle, self.scale_m)
-            elif row == 5 and column == 3:
-                self.out.turned(lo[near], hi[near], line.flank(outer=True), angle, self.scale_m)
-            elif row == 6 and column == 2:
-                self.out.turned(lo[near], lo[far], line.cap(), angle, self.scale_m)
-
-    def _ring_patches(self, row: int, column: int, lo: list[int], hi: list[int]) -> None:
-        sides = {"low": lo, "high": hi, "inner": [lo[0], lo[3], hi[3], hi[0]], "outer": [lo[1], hi[1], hi[2], lo[2]]}
-        for side, name in self.meridian.patch(row, column).items():
-            self.out.face(name, sides[side])
-        if column == 3 and self._box_is_wall and self._faces_wall(lo):
-            self.out.face("wall", sides["outer"])
-
-    def _mirror_rings(self, row: int, a: float, b: float, radii: Sequence[Array]) -> None:
-        for angle in (a, b):
-            if abs(math.sin(angle)) > 1e-9:
-                continue
-            for column in range(4):
-                if row in SOLID.get(column, ()):
-                    continue
-                lo, hi = (self._corners(row + k, column, angle, angle, radii) for k in (0, 1))
-                self.out.face("mirror", [lo[0], lo[1], hi[1], hi[0]])
-
-    @property
-    def _box_is_wall(self) -> bool:
-        return self.box_right == self.right and math.isfinite(self.position.d)
-
-    def _faces_wall(self, lo: list[int]) -> bool:
-        x = self.scale_m * self.box_right
-        return all(abs(self.out.vertices[v][0] - x) < 1e-9 for v in lo[1:3])
-
-    # Grading
-
-    def _grade_r(self, column: int) -> str:
-        return both_ends(3.0) if column == 3 and self._box_is_wall else self.meridian.grade_r(column)
+        for angle, near, far in zip(angles, (0, 3), (1, 2), strict=True):
+            if (row, column) == (5, 1):
+                p, q, points = lo[far], hi[far], line.flank(outer=False)
+            elif (row, column) == (5, 3):
+                p, q, points = lo[near], hi[near], line.flank(outer=True)
+            elif (row, column) == (6, 2):
+                p, q, points = lo[near], lo[far], line.cap()
+            else:
+                return
+            radius, z = self.scale_m * points.T
+            self.out.curve(p, q, radius, z, angle)
 
     # Outside the box
 
@@ -187,21 +169,20 @@ class _Builder:
         mesh = self.setup.mesh
         box, far = mesh.box, mesh.far
         n_outer = self.n(mesh.outer)
-        middle = (-box, self.box_right, self.around, "1")
-        left = (-far, -box, n_outer, growing(far - box, n_outer, 0.2, downwards=True))
-        columns = [left, middle]
+        across = growing(far - box, n_outer, 0.2)
+        columns = [
+            (-far, -box, n_outer, growing(far - box, n_outer, 0.2, downwards=True)),
+            (-box, self.box_right, self.around, "1"),
+        ]
         if self.right > self.box_right:
             room = self.right - self.box_right
             cells = max(3, round(n_outer * min(1.0, 0.35 + 0.65 * room / (far - box))))
-            if math.isfinite(self.position.d):
-                columns.append((self.box_right, self.right, cells, both_ends(2.0)))
-            else:
-                columns.append((self.box_right, self.right, cells, growing(room, cells, 0.2)))
-        for x0, x1, nx, gx in columns:
-            inner = (x0, x1) == (-box, self.box_right)
-            if not inner:
+            grading = both_ends(2.0) if math.isfinite(self.position.d) else growing(room, cells, 0.2)
+            columns.append((self.box_right, self.right, cells, grading))
+        for k, (x0, x1, nx, gx) in enumerate(columns):
+            if k != 1:
                 self._cuboid(row, (x0, x1), (0.0, side * box), (nx, self.around), (gx, "1"))
-            self._cuboid(row, (x0, x1), (side * box, side * far), (nx, n_outer), (gx, growing(far - box, n_outer, 0.2)))
+            self._cuboid(row, (x0, x1), (side * box, side * far), (nx, n_outer), (gx, across))
 
     def _cuboid(
         self,
@@ -211,26 +192,16 @@ class _Builder:
         cells: tuple[int, int],
         grading: tuple[str, str],
     ) -> None:
-        (x0, x1), (y0, y1) = x, y
-        lo, hi = (
-            [self._cartesian(row + k, px, py) for px, py in ((x0, y0), (x1, y0), (x1, y1), (x0, y1))] for k in (0, 1)
-        )
-        if y1 > y0:
-            order, n, g = [0, 1, 2, 3], (cells[0], cells[1]), (grading[0], grading[1])
-        else:
+        places = list(zip((x[0], x[1], x[1], x[0]), (y[0], y[0], y[1], y[1]), strict=True))
+        corners = [self._cartesian(r, *place) for r in (row, row + 1) for place in places]
+        order, step = [0, 1, 2, 3, 4, 5, 6, 7], 1
+        if y[1] < y[0]:
             # Mirrored side: y runs first so that the block stays right-handed.
-            order, n, g = [0, 3, 2, 1], (cells[1], cells[0]), (grading[1], grading[0])
-        corners = [*(lo[i] for i in order), *(hi[i] for i in order)]
-        self.out.block(corners, "", [*n, self.rows[row]], [*g, self.meridian.grade_z(row)])
-        if row == 0:
-            self.out.face(self.meridian.bottom, lo)
-        if row == 6:
-            self.out.face("far", hi)
-        if abs(x0) == self.setup.mesh.far and x0 < 0:
-            self.out.face("far", [lo[0], lo[3], hi[3], hi[0]])
-        if x1 == self.right:
-            self.out.face("wall" if math.isfinite(self.position.d) else "far", [lo[1], lo[2], hi[2], hi[1]])
-        if abs(y1) == self.setup.mesh.far:
-            self.out.face("far", [lo[3], lo[2], hi[2], hi[3]])
-        if y0 == 0.0 and not self.position.swirl:
-            self.out.face("mirror", [lo[0], lo[1], hi[1], hi[0]])
+            order, step = [0, 3, 2, 1, 4, 7, 6, 5], -1
+        self.out.block(
+            [corners[i] for i in order],
+            "",
+            [*cells[::step], self.rows[row]],
+            [*grading[::step], self.grade_z(row)],
+        )
+        self.out.sides(corners, CUBOID_SIDES)

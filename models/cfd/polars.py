@@ -17,7 +17,7 @@ from functools import cache
 
 import numpy as np
 
-from models.cfd.config import Rotor, Setup
+from models.cfd.config import Setup
 from models.errors import ConfigError
 from models.frames import Array
 
@@ -58,26 +58,19 @@ def blades(setup: Setup, rpm: float, section: Section, *, swirl: bool) -> Blades
 
 def stations(setup: Setup, rpm: float, section: Section, tip_pitch_deg: float) -> tuple[Station, ...]:
     """Tables of one disc for one rotor speed, from hub to tip."""
-    fan = setup.fan
-    tip_speed = rpm * 2 * math.pi / 60 * fan.radius_m
+    rotor, radius_m = setup.rotor, setup.fan.radius_m
+    tip_speed = rpm * 2 * math.pi / 60 * radius_m
+    ends = (rotor.root_radius, rotor.tip_radius)
     out = []
-    for x, pitch in _pitches(setup.rotor, tip_pitch_deg):
-        speed = tip_speed * math.hypot(x, INFLOW_RATIO)
-        reynolds = speed * setup.rotor.chord_m / setup.air.viscosity_m2_s
+    for x in np.linspace(*ends, rotor.stations):
+        pitch = float(np.interp(x, ends, (rotor.root_pitch_deg, tip_pitch_deg)))
+        reynolds = tip_speed * math.hypot(x, INFLOW_RATIO) * rotor.chord_m / setup.air.viscosity_m2_s
         cl, cd = _smooth(section, reynolds)
         phi = np.radians(pitch - ANGLES_DEG)
         axial = cl * np.cos(phi) - cd * np.sin(phi)
         tangential = cl * np.sin(phi) + cd * np.cos(phi)
-        out.append(Station(x * fan.radius_m, setup.rotor.chord_m, pitch, reynolds, axial, tangential))
+        out.append(Station(x * radius_m, rotor.chord_m, pitch, reynolds, axial, tangential))
     return tuple(out)
-
-
-def _pitches(rotor: Rotor, tip_pitch_deg: float) -> list[tuple[float, float]]:
-    """Radius over R and pitch [deg], from hub to tip."""
-    radii = np.linspace(rotor.root_radius, rotor.tip_radius, rotor.stations)
-    shares = (radii - rotor.root_radius) / (rotor.tip_radius - rotor.root_radius)
-    pitches = rotor.root_pitch_deg + shares * (tip_pitch_deg - rotor.root_pitch_deg)
-    return [(float(x), float(p)) for x, p in zip(radii, pitches, strict=True)]
 
 
 def _smooth(section: Section, reynolds: float) -> tuple[Array, Array]:
@@ -113,10 +106,8 @@ def neural_section(name: str) -> Section:
 
 
 def foam_table(station: Station, backwards: bool) -> str:
-    """The station as the solver's list (angle [rad], drag, lift)."""
-    angles = np.radians(ANGLES_DEG)
-    lift, drag = station.axial, station.tangential
+    """The station as the solver's list (angle [deg], drag, lift)."""
+    angles, lift, drag = ANGLES_DEG, station.axial, station.tangential
     if backwards:
         angles, lift, drag = -angles[::-1], lift[::-1], -drag[::-1]
-    rows = zip(angles, drag, lift, strict=True)
-    return "\n".join(f"({math.degrees(a):.3f} {d:.6f} {c:.6f})" for a, d, c in rows)
+    return "\n".join(f"({a:.3f} {d:.6f} {c:.6f})" for a, d, c in zip(angles, drag, lift, strict=True))

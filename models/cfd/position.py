@@ -16,6 +16,8 @@ LEAST_GAP = 0.1
 
 Place = tuple[float, float]
 """(h, d) over R."""
+FREE: Place = (math.inf, math.inf)
+"""Free air."""
 
 
 def near(place: Place) -> Array:
@@ -66,15 +68,10 @@ def check(setup: Setup, position: Position) -> None:
     lowest = -setup.fan.exit_height
     if not position.h > lowest + LEAST_GAP:
         raise ConfigError(
-            f"case {position.key}: the duct's exit is {lowest:g} R below the reference point, so h = {position.h:g} R "
-            f"{'runs into' if position.h <= lowest else 'leaves too thin a gap to'} the ground; "
-            f"use more than {lowest + LEAST_GAP:g} R"
+            f"case {position.key}: no room above the ground: h = {position.h:g} R must exceed "
+            f"{lowest + LEAST_GAP:g} R, as the duct's exit is {lowest:g} R below the reference point"
         )
     if not position.d > LEAST_GAP:
         raise ConfigError(
-            f"case {position.key}: d = {position.d:g} R "
-            f"{'intersects' if position.d <= 0 else 'is too close to'} the wall; "
-            f"use more than {LEAST_GAP:g} R"
+            f"case {position.key}: no room beside the wall: d = {position.d:g} R must exceed {LEAST_GAP:g} R"
         )
-    if not (math.isfinite(position.rpm) and position.rpm > 0):
-        raise ConfigError(f"case {position.key}: rpm must be positive")

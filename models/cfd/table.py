@@ -15,7 +15,6 @@ from models.frames import AXES
 from models.text_file import read_text, write_text
 
 UNITS = ("N", "N", "N", "Nm", "Nm", "Nm")
-PARTS = ("upper", "lower", "duct")
 
 
 def six(kind: str) -> tuple[str, ...]:
@@ -23,12 +22,17 @@ def six(kind: str) -> tuple[str, ...]:
     return tuple(f"{kind}{a}_{u}" for a, u in zip(AXES, UNITS, strict=True))
 
 
+NUMBERS = {
+    **{"wrench": six(""), "swing": six("swing_"), "drift": six("drift_")},
+    "parts": ("Fz_upper_N", "Fz_lower_N", "Fz_duct_N"),
+    **{name: six(f"{name}_") for name in ("error", "iterated", "iterated_error")},
+}
+"""Fields of a result that are several numbers, with their columns."""
+COUNTS = ("cells", "iterations", "steps")
 COLUMNS = (
     *("model", "h_over_r", "d_over_r", "rpm", "level", "approach", "status"),
-    *(*six(""), *six("swing_"), *six("drift_")),
-    *(f"Fz_{part}_N" for part in PARTS),
-    *(*six("error_"), *six("iterated_"), *six("iterated_error_")),
-    *("cells", "iterations", "steps", "seconds", "start", "note"),
+    *(column for columns in NUMBERS.values() for column in columns),
+    *(*COUNTS, "seconds", "start", "note"),
 )
 
 
@@ -38,7 +42,7 @@ def write(path: Path, rows: Sequence[Row]) -> None:
     out = csv.writer(text, lineterminator="\n")
     out.writerow(COLUMNS)
     for p, r in ((row.position, row.result) for row in rows):
-        numbers = (*r.wrench, *r.swing, *r.drift, *r.parts, *r.error, *r.iterated, *r.iterated_error)
+        numbers = [v for name in NUMBERS for v in getattr(r, name)]
         out.writerow(
             [
                 *(p.model, f"{p.h:g}", f"{p.d:g}", f"{p.rpm:g}", f"{p.level:g}", p.approach),
@@ -64,30 +68,13 @@ def read(path: Path) -> list[Row]:
 
 
 def _row(cell: dict[str, str]) -> Row:
-    def numbers(*columns: str) -> tuple[float, ...]:
-        return tuple(float(cell[name]) for name in columns)
-
     if cell["model"] not in MODELS:
         raise ValueError(f"model '{cell['model']}' is none of {', '.join(MODELS)}")
-    h, d, rpm, level = numbers("h_over_r", "d_over_r", "rpm", "level")
+    h, d, rpm, level = (float(cell[name]) for name in ("h_over_r", "d_over_r", "rpm", "level"))
     if any(math.isnan(v) for v in (h, d, rpm, level)):
         raise ValueError("h, d, rpm and level must be numbers")
-    return Row(
-        Position(h, d, rpm, MODELS[cell["model"]], level, cell["approach"]),
-        Result(
-            wrench=numbers(*six("")),
-            swing=numbers(*six("swing_")),
-            drift=numbers(*six("drift_")),
-            parts=numbers(*(f"Fz_{part}_N" for part in PARTS)),
-            status=cell["status"],
-            cells=int(cell["cells"]),
-            iterations=int(cell["iterations"]),
-            steps=int(cell["steps"]),
-            seconds=float(cell["seconds"]),
-            start=cell["start"],
-            note=cell["note"],
-            error=numbers(*six("error_")),
-            iterated=numbers(*six("iterated_")),
-            iterated_error=numbers(*six("iterated_error_")),
-        ),
-    )
+    numbers = {name: tuple(float(cell[c]) for c in columns) for name, columns in NUMBERS.items()}
+    counts = {name: int(cell[name]) for name in COUNTS}
+    words = {name: cell[name] for name in ("status", "start", "note")}
+    result = Result(**numbers, **counts, **words, seconds=float(cell["seconds"]))  # type: ignore[arg-type]
+    return Row(Position(h, d, rpm, MODELS[cell["model"]], level, cell["approach"]), result)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from base64 import b64encode
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
@@ -10,8 +9,6 @@ from pathlib import Path
 from models.errors import ConfigError
 from models.pages.svg import STYLE
 
-_WIDE_PX = 700
-"""Images above this width hold several panels."""
 PAGE_STYLE = STYLE + Path(__file__).with_name("page.css").read_text("utf-8")
 """Of every page."""
 
@@ -53,20 +50,6 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: Iterable[
     body = "".join(row("td", r) for r in rows)
     first = row("th", [escape(h) for h in head]) if any(head) else ""
     return f'<div class="wide"><table>{first}{body}</table></div>' if body else ""
-
-
-def pictures(paths: Iterable[Path]) -> str:
-    """PNG files inside the page, two beside each other where there is room, wide ones alone; captions are their names.
-
-    Where an image is wider than the screen its box scrolls, so that its text keeps a size that can be read.
-    """
-    shown = ""
-    for path in paths:
-        data, caption = path.read_bytes(), escape(path.stem.replace("_", " ").capitalize())
-        wide = " full" if int.from_bytes(data[16:20], "big") > _WIDE_PX else ""
-        image = f'<img alt="{caption}" src="data:image/png;base64,{b64encode(data).decode()}">'
-        shown += f'<figure class="wide{wide}"><figcaption><b>{caption}</b></figcaption>{image}</figure>'
-    return f'<div class="plots">{shown}</div>' if shown else ""
 
 
 def folded(summary: str, content: str) -> str:

@@ -29,14 +29,14 @@ def live(x: Array, y: Array, gate: Array, locations: NDArray[np.intp]) -> NDArra
         x, y, gate, locations = x[rows], y[rows], gate[rows], locations[rows]
     _, place = np.unique(locations, return_inverse=True)
     fold = (np.random.default_rng(0).permutation(place.max() + 1) % FOLDS)[place]
-    left = [_nearest(x, y, place), *(_polynomial(x, y, gate, fold, degree) for degree in DEGREES)]
+    left = [_nearest(x, y, place), *(unexplained(x, y, gate, fold, degree) for degree in DEGREES)]
     constant = ((y - y.mean(axis=0)) ** 2).sum(axis=0)
     varies = np.ptp(y, axis=0) > 1e-9
     out: NDArray[np.bool_] = varies & (np.min(left, axis=0) < (1.0 - LEAST_SHARE) * constant)
     return out
 
 
-def _polynomial(x: Array, y: Array, gate: Array, fold: NDArray[np.intp], degree: int) -> Array:
+def unexplained(x: Array, y: Array, gate: Array, fold: NDArray[np.intp], degree: int) -> Array:
     """Sum of squared errors (6,) of a polynomial on the folds that it was not fitted on."""
     left = np.zeros(6)
     for k in range(FOLDS):

@@ -26,7 +26,7 @@ from models.training.calibration import HeldOut
 PAPER_METHODS = ("bp", "ga-bp", "adam-bp", "ga-adam-bp")
 METHODS = (*PAPER_METHODS, "kriging", "polynomial", "ensemble")
 # Nets of an ensemble, each without another fifth of the places: the paper's 8:2 split, five times.
-MEMBERS = 5
+MEMBERS = evidence.FOLDS
 # Two places for each fold.
 MIN_PLACES = 2 * MEMBERS
 # The paper's number.
@@ -161,13 +161,12 @@ def train(
     method: str,
     seed: int = 0,
     *,
-    hidden: int = HIDDEN,
     epochs: int = EPOCHS,
     fidelity: Mapping[str, Any] | None = None,
     fan_radii_m: tuple[float, float] | None = None,
     progress: Progress = silent,
 ) -> Trained:
-    """Train ``method`` at 80 % of the places, measure at the rest; nets have ``hidden`` units.
+    """Train ``method`` at 80 % of the places, measure at the rest.
 
     Nets are an ensemble of five, each without one fifth of the places; the spread of all methods is calibrated on
     places that were not trained on. The test rows choose nothing. ``fan_radii_m``: rotor and outer lip radius of the
@@ -181,11 +180,11 @@ def train(
     part = data.take(train_rows)
     problem = frame(part)
     rng = np.random.default_rng(seed)
-    learnt = _at_most(problem, rng)
+    learnt = problem.take(drawn(len(problem), MAX_ROWS, rng))
     choices: dict[str, Any] = {}
     if method in PAPER_METHODS or method == "ensemble":
-        choices["hidden"] = hidden
-    regressor, calibrated = _fit(learnt, method, rng, hidden, epochs, progress, choices)
+        choices["hidden"] = HIDDEN
+    regressor, calibrated = _fit(learnt, method, rng, epochs, progress, choices)
     notes = _notes(data, problem, learnt)
     info = {
         "method": method,
@@ -199,34 +198,21 @@ def train(
         info["fan"] = identity(problem.free_air, *fan_radii_m).as_info()
     where = domain.fit(problem.x, part.h, part.d, part.rpm)
     model = FanSurrogate(problem.free_air, problem.coordinates, regressor, calibrated, where, info=info)
-    measured = {
+    found = {
         name: measure(model, rows, problem.live) for name, rows in (("train", part), ("test", data.take(test_rows)))
     }
-    report = _report(info, measured, time.perf_counter() - start)
-    model.info = {**info, "metrics": {k: report[k] for k in ("train", "test", "increments", "coverage_95")}}
-    return Trained(model, report)
-
-
-def _report(info: Mapping[str, Any], measured: Mapping[str, Mapping[str, Any]], seconds: float) -> dict[str, Any]:
-    """The JSON of ``models train``; ``measured`` is ``measure`` of the learnt and of the held-out rows."""
-    return {
-        "method": info["method"],
-        "seed": info["seed"],
-        "rows": info["data"]["rows"],
-        **{name: m["wrench"] for name, m in measured.items()},
-        "seconds": round(seconds, 3),
-        "increments": {name: m["increments"] for name, m in measured.items()},
-        "coverage_95": {name: m["coverage_95"] for name, m in measured.items()},
-        **info["choices"],
-        "notes": info["notes"],
+    metrics = {
+        **{name: measured["wrench"] for name, measured in found.items()},
+        **{key: {name: measured[key] for name, measured in found.items()} for key in ("increments", "coverage_95")},
     }
+    model.info = {**info, "metrics": metrics}
+    told = {"method": method, "seed": seed, "rows": len(data), "seconds": round(time.perf_counter() - start, 3)}
+    return Trained(model, {**told, **metrics, **choices, "notes": notes})
 
 
-def _at_most(problem: Problem, rng: np.random.Generator) -> Problem:
-    """The problem, or ``MAX_ROWS`` of its rows drawn at random."""
-    if len(problem) <= MAX_ROWS:
-        return problem
-    return problem.take(np.sort(rng.choice(len(problem), MAX_ROWS, replace=False)))
+def drawn(count: int, most: int, rng: np.random.Generator) -> Index:
+    """Which of ``count`` rows: all, or ``most`` of them at random, in order."""
+    return np.arange(count) if count <= most else np.sort(rng.choice(count, most, replace=False))
 
 
 def _notes(data: DataSet, problem: Problem, learnt: Problem) -> list[str]:
@@ -297,7 +283,6 @@ def _fit(
     problem: Problem,
     method: str,
     rng: np.random.Generator,
-    hidden: int,
     epochs: int,
     progress: Progress,
     choices: dict[str, Any],
@@ -306,33 +291,41 @@ def _fit(
     fold = folds(problem, MEMBERS, rng)
     if method in PAPER_METHODS:
         members = fold != np.arange(MEMBERS)[:, None]
-        nets = paper_nets(problem, members, method, rng, hidden, epochs, progress=progress)
+        nets = paper_nets(problem, members, method, rng, epochs, progress=progress)
         return nets, calibration.calibrate([_unseen_folds(problem, nets, fold)], problem.y)
+    again = trainer(problem, method, rng, fold, progress, choices)
+    regressor: Regressor
     if method == "ensemble":
-        decays = choose_decays(problem, rng, hidden, progress)
-        choices["decays"] = dict(zip(AXES, decays, strict=True))
-        nets = levenberg_nets(problem, fold, rng, hidden, decays, progress)
+        regressor = nets = levenberg_nets(problem, fold, rng, tuple(choices["decays"].values()), progress)
+        scattered = _unseen_folds(problem, nets, fold)
+    else:
+        scattered = _unseen(problem, again, fold, rng, progress)
+        regressor = again(problem)
+    in_blocks = _unseen(problem, again, blocks(problem), rng, progress)
+    return regressor, calibration.calibrate([scattered, in_blocks], problem.y)
 
-        def build(rows: Problem) -> Regressor:
-            return levenberg_nets(rows, folds(rows, MEMBERS, rng), rng, hidden, decays)
 
-        return nets, calibration.calibrate(
-            [_unseen_folds(problem, nets, fold), _unseen(problem, build, blocks(problem), rng, progress)], problem.y
-        )
+def trainer(
+    problem: Problem,
+    method: str,
+    rng: np.random.Generator,
+    fold: Index | None = None,
+    progress: Progress = silent,
+    choices: dict[str, Any] | None = None,
+) -> Callable[[Problem], Regressor]:
+    """What trains kriging, polynomial or ensemble on any rows, with what ``problem`` chooses for it.
+
+    The choice goes into ``choices``; it is made on the folds ``fold``, or on folds of its own.
+    """
+    choices = {} if choices is None else choices
+    if method == "kriging":
+        return lambda rows: kriging.fit(rows.x, rows.y, rows.gate, rows.locations, int(rng.integers(2**31)))
     if method == "polynomial":
-        errors = {d: fold_error(problem, fold, d) for d in polynomial.DEGREES}
-        degree = min(errors, key=errors.__getitem__)
-        choices["degree"] = degree
-
-    def rival(rows: Problem) -> Regressor:
-        if method == "kriging":
-            return kriging.fit(rows.x, rows.y, rows.gate, rows.locations, int(rng.integers(2**31)))
-        return polynomial.fit(rows.x, rows.y, rows.gate, degree)
-
-    scattered = _unseen(problem, rival, fold, rng, progress)
-    return rival(problem), calibration.calibrate(
-        [scattered, _unseen(problem, rival, blocks(problem), rng, progress)], problem.y
-    )
+        degree = choices["degree"] = best_degree(problem, folds(problem, MEMBERS, rng) if fold is None else fold)
+        return lambda rows: polynomial.fit(rows.x, rows.y, rows.gate, degree)
+    decays = choose_decays(problem, rng, progress)
+    choices["decays"] = dict(zip(AXES, decays, strict=True))
+    return lambda rows: levenberg_nets(rows, folds(rows, MEMBERS, rng), rng, decays)
 
 
 def blocks(problem: Problem) -> Index:
@@ -353,9 +346,8 @@ def _unseen(
     progress: Progress,
 ) -> HeldOut:
     """Errors and spread on each group of rows of regressors that learnt the other groups."""
-    if len(problem) > CALIBRATION_ROWS:
-        rows = np.sort(rng.choice(len(problem), CALIBRATION_ROWS, replace=False))
-        problem, group = problem.take(rows), group[rows]
+    rows = drawn(len(problem), CALIBRATION_ROWS, rng)
+    problem, group = problem.take(rows), group[rows]
     mean, spread = np.zeros((len(problem), 6)), np.zeros((len(problem), 6))
     groups = np.unique(group)
     for done, g in enumerate(groups if len(groups) > 1 else ()):
@@ -379,25 +371,22 @@ def _opened(problem: Problem, mean: Array, spread: Array) -> HeldOut:
     return HeldOut(gate * mean[rows] - y, gate * spread[rows], problem.locations[rows])
 
 
-def fold_error(problem: Problem, fold: Index, degree: int) -> float:
-    """Mean share of the increments that a polynomial leaves unexplained on folds it was not fitted on."""
-    left = 0.0
-    for k in range(MEMBERS):
-        rows, unseen = problem.take(np.flatnonzero(fold != k)), problem.take(np.flatnonzero(fold == k))
-        fitted = polynomial.fit(rows.x, rows.y, rows.gate, degree)
-        left += float(np.sum(((unseen.gate * fitted.predict(unseen.x)[0] - unseen.y) / problem.scale) ** 2))
-    return left
+def best_degree(problem: Problem, fold: Index) -> int:
+    """The polynomial's degree with the least share of the increments left unexplained on folds not fitted on."""
+
+    def left(degree: int) -> float:
+        squares = evidence.unexplained(problem.x, problem.y, problem.gate, fold, degree)
+        return float(np.sum(squares / problem.scale**2))
+
+    return min(polynomial.DEGREES, key=left)
 
 
-def choose_decays(
-    problem: Problem, rng: np.random.Generator, hidden: int, progress: Progress = silent
-) -> tuple[float, ...]:
+def choose_decays(problem: Problem, rng: np.random.Generator, progress: Progress = silent) -> tuple[float, ...]:
     """Weight decay (6) of the nets of each component: the strongest that is nearly as good as any on unseen places.
 
     Few and noisy data want a strong one, or 46 weights make waves between them.
     """
-    if len(problem) > CALIBRATION_ROWS:
-        problem = problem.take(np.sort(rng.choice(len(problem), CALIBRATION_ROWS, replace=False)))
+    problem = problem.take(drawn(len(problem), CALIBRATION_ROWS, rng))
     fold, seed = folds(problem, MEMBERS, rng), int(rng.integers(2**31))
     out = [DECAYS[-1]] * 6
     for c in np.flatnonzero(problem.live).tolist():
@@ -409,7 +398,7 @@ def choose_decays(
             start = np.random.default_rng(seed)
             for k in range(TRIAL_FOLDS):
                 seen, unseen = fold != k, fold == k
-                w1, b1, w2, b2 = levenberg.train(problem.x[seen], target[seen], gate[seen], hidden, start, decay)
+                w1, b1, w2, b2 = levenberg.train(problem.x[seen], target[seen], gate[seen], HIDDEN, start, decay)
                 answer = gate[unseen] * (np.tanh(problem.x[unseen] @ w1 + b1) @ w2 + b2)
                 left[i] += float(np.sum((answer - target[unseen]) ** 2))
             progress("weight decay", len(DECAYS) * c + i + 1, 6 * len(DECAYS))
@@ -423,20 +412,19 @@ def levenberg_nets(
     problem: Problem,
     fold: Index,
     rng: np.random.Generator,
-    hidden: int,
     decays: Sequence[float],
     progress: Progress = silent,
 ) -> NetEnsemble:
     """Nets by Levenberg-Marquardt with weight decay (6); member k has not seen fold k."""
-    w1 = np.zeros((MEMBERS, 6, 3, hidden))
-    b1, w2, b2 = np.zeros((MEMBERS, 6, hidden)), np.zeros((MEMBERS, 6, hidden)), np.zeros((MEMBERS, 6))
+    w1 = np.zeros((MEMBERS, 6, 3, HIDDEN))
+    b1, w2, b2 = np.zeros((MEMBERS, 6, HIDDEN)), np.zeros((MEMBERS, 6, HIDDEN)), np.zeros((MEMBERS, 6))
     for k in range(MEMBERS):
         rows = fold != k
         x = problem.x[rows]
         for c in np.flatnonzero(problem.live).tolist():
             root = np.sqrt(problem.weight[rows, c])
             target, gate = root * problem.y[rows, c] / problem.scale[c], root * problem.gate[rows, c]
-            w1[k, c], b1[k, c], w2[k, c], b2[k, c] = levenberg.train(x, target, gate, hidden, rng, decays[c])
+            w1[k, c], b1[k, c], w2[k, c], b2[k, c] = levenberg.train(x, target, gate, HIDDEN, rng, decays[c])
             progress("nets", 6 * k + c + 1, 6 * MEMBERS)
     return NetEnsemble(w1, b1, w2 * problem.scale[:, None], b2 * problem.scale)
 
@@ -446,7 +434,6 @@ def paper_nets(
     rows: Array,
     method: str,
     rng: np.random.Generator,
-    hidden: int,
     epochs: int,
     rate: float = ADAM_RATE,
     progress: Progress = silent,
@@ -457,18 +444,18 @@ def paper_nets(
     members, live = len(rows), np.flatnonzero(problem.live)
     gate, y = (np.tile(a.T[live], (members, 1)) for a in (problem.gate, problem.y / problem.scale))
     weight = np.repeat(rows.astype(float), len(live), axis=0)
-    nets, size = len(y), network.genes(hidden)
+    nets, size = len(y), network.genes(HIDDEN)
     if method.startswith("ga-"):
         seen = np.sort(rng.choice(len(problem), min(len(problem), GA_ROWS), replace=False))
         small = network.Batch.of(problem.x[None, seen], gate[:, seen], y[:, seen], weight[:, seen])
-        evaluate = partial(network.population_errors, batch=small, hidden=hidden)
+        evaluate = partial(network.population_errors, batch=small, hidden=HIDDEN)
         start, _ = genetic.evolve(evaluate, nets, size, rng, tick=partial(progress, "genetic algorithm"))
     else:
         start = rng.uniform(-1.0, 1.0, (nets, size))
     batch, adam_rate = network.Batch.of(problem.x[None], gate, y, weight), rate if "adam" in method else None
     theta = np.zeros((members, 6, size))
     theta[:, live] = network.descend(
-        start, batch, hidden, epochs, adam_rate=adam_rate, tick=partial(progress, "descent")
+        start, batch, HIDDEN, epochs, adam_rate=adam_rate, tick=partial(progress, "descent")
     ).reshape(members, len(live), size)
-    w1, b1, w2, b2 = network.unpack(theta, hidden)
+    w1, b1, w2, b2 = network.unpack(theta, HIDDEN)
     return NetEnsemble(w1, b1, w2 * problem.scale[:, None], b2 * problem.scale)

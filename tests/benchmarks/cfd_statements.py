@@ -17,14 +17,12 @@ from typing import Any
 
 import numpy as np
 
-from models.cfd.assemble import Assembled, assemble
+from models.cfd.assemble import Assembled, assemble, mesh_error
 from models.cfd.case_run import Row
 from models.cfd.cli import SHIPPED_CASES
 from models.cfd.config import Setup, load
-from models.cfd.fidelity import FREE
-from models.cfd.grid import mesh_error
 from models.cfd.labels import HALF, Label, full_kind, kind_of, labels
-from models.cfd.position import Place
+from models.cfd.position import FREE, Place
 from models.cfd.table import read
 from models.frames import AXES, Array
 
@@ -47,7 +45,7 @@ class Statement:
 class Checked:
     """Everything that is reported, at the campaign's speed.
 
-    ``labels``: the set's rows, their ``error`` the row's sigma. ``parts`` (3,): lift of upper disc, lower disc and duct
+    ``labels``: the set's rows. ``parts`` (3,): lift of upper disc, lower disc and duct
     [N], of full models where they give the set's free air, else of half models. ``mesh`` (6,): error of an increment
     by the mesh [N, N m].
     """
@@ -89,12 +87,12 @@ def check(rows: Sequence[Row], setup: Setup) -> Checked:
     """Judge all cases. Raises ModelError where they do not give a set yet (see ``assemble``)."""
     made, rpm = assemble(rows, setup), setup.campaign.rpm
     kind = full_kind(rows, rpm)
-    known, solved = {}, False
-    for row, mark in zip(made.table, made.marks, strict=True):
-        if row[2] == rpm:
-            h, d = (round(float(v) / setup.fan.radius_m, 9) for v in row[:2])
-            known[h, d] = Label(row[3:], mark.amplitude, mark.sigma, mark.status, mark.starts)
-            solved = solved or ((h, d) == FREE and mark.made == "solved")
+    known = {
+        (round(float(row[0]) / setup.fan.radius_m, 9), round(float(row[1]) / setup.fan.radius_m, 9)): mark
+        for row, mark in zip(made.table, made.marks, strict=True)
+        if row[2] == rpm
+    }
+    solved = known[FREE].made == "solved"
     parts = {
         r.position.place: np.array(r.result.parts)
         for r in rows
@@ -128,7 +126,7 @@ def _statements(c: Checked) -> list[Statement]:
 
 @_published("paper, figs 5 and 9", "lift ratio rises as the ground comes near")
 def _ground_lifts(c: Checked) -> Judged:
-    doubt = {h: max(c.mesh[2], c.labels[h, math.inf].error[2]) / c.free for h in c.heights}
+    doubt = {h: max(c.mesh[2], c.labels[h, math.inf].sigma[2]) / c.free for h in c.heights}
     falls = all(c.ratio(b) <= c.ratio(a) + math.hypot(doubt[a], doubt[b]) for a, b in itertools.pairwise(c.heights))
     return ", ".join(f"{c.ratio(h):.3f} at {h:g}" for h in c.heights) + " R", falls
 
@@ -272,13 +270,13 @@ def summary(c: Checked, rows: Sequence[Row], setup: Setup) -> dict[str, Any]:
         "positions": len(c.labels),
         "made": dict(Counter(m.made for m in c.made.marks)),
         "status": dict(Counter(r.result.status for r in rows)),
-        "usable": sum(r.usable for r in rows),
+        "usable": sum(r.result.status in ("steady", "marched", "averaged") for r in rows),
         "cpu_hours": sum(r.result.seconds for r in rows) / 3600,
         "free_lift_N": c.free,
         "C_T": c.free / (air * math.pi * radius**2 * tip_speed**2),
         "mesh_error": _by_axis(c.mesh),
-        "half_model_misses": _by_axis(c.made.correction.plain),
-        "corrected_misses": _by_axis(c.made.correction.error),
+        "half_model_misses": _by_axis(_rms(c.made.correction.change)),
+        "corrected_misses": _by_axis(_rms(c.made.correction.missed)),
         "rpm_law": {
             "free_lift_exponent": 2 + law.free,
             "increment_exponent": _by_axis(2 + law.exponent),
@@ -288,6 +286,11 @@ def summary(c: Checked, rows: Sequence[Row], setup: Setup) -> dict[str, Any]:
         "agreement": [asdict(s) for s in c.statements],
         "verdicts": dict(Counter(s.verdict for s in c.statements)),
     }
+
+
+def _rms(values: Array) -> Array:
+    """Root mean square (6,) over the rows of ``values`` (n, 6); not known (nan) without rows."""
+    return np.sqrt(np.mean(values**2, axis=0)) if len(values) else np.full(6, np.nan)
 
 
 def _by_axis(values: Array) -> dict[str, float]:
