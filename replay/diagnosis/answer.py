@@ -132,7 +132,6 @@ class Diagnosis:
                 "log_faults": [asdict(f) for f in self.faults],
                 "model": model,
                 "rejected": [asdict(r) for r in self.rejected],
-                "noise": _noise(self.traces[0]) if self.traces else {},
                 "delays": [{"log": r.name, **asdict(d)} for r in self.records for d in r.delays],
                 "excluded": [{"log": r.name, **asdict(e)} for r in self.records for e in r.excluded],
                 "notes": self.notes,
@@ -178,10 +177,6 @@ def _share_text(values: Sequence[float], unit: str, answer: Diagnosis) -> str:
 def _outside(o: Outside) -> dict[str, Any]:
     out = {"axes": [o.axis], "rms": o.rms, "unit": UNITS[AXES.index(o.axis)], "intervals_s": o.intervals_s}
     return out | ({"regime": o.regime} if o.regime else {})
-
-
-def _noise(t: Trace) -> dict[str, Any]:
-    return {AXES[a]: {"rms": t.noise.total[k], "correlation_s": t.noise.tau_s[k]} for k, a in enumerate(t.record.axes)}
 
 
 def _effect(n: Named, answer: Diagnosis) -> dict[str, Any]:

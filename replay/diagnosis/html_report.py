@@ -75,13 +75,9 @@ def page(answer: Diagnosis, vehicle: Vehicle, model_faults: Sequence[Mapping[str
 
 def _pooled(answer: Diagnosis, axis: int, *, after: bool) -> tuple[float, float, float]:
     """RMS of one axis over the flights that judge it, with its interval."""
-    parts, block = [], 1
-    for t in answer.traces:
-        if axis in t.record.axes:
-            parts.append((t.after if after else t.before)[t.record.valid, axis])
-            tau_s = float(t.noise.tau_s[t.record.axes.index(axis)])
-            block = max(block, int(3.0 * tau_s / t.record.step_s))
-    return rms_interval(np.concatenate(parts), block)
+    judged = [t for t in answer.traces if axis in t.record.axes]
+    parts = [(t.after if after else t.before)[t.record.valid, axis] for t in judged]
+    return rms_interval(np.concatenate(parts), judged[0].record.step_s)
 
 
 def _error_words(axes: Sequence[str], a: EffectWrench | None, vehicle: Vehicle) -> list[str]:
@@ -106,9 +102,4 @@ def _basis(answer: Diagnosis) -> list[str]:
         for d in r.delays
     ]
     lines += [f"{r.name}: {e.seconds:.1f} s left out, {e.reason}" for r in answer.records for e in r.excluded]
-    lines += list(answer.notes)
-    return lines + [
-        f"{t.record.name}: noise in {AXES[a]} {t.noise.total[k]:.3g} {UNITS[a]}, correlated {t.noise.tau_s[k]:.1f} s"
-        for t in answer.traces
-        for k, a in enumerate(t.record.axes)
-    ]
+    return [*lines, *answer.notes]

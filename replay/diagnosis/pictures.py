@@ -15,6 +15,7 @@ from replay.diagnosis.answer import UNITS, Named
 from replay.diagnosis.words import AXIS_WORDS, channel_words
 from replay.residual.record import Record
 from replay.search.curves import Carrier
+from replay.search.outside import INDEPENDENT_S
 from replay.search.regimes import regimes
 from replay.search.results import Trace
 
@@ -70,7 +71,7 @@ def effect_picture(named: Named, a: EffectWrench) -> str:
     x = drawn.values[good]
     own = ((a.wrench * drawn.direction).sum(axis=1))[good]
     left = ((a.trace.after * drawn.direction).sum(axis=1))[good]
-    middle, mean, error = binned(x, own + left, BINS, _independent(a.trace, a.axis))
+    middle, mean, error = binned(x, own + left, BINS, INDEPENDENT_S / record.step_s)
     at, curve, _ = binned(x, own, CURVE_POINTS, 1.0)
     fitted = "correction, as fitted" if effect.in_flight.use is InFlight.MEASUREMENT else "the effect, as fitted"
     lines = [
@@ -87,12 +88,6 @@ def without(axes: Sequence[str], a: EffectWrench) -> list[tuple[int, float, floa
     rows = a.trace.record.valid
     rms = [np.sqrt((r[rows] ** 2).mean(axis=0)) for r in (a.trace.after + a.wrench, a.trace.after)]
     return [(i, float(rms[0][i]), float(rms[1][i])) for i in a.trace.record.axes if AXES[i] in axes]
-
-
-def _independent(t: Trace, axis: int) -> float:
-    """Samples of an axis that are as good as one."""
-    k = t.record.axes.index(axis) if axis in t.record.axes else 0
-    return max(float(t.noise.tau_s[k]) / t.record.step_s, 1.0)
 
 
 def binned(x: Array, y: Array, most: int, independent: float) -> tuple[Array, Array, Array]:
@@ -120,7 +115,7 @@ def against(t: Trace, carrier: Carrier) -> str:
         return ""
     lines = []
     for residual, kind in ((t.before, "before"), (t.after, "after")):
-        middle, mean, error = binned(x[good], residual[good, axis], BINS, _independent(t, axis))
+        middle, mean, error = binned(x[good], residual[good, axis], BINS, INDEPENDENT_S / t.record.step_s)
         lines.append(Line(middle, mean, kind, kind, points=True, error=error))
     title = f"{AXIS_WORDS[axis].capitalize()}: {t.record.name}"
     return figure(title, lines, channel_words(carrier.name), f"error [{UNITS[axis]}]")

@@ -24,8 +24,6 @@ from replay.residual.record import Record, check_model
 from replay.search.regimes import regimes
 
 Mask = NDArray[np.bool_]
-BLOCK_S = 3.0
-"""Blocks of the bootstrap: longer than a residual hangs together [s]."""
 LEAST_S = 4.0
 """A regime, or what follows the learning of wind and load, has to last so long [s]."""
 
@@ -179,8 +177,7 @@ def _errors(parts: Sequence[tuple[Predicted, Mask]]) -> dict[str, AxisError]:
             np.concatenate([r[rows, axis] for r, rows in part])
             for part in ([(f.without, m) for f, m in judged], [(f.with_effects, m) for f, m in judged])
         )
-        block = round(BLOCK_S / judged[0][0].record.step_s)
-        rms, low, high = rms_interval(with_effects, block)
+        rms, low, high = rms_interval(with_effects, judged[0][0].record.step_s)
         out[AXES[axis]] = AxisError(float(np.sqrt((without**2).mean())), rms, (low, high))
     return out
 

@@ -15,7 +15,6 @@ from replay.residual.record import Record
 from replay.search.curves import Carrier
 from replay.search.evidence import TRUST, Fit
 from replay.search.held_out import FlightFit, flight_fits
-from replay.search.noise import Noise, fit_noise
 from replay.search.outside import Outside, outside
 from replay.search.regimes import Regime, by_regime
 from replay.search.sets import Rival, Walked, rivals_of
@@ -100,12 +99,11 @@ class Rejected:
 
 @dataclass(frozen=True)
 class Trace:
-    """One flight: residuals on held-out time without and with the effects, (n, 6), and the noise of its axes."""
+    """One flight: residuals on held-out time without and with the effects, (n, 6)."""
 
     record: Record
     before: Array
     after: Array
-    noise: Noise
     carriers: tuple[Carrier, ...]
     """Channels that carry what is left: the free curves of the answer, the largest first."""
     outside: tuple[Outside, ...]
@@ -213,9 +211,8 @@ def _gain(key: Key, fits: Sequence[FlightFit]) -> float:
 
 def _trace(fit: FlightFit) -> Trace:
     record = fit.record
-    noise = fit_noise(fit.rest[:, list(record.axes)], record.valid, record.step_s)
     regimes = by_regime(record, fit.before, fit.after)
-    return Trace(record, fit.before, fit.after, noise, fit.curves, outside(record, fit.unexplained), regimes)
+    return Trace(record, fit.before, fit.after, fit.curves, outside(record, fit.unexplained), regimes)
 
 
 def _found(

@@ -147,7 +147,7 @@ def test_the_page_stands_alone_and_says_what_to_do(windy: Diagnosis) -> None:
 
 def test_the_interval_of_an_rms_holds_the_truth() -> None:
     x = np.random.default_rng(0).standard_normal(4000)
-    value, low, high = rms_interval(x, 20)
+    value, low, high = rms_interval(x, 0.15)
     assert low < 1.0 < high
     assert value == pytest.approx(1.0, abs=0.05)
     assert high - low < 0.1
