@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,13 +10,13 @@ from models.effects import InFlight
 from models.effects.pictures import over_time
 from models.frames import AXES, Array
 from models.pages.svg import Band, Line, Mark, figure, keys
-from replay.diagnosis.answer import UNITS, Named
+from replay.diagnosis.answer import UNITS
 from replay.diagnosis.words import AXIS_WORDS, channel_words
 from replay.residual.record import Record
 from replay.search.curves import Carrier
 from replay.search.outside import INDEPENDENT_S
 from replay.search.regimes import regimes
-from replay.search.results import Trace
+from replay.search.results import Found, Trace
 
 BINS, FEWEST_BINS = 14, 3
 """Of a picture over a quantity."""
@@ -34,43 +33,27 @@ _SHORTEST_S = 1.0
 """Shorter phases are not drawn."""
 
 
-@dataclass(frozen=True)
-class EffectWrench:
-    """What one effect does on one flight: its wrench (n, 6) as found, on the axes by which it was searched."""
+def effect_picture(found: Found, traces: Sequence[Trace]) -> str:
+    """What is left when this effect alone is taken out of the model, over its quantity, and the effect as fitted.
 
-    trace: Trace
-    wrench: Array
-    axis: int
-    """The axis on which it is strongest, in hundredths of the weight."""
-
-
-def effect_wrench(named: Named, traces: tuple[Trace, ...]) -> EffectWrench | None:
-    """The effect on the flight that shows it best; None where it corrects a measurement only or has no numbers."""
-    t = traces[named.record]
-    effect = named.found.effect
-    parameters = named.of_flight.get(named.record, named.found.parameters)
-    if set(parameters) != {c.name for c in effect.coefficients} | {s.name for s in effect.shapes}:
-        return None
-    wrench = np.nan_to_num(effect.wrench(t.record.context, parameters))
-    judged = [a for a in t.record.axes if not effect.searched or AXES[a] in effect.searched]
-    wrench[:, [a for a in range(6) if a not in judged]] = 0.0
-    size = np.sqrt((wrench[t.record.valid] ** 2).mean(axis=0)) / np.array([1.0] * 3 + [t.record.context.lever] * 3)
-    usual = [a for a in judged if AXES[a] in (named.found.axes or effect.axes)] or judged
-    if not usual or not size.any():
-        return None
-    return EffectWrench(t, wrench, max(usual, key=lambda a: float(size[a])))
-
-
-def effect_picture(named: Named, a: EffectWrench) -> str:
-    """What is left when this effect alone is taken out of the model, over its quantity, and the effect as fitted."""
-    effect, record = named.found.effect, a.trace.record
-    drawn = (effect.shown.drawn or over_time)(record.context, AXES[a.axis])
+    On the flight that shows it best, along the axis on which it is strongest in hundredths of the weight; nothing where
+    it corrects a measurement only.
+    """
+    t, effect = traces[found.flight], found.effect
+    record = t.record
+    wrench = np.nan_to_num(effect.wrench(record.context, found.of_flight[found.flight]))
+    judged = [a for a in record.axes if not effect.searched or AXES[a] in effect.searched]
+    wrench[:, np.setdiff1d(np.arange(6), judged)] = 0.0
+    size = np.sqrt((wrench[record.valid] ** 2).mean(axis=0)) / np.array([1.0] * 3 + [record.context.lever] * 3)
+    if not size.any():
+        return ""
+    axis = AXES[int(np.argmax(size))]
+    drawn = (effect.shown.drawn or over_time)(record.context, axis)
     good = record.valid & np.isfinite(drawn.values)
     if good.sum() < 5 * BINS or np.ptp(drawn.values[good]) < 1e-9:
-        drawn, good = over_time(record.context, AXES[a.axis]), record.valid
+        drawn, good = over_time(record.context, axis), record.valid
     x = drawn.values[good]
-    own = ((a.wrench * drawn.direction).sum(axis=1))[good]
-    left = ((a.trace.after * drawn.direction).sum(axis=1))[good]
+    own, left = ((w * drawn.direction).sum(axis=1)[good] for w in (wrench, t.after))
     middle, mean, error = binned(x, own + left, BINS, INDEPENDENT_S / record.step_s)
     at, curve, _ = binned(x, own, CURVE_POINTS, 1.0)
     fitted = "correction, as fitted" if effect.in_flight.use is InFlight.MEASUREMENT else "the effect, as fitted"
@@ -78,16 +61,9 @@ def effect_picture(named: Named, a: EffectWrench) -> str:
         Line(middle, mean, "before", "measured without it", points=True, error=error),
         Line(at, curve, "fit", fitted, thick=True),
     ]
-    start = named.found.parameters.get(drawn.mark) if drawn.mark else None
+    start = found.parameters.get(drawn.mark)
     marks = [Mark(start, f"{start:.0f} s")] if start else []
     return figure(record.name, lines, drawn.label, drawn.force_label, marks=marks)
-
-
-def without(axes: Sequence[str], a: EffectWrench) -> list[tuple[int, float, float]]:
-    """(axis, RMS error without this effect, with it) of the ``axes`` that it acts on, beside all other effects."""
-    rows = a.trace.record.valid
-    rms = [np.sqrt((r[rows] ** 2).mean(axis=0)) for r in (a.trace.after + a.wrench, a.trace.after)]
-    return [(i, float(rms[0][i]), float(rms[1][i])) for i in a.trace.record.axes if AXES[i] in axes]
 
 
 def binned(x: Array, y: Array, most: int, independent: float) -> tuple[Array, Array, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -60,7 +60,10 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Found:
-    """An effect that was adopted. Its parameters are those of ``flight``: flights differ in weather and load."""
+    """An effect that was adopted, over all flights that show it.
+
+    Its parameters are those of ``flight``, where it explains most: flights differ in weather and load.
+    """
 
     effect: Effect
     estimates: tuple[Estimate, ...]
@@ -80,6 +83,11 @@ class Found:
     def parameters(self) -> dict[str, float]:
         """As a model directory keeps them."""
         return {e.name: e.value for e in self.estimates}
+
+    @property
+    def status(self) -> str:
+        """``confirmed`` (lowers the residual of a flight that it was not fitted on, too), or ``candidate``."""
+        return "confirmed" if self.confirmed_by and not self.at_bound else "candidate"
 
     @property
     def at_bound(self) -> bool:
@@ -132,14 +140,33 @@ def summarise(walked: Walked) -> Searched:
     if mapped is not walked:
         walked, fits = _helpful(mapped)
     chosen = [t for t in walked.best.terms if t.effect is not None]
-    # A map and the laws that it corrects are known well only as a sum.
-    maps = [t.effect for t in chosen if t.effect is not None and t.effect.remainder]
-    joint = {name for effect in maps for name in (effect.name, *effect.aliases)}
+    joint = corrected_together(t.effect for t in chosen if t.effect is not None)
     fits, without = _by_axis(fits, [t.key for t in chosen if t.name not in joint])
     traces = tuple(_trace(fit) for fit in fits)
     total = max(sum(f.energy(f.before) for f in fits), 1e-12)
     found = _at_most_all([_found(walked, term, fits, rivals, total, without) for term in chosen])
-    return Searched(traces, tuple(found), _rejected(walked, {t.name for t in chosen}))
+    return Searched(traces, tuple(_by_name(found)), _rejected(walked, {t.name for t in chosen}))
+
+
+def corrected_together(effects: Iterable[Effect]) -> set[str]:
+    """A map of surfaces and the laws that it corrects: only their sum is known well."""
+    return {name for effect in effects if effect.remainder for name in (effect.name, *effect.aliases)}
+
+
+def _by_name(found: Sequence[Found]) -> list[Found]:
+    """Every effect once, also where each flight has its own; those that explain most first."""
+    out = []
+    for name in dict.fromkeys(f.effect.name for f in found):
+        same = [f for f in found if f.effect.name == name]
+        out.append(
+            replace(
+                max(same, key=lambda f: (round(f.explains, 9), -f.flight)),
+                explains=sum(f.explains for f in same),
+                confirmed_by=tuple(i for f in same for i in f.confirmed_by),
+                of_flight={i: parameters for f in same for i, parameters in f.of_flight.items()},
+            )
+        )
+    return sorted(out, key=lambda f: (-round(f.explains, 6), f.effect.name))
 
 
 def _at_most_all(found: Sequence[Found]) -> list[Found]:

@@ -62,7 +62,7 @@ def test_a_weak_fan_of_a_real_flight_is_no_wind_with_a_load(shared_data, tmp_pat
     weak = changed(flight, "weak_fan", shared_data, tmp_path)
     assert weak is not None
     answer = diagnose([shared_data / flight.log], load_vehicle(weak.vehicle), None)
-    found = {n.found.effect.name: n.found.parameters for n in answer.named}
+    found = {n.effect.name: n.parameters for n in answer.found}
     assert found["fan_imbalance"]["fan"] == 3.0
     assert -0.2 < found["fan_imbalance"]["scale"] < -0.1
     assert not {"wind", "slung_load"} & set(found)

@@ -107,7 +107,7 @@ def test_where_no_axis_can_be_judged_the_verdict_says_so(quiet: Record) -> None:
     for record in (replace(quiet, axes=()), replace(blown, axes=(), blind=(0,))):
         answer = conclude([record])
         assert answer.verdict == "not_judged"
-        assert answer.named == ()
+        assert answer.found == ()
 
 
 def test_shares_add_up_to_all_at_most(quiet: Record) -> None:
@@ -125,11 +125,9 @@ def test_no_more_is_claimed_of_an_effect_than_of_the_sign_of_its_size(low: float
 
 def test_what_a_flight_says_nothing_about_is_not_printed(quiet: Record) -> None:
     flown = conclude([added(pumped(quiet), "thrust_curve", (), 0.3, 0.0)], effects=some("thrust_curve"))
-    (named,) = flown.named
-    unknown = replace(named.found.estimates[-1], name="what", determined=False)
-    text = replace(
-        flown, named=(replace(named, found=replace(named.found, estimates=(*named.found.estimates, unknown))),)
-    )
+    (one,) = flown.found
+    unknown = replace(one.estimates[-1], name="what", determined=False)
+    text = replace(flown, found=(replace(one, estimates=(*one.estimates, unknown)),))
     assert "what =" not in text.as_text()
     assert "slope =" in text.as_text()
 
@@ -617,7 +615,7 @@ def test_an_effect_does_not_act_on_an_axis_of_which_it_raises_the_error(quiet: R
     x, y = (added(flown, "rotor_drag", (0.0,), drag).residual[:, i] for i, drag in enumerate((0.6, 0.18)))
     along_x = replace(flown, residual=np.column_stack([x, y, flown.residual[:, 2:]]))
     answer = conclude([along_x], effects=some("rotor_drag"))
-    drag = next(n.found for n in answer.named)
+    drag = next(iter(answer.found))
     assert drag.without == ("Fy",)
     assert "Fy" not in drag.axes
     before, after = answer.rms(after=False), answer.rms(after=True)
