@@ -95,11 +95,11 @@ def fault_lines(faults: Sequence[Mapping[str, str]]) -> list[str]:
 
 
 def write_answer(
-    a: argparse.Namespace, content: Mapping[str, Any], lines: Sequence[str], page: Callable[[], str]
+    a: argparse.Namespace, content: Mapping[str, Any], lines: Sequence[str], page: Callable[[], str] | None = None
 ) -> None:
-    """Write what ``--json`` and ``--report`` ask for, and print the lines unless ``--quiet``."""
+    """Write what ``--json`` and, with a ``page``, ``--report`` ask for, and print the lines unless ``--quiet``."""
     if a.json is not None:
         write_json(content, a.json)
-    written = [] if a.report is None else [write_document("--report", a.report / "report.html", page())]
+    written = [] if page is None or a.report is None else [write_document("--report", a.report / "report.html", page())]
     if speaks(a):
         print("\n".join([*lines, *(f"report: {path}" for path in written)]))

@@ -12,7 +12,7 @@ from models.vehicle import Vehicle
 from replay.diagnosis.answer import UNITS, Diagnosis, outside_text
 from replay.diagnosis.interval import rms_interval
 from replay.diagnosis.next_step import certainty, next_step, size_words
-from replay.diagnosis.pictures import against, effect_picture, phases, series
+from replay.diagnosis.pictures import against, effect_picture, series
 from replay.diagnosis.words import AXIS_WORDS, channel_words, kept_words, listed, plain, unit_words
 from replay.report import render
 
@@ -39,10 +39,7 @@ def page(answer: Diagnosis, vehicle: Vehicle, model_faults: Sequence[Mapping[str
         remainder="" if first is None else "".join(against(t, first) for t in answer.traces),
         outside=[f"{t.record.name}: {outside_text(o)}" for t in answer.traces for o in t.outside],
         idle=[(plain(r.name), get(r.name).excite) for r in answer.rejected if not r.excited],
-        pictures=[
-            (t.record.name, series(t.record, {"before": t.before, "after": t.after}, phases(t.record)))
-            for t in answer.traces
-        ],
+        pictures=[(t.record.name, series(t)) for t in answer.traces],
         places=[
             (f"{t.record.name}, {r.name}", f"{r.seconds:.0f} s", axis, f"{r.before[axis]:.3f}", f"{r.after[axis]:.3f}")
             for t in answer.traces

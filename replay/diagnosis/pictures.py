@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -108,14 +108,15 @@ def phases(record: Record) -> list[Band]:
     return out
 
 
-def series(record: Record, curves: Mapping[str, Array], bands: Sequence[Band]) -> str:
-    """Two curves (n, 6) by their names over time on every judged axis, with intervals of the flight."""
+def series(t: Trace) -> str:
+    """The residual before and after over time on every judged axis, with the phases of the flight."""
+    record, bands = t.record, phases(t.record)
     out: list[str] = []
     lines: list[Line] = []
     for axis in record.axes:
         lines = [
-            Line(*envelope(record.time_s, np.where(record.valid, y[:, axis], np.nan)), kind, label)
-            for kind, (label, y) in zip(("before", "after"), curves.items(), strict=True)
+            Line(*envelope(record.time_s, np.where(record.valid, y[:, axis], np.nan)), kind, kind)
+            for kind, y in (("before", t.before), ("after", t.after))
         ]
         title = f"{AXES[axis]}, {AXIS_WORDS[axis]}"
         out.append(figure(title, lines, "time since boot [s]", f"[{UNITS[axis]}]", bands, keyed=False))

@@ -6,13 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.effects import AdoptedEffect, BelongsTo, Effect, get
 from models.frames import Array
+from replay.residual.grid import Mask
 from replay.residual.record import Record
 
-Mask = NDArray[np.bool_]
 LEARNING_S = 20.0
 """Judged time at the start of a flight from which its day is learnt [s]."""
 ALWAYS = ("imu_bias", "payload", "vertical_inflow", "wind")
