@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from models.errors import ConfigError
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from replay.changes.changes import Baseline, Change, changes, learn
@@ -78,17 +76,14 @@ def since(
 ) -> Comparison:
     """Compare flights, in order of their date, with the vehicle as its good flights show it."""
     check_model(vehicle, model)
-    good_logs, good_twice = _once(good)
-    new_logs, new_twice = new_flights(logs, good_logs)
-    notes = [*good_twice, *new_twice]
-    learnt, said = read_records(good_logs, vehicle, model, target_system)
+    learnt, said = read_records(good, vehicle, model, target_system)
     as_it_was = learn(learnt)
-    notes += [
+    notes = [
         f"the good flights differ in {effect}: {flight} from the others; a change of it is hard to see"
         for flight, effect in as_it_was.apart
     ]
-    ordered = by_date(new_logs)
-    if ordered != new_logs:
+    ordered = by_date(logs)
+    if ordered != list(logs):
         notes.append(f"the logs were not given in order of their date: {ordered[0].name} is the first")
     records, more = read_records(progress(ordered), vehicle, model, target_system)
     flights = tuple(Compared(r, changes(as_it_was, r)) for r in records)
@@ -110,37 +105,6 @@ def by_date(logs: Sequence[Path]) -> list[Path]:
     if any(d["date_from"] != "log" for d in dates.values()):
         return list(logs)
     return sorted(logs, key=lambda log: dates[log]["date"])
-
-
-def new_flights(logs: Sequence[Path], good: Sequence[Path]) -> tuple[list[Path], list[str]]:
-    """Logs that are none of the good ones, and what is left out. Raises ConfigError where none is left."""
-    new, twice = _once(logs, good)
-    if not new:
-        raise ConfigError(f"{logs[0]}: is one of the good flights of --since; name another log")
-    return new, twice
-
-
-def _once(logs: Sequence[Path], known: Sequence[Path] = ()) -> tuple[list[Path], list[str]]:
-    """Logs by content, each once and none of ``known``; and a line for each that is left out."""
-    seen = {_content(log): log for log in known}
-    out, notes = [], []
-    for log in logs:
-        content = _content(log)
-        if content is not None and content in seen:
-            notes.append(f"left out: {log.name}: is the same log as {seen[content].name}")
-            continue
-        seen[content] = log
-        out.append(log)
-    return out, notes
-
-
-def _content(log: Path) -> str | None:
-    """Hash of a file; None where it cannot be read, which the reader says in its own words."""
-    try:
-        with log.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:
-        return None
 
 
 def _change_point(named: Sequence[bool]) -> int | None:
