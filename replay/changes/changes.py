@@ -77,10 +77,9 @@ def learn(records: Sequence[Record]) -> Baseline:
     found, explained = [], [np.zeros_like(r.residual) for r in records]
     for t in (t for t in best.terms if t.effect is not None):
         assert t.effect is not None
-        for f, place in t.places.items():
+        for f in t.places:
             x, _ = walked.evidence.library.wrenches(t, f)
-            at = np.searchsorted(t.columns, place)
-            b = best.b[best.part(t)][at] * t.scale[at]
+            b = best.sizes(t, f)
             explained[f] += x @ b
         found.append(AdoptedEffect(t.name, t.effect.parameters(b, t.shape)))
     left = [replace(r, residual=r.residual - w) for r, w in zip(records, explained, strict=True)]
@@ -169,9 +168,8 @@ def _estimates(fit: Fit, term: Term) -> tuple[Estimate, ...]:
     """Coefficients with their 95 % intervals, then the shape."""
     assert term.effect is not None
     assert term.flight is not None
-    place = np.searchsorted(term.columns, term.places[term.flight])
-    part, scale = fit.part(term), term.scale[place]
-    mean, sd = fit.b[part][place] * scale, np.sqrt(np.diag(fit.cov[part, part])[place] / TRUST) * scale
+    part, place = fit.part(term), term.place(term.flight)
+    mean, sd = fit.sizes(term, term.flight), np.sqrt(np.diag(fit.cov[part, part])[place] / TRUST) * term.scale[place]
     out = [
         Estimate(c.name, float(m), (float(m - 1.96 * s), float(m + 1.96 * s)), c.unit)
         for c, m, s in zip(term.effect.coefficients, mean, sd, strict=True)

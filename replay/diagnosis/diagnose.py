@@ -19,7 +19,8 @@ from replay.logs.pieces import Piece
 from replay.residual.motion import ENOUGH_S
 from replay.residual.record import Record, build_record, check_model, too_short
 from replay.search.curves import Carrier
-from replay.search.results import Found, Trace, summarise
+from replay.search.held_out import FlightFit
+from replay.search.results import Found, summarise
 from replay.search.walk import walk
 
 
@@ -112,7 +113,7 @@ def _name(piece: Piece) -> str:
     return f"{log.path.name} (boot {log.boot + 1}, from {since / 60.0:.0f} min)"
 
 
-def _channels(traces: Sequence[Trace]) -> tuple[Carrier, ...]:
+def _channels(traces: Sequence[FlightFit]) -> tuple[Carrier, ...]:
     """Channels that carry what is left, each where it carries most, in the order of the flights."""
     best: dict[str, Carrier] = {}
     for c in (c for t in traces for c in t.carriers):

@@ -14,9 +14,10 @@ from replay.diagnosis.answer import UNITS
 from replay.diagnosis.words import AXIS_WORDS, channel_words
 from replay.residual.record import Record
 from replay.search.curves import Carrier
+from replay.search.held_out import FlightFit
 from replay.search.outside import INDEPENDENT_S
 from replay.search.regimes import regimes
-from replay.search.results import Found, Trace
+from replay.search.results import Found
 
 BINS, FEWEST_BINS = 14, 3
 """Of a picture over a quantity."""
@@ -33,7 +34,7 @@ _SHORTEST_S = 1.0
 """Shorter phases are not drawn."""
 
 
-def effect_picture(found: Found, traces: Sequence[Trace]) -> str:
+def effect_picture(found: Found, traces: Sequence[FlightFit]) -> str:
     """What is left when this effect alone is taken out of the model, over its quantity, and the effect as fitted.
 
     On the flight that shows it best, along the axis on which it is strongest in hundredths of the weight; nothing where
@@ -83,7 +84,7 @@ def binned(x: Array, y: Array, most: int, independent: float) -> tuple[Array, Ar
     return np.array([x[own].mean() for own in full]), mean, error
 
 
-def against(t: Trace, carrier: Carrier) -> str:
+def against(t: FlightFit, carrier: Carrier) -> str:
     """The residual before and after against a channel that carries what remains; nothing where it does not vary."""
     x, axis = t.record.channels[carrier.name], AXES.index(carrier.axis)
     good = t.record.valid & np.isfinite(x)
@@ -108,7 +109,7 @@ def phases(record: Record) -> list[Band]:
     return out
 
 
-def series(t: Trace) -> str:
+def series(t: FlightFit) -> str:
     """The residual before and after over time on every judged axis, with the phases of the flight."""
     record, bands = t.record, phases(t.record)
     out: list[str] = []

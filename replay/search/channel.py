@@ -5,9 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from models.effects import Context
 from models.frames import Array
 
 Columns = NDArray[np.int64]
+
+
+def hundredths(context: Context) -> Array:
+    """One hundredth of the weight, times the lever for moments [N, N m] (6,): the unit of a channel."""
+    return 0.01 * context.weight * np.where(np.arange(6) < 3, 1.0, context.lever)
 
 
 class Channel:

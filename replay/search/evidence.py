@@ -86,6 +86,11 @@ class Fit:
         start = sum(len(t.columns) for t in self.terms[: self.terms.index(term)])
         return slice(start, start + len(term.columns))
 
+    def sizes(self, term: Term, flight: int) -> Array:
+        """A term's coefficients on a flight (k,), in their own units."""
+        place = term.place(flight)
+        return self.b[self.part(term)][place] * term.scale[place]
+
 
 class Evidence:
     """Evidence of sets of terms of one library."""

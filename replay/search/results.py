@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -11,13 +11,9 @@ from scipy.special import ndtr
 
 from models.effects import Effect
 from models.frames import AXES, Array
-from replay.residual.record import Record
-from replay.search.curves import Carrier
 from replay.search.evidence import TRUST, Fit
 from replay.search.held_out import FlightFit, flight_fits
-from replay.search.outside import Outside, outside
-from replay.search.regimes import Regime, by_regime
-from replay.search.sets import Rival, Walked, rivals_of
+from replay.search.sets import Walked, aliases
 from replay.search.surfaces import with_surface_law
 from replay.search.terms import Key, Term
 from replay.search.worth import top
@@ -106,23 +102,11 @@ class Rejected:
 
 
 @dataclass(frozen=True)
-class Trace:
-    """One flight: residuals on held-out time without and with the effects, (n, 6)."""
-
-    record: Record
-    before: Array
-    after: Array
-    carriers: tuple[Carrier, ...]
-    """Channels that carry what is left: the free curves of the answer, the largest first."""
-    outside: tuple[Outside, ...]
-    regimes: tuple[Regime, ...] = ()
-
-
-@dataclass(frozen=True)
 class Searched:
     """The answer of a search over some flights together."""
 
-    traces: tuple[Trace, ...]
+    traces: tuple[FlightFit, ...]
+    """Every flight under the best set."""
     found: tuple[Found, ...]
     rejected: tuple[Rejected, ...]
 
@@ -135,17 +119,15 @@ def summarise(walked: Walked) -> Searched:
     probabilities are those of the sets that remain.
     """
     walked, fits = _helpful(_predictive(walked))
-    rivals = rivals_of(walked)
+    others = aliases(walked)
     mapped = with_surface_law(walked)
     if mapped is not walked:
         walked, fits = _helpful(mapped)
     chosen = [t for t in walked.best.terms if t.effect is not None]
     joint = corrected_together(t.effect for t in chosen if t.effect is not None)
     fits, without = _by_axis(fits, [t.key for t in chosen if t.name not in joint])
-    traces = tuple(_trace(fit) for fit in fits)
-    total = max(sum(f.energy(f.before) for f in fits), 1e-12)
-    found = _at_most_all([_found(walked, term, fits, rivals, total, without) for term in chosen])
-    return Searched(traces, tuple(_by_name(found)), _rejected(walked, {t.name for t in chosen}))
+    found = [_found(walked, t, fits, others.get(t.key, ()), without.get(t.key, ())) for t in chosen]
+    return Searched(tuple(fits), tuple(_by_name(_at_most_all(found))), _rejected(walked, {t.name for t in chosen}))
 
 
 def corrected_together(effects: Iterable[Effect]) -> set[str]:
@@ -196,8 +178,7 @@ def _predictive(walked: Walked) -> Walked:
 def _helpful(walked: Walked) -> tuple[Walked, list[FlightFit]]:
     """The best set without the effects that raise the error of held-out time, and every flight under it."""
     fits = flight_fits(walked.evidence, walked.best)
-    before = max(sum(f.energy(f.before) for f in fits), 1e-12)
-    gains = {t.key: round(_gain(t.key, fits) / before, 9) for t in walked.best.terms if t.effect is not None}
+    gains = {t.key: _share(fits, t.key) for t in walked.best.terms if t.effect is not None}
     worst = min(gains, key=lambda key: gains[key], default=None)
     if worst is None or gains[worst] > -WORSE_SHARE:
         return walked, fits
@@ -213,7 +194,7 @@ def _by_axis(fits: Sequence[FlightFit], keys: Sequence[Key]) -> tuple[list[Fligh
     without: dict[Key, tuple[str, ...]] = {}
     while True:
         gains = {
-            (key, axis): round(sum(f.gain(key, axis) for f in fits if key in f.effects) / _before(fits, axis), 9)
+            (key, axis): _share(fits, key, [axis])
             for axis in sorted({axis for f in fits for axis in f.record.axes})
             for key in keys
             if AXES[axis] not in without.get(key, ())
@@ -226,74 +207,60 @@ def _by_axis(fits: Sequence[FlightFit], keys: Sequence[Key]) -> tuple[list[Fligh
         without[key] = (*without.get(key, ()), AXES[axis])
 
 
-def _before(fits: Sequence[FlightFit], axis: int) -> float:
-    """Energy of an axis with no effect, in hundredths of the weight."""
-    return max(sum(float(((f.before[f.record.valid, axis] / f.unit[axis]) ** 2).sum()) for f in fits), 1e-12)
-
-
-def _gain(key: Key, fits: Sequence[FlightFit]) -> float:
-    """Energy of held-out time that one effect removes beside the others."""
-    return sum(f.energy(f.without(key)) - f.energy(f.after) for f in fits if key in f.effects)
-
-
-def _trace(fit: FlightFit) -> Trace:
-    record = fit.record
-    regimes = by_regime(record, fit.before, fit.after)
-    return Trace(record, fit.before, fit.after, fit.curves, outside(record, fit.unexplained), regimes)
+def _share(fits: Sequence[FlightFit], key: Key, axes: Sequence[int] | None = None) -> float:
+    """Share of the energy of held-out time, of all or of some axes, that one effect removes beside the others."""
+    before = max(sum(f.energy(f.before, axes) for f in fits), 1e-12)
+    return round(sum(f.gain(key, axes) for f in fits) / before, 9)
 
 
 def _found(
-    walked: Walked, term: Term, fits: Sequence[FlightFit], rivals: Sequence[Rival], total: float,
-    without: Mapping[Key, tuple[str, ...]],
-) -> Found:  # fmt: skip
+    walked: Walked, term: Term, fits: Sequence[FlightFit], others: Sequence[str], without: tuple[str, ...]
+) -> Found:
     assert term.effect is not None
-    acting = {i: f.effects[term.key] for i, f in enumerate(fits) if term.key in f.effects}
+    acting = {f.index: f.effects[term.key] for f in fits if term.key in f.effects}
     carried = {axis for a in acting.values() for axis in a.axes}
-    mine = [r for r in rivals if term.key in r.instead_of]
-    aliases = tuple(dict.fromkeys(name for r in mine for name in r.names if name != term.name))
-    estimates = _estimates(walked, term, fits)
-    main = [
-        e.sign_probability
-        for e in estimates
-        if e.name in {c.name for c in term.effect.coefficients if term.effect.is_main(c)}
-    ]
+    flight = _shown_by(term, fits)
+    estimates = _estimates(walked, term, fits[flight])
+    main = {c.name for c in term.effect.coefficients if term.effect.is_main(c)}
+    sign = max((e.sign_probability for e in estimates if e.name in main), default=1.0)
     return Found(
         effect=term.effect,
         estimates=estimates,
         axes=tuple(a for a in AXES if a in carried),
-        explains=float(_gain(term.key, fits) / total),
-        probability=round(min(walked.probability(term.name, aliases), max(main, default=1.0)), 3),
-        aliases=aliases,
-        flight=_shown_by(term, fits),
-        without=without.get(term.key, ()),
-        confirmed_by=tuple(i for i, f in enumerate(fits) if term.key in f.confirms),
+        explains=_share(fits, term.key),
+        probability=round(min(walked.probability(term.name, others), sign), 3),
+        aliases=tuple(others),
+        flight=flight,
+        without=without,
+        confirmed_by=tuple(f.index for f in fits if term.key in f.confirms),
         of_flight={i: a.parameters for i, a in acting.items()},
     )
 
 
-def _estimates(walked: Walked, term: Term, fits: Sequence[FlightFit]) -> tuple[Estimate, ...]:
-    """Coefficients of the flight that they are shown by, then its shape."""
-    effect, best = term.effect, walked.best
+def _estimates(walked: Walked, term: Term, fit: FlightFit) -> tuple[Estimate, ...]:
+    """Coefficients on the flight that they are shown by, then the shape.
+
+    Variance: the larger of the posterior's, over TRUST, and the folds' (jackknife: Efron & Stein 1981, Annals of
+    Statistics 9, 586), and beside it that between the sets that hold the effect.
+    """
+    effect, best, flight, context = term.effect, walked.best, fit.index, fit.record.context
     assert effect is not None
-    library = walked.evidence.library
-    first = _shown_by(term, fits)
-    part = best.part(term)
-    place = np.searchsorted(term.columns, term.places[first])
-    mean = effect.mixed(best.b[part][place] * term.scale[place], term.shape)
+    part, place = best.part(term), term.place(flight)
+    mean = effect.mixed(best.sizes(term, flight), term.shape)
     root = np.linalg.cholesky(best.cov[part, part][np.ix_(place, place)])
     variance = (effect.mixed((term.scale[place, None] * root).T, term.shape) ** 2).sum(axis=0) / TRUST
-    drawn = effect.mixed(fits[first].effects[term.key].folds, term.shape)
+    drawn = effect.mixed(fit.effects[term.key].folds, term.shape)
     spread = drawn - drawn.mean(axis=0)
     variance = np.maximum(variance, (len(spread) - 1) / len(spread) * (spread**2).sum(axis=0))
-    variance = variance + _between(walked, term, first, mean)
+    sd = np.sqrt(variance + _between(walked, term, flight, mean))
     out = []
-    for c, m, v in zip(effect.coefficients, mean, variance, strict=True):
-        low = c.least(library.context(first))
-        value, half = float(np.clip(m, low, c.high)), 1.96 * float(np.sqrt(v))
-        at = min(value - low, c.high - value) < BOUND_SHARE * min(c.high - low, 10.0 * c.spread(library.context(first)))
+    for c, m, s in zip(effect.coefficients, mean, sd.tolist(), strict=True):
+        low, typical = c.least(context), c.spread(context)
+        value, half = float(np.clip(m, low, c.high)), 1.96 * s
+        at = min(value - low, c.high - value) < BOUND_SHARE * min(c.high - low, 10.0 * typical)
         at = at and half > 0.0 and (not effect.main or c.name in effect.main)
-        determined = float(np.sqrt(v)) < LEARNT / np.sqrt(TRUST) * c.spread(library.context(first))
-        out.append(Estimate(c.name, value, (min(value, m - half), max(value, m + half)), c.unit, at, determined))
+        interval = min(value, m - half), max(value, m + half)
+        out.append(Estimate(c.name, value, interval, c.unit, at, s < LEARNT / np.sqrt(TRUST) * typical))
     for i, shape in enumerate(effect.shapes):
         low, high, at = _shape_interval(walked, term, i)
         out.append(Estimate(shape.name, float(term.shape[i]), (low, high), shape.unit, at))
@@ -308,16 +275,13 @@ def _shown_by(term: Term, fits: Sequence[FlightFit]) -> int:
     return max(term.places, key=lambda i: fits[i].energy(fits[i].effects[term.key].held_out))
 
 
-def _between(walked: Walked, term: Term, first: int, mean: Array) -> Array:
+def _between(walked: Walked, term: Term, flight: int, mean: Array) -> Array:
     """Variance of the coefficients over the sets that hold the effect, by their probability."""
     out, total = np.zeros_like(mean), 0.0
     for fit, weight in walked.weighted():
         for t in fit.terms:
-            if t.key == term.key and first in t.places:
-                place = np.searchsorted(t.columns, t.places[first])
-                assert t.effect is not None
-                value = t.effect.mixed(fit.b[fit.part(t)][place] * t.scale[place], t.shape)
-                out += weight * (value - mean) ** 2
+            if t.effect is not None and t.key == term.key and flight in t.places:
+                out += weight * (t.effect.mixed(fit.sizes(t, flight), t.shape) - mean) ** 2
                 total += weight
     return out / max(total, 1e-12)
 

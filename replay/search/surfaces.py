@@ -42,7 +42,7 @@ def _spread(walked: Walked, effect: Effect) -> Fit:
 
     def fit(shape: tuple[float, ...]) -> Fit:
         if shape not in tried:
-            tried[shape] = walked.evidence.fit([*named, library.term_of(effect, shape)], walked.quiet)
+            tried[shape] = walked.evidence.fit([*named, library.term_of(effect, shape)], walked.evidence.quiet)
         return tried[shape]
 
     shape = tuple(1.0 for _ in grid.T)

@@ -56,6 +56,10 @@ class Term:
         """(k,) whether a coefficient is a model-form error."""
         return ~np.isin(self.columns, [*(c for p in self.places.values() for c in p)])
 
+    def place(self, flight: int) -> Columns:
+        """Which of its columns are the coefficients on a flight (k,)."""
+        return np.searchsorted(self.columns, self.places[flight])
+
     @cached_property
     def key(self) -> Key:
         """What may be there only once."""

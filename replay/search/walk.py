@@ -37,7 +37,7 @@ def walk(records: Sequence[Record], effects: Sequence[Effect], beside: Sequence[
     """Weigh sets of effects over all flights together; ``beside``: as of ``Library``."""
     evidence = Evidence(Library(records, effects, beside))
     empty = evidence.fit([], evidence.unfitted())
-    sets = Sets(evidence, evidence.quiet, {empty.key: empty})
+    sets = Sets(evidence, {empty.key: empty})
     beam = [empty]
     for _ in range(MOST + MOST_A_FLIGHT * (len(records) - 1)):
         grown: dict[frozenset[Key], Fit] = {}
@@ -61,7 +61,7 @@ def walk(records: Sequence[Record], effects: Sequence[Effect], beside: Sequence[
         best = canonical(list(sets.fits.values()))
         if best.key <= known:
             break
-    return Walked(evidence, sets.quiet, sets.fits, sets.fits[best.key])
+    return Walked(evidence, sets.fits, sets.fits[best.key])
 
 
 def _additions(sets: Sets, fit: Fit, tried: int) -> list[Term]:
@@ -77,7 +77,7 @@ def _additions(sets: Sets, fit: Fit, tried: int) -> list[Term]:
         and (t.effect is None or not names & set(t.effect.contains))
     ]  # fmt: skip
     out: list[Term] = []
-    for noise in dict.fromkeys((fit.noise, sets.quiet)):
+    for noise in dict.fromkeys((fit.noise, evidence.quiet)):
         near = fit if noise is fit.noise else evidence.refit(fit.terms, noise)
         ranked = evidence.promising(near, rivals)[:tried]
         out += [t for odds, t in ranked if odds > WORTH_A_LOOK and t not in out]
