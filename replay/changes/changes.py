@@ -131,7 +131,7 @@ def _log_odds(evidence: Evidence, fit: Fit, less: Fit, term: Term) -> float:
     part = fit.part(term)
     within = beyond_bounds([term], fit.b[part], fit.cov[part, part])
     kinds = 0.0 if any(s.continuous for s in term.effect.shapes) else term.log_shape
-    prior = evidence.prior(term) - kinds - (0.0 if term.flight is None else RATHER_THE_SAME)
+    prior = term.prior - kinds - (0.0 if term.flight is None else RATHER_THE_SAME)
     return TRUST * (fit.evidence - less.evidence) + within + prior
 
 

@@ -85,8 +85,7 @@ class Diagnosis(Searched):
                 "duration_s": sum(r.seconds for r in self.records),
                 "verdict": self.verdict,
                 "axes": {
-                    AXES[i]: _rms(before[i], after[i])
-                    | {"unit": UNITS[i]}
+                    AXES[i]: {"rms_before": before[i], "rms_after": after[i], "unit": UNITS[i]}
                     | _of_weight([before[i], after[i]], UNITS[i], self)
                     for i in judged
                 },
@@ -97,16 +96,7 @@ class Diagnosis(Searched):
                     "channels": [{"name": c.name, "score": c.score, "axes": [c.axis]} for c in self.channels],
                 },
                 "outside": [{"log": t.record.name, **_outside(o)} for t in self.traces for o in t.outside],
-                "regimes": [
-                    {
-                        "log": t.record.name,
-                        "regime": r.name,
-                        "seconds": r.seconds,
-                        "axes": {a: _rms(r.before[a], r.after[a]) for a in r.before},
-                    }
-                    for t in self.traces
-                    for r in t.regimes
-                ],
+                "regimes": [{"log": t.record.name, **r} for t in self.traces for r in t.regimes],
                 "log_faults": [asdict(f) for f in self.faults],
                 "model": model,
                 "rejected": [asdict(r) for r in self.rejected],
@@ -132,10 +122,6 @@ class Diagnosis(Searched):
         lines += [f"  unexplained in {c.axis}: {c.name}" for c in self.channels]
         lines += [f"  {outside_text(o)}" for t in self.traces for o in t.outside]
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
-
-
-def _rms(before: float, after: float) -> dict[str, float]:
-    return {"rms_before": before, "rms_after": after}
 
 
 def _of_weight(values: Sequence[float], unit: str, answer: Diagnosis) -> dict[str, list[float]]:

@@ -41,10 +41,10 @@ def page(answer: Diagnosis, vehicle: Vehicle, model_faults: Sequence[Mapping[str
         idle=[(plain(r.name), get(r.name).excite) for r in answer.rejected if not r.excited],
         pictures=[(t.record.name, series(t)) for t in answer.traces],
         places=[
-            (f"{t.record.name}, {r.name}", f"{r.seconds:.0f} s", axis, f"{r.before[axis]:.3f}", f"{r.after[axis]:.3f}")
+            (f"{t.record.name}, {r['regime']}", f"{r['seconds']:.0f} s", axis, *(f"{x:.3f}" for x in rms.values()))
             for t in answer.traces
             for r in t.regimes
-            for axis in r.before
+            for axis, rms in r["axes"].items()
         ],
         rejected=[(plain(r.name), "no" if r.excited else "not excited", r.reason) for r in answer.rejected],
         basis=_basis(answer),

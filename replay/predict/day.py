@@ -11,6 +11,7 @@ from models.effects import AdoptedEffect, BelongsTo, Effect, get
 from models.frames import Array
 from replay.residual.grid import Mask
 from replay.residual.record import Record
+from replay.search.channel import hundredths
 
 LEARNING_S = 20.0
 """Judged time at the start of a flight from which its day is learnt [s]."""
@@ -20,8 +21,8 @@ CORRELATED_S = 0.3
 """Time over which the low-pass makes a residual stay correlated [s]: samples within it count as one."""
 ROUNDS = 3
 """Noise and coefficients are fitted in turn so often."""
-QUIETEST = 0.002
-"""Smallest noise of a force, as a share of the weight (times the lever, for moments)."""
+QUIETEST = 0.2
+"""Smallest noise, in hundredths of the weight (times the lever, for moments)."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +78,7 @@ def learn_day(
     rows = learning_time(record)
     prior, y = 1.0 / np.array(spread) ** 2, residual[rows]
     values = np.zeros(len(spread))
-    least = QUIETEST * record.context.weight * np.where(np.arange(6) < 3, 1.0, record.context.lever)
+    least = QUIETEST * hundredths(record.context)
     for _ in range(ROUNDS):
         precision, towards = np.diag(prior), np.zeros(len(spread))
         noise = np.maximum(np.sqrt(((y - x[rows] @ values) ** 2).mean(axis=0)), least)

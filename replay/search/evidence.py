@@ -109,7 +109,6 @@ class Evidence:
         self._counts = np.array([c.count for c in channels])
         limits = np.array([c.limit for c in channels])
         self._floor = (FLOOR * limits[:, None]) ** 2 / self._smaller
-        self._priors: dict[Term, float] = {}
         self._fits: dict[tuple[tuple[Term, ...], Noise], Fit] = {}
 
     def unfitted(self) -> Noise:
@@ -163,7 +162,7 @@ class Evidence:
             noise = fresh
         evidence = self._laplace(design, b, cov, energies, form)
         worthy = worth(u)
-        prior = sum(self.prior(t) for t in terms) - self._loud(noise)
+        prior = sum(t.prior for t in terms) - self._loud(noise)
         within = beyond_bounds(terms, b, cov)
         score = TRUST * evidence + within + worthy + prior
         return Fit(terms, b, cov, noise, evidence, within, worthy, prior, score)
@@ -178,15 +177,6 @@ class Evidence:
     def refit(self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, Mask] = NOTHING) -> Fit:
         """Coefficients beside a given noise, without a score; rows (n,) of flights in ``left_out`` are not used."""
         return Fit(tuple(terms), *self._posterior(Design(self.library, terms), noise, left_out), noise)
-
-    def prior(self, term: Term) -> float:
-        """Log odds of a term in its shape, before any flight was seen."""
-        if term.effect is None:
-            return term.log_shape
-        if term not in self._priors:
-            odds = term.effect.log_odds(self.library.context(min(term.places)))
-            self._priors[term] = odds + term.log_shape
-        return self._priors[term]
 
     def screen(self, fit: Fit, key: Key | None = None) -> Array:
         """Gain in log evidence of every term of the library beside a fitted set, the noise kept, (terms,).
@@ -232,7 +222,7 @@ class Evidence:
         best: dict[Key, tuple[float, Term]] = {}
         for i in candidates:
             term = self.library.terms[i]
-            odds = round(TRUST * float(screened[i]) + self.prior(term), 6)
+            odds = round(TRUST * float(screened[i]) + term.prior, 6)
             if term.key not in best or odds > best[term.key][0]:
                 best[term.key] = (odds, term)
         return sorted(best.values(), key=lambda p: (-p[0], str(p[1].key)))

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from replay.search.curves import Carrier
 from replay.search.evidence import Evidence, Fit
 from replay.search.library import Library
 from replay.search.outside import Outside, outside
-from replay.search.regimes import Regime, by_regime
+from replay.search.regimes import by_regime
 from replay.search.terms import Key, Term
 
 CARRIES = 0.25
@@ -81,8 +82,8 @@ class FlightFit:
         return outside(self.record, self.unexplained)
 
     @cached_property
-    def regimes(self) -> tuple[Regime, ...]:
-        """Error of the parts of the flight."""
+    def regimes(self) -> list[dict[str, Any]]:
+        """Error of the parts of the flight, as the JSON has them."""
         return by_regime(self.record, self.before, self.after)
 
     def gain(self, key: Key, axes: Sequence[int] | None = None) -> float:

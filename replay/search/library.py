@@ -155,8 +155,9 @@ class Library:
             priors.append((self.size, FORM_PRIOR, 0.0, -np.inf, np.inf, 0.0))
             self.size += 1
         columns, scale, centre, low, high, main = (np.array(v) for v in zip(*priors, strict=True))
+        odds = effect.log_odds(self.context(flights[0]))
         self._take_in(
-            Term(effect.name, effect, shape, columns, scale, centre, low, high, log_shape, main, places, flight)
+            Term(effect.name, effect, shape, columns, scale, centre, low, high, log_shape, odds, main, places, flight)
         )
 
     def _take_in(self, term: Term) -> None:
@@ -267,7 +268,7 @@ class Library:
         one = np.ones(len(columns))
         log_odds = float(np.log(curve.odds * (KNOWN if known else 1.0)))
         self._take_in(
-            Term(curve.name, None, (), columns, one, 0.0 * one, -np.inf * one, np.inf * one, log_odds, one,
+            Term(curve.name, None, (), columns, one, 0.0 * one, -np.inf * one, np.inf * one, 0.0, log_odds, one,
                  places, None, AXES[curve.axis])
         )  # fmt: skip
 

@@ -43,6 +43,8 @@ class Term:
     high: Array
     log_shape: float
     """Log prior of this shape among the effect's."""
+    log_odds: float
+    """Of the effect, or of the free curve, before any flight was seen."""
     main: Array
     """(k,) 1 for coefficients that make the effect what it is, else 0."""
     places: dict[int, Columns]
@@ -50,6 +52,11 @@ class Term:
     flight: int | None = None
     axis: str | None = None
     """Of a free curve."""
+
+    @property
+    def prior(self) -> float:
+        """Log odds of it in its shape, before any flight was seen."""
+        return self.log_odds + self.log_shape
 
     @cached_property
     def form(self) -> Mask:

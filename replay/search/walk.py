@@ -97,7 +97,7 @@ def _with(sets: Sets, fit: Fit, term: Term) -> Fit:
     odds: dict[Term, float] = {}
     for i in evidence.library.numbers_of(term.key):
         other = evidence.library.terms[i]
-        likely = TRUST * float(screened[i]) + evidence.prior(other)
+        likely = TRUST * float(screened[i]) + other.prior
         if likely > WORTH_A_LOOK:
             odds[other] = likely + evidence.deserved([*fit.terms, other], fit.noise)
     for other in (t for t, o in odds.items() if o > max(odds.values()) - ALIAS_NATS):
