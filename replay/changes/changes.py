@@ -65,8 +65,6 @@ class Baseline:
     records: tuple[Record, ...]
     found: tuple[AdoptedEffect, ...]
     sizes: tuple[Size, ...]
-    apart: tuple[tuple[str, str], ...] = ()
-    """(flight, effect) where a good flight differs from the others."""
 
 
 def learn(records: Sequence[Record]) -> Baseline:
@@ -83,8 +81,8 @@ def learn(records: Sequence[Record]) -> Baseline:
             explained[f] += x @ b
         found.append(AdoptedEffect(t.name, t.effect.parameters(b, t.shape)))
     left = [replace(r, residual=r.residual - w) for r, w in zip(records, explained, strict=True)]
-    sizes, apart = as_flown(usual([e for e in catalogue() if not e.remainder], found, records[0]), left)
-    return Baseline(tuple(records), tuple(found), tuple(sizes), tuple(apart))
+    sizes = as_flown(usual([e for e in catalogue() if not e.remainder], found, records[0]), left)
+    return Baseline(tuple(records), tuple(found), tuple(sizes))
 
 
 def changes(good: Baseline, today: Record) -> tuple[Change, ...]:

@@ -10,8 +10,7 @@ from models.errors import ConfigError
 
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
-    from replay.changes.page import page
-    from replay.changes.since import since
+    from replay.changes.since import page, since
     from replay.command import fault_lines, given, of_logs, progress_bar, write_answer
     from replay.diagnosis.model_faults import model_faults
 

@@ -9,7 +9,6 @@ from pathlib import Path
 
 from models.effects import Effect, catalogue
 from models.errors import LogError
-from models.frames import Array
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from replay.diagnosis.answer import Diagnosis
@@ -39,14 +38,10 @@ def diagnose(
 
 
 def conclude(
-    records: Sequence[Record], notes: Sequence[str] = (), *, effects: Sequence[Effect] | None = None,
-    beside: Sequence[Sequence[Array]] = (),
-) -> Diagnosis:  # fmt: skip
-    """One answer from one flight or several together; ``effects`` instead of the whole catalogue.
-
-    ``beside``: of every flight, wrenches (n, 6) that it may have besides without being named.
-    """
-    searched = summarise(walk(records, catalogue() if effects is None else effects, beside))
+    records: Sequence[Record], notes: Sequence[str] = (), *, effects: Sequence[Effect] | None = None
+) -> Diagnosis:
+    """One answer from one flight or several together; ``effects`` instead of the whole catalogue."""
+    searched = summarise(walk(records, catalogue() if effects is None else effects))
     channels = _channels(searched.traces)
     open_ = bool(channels) or any(t.outside for t in searched.traces)
     verdict = {

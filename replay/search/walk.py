@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from itertools import combinations
 
 from models.effects import Effect
-from models.frames import Array
 from replay.residual.record import Record
 from replay.search.evidence import TRUST, Evidence, Fit
 from replay.search.library import Library
@@ -33,9 +32,9 @@ BETWEEN = 30.0
 """A term this much (log) short of being worth it may be so between the points of its grid."""
 
 
-def walk(records: Sequence[Record], effects: Sequence[Effect], beside: Sequence[Sequence[Array]] = ()) -> Walked:
-    """Weigh sets of effects over all flights together; ``beside``: as of ``Library``."""
-    evidence = Evidence(Library(records, effects, beside))
+def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
+    """Weigh sets of effects over all flights together."""
+    evidence = Evidence(Library(records, effects))
     empty = evidence.fit([], evidence.unfitted())
     sets = Sets(evidence, {empty.key: empty})
     beam = [empty]
