@@ -9,14 +9,12 @@ import numpy as np
 from models.effects import InFlight
 from models.effects.pictures import over_time
 from models.frames import AXES, Array
-from models.pages.svg import Band, Line, Mark, figure, keys
+from models.pages.svg import Line, Mark, figure, keys
 from replay.diagnosis.answer import UNITS
 from replay.diagnosis.words import AXIS_WORDS, channel_words
-from replay.residual.record import Record
 from replay.search.curves import Carrier
 from replay.search.held_out import FlightFit
 from replay.search.outside import INDEPENDENT_S
-from replay.search.regimes import regimes
 from replay.search.results import Found
 
 BINS, FEWEST_BINS = 14, 3
@@ -26,12 +24,6 @@ LEAST = 2.0
 CURVE_POINTS = 40
 PIXELS = 190
 """Columns of a time series; each shows its lowest and its highest value."""
-_PHASES = {
-    "corner": ("in the corner", "c"), "low": ("near the ground", "a"), "wall": ("near a wall", "b"),
-    "fast": ("faster than 1 m/s", "d"),
-}  # fmt: skip
-_SHORTEST_S = 1.0
-"""Shorter phases are not drawn."""
 
 
 def effect_picture(found: Found, traces: Sequence[FlightFit]) -> str:
@@ -98,20 +90,9 @@ def against(t: FlightFit, carrier: Carrier) -> str:
     return figure(title, lines, channel_words(carrier.name), f"error [{UNITS[axis]}]")
 
 
-def phases(record: Record) -> list[Band]:
-    """Where the vehicle flew, as shaded intervals of time."""
-    masks, time_s, out = regimes(record), record.time_s, []
-    for regime, (name, kind) in _PHASES.items():
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], masks[regime].astype(int), [0]])))
-        for i, j in zip(edges[::2], edges[1::2], strict=True):
-            if time_s[j - 1] - time_s[i] >= _SHORTEST_S:
-                out.append(Band(float(time_s[i]), float(time_s[j - 1]), kind, name))
-    return out
-
-
 def series(t: FlightFit) -> str:
-    """The residual before and after over time on every judged axis, with the phases of the flight."""
-    record, bands = t.record, phases(t.record)
+    """The residual before and after over time on every judged axis."""
+    record = t.record
     out: list[str] = []
     lines: list[Line] = []
     for axis in record.axes:
@@ -120,8 +101,8 @@ def series(t: FlightFit) -> str:
             for kind, y in (("before", t.before), ("after", t.after))
         ]
         title = f"{AXES[axis]}, {AXIS_WORDS[axis]}"
-        out.append(figure(title, lines, "time since boot [s]", f"[{UNITS[axis]}]", bands, keyed=False))
-    return f'<p class="keys">{keys(lines, bands)}</p><div class="plots">{"".join(out)}</div>'
+        out.append(figure(title, lines, "time since boot [s]", f"[{UNITS[axis]}]", keyed=False))
+    return f'<p class="keys">{keys(lines)}</p><div class="plots">{"".join(out)}</div>'
 
 
 def envelope(x: Array, y: Array) -> tuple[Array, Array]:

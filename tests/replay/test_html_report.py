@@ -22,7 +22,6 @@ from replay.diagnosis.pictures import (
     binned,
     effect_picture,
     envelope,
-    phases,
 )
 from replay.diagnosis.words import channel_words, estimate_text
 from replay.residual.faults import LogFault
@@ -240,13 +239,6 @@ def test_names_and_units_are_those_of_people(weak: Diagnosis) -> None:
     assert channel_words("rpm_3") == "speed of ESC 3 [rpm]"
     assert channel_words("range_down_m") == "range down [m]"
     assert estimate_text(Estimate("scale", -0.05, (-0.06, -0.04), "1")) == "scale = -0.05 [-0.06, -0.04]"
-
-
-def test_phases_of_the_flight_are_shaded(weak: Diagnosis) -> None:
-    bands = phases(weak.records[0])
-    assert {band.label for band in bands} <= {"in the corner", "near the ground", "near a wall", "faster than 1 m/s"}
-    assert len(bands) > 2
-    assert all(band.end > band.start for band in bands)
 
 
 def test_a_long_series_keeps_its_extremes() -> None:
