@@ -94,12 +94,11 @@ def _run(a: argparse.Namespace) -> int:
 
 
 def _run_folder(a: argparse.Namespace) -> int:
-    for option, value in (("--survey", a.survey), ("--save-model", a.save_model)):
-        if value is not None:
-            raise ConfigError(f"{option}: is of one flight; name one log instead of the folder {a.log}")
+    from replay.command import refuse
     from replay.fleet.folder import run_folder
     from replay.fleet.jobs import Job, Kind
 
+    refuse(a, ("survey", "save_model"), f"is of one flight; name one log instead of the folder {a.log}")
     assumed = tuple(sorted(assumed_parameters(a.param).items()))
     job = Job.of(
         Kind.RUN, a.log, a.vehicle, a.model, target_system=a.target_system, setpoint=a.setpoint, assumed=assumed,

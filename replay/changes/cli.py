@@ -11,12 +11,11 @@ from models.errors import ConfigError
 def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     from replay.changes.since import page, since
-    from replay.command import fault_lines, given, of_logs, progress_bar, write_answer
+    from replay.command import fault_lines, given, of_logs, progress_bar, refuse, write_answer
     from replay.diagnosis.model_faults import model_faults
 
-    for option, value in (("--save-model", a.save_model), ("--save-vehicle", a.save_vehicle), ("--test", a.test)):
-        if value:
-            raise ConfigError(f"{option}: amends a model, and --since asks what changed; give one of them")
+    why = "amends a model, and --since asks what changed; give one of them"
+    refuse(a, ("save_model", "save_vehicle", "test"), why)
     logs, good = _flights(a)
     vehicle, chosen, draft = of_logs(a.vehicle, a.model, [*good, *logs], given(a), a.target_system)
     answer = since(logs, good, vehicle, chosen.judged, target_system=a.target_system, progress=progress_bar(a))

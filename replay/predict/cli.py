@@ -41,7 +41,7 @@ def run(a: argparse.Namespace) -> int:
     from replay.diagnosis.model_faults import model_faults
     from replay.predict.predict import predict
 
-    check_targets(a.json)
+    check_targets(a)
     vehicle, chosen = declared(a.vehicle, a.model)
     folders = [log for log in a.logs if log.is_dir()]
     if folders:
