@@ -96,7 +96,7 @@ def changes(good: Baseline, today: Record) -> tuple[Change, ...]:
     return tuple(_named(evidence, fit, candidates))
 
 
-def _beside(good: Baseline, today: Record) -> tuple[Evidence, list[Term], Fit]:
+def _beside(good: Baseline, today: Record) -> tuple[Evidence, list[int], Fit]:
     """A flight beside the good ones, the terms that it may differ by, and the fit of what all have in common."""
     flights = [*good.records, today]
     last = len(flights) - 1
@@ -108,8 +108,9 @@ def _beside(good: Baseline, today: Record) -> tuple[Evidence, list[Term], Fit]:
     other = [_changed(e, e.name in shapes, today.context) for e in parts]
     spread = [[size.wrench(r) for size in good.sizes] for r in flights]
     evidence = Evidence(Library(flights, [*same, *other], spread))
-    candidates = [t for t in evidence.library.terms if t.effect is not None and t.flight in (None, last)]
-    start = [t for t in candidates if t.flight is None and t.name in shapes and t.shape == shapes[t.name]]
+    terms = evidence.library.terms
+    candidates = [i for i, t in enumerate(terms) if t.effect is not None and t.flight in (None, last)]
+    start = [t for t in terms if t.effect is not None and t.flight is None and t.shape == shapes.get(t.name)]
     return evidence, candidates, evidence.fit(start, evidence.unfitted())
 
 
@@ -133,12 +134,12 @@ def _log_odds(evidence: Evidence, fit: Fit, less: Fit, term: Term) -> float:
     return TRUST * (fit.evidence - less.evidence) + within + prior
 
 
-def _grown(evidence: Evidence, fit: Fit, candidates: Iterable[Term]) -> list[tuple[float, Fit]]:
+def _grown(evidence: Evidence, fit: Fit, candidates: Iterable[int]) -> list[tuple[float, Fit]]:
     """A set with one term more, the last, and what that gains, for the most promising ones."""
     taken = {t.key for t in fit.terms}
-    wanted = {id(t) for t in candidates if t.key not in taken and not _other_shape(t, fit)}
-    ranked = evidence.promising(fit, [i for i, t in enumerate(evidence.library.terms) if id(t) in wanted])[:TRIED]
-    grown = [evidence.fit([*fit.terms, t], fit.noise) for _, t in ranked]
+    terms = evidence.library.terms
+    wanted = [i for i in candidates if terms[i].key not in taken and not _other_shape(terms[i], fit)]
+    grown = [evidence.fit([*fit.terms, t], fit.noise) for _, t in evidence.promising(fit, wanted)[:TRIED]]
     return [
         (_log_odds(evidence, f, fit, f.terms[-1]), f)
         for f in grown
@@ -146,7 +147,7 @@ def _grown(evidence: Evidence, fit: Fit, candidates: Iterable[Term]) -> list[tup
     ]
 
 
-def _named(evidence: Evidence, fit: Fit, candidates: Sequence[Term]) -> list[Change]:
+def _named(evidence: Evidence, fit: Fit, candidates: Sequence[int]) -> list[Change]:
     """Changes of a set with their sizes, and what could stand in place of each."""
     out = []
     for t in (t for t in fit.terms if t.flight is not None):

@@ -38,16 +38,7 @@ def page(answer: Diagnosis, vehicle: Vehicle, model_faults: Sequence[Mapping[str
         carriers=[(channel_words(c.name), c.axis, f"{c.score:.0%}") for c in answer.channels],
         remainder="" if first is None else "".join(against(t, first) for t in answer.traces),
         outside=[f"{t.record.name}: {outside_text(o)}" for t in answer.traces for o in t.outside],
-        idle=[(plain(r.name), get(r.name).excite) for r in answer.rejected if not r.excited],
         pictures=[(t.record.name, series(t)) for t in answer.traces],
-        places=[
-            (f"{t.record.name}, {r['regime']}", f"{r['seconds']:.0f} s", axis, *(f"{x:.3f}" for x in rms.values()))
-            for t in answer.traces
-            for r in t.regimes
-            for axis, rms in r["axes"].items()
-        ],
-        rejected=[(plain(r.name), "no" if r.excited else "not excited", r.reason) for r in answer.rejected],
-        basis=_basis(answer),
         certainty=certainty,
         get=get,
         kept_words=kept_words,
@@ -62,14 +53,3 @@ def _pooled(answer: Diagnosis, axis: int, *, after: bool) -> tuple[float, float,
     judged = [t for t in answer.traces if axis in t.record.axes]
     parts = [(t.after if after else t.before)[t.record.valid, axis] for t in judged]
     return rms_interval(np.concatenate(parts), judged[0].record.step_s)
-
-
-def _basis(answer: Diagnosis) -> list[str]:
-    lines = [
-        f"{r.name}: {d.signal} {abs(d.seconds) * 1e3:.0f} ms {'late' if d.seconds > 0 else 'early'} "
-        f"(correlation {d.correlation:.2f}, {'corrected' if d.corrected else 'not corrected'})"
-        for r in answer.records
-        for d in r.delays
-    ]
-    lines += [f"{r.name}: {e.seconds:.1f} s left out, {e.reason}" for r in answer.records for e in r.excluded]
-    return [*lines, *answer.notes]

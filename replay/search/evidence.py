@@ -56,7 +56,7 @@ class Noise:
 class Fit:
     """A set of terms, fitted: scaled coefficients ``b`` (trims behind) with their covariance, and the noise.
 
-    score = TRUST evidence + within + worth + prior, the log posterior. ``evidence``: log marginal likelihood.
+    score = TRUST evidence + within + worth + prior. ``evidence``: log marginal likelihood.
     ``within``: log share of it within the bounds. ``worth``: log share of what deserves a name. ``prior``: log odds of
     the terms, and log prior of the noise.
     """
@@ -69,12 +69,16 @@ class Fit:
     within: float = 0.0
     worth: float = 0.0
     prior: float = 0.0
-    score: float = 0.0
+
+    @property
+    def score(self) -> float:
+        """Log posterior of the set, up to a constant."""
+        return self.promise + self.worth
 
     @property
     def promise(self) -> float:
-        """Score of a set that is still to grow: another term may make a small one large enough to be named."""
-        return self.score - self.worth
+        """Whatever the size of its terms: of a set that is still to grow, as another term may make them larger."""
+        return TRUST * self.evidence + self.within + self.prior
 
     @property
     def key(self) -> frozenset[Key]:
@@ -100,15 +104,14 @@ class Evidence:
         self.spectra = spectra(STEP_S)
         self._filters = np.stack([s.filters for s in self.spectra])
         self._white: dict[tuple[int, int], Whitened] = {}
-        self._smaller = np.array([min(s.slow_share, 1.0 - s.slow_share) for s in self.spectra])
         self._fitted = np.array([s.slow_share <= FITTED_SHARE for s in self.spectra])
         channels = library.channels
         self._det = np.array([[s.log_determinant(c.run) for s in self.spectra] for c in channels]).reshape(
             -1, len(self.spectra)
         )
         self._counts = np.array([c.count for c in channels])
-        limits = np.array([c.limit for c in channels])
-        self._floor = (FLOOR * limits[:, None]) ** 2 / self._smaller
+        smaller = np.array([min(s.slow_share, 1.0 - s.slow_share) for s in self.spectra])
+        self._floor = (FLOOR * np.array([[c.limit] for c in channels])) ** 2 / smaller
         self._fits: dict[tuple[tuple[Term, ...], Noise], Fit] = {}
 
     def unfitted(self) -> Noise:
@@ -161,11 +164,8 @@ class Evidence:
                 break
             noise = fresh
         evidence = self._laplace(design, b, cov, energies, form)
-        worthy = worth(u)
         prior = sum(t.prior for t in terms) - self._loud(noise)
-        within = beyond_bounds(terms, b, cov)
-        score = TRUST * evidence + within + worthy + prior
-        return Fit(terms, b, cov, noise, evidence, within, worthy, prior, score)
+        return Fit(terms, b, cov, noise, evidence, beyond_bounds(terms, b, cov), worth(u), prior)
 
     def deserved(self, terms: Sequence[Term], noise: Noise) -> float:
         """``within`` and ``worth`` of a set beside a given noise."""

@@ -103,8 +103,6 @@ class Library:
         if effect is None:
             return []
         out: list[Term] = []
-        flights = range(len(self.records)) if term.flight is None else [term.flight]
-        usable = [f for f in self._usable(effect) if f in flights]
         for i, (parameter, value) in enumerate(zip(effect.shapes, term.shape, strict=True)):
             if not parameter.continuous or value in parameter.kinds:
                 continue
@@ -116,7 +114,7 @@ class Library:
                 if any(abs(between - g) < 1e-9 for g in grid) or (effect.at_shape and value * near < 0.0):
                     continue
                 shape = (*term.shape[:i], between, *term.shape[i + 1 :])
-                self._add(effect, term.flight, usable, shape, term.log_shape)
+                self._add(effect, term.flight, list(term.places), shape, term.log_shape)
                 out.append(self.terms[-1])
         if out:
             self._reach()

@@ -75,11 +75,8 @@ class Term:
 
 def without_form(term: Term) -> Term:
     """The term without its model-form errors."""
-    kept = ~term.form
-    return replace(
-        term, columns=term.columns[kept], scale=term.scale[kept], centre=term.centre[kept], low=term.low[kept],
-        high=term.high[kept], main=term.main[kept],
-    )  # fmt: skip
+    by_column = ("columns", "scale", "centre", "low", "high", "main")
+    return replace(term, **{name: getattr(term, name)[~term.form] for name in by_column})
 
 
 def prior_of(effect: Effect, context: Context, shape: tuple[float, ...]) -> tuple[Array, Array]:

@@ -224,7 +224,7 @@ def test_what_the_flight_could_not_have_shown_comes_with_the_flight_that_would(c
     assert idle
     part = seen[seen.index("and how to find out") : seen.index("By place")]
     for r in idle:
-        assert f"{r.name.replace('_', ' ')} " in part
+        assert f"{r.name.replace('_', ' ')}: " in part
     shown = [r for r in calm.rejected if r.excited]
     why = seen[seen.index("Other effects, and why") :]
     assert shown
