@@ -43,14 +43,12 @@ DRAWS = 1000
 
 @dataclass(frozen=True)
 class Acting:
-    """One effect on one flight; wrenches (n, 6)."""
+    """One effect on one flight."""
 
     held_out: Array
-    """On the judged axes, every sample by coefficients of the other folds."""
-    fitted: Array
-    """On the judged axes with its model-form error, by coefficients of all time."""
+    """Its wrench (n, 6) on the axes that it acts on, every sample by coefficients of the other folds."""
     axes: tuple[str, ...]
-    """Those that it acts on."""
+    """Those that it acts on clearly."""
     folds: Array
     """Coefficients of every fold (FOLDS, k)."""
     parameters: dict[str, float]
@@ -64,22 +62,28 @@ class FlightFit:
     index: int
     before: Array
     """With no effect."""
-    after: Array
-    """With every effect, on held-out time."""
-    rest: Array
-    """With every effect and its model-form error, fitted on all time."""
-    unexplained: Array
-    """``after`` less the free curves and the trims: no model-form error is taken out."""
     effects: dict[Key, Acting]
+    rest: Array
+    """With every effect and its model-form error, and the trims, fitted on all time."""
+    beside: Array
+    """Free curves and trims."""
     carriers: tuple[Carrier, ...] = ()
     """Channels that carry what is left: the free curves of the set, the largest first."""
     confirms: frozenset[Key] = frozenset()
     """Effects that lower the residual here where they were fitted on the other flights."""
 
     @cached_property
+    def after(self) -> Array:
+        """With every effect, on held-out time."""
+        out = self.before
+        for acting in self.effects.values():
+            out = out - acting.held_out
+        return out
+
+    @cached_property
     def outside(self) -> tuple[Outside, ...]:
-        """What acts and is in no logged channel."""
-        return outside(self.record, self.unexplained)
+        """What acts and is in no logged channel; no model-form error is taken out."""
+        return outside(self.record, self.after - self.beside)
 
     @cached_property
     def regimes(self) -> list[dict[str, Any]]:
@@ -94,16 +98,10 @@ class FlightFit:
 
     def without_axis(self, key: Key, axis: int) -> FlightFit:
         """The same with an effect that does not act on one axis."""
-        acting, on = self.effects[key], np.arange(6) == axis
-        held_out, fitted = (np.where(on, w, 0.0) for w in (acting.held_out, acting.fitted))
-        less = replace(
-            acting, held_out=acting.held_out - held_out, fitted=acting.fitted - fitted,
-            axes=tuple(a for a in acting.axes if a != AXES[axis]),
-        )  # fmt: skip
-        return replace(
-            self, after=self.after + held_out, rest=self.rest + fitted, unexplained=self.unexplained + held_out,
-            effects=self.effects | {key: less},
-        )  # fmt: skip
+        acting = self.effects[key]
+        held_out = np.where(np.arange(6) == axis, 0.0, acting.held_out)
+        less = replace(acting, held_out=held_out, axes=tuple(a for a in acting.axes if a != AXES[axis]))
+        return replace(self, effects=self.effects | {key: less})
 
     def energy(self, residual: Array, axes: Sequence[int] | None = None) -> float:
         """Of all judged axes, or of some, in hundredths of the weight."""
@@ -126,19 +124,22 @@ def _one(evidence: Evidence, best: Fit, f: int, record: Record) -> FlightFit:
     fold_of, fitted = _split(record)
     every = library.every[f]
     folds = [evidence.refit(best.terms, best.noise, {f: ~rows[::every]}) for rows in fitted]
-    terms = [t for t in best.terms if t.effect is not None and f in t.places]
-    effects = {t.key: _acting(library, best, t, f, folds, fold_of) for t in terms}
-    after, rest = before, before
-    for acting in effects.values():
-        after, rest = after - acting.held_out, rest - acting.fitted
-    fit = FlightFit(record, f, before, after, rest, after, effects)
+    effects: dict[Key, Acting] = {}
+    rest = before
+    for t in best.terms:
+        if t.effect is not None and f in t.places:
+            effects[t.key], wrench = _acting(library, best, t, f, folds, fold_of)
+            rest = rest - wrench
+    fit = FlightFit(record, f, before, effects, rest, np.zeros_like(rest))
+    carriers, curves = _curves(library, best, fit)
     trim = library.trim_wrench(f, best.b[len(best.b) - len(library.trim) :])
-    fit = _less_curves(fit, library, best)
-    return replace(fit, unexplained=fit.unexplained - trim, rest=rest - trim)
+    return replace(fit, rest=rest - trim, beside=curves + trim, carriers=carriers)
 
 
-def _acting(library: Library, best: Fit, t: Term, f: int, folds: Sequence[Fit], fold_of: NDArray[np.int64]) -> Acting:
-    """One effect on a flight: by all time, and on every fold by the others."""
+def _acting(
+    library: Library, best: Fit, t: Term, f: int, folds: Sequence[Fit], fold_of: NDArray[np.int64]
+) -> tuple[Acting, Array]:
+    """One effect on a flight, and its wrench (n, 6) with its model-form error by coefficients of all time."""
     assert t.effect is not None
     record = library.records[f]
     judged = np.isin(np.arange(6), record.axes)
@@ -148,32 +149,26 @@ def _acting(library: Library, best: Fit, t: Term, f: int, folds: Sequence[Fit], 
     of_fold = np.stack([fold.sizes(t, f) for fold in folds])
     per_fold = np.einsum("nak,fk->fna", x, of_fold)
     held = np.take_along_axis(per_fold, fold_of[None, :, None], axis=0)[0]
-    bent = form @ best.b[best.part(t)][len(t.columns) - form.shape[2] :] if form.shape[2] else 0.0
+    bent = form @ best.b[best.part(t)][len(t.columns) - form.shape[2] :]
     strength = np.sqrt((own[record.valid] ** 2).mean(axis=0)) / hundredths(record.context)
-    strongest = strength[list(record.axes)].max()
-    return Acting(
-        held_out=np.where(judged, held, 0.0),
-        fitted=np.where(judged, own + bent, 0.0),
-        axes=tuple(AXES[a] for a in record.axes if strength[a] > CARRIES * strongest > 0.0),
-        folds=of_fold,
-        parameters=t.effect.parameters(sizes, t.shape),
-    )
+    clear = CARRIES * strength[list(record.axes)].max()
+    axes = tuple(AXES[a] for a in record.axes if strength[a] > clear > 0.0)
+    acting = Acting(np.where(judged, held, 0.0), axes, of_fold, t.effect.parameters(sizes, t.shape))
+    return acting, np.where(judged, own + bent, 0.0)
 
 
-def _less_curves(fit: FlightFit, library: Library, best: Fit) -> FlightFit:
-    """The free curves off what is unexplained, and which of them carries how much of it."""
-    valid, carriers, unexplained = fit.record.valid, [], fit.unexplained.copy()
+def _curves(library: Library, best: Fit, fit: FlightFit) -> tuple[tuple[Carrier, ...], Array]:
+    """Which channel carries how much of what is left, and the sum of their free curves (n, 6)."""
+    carriers, curves = [], np.zeros_like(fit.before)
     for t in (t for t in best.terms if t.effect is None and fit.index in t.places):
         a = AXES.index(t.axis or "")
-        with_it = float((unexplained[valid, a] ** 2).sum())
-        unexplained[:, a] -= library.curve(t, fit.index) @ best.b[best.part(t)]
-        gain = with_it - float((unexplained[valid, a] ** 2).sum())
-        share = gain / max(float(((fit.rest[valid, a]) ** 2).sum()), 1e-30)
-        carriers.append(
-            (gain / hundredths(fit.record.context)[a] ** 2, Carrier(t.name, float(np.clip(share, 0.0, 1.0)), AXES[a]))
-        )
+        with_it = fit.energy(fit.after - curves, [a])
+        curves[:, a] += library.curve(t, fit.index) @ best.b[best.part(t)]
+        gain = with_it - fit.energy(fit.after - curves, [a])
+        share = gain / max(fit.energy(fit.rest, [a]), 1e-30)
+        carriers.append((gain, Carrier(t.name, float(np.clip(share, 0.0, 1.0)), AXES[a])))
     carriers.sort(key=lambda c: -c[0])
-    return replace(fit, unexplained=unexplained, carriers=tuple(c for _, c in carriers))
+    return tuple(c for _, c in carriers), curves
 
 
 def _split(record: Record) -> tuple[NDArray[np.int64], Mask]:
