@@ -111,7 +111,7 @@ class Evidence:
         )
         self._counts = np.array([c.count for c in channels])
         smaller = np.array([min(s.slow_share, 1.0 - s.slow_share) for s in self.spectra])
-        self._floor = (FLOOR * np.array([[c.limit] for c in channels])) ** 2 / smaller
+        self._floor = (FLOOR * np.array([c.limit for c in channels])[:, None]) ** 2 / smaller
         self._fits: dict[tuple[tuple[Term, ...], Noise], Fit] = {}
 
     def unfitted(self) -> Noise:

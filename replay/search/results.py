@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -126,29 +126,15 @@ def summarise(walked: Walked) -> Searched:
     chosen = [t for t in walked.best.terms if t.effect is not None]
     joint = corrected_together(t.effect for t in chosen if t.effect is not None)
     fits, without = _by_axis(fits, [t.key for t in chosen if t.name not in joint])
-    found = [_found(walked, t, fits, others.get(t.key, ()), without.get(t.key, ())) for t in chosen]
-    return Searched(tuple(fits), tuple(_by_name(_at_most_all(found))), _rejected(walked, {t.name for t in chosen}))
+    names = dict.fromkeys(t.name for t in chosen)
+    found = _at_most_all([_found(walked, [t for t in chosen if t.name == n], fits, others, without) for n in names])
+    found.sort(key=lambda f: (-round(f.explains, 6), f.effect.name))
+    return Searched(tuple(fits), tuple(found), _rejected(walked, set(names)))
 
 
 def corrected_together(effects: Iterable[Effect]) -> set[str]:
     """A map of surfaces and the laws that it corrects: only their sum is known well."""
     return {name for effect in effects if effect.remainder for name in (effect.name, *effect.aliases)}
-
-
-def _by_name(found: Sequence[Found]) -> list[Found]:
-    """Every effect once, also where each flight has its own; those that explain most first."""
-    out = []
-    for name in dict.fromkeys(f.effect.name for f in found):
-        same = [f for f in found if f.effect.name == name]
-        out.append(
-            replace(
-                max(same, key=lambda f: (round(f.explains, 9), -f.flight)),
-                explains=sum(f.explains for f in same),
-                confirmed_by=tuple(i for f in same for i in f.confirmed_by),
-                of_flight={i: parameters for f in same for i, parameters in f.of_flight.items()},
-            )
-        )
-    return sorted(out, key=lambda f: (-round(f.explains, 6), f.effect.name))
 
 
 def _at_most_all(found: Sequence[Found]) -> list[Found]:
@@ -214,11 +200,15 @@ def _share(fits: Sequence[FlightFit], key: Key, axes: Sequence[int] | None = Non
 
 
 def _found(
-    walked: Walked, term: Term, fits: Sequence[FlightFit], others: Sequence[str], without: tuple[str, ...]
-) -> Found:
+    walked: Walked, terms: Sequence[Term], fits: Sequence[FlightFit], others: Mapping[Key, Sequence[str]],
+    without: Mapping[Key, tuple[str, ...]],
+) -> Found:  # fmt: skip
+    """One effect; where every flight has a term of its own, its numbers are those of the one that explains most."""
+    shares = {t.key: _share(fits, t.key) for t in terms}
+    term = max(terms, key=lambda t: (shares[t.key], -_shown_by(t, fits)))
     assert term.effect is not None
-    acting = {f.index: f.effects[term.key] for f in fits if term.key in f.effects}
-    carried = {axis for a in acting.values() for axis in a.axes}
+    carried = {axis for f in fits if term.key in f.effects for axis in f.effects[term.key].axes}
+    instead = tuple(others.get(term.key, ()))
     flight = _shown_by(term, fits)
     estimates = _estimates(walked, term, fits[flight])
     main = {c.name for c in term.effect.coefficients if term.effect.is_main(c)}
@@ -227,13 +217,13 @@ def _found(
         effect=term.effect,
         estimates=estimates,
         axes=tuple(a for a in AXES if a in carried),
-        explains=_share(fits, term.key),
-        probability=round(min(walked.probability(term.name, others), sign), 3),
-        aliases=tuple(others),
+        explains=sum(shares.values()),
+        probability=round(min(walked.probability(term.name, instead), sign), 3),
+        aliases=instead,
         flight=flight,
-        without=without,
-        confirmed_by=tuple(f.index for f in fits if term.key in f.confirms),
-        of_flight={i: a.parameters for i, a in acting.items()},
+        without=without.get(term.key, ()),
+        confirmed_by=tuple(f.index for f in fits if any(t.key in f.confirms for t in terms)),
+        of_flight={f.index: f.effects[t.key].parameters for t in terms for f in fits if t.key in f.effects},
     )
 
 
@@ -289,20 +279,20 @@ def _between(walked: Walked, term: Term, flight: int, mean: Array) -> Array:
 def _shape_interval(walked: Walked, term: Term, i: int) -> tuple[float, float, bool]:
     """95 % interval of a shape parameter beside the others, to half way to the next value tried; at the grid's edge."""
     assert term.effect is not None
-    shape, value = term.effect.shapes[i], term.shape[i]
-    rivals = [
-        t for t in walked.evidence.library.terms
-        if t.key == term.key and all(a == b for j, (a, b) in enumerate(zip(t.shape, term.shape, strict=True)) if j != i)
-    ]  # fmt: skip
-    tried = np.array(sorted({t.shape[i] for t in rivals} - (set(shape.kinds) - {value})))
-    if not shape.continuous or value in shape.kinds or len(tried) < 2:
-        return float(value), float(value), False
-    rivals = sorted((t for t in rivals if t.shape[i] in tried), key=lambda t: t.shape[i])
-    others = [t for t in walked.best.terms if t is not term]
-    evidence = walked.evidence
-    screened = evidence.screen(evidence.refit(others, walked.best.noise), term.key)
-    gain = TRUST * np.array([screened[evidence.library.terms.index(t)] for t in rivals])
-    weight = np.exp(gain - gain.max())
+    shape, value, evidence = term.effect.shapes[i], float(term.shape[i]), walked.evidence
+    if not shape.continuous or value in shape.kinds:
+        return value, value, False
+    beside = [t for t in walked.best.terms if t is not term]
+    screened = evidence.screen(evidence.refit(beside, walked.best.noise), term.key)
+    gains: dict[float, float] = {}
+    for number in evidence.library.numbers_of(term.key):
+        other = evidence.library.terms[number].shape
+        if other[:i] + other[i + 1 :] == term.shape[:i] + term.shape[i + 1 :] and other[i] not in shape.kinds:
+            gains[other[i]] = TRUST * float(screened[number])
+    if len(gains) < 2:
+        return value, value, False
+    tried = np.array(sorted(gains))
+    weight = np.exp([gains[v] - max(gains.values()) for v in tried])
     edges = np.concatenate([tried[:1], (tried[1:] + tried[:-1]) / 2.0, tried[-1:]])
     total = np.concatenate([[0.0], np.cumsum(weight * np.diff(edges))])
     low, high = np.interp([0.025, 0.975], total / total[-1], edges)
@@ -311,29 +301,27 @@ def _shape_interval(walked: Walked, term: Term, i: int) -> tuple[float, float, b
 
 
 def _rejected(walked: Walked, taken: set[str]) -> tuple[Rejected, ...]:
-    library, best = walked.evidence.library, walked.best
+    """Every effect that is not in the answer, and why."""
+    library = walked.evidence.library
     out = [Rejected(name, reason, False) for name, reason in library.lacking.items()]
-    gain = walked.evidence.screen(best)
-    by_name: dict[str, list[int]] = {}
+    gain = walked.evidence.screen(walked.best)
+    numbers: dict[str, list[int]] = {}
     for i, t in enumerate(library.terms):
         if t.effect is not None and t.name not in taken:
-            by_name.setdefault(t.name, []).append(i)
-    for name, index in by_name.items():
-        chance = walked.probability(name, ())
-        term = library.terms[max(index, key=lambda i: float(gain[i]))]
-        effect = term.effect
-        assert effect is not None
-        if name not in walked.worse and not _excited(walked, best, term):
-            out.append(Rejected(name, "this flight hardly excites it: " + effect.excite, False, chance))
-        else:
-            out.append(Rejected(name, walked.why_not(name), True, chance))
+            numbers.setdefault(t.name, []).append(i)
+    for name, own in numbers.items():
+        term = library.terms[max(own, key=lambda i: float(gain[i]))]
+        assert term.effect is not None
+        excited = name in walked.worse or _excited(walked, term)
+        reason = walked.why_not(name) if excited else "this flight hardly excites it: " + term.effect.excite
+        out.append(Rejected(name, reason, excited, walked.probability(name, ())))
     return tuple(out)
 
 
-def _excited(walked: Walked, best: Fit, term: Term) -> bool:
+def _excited(walked: Walked, term: Term) -> bool:
     """Whether one of its coefficients would be known to a third of the smallest effect that is named."""
     evidence = walked.evidence
-    fit = evidence.refit([*best.terms, term], best.noise)
+    fit = evidence.refit([*walked.best.terms, term], walked.best.noise)
     part = fit.part(term)
     error = np.sqrt(np.diag(fit.cov[part, part]) / TRUST)
     # Where the prior alone says as much, the flight has said nothing.

@@ -371,12 +371,13 @@ def sets(**scores: float) -> list[Fit]:
             none,
             none,
             0.0,
+            0.0,
             none,
             {},
         )
         for letter in sorted(set("".join(scores)))
     }
-    return [Fit(tuple(terms[x] for x in name), none, none, Noise((), ()), s, score=s) for name, s in scores.items()]
+    return [Fit(tuple(terms[x] for x in name), none, none, Noise((), ()), prior=s) for name, s in scores.items()]
 
 
 def test_near_ties_go_to_fewer_terms_and_a_part_needs_more() -> None:
