@@ -11,9 +11,8 @@ import numpy as np
 from models.effects import AdoptedEffect, BelongsTo, Context, Effect, catalogue, get
 from replay.changes.spread import LAWS, Size, as_flown, usual
 from replay.residual.record import Record
-from replay.search.design import Design
 from replay.search.evidence import TRUST, Evidence, Fit
-from replay.search.library import Library
+from replay.search.library import Design, Library
 from replay.search.results import Estimate
 from replay.search.sets import SURE as MOST_SURE
 from replay.search.terms import Term

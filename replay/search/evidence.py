@@ -22,11 +22,10 @@ from scipy.linalg import cho_factor, cho_solve
 
 from models.frames import Array
 from replay.residual.grid import Mask
-from replay.search.design import Design
+from replay.search.channel import Whitened
 from replay.search.disturbance import FITTED_SHARE, spectra, whitened_energies
-from replay.search.library import Library
+from replay.search.library import Design, Library
 from replay.search.terms import STEP_S, Key, Term
-from replay.search.whitened import Whitened
 from replay.search.worth import Contributions, beyond_bounds, form_variance, worth
 
 TRUST = 0.5

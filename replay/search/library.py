@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from itertools import zip_longest
+from functools import cached_property
+from itertools import accumulate, zip_longest
 
 import numpy as np
 
@@ -280,6 +281,30 @@ class Library:
         for rows, f in enumerate(known):
             for columns, part in self._bias_columns.get(f, []):
                 self.x_bias[3 * rows : 3 * rows + 3, columns] += part / KINEMATIC_SD_M_S2
+
+
+class Design:
+    """A set of terms on the channels: the columns of the terms, the trims behind them."""
+
+    def __init__(self, library: Library, terms: Sequence[Term]) -> None:
+        self.library = library
+        self.terms = tuple(terms)
+        self.edges = list(accumulate((len(t.columns) for t in terms), initial=0))
+        self.columns = np.concatenate([*(t.columns for t in terms), library.trim])
+        self.centre = np.concatenate([*(t.centre for t in terms), np.zeros(len(library.trim))])
+        widths = [*(len(t.columns) for t in terms), len(library.trim)]
+        self.of_term = np.arange(len(self.terms))[:, None] == np.repeat(np.arange(len(widths)), widths)
+        """(terms, k) which columns are whose."""
+
+    @cached_property
+    def acting(self) -> list[tuple[Columns, Array]]:
+        """Of every channel the numbers of the columns that act on it (m,), among those of the set, and these (m, n)."""
+        out = []
+        for c in self.library.channels:
+            local = c.where[self.columns]
+            on = np.flatnonzero(local >= 0)
+            out.append((on, c.rows[local[on]]))
+        return out
 
 
 def _with_errors_of_form(effect: Effect) -> list[int]:
