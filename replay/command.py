@@ -5,8 +5,11 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
+
+from tqdm import tqdm
 
 from companion.vehicles import chosen_vehicle
 from models.arguments import speaks
@@ -76,15 +79,8 @@ def check_targets(a: argparse.Namespace) -> None:
 
 def progress_bar(a: argparse.Namespace) -> Callable[[Sequence[Path]], Iterable[Path]]:
     """Wraps the logs that are read: a bar on a terminal, unless ``--quiet``."""
-
-    def progress(logs: Sequence[Path]) -> Iterable[Path]:
-        from tqdm import tqdm
-
-        # disable=None: only to a terminal.
-        bar: Iterable[Path] = tqdm(logs, desc="reading", unit="log", disable=True if a.quiet else None)
-        return bar
-
-    return progress
+    # disable=None: only to a terminal.
+    return partial(tqdm, desc="reading", unit="log", disable=True if a.quiet else None)
 
 
 def fault_lines(faults: Sequence[Mapping[str, str]]) -> list[str]:

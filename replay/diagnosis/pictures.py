@@ -112,7 +112,6 @@ def envelope(x: Array, y: Array) -> tuple[Array, Array]:
     keep: list[int] = []
     for part in np.array_split(np.arange(len(x)), PIXELS):
         known = part[np.isfinite(y[part])]
-        keep += (
-            [int(part[0])] if not known.size else sorted({int(known[y[known].argmin()]), int(known[y[known].argmax()])})
-        )
+        ends = {known[y[known].argmin()], known[y[known].argmax()]} if known.size else {part[0]}
+        keep += sorted(map(int, ends))
     return x[keep], y[keep]
