@@ -86,11 +86,11 @@ def _run(a: argparse.Namespace) -> int:
 
 
 def _run_folder(a: argparse.Namespace) -> int:
-    if a.survey is not None:
-        raise ConfigError(f"--survey: is of one flight; name one log instead of the folder {a.log}")
+    from replay.command import refuse
     from replay.fleet.folder import run_folder
     from replay.fleet.jobs import Job, Kind
 
+    refuse(a, ("survey",), f"is of one flight; name one log instead of the folder {a.log}")
     assumed = tuple(sorted(assumed_parameters(a.param).items()))
     job = Job.of(
         Kind.RUN, a.log, a.vehicle, a.model, target_system=a.target_system, setpoint=a.setpoint, assumed=assumed,

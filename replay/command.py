@@ -5,8 +5,11 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
+
+from tqdm import tqdm
 
 from companion.vehicles import chosen_vehicle
 from models.arguments import speaks
@@ -48,45 +51,36 @@ def of_logs(
     return made.vehicle, choose(made.vehicle, model), made
 
 
-def check_targets(json: str | None, vehicle: Path | None = None, **folders: Path | None) -> None:
-    """Refuse places that cannot be written before minutes are spent on what would go there.
+def refuse(a: argparse.Namespace, options: Sequence[str], why: str) -> None:
+    """ConfigError where one of these options is given, with the reason."""
+    for option in options:
+        if getattr(a, option) not in (None, []):
+            raise ConfigError(f"--{option.replace('_', '-')}: {why}")
 
-    ``json``, ``vehicle``: the files of ``--json`` and ``--save-vehicle``; ``folders``: those of other
-    options, by the option's name.
-    """
-    files = {"--json": None if json in (None, "-") else Path(json or ""), "--save-vehicle": vehicle}
-    for option, file in files.items():
-        if file is not None and file.is_dir():
-            raise ConfigError(f"{option} {file}: is a folder; name a file")
-        if file is not None:
-            _check_parent(option, file, file.parent)
-    for name, target in folders.items():
-        if target is None:
+
+def check_targets(a: argparse.Namespace) -> None:
+    """Refuse places that cannot be written before minutes are spent on what would go there."""
+    for option, is_file in (("json", True), ("save_vehicle", True), ("save_model", False), ("report", False)):
+        given = getattr(a, option, None)
+        if given in (None, "-"):
             continue
-        option = f"--{name.replace('_', '-')}"
-        if target.exists() and not target.is_dir():
-            raise ConfigError(f"{option} {target}: is a file; name a folder")
-        _check_parent(option, target, next(p for p in (target, *target.absolute().parents) if p.exists()))
-
-
-def _check_parent(option: str, target: Path, parent: Path) -> None:
-    if not parent.is_dir():
-        raise ConfigError(f"{option} {target}: there is no folder {parent}; create it or name another place")
-    if not os.access(parent, os.W_OK):
-        raise ConfigError(f"{option} {target}: folder {parent} cannot be written; name another place")
+        target, said = Path(given), f"--{option.replace('_', '-')} {given}"
+        if is_file and target.is_dir():
+            raise ConfigError(f"{said}: is a folder; name a file")
+        if not is_file and target.exists() and not target.is_dir():
+            raise ConfigError(f"{said}: is a file; name a folder")
+        above = [target.parent] if is_file else [target, *target.absolute().parents]
+        parent = next((p for p in above if p.exists()), above[0])
+        if not parent.is_dir():
+            raise ConfigError(f"{said}: there is no folder {parent}; create it or name another place")
+        if not os.access(parent, os.W_OK):
+            raise ConfigError(f"{said}: folder {parent} cannot be written; name another place")
 
 
 def progress_bar(a: argparse.Namespace) -> Callable[[Sequence[Path]], Iterable[Path]]:
     """Wraps the logs that are read: a bar on a terminal, unless ``--quiet``."""
-
-    def progress(logs: Sequence[Path]) -> Iterable[Path]:
-        from tqdm import tqdm
-
-        # disable=None: only to a terminal.
-        bar: Iterable[Path] = tqdm(logs, desc="reading", unit="log", disable=True if a.quiet else None)
-        return bar
-
-    return progress
+    # disable=None: only to a terminal.
+    return partial(tqdm, desc="reading", unit="log", disable=True if a.quiet else None)
 
 
 def fault_lines(faults: Sequence[Mapping[str, str]]) -> list[str]:
@@ -95,11 +89,11 @@ def fault_lines(faults: Sequence[Mapping[str, str]]) -> list[str]:
 
 
 def write_answer(
-    a: argparse.Namespace, content: Mapping[str, Any], lines: Sequence[str], page: Callable[[], str]
+    a: argparse.Namespace, content: Mapping[str, Any], lines: Sequence[str], page: Callable[[], str] | None = None
 ) -> None:
-    """Write what ``--json`` and ``--report`` ask for, and print the lines unless ``--quiet``."""
+    """Write what ``--json`` and, with a ``page``, ``--report`` ask for, and print the lines unless ``--quiet``."""
     if a.json is not None:
         write_json(content, a.json)
-    written = [] if a.report is None else [write_document("--report", a.report / "report.html", page())]
+    written = [] if page is None or a.report is None else [write_document("--report", a.report / "report.html", page())]
     if speaks(a):
         print("\n".join([*lines, *(f"report: {path}" for path in written)]))

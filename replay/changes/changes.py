@@ -11,9 +11,8 @@ import numpy as np
 from models.effects import AdoptedEffect, BelongsTo, Context, Effect, catalogue, get
 from replay.changes.spread import LAWS, Size, as_flown, usual
 from replay.residual.record import Record
-from replay.search.design import Design
 from replay.search.evidence import TRUST, Evidence, Fit
-from replay.search.library import Library
+from replay.search.library import Design, Library
 from replay.search.results import Estimate
 from replay.search.sets import SURE as MOST_SURE
 from replay.search.terms import Term
@@ -65,8 +64,6 @@ class Baseline:
     records: tuple[Record, ...]
     found: tuple[AdoptedEffect, ...]
     sizes: tuple[Size, ...]
-    apart: tuple[tuple[str, str], ...] = ()
-    """(flight, effect) where a good flight differs from the others."""
 
 
 def learn(records: Sequence[Record]) -> Baseline:
@@ -77,15 +74,14 @@ def learn(records: Sequence[Record]) -> Baseline:
     found, explained = [], [np.zeros_like(r.residual) for r in records]
     for t in (t for t in best.terms if t.effect is not None):
         assert t.effect is not None
-        for f, place in t.places.items():
+        for f in t.places:
             x, _ = walked.evidence.library.wrenches(t, f)
-            at = np.searchsorted(t.columns, place)
-            b = best.b[best.part(t)][at] * t.scale[at]
+            b = best.sizes(t, f)
             explained[f] += x @ b
         found.append(AdoptedEffect(t.name, t.effect.parameters(b, t.shape)))
     left = [replace(r, residual=r.residual - w) for r, w in zip(records, explained, strict=True)]
-    sizes, apart = as_flown(usual([e for e in catalogue() if not e.remainder], found, records[0]), left)
-    return Baseline(tuple(records), tuple(found), tuple(sizes), tuple(apart))
+    sizes = as_flown(usual([e for e in catalogue() if not e.remainder], found, records[0]), left)
+    return Baseline(tuple(records), tuple(found), tuple(sizes))
 
 
 def changes(good: Baseline, today: Record) -> tuple[Change, ...]:
@@ -99,7 +95,7 @@ def changes(good: Baseline, today: Record) -> tuple[Change, ...]:
     return tuple(_named(evidence, fit, candidates))
 
 
-def _beside(good: Baseline, today: Record) -> tuple[Evidence, list[Term], Fit]:
+def _beside(good: Baseline, today: Record) -> tuple[Evidence, list[int], Fit]:
     """A flight beside the good ones, the terms that it may differ by, and the fit of what all have in common."""
     flights = [*good.records, today]
     last = len(flights) - 1
@@ -111,8 +107,9 @@ def _beside(good: Baseline, today: Record) -> tuple[Evidence, list[Term], Fit]:
     other = [_changed(e, e.name in shapes, today.context) for e in parts]
     spread = [[size.wrench(r) for size in good.sizes] for r in flights]
     evidence = Evidence(Library(flights, [*same, *other], spread))
-    candidates = [t for t in evidence.library.terms if t.effect is not None and t.flight in (None, last)]
-    start = [t for t in candidates if t.flight is None and t.name in shapes and t.shape == shapes[t.name]]
+    terms = evidence.library.terms
+    candidates = [i for i, t in enumerate(terms) if t.effect is not None and t.flight in (None, last)]
+    start = [t for t in terms if t.effect is not None and t.flight is None and t.shape == shapes.get(t.name)]
     return evidence, candidates, evidence.fit(start, evidence.unfitted())
 
 
@@ -132,16 +129,16 @@ def _log_odds(evidence: Evidence, fit: Fit, less: Fit, term: Term) -> float:
     part = fit.part(term)
     within = beyond_bounds([term], fit.b[part], fit.cov[part, part])
     kinds = 0.0 if any(s.continuous for s in term.effect.shapes) else term.log_shape
-    prior = evidence.prior(term) - kinds - (0.0 if term.flight is None else RATHER_THE_SAME)
+    prior = term.prior - kinds - (0.0 if term.flight is None else RATHER_THE_SAME)
     return TRUST * (fit.evidence - less.evidence) + within + prior
 
 
-def _grown(evidence: Evidence, fit: Fit, candidates: Iterable[Term]) -> list[tuple[float, Fit]]:
+def _grown(evidence: Evidence, fit: Fit, candidates: Iterable[int]) -> list[tuple[float, Fit]]:
     """A set with one term more, the last, and what that gains, for the most promising ones."""
     taken = {t.key for t in fit.terms}
-    wanted = {id(t) for t in candidates if t.key not in taken and not _other_shape(t, fit)}
-    ranked = evidence.promising(fit, [i for i, t in enumerate(evidence.library.terms) if id(t) in wanted])[:TRIED]
-    grown = [evidence.fit([*fit.terms, t], fit.noise) for _, t in ranked]
+    terms = evidence.library.terms
+    wanted = [i for i in candidates if terms[i].key not in taken and not _other_shape(terms[i], fit)]
+    grown = [evidence.fit([*fit.terms, t], fit.noise) for _, t in evidence.promising(fit, wanted)[:TRIED]]
     return [
         (_log_odds(evidence, f, fit, f.terms[-1]), f)
         for f in grown
@@ -149,7 +146,7 @@ def _grown(evidence: Evidence, fit: Fit, candidates: Iterable[Term]) -> list[tup
     ]
 
 
-def _named(evidence: Evidence, fit: Fit, candidates: Sequence[Term]) -> list[Change]:
+def _named(evidence: Evidence, fit: Fit, candidates: Sequence[int]) -> list[Change]:
     """Changes of a set with their sizes, and what could stand in place of each."""
     out = []
     for t in (t for t in fit.terms if t.flight is not None):
@@ -169,9 +166,8 @@ def _estimates(fit: Fit, term: Term) -> tuple[Estimate, ...]:
     """Coefficients with their 95 % intervals, then the shape."""
     assert term.effect is not None
     assert term.flight is not None
-    place = np.searchsorted(term.columns, term.places[term.flight])
-    part, scale = fit.part(term), term.scale[place]
-    mean, sd = fit.b[part][place] * scale, np.sqrt(np.diag(fit.cov[part, part])[place] / TRUST) * scale
+    part, place = fit.part(term), term.place(term.flight)
+    mean, sd = fit.sizes(term, term.flight), np.sqrt(np.diag(fit.cov[part, part])[place] / TRUST) * term.scale[place]
     out = [
         Estimate(c.name, float(m), (float(m - 1.96 * s), float(m + 1.96 * s)), c.unit)
         for c, m, s in zip(term.effect.coefficients, mean, sd, strict=True)

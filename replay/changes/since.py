@@ -2,29 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from models.errors import ConfigError
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from replay.changes.changes import Baseline, Change, changes, learn
 from replay.diagnosis.diagnose import read_records
-from replay.diagnosis.words import estimate_text
+from replay.diagnosis.words import estimate_text, plain
 from replay.fleet.jobs import recorded
 from replay.numbers import rounded
+from replay.report import render
 from replay.residual.record import Record, check_model
-
-
-@dataclass(frozen=True)
-class Compared:
-    """One flight against the good ones: what changed."""
-
-    record: Record
-    changed: tuple[Change, ...]
 
 
 @dataclass(frozen=True)
@@ -32,7 +23,8 @@ class Comparison:
     """The answer: changes since the good flights that stay, first cause first; usually none."""
 
     good: Baseline
-    flights: tuple[Compared, ...]
+    flights: tuple[tuple[Record, tuple[Change, ...]], ...]
+    """Every flight with what changed on it."""
     changed: tuple[Change, ...]
     """Each with the first log that shows it, and its size on the latest flight that does."""
     notes: tuple[str, ...]
@@ -40,16 +32,16 @@ class Comparison:
     @property
     def records(self) -> list[Record]:
         """All flights, the good ones first."""
-        return [*self.good.records, *(f.record for f in self.flights)]
+        return [*self.good.records, *(r for r, _ in self.flights)]
 
     def as_json(self) -> dict[str, Any]:
         """The JSON that docs/formats.md describes."""
         content: dict[str, Any] = rounded(
             {
-                "logs": list(dict.fromkeys(str(f.record.path) for f in self.flights)),
+                "logs": list(dict.fromkeys(str(r.path) for r, _ in self.flights)),
                 "good": list(dict.fromkeys(str(r.path) for r in self.good.records)),
                 "changed": [c.as_json() | {"since": c.since} for c in self.changed],
-                "flights": [{"log": f.record.name, "changed": [c.as_json() for c in f.changed]} for f in self.flights],
+                "flights": [{"log": r.name, "changed": [c.as_json() for c in own]} for r, own in self.flights],
                 "notes": self.notes,
             }
         )
@@ -78,30 +70,38 @@ def since(
 ) -> Comparison:
     """Compare flights, in order of their date, with the vehicle as its good flights show it."""
     check_model(vehicle, model)
-    good_logs, good_twice = _once(good)
-    new_logs, new_twice = new_flights(logs, good_logs)
-    notes = [*good_twice, *new_twice]
-    learnt, said = read_records(good_logs, vehicle, model, target_system)
+    learnt, said = read_records(good, vehicle, model, target_system)
     as_it_was = learn(learnt)
-    notes += [
-        f"the good flights differ in {effect}: {flight} from the others; a change of it is hard to see"
-        for flight, effect in as_it_was.apart
-    ]
-    ordered = by_date(new_logs)
-    if ordered != new_logs:
+    notes = []
+    ordered = by_date(logs)
+    if ordered != list(logs):
         notes.append(f"the logs were not given in order of their date: {ordered[0].name} is the first")
     records, more = read_records(progress(ordered), vehicle, model, target_system)
-    flights = tuple(Compared(r, changes(as_it_was, r)) for r in records)
+    flights = tuple((r, changes(as_it_was, r)) for r in records)
     stays = []
-    for name in dict.fromkeys(c.name for f in flights for c in f.changed):
-        shows = [[c for c in f.changed if c.name == name] for f in flights]
+    for name in dict.fromkeys(c.name for _, own in flights for c in own):
+        shows = [[c for c in own if c.name == name] for _, own in flights]
         at = _change_point([bool(own) for own in shows])
         if at is None:
             notes.append(f"{name} on single flights only")
         else:
             latest = [c for own in shows[at:] for c in own][-1]
-            stays.append(replace(latest, since=flights[at].record.name))
+            stays.append(replace(latest, since=flights[at][0].name))
     return Comparison(as_it_was, flights, tuple(stays), (*notes, *dict.fromkeys((*said, *more))))
+
+
+def page(answer: Comparison, vehicle: Vehicle, faults: Sequence[Mapping[str, str]] = ()) -> str:
+    """The text as one HTML page. ``faults``: ``channel`` and ``what`` of a model or file of another vehicle."""
+    findings = [f"{plain(c.name).capitalize()} changed since {c.since}" for c in answer.changed]
+    good = ", ".join(r.name for r in answer.good.records)
+    return render(
+        "answer.html",
+        vehicle=vehicle,
+        head="; ".join(findings) or "Nothing changed",
+        verdict=f"{vehicle.name}, compared with the good flights {good}",
+        sentences=[*(f"{f['channel']}: {f['what']}" for f in faults), *answer.as_text().splitlines()],
+        bad=bool(answer.changed or faults),
+    )
 
 
 def by_date(logs: Sequence[Path]) -> list[Path]:
@@ -110,37 +110,6 @@ def by_date(logs: Sequence[Path]) -> list[Path]:
     if any(d["date_from"] != "log" for d in dates.values()):
         return list(logs)
     return sorted(logs, key=lambda log: dates[log]["date"])
-
-
-def new_flights(logs: Sequence[Path], good: Sequence[Path]) -> tuple[list[Path], list[str]]:
-    """Logs that are none of the good ones, and what is left out. Raises ConfigError where none is left."""
-    new, twice = _once(logs, good)
-    if not new:
-        raise ConfigError(f"{logs[0]}: is one of the good flights of --since; name another log")
-    return new, twice
-
-
-def _once(logs: Sequence[Path], known: Sequence[Path] = ()) -> tuple[list[Path], list[str]]:
-    """Logs by content, each once and none of ``known``; and a line for each that is left out."""
-    seen = {_content(log): log for log in known}
-    out, notes = [], []
-    for log in logs:
-        content = _content(log)
-        if content is not None and content in seen:
-            notes.append(f"left out: {log.name}: is the same log as {seen[content].name}")
-            continue
-        seen[content] = log
-        out.append(log)
-    return out, notes
-
-
-def _content(log: Path) -> str | None:
-    """Hash of a file; None where it cannot be read, which the reader says in its own words."""
-    try:
-        with log.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except OSError:
-        return None
 
 
 def _change_point(named: Sequence[bool]) -> int | None:

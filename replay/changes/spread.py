@@ -27,8 +27,6 @@ LAWS = (
     "vertical_inflow", "wall_effect",
 )  # fmt: skip
 """Laws of the air, of throttle and of lag: flights differ by what these leave out, as much as is typical of them."""
-APART = 3.0
-"""Standard deviations from the mean of good flights from which on a flight is said to differ from the others."""
 USUAL_FLIGHTS = 4.0
 """Flights that this counts for."""
 
@@ -79,21 +77,15 @@ def _share(effect: Effect, coefficient: Coefficient) -> float:
     return USUAL_SHARE[effect.belongs_to if effect.belongs_to is BelongsTo.INSTRUMENT else own]
 
 
-def as_flown(sizes: Sequence[Size], records: Sequence[Record]) -> tuple[list[Size], list[tuple[str, str]]]:
+def as_flown(sizes: Sequence[Size], records: Sequence[Record]) -> list[Size]:
     """Sizes with the spread that good flights, less what is known of the vehicle, have: one step of EM.
 
     The variance is the mean of the expected squares: Dempster, Laird & Rubin 1977, J. Royal Stat. Society B 39, 1.
-    Also which flight differs from the others in which effect.
     """
-    square, apart = np.full(len(sizes), USUAL_FLIGHTS), []
+    square = np.full(len(sizes), USUAL_FLIGHTS)
     for record in records:
         evidence = Evidence(Library([record], [], [[size.wrench(record) for size in sizes]]))
         fit = evidence.fit([], evidence.unfitted())
-        b, variance = fit.b[-len(sizes) :], np.diag(fit.cov)[-len(sizes) :]
-        square += b**2 + variance
-        parts = [size.effect.belongs_to is not BelongsTo.WEATHER and size.effect.name not in LAWS for size in sizes]
-        far = {s.effect.name for s, off, part in zip(sizes, b, parts, strict=True) if part and abs(off) > APART}
-        apart += [(record.name, name) for name in sorted(far)]
+        square += fit.b[-len(sizes) :] ** 2 + np.diag(fit.cov)[-len(sizes) :]
     factors = np.sqrt(square / (USUAL_FLIGHTS + len(records)))
-    flown = [replace(size, sd=size.sd * float(factor)) for size, factor in zip(sizes, factors, strict=True)]
-    return flown, apart
+    return [replace(size, sd=size.sd * float(factor)) for size, factor in zip(sizes, factors, strict=True)]

@@ -25,7 +25,6 @@ from replay.desk.guard import Guard
 from replay.desk.question import Question
 from replay.desk.store import MOST_BYTES, Ask, Desk, Drop, one_of, read_json, read_text
 from replay.desk.work import Work
-from replay.diagnosis.over_logs import plots
 from replay.logs.formats import READERS
 
 _HERE = Path(__file__).parent
@@ -59,12 +58,11 @@ class _Pages:
         facts = [*draft.get("known", ()), *draft.get("assumed", ())]
         last = asks[0].question if asks else {}
         answered = next((a for a in asks if a.answered), None)
-        season = answered.answer.get("logs") if answered else None
         shown = {
             "drop": drop, "asks": asks, "infos": infos, "version": self._version(drop), "rows": rows(facts),
             "others": others(facts), "good": last.get("good", ()), "typed": dict(last.get("numbers", ())),
             "text": next(filter(None, (a.vehicle_text for a in asks)), ""),
-            "answered": answered, "plots": plots(season) if season and isinstance(season[0], dict) else [],
+            "answered": answered,
         }  # fmt: skip
         return self._templates.TemplateResponse(request, "drop.html", shown)
 

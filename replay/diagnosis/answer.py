@@ -17,35 +17,17 @@ from replay.residual.fault import LogFault
 from replay.residual.record import Record
 from replay.search.curves import Carrier
 from replay.search.outside import Outside
-from replay.search.results import Found, Rejected, Trace
+from replay.search.results import Found, Searched, corrected_together
 
 UNITS = ("N", "N", "N", "N m", "N m", "N m")
 """Of the axes."""
 WHERE = {"low": "near the ground", "wall": "near the wall", "corner": "in the corner"}
-CANDIDATE, CONFIRMED = "candidate", "confirmed"
 
 
 @dataclass(frozen=True)
-class Named:
-    """An effect in the answer, over all flights on which it was found."""
-
-    found: Found
-    """Where it explains most, if it belongs to one flight; else of the vehicle."""
-    record: int
-    status: str
-    """``candidate`` (one flight) or ``confirmed`` (also lowers the residual of a flight that it was not fitted on)."""
-    explains: float
-    of_flight: dict[int, dict[str, float]]
-    """Its parameters on every flight."""
-
-
-@dataclass(frozen=True)
-class Diagnosis:
+class Diagnosis(Searched):
     """The answer to one question: what does the declared model lack on these flights?"""
 
-    traces: tuple[Trace, ...]
-    named: tuple[Named, ...]
-    rejected: tuple[Rejected, ...]
     channels: tuple[Carrier, ...]
     verdict: str
     notes: tuple[str, ...]
@@ -73,28 +55,24 @@ class Diagnosis:
 
         A map of surfaces and the laws that it corrects stay as found: only their sum is known well.
         """
-        windy = any(n.found.effect.belongs_to is BelongsTo.WEATHER for n in self.named)
-        maps = [n.found.effect for n in self.named if n.found.effect.remainder]
-        joint = {name for effect in maps for name in (effect.name, *effect.aliases)}
+        one_wind = len(self.records) == 1 and any(f.effect.belongs_to is BelongsTo.WEATHER for f in self.found)
+        joint = corrected_together(f.effect for f in self.found)
         return tuple(
-            self._as_found(n)
-            if n.found.effect.name in joint
-            else to_adopt(
-                n.found.effect, n.found.estimates, self.records[n.record].context, n.found.without,
-                one_wind=windy and len(self.records) == 1,
-            )
-            for n in self.named
-        )  # fmt: skip
+            self._as_found(f)
+            if f.effect.name in joint
+            else to_adopt(f.effect, f.estimates, self.records[f.flight].context, f.without, one_wind=one_wind)
+            for f in self.found
+        )
 
-    def _as_found(self, named: Named) -> AdoptedEffect:
-        effect, parameters = named.found.effect, named.found.parameters
-        seen = {} if effect.in_flight.coverage is None else effect.in_flight.coverage([r.context for r in self.records])
-        return AdoptedEffect(effect.name, parameters | dict(seen))
+    def _as_found(self, found: Found) -> AdoptedEffect:
+        coverage = found.effect.in_flight.coverage
+        seen = {} if coverage is None else coverage([r.context for r in self.records])
+        return AdoptedEffect(found.effect.name, found.parameters | dict(seen))
 
     @property
     def aliases(self) -> list[list[str]]:
         """Effects that look the same on these flights, each list led by the one that is named."""
-        return [[n.found.effect.name, *n.found.aliases] for n in self.named if n.found.aliases]
+        return [[f.effect.name, *f.aliases] for f in self.found if f.aliases]
 
     def as_json(self, model: str | None) -> dict[str, Any]:
         """The JSON that docs/formats.md describes."""
@@ -107,32 +85,21 @@ class Diagnosis:
                 "duration_s": sum(r.seconds for r in self.records),
                 "verdict": self.verdict,
                 "axes": {
-                    AXES[i]: _rms(before[i], after[i])
-                    | {"unit": UNITS[i]}
+                    AXES[i]: {"rms_before": before[i], "rms_after": after[i], "unit": UNITS[i]}
                     | _of_weight([before[i], after[i]], UNITS[i], self)
                     for i in judged
                 },
-                "effects": [_effect(n, self) for n in self.named],
+                "effects": [_effect(f, self) for f in self.found],
                 "aliases": self.aliases,
                 "unexplained": {
                     "rms": {AXES[i]: after[i] for i in judged},
                     "channels": [{"name": c.name, "score": c.score, "axes": [c.axis]} for c in self.channels],
                 },
                 "outside": [{"log": t.record.name, **_outside(o)} for t in self.traces for o in t.outside],
-                "regimes": [
-                    {
-                        "log": t.record.name,
-                        "regime": r.name,
-                        "seconds": r.seconds,
-                        "axes": {a: _rms(r.before[a], r.after[a]) for a in r.before},
-                    }
-                    for t in self.traces
-                    for r in t.regimes
-                ],
+                "regimes": [{"log": t.record.name, **r} for t in self.traces for r in t.regimes],
                 "log_faults": [asdict(f) for f in self.faults],
                 "model": model,
                 "rejected": [asdict(r) for r in self.rejected],
-                "noise": _noise(self.traces[0]) if self.traces else {},
                 "delays": [{"log": r.name, **asdict(d)} for r in self.records for d in r.delays],
                 "excluded": [{"log": r.name, **asdict(e)} for r in self.records for e in r.excluded],
                 "notes": self.notes,
@@ -151,14 +118,10 @@ class Diagnosis:
             for name, b, a, unit in zip(AXES, before, after, UNITS, strict=True)
             if np.isfinite(b)
         ]
-        lines += [text for n in self.named for text in _effect_text(n, self)]
+        lines += [text for f in self.found for text in _effect_text(f, self)]
         lines += [f"  unexplained in {c.axis}: {c.name}" for c in self.channels]
-        lines += [_outside_text(o) for t in self.traces for o in t.outside]
+        lines += [f"  {outside_text(o)}" for t in self.traces for o in t.outside]
         return "\n".join([*lines, *(f"  note: {note}" for note in self.notes)])
-
-
-def _rms(before: float, after: float) -> dict[str, float]:
-    return {"rms_before": before, "rms_after": after}
 
 
 def _of_weight(values: Sequence[float], unit: str, answer: Diagnosis) -> dict[str, list[float]]:
@@ -180,21 +143,16 @@ def _outside(o: Outside) -> dict[str, Any]:
     return out | ({"regime": o.regime} if o.regime else {})
 
 
-def _noise(t: Trace) -> dict[str, Any]:
-    return {AXES[a]: {"rms": t.noise.total[k], "correlation_s": t.noise.tau_s[k]} for k, a in enumerate(t.record.axes)}
-
-
-def _effect(n: Named, answer: Diagnosis) -> dict[str, Any]:
-    f = n.found
+def _effect(f: Found, answer: Diagnosis) -> dict[str, Any]:
     out = {
         "name": f.effect.name,
         "axes": f.axes,
         "parameters": {e.name: e.as_json() | _of_weight([e.value], e.unit, answer) for e in f.estimates},
-        "explains": n.explains,
+        "explains": f.explains,
         "q_value": 1.0 - f.probability,
         "probability": f.probability,
         "channels": f.effect.channels,
-        "status": n.status,
+        "status": f.status,
         "belongs_to": f.effect.belongs_to.value,
         "kept": f.effect.kept,
         "equation": f.effect.equation,
@@ -203,23 +161,22 @@ def _effect(n: Named, answer: Diagnosis) -> dict[str, Any]:
     if f.without:
         out["without"] = f.without
     if len(answer.traces) > 1:
-        out["flights"] = {answer.traces[i].record.name: parameters for i, parameters in n.of_flight.items()}
+        out["flights"] = {answer.traces[i].record.name: parameters for i, parameters in f.of_flight.items()}
     return out
 
 
-def _effect_text(n: Named, answer: Diagnosis) -> list[str]:
-    f = n.found
+def _effect_text(f: Found, answer: Diagnosis) -> list[str]:
     if f.effect.mixing is not None and f.effect.shown.in_words is not None:  # too many numbers to read
-        numbers = f.effect.shown.in_words(answer.records[n.record].context, f.parameters)
+        numbers = f.effect.shown.in_words(answer.records[f.flight].context, f.parameters)
     else:
         numbers = (
             ", ".join(estimate_text(e) + _share_text([e.value], e.unit, answer) for e in f.estimates if e.determined)
             or "size not determined"
         )
-    sure = f"{n.status}, probability {f.probability:.2f}"
+    sure = f"{f.status}, probability {f.probability:.2f}"
     flown = "" if f.effect.in_flight.use is InFlight.WRENCH else f"; {f.effect.in_flight.use.value}"
     lines = [
-        f"  {f.effect.name} ({sure}): {numbers}; explains {n.explains:.0%}",
+        f"  {f.effect.name} ({sure}): {numbers}; explains {f.explains:.0%}",
         f"    {kept_words(f.effect)}{flown}",
     ]
     if f.without:
@@ -229,9 +186,10 @@ def _effect_text(n: Named, answer: Diagnosis) -> list[str]:
     return lines
 
 
-def _outside_text(o: Outside) -> str:
+def outside_text(o: Outside) -> str:
+    """What acts and follows no logged quantity: how large, and when."""
     when = ", ".join(f"{a:.0f}-{b:.0f} s" for a, b in o.intervals_s[:4]) or "all the time"
     unit = UNITS[AXES.index(o.axis)]
     if o.regime:
-        return f"  not explained: {o.axis} {o.rms:.3g} {unit} on average {WHERE[o.regime]}, {when}"
-    return f"  not explained, in no logged quantity: {o.axis} {o.rms:.3g} {unit}, {when}"
+        return f"not explained: {o.axis} {o.rms:.3g} {unit} on average {WHERE[o.regime]}, {when}"
+    return f"not explained, in no logged quantity: {o.axis} {o.rms:.3g} {unit}, {when}"

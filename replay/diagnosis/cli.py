@@ -24,12 +24,9 @@ def add_parser(commands: Any) -> None:
         "it is, and the error before and after adding it, on held-out time.",
     )  # fmt: skip
     p.add_argument(
-        "logs",
-        nargs="+",
-        type=Path,
-        metavar="LOG",
+        "logs", nargs="+", type=Path, metavar="LOG",
         help=".tlog, .BIN or .ulg; several confirm each other; a folder: each by itself",
-    )
+    )  # fmt: skip
     p.add_argument("--vehicle", type=vehicle_path, metavar="FILE", help="vehicle file (default: drafted from the logs)")
     p.add_argument("--mass", type=float, metavar="KG", help="of the drafted vehicle, with battery (default: typical)")
     p.add_argument("--propeller", type=float, metavar="INCH", help="diameter (default: typical)")
@@ -73,7 +70,7 @@ def run(a: argparse.Namespace) -> int:
     from replay.diagnosis.model_faults import model_faults
 
     _check_drafting(a)
-    check_targets(a.json, a.save_vehicle, save_model=a.save_model, report=a.report)
+    check_targets(a)
     if a.since:
         from replay.changes.cli import run as run_since
 
@@ -112,38 +109,26 @@ def run(a: argparse.Namespace) -> int:
 
 
 def _check_drafting(a: argparse.Namespace) -> None:
-    for option, number, most in (
-        ("--mass", a.mass, 1e4),
-        ("--propeller", a.propeller, 200.0),
-        ("--span", a.span, 20.0),
-    ):
+    from replay.command import refuse
+
+    for option, most in (("mass", 1e4), ("propeller", 200.0), ("span", 20.0)):
+        number = getattr(a, option)
         if number is not None and not 0.0 < number <= most:
-            raise ConfigError(f"{option} {number:g}: must be above 0 and at most {most:g}")
-    drafting = {
-        "--mass": a.mass,
-        "--propeller": a.propeller,
-        "--span": a.span,
-        "--set": a.set or None,
-        "--save-vehicle": a.save_vehicle,
-    }
-    for option, value in drafting.items():
-        if value is not None and a.vehicle is not None:
-            raise ConfigError(f"{option}: is of a drafted vehicle, and --vehicle gives one; leave one of them out")
+            raise ConfigError(f"--{option} {number:g}: must be above 0 and at most {most:g}")
+    if a.vehicle is not None:
+        why = "is of a drafted vehicle, and --vehicle gives one; leave one of them out"
+        refuse(a, ("mass", "propeller", "span", "set", "save_vehicle"), why)
 
 
 def _folder(a: argparse.Namespace) -> int:
-    if len(a.logs) > 1:
-        raise ConfigError("a folder is diagnosed log by log: give it alone, or name the logs that belong together")
-    for option, value in (("--test", a.test), ("--save-vehicle", a.save_vehicle), ("--save-model", a.save_model)):
-        if value:
-            raise ConfigError(
-                f"{option}: a folder's logs may be of several vehicles; give those of one vehicle by name, as in "
-                f"replay diagnose {a.logs[0]}/*.tlog {option}"
-            )
-    from replay.command import given
+    from replay.command import given, refuse
     from replay.fleet.folder import run_folder
     from replay.fleet.jobs import Job, Kind
 
+    if len(a.logs) > 1:
+        raise ConfigError("a folder is diagnosed log by log: give it alone, or name the logs that belong together")
+    why = f"a folder's logs may be of several vehicles; give those of one vehicle by name, as {a.logs[0]}/*.tlog"
+    refuse(a, ("test", "save_vehicle", "save_model"), why)
     options = {"target_system": a.target_system, "given": given(a)}
     job = Job.of(Kind.DIAGNOSE, a.logs[0], a.vehicle, a.model, **options)
     return run_folder(job, FolderOptions.of(a))

@@ -9,17 +9,17 @@ from pathlib import Path
 
 from models.effects import Effect, catalogue
 from models.errors import LogError
-from models.frames import Array
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
-from replay.diagnosis.answer import CANDIDATE, CONFIRMED, Diagnosis, Named
+from replay.diagnosis.answer import Diagnosis
 from replay.diagnosis.stretches import Stretches
 from replay.logs.formats import read_pieces
 from replay.logs.pieces import Piece
 from replay.residual.motion import ENOUGH_S
 from replay.residual.record import Record, build_record, check_model, too_short
 from replay.search.curves import Carrier
-from replay.search.results import Found, Searched, Trace, summarise
+from replay.search.held_out import FlightFit
+from replay.search.results import Found, summarise
 from replay.search.walk import walk
 
 
@@ -38,15 +38,10 @@ def diagnose(
 
 
 def conclude(
-    records: Sequence[Record], notes: Sequence[str] = (), *, effects: Sequence[Effect] | None = None,
-    beside: Sequence[Sequence[Array]] = (),
-) -> Diagnosis:  # fmt: skip
-    """One answer from one flight or several together; ``effects`` instead of the whole catalogue.
-
-    ``beside``: of every flight, wrenches (n, 6) that it may have besides without being named.
-    """
-    searched = summarise(walk(records, catalogue() if effects is None else effects, beside))
-    named = _named(searched)
+    records: Sequence[Record], notes: Sequence[str] = (), *, effects: Sequence[Effect] | None = None
+) -> Diagnosis:
+    """One answer from one flight or several together; ``effects`` instead of the whole catalogue."""
+    searched = summarise(walk(records, catalogue() if effects is None else effects))
     channels = _channels(searched.traces)
     open_ = bool(channels) or any(t.outside for t in searched.traces)
     verdict = {
@@ -54,17 +49,17 @@ def conclude(
         (False, True): "unexplained",
         (True, False): "explained",
         (True, True): "partly_explained",
-    }[bool(named), open_]
+    }[bool(searched.found), open_]
     if not any(r.axes for r in records):
         verdict = "not_judged"
     all_notes = [
         *notes,
-        *_one_wind(named, records),
-        *_wind_speeds(named, records),
+        *_one_wind(searched.found, records),
+        *_wind_speeds(searched.found, records),
         *dict.fromkeys(note for r in records for note in r.notes),
     ]
     faults = tuple(dict.fromkeys(f for r in records for f in r.faults))
-    return Diagnosis(searched.traces, tuple(named), searched.rejected, channels, verdict, tuple(all_notes), faults)
+    return Diagnosis(searched.traces, searched.found, searched.rejected, channels, verdict, tuple(all_notes), faults)
 
 
 def read_records(
@@ -113,22 +108,7 @@ def _name(piece: Piece) -> str:
     return f"{log.path.name} (boot {log.boot + 1}, from {since / 60.0:.0f} min)"
 
 
-def _named(searched: Searched) -> list[Named]:
-    """Every effect once, those that explain most first."""
-    by_name: dict[str, list[Found]] = {}
-    for f in searched.found:
-        by_name.setdefault(f.effect.name, []).append(f)
-    out = []
-    for found in by_name.values():
-        first = max(found, key=lambda f: (round(f.explains, 9), -f.flight))
-        confirmed = any(f.confirmed_by for f in found) and len(searched.traces) > 1
-        status = CONFIRMED if confirmed and not first.at_bound else CANDIDATE
-        of_flight = {i: p for f in found for i, p in f.of_flight.items()}
-        out.append(Named(first, first.flight, status, sum(f.explains for f in found), of_flight))
-    return sorted(out, key=lambda n: (-round(n.explains, 6), n.found.effect.name))
-
-
-def _channels(traces: Sequence[Trace]) -> tuple[Carrier, ...]:
+def _channels(traces: Sequence[FlightFit]) -> tuple[Carrier, ...]:
     """Channels that carry what is left, each where it carries most, in the order of the flights."""
     best: dict[str, Carrier] = {}
     for c in (c for t in traces for c in t.carriers):
@@ -137,9 +117,9 @@ def _channels(traces: Sequence[Trace]) -> tuple[Carrier, ...]:
     return tuple(best.values())
 
 
-def _one_wind(named: Sequence[Named], records: Sequence[Record]) -> list[str]:
+def _one_wind(found: Sequence[Found], records: Sequence[Record]) -> list[str]:
     """Only flights in different winds separate drag from wind."""
-    if len(records) > 1 or not any(n.found.effect.name == "wind" for n in named):
+    if len(records) > 1 or not any(f.effect.name == "wind" for f in found):
         return []
     return [
         "one flight in one wind does not separate drag from wind: an amended model keeps half of the drag and of the "
@@ -147,12 +127,12 @@ def _one_wind(named: Sequence[Named], records: Sequence[Record]) -> list[str]:
     ]
 
 
-def _wind_speeds(named: Sequence[Named], records: Sequence[Record]) -> list[str]:
+def _wind_speeds(found: Sequence[Found], records: Sequence[Record]) -> list[str]:
     """Speeds behind effects that give them in units of their own drag."""
-    return [
-        f"{records[n.record].name}: {note}"
-        for n in named
-        if n.found.effect.shown.remark is not None
-        for note in [n.found.effect.shown.remark({e.name: (e.value, *e.ci95) for e in n.found.estimates})]
-        if note is not None
-    ]
+    out = []
+    for f in found:
+        remark = f.effect.shown.remark
+        note = None if remark is None else remark({e.name: (e.value, *e.ci95) for e in f.estimates})
+        if note is not None:
+            out.append(f"{records[f.flight].name}: {note}")
+    return out

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
 from models.effects import InFlight
 from models.effects.pictures import over_time
 from models.frames import AXES, Array
-from models.pages.svg import Band, Line, figure, keys
-from replay.diagnosis.answer import UNITS, Named
+from models.pages.svg import Line, figure, keys
+from replay.diagnosis.answer import UNITS
 from replay.diagnosis.words import AXIS_WORDS, channel_words
-from replay.residual.record import Record
 from replay.search.curves import Carrier
-from replay.search.regimes import regimes
-from replay.search.results import Trace
+from replay.search.held_out import FlightFit
+from replay.search.outside import INDEPENDENT_S
+from replay.search.results import Found
 
 BINS, FEWEST_BINS = 14, 3
 """Of a picture over a quantity."""
@@ -25,52 +24,30 @@ LEAST = 2.0
 CURVE_POINTS = 40
 PIXELS = 190
 """Columns of a time series; each shows its lowest and its highest value."""
-_PHASES = {
-    "corner": ("in the corner", "c"), "low": ("near the ground", "a"), "wall": ("near a wall", "b"),
-    "fast": ("faster than 1 m/s", "d"),
-}  # fmt: skip
-_SHORTEST_S = 1.0
-"""Shorter phases are not drawn."""
 
 
-@dataclass(frozen=True)
-class EffectWrench:
-    """What one effect does on one flight: its wrench (n, 6) as found, on the axes by which it was searched."""
+def effect_picture(found: Found, traces: Sequence[FlightFit]) -> str:
+    """What is left when this effect alone is taken out of the model, over its quantity, and the effect as fitted.
 
-    trace: Trace
-    wrench: Array
-    axis: int
-    """The axis on which it is strongest, in hundredths of the weight."""
-
-
-def effect_wrench(named: Named, traces: tuple[Trace, ...]) -> EffectWrench | None:
-    """The effect on the flight that shows it best; None where it corrects a measurement only or has no numbers."""
-    t = traces[named.record]
-    effect = named.found.effect
-    parameters = named.of_flight.get(named.record, named.found.parameters)
-    if set(parameters) != {c.name for c in effect.coefficients} | {s.name for s in effect.shapes}:
-        return None
-    wrench = np.nan_to_num(effect.wrench(t.record.context, parameters))
-    judged = [a for a in t.record.axes if not effect.searched or AXES[a] in effect.searched]
-    wrench[:, [a for a in range(6) if a not in judged]] = 0.0
-    size = np.sqrt((wrench[t.record.valid] ** 2).mean(axis=0)) / np.array([1.0] * 3 + [t.record.context.lever] * 3)
-    usual = [a for a in judged if AXES[a] in (named.found.axes or effect.axes)] or judged
-    if not usual or not size.any():
-        return None
-    return EffectWrench(t, wrench, max(usual, key=lambda a: float(size[a])))
-
-
-def effect_picture(named: Named, a: EffectWrench) -> str:
-    """What is left when this effect alone is taken out of the model, over its quantity, and the effect as fitted."""
-    effect, record = named.found.effect, a.trace.record
-    drawn = (effect.shown.drawn or over_time)(record.context, AXES[a.axis])
+    On the flight that shows it best, along the axis on which it is strongest in hundredths of the weight; nothing where
+    it corrects a measurement only.
+    """
+    t, effect = traces[found.flight], found.effect
+    record = t.record
+    wrench = np.nan_to_num(effect.wrench(record.context, found.of_flight[found.flight]))
+    judged = [a for a in record.axes if not effect.searched or AXES[a] in effect.searched]
+    wrench[:, np.setdiff1d(np.arange(6), judged)] = 0.0
+    size = np.sqrt((wrench[record.valid] ** 2).mean(axis=0)) / np.array([1.0] * 3 + [record.context.lever] * 3)
+    if not size.any():
+        return ""
+    axis = AXES[int(np.argmax(size))]
+    drawn = (effect.shown.drawn or over_time)(record.context, axis)
     good = record.valid & np.isfinite(drawn.values)
     if good.sum() < 5 * BINS or np.ptp(drawn.values[good]) < 1e-9:
-        drawn, good = over_time(record.context, AXES[a.axis]), record.valid
+        drawn, good = over_time(record.context, axis), record.valid
     x = drawn.values[good]
-    own = ((a.wrench * drawn.direction).sum(axis=1))[good]
-    left = ((a.trace.after * drawn.direction).sum(axis=1))[good]
-    middle, mean, error = binned(x, own + left, BINS, _independent(a.trace, a.axis))
+    own, left = ((w * drawn.direction).sum(axis=1)[good] for w in (wrench, t.after))
+    middle, mean, error = binned(x, own + left, BINS, INDEPENDENT_S / record.step_s)
     at, curve, _ = binned(x, own, CURVE_POINTS, 1.0)
     fitted = "correction, as fitted" if effect.in_flight.use is InFlight.MEASUREMENT else "the effect, as fitted"
     lines = [
@@ -78,19 +55,6 @@ def effect_picture(named: Named, a: EffectWrench) -> str:
         Line(at, curve, "fit", fitted),
     ]
     return figure(record.name, lines, drawn.label, drawn.force_label)
-
-
-def without(axes: Sequence[str], a: EffectWrench) -> list[tuple[int, float, float]]:
-    """(axis, RMS error without this effect, with it) of the ``axes`` that it acts on, beside all other effects."""
-    rows = a.trace.record.valid
-    rms = [np.sqrt((r[rows] ** 2).mean(axis=0)) for r in (a.trace.after + a.wrench, a.trace.after)]
-    return [(i, float(rms[0][i]), float(rms[1][i])) for i in a.trace.record.axes if AXES[i] in axes]
-
-
-def _independent(t: Trace, axis: int) -> float:
-    """Samples of an axis that are as good as one."""
-    k = t.record.axes.index(axis) if axis in t.record.axes else 0
-    return max(float(t.noise.tau_s[k]) / t.record.step_s, 1.0)
 
 
 def binned(x: Array, y: Array, most: int, independent: float) -> tuple[Array, Array, Array]:
@@ -110,7 +74,7 @@ def binned(x: Array, y: Array, most: int, independent: float) -> tuple[Array, Ar
     return np.array([x[own].mean() for own in full]), mean, error
 
 
-def against(t: Trace, carrier: Carrier) -> str:
+def against(t: FlightFit, carrier: Carrier) -> str:
     """The residual before and after against a channel that carries what remains; nothing where it does not vary."""
     x, axis = t.record.channels[carrier.name], AXES.index(carrier.axis)
     good = t.record.valid & np.isfinite(x)
@@ -118,35 +82,25 @@ def against(t: Trace, carrier: Carrier) -> str:
         return ""
     lines = []
     for residual, kind in ((t.before, "before"), (t.after, "after")):
-        middle, mean, error = binned(x[good], residual[good, axis], BINS, _independent(t, axis))
+        middle, mean, error = binned(x[good], residual[good, axis], BINS, INDEPENDENT_S / t.record.step_s)
         lines.append(Line(middle, mean, kind, kind, points=True, error=error))
     title = f"{AXIS_WORDS[axis].capitalize()}: {t.record.name}"
     return figure(title, lines, channel_words(carrier.name), f"error [{UNITS[axis]}]")
 
 
-def phases(record: Record) -> list[Band]:
-    """Where the vehicle flew, as shaded intervals of time."""
-    masks, time_s, out = regimes(record), record.time_s, []
-    for regime, (name, kind) in _PHASES.items():
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], masks[regime].astype(int), [0]])))
-        for i, j in zip(edges[::2], edges[1::2], strict=True):
-            if time_s[j - 1] - time_s[i] >= _SHORTEST_S:
-                out.append(Band(float(time_s[i]), float(time_s[j - 1]), kind, name))
-    return out
-
-
-def series(record: Record, curves: Mapping[str, Array], bands: Sequence[Band]) -> str:
-    """Two curves (n, 6) by their names over time on every judged axis, with intervals of the flight."""
+def series(t: FlightFit) -> str:
+    """The residual before and after over time on every judged axis."""
+    record = t.record
     out: list[str] = []
     lines: list[Line] = []
     for axis in record.axes:
         lines = [
-            Line(*envelope(record.time_s, np.where(record.valid, y[:, axis], np.nan)), kind, label)
-            for kind, (label, y) in zip(("before", "after"), curves.items(), strict=True)
+            Line(*envelope(record.time_s, np.where(record.valid, y[:, axis], np.nan)), kind, kind)
+            for kind, y in (("before", t.before), ("after", t.after))
         ]
         title = f"{AXES[axis]}, {AXIS_WORDS[axis]}"
-        out.append(figure(title, lines, "time since boot [s]", f"[{UNITS[axis]}]", bands, keyed=False))
-    return f'<p class="keys">{keys(lines, bands)}</p><div class="plots">{"".join(out)}</div>'
+        out.append(figure(title, lines, "time since boot [s]", f"[{UNITS[axis]}]", keyed=False))
+    return f'<p class="keys">{keys(lines)}</p><div class="plots">{"".join(out)}</div>'
 
 
 def envelope(x: Array, y: Array) -> tuple[Array, Array]:
@@ -156,7 +110,6 @@ def envelope(x: Array, y: Array) -> tuple[Array, Array]:
     keep: list[int] = []
     for part in np.array_split(np.arange(len(x)), PIXELS):
         known = part[np.isfinite(y[part])]
-        keep += (
-            [int(part[0])] if not known.size else sorted({int(known[y[known].argmin()]), int(known[y[known].argmax()])})
-        )
+        ends = {known[y[known].argmin()], known[y[known].argmax()]} if known.size else {part[0]}
+        keep += sorted(map(int, ends))
     return x[keep], y[keep]

@@ -79,10 +79,3 @@ def kept_words(effect: Effect) -> str:
     if effect.belongs_to is BelongsTo.PLACE:
         return "kept: it acts only where a range shows such a place"
     return "kept: it belongs to the vehicle" + (f"; of this flight only, not kept: {listed(gone)}" if gone else "")
-
-
-def rough(value: float) -> str:
-    """Two digits that count: more would claim more than a log shows."""
-    if value == 0.0:
-        return "0"
-    return f"{value:.2g}" if abs(value) < 10.0 else f"{value:.0f}"

@@ -30,7 +30,6 @@ def add_parser(commands: Any) -> None:
         "--frozen", action="store_true",
         help="fit nothing; without it, wind, load and accelerometer offset come from the first 20 s of each flight",
     )  # fmt: skip
-    p.add_argument("--report", type=Path, metavar="DIR", help="write a self-contained HTML page")
     add_answer_options(p)
     p.set_defaults(run=run)
 
@@ -40,10 +39,9 @@ def run(a: argparse.Namespace) -> int:
     # Imported here so that --help answers at once.
     from replay.command import check_targets, declared, fault_lines, progress_bar, write_answer
     from replay.diagnosis.model_faults import model_faults
-    from replay.predict.page import page
     from replay.predict.predict import predict
 
-    check_targets(a.json, report=a.report)
+    check_targets(a)
     vehicle, chosen = declared(a.vehicle, a.model)
     folders = [log for log in a.logs if log.is_dir()]
     if folders:
@@ -53,5 +51,5 @@ def run(a: argparse.Namespace) -> int:
     )
     faults = model_faults(answer.records, chosen)
     content = answer.as_json(a.model) | {"log_faults": faults}
-    write_answer(a, content, [*fault_lines(faults), answer.as_text()], lambda: page(answer, vehicle, faults))
+    write_answer(a, content, [*fault_lines(faults), answer.as_text()])
     return 0

@@ -6,13 +6,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.effects import AdoptedEffect, BelongsTo, Effect, get
 from models.frames import Array
+from replay.residual.grid import Mask
 from replay.residual.record import Record
+from replay.search.channel import hundredths
 
-Mask = NDArray[np.bool_]
 LEARNING_S = 20.0
 """Judged time at the start of a flight from which its day is learnt [s]."""
 ALWAYS = ("imu_bias", "payload", "vertical_inflow", "wind")
@@ -21,8 +21,8 @@ CORRELATED_S = 0.3
 """Time over which the low-pass makes a residual stay correlated [s]: samples within it count as one."""
 ROUNDS = 3
 """Noise and coefficients are fitted in turn so often."""
-QUIETEST = 0.002
-"""Smallest noise of a force, as a share of the weight (times the lever, for moments)."""
+QUIETEST = 0.2
+"""Smallest noise, in hundredths of the weight (times the lever, for moments)."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ def learn_day(
     rows = learning_time(record)
     prior, y = 1.0 / np.array(spread) ** 2, residual[rows]
     values = np.zeros(len(spread))
-    least = QUIETEST * record.context.weight * np.where(np.arange(6) < 3, 1.0, record.context.lever)
+    least = QUIETEST * hundredths(record.context)
     for _ in range(ROUNDS):
         precision, towards = np.diag(prior), np.zeros(len(spread))
         noise = np.maximum(np.sqrt(((y - x[rows] @ values) ** 2).mean(axis=0)), least)

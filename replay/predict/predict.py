@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from models.errors import LogError
 from models.frames import AXES, Array
@@ -20,14 +19,14 @@ from replay.diagnosis.diagnose import read_records
 from replay.diagnosis.interval import rms_interval
 from replay.numbers import rounded
 from replay.predict.day import LEARNING_S, Day, learn_day, learning_time
+from replay.residual.grid import Mask
 from replay.residual.record import Record, check_model
 from replay.search.regimes import regimes
 
-Mask = NDArray[np.bool_]
-BLOCK_S = 3.0
-"""Blocks of the bootstrap: longer than a residual hangs together [s]."""
 LEAST_S = 4.0
 """A regime, or what follows the learning of wind and load, has to last so long [s]."""
+Errors = dict[str, dict[str, Any]]
+"""By axis: RMS without the adopted effects and with them, its 95 % ``interval``, and the unit."""
 
 
 @dataclass(frozen=True)
@@ -51,15 +50,6 @@ class Predicted:
 
 
 @dataclass(frozen=True)
-class AxisError:
-    """RMS of one axis without the adopted effects, and with them with its 95 % interval."""
-
-    without: float
-    with_effects: float
-    interval: tuple[float, float]
-
-
-@dataclass(frozen=True)
 class Prediction:
     """The error of a model on some flights."""
 
@@ -72,11 +62,11 @@ class Prediction:
         """The flights."""
         return [f.record for f in self.flights]
 
-    def axes(self) -> dict[str, AxisError]:
-        """Error by axis over all flights."""
+    def axes(self) -> Errors:
+        """Over all flights."""
         return _errors([(f, f.rows) for f in self.flights])
 
-    def regimes(self) -> dict[str, tuple[float, dict[str, AxisError]]]:
+    def regimes(self) -> dict[str, tuple[float, Errors]]:
         """Regimes that last, with their seconds and errors by axis."""
         parts: dict[str, list[tuple[Predicted, Mask]]] = {}
         for f in self.flights:
@@ -93,9 +83,9 @@ class Prediction:
                 "model": model,
                 "frozen": self.frozen,
                 "duration_s": sum(f.seconds for f in self.flights),
-                "axes": _json(self.axes()),
+                "axes": self.axes(),
                 "regimes": [
-                    {"regime": name, "seconds": seconds, "axes": _json(errors)}
+                    {"regime": name, "seconds": seconds, "axes": errors}
                     for name, (seconds, errors) in self.regimes().items()
                 ],
                 "flights": [
@@ -103,7 +93,7 @@ class Prediction:
                         "log": f.record.name,
                         "seconds": f.seconds,
                         "learnt_from": f.learnt_from,
-                        "axes": _json(_errors([(f, f.rows)])),
+                        "axes": _errors([(f, f.rows)]),
                         "day": {} if f.day is None else f.day.as_json(),
                     }
                     for f in self.flights
@@ -140,21 +130,21 @@ def predict(
     logs = list(dict.fromkeys(paths))
     notes = [] if len(logs) == len(paths) else ["a log that was given twice is judged once"]
     records, said = read_records(progress(logs), vehicle, model, target_system)
-    bare, _ = read_records(logs, vehicle, model.with_effects(()), target_system)
+    bare, said_bare = read_records(logs, vehicle, model.with_effects(()), target_system)
     without = {r.name: r for r in bare}
-    flights = []
-    for r in records:
-        if r.name in without:
-            flights.append(predicted(r, without[r.name], model, frozen=frozen))
-        if r.name not in without or flights[-1].seconds < LEAST_S:
-            notes.append(f"left out: {r.name}: too short to judge after the first {LEARNING_S:.0f} s; try --frozen")
-    flights = [f for f in flights if f.seconds >= LEAST_S]
+    made = [predicted(r, without[r.name], model, frozen=frozen) for r in records if r.name in without]
+    flights = [f for f in made if f.seconds >= LEAST_S]
+    notes += [
+        f"left out: {f.record.name}: too short to judge after the first {LEARNING_S:.0f} s; try --frozen"
+        for f in made
+        if f.seconds < LEAST_S
+    ]
     if not flights:
         raise LogError(f"{logs[0]}: too short to judge a model: {LEARNING_S + LEAST_S:.0f} s of flight are needed")
     if not model.effects:
         notes.append("the model has no adopted effects: with and without them is the same")
     notes += [f"{f.record.name}: the model was made from this log" for f in flights if f.learnt_from]
-    return Prediction(tuple(flights), frozen, (*notes, *said))
+    return Prediction(tuple(flights), frozen, (*notes, *dict.fromkeys((*said, *said_bare))))
 
 
 def predicted(record: Record, bare: Record, model: FanSurrogate, *, frozen: bool) -> Predicted:
@@ -168,38 +158,27 @@ def predicted(record: Record, bare: Record, model: FanSurrogate, *, frozen: bool
     return Predicted(record, np.nan_to_num(bare.residual), residual, rows, day, learnt_from(model, record.path))
 
 
-def _errors(parts: Sequence[tuple[Predicted, Mask]]) -> dict[str, AxisError]:
-    """By axis over the samples of all parts that judge it."""
+def _errors(parts: Sequence[tuple[Predicted, Mask]]) -> Errors:
+    """Over the samples of all parts that judge an axis."""
     out = {}
-    for axis in range(6):
+    for axis, name in enumerate(AXES):
         judged = [(f, rows) for f, rows in parts if axis in f.record.axes and rows.any()]
-        if not judged:
-            continue
-        without, with_effects = (
-            np.concatenate([r[rows, axis] for r, rows in part])
-            for part in ([(f.without, m) for f, m in judged], [(f.with_effects, m) for f, m in judged])
-        )
-        block = round(BLOCK_S / judged[0][0].record.step_s)
-        rms, low, high = rms_interval(with_effects, block)
-        out[AXES[axis]] = AxisError(float(np.sqrt((without**2).mean())), rms, (low, high))
+        if judged:
+            without = np.concatenate([f.without[rows, axis] for f, rows in judged])
+            with_effects = np.concatenate([f.with_effects[rows, axis] for f, rows in judged])
+            rms, *interval = rms_interval(with_effects, judged[0][0].record.step_s)
+            out[name] = {
+                "rms_without": float(np.sqrt((without**2).mean())),
+                "rms_with": rms,
+                "interval": interval,
+                "unit": UNITS[axis],
+            }
     return out
 
 
-def _json(errors: Mapping[str, AxisError]) -> dict[str, Any]:
-    return {
-        axis: {
-            "rms_without": e.without,
-            "rms_with": e.with_effects,
-            "interval": e.interval,
-            "unit": UNITS[AXES.index(axis)],
-        }
-        for axis, e in errors.items()
-    }
-
-
-def _lines(errors: Mapping[str, AxisError]) -> list[str]:
+def _lines(errors: Errors) -> list[str]:
     return [
-        f"  {axis:3s} {e.without:8.3g} -> {e.with_effects:8.3g} {UNITS[AXES.index(axis)]} "
-        f"[{e.interval[0]:.3g}, {e.interval[1]:.3g}]"
+        f"  {axis:3s} {e['rms_without']:8.3g} -> {e['rms_with']:8.3g} {e['unit']} "
+        f"[{e['interval'][0]:.3g}, {e['interval'][1]:.3g}]"
         for axis, e in errors.items()
     ]

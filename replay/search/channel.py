@@ -1,13 +1,21 @@
-"""One axis of one flight: its residual and the columns that act on it, which may grow."""
+"""One axis of one flight: its residual and the columns that act on it, which may grow; and the same whitened."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from models.effects import Context
 from models.frames import Array
+from replay.residual.grid import Mask
+from replay.search.disturbance import Spectrum
 
 Columns = NDArray[np.int64]
+
+
+def hundredths(context: Context) -> Array:
+    """One hundredth of the weight, times the lever for moments [N, N m] (6,): the unit of a channel."""
+    return 0.01 * context.weight * np.where(np.arange(6) < 3, 1.0, context.lever)
 
 
 class Channel:
@@ -44,3 +52,32 @@ class Channel:
     def reach(self, size: int) -> None:
         """Let ``where`` know of a library of ``size`` columns."""
         self.where = np.pad(self.where, (0, max(size - len(self.where), 0)), constant_values=-1)
+
+
+class Whitened:
+    """The rows of a channel as innovations of unit variance.
+
+    Their inner products, X^T W X and X^T W y, are all that the likelihood needs to know of a flight.
+    """
+
+    def __init__(self, channel: Channel, spectrum: Spectrum) -> None:
+        self.channel, self._spectrum = channel, spectrum
+        self._rows = np.empty((0, len(channel.run)))
+        self._gram = np.zeros((1, 1))
+
+    @property
+    def gram(self) -> Array:
+        """Of all rows with each other (1 + k + 1, 1 + k + 1); the last, -1, is 0: a column that does not act here."""
+        old, count = len(self._rows), len(self.channel.rows)
+        if count > old:
+            fresh = self._spectrum.whiten(self.channel.rows[old:].T, self.channel.run).T
+            self._rows = np.concatenate([self._rows, fresh])
+            self._gram = np.pad(self._gram[:old, :old], (0, count + 1 - old))
+            self._gram[old:count, :count] = fresh @ self._rows.T
+            self._gram[:old, old:count] = self._gram[old:count, :old].T
+        return self._gram
+
+    def gram_of(self, rows: Columns, kept: Mask) -> Array:
+        """The same of some rows with each other, over some samples."""
+        x = np.where((rows >= 0)[:, None], self._rows[rows], 0.0)[:, kept]
+        return np.asarray(x @ x.T)

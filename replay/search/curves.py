@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from models.frames import AXES, Array
-from models.vehicle import Vehicle
 from replay.residual.record import Record
 
 KNOTS = 7
@@ -82,17 +81,12 @@ def curves(records: Sequence[Record]) -> Iterator[Curve]:
                 yield Curve(name, axis, basis, odds)
 
 
-def answers(channel: str, axis: str, vehicle: Vehicle) -> bool:
-    """Whether a channel responds to a disturbance of an axis within the control loop. Vanes do not change lift."""
-    lifts = axis == "Fz" and channel in {f"servo_{vane.servo}" for vane in vehicle.vanes}
-    return channel.startswith(REACTIONS[axis]) and not lifts
-
-
 def _odds(name: str, axis: str, records: Sequence[Record]) -> float | None:
     """Of a curve; None where there can be none."""
     if axis in SAME_SENSOR.get(name, ()):
         return None
-    if answers(name, axis, records[0].context.vehicle):
+    vanes = {f"servo_{vane.servo}" for vane in records[0].context.vehicle.vanes}
+    if name.startswith(REACTIONS[axis]) and not (axis == "Fz" and name in vanes):  # vanes do not change lift
         return REACTION_ODDS if axis.startswith("F") else None
     if name.startswith(DRIFTS) and all(r.only_answers for r in records):
         return None
@@ -105,13 +99,24 @@ def _basis(records: Sequence[Record], name: str) -> tuple[Array | None, ...] | N
     known = np.concatenate([v[r.valid & np.isfinite(v)] for v, r in zip(values, records, strict=True) if v is not None])
     if len(known) < FEWEST:
         return None
-    if name == "yaw_rad":
-        if np.ptp(np.unwrap(known)) < LEAST_TURN_RAD:
-            return None
-        return tuple(
-            None if v is None else _centred(np.stack([f(m * v) for m in (1, 2) for f in (np.sin, np.cos)], 1), r)
-            for v, r in zip(values, records, strict=True)
-        )
+    turned = name == "yaw_rad" and np.ptp(np.unwrap(known)) >= LEAST_TURN_RAD
+    smooth = _of_heading if turned else None if name == "yaw_rad" else _of_range(known)
+    if smooth is None:
+        return None
+    return tuple(None if v is None else _centred(smooth(v), r) for v, r in zip(values, records, strict=True))
+
+
+def _of_heading(yaw: Array) -> Array:
+    """sin and cos of the heading and of twice the heading, (n, 4)."""
+    return np.stack([f(m * yaw) for m in (1, 2) for f in (np.sin, np.cos)], axis=1)
+
+
+def _of_range(known: Array) -> Callable[[Array], Array] | None:
+    """Curves H L (n, k) over the channel whose values are ``known``; None where it is constant.
+
+    H interpolates between knots x, L L^T = K, K_ij = exp(-|x_i - x_j| / l): a Gaussian process with the
+    Ornstein-Uhlenbeck kernel (Rasmussen & Williams 2006, ch. 4).
+    """
     low, high = np.quantile(known, [0.01, 0.99])
     if high - low < 1e-9:
         return None
@@ -119,15 +124,12 @@ def _basis(records: Sequence[Record], name: str) -> tuple[Array | None, ...] | N
     at = at[np.concatenate([[True], np.diff(at) > CLOSEST * (high - low)])]
     distance = np.abs(at[:, None] - at) / (LENGTH * (high - low))
     factor = np.linalg.cholesky(np.exp(-distance) + 1e-9 * np.eye(len(at)))
-    out: list[Array | None] = []
-    for v, r in zip(values, records, strict=True):
-        if v is None:
-            out.append(None)
-            continue
+
+    def smooth(v: Array) -> Array:
         x = np.clip(np.where(np.isfinite(v), v, np.median(known)), low, high)
-        hats = np.stack([np.interp(x, at, row) for row in np.eye(len(at))], axis=1)
-        out.append(_centred(hats @ factor, r))
-    return tuple(out)
+        return np.asarray(np.stack([np.interp(x, at, row) for row in np.eye(len(at))], axis=1) @ factor)
+
+    return smooth
 
 
 def _centred(x: Array, record: Record) -> Array:

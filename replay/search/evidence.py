@@ -22,11 +22,10 @@ from scipy.linalg import cho_factor, cho_solve
 
 from models.frames import Array
 from replay.residual.grid import Mask
-from replay.search.design import Design
+from replay.search.channel import Whitened
 from replay.search.disturbance import FITTED_SHARE, spectra, whitened_energies
-from replay.search.library import Library
+from replay.search.library import Design, Library
 from replay.search.terms import STEP_S, Key, Term
-from replay.search.whitened import Whitened
 from replay.search.worth import Contributions, beyond_bounds, form_variance, worth
 
 TRUST = 0.5
@@ -56,7 +55,7 @@ class Noise:
 class Fit:
     """A set of terms, fitted: scaled coefficients ``b`` (trims behind) with their covariance, and the noise.
 
-    score = TRUST evidence + within + worth + prior, the log posterior. ``evidence``: log marginal likelihood.
+    score = TRUST evidence + within + worth + prior. ``evidence``: log marginal likelihood.
     ``within``: log share of it within the bounds. ``worth``: log share of what deserves a name. ``prior``: log odds of
     the terms, and log prior of the noise.
     """
@@ -69,12 +68,16 @@ class Fit:
     within: float = 0.0
     worth: float = 0.0
     prior: float = 0.0
-    score: float = 0.0
+
+    @property
+    def score(self) -> float:
+        """Log posterior of the set, up to a constant."""
+        return self.promise + self.worth
 
     @property
     def promise(self) -> float:
-        """Score of a set that is still to grow: another term may make a small one large enough to be named."""
-        return self.score - self.worth
+        """Whatever the size of its terms: of a set that is still to grow, as another term may make them larger."""
+        return TRUST * self.evidence + self.within + self.prior
 
     @property
     def key(self) -> frozenset[Key]:
@@ -86,6 +89,11 @@ class Fit:
         start = sum(len(t.columns) for t in self.terms[: self.terms.index(term)])
         return slice(start, start + len(term.columns))
 
+    def sizes(self, term: Term, flight: int) -> Array:
+        """A term's coefficients on a flight (k,), in their own units."""
+        place = term.place(flight)
+        return self.b[self.part(term)][place] * term.scale[place]
+
 
 class Evidence:
     """Evidence of sets of terms of one library."""
@@ -95,16 +103,14 @@ class Evidence:
         self.spectra = spectra(STEP_S)
         self._filters = np.stack([s.filters for s in self.spectra])
         self._white: dict[tuple[int, int], Whitened] = {}
-        self._smaller = np.array([min(s.slow_share, 1.0 - s.slow_share) for s in self.spectra])
         self._fitted = np.array([s.slow_share <= FITTED_SHARE for s in self.spectra])
         channels = library.channels
         self._det = np.array([[s.log_determinant(c.run) for s in self.spectra] for c in channels]).reshape(
             -1, len(self.spectra)
         )
         self._counts = np.array([c.count for c in channels])
-        limits = np.array([c.limit for c in channels])
-        self._floor = (FLOOR * limits[:, None]) ** 2 / self._smaller
-        self._priors: dict[Term, float] = {}
+        smaller = np.array([min(s.slow_share, 1.0 - s.slow_share) for s in self.spectra])
+        self._floor = (FLOOR * np.array([c.limit for c in channels])[:, None]) ** 2 / smaller
         self._fits: dict[tuple[tuple[Term, ...], Noise], Fit] = {}
 
     def unfitted(self) -> Noise:
@@ -157,11 +163,8 @@ class Evidence:
                 break
             noise = fresh
         evidence = self._laplace(design, b, cov, energies, form)
-        worthy = worth(u)
-        prior = sum(self.prior(t) for t in terms) - self._loud(noise)
-        within = beyond_bounds(terms, b, cov)
-        score = TRUST * evidence + within + worthy + prior
-        return Fit(terms, b, cov, noise, evidence, within, worthy, prior, score)
+        prior = sum(t.prior for t in terms) - self._loud(noise)
+        return Fit(terms, b, cov, noise, evidence, beyond_bounds(terms, b, cov), worth(u), prior)
 
     def deserved(self, terms: Sequence[Term], noise: Noise) -> float:
         """``within`` and ``worth`` of a set beside a given noise."""
@@ -173,15 +176,6 @@ class Evidence:
     def refit(self, terms: Sequence[Term], noise: Noise, left_out: Mapping[int, Mask] = NOTHING) -> Fit:
         """Coefficients beside a given noise, without a score; rows (n,) of flights in ``left_out`` are not used."""
         return Fit(tuple(terms), *self._posterior(Design(self.library, terms), noise, left_out), noise)
-
-    def prior(self, term: Term) -> float:
-        """Log odds of a term in its shape, before any flight was seen."""
-        if term.effect is None:
-            return term.log_shape
-        if term not in self._priors:
-            odds = term.effect.log_odds(self.library.context(min(term.places)))
-            self._priors[term] = odds + term.log_shape
-        return self._priors[term]
 
     def screen(self, fit: Fit, key: Key | None = None) -> Array:
         """Gain in log evidence of every term of the library beside a fitted set, the noise kept, (terms,).
@@ -227,7 +221,7 @@ class Evidence:
         best: dict[Key, tuple[float, Term]] = {}
         for i in candidates:
             term = self.library.terms[i]
-            odds = round(TRUST * float(screened[i]) + self.prior(term), 6)
+            odds = round(TRUST * float(screened[i]) + term.prior, 6)
             if term.key not in best or odds > best[term.key][0]:
                 best[term.key] = (odds, term)
         return sorted(best.values(), key=lambda p: (-p[0], str(p[1].key)))

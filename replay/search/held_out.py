@@ -6,7 +6,10 @@ Information Sciences 191, 192).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +17,12 @@ from numpy.typing import NDArray
 from models.frames import AXES, Array
 from replay.residual.grid import Mask
 from replay.residual.record import Record
+from replay.search.channel import hundredths
 from replay.search.curves import Carrier
 from replay.search.evidence import Evidence, Fit
 from replay.search.library import Library
+from replay.search.outside import Outside, outside
+from replay.search.regimes import by_regime
 from replay.search.terms import Key, Term
 
 CARRIES = 0.25
@@ -37,14 +43,12 @@ DRAWS = 1000
 
 @dataclass(frozen=True)
 class Acting:
-    """One effect on one flight; wrenches (n, 6)."""
+    """One effect on one flight."""
 
     held_out: Array
-    """On the judged axes, every sample by coefficients of the other folds."""
-    fitted: Array
-    """On the judged axes with its model-form error, by coefficients of all time."""
+    """Its wrench (n, 6) on the axes that it acts on, every sample by coefficients of the other folds."""
     axes: tuple[str, ...]
-    """Those that it acts on."""
+    """Those that it acts on clearly."""
     folds: Array
     """Coefficients of every fold (FOLDS, k)."""
     parameters: dict[str, float]
@@ -56,47 +60,53 @@ class FlightFit:
 
     record: Record
     index: int
-    unit: Array
-    """One hundredth of the weight (times the lever), (6,)."""
     before: Array
-    after: Array
-    """With every effect, on held-out time."""
-    rest: Array
-    """With every effect and its model-form error, fitted on all time."""
-    unexplained: Array
-    """``after`` less the free curves and the trims: no model-form error is taken out."""
+    """With no effect."""
     effects: dict[Key, Acting]
-    curves: tuple[Carrier, ...] = ()
+    rest: Array
+    """With every effect and its model-form error, and the trims, fitted on all time."""
+    beside: Array
+    """Free curves and trims."""
+    carriers: tuple[Carrier, ...] = ()
+    """Channels that carry what is left: the free curves of the set, the largest first."""
     confirms: frozenset[Key] = frozenset()
     """Effects that lower the residual here where they were fitted on the other flights."""
 
-    def without(self, key: Key) -> Array:
-        """``after`` of the set less one effect."""
-        return self.after + self.effects[key].held_out
+    @cached_property
+    def after(self) -> Array:
+        """With every effect, on held-out time."""
+        out = self.before
+        for acting in self.effects.values():
+            out = out - acting.held_out
+        return out
 
-    def gain(self, key: Key, axis: int) -> float:
-        """Energy of one axis that one effect removes beside the others."""
-        with_it, less = self.after[:, axis], self.without(key)[:, axis]
-        valid, unit = self.record.valid, self.unit[axis]
-        return float(((less[valid] / unit) ** 2).sum() - ((with_it[valid] / unit) ** 2).sum())
+    @cached_property
+    def outside(self) -> tuple[Outside, ...]:
+        """What acts and is in no logged channel; no model-form error is taken out."""
+        return outside(self.record, self.after - self.beside)
+
+    @cached_property
+    def regimes(self) -> list[dict[str, Any]]:
+        """Error of the parts of the flight, as the JSON has them."""
+        return by_regime(self.record, self.before, self.after)
+
+    def gain(self, key: Key, axes: Sequence[int] | None = None) -> float:
+        """Energy that one effect removes beside the others; of all judged axes, or of some."""
+        if key not in self.effects:
+            return 0.0
+        return self.energy(self.after + self.effects[key].held_out, axes) - self.energy(self.after, axes)
 
     def without_axis(self, key: Key, axis: int) -> FlightFit:
         """The same with an effect that does not act on one axis."""
-        acting, on = self.effects[key], np.arange(6) == axis
-        held_out, fitted = (np.where(on, w, 0.0) for w in (acting.held_out, acting.fitted))
-        less = replace(
-            acting, held_out=acting.held_out - held_out, fitted=acting.fitted - fitted,
-            axes=tuple(a for a in acting.axes if a != AXES[axis]),
-        )  # fmt: skip
-        return replace(
-            self, after=self.after + held_out, rest=self.rest + fitted, unexplained=self.unexplained + held_out,
-            effects=self.effects | {key: less},
-        )  # fmt: skip
+        acting = self.effects[key]
+        held_out = np.where(np.arange(6) == axis, 0.0, acting.held_out)
+        less = replace(acting, held_out=held_out, axes=tuple(a for a in acting.axes if a != AXES[axis]))
+        return replace(self, effects=self.effects | {key: less})
 
-    def energy(self, residual: Array) -> float:
-        """Of the judged axes, in hundredths of the weight."""
-        axes = list(self.record.axes)
-        return float(((residual[self.record.valid][:, axes] / self.unit[axes]) ** 2).sum())
+    def energy(self, residual: Array, axes: Sequence[int] | None = None) -> float:
+        """Of all judged axes, or of some, in hundredths of the weight."""
+        axes = list(self.record.axes if axes is None else axes)
+        return float(((residual[self.record.valid] / hundredths(self.record.context))[:, axes] ** 2).sum())
 
 
 def flight_fits(evidence: Evidence, best: Fit) -> list[FlightFit]:
@@ -109,67 +119,56 @@ def flight_fits(evidence: Evidence, best: Fit) -> list[FlightFit]:
 
 def _one(evidence: Evidence, best: Fit, f: int, record: Record) -> FlightFit:
     library = evidence.library
-    unit = 0.01 * record.context.weight * np.where(np.arange(6) < 3, 1.0, record.context.lever)
     seen = np.isin(np.arange(6), (*record.axes, *record.blind))
     before = np.where(seen, np.nan_to_num(record.residual), 0.0)
-    folds = _folds(evidence, best, f, record)
-    terms = [t for t in best.terms if t.effect is not None and f in t.places]
-    effects = {t.key: _acting(evidence, best, t, f, unit, folds) for t in terms}
-    after, rest = before, before
-    for acting in effects.values():
-        after, rest = after - acting.held_out, rest - acting.fitted
-    fit = FlightFit(record, f, unit, before, after, rest, after, effects)
+    fold_of, fitted = _split(record)
+    every = library.every[f]
+    folds = [evidence.refit(best.terms, best.noise, {f: ~rows[::every]}) for rows in fitted]
+    effects: dict[Key, Acting] = {}
+    rest = before
+    for t in best.terms:
+        if t.effect is not None and f in t.places:
+            effects[t.key], wrench = _acting(library, best, t, f, folds, fold_of)
+            rest = rest - wrench
+    fit = FlightFit(record, f, before, effects, rest, np.zeros_like(rest))
+    carriers, curves = _curves(library, best, fit)
     trim = library.trim_wrench(f, best.b[len(best.b) - len(library.trim) :])
-    fit = _less_curves(fit, library, best)
-    return replace(fit, unexplained=fit.unexplained - trim, rest=rest - trim)
+    return replace(fit, rest=rest - trim, beside=curves + trim, carriers=carriers)
 
 
 def _acting(
-    evidence: Evidence, best: Fit, t: Term, f: int, unit: Array, folds: tuple[list[Array], NDArray[np.int64]]
-) -> Acting:
-    """One effect on a flight: by all time, and on every fold by the others."""
+    library: Library, best: Fit, t: Term, f: int, folds: Sequence[Fit], fold_of: NDArray[np.int64]
+) -> tuple[Acting, Array]:
+    """One effect on a flight, and its wrench (n, 6) with its model-form error by coefficients of all time."""
     assert t.effect is not None
-    record = evidence.library.records[f]
+    record = library.records[f]
     judged = np.isin(np.arange(6), record.axes)
-    x, form = evidence.library.wrenches(t, f)
-    place, part = np.searchsorted(t.columns, t.places[f]), best.part(t)
-    scale = t.scale[place]
-    own = x @ (best.b[part][place] * scale)
-    coefficients, fold_of = folds
-    of_fold = np.stack([b[part][place] * scale for b in coefficients])
+    x, form = library.wrenches(t, f)
+    sizes = best.sizes(t, f)
+    own = x @ sizes
+    of_fold = np.stack([fold.sizes(t, f) for fold in folds])
     per_fold = np.einsum("nak,fk->fna", x, of_fold)
     held = np.take_along_axis(per_fold, fold_of[None, :, None], axis=0)[0]
-    bent = form @ best.b[part][len(t.columns) - form.shape[2] :] if form.shape[2] else 0.0
-    strength = np.sqrt((own[record.valid] ** 2).mean(axis=0)) / unit
-    strongest = strength[list(record.axes)].max()
-    return Acting(
-        held_out=np.where(judged, held, 0.0),
-        fitted=np.where(judged, own + bent, 0.0),
-        axes=tuple(AXES[a] for a in record.axes if strength[a] > CARRIES * strongest > 0.0),
-        folds=of_fold,
-        parameters=t.effect.parameters(best.b[part][place] * scale, t.shape),
-    )
+    bent = form @ best.b[best.part(t)][len(t.columns) - form.shape[2] :]
+    strength = np.sqrt((own[record.valid] ** 2).mean(axis=0)) / hundredths(record.context)
+    clear = CARRIES * strength[list(record.axes)].max()
+    axes = tuple(AXES[a] for a in record.axes if strength[a] > clear > 0.0)
+    acting = Acting(np.where(judged, held, 0.0), axes, of_fold, t.effect.parameters(sizes, t.shape))
+    return acting, np.where(judged, own + bent, 0.0)
 
 
-def _less_curves(fit: FlightFit, library: Library, best: Fit) -> FlightFit:
-    """The free curves off what is unexplained, and which of them carries how much of it."""
-    valid, curves, unexplained = fit.record.valid, [], fit.unexplained.copy()
+def _curves(library: Library, best: Fit, fit: FlightFit) -> tuple[tuple[Carrier, ...], Array]:
+    """Which channel carries how much of what is left, and the sum of their free curves (n, 6)."""
+    carriers, curves = [], np.zeros_like(fit.before)
     for t in (t for t in best.terms if t.effect is None and fit.index in t.places):
         a = AXES.index(t.axis or "")
-        with_it = float((unexplained[valid, a] ** 2).sum())
-        unexplained[:, a] -= library.curve(t, fit.index) @ best.b[best.part(t)]
-        gain = with_it - float((unexplained[valid, a] ** 2).sum())
-        share = gain / max(float(((fit.rest[valid, a]) ** 2).sum()), 1e-30)
-        curves.append((gain / fit.unit[a] ** 2, Carrier(t.name, float(np.clip(share, 0.0, 1.0)), AXES[a])))
-    curves.sort(key=lambda c: -c[0])
-    return replace(fit, unexplained=unexplained, curves=tuple(c for _, c in curves))
-
-
-def _folds(evidence: Evidence, best: Fit, f: int, record: Record) -> tuple[list[Array], NDArray[np.int64]]:
-    """Coefficients without every fold of one flight, and the fold of every sample (n,)."""
-    fold_of, fitted = _split(record)
-    every = evidence.library.every[f]
-    return [evidence.refit(best.terms, best.noise, {f: ~rows[::every]}).b for rows in fitted], fold_of
+        with_it = fit.energy(fit.after - curves, [a])
+        curves[:, a] += library.curve(t, fit.index) @ best.b[best.part(t)]
+        gain = with_it - fit.energy(fit.after - curves, [a])
+        share = gain / max(fit.energy(fit.rest, [a]), 1e-30)
+        carriers.append((gain, Carrier(t.name, float(np.clip(share, 0.0, 1.0)), AXES[a])))
+    carriers.sort(key=lambda c: -c[0])
+    return tuple(c for _, c in carriers), curves
 
 
 def _split(record: Record) -> tuple[NDArray[np.int64], Mask]:
@@ -210,9 +209,8 @@ def _confirmed(evidence: Evidence, best: Fit, fit: FlightFit, fits: list[FlightF
 
 def _wrench(evidence: Evidence, fit: Fit, t: Term, flight: FlightFit, share: Array | float = 1.0) -> Array:
     """An effect (n, 6) on a flight by the coefficients of a fit, each times ``share`` (k,)."""
-    place = np.searchsorted(t.columns, t.places[flight.index])
     x, _ = evidence.library.wrenches(t, flight.index)
-    return np.asarray(x @ (fit.b[fit.part(t)][place] * t.scale[place] * share))
+    return np.asarray(x @ (fit.sizes(t, flight.index) * share))
 
 
 def _of_day_removes(evidence: Evidence, best: Fit, t: Term, fit: FlightFit) -> bool:
@@ -228,8 +226,8 @@ def _of_day_removes(evidence: Evidence, best: Fit, t: Term, fit: FlightFit) -> b
 def _removes(fit: FlightFit, residual: Array, wrench: Array) -> bool:
     """Whether ``wrench`` (n, 6), not fitted here, lowers the residual's energy: 95 % bootstrap interval over blocks."""
     axes, valid = list(fit.record.axes), fit.record.valid
-    left = residual[valid][:, axes] / fit.unit[axes]
-    gain = (left**2 - (left - wrench[valid][:, axes] / fit.unit[axes]) ** 2).sum(axis=1)
+    left, removed = ((x[valid] / hundredths(fit.record.context))[:, axes] for x in (residual, wrench))
+    gain = (left**2 - (left - removed) ** 2).sum(axis=1)
     count = max(int(fit.record.seconds / CONFIRM_BLOCK_S), 2)
     blocks = np.array([part.sum() for part in np.array_split(gain, count)])
     draws = np.random.default_rng(0).choice(blocks, (DRAWS, count)).sum(axis=1)

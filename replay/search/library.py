@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from itertools import zip_longest
+from collections.abc import Iterable, Iterator, Sequence
+from functools import cached_property
+from itertools import accumulate, zip_longest
 
 import numpy as np
 
 from models.effects import Context, Effect
 from models.frames import AXES, Array
 from replay.residual.record import Record
-from replay.search.channel import Channel, Columns
+from replay.search.channel import Channel, Columns, hundredths
 from replay.search.curves import AMPLITUDE, Curve, curves
 from replay.search.disturbance import runs
 from replay.search.terms import (
@@ -72,12 +73,13 @@ class Library:
         self.remainders: list[Effect] = []
         """Effects that are weighed after all others."""
         for effect in effects:
-            if not effect.remainder:
-                self._add_effect(effect)
-            elif self._usable(effect):
+            usable = self._usable(effect)
+            if not usable:
+                self.lacking[effect.name] = self._reason(effect, self.records[0]) or ""
+            elif effect.remainder:
                 self.remainders.append(effect)
             else:
-                self.lacking[effect.name] = self._reason(effect, self.records[0]) or ""
+                self._add_effect(effect, usable)
         known = {
             (channel, axis) for t in self.terms if t.effect is not None for channel in t.effect.channels
             for axis in t.effect.axes
@@ -102,8 +104,6 @@ class Library:
         if effect is None:
             return []
         out: list[Term] = []
-        flights = range(len(self.records)) if term.flight is None else [term.flight]
-        usable = [f for f in self._usable(effect) if f in flights]
         for i, (parameter, value) in enumerate(zip(effect.shapes, term.shape, strict=True)):
             if not parameter.continuous or value in parameter.kinds:
                 continue
@@ -115,7 +115,7 @@ class Library:
                 if any(abs(between - g) < 1e-9 for g in grid) or (effect.at_shape and value * near < 0.0):
                     continue
                 shape = (*term.shape[:i], between, *term.shape[i + 1 :])
-                self._add(effect, term.flight, usable, shape, term.log_shape)
+                self._add(effect, term.flight, list(term.places), shape, term.log_shape)
                 out.append(self.terms[-1])
         if out:
             self._reach()
@@ -133,11 +133,7 @@ class Library:
             return "this log cannot judge the force that it makes"
         return effect.lacking(record.context)
 
-    def _add_effect(self, effect: Effect) -> None:
-        usable = self._usable(effect)
-        if not usable:
-            self.lacking[effect.name] = self._reason(effect, self.records[0]) or ""
-            return
+    def _add_effect(self, effect: Effect, usable: Sequence[int]) -> None:
         groups = [(f, [f]) for f in usable] if effect.all_of_day else [(None, usable)]
         for flight, flights in groups:
             shapes = list(dict.fromkeys(s for f in flights[:1] for s in effect.shape_grid(self.records[f].context)))
@@ -154,12 +150,13 @@ class Library:
         for parts in zip_longest(*bent):
             for f, part in zip(flights, parts, strict=True):
                 if part is not None:
-                    self._write_form(effect, f, part)
+                    self._put(f, self._searched_axes(effect, f), np.array([self.size]), part[..., None])
             priors.append((self.size, FORM_PRIOR, 0.0, -np.inf, np.inf, 0.0))
             self.size += 1
         columns, scale, centre, low, high, main = (np.array(v) for v in zip(*priors, strict=True))
+        odds = effect.log_odds(self.context(flights[0]))
         self._take_in(
-            Term(effect.name, effect, shape, columns, scale, centre, low, high, log_shape, main, places, flight)
+            Term(effect.name, effect, shape, columns, scale, centre, low, high, log_shape, odds, main, places, flight)
         )
 
     def _take_in(self, term: Term) -> None:
@@ -186,21 +183,18 @@ class Library:
         record = self.records[f]
         x = regressors_of(effect, record, shape) * spread
         bent = [b[:: self.every[f]] for i in _with_errors_of_form(effect) for b in bent_forms(x[:, :, i], record)]
-        x = x[:: self.every[f]]
-        for a in self._searched_axes(effect, f):
-            live = np.flatnonzero(np.abs(x[:, a]).max(axis=0) > 0.0)
-            if live.size:
-                self._at[f, a].add(place[live], x[:, a][:, live])
+        self._put(f, self._searched_axes(effect, f), place, x[:: self.every[f]])
         if effect.kinematic_bias is not None:
             part = effect.kinematic_bias(record.context, shape) * spread
             self._bias_columns.setdefault(f, []).append((place, part))
         return bent
 
-    def _write_form(self, effect: Effect, f: int, bent: Array) -> None:
-        """One model-form error (n, 6) in the channels of one flight, as the column that comes next."""
-        for a in self._searched_axes(effect, f):
-            if np.abs(bent[:, a]).max() > 0.0:
-                self._at[f, a].add(np.array([self.size]), bent[:, a : a + 1])
+    def _put(self, f: int, axes: Iterable[int], columns: Columns, x: Array) -> None:
+        """Columns (n, 6, k) in the channels of one flight where they are not zero."""
+        for a in axes:
+            live = np.flatnonzero(np.abs(x[:, a]).max(axis=0) > 0.0)
+            if live.size:
+                self._at[f, a].add(columns[live], x[:, a][:, live])
 
     def _searched_axes(self, effect: Effect, f: int) -> list[int]:
         return [a for a in self.records[f].axes if not effect.searched or AXES[a] in effect.searched]
@@ -208,29 +202,23 @@ class Library:
     def _channel(self, f: int, a: int) -> Channel:
         record, every = self.records[f], self.every[f]
         residual = np.nan_to_num(record.residual[::every, a])
-        return Channel(f, a, residual, runs(record.valid[::every]), self._percent(f, a))
+        return Channel(f, a, residual, runs(record.valid[::every]), hundredths(record.context)[a])
 
     def _add_trim(self) -> Columns:
         """What every flight has without any effect, as columns of no term."""
         first = self.size
         for f, record in enumerate(self.records):
-            trims = [*self._constant(f), _late_rotors(record)]
+            constant = hundredths(record.context) * np.where(np.arange(6) == LIFT, LIFT_TRIM, TRIM) * np.eye(6)
+            trims = [np.broadcast_to(constant[a], (len(record.valid), 6)) for a in record.axes]
+            trims.append(_late_rotors(record))
             if np.isfinite(record.kinematic_bias).any():  # an accelerometer of its own, not the velocity's derivative
                 trims += [_late_velocity(record), *_off_centre(record)]
             trims += self._beside[f]
             for x in trims:
-                for a in record.axes:
-                    if np.abs(x[:, a]).max() > 0.0:
-                        self._at[f, a].add(np.array([self.size]), x[:: self.every[f], a : a + 1])
+                self._put(f, record.axes, np.array([self.size]), x[:: self.every[f], :, None])
                 self._trims.append((f, x))
                 self.size += 1
         return np.arange(first, self.size)
-
-    def _constant(self, f: int) -> Iterator[Array]:
-        for a in self.records[f].axes:
-            x = np.zeros((len(self.records[f].valid), 6))
-            x[:, a] = (LIFT_TRIM if a == LIFT else TRIM) * self._percent(f, a)
-            yield x
 
     def trim_wrench(self, flight: int, b: Array) -> Array:
         """Trims (n, 6) of a flight at the record's rate, by the scaled coefficients of all trims."""
@@ -239,11 +227,6 @@ class Library:
             if f == flight:
                 out += value * x
         return out
-
-    def _percent(self, flight: int, axis: int) -> float:
-        """One hundredth of the weight (times the lever, for moments) [N or N m]."""
-        context = self.context(flight)
-        return 0.01 * context.weight * (1.0 if axis < 3 else context.lever)
 
     def numbers_of(self, key: Key) -> list[int]:
         """Numbers of the terms with a key: one effect in all its shapes."""
@@ -262,7 +245,7 @@ class Library:
         effect, record = term.effect, self.records[flight]
         assert effect is not None
         x = regressors_of(effect, record, term.shape)
-        spread = term.scale[np.searchsorted(term.columns, term.places[flight])]
+        spread = term.scale[term.place(flight)]
         bent = [part for i in _with_errors_of_form(effect) for part in bent_forms(x[:, :, i] * spread[i], record)]
         forms = len(term.columns) - len({int(c) for p in term.places.values() for c in p})
         out = np.zeros((len(x), 6, forms))
@@ -279,12 +262,12 @@ class Library:
             if part is None or curve.axis not in record.axes:
                 continue
             places[f] = columns
-            self._curves[int(columns[0]), f] = AMPLITUDE * self._percent(f, curve.axis) * part
+            self._curves[int(columns[0]), f] = AMPLITUDE * hundredths(record.context)[curve.axis] * part
             self._at[f, curve.axis].add(columns, self._curves[int(columns[0]), f][:: self.every[f]])
         one = np.ones(len(columns))
         log_odds = float(np.log(curve.odds * (KNOWN if known else 1.0)))
         self._take_in(
-            Term(curve.name, None, (), columns, one, 0.0 * one, -np.inf * one, np.inf * one, log_odds, one,
+            Term(curve.name, None, (), columns, one, 0.0 * one, -np.inf * one, np.inf * one, 0.0, log_odds, one,
                  places, None, AXES[curve.axis])
         )  # fmt: skip
 
@@ -298,6 +281,30 @@ class Library:
         for rows, f in enumerate(known):
             for columns, part in self._bias_columns.get(f, []):
                 self.x_bias[3 * rows : 3 * rows + 3, columns] += part / KINEMATIC_SD_M_S2
+
+
+class Design:
+    """A set of terms on the channels: the columns of the terms, the trims behind them."""
+
+    def __init__(self, library: Library, terms: Sequence[Term]) -> None:
+        self.library = library
+        self.terms = tuple(terms)
+        self.edges = list(accumulate((len(t.columns) for t in terms), initial=0))
+        self.columns = np.concatenate([*(t.columns for t in terms), library.trim])
+        self.centre = np.concatenate([*(t.centre for t in terms), np.zeros(len(library.trim))])
+        widths = [*(len(t.columns) for t in terms), len(library.trim)]
+        self.of_term = np.arange(len(self.terms))[:, None] == np.repeat(np.arange(len(widths)), widths)
+        """(terms, k) which columns are whose."""
+
+    @cached_property
+    def acting(self) -> list[tuple[Columns, Array]]:
+        """Of every channel the numbers of the columns that act on it (m,), among those of the set, and these (m, n)."""
+        out = []
+        for c in self.library.channels:
+            local = c.where[self.columns]
+            on = np.flatnonzero(local >= 0)
+            out.append((on, c.rows[local[on]]))
+        return out
 
 
 def _with_errors_of_form(effect: Effect) -> list[int]:

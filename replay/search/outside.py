@@ -9,6 +9,7 @@ import numpy as np
 from models.frames import AXES, Array
 from replay.residual.grid import Mask
 from replay.residual.record import Record
+from replay.search.channel import hundredths
 from replay.search.regimes import LEAST_S, SURFACES, regimes
 
 SLOW_S = 1.0
@@ -56,7 +57,7 @@ def outside(record: Record, rest: Array) -> tuple[Outside, ...]:
     kernel = np.ones(width)
     weight = np.convolve(valid.astype(float), kernel, "same")
     for a in (*record.axes, *record.blind):
-        unit = 0.01 * record.context.weight * (1.0 if a < 3 else record.context.lever)
+        unit = float(hundredths(record.context)[a])
         total = np.convolve(np.where(valid, rest[:, a], 0.0), kernel, "same")
         slow = np.where(valid, total / np.maximum(weight, 1.0), 0.0)
         rms = float(np.sqrt(np.mean(slow[valid] ** 2)))
@@ -83,8 +84,7 @@ def _beside_surfaces(record: Record, rest: Array) -> list[Outside]:
         if seconds < LEAST_S:
             continue
         for a in record.axes:
-            unit = 0.01 * record.context.weight * (1.0 if a < 3 else record.context.lever)
-            limit = unit * (LEVEL_LEFT if a < 2 else LIFT_LEFT if a == 2 else MOMENT_LEFT)
+            limit = hundredths(record.context)[a] * (LEVEL_LEFT if a < 2 else LIFT_LEFT if a == 2 else MOMENT_LEFT)
             mean, error = rest[mask, a].mean(), rest[mask, a].std() / np.sqrt(max(seconds / INDEPENDENT_S, 1.0))
             if abs(mean) > limit + 2.0 * error:
                 out.append(Outside(AXES[a], float(abs(mean)), _intervals(record.time_s, mask), name))

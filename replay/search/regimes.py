@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -18,16 +18,6 @@ SURFACES = ("low", "wall", "corner")
 """Regimes beside a surface; ``far`` is away from all of them."""
 LEAST_S = 3.0
 """A regime that lasts less is not reported [s]."""
-
-
-@dataclass(frozen=True)
-class Regime:
-    """RMS of every judged axis in one regime, without the effects and with them, on held-out time."""
-
-    name: str
-    seconds: float
-    before: dict[str, float]
-    after: dict[str, float]
 
 
 def regimes(record: Record) -> dict[str, Mask]:
@@ -50,14 +40,13 @@ def regimes(record: Record) -> dict[str, Mask]:
     return {name: mask & record.valid for name, mask in out.items()}
 
 
-def by_regime(record: Record, before: Array, after: Array) -> tuple[Regime, ...]:
-    """RMS of residuals (n, 6) without and with the effects in every regime that lasts."""
+def by_regime(record: Record, before: Array, after: Array) -> list[dict[str, Any]]:
+    """RMS of residuals (n, 6) without and with the effects in every regime that lasts, by axis."""
     out = []
     for name, mask in regimes(record).items():
         seconds = float(mask.sum()) * record.step_s
-        if seconds < LEAST_S:
-            continue
-        rms = [np.sqrt((r[mask] ** 2).mean(axis=0)) for r in (before, after)]
-        values = [{AXES[a]: float(r[a]) for a in record.axes} for r in rms]
-        out.append(Regime(name, seconds, *values))
-    return tuple(out)
+        if seconds >= LEAST_S:
+            rms = [np.sqrt((r[mask] ** 2).mean(axis=0)).tolist() for r in (before, after)]
+            axes = {AXES[a]: {"rms_before": rms[0][a], "rms_after": rms[1][a]} for a in record.axes}
+            out.append({"regime": name, "seconds": seconds, "axes": axes})
+    return out

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -11,14 +11,9 @@ from scipy.special import ndtr
 
 from models.effects import Effect
 from models.frames import AXES, Array
-from replay.residual.record import Record
-from replay.search.curves import Carrier
 from replay.search.evidence import TRUST, Fit
 from replay.search.held_out import FlightFit, flight_fits
-from replay.search.noise import Noise, fit_noise
-from replay.search.outside import Outside, outside
-from replay.search.regimes import Regime, by_regime
-from replay.search.sets import Rival, Walked, rivals_of
+from replay.search.sets import Walked, aliases
 from replay.search.surfaces import with_surface_law
 from replay.search.terms import Key, Term
 from replay.search.worth import top
@@ -61,7 +56,10 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Found:
-    """An effect that was adopted. Its parameters are those of ``flight``: flights differ in weather and load."""
+    """An effect that was adopted, over all flights that show it.
+
+    Its parameters are those of ``flight``, where it explains most: flights differ in weather and load.
+    """
 
     effect: Effect
     estimates: tuple[Estimate, ...]
@@ -83,6 +81,11 @@ class Found:
         return {e.name: e.value for e in self.estimates}
 
     @property
+    def status(self) -> str:
+        """``confirmed`` (lowers the residual of a flight that it was not fitted on, too), or ``candidate``."""
+        return "confirmed" if self.confirmed_by and not self.at_bound else "candidate"
+
+    @property
     def at_bound(self) -> bool:
         """Whether a parameter stands at the edge of what was tried."""
         return any(e.at_bound for e in self.estimates)
@@ -99,24 +102,11 @@ class Rejected:
 
 
 @dataclass(frozen=True)
-class Trace:
-    """One flight: residuals on held-out time without and with the effects, (n, 6), and the noise of its axes."""
-
-    record: Record
-    before: Array
-    after: Array
-    noise: Noise
-    carriers: tuple[Carrier, ...]
-    """Channels that carry what is left: the free curves of the answer, the largest first."""
-    outside: tuple[Outside, ...]
-    regimes: tuple[Regime, ...] = ()
-
-
-@dataclass(frozen=True)
 class Searched:
     """The answer of a search over some flights together."""
 
-    traces: tuple[Trace, ...]
+    traces: tuple[FlightFit, ...]
+    """Every flight under the best set."""
     found: tuple[Found, ...]
     rejected: tuple[Rejected, ...]
 
@@ -129,19 +119,22 @@ def summarise(walked: Walked) -> Searched:
     probabilities are those of the sets that remain.
     """
     walked, fits = _helpful(_predictive(walked))
-    rivals = rivals_of(walked)
+    others = aliases(walked)
     mapped = with_surface_law(walked)
     if mapped is not walked:
         walked, fits = _helpful(mapped)
     chosen = [t for t in walked.best.terms if t.effect is not None]
-    # A map and the laws that it corrects are known well only as a sum.
-    maps = [t.effect for t in chosen if t.effect is not None and t.effect.remainder]
-    joint = {name for effect in maps for name in (effect.name, *effect.aliases)}
+    joint = corrected_together(t.effect for t in chosen if t.effect is not None)
     fits, without = _by_axis(fits, [t.key for t in chosen if t.name not in joint])
-    traces = tuple(_trace(fit) for fit in fits)
-    total = max(sum(f.energy(f.before) for f in fits), 1e-12)
-    found = _at_most_all([_found(walked, term, fits, rivals, total, without) for term in chosen])
-    return Searched(traces, tuple(found), _rejected(walked, {t.name for t in chosen}))
+    names = dict.fromkeys(t.name for t in chosen)
+    found = _at_most_all([_found(walked, [t for t in chosen if t.name == n], fits, others, without) for n in names])
+    found.sort(key=lambda f: (-round(f.explains, 6), f.effect.name))
+    return Searched(tuple(fits), tuple(found), _rejected(walked, set(names)))
+
+
+def corrected_together(effects: Iterable[Effect]) -> set[str]:
+    """A map of surfaces and the laws that it corrects: only their sum is known well."""
+    return {name for effect in effects if effect.remainder for name in (effect.name, *effect.aliases)}
 
 
 def _at_most_all(found: Sequence[Found]) -> list[Found]:
@@ -171,8 +164,7 @@ def _predictive(walked: Walked) -> Walked:
 def _helpful(walked: Walked) -> tuple[Walked, list[FlightFit]]:
     """The best set without the effects that raise the error of held-out time, and every flight under it."""
     fits = flight_fits(walked.evidence, walked.best)
-    before = max(sum(f.energy(f.before) for f in fits), 1e-12)
-    gains = {t.key: round(_gain(t.key, fits) / before, 9) for t in walked.best.terms if t.effect is not None}
+    gains = {t.key: _share(fits, t.key) for t in walked.best.terms if t.effect is not None}
     worst = min(gains, key=lambda key: gains[key], default=None)
     if worst is None or gains[worst] > -WORSE_SHARE:
         return walked, fits
@@ -188,7 +180,7 @@ def _by_axis(fits: Sequence[FlightFit], keys: Sequence[Key]) -> tuple[list[Fligh
     without: dict[Key, tuple[str, ...]] = {}
     while True:
         gains = {
-            (key, axis): round(sum(f.gain(key, axis) for f in fits if key in f.effects) / _before(fits, axis), 9)
+            (key, axis): _share(fits, key, [axis])
             for axis in sorted({axis for f in fits for axis in f.record.axes})
             for key in keys
             if AXES[axis] not in without.get(key, ())
@@ -201,75 +193,64 @@ def _by_axis(fits: Sequence[FlightFit], keys: Sequence[Key]) -> tuple[list[Fligh
         without[key] = (*without.get(key, ()), AXES[axis])
 
 
-def _before(fits: Sequence[FlightFit], axis: int) -> float:
-    """Energy of an axis with no effect, in hundredths of the weight."""
-    return max(sum(float(((f.before[f.record.valid, axis] / f.unit[axis]) ** 2).sum()) for f in fits), 1e-12)
-
-
-def _gain(key: Key, fits: Sequence[FlightFit]) -> float:
-    """Energy of held-out time that one effect removes beside the others."""
-    return sum(f.energy(f.without(key)) - f.energy(f.after) for f in fits if key in f.effects)
-
-
-def _trace(fit: FlightFit) -> Trace:
-    record = fit.record
-    noise = fit_noise(fit.rest[:, list(record.axes)], record.valid, record.step_s)
-    regimes = by_regime(record, fit.before, fit.after)
-    return Trace(record, fit.before, fit.after, noise, fit.curves, outside(record, fit.unexplained), regimes)
+def _share(fits: Sequence[FlightFit], key: Key, axes: Sequence[int] | None = None) -> float:
+    """Share of the energy of held-out time, of all or of some axes, that one effect removes beside the others."""
+    before = max(sum(f.energy(f.before, axes) for f in fits), 1e-12)
+    return round(sum(f.gain(key, axes) for f in fits) / before, 9)
 
 
 def _found(
-    walked: Walked, term: Term, fits: Sequence[FlightFit], rivals: Sequence[Rival], total: float,
+    walked: Walked, terms: Sequence[Term], fits: Sequence[FlightFit], others: Mapping[Key, Sequence[str]],
     without: Mapping[Key, tuple[str, ...]],
 ) -> Found:  # fmt: skip
+    """One effect; where every flight has a term of its own, its numbers are those of the one that explains most."""
+    shares = {t.key: _share(fits, t.key) for t in terms}
+    term = max(terms, key=lambda t: (shares[t.key], -_shown_by(t, fits)))
     assert term.effect is not None
-    acting = {i: f.effects[term.key] for i, f in enumerate(fits) if term.key in f.effects}
-    carried = {axis for a in acting.values() for axis in a.axes}
-    mine = [r for r in rivals if term.key in r.instead_of]
-    aliases = tuple(dict.fromkeys(name for r in mine for name in r.names if name != term.name))
-    estimates = _estimates(walked, term, fits)
-    main = [
-        e.sign_probability
-        for e in estimates
-        if e.name in {c.name for c in term.effect.coefficients if term.effect.is_main(c)}
-    ]
+    carried = {axis for f in fits if term.key in f.effects for axis in f.effects[term.key].axes}
+    instead = tuple(others.get(term.key, ()))
+    flight = _shown_by(term, fits)
+    estimates = _estimates(walked, term, fits[flight])
+    main = {c.name for c in term.effect.coefficients if term.effect.is_main(c)}
+    sign = max((e.sign_probability for e in estimates if e.name in main), default=1.0)
     return Found(
         effect=term.effect,
         estimates=estimates,
         axes=tuple(a for a in AXES if a in carried),
-        explains=float(_gain(term.key, fits) / total),
-        probability=round(min(walked.probability(term.name, aliases), max(main, default=1.0)), 3),
-        aliases=aliases,
-        flight=_shown_by(term, fits),
+        explains=sum(shares.values()),
+        probability=round(min(walked.probability(term.name, instead), sign), 3),
+        aliases=instead,
+        flight=flight,
         without=without.get(term.key, ()),
-        confirmed_by=tuple(i for i, f in enumerate(fits) if term.key in f.confirms),
-        of_flight={i: a.parameters for i, a in acting.items()},
+        confirmed_by=tuple(f.index for f in fits if any(t.key in f.confirms for t in terms)),
+        of_flight={f.index: f.effects[t.key].parameters for t in terms for f in fits if t.key in f.effects},
     )
 
 
-def _estimates(walked: Walked, term: Term, fits: Sequence[FlightFit]) -> tuple[Estimate, ...]:
-    """Coefficients of the flight that they are shown by, then its shape."""
-    effect, best = term.effect, walked.best
+def _estimates(walked: Walked, term: Term, fit: FlightFit) -> tuple[Estimate, ...]:
+    """Coefficients on the flight that they are shown by, then the shape.
+
+    Variance: the larger of the posterior's, over TRUST, and the folds' (jackknife: Efron & Stein 1981, Annals of
+    Statistics 9, 586), and beside it that between the sets that hold the effect.
+    """
+    effect, best, flight, context = term.effect, walked.best, fit.index, fit.record.context
     assert effect is not None
-    library = walked.evidence.library
-    first = _shown_by(term, fits)
-    part = best.part(term)
-    place = np.searchsorted(term.columns, term.places[first])
-    mean = effect.mixed(best.b[part][place] * term.scale[place], term.shape)
+    part, place = best.part(term), term.place(flight)
+    mean = effect.mixed(best.sizes(term, flight), term.shape)
     root = np.linalg.cholesky(best.cov[part, part][np.ix_(place, place)])
     variance = (effect.mixed((term.scale[place, None] * root).T, term.shape) ** 2).sum(axis=0) / TRUST
-    drawn = effect.mixed(fits[first].effects[term.key].folds, term.shape)
+    drawn = effect.mixed(fit.effects[term.key].folds, term.shape)
     spread = drawn - drawn.mean(axis=0)
     variance = np.maximum(variance, (len(spread) - 1) / len(spread) * (spread**2).sum(axis=0))
-    variance = variance + _between(walked, term, first, mean)
+    sd = np.sqrt(variance + _between(walked, term, flight, mean))
     out = []
-    for c, m, v in zip(effect.coefficients, mean, variance, strict=True):
-        low = c.least(library.context(first))
-        value, half = float(np.clip(m, low, c.high)), 1.96 * float(np.sqrt(v))
-        at = min(value - low, c.high - value) < BOUND_SHARE * min(c.high - low, 10.0 * c.spread(library.context(first)))
+    for c, m, s in zip(effect.coefficients, mean, sd.tolist(), strict=True):
+        low, typical = c.least(context), c.spread(context)
+        value, half = float(np.clip(m, low, c.high)), 1.96 * s
+        at = min(value - low, c.high - value) < BOUND_SHARE * min(c.high - low, 10.0 * typical)
         at = at and half > 0.0 and (not effect.main or c.name in effect.main)
-        determined = float(np.sqrt(v)) < LEARNT / np.sqrt(TRUST) * c.spread(library.context(first))
-        out.append(Estimate(c.name, value, (min(value, m - half), max(value, m + half)), c.unit, at, determined))
+        interval = min(value, m - half), max(value, m + half)
+        out.append(Estimate(c.name, value, interval, c.unit, at, s < LEARNT / np.sqrt(TRUST) * typical))
     for i, shape in enumerate(effect.shapes):
         low, high, at = _shape_interval(walked, term, i)
         out.append(Estimate(shape.name, float(term.shape[i]), (low, high), shape.unit, at))
@@ -284,16 +265,13 @@ def _shown_by(term: Term, fits: Sequence[FlightFit]) -> int:
     return max(term.places, key=lambda i: fits[i].energy(fits[i].effects[term.key].held_out))
 
 
-def _between(walked: Walked, term: Term, first: int, mean: Array) -> Array:
+def _between(walked: Walked, term: Term, flight: int, mean: Array) -> Array:
     """Variance of the coefficients over the sets that hold the effect, by their probability."""
     out, total = np.zeros_like(mean), 0.0
     for fit, weight in walked.weighted():
         for t in fit.terms:
-            if t.key == term.key and first in t.places:
-                place = np.searchsorted(t.columns, t.places[first])
-                assert t.effect is not None
-                value = t.effect.mixed(fit.b[fit.part(t)][place] * t.scale[place], t.shape)
-                out += weight * (value - mean) ** 2
+            if t.effect is not None and t.key == term.key and flight in t.places:
+                out += weight * (t.effect.mixed(fit.sizes(t, flight), t.shape) - mean) ** 2
                 total += weight
     return out / max(total, 1e-12)
 
@@ -301,20 +279,20 @@ def _between(walked: Walked, term: Term, first: int, mean: Array) -> Array:
 def _shape_interval(walked: Walked, term: Term, i: int) -> tuple[float, float, bool]:
     """95 % interval of a shape parameter beside the others, to half way to the next value tried; at the grid's edge."""
     assert term.effect is not None
-    shape, value = term.effect.shapes[i], term.shape[i]
-    rivals = [
-        t for t in walked.evidence.library.terms
-        if t.key == term.key and all(a == b for j, (a, b) in enumerate(zip(t.shape, term.shape, strict=True)) if j != i)
-    ]  # fmt: skip
-    tried = np.array(sorted({t.shape[i] for t in rivals} - (set(shape.kinds) - {value})))
-    if not shape.continuous or value in shape.kinds or len(tried) < 2:
-        return float(value), float(value), False
-    rivals = sorted((t for t in rivals if t.shape[i] in tried), key=lambda t: t.shape[i])
-    others = [t for t in walked.best.terms if t is not term]
-    evidence = walked.evidence
-    screened = evidence.screen(evidence.refit(others, walked.best.noise), term.key)
-    gain = TRUST * np.array([screened[evidence.library.terms.index(t)] for t in rivals])
-    weight = np.exp(gain - gain.max())
+    shape, value, evidence = term.effect.shapes[i], float(term.shape[i]), walked.evidence
+    if not shape.continuous or value in shape.kinds:
+        return value, value, False
+    beside = [t for t in walked.best.terms if t is not term]
+    screened = evidence.screen(evidence.refit(beside, walked.best.noise), term.key)
+    gains: dict[float, float] = {}
+    for number in evidence.library.numbers_of(term.key):
+        other = evidence.library.terms[number].shape
+        if other[:i] + other[i + 1 :] == term.shape[:i] + term.shape[i + 1 :] and other[i] not in shape.kinds:
+            gains[other[i]] = TRUST * float(screened[number])
+    if len(gains) < 2:
+        return value, value, False
+    tried = np.array(sorted(gains))
+    weight = np.exp([gains[v] - max(gains.values()) for v in tried])
     edges = np.concatenate([tried[:1], (tried[1:] + tried[:-1]) / 2.0, tried[-1:]])
     total = np.concatenate([[0.0], np.cumsum(weight * np.diff(edges))])
     low, high = np.interp([0.025, 0.975], total / total[-1], edges)
@@ -323,29 +301,27 @@ def _shape_interval(walked: Walked, term: Term, i: int) -> tuple[float, float, b
 
 
 def _rejected(walked: Walked, taken: set[str]) -> tuple[Rejected, ...]:
-    library, best = walked.evidence.library, walked.best
+    """Every effect that is not in the answer, and why."""
+    library = walked.evidence.library
     out = [Rejected(name, reason, False) for name, reason in library.lacking.items()]
-    gain = walked.evidence.screen(best)
-    by_name: dict[str, list[int]] = {}
+    gain = walked.evidence.screen(walked.best)
+    numbers: dict[str, list[int]] = {}
     for i, t in enumerate(library.terms):
         if t.effect is not None and t.name not in taken:
-            by_name.setdefault(t.name, []).append(i)
-    for name, index in by_name.items():
-        chance = walked.probability(name, ())
-        term = library.terms[max(index, key=lambda i: float(gain[i]))]
-        effect = term.effect
-        assert effect is not None
-        if name not in walked.worse and not _excited(walked, best, term):
-            out.append(Rejected(name, "this flight hardly excites it: " + effect.excite, False, chance))
-        else:
-            out.append(Rejected(name, walked.why_not(name), True, chance))
+            numbers.setdefault(t.name, []).append(i)
+    for name, own in numbers.items():
+        term = library.terms[max(own, key=lambda i: float(gain[i]))]
+        assert term.effect is not None
+        excited = name in walked.worse or _excited(walked, term)
+        reason = walked.why_not(name) if excited else "this flight hardly excites it: " + term.effect.excite
+        out.append(Rejected(name, reason, excited, walked.probability(name, ())))
     return tuple(out)
 
 
-def _excited(walked: Walked, best: Fit, term: Term) -> bool:
+def _excited(walked: Walked, term: Term) -> bool:
     """Whether one of its coefficients would be known to a third of the smallest effect that is named."""
     evidence = walked.evidence
-    fit = evidence.refit([*best.terms, term], best.noise)
+    fit = evidence.refit([*walked.best.terms, term], walked.best.noise)
     part = fit.part(term)
     error = np.sqrt(np.diag(fit.cov[part, part]) / TRUST)
     # Where the prior alone says as much, the flight has said nothing.

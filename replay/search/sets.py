@@ -8,11 +8,11 @@ among the sets that were weighed is exp(score) over their sum (Hoeting et al. 19
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from replay.search.evidence import Evidence, Fit, Noise
+from replay.search.evidence import Evidence, Fit
 from replay.search.terms import Key, Term
 
 MARGIN = 4.0
@@ -36,8 +36,7 @@ class Sets:
     """The memory of a walk: every set that it weighed, in the best of its shapes so far."""
 
     evidence: Evidence
-    quiet: Noise
-    fits: Fits = field(default_factory=dict)
+    fits: Fits
 
     def weigh(self, terms: Sequence[Term], near: Fit) -> Fit:
         """The fit of a set, the best of its shapes so far."""
@@ -53,7 +52,6 @@ class Walked:
     """What a walk over sets came to: every set that was weighed, and the best."""
 
     evidence: Evidence
-    quiet: Noise
     fits: Mapping[frozenset[Key], Fit]
     best: Fit
     map_log_odds: float = -np.inf
@@ -63,7 +61,7 @@ class Walked:
 
     def without(self, key: Key) -> Walked:
         """The best set less one term, weighed anew."""
-        sets = Sets(self.evidence, self.quiet, dict(self.fits))
+        sets = Sets(self.evidence, dict(self.fits))
         less = sets.weigh([t for t in self.best.terms if t.key != key], self.best)
         return replace(self, fits=sets.fits, best=less)
 
@@ -109,30 +107,21 @@ class Walked:
         return "not likely together with the other effects"
 
 
-@dataclass(frozen=True)
-class Rival:
-    """Effects (``names``) that do about as well as those of the best set with ``instead_of`` as keys."""
+def aliases(walked: Walked) -> dict[Key, list[str]]:
+    """By key of a term of the best set, effects that could stand in its place.
 
-    names: tuple[str, ...]
-    instead_of: frozenset[Key]
-
-
-def rivals_of(walked: Walked) -> list[Rival]:
-    """Alternatives within the best set: the same but for a few effects."""
+    Those of sets that are the same but for a few effects, and about as likely.
+    """
     best = walked.best
-    mine = {t.key: t for t in best.terms}
-    out: list[Rival] = []
+    mine = {t.key for t in best.terms}
+    out: dict[Key, list[str]] = {key: [] for key in mine}
     for fit in walked.ranked():
-        if best.score - fit.score > ALIAS_NATS:
-            break
-        theirs = {t.key: t for t in fit.terms}
-        gone, new = mine.keys() - theirs.keys(), theirs.keys() - mine.keys()
-        if not gone or not new or len(gone) > 2 or len(new) > 2:
-            continue
-        names = tuple(sorted({key[0] for key in new if theirs[key].effect is not None}))
-        lost = frozenset(key for key in gone if mine[key].effect is not None)
-        if names and lost and all(theirs[key].effect is not None for key in new):
-            out.append(Rival(names, lost))
+        new = [t for t in fit.terms if t.key not in mine]
+        gone = mine - fit.key
+        few = 0 < len(gone) <= 2 and 0 < len(new) <= 2
+        if few and fit.score >= best.score - ALIAS_NATS and all(t.effect is not None for t in new):
+            for key in gone:
+                out[key] += [name for name in sorted({t.name for t in new}) if name not in (key[0], *out[key])]
     return out
 
 

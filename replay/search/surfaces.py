@@ -8,11 +8,12 @@ says more than a map: the map is taken where ``TRUST log p(y | set, map) + log o
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
 from models.effects import Effect
-from replay.search.evidence import TRUST, Fit
+from replay.search.evidence import Fit
 from replay.search.sets import MARGIN, Walked
 from replay.search.terms import without_form
 
@@ -25,10 +26,9 @@ def with_surface_law(walked: Walked) -> Walked:
     best = walked.best
     for effect in walked.evidence.library.remainders:
         mapped = _lighter(walked, _spread(walked, effect))
-        odds = _posterior(mapped) - _posterior(best)
+        odds = mapped.promise - best.promise
         if odds > MARGIN:
-            best = replace(mapped, worth=best.worth, score=best.score + odds)
-            return replace(walked, best=best, map_log_odds=odds)
+            return replace(walked, best=replace(mapped, worth=best.worth), map_log_odds=odds)
     return walked
 
 
@@ -38,28 +38,21 @@ def _spread(walked: Walked, effect: Effect) -> Fit:
     # The map takes the place of the model-form errors of the laws that it corrects.
     named = [without_form(t) if t.name in effect.aliases else t for t in walked.best.terms]
     grid = np.array(effect.shape_grid(library.context(0)))
-    tried: dict[tuple[float, ...], Fit] = {}
 
+    @cache
     def fit(shape: tuple[float, ...]) -> Fit:
-        if shape not in tried:
-            tried[shape] = walked.evidence.fit([*named, library.term_of(effect, shape)], walked.quiet)
-        return tried[shape]
+        return walked.evidence.fit([*named, library.term_of(effect, shape)], walked.evidence.quiet)
 
     shape = tuple(1.0 for _ in grid.T)
     for _ in range(ROUNDS):
         for i, values in enumerate(grid.T):
             shapes = [(*shape[:i], float(v), *shape[i + 1 :]) for v in np.unique(values)]
-            shape = max(shapes, key=lambda s: _posterior(fit(s)))
+            shape = max(shapes, key=lambda s: fit(s).promise)
     return fit(shape)
 
 
 def _lighter(walked: Walked, fit: Fit) -> Fit:
     """Without the terms that the map, which is the last, clearly makes unnecessary."""
     lighter = [walked.evidence.fit([t for t in fit.terms if t is not term], fit.noise) for term in fit.terms[:-1]]
-    lightest = max(lighter, key=_posterior, default=fit)
-    return _lighter(walked, lightest) if _posterior(lightest) > _posterior(fit) + MARGIN else fit
-
-
-def _posterior(fit: Fit) -> float:
-    """Log posterior of a set, up to a constant, whatever the size of its terms."""
-    return TRUST * fit.evidence + fit.within + fit.prior
+    lightest = max(lighter, key=lambda f: f.promise, default=fit)
+    return _lighter(walked, lightest) if lightest.promise > fit.promise + MARGIN else fit

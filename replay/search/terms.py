@@ -43,6 +43,8 @@ class Term:
     high: Array
     log_shape: float
     """Log prior of this shape among the effect's."""
+    log_odds: float
+    """Of the effect, or of the free curve, before any flight was seen."""
     main: Array
     """(k,) 1 for coefficients that make the effect what it is, else 0."""
     places: dict[int, Columns]
@@ -51,10 +53,19 @@ class Term:
     axis: str | None = None
     """Of a free curve."""
 
+    @property
+    def prior(self) -> float:
+        """Log odds of it in its shape, before any flight was seen."""
+        return self.log_odds + self.log_shape
+
     @cached_property
     def form(self) -> Mask:
         """(k,) whether a coefficient is a model-form error."""
         return ~np.isin(self.columns, [*(c for p in self.places.values() for c in p)])
+
+    def place(self, flight: int) -> Columns:
+        """Which of its columns are the coefficients on a flight (k,)."""
+        return np.searchsorted(self.columns, self.places[flight])
 
     @cached_property
     def key(self) -> Key:
@@ -64,11 +75,8 @@ class Term:
 
 def without_form(term: Term) -> Term:
     """The term without its model-form errors."""
-    kept = ~term.form
-    return replace(
-        term, columns=term.columns[kept], scale=term.scale[kept], centre=term.centre[kept], low=term.low[kept],
-        high=term.high[kept], main=term.main[kept],
-    )  # fmt: skip
+    by_column = ("columns", "scale", "centre", "low", "high", "main")
+    return replace(term, **{name: getattr(term, name)[~term.form] for name in by_column})
 
 
 def prior_of(effect: Effect, context: Context, shape: tuple[float, ...]) -> tuple[Array, Array]:

@@ -12,7 +12,6 @@ from collections.abc import Sequence
 from itertools import combinations
 
 from models.effects import Effect
-from models.frames import Array
 from replay.residual.record import Record
 from replay.search.evidence import TRUST, Evidence, Fit
 from replay.search.library import Library
@@ -33,11 +32,11 @@ BETWEEN = 30.0
 """A term this much (log) short of being worth it may be so between the points of its grid."""
 
 
-def walk(records: Sequence[Record], effects: Sequence[Effect], beside: Sequence[Sequence[Array]] = ()) -> Walked:
-    """Weigh sets of effects over all flights together; ``beside``: as of ``Library``."""
-    evidence = Evidence(Library(records, effects, beside))
+def walk(records: Sequence[Record], effects: Sequence[Effect]) -> Walked:
+    """Weigh sets of effects over all flights together."""
+    evidence = Evidence(Library(records, effects))
     empty = evidence.fit([], evidence.unfitted())
-    sets = Sets(evidence, evidence.quiet, {empty.key: empty})
+    sets = Sets(evidence, {empty.key: empty})
     beam = [empty]
     for _ in range(MOST + MOST_A_FLIGHT * (len(records) - 1)):
         grown: dict[frozenset[Key], Fit] = {}
@@ -61,7 +60,7 @@ def walk(records: Sequence[Record], effects: Sequence[Effect], beside: Sequence[
         best = canonical(list(sets.fits.values()))
         if best.key <= known:
             break
-    return Walked(evidence, sets.quiet, sets.fits, sets.fits[best.key])
+    return Walked(evidence, sets.fits, sets.fits[best.key])
 
 
 def _additions(sets: Sets, fit: Fit, tried: int) -> list[Term]:
@@ -77,7 +76,7 @@ def _additions(sets: Sets, fit: Fit, tried: int) -> list[Term]:
         and (t.effect is None or not names & set(t.effect.contains))
     ]  # fmt: skip
     out: list[Term] = []
-    for noise in dict.fromkeys((fit.noise, sets.quiet)):
+    for noise in dict.fromkeys((fit.noise, evidence.quiet)):
         near = fit if noise is fit.noise else evidence.refit(fit.terms, noise)
         ranked = evidence.promising(near, rivals)[:tried]
         out += [t for odds, t in ranked if odds > WORTH_A_LOOK and t not in out]
@@ -97,7 +96,7 @@ def _with(sets: Sets, fit: Fit, term: Term) -> Fit:
     odds: dict[Term, float] = {}
     for i in evidence.library.numbers_of(term.key):
         other = evidence.library.terms[i]
-        likely = TRUST * float(screened[i]) + evidence.prior(other)
+        likely = TRUST * float(screened[i]) + other.prior
         if likely > WORTH_A_LOOK:
             odds[other] = likely + evidence.deserved([*fit.terms, other], fit.noise)
     for other in (t for t, o in odds.items() if o > max(odds.values()) - ALIAS_NATS):

@@ -10,7 +10,7 @@ from scipy.special import log_ndtr
 
 from models.frames import Array
 from replay.search.channel import Channel
-from replay.search.design import Design
+from replay.search.library import Design
 from replay.search.terms import STEP_S, Term
 
 FORM_LEFT = 0.06

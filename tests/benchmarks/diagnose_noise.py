@@ -213,7 +213,7 @@ def one(job: tuple[int, float, bool]) -> Outcome:
     if add:
         record, true = with_effect(record, seed)
     answer = conclude([record])
-    named = tuple(n.found.effect.name for n in answer.named)
+    named = tuple(n.effect.name for n in answer.found)
     return Outcome(seed, tau, answer.verdict, named, true, tuple(tuple(a) for a in answer.aliases))
 
 

@@ -43,7 +43,7 @@ def record(world: World) -> Record:
 
 
 def named(record: Record) -> set[str]:
-    return {n.found.effect.name for n in conclude([record]).named}
+    return {n.effect.name for n in conclude([record]).found}
 
 
 @pytest.mark.parametrize("kind", ["none", "mirrored", "corner_cfd"])
@@ -82,7 +82,7 @@ def test_a_flight_that_never_came_near_a_surface_makes_no_map_and_says_why(recor
     state = record.context.state
     context = replace(record.context, state=replace(state, h_m=far_away(state.h_m), d_m=far_away(state.d_m)))
     answer = conclude([replace(record, context=context)])
-    assert not {"surface_law", "corner_effect"} & {n.found.effect.name for n in answer.named}
+    assert not {"surface_law", "corner_effect"} & {n.effect.name for n in answer.found}
     reason = {r.name: r.reason for r in answer.rejected}
     assert reason["surface_law"] == "the flight never came near a surface"
 

@@ -28,7 +28,6 @@ from replay.desk.fields import FIELDS, rows  # noqa: E402
 from replay.desk.question import Question  # noqa: E402
 from replay.desk.store import Ask, Desk, Drop, safe_name  # noqa: E402
 from replay.desk.work import Work, error_line  # noqa: E402
-from replay.diagnosis.over_logs import plots  # noqa: E402
 
 HERE = "http://127.0.0.1:8000"
 PATIENCE_S = 100.0
@@ -322,26 +321,6 @@ def test_what_is_typed_is_never_an_option_of_its_own(desk, flown):
     assert "--mass=--json /x" in command
     assert "--set=expo=1 --report /x" in command
     assert not [word for word in command if "seed" in word]
-
-
-def flight_of(date: str, **sizes: float) -> dict:
-    """A log in the answer about a folder."""
-    parameters = {name: {"mass": {"value": size, "ci95": [0, None], "unit": "kg"}} for name, size in sizes.items()}
-    effects = [{"name": name, "parameters": sizes} for name, sizes in parameters.items()]
-    return {"verdict": "explained", "date": date, "effects": effects}
-
-
-def test_a_size_is_drawn_where_two_logs_show_it(idle, desk, flown):
-    logs = [flight_of("2", payload=0.3), {"error": "broken"}, flight_of("1", payload=0.2, wind=1.0)]
-    (drawn,) = plots(logs)
-    assert all(words in drawn for words in ("payload", "mass [kg]", "log, in order of date"))
-    assert plots([]) == []
-    page = drop(idle, a=flown)
-    idle.post(f"{page}/asks", data={"kind": "season"})
-    (asked,) = desk.drops[0].asks
-    (asked.folder / "answer.json").write_text(json.dumps({"logs": logs}))
-    (asked.folder / "report.html").write_text("x")
-    assert drawn in idle.get(page).text
 
 
 def test_hints_stand_in_the_unit_of_their_field():

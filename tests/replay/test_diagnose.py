@@ -51,13 +51,13 @@ def test_noise_is_answered_nothing_missing(quiet: Record) -> None:
 
 @pytest.mark.slow
 def test_wind_is_named_with_its_size_and_takes_the_residual_down(windy: Diagnosis, quiet: Record) -> None:
-    assert [n.found.effect.name for n in windy.named] == ["wind"]
-    assert windy.named[0].status == "candidate"
-    low, high = next(e.ci95 for e in windy.named[0].found.estimates if e.name == "north")
+    assert [n.effect.name for n in windy.found] == ["wind"]
+    assert windy.found[0].status == "candidate"
+    low, high = next(e.ci95 for e in windy.found[0].estimates if e.name == "north")
     assert 0.4 < low < high < 0.8
     assert any("one wind does not separate drag from wind" in note for note in windy.notes)
     adopted = {e.name: e.parameters for e in windy.adopted}["wind"]
-    assert adopted["own_motion"] < 0.7 * windy.named[0].found.parameters["own_motion"]
+    assert adopted["own_motion"] < 0.7 * windy.found[0].parameters["own_motion"]
     noise = np.sqrt((quiet.residual**2).mean(axis=0))
     assert windy.rms(after=True)[:2] == pytest.approx(noise[:2], rel=0.2)
     assert windy.rms(after=False)[0] > 1.5 * noise[0]
@@ -105,15 +105,15 @@ def test_the_json_is_the_contracts(windy: Diagnosis) -> None:
 def test_a_second_flight_confirms_or_does_not(quiet: Record) -> None:
     first, other = with_wind(quiet, 0.6), noise_record(4, 90.0, 0.3)
     same = conclude([first, with_wind(other, 0.6)], effects=FEW)
-    assert {n.status for n in same.named if n.found.effect.name == "wind"} == {"confirmed"}
+    assert {n.status for n in same.found if n.effect.name == "wind"} == {"confirmed"}
     calm = conclude([first, other], effects=FEW)
-    assert {n.status for n in calm.named if n.found.effect.name == "wind"} == {"candidate"}
+    assert {n.status for n in calm.found if n.effect.name == "wind"} == {"candidate"}
 
 
 @pytest.mark.slow
 def test_flights_in_different_winds_share_the_drag_and_not_the_wind(quiet: Record) -> None:
     both = conclude([with_wind(quiet, 0.6), with_wind(noise_record(4, 90.0, 0.3), -0.6)], effects=FEW)
-    (wind,) = (n for n in both.named if n.found.effect.name == "wind")
+    (wind,) = (n for n in both.found if n.effect.name == "wind")
     first, second = wind.of_flight[0], wind.of_flight[1]
     assert first["own_motion"] == second["own_motion"]
     assert first["north"] > 0.3
@@ -131,7 +131,7 @@ def test_a_gust_in_step_with_the_motion_is_not_explained_away(quiet: Record) -> 
     gust.residual[:, 0] += 1.5 * np.cos(2.0 * np.pi * hz * t)
     answer = conclude([gust], effects=FEW)
     assert answer.verdict in ("partly_explained", "unexplained")
-    assert {n.found.effect.name for n in answer.named} <= {"wind", "rotor_drag"}
+    assert {n.effect.name for n in answer.found} <= {"wind", "rotor_drag"}
 
 
 def test_the_page_stands_alone_and_says_what_to_do(windy: Diagnosis) -> None:
@@ -147,7 +147,7 @@ def test_the_page_stands_alone_and_says_what_to_do(windy: Diagnosis) -> None:
 
 def test_the_interval_of_an_rms_holds_the_truth() -> None:
     x = np.random.default_rng(0).standard_normal(4000)
-    value, low, high = rms_interval(x, 20)
+    value, low, high = rms_interval(x, 0.15)
     assert low < 1.0 < high
     assert value == pytest.approx(1.0, abs=0.05)
     assert high - low < 0.1

@@ -89,7 +89,7 @@ def test_the_prior_is_the_effects_chance_spread_over_its_shapes(evidence: Eviden
     shapes = [t for t in evidence.library.terms if t.name == "wind"]
     odds = math.log(0.05 / 0.95)
     assert get("wind").chance == 0.05
-    assert sum(math.exp(evidence.prior(t) - odds) for t in shapes) == pytest.approx(1.0)
+    assert sum(math.exp(t.prior - odds) for t in shapes) == pytest.approx(1.0)
 
 
 def test_a_set_that_was_fitted_is_not_fitted_again(evidence: Evidence, noise: Noise) -> None:

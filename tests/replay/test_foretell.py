@@ -24,7 +24,7 @@ def chosen(monkeypatch, *sets: tuple[tuple[str, ...], float, float]):
     """The answer among sets of (names, score, energy left of unseen time), and the sets that stay."""
     left = {frozenset(names): energy for names, _, energy in sets}
     fits = {frozenset(names): fit(names, score) for names, score, _ in sets}
-    walked = Walked(None, None, fits, max(fits.values(), key=lambda f: f.score))
+    walked = Walked(None, fits, max(fits.values(), key=lambda f: f.score))
     flight = SimpleNamespace(energy=lambda energy: energy)
     monkeypatch.setattr(results, "flight_fits", lambda _, f: [SimpleNamespace(after=left[f.key], energy=flight.energy)])
     answer = results._predictive(walked)
@@ -62,7 +62,7 @@ def test_a_weak_fan_of_a_real_flight_is_no_wind_with_a_load(shared_data, tmp_pat
     weak = changed(flight, "weak_fan", shared_data, tmp_path)
     assert weak is not None
     answer = diagnose([shared_data / flight.log], load_vehicle(weak.vehicle), None)
-    found = {n.found.effect.name: n.found.parameters for n in answer.named}
+    found = {n.effect.name: n.parameters for n in answer.found}
     assert found["fan_imbalance"]["fan"] == 3.0
     assert -0.2 < found["fan_imbalance"]["scale"] < -0.1
     assert not {"wind", "slung_load"} & set(found)

@@ -290,7 +290,7 @@ def test_no_fault_of_the_log_is_named_as_an_effect_of_the_vehicle(kind, flown):
     """Nothing acts in the flight but what the vehicle file says."""
     fault = KINDS[kind]
     answer = conclude([build_record(fault.make(logged(flown, QUADROTOR, Path("a.tlog"))), fault.vehicle, None)])
-    assert [n.found.effect.name for n in answer.named] == []
+    assert [n.effect.name for n in answer.found] == []
     assert answer.verdict != "explained"
 
 
