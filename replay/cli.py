@@ -11,9 +11,8 @@ from companion.adapt_options import Adapt
 from models.arguments import Parser, run_command
 from models.errors import ConfigError, LogError
 from models.version import VersionAction
-from replay.fleet.options import FolderOptions, add_options
 from replay.parameters import assumed_parameters
-from replay.pipeline_options import add_answer_options, add_pipeline_options, pipeline_config
+from replay.pipeline_options import add_answer_options, add_folder_options, add_pipeline_options, pipeline_config
 
 _COMMANDS = (
     "replay.diagnosis.cli",
@@ -45,7 +44,7 @@ def parser() -> argparse.ArgumentParser:
     run.add_argument("--save-model", type=Path, metavar="DIR", help="write the model with the sizes that were measured")
     run.add_argument("--report", type=Path, metavar="DIR", help="write one self-contained HTML page")
     add_answer_options(run, "the report as JSON")
-    add_options(run)
+    add_folder_options(run)
     run.set_defaults(run=_run)
     for module in _COMMANDS:
         import_module(module).add_parser(commands)
@@ -98,11 +97,6 @@ def _run_folder(a: argparse.Namespace) -> int:
         if value is not None:
             raise ConfigError(f"{option}: is of one flight; name one log instead of the folder {a.log}")
     from replay.fleet.folder import run_folder
-    from replay.fleet.jobs import Job, Kind
 
-    assumed = tuple(sorted(assumed_parameters(a.param).items()))
-    job = Job.of(
-        Kind.RUN, a.log, a.vehicle, a.model, target_system=a.target_system, setpoint=a.setpoint, assumed=assumed,
-        adapt=a.adapt.value,
-    )  # fmt: skip
-    return run_folder(job, FolderOptions.of(a))
+    assumed_parameters(a.param)  # a wrong one is said once, before the work
+    return run_folder(a, a.log, {"--setpoint": a.setpoint, "--param": a.param, "--adapt": a.adapt.value})

@@ -9,8 +9,7 @@ from typing import Any
 
 from companion.vehicles import vehicle_path
 from models.errors import ConfigError
-from replay.fleet.options import FolderOptions, add_options
-from replay.pipeline_options import add_answer_options
+from replay.pipeline_options import add_answer_options, add_folder_options
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
 messages; 130 interrupted. Logs: .tlog, .BIN, .ulg. How to read the answer: docs/diagnose.md."""
@@ -57,7 +56,7 @@ def add_parser(commands: Any) -> None:
         help="good flights of the vehicle: name only what changed since (with a folder: how many of its first logs)",
     )  # fmt: skip
     add_answer_options(p)
-    add_options(p)
+    add_folder_options(p)
     p.set_defaults(run=run)
 
 
@@ -142,8 +141,7 @@ def _folder(a: argparse.Namespace) -> int:
             )
     from replay.command import given
     from replay.fleet.folder import run_folder
-    from replay.fleet.jobs import Job, Kind
 
-    options = {"target_system": a.target_system, "given": given(a)}
-    job = Job.of(Kind.DIAGNOSE, a.logs[0], a.vehicle, a.model, **options)
-    return run_folder(job, FolderOptions.of(a))
+    given(a)  # a wrong number is said once, before the work
+    known = {"--mass": a.mass, "--propeller": a.propeller, "--span": a.span, "--set": a.set}
+    return run_folder(a, a.logs[0], known)
