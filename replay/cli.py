@@ -74,21 +74,23 @@ def _run(a: argparse.Namespace) -> int:
     # Imported here so that --help answers at once.
     from replay.command import write_answer
     from replay.rerun.history import History
-    from replay.rerun.page import page
     from replay.rerun.report import run
 
     config, chosen, notes = pipeline_config(a)
     history = History()
     report = run(
         a.log, config, chosen.name, a.target_system, assumed_parameters(a.param), quiet=a.quiet or a.json == "-",
-        watch=iter if a.report is None else history.watch,
+        watch=history.watch,
     )  # fmt: skip
     report.notes[:0] = notes
     if a.save_model is not None:
         from companion.adaptation.saved import save_sizes
 
         save_sizes(a.save_model, config.model, report.summary.adaptation, [a.log.name])
-    write_answer(a, report.as_json(), [report.as_text()], lambda: page(report, history))
+    # Imported where a page is asked for: it needs the extra "replay", the answer does not.
+    write_answer(
+        a, report.as_json(), [report.as_text()], lambda: import_module("replay.rerun.page").page(report, history)
+    )
     return 0
 
 

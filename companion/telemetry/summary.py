@@ -43,7 +43,7 @@ class Summary:
         self.adaptation: Adaptation | None = None
         """The newest."""
         self._disturbance: Disturbance | None = None
-        self._around = _around(None)
+        self._around = around(None)
         """Of the newest disturbance, which most decisions share with the one before."""
         self._low, self._high = np.full(8, np.nan), np.full(8, np.nan)
         self._sum, self._count = np.zeros(8), np.zeros(8)
@@ -67,7 +67,7 @@ class Summary:
         self._add_margin(decision)
         self.adaptation = decision.adaptation
         if decision.disturbance is not self._disturbance:
-            self._disturbance, self._around = decision.disturbance, _around(decision.disturbance)
+            self._disturbance, self._around = decision.disturbance, around(decision.disturbance)
         offset = decision.offset
         shown = np.array((offset.thrust, math.degrees(offset.roll), math.degrees(offset.pitch), *self._around))
         known = np.isfinite(shown)
@@ -176,7 +176,7 @@ def adapted_text(known: Adaptation) -> list[str]:
     return out
 
 
-def _around(disturbance: Disturbance | None) -> tuple[float, ...]:
+def around(disturbance: Disturbance | None) -> tuple[float, ...]:
     """Nearest h and d [m], trust, lift and side force [N]; NaN: not known."""
     if disturbance is None:
         return (math.nan,) * 5

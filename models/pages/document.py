@@ -67,14 +67,3 @@ def pictures(paths: Iterable[Path]) -> str:
         image = f'<img alt="{caption}" src="data:image/png;base64,{b64encode(data).decode()}">'
         shown += f'<figure class="wide{wide}"><figcaption><b>{caption}</b></figcaption>{image}</figure>'
     return f'<div class="plots">{shown}</div>' if shown else ""
-
-
-def folded(summary: str, content: str) -> str:
-    """Detail that opens with a click; nothing where there is no content."""
-    return f"<details><summary>{escape(summary)}</summary>{content}</details>" if content else ""
-
-
-def items(lines: Iterable[str]) -> str:
-    """A list of plain sentences; nothing where there are none."""
-    body = "".join(f"<li>{escape(line)}</li>" for line in lines)
-    return f"<ul>{body}</ul>" if body else ""

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from tqdm import tqdm
+
 from companion.config import PipelineConfig
 from companion.control.state import Decision
 from companion.telemetry.summary import Summary
@@ -17,6 +19,7 @@ from replay.logs.pieces import Piece
 from replay.logs.progress import with_progress
 from replay.logs.tlog_blocks import TlogFile
 from replay.rerun.harness import Replay
+from replay.rerun.log_samples import samples_of_pieces
 
 _NEEDED = {
     "Heartbeat": "HEARTBEAT of the autopilot (component 1)",
@@ -34,9 +37,7 @@ class RunReport:
     """What ``replay run`` found."""
 
     log: Path
-    vehicle: str
     model: str
-    system: int
     summary: Summary
     replay: Replay
     boots: int
@@ -48,9 +49,9 @@ class RunReport:
         duration = numbers["duration_s"]
         return {
             "log": str(self.log),
-            "vehicle": self.vehicle,
+            "vehicle": self.replay.config.vehicle.name,
             "model": self.model,
-            "system": self.system,
+            "system": self.replay.system,
             "boots": self.boots,
             "samples": sum(self.replay.samples.values()),
             "samples_by_kind": dict(sorted(self.replay.samples.items())),
@@ -63,7 +64,7 @@ class RunReport:
         """A few lines for a person."""
         numbers = self.as_json()
         head = [
-            f"{self.log.name}: {numbers['samples']} samples of system {self.system}, {self.boots} boot(s), "
+            f"{self.log.name}: {numbers['samples']} samples of system {self.replay.system}, {self.boots} boot(s), "
             f"{100.0 * numbers['share_compensated']:.1f} % of the time compensated",
         ]
         head += [f"  note: {note}" for note in self.notes]
@@ -93,9 +94,7 @@ def run(
     for decision in watch(played.decisions):
         summary.add(decision)
     _check(path, replay, summary)
-    notes = [*played.notes, *_missing(config, replay)]
-    assert replay.system is not None
-    return RunReport(path, config.vehicle.name, model, replay.system, summary, replay, played.boots(), notes)
+    return RunReport(path, model, summary, replay, played.boots(), [*played.notes, *_missing(replay)])
 
 
 @dataclass
@@ -130,7 +129,9 @@ def _of_link(
     if since:
         assumed = {**log.census.parameters(choice.system), **assumed}
     replay = Replay(config, choice.system, assumed)
-    decisions = replay.decisions(_with_progress(log, since, quiet))
+    bar = True if quiet else None  # None: only to a terminal
+    frames = tqdm(log.frames(since), total=len(log) - since, unit="frame", disable=bar, leave=False)
+    decisions = replay.decisions(frames)
     notes = [*log.report.notes(), *choice.notes()]
     return OngoingReplay(replay, decisions, notes, lambda: replay.intake.clock.boot + 1)
 
@@ -140,8 +141,6 @@ def _of_columns(
     from_arming: bool,
 ) -> OngoingReplay:  # fmt: skip
     """These logs hold no MAVLink: their columns are turned into the samples that a link would have given."""
-    from replay.rerun.log_samples import samples_of_pieces
-
     notes: list[str] = []
     boots = set[int]()
 
@@ -158,14 +157,6 @@ def _of_columns(
     return OngoingReplay(replay, decisions, notes, lambda: len(boots))
 
 
-def _with_progress(log: TlogFile, since: int, quiet: bool) -> Iterator[tuple[int, bytes]]:
-    from tqdm import tqdm
-
-    # disable=None: only to a terminal.
-    bar = True if quiet else None
-    yield from tqdm(log.frames(since), total=len(log) - since, unit="frame", disable=bar, leave=False)
-
-
 def _check(path: Path, replay: Replay, summary: Summary) -> None:
     lacking = [what for kind, what in _NEEDED.items() if not replay.samples[kind]]
     if lacking:
@@ -174,11 +165,10 @@ def _check(path: Path, replay: Replay, summary: Summary) -> None:
         raise LogError(f"{path}: no decision came of it: its attitudes carry no usable boot time")
 
 
-def _missing(config: PipelineConfig, replay: Replay) -> list[str]:
+def _missing(replay: Replay) -> list[str]:
     """What the log lacks for offsets, by message."""
-    out = [what for kind, what in _WANTED.items() if not replay.samples[kind]]
-    if config.vehicle.telemetered and not replay.samples["RotorSpeeds"]:
-        out.append("ESC_TELEMETRY_x_TO_y, ESC_STATUS or RPM (rotor speeds)")
-    elif not config.vehicle.telemetered and not replay.samples["ServoOutput"]:
-        out.append("SERVO_OUTPUT_RAW (the rotors of this vehicle file are named by servo)")
+    rotors = {"ServoOutput": "SERVO_OUTPUT_RAW (the rotors of this vehicle file are named by servo)"}
+    if replay.config.vehicle.telemetered:
+        rotors = {"RotorSpeeds": "ESC_TELEMETRY_x_TO_y, ESC_STATUS or RPM (rotor speeds)"}
+    out = [what for kind, what in (_WANTED | rotors).items() if not replay.samples[kind]]
     return [f"not in the log: {', '.join(out)}"] if out else []
