@@ -70,9 +70,9 @@ class _Pages:
 
     async def upload(self, request: Request) -> Response:
         """One log."""
-        drop, size = self._drop(request), int(request.headers.get("content-length", "0"))
         changed_s = request.query_params.get("changed_s", "")
-        log = await drop.receive(request.path_params["name"], request.stream(), size, self._most, changed_s)
+        name, chunks = request.path_params["name"], request.stream()
+        log = await self._drop(request).receive(name, chunks, self._most, changed_s)
         return JSONResponse({"log": log.name}, 201)
 
     def remove_log(self, request: Request) -> Response:
@@ -95,18 +95,17 @@ class _Pages:
         self._work.start(drop, question.written(drop), question)
         return _back(drop)
 
-    def cancel(self, request: Request) -> Response:
+    async def cancel(self, request: Request) -> Response:
         """End one question."""
         drop = self._drop(request)
-        self._work.cancel(Ask(one_of((ask.folder for ask in drop.asks), request.path_params["number"])))
+        await self._work.cancel(Ask(one_of((ask.folder for ask in drop.asks), request.path_params["number"])))
         return _back(drop)
 
-    def remove(self, request: Request) -> Response:
+    async def remove(self, request: Request) -> Response:
         """Delete a drop with everything in it."""
         drop = self._drop(request)
-        for ask in drop.asks:
-            self._work.cancel(ask)
-        shutil.rmtree(drop.folder, ignore_errors=True)
+        await self._work.cancel(*drop.asks)
+        await run_in_threadpool(shutil.rmtree, drop.folder, ignore_errors=True)
         return RedirectResponse("/", _SEE_OTHER)
 
     def _drop(self, request: Request) -> Drop:
@@ -137,7 +136,7 @@ def app(desk: Desk, work: Work | None = None, most: int = MOST_BYTES) -> Starlet
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
         yield
-        await run_in_threadpool(work.close)
+        await work.close()
 
     routes = [
         Route("/", pages.home),

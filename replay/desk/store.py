@@ -7,7 +7,6 @@ import json
 import os
 import re
 import secrets
-import shutil
 from collections.abc import AsyncIterator, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -77,24 +76,22 @@ class Drop:
         """The JSON of ``replay info``; its text lies beside it."""
         return self.folder / "info" / f"{log.name}.json"
 
-    async def receive(
-        self, name: str, chunks: AsyncIterator[bytes], announced: int, most: int, changed_s: str = ""
-    ) -> Path:
+    async def receive(self, name: str, chunks: AsyncIterator[bytes], most: int, changed_s: str = "") -> Path:
         """Write a log to disk as it comes in. Raises HTTPException, or OSError where the disk is full.
 
-        ``announced``: its size [bytes], 0 where not known. ``changed_s``: when it was last changed, seconds since 1970:
-        the date of a log that holds none.
+        ``most``: bytes that are taken. ``changed_s``: when it was last changed, seconds since 1970: the date of a log
+        that holds none.
         """
         name = safe_name(name)
-        _check_size(name, announced, most)
         part = self.folder / f"{secrets.token_hex(8)}.part"
         try:
-            if announced > shutil.disk_usage(self.folder).free:
-                raise HTTPException(507, f"{name}: the disk is full: it needs {announced / 1e6:.0f} MB")
             with part.open("wb") as file:
                 async for chunk in chunks:
-                    await run_in_threadpool(file.write, chunk)
-                    _check_size(name, file.tell(), most)
+                    file.write(chunk)
+                    if file.tell() > most:
+                        raise HTTPException(
+                            413, f"{name}: is larger than {most / 2**30:.3g} GiB; cut it, or use replay diagnose itself"
+                        )
             if changed_s.isdecimal():
                 os.utime(part, (int(changed_s), int(changed_s)))
             return await run_in_threadpool(self._keep, part, name)
@@ -177,10 +174,3 @@ def read_json(path: Path) -> Any:
         return json.loads(read_text(path))
     except ValueError:
         return {}
-
-
-def _check_size(name: str, size: int, most: int) -> None:
-    if size > most:
-        raise HTTPException(
-            413, f"{name}: is larger than {most / 2**30:.3g} GiB; cut it, or use replay diagnose itself"
-        )
