@@ -16,7 +16,6 @@ from models.json_file import write_json
 from models.pages.document import write_document
 from models.surrogate.store import load
 from models.vehicle import Vehicle
-from replay.parameters import assumed_parameters
 from replay.vehicle.draft import INCH_M, Draft, Given, draft, outline
 
 
@@ -27,9 +26,8 @@ def declared(vehicle_file: Path | str | None, model: str | None) -> tuple[Vehicl
 
 
 def given(a: argparse.Namespace) -> Given:
-    """What ``--mass``, ``--propeller``, ``--span`` and ``--set`` say of a vehicle that is drafted."""
-    numbers = assumed_parameters(a.set, "--set", "hover_thrust=0.4")
-    return Given(a.mass, None if a.propeller is None else a.propeller * INCH_M, a.span, tuple(sorted(numbers.items())))
+    """What ``--mass``, ``--propeller`` and ``--span`` say of a vehicle that is drafted."""
+    return Given(a.mass, None if a.propeller is None else a.propeller * INCH_M, a.span)
 
 
 def of_logs(

@@ -35,10 +35,6 @@ def add_parser(commands: Any) -> None:
     p.add_argument(
         "--span", type=float, metavar="M", help="motor axis to the opposite motor's axis (default: no moments)"
     )
-    p.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE",
-        help="another number of the drafted vehicle that you know better, such as hover_thrust=0.4 or hover_rpm=5200",
-    )  # fmt: skip
     p.add_argument("--save-vehicle", type=Path, metavar="FILE.toml", help="write the drafted vehicle for --vehicle")
     p.add_argument(
         "--model", metavar="DIR", help="declared model, or none: rotors in free air (default: the shipped model)"
@@ -122,7 +118,6 @@ def _check_drafting(a: argparse.Namespace) -> None:
         "--mass": a.mass,
         "--propeller": a.propeller,
         "--span": a.span,
-        "--set": a.set or None,
         "--save-vehicle": a.save_vehicle,
     }
     for option, value in drafting.items():
@@ -139,9 +134,6 @@ def _folder(a: argparse.Namespace) -> int:
                 f"{option}: a folder's logs may be of several vehicles; give those of one vehicle by name, as in "
                 f"replay diagnose {a.logs[0]}/*.tlog {option}"
             )
-    from replay.command import given
     from replay.fleet.folder import run_folder
 
-    given(a)  # a wrong number is said once, before the work
-    known = {"--mass": a.mass, "--propeller": a.propeller, "--span": a.span, "--set": a.set}
-    return run_folder(a, a.logs[0], known)
+    return run_folder(a, a.logs[0], {"--mass": a.mass, "--propeller": a.propeller, "--span": a.span})

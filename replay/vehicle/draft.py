@@ -17,7 +17,8 @@ import numpy as np
 
 from companion.vehicles import default_vehicle
 from models.errors import ConfigError, LogError
-from models.vehicle import Rangefinder, Vehicle
+from models.frames import GRAVITY
+from models.vehicle import RHO_SEA_LEVEL, Rangefinder, Vehicle
 from models.vehicle_plausibility import findings
 from models.vehicle_setup.setup import COMMON_PROPELLERS, USUAL_PULSES, Answers, build, parameter_ranges, target_of
 from models.vehicle_setup.toml_text import vehicle_text
@@ -29,7 +30,6 @@ from replay.residual.motion import ENOUGH_S
 from replay.residual.record import Record, build_record
 from replay.vehicle import tandem
 from replay.vehicle.airframe import Airframe, airframe, turns
-from replay.vehicle.corrected import HOVER_RPM, corrected, hover_rpm
 from replay.vehicle.fit import Fit, fit_records, free_flight, hovering, records_of
 from replay.vehicle.tandem import is_tandem
 
@@ -53,8 +53,6 @@ class Given:
     """Diameter."""
     span_m: float | None = None
     """Motor axis to the opposite motor's axis."""
-    numbers: tuple[tuple[str, float], ...] = ()
-    """Others, by their keys."""
 
 
 @dataclass(frozen=True)
@@ -107,12 +105,10 @@ def draft(paths: Sequence[Path], given: Given, target_system: int | None = None)
     made = _outlined(paths, given, target_system)
     if made is None:
         return _tandem(given)
-    numbers = dict(given.numbers)
     found, how = _measured(list(_records(paths, made.logs, made.start, target_system)), made.start)
     hover, source = _hover(found, made.said["hover_thrust"], made.start.hover_thrust, how)
     said = made.said | {key: f"measured in {how}" for key in found.measured} | {"hover_thrust": source}
-    vehicle = corrected(replace(found.vehicle, hover_thrust=hover), numbers)
-    said |= {"ct" if key == HOVER_RPM else key: f"--set {key}" for key in numbers}
+    vehicle = replace(found.vehicle, hover_thrust=hover)
     known, assumed = _facts(vehicle, made.frame, made.sizes, said)
     vehicle = replace(vehicle, assumed=tuple(f.key for f in assumed if f.key in ASSUMABLE))
     wrong = next((f for f in findings(vehicle) if f.refused), None)
@@ -151,8 +147,7 @@ def _outlined(paths: Sequence[Path], given: Given, target_system: int | None) ->
     arm = frame.arm_m if given.span_m is None else given.span_m / 2.0
     sizes = typical_sizes(given.mass_kg, radius, arm, frame.motors, _rpm(logs, frame))
     start, said = build(_answers(logs, frame, parameters, sizes))
-    # What is measured rests on numbers that are given.
-    return _Outline(logs, frame, sizes, corrected(start, dict(given.numbers)), said)
+    return _Outline(logs, frame, sizes, start, said)
 
 
 def _flown(paths: Sequence[Path], target_system: int | None) -> list[FlightLog]:
@@ -181,7 +176,6 @@ def _tandem(given: Given) -> Draft:
     vehicle = default_vehicle()
     if given.mass_kg is not None:
         vehicle = replace(vehicle, mass_kg=given.mass_kg)
-    vehicle = corrected(vehicle, dict(given.numbers))
     return Draft(vehicle, (Fact("name", vehicle.name, tandem.HOW),))
 
 
@@ -301,9 +295,15 @@ def _facts(
         guessed = said[key].startswith((_GUESSED, USUAL_PULSES, COMMON_PROPELLERS))
         (assumed if guessed else known).append(Fact(key, value, said[key]))
     if vehicle.telemetered:
-        known.append(Fact(HOVER_RPM, round(hover_rpm(vehicle)), "by ct and the mass"))
+        known.append(Fact("hover_rpm", round(_hover_rpm(vehicle)), "by ct and the mass"))
     if vehicle.rangefinders:
         known.append(Fact("rangefinder", [r.orientation for r in vehicle.rangefinders], "parameters and readings"))
     if not any(f.key == "position_m" for f in assumed):
         assumed.append(Fact("inertia_kgm2", list(vehicle.inertia_kgm2), said["inertia_kgm2"]))
     return known, assumed
+
+
+def _hover_rpm(vehicle: Vehicle) -> float:
+    """Mean rotor speed [rpm] that carries the vehicle: sum(ct) rho A Omega^2 R^2 = m g, A = pi R^2."""
+    per_speed2 = sum(fan.ct or 0.0 for fan in vehicle.fans) * RHO_SEA_LEVEL * math.pi * vehicle.rotor_radius_m**4
+    return 60.0 / (2.0 * math.pi) * math.sqrt(vehicle.mass_kg * GRAVITY / per_speed2)

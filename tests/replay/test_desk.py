@@ -91,16 +91,15 @@ def test_a_log_is_dropped_answered_corrected_and_answered_again(working, flown):
     text = answer(working, page, kind="missing")
     assert "can be judged" in text
     assert re.search(r'id="mass_kg"[^>]*placeholder="[\d.]+"', text)
-    assert 'id="hover_rpm"' in text
+    assert "hover_rpm" in text
     assert "vehicle file" in text
     report = working.get(f"{page.replace('drops', 'files')}/asks/1/report.html").text
     assert "Error of the model" in report
     assert report.startswith("<!doctype html>")
-    text = answer(working, page, kind="missing", mass_kg=f" {QUAD_MASS_KG} ", rotor_radius_m="11", hover_thrust="0.4")
+    text = answer(working, page, kind="missing", mass_kg=f" {QUAD_MASS_KG} ", rotor_radius_m="11")
     facts = {f["key"]: f["value"] for f in told(working, page, 2)["vehicle"]["known"]}
     assert facts["mass_kg"] == QUAD_MASS_KG
     assert facts["rotor_radius_m"] == pytest.approx(11 * 0.0127)
-    assert facts["hover_thrust"] == 0.4
     assert f'value="{QUAD_MASS_KG}"' in text
     file = Path(told(working, page, 2)["logs"][0]).parents[1]
     edited = (file / "asks" / "2" / "vehicle.toml").read_text().replace("mass_kg = 3.0", "mass_kg = 3.5")
@@ -312,11 +311,11 @@ def test_what_is_typed_is_never_an_option_of_its_own(desk, flown):
     held = desk.new_drop()
     (held.folder / "logs" / "a.tlog").write_bytes(flown)
     question = Question.of(
-        [("kind", "missing"), ("mass_kg", "--json /x"), ("expo", "1 --report /x"), ("seed", "3")], held
+        [("kind", "missing"), ("mass_kg", "--json /x"), ("position_m", "1 --report /x"), ("seed", "3")], held
     )
     command = question.command(held, question.written(held))
     assert "--mass=--json /x" in command
-    assert "--set=expo=1 --report /x" in command
+    assert "--span=1 --report /x" in command
     assert not [word for word in command if "seed" in word]
 
 
