@@ -16,7 +16,7 @@ from models.json_file import write_json
 from models.pages.document import write_document
 from models.surrogate.store import load
 from models.vehicle import Vehicle
-from replay.vehicle.draft import INCH_M, Draft, Given, draft, outline
+from replay.vehicle.draft import INCH_M, Draft, Given, draft
 
 
 def declared(vehicle_file: Path | str | None, model: str | None) -> tuple[Vehicle, Choice]:
@@ -39,11 +39,8 @@ def of_logs(
         return *declared(vehicle_file, model), None
     if model not in (None, NONE):  # a wrong model is said before the logs are read
         load(model)
-    if not measured:
-        vehicle = outline(logs, known, target_system)
-        return vehicle, choose(vehicle, model), None
-    made = draft(logs, known, target_system)
-    return made.vehicle, choose(made.vehicle, model), made
+    made = draft(logs, known, target_system, measured=measured)
+    return made.vehicle, choose(made.vehicle, model), made if measured else None
 
 
 def check_targets(json: str | None, vehicle: Path | None = None, **folders: Path | None) -> None:

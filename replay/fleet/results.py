@@ -6,7 +6,7 @@ import csv
 import io
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,13 @@ from models.errors import LogError
 from models.pages.document import write_document
 from replay.fleet.jobs import Job
 from replay.logs.formats import READERS
+
+_COLUMNS = (
+    "log", "date", "date_from", "error", "verdict", "duration_s", "wall_s", "axes", "effects", "decisions", "commands",
+    "compensated_s", "share_compensated", "gaps_s", "refusals_s", "thrust", "roll_deg", "pitch_deg", "h_m", "d_m",
+    "trust", "lift_n", "side_n",
+)  # fmt: skip
+"""Of the JSON, in the table."""
 
 
 def logs_in(folder: Path) -> tuple[list[Path], list[str]]:
@@ -48,31 +55,22 @@ def _file(out: Path, job: Job) -> Path:
     return out / "results" / f"{job.name}.json"
 
 
-def row(answer: Mapping[str, Any]) -> dict[str, Any]:
-    """Flat names with units: ``rms_before_fz_n``, ``payload.mass_kg``, ``refusal_wrong_mode_s`` …"""
-    names = ("log", "date", "date_from", "error", "verdict", "duration_s", "wall_s")
-    out = {name: answer.get(name) for name in names}
-    for axis, numbers in answer.get("axes", {}).items():
-        unit = "n" if numbers["unit"] == "N" else "nm"
-        out[f"rms_before_{axis.lower()}_{unit}"] = numbers["rms_before"]
-        out[f"rms_after_{axis.lower()}_{unit}"] = numbers["rms_after"]
-    for effect in answer.get("effects", []):
-        name = effect["name"]
-        out[f"{name}.explains"] = effect.get("explains")
-        out[f"{name}.probability"] = effect.get("probability")
-        for parameter, estimate in effect["parameters"].items():
-            low, high = estimate.get("ci95") or (None, None)
-            out[f"{name}.{parameter}"] = estimate["value"]
-            out[f"{name}.{parameter}.low"], out[f"{name}.{parameter}.high"] = low, high
-    for name in ("decisions", "commands", "compensated_s", "share_compensated", "gaps_s"):
-        out[name] = answer.get(name)
-    out |= {f"refusal_{reason}_s": seconds for reason, seconds in answer.get("refusals_s", {}).items()}
-    for name in ("thrust", "roll_deg", "pitch_deg", "h_m", "d_m", "trust", "lift_n", "side_n"):
-        out |= {f"{name}_{kind}": value for kind, value in (answer.get(name) or {}).items()}
-    return {name: value for name, value in out.items() if value is not None}
+def row(answer: dict[str, Any]) -> dict[str, Any]:
+    """Columns by their place in the JSON: ``axes.Fz.rms_before``, ``effects.payload.probability`` …"""
+    by_name = {"effects": {effect["name"]: effect for effect in answer.get("effects", [])}}
+    return dict(_flat({name: (answer | by_name)[name] for name in _COLUMNS if name in answer}))
 
 
-def table(answers: Sequence[Mapping[str, Any]]) -> str:
+def _flat(content: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in content.items():
+        inner = dict(zip(("low", "high"), value, strict=True)) if name == "ci95" else value
+        if isinstance(inner, Mapping):
+            yield from _flat(inner, f"{before}{name}.")
+        elif inner is not None and not isinstance(inner, list):
+            yield before + name, inner
+
+
+def table(answers: Sequence[dict[str, Any]]) -> str:
     """As CSV: a row a log, a column a name, empty where a log lacks it."""
     rows = [row(answer) for answer in answers]
     text = io.StringIO(newline="")

@@ -194,7 +194,7 @@ def test_bad_arguments(folder, tmp_path, capsys):
 def test_a_cell_of_the_table_is_empty_where_a_log_lacks_it():
     answers = [{"log": "a", "error": "bad"}, {"log": "b", "duration_s": 2.0, "refusals_s": {"landed": 1.0}}]
     assert table(answers).splitlines() == [
-        "log,error,duration_s,refusal_landed_s",
+        "log,error,duration_s,refusals_s.landed",
         "a,bad,,",
         "b,,2.0,1.0",
     ]
