@@ -9,8 +9,7 @@ from models.vehicle import Vehicle
 from replay.flightlog import FlightLog
 from replay.residual.fault import LogFault
 from replay.residual.grid import Mask
-from replay.residual.log_state import equal_outputs, rotor_rate_hz
-from replay.residual.motion import Motion
+from replay.residual.motion import Motion, rotor_rate_hz
 
 FEWEST_SAMPLES = 50
 """Airborne samples from which on rotors are compared."""
@@ -28,8 +27,8 @@ ROTOR_RATE_HZ = 5.0
 FULL, FULL_REPORTED, FULL_MOST = 0.985, 0.2, 0.5
 """Command from which on thrust does not follow; share of the flight at it that is reported and left out; share from
 which on no lift can be judged."""
-EQUAL_RPM, TURNS_RAD_S = 1.0, 0.05
-"""Speeds that never differ by more while the vehicle rolls or pitches by more (RMS) are copies of one number."""
+EQUAL_US, EQUAL_RPM, TURNS_RAD_S = 1.0, 1.0, 0.05
+"""Outputs that never differ by more, or speeds while the vehicle rolls or pitches by more (RMS), are copies."""
 
 
 def wrong_speeds(ctx: Context, flying: Mask) -> list[LogFault]:
@@ -100,18 +99,18 @@ def slow_rotors(log: FlightLog, vehicle: Vehicle) -> list[LogFault]:
 def copies(log: FlightLog, ctx: Context, motion: Motion, flying: Mask) -> list[LogFault]:
     """All outputs, or all speeds of a vehicle that turns, are one number: no moment can be modelled."""
     vehicle = ctx.vehicle
-    if not vehicle.telemetered:
-        if not equal_outputs(log, vehicle):
-            return []
+    if vehicle.telemetered:
+        values, most = ctx.state.rpm[flying], EQUAL_RPM
+        what = "all rotor speeds are copies of one number while the vehicle turns: moments cannot be judged"
+    else:
+        assert log.servo is not None
+        values, most = log.servo.values[:, [r.servo - 1 for r in vehicle.rotors if r.servo is not None]], EQUAL_US
         what = "all servo outputs are copies of one number: moments cannot be judged"
-        return [LogFault(_channel(vehicle, 0), what)]
-    speed = ctx.state.rpm[flying]
-    speed = speed[np.isfinite(speed).all(axis=1)]
-    if speed.shape[1] < 2 or len(speed) < FEWEST_SAMPLES or np.ptp(speed, axis=1).max() > EQUAL_RPM:
+    values = values[np.isfinite(values).all(axis=1)]
+    if values.shape[1] < 2 or len(values) < FEWEST_SAMPLES or np.ptp(values, axis=1).max() > most:
         return []
-    if not np.nanstd(motion.gyro[flying, :2], axis=0).max() > TURNS_RAD_S:
+    if vehicle.telemetered and not np.nanstd(motion.gyro[flying, :2], axis=0).max() > TURNS_RAD_S:
         return []
-    what = "all rotor speeds are copies of one number while the vehicle turns: moments cannot be judged"
     return [LogFault(_channel(vehicle, 0), what)]
 
 

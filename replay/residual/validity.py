@@ -11,8 +11,7 @@ from models.effects import Context
 from models.frames import Array
 from replay.flightlog import FlightLog
 from replay.residual.grid import Grid, Mask, rate_of_change, running_mean
-from replay.residual.log_state import rotor_rate_hz
-from replay.residual.motion import Motion
+from replay.residual.motion import Motion, rotor_rate_hz
 from replay.residual.standing import ROTORS_OFF_SHARE, standing
 
 AIRBORNE_SHARE = 0.5

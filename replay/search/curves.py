@@ -94,7 +94,7 @@ def _odds(name: str, axis: str, records: Sequence[Record]) -> float | None:
         return None
     if answers(name, axis, records[0].context.vehicle):
         return REACTION_ODDS if axis.startswith("F") else None
-    if name.startswith(DRIFTS) and all(r.only_answers for r in records):
+    if name.startswith(DRIFTS) and all(r.context.only_answers for r in records):
         return None
     return ODDS
 
