@@ -79,16 +79,14 @@ def run(
     assumed: Mapping[str, float] | None = None,
     *,
     quiet: bool = True,
-    from_arming: bool = False,
     watch: Callable[[Iterable[Decision]], Iterable[Decision]] = iter,
 ) -> RunReport:
     """Replay one log; ``assumed`` parameters hold where the log gives none. ``watch`` may look at every decision.
 
-    ``from_arming``: what comes before the vehicle is first armed is left out, but for parameters. Where ``watch`` stops
-    asking for decisions, the rest of the log is not replayed.
+    Where ``watch`` stops asking for decisions, the rest of the log is not replayed.
     Raises LogError in one line where it cannot be read or lacks what every decision needs.
     """
-    played = play(path, config, target_system, assumed or {}, quiet=quiet, from_arming=from_arming)
+    played = play(path, config, target_system, assumed or {}, quiet=quiet)
     replay = played.replay
     summary = Summary(dry_run=True)
     for decision in watch(played.decisions):
@@ -110,36 +108,23 @@ class OngoingReplay:
 
 def play(
     path: Path, config: PipelineConfig, target: int | None, assumed: Mapping[str, float], *, quiet: bool,
-    from_arming: bool = False, pieces: Iterator[Piece] | None = None,
+    pieces: Iterator[Piece] | None = None,
 ) -> OngoingReplay:  # fmt: skip
     """Begin to replay a log. ``pieces``: those of a log that is no .tlog, where the caller reads them anyway."""
-    if suffix_of(path) == ".tlog":
-        return _of_link(path, config, target, assumed, quiet=quiet, from_arming=from_arming)
-    pieces = read_pieces(path, target) if pieces is None else pieces
-    return _of_columns(path, config, pieces, assumed, quiet=quiet, from_arming=from_arming)
-
-
-def _of_link(
-    path: Path, config: PipelineConfig, target: int | None, assumed: Mapping[str, float], *, quiet: bool,
-    from_arming: bool,
-) -> OngoingReplay:  # fmt: skip
+    if suffix_of(path) != ".tlog":
+        return _of_columns(path, config, pieces or read_pieces(path, target), assumed, quiet=quiet)
     log = TlogFile(path)
     choice = log.census.choose(path, target)
-    since = (log.census.armed_at(choice.system) or 0) if from_arming else 0
-    if since:
-        assumed = {**log.census.parameters(choice.system), **assumed}
     replay = Replay(config, choice.system, assumed)
     bar = True if quiet else None  # None: only to a terminal
-    frames = tqdm(log.frames(since), total=len(log) - since, unit="frame", disable=bar, leave=False)
-    decisions = replay.decisions(frames)
+    frames = tqdm(log.frames(), total=len(log), unit="frame", disable=bar, leave=False)
     notes = [*log.report.notes(), *choice.notes()]
-    return OngoingReplay(replay, decisions, notes, lambda: replay.intake.clock.boot + 1)
+    return OngoingReplay(replay, replay.decisions(frames), notes, lambda: replay.intake.clock.boot + 1)
 
 
 def _of_columns(
-    path: Path, config: PipelineConfig, pieces: Iterator[Piece], assumed: Mapping[str, float], *, quiet: bool,
-    from_arming: bool,
-) -> OngoingReplay:  # fmt: skip
+    path: Path, config: PipelineConfig, pieces: Iterator[Piece], assumed: Mapping[str, float], *, quiet: bool
+) -> OngoingReplay:
     """These logs hold no MAVLink: their columns are turned into the samples that a link would have given."""
     notes: list[str] = []
     boots = set[int]()
@@ -153,8 +138,7 @@ def _of_columns(
     first = next(pieces)
     every = noted(with_progress(path, itertools.chain([first], pieces), "deciding", quiet=quiet))
     replay = Replay(config, first.log.system, assumed)
-    decisions = replay.decisions_on(samples_of_pieces(every, from_arming=from_arming))
-    return OngoingReplay(replay, decisions, notes, lambda: len(boots))
+    return OngoingReplay(replay, replay.decisions_on(samples_of_pieces(every)), notes, lambda: len(boots))
 
 
 def _check(path: Path, replay: Replay, summary: Summary) -> None:
