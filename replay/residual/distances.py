@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from companion.estimation.range_doubt import PAST_EDGE_M, UNREAD, Sighting, doubt
+from companion.estimation.range_doubt import UNREAD, Sighting, doubt
 from companion.estimation.range_geometry import (
     NO_MATTER_RADII,
     PlaneDistance,
@@ -34,9 +34,6 @@ MAX_GAP_S = 0.5
 """Longest gap between two samples that is interpolated: a period of the 2 Hz that are judged."""
 CARRIED_S = 3.0
 """Longest gap in the sight of a surface that the vehicle's own motion bridges: a position drifts by a centimetre."""
-
-SAME_PLANE_M = 0.1
-"""Two sightings that put a plane no further apart than this see the same: the position may have drifted meanwhile."""
 
 
 def beam_reading(beam: Beam, t: Array, doubted: Mask | None = None) -> Array:
@@ -75,32 +72,6 @@ def _doubted(beam: Beam, target: str, near_m: float, t: Array, rotation: Array, 
         read = doubt(here, read, near_m, target)
         out[i] = read.why is not None
     return out
-
-
-def _seen_at_both_ends(plane: PlaneDistance, position: Array, near_m: float) -> PlaneDistance:
-    """Unknown in place of "nothing there" where the same near plane was seen before and after, on one straight way.
-
-    A single flight cannot know that before the plane is seen again; a log does. Past a pole and back is no straight
-    way: there the vehicle was further aside than ``PAST_EDGE_M`` from the line between both sightings.
-    """
-    distance, normal = plane.distance_m.copy(), plane.normal_ned
-    place = distance + np.einsum("ij,ij->i", normal, position)
-    known = np.flatnonzero(np.isfinite(place))
-    gaps = np.flatnonzero(np.diff(known) > 1)
-    for first, last in zip(known[gaps], known[gaps + 1], strict=True):
-        gap = np.arange(first + 1, last)
-        if (
-            not np.isinf(distance[gap]).any()
-            or max(distance[first], distance[last]) > near_m
-            or abs(place[last] - place[first]) > SAME_PLANE_M
-        ):
-            continue
-        aside = position - np.einsum("ij,j->i", position, normal[first])[:, None] * normal[first]
-        way = aside[last] - aside[first]
-        along = np.clip((aside[gap] - aside[first]) @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
-        off = np.linalg.norm(aside[gap] - aside[first] - along[:, None] * way, axis=1)
-        distance[gap[np.isinf(distance[gap]) & (off < PAST_EDGE_M)]] = np.nan
-    return PlaneDistance(distance, normal)
 
 
 def _carried(plane: PlaneDistance, t: Array, position: Array) -> PlaneDistance:
@@ -149,7 +120,7 @@ def _planes(
         plane = plane_distance(
             target, beam.direction_frd, sensor.position_m, slant, rotation, floor, vehicle.rotor_radius_m
         )
-        out.append(_carried(_seen_at_both_ends(plane, position, near_m), t, position))
+        out.append(_carried(plane, t, position))
     return out
 
 
@@ -219,9 +190,8 @@ def distances(
     height = ground_height(log, vehicle, t, rotation, position, late_s)
     ceilings = _planes(log, vehicle, "ceiling", t, rotation, position, late_s)
     seen = _planes(log, vehicle, "wall", t, rotation, position, late_s, height)
-    for plane in _ring_planes(log, vehicle, t + late_s, rotation, position, height):
-        near_m = NO_MATTER_RADII * vehicle.rotor_radius_m
-        seen.append(_carried(_seen_at_both_ends(plane, position, near_m), t, position))
+    rings = _ring_planes(log, vehicle, t + late_s, rotation, position, height)
+    seen += [_carried(plane, t, position) for plane in rings]
     out = {
         "h_m": far if height is None else fan_heights(vehicle, height, rotation),
         "ceiling_m": fan_ceilings(vehicle, nearest_level([c.distance_m for c in ceilings]), rotation)
