@@ -23,7 +23,7 @@ from models.pages.document import PAGE_STYLE
 from replay.desk.fields import others, rows
 from replay.desk.guard import Guard
 from replay.desk.question import Question
-from replay.desk.store import MOST_BYTES, Ask, Desk, Drop, one_of, read_json, read_text
+from replay.desk.store import MOST_BYTES, Ask, Desk, Drop, one_of, read_text
 from replay.desk.work import Work
 from replay.diagnosis.over_logs import plots
 from replay.logs.formats import READERS
@@ -53,18 +53,17 @@ class _Pages:
     def show(self, request: Request) -> Response:
         """The logs of a drop, the form, and the answers."""
         drop = self._drop(request)
-        asks, infos = drop.asks, {log.name: contents(drop, log) for log in drop.logs}
-        drafts = [*(a.answer.get("vehicle") for a in asks), *(info.get("drafted") for info in infos.values())]
+        asks, texts = drop.asks, {log.name: read_text(drop.info(log)) for log in drop.logs}
+        drafts = (part.get("vehicle") for ask in asks for part in (ask.answer, *ask.season))
         draft: dict[str, Any] = next(filter(None, drafts), {})
         facts = [*draft.get("known", ()), *draft.get("assumed", ())]
         last = asks[0].question if asks else {}
         answered = next((a for a in asks if a.answered), None)
-        season = answered.answer.get("logs") if answered else None
         shown = {
-            "drop": drop, "asks": asks, "infos": infos, "version": self._version(drop), "rows": rows(facts),
+            "drop": drop, "asks": asks, "texts": texts, "version": self._version(drop), "rows": rows(facts),
             "others": others(facts), "good": last.get("good", ()), "typed": dict(last.get("numbers", ())),
             "text": next(filter(None, (a.vehicle_text for a in asks)), ""),
-            "answered": answered, "plots": plots(season) if season and isinstance(season[0], dict) else [],
+            "answered": answered, "plots": plots(answered.season) if answered else [],
         }  # fmt: skip
         return self._templates.TemplateResponse(request, "drop.html", shown)
 
@@ -114,18 +113,6 @@ class _Pages:
     def _version(self, drop: Drop) -> str:
         looked = sum(drop.info(log).exists() for log in drop.logs)
         return f"{len(drop.logs)} {looked} {len(drop.asks)} {sum(not self._work.step(ask) for ask in drop.asks)}"
-
-
-def contents(drop: Drop, log: Path) -> dict[str, Any]:
-    """What ``replay info`` says of a log: its JSON, its text, and a line that says whether it can be judged."""
-    info: dict[str, Any] = next(iter(read_json(drop.info(log))), {})
-    judged = [boot["diagnose"] for boot in info.get("boots", ()) if boot["diagnose"]]
-    seconds = sum(part["seconds"] for part in judged)
-    refusals = [info.get("error", "").rpartition(f"{log.name}: ")[2], *(part["refusal"] for part in judged)]
-    line = next(filter(None, refusals), "")
-    if seconds:
-        line = f"{info['vehicle'].split(', drafted')[0]}, {seconds:.0f} s can be judged"
-    return info | {"text": read_text(drop.info(log).with_suffix(".txt")), "line": line, "bad": not seconds}
 
 
 def app(desk: Desk, work: Work | None = None, most: int = MOST_BYTES) -> Starlette:

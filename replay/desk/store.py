@@ -45,6 +45,11 @@ class Ask:
         return read_json(self.folder / "answer.json")
 
     @property
+    def season(self) -> list[dict[str, Any]]:
+        """What that says of each log by itself; empty where the logs were asked about together."""
+        return [log for log in self.answer.get("logs", ()) if isinstance(log, dict)]
+
+    @property
     def failure(self) -> str:
         """Why there is no answer; empty where there is one, or none yet."""
         return read_text(self.folder / "error.txt")
@@ -73,8 +78,8 @@ class Drop:
         return [Ask(folder) for folder in reversed(folders)]
 
     def info(self, log: Path) -> Path:
-        """The JSON of ``replay info``; its text lies beside it."""
-        return self.folder / "info" / f"{log.name}.json"
+        """The text of ``replay info``."""
+        return self.folder / "info" / f"{log.name}.txt"
 
     async def receive(self, name: str, chunks: AsyncIterator[bytes], most: int, changed_s: str = "") -> Path:
         """Write a log to disk as it comes in. Raises HTTPException, or OSError where the disk is full.

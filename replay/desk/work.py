@@ -56,9 +56,7 @@ class Work:
                 await self._look(drop, ask)
                 self._steps[ask.folder] = "reads the logs"
                 code = await _call(question.command(drop, ask), ask.folder / "stdout.txt", said)
-            if code:  # without the desk's own paths
-                words = read_text(said).replace(f"{drop.folder}/logs/", "").replace(f"{drop.folder}/", "")
-                failure = error_text(words, code)
+            failure = _failure(said, code, drop) if code else ""
         except asyncio.CancelledError:
             failure = "cancelled"
         except OSError as problem:
@@ -72,14 +70,17 @@ class Work:
     async def _look(self, drop: Drop, ask: Ask) -> None:
         """What is in the logs, where that is not known yet."""
         for log in drop.logs:
-            target = drop.info(log)
-            if not target.exists():
+            if not drop.info(log).exists():
                 self._steps[ask.folder] = f"looks what is in {log.name}"
-                part = ask.folder / "info.json"
-                wanted = ["info", str(log), "--judge", f"--json={part}"]
-                await _call(wanted, target.with_suffix(".txt"), ask.folder / "stderr.txt")
-                if part.exists():
-                    part.rename(target)
+                part, said = ask.folder / "info.txt", ask.folder / "stderr.txt"
+                code = await _call(["info", str(log), "--judge", "--model=none"], part, said)
+                text = _failure(said, code, drop) if code else read_text(part)
+                drop.info(log).write_text(text, encoding="utf-8")
+
+
+def _failure(said: Path, code: int, drop: Drop) -> str:
+    """What went wrong, without the desk's own paths."""
+    return error_text(read_text(said).replace(f"{drop.folder}/logs/", "").replace(f"{drop.folder}/", ""), code)
 
 
 async def _call(arguments: list[str], out: Path, err: Path) -> int:

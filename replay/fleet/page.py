@@ -90,6 +90,4 @@ def _replayed(good: Sequence[Answer]) -> tuple[str, str]:
 
 
 def _reason(refusals_s: Mapping[str, float]) -> str:
-    """What held offsets back longest, but for what every flight has, and how long; empty where nothing did."""
-    first = to_mend((Reason[name.upper()], seconds) for name, seconds in refusals_s.items())
-    return "" if first is None else f"{first[0].value}, {lasted(first[1])}"
+    return to_mend((Reason[name.upper()], seconds) for name, seconds in refusals_s.items())

@@ -9,7 +9,7 @@ import numpy as np
 from models.pages.svg import Band, Line, figure, keys
 from replay.report import render
 from replay.rerun.history import History
-from replay.rerun.mend import lasted, to_mend
+from replay.rerun.mend import to_mend
 from replay.rerun.report import RunReport
 
 _SMALL_THRUST, _SMALL_TILT_DEG = 0.05, 3.0
@@ -58,12 +58,11 @@ def _verdict(report: RunReport, numbers: dict[str, Any]) -> tuple[str, str]:
     if share:
         head = f"It would have compensated {share:.0%} of {duration:.0f} s"
     if share < _MOSTLY:
-        first = to_mend(report.summary.refusals())
+        why = to_mend(report.summary.refusals())
         if report.summary.too_slow:
             return head, f"{report.summary.too_slow}."
-        if first is None:
+        if not why:
             return head, "replay a longer flight. Only take-off and landing kept it from compensating."
-        why = f"{first[0].value}, {lasted(first[1])}"
         return head, f"correct the main reason for no offset ({why}). Fly, and replay again."
     thrust, roll, pitch = (max(-numbers[n]["min"], numbers[n]["max"]) for n in ("thrust", "roll_deg", "pitch_deg"))
     tilt = max(roll, pitch)

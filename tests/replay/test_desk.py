@@ -89,7 +89,7 @@ def told(client, page: str, number: int = 1) -> dict:
 def test_a_log_is_dropped_answered_corrected_and_answered_again(working, flown):
     page = drop(working, monday=flown)
     text = answer(working, page, kind="missing")
-    assert "can be judged" in text
+    assert re.search(r"<summary>replay diagnose judges \d+ s of it", text)
     assert re.search(r'id="mass_kg"[^>]*placeholder="[\d.]+"', text)
     assert "hover_rpm" in text
     assert "vehicle file" in text
@@ -121,7 +121,7 @@ def test_a_season_has_a_row_for_a_broken_log_and_what_changed_is_asked_of_good_o
     assert all(name in report for name in ("monday.tlog", "tuesday.tlog", "broken.tlog"))
     (link, *_) = re.findall(r'href="(logs/[^"]*)"', report)
     assert working.get(f"{files}/1/{link}").status_code == 200
-    assert re.search(r'<td>broken.tlog</td><td><span class="bad">', text)
+    assert re.search(r"<td>broken.tlog</td><td><details><summary>broken.tlog: ", text)
     assert working.post(f"{page}/logs/broken.tlog/delete").status_code == 200
     text = answer(working, page, kind="changed", good="monday.tlog", mass_kg=str(QUAD_MASS_KG))
     assert {c["name"] for c in told(working, page, 2)["changed"]} & {"payload", "thrust_scale"}
@@ -413,7 +413,7 @@ def test_a_browser_drops_two_logs_and_reads_the_answer(served, flown, tmp_path):
         until(browser, "document.querySelector('.doing')")
         until(browser, "document.getElementById('answer')")
         assert browser.value("document.documentElement.scrollWidth") <= PHONE[0]
-        assert "can be judged" in browser.value("document.body.innerText")
+        assert "replay diagnose judges" in browser.value("document.body.innerText")
         messages = [e for e in browser._events if e.get("method") in ("Runtime.exceptionThrown", "Log.entryAdded")]
         assert [m for m in messages if "415" not in json.dumps(m)] == []
 
