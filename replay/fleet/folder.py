@@ -17,7 +17,7 @@ from models.errors import ConfigError, LogError
 from models.json_file import write_json
 from models.pages.document import write_document
 from replay.command import check_targets, declared
-from replay.fleet.jobs import Job, run_dask, run_local
+from replay.fleet.jobs import Job, work
 from replay.fleet.page import page
 from replay.fleet.results import keep, known, logs_in, table
 
@@ -69,8 +69,7 @@ def _answers(a: argparse.Namespace, out: Path, jobs: list[Job]) -> dict[Job, dic
     if answers and speaks(a):
         print(f"{len(jobs)} logs, {len(answers)} of them known from before")
     if waiting:
-        cores = len(os.sched_getaffinity(0))
-        working = run_dask(waiting, a.scheduler) if a.scheduler else run_local(waiting, a.workers or cores)
+        working = work(waiting, a.workers or len(os.sched_getaffinity(0)), a.scheduler)
         bar = True if a.quiet else None  # None: only to a terminal
         for job, answer in tqdm(working, total=len(jobs), initial=len(answers), unit="log", disable=bar, leave=False):
             keep(out, job, answer)

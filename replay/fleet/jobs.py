@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -66,23 +66,24 @@ class Job:
         return f"logs/{self.name}/report.html" if self.page is not None and self.page.is_file() else None
 
 
-def perform(job: Job, running: list[subprocess.Popen[str]] | None = None) -> dict[str, Any]:
-    """The answer of the command; a log that cannot be used gives ``error`` instead. Never raises for a bad log.
+_running: list[subprocess.Popen[str]] = []
+"""Of this process."""
 
-    ``running`` holds the process as long as it lives.
-    """
-    start, running = time.monotonic(), [] if running is None else running
+
+def perform(job: Job) -> dict[str, Any]:
+    """The answer of the command; a log that cannot be used gives ``error`` instead. Never raises for a bad log."""
+    start = time.monotonic()
     page = [] if job.page is None else [f"--report={job.page.parent}"]
     process = subprocess.Popen(
         [sys.executable, "-m", "replay", *job.words, *page, "--json=-", "--quiet"],
         stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         env={"OMP_NUM_THREADS": "1", **os.environ},  # one process a core is enough
     )  # fmt: skip
-    running.append(process)
+    _running.append(process)
     # MemoryError rather than the kernel's killer.
     resource.prlimit(process.pid, resource.RLIMIT_DATA, (int(_USABLE_BYTES),) * 2)
     said, errors = process.communicate()
-    running.remove(process)
+    _running.remove(process)
     if process.returncode:
         line = error_text(errors.replace(f"{job.log}: ", ""), process.returncode).splitlines()[-1]
         answer = {"error": line}
@@ -102,46 +103,43 @@ def error_text(stderr: str, code: int) -> str:
     return "\n".join(line.removeprefix("replay: ") for line in lines[-_MOST_LINES:]) or f"ended with exit code {code}"
 
 
-def run_local(jobs: Sequence[Job], workers: int) -> Iterator[tuple[Job, dict[str, Any]]]:
-    """Answers in the order in which they come.
+def work(jobs: Sequence[Job], workers: int, scheduler: str | None) -> Iterator[tuple[Job, dict[str, Any]]]:
+    """Answers in the order in which they come, of processes of this machine or of a Dask cluster."""
+    with _pool(jobs[0].words[0], workers, scheduler) as pool:
+        futures = {pool.submit(perform, job): job for job in jobs}
+        try:
+            for future in as_completed(futures):
+                job, problem = futures[future], future.exception()
+                if problem is None:
+                    yield job, future.result()
+                else:  # a worker of the cluster died with it
+                    error = f"its worker failed ({type(problem).__name__}: {problem})"
+                    yield job, {"error": error, "log": str(job.log), **recorded(job.log)}
+        finally:
+            for future in futures:
+                future.cancel()
+            for process in list(_running):
+                process.terminate()
 
-    No more at a time than fit into memory together, each taken for a long log.
+
+def _pool(command: str, workers: int, scheduler: str | None) -> Executor:
+    """Here no more at a time than fit into memory together, each taken for a long log.
+
+    The workers of a cluster must see the logs under the same paths, and have this package.
     """
-    fit = int(_USABLE_BYTES / _NEEDED_BYTES[jobs[0].words[0]])
-    running: list[subprocess.Popen[str]] = []
-    pool = ThreadPoolExecutor(max(min(workers, fit), 1))
-    try:
-        futures = {pool.submit(perform, job, running): job for job in jobs}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-        for process in list(running):
-            process.terminate()
-
-
-def run_dask(jobs: Sequence[Job], address: str) -> Iterator[tuple[Job, dict[str, Any]]]:
-    """The same on a cluster: its workers must see the logs under the same paths, and have this package."""
+    if scheduler is None:
+        return ThreadPoolExecutor(max(min(workers, int(_USABLE_BYTES / _NEEDED_BYTES[command])), 1))
     try:
         from distributed import Client
-        from distributed import as_completed as completed
+
+        pool: Executor = Client(scheduler, timeout="10s").get_executor(pure=False, retries=1)
     except ImportError:
         raise ConfigError(
             "--scheduler: needs the package distributed: pip install 'corner-compensator[cluster]'"
         ) from None
-    try:
-        client = Client(address, timeout="10s")
     except (OSError, TimeoutError, ValueError) as error:
-        raise ConfigError(f"--scheduler {address}: no Dask scheduler there ({error})") from None
-    with client:
-        futures = {client.submit(perform, job, pure=False, retries=1): job for job in jobs}
-        for future in completed(list(futures)):
-            try:
-                answer = future.result()
-            except Exception as error:  # the worker died with it
-                answer = {"error": f"its worker failed ({type(error).__name__}: {error})"}
-                answer |= {"log": str(futures[future].log), **recorded(futures[future].log)}
-            yield futures[future], answer
+        raise ConfigError(f"--scheduler {scheduler}: no Dask scheduler there ({error})") from None
+    return pool
 
 
 def recorded(path: Path) -> dict[str, str]:

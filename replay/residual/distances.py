@@ -24,7 +24,6 @@ from companion.mavlink.samples import RangeVerdict
 from models.air_state import DIRECTIONS
 from models.frames import Array
 from models.vehicle import Vector3, Vehicle
-from models.vehicle_types import NO_ORIENTATION
 from replay.flightlog import Beam, FlightLog, Series, best_beam, direction_name
 from replay.residual.grid import Mask
 
@@ -42,12 +41,15 @@ def beam_reading(beam: Beam, t: Array, doubted: Mask | None = None) -> Array:
     ``doubted`` (samples,): readings of the beam that are not used.
     """
     used = np.ones(len(beam.verdicts), bool) if doubted is None else ~doubted
-    times, values = beam.distance.t_s, beam.distance.values
-    near = used & beam.judged(RangeVerdict.OK)
-    good = Series(times[near], values[near])
+    near, far = (used & beam.judged(verdict) for verdict in _MEASURED)
+    return _reading(beam.distance.t_s, beam.distance.values[:, 0], near, far, t)
+
+
+def _reading(times: Array, distance: Array, near: Mask, far: Mask, t: Array) -> Array:
+    """What samples (m,) at ``times`` say at ``t`` (n,): the distance where ``near``, inf where ``far``."""
+    good = Series(times[near], distance[near, None])
     out = good.at(t, MAX_GAP_S)[:, 0] if len(good) > 1 else np.full(len(t), np.nan)
-    far = beam.judged(RangeVerdict.ABOVE_MAX)
-    known = used & (near | far)
+    known = near | far
     if known.any():
         usable = times[known]
         nearest = np.clip(np.searchsorted(usable, t), 0, len(usable) - 1)
@@ -105,7 +107,7 @@ def ground_height(
 
 def _planes(
     log: FlightLog, vehicle: Vehicle, target: str, t: Array, rotation: Array, position: Array, late_s: float,
-    height: Array | None = None,
+    floor: Array | float = np.inf,
 ) -> list[PlaneDistance]:  # fmt: skip
     """What every watched beam of ``target`` that the log holds saw of it."""
     out = []
@@ -116,7 +118,6 @@ def _planes(
             continue
         doubted = _doubted(beam, target, near_m, t + late_s, rotation, position)
         slant = beam_reading(beam, t + late_s, doubted)
-        floor = np.inf if height is None else height
         plane = plane_distance(
             target, beam.direction_frd, sensor.position_m, slant, rotation, floor, vehicle.rotor_radius_m
         )
@@ -125,7 +126,7 @@ def _planes(
 
 
 def _ring_planes(
-    log: FlightLog, vehicle: Vehicle, t: Array, rotation: Array, position: Array, height: Array | None
+    log: FlightLog, vehicle: Vehicle, t: Array, rotation: Array, position: Array, floor: Array
 ) -> list[PlaneDistance]:
     """What the two places of a declared ring saw, as flight does (``estimator.take_ring``). ``t``: when it was read."""
     sensor = next((s for s in vehicle.rangefinders_for("wall") if s.ring), None)
@@ -137,8 +138,7 @@ def _ring_planes(
     times = np.array([ring.t_s for ring in log.rings])
     found, normals = np.full((2, len(times)), np.nan), np.zeros((2, len(times), 3))
     for i, row in enumerate(np.clip(np.searchsorted(t, times), 0, len(t) - 1).tolist()):
-        floor = np.inf if height is None else float(height[row])
-        view = ring_view(log.rings[i], rotation[row].tolist(), sensor.position_m, floor, vehicle)
+        view = ring_view(log.rings[i], rotation[row].tolist(), sensor.position_m, float(floor[row]), vehicle)
         north, east, down = position[row].tolist()
         for k, plane in enumerate(placed(view, before)):
             if plane.slant_m == plane.slant_m and math.isfinite(north + east + down):
@@ -148,15 +148,10 @@ def _ring_planes(
             normals[k, i] = plane.normal_ned
             before[k] = plane.normal_ned if math.isfinite(plane.slant_m) else before[k]
     nearest = np.clip(np.searchsorted(times, t), 0, len(times) - 1)
-    return [PlaneDistance(beam_reading(_as_beam(times, one), t), normals[k][nearest]) for k, one in enumerate(found)]
-
-
-def _as_beam(times: Array, distance_m: Array) -> Beam:
-    """Distances (n,) to a wall as readings of a beam; inf where nothing is there, NaN where unknown."""
-    kinds = (RangeVerdict.OK, RangeVerdict.ABOVE_MAX, RangeVerdict.LOW_QUALITY)
-    verdicts = tuple(kinds[np.isinf(d) + 2 * np.isnan(d)] for d in distance_m)
-    series = Series(times, distance_m[:, None], "OBSTACLE_DISTANCE")
-    return Beam((1.0, 0.0, 0.0), 1, 0, NO_ORIENTATION, series.source, series, verdicts, 0.0, np.inf, np.nan, 0.0)
+    return [
+        PlaneDistance(_reading(times, one, np.isfinite(one), np.isinf(one), t), normal[nearest])
+        for one, normal in zip(found, normals, strict=True)
+    ]
 
 
 def unseen_surfaces(log: FlightLog, vehicle: Vehicle) -> list[str]:
@@ -189,8 +184,9 @@ def distances(
             ranges[:, i] = beam_reading(beam, t + late_s)
     height = ground_height(log, vehicle, t, rotation, position, late_s)
     ceilings = _planes(log, vehicle, "ceiling", t, rotation, position, late_s)
-    seen = _planes(log, vehicle, "wall", t, rotation, position, late_s, height)
-    rings = _ring_planes(log, vehicle, t + late_s, rotation, position, height)
+    floor = far[:, 0] if height is None else height
+    seen = _planes(log, vehicle, "wall", t, rotation, position, late_s, floor)
+    rings = _ring_planes(log, vehicle, t + late_s, rotation, position, floor)
     seen += [_carried(plane, t, position) for plane in rings]
     out = {
         "h_m": far if height is None else fan_heights(vehicle, height, rotation),

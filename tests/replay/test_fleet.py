@@ -15,7 +15,7 @@ from companion.control.authority import Reason
 from companion.mavlink.frames import cut
 from companion.vehicles import QUAD
 from replay.cli import main
-from replay.fleet.jobs import Job, perform, run_local
+from replay.fleet.jobs import Job, perform, work
 from replay.fleet.page import common_effects
 from replay.fleet.results import keep, known, logs_in, table
 
@@ -168,7 +168,7 @@ def test_a_real_browser_shows_the_page_of_a_folder(folder, tmp_path):
 def test_a_process_that_dies_is_one_line(tmp_path, monkeypatch):
     write_tlog(tmp_path / "a.tlog", flight(2.0))
     jobs = [Job.of("run", tmp_path / "a.tlog", {"--model": model}) for model in ("/no/such/model", None)]
-    answers = dict(run_local(jobs, 2))
+    answers = dict(work(jobs, 2, None))
     assert "/no/such/model" in answers[jobs[0]]["error"]
     assert answers[jobs[1]]["decisions"] > 0
     # A python that cannot even start: the process dies, and says so.
@@ -176,7 +176,7 @@ def test_a_process_that_dies_is_one_line(tmp_path, monkeypatch):
     dies.write_text("#!/bin/sh\nkill -9 $$\n")
     dies.chmod(0o700)
     monkeypatch.setattr(sys, "executable", str(dies))
-    (answer,) = [a for _, a in run_local(jobs[1:], 1)]
+    (answer,) = [a for _, a in work(jobs[1:], 1, None)]
     assert "process died (signal 9)" in answer["error"]
 
 
