@@ -71,21 +71,20 @@ def undeclared_rotors(log: FlightLog, ctx: Context) -> list[LogFault]:
 
 def full_command(ctx: Context, flying: Mask) -> tuple[list[LogFault], Mask]:
     """Outputs at full command in a good part of the flight, and when any rotor is at it (n,)."""
-    full = np.zeros(len(flying), bool)
+    never = np.zeros(len(flying), bool)
     curve = ctx.vehicle.throttle
     if curve is None or not flying.any():
-        return [], full
+        return [], never
     outputs = np.stack([ctx.state.servo_us[:, (r.servo or 1) - 1] for r in ctx.vehicle.rotors], axis=1)
     with np.errstate(invalid="ignore"):
         at_stop = (outputs - curve.pwm_min_us) / (curve.pwm_max_us - curve.pwm_min_us) >= FULL
     at_stop &= flying[:, None]
-    share = float(at_stop.any(axis=1).sum() / flying.sum())
+    full = np.asarray(at_stop.any(axis=1))
+    share = float(full.sum() / flying.sum())
     if share <= FULL_REPORTED:
-        return [], full
+        return [], never
     channel = _channel(ctx.vehicle, int(at_stop.sum(axis=0).argmax()))
-    what = f"at full command in {share:.0%} of the flight: thrust does not follow"
-    full |= at_stop.any(axis=1)
-    return [LogFault(channel, what)], full
+    return [LogFault(channel, f"at full command in {share:.0%} of the flight: thrust does not follow")], full
 
 
 def slow_rotors(log: FlightLog, vehicle: Vehicle) -> list[LogFault]:
