@@ -10,9 +10,8 @@ from pathlib import Path
 from models.arguments import Parser, run_command
 from models.errors import ConfigError, LogError
 from models.version import VersionAction
-from replay.fleet.options import FolderOptions, add_options
 from replay.parameters import assumed_parameters
-from replay.pipeline_options import add_answer_options, add_pipeline_options, pipeline_config
+from replay.pipeline_options import add_answer_options, add_folder_options, add_pipeline_options, pipeline_config
 
 _COMMANDS = (
     "replay.diagnosis.cli",
@@ -43,7 +42,7 @@ def parser() -> argparse.ArgumentParser:
     add_pipeline_options(run)
     run.add_argument("--report", type=Path, metavar="DIR", help="write one self-contained HTML page")
     add_answer_options(run, "the report as JSON")
-    add_options(run)
+    add_folder_options(run)
     run.set_defaults(run=_run)
     for module in _COMMANDS:
         import_module(module).add_parser(commands)
@@ -71,29 +70,26 @@ def _run(a: argparse.Namespace) -> int:
     # Imported here so that --help answers at once.
     from replay.command import write_answer
     from replay.rerun.history import History
-    from replay.rerun.page import page
     from replay.rerun.report import run
 
     config, chosen, notes = pipeline_config(a)
     history = History()
     report = run(
         a.log, config, chosen.name, a.target_system, assumed_parameters(a.param), quiet=a.quiet or a.json == "-",
-        watch=iter if a.report is None else history.watch,
+        watch=history.watch,
     )  # fmt: skip
     report.notes[:0] = notes
-    write_answer(a, report.as_json(), [report.as_text()], lambda: page(report, history))
+    # Imported where a page is asked for: it needs the extra "replay", the answer does not.
+    write_answer(
+        a, report.as_json(), [report.as_text()], lambda: import_module("replay.rerun.page").page(report, history)
+    )
     return 0
 
 
 def _run_folder(a: argparse.Namespace) -> int:
     from replay.command import refuse
     from replay.fleet.folder import run_folder
-    from replay.fleet.jobs import Job, Kind
 
     refuse(a, ("survey",), f"is of one flight; name one log instead of the folder {a.log}")
-    assumed = tuple(sorted(assumed_parameters(a.param).items()))
-    job = Job.of(
-        Kind.RUN, a.log, a.vehicle, a.model, target_system=a.target_system, setpoint=a.setpoint, assumed=assumed,
-        adapt=a.adapt.value,
-    )  # fmt: skip
-    return run_folder(job, FolderOptions.of(a))
+    assumed_parameters(a.param)  # a wrong one is said once, before the work
+    return run_folder(a, a.log, {"--setpoint": a.setpoint, "--param": a.param, "--adapt": a.adapt.value})

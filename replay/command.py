@@ -19,8 +19,7 @@ from models.json_file import write_json
 from models.pages.document import write_document
 from models.surrogate.store import load
 from models.vehicle import Vehicle
-from replay.parameters import assumed_parameters
-from replay.vehicle.draft import INCH_M, Draft, Given, draft, outline
+from replay.vehicle.draft import INCH_M, Draft, Given, draft
 
 
 def declared(vehicle_file: Path | str | None, model: str | None) -> tuple[Vehicle, Choice]:
@@ -30,9 +29,8 @@ def declared(vehicle_file: Path | str | None, model: str | None) -> tuple[Vehicl
 
 
 def given(a: argparse.Namespace) -> Given:
-    """What ``--mass``, ``--propeller``, ``--span`` and ``--set`` say of a vehicle that is drafted."""
-    numbers = assumed_parameters(a.set, "--set", "hover_thrust=0.4")
-    return Given(a.mass, None if a.propeller is None else a.propeller * INCH_M, a.span, tuple(sorted(numbers.items())))
+    """What ``--mass``, ``--propeller`` and ``--span`` say of a vehicle that is drafted."""
+    return Given(a.mass, None if a.propeller is None else a.propeller * INCH_M, a.span)
 
 
 def of_logs(
@@ -44,11 +42,8 @@ def of_logs(
         return *declared(vehicle_file, model), None
     if model not in (None, NONE):  # a wrong model is said before the logs are read
         load(model)
-    if not measured:
-        vehicle = outline(logs, known, target_system)
-        return vehicle, choose(vehicle, model), None
-    made = draft(logs, known, target_system)
-    return made.vehicle, choose(made.vehicle, model), made
+    made = draft(logs, known, target_system, measured=measured)
+    return made.vehicle, choose(made.vehicle, model), made if measured else None
 
 
 def refuse(a: argparse.Namespace, options: Sequence[str], why: str) -> None:
@@ -60,7 +55,13 @@ def refuse(a: argparse.Namespace, options: Sequence[str], why: str) -> None:
 
 def check_targets(a: argparse.Namespace) -> None:
     """Refuse places that cannot be written before minutes are spent on what would go there."""
-    for option, is_file in (("json", True), ("save_vehicle", True), ("save_model", False), ("report", False)):
+    for option, is_file in (
+        ("json", True),
+        ("save_vehicle", True),
+        ("save_model", False),
+        ("report", False),
+        ("out", False),
+    ):
         given = getattr(a, option, None)
         if given in (None, "-"):
             continue

@@ -8,9 +8,7 @@ from collections.abc import Sequence
 from models.errors import ConfigError
 
 
-def assumed_parameters(
-    pairs: Sequence[str], option: str = "--param", such_as: str = "GUID_OPTIONS=8"
-) -> dict[str, float]:
+def assumed_parameters(pairs: Sequence[str]) -> dict[str, float]:
     """``NAME=VALUE`` of the command line; ConfigError where one is no number."""
     out = {}
     for pair in pairs:
@@ -20,5 +18,5 @@ def assumed_parameters(
         except ValueError:
             out[name] = math.nan
         if not name or not math.isfinite(out[name]):
-            raise ConfigError(f"{option} {pair}: must be NAME=NUMBER, such as {such_as}")
+            raise ConfigError(f"--param {pair}: must be NAME=NUMBER, such as GUID_OPTIONS=8")
     return out

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from companion.adapt_options import Adapt, read_adapt
@@ -40,6 +41,17 @@ def add_answer_options(
     p.add_argument("--target-system", type=int, metavar="N", help=f"the vehicle's id (default: {flies})")
     p.add_argument("--json", metavar="FILE", help=f"write {answer} (- for stdout)")
     p.add_argument("--quiet", action="store_true", help="no progress bar and no text")
+
+
+def add_folder_options(p: argparse.ArgumentParser) -> None:
+    """What only a folder of logs has."""
+    g = p.add_argument_group("of a folder of logs")
+    g.add_argument(
+        "--out", type=Path, metavar="DIR",
+        help="answers, table and, without --report, the page (default: NAME-COMMAND, here)",
+    )  # fmt: skip
+    g.add_argument("--workers", type=int, metavar="N", help="local processes (default: one a core)")
+    g.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask cluster that sees the same files")
 
 
 def pipeline_config(

@@ -12,6 +12,7 @@ import numpy as np
 from companion.adaptation.adapt import Adaptation
 from companion.control.authority import Reason
 from companion.control.state import Decision
+from companion.estimation.disturbance import Disturbance
 
 _GAP_S = 0.5
 """A longer gap between decisions is a pause of the stream, not time flown."""
@@ -159,9 +160,13 @@ def adapted_text(known: Adaptation) -> list[str]:
 
 def _shown(decision: Decision) -> tuple[float, ...]:
     """The numbers of ``_SHOWN``; NaN: not known."""
-    offset, seen = decision.offset, decision.disturbance
-    applied = offset.thrust, math.degrees(offset.roll), math.degrees(offset.pitch)
-    if seen is None:
-        return (*applied, *(math.nan,) * 5)
-    fx, fy, fz = seen.wrench[:3]
-    return (*applied, min(seen.h_m), min(seen.d_m), seen.trust, -fz, math.hypot(fx, fy))
+    offset = decision.offset
+    return offset.thrust, math.degrees(offset.roll), math.degrees(offset.pitch), *around(decision.disturbance)
+
+
+def around(disturbance: Disturbance | None) -> tuple[float, ...]:
+    """Nearest h and d [m], trust, lift and side force [N]; NaN: not known."""
+    if disturbance is None:
+        return (math.nan,) * 5
+    fx, fy, fz = disturbance.wrench[:3]
+    return min(disturbance.h_m), min(disturbance.d_m), disturbance.trust, -fz, math.hypot(fx, fy)

@@ -50,14 +50,3 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], numbers: Iterable[
     body = "".join(row("td", r) for r in rows)
     first = row("th", [escape(h) for h in head]) if any(head) else ""
     return f'<div class="wide"><table>{first}{body}</table></div>' if body else ""
-
-
-def folded(summary: str, content: str) -> str:
-    """Detail that opens with a click; nothing where there is no content."""
-    return f"<details><summary>{escape(summary)}</summary>{content}</details>" if content else ""
-
-
-def items(lines: Iterable[str]) -> str:
-    """A list of plain sentences; nothing where there are none."""
-    body = "".join(f"<li>{escape(line)}</li>" for line in lines)
-    return f"<ul>{body}</ul>" if body else ""

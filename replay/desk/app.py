@@ -23,7 +23,7 @@ from models.pages.document import PAGE_STYLE
 from replay.desk.fields import others, rows
 from replay.desk.guard import Guard
 from replay.desk.question import Question
-from replay.desk.store import MOST_BYTES, Ask, Desk, Drop, one_of, read_json, read_text
+from replay.desk.store import MOST_BYTES, Ask, Desk, Drop, one_of, read_text
 from replay.desk.work import Work
 from replay.logs.formats import READERS
 
@@ -52,14 +52,14 @@ class _Pages:
     def show(self, request: Request) -> Response:
         """The logs of a drop, the form, and the answers."""
         drop = self._drop(request)
-        asks, infos = drop.asks, {log.name: contents(drop, log) for log in drop.logs}
-        drafts = [*(a.answer.get("vehicle") for a in asks), *(info.get("drafted") for info in infos.values())]
+        asks, texts = drop.asks, {log.name: read_text(drop.info(log)) for log in drop.logs}
+        drafts = (part.get("vehicle") for ask in asks for part in (ask.answer, *ask.season))
         draft: dict[str, Any] = next(filter(None, drafts), {})
         facts = [*draft.get("known", ()), *draft.get("assumed", ())]
         last = asks[0].question if asks else {}
         answered = next((a for a in asks if a.answered), None)
         shown = {
-            "drop": drop, "asks": asks, "infos": infos, "version": self._version(drop), "rows": rows(facts),
+            "drop": drop, "asks": asks, "texts": texts, "version": self._version(drop), "rows": rows(facts),
             "others": others(facts), "good": last.get("good", ()), "typed": dict(last.get("numbers", ())),
             "text": next(filter(None, (a.vehicle_text for a in asks)), ""),
             "answered": answered,
@@ -68,9 +68,9 @@ class _Pages:
 
     async def upload(self, request: Request) -> Response:
         """One log."""
-        drop, size = self._drop(request), int(request.headers.get("content-length", "0"))
         changed_s = request.query_params.get("changed_s", "")
-        log = await drop.receive(request.path_params["name"], request.stream(), size, self._most, changed_s)
+        name, chunks = request.path_params["name"], request.stream()
+        log = await self._drop(request).receive(name, chunks, self._most, changed_s)
         return JSONResponse({"log": log.name}, 201)
 
     def remove_log(self, request: Request) -> Response:
@@ -93,18 +93,17 @@ class _Pages:
         self._work.start(drop, question.written(drop), question)
         return _back(drop)
 
-    def cancel(self, request: Request) -> Response:
+    async def cancel(self, request: Request) -> Response:
         """End one question."""
         drop = self._drop(request)
-        self._work.cancel(Ask(one_of((ask.folder for ask in drop.asks), request.path_params["number"])))
+        await self._work.cancel(Ask(one_of((ask.folder for ask in drop.asks), request.path_params["number"])))
         return _back(drop)
 
-    def remove(self, request: Request) -> Response:
+    async def remove(self, request: Request) -> Response:
         """Delete a drop with everything in it."""
         drop = self._drop(request)
-        for ask in drop.asks:
-            self._work.cancel(ask)
-        shutil.rmtree(drop.folder, ignore_errors=True)
+        await self._work.cancel(*drop.asks)
+        await run_in_threadpool(shutil.rmtree, drop.folder, ignore_errors=True)
         return RedirectResponse("/", _SEE_OTHER)
 
     def _drop(self, request: Request) -> Drop:
@@ -115,18 +114,6 @@ class _Pages:
         return f"{len(drop.logs)} {looked} {len(drop.asks)} {sum(not self._work.step(ask) for ask in drop.asks)}"
 
 
-def contents(drop: Drop, log: Path) -> dict[str, Any]:
-    """What ``replay info`` says of a log: its JSON, its text, and a line that says whether it can be judged."""
-    info: dict[str, Any] = next(iter(read_json(drop.info(log))), {})
-    judged = [boot["diagnose"] for boot in info.get("boots", ()) if boot["diagnose"]]
-    seconds = sum(part["seconds"] for part in judged)
-    refusals = [info.get("error", "").rpartition(f"{log.name}: ")[2], *(part["refusal"] for part in judged)]
-    line = next(filter(None, refusals), "")
-    if seconds:
-        line = f"{info['vehicle'].split(', drafted')[0]}, {seconds:.0f} s can be judged"
-    return info | {"text": read_text(drop.info(log).with_suffix(".txt")), "line": line, "bad": not seconds}
-
-
 def app(desk: Desk, work: Work | None = None, most: int = MOST_BYTES) -> Starlette:
     """The whole server. ``most``: bytes of one log."""
     work = work or Work()
@@ -135,7 +122,7 @@ def app(desk: Desk, work: Work | None = None, most: int = MOST_BYTES) -> Starlet
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
         yield
-        await run_in_threadpool(work.close)
+        await work.close()
 
     routes = [
         Route("/", pages.home),

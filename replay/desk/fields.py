@@ -17,13 +17,9 @@ class Field:
     key: str
     words: str
     unit: str
-    option: str = ""
-    """Of ``replay diagnose``; empty: ``--set``."""
+    option: str
+    """Of ``replay diagnose``."""
     scale: float = 1.0
-
-    def argument(self, text: str) -> str:
-        """For the command line."""
-        return f"{self.option or f'--set={self.key}'}={text}"
 
     def shown(self, value: Any) -> str:
         """In the form's unit; empty where it is no number."""
@@ -43,22 +39,14 @@ FIELDS = {
         Field("mass_kg", "mass, with battery", "kg", "--mass"),
         Field("rotor_radius_m", "propeller, diameter", "inch", "--propeller", 2.0 / INCH_M),
         Field("position_m", "span, motor axis to the opposite one", "m", "--span", 2.0),
-        Field("hover_rpm", "rotor speed at hover", "rpm"),
-        Field("hover_thrust", "throttle at hover, 0 to 1", ""),
-        Field("max_thrust_n", "most thrust of one rotor", "N"),
-        Field("expo", "bend of thrust over throttle, 0 to 1", ""),
-        Field("pwm_max_us", "output at most thrust", "µs"),
-        Field("voltage_v", "battery voltage in hover", "V"),
     )
 }
-_ALWAYS = ("mass_kg", "rotor_radius_m", "position_m")
-"""Asked for even where no draft is known."""
 
 
 def rows(facts: Sequence[Mapping[str, Any]]) -> list[tuple[Field, str, str]]:
     """The lines of the form for the facts of a draft: a field, what the draft says, a hint."""
     known = {fact["key"]: (fact["value"], fact["from"]) for fact in facts}
-    shown = [(field, *known.get(key, (None, ""))) for key, field in FIELDS.items() if key in known or key in _ALWAYS]
+    shown = [(field, *known.get(key, (None, ""))) for key, field in FIELDS.items()]
     return [(field, field.shown(value), field.hint(source)) for field, value, source in shown]
 
 

@@ -6,9 +6,10 @@ import ipaddress
 import socket
 from urllib.parse import urlsplit
 
-from starlette.datastructures import Headers, MutableHeaders
-from starlette.responses import PlainTextResponse
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.datastructures import Headers
+from starlette.middleware.base import BaseHTTPMiddleware, RequestResponseEndpoint
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response
 
 _POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src data:; connect-src 'self'; "
@@ -23,26 +24,20 @@ _HEADERS = {
 }
 
 
-class Guard:
+class Guard(BaseHTTPMiddleware):
     """Refuses what comes from another site, and tells the browser that a page of the desk loads nothing from elsewhere.
 
     A name that an attacker points at this machine (DNS rebinding) is no address and not this machine's name.
     """
 
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+    async def dispatch(self, request: Request, call_next: RequestResponseEndpoint) -> Response:
         """One request."""
-
-        async def send_with_headers(message: Message) -> None:
-            if message["type"] == "http.response.start":
-                MutableHeaders(scope=message).update(_HEADERS)
-            await send(message)
-
-        foreign = scope["type"] == "http" and is_foreign(Headers(scope=scope), scope["method"])
-        app = PlainTextResponse("refused: the request comes from another site\n", 403) if foreign else self._app
-        await app(scope, receive, send_with_headers)
+        if is_foreign(request.headers, request.method):
+            response: Response = PlainTextResponse("refused: the request comes from another site\n", 403)
+        else:
+            response = await call_next(request)
+        response.headers.update(_HEADERS)
+        return response
 
 
 def is_foreign(headers: Headers, method: str) -> bool:

@@ -61,7 +61,7 @@ class Question:
     def command(self, drop: Drop, ask: Ask) -> list[str]:
         """The arguments of ``replay``."""
         place = ask.folder
-        vehicle = [FIELDS[key].argument(text) for key, text in self.numbers]
+        vehicle = [f"{FIELDS[key].option}={text}" for key, text in self.numbers]
         if self.vehicle:
             vehicle = [f"--vehicle={place / 'edited.toml'}"]
         logs = [str(log) for log in drop.logs if log.name not in self.good]

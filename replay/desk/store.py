@@ -7,7 +7,6 @@ import json
 import os
 import re
 import secrets
-import shutil
 from collections.abc import AsyncIterator, Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,6 +45,11 @@ class Ask:
         return read_json(self.folder / "answer.json")
 
     @property
+    def season(self) -> list[dict[str, Any]]:
+        """What that says of each log by itself; empty where the logs were asked about together."""
+        return [log for log in self.answer.get("logs", ()) if isinstance(log, dict)]
+
+    @property
     def failure(self) -> str:
         """Why there is no answer; empty where there is one, or none yet."""
         return read_text(self.folder / "error.txt")
@@ -74,27 +78,25 @@ class Drop:
         return [Ask(folder) for folder in reversed(folders)]
 
     def info(self, log: Path) -> Path:
-        """The JSON of ``replay info``; its text lies beside it."""
-        return self.folder / "info" / f"{log.name}.json"
+        """The text of ``replay info``."""
+        return self.folder / "info" / f"{log.name}.txt"
 
-    async def receive(
-        self, name: str, chunks: AsyncIterator[bytes], announced: int, most: int, changed_s: str = ""
-    ) -> Path:
+    async def receive(self, name: str, chunks: AsyncIterator[bytes], most: int, changed_s: str = "") -> Path:
         """Write a log to disk as it comes in. Raises HTTPException, or OSError where the disk is full.
 
-        ``announced``: its size [bytes], 0 where not known. ``changed_s``: when it was last changed, seconds since 1970:
-        the date of a log that holds none.
+        ``most``: bytes that are taken. ``changed_s``: when it was last changed, seconds since 1970: the date of a log
+        that holds none.
         """
         name = safe_name(name)
-        _check_size(name, announced, most)
         part = self.folder / f"{secrets.token_hex(8)}.part"
         try:
-            if announced > shutil.disk_usage(self.folder).free:
-                raise HTTPException(507, f"{name}: the disk is full: it needs {announced / 1e6:.0f} MB")
             with part.open("wb") as file:
                 async for chunk in chunks:
-                    await run_in_threadpool(file.write, chunk)
-                    _check_size(name, file.tell(), most)
+                    file.write(chunk)
+                    if file.tell() > most:
+                        raise HTTPException(
+                            413, f"{name}: is larger than {most / 2**30:.3g} GiB; cut it, or use replay diagnose itself"
+                        )
             if changed_s.isdecimal():
                 os.utime(part, (int(changed_s), int(changed_s)))
             return await run_in_threadpool(self._keep, part, name)
@@ -177,10 +179,3 @@ def read_json(path: Path) -> Any:
         return json.loads(read_text(path))
     except ValueError:
         return {}
-
-
-def _check_size(name: str, size: int, most: int) -> None:
-    if size > most:
-        raise HTTPException(
-            413, f"{name}: is larger than {most / 2**30:.3g} GiB; cut it, or use replay diagnose itself"
-        )

@@ -9,8 +9,7 @@ from typing import Any
 
 from companion.vehicles import vehicle_path
 from models.errors import ConfigError
-from replay.fleet.options import FolderOptions, add_options
-from replay.pipeline_options import add_answer_options
+from replay.pipeline_options import add_answer_options, add_folder_options
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, vehicle or model file; 3 log unreadable or without the needed
 messages; 130 interrupted. Logs: .tlog, .BIN, .ulg. How to read the answer: docs/diagnose.md."""
@@ -33,10 +32,6 @@ def add_parser(commands: Any) -> None:
     p.add_argument(
         "--span", type=float, metavar="M", help="motor axis to the opposite motor's axis (default: no moments)"
     )
-    p.add_argument(
-        "--set", action="append", default=[], metavar="KEY=VALUE",
-        help="another number of the drafted vehicle that you know better, such as hover_thrust=0.4 or hover_rpm=5200",
-    )  # fmt: skip
     p.add_argument("--save-vehicle", type=Path, metavar="FILE.toml", help="write the drafted vehicle for --vehicle")
     p.add_argument(
         "--model", metavar="DIR", help="declared model, or none: rotors in free air (default: the shipped model)"
@@ -54,7 +49,7 @@ def add_parser(commands: Any) -> None:
         help="good flights of the vehicle: name only what changed since (with a folder: how many of its first logs)",
     )  # fmt: skip
     add_answer_options(p)
-    add_options(p)
+    add_folder_options(p)
     p.set_defaults(run=run)
 
 
@@ -117,18 +112,15 @@ def _check_drafting(a: argparse.Namespace) -> None:
             raise ConfigError(f"--{option} {number:g}: must be above 0 and at most {most:g}")
     if a.vehicle is not None:
         why = "is of a drafted vehicle, and --vehicle gives one; leave one of them out"
-        refuse(a, ("mass", "propeller", "span", "set", "save_vehicle"), why)
+        refuse(a, ("mass", "propeller", "span", "save_vehicle"), why)
 
 
 def _folder(a: argparse.Namespace) -> int:
-    from replay.command import given, refuse
+    from replay.command import refuse
     from replay.fleet.folder import run_folder
-    from replay.fleet.jobs import Job, Kind
 
     if len(a.logs) > 1:
         raise ConfigError("a folder is diagnosed log by log: give it alone, or name the logs that belong together")
     why = f"a folder's logs may be of several vehicles; give those of one vehicle by name, as {a.logs[0]}/*.tlog"
     refuse(a, ("test", "save_vehicle", "save_model"), why)
-    options = {"target_system": a.target_system, "given": given(a)}
-    job = Job.of(Kind.DIAGNOSE, a.logs[0], a.vehicle, a.model, **options)
-    return run_folder(job, FolderOptions.of(a))
+    return run_folder(a, a.logs[0], {"--mass": a.mass, "--propeller": a.propeller, "--span": a.span})

@@ -1,135 +1,158 @@
-"""The work on one log of a folder, as a function of plain values: it runs in any process on any machine."""
+"""The work on one log of a folder: the command that one would type for it, in a process of its own, on any machine."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import struct
+import os
+import resource
+import subprocess
+import sys
 import time
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor, as_completed
+from dataclasses import dataclass
 from datetime import UTC, datetime
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from models.errors import UserError
-from models.vehicle import Vehicle
+from models.errors import ConfigError
 from models.version import installed_version
-from replay.vehicle.draft import Given
-
-if TYPE_CHECKING:
-    from replay.diagnosis.answer import Diagnosis
 
 _EARLIEST_US, _LATEST_US = 1_100_000_000_000_000, 4_000_000_000_000_000
 """2004 and 2096: receiver stamps outside are no date."""
-
-
-class Kind(StrEnum):
-    """What is asked of every log."""
-
-    RUN = "run"
-    DIAGNOSE = "diagnose"
+_USABLE_BYTES = 0.8 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+"""The rest of the machine's memory is for the system and the file cache."""
+_NEEDED_BYTES = {"run": 400e6, "diagnose": 2.0e9}
+"""Of a long log: it is read in blocks, and two hours of it are diagnosed (docs/logs.md)."""
+_MOST_LINES = 20
+"""Of an error."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """One log and everything that its answer depends on."""
+    """One log and the command that answers it."""
 
-    kind: Kind
-    path: str
-    vehicle: str | None
-    model: str | None
-    target_system: int | None = None
-    setpoint: str = "hold"
-    assumed: tuple[tuple[str, float], ...] = ()
-    adapt: str = "off"
-    given: Given = field(default_factory=Given)
-    """What is known of a vehicle that is drafted."""
-    pages: str | None = None
-    """Folder for the page of this log; None: no page."""
+    log: Path
+    words: tuple[str, ...]
+    """What follows ``replay``; places are absolute."""
+    name: str
+    """Changes with log, vehicle file, model, options and program: an old answer is then void."""
+    pages: Path | None = None
+    """Folder for a folder with the page of this log; None: no page."""
 
     @classmethod
-    def of(cls, kind: Kind, path: Path, vehicle: Path | None, model: str | None, **options: Any) -> Job:
-        """A job that any process can do: places are absolute."""
-        file = None if vehicle is None else str(vehicle.resolve())
-        folder = str(Path(model).resolve()) if model is not None and Path(model).is_dir() else model
-        return cls(kind, str(path), file, folder, **options)
+    def of(cls, command: str, log: Path, options: Mapping[str, Any], pages: Path | None = None) -> Job:
+        """``options`` by their names on the command line; those that are None are left out, of lists each is given."""
+        words = [command, str(log)]
+        for option, value in options.items():
+            words += [f"{option}={v}" for v in (value if isinstance(value, list) else [value]) if v is not None]
+        stat = log.stat()
+        digest = hashlib.sha256(json.dumps([words, installed_version(), stat.st_size, stat.st_mtime_ns]).encode())
+        vehicle, model = (Path(options.get(name) or "") for name in ("--vehicle", "--model"))
+        for file in (vehicle, model / "model.json", model / "weights.npz"):
+            if file.is_file():
+                digest.update(file.read_bytes())
+        return cls(log, tuple(words), f"{log.stem}-{digest.hexdigest()[:20]}", pages)
 
-    def key(self) -> str:
-        """Changes with log, vehicle file, model, options and program: an old answer is then void."""
-        stat = Path(self.path).stat()
-        question = {
-            **asdict(self),
-            "version": installed_version(),
-            "size": stat.st_size,
-            "changed_ns": stat.st_mtime_ns,
-        }
-        digest = hashlib.sha256(json.dumps(question, sort_keys=True).encode())
-        for name in (self.vehicle, *(f"{self.model}/{f}" for f in ("model.json", "weights.npz") if self.model)):
-            if name is not None and Path(name).is_file():
-                digest.update(Path(name).read_bytes())
-        return digest.hexdigest()[:20]
+    @property
+    def page(self) -> Path | None:
+        """The log's own page."""
+        return None if self.pages is None else self.pages / self.name / "report.html"
+
+    @property
+    def link(self) -> str | None:
+        """To that page, from the page of the folder; None where there is none."""
+        return f"logs/{self.name}/report.html" if self.page is not None and self.page.is_file() else None
+
+
+_running: list[subprocess.Popen[str]] = []
+"""Of this process."""
 
 
 def perform(job: Job) -> dict[str, Any]:
-    """The answer on one log as JSON; a log that cannot be used gives ``error`` instead. Never raises for a bad log."""
+    """The answer of the command; a log that cannot be used gives ``error`` instead. Never raises for a bad log."""
     start = time.monotonic()
-    head = {"log": job.path, **recorded(Path(job.path))}
+    page = [] if job.page is None else [f"--report={job.page.parent}"]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "replay", *job.words, *page, "--json=-", "--quiet"],
+        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        env={"OMP_NUM_THREADS": "1", **os.environ},  # one process a core is enough
+    )  # fmt: skip
+    _running.append(process)
+    # MemoryError rather than the kernel's killer.
+    resource.prlimit(process.pid, resource.RLIMIT_DATA, (int(_USABLE_BYTES),) * 2)
+    said, errors = process.communicate()
+    _running.remove(process)
+    if process.returncode:
+        line = error_text(errors.replace(f"{job.log}: ", ""), process.returncode).splitlines()[-1]
+        answer = {"error": line}
+    else:
+        answer = json.loads(said)
+    taken_s = round(time.monotonic() - start, 2)
+    return {**answer, "log": str(job.log), **recorded(job.log), "wall_s": taken_s}
+
+
+def error_text(stderr: str, code: int) -> str:
+    """What a command of ``replay`` that failed says to a person."""
+    if code < 0:
+        return f"its process died (signal {-code}): probably too little memory"
+    lines = [line for line in stderr.splitlines() if line.strip()]
+    if lines and lines[0].startswith("Traceback"):
+        return f"the program broke ({lines[-1]}); please report it"
+    return "\n".join(line.removeprefix("replay: ") for line in lines[-_MOST_LINES:]) or f"ended with exit code {code}"
+
+
+def work(jobs: Sequence[Job], workers: int, scheduler: str | None) -> Iterator[tuple[Job, dict[str, Any]]]:
+    """Answers in the order in which they come, of processes of this machine or of a Dask cluster."""
+    with _pool(jobs[0].words[0], workers, scheduler) as pool:
+        futures = {pool.submit(perform, job): job for job in jobs}
+        try:
+            for future in as_completed(futures):
+                job, problem = futures[future], future.exception()
+                if problem is None:
+                    yield job, future.result()
+                else:  # a worker of the cluster died with it
+                    error = f"its worker failed ({type(problem).__name__}: {problem})"
+                    yield job, {"error": error, "log": str(job.log), **recorded(job.log)}
+        finally:
+            for future in futures:
+                future.cancel()
+            for process in list(_running):
+                process.terminate()
+
+
+def _pool(command: str, workers: int, scheduler: str | None) -> Executor:
+    """Here no more at a time than fit into memory together, each taken for a long log.
+
+    The workers of a cluster must see the logs under the same paths, and have this package.
+    """
+    if scheduler is None:
+        return ThreadPoolExecutor(max(min(workers, int(_USABLE_BYTES / _NEEDED_BYTES[command])), 1))
     try:
-        answer = _answer(job)
-    except UserError as error:
-        answer = {"error": str(error).removeprefix(f"{job.path}: ")}
-    except MemoryError:
-        answer = {"error": "needs more memory than there is: cut it, or use another machine"}
-    except Exception as error:  # a log that breaks the reader must not stop the others
-        answer = {"error": f"the program failed ({type(error).__name__}: {error}); please report it"}
-    return {**head, **answer, "wall_s": round(time.monotonic() - start, 2)}
+        from distributed import Client
 
-
-def _answer(job: Job) -> dict[str, Any]:
-    from replay.command import declared, of_logs
-
-    if job.kind == Kind.DIAGNOSE:
-        from replay.diagnosis.diagnose import diagnose
-
-        vehicle, chosen, draft = of_logs(job.vehicle, job.model, [Path(job.path)], job.given, job.target_system)
-        answer = diagnose([Path(job.path)], vehicle, chosen.judged, target_system=job.target_system)
-        answer = replace(answer, notes=(*(draft.notes if draft else ()), *answer.notes))
-        page = {} if job.pages is None else {"page": _write_page(job, answer, vehicle)}
-        return {"vehicle": vehicle.name, "system": answer.records[0].system, **answer.as_json(None), **page}
-    vehicle, chosen = declared(job.vehicle, job.model)
-    from companion.adapt_options import Adapt
-    from companion.config import Base, PipelineConfig
-    from replay.rerun.report import run
-
-    base = Base.HOLD if job.setpoint == "hold" else Base.UPSTREAM
-    config = PipelineConfig(vehicle=vehicle, model=chosen.model, base=base, dry_run=True, adapt=Adapt(job.adapt))
-    return run(Path(job.path), config, chosen.name, job.target_system, dict(job.assumed)).as_json()
-
-
-def _write_page(job: Job, answer: Diagnosis, vehicle: Vehicle) -> str:
-    """The log's own page; its name carries the job's key, as logs of several folders may have one name."""
-    from models.pages.document import write_document
-    from replay.diagnosis.html_report import page
-
-    assert job.pages is not None
-    target = Path(job.pages) / f"{Path(job.path).stem}-{job.key()}.html"
-    return str(write_document("--report", target, page(answer, vehicle)))
+        pool: Executor = Client(scheduler, timeout="10s").get_executor(pure=False, retries=1)
+    except ImportError:
+        raise ConfigError(
+            "--scheduler: needs the package distributed: pip install 'corner-compensator[cluster]'"
+        ) from None
+    except (OSError, TimeoutError, ValueError) as error:
+        raise ConfigError(f"--scheduler {scheduler}: no Dask scheduler there ({error})") from None
+    return pool
 
 
 def recorded(path: Path) -> dict[str, str]:
     """When the log was recorded: the first receiver stamp of a .tlog, else when the file was last changed."""
-    stamp = None
     try:
         if path.suffix.lower() == ".tlog":
             with path.open("rb") as file:
-                head = file.read(8)
-            stamp = struct.unpack(">Q", head)[0] if len(head) == 8 else None
-        if stamp is None or not _EARLIEST_US < stamp < _LATEST_US:
-            return {"date": _text(path.stat().st_mtime), "date_from": "file"}
+                stamp = int.from_bytes(file.read(8), "big")
+            if _EARLIEST_US < stamp < _LATEST_US:
+                return {"date": _text(stamp / 1e6), "date_from": "log"}
+        return {"date": _text(path.stat().st_mtime), "date_from": "file"}
     except OSError:
         return {"date": "", "date_from": "unknown"}
-    return {"date": _text(stamp / 1e6), "date_from": "log"}
 
 
 def _text(epoch_s: float) -> str:

@@ -1,49 +1,26 @@
-"""Answers on disk, one file a log: what is there need not be computed again."""
+"""Logs below a folder, their answers on disk, one file a log, and the table of all."""
 
 from __future__ import annotations
 
+import csv
+import io
 import json
 import os
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from models.errors import ConfigError, LogError
+from models.errors import LogError
+from models.pages.document import write_document
 from replay.fleet.jobs import Job
 from replay.logs.formats import READERS
 
-
-class Results:
-    """The folder ``results`` below ``out``."""
-
-    def __init__(self, out: Path) -> None:
-        self.folder = out / "results"
-        try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ConfigError(f"--out {out}: cannot be written ({error.strerror})") from None
-
-    def _file(self, job: Job) -> Path:
-        return self.folder / f"{Path(job.path).stem}-{job.key()}.json"
-
-    def known(self, job: Job) -> dict[str, Any] | None:
-        """The answer of an earlier run to exactly this question."""
-        try:
-            answer = json.loads(self._file(job).read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            return None
-        if not isinstance(answer, dict) or (job.pages and "page" in answer and not Path(answer["page"]).is_file()):
-            return None
-        return answer
-
-    def keep(self, job: Job, answer: dict[str, Any]) -> None:
-        """Write an answer; an interruption leaves the whole file or none."""
-        try:
-            target = self._file(job)
-            part = target.with_suffix(".part")
-            part.write_text(json.dumps(answer, indent=1, allow_nan=False) + "\n", encoding="utf-8")
-            os.replace(part, target)
-        except OSError as error:
-            raise ConfigError(f"--out {self.folder}: cannot be written ({error.strerror})") from None
+_COLUMNS = (
+    "log", "date", "date_from", "error", "verdict", "duration_s", "wall_s", "axes", "effects", "decisions", "commands",
+    "compensated_s", "share_compensated", "gaps_s", "refusals_s", "thrust", "roll_deg", "pitch_deg", "h_m", "d_m",
+    "trust", "lift_n", "side_n",
+)  # fmt: skip
+"""Of the JSON, in the table."""
 
 
 def logs_in(folder: Path) -> tuple[list[Path], list[str]]:
@@ -56,3 +33,48 @@ def logs_in(folder: Path) -> tuple[list[Path], list[str]]:
         known = ", ".join(READERS)
         raise LogError(f"{folder}: holds no log ({known}){'; ' + notes[0] if notes else ''}")
     return found, notes
+
+
+def known(out: Path, job: Job) -> dict[str, Any] | None:
+    """The answer of an earlier run to exactly this question; None where it, or the page that goes with it, is gone."""
+    try:
+        answer: dict[str, Any] = json.loads(_file(out, job).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return answer if "error" in answer or job.page is None or job.page.is_file() else None
+
+
+def keep(out: Path, job: Job, answer: dict[str, Any]) -> None:
+    """Write an answer; an interruption leaves the whole file or none. Raises ConfigError."""
+    target = _file(out, job)
+    part = write_document("--out", target.with_suffix(".part"), json.dumps(answer, indent=1, allow_nan=False) + "\n")
+    os.replace(part, target)
+
+
+def _file(out: Path, job: Job) -> Path:
+    return out / "results" / f"{job.name}.json"
+
+
+def row(answer: dict[str, Any]) -> dict[str, Any]:
+    """Columns by their place in the JSON: ``axes.Fz.rms_before``, ``effects.payload.probability`` …"""
+    by_name = {"effects": {effect["name"]: effect for effect in answer.get("effects", [])}}
+    return dict(_flat({name: (answer | by_name)[name] for name in _COLUMNS if name in answer}))
+
+
+def _flat(content: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in content.items():
+        inner = dict(zip(("low", "high"), value, strict=True)) if name == "ci95" else value
+        if isinstance(inner, Mapping):
+            yield from _flat(inner, f"{before}{name}.")
+        elif inner is not None and not isinstance(inner, list):
+            yield before + name, inner
+
+
+def table(answers: Sequence[dict[str, Any]]) -> str:
+    """As CSV: a row a log, a column a name, empty where a log lacks it."""
+    rows = [row(answer) for answer in answers]
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, list(dict.fromkeys(name for r in rows for name in r)), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()

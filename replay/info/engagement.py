@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from companion.config import PipelineConfig
+from companion.control.authority import Reason
 from companion.control.state import Decision
 from companion.telemetry.summary import Summary
 from models.progress import Bars
@@ -97,15 +99,16 @@ def engagement(
     Raises LogError where it lacks what every decision needs.
     """
     first: list[Decision] = []
+    from_arming = armed and log_s > _DECIDED_S
 
     def watch(decisions: Iterable[Decision]) -> Iterator[Decision]:
-        for decision in _first_minutes(decisions, log_s, path.name, quiet=quiet):
+        flown = itertools.dropwhile(lambda d: from_arming and Reason.NOT_ARMED in d.reasons, decisions)
+        for decision in _first_minutes(flown, log_s, path.name, quiet=quiet):
             if not first:
                 first.append(decision)
             yield decision
 
-    from_arming = armed and log_s > _DECIDED_S
-    report = run(path, config, "", target_system, assumed, from_arming=from_arming, watch=watch)
+    report = run(path, config, "", target_system, assumed, watch=watch)
     return Engagement(report.summary, log_s, first[0].t_s if first else math.nan, from_arming)
 
 

@@ -34,20 +34,11 @@ _SAME_MESSAGE_S = 0.1
 """Two columns no further apart are taken to come of one message."""
 
 
-def samples_of_pieces(pieces: Iterable[Piece], *, from_arming: bool = False) -> Iterator[Sample]:
-    """Samples in order of time. Heartbeats come once a second, parameters at the start of a boot.
-
-    ``from_arming``: what comes before the vehicle is first armed is left out, but for parameters.
-    """
+def samples_of_pieces(pieces: Iterable[Piece]) -> Iterator[Sample]:
+    """Samples in order of time. Heartbeats come once a second, parameters at the start of a boot."""
     boot, told = -1, dict[str, float]()
-    waiting = from_arming
     for piece in pieces:
         log, start_s = piece.log, max(piece.start_s, piece.log.start_s)
-        if waiting:
-            armed = [i.start_s for i in log.armed if i.value and i.start_s < piece.end_s and i.end_s > start_s]
-            if not armed:
-                continue
-            waiting, start_s = False, max(start_s, min(armed))
         if log.boot != boot:
             boot, told = log.boot, {}
         yield from _parameters(log, {n: v for n, v in log.parameters.items() if told.get(n) != v}, start_s)

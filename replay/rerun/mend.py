@@ -9,10 +9,11 @@ from companion.control.authority import Reason
 _ORDINARY = (Reason.NOT_ARMED, Reason.LANDED, Reason.TAKING_OFF, Reason.STOPPING)
 
 
-def to_mend(refusals: Iterable[tuple[Reason, float]]) -> tuple[Reason, float] | None:
-    """The reason with most seconds, and these; None where there are only those that every flight has."""
-    own = [(reason, seconds) for reason, seconds in refusals if reason not in _ORDINARY and seconds > 0.0]
-    return max(own, key=lambda item: item[1], default=None)
+def to_mend(refusals: Iterable[tuple[Reason, float]]) -> str:
+    """The reason with most seconds, and these; empty where there are only those that every flight has."""
+    own = [(seconds, reason.value) for reason, seconds in refusals if reason not in _ORDINARY and seconds > 0.0]
+    seconds, reason = max(own, default=(0.0, ""))
+    return f"{reason}, {lasted(seconds)}" if reason else ""
 
 
 def lasted(seconds: float) -> str:

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from tqdm import tqdm
+
 from companion.config import PipelineConfig
 from companion.control.state import Decision
 from companion.telemetry.summary import Summary
@@ -17,6 +19,7 @@ from replay.logs.pieces import Piece
 from replay.logs.progress import with_progress
 from replay.logs.tlog_blocks import TlogFile
 from replay.rerun.harness import Replay
+from replay.rerun.log_samples import samples_of_pieces
 
 _NEEDED = {
     "Heartbeat": "HEARTBEAT of the autopilot (component 1)",
@@ -34,9 +37,7 @@ class RunReport:
     """What ``replay run`` found."""
 
     log: Path
-    vehicle: str
     model: str
-    system: int
     summary: Summary
     replay: Replay
     boots: int
@@ -48,9 +49,9 @@ class RunReport:
         duration = numbers["duration_s"]
         return {
             "log": str(self.log),
-            "vehicle": self.vehicle,
+            "vehicle": self.replay.config.vehicle.name,
             "model": self.model,
-            "system": self.system,
+            "system": self.replay.system,
             "boots": self.boots,
             "samples": sum(self.replay.samples.values()),
             "samples_by_kind": dict(sorted(self.replay.samples.items())),
@@ -63,7 +64,7 @@ class RunReport:
         """A few lines for a person."""
         numbers = self.as_json()
         head = [
-            f"{self.log.name}: {numbers['samples']} samples of system {self.system}, {self.boots} boot(s), "
+            f"{self.log.name}: {numbers['samples']} samples of system {self.replay.system}, {self.boots} boot(s), "
             f"{100.0 * numbers['share_compensated']:.1f} % of the time compensated",
         ]
         head += [f"  note: {note}" for note in self.notes]
@@ -78,24 +79,20 @@ def run(
     assumed: Mapping[str, float] | None = None,
     *,
     quiet: bool = True,
-    from_arming: bool = False,
     watch: Callable[[Iterable[Decision]], Iterable[Decision]] = iter,
 ) -> RunReport:
     """Replay one log; ``assumed`` parameters hold where the log gives none. ``watch`` may look at every decision.
 
-    ``from_arming``: what comes before the vehicle is first armed is left out, but for parameters. Where ``watch`` stops
-    asking for decisions, the rest of the log is not replayed.
+    Where ``watch`` stops asking for decisions, the rest of the log is not replayed.
     Raises LogError in one line where it cannot be read or lacks what every decision needs.
     """
-    played = play(path, config, target_system, assumed or {}, quiet=quiet, from_arming=from_arming)
+    played = play(path, config, target_system, assumed or {}, quiet=quiet)
     replay = played.replay
     summary = Summary(dry_run=True)
     for decision in watch(played.decisions):
         summary.add(decision)
     _check(path, replay, summary)
-    notes = [*played.notes, *_missing(config, replay)]
-    assert replay.system is not None
-    return RunReport(path, config.vehicle.name, model, replay.system, summary, replay, played.boots(), notes)
+    return RunReport(path, model, summary, replay, played.boots(), [*played.notes, *_missing(replay)])
 
 
 @dataclass
@@ -111,37 +108,24 @@ class OngoingReplay:
 
 def play(
     path: Path, config: PipelineConfig, target: int | None, assumed: Mapping[str, float], *, quiet: bool,
-    from_arming: bool = False, pieces: Iterator[Piece] | None = None,
+    pieces: Iterator[Piece] | None = None,
 ) -> OngoingReplay:  # fmt: skip
     """Begin to replay a log. ``pieces``: those of a log that is no .tlog, where the caller reads them anyway."""
-    if suffix_of(path) == ".tlog":
-        return _of_link(path, config, target, assumed, quiet=quiet, from_arming=from_arming)
-    pieces = read_pieces(path, target) if pieces is None else pieces
-    return _of_columns(path, config, pieces, assumed, quiet=quiet, from_arming=from_arming)
-
-
-def _of_link(
-    path: Path, config: PipelineConfig, target: int | None, assumed: Mapping[str, float], *, quiet: bool,
-    from_arming: bool,
-) -> OngoingReplay:  # fmt: skip
+    if suffix_of(path) != ".tlog":
+        return _of_columns(path, config, pieces or read_pieces(path, target), assumed, quiet=quiet)
     log = TlogFile(path)
     choice = log.census.choose(path, target)
-    since = (log.census.armed_at(choice.system) or 0) if from_arming else 0
-    if since:
-        assumed = {**log.census.parameters(choice.system), **assumed}
     replay = Replay(config, choice.system, assumed)
-    decisions = replay.decisions(_with_progress(log, since, quiet))
+    bar = True if quiet else None  # None: only to a terminal
+    frames = tqdm(log.frames(), total=len(log), unit="frame", disable=bar, leave=False)
     notes = [*log.report.notes(), *choice.notes()]
-    return OngoingReplay(replay, decisions, notes, lambda: replay.intake.clock.boot + 1)
+    return OngoingReplay(replay, replay.decisions(frames), notes, lambda: replay.intake.clock.boot + 1)
 
 
 def _of_columns(
-    path: Path, config: PipelineConfig, pieces: Iterator[Piece], assumed: Mapping[str, float], *, quiet: bool,
-    from_arming: bool,
-) -> OngoingReplay:  # fmt: skip
+    path: Path, config: PipelineConfig, pieces: Iterator[Piece], assumed: Mapping[str, float], *, quiet: bool
+) -> OngoingReplay:
     """These logs hold no MAVLink: their columns are turned into the samples that a link would have given."""
-    from replay.rerun.log_samples import samples_of_pieces
-
     notes: list[str] = []
     boots = set[int]()
 
@@ -154,16 +138,7 @@ def _of_columns(
     first = next(pieces)
     every = noted(with_progress(path, itertools.chain([first], pieces), "deciding", quiet=quiet))
     replay = Replay(config, first.log.system, assumed)
-    decisions = replay.decisions_on(samples_of_pieces(every, from_arming=from_arming))
-    return OngoingReplay(replay, decisions, notes, lambda: len(boots))
-
-
-def _with_progress(log: TlogFile, since: int, quiet: bool) -> Iterator[tuple[int, bytes]]:
-    from tqdm import tqdm
-
-    # disable=None: only to a terminal.
-    bar = True if quiet else None
-    yield from tqdm(log.frames(since), total=len(log) - since, unit="frame", disable=bar, leave=False)
+    return OngoingReplay(replay, replay.decisions_on(samples_of_pieces(every)), notes, lambda: len(boots))
 
 
 def _check(path: Path, replay: Replay, summary: Summary) -> None:
@@ -174,11 +149,10 @@ def _check(path: Path, replay: Replay, summary: Summary) -> None:
         raise LogError(f"{path}: no decision came of it: its attitudes carry no usable boot time")
 
 
-def _missing(config: PipelineConfig, replay: Replay) -> list[str]:
+def _missing(replay: Replay) -> list[str]:
     """What the log lacks for offsets, by message."""
-    out = [what for kind, what in _WANTED.items() if not replay.samples[kind]]
-    if config.vehicle.telemetered and not replay.samples["RotorSpeeds"]:
-        out.append("ESC_TELEMETRY_x_TO_y, ESC_STATUS or RPM (rotor speeds)")
-    elif not config.vehicle.telemetered and not replay.samples["ServoOutput"]:
-        out.append("SERVO_OUTPUT_RAW (the rotors of this vehicle file are named by servo)")
+    rotors = {"ServoOutput": "SERVO_OUTPUT_RAW (the rotors of this vehicle file are named by servo)"}
+    if replay.config.vehicle.telemetered:
+        rotors = {"RotorSpeeds": "ESC_TELEMETRY_x_TO_y, ESC_STATUS or RPM (rotor speeds)"}
+    out = [what for kind, what in (_WANTED | rotors).items() if not replay.samples[kind]]
     return [f"not in the log: {', '.join(out)}"] if out else []

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from models.air_state import DIRECTIONS, AirState
 from models.frames import Array
 from models.vehicle import Vehicle
+
+_ALONE = (
+    "thrust_command", "battery_voltage_v", "battery_current_a", "esc_temperature_c", "pressure_pa", "air_temperature_c",
+)  # fmt: skip
 
 
 def named_channels(vehicle: Vehicle, state: AirState) -> dict[str, Array]:
@@ -19,24 +25,16 @@ def named_channels(vehicle: Vehicle, state: AirState) -> dict[str, Array]:
             "pitch_rad": -np.arcsin(np.clip(r[:, 2, 0], -1.0, 1.0)),
             "yaw_rad": np.arctan2(r[:, 1, 0], r[:, 0, 0]),
         }
-    for names, values in (
-        (("north_m", "east_m", "down_m"), state.position_ned),
-        (("vn_m_s", "ve_m_s", "vd_m_s"), state.velocity_ned),
-        (("p_rad_s", "q_rad_s", "r_rad_s"), state.rates),
-        (("ax_m_s2", "ay_m_s2", "az_m_s2"), state.specific_force),
-    ):
-        out |= {name: values[:, i] for i, name in enumerate(names)}
-    out |= {f"range_{name}_m": state.ranges_m[:, i] for i, name in enumerate(DIRECTIONS)}
-    out |= {
-        f"rpm_{k + 1 if rotor.esc is None else rotor.esc}": state.rpm[:, k] for k, rotor in enumerate(vehicle.rotors)
+    names: dict[str, Sequence[str]] = {
+        "position_ned": ("north_m", "east_m", "down_m"),
+        "velocity_ned": ("vn_m_s", "ve_m_s", "vd_m_s"),
+        "rates": ("p_rad_s", "q_rad_s", "r_rad_s"),
+        "specific_force": ("ax_m_s2", "ay_m_s2", "az_m_s2"),
+        "ranges_m": [f"range_{name}_m" for name in DIRECTIONS],
+        "rpm": [f"rpm_{k if rotor.esc is None else rotor.esc}" for k, rotor in enumerate(vehicle.rotors, 1)],
+        "servo_us": [f"servo_{k}" for k in range(1, 17)],
     }
-    out |= {f"servo_{k + 1}": state.servo_us[:, k] for k in range(16)}
-    out |= {
-        "thrust_command": state.thrust_command,
-        "battery_voltage_v": state.battery_voltage_v,
-        "battery_current_a": state.battery_current_a,
-        "esc_temperature_c": state.esc_temperature_c,
-        "pressure_pa": state.pressure_pa,
-        "air_temperature_c": state.air_temperature_c,
-    }
+    for field, columns in names.items():
+        out |= dict(zip(columns, getattr(state, field).T, strict=True))
+    out |= {name: getattr(state, name) for name in _ALONE}
     return {name: values for name, values in out.items() if np.isfinite(values).mean() > 0.3}

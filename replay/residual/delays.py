@@ -11,7 +11,7 @@ from models.frames import Array
 from models.vehicle import Vehicle
 from replay.flightlog import FlightLog
 from replay.residual.distances import ground_height
-from replay.residual.grid import Grid, running_mean
+from replay.residual.grid import Grid, band, running_mean
 
 LONGEST_DELAY_S = 0.3
 """Longest delay that is looked for: telemetry at 5 Hz is stamped a fifth of a second late at most."""
@@ -77,8 +77,7 @@ def range_delay_of(
 
 def _lag(reference: Array, signal: Array, rate: float) -> tuple[float, float]:
     """Lag [s] by which ``signal`` is behind ``reference`` (positive: late), and the correlation there."""
-    width = max(int(DETREND_S * rate), 1)
-    a, b = (running_mean(x, int(SMOOTH_S * rate)) - running_mean(x, width) for x in (reference, signal))
+    a, b = (band(x, rate, SMOOTH_S, DETREND_S) for x in (reference, signal))
     both = np.isfinite(a) & np.isfinite(b)
     if both.sum() < FEWEST_SAMPLES:
         return 0.0, 0.0

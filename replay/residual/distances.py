@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from companion.estimation.range_doubt import PAST_EDGE_M, UNREAD, Sighting, doubt
+from companion.estimation.range_doubt import UNREAD, Sighting, doubt
 from companion.estimation.range_geometry import (
     NO_MATTER_RADII,
     PlaneDistance,
@@ -24,7 +24,6 @@ from companion.mavlink.samples import RangeVerdict
 from models.air_state import DIRECTIONS
 from models.frames import Array
 from models.vehicle import Vector3, Vehicle
-from models.vehicle_types import NO_ORIENTATION
 from replay.flightlog import Beam, FlightLog, Series, best_beam, direction_name
 from replay.residual.grid import Mask
 
@@ -35,9 +34,6 @@ MAX_GAP_S = 0.5
 CARRIED_S = 3.0
 """Longest gap in the sight of a surface that the vehicle's own motion bridges: a position drifts by a centimetre."""
 
-SAME_PLANE_M = 0.1
-"""Two sightings that put a plane no further apart than this see the same: the position may have drifted meanwhile."""
-
 
 def beam_reading(beam: Beam, t: Array, doubted: Mask | None = None) -> Array:
     """Slant range (n,): inf where the sensor says that nothing is there, NaN where nothing is known.
@@ -45,12 +41,15 @@ def beam_reading(beam: Beam, t: Array, doubted: Mask | None = None) -> Array:
     ``doubted`` (samples,): readings of the beam that are not used.
     """
     used = np.ones(len(beam.verdicts), bool) if doubted is None else ~doubted
-    times, values = beam.distance.t_s, beam.distance.values
-    near = used & beam.judged(RangeVerdict.OK)
-    good = Series(times[near], values[near])
+    near, far = (used & beam.judged(verdict) for verdict in _MEASURED)
+    return _reading(beam.distance.t_s, beam.distance.values[:, 0], near, far, t)
+
+
+def _reading(times: Array, distance: Array, near: Mask, far: Mask, t: Array) -> Array:
+    """What samples (m,) at ``times`` say at ``t`` (n,): the distance where ``near``, inf where ``far``."""
+    good = Series(times[near], distance[near, None])
     out = good.at(t, MAX_GAP_S)[:, 0] if len(good) > 1 else np.full(len(t), np.nan)
-    far = beam.judged(RangeVerdict.ABOVE_MAX)
-    known = used & (near | far)
+    known = near | far
     if known.any():
         usable = times[known]
         nearest = np.clip(np.searchsorted(usable, t), 0, len(usable) - 1)
@@ -75,32 +74,6 @@ def _doubted(beam: Beam, target: str, near_m: float, t: Array, rotation: Array, 
         read = doubt(here, read, near_m, target)
         out[i] = read.why is not None
     return out
-
-
-def _seen_at_both_ends(plane: PlaneDistance, position: Array, near_m: float) -> PlaneDistance:
-    """Unknown in place of "nothing there" where the same near plane was seen before and after, on one straight way.
-
-    A single flight cannot know that before the plane is seen again; a log does. Past a pole and back is no straight
-    way: there the vehicle was further aside than ``PAST_EDGE_M`` from the line between both sightings.
-    """
-    distance, normal = plane.distance_m.copy(), plane.normal_ned
-    place = distance + np.einsum("ij,ij->i", normal, position)
-    known = np.flatnonzero(np.isfinite(place))
-    gaps = np.flatnonzero(np.diff(known) > 1)
-    for first, last in zip(known[gaps], known[gaps + 1], strict=True):
-        gap = np.arange(first + 1, last)
-        if (
-            not np.isinf(distance[gap]).any()
-            or max(distance[first], distance[last]) > near_m
-            or abs(place[last] - place[first]) > SAME_PLANE_M
-        ):
-            continue
-        aside = position - np.einsum("ij,j->i", position, normal[first])[:, None] * normal[first]
-        way = aside[last] - aside[first]
-        along = np.clip((aside[gap] - aside[first]) @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
-        off = np.linalg.norm(aside[gap] - aside[first] - along[:, None] * way, axis=1)
-        distance[gap[np.isinf(distance[gap]) & (off < PAST_EDGE_M)]] = np.nan
-    return PlaneDistance(distance, normal)
 
 
 def _carried(plane: PlaneDistance, t: Array, position: Array) -> PlaneDistance:
@@ -134,7 +107,7 @@ def ground_height(
 
 def _planes(
     log: FlightLog, vehicle: Vehicle, target: str, t: Array, rotation: Array, position: Array, late_s: float,
-    height: Array | None = None,
+    floor: Array | float = np.inf,
 ) -> list[PlaneDistance]:  # fmt: skip
     """What every watched beam of ``target`` that the log holds saw of it."""
     out = []
@@ -145,16 +118,15 @@ def _planes(
             continue
         doubted = _doubted(beam, target, near_m, t + late_s, rotation, position)
         slant = beam_reading(beam, t + late_s, doubted)
-        floor = np.inf if height is None else height
         plane = plane_distance(
             target, beam.direction_frd, sensor.position_m, slant, rotation, floor, vehicle.rotor_radius_m
         )
-        out.append(_carried(_seen_at_both_ends(plane, position, near_m), t, position))
+        out.append(_carried(plane, t, position))
     return out
 
 
 def _ring_planes(
-    log: FlightLog, vehicle: Vehicle, t: Array, rotation: Array, position: Array, height: Array | None
+    log: FlightLog, vehicle: Vehicle, t: Array, rotation: Array, position: Array, floor: Array
 ) -> list[PlaneDistance]:
     """What the two places of a declared ring saw, as flight does (``estimator.take_ring``). ``t``: when it was read."""
     sensor = next((s for s in vehicle.rangefinders_for("wall") if s.ring), None)
@@ -166,8 +138,7 @@ def _ring_planes(
     times = np.array([ring.t_s for ring in log.rings])
     found, normals = np.full((2, len(times)), np.nan), np.zeros((2, len(times), 3))
     for i, row in enumerate(np.clip(np.searchsorted(t, times), 0, len(t) - 1).tolist()):
-        floor = np.inf if height is None else float(height[row])
-        view = ring_view(log.rings[i], rotation[row].tolist(), sensor.position_m, floor, vehicle)
+        view = ring_view(log.rings[i], rotation[row].tolist(), sensor.position_m, float(floor[row]), vehicle)
         north, east, down = position[row].tolist()
         for k, plane in enumerate(placed(view, before)):
             if plane.slant_m == plane.slant_m and math.isfinite(north + east + down):
@@ -177,15 +148,10 @@ def _ring_planes(
             normals[k, i] = plane.normal_ned
             before[k] = plane.normal_ned if math.isfinite(plane.slant_m) else before[k]
     nearest = np.clip(np.searchsorted(times, t), 0, len(times) - 1)
-    return [PlaneDistance(beam_reading(_as_beam(times, one), t), normals[k][nearest]) for k, one in enumerate(found)]
-
-
-def _as_beam(times: Array, distance_m: Array) -> Beam:
-    """Distances (n,) to a wall as readings of a beam; inf where nothing is there, NaN where unknown."""
-    kinds = (RangeVerdict.OK, RangeVerdict.ABOVE_MAX, RangeVerdict.LOW_QUALITY)
-    verdicts = tuple(kinds[np.isinf(d) + 2 * np.isnan(d)] for d in distance_m)
-    series = Series(times, distance_m[:, None], "OBSTACLE_DISTANCE")
-    return Beam((1.0, 0.0, 0.0), 1, 0, NO_ORIENTATION, series.source, series, verdicts, 0.0, np.inf, np.nan, 0.0)
+    return [
+        PlaneDistance(_reading(times, one, np.isfinite(one), np.isinf(one), t), normal[nearest])
+        for one, normal in zip(found, normals, strict=True)
+    ]
 
 
 def unseen_surfaces(log: FlightLog, vehicle: Vehicle) -> list[str]:
@@ -218,10 +184,10 @@ def distances(
             ranges[:, i] = beam_reading(beam, t + late_s)
     height = ground_height(log, vehicle, t, rotation, position, late_s)
     ceilings = _planes(log, vehicle, "ceiling", t, rotation, position, late_s)
-    seen = _planes(log, vehicle, "wall", t, rotation, position, late_s, height)
-    for plane in _ring_planes(log, vehicle, t + late_s, rotation, position, height):
-        near_m = NO_MATTER_RADII * vehicle.rotor_radius_m
-        seen.append(_carried(_seen_at_both_ends(plane, position, near_m), t, position))
+    floor = far[:, 0] if height is None else height
+    seen = _planes(log, vehicle, "wall", t, rotation, position, late_s, floor)
+    rings = _ring_planes(log, vehicle, t + late_s, rotation, position, floor)
+    seen += [_carried(plane, t, position) for plane in rings]
     out = {
         "h_m": far if height is None else fan_heights(vehicle, height, rotation),
         "ceiling_m": fan_ceilings(vehicle, nearest_level([c.distance_m for c in ceilings]), rotation)

@@ -11,21 +11,10 @@ import numpy as np
 
 from models.effects import Context
 from replay.flightlog import Beam, FlightLog
+from replay.residual import motion_faults, rotor_faults, vehicle_faults
 from replay.residual.fault import LogFault
 from replay.residual.grid import Mask
 from replay.residual.motion import ENOUGH_S, Motion
-from replay.residual.motion_faults import accelerometer_faults, first_upside_down, gyro_faults
-from replay.residual.rotor_faults import (
-    FULL_MOST,
-    copies,
-    exchanged_outputs,
-    full_command,
-    implausible_speeds,
-    silent_speeds,
-    slow_rotors,
-    undeclared_rotors,
-)
-from replay.residual.vehicle_faults import exchanged_fans, exchanged_spins, wrong_lift
 
 FOLLOWS_AGAIN_S = 0.3
 """So long after full command [s] thrust follows the outputs again: the slowest motor lag of small vehicles."""
@@ -51,39 +40,37 @@ def doubted(log: FlightLog, ctx: Context, motion: Motion, flying: Mask, axes: li
     """Doubt the log before anything is fitted. ``flying`` (n,): airborne samples of the grid."""
     faults: list[LogFault] = []
     usable, blind = set(axes), set[int]()
-    for axis, fault in accelerometer_faults(motion, flying):
-        faults.append(fault)
-        usable -= {axis}
-    rotors = [*silent_speeds(ctx, flying), *implausible_speeds(ctx, flying), *undeclared_rotors(log, ctx)]
-    if rotors:
-        faults += rotors
+
+    def doubt(found: list[LogFault], lost: frozenset[int]) -> None:
+        faults.extend(found)
+        if found:
+            usable.difference_update(lost)
+
+    for axis, fault in motion_faults.accelerometer_faults(motion, flying):
+        doubt([fault], frozenset({axis}))
+    rotors = [*rotor_faults.wrong_speeds(ctx, flying), *rotor_faults.undeclared_rotors(log, ctx)]
+    stopped, full = rotor_faults.full_command(ctx, flying)
+    if rotors or full.sum() > rotor_faults.FULL_MOST * flying.sum():
         blind |= usable & {2}
         usable -= LIFT_AND_MOMENTS
-    stopped, full = full_command(ctx, flying)
-    faults += stopped
-    if full.sum() > FULL_MOST * flying.sum():
-        blind |= usable & {2}
-        usable -= LIFT_AND_MOMENTS
-    lift = wrong_lift(ctx, flying) if not rotors and 2 in usable else []
-    if lift:
-        faults = [*lift, *faults]
-        usable -= LIFT_AND_MOMENTS
-    copied = copies(log, ctx, motion, flying)
-    faults += copied
-    if copied:
-        usable -= MOMENTS
+    faults += [*rotors, *stopped]
+    lift = vehicle_faults.wrong_lift(ctx, flying) if not rotors and 2 in usable else []
+    doubt(lift, LIFT_AND_MOMENTS)
+    faults.sort(key=lambda fault: fault not in lift)  # the vehicle file comes first
+    doubt(rotor_faults.copies(log, ctx, motion, flying), MOMENTS)
     if usable & MOMENTS:
-        moments = [*slow_rotors(log, ctx.vehicle), *gyro_faults(motion, flying)]
-        moments = moments or [*exchanged_fans(ctx, motion, flying), *exchanged_outputs(ctx, motion, flying)]
-        moments = moments or exchanged_spins(ctx, motion, flying)
-        if moments:
-            faults += moments
-            usable -= MOMENTS
+        moments = [*rotor_faults.slow_rotors(log, ctx.vehicle), *motion_faults.gyro_faults(motion, flying)]
+        doubt(
+            moments
+            or vehicle_faults.exchanged_fans(ctx, motion, flying)
+            or vehicle_faults.exchanged_spins(ctx, motion, flying),
+            MOMENTS,
+        )
     left_out = []
     at_stop = np.convolve(full, np.ones(round(FOLLOWS_AGAIN_S * motion.grid.rate) + 1))[: len(full)] > 0.5
     if usable & LIFT_AND_MOMENTS and (flying & ~at_stop).sum() >= ENOUGH_S * motion.grid.rate:
         left_out.append(("at full command", at_stop))
-    crash = first_upside_down(motion)
+    crash = motion_faults.first_upside_down(motion)
     if crash is not None:
         when = f"upside down from {motion.grid.t[crash]:.0f} s on: what follows is no flight"
         faults.append(LogFault("roll_rad", when))

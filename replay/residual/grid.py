@@ -61,3 +61,8 @@ def running_mean(x: Array, half: int) -> Array:
     weight = np.convolve(known.astype(float), kernel, "same")
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(weight > 0, np.convolve(np.where(known, x, 0.0), kernel, "same") / weight, np.nan)
+
+
+def band(x: Array, rate: float, fast_s: float, slow_s: float) -> Array:
+    """What of (n,) varies between two half widths of running means [s]."""
+    return running_mean(x, int(fast_s * rate)) - running_mean(x, int(slow_s * rate))

@@ -13,6 +13,7 @@ from models.vehicle import Vehicle
 from replay.flightlog import FlightLog, Series
 from replay.residual.distances import MAX_GAP_S
 from replay.residual.grid import Grid
+from replay.residual.motion import Motion
 
 DISTANCES = ("ranges_m", "h_m", "d_m", "second_d_m", "ceiling_m")
 """Columns of ``AirState`` that are infinite where nothing is seen."""
@@ -41,26 +42,15 @@ def rotor_columns(log: FlightLog, vehicle: Vehicle, t: Array, late_s: float) -> 
     return {"rpm": rpm, "servo_us": servo}
 
 
-def rotor_rate_hz(log: FlightLog, vehicle: Vehicle) -> float:
-    """Rate of the slowest rotor speed, or of the outputs where they declare the thrust; inf without either."""
-    if vehicle.telemetered:
-        series = [log.escs[r.esc].rpm for r in vehicle.rotors if r.esc is not None and r.esc in log.escs]
-        return min((s.rate_hz for s in series if s is not None), default=np.inf)
-    return log.servo.rate_hz if log.servo is not None else np.inf
-
-
-def raw_state(
-    log: FlightLog, vehicle: Vehicle, t: Array, force: Array, gyro: Array, rotation: Array, position: Array,
-    velocity: Array,
-) -> AirState:  # fmt: skip
+def raw_state(log: FlightLog, vehicle: Vehicle, motion: Motion) -> AirState:
     """The flight at the raw rate (n rows), without distances. LogError where rotor speeds or outputs are missing."""
+    t = motion.grid.t
     if vehicle.telemetered:
-        lacking = [
-            r.esc for r in vehicle.rotors if r.esc is None or r.esc not in log.escs or log.escs[r.esc].rpm is None
-        ]
+        known = {number for number, esc in log.escs.items() if esc.rpm is not None}
+        lacking = ", ".join(str(r.esc) for r in vehicle.rotors if r.esc not in known)
         if lacking:
             raise LogError(
-                f"{log.path}: no rotor speed of ESC {', '.join(map(str, lacking))} (ESC_TELEMETRY, ESC_STATUS); "
+                f"{log.path}: no rotor speed of ESC {lacking} (ESC_TELEMETRY, ESC_STATUS); "
                 "log it, or declare [throttle] and servo outputs in the vehicle file"
             )
     elif log.servo is None:
@@ -73,11 +63,11 @@ def raw_state(
     return replace(
         blank_state((len(t),), len(vehicle.fans), len(vehicle.rotors)),
         time_s=t,
-        position_ned=position,
-        velocity_ned=velocity,
-        rotation=rotation,
-        rates=gyro,
-        specific_force=force,
+        position_ned=motion.position,
+        velocity_ned=motion.velocity,
+        rotation=motion.rotation,
+        rates=motion.gyro,
+        specific_force=motion.force,
         thrust_command=column(log.thrust_command, 0, t, 1.0),
         battery_voltage_v=column(log.battery, 0, t, 10.0),
         battery_current_a=column(log.battery, 1, t, 10.0),
@@ -86,15 +76,6 @@ def raw_state(
         air_temperature_c=column(log.pressure, 1, t, 10.0),
         **rotor_columns(log, vehicle, t, 0.0),
     )
-
-
-def equal_outputs(log: FlightLog, vehicle: Vehicle) -> bool:
-    """Whether all rotor outputs are copies of one number, so that no moment can be modelled."""
-    if log.servo is None or len(vehicle.rotors) < 2:
-        return False
-    outputs = log.servo.values[:, [r.servo - 1 for r in vehicle.rotors if r.servo is not None]]
-    spread = np.ptp(outputs[np.isfinite(outputs).all(axis=1)], axis=1)
-    return bool(spread.size and spread.max() <= 1.0)
 
 
 def neutral_servos(vehicle: Vehicle) -> Array:

@@ -12,7 +12,6 @@ from models.vehicle import Vehicle
 from replay.flightlog import FlightLog, ImuRecord, Series
 from replay.residual.distances import MAX_GAP_S
 from replay.residual.grid import CUT_OFF_HZ, Grid, rate_of_change
-from replay.residual.log_state import rotor_rate_hz
 
 MOMENT_RATE_HZ = 20.0
 """Slowest gyro whose derivative is an angular acceleration: ten samples a period of the 2 Hz that are judged."""
@@ -89,6 +88,14 @@ def read_motion(log: FlightLog, vehicle: Vehicle) -> Motion:
         _columns(log.velocity, grid.t, POSITION_GAP_S),
         log.attitude.rate_hz,
     )
+
+
+def rotor_rate_hz(log: FlightLog, vehicle: Vehicle) -> float:
+    """Rate of the slowest rotor speed, or of the outputs where they declare the thrust; inf without either."""
+    if vehicle.telemetered:
+        series = [log.escs[r.esc].rpm for r in vehicle.rotors if r.esc is not None and r.esc in log.escs]
+        return min((s.rate_hz for s in series if s is not None), default=np.inf)
+    return log.servo.rate_hz if log.servo is not None else np.inf
 
 
 def judged_axes(motion: Motion, vehicle: Vehicle) -> tuple[list[int], list[str]]:

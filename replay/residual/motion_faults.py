@@ -6,7 +6,7 @@ import numpy as np
 
 from models.frames import Array
 from replay.residual.fault import LogFault
-from replay.residual.grid import Mask, rate_of_change, running_mean
+from replay.residual.grid import Mask, band, rate_of_change, running_mean
 from replay.residual.motion import Motion
 
 FEWEST_SAMPLES = 100
@@ -54,13 +54,10 @@ def gyro_faults(motion: Motion, flying: Mask) -> list[LogFault]:
 def accelerometer_faults(motion: Motion, flying: Mask) -> list[tuple[int, LogFault]]:
     """Axes of the accelerometer that do not follow the rate of the velocity, seen in the attitude's body frame."""
     rate = motion.grid.rate
-    fast, slow = (int(s * rate) for s in FORCE_S)
     implied = motion.force - motion.kinematic_bias
     out = []
     for axis, name in enumerate(("ax_m_s2", "ay_m_s2", "az_m_s2")):
-        measured, kinematic = (
-            running_mean(v, fast) - running_mean(v, slow) for v in (motion.force[:, axis], implied[:, axis])
-        )
+        measured, kinematic = (band(v[:, axis], rate, *FORCE_S) for v in (motion.force, implied))
         both = flying & np.isfinite(measured) & np.isfinite(kinematic)
         if both.sum() < FEWEST_SAMPLES:
             continue

@@ -56,18 +56,11 @@ class Record:
     """What is wrong with the log or the vehicle file, and is named as no effect."""
     blind: tuple[int, ...] = ()
     """Axes that are not judged because of a fault, but on which something acts all the same."""
-    system: int = 1
-    """The vehicle's id on the link."""
 
     @property
     def time_s(self) -> Array:
         """(n,)."""
         return self.context.state.time_s
-
-    @property
-    def only_answers(self) -> bool:
-        """Whether rotor speeds mostly answer noise, as in a flight that only hovers (``delays[0]`` is theirs)."""
-        return bool(self.delays) and self.delays[0].correlation < COMMANDED
 
     @property
     def seconds(self) -> float:
@@ -129,7 +122,6 @@ def build_record(
         notes=(*notes, *unseen_surfaces(log, vehicle), *time.notes),
         faults=(*stuck, *doubts.faults, *([DERIVED_ACCELEROMETER] if derived else [])),
         blind=doubts.blind,
-        system=log.system,
     )
     if record.seconds < SHORTEST_S:
         raise too_short(record)
@@ -144,7 +136,7 @@ def _on_one_clock(
     The rotors' delay is found without distances: near a surface lift changes too slowly to move it.
     """
     t, rotation = motion.grid.t, motion.rotation
-    state = raw_state(log, vehicle, t, motion.force, motion.gyro, rotation, motion.position, motion.velocity)
+    state = raw_state(log, vehicle, motion)
     rotors = rotor_delay(Context(state, vehicle, model), motion.grid)
     ranges = range_delay_of(log, vehicle, t, rotation, motion.velocity, motion.position)
     range_late_s = 0.0 if ranges is None else ranges.correction_s

@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from models.effects import Context
-from models.frames import Array
 from models.vehicle import Vehicle
 from replay.flightlog import FlightLog
-from replay.residual.fault import LogFault, band, correlations, rotor_channel
+from replay.residual.fault import LogFault
 from replay.residual.grid import Mask
-from replay.residual.log_state import equal_outputs, rotor_rate_hz
-from replay.residual.motion import Motion
+from replay.residual.motion import Motion, rotor_rate_hz
 
 FEWEST_SAMPLES = 50
 """Airborne samples from which on rotors are compared."""
@@ -29,51 +27,32 @@ ROTOR_RATE_HZ = 5.0
 FULL, FULL_REPORTED, FULL_MOST = 0.985, 0.2, 0.5
 """Command from which on thrust does not follow; share of the flight at it that is reported and left out; share from
 which on no lift can be judged."""
-EQUAL_RPM, TURNS_RAD_S = 1.0, 0.05
-"""Speeds that never differ by more while the vehicle rolls or pitches by more (RMS) are copies of one number."""
-FOLLOWS, FOLLOWS_MORE = 0.7, 0.5
-"""Correlation of a speed with another rotor's output, and by how much it exceeds that with its own."""
-DIFFERENCE_S = (0.05, 1.0)
-"""Half widths of running means between which speeds and outputs are compared [s]."""
+EQUAL_US, EQUAL_RPM, TURNS_RAD_S = 1.0, 1.0, 0.05
+"""Outputs that never differ by more, or speeds while the vehicle rolls or pitches by more (RMS), are copies."""
 
 
-def silent_speeds(ctx: Context, flying: Mask) -> list[LogFault]:
-    """Rotor speeds that read nothing, or stand still while the others move."""
-    if not ctx.vehicle.telemetered or flying.sum() < FEWEST_SAMPLES:
-        return []
-    speed = ctx.state.rpm[flying]
-    typical, spread = np.nanmedian(speed, axis=0), np.nanstd(speed, axis=0)
-    out = []
-    for k in range(speed.shape[1]):
-        others = np.delete(np.arange(speed.shape[1]), k)
-        if not others.size or not np.isfinite(typical[others]).any():
-            continue
-        usual, varies = float(np.nanmedian(typical[others])), float(np.nanmedian(spread[others]))
-        if typical[k] < DEAD_SHARE * usual:
-            reading = f"reads {typical[k]:.0f} rpm in flight{_output_of(ctx, k, flying)}"
-            out.append(LogFault(rotor_channel(ctx.vehicle, k), reading))
-        elif spread[k] < STUCK_SHARE * usual and spread[k] < STUCK_BESIDE * varies:
-            reading = f"stays at {typical[k]:.0f} rpm while the others vary"
-            out.append(LogFault(rotor_channel(ctx.vehicle, k), reading))
-    return out
-
-
-def implausible_speeds(ctx: Context, flying: Mask) -> list[LogFault]:
-    """Speeds faster than sound at the tip, or another multiple than the other rotors' (poles, gear)."""
+def wrong_speeds(ctx: Context, flying: Mask) -> list[LogFault]:
+    """Rotor speeds that read nothing, stand still while the others move, or are another multiple than the others'."""
     vehicle = ctx.vehicle
     if not vehicle.telemetered or flying.sum() < FEWEST_SAMPLES:
         return []
-    typical = np.nanmedian(ctx.state.rpm[flying], axis=0)
+    typical, spread = np.nanmedian(ctx.state.rpm[flying], axis=0), np.nanstd(ctx.state.rpm[flying], axis=0)
     out = []
     for k, rpm in enumerate(typical):
-        others = float(np.nanmedian(np.delete(typical, k))) if len(typical) > 2 else np.nan
+        others = np.isfinite(typical) & (np.arange(len(typical)) != k)
+        usual, varies = (float(np.median(x[others])) if others.any() else np.nan for x in (typical, spread))
         tip = vehicle.rotor_radius_m * rpm * 2.0 * np.pi / 60.0
-        if tip > SOUND_M_S:
+        if rpm < DEAD_SHARE * usual:
+            what = f"reads {rpm:.0f} rpm in flight{_output_of(ctx, k, flying)}"
+        elif spread[k] < STUCK_SHARE * usual and spread[k] < STUCK_BESIDE * varies:
+            what = f"stays at {rpm:.0f} rpm while the others vary"
+        elif tip > SOUND_M_S:
             what = f"is {rpm:.0f} rpm, {tip:.0f} m/s at the tip: not the speed of this rotor (poles, gear, unit)"
-            out.append(LogFault(rotor_channel(vehicle, k), what))
-        elif DEAD_SHARE * others < rpm < OTHER_SPEED[0] * others or rpm > OTHER_SPEED[1] * others:
-            what = f"is {rpm / others:.2g} times the other rotors': not the speed of this rotor (poles, gear, unit)"
-            out.append(LogFault(rotor_channel(vehicle, k), what))
+        elif len(typical) > 2 and (rpm < OTHER_SPEED[0] * usual or rpm > OTHER_SPEED[1] * usual):
+            what = f"is {rpm / usual:.2g} times the other rotors': not the speed of this rotor (poles, gear, unit)"
+        else:
+            continue
+        out.append(LogFault(_channel(vehicle, k), what))
     return out
 
 
@@ -92,21 +71,20 @@ def undeclared_rotors(log: FlightLog, ctx: Context) -> list[LogFault]:
 
 def full_command(ctx: Context, flying: Mask) -> tuple[list[LogFault], Mask]:
     """Outputs at full command in a good part of the flight, and when any rotor is at it (n,)."""
-    full = np.zeros(len(flying), bool)
+    never = np.zeros(len(flying), bool)
     curve = ctx.vehicle.throttle
     if curve is None or not flying.any():
-        return [], full
+        return [], never
     outputs = np.stack([ctx.state.servo_us[:, (r.servo or 1) - 1] for r in ctx.vehicle.rotors], axis=1)
     with np.errstate(invalid="ignore"):
         at_stop = (outputs - curve.pwm_min_us) / (curve.pwm_max_us - curve.pwm_min_us) >= FULL
     at_stop &= flying[:, None]
-    share = float(at_stop.any(axis=1).sum() / flying.sum())
+    full = np.asarray(at_stop.any(axis=1))
+    share = float(full.sum() / flying.sum())
     if share <= FULL_REPORTED:
-        return [], full
-    channel = rotor_channel(ctx.vehicle, int(at_stop.sum(axis=0).argmax()))
-    what = f"at full command in {share:.0%} of the flight: thrust does not follow"
-    full |= at_stop.any(axis=1)
-    return [LogFault(channel, what)], full
+        return [], never
+    channel = _channel(ctx.vehicle, int(at_stop.sum(axis=0).argmax()))
+    return [LogFault(channel, f"at full command in {share:.0%} of the flight: thrust does not follow")], full
 
 
 def slow_rotors(log: FlightLog, vehicle: Vehicle) -> list[LogFault]:
@@ -114,62 +92,25 @@ def slow_rotors(log: FlightLog, vehicle: Vehicle) -> list[LogFault]:
     rate = rotor_rate_hz(log, vehicle)
     if rate >= ROTOR_RATE_HZ:
         return []
-    return [LogFault(rotor_channel(vehicle, 0), f"comes at {rate:.1f} Hz: too slow for moments")]
+    return [LogFault(_channel(vehicle, 0), f"comes at {rate:.1f} Hz: too slow for moments")]
 
 
 def copies(log: FlightLog, ctx: Context, motion: Motion, flying: Mask) -> list[LogFault]:
     """All outputs, or all speeds of a vehicle that turns, are one number: no moment can be modelled."""
     vehicle = ctx.vehicle
-    if not vehicle.telemetered:
-        if not equal_outputs(log, vehicle):
-            return []
+    if vehicle.telemetered:
+        values, most = ctx.state.rpm[flying], EQUAL_RPM
+        what = "all rotor speeds are copies of one number while the vehicle turns: moments cannot be judged"
+    else:
+        assert log.servo is not None
+        values, most = log.servo.values[:, [r.servo - 1 for r in vehicle.rotors if r.servo is not None]], EQUAL_US
         what = "all servo outputs are copies of one number: moments cannot be judged"
-        return [LogFault(rotor_channel(vehicle, 0), what)]
-    speed = ctx.state.rpm[flying]
-    speed = speed[np.isfinite(speed).all(axis=1)]
-    if speed.shape[1] < 2 or len(speed) < FEWEST_SAMPLES or np.ptp(speed, axis=1).max() > EQUAL_RPM:
+    values = values[np.isfinite(values).all(axis=1)]
+    if values.shape[1] < 2 or len(values) < FEWEST_SAMPLES or np.ptp(values, axis=1).max() > most:
         return []
-    if not np.nanstd(motion.gyro[flying, :2], axis=0).max() > TURNS_RAD_S:
+    if vehicle.telemetered and not np.nanstd(motion.gyro[flying, :2], axis=0).max() > TURNS_RAD_S:
         return []
-    what = "all rotor speeds are copies of one number while the vehicle turns: moments cannot be judged"
-    return [LogFault(rotor_channel(vehicle, 0), what)]
-
-
-def exchanged_outputs(ctx: Context, motion: Motion, flying: Mask) -> list[LogFault]:
-    """Two speeds of which each follows the other's output, while all others follow their own."""
-    vehicle = ctx.vehicle
-    if not vehicle.telemetered or any(r.esc is None or r.esc > 16 for r in vehicle.rotors) or len(vehicle.rotors) < 3:
-        return []
-    outputs = ctx.state.servo_us[:, [(r.esc or 1) - 1 for r in vehicle.rotors]]
-    if not np.isfinite(outputs[flying]).all(axis=1).any():
-        return []
-    rate = motion.grid.rate
-    asked, turned = (_differences(x, rate) for x in (outputs, ctx.state.rpm))
-    n = len(vehicle.rotors)
-    r = np.array(
-        [[correlations(asked[:, j], turned[:, k], flying, int(0.2 * rate)).max() for j in range(n)] for k in range(n)]
-    )
-    pair = _exchanged(r)
-    if pair is None:
-        return []
-    one, two = (rotor_channel(vehicle, k) for k in pair)
-    return [LogFault(one, f"follows the output of {two}, and the other way round: two speeds are exchanged")]
-
-
-def _exchanged(r: Array) -> tuple[int, int] | None:
-    """The two rotors whose speeds follow each other's output; ``r`` (speeds, outputs) how well each follows each."""
-    n = len(r)
-    best = r.argmax(axis=1)
-    moved = [k for k in range(n) if best[k] != k and r[k, best[k]] > max(FOLLOWS, r[k, k] + FOLLOWS_MORE)]
-    own = [k for k in range(n) if best[k] == k and r[k, k] > FOLLOWS]
-    if len(moved) != 2 or len(moved) + len(own) != n or best[moved[0]] != moved[1]:
-        return None
-    return moved[0], moved[1]
-
-
-def _differences(x: Array, rate: float) -> Array:
-    """What rotors (n, rotors) do beside their mean, fast."""
-    return np.stack([band(column, rate, *DIFFERENCE_S) for column in (x - x.mean(axis=1, keepdims=True)).T], axis=1)
+    return [LogFault(_channel(vehicle, 0), what)]
 
 
 def _output_of(ctx: Context, k: int, flying: Mask) -> str:
@@ -180,3 +121,9 @@ def _output_of(ctx: Context, k: int, flying: Mask) -> str:
     known = ctx.state.servo_us[flying, esc - 1]
     known = known[np.isfinite(known)]
     return f" while output {esc} is at {float(np.median(known)):.0f} us" if known.size else ""
+
+
+def _channel(vehicle: Vehicle, k: int) -> str:
+    """Of rotor ``k`` of the vehicle file: its speed, or its output."""
+    rotor = vehicle.rotors[k]
+    return f"rpm_{rotor.esc}" if rotor.servo is None else f"servo_{rotor.servo}"

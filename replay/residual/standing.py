@@ -10,7 +10,7 @@ import numpy as np
 
 from models.effects import Context
 from models.frames import Array
-from replay.residual.grid import Mask, rate_of_change, running_mean
+from replay.residual.grid import Mask, band, rate_of_change, running_mean
 from replay.residual.motion import Motion
 
 ROTORS_OFF_SHARE = 0.1
@@ -68,6 +68,4 @@ def _unanswered(ctx: Context, motion: Motion, lift: Array) -> Mask:
 
 def _unsteady(x: Array, rate: float) -> Array:
     """RMS (n,) of what varies between ``FAST_S`` and ``SLOW_S``, over the latter."""
-    slow = int(SLOW_S * rate)
-    band = running_mean(x, int(FAST_S * rate)) - running_mean(x, slow)
-    return np.sqrt(running_mean(band**2, slow))
+    return np.sqrt(running_mean(band(x, rate, FAST_S, SLOW_S) ** 2, int(SLOW_S * rate)))

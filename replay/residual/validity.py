@@ -11,8 +11,7 @@ from models.effects import Context
 from models.frames import Array
 from replay.flightlog import FlightLog
 from replay.residual.grid import Grid, Mask, rate_of_change, running_mean
-from replay.residual.log_state import rotor_rate_hz
-from replay.residual.motion import Motion
+from replay.residual.motion import Motion, rotor_rate_hz
 from replay.residual.standing import ROTORS_OFF_SHARE, standing
 
 AIRBORNE_SHARE = 0.5
@@ -117,12 +116,9 @@ def _needed_lift(ctx: Context, lift: Array) -> float:
 def _jumps(ctx: Context, grid: Grid) -> Mask:
     """Samples (n,) at which the ground moves under the vehicle."""
     height = np.where(np.isfinite(ctx.state.h_m[:, 0]), ctx.state.h_m[:, 0], np.nan)
-    climb = -ctx.state.velocity_ned[:, 2]
-    if not (np.isfinite(height).any() and np.isfinite(climb).any()):
-        return np.zeros(len(grid.t), bool)
     with np.errstate(invalid="ignore"):
-        out: Mask = np.abs(rate_of_change(height[:, None], grid.rate)[:, 0] - climb) > FASTEST_GROUND_M_S
-    return out
+        of_ground = rate_of_change(height, grid.rate) + ctx.state.velocity_ned[:, 2]
+        return np.asarray(np.abs(of_ground) > FASTEST_GROUND_M_S)
 
 
 def _without_clipped(time: JudgedTime, force: Array, axis: int, rate: float) -> JudgedTime:

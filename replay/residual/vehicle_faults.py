@@ -9,12 +9,14 @@ import numpy as np
 from models.effects import Context
 from models.frames import Array
 from models.lift_ratio import JUDGED
-from replay.residual.fault import LogFault, band, correlations
-from replay.residual.grid import Mask, rate_of_change
+from replay.residual.fault import LogFault
+from replay.residual.grid import Mask, band, rate_of_change
 from replay.residual.motion import Motion
 
 FEWEST_SAMPLES = 50
 """Airborne samples for that."""
+FEWEST_COMMON = 200
+"""Common samples from which on a correlation counts."""
 BAND_S = (0.05, 0.5)
 """Half widths of running means between which moments and angular accelerations are compared: about 1 to 8 Hz."""
 ANSWER_S = 0.2
@@ -62,7 +64,7 @@ def exchanged_fans(ctx: Context, motion: Motion, flying: Mask) -> list[LogFault]
         return []
     most = int(ANSWER_S * rate)
     fit = {
-        o: min(correlations(_moments(thrust, places, o)[:, a], turned[a], flying, most).max() for a in (0, 1))
+        o: min(_correlations(_moments(thrust, places, o)[:, a], turned[a], flying, most).max() for a in (0, 1))
         for o in orders
     }
     best = max(orders, key=lambda o: round(fit[o], 6))
@@ -79,7 +81,7 @@ def exchanged_spins(ctx: Context, motion: Motion, flying: Mask) -> list[LogFault
         return []
     rate = motion.grid.rate
     turned = band(rate_of_change(motion.gyro[:, 2], rate), rate, *BAND_S)
-    found = correlations(band(moment, rate, *BAND_S), turned, flying, int(ANSWER_S * rate))
+    found = _correlations(band(moment, rate, *BAND_S), turned, flying, int(ANSWER_S * rate))
     at = int(np.abs(found).argmax())
     r = float(found[at])
     # A torque of the other sense opposes at once. What only opposes later, or still grows at the longest delay, is the
@@ -114,3 +116,14 @@ def _orders(places: Array, lever: float) -> dict[Order, str]:
             out[order] = what
     out.pop(tuple(range(n)), None)
     return out
+
+
+def _correlations(cause: Array, effect: Array, flying: Mask, most: int) -> Array:
+    """Correlation (m,) of an effect 0 to ``most`` samples behind its cause; 0 where too little is known."""
+    out = []
+    for lag in range(0, most + 1, max(most // 10, 1)):
+        a, b = cause[: len(cause) - lag], effect[lag:]
+        use = flying[lag:] & np.isfinite(a) & np.isfinite(b)
+        known = use.sum() >= FEWEST_COMMON and a[use].std() > 0.0 and b[use].std() > 0.0
+        out.append(float(np.corrcoef(a[use], b[use])[0, 1]) if known else 0.0)
+    return np.array(out)

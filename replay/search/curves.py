@@ -88,7 +88,7 @@ def _odds(name: str, axis: str, records: Sequence[Record]) -> float | None:
     vanes = {f"servo_{vane.servo}" for vane in records[0].context.vehicle.vanes}
     if name.startswith(REACTIONS[axis]) and not (axis == "Fz" and name in vanes):  # vanes do not change lift
         return REACTION_ODDS if axis.startswith("F") else None
-    if name.startswith(DRIFTS) and all(r.only_answers for r in records):
+    if name.startswith(DRIFTS) and all(r.context.only_answers for r in records):
         return None
     return ODDS
 

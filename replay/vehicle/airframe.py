@@ -63,7 +63,7 @@ class Airframe:
 def airframe(log: FlightLog) -> Airframe:
     """Raises LogError in one line: no multirotor, parameters that contradict the log, or nothing to go by."""
     _refuse_others(log)
-    speeds = {number: esc.rpm for number, esc in log.escs.items() if esc.rpm is not None}
+    speeds = _speeds(log)
     if not speeds and log.servo is None:
         raise LogError(f"{log.path}: neither rotor speeds nor outputs (ESC_TELEMETRY, ESC_STATUS, SERVO_OUTPUT_RAW)")
     moving, turning = _moving(log.servo), _turning(log)
@@ -132,10 +132,10 @@ def _ring(count: int) -> tuple[Motor, ...]:
 def _numbers(log: FlightLog, motors: tuple[Motor, ...]) -> dict[int, int]:
     """Motor number to output; the parameters name every motor or none."""
     declared = declared_outputs(log.parameters)
-    lacking = [m.number for m in motors if m.number not in declared]
+    lacking = ", ".join(str(m.number) for m in motors if m.number not in declared)
     if declared and lacking:
         raise LogError(
-            f"{log.path}: the parameters give motor {', '.join(map(str, lacking))} of {len(motors)} no output "
+            f"{log.path}: the parameters give motor {lacking} of {len(motors)} no output "
             "(SERVOn_FUNCTION, PWM_MAIN_FUNCn); give --vehicle"
         )
     return outputs(log.parameters, len(motors))
@@ -152,8 +152,12 @@ def _moving(servo: Series | None) -> set[int]:
 
 def _turning(log: FlightLog) -> set[int]:
     """ESCs, from 1, that turn."""
-    speeds = {number: esc.rpm for number, esc in log.escs.items() if esc.rpm is not None}
-    return {number for number, rpm in speeds.items() if np.nan_to_num(rpm.values).max(initial=0.0) > 0.0}
+    return {number for number, rpm in _speeds(log).items() if np.nan_to_num(rpm.values).max(initial=0.0) > 0.0}
+
+
+def _speeds(log: FlightLog) -> dict[int, Series]:
+    """By ESC, from 1."""
+    return {number: esc.rpm for number, esc in log.escs.items() if esc.rpm is not None}
 
 
 def _check_outputs(log: FlightLog, numbers: Mapping[int, int], moving: set[int], source: str) -> None:
@@ -161,14 +165,11 @@ def _check_outputs(log: FlightLog, numbers: Mapping[int, int], moving: set[int],
     if len(still) == len(numbers):
         raise LogError(f"{log.path}: no output of a motor moves: the vehicle did not fly")
     if still:
-        raise LogError(f"{log.path}: {source}: motors on outputs {_words(numbers)}, but output {still[0]} never moves")
+        on = ", ".join(map(str, numbers.values()))
+        raise LogError(f"{log.path}: {source}: motors on outputs {on}, but output {still[0]} never moves")
     assert log.servo is not None
     low, high, key = pwm_range(log.parameters, min(numbers.values()))
     used = log.servo.values[:, [n - 1 for n in numbers.values()]]
     most = float(np.nanpercentile(used, 99.0))
     if key and most > high + _BEYOND * (high - low):
         raise LogError(f"{log.path}: {key} says {high:g} us at most, and the motors' outputs reach {most:.0f} us")
-
-
-def _words(numbers: Mapping[int, int]) -> str:
-    return ", ".join(map(str, numbers.values()))

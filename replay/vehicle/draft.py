@@ -7,7 +7,7 @@ force is then known as a share of the weight, whatever the mass is.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -17,7 +17,8 @@ import numpy as np
 
 from companion.vehicles import default_vehicle
 from models.errors import ConfigError, LogError
-from models.vehicle import Rangefinder, Vehicle
+from models.frames import GRAVITY
+from models.vehicle import RHO_SEA_LEVEL, Rangefinder, Vehicle
 from models.vehicle_plausibility import findings, target_of
 from models.vehicle_setup.estimate import Guess, typical_sizes
 from models.vehicle_setup.setup import COMMON_PROPELLERS, USUAL_PULSES, Answers, build, parameter_ranges
@@ -29,8 +30,7 @@ from replay.residual.motion import ENOUGH_S
 from replay.residual.record import Record, build_record
 from replay.vehicle import tandem
 from replay.vehicle.airframe import Airframe, airframe, turns
-from replay.vehicle.corrected import HOVER_RPM, corrected, hover_rpm
-from replay.vehicle.fit import Fit, fit_records, free_flight, hovering, records_of
+from replay.vehicle.fit import Fit, fit_records, free_flight, hovering
 from replay.vehicle.tandem import is_tandem
 
 INCH_M = 0.0254
@@ -53,8 +53,6 @@ class Given:
     """Diameter."""
     span_m: float | None = None
     """Motor axis to the opposite motor's axis."""
-    numbers: tuple[tuple[str, float], ...] = ()
-    """Others, by their keys."""
 
 
 @dataclass(frozen=True)
@@ -99,60 +97,34 @@ class Draft:
         return vehicle_text(self.vehicle, origin, "Drafted from a log. Every key: docs/vehicle.md. SI units, body FRD.")
 
 
-def draft(paths: Sequence[Path], given: Given, target_system: int | None = None) -> Draft:
-    """The vehicle that flew in all these logs.
+def draft(paths: Sequence[Path], given: Given, target_system: int | None = None, *, measured: bool = True) -> Draft:
+    """The vehicle that flew in all these logs; not ``measured``: as parameters and outputs say, no flight is judged.
 
     Raises LogError where it cannot be said, ConfigError where the logs are of two vehicles or a number is impossible.
     """
-    made = _outlined(paths, given, target_system)
-    if made is None:
-        return _tandem(given)
-    numbers = dict(given.numbers)
-    found, how = _measured(list(_records(paths, made.logs, made.start, target_system)), made.start)
-    hover, source = _hover(found, made.said["hover_thrust"], made.start.hover_thrust, how)
-    said = made.said | {key: f"measured in {how}" for key in found.measured} | {"hover_thrust": source}
-    vehicle = corrected(replace(found.vehicle, hover_thrust=hover), numbers)
-    said |= {"ct" if key == HOVER_RPM else key: f"--set {key}" for key in numbers}
-    known, assumed = _facts(vehicle, made.frame, made.sizes, said)
-    vehicle = replace(vehicle, assumed=tuple(f.key for f in assumed if f.key in ASSUMABLE))
-    wrong = next((f for f in findings(vehicle) if f.refused), None)
-    if wrong is not None:
-        raise ConfigError(f"the drafted vehicle is impossible: {wrong.key} {wrong.text}")
-    return Draft(vehicle, tuple(known), tuple(assumed))
-
-
-def outline(paths: Sequence[Path], given: Given, target_system: int | None = None) -> Vehicle:
-    """The vehicle as parameters and outputs say, its thrust not measured: no flight is judged. Raises as ``draft``."""
-    made = _outlined(paths, given, target_system)
-    return _tandem(given).vehicle if made is None else made.start
-
-
-@dataclass(frozen=True)
-class _Outline:
-    """What is known of a vehicle before a flight is looked at; ``said``: where each number comes from."""
-
-    logs: Sequence[FlightLog]
-    frame: Airframe
-    sizes: Mapping[str, Guess]
-    start: Vehicle
-    said: dict[str, str]
-
-
-def _outlined(paths: Sequence[Path], given: Given, target_system: int | None) -> _Outline | None:
-    """None for the tandem, whose sizes are known."""
     logs = _flown(paths[:_LOGS], target_system)
     parameters = {key: value for log in reversed(logs) for key, value in log.parameters.items()}
     logs = [log for log in logs if turns(log)] or logs  # what stood on the bench lends its parameters alone
     if all(map(is_tandem, logs)):
-        return None
+        return _tandem(given)
     _refuse_two(logs)
     frame = airframe(replace(logs[0], parameters=parameters))
     radius = None if given.propeller_m is None else given.propeller_m / 2.0
     arm = frame.arm_m if given.span_m is None else given.span_m / 2.0
     sizes = typical_sizes(given.mass_kg, radius, arm, frame.motors, _rpm(logs, frame))
     start, said = build(_answers(logs, frame, parameters, sizes))
-    # What is measured rests on numbers that are given.
-    return _Outline(logs, frame, sizes, corrected(start, dict(given.numbers)), said)
+    if not measured:
+        return Draft(start, ())
+    found, how = _measured(_records(logs, start, target_system), start)
+    hover, source = _hover(found, said["hover_thrust"], start.hover_thrust, how)
+    said |= {key: f"measured in {how}" for key in found.measured} | {"hover_thrust": source}
+    vehicle = replace(found.vehicle, hover_thrust=hover)
+    known, assumed = _facts(vehicle, frame, sizes, said)
+    vehicle = replace(vehicle, assumed=tuple(f.key for f in assumed if f.key in ASSUMABLE))
+    wrong = next((f for f in findings(vehicle) if f.refused), None)
+    if wrong is not None:
+        raise ConfigError(f"the drafted vehicle is impossible: {wrong.key} {wrong.text}")
+    return Draft(vehicle, tuple(known), tuple(assumed))
 
 
 def _flown(paths: Sequence[Path], target_system: int | None) -> list[FlightLog]:
@@ -181,7 +153,6 @@ def _tandem(given: Given) -> Draft:
     vehicle = default_vehicle()
     if given.mass_kg is not None:
         vehicle = replace(vehicle, mass_kg=given.mass_kg)
-    vehicle = corrected(vehicle, dict(given.numbers))
     return Draft(vehicle, (Fact("name", vehicle.name, tandem.HOW),))
 
 
@@ -237,24 +208,22 @@ def _ranges(logs: Sequence[FlightLog], parameters: Mapping[str, float]) -> Itera
             yield Rangefinder(beam.orientation, target_of(beam.orientation), (0.0, 0.0, 0.0))
 
 
-def _records(
-    paths: Sequence[Path], logs: Sequence[FlightLog], start: Vehicle, target_system: int | None
-) -> Iterator[Record]:
+def _records(logs: Sequence[FlightLog], start: Vehicle, target_system: int | None) -> list[Record]:
     """Of the stretches that are read already; where none of them can be judged, of all. Raises LogError without any."""
     problems: list[LogError] = []
-    judged = 0
-    for log in logs:
-        try:
-            yield build_record(log, start, None)
-            judged += 1
-        except LogError as error:
-            problems.append(error)
-    if not judged:
-        records = (r for path in paths for r in records_of(path, start, target_system, problems))
-        for judged, record in enumerate(islice(records, _STRETCHES), 1):  # noqa: B007
-            yield record
-    if not judged:
+
+    def judged(stretches: Iterable[FlightLog]) -> Iterator[Record]:
+        for log in stretches:
+            try:
+                yield build_record(log, start, None)
+            except LogError as error:
+                problems.append(error)
+
+    every = (piece.own() for log in logs for piece in read_pieces(log.path, target_system))
+    found = list(judged(logs)) or list(islice(judged(every), _STRETCHES))
+    if not found:
         raise problems[0]
+    return found
 
 
 def _measured(records: Sequence[Record], start: Vehicle) -> tuple[Fit, str]:
@@ -301,9 +270,15 @@ def _facts(
         guessed = said[key].startswith((_GUESSED, USUAL_PULSES, COMMON_PROPELLERS))
         (assumed if guessed else known).append(Fact(key, value, said[key]))
     if vehicle.telemetered:
-        known.append(Fact(HOVER_RPM, round(hover_rpm(vehicle)), "by ct and the mass"))
+        known.append(Fact("hover_rpm", round(_hover_rpm(vehicle)), "by ct and the mass"))
     if vehicle.rangefinders:
         known.append(Fact("rangefinder", [r.orientation for r in vehicle.rangefinders], "parameters and readings"))
     if not any(f.key == "position_m" for f in assumed):
         assumed.append(Fact("inertia_kgm2", list(vehicle.inertia_kgm2), said["inertia_kgm2"]))
     return known, assumed
+
+
+def _hover_rpm(vehicle: Vehicle) -> float:
+    """Mean rotor speed [rpm] that carries the vehicle: sum(ct) rho A Omega^2 R^2 = m g, A = pi R^2."""
+    per_speed2 = sum(fan.ct or 0.0 for fan in vehicle.fans) * RHO_SEA_LEVEL * math.pi * vehicle.rotor_radius_m**4
+    return 60.0 / (2.0 * math.pi) * math.sqrt(vehicle.mass_kg * GRAVITY / per_speed2)

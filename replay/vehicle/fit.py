@@ -7,18 +7,15 @@ With rotor speeds one number follows, C_T; with servo outputs the thrust at full
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from models.errors import LogError
 from models.frames import Array
 from models.vehicle import Vehicle
-from replay.logs.formats import read_pieces
-from replay.residual.record import Record, build_record
+from replay.residual.record import Record
 
 _CLIMB_M_S, _SPEED_M_S, _TILT_COS = 0.3, 1.0, 0.985
 """A hover: slower than these, tilted less than 10 degrees."""
@@ -69,18 +66,6 @@ def fit_records(records: Sequence[Record], start: Vehicle, where: Callable[[Reco
         found["hover_thrust"] = _rounded(hover)
         vehicle = replace(vehicle, hover_thrust=found["hover_thrust"])
     return Fit(vehicle, tuple(found), output)
-
-
-def records_of(path: Path, vehicle: Vehicle, target_system: int | None, problems: list[LogError]) -> Iterator[Record]:
-    """Of every stretch of a log that can be judged; ``problems`` gets why others cannot."""
-    try:
-        for piece in read_pieces(path, target_system):
-            try:
-                yield build_record(piece.own(), vehicle, None)
-            except LogError as error:
-                problems.append(error)
-    except LogError as error:
-        problems.append(error)
 
 
 def hovering(record: Record) -> NDArray[np.bool_]:

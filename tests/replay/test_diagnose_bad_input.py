@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,10 +13,10 @@ import pytest
 from log_writers import EPOCH_US, bin_flight, quad_flight, write_tlog
 
 from companion.vehicles import QUAD
-from models.vehicle import Rotor, load_vehicle
+from models.vehicle import Rotor, Throttle, load_vehicle
 from replay.cli import main
 from replay.flightlog import FlightLog, Series
-from replay.residual.log_state import equal_outputs
+from replay.residual.rotor_faults import copies
 
 THRUST_TO_MASS = {"payload", "thrust_scale", "air_density"}
 THROTTLE = """
@@ -377,5 +378,6 @@ def test_outputs_that_are_not_sent_warn_of_nothing(recwarn):
     log = FlightLog(path=Path("x"), system=1, boot=0, start_s=0.0, end_s=5.0, servo=outputs)
     quad = load_vehicle(QUAD)
     by_servo = tuple(replace(f, rotors=tuple(Rotor(r.spin, servo=r.esc) for r in f.rotors)) for f in quad.fans)
-    assert not equal_outputs(log, replace(quad, fans=by_servo))
+    ctx = SimpleNamespace(vehicle=replace(quad, fans=by_servo, throttle=Throttle(10.0, 1.0, 1000.0, 2000.0, 16.0)))
+    assert copies(log, ctx, SimpleNamespace(), np.ones(50, bool)) == []
     assert not [w for w in recwarn if issubclass(w.category, RuntimeWarning)]

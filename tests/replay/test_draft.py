@@ -280,7 +280,8 @@ def test_every_log_of_a_folder_gets_its_own_draft(log, tmp_path, capsys):
     framed(tmp_path / "other.tlog", 12)
     assert main(["diagnose", str(tmp_path), "--out", str(tmp_path / "out"), "--workers", "1", "--quiet"]) == 0
     answers = [json.loads(path.read_text()) for path in (tmp_path / "out" / "results").glob("*.json")]
-    assert {a["vehicle"].split(",")[0] for a in answers} == {"quad-x", "quad-bf"}
+    frames = {fact["value"] for a in answers for fact in a["vehicle"]["known"] if fact["key"] == "frame"}
+    assert frames == {"quad-x", "quad-bf"}
     assert all(any("--mass" in note for note in a["notes"]) for a in answers)
 
 
@@ -289,29 +290,3 @@ def test_what_changed_is_asked_of_a_drafted_vehicle(log, tmp_path, capsys):
     told = answered(capsys, tmp_path / "heavier.tlog", "--since", log, "--mass", QUAD_MASS_KG)
     assert told["vehicle"]["drafted"]
     assert {c["name"] for c in told["changed"]} & {"payload", "thrust_scale"}
-
-
-def test_other_numbers_of_a_draft_can_be_corrected(log, tmp_path, capsys):
-    numbers = ("--set", "hover_thrust=0.4", "--set", "hover_rpm=5000")
-    told = answered(capsys, log, "--mass", QUAD_MASS_KG, *numbers, "--save-vehicle", tmp_path / "my.toml")
-    facts = {f["key"]: f for f in told["vehicle"]["known"]}
-    assert facts["hover_thrust"] == {"key": "hover_thrust", "value": 0.4, "from": "--set hover_thrust"}
-    assert facts["hover_rpm"]["value"] == pytest.approx(5000, rel=0.01)
-    assert load_vehicle(tmp_path / "my.toml").hover_thrust == 0.4
-
-
-def test_what_a_number_that_is_given_changes_is_measured_anew(tmp_path, capsys):
-    write_tlog(tmp_path / "outputs.tlog", quad_flight(30.0, rpm=False))
-    plain, bent = (
-        {f["key"]: f["value"] for f in answered(capsys, tmp_path / "outputs.tlog", *more)["vehicle"]["known"]}
-        for more in ((), ("--set", "expo=0.3"))
-    )
-    assert bent["expo"] == 0.3
-    assert bent["max_thrust_n"] != plain["max_thrust_n"]
-
-
-@pytest.mark.parametrize("number", ["colour=3", "max_thrust_n=4", "ct=0", "ct=nan", "hover_thrust=2"])
-def test_a_number_that_cannot_be_is_refused(log, number, capsys):
-    assert main(["diagnose", str(log), "--set", number]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "--set" in line

@@ -15,11 +15,9 @@ from companion.control.authority import Reason
 from companion.mavlink.frames import cut
 from companion.vehicles import QUAD
 from replay.cli import main
-from replay.fleet.jobs import Job, perform
+from replay.fleet.jobs import Job, perform, work
 from replay.fleet.page import common_effects
-from replay.fleet.results import Results, logs_in
-from replay.fleet.rows import row, write_table
-from replay.fleet.scheduler import run_local
+from replay.fleet.results import keep, known, logs_in, table
 
 DAY_US = 86_400_000_000
 
@@ -128,7 +126,7 @@ def test_report_of_a_folder_is_one_page_of_all_that_leads_to_one_of_every_log(tm
     page = (report / "report.html").read_text()
     assert "Most logs show the same effect" in page
     assert page.index("Most logs show") < page.index("Next: ") < page.index("Every log")
-    links = re.findall(r'href="(logs/heavy\d-\w+\.html)"', page)
+    links = re.findall(r'href="(logs/heavy\d-\w+/report\.html)"', page)
     assert len(links) == 2
     for link in links:
         assert "Error of the model" in (report / link).read_text()
@@ -169,22 +167,17 @@ def test_a_real_browser_shows_the_page_of_a_folder(folder, tmp_path):
 
 def test_a_process_that_dies_is_one_line(tmp_path, monkeypatch):
     write_tlog(tmp_path / "a.tlog", flight(2.0))
-    jobs = [
-        Job("run", str(tmp_path / "a.tlog"), None, "/no/such/model"),
-        Job("run", str(tmp_path / "a.tlog"), None, None),
-    ]
-    answers = dict(run_local(jobs, 2))
-    assert "error" in answers[jobs[0]]
+    jobs = [Job.of("run", tmp_path / "a.tlog", {"--model": model}) for model in ("/no/such/model", None)]
+    answers = dict(work(jobs, 2, None))
+    assert "/no/such/model" in answers[jobs[0]]["error"]
     assert answers[jobs[1]]["decisions"] > 0
-    assert answers[jobs[1]]["peak_mib"] > 20
-    # A job that cannot even be unpacked by its process: the process dies, and says so.
-    monkeypatch.setattr("replay.fleet.scheduler._child", _dies)
-    (answer,) = [a for _, a in run_local(jobs[1:], 1)]
-    assert "process died" in answer["error"]
-
-
-def _dies(job, answers):
-    os._exit(7)
+    # A python that cannot even start: the process dies, and says so.
+    dies = tmp_path / "python"
+    dies.write_text("#!/bin/sh\nkill -9 $$\n")
+    dies.chmod(0o700)
+    monkeypatch.setattr(sys, "executable", str(dies))
+    (answer,) = [a for _, a in work(jobs[1:], 1, None)]
+    assert "process died (signal 9)" in answer["error"]
 
 
 def test_bad_arguments(folder, tmp_path, capsys):
@@ -198,22 +191,21 @@ def test_bad_arguments(folder, tmp_path, capsys):
     assert len(capsys.readouterr().err.strip().splitlines()) == 6
 
 
-def test_a_cell_of_the_table_is_empty_where_a_log_lacks_it(tmp_path):
-    rows = [row({"log": "a", "error": "bad"}), row({"log": "b", "duration_s": 2.0, "refusals_s": {"landed": 1.0}})]
-    assert write_table(tmp_path, rows).read_text().splitlines() == [
-        "log,error,duration_s,refusal_landed_s",
+def test_a_cell_of_the_table_is_empty_where_a_log_lacks_it():
+    answers = [{"log": "a", "error": "bad"}, {"log": "b", "duration_s": 2.0, "refusals_s": {"landed": 1.0}}]
+    assert table(answers).splitlines() == [
+        "log,error,duration_s,refusals_s.landed",
         "a,bad,,",
         "b,,2.0,1.0",
     ]
 
 
 def test_interrupted_folder_keeps_what_was_done(folder, tmp_path):
-    jobs = [Job("run", str(p), None, None) for p in logs_in(folder)[0]]
-    results = Results(tmp_path / "out")
-    results.keep(jobs[0], perform(jobs[0]))
-    (results.folder / "x.part").write_text('{"half')
-    assert results.known(jobs[0])["decisions"] > 0
-    assert results.known(jobs[1]) is None
+    jobs = [Job.of("run", p, {}) for p in logs_in(folder)[0]]
+    keep(tmp_path, jobs[0], perform(jobs[0]))
+    (tmp_path / "results" / "x.part").write_text('{"half')
+    assert known(tmp_path, jobs[0])["decisions"] > 0
+    assert known(tmp_path, jobs[1]) is None
 
 
 def test_dask_does_the_same_work(folder, tmp_path, capsys):
@@ -246,7 +238,7 @@ def test_stamps_of_another_millennium_and_joined_logs_are_no_hindrance(tmp_path)
     joined.write_bytes(data + data)
     write_tlog(future, flight(3.0, arrival_us=25_970_000_000_000_000))
     for path, date_from in ((joined, "log"), (future, "file")):
-        answer = perform(Job("run", str(path), None, None))
+        answer = perform(Job.of("run", path, {}))
         assert answer["decisions"] > 100
         assert answer["date_from"] == date_from
         assert answer["date"].startswith("20")

@@ -302,15 +302,6 @@ def test_a_clean_flight_has_no_fault(vehicle, seed, flown):
     assert record.axes == ALL
 
 
-def test_a_speed_exchanged_against_its_output_is_found_where_the_vehicle_hardly_turns(flown):
-    """Moments too small to say so, but outputs that differ."""
-    log = exchanged(logged(flown, QUADROTOR, Path("a.tlog")))
-    small = replace(QUADROTOR, fans=tuple(replace(f, position_m=(0.0, 0.0, -0.06)) for f in QUADROTOR.fans))
-    record = build_record(log, small, None)
-    assert [f.channel for f in record.faults] == ["rpm_1"]
-    assert "two speeds are exchanged" in record.faults[0].what
-
-
 def test_after_a_crash_nothing_is_judged(flown):
     """Upside down at the end, rotors running."""
     log = logged(flown, QUADROTOR, Path("a.tlog"))

@@ -92,7 +92,6 @@ def test_a_place_that_cannot_be_written_is_one_line(tmp_path: Path, capsys: pyte
 
 def test_nothing_seen_is_an_empty_history() -> None:
     history = History()
-    assert history.spans() == []
     assert history.column("h_m").shape == (0,)
     assert np.array_equal(history.column("t_s"), np.empty(0))
 
@@ -101,12 +100,14 @@ def test_a_flight_of_many_hours_is_plotted_from_fewer_rows(monkeypatch: pytest.M
     monkeypatch.setattr(history, "_MOST_ROWS", 100)
     kept = History()
     offset = SimpleNamespace(thrust=0.0, roll=0.0, pitch=0.0)
-    for k in range(10_000):
-        kept.add(SimpleNamespace(t_s=0.1 * k, offset=offset, disturbance=None, authority=1.0, reasons=frozenset()))
+    decided = [
+        SimpleNamespace(t_s=0.1 * k, offset=offset, disturbance=None, authority=1.0, reasons=frozenset())
+        for k in range(10_000)
+    ]
+    assert list(kept.watch(decided)) == decided
     t_s = kept.column("t_s")
     assert 40 < len(t_s) <= 101
     assert t_s[0] == 0.0
     assert t_s[-1] > 970.0
     assert np.diff(t_s).max() < 2.0 * np.diff(t_s).min(), "one period, but where it was doubled"
-    (span,) = kept.spans()
-    assert span.reason is None
+    assert kept.column("compensating").all()
