@@ -91,12 +91,22 @@ def measured_wrench(
     Force = m f with f the specific force at the CG (gravity never enters); moment = I w' + w x (I w).
     All inputs shape (..., 3), body FRD, m/s^2, rad/s, rad/s^2; returns shape (..., 6).
     """
-    vectors = (specific_force, rates, rate_derivatives)
-    force, (p, q, r), (pd, qd, rd) = (np.moveaxis(np.asarray(v, dtype=float), -1, 0) for v in vectors)
-    ix, iy, iz = np.asarray(inertia_kgm2, dtype=float)
-    moment = (
-        ix * pd + (q * (iz * r) - r * (iy * q)),
-        iy * qd + (r * (ix * p) - p * (iz * r)),
-        iz * rd + (p * (iy * q) - q * (ix * p)),
+    f, w, wd = (np.moveaxis(np.asarray(a, dtype=float), -1, 0) for a in (specific_force, rates, rate_derivatives))
+    ix, iy, iz = np.asarray(inertia_kgm2, dtype=float).tolist()
+    (fx, fy, fz), (p, q, r), (pd, qd, rd) = f, w, wd
+    return np.stack(wrench_of_motion(fx, fy, fz, p, q, r, pd, qd, rd, mass_kg, ix, iy, iz), axis=-1)
+
+
+def wrench_of_motion(
+    fx: Any, fy: Any, fz: Any, p: Any, q: Any, r: Any, pd: Any, qd: Any, rd: Any,
+    mass_kg: float, ixx: float, iyy: float, izz: float,
+) -> tuple[Any, Any, Any, Any, Any, Any]:  # fmt: skip
+    """``measured_wrench`` by components, the same for floats (one instant in flight) and arrays (a record)."""
+    return (
+        mass_kg * fx,
+        mass_kg * fy,
+        mass_kg * fz,
+        ixx * pd + (q * (izz * r) - r * (iyy * q)),
+        iyy * qd + (r * (ixx * p) - p * (izz * r)),
+        izz * rd + (p * (iyy * q) - q * (ixx * p)),
     )
-    return np.stack([*(mass_kg * force), *moment], axis=-1)

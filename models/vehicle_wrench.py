@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -30,6 +32,16 @@ def fan_rpm(vehicle: Vehicle, rotor_rpm: ArrayLike) -> Array:
     rpm = np.asarray(rotor_rpm, dtype=float)
     squares = np.add.reduceat(rpm * rpm, vehicle.first_rotors, axis=-1)
     return np.asarray(np.sqrt(squares / vehicle.rotor_counts))
+
+
+def fan_rpm_now(vehicle: Vehicle, rotor_rpm: Sequence[float]) -> tuple[float, ...]:
+    """``fan_rpm`` of one instant in plain floats."""
+    out, first = [], 0
+    for fan in vehicle.fans:
+        count = len(fan.rotors)
+        out.append(math.sqrt(sum([v * v for v in rotor_rpm[first : first + count]]) / count))
+        first += count
+    return tuple(out)
 
 
 def free_air_thrust(vehicle: Vehicle, model: FanModel | None, fan: Fan, rpm: ArrayLike) -> Array:

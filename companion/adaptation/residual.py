@@ -1,6 +1,6 @@
 """Measured minus modelled wrench of one block of flight, and what each size would add to it.
 
-The formulas are those of diagnosis (``models.frames.measured_wrench``, ``models.vehicle_wrench.vane_wrench``, the
+The formulas are those of diagnosis (``models.frames.wrench_of_motion``, ``models.vehicle_wrench.vane_wrench``, the
 surrogate); the one filter that both sides go through is here a mean over the block in place of a Gaussian over the
 record, and the delay of rotor speeds is a lag of the accelerometer.
 """
@@ -18,7 +18,7 @@ import numpy as np
 from companion.adaptation import sizes as at
 from companion.estimation.disturbance import Parts, about_cg
 from companion.mavlink.samples import Imu
-from models.frames import Array, Rows, at_cg, measured_wrench
+from models.frames import Array, Rows, at_cg, wrench_of_motion
 from models.vehicle import RHO_SEA_LEVEL, Vector3, Vehicle
 
 IMU_LAG_S = 0.03
@@ -126,10 +126,10 @@ def block_residual(
 def measured(block: Block, vehicle: Vehicle) -> list[float]:
     """(5,): the wrench of the air that the accelerometer and the gyro of a block tell."""
     share, seconds = 1.0 / block.samples, block.end_s - block.start_s
-    turning = (np.array(block.lagged[3:]) - block.rates_at_start) / seconds
-    force, rates = np.array(block.motion[:3]) * share, np.array(block.motion[3:6]) * share
-    out: list[float] = measured_wrench(force, rates, turning, vehicle.mass_kg, vehicle.inertia_kgm2)[:AXES].tolist()
-    return out
+    mean = [v * share for v in block.motion[:6]]
+    change = [(last - first) / seconds for first, last in zip(block.rates_at_start, block.lagged[3:], strict=True)]
+    motion = [*mean, *change, vehicle.mass_kg, *vehicle.inertia_kgm2]
+    return list(wrench_of_motion(*motion)[:AXES])
 
 
 def _through_the_air(velocity: Sequence[float], rotation: Rows, wind_ne: tuple[float, float]) -> list[float]:

@@ -21,7 +21,7 @@ from models.evolve import replace
 from models.frames import Array, Rows
 from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
-from models.vehicle_wrench import RPM_TO_RAD_S, fan_rpm
+from models.vehicle_wrench import RPM_TO_RAD_S, fan_rpm_now
 
 GAIN = 0.95
 """Of the modelled disturbance, where nothing speaks against it."""
@@ -50,7 +50,7 @@ def modelled_disturbance(
     ground = surface(estimates, config, "ground", t_s)
     wall = surface(estimates, config, "wall", t_s)
     ceiling = Surface(Seen.UNDECLARED)
-    rpm = tuple(fan_rpm(vehicle, rotor_rpm).tolist())
+    rpm = fan_rpm_now(vehicle, rotor_rpm)
     soon = fan_query(vehicle, ground, wall, rotation, rpm, THRUST_LEAD_S)
     later = fan_query(vehicle, ground, wall, rotation, rpm, _TILT_LEAD_S)
     adopted = None
