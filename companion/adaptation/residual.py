@@ -63,21 +63,28 @@ def follow(block: Block) -> Block:
 def add(block: Block, imu: Imu, parts: Parts, velocity: Vector3, vanes_us: tuple[float, ...]) -> Block:
     """The block with one sample more; ``vanes_us`` as ``vane_outputs`` has them, ``velocity`` NED."""
     share = (imu.t_s - block.end_s) / (IMU_LAG_S + imu.t_s - block.end_s)
-    told = (*imu.specific_force_frd, *imu.gyro_frd)
-    lagged = tuple([old + share * (new - old) for old, new in zip(block.lagged, told, strict=True)])
+    (a, b, c, p, q, r), (fx, fy, fz), (gx, gy, gz) = block.lagged, imu.specific_force_frd, imu.gyro_frd
+    force = (a + share * (fx - a), b + share * (fy - b), c + share * (fz - c))
+    rates = (p + share * (gx - p), q + share * (gy - q), r + share * (gz - r))
+    lagged = (*force, *rates)
+    motion = tuple([old + new for old, new in zip(block.motion, (*lagged, *velocity), strict=True)])
     at_fans, effects, vanes = parts.at_fans, parts.effects, vanes_us
     if block.at_fans is not None and block.effects is not None:
-        at_fans, effects = block.at_fans + at_fans, block.effects + effects
+        at_fans = block.at_fans + at_fans
+        effects = block.effects + effects if effects.size else effects
         vanes = tuple([a + b for a, b in zip(block.vanes_us, vanes_us, strict=True)])
-    return block._replace(
-        end_s=imu.t_s,
-        lagged=lagged,
-        samples=block.samples + 1,
-        motion=tuple([a + b for a, b in zip(block.motion, (*lagged, *velocity), strict=True)]),
-        vanes_us=vanes,
-        at_fans=at_fans,
-        effects=effects,
-        tip_m_s=block.tip_m_s + parts.tip_m_s,
+    tip_m_s = block.tip_m_s + parts.tip_m_s
+    return Block(
+        block.start_s,
+        imu.t_s,
+        lagged,
+        block.rates_at_start,
+        block.samples + 1,
+        motion,
+        vanes,
+        at_fans,
+        effects,
+        tip_m_s,
     )
 
 
