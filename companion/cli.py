@@ -11,7 +11,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from companion.adapt_options import Adapt, read_adapt
 from companion.mavlink import BAUD
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from companion.config import PipelineConfig
     from companion.flight import Flight
     from companion.page.feed import PageFeed
+    from companion.sim.process import SimProcess
+    from models.vehicle import Vehicle
 
 _INTERRUPTED = 130
 """128 + SIGINT, as shells have it."""
@@ -84,9 +86,6 @@ def parser() -> argparse.ArgumentParser:
                    "without offsets")  # fmt: skip
     p.add_argument("--plot", type=Path, metavar="FILE.svg", help="with --compare: draw the errors over the script")
     p.add_argument("--seed", type=int, default=0, help="of the built-in vehicle")
-    p.add_argument("--vision", action="store_true",
-                   help="with sim:NAME: no GPS but visual odometry, 60 ms late, drifting by 2 %% of the path and "
-                   "set right every 10 s")  # fmt: skip
     p.add_argument("--json", metavar="FILE", help="write the report as JSON (- for stdout)")
     p.add_argument("--quiet", action="store_true", help="no progress, no state changes on stderr")
     return p
@@ -120,7 +119,6 @@ def _check(a: argparse.Namespace) -> None:
         ("--duration", a.duration is not None and not 0.0 < a.duration < math.inf, "a positive number of seconds"),
         ("--target-system", a.target_system is not None and not 1 <= a.target_system <= 255, "1 to 255"),
         ("--compare", a.compare and not _simulated(a), "--connect sim:NAME"),
-        ("--vision", a.vision and not _simulated(a), "--connect sim:NAME"),
         ("--plot", a.plot is not None and not a.compare, "--compare"),
         ("--survey", a.survey is not None and a.record is None, "--record"),
         ("--survey", a.survey is not None and (a.dry_run or a.setpoint != "hold"), "--setpoint hold, sent"),
@@ -172,7 +170,7 @@ def _preflight(a: argparse.Namespace) -> int:
         check.read_log(Path(log), listener)
     else:
         with ExitStack() as stack:
-            endpoint, _ = _endpoint(a, stack)
+            endpoint, _ = _endpoint(a, vehicle, stack)
             arrivals = Arrivals()
             link = stack.enter_context(closing(open_link(endpoint, arrivals, baud=a.baud, signing_key=key)))
             options = FlightOptions(a.duration or check.LISTEN_S, a.target_system)
@@ -202,7 +200,7 @@ def _fly(a: argparse.Namespace) -> int:
     arrivals = Arrivals()
     with ExitStack() as stack:
         stack.enter_context(_shown_on_stderr(logging.WARNING if a.quiet else logging.INFO))
-        endpoint, narration = _endpoint(a, stack)
+        endpoint, sim = _endpoint(a, config.vehicle, stack)
         link = stack.enter_context(closing(open_link(endpoint, arrivals, baud=a.baud, signing_key=key)))
         upstream = None
         if config.base is Base.UPSTREAM:
@@ -214,10 +212,10 @@ def _fly(a: argparse.Namespace) -> int:
             for line in notes:
                 print(f"companion: {line}", file=sys.stderr)
         flight = Flight(config, link, upstream, recorder, arrivals, options)
-        if narration is not None:
-            from companion.sim.narrator import follow
+        if sim is not None and a.duration is None:
+            from companion.sim.process import follow
 
-            follow(narration, lambda text: None if a.quiet else print(text, file=sys.stderr, flush=True), flight.stop)
+            follow(sim.news, lambda text: None if a.quiet else print(text, file=sys.stderr, flush=True), flight.stop)
         interrupted = _run(flight)
         _report(a, flight)
         if flight.unheard is not None:
@@ -283,24 +281,16 @@ def _run(flight: Flight) -> bool:
     return interrupted
 
 
-def _endpoint(a: argparse.Namespace, stack: ExitStack) -> tuple[str, IO[str] | None]:
-    """Where to connect, and what the built-in vehicle says. Without --duration it says when its script is over."""
+def _endpoint(a: argparse.Namespace, vehicle: Vehicle, stack: ExitStack) -> tuple[str, SimProcess | None]:
+    """Where to connect, and the built-in vehicle."""
     if not _simulated(a):
         return a.connect, None
-    from companion.sim.launch import launch
+    from companion.sim.flight import Flight
+    from companion.sim.process import launch
+    from companion.sim.scenario import build
 
-    scripted = a.duration is None
-    sim = stack.enter_context(
-        launch(
-            scenario_name(a.connect),
-            seed=a.seed,
-            vehicle=a.vehicle,
-            pilot="companion",
-            narrate=scripted,
-            vision=a.vision,
-        )
-    )
-    return sim.endpoint, sim.process.stdout if scripted else None
+    sim = stack.enter_context(launch(Flight(vehicle, build(scenario_name(a.connect), vehicle), a.seed)))
+    return sim.endpoint, sim
 
 
 def _page(a: argparse.Namespace, stack: ExitStack) -> PageFeed | None:
@@ -324,7 +314,7 @@ def _report(a: argparse.Namespace, flight: Flight) -> None:
 def _compare(a: argparse.Namespace) -> int:
     from companion.sim.compare import Settings, compare, write
 
-    settings = Settings(scenario_name(a.connect), a.vehicle, a.model, a.adapt or Adapt.OFF, a.record, a.vision)
+    settings = Settings(scenario_name(a.connect), a.vehicle, a.model, a.adapt or Adapt.OFF, a.record)
     if settings.choice.note is not None and not a.quiet:
         print(f"companion: {settings.choice.note}", file=sys.stderr)
     write(compare([a.seed], settings, quiet=a.quiet), json_path=a.json, plot=a.plot)

@@ -91,8 +91,6 @@ class MotorOutput:
 
 
 ARDUPILOT_MOTOR = MotorOutput(SPIN_MIN, SPIN_MAX, THRUST_EXPO)
-PX4_MOTOR = MotorOutput(0.0, 1.0, 0.0)
-"""PX4's default THR_MDL_FAC is 0: the command is the output, so lift is not proportional to it."""
 
 Vec = tuple[float, float, float]
 

@@ -28,6 +28,7 @@ from companion.sim.flight import Flight
 from companion.sim.flown import Flown, Leg, fly_judged
 from companion.sim.model_error import model_error
 from companion.sim.scenario import Scenario, build
+from companion.sim.sensors import Estimator
 from companion.sim.world import default_model, law_of
 from companion.vehicles import chosen_vehicle
 from models.choice import Choice, choose_to_fly
@@ -48,8 +49,8 @@ class Settings:
     adapt: Adapt = Adapt.OFF
     record: Path | None = None
     """Where the leg with offsets off is recorded."""
-    vision: bool = False
-    """Without GPS: the position is visual odometry."""
+    estimator: type[Estimator] = Estimator
+    """Where the autopilot's belief of itself comes from."""
 
     @property
     def legs(self) -> tuple[Leg, ...]:
@@ -90,7 +91,7 @@ def fly(settings: Settings, leg: Leg, seed: int) -> Flown:
         offsets = leg in (Leg.ON, Leg.ADAPTED)
         config = PipelineConfig(vehicle, settings.choice.model, offsets=offsets, adapt=adapt)
     return fly_judged(
-        Flight(vehicle, once.repeated(settings.approaches), seed, vision=settings.vision), config, leg,
+        Flight(vehicle, once.repeated(settings.approaches), seed, estimator=settings.estimator), config, leg,
         approach_s=once.duration_s if several else math.inf, record=settings.record if leg is Leg.OFF else None,
     )  # fmt: skip
 

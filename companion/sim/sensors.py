@@ -15,10 +15,6 @@ from models.vehicle import Rangefinder
 
 OUT_OF_RANGE_M = 60.0
 """What a lidar reports without an echo: beyond its greatest distance, as real ones do."""
-DISTRUST_S = 5.0
-"""Without GPS: after this long the real PX4's ESTIMATOR_STATUS clears its position flags."""
-DEAD_RECKONING_M_S2 = 0.0086
-"""1.9 m in 21 s, as the real PX4 went astray."""
 RANGE_MIN_M, RANGE_MAX_M = 0.03, 40.0
 """Least and greatest distance of the simulated lidar, as it announces them."""
 BEAM_DIRECTIONS: dict[int, Vec] = {
@@ -42,6 +38,8 @@ class Estimate:
     position: Vec
     velocity: Vec
     specific_force: Vec
+    trusted: bool = True
+    """What the EKF says of its own position."""
 
     @property
     def down_acceleration(self) -> float:
@@ -55,12 +53,7 @@ class Estimator:
     """IMU and EKF. Errors: attitude 0.1 deg, position 4 mm (10 s), velocity 1 cm/s (1 s), each about a fixed bias.
 
     Its random streams depend on the seed and on time alone, never on the flight: two flights with one seed are paired.
-    Without GPS it dead-reckons: position and velocity go on, and go wrong as an accelerometer's bias integrates; after
-    ``DISTRUST_S`` it says so. When GPS returns they leap back.
     """
-
-    relative = False
-    """Whether its position has no place on Earth, as without GPS."""
 
     def __init__(self, body: Body, seed: int) -> None:
         self._body = body
@@ -73,27 +66,10 @@ class Estimator:
         self._position_bias = [rng.gauss(0.0, 0.008) for _ in range(3)]
         self._accel_bias = [rng.gauss(0.0, 0.02) for _ in range(3)]
         self._gyro_bias = [rng.gauss(0.0, 0.0005) for _ in range(3)]
-        bearing = rng.uniform(-math.pi, math.pi)
-        self._astray = (DEAD_RECKONING_M_S2 * math.cos(bearing), DEAD_RECKONING_M_S2 * math.sin(bearing))
-        self.gps = True
-        self._without_s = 0.0
-
-    @property
-    def trusted(self) -> bool:
-        """Whether the estimator itself trusts its position."""
-        return self._without_s < DISTRUST_S
-
-    @property
-    def test_ratio(self) -> float:
-        """Largest test ratio of position and velocity: above 1 measurements are rejected."""
-        return 0.05 if self.trusted else 1.5
 
     def step(self) -> Estimate:
         """Measure and estimate at the body's present instant."""
         body, gauss = self._body, self._white.gauss
-        self._without_s = 0.0 if self.gps else self._without_s + body.dt
-        t = self._without_s
-        (an, ae), half = self._astray, 0.5 * t * t
         slow, where, speed = self._slow.step(), self._position.step(), self._velocity.step()
         a = math.radians(0.1)
         ex, ey, ez = (0.5 * (a * s + b) for s, b in zip(slow, self._tilt_bias, strict=True))
@@ -115,11 +91,11 @@ class Estimator:
                 r[2] + self._gyro_bias[2] + gauss(0.0, 0.008),
             ),
             position=(
-                p[0] + self._position_bias[0] + 0.004 * where[0] + half * an,
-                p[1] + self._position_bias[1] + 0.004 * where[1] + half * ae,
+                p[0] + self._position_bias[0] + 0.004 * where[0],
+                p[1] + self._position_bias[1] + 0.004 * where[1],
                 p[2] + self._position_bias[2] + 0.004 * where[2],
             ),
-            velocity=(v[0] + 0.01 * speed[0] + t * an, v[1] + 0.01 * speed[1] + t * ae, v[2] + 0.01 * speed[2]),
+            velocity=(v[0] + 0.01 * speed[0], v[1] + 0.01 * speed[1], v[2] + 0.01 * speed[2]),
             specific_force=(
                 f[0] + self._accel_bias[0] + gauss(0.0, 0.15),
                 f[1] + self._accel_bias[1] + gauss(0.0, 0.15),
