@@ -139,6 +139,36 @@ class Shaper:
 
 
 @dataclass
+class Loop:
+    """A PID controller of one axis: bounded integral, derivative of the error behind a low pass."""
+
+    p: float
+    i: float
+    d: float
+    most: float
+    """Of the integral."""
+    share: float
+    """Of the change of the derivative per step: the low pass."""
+    integral: float = 0.0
+    old: float = 0.0
+    slope: float = 0.0
+
+    def integrate(self, error: float) -> None:
+        """One step of the integral."""
+        self.integral = max(-self.most, min(self.most, self.integral + self.i * error * DT))
+
+    def differentiate(self, value: float) -> None:
+        """One step of the derivative."""
+        self.slope += ((value - self.old) / DT - self.slope) * self.share
+        self.old = value
+
+    def answer(self, error: float, feed_forward: float = 0.0) -> float:
+        """What is demanded."""
+        self.differentiate(error)
+        return feed_forward + self.p * error + self.integral + self.d * self.slope
+
+
+@dataclass
 class PositionTarget:
     """A demand in SET_POSITION_TARGET_LOCAL_NED: what is not commanded is None."""
 
@@ -186,20 +216,18 @@ class Autopilot:
         self.mixer = Mixer(vehicle, vehicle.hover_thrust, self.motor)
         self.parameters = self.default_parameters()
         g = self.gains
-        self._north = Shaper(g.accel_xy, g.jerk_xy)
-        self._east = Shaper(g.accel_xy, g.jerk_xy)
-        self._down = Shaper(g.accel_z, g.jerk_z)
+        limits = ((g.accel_xy, g.jerk_xy), (g.accel_xy, g.jerk_xy), (g.accel_z, g.jerk_z))
+        self.axes = [Shaper(*limit) for limit in limits]
+        """North, east and down of the shaped position target."""
+        rate_gains = zip(g.rate_p, g.rate_i, g.rate_d, strict=True)
+        self._rate_loops = [Loop(*pid, RATE_I_MOST, SHARE_20_HZ) for pid in rate_gains]
+        vel_gains = (g.vel_xy_p, g.vel_xy_i, g.vel_xy_d)
+        self._vel_loops = [Loop(*vel_gains, VEL_I_MOST, SHARE_5_HZ) for _ in range(2)]
         self.attitude = AttitudeTarget()
         self.target = PositionTarget()
         self.shaped = [0.0, 0.0, 0.0]  # roll, pitch, yaw that the attitude controller chases
         self._shaped_rate = [0.0, 0.0, 0.0]
-        self._rate_i = [0.0, 0.0, 0.0]
         self._rate_filtered = [0.0, 0.0, 0.0]
-        self._rate_error_old = [0.0, 0.0, 0.0]
-        self._rate_slope = [0.0, 0.0, 0.0]
-        self._vel_i = [0.0, 0.0]
-        self._vel_old = [0.0, 0.0]
-        self._vel_slope = [0.0, 0.0]
         self._thr_i = 0.0
         self._acc_filtered = 0.0
         self.throttle = 0.0  # before angle boost, as ATTITUDE_TARGET.thrust reports it
@@ -248,11 +276,6 @@ class Autopilot:
         """Rates [rad/s] of the shaped attitude target."""
         r = self._shaped_rate
         return (r[0], r[1], r[2])
-
-    @property
-    def shaped_axes(self) -> tuple[Shaper, Shaper, Shaper]:
-        """North, east and down of the shaped position target."""
-        return (self._north, self._east, self._down)
 
     # -- commands ---------------------------------------------------------------------------------------------------
 
@@ -348,19 +371,20 @@ class Autopilot:
         """On the ground: no integrator winds up, every target starts where the vehicle is."""
         self.shaped = [0.0, 0.0, now.yaw]
         self._shaped_rate = [0.0, 0.0, 0.0]
-        self._rate_i = [0.0, 0.0, 0.0]
+        for loop in self._rate_loops:
+            loop.integral = 0.0
         if self.guided is not Guided.TAKEOFF:
             self._reset_position(now)
 
     def _reset_position(self, now: Estimate) -> None:
         """Hand-over to the position controller without a kick: the present tilt and throttle become its integrators."""
-        self._north.reset(now.position[0], now.velocity[0])
-        self._east.reset(now.position[1], now.velocity[1])
-        self._down.reset(now.position[2], now.velocity[2])
+        for axis, place, speed in zip(self.axes, now.position, now.velocity, strict=True):
+            axis.reset(place, speed)
         c, s = math.cos(now.yaw), math.sin(now.yaw)
         ahead, right = -GRAVITY * math.tan(self.shaped[1]), GRAVITY * math.tan(self.shaped[0])
-        self._vel_i = [c * ahead - s * right, s * ahead + c * right]
-        self._vel_old = [now.velocity[0], now.velocity[1]]
+        north, east = self._vel_loops
+        north.integral, east.integral = c * ahead - s * right, s * ahead + c * right
+        north.old, east.old = now.velocity[:2]
         self._thr_i = (self.throttle - self.hover) if not self.landed else 0.0
 
     def _outer(self, now: Estimate) -> float:
@@ -392,9 +416,9 @@ class Autopilot:
 
     def _climb_away(self) -> None:
         """A take-off accelerates gently: WPNAV_ACCEL_Z is 1 m/s^2, half a metre in the first second."""
-        self._down.accel_max = TAKE_OFF_ACCEL if self.guided is Guided.TAKEOFF else self.gains.accel_z
-        if self.guided is Guided.TAKEOFF and self.landed and self._down.position < -LIFT_OFF_LEAD_M:
-            self._down.reset(-LIFT_OFF_LEAD_M, 0.0)  # the target waits for the vehicle
+        self.axes[2].accel_max = TAKE_OFF_ACCEL if self.guided is Guided.TAKEOFF else self.gains.accel_z
+        if self.guided is Guided.TAKEOFF and self.landed and self.axes[2].position < -LIFT_OFF_LEAD_M:
+            self.axes[2].reset(-LIFT_OFF_LEAD_M, 0.0)  # the target waits for the vehicle
 
     def _end_take_off(self, now: Estimate) -> None:
         height = self.target.position[2]
@@ -408,7 +432,7 @@ class Autopilot:
             return self._level(now)
         self._follow_attitude(a)
         # The height controller, when it takes over, starts from here.
-        self._down.reset(now.position[2], now.velocity[2])
+        self.axes[2].reset(now.position[2], now.velocity[2])
         self._thr_i = a.thrust - self.hover
         return a.thrust
 
@@ -420,28 +444,22 @@ class Autopilot:
 
     def _climb(self, now: Estimate, up_m_s: float) -> float:
         """Hold height, or climb at a rate."""
-        self._down.step(DT, None, -up_m_s)
+        self.axes[2].step(DT, None, -up_m_s)
         return self._vertical(now)
 
     def _position(self, now: Estimate) -> float:
-        t, dt, g = self.target, DT, self.gains
-        ff = t.accel
+        t, g = self.target, self.gains
         # Between two messages the demand moves on at its own velocity.
-        n, e, d = (None if x is None else x + v * dt for x, v in zip(t.position, t.velocity, strict=True))
+        n, e, d = (None if x is None else x + v * DT for x, v in zip(t.position, t.velocity, strict=True))
         t.position = (n, e, d)
-        self._north.step(dt, t.position[0], t.velocity[0], ff[0])
-        self._east.step(dt, t.position[1], t.velocity[1], ff[1])
-        self._down.step(dt, t.position[2], t.velocity[2], ff[2])
-        demand = [0.0, 0.0]
-        for i, axis in enumerate((self._north, self._east)):
-            wanted = axis.velocity + g.pos_xy * (axis.position - now.position[i])
-            error = wanted - now.velocity[i]
-            self._vel_i[i] = max(-VEL_I_MOST, min(VEL_I_MOST, self._vel_i[i] + g.vel_xy_i * error * dt))
-            slope = (error - self._vel_old[i]) / dt
-            self._vel_old[i] = error
-            self._vel_slope[i] += (slope - self._vel_slope[i]) * SHARE_5_HZ
-            demand[i] = axis.accel + g.vel_xy_p * error + self._vel_i[i] + g.vel_xy_d * self._vel_slope[i]
-        self._lean(now, demand[0], demand[1])
+        for axis, place, speed, accel in zip(self.axes, t.position, t.velocity, t.accel, strict=True):
+            axis.step(DT, place, speed, accel)
+        demand = []
+        for axis, loop, here, speed in zip(self.axes, self._vel_loops, now.position, now.velocity, strict=False):
+            error = axis.velocity + g.pos_xy * (axis.position - here) - speed
+            loop.integrate(error)
+            demand.append(loop.answer(error, axis.accel))
+        self._lean(now, *demand)
         return self._vertical(now)
 
     def _lean(self, now: Estimate, north: float, east: float) -> tuple[float, float]:
@@ -455,7 +473,7 @@ class Autopilot:
         return roll, pitch
 
     def _vertical(self, now: Estimate) -> float:
-        g, axis = self.gains, self._down
+        g, axis = self.gains, self.axes[2]
         wanted = axis.velocity + g.pos_z * (axis.position - now.position[2])
         accel = axis.accel + g.vel_z * (wanted - now.velocity[2])
         error = self._acc_filtered - accel  # positive: more throttle
@@ -489,7 +507,7 @@ class Autopilot:
 
     def _inner(self, now: Estimate) -> Vec:
         """Moments [N m] that bring the attitude to the shaped target."""
-        g, dt = self.gains, DT
+        g = self.gains
         sr, cr = math.sin(now.roll), math.cos(now.roll)
         sp, cp = math.sin(now.pitch), math.cos(now.pitch)
         er, ep, ey = self.shaped[0] - now.roll, self.shaped[1] - now.pitch, wrap(self.shaped[2] - now.yaw)
@@ -497,15 +515,11 @@ class Autopilot:
         er, ep, ey = g.angle[0] * er + dr, g.angle[1] * ep + dp, g.angle[2] * ey + dy
         # Euler rates -> body rates
         wanted = (er - sp * ey, cr * ep + sr * cp * ey, -sr * ep + cr * cp * ey)
-        out = [0.0, 0.0, 0.0]
-        for i in range(3):
+        out = []
+        for i, loop in enumerate(self._rate_loops):
             self._rate_filtered[i] += (now.rates[i] - self._rate_filtered[i]) * SHARE_20_HZ
             error = wanted[i] - self._rate_filtered[i]
             if not self.mixer.saturated and not self.landed:
-                self._rate_i[i] = max(-RATE_I_MOST, min(RATE_I_MOST, self._rate_i[i] + g.rate_i[i] * error * dt))
-            slope = (error - self._rate_error_old[i]) / dt
-            self._rate_error_old[i] = error
-            self._rate_slope[i] += (slope - self._rate_slope[i]) * SHARE_20_HZ
-            out[i] = g.rate_p[i] * error + self._rate_i[i] + g.rate_d[i] * self._rate_slope[i]
-        ix, iy, iz = self.vehicle.inertia_kgm2
-        return (ix * out[0], iy * out[1], iz * out[2])
+                loop.integrate(error)
+            out.append(loop.answer(error) * self.vehicle.inertia_kgm2[i])
+        return (out[0], out[1], out[2])

@@ -132,7 +132,7 @@ class ArduCopter(Autopilot):
         ahead, right, up = (top * s.forward, top * s.right, self.speed_up_m_s * s.up) if live else (0.0, 0.0, 0.0)
         wanted = (c * ahead - sn * right, sn * ahead + c * right, -up)
         place = list(t.position)
-        for i, axis in enumerate(self.shaped_axes):
+        for i, axis in enumerate(self.axes):
             if abs(wanted[i]) > 0.02:
                 place[i] = None
             elif place[i] is None and abs(axis.velocity) < 0.05:

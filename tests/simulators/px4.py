@@ -13,7 +13,6 @@ from arducopter import STICKS_LOST_S, ArduCopter
 
 from companion.sim.autopilot import (
     DT,
-    SHARE_5_HZ,
     Gains,
     Guided,
     Mode,
@@ -128,7 +127,7 @@ class Px4(ArduCopter):
         """MPC_TKO_SPEED 1.5 m/s over MPC_TKO_RAMP_T 3 s: a quarter of a metre in the first second."""
         super()._climb_away()
         if self.guided is Guided.TAKEOFF:
-            self._down.accel_max = 0.5
+            self.axes[2].accel_max = 0.5
 
     def _end_take_off(self, now: Estimate) -> None:
         super()._end_take_off(now)
@@ -167,7 +166,7 @@ class Px4(ArduCopter):
     def _reset_position(self, now: Estimate) -> None:
         super()._reset_position(now)
         up = 0.0 if self.landed else -GRAVITY * (self.throttle / max(self.hover, 0.1) - 1.0)
-        self._acc_i = [*self._vel_i, max(-4.0, min(4.0, up))]
+        self._acc_i = [*(loop.integral for loop in self._vel_loops), max(-4.0, min(4.0, up))]
 
     def _demand_attitude(self, roll: float, pitch: float, yaw: float) -> None:
         """Attitude setpoints are not shaped; the yaw turns at 45 degrees per second."""
@@ -194,7 +193,7 @@ class Px4(ArduCopter):
         p, dt = self.parameters, DT
         self._place = now.position
         raw = self.mode is Mode.GUIDED and self.guided is Guided.POSITION
-        pairs = [self._axis(axis, i, raw) for i, axis in enumerate(self.shaped_axes)]
+        pairs = [self._axis(axis, i, raw) for i, axis in enumerate(self.axes)]
         speed = math.hypot(pairs[0][0], pairs[1][0])
         scale = min(1.0, p["MPC_XY_VEL_MAX"] / speed) if speed else 1.0
         down = max(-p["MPC_Z_V_AUTO_UP"], min(p["MPC_Z_V_AUTO_DN"], pairs[2][0]))
@@ -208,10 +207,8 @@ class Px4(ArduCopter):
                 self._acc_i[i] = max(-limit, min(limit, self._acc_i[i] + step))
             demand[i] = pairs[i][1] + p[f"MPC_{letter}_VEL_P_ACC"] * error + self._acc_i[i]
             if i < 2:
-                slope = (now.velocity[i] - self._vel_old[i]) / dt
-                self._vel_old[i] = now.velocity[i]
-                self._vel_slope[i] += (slope - self._vel_slope[i]) * SHARE_5_HZ
-                demand[i] -= p["MPC_XY_VEL_D_ACC"] * self._vel_slope[i]
+                self._vel_loops[i].differentiate(now.velocity[i])
+                demand[i] -= p["MPC_XY_VEL_D_ACC"] * self._vel_loops[i].slope
         roll, pitch = self._lean(now, demand[0], demand[1])
         if self.landed:
             # Spool up on the ground until it lifts off.
