@@ -11,7 +11,8 @@ import math
 from dataclasses import dataclass
 from enum import Enum, IntEnum
 
-from companion.sim.body import ARDUPILOT_MOTOR, DT, MotorOutput, Vec
+from companion.sim.body import ARDUPILOT_MOTOR, DT, MotorOutput
+from companion.sim.fan_wrench import Vec
 from companion.sim.mixer import Mixer
 from companion.sim.sensors import Estimate
 from models.frames import GRAVITY

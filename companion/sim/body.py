@@ -26,11 +26,13 @@ from companion.sim.fan_wrench import (
     INFLOW_PER_M_S,
     ZERO6,
     SimFan,
+    Vec,
     Wrench6,
     added,
     corner_wrench,
     momentum_drag,
     unsteady_wrench,
+    wrench_of,
 )
 from models.frames import GRAVITY
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
@@ -92,8 +94,6 @@ class MotorOutput:
 
 ARDUPILOT_MOTOR = MotorOutput(SPIN_MIN, SPIN_MAX, THRUST_EXPO)
 
-Vec = tuple[float, float, float]
-
 
 @dataclass(frozen=True)
 class Surroundings:
@@ -140,15 +140,10 @@ class Pack:
         self.used_ah += self.current_a * dt / 3600.0
 
 
-@dataclass(frozen=True)
-class _Vane:
-    channel: int
-    fan: int
-    position: Vec
-    axis: Vec
-    gain: float
-    neutral: float
-    per_us: float
+def pulses(vehicle: Vehicle) -> tuple[float, float]:
+    """Servo output of a stopped motor, and from there to full [us]."""
+    curve = vehicle.throttle
+    return (curve.pwm_min_us, curve.pwm_max_us - curve.pwm_min_us) if curve else (PWM_LOW_US, PWM_SPAN_US)
 
 
 def thrust_share(actuator: float, expo: float = THRUST_EXPO) -> float:
@@ -196,18 +191,7 @@ class Body:
         self.density = RHO_SEA_LEVEL
         self._per_rpm2 = RHO_SEA_LEVEL * self._area * (2.0 * math.pi / 60.0 * self.radius) ** 2
         self._fans = self._prepared_fans(rng)
-        self._vanes = [
-            _Vane(
-                n.servo - 1,
-                n.fan - 1,
-                n.position_m,
-                n.axis,
-                n.force_per_thrust_rad * rng.gauss(1.0, VANE_SD),
-                n.neutral_us,
-                n.rad_per_us,
-            )
-            for n in v.vanes
-        ]
+        self._vane_gains = [n.force_per_thrust_rad * rng.gauss(1.0, VANE_SD) for n in v.vanes]
         self._prepare_rotors(rng)
         self.rpm = [0.0] * len(v.rotors)
         self.deflection = [0.0] * len(v.vanes)
@@ -239,8 +223,7 @@ class Body:
         v, curve = self.vehicle, self.vehicle.throttle
         self.rotor_channels = tuple((r.esc or r.servo or 1) - 1 for r in v.rotors)
         self._rotor_gain = [rng.gauss(1.0, COEFFICIENT_SD) for _ in v.rotors]
-        self._pwm_low = curve.pwm_min_us if curve else PWM_LOW_US
-        self._pwm_span = (curve.pwm_max_us - curve.pwm_min_us) if curve else PWM_SPAN_US
+        self._pwm_low, self._pwm_span = pulses(v)
         self._expo = curve.expo if curve else THRUST_EXPO
         # Full thrust such that the file's hover throttle hovers, a few percent off: nobody weighs before each flight.
         hover = v.hover_thrust * rng.gauss(1.0, HOVER_SD)
@@ -306,16 +289,10 @@ class Body:
         """The nine elements, row by row, of the rotation FRD -> NED."""
         w, x, y, z = self.quaternion
         return (
-            1.0 - 2.0 * (y * y + z * z),
-            2.0 * (x * y - w * z),
-            2.0 * (x * z + w * y),
-            2.0 * (x * y + w * z),
-            1.0 - 2.0 * (x * x + z * z),
-            2.0 * (y * z - w * x),
-            2.0 * (x * z - w * y),
-            2.0 * (y * z + w * x),
-            1.0 - 2.0 * (x * x + y * y),
-        )
+            1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y),
+            2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x),
+            2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y),
+        )  # fmt: skip
 
     def euler(self) -> Vec:
         """Roll, pitch, yaw [rad]."""
@@ -354,10 +331,7 @@ class Body:
         corner = unsteady = drag = ZERO6
         lifts = []
         for i, fan in enumerate(self._fans):
-            square = 0.0
-            for k in fan.rotors:
-                square += rpm[k] * rpm[k]
-            square /= len(fan.rotors)
+            square = sum(rpm[k] * rpm[k] for k in fan.rotors) / len(fan.rotors)
             reynolds = (max(math.sqrt(square), 1.0) / RPM_HOVER) ** REYNOLDS_EXPONENT
             t0 = fan.ct * self._per_rpm2 * square * reynolds * inflow
             power += max(t0, 0.0) ** 1.5 * self._power_per_thrust15
@@ -392,21 +366,15 @@ class Body:
         return self.law.increments(h / self.radius, d / self.radius)
 
     def _vane_wrench(self, pwm: Sequence[float], lifts: list[float]) -> Wrench6:
-        fx = fy = fz = mx = my = mz = 0.0
-        for k, vane in enumerate(self._vanes):
-            us = pwm[vane.channel]
-            target = vane.per_us * (us - vane.neutral) if us > 0.0 else 0.0  # 0: no pulse, the vane stays
+        total = ZERO6
+        for k, (vane, gain) in enumerate(zip(self.vehicle.vanes, self._vane_gains, strict=True)):
+            us = pwm[vane.servo - 1]
+            target = vane.rad_per_us * (us - vane.neutral_us) if us > 0.0 else 0.0  # 0: no pulse, the vane stays
             self.deflection[k] += (max(-VANE_LIMIT_RAD, min(VANE_LIMIT_RAD, target)) - self.deflection[k]) * self._servo
-            side = vane.gain * self.deflection[k] * lifts[vane.fan]
-            bx, by, bz = side * vane.axis[0], side * vane.axis[1], side * vane.axis[2]
-            x, y, z = vane.position
-            fx += bx
-            fy += by
-            fz += bz
-            mx += y * bz - z * by
-            my += z * bx - x * bz
-            mz += x * by - y * bx
-        return (fx, fy, fz, mx, my, mz)
+            side = gain * self.deflection[k] * lifts[vane.fan - 1]
+            ax, ay, az = vane.axis
+            total = added(total, wrench_of((side * ax, side * ay, side * az), vane.position_m))
+        return total
 
     def _contact(self, rot: tuple[float, ...]) -> None:
         """Feet on the ground and lips on the wall: spring, damper and friction."""
@@ -417,12 +385,12 @@ class Body:
         if not near_ground and not near_wall:
             self.causes.contact = ZERO6
             return
-        total = [0.0] * 6
+        total = ZERO6
         if near_ground:
             for point in self._feet:
                 depth = pz + rot[6] * point[0] + rot[7] * point[1] + rot[8] * point[2]
                 if depth > 0.0:
-                    self._press(total, rot, point, (0.0, 0.0, 1.0), depth, GROUND_FRICTION)
+                    total = added(total, self._press(rot, point, (0.0, 0.0, 1.0), depth, GROUND_FRICTION))
         if near_wall:
             into = (self._wall_cos, self._wall_sin, 0.0)
             bx, by = rot[0] * into[0] + rot[3] * into[1], rot[1] * into[0] + rot[4] * into[1]
@@ -434,13 +402,11 @@ class Body:
                 depth = n * into[0] + e * into[1] - self.wall_gap_m
                 if depth > 0.0:
                     self.wall_contact = True
-                    self._press(total, rot, lip, into, depth, WALL_FRICTION)
-        self.causes.contact = (total[0], total[1], total[2], total[3], total[4], total[5])
+                    total = added(total, self._press(rot, lip, into, depth, WALL_FRICTION))
+        self.causes.contact = total
 
-    def _press(
-        self, total: list[float], rot: tuple[float, ...], point: Vec, into: Vec, depth: float, friction: float
-    ) -> None:
-        """Add the force of a surface whose inward normal (NED) is ``into`` on a body point ``depth`` [m] inside it."""
+    def _press(self, rot: tuple[float, ...], point: Vec, into: Vec, depth: float, friction: float) -> Wrench6:
+        """Wrench of a surface whose inward normal (NED) is ``into`` on a body point ``depth`` [m] inside it."""
         self.contact = True
         x, y, z = point
         p, q, r = self.rates
@@ -453,12 +419,7 @@ class Body:
         size = math.hypot(*slide) + SLIDE_M_S
         f = [-normal * into[i] - friction * normal * slide[i] / size for i in range(3)]
         b = [rot[i] * f[0] + rot[3 + i] * f[1] + rot[6 + i] * f[2] for i in range(3)]
-        total[0] += b[0]
-        total[1] += b[1]
-        total[2] += b[2]
-        total[3] += y * b[2] - z * b[1]
-        total[4] += z * b[0] - x * b[2]
-        total[5] += x * b[1] - y * b[0]
+        return wrench_of((b[0], b[1], b[2]), point)
 
     def _integrate(self, rot: tuple[float, ...]) -> None:
         c, dt = self.causes, self.dt
@@ -476,12 +437,9 @@ class Body:
         r += dt * (mz - (iy - ix) * p * q) / iz
         self.rates = [p, q, r]
         v, x = self.velocity, self.position
-        v[0] += dt * (rot[0] * ax + rot[1] * ay + rot[2] * az)
-        v[1] += dt * (rot[3] * ax + rot[4] * ay + rot[5] * az)
-        v[2] += dt * (rot[6] * ax + rot[7] * ay + rot[8] * az + GRAVITY)
-        x[0] += dt * v[0]
-        x[1] += dt * v[1]
-        x[2] += dt * v[2]
+        for i, gravity in enumerate((0.0, 0.0, GRAVITY)):
+            v[i] += dt * (rot[3 * i] * ax + rot[3 * i + 1] * ay + rot[3 * i + 2] * az + gravity)
+            x[i] += dt * v[i]
         qw, qx, qy, qz = self.quaternion
         half = 0.5 * dt
         nw = qw + half * (-qx * p - qy * q - qz * r)

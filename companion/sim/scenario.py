@@ -7,7 +7,8 @@ from bisect import bisect_right
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-from companion.sim.body import Surroundings, Vec
+from companion.sim.body import Surroundings
+from companion.sim.fan_wrench import Vec
 from companion.sim.sensors import BEAM_DIRECTIONS
 from models.errors import ConfigError
 from models.vehicle import Vehicle

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from enum import Enum
 
 from companion.sim.air import Unsteadiness
-from companion.sim.body import Body, Vec, euler
+from companion.sim.body import Body, euler
+from companion.sim.fan_wrench import Vec
 from models.frames import GRAVITY
 from models.vehicle import Rangefinder
 

@@ -15,7 +15,7 @@ from gps import GpsEstimator
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
 from companion.sim.autopilot import Mode, PositionTarget
-from companion.sim.body import Vec
+from companion.sim.fan_wrench import Vec
 from companion.sim.flight import Flight
 from companion.sim.link import COMPANION, SYSTEM, TRUSTED, Messages, VehicleLink
 from companion.sim.sensors import Estimate

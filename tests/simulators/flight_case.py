@@ -19,7 +19,8 @@ from simulated import is_px4, simulated
 
 from companion.config import PipelineConfig
 from companion.sim.autopilot import Mode
-from companion.sim.body import Surroundings, Vec
+from companion.sim.body import Surroundings
+from companion.sim.fan_wrench import Vec
 from companion.sim.flight import Flight
 from companion.sim.link import COMPANION, SYSTEM
 from companion.sim.scenario import Scenario, Waypoint, wall_azimuth

@@ -9,7 +9,8 @@ from dataclasses import replace
 
 from gps import GpsEstimator
 
-from companion.sim.body import Body, Vec
+from companion.sim.body import Body
+from companion.sim.fan_wrench import Vec
 from companion.sim.sensors import Estimate
 from models.frames import GRAVITY, rotation_rows
 
