@@ -55,16 +55,16 @@ def test_a_remaining_share_of_the_air_is_found_again():
     part = air_part(flights(left=0.4) + flights(2, left=0.4))
     assert part is not None
     for axis in AXES:
-        assert part.paired[axis] == pytest.approx(1.0 - 0.4**2, abs=1e-9)
-        assert part.energy[axis] == pytest.approx(1.0 - 0.4**2, abs=0.05)
+        assert part["paired"][axis] == pytest.approx(1.0 - 0.4**2, abs=1e-9)
+        assert part["energy"][axis] == pytest.approx(1.0 - 0.4**2, abs=0.05)
 
 
 def test_offsets_that_do_nothing_remove_nothing_and_harm_is_negative():
     nothing, harm = air_part(flights(left=1.0)), air_part(flights(left=1.5))
     assert nothing is not None
     assert harm is not None
-    assert nothing.paired["height"] == pytest.approx(0.0)
-    assert harm.paired["height"] < -1.0
+    assert nothing["paired"]["height"] == pytest.approx(0.0)
+    assert harm["paired"]["height"] < -1.0
 
 
 def test_without_a_free_flight_there_is_no_air_part():
@@ -75,8 +75,8 @@ def test_air_that_adds_nothing_has_no_share():
     still = [leg(Leg.OFF, 1, 0.0), leg(Leg.ON, 1, 0.0), leg(Leg.FREE, 1, 0.0)]
     part = air_part(still)
     assert part is not None
-    assert math.isnan(part.energy["height"])
-    assert math.isnan(part.paired["height"])
+    assert math.isnan(part["energy"]["height"])
+    assert math.isnan(part["paired"]["height"])
     assert "-" in as_text(compared(*still)).splitlines()[-1]
 
 
