@@ -34,7 +34,7 @@ from companion.sim.fan_wrench import (
     unsteady_wrench,
     wrench_of,
 )
-from models.frames import GRAVITY
+from models.frames import GRAVITY, rotation_rows
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
 
 DT = 0.0025
@@ -151,6 +151,26 @@ def thrust_share(actuator: float, expo: float = THRUST_EXPO) -> float:
     return (1.0 - expo) * actuator + expo * actuator * actuator
 
 
+def turned(rot: tuple[float, ...], v: Vec) -> Vec:
+    """A vector of the body in NED; ``rot``: see ``Body.rotation``."""
+    x, y, z = v
+    return (
+        rot[0] * x + rot[1] * y + rot[2] * z,
+        rot[3] * x + rot[4] * y + rot[5] * z,
+        rot[6] * x + rot[7] * y + rot[8] * z,
+    )
+
+
+def turned_back(rot: tuple[float, ...], v: Vec) -> Vec:
+    """A vector in NED in the body's axes."""
+    n, e, d = v
+    return (
+        rot[0] * n + rot[3] * e + rot[6] * d,
+        rot[1] * n + rot[4] * e + rot[7] * d,
+        rot[2] * n + rot[5] * e + rot[8] * d,
+    )
+
+
 def euler(q: Sequence[float]) -> Vec:
     """Roll, pitch, yaw [rad] of a unit quaternion (w, x, y, z)."""
     w, x, y, z = q
@@ -257,12 +277,6 @@ class Body:
         self._spin_down = 1.0 - math.exp(-dt / SPIN_DOWN_S)
         self._servo = 1.0 - math.exp(-dt / SERVO_S)
 
-    @property
-    def lip_reach_m(self) -> float:
-        """How far the foremost lip stands out from the CG towards the wall."""
-        b = self.surroundings.wall_azimuth_rad - self.euler()[2]
-        return max(f.x * math.cos(b) + f.y * math.sin(b) + f.lip for f in self._fans)
-
     def drag_per_speed(self) -> float:
         """Momentum drag of all fans at hover thrust [N per m/s]."""
         each = self.vehicle.mass_kg * GRAVITY / len(self._fans)
@@ -287,12 +301,8 @@ class Body:
 
     def rotation(self) -> tuple[float, ...]:
         """The nine elements, row by row, of the rotation FRD -> NED."""
-        w, x, y, z = self.quaternion
-        return (
-            1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y),
-            2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x),
-            2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y),
-        )  # fmt: skip
+        north, east, down = rotation_rows(*self.quaternion)
+        return (*north, *east, *down)
 
     def euler(self) -> Vec:
         """Roll, pitch, yaw [rad]."""
@@ -319,10 +329,7 @@ class Body:
     def _air(self, pwm: Sequence[float], rot: tuple[float, ...]) -> None:
         """Everything the air does, by cause."""
         vn, ve, vd = (v - w for v, w in zip(self.velocity, self.wind, strict=True))
-        # velocity through the air, body axes
-        u = rot[0] * vn + rot[3] * ve + rot[6] * vd
-        v = rot[1] * vn + rot[4] * ve + rot[7] * vd
-        w = rot[2] * vn + rot[5] * ve + rot[8] * vd
+        u, v, w = turned_back(rot, (vn, ve, vd))
         bearing = self.surroundings.wall_azimuth_rad - math.atan2(rot[3], rot[0])
         cb, sb = math.cos(bearing), math.sin(bearing)
         noise, radius, rpm = self._unsteady.step(), self.radius, self.rpm
@@ -397,8 +404,7 @@ class Body:
             size = math.hypot(bx, by)
             for fan in self._fans:
                 lip = (fan.x + fan.lip * bx / size, fan.y + fan.lip * by / size, fan.z)
-                n = rot[0] * lip[0] + rot[1] * lip[1] + rot[2] * lip[2]
-                e = rot[3] * lip[0] + rot[4] * lip[1] + rot[5] * lip[2]
+                n, e, _ = turned(rot, lip)
                 depth = n * into[0] + e * into[1] - self.wall_gap_m
                 if depth > 0.0:
                     self.wall_contact = True
@@ -418,19 +424,15 @@ class Body:
         slide = [v[i] - inward * into[i] for i in range(3)]
         size = math.hypot(*slide) + SLIDE_M_S
         f = [-normal * into[i] - friction * normal * slide[i] / size for i in range(3)]
-        b = [rot[i] * f[0] + rot[3 + i] * f[1] + rot[6 + i] * f[2] for i in range(3)]
-        return wrench_of((b[0], b[1], b[2]), point)
+        return wrench_of(turned_back(rot, (f[0], f[1], f[2])), point)
 
     def _integrate(self, rot: tuple[float, ...]) -> None:
         c, dt = self.causes, self.dt
-        fx, fy, fz, mx, my, mz = (
-            a + b + d + e + f + g
-            for a, b, d, e, f, g in zip(c.free, c.corner, c.unsteady, c.drag, c.vanes, c.contact, strict=True)
-        )
+        fx, fy, fz, mx, my, mz = map(sum, zip(*vars(c).values(), strict=True))
         m = self.vehicle.mass_kg
         ix, iy, iz = self.vehicle.inertia_kgm2
-        ax, ay, az = fx / m, fy / m, fz / m
-        self.specific_force = (ax, ay, az)
+        self.specific_force = (fx / m, fy / m, fz / m)
+        accel = turned(rot, self.specific_force)
         p, q, r = self.rates
         p += dt * (mx - (iz - iy) * q * r) / ix
         q += dt * (my - (ix - iz) * r * p) / iy
@@ -438,7 +440,7 @@ class Body:
         self.rates = [p, q, r]
         v, x = self.velocity, self.position
         for i, gravity in enumerate((0.0, 0.0, GRAVITY)):
-            v[i] += dt * (rot[3 * i] * ax + rot[3 * i + 1] * ay + rot[3 * i + 2] * az + gravity)
+            v[i] += dt * (accel[i] + gravity)
             x[i] += dt * v[i]
         qw, qx, qy, qz = self.quaternion
         half = 0.5 * dt

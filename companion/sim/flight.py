@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from itertools import chain
 
 from companion.sim.air import SurfaceLaw
 from companion.sim.autopilot import Autopilot
 from companion.sim.body import Body
 from companion.sim.scenario import Reference, Scenario
-from companion.sim.sensors import EscTelemetry, Estimate, Estimator, RangeSensor, RingSensor
+from companion.sim.sensors import EscTelemetry, Estimate, Estimator, RangeSensor, ring_beams
 from companion.sim.world import law_of
 from models.frames import GRAVITY
 from models.vehicle import Vehicle
@@ -39,7 +40,7 @@ class Flight:
         self.autopilot = autopilot(vehicle, HOVER_PARAM_SHARE * vehicle.hover_thrust)
         named = [(r, f"range {seed} {i}") for i, r in enumerate(vehicle.rangefinders)]
         self.ranges = [RangeSensor(r, name) for r, name in named if not r.ring]
-        self.rings = [RingSensor(r, name) for r, name in named if r.ring]
+        self.rings = [ring_beams(r, name) for r, name in named if r.ring]
         self.esc = EscTelemetry(self.body, seed)
         self.estimate: Estimate = self.estimator.step()
         self.script_began_s = math.inf
@@ -65,10 +66,8 @@ class Flight:
         body = self.body
         self.estimate = self.estimator.step()
         body.step(self.autopilot.step(self.estimate, body.contact, body.time_s))
-        for sensor in self.ranges:
+        for sensor in chain(self.ranges, *self.rings):
             sensor.step(body)
-        for ring in self.rings:
-            ring.step(body)
         self.esc.step(body)
 
     def needed_tilt(self) -> tuple[float, float]:

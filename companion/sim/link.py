@@ -212,8 +212,8 @@ class VehicleLink:
     def _obstacles(self) -> Messages:
         out = []
         for ring in self._flight.rings:
-            read = [min(round(100.0 * beam.reading_m), _RANGE_CM[1] + 1) for beam in ring.beams]
-            step_deg = math.degrees(ring.step_rad)
+            read = [min(round(100.0 * beam.reading_m), _RANGE_CM[1] + 1) for beam in ring]
+            step_deg = 360.0 / len(ring)
             out.append(mavlink.MAVLink_obstacle_distance_message(
                 self.boot_us, mavlink.MAV_DISTANCE_SENSOR_LASER, read + [65535] * (72 - len(read)),
                 round(step_deg), *_RANGE_CM, step_deg, 0.0, mavlink.MAV_FRAME_BODY_FRD,

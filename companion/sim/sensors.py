@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 import random
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
 from companion.sim.air import Unsteadiness
-from companion.sim.body import Body, euler
+from companion.sim.body import Body, euler, turned
 from companion.sim.fan_wrench import Vec
 from models.frames import GRAVITY
 from models.vehicle import Rangefinder
@@ -80,29 +81,21 @@ class Estimator:
         size = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + qz * qz)
         unit = (q[0] / size, q[1] / size, q[2] / size, qz / size)
         roll, pitch, yaw = euler(unit)
-        p, f, r, v = body.position, body.specific_force, body.rates, body.velocity
         return Estimate(
             quaternion=unit,
             roll=roll,
             pitch=pitch,
             yaw=yaw,
-            rates=(
-                r[0] + self._gyro_bias[0] + gauss(0.0, 0.008),
-                r[1] + self._gyro_bias[1] + gauss(0.0, 0.008),
-                r[2] + self._gyro_bias[2] + gauss(0.0, 0.008),
-            ),
-            position=(
-                p[0] + self._position_bias[0] + 0.004 * where[0],
-                p[1] + self._position_bias[1] + 0.004 * where[1],
-                p[2] + self._position_bias[2] + 0.004 * where[2],
-            ),
-            velocity=(v[0] + 0.01 * speed[0], v[1] + 0.01 * speed[1], v[2] + 0.01 * speed[2]),
-            specific_force=(
-                f[0] + self._accel_bias[0] + gauss(0.0, 0.15),
-                f[1] + self._accel_bias[1] + gauss(0.0, 0.15),
-                f[2] + self._accel_bias[2] + gauss(0.0, 0.15),
-            ),
+            rates=_sum(body.rates, self._gyro_bias, [gauss(0.0, 0.008) for _ in range(3)]),
+            position=_sum(body.position, self._position_bias, [0.004 * v for v in where]),
+            velocity=_sum(body.velocity, [0.01 * v for v in speed]),
+            specific_force=_sum(body.specific_force, self._accel_bias, [gauss(0.0, 0.15) for _ in range(3)]),
         )
+
+
+def _sum(*parts: Sequence[float]) -> Vec:
+    x, y, z = map(sum, zip(*parts, strict=True))
+    return (x, y, z)
 
 
 class RangeFault(Enum):
@@ -115,9 +108,9 @@ class RangeFault(Enum):
 class RangeSensor:
     """One lidar: 50 Hz, 20 ms late, sd 8 mm, 1 cm steps, one sample in a hundred lost (reads out of range)."""
 
-    def __init__(self, sensor: Rangefinder, seed: str) -> None:
+    def __init__(self, sensor: Rangefinder, seed: str, direction: Vec | None = None) -> None:
         self.sensor = sensor
-        self.direction = BEAM_DIRECTIONS.get(sensor.orientation, (1.0, 0.0, 0.0))
+        self.direction = direction or BEAM_DIRECTIONS.get(sensor.orientation, (1.0, 0.0, 0.0))
         self._rng = random.Random(seed)
         self._late: deque[float] = deque(maxlen=2)
         self._next_s = 0.0
@@ -141,33 +134,16 @@ class RangeSensor:
         self._late.append(true_range(body, self.sensor.position_m, self.direction))
 
 
-class RingSensor:
-    """A ring of lidars, each as ``RangeSensor``: the first looks ahead, the others follow to the right."""
-
-    def __init__(self, sensor: Rangefinder, seed: str) -> None:
-        self.step_rad = 2.0 * math.pi / sensor.ring
-        self.beams = [RangeSensor(sensor, f"{seed} {k}") for k in range(sensor.ring)]
-        for k, beam in enumerate(self.beams):
-            beam.direction = (math.cos(k * self.step_rad), math.sin(k * self.step_rad), 0.0)
-
-    def step(self, body: Body) -> None:
-        """Sample when due."""
-        for beam in self.beams:
-            beam.step(body)
+def ring_beams(sensor: Rangefinder, seed: str) -> list[RangeSensor]:
+    """A ring of lidars: the first looks ahead, the others follow to the right."""
+    angles = [k * (2.0 * math.pi / sensor.ring) for k in range(sensor.ring)]
+    return [RangeSensor(sensor, f"{seed} {k}", (math.cos(a), math.sin(a), 0.0)) for k, a in enumerate(angles)]
 
 
 def true_range(body: Body, position: Vec, direction: Vec) -> float:
     """Distance [m] along a body-fixed beam to the ground or the wall, inf where it meets neither."""
-    r = body.rotation()
-
-    def world(b: Vec) -> Vec:
-        return (
-            r[0] * b[0] + r[1] * b[1] + r[2] * b[2],
-            r[3] * b[0] + r[4] * b[1] + r[5] * b[2],
-            r[6] * b[0] + r[7] * b[1] + r[8] * b[2],
-        )
-
-    (on, oe, od), (dn, de, dd) = world(position), world(direction)
+    rot = body.rotation()
+    (on, oe, od), (dn, de, dd) = turned(rot, position), turned(rot, direction)
     s = body.surroundings
     best = math.inf
     if dd > 1e-6:

@@ -23,7 +23,7 @@ from companion.sim.body import Surroundings
 from companion.sim.fan_wrench import Vec
 from companion.sim.flight import Flight
 from companion.sim.link import COMPANION, SYSTEM
-from companion.sim.scenario import Scenario, Waypoint, wall_azimuth
+from companion.sim.scenario import Scenario, Waypoint, lip_reach, wall_azimuth
 from models.errors import LinkError
 from models.vehicle import Vehicle
 
@@ -236,9 +236,7 @@ class CasePilot:
 def surroundings(case: Case, vehicle: Vehicle) -> Scenario:
     """An empty script in the surroundings of a case: the wall where the vehicle's wall sensor looks."""
     azimuth = wall_azimuth(vehicle)
-    c, s = math.cos(azimuth), math.sin(azimuth)
-    reach = max(f.position_m[0] * c + f.position_m[1] * s + f.lip_radius_m for f in vehicle.fans)
-    around = Surroundings(wall_m=case.wall_m + reach, wall_azimuth_rad=azimuth)
+    around = Surroundings(wall_m=case.wall_m + lip_reach(vehicle, azimuth), wall_azimuth_rad=azimuth)
     return Scenario(case.name, around, (Waypoint(0.0, 0.0, 1.2, name="case"), Waypoint(1.0, 0.0, 1.2, name="end")))
 
 

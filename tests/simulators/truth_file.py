@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TextIO
@@ -12,6 +11,7 @@ import numpy as np
 
 from companion.sim.body import DT
 from companion.sim.flight import Flight
+from companion.sim.scenario import lip_reach
 from models.errors import ConfigError
 from models.frames import Array
 
@@ -46,7 +46,7 @@ class TruthFile:
         """The present numbers by the names of their columns."""
         f = self._flight
         b, a, reference = f.body, f.autopilot, f.reference
-        gap = b.wall_gap_m - b.lip_reach_m if math.isfinite(f.scenario.surroundings.wall_m) else math.inf
+        gap = b.wall_gap_m - lip_reach(f.vehicle, b.surroundings.wall_azimuth_rad - b.euler()[2])
         row = {"time_s": f"{f.time_s:.4f}", "script_s": f"{f.script_s:.4f}", "phase": reference.phase}
         row |= _named("ref_n ref_e ref_d", reference.position)
         row |= _named("ref_vn ref_ve ref_vd", reference.velocity)
