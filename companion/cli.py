@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from pathlib import Path
-from typing import IO, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from companion.adapt_options import Adapt, read_adapt
 from companion.mavlink import BAUD
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from companion.config import PipelineConfig
     from companion.flight import Flight
     from companion.mavlink.link import Arrivals, Link
+    from companion.sim.process import SimProcess
+    from models.vehicle import Vehicle
 
 _INTERRUPTED = 130
 """128 + SIGINT, as shells have it."""
@@ -83,9 +85,6 @@ def parser() -> argparse.ArgumentParser:
                    "without offsets")  # fmt: skip
     p.add_argument("--plot", type=Path, metavar="FILE.svg", help="with --compare: draw the errors over the script")
     p.add_argument("--seed", type=int, default=0, help="of the built-in vehicle")
-    p.add_argument("--vision", action="store_true",
-                   help="with sim:NAME: no GPS but visual odometry, 60 ms late, drifting by 2 %% of the path and "
-                   "set right every 10 s")  # fmt: skip
     p.add_argument("--json", metavar="FILE", help="write the report as JSON (- for stdout)")
     p.add_argument("--quiet", action="store_true", help="no progress, no state changes on stderr")
     return p
@@ -118,7 +117,6 @@ def _check(a: argparse.Namespace) -> None:
         ("--duration", a.duration is not None and not 0.0 < a.duration < math.inf, "a positive number of seconds"),
         ("--target-system", a.target_system is not None and not 1 <= a.target_system <= 255, "1 to 255"),
         ("--compare", a.compare and not _simulated(a), "--connect sim:NAME"),
-        ("--vision", a.vision and not _simulated(a), "--connect sim:NAME"),
         ("--plot", a.plot is not None and not a.compare, "--compare"),
         ("--survey", a.survey is not None and a.record is None, "--record"),
         ("--survey", a.survey is not None and (a.dry_run or a.setpoint != "hold"), "--setpoint hold, sent"),
@@ -156,7 +154,7 @@ def _preflight(a: argparse.Namespace) -> int:
     else:
         with ExitStack() as stack:
             arrivals = Arrivals()
-            link, _ = _open(a, stack, arrivals)
+            link, _ = _open(a, config.vehicle, stack, arrivals)
             options = FlightOptions(a.duration or check.LISTEN_S, a.target_system)
             if not a.quiet and sys.stderr.isatty():
                 print(f"companion: listening for {options.duration_s:g} s", file=sys.stderr)
@@ -193,7 +191,7 @@ def _fly(a: argparse.Namespace) -> int:
         log.setLevel(logging.WARNING if a.quiet else logging.INFO)
         log.addHandler(shown)
         stack.callback(log.removeHandler, shown)
-        link, narration = _open(a, stack, arrivals)
+        link, sim = _open(a, config.vehicle, stack, arrivals)
         upstream = page = None
         if config.base is Base.UPSTREAM:
             upstream = stack.enter_context(closing(open_link(a.setpoint, arrivals, baud=a.baud, number=1)))
@@ -207,10 +205,10 @@ def _fly(a: argparse.Namespace) -> int:
             if line is not None:
                 print(f"companion: {line}", file=sys.stderr)
         flight = Flight(config, link, upstream, recorder, arrivals, options)
-        if narration is not None:
-            from companion.sim.narrator import follow
+        if sim is not None and a.duration is None:
+            from companion.sim.process import follow
 
-            follow(narration, lambda text: None if a.quiet else print(text, file=sys.stderr, flush=True), flight.stop)
+            follow(sim.news, lambda text: None if a.quiet else print(text, file=sys.stderr, flush=True), flight.stop)
         interrupted = _run(flight)
         if a.json is not None:
             write_json(flight.as_json(), a.json)
@@ -249,20 +247,22 @@ def _config(a: argparse.Namespace) -> tuple[PipelineConfig, str | None]:
     return config, chosen.note
 
 
-def _open(a: argparse.Namespace, stack: ExitStack, arrivals: Arrivals) -> tuple[Link, IO[str] | None]:
-    """The link, and what the built-in vehicle says. Without --duration it says when its script is over."""
+def _open(
+    a: argparse.Namespace, vehicle: Vehicle, stack: ExitStack, arrivals: Arrivals
+) -> tuple[Link, SimProcess | None]:
+    """The link, and the built-in vehicle where that flies."""
     from companion.mavlink.link import open_link, read_signing_key
 
     key = None if a.signing_key is None else read_signing_key(a.signing_key)
-    endpoint, narration = a.connect, None
+    endpoint, sim = a.connect, None
     if _simulated(a):
-        from companion.sim.launch import launch
+        from companion.sim.flight import Flight
+        from companion.sim.process import launch
+        from companion.sim.scenario import build
 
-        name, scripted = scenario_name(a.connect), a.duration is None
-        vehicle = launch(name, seed=a.seed, vehicle=a.vehicle, pilot="companion", narrate=scripted, vision=a.vision)
-        sim = stack.enter_context(vehicle)
-        endpoint, narration = sim.endpoint, sim.process.stdout if scripted else None
-    return stack.enter_context(closing(open_link(endpoint, arrivals, baud=a.baud, signing_key=key))), narration
+        sim = stack.enter_context(launch(Flight(vehicle, build(scenario_name(a.connect), vehicle), a.seed)))
+        endpoint = sim.endpoint
+    return stack.enter_context(closing(open_link(endpoint, arrivals, baud=a.baud, signing_key=key))), sim
 
 
 def _run(flight: Flight) -> bool:
@@ -286,7 +286,7 @@ def _run(flight: Flight) -> bool:
 def _compare(a: argparse.Namespace) -> int:
     from companion.sim.compare import Settings, compare, write
 
-    settings = Settings(scenario_name(a.connect), a.vehicle, a.model, a.adapt or Adapt.OFF, a.record, a.vision)
+    settings = Settings(scenario_name(a.connect), a.vehicle, a.model, a.adapt or Adapt.OFF, a.record)
     if settings.choice.note is not None and not a.quiet:
         print(f"companion: {settings.choice.note}", file=sys.stderr)
     write(compare([a.seed], settings, quiet=a.quiet), json_path=a.json, plot=a.plot)

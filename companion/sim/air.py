@@ -20,15 +20,16 @@ from __future__ import annotations
 
 import math
 import random
-from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
 from itertools import product
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from models.corner_law import ClosedForm
+from models.frames import Array
 
 RPM_HOVER = 4000.0
 """Rotor speed at which the paper's vehicle hovers."""
@@ -159,15 +160,10 @@ class LawError:
     tilt: float
 
     @staticmethod
-    def of(believed: Iterable[tuple[float, ...]], true: Iterable[tuple[float, ...]]) -> LawError:
-        """From (lift, pull, tilt) at the same places."""
-        by_axis = zip(zip(*believed, strict=True), zip(*true, strict=True), strict=True)
-        return LawError(*(_relative(said, real) for said, real in by_axis))
-
-
-def _relative(believed: Sequence[float], true: Sequence[float]) -> float:
-    wrong = sum((real - said) ** 2 for real, said in zip(true, believed, strict=True))
-    return math.sqrt(wrong / sum(real**2 for real in true))
+    def of(believed: ArrayLike, true: ArrayLike) -> LawError:
+        """From (lift, pull, tilt) at the same places, shape (n, 3)."""
+        said, real = np.asarray(believed), np.asarray(true)
+        return LawError(*np.sqrt(np.sum((real - said) ** 2, axis=0) / np.sum(real**2, axis=0)).tolist())
 
 
 _ETAS = (1.0, 1.2, 1.4, 1.7, 2.0, 2.5, 3.0, 3.5, math.inf)
@@ -177,13 +173,12 @@ CORNER_PLACES = tuple(product(_ETAS, _DELTAS))
 
 
 @lru_cache(maxsize=1)
-def _closed_form() -> list[tuple[float, ...]]:
+def _closed_form() -> Array:
     """Lift, pull and tilt that the law behind the default model says at ``CORNER_PLACES``."""
     law, (eta, delta) = ClosedForm(), np.array(CORNER_PLACES).T
     wrench = law.wrench(eta * law.radius_m, delta * law.radius_m, RPM_HOVER)
     lift = float(law.lift(RPM_HOVER))
-    shares = np.stack([wrench[:, 2] / lift - 1.0, wrench[:, 0] / lift, wrench[:, 4] / (lift * law.radius_m)], axis=1)
-    return [tuple(row) for row in shares.tolist()]
+    return np.stack([wrench[:, 2] / lift - 1.0, wrench[:, 0] / lift, wrench[:, 4] / (lift * law.radius_m)], axis=1)
 
 
 def closed_form_error(truth: SurfaceLaw) -> LawError:

@@ -1,16 +1,18 @@
 """The control laws of an ArduCopter-like autopilot: shaped targets, cascaded position control, attitude control.
 
 No MAVLink here. Structure and defaults follow ArduCopter's documented parameters; the code is our own, and
-docs/lab/simulator.md compares its figures with those measured on the real one.
+docs/lab/simulator.md compares its figures with those measured on the real one. It flies GUIDED alone; all other modes,
+failsafes and sticks are in tests/simulators.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import Enum, IntEnum
 
-from companion.sim.body import ARDUPILOT_MOTOR, DT, MotorOutput, Vec
+from companion.sim.body import ARDUPILOT_MOTOR, DT, MotorOutput
+from companion.sim.fan_wrench import Vec
 from companion.sim.mixer import Mixer
 from companion.sim.sensors import Estimate
 from models.frames import GRAVITY
@@ -18,7 +20,7 @@ from models.vehicle import Vehicle
 
 
 class Mode(IntEnum):
-    """ArduCopter's custom_mode numbers; PX4's own modes are mapped onto them (link.PX4_MODES)."""
+    """ArduCopter's custom_mode numbers."""
 
     STABILIZE = 0
     ALT_HOLD = 2
@@ -29,17 +31,13 @@ class Mode(IntEnum):
     POSHOLD = 16
     GUIDED_NOGPS = 20
     TAKEOFF = 100
-    """PX4 only: ArduCopter takes off within GUIDED."""
+    """PX4's: ArduCopter takes off within GUIDED."""
 
 
-STICK_MODES = (Mode.LOITER, Mode.POSHOLD)
-"""Modes in which centred sticks hold the place and others fly a velocity."""
-STICKS_LOST_S = 0.5
-"""Sticks heard longer ago than this count as centred [s]."""
 TAKE_OFF_ACCEL = 1.0
 """Of a take-off [m/s^2]: ArduCopter's WPNAV_ACCEL_Z."""
-LAND_SPEED_M_S = 0.3
-"""Sinking in LAND: ArduCopter's LAND_SPEED is 0.5; less, since the script lands beside a wall."""
+LIFT_OFF_LEAD_M = 0.3
+"""How far above the origin the target of a take-off waits until the vehicle has left the ground."""
 SPOOL_S = 0.5
 """From idle to full throttle: ArduCopter's MOT_SPOOL_TIME."""
 SPOOL_UP_1_S, SPOOL_UP_MOST = 0.25, 0.3
@@ -69,7 +67,7 @@ class Guided(Enum):
     ATTITUDE = "attitude"
 
 
-@dataclass
+@dataclass(frozen=True)
 class Gains:
     """Position controller and attitude controller, named after ArduCopter's parameters; SI and radians.
 
@@ -142,6 +140,36 @@ class Shaper:
 
 
 @dataclass
+class Loop:
+    """A PID controller of one axis: bounded integral, derivative of the error behind a low pass."""
+
+    p: float
+    i: float
+    d: float
+    most: float
+    """Of the integral."""
+    share: float
+    """Of the change of the derivative per step: the low pass."""
+    integral: float = 0.0
+    old: float = 0.0
+    slope: float = 0.0
+
+    def integrate(self, error: float) -> None:
+        """One step of the integral."""
+        self.integral = max(-self.most, min(self.most, self.integral + self.i * error * DT))
+
+    def differentiate(self, value: float) -> None:
+        """One step of the derivative."""
+        self.slope += ((value - self.old) / DT - self.slope) * self.share
+        self.old = value
+
+    def answer(self, error: float, feed_forward: float = 0.0) -> float:
+        """What is demanded."""
+        self.differentiate(error)
+        return feed_forward + self.p * error + self.integral + self.d * self.slope
+
+
+@dataclass
 class PositionTarget:
     """A demand in SET_POSITION_TARGET_LOCAL_NED: what is not commanded is None."""
 
@@ -160,64 +188,47 @@ class AttitudeTarget:
     pitch: float = 0.0
     yaw: float = 0.0
     rates: Vec | None = None
+    """In place of the angles."""
     thrust: float = 0.0
-    thrust_is_climb_rate: bool = True
     time_s: float = 0.0
 
 
-@dataclass
-class Sticks:
-    """The pilot's sticks, -1...1: forward, right, up. ``time_s``: when last heard."""
-
-    forward: float = 0.0
-    right: float = 0.0
-    up: float = 0.0
-    time_s: float = -math.inf
-
-
-@dataclass
 class Autopilot:
-    """Estimates in, servo outputs out, once per physics step."""
+    """Estimates in, servo outputs out, once per physics step.
 
-    vehicle: Vehicle
-    hover: float
-    """MOT_THST_HOVER: the throttle the position controller starts from. Never learnt, so it is off."""
+    ``hover``: MOT_THST_HOVER, the throttle the position controller starts from. Never learnt, so it is off.
+    """
+
     motor: MotorOutput = ARDUPILOT_MOTOR
-    gains: Gains = field(default_factory=Gains)
-    guid_timeout_s: float = 3.0
-    speed_up_m_s: float = 2.5
-    speed_down_m_s: float = 1.5
-    """Defaults of GUID_TIMEOUT, PILOT_SPEED_UP and PILOT_SPEED_DN."""
-    lift_off_lead_m: float = 0.3
-    """How far above the origin the target of a take-off waits until the vehicle has left the ground."""
-    dt: float = DT
-    armed: bool = False
-    mode: Mode = Mode.STABILIZE
-    guided: Guided = Guided.HOLD
-    landed: bool = True
-    time_s: float = 0.0
-    position_trusted: bool = True
-    """What the EKF says of its own position."""
-    sticks: Sticks = field(default_factory=Sticks)
+    gains = Gains()
+    guid_timeout_s = 3.0
+    """Default of GUID_TIMEOUT."""
+    stream_modes: tuple[Mode, ...] = (Mode.GUIDED,)
+    """In which a stream of attitudes is obeyed."""
 
-    def __post_init__(self) -> None:
-        self.mixer = Mixer(self.vehicle, self.vehicle.hover_thrust, self.motor)
+    def __init__(self, vehicle: Vehicle, hover: float) -> None:
+        self.vehicle = vehicle
+        self.hover = hover
+        self.armed = False
+        self.mode = Mode.STABILIZE
+        self.guided = Guided.HOLD
+        self.landed = True
+        self.time_s = 0.0
+        self.mixer = Mixer(vehicle, vehicle.hover_thrust, self.motor)
         self.parameters = self.default_parameters()
         g = self.gains
-        self._north = Shaper(g.accel_xy, g.jerk_xy)
-        self._east = Shaper(g.accel_xy, g.jerk_xy)
-        self._down = Shaper(g.accel_z, g.jerk_z)
+        limits = ((g.accel_xy, g.jerk_xy), (g.accel_xy, g.jerk_xy), (g.accel_z, g.jerk_z))
+        self.axes = [Shaper(*limit) for limit in limits]
+        """North, east and down of the shaped position target."""
+        rate_gains = zip(g.rate_p, g.rate_i, g.rate_d, strict=True)
+        self._rate_loops = [Loop(*pid, RATE_I_MOST, SHARE_20_HZ) for pid in rate_gains]
+        vel_gains = (g.vel_xy_p, g.vel_xy_i, g.vel_xy_d)
+        self._vel_loops = [Loop(*vel_gains, VEL_I_MOST, SHARE_5_HZ) for _ in range(2)]
         self.attitude = AttitudeTarget()
         self.target = PositionTarget()
         self.shaped = [0.0, 0.0, 0.0]  # roll, pitch, yaw that the attitude controller chases
         self._shaped_rate = [0.0, 0.0, 0.0]
-        self._rate_i = [0.0, 0.0, 0.0]
         self._rate_filtered = [0.0, 0.0, 0.0]
-        self._rate_error_old = [0.0, 0.0, 0.0]
-        self._rate_slope = [0.0, 0.0, 0.0]
-        self._vel_i = [0.0, 0.0]
-        self._vel_old = [0.0, 0.0]
-        self._vel_slope = [0.0, 0.0]
         self._thr_i = 0.0
         self._acc_filtered = 0.0
         self.throttle = 0.0  # before angle boost, as ATTITUDE_TARGET.thrust reports it
@@ -230,7 +241,7 @@ class Autopilot:
     # -- parameters -------------------------------------------------------------------------------------------------
 
     def default_parameters(self) -> dict[str, float]:
-        """The parameters that are published; most are obeyed."""
+        """The parameters that are published."""
         g = self.gains
         return {
             "GUID_OPTIONS": 8.0,
@@ -246,26 +257,7 @@ class Autopilot:
             "ATC_ACCEL_R_MAX": 100.0 * math.degrees(g.accel_max[0]),
             "ATC_ACCEL_P_MAX": 100.0 * math.degrees(g.accel_max[1]),
             "ATC_ACCEL_Y_MAX": 100.0 * math.degrees(g.accel_max[2]),
-            "PILOT_SPEED_UP": 100.0 * self.speed_up_m_s,
-            "LOIT_SPEED": 1250.0,
-            "FS_EKF_ACTION": 1.0,
         }
-
-    def set_parameter(self, name: str, value: float) -> bool:
-        """Store and obey a parameter; False where there is none of that name."""
-        if name not in self.parameters:
-            return False
-        self.parameters[name] = value
-        self._obey(self.parameters)
-        return True
-
-    def _obey(self, p: dict[str, float]) -> None:
-        self.guid_timeout_s = p["GUID_TIMEOUT"]
-        self.hover = p["MOT_THST_HOVER"]
-        self.gains.input_tc = max(0.02, p["ATC_INPUT_TC"])
-        self.gains.angle = (p["ATC_ANG_RLL_P"], p["ATC_ANG_PIT_P"], p["ATC_ANG_YAW_P"])
-        limits = [math.radians(p[f"ATC_ACCEL_{axis}_MAX"] / 100.0) for axis in "RPY"]
-        self.gains.accel_max = (limits[0], limits[1], limits[2])
 
     @property
     def taking_off(self) -> bool:
@@ -277,7 +269,7 @@ class Autopilot:
         """Who gives the attitude: ``stream`` (SET_ATTITUDE_TARGET), ``position`` (its own controller) or ``none``."""
         if not self.armed:
             return "none"
-        streaming = self.guided is Guided.ATTITUDE and self.mode in (Mode.GUIDED, Mode.GUIDED_NOGPS)
+        streaming = self.guided is Guided.ATTITUDE and self.mode in self.stream_modes
         return "stream" if streaming else "position"
 
     @property
@@ -285,11 +277,6 @@ class Autopilot:
         """Rates [rad/s] of the shaped attitude target."""
         r = self._shaped_rate
         return (r[0], r[1], r[2])
-
-    @property
-    def shaped_axes(self) -> tuple[Shaper, Shaper, Shaper]:
-        """North, east and down of the shaped position target."""
-        return (self._north, self._east, self._down)
 
     # -- commands ---------------------------------------------------------------------------------------------------
 
@@ -324,15 +311,6 @@ class Autopilot:
         self.target = PositionTarget(position=(n, e, -height_m), yaw=now.yaw, time_s=self.time_s)
         return True
 
-    def stream_heard(self) -> None:
-        """A setpoint has arrived, whatever the mode."""
-
-    def _failsafe(self, now: Estimate) -> None:
-        """A position that the EKF does not trust is none: FS_EKF_ACTION 1 lands (modes that need no position go on)."""
-        needs = self.mode in (Mode.GUIDED, Mode.RTL, *STICK_MODES)
-        if not self.position_trusted and needs and not self.landed and self.parameters["FS_EKF_ACTION"] == 1.0:
-            self.set_mode(Mode.LAND, now)
-
     def fly_to(self, target: PositionTarget, now: Estimate) -> None:
         """A position, velocity, acceleration target."""
         if self.guided is Guided.ATTITUDE:
@@ -352,7 +330,6 @@ class Autopilot:
         self.time_s = time_s
         self._acc_filtered += (now.down_acceleration - self._acc_filtered) * SHARE_20_HZ
         self._watch_ground(now, touching)
-        self._failsafe(now)
         if not self.armed:
             self.throttle = 0.0
             self.mixer.stop()
@@ -364,7 +341,7 @@ class Autopilot:
             self.mixer.idle()
             self._relax(now)
             return self.mixer.pwm
-        self._spool = min(1.0, self._spool + self.dt / SPOOL_S)
+        self._spool = min(1.0, self._spool + DT / SPOOL_S)
         self.throttle = min(throttle, self._spool)
         boost = self._boost()
         roll, pitch, yaw = self._inner(now)
@@ -377,66 +354,51 @@ class Autopilot:
 
     def _watch_ground(self, now: Estimate, touching: bool) -> None:
         if touching and self.throttle < LANDED_THROTTLE * self.hover and abs(now.velocity[2]) < LANDED_M_S:
-            self._grounded_s += self.dt
+            self._grounded_s += DT
         else:
             self._grounded_s = 0.0
-        if self._grounded_s > LANDED_S:
+        if self._touched_down:
             self.landed = True
-            if self.mode is Mode.LAND:
-                self.armed = False
-        self._airborne_s = 0.0 if touching else self._airborne_s + self.dt
+        self._airborne_s = 0.0 if touching else self._airborne_s + DT
         if self._airborne_s > AIRBORNE_S:
             self.landed = False
+
+    @property
+    def _touched_down(self) -> bool:
+        """Whether it has stood on the ground for long enough."""
+        return self._grounded_s > LANDED_S
 
     def _relax(self, now: Estimate) -> None:
         """On the ground: no integrator winds up, every target starts where the vehicle is."""
         self.shaped = [0.0, 0.0, now.yaw]
         self._shaped_rate = [0.0, 0.0, 0.0]
-        self._rate_i = [0.0, 0.0, 0.0]
+        for loop in self._rate_loops:
+            loop.integral = 0.0
         if self.guided is not Guided.TAKEOFF:
             self._reset_position(now)
 
     def _reset_position(self, now: Estimate) -> None:
         """Hand-over to the position controller without a kick: the present tilt and throttle become its integrators."""
-        self._north.reset(now.position[0], now.velocity[0])
-        self._east.reset(now.position[1], now.velocity[1])
-        self._down.reset(now.position[2], now.velocity[2])
+        for axis, place, speed in zip(self.axes, now.position, now.velocity, strict=True):
+            axis.reset(place, speed)
         c, s = math.cos(now.yaw), math.sin(now.yaw)
         ahead, right = -GRAVITY * math.tan(self.shaped[1]), GRAVITY * math.tan(self.shaped[0])
-        self._vel_i = [c * ahead - s * right, s * ahead + c * right]
-        self._vel_old = [now.velocity[0], now.velocity[1]]
+        north, east = self._vel_loops
+        north.integral, east.integral = c * ahead - s * right, s * ahead + c * right
+        north.old, east.old = now.velocity[:2]
         self._thr_i = (self.throttle - self.hover) if not self.landed else 0.0
 
     def _outer(self, now: Estimate) -> float:
         """Throttle demand; sets the attitude demand."""
-        if self.mode is Mode.STABILIZE:
+        if self.mode is not Mode.GUIDED:
             self._demand_attitude(0.0, 0.0, self.shaped[2])
             return 0.0
-        if self.mode in STICK_MODES:
-            self._follow_sticks(now)
-        elif self.mode is Mode.RTL:
-            self._return_home(now)
-        if self.mode is Mode.LAND:
-            return self._land(now)
-        if self.guided is Guided.ATTITUDE and self.mode in (Mode.GUIDED, Mode.GUIDED_NOGPS):
-            return self._attitude_command(now)
-        if self.mode in (Mode.GUIDED_NOGPS, Mode.ALT_HOLD):
-            return self._level(now)
-        return self._to_target(now)
+        return self._attitude_command(now) if self.guided is Guided.ATTITUDE else self._to_target(now)
 
     def _level(self, now: Estimate) -> float:
         """Level, and the height held."""
         self._demand_attitude(0.0, 0.0, self.shaped[2])
         return self._climb(now, 0.0) if not self.landed else 0.0
-
-    def _land(self, now: Estimate) -> float:
-        """Sink where it is; level without a position."""
-        if not self.position_trusted:
-            self._demand_attitude(0.0, 0.0, self.shaped[2])
-            return self._climb(now, -LAND_SPEED_M_S)
-        self.target.position = (self.target.position[0], self.target.position[1], None)
-        self.target.velocity = (0.0, 0.0, LAND_SPEED_M_S)
-        return self._position(now)
 
     def _to_target(self, now: Estimate) -> float:
         """Position control, take-off included."""
@@ -444,7 +406,7 @@ class Autopilot:
             return 0.0
         if self.guided is Guided.TAKEOFF and self.landed:
             # Spool up on the ground, then let the position controller lift off.
-            self._thr_i = min(SPOOL_UP_MOST, self._thr_i + SPOOL_UP_1_S * self.dt)
+            self._thr_i = min(SPOOL_UP_MOST, self._thr_i + SPOOL_UP_1_S * DT)
         self._climb_away()
         self._end_take_off(now)
         stale = self.time_s - self.target.time_s > self.guid_timeout_s
@@ -455,47 +417,14 @@ class Autopilot:
 
     def _climb_away(self) -> None:
         """A take-off accelerates gently: WPNAV_ACCEL_Z is 1 m/s^2, half a metre in the first second."""
-        self._down.accel_max = TAKE_OFF_ACCEL if self.guided is Guided.TAKEOFF else self.gains.accel_z
-        if self.guided is Guided.TAKEOFF and self.landed and self._down.position < -self.lift_off_lead_m:
-            self._down.reset(-self.lift_off_lead_m, 0.0)  # the target waits for the vehicle
+        self.axes[2].accel_max = TAKE_OFF_ACCEL if self.guided is Guided.TAKEOFF else self.gains.accel_z
+        if self.guided is Guided.TAKEOFF and self.landed and self.axes[2].position < -LIFT_OFF_LEAD_M:
+            self.axes[2].reset(-LIFT_OFF_LEAD_M, 0.0)  # the target waits for the vehicle
 
     def _end_take_off(self, now: Estimate) -> None:
         height = self.target.position[2]
         if self.taking_off and height is not None and abs(now.position[2] - height) < ARRIVED_M:
             self.guided = Guided.HOLD
-
-    def _follow_sticks(self, now: Estimate) -> None:
-        """A stick that is out of its middle flies a velocity; the place where that has ended is held."""
-        s, t, top = self.sticks, self.target, self.stick_speed_m_s
-        live = self.time_s - s.time_s < STICKS_LOST_S
-        c, sn = math.cos(now.yaw), math.sin(now.yaw)
-        ahead, right, up = (top * s.forward, top * s.right, self.speed_up_m_s * s.up) if live else (0.0, 0.0, 0.0)
-        wanted = (c * ahead - sn * right, sn * ahead + c * right, -up)
-        place = list(t.position)
-        for i, axis in enumerate(self.shaped_axes):
-            if abs(wanted[i]) > 0.02:
-                place[i] = None
-            elif place[i] is None and abs(axis.velocity) < 0.05:
-                place[i] = axis.position
-        t.position = (place[0], place[1], place[2])
-        t.velocity, t.accel, t.time_s = wanted, (0.0, 0.0, 0.0), self.time_s
-
-    @property
-    def stick_speed_m_s(self) -> float:
-        """Speed at full stick."""
-        return self.parameters["LOIT_SPEED"] / 100.0
-
-    def _return_home(self, now: Estimate) -> None:
-        """To the place of boot at the present height, then down."""
-        if math.hypot(now.position[0], now.position[1]) < 0.3:
-            self.set_mode(Mode.LAND, now)
-            return
-        away = math.hypot(now.position[0], now.position[1])
-        speed = min(1.0, 0.5 * away) / away
-        height = self.target.position[2]
-        self.target.position = (None, None, now.position[2] if height is None else height)
-        self.target.velocity = (-speed * now.position[0], -speed * now.position[1], 0.0)
-        self.target.time_s = self.time_s
 
     def _attitude_command(self, now: Estimate) -> float:
         a = self.attitude
@@ -503,14 +432,8 @@ class Autopilot:
             # Real behaviour after GUID_TIMEOUT: level, altitude held, position not.
             return self._level(now)
         self._follow_attitude(a)
-        if a.thrust_is_climb_rate:
-            rate = (a.thrust - 0.5) * 2.0
-            up = rate * (self.speed_up_m_s if rate > 0.0 else self.speed_down_m_s)
-            if self.landed and up <= 0.0:
-                return 0.0
-            return self._climb(now, up)
         # The height controller, when it takes over, starts from here.
-        self._down.reset(now.position[2], now.velocity[2])
+        self.axes[2].reset(now.position[2], now.velocity[2])
         self._thr_i = a.thrust - self.hover
         return a.thrust
 
@@ -522,28 +445,22 @@ class Autopilot:
 
     def _climb(self, now: Estimate, up_m_s: float) -> float:
         """Hold height, or climb at a rate."""
-        self._down.step(self.dt, None, -up_m_s)
+        self.axes[2].step(DT, None, -up_m_s)
         return self._vertical(now)
 
     def _position(self, now: Estimate) -> float:
-        t, dt, g = self.target, self.dt, self.gains
-        ff = t.accel
+        t, g = self.target, self.gains
         # Between two messages the demand moves on at its own velocity.
-        n, e, d = (None if x is None else x + v * dt for x, v in zip(t.position, t.velocity, strict=True))
+        n, e, d = (None if x is None else x + v * DT for x, v in zip(t.position, t.velocity, strict=True))
         t.position = (n, e, d)
-        self._north.step(dt, t.position[0], t.velocity[0], ff[0])
-        self._east.step(dt, t.position[1], t.velocity[1], ff[1])
-        self._down.step(dt, t.position[2], t.velocity[2], ff[2])
-        demand = [0.0, 0.0]
-        for i, axis in enumerate((self._north, self._east)):
-            wanted = axis.velocity + g.pos_xy * (axis.position - now.position[i])
-            error = wanted - now.velocity[i]
-            self._vel_i[i] = max(-VEL_I_MOST, min(VEL_I_MOST, self._vel_i[i] + g.vel_xy_i * error * dt))
-            slope = (error - self._vel_old[i]) / dt
-            self._vel_old[i] = error
-            self._vel_slope[i] += (slope - self._vel_slope[i]) * SHARE_5_HZ
-            demand[i] = axis.accel + g.vel_xy_p * error + self._vel_i[i] + g.vel_xy_d * self._vel_slope[i]
-        self._lean(now, demand[0], demand[1])
+        for axis, place, speed, accel in zip(self.axes, t.position, t.velocity, t.accel, strict=True):
+            axis.step(DT, place, speed, accel)
+        demand = []
+        for axis, loop, here, speed in zip(self.axes, self._vel_loops, now.position, now.velocity, strict=False):
+            error = axis.velocity + g.pos_xy * (axis.position - here) - speed
+            loop.integrate(error)
+            demand.append(loop.answer(error, axis.accel))
+        self._lean(now, *demand)
         return self._vertical(now)
 
     def _lean(self, now: Estimate, north: float, east: float) -> tuple[float, float]:
@@ -557,19 +474,19 @@ class Autopilot:
         return roll, pitch
 
     def _vertical(self, now: Estimate) -> float:
-        g, axis = self.gains, self._down
+        g, axis = self.gains, self.axes[2]
         wanted = axis.velocity + g.pos_z * (axis.position - now.position[2])
         accel = axis.accel + g.vel_z * (wanted - now.velocity[2])
         error = self._acc_filtered - accel  # positive: more throttle
         if not self.landed:
-            self._thr_i = max(-self.hover, min(THR_I_MOST, self._thr_i + g.acc_z_i * error * self.dt))
+            self._thr_i = max(-self.hover, min(THR_I_MOST, self._thr_i + g.acc_z_i * error * DT))
         return max(0.0, min(1.0, self.hover + self._thr_i + g.acc_z_p * error))
 
     # -- attitude ---------------------------------------------------------------------------------------------------
 
     def _demand_attitude(self, roll: float, pitch: float, yaw: float) -> None:
         """Move the shaped target towards a demand: first order with input_tc, within the acceleration limit."""
-        g, dt = self.gains, self.dt
+        g, dt = self.gains, DT
         self.command = (roll, pitch)
         for i, demand in enumerate((roll, pitch, yaw)):
             error = demand - self.shaped[i]
@@ -585,13 +502,13 @@ class Autopilot:
 
     def _demand_rates(self, rates: Vec) -> None:
         for i, rate in enumerate(rates):
-            self._shaped_rate[i] = towards(self._shaped_rate[i], rate, self.gains.accel_max[i] * self.dt)
-            self.shaped[i] += self._shaped_rate[i] * self.dt
+            self._shaped_rate[i] = towards(self._shaped_rate[i], rate, self.gains.accel_max[i] * DT)
+            self.shaped[i] += self._shaped_rate[i] * DT
         self.shaped[2] = wrap(self.shaped[2])
 
     def _inner(self, now: Estimate) -> Vec:
         """Moments [N m] that bring the attitude to the shaped target."""
-        g, dt = self.gains, self.dt
+        g = self.gains
         sr, cr = math.sin(now.roll), math.cos(now.roll)
         sp, cp = math.sin(now.pitch), math.cos(now.pitch)
         er, ep, ey = self.shaped[0] - now.roll, self.shaped[1] - now.pitch, wrap(self.shaped[2] - now.yaw)
@@ -599,15 +516,11 @@ class Autopilot:
         er, ep, ey = g.angle[0] * er + dr, g.angle[1] * ep + dp, g.angle[2] * ey + dy
         # Euler rates -> body rates
         wanted = (er - sp * ey, cr * ep + sr * cp * ey, -sr * ep + cr * cp * ey)
-        out = [0.0, 0.0, 0.0]
-        for i in range(3):
+        out = []
+        for i, loop in enumerate(self._rate_loops):
             self._rate_filtered[i] += (now.rates[i] - self._rate_filtered[i]) * SHARE_20_HZ
             error = wanted[i] - self._rate_filtered[i]
             if not self.mixer.saturated and not self.landed:
-                self._rate_i[i] = max(-RATE_I_MOST, min(RATE_I_MOST, self._rate_i[i] + g.rate_i[i] * error * dt))
-            slope = (error - self._rate_error_old[i]) / dt
-            self._rate_error_old[i] = error
-            self._rate_slope[i] += (slope - self._rate_slope[i]) * SHARE_20_HZ
-            out[i] = g.rate_p[i] * error + self._rate_i[i] + g.rate_d[i] * self._rate_slope[i]
-        ix, iy, iz = self.vehicle.inertia_kgm2
-        return (ix * out[0], iy * out[1], iz * out[2])
+                loop.integrate(error)
+            out.append(loop.answer(error) * self.vehicle.inertia_kgm2[i])
+        return (out[0], out[1], out[2])

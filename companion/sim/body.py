@@ -26,13 +26,15 @@ from companion.sim.fan_wrench import (
     INFLOW_PER_M_S,
     ZERO6,
     SimFan,
+    Vec,
     Wrench6,
     added,
     corner_wrench,
     momentum_drag,
     unsteady_wrench,
+    wrench_of,
 )
-from models.frames import GRAVITY
+from models.frames import GRAVITY, rotation_rows
 from models.vehicle import RHO_SEA_LEVEL, Vehicle
 
 DT = 0.0025
@@ -91,10 +93,6 @@ class MotorOutput:
 
 
 ARDUPILOT_MOTOR = MotorOutput(SPIN_MIN, SPIN_MAX, THRUST_EXPO)
-PX4_MOTOR = MotorOutput(0.0, 1.0, 0.0)
-"""PX4's default THR_MDL_FAC is 0: the command is the output, so lift is not proportional to it."""
-
-Vec = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -142,20 +140,35 @@ class Pack:
         self.used_ah += self.current_a * dt / 3600.0
 
 
-@dataclass(frozen=True)
-class _Vane:
-    channel: int
-    fan: int
-    position: Vec
-    axis: Vec
-    gain: float
-    neutral: float
-    per_us: float
+def pulses(vehicle: Vehicle) -> tuple[float, float]:
+    """Servo output of a stopped motor, and from there to full [us]."""
+    curve = vehicle.throttle
+    return (curve.pwm_min_us, curve.pwm_max_us - curve.pwm_min_us) if curve else (PWM_LOW_US, PWM_SPAN_US)
 
 
 def thrust_share(actuator: float, expo: float = THRUST_EXPO) -> float:
     """Thrust over full thrust of a motor at ``actuator`` 0...1."""
     return (1.0 - expo) * actuator + expo * actuator * actuator
+
+
+def turned(rot: tuple[float, ...], v: Vec) -> Vec:
+    """A vector of the body in NED; ``rot``: see ``Body.rotation``."""
+    x, y, z = v
+    return (
+        rot[0] * x + rot[1] * y + rot[2] * z,
+        rot[3] * x + rot[4] * y + rot[5] * z,
+        rot[6] * x + rot[7] * y + rot[8] * z,
+    )
+
+
+def turned_back(rot: tuple[float, ...], v: Vec) -> Vec:
+    """A vector in NED in the body's axes."""
+    n, e, d = v
+    return (
+        rot[0] * n + rot[3] * e + rot[6] * d,
+        rot[1] * n + rot[4] * e + rot[7] * d,
+        rot[2] * n + rot[5] * e + rot[8] * d,
+    )
 
 
 def euler(q: Sequence[float]) -> Vec:
@@ -198,18 +211,7 @@ class Body:
         self.density = RHO_SEA_LEVEL
         self._per_rpm2 = RHO_SEA_LEVEL * self._area * (2.0 * math.pi / 60.0 * self.radius) ** 2
         self._fans = self._prepared_fans(rng)
-        self._vanes = [
-            _Vane(
-                n.servo - 1,
-                n.fan - 1,
-                n.position_m,
-                n.axis,
-                n.force_per_thrust_rad * rng.gauss(1.0, VANE_SD),
-                n.neutral_us,
-                n.rad_per_us,
-            )
-            for n in v.vanes
-        ]
+        self._vane_gains = [n.force_per_thrust_rad * rng.gauss(1.0, VANE_SD) for n in v.vanes]
         self._prepare_rotors(rng)
         self.rpm = [0.0] * len(v.rotors)
         self.deflection = [0.0] * len(v.vanes)
@@ -241,8 +243,7 @@ class Body:
         v, curve = self.vehicle, self.vehicle.throttle
         self.rotor_channels = tuple((r.esc or r.servo or 1) - 1 for r in v.rotors)
         self._rotor_gain = [rng.gauss(1.0, COEFFICIENT_SD) for _ in v.rotors]
-        self._pwm_low = curve.pwm_min_us if curve else PWM_LOW_US
-        self._pwm_span = (curve.pwm_max_us - curve.pwm_min_us) if curve else PWM_SPAN_US
+        self._pwm_low, self._pwm_span = pulses(v)
         self._expo = curve.expo if curve else THRUST_EXPO
         # Full thrust such that the file's hover throttle hovers, a few percent off: nobody weighs before each flight.
         hover = v.hover_thrust * rng.gauss(1.0, HOVER_SD)
@@ -276,12 +277,6 @@ class Body:
         self._spin_down = 1.0 - math.exp(-dt / SPIN_DOWN_S)
         self._servo = 1.0 - math.exp(-dt / SERVO_S)
 
-    @property
-    def lip_reach_m(self) -> float:
-        """How far the foremost lip stands out from the CG towards the wall."""
-        b = self.surroundings.wall_azimuth_rad - self.euler()[2]
-        return max(f.x * math.cos(b) + f.y * math.sin(b) + f.lip for f in self._fans)
-
     def drag_per_speed(self) -> float:
         """Momentum drag of all fans at hover thrust [N per m/s]."""
         each = self.vehicle.mass_kg * GRAVITY / len(self._fans)
@@ -306,18 +301,8 @@ class Body:
 
     def rotation(self) -> tuple[float, ...]:
         """The nine elements, row by row, of the rotation FRD -> NED."""
-        w, x, y, z = self.quaternion
-        return (
-            1.0 - 2.0 * (y * y + z * z),
-            2.0 * (x * y - w * z),
-            2.0 * (x * z + w * y),
-            2.0 * (x * y + w * z),
-            1.0 - 2.0 * (x * x + z * z),
-            2.0 * (y * z - w * x),
-            2.0 * (x * z - w * y),
-            2.0 * (y * z + w * x),
-            1.0 - 2.0 * (x * x + y * y),
-        )
+        north, east, down = rotation_rows(*self.quaternion)
+        return (*north, *east, *down)
 
     def euler(self) -> Vec:
         """Roll, pitch, yaw [rad]."""
@@ -344,10 +329,7 @@ class Body:
     def _air(self, pwm: Sequence[float], rot: tuple[float, ...]) -> None:
         """Everything the air does, by cause."""
         vn, ve, vd = (v - w for v, w in zip(self.velocity, self.wind, strict=True))
-        # velocity through the air, body axes
-        u = rot[0] * vn + rot[3] * ve + rot[6] * vd
-        v = rot[1] * vn + rot[4] * ve + rot[7] * vd
-        w = rot[2] * vn + rot[5] * ve + rot[8] * vd
+        u, v, w = turned_back(rot, (vn, ve, vd))
         bearing = self.surroundings.wall_azimuth_rad - math.atan2(rot[3], rot[0])
         cb, sb = math.cos(bearing), math.sin(bearing)
         noise, radius, rpm = self._unsteady.step(), self.radius, self.rpm
@@ -356,10 +338,7 @@ class Body:
         corner = unsteady = drag = ZERO6
         lifts = []
         for i, fan in enumerate(self._fans):
-            square = 0.0
-            for k in fan.rotors:
-                square += rpm[k] * rpm[k]
-            square /= len(fan.rotors)
+            square = sum(rpm[k] * rpm[k] for k in fan.rotors) / len(fan.rotors)
             reynolds = (max(math.sqrt(square), 1.0) / RPM_HOVER) ** REYNOLDS_EXPONENT
             t0 = fan.ct * self._per_rpm2 * square * reynolds * inflow
             power += max(t0, 0.0) ** 1.5 * self._power_per_thrust15
@@ -394,21 +373,15 @@ class Body:
         return self.law.increments(h / self.radius, d / self.radius)
 
     def _vane_wrench(self, pwm: Sequence[float], lifts: list[float]) -> Wrench6:
-        fx = fy = fz = mx = my = mz = 0.0
-        for k, vane in enumerate(self._vanes):
-            us = pwm[vane.channel]
-            target = vane.per_us * (us - vane.neutral) if us > 0.0 else 0.0  # 0: no pulse, the vane stays
+        total = ZERO6
+        for k, (vane, gain) in enumerate(zip(self.vehicle.vanes, self._vane_gains, strict=True)):
+            us = pwm[vane.servo - 1]
+            target = vane.rad_per_us * (us - vane.neutral_us) if us > 0.0 else 0.0  # 0: no pulse, the vane stays
             self.deflection[k] += (max(-VANE_LIMIT_RAD, min(VANE_LIMIT_RAD, target)) - self.deflection[k]) * self._servo
-            side = vane.gain * self.deflection[k] * lifts[vane.fan]
-            bx, by, bz = side * vane.axis[0], side * vane.axis[1], side * vane.axis[2]
-            x, y, z = vane.position
-            fx += bx
-            fy += by
-            fz += bz
-            mx += y * bz - z * by
-            my += z * bx - x * bz
-            mz += x * by - y * bx
-        return (fx, fy, fz, mx, my, mz)
+            side = gain * self.deflection[k] * lifts[vane.fan - 1]
+            ax, ay, az = vane.axis
+            total = added(total, wrench_of((side * ax, side * ay, side * az), vane.position_m))
+        return total
 
     def _contact(self, rot: tuple[float, ...]) -> None:
         """Feet on the ground and lips on the wall: spring, damper and friction."""
@@ -419,30 +392,27 @@ class Body:
         if not near_ground and not near_wall:
             self.causes.contact = ZERO6
             return
-        total = [0.0] * 6
+        total = ZERO6
         if near_ground:
             for point in self._feet:
                 depth = pz + rot[6] * point[0] + rot[7] * point[1] + rot[8] * point[2]
                 if depth > 0.0:
-                    self._press(total, rot, point, (0.0, 0.0, 1.0), depth, GROUND_FRICTION)
+                    total = added(total, self._press(rot, point, (0.0, 0.0, 1.0), depth, GROUND_FRICTION))
         if near_wall:
             into = (self._wall_cos, self._wall_sin, 0.0)
             bx, by = rot[0] * into[0] + rot[3] * into[1], rot[1] * into[0] + rot[4] * into[1]
             size = math.hypot(bx, by)
             for fan in self._fans:
                 lip = (fan.x + fan.lip * bx / size, fan.y + fan.lip * by / size, fan.z)
-                n = rot[0] * lip[0] + rot[1] * lip[1] + rot[2] * lip[2]
-                e = rot[3] * lip[0] + rot[4] * lip[1] + rot[5] * lip[2]
+                n, e, _ = turned(rot, lip)
                 depth = n * into[0] + e * into[1] - self.wall_gap_m
                 if depth > 0.0:
                     self.wall_contact = True
-                    self._press(total, rot, lip, into, depth, WALL_FRICTION)
-        self.causes.contact = (total[0], total[1], total[2], total[3], total[4], total[5])
+                    total = added(total, self._press(rot, lip, into, depth, WALL_FRICTION))
+        self.causes.contact = total
 
-    def _press(
-        self, total: list[float], rot: tuple[float, ...], point: Vec, into: Vec, depth: float, friction: float
-    ) -> None:
-        """Add the force of a surface whose inward normal (NED) is ``into`` on a body point ``depth`` [m] inside it."""
+    def _press(self, rot: tuple[float, ...], point: Vec, into: Vec, depth: float, friction: float) -> Wrench6:
+        """Wrench of a surface whose inward normal (NED) is ``into`` on a body point ``depth`` [m] inside it."""
         self.contact = True
         x, y, z = point
         p, q, r = self.rates
@@ -454,36 +424,24 @@ class Body:
         slide = [v[i] - inward * into[i] for i in range(3)]
         size = math.hypot(*slide) + SLIDE_M_S
         f = [-normal * into[i] - friction * normal * slide[i] / size for i in range(3)]
-        b = [rot[i] * f[0] + rot[3 + i] * f[1] + rot[6 + i] * f[2] for i in range(3)]
-        total[0] += b[0]
-        total[1] += b[1]
-        total[2] += b[2]
-        total[3] += y * b[2] - z * b[1]
-        total[4] += z * b[0] - x * b[2]
-        total[5] += x * b[1] - y * b[0]
+        return wrench_of(turned_back(rot, (f[0], f[1], f[2])), point)
 
     def _integrate(self, rot: tuple[float, ...]) -> None:
         c, dt = self.causes, self.dt
-        fx, fy, fz, mx, my, mz = (
-            a + b + d + e + f + g
-            for a, b, d, e, f, g in zip(c.free, c.corner, c.unsteady, c.drag, c.vanes, c.contact, strict=True)
-        )
+        fx, fy, fz, mx, my, mz = map(sum, zip(*vars(c).values(), strict=True))
         m = self.vehicle.mass_kg
         ix, iy, iz = self.vehicle.inertia_kgm2
-        ax, ay, az = fx / m, fy / m, fz / m
-        self.specific_force = (ax, ay, az)
+        self.specific_force = (fx / m, fy / m, fz / m)
+        accel = turned(rot, self.specific_force)
         p, q, r = self.rates
         p += dt * (mx - (iz - iy) * q * r) / ix
         q += dt * (my - (ix - iz) * r * p) / iy
         r += dt * (mz - (iy - ix) * p * q) / iz
         self.rates = [p, q, r]
         v, x = self.velocity, self.position
-        v[0] += dt * (rot[0] * ax + rot[1] * ay + rot[2] * az)
-        v[1] += dt * (rot[3] * ax + rot[4] * ay + rot[5] * az)
-        v[2] += dt * (rot[6] * ax + rot[7] * ay + rot[8] * az + GRAVITY)
-        x[0] += dt * v[0]
-        x[1] += dt * v[1]
-        x[2] += dt * v[2]
+        for i, gravity in enumerate((0.0, 0.0, GRAVITY)):
+            v[i] += dt * (accel[i] + gravity)
+            x[i] += dt * v[i]
         qw, qx, qy, qz = self.quaternion
         half = 0.5 * dt
         nw = qw + half * (-qx * p - qy * q - qz * r)

@@ -10,10 +10,10 @@ import multiprocessing
 import os
 import signal
 import sys
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import repeat
 from pathlib import Path
 
@@ -21,13 +21,13 @@ from tqdm import tqdm
 
 from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
-from companion.sim.air import LawError
 from companion.sim.compare_plot import write_plot
 from companion.sim.compare_report import Comparison, as_json, as_text
 from companion.sim.flight import Flight
 from companion.sim.flown import Flown, Leg, fly_judged
 from companion.sim.model_error import model_error
 from companion.sim.scenario import Scenario, build
+from companion.sim.sensors import Estimator
 from companion.sim.world import default_model, law_of
 from companion.vehicles import chosen_vehicle
 from models.choice import Choice, choose_to_fly
@@ -48,8 +48,8 @@ class Settings:
     adapt: Adapt = Adapt.OFF
     record: Path | None = None
     """Where the leg with offsets off is recorded."""
-    vision: bool = False
-    """Without GPS: the position is visual odometry."""
+    estimator: type[Estimator] = Estimator
+    """Where the autopilot's belief of itself comes from."""
 
     @property
     def legs(self) -> tuple[Leg, ...]:
@@ -75,11 +75,6 @@ class Settings:
         """One approach."""
         return build(self.scenario, self.flown_vehicle, air=air)
 
-    def model_errors(self, seeds: Iterable[int]) -> list[LawError]:
-        """How wrong the model that flies is about the air of each seed."""
-        model, vehicle = self.choice.model, self.flown_vehicle
-        return [model_error(model, vehicle, law_of(self.scenario, seed)) for seed in seeds]
-
 
 def fly(settings: Settings, leg: Leg, seed: int) -> Flown:
     """Fly one leg in lockstep and judge it: the same numbers on every machine, however busy."""
@@ -90,7 +85,7 @@ def fly(settings: Settings, leg: Leg, seed: int) -> Flown:
         offsets = leg in (Leg.ON, Leg.ADAPTED)
         config = PipelineConfig(vehicle, settings.choice.model, offsets=offsets, adapt=adapt)
     return fly_judged(
-        Flight(vehicle, once.repeated(settings.approaches), seed, vision=settings.vision), config, leg,
+        Flight(vehicle, once.repeated(settings.approaches), seed, estimator=settings.estimator), config, leg,
         approach_s=once.duration_s if several else math.inf, record=settings.record if leg is Leg.OFF else None,
     )  # fmt: skip
 
@@ -107,14 +102,15 @@ def run_compare(
     settings = settings or Settings()
     workers = workers or os.cpu_count() or 1
     jobs = [(leg, seed) for seed in seeds for leg in legs or settings.legs]
+    hidden = quiet or not sys.stderr.isatty()
+    watched = partial(tqdm, total=len(jobs), desc="flights", file=sys.stderr, disable=hidden)
     if workers == 1 or len(jobs) == 1:
-        results = (fly(settings, *job) for job in jobs)
-        return list(_watched(results, len(jobs), quiet))
+        return list(watched(fly(settings, *job) for job in jobs))
     fresh = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(min(workers, len(jobs)), mp_context=fresh, initializer=_leave_quietly) as pool:
         pending = pool.map(fly, repeat(settings), *zip(*jobs, strict=True))
         try:
-            return list(_watched(pending, len(jobs), quiet))
+            return list(watched(pending))
         except KeyboardInterrupt:
             for worker in multiprocessing.active_children():
                 worker.terminate()
@@ -126,16 +122,12 @@ def _leave_quietly() -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def _watched(flights: Iterable[Flown], total: int, quiet: bool) -> Iterator[Flown]:
-    hidden = quiet or not sys.stderr.isatty()
-    yield from tqdm(flights, total=total, desc="flights", file=sys.stderr, disable=hidden)
-
-
 def compare(seeds: Sequence[int], settings: Settings, *, workers: int | None = None, quiet: bool = True) -> Comparison:
     """Fly all legs with every seed."""
-    errors = settings.model_errors(seeds)
+    model, vehicle, scenario = settings.choice.model, settings.flown_vehicle, settings.scenario
+    errors = tuple(model_error(model, vehicle, law_of(scenario, seed)) for seed in seeds)
     flights = run_compare(seeds, settings, workers=workers, quiet=quiet)
-    return Comparison(settings.scenario, settings.choice.name, tuple(errors), tuple(flights))
+    return Comparison(scenario, settings.choice.name, errors, tuple(flights))
 
 
 def write(found: Comparison, *, json_path: str | None = None, plot: Path | None = None) -> None:

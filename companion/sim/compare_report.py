@@ -13,6 +13,11 @@ from companion.sim.air import LawError
 from companion.sim.flown import AXES, PHASES, UNITS, Flown, Leg
 from companion.sim.model_error import WITHOUT_OFFSETS
 
+OFFSETS = {Leg.ON: "the offsets remove", Leg.ADAPTED: "the adapted offsets remove"}
+"""Legs with offsets, as a table says it of them."""
+WAYS = {"energy": "by energy", "paired": "instant by instant"}
+"""How the share of the error that the offsets remove is taken (see ``air_part``)."""
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -35,9 +40,9 @@ class Comparison:
         return {leg: flights for leg, flights in of_leg.items() if flights}
 
     @property
-    def approaches(self) -> int:
-        """In each flight."""
-        return self.flights[0].approaches
+    def approaches(self) -> range:
+        """In each flight, from 1."""
+        return range(1, self.flights[0].approaches + 1)
 
     @property
     def phases(self) -> tuple[str | None, ...]:
@@ -49,58 +54,46 @@ class Comparison:
         return {axis: float(np.mean([getattr(e, axis) for e in self.errors])) for axis in ("lift", "pull", "tilt")}
 
 
-@dataclass(frozen=True)
-class Spread:
-    """Mean and standard deviation over the seeds."""
-
-    mean: float
-    sd: float
-
-    @staticmethod
-    def of(flights: Sequence[Flown], number: Callable[[Flown], float]) -> Spread:
-        """From one number of each flight."""
-        finite = [v for v in map(number, flights) if math.isfinite(v)]
-        if not finite:
-            return Spread(math.nan, math.nan)
-        return Spread(float(np.mean(finite)), float(np.std(finite, ddof=1)) if len(finite) > 1 else 0.0)
+def spread(flights: Sequence[Flown], number: Callable[[Flown], float]) -> tuple[float, float]:
+    """Mean and standard deviation over the seeds, of one number of each flight."""
+    finite = [v for v in map(number, flights) if math.isfinite(v)]
+    if not finite:
+        return math.nan, math.nan
+    return float(np.mean(finite)), float(np.std(finite, ddof=1)) if len(finite) > 1 else 0.0
 
 
-@dataclass(frozen=True)
-class AirPart:
-    """How much of the air-caused error the offsets remove, per axis.
+def air_part(flights: Sequence[Flown], leg: Leg = Leg.ON) -> dict[str, dict[str, float]] | None:
+    """How much of the air-caused error the offsets of ``leg`` remove, per axis, over all seeds that flew it, OFF and
+    FREE; None where none did.
 
     ``energy`` = 1 - (E2_on - E2_free) / (E2_off - E2_free), with E2 summed over the seeds: the trajectory's own error
     cancels on average only, so that it scatters where the air adds little. ``paired`` = 1 - sum |e_on - e_free|^2 /
     sum |e_off - e_free|^2, instant by instant on flights that share their noise: the same question, less scatter.
     """
-
-    energy: dict[str, float]
-    paired: dict[str, float]
-
-
-def air_part(flights: Sequence[Flown], leg: Leg = Leg.ON) -> AirPart | None:
-    """Over all seeds that flew OFF, ``leg`` and FREE; None where none did."""
-    seeds = sorted({f.seed for f in flights})
-    energy = {axis: np.zeros(3) for axis in AXES}
-    paired = {axis: np.zeros(2) for axis in AXES}
-    used = 0
-    for seed in seeds:
-        by = {f.leg: f for f in flights if f.seed == seed}
-        if not {Leg.OFF, leg, Leg.FREE} <= set(by):
-            continue
-        used += 1
-        off, on, free = by[Leg.OFF], by[leg], by[Leg.FREE]
-        n = min(len(off.time_s), len(on.time_s), len(free.time_s))
-        for axis in AXES:
-            energy[axis] += [f.rms(axis) ** 2 for f in (off, on, free)]
-            a, b, c = (getattr(f, axis)[:n] for f in (off, on, free))
-            paired[axis] += [float(np.sum((a - c) ** 2)), float(np.sum((b - c) ** 2))]
-    if not used:
+    compared = (Leg.OFF, leg, Leg.FREE)
+    by_seed = [{f.leg: f for f in flights if f.seed == seed} for seed in sorted({f.seed for f in flights})]
+    trios = [[by_leg[one] for one in compared] for by_leg in by_seed if set(compared) <= set(by_leg)]
+    if not trios:
         return None
-    return AirPart(
-        energy={a: float(1.0 - (e[1] - e[2]) / (e[0] - e[2])) if e[0] > e[2] else math.nan for a, e in energy.items()},
-        paired={a: float(1.0 - p[1] / p[0]) if p[0] > 0.0 else math.nan for a, p in paired.items()},
-    )
+    energy, paired = {}, {}
+    for axis in AXES:
+        off, on, free = np.sum([[f.rms(axis) ** 2 for f in trio] for trio in trios], axis=0)
+        energy[axis] = float(1.0 - (on - free) / (off - free)) if off > free else math.nan
+        whole = left = 0.0
+        for trio in trios:
+            n = min(len(f.time_s) for f in trio)
+            a, b, c = (getattr(f, axis)[:n] for f in trio)
+            whole, left = whole + float(np.sum((a - c) ** 2)), left + float(np.sum((b - c) ** 2))
+        paired[axis] = 1.0 - left / whole if whole > 0.0 else math.nan
+    return {"energy": energy, "paired": paired}
+
+
+def _rms(flights: Sequence[Flown], axis: str, approach: int, phase: str | None) -> float:
+    return spread(flights, lambda f: f.rms(axis, f.during(approach, phase)))[0]
+
+
+def _touched_s(flights: Sequence[Flown]) -> float:
+    return spread(flights, lambda f: f.touched_s)[0]
 
 
 # -- JSON ------------------------------------------------------------------------------------------------------------
@@ -108,7 +101,7 @@ def air_part(flights: Sequence[Flown], leg: Leg = Leg.ON) -> AirPart | None:
 
 def as_json(found: Comparison) -> dict[str, Any]:
     """Everything the tables show: RMS and peak per leg and axis, mean and sd over the seeds; RMS by phase."""
-    parts = {leg.name.lower(): air_part(found.flights, leg) for leg in (Leg.ON, Leg.ADAPTED)}
+    parts = {leg.name.lower(): air_part(found.flights, leg) for leg in OFFSETS}
     return {
         "scenario": found.scenario,
         "simulated": True,
@@ -118,21 +111,25 @@ def as_json(found: Comparison) -> dict[str, Any]:
         "model": found.model,
         "model_error": {**found.error(), "without_offsets": WITHOUT_OFFSETS},
         "legs": {leg.name.lower(): _leg_json(leg, flights, found) for leg, flights in found.legs.items()},
-        "air_caused_part_removed": {name: _part_json(part) for name, part in parts.items() if part is not None},
+        "air_caused_part_removed": {
+            name: {way: {a: _rounded(v, 4) for a, v in shares.items()} for way, shares in part.items()}
+            for name, part in parts.items()
+            if part is not None
+        },
         "flights": [_flight_json(f, found) for f in found.flights],
     }
 
 
 def _leg_json(leg: Leg, flights: Sequence[Flown], found: Comparison) -> dict[str, Any]:
-    of_axis = {
-        axis: {
-            "rms": vars(Spread.of(flights, lambda f, axis=axis: f.rms(axis))),  # type: ignore[misc]
-            "peak": vars(Spread.of(flights, lambda f, axis=axis: f.peak(axis))),  # type: ignore[misc]
-        }
-        for axis in AXES
-    }
-    touched = Spread.of(flights, lambda f: f.touched_s).mean
-    return {"who": leg.value, "touched_s": touched, **of_axis, "approaches": _approaches_json(flights, found)}
+    def both(number: Callable[[Flown], float]) -> dict[str, float]:
+        return dict(zip(("mean", "sd"), spread(flights, number), strict=True))
+
+    def of_axis(axis: str) -> dict[str, dict[str, float]]:
+        return {"rms": both(lambda f: f.rms(axis)), "peak": both(lambda f: f.peak(axis))}
+
+    numbers = {axis: of_axis(axis) for axis in AXES}
+    approaches = _approaches_json(flights, found)
+    return {"who": leg.value, "touched_s": _touched_s(flights), **numbers, "approaches": approaches}
 
 
 def _flight_json(flight: Flown, found: Comparison) -> dict[str, Any]:
@@ -149,29 +146,16 @@ def _flight_json(flight: Flown, found: Comparison) -> dict[str, Any]:
 
 def _approaches_json(flights: Sequence[Flown], found: Comparison) -> list[dict[str, Any]]:
     """Of each approach {phase: {axis: RMS}}, mean over the flights."""
-    return [
-        {
-            phase or "all": {a: _rounded(_rms(flights, a, k, phase)) for a in ("height", "lateral")}
-            for phase in found.phases
-        }
-        for k in range(1, found.approaches + 1)
-    ]
+
+    def of_phase(k: int, phase: str | None) -> dict[str, float | None]:
+        return {a: _rounded(_rms(flights, a, k, phase)) for a in ("height", "lateral")}
+
+    return [{phase or "all": of_phase(k, phase) for phase in found.phases} for k in found.approaches]
 
 
 def _rounded(value: float, digits: int = 3) -> float | None:
     """None for what is not known."""
     return None if math.isnan(value) else round(value, digits)
-
-
-def _part_json(part: AirPart) -> dict[str, Any]:
-    return {
-        name: {a: _rounded(v, 4) for a, v in values.items()}
-        for name, values in (("energy", part.energy), ("paired", part.paired))
-    }
-
-
-def _rms(flights: Sequence[Flown], axis: str, approach: int, phase: str | None) -> float:
-    return Spread.of(flights, lambda f: f.rms(axis, f.during(approach, phase))).mean
 
 
 # -- text ------------------------------------------------------------------------------------------------------------
@@ -182,9 +166,9 @@ _NAME, _CELL = 28, 14
 
 def as_text(found: Comparison) -> str:
     """The tables that a user reads."""
-    seeds, wide = found.seeds, len(found.seeds) > 1
+    seeds, wide, several = found.seeds, len(found.seeds) > 1, len(found.approaches) > 1
     wrong = ", ".join(f"{100.0 * share:.0f} % in {axis}" for axis, share in found.error().items())
-    of = f"{found.approaches} approaches" if found.approaches > 1 else "one approach"
+    of = f"{len(found.approaches)} approaches" if several else "one approach"
     column = 13 if wide else 9
     lines = [
         f"sim:{found.scenario}, simulated, {of} in {found.flights[0].time_s[-1]:.0f} s, "
@@ -198,12 +182,19 @@ def as_text(found: Comparison) -> str:
     lines += [_leg_line(leg, flights, column, wide) for leg, flights in found.legs.items()]
     lines += ["", f"{'RMS height / lateral [mm]':{_NAME}}" + "".join(f"{p or 'all':>{_CELL}}" for p in found.phases)]
     for leg, flights in found.legs.items():
-        lines += _phase_lines(leg, flights, found)
-    for leg, words in ((Leg.ON, "the offsets remove"), (Leg.ADAPTED, "the adapted offsets remove")):
+        if several:
+            lines.append(leg.value)
+        for k in found.approaches:
+            cells = (
+                f"{_rms(flights, 'height', k, p):.1f} / {_rms(flights, 'lateral', k, p):.1f}" for p in found.phases
+            )
+            name = f"  approach {k}" if several else leg.value
+            lines.append(f"{name:{_NAME}}" + "".join(f"{cell:>{_CELL}}" for cell in cells))
+    for leg, words in OFFSETS.items():
         part = air_part(found.flights, leg)
         if part is not None:
             lines += ["", f"of the error that the air causes, {words}"]
-            lines += [_part_line("by energy", part.energy), _part_line("instant by instant", part.paired)]
+            lines += [_part_line(WAYS[way], shares) for way, shares in part.items()]
     return "\n".join(lines)
 
 
@@ -211,23 +202,12 @@ def _leg_line(leg: Leg, flights: Sequence[Flown], column: int, wide: bool) -> st
     cells = ""
     for axis in AXES:
         digits = 2 if axis == "tilt" else 0 if wide else 1
-        for number in (Flown.rms, Flown.peak):
-            s = Spread.of(flights, lambda f, number=number, axis=axis: number(f, axis))  # type: ignore[misc]
-            cell = f"{s.mean:.{digits}f} ± {s.sd:.{digits}f}" if wide else f"{s.mean:.{digits}f}"
+        for number in ("rms", "peak"):
+            mean, sd = spread(flights, lambda f, number=number, axis=axis: getattr(f, number)(axis))  # type: ignore[misc]
+            cell = f"{mean:.{digits}f} ± {sd:.{digits}f}" if wide else f"{mean:.{digits}f}"
             cells += f"{cell:>{column}}"
-    touched = Spread.of(flights, lambda f: f.touched_s).mean
+    touched = _touched_s(flights)
     return f"{leg.value:{_NAME}}{cells}{f'{touched:.1f} s' if touched > 0.05 else '-':>9}"
-
-
-def _phase_lines(leg: Leg, flights: Sequence[Flown], found: Comparison) -> list[str]:
-    """One line of an approach; several approaches stand under the leg's name."""
-    single = found.approaches == 1
-    out = [] if single else [leg.value]
-    for k in range(1, found.approaches + 1):
-        cells = [[_rms(flights, axis, k, phase) for axis in ("height", "lateral")] for phase in found.phases]
-        row = "".join(f"{f'{height:.1f} / {lateral:.1f}':>{_CELL}}" for height, lateral in cells)
-        out.append(f"{leg.value if single else f'  approach {k}':{_NAME}}{row}")
-    return out
 
 
 def _part_line(name: str, shares: Mapping[str, float]) -> str:

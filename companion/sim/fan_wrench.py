@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from companion.sim.air import Increments
 
+Vec = tuple[float, float, float]
 Wrench6 = tuple[float, float, float, float, float, float]
 ZERO6: Wrench6 = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -44,6 +45,12 @@ class SimFan:
 def added(a: Wrench6, b: Wrench6) -> Wrench6:
     """Sum of two wrenches about one point."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5])
+
+
+def wrench_of(force: Vec, at: Vec) -> Wrench6:
+    """A force at a place, as a wrench about the CG."""
+    (fx, fy, fz), (x, y, z) = force, at
+    return (fx, fy, fz, y * fz - z * fy, z * fx - x * fz, x * fy - y * fx)
 
 
 def corner_wrench(
@@ -84,5 +91,5 @@ def unsteady_wrench(fan: SimFan, scale: float, noise: Sequence[float], first: in
 
 def momentum_drag(fan: SimFan, flow_kg_s: float, u: float, v: float, radius: float) -> Wrench6:
     """Drag of the air taken in: mass flow times velocity through the air (``u`` forward, ``v`` right) [m/s]."""
-    fx, fy, arm = -flow_kg_s * u, -flow_kg_s * v, fan.z - DRAG_ARM_RADII * radius
-    return (fx, fy, 0.0, -(arm * fy), arm * fx, fan.x * fy - fan.y * fx)
+    arm = fan.z - DRAG_ARM_RADII * radius
+    return wrench_of((-flow_kg_s * u, -flow_kg_s * v, 0.0), (fan.x, fan.y, arm))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 import math
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
@@ -15,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.config import PipelineConfig
+from companion.sim.body import DT
 from companion.sim.flight import Flight
 from companion.sim.lockstep import Lockstep
-from companion.sim.pilot import Recipient, ScriptedPilot
+from companion.sim.pilot import ScriptedPilot
 from models.errors import LinkError
 from models.frames import Array
 
@@ -31,6 +30,11 @@ PHASES = ("low", "wall", "corner", "between")
 """Where the vehicle stays over the ground, at the wall, in the corner; and the ways between."""
 _STAYS = {"ground": 0, "wall": 1, "corner": 2}
 """Phases of a script and their places in ``PHASES``."""
+TRUTH = (
+    "script_s", "ref_n", "ref_e", "ref_d", "n", "e", "d", "roll", "pitch", "need_roll", "need_pitch", "streamed",
+    "contact", "phase",
+)  # fmt: skip
+"""Columns of what truly happened."""
 
 
 class Leg(Enum):
@@ -97,36 +101,49 @@ class Flown:
         return float(np.max(self.size(axis)))
 
 
+class Witness:
+    """What truly happened, row by row, from the moment the script begins."""
+
+    def __init__(self, flight: Flight) -> None:
+        self._flight = flight
+        self._next_s = 0.0
+        self._rows: list[tuple[float, ...]] = []
+
+    def step(self) -> None:
+        """Take down a row when due. Call once per physics step."""
+        f, now_s = self._flight, self._flight.time_s
+        if now_s + 0.5 * DT < self._next_s:
+            return
+        self._next_s = round(now_s + STEP_S, 4)
+        if f.script_s < 0.0:
+            return
+        reference, body = f.reference, f.body
+        self._rows.append((
+            f.script_s, *reference.position, *body.position, *body.euler()[:2], *f.needed_tilt(),
+            f.autopilot.hand == "stream", body.contact, _STAYS.get(reference.phase, PHASES.index("between")),
+        ))  # fmt: skip
+
+    def columns(self) -> dict[str, Array]:
+        """The numbers by name: SI, radians, world NED.
+
+        ``need_*``: the tilt that balances the true air; ``streamed``: 1 where a companion flew; ``phase``: place in
+        ``PHASES``.
+        """
+        table = np.array(self._rows, float).reshape(-1, len(TRUTH))
+        return dict(zip(TRUTH, table.T, strict=True))
+
+
 def fly_judged(
-    flight: Flight, config: PipelineConfig | None, leg: Leg, *, approach_s: float = math.inf, record: Path | None = None
-) -> Flown:
+    flight: Flight, config: PipelineConfig | None, leg: Leg, *, approach_s: float = math.inf,
+    record: Path | None = None, pilot: type[ScriptedPilot] = ScriptedPilot,
+) -> Flown:  # fmt: skip
     """Fly in lockstep and judge; ``config`` None: the autopilot flies. The same numbers on every machine."""
-    recipient = Recipient.AUTOPILOT if config is None else Recipient.COMPANION
-    with tempfile.TemporaryDirectory() as folder:
-        truth = Path(folder) / "truth.csv"
-        world = Lockstep(flight, lambda w: ScriptedPilot(w.flight, w.link, recipient, endless=False), truth)
-        world.fly(config, record)
-        found = flown(leg, flight.seed, read_truth(truth), approach_s)
+    witness, companion = Witness(flight), config is not None
+    world = Lockstep(flight, pilot.link, lambda w: pilot(w.flight, w.link, companion=companion), witness.step)
+    world.fly(config, record)
+    found = flown(leg, flight.seed, witness.columns(), approach_s)
     known = None if world.companion is None else world.companion.summary.adaptation
     return found if known is None else replace(found, adapted=known.as_json())
-
-
-def read_truth(path: Path) -> dict[str, Array]:
-    """The columns of a truth file from the moment its script begins, as numbers.
-
-    ``streamed``: 1 where a companion flew; ``phase``: place in ``PHASES``.
-    """
-    with path.open(encoding="utf-8", newline="") as file:
-        rows = csv.reader(file)
-        names = next(rows)
-        keep = [i for i, name in enumerate(names) if name not in ("phase", "hand")]
-        started, hand, phase = (names.index(name) for name in ("script_s", "hand", "phase"))
-        flown_rows = [row for row in rows if len(row) == len(names) and float(row[started]) >= 0.0]
-    table = np.array([[float(row[i]) for i in keep] for row in flown_rows]).reshape(len(flown_rows), len(keep))
-    columns = {names[i]: table[:, k] for k, i in enumerate(keep)}
-    columns["streamed"] = np.array([float(row[hand] == "stream") for row in flown_rows])
-    columns["phase"] = np.array([float(_STAYS.get(row[phase], PHASES.index("between"))) for row in flown_rows])
-    return columns
 
 
 def flown(leg: Leg, seed: int, truth: Mapping[str, Array], approach_s: float = math.inf) -> Flown:

@@ -9,73 +9,27 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.mavlink.esc_messages import ESC_INFO, ESC_STATUS, EscMessage
-from companion.mavlink.frames import pack
-from companion.sim.autopilot import AttitudeTarget, Mode, PositionTarget, Sticks
-from companion.sim.body import Vec, euler
+from companion.sim.autopilot import AttitudeTarget, Mode, PositionTarget
+from companion.sim.body import euler
 from companion.sim.flight import Flight
-from companion.sim.px4 import Px4
 from companion.sim.sensors import RANGE_MAX_M, RANGE_MIN_M
 from models.frames import quaternion_from_euler
 
-SYSTEM = 1
+SYSTEM, AUTOPILOT = 1, mavlink.MAV_COMP_ID_AUTOPILOT1
 COMPANION = mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
 PILOT_SYSTEM, PILOT_COMPONENT = 255, mavlink.MAV_COMP_ID_MISSIONPLANNER
 """Ids that ground stations use by default."""
-MESSAGES_PER_S = 1290.0
-"""What the link carries at most, as measured on the real ones: ArduCopter; PX4 below."""
 SHORTEST_INTERVAL_S = 0.003
 """ArduPilot refuses a shorter one."""
-STREAMS = {
-    mavlink.MAV_DATA_STREAM_RAW_SENSORS: (mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE,),
-    mavlink.MAV_DATA_STREAM_RC_CHANNELS: (mavlink.MAVLINK_MSG_ID_SERVO_OUTPUT_RAW,),
-    mavlink.MAV_DATA_STREAM_POSITION: (mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,),
-    mavlink.MAV_DATA_STREAM_EXTRA1: (mavlink.MAVLINK_MSG_ID_ATTITUDE,),
-    mavlink.MAV_DATA_STREAM_EXTRA3: (
-        mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR,
-        mavlink.MAVLINK_MSG_ID_BATTERY_STATUS,
-        mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT,
-        mavlink.MAVLINK_MSG_ID_ESC_TELEMETRY_1_TO_4,
-    ),
-}
-"""What REQUEST_DATA_STREAM sets the rate of on ArduCopter, by group; ATTITUDE_QUATERNION is in none."""
-GUID_OPTION_THRUST = 8
-"""Bit 3 of GUID_OPTIONS: SET_ATTITUDE_TARGET.thrust is thrust."""
-
-PX4_MODES = {
-    Mode.GUIDED: (6, 0),  # OFFBOARD
-    Mode.TAKEOFF: (4, 2),
-    Mode.LOITER: (4, 3),  # Hold
-    Mode.RTL: (4, 5),
-    Mode.LAND: (4, 6),
-    Mode.POSHOLD: (3, 0),  # Position
-    Mode.ALT_HOLD: (2, 0),
-    Mode.STABILIZE: (7, 0),
-}
-"""PX4's (main, sub) mode of each of ours."""
-PX4_MESSAGES_PER_S = 573.0
-"""Messages per second on PX4's onboard link, as measured on the real one."""
-_TRUSTED = 0x33F
+TRUSTED = 0x33F
 """ESTIMATOR_STATUS and EKF_STATUS_REPORT: attitude, velocities, positions relative and absolute, their forecasts."""
-_DEAD_RECKONED = _TRUSTED & ~(8 | 16 | 256 | 512)
-"""The same without horizontal positions, relative, absolute and forecast."""
-_ON_EARTH = 16 | 512
-"""Position absolute, and its forecast: neither is set without GPS, a beacon or a given origin."""
-_FRAMES = (
-    mavlink.MAV_FRAME_LOCAL_NED,
-    mavlink.MAV_FRAME_LOCAL_OFFSET_NED,
-    mavlink.MAV_FRAME_BODY_NED,
-    mavlink.MAV_FRAME_BODY_OFFSET_NED,
-)
-_ACCEPTED: int = mavlink.MAV_RESULT_ACCEPTED
-_DENIED: int = mavlink.MAV_RESULT_DENIED
-_FAILED: int = mavlink.MAV_RESULT_FAILED
-_UNSUPPORTED: int = mavlink.MAV_RESULT_UNSUPPORTED
+_RANGE_CM = round(100.0 * RANGE_MIN_M), round(100.0 * RANGE_MAX_M)
+Messages = list[Any]
 
 
 @dataclass
 class _Stream:
-    build: Callable[[], list[bytes]]
+    build: Callable[[], Messages]
     interval_s: float
     due_s: float
 
@@ -83,10 +37,18 @@ class _Stream:
 class VehicleLink:
     """Encodes and decodes for one vehicle on one link with one peer. ``send`` takes whole frames."""
 
+    messages_per_s = 1290.0
+    """What the link carries at most, as measured on the real one."""
+    firmware: int = mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
+    range_covariance = 255
+    """255: unknown; PX4 says 0."""
+    says_mode_at_once = True
+    """ArduPilot announces a change of mode at once, PX4 with its next heartbeat."""
+
     def __init__(self, flight: Flight, send: Callable[[bytes], None]) -> None:
         self._flight = flight
         self._send = send
-        self._mav = mavlink.MAVLink(None, srcSystem=SYSTEM, srcComponent=mavlink.MAV_COMP_ID_AUTOPILOT1)
+        self._mav = mavlink.MAVLink(None, srcSystem=SYSTEM, srcComponent=AUTOPILOT)
         self._pilot = mavlink.MAVLink(None, srcSystem=PILOT_SYSTEM, srcComponent=PILOT_COMPONENT)
         self._parser = mavlink.MAVLink(None)
         self._parser.robust_parsing = True
@@ -97,15 +59,10 @@ class VehicleLink:
         self._heartbeat_s = 0.0
         self._mode_said = flight.autopilot.mode
         self._param_queue: list[str] = []
-        self._rate = PX4_MESSAGES_PER_S if flight.px4 else MESSAGES_PER_S
-        self.companion_heartbeat_s = -math.inf
-        """Boot time of the last heartbeat of component 191."""
         self.attitude_stream_s = -math.inf
         """Boot time of the last SET_ATTITUDE_TARGET that was taken."""
         self.attitude_since_s = math.inf
         """Boot time since which that stream has been flowing."""
-        self.taken = 0
-        self.dropped = 0
         self._builders = self._message_table()
 
     # -- out --------------------------------------------------------------------------------------------------------
@@ -113,14 +70,13 @@ class VehicleLink:
     def step(self) -> None:
         """Send what is due. Call once per physics step or so."""
         now = self._flight.time_s
-        self._tokens = min(20.0, self._tokens + (now - self._last_s) * self._rate)
+        self._tokens = min(20.0, self._tokens + (now - self._last_s) * self.messages_per_s)
         self._last_s = now
-        changed = self._flight.autopilot.mode is not self._mode_said and not self._flight.px4
+        changed = self._flight.autopilot.mode is not self._mode_said and self.says_mode_at_once
         if now >= self._heartbeat_s or changed:
-            # ArduPilot announces a change of mode at once, PX4 with its next heartbeat.
             self._heartbeat_s += 0.0 if changed else 1.0
             self._mode_said = self._flight.autopilot.mode
-            self._out(self._heartbeat())
+            self._out(*self._heartbeat())
         if self._param_queue and self._tokens >= 1.0:
             self._send_param(self._param_queue.pop(0))
         # Round robin, so that a link asked for too much serves everyone less.
@@ -133,17 +89,16 @@ class VehicleLink:
                 self._turn = (self._turn + k) % len(streams)
                 return
             stream.due_s = max(stream.due_s + stream.interval_s, now)
-            for frame in stream.build():
-                self._tokens -= 1.0
-                self._send(frame)
+            self._out(*stream.build())
 
     def route(self, message: Any) -> None:
         """Forward a message of the pilot to the companion's link, as the autopilot's router does."""
         self._send(message.pack(self._pilot))
 
-    def _out(self, message: Any) -> None:
-        self._tokens -= 1.0
-        self._send(message.pack(self._mav))
+    def _out(self, *messages: Any) -> None:
+        for message in messages:
+            self._tokens -= 1.0
+            self._send(message.pack(self._mav))
 
     @property
     def boot_ms(self) -> int:
@@ -155,26 +110,16 @@ class VehicleLink:
         """Microseconds since boot."""
         return int(self._flight.time_s * 1e6 + 0.5)
 
-    def _heartbeat(self) -> Any:
-        f = self._flight
-        base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
-        if f.autopilot.armed:
-            base |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
-        if f.autopilot.mode in (Mode.GUIDED, Mode.GUIDED_NOGPS):
-            base |= mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
-        custom = int(f.autopilot.mode)
-        if f.px4:
-            main, sub = PX4_MODES.get(f.autopilot.mode, (7, 0))
-            custom = main << 16 | sub << 24
-        kind = (
-            mavlink.MAV_TYPE_COAXIAL if any(len(n.rotors) > 1 for n in f.vehicle.fans) else mavlink.MAV_TYPE_QUADROTOR
-        )
-        state = mavlink.MAV_STATE_STANDBY if f.autopilot.landed else mavlink.MAV_STATE_ACTIVE
-        firmware = mavlink.MAV_AUTOPILOT_PX4 if f.px4 else mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA
-        return mavlink.MAVLink_heartbeat_message(kind, firmware, base, custom, state, 3)
+    def mode_numbers(self, mode: Mode) -> tuple[int, int]:
+        """Main and sub mode of MAV_CMD_DO_SET_MODE."""
+        return int(mode), 0
 
-    def _message_table(self) -> dict[int, Callable[[], list[bytes]]]:
-        table: dict[int, Callable[[], Any]] = {
+    def _custom_mode(self) -> int:
+        return int(self._flight.autopilot.mode)
+
+    def _message_table(self) -> dict[int, Callable[[], Messages]]:
+        """What can be asked for, by message id."""
+        table = {
             mavlink.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
             mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._attitude_quaternion,
             mavlink.MAVLINK_MSG_ID_HIGHRES_IMU: self._highres_imu,
@@ -185,119 +130,94 @@ class VehicleLink:
             mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._extended_state,
             mavlink.MAVLINK_MSG_ID_SCALED_PRESSURE: self._pressure,
             mavlink.MAVLINK_MSG_ID_HEARTBEAT: self._heartbeat,
+            mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT: self._estimator_status,
         }
-        if self._flight.px4:
-            table[mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS] = self._estimator_status
-        else:
-            table[mavlink.MAVLINK_MSG_ID_EKF_STATUS_REPORT] = self._ekf_status
-
-        def framed(build: Callable[[], Any]) -> Callable[[], list[bytes]]:
-            return lambda: [build().pack(self._mav)]
-
-        frames = {number: framed(build) for number, build in table.items()}
         if self._flight.ranges:
-            frames[mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR] = self._distance_frames
+            table[mavlink.MAVLINK_MSG_ID_DISTANCE_SENSOR] = self._distances
         if self._flight.rings:
-            frames[mavlink.MAVLINK_MSG_ID_OBSTACLE_DISTANCE] = self._ring_frames
+            table[mavlink.MAVLINK_MSG_ID_OBSTACLE_DISTANCE] = self._obstacles
         if self._flight.vehicle.telemetered:
-            if self._flight.px4:
-                frames[ESC_STATUS.id] = self._esc_status_frames
-                frames[ESC_INFO.id] = self._esc_info_frames
-            else:
-                frames[mavlink.MAVLINK_MSG_ID_ESC_TELEMETRY_1_TO_4] = self._esc_telemetry_frames
-        return frames
+            table[mavlink.MAVLINK_MSG_ID_ESC_TELEMETRY_1_TO_4] = self._esc_telemetry
+        return table
 
-    def _attitude(self) -> Any:
+    def _heartbeat(self) -> Messages:
+        pilot = self._flight.autopilot
+        base = mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED | mavlink.MAV_MODE_FLAG_STABILIZE_ENABLED
+        if pilot.armed:
+            base |= mavlink.MAV_MODE_FLAG_SAFETY_ARMED
+        if pilot.mode in pilot.stream_modes:
+            base |= mavlink.MAV_MODE_FLAG_GUIDED_ENABLED
+        coaxial = any(len(n.rotors) > 1 for n in self._flight.vehicle.fans)
+        kind = mavlink.MAV_TYPE_COAXIAL if coaxial else mavlink.MAV_TYPE_QUADROTOR
+        state = mavlink.MAV_STATE_STANDBY if pilot.landed else mavlink.MAV_STATE_ACTIVE
+        return [mavlink.MAVLink_heartbeat_message(kind, self.firmware, base, self._custom_mode(), state, 3)]
+
+    def _attitude(self) -> Messages:
         e = self._flight.estimate
-        return mavlink.MAVLink_attitude_message(self.boot_ms, e.roll, e.pitch, e.yaw, *e.rates)
+        return [mavlink.MAVLink_attitude_message(self.boot_ms, e.roll, e.pitch, e.yaw, *e.rates)]
 
-    def _attitude_quaternion(self) -> Any:
+    def _attitude_quaternion(self) -> Messages:
         e = self._flight.estimate
-        return mavlink.MAVLink_attitude_quaternion_message(self.boot_ms, *e.quaternion, *e.rates)
+        return [mavlink.MAVLink_attitude_quaternion_message(self.boot_ms, *e.quaternion, *e.rates)]
 
-    def _highres_imu(self) -> Any:
+    def _highres_imu(self) -> Messages:
         e = self._flight.estimate
-        return mavlink.MAVLink_highres_imu_message(
-            self.boot_us, *e.specific_force, *e.rates, 0.2, 0.0, 0.4, 1013.25, 0.0, 0.0, 25.0, 0x3F
-        )
+        air = (0.2, 0.0, 0.4, 1013.25, 0.0, 0.0, 25.0, 0x3F)
+        return [mavlink.MAVLink_highres_imu_message(self.boot_us, *e.specific_force, *e.rates, *air)]
 
-    def _local_position(self) -> Any:
+    def _local_position(self) -> Messages:
         e = self._flight.estimate
-        return mavlink.MAVLink_local_position_ned_message(self.boot_ms, *e.position, *e.velocity)
+        return [mavlink.MAVLink_local_position_ned_message(self.boot_ms, *e.position, *e.velocity)]
 
-    def _position_flags(self) -> int:
-        estimator = self._flight.estimator
-        flags = _TRUSTED if estimator.trusted else _DEAD_RECKONED
-        return flags & ~_ON_EARTH if estimator.relative else flags
+    def _estimator_status(self) -> Messages:
+        return [mavlink.MAVLink_ekf_status_report_message(TRUSTED, 0.05, 0.05, 0.05, 0.05, 0.0)]
 
-    def _estimator_status(self) -> Any:
-        estimator = self._flight.estimator
-        tests = (0.05, estimator.test_ratio if estimator.trusted else 0.05, 0.05, 0.05, 0.05, 0.05)
-        error_m = 0.3 if estimator.trusted else 5.0
-        return mavlink.MAVLink_estimator_status_message(self.boot_us, self._position_flags(), *tests, error_m, 0.3)
-
-    def _ekf_status(self) -> Any:
-        ratio = self._flight.estimator.test_ratio
-        return mavlink.MAVLink_ekf_status_report_message(self._position_flags(), 0.05, ratio, 0.05, 0.05, 0.0)
-
-    def _servo_output(self) -> Any:
+    def _servo_output(self) -> Messages:
         pwm = [int(v) for v in self._flight.autopilot.mixer.pwm]
-        return mavlink.MAVLink_servo_output_raw_message(self.boot_us & 0xFFFFFFFF, 0, *pwm)
+        return [mavlink.MAVLink_servo_output_raw_message(self.boot_us & 0xFFFFFFFF, 0, *pwm)]
 
-    def _attitude_target(self) -> Any:
+    def _attitude_target(self) -> Messages:
         a = self._flight.autopilot
-        return mavlink.MAVLink_attitude_target_message(
-            self.boot_ms, 0, quaternion_from_euler(*a.shaped), *a.shaped_rates, max(0.0, min(1.0, a.throttle))
-        )
+        q, thrust = quaternion_from_euler(*a.shaped), max(0.0, min(1.0, a.throttle))
+        return [mavlink.MAVLink_attitude_target_message(self.boot_ms, 0, q, *a.shaped_rates, thrust)]
 
-    def _battery(self) -> Any:
+    def _battery(self) -> Messages:
         p = self._flight.body.pack
-        volts = [round(1000.0 * p.voltage_v)] + [65535] * 9
-        left = max(0, round(100.0 * (1.0 - p.used_ah / p.capacity_ah)))
-        return mavlink.MAVLink_battery_status_message(
-            0, 0, 1, 32767, volts, round(100.0 * p.current_a), round(1000.0 * p.used_ah), -1, left
-        )
+        volts, amps, used = [round(1000.0 * p.voltage_v)] + [65535] * 9, round(100.0 * p.current_a), p.used_ah
+        left = max(0, round(100.0 * (1.0 - used / p.capacity_ah)))
+        return [mavlink.MAVLink_battery_status_message(0, 0, 1, 32767, volts, amps, round(1000.0 * used), -1, left)]
 
-    def _extended_state(self) -> Any:
+    def _landed_state(self) -> int:
         pilot = self._flight.autopilot
         if pilot.landed:
-            landed = mavlink.MAV_LANDED_STATE_ON_GROUND
-        elif pilot.taking_off:
-            landed = mavlink.MAV_LANDED_STATE_TAKEOFF
-        else:
-            landed = mavlink.MAV_LANDED_STATE_LANDING if pilot.mode is Mode.LAND else mavlink.MAV_LANDED_STATE_IN_AIR
-        return mavlink.MAVLink_extended_sys_state_message(0, landed)
+            return int(mavlink.MAV_LANDED_STATE_ON_GROUND)
+        return int(mavlink.MAV_LANDED_STATE_TAKEOFF if pilot.taking_off else mavlink.MAV_LANDED_STATE_IN_AIR)
 
-    def _pressure(self) -> Any:
+    def _extended_state(self) -> Messages:
+        return [mavlink.MAVLink_extended_sys_state_message(0, self._landed_state())]
+
+    def _pressure(self) -> Messages:
         hpa = 1013.25 + 0.12013 * self._flight.body.position[2]
-        return mavlink.MAVLink_scaled_pressure_message(self.boot_ms, hpa, 0.0, 1500)
+        return [mavlink.MAVLink_scaled_pressure_message(self.boot_ms, hpa, 0.0, 1500)]
 
-    def _distance_frames(self) -> list[bytes]:
+    def _distances(self) -> Messages:
         return [
             mavlink.MAVLink_distance_sensor_message(
-                self.boot_ms,
-                round(100.0 * RANGE_MIN_M),
-                round(100.0 * RANGE_MAX_M),
-                round(100.0 * sensor.reading_m),
-                mavlink.MAV_DISTANCE_SENSOR_LASER,
-                index,
-                sensor.sensor.orientation,
-                255 if not self._flight.px4 else 0,
-            ).pack(self._mav)
+                self.boot_ms, *_RANGE_CM, round(100.0 * sensor.reading_m), mavlink.MAV_DISTANCE_SENSOR_LASER, index,
+                sensor.sensor.orientation, self.range_covariance,
+            )
             for index, sensor in enumerate(self._flight.ranges)
-        ]
+        ]  # fmt: skip
 
-    def _ring_frames(self) -> list[bytes]:
-        low, high = round(100.0 * RANGE_MIN_M), round(100.0 * RANGE_MAX_M)
+    def _obstacles(self) -> Messages:
         out = []
         for ring in self._flight.rings:
-            read = [min(round(100.0 * beam.reading_m), high + 1) for beam in ring.beams]
-            step_deg = math.degrees(ring.step_rad)
-            message = mavlink.MAVLink_obstacle_distance_message(
+            read = [min(round(100.0 * beam.reading_m), _RANGE_CM[1] + 1) for beam in ring]
+            step_deg = 360.0 / len(ring)
+            out.append(mavlink.MAVLink_obstacle_distance_message(
                 self.boot_us, mavlink.MAV_DISTANCE_SENSOR_LASER, read + [65535] * (72 - len(read)),
-                round(step_deg), low, high, step_deg, 0.0, mavlink.MAV_FRAME_BODY_FRD,
-            )  # fmt: skip
-            out.append(message.pack(self._mav))
+                round(step_deg), *_RANGE_CM, step_deg, 0.0, mavlink.MAV_FRAME_BODY_FRD,
+            ))  # fmt: skip
         return out
 
     def _esc_rpm(self) -> list[float]:
@@ -309,50 +229,17 @@ class VehicleLink:
                 out[rotor.esc - 1] = rpm
         return out
 
-    def _esc_telemetry_frames(self) -> list[bytes]:
-        f, rpm = self._flight, self._esc_rpm()
+    def _esc_telemetry(self) -> Messages:
+        f, rpm = self._flight, [round(v) for v in self._esc_rpm()]
         groups = (
             mavlink.MAVLink_esc_telemetry_1_to_4_message,
             mavlink.MAVLink_esc_telemetry_5_to_8_message,
             mavlink.MAVLink_esc_telemetry_9_to_12_message,
         )
-        temperature = [int(f.esc.temperature_c)] * 4
         volts, amps = round(100.0 * f.body.pack.voltage_v), round(100.0 * f.body.pack.current_a / len(f.body.rpm))
-        return [
-            group(
-                temperature,
-                [volts] * 4,
-                [amps] * 4,
-                [0] * 4,
-                [round(v) for v in rpm[4 * i : 4 * i + 4]],
-                [f.esc.count & 0xFFFF] * 4,
-            ).pack(self._mav)
-            for i, group in enumerate(groups[: len(rpm) // 4])
-        ]
-
-    def _esc_status_frames(self) -> list[bytes]:
-        f, rpm = self._flight, self._esc_rpm()
-        volts, amps = f.body.pack.voltage_v, f.body.pack.current_a / len(f.body.rpm)
-        return [
-            self._esc_frame(ESC_STATUS, *(round(v) for v in rpm[i : i + 4]), *[volts] * 4, *[amps] * 4, i)
-            for i in range(0, len(rpm), 4)
-        ]
-
-    def _esc_info_frames(self) -> list[bytes]:
-        f, rpm = self._flight, self._esc_rpm()
-        temperature, count = round(100.0 * f.esc.temperature_c), len(f.body.rpm)
-        heard, online = f.esc.count & 0xFFFF, (1 << count) - 1 & 0xFF
-        return [
-            self._esc_frame(ESC_INFO, *[0] * 4, heard, *[0] * 4, *[temperature] * 4, i, count, 5, online)
-            for i in range(0, len(rpm), 4)
-        ]
-
-    def _esc_frame(self, kind: EscMessage, *fields: float) -> bytes:
-        """A frame of a message that pymavlink lacks."""
-        payload = kind.unpacker.pack(self.boot_us, *fields)
-        frame = pack(kind.id, payload, SYSTEM, mavlink.MAV_COMP_ID_AUTOPILOT1, self._mav.seq)
-        self._mav.seq = (self._mav.seq + 1) % 256
-        return frame
+        same = [[v] * 4 for v in (int(f.esc.temperature_c), volts, amps, 0)]
+        count = [f.esc.count & 0xFFFF] * 4
+        return [group(*same, rpm[4 * i : 4 * i + 4], count) for i, group in enumerate(groups) if 4 * i < len(rpm)]
 
     # -- in ---------------------------------------------------------------------------------------------------------
 
@@ -360,128 +247,68 @@ class VehicleLink:
         """Bytes from the peer."""
         for message in self._parser.parse_buffer(data) or []:
             if message.get_type() != "BAD_DATA":
-                self.hear(message, message.get_srcSystem(), message.get_srcComponent())
+                self.hear(message)
 
-    def hear(self, message: Any, system: int, component: int) -> None:
-        """One message from ``system``/``component``, addressed to us, to all, or to nobody in particular."""
-        kind = message.get_type()
-        target = getattr(message, "target_system", SYSTEM)
-        part = getattr(message, "target_component", 0)
-        ours = part in (0, mavlink.MAV_COMP_ID_AUTOPILOT1)
-        # ArduCopter takes what is for a component that it has never heard of.
-        nobody = part == COMPANION and not self._flight.px4 and self.companion_heartbeat_s == -math.inf
-        if target not in (0, SYSTEM) or not (ours or nobody):
-            return
-        if kind == "HEARTBEAT":
-            if system == SYSTEM and component == COMPANION:
-                self.companion_heartbeat_s = self._flight.time_s
-            return
-        handler = getattr(self, f"_on_{kind.lower()}", None)
-        if handler is not None:
+    def hear(self, message: Any) -> None:
+        """One message: obeyed where it is for us, for all, or for nobody in particular."""
+        handler = getattr(self, f"_on_{message.get_type().lower()}", None)
+        if handler is not None and getattr(message, "target_system", SYSTEM) in (0, SYSTEM) and self._for_us(message):
             handler(message)
+
+    def _for_us(self, message: Any) -> bool:
+        return getattr(message, "target_component", 0) in (0, AUTOPILOT)
 
     def _on_timesync(self, m: Any) -> None:
         if m.tc1 == 0:
             self._out(mavlink.MAVLink_timesync_message(1_000_000 * self.boot_ms, m.ts1))
 
     def _on_set_attitude_target(self, m: Any) -> None:
-        pilot, f = self._flight.autopilot, self._flight
-        pilot.stream_heard()
-        if pilot.mode not in (Mode.GUIDED, Mode.GUIDED_NOGPS):
+        pilot, now = self._flight.autopilot, self._flight.time_s
+        if pilot.mode not in pilot.stream_modes:
             return
-        mask = m.type_mask
-        rates_ignored = mask & 7
-        attitude_ignored = bool(mask & mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE)
-        if rates_ignored not in (0, 7):
-            # A partial mask stops the vehicle, at every message: so does the real one.
-            pilot.hold_here(f.estimate)
-            self.dropped += 1
-            return
-        norm = math.sqrt(sum(v * v for v in m.q))
-        if mask & mavlink.ATTITUDE_TARGET_TYPEMASK_THROTTLE_IGNORE or (not attitude_ignored and abs(norm - 1.0) > 1e-3):
-            self.dropped += 1
-            return
-        if attitude_ignored and rates_ignored:
-            self.dropped += 1
-            return
-        roll, pitch, yaw = euler(m.q) if not attitude_ignored else (0.0, 0.0, 0.0)
-        climb = not f.px4 and not int(pilot.parameters["GUID_OPTIONS"]) & GUID_OPTION_THRUST
-        pilot.fly_attitude(
-            AttitudeTarget(
-                roll,
-                pitch,
-                yaw,
-                (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate) if attitude_ignored else None,
-                max(0.0, min(1.0, m.thrust)),
-                climb,
-                f.time_s,
-            )
-        )
-        if f.time_s - self.attitude_stream_s > 0.3:
-            self.attitude_since_s = f.time_s
-        self.attitude_stream_s = f.time_s
-        self.taken += 1
+        rates = None
+        if m.type_mask & mavlink.ATTITUDE_TARGET_TYPEMASK_ATTITUDE_IGNORE:
+            rates = (m.body_roll_rate, m.body_pitch_rate, m.body_yaw_rate)
+        roll, pitch, yaw = (0.0, 0.0, 0.0) if rates else euler(m.q)
+        pilot.fly_attitude(AttitudeTarget(roll, pitch, yaw, rates, max(0.0, min(1.0, m.thrust)), now))
+        if now - self.attitude_stream_s > 0.3:
+            self.attitude_since_s = now
+        self.attitude_stream_s = now
 
     def _on_set_position_target_local_ned(self, m: Any) -> None:
+        """A place in the local frame, with or without a velocity and a heading."""
         pilot, f = self._flight.autopilot, self._flight
-        pilot.stream_heard()
-        if pilot.mode is not Mode.GUIDED or pilot.landed or m.coordinate_frame not in _FRAMES:
-            return
-        if f.px4 and m.coordinate_frame not in (mavlink.MAV_FRAME_LOCAL_NED, mavlink.MAV_FRAME_BODY_NED):
-            return
-        mask = m.type_mask
-        position, velocity, accel = not mask & 0x7, not mask & 0x38, not mask & 0x1C0
-        if mask & 0x200 or not (position or velocity or accel):
-            pilot.hold_here(f.estimate)
-            return
-        pilot.fly_to(
-            PositionTarget(
-                position=self._place(m) if position else (None, None, None),
-                velocity=self._turned(m, m.vx, m.vy, m.vz) if velocity else (0.0, 0.0, 0.0),
-                accel=self._turned(m, m.afx, m.afy, m.afz) if accel else (0.0, 0.0, 0.0),
-                yaw=None if mask & 0x400 else m.yaw,
-                time_s=f.time_s,
-            ),
-            f.estimate,
-        )
-
-    def _turned(self, m: Any, x: float, y: float, z: float) -> Vec:
-        """A vector of a message in NED: the body frames are turned by the heading, and stay level."""
-        if m.coordinate_frame not in (mavlink.MAV_FRAME_BODY_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED):
-            return (x, y, z)
-        c, s = math.cos(self._flight.estimate.yaw), math.sin(self._flight.estimate.yaw)
-        return (c * x - s * y, s * x + c * y, z)
-
-    def _place(self, m: Any) -> Vec:
-        """The position of a message in NED."""
-        n, e, d = self._turned(m, m.x, m.y, m.z)
-        if m.coordinate_frame in (mavlink.MAV_FRAME_LOCAL_OFFSET_NED, mavlink.MAV_FRAME_BODY_OFFSET_NED):
-            here = self._flight.estimate.position
-            return (here[0] + n, here[1] + e, here[2] + d)
-        return (n, e, d)
-
-    def _on_manual_control(self, m: Any) -> None:
-        pilot = self._flight.autopilot
-        pilot.sticks = Sticks(m.x / 1000.0, m.y / 1000.0, (m.z - 500.0) / 500.0, pilot.time_s)
+        if pilot.mode is Mode.GUIDED and not pilot.landed:
+            velocity = (0.0, 0.0, 0.0) if m.type_mask & 0x38 else (m.vx, m.vy, m.vz)
+            yaw = None if m.type_mask & 0x400 else m.yaw
+            pilot.fly_to(PositionTarget((m.x, m.y, m.z), velocity, yaw=yaw, time_s=f.time_s), f.estimate)
 
     def _on_command_long(self, m: Any) -> None:
-        result = self._command(m)
-        self._out(mavlink.MAVLink_command_ack_message(m.command, result))
+        self._out(mavlink.MAVLink_command_ack_message(m.command, self._command(m)))
 
     def _command(self, m: Any) -> int:
-        pilot, f = self._flight.autopilot, self._flight
         if m.command == mavlink.MAV_CMD_SET_MESSAGE_INTERVAL:
-            return _ACCEPTED if self.set_interval(int(m.param1), m.param2) else _DENIED
+            taken = self.set_interval(int(m.param1), m.param2)
+            return int(mavlink.MAV_RESULT_ACCEPTED if taken else mavlink.MAV_RESULT_DENIED)
         if m.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
-            return _ACCEPTED if pilot.arm(m.param1 > 0.5) else _FAILED
-        if m.command == mavlink.MAV_CMD_DO_SET_MODE:
-            custom = int(m.param2) << 16 | int(m.param3) << 24 if f.px4 else int(m.param2)
-            return _ACCEPTED if self._set_mode(custom) else _FAILED
-        if m.command == mavlink.MAV_CMD_NAV_TAKEOFF:
-            if pilot.mode is not Mode.GUIDED and not f.px4:
-                return _FAILED
-            return _ACCEPTED if pilot.take_off(m.param7, f.estimate) else _FAILED
-        return _UNSUPPORTED
+            done = self._flight.autopilot.arm(m.param1 > 0.5)
+        elif m.command == mavlink.MAV_CMD_DO_SET_MODE:
+            done = self._set_mode(int(m.param2), int(m.param3))
+        elif m.command == mavlink.MAV_CMD_NAV_TAKEOFF:
+            done = self._take_off(m.param7)
+        else:
+            return int(mavlink.MAV_RESULT_UNSUPPORTED)
+        return int(mavlink.MAV_RESULT_ACCEPTED if done else mavlink.MAV_RESULT_FAILED)
+
+    def _take_off(self, height_m: float) -> bool:
+        pilot = self._flight.autopilot
+        return pilot.mode is Mode.GUIDED and pilot.take_off(height_m, self._flight.estimate)
+
+    def _set_mode(self, main: int, sub: int) -> bool:
+        if main not in list(Mode):
+            return False
+        self._flight.autopilot.set_mode(Mode(main), self._flight.estimate)
+        return True
 
     def set_interval(self, number: int, interval_us: float) -> bool:
         """SET_MESSAGE_INTERVAL: whole milliseconds, no shorter than 3 ms, only messages that we have."""
@@ -497,57 +324,14 @@ class VehicleLink:
         self._streams[number] = _Stream(build, interval_s, self._flight.time_s)
         return True
 
-    def _on_request_data_stream(self, m: Any) -> None:
-        """ArduPilot: a rate for whole groups, in place of what SET_MESSAGE_INTERVAL asked for."""
-        for stream, numbers in STREAMS.items() if not self._flight.px4 else ():
-            if m.req_stream_id in (mavlink.MAV_DATA_STREAM_ALL, stream):
-                for number in numbers:
-                    self.set_interval(number, 1e6 / m.req_message_rate if m.start_stop and m.req_message_rate else -1)
-
-    def _set_mode(self, custom: int) -> bool:
-        pilot, f = self._flight.autopilot, self._flight
-        if f.px4:
-            wanted = (custom >> 16 & 0xFF, custom >> 24 & 0xFF)
-            match = [
-                mode for mode, code in PX4_MODES.items() if code == wanted or (code[1] == 0 and code[0] == wanted[0])
-            ]
-            if not match:
-                return False
-            if match[0] is Mode.GUIDED and isinstance(pilot, Px4) and not pilot.stream_runs:
-                return False
-            pilot.set_mode(match[0], f.estimate)
-            return True
-        try:
-            mode = Mode(custom)
-        except ValueError:
-            return False
-        pilot.set_mode(mode, f.estimate)
-        return True
-
     # -- parameters -------------------------------------------------------------------------------------------------
 
-    @property
-    def params(self) -> dict[str, float]:
-        """The autopilot's parameters."""
-        return self._flight.autopilot.parameters
-
     def _send_param(self, name: str) -> None:
-        names = list(self.params)
-        self._out(
-            mavlink.MAVLink_param_value_message(
-                name.encode(), self.params[name], mavlink.MAV_PARAM_TYPE_REAL32, len(names), names.index(name)
-            )
-        )
+        p, kind = self._flight.autopilot.parameters, mavlink.MAV_PARAM_TYPE_REAL32
+        self._out(mavlink.MAVLink_param_value_message(name.encode(), p[name], kind, len(p), list(p).index(name)))
 
     def _on_param_request_read(self, m: Any) -> None:
-        names = list(self.params)
+        names = list(self._flight.autopilot.parameters)
         name = m.param_id if m.param_index < 0 else names[m.param_index] if m.param_index < len(names) else ""
-        if name in self.params:
+        if name in names:
             self._param_queue.append(name)
-
-    def _on_param_request_list(self, m: Any) -> None:
-        self._param_queue.extend(self.params)
-
-    def _on_param_set(self, m: Any) -> None:
-        if self._flight.autopilot.set_parameter(m.param_id, float(m.param_value)):
-            self._param_queue.append(m.param_id)

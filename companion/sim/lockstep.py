@@ -7,7 +7,7 @@ an idle machine flies faster than real time. Stands in for the socket (``recv``,
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Protocol
 
@@ -18,7 +18,7 @@ from companion.flight import FlightOptions
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.link import Arrivals, Link
 from companion.mavlink.tlog_writer import Recorder, Records
-from companion.sim.flight import Flight, TruthFile
+from companion.sim.flight import Flight
 from companion.sim.link import VehicleLink
 
 EPOCH_S = 1_767_225_600.0
@@ -43,22 +43,28 @@ class OverError(Exception):
 class Lockstep:
     """One simulated flight from boot to its end, with a companion or without.
 
-    ``pilot`` builds whoever commands the vehicle.
+    ``link`` is the kind of the vehicle's link, ``pilot`` builds whoever commands the vehicle, and ``watch`` is called
+    after every physics step but for the hand-over at the end, which is not judged.
     """
 
     fd = None
-    vehicle_link = VehicleLink
 
-    def __init__(self, flight: Flight, pilot: Callable[[Lockstep], Pilot], truth: Path | None = None) -> None:
+    def __init__(
+        self,
+        flight: Flight,
+        link: Callable[[Flight, Callable[[bytes], None]], VehicleLink],
+        pilot: Callable[[Lockstep], Pilot],
+        watch: Callable[[], None] | None = None,
+    ) -> None:
         self.mav = mavlink.MAVLink(None)
         self.flight = flight
-        self.link = self.vehicle_link(flight, self.send_down)
+        self.link = link(flight, self.send_down)
         self.companion: CompanionFlight | None = None
         """The companion that runs, or ran last."""
         self._down = bytearray()
         self._up = bytearray()
         """What is on its way to the companion, and to the vehicle."""
-        self._truth = None if truth is None else TruthFile(truth, flight)
+        self._watch = watch
         self._pilot = pilot(self)
 
     # -- the flight -------------------------------------------------------------------------------------------------
@@ -68,10 +74,7 @@ class Lockstep:
 
         Raises ConfigError where ``record`` cannot be written.
         """
-        with ExitStack() as stack:
-            if self._truth is not None:
-                stack.callback(self._truth.close)
-            recorder = None if record is None else stack.enter_context(Recorder(record))
+        with nullcontext() if record is None else Recorder(record) as recorder:
             self._fly(config, recorder)
 
     def _fly(self, config: PipelineConfig | None, recorder: Recorder | None) -> None:
@@ -96,8 +99,8 @@ class Lockstep:
         self.flight.step()
         self._pilot.step()
         self.link.step()
-        if self._truth is not None and not self._pilot.over:  # the hand-over at the end is not judged
-            self._truth.step()
+        if self._watch is not None and not self._pilot.over:
+            self._watch()
 
     # -- the wire ---------------------------------------------------------------------------------------------------
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from companion.sim.body import ARDUPILOT_MOTOR, PWM_LOW_US, PWM_SPAN_US, VANE_LIMIT_RAD, MotorOutput
+from companion.sim.body import ARDUPILOT_MOTOR, VANE_LIMIT_RAD, MotorOutput, pulses
 from models.errors import ConfigError
 from models.frames import GRAVITY, Array
 from models.vehicle import Vehicle
@@ -37,9 +37,7 @@ class Mixer:
         self._vanes = [
             (v.servo - 1, v.neutral_us, (VANE_LIMIT_RAD / v.rad_per_us) if v.rad_per_us else 0.0) for v in vanes
         ]
-        curve = vehicle.throttle
-        self._low = curve.pwm_min_us if curve else PWM_LOW_US
-        self._span = (curve.pwm_max_us - curve.pwm_min_us) if curve else PWM_SPAN_US
+        self._low, self._span = pulses(vehicle)
         self.pwm = [0.0] * 16
         self.saturated = False
         self.stop()

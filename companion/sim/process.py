@@ -1,89 +1,134 @@
-"""The simulator's process: pacing, the UDP socket, and the end."""
+"""The built-in vehicle in a process of its own: at the pace of the clock, real MAVLink over loopback UDP."""
 
 from __future__ import annotations
 
 import contextlib
-import json
-import os
-import select
+import multiprocessing
+import signal
 import socket
-import sys
+import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
+from multiprocessing.connection import Connection
 
 from companion.sim.body import DT
-from companion.sim.flight import Flight, TruthFile
+from companion.sim.flight import Flight
 from companion.sim.link import VehicleLink
-from companion.sim.narrator import Narrator
-from companion.sim.pilot import Recipient, ScriptedPilot
+from companion.sim.pilot import ScriptedPilot
+from models.errors import LinkError
 
 BEHIND_S = 0.05
 """Wall-clock lag after which the simulation gives up the lost time instead of hurrying."""
+START_S = 20.0
+"""The process speaks within this time."""
 
 
 @dataclass(frozen=True)
-class Options:
-    """How a flight is run."""
+class SimProcess:
+    """A running simulator: ``endpoint`` is a pymavlink string to listen at, ``news`` what it tells of its script."""
 
-    port: int
-    speed: float = 1.0
-    recipient: Recipient = Recipient.COMPANION
-    truth: Path | None = None
-    duration_s: float | None = None
-    until_stdin_closes: bool = False
-    narrate: bool = False
-
-    def over(self, flight: Flight) -> bool:
-        """Whether the flight has lasted as long as it was to."""
-        if self.duration_s is not None:
-            return flight.time_s >= self.duration_s
-        return self.truth is not None and flight.script_s > flight.scenario.duration_s
+    endpoint: str
+    process: multiprocessing.process.BaseProcess
+    news: Connection
 
 
-def run(flight: Flight, options: Options) -> None:
-    """Fly until the duration is over, the script has ended (with a truth file), or it is interrupted."""
-    with contextlib.ExitStack() as stack:
-        sock = stack.enter_context(socket.socket(socket.AF_INET, socket.SOCK_DGRAM))
+def follow(news: Connection, say: Callable[[str], None], over: Callable[[], None]) -> threading.Thread:
+    """Repeat the phases of the script to the user, and call ``over`` at its end. Ends with the process that tells."""
+
+    def listen() -> None:
+        with contextlib.suppress(EOFError, OSError):
+            while text := news.recv():
+                say(f"sim: {text}")
+            say("sim: the flight is over; --duration S goes on longer")
+            over()
+
+    thread = threading.Thread(target=listen, daemon=True, name="sim narrator")
+    thread.start()
+    return thread
+
+
+def free_port() -> int:
+    """A UDP port on loopback that nobody holds now."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", 0))
+        return int(sock.getsockname()[1])
+
+
+@contextlib.contextmanager
+def launch(
+    flight: Flight, pilot: type[ScriptedPilot] = ScriptedPilot, *, port: int | None = None
+) -> Iterator[SimProcess]:
+    """Fly in another process for the length of a ``with`` block, to a companion on ``port`` (default: a free one).
+
+    Raises LinkError where it does not start.
+    """
+    port = free_port() if port is None else port
+    fresh = multiprocessing.get_context("spawn")
+    news, tell = fresh.Pipe(duplex=False)
+    process = fresh.Process(target=_run, args=(flight, pilot, port, tell), daemon=True)
+    process.start()
+    tell.close()
+    try:
+        started = False
+        with contextlib.suppress(EOFError):
+            started = news.poll(START_S) and bool(news.recv())
+        if not started:
+            raise LinkError(f"sim:{flight.scenario.name}: the built-in vehicle did not start")
+        yield SimProcess(f"udpin:127.0.0.1:{port}", process, news)
+    finally:
+        process.kill()
+        process.join()
+
+
+class Narrator:
+    """Tells which phase of the script begins, and with an empty text, once, that it is over."""
+
+    def __init__(self, flight: Flight, tell: Callable[[str], None]) -> None:
+        self._flight = flight
+        self._tell = tell
+        self._phase: str | None = None
+
+    def step(self) -> None:
+        """Call once per physics step."""
+        flight = self._flight
+        left_s = flight.scenario.duration_s - flight.script_s
+        phase = flight.reference.phase if left_s >= 0.0 else ""
+        if flight.script_s > 0.0 and self._phase != "" and phase != self._phase:
+            self._phase = phase
+            self._tell(phase and f"{phase} ({round(left_s)} s to go)")
+
+
+def _run(flight: Flight, pilot_kind: type[ScriptedPilot], port: int, news: Connection) -> None:
+    """Fly again and again, until the parent ends this process or itself."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches us as well: the companion has the last word
+    parent = multiprocessing.parent_process()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("127.0.0.1", 0))
         sock.setblocking(False)
-        peer = ("127.0.0.1", options.port)
 
         def send(frame: bytes) -> None:
             # Nobody listening yet is no error: a vehicle speaks whether heard or not.
             with contextlib.suppress(OSError):
-                sock.sendto(frame, peer)
+                sock.sendto(frame, ("127.0.0.1", port))
 
-        link = VehicleLink(flight, send)
-        endless = options.truth is None and options.duration_s is None
-        pilot = ScriptedPilot(flight, link, options.recipient, endless=endless, speed=options.speed)
-        steps = [lambda: _receive(sock, link), flight.step, pilot.step, link.step]
-        if options.truth is not None:
-            steps.append(stack.enter_context(contextlib.closing(TruthFile(options.truth, flight))).step)
-        if options.narrate:
-            steps.append(Narrator(flight).step)
-        up = {"endpoint": f"udpin:127.0.0.1:{options.port}", "scenario": flight.scenario.name, "seed": flight.seed}
-        print(json.dumps(up), flush=True)
-        _loop(options, flight, steps)
-
-
-def _loop(options: Options, flight: Flight, steps: Sequence[Callable[[], None]]) -> None:
-    wall_dt = DT / options.speed
-    checked = due = time.monotonic()
-    while not options.over(flight):
-        now = time.monotonic()
-        if now < due:
-            time.sleep(due - now)
-        elif now - due > BEHIND_S:
-            due = now
-        due += wall_dt
-        for step in steps:
-            step()
-        if options.until_stdin_closes and now - checked > 0.2:
-            checked = now
-            if select.select([sys.stdin.fileno()], [], [], 0.0)[0] and not os.read(sys.stdin.fileno(), 1024):
-                return
+        link = pilot_kind.link(flight, send)
+        pilot = pilot_kind(flight, link, companion=True, endless=True)
+        narrator = Narrator(flight, news.send)
+        news.send("up")
+        due = time.monotonic()
+        while parent is not None and parent.is_alive():
+            now = time.monotonic()
+            if now < due:
+                time.sleep(due - now)
+            elif now - due > BEHIND_S:
+                due = now
+            due += DT
+            _receive(sock, link)
+            flight.step()
+            pilot.step()
+            link.step()
+            narrator.step()
 
 
 def _receive(sock: socket.socket, link: VehicleLink) -> None:

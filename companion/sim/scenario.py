@@ -7,7 +7,8 @@ from bisect import bisect_right
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
-from companion.sim.body import Surroundings, Vec
+from companion.sim.body import Surroundings
+from companion.sim.fan_wrench import Vec
 from companion.sim.sensors import BEAM_DIRECTIONS
 from models.errors import ConfigError
 from models.vehicle import Vehicle
@@ -146,7 +147,7 @@ def wall_azimuth(vehicle: Vehicle) -> float:
     return 0.5 * math.pi
 
 
-def _lip_reach(vehicle: Vehicle, azimuth: float) -> float:
+def lip_reach(vehicle: Vehicle, azimuth: float) -> float:
     """How far the foremost lip stands out from the CG towards the wall [m]."""
     c, s = math.cos(azimuth), math.sin(azimuth)
     return max(f.position_m[0] * c + f.position_m[1] * s + f.lip_radius_m for f in vehicle.fans)
@@ -157,7 +158,7 @@ def build(name: str, vehicle: Vehicle, *, air: bool = True) -> Scenario:
     r = vehicle.rotor_radius_m
     azimuth = wall_azimuth(vehicle)
     offset = max(0.0, -min(f.position_m[2] for f in vehicle.fans))  # fans above the CG: the CG flies lower
-    wall = START_GAP_M + _lip_reach(vehicle, azimuth)
+    wall = START_GAP_M + lip_reach(vehicle, azimuth)
     # The last bit is flown slowly, as one does: 0.3 m/s stops short of every surface by more than it overshoots.
     low = max(1.25 * r - offset, 0.2)
     lowish = max(low, 2.4 * r - offset, 0.35)

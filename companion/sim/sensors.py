@@ -5,20 +5,18 @@ from __future__ import annotations
 import math
 import random
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
 from companion.sim.air import Unsteadiness
-from companion.sim.body import Body, Vec, euler
+from companion.sim.body import Body, euler, turned
+from companion.sim.fan_wrench import Vec
 from models.frames import GRAVITY
 from models.vehicle import Rangefinder
 
 OUT_OF_RANGE_M = 60.0
 """What a lidar reports without an echo: beyond its greatest distance, as real ones do."""
-DISTRUST_S = 5.0
-"""Without GPS: after this long the real PX4's ESTIMATOR_STATUS clears its position flags."""
-DEAD_RECKONING_M_S2 = 0.0086
-"""1.9 m in 21 s, as the real PX4 went astray."""
 RANGE_MIN_M, RANGE_MAX_M = 0.03, 40.0
 """Least and greatest distance of the simulated lidar, as it announces them."""
 BEAM_DIRECTIONS: dict[int, Vec] = {
@@ -42,6 +40,8 @@ class Estimate:
     position: Vec
     velocity: Vec
     specific_force: Vec
+    trusted: bool = True
+    """What the EKF says of its own position."""
 
     @property
     def down_acceleration(self) -> float:
@@ -55,12 +55,7 @@ class Estimator:
     """IMU and EKF. Errors: attitude 0.1 deg, position 4 mm (10 s), velocity 1 cm/s (1 s), each about a fixed bias.
 
     Its random streams depend on the seed and on time alone, never on the flight: two flights with one seed are paired.
-    Without GPS it dead-reckons: position and velocity go on, and go wrong as an accelerometer's bias integrates; after
-    ``DISTRUST_S`` it says so. When GPS returns they leap back.
     """
-
-    relative = False
-    """Whether its position has no place on Earth, as without GPS."""
 
     def __init__(self, body: Body, seed: int) -> None:
         self._body = body
@@ -73,27 +68,10 @@ class Estimator:
         self._position_bias = [rng.gauss(0.0, 0.008) for _ in range(3)]
         self._accel_bias = [rng.gauss(0.0, 0.02) for _ in range(3)]
         self._gyro_bias = [rng.gauss(0.0, 0.0005) for _ in range(3)]
-        bearing = rng.uniform(-math.pi, math.pi)
-        self._astray = (DEAD_RECKONING_M_S2 * math.cos(bearing), DEAD_RECKONING_M_S2 * math.sin(bearing))
-        self.gps = True
-        self._without_s = 0.0
-
-    @property
-    def trusted(self) -> bool:
-        """Whether the estimator itself trusts its position."""
-        return self._without_s < DISTRUST_S
-
-    @property
-    def test_ratio(self) -> float:
-        """Largest test ratio of position and velocity: above 1 measurements are rejected."""
-        return 0.05 if self.trusted else 1.5
 
     def step(self) -> Estimate:
         """Measure and estimate at the body's present instant."""
         body, gauss = self._body, self._white.gauss
-        self._without_s = 0.0 if self.gps else self._without_s + body.dt
-        t = self._without_s
-        (an, ae), half = self._astray, 0.5 * t * t
         slow, where, speed = self._slow.step(), self._position.step(), self._velocity.step()
         a = math.radians(0.1)
         ex, ey, ez = (0.5 * (a * s + b) for s, b in zip(slow, self._tilt_bias, strict=True))
@@ -103,29 +81,21 @@ class Estimator:
         size = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + qz * qz)
         unit = (q[0] / size, q[1] / size, q[2] / size, qz / size)
         roll, pitch, yaw = euler(unit)
-        p, f, r, v = body.position, body.specific_force, body.rates, body.velocity
         return Estimate(
             quaternion=unit,
             roll=roll,
             pitch=pitch,
             yaw=yaw,
-            rates=(
-                r[0] + self._gyro_bias[0] + gauss(0.0, 0.008),
-                r[1] + self._gyro_bias[1] + gauss(0.0, 0.008),
-                r[2] + self._gyro_bias[2] + gauss(0.0, 0.008),
-            ),
-            position=(
-                p[0] + self._position_bias[0] + 0.004 * where[0] + half * an,
-                p[1] + self._position_bias[1] + 0.004 * where[1] + half * ae,
-                p[2] + self._position_bias[2] + 0.004 * where[2],
-            ),
-            velocity=(v[0] + 0.01 * speed[0] + t * an, v[1] + 0.01 * speed[1] + t * ae, v[2] + 0.01 * speed[2]),
-            specific_force=(
-                f[0] + self._accel_bias[0] + gauss(0.0, 0.15),
-                f[1] + self._accel_bias[1] + gauss(0.0, 0.15),
-                f[2] + self._accel_bias[2] + gauss(0.0, 0.15),
-            ),
+            rates=_sum(body.rates, self._gyro_bias, [gauss(0.0, 0.008) for _ in range(3)]),
+            position=_sum(body.position, self._position_bias, [0.004 * v for v in where]),
+            velocity=_sum(body.velocity, [0.01 * v for v in speed]),
+            specific_force=_sum(body.specific_force, self._accel_bias, [gauss(0.0, 0.15) for _ in range(3)]),
         )
+
+
+def _sum(*parts: Sequence[float]) -> Vec:
+    x, y, z = map(sum, zip(*parts, strict=True))
+    return (x, y, z)
 
 
 class RangeFault(Enum):
@@ -138,9 +108,9 @@ class RangeFault(Enum):
 class RangeSensor:
     """One lidar: 50 Hz, 20 ms late, sd 8 mm, 1 cm steps, one sample in a hundred lost (reads out of range)."""
 
-    def __init__(self, sensor: Rangefinder, seed: str) -> None:
+    def __init__(self, sensor: Rangefinder, seed: str, direction: Vec | None = None) -> None:
         self.sensor = sensor
-        self.direction = BEAM_DIRECTIONS.get(sensor.orientation, (1.0, 0.0, 0.0))
+        self.direction = direction or BEAM_DIRECTIONS.get(sensor.orientation, (1.0, 0.0, 0.0))
         self._rng = random.Random(seed)
         self._late: deque[float] = deque(maxlen=2)
         self._next_s = 0.0
@@ -164,33 +134,16 @@ class RangeSensor:
         self._late.append(true_range(body, self.sensor.position_m, self.direction))
 
 
-class RingSensor:
-    """A ring of lidars, each as ``RangeSensor``: the first looks ahead, the others follow to the right."""
-
-    def __init__(self, sensor: Rangefinder, seed: str) -> None:
-        self.step_rad = 2.0 * math.pi / sensor.ring
-        self.beams = [RangeSensor(sensor, f"{seed} {k}") for k in range(sensor.ring)]
-        for k, beam in enumerate(self.beams):
-            beam.direction = (math.cos(k * self.step_rad), math.sin(k * self.step_rad), 0.0)
-
-    def step(self, body: Body) -> None:
-        """Sample when due."""
-        for beam in self.beams:
-            beam.step(body)
+def ring_beams(sensor: Rangefinder, seed: str) -> list[RangeSensor]:
+    """A ring of lidars: the first looks ahead, the others follow to the right."""
+    angles = [k * (2.0 * math.pi / sensor.ring) for k in range(sensor.ring)]
+    return [RangeSensor(sensor, f"{seed} {k}", (math.cos(a), math.sin(a), 0.0)) for k, a in enumerate(angles)]
 
 
 def true_range(body: Body, position: Vec, direction: Vec) -> float:
     """Distance [m] along a body-fixed beam to the ground or the wall, inf where it meets neither."""
-    r = body.rotation()
-
-    def world(b: Vec) -> Vec:
-        return (
-            r[0] * b[0] + r[1] * b[1] + r[2] * b[2],
-            r[3] * b[0] + r[4] * b[1] + r[5] * b[2],
-            r[6] * b[0] + r[7] * b[1] + r[8] * b[2],
-        )
-
-    (on, oe, od), (dn, de, dd) = world(position), world(direction)
+    rot = body.rotation()
+    (on, oe, od), (dn, de, dd) = turned(rot, position), turned(rot, direction)
     s = body.surroundings
     best = math.inf
     if dd > 1e-6:

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 from adapt_flights import fly
+from simulated import simulated
 from whole_tlog import read_tlog
 
 import models
@@ -26,7 +27,6 @@ from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Sample
 from companion.pipeline import initial_state, step
-from companion.sim.flight import Flight
 from companion.sim.scenario import build
 from companion.vehicles import default_vehicle
 from models.frames import Array
@@ -90,7 +90,7 @@ def main() -> int:
         log = a.log
         if log is None:
             log = Path(folder) / "corner.tlog"
-            fly(Flight(vehicle, build("corner", vehicle), 1), off, 75.0, record=log)
+            fly(simulated(vehicle, build("corner", vehicle), 1), off, 75.0, record=log)
         samples = samples_of(log)[-a.samples :]
     best = [np.full(-(-len(samples) // CHUNK), np.inf)] * 2
     decisions = 1

@@ -21,6 +21,7 @@ import numpy as np
 from adapt_flights import Watch, add_ceiling, fly, payload, wind, with_ceiling_sensor
 from adapt_models import TrueModel
 from result_file import add_option, figure, write_result
+from simulated import simulated
 from tqdm import tqdm
 
 import companion
@@ -63,7 +64,7 @@ def thrust_ratio(flight: Flight, model: Any) -> float:
 def carrying(seed: int) -> tuple[Watch, list[Truth]]:
     """A load of 0.2 to 0.8 kg is picked up in hover."""
     kg, vehicle, model = random.Random(f"load {seed}").uniform(0.2, 0.8), default_vehicle(), models.load()
-    flight = Flight(vehicle, build("hover", vehicle), seed)
+    flight = simulated(vehicle, build("hover", vehicle), seed)
     ratio, at_s = thrust_ratio(flight, model), 25.0
     watch = fly(flight, PipelineConfig(vehicle, model, adapt=Adapt.FULL), 50.0, payload(at_s, kg))
     loaded = ratio * vehicle.mass_kg / (vehicle.mass_kg + kg)
@@ -78,7 +79,7 @@ def blown(seed: int) -> tuple[Watch, list[Truth]]:
     speed, towards, at_s = rng.uniform(0.5, 3.5), rng.uniform(-math.pi, math.pi), 20.0
     north, east = speed * math.cos(towards), speed * math.sin(towards)
     watch = fly(
-        Flight(vehicle, build("hover", vehicle), seed),
+        simulated(vehicle, build("hover", vehicle), seed),
         PipelineConfig(vehicle, model, adapt=Adapt.FULL), 50.0, wind(at_s, north, east),
     )  # fmt: skip
     from_s = at_s + 3.0 + AFTER_S
@@ -93,7 +94,7 @@ def ceilinged(seed: int) -> tuple[Watch, list[Truth]]:
     heights = ((0, 1.2), (6, 1.2), (12, 1.66), (22, 1.66), (28, 1.2), (32, 1.2), (38, 1.66), (48, 1.66), (50, 1.6))
     waypoints = tuple(Waypoint(float(t), 0.0, h, name="c") for t, h in heights)
     script = replace(build("hover", vehicle), waypoints=waypoints, rounding_s=0.6)
-    flight = Flight(vehicle, script, seed)
+    flight = simulated(vehicle, script, seed)
     ratio = thrust_ratio(flight, model)
     add_ceiling(flight, 1.8, gain)
     watch = fly(flight, PipelineConfig(vehicle, known, adapt=Adapt.FULL), 90.0)
@@ -103,7 +104,7 @@ def ceilinged(seed: int) -> tuple[Watch, list[Truth]]:
 def sagging(seed: int) -> tuple[Watch, list[Truth]]:
     """A quadrotor without telemetered speeds empties its battery within a minute."""
     vehicle = declared_by_servo(load_vehicle(QUAD))
-    flight = Flight(vehicle, build("hover", vehicle), seed)
+    flight = simulated(vehicle, build("hover", vehicle), seed)
     body = flight.body
     body.pack.capacity_ah = random.Random(f"battery {seed}").uniform(0.4, 1.0)
     ratios: list[tuple[float, float]] = []
@@ -138,7 +139,7 @@ def cornered(seed: int) -> tuple[Watch, list[Truth]]:
     """The corner with a model that is right."""
     vehicle, law = default_vehicle(), disturbed(seed)
     model = TrueModel(vehicle, law)
-    flight = Flight(vehicle, build("corner", vehicle), seed, law=law)
+    flight = simulated(vehicle, build("corner", vehicle), seed, law=law)
     ratio = thrust_ratio(flight, model)
     config = PipelineConfig(vehicle, model, adapt=Adapt.FULL)  # type: ignore[arg-type]
     watch = fly(flight, config, 120.0)

@@ -14,6 +14,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import simulators_path  # noqa: F401
 from lockstep_faults import FaultyLockstep
 
 from companion.adaptation.adapt import Adaptation
@@ -21,7 +22,7 @@ from companion.config import PipelineConfig
 from companion.control.state import Decision
 from companion.sim.autopilot import Mode
 from companion.sim.flight import Flight
-from companion.sim.pilot import Recipient, ScriptedPilot
+from companion.sim.pilot import ScriptedPilot
 from companion.sim.sensors import OUT_OF_RANGE_M, RangeSensor
 from models.frames import GRAVITY
 from models.vehicle import Rangefinder, Vehicle
@@ -36,7 +37,7 @@ class Pilot(ScriptedPilot):
     def __init__(
         self, world: FaultyLockstep, changes: tuple[Change, ...], end_s: float, land_s: float = math.inf
     ) -> None:
-        super().__init__(world.flight, world.link, Recipient.COMPANION, endless=False)
+        super().__init__(world.flight, world.link, companion=True)
         self._changes, self._end_s, self._land_s = changes, end_s, land_s
 
     @property

@@ -28,7 +28,8 @@ from result_file import add_option, figure, write_result
 import models
 from companion.config import Base, PipelineConfig
 from companion.sim.air import Unsteadiness
-from companion.sim.body import Body, Surroundings, Vec
+from companion.sim.body import Body, Surroundings
+from companion.sim.fan_wrench import Vec
 from companion.sim.flight import Flight as SimFlight
 from companion.sim.flown import AXES, UNITS, Flown, Leg, fly_judged
 from companion.sim.scenario import ROUNDING_S, Scenario, Waypoint

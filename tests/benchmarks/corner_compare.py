@@ -12,11 +12,14 @@ import sys
 from pathlib import Path
 from typing import Any
 
+import simulators_path  # noqa: F401
 from result_file import add_option, figure, write_result
+from vision import VisionEstimator
 
 from companion.adapt_options import Adapt, read_adapt
 from companion.sim.compare import Settings, compare, write
 from companion.sim.compare_report import as_json
+from companion.sim.sensors import Estimator
 from models.errors import UserError
 
 GOAL = 0.7
@@ -54,13 +57,14 @@ def main() -> int:
     p.add_argument("--vehicle", type=Path)
     p.add_argument("--model")
     p.add_argument("--adapt", type=read_adapt, default=Adapt.OFF, help="full: three approaches in each flight")
+    p.add_argument("--vision", action="store_true", help="no GPS: a position from visual odometry that drifts")
     p.add_argument("--workers", type=int, help="flights at a time (default: one a core)")
     p.add_argument("--json", metavar="FILE", help="- for stdout")
     p.add_argument("--plot", type=Path, metavar="FILE.svg", help="errors over the flight of the first seed")
     p.add_argument("--quiet", action="store_true")
     add_option(p)
     a = p.parse_args()
-    settings = Settings(a.scenario, a.vehicle, a.model, a.adapt)
+    settings = Settings(a.scenario, a.vehicle, a.model, a.adapt, estimator=VisionEstimator if a.vision else Estimator)
     try:
         seeds = range(a.first, a.first + a.seeds)
         found = compare(seeds, settings, workers=a.workers, quiet=a.quiet)

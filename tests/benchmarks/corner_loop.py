@@ -18,13 +18,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import simulators_path  # noqa: F401
 from corner_models import KINDS, declared
+from simulated import Px4Pilot, simulated
 from tqdm import tqdm
 
 from companion.adapt_options import Adapt
 from companion.config import PipelineConfig
-from companion.sim.flight import Flight
 from companion.sim.flown import PHASES, Flown, Leg, fly_judged
+from companion.sim.pilot import ScriptedPilot
 from companion.sim.scenario import build
 from companion.vehicles import default_vehicle
 from models.choice import choose
@@ -89,8 +91,9 @@ class World:
             self.vehicle, choose(self.vehicle, model).model, offsets=leg in (Leg.ON, Leg.ADAPTED),
             adapt=Adapt.FULL if adapt else Adapt.OFF,
         )  # fmt: skip
-        flight = Flight(self.vehicle, once.repeated(approaches), seed, px4=self.px4)
-        seen = fly_judged(flight, config, leg, approach_s=once.duration_s, record=record)
+        flight = simulated(self.vehicle, once.repeated(approaches), seed, px4=self.px4)
+        pilot = Px4Pilot if self.px4 else ScriptedPilot
+        seen = fly_judged(flight, config, leg, approach_s=once.duration_s, record=record, pilot=pilot)
         return np.array([[*_squares(seen, k + 1), seen.touched_s] for k in range(approaches)])
 
 

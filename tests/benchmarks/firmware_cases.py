@@ -19,6 +19,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
+import simulators_path  # noqa: F401
 from flight_case import WIRE_S, Case, CasePilot, Judgement, Outcome, fly_case
 
 from companion.adapt_options import Adapt

@@ -33,12 +33,17 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
+import simulators_path  # noqa: F401
 from flight_process import flight_command
 from result_file import add_option, figure, write_result
+from simulated import Px4Pilot, simulated
 
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import cut
-from companion.sim.launch import free_port, launch
+from companion.sim.pilot import ScriptedPilot
+from companion.sim.process import free_port, launch
+from companion.sim.scenario import build
+from companion.vehicles import default_vehicle
 from models.progress import Bars
 
 ATTITUDE_QUATERNION, SET_ATTITUDE_TARGET = 31, 82
@@ -210,7 +215,10 @@ def fly(seconds: float, px4: bool, folder: Path, records: Path) -> tuple[Soak, d
     """Both processes, and what was seen; the flight program's own report beside it."""
     port, report = free_port(), folder / "report.json"
     command = flight_command(port, "--quiet", "--json", str(report), "--record", str(records))
-    with launch("corner", px4=px4, port=(front_port := free_port())), socket.socket(type=socket.SOCK_DGRAM) as front:
+    vehicle, front_port = default_vehicle(), free_port()
+    flight = simulated(vehicle, build("corner", vehicle), 0, px4=px4)
+    pilot = Px4Pilot if px4 else ScriptedPilot
+    with launch(flight, pilot, port=front_port), socket.socket(type=socket.SOCK_DGRAM) as front:
         front.bind(("127.0.0.1", front_port))
         between = Between(front, ("127.0.0.1", port))
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, env={**os.environ, "OMP_NUM_THREADS": "1"})

@@ -16,8 +16,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import simulators_path  # noqa: F401
 from flight_case import Case, CasePilot, surroundings
 from lockstep_faults import FaultyLockstep
+from simulated import simulated
 
 import models
 from companion.config import PipelineConfig
@@ -42,7 +44,7 @@ LIMIT_S = 400.0
 
 def one_vehicle(vehicle: Vehicle, scenario: Any, seed: int) -> Flight:
     """A flight of the one vehicle in the one air; ``seed`` draws turbulence and sensor errors."""
-    flight = Flight(vehicle, scenario, seed, law=disturbed(AIR))
+    flight = simulated(vehicle, scenario, seed, law=disturbed(AIR))
     body = Body(vehicle, scenario.surroundings, disturbed(AIR), BUILD, motor=flight.body.motor)
     # The sensors hold the body that they were built with: it is given the build of the one vehicle.
     for name in ("_fans", "_vanes", "_rotor_gain", "_rpm_full"):

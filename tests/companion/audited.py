@@ -8,11 +8,11 @@ from pathlib import Path
 from flight_case import Case, CasePilot, surroundings
 from lockstep_faults import FaultyLockstep
 from simflight import vehicle
+from simulated import simulated
 
 import models
 from companion.config import PipelineConfig
 from companion.invariants import Audit, Auditor
-from companion.sim.flight import Flight
 
 
 @cache
@@ -27,7 +27,7 @@ def fly_audited(
     from dataclasses import replace
 
     own = replace(config(name), **changes)
-    flight = Flight(own.vehicle, surroundings(case, own.vehicle), seed, px4=case.px4, parameters=case.parameters)
+    flight = simulated(own.vehicle, surroundings(case, own.vehicle), seed, px4=case.px4, parameters=case.parameters)
     pilots: list[CasePilot] = []
 
     def pilot(world: FaultyLockstep) -> CasePilot:

@@ -22,8 +22,11 @@ from fake_autopilot import free_port
 from flight_process import flight_command
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from simulated import Nobody, simulated
 
-from companion.sim.launch import launch
+from companion.sim.process import launch
+from companion.sim.scenario import build
+from companion.vehicles import default_vehicle
 
 PROGRAMS = {"mavlink-router": "mavlink-routerd", "mavproxy": "mavproxy.py"}
 TO_COMPANION = 191
@@ -181,9 +184,10 @@ def companion(folder: Path, port: int, *options: str) -> Iterator[Companion]:
 def wired(kind: str, folder: Path, *options: str, more: int = 0) -> Iterator[tuple[Station, Companion, list[int]]]:
     """Vehicle, hub, flight program and station; ``more`` ports of the hub for others."""
     port, ours, theirs, *others = (free_port() for _ in range(3 + more))
+    flight = simulated(default_vehicle(), build("hover", default_vehicle()), 5)
     with (
         hub(kind, folder, port, ours, theirs, *others),
-        launch("hover", seed=5, pilot="none", port=port),
+        launch(flight, Nobody, port=port),
         Station(theirs) as station,
         companion(folder, ours, *options) as flying,
     ):

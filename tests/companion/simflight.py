@@ -9,8 +9,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from lockstep_faults import LateLink
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from simulated import link_of, simulated
 from whole_tlog import read_tlog
 
 import companion
@@ -35,7 +35,7 @@ def vehicle(name: str = "tandem") -> Vehicle:
 
 @cache
 def _hovering(name: str, scenario: str, air: bool, seed: int, px4: bool) -> Flight:
-    flight = Flight(vehicle(name), build(scenario, vehicle(name), air=air), seed, px4=px4)
+    flight = simulated(vehicle(name), build(scenario, vehicle(name), air=air), seed, px4=px4)
     flight.step()
     if not px4:  # which takes off in a mode of its own
         flight.autopilot.set_mode(Mode.GUIDED, flight.estimate)
@@ -52,7 +52,7 @@ class Peer:
     def __init__(self, flight: Flight) -> None:
         self.flight = flight
         self.frames: list[bytes] = []
-        self.link = LateLink(flight, self.frames.append)
+        self.link = link_of(flight, self.frames.append)
         self._parser = mavlink.MAVLink(None)
         self._parser.robust_parsing = True
 
@@ -64,7 +64,8 @@ class Peer:
             self.link.step()
 
     def say(self, message: Any, system: int = 1, component: int = 191) -> None:
-        self.link.hear(message, system, component)
+        message.get_header().srcSystem, message.get_header().srcComponent = system, component
+        self.link.hear(message)
 
     def messages(self, kind: str | None = None) -> list[Any]:
         """What has been sent since the last call."""

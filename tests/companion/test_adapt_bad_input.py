@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 from adapt_flights import Change, Watch, bump, dead_rotor, fly, hand, lying_range, push
 from adapt_models import TrueModel
+from simulated import simulated
 
 from companion.adapt_options import Adapt
 from companion.adaptation.adapt import Adaptation
@@ -33,7 +34,7 @@ def low_hover() -> Flight:
         waypoints=tuple(Waypoint(float(t), 0.0, h, name="low") for t, h in waypoints),
         rounding_s=0.6,
     )
-    return Flight(VEHICLE, scenario, 7, law=NOMINAL)
+    return simulated(VEHICLE, scenario, 7, law=NOMINAL)
 
 
 def flown(flight: Flight, *changes: Change, vehicle: Vehicle = VEHICLE, **options: float) -> Watch:

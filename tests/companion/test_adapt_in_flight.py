@@ -16,6 +16,7 @@ from adapt_cost import samples_of
 from adapt_flights import Watch, fly, payload
 from adapt_models import TrueModel, WarpedModel
 from simflight import sent_and_decided
+from simulated import simulated
 from test_adapt_bad_input import LOW_M, VEHICLE, low_hover
 
 import models
@@ -33,7 +34,6 @@ from companion.page.snapshot import snapshot
 from companion.pipeline import answer, initial_state
 from companion.settle import settle
 from companion.sim.air import NOMINAL
-from companion.sim.flight import Flight
 from companion.sim.flown import Flown
 from companion.sim.scenario import build
 from companion.telemetry.status import StatusReporter
@@ -191,7 +191,7 @@ def test_a_load_picked_up_in_free_air_is_taken_in_at_once():
     """What surprises does not wait for its turn."""
     config = PipelineConfig(VEHICLE, TrueModel(VEHICLE, NOMINAL), adapt=Adapt.FULL)  # type: ignore[arg-type]
     at_s, kg = 20.0, 0.6
-    flight = Flight(VEHICLE, build("hover", VEHICLE), 7, law=NOMINAL)
+    flight = simulated(VEHICLE, build("hover", VEHICLE), 7, law=NOMINAL)
     watch = fly(flight, config, at_s + 4.0, payload(at_s, kg))
     value, _ = last(watch, "thrust_scale")
     assert value == pytest.approx(VEHICLE.mass_kg / (VEHICLE.mass_kg + kg), abs=0.02)

@@ -56,7 +56,6 @@ def test_flight_imports_neither_torch_nor_scipy():
         (["--connect", "udp:127.0.0.1:5", "--duration", "-3"], 2, ["--duration"]),
         (["--connect", "udp:127.0.0.1:5", "--target-system", "0"], 2, ["--target-system"]),
         (["--connect", "udp:127.0.0.1:5", "--compare"], 2, ["--compare"]),
-        (["--connect", "udp:127.0.0.1:5", "--vision"], 2, ["--vision", "--connect sim:"]),
         (["--connect", "sim:", "--signing-key", "key"], 2, ["--signing-key", "--connect sim:"]),
         (["--connect", "sim:", "--check", "f.tlog"], 2, ["--connect", "--check FILE.tlog"]),
         (["--connect", "sim:", "--check", "--compare"], 2, ["--check", "--compare"]),

@@ -11,15 +11,16 @@ import numpy as np
 import pytest
 from lockstep_faults import BUFFER_DATAGRAMS, FaultyLockstep, Wire
 from simflight import sent_and_decided, vehicle
+from simulated import simulated
+from truth_file import read_truth
 
 import models
 from companion.config import PipelineConfig
 from companion.sim import compare
 from companion.sim.air import NOMINAL
 from companion.sim.compare import Settings
-from companion.sim.flight import Flight
-from companion.sim.flown import Leg, read_truth
-from companion.sim.pilot import Recipient, ScriptedPilot
+from companion.sim.flown import Leg
+from companion.sim.pilot import ScriptedPilot
 from companion.sim.scenario import build
 
 SHORT_S = 16.0
@@ -29,7 +30,7 @@ class UntilPilot(ScriptedPilot):
     """The scripted pilot, for a few seconds; ``then`` is called once, at 14 s."""
 
     def __init__(self, world: FaultyLockstep, end_s: float = SHORT_S, then: str = "") -> None:
-        super().__init__(world.flight, world.link, Recipient.COMPANION, endless=False)
+        super().__init__(world.flight, world.link, companion=True)
         self.world, self.end_s, self.then = world, end_s, then
 
     @property
@@ -46,7 +47,7 @@ class UntilPilot(ScriptedPilot):
 
 def short_flight(folder: Path, *, slow: bool = False, **pilot: object) -> FaultyLockstep:
     v = vehicle()
-    flight = Flight(v, build("corner", v), 4, law=NOMINAL)
+    flight = simulated(v, build("corner", v), 4, law=NOMINAL)
     world = FaultyLockstep(flight, lambda w: UntilPilot(w, **pilot), folder / "truth.csv")  # type: ignore[arg-type]
     if slow:
         late, calls = world.recv, iter(range(10**9))

@@ -23,7 +23,7 @@ from companion.page.feed import PageFeed, read_address
 from companion.page.server import KEPT, Store
 from companion.page.snapshot import snapshot
 from companion.pipeline import initial_state, step
-from companion.sim.launch import free_port
+from companion.sim.process import free_port
 from companion.vehicles import default_vehicle
 from models.errors import ConfigError, LinkError
 

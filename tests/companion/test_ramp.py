@@ -12,10 +12,10 @@ from firmware_cases import SLOW_LOOP
 from flight_case import POSITION_ONLY, Case, CasePilot, surroundings
 from lockstep_faults import FaultyLockstep
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from simulated import simulated
 
 from companion.config import PipelineConfig
 from companion.control.position_target import expected, start_reference
-from companion.sim.flight import Flight
 from companion.sim.scenario import wall_azimuth
 from companion.vehicles import QUAD
 from models.surrogate.empty import empty_model
@@ -60,7 +60,7 @@ def flown_ramp(
             yield 0.02
 
     case = Case("ramp", "a ramp into the wall", script, px4=px4, wall_m=wall_m)
-    flight = Flight(own.vehicle, surroundings(case, own.vehicle), 1, px4=px4, parameters=SLOW_LOOP if slow else {})
+    flight = simulated(own.vehicle, surroundings(case, own.vehicle), 1, px4=px4, parameters=SLOW_LOOP if slow else {})
     FaultyLockstep(flight, lambda w: CasePilot(w, script)).fly(own, None)
     return seen
 

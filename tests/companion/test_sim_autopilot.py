@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from simflight import HEIGHT_M, Peer, hovering, vehicle
+from simulated import simulated
 
 from companion.sim.autopilot import Guided, Mode
-from companion.sim.flight import Flight
 from companion.sim.flown import Leg, flown
 from companion.sim.link import VehicleLink
-from companion.sim.pilot import Recipient, ScriptedPilot
+from companion.sim.pilot import ScriptedPilot
 from companion.sim.scenario import build
 
 
@@ -57,9 +57,9 @@ def test_attitude_step_takes_as_long_as_measured(name, axis):
 def approach():
     """The corner approach with sharp corners in free air, flown by the autopilot's own position control."""
     v = vehicle()
-    flight = Flight(v, replace(build("corner", v, air=False), rounding_s=0.0), 1)
+    flight = simulated(v, replace(build("corner", v, air=False), rounding_s=0.0), 1)
     link = VehicleLink(flight, lambda frame: None)
-    pilot = ScriptedPilot(flight, link, Recipient.AUTOPILOT, endless=False)
+    pilot = ScriptedPilot(flight, link, companion=False)
     rows = []
     while flight.script_s <= flight.scenario.duration_s:
         flight.step()
@@ -243,7 +243,7 @@ def test_landing_disarms_on_the_ground():
 
 def test_armed_on_the_ground_enough_thrust_lifts_off():
     v = vehicle()
-    peer = Peer(Flight(v, build("hover", v), 2))
+    peer = Peer(simulated(v, build("hover", v), 2))
     peer.run(0.1)
     peer.flight.autopilot.set_mode(Mode.GUIDED, peer.flight.estimate)
     peer.flight.autopilot.arm(True)

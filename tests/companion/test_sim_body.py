@@ -9,6 +9,7 @@ from simflight import hovering, vehicle
 from companion.sim.air import NOMINAL
 from companion.sim.body import ARDUPILOT_MOTOR, Body, Surroundings, thrust_share
 from companion.sim.mixer import Mixer
+from companion.sim.scenario import lip_reach
 from companion.sim.sensors import OUT_OF_RANGE_M, RangeSensor, true_range
 from models.errors import ConfigError
 from models.frames import GRAVITY
@@ -53,7 +54,7 @@ def test_thrust_is_affine_in_the_command_as_measured():
 
 @pytest.mark.parametrize("azimuth", [0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi])
 def test_a_wall_pulls_and_tilts_towards_itself(azimuth):
-    reach = still(wall_azimuth_rad=azimuth).lip_reach_m
+    reach = lip_reach(still().vehicle, azimuth)
     body = still(wall_m=reach + 0.08, wall_azimuth_rad=azimuth)
     body.position[2] = -3.0
     body.rpm = [4000.0] * 4

@@ -18,8 +18,8 @@ from companion.sim.air import LawError
 from companion.sim.body import DT
 from companion.sim.compare_plot import write_plot
 from companion.sim.compare_report import Comparison, air_part, as_json, as_text
-from companion.sim.flight import Flight, TruthFile
-from companion.sim.flown import AXES, PHASES, STEP_S, Flown, Leg, flown, read_truth
+from companion.sim.flight import Flight
+from companion.sim.flown import AXES, PHASES, STEP_S, Flown, Leg, Witness, flown
 from companion.sim.scenario import Waypoint, build
 from companion.vehicles import default_vehicle
 from models.errors import ConfigError, LinkError
@@ -55,16 +55,16 @@ def test_a_remaining_share_of_the_air_is_found_again():
     part = air_part(flights(left=0.4) + flights(2, left=0.4))
     assert part is not None
     for axis in AXES:
-        assert part.paired[axis] == pytest.approx(1.0 - 0.4**2, abs=1e-9)
-        assert part.energy[axis] == pytest.approx(1.0 - 0.4**2, abs=0.05)
+        assert part["paired"][axis] == pytest.approx(1.0 - 0.4**2, abs=1e-9)
+        assert part["energy"][axis] == pytest.approx(1.0 - 0.4**2, abs=0.05)
 
 
 def test_offsets_that_do_nothing_remove_nothing_and_harm_is_negative():
     nothing, harm = air_part(flights(left=1.0)), air_part(flights(left=1.5))
     assert nothing is not None
     assert harm is not None
-    assert nothing.paired["height"] == pytest.approx(0.0)
-    assert harm.paired["height"] < -1.0
+    assert nothing["paired"]["height"] == pytest.approx(0.0)
+    assert harm["paired"]["height"] < -1.0
 
 
 def test_without_a_free_flight_there_is_no_air_part():
@@ -75,8 +75,8 @@ def test_air_that_adds_nothing_has_no_share():
     still = [leg(Leg.OFF, 1, 0.0), leg(Leg.ON, 1, 0.0), leg(Leg.FREE, 1, 0.0)]
     part = air_part(still)
     assert part is not None
-    assert math.isnan(part.energy["height"])
-    assert math.isnan(part.paired["height"])
+    assert math.isnan(part["energy"]["height"])
+    assert math.isnan(part["paired"]["height"])
     assert "-" in as_text(compared(*still)).splitlines()[-1]
 
 
@@ -170,31 +170,22 @@ def test_a_flight_that_the_companion_did_not_fly_is_an_error():
         flown(Leg.OFF, 1, truth(streamed=np.zeros_like(TIME)))
 
 
-def test_truth_is_read_from_where_the_script_begins(tmp_path: Path):
-    path = tmp_path / "truth.csv"
-    path.write_text(
-        "time_s,script_s,phase,hand,d\n1,-1,free,none,-1\n2,0,free,stream,-1.2\n3,1,free,stream,-1.3\n4,2,f\n"
-    )
-    columns = read_truth(path)
-    assert columns["d"].tolist() == [-1.2, -1.3]
-    assert columns["streamed"].tolist() == [1.0, 1.0]
-    assert columns["phase"].tolist() == [PHASES.index("between")] * 2
-
-
-def test_the_reference_in_the_truth_is_a_line_and_no_steps(tmp_path: Path):
-    """The pilot speaks at 20 Hz, the truth is written at 50 Hz: between two targets the reference moves on."""
+def test_the_reference_in_the_truth_is_a_line_and_no_steps():
+    """The pilot speaks at 20 Hz, the truth is taken down at 50 Hz: between two targets the reference moves on."""
     flight = Flight(default_vehicle(), build("corner", default_vehicle()), 1)
-    truth = TruthFile(tmp_path / "truth.csv", flight)
+    witness = Witness(flight)
+    witness.step()  # the script has not begun
     flight.script_began_s = 0.0
     while flight.time_s < flight.scenario.duration_s:
         flight.body.time_s += DT
-        truth.step()
-    truth.close()
-    columns = read_truth(tmp_path / "truth.csv")
+        witness.step()
+    columns = witness.columns()
     assert np.diff(columns["script_s"]) == pytest.approx(STEP_S)
-    for axis in ("n", "e", "d"):
-        moved, speed = np.diff(columns[f"ref_{axis}"]), columns[f"ref_v{axis}"]
-        assert moved == pytest.approx(0.5 * STEP_S * (speed[1:] + speed[:-1]), abs=5e-5)
+    for axis, name in enumerate("ned"):
+        speed = np.array([flight.scenario.reference(t).velocity[axis] for t in columns["script_s"]])
+        assert np.diff(columns[f"ref_{name}"]) == pytest.approx(0.5 * STEP_S * (speed[1:] + speed[:-1]), abs=5e-5)
+    assert set(columns["phase"]) == {0.0, 1.0, 2.0, 3.0}
+    assert not columns["streamed"].any()
 
 
 def test_jobs_keep_their_order(monkeypatch: pytest.MonkeyPatch):

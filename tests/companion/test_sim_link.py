@@ -5,14 +5,14 @@ import math
 import struct
 
 import pytest
+from px4_link import PX4_MODES
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from pymavlink.generator.mavcrc import x25crc
 from simflight import HEIGHT_M, Peer, hovering, vehicle
+from simulated import simulated
 
 from companion.sim.autopilot import Guided, Mode
-from companion.sim.flight import Flight
-from companion.sim.link import PX4_MODES
-from companion.sim.pilot import Recipient, ScriptedPilot
+from companion.sim.pilot import ScriptedPilot
 from companion.sim.scenario import build
 from companion.sim.sensors import RangeFault
 
@@ -174,8 +174,8 @@ def test_garbage_on_the_wire_does_no_harm():
 
 def test_the_pilot_takes_off_and_speaks_to_the_companion_through_the_router():
     v = vehicle()
-    peer = Peer(Flight(v, build("corner", v), 1))
-    pilot = ScriptedPilot(peer.flight, peer.link, Recipient.COMPANION, endless=False)
+    peer = Peer(simulated(v, build("corner", v), 1))
+    pilot = ScriptedPilot(peer.flight, peer.link, companion=True)
     due = [0]
 
     def each() -> None:
@@ -398,7 +398,7 @@ def test_with_no_companion_the_autopilot_flies_what_is_for_it():
 
 def test_a_take_off_is_said_to_be_one_until_its_height_is_reached():
     v = vehicle()
-    peer = Peer(Flight(v, build("hover", v), 2))
+    peer = Peer(simulated(v, build("hover", v), 2))
     peer.run(0.1)
     peer.flight.autopilot.set_mode(Mode.GUIDED, peer.flight.estimate)
     peer.flight.autopilot.arm(True)

@@ -1,43 +1,61 @@
+"""The built-in vehicle in a process of its own: it starts, tells its phases and its end, and ends with its parent."""
+
 from __future__ import annotations
 
-import json
+import math
 import os
 import signal
-import socket
 import subprocess
 import sys
 import time
+from multiprocessing import Pipe
 from pathlib import Path
 
 import pytest
 from pymavlink import mavutil
+from simulated import Nobody
 
-from companion.sim.__main__ import main
-from companion.sim.flown import read_truth
-from companion.sim.launch import launch
+from companion.cli import main, scenario_name
+from companion.sim.flight import Flight
+from companion.sim.process import Narrator, follow, launch
+from companion.sim.scenario import build
+from companion.vehicles import default_vehicle
 from models.errors import LinkError
 
 
+def hover() -> Flight:
+    return Flight(default_vehicle(), build("hover", default_vehicle()), 1)
+
+
 def test_launch_speaks_mavlink_where_it_says():
-    with launch("hover", seed=1, speed=4.0, pilot="none") as sim:
+    with launch(hover(), Nobody) as sim:
         link = mavutil.mavlink_connection(sim.endpoint)
         try:
             beat = link.wait_heartbeat(timeout=5)
             assert beat is not None
             assert beat.get_srcSystem() == 1
-            assert sim.process.poll() is None
+            assert sim.process.is_alive()
         finally:
             link.close()
-    assert sim.process.poll() is not None
+    assert not sim.process.is_alive()
+
+
+def test_ctrl_c_is_left_to_the_companion():
+    with launch(hover()) as sim:
+        assert sim.process.pid is not None
+        os.kill(sim.process.pid, signal.SIGINT)
+        sim.process.join(0.5)
+        assert sim.process.is_alive()
 
 
 def test_it_ends_with_its_parent():
     code = (
-        "from companion.sim.launch import launch\nimport time\n"
-        "with launch('hover', pilot='none') as sim:\n"
+        "from test_sim_process import hover\nfrom companion.sim.process import launch\nimport time\n"
+        "with launch(hover()) as sim:\n"
         "    print(sim.process.pid, flush=True)\n    time.sleep(60)\n"
     )
-    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
+    parent = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True, env=environment)
     assert parent.stdout is not None
     child = int(parent.stdout.readline())
     parent.send_signal(signal.SIGKILL)
@@ -55,50 +73,52 @@ def test_it_ends_with_its_parent():
     pytest.fail("the simulator outlived its parent")
 
 
-def test_truth_is_written_and_the_flight_ends_when_told(tmp_path):
-    truth = tmp_path / "truth.csv"
-    with launch("corner", seed=2, speed=50.0, pilot="autopilot", truth=truth, duration_s=13.0) as sim:
-        assert sim.process.wait(90) == 0
-        assert sim.announcement["seed"] == 2
-    columns = read_truth(truth)
-    assert columns["time_s"][-1] == pytest.approx(13.0, abs=0.1)
-    assert columns["script_s"][0] >= 0.0
-    assert columns["rpm_1"].min() > 3000.0
-    weight = -(columns["free_Fz"] + columns["corner_Fz"] + columns["unsteady_Fz"]).mean()
-    assert weight == pytest.approx(4.6 * 9.80665, rel=0.01)
+class Broken(Nobody):
+    """Ends its process."""
+
+    def __init__(self, *_: object, **__: object) -> None:
+        sys.exit(1)
 
 
-def test_the_announcement_is_one_json_line(capsys):
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
-        sock.bind(("127.0.0.1", 0))
-        port = sock.getsockname()[1]
-        assert main(["--scenario", "hover", "--port", str(port), "--speed", "50", "--duration", "0.5"]) == 0
-    line = json.loads(capsys.readouterr().out)
-    assert line["endpoint"] == f"udpin:127.0.0.1:{port}"
-
-
-def test_an_unreadable_vehicle_is_one_line_and_exit_2(capsys, tmp_path):
-    assert main(["--vehicle", str(tmp_path / "none.toml")]) == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
-
-
-@pytest.mark.parametrize(
-    ("arguments", "named"),
-    [
-        (["--speed", "0"], "--speed"),
-        (["--speed", "nan"], "--speed"),
-        (["--duration", "-1"], "--duration"),
-        (["--port", "70000"], "--port"),
-        (["--truth", "/nowhere/at/all.csv"], "--truth"),
-    ],
-)
-def test_a_bad_argument_is_one_line_that_names_it(capsys, arguments, named):
-    assert main(arguments) == 2
-    err = capsys.readouterr().err.strip().splitlines()
-    assert len(err) == 1
-    assert named in err[0]
-
-
-def test_launch_passes_on_why_it_did_not_start(tmp_path):
-    with pytest.raises(LinkError, match=r"none\.toml"), launch("hover", vehicle=tmp_path / "none.toml"):
+def test_a_vehicle_that_does_not_start_is_said():
+    with pytest.raises(LinkError, match="sim:hover: the built-in vehicle did not start"), launch(hover(), Broken):
         pass
+
+
+def test_every_phase_once_and_one_end():
+    flight, said = Flight(default_vehicle(), build("corner", default_vehicle()), 0), []
+    narrator = Narrator(flight, said.append)
+    narrator.step()  # the script has not begun
+    assert said == []
+    for k in range(math.ceil(flight.scenario.duration_s * 10) + 20):
+        flight.script_began_s = -0.1 * (k + 1)
+        narrator.step()
+    ground = ["free", "descend", "ground", "climb", "free"]
+    corner = ["approach", "wall", "descend at wall", "corner", "climb at wall", "wall", "retreat", "free"]
+    assert [text.partition(" (")[0] for text in said] == [*ground, *corner, ""]
+
+
+def test_the_flight_program_says_the_phases_and_stops():
+    said, ended = [], []
+    news, tell = Pipe(duplex=False)
+    for text in ("descend (22 s to go)", ""):
+        tell.send(text)
+    follow(news, said.append, lambda: ended.append(True)).join(5.0)
+    assert said[0] == "sim: descend (22 s to go)"
+    assert "over" in said[1]
+    assert ended == [True]
+
+
+def test_a_vehicle_that_has_ended_says_nothing():
+    news, tell = Pipe(duplex=False)
+    tell.close()
+    ended: list[bool] = []
+    follow(news, lambda _: None, lambda: ended.append(True)).join(5.0)
+    assert ended == []
+
+
+def test_sim_alone_is_the_corner(capsys):
+    assert scenario_name("sim:") == "corner"
+    assert scenario_name("sim:hover") == "hover"
+    assert main(["--connect", "sim:nowhere"]) == 2
+    assert "corner" in capsys.readouterr().err

@@ -7,13 +7,14 @@ import random
 
 import pytest
 from flying import bench
+from simflight import vehicle
+from simulated import simulated
 
 from companion.control.authority import Notice
 from companion.estimation.estimator import Seen, Surface
 from companion.estimation.wall_drift import NO_WALL_DRIFT, compare_wall
 from companion.mavlink.samples import LocalPosition
-from companion.sim.compare import Settings
-from companion.sim.flight import Flight
+from companion.sim.scenario import build
 
 EAST = (0.0, 1.0, 0.0)
 
@@ -77,8 +78,7 @@ def test_frozen_vision_beside_a_wall_is_said_to_the_pilot():
 
 
 def test_visual_odometry_drifts_and_leaps_back():
-    settings = Settings("hover", vision=True)
-    flight = Flight(settings.flown_vehicle, settings.once(), 1, vision=True)
+    flight = simulated(vehicle(), build("hover", vehicle()), 1, vision=True)
     off = []
     for k in range(round(10.5 / flight.body.dt)):
         flight.body.position[0] += 0.5 * flight.body.dt  # carried along: the accelerometers feel nothing of it

@@ -19,7 +19,7 @@ from typing import Any
 from body_truth import BodyTruthFile
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from companion.sim.body import PX4_MOTOR, Body
+from companion.sim.body import Body, MotorOutput
 from companion.sim.scenario import Scenario
 from companion.sim.sensors import RANGE_MAX_M, RANGE_MIN_M, RangeSensor
 from companion.sim.world import law_of
@@ -46,6 +46,8 @@ _ANSWERS_BEFORE_PATIENCE = 50
 """PX4 answers not every step while it boots."""
 _PATIENCE_S, _IMPATIENCE_S = 0.4, STEP_S
 """Wall-clock time that an answer is waited for: once PX4 runs, and before."""
+_MOTOR = MotorOutput(0.0, 1.0, 0.0)
+"""PX4's command is the output."""
 _VANE_TRAVEL_RAD = 0.5
 """Of a full output."""
 
@@ -55,7 +57,7 @@ class Px4Physics:
 
     def __init__(self, vehicle: Vehicle, scenario: Scenario, seed: int, body: type[Body] = Body) -> None:
         dt = STEP_S / SUBSTEPS
-        self.body = body(vehicle, scenario.surroundings, law_of(scenario.name, seed), seed, dt=dt, motor=PX4_MOTOR)
+        self.body = body(vehicle, scenario.surroundings, law_of(scenario.name, seed), seed, dt=dt, motor=_MOTOR)
         self._vehicle = vehicle
         self.ranges = [RangeSensor(r, f"range {seed} {i}") for i, r in enumerate(vehicle.rangefinders)]
         self._noise = random.Random(f"hil {seed}")

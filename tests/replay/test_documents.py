@@ -12,7 +12,6 @@ import results_page
 from log_writers import flight, quad_flight, write_tlog
 
 import companion.cli
-import companion.sim.__main__
 import models.cli
 import replay.cli
 from models import dataset
@@ -32,7 +31,6 @@ PARSERS = {
     "companion": companion.cli.parser,
     "replay": replay.cli.parser,
     "models": models.cli._parser,
-    "companion.sim": companion.sim.__main__.parser,
 }
 
 

@@ -1,1 +1,3 @@
 """What goes wrong in a flight beside a wall, flown in lockstep against the built-in vehicle, every output checked."""
+
+import simulators_path  # noqa: F401

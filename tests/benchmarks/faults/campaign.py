@@ -13,6 +13,8 @@ from typing import Any
 
 from flight_case import Case, CasePilot, surroundings
 from lockstep_faults import FaultyLockstep
+from simulated import simulated
+from vision import VisionEstimator
 
 import models
 from companion.adapt_options import Adapt
@@ -20,7 +22,6 @@ from companion.config import PipelineConfig
 from companion.control.state import Decision
 from companion.invariants import Auditor
 from companion.sim.flight import Flight
-from companion.sim.vision import VisionEstimator
 from companion.vehicles import default_vehicle
 from faults.tamper import Tamper, signer
 from models.surrogate.store import DEFAULT
@@ -211,7 +212,7 @@ def _fly(fault: Fault, stack: str, seed: int, own: PipelineConfig, folder: Path)
         yield RECOVERY_S
 
     case = Case(fault.name, fault.what, script, px4=stack == "px4", wall_m=WALL_M)
-    flight = Flight(own.vehicle, surroundings(case, own.vehicle), seed, px4=case.px4, vision=fault.vision)
+    flight = simulated(own.vehicle, surroundings(case, own.vehicle), seed, px4=case.px4, vision=fault.vision)
     if isinstance(flight.estimator, VisionEstimator):
         flight.estimator.relocalised_every_s = math.inf
 

@@ -10,12 +10,13 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from simulated import is_px4
+from vision import VisionEstimator
 
 from companion.adapt_options import Adapt
 from companion.mavlink.frames import pack
 from companion.mavlink.tlog_writer import Recorder
 from companion.sim.autopilot import Mode
-from companion.sim.vision import VisionEstimator
 from faults.campaign import LOW_M, WALL_M, Act, Bench, Fault, Result, fly, silent_drift_m
 from faults.tamper import signed, signer
 
@@ -291,7 +292,7 @@ def land_and_take_off(b: Bench) -> Iterator[float]:
         yield 0.1
         if b.flight.autopilot.landed and not b.flight.autopilot.armed:
             break
-    if b.flight.px4:
+    if is_px4(b.flight):
         b.pilot.mode(Mode.POSHOLD)  # armed in LAND it would disarm again
     yield from b.pilot.take_off(LOW_M)
     yield from b.pilot.hand_over()
@@ -315,7 +316,7 @@ def other_station(b: Bench) -> None:
     """A ground station turns down what we need."""
     for number in (ATTITUDE, POSITION, RANGE, ESC, ESC_STATUS):
         command = mavlink.MAVLink_command_long_message(1, 1, 511, 0, number, 1e6, 0.0, 0.0, 0.0, 0.0, 0.0)
-        b.world.link.hear(command, 255, 190)
+        b.world.link.hear(command)
 
 
 def moved_position(north: float) -> Act:

@@ -10,10 +10,10 @@ from collections.abc import Iterator
 
 from flight_case import Case, CasePilot, surroundings
 from lockstep_faults import FaultyLockstep
+from simulated import simulated
 
 import models
 from companion.config import PipelineConfig
-from companion.sim.flight import Flight
 from companion.vehicles import QUAD, TANDEM
 from faults.campaign import STACKS
 from models.vehicle import Vehicle, load_vehicle
@@ -41,7 +41,7 @@ def drift(vehicle: Vehicle, stack: str, wind_m_s: float) -> tuple[float, float]:
             seen.append((body.position[1] - start, push / own.vehicle.mass_kg))
 
     case = Case("gust", "", script, px4=stack == "px4")
-    flight = Flight(own.vehicle, surroundings(case, own.vehicle), 1, px4=case.px4)
+    flight = simulated(own.vehicle, surroundings(case, own.vehicle), 1, px4=case.px4)
     FaultyLockstep(flight, lambda world: CasePilot(world, script)).fly(own, None)
     first = [push for _, push in seen[:50]]
     return max(way for way, _ in seen), sum(first) / len(first)

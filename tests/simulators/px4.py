@@ -7,12 +7,12 @@ estimator; v1.16); the code is our own. No MAVLink here.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import replace
+
+from arducopter import STICKS_LOST_S, ArduCopter
 
 from companion.sim.autopilot import (
-    SHARE_5_HZ,
-    STICKS_LOST_S,
-    Autopilot,
+    DT,
     Gains,
     Guided,
     Mode,
@@ -20,9 +20,10 @@ from companion.sim.autopilot import (
     Shaper,
     wrap,
 )
-from companion.sim.body import PX4_MOTOR, MotorOutput
+from companion.sim.body import MotorOutput
 from companion.sim.sensors import Estimate
 from models.frames import GRAVITY
+from models.vehicle import Vehicle
 
 STREAM_BEFORE_S = 1.0
 """OFFBOARD is refused unless setpoints have been coming for this long."""
@@ -30,26 +31,25 @@ HOVER_TIME_S = 1.5
 """Time constant of the hover thrust estimator."""
 
 
-def _gains() -> Gains:
-    return Gains(accel_xy=3.0, jerk_xy=8.0, accel_z=3.0, jerk_z=8.0, angle=(6.5, 6.5, 2.8))
+PX4_MOTOR = MotorOutput(0.0, 1.0, 0.0)
+"""PX4's default THR_MDL_FAC is 0: the command is the output, so lift is not proportional to it."""
 
 
-@dataclass
-class Px4(Autopilot):
+class Px4(ArduCopter):
     """A PX4-like autopilot. ``hover`` is its own estimate of the hover thrust, not MPC_THR_HOVER."""
 
-    motor: MotorOutput = PX4_MOTOR
-    gains: Gains = field(default_factory=_gains)
-    mode: Mode = Mode.LOITER
-    stream_s: float = -math.inf
-    """When the last setpoint arrived, whatever the mode."""
+    motor = PX4_MOTOR
+    gains = Gains(accel_xy=3.0, jerk_xy=8.0, accel_z=3.0, jerk_z=8.0, angle=(6.5, 6.5, 2.8))
 
-    def __post_init__(self) -> None:
+    def __init__(self, vehicle: Vehicle, hover: float) -> None:
+        super().__init__(vehicle, hover)
+        self.mode = Mode.LOITER
+        self.stream_s = -math.inf
+        """When the last setpoint arrived, whatever the mode."""
         self._stream_since_s = math.inf
         self._wanted = self.mode
         """The mode that the pilot asked for; OFFBOARD is entered again when its stream comes back."""
         self._lost_s = math.inf
-        super().__post_init__()
         self.hover = self.parameters["MPC_THR_HOVER"]
         self._acc_i = [0.0, 0.0, 0.0]
 
@@ -80,7 +80,7 @@ class Px4(Autopilot):
         }
 
     def _obey(self, p: dict[str, float]) -> None:
-        self.gains.angle = (p["MC_ROLL_P"], p["MC_PITCH_P"], p["MC_YAW_P"])
+        self.gains = replace(self.gains, angle=(p["MC_ROLL_P"], p["MC_PITCH_P"], p["MC_YAW_P"]))
         if self.landed:
             self.hover = p["MPC_THR_HOVER"]
 
@@ -127,7 +127,7 @@ class Px4(Autopilot):
         """MPC_TKO_SPEED 1.5 m/s over MPC_TKO_RAMP_T 3 s: a quarter of a metre in the first second."""
         super()._climb_away()
         if self.guided is Guided.TAKEOFF:
-            self._down.accel_max = 0.5
+            self.axes[2].accel_max = 0.5
 
     def _end_take_off(self, now: Estimate) -> None:
         super()._end_take_off(now)
@@ -158,7 +158,7 @@ class Px4(Autopilot):
         lift = max(0.3, 1.0 - self._acc_filtered / GRAVITY)
         upright = math.cos(self.shaped[0]) * math.cos(self.shaped[1])
         seen = min(0.9, max(0.1, self.throttle * upright / lift))
-        self.hover += (seen - self.hover) * self.dt / HOVER_TIME_S
+        self.hover += (seen - self.hover) * DT / HOVER_TIME_S
 
     def _boost(self) -> float:
         return 1.0
@@ -166,12 +166,12 @@ class Px4(Autopilot):
     def _reset_position(self, now: Estimate) -> None:
         super()._reset_position(now)
         up = 0.0 if self.landed else -GRAVITY * (self.throttle / max(self.hover, 0.1) - 1.0)
-        self._acc_i = [*self._vel_i, max(-4.0, min(4.0, up))]
+        self._acc_i = [*(loop.integral for loop in self._vel_loops), max(-4.0, min(4.0, up))]
 
     def _demand_attitude(self, roll: float, pitch: float, yaw: float) -> None:
         """Attitude setpoints are not shaped; the yaw turns at 45 degrees per second."""
         self.command = (roll, pitch)
-        step = math.radians(45.0) * self.dt
+        step = math.radians(45.0) * DT
         turn = max(-step, min(step, wrap(yaw - self.shaped[2])))
         self.shaped = [roll, pitch, wrap(self.shaped[2] + turn)]
         self._shaped_rate = [0.0, 0.0, 0.0]
@@ -185,15 +185,15 @@ class Px4(Autopilot):
             axis.position = self._place[i] if place is None else place
             axis.velocity, axis.accel = t.velocity[i], 0.0
             return t.velocity[i] + (0.0 if place is None else gain * (place - self._place[i])), t.accel[i]
-        axis.step(self.dt, t.position[i], t.velocity[i])
+        axis.step(DT, t.position[i], t.velocity[i])
         gain = p["MPC_XY_P"] if i < 2 else p["MPC_Z_P"]
         return axis.velocity + gain * (axis.position - self._place[i]), axis.accel
 
     def _position(self, now: Estimate) -> float:
-        p, dt = self.parameters, self.dt
+        p, dt = self.parameters, DT
         self._place = now.position
         raw = self.mode is Mode.GUIDED and self.guided is Guided.POSITION
-        pairs = [self._axis(axis, i, raw) for i, axis in enumerate(self.shaped_axes)]
+        pairs = [self._axis(axis, i, raw) for i, axis in enumerate(self.axes)]
         speed = math.hypot(pairs[0][0], pairs[1][0])
         scale = min(1.0, p["MPC_XY_VEL_MAX"] / speed) if speed else 1.0
         down = max(-p["MPC_Z_V_AUTO_UP"], min(p["MPC_Z_V_AUTO_DN"], pairs[2][0]))
@@ -207,10 +207,8 @@ class Px4(Autopilot):
                 self._acc_i[i] = max(-limit, min(limit, self._acc_i[i] + step))
             demand[i] = pairs[i][1] + p[f"MPC_{letter}_VEL_P_ACC"] * error + self._acc_i[i]
             if i < 2:
-                slope = (now.velocity[i] - self._vel_old[i]) / dt
-                self._vel_old[i] = now.velocity[i]
-                self._vel_slope[i] += (slope - self._vel_slope[i]) * SHARE_5_HZ
-                demand[i] -= p["MPC_XY_VEL_D_ACC"] * self._vel_slope[i]
+                self._vel_loops[i].differentiate(now.velocity[i])
+                demand[i] -= p["MPC_XY_VEL_D_ACC"] * self._vel_loops[i].slope
         roll, pitch = self._lean(now, demand[0], demand[1])
         if self.landed:
             # Spool up on the ground until it lifts off.
@@ -221,9 +219,7 @@ class Px4(Autopilot):
     def _climb(self, now: Estimate, up_m_s: float) -> float:
         """Hold height, or climb at a rate, without a position."""
         error = -up_m_s - now.velocity[2]
-        self._acc_i[2] = max(
-            -GRAVITY, min(GRAVITY, self._acc_i[2] + self.parameters["MPC_Z_VEL_I_ACC"] * error * self.dt)
-        )
+        self._acc_i[2] = max(-GRAVITY, min(GRAVITY, self._acc_i[2] + self.parameters["MPC_Z_VEL_I_ACC"] * error * DT))
         demand = self.parameters["MPC_Z_VEL_P_ACC"] * error + self._acc_i[2]
         return max(0.05, min(1.0, self.hover * (1.0 - demand / GRAVITY)))
 

@@ -13,15 +13,17 @@ from pathlib import Path
 from typing import Any
 
 from lockstep_faults import FaultyLockstep
+from px4 import Px4
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from simulated import is_px4, simulated
 
 from companion.config import PipelineConfig
 from companion.sim.autopilot import Mode
-from companion.sim.body import Surroundings, Vec
+from companion.sim.body import Surroundings
+from companion.sim.fan_wrench import Vec
 from companion.sim.flight import Flight
-from companion.sim.link import COMPANION, PILOT_COMPONENT, PILOT_SYSTEM, PX4_MODES, SYSTEM
-from companion.sim.px4 import Px4
-from companion.sim.scenario import Scenario, Waypoint, wall_azimuth
+from companion.sim.link import COMPANION, SYSTEM
+from companion.sim.scenario import Scenario, Waypoint, lip_reach, wall_azimuth
 from models.errors import LinkError
 from models.vehicle import Vehicle
 
@@ -105,7 +107,7 @@ class CasePilot:
 
     def take_off(self, height_m: float) -> Iterator[float]:
         """Arm, take off and settle; the companion, where it runs, may have taken over."""
-        if not self.flight.px4:
+        if not is_px4(self.flight):
             self.mode(Mode.GUIDED)
         else:
             self.sticks()  # a radio is on
@@ -137,8 +139,7 @@ class CasePilot:
 
     def mode(self, mode: Mode) -> None:
         """Ask for a mode."""
-        main, sub = PX4_MODES[mode] if self.flight.px4 else (int(mode), 0)
-        self._command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, float(main), float(sub))
+        self._command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, *self.world.link.mode_numbers(mode))
 
     def sticks(self, forward: float = 0.0, right: float = 0.0, up: float = 0.0) -> None:
         """Hold the sticks so that the autopilot's Position or Loiter flies these velocities [m/s]."""
@@ -229,15 +230,13 @@ class CasePilot:
         self._to_autopilot(mavlink.MAVLink_command_long_message(SYSTEM, 1, number, 0, p1, p2, p3, 0.0, 0.0, 0.0, p7))
 
     def _to_autopilot(self, message: Any) -> None:
-        self.world.link.hear(message, PILOT_SYSTEM, PILOT_COMPONENT)
+        self.world.link.hear(message)
 
 
 def surroundings(case: Case, vehicle: Vehicle) -> Scenario:
     """An empty script in the surroundings of a case: the wall where the vehicle's wall sensor looks."""
     azimuth = wall_azimuth(vehicle)
-    c, s = math.cos(azimuth), math.sin(azimuth)
-    reach = max(f.position_m[0] * c + f.position_m[1] * s + f.lip_radius_m for f in vehicle.fans)
-    around = Surroundings(wall_m=case.wall_m + reach, wall_azimuth_rad=azimuth)
+    around = Surroundings(wall_m=case.wall_m + lip_reach(vehicle, azimuth), wall_azimuth_rad=azimuth)
     return Scenario(case.name, around, (Waypoint(0.0, 0.0, 1.2, name="case"), Waypoint(1.0, 0.0, 1.2, name="end")))
 
 
@@ -271,7 +270,7 @@ def fly_case(
     Raises LinkError where the script never came to be judged.
     """
     true = vehicle if case.true_hover is None else replace(vehicle, hover_thrust=case.true_hover)
-    flight = Flight(true, surroundings(case, true), seed, px4=case.px4, parameters=case.parameters)
+    flight = simulated(true, surroundings(case, true), seed, px4=case.px4, parameters=case.parameters)
     pilots: list[CasePilot] = []
 
     def pilot(world: FaultyLockstep) -> CasePilot:

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 import random
 from collections import deque
+from dataclasses import replace
 
-from companion.sim.body import Body, Vec
-from companion.sim.sensors import Estimate, Estimator
-from models.evolve import replace
+from gps import GpsEstimator
+
+from companion.sim.body import Body
+from companion.sim.fan_wrench import Vec
+from companion.sim.sensors import Estimate
 from models.frames import GRAVITY, rotation_rows
 
 _PERIOD_S, _LATE_S = 1.0 / 30.0, 0.06
@@ -21,7 +24,7 @@ _GATE_M = 1.0
 """Innovation from which ArduPilot rejects: VISO_POS_M_NSE 0.2 times EK3_POS_I_GATE 5."""
 
 
-class VisionEstimator(Estimator):
+class VisionEstimator(GpsEstimator):
     """Attitude as ever. Place and velocity are integrated from the accelerometers and pulled to the odometry.
 
     x' = v + 2 z w e, v' = a + w^2 e with e = odometry - x at the time of the picture, w the bandwidth, z = 0.7. A

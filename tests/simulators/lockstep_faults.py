@@ -7,9 +7,10 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
-from pymavlink.dialects.v20 import ardupilotmega as mavlink
+from arducopter_link import ArduCopterLink
+from simulated import link_of
+from truth_file import TruthFile
 
 from companion import last_word
 from companion.clock import Readable
@@ -19,9 +20,7 @@ from companion.invariants import Auditor
 from companion.mavlink.frames import cut
 from companion.mavlink.tlog_writer import Recorder, Records
 from companion.sim.flight import Flight
-from companion.sim.link import VehicleLink
 from companion.sim.lockstep import Lockstep, OverError, Pilot
-from companion.sim.sensors import Estimate
 
 LAST_WORD_DELAY_S = 0.01
 """From the end of the companion to the first frame of its watchdog: a broken pipe wakes it at once."""
@@ -92,41 +91,10 @@ class _KilledError(Exception):
     """The companion's process has ended where it stood."""
 
 
-class LateLink(VehicleLink):
-    """The vehicle's link, whose local positions may be few and late."""
-
-    def __init__(self, flight: Flight, send: Callable[[bytes], None]) -> None:
-        super().__init__(flight, send)
-        self.position_hz = math.inf
-        """Local positions come no faster than this, whatever is asked for."""
-        self.position_late_s = 0.0
-        """And this much later than their stamp says."""
-        self._past: deque[tuple[int, Estimate]] = deque()
-
-    def step(self) -> None:
-        """Send what is due."""
-        if self.position_late_s > 0.0:
-            self._past.append((self.boot_ms, self._flight.estimate))
-        super().step()
-
-    def set_interval(self, number: int, interval_us: float) -> bool:
-        """SET_MESSAGE_INTERVAL."""
-        if number == mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED and interval_us > 0:
-            interval_us = max(interval_us, 1e6 / self.position_hz)
-        return super().set_interval(number, interval_us)
-
-    def _local_position(self) -> Any:
-        boot_ms, e = self.boot_ms, self._flight.estimate
-        while self._past and self._past[0][0] <= self.boot_ms - 1000.0 * self.position_late_s:
-            boot_ms, e = self._past.popleft()
-        return mavlink.MAVLink_local_position_ned_message(boot_ms, *e.position, *e.velocity)
-
-
 class FaultyLockstep(Lockstep):
     """A flight whose pilot may also act upon the companion's process, as an operator or a bad computer would."""
 
-    vehicle_link = LateLink
-    link: LateLink
+    link: ArduCopterLink
 
     def __init__(self, flight: Flight, pilot: Callable[[FaultyLockstep], Pilot], truth: Path | None = None) -> None:
         self.wire = Wire()
@@ -143,7 +111,9 @@ class FaultyLockstep(Lockstep):
         self._said = 0
         """When the companion last had its turn, and how often its watchdog process has spoken since."""
         self._killed = False
-        super().__init__(flight, lambda _: pilot(self), truth)
+        self._truth = None if truth is None else TruthFile(truth, flight)
+        watch = None if self._truth is None else self._truth.step
+        super().__init__(flight, link_of, lambda _: pilot(self), watch)
 
     def stall(self, seconds: float) -> None:
         """The companion is not scheduled (swap, SD card, SIGSTOP); what the vehicle sends piles up in the socket.
@@ -191,6 +161,8 @@ class FaultyLockstep(Lockstep):
             records = recorder if self.auditor is None else _Audited(self.auditor, recorder)
             with suppress(OverError, _KilledError):
                 self._run_companion(config, records, FlightOptions(watch=watch))
+        if self._truth is not None:
+            self._truth.close()
 
     def _step(self) -> None:
         while self._words and self._words[0][0] <= self.flight.time_s:
