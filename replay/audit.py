@@ -81,12 +81,12 @@ def audit(
     from companion.mavlink.message_filter import OWN_COMPONENT
     from companion.mavlink.setpoints import SET_ATTITUDE_TARGET
     from replay.logs.formats import suffix_of
-    from replay.logs.tlog_blocks import TlogFile
+    from replay.logs.tlog import read_tlog
 
     if suffix_of(path) != ".tlog" and path.exists():
         raise LogError(f"{path}: only a .tlog holds both directions of the link; record one with companion --record")
-    log = TlogFile(path)
-    senders = log.census.counts
+    log = read_tlog(path)
+    senders = log.counts()
     if not any(component == OWN_COMPONENT and system in (None, sender) for sender, component, _ in senders):
         raise LogError(f"{path}: holds no message of the companion (component {OWN_COMPONENT}): nothing to audit")
     if hold is None:

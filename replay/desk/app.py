@@ -118,15 +118,14 @@ class _Pages:
 
 
 def contents(drop: Drop, log: Path) -> dict[str, Any]:
-    """What ``replay info`` says of a log: its JSON, its text, and a line that says whether it can be judged."""
+    """What ``replay info`` says of a log: its JSON, its text, and a line that says what flew, or why it is refused."""
     info: dict[str, Any] = next(iter(read_json(drop.info(log))), {})
-    judged = [boot["diagnose"] for boot in info.get("boots", ()) if boot["diagnose"]]
-    seconds = sum(part["seconds"] for part in judged)
-    refusals = [info.get("error", "").rpartition(f"{log.name}: ")[2], *(part["refusal"] for part in judged)]
-    line = next(filter(None, refusals), "")
-    if seconds:
-        line = f"{info['vehicle'].split(', drafted')[0]}, {seconds:.0f} s can be judged"
-    return info | {"text": read_text(drop.info(log).with_suffix(".txt")), "line": line, "bad": not seconds}
+    line = info.get("error", "").rpartition(f"{log.name}: ")[2] or info.get("refusal", "")
+    refused = bool(line)
+    if info and not refused:
+        air_s = sum(boot["air_s"] for boot in info["boots"])
+        line = f"{info['vehicle'].split(', drafted')[0]}, {air_s:.0f} s in the air"
+    return info | {"text": read_text(drop.info(log).with_suffix(".txt")), "line": line, "bad": refused}
 
 
 def app(desk: Desk, work: Work | None = None, most: int = MOST_BYTES) -> Starlette:

@@ -101,7 +101,7 @@ def _look(drop: Drop, ask: Ask, task: _Task) -> None:
         if not target.exists() and not task.cancelled:
             task.step = f"looks what is in {log.name}"
             part = ask.folder / "info.json"
-            wanted = ["info", str(log), "--judge", f"--json={part}"]
+            wanted = ["info", str(log), f"--json={part}"]
             task.call(wanted, target.with_suffix(".txt"), ask.folder / "stderr.txt")
             if part.exists():
                 part.rename(target)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from models.air_state import DIRECTIONS
 from models.frames import Array
 from replay.flightlog import FlightLog, Interval, Series
-from replay.logs.pieces import Piece
 
 
 @dataclass(frozen=True)
@@ -27,10 +26,6 @@ class Column:
     topic: str
     words: tuple[str, ...] | None = None
     """A column of text: its values are places in ``words``."""
-
-    def blank(self) -> Column:
-        """The same without samples."""
-        return replace(self, t_s=np.empty(0), values=np.empty(0))
 
 
 @dataclass(frozen=True)
@@ -55,17 +50,10 @@ class Table:
         return np.array([None if code != code else column.words[int(code)] for code in out.tolist()], object)
 
 
-def table(piece: Piece, more: Iterable[Column] = ()) -> Table:
-    """Everything a boot, or a piece of it, holds, and ``more``."""
-    columns = [_within(c, piece.start_s, piece.end_s) for c in (*recorded(piece.log), *more)]
-    columns = [c for c in columns if len(c.t_s)]
-    stamps = [c.t_s for c in columns]
-    return Table(piece.log.boot, np.unique(np.concatenate(stamps)) if stamps else np.empty(0), tuple(columns))
-
-
-def _within(column: Column, start_s: float, end_s: float) -> Column:
-    i, j = np.searchsorted(column.t_s, (start_s, end_s))
-    return replace(column, t_s=column.t_s[i:j], values=column.values[i:j])
+def table(log: FlightLog, decisions: Iterable[Column] = ()) -> Table:
+    """Everything a boot holds, and what was decided on it."""
+    columns = (*recorded(log), *decisions)
+    return Table(log.boot, np.unique(np.concatenate([np.empty(0), *(c.t_s for c in columns)])), columns)
 
 
 _NED = ("north", "east", "down")

@@ -5,8 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import Enum
-from typing import Any
+from enum import StrEnum
 
 from models.vehicle import Vehicle
 from replay.flightlog import Beam, FlightLog, Series
@@ -20,7 +19,7 @@ _RANGE_HZ, _RPM_HZ = 5.0, 5.0
 _SIDES = ("forward", "right", "back", "left")
 
 
-class Answer(Enum):
+class Answer(StrEnum):
     """How well a log answers a question."""
 
     YES = "yes"
@@ -36,10 +35,6 @@ class Ability:
     answer: Answer
     why: str
     change: str = ""
-
-    def as_json(self) -> dict[str, Any]:
-        """Plain text."""
-        return {"question": self.question, "answer": self.answer.value, "why": self.why, "change": self.change}
 
 
 def abilities(log: FlightLog, vehicle: Vehicle) -> tuple[Ability, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -16,9 +15,7 @@ from companion.mavlink.range_beams import orientation_direction
 from companion.mavlink.samples import RangeVerdict, Ring
 from models.errors import LogError
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, LogSummary, Series
-from replay.logs import tlog_blocks
-from replay.logs.bin import EKF, ESCS, IMUS, Dataflash, parts
-from replay.logs.bin_walk import HEAD
+from replay.logs.bin import EKF, ESCS, IMUS, Dataflash, read_boots
 from replay.logs.columns import (
     Messages,
     imu_record,
@@ -29,8 +26,6 @@ from replay.logs.columns import (
     time_span,
     unflipped,
 )
-from replay.logs.files import size_of
-from replay.logs.pieces import Piece
 
 _ARDUPILOT, _QUADROTOR = 3, 2
 """MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_TYPE_QUADROTOR."""
@@ -55,48 +50,36 @@ _CHANNELS, _FIRST_PORT, _UNKNOWN = 16, 0, 255
 
 
 def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
-    """The boots in the file, each as a whole: more than one where logs were joined. ``target_system`` is for links."""
-    return [piece.log for piece in pieces(path, target_system, sys.maxsize)]
-
-
-def pieces(path: Path, target_system: int | None = None, block_bytes: int | None = None) -> Iterator[Piece]:
-    """The boots in the file, a long one in several pieces: memory is that of a block.
-
-    Raises LogError where it cannot be read or holds no flight data.
-    """
-    size = size_of(path, HEAD, "ArduPilot dataflash log")
-    block_bytes = tlog_blocks.BLOCK_BYTES if block_bytes is None else block_bytes
-    told = False
-    unusable: LogError | None = None
-    for part in parts(path, size, block_bytes):
+    """The boots that hold flight data, more than one where logs were joined; LogError without one. ``target_system`` is
+    for links."""
+    logs: list[FlightLog] = []
+    problem = LogError(
+        f"{path}: holds no flight data (no ATT, IMU or XKF1): record with LOG_DISARMED or arm the vehicle"
+    )
+    for data in read_boots(path):
         try:
-            log = flightlog(part.data)
-        except LogError as error:  # a stretch without attitude, IMU and filter
-            unusable = error
-            continue
+            logs.append(flightlog(data))
+        except LogError as error:  # a boot without attitude, IMU and filter
+            problem = error
         except (KeyError, ValueError, TypeError, OverflowError) as error:
-            raise LogError(f"{path}: its messages make no sense ({type(error).__name__}: {error}); damaged?") from None
-        told = True
-        origin = log.start_s if part.start_s == -math.inf else part.origin_s
-        yield Piece(log, part.start_s, part.end_s, origin, part.share_read)
-    if not told:
-        raise unusable or LogError(
-            f"{path}: holds no flight data (no ATT, IMU or XKF1): record with LOG_DISARMED or arm the vehicle"
-        )
+            problem = LogError(f"{path}: its messages make no sense ({type(error).__name__}: {error}); damaged?")
+    if not logs:
+        raise problem
+    return logs
 
 
 def flightlog(data: Dataflash) -> FlightLog:
     """All columns. Raises LogError without attitude, IMU and filter output."""
     spanning = [data.of(kind).t_s for kind in ("ATT", *IMUS, *EKF)]
     start, end = time_span(data.path, spanning, "ATT, IMU or EKF message")
-    imus = _imus(data)
+    imus, texts = _imus(data), list(data.texts())
     ekf_kind = next((kind for kind in EKF if len(data.of(kind))), EKF[-1])
     ekf = _of(data.of(ekf_kind), "C")
     baro, vibration, modes = _of(data.of("BARO"), "I"), _of(data.of("VIBE"), "IMU"), data.of("MODE")
     servo = _servo(data.of("RCOU"))
     return FlightLog(
         path=data.path, system=1, boot=data.boot, start_s=start, end_s=end, autopilot=_ARDUPILOT,
-        vehicle_type=_QUADROTOR if any("QUAD" in text.upper() for _, text in data.texts) else None,
+        vehicle_type=_QUADROTOR if any("QUAD" in text.upper() for _, text in texts) else None,
         attitude=_attitude(data),
         # RATE is in deg/s or cdeg/s, by version; the gyro is in rad/s in all.
         rates=imus[0].gyro if imus else None,
@@ -116,19 +99,16 @@ def flightlog(data: Dataflash) -> FlightLog:
         armed=_armed(data, start, end),
         modes=runs(modes.t_s, _whole(modes, "ModeNum" if "ModeNum" in modes else "Mode", 0), end),
         landed=_events(data.of("EV"), {_LANDED: 1, _AIRBORNE: 2}, end),
-        parameters=data.parameters,
-        texts=tuple((t_s, _INFO, text) for t_s, text in data.texts),
+        parameters=data.parameters(),
+        texts=tuple((t_s, _INFO, text) for t_s, text in texts),
         summary=_summary(data, end - start),
     )  # fmt: skip
 
 
 def _summary(data: Dataflash, span_s: float) -> LogSummary:
-    notes = (
-        *([f"{data.damaged} bytes that are no message skipped"] if data.damaged else []),
-        *([f"last message cut off ({data.cut} bytes)"] if data.cut else []),
-    )
-    counts = message_counts(((1, 1, kind, n) for kind, n in sorted(data.counts.items())), span_s)
-    return LogSummary(data.bytes, sum(data.counts.values()), counts, notes)
+    counts = data.counts()
+    messages = message_counts(((1, 1, kind, n) for kind, n in sorted(counts.items())), span_s)
+    return LogSummary(len(data.data), counts.total(), messages, tuple(data.notes))
 
 
 def _whole(messages: Messages, field: str, missing: int) -> NDArray[np.int64]:
@@ -188,7 +168,9 @@ def _battery(data: Dataflash) -> Series | None:
         return first.series(first.columns("Volt", "Curr"))
     # Old CURR has centivolts and centiamperes as whole numbers, later ones V and A.
     old = data.of("CURR")
-    return old.series(old.columns("Volt", "Curr") * (_CENTI if ("CURR", "Volt") in data.whole else 1.0))
+    return old.series(
+        old.columns("Volt", "Curr") * (_CENTI if "Volt" in old and old["Volt"].dtype.kind in "iu" else 1.0)
+    )
 
 
 def _thrust(tuning: Messages) -> Series | None:
@@ -235,7 +217,7 @@ def _rings(data: Dataflash) -> Iterator[Ring]:
     messages = raw if len(raw) else filtered
     if not len(messages):
         return
-    cutoff_hz = data.parameters.get("PRX_FILT", 0.0)
+    cutoff_hz = data.parameters().get("PRX_FILT", 0.0)
     late_s = 0.0 if messages is raw or cutoff_hz <= 0.0 else 1.0 / (2.0 * math.pi * cutoff_hz)
     distances = messages.columns(*[f"D{middle}" for middle in _SECTORS_DEG])
     distances[~(distances > 0.0)] = np.nan

@@ -146,11 +146,17 @@ def tidy(t_s: Array, values: Array, source: str) -> Series | None:
     """A Series sorted by time, repeats of a stamp and samples without a number dropped; None where nothing is left."""
     values = values[:, None] if values.ndim == 1 else values
     keep = np.isfinite(t_s) & ~np.isnan(values).all(axis=1)
-    t_s, values = t_s[keep], values[keep]
+    if not keep.all():  # else no copy: columns of one message share their times
+        t_s, values = t_s[keep], values[keep]
     if t_s.size > 1 and not (np.diff(t_s) > 0.0).all():
         t_s, first = np.unique(t_s, return_index=True)
         values = values[first]
     return Series(t_s, values, source) if t_s.size else None
+
+
+def first_of(found: Iterable[Series | None]) -> Series | None:
+    """The first that holds a sample."""
+    return next((series for series in found if series is not None), None)
 
 
 def believable(t_s: Array) -> Array:

@@ -6,7 +6,7 @@ import contextlib
 import io
 import itertools
 import math
-import mmap
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -30,9 +30,7 @@ from replay.logs.columns import (
     time_span,
     unflipped,
 )
-from replay.logs.files import size_of
-from replay.logs.memory import free_bytes
-from replay.logs.pieces import Piece, cut_out
+from replay.logs.files import read_file
 
 _HEAD = b"ULog\x01\x12\x35"
 _PX4 = 12
@@ -53,10 +51,6 @@ _DIRECTIONS, _UNKNOWN_CM, _CENTI, _BODY_FRD = 72, 65535, 0.01, 12
 """Of obstacle_distance: fields, what stands for not known, cm, and MAV_FRAME_BODY_FRD, its frame by default."""
 _ROUNDS, _SPARE = 16, 1 << 28
 """A sound log is read twice at most, a damaged one again from every byte of the damage [bytes]."""
-_MEMORY, _MEMORY_JOINED = 3.0, 5.0
-"""Bytes that reading takes, for each one of the file; measured: 2.6 to 2.9 above 1 MB."""
-PIECE_S, MARGIN_S = 2100.0, 60.0
-"""Length of the stretches that a long flight is worked through in, and what they hold of their neighbours."""
 _TOPICS = [
     "vehicle_attitude", "vehicle_angular_velocity", "sensor_combined", "vehicle_local_position", "distance_sensor",
     "esc_status", "actuator_outputs", "battery_status", "vehicle_air_data", "vehicle_status", "vehicle_land_detected",
@@ -66,17 +60,13 @@ _TOPICS = [
 
 def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
     """The boots in the file, more than one where logs were joined. ``target_system`` is for links."""
-    size = size_of(path, _HEAD[:4], "PX4 log")
-    begins = _begins(path)
-    _check_memory(path, size * (_MEMORY if len(begins) == 1 else _MEMORY_JOINED))
-    if len(begins) == 1:
-        return [_boot(path, str(path), size)]
-    data = path.read_bytes()
+    data = read_file(path, _HEAD[:4], "PX4 log")
+    begins = [0, *(match.start() for match in re.finditer(re.escape(_HEAD), data) if match.start())]
     logs: list[FlightLog] = []
     problems: list[LogError] = []
-    for start, end in itertools.pairwise([*begins, size]):
+    for start, end in itertools.pairwise([*begins, len(data)]):
         try:
-            logs.append(replace(_boot(path, io.BytesIO(data[start:end]), size), boot=len(logs)))
+            logs.append(replace(_boot(path, data[start:end], len(data)), boot=len(logs)))
         except LogError as error:
             problems.append(error)
     if not logs:
@@ -84,67 +74,30 @@ def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
     return logs
 
 
-def pieces(path: Path, target_system: int | None = None) -> Iterator[Piece]:
-    """The boots in the file, a long one in several pieces, so that work on them takes the memory of a piece.
+class _Bounded(io.BytesIO):
+    """A log of which so much may be read; then EOFError. A damaged length leads pyulog back and forth for ever."""
 
-    The columns themselves are all in memory: pyulog reads a file as a whole.
-    """
-    for log in read(path, target_system):
-        count = max(math.ceil(log.duration_s / PIECE_S), 1)
-        bounds = [-math.inf, *(log.start_s + log.duration_s * k / count for k in range(1, count)), math.inf]
-        for k, (start_s, end_s) in enumerate(itertools.pairwise(bounds), 1):
-            part = log if count == 1 else cut_out(log, start_s - MARGIN_S, end_s + MARGIN_S)
-            yield Piece(part, start_s, end_s, log.start_s, k / count)
-
-
-def _check_memory(path: Path, needed: float) -> None:
-    free = free_bytes()
-    if needed > free:
-        raise LogError(
-            f"{path}: needs some {needed / 1e6:.0f} MB of memory to be read, and {free / 1e6:.0f} MB are free: close "
-            "other programs, or use a machine with more"
-        )
-
-
-def _begins(path: Path) -> list[int]:
-    """Where logs begin in a file: at 0, and further on where logs were joined."""
-    out = [0]
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        while (at := data.find(_HEAD, out[-1] + 1)) > 0:
-            out.append(at)
-    return out
-
-
-class _Bounded(io.BufferedReader):
-    """A file of which so much may be read; then EOFError. A damaged length leads pyulog back and forth for ever."""
-
-    left: int
+    def __init__(self, data: bytes) -> None:
+        super().__init__(data)
+        self._left = _ROUNDS * len(data) + _SPARE
 
     def read(self, size: int | None = -1, /) -> bytes:
         """The next bytes, counted."""
         data = super().read(size)
-        self.left -= len(data)
-        if self.left < 0:
+        self._left -= len(data)
+        if self._left < 0:
             raise EOFError("a damaged length leads in circles")
         return data
 
 
-def _bounded(source: str | io.BytesIO, size: int) -> _Bounded:
-    """A source that is given up after ``_ROUNDS`` times its own size, and ``_SPARE`` more."""
-    raw: Any = io.FileIO(source) if isinstance(source, str) else source
-    out = _Bounded(raw)
-    out.left = _ROUNDS * size + _SPARE
-    return out
-
-
-def _boot(path: Path, source: str | io.BytesIO, size: int) -> FlightLog:
+def _boot(path: Path, data: bytes, size: int) -> FlightLog:
     try:
         from pyulog import ULog
     except ImportError:
         raise LogError(f"{path}: .ulg needs the package pyulog: pip install pyulog") from None
     with contextlib.redirect_stdout(io.StringIO()):
         try:
-            log: Any = ULog(_bounded(source, size), _TOPICS)
+            log: Any = ULog(_Bounded(data), _TOPICS)
         except Exception as error:  # pyulog raises whatever a damaged file makes of it
             raise LogError(f"{path}: cannot be read as a PX4 log ({error})") from None
     try:

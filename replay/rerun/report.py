@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -10,13 +9,14 @@ from typing import Any
 
 from companion.config import PipelineConfig
 from companion.control.state import Decision
+from companion.mavlink.samples import Sample
 from companion.telemetry.summary import Summary
 from models.errors import LogError
-from replay.logs.formats import read_pieces, suffix_of
-from replay.logs.pieces import Piece
-from replay.logs.progress import with_progress
-from replay.logs.tlog_blocks import TlogFile
+from replay.logs.formats import load, suffix_of
+from replay.logs.tlog import read_tlog
+from replay.logs.tlog_vehicle import choose
 from replay.rerun.harness import Replay
+from replay.rerun.log_samples import samples
 
 _NEEDED = {
     "Heartbeat": "HEARTBEAT of the autopilot (component 1)",
@@ -78,16 +78,13 @@ def run(
     assumed: Mapping[str, float] | None = None,
     *,
     quiet: bool = True,
-    from_arming: bool = False,
     watch: Callable[[Iterable[Decision]], Iterable[Decision]] = iter,
 ) -> RunReport:
     """Replay one log; ``assumed`` parameters hold where the log gives none. ``watch`` may look at every decision.
 
-    ``from_arming``: what comes before the vehicle is first armed is left out, but for parameters. Where ``watch`` stops
-    asking for decisions, the rest of the log is not replayed.
     Raises LogError in one line where it cannot be read or lacks what every decision needs.
     """
-    played = play(path, config, target_system, assumed or {}, quiet=quiet, from_arming=from_arming)
+    played = play(path, config, target_system, assumed or {}, quiet=quiet)
     replay = played.replay
     summary = Summary(dry_run=True)
     for decision in watch(played.decisions):
@@ -110,60 +107,32 @@ class OngoingReplay:
 
 
 def play(
-    path: Path, config: PipelineConfig, target: int | None, assumed: Mapping[str, float], *, quiet: bool,
-    from_arming: bool = False, pieces: Iterator[Piece] | None = None,
-) -> OngoingReplay:  # fmt: skip
-    """Begin to replay a log. ``pieces``: those of a log that is no .tlog, where the caller reads them anyway."""
-    if suffix_of(path) == ".tlog":
-        return _of_link(path, config, target, assumed, quiet=quiet, from_arming=from_arming)
-    pieces = read_pieces(path, target) if pieces is None else pieces
-    return _of_columns(path, config, pieces, assumed, quiet=quiet, from_arming=from_arming)
-
-
-def _of_link(
-    path: Path, config: PipelineConfig, target: int | None, assumed: Mapping[str, float], *, quiet: bool,
-    from_arming: bool,
-) -> OngoingReplay:  # fmt: skip
-    log = TlogFile(path)
-    choice = log.census.choose(path, target)
-    since = (log.census.armed_at(choice.system) or 0) if from_arming else 0
-    if since:
-        assumed = {**log.census.parameters(choice.system), **assumed}
-    replay = Replay(config, choice.system, assumed)
-    decisions = replay.decisions(_with_progress(log, since, quiet))
-    notes = [*log.report.notes(), *choice.notes()]
-    return OngoingReplay(replay, decisions, notes, lambda: replay.intake.clock.boot + 1)
-
-
-def _of_columns(
-    path: Path, config: PipelineConfig, pieces: Iterator[Piece], assumed: Mapping[str, float], *, quiet: bool,
-    from_arming: bool,
-) -> OngoingReplay:  # fmt: skip
-    """These logs hold no MAVLink: their columns are turned into the samples that a link would have given."""
-    from replay.rerun.log_samples import samples_of_pieces
-
-    notes: list[str] = []
-    boots = set[int]()
-
-    def noted(pieces: Iterable[Piece]) -> Iterator[Piece]:
-        for piece in pieces:
-            boots.add(piece.log.boot)
-            notes.extend(n for n in piece.log.summary.notes if n not in notes)
-            yield piece
-
-    first = next(pieces)
-    every = noted(with_progress(path, itertools.chain([first], pieces), "deciding", quiet=quiet))
-    replay = Replay(config, first.log.system, assumed)
-    decisions = replay.decisions_on(samples_of_pieces(every, from_arming=from_arming))
-    return OngoingReplay(replay, decisions, notes, lambda: len(boots))
-
-
-def _with_progress(log: TlogFile, since: int, quiet: bool) -> Iterator[tuple[int, bytes]]:
+    path: Path, config: PipelineConfig, target: int | None, assumed: Mapping[str, float], *, quiet: bool
+) -> OngoingReplay:
+    """Begin to replay a log."""
     from tqdm import tqdm
 
-    # disable=None: only to a terminal.
-    bar = True if quiet else None
-    yield from tqdm(log.frames(since), total=len(log) - since, unit="frame", disable=bar, leave=False)
+    bar = True if quiet else None  # None: only to a terminal
+    if suffix_of(path) == ".tlog":
+        log = read_tlog(path)
+        choice = choose(log, target)
+        replay = Replay(config, choice.system, assumed)
+        frames = tqdm(log.frames(), total=len(log), unit="frame", disable=bar, leave=False)
+        notes = [*log.report.notes(), *choice.notes()]
+        return OngoingReplay(replay, replay.decisions(frames), notes, lambda: replay.intake.clock.boot + 1)
+    # The others hold no MAVLink: their columns are turned into the samples that a link would have given.
+    logs = load(path, target)
+    begun: list[int] = []
+
+    def moments() -> Iterator[Sample]:
+        for log in logs:
+            begun.append(log.boot)
+            yield from samples(log)
+
+    replay = Replay(config, logs[0].system, assumed)
+    decisions = replay.decisions_on(tqdm(moments(), unit="sample", disable=bar, leave=False))
+    notes = list(dict.fromkeys(note for log in logs for note in log.summary.notes))
+    return OngoingReplay(replay, decisions, notes, lambda: len(begun))
 
 
 def _check(path: Path, replay: Replay, summary: Summary) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from models.errors import LogError
 from models.frames import Array
 from models.vehicle import Vehicle
-from replay.logs.formats import read_pieces
+from replay.logs.formats import load
 from replay.residual.record import Record, build_record
 
 _CLIMB_M_S, _SPEED_M_S, _TILT_COS = 0.3, 1.0, 0.985
@@ -74,9 +74,9 @@ def fit_records(records: Sequence[Record], start: Vehicle, where: Callable[[Reco
 def records_of(path: Path, vehicle: Vehicle, target_system: int | None, problems: list[LogError]) -> Iterator[Record]:
     """Of every stretch of a log that can be judged; ``problems`` gets why others cannot."""
     try:
-        for piece in read_pieces(path, target_system):
+        for part in (part for log in load(path, target_system) for part in log.stretches()):
             try:
-                yield build_record(piece.own(), vehicle, None)
+                yield build_record(part, vehicle, None)
             except LogError as error:
                 problems.append(error)
     except LogError as error:

@@ -18,8 +18,6 @@ from collections import defaultdict
 from pathlib import Path
 from statistics import median
 
-from whole_tlog import read_tlog
-
 import models
 from companion.config import PipelineConfig
 from companion.mavlink.frames import cut
@@ -31,7 +29,8 @@ from companion.pipeline import answer, initial_state, step
 from companion.settle import settle
 from companion.vehicles import default_vehicle
 from models.vehicle import load_vehicle
-from replay.logs.tlog import message_name
+from replay.logs.tlog import read_tlog
+from replay.logs.tlog_flightlog import message_name
 
 Times = dict[str, list[int]]
 _ATTITUDE = (31).to_bytes(3, "little")
