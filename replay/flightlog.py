@@ -152,23 +152,12 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class MessageCount:
-    """How many messages of one kind a log holds, and their mean rate over the log."""
-
-    system: int
-    component: int
-    name: str
-    count: int
-    rate_hz: float
-
-
-@dataclass(frozen=True)
 class LogSummary:
     """What a file held, for people."""
 
     bytes: int
     frames: int
-    messages: tuple[MessageCount, ...]
+    """Messages of the boot, of every kind and sender."""
     notes: tuple[str, ...]
     """What was dropped, repaired or chosen, one sentence each."""
 
@@ -255,7 +244,7 @@ class FlightLog:
     parameters: Mapping[str, float] = field(default_factory=dict)
     texts: tuple[tuple[float, int, str], ...] = ()
     """STATUSTEXT: time [s], severity, text."""
-    summary: LogSummary = field(repr=False, default=LogSummary(0, 0, (), ()))
+    summary: LogSummary = field(repr=False, default=LogSummary(0, 0, ()))
 
     @property
     def duration_s(self) -> float:

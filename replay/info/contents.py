@@ -69,12 +69,5 @@ def _series(log: FlightLog) -> Iterator[tuple[str, Series | None, float | None]]
         yield f"ESC temperature {number}", esc.temperature_c, None
     for port, servo in sorted(log.servo_ports.items()):
         yield f"servo outputs{'' if not port else f' of port {port}'}", servo, None
-    if not log.servo_ports:
-        yield "servo outputs", log.servo, None
-    for name in ("battery", "pressure"):
-        yield name, getattr(log, name), None
-    yield "thrust command", log.thrust_command, None
-    yield "attitude target", log.attitude_target, None
-    yield "commands to the vehicle", log.commands, None
-    for name in ("wind", "vibration"):
-        yield name, getattr(log, name), None
+    for name in ("battery", "pressure", "thrust_command", "attitude_target", "commands", "wind", "vibration"):
+        yield name.replace("_", " "), getattr(log, name), None

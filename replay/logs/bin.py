@@ -9,7 +9,6 @@ from __future__ import annotations
 import functools
 import math
 from array import array
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,13 +106,6 @@ class Dataflash:
         fields = dict.fromkeys(f for part in parts for f in part.data)
         t_s = np.concatenate([np.empty(0), *(part.t_s for part in parts)])
         return Messages(name, t_s, {f: np.concatenate([part.column(f) for part in parts]) for f in fields})
-
-    def counts(self) -> Counter[str]:
-        """Messages of every name, also of those that are not read."""
-        out = Counter[str]()
-        for kind, places in self.places.items():
-            out[kind.name] += len(places)
-        return out
 
     def texts(self) -> Iterator[tuple[float, str]]:
         """MSG: time [s], text."""

@@ -19,7 +19,6 @@ from replay.logs.bin import EKF, ESCS, IMUS, Dataflash, read_boots
 from replay.logs.columns import (
     Messages,
     imu_record,
-    message_counts,
     quaternions,
     range_beam,
     runs,
@@ -101,14 +100,8 @@ def flightlog(data: Dataflash) -> FlightLog:
         landed=_events(data.of("EV"), {_LANDED: 1, _AIRBORNE: 2}, end),
         parameters=data.parameters(),
         texts=tuple((t_s, _INFO, text) for t_s, text in texts),
-        summary=_summary(data, end - start),
+        summary=LogSummary(len(data.data), sum(map(len, data.places.values())), tuple(data.notes)),
     )  # fmt: skip
-
-
-def _summary(data: Dataflash, span_s: float) -> LogSummary:
-    counts = data.counts()
-    messages = message_counts(((1, 1, kind, n) for kind, n in sorted(counts.items())), span_s)
-    return LogSummary(len(data.data), counts.total(), messages, tuple(data.notes))
 
 
 def _whole(messages: Messages, field: str, missing: int) -> NDArray[np.int64]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from companion.mavlink.range_beams import range_verdict
 from models.errors import LogError
 from models.frames import GRAVITY, Array, quaternion_of_halves
-from replay.flightlog import Beam, ImuRecord, Interval, MessageCount, Series
+from replay.flightlog import Beam, ImuRecord, Interval, Series
 from replay.logs.tlog import outliers
 
 _NEVER_S = 1e10
@@ -117,12 +117,6 @@ def range_beam(
     pairs = zip(distance.tolist(), quality.tolist(), strict=True)
     verdicts = tuple(range_verdict(value, low, high, int(q), True) for value, q in pairs)
     return Beam(direction, *sensor, readings.source, readings, verdicts, low, high, sigma_m, step_m)
-
-
-def message_counts(counts: Iterable[tuple[int, int, str, int]], span_s: float) -> tuple[MessageCount, ...]:
-    """Rates from (system, component, name, count) over the log's length."""
-    length_s = max(span_s, 1e-3)  # a log of one message has no length, and no rate
-    return tuple(MessageCount(system, component, name, n, n / length_s) for system, component, name, n in counts)
 
 
 def quaternions(euler: Array) -> Array:

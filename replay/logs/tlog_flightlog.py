@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from companion.mavlink.dialect import MESSAGES
 from companion.mavlink.message_table import LAYOUTS, columns
 from companion.mavlink.range_beams import beam_direction
 from companion.mavlink.sample_builders import obstacle_distance
@@ -23,7 +22,6 @@ from replay.logs.columns import (
     Messages,
     first_of,
     imu_record,
-    message_counts,
     quaternions,
     range_beam,
     runs,
@@ -118,7 +116,7 @@ class _Boot:
             landed=runs(landed.t_s, landed["landed_state"], end),
             parameters=known,
             texts=self._texts(),
-            summary=self._summary(end - start),
+            summary=LogSummary(len(self._log.data), len(self._log), tuple(self._notes)),
         )  # fmt: skip
 
     def _span(self) -> tuple[float, float]:
@@ -268,17 +266,6 @@ class _Boot:
             (float(t), int(severity), bytes(text).split(b"\0")[0].decode("utf-8", "replace"))
             for t, severity, text in zip(table.t_s, table["severity"], table["text"], strict=True)
         )
-
-    def _summary(self, span_s: float) -> LogSummary:
-        counts = self._log.counts()
-        named = ((system, component, message_name(number), n) for (system, component, number), n in counts.items())
-        messages = message_counts(named, span_s)
-        return LogSummary(len(self._log.data), counts.total(), messages, tuple(self._notes))
-
-
-def message_name(message_id: int) -> str:
-    """Name of a message, ``UNKNOWN_n`` where the dialect has none."""
-    return str(MESSAGES[message_id].msgname) if message_id in MESSAGES else f"UNKNOWN_{message_id}"
 
 
 def _median(values: Array) -> float:

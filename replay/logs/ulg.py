@@ -19,12 +19,11 @@ from companion.mavlink.range_beams import beam_direction
 from companion.mavlink.sample_builders import obstacle_distance
 from companion.mavlink.samples import Ring
 from models.errors import LogError
-from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, LogSummary, Series
+from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series
 from replay.logs.columns import (
     Messages,
     believable,
     imu_record,
-    message_counts,
     range_beam,
     runs,
     time_span,
@@ -147,7 +146,11 @@ class _Reader:
         stamps = [t.t_s for n in names for t in self._topics.get(n, [])]
         start, end = time_span(self._path, stamps, " or ".join(names))
         status, attitude = self._first("vehicle_status"), self._first("vehicle_attitude")
-        setpoint = self._first("vehicle_attitude_setpoint")
+        setpoint, landed = self._first("vehicle_attitude_setpoint"), self._first("vehicle_land_detected")
+        armed = status.column("arming_state") == _ARMED
+        states = np.nan_to_num(status.column("nav_state")).astype(int).tolist()
+        modes = [_MAIN_MODE.get(state, _AUTO) << _MAIN_MODE_BITS for state in states]
+        frames = sum(len(topic) for topics in self._topics.values() for topic in topics)
         servos = self._servos()
         position, velocity = self._position()
         return FlightLog(
@@ -173,15 +176,15 @@ class _Reader:
             thrust_command=setpoint.series(-setpoint.columns("thrust_body[2]")),
             attitude_target=setpoint.series(unflipped(setpoint.array("q_d", 4))),
             wind=self._wind(),
-            armed=self._armed(status, end),
-            modes=self._modes(status, end),
-            landed=self._landed(end),
+            armed=tuple(i for i in runs(status.t_s, armed.astype(int), end) if i.value),
+            modes=runs(status.t_s, np.array(modes), end),
+            landed=runs(landed.t_s, np.where(landed.column("landed") > 0.0, _GROUND, _AIR), end),
             parameters={k: float(v) for k, v in self._log.initial_parameters.items() if isinstance(v, int | float)},
             texts=tuple(
                 (m.timestamp / 1e6, max(min(int(m.log_level) - ord("0"), 7), 0), str(m.message))
                 for m in self._log.logged_messages
             ),
-            summary=self._summary(end - start),
+            summary=LogSummary(self._size, frames, tuple(self._notes)),
         )
 
     def _servos(self) -> dict[int, Series]:
@@ -304,27 +307,3 @@ class _Reader:
         topic = self._first("wind") if "wind" in self._topics else self._first("wind_estimate")
         horizontal = topic.columns("windspeed_north", "windspeed_east")
         return topic.series(np.hstack([horizontal, np.full((len(horizontal), 1), np.nan)]))
-
-    def _armed(self, status: Messages, end: float) -> tuple[Interval, ...]:
-        armed = (status.columns("arming_state")[:, 0] == _ARMED).astype(int)
-        return tuple(i for i in runs(status.t_s, armed, end) if i.value)
-
-    def _modes(self, status: Messages, end: float) -> tuple[Interval, ...]:
-        states = np.nan_to_num(status.columns("nav_state")[:, 0]).astype(int).tolist()
-        modes = [_MAIN_MODE.get(s, _AUTO) << _MAIN_MODE_BITS for s in states]
-        return runs(status.t_s, np.array(modes), end)
-
-    def _landed(self, end: float) -> tuple[Interval, ...]:
-        topic = self._first("vehicle_land_detected")
-        return runs(topic.t_s, np.where(topic.columns("landed")[:, 0] > 0.0, _GROUND, _AIR), end)
-
-    def _summary(self, span: float) -> LogSummary:
-        messages = message_counts(
-            (
-                (1, 1, t.name if len(topics) == 1 else f"{t.name}:{i}", len(t.t_s))
-                for topics in self._topics.values()
-                for i, t in enumerate(topics)
-            ),
-            span,
-        )
-        return LogSummary(self._size, sum(m.count for m in messages), messages, tuple(self._notes))
