@@ -67,7 +67,7 @@ def run(a: argparse.Namespace) -> int:
                     decisions = decide(a.log, config, a.target_system, assumed_parameters(a.param), quiet=a.quiet)
                     pipeline = {"vehicle": config.vehicle.name, "model": chosen.name}
             tables = [table(log, decisions[log.boot].columns() if log.boot in decisions else ()) for log in logs]
-            columns = list({c.name: c for one in tables for c in one.columns}.values())
+            columns = list({c.name: c.blank() for one in tables for c in one.columns}.values())
             about = {
                 "log": a.log.name,
                 "system": str(logs[0].system),

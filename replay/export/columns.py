@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,10 @@ class Column:
     topic: str
     words: tuple[str, ...] | None = None
     """A column of text: its values are places in ``words``."""
+
+    def blank(self) -> Column:
+        """The same without samples."""
+        return replace(self, t_s=np.empty(0), values=np.empty(0))
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -42,23 +41,14 @@ def write_mcap(path: Path, tables: Sequence[Table], columns: Sequence[Column], a
             if boot != boot_now:  # a time of MCAP cannot be negative
                 shift_ns = max(-times[0], 0) if boot_now < 0 else last_ns + _BETWEEN_BOOTS_NS - times[0]
             boot_now, last_ns = boot, times[-1] + shift_ns
-            cells = {t: {columns[k].name: values[k].tolist() for k in own} for t, own in topics.items()}
-            for row, topic, content in _messages(cells, boot):
-                stamp = times[row] + shift_ns
-                writer.add_message(channels[topic], stamp, json.dumps(content).encode(), stamp)
+            cells = [column.tolist() for column in values]
+            for row, time_ns in enumerate(times):
+                for topic, own in topics.items():
+                    known = {columns[k].name: v for k in own if (v := cells[k][row]) is not None and v == v}
+                    if known:
+                        content = json.dumps({"boot": boot + 1, **known}).encode()
+                        writer.add_message(channels[topic], time_ns + shift_ns, content, time_ns + shift_ns)
         writer.finish()
-
-
-def _messages(cells: Mapping[str, Mapping[str, list[Any]]], boot: int) -> list[tuple[int, str, Mapping[str, Any]]]:
-    """Row, topic and content of everything in some rows, in order of time. ``cells``: values by topic and name."""
-    out: list[tuple[int, str, Mapping[str, Any]]] = []
-    for topic, own in cells.items():
-        for row, numbers in enumerate(zip(*own.values(), strict=True)):
-            known = {n: v for n, v in zip(own, numbers, strict=True) if v is not None and v == v}
-            if known:
-                out.append((row, topic, {"boot": boot + 1, **known}))
-    out.sort(key=itemgetter(0))
-    return out
 
 
 def _schema(columns: Sequence[Column]) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from replay.numbers import rounded
 from replay.rerun.report import run
 
 _BEST = (Answer.YES, Answer.PARTLY, Answer.NO)
+_STACKS: dict[int | None, str] = {None: "unknown", **{stack.value: stack.name.lower() for stack in Stack}}
 _ON_GROUND = 1
 """MAV_LANDED_STATE_ON_GROUND."""
 
@@ -116,7 +117,7 @@ def _boot(log: FlightLog, vehicle: Vehicle) -> BootInfo:
     return BootInfo(
         boot=log.boot,
         system=log.system,
-        autopilot=_autopilot(log),
+        autopilot=_STACKS.get(log.autopilot, "other"),
         start_s=log.start_s,
         duration_s=log.duration_s,
         armed_s=armed_s,
@@ -135,15 +136,6 @@ def _length(interval: Interval) -> float:
 
 def _overlap_s(interval: Interval, other: Interval) -> float:
     return max(min(interval.end_s, other.end_s) - max(interval.start_s, other.start_s), 0.0)
-
-
-def _autopilot(log: FlightLog) -> str:
-    if log.autopilot is None:
-        return "unknown"
-    try:
-        return Stack(log.autopilot).name.lower()
-    except ValueError:
-        return "other"
 
 
 def _boot_text(boot: BootInfo) -> list[str]:
