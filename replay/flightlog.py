@@ -134,12 +134,10 @@ class Beam:
 
 @dataclass(frozen=True)
 class EscRecord:
-    """One ESC, counted from 1: speed [rpm], and where telemetered temperature [deg C], voltage [V], current [A]."""
+    """One ESC, counted from 1: speed [rpm], and where telemetered temperature [deg C]."""
 
     rpm: Series | None
     temperature_c: Series | None = None
-    voltage_v: Series | None = None
-    current_a: Series | None = None
 
 
 @dataclass(frozen=True)
@@ -180,7 +178,7 @@ def _cut(column: Any, start_s: float, end_s: float) -> Any:
             distance = column.distance.between(start_s, end_s)
             return replace(column, distance=distance, verdicts=column.verdicts[i:j]) if distance else None
         case EscRecord():
-            return EscRecord(*(_cut(getattr(column, f.name), start_s, end_s) for f in fields(column)))
+            return EscRecord(_cut(column.rpm, start_s, end_s), _cut(column.temperature_c, start_s, end_s))
         case tuple():
             return tuple(part for item in column if (part := _cut(item, start_s, end_s)) is not None)
         case Mapping():

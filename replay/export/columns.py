@@ -77,8 +77,6 @@ def recorded(log: FlightLog) -> Iterator[Column]:
     for n, esc in sorted(log.escs.items()):
         yield from _spread(f"esc_{n}", esc.rpm, [f"rpm_{n}"], "1/min", f"speed of ESC {n}")
         yield from _spread(f"esc_{n}", esc.temperature_c, [f"esc_temperature_{n}_c"], "degC", f"temperature of ESC {n}")
-        yield from _spread(f"esc_{n}", esc.voltage_v, [f"esc_voltage_{n}_v"], "V", f"voltage of ESC {n}")
-        yield from _spread(f"esc_{n}", esc.current_a, [f"esc_current_{n}_a"], "A", f"current of ESC {n}")
     for port, servo in sorted(log.servo_ports.items()):
         names = [f"servo_{16 * port + k + 1}" for k in range(servo.values.shape[1])]
         yield from _spread(f"servo_{port}", servo, names, "us", "pulse width of an output")

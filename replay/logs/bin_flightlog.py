@@ -258,7 +258,7 @@ def _escs(data: Dataflash) -> dict[int, EscRecord]:
             known = rpm >= 0.0
             by_esc[i] = Messages("RPM", sensors.t_s[known], {"RPM": rpm[known]})
     return {
-        esc: EscRecord(*(own.series(own.column(name), "ESC") for name in ("RPM", "Temp", "Volt", "Curr")))
+        esc: EscRecord(*(own.series(own.column(name), "ESC") for name in ("RPM", "Temp")))
         for esc, own in sorted(by_esc.items())
         if np.nan_to_num(own.column("RPM")).any()
     }

@@ -39,7 +39,7 @@ _WIRE_STEP_M = 1.0 / PER_SI["cm"]
 _STAMPED = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "SCALED_IMU", "SCALED_PRESSURE", "SCALED_IMU2")
 """Messages on the boot clock that show how long the vehicle was there."""
 _DOWN, _DOWNWARD = (0.0, 0.0, 1.0), 25
-_OF_ESC = ("rpm", "temperature", "voltage", "current")
+_OF_ESC = ("rpm", "temperature")
 """Quantities of an ``EscRecord``, in its order."""
 _LEAST_MOVING = 0.02
 """Share of ESC samples whose packet count moves, below which a count is not kept at all."""
@@ -213,13 +213,13 @@ class _Boot:
             table = self._table(f"ESC_TELEMETRY_{first}_TO_{first + 3}")
             for slot in range(4):
                 add(first + slot, table, slot, _OF_ESC, _fresh(table["count"][:, slot], table["rpm"][:, slot]))
-        for kind, names in (("ESC_STATUS", ("rpm", "voltage", "current")), ("ESC_INFO", ("temperature",))):
+        for kind, name in (("ESC_STATUS", "rpm"), ("ESC_INFO", "temperature")):
             table = self._table(kind)
             for first, slot in itertools.product(np.unique(table["index"]).tolist(), range(4)):
                 own = table["index"] == first
-                known = table[names[0]][own, slot]
+                known = table[name][own, slot]
                 if (np.isfinite(known) if kind == "ESC_INFO" else np.nan_to_num(known)).any():
-                    add(int(first) + slot + 1, table, slot, names, own)
+                    add(int(first) + slot + 1, table, slot, (name,), own)
         if not any(name == "rpm" for _, name in found):
             # RAW_RPM and RPM: rotor sensors by number, where no ESC reports a speed.
             table = self._table("RAW_RPM")
@@ -230,8 +230,7 @@ class _Boot:
                 rows = pair["rpm"][:, slot] >= 0.0
                 if pair["rpm"][rows, slot].any() and (slot + 1, "rpm") not in found:
                     add(slot + 1, pair, slot, ("rpm",), rows)
-        # A speed controller may report its temperature and no speed.
-        numbers = sorted({esc for esc, name in found if name in ("rpm", "temperature")})
+        numbers = sorted({esc for esc, _ in found})  # one may report its temperature and no speed
         return {esc: EscRecord(*(_joined(found.get((esc, name), [])) for name in _OF_ESC)) for esc in numbers}
 
     def _servos(self) -> dict[int, Series]:

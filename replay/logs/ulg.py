@@ -290,10 +290,7 @@ class _Reader:
                 continue
             function = _last(topic, f"esc[{i}].actuator_function", 0)
             motor = function - _MOTOR_1 + 1 if function in _MOTORS else i + 1
-            parts = [
-                topic.series(topic.columns(f"esc[{i}].esc_{name}")) for name in ("temperature", "voltage", "current")
-            ]
-            out[motor] = EscRecord(topic.series(rpm), *parts)
+            out[motor] = EscRecord(topic.series(rpm), topic.series(topic.columns(f"esc[{i}].esc_temperature")))
         return dict(sorted(out.items()))
 
     def _battery(self) -> Series | None:
