@@ -28,7 +28,7 @@ EKF = ("XKF1", "NKF1", "EKF1")
 """Filter output, newest name first: EKF3, EKF2, and EKF1 of old logs."""
 ESCS = ("ESC", *(f"ESC{i}" for i in range(1, 33)))
 _STAMPED = (
-    "ATT", "XKQ", "NKQ", *IMUS, *EKF, "RCOU", "BAT", "CURR", "BARO", "RFND", "PRX", "PRXR", *ESCS, "RPM", "MODE", "EV",
+    "ATT", "XKQ", "NKQ", *IMUS, *EKF, "RCOU", "BAT", "CURR", "BARO", "RFND", *ESCS, "RPM", "MODE", "EV",
     "ARM", "CTUN", "VIBE",
 )  # fmt: skip
 """Messages whose stamps are boot times. GPS messages reuse TimeMS for the time of week."""

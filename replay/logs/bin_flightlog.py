@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.mavlink.range_beams import orientation_direction
-from companion.mavlink.samples import RangeVerdict, Ring
+from companion.mavlink.samples import RangeVerdict
 from models.errors import LogError
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, LogSummary, Series
 from replay.logs.bin import EKF, ESCS, IMUS, Dataflash, read_boots
@@ -37,13 +36,6 @@ _RANGE_GOOD = 4
 _RANGE_STATES = {
     0: RangeVerdict.LOW_QUALITY, 1: RangeVerdict.LOW_QUALITY, 2: RangeVerdict.BELOW_MIN, 3: RangeVerdict.ABOVE_MAX
 }  # fmt: skip
-_SECTORS_DEG = tuple(range(0, 360, 45))
-"""Middles of PRX's eight sectors, positive to the right."""
-_HALF_SECTOR_DEG = 22.5
-_LEVEL_LAYER = 2
-"""PRX.Layer of the sectors that look level; old versions have no layers."""
-_PROXIMITY_GOOD = 2
-"""AP_Proximity::Status; with any other the sectors say nothing."""
 _CENTI, _MILLI = 0.01, 0.001
 _CHANNELS, _FIRST_PORT, _UNKNOWN = 16, 0, 255
 
@@ -86,7 +78,6 @@ def flightlog(data: Dataflash) -> FlightLog:
         velocity=ekf.series(ekf.columns("VN", "VE", "VD")),
         imus=imus,
         beams=_beams(data.of("RFND")),
-        rings=tuple(_rings(data)),
         escs=_escs(data),
         servo=servo,
         servo_ports={} if servo is None else {_FIRST_PORT: servo},
@@ -197,52 +188,6 @@ def _beam(sensor: int, orientation: int, own: Messages, field: str, status: NDAr
     states = series.values[:, 1].astype(int).tolist()
     verdicts = tuple(_RANGE_STATES.get(s, v) for s, v in zip(states, beam.verdicts, strict=True))
     return replace(beam, verdicts=verdicts)
-
-
-def _rings(data: Dataflash) -> Iterator[Ring]:
-    """PRXR (as measured) or PRX (filtered): the nearest return of each of eight sectors, not that of its middle.
-
-    Beside the closest object (PRX.CAn) a plane's nearest point lies at the sector's edge, so there the neighbours are
-    put. The largest distance of the log is ArduPilot's word for nothing in range. PRX_FILT is the cutoff f of a
-    first-order low pass: late by 1 / (2 pi f) on a ramp. Versions without it do not filter.
-    """
-    filtered, raw = _level(data.of("PRX")), _level(data.of("PRXR"))
-    messages = raw if len(raw) else filtered
-    if not len(messages):
-        return
-    cutoff_hz = data.parameters().get("PRX_FILT", 0.0)
-    late_s = 0.0 if messages is raw or cutoff_hz <= 0.0 else 1.0 / (2.0 * math.pi * cutoff_hz)
-    distances = messages.columns(*[f"D{middle}" for middle in _SECTORS_DEG])
-    distances[~(distances > 0.0)] = np.nan
-    if not np.isfinite(distances).any():
-        return
-    distances[distances >= np.nanmax(distances)] = np.inf
-    known = np.isfinite(messages.t_s)
-    closest = filtered.series(filtered.column("CAn"))
-    for t_s, row in zip(messages.t_s[known].tolist(), distances[known].tolist(), strict=True):
-        angle = math.nan if closest is None else float(closest.values[_nearest(closest.t_s, t_s), 0])
-        bearings = tuple(math.radians(_towards(middle, angle)) for middle in _SECTORS_DEG)
-        yield Ring(t_s - late_s, 1, 1, bearings, tuple(row), northward=False)
-
-
-def _level(proximity: Messages) -> Messages:
-    """Messages of the level layer of a sensor that is well."""
-    level = _whole(proximity, "Layer", _LEVEL_LAYER) == _LEVEL_LAYER
-    state = _whole(proximity, "He" if "He" in proximity else "Health", _PROXIMITY_GOOD)
-    return proximity.where(level & (state == _PROXIMITY_GOOD))
-
-
-def _nearest(times: NDArray[np.float64], t_s: float) -> int:
-    """Place of the stamp nearest to ``t_s``."""
-    return int(np.argmin(np.abs(times - t_s)))
-
-
-def _towards(middle_deg: float, closest_deg: float) -> float:
-    """Bearing [deg] at which a sector's return lies: of the sector of the closest object and the two beside it."""
-    aside = math.remainder(closest_deg - middle_deg, 360.0) if math.isfinite(closest_deg) else math.inf
-    if abs(aside) > 3.0 * _HALF_SECTOR_DEG:
-        return middle_deg
-    return middle_deg + max(-_HALF_SECTOR_DEG, min(_HALF_SECTOR_DEG, aside))
 
 
 def _escs(data: Dataflash) -> dict[int, EscRecord]:
