@@ -41,13 +41,12 @@ def streams(log: FlightLog) -> list[Stream]:
 def _stream(name: str, series: Series, share_good: float | None) -> Stream:
     steps = np.diff(series.t_s)
     rate = series.rate_hz
-    period = float(np.median(steps)) if steps.size else 0.0
     return Stream(
         name=name,
         source=series.source,
         count=len(series),
         rate_hz=rate if math.isfinite(rate) else None,
-        gaps=int((steps > max(_GAP_PERIODS * period, _GAP_S)).sum()),
+        gaps=int((steps > max(_GAP_PERIODS / rate, _GAP_S)).sum()),
         longest_gap_s=float(steps.max()) if steps.size else 0.0,
         start_s=float(series.t_s[0]),
         end_s=float(series.t_s[-1]),

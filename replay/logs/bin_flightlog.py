@@ -15,15 +15,7 @@ from companion.mavlink.samples import RangeVerdict
 from models.errors import LogError
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, LogSummary, Series
 from replay.logs.bin import EKF, ESCS, IMUS, Dataflash, read_boots
-from replay.logs.columns import (
-    Messages,
-    imu_record,
-    quaternions,
-    range_beam,
-    runs,
-    time_span,
-    unflipped,
-)
+from replay.logs.columns import Messages, imu_record, quaternions, range_beam, runs, time_span, unflipped
 
 _ARDUPILOT, _QUADROTOR = 3, 2
 """MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_TYPE_QUADROTOR."""

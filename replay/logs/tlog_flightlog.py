@@ -18,16 +18,7 @@ from companion.mavlink.samples import Ring
 from companion.mavlink.wire_layout import PER_SI
 from models.frames import Array
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series
-from replay.logs.columns import (
-    Messages,
-    first_of,
-    imu_record,
-    quaternions,
-    range_beam,
-    runs,
-    tidy,
-    unflipped,
-)
+from replay.logs.columns import Messages, first_of, imu_record, quaternions, range_beam, runs, tidy, unflipped
 from replay.logs.timeline import BootAxis, boots
 from replay.logs.tlog import AUTOPILOT, Tlog, read_tlog
 from replay.logs.tlog_vehicle import Choice, choose, parameters

@@ -20,15 +20,7 @@ from companion.mavlink.sample_builders import obstacle_distance
 from companion.mavlink.samples import Ring
 from models.errors import LogError
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series
-from replay.logs.columns import (
-    Messages,
-    believable,
-    imu_record,
-    range_beam,
-    runs,
-    time_span,
-    unflipped,
-)
+from replay.logs.columns import Messages, believable, imu_record, range_beam, runs, time_span, unflipped
 from replay.logs.files import read_file
 
 _HEAD = b"ULog\x01\x12\x35"
