@@ -57,7 +57,8 @@ class Table:
 def table(log: FlightLog, decisions: Iterable[Column] = ()) -> Table:
     """Everything a boot holds, and what was decided on it."""
     columns = (*recorded(log), *decisions)
-    return Table(log.boot, np.unique(np.concatenate([np.empty(0), *(c.t_s for c in columns)])), columns)
+    stamps = {id(c.t_s): c.t_s for c in columns}.values()
+    return Table(log.boot, np.unique(np.concatenate([np.empty(0), *stamps])), columns)
 
 
 def recorded(log: FlightLog) -> Iterator[Column]:
@@ -117,7 +118,9 @@ def _spread(
         return
     for k, name in enumerate(names, first):
         known: NDArray[np.bool_] = np.isfinite(series.values[:, k])
-        if known.any():
+        if known.all():  # no copy: columns of one message share their times
+            yield Column(name, unit, description, series.t_s, series.values[:, k], topic)
+        elif known.any():
             yield Column(name, unit, description, series.t_s[known], series.values[known, k], topic)
 
 
