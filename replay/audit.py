@@ -72,15 +72,16 @@ def _audit(path: Path, vehicle: Vehicle | None, a: argparse.Namespace, bars: Bar
     from companion.mavlink.message_filter import OWN_COMPONENT
     from companion.mavlink.setpoints import SET_ATTITUDE_TARGET
     from replay.logs.formats import suffix_of
-    from replay.logs.tlog_blocks import TlogFile
+    from replay.logs.tlog import read_tlog
 
     if suffix_of(path) != ".tlog" and path.exists():
         raise LogError(f"{path}: only a .tlog holds both directions of the link; record one with companion --record")
-    log = TlogFile(path)
-    ours = {s for s in log.census.counts if s[1] == OWN_COMPONENT and a.target_system in (None, s[0])}
+    log = read_tlog(path)
+    counts = log.counts()
+    ours = {s for s in counts if s[1] == OWN_COMPONENT and a.target_system in (None, s[0])}
     if not ours:
         raise LogError(f"{path}: holds no message of the companion (component {OWN_COMPONENT}): nothing to audit")
-    others = {number for *_, number in log.census.counts.keys() - ours}
+    others = {number for *_, number in counts.keys() - ours}
     hold = SET_ATTITUDE_TARGET not in others if a.setpoint is None else a.setpoint == "hold"
     auditor = Auditor(vehicle, hold=hold, dry_run=a.dry_run, system=a.target_system)
     for i, (arrival_us, raw) in enumerate(log.frames()):

@@ -6,10 +6,12 @@ the log does not hold is None or empty; what was dropped or repaired is in ``sum
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,9 @@ _AXES = dict(zip(DIRECTIONS, (25, 24, 0, 2, 4, 6), strict=True))
 _SAME_DIRECTION = math.cos(math.radians(20.0))
 """A beam belongs to the body axis within 20 degrees of it: mounts are seldom truer, neighbouring orientations are 45
 degrees apart."""
+
+_STRETCH_S, _ONE_STRETCH_BYTES = 2100.0, 32 * 2**20
+"""A stretch is no longer than 35 minutes; a log of so many bytes is one."""
 
 
 @dataclass(frozen=True)
@@ -129,12 +134,10 @@ class Beam:
 
 @dataclass(frozen=True)
 class EscRecord:
-    """One ESC, counted from 1: speed [rpm], and where telemetered temperature [deg C], voltage [V], current [A]."""
+    """One ESC, counted from 1: speed [rpm], and where telemetered temperature [deg C]."""
 
     rpm: Series | None
     temperature_c: Series | None = None
-    voltage_v: Series | None = None
-    current_a: Series | None = None
 
 
 @dataclass(frozen=True)
@@ -147,25 +150,40 @@ class Interval:
 
 
 @dataclass(frozen=True)
-class MessageCount:
-    """How many messages of one kind a log holds, and their mean rate over the log."""
-
-    system: int
-    component: int
-    name: str
-    count: int
-    rate_hz: float
-
-
-@dataclass(frozen=True)
 class LogSummary:
     """What a file held, for people."""
 
     bytes: int
     frames: int
-    messages: tuple[MessageCount, ...]
+    """Messages of the boot, of every kind and sender."""
     notes: tuple[str, ...]
     """What was dropped, repaired or chosen, one sentence each."""
+
+
+def _cut(column: Any, start_s: float, end_s: float) -> Any:
+    """What of a column lies at start <= t < end, as views; None where nothing does. What has no time stays whole."""
+    match column:
+        case Series():
+            return column.between(start_s, end_s) or None
+        case Interval():
+            part = Interval(max(column.start_s, start_s), min(column.end_s, end_s), column.value)
+            return part if part.start_s < part.end_s else None
+        case Ring(t_s=t_s) | (float(t_s), int(), str()):
+            return column if start_s <= t_s < end_s else None
+        case ImuRecord():
+            force, gyro = _cut(column.specific_force, start_s, end_s), _cut(column.gyro, start_s, end_s)
+            return replace(column, specific_force=force, gyro=gyro) if force and gyro else None
+        case Beam():
+            i, j = column.distance.t_s.searchsorted((start_s, end_s)).tolist()
+            distance = column.distance.between(start_s, end_s)
+            return replace(column, distance=distance, verdicts=column.verdicts[i:j]) if distance else None
+        case EscRecord():
+            return EscRecord(_cut(column.rpm, start_s, end_s), _cut(column.temperature_c, start_s, end_s))
+        case tuple():
+            return tuple(part for item in column if (part := _cut(item, start_s, end_s)) is not None)
+        case Mapping():
+            return {key: part for key, item in column.items() if (part := _cut(item, start_s, end_s)) is not None}
+    return column
 
 
 @dataclass(frozen=True)
@@ -224,12 +242,28 @@ class FlightLog:
     parameters: Mapping[str, float] = field(default_factory=dict)
     texts: tuple[tuple[float, int, str], ...] = ()
     """STATUSTEXT: time [s], severity, text."""
-    summary: LogSummary = field(repr=False, default=LogSummary(0, 0, (), ()))
+    summary: LogSummary = field(repr=False, default=LogSummary(0, 0, ()))
 
     @property
     def duration_s(self) -> float:
         """Length of the boot in the log."""
         return self.end_s - self.start_s
+
+    def between(self, start_s: float, end_s: float) -> FlightLog:
+        """The time start <= t < end, as views. What has no sample in it is None or left out."""
+        columns = {f.name: _cut(getattr(self, f.name), start_s, end_s) for f in fields(self)}
+        columns |= {"start_s": max(self.start_s, start_s), "end_s": min(self.end_s, end_s)}
+        return FlightLog(**columns)
+
+    def stretches(self) -> Iterator[FlightLog]:
+        """The log in parts of equal length, for work whose memory grows with the time; a small log is one."""
+        count = 1 if self.summary.bytes <= _ONE_STRETCH_BYTES else math.ceil(self.duration_s / _STRETCH_S)
+        if count <= 1:
+            yield self
+            return
+        cuts = np.linspace(self.start_s, self.end_s, count + 1)[1:-1].tolist()
+        for start_s, end_s in itertools.pairwise([-math.inf, *cuts, math.inf]):
+            yield self.between(start_s, end_s)
 
     def beam(self, direction: str) -> Beam | None:
         """The best rangefinder that looks ``down``, ``up``, ``forward``, ``right``, ``back`` or ``left``, or None.

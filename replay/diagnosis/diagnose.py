@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,8 +12,8 @@ from models.surrogate.fan_surrogate import FanSurrogate
 from models.vehicle import Vehicle
 from replay.diagnosis.answer import Diagnosis
 from replay.diagnosis.stretches import Stretches
-from replay.logs.formats import read_pieces
-from replay.logs.pieces import Piece
+from replay.flightlog import FlightLog
+from replay.logs.formats import load
 from replay.residual.motion import ENOUGH_S
 from replay.residual.record import Record, build_record, check_model, too_short
 from replay.search.curves import Carrier
@@ -75,16 +74,16 @@ def read_records(
         own = Stretches[Record]()
         boot = 0
         try:
-            for piece in read_pieces(path, target_system):
-                boot = piece.log.boot
-                if not own.wants_next():
-                    continue
-                log = piece.own()
-                told |= dict.fromkeys(log.summary.notes)
-                try:
-                    own.add(build_record(log, vehicle, model, effects, _name(piece)))
-                except LogError as error:
-                    problems.append(error)
+            for log in load(path, target_system):
+                boot = log.boot
+                for part in log.stretches():
+                    if not own.wants_next():
+                        continue
+                    told |= dict.fromkeys(part.summary.notes)
+                    try:
+                        own.add(build_record(part, vehicle, model, effects, _name(part, log)))
+                    except LogError as error:
+                        problems.append(error)
         except LogError as error:
             problems.append(error)
         alone = len(own.records) == 1 and not boot
@@ -99,13 +98,10 @@ def read_records(
     return records, notes + [f"left out: {p}" for p in problems]
 
 
-def _name(piece: Piece) -> str:
-    """Of a record: file and boot, and which time of it where a boot comes in pieces."""
-    log = piece.log
-    if piece.start_s == -math.inf and piece.end_s == math.inf:
-        return f"{log.path.name} (boot {log.boot + 1})"
-    since = max(piece.start_s, piece.origin_s) - piece.origin_s
-    return f"{log.path.name} (boot {log.boot + 1}, from {since / 60.0:.0f} min)"
+def _name(part: FlightLog, log: FlightLog) -> str:
+    """Of a record: file and boot, and which time of it where a boot comes in stretches."""
+    since = "" if part is log else f", from {(part.start_s - log.start_s) / 60.0:.0f} min"
+    return f"{log.path.name} (boot {log.boot + 1}{since})"
 
 
 def _channels(traces: Sequence[FlightFit]) -> tuple[Carrier, ...]:

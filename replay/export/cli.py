@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +15,9 @@ from replay.pipeline_options import add_pipeline_options, pipeline_config
 
 _EPILOG = """exit codes: 0 done; 2 bad arguments, a missing package or an unwritable file; 3 log unreadable;
 130 interrupted. Columns and units: docs/logs.md."""
+
+_PACKAGES = {"parquet": "pyarrow", "mcap": "mcap.writer"}
+"""What a format needs that is installed with the extra ``export``."""
 
 
 def add_parser(commands: Any) -> None:
@@ -35,41 +41,64 @@ def run(a: argparse.Namespace) -> int:
     """Run the command; UserErrors are reported by the caller."""
     from models.version import installed_version
     from replay.command import of_logs
-    from replay.export.decided import Decided
+    from replay.export.columns import table
+    from replay.export.decided import decide
     from replay.export.files import write_csv, write_parquet
     from replay.export.mcap_file import write_mcap
-    from replay.export.tables import Tables
+    from replay.logs.formats import load
     from replay.vehicle.draft import Given
 
-    decided, pipeline, notes = None, {}, list[str]()
-    if not a.no_decisions:
-        try:
-            vehicle, choice, made = of_logs(a.vehicle, a.model, [a.log], Given(), a.target_system)
-        except LogError as error:
-            notes = [f"no decisions without --vehicle: {error}"]
-        else:
-            config, chosen, notes = pipeline_config(a, (vehicle, choice))
-            notes += [] if made is None else made.notes
-            decided = Decided(a.log, config, assumed_parameters(a.param))
-            pipeline = {"vehicle": config.vehicle.name, "model": chosen.name}
-    tables = Tables(a.log, a.target_system, decided, quiet=a.quiet)
+    if a.to in _PACKAGES and find_spec(_PACKAGES[a.to]) is None:
+        need = f"--to {a.to}: needs the package {_PACKAGES[a.to].partition('.')[0]}"
+        raise ConfigError(f"{need}: pip install 'corner-compensator[export]', or --to csv")
     target = Path(f"{a.log.stem}.{a.to}") if a.out is None else a.out
-    about = {
-        "log": a.log.name,
-        "system": str(tables.system),
-        "made_by": f"corner-compensator {installed_version()}",
-        "frames": "world NED, body FRD, SI units",
-        **pipeline,
-    }
-    write = {"csv": write_csv, "parquet": write_parquet, "mcap": write_mcap}[a.to]
     try:
-        written = write(target, tables, about)
+        with _whole(target) as part:
+            logs = load(a.log, a.target_system)
+            decisions, pipeline, notes = {}, {}, list[str]()
+            if not a.no_decisions and any(log.attitude is not None for log in logs):
+                try:
+                    vehicle, choice, made = of_logs(a.vehicle, a.model, [a.log], Given(), a.target_system)
+                except LogError as error:
+                    notes = [f"no decisions without --vehicle: {error}"]
+                else:
+                    config, chosen, notes = pipeline_config(a, (vehicle, choice))
+                    notes += [] if made is None else made.notes
+                    decisions = decide(a.log, config, a.target_system, assumed_parameters(a.param), quiet=a.quiet)
+                    pipeline = {"vehicle": config.vehicle.name, "model": chosen.name}
+            tables = [table(log, decisions[log.boot].columns() if log.boot in decisions else ()) for log in logs]
+            columns = list({c.name: c.blank() for one in tables for c in one.columns}.values())
+            about = {
+                "log": a.log.name,
+                "system": str(logs[0].system),
+                "made_by": f"corner-compensator {installed_version()}",
+                "frames": "world NED, body FRD, SI units",
+                **pipeline,
+            }
+            {"csv": write_csv, "parquet": write_parquet, "mcap": write_mcap}[a.to](part, tables, columns, about)
     except OSError as error:
         raise ConfigError(f"--out {target}: cannot be written ({error.strerror or error})") from None
     if not a.quiet:
-        print(f"{target}: {written.rows} rows, {written.columns} columns and time_s, {tables.boots} boot(s)")
-        if decided is not None:
-            print(f"  {decided.decisions} decisions, vehicle “{pipeline['vehicle']}”, model “{pipeline['model']}”")
+        rows = sum(len(one.t_s) for one in tables)
+        print(f"{target}: {rows} rows, {len(columns)} columns and time_s, {len(logs)} boot(s)")
+        if decisions:
+            print(f"  decided as vehicle “{pipeline['vehicle']}” with model “{pipeline['model']}”")
         for note in notes:
             print(f"  note: {note}")
     return 0
+
+
+@contextmanager
+def _whole(path: Path) -> Iterator[Path]:
+    """Where to write what becomes ``path`` when all of it is written: an error leaves what was there before."""
+    if path.exists() and not path.is_file():  # a device or a pipe; a directory cannot be opened
+        yield path
+        return
+    path = path.resolve()
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.touch()
+        yield part
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)

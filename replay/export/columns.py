@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from models.air_state import DIRECTIONS
 from models.frames import Array
 from replay.flightlog import FlightLog, Interval, Series
-from replay.logs.pieces import Piece
 
 
 @dataclass(frozen=True)
@@ -55,62 +54,46 @@ class Table:
         return np.array([None if code != code else column.words[int(code)] for code in out.tolist()], object)
 
 
-def table(piece: Piece, more: Iterable[Column] = ()) -> Table:
-    """Everything a boot, or a piece of it, holds, and ``more``."""
-    columns = [_within(c, piece.start_s, piece.end_s) for c in (*recorded(piece.log), *more)]
-    columns = [c for c in columns if len(c.t_s)]
-    stamps = [c.t_s for c in columns]
-    return Table(piece.log.boot, np.unique(np.concatenate(stamps)) if stamps else np.empty(0), tuple(columns))
-
-
-def _within(column: Column, start_s: float, end_s: float) -> Column:
-    i, j = np.searchsorted(column.t_s, (start_s, end_s))
-    return replace(column, t_s=column.t_s[i:j], values=column.values[i:j])
-
-
-_NED = ("north", "east", "down")
+def table(log: FlightLog, decisions: Iterable[Column] = ()) -> Table:
+    """Everything a boot holds, and what was decided on it."""
+    columns = (*recorded(log), *decisions)
+    stamps = {id(c.t_s): c.t_s for c in columns}.values()
+    return Table(log.boot, np.unique(np.concatenate([np.empty(0), *stamps])), columns)
 
 
 def recorded(log: FlightLog) -> Iterator[Column]:
     """Every quantity of a log that has samples."""
-    frd = "body FRD"
-    yield from _together(
-        ("attitude", log.attitude, [f"attitude_q{c}" for c in "wxyz"], "1", f"unit quaternion, {frd} to world NED"),
-        ("rates", log.rates, ["p_rad_s", "q_rad_s", "r_rad_s"], "rad/s", f"angular rate, {frd}, as estimated"),
-        ("position", log.position, ["north_m", "east_m", "down_m"], "m", "local position NED"),
-        ("velocity", log.velocity, ["vn_m_s", "ve_m_s", "vd_m_s"], "m/s", "local velocity NED"),
-    )
+    frd, quaternion = "body FRD", "unit quaternion, body FRD to world NED"
+    yield from _spread("attitude", log.attitude, [f"attitude_q{c}" for c in "wxyz"], "1", quaternion)
+    rates = ["p_rad_s", "q_rad_s", "r_rad_s"]
+    yield from _spread("rates", log.rates, rates, "rad/s", f"angular rate, {frd}, as estimated")
+    yield from _spread("position", log.position, ["north_m", "east_m", "down_m"], "m", "local position NED")
+    yield from _spread("velocity", log.velocity, ["vn_m_s", "ve_m_s", "vd_m_s"], "m/s", "local velocity NED")
     for k, imu in enumerate(log.imus, 1):
-        tail, topic = "" if k == 1 else f"_imu{k}", f"imu_{k}"
-        force, rate = f"specific force, {frd}, {imu.source}", f"angular rate, {frd}, {imu.source}"
-        yield from _together(
-            (topic, imu.specific_force, [f"a{c}{tail}_m_s2" for c in "xyz"], "m/s^2", force),
-            (topic, imu.gyro, [f"gyro_{c}{tail}_rad_s" for c in "xyz"], "rad/s", rate),
-        )
+        tail, topic, of = "" if k == 1 else f"_imu{k}", f"imu_{k}", f"{frd}, {imu.source}"
+        force, gyro = [f"a{c}{tail}_m_s2" for c in "xyz"], [f"gyro_{c}{tail}_rad_s" for c in "xyz"]
+        yield from _spread(topic, imu.specific_force, force, "m/s^2", f"specific force, {of}")
+        yield from _spread(topic, imu.gyro, gyro, "rad/s", f"angular rate, {of}")
     yield from _ranges(log)
     for n, esc in sorted(log.escs.items()):
         yield from _spread(f"esc_{n}", esc.rpm, [f"rpm_{n}"], "1/min", f"speed of ESC {n}")
         yield from _spread(f"esc_{n}", esc.temperature_c, [f"esc_temperature_{n}_c"], "degC", f"temperature of ESC {n}")
-        yield from _spread(f"esc_{n}", esc.voltage_v, [f"esc_voltage_{n}_v"], "V", f"voltage of ESC {n}")
-        yield from _spread(f"esc_{n}", esc.current_a, [f"esc_current_{n}_a"], "A", f"current of ESC {n}")
-    for port, servo in sorted((log.servo_ports or ({0: log.servo} if log.servo is not None else {})).items()):
+    for port, servo in sorted(log.servo_ports.items()):
         names = [f"servo_{16 * port + k + 1}" for k in range(servo.values.shape[1])]
         yield from _spread(f"servo_{port}", servo, names, "us", "pulse width of an output")
     yield from _spread("battery", log.battery, ["battery_voltage_v"], "V", "battery 0")
     yield from _spread("battery", log.battery, ["battery_current_a"], "A", "battery 0", first=1)
     yield from _spread("pressure", log.pressure, ["pressure_pa"], "Pa", "static pressure")
     yield from _spread("pressure", log.pressure, ["air_temperature_c"], "degC", "temperature of the barometer", first=1)
-    quaternion, sent = (
-        [f"attitude_target_q{c}" for c in "wxyz"],
-        [*(f"set_attitude_q{c}" for c in "wxyz"), "set_thrust"],
-    )
-    yield from _together(
-        ("thrust_command", log.thrust_command, ["thrust_command"], "1", "thrust that the autopilot commands, 0 to 1"),
-        ("attitude_target", log.attitude_target, quaternion, "1", "attitude target"),
-        ("setpoint", log.commands, sent, "1", "SET_ATTITUDE_TARGET as sent"),
-        ("wind", log.wind, [f"wind_{c}_m_s" for c in _NED], "m/s", "where the air moves to, NED, as estimated"),
-        ("vibration", log.vibration, [f"vibration_{c}_m_s2" for c in "xyz"], "m/s^2", "vibration level"),
-    )
+    thrust = "thrust that the autopilot commands, 0 to 1"
+    yield from _spread("thrust_command", log.thrust_command, ["thrust_command"], "1", thrust)
+    target, sent = [f"attitude_target_q{c}" for c in "wxyz"], [*(f"set_attitude_q{c}" for c in "wxyz"), "set_thrust"]
+    yield from _spread("attitude_target", log.attitude_target, target, "1", "attitude target")
+    yield from _spread("setpoint", log.commands, sent, "1", "SET_ATTITUDE_TARGET as sent")
+    wind = [f"wind_{c}_m_s" for c in ("north", "east", "down")]
+    yield from _spread("wind", log.wind, wind, "m/s", "where the air moves to, NED, as estimated")
+    vibration = [f"vibration_{c}_m_s2" for c in "xyz"]
+    yield from _spread("vibration", log.vibration, vibration, "m/s^2", "vibration level")
     yield from _state("armed", log.armed, "1 while armed", ends=True)
     yield from _state("mode", log.modes, "custom_mode of HEARTBEAT")
     yield from _state("landed_state", log.landed, "MAV_LANDED_STATE")
@@ -128,11 +111,6 @@ def _ranges(log: FlightLog) -> Iterator[Column]:
             yield from _spread(name.removesuffix("_m"), beam.good, [name], "m", text)
 
 
-def _together(*rows: tuple[str, Series | None, list[str], str, str]) -> Iterator[Column]:
-    for row in rows:
-        yield from _spread(*row)
-
-
 def _spread(
     topic: str, series: Series | None, names: list[str], unit: str, description: str, first: int = 0
 ) -> Iterator[Column]:
@@ -140,7 +118,9 @@ def _spread(
         return
     for k, name in enumerate(names, first):
         known: NDArray[np.bool_] = np.isfinite(series.values[:, k])
-        if known.any():
+        if known.all():  # no copy: columns of one message share their times
+            yield Column(name, unit, description, series.t_s, series.values[:, k], topic)
+        elif known.any():
             yield Column(name, unit, description, series.t_s[known], series.values[known, k], topic)
 
 

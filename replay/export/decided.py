@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from array import array
 from collections.abc import Iterator, Mapping
@@ -20,8 +19,6 @@ from companion.control.state import Decision
 from companion.estimation.disturbance import Disturbance
 from companion.estimation.estimator import Seen, Surface
 from replay.export.columns import Column
-from replay.logs.formats import suffix_of
-from replay.logs.pieces import Piece
 from replay.rerun.report import play
 
 _NOTHING = "none"
@@ -87,60 +84,57 @@ def _told(d: Decision, before: Decision | None) -> Iterator[tuple[str, Iterator[
         yield "sizes", _measured(known)
 
 
-class Decided:
-    """The decisions on one log, handed out with the pieces that they were made in."""
+class _Topic(NamedTuple):
+    """What is said in one topic, row by row: times [s], and the values of every quantity."""
 
-    def __init__(self, path: Path, config: PipelineConfig, assumed: Mapping[str, float]) -> None:
-        self._path, self._config, self._assumed = path, config, assumed
-        self.decisions = 0
+    quantities: list[Quantity]
+    t_s: array[float]
+    values: list[array[float]]
 
-        self._start()
 
-    def _start(self) -> None:
-        """As before the first decision of a boot."""
+class Decisions:
+    """The decisions on one boot. Values that are no number are left out of the columns."""
+
+    def __init__(self, config: PipelineConfig) -> None:
         self._before: Decision | None = None
-        self._words = {_NOTHING: 0}
-        self._kept: dict[str, tuple[str, Quantity, array[float], array[float]]] = {}
-        nothing = Decision(0.0, None, (), 0.0, Offset(), None, None, adaptation=adapt.initial(self._config))
-        for topic, quantities in _told(nothing, None):
-            self._kept |= {q.name: (topic, q, array("d"), array("d")) for q in quantities}
+        self._words: dict[str, int] = {}
+        self._topics: dict[str, _Topic] = {}
+        nothing = Decision(0.0, None, (), 0.0, Offset(), None, None, adaptation=adapt.initial(config))
+        for topic, said in _told(nothing, None):
+            quantities = list(said)
+            self._topics[topic] = _Topic(quantities, array("d"), [array("d") for _ in quantities])
 
-    def columns(self) -> list[Column]:
-        """Every column, with the samples of the piece that was decided last."""
-        out = []
-        for name, (topic, q, t_s, values) in self._kept.items():
-            words = tuple(self._words) if isinstance(q.value, str) else None
-            out.append(Column(name, q.unit, q.description, np.array(t_s), np.array(values), topic, words))
-        return out
-
-    def _add(self, d: Decision) -> None:
-        self.decisions += 1
-        for _, quantities in _told(d, self._before):
-            for q in quantities:
-                number = self._words.setdefault(q.value, len(self._words)) if isinstance(q.value, str) else q.value
-                _, _, t_s, values = self._kept[q.name]
-                if math.isfinite(number) and not (t_s and t_s[-1] >= d.t_s):  # one row for one time
-                    t_s.append(d.t_s)
-                    values.append(number)
+    def add(self, d: Decision) -> None:
+        """Take in the next one; of several at one time the first counts."""
+        for name, said in _told(d, self._before):
+            topic = self._topics[name]
+            if topic.t_s and topic.t_s[-1] >= d.t_s:
+                continue
+            topic.t_s.append(d.t_s)
+            row = {q.name: q.value for q in said}
+            for quantity, values in zip(topic.quantities, topic.values, strict=True):
+                value = row.get(quantity.name, math.nan)
+                values.append(self._words.setdefault(value, len(self._words)) if isinstance(value, str) else value)
         self._before = d
 
-    def beside(
-        self, pieces: Iterator[Piece], target: int | None, *, quiet: bool
-    ) -> Iterator[tuple[Piece, list[Column]]]:
-        """Every piece with the columns of its decisions."""
-        own = None
-        if suffix_of(self._path) != ".tlog":  # its frames are replayed, not its columns
-            pieces, own = itertools.tee(pieces)
-        played = play(self._path, self._config, target, self._assumed, quiet=quiet, pieces=own)
-        self.decisions = 0
-        self._start()
-        waiting = next(played.decisions, None)
-        for piece in pieces:
-            while waiting is not None and (played.boots() - 1, waiting.t_s) < (piece.log.boot, piece.end_s):
-                self._add(waiting)
-                waiting = next(played.decisions, None)
-            yield piece, self.columns()
-            for _, _, t_s, values in self._kept.values():
-                del t_s[:-1], values[:-1]  # the newest stands until the next
-            if piece.end_s == math.inf:
-                self._start()
+    def columns(self) -> Iterator[Column]:
+        """Every column, also those without a sample."""
+        for topic, (quantities, t_s, values) in self._topics.items():
+            for q, column in zip(quantities, values, strict=True):
+                known = np.isfinite(column)
+                words = tuple(self._words) if isinstance(q.value, str) else None
+                yield Column(q.name, q.unit, q.description, np.array(t_s)[known], np.array(column)[known], topic, words)
+
+
+def decide(
+    path: Path, config: PipelineConfig, target: int | None, assumed: Mapping[str, float], *, quiet: bool
+) -> dict[int, Decisions]:
+    """The decisions on a log, by boot."""
+    played = play(path, config, target, assumed, quiet=quiet)
+    out: dict[int, Decisions] = {}
+    for decision in played.decisions:
+        boot = played.boots() - 1
+        if boot not in out:
+            out[boot] = Decisions(config)
+        out[boot].add(decision)
+    return out

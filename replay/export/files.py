@@ -1,22 +1,18 @@
-"""Writes tables as Parquet or CSV, some ten thousand rows at a time: memory does not grow with the file."""
+"""Writes tables as Parquet or CSV, some ten thousand rows at a time: a table with all its empty cells is far larger."""
 
 from __future__ import annotations
 
 import csv
 import itertools
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from models.errors import ConfigError
 from models.frames import Array
 from replay.export.columns import Column, Table
-from replay.export.tables import Tables
 
 _ROWS = 20_000
 """Rows in memory at a time: 16 MB with 100 columns, six times that as text."""
@@ -24,47 +20,14 @@ _KEYS = (("boot", "1", "start of the vehicle, from 1"), ("time_s", "s", "since t
 """Columns that every row has: name, unit, description."""
 
 
-@dataclass(frozen=True)
-class Written:
-    """What a file holds; ``columns`` beside the keys."""
-
-    rows: int
-    columns: int
-
-
-@contextmanager
-def whole(path: Path) -> Iterator[Path]:
-    """Where to write what becomes ``path`` when all of it is written: an error leaves what was there before."""
-    if path.exists() and not path.is_file():  # a device or a pipe; a directory cannot be opened
-        yield path
-        return
-    path = path.resolve()
-    part = path.with_name(f".{path.name}.part")
-    try:
-        part.touch()
-        yield part
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
-def missing(to: str, package: str) -> ConfigError:
-    """What to say where the library of a format is not installed."""
-    return ConfigError(f"--to {to}: needs the package {package}: pip install 'corner-compensator[export]', or --to csv")
-
-
-def write_csv(path: Path, tables: Tables, _: dict[str, str]) -> Written:
+def write_csv(path: Path, tables: Sequence[Table], columns: Sequence[Column], _: Mapping[str, str]) -> None:
     """Names with their units in the first line, empty cells where a column has no sample."""
-    rows = 0
-    with whole(path) as part, part.open("w", newline="", encoding="utf-8") as file:
-        columns = tables.columns()
+    with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow([*(name for name, _, _ in _KEYS), *(c.name for c in columns)])
         for boot, t, values in blocks(tables, columns):
-            rows += len(t)
             cells = [map(_cell, column.tolist()) for column in values]
             writer.writerows(zip(itertools.repeat(boot + 1), map(_cell, t.tolist()), *cells, strict=False))
-    return Written(rows, len(columns))
 
 
 def _cell(value: float | str | None) -> str:
@@ -73,34 +36,23 @@ def _cell(value: float | str | None) -> str:
     return value or ""
 
 
-def write_parquet(path: Path, tables: Tables, metadata: dict[str, str]) -> Written:
-    """Units and descriptions stand in the metadata of every column (keys ``unit``, ``description``).
+def write_parquet(path: Path, tables: Sequence[Table], columns: Sequence[Column], about: Mapping[str, str]) -> None:
+    """Units and descriptions stand in the metadata of every column (keys ``unit``, ``description``)."""
+    import pyarrow as pa
+    from pyarrow import parquet
 
-    Raises ConfigError where pyarrow is not installed.
-    """
-    try:
-        import pyarrow as pa
-        from pyarrow import parquet
-    except ImportError:
-        raise missing("parquet", "pyarrow") from None
-    rows = 0
-    with whole(path) as part:
-        part.open("ab").close()  # before minutes of reading: pyarrow opens it after them
-        columns = tables.columns()
-        kinds = [pa.int16(), pa.float64(), *(pa.float64() if c.words is None else pa.string() for c in columns)]
-        described = [*_KEYS, *((c.name, c.unit, c.description) for c in columns)]
-        fields = [
-            pa.field(name, kind, k >= len(_KEYS), {"unit": unit, "description": text})
-            for k, (kind, (name, unit, text)) in enumerate(zip(kinds, described, strict=True))
-        ]
-        schema = pa.schema(fields, metadata=metadata)
-        with parquet.ParquetWriter(part, schema) as writer:
-            for boot, t, values in blocks(tables, columns):
-                rows += len(t)
-                arrays: list[Any] = [np.full(len(t), boot + 1, np.int16), t]
-                arrays += [pa.array(v, k, from_pandas=True) for v, k in zip(values, kinds[2:], strict=True)]
-                writer.write_table(pa.table(arrays, schema=schema))
-    return Written(rows, len(columns))
+    kinds = [pa.int16(), pa.float64(), *(pa.float64() if c.words is None else pa.string() for c in columns)]
+    described = [*_KEYS, *((c.name, c.unit, c.description) for c in columns)]
+    fields = [
+        pa.field(name, kind, k >= len(_KEYS), {"unit": unit, "description": text})
+        for k, (kind, (name, unit, text)) in enumerate(zip(kinds, described, strict=True))
+    ]
+    schema = pa.schema(fields, metadata=about)
+    with parquet.ParquetWriter(path, schema) as writer:
+        for boot, t, values in blocks(tables, columns):
+            arrays: list[Any] = [np.full(len(t), boot + 1, np.int16), t]
+            arrays += [pa.array(v, k, from_pandas=True) for v, k in zip(values, kinds[2:], strict=True)]
+            writer.write_table(pa.table(arrays, schema=schema))
 
 
 def blocks(

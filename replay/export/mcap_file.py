@@ -8,63 +8,47 @@ from __future__ import annotations
 import json
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from replay.export.columns import Column
-from replay.export.files import Written, blocks, missing, whole
-from replay.export.tables import Tables
+from replay.export.columns import Column, Table
+from replay.export.files import blocks
 
 _BETWEEN_BOOTS_NS = 10**9
 _ROWS = 2000
 """Rows in memory at a time: 10 MB as messages."""
 
 
-def write_mcap(path: Path, tables: Tables, metadata: dict[str, str]) -> Written:
-    """A message for every row of a topic that holds a value. Raises ConfigError where mcap is not installed."""
-    try:
-        from mcap.writer import Writer
-    except ImportError:
-        raise missing("mcap", "mcap") from None
-    rows, boot_now, shift_ns, last_ns = 0, -1, 0, 0
-    with whole(path) as part, part.open("wb") as file:
-        columns = tables.columns()
+def write_mcap(path: Path, tables: Sequence[Table], columns: Sequence[Column], about: Mapping[str, str]) -> None:
+    """A message for every row of a topic that holds a value."""
+    from mcap.writer import Writer
+
+    boot_now, shift_ns, last_ns = -1, 0, 0
+    topics = defaultdict[str, list[int]](list)
+    for k, column in enumerate(columns):
+        topics[column.topic].append(k)
+    with path.open("wb") as file:
         writer = Writer(file)
-        writer.start(library=metadata["made_by"])
-        writer.add_metadata("export", metadata)
-        topics = defaultdict[str, list[int]](list)
-        for k, column in enumerate(columns):
-            topics[column.topic].append(k)
+        writer.start(library=about["made_by"])
+        writer.add_metadata("export", dict(about))
         channels = {}
         for topic, own in topics.items():
             schema = json.dumps(_schema([columns[k] for k in own])).encode()
             schema_id = writer.register_schema(f"corner_compensator.{topic}", "jsonschema", schema)
             channels[topic] = writer.register_channel(f"/{topic}", "json", schema_id)
         for boot, t_s, values in blocks(tables, columns, _ROWS):
-            rows += len(t_s)
             times = [round(t * 1e9) for t in t_s.tolist()]
             if boot != boot_now:  # a time of MCAP cannot be negative
                 shift_ns = max(-times[0], 0) if boot_now < 0 else last_ns + _BETWEEN_BOOTS_NS - times[0]
             boot_now, last_ns = boot, times[-1] + shift_ns
-            cells = {t: {columns[k].name: values[k].tolist() for k in own} for t, own in topics.items()}
-            for row, topic, content in _messages(cells, boot):
-                stamp = times[row] + shift_ns
-                writer.add_message(channels[topic], stamp, json.dumps(content).encode(), stamp)
+            cells = [column.tolist() for column in values]
+            for row, time_ns in enumerate(times):
+                for topic, own in topics.items():
+                    known = {columns[k].name: v for k in own if (v := cells[k][row]) is not None and v == v}
+                    if known:
+                        content = json.dumps({"boot": boot + 1, **known}).encode()
+                        writer.add_message(channels[topic], time_ns + shift_ns, content, time_ns + shift_ns)
         writer.finish()
-    return Written(rows, len(columns))
-
-
-def _messages(cells: Mapping[str, Mapping[str, list[Any]]], boot: int) -> list[tuple[int, str, Mapping[str, Any]]]:
-    """Row, topic and content of everything in some rows, in order of time. ``cells``: values by topic and name."""
-    out: list[tuple[int, str, Mapping[str, Any]]] = []
-    for topic, own in cells.items():
-        for row, numbers in enumerate(zip(*own.values(), strict=True)):
-            known = {n: v for n, v in zip(own, numbers, strict=True) if v is not None and v == v}
-            if known:
-                out.append((row, topic, {"boot": boot + 1, **known}))
-    out.sort(key=itemgetter(0))
-    return out
 
 
 def _schema(columns: Sequence[Column]) -> dict[str, Any]:

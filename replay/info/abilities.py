@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import Enum
-from typing import Any
+from enum import StrEnum
 
 from models.vehicle import Vehicle
-from replay.flightlog import Beam, FlightLog, Series
+from replay.flightlog import FlightLog, Series
 from replay.info.settings import ARDUPILOT, change_for
 from replay.residual.motion import FORCE_RATE_HZ, MOMENT_RATE_HZ
 
@@ -17,10 +16,9 @@ _GOOD_IMU_HZ = 25.0
 """Up to 2 Hz is judged with it; slower accelerometers are judged up to a quarter of their rate."""
 _RANGE_HZ, _RPM_HZ = 5.0, 5.0
 """Slower than 5 Hz, a vehicle at 0.5 m/s moves 0.1 m between readings: half of a small ground effect's length."""
-_SIDES = ("forward", "right", "back", "left")
 
 
-class Answer(Enum):
+class Answer(StrEnum):
     """How well a log answers a question."""
 
     YES = "yes"
@@ -37,10 +35,6 @@ class Ability:
     why: str
     change: str = ""
 
-    def as_json(self) -> dict[str, Any]:
-        """Plain text."""
-        return {"question": self.question, "answer": self.answer.value, "why": self.why, "change": self.change}
-
 
 def abilities(log: FlightLog, vehicle: Vehicle) -> tuple[Ability, ...]:
     """Every question that a diagnosis or a flight asks of one boot."""
@@ -48,31 +42,25 @@ def abilities(log: FlightLog, vehicle: Vehicle) -> tuple[Ability, ...]:
         _forces(log),
         _moments(log),
         _rotors(log, vehicle),
-        _surface(log, "height over ground", "down"),
-        _wall(log),
-        _surface(log, "ceiling", "up"),
+        _range(log, "height over ground", "down"),
+        _range(log, "distance to a wall", "forward", "right", "back", "left"),
+        _range(log, "ceiling", "up"),
         *_channels(log),
         _meaning_of_thrust(log),
     )
-
-
-def _imu_rate(log: FlightLog) -> float:
-    return max((i.specific_force.rate_hz for i in log.imus if len(i.specific_force) > 1), default=0.0)
 
 
 def _forces(log: FlightLog) -> Ability:
     question = "forces (Fx Fy Fz)"
     if log.attitude is None:
         return Ability(question, Answer.NO, "no attitude", change_for(log, "attitude"))
-    rate = _imu_rate(log)
-    if rate == 0.0:
-        return Ability(question, Answer.NO, "no accelerometer", change_for(log, "imu"))
-    if rate < FORCE_RATE_HZ:
-        why = f"accelerometer at {rate:.1f} Hz; {FORCE_RATE_HZ:.0f} Hz are needed"
+    imu = max(log.imus, key=lambda i: _rate(i.specific_force), default=None)
+    rate = 0.0 if imu is None else _rate(imu.specific_force)
+    if imu is None or rate < FORCE_RATE_HZ:
+        why = f"accelerometer at {rate:.1f} Hz; {FORCE_RATE_HZ:.0f} Hz are needed" if rate else "no accelerometer"
         return Ability(question, Answer.NO, why, change_for(log, "imu"))
-    clipped = max(log.imus, key=lambda i: i.specific_force.rate_hz).clipped
-    if clipped:
-        why = f"the accelerometer clipped {clipped} times: its mean cannot be trusted"
+    if imu.clipped:
+        why = f"the accelerometer clipped {imu.clipped} times: its mean cannot be trusted"
         return Ability(question, Answer.PARTLY, why, "damp the autopilot's mount; balance the propellers")
     if rate < _GOOD_IMU_HZ:
         why = f"accelerometer at {rate:.1f} Hz: slow changes only"
@@ -119,20 +107,13 @@ def _rotors(log: FlightLog, vehicle: Vehicle) -> Ability:
     return Ability(question, Answer.NO, why, change)
 
 
-def _surface(log: FlightLog, question: str, direction: str) -> Ability:
-    return _beam_ability(log, question, log.beam(direction), direction)
-
-
-def _wall(log: FlightLog) -> Ability:
-    beams = [(d, log.beam(d)) for d in _SIDES]
-    seen = [(d, b) for d, b in beams if b is not None]
-    best = max(seen, key=lambda item: len(item[1].good), default=("to a side", None))
-    return _beam_ability(log, "distance to a wall", best[1], best[0])
-
-
-def _beam_ability(log: FlightLog, question: str, beam: Beam | None, direction: str) -> Ability:
-    if beam is None:
-        return Ability(question, Answer.NO, f"no rangefinder looks {direction}", change_for(log, "range"))
+def _range(log: FlightLog, question: str, *directions: str) -> Ability:
+    """Of the directions that look at a surface the one with most good readings."""
+    seen = {direction: beam for direction in directions if (beam := log.beam(direction)) is not None}
+    if not seen:
+        why = f"no rangefinder looks {' or '.join(directions)}"
+        return Ability(question, Answer.NO, why, change_for(log, "range"))
+    direction, beam = max(seen.items(), key=lambda item: len(item[1].good))
     rate, share = _rate(beam.distance), beam.share_good
     why = f"{beam.source} {direction} at {rate:.0f} Hz, {share:.0%} of the readings good"
     if not len(beam.good):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,12 +21,10 @@ def add_parser(commands: Any) -> None:
     p: argparse.ArgumentParser = commands.add_parser(
         "info", help="what is in a log, and what can and cannot be judged with it", epilog=_EPILOG,
         description="What is in a log, at which rates and with which gaps; what can and cannot be judged with it, and "
-        "the parameter that would change that; with --judge, what a diagnosis takes of it; with --companion, whether "
-        "it would have engaged.",
+        "the parameter that would change that; with --companion, whether it would have engaged.",
     )  # fmt: skip
     p.add_argument("logs", nargs="+", type=Path, metavar="LOG", help=".tlog, .BIN or .ulg; a folder: one line a log")
     p.add_argument("--vehicle", type=vehicle_path, metavar="FILE", help="vehicle file (default: drafted from each log)")
-    p.add_argument("--judge", action="store_true", help="how much of it diagnose would judge, too: takes longer")
     p.add_argument("--companion", action="store_true", help="decide as companion would have, too: takes longer")
     p.add_argument("--model", metavar="DIR", help="model directory, or none (default: the shipped model)")
     p.add_argument(
@@ -39,41 +38,37 @@ def add_parser(commands: Any) -> None:
 def run(a: argparse.Namespace) -> int:
     """Run the command. A log that cannot be read is one line on stderr, and the others are still read."""
     # Imported here so that --help answers at once.
-    from tqdm import tqdm
-
+    from companion.config import PipelineConfig
     from models.json_file import write_json
-    from replay.command import declared, of_logs
+    from replay.command import declared, of_logs, progress_bar
     from replay.fleet.results import logs_in
-    from replay.info.info import inspect
+    from replay.info.info import decided, inspect
     from replay.parameters import assumed_parameters
     from replay.vehicle.draft import Given
 
     declared(a.vehicle, a.model)  # a wrong file is said once, before the work
     folders = any(log.is_dir() for log in a.logs)
     logs = [path for log in a.logs for path in (logs_in(log)[0] if log.is_dir() else [log])]
-    shown = sys.stderr.isatty() and not a.quiet and len(logs) > 1
     assumed = assumed_parameters(a.param)
     answers: list[dict[str, Any]] = []
     failed = 0
-    for path in tqdm(logs, unit="log", disable=not shown, leave=False, file=sys.stderr):
+    for path in progress_bar(a)(logs):
         refusal = ""
         try:
-            vehicle, chosen, draft = of_logs(
-                a.vehicle, a.model, [path], Given(), a.target_system, measured=a.judge or a.companion
-            )
+            vehicle, chosen, draft = of_logs(a.vehicle, a.model, [path], Given(), a.target_system, measured=a.companion)
         except LogError as error:
             refusal = str(error).removeprefix(f"{path}: ")
             vehicle, chosen, draft = *declared(None, a.model), None
         try:
-            answer = inspect(
-                path, vehicle, chosen, a.target_system, assumed, refusal=refusal, judge=a.judge, decide=a.companion,
-                quiet=a.quiet,
-            )  # fmt: skip
+            answer = inspect(path, vehicle, a.target_system, refusal)
         except LogError as error:
             failed = error.exit_code
             answers.append({"log": str(path), "error": str(error)})
             print(f"replay: {error}", file=sys.stderr)
             continue
+        if a.companion:
+            config = PipelineConfig(vehicle=vehicle, model=chosen.model, dry_run=True)
+            answer = replace(answer, companion=decided(path, config, a.target_system, assumed, quiet=a.quiet))
         answers.append(answer.as_json() | ({} if draft is None else {"drafted": draft.as_json()}))
         if speaks(a):
             print(answer.as_line() if folders else answer.as_text())

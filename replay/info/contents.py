@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -33,66 +32,25 @@ class Stream:
     share_good: float | None = None
     """Of a rangefinder: readings that are neither too near, too far nor weak."""
 
-    def as_json(self) -> dict[str, Any]:
-        """Plain numbers."""
-        out: dict[str, Any] = {
-            "name": self.name,
-            "source": self.source,
-            "count": self.count,
-            "rate_hz": None if self.rate_hz is None else round(self.rate_hz, 3),
-            "gaps": self.gaps,
-            "longest_gap_s": round(self.longest_gap_s, 3),
-            "start_s": round(self.start_s, 3),
-            "end_s": round(self.end_s, 3),
-        }
-        return out if self.share_good is None else {**out, "share_good": round(self.share_good, 4)}
+
+def streams(log: FlightLog) -> list[Stream]:
+    """Every quantity of one boot that holds a sample."""
+    return [_stream(name, series, good) for name, series, good in _series(log) if series is not None and len(series)]
 
 
-def stream(name: str, series: Series, share_good: float | None = None) -> Stream:
-    """The numbers of one series that is not empty."""
+def _stream(name: str, series: Series, share_good: float | None) -> Stream:
     steps = np.diff(series.t_s)
     rate = series.rate_hz
-    period = float(np.median(steps)) if steps.size else 0.0
     return Stream(
         name=name,
         source=series.source,
         count=len(series),
         rate_hz=rate if math.isfinite(rate) else None,
-        gaps=int((steps > max(_GAP_PERIODS * period, _GAP_S)).sum()),
+        gaps=int((steps > max(_GAP_PERIODS / rate, _GAP_S)).sum()),
         longest_gap_s=float(steps.max()) if steps.size else 0.0,
         start_s=float(series.t_s[0]),
         end_s=float(series.t_s[-1]),
         share_good=share_good,
-    )
-
-
-def joined(first: Stream, then: Stream) -> Stream:
-    """One quantity of two stretches of a boot, one after the other; the rate is the mean of both by their samples."""
-    rates = [(s.rate_hz, s.count) for s in (first, then) if s.rate_hz is not None]
-    rate = sum(r * n for r, n in rates) / sum(n for _, n in rates) if rates else None
-    between = then.start_s - first.end_s
-    pause = rate is not None and between > max(_GAP_PERIODS / rate, _GAP_S)
-    good = None
-    if first.share_good is not None and then.share_good is not None:
-        count = first.count + then.count
-        good = (first.share_good * first.count + then.share_good * then.count) / count
-    return Stream(
-        name=first.name,
-        source=first.source,
-        count=first.count + then.count,
-        rate_hz=rate,
-        gaps=first.gaps + then.gaps + pause,
-        longest_gap_s=max(first.longest_gap_s, then.longest_gap_s, between),
-        start_s=first.start_s,
-        end_s=then.end_s,
-        share_good=good,
-    )
-
-
-def streams(log: FlightLog) -> tuple[Stream, ...]:
-    """Every quantity of one boot that holds a sample."""
-    return tuple(
-        stream(name, series, good) for name, series, good in _series(log) if series is not None and len(series)
     )
 
 
@@ -110,12 +68,5 @@ def _series(log: FlightLog) -> Iterator[tuple[str, Series | None, float | None]]
         yield f"ESC temperature {number}", esc.temperature_c, None
     for port, servo in sorted(log.servo_ports.items()):
         yield f"servo outputs{'' if not port else f' of port {port}'}", servo, None
-    if not log.servo_ports:
-        yield "servo outputs", log.servo, None
-    for name in ("battery", "pressure"):
-        yield name, getattr(log, name), None
-    yield "thrust command", log.thrust_command, None
-    yield "attitude target", log.attitude_target, None
-    yield "commands to the vehicle", log.commands, None
-    for name in ("wind", "vibration"):
-        yield name, getattr(log, name), None
+    for name in ("battery", "pressure", "thrust_command", "attitude_target", "commands", "wind", "vibration"):
+        yield name.replace("_", " "), getattr(log, name), None

@@ -21,7 +21,6 @@ _TLOG_ARDUPILOT = {
     "temperature": "ESCs that report it, SERVO_BLH_AUTO 1 and SRx_EXTRA1 20",
     "thrust": "SET_MESSAGE_INTERVAL of ATTITUDE_TARGET (83); companion asks for it",
     "parameters": "a ground station or companion on the link: it asks for the parameters",
-    "heartbeat": "record the autopilot's own link (component 1)",
 }
 _BIN = {
     "imu": "LOG_BITMASK with IMU (bit 7; bit 18 for the fast one)",
@@ -35,7 +34,6 @@ _BIN = {
     "temperature": "ESCs that report it and SERVO_BLH_AUTO 1",
     "thrust": "LOG_BITMASK with CTUN (bit 4)",
     "parameters": "nothing: ArduPilot writes them at the start of a log; was the file cut?",
-    "heartbeat": "nothing: ArduPilot writes ARM and MODE; was the file cut?",
 }
 _TLOG_PX4 = {
     "imu": "MAV_x_MODE 2 (onboard), or SET_MESSAGE_INTERVAL of HIGHRES_IMU (105)",
@@ -51,7 +49,6 @@ _TLOG_PX4 = {
     "temperature": "ESCs that report it: DSHOT_TEL_CFG, and ESC_INFO (290)",
     "thrust": "SET_MESSAGE_INTERVAL of ATTITUDE_TARGET (83); companion asks for it",
     "parameters": "a ground station or companion on the link: it asks for the parameters",
-    "heartbeat": "record the autopilot's own link (component 1)",
 }
 _ULG = {
     **_TLOG_PX4,
@@ -65,7 +62,6 @@ _ULG = {
     "temperature": "ESCs that report it: DSHOT_TEL_CFG",
     "thrust": "SDLOG_PROFILE with bit 0 (default)",
     "parameters": "nothing: PX4 writes them at the start of a log; was the file cut?",
-    "heartbeat": "nothing: PX4 writes vehicle_status; was the file cut?",
 }
 
 

@@ -1,217 +1,217 @@
-"""Reads an ArduPilot dataflash log (.BIN) into columns, stretch by stretch. Times: TimeUS, in old logs TimeMS."""
+"""Reads an ArduPilot dataflash log (.BIN) into columns: A3 95, the type of a message, its fields as declared by FMT.
+
+There is no checksum: a message is one where its first bytes and its type are right. Formats of fields: pymavlink's
+DFReader. Times: TimeUS, in old logs TimeMS.
+"""
 
 from __future__ import annotations
 
-import itertools
+import functools
 import math
-import mmap
-from collections import Counter
-from collections.abc import Container, Iterator, Mapping
-from dataclasses import dataclass, replace
-from functools import cached_property
+from array import array
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
+from pymavlink.DFReader import FORMAT_TO_STRUCT
 
 from models.frames import Array
-from replay.logs import tlog_blocks
-from replay.logs.bin_walk import Formats, Kind, Walked, records, walk
 from replay.logs.columns import Messages, believable
+from replay.logs.files import read_file
 
 IMUS = ("IMU", "IMU2", "IMU3")
 EKF = ("XKF1", "NKF1", "EKF1")
 """Filter output, newest name first: EKF3, EKF2, and EKF1 of old logs."""
 ESCS = ("ESC", *(f"ESC{i}" for i in range(1, 33)))
-_SPARSE = {"MODE", "EV", "ARM"}
-"""Written when something changes: what was said before a block holds in it."""
-_KINDS = {
-    "ATT", "XKQ", "NKQ", *IMUS, *EKF, "RCOU", "BAT", "CURR", "BARO", "RFND", "PRX", "PRXR", *ESCS, "RPM", *_SPARSE,
-    "CTUN", "VIBE",
-}  # fmt: skip
-_TEXT, _NUMBER = ("S", "V"), ("f", "i", "u")
-"""numpy's letters for a field that holds text, and for one that holds a number."""
-_MIDDLE_OF = 101
-"""Messages whose median time is the time of a place in the file: one damaged stamp does not move it."""
+_STAMPED = (
+    "ATT", "XKQ", "NKQ", *IMUS, *EKF, "RCOU", "BAT", "CURR", "BARO", "RFND", *ESCS, "RPM", "MODE", "EV",
+    "ARM", "CTUN", "VIBE",
+)  # fmt: skip
+"""Messages whose stamps are boot times. GPS messages reuse TimeMS for the time of week."""
+_HEAD = b"\xa3\x95"
+_FMT = 128
+_FMT_TYPE = np.dtype(
+    [("head", "V3"), ("type", "u1"), ("length", "u1"), ("name", "S4"), ("format", "S16"), ("columns", "S64")]
+)
+_TEXT_FORMATS = "nNZ"
+_TEXT = ("S", "V")
+"""numpy's letters for a field that holds text."""
+
+
+@dataclass(frozen=True, eq=False)
+class Kind:
+    """One declared message: its type, its name, its bytes, and its fields with what they are divided by."""
+
+    number: int
+    name: str
+    length: int
+    dtype: np.dtype[Any] | None
+    """None where the declared fields do not make up the declared length."""
+    divisors: Mapping[str, float]
+
+    @property
+    def stamp(self) -> str | None:
+        """The field with its time."""
+        names = () if self.dtype is None else self.dtype.names or ()
+        return next((f for f in ("TimeUS", "TimeMS") if f in names), None)
+
+
+@functools.cache
+def _declared(message: bytes) -> Kind:
+    """What a FMT message declares; the same bytes declare the same."""
+    declared = np.frombuffer(message, _FMT_TYPE)[0]
+    name, formats, columns = (declared[k].decode("ascii", "replace") for k in ("name", "format", "columns"))
+    pairs = list(zip(columns.split(","), formats, strict=False))
+    length = int(declared["length"])
+    known = all(c in FORMAT_TO_STRUCT for _, c in pairs) and len({f for f, _ in pairs}) == len(pairs)
+    dtype = np.dtype([("head", "V3"), *((f, _numpy(c)) for f, c in pairs)]) if known else None
+    return Kind(
+        int(declared["type"]),
+        name,
+        length,
+        dtype if dtype is not None and dtype.itemsize == length else None,
+        {f: 1.0 / FORMAT_TO_STRUCT[c][1] for f, c in pairs if known and FORMAT_TO_STRUCT[c][1] is not None},
+    )
+
+
+def _numpy(format_: str) -> str:
+    code: str = FORMAT_TO_STRUCT[format_][0]
+    if code.endswith("s"):
+        return ("S" if format_ in _TEXT_FORMATS else "V") + code[:-1]
+    return f"<{np.dtype(code).str[1:]}"
 
 
 @dataclass(frozen=True)
 class Dataflash:
-    """What a boot, or a piece of it, held, by message name."""
+    """What a boot held, by message name; columns are made when they are asked for."""
 
     path: Path
-    bytes: int
     boot: int
-    kinds: Mapping[str, Messages]
-    texts: tuple[tuple[float, str], ...]
-    """MSG: time [s], text."""
-    parameters: Mapping[str, float]
-    whole: frozenset[tuple[str, str]]
-    """(message, field) whose values are stored as whole numbers."""
-    counts: Mapping[str, int]
-    """Messages of every name, also of those that are not read."""
-    damaged: int
-    """Bytes that are no message."""
-    cut: int
-    """Bytes of a last message that is not complete."""
+    data: bytes
+    """All of the file."""
+    places: Mapping[Kind, array[int]]
+    """Offsets of the messages of every declaration."""
+    notes: Sequence[str]
+    """What was skipped."""
 
-    def of(self, kind: str) -> Messages:
-        """All messages of a name; none where there are none."""
-        return self.kinds.get(kind) or Messages(kind, np.empty(0), {})
-
-
-@dataclass(frozen=True)
-class Part:
-    """A stretch of a boot, with some of its neighbours; its own time is start <= t < end."""
-
-    data: Dataflash
-    start_s: float
-    end_s: float
-    origin_s: float
-    share_read: float
-
-
-@dataclass(frozen=True)
-class _Rows:
-    """Messages in file order: offsets (n,) in the file, and places (n,) of their kinds in ``formats``."""
-
-    data: mmap.mmap
-    formats: Formats
-    offsets: NDArray[np.int64]
-    kinds: NDArray[np.int16]
-
-    def part(self, first: int, end: int) -> _Rows:
-        """The messages ``first`` <= i < ``end``."""
-        return replace(self, offsets=self.offsets[first:end], kinds=self.kinds[first:end])
-
-    def of(self, names: Container[str]) -> Iterator[tuple[Kind, NDArray[np.int64]]]:
-        """Every declared kind of these names, and the offsets of its messages."""
-        for number in np.unique(self.kinds).tolist():
-            kind = self.formats.kinds[number]
-            if kind.dtype is not None and kind.name in names:
-                yield kind, self.offsets[self.kinds == number]
-
-    @cached_property
-    def clock(self) -> tuple[NDArray[np.int64], Array]:
-        """Stamps of the messages that are read, in file order: offsets (m,), times (m,) [s]."""
-        stamped = [(at, _stamps(records(self.data, k, at), k)) for k, at in self.of(_KINDS) if _stamp_field(k)]
-        if not stamped:
-            return np.empty(0, np.int64), np.empty(0)
-        place, t_s = (np.concatenate(column) for column in zip(*stamped, strict=True))
-        order = np.argsort(place)
-        return place[order], t_s[order]
-
-    def times(self, content: NDArray[Any], kind: Kind, offsets: NDArray[np.int64]) -> Array:
-        """Boot times [s]; a message without a stamp is as old as the message before it."""
-        if _stamp_field(kind):
-            return _stamps(content, kind)
-        place, t_s = self.clock
-        before = np.searchsorted(place, offsets)
-        return np.concatenate([[np.nan], t_s])[before]
-
-    def messages(self, names: Container[str]) -> dict[str, Messages]:
-        """The messages of these names, by name."""
-        found: dict[str, list[Messages]] = {}
-        for kind, at in self.of(names):
-            content = records(self.data, kind, at)
-            t_s = believable(self.times(content, kind, at))
-            found.setdefault(kind.name, []).append(Messages(kind.name, t_s, _fields(content, kind)))
-        return {name: _joined(name, parts) for name, parts in found.items()}
+    def of(self, name: str) -> Messages:
+        """All messages of a name; none where there are none. A field that a declaration lacks is NaN."""
+        parts = [self._messages(kind, offsets, content) for kind, offsets, content in self._records(name)]
+        if len(parts) == 1:
+            return parts[0]
+        fields = dict.fromkeys(f for part in parts for f in part.data)
+        t_s = np.concatenate([np.empty(0), *(part.t_s for part in parts)])
+        return Messages(name, t_s, {f: np.concatenate([part.column(f) for part in parts]) for f in fields})
 
     def texts(self) -> Iterator[tuple[float, str]]:
         """MSG: time [s], text."""
-        for kind, at in self.of({"MSG"}):
-            content = records(self.data, kind, at)
-            if _kind_of(content, "Message") in _TEXT:
-                yield from zip(self.times(content, kind, at).tolist(), map(_text, content["Message"]), strict=True)
+        for kind, offsets, content in self._records("MSG"):
+            if _letter(content, "Message") in _TEXT:
+                times = self._times(kind, offsets, content)
+                yield from zip(times.tolist(), map(_text, content["Message"]), strict=True)
 
     def parameters(self) -> dict[str, float]:
         """PARM: the last value of every name."""
         out: dict[str, float] = {}
-        for kind, at in self.of({"PARM"}):
-            content = records(self.data, kind, at)
-            if _kind_of(content, "Name") in _TEXT and _kind_of(content, "Value") in _NUMBER:
+        for _, _, content in self._records("PARM"):
+            if _letter(content, "Name") in _TEXT and _letter(content, "Value") in ("f", "i", "u"):
                 pairs = zip(map(_text, content["Name"]), content["Value"].tolist(), strict=True)
                 out |= {name: float(value) for name, value in pairs if math.isfinite(value)}
         return out
 
+    def _records(self, *names: str) -> Iterator[tuple[Kind, NDArray[np.int64], NDArray[Any]]]:
+        """Of every declaration of these names: offsets (n,) of its messages, and their fields (n,)."""
+        data = np.frombuffer(self.data, np.uint8)
+        for kind, places in self.places.items():
+            if kind.dtype is not None and kind.name in names:
+                offsets = np.frombuffer(places, np.int64)
+                raw = np.ascontiguousarray(sliding_window_view(data, kind.length)[offsets])
+                yield kind, offsets, raw.view(kind.dtype).reshape(-1)
 
-def parts(path: Path, size: int, block_bytes: int) -> Iterator[Part]:
-    """The boots in the file, in stretches of about so many bytes each."""
-    formats = Formats()
-    with path.open("rb") as file:
-        data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
-    found = walk(data, formats)
-    rows = _Rows(data, formats, found.offsets, found.kinds)
-    bounds = sorted({0, *found.begins, len(found.offsets)})
-    for number, (first, end) in enumerate(itertools.pairwise(bounds)):
-        boot = rows.part(first, end)
-        yield from _stretches(_boot(path, size, number, boot, found), boot, block_bytes)
+    def _messages(self, kind: Kind, offsets: NDArray[np.int64], content: NDArray[Any]) -> Messages:
+        """Numbers as they are meant; text is left out."""
+        numbers = {
+            name: content[name] / kind.divisors[name] if name in kind.divisors else content[name]
+            for name in content.dtype.names or ()
+            if _letter(content, name) not in _TEXT
+        }
+        return Messages(kind.name, believable(self._times(kind, offsets, content)), numbers)
 
+    def _times(self, kind: Kind, offsets: NDArray[np.int64], content: NDArray[Any]) -> Array:
+        """Boot times [s] (n,); a message without a stamp is as old as the message before it."""
+        if kind.stamp:
+            return _stamps(kind, content)
+        place, t_s = self._clock
+        return np.concatenate([[np.nan], t_s])[np.searchsorted(place, offsets)]
 
-def _boot(path: Path, size: int, boot: int, rows: _Rows, found: Walked) -> Dataflash:
-    """What holds for all stretches of a boot."""
-    integers = frozenset((kind.name, f) for kind in rows.formats.kinds for f in kind.whole)
-    texts, parameters = tuple(rows.texts()), rows.parameters()
-    kinds = rows.messages(_SPARSE)
-    return Dataflash(path, size, boot, kinds, texts, parameters, integers, {}, found.skipped, size - found.rest)
-
-
-def _stretches(whole: Dataflash, rows: _Rows, block_bytes: int) -> Iterator[Part]:
-    """A boot in stretches, each with a margin of its neighbours."""
-    offsets = rows.offsets
-    margin = min(tlog_blocks.MARGIN_BYTES, block_bytes // 2)
-    begins = range(int(offsets[0]), int(offsets[-1]) + 1, min(block_bytes, whole.bytes))
-    cuts = sorted({*np.searchsorted(offsets, begins).tolist(), len(offsets)})
-    until_s, origin_s = -math.inf, math.nan
-    for first, end in itertools.pairwise(cuts):
-        near = np.searchsorted(offsets, (offsets[first] - margin, offsets[end - 1] + margin)).tolist()
-        part = rows.part(*near)
-        place, t_s = part.clock
-        start_s, until_s = until_s, math.inf
-        if end < len(offsets):
-            i = int(np.searchsorted(place, offsets[end]))
-            until_s = float(np.median(t_s[max(i - _MIDDLE_OF, 0) : i])) if i else math.inf
-        if math.isnan(origin_s) and len(t_s):
-            origin_s = float(t_s[0])
-        counts = Counter(rows.formats.kinds[k].name for k in rows.kinds[first:end].tolist())
-        data = replace(whole, kinds={**whole.kinds, **part.messages(_KINDS - _SPARSE)}, counts=counts)
-        yield Part(data, start_s, until_s, origin_s, int(offsets[end - 1]) / whole.bytes)
+    @functools.cached_property
+    def _clock(self) -> tuple[NDArray[np.int64], Array]:
+        """Offsets (m,) of the messages with a stamp, in file order, and their times (m,) [s]."""
+        stamped = [(offsets, _stamps(kind, c)) for kind, offsets, c in self._records(*_STAMPED) if kind.stamp]
+        place = np.concatenate([np.empty(0, np.int64), *(offsets for offsets, _ in stamped)])
+        order = np.argsort(place)
+        return place[order], np.concatenate([np.empty(0), *(t_s for _, t_s in stamped)])[order]
 
 
-def _stamp_field(kind: Kind) -> str | None:
-    """GPS messages reuse TimeMS for the time of week; none of them is read here."""
-    names = () if kind.dtype is None else kind.dtype.names or ()
-    return next((f for f in ("TimeUS", "TimeMS") if f in names), None)
+def read_boots(path: Path) -> list[Dataflash]:
+    """The boots in the file: more than one where logs were joined. Raises LogError where it cannot be read."""
+    data = read_file(path, _HEAD, "ArduPilot dataflash log")
+    boots, skipped, rest = _walk(data)
+    notes = [f"{skipped} bytes that are no message skipped"] if skipped else []
+    notes += [f"last message cut off ({len(data) - rest} bytes)"] if rest < len(data) else []
+    return [Dataflash(path, number, data, found, notes) for number, found in enumerate(boots)]
 
 
-def _stamps(content: NDArray[Any], kind: Kind) -> Array:
-    name = _stamp_field(kind)
-    assert name is not None
-    return np.asarray(content[name], float) / (1e6 if name == "TimeUS" else 1e3)
+def _walk(data: bytes) -> tuple[list[dict[Kind, array[int]]], int, int]:
+    """Of every boot the offsets of its messages; bytes between messages; where a last message begins that is not
+    complete. Messages keep the declaration before them; a log begins where FMT declares itself."""
+    kinds: list[Kind | None] = [None] * 256
+    kinds[_FMT] = fmt = Kind(_FMT, "FMT", _FMT_TYPE.itemsize, _FMT_TYPE, {})
+    boot: dict[Kind, array[int]] = {}
+    boots = [boot]
+    n, i, skipped = len(data), 0, 0
+    while i + 3 <= n:
+        kind = kinds[data[i + 2]] if data[i] == _HEAD[0] and data[i + 1] == _HEAD[1] else None
+        if kind is None:
+            found = _next(data, i + 1, kinds)
+            skipped += found - i
+            i = found
+            continue
+        if i + kind.length > n:
+            break
+        if kind is fmt:
+            new = _declared(data[i : i + kind.length])
+            if new.number == _FMT:
+                boots.append(boot := {})
+            elif new.length > len(_HEAD):
+                kinds[new.number] = new
+        places = boot.get(kind)
+        if places is None:
+            places = boot[kind] = array("q")
+        places.append(i)
+        i += kind.length
+    return [found for found in boots if found], skipped, i
 
 
-def _fields(content: NDArray[Any], kind: Kind) -> dict[str, NDArray[Any]]:
-    """Numbers as they are meant."""
-    names = [n for n in content.dtype.names or () if n != "head" and n not in kind.text]
-    return {
-        name: content[name] / kind.divisors[name] if name in kind.divisors else content[name]
-        for name in names
-        if content.dtype[name].kind != "V"
-    }
+def _next(data: bytes, i: int, kinds: Sequence[Kind | None]) -> int:
+    """Place of the next first bytes of a declared message, or the end."""
+    while (i := data.find(_HEAD, i)) >= 0 and i + 2 < len(data):
+        if kinds[data[i + 2]] is not None:
+            return i
+        i += 1
+    return len(data)
 
 
-def _joined(name: str, parts: list[Messages]) -> Messages:
-    """Messages of one name from several places, or of several declarations: a field that one lacks is NaN."""
-    if len(parts) == 1:
-        return parts[0]
-    fields = dict.fromkeys(f for part in parts for f in part.data)
-    t_s = np.concatenate([part.t_s for part in parts])
-    return Messages(name, t_s, {f: np.concatenate([part.column(f) for part in parts]) for f in fields})
+def _stamps(kind: Kind, content: NDArray[Any]) -> Array:
+    """Times [s] (n,) of a kind that has such."""
+    return np.asarray(content[kind.stamp], float) / (1e6 if kind.stamp == "TimeUS" else 1e3)
 
 
-def _kind_of(content: NDArray[Any], field: str) -> str:
+def _letter(content: NDArray[Any], field: str) -> str:
     """numpy's letter for what a field holds; "" where there is none of that name, as in a damaged declaration."""
     return content.dtype[field].kind if field in (content.dtype.names or ()) else ""
 

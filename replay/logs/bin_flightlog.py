@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,24 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from companion.mavlink.range_beams import orientation_direction
-from companion.mavlink.samples import RangeVerdict, Ring
+from companion.mavlink.samples import RangeVerdict
 from models.errors import LogError
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, LogSummary, Series
-from replay.logs import tlog_blocks
-from replay.logs.bin import EKF, ESCS, IMUS, Dataflash, parts
-from replay.logs.bin_walk import HEAD
-from replay.logs.columns import (
-    Messages,
-    imu_record,
-    message_counts,
-    quaternions,
-    range_beam,
-    runs,
-    time_span,
-    unflipped,
-)
-from replay.logs.files import size_of
-from replay.logs.pieces import Piece
+from replay.logs.bin import EKF, ESCS, IMUS, Dataflash, read_boots
+from replay.logs.columns import Messages, imu_record, quaternions, range_beam, runs, time_span, unflipped
 
 _ARDUPILOT, _QUADROTOR = 3, 2
 """MAV_AUTOPILOT_ARDUPILOTMEGA, MAV_TYPE_QUADROTOR."""
@@ -43,60 +28,41 @@ _RANGE_GOOD = 4
 _RANGE_STATES = {
     0: RangeVerdict.LOW_QUALITY, 1: RangeVerdict.LOW_QUALITY, 2: RangeVerdict.BELOW_MIN, 3: RangeVerdict.ABOVE_MAX
 }  # fmt: skip
-_SECTORS_DEG = tuple(range(0, 360, 45))
-"""Middles of PRX's eight sectors, positive to the right."""
-_HALF_SECTOR_DEG = 22.5
-_LEVEL_LAYER = 2
-"""PRX.Layer of the sectors that look level; old versions have no layers."""
-_PROXIMITY_GOOD = 2
-"""AP_Proximity::Status; with any other the sectors say nothing."""
 _CENTI, _MILLI = 0.01, 0.001
 _CHANNELS, _FIRST_PORT, _UNKNOWN = 16, 0, 255
 
 
 def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
-    """The boots in the file, each as a whole: more than one where logs were joined. ``target_system`` is for links."""
-    return [piece.log for piece in pieces(path, target_system, sys.maxsize)]
-
-
-def pieces(path: Path, target_system: int | None = None, block_bytes: int | None = None) -> Iterator[Piece]:
-    """The boots in the file, a long one in several pieces: memory is that of a block.
-
-    Raises LogError where it cannot be read or holds no flight data.
-    """
-    size = size_of(path, HEAD, "ArduPilot dataflash log")
-    block_bytes = tlog_blocks.BLOCK_BYTES if block_bytes is None else block_bytes
-    told = False
-    unusable: LogError | None = None
-    for part in parts(path, size, block_bytes):
+    """The boots that hold flight data, more than one where logs were joined; LogError without one. ``target_system`` is
+    for links."""
+    logs: list[FlightLog] = []
+    problem = LogError(
+        f"{path}: holds no flight data (no ATT, IMU or XKF1): record with LOG_DISARMED or arm the vehicle"
+    )
+    for data in read_boots(path):
         try:
-            log = flightlog(part.data)
-        except LogError as error:  # a stretch without attitude, IMU and filter
-            unusable = error
-            continue
+            logs.append(flightlog(data))
+        except LogError as error:  # a boot without attitude, IMU and filter
+            problem = error
         except (KeyError, ValueError, TypeError, OverflowError) as error:
-            raise LogError(f"{path}: its messages make no sense ({type(error).__name__}: {error}); damaged?") from None
-        told = True
-        origin = log.start_s if part.start_s == -math.inf else part.origin_s
-        yield Piece(log, part.start_s, part.end_s, origin, part.share_read)
-    if not told:
-        raise unusable or LogError(
-            f"{path}: holds no flight data (no ATT, IMU or XKF1): record with LOG_DISARMED or arm the vehicle"
-        )
+            problem = LogError(f"{path}: its messages make no sense ({type(error).__name__}: {error}); damaged?")
+    if not logs:
+        raise problem
+    return logs
 
 
 def flightlog(data: Dataflash) -> FlightLog:
     """All columns. Raises LogError without attitude, IMU and filter output."""
     spanning = [data.of(kind).t_s for kind in ("ATT", *IMUS, *EKF)]
     start, end = time_span(data.path, spanning, "ATT, IMU or EKF message")
-    imus = _imus(data)
+    imus, texts = _imus(data), list(data.texts())
     ekf_kind = next((kind for kind in EKF if len(data.of(kind))), EKF[-1])
     ekf = _of(data.of(ekf_kind), "C")
     baro, vibration, modes = _of(data.of("BARO"), "I"), _of(data.of("VIBE"), "IMU"), data.of("MODE")
     servo = _servo(data.of("RCOU"))
     return FlightLog(
         path=data.path, system=1, boot=data.boot, start_s=start, end_s=end, autopilot=_ARDUPILOT,
-        vehicle_type=_QUADROTOR if any("QUAD" in text.upper() for _, text in data.texts) else None,
+        vehicle_type=_QUADROTOR if any("QUAD" in text.upper() for _, text in texts) else None,
         attitude=_attitude(data),
         # RATE is in deg/s or cdeg/s, by version; the gyro is in rad/s in all.
         rates=imus[0].gyro if imus else None,
@@ -104,7 +70,6 @@ def flightlog(data: Dataflash) -> FlightLog:
         velocity=ekf.series(ekf.columns("VN", "VE", "VD")),
         imus=imus,
         beams=_beams(data.of("RFND")),
-        rings=tuple(_rings(data)),
         escs=_escs(data),
         servo=servo,
         servo_ports={} if servo is None else {_FIRST_PORT: servo},
@@ -116,19 +81,10 @@ def flightlog(data: Dataflash) -> FlightLog:
         armed=_armed(data, start, end),
         modes=runs(modes.t_s, _whole(modes, "ModeNum" if "ModeNum" in modes else "Mode", 0), end),
         landed=_events(data.of("EV"), {_LANDED: 1, _AIRBORNE: 2}, end),
-        parameters=data.parameters,
-        texts=tuple((t_s, _INFO, text) for t_s, text in data.texts),
-        summary=_summary(data, end - start),
+        parameters=data.parameters(),
+        texts=tuple((t_s, _INFO, text) for t_s, text in texts),
+        summary=LogSummary(len(data.data), sum(map(len, data.places.values())), tuple(data.notes)),
     )  # fmt: skip
-
-
-def _summary(data: Dataflash, span_s: float) -> LogSummary:
-    notes = (
-        *([f"{data.damaged} bytes that are no message skipped"] if data.damaged else []),
-        *([f"last message cut off ({data.cut} bytes)"] if data.cut else []),
-    )
-    counts = message_counts(((1, 1, kind, n) for kind, n in sorted(data.counts.items())), span_s)
-    return LogSummary(data.bytes, sum(data.counts.values()), counts, notes)
 
 
 def _whole(messages: Messages, field: str, missing: int) -> NDArray[np.int64]:
@@ -188,7 +144,9 @@ def _battery(data: Dataflash) -> Series | None:
         return first.series(first.columns("Volt", "Curr"))
     # Old CURR has centivolts and centiamperes as whole numbers, later ones V and A.
     old = data.of("CURR")
-    return old.series(old.columns("Volt", "Curr") * (_CENTI if ("CURR", "Volt") in data.whole else 1.0))
+    return old.series(
+        old.columns("Volt", "Curr") * (_CENTI if "Volt" in old and old["Volt"].dtype.kind in "iu" else 1.0)
+    )
 
 
 def _thrust(tuning: Messages) -> Series | None:
@@ -224,52 +182,6 @@ def _beam(sensor: int, orientation: int, own: Messages, field: str, status: NDAr
     return replace(beam, verdicts=verdicts)
 
 
-def _rings(data: Dataflash) -> Iterator[Ring]:
-    """PRXR (as measured) or PRX (filtered): the nearest return of each of eight sectors, not that of its middle.
-
-    Beside the closest object (PRX.CAn) a plane's nearest point lies at the sector's edge, so there the neighbours are
-    put. The largest distance of the log is ArduPilot's word for nothing in range. PRX_FILT is the cutoff f of a
-    first-order low pass: late by 1 / (2 pi f) on a ramp. Versions without it do not filter.
-    """
-    filtered, raw = _level(data.of("PRX")), _level(data.of("PRXR"))
-    messages = raw if len(raw) else filtered
-    if not len(messages):
-        return
-    cutoff_hz = data.parameters.get("PRX_FILT", 0.0)
-    late_s = 0.0 if messages is raw or cutoff_hz <= 0.0 else 1.0 / (2.0 * math.pi * cutoff_hz)
-    distances = messages.columns(*[f"D{middle}" for middle in _SECTORS_DEG])
-    distances[~(distances > 0.0)] = np.nan
-    if not np.isfinite(distances).any():
-        return
-    distances[distances >= np.nanmax(distances)] = np.inf
-    known = np.isfinite(messages.t_s)
-    closest = filtered.series(filtered.column("CAn"))
-    for t_s, row in zip(messages.t_s[known].tolist(), distances[known].tolist(), strict=True):
-        angle = math.nan if closest is None else float(closest.values[_nearest(closest.t_s, t_s), 0])
-        bearings = tuple(math.radians(_towards(middle, angle)) for middle in _SECTORS_DEG)
-        yield Ring(t_s - late_s, 1, 1, bearings, tuple(row), northward=False)
-
-
-def _level(proximity: Messages) -> Messages:
-    """Messages of the level layer of a sensor that is well."""
-    level = _whole(proximity, "Layer", _LEVEL_LAYER) == _LEVEL_LAYER
-    state = _whole(proximity, "He" if "He" in proximity else "Health", _PROXIMITY_GOOD)
-    return proximity.where(level & (state == _PROXIMITY_GOOD))
-
-
-def _nearest(times: NDArray[np.float64], t_s: float) -> int:
-    """Place of the stamp nearest to ``t_s``."""
-    return int(np.argmin(np.abs(times - t_s)))
-
-
-def _towards(middle_deg: float, closest_deg: float) -> float:
-    """Bearing [deg] at which a sector's return lies: of the sector of the closest object and the two beside it."""
-    aside = math.remainder(closest_deg - middle_deg, 360.0) if math.isfinite(closest_deg) else math.inf
-    if abs(aside) > 3.0 * _HALF_SECTOR_DEG:
-        return middle_deg
-    return middle_deg + max(-_HALF_SECTOR_DEG, min(_HALF_SECTOR_DEG, aside))
-
-
 def _escs(data: Dataflash) -> dict[int, EscRecord]:
     by_esc: dict[int, Messages] = {}
     together = data.of("ESC")
@@ -283,7 +195,7 @@ def _escs(data: Dataflash) -> dict[int, EscRecord]:
             known = rpm >= 0.0
             by_esc[i] = Messages("RPM", sensors.t_s[known], {"RPM": rpm[known]})
     return {
-        esc: EscRecord(*(own.series(own.column(name), "ESC") for name in ("RPM", "Temp", "Volt", "Curr")))
+        esc: EscRecord(*(own.series(own.column(name), "ESC") for name in ("RPM", "Temp")))
         for esc, own in sorted(by_esc.items())
         if np.nan_to_num(own.column("RPM")).any()
     }

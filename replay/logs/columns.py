@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from companion.mavlink.range_beams import range_verdict
 from models.errors import LogError
 from models.frames import GRAVITY, Array, quaternion_of_halves
-from replay.flightlog import Beam, ImuRecord, Interval, MessageCount, Series
+from replay.flightlog import Beam, ImuRecord, Interval, Series
 from replay.logs.tlog import outliers
 
 _NEVER_S = 1e10
@@ -119,12 +119,6 @@ def range_beam(
     return Beam(direction, *sensor, readings.source, readings, verdicts, low, high, sigma_m, step_m)
 
 
-def message_counts(counts: Iterable[tuple[int, int, str, int]], span_s: float) -> tuple[MessageCount, ...]:
-    """Rates from (system, component, name, count) over the log's length."""
-    length_s = max(span_s, 1e-3)  # a log of one message has no length, and no rate
-    return tuple(MessageCount(system, component, name, n, n / length_s) for system, component, name, n in counts)
-
-
 def quaternions(euler: Array) -> Array:
     """Quaternions (n, 4) of roll, pitch, yaw (n, 3) [rad], aerospace 3-2-1; an angle that is no number makes NaN."""
     euler = np.where(np.isfinite(euler), euler, np.nan)
@@ -146,11 +140,17 @@ def tidy(t_s: Array, values: Array, source: str) -> Series | None:
     """A Series sorted by time, repeats of a stamp and samples without a number dropped; None where nothing is left."""
     values = values[:, None] if values.ndim == 1 else values
     keep = np.isfinite(t_s) & ~np.isnan(values).all(axis=1)
-    t_s, values = t_s[keep], values[keep]
+    if not keep.all():  # else no copy: columns of one message share their times
+        t_s, values = t_s[keep], values[keep]
     if t_s.size > 1 and not (np.diff(t_s) > 0.0).all():
         t_s, first = np.unique(t_s, return_index=True)
         values = values[first]
     return Series(t_s, values, source) if t_s.size else None
+
+
+def first_of(found: Iterable[Series | None]) -> Series | None:
+    """The first that holds a sample."""
+    return next((series for series in found if series is not None), None)
 
 
 def believable(t_s: Array) -> Array:

@@ -1,19 +1,17 @@
 """Log formats by suffix, or by content where the suffix says nothing.
 
-A new one is a line here and a module that is a ``Reader``.
+A new one is a line here and a module with a function ``read(path, target_system) -> list[FlightLog]``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from companion.mavlink.frames import Counts, walk
 from models.errors import LogError
 from replay.flightlog import FlightLog
-from replay.logs.pieces import Piece
 
 READERS = {".tlog": "replay.logs.tlog_flightlog", ".bin": "replay.logs.bin_flightlog", ".ulg": "replay.logs.ulg"}
 """Suffix (lower case) to the module that reads it; imported when needed."""
@@ -25,18 +23,6 @@ _STAMP_BYTES = 8
 _HEAD_BYTES, _FRAMES = 4096, 3
 """So many frames with a right checksum in the first bytes are no accident."""
 _PACKED = (".gz", ".xz", ".bz2", ".zst", ".zip", ".7z")
-
-
-class Reader(Protocol):
-    """A module that reads one format."""
-
-    def read(self, path: Path, target_system: int | None = None) -> list[FlightLog]:
-        """Every boot as a whole."""
-        ...
-
-    def pieces(self, path: Path, target_system: int | None = None) -> Iterator[Piece]:
-        """Every boot in pieces, for logs of any length within a fixed memory."""
-        ...
 
 
 def suffix_of(path: Path) -> str:
@@ -66,20 +52,12 @@ def _by_content(path: Path) -> str | None:
 
 
 def load(path: Path | str, target_system: int | None = None) -> list[FlightLog]:
-    """Every boot in the log, in order, each as a whole. Raises LogError in one line where it cannot be read."""
-    return _reader(Path(path)).read(Path(path), target_system)
-
-
-def read_pieces(path: Path, target_system: int | None = None) -> Iterator[Piece]:
-    """Every boot in the log, in order, a long one in several pieces; raises as ``load``."""
-    return _reader(path).pieces(path, target_system)
-
-
-def _reader(path: Path) -> Reader:
+    """Every boot in the log, in order. Raises LogError in one line where it cannot be read."""
+    path = Path(path)
     if path.is_dir():
         raise LogError(f"{path}: is a directory: name the logs in it; replay run, diagnose and info take directories")
     if not path.exists():
         raise LogError(f"{path}: cannot be read (No such file or directory)")
     reader: Any = import_module(READERS[suffix_of(path)])
-    checked: Reader = reader
-    return checked
+    logs: list[FlightLog] = reader.read(path, target_system)
+    return logs

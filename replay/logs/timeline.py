@@ -6,7 +6,8 @@ sides. Stamped autopilot messages have the same times in both. Reboots split the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import itertools
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
@@ -32,14 +33,10 @@ _WRAP_MS = 2**32
 
 
 class Envelope:
-    """The smallest (arrival - stamp) around each moment: what separates two clocks, latency taken out.
+    """The smallest (arrival - stamp) around each moment: what separates two clocks, latency taken out."""
 
-    ``origin_us``: stamp at which a window begins; None: the earliest. Stretches of one log that overlap by some windows
-    of one origin give the same offsets there.
-    """
-
-    def __init__(self, arrival_us: Micros, stamp_us: Micros, origin_us: int | None = None) -> None:
-        origin = int(stamp_us.min()) if origin_us is None else origin_us
+    def __init__(self, arrival_us: Micros, stamp_us: Micros) -> None:
+        origin = int(stamp_us.min())
         window = (stamp_us - origin) // _WINDOW_US
         order = np.argsort(window, kind="stable")
         windows, first = np.unique(window[order], return_index=True)
@@ -61,23 +58,19 @@ class Envelope:
         return out
 
 
-@dataclass(frozen=True)
-class Stamps:
-    """Boot stamps of the autopilot in file order, damaged ones out: places (n,) of their frames, milliseconds (n,)."""
-
-    place: Micros
-    ms: Micros
-
-    def starts(self) -> Micros:
-        """Places of the frames at which each boot after the first begins."""
-        return self.place[1:][np.diff(self.ms) < -_BACK_MS]
+def boots(log: Tlog, system: int) -> Iterator[tuple[Tlog, BootAxis]]:
+    """The frames of each boot of a vehicle, and their time axis. Raises LogError where there is no stamp to believe."""
+    place, stamp_ms = _main_stamps(log, system)
+    starts = place[1:][np.diff(stamp_ms) < -_BACK_MS]
+    for first, end in itertools.pairwise([0, *starts.tolist(), len(log)]):
+        i, j = np.searchsorted(place, (first, end))
+        part = log.part(first, end)
+        yield part, BootAxis(part, system, Envelope(part.arrival_us[place[i:j] - first], stamp_ms[i:j] * 1000))
 
 
-def main_stamps(log: Tlog, system: int, before: tuple[int, int] | None = None) -> Stamps:
-    """The stamps of one vehicle, the wraps of 32 bits undone. Raises LogError where there is none to believe.
-
-    ``before``: arrival [us] and unwrapped stamp [ms] of an earlier one, where ``log`` is not the begin of its file.
-    """
+def _main_stamps(log: Tlog, system: int) -> tuple[Micros, Micros]:
+    """Boot stamps of the autopilot in file order, damaged ones out and the wraps of 32 bits undone: places (n,) of
+    their frames, milliseconds (n,)."""
     places, stamps = [], []
     for layout in LAYOUTS.values():
         if layout.stamp is not Stamp.BOOT_MS:
@@ -97,38 +90,28 @@ def main_stamps(log: Tlog, system: int, before: tuple[int, int] | None = None) -
     place, stamp = place[good], stamp[good]
     if not place.size:
         raise LogError(f"{log.path}: no believable boot time in the autopilot's messages: no time axis")
-    arrival = log.arrival_us[place]
-    known = (int(arrival[0]), int(stamp[0])) if before is None else before
     # A step back that the receiver's clock saw as a small step forward is the wrap of 32 bits, not a reboot.
-    elapsed = np.diff(arrival, prepend=known[0]) // 1000 + _AGREE_US // 1000
-    steps = np.diff(stamp, prepend=known[1] % _WRAP_MS)
+    elapsed = np.diff(log.arrival_us[place]) // 1000 + _AGREE_US // 1000
+    steps = np.diff(stamp)
     wraps = (steps < 0) & (steps + _WRAP_MS <= elapsed)
-    stamp += (known[1] // _WRAP_MS + np.cumsum(wraps)) * _WRAP_MS
-    return Stamps(place, stamp)
+    stamp[1:] += np.cumsum(wraps) * _WRAP_MS
+    return place, stamp
 
 
 class BootAxis:
-    """Boot times of the messages of one vehicle in a stretch of a log that holds one boot."""
+    """Boot times of the messages of one vehicle in the frames of one boot."""
 
-    def __init__(self, log: Tlog, system: int, stamps: Stamps, origin_us: int | None = None) -> None:
-        self._log = log
-        self._system = system
-        self.origin_us = int(stamps.ms.min()) * 1000 if origin_us is None else origin_us
-        self._envelope = Envelope(log.arrival_us[stamps.place], stamps.ms * 1000, self.origin_us)
+    def __init__(self, log: Tlog, system: int, envelope: Envelope) -> None:
+        self._log, self._system, self._envelope = log, system, envelope
         self.stamps_repaired = 0
-
-    def by_arrival(self, index: NDArray[np.int64]) -> Micros:
-        """Boot times [us] (n,) at which frames would have arrived without delay."""
-        arrival = self._log.arrival_us[index]
-        out: Micros = np.maximum(arrival - self._envelope.offset_us(arrival), 0)
-        return out
 
     def times(self, layout: Layout, index: NDArray[np.int64], stamps: NDArray[np.uint64] | None) -> NDArray[np.float64]:
         """Boot times [s] of messages of one layout, shape (n,). ``stamps``: the time field as on the wire."""
-        by_arrival = self.by_arrival(index)
+        arrival = self._log.arrival_us[index]
+        offset = self._envelope.offset_us(arrival)
+        by_arrival = np.maximum(arrival - offset, 0)  # as if it had arrived without delay
         if layout.stamp is None or stamps is None:
-            seconds: NDArray[np.float64] = by_arrival / 1e6
-            return seconds
+            return np.asarray(by_arrival / 1e6)
         stamp = np.minimum(stamps, np.uint64(2**62)).astype(np.int64)
         if layout.stamp is Stamp.BOOT_MS:
             stamp *= 1000
@@ -139,14 +122,11 @@ class BootAxis:
         ours = (component == AUTOPILOT) & (self._log.system[index] == self._system)
         direct = ours & (np.abs(stamp - by_arrival) <= _AGREE_US) & (stamp > 0)
         out = np.where(direct, stamp, by_arrival)
-        arrival = self._log.arrival_us[index]
         for key in np.unique(component[~direct]):
             rows = np.flatnonzero(~direct & (component == key) & (stamp > 0))
             if not rows.size or (key == AUTOPILOT and not (stamp[rows] > _UNIX_US).all()):
                 self.stamps_repaired += int(rows.size)
                 continue
             foreign = Envelope(arrival[rows], stamp[rows]).offset_us(arrival[rows])
-            offset = self._envelope.offset_us(arrival[rows])
-            out[rows] = np.maximum(stamp[rows] + foreign - offset, 0)
-        result: NDArray[np.float64] = out / 1e6
-        return result
+            out[rows] = np.maximum(stamp[rows] + foreign - offset[rows], 0)
+        return np.asarray(out / 1e6)

@@ -6,10 +6,9 @@ repaired from their neighbours. What was dropped or repaired is counted (``Repor
 
 from __future__ import annotations
 
-from array import array
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -17,46 +16,36 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from companion.mavlink.dialect import MESSAGES
-from companion.mavlink.frames import V2, Counts, frame_bytes
+from companion.mavlink.frames import V2, Counts, frame_bytes, walk
 from companion.mavlink.wire_layout import wire_format
 from models.errors import LogError
+from replay.logs.files import read_file
 
 AUTOPILOT, GROUND_STATION = 1, 190
 """MAV_COMP_ID_AUTOPILOT1, MAV_COMP_ID_MISSIONPLANNER."""
-STAMP = 8
+_STAMP = 8
 """Bytes of the receiver's stamp before every frame."""
 _STAMP_TOLERANCE_US = 500_000
 """Links seldom hold messages back for half a second; a damaged stamp is off by far more."""
 _LONGEST_PAUSE_US = 3_600_000_000
-
-_AT_ONCE = 10_000
-"""Numbers made Python objects at a time: each is then 32 bytes."""
 _NO_STAMP = np.uint64(2**62)
 """Larger numbers are no time in microseconds (146 000 years), and would overflow signed 64 bits."""
 
 
 @dataclass(frozen=True)
 class Report:
-    """What a file held and what had to be dropped or repaired."""
+    """What had to be dropped or repaired."""
 
-    bytes: int
-    frames: int
-    bad_crc: int = 0
+    bad_crc: int
     """Frames dropped because their checksum is wrong, or because their message is of another dialect."""
-    unknown: int = 0
+    unknown: int
     """Frames of messages that the dialect does not know: kept where the next frame follows properly."""
-    skipped_bytes: int = 0
-    truncated_bytes: int = 0
+    skipped_bytes: int
+    truncated_bytes: int
     """Length of an incomplete last frame."""
-    stamps_repaired: int = 0
-    clock_steps: int = 0
+    stamps_repaired: int
+    clock_steps: int
     """Backward steps of the receiver's clock that lasted."""
-
-    @classmethod
-    def of(cls, counts: Counts, bytes_: int, truncated: int) -> Report:
-        """What a walk counted."""
-        return cls(bytes_, 0, counts.bad_crc, counts.unknown, counts.skipped_bytes, truncated)
 
     def notes(self) -> list[str]:
         """What a reader should know, in words."""
@@ -95,18 +84,10 @@ class Tlog:
         arrays = (self.start[own], self.arrival_us[own], self.message_id[own], self.system[own], self.component[own])
         return Tlog(self.path, self.data, *arrays, self.report)
 
-    def frame(self, index: int) -> bytes:
-        """The bytes of one frame, signature included."""
-        i = int(self.start[index])
-        return self.data[i : i + frame_bytes(self.data, i)]
-
     def frames(self) -> Iterator[tuple[int, bytes]]:
         """(arrival stamp [us], frame) in file order."""
-        data = self.data
-        for k in range(0, len(self), _AT_ONCE):
-            few = slice(k, k + _AT_ONCE)
-            for arrival, i in zip(self.arrival_us[few].tolist(), self.start[few].tolist(), strict=True):
-                yield arrival, data[i : i + frame_bytes(data, i)]
+        for arrival, i in zip(self.arrival_us, self.start, strict=True):
+            yield int(arrival), self.data[i : i + frame_bytes(self.data, i)]
 
     def indices(self, message_id: int, system: int | None = None) -> NDArray[np.int64]:
         """Places of the frames of one message, of one system if given."""
@@ -133,37 +114,27 @@ class Tlog:
         """How many frames of each (system, component, message id), by message id."""
         key = self.message_id.astype(np.int64) << 16 | self.system.astype(np.int64) << 8 | self.component
         values, count = np.unique(key, return_counts=True)
-        return Counter(
-            {(int(v) >> 8 & 255, int(v) & 255, int(v) >> 16): int(c) for v, c in zip(values, count, strict=True)}
-        )
+        senders = zip((values >> 8 & 255).tolist(), (values & 255).tolist(), (values >> 16).tolist(), strict=True)
+        return Counter(dict(zip(senders, count.tolist(), strict=True)))
 
 
-def message_name(message_id: int) -> str:
-    """Name of a message, ``UNKNOWN_n`` where the dialect has none."""
-    return str(MESSAGES[message_id].msgname) if message_id in MESSAGES else f"UNKNOWN_{message_id}"
-
-
-def no_frame(path: Path) -> LogError:
-    """A file without a single frame."""
-    return LogError(f"{path}: holds no MAVLink frame: not a .tlog, or damaged throughout")
-
-
-def tlog_of(path: Path, data: bytes, starts: array[int], report: Report) -> Tlog:
-    """The frames of a walked file; ``starts`` are the offsets of their stamps, one at least.
-
-    Counts of ``report`` that are of stamps are found here.
-    """
-    start = np.frombuffer(starts, np.int64)
-    bytes_ = np.frombuffer(data, np.uint8)
-    stamps = sliding_window_view(bytes_, STAMP)[start].copy().view(">u8").reshape(-1)
+def read_tlog(path: Path) -> Tlog:
+    """Every frame of a file. Raises LogError where it cannot be read, is empty, or holds no MAVLink frame."""
+    data = read_file(path)
+    counts = Counts()
+    starts, rest = walk(data, counts, _STAMP)
+    if not starts:
+        raise LogError(f"{path}: holds no MAVLink frame: not a .tlog, or damaged throughout")
+    start, bytes_ = np.frombuffer(starts, np.int64), np.frombuffer(data, np.uint8)
+    stamps = sliding_window_view(bytes_, _STAMP)[start].copy().view(">u8").reshape(-1)
     arrival, repaired, steps = repair_stamps(stamps.astype(np.uint64))
-    magic = start + STAMP
+    magic = start + _STAMP
     v2 = bytes_[magic] == V2
     source = magic + np.where(v2, 5, 3)
     ids = bytes_[source + 2].astype(np.int32)
     wide = np.flatnonzero(v2)
     ids[wide] |= bytes_[source[wide] + 3].astype(np.int32) << 8 | bytes_[source[wide] + 4].astype(np.int32) << 16
-    report = replace(report, frames=len(start), stamps_repaired=repaired, clock_steps=steps)
+    report = Report(counts.bad_crc, counts.unknown, counts.skipped_bytes, len(data) - rest, repaired, steps)
     return Tlog(path, data, magic, arrival, ids, bytes_[source], bytes_[source + 1], report)
 
 

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-import sys
-from collections import Counter
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,24 +16,12 @@ from companion.mavlink.range_beams import beam_direction
 from companion.mavlink.sample_builders import obstacle_distance
 from companion.mavlink.samples import Ring
 from companion.mavlink.wire_layout import PER_SI
-from models.errors import LogError
 from models.frames import Array
-from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, LogSummary, Series
-from replay.logs.columns import (
-    Messages,
-    imu_record,
-    message_counts,
-    quaternions,
-    range_beam,
-    runs,
-    tidy,
-    unflipped,
-)
-from replay.logs.pieces import Piece
-from replay.logs.timeline import BootAxis, Stamps, main_stamps
-from replay.logs.tlog import AUTOPILOT, Tlog, message_name
-from replay.logs.tlog_blocks import Block, TlogFile
-from replay.logs.tlog_vehicle import Choice
+from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series
+from replay.logs.columns import Messages, first_of, imu_record, quaternions, range_beam, runs, tidy, unflipped
+from replay.logs.timeline import BootAxis, boots
+from replay.logs.tlog import AUTOPILOT, Tlog, read_tlog
+from replay.logs.tlog_vehicle import Choice, choose, parameters
 
 _IDS = {layout.name: layout.id for layout in LAYOUTS.values()}
 _WIRE_STEP = 1.0 / PER_SI["mG"]
@@ -45,100 +30,26 @@ _WIRE_STEP_M = 1.0 / PER_SI["cm"]
 _STAMPED = ("ATTITUDE", "ATTITUDE_QUATERNION", "LOCAL_POSITION_NED", "SCALED_IMU", "SCALED_PRESSURE", "SCALED_IMU2")
 """Messages on the boot clock that show how long the vehicle was there."""
 _DOWN, _DOWNWARD = (0.0, 0.0, 1.0), 25
-_OF_ESC = ("rpm", "temperature", "voltage", "current")
+_OF_ESC = ("rpm", "temperature")
 """Quantities of an ``EscRecord``, in its order."""
 _LEAST_MOVING = 0.02
 """Share of ESC samples whose packet count moves, below which a count is not kept at all."""
 
 
 def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
-    """Every boot of the chosen vehicle, in order, each as a whole: memory grows with the file."""
-    return [piece.log for piece in pieces(path, target_system, sys.maxsize)]
-
-
-def pieces(path: Path, target_system: int | None = None, block_bytes: int | None = None) -> Iterator[Piece]:
-    """Every boot of the chosen vehicle in order, a long one in several pieces: memory is that of a block.
-
-    Raises LogError as ``TlogFile``, without a vehicle, and without boot times.
-    """
-    file = TlogFile(path, block_bytes)
-    choice = file.census.choose(path, target_system)
-    parameters = file.census.parameters(choice.system)
-    carried = _Carried()
-    unusable: LogError | None = None
-    for block in file.blocks():
-        try:
-            stamps = main_stamps(block.log, choice.system, carried.stamp)
-        except LogError as error:  # a stretch without the vehicle
-            unusable = error
-            continue
-        bounds = [0, *stamps.starts().tolist(), len(block.log)]
-        for first, end in itertools.pairwise(bounds):
-            if end > block.first and first < block.end:
-                new = carried.boot < 0 or (first > 0 and first >= block.first)
-                yield _piece(block, (first, end), choice, stamps, parameters, carried, new=new)
-        carried.stamp = _last_stamp(block, stamps)
-    if carried.boot < 0:
-        assert unusable is not None
-        raise unusable
-
-
-@dataclass
-class _Carried:
-    """What one block tells the next."""
-
-    boot: int = -1
-    origin_s: float = -math.inf
-    """First boot time of this boot."""
-    until_s: float = -math.inf
-    """Boot time up to which it was read."""
-    windows_us: int | None = None
-    """Where the windows begin in which the delays of the link are looked for."""
-    stamp: tuple[int, int] | None = None
-    """Arrival [us] and boot stamp [ms] before the next block's first frames."""
-
-
-def _last_stamp(block: Block, stamps: Stamps) -> tuple[int, int] | None:
-    """The last stamp of a block that the next block does not see, if there is one."""
-    # The next block begins a margin before this one's end; half of this one is before that.
-    k = int(np.searchsorted(stamps.place, (block.first + block.end) // 2)) - 1
-    return None if k < 0 else (int(block.log.arrival_us[stamps.place[k]]), int(stamps.ms[k]))
-
-
-def _piece(
-    block: Block,
-    bounds: tuple[int, int],
-    choice: Choice,
-    stamps: Stamps,
-    parameters: dict[str, float],
-    carried: _Carried,
-    *,
-    new: bool,
-) -> Piece:
-    """The part of a block that is of one boot, frames ``bounds``; ``new``: the boot begins in it."""
-    first, end = bounds
-    log = block.log.part(first, end)
-    i, j = np.searchsorted(stamps.place, bounds).tolist()
-    if new:
-        carried.boot, carried.until_s, carried.windows_us = carried.boot + 1, -math.inf, None
-    axis = BootAxis(log, choice.system, Stamps(stamps.place[i:j] - first, stamps.ms[i:j]), carried.windows_us)
-    carried.windows_us = axis.origin_us
-    start_s, end_s = carried.until_s, math.inf
-    if not block.is_last and end > block.end:
-        carried.until_s = end_s = float(axis.by_arrival(np.array([block.end - first]))[0]) / 1e6
-    own = log.part(max(block.first - first, 0), min(block.end, end) - first)
-    boot = _Boot(log, choice, axis, carried.boot, parameters).flightlog(own.counts())
-    if new:
-        carried.origin_s = boot.start_s
-    return Piece(boot, start_s, end_s, carried.origin_s, block.share_read)
+    """Every boot of the chosen vehicle, in order. Raises LogError as ``read_tlog``, without a vehicle, and without boot
+    times."""
+    log = read_tlog(path)
+    choice = choose(log, target_system)
+    known = parameters(log, choice.system)
+    return [_Boot(part, choice, axis).flightlog(k, known) for k, (part, axis) in enumerate(boots(log, choice.system))]
 
 
 class _Boot:
     """Builds one FlightLog."""
 
-    def __init__(self, log: Tlog, choice: Choice, axis: BootAxis, boot: int, parameters: dict[str, float]) -> None:
-        self._log, self._choice, self._axis, self._number = log, choice, axis, boot
-        self._parameters = parameters
+    def __init__(self, log: Tlog, choice: Choice, axis: BootAxis) -> None:
+        self._log, self._choice, self._axis = log, choice, axis
         self._notes = [*log.report.notes(), *choice.notes()]
 
     def _table(self, name: str, *, foreign: bool = False) -> Messages:
@@ -154,8 +65,8 @@ class _Boot:
         table = self._table(name)
         return table.where(table["component"] == AUTOPILOT)
 
-    def flightlog(self, counts: Counter[tuple[int, int, int]]) -> FlightLog:
-        """All columns; ``counts`` of the messages, for the summary."""
+    def flightlog(self, boot: int, known: dict[str, float]) -> FlightLog:
+        """All columns; ``known``: the vehicle's parameters."""
         beats = self._autopilot("HEARTBEAT")
         attitude, rates = self._attitude()
         position = self._autopilot("LOCAL_POSITION_NED")
@@ -163,15 +74,15 @@ class _Boot:
         command = self._table("SET_ATTITUDE_TARGET", foreign=True)
         command = command.where(np.isin(command["target_system"], (0, self._choice.system)))
         vibration = self._autopilot("VIBRATION")
+        landed = self._autopilot("EXTENDED_SYS_STATE")
+        landed = landed.where(landed["landed_state"] > 0)
         servos = self._servos()
         start, end = self._span()
-        self._repairs()
+        if self._axis.stamps_repaired:
+            self._notes.append(f"{self._axis.stamps_repaired} impossible boot stamps replaced by arrival times")
+        armed = runs(beats.t_s, beats["base_mode"].astype(np.int64) >> 7 & 1, end)
         return FlightLog(
-            path=self._log.path,
-            system=self._choice.system,
-            boot=self._number,
-            start_s=start,
-            end_s=end,
+            path=self._log.path, system=self._choice.system, boot=boot, start_s=start, end_s=end,
             vehicle_type=int(beats["type"][-1]) if len(beats) else None,
             autopilot=int(beats["autopilot"][-1]) if len(beats) else None,
             attitude=attitude,
@@ -191,25 +102,19 @@ class _Boot:
             commands=command.series(np.hstack([unflipped(command["q"]), command["thrust"]])),
             wind=self._wind(),
             vibration=vibration.series(vibration["level"]),
-            armed=self._armed(beats, end),
+            armed=tuple(i for i in armed if i.value),
             modes=runs(beats.t_s, beats["custom_mode"], end),
-            landed=self._landed(end),
-            parameters=self._parameters,
+            landed=runs(landed.t_s, landed["landed_state"], end),
+            parameters=known,
             texts=self._texts(),
-            summary=self._summary(counts, end - start),
-        )
+            summary=LogSummary(len(self._log.data), len(self._log), tuple(self._notes)),
+        )  # fmt: skip
 
     def _span(self) -> tuple[float, float]:
         """First and last boot time of the vehicle's stamped messages."""
-        low, high = math.inf, -math.inf
-        for name in _STAMPED:
-            t = self._autopilot(name).t_s
-            if t.size:
-                low, high = min(low, float(t.min())), max(high, float(t.max()))
-        if high < low:
-            t = self._table("DISTANCE_SENSOR").t_s
-            low, high = (float(t.min()), float(t.max())) if t.size else (0.0, 0.0)
-        return low, high
+        stamped = np.concatenate([self._autopilot(name).t_s for name in _STAMPED])
+        times = stamped if stamped.size else self._table("DISTANCE_SENSOR").t_s
+        return (float(times.min()), float(times.max())) if times.size else (0.0, 0.0)
 
     def _attitude(self) -> tuple[Series | None, Series | None]:
         euler, direct = self._autopilot("ATTITUDE"), self._autopilot("ATTITUDE_QUATERNION")
@@ -298,13 +203,13 @@ class _Boot:
             table = self._table(f"ESC_TELEMETRY_{first}_TO_{first + 3}")
             for slot in range(4):
                 add(first + slot, table, slot, _OF_ESC, _fresh(table["count"][:, slot], table["rpm"][:, slot]))
-        for kind, names in (("ESC_STATUS", ("rpm", "voltage", "current")), ("ESC_INFO", ("temperature",))):
+        for kind, name in (("ESC_STATUS", "rpm"), ("ESC_INFO", "temperature")):
             table = self._table(kind)
             for first, slot in itertools.product(np.unique(table["index"]).tolist(), range(4)):
                 own = table["index"] == first
-                known = table[names[0]][own, slot]
+                known = table[name][own, slot]
                 if (np.isfinite(known) if kind == "ESC_INFO" else np.nan_to_num(known)).any():
-                    add(int(first) + slot + 1, table, slot, names, own)
+                    add(int(first) + slot + 1, table, slot, (name,), own)
         if not any(name == "rpm" for _, name in found):
             # RAW_RPM and RPM: rotor sensors by number, where no ESC reports a speed.
             table = self._table("RAW_RPM")
@@ -315,8 +220,7 @@ class _Boot:
                 rows = pair["rpm"][:, slot] >= 0.0
                 if pair["rpm"][rows, slot].any() and (slot + 1, "rpm") not in found:
                     add(slot + 1, pair, slot, ("rpm",), rows)
-        # A speed controller may report its temperature and no speed.
-        numbers = sorted({esc for esc, name in found if name in ("rpm", "temperature")})
+        numbers = sorted({esc for esc, _ in found})  # one may report its temperature and no speed
         return {esc: EscRecord(*(_joined(found.get((esc, name), [])) for name in _OF_ESC)) for esc in numbers}
 
     def _servos(self) -> dict[int, Series]:
@@ -328,42 +232,22 @@ class _Boot:
     def _battery(self) -> Series | None:
         table = self._autopilot("BATTERY_STATUS")
         table = table.where(table["id"] == 0)
-        cells = np.hstack([table["cells"], table["more_cells"]])
-        voltage = np.nansum(cells, axis=1)
-        voltage[~(voltage > 0.0)] = np.nan
-        series = table.series(np.stack([voltage, table["current"][:, 0]], axis=-1))
-        if series is not None:
-            return series
+        cells = np.nansum(np.hstack([table["cells"], table["more_cells"]]), axis=1, keepdims=True)
         status = self._autopilot("SYS_STATUS")
-        voltage = np.where(status["voltage"] > 0.0, status["voltage"], np.nan)
-        return status.series(np.hstack([voltage, status["current"]]))
+        return first_of(
+            one.series(np.hstack([np.where(voltage > 0.0, voltage, np.nan), one["current"][:, :1]]))
+            for one, voltage in ((table, cells), (status, status["voltage"]))
+        )
 
     def _pressure(self) -> Series | None:
-        for name in ("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3"):
-            table = self._autopilot(name)
-            series = table.series(np.hstack([table["pressure"], table["temperature"]]))
-            if series is not None:
-                return series
-        return None
+        tables = map(self._autopilot, ("SCALED_PRESSURE", "SCALED_PRESSURE2", "SCALED_PRESSURE3"))
+        return first_of(table.series(np.hstack([table["pressure"], table["temperature"]])) for table in tables)
 
     def _wind(self) -> Series | None:
-        estimate = self._autopilot("WIND_COV")
-        series = estimate.series(estimate["wind"])
-        if series is not None:
-            return series
-        table = self._autopilot("WIND")
+        estimate, table = self._autopilot("WIND_COV"), self._autopilot("WIND")
         speed, direction = table["speed"], table["direction"][:, 0]
         to = np.stack([-speed[:, 0] * np.cos(direction), -speed[:, 0] * np.sin(direction), speed[:, 1]], axis=-1)
-        return table.series(to)
-
-    def _armed(self, beats: Messages, end: float) -> tuple[Interval, ...]:
-        armed = beats["base_mode"].astype(np.int64) >> 7 & 1
-        return tuple(i for i in runs(beats.t_s, armed, end) if i.value)
-
-    def _landed(self, end: float) -> tuple[Interval, ...]:
-        table = self._autopilot("EXTENDED_SYS_STATE")
-        table = table.where(table["landed_state"] > 0)
-        return runs(table.t_s, table["landed_state"], end)
+        return first_of((estimate.series(estimate["wind"]), table.series(to)))
 
     def _texts(self) -> tuple[tuple[float, int, str], ...]:
         table = self._autopilot("STATUSTEXT")
@@ -371,15 +255,6 @@ class _Boot:
             (float(t), int(severity), bytes(text).split(b"\0")[0].decode("utf-8", "replace"))
             for t, severity, text in zip(table.t_s, table["severity"], table["text"], strict=True)
         )
-
-    def _repairs(self) -> None:
-        if self._axis.stamps_repaired:
-            self._notes.append(f"{self._axis.stamps_repaired} impossible boot stamps replaced by arrival times")
-
-    def _summary(self, counts: Counter[tuple[int, int, int]], span_s: float) -> LogSummary:
-        named = ((system, component, message_name(number), n) for (system, component, number), n in counts.items())
-        messages = message_counts(named, span_s)
-        return LogSummary(self._log.report.bytes, counts.total(), messages, tuple(self._notes))
 
 
 def _median(values: Array) -> float:

@@ -6,7 +6,7 @@ import contextlib
 import io
 import itertools
 import math
-import mmap
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -19,20 +19,9 @@ from companion.mavlink.range_beams import beam_direction
 from companion.mavlink.sample_builders import obstacle_distance
 from companion.mavlink.samples import Ring
 from models.errors import LogError
-from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, LogSummary, Series
-from replay.logs.columns import (
-    Messages,
-    believable,
-    imu_record,
-    message_counts,
-    range_beam,
-    runs,
-    time_span,
-    unflipped,
-)
-from replay.logs.files import size_of
-from replay.logs.memory import free_bytes
-from replay.logs.pieces import Piece, cut_out
+from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, LogSummary, Series
+from replay.logs.columns import Messages, believable, imu_record, range_beam, runs, time_span, unflipped
+from replay.logs.files import read_file
 
 _HEAD = b"ULog\x01\x12\x35"
 _PX4 = 12
@@ -53,10 +42,6 @@ _DIRECTIONS, _UNKNOWN_CM, _CENTI, _BODY_FRD = 72, 65535, 0.01, 12
 """Of obstacle_distance: fields, what stands for not known, cm, and MAV_FRAME_BODY_FRD, its frame by default."""
 _ROUNDS, _SPARE = 16, 1 << 28
 """A sound log is read twice at most, a damaged one again from every byte of the damage [bytes]."""
-_MEMORY, _MEMORY_JOINED = 3.0, 5.0
-"""Bytes that reading takes, for each one of the file; measured: 2.6 to 2.9 above 1 MB."""
-PIECE_S, MARGIN_S = 2100.0, 60.0
-"""Length of the stretches that a long flight is worked through in, and what they hold of their neighbours."""
 _TOPICS = [
     "vehicle_attitude", "vehicle_angular_velocity", "sensor_combined", "vehicle_local_position", "distance_sensor",
     "esc_status", "actuator_outputs", "battery_status", "vehicle_air_data", "vehicle_status", "vehicle_land_detected",
@@ -66,17 +51,13 @@ _TOPICS = [
 
 def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
     """The boots in the file, more than one where logs were joined. ``target_system`` is for links."""
-    size = size_of(path, _HEAD[:4], "PX4 log")
-    begins = _begins(path)
-    _check_memory(path, size * (_MEMORY if len(begins) == 1 else _MEMORY_JOINED))
-    if len(begins) == 1:
-        return [_boot(path, str(path), size)]
-    data = path.read_bytes()
+    data = read_file(path, _HEAD[:4], "PX4 log")
+    begins = [0, *(match.start() for match in re.finditer(re.escape(_HEAD), data) if match.start())]
     logs: list[FlightLog] = []
     problems: list[LogError] = []
-    for start, end in itertools.pairwise([*begins, size]):
+    for start, end in itertools.pairwise([*begins, len(data)]):
         try:
-            logs.append(replace(_boot(path, io.BytesIO(data[start:end]), size), boot=len(logs)))
+            logs.append(replace(_boot(path, data[start:end], len(data)), boot=len(logs)))
         except LogError as error:
             problems.append(error)
     if not logs:
@@ -84,67 +65,30 @@ def read(path: Path, target_system: int | None = None) -> list[FlightLog]:
     return logs
 
 
-def pieces(path: Path, target_system: int | None = None) -> Iterator[Piece]:
-    """The boots in the file, a long one in several pieces, so that work on them takes the memory of a piece.
+class _Bounded(io.BytesIO):
+    """A log of which so much may be read; then EOFError. A damaged length leads pyulog back and forth for ever."""
 
-    The columns themselves are all in memory: pyulog reads a file as a whole.
-    """
-    for log in read(path, target_system):
-        count = max(math.ceil(log.duration_s / PIECE_S), 1)
-        bounds = [-math.inf, *(log.start_s + log.duration_s * k / count for k in range(1, count)), math.inf]
-        for k, (start_s, end_s) in enumerate(itertools.pairwise(bounds), 1):
-            part = log if count == 1 else cut_out(log, start_s - MARGIN_S, end_s + MARGIN_S)
-            yield Piece(part, start_s, end_s, log.start_s, k / count)
-
-
-def _check_memory(path: Path, needed: float) -> None:
-    free = free_bytes()
-    if needed > free:
-        raise LogError(
-            f"{path}: needs some {needed / 1e6:.0f} MB of memory to be read, and {free / 1e6:.0f} MB are free: close "
-            "other programs, or use a machine with more"
-        )
-
-
-def _begins(path: Path) -> list[int]:
-    """Where logs begin in a file: at 0, and further on where logs were joined."""
-    out = [0]
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        while (at := data.find(_HEAD, out[-1] + 1)) > 0:
-            out.append(at)
-    return out
-
-
-class _Bounded(io.BufferedReader):
-    """A file of which so much may be read; then EOFError. A damaged length leads pyulog back and forth for ever."""
-
-    left: int
+    def __init__(self, data: bytes) -> None:
+        super().__init__(data)
+        self._left = _ROUNDS * len(data) + _SPARE
 
     def read(self, size: int | None = -1, /) -> bytes:
         """The next bytes, counted."""
         data = super().read(size)
-        self.left -= len(data)
-        if self.left < 0:
+        self._left -= len(data)
+        if self._left < 0:
             raise EOFError("a damaged length leads in circles")
         return data
 
 
-def _bounded(source: str | io.BytesIO, size: int) -> _Bounded:
-    """A source that is given up after ``_ROUNDS`` times its own size, and ``_SPARE`` more."""
-    raw: Any = io.FileIO(source) if isinstance(source, str) else source
-    out = _Bounded(raw)
-    out.left = _ROUNDS * size + _SPARE
-    return out
-
-
-def _boot(path: Path, source: str | io.BytesIO, size: int) -> FlightLog:
+def _boot(path: Path, data: bytes, size: int) -> FlightLog:
     try:
         from pyulog import ULog
     except ImportError:
         raise LogError(f"{path}: .ulg needs the package pyulog: pip install pyulog") from None
     with contextlib.redirect_stdout(io.StringIO()):
         try:
-            log: Any = ULog(_bounded(source, size), _TOPICS)
+            log: Any = ULog(_Bounded(data), _TOPICS)
         except Exception as error:  # pyulog raises whatever a damaged file makes of it
             raise LogError(f"{path}: cannot be read as a PX4 log ({error})") from None
     try:
@@ -194,7 +138,11 @@ class _Reader:
         stamps = [t.t_s for n in names for t in self._topics.get(n, [])]
         start, end = time_span(self._path, stamps, " or ".join(names))
         status, attitude = self._first("vehicle_status"), self._first("vehicle_attitude")
-        setpoint = self._first("vehicle_attitude_setpoint")
+        setpoint, landed = self._first("vehicle_attitude_setpoint"), self._first("vehicle_land_detected")
+        armed = status.column("arming_state") == _ARMED
+        states = np.nan_to_num(status.column("nav_state")).astype(int).tolist()
+        modes = [_MAIN_MODE.get(state, _AUTO) << _MAIN_MODE_BITS for state in states]
+        frames = sum(len(topic) for topics in self._topics.values() for topic in topics)
         servos = self._servos()
         position, velocity = self._position()
         return FlightLog(
@@ -220,15 +168,15 @@ class _Reader:
             thrust_command=setpoint.series(-setpoint.columns("thrust_body[2]")),
             attitude_target=setpoint.series(unflipped(setpoint.array("q_d", 4))),
             wind=self._wind(),
-            armed=self._armed(status, end),
-            modes=self._modes(status, end),
-            landed=self._landed(end),
+            armed=tuple(i for i in runs(status.t_s, armed.astype(int), end) if i.value),
+            modes=runs(status.t_s, np.array(modes), end),
+            landed=runs(landed.t_s, np.where(landed.column("landed") > 0.0, _GROUND, _AIR), end),
             parameters={k: float(v) for k, v in self._log.initial_parameters.items() if isinstance(v, int | float)},
             texts=tuple(
                 (m.timestamp / 1e6, max(min(int(m.log_level) - ord("0"), 7), 0), str(m.message))
                 for m in self._log.logged_messages
             ),
-            summary=self._summary(end - start),
+            summary=LogSummary(self._size, frames, tuple(self._notes)),
         )
 
     def _servos(self) -> dict[int, Series]:
@@ -334,10 +282,7 @@ class _Reader:
                 continue
             function = _last(topic, f"esc[{i}].actuator_function", 0)
             motor = function - _MOTOR_1 + 1 if function in _MOTORS else i + 1
-            parts = [
-                topic.series(topic.columns(f"esc[{i}].esc_{name}")) for name in ("temperature", "voltage", "current")
-            ]
-            out[motor] = EscRecord(topic.series(rpm), *parts)
+            out[motor] = EscRecord(topic.series(rpm), topic.series(topic.columns(f"esc[{i}].esc_temperature")))
         return dict(sorted(out.items()))
 
     def _battery(self) -> Series | None:
@@ -351,27 +296,3 @@ class _Reader:
         topic = self._first("wind") if "wind" in self._topics else self._first("wind_estimate")
         horizontal = topic.columns("windspeed_north", "windspeed_east")
         return topic.series(np.hstack([horizontal, np.full((len(horizontal), 1), np.nan)]))
-
-    def _armed(self, status: Messages, end: float) -> tuple[Interval, ...]:
-        armed = (status.columns("arming_state")[:, 0] == _ARMED).astype(int)
-        return tuple(i for i in runs(status.t_s, armed, end) if i.value)
-
-    def _modes(self, status: Messages, end: float) -> tuple[Interval, ...]:
-        states = np.nan_to_num(status.columns("nav_state")[:, 0]).astype(int).tolist()
-        modes = [_MAIN_MODE.get(s, _AUTO) << _MAIN_MODE_BITS for s in states]
-        return runs(status.t_s, np.array(modes), end)
-
-    def _landed(self, end: float) -> tuple[Interval, ...]:
-        topic = self._first("vehicle_land_detected")
-        return runs(topic.t_s, np.where(topic.columns("landed")[:, 0] > 0.0, _GROUND, _AIR), end)
-
-    def _summary(self, span: float) -> LogSummary:
-        messages = message_counts(
-            (
-                (1, 1, t.name if len(topics) == 1 else f"{t.name}:{i}", len(t.t_s))
-                for topics in self._topics.values()
-                for i, t in enumerate(topics)
-            ),
-            span,
-        )
-        return LogSummary(self._size, sum(m.count for m in messages), messages, tuple(self._notes))

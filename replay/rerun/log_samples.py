@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import heapq
-import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -24,7 +23,6 @@ from companion.mavlink.samples import (
     SetAttitudeTarget,
 )
 from replay.flightlog import Beam, EscRecord, FlightLog, ImuRecord, Interval, Series
-from replay.logs.pieces import Piece
 
 _COMPONENT = 1
 """Component of an autopilot (MAV_COMP_ID_AUTOPILOT1)."""
@@ -34,22 +32,15 @@ _SAME_MESSAGE_S = 0.1
 """Two columns no further apart are taken to come of one message."""
 
 
-def samples_of_pieces(pieces: Iterable[Piece]) -> Iterator[Sample]:
-    """Samples in order of time. Heartbeats come once a second, parameters at the start of a boot."""
-    boot, told = -1, dict[str, float]()
-    for piece in pieces:
-        log, start_s = piece.log, max(piece.start_s, piece.log.start_s)
-        if log.boot != boot:
-            boot, told = log.boot, {}
-        yield from _parameters(log, {n: v for n, v in log.parameters.items() if told.get(n) != v}, start_s)
-        told.update(log.parameters)
-        origin_s = log.start_s if math.isnan(piece.origin_s) else piece.origin_s
-        yield from (s for s in _merged(log, origin_s) if start_s <= s.t_s < piece.end_s)
+def samples(log: FlightLog) -> Iterator[Sample]:
+    """Samples of a boot in order of time. Heartbeats come once a second, parameters at the start."""
+    yield from _parameters(log)
+    yield from (sample for sample in _merged(log) if log.start_s <= sample.t_s)
 
 
-def _merged(log: FlightLog, origin_s: float) -> Iterator[Sample]:
+def _merged(log: FlightLog) -> Iterator[Sample]:
     head = (log.system, _COMPONENT)
-    streams: list[Iterator[Sample]] = [_heartbeats(log, origin_s), _attitudes(log, head), _positions(log, head)]
+    streams: list[Iterator[Sample]] = [_heartbeats(log), _attitudes(log, head), _positions(log, head)]
     streams += [_ranges(beam, head) for beam in log.beams if beam.source != "RANGEFINDER"]
     streams += [iter(log.rings)]
     streams += [_speeds(number, esc, head) for number, esc in log.escs.items()]
@@ -75,21 +66,19 @@ def _imu(imu: ImuRecord, head: Head) -> Iterator[Sample]:
         yield Imu(t, *head, (x, y, z), (p, q, r), imu.source)
 
 
-def _parameters(log: FlightLog, values: Mapping[str, float], t_s: float) -> Iterator[Sample]:
-    for name, value in values.items():
-        yield Parameter(t_s, log.system, _COMPONENT, name, value)
+def _parameters(log: FlightLog) -> Iterator[Sample]:
+    for name, value in log.parameters.items():
+        yield Parameter(log.start_s, log.system, _COMPONENT, name, value)
 
 
 def _value(intervals: tuple[Interval, ...], t: float, default: int) -> int:
     return next((i.value for i in intervals if i.start_s <= t < i.end_s), default)
 
 
-def _heartbeats(log: FlightLog, origin_s: float) -> Iterator[Sample]:
-    """``origin_s``: of the first one of the boot."""
+def _heartbeats(log: FlightLog) -> Iterator[Sample]:
     if log.autopilot is None:
         return
-    times = np.arange(origin_s, log.end_s, _HEARTBEAT_S)
-    for t in times[times >= log.start_s].tolist():
+    for t in np.arange(log.start_s, log.end_s, _HEARTBEAT_S).tolist():
         armed = _value(log.armed, t, 0) != 0
         mode = _value(log.modes, t, 0)
         yield Heartbeat(t, log.system, _COMPONENT, armed, mode, 128 * armed, log.autopilot, log.vehicle_type or 0, 0)

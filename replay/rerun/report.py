@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,14 +11,14 @@ from tqdm import tqdm
 
 from companion.config import PipelineConfig
 from companion.control.state import Decision
+from companion.mavlink.samples import Sample
 from companion.telemetry.summary import Summary
 from models.errors import LogError
-from replay.logs.formats import read_pieces, suffix_of
-from replay.logs.pieces import Piece
-from replay.logs.progress import with_progress
-from replay.logs.tlog_blocks import TlogFile
+from replay.logs.formats import load, suffix_of
+from replay.logs.tlog import read_tlog
+from replay.logs.tlog_vehicle import choose
 from replay.rerun.harness import Replay
-from replay.rerun.log_samples import samples_of_pieces
+from replay.rerun.log_samples import samples
 
 _NEEDED = {
     "Heartbeat": "HEARTBEAT of the autopilot (component 1)",
@@ -83,7 +82,6 @@ def run(
 ) -> RunReport:
     """Replay one log; ``assumed`` parameters hold where the log gives none. ``watch`` may look at every decision.
 
-    Where ``watch`` stops asking for decisions, the rest of the log is not replayed.
     Raises LogError in one line where it cannot be read or lacks what every decision needs.
     """
     played = play(path, config, target_system, assumed or {}, quiet=quiet)
@@ -107,38 +105,30 @@ class OngoingReplay:
 
 
 def play(
-    path: Path, config: PipelineConfig, target: int | None, assumed: Mapping[str, float], *, quiet: bool,
-    pieces: Iterator[Piece] | None = None,
-) -> OngoingReplay:  # fmt: skip
-    """Begin to replay a log. ``pieces``: those of a log that is no .tlog, where the caller reads them anyway."""
-    if suffix_of(path) != ".tlog":
-        return _of_columns(path, config, pieces or read_pieces(path, target), assumed, quiet=quiet)
-    log = TlogFile(path)
-    choice = log.census.choose(path, target)
-    replay = Replay(config, choice.system, assumed)
-    bar = True if quiet else None  # None: only to a terminal
-    frames = tqdm(log.frames(), total=len(log), unit="frame", disable=bar, leave=False)
-    notes = [*log.report.notes(), *choice.notes()]
-    return OngoingReplay(replay, replay.decisions(frames), notes, lambda: replay.intake.clock.boot + 1)
-
-
-def _of_columns(
-    path: Path, config: PipelineConfig, pieces: Iterator[Piece], assumed: Mapping[str, float], *, quiet: bool
+    path: Path, config: PipelineConfig, target: int | None, assumed: Mapping[str, float], *, quiet: bool
 ) -> OngoingReplay:
-    """These logs hold no MAVLink: their columns are turned into the samples that a link would have given."""
-    notes: list[str] = []
-    boots = set[int]()
+    """Begin to replay a log."""
+    bar = True if quiet else None  # None: only to a terminal
+    if suffix_of(path) == ".tlog":
+        log = read_tlog(path)
+        choice = choose(log, target)
+        replay = Replay(config, choice.system, assumed)
+        frames = tqdm(log.frames(), total=len(log), unit="frame", disable=bar, leave=False)
+        notes = [*log.report.notes(), *choice.notes()]
+        return OngoingReplay(replay, replay.decisions(frames), notes, lambda: replay.intake.clock.boot + 1)
+    # The others hold no MAVLink: their columns are turned into the samples that a link would have given.
+    logs = load(path, target)
+    begun: list[int] = []
 
-    def noted(pieces: Iterable[Piece]) -> Iterator[Piece]:
-        for piece in pieces:
-            boots.add(piece.log.boot)
-            notes.extend(n for n in piece.log.summary.notes if n not in notes)
-            yield piece
+    def moments() -> Iterator[Sample]:
+        for log in logs:
+            begun.append(log.boot)
+            yield from samples(log)
 
-    first = next(pieces)
-    every = noted(with_progress(path, itertools.chain([first], pieces), "deciding", quiet=quiet))
-    replay = Replay(config, first.log.system, assumed)
-    return OngoingReplay(replay, replay.decisions_on(samples_of_pieces(every)), notes, lambda: len(boots))
+    replay = Replay(config, logs[0].system, assumed)
+    decisions = replay.decisions_on(tqdm(moments(), unit="sample", disable=bar, leave=False))
+    notes = list(dict.fromkeys(note for log in logs for note in log.summary.notes))
+    return OngoingReplay(replay, decisions, notes, lambda: len(begun))
 
 
 def _check(path: Path, replay: Replay, summary: Summary) -> None:

@@ -25,7 +25,7 @@ from models.vehicle_setup.setup import COMMON_PROPELLERS, USUAL_PULSES, Answers,
 from models.vehicle_setup.toml_text import vehicle_text
 from models.vehicle_types import ASSUMABLE
 from replay.flightlog import FlightLog
-from replay.logs.formats import read_pieces
+from replay.logs.formats import load
 from replay.residual.motion import ENOUGH_S
 from replay.residual.record import Record, build_record
 from replay.vehicle import tandem
@@ -131,17 +131,12 @@ def _flown(paths: Sequence[Path], target_system: int | None) -> list[FlightLog]:
     """Of every log that can be read the first stretch in which it was armed, or the first one."""
     out, problems = [], []
     for path in paths:
-        first = None
         try:
-            for piece in read_pieces(path, target_system):
-                first = first or piece
-                if piece.log.armed:
-                    first = piece
-                    break
+            parts = [part for log in load(path, target_system) for part in log.stretches()]
         except LogError as error:
             problems.append(error)
-        if first is not None:
-            out.append(first.own())
+            continue
+        out.append(next((part for part in parts if part.armed), parts[0]))
     if not out:
         raise problems[0]
     return out
@@ -219,7 +214,8 @@ def _records(logs: Sequence[FlightLog], start: Vehicle, target_system: int | Non
             except LogError as error:
                 problems.append(error)
 
-    every = (piece.own() for log in logs for piece in read_pieces(log.path, target_system))
+    boots = (boot for log in logs for boot in load(log.path, target_system))
+    every = (part for boot in boots for part in boot.stretches())
     found = list(judged(logs)) or list(islice(judged(every), _STRETCHES))
     if not found:
         raise problems[0]

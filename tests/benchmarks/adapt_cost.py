@@ -17,7 +17,6 @@ from pathlib import Path
 import numpy as np
 from adapt_flights import fly
 from simulated import simulated
-from whole_tlog import read_tlog
 
 import models
 from companion.adapt_options import Adapt
@@ -30,6 +29,7 @@ from companion.pipeline import initial_state, step
 from companion.sim.scenario import build
 from companion.vehicles import default_vehicle
 from models.frames import Array
+from replay.logs.tlog import read_tlog
 
 CHUNK = 10
 

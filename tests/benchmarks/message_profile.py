@@ -18,8 +18,6 @@ from collections import defaultdict
 from pathlib import Path
 from statistics import median
 
-from whole_tlog import read_tlog
-
 import models
 from companion.config import PipelineConfig
 from companion.mavlink.frames import cut
@@ -27,11 +25,12 @@ from companion.mavlink.message_filter import Intake, unread
 from companion.mavlink.message_table import LAYOUTS
 from companion.mavlink.samples import Parameter
 from companion.mavlink.setpoints import encode
+from companion.mavlink.stream_rates import message_name
 from companion.pipeline import answer, initial_state, step
 from companion.settle import settle
 from companion.vehicles import default_vehicle
 from models.vehicle import load_vehicle
-from replay.logs.tlog import message_name
+from replay.logs.tlog import read_tlog
 
 Times = dict[str, list[int]]
 _ATTITUDE = (31).to_bytes(3, "little")

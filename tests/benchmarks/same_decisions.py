@@ -22,7 +22,6 @@ from pathlib import Path
 import numpy as np
 from same_answers import vehicle_of
 from tqdm import tqdm
-from whole_tlog import read_tlog
 
 import models
 from companion.adapt_options import Adapt
@@ -36,9 +35,9 @@ from models.adopted_effect import AdoptedEffect
 from models.errors import UserError
 from models.vehicle import load_vehicle
 from replay.logs.formats import READERS, load, suffix_of
-from replay.logs.pieces import Piece
+from replay.logs.tlog import read_tlog
 from replay.rerun.harness import Replay
-from replay.rerun.log_samples import samples_of_pieces
+from replay.rerun.log_samples import samples
 
 _CLOSE = 1e-9
 _THRUST, _TILTS = 3, (4, 5)
@@ -108,7 +107,7 @@ def flown(log: Path, way: str) -> list[list[float]]:
 
 def _samples(log: Path) -> Iterator[Sample]:
     for one in load(log, None):
-        yield from samples_of_pieces([Piece(one)])
+        yield from samples(one)
 
 
 def job(work: tuple[Path, str]) -> tuple[np.ndarray, np.ndarray] | None:

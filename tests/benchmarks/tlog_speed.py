@@ -27,9 +27,8 @@ FRAMES = 200_000
 
 def ours(path: Path) -> int:
     """Walk, CRC of every frame, stamps, and all known messages into SI columns."""
-    from whole_tlog import read_tlog
-
     from companion.mavlink.message_table import LAYOUTS, columns
+    from replay.logs.tlog import read_tlog
 
     log = read_tlog(path)
     for number, layout in LAYOUTS.items():

@@ -11,7 +11,6 @@ from typing import Any
 
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 from simulated import link_of, simulated
-from whole_tlog import read_tlog
 
 import companion
 from companion.config import PipelineConfig
@@ -22,6 +21,7 @@ from companion.sim.flight import Flight
 from companion.sim.scenario import build
 from models.frames import quaternion_from_euler
 from models.vehicle import Vehicle, load_vehicle
+from replay.logs.tlog import read_tlog
 from replay.rerun.harness import Replay
 
 VEHICLES = Path(companion.__file__).parent / "vehicles"

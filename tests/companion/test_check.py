@@ -14,12 +14,12 @@ import pytest
 from audited import config, fly_audited
 from fake_autopilot import FakeAutopilot, free_port
 from flight_case import Case, CasePilot
-from whole_tlog import read_tlog
 
 from companion.check import Item, Listener, Setup, Verdict, items, may_fly, read_log
 from companion.cli import main
 from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import cut
+from replay.logs.tlog import read_tlog
 
 Edit = Callable[[Any], bool | None]
 

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from whole_tlog import read_tlog
 
 import models
 from companion.config import PipelineConfig
@@ -16,6 +15,7 @@ from companion.control.state import Decision
 from companion.mavlink.setpoints import AttitudeCommand
 from companion.pipeline import initial_state, step
 from models.vehicle import load_vehicle
+from replay.logs.tlog import read_tlog
 from replay.rerun.harness import Replay
 
 

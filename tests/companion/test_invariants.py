@@ -10,7 +10,6 @@ import pytest
 from audited import fly_audited
 from flight_case import Case, CasePilot
 from simflight import vehicle
-from whole_tlog import read_tlog
 
 from companion.control.compensation import Offset
 from companion.control.state import Decision
@@ -20,6 +19,7 @@ from companion.mavlink.frames import Frame, FrameReader, pack
 from companion.mavlink.setpoints import AttitudeCommand, PositionCommand, encode
 from companion.sim.autopilot import Mode
 from models.frames import quaternion_from_euler
+from replay.logs.tlog import read_tlog
 
 SECONDS = 4.0
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flying import bench
-from whole_tlog import read_tlog
 
 import models
 from companion.config import Base, PipelineConfig
@@ -17,6 +16,7 @@ from companion.mavlink.dialect import mavlink
 from companion.mavlink.frames import cut
 from companion.mavlink.message_table import decode
 from models.vehicle import load_vehicle
+from replay.logs.tlog import read_tlog
 from replay.rerun.harness import Replay
 
 START_US = 1_700_000_000_000_000

@@ -54,14 +54,13 @@ def sent(tmp_path_factory):
     """The last snapshot of a recorded hover near ground and wall."""
     import models
     from replay.logs.formats import load
-    from replay.logs.pieces import Piece
-    from replay.rerun.log_samples import samples_of_pieces
+    from replay.rerun.log_samples import samples
 
     path = tmp_path_factory.mktemp("log") / "a.tlog"
     write_tlog(path, flight(6.0))
     config = PipelineConfig(vehicle=default_vehicle(), model=models.load(), dry_run=True)
     state, out = initial_state(config), None
-    for sample in samples_of_pieces([Piece(load(path)[0])]):
+    for sample in samples(load(path)[0]):
         state, decision = step(state, sample, config)
         if decision is not None and decision.disturbance is not None:
             out = snapshot(decision, state, config, StreamKeeper(()), 0.0)

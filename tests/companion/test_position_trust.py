@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from flying import bench
-from whole_tlog import read_tlog
 
 import models
 from companion.config import PipelineConfig
@@ -24,6 +23,7 @@ from companion.mavlink.samples import EstimatorStatus, LocalPosition
 from companion.mavlink.stream_rates import wanted_streams
 from companion.vehicles import default_vehicle
 from models.vehicle import load_vehicle
+from replay.logs.tlog import read_tlog
 from replay.rerun.harness import Replay
 
 GOOD = 895  # what a PX4 with GPS sends

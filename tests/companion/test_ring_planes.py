@@ -8,7 +8,6 @@ from dataclasses import replace
 import pytest
 from flying import CONFIG, Bench
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
-from whole_tlog import read_tlog
 
 from companion.check import Listener, Setup, Verdict, _ranges
 from companion.config import PipelineConfig
@@ -30,6 +29,7 @@ from models.errors import ConfigError
 from models.frames import quaternion_from_euler, rotation_rows
 from models.vehicle import Rangefinder, parse_vehicle
 from models.vehicle_setup.toml_text import vehicle_text
+from replay.logs.tlog import read_tlog
 from replay.rerun.harness import Replay
 
 VEHICLE = default_vehicle()

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 from fake_autopilot import FakeAutopilot, free_port
 from flight_process import flight_command
-from whole_tlog import read_tlog
 
 from companion.mavlink.dialect import mavlink
+from replay.logs.tlog import read_tlog
 
 KEY = bytes(range(32))
 

@@ -8,7 +8,6 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from whole_tlog import read_tlog
 
 from companion.cli import main as companion
 from companion.mavlink.dialect import mavlink
@@ -23,6 +22,7 @@ from companion.sim.flown import AXES, PHASES, STEP_S, Flown, Leg, Witness, flown
 from companion.sim.scenario import Waypoint, build
 from companion.vehicles import default_vehicle
 from models.errors import ConfigError, LinkError
+from replay.logs.tlog import read_tlog
 
 TIME = np.arange(0.0, 50.0, STEP_S)
 TRAJECTORY = np.sin(0.3 * TIME)

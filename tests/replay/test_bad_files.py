@@ -105,7 +105,7 @@ def test_a_log_that_does_not_fit_into_memory_is_one_line(tmp_path, capsys, monke
 
     path = tmp_path / "large.tlog"
     path.write_bytes(tlog_bytes())
-    monkeypatch.setattr("replay.logs.tlog_blocks.tlog_of", full)
+    monkeypatch.setattr("replay.logs.tlog.repair_stamps", full)
     for command in ("run", "info", "diagnose"):
         assert main([command, str(path)]) == 3
         (line,) = capsys.readouterr().err.strip().splitlines()

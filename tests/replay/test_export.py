@@ -5,7 +5,7 @@ import sys
 
 import numpy as np
 import pytest
-from log_writers import bin_flight, flight, write_tlog
+from log_writers import EPOCH_US, bin_flight, flight, write_tlog
 
 from replay.cli import main
 from replay.logs.formats import load
@@ -52,6 +52,19 @@ def test_csv_says_the_same(log, tmp_path, monkeypatch):
     heights = [(float(r["time_s"]), float(r["range_down_m"])) for r in rows if r["range_down_m"]]
     good = boot.beam("down").good
     np.testing.assert_allclose(heights, np.column_stack([good.t_s, good.values[:, 0]]), rtol=1e-9)
+
+
+def test_a_column_that_one_boot_lacks_is_empty_there(tmp_path):
+    path = tmp_path / "two.tlog"
+    without = [(t, raw) for t, raw in flight(3.0, start_ms=5_000, arrival_us=EPOCH_US + 60_000_000) if raw[7] != 132]
+    write_tlog(path, flight(4.0, start_ms=5_500) + without)
+    assert (
+        main(["export", str(path), "--to", "csv", "--no-decisions", "--quiet", "--out", str(tmp_path / "a.csv")]) == 0
+    )
+    with open(tmp_path / "a.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["boot"] for row in rows} == {"1", "2"}
+    assert {row["boot"] for row in rows if row["range_down_m"]} == {"1"}
 
 
 def test_bin_logs_and_bad_arguments(tmp_path, capsys):

@@ -16,12 +16,10 @@ from companion.vehicles import TANDEM, default_vehicle
 from replay.cli import main
 from replay.export import files
 from replay.export.columns import recorded
-from replay.logs import tlog_blocks
-from replay.logs.formats import load, read_pieces
-from replay.logs.pieces import Piece
-from replay.logs.tlog_blocks import TlogFile
+from replay.logs.formats import load
+from replay.logs.tlog import read_tlog
 from replay.rerun.harness import Replay
-from replay.rerun.log_samples import samples_of_pieces
+from replay.rerun.log_samples import samples
 
 
 @pytest.fixture
@@ -56,8 +54,8 @@ def messages_of(reader, path):
 
 def decided(log):
     replay = Replay(PipelineConfig(vehicle=default_vehicle(), model=models.load(), dry_run=True, adapt=Adapt.FULL))
-    frames = TlogFile(log).frames() if log.suffix == ".tlog" else None
-    return list(replay.decisions(frames) if frames else replay.decisions_on(samples_of_pieces([Piece(load(log)[0])])))
+    frames = read_tlog(log).frames() if log.suffix == ".tlog" else None
+    return list(replay.decisions(frames) if frames else replay.decisions_on(samples(load(log)[0])))
 
 
 def test_every_decision_stands_at_its_time_as_the_pipeline_made_it(log):
@@ -145,17 +143,6 @@ def test_later_boots_come_later_in_mcap(tmp_path, mcap_reader):
     assert sorted(times) == times
     assert sorted(boots) == boots
     assert set(boots) == {1, 2}
-
-
-@pytest.mark.slow
-def test_pieces_of_a_long_log_lose_no_decision(tmp_path, monkeypatch):
-    path = tmp_path / "long.tlog"
-    write_tlog(path, flight(40.0))
-    whole = exported(path, "csv").read_text()
-    monkeypatch.setattr(tlog_blocks, "BLOCK_BYTES", 128 * 1024)
-    assert len(list(read_pieces(path))) > 2
-    decisions = [(r["time_s"], r["refusals"], r["offset_thrust"]) for r in rows_of(exported(path, "csv"))]
-    assert decisions == [(r["time_s"], r["refusals"], r["offset_thrust"]) for r in csv.DictReader(whole.splitlines())]
 
 
 def test_a_log_without_attitude_has_no_decisions(tmp_path, mcap_reader, capsys):

@@ -61,7 +61,6 @@ def test_unstamped_columns_are_placed_within_the_jitter(hover):
     assert np.all(speed.values == 4020.0)
     assert np.abs(speed.t_s - (40.0 + 0.04 * np.arange(250))).max() < 0.004
     assert hover.escs[1].temperature_c.values[0, 0] == 40.0
-    assert hover.escs[1].voltage_v.values[0, 0] == 16.0
     assert hover.battery.values[0].tolist() == [16.8, 20.0]
     assert hover.pressure.values[0].tolist() == [100_000.0, 20.0]
     assert hover.armed[0].end_s == hover.end_s

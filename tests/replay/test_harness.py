@@ -7,7 +7,6 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from log_writers import flight, frame, write_tlog
-from whole_tlog import read_tlog
 
 import models
 from companion.config import Base, PipelineConfig
@@ -19,9 +18,9 @@ from companion.pipeline import answer, initial_state
 from companion.settle import settle
 from companion.vehicles import default_vehicle
 from replay.logs.formats import load
-from replay.logs.pieces import Piece
+from replay.logs.tlog import read_tlog
 from replay.rerun.harness import Replay
-from replay.rerun.log_samples import samples_of_pieces
+from replay.rerun.log_samples import samples
 
 CONFIG = PipelineConfig(vehicle=default_vehicle(), model=models.load())
 
@@ -114,7 +113,7 @@ def test_columns_turned_into_samples_decide_alike(tmp_path):
     write_tlog(path, flight(4.0))
     direct = list(Replay(CONFIG).decisions(read_tlog(path).frames()))
     (log,) = load(path)
-    by_columns = list(Replay(CONFIG).decisions_on(samples_of_pieces([Piece(log)])))
+    by_columns = list(Replay(CONFIG).decisions_on(samples(log)))
     late = {d.t_s: d for d in by_columns}
     pairs = [(d, late[d.t_s]) for d in direct if d.t_s in late][60:]
     assert len(pairs) > 100

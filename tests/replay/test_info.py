@@ -4,21 +4,17 @@ import json
 from dataclasses import replace
 
 import pytest
-from log_writers import EPOCH_US, bin_flight, flight, quad_flight, ulg_flight, write_tlog
+from log_writers import bin_flight, flight, quad_flight, ulg_flight, write_tlog
 
 from companion.mavlink.frames import cut
 from companion.vehicles import QUAD, TANDEM
 from replay.cli import main
-from replay.diagnosis import stretches
 from replay.flightlog import Interval
-from replay.info import engagement
-from replay.logs import tlog_blocks
 from replay.logs.formats import load
-from replay.logs.pieces import Piece
 
 
 def info(capsys, *arguments):
-    code = main(["info", *map(str, arguments), "--judge", "--companion", "--json", "-"])
+    code = main(["info", *map(str, arguments), "--companion", "--json", "-"])
     out = capsys.readouterr()
     return code, json.loads(out.out), out.err
 
@@ -58,43 +54,6 @@ def test_what_companion_would_have_done(tmp_path, capsys):
     assert answer["companion"]["engages"] == (run["compensated_s"] > 0.0)
 
 
-def test_of_a_long_log_the_first_minutes_from_arming_on_are_decided(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(engagement, "_DECIDED_S", 10.0)
-    standing, flying = flight(30.0, armed=False), flight(40.0, start_ms=70_000, arrival_us=EPOCH_US + 30_000_000)
-    write_tlog(tmp_path / "a.tlog", [*standing, *flying])
-    _, (answer,), _ = info(capsys, tmp_path / "a.tlog", "--vehicle", TANDEM)
-    seen = answer["companion"]
-    assert not seen["whole_log"]
-    assert seen["duration_s"] == pytest.approx(10.0, abs=0.05)
-    assert seen["from_s"] == pytest.approx(70.0, abs=0.1)
-    assert "disarmed" not in seen["refusals_s"]
-    assert main(["info", str(tmp_path / "a.tlog"), "--vehicle", str(TANDEM), "--companion"]) == 0
-    out = capsys.readouterr().out
-    assert "of the first 10 s from arming on" in out
-    assert "replay run decides on all 70 s" in out
-
-
-@pytest.mark.parametrize("suffix", ["bin", "ulg"])
-def test_logs_of_other_formats_are_decided_on_from_arming_on(tmp_path, capsys, monkeypatch, suffix):
-    monkeypatch.setattr(engagement, "_DECIDED_S", 1.0)
-    path = tmp_path / f"a.{suffix}"
-    path.write_bytes(bin_flight() if suffix == "bin" else ulg_flight())
-    _, (answer,), _ = info(capsys, path)
-    seen = answer["companion"]
-    assert not seen["whole_log"]
-    assert seen["from_s"] == pytest.approx(11.0 if suffix == "bin" else 21.0, abs=0.05)  # armed at 20.2, told at 21
-    assert 0.9 < seen["duration_s"] <= 1.05
-
-
-def test_a_long_log_in_which_nothing_was_armed_is_decided_on_from_its_start(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(engagement, "_DECIDED_S", 5.0)
-    write_tlog(tmp_path / "a.tlog", flight(20.0, armed=False))
-    _, (answer,), _ = info(capsys, tmp_path / "a.tlog")
-    assert not answer["companion"]["engages"]
-    assert answer["companion"]["from_s"] == pytest.approx(40.0, abs=0.1)
-    assert answer["companion"]["refusals_s"]
-
-
 def test_what_is_missing_is_named_with_the_parameter_that_brings_it(tmp_path, capsys):
     write_tlog(tmp_path / "a.tlog", quad_flight(20.0, rpm=False))
     _, (answer,), _ = info(capsys, tmp_path / "a.tlog", "--vehicle", QUAD)
@@ -107,8 +66,6 @@ def test_what_is_missing_is_named_with_the_parameter_that_brings_it(tmp_path, ca
     assert "RNGFNDn_ORIENT" in judged(boot)["height over ground"]["change"]
     assert judged(boot)["meaning of thrust"]["answer"] == "no"
     assert "GUID_OPTIONS" in judged(boot)["meaning of thrust"]["why"]
-    assert boot["diagnose"]["axes"] == []
-    assert "rotor speed" in boot["diagnose"]["refusal"]
 
 
 def test_px4_gets_px4_names(tmp_path, capsys):
@@ -117,15 +74,6 @@ def test_px4_gets_px4_names(tmp_path, capsys):
     change = judged(answer["boots"][0])["thrust of the rotors"]["change"]
     assert "DSHOT_TEL_CFG" in change
     assert "SERVO_BLH" not in change
-
-
-def test_what_a_diagnosis_would_take(tmp_path, capsys):
-    write_tlog(tmp_path / "a.tlog", quad_flight(30.0))
-    _, (answer,), _ = info(capsys, tmp_path / "a.tlog", "--vehicle", QUAD, "--model", "none")
-    diagnose = answer["boots"][0]["diagnose"]
-    assert diagnose["refusal"] is None
-    assert diagnose["axes"] == ["Fx", "Fy", "Fz", "Mx", "My", "Mz"]
-    assert 20.0 < diagnose["seconds"] <= 30.0
 
 
 def test_every_quantity_names_the_message_that_it_came_from(tmp_path, capsys):
@@ -144,46 +92,6 @@ def test_a_folder_without_logs_is_one_line_and_nothing_is_said_of_a_vehicle(tmp_
     assert out.out == ""
     (line,) = out.err.strip().splitlines()
     assert "holds no log" in line
-
-
-@pytest.mark.slow
-def test_of_a_long_log_the_stretches_are_those_of_a_diagnosis(tmp_path, capsys, monkeypatch):
-    """Twelve blocks of some ten seconds, of which a diagnosis takes 40 s at most."""
-    monkeypatch.setattr(tlog_blocks, "BLOCK_BYTES", 128 * 1024)
-    monkeypatch.setattr(stretches, "MOST_S", 40.0)
-    path = tmp_path / "long.tlog"
-    write_tlog(path, quad_flight(160.0))
-    _, (answer,), _ = info(capsys, path, "--vehicle", QUAD, "--model", "none")
-    seen = answer["boots"][0]["diagnose"]
-    assert seen["one_of"] > 1
-    assert main(["diagnose", str(path), "--vehicle", str(QUAD), "--model", "none", "--json", "-", "--quiet"]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert seen["seconds"] == pytest.approx(told["duration_s"], abs=0.5)
-    assert main(["info", str(path), "--vehicle", str(QUAD), "--model", "none", "--judge"]) == 0
-    assert f"(one of every {seen['one_of']} stretches: a long log)" in capsys.readouterr().out
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("command", "bars"),
-    [
-        (["info", "--companion"], ["reading", "deciding"]),
-        (["export", "--to", "csv", "--out", "x.csv", "--no-decisions"], ["names of the columns", "rows"]),
-    ],
-)
-def test_long_work_is_shown_to_a_terminal_and_to_nobody_else(tmp_path, capsys, monkeypatch, command, bars):
-    monkeypatch.setattr(tlog_blocks, "BLOCK_BYTES", 128 * 1024)
-    monkeypatch.chdir(tmp_path)
-    write_tlog(tmp_path / "a.tlog", flight(30.0))
-    line = [command[0], "a.tlog", *command[1:]]
-    assert main(line) == 0
-    assert capsys.readouterr().err == ""
-    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    assert main([*line, "--quiet"]) == 0
-    assert capsys.readouterr().err == ""
-    assert main(line) == 0
-    err = capsys.readouterr().err
-    assert all(f"a.tlog: {bar}" in err for bar in bars)
 
 
 def test_a_bad_log_does_not_stop_the_others(tmp_path, capsys):
@@ -207,20 +115,20 @@ def test_a_page_for_a_person(tmp_path, capsys):
     assert "companion with 'tandem coaxial ducted fan' would" in capsys.readouterr().out
 
 
-def test_what_flew_is_judged_as_drafted_from_the_log(tmp_path, capsys):
+def test_what_flew_is_named_as_drafted_from_the_log(tmp_path, capsys):
     write_tlog(tmp_path / "a.tlog", quad_flight(30.0, rpm=False))
-    assert main(["info", str(tmp_path / "a.tlog"), "--judge", "--json", "-"]) == 0
+    assert main(["info", str(tmp_path / "a.tlog"), "--json", "-"]) == 0
     (answer,) = json.loads(capsys.readouterr().out)
     assert answer["vehicle"].startswith("quad-x")
-    assert answer["boots"][0]["diagnose"]["axes"] == ["Fx", "Fy", "Fz"]
     assert answer["companion"] is None
+    assert judged(answer["boots"][0])["thrust of the rotors"]["answer"] == "yes"
 
 
 def test_a_log_of_no_multirotor_is_listed_and_refused(tmp_path, capsys):
     write_tlog(tmp_path / "plane.tlog", quad_flight(20.0, kind=1))
     assert main(["info", str(tmp_path / "plane.tlog"), "--json", "-"]) == 0
     (answer,) = json.loads(capsys.readouterr().out)
-    assert "MAV_TYPE 1 is an aeroplane" in answer["boots"][0]["diagnose"]["refusal"]
+    assert "MAV_TYPE 1 is an aeroplane" in answer["refusal"]
     assert by_name(answer["boots"][0])["attitude"]["count"] > 100
 
 
@@ -252,14 +160,6 @@ def test_without_rotor_speeds_and_outputs_both_ways_to_log_thrust_are_said(tmp_p
     assert "RCOUT (bit 10)" in thrust["change"], "outputs need no other ESCs"
 
 
-def test_what_a_diagnosis_takes_is_asked_on_request(tmp_path, capsys):
-    write_tlog(tmp_path / "a.tlog", quad_flight(20.0))
-    assert main(["info", str(tmp_path / "a.tlog"), "--json", "-"]) == 0
-    (boot,) = json.loads(capsys.readouterr().out)[0]["boots"]
-    assert boot["diagnose"] is None
-    assert judged(boot)["thrust of the rotors"]["answer"] == "yes"
-
-
 def test_time_armed_is_no_longer_than_the_log(tmp_path, capsys, monkeypatch):
     """The message of arming may be older than the first attitude."""
     write_tlog(tmp_path / "a.tlog", quad_flight(20.0))
@@ -270,7 +170,7 @@ def test_time_armed_is_no_longer_than_the_log(tmp_path, capsys, monkeypatch):
         modes=(Interval(log.start_s - 5.0, log.end_s, 5),),
         landed=(Interval(log.start_s - 5.0, log.start_s + 2.0, 1),),
     )
-    monkeypatch.setattr("replay.info.info.read_pieces", lambda *_: iter([Piece(too_long)]))
+    monkeypatch.setattr("replay.info.info.load", lambda *_: [too_long])
     _, (answer,), _ = info(capsys, tmp_path / "a.tlog", "--vehicle", QUAD)
     (boot,) = answer["boots"]
     assert boot["armed_s"] == pytest.approx(boot["duration_s"])

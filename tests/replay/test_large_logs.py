@@ -1,248 +1,88 @@
-"""Logs of any length: blocks and pieces hold what the whole log holds, memory is that of a block, boots cost what they
-hold."""
+"""Logs of any length: a diagnosis takes them in stretches, and boots cost what they hold."""
 
-import csv
-import itertools
-import json
-import tracemalloc
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from log_writers import EPOCH_US, BinWriter, bin_flight, flight, ulg_flight, write_tlog
-from whole_tlog import read_tlog
 
-from companion.vehicles import TANDEM
-from models.errors import LogError
-from replay.cli import main
+from replay import flightlog
 from replay.diagnosis.stretches import MOST_S, Stretches
-from replay.export.tables import Tables
-from replay.logs import tlog_blocks, ulg
-from replay.logs.bin_flightlog import pieces as read_bin
-from replay.logs.formats import load, read_pieces
+from replay.logs.formats import load
 from replay.logs.tlog import Tlog
-from replay.logs.tlog_blocks import TlogFile
-from replay.logs.tlog_flightlog import pieces, read
-
-MINUTES = flight(120.0)
-SMALL = 256 * 1024
-"""A block of some sixteen seconds, its margin half of that."""
 
 
-@pytest.fixture
-def minute(tmp_path):
-    path = tmp_path / "minute.tlog"
-    write_tlog(path, MINUTES)
-    return path
+@pytest.fixture(params=["tlog", "bin", "ulg"])
+def long(request, tmp_path, monkeypatch):
+    """Forty seconds, and stretches of fifteen at most."""
+    if request.param == "ulg":
+        pytest.importorskip("pyulog")
+    monkeypatch.setattr(flightlog, "_STRETCH_S", 15.0)
+    monkeypatch.setattr(flightlog, "_ONE_STRETCH_BYTES", 0)
+    path = tmp_path / f"long.{request.param}"
+    if request.param == "tlog":
+        write_tlog(path, flight(40.0))
+    else:
+        path.write_bytes({"bin": bin_flight, "ulg": ulg_flight}[request.param](40.0))
+    (log,) = load(path)
+    return log
 
 
-@pytest.fixture
-def three_boots(tmp_path):
-    """60 s, 5 s and 30 s, and a ground station's frames between."""
-    path = tmp_path / "boots.tlog"
-    first = flight(60.0, start_ms=500_000)
-    then = flight(5.0, start_ms=3_000, arrival_us=EPOCH_US + 80_000_000)
-    last = flight(30.0, start_ms=2_000, arrival_us=EPOCH_US + 100_000_000)
-    write_tlog(path, [*first, *then, *last])
-    return path
+def test_stretches_hold_every_sample_once(long):
+    parts = list(long.stretches())
+    assert len(parts) == 3
+    for name in ("attitude", "rates", "position", "velocity", "servo", "battery"):
+        series = [getattr(part, name) for part in parts]
+        whole = getattr(long, name)
+        assert np.array_equal(np.concatenate([s.t_s for s in series]), whole.t_s)
+        assert np.array_equal(np.concatenate([s.values for s in series]), whole.values, equal_nan=True)
+    assert sum(len(p.imus[0].specific_force) for p in parts) == len(long.imus[0].specific_force)
+    for number, esc in long.escs.items():
+        assert sum(len(p.escs[number].rpm) for p in parts) == len(esc.rpm)
+    for beam in long.beams:
+        own = [b for p in parts for b in p.beams if (b.sensor_id, b.name) == (beam.sensor_id, beam.name)]
+        assert sum((b.verdicts for b in own), ()) == beam.verdicts
+        assert sum(len(b.distance) for b in own) == len(beam.distance)
 
 
-def test_blocks_give_every_frame_once_in_order(minute):
-    file = TlogFile(minute, SMALL)
-    assert len(list(file.blocks())) > 6
-    assert list(file.frames()) == MINUTES
-    assert len(file) == len(MINUTES)
-    assert file.report == read_tlog(minute).report
+def test_stretches_share_the_time_and_know_the_parameters(long):
+    parts = list(long.stretches())
+    assert (parts[0].start_s, parts[-1].end_s) == (long.start_s, long.end_s)
+    assert sum(p.duration_s for p in parts) == pytest.approx(long.duration_s)
+    assert all(p.parameters == long.parameters for p in parts)
+    for name in ("armed", "modes"):
+        seconds = [sum(i.end_s - i.start_s for i in getattr(p, name)) for p in (*parts, long)]
+        assert sum(seconds[:-1]) == pytest.approx(seconds[-1])
+    assert sum((p.texts for p in parts), ()) == long.texts
 
 
-def test_damage_between_and_inside_blocks_is_counted_once(minute):
-    data = bytearray(minute.read_bytes())
-    for at in range(30_000, len(data), 41_000):
-        data[at : at + 3] = b"\xfd\xfe\x00"
-    minute.write_bytes(bytes(data[:-5]))
-    whole, blocks = read_tlog(minute), TlogFile(minute, SMALL)
-    assert [raw for _, raw in blocks.frames()] == [raw for _, raw in whole.frames()]
-    arrival = np.array([at for at, _ in blocks.frames()])
-    assert np.abs(arrival - whole.arrival_us).max() <= 1  # a repaired stamp is interpolated, and rounded
-    assert blocks.report == whole.report
-    assert whole.report.bad_crc
-    assert whole.report.truncated_bytes
+def test_a_log_that_is_no_longer_is_one_stretch(long, monkeypatch):
+    monkeypatch.setattr(flightlog, "_STRETCH_S", 41.0)
+    assert list(long.stretches()) == [long]
+    monkeypatch.setattr(flightlog, "_STRETCH_S", 15.0)
+    monkeypatch.setattr(flightlog, "_ONE_STRETCH_BYTES", long.summary.bytes)
+    assert list(long.stretches()) == [long]
 
 
-def test_a_file_that_begins_with_garbage_is_read_behind_it(minute):
-    minute.write_bytes(bytes(300_000) + minute.read_bytes())
-    assert list(TlogFile(minute, SMALL).frames()) == list(read_tlog(minute).frames())
-
-
-def test_garbage_of_many_blocks_is_no_log(tmp_path):
-    path = tmp_path / "garbage.tlog"
-    path.write_bytes(np.random.default_rng(1).bytes(1_000_000))
-    with pytest.raises(LogError, match="no MAVLink frame"):
-        TlogFile(path, SMALL)
-
-
-def joined(parts, name):
-    series = [getattr(p, name) for p in parts]
-    return np.concatenate([s.t_s for s in series]), np.concatenate([s.values for s in series])
-
-
-@pytest.mark.parametrize("name", ["attitude", "rates", "position", "velocity", "servo", "attitude_target"])
-def test_pieces_hold_what_the_whole_boot_holds(minute, name):
-    (whole,) = read(minute)
-    parts = [piece.own() for piece in pieces(minute, None, SMALL)]
-    assert len(parts) > 6
-    assert {p.boot for p in parts} == {0}
-    t, values = joined(parts, name)
-    assert np.array_equal(t, getattr(whole, name).t_s)
-    assert np.array_equal(values, getattr(whole, name).values)
-
-
-def test_pieces_hold_every_reading_of_ranges_rotors_and_accelerometer(minute):
-    (whole,) = read(minute)
-    parts = [piece.own() for piece in pieces(minute, None, SMALL)]
-    assert sum(len(p.imus[0].specific_force) for p in parts) == len(whole.imus[0].specific_force)
-    assert sum(len(p.escs[3].rpm) for p in parts) == len(whole.escs[3].rpm)
-    down = [p.beam("down") for p in parts]
-    assert sum(len(b.distance) for b in down) == len(whole.beam("down").distance)
-    assert all(len(b.verdicts) == len(b.distance) for b in down)
-    # Unstamped messages are placed by arrival, by what a piece knows of the delays.
-    rotor = np.concatenate([p.escs[3].rpm.t_s for p in parts])
-    assert np.abs(rotor - whole.escs[3].rpm.t_s).max() < 0.003
-    assert sum(p.duration_s for p in parts) == pytest.approx(whole.duration_s, abs=0.001)
-    assert sum(p.summary.frames for p in parts) == whole.summary.frames
-    assert all(p.parameters == whole.parameters for p in parts)
-    assert sum(i.end_s - i.start_s for p in parts for i in p.armed) == pytest.approx(
-        sum(i.end_s - i.start_s for i in whole.armed), abs=0.01
-    )
-
-
-@pytest.mark.parametrize("size", [SMALL, 3 * SMALL])
-def test_pieces_of_several_boots(three_boots, size):
-    whole = load(three_boots)
-    parts = [piece.own() for piece in pieces(three_boots, None, size)]
-    assert [key for key, _ in itertools.groupby(p.boot for p in parts)] == [0, 1, 2]
-    for log in whole:
-        own = [p for p in parts if p.boot == log.boot]
-        assert np.array_equal(joined(own, "attitude")[0], log.attitude.t_s)
-        assert (own[0].start_s, own[-1].end_s) == (log.start_s, log.end_s)
-
-
-def test_the_wrap_of_the_boot_clock_is_undone_over_blocks(tmp_path):
+def test_the_wrap_of_the_boot_clock_is_undone(tmp_path):
     path = tmp_path / "wrap.tlog"
     wrap = 2**32
     early = flight(30.0, start_ms=wrap - 30_020)
     late = flight(30.0, start_ms=0, arrival_us=EPOCH_US + 30_000_000)
     write_tlog(path, [*early, *late])
-    (whole,) = read(path)
-    parts = [piece.own() for piece in pieces(path, None, SMALL)]
-    assert {p.boot for p in parts} == {0}
-    assert np.array_equal(joined(parts, "attitude")[0], whole.attitude.t_s)
-    assert parts[-1].end_s > wrap / 1000.0
+    (whole,) = load(path)
+    assert len(whole.attitude) == 3000
+    assert whole.duration_s == pytest.approx(60.0, abs=0.1)
+    assert whole.end_s > wrap / 1000.0
 
 
-def test_a_stretch_without_the_vehicle_is_no_end(tmp_path):
+def test_a_time_without_the_vehicle_is_no_end(tmp_path):
     path = tmp_path / "gap.tlog"
     ground = flight(40.0, arrival_us=EPOCH_US + 20_000_000, system=255)
     after = flight(20.0, start_ms=100_000, arrival_us=EPOCH_US + 60_000_000)
     write_tlog(path, [*flight(20.0), *ground, *after])
-    parts = [piece.own() for piece in pieces(path, 1, SMALL)]
-    assert {p.boot for p in parts} == {0}
-    assert sum(len(p.attitude) for p in parts if p.attitude is not None) == 2000
-
-
-@pytest.fixture
-def small_blocks(monkeypatch):
-    monkeypatch.setattr(tlog_blocks, "BLOCK_BYTES", SMALL)
-
-
-@pytest.mark.slow
-def test_an_export_in_pieces_is_the_export_of_the_whole(three_boots, tmp_path, monkeypatch):
-    whole, parts = tmp_path / "whole.csv", tmp_path / "parts.csv"
-    command = ["export", str(three_boots), "--to", "csv", "--quiet"]
-    assert main([*command, "--out", str(whole)]) == 0
-    monkeypatch.setattr(tlog_blocks, "BLOCK_BYTES", SMALL)
-    assert main([*command, "--out", str(parts)]) == 0
-    with whole.open() as one, parts.open() as other:
-        rows, again = list(csv.DictReader(one)), list(csv.DictReader(other))
-    assert again[0].keys() == rows[0].keys()
-    stamped = ("attitude_qx", "down_m", "range_down_m", "servo_2")
-
-    def table(read):
-        return [(r["boot"], round(float(r["time_s"]), 6), *(r[n] for n in stamped)) for r in read if r["attitude_qx"]]
-
-    assert table(again) == table(rows)
-
-
-@pytest.mark.slow
-def test_info_and_replay_of_pieces_say_what_they_say_of_the_whole(three_boots, tmp_path, monkeypatch):
-    def answers():
-        out = []
-        for command, *options in (("info", "--companion", "--vehicle", str(TANDEM)), ("run",)):
-            target = tmp_path / f"{command}.json"
-            assert main([command, str(three_boots), *options, "--quiet", "--json", str(target)]) == 0
-            out.append(json.loads(target.read_text()))
-        return out
-
-    (info,), run = answers()
-    monkeypatch.setattr(tlog_blocks, "BLOCK_BYTES", SMALL)
-    (info_parts,), run_parts = answers()
-    assert run_parts == run
-    assert info_parts["companion"] == info["companion"]
-    for one, other in zip(info_parts["boots"], info["boots"], strict=True):
-        assert {s["name"]: s["count"] for s in one["streams"]} == {s["name"]: s["count"] for s in other["streams"]}
-        assert [(j["question"], j["answer"]) for j in one["judges"]] == [
-            (j["question"], j["answer"]) for j in other["judges"]
-        ]
-        assert one["duration_s"] == pytest.approx(other["duration_s"], abs=0.01)
-        assert one["modes_s"] == pytest.approx(other["modes_s"], abs=0.05)
-
-
-def peak(work):
-    tracemalloc.start()
-    try:
-        work()
-        return tracemalloc.get_traced_memory()[1]
-    finally:
-        tracemalloc.stop()
-
-
-@pytest.fixture
-def lengths(tmp_path):
-    """Logs of a minute and of four."""
-    short, long = tmp_path / "short.tlog", tmp_path / "long.tlog"
-    write_tlog(short, flight(60.0))
-    write_tlog(long, flight(240.0))
-    return short, long
-
-
-def frames(path):
-    for _ in TlogFile(path).frames():
-        pass
-
-
-def in_pieces(path):
-    for piece in read_pieces(path):
-        piece.own()
-
-
-def exported(path):
-    target = path.with_suffix(".csv")
-    main(["export", str(path), "--to", "csv", "--no-decisions", "--quiet", "--out", str(target)])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("work", [frames, in_pieces, exported])
-def test_memory_does_not_grow_with_the_log(lengths, work, small_blocks, tmp_path):
-    short, long = lengths
-    write_tlog(tmp_path / "tiny.tlog", flight(2.0))
-    work(tmp_path / "tiny.tlog")  # imports and caches
-    assert peak(lambda: work(long)) < 1.25 * peak(lambda: work(short))
-
-
-@pytest.mark.slow
-def test_a_long_log_is_not_kept_by_the_export(lengths, small_blocks):
-    tables = Tables(lengths[1])
-    assert len(list(tables)) == len(list(tables)) > 6
+    (log,) = load(path, 1)
+    assert len(log.attitude) == 2000
 
 
 @pytest.mark.slow
@@ -268,50 +108,6 @@ def test_boots_cost_what_they_hold(tmp_path, monkeypatch):
         assert len(load(path)) == boots
         work.append(looked_at)
     assert work[1] < 5 * work[0]
-
-
-@pytest.fixture
-def dataflash(tmp_path):
-    path = tmp_path / "long.bin"
-    path.write_bytes(bin_flight(120.0))
-    return path
-
-
-@pytest.mark.parametrize("name", ["attitude", "position", "servo", "battery"])
-def test_pieces_of_a_dataflash_log_hold_what_it_holds(dataflash, name):
-    (whole,) = load(dataflash)
-    parts = [piece.own() for piece in read_bin(dataflash, None, SMALL)]
-    assert len(parts) > 5
-    t, values = joined(parts, name)
-    assert np.array_equal(t, getattr(whole, name).t_s)
-    assert np.array_equal(values, getattr(whole, name).values)
-    assert sum(len(p.escs[2].rpm) for p in parts) == len(whole.escs[2].rpm)
-    assert sum(p.summary.frames for p in parts) == whole.summary.frames
-    assert all(p.parameters == whole.parameters for p in parts)
-    assert sum(i.end_s - i.start_s for p in parts for i in p.armed) == pytest.approx(2.0)
-    assert sum(i.end_s - i.start_s for p in parts for i in p.modes) == pytest.approx(whole.duration_s)
-
-
-def decided(path, tmp_path):
-    target = tmp_path / "run.json"
-    assert main(["run", str(path), "--quiet", "--json", str(target)]) == 0
-    return json.loads(target.read_text())
-
-
-@pytest.mark.slow
-def test_a_dataflash_log_in_pieces_is_decided_on_as_the_whole(dataflash, tmp_path, monkeypatch):
-    whole = decided(dataflash, tmp_path)
-    monkeypatch.setattr(tlog_blocks, "BLOCK_BYTES", SMALL)
-    assert len(list(read_pieces(dataflash))) > 5
-    assert decided(dataflash, tmp_path) == whole
-
-
-@pytest.mark.slow
-def test_the_memory_of_a_run_does_not_grow_with_a_dataflash_log(dataflash, small_blocks, tmp_path):
-    short = tmp_path / "short.bin"
-    short.write_bytes(bin_flight(60.0))
-    decided(short, tmp_path)  # imports and caches
-    assert peak(lambda: decided(dataflash, tmp_path)) < 1.25 * peak(lambda: decided(short, tmp_path))
 
 
 def test_joined_dataflash_logs_are_flights_of_their_own(tmp_path):
@@ -361,43 +157,6 @@ def test_joined_px4_logs_are_flights_of_their_own(tmp_path):
     assert (first.boot, second.boot) == (0, 1)
     assert (len(first.attitude), len(second.attitude)) == (200, 400)
     assert first.summary.bytes == second.summary.bytes == path.stat().st_size
-
-
-@pytest.fixture
-def ulog(tmp_path, monkeypatch):
-    pytest.importorskip("pyulog")
-    monkeypatch.setattr(ulg, "PIECE_S", 15.0)
-    monkeypatch.setattr(ulg, "MARGIN_S", 3.0)
-    path = tmp_path / "long.ulg"
-    path.write_bytes(ulg_flight(40.0))
-    return path
-
-
-@pytest.mark.parametrize("name", ["attitude", "position", "servo", "battery"])
-def test_pieces_of_a_px4_log_hold_what_it_holds(ulog, name):
-    (whole,) = load(ulog)
-    parts = [piece.own() for piece in read_pieces(ulog)]
-    assert len(parts) == 3
-    t, values = joined(parts, name)
-    assert np.array_equal(t, getattr(whole, name).t_s)
-    assert np.array_equal(values, getattr(whole, name).values, equal_nan=True)
-    assert sum(p.duration_s for p in parts) == pytest.approx(whole.duration_s)
-    assert all(p.parameters == whole.parameters for p in parts)
-
-
-def test_a_px4_log_in_pieces_is_decided_on_as_the_whole(ulog, tmp_path, monkeypatch):
-    parts = decided(ulog, tmp_path)
-    monkeypatch.setattr(ulg, "PIECE_S", 1e6)
-    assert len(list(read_pieces(ulog))) == 1
-    assert decided(ulog, tmp_path) == parts
-
-
-def test_a_px4_log_that_does_not_fit_into_memory_is_refused_with_the_numbers(ulog, monkeypatch, capsys):
-    monkeypatch.setattr(ulg, "free_bytes", lambda: 1_000_000.0)
-    assert main(["info", str(ulog)]) == 3
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert "needs some 2 MB of memory to be read" in line
-    assert "1 MB are free" in line
 
 
 def test_a_cut_dataflash_log_says_so(tmp_path):

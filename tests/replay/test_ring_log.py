@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from log_writers import BinWriter, UlgWriter
+from log_writers import UlgWriter
 
 from companion.mavlink.samples import Ring
 from companion.vehicles import default_vehicle
@@ -58,69 +58,6 @@ def test_both_walls_of_a_corner_are_in_the_log():
 def test_a_ring_that_freezes_while_the_vehicle_moves_is_not_believed():
     found = distances(log_of((0.5 * math.pi, 2.0), frozen_s=7.0), VEHICLE, T, ROTATION, POSITION, 0.0)
     assert not np.isfinite(found["d_m"][(T > 15.5) & (T < 19.0), 0]).any()
-
-
-def sector_minima(gap_m: float, bearing_deg: float, most: float = 6.0) -> list[float]:
-    """What ArduPilot logs of an upright wall: the nearest return of each sector of 45 degrees."""
-    out = []
-    for middle in range(0, 360, 45):
-        aside = abs(math.remainder(bearing_deg - middle, 360.0))
-        nearest = math.radians(max(aside - 22.5, 0.0))
-        out.append(min(gap_m / math.cos(nearest), most) if nearest < 1.5 else most)
-    return out
-
-
-def bin_with_proximity(
-    path: Path, bearing_deg: float, cutoff_hz: float | None, raw: bool = False, health: int = 2
-) -> FlightLog:
-    """The flight of this module in a dataflash log, the wall 2 m from its start."""
-    w = BinWriter()
-    w.kind("ATT", "Qffffff", "TimeUS,DesRoll,Roll,DesPitch,Pitch,DesYaw,Yaw")
-    w.kind("XKF1", "QBffffff", "TimeUS,C,VN,VE,VD,PN,PE,PD")
-    w.kind("PRX", "QBBfffffffffff", "TimeUS,Layer,He,D0,D45,D90,D135,D180,D225,D270,D315,DUp,CAn,CDis")
-    w.kind("PRXR", "QBffffffff", "TimeUS,Layer,D0,D45,D90,D135,D180,D225,D270,D315")
-    w.kind("PARM", "QNf", "TimeUS,Name,Value")
-    if cutoff_hz is not None:
-        w.row("PARM", 10_000_000, "PRX_FILT", cutoff_hz)
-    state = np.array(sector_minima(2.0, bearing_deg))
-    share = 1.0 if cutoff_hz is None else 1.0 - math.exp(-2.0 * math.pi * cutoff_hz * 0.02)
-    for k, (t, east) in enumerate(zip(T.tolist(), EAST.tolist(), strict=True)):
-        us = 10_000_000 + round(1e6 * t)
-        now = np.array(sector_minima(2.0 - east * math.sin(math.radians(bearing_deg)), bearing_deg))
-        state = np.where(now == 6.0, now, state + share * (now - state))
-        w.row("ATT", us, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        w.row("XKF1", us, 0, 0.0, 0.0, 0.0, 0.0, east, -2.0)
-        if k % 5 == 0:
-            w.row("PRX", us, 1, health, *[0.5] * 8, 0.0, bearing_deg, 0.5)
-            w.row("PRX", us, 2, health, *state, 0.0, bearing_deg, min(state))
-            if raw:
-                w.row("PRXR", us, 2, *now)
-    path.write_bytes(w.bytes())
-    return load(path)[0]
-
-
-@pytest.mark.parametrize(("bearing_deg", "cutoff_hz", "raw"), [(90, None, False), (70, 0.25, False), (115, 0.25, True)])
-def test_proximity_of_a_dataflash_log_is_the_wall(
-    tmp_path: Path, bearing_deg: float, cutoff_hz: float | None, raw: bool
-) -> None:
-    log = bin_with_proximity(tmp_path / "x.bin", bearing_deg, cutoff_hz, raw)
-    found = distances(log, VEHICLE, T + log.start_s, ROTATION, POSITION, 0.0)
-    known = np.isfinite(found["d_m"][:, 0]) & (T > 1.0)
-    assert known.mean() > 0.85
-    towards = math.radians(bearing_deg)
-    gap = 2.0 - EAST * math.sin(towards)
-    assert found["wall_bearing_rad"][known] == pytest.approx(towards, abs=math.radians(2.0))
-    # From the CG to the wall, in place of the lips: their reach depends on the bearing.
-    reach = np.median((gap - found["d_m"].min(axis=1))[known])
-    off = gap[known] - reach - found["d_m"].min(axis=1)[known]
-    assert np.abs(off).max() < 0.06
-    assert np.sqrt(np.mean(off**2)) < 0.03
-
-
-def test_a_proximity_sensor_without_data_is_no_clear_sight(tmp_path: Path) -> None:
-    log = bin_with_proximity(tmp_path / "x.bin", 90.0, None, health=1)
-    assert log.rings == ()
-    assert unseen_surfaces(log, VEHICLE) != []
 
 
 @pytest.mark.parametrize("topic", ["obstacle_distance", "obstacle_distance_fused"])
