@@ -139,7 +139,7 @@ def _compare(args: argparse.Namespace) -> Mapping[str, Any]:
     sigma = "" if args.sigma is None else f" --sigma {args.sigma}"
     command = f"models train --data {args.data}{sigma} --method {result.numbers['use']['method']} --out DIR"
     if args.report:
-        write_page(args.report, result.numbers, command)
+        write_page(args.report, result, command)
     if speaks(args):
         print(text(result.numbers))
         print(f"next: {command}")

@@ -16,6 +16,7 @@ from models.dataset import DataSet, held_out
 from models.errors import ModelError
 from models.frames import AXES, Array
 from models.pages.document import document, verdict, write_document
+from models.pages.svg import Line, figure
 from models.surrogate import free_air
 from models.surrogate.fan_surrogate import Regressor
 from models.training.train import (
@@ -39,6 +40,8 @@ from models.training.train import (
 MAX_ROWS = 2500
 ADAM_RATE = 0.01
 """The paper gives no rate: a usual one for small nets. ``models train`` takes a larger one and more epochs."""
+COLOURS = ("before", "a", "after", "b", "fit", "c")
+"""Of the components on the page, in the order of AXES."""
 # Splits of 8:2, as in the paper.
 TEST_SHARE = 0.2
 
@@ -249,13 +252,27 @@ def _rows(head: Sequence[str], rows: Mapping[str, Sequence[str]]) -> list[str]:
     return ["| " + " | ".join(line) + " |" for line in lines]
 
 
-def write_page(directory: Path, numbers: Mapping[str, Any], command: str) -> Path:
-    """Write ``report.html``: which method to use and why, then every table; ``command``: what to type next."""
-    use = numbers["use"]
+def write_page(directory: Path, result: Comparison, command: str) -> Path:
+    """Write ``report.html``: which method to use and why, the tables, held-out rows; ``command``: what to type next."""
+    use = result.numbers["use"]
     head = f"Best surrogate of this data set: {use['method']}"
     parts = [
         f"<h1>{escape(head)}</h1>",
         verdict(f"Use {use['method']}.", [f"Next: {command}", f"Why: {use['why']}."]),
-        f"<pre>{escape(text(numbers))}</pre>",
+        f"<pre>{escape(text(result.numbers))}</pre>",
+        f'<div class="plots">{"".join(_held_out(result, method) for method in METHODS)}</div>',
     ]
     return write_document("--report", directory / "report.html", document(head, parts))
+
+
+def _held_out(result: Comparison, method: str) -> str:
+    """Increments of a method over those of the data, on the held-out rows of the first split; on the line: equal."""
+    task, answer = result.tasks[0], result.answers[method][0][result.tasks[0].test]
+    data = task.problem.y[task.test]
+    lines = [
+        Line(data[:, k], answer[:, k], kind, axis, points=True)
+        for k, (axis, kind) in enumerate(zip(AXES, COLOURS, strict=True))
+        if axis in result.numbers["live"]
+    ]
+    shown = np.array([data.min(), data.max()])
+    return figure(f"{method}, held out", [*lines, Line(shown, shown, "d")], "increment, data", "increment, surrogate")

@@ -76,9 +76,10 @@ def test_data_without_any_effect_are_refused() -> None:
 def test_the_page_says_first_which_method_to_use(result: compare.Comparison, tmp_path: Path) -> None:
     use = result.numbers["use"]["method"]
     command = f"models train --data fan.csv --method {use} --out DIR"
-    html = compare.write_page(tmp_path, result.numbers, command).read_text()
+    html = compare.write_page(tmp_path, result, command).read_text()
     assert f"Next: {command}" in html
     assert html.index(f"Use {use}.") < html.index(f"--method {use} --out DIR") < html.index("Held-out R^2")
+    assert html.count("<svg") == len(compare.METHODS)
     for method in compare.METHODS:
         assert method in html
     assert "http" not in html
