@@ -163,8 +163,8 @@ def _take(state: PipelineState, sample: Sample, config: PipelineConfig) -> Pipel
             return replace(state, t_s=now, estimates=replace(estimates, pressure=sample))
         case samples.EstimatorStatus():
             return replace(state, t_s=now, estimates=replace(estimates, trust=estimates.trust.after(sample)))
-        case samples.EscHealth():
-            return replace(state, t_s=now, estimates=est.take_health(estimates, sample))
+        case samples.EscTemperatures():
+            return replace(state, t_s=now, estimates=est.take_temperatures(estimates, sample.temperature_c))
         case samples.AttitudeTarget():
             stamped_s, hover = max(state.stamped_s, sample.t_s), _learned_hover(state, sample)
             return replace(state, t_s=now, stamped_s=stamped_s, hover=hover)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import lru_cache
@@ -28,7 +28,6 @@ from companion.mavlink.range_beams import dot, orientation_direction
 from companion.mavlink.samples import (
     Attitude,
     Battery,
-    EscHealth,
     LocalPosition,
     Pressure,
     Range,
@@ -331,7 +330,7 @@ def take_rotors(estimates: Estimates, sample: RotorSpeeds, config: PipelineConfi
     undeclared = vehicle.telemetered and any(esc not in places for esc in spinning)
     undeclared_s = sample.t_s if undeclared else estimates.undeclared_s
     estimates = replace(estimates, rotors=tuple(rotors), packets=packets, undeclared_s=undeclared_s)
-    return estimates if sample.health is None else take_health(estimates, sample.health)
+    return take_temperatures(estimates, sample.temperature_c)
 
 
 @lru_cache(maxsize=4)
@@ -370,9 +369,9 @@ def take_servo(estimates: Estimates, sample: ServoOutput, config: PipelineConfig
     return replace(estimates, servo=sample, servo_rpm=tuple(rpm.tolist()))
 
 
-def take_health(estimates: Estimates, sample: EscHealth) -> Estimates:
+def take_temperatures(estimates: Estimates, celsius: Iterable[float]) -> Estimates:
     """The hottest ESC; places that read NaN are left out."""
-    known = [t for t in sample.temperature_c if math.isfinite(t)]
+    known = [t for t in celsius if math.isfinite(t)]
     return replace(estimates, esc_temperature_c=max(known)) if known else estimates
 
 

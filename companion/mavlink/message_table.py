@@ -62,15 +62,11 @@ _TABLE = (
     *(
         Layout(
             f"ESC_TELEMETRY_{first}_TO_{first + 3}", None, partial(build.esc_telemetry, first), _RPM,
-            SI("temperature", "temperature", "degC"), SI("voltage", "voltage", "cV"), SI("current", "current", "cA"),
-            Raw("count"),
+            SI("temperature", "temperature", "degC"), Raw("count"),
         )
         for first in range(1, 30, 4)
     ),
-    Layout(
-        "ESC_STATUS", _US, build.esc_status,
-        _RPM, SI("voltage", "voltage", "V", 1e4), SI("current", "current", "A", 1e5), Raw("index"),
-    ),
+    Layout("ESC_STATUS", _US, build.esc_status, _RPM, Raw("index")),
     Layout(
         "ESC_INFO", _US, build.esc_info, SI("temperature", "temperature", "cdegC", unknown=(2**15 - 1,)), Raw("index")
     ),

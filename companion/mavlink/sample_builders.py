@@ -91,20 +91,16 @@ def obstacle_distance(
     return samples.Ring(*head, bearings, known, frame in _NORTHWARD_FRAMES)
 
 
-def esc_telemetry(
-    first_esc: int, head: Head, name: str, rpm: Any, temperature: Any, voltage: Any, current: Any, count: Any
-) -> samples.RotorSpeeds:
-    health = samples.EscHealth(*head, first_esc, temperature, voltage, current)
-    return samples.RotorSpeeds(*head, first_esc, rpm, name, tuple(count), health)
+def esc_telemetry(first_esc: int, head: Head, name: str, rpm: Any, temperature: Any, count: Any) -> samples.RotorSpeeds:
+    return samples.RotorSpeeds(*head, first_esc, rpm, name, tuple(count), temperature)
 
 
-def esc_status(head: Head, name: str, rpm: Any, voltage: Any, current: Any, index: int) -> samples.RotorSpeeds:
-    health = samples.EscHealth(*head, index + 1, (NAN,) * 4, voltage, current)
-    return samples.RotorSpeeds(*head, index + 1, rpm, name, None, health)
+def esc_status(head: Head, name: str, rpm: Any, index: int) -> samples.RotorSpeeds:
+    return samples.RotorSpeeds(*head, index + 1, rpm, name)
 
 
-def esc_info(head: Head, _: str, temperature: Any, index: int) -> samples.EscHealth:
-    return samples.EscHealth(*head, index + 1, temperature, (NAN,) * 4, (NAN,) * 4)
+def esc_info(head: Head, _: str, temperature: Any, _index: int) -> samples.EscTemperatures:
+    return samples.EscTemperatures(*head, temperature)
 
 
 def rpm(head: Head, name: str, rpm: tuple[float, float]) -> samples.RotorSpeeds | None:

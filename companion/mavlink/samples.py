@@ -105,13 +105,10 @@ class Ring(Sample):
 
 
 @dataclass(frozen=True, slots=True)
-class EscHealth(Sample):
-    """What ESCs report beside their speed. ESC ``first_esc + i`` (from 1) at place i; NaN where unknown."""
+class EscTemperatures(Sample):
+    """ESC_INFO: temperatures of up to four ESCs [deg C]; NaN where unknown."""
 
-    first_esc: int
     temperature_c: tuple[float, ...]
-    voltage_v: tuple[float, ...]
-    current_a: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +123,8 @@ class RotorSpeeds(Sample):
     source: str
     count: tuple[int, ...] | None = None
     """Telemetry packets so far, by ESC (ESC_TELEMETRY): unchanged means a repeated old value."""
-    health: EscHealth | None = None
+    temperature_c: tuple[float, ...] = ()
+    """Of the ESCs, where the same message carries them (ESC_TELEMETRY); NaN where unknown."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from flying import CONFIG, DOWN, RIGHT, Bench
 
 from companion.estimation import estimator as est
 from companion.estimation.estimator import Estimates, Seen
-from companion.mavlink.samples import Attitude, EscHealth, LocalPosition, Range, RangeVerdict, RotorSpeeds
+from companion.mavlink.samples import Attitude, LocalPosition, Range, RangeVerdict, RotorSpeeds
 
 LEVEL = Attitude(10.0, 1, 1, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "ATTITUDE")
 
@@ -69,8 +69,7 @@ def test_a_rotor_that_the_file_does_not_name_is_noticed() -> None:
 
 def test_the_hottest_esc_counts_and_a_missing_one_does_not() -> None:
     def heat(*celsius: float) -> float | None:
-        nothing = (math.nan,) * 4
-        return est.take_health(blank(), EscHealth(10.0, 1, 1, 1, celsius, nothing, nothing)).esc_temperature_c
+        return est.take_temperatures(blank(), celsius).esc_temperature_c
 
     assert heat(40.0, 70.0, math.nan, 50.0) == 70.0
     assert heat(math.nan, math.nan) is None

@@ -169,9 +169,7 @@ def test_esc_telemetry_of_every_group(first):
     assert speeds.first_esc == first
     assert speeds.rpm == (4046.0, 4028.0, 0.0, 65535.0)
     assert speeds.count == (49, 50, 51, 0)
-    assert speeds.health.temperature_c == (37.0, 38.0, 36.0, 255.0)
-    assert speeds.health.voltage_v == (24.66,) * 4
-    assert speeds.health.current_a == (7.2, 7.08, 6.55, 0.0)
+    assert speeds.temperature_c == (37.0, 38.0, 36.0, 255.0)
 
 
 def test_rpm_and_raw_rpm():

@@ -9,7 +9,7 @@ from companion.mavlink.esc_messages import BY_ID, ESC_INFO, ESC_STATUS
 from companion.mavlink.frames import Counts, cut, pack, walk
 from companion.mavlink.message_filter import Intake
 from companion.mavlink.message_table import decode
-from companion.mavlink.samples import EscHealth, RotorSpeeds
+from companion.mavlink.samples import EscTemperatures, RotorSpeeds
 from companion.mavlink.wire_layout import wire_format
 
 COMMON_XML = """<?xml version="1.0"?><mavlink><version>3</version><messages>
@@ -56,13 +56,11 @@ def test_frames_to_samples():
     assert sample.first_esc == 5
     assert sample.rpm[:3] == (4000.0, -4100.0, 0.0)
     assert sample.rpm[3] != sample.rpm[3], "an absurd speed is NaN"
-    assert sample.health is not None
-    assert sample.health.voltage_v == (16.0, 16.5, 15.0, 0.0)
-    health = decode(cut(pack(290, INFO, 1, 1, 0), 0), 10, clock)
-    assert isinstance(health, EscHealth)
-    assert health.temperature_c[0] == 30.0
-    assert health.temperature_c[1] != health.temperature_c[1]
-    assert health.temperature_c[2] == -5.0
+    info = decode(cut(pack(290, INFO, 1, 1, 0), 0), 10, clock)
+    assert isinstance(info, EscTemperatures)
+    assert info.temperature_c[0] == 30.0
+    assert info.temperature_c[1] != info.temperature_c[1]
+    assert info.temperature_c[2] == -5.0
 
 
 def test_speeds_of_the_vehicle_pass_the_intake_and_those_of_another_do_not():
