@@ -227,7 +227,8 @@ class Autopilot:
         self.attitude = AttitudeTarget()
         self.target = PositionTarget()
         self.shaped = [0.0, 0.0, 0.0]  # roll, pitch, yaw that the attitude controller chases
-        self._shaped_rate = [0.0, 0.0, 0.0]
+        self.shaped_rates = [0.0, 0.0, 0.0]
+        """Of the shaped attitude target [rad/s]."""
         self._rate_filtered = [0.0, 0.0, 0.0]
         self._thr_i = 0.0
         self._acc_filtered = 0.0
@@ -271,12 +272,6 @@ class Autopilot:
             return "none"
         streaming = self.guided is Guided.ATTITUDE and self.mode in self.stream_modes
         return "stream" if streaming else "position"
-
-    @property
-    def shaped_rates(self) -> Vec:
-        """Rates [rad/s] of the shaped attitude target."""
-        r = self._shaped_rate
-        return (r[0], r[1], r[2])
 
     # -- commands ---------------------------------------------------------------------------------------------------
 
@@ -371,7 +366,7 @@ class Autopilot:
     def _relax(self, now: Estimate) -> None:
         """On the ground: no integrator winds up, every target starts where the vehicle is."""
         self.shaped = [0.0, 0.0, now.yaw]
-        self._shaped_rate = [0.0, 0.0, 0.0]
+        self.shaped_rates = [0.0, 0.0, 0.0]
         for loop in self._rate_loops:
             loop.integral = 0.0
         if self.guided is not Guided.TAKEOFF:
@@ -496,14 +491,14 @@ class Autopilot:
             rate = square_root(error, 1.0 / g.input_tc, limit)
             if i == 2:
                 rate = max(-YAW_RATE_RAD_S, min(YAW_RATE_RAD_S, rate))
-            self._shaped_rate[i] = towards(self._shaped_rate[i], rate, limit * dt)
-            self.shaped[i] += self._shaped_rate[i] * dt
+            self.shaped_rates[i] = towards(self.shaped_rates[i], rate, limit * dt)
+            self.shaped[i] += self.shaped_rates[i] * dt
         self.shaped[2] = wrap(self.shaped[2])
 
     def _demand_rates(self, rates: Vec) -> None:
         for i, rate in enumerate(rates):
-            self._shaped_rate[i] = towards(self._shaped_rate[i], rate, self.gains.accel_max[i] * DT)
-            self.shaped[i] += self._shaped_rate[i] * DT
+            self.shaped_rates[i] = towards(self.shaped_rates[i], rate, self.gains.accel_max[i] * DT)
+            self.shaped[i] += self.shaped_rates[i] * DT
         self.shaped[2] = wrap(self.shaped[2])
 
     def _inner(self, now: Estimate) -> Vec:
@@ -512,7 +507,7 @@ class Autopilot:
         sr, cr = math.sin(now.roll), math.cos(now.roll)
         sp, cp = math.sin(now.pitch), math.cos(now.pitch)
         er, ep, ey = self.shaped[0] - now.roll, self.shaped[1] - now.pitch, wrap(self.shaped[2] - now.yaw)
-        dr, dp, dy = self._shaped_rate
+        dr, dp, dy = self.shaped_rates
         er, ep, ey = g.angle[0] * er + dr, g.angle[1] * ep + dp, g.angle[2] * ey + dy
         # Euler rates -> body rates
         wanted = (er - sp * ey, cr * ep + sr * cp * ey, -sr * ep + cr * cp * ey)

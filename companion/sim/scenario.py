@@ -121,13 +121,7 @@ class _Script:
         self._t += seconds
         return self
 
-    def go(
-        self,
-        name: str,
-        towards: float | None = None,
-        height: float | None = None,
-        speed: float = 0.3,
-    ) -> _Script:
+    def go(self, name: str, towards: float | None = None, height: float | None = None, speed: float = 0.3) -> _Script:
         x = self._x if towards is None else towards
         z = self._z if height is None else height
         self.waypoints.append(Waypoint(self._t, self._x, self._z, name=name))
@@ -175,9 +169,7 @@ def build(name: str, vehicle: Vehicle, *, air: bool = True) -> Scenario:
     else:
         raise ConfigError(f"scenario '{name}' is not known; choose one of {', '.join(NAMES)}")
     surroundings = Surroundings(
-        wall_m=math.inf if name in ("hover", "free") else wall,
-        wall_azimuth_rad=azimuth,
-        air=air and name != "free",
+        wall_m=math.inf if name in ("hover", "free") else wall, wall_azimuth_rad=azimuth, air=air and name != "free"
     )
     return Scenario(name, surroundings, s.end(), ROUNDING_S)
 

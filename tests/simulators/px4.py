@@ -174,7 +174,7 @@ class Px4(ArduCopter):
         step = math.radians(45.0) * DT
         turn = max(-step, min(step, wrap(yaw - self.shaped[2])))
         self.shaped = [roll, pitch, wrap(self.shaped[2] + turn)]
-        self._shaped_rate = [0.0, 0.0, 0.0]
+        self.shaped_rates = [0.0, 0.0, 0.0]
 
     def _axis(self, axis: Shaper, i: int, raw: bool) -> tuple[float, float]:
         """Velocity and acceleration demanded of one axis; OFFBOARD's targets go in as they are."""
