@@ -129,7 +129,7 @@ def as_message(wanted: Wanted, heard: LocalPosition, component: int) -> SetPosit
     vn, ve, vd = map(float, wanted.velocity)
     return SetPositionTarget(
         heard.t_s, heard.system, component, _PLACE_AND_VELOCITY, _LOCAL_NED, (n, e, d), (vn, ve, vd),
-        (0.0, 0.0, 0.0), 0.0, 0.0, heard.system, component,
+        (0.0, 0.0, 0.0), 0.0, heard.system, component,
     )  # fmt: skip
 
 

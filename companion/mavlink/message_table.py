@@ -32,10 +32,7 @@ _TARGET_Q, _THRUST = SI("q", "q", "", 2.0), SI("thrust", "thrust", "", 10.0)
 _TARGETS = (Raw("target_system"), Raw("target_component"))
 
 _TABLE = (
-    Layout(
-        "HEARTBEAT", None, build.heartbeat,
-        Raw("base_mode"), Raw("custom_mode"), Raw("autopilot"), Raw("type"), Raw("system_status"),
-    ),
+    Layout("HEARTBEAT", None, build.heartbeat, Raw("base_mode"), Raw("custom_mode"), Raw("autopilot"), Raw("type")),
     Layout("ATTITUDE", _MS, build.attitude, SI("euler", "roll pitch yaw", "rad", 7.0), _RATES),
     Layout("ATTITUDE_QUATERNION", _MS, build.attitude_quaternion, SI("q", "q1 q2 q3 q4", "", 2.0), _RATES),
     Layout("LOCAL_POSITION_NED", _MS, build.position, *_PLACE),
@@ -95,7 +92,7 @@ _TABLE = (
     Layout(
         "SET_POSITION_TARGET_LOCAL_NED", None, build.as_it_is(samples.SetPositionTarget),
         Raw("type_mask"), Raw("coordinate_frame"), *_PLACE, SI("acceleration", "afx afy afz", "m/s/s", _ACC_LIMIT),
-        SI("yaw", "yaw", "", 1e3), SI("yaw_rate", "yaw_rate", "", 1e3), *_TARGETS,
+        SI("yaw", "yaw", "", 1e3), *_TARGETS,
     ),
     Layout("PARAM_VALUE", None, build.parameter, SI("value", "param_value"), Raw("param_id"), Raw("param_type")),
     Layout("TIMESYNC", None, None, Raw("tc1"), Raw("ts1")),

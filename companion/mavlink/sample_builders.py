@@ -20,8 +20,8 @@ def as_it_is(kind: type[samples.Sample]) -> Callable[..., samples.Sample]:
     return lambda head, _name, *values: kind(*head, *values)
 
 
-def heartbeat(head: Head, _: str, base: int, custom: int, autopilot: int, kind: int, status: int) -> samples.Heartbeat:
-    return samples.Heartbeat(*head, bool(base & 128), custom, base, autopilot, kind, status)
+def heartbeat(head: Head, _: str, base: int, custom: int, autopilot: int, kind: int) -> samples.Heartbeat:
+    return samples.Heartbeat(*head, bool(base & 128), custom, autopilot, kind)
 
 
 def attitude(head: Head, name: str, euler: Vector3, rates: Vector3) -> samples.Attitude | None:
@@ -113,16 +113,16 @@ def raw_rpm(head: Head, name: str, rpm: float, index: int) -> samples.RotorSpeed
     return samples.RotorSpeeds(*head, index + 1, (rpm,), name) if rpm >= 0.0 else None
 
 
-def battery(head: Head, name: str, cells: Any, more: Any, current: float, battery: int) -> samples.Battery | None:
+def battery(head: Head, name: str, cells: Any, more: Any, current: float, _id: int = 0) -> samples.Battery | None:
     # Pack voltage in the first place and cells one by one add up alike; above 65 V ArduPilot spreads the pack over two.
     volts = math.fsum(v for v in (*cells, *more) if v == v)
     if not volts > 0.0 and current != current:
         return None
-    return samples.Battery(*head, volts if volts > 0.0 else NAN, current, battery, name)
+    return samples.Battery(*head, volts if volts > 0.0 else NAN, current, name)
 
 
 def sys_status(head: Head, name: str, voltage: float, current: float) -> samples.Battery | None:
-    return battery(head, name, (voltage,), (), current, 0)
+    return battery(head, name, (voltage,), (), current)
 
 
 def pressure(head: Head, name: str, pressure: float, temperature: float) -> samples.Pressure | None:

@@ -41,10 +41,8 @@ class Heartbeat(Sample):
 
     armed: bool
     custom_mode: int
-    base_mode: int
     autopilot: int
     vehicle_type: int
-    system_status: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +131,6 @@ class Battery(Sample):
 
     voltage_v: float
     current_a: float
-    battery_id: int
     source: str
 
 
@@ -184,7 +181,6 @@ class SetPositionTarget(Sample):
     velocity: Vector3
     acceleration: Vector3
     yaw: float
-    yaw_rate: float
     target_system: int
     target_component: int
 

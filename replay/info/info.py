@@ -112,7 +112,7 @@ def _boot(log: FlightLog, vehicle: Vehicle) -> BootInfo:
     ground = [i for i in flown.landed if i.value == _ON_GROUND]
     modes_s: dict[str, float] = {}
     for interval in flown.modes:
-        name = mode_name(Heartbeat(0.0, 1, 1, True, interval.value, 129, log.autopilot or 0, 0, 0))
+        name = mode_name(Heartbeat(0.0, 1, 1, True, interval.value, log.autopilot or 0, 0))
         modes_s[name] = modes_s.get(name, 0.0) + _length(interval)
     return BootInfo(
         boot=log.boot,

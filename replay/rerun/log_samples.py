@@ -81,7 +81,7 @@ def _heartbeats(log: FlightLog) -> Iterator[Sample]:
     for t in np.arange(log.start_s, log.end_s, _HEARTBEAT_S).tolist():
         armed = _value(log.armed, t, 0) != 0
         mode = _value(log.modes, t, 0)
-        yield Heartbeat(t, log.system, _COMPONENT, armed, mode, 128 * armed, log.autopilot, log.vehicle_type or 0, 0)
+        yield Heartbeat(t, log.system, _COMPONENT, armed, mode, log.autopilot, log.vehicle_type or 0)
 
 
 def _attitudes(log: FlightLog, head: Head) -> Iterator[Sample]:
@@ -125,7 +125,7 @@ def _servos(port: int, series: Series, head: Head) -> Iterator[Sample]:
 
 def _batteries(series: Series | None, head: Head) -> Iterator[Sample]:
     for t, (voltage, current) in _rows(series):
-        yield Battery(t, *head, voltage, current, 0, series.source if series is not None else "")
+        yield Battery(t, *head, voltage, current, series.source if series is not None else "")
 
 
 def _targets(log: FlightLog, head: Head) -> Iterator[Sample]:

@@ -155,7 +155,7 @@ class Craft:
         out: list[Sample] = []
         if k % round(1.0 / DT / 5.0) == 0:
             mode = 5 if t < 5.0 else 4
-            out += [Heartbeat(t, 1, 1, True, mode, 128, 3, 2, 4), LandedState(t, 1, 1, 2)]
+            out += [Heartbeat(t, 1, 1, True, mode, 3, 2), LandedState(t, 1, 1, 2)]
         if t < 5.0 and k % 10 == 0:
             out.append(AttitudeTarget(t, 1, 1, (1.0, 0.0, 0.0, 0.0), HOVER))
         if k % round(1.0 / DT / self.plant.position_hz) == 0:
@@ -212,7 +212,7 @@ def fly(plant: Plant, seed: int) -> Flown:
         if t > 7.0 and k % 10 == 0:
             place, speed = reference(t - START_S)
             state, _ = step(state, SetPositionTarget(t, 255, 190, 0x1C0 | 0xC00, 1, tuple(place), tuple(speed),
-                                                     (0.0,) * 3, 0.0, 0.0, 1, 191), config)  # fmt: skip
+                                                     (0.0,) * 3, 0.0, 1, 191), config)  # fmt: skip
         craft.step()
         if t >= START_S and state.hold is None:
             break  # refused: from here on the autopilot would fly, and there is none

@@ -104,8 +104,7 @@ class Bench:
         self.t += dt
         if self.guid_options is not None and "GUID_OPTIONS" not in self.state.parameters:
             self.feed(Parameter(self.t, 1, 1, "GUID_OPTIONS", self.guid_options))
-        base = 128 if self.armed else 0
-        self.feed(Heartbeat(self.t, 1, 1, self.armed, self.mode, base, self.autopilot, self.vehicle_type, 4))
+        self.feed(Heartbeat(self.t, 1, 1, self.armed, self.mode, self.autopilot, self.vehicle_type))
         self.feed(LandedState(self.t, 1, 1, self.landed))
         if self.send_position:
             place = (*self.position, -self.height - self.estimate_above)

@@ -44,8 +44,7 @@ class Flown:
         b.t += dt
         if "GUID_OPTIONS" not in b.state.parameters and b.guid_options is not None:
             b.tick(0.0)
-        base = 128 if b.armed else 0
-        b.feed(Heartbeat(b.t, 1, 1, b.armed, b.mode, base, b.autopilot, b.vehicle_type, 4))
+        b.feed(Heartbeat(b.t, 1, 1, b.armed, b.mode, b.autopilot, b.vehicle_type))
         b.feed(LandedState(b.t, 1, 1, b.landed))
         b.feed(LocalPosition(b.t, 1, 1, tuple(self.position), tuple(self.velocity)))
         if self.thrust is not None:
@@ -63,9 +62,7 @@ class Flown:
 
     def target(self, mask, position=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), frame=1, yaw=0.0):
         self.bench.feed(
-            SetPositionTarget(
-                self.bench.t, 255, 190, mask, frame, position, velocity, (0.0, 0.0, 0.0), yaw, 0.0, 1, 191
-            )
+            SetPositionTarget(self.bench.t, 255, 190, mask, frame, position, velocity, (0.0, 0.0, 0.0), yaw, 1, 191)
         )
 
 
@@ -192,7 +189,7 @@ def test_letting_go_leaves_no_tilt_behind_where_no_place_can_be_given():
     sent = []
     for _ in range(60):  # positions stop, attitudes go on
         b.t += 0.02
-        b.feed(Heartbeat(b.t, 1, 1, True, b.mode, 128, 3, 2, 4))
+        b.feed(Heartbeat(b.t, 1, 1, True, b.mode, 3, 2))
         q = quaternion_from_euler(0.0, 0.0, 0.0)
         sent.append(b.feed(Attitude(b.t, 1, 1, q, (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION")))
     commands = [d.command for d in sent if d.command is not None]
@@ -210,7 +207,7 @@ def test_thrust_does_not_leap_while_positions_are_late():
     b, thrusts = flown.bench, []
     for _ in range(24):
         b.t += 0.02
-        b.feed(Heartbeat(b.t, 1, 1, True, 4, 128, 3, 2, 4))
+        b.feed(Heartbeat(b.t, 1, 1, True, 4, 3, 2))
         decision = b.feed(Attitude(b.t, 1, 1, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION"))
         thrusts.append(decision.command.thrust)
     assert np.abs(np.diff(thrusts)).max() < 0.02
@@ -222,7 +219,7 @@ def test_positions_that_stop_while_the_autopilot_trusts_its_own_leave_it_the_pla
     b, commands = flown.bench, []
     for _ in range(60):
         b.t += 0.02
-        b.feed(Heartbeat(b.t, 1, 1, True, 4, 128, 3, 2, 4))
+        b.feed(Heartbeat(b.t, 1, 1, True, 4, 3, 2))
         decision = b.feed(Attitude(b.t, 1, 1, (1.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0), "ATTITUDE_QUATERNION"))
         commands += [] if decision.command is None else [decision.command]
     assert isinstance(commands[0], AttitudeCommand)
@@ -283,7 +280,7 @@ def test_a_stall_is_no_reboot():
     flown.run(5.0)
     b = flown.bench
     learned, known = b.state.hover.learned, dict(b.state.parameters)
-    b.feed(Heartbeat(b.t + 3.0, 1, 1, True, 4, 128, 3, 2, 4))
+    b.feed(Heartbeat(b.t + 3.0, 1, 1, True, 4, 3, 2))
     for k in range(150):
         t = b.t + 0.02 * k
         b.feed(LocalPosition(t, 1, 1, (0.0, 0.0, -1.0), (0.0, 0.0, 0.0)))

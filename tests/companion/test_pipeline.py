@@ -150,7 +150,7 @@ def test_another_system_of_the_same_type_and_a_ground_station_change_nothing():
     b = bench()
     b.run(2.0)
     state = b.state
-    ground_station = Heartbeat(b.t, 255, 190, False, 0, 0, 8, 6, 4)
+    ground_station = Heartbeat(b.t, 255, 190, False, 0, 8, 6)
     after, decision = step(state, ground_station, b.config)
     assert decision is None
     assert after.heartbeat == state.heartbeat
@@ -225,7 +225,7 @@ def test_the_pilots_target_moves_the_hold():
     b = bench(height=1.0)
     b.run(2.0)
     mask = 64 | 128 | 256 | 1024 | 2048
-    target = SetPositionTarget(b.t, 255, 190, mask, 1, (1.0, 0.0, -1.0), (0.3, 0.0, 0.0), (0, 0, 0), 0.0, 0.0, 1, 191)
+    target = SetPositionTarget(b.t, 255, 190, mask, 1, (1.0, 0.0, -1.0), (0.3, 0.0, 0.0), (0, 0, 0), 0.0, 1, 191)
     b.feed(target)
     decision = b.run(0.1)
     assert decision.base.pitch < -0.02, "nose down to go north"
@@ -302,12 +302,12 @@ samples = st.one_of(
     ),
     st.builds(lambda t, r: RotorSpeeds(t, 1, 1, 1, (r, 4000.0, r, 4000.0), "x"), times, floats),
     st.builds(
-        lambda t, armed, m: Heartbeat(t, 1, 1, armed, m, 0, 3, 2, 4), times, st.booleans(), st.sampled_from([4, 5])
+        lambda t, armed, m: Heartbeat(t, 1, 1, armed, m, 3, 2), times, st.booleans(), st.sampled_from([4, 5])
     ),
     st.builds(lambda t, s: LandedState(t, 1, 1, s), times, st.integers(0, 4)),
     st.builds(lambda t, x: AttitudeTarget(t, 1, 1, (1, 0, 0, 0), x), times, floats),
     st.builds(
-        lambda t, x, m: SetPositionTarget(t, 255, 1, m, 1, (x, x, x), (x, x, x), (x, x, x), x, x, 1, 191),
+        lambda t, x, m: SetPositionTarget(t, 255, 1, m, 1, (x, x, x), (x, x, x), (x, x, x), x, 1, 191),
         times, floats, st.integers(0, 4095),
     ),
 )  # fmt: skip

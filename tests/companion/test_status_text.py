@@ -131,7 +131,7 @@ def test_late_data_are_told_in_milliseconds():
 def test_a_heartbeat_before_the_first_stamp_counts():
     """Before the autopilot stamped a message the axis is unknown, and times are 0."""
     b = bench()
-    state, _ = step(initial_state(b.config), Heartbeat(0.0, 1, 1, True, 4, 128, 3, 2, 4), b.config)
+    state, _ = step(initial_state(b.config), Heartbeat(0.0, 1, 1, True, 4, 3, 2), b.config)
     state, decision = step(state, Attitude(4321.0, 1, 1, (1.0, 0.0, 0.0, 0.0), (0, 0, 0), "ATTITUDE"), b.config)
     assert Reason.NO_HEARTBEAT not in decision.reasons
     later = Attitude(4326.0, 1, 1, (1.0, 0.0, 0.0, 0.0), (0, 0, 0), "ATTITUDE")
