@@ -193,10 +193,9 @@ class Flight:
             self._feed(arrival_us, frame)
 
     def _take_upstream(self, arrival_us: int, frame: Frame) -> None:
-        if frame.id != SET_ATTITUDE_TARGET:
-            return
-        self._record(arrival_us, frame.raw)
-        self._feed(arrival_us, frame)
+        if frame.id == SET_ATTITUDE_TARGET:
+            self._record(arrival_us, frame.raw)
+            self._feed(arrival_us, frame)
 
     def _feed(self, arrival_us: int, frame: Frame) -> None:
         """One frame into the pipeline; a setpoint that it brings is sent before anything else is done."""
@@ -325,10 +324,8 @@ class Flight:
         if self._hears_attitudes:
             self._hears_attitudes, self._attitude_s = False, now_s
             return
-        place = self._place
-        if place is None or not _DEAF_S <= now_s - self._attitude_s <= _DEAF_UNTIL_S:
-            return
-        if self._due("place", _DEAF_PERIOD_S, now_s):
+        place, deaf = self._place, _DEAF_S <= now_s - self._attitude_s <= _DEAF_UNTIL_S
+        if place is not None and deaf and self._due("place", _DEAF_PERIOD_S, now_s):
             self._send_command(place)
 
     def _renew_last_word(self, now_s: float) -> None:

@@ -51,8 +51,8 @@ def wire_format(message_id: int) -> WireFormat:
 
 
 PER_SI = {
-    "": 1.0, "rad": 1.0, "rad/s": 1.0, "m": 1.0, "m/s": 1.0, "m/s/s": 1.0, "V": 1.0, "A": 1.0, "degC": 1.0, "us": 1.0,
-    "rpm": 1.0, "deg": math.degrees(1.0), "cm": 100.0, "cm^2": 1e4, "mV": 1000.0, "cV": 100.0, "cA": 100.0,
+    "": 1.0, "rad": 1.0, "rad/s": 1.0, "m": 1.0, "m/s": 1.0, "m/s/s": 1.0, "degC": 1.0, "us": 1.0,
+    "rpm": 1.0, "deg": math.degrees(1.0), "cm": 100.0, "cm^2": 1e4, "mV": 1000.0, "cA": 100.0,
     "cdegC": 100.0, "hPa": 0.01, "mrad/s": 1000.0, "mG": 1000.0 / GRAVITY,
 }  # fmt: skip
 """Wire units in one unit used inside: SI, but for rpm, us of a servo pulse and deg C."""

@@ -325,15 +325,11 @@ class Autopilot:
         self.time_s = time_s
         self._acc_filtered += (now.down_acceleration - self._acc_filtered) * SHARE_20_HZ
         self._watch_ground(now, touching)
-        if not self.armed:
+        throttle = self._outer(now) if self.armed else 0.0
+        if not self.armed or (self.landed and throttle <= 0.0):
             self.throttle = 0.0
-            self.mixer.stop()
-            self._relax(now)
-            return self.mixer.pwm
-        throttle = self._outer(now)
-        if self.landed and throttle <= 0.0:
-            self.throttle = 0.0
-            self.mixer.idle()
+            rest = self.mixer.idle if self.armed else self.mixer.stop
+            rest()
             self._relax(now)
             return self.mixer.pwm
         self._spool = min(1.0, self._spool + DT / SPOOL_S)
