@@ -277,15 +277,11 @@ class Body:
         self._spin_down = 1.0 - math.exp(-dt / SPIN_DOWN_S)
         self._servo = 1.0 - math.exp(-dt / SERVO_S)
 
-    def drag_per_speed(self) -> float:
-        """Momentum drag of all fans at hover thrust [N per m/s]."""
-        each = self.vehicle.mass_kg * GRAVITY / len(self._fans)
-        return len(self._fans) * math.sqrt(self.density * self._area * each) * self._ram
-
-    @property
-    def drag_arm_m(self) -> float:
-        """How far above the CG the momentum drag acts."""
-        return DRAG_ARM_RADII * self.radius - sum(f.z for f in self._fans) / len(self._fans)
+    def hover_drag(self) -> tuple[float, float]:
+        """Momentum drag of all fans at hover thrust [N per m/s], and how far above the CG it acts [m]."""
+        count = len(self._fans)
+        drag = count * math.sqrt(self.density * self._area * (self.vehicle.mass_kg * GRAVITY / count)) * self._ram
+        return drag, DRAG_ARM_RADII * self.radius - sum(f.z for f in self._fans) / count
 
     @property
     def clearance_m(self) -> float:
@@ -389,9 +385,6 @@ class Body:
         near_ground = pz > -(GEAR_M + NEAR_GROUND_M)
         near_wall = self.wall_gap_m < NEAR_WALL_M
         self.contact = self.wall_contact = False
-        if not near_ground and not near_wall:
-            self.causes.contact = ZERO6
-            return
         total = ZERO6
         if near_ground:
             for point in self._feet:

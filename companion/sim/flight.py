@@ -80,7 +80,7 @@ class Flight:
         yaw = body.euler()[2]
         vn, ve, _ = self.reference.velocity
         ahead, right = math.cos(yaw) * vn + math.sin(yaw) * ve, -math.sin(yaw) * vn + math.cos(yaw) * ve
-        drag, arm = body.drag_per_speed(), body.drag_arm_m
+        drag, arm = body.hover_drag()
         fx, fy = c.corner[0] - drag * ahead, c.corner[1] - drag * right
         roll_moment = c.corner[3] - arm * drag * right
         for vane in self.vehicle.vanes[:1]:
