@@ -141,6 +141,14 @@ class EscRecord:
 
 
 @dataclass(frozen=True)
+class LogFault:
+    """A channel that is not to be believed, and why."""
+
+    channel: str
+    what: str
+
+
+@dataclass(frozen=True)
 class Interval:
     """start <= t < end [s, boot axis], and what held then (a mode number, a landed state)."""
 
